@@ -1,0 +1,384 @@
+//! Which start point, direction and mirror image of a shape corresponds to the mean.
+//!
+//! ```text
+//! score(s) = ‖P_{S̄} P_{k,s}‖² = Σ_ij (Σ_n f_j[n] q_i[n + s])²     all s at once by FFT
+//! ```
+//!
+//! The square root of a circulant Gram operator commutes with cyclic shifts, so a shifted shape has the
+//! shifted basis. The search alternates with the mean until nothing changes; every step raises the
+//! objective. Ties go to what stands, then to the smallest shift, so rounding decides nothing.
+
+use std::borrow::Cow;
+
+use super::AnalysisError;
+use super::accumulate::{ShapeSource, Shapes, map_shapes};
+use super::correspondence::{Correspondence, Direction, Mirror};
+use super::mean::MeanSpace;
+use super::procrustes::{Fit, best_correlation};
+use super::subspace::Subspace;
+use crate::geometry::representation::Representation;
+use crate::numeric::circulant::{FftScratch, RealFft};
+use crate::numeric::dense::Matrix;
+
+/// How one shape is laid on the mean: mirrored (first coordinate negated), then reversed (`n → −n`),
+/// then started at row `shift`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Placement {
+    /// First row.
+    pub shift: u32,
+    /// Traversed backwards.
+    pub reversed: bool,
+    /// First coordinate negated.
+    pub mirrored: bool,
+}
+
+/// What may be searched for a set of shapes.
+#[derive(Debug, Clone)]
+pub struct Matching {
+    size: usize,
+    dimension: usize,
+    fft: Option<RealFft>,
+    candidates: Vec<Placement>,
+}
+
+/// Two scores that differ by less than this part are equal.
+const TIE: f64 = 1e-12;
+
+impl Matching {
+    /// The search for shapes of `representation`.
+    ///
+    /// Mirroring a planar closed contour turns its direction round, so it is traversed backwards as well —
+    /// unless points correspond as landmarks. Planar contours are brought to one direction before they get
+    /// here; in space [`Direction::Either`] tries both.
+    pub fn new(
+        representation: &Representation,
+        correspondence: Correspondence,
+        direction: Direction,
+        mirror: Mirror,
+    ) -> Self {
+        let (size, dimension) = (representation.size(), representation.dimension());
+        let contour = correspondence != Correspondence::Landmarks && representation.is_curve();
+        let reversals: &[bool] = if contour && dimension == 3 && direction == Direction::Either {
+            &[false, true]
+        } else {
+            &[false]
+        };
+        let mirrors: &[bool] = if mirror == Mirror::Allow {
+            &[false, true]
+        } else {
+            &[false]
+        };
+        let candidates = mirrors
+            .iter()
+            .flat_map(|&mirrored| reversals.iter().map(move |&reversed| (mirrored, reversed)))
+            .map(|(mirrored, reversed)| Placement {
+                shift: 0,
+                mirrored,
+                reversed: reversed ^ (mirrored && contour && dimension == 2),
+            })
+            .collect();
+        let fft = (correspondence == Correspondence::Cyclic && contour).then(|| RealFft::new(size));
+        Self {
+            size,
+            dimension,
+            fft,
+            candidates,
+        }
+    }
+
+    /// Whether there is anything to search.
+    pub fn searches(&self) -> bool {
+        self.fft.is_some() || self.candidates.len() > 1
+    }
+
+    /// Whether mirror images are tried.
+    pub fn mirrors(&self) -> bool {
+        self.candidates.iter().any(|candidate| candidate.mirrored)
+    }
+
+    /// The shape `x` (coordinate-major, `d·N`) laid as `placement` says.
+    pub fn place<'a>(&self, x: &'a [f64], placement: Placement) -> Cow<'a, [f64]> {
+        if placement == Placement::default() {
+            return Cow::Borrowed(x);
+        }
+        let n = self.size;
+        let shift = placement.shift as usize;
+        let mut placed = Vec::with_capacity(x.len());
+        for (c, coordinate) in x.chunks_exact(n).enumerate() {
+            let sign = if placement.mirrored && c == 0 {
+                -1.0
+            } else {
+                1.0
+            };
+            placed.extend((0..n).map(|k| {
+                let row = (k + shift) % n;
+                sign * coordinate[if placement.reversed {
+                    (n - row) % n
+                } else {
+                    row
+                }]
+            }));
+        }
+        Cow::Owned(placed)
+    }
+
+    /// `diag(±1, 1, …)`: the linear part of a placement.
+    pub fn reflection(&self, placement: Placement) -> Matrix {
+        let mut reflection = Matrix::identity(self.dimension, self.dimension);
+        if placement.mirrored {
+            reflection[(0, 0)] = -1.0;
+        }
+        reflection
+    }
+
+    /// The best placement of `x` for `target`, given where it stands.
+    pub fn best(
+        &self,
+        x: &[f64],
+        target: &Target<'_>,
+        current: Placement,
+    ) -> Result<Placement, AnalysisError> {
+        let mut best = (current, self.score(x, target, current)?);
+        for &candidate in &self.candidates {
+            let oriented = self.place(x, candidate);
+            for (shift, score) in target.scores(&oriented, self)?.into_iter().enumerate() {
+                if score > best.1 + TIE * best.1.abs() {
+                    best = (
+                        Placement {
+                            shift: shift as u32,
+                            ..candidate
+                        },
+                        score,
+                    );
+                }
+            }
+        }
+        Ok(best.0)
+    }
+
+    fn score(
+        &self,
+        x: &[f64],
+        target: &Target<'_>,
+        placement: Placement,
+    ) -> Result<f64, AnalysisError> {
+        Ok(target.scores_without_shift(&self.place(x, placement))?)
+    }
+
+    /// Places every shape anew; the number of placements that changed.
+    ///
+    /// # Errors
+    /// Errors of the source, degenerate shapes.
+    pub fn improve<S: ShapeSource>(
+        &self,
+        source: &S,
+        target: &Target<'_>,
+        placements: &mut Vec<Placement>,
+    ) -> Result<usize, S::Error> {
+        let standing = &*placements;
+        let improved = map_shapes(source, |k, x, _| {
+            self.best(x, target, standing[k])
+                .map_err(|error| error.at(k))
+        })?;
+        let changed = improved
+            .iter()
+            .zip(&*placements)
+            .filter(|(new, old)| new != old)
+            .count();
+        *placements = improved;
+        Ok(changed)
+    }
+}
+
+/// What shapes are matched to.
+#[derive(Debug)]
+pub enum Target<'a> {
+    /// A mean space: the squared cosine between subspaces.
+    Subspace {
+        /// The mean space.
+        space: &'a MeanSpace<'a>,
+        /// Spectra of its basis functions per block, one per basis function and coordinate.
+        spectra: Vec<Vec<Spectrum>>,
+    },
+    /// A mean shape: the correlation after the best fit.
+    Shape {
+        /// Whitened mean shape.
+        mean: &'a [f64],
+        /// The kind of fit.
+        fit: Fit,
+        /// Spectrum of every coordinate.
+        spectra: Vec<Spectrum>,
+    },
+}
+
+type Spectrum = Vec<realfft::num_complex::Complex64>;
+
+impl<'a> Target<'a> {
+    /// To match subspaces with `space`.
+    pub fn subspace(space: &'a MeanSpace<'a>, matching: &Matching) -> Self {
+        let spectra = match &matching.fft {
+            None => Vec::new(),
+            Some(fft) => space
+                .bases
+                .iter()
+                .map(|base| spectra(fft, base.as_slice()))
+                .collect(),
+        };
+        Self::Subspace { space, spectra }
+    }
+
+    /// To match shapes with the whitened `mean` under `fit`.
+    pub fn shape(mean: &'a [f64], fit: Fit, matching: &Matching) -> Self {
+        let spectra = matching
+            .fft
+            .as_ref()
+            .map_or_else(Vec::new, |fft| spectra(fft, mean));
+        Self::Shape { mean, fit, spectra }
+    }
+
+    /// The score of `y` as it lies.
+    fn scores_without_shift(&self, y: &[f64]) -> Result<f64, AnalysisError> {
+        match self {
+            Self::Subspace { space, .. } => {
+                let blocks = Subspace::new(space.class, y)?.blocks;
+                let cosines = blocks.iter().zip(&space.bases);
+                Ok(cosines
+                    .map(|(block, base)| block.q.tr_mul(base).norm_squared())
+                    .sum())
+            }
+            Self::Shape { mean, fit, .. } => Ok(best_correlation(
+                &cross_product(mean, y, fit.dimension),
+                *fit,
+            )),
+        }
+    }
+
+    /// The score of `y` for every shift that is searched.
+    fn scores(&self, y: &[f64], matching: &Matching) -> Result<Vec<f64>, AnalysisError> {
+        let Some(fft) = &matching.fft else {
+            return Ok(vec![self.scores_without_shift(y)?]);
+        };
+        let n = fft.len();
+        let mut scratch = fft.scratch();
+        let mut scores = vec![0.0; n];
+        match self {
+            Self::Subspace {
+                space,
+                spectra: targets,
+            } => {
+                let blocks = Subspace::new(space.class, y)?.blocks;
+                for (block, target) in blocks.iter().zip(targets) {
+                    let coordinates = block.q.nrows() / n;
+                    let own = spectra(fft, block.q.as_slice());
+                    for q in own.chunks_exact(coordinates) {
+                        for f in target.chunks_exact(coordinates) {
+                            let correlation = correlate(fft, f, q, &mut scratch);
+                            scores
+                                .iter_mut()
+                                .zip(correlation)
+                                .for_each(|(sum, r)| *sum += r * r);
+                        }
+                    }
+                }
+            }
+            Self::Shape {
+                fit,
+                spectra: target,
+                ..
+            } => {
+                let d = fit.dimension;
+                let own = spectra(fft, y);
+                let mut products = vec![Matrix::zeros(d, d); n];
+                for c in 0..d {
+                    for e in 0..d {
+                        let correlation = correlate(fft, &target[c..=c], &own[e..=e], &mut scratch);
+                        products
+                            .iter_mut()
+                            .zip(correlation)
+                            .for_each(|(h, r)| h[(c, e)] = r);
+                    }
+                }
+                scores
+                    .iter_mut()
+                    .zip(&products)
+                    .for_each(|(score, h)| *score = best_correlation(h, *fit));
+            }
+        }
+        Ok(scores)
+    }
+}
+
+/// `H = Σ_n m[n] y[n]ᵀ`, `d × d`.
+pub(super) fn cross_product(m: &[f64], y: &[f64], d: usize) -> Matrix {
+    let n = m.len() / d;
+    Matrix::from_fn(d, d, |c, e| {
+        super::metric::dot(&m[c * n..(c + 1) * n], &y[e * n..(e + 1) * n])
+    })
+}
+
+fn spectra(fft: &RealFft, columns: &[f64]) -> Vec<Spectrum> {
+    let mut scratch = fft.scratch();
+    columns
+        .chunks_exact(fft.len())
+        .map(|column| {
+            let mut spectrum = vec![Default::default(); fft.spectrum_len()];
+            fft.forward(column, &mut spectrum, &mut scratch);
+            spectrum
+        })
+        .collect()
+}
+
+/// `Σ_c Σ_n f_c[n] q_c[n + s]` for all `s`.
+fn correlate(fft: &RealFft, f: &[Spectrum], q: &[Spectrum], scratch: &mut FftScratch) -> Vec<f64> {
+    let mut product: Spectrum = vec![Default::default(); fft.spectrum_len()];
+    for (f, q) in f.iter().zip(q) {
+        product
+            .iter_mut()
+            .zip(f.iter().zip(q))
+            .for_each(|(sum, (f, q))| *sum += f.conj() * q);
+    }
+    let mut correlation = vec![0.0; fft.len()];
+    fft.inverse(&mut product, &mut correlation, scratch);
+    correlation
+}
+
+/// A source seen through placements.
+pub struct Placed<'a, S> {
+    /// The shapes as given.
+    pub source: &'a S,
+    /// How they are laid.
+    pub matching: &'a Matching,
+    /// One placement a shape.
+    pub placements: &'a [Placement],
+}
+
+impl<S: ShapeSource> ShapeSource for Placed<'_, S> {
+    type Error = S::Error;
+
+    fn count(&self) -> usize {
+        self.source.count()
+    }
+
+    fn for_each_batch(
+        &self,
+        visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), Self::Error>,
+    ) -> Result<(), Self::Error> {
+        if self
+            .placements
+            .iter()
+            .all(|placement| *placement == Placement::default())
+        {
+            return self.source.for_each_batch(visit);
+        }
+        self.source.for_each_batch(&mut |batch| {
+            let mut whitened = Vec::with_capacity(batch.whitened.len());
+            for (k, x, _) in batch.iter() {
+                whitened.extend_from_slice(&self.matching.place(x, self.placements[k]));
+            }
+            visit(Shapes {
+                whitened: &whitened,
+                ..batch
+            })
+        })
+    }
+}

@@ -1,0 +1,52 @@
+//! A cohort: a named set of shapes that can be compared.
+
+use crate::analysis::correspondence::{Correspondence, Mirror};
+use crate::geometry::representation::Representation;
+
+/// A named set of shapes in one representation with one correspondence rule.
+///
+/// The revision starts at 0 and grows by one with every change of the set.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Cohort {
+    /// `coh_…`.
+    pub id: String,
+    /// Unique name, usable in place of the id.
+    pub name: String,
+    /// Free text.
+    pub description: Option<String>,
+    /// What its shapes are made of.
+    pub representation: Representation,
+    /// How parameter values of two shapes correspond.
+    pub correspondence: Correspondence,
+    /// Whether mirror images may be matched.
+    pub mirror: Mirror,
+    /// Unit of the coordinates, such as `mm`.
+    pub length_unit: Option<String>,
+    /// Number of changes so far.
+    pub revision: u64,
+    /// Number of shapes at this revision.
+    pub shapes: u64,
+    /// Creation time, milliseconds since 1970 UTC.
+    pub created_at_ms: i64,
+    /// Time of the last change.
+    pub updated_at_ms: i64,
+}
+
+/// Longest name.
+pub const MAX_NAME_CHARS: usize = 100;
+
+/// Why `name` cannot name a cohort, or nothing.
+///
+/// A name is a path segment: letters, digits, `.`, `_`, `-`, at most [`MAX_NAME_CHARS`], not starting
+/// with a dot, and not of the form of an id.
+pub fn name_problem(name: &str) -> Option<String> {
+    let allowed = |c: char| c.is_ascii_alphanumeric() || matches!(c, '.' | '_' | '-');
+    if name.is_empty() || name.chars().count() > MAX_NAME_CHARS {
+        return Some(format!("must have 1 to {MAX_NAME_CHARS} characters"));
+    }
+    if !name.chars().all(allowed) || name.starts_with('.') {
+        return Some("may hold letters, digits, '.', '_' and '-', and not start with '.'".into());
+    }
+    name.starts_with(&format!("{}_", super::id::COHORT))
+        .then(|| "must not look like an id (coh_…)".into())
+}

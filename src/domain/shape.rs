@@ -1,0 +1,55 @@
+//! A shape of a cohort.
+
+use std::collections::BTreeMap;
+
+/// What is known about a shape besides its geometry.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct ShapeAttributes {
+    /// The client's own identifier, unique in the cohort.
+    pub external_id: Option<String>,
+    /// Opaque identifier of the subject it belongs to.
+    pub subject: Option<String>,
+    /// Class.
+    pub label: Option<String>,
+    /// Further attributes, each a string, a number or a truth value.
+    pub labels: BTreeMap<String, serde_json::Value>,
+    /// Positive weight in means; 1 unless given.
+    pub weight: f64,
+    /// Anything the client wants to find again.
+    pub metadata: Option<serde_json::Value>,
+}
+
+/// A shape that is about to be stored.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NewShape {
+    /// `shp_…`.
+    pub id: String,
+    /// Attributes.
+    pub attributes: ShapeAttributes,
+    /// Control points, coordinate-major, `N·d` numbers.
+    pub control_points: Vec<f64>,
+}
+
+/// A stored shape.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Shape {
+    /// `shp_…`.
+    pub id: String,
+    /// Attributes.
+    pub attributes: ShapeAttributes,
+    /// Control points, coordinate-major, `N·d` numbers.
+    pub control_points: Vec<f64>,
+    /// Creation time, milliseconds since 1970 UTC.
+    pub created_at_ms: i64,
+}
+
+/// Which shapes of a cohort are meant: all conditions must hold.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Hash)]
+pub struct ShapeFilter {
+    /// Shapes with this label.
+    pub label: Option<String>,
+    /// Shapes of this subject.
+    pub subject: Option<String>,
+    /// Shapes whose attribute has this value, written as text.
+    pub labels: BTreeMap<String, String>,
+}

@@ -1,0 +1,227 @@
+//! Does a planar closed curve meet itself?
+//!
+//! A binary tree over the parameter carries a bounding box and a cone of tangents for every stretch. A
+//! stretch whose tangents stay within a half-plane cannot meet itself; two stretches with disjoint
+//! boxes cannot meet; two neighbours whose tangents together stay within a half-plane meet only at
+//! their common point. What remains is split down to stretches that are straight to
+//! `10⁻⁹` of the extent and decided by their chords.
+
+use super::curve::ClosedCurve;
+use super::generator::evaluate_taylor;
+
+/// A stretch shorter than this part of the extent counts as a straight chord.
+const CHORD: f64 = 1e-9;
+
+/// Work limit: pairs of stretches looked at before the curve is called self-intersecting. Only curves
+/// with long stretches that (nearly) coincide, which do meet themselves, come close to it.
+const MAX_PAIRS: usize = 2_000_000;
+
+/// Part `[a, b] ⊂ [−1, 1]` of a half-segment, with bounds.
+#[derive(Debug, Clone, Copy)]
+struct Stretch {
+    start: f64,
+    end: f64,
+    low: [f64; 2],
+    high: [f64; 2],
+    /// Mean direction of the tangents and the half-angle around it; `π` when unbounded.
+    direction: f64,
+    spread: f64,
+}
+
+/// Whether the planar `curve` crosses or touches itself. Landmarks that are visited twice, cusps that
+/// fold back, and stretches traced twice count; consecutive stretches of a smooth curve do not.
+///
+/// Cost `O(N log N)` for curves without near-contacts.
+pub fn self_intersects(curve: &ClosedCurve) -> bool {
+    let halves: Vec<[&[f64]; 2]> = (0..curve.halves())
+        .map(|half| [curve.polynomial(half, 0), curve.polynomial(half, 1)])
+        .collect();
+    let mut search = Search {
+        count: halves.len(),
+        halves,
+        pairs: 0,
+        extent: 0.0,
+    };
+    let all = search.cover(0.0, search.count as f64);
+    search.extent = (0..2).map(|c| all.high[c] - all.low[c]).fold(0.0, f64::max);
+    search.within(0.0, search.count as f64)
+}
+
+struct Search<'a> {
+    halves: Vec<[&'a [f64]; 2]>,
+    count: usize,
+    pairs: usize,
+    extent: f64,
+}
+
+impl Search<'_> {
+    /// Bounds of the stretch `[start, end]` in units of half-segments.
+    fn cover(&self, start: f64, end: f64) -> Stretch {
+        let mut whole: Option<Stretch> = None;
+        let mut half = start.floor() as usize;
+        while (half as f64) < end {
+            let a = 2.0 * (start.max(half as f64) - half as f64) - 1.0;
+            let b = 2.0 * (end.min(half as f64 + 1.0) - half as f64) - 1.0;
+            let piece = self.piece(half, a, b);
+            whole = Some(match whole {
+                None => piece,
+                Some(previous) => join(&previous, &piece),
+            });
+            half += 1;
+        }
+        let mut whole = whole.expect("a stretch has positive length");
+        (whole.start, whole.end) = (start, end);
+        whole
+    }
+
+    fn piece(&self, half: usize, a: f64, b: f64) -> Stretch {
+        let (middle, radius) = (0.5 * (a + b), 0.5 * (b - a));
+        let (mut low, mut high) = ([0.0; 2], [0.0; 2]);
+        let (mut slope, mut bend) = ([0.0; 2], [0.0; 2]);
+        for c in 0..2 {
+            let local = recentre(self.halves[half][c], middle, radius);
+            let reach: f64 = local[1..].iter().map(|v| v.abs()).sum();
+            (low[c], high[c]) = (local[0] - reach, local[0] + reach);
+            slope[c] = local.get(1).copied().unwrap_or(0.0);
+            bend[c] = local
+                .iter()
+                .enumerate()
+                .skip(2)
+                .map(|(m, v)| m as f64 * v.abs())
+                .sum();
+        }
+        let length = f64::hypot(slope[0], slope[1]);
+        let deviation = f64::hypot(bend[0], bend[1]);
+        let spread = if deviation < length {
+            (deviation / length).asin()
+        } else {
+            std::f64::consts::PI
+        };
+        Stretch {
+            start: 0.0,
+            end: 0.0,
+            low,
+            high,
+            direction: slope[1].atan2(slope[0]),
+            spread,
+        }
+    }
+
+    fn split(&self, start: f64, end: f64) -> f64 {
+        let middle = 0.5 * (start + end);
+        if end - start > 1.0 {
+            middle.round()
+        } else {
+            middle
+        }
+    }
+
+    fn within(&mut self, start: f64, end: f64) -> bool {
+        let stretch = self.cover(start, end);
+        if stretch.spread < std::f64::consts::FRAC_PI_2 || self.is_chord(&stretch) {
+            return false;
+        }
+        let middle = self.split(start, end);
+        let (left, right) = (self.cover(start, middle), self.cover(middle, end));
+        self.within(start, middle) || self.within(middle, end) || self.between(&left, &right)
+    }
+
+    fn between(&mut self, first: &Stretch, second: &Stretch) -> bool {
+        self.pairs += 1;
+        if self.pairs > MAX_PAIRS {
+            return true;
+        }
+        if (0..2).any(|c| first.high[c] < second.low[c] || second.high[c] < first.low[c]) {
+            return false;
+        }
+        let closes = first.start == 0.0 && second.end == self.count as f64;
+        if (first.end == second.start && join(first, second).spread < std::f64::consts::FRAC_PI_2)
+            || (closes && join(second, first).spread < std::f64::consts::FRAC_PI_2)
+        {
+            return false;
+        }
+        match (self.is_chord(first), self.is_chord(second)) {
+            (true, true) => {
+                // Neighbours share a point by construction.
+                first.end != second.start && !closes && self.chords_meet(first, second)
+            }
+            (false, true) => self.split_first(first, second, false),
+            (true, false) => self.split_first(second, first, true),
+            (false, false) if first.end - first.start >= second.end - second.start => {
+                self.split_first(first, second, false)
+            }
+            (false, false) => self.split_first(second, first, true),
+        }
+    }
+
+    fn split_first(&mut self, wide: &Stretch, other: &Stretch, swapped: bool) -> bool {
+        let middle = self.split(wide.start, wide.end);
+        [(wide.start, middle), (middle, wide.end)]
+            .into_iter()
+            .any(|(a, b)| {
+                let part = self.cover(a, b);
+                if swapped {
+                    self.between(other, &part)
+                } else {
+                    self.between(&part, other)
+                }
+            })
+    }
+
+    fn is_chord(&self, stretch: &Stretch) -> bool {
+        (0..2).all(|c| stretch.high[c] - stretch.low[c] <= CHORD * self.extent)
+            || stretch.end - stretch.start < 1e-12
+    }
+
+    fn point(&self, position: f64) -> [f64; 2] {
+        let half = (position.floor() as usize).min(self.count - 1);
+        let s = 2.0 * (position - half as f64) - 1.0;
+        [0, 1].map(|c| evaluate_taylor(self.halves[half][c], s, 0))
+    }
+
+    fn chords_meet(&self, first: &Stretch, second: &Stretch) -> bool {
+        let (a, b) = (self.point(first.start), self.point(first.end));
+        let (c, d) = (self.point(second.start), self.point(second.end));
+        let side = |p: [f64; 2], q: [f64; 2], r: [f64; 2]| {
+            (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0])
+        };
+        side(a, b, c) * side(a, b, d) <= 0.0 && side(c, d, a) * side(c, d, b) <= 0.0
+    }
+}
+
+/// Coefficients of `p(middle + radius s)`.
+fn recentre(p: &[f64], middle: f64, radius: f64) -> Vec<f64> {
+    let mut c = p.to_vec();
+    let n = c.len();
+    for start in 0..n {
+        for i in (start..n - 1).rev() {
+            c[i] += middle * c[i + 1];
+        }
+    }
+    let mut power = 1.0;
+    for value in &mut c {
+        *value *= power;
+        power *= radius;
+    }
+    c
+}
+
+/// Bounds of two consecutive stretches together.
+fn join(first: &Stretch, second: &Stretch) -> Stretch {
+    let turn = (second.direction - first.direction + std::f64::consts::PI)
+        .rem_euclid(std::f64::consts::TAU)
+        - std::f64::consts::PI;
+    let (low, high) = (-first.spread, first.spread);
+    let (low, high) = (
+        low.min(turn - second.spread),
+        high.max(turn + second.spread),
+    );
+    Stretch {
+        start: first.start,
+        end: second.end,
+        low: [0, 1].map(|c| first.low[c].min(second.low[c])),
+        high: [0, 1].map(|c| first.high[c].max(second.high[c])),
+        direction: first.direction + 0.5 * (low + high),
+        spread: (0.5 * (high - low)).min(std::f64::consts::PI),
+    }
+}

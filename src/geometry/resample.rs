@@ -1,0 +1,283 @@
+//! Arc-length sampling of polygonal contours, and the start point that a contour has by itself.
+
+use super::GeometryError;
+use crate::numeric::dense::Matrix;
+
+/// A closed polygon with its cumulative chord length.
+#[derive(Debug, Clone)]
+pub struct ClosedPolygon {
+    points: Matrix,
+    /// `s_0 = 0, …, s_n = L` (one more than there are points).
+    arc: Vec<f64>,
+}
+
+/// An extent below this part of the distance from the origin is rounding, not a shape.
+const NO_EXTENT: f64 = 1e-13;
+
+impl ClosedPolygon {
+    /// From the vertices `points` (`n × d`, `n ≥ 3`); a last vertex equal to the first is dropped.
+    ///
+    /// # Errors
+    /// [`GeometryError::TooFewPoints`] below three distinct positions, [`GeometryError::NoLength`] when
+    /// all points coincide, [`GeometryError::RepeatedPoint`] for equal consecutive vertices.
+    pub fn new(points: Matrix) -> Result<Self, GeometryError> {
+        let given = points.nrows();
+        let magnitude = points.amax();
+        let extent = (0..points.ncols())
+            .map(|c| points.column(c).max() - points.column(c).min())
+            .fold(0.0, f64::max);
+        if given > 0 && extent <= NO_EXTENT * magnitude {
+            return Err(GeometryError::NoLength {
+                points: given,
+                extent,
+            });
+        }
+        let closed = given > 1 && points.row(0) == points.row(given - 1);
+        let points = if closed {
+            points.remove_row(given - 1)
+        } else {
+            points
+        };
+        let n = points.nrows();
+        if n < 3 {
+            return Err(GeometryError::TooFewPoints {
+                found: n,
+                needed: 3,
+            });
+        }
+        let mut arc = Vec::with_capacity(n + 1);
+        let mut length = 0.0;
+        arc.push(length);
+        for i in 0..n {
+            let chord = (points.row((i + 1) % n) - points.row(i)).norm();
+            if chord == 0.0 {
+                return Err(GeometryError::RepeatedPoint {
+                    first: i,
+                    second: (i + 1) % n,
+                });
+            }
+            length += chord;
+            arc.push(length);
+        }
+        Ok(Self { points, arc })
+    }
+
+    /// Perimeter.
+    pub fn length(&self) -> f64 {
+        *self.arc.last().expect("never empty")
+    }
+
+    /// Position at arc length `s`, taken modulo the perimeter.
+    fn position(&self, s: f64) -> Vec<f64> {
+        let s = s.rem_euclid(self.length());
+        let edge = self
+            .arc
+            .partition_point(|&a| a <= s)
+            .clamp(1, self.points.nrows())
+            - 1;
+        let fraction = (s - self.arc[edge]) / (self.arc[edge + 1] - self.arc[edge]);
+        self.on_edge(edge, fraction)
+    }
+
+    fn on_edge(&self, edge: usize, fraction: f64) -> Vec<f64> {
+        let next = (edge + 1) % self.points.nrows();
+        (0..self.points.ncols())
+            .map(|c| (1.0 - fraction) * self.points[(edge, c)] + fraction * self.points[(next, c)])
+            .collect()
+    }
+
+    /// `n` points at arc lengths `start + L i/n`, by linear interpolation: `n × d`.
+    ///
+    /// Independent of further vertices on the edges. With `start = 0` the first vertex is kept.
+    pub fn sample(&self, n: usize, start: f64) -> Matrix {
+        let mut samples = Matrix::zeros(n, self.points.ncols());
+        for i in 0..n {
+            let position = self.position(start + self.length() * i as f64 / n as f64);
+            position
+                .iter()
+                .enumerate()
+                .for_each(|(c, &value)| samples[(i, c)] = value);
+        }
+        samples
+    }
+
+    /// Arc length of the canonical start point: an end of the major axis of the first elliptic Fourier
+    /// harmonic, of its two ends the one farther from the centroid of the contour.
+    ///
+    /// ```text
+    /// A = ∮ r cos(2πs/L) ds,  B = ∮ r sin(2πs/L) ds,   θ = ½ atan2(2A·B, |A|² − |B|²),   s = θL/2π
+    /// ```
+    ///
+    /// Depends on the contour alone, not on where its list of points begins. A contour with three-fold
+    /// or higher symmetry has several such points that rounding decides between.
+    pub fn canonical_start(&self) -> f64 {
+        let (cosine, sine) = self.first_harmonic();
+        let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>();
+        let theta =
+            0.5 * (2.0 * dot(&cosine, &sine)).atan2(dot(&cosine, &cosine) - dot(&sine, &sine));
+        let first = theta / std::f64::consts::TAU * self.length();
+        let second = first + 0.5 * self.length();
+        let centroid = self.centroid();
+        let distance = |s: f64| {
+            self.position(s)
+                .iter()
+                .zip(&centroid)
+                .map(|(x, m)| (x - m).powi(2))
+                .sum::<f64>()
+        };
+        let start = if distance(second) > distance(first) {
+            second
+        } else {
+            first
+        };
+        start.rem_euclid(self.length())
+    }
+
+    /// Centroid along the arc length.
+    fn centroid(&self) -> Vec<f64> {
+        let n = self.points.nrows();
+        (0..self.points.ncols())
+            .map(|c| {
+                let sum: f64 = (0..n)
+                    .map(|i| {
+                        0.5 * (self.arc[i + 1] - self.arc[i])
+                            * (self.points[(i, c)] + self.points[((i + 1) % n, c)])
+                    })
+                    .sum();
+                sum / self.length()
+            })
+            .collect()
+    }
+
+    /// `∮ r(s) e^{2πjs/L} ds` up to a common factor. On a polygon `r` is linear on every edge; by parts,
+    /// `∮ r e^{jws} ds = −(1/jw) ∮ r' e^{jws} ds` and `r'` is constant on an edge.
+    fn first_harmonic(&self) -> (Vec<f64>, Vec<f64>) {
+        let (n, d) = self.points.shape();
+        let w = std::f64::consts::TAU / self.length();
+        let (mut cosine, mut sine) = (vec![0.0; d], vec![0.0; d]);
+        for i in 0..n {
+            let (a, b) = (self.arc[i], self.arc[i + 1]);
+            let step = |c| (self.points[((i + 1) % n, c)] - self.points[(i, c)]) / (b - a);
+            // ∫_a^b cos ws, sin ws with the difference of sines as a product, free of cancellation
+            let (middle, half) = (0.5 * w * (a + b), 0.5 * w * (b - a));
+            let (along_cosine, along_sine) = (
+                2.0 * middle.cos() * half.sin(),
+                2.0 * middle.sin() * half.sin(),
+            );
+            for c in 0..d {
+                cosine[c] -= step(c) * along_sine;
+                sine[c] += step(c) * along_cosine;
+            }
+        }
+        (cosine, sine)
+    }
+}
+
+/// The start of a curve given by control points, as a cyclic shift: the control point nearest to the
+/// canonical start in the parameter of the curve (see [`ClosedPolygon::canonical_start`], with the
+/// parameter for the arc length and control points for the contour).
+pub fn canonical_shift(control_points: &Matrix) -> usize {
+    let (n, d) = control_points.shape();
+    let (mut cosine, mut sine) = (vec![0.0; d], vec![0.0; d]);
+    for k in 0..n {
+        let (s, c) = (std::f64::consts::TAU * k as f64 / n as f64).sin_cos();
+        for i in 0..d {
+            cosine[i] += c * control_points[(k, i)];
+            sine[i] += s * control_points[(k, i)];
+        }
+    }
+    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>();
+    let theta = 0.5 * (2.0 * dot(&cosine, &sine)).atan2(dot(&cosine, &cosine) - dot(&sine, &sine));
+    let at = |turn: f64| ((turn * n as f64).round() as isize).rem_euclid(n as isize) as usize;
+    let turn = theta / std::f64::consts::TAU;
+    let (first, second) = (at(turn), at(turn + 0.5));
+    let centroid = control_points.row_mean();
+    let distance = |k: usize| (control_points.row(k) - &centroid).norm();
+    if distance(second) > distance(first) {
+        second
+    } else {
+        first
+    }
+}
+
+/// `control_points` with row `shift` first.
+pub fn rotate_start(control_points: &Matrix, shift: usize) -> Matrix {
+    let (n, d) = control_points.shape();
+    Matrix::from_fn(n, d, |k, c| control_points[((k + shift) % n, c)])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn bean(n: usize, start: f64) -> Matrix {
+        Matrix::from_fn(n, 2, |i, c| {
+            let t = std::f64::consts::TAU * i as f64 / n as f64 + start;
+            if c == 0 {
+                2.0 * t.cos() + 0.3 * (2.0 * t).cos()
+            } else {
+                t.sin() + 0.2 * (3.0 * t).sin()
+            }
+        })
+    }
+
+    #[test]
+    fn samples_do_not_depend_on_the_first_vertex() {
+        let polygon = bean(200, 0.4);
+        let rotated = rotate_start(&polygon, 73);
+        let one = ClosedPolygon::new(polygon).unwrap();
+        let two = ClosedPolygon::new(rotated).unwrap();
+        let (a, b) = (
+            one.sample(40, one.canonical_start()),
+            two.sample(40, two.canonical_start()),
+        );
+        assert!((&a - &b).amax() < 1e-12, "{}", (&a - &b).amax());
+        // the end of the major axis, on the side that bulges
+        assert!((a[(0, 0)] - 2.3).abs() < 0.05, "{}", a[(0, 0)]);
+    }
+
+    #[test]
+    fn collinear_vertices_change_nothing() {
+        let square = Matrix::from_row_slice(4, 2, &[0., 0., 2., 0., 2., 1., 0., 1.]);
+        let denser =
+            Matrix::from_row_slice(6, 2, &[0., 0., 0.5, 0., 2., 0., 2., 1., 1.7, 1., 0., 1.]);
+        let a = ClosedPolygon::new(square).unwrap().sample(12, 0.0);
+        let b = ClosedPolygon::new(denser).unwrap().sample(12, 0.0);
+        assert!((a - b).amax() < 1e-14);
+    }
+
+    #[test]
+    fn broken_contours_are_named() {
+        let equal = Matrix::from_element(5, 2, 3.0);
+        assert!(matches!(
+            ClosedPolygon::new(equal),
+            Err(GeometryError::NoLength { points: 5, .. })
+        ));
+        let repeated = Matrix::from_row_slice(4, 2, &[0., 0., 1., 0., 1., 0., 0., 1.]);
+        assert_eq!(
+            ClosedPolygon::new(repeated).unwrap_err(),
+            GeometryError::RepeatedPoint {
+                first: 1,
+                second: 2
+            }
+        );
+        let closed_line = Matrix::from_row_slice(3, 2, &[0., 0., 1., 0., 0., 0.]);
+        assert_eq!(
+            ClosedPolygon::new(closed_line).unwrap_err(),
+            GeometryError::TooFewPoints {
+                found: 2,
+                needed: 3
+            }
+        );
+    }
+
+    #[test]
+    fn canonical_shift_follows_the_rotation() {
+        let points = bean(50, 0.0);
+        let base = canonical_shift(&points);
+        for shift in [1, 7, 49] {
+            let moved = canonical_shift(&rotate_start(&points, shift));
+            assert_eq!((moved + shift) % 50, base);
+        }
+    }
+}

@@ -1,0 +1,260 @@
+//! Dense kernels: symmetric rank-k update, matrix products, symmetric eigenproblems.
+//!
+//! The one place that knows which library does the work. Kernels run on one thread; callers go
+//! parallel over chunks outside, which stays fast on a busy machine and makes results independent of
+//! the number of threads.
+
+use dyn_stack::{MemBuffer, MemStack};
+use faer::linalg::matmul::triangular::{self, BlockStructure};
+use faer::matrix_free::eigen::{
+    PartialEigenParams, partial_self_adjoint_eigen, partial_self_adjoint_eigen_scratch,
+};
+use faer::{Accum, Mat, MatMut, MatRef, Par, Side};
+use nalgebra::{DMatrix, DVector};
+
+use super::NumericError;
+
+/// Column-major dense matrix.
+pub type Matrix = DMatrix<f64>;
+/// Dense vector.
+pub type Vector = DVector<f64>;
+
+fn view(m: &Matrix) -> MatRef<'_, f64> {
+    MatRef::from_column_major_slice(m.as_slice(), m.nrows(), m.ncols())
+}
+
+fn view_mut(m: &mut Matrix) -> MatMut<'_, f64> {
+    let (rows, columns) = m.shape();
+    MatMut::from_column_major_slice_mut(m.as_mut_slice(), rows, columns)
+}
+
+/// Lower triangle of `s ← s + X Xᵀ`; `columns` holds `X` (`n × k`, column-major), `s` is `n × n`.
+///
+/// Cost `n² k` multiply-adds. The strict upper triangle of `s` is left as it is.
+pub fn add_outer_products(s: &mut Matrix, columns: &[f64]) {
+    let n = s.nrows();
+    let x = MatRef::from_column_major_slice(columns, n, columns.len() / n.max(1));
+    triangular::matmul(
+        view_mut(s),
+        BlockStructure::TriangularLower,
+        Accum::Add,
+        x,
+        BlockStructure::Rectangular,
+        x.transpose(),
+        BlockStructure::Rectangular,
+        1.0,
+        Par::Seq,
+    );
+}
+
+/// `XᵀX` of the `n × k` matrix stored in `columns`, both triangles filled.
+pub fn gram(columns: &[f64], n: usize) -> Matrix {
+    let k = columns.len() / n.max(1);
+    let x = MatRef::from_column_major_slice(columns, n, k);
+    let mut g = Matrix::zeros(k, k);
+    triangular::matmul(
+        view_mut(&mut g),
+        BlockStructure::TriangularLower,
+        Accum::Replace,
+        x.transpose(),
+        BlockStructure::Rectangular,
+        x,
+        BlockStructure::Rectangular,
+        1.0,
+        Par::Seq,
+    );
+    fill_upper(&mut g);
+    g
+}
+
+/// Copies the strict lower triangle to the upper one.
+pub fn fill_upper(s: &mut Matrix) {
+    for column in 1..s.ncols() {
+        for row in 0..column {
+            s[(row, column)] = s[(column, row)];
+        }
+    }
+}
+
+/// `A B`.
+pub fn multiply(a: &Matrix, b: &Matrix) -> Matrix {
+    let mut c = Matrix::zeros(a.nrows(), b.ncols());
+    faer::linalg::matmul::matmul(
+        view_mut(&mut c),
+        Accum::Replace,
+        view(a),
+        view(b),
+        1.0,
+        Par::Seq,
+    );
+    c
+}
+
+/// `AᵀB`.
+pub fn transpose_multiply(a: &Matrix, b: &Matrix) -> Matrix {
+    let mut c = Matrix::zeros(a.ncols(), b.ncols());
+    let at = view(a).transpose();
+    faer::linalg::matmul::matmul(view_mut(&mut c), Accum::Replace, at, view(b), 1.0, Par::Seq);
+    c
+}
+
+/// Eigenpairs of a symmetric matrix, eigenvalues in descending order, orthonormal columns.
+#[derive(Debug, Clone)]
+pub struct Eigenpairs {
+    /// `λ_1 ≥ λ_2 ≥ …`.
+    pub values: Vec<f64>,
+    /// One eigenvector a column, in the order of `values`.
+    pub vectors: Matrix,
+}
+
+/// Up to this size the full solver is faster than, or close to, the partial one.
+const FULL_SOLVER_SIZE: usize = 96;
+
+/// The `count` leading eigenpairs of the symmetric matrix in the lower triangle of `s`.
+///
+/// Small matrices, and requests for more than a quarter of the spectrum, go to the full solver
+/// (`~10 n³`); large ones to a restarted Krylov iteration from a fixed start vector (`~n²` per
+/// step), which falls back to the full solver when it does not converge.
+///
+/// # Errors
+/// [`NumericError::NoConvergence`] when the full solver fails (entries that are not finite).
+pub fn leading_eigenpairs(s: &Matrix, count: usize) -> Result<Eigenpairs, NumericError> {
+    let n = s.nrows();
+    let count = count.min(n);
+    if n > FULL_SOLVER_SIZE
+        && count * 4 <= n
+        && let Some(pairs) = krylov_eigenpairs(s, count)
+    {
+        return Ok(pairs);
+    }
+    full_eigenpairs(s, count)
+}
+
+fn full_eigenpairs(s: &Matrix, count: usize) -> Result<Eigenpairs, NumericError> {
+    let n = s.nrows();
+    let failure = NumericError::NoConvergence { size: n };
+    if s.iter().any(|value| !value.is_finite()) {
+        return Err(failure);
+    }
+    // The library's high-level call takes its parallelism from a global setting.
+    faer::set_global_parallelism(Par::Seq);
+    let eigen = view(s)
+        .self_adjoint_eigen(Side::Lower)
+        .map_err(|_| failure)?;
+    let (ascending, u) = (eigen.S().column_vector(), eigen.U());
+    let values = (0..count).map(|i| ascending[n - 1 - i]).collect();
+    let vectors = Matrix::from_fn(n, count, |row, i| u[(row, n - 1 - i)]);
+    Ok(Eigenpairs { values, vectors })
+}
+
+fn krylov_eigenpairs(s: &Matrix, count: usize) -> Option<Eigenpairs> {
+    let n = s.nrows();
+    let mut full = s.clone();
+    fill_upper(&mut full);
+    let operator = view(&full);
+    // One more than asked for, so that a cluster is not cut at its last member.
+    let wanted = count + 2;
+    let params = PartialEigenParams::default();
+    let mut vectors = Mat::<f64>::zeros(n, wanted);
+    let mut values = vec![0.0; wanted];
+    let start = start_vector(n);
+    let mut memory = MemBuffer::new(partial_self_adjoint_eigen_scratch(
+        &operator,
+        wanted,
+        Par::Seq,
+        params,
+    ));
+    let info = partial_self_adjoint_eigen(
+        vectors.as_mut(),
+        &mut values,
+        &operator,
+        start.as_ref(),
+        f64::EPSILON * 32.0,
+        Par::Seq,
+        MemStack::new(&mut memory),
+        params,
+    );
+    if info.n_converged_eigen < wanted {
+        return None;
+    }
+    let mut order: Vec<usize> = (0..wanted).collect();
+    order.sort_by(|&i, &j| values[j].total_cmp(&values[i]));
+    // The iteration ranks by magnitude; of a positive semi-definite matrix that is by value.
+    let negative = values
+        .iter()
+        .any(|&value| value < -1e-8 * values[order[0]].abs());
+    (!negative).then(|| Eigenpairs {
+        values: order[..count].iter().map(|&i| values[i]).collect(),
+        vectors: Matrix::from_fn(n, count, |row, i| vectors[(row, order[i])]),
+    })
+}
+
+/// A fixed, structureless unit vector: results must not depend on ambient randomness, and a constant
+/// vector is an eigenvector of every circulant matrix.
+fn start_vector(n: usize) -> faer::Col<f64> {
+    let mut state = 0x9e37_79b9_7f4a_7c15_u64;
+    let raw: Vec<f64> = (0..n)
+        .map(|_| {
+            state ^= state << 13;
+            state ^= state >> 7;
+            state ^= state << 17;
+            (state >> 11) as f64 / (1u64 << 53) as f64 - 0.5
+        })
+        .collect();
+    let norm = raw.iter().map(|value| value * value).sum::<f64>().sqrt();
+    faer::Col::from_fn(n, |i| raw[i] / norm)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn covariance(n: usize, spectrum: impl Fn(usize) -> f64) -> Matrix {
+        let raw = Matrix::from_fn(n, n, |i, j| ((i * 37 + j * 101 + i * j) as f64 * 0.7).sin());
+        let q = raw.qr().q();
+        let scaled = Matrix::from_fn(n, n, |i, j| q[(i, j)] * spectrum(j));
+        multiply(&scaled, &q.transpose())
+    }
+
+    #[test]
+    fn krylov_equals_full_also_for_double_eigenvalues() {
+        for (n, spectrum) in [
+            (
+                150,
+                (|i| 1.0 / (1.0 + i as f64).powi(2)) as fn(usize) -> f64,
+            ),
+            (200, |i| 1.0 / (1.0 + (i / 2) as f64)),
+            (130, |i| if i < 8 { 10.0 - i as f64 } else { 0.0 }),
+        ] {
+            let s = covariance(n, spectrum);
+            let full = full_eigenpairs(&s, 6).unwrap();
+            let partial = leading_eigenpairs(&s, 6).unwrap();
+            for i in 0..6 {
+                assert!(
+                    (full.values[i] - partial.values[i]).abs() < 1e-12,
+                    "{n}: {i}"
+                );
+            }
+            let p = multiply(&partial.vectors, &partial.vectors.transpose());
+            let f = multiply(&full.vectors, &full.vectors.transpose());
+            assert!((p - f).norm() < 1e-8, "n = {n}");
+        }
+    }
+
+    #[test]
+    fn outer_products_fill_the_lower_triangle() {
+        let x = Matrix::from_fn(5, 7, |i, j| (i as f64 + 1.3) * (j as f64 - 2.0).cos());
+        let mut s = Matrix::zeros(5, 5);
+        add_outer_products(&mut s, x.as_slice());
+        fill_upper(&mut s);
+        assert!((s - &x * x.transpose()).norm() < 1e-13);
+        assert!((gram(x.as_slice(), 5) - x.transpose() * &x).norm() < 1e-13);
+        assert!((transpose_multiply(&x, &x) - x.transpose() * &x).norm() < 1e-13);
+    }
+
+    #[test]
+    fn entries_that_are_not_finite_are_an_error() {
+        let s = Matrix::from_element(3, 3, f64::NAN);
+        assert!(leading_eigenpairs(&s, 1).is_err());
+    }
+}

@@ -1,0 +1,32 @@
+//! Numerical tools without knowledge of shapes: structured operators, dense kernels, quadrature.
+//!
+//! * [`operator`] — symmetric positive definite operators and their square roots (what a Gram matrix is to its users);
+//! * [`circulant`] — the operator of a periodic shift-invariant basis, diagonal under the real FFT;
+//! * [`dense`] — the only module that knows the dense linear algebra library: rank-k updates and eigenproblems;
+//! * [`quadrature`] — Gauss–Legendre rules and an adaptive integral.
+
+pub mod circulant;
+pub mod dense;
+pub mod operator;
+pub mod quadrature;
+
+/// What the numerical layer can refuse.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum NumericError {
+    /// An operator that must be positive definite is not.
+    #[error(
+        "the operator of size {size} is not positive definite: smallest eigenvalue {smallest:.3e}"
+    )]
+    NotPositiveDefinite {
+        /// Number of rows.
+        size: usize,
+        /// Its smallest eigenvalue.
+        smallest: f64,
+    },
+    /// An eigenvalue iteration did not finish.
+    #[error("no convergence of the eigenproblem of size {size}")]
+    NoConvergence {
+        /// Number of rows.
+        size: usize,
+    },
+}

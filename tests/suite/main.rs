@@ -1,0 +1,5 @@
+//! All integration tests, one binary.
+#![allow(clippy::unwrap_used, clippy::print_stdout, missing_docs)]
+
+mod analysis_laws;
+mod analysis_vectors;
