@@ -1,11 +1,30 @@
 //! Shapelex: shape statistics as a network service.
 //!
-//! Layers, each using only those below it: the wiring (`cli`, `config`, `telemetry`), the doors (`api`),
-//! the use cases (`service`), the `store`, the `domain`, the `formats`, the [`analysis`], the [`geometry`] and the
-//! [`numeric`] tools. Analysis sees every shape as an `N × d` matrix of control points and one Gram
-//! operator.
+//! Layers, each using only those below it (a test reads the imports):
+//!
+//! | layer | modules |
+//! |---|---|
+//! | wiring | `cli`, `server`, `config`, `telemetry` |
+//! | the doors | [`api`] |
+//! | use cases | [`service`] |
+//! | storage | [`store`] |
+//! | identities | [`domain`] |
+//! | bytes ⇄ shapes | [`formats`] |
+//! | statistics | [`analysis`] |
+//! | shapes | [`geometry`] |
+//! | arithmetic | [`numeric`] |
+//!
+//! Analysis sees every shape as an `N × d` matrix of control points and one Gram operator.
 
 pub mod analysis;
+pub mod api;
+pub mod cli;
+pub mod config;
 pub mod domain;
+pub mod formats;
 pub mod geometry;
 pub mod numeric;
+mod server;
+pub mod service;
+pub mod store;
+pub mod telemetry;

@@ -1,1 +1,5 @@
-fn main() {}
+//! The `shapelex` program.
+
+fn main() -> std::process::ExitCode {
+    shapelex::cli::run()
+}

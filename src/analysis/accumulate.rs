@@ -94,6 +94,11 @@ impl ShapesInMemory {
         })
     }
 
+    /// Shapes that are prepared already.
+    pub fn prepared(whitened: Vec<f64>, weights: Vec<f64>) -> Self {
+        Self { whitened, weights }
+    }
+
     /// The prepared shapes.
     pub fn all(&self) -> Shapes<'_> {
         Shapes {

@@ -53,13 +53,25 @@ pub enum ClassName {
 }
 
 /// A class as it stands in a request: a name, or a list of matrices.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, utoipa::ToSchema)]
 #[serde(untagged)]
 pub enum Transformation {
     /// One of the named classes.
     Named(ClassName),
     /// The span of the given `d × d` matrices.
     Custom(CustomClass),
+}
+
+/// By hand: the derived error of an untagged choice does not say what is wrong.
+impl<'de> Deserialize<'de> for Transformation {
+    fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        use serde::de::Error;
+        let value = serde_json::Value::deserialize(deserializer)?;
+        if value.is_string() {
+            return ClassName::deserialize(value).map(Self::Named).map_err(D::Error::custom);
+        }
+        CustomClass::deserialize(value).map(Self::Custom).map_err(D::Error::custom)
+    }
 }
 
 /// A class given by its matrices.

@@ -1,6 +1,6 @@
 //! A cohort: a named set of shapes that can be compared.
 
-use crate::analysis::correspondence::{Correspondence, Mirror};
+use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
 use crate::geometry::representation::Representation;
 
 /// A named set of shapes in one representation with one correspondence rule.
@@ -18,6 +18,8 @@ pub struct Cohort {
     pub representation: Representation,
     /// How parameter values of two shapes correspond.
     pub correspondence: Correspondence,
+    /// Whether the direction of contours means something.
+    pub direction: Direction,
     /// Whether mirror images may be matched.
     pub mirror: Mirror,
     /// Unit of the coordinates, such as `mm`.

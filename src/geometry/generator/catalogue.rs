@@ -55,7 +55,20 @@ impl GeneratorKind {
             .collect()
     }
 
-    /// Properties that need no construction.
+    /// Checks the parameters.
+    ///
+    /// # Errors
+    /// What is wrong with the degree.
+    pub fn check(&self) -> Result<(), String> {
+        match *self {
+            Self::Bspline { degree } if !(1..=MAX_DEGREE).contains(&degree) => {
+                Err(format!("is {degree}, must be between 1 and {MAX_DEGREE}"))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Properties that need no construction; of a checked kind.
     pub fn properties(&self) -> GeneratorProperties {
         let (support, smoothness, interpolating, reproduces): (_, _, _, Vec<String>) = match *self {
             Self::Trigonometric {} => (
@@ -67,7 +80,7 @@ impl GeneratorKind {
             Self::Keys {} => (4, 1, true, vec!["polynomials of degree 2".into()]),
             Self::Bspline { degree } => (
                 degree as usize + 1,
-                degree as usize - 1,
+                (degree as usize).saturating_sub(1),
                 degree == 1,
                 vec![format!("polynomials of degree {degree}")],
             ),

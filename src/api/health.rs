@@ -1,0 +1,30 @@
+//! Probes, open to everyone.
+
+use axum::extract::State;
+use axum::http::StatusCode;
+use utoipa_axum::router::OpenApiRouter;
+use utoipa_axum::routes;
+
+use super::problem::{Problem, ProblemDocument};
+use crate::service::App;
+
+/// The probes.
+pub fn routes() -> OpenApiRouter<App> {
+    OpenApiRouter::new().routes(routes!(live)).routes(routes!(ready))
+}
+
+/// The process answers.
+#[utoipa::path(get, path = "/livez", tag = "health", responses((status = 204, description = "Alive")))]
+async fn live() -> StatusCode {
+    StatusCode::NO_CONTENT
+}
+
+/// The service can take requests: the store accepts a write and nobody asked it to stop.
+#[utoipa::path(get, path = "/readyz", tag = "health", responses(
+    (status = 204, description = "Ready"),
+    (status = 503, description = "Not ready", body = ProblemDocument, content_type = "application/problem+json")
+))]
+async fn ready(State(app): State<App>) -> Result<StatusCode, Problem> {
+    app.ready().await?;
+    Ok(StatusCode::NO_CONTENT)
+}

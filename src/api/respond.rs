@@ -1,0 +1,43 @@
+//! Answers: computed and written on the pool, so that a large body never holds up an async thread.
+
+use axum::body::Body;
+use axum::extract::{MatchedPath, Request};
+use axum::http::{StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use serde::Serialize;
+
+use super::problem::Problem;
+use crate::service::{App, ServiceError};
+
+/// Runs `work` on the pool and answers with what it wrote.
+///
+/// # Errors
+/// The problem of the use case.
+pub async fn compute(
+    app: App,
+    work: impl FnOnce(&App) -> Result<Response, ServiceError> + Send + 'static,
+) -> Result<Response, Problem> {
+    let pool = app.pool.clone();
+    Ok(pool.run(move || work(&app)).await?)
+}
+
+/// A JSON answer.
+///
+/// # Errors
+/// [`ServiceError::Internal`] when a value cannot be written (a bug).
+pub fn json(status: StatusCode, value: &impl Serialize) -> Result<Response, ServiceError> {
+    let body = serde_json::to_vec(value).map_err(|error| ServiceError::Internal(error.to_string()))?;
+    Ok((status, [(header::CONTENT_TYPE, "application/json")], body).into_response())
+}
+
+/// An SVG answer.
+pub fn svg(drawing: String) -> Response {
+    ([(header::CONTENT_TYPE, "image/svg+xml")], Body::from(drawing)).into_response()
+}
+
+/// The span of a request: its id, method and route template; never its query, ids or body.
+pub fn request_span(request: &Request) -> tracing::Span {
+    let id = request.headers().get("x-request-id").and_then(|id| id.to_str().ok()).unwrap_or_default();
+    let route = request.extensions().get::<MatchedPath>().map_or("unmatched", MatchedPath::as_str);
+    tracing::info_span!("request", id, method = %request.method(), route)
+}

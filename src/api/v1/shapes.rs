@@ -1,0 +1,224 @@
+//! Shapes of a cohort.
+
+use std::collections::BTreeMap;
+
+use axum::body::to_bytes;
+use axum::extract::{Request, State};
+use axum::http::{StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use serde::{Deserialize, Serialize};
+
+use super::cohorts::{Parameters, refuse_rest, take_filter};
+use super::settings::{Page, PageQuery, time};
+use crate::api::extract::{Format, Path, Query, body_problem, is_json, media_type, parse};
+use crate::api::problem::{FaultDocument, Problem, ProblemDocument, ProblemKind};
+use crate::api::respond::{compute, json, svg};
+use crate::domain::cohort::Cohort;
+use crate::domain::shape::Shape;
+use crate::formats::shape::{Points, ShapeInput};
+use crate::service::App;
+use crate::service::cohorts;
+use crate::service::compute::draw_shapes;
+use crate::service::ingest::{self, OnError, Stored};
+
+/// Shapes to be added.
+#[derive(Debug, Deserialize, utoipa::ToSchema)]
+#[serde(deny_unknown_fields)]
+pub(super) struct AddRequest {
+    /// The shapes.
+    shapes: Vec<ShapeInput>,
+}
+
+/// What was stored.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct AddAnswer {
+    /// Shapes that are new; repeated ones with the same content are not counted again.
+    added: usize,
+    /// Revision of the cohort afterwards.
+    revision: u64,
+    /// Ids in the order of the input, at most 100 000.
+    ids: Vec<String>,
+    /// Shapes left out, under `on_error=skip`.
+    #[serde(skip_serializing_if = "is_zero")]
+    skipped: usize,
+    /// Why, at most 100 entries.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    errors: Vec<FaultDocument>,
+}
+
+fn is_zero(count: &usize) -> bool {
+    *count == 0
+}
+
+impl From<Stored> for AddAnswer {
+    fn from(stored: Stored) -> Self {
+        let Stored { added, revision, ids, skipped, faults } = stored;
+        Self { added, revision, ids, skipped, errors: faults.into_iter().map(Into::into).collect() }
+    }
+}
+
+/// What happens to bad shapes.
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[into_params(parameter_in = Query)]
+#[serde(deny_unknown_fields)]
+pub(super) struct AddQuery {
+    /// `abort` (nothing is stored) unless given, or `skip` (the good shapes are stored).
+    #[serde(default)]
+    on_error: OnError,
+}
+
+/// Adds shapes, all or none.
+///
+/// JSON for one body, NDJSON (`application/x-ndjson`, one shape a line) for a stream of any length. A repeated
+/// `external_id` with the same content is a safe retry, with other content a conflict. What was answered 201 is on disk.
+#[utoipa::path(post, path = "/cohorts/{cohort}/shapes", tag = "cohorts",
+    params(("cohort" = String, Path, description = "Id or name"), AddQuery),
+    request_body(content((AddRequest = "application/json"), (ShapeInput = "application/x-ndjson"))),
+    responses(
+        (status = 201, description = "Stored", body = AddAnswer),
+        (status = 404, description = "No such cohort", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = 409, description = "An external id belongs to another shape", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
+    ))]
+pub(super) async fn add_shapes(
+    State(app): State<App>,
+    Path(key): Path<String>,
+    Query(query): Query<AddQuery>,
+    request: Request,
+) -> Result<Response, Problem> {
+    let found = media_type(request.headers());
+    let cohort = cohorts::find(&app, &key).await?;
+    let stored = match found.as_str() {
+        "application/x-ndjson" | "application/ndjson" | "application/jsonl" | "application/x-jsonlines" => {
+            ingest::add_stream(&app, cohort, request.into_body().into_data_stream(), query.on_error).await?
+        }
+        json if is_json(json) => {
+            let limit = app.limits.body_bytes;
+            let body = to_bytes(request.into_body(), limit).await.map_err(|error| body_problem(error, limit))?;
+            let AddRequest { shapes } = app.pool.run(move || parse(&body)).await?;
+            ingest::add(&app, cohort, shapes, query.on_error).await?
+        }
+        other => {
+            let detail = format!("the body is '{other}', application/json and application/x-ndjson are read here");
+            return Err(Problem::new(ProblemKind::UnsupportedMediaType, detail));
+        }
+    };
+    Ok(json(StatusCode::CREATED, &AddAnswer::from(stored))?)
+}
+
+/// A stored shape.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct StoredShape {
+    /// Identifier.
+    id: String,
+    /// The client's own identifier.
+    external_id: Option<String>,
+    /// Opaque identifier of the subject.
+    subject: Option<String>,
+    /// Class.
+    label: Option<String>,
+    /// Further attributes.
+    #[schema(value_type = Object)]
+    labels: BTreeMap<String, serde_json::Value>,
+    /// Weight in means.
+    weight: f64,
+    /// As given.
+    #[schema(value_type = Option<Object>)]
+    metadata: Option<serde_json::Value>,
+    /// Coefficients in the representation of the cohort.
+    control_points: Points,
+    /// RFC 3339 UTC.
+    created_at: String,
+}
+
+impl StoredShape {
+    fn new(cohort: &Cohort, shape: Shape) -> Self {
+        let Shape { id, attributes, control_points, created_at_ms } = shape;
+        Self {
+            id,
+            external_id: attributes.external_id,
+            subject: attributes.subject,
+            label: attributes.label,
+            labels: attributes.labels,
+            weight: attributes.weight,
+            metadata: attributes.metadata,
+            control_points: Points::from_columns(control_points, cohort.representation.dimension()),
+            created_at: time(created_at_ms),
+        }
+    }
+}
+
+/// Lists shapes in the order they were added.
+#[utoipa::path(get, path = "/cohorts/{cohort}/shapes", tag = "cohorts",
+    params(
+        ("cohort" = String, Path, description = "Id or name"),
+        ("label" = Option<String>, Query, description = "Only shapes with this label"),
+        ("subject" = Option<String>, Query, description = "Only shapes of this subject"),
+        ("labels.{attribute}" = Option<String>, Query, description = "Only shapes whose attribute has this value"),
+        PageQuery
+    ),
+    responses(
+        (status = 200, description = "A page of shapes", body = Page<StoredShape>),
+        (status = 404, description = "No such cohort", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = "4XX", description = "The query was refused", body = ProblemDocument, content_type = "application/problem+json")
+    ))]
+pub(super) async fn list_shapes(
+    State(app): State<App>,
+    Path(key): Path<String>,
+    Query(mut parameters): Query<Parameters>,
+) -> Result<Response, Problem> {
+    let filter = take_filter(&mut parameters);
+    let limit = parameters.remove("limit").map(|text| text.parse()).transpose();
+    let limit = limit.map_err(|_| Problem::new(ProblemKind::InvalidQuery, "limit must be a number"))?;
+    let page = PageQuery { cursor: parameters.remove("cursor"), limit };
+    refuse_rest(&parameters)?;
+    let limit = page.limit()?;
+    let (cohort, (shapes, next)) =
+        cohorts::list_shapes(&app, &key, &filter, page.cursor.as_deref(), limit).await?;
+    compute(app, move |_| {
+        let items: Vec<StoredShape> = shapes.into_iter().map(|shape| StoredShape::new(&cohort, shape)).collect();
+        json(StatusCode::OK, &Page { items, next })
+    })
+    .await
+}
+
+/// Reads a shape by its id or external id; as SVG, its drawing.
+#[utoipa::path(get, path = "/cohorts/{cohort}/shapes/{shape}", tag = "cohorts",
+    params(
+        ("cohort" = String, Path, description = "Id or name"),
+        ("shape" = String, Path, description = "Id or external id"),
+        ("format" = Option<String>, Query, description = "`json` or `svg`")
+    ),
+    responses(
+        (status = 200, description = "The shape", content((StoredShape = "application/json"), (String = "image/svg+xml"))),
+        (status = 404, description = "No such cohort or shape", body = ProblemDocument, content_type = "application/problem+json")
+    ))]
+pub(super) async fn find_shape(
+    State(app): State<App>,
+    Path((key, shape)): Path<(String, String)>,
+    format: Format,
+) -> Result<Response, Problem> {
+    let (cohort, shape) = cohorts::find_shape(&app, &key, &shape).await?;
+    if format == Format::Json {
+        return Ok(json(StatusCode::OK, &StoredShape::new(&cohort, shape))?);
+    }
+    let (space, _) = app.space(&cohort.representation, "/representation")?;
+    let title = shape.attributes.external_id.as_deref().unwrap_or(&shape.id);
+    Ok(svg(draw_shapes(&space, title, &[&shape.control_points])))
+}
+
+/// Deletes a shape; the revision of the cohort grows.
+#[utoipa::path(delete, path = "/cohorts/{cohort}/shapes/{shape}", tag = "cohorts",
+    params(("cohort" = String, Path, description = "Id or name"), ("shape" = String, Path, description = "Id or external id")),
+    responses(
+        (status = 204, description = "Deleted"),
+        (status = 404, description = "No such cohort or shape", body = ProblemDocument, content_type = "application/problem+json")
+    ))]
+pub(super) async fn delete_shape(
+    State(app): State<App>,
+    Path((key, shape)): Path<(String, String)>,
+) -> Result<Response, Problem> {
+    cohorts::delete_shape(&app, &key, &shape).await?;
+    let no_content: [(header::HeaderName, &str); 0] = [];
+    Ok((StatusCode::NO_CONTENT, no_content).into_response())
+}

@@ -1,0 +1,315 @@
+//! Stateless statistics: project, mean, align, functional PCA.
+
+use axum::extract::State;
+use axum::http::StatusCode;
+use axum::response::Response;
+use serde::{Deserialize, Serialize};
+
+use super::settings::{MeanOutput, ShapeOutput, rows, settings_request};
+use crate::analysis::alignment::{AlignedShape, Projection, unwhitened};
+use crate::api::extract::{Format, JsonBody, Query, parse};
+use crate::api::problem::{Problem, ProblemDocument};
+use crate::api::respond::{compute, json, svg};
+use crate::formats::checked::Checked;
+use crate::formats::shape::{Points, ShapeInput};
+use crate::service::App;
+use crate::service::ServiceError;
+use crate::service::compute::{self, Components, Onto, Setup, Statistics};
+
+settings_request! {
+    /// Shapes to be projected.
+    ProjectRequest {
+        /// The shape that the others are compared with.
+        reference: ShapeInput,
+        /// Whose class is projected on; `reference` unless given.
+        #[serde(default)]
+        #[schema(value_type = Onto)]
+        onto: Checked<Onto>,
+    }
+}
+
+settings_request! {
+    /// Shapes to be averaged.
+    StatisticsRequest {}
+}
+
+settings_request! {
+    /// Shapes to be analysed.
+    PcaRequest {
+        /// Number of components, 10 unless given.
+        components: Option<usize>,
+        /// Whether the arithmetic mean of the aligned shapes is subtracted; false unless given.
+        centre: Option<bool>,
+        /// Whether the aligned shapes are answered too; true unless given.
+        aligned: Option<bool>,
+    }
+}
+
+/// One projection.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct ProjectionOutput {
+    /// The nearest member of the class.
+    control_points: Points,
+    /// `A`, row by row.
+    matrix: Vec<Vec<f64>>,
+    /// `b`: the member is `A r + b`.
+    offset: Vec<f64>,
+    /// Squared `L₂` distance to it.
+    squared_distance: f64,
+    /// Cosine of the two, about their mean positions when the class translates.
+    correlation: f64,
+}
+
+impl ProjectionOutput {
+    fn new(projection: Projection, dimension: usize) -> Self {
+        Self {
+            matrix: rows(&projection.matrix),
+            control_points: Points::from_columns(projection.control_points, dimension),
+            offset: projection.offset,
+            squared_distance: projection.squared_distance,
+            correlation: projection.correlation,
+        }
+    }
+}
+
+/// Projections, one a shape, in order.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct ProjectAnswer {
+    /// One a shape.
+    projections: Vec<ProjectionOutput>,
+}
+
+/// Projects shapes on the class of a reference, or the reference on the classes of the shapes.
+///
+/// Exact, in closed form: the nearest member in the `L₂` sense over the whole curve.
+#[utoipa::path(post, path = "/project", tag = "statistics", request_body = ProjectRequest,
+    responses(
+        (status = 200, description = "One projection a shape", body = ProjectAnswer),
+        (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
+    ))]
+pub(super) async fn project(State(app): State<App>, JsonBody(body): JsonBody) -> Result<Response, Problem> {
+    compute(app, move |app| {
+        let (settings, shapes, (reference, onto)) = parse::<ProjectRequest>(&body)?.split()?;
+        let mut errors = Vec::new();
+        let Some(onto) = onto.take("/onto", &mut errors) else { return Err(ServiceError::below(errors, "")) };
+        let (setup, projections) = compute::project(app, &settings, onto, reference, shapes)?;
+        let dimension = setup.metric.dimension();
+        let projections = projections.into_iter().map(|p| ProjectionOutput::new(p, dimension)).collect();
+        json(StatusCode::OK, &ProjectAnswer { projections })
+    })
+    .await
+}
+
+/// Computes the mean shape.
+///
+/// Unbiased and without a template: the mean of the subspaces of the shapes under the class. As SVG: the mean with
+/// the aligned shapes behind it.
+#[utoipa::path(post, path = "/mean", tag = "statistics", request_body = StatisticsRequest,
+    params(("format" = Option<String>, Query, description = "`json` or `svg`")),
+    responses(
+        (status = 200, description = "The mean", content((MeanOutput = "application/json"), (String = "image/svg+xml"))),
+        (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
+    ))]
+pub(super) async fn mean(
+    State(app): State<App>,
+    format: Format,
+    JsonBody(body): JsonBody,
+) -> Result<Response, Problem> {
+    compute(app, move |app| {
+        let (settings, shapes, ()) = parse::<StatisticsRequest>(&body)?.split()?;
+        let statistics = compute::align(app, &settings, shapes)?;
+        match format {
+            Format::Svg => Ok(draw(&statistics)),
+            Format::Json => json(StatusCode::OK, &mean_output(&statistics)),
+        }
+    })
+    .await
+}
+
+fn mean_output(statistics: &Statistics) -> MeanOutput {
+    MeanOutput::new(&statistics.mean, statistics.setup.metric.dimension())
+}
+
+fn draw(statistics: &Statistics) -> Response {
+    let title = format!("mean of {} shapes", statistics.mean.shapes);
+    svg(compute::draw_mean(&statistics.setup, &title, &statistics.mean, &statistics.aligned))
+}
+
+/// A shape aligned to the mean.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct AlignedOutput {
+    /// The aligned shape.
+    control_points: Points,
+    /// `A`, row by row.
+    matrix: Vec<Vec<f64>>,
+    /// `b`: the aligned shape is `A r + b` of the shape as read, started at `shift`.
+    offset: Vec<f64>,
+    /// `L₂` distance to the mean.
+    residual: f64,
+    /// Cosine between the aligned shape and the mean.
+    correlation: f64,
+    /// Whether the match is a mirror image: the determinant of `A` is negative.
+    reflected: bool,
+    /// Control point at which the aligned shape starts; under `cyclic` counted from the canonical start.
+    shift: u32,
+    /// Whether the aligned shape runs backwards.
+    reversed: bool,
+    /// `L₂` norm of the shape as posted, about its mean position when the class translates.
+    size: f64,
+}
+
+impl AlignedOutput {
+    fn new(setup: &Setup, aligned: &AlignedShape, size: f64) -> Self {
+        let control_points = unwhitened(&setup.metric, &aligned.whitened);
+        Self {
+            control_points: Points::from_columns(control_points, setup.metric.dimension()),
+            matrix: rows(&aligned.matrix),
+            offset: aligned.offset.clone(),
+            residual: aligned.residual,
+            correlation: aligned.correlation,
+            reflected: aligned.reflected(),
+            shift: aligned.placement.shift,
+            reversed: aligned.placement.reversed,
+            size,
+        }
+    }
+}
+
+/// The mean with the aligned shapes.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct AlignAnswer {
+    #[serde(flatten)]
+    mean: MeanOutput,
+    /// One a shape, in order.
+    aligned: Vec<AlignedOutput>,
+}
+
+fn aligned_output(statistics: &Statistics) -> Vec<AlignedOutput> {
+    let shapes = statistics.aligned.iter().zip(&statistics.sizes);
+    shapes.map(|(aligned, &size)| AlignedOutput::new(&statistics.setup, aligned, size)).collect()
+}
+
+/// Aligns shapes to their mean.
+#[utoipa::path(post, path = "/align", tag = "statistics", request_body = StatisticsRequest,
+    params(("format" = Option<String>, Query, description = "`json` or `svg`")),
+    responses(
+        (status = 200, description = "Mean and aligned shapes", content((AlignAnswer = "application/json"), (String = "image/svg+xml"))),
+        (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
+    ))]
+pub(super) async fn align(
+    State(app): State<App>,
+    format: Format,
+    JsonBody(body): JsonBody,
+) -> Result<Response, Problem> {
+    compute(app, move |app| {
+        let (settings, shapes, ()) = parse::<StatisticsRequest>(&body)?.split()?;
+        let statistics = compute::align(app, &settings, shapes)?;
+        match format {
+            Format::Svg => Ok(draw(&statistics)),
+            Format::Json => {
+                let answer = AlignAnswer { mean: mean_output(&statistics), aligned: aligned_output(&statistics) };
+                json(StatusCode::OK, &answer)
+            }
+        }
+    })
+    .await
+}
+
+/// Functional principal components.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct PcaOutput {
+    /// Arithmetic mean of the aligned shapes.
+    mean: ShapeOutput,
+    /// `λ_i`, descending: sums over the shapes of squared scores.
+    eigenvalues: Vec<f64>,
+    /// `λ_i / Σ λ` over all components.
+    explained: Vec<f64>,
+    /// Orthonormal in `L₂`; the control coordinate of largest magnitude is positive.
+    eigenshapes: Vec<ShapeOutput>,
+    /// One list a shape, one score a component.
+    scores: Vec<Vec<f64>>,
+    /// `‖r − r̂‖²/(‖r‖‖r̂‖)` of every aligned shape and its reconstruction from these components.
+    reconstruction_errors: Vec<f64>,
+    /// Whether the mean was subtracted.
+    centre: bool,
+}
+
+/// The mean with principal components.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct PcaAnswer {
+    #[serde(flatten)]
+    mean: MeanOutput,
+    /// The components.
+    pca: PcaOutput,
+    /// One a shape, in order, unless left out.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    aligned: Option<Vec<AlignedOutput>>,
+}
+
+impl PcaOutput {
+    fn new(statistics: &Statistics, components: Components) -> Self {
+        let metric = &statistics.setup.metric;
+        let shape = |whitened: &[f64]| ShapeOutput {
+            control_points: Points::from_columns(unwhitened(metric, whitened), metric.dimension()),
+        };
+        let Components { pca, scores, errors } = components;
+        Self {
+            mean: shape(&pca.mean),
+            eigenshapes: pca.eigenshapes.column_iter().map(|xi| shape(xi.as_slice())).collect(),
+            eigenvalues: pca.eigenvalues,
+            explained: pca.explained,
+            scores,
+            reconstruction_errors: errors,
+            centre: pca.centred,
+        }
+    }
+}
+
+/// Which mode is drawn.
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[into_params(parameter_in = Query)]
+pub(super) struct ModeQuery {
+    /// `json` or `svg`.
+    #[allow(dead_code, reason = "read by the format extractor, listed here for the document")]
+    format: Option<String>,
+    /// Component of the drawing, from 1; 1 unless given.
+    component: Option<usize>,
+    /// Standard deviations of the drawing, up to 10; 2 unless given.
+    sigma: Option<f64>,
+}
+
+/// Aligns shapes and computes functional principal components.
+///
+/// As SVG: one mode, the mean plus and minus `sigma` standard deviations of the scores.
+#[utoipa::path(post, path = "/pca", tag = "statistics", request_body = PcaRequest, params(ModeQuery),
+    responses(
+        (status = 200, description = "Mean and components", content((PcaAnswer = "application/json"), (String = "image/svg+xml"))),
+        (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
+    ))]
+pub(super) async fn pca(
+    State(app): State<App>,
+    format: Format,
+    Query(mode): Query<ModeQuery>,
+    JsonBody(body): JsonBody,
+) -> Result<Response, Problem> {
+    compute(app, move |app| {
+        let (settings, shapes, (components, centre, with_aligned)) = parse::<PcaRequest>(&body)?.split()?;
+        let count = components.unwrap_or(10);
+        if count == 0 {
+            return Err(ServiceError::invalid("/components", "is 0, must be at least 1"));
+        }
+        let sigma = mode.sigma.unwrap_or(2.0);
+        if !(0.0..=10.0).contains(&sigma) {
+            return Err(ServiceError::invalid("/sigma", format!("is {sigma}, must be between 0 and 10")));
+        }
+        let statistics = compute::align(app, &settings, shapes)?;
+        let components = compute::pca(&statistics, count, centre.unwrap_or(false))?;
+        if format == Format::Svg {
+            return Ok(svg(compute::draw_mode(&statistics, &components, mode.component.unwrap_or(1), sigma)?));
+        }
+        let aligned = with_aligned.unwrap_or(true).then(|| aligned_output(&statistics));
+        let mean = mean_output(&statistics);
+        json(StatusCode::OK, &PcaAnswer { mean, pca: PcaOutput::new(&statistics, components), aligned })
+    })
+    .await
+}

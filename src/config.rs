@@ -1,0 +1,143 @@
+//! Configuration: a flag, else its environment variable, else the config file, else the default.
+
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
+
+use clap::{Args, ValueEnum};
+use serde::Deserialize;
+
+use crate::service::Limits;
+
+/// Declares the settings once: flags, environment, file and defaults are made from one list.
+macro_rules! serve_settings {
+    ($($(#[doc = $doc:literal])* $field:ident: $type:ty = $env:literal, $default:expr;)*) => {
+        /// Flags of `shapelex serve`; the same names, in snake case, in the config file.
+        #[derive(Debug, Default, Clone, Args, Deserialize)]
+        #[serde(default, deny_unknown_fields)]
+        pub struct ServeArgs {
+            /// TOML file with settings
+            #[arg(long, env = "SHAPELEX_CONFIG", value_name = "FILE")]
+            #[serde(skip)]
+            config: Option<PathBuf>,
+            /// Leave an empty store empty instead of loading the example cohort
+            #[arg(long, env = "SHAPELEX_NO_EXAMPLE", num_args = 0..=1, default_missing_value = "true")]
+            no_example: Option<bool>,
+            $($(#[doc = $doc])* #[arg(long, env = $env)] $field: Option<$type>,)*
+        }
+
+        /// Settings of the running service.
+        #[derive(Debug, Clone, PartialEq)]
+        pub struct ServeConfig {
+            /// Leave an empty store empty.
+            pub no_example: bool,
+            $($(#[doc = $doc])* pub $field: $type,)*
+        }
+
+        impl ServeConfig {
+            /// Flags over environment over file over defaults.
+            ///
+            /// # Errors
+            /// A file that cannot be read, with its name; values that make no sense.
+            pub fn load(args: ServeArgs) -> Result<Self, String> {
+                let file = args.config.as_deref().map_or_else(|| Ok(ServeArgs::default()), read_file)?;
+                let config = Self {
+                    no_example: args.no_example.or(file.no_example).unwrap_or(false),
+                    $($field: args.$field.or(file.$field).unwrap_or_else(|| $default),)*
+                };
+                config.check()
+            }
+        }
+    };
+}
+
+serve_settings! {
+    /// Address to listen on; port 0 takes a free one and prints it
+    listen: SocketAddr = "SHAPELEX_LISTEN", SocketAddr::from(([127, 0, 0, 1], 8080));
+    /// Folder of the embedded store, made when missing
+    data_dir: PathBuf = "SHAPELEX_DATA_DIR", PathBuf::from("shapelex-data");
+    /// Compute threads; 0 takes one per core
+    threads: usize = "SHAPELEX_THREADS", 0;
+    /// Longest request body in bytes, after decompression (streams are bounded by their lines instead)
+    max_body_bytes: usize = "SHAPELEX_MAX_BODY_BYTES", Limits::default().body_bytes;
+    /// Longest line of an NDJSON stream in bytes
+    max_line_bytes: usize = "SHAPELEX_MAX_LINE_BYTES", Limits::default().line_bytes;
+    /// Most shapes of a request that is answered from memory
+    max_shapes: usize = "SHAPELEX_MAX_SHAPES", Limits::default().shapes;
+    /// Most points of a posted contour
+    max_points: usize = "SHAPELEX_MAX_POINTS", Limits::default().points;
+    /// Most control points of a representation
+    max_control_points: usize = "SHAPELEX_MAX_CONTROL_POINTS", Limits::default().control_points;
+    /// Log filter, such as `info` or `shapelex=debug`
+    log: String = "SHAPELEX_LOG", "info".into();
+    /// Log format
+    log_format: LogFormat = "SHAPELEX_LOG_FORMAT", LogFormat::Text;
+}
+
+/// How log lines are written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum LogFormat {
+    /// For people.
+    Text,
+    /// One JSON object a line.
+    Json,
+}
+
+impl ServeConfig {
+    /// Sizes that requests are checked against.
+    pub fn limits(&self) -> Limits {
+        Limits {
+            control_points: self.max_control_points,
+            points: self.max_points,
+            shapes: self.max_shapes,
+            body_bytes: self.max_body_bytes,
+            line_bytes: self.max_line_bytes,
+            ..Limits::default()
+        }
+    }
+
+    fn check(self) -> Result<Self, String> {
+        // Nobody is asked for a key: a public address would be open to the world.
+        if self.listen.ip().is_loopback() {
+            return Ok(self);
+        }
+        Err(format!(
+            "refusing to listen on {}: there is no access control yet, only loopback addresses are allowed \
+             (put an authenticating proxy in front)",
+            self.listen
+        ))
+    }
+}
+
+fn read_file(path: &Path) -> Result<ServeArgs, String> {
+    let name = path.display();
+    let text = std::fs::read_to_string(path).map_err(|error| format!("{name}: {error}"))?;
+    toml::from_str(&text).map_err(|error| format!("{name}: {error}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn flags_win_over_the_file_and_the_file_over_defaults() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("shapelex.toml");
+        std::fs::write(&path, "threads = 3\nmax_shapes = 7\nno_example = true\n").unwrap();
+        let args = ServeArgs { config: Some(path), threads: Some(1), ..ServeArgs::default() };
+        let config = ServeConfig::load(args).unwrap();
+        assert_eq!((config.threads, config.max_shapes, config.no_example), (1, 7, true));
+        assert_eq!(config.max_points, Limits::default().points);
+    }
+
+    #[test]
+    fn an_unknown_setting_and_a_public_address_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("shapelex.toml");
+        std::fs::write(&path, "thread = 3\n").unwrap();
+        let args = ServeArgs { config: Some(path), ..ServeArgs::default() };
+        assert!(ServeConfig::load(args).unwrap_err().contains("thread"));
+        let args = ServeArgs { listen: Some(([0, 0, 0, 0], 80).into()), ..ServeArgs::default() };
+        assert!(ServeConfig::load(args).unwrap_err().contains("loopback"));
+    }
+}

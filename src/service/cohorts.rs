@@ -1,0 +1,149 @@
+//! Cohorts and their shapes: create, find, list, delete.
+
+use super::error::Fault;
+use super::{App, ServiceError, input, now_ms};
+use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
+use crate::domain::cohort::{Cohort, name_problem};
+use crate::domain::id;
+use crate::domain::shape::{Shape, ShapeFilter};
+use crate::geometry::representation::Representation;
+
+/// What a client says about a new cohort.
+#[derive(Debug, Clone)]
+pub struct NewCohort {
+    /// Unique name.
+    pub name: String,
+    /// Free text.
+    pub description: Option<String>,
+    /// What its shapes are made of.
+    pub representation: Representation,
+    /// How points correspond.
+    pub correspondence: Correspondence,
+    /// Direction of contours.
+    pub direction: Direction,
+    /// Mirror images.
+    pub mirror: Mirror,
+    /// Unit of the coordinates.
+    pub length_unit: Option<String>,
+}
+
+/// Longest description.
+const MAX_DESCRIPTION_CHARS: usize = 10_000;
+/// Longest name of a unit.
+const MAX_UNIT_CHARS: usize = 50;
+
+/// Creates a cohort.
+///
+/// # Errors
+/// All fields that break a rule; a name that is taken.
+pub async fn create(app: &App, new: NewCohort) -> Result<Cohort, ServiceError> {
+    let mut faults: Vec<Fault> = Vec::new();
+    if let Some(problem) = name_problem(&new.name) {
+        faults.push(Fault::new("/name", problem));
+    }
+    if new.description.as_ref().is_some_and(|text| text.chars().count() > MAX_DESCRIPTION_CHARS) {
+        faults.push(Fault::new("/description", format!("must have at most {MAX_DESCRIPTION_CHARS} characters")));
+    }
+    if new.length_unit.as_ref().is_some_and(|unit| unit.is_empty() || unit.chars().count() > MAX_UNIT_CHARS) {
+        faults.push(Fault::new("/length_unit", format!("must have 1 to {MAX_UNIT_CHARS} characters")));
+    }
+    if let Err(errors) = input::check_representation(&new.representation, &app.limits) {
+        faults.extend(errors.into_iter().map(|error| Fault::from(error.below("/representation"))));
+    }
+    if let Err(ServiceError::Invalid(found)) = input::check_correspondence(&new.representation, new.correspondence) {
+        faults.extend(found);
+    }
+    ServiceError::unless_empty(faults)?;
+    let now = now_ms();
+    let cohort = Cohort {
+        id: id::new_id(id::COHORT),
+        name: new.name,
+        description: new.description,
+        representation: new.representation,
+        correspondence: new.correspondence,
+        direction: new.direction,
+        mirror: new.mirror,
+        length_unit: new.length_unit,
+        revision: 0,
+        shapes: 0,
+        created_at_ms: now,
+        updated_at_ms: now,
+    };
+    app.store.create_cohort(&cohort).await?;
+    Ok(cohort)
+}
+
+/// The cohort with this id or name.
+///
+/// # Errors
+/// [`ServiceError::NotFound`].
+pub async fn find(app: &App, key: &str) -> Result<Cohort, ServiceError> {
+    let found = app.store.find_cohort(key).await?;
+    found.ok_or_else(|| ServiceError::NotFound { kind: "cohort", key: key.into() })
+}
+
+/// Deletes a cohort with all its shapes.
+///
+/// # Errors
+/// [`ServiceError::NotFound`].
+pub async fn delete(app: &App, key: &str) -> Result<(), ServiceError> {
+    let cohort = find(app, key).await?;
+    if app.store.delete_cohort(&cohort.id).await? {
+        return Ok(());
+    }
+    Err(ServiceError::NotFound { kind: "cohort", key: key.into() })
+}
+
+/// A page of entries and the cursor of the next one.
+pub type Page<T> = (Vec<T>, Option<String>);
+
+/// Cohorts in the order of their creation, after `cursor` (the id of the last one seen).
+///
+/// # Errors
+/// A failure of the store.
+pub async fn list(app: &App, cursor: Option<&str>, limit: usize) -> Result<Page<Cohort>, ServiceError> {
+    let mut items = app.store.list_cohorts(cursor, limit + 1).await?;
+    let next = (items.len() > limit).then(|| items[limit - 1].id.clone());
+    items.truncate(limit);
+    Ok((items, next))
+}
+
+/// Shapes of a cohort that match `filter`, in the order they were added, after `cursor`.
+///
+/// # Errors
+/// [`ServiceError::NotFound`] for the cohort; a cursor that is not one.
+pub async fn list_shapes(
+    app: &App,
+    key: &str,
+    filter: &ShapeFilter,
+    cursor: Option<&str>,
+    limit: usize,
+) -> Result<(Cohort, Page<Shape>), ServiceError> {
+    let cohort = find(app, key).await?;
+    let after = cursor
+        .map(|cursor| cursor.parse().map_err(|_| ServiceError::invalid("/cursor", "is not a cursor of this list")))
+        .transpose()?;
+    let page = app.store.list_shapes(&cohort.id, filter, after, limit).await?;
+    Ok((cohort, (page.shapes, page.next.map(|cursor| cursor.to_string()))))
+}
+
+/// A shape of a cohort by its id or external id.
+///
+/// # Errors
+/// [`ServiceError::NotFound`] for the cohort or the shape.
+pub async fn find_shape(app: &App, key: &str, shape: &str) -> Result<(Cohort, Shape), ServiceError> {
+    let cohort = find(app, key).await?;
+    let found = app.store.find_shape(&cohort.id, shape).await?;
+    let shape = found.ok_or_else(|| ServiceError::NotFound { kind: "shape", key: shape.into() })?;
+    Ok((cohort, shape))
+}
+
+/// Deletes a shape.
+///
+/// # Errors
+/// [`ServiceError::NotFound`] for the cohort or the shape.
+pub async fn delete_shape(app: &App, key: &str, shape: &str) -> Result<(), ServiceError> {
+    let (cohort, found) = find_shape(app, key, shape).await?;
+    let deleted = app.store.delete_shape(&cohort.id, &found.id, now_ms()).await?;
+    deleted.map(|_| ()).ok_or_else(|| ServiceError::NotFound { kind: "shape", key: shape.into() })
+}

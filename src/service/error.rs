@@ -1,0 +1,169 @@
+//! What a use case can refuse. No status codes: the doors translate.
+
+use crate::analysis::AnalysisError;
+use crate::formats::InputError;
+use crate::store::StoreError;
+
+/// One thing wrong with an input.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Fault {
+    /// JSON pointer into the body; for a stream, into its line.
+    pub pointer: String,
+    /// What is wrong and what to do.
+    pub detail: String,
+    /// Position of the shape in the batch or stream.
+    pub index: Option<usize>,
+    /// Line of a stream, from 1.
+    pub line: Option<u64>,
+}
+
+impl Fault {
+    /// A fault of the request as a whole.
+    pub fn new(pointer: impl Into<String>, detail: impl Into<String>) -> Self {
+        Self { pointer: pointer.into(), detail: detail.into(), index: None, line: None }
+    }
+}
+
+impl From<InputError> for Fault {
+    fn from(error: InputError) -> Self {
+        Self::new(error.pointer, error.detail)
+    }
+}
+
+/// Most faults in one answer: a broken export of a million shapes breaks every one of them.
+pub const MAX_FAULTS: usize = 100;
+
+/// Why a use case did not happen.
+#[derive(Debug, thiserror::Error)]
+pub enum ServiceError {
+    /// The input breaks a rule.
+    #[error("invalid input: {}", faults_text(.0))]
+    Invalid(Vec<Fault>),
+    /// The text is not JSON, or not UTF-8.
+    #[error("malformed input: {}", faults_text(.0))]
+    Malformed(Vec<Fault>),
+    /// Shapes have no subspace under the class.
+    #[error("degenerate shapes: {}", faults_text(.0))]
+    DegenerateShape(Vec<Fault>),
+    /// Too few shapes for statistics.
+    #[error("{found} shapes, at least {needed} are needed")]
+    TooFewShapes {
+        /// Shapes there are.
+        found: usize,
+        /// Shapes needed.
+        needed: usize,
+    },
+    /// Nothing has this name or id.
+    #[error("there is no {kind} '{key}'")]
+    NotFound {
+        /// `cohort`, `shape`.
+        kind: &'static str,
+        /// What was asked for.
+        key: String,
+    },
+    /// A cohort has this name already.
+    #[error("a cohort named '{name}' exists already")]
+    NameTaken {
+        /// The name.
+        name: String,
+    },
+    /// Another shape has this external id.
+    #[error("external_id '{external_id}' belongs to another shape of the cohort with other content")]
+    ExternalIdConflict {
+        /// The id.
+        external_id: String,
+        /// Position in the batch.
+        index: u64,
+    },
+    /// A line or body is longer than allowed.
+    #[error("{0}")]
+    TooLarge(String),
+    /// The body ended early or stalled.
+    #[error("{0}")]
+    Interrupted(String),
+    /// Try again later.
+    #[error("{0}")]
+    Unavailable(String),
+    /// A bug or a broken machine; the cause is for the log only.
+    #[error("internal error: {0}")]
+    Internal(String),
+}
+
+fn faults_text(faults: &[Fault]) -> String {
+    faults.first().map_or_else(String::new, |fault| format!("{} {}", fault.pointer, fault.detail))
+}
+
+impl ServiceError {
+    /// One fault.
+    pub fn invalid(pointer: impl Into<String>, detail: impl Into<String>) -> Self {
+        Self::Invalid(vec![Fault::new(pointer, detail)])
+    }
+
+    /// Input errors below a pointer.
+    pub fn below(errors: Vec<InputError>, pointer: &str) -> Self {
+        Self::Invalid(errors.into_iter().map(|error| error.below(pointer).into()).collect())
+    }
+
+    /// Nothing, or all faults (at most [`MAX_FAULTS`]).
+    ///
+    /// # Errors
+    /// [`ServiceError::Invalid`] when there are faults.
+    pub fn unless_empty(mut faults: Vec<Fault>) -> Result<(), Self> {
+        if faults.is_empty() {
+            return Ok(());
+        }
+        faults.truncate(MAX_FAULTS);
+        Err(Self::Invalid(faults))
+    }
+
+    /// The same error about a single shape that is not part of a list.
+    pub fn without_index(mut self) -> Self {
+        if let Self::DegenerateShape(faults) = &mut self {
+            faults.iter_mut().for_each(|fault| fault.index = None);
+        }
+        self
+    }
+
+    /// An analysis error of a request whose shapes stand at `/shapes/{index}`.
+    pub fn of_request(error: AnalysisError) -> Self {
+        Self::of_analysis(error, |index| format!("/shapes/{index}"))
+    }
+
+    /// An analysis error, with the pointer to a shape.
+    pub fn of_analysis(error: AnalysisError, pointer: impl Fn(usize) -> String) -> Self {
+        match error {
+            AnalysisError::Degenerate { index, .. } | AnalysisError::NoExtent { index, .. } => {
+                let fault = Fault { index: Some(index), ..Fault::new(pointer(index), error.to_string()) };
+                Self::DegenerateShape(vec![fault])
+            }
+            AnalysisError::TooFewShapes { found, needed } => Self::TooFewShapes { found, needed },
+            AnalysisError::NotAProperClass(detail) => Self::invalid("/transformation", detail),
+            AnalysisError::NoCanonicalFrame { .. } => Self::invalid("/frame", error.to_string()),
+            AnalysisError::NotAnAccumulator | AnalysisError::Numeric(_) => Self::Internal(error.to_string()),
+        }
+    }
+}
+
+impl From<AnalysisError> for ServiceError {
+    fn from(error: AnalysisError) -> Self {
+        Self::of_request(error)
+    }
+}
+
+impl From<StoreError> for ServiceError {
+    fn from(error: StoreError) -> Self {
+        match error {
+            StoreError::NameTaken { name } => Self::NameTaken { name },
+            StoreError::ExternalIdConflict { position, external_id } => {
+                Self::ExternalIdConflict { external_id, index: position }
+            }
+            StoreError::CohortGone => Self::NotFound { kind: "cohort", key: "deleted meanwhile".into() },
+            StoreError::Busy => Self::Unavailable("the store is busy".into()),
+            // The message for clients carries no cause; the log does.
+            other => Self::Internal(match std::error::Error::source(&other) {
+                Some(source) => format!("{other}: {source}"),
+                None => other.to_string(),
+            }),
+        }
+    }
+}

@@ -1,0 +1,50 @@
+//! The example cohort: outlines of real cells, loaded into an empty store.
+
+use bytes::Bytes;
+use futures_util::stream;
+
+use super::cohorts::{self, NewCohort};
+use super::{App, ServiceError, ingest};
+use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
+use crate::geometry::generator::GeneratorKind;
+use crate::geometry::representation::Representation;
+
+/// Its name.
+pub const NAME: &str = "example-cells";
+
+/// 120 outlines of mouse osteosarcoma cells (MIT licence, see `examples/cells/`).
+const SHAPES: &str = include_str!("../../examples/cells/cells.ndjson");
+
+/// Loads the example when the store has no cohort.
+///
+/// # Errors
+/// A failure of the store.
+pub async fn load_into_empty(app: &App) -> Result<(), ServiceError> {
+    let (cohorts, _) = cohorts::list(app, None, 2).await?;
+    let cohort = match cohorts.as_slice() {
+        [] => cohorts::create(app, description()).await?,
+        // A process that was killed between the two steps left it empty.
+        [only] if only.name == NAME && only.revision == 0 => only.clone(),
+        _ => return Ok(()),
+    };
+    let text = stream::iter([Ok::<_, std::convert::Infallible>(Bytes::from_static(SHAPES.as_bytes()))]);
+    let stored = ingest::add_stream(app, cohort, text, ingest::OnError::Abort).await?;
+    tracing::info!(shapes = stored.added, "loaded the example cohort {NAME} into the empty store");
+    Ok(())
+}
+
+fn description() -> NewCohort {
+    NewCohort {
+            name: NAME.into(),
+            description: Some("Outlines of mouse osteosarcoma cells of two lines under three treatments".into()),
+            representation: Representation::ClosedCurve {
+                dimension: 2,
+                control_points: 100,
+                generator: GeneratorKind::Trigonometric {},
+            },
+            correspondence: Correspondence::Cyclic,
+            direction: Direction::Given,
+            mirror: Mirror::Forbid,
+            length_unit: Some("pixel".into()),
+    }
+}

@@ -1,0 +1,278 @@
+//! Shapes into a cohort, from one body or from a stream: all or nothing, or the good ones.
+
+use bytes::Bytes;
+use futures_util::{Stream, StreamExt};
+use rayon::prelude::*;
+use std::time::Duration;
+use tokio::sync::mpsc;
+
+use super::error::{Fault, MAX_FAULTS};
+use super::input::{Reading, attributes};
+use super::{App, ServiceError, now_ms};
+use crate::domain::cohort::Cohort;
+use crate::domain::id;
+use crate::domain::shape::NewShape;
+use crate::formats::ndjson::{Line, LineTooLong, Lines};
+use crate::formats::shape::ShapeInput;
+use crate::geometry::representation::ShapeSpace;
+use crate::store::{Added, Upload};
+
+/// Shapes written to the store at once.
+const CHUNK_SHAPES: usize = 4096;
+/// Bytes of lines read at once.
+const CHUNK_BYTES: usize = 8 << 20;
+/// Longest pause of a stream.
+const PAUSE: Duration = Duration::from_secs(30);
+/// Ids answered at most; a stream of a million shapes is read back by listing.
+const MAX_IDS: usize = 100_000;
+
+/// What happens to bad shapes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Deserialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum OnError {
+    /// Nothing is stored.
+    #[default]
+    Abort,
+    /// The good shapes are stored, the bad ones are reported.
+    Skip,
+}
+
+/// What was stored.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Stored {
+    /// Shapes that are new.
+    pub added: usize,
+    /// Revision of the cohort afterwards.
+    pub revision: u64,
+    /// Ids in the order of the input, also of shapes that were there already; at most 100 000.
+    pub ids: Vec<String>,
+    /// Shapes that were not stored, under [`OnError::Skip`].
+    pub skipped: usize,
+    /// What was wrong with them, at most 100 entries.
+    pub faults: Vec<Fault>,
+}
+
+/// A shape on its way: its position, the line it came from, and what was read.
+struct Incoming {
+    index: usize,
+    line: Option<u64>,
+    text: Result<ShapeInput, ServiceError>,
+}
+
+/// Adds the shapes of one body.
+///
+/// # Errors
+/// Under [`OnError::Abort`] the faults of all bad shapes; conflicts of external ids.
+pub async fn add(
+    app: &App,
+    cohort: Cohort,
+    shapes: Vec<ShapeInput>,
+    on_error: OnError,
+) -> Result<Stored, ServiceError> {
+    if shapes.len() > app.limits.shapes {
+        let detail = format!("has {} shapes, at most {} are accepted; stream NDJSON", shapes.len(), app.limits.shapes);
+        return Err(ServiceError::invalid("/shapes", detail));
+    }
+    if shapes.is_empty() {
+        return Err(ServiceError::TooFewShapes { found: 0, needed: 1 });
+    }
+    let mut writer = Writer::new(app, &cohort, on_error, "/shapes/").await?;
+    let incoming = shapes.into_iter().enumerate();
+    let incoming = incoming.map(|(index, shape)| Incoming { index, line: None, text: Ok(shape) }).collect();
+    writer.take(app, incoming).await?;
+    writer.finish().await
+}
+
+/// Adds the shapes of an NDJSON stream; memory does not depend on its length.
+///
+/// # Errors
+/// As [`add`], with line numbers; a line that is too long; a stream that breaks off or pauses.
+pub async fn add_stream<E: std::fmt::Display>(
+    app: &App,
+    cohort: Cohort,
+    stream: impl Stream<Item = Result<Bytes, E>>,
+    on_error: OnError,
+) -> Result<Stored, ServiceError> {
+    let mut writer = Writer::new(app, &cohort, on_error, "").await?;
+    let mut lines = Lines::new(app.limits.line_bytes);
+    let mut pending: Vec<Line> = Vec::new();
+    let mut pending_bytes = 0;
+    let mut stream = std::pin::pin!(stream);
+    loop {
+        let chunk = tokio::time::timeout(PAUSE, stream.next())
+            .await
+            .map_err(|_| ServiceError::Interrupted(format!("no data for {} s", PAUSE.as_secs())))?;
+        let Some(chunk) = chunk else { break };
+        let chunk = chunk.map_err(|error| ServiceError::Interrupted(format!("the stream broke off: {error}")))?;
+        let keep = |line: Line| {
+            pending_bytes += line.text.len();
+            pending.push(line);
+        };
+        lines.push(&chunk, keep).map_err(too_long)?;
+        if pending.len() >= CHUNK_SHAPES || pending_bytes >= CHUNK_BYTES {
+            pending_bytes = 0;
+            writer.take_lines(app, std::mem::take(&mut pending)).await?;
+        }
+    }
+    lines.finish(|line| pending.push(line)).map_err(too_long)?;
+    writer.take_lines(app, pending).await?;
+    if writer.position == 0 {
+        return Err(ServiceError::TooFewShapes { found: 0, needed: 1 });
+    }
+    writer.finish().await
+}
+
+fn too_long(error: LineTooLong) -> ServiceError {
+    ServiceError::TooLarge(error.to_string())
+}
+
+/// Reads shapes on the pool while a task writes the ones before to the store.
+struct Writer {
+    space: ShapeSpace,
+    cohort: Cohort,
+    on_error: OnError,
+    prefix: &'static str,
+    position: usize,
+    chunks: mpsc::Sender<Vec<NewShape>>,
+    task: tokio::task::JoinHandle<Result<(Upload, Stored), ServiceError>>,
+    skipped: usize,
+    faults: Vec<Fault>,
+}
+
+impl Writer {
+    async fn new(app: &App, cohort: &Cohort, on_error: OnError, prefix: &'static str) -> Result<Self, ServiceError> {
+        let (space, _) = app.space(&cohort.representation, "/representation")?;
+        let upload = app.store.begin_upload(cohort);
+        let (chunks, received) = mpsc::channel(1);
+        let task = tokio::spawn(write(upload, received));
+        let cohort = cohort.clone();
+        Ok(Self { space, cohort, on_error, prefix, position: 0, chunks, task, skipped: 0, faults: Vec::new() })
+    }
+
+    async fn take_lines(&mut self, app: &App, lines: Vec<Line>) -> Result<(), ServiceError> {
+        let first = self.position;
+        let incoming = app
+            .pool
+            .run(move || {
+                let read = |(offset, line): (usize, Line)| Incoming {
+                    index: first + offset,
+                    line: Some(line.number),
+                    text: read_line(&line.text),
+                };
+                Ok(lines.into_par_iter().enumerate().map(read).collect())
+            })
+            .await?;
+        self.take(app, incoming).await
+    }
+
+    async fn take(&mut self, app: &App, incoming: Vec<Incoming>) -> Result<(), ServiceError> {
+        self.position += incoming.len();
+        let (space, cohort, limits, prefix) = (self.space.clone(), self.cohort.clone(), app.limits, self.prefix);
+        let results: Vec<Result<NewShape, Vec<Fault>>> = app
+            .pool
+            .run(move || {
+                let reading = Reading {
+                    space: &space,
+                    correspondence: cohort.correspondence,
+                    direction: cohort.direction,
+                    limits: &limits,
+                };
+                Ok(incoming.into_par_iter().map(|shape| read(&reading, shape, prefix)).collect())
+            })
+            .await?;
+        let mut good = Vec::with_capacity(results.len());
+        for result in results {
+            match result {
+                Ok(shape) => good.push(shape),
+                Err(faults) => {
+                    self.skipped += 1;
+                    let room = MAX_FAULTS.saturating_sub(self.faults.len());
+                    self.faults.extend(faults.into_iter().take(room));
+                }
+            }
+        }
+        if self.on_error == OnError::Abort && self.skipped > 0 {
+            return Err(ServiceError::Invalid(std::mem::take(&mut self.faults)));
+        }
+        while !good.is_empty() {
+            let rest = good.split_off(good.len().min(CHUNK_SHAPES));
+            if self.chunks.send(good).await.is_err() {
+                // The task ended with an error, which `finish` reports.
+                return Ok(());
+            }
+            good = rest;
+        }
+        Ok(())
+    }
+
+    async fn finish(self) -> Result<Stored, ServiceError> {
+        let Self { chunks, task, skipped, faults, .. } = self;
+        drop(chunks);
+        let (upload, stored) =
+            task.await.map_err(|error| ServiceError::Internal(format!("the writing task: {error}")))??;
+        let revision = upload.commit(now_ms()).await?;
+        Ok(Stored { revision, skipped, faults, ..stored })
+    }
+}
+
+async fn write(
+    mut upload: Upload,
+    mut chunks: mpsc::Receiver<Vec<NewShape>>,
+) -> Result<(Upload, Stored), ServiceError> {
+    let mut stored = Stored::default();
+    while let Some(chunk) = chunks.recv().await {
+        for added in upload.add(chunk).await? {
+            let id = match added {
+                Added::New { id } => {
+                    stored.added += 1;
+                    id
+                }
+                Added::Existing { id } => id,
+            };
+            if stored.ids.len() < MAX_IDS {
+                stored.ids.push(id);
+            }
+        }
+    }
+    Ok((upload, stored))
+}
+
+fn read_line(text: &[u8]) -> Result<ShapeInput, ServiceError> {
+    serde_json::from_slice(text).or_else(|_| {
+        let mut deserializer = serde_json::Deserializer::from_slice(text);
+        serde_path_to_error::deserialize(&mut deserializer)
+            .map_err(|error| {
+                let pointer = crate::formats::json_pointer(error.path());
+                ServiceError::Malformed(vec![Fault::new(pointer, error.inner().to_string())])
+            })
+            .and_then(|shape| {
+                let end = deserializer.end();
+                end.map_err(|error| ServiceError::Malformed(vec![Fault::new("", error.to_string())])).map(|()| shape)
+            })
+    })
+}
+
+fn read(reading: &Reading<'_>, incoming: Incoming, prefix: &str) -> Result<NewShape, Vec<Fault>> {
+    let Incoming { index, line, text } = incoming;
+    // A line is a document of its own; a body has the shape under its position.
+    let prefix = if prefix.is_empty() { String::new() } else { format!("{prefix}{index}") };
+    let placed = |fault: Fault| Fault {
+        pointer: format!("{prefix}{}", fault.pointer),
+        index: Some(index),
+        line,
+        ..fault
+    };
+    let shape = text.map_err(|error| match error {
+        ServiceError::Malformed(faults) => faults.into_iter().map(placed).collect::<Vec<_>>(),
+        other => vec![placed(Fault::new("", other.to_string()))],
+    })?;
+    match (reading.control_points(&shape), attributes(shape)) {
+        (Ok(control_points), Ok(attributes)) => {
+            Ok(NewShape { id: id::new_id(id::SHAPE), attributes, control_points })
+        }
+        (control_points, attributes) => {
+            let errors = control_points.err().into_iter().chain(attributes.err()).flatten();
+            Err(errors.map(|error| placed(error.into())).collect())
+        }
+    }
+}

@@ -1,0 +1,272 @@
+//! Posted shapes to control points of a representation.
+//!
+//! Points lie on the shape, control points are its coefficients. Under `arc_length` and `cyclic` any number of
+//! points is resampled to the size of the representation; under `cyclic` from the canonical start of the
+//! contour, so that the stored shape does not depend on where the list of points begins.
+
+use rayon::prelude::*;
+
+use super::Limits;
+use super::error::{Fault, MAX_FAULTS, ServiceError};
+use crate::analysis::correspondence::{Correspondence, Direction};
+use crate::domain::shape::ShapeAttributes;
+use crate::formats::InputError;
+use crate::formats::shape::{PointList, ShapeInput};
+use crate::geometry::GeometryError;
+use crate::geometry::representation::{Representation, ShapeSpace};
+use crate::geometry::resample::{ClosedPolygon, canonical_shift, rotate_start};
+use crate::numeric::dense::Matrix;
+
+/// How posted points become control points.
+#[derive(Debug, Clone, Copy)]
+pub struct Reading<'a> {
+    /// The space of the shapes.
+    pub space: &'a ShapeSpace,
+    /// Resampling and start.
+    pub correspondence: Correspondence,
+    /// Direction of planar contours.
+    pub direction: Direction,
+    /// Sizes.
+    pub limits: &'a Limits,
+}
+
+/// Longest identifier or label.
+const MAX_TEXT: usize = 500;
+/// Most attributes of a shape.
+const MAX_LABELS: usize = 100;
+
+/// Checks the sizes of a representation against the limits.
+///
+/// # Errors
+/// All fields that are out of bounds.
+pub fn check_representation(representation: &Representation, limits: &Limits) -> Result<(), Vec<InputError>> {
+    let mut errors = Vec::new();
+    if !(2..=3).contains(&representation.dimension()) {
+        errors.push(InputError::new("/dimension", format!("is {}, must be 2 or 3", representation.dimension())));
+    }
+    let (size, fewest, most) = (representation.size(), representation.fewest(), limits.control_points);
+    if !(fewest..=most).contains(&size) {
+        let pointer = format!("/{}", representation.size_field());
+        errors.push(InputError::new(pointer, format!("is {size}, must be between {fewest} and {most}")));
+    }
+    if let Representation::ClosedCurve { generator, .. } = representation
+        && let Err(detail) = generator.check()
+    {
+        errors.push(InputError::new("/generator/degree", detail));
+    }
+    if errors.is_empty() { Ok(()) } else { Err(errors) }
+}
+
+/// Checks that the correspondence makes sense for the representation.
+///
+/// # Errors
+/// A fault at `/correspondence`.
+pub fn check_correspondence(representation: &Representation, correspondence: Correspondence) -> Result<(), ServiceError> {
+    if representation.is_curve() || correspondence == Correspondence::Landmarks {
+        return Ok(());
+    }
+    Err(ServiceError::invalid(
+        "/correspondence",
+        "landmarks are not a contour: only \"landmarks\" applies; use a closed_curve to resample",
+    ))
+}
+
+impl Reading<'_> {
+    /// Control points of one shape, `d·N` coordinate-major numbers.
+    ///
+    /// # Errors
+    /// Everything wrong with it, with pointers relative to the shape.
+    pub fn control_points(&self, shape: &ShapeInput) -> Result<Vec<f64>, Vec<InputError>> {
+        if shape.closed == Some(false) && self.space.representation().is_curve() {
+            return Err(vec![InputError::new("/closed", "is false, but the representation is a closed curve")]);
+        }
+        let matrix = match (&shape.points, &shape.control_points) {
+            (Some(points), None) => self.from_points(points).map_err(|errors| below(errors, "/points"))?,
+            (None, Some(coefficients)) => {
+                self.from_control_points(coefficients).map_err(|errors| below(errors, "/control_points"))?
+            }
+            (Some(_), Some(_)) => {
+                return Err(vec![InputError::new("", "has both points and control_points: give one of them")]);
+            }
+            (None, None) => return Err(vec![InputError::new("", "has neither points nor control_points")]),
+        };
+        if self.space.representation().size() > 0 && !matrix.iter().all(|value| value.is_finite()) {
+            return Err(vec![InputError::new("", "leaves the range of numbers")]);
+        }
+        Ok(matrix.as_slice().to_vec())
+    }
+
+    fn from_points(&self, list: &PointList) -> Result<Matrix, Vec<InputError>> {
+        let points = self.matrix(list)?;
+        if self.correspondence == Correspondence::Landmarks {
+            self.check_count(list, "points")?;
+            return Ok(self.space.interpolate(points));
+        }
+        let polygon = ClosedPolygon::new(self.directed(points)).map_err(|error| vec![contour_error(&error)])?;
+        let start = if self.correspondence == Correspondence::Cyclic { polygon.canonical_start() } else { 0.0 };
+        Ok(self.space.interpolate(polygon.sample(self.space.representation().size(), start)))
+    }
+
+    fn from_control_points(&self, list: &PointList) -> Result<Matrix, Vec<InputError>> {
+        let coefficients = self.matrix(list)?;
+        self.check_count(list, "control points")?;
+        if self.correspondence != Correspondence::Cyclic {
+            return Ok(coefficients);
+        }
+        let directed = self.directed(coefficients);
+        let shift = canonical_shift(&directed);
+        Ok(rotate_start(&directed, shift))
+    }
+
+    fn matrix(&self, list: &PointList) -> Result<Matrix, Vec<InputError>> {
+        let dimension = self.space.representation().dimension();
+        let coordinates = list.checked(dimension)?;
+        if list.len() > self.limits.points {
+            let detail = format!("has {} points, at most {} are accepted", list.len(), self.limits.points);
+            return Err(vec![InputError::new("", detail)]);
+        }
+        Ok(Matrix::from_row_slice(list.len(), dimension, coordinates))
+    }
+
+    fn check_count(&self, list: &PointList, what: &str) -> Result<(), Vec<InputError>> {
+        let wanted = self.space.representation().size();
+        if list.len() == wanted {
+            return Ok(());
+        }
+        let hint = if self.space.representation().is_curve() && what == "points" {
+            " (to resample a contour use the correspondence arc_length or cyclic)"
+        } else {
+            ""
+        };
+        Err(vec![InputError::new("", format!("has {} {what}, the representation has {wanted}{hint}", list.len()))])
+    }
+
+    /// Planar contours whose direction has no meaning run counter-clockwise, keeping their first point.
+    fn directed(&self, points: Matrix) -> Matrix {
+        let (n, d) = points.shape();
+        let planar = d == 2 && self.direction == Direction::Either && self.correspondence != Correspondence::Landmarks;
+        if !planar || polygon_area(&points) >= 0.0 {
+            return points;
+        }
+        Matrix::from_fn(n, d, |k, c| points[((n - k) % n, c)])
+    }
+}
+
+fn polygon_area(points: &Matrix) -> f64 {
+    let n = points.nrows();
+    let origin = points.row(0).into_owned();
+    let at = |k: usize, c: usize| points[(k % n, c)] - origin[c];
+    (0..n).map(|k| at(k, 0) * at(k + 1, 1) - at(k + 1, 0) * at(k, 1)).sum()
+}
+
+fn below(errors: Vec<InputError>, pointer: &str) -> Vec<InputError> {
+    errors.into_iter().map(|error| error.below(pointer)).collect()
+}
+
+fn contour_error(error: &GeometryError) -> InputError {
+    let pointer = match error {
+        GeometryError::RepeatedPoint { second, .. } => format!("/{second}"),
+        _ => String::new(),
+    };
+    InputError::new(pointer, error.to_string())
+}
+
+/// Attributes of a posted shape.
+///
+/// # Errors
+/// Everything wrong with them, with pointers relative to the shape.
+pub fn attributes(shape: ShapeInput) -> Result<ShapeAttributes, Vec<InputError>> {
+    let mut errors = Vec::new();
+    let texts = [("/external_id", &shape.external_id), ("/subject", &shape.subject), ("/label", &shape.label)];
+    for (pointer, text) in texts {
+        if let Some(text) = text
+            && (text.is_empty() || text.chars().count() > MAX_TEXT || text.chars().any(char::is_control))
+        {
+            errors.push(InputError::new(pointer, format!("must have 1 to {MAX_TEXT} printable characters")));
+        }
+    }
+    if shape.labels.len() > MAX_LABELS {
+        errors.push(InputError::new("/labels", format!("has {} entries, at most {MAX_LABELS}", shape.labels.len())));
+    }
+    for (key, value) in shape.labels.iter().take(MAX_LABELS) {
+        if value.is_object() || value.is_array() {
+            let pointer = format!("/labels/{}", key.replace('~', "~0").replace('/', "~1"));
+            errors.push(InputError::new(pointer, "must be a text, a number, a truth value or null"));
+        }
+    }
+    let weight = shape.weight.unwrap_or(1.0);
+    if !(1e-100..=1e100).contains(&weight) {
+        errors.push(InputError::new("/weight", format!("is {weight}, must be between 1e-100 and 1e100")));
+    }
+    if errors.is_empty() {
+        let metadata = metadata(shape.metadata, shape.landmark_index, shape.landmarks);
+        let ShapeInput { external_id, subject, label, labels, .. } = shape;
+        Ok(ShapeAttributes { external_id, subject, label, labels, weight, metadata })
+    } else {
+        Err(errors)
+    }
+}
+
+/// Homologous points that came with a contour are kept beside the client's metadata.
+fn metadata(
+    metadata: Option<serde_json::Value>,
+    landmark_index: Option<serde_json::Value>,
+    landmarks: Option<serde_json::Value>,
+) -> Option<serde_json::Value> {
+    let extra = [("landmark_index", landmark_index), ("landmarks", landmarks)];
+    let extra: Vec<_> = extra.into_iter().filter_map(|(key, value)| Some((key.to_owned(), value?))).collect();
+    match metadata {
+        other if extra.is_empty() => other,
+        Some(serde_json::Value::Object(mut map)) => {
+            map.extend(extra);
+            Some(map.into())
+        }
+        Some(other) => Some([("metadata".to_owned(), other)].into_iter().chain(extra).collect()),
+        None => Some(extra.into_iter().collect()),
+    }
+}
+
+/// Shapes of a request that is answered from memory.
+#[derive(Debug, Clone)]
+pub struct Batch {
+    /// One shape of `d·N` coordinate-major numbers after the other.
+    pub control_points: Vec<f64>,
+    /// One weight a shape.
+    pub weights: Vec<f64>,
+}
+
+/// Reads all shapes in parallel.
+///
+/// # Errors
+/// The faults of all bad shapes, at `/shapes/{index}…`.
+pub fn read_batch(reading: &Reading<'_>, shapes: Vec<ShapeInput>) -> Result<Batch, ServiceError> {
+    if shapes.len() > reading.limits.shapes {
+        let detail = format!("has {} shapes, at most {} are accepted", shapes.len(), reading.limits.shapes);
+        return Err(ServiceError::invalid("/shapes", detail));
+    }
+    let read = |shape: ShapeInput| match (reading.control_points(&shape), attributes(shape)) {
+        (Ok(control_points), Ok(attributes)) => Ok((control_points, attributes.weight)),
+        (control_points, attributes) => {
+            Err(control_points.err().into_iter().chain(attributes.err()).flatten().collect::<Vec<_>>())
+        }
+    };
+    let results: Vec<Result<(Vec<f64>, f64), Vec<InputError>>> = shapes.into_par_iter().map(read).collect();
+    let mut batch = Batch { control_points: Vec::new(), weights: Vec::with_capacity(results.len()) };
+    let mut faults = Vec::new();
+    for (index, result) in results.into_iter().enumerate() {
+        match result {
+            Ok((control_points, weight)) => {
+                batch.control_points.extend(control_points);
+                batch.weights.push(weight);
+            }
+            Err(errors) if faults.len() < MAX_FAULTS => {
+                let prefix = format!("/shapes/{index}");
+                let with_index = |error: InputError| Fault { index: Some(index), ..error.below(&prefix).into() };
+                faults.extend(errors.into_iter().map(with_index));
+            }
+            Err(_) => {}
+        }
+    }
+    ServiceError::unless_empty(faults)?;
+    Ok(batch)
+}

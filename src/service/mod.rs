@@ -1,0 +1,113 @@
+//! What the product does: one function per use case, values in, values or a [`ServiceError`] out.
+//!
+//! * [`App`] — store, limits, the pool where arithmetic leaves the async threads;
+//! * [`input`] — posted shapes to control points of a representation;
+//! * [`compute`] — the stateless use cases: project, mean, align, PCA, evaluate, measure, resample;
+//! * [`cohorts`], [`ingest`] — cohorts and their shapes;
+//! * [`live_mean`] — the mean of a stored cohort, streamed;
+//! * [`example`] — the example cohort of an empty store.
+
+pub mod cohorts;
+pub mod compute;
+pub mod error;
+pub mod example;
+pub mod ingest;
+pub mod input;
+pub mod live_mean;
+pub mod pool;
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use crate::analysis::metric::Metric;
+use crate::geometry::representation::{Representation, ShapeSpace};
+use crate::store::Store;
+pub use error::ServiceError;
+use pool::Pool;
+
+/// Sizes that are checked before memory is taken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Limits {
+    /// Control points of a representation.
+    pub control_points: usize,
+    /// Points of a posted contour.
+    pub points: usize,
+    /// Shapes of a request that is answered from memory.
+    pub shapes: usize,
+    /// Samples that an evaluation answers, over all shapes.
+    pub samples: usize,
+    /// Bytes of a request body, after decompression.
+    pub body_bytes: usize,
+    /// Bytes of a line of an NDJSON stream.
+    pub line_bytes: usize,
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Self {
+            control_points: 2048,
+            points: 100_000,
+            shapes: 100_000,
+            samples: 2_000_000,
+            body_bytes: 64 << 20,
+            line_bytes: 8 << 20,
+        }
+    }
+}
+
+/// Everything a use case needs; cheap to clone.
+#[derive(Debug, Clone)]
+pub struct App {
+    /// Where cohorts live.
+    pub store: Store,
+    /// Sizes that are accepted.
+    pub limits: Limits,
+    /// Where arithmetic runs.
+    pub pool: Pool,
+    draining: Arc<AtomicBool>,
+    means: Arc<live_mean::MeanCache>,
+}
+
+impl App {
+    /// From an open store; `threads` compute threads (0: one per core).
+    pub fn new(store: Store, limits: Limits, threads: usize) -> Self {
+        Self { store, limits, pool: Pool::new(threads), draining: Arc::default(), means: Arc::default() }
+    }
+
+    /// From now on the service reports that it is going away.
+    pub fn drain(&self) {
+        self.draining.store(true, Ordering::Relaxed);
+    }
+
+    /// Whether requests can be served: the store accepts a write and nobody asked to stop.
+    ///
+    /// # Errors
+    /// [`ServiceError::Unavailable`] with the reason.
+    pub async fn ready(&self) -> Result<(), ServiceError> {
+        if self.draining.load(Ordering::Relaxed) {
+            return Err(ServiceError::Unavailable("the service is stopping".into()));
+        }
+        self.store.ready().await.map_err(|error| {
+            tracing::error!(%error, "the store does not accept writes");
+            ServiceError::Unavailable("the store does not accept writes".into())
+        })
+    }
+
+    /// The prepared space and metric of `representation`.
+    ///
+    /// # Errors
+    /// [`ServiceError::Invalid`] below `pointer` when its sizes are out of bounds.
+    pub fn space(&self, representation: &Representation, pointer: &str) -> Result<(ShapeSpace, Metric), ServiceError> {
+        input::check_representation(representation, &self.limits)
+            .map_err(|errors| ServiceError::below(errors, pointer))?;
+        let space = ShapeSpace::new(representation)
+            .map_err(|error| ServiceError::invalid(pointer.to_owned(), error.to_string()))?;
+        let metric = Metric::of(&space);
+        Ok((space, metric))
+    }
+}
+
+/// Milliseconds since 1970 UTC.
+pub fn now_ms() -> i64 {
+    jiff::Timestamp::now().as_millisecond()
+}

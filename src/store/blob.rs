@@ -1,0 +1,181 @@
+//! Chunks as bytes: control points and weights as little-endian `f64`, with a blake3 checksum.
+
+use sqlx::sqlite::SqliteRow;
+use sqlx::{Row, SqliteConnection};
+
+use super::StoreError;
+
+/// Most shapes in a chunk.
+pub(super) const ROWS_PER_CHUNK: usize = 4096;
+/// Most bytes of control points in a chunk, unless one shape has more: one shape is read by reading
+/// its chunk, which should take a millisecond.
+pub(super) const BYTES_PER_CHUNK: usize = 1 << 20;
+const BYTES_PER_NUMBER: usize = 8;
+
+/// Shapes that fit a chunk.
+pub(super) fn rows_per_chunk(width: usize) -> usize {
+    (BYTES_PER_CHUNK / (width * BYTES_PER_NUMBER).max(1)).clamp(1, ROWS_PER_CHUNK)
+}
+
+/// Control points and weights of a chunk, ready to be stored.
+#[derive(Debug)]
+pub(super) struct Encoded {
+    pub(super) checksum: Vec<u8>,
+    /// Nothing when all are 1.
+    pub(super) weights: Option<Vec<u8>>,
+    pub(super) points: Vec<u8>,
+}
+
+impl Encoded {
+    /// Encodes shapes given as weight and control points.
+    pub(super) fn new<'a>(shapes: impl Iterator<Item = (f64, &'a [f64])>) -> Self {
+        let (mut points, mut weights) = (Vec::new(), Vec::new());
+        for (weight, numbers) in shapes {
+            weights.push(weight);
+            append(&mut points, numbers);
+        }
+        let weights = weights.iter().any(|w| *w != 1.0).then(|| {
+            let mut bytes = Vec::new();
+            append(&mut bytes, &weights);
+            bytes
+        });
+        Self {
+            checksum: checksum(&points, weights.as_deref().unwrap_or_default()),
+            weights,
+            points,
+        }
+    }
+}
+
+fn append(bytes: &mut Vec<u8>, numbers: &[f64]) {
+    bytes.extend(numbers.iter().flat_map(|number| number.to_le_bytes()));
+}
+
+fn checksum(points: &[u8], weights: &[u8]) -> Vec<u8> {
+    let mut hasher = blake3::Hasher::new();
+    hasher.update(points).update(weights);
+    hasher.finalize().as_bytes().to_vec()
+}
+
+/// Reads the chunks with these numbers, in any order; a missing one is left out.
+pub(super) async fn load(
+    connection: &mut SqliteConnection,
+    chunks: &[i64],
+) -> Result<Vec<SqliteRow>, StoreError> {
+    const LOAD: &str = "SELECT c.id, c.rows, c.width, d.checksum, d.weights, d.points
+        FROM json_each($1) AS asked
+        CROSS JOIN chunk AS c ON c.id = asked.value
+        CROSS JOIN chunk_data AS d ON d.chunk_id = c.id";
+    let asked = serde_json::Value::from(chunks).to_string();
+    Ok(sqlx::query(LOAD).bind(asked).fetch_all(connection).await?)
+}
+
+/// A stored chunk whose checksum was verified; borrows the row's bytes.
+#[derive(Debug)]
+pub(super) struct Chunk<'a> {
+    pub(super) id: i64,
+    rows: usize,
+    width: usize,
+    weights: Option<&'a [u8]>,
+    points: &'a [u8],
+}
+
+impl<'a> Chunk<'a> {
+    /// Verifies a row of [`load`]. Cost: one pass over its bytes.
+    ///
+    /// # Errors
+    /// [`StoreError::Corrupt`] when checksum or sizes do not fit.
+    pub(super) fn verified(row: &'a SqliteRow) -> Result<Self, StoreError> {
+        let chunk = Self {
+            id: row.try_get("id")?,
+            rows: usize::try_from(row.try_get::<i64, _>("rows")?).unwrap_or_default(),
+            width: usize::try_from(row.try_get::<i64, _>("width")?).unwrap_or_default(),
+            weights: row.try_get("weights")?,
+            points: row.try_get("points")?,
+        };
+        let expected: &[u8] = row.try_get("checksum")?;
+        let fits = chunk.points.len() == chunk.rows * chunk.width * BYTES_PER_NUMBER
+            && chunk
+                .weights
+                .is_none_or(|w| w.len() == chunk.rows * BYTES_PER_NUMBER);
+        if fits && checksum(chunk.points, chunk.weights.unwrap_or_default()) == expected {
+            return Ok(chunk);
+        }
+        Err(StoreError::Corrupt { chunk: chunk.id })
+    }
+
+    /// Number of shapes.
+    pub(super) fn rows(&self) -> usize {
+        self.rows
+    }
+
+    /// Number of coordinates of all shapes.
+    pub(super) fn numbers(&self) -> usize {
+        self.points.len() / BYTES_PER_NUMBER
+    }
+
+    /// Appends weights and control points of the shapes `rows`.
+    ///
+    /// # Errors
+    /// [`StoreError::Corrupt`] when the chunk does not have them.
+    pub(super) fn append_to(
+        &self,
+        rows: std::ops::Range<usize>,
+        weights: &mut Vec<f64>,
+        points: &mut Vec<f64>,
+    ) -> Result<(), StoreError> {
+        let corrupt = || StoreError::Corrupt { chunk: self.id };
+        match self.weights {
+            None => weights.extend(rows.clone().map(|_| 1.0)),
+            Some(bytes) => weights.extend(numbers(bytes, &rows, 1).ok_or_else(corrupt)?),
+        }
+        points.extend(numbers(self.points, &rows, self.width).ok_or_else(corrupt)?);
+        Ok(())
+    }
+
+    /// Weight and control points of one shape.
+    ///
+    /// # Errors
+    /// [`StoreError::Corrupt`] when the chunk does not have it.
+    pub(super) fn shape(&self, position: usize) -> Result<(f64, Vec<f64>), StoreError> {
+        if position >= self.rows() {
+            return Err(StoreError::Corrupt { chunk: self.id });
+        }
+        let (mut weights, mut points) = (Vec::new(), Vec::new());
+        self.append_to(position..position + 1, &mut weights, &mut points)?;
+        Ok((weights[0], points))
+    }
+}
+
+/// The numbers of some rows, each `width` numbers.
+fn numbers<'a>(
+    bytes: &'a [u8],
+    rows: &std::ops::Range<usize>,
+    width: usize,
+) -> Option<impl ExactSizeIterator<Item = f64> + 'a> {
+    let step = width * BYTES_PER_NUMBER;
+    let (numbers, _) = bytes.get(rows.start * step..rows.end * step)?.as_chunks();
+    Some(numbers.iter().map(|number| f64::from_le_bytes(*number)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn chunks_are_bounded_in_rows_and_bytes() {
+        assert_eq!(rows_per_chunk(2), ROWS_PER_CHUNK);
+        assert_eq!(rows_per_chunk(128), 1024);
+        assert_eq!(rows_per_chunk(1 << 20), 1);
+    }
+
+    #[test]
+    fn weights_are_stored_only_when_needed() {
+        let shape = [1.0, 2.0];
+        let plain = Encoded::new([(1.0, &shape[..]), (1.0, &shape[..])].into_iter());
+        let weighted = Encoded::new([(1.0, &shape[..]), (2.0, &shape[..])].into_iter());
+        assert_eq!(plain.weights, None);
+        assert_eq!(weighted.weights.as_deref().map(<[u8]>::len), Some(16));
+        assert_ne!(plain.checksum, weighted.checksum);
+    }
+}

@@ -1,0 +1,294 @@
+//! Reading the control points of a cohort in bulk, at a fixed revision.
+
+use sqlx::sqlite::SqliteRow;
+use sqlx::{Row, SqliteConnection};
+
+use super::blob::{self, Chunk};
+use super::filter::{self, Selection};
+use super::{Cursor, Store, StoreError, blocking, cohorts, to_sql};
+use crate::domain::shape::ShapeFilter;
+
+/// Most bytes read for one batch, unless one chunk has more.
+const BYTES_PER_BATCH: i64 = 4 << 20;
+/// Most shapes in a batch that is put together from single rows.
+const ROWS_PER_BATCH: usize = 4096;
+/// Most chunks in a batch: shapes that came one by one fill a chunk each.
+const CHUNKS_PER_BATCH: i64 = 1024;
+
+/// Whether a scan reads the ids, which costs more than the control points.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Ids {
+    /// [`ScanBatch::ids`] stays empty.
+    Skip,
+    /// One id per shape.
+    Include,
+}
+
+/// Some shapes in storage order.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ScanBatch {
+    /// Where the next batch starts.
+    pub position: Cursor,
+    /// Ids, when asked for.
+    pub ids: Vec<String>,
+    /// One weight per shape.
+    pub weights: Vec<f64>,
+    /// Control points, one shape after the other, each coordinate-major.
+    pub control_points: Vec<f64>,
+}
+
+impl Store {
+    /// The next shapes of the cohort as it was at `revision`, or nothing when there are no more.
+    ///
+    /// `after` is the position of the batch before, from a scan with the same arguments. The batches
+    /// are the same whenever they are read, a few megabytes each, and every byte is verified.
+    ///
+    /// # Errors
+    /// [`StoreError::CohortGone`], also when it is deleted during the scan; [`StoreError::Corrupt`].
+    pub async fn scan(
+        &self,
+        cohort_id: &str,
+        revision: u64,
+        filter: &ShapeFilter,
+        after: Option<Cursor>,
+        ids: Ids,
+    ) -> Result<Option<ScanBatch>, StoreError> {
+        let mut after = after.map_or((0, -1), |c| (c.chunk, c.position));
+        loop {
+            let mut read = self.reader().begin().await?;
+            let selection = Selection {
+                cohort: cohorts::number(&mut read, cohort_id).await?,
+                revision,
+                filter,
+                after,
+            };
+            let plan = if ids == Ids::Skip && filter::is_empty(filter) {
+                plan_chunks(&mut read, &selection).await?
+            } else {
+                plan_rows(&mut read, &selection).await?
+            };
+            let Some(plan) = plan else { return Ok(None) };
+            let rows = blob::load(&mut read, &plan.chunks).await?;
+            // Frees the connection before the arithmetic.
+            read.commit().await?;
+            let batch = blocking(move || plan.assemble(&rows, ids)).await?;
+            if !batch.weights.is_empty() {
+                return Ok(Some(batch));
+            }
+            after = (batch.position.chunk, batch.position.position);
+        }
+    }
+}
+
+/// What to read for one batch.
+struct Plan {
+    /// Chunks in ascending order.
+    chunks: Vec<i64>,
+    choice: Choice,
+    end: Cursor,
+}
+
+enum Choice {
+    /// All shapes but the deleted ones, given in storage order.
+    AllBut(Vec<Cursor>),
+    /// These shapes with their ids, in storage order.
+    Only(Vec<(Cursor, String)>),
+}
+
+/// Sums up the bytes of chunks until a batch is full; the first chunk always fits.
+#[derive(Default)]
+struct Budget {
+    chunks: Vec<i64>,
+    bytes: i64,
+}
+
+impl Budget {
+    /// Adds the chunk of `row`, unless it is too much; false then.
+    fn admit(&mut self, row: &SqliteRow) -> Result<bool, StoreError> {
+        let chunk: i64 = row.try_get("chunk_id")?;
+        if self.chunks.last() == Some(&chunk) {
+            return Ok(true);
+        }
+        let bytes = row.try_get::<i64, _>("rows")? * row.try_get::<i64, _>("width")? * 8;
+        if !self.chunks.is_empty() && self.bytes + bytes > BYTES_PER_BATCH {
+            return Ok(false);
+        }
+        self.bytes += bytes;
+        self.chunks.push(chunk);
+        Ok(true)
+    }
+}
+
+/// Whole chunks: reads no row of a shape that is not deleted.
+async fn plan_chunks(
+    connection: &mut SqliteConnection,
+    selection: &Selection<'_>,
+) -> Result<Option<Plan>, StoreError> {
+    const NEXT: &str = "SELECT id AS chunk_id, rows, width FROM chunk
+        WHERE cohort = $1 AND id > $2 AND revision <= $3 ORDER BY id LIMIT $4";
+    let rows = sqlx::query(NEXT)
+        .bind(selection.cohort)
+        .bind(selection.after.0)
+        .bind(to_sql(selection.revision))
+        .bind(CHUNKS_PER_BATCH)
+        .fetch_all(&mut *connection)
+        .await?;
+    let mut budget = Budget::default();
+    for row in &rows {
+        if !budget.admit(row)? {
+            break;
+        }
+    }
+    let (Some(&first), Some(&last)) = (budget.chunks.first(), budget.chunks.last()) else {
+        return Ok(None);
+    };
+    let deleted = list_deleted(connection, selection, first, last).await?;
+    Ok(Some(Plan {
+        chunks: budget.chunks,
+        choice: Choice::AllBut(deleted),
+        end: Cursor {
+            chunk: last,
+            position: i64::MAX,
+        },
+    }))
+}
+
+/// Shapes in the chunks from `first` to `last` that were deleted by the revision.
+async fn list_deleted(
+    connection: &mut SqliteConnection,
+    selection: &Selection<'_>,
+    first: i64,
+    last: i64,
+) -> Result<Vec<Cursor>, StoreError> {
+    const DELETED: &str = "SELECT chunk_id, position FROM shape
+        WHERE cohort = $1 AND chunk_id BETWEEN $2 AND $3 AND deleted_revision <= $4
+        ORDER BY chunk_id, position";
+    let rows = sqlx::query(DELETED)
+        .bind(selection.cohort)
+        .bind(first)
+        .bind(last)
+        .bind(to_sql(selection.revision))
+        .fetch_all(connection)
+        .await?;
+    rows.iter().map(place).collect()
+}
+
+/// Single shapes: those that pass the filter, with their ids.
+async fn plan_rows(
+    connection: &mut SqliteConnection,
+    selection: &Selection<'_>,
+) -> Result<Option<Plan>, StoreError> {
+    const COLUMNS: &str = "s.chunk_id, s.position, s.id, c.rows, c.width";
+    let mut query = selection.page(COLUMNS, ROWS_PER_BATCH);
+    let rows = query.build().fetch_all(connection).await?;
+    let (mut budget, mut chosen) = (Budget::default(), Vec::new());
+    for row in &rows {
+        if !budget.admit(row)? {
+            break;
+        }
+        chosen.push((place(row)?, row.try_get("id")?));
+    }
+    let Some(&(end, _)) = chosen.last() else {
+        return Ok(None);
+    };
+    Ok(Some(Plan {
+        chunks: budget.chunks,
+        choice: Choice::Only(chosen),
+        end,
+    }))
+}
+
+fn place(row: &SqliteRow) -> Result<Cursor, StoreError> {
+    Ok(Cursor {
+        chunk: row.try_get("chunk_id")?,
+        position: row.try_get("position")?,
+    })
+}
+
+impl Plan {
+    /// Verifies the chunks and takes the shapes out of them.
+    fn assemble(self, rows: &[SqliteRow], ids: Ids) -> Result<ScanBatch, StoreError> {
+        let chunks: Result<Vec<_>, _> = rows.iter().map(Chunk::verified).collect();
+        let mut chunks = chunks?;
+        chunks.sort_by_key(|chunk| chunk.id);
+        if let Some(&chunk) = missing(&self.chunks, &chunks) {
+            return Err(StoreError::Corrupt { chunk });
+        }
+        let mut batch = ScanBatch {
+            position: self.end,
+            ids: Vec::new(),
+            weights: Vec::new(),
+            control_points: Vec::new(),
+        };
+        match self.choice {
+            Choice::AllBut(deleted) => batch.take_all_but(&chunks, &deleted)?,
+            Choice::Only(chosen) => batch.take_only(&chunks, chosen, ids)?,
+        }
+        Ok(batch)
+    }
+}
+
+/// The first planned chunk that was not found.
+fn missing<'a>(planned: &'a [i64], found: &[Chunk<'_>]) -> Option<&'a i64> {
+    planned
+        .iter()
+        .enumerate()
+        .find(|(i, id)| found.get(*i).is_none_or(|chunk| chunk.id != **id))
+        .map(|(_, id)| id)
+}
+
+impl ScanBatch {
+    fn take(&mut self, chunk: &Chunk<'_>, rows: std::ops::Range<usize>) -> Result<(), StoreError> {
+        chunk.append_to(rows, &mut self.weights, &mut self.control_points)
+    }
+
+    /// Takes the runs between deleted shapes.
+    fn take_all_but(
+        &mut self,
+        chunks: &[Chunk<'_>],
+        mut deleted: &[Cursor],
+    ) -> Result<(), StoreError> {
+        self.control_points
+            .reserve(chunks.iter().map(Chunk::numbers).sum());
+        for chunk in chunks {
+            let here = deleted.partition_point(|gap| gap.chunk <= chunk.id);
+            let (gaps, rest) = deleted.split_at(here);
+            deleted = rest;
+            let mut start = 0;
+            for gap in gaps {
+                let gap = row_of(gap);
+                self.take(chunk, start..gap)?;
+                start = gap + 1;
+            }
+            self.take(chunk, start..chunk.rows())?;
+        }
+        Ok(())
+    }
+
+    fn take_only(
+        &mut self,
+        chunks: &[Chunk<'_>],
+        chosen: Vec<(Cursor, String)>,
+        ids: Ids,
+    ) -> Result<(), StoreError> {
+        let mut chunks = chunks.iter();
+        let mut current = chunks.next();
+        for (place, id) in chosen {
+            while current.is_some_and(|chunk| chunk.id < place.chunk) {
+                current = chunks.next();
+            }
+            let corrupt = StoreError::Corrupt { chunk: place.chunk };
+            let row = row_of(&place);
+            self.take(current.ok_or(corrupt)?, row..row + 1)?;
+            if ids == Ids::Include {
+                self.ids.push(id);
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Row in its chunk; never negative in the schema, and one out of range is found damaged.
+fn row_of(place: &Cursor) -> usize {
+    usize::try_from(place.position).unwrap_or_default()
+}

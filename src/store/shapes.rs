@@ -1,0 +1,274 @@
+//! Single shapes: find, list, count, delete.
+
+use std::fmt;
+use std::str::FromStr;
+
+use sqlx::sqlite::SqliteRow;
+use sqlx::{Row, Sqlite, SqliteConnection, Transaction};
+
+use super::blob::{self, Chunk};
+use super::filter::{self, LATEST, Selection};
+use super::{Store, StoreError, blocking, cohorts, from_sql, to_sql};
+use crate::domain::shape::{Shape, ShapeAttributes, ShapeFilter};
+
+/// A place in the storage order of a cohort: just behind a shape. Opaque to clients.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub struct Cursor {
+    pub(super) chunk: i64,
+    pub(super) position: i64,
+}
+
+/// A cursor that this store did not write.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("not a cursor of this service")]
+pub struct CursorError;
+
+impl fmt::Display for Cursor {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:x}-{:x}", self.chunk, self.position)
+    }
+}
+
+impl FromStr for Cursor {
+    type Err = CursorError;
+
+    fn from_str(text: &str) -> Result<Self, CursorError> {
+        let number = |hex: &str| {
+            let plain = hex.bytes().all(|b| b.is_ascii_hexdigit());
+            let number = i64::from_str_radix(hex, 16).map_err(|_| CursorError)?;
+            plain.then_some(number).ok_or(CursorError)
+        };
+        let (chunk, position) = text.split_once('-').ok_or(CursorError)?;
+        Ok(Self {
+            chunk: number(chunk)?,
+            position: number(position)?,
+        })
+    }
+}
+
+/// Some shapes in storage order.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ShapePage {
+    /// The shapes.
+    pub shapes: Vec<Shape>,
+    /// Where the next page starts, when there is one.
+    pub next: Option<Cursor>,
+}
+
+/// What [`read_entry`] reads.
+const ENTRY: &str = "s.chunk_id, s.position, s.id, s.external_id, s.subject, s.label, s.labels,
+    s.metadata, c.created_at_ms";
+
+impl Store {
+    /// The shape with this id, or else with this external id.
+    ///
+    /// # Errors
+    /// [`StoreError::Corrupt`].
+    pub async fn find_shape(
+        &self,
+        cohort_id: &str,
+        key: &str,
+    ) -> Result<Option<Shape>, StoreError> {
+        const BY_ID: &str = "SELECT s.chunk_id, s.position, s.id, s.external_id, s.subject, s.label,
+            s.labels, s.metadata, c.created_at_ms
+            FROM shape AS s JOIN chunk AS c ON c.id = s.chunk_id
+            JOIN cohort AS h ON h.number = s.cohort
+            WHERE s.id = $2 AND h.id = $1 AND s.deleted_revision IS NULL AND c.revision IS NOT NULL";
+        const BY_EXTERNAL_ID: &str = "SELECT s.chunk_id, s.position, s.id, s.external_id, s.subject,
+            s.label, s.labels, s.metadata, c.created_at_ms
+            FROM cohort AS h JOIN shape AS s ON s.cohort = h.number
+            JOIN chunk AS c ON c.id = s.chunk_id
+            WHERE h.id = $1 AND s.external_id = $2 AND s.deleted_revision IS NULL
+            AND c.revision IS NOT NULL";
+        let mut read = self.reader().begin().await?;
+        for query in [BY_ID, BY_EXTERNAL_ID] {
+            let row = sqlx::query(query)
+                .bind(cohort_id)
+                .bind(key)
+                .fetch_optional(&mut *read)
+                .await?;
+            if let Some(row) = row {
+                let entries = vec![read_entry(&row)?];
+                return Ok(fill(&mut read, entries).await?.pop());
+            }
+        }
+        Ok(None)
+    }
+
+    /// At most `limit` current shapes that pass the filter, in storage order.
+    ///
+    /// Control points come along; memory grows with the page alone.
+    ///
+    /// # Errors
+    /// [`StoreError::CohortGone`] when there is no such cohort, [`StoreError::Corrupt`].
+    pub async fn list_shapes(
+        &self,
+        cohort_id: &str,
+        filter: &ShapeFilter,
+        after: Option<Cursor>,
+        limit: usize,
+    ) -> Result<ShapePage, StoreError> {
+        let mut read = self.reader().begin().await?;
+        let selection = Selection {
+            cohort: cohorts::number(&mut read, cohort_id).await?,
+            revision: LATEST,
+            filter,
+            after: after.map_or((0, -1), |c| (c.chunk, c.position)),
+        };
+        let rows = selection
+            .page(ENTRY, limit.saturating_add(1))
+            .build()
+            .fetch_all(&mut *read)
+            .await?;
+        let entries: Result<Vec<_>, _> = rows.iter().take(limit).map(read_entry).collect();
+        let entries = entries?;
+        let next = entries.last().map(|entry| entry.place);
+        Ok(ShapePage {
+            next: next.filter(|_| rows.len() > limit),
+            shapes: fill(&mut read, entries).await?,
+        })
+    }
+
+    /// Number of shapes of the cohort at `revision` that pass the filter.
+    ///
+    /// # Errors
+    /// [`StoreError::CohortGone`].
+    pub async fn count(
+        &self,
+        cohort_id: &str,
+        revision: u64,
+        filter: &ShapeFilter,
+    ) -> Result<u64, StoreError> {
+        const ALL: &str = "SELECT
+            (SELECT coalesce(sum(rows), 0) FROM chunk WHERE cohort = $1 AND revision <= $2) -
+            (SELECT count(*) FROM shape WHERE cohort = $1 AND deleted_revision <= $2)";
+        let mut read = self.reader().begin().await?;
+        let cohort = cohorts::number(&mut read, cohort_id).await?;
+        let count: i64 = if filter::is_empty(filter) {
+            let all = sqlx::query_scalar(ALL).bind(cohort).bind(to_sql(revision));
+            all.fetch_one(&mut *read).await?
+        } else {
+            let selection = Selection {
+                cohort,
+                revision,
+                filter,
+                after: (0, -1),
+            };
+            let mut query = selection.select("count(*)");
+            query.build_query_scalar().fetch_one(&mut *read).await?
+        };
+        Ok(from_sql(count))
+    }
+
+    /// Deletes a shape by its id: the new revision, or nothing when there is no such shape.
+    ///
+    /// Scans at earlier revisions still see it.
+    ///
+    /// # Errors
+    /// Those of the database.
+    pub async fn delete_shape(
+        &self,
+        cohort_id: &str,
+        shape_id: &str,
+        now_ms: i64,
+    ) -> Result<Option<u64>, StoreError> {
+        let mut write = self.begin_write().await?;
+        let Some(revision) = mark_deleted(&mut write, cohort_id, shape_id).await? else {
+            return Ok(None);
+        };
+        const UPDATE: &str = "UPDATE cohort
+            SET revision = $2, shapes = shapes - 1, updated_at_ms = $3 WHERE id = $1";
+        sqlx::query(UPDATE)
+            .bind(cohort_id)
+            .bind(revision)
+            .bind(now_ms)
+            .execute(&mut *write)
+            .await?;
+        write.commit().await?;
+        Ok(Some(from_sql(revision)))
+    }
+}
+
+/// Marks a visible shape as deleted by the next revision of its cohort, and returns that.
+async fn mark_deleted(
+    write: &mut Transaction<'static, Sqlite>,
+    cohort_id: &str,
+    shape_id: &str,
+) -> Result<Option<i64>, StoreError> {
+    const MARK: &str = "UPDATE shape
+        SET deleted_revision = (SELECT revision + 1 FROM cohort WHERE id = $1)
+        WHERE id = $2 AND deleted_revision IS NULL
+        AND cohort = (SELECT number FROM cohort WHERE id = $1)
+        AND (SELECT revision FROM chunk WHERE chunk.id = shape.chunk_id) IS NOT NULL
+        RETURNING deleted_revision";
+    Ok(sqlx::query_scalar(MARK)
+        .bind(cohort_id)
+        .bind(shape_id)
+        .fetch_optional(&mut **write)
+        .await?)
+}
+
+/// A shape whose weight and control points are still to be read.
+struct Entry {
+    place: Cursor,
+    shape: Shape,
+}
+
+fn read_entry(row: &SqliteRow) -> Result<Entry, StoreError> {
+    let attributes = ShapeAttributes {
+        external_id: row.try_get("external_id")?,
+        subject: row.try_get("subject")?,
+        label: row.try_get("label")?,
+        labels: from_json(row.try_get("labels")?)?.unwrap_or_default(),
+        weight: 1.0,
+        metadata: from_json(row.try_get("metadata")?)?,
+    };
+    Ok(Entry {
+        place: Cursor {
+            chunk: row.try_get("chunk_id")?,
+            position: row.try_get("position")?,
+        },
+        shape: Shape {
+            id: row.try_get("id")?,
+            attributes,
+            control_points: Vec::new(),
+            created_at_ms: row.try_get("created_at_ms")?,
+        },
+    })
+}
+
+fn from_json<T: serde::de::DeserializeOwned>(text: Option<&str>) -> Result<Option<T>, StoreError> {
+    let Some(text) = text else { return Ok(None) };
+    let value = serde_json::from_str(text).map_err(|e| StoreError::Damaged {
+        detail: format!("unreadable attributes: {e}"),
+    })?;
+    Ok(Some(value))
+}
+
+/// Reads weights and control points, one chunk in memory at a time.
+async fn fill(
+    connection: &mut SqliteConnection,
+    mut entries: Vec<Entry>,
+) -> Result<Vec<Shape>, StoreError> {
+    let mut filled = Vec::with_capacity(entries.len());
+    while let Some(first) = entries.first() {
+        let chunk = first.place.chunk;
+        let others = entries.iter().position(|e| e.place.chunk != chunk);
+        let rest = entries.split_off(others.unwrap_or(entries.len()));
+        let row = blob::load(connection, &[chunk]).await?.pop();
+        let row = row.ok_or(StoreError::Corrupt { chunk })?;
+        filled.extend(blocking(move || fill_from(&row, entries)).await?);
+        entries = rest;
+    }
+    Ok(filled)
+}
+
+fn fill_from(row: &SqliteRow, entries: Vec<Entry>) -> Result<Vec<Shape>, StoreError> {
+    let chunk = Chunk::verified(row)?;
+    let fill = |Entry { place, mut shape }: Entry| {
+        let position = usize::try_from(place.position).unwrap_or(usize::MAX);
+        (shape.attributes.weight, shape.control_points) = chunk.shape(position)?;
+        Ok(shape)
+    };
+    entries.into_iter().map(fill).collect()
+}

@@ -1,0 +1,438 @@
+//! Storing shapes: any number, all or none, in bounded memory.
+//!
+//! An [`Upload`] writes pending chunks that no reader sees, in one short transaction per call, and
+//! gives them a revision at the end. A slow client therefore blocks nobody.
+
+use std::collections::HashMap;
+use std::ops::Range;
+use std::sync::Arc;
+
+use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection, Transaction};
+
+use super::blob::{self, Encoded};
+use super::{PURGE_UPLOAD, Store, StoreError, blocking, cohorts, from_sql, sqlite};
+use crate::domain::cohort::Cohort;
+use crate::domain::shape::NewShape;
+
+mod digest;
+
+/// Shapes in one INSERT: more bring little, and SQLite allows 32766 placeholders in a statement.
+const ROWS_PER_INSERT: usize = 512;
+/// External ids in one question.
+const IDS_PER_QUERY: usize = 1024;
+/// How often to look again when another upload stores the same external id at the same time.
+const ATTEMPTS: usize = 3;
+
+/// What became of a shape.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Added {
+    /// It was stored.
+    New {
+        /// Its id.
+        id: String,
+    },
+    /// It was there already, the same in everything but its id.
+    Existing {
+        /// The id of the shape that is there.
+        id: String,
+    },
+}
+
+/// Shapes on their way into a cohort. Dropped without [`Upload::commit`], it leaves nothing behind.
+#[derive(Debug)]
+pub struct Upload {
+    store: Store,
+    cohort_id: String,
+    width: usize,
+    id: String,
+    /// Shapes given so far.
+    received: u64,
+    /// Whether there may be pending rows.
+    dirty: bool,
+}
+
+impl Store {
+    /// Starts storing shapes in a cohort. Does not touch the database yet.
+    pub fn begin_upload(&self, cohort: &Cohort) -> Upload {
+        let representation = &cohort.representation;
+        Upload {
+            store: self.clone(),
+            cohort_id: cohort.id.clone(),
+            width: representation.size() * representation.dimension(),
+            id: uuid::Uuid::now_v7().simple().to_string(),
+            received: 0,
+            dirty: false,
+        }
+    }
+}
+
+impl Upload {
+    /// Stores some shapes, not visible yet; the answers are in their order.
+    ///
+    /// A call is one transaction and holds its shapes in memory twice: pass some thousands. After an
+    /// error the upload is as it was before the call.
+    ///
+    /// # Errors
+    /// [`StoreError::ExternalIdConflict`] when a shape with other content or another unfinished
+    /// upload has the external id, [`StoreError::WrongWidth`], [`StoreError::CohortGone`].
+    pub async fn add(&mut self, shapes: Vec<NewShape>) -> Result<Vec<Added>, StoreError> {
+        if shapes.is_empty() {
+            return Ok(Vec::new());
+        }
+        let (first, width) = (self.received, self.width);
+        let batch = blocking(move || Batch::new(shapes, first, width)).await?;
+        let batch = Arc::new(batch);
+        let mut attempt = 1;
+        let added = loop {
+            match self.try_add(&batch).await {
+                // Someone stored the id after we had looked: look again, the answer is there now.
+                Err(StoreError::Database(e)) if is_race(&e) && attempt < ATTEMPTS => attempt += 1,
+                done => break done?,
+            }
+        };
+        self.received += batch.shapes.len() as u64;
+        Ok(added)
+    }
+
+    /// Makes all shapes visible at once and returns the new revision of the cohort, or the present
+    /// one when nothing was new.
+    ///
+    /// # Errors
+    /// [`StoreError::CohortGone`] when the cohort was deleted meanwhile.
+    pub async fn commit(mut self, now_ms: i64) -> Result<u64, StoreError> {
+        const COUNT: &str = "SELECT coalesce(sum(rows), 0) FROM chunk
+            WHERE upload = $1 AND revision IS NULL";
+        let mut write = self.store.begin_write().await?;
+        let cohort = cohorts::number(&mut write, &self.cohort_id).await?;
+        let count = sqlx::query_scalar(COUNT).bind(&self.id);
+        let count: i64 = count.fetch_one(&mut *write).await?;
+        let revision = if count == 0 {
+            let current = sqlx::query_scalar("SELECT revision FROM cohort WHERE number = $1");
+            current.bind(cohort).fetch_one(&mut *write).await?
+        } else {
+            self.publish(&mut write, cohort, count, now_ms).await?
+        };
+        write.commit().await?;
+        self.dirty = false;
+        Ok(from_sql(revision))
+    }
+
+    /// Removes what was stored so far.
+    ///
+    /// # Errors
+    /// Those of the database; the rest is then removed at the next start.
+    pub async fn abort(mut self) -> Result<(), StoreError> {
+        self.store.purge(PURGE_UPLOAD, Some(&self.id)).await?;
+        self.dirty = false;
+        Ok(())
+    }
+
+    /// Gives the pending chunks the next revision.
+    async fn publish(
+        &self,
+        write: &mut Transaction<'static, Sqlite>,
+        cohort: i64,
+        count: i64,
+        now_ms: i64,
+    ) -> Result<i64, StoreError> {
+        const GROW: &str = "UPDATE cohort
+            SET revision = revision + 1, shapes = shapes + $2, updated_at_ms = $3
+            WHERE number = $1 RETURNING revision";
+        const SHOW: &str = "UPDATE chunk SET revision = $2, created_at_ms = $3
+            WHERE upload = $1 AND revision IS NULL";
+        let revision: i64 = sqlx::query_scalar(GROW)
+            .bind(cohort)
+            .bind(count)
+            .bind(now_ms)
+            .fetch_one(&mut **write)
+            .await?;
+        sqlx::query(SHOW)
+            .bind(&self.id)
+            .bind(revision)
+            .bind(now_ms)
+            .execute(&mut **write)
+            .await?;
+        Ok(revision)
+    }
+
+    /// Looks up, then writes. Looking up needs no write lock: the unique index has the last word.
+    async fn try_add(&mut self, batch: &Arc<Batch>) -> Result<Vec<Added>, StoreError> {
+        let mut read = self.store.reader().begin().await?;
+        let cohort = cohorts::number(&mut read, &self.cohort_id).await?;
+        let held = find_held(&mut read, cohort, &self.id, batch).await?;
+        read.commit().await?;
+        let (added, fresh) = batch.sort_out(&held)?;
+        if fresh.is_empty() {
+            return Ok(added);
+        }
+        let (shared, width) = (Arc::clone(batch), self.width);
+        let chunks = blocking(move || shared.encode(&fresh, width)).await;
+        // Before the write: it may succeed without our hearing of it.
+        self.dirty = true;
+        self.write(cohort, &chunks).await?;
+        Ok(added)
+    }
+
+    async fn write(&self, cohort: i64, chunks: &[NewChunk]) -> Result<(), StoreError> {
+        let mut write = self.store.begin_write().await?;
+        for chunk in chunks {
+            let number = self.insert_chunk(&mut write, cohort, chunk).await?;
+            for start in (0..chunk.rows.len()).step_by(ROWS_PER_INSERT) {
+                let end = chunk.rows.len().min(start + ROWS_PER_INSERT);
+                insert_rows(&mut write, cohort, number, &chunk.rows, start..end).await?;
+            }
+        }
+        Ok(write.commit().await?)
+    }
+
+    async fn insert_chunk(
+        &self,
+        write: &mut SqliteConnection,
+        cohort: i64,
+        chunk: &NewChunk,
+    ) -> Result<i64, StoreError> {
+        const CHUNK: &str = "INSERT INTO chunk (cohort, upload, rows, width)
+            VALUES ($1, $2, $3, $4) RETURNING id";
+        const DATA: &str = "INSERT INTO chunk_data (chunk_id, checksum, weights, points)
+            VALUES ($1, $2, $3, $4)";
+        let inserted = sqlx::query_scalar(CHUNK)
+            .bind(cohort)
+            .bind(&self.id)
+            .bind(chunk.rows.len() as i64)
+            .bind(self.width as i64)
+            .fetch_one(&mut *write)
+            .await;
+        let number: i64 = match inserted {
+            Err(e) if sqlite::is_missing_reference(&e) => return Err(StoreError::CohortGone),
+            other => other?,
+        };
+        sqlx::query(DATA)
+            .bind(number)
+            .bind(chunk.data.checksum.as_slice())
+            .bind(chunk.data.weights.as_deref())
+            .bind(chunk.data.points.as_slice())
+            .execute(write)
+            .await?;
+        Ok(number)
+    }
+}
+
+impl Drop for Upload {
+    fn drop(&mut self) {
+        // Without a runtime the process is about to end; the next start cleans up.
+        let Ok(runtime) = tokio::runtime::Handle::try_current() else {
+            return;
+        };
+        if self.dirty {
+            let (store, id) = (self.store.clone(), std::mem::take(&mut self.id));
+            runtime.spawn(async move {
+                // A failure leaves rows that no reader sees, until the next start.
+                let _ = store.purge(PURGE_UPLOAD, Some(&id)).await;
+            });
+        }
+    }
+}
+
+fn is_race(error: &sqlx::Error) -> bool {
+    sqlite::is_duplicate(error, "shape.external_id")
+}
+
+async fn insert_rows(
+    write: &mut SqliteConnection,
+    cohort: i64,
+    chunk: i64,
+    rows: &[NewRow],
+    range: Range<usize>,
+) -> Result<(), StoreError> {
+    const INSERT: &str = "INSERT INTO shape (chunk_id, position, cohort, id, external_id, subject,
+        label, digest, labels, metadata) ";
+    let mut query = QueryBuilder::<Sqlite>::new(INSERT);
+    let is_full = range.len() == ROWS_PER_INSERT;
+    query.push_values(range, |mut tuple, position| {
+        let row = &rows[position];
+        tuple.push_bind(chunk);
+        tuple.push_bind(position as i64);
+        tuple.push_bind(cohort);
+        tuple.push_bind(&row.id);
+        tuple.push_bind(row.external_id.as_ref());
+        tuple.push_bind(row.subject.as_ref());
+        tuple.push_bind(row.label.as_ref());
+        tuple.push_bind(row.digest.as_ref().map(<[u8; 32]>::as_slice));
+        tuple.push_bind(row.labels.as_ref());
+        tuple.push_bind(row.metadata.as_ref());
+    });
+    // Statements of other lengths are seldom seen twice, and long: not worth keeping.
+    let query = query.build().persistent(is_full);
+    query.execute(write).await?;
+    Ok(())
+}
+
+/// Shapes of one call with what tells them apart.
+#[derive(Debug)]
+struct Batch {
+    shapes: Vec<NewShape>,
+    /// Digests of the shapes that have an external id.
+    digests: Vec<Option<[u8; 32]>>,
+    /// Position of the first in the upload.
+    first: u64,
+}
+
+/// A shape that is in the way.
+#[derive(Debug, Clone)]
+struct Held {
+    id: String,
+    /// Nothing when an unfinished upload has it: that may yet vanish, so it is no answer.
+    digest: Option<Vec<u8>>,
+}
+
+/// A chunk to be stored.
+#[derive(Debug)]
+struct NewChunk {
+    data: Encoded,
+    rows: Vec<NewRow>,
+}
+
+/// What is known about a shape, as stored.
+#[derive(Debug)]
+struct NewRow {
+    id: String,
+    external_id: Option<String>,
+    subject: Option<String>,
+    label: Option<String>,
+    digest: Option<[u8; 32]>,
+    labels: Option<String>,
+    metadata: Option<String>,
+}
+
+impl Batch {
+    fn new(shapes: Vec<NewShape>, first: u64, expected: usize) -> Result<Self, StoreError> {
+        for (position, shape) in (first..).zip(&shapes) {
+            let found = shape.control_points.len();
+            if found != expected {
+                return Err(StoreError::WrongWidth {
+                    position,
+                    found,
+                    expected,
+                });
+            }
+        }
+        let digest = |shape: &NewShape| {
+            let is_named = shape.attributes.external_id.is_some();
+            is_named.then(|| digest::of(shape))
+        };
+        let digests = shapes.iter().map(digest).collect();
+        Ok(Self {
+            shapes,
+            digests,
+            first,
+        })
+    }
+
+    /// The answers, and which shapes are to be stored.
+    fn sort_out(
+        &self,
+        held: &HashMap<String, Held>,
+    ) -> Result<(Vec<Added>, Vec<usize>), StoreError> {
+        let mut seen: HashMap<&str, usize> = HashMap::new();
+        let (mut added, mut fresh) = (Vec::with_capacity(self.shapes.len()), Vec::new());
+        for (index, shape) in self.shapes.iter().enumerate() {
+            let digest = self.digests[index].as_ref();
+            let other = shape.attributes.external_id.as_deref().and_then(|key| {
+                let inside = seen.get(key).map(|&first| {
+                    let digest = self.digests[first].as_ref().map(<[u8; 32]>::as_slice);
+                    (self.shapes[first].id.as_str(), digest)
+                });
+                let outside = || held.get(key).map(|h| (h.id.as_str(), h.digest.as_deref()));
+                inside.or_else(outside)
+            });
+            match other {
+                None => {
+                    fresh.push(index);
+                    added.push(Added::New {
+                        id: shape.id.clone(),
+                    });
+                    if let Some(key) = &shape.attributes.external_id {
+                        seen.insert(key, index);
+                    }
+                }
+                Some((id, there)) if there == digest.map(<[u8; 32]>::as_slice) => {
+                    added.push(Added::Existing { id: id.to_owned() });
+                }
+                Some(_) => return Err(self.conflict(index)),
+            }
+        }
+        Ok((added, fresh))
+    }
+
+    fn conflict(&self, index: usize) -> StoreError {
+        let external_id = self.shapes[index].attributes.external_id.clone();
+        StoreError::ExternalIdConflict {
+            position: self.first + index as u64,
+            external_id: external_id.unwrap_or_default(),
+        }
+    }
+
+    fn encode(&self, fresh: &[usize], width: usize) -> Vec<NewChunk> {
+        fresh
+            .chunks(blob::rows_per_chunk(width))
+            .map(|indices| NewChunk {
+                data: Encoded::new(indices.iter().map(|&i| {
+                    let shape = &self.shapes[i];
+                    (shape.attributes.weight, shape.control_points.as_slice())
+                })),
+                rows: indices.iter().map(|&i| self.row(i)).collect(),
+            })
+            .collect()
+    }
+
+    fn row(&self, index: usize) -> NewRow {
+        let shape = &self.shapes[index];
+        let attributes = &shape.attributes;
+        let labels = (!attributes.labels.is_empty()).then_some(&attributes.labels);
+        NewRow {
+            id: shape.id.clone(),
+            external_id: attributes.external_id.clone(),
+            subject: attributes.subject.clone(),
+            label: attributes.label.clone(),
+            digest: self.digests[index],
+            labels: labels.map(|l| serde_json::to_string(l).expect("a map of JSON is JSON")),
+            metadata: attributes.metadata.as_ref().map(ToString::to_string),
+        }
+    }
+}
+
+/// Shapes of the cohort that have one of the external ids of the batch.
+async fn find_held(
+    read: &mut SqliteConnection,
+    cohort: i64,
+    upload: &str,
+    batch: &Batch,
+) -> Result<HashMap<String, Held>, StoreError> {
+    const HELD: &str = "SELECT s.external_id, s.id, s.digest, c.revision IS NOT NULL AS visible,
+        c.upload FROM shape AS s JOIN chunk AS c ON c.id = s.chunk_id
+        WHERE s.deleted_revision IS NULL AND s.external_id IS NOT NULL AND s.cohort = ";
+    let keys = batch.shapes.iter().filter_map(|s| s.attributes.external_id.as_deref());
+    let keys: Vec<&str> = keys.collect();
+    let mut held = HashMap::new();
+    for keys in keys.chunks(IDS_PER_QUERY) {
+        let mut query = QueryBuilder::<Sqlite>::new(HELD);
+        query.push_bind(cohort).push(" AND s.external_id IN (");
+        let mut list = query.separated(", ");
+        for key in keys {
+            list.push_bind(*key);
+        }
+        query.push(")");
+        let query = query.build().persistent(keys.len() == IDS_PER_QUERY);
+        for row in query.fetch_all(&mut *read).await? {
+            let is_ours = row.try_get::<&str, _>("upload")? == upload;
+            let digest: Option<Vec<u8>> = row.try_get("digest")?;
+            let counts = is_ours || row.try_get::<bool, _>("visible")?;
+            let found = Held {
+                id: row.try_get("id")?,
+                digest: digest.filter(|_| counts),
+            };
+            held.insert(row.try_get("external_id")?, found);
+        }
+    }
+    Ok(held)
+}
