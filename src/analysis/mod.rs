@@ -9,7 +9,9 @@
 //! * [`mean`], [`frame`] — the mean space (mean of the subspaces) and its representative;
 //! * [`procrustes`] — the classical comparator;
 //! * [`alignment`] — the mean of a set of shapes, and the shapes aligned to it;
-//! * [`pca`] — functional principal components.
+//! * [`pca`] — functional principal components;
+//! * [`sparse`] — sparse codes with a certificate;
+//! * [`path`] — paths between shapes.
 //!
 //! Source: Schmitter, *Spline Shape Processing*, chapters 2–5, with its misprints corrected.
 
@@ -20,8 +22,10 @@ pub mod frame;
 pub mod matching;
 pub mod mean;
 pub mod metric;
+pub mod path;
 pub mod pca;
 pub mod procrustes;
+pub mod sparse;
 pub mod subspace;
 pub mod transformation;
 
@@ -72,6 +76,22 @@ pub enum AnalysisError {
     /// Bytes that are not an accumulator of this kind.
     #[error("these bytes are not a stored sum of this kind and size")]
     NotAnAccumulator,
+    /// Two shapes are opposite on the sphere.
+    #[error("the shapes are opposite ({angle:.6} rad apart): the path between them is not determined")]
+    Antipodal {
+        /// Angle between them.
+        angle: f64,
+    },
+    /// An iteration did not reach its certificate.
+    #[error("no convergence after {iterations} iterations: duality gap {gap:.1e}, wanted {tolerance:.1e}")]
+    NoConvergence {
+        /// Iterations done.
+        iterations: usize,
+        /// Gap reached.
+        gap: f64,
+        /// Gap wanted.
+        tolerance: f64,
+    },
     /// A numerical failure.
     #[error(transparent)]
     Numeric(#[from] NumericError),

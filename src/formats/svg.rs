@@ -86,14 +86,16 @@ const CAPTION: f64 = 28.0;
 pub fn draw(title: &str, layers: &[Layer]) -> String {
     let points = || layers.iter().flat_map(|layer| layer.lines.iter().flatten());
     let bound = |c: usize, f: fn(f64, f64) -> f64, start| points().map(|p| p[c]).fold(start, f);
-    let (low, high) = ([0, 1].map(|c| bound(c, f64::min, f64::MAX)), [0, 1].map(|c| bound(c, f64::max, f64::MIN)));
+    let low = [0, 1].map(|c| bound(c, f64::min, f64::MAX));
+    let high = [0, 1].map(|c| bound(c, f64::max, f64::MIN));
     let extent = (high[0] - low[0]).max(high[1] - low[1]);
     let scale = if extent > 0.0 && extent.is_finite() { (SIZE - 2.0 * MARGIN) / extent } else { 1.0 };
+    let middle = 0.5 * (scale * (high[1] - low[1])).clamp(0.0, SIZE) + MARGIN;
     let place = |p: &[f64; 2]| {
         let centre = [0, 1].map(|c| 0.5 * (low[c] + high[c]));
-        [SIZE / 2.0 + scale * (p[0] - centre[0]), CAPTION + SIZE / 2.0 - scale * (p[1] - centre[1])]
+        [SIZE / 2.0 + scale * (p[0] - centre[0]), CAPTION + middle - scale * (p[1] - centre[1])]
     };
-    let height = SIZE + CAPTION;
+    let height = (2.0 * middle + 2.0 * CAPTION).round();
     let mut svg = format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {SIZE} {height}\" width=\"{SIZE}\" height=\"{height}\" \
          font-family=\"sans-serif\" font-size=\"14\">\n<title>{0}</title>\n<rect width=\"100%\" height=\"100%\" fill=\"#fff\"/>\n\
@@ -103,7 +105,7 @@ pub fn draw(title: &str, layers: &[Layer]) -> String {
     for layer in layers {
         draw_layer(&mut svg, layer, place);
     }
-    draw_legend(&mut svg, layers);
+    draw_legend(&mut svg, layers, height - 12.0);
     svg.push_str("</svg>\n");
     svg
 }
@@ -134,11 +136,10 @@ fn draw_layer(svg: &mut String, layer: &Layer, place: impl Fn(&[f64; 2]) -> [f64
     svg.push_str("</g>\n");
 }
 
-fn draw_legend(svg: &mut String, layers: &[Layer]) {
+fn draw_legend(svg: &mut String, layers: &[Layer], y: f64) {
     let mut x = MARGIN;
     for layer in layers {
         let Some(name) = &layer.name else { continue };
-        let y = SIZE + CAPTION - 12.0;
         writeln!(
             svg,
             "<rect x=\"{x}\" y=\"{:.0}\" width=\"18\" height=\"4\" fill=\"{}\"/><text x=\"{:.0}\" y=\"{:.0}\" fill=\"#1b1b1b\">{}</text>",

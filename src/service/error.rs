@@ -139,7 +139,10 @@ impl ServiceError {
             AnalysisError::TooFewShapes { found, needed } => Self::TooFewShapes { found, needed },
             AnalysisError::NotAProperClass(detail) => Self::invalid("/transformation", detail),
             AnalysisError::NoCanonicalFrame { .. } => Self::invalid("/frame", error.to_string()),
-            AnalysisError::NotAnAccumulator | AnalysisError::Numeric(_) => Self::Internal(error.to_string()),
+            AnalysisError::Antipodal { .. } => Self::invalid("", error.to_string()),
+            AnalysisError::NotAnAccumulator
+            | AnalysisError::NoConvergence { .. }
+            | AnalysisError::Numeric(_) => Self::Internal(error.to_string()),
         }
     }
 }

@@ -65,7 +65,11 @@ fn beans(seed: u64, count: usize, dimension: usize, noise: f64) -> Vec<Vec<f64>>
             let mut shape = vec![0.0; dimension * N];
             for k in 0..N {
                 let t = std::f64::consts::TAU * k as f64 / N as f64;
-                let base = [2.0 * t.cos() + 0.4 * (2.0 * t).cos(), t.sin() + 0.3 * (3.0 * t).sin(), 0.8 * (2.0 * t).sin()];
+                let base = [
+                    2.0 * t.cos() + 0.4 * (2.0 * t).cos(),
+                    t.sin() + 0.3 * (3.0 * t).sin(),
+                    0.8 * (2.0 * t).sin(),
+                ];
                 for c in 0..dimension {
                     shape[c * N + k] = base[c] + noise * random.next();
                 }
@@ -107,13 +111,23 @@ fn landmarks(dimension: usize) -> Matching {
     Matching::new(&representation, Correspondence::Landmarks, Direction::Given, Mirror::Forbid)
 }
 
-fn run(metric: &Metric, name: ClassName, frame: Frame, shapes: &[Vec<f64>]) -> (MeanShape, Vec<AlignedShape>) {
+fn run(
+    metric: &Metric,
+    name: ClassName,
+    frame: Frame,
+    shapes: &[Vec<f64>],
+) -> (MeanShape, Vec<AlignedShape>) {
     let d = metric.dimension();
     let weights = vec![1.0; shapes.len()];
     align_all(metric, &method(name, d), frame, &landmarks(d), shapes.concat(), weights).unwrap()
 }
 
-fn space_of<'a>(metric: &Metric, class: &'a TransformationClass, shapes: &[Vec<f64>], weights: Vec<f64>) -> MeanSpace<'a> {
+fn space_of<'a>(
+    metric: &Metric,
+    class: &'a TransformationClass,
+    shapes: &[Vec<f64>],
+    weights: Vec<f64>,
+) -> MeanSpace<'a> {
     let source = ShapesInMemory::new(metric, class.translates(), shapes.concat(), weights).unwrap();
     MeanSpace::new(ProjectorSum::of(&source, class, metric.len()).unwrap(), 8).unwrap()
 }
@@ -306,9 +320,12 @@ fn the_discrete_similarity_mean_is_kents() {
         let size = next.iter().map(|v| v.norm_sqr()).sum::<f64>().sqrt();
         kent = next.iter().map(|v| v / size).collect();
     }
-    for (alignment, frame) in [(Alignment::Projection, Frame::Training), (Alignment::Procrustes, Frame::Training)] {
+    for (alignment, frame) in
+        [(Alignment::Projection, Frame::Training), (Alignment::Procrustes, Frame::Training)]
+    {
         let method = Method::new(&Transformation::Named(ClassName::Similarity), alignment, 2).unwrap();
-        let matching = Matching::new(&representation, Correspondence::Landmarks, Direction::Given, Mirror::Forbid);
+        let matching =
+            Matching::new(&representation, Correspondence::Landmarks, Direction::Given, Mirror::Forbid);
         let (mean, _) = align_all(&metric, &method, frame, &matching, shapes.concat(), vec![1.0; 8]).unwrap();
         let found: Vec<C> = (0..N).map(|k| C::new(mean.whitened[k], mean.whitened[N + k])).collect();
         let cosine = found.iter().zip(&kent).map(|(a, b)| a.conj() * b).sum::<C>().norm();
@@ -353,10 +370,13 @@ fn streams_and_threads_give_the_same_bits() {
     let weights: Vec<f64> = (0..shapes.len()).map(|k| 1.0 + (k % 3) as f64).collect();
     for name in [ClassName::Similarity, ClassName::Affine, ClassName::NonUniformScaling] {
         let class = TransformationClass::named(name, 2).unwrap();
-        let source = ShapesInMemory::new(&metric, class.translates(), shapes.concat(), weights.clone()).unwrap();
+        let source =
+            ShapesInMemory::new(&metric, class.translates(), shapes.concat(), weights.clone()).unwrap();
         let sum = |threads: usize, batch: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            pool.install(|| ProjectorSum::of(&Batches(&source, batch), &class, metric.len()).unwrap().to_bytes())
+            pool.install(|| {
+                ProjectorSum::of(&Batches(&source, batch), &class, metric.len()).unwrap().to_bytes()
+            })
         };
         let all = sum(1, 100);
         for (threads, batch) in [(1, 1), (2, 2), (3, 100), (7, 3)] {
@@ -436,7 +456,8 @@ fn a_plain_top_eigenvector_would_collapse() {
 
 #[test]
 fn cyclic_means_do_not_depend_on_starts_order_or_threads() {
-    let representation = Representation::ClosedCurve { dimension: 2, control_points: N, generator: GeneratorKind::Keys {} };
+    let representation =
+        Representation::ClosedCurve { dimension: 2, control_points: N, generator: GeneratorKind::Keys {} };
     let space = ShapeSpace::new(&representation).unwrap();
     let metric = Metric::of(&space);
     let shapes = beans(21, 30, 2, 0.15);
@@ -447,7 +468,8 @@ fn cyclic_means_do_not_depend_on_starts_order_or_threads() {
         align_all(&metric, &class, Frame::Canonical, &matching, shapes.concat(), weights.clone()).unwrap();
     let mut reversed = shapes.clone();
     reversed.reverse();
-    let (other, _) = align_all(&metric, &class, Frame::Canonical, &matching, reversed.concat(), weights).unwrap();
+    let (other, _) =
+        align_all(&metric, &class, Frame::Canonical, &matching, reversed.concat(), weights).unwrap();
     assert!(distance(&mean.whitened, &other.whitened) < 1e-9);
     assert!(mean.converged);
     // the shift and the transformation that are answered make the aligned shape
@@ -457,7 +479,8 @@ fn cyclic_means_do_not_depend_on_starts_order_or_threads() {
         metric.unwhiten(&mut control_points);
         for k in 0..N {
             for c in 0..2 {
-                let value = aligned.offset[c] + (0..2).map(|e| aligned.matrix[(c, e)] * placed[e * N + k]).sum::<f64>();
+                let value = aligned.offset[c]
+                    + (0..2).map(|e| aligned.matrix[(c, e)] * placed[e * N + k]).sum::<f64>();
                 assert!((value - control_points[c * N + k]).abs() < 1e-10);
             }
         }
@@ -466,11 +489,14 @@ fn cyclic_means_do_not_depend_on_starts_order_or_threads() {
 
 #[test]
 fn the_search_finds_the_best_of_all_shifts() {
-    let representation = Representation::ClosedCurve { dimension: 2, control_points: N, generator: GeneratorKind::Keys {} };
+    let representation =
+        Representation::ClosedCurve { dimension: 2, control_points: N, generator: GeneratorKind::Keys {} };
     let metric = Metric::of(&ShapeSpace::new(&representation).unwrap());
     let shapes = beans(4, 2, 2, 0.6);
     let matching = Matching::new(&representation, Correspondence::Cyclic, Direction::Given, Mirror::Forbid);
-    for name in [ClassName::Similarity, ClassName::Affine, ClassName::NonUniformScaling, ClassName::UniformScaling] {
+    for name in
+        [ClassName::Similarity, ClassName::Affine, ClassName::NonUniformScaling, ClassName::UniformScaling]
+    {
         let class = TransformationClass::named(name, 2).unwrap();
         let mut x = shapes[0].clone();
         let mut y = shapes[1].clone();
@@ -478,7 +504,11 @@ fn the_search_finds_the_best_of_all_shifts() {
         metric.whiten(&mut y);
         let target = MeanSpace::of_shape(&class, &x).unwrap();
         let found = matching
-            .best(&y, &shapelex::analysis::matching::Target::subspace(&target, &matching), Placement::default())
+            .best(
+                &y,
+                &shapelex::analysis::matching::Target::subspace(&target, &matching),
+                Placement::default(),
+            )
             .unwrap();
         let score = |shift: u32| {
             let placed = matching.place(&y, Placement { shift, ..Placement::default() }).into_owned();
@@ -492,7 +522,8 @@ fn the_search_finds_the_best_of_all_shifts() {
 
 #[test]
 fn mirror_images_are_matched_only_when_allowed() {
-    let representation = Representation::ClosedCurve { dimension: 2, control_points: N, generator: GeneratorKind::Keys {} };
+    let representation =
+        Representation::ClosedCurve { dimension: 2, control_points: N, generator: GeneratorKind::Keys {} };
     let metric = Metric::of(&ShapeSpace::new(&representation).unwrap());
     let mut shapes = beans(31, 12, 2, 0.05);
     // an asymmetric outline, every other one mirrored and (as a contour is traced) reversed
@@ -513,7 +544,8 @@ fn mirror_images_are_matched_only_when_allowed() {
         let worst = |mirror: Mirror| {
             let matching = Matching::new(&representation, Correspondence::Cyclic, Direction::Given, mirror);
             let (_, aligned) =
-                align_all(&metric, &class, Frame::Training, &matching, shapes.concat(), vec![1.0; 12]).unwrap();
+                align_all(&metric, &class, Frame::Training, &matching, shapes.concat(), vec![1.0; 12])
+                    .unwrap();
             let reflected = aligned.iter().filter(|shape| shape.reflected()).count();
             (aligned.iter().map(|shape| shape.correlation).fold(1.0, f64::min), reflected)
         };
@@ -530,7 +562,8 @@ fn mirror_images_are_matched_only_when_allowed() {
 fn procrustes_in_space_recovers_rotations() {
     let representation = Representation::Landmarks { dimension: 3, points: N };
     let metric = Metric::of(&ShapeSpace::new(&representation).unwrap());
-    let matching = Matching::new(&representation, Correspondence::Landmarks, Direction::Given, Mirror::Forbid);
+    let matching =
+        Matching::new(&representation, Correspondence::Landmarks, Direction::Given, Mirror::Forbid);
     let base = beans(1, 1, 3, 0.3).remove(0);
     let mut random = Noise(3);
     let shapes: Vec<Vec<f64>> = (0..7)
@@ -543,11 +576,14 @@ fn procrustes_in_space_recovers_rotations() {
             let (scale, shift) = (1.5 + random.next(), [random.next(), random.next(), random.next()]);
             (0..3)
                 .flat_map(|c| (0..N).map(move |k| (c, k)))
-                .map(|(c, k)| shift[c] + scale * (0..3).map(|e| rotation[(c, e)] * base[e * N + k]).sum::<f64>())
+                .map(|(c, k)| {
+                    shift[c] + scale * (0..3).map(|e| rotation[(c, e)] * base[e * N + k]).sum::<f64>()
+                })
                 .collect()
         })
         .collect();
-    let method = Method::new(&Transformation::Named(ClassName::Similarity), Alignment::Procrustes, 3).unwrap();
+    let method =
+        Method::new(&Transformation::Named(ClassName::Similarity), Alignment::Procrustes, 3).unwrap();
     let (mean, aligned) =
         align_all(&metric, &method, Frame::Canonical, &matching, shapes.concat(), vec![1.0; 7]).unwrap();
     assert!((norm(&mean.whitened) - 1.0).abs() < 1e-12 && mean.converged);
@@ -583,10 +619,14 @@ fn degenerate_shapes_are_named() {
     shapes[2] = (0..2 * N).map(|i| (i % N) as f64 * if i < N { 1.0 } else { 2.0 }).collect();
     let fails = |name: ClassName, shapes: &[Vec<f64>]| {
         let weights = vec![1.0; shapes.len()];
-        align_all(&metric, &method(name, 2), Frame::Training, &landmarks(2), shapes.concat(), weights).unwrap_err()
+        align_all(&metric, &method(name, 2), Frame::Training, &landmarks(2), shapes.concat(), weights)
+            .unwrap_err()
     };
     assert!(matches!(fails(ClassName::Affine, &shapes), AnalysisError::Degenerate { index: 2, .. }));
     shapes[2] = vec![1e6; 2 * N];
     assert!(matches!(fails(ClassName::Similarity, &shapes), AnalysisError::NoExtent { index: 2, .. }));
-    assert!(matches!(fails(ClassName::Similarity, &shapes[..1]), AnalysisError::TooFewShapes { found: 1, needed: 2 }));
+    assert!(matches!(
+        fails(ClassName::Similarity, &shapes[..1]),
+        AnalysisError::TooFewShapes { found: 1, needed: 2 }
+    ));
 }
