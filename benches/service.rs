@@ -99,7 +99,12 @@ async fn latency(client: &reqwest::Client, base: &str) {
     times.drain(..200);
     times.sort();
     let at = |q: f64| times[(q * (times.len() - 1) as f64) as usize].as_secs_f64() * 1e3;
-    println!("POST /v1/project, one 12-point curve: p50 {:.3} ms, p90 {:.3} ms, p99 {:.3} ms", at(0.5), at(0.9), at(0.99));
+    println!(
+        "POST /v1/project, one 12-point curve: p50 {:.3} ms, p90 {:.3} ms, p99 {:.3} ms",
+        at(0.5),
+        at(0.9),
+        at(0.99)
+    );
 }
 
 async fn ingest(client: &reqwest::Client, base: &str) {
@@ -115,7 +120,8 @@ async fn ingest(client: &reqwest::Client, base: &str) {
 }
 
 async fn large(client: &reqwest::Client, base: &str, service: &Service) {
-    let shapes: usize = std::env::var("SHAPELEX_BENCH_SHAPES").map_or(1_000_000, |text| text.parse().unwrap());
+    let shapes: usize =
+        std::env::var("SHAPELEX_BENCH_SHAPES").map_or(1_000_000, |text| text.parse().unwrap());
     const CHUNK: usize = 2000;
     println!("peak memory before: {:.0} MiB", service.peak_memory());
     cohort(client, base, "large", 24).await;
@@ -123,15 +129,23 @@ async fn large(client: &reqwest::Client, base: &str, service: &Service) {
         let count = CHUNK.min(shapes - i * CHUNK);
         Ok::<_, std::io::Error>(ndjson(24, i * CHUNK, count))
     });
-    let time = upload(client, base, "large", reqwest::Body::wrap_stream(stream::iter(chunks))).await.as_secs_f64();
-    println!("{shapes} shapes of 24 control points streamed in: {time:.1} s (with the client on the same cores)");
+    let time =
+        upload(client, base, "large", reqwest::Body::wrap_stream(stream::iter(chunks))).await.as_secs_f64();
+    println!(
+        "{shapes} shapes of 24 control points streamed in: {time:.1} s (with the client on the same cores)"
+    );
     println!("peak memory after the stream: {:.0} MiB", service.peak_memory());
     for class in ["similarity", "affine"] {
         let start = Instant::now();
         let url = format!("{base}/v1/cohorts/large/mean?transformation={class}");
-        let mean: Value = client.get(url).send().await.unwrap().error_for_status().unwrap().json().await.unwrap();
+        let mean: Value =
+            client.get(url).send().await.unwrap().error_for_status().unwrap().json().await.unwrap();
         assert_eq!(mean["shapes"], shapes);
-        println!("its mean ({class}): {:.2} s, peak memory {:.0} MiB", start.elapsed().as_secs_f64(), service.peak_memory());
+        println!(
+            "its mean ({class}): {:.2} s, peak memory {:.0} MiB",
+            start.elapsed().as_secs_f64(),
+            service.peak_memory()
+        );
     }
 }
 

@@ -76,7 +76,8 @@ fn cells(c: &mut Criterion) {
         (Correspondence::Landmarks, "align + mean + 20 modes, points correspond"),
         (Correspondence::Cyclic, "align + mean + 20 modes, start points searched"),
     ] {
-        let matching = Matching::new(space.representation(), correspondence, Direction::Given, Mirror::Forbid);
+        let matching =
+            Matching::new(space.representation(), correspondence, Direction::Given, Mirror::Forbid);
         for class in [ClassName::Similarity, ClassName::Affine] {
             let method = Method::new(&Transformation::Named(class), Alignment::Projection, 2).unwrap();
             group.bench_function(format!("{name}, {}", class.as_str()), |b| {
@@ -92,7 +93,8 @@ fn cells(c: &mut Criterion) {
                             weights.clone(),
                         )
                         .unwrap();
-                        let whitened = aligned.iter().flat_map(|shape| shape.whitened.iter().copied()).collect();
+                        let whitened =
+                            aligned.iter().flat_map(|shape| shape.whitened.iter().copied()).collect();
                         let source = ShapesInMemory::prepared(whitened, weights);
                         let pca = FunctionalPca::new(&source, &metric, &mean.whitened, true, 20).unwrap();
                         black_box(pca.all_scores(&source).unwrap())

@@ -25,8 +25,9 @@ pub(crate) async fn serve(config: ServeConfig) -> Result<(), String> {
     if !config.no_example {
         example::load_into_empty(&app).await.map_err(|error| format!("the example cohort: {error}"))?;
     }
-    let listener =
-        TcpListener::bind(config.listen).await.map_err(|error| format!("cannot listen on {}: {error}", config.listen))?;
+    let listener = TcpListener::bind(config.listen)
+        .await
+        .map_err(|error| format!("cannot listen on {}: {error}", config.listen))?;
     let address = listener.local_addr().map_err(|error| error.to_string())?;
     announce(&format!("http://{address}"));
     tracing::info!(%address, "listening");

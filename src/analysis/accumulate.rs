@@ -34,20 +34,17 @@ impl<'a> Shapes<'a> {
         let length = self.whitened.len() / self.weights.len().max(1);
         let rows = self.whitened.chunks_exact(length.max(1)).zip(self.weights);
         let first = self.first;
-        rows.enumerate()
-            .map(move |(i, (x, &weight))| (first + i, x, weight))
+        rows.enumerate().map(move |(i, (x, &weight))| (first + i, x, weight))
     }
 
     fn blocks(self) -> impl IndexedParallelIterator<Item = Shapes<'a>> {
         let length = self.whitened.len() / self.weights.len().max(1);
         let rows = self.whitened.par_chunks(BLOCK * length.max(1));
-        rows.zip(self.weights.par_chunks(BLOCK))
-            .enumerate()
-            .map(move |(i, (whitened, weights))| Shapes {
-                first: self.first + i * BLOCK,
-                whitened,
-                weights,
-            })
+        rows.zip(self.weights.par_chunks(BLOCK)).enumerate().map(move |(i, (whitened, weights))| Shapes {
+            first: self.first + i * BLOCK,
+            whitened,
+            weights,
+        })
     }
 }
 
@@ -88,10 +85,7 @@ impl ShapesInMemory {
         weights: Vec<f64>,
     ) -> Result<Self, AnalysisError> {
         prepare(metric, centred, 0, &mut control_points)?;
-        Ok(Self {
-            whitened: control_points,
-            weights,
-        })
+        Ok(Self { whitened: control_points, weights })
     }
 
     /// Shapes that are prepared already.
@@ -101,11 +95,7 @@ impl ShapesInMemory {
 
     /// The prepared shapes.
     pub fn all(&self) -> Shapes<'_> {
-        Shapes {
-            first: 0,
-            whitened: &self.whitened,
-            weights: &self.weights,
-        }
+        Shapes { first: 0, whitened: &self.whitened, weights: &self.weights }
     }
 }
 
@@ -135,37 +125,25 @@ pub fn prepare(
     shapes: &mut [f64],
 ) -> Result<(), AnalysisError> {
     let length = metric.len();
-    shapes
-        .par_chunks_mut(BLOCK * length)
-        .enumerate()
-        .try_for_each(|(block, rows)| {
-            for (i, shape) in rows.chunks_exact_mut(length).enumerate() {
-                let size = norm(shape);
-                if centred {
-                    metric.centre(shape);
-                }
-                check_extent(norm(shape), size)
-                    .map_err(|error| error.at(first + block * BLOCK + i))?;
+    shapes.par_chunks_mut(BLOCK * length).enumerate().try_for_each(|(block, rows)| {
+        for (i, shape) in rows.chunks_exact_mut(length).enumerate() {
+            let size = norm(shape);
+            if centred {
+                metric.centre(shape);
             }
-            metric.whiten(rows);
-            Ok(())
-        })
+            check_extent(norm(shape), size).map_err(|error| error.at(first + block * BLOCK + i))?;
+        }
+        metric.whiten(rows);
+        Ok(())
+    })
 }
 
 impl AnalysisError {
     /// The same error for the shape at `position`.
     pub fn at(self, position: usize) -> Self {
         match self {
-            Self::Degenerate { class, sigma, .. } => Self::Degenerate {
-                index: position,
-                class,
-                sigma,
-            },
-            Self::NoExtent { norm, size, .. } => Self::NoExtent {
-                index: position,
-                norm,
-                size,
-            },
+            Self::Degenerate { class, sigma, .. } => Self::Degenerate { index: position, class, sigma },
+            Self::NoExtent { norm, size, .. } => Self::NoExtent { index: position, norm, size },
             other => other,
         }
     }
@@ -230,10 +208,8 @@ pub fn map_shapes<S: ShapeSource, T: Send>(
 ) -> Result<Vec<T>, S::Error> {
     let mut values = Vec::with_capacity(source.count());
     source.for_each_batch(&mut |batch| {
-        let blocks: Vec<Result<Vec<T>, AnalysisError>> = batch
-            .blocks()
-            .map(|block| block.iter().map(|(i, x, w)| f(i, x, w)).collect())
-            .collect();
+        let blocks: Vec<Result<Vec<T>, AnalysisError>> =
+            batch.blocks().map(|block| block.iter().map(|(i, x, w)| f(i, x, w)).collect()).collect();
         for block in blocks {
             values.extend(block?);
         }
@@ -254,19 +230,13 @@ pub fn smallest_eligible<S: ShapeSource>(
     let mut chosen: Option<Vec<f64>> = None;
     source.for_each_batch(&mut |batch| {
         for (_, x, _) in batch.iter().filter(|(k, ..)| eligible(*k)) {
-            if chosen
-                .as_deref()
-                .is_none_or(|c| x.partial_cmp(c) == Some(std::cmp::Ordering::Less))
-            {
+            if chosen.as_deref().is_none_or(|c| x.partial_cmp(c) == Some(std::cmp::Ordering::Less)) {
                 chosen = Some(x.to_vec());
             }
         }
         Ok(())
     })?;
-    Ok(chosen.ok_or(AnalysisError::TooFewShapes {
-        found: 0,
-        needed: 1,
-    })?)
+    Ok(chosen.ok_or(AnalysisError::TooFewShapes { found: 0, needed: 1 })?)
 }
 
 /// `S = Σ x xᵀ` of vectors `x ∈ R^n`, with its leading eigenpairs by the smaller of two routes.
@@ -289,11 +259,7 @@ const FOLD: usize = 64;
 impl OuterProductSum {
     /// The empty sum in `R^n`.
     pub fn new(n: usize) -> Self {
-        Self {
-            n,
-            columns: Vec::new(),
-            matrix: None,
-        }
+        Self { n, columns: Vec::new(), matrix: None }
     }
 
     /// Adds the vectors stored one after the other.
@@ -305,9 +271,7 @@ impl OuterProductSum {
     }
 
     fn fold(&mut self) {
-        let matrix = self
-            .matrix
-            .get_or_insert_with(|| Matrix::zeros(self.n, self.n));
+        let matrix = self.matrix.get_or_insert_with(|| Matrix::zeros(self.n, self.n));
         dense::add_outer_products(matrix, &self.columns);
         self.columns.clear();
     }
@@ -369,11 +333,7 @@ fn dual_eigenpairs(columns: &[f64], n: usize, count: usize) -> Result<Eigenpairs
     let x = Matrix::from_column_slice(n, columns.len() / n, columns);
     let pairs = dense::leading_eigenpairs(&dense::gram(columns, n), count)?;
     let largest = pairs.values.first().copied().unwrap_or(0.0);
-    let rank = pairs
-        .values
-        .iter()
-        .take_while(|&&value| value > RANK * largest)
-        .count();
+    let rank = pairs.values.iter().take_while(|&&value| value > RANK * largest).count();
     let mut vectors = dense::multiply(&x, &pairs.vectors.columns(0, rank).into_owned());
     for j in 0..rank {
         for i in 0..j {
@@ -384,10 +344,7 @@ fn dual_eigenpairs(columns: &[f64], n: usize, count: usize) -> Result<Eigenpairs
         let length = vectors.column(j).norm();
         vectors.column_mut(j).scale_mut(1.0 / length);
     }
-    Ok(Eigenpairs {
-        values: pairs.values[..rank].to_vec(),
-        vectors,
-    })
+    Ok(Eigenpairs { values: pairs.values[..rank].to_vec(), vectors })
 }
 
 /// A weighted sum of outer products: scatter matrix, sum of vectors and of weights.
@@ -401,11 +358,7 @@ pub struct ScatterSum {
 impl ScatterSum {
     /// The empty sum in `R^n`.
     pub fn new(n: usize) -> Self {
-        Self {
-            outer: OuterProductSum::new(n),
-            sum: vec![0.0; n],
-            weight: 0.0,
-        }
+        Self { outer: OuterProductSum::new(n), sum: vec![0.0; n], weight: 0.0 }
     }
 
     /// `Σ w x / Σ w`.
@@ -420,11 +373,7 @@ impl ScatterSum {
     ///
     /// # Errors
     /// As [`OuterProductSum::leading`].
-    pub fn leading(
-        mut self,
-        centre: bool,
-        count: usize,
-    ) -> Result<(f64, Eigenpairs), AnalysisError> {
+    pub fn leading(mut self, centre: bool, count: usize) -> Result<(f64, Eigenpairs), AnalysisError> {
         if centre {
             self.outer.fold();
             let mean = self.mean();
@@ -444,10 +393,7 @@ impl Accumulator for ScatterSum {
         let mut columns = shapes.whitened.to_vec();
         let n = self.sum.len();
         for (column, &weight) in columns.chunks_exact_mut(n).zip(shapes.weights) {
-            self.sum
-                .iter_mut()
-                .zip(column.iter())
-                .for_each(|(sum, x)| *sum += weight * x);
+            self.sum.iter_mut().zip(column.iter()).for_each(|(sum, x)| *sum += weight * x);
             if weight != 1.0 {
                 let root = weight.sqrt();
                 column.iter_mut().for_each(|x| *x *= root);
@@ -460,10 +406,7 @@ impl Accumulator for ScatterSum {
 
     fn merge(&mut self, other: Self) {
         self.outer.merge(other.outer);
-        self.sum
-            .iter_mut()
-            .zip(&other.sum)
-            .for_each(|(a, b)| *a += b);
+        self.sum.iter_mut().zip(&other.sum).for_each(|(a, b)| *a += b);
         self.weight += other.weight;
     }
 
@@ -489,28 +432,16 @@ impl Accumulator for ScatterSum {
 /// Writes a length and the numbers.
 pub(super) fn write_numbers(bytes: &mut Vec<u8>, numbers: &[f64]) {
     bytes.extend_from_slice(&(numbers.len() as u64).to_le_bytes());
-    numbers
-        .iter()
-        .for_each(|value| bytes.extend_from_slice(&value.to_le_bytes()));
+    numbers.iter().for_each(|value| bytes.extend_from_slice(&value.to_le_bytes()));
 }
 
 /// Reads what [`write_numbers`] wrote and moves on.
 pub(super) fn read_numbers(bytes: &mut &[u8]) -> Result<Vec<f64>, AnalysisError> {
-    let (head, rest) = bytes
-        .split_first_chunk::<8>()
-        .ok_or(AnalysisError::NotAnAccumulator)?;
-    let length =
-        usize::try_from(u64::from_le_bytes(*head)).map_err(|_| AnalysisError::NotAnAccumulator)?;
-    let end = length
-        .checked_mul(8)
-        .filter(|&end| end <= rest.len())
-        .ok_or(AnalysisError::NotAnAccumulator)?;
-    let numbers = rest[..end]
-        .as_chunks::<8>()
-        .0
-        .iter()
-        .map(|chunk| f64::from_le_bytes(*chunk))
-        .collect();
+    let (head, rest) = bytes.split_first_chunk::<8>().ok_or(AnalysisError::NotAnAccumulator)?;
+    let length = usize::try_from(u64::from_le_bytes(*head)).map_err(|_| AnalysisError::NotAnAccumulator)?;
+    let end =
+        length.checked_mul(8).filter(|&end| end <= rest.len()).ok_or(AnalysisError::NotAnAccumulator)?;
+    let numbers = rest[..end].as_chunks::<8>().0.iter().map(|chunk| f64::from_le_bytes(*chunk)).collect();
     *bytes = &rest[end..];
     Ok(numbers)
 }

@@ -35,16 +35,7 @@ pub enum Method {
 
 /// `alignment` as it stands in requests.
 #[derive(
-    Debug,
-    Clone,
-    Copy,
-    PartialEq,
-    Eq,
-    Hash,
-    Default,
-    serde::Serialize,
-    serde::Deserialize,
-    utoipa::ToSchema,
+    Debug, Clone, Copy, PartialEq, Eq, Hash, Default, serde::Serialize, serde::Deserialize, utoipa::ToSchema,
 )]
 #[serde(rename_all = "snake_case")]
 pub enum Alignment {
@@ -66,25 +57,17 @@ impl Method {
         alignment: Alignment,
         dimension: usize,
     ) -> Result<Self, AnalysisError> {
-        let fit = |rotates, scales| {
-            Ok(Self::Procrustes(Fit {
-                dimension,
-                rotates,
-                scales,
-            }))
-        };
+        let fit = |rotates, scales| Ok(Self::Procrustes(Fit { dimension, rotates, scales }));
         match (transformation, alignment) {
             (Transformation::Named(ClassName::Translation), _) => fit(false, false),
-            (Transformation::Named(ClassName::Similarity), Alignment::Procrustes) => {
-                fit(true, true)
-            }
+            (Transformation::Named(ClassName::Similarity), Alignment::Procrustes) => fit(true, true),
             (Transformation::Named(ClassName::Rigid), Alignment::Procrustes) => fit(true, false),
             (_, Alignment::Procrustes) => Err(AnalysisError::NotAProperClass(
                 "Procrustes alignment exists for similarity, rigid and translation".into(),
             )),
-            (other, Alignment::Projection) => Ok(Self::Projection(TransformationClass::new(
-                other, dimension,
-            )?)),
+            (other, Alignment::Projection) => {
+                Ok(Self::Projection(TransformationClass::new(other, dimension)?))
+            }
         }
     }
 
@@ -102,10 +85,7 @@ impl Method {
             Self::Projection(class) => Ok(Subspace::new(class, x)?.project(mean)),
             Self::Procrustes(fit) => {
                 let matrix = fit.matrix(x, mean);
-                Ok(Projected {
-                    whitened: procrustes::transform(&matrix, x),
-                    matrix,
-                })
+                Ok(Projected { whitened: procrustes::transform(&matrix, x), matrix })
             }
         }
     }
@@ -148,11 +128,7 @@ pub fn mean_shape<S: ShapeSource>(
     matching: &Matching,
 ) -> Result<MeanShape, S::Error> {
     if source.count() < FEWEST_SHAPES {
-        return Err(AnalysisError::TooFewShapes {
-            found: source.count(),
-            needed: FEWEST_SHAPES,
-        }
-        .into());
+        return Err(AnalysisError::TooFewShapes { found: source.count(), needed: FEWEST_SHAPES }.into());
     }
     match method {
         Method::Projection(class) => projection_mean(source, metric, class, frame, matching),
@@ -169,25 +145,14 @@ fn projection_mean<S: ShapeSource>(
 ) -> Result<MeanShape, S::Error> {
     let mut placements = vec![Placement::default(); source.count()];
     let space_of = |placements: &[Placement]| -> Result<MeanSpace<'_>, S::Error> {
-        let placed = Placed {
-            source,
-            matching,
-            placements,
-        };
-        Ok(MeanSpace::new(
-            ProjectorSum::of(&placed, class, metric.len())?,
-            REPORTED_EIGENVALUES,
-        )?)
+        let placed = Placed { source, matching, placements };
+        Ok(MeanSpace::new(ProjectorSum::of(&placed, class, metric.len())?, REPORTED_EIGENVALUES)?)
     };
     let mut space = space_of(&placements)?;
     if matching.mirrors() {
         let chosen = best_matched(source, &space)?;
         let single = MeanSpace::of_shape(class, &chosen)?;
-        matching.improve(
-            source,
-            &Target::subspace(&single, matching),
-            &mut placements,
-        )?;
+        matching.improve(source, &Target::subspace(&single, matching), &mut placements)?;
         space = space_of(&placements)?;
     }
     let (mut rounds, mut converged) = (0, !matching.searches());
@@ -199,11 +164,7 @@ fn projection_mean<S: ShapeSource>(
             space = space_of(&placements)?;
         }
     }
-    let placed = Placed {
-        source,
-        matching,
-        placements: &placements,
-    };
+    let placed = Placed { source, matching, placements: &placements };
     let whitened = representative(&space, frame, metric, &placed)?;
     Ok(MeanShape {
         control_points: unwhitened(metric, &whitened),
@@ -238,40 +199,20 @@ fn procrustes_mean<S: ShapeSource>(
     let mut placements = vec![Placement::default(); source.count()];
     let start = procrustes::start(source, fit)?;
     if matching.mirrors() {
-        matching.improve(
-            source,
-            &Target::shape(&start, fit, matching),
-            &mut placements,
-        )?;
+        matching.improve(source, &Target::shape(&start, fit, matching), &mut placements)?;
     }
-    let mut result = procrustes::iterate(
-        &Placed {
-            source,
-            matching,
-            placements: &placements,
-        },
-        fit,
-        start,
-    )?;
+    let mut result = procrustes::iterate(&Placed { source, matching, placements: &placements }, fit, start)?;
     let (mut rounds, mut converged) = (0, !matching.searches());
     while !converged && rounds < MAX_ROUNDS {
         rounds += 1;
         let target = Target::shape(&result.mean, fit, matching);
         converged = matching.improve(source, &target, &mut placements)? == 0;
         if !converged {
-            let placed = Placed {
-                source,
-                matching,
-                placements: &placements,
-            };
+            let placed = Placed { source, matching, placements: &placements };
             result = procrustes::iterate(&placed, fit, result.mean)?;
         }
     }
-    let placed = Placed {
-        source,
-        matching,
-        placements: &placements,
-    };
+    let placed = Placed { source, matching, placements: &placements };
     let whitened = procrustes::turn(result.mean, fit, frame, metric, &placed)?;
     Ok(MeanShape {
         control_points: unwhitened(metric, &whitened),
@@ -325,47 +266,23 @@ pub fn align(
 ) -> Result<AlignedShape, AnalysisError> {
     let projected = method.bring(&matching.place(x, placement), mean)?;
     let matrix = projected.matrix * matching.reflection(placement);
-    let offset = if method.translates() {
-        offset_of(&matrix, centroid)
-    } else {
-        vec![0.0; centroid.len()]
-    };
+    let offset = if method.translates() { offset_of(&matrix, centroid) } else { vec![0.0; centroid.len()] };
     let whitened = projected.whitened;
-    let residual = mean
-        .iter()
-        .zip(&whitened)
-        .map(|(m, r)| (m - r).powi(2))
-        .sum::<f64>()
-        .sqrt();
+    let residual = mean.iter().zip(&whitened).map(|(m, r)| (m - r).powi(2)).sum::<f64>().sqrt();
     let correlation = cosine(&whitened, mean);
-    Ok(AlignedShape {
-        whitened,
-        matrix,
-        offset,
-        residual,
-        correlation,
-        placement,
-    })
+    Ok(AlignedShape { whitened, matrix, offset, residual, correlation, placement })
 }
 
 /// `−A r̄`.
 fn offset_of(matrix: &Matrix, centroid: &[f64]) -> Vec<f64> {
     (0..centroid.len())
-        .map(|c| {
-            -(0..centroid.len())
-                .map(|e| matrix[(c, e)] * centroid[e])
-                .sum::<f64>()
-        })
+        .map(|c| -(0..centroid.len()).map(|e| matrix[(c, e)] * centroid[e]).sum::<f64>())
         .collect()
 }
 
 fn cosine(a: &[f64], b: &[f64]) -> f64 {
     let product = norm(a) * norm(b);
-    if product > 0.0 {
-        (dot(a, b) / product).clamp(-1.0, 1.0)
-    } else {
-        0.0
-    }
+    if product > 0.0 { (dot(a, b) / product).clamp(-1.0, 1.0) } else { 0.0 }
 }
 
 /// Mean and aligned shapes of `control_points` in memory, one shape of `d·N` numbers after the other.
@@ -380,22 +297,13 @@ pub fn align_all(
     control_points: Vec<f64>,
     weights: Vec<f64>,
 ) -> Result<(MeanShape, Vec<AlignedShape>), AnalysisError> {
-    let centroids: Vec<Vec<f64>> = control_points
-        .chunks_exact(metric.len())
-        .map(|shape| metric.centroid(shape))
-        .collect();
+    let centroids: Vec<Vec<f64>> =
+        control_points.chunks_exact(metric.len()).map(|shape| metric.centroid(shape)).collect();
     let source = ShapesInMemory::new(metric, method.translates(), control_points, weights)?;
     let mean = mean_shape(&source, metric, method, frame, matching)?;
     let aligned = map_shapes(&source, |k, x, _| {
-        align(
-            method,
-            matching,
-            &mean.whitened,
-            x,
-            &centroids[k],
-            mean.placements[k],
-        )
-        .map_err(|error| error.at(k))
+        align(method, matching, &mean.whitened, x, &centroids[k], mean.placements[k])
+            .map_err(|error| error.at(k))
     })?;
     Ok((mean, aligned))
 }
@@ -429,12 +337,7 @@ impl<'a> Projector<'a> {
     pub fn new(metric: &'a Metric, method: &'a Method, mut reference: Vec<f64>) -> Self {
         let position = take_position(metric, method, &mut reference);
         metric.whiten(&mut reference);
-        Self {
-            metric,
-            method,
-            reference,
-            position,
-        }
+        Self { metric, method, reference, position }
     }
 
     /// The member of the class of `shape` nearest to the reference. Cost `O(N log N + dN I²)`.
@@ -447,42 +350,21 @@ impl<'a> Projector<'a> {
         check_extent(norm(&shape), size)?;
         self.metric.whiten(&mut shape);
         let Projected { whitened, matrix } = self.method.bring(&shape, &self.reference)?;
-        let distances = self
-            .reference
-            .iter()
-            .zip(&whitened)
-            .map(|(m, r)| (m - r).powi(2));
+        let distances = self.reference.iter().zip(&whitened).map(|(m, r)| (m - r).powi(2));
         let squared_distance = distances.sum();
         let correlation = cosine(&whitened, &self.reference);
-        let offset = offset_of(&matrix, &centroid)
-            .iter()
-            .zip(&self.position)
-            .map(|(b, p)| b + p)
-            .collect();
+        let offset = offset_of(&matrix, &centroid).iter().zip(&self.position).map(|(b, p)| b + p).collect();
         let mut control_points = unwhitened(self.metric, &whitened);
-        for (coordinate, p) in control_points
-            .chunks_exact_mut(self.metric.size())
-            .zip(&self.position)
-        {
+        for (coordinate, p) in control_points.chunks_exact_mut(self.metric.size()).zip(&self.position) {
             coordinate.iter_mut().for_each(|value| *value += p);
         }
-        Ok(Projection {
-            control_points,
-            matrix,
-            offset,
-            squared_distance,
-            correlation,
-        })
+        Ok(Projection { control_points, matrix, offset, squared_distance, correlation })
     }
 }
 
 /// Centres when the class translates; the position taken away.
 fn take_position(metric: &Metric, method: &Method, shape: &mut [f64]) -> Vec<f64> {
-    if method.translates() {
-        metric.centre(shape)
-    } else {
-        vec![0.0; metric.dimension()]
-    }
+    if method.translates() { metric.centre(shape) } else { vec![0.0; metric.dimension()] }
 }
 
 /// Control points of a whitened shape.

@@ -3,9 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 /// The correspondence rule of a set of shapes.
-#[derive(
-    Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, utoipa::ToSchema,
-)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Correspondence {
     /// Points correspond as given; their number must be that of the representation.
@@ -19,9 +17,7 @@ pub enum Correspondence {
 }
 
 /// Whether a shape may be matched as its mirror image.
-#[derive(
-    Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, utoipa::ToSchema,
-)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Mirror {
     /// Shapes are taken as they are.
@@ -32,9 +28,7 @@ pub enum Mirror {
 }
 
 /// The direction in which contours are traversed.
-#[derive(
-    Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, utoipa::ToSchema,
-)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Direction {
     /// As given.

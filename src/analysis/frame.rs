@@ -9,18 +9,14 @@
 use serde::{Deserialize, Serialize};
 
 use super::AnalysisError;
-use super::accumulate::{
-    Accumulator, ShapeSource, Shapes, accumulate, read_numbers, write_numbers,
-};
+use super::accumulate::{Accumulator, ShapeSource, Shapes, accumulate, read_numbers, write_numbers};
 use super::mean::MeanSpace;
 use super::metric::{Metric, dot, norm};
 use super::transformation::{ClassName, Structure, TransformationClass};
 use crate::numeric::dense::{Matrix, fill_upper, leading_eigenpairs};
 
 /// The choice of the representative.
-#[derive(
-    Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, utoipa::ToSchema,
-)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Frame {
     /// Closest to the shapes as posed.
@@ -41,11 +37,7 @@ struct FrameSum<'a> {
 impl<'a> FrameSum<'a> {
     fn new(elements: &'a Matrix) -> Self {
         let count = elements.ncols();
-        Self {
-            elements,
-            quadratic: Matrix::zeros(count, count),
-            linear: vec![0.0; count],
-        }
+        Self { elements, quadratic: Matrix::zeros(count, count), linear: vec![0.0; count] }
     }
 }
 
@@ -53,11 +45,7 @@ impl Accumulator for FrameSum<'_> {
     fn update(&mut self, shapes: Shapes<'_>) -> Result<(), AnalysisError> {
         for (_, x, weight) in shapes.iter() {
             let size = norm(x);
-            let y: Vec<f64> = self
-                .elements
-                .column_iter()
-                .map(|e| dot(e.as_slice(), x) / size)
-                .collect();
+            let y: Vec<f64> = self.elements.column_iter().map(|e| dot(e.as_slice(), x) / size).collect();
             for j in 0..y.len() {
                 self.linear[j] += weight * y[j];
                 for i in j..y.len() {
@@ -70,10 +58,7 @@ impl Accumulator for FrameSum<'_> {
 
     fn merge(&mut self, other: Self) {
         self.quadratic += other.quadratic;
-        self.linear
-            .iter_mut()
-            .zip(&other.linear)
-            .for_each(|(a, b)| *a += b);
+        self.linear.iter_mut().zip(&other.linear).for_each(|(a, b)| *a += b);
     }
 
     fn to_bytes(&self) -> Vec<u8> {
@@ -116,11 +101,7 @@ fn training<S: ShapeSource>(space: &MeanSpace<'_>, source: &S) -> Result<Vec<f64
     fill_upper(&mut sum.quadratic);
     let top = leading_eigenpairs(&sum.quadratic, 1).map_err(AnalysisError::from)?;
     let a = top.vectors.column(0);
-    let sign = if dot(a.as_slice(), &sum.linear) < 0.0 {
-        -1.0
-    } else {
-        1.0
-    };
+    let sign = if dot(a.as_slice(), &sum.linear) < 0.0 { -1.0 } else { 1.0 };
     Ok((&elements * a * sign).as_slice().to_vec())
 }
 
@@ -129,13 +110,9 @@ fn canonical(space: &MeanSpace<'_>, metric: &Metric) -> Result<Vec<f64>, Analysi
     let class = space.class;
     let elements = space.elements();
     let first = || elements.column(0).as_slice().to_vec();
-    let refusal = || AnalysisError::NoCanonicalFrame {
-        class: class.label().into(),
-    };
+    let refusal = || AnalysisError::NoCanonicalFrame { class: class.label().into() };
     let mut r = match class.name().ok_or_else(refusal)? {
-        Linear | Affine | NonUniformScaling | NonUniformScalingTranslation => {
-            diagonal_member(space)
-        }
+        Linear | Affine | NonUniformScaling | NonUniformScalingTranslation => diagonal_member(space),
         ScaledRotation | Similarity | ReflectedScaledRotation | ReflectedSimilarity => {
             principal_axes(&first())
         }
@@ -155,14 +132,7 @@ fn diagonal_member(space: &MeanSpace<'_>) -> Vec<f64> {
         Structure::PerAxis => space.bases[c].column(0),
         _ => space.bases[0].column(c),
     };
-    (0..d)
-        .flat_map(|c| {
-            function(c)
-                .iter()
-                .map(|v| v / (d as f64).sqrt())
-                .collect::<Vec<_>>()
-        })
-        .collect()
+    (0..d).flat_map(|c| function(c).iter().map(|v| v / (d as f64).sqrt()).collect::<Vec<_>>()).collect()
 }
 
 /// The planar shape turned so that its principal axis of inertia lies on x.
@@ -180,45 +150,30 @@ fn principal_axes(r: &[f64]) -> Vec<f64> {
 fn uncorrelated_member(elements: &Matrix, keep: usize) -> Vec<f64> {
     let n = elements.nrows() / 2;
     let part = |e: usize, c: usize| elements.column(e).as_slice()[c * n..(c + 1) * n].to_vec();
-    let form =
-        |i: usize, j: usize| 0.5 * (dot(&part(i, 0), &part(j, 1)) + dot(&part(j, 0), &part(i, 1)));
+    let form = |i: usize, j: usize| 0.5 * (dot(&part(i, 0), &part(j, 1)) + dot(&part(j, 0), &part(i, 1)));
     let (p, q, s) = (form(0, 0), form(0, 1), form(1, 1));
     // p cos² + 2 q cos sin + s sin² = 0: with the double angle, (p+s)/2 + ρ cos(2θ − ψ) = 0
     let (radius, psi) = (f64::hypot(0.5 * (p - s), q), q.atan2(0.5 * (p - s)));
     let opening = (-0.5 * (p + s) / radius).clamp(-1.0, 1.0).acos();
     let member = |theta: f64| {
-        (elements.column(0) * theta.cos() + elements.column(1) * theta.sin())
-            .as_slice()
-            .to_vec()
+        (elements.column(0) * theta.cos() + elements.column(1) * theta.sin()).as_slice().to_vec()
     };
     let kept = |r: &[f64]| norm(&r[keep * n..(keep + 1) * n]);
     let (one, other) = (member(0.5 * (psi + opening)), member(0.5 * (psi - opening)));
-    if kept(&one) >= kept(&other) {
-        one
-    } else {
-        other
-    }
+    if kept(&one) >= kept(&other) { one } else { other }
 }
 
 /// Largest control coordinate positive — of every basis function on its own where the class may flip
 /// them — then planar shapes counter-clockwise where the class may reflect.
 fn fix_signs(r: &mut [f64], class: &TransformationClass, metric: &Metric) {
     let n = metric.size();
-    let separate = matches!(
-        class.structure,
-        Structure::PerCoordinate | Structure::PerAxis
-    );
+    let separate = matches!(class.structure, Structure::PerCoordinate | Structure::PerAxis);
     let mut control_points = r.to_vec();
     metric.unwhiten(&mut control_points);
     let width = if separate { n } else { r.len() };
-    for (part, control) in r
-        .chunks_exact_mut(width)
-        .zip(control_points.chunks_exact_mut(width))
-    {
+    for (part, control) in r.chunks_exact_mut(width).zip(control_points.chunks_exact_mut(width)) {
         if largest(control) < 0.0 {
-            part.iter_mut()
-                .chain(control)
-                .for_each(|value| *value = -*value);
+            part.iter_mut().chain(control).for_each(|value| *value = -*value);
         }
     }
     if separate && metric.dimension() == 2 && polygon_area(&control_points) < 0.0 {
@@ -228,19 +183,11 @@ fn fix_signs(r: &mut [f64], class: &TransformationClass, metric: &Metric) {
 
 /// The entry of largest magnitude; of equal ones the first.
 pub(super) fn largest(values: &[f64]) -> f64 {
-    values.iter().fold(0.0, |best: f64, &value| {
-        if value.abs() > best.abs() {
-            value
-        } else {
-            best
-        }
-    })
+    values.iter().fold(0.0, |best: f64, &value| if value.abs() > best.abs() { value } else { best })
 }
 
 fn polygon_area(control_points: &[f64]) -> f64 {
     let (x, y) = control_points.split_at(control_points.len() / 2);
     let n = x.len();
-    (0..n)
-        .map(|k| x[k] * y[(k + 1) % n] - x[(k + 1) % n] * y[k])
-        .sum()
+    (0..n).map(|k| x[k] * y[(k + 1) % n] - x[(k + 1) % n] * y[k]).sum()
 }

@@ -63,11 +63,7 @@ impl Matching {
         } else {
             &[false]
         };
-        let mirrors: &[bool] = if mirror == Mirror::Allow {
-            &[false, true]
-        } else {
-            &[false]
-        };
+        let mirrors: &[bool] = if mirror == Mirror::Allow { &[false, true] } else { &[false] };
         let candidates = mirrors
             .iter()
             .flat_map(|&mirrored| reversals.iter().map(move |&reversed| (mirrored, reversed)))
@@ -78,12 +74,7 @@ impl Matching {
             })
             .collect();
         let fft = (correspondence == Correspondence::Cyclic && contour).then(|| RealFft::new(size));
-        Self {
-            size,
-            dimension,
-            fft,
-            candidates,
-        }
+        Self { size, dimension, fft, candidates }
     }
 
     /// Whether there is anything to search.
@@ -105,18 +96,10 @@ impl Matching {
         let shift = placement.shift as usize;
         let mut placed = Vec::with_capacity(x.len());
         for (c, coordinate) in x.chunks_exact(n).enumerate() {
-            let sign = if placement.mirrored && c == 0 {
-                -1.0
-            } else {
-                1.0
-            };
+            let sign = if placement.mirrored && c == 0 { -1.0 } else { 1.0 };
             placed.extend((0..n).map(|k| {
                 let row = (k + shift) % n;
-                sign * coordinate[if placement.reversed {
-                    (n - row) % n
-                } else {
-                    row
-                }]
+                sign * coordinate[if placement.reversed { (n - row) % n } else { row }]
             }));
         }
         Cow::Owned(placed)
@@ -143,26 +126,15 @@ impl Matching {
             let oriented = self.place(x, candidate);
             for (shift, score) in target.scores(&oriented, self)?.into_iter().enumerate() {
                 if score > best.1 + TIE * best.1.abs() {
-                    best = (
-                        Placement {
-                            shift: shift as u32,
-                            ..candidate
-                        },
-                        score,
-                    );
+                    best = (Placement { shift: shift as u32, ..candidate }, score);
                 }
             }
         }
         Ok(best.0)
     }
 
-    fn score(
-        &self,
-        x: &[f64],
-        target: &Target<'_>,
-        placement: Placement,
-    ) -> Result<f64, AnalysisError> {
-        Ok(target.scores_without_shift(&self.place(x, placement))?)
+    fn score(&self, x: &[f64], target: &Target<'_>, placement: Placement) -> Result<f64, AnalysisError> {
+        target.scores_without_shift(&self.place(x, placement))
     }
 
     /// Places every shape anew; the number of placements that changed.
@@ -176,15 +148,9 @@ impl Matching {
         placements: &mut Vec<Placement>,
     ) -> Result<usize, S::Error> {
         let standing = &*placements;
-        let improved = map_shapes(source, |k, x, _| {
-            self.best(x, target, standing[k])
-                .map_err(|error| error.at(k))
-        })?;
-        let changed = improved
-            .iter()
-            .zip(&*placements)
-            .filter(|(new, old)| new != old)
-            .count();
+        let improved =
+            map_shapes(source, |k, x, _| self.best(x, target, standing[k]).map_err(|error| error.at(k)))?;
+        let changed = improved.iter().zip(&*placements).filter(|(new, old)| new != old).count();
         *placements = improved;
         Ok(changed)
     }
@@ -218,21 +184,14 @@ impl<'a> Target<'a> {
     pub fn subspace(space: &'a MeanSpace<'a>, matching: &Matching) -> Self {
         let spectra = match &matching.fft {
             None => Vec::new(),
-            Some(fft) => space
-                .bases
-                .iter()
-                .map(|base| spectra(fft, base.as_slice()))
-                .collect(),
+            Some(fft) => space.bases.iter().map(|base| spectra(fft, base.as_slice())).collect(),
         };
         Self::Subspace { space, spectra }
     }
 
     /// To match shapes with the whitened `mean` under `fit`.
     pub fn shape(mean: &'a [f64], fit: Fit, matching: &Matching) -> Self {
-        let spectra = matching
-            .fft
-            .as_ref()
-            .map_or_else(Vec::new, |fft| spectra(fft, mean));
+        let spectra = matching.fft.as_ref().map_or_else(Vec::new, |fft| spectra(fft, mean));
         Self::Shape { mean, fit, spectra }
     }
 
@@ -242,14 +201,11 @@ impl<'a> Target<'a> {
             Self::Subspace { space, .. } => {
                 let blocks = Subspace::new(space.class, y)?.blocks;
                 let cosines = blocks.iter().zip(&space.bases);
-                Ok(cosines
-                    .map(|(block, base)| block.q.tr_mul(base).norm_squared())
-                    .sum())
+                Ok(cosines.map(|(block, base)| block.q.tr_mul(base).norm_squared()).sum())
             }
-            Self::Shape { mean, fit, .. } => Ok(best_correlation(
-                &cross_product(mean, y, fit.dimension),
-                *fit,
-            )),
+            Self::Shape { mean, fit, .. } => {
+                Ok(best_correlation(&cross_product(mean, y, fit.dimension), *fit))
+            }
         }
     }
 
@@ -262,10 +218,7 @@ impl<'a> Target<'a> {
         let mut scratch = fft.scratch();
         let mut scores = vec![0.0; n];
         match self {
-            Self::Subspace {
-                space,
-                spectra: targets,
-            } => {
+            Self::Subspace { space, spectra: targets } => {
                 let blocks = Subspace::new(space.class, y)?.blocks;
                 for (block, target) in blocks.iter().zip(targets) {
                     let coordinates = block.q.nrows() / n;
@@ -273,35 +226,22 @@ impl<'a> Target<'a> {
                     for q in own.chunks_exact(coordinates) {
                         for f in target.chunks_exact(coordinates) {
                             let correlation = correlate(fft, f, q, &mut scratch);
-                            scores
-                                .iter_mut()
-                                .zip(correlation)
-                                .for_each(|(sum, r)| *sum += r * r);
+                            scores.iter_mut().zip(correlation).for_each(|(sum, r)| *sum += r * r);
                         }
                     }
                 }
             }
-            Self::Shape {
-                fit,
-                spectra: target,
-                ..
-            } => {
+            Self::Shape { fit, spectra: target, .. } => {
                 let d = fit.dimension;
                 let own = spectra(fft, y);
                 let mut products = vec![Matrix::zeros(d, d); n];
                 for c in 0..d {
                     for e in 0..d {
                         let correlation = correlate(fft, &target[c..=c], &own[e..=e], &mut scratch);
-                        products
-                            .iter_mut()
-                            .zip(correlation)
-                            .for_each(|(h, r)| h[(c, e)] = r);
+                        products.iter_mut().zip(correlation).for_each(|(h, r)| h[(c, e)] = r);
                     }
                 }
-                scores
-                    .iter_mut()
-                    .zip(&products)
-                    .for_each(|(score, h)| *score = best_correlation(h, *fit));
+                scores.iter_mut().zip(&products).for_each(|(score, h)| *score = best_correlation(h, *fit));
             }
         }
         Ok(scores)
@@ -311,9 +251,7 @@ impl<'a> Target<'a> {
 /// `H = Σ_n m[n] y[n]ᵀ`, `d × d`.
 pub(super) fn cross_product(m: &[f64], y: &[f64], d: usize) -> Matrix {
     let n = m.len() / d;
-    Matrix::from_fn(d, d, |c, e| {
-        super::metric::dot(&m[c * n..(c + 1) * n], &y[e * n..(e + 1) * n])
-    })
+    Matrix::from_fn(d, d, |c, e| super::metric::dot(&m[c * n..(c + 1) * n], &y[e * n..(e + 1) * n]))
 }
 
 fn spectra(fft: &RealFft, columns: &[f64]) -> Vec<Spectrum> {
@@ -332,10 +270,7 @@ fn spectra(fft: &RealFft, columns: &[f64]) -> Vec<Spectrum> {
 fn correlate(fft: &RealFft, f: &[Spectrum], q: &[Spectrum], scratch: &mut FftScratch) -> Vec<f64> {
     let mut product: Spectrum = vec![Default::default(); fft.spectrum_len()];
     for (f, q) in f.iter().zip(q) {
-        product
-            .iter_mut()
-            .zip(f.iter().zip(q))
-            .for_each(|(sum, (f, q))| *sum += f.conj() * q);
+        product.iter_mut().zip(f.iter().zip(q)).for_each(|(sum, (f, q))| *sum += f.conj() * q);
     }
     let mut correlation = vec![0.0; fft.len()];
     fft.inverse(&mut product, &mut correlation, scratch);
@@ -363,11 +298,7 @@ impl<S: ShapeSource> ShapeSource for Placed<'_, S> {
         &self,
         visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), Self::Error>,
     ) -> Result<(), Self::Error> {
-        if self
-            .placements
-            .iter()
-            .all(|placement| *placement == Placement::default())
-        {
+        if self.placements.iter().all(|placement| *placement == Placement::default()) {
             return self.source.for_each_batch(visit);
         }
         self.source.for_each_batch(&mut |batch| {
@@ -375,10 +306,7 @@ impl<S: ShapeSource> ShapeSource for Placed<'_, S> {
             for (k, x, _) in batch.iter() {
                 whitened.extend_from_slice(&self.matching.place(x, self.placements[k]));
             }
-            visit(Shapes {
-                whitened: &whitened,
-                ..batch
-            })
+            visit(Shapes { whitened: &whitened, ..batch })
         })
     }
 }

@@ -44,12 +44,7 @@ impl<'a> ProjectorSum<'a> {
             Structure::PerAxis => vec![OuterProductSum::new(n); class.dimension()],
             Structure::General => vec![OuterProductSum::new(length)],
         };
-        Self {
-            class,
-            blocks,
-            weight: 0.0,
-            shapes: 0,
-        }
+        Self { class, blocks, weight: 0.0, shapes: 0 }
     }
 
     /// Bytes of the full sum.
@@ -71,9 +66,7 @@ impl<'a> ProjectorSum<'a> {
         class: &'a TransformationClass,
         length: usize,
     ) -> Result<Self, S::Error> {
-        accumulate(source, Self::size_bytes(class, length), || {
-            Self::new(class, length)
-        })
+        accumulate(source, Self::size_bytes(class, length), || Self::new(class, length))
     }
 }
 
@@ -89,18 +82,12 @@ impl Accumulator for ProjectorSum<'_> {
             self.weight += weight;
             self.shapes += 1;
         }
-        self.blocks
-            .iter_mut()
-            .zip(&columns)
-            .for_each(|(sum, columns)| sum.add(columns));
+        self.blocks.iter_mut().zip(&columns).for_each(|(sum, columns)| sum.add(columns));
         Ok(())
     }
 
     fn merge(&mut self, other: Self) {
-        self.blocks
-            .iter_mut()
-            .zip(other.blocks)
-            .for_each(|(sum, other)| sum.merge(other));
+        self.blocks.iter_mut().zip(other.blocks).for_each(|(sum, other)| sum.merge(other));
         self.weight += other.weight;
         self.shapes += other.shapes;
     }
@@ -118,9 +105,7 @@ impl Accumulator for ProjectorSum<'_> {
             return Err(AnalysisError::NotAnAccumulator);
         };
         (self.weight, self.shapes) = (weight, shapes as usize);
-        self.blocks
-            .iter_mut()
-            .try_for_each(|block| block.read(&mut bytes))
+        self.blocks.iter_mut().try_for_each(|block| block.read(&mut bytes))
     }
 }
 
@@ -156,21 +141,11 @@ impl<'a> MeanSpace<'a> {
             Structure::General => (class.matrices().len(), 1),
         };
         let count = (rank + 1).max(report.div_ceil(multiplicity));
-        let pairs: Vec<Eigenpairs> = sum
-            .blocks
-            .into_iter()
-            .map(|block| block.leading(count))
-            .collect::<Result<_, _>>()?;
-        let value =
-            |pairs: &Eigenpairs, i: usize| pairs.values.get(i).copied().unwrap_or(0.0).max(0.0);
-        let gap = pairs
-            .iter()
-            .map(|p| value(p, rank - 1) - value(p, rank))
-            .fold(f64::MAX, f64::min);
-        let kept: f64 = pairs
-            .iter()
-            .map(|p| (0..rank).map(|i| value(p, i)).sum::<f64>())
-            .sum();
+        let pairs: Vec<Eigenpairs> =
+            sum.blocks.into_iter().map(|block| block.leading(count)).collect::<Result<_, _>>()?;
+        let value = |pairs: &Eigenpairs, i: usize| pairs.values.get(i).copied().unwrap_or(0.0).max(0.0);
+        let gap = pairs.iter().map(|p| value(p, rank - 1) - value(p, rank)).fold(f64::MAX, f64::min);
+        let kept: f64 = pairs.iter().map(|p| (0..rank).map(|i| value(p, i)).sum::<f64>()).sum();
         let mut eigenvalues: Vec<f64> = pairs
             .iter()
             .flat_map(|p| (0..p.values.len()).map(|i| value(p, i)))
@@ -178,39 +153,16 @@ impl<'a> MeanSpace<'a> {
             .collect();
         eigenvalues.sort_by(|a, b| b.total_cmp(a));
         eigenvalues.truncate(report.max(1));
-        let bases = pairs
-            .iter()
-            .map(|p| p.vectors.columns(0, rank).into_owned())
-            .collect();
+        let bases = pairs.iter().map(|p| p.vectors.columns(0, rank).into_owned()).collect();
         let objective = kept * multiplicity as f64;
-        Ok(Self {
-            class,
-            bases,
-            eigenvalues,
-            gap,
-            objective,
-            weight: sum.weight,
-            shapes: sum.shapes,
-        })
+        Ok(Self { class, bases, eigenvalues, gap, objective, weight: sum.weight, shapes: sum.shapes })
     }
 
     /// The subspace of one shape as a mean space.
     pub fn of_shape(class: &'a TransformationClass, x: &[f64]) -> Result<Self, AnalysisError> {
-        let bases = Subspace::new(class, x)?
-            .blocks
-            .into_iter()
-            .map(|block| block.q)
-            .collect();
+        let bases = Subspace::new(class, x)?.blocks.into_iter().map(|block| block.q).collect();
         let objective = class.matrices().len() as f64;
-        Ok(Self {
-            class,
-            bases,
-            eigenvalues: Vec::new(),
-            gap: 1.0,
-            objective,
-            weight: 1.0,
-            shapes: 1,
-        })
+        Ok(Self { class, bases, eigenvalues: Vec::new(), gap: 1.0, objective, weight: 1.0, shapes: 1 })
     }
 
     /// Whether the mean is unique: the gap is at least `10⁻⁶` of the total weight.
@@ -227,9 +179,7 @@ impl<'a> MeanSpace<'a> {
                 let (n, rank) = self.bases[0].shape();
                 let mut elements = Matrix::zeros(d * n, d * rank);
                 for c in 0..d {
-                    elements
-                        .view_mut((c * n, c * rank), (n, rank))
-                        .copy_from(&self.bases[0]);
+                    elements.view_mut((c * n, c * rank), (n, rank)).copy_from(&self.bases[0]);
                 }
                 elements
             }
@@ -250,10 +200,7 @@ impl<'a> MeanSpace<'a> {
         let mut nearest = vec![0.0; x.len()];
         for element in elements.column_iter() {
             let product = dot(element.as_slice(), x);
-            nearest
-                .iter_mut()
-                .zip(element.iter())
-                .for_each(|(sum, e)| *sum += product * e);
+            nearest.iter_mut().zip(element.iter()).for_each(|(sum, e)| *sum += product * e);
         }
         nearest
     }

@@ -25,11 +25,7 @@ impl Metric {
         gram.apply(&mut centre);
         let total: f64 = centre.iter().sum();
         centre.iter_mut().for_each(|weight| *weight /= total);
-        Self {
-            gram,
-            dimension,
-            centre,
-        }
+        Self { gram, dimension, centre }
     }
 
     /// The metric of a shape space.
@@ -69,10 +65,7 @@ impl Metric {
 
     /// Mean position `r̄ = ∫ r` of one shape, `d` numbers.
     pub fn centroid(&self, control_points: &[f64]) -> Vec<f64> {
-        control_points
-            .chunks_exact(self.size())
-            .map(|coordinate| dot(coordinate, &self.centre))
-            .collect()
+        control_points.chunks_exact(self.size()).map(|coordinate| dot(coordinate, &self.centre)).collect()
     }
 
     /// Subtracts the mean position of one shape in place and returns it.

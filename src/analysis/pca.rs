@@ -50,29 +50,14 @@ impl FunctionalPca {
         components: usize,
     ) -> Result<Self, S::Error> {
         let length = metric.len();
-        let origin = if centred {
-            reference.to_vec()
-        } else {
-            vec![0.0; length]
-        };
-        let shifted = Shifted {
-            source,
-            origin: &origin,
-        };
+        let origin = if centred { reference.to_vec() } else { vec![0.0; length] };
+        let shifted = Shifted { source, origin: &origin };
         let sum = accumulate(&shifted, 8 * length * length, || ScatterSum::new(length))?;
         let mean: Vec<f64> = sum.mean().iter().zip(&origin).map(|(m, o)| m + o).collect();
         let (total, pairs) = sum.leading(centred, components)?;
         let first = pairs.values.first().copied().unwrap_or(0.0);
-        let spread = if centred {
-            norm(reference).powi(2) * f64::EPSILON
-        } else {
-            0.0
-        };
-        let kept = pairs
-            .values
-            .iter()
-            .take_while(|&&v| v > SMALLEST_COMPONENT * first && v > spread)
-            .count();
+        let spread = if centred { norm(reference).powi(2) * f64::EPSILON } else { 0.0 };
+        let kept = pairs.values.iter().take_while(|&&v| v > SMALLEST_COMPONENT * first && v > spread).count();
         let eigenvalues = pairs.values[..kept].to_vec();
         let explained = eigenvalues.iter().map(|value| value / total).collect();
         let mut eigenshapes = pairs.vectors.columns(0, kept).into_owned();
@@ -83,39 +68,21 @@ impl FunctionalPca {
                 column.neg_mut();
             }
         }
-        Ok(Self {
-            mean,
-            eigenvalues,
-            explained,
-            eigenshapes,
-            centred,
-        })
+        Ok(Self { mean, eigenvalues, explained, eigenshapes, centred })
     }
 
     /// Scores of one whitened aligned shape.
     pub fn scores(&self, x: &[f64]) -> Vec<f64> {
-        let centred: Vec<f64> = if self.centred {
-            x.iter().zip(&self.mean).map(|(x, m)| x - m).collect()
-        } else {
-            x.to_vec()
-        };
-        self.eigenshapes
-            .column_iter()
-            .map(|xi| dot(xi.as_slice(), &centred))
-            .collect()
+        let centred: Vec<f64> =
+            if self.centred { x.iter().zip(&self.mean).map(|(x, m)| x - m).collect() } else { x.to_vec() };
+        self.eigenshapes.column_iter().map(|xi| dot(xi.as_slice(), &centred)).collect()
     }
 
     /// The whitened shape with the given scores: `Σ score_i ξ_i`, plus the mean when centred.
     pub fn reconstruct(&self, scores: &[f64]) -> Vec<f64> {
-        let mut x = if self.centred {
-            self.mean.clone()
-        } else {
-            vec![0.0; self.mean.len()]
-        };
+        let mut x = if self.centred { self.mean.clone() } else { vec![0.0; self.mean.len()] };
         for (score, xi) in scores.iter().zip(self.eigenshapes.column_iter()) {
-            x.iter_mut()
-                .zip(xi.iter())
-                .for_each(|(sum, value)| *sum += score * value);
+            x.iter_mut().zip(xi.iter()).for_each(|(sum, value)| *sum += score * value);
         }
         x
     }
@@ -131,11 +98,7 @@ impl FunctionalPca {
 
 /// `‖r − r̂‖² / (‖r‖ ‖r̂‖)` of two whitened shapes: the reconstruction error of Tables 4.2 and 4.4.
 pub fn reconstruction_error(x: &[f64], reconstructed: &[f64]) -> f64 {
-    let difference: f64 = x
-        .iter()
-        .zip(reconstructed)
-        .map(|(a, b)| (a - b).powi(2))
-        .sum();
+    let difference: f64 = x.iter().zip(reconstructed).map(|(a, b)| (a - b).powi(2)).sum();
     difference / (norm(x) * norm(reconstructed))
 }
 
@@ -161,10 +124,7 @@ impl<S: ShapeSource> ShapeSource for Shifted<'_, S> {
             for x in whitened.chunks_exact_mut(self.origin.len()) {
                 x.iter_mut().zip(self.origin).for_each(|(x, o)| *x -= o);
             }
-            visit(Shapes {
-                whitened: &whitened,
-                ..batch
-            })
+            visit(Shapes { whitened: &whitened, ..batch })
         })
     }
 }

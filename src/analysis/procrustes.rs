@@ -10,8 +10,7 @@
 
 use super::AnalysisError;
 use super::accumulate::{
-    Accumulator, ShapeSource, Shapes, accumulate, map_shapes, read_numbers, smallest_eligible,
-    write_numbers,
+    Accumulator, ShapeSource, Shapes, accumulate, map_shapes, read_numbers, smallest_eligible, write_numbers,
 };
 use super::frame::{Frame, largest};
 use super::matching::cross_product;
@@ -40,11 +39,7 @@ impl Fit {
     pub fn matrix(&self, x: &[f64], mean: &[f64]) -> Matrix {
         let d = self.dimension;
         let h = cross_product(mean, x, d);
-        let rotation = if self.rotates {
-            nearest_rotation(&h)
-        } else {
-            Matrix::identity(d, d)
-        };
+        let rotation = if self.rotates { nearest_rotation(&h) } else { Matrix::identity(d, d) };
         if !self.scales {
             return rotation;
         }
@@ -113,20 +108,14 @@ impl Accumulator for FittedSum<'_> {
     fn update(&mut self, shapes: Shapes<'_>) -> Result<(), AnalysisError> {
         for (_, x, weight) in shapes.iter() {
             let fitted = transform(&self.fit.matrix(x, self.mean), x);
-            self.sum
-                .iter_mut()
-                .zip(fitted)
-                .for_each(|(sum, value)| *sum += weight * value);
+            self.sum.iter_mut().zip(fitted).for_each(|(sum, value)| *sum += weight * value);
             self.weight += weight;
         }
         Ok(())
     }
 
     fn merge(&mut self, other: Self) {
-        self.sum
-            .iter_mut()
-            .zip(&other.sum)
-            .for_each(|(a, b)| *a += b);
+        self.sum.iter_mut().zip(&other.sum).for_each(|(a, b)| *a += b);
         self.weight += other.weight;
     }
 
@@ -164,47 +153,21 @@ pub struct ProcrustesMean {
 ///
 /// # Errors
 /// Errors of the source.
-pub fn iterate<S: ShapeSource>(
-    source: &S,
-    fit: Fit,
-    start: Vec<f64>,
-) -> Result<ProcrustesMean, S::Error> {
+pub fn iterate<S: ShapeSource>(source: &S, fit: Fit, start: Vec<f64>) -> Result<ProcrustesMean, S::Error> {
     let mut mean = start;
     for iterations in 1..=MAX_ITERATIONS {
-        let empty = || FittedSum {
-            mean: &mean,
-            fit,
-            sum: vec![0.0; mean.len()],
-            weight: 0.0,
-        };
+        let empty = || FittedSum { mean: &mean, fit, sum: vec![0.0; mean.len()], weight: 0.0 };
         let total = accumulate(source, 8 * mean.len(), empty)?;
-        let divisor = if fit.scales {
-            norm(&total.sum)
-        } else {
-            total.weight
-        };
+        let divisor = if fit.scales { norm(&total.sum) } else { total.weight };
         let next: Vec<f64> = total.sum.iter().map(|value| value / divisor).collect();
-        let moved = next
-            .iter()
-            .zip(&mean)
-            .map(|(a, b)| (a - b).powi(2))
-            .sum::<f64>()
-            .sqrt();
+        let moved = next.iter().zip(&mean).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt();
         let converged = moved <= CONVERGED * norm(&next);
         mean = next;
         if converged || (!fit.rotates && !fit.scales) {
-            return Ok(ProcrustesMean {
-                mean,
-                iterations,
-                converged: true,
-            });
+            return Ok(ProcrustesMean { mean, iterations, converged: true });
         }
     }
-    Ok(ProcrustesMean {
-        mean,
-        iterations: MAX_ITERATIONS,
-        converged: false,
-    })
+    Ok(ProcrustesMean { mean, iterations: MAX_ITERATIONS, converged: false })
 }
 
 /// A start that does not depend on the order, position, orientation or size of the shapes: the shape whose
@@ -213,40 +176,25 @@ pub fn iterate<S: ShapeSource>(
 /// # Errors
 /// Errors of the source.
 pub fn start<S: ShapeSource>(source: &S, fit: Fit) -> Result<Vec<f64>, S::Error> {
-    let profiles = map_shapes(source, |_, x, weight| {
-        Ok((profile(x, fit.dimension), weight))
-    })?;
+    let profiles = map_shapes(source, |_, x, weight| Ok((profile(x, fit.dimension), weight)))?;
     let n = profiles.first().map_or(0, |(p, _)| p.len());
     let mut mean = vec![0.0; n];
     let total: f64 = profiles.iter().map(|(_, weight)| weight).sum();
     for (profile, weight) in &profiles {
-        mean.iter_mut()
-            .zip(profile)
-            .for_each(|(sum, value)| *sum += weight * value / total);
+        mean.iter_mut().zip(profile).for_each(|(sum, value)| *sum += weight * value / total);
     }
-    let distance = |p: &[f64]| {
-        p.iter()
-            .zip(&mean)
-            .map(|(a, b)| (a - b).powi(2))
-            .sum::<f64>()
-    };
+    let distance = |p: &[f64]| p.iter().zip(&mean).map(|(a, b)| (a - b).powi(2)).sum::<f64>();
     let distances: Vec<f64> = profiles.iter().map(|(p, _)| distance(p)).collect();
     let smallest = distances.iter().copied().fold(f64::MAX, f64::min);
     let chosen = smallest_eligible(source, |k| distances[k] <= smallest * (1.0 + 1e-12))?;
-    let scale = if fit.scales {
-        norm(&chosen).recip()
-    } else {
-        1.0
-    };
+    let scale = if fit.scales { norm(&chosen).recip() } else { 1.0 };
     Ok(chosen.iter().map(|value| scale * value).collect())
 }
 
 fn profile(x: &[f64], d: usize) -> Vec<f64> {
     let n = x.len() / d;
     let size = norm(x);
-    (0..n)
-        .map(|k| (0..d).map(|c| x[c * n + k].powi(2)).sum::<f64>().sqrt() / size)
-        .collect()
+    (0..n).map(|k| (0..d).map(|c| x[c * n + k].powi(2)).sum::<f64>().sqrt() / size).collect()
 }
 
 /// The mean turned into `frame`.
@@ -270,22 +218,10 @@ pub fn turn<S: ShapeSource>(
     match frame {
         Frame::Canonical => Ok(principal_frame(&mean, fit.dimension, metric)),
         Frame::Training => {
-            let posed = Fit {
-                rotates: false,
-                scales: false,
-                ..fit
-            };
-            let empty = || FittedSum {
-                mean: &mean,
-                fit: posed,
-                sum: vec![0.0; mean.len()],
-                weight: 0.0,
-            };
+            let posed = Fit { rotates: false, scales: false, ..fit };
+            let empty = || FittedSum { mean: &mean, fit: posed, sum: vec![0.0; mean.len()], weight: 0.0 };
             let total = accumulate(source, 8 * mean.len(), empty)?;
-            Ok(transform(
-                &nearest_rotation(&cross_product(&total.sum, &mean, fit.dimension)),
-                &mean,
-            ))
+            Ok(transform(&nearest_rotation(&cross_product(&total.sum, &mean, fit.dimension)), &mean))
         }
     }
 }
@@ -297,11 +233,7 @@ fn principal_frame(mean: &[f64], d: usize, metric: &Metric) -> Vec<f64> {
     let mut axes = Matrix::from_fn(d, d, |i, j| inertia.eigenvectors[(j, order[i])]);
     let mut control_points = transform(&axes, mean);
     metric.unwhiten(&mut control_points);
-    for (c, coordinate) in control_points
-        .chunks_exact(metric.size())
-        .enumerate()
-        .take(d - 1)
-    {
+    for (c, coordinate) in control_points.chunks_exact(metric.size()).enumerate().take(d - 1) {
         if largest(coordinate) < 0.0 {
             axes.row_mut(c).neg_mut();
         }

@@ -51,7 +51,10 @@ impl Lasso {
     }
 
     fn correlations(&self, x: &[f64]) -> Vector {
-        Vector::from_iterator(self.atoms.ncols(), self.atoms.column_iter().map(|atom| dot(atom.as_slice(), x)))
+        Vector::from_iterator(
+            self.atoms.ncols(),
+            self.atoms.column_iter().map(|atom| dot(atom.as_slice(), x)),
+        )
     }
 
     /// The code of the whitened shape `x`.
@@ -116,7 +119,8 @@ impl Lasso {
         let support: Vec<usize> = (0..code.len()).filter(|&j| code[j] != 0.0).collect();
         let k = support.len();
         let gram = Matrix::from_fn(k, k, |a, b| self.gram[(support[a], support[b])]);
-        let right = Vector::from_fn(k, |a, _| correlations[support[a]] - self.lambda * code[support[a]].signum());
+        let right =
+            Vector::from_fn(k, |a, _| correlations[support[a]] - self.lambda * code[support[a]].signum());
         let solution = gram.cholesky()?.solve(&right);
         let keeps = support.iter().zip(solution.iter()).all(|(&j, value)| value * code[j] > 0.0);
         keeps.then(|| {

@@ -53,11 +53,7 @@ pub fn check_extent(centred_norm: f64, control_norm: f64) -> Result<(), Analysis
     if centred_norm > SMALLEST_NORM && centred_norm > NO_EXTENT * control_norm {
         return Ok(());
     }
-    Err(AnalysisError::NoExtent {
-        index: 0,
-        norm: centred_norm,
-        size: control_norm,
-    })
+    Err(AnalysisError::NoExtent { index: 0, norm: centred_norm, size: control_norm })
 }
 
 impl<'a> Subspace<'a> {
@@ -73,24 +69,15 @@ impl<'a> Subspace<'a> {
         let size = norm(x);
         check_extent(size, size)?;
         let blocks: Vec<Block> = match class.structure {
-            Structure::PerCoordinate => vec![Block::new(Matrix::from_column_slice(
-                n,
-                class.dimension(),
-                x,
-            ))],
-            Structure::PerAxis => x
-                .chunks_exact(n)
-                .map(|axis| Block::new(Matrix::from_column_slice(n, 1, axis)))
-                .collect(),
+            Structure::PerCoordinate => vec![Block::new(Matrix::from_column_slice(n, class.dimension(), x))],
+            Structure::PerAxis => {
+                x.chunks_exact(n).map(|axis| Block::new(Matrix::from_column_slice(n, 1, axis))).collect()
+            }
             Structure::General => vec![Block::new(transformed(class, x, n))],
         };
         let sigma = relative_singular_value(&blocks);
         if !(sigma >= DEGENERATE) {
-            return Err(AnalysisError::Degenerate {
-                index: 0,
-                class: class.label().into(),
-                sigma,
-            });
+            return Err(AnalysisError::Degenerate { index: 0, class: class.label().into(), sigma });
         }
         Ok(Self { class, blocks })
     }
@@ -158,10 +145,7 @@ impl Block {
                     let (earlier, current) = two_columns(&mut q, i, j);
                     let product = dot(earlier, current);
                     r[(i, j)] += product;
-                    current
-                        .iter_mut()
-                        .zip(earlier)
-                        .for_each(|(x, e)| *x -= product * e);
+                    current.iter_mut().zip(earlier).for_each(|(x, e)| *x -= product * e);
                 }
             }
             let length = norm(q.column(j).as_slice());
@@ -177,9 +161,7 @@ impl Block {
     fn project(&self, m: &[f64], out: &mut [f64]) -> Vec<f64> {
         let mut a: Vec<f64> = self.q.column_iter().map(|q| dot(q.as_slice(), m)).collect();
         for (g, q) in a.iter().zip(self.q.column_iter()) {
-            out.iter_mut()
-                .zip(q.iter())
-                .for_each(|(sum, q)| *sum += g * q);
+            out.iter_mut().zip(q.iter()).for_each(|(sum, q)| *sum += g * q);
         }
         for i in (0..a.len()).rev() {
             for j in i + 1..a.len() {
@@ -200,10 +182,7 @@ fn two_columns(q: &mut Matrix, i: usize, j: usize) -> (&[f64], &mut [f64]) {
 /// Smallest over largest singular value of the whole basis.
 fn relative_singular_value(blocks: &[Block]) -> f64 {
     let diagonal = |f: fn(f64, f64) -> f64, start| {
-        blocks
-            .iter()
-            .flat_map(|b| b.r.diagonal().iter().copied().collect::<Vec<_>>())
-            .fold(start, f)
+        blocks.iter().flat_map(|b| b.r.diagonal().iter().copied().collect::<Vec<_>>()).fold(start, f)
     };
     let ratio = diagonal(f64::min, f64::MAX) / diagonal(f64::max, 0.0);
     if ratio >= WELL_CONDITIONED || blocks.len() > 1 {

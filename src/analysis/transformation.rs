@@ -225,19 +225,11 @@ impl TransformationClass {
         }
         let structure = match name {
             ClassName::Linear | ClassName::Affine => Structure::PerCoordinate,
-            ClassName::NonUniformScaling | ClassName::NonUniformScalingTranslation => {
-                Structure::PerAxis
-            }
+            ClassName::NonUniformScaling | ClassName::NonUniformScalingTranslation => Structure::PerAxis,
             _ => Structure::General,
         };
         let matrices = basis(name, dimension);
-        Ok(Self {
-            name: Some(name),
-            dimension,
-            matrices,
-            translation: name.translates(),
-            structure,
-        })
+        Ok(Self { name: Some(name), dimension, matrices, translation: name.translates(), structure })
     }
 
     fn custom(custom: &CustomClass, d: usize) -> Result<Self, AnalysisError> {
@@ -249,21 +241,14 @@ impl TransformationClass {
                 d * d
             ));
         }
-        if let Some(bad) = custom
-            .matrices
-            .iter()
-            .position(|m| m.len() != d || m.iter().any(|row| row.len() != d))
+        if let Some(bad) =
+            custom.matrices.iter().position(|m| m.len() != d || m.iter().any(|row| row.len() != d))
         {
             return refuse(format!("matrix {bad} is not {d} × {d}"));
         }
-        let matrices: Vec<Matrix> = custom
-            .matrices
-            .iter()
-            .map(|rows| Matrix::from_fn(d, d, |i, j| rows[i][j]))
-            .collect();
-        if let Some(bad) = matrices
-            .iter()
-            .position(|m| !m.iter().all(|v| v.is_finite() && v.abs() <= 1e100))
+        let matrices: Vec<Matrix> =
+            custom.matrices.iter().map(|rows| Matrix::from_fn(d, d, |i, j| rows[i][j])).collect();
+        if let Some(bad) = matrices.iter().position(|m| !m.iter().all(|v| v.is_finite() && v.abs() <= 1e100))
         {
             return refuse(format!("matrix {bad} has an entry beyond ±1e100"));
         }
@@ -278,21 +263,12 @@ impl TransformationClass {
             ));
         }
         let translation = custom.translation;
-        Ok(Self {
-            name: None,
-            dimension: d,
-            matrices,
-            translation,
-            structure: Structure::General,
-        })
+        Ok(Self { name: None, dimension: d, matrices, translation, structure: Structure::General })
     }
 
     /// The same class without the use of structure: the reference that tests compare with.
     pub fn unstructured(&self) -> Self {
-        Self {
-            structure: Structure::General,
-            ..self.clone()
-        }
+        Self { structure: Structure::General, ..self.clone() }
     }
 
     /// Its name, unless it was given by matrices.
@@ -345,10 +321,9 @@ fn basis(name: ClassName, d: usize) -> Vec<Matrix> {
         UniformScaling | UniformScalingTranslation => vec![Matrix::identity(d, d)],
         NonUniformScaling | NonUniformScalingTranslation => (0..d).map(|i| unit(i, i)).collect(),
         ScaledRotation | Similarity => vec![Matrix::identity(2, 2), plane([0.0, -1.0, 1.0, 0.0])],
-        Linear | Affine => (0..d)
-            .flat_map(|i| (0..d).map(move |j| (i, j)))
-            .map(|(i, j)| unit(i, j))
-            .collect(),
+        Linear | Affine => {
+            (0..d).flat_map(|i| (0..d).map(move |j| (i, j))).map(|(i, j)| unit(i, j)).collect()
+        }
         HorizontalShear | HorizontalShearTranslation => vec![Matrix::identity(2, 2), unit(0, 1)],
         VerticalShear | VerticalShearTranslation => vec![Matrix::identity(2, 2), unit(1, 0)],
         ReflectedScaledRotation | ReflectedSimilarity => {

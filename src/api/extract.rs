@@ -23,7 +23,8 @@ pub fn media_type(headers: &HeaderMap) -> String {
 
 /// Whether `media_type` is JSON.
 pub fn is_json(media_type: &str) -> bool {
-    media_type == "application/json" || (media_type.starts_with("application/") && media_type.ends_with("+json"))
+    media_type == "application/json"
+        || (media_type.starts_with("application/") && media_type.ends_with("+json"))
 }
 
 impl FromRequest<App> for JsonBody {
@@ -47,7 +48,10 @@ pub fn body_problem(error: axum::Error, limit: usize) -> Problem {
         let detail = format!("the body is longer than {limit} bytes after decompression");
         return Problem::new(ProblemKind::PayloadTooLarge, detail);
     }
-    Problem::new(ProblemKind::MalformedBody, format!("the body ended early or its encoding is broken: {source}"))
+    Problem::new(
+        ProblemKind::MalformedBody,
+        format!("the body ended early or its encoding is broken: {source}"),
+    )
 }
 
 /// Reads `T` from JSON text; run it on the pool, bodies can be large.
@@ -63,9 +67,15 @@ pub fn parse<T: DeserializeOwned>(text: &[u8]) -> Result<T, ServiceError> {
             let pointer = json_pointer(error.path());
             let inner = error.inner();
             let fault = Fault::new(pointer, inner.to_string());
-            if inner.is_data() { ServiceError::Invalid(vec![fault]) } else { ServiceError::Malformed(vec![fault]) }
+            if inner.is_data() {
+                ServiceError::Invalid(vec![fault])
+            } else {
+                ServiceError::Malformed(vec![fault])
+            }
         })?;
-        deserializer.end().map_err(|error| ServiceError::Malformed(vec![Fault::new("", error.to_string())]))?;
+        deserializer
+            .end()
+            .map_err(|error| ServiceError::Malformed(vec![Fault::new("", error.to_string())]))?;
         Ok(value)
     })
 }

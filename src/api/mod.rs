@@ -81,14 +81,15 @@ pub fn router(app: App) -> Router {
         .layer(RequestDecompressionLayer::new().gzip(true).pass_through_unaccepted(false));
     router
         .route("/", get(v1::index))
-        .merge(
-            utoipa_swagger_ui::SwaggerUi::new("/docs").url("/openapi.json", document),
-        )
+        .merge(utoipa_swagger_ui::SwaggerUi::new("/docs").url("/openapi.json", document))
         .fallback(|uri: axum::http::Uri| async move {
             Problem::new(ProblemKind::RouteNotFound, format!("there is nothing at {}", uri.path()))
         })
         .method_not_allowed_fallback(|method: axum::http::Method| async move {
-            Problem::new(ProblemKind::MethodNotAllowed, format!("{method} is not offered here; see the Allow header"))
+            Problem::new(
+                ProblemKind::MethodNotAllowed,
+                format!("{method} is not offered here; see the Allow header"),
+            )
         })
         .layer(middleware)
         .with_state(app)

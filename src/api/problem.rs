@@ -172,9 +172,12 @@ impl From<ServiceError> for Problem {
             ServiceError::DegenerateShape(errors) => Self::with(ProblemKind::DegenerateShape, errors),
             ServiceError::TooFewShapes { .. } => Self::new(ProblemKind::TooFewShapes, detail),
             ServiceError::NotFound { .. } => Self::new(ProblemKind::NotFound, detail),
-            ServiceError::NameTaken { .. } => Self::with(ProblemKind::NameTaken, vec![Fault::new("/name", detail)]),
+            ServiceError::NameTaken { .. } => {
+                Self::with(ProblemKind::NameTaken, vec![Fault::new("/name", detail)])
+            }
             ServiceError::ExternalIdConflict { index, .. } => {
-                let fault = Fault { index: usize::try_from(index).ok(), ..Fault::new("/external_id", detail) };
+                let fault =
+                    Fault { index: usize::try_from(index).ok(), ..Fault::new("/external_id", detail) };
                 Self::with(ProblemKind::ExternalIdConflict, vec![fault])
             }
             ServiceError::TooLarge(_) => Self::new(ProblemKind::PayloadTooLarge, detail),
@@ -228,11 +231,11 @@ pub async fn render(request: Request, next: Next) -> Response {
 }
 
 fn kind_of_status(status: StatusCode) -> ProblemKind {
-    ProblemKind::ALL.iter().copied().find(|kind| kind.status() == status).unwrap_or(if status.is_server_error() {
-        ProblemKind::Internal
-    } else {
-        ProblemKind::InvalidQuery
-    })
+    ProblemKind::ALL
+        .iter()
+        .copied()
+        .find(|kind| kind.status() == status)
+        .unwrap_or(if status.is_server_error() { ProblemKind::Internal } else { ProblemKind::InvalidQuery })
 }
 
 /// The answer of a request whose handler panicked.

@@ -49,6 +49,5 @@ pub fn name_problem(name: &str) -> Option<String> {
     if !name.chars().all(allowed) || name.starts_with('.') {
         return Some("may hold letters, digits, '.', '_' and '-', and not start with '.'".into());
     }
-    name.starts_with(&format!("{}_", super::id::COHORT))
-        .then(|| "must not look like an id (coh_…)".into())
+    name.starts_with(&format!("{}_", super::id::COHORT)).then(|| "must not look like an id (coh_…)".into())
 }

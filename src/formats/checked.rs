@@ -34,6 +34,8 @@ impl<'de, T: DeserializeOwned> Deserialize<'de> for Checked<T> {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         let value = serde_json::Value::deserialize(deserializer)?;
         let parsed = serde_path_to_error::deserialize(value);
-        Ok(Self(parsed.map_err(|error| InputError::new(json_pointer(error.path()), error.inner().to_string()))))
+        Ok(Self(
+            parsed.map_err(|error| InputError::new(json_pointer(error.path()), error.inner().to_string())),
+        ))
     }
 }

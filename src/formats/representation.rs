@@ -77,7 +77,8 @@ impl Fields {
 
     /// Whatever is left over is unknown.
     fn finish<T>(mut self, value: Option<T>) -> Result<T, Vec<InputError>> {
-        let unknown: Vec<String> = self.map.keys().map(|key| key.replace('~', "~0").replace('/', "~1")).collect();
+        let unknown: Vec<String> =
+            self.map.keys().map(|key| key.replace('~', "~0").replace('/', "~1")).collect();
         for key in unknown {
             self.error(&key, "is not a field of this object");
         }
@@ -153,7 +154,10 @@ mod tests {
         }))
         .unwrap_err();
         let pointers: Vec<&str> = errors.iter().map(|error| error.pointer.as_str()).collect();
-        assert_eq!(pointers, ["/dimension", "/control_points", "/generator/degree", "/generator/order", "/extra"]);
+        assert_eq!(
+            pointers,
+            ["/dimension", "/control_points", "/generator/degree", "/generator/order", "/extra"]
+        );
     }
 
     #[test]

@@ -56,7 +56,10 @@ impl PointList {
             return Err(self.faults.clone());
         }
         if self.rows > 0 && self.width != dimension {
-            let detail = format!("points have {} coordinates, the representation has dimension {dimension}", self.width);
+            let detail = format!(
+                "points have {} coordinates, the representation has dimension {dimension}",
+                self.width
+            );
             return Err(vec![InputError::new("/0", detail)]);
         }
         Ok(&self.coordinates)
@@ -82,7 +85,8 @@ impl PointList {
             self.width = row.values.len();
         }
         if row.values.len() != self.width {
-            let detail = format!("has {} coordinates where the first point has {}", row.values.len(), self.width);
+            let detail =
+                format!("has {} coordinates where the first point has {}", row.values.len(), self.width);
             self.fault(format!("/{position}"), detail);
         }
         self.coordinates.extend_from_slice(&row.values);
@@ -351,7 +355,9 @@ mod tests {
 
     #[test]
     fn every_fault_is_named() {
-        let faults = read(r#"[[1, 2], [3], [4, "x"], null, {"a": [1]}, [5, 1e101], [6, [7]], 8]"#).checked(2).unwrap_err();
+        let faults = read(r#"[[1, 2], [3], [4, "x"], null, {"a": [1]}, [5, 1e101], [6, [7]], 8]"#)
+            .checked(2)
+            .unwrap_err();
         let pointers: Vec<&str> = faults.iter().map(|fault| fault.pointer.as_str()).collect();
         assert_eq!(pointers, ["/1", "/2/1", "/3", "/4", "/5/1", "/6/1", "/7"]);
     }

@@ -167,7 +167,9 @@ mod tests {
     #[test]
     fn a_circle_fills_the_picture_and_text_is_escaped() {
         let generator = GeneratorKind::Trigonometric {};
-        let space = ShapeSpace::new(&Representation::ClosedCurve { dimension: 2, control_points: 4, generator }).unwrap();
+        let space =
+            ShapeSpace::new(&Representation::ClosedCurve { dimension: 2, control_points: 4, generator })
+                .unwrap();
         let circle = [1.0, 0.0, -1.0, 0.0, 0.0, 1.0, 0.0, -1.0];
         let svg = draw("a < b", &[Layer::of(&space, [circle.as_slice()], colour::MAIN, 2.0, 1.0)]);
         assert!(svg.contains("a &lt; b") && !svg.contains("NaN"));

@@ -49,19 +49,12 @@ impl ClosedCurve {
                 }
             }
         }
-        Self {
-            segments,
-            dimension,
-            terms,
-            coefficients,
-        }
+        Self { segments, dimension, terms, coefficients }
     }
 
     /// The curve of a shape of `space`, when its shapes are curves.
     pub fn of(space: &ShapeSpace, control_points: &Matrix) -> Option<Self> {
-        space
-            .generator()
-            .map(|generator| Self::new(generator, control_points))
+        space.generator().map(|generator| Self::new(generator, control_points))
     }
 
     /// `d`.
@@ -86,10 +79,7 @@ impl ClosedCurve {
         let half = (position.floor() as usize).min(self.halves() - 1);
         let scale = (self.segments as f64).powi(derivative as i32);
         (0..self.dimension)
-            .map(|c| {
-                scale
-                    * self.derivative_at(half, c, 2.0 * (position - half as f64) - 1.0, derivative)
-            })
+            .map(|c| scale * self.derivative_at(half, c, 2.0 * (position - half as f64) - 1.0, derivative))
             .collect()
     }
 
@@ -105,8 +95,6 @@ impl ClosedCurve {
 
     /// `count` points equally spaced in the parameter, starting at `u = 0`, row by row.
     pub fn sample(&self, count: usize) -> Vec<Vec<f64>> {
-        (0..count)
-            .map(|i| self.evaluate(i as f64 / count as f64, 0))
-            .collect()
+        (0..count).map(|i| self.evaluate(i as f64 / count as f64, 0)).collect()
     }
 }

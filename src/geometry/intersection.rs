@@ -3,18 +3,27 @@
 //! A binary tree over the parameter carries a bounding box and a cone of tangents for every stretch. A
 //! stretch whose tangents stay within a half-plane cannot meet itself; two stretches with disjoint
 //! boxes cannot meet; two neighbours whose tangents together stay within a half-plane meet only at
-//! their common point. What remains is split down to stretches that are straight to
-//! `10⁻⁹` of the extent and decided by their chords.
+//! their common point. What remains is split down to stretches of `10⁻⁹` of the extent, straight but
+//! for rounding, and decided by their chords.
 
 use super::curve::ClosedCurve;
 use super::generator::evaluate_taylor;
 
-/// A stretch shorter than this part of the extent counts as a straight chord.
-const CHORD: f64 = 1e-9;
+/// Points closer than this part of the extent touch: far above what evaluation loses.
+const TOUCH: f64 = 1e-12;
 
-/// Work limit: pairs of stretches looked at before the curve is called self-intersecting. Only curves
-/// with long stretches that (nearly) coincide, which do meet themselves, come close to it.
-const MAX_PAIRS: usize = 2_000_000;
+/// What evaluation loses in a coordinate, relative to the distance from the origin.
+const ROUNDING: f64 = 16.0 * f64::EPSILON;
+
+/// A stretch shorter than this multiple of the touching distance counts as a straight chord: it
+/// departs from it by `(10⁻⁹)²` of the extent, and the next chord but one does not touch it.
+const CHORD: f64 = 1e3;
+
+/// Work limit: pairs of stretches looked at before the curve is called self-intersecting, plus
+/// [`PAIRS_PER_HALF`] for every half-segment. Only curves with long stretches that (nearly) coincide, which do
+/// meet themselves, come close to it.
+const PAIRS: usize = 500_000;
+const PAIRS_PER_HALF: usize = 1_000;
 
 /// Part `[a, b] ⊂ [−1, 1]` of a half-segment, with bounds.
 #[derive(Debug, Clone, Copy)]
@@ -33,17 +42,13 @@ struct Stretch {
 ///
 /// Cost `O(N log N)` for curves without near-contacts.
 pub fn self_intersects(curve: &ClosedCurve) -> bool {
-    let halves: Vec<[&[f64]; 2]> = (0..curve.halves())
-        .map(|half| [curve.polynomial(half, 0), curve.polynomial(half, 1)])
-        .collect();
-    let mut search = Search {
-        count: halves.len(),
-        halves,
-        pairs: 0,
-        extent: 0.0,
-    };
+    let halves: Vec<[&[f64]; 2]> =
+        (0..curve.halves()).map(|half| [curve.polynomial(half, 0), curve.polynomial(half, 1)]).collect();
+    let mut search = Search { count: halves.len(), halves, pairs: 0, touch: 0.0 };
     let all = search.cover(0.0, search.count as f64);
-    search.extent = (0..2).map(|c| all.high[c] - all.low[c]).fold(0.0, f64::max);
+    let extent = (0..2).map(|c| all.high[c] - all.low[c]).fold(0.0, f64::max);
+    let distance = (0..2).map(|c| all.high[c].abs().max(all.low[c].abs())).fold(0.0, f64::max);
+    search.touch = TOUCH * extent + ROUNDING * distance;
     search.within(0.0, search.count as f64)
 }
 
@@ -51,7 +56,8 @@ struct Search<'a> {
     halves: Vec<[&'a [f64]; 2]>,
     count: usize,
     pairs: usize,
-    extent: f64,
+    /// Distance below which points touch.
+    touch: f64,
 }
 
 impl Search<'_> {
@@ -83,37 +89,17 @@ impl Search<'_> {
             let reach: f64 = local[1..].iter().map(|v| v.abs()).sum();
             (low[c], high[c]) = (local[0] - reach, local[0] + reach);
             slope[c] = local.get(1).copied().unwrap_or(0.0);
-            bend[c] = local
-                .iter()
-                .enumerate()
-                .skip(2)
-                .map(|(m, v)| m as f64 * v.abs())
-                .sum();
+            bend[c] = local.iter().enumerate().skip(2).map(|(m, v)| m as f64 * v.abs()).sum();
         }
         let length = f64::hypot(slope[0], slope[1]);
         let deviation = f64::hypot(bend[0], bend[1]);
-        let spread = if deviation < length {
-            (deviation / length).asin()
-        } else {
-            std::f64::consts::PI
-        };
-        Stretch {
-            start: 0.0,
-            end: 0.0,
-            low,
-            high,
-            direction: slope[1].atan2(slope[0]),
-            spread,
-        }
+        let spread = if deviation < length { (deviation / length).asin() } else { std::f64::consts::PI };
+        Stretch { start: 0.0, end: 0.0, low, high, direction: slope[1].atan2(slope[0]), spread }
     }
 
     fn split(&self, start: f64, end: f64) -> f64 {
         let middle = 0.5 * (start + end);
-        if end - start > 1.0 {
-            middle.round()
-        } else {
-            middle
-        }
+        if end - start > 1.0 { middle.round() } else { middle }
     }
 
     fn within(&mut self, start: f64, end: f64) -> bool {
@@ -128,10 +114,11 @@ impl Search<'_> {
 
     fn between(&mut self, first: &Stretch, second: &Stretch) -> bool {
         self.pairs += 1;
-        if self.pairs > MAX_PAIRS {
+        if self.pairs > PAIRS + PAIRS_PER_HALF * self.count {
             return true;
         }
-        if (0..2).any(|c| first.high[c] < second.low[c] || second.high[c] < first.low[c]) {
+        let apart = |low: f64, high: f64| high + self.touch < low;
+        if (0..2).any(|c| apart(second.low[c], first.high[c]) || apart(first.low[c], second.high[c])) {
             return false;
         }
         let closes = first.start == 0.0 && second.end == self.count as f64;
@@ -156,20 +143,14 @@ impl Search<'_> {
 
     fn split_first(&mut self, wide: &Stretch, other: &Stretch, swapped: bool) -> bool {
         let middle = self.split(wide.start, wide.end);
-        [(wide.start, middle), (middle, wide.end)]
-            .into_iter()
-            .any(|(a, b)| {
-                let part = self.cover(a, b);
-                if swapped {
-                    self.between(other, &part)
-                } else {
-                    self.between(&part, other)
-                }
-            })
+        [(wide.start, middle), (middle, wide.end)].into_iter().any(|(a, b)| {
+            let part = self.cover(a, b);
+            if swapped { self.between(other, &part) } else { self.between(&part, other) }
+        })
     }
 
     fn is_chord(&self, stretch: &Stretch) -> bool {
-        (0..2).all(|c| stretch.high[c] - stretch.low[c] <= CHORD * self.extent)
+        (0..2).all(|c| stretch.high[c] - stretch.low[c] <= CHORD * self.touch)
             || stretch.end - stretch.start < 1e-12
     }
 
@@ -179,14 +160,30 @@ impl Search<'_> {
         [0, 1].map(|c| evaluate_taylor(self.halves[half][c], s, 0))
     }
 
+    /// Chords that cross, or come as close as touching at one of their ends.
     fn chords_meet(&self, first: &Stretch, second: &Stretch) -> bool {
         let (a, b) = (self.point(first.start), self.point(first.end));
         let (c, d) = (self.point(second.start), self.point(second.end));
-        let side = |p: [f64; 2], q: [f64; 2], r: [f64; 2]| {
-            (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0])
-        };
-        side(a, b, c) * side(a, b, d) <= 0.0 && side(c, d, a) * side(c, d, b) <= 0.0
+        let crossing = side(a, b, c) * side(a, b, d) < 0.0 && side(c, d, a) * side(c, d, b) < 0.0;
+        crossing
+            || [(c, a, b), (d, a, b), (a, c, d), (b, c, d)]
+                .into_iter()
+                .any(|(p, from, to)| distance(p, from, to) <= self.touch)
     }
+}
+
+/// Twice the signed area of the triangle `p q r`.
+fn side(p: [f64; 2], q: [f64; 2], r: [f64; 2]) -> f64 {
+    (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0])
+}
+
+/// Distance of `p` from the segment `from to`.
+fn distance(p: [f64; 2], from: [f64; 2], to: [f64; 2]) -> f64 {
+    let (edge, arm) = ([0, 1].map(|c| to[c] - from[c]), [0, 1].map(|c| p[c] - from[c]));
+    let square = edge[0] * edge[0] + edge[1] * edge[1];
+    let along =
+        if square > 0.0 { ((arm[0] * edge[0] + arm[1] * edge[1]) / square).clamp(0.0, 1.0) } else { 0.0 };
+    f64::hypot(arm[0] - along * edge[0], arm[1] - along * edge[1])
 }
 
 /// Coefficients of `p(middle + radius s)`.
@@ -208,14 +205,10 @@ fn recentre(p: &[f64], middle: f64, radius: f64) -> Vec<f64> {
 
 /// Bounds of two consecutive stretches together.
 fn join(first: &Stretch, second: &Stretch) -> Stretch {
-    let turn = (second.direction - first.direction + std::f64::consts::PI)
-        .rem_euclid(std::f64::consts::TAU)
+    let turn = (second.direction - first.direction + std::f64::consts::PI).rem_euclid(std::f64::consts::TAU)
         - std::f64::consts::PI;
     let (low, high) = (-first.spread, first.spread);
-    let (low, high) = (
-        low.min(turn - second.spread),
-        high.max(turn + second.spread),
-    );
+    let (low, high) = (low.min(turn - second.spread), high.max(turn + second.spread));
     Stretch {
         start: first.start,
         end: second.end,

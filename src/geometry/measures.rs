@@ -60,8 +60,7 @@ impl CurveMeasures {
             centroid,
             mean_position: (0..curve.dimension())
                 .map(|c| {
-                    integrate(curve, &rule, |half, s| curve.derivative_at(half, c, s, 0))
-                        / segments(curve)
+                    integrate(curve, &rule, |half, s| curve.derivative_at(half, c, s, 0)) / segments(curve)
                 })
                 .collect(),
             perimeter,
@@ -81,11 +80,14 @@ fn integrate(curve: &ClosedCurve, rule: &GaussLegendre, f: impl Fn(usize, f64) -
     HALF_PIECE * panels.sum::<f64>()
 }
 
-/// `½ ∮ x dy − y dx`.
+/// `½ ∮ x dy − y dx`, about the first point of the curve so that a shape far from the origin keeps
+/// its digits.
 pub fn signed_area(curve: &ClosedCurve, rule: &GaussLegendre) -> f64 {
-    let value = |half, s, c, d| curve.derivative_at(half, c, s, d);
+    let origin = curve.evaluate(0.0, 0);
+    let arm = |half, s, c| curve.derivative_at(half, c, s, 0) - origin[c];
+    let slope = |half, s, c| curve.derivative_at(half, c, s, 1);
     0.5 * integrate(curve, rule, |half, s| {
-        value(half, s, 0, 0) * value(half, s, 1, 1) - value(half, s, 1, 0) * value(half, s, 0, 1)
+        arm(half, s, 0) * slope(half, s, 1) - arm(half, s, 1) * slope(half, s, 0)
     })
 }
 
@@ -99,42 +101,30 @@ fn orientation(area: f64, perimeter: f64) -> Orientation {
     }
 }
 
-/// About the mean position of the first control polygon, so that a shape far from the origin keeps
-/// its digits.
+/// About the first point of the curve, as the area.
 fn centroid(curve: &ClosedCurve, rule: &GaussLegendre, area: f64) -> Vec<f64> {
     let origin = curve.evaluate(0.0, 0);
     let x = |half, s| curve.derivative_at(half, 0, s, 0) - origin[0];
     let y = |half, s| curve.derivative_at(half, 1, s, 0) - origin[1];
-    let mx = integrate(curve, rule, |half, s| {
-        0.5 * x(half, s).powi(2) * curve.derivative_at(half, 1, s, 1)
-    });
-    let my = integrate(curve, rule, |half, s| {
-        -0.5 * y(half, s).powi(2) * curve.derivative_at(half, 0, s, 1)
-    });
+    let mx = integrate(curve, rule, |half, s| 0.5 * x(half, s).powi(2) * curve.derivative_at(half, 1, s, 1));
+    let my = integrate(curve, rule, |half, s| -0.5 * y(half, s).powi(2) * curve.derivative_at(half, 0, s, 1));
     vec![origin[0] + mx / area, origin[1] + my / area]
 }
 
 fn perimeter(curve: &ClosedCurve, rule: &GaussLegendre) -> f64 {
     let speed = |half: usize, s: f64| {
-        (0..curve.dimension())
-            .map(|c| curve.derivative_at(half, c, s, 1).powi(2))
-            .sum::<f64>()
-            .sqrt()
+        (0..curve.dimension()).map(|c| curve.derivative_at(half, c, s, 1).powi(2)).sum::<f64>().sqrt()
     };
     let rough = integrate(curve, rule, speed);
     let tolerance = 1e-11 * rough / (HALF_PIECE * curve.halves() as f64);
-    let panels = (0..curve.halves())
-        .map(|half| rule.integrate_adaptive(-1.0, 1.0, tolerance, &|s| speed(half, s)));
+    let panels =
+        (0..curve.halves()).map(|half| rule.integrate_adaptive(-1.0, 1.0, tolerance, &|s| speed(half, s)));
     HALF_PIECE * panels.sum::<f64>()
 }
 
 /// Smallest and largest coordinates, to `10⁻¹³` of the coordinate's range.
 pub fn bounding_box(curve: &ClosedCurve) -> (Vec<f64>, Vec<f64>) {
-    let upper = |sign: f64| {
-        (0..curve.dimension())
-            .map(move |c| sign * maximum(curve, c, sign))
-            .collect()
-    };
+    let upper = |sign: f64| (0..curve.dimension()).map(move |c| sign * maximum(curve, c, sign)).collect();
     (upper(-1.0), upper(1.0))
 }
 
@@ -142,12 +132,8 @@ pub fn bounding_box(curve: &ClosedCurve) -> (Vec<f64>, Vec<f64>) {
 /// `B = Σ m(m−1)|c_m| ≥ |f''|`.
 fn maximum(curve: &ClosedCurve, coordinate: usize, sign: f64) -> f64 {
     let value = |half, s| sign * curve.derivative_at(half, coordinate, s, 0);
-    let mut best = (0..curve.halves())
-        .map(|half| value(half, -1.0))
-        .fold(f64::MIN, f64::max);
-    let worst = (0..curve.halves())
-        .map(|half| value(half, -1.0))
-        .fold(f64::MAX, f64::min);
+    let mut best = (0..curve.halves()).map(|half| value(half, -1.0)).fold(f64::MIN, f64::max);
+    let worst = (0..curve.halves()).map(|half| value(half, -1.0)).fold(f64::MAX, f64::min);
     let tolerance = 1e-13 * (best - worst).max(f64::EPSILON * best.abs());
     for half in 0..curve.halves() {
         let curvature: f64 = curve

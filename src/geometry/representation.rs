@@ -102,11 +102,7 @@ impl ShapeSpace {
             return Err(GeometryError::TooFewPoints { found, needed });
         }
         let (generator, gram, sampling): (_, Arc<dyn SymmetricOperator>, _) = match representation {
-            Representation::ClosedCurve {
-                control_points,
-                generator: kind,
-                ..
-            } => {
+            Representation::ClosedCurve { control_points, generator: kind, .. } => {
                 let generator = kind.build(*control_points)?;
                 let gram = Circulant::new(&gram_row(&generator, *control_points, 0, 0))?;
                 let sampling = (!kind.properties().interpolating)
@@ -114,18 +110,11 @@ impl ShapeSpace {
                     .transpose()?;
                 (Some(generator), Arc::new(gram), sampling)
             }
-            Representation::Landmarks { points, .. } => (
-                None,
-                Arc::new(ScaledIdentity::new(*points, 1.0 / *points as f64)),
-                None,
-            ),
+            Representation::Landmarks { points, .. } => {
+                (None, Arc::new(ScaledIdentity::new(*points, 1.0 / *points as f64)), None)
+            }
         };
-        Ok(Self {
-            representation: representation.clone(),
-            generator,
-            gram,
-            sampling,
-        })
+        Ok(Self { representation: representation.clone(), generator, gram, sampling })
     }
 
     /// What was prepared.

@@ -23,27 +23,16 @@ impl ClosedPolygon {
     pub fn new(points: Matrix) -> Result<Self, GeometryError> {
         let given = points.nrows();
         let magnitude = points.amax();
-        let extent = (0..points.ncols())
-            .map(|c| points.column(c).max() - points.column(c).min())
-            .fold(0.0, f64::max);
+        let extent =
+            (0..points.ncols()).map(|c| points.column(c).max() - points.column(c).min()).fold(0.0, f64::max);
         if given > 0 && extent <= NO_EXTENT * magnitude {
-            return Err(GeometryError::NoLength {
-                points: given,
-                extent,
-            });
+            return Err(GeometryError::NoLength { points: given, extent });
         }
         let closed = given > 1 && points.row(0) == points.row(given - 1);
-        let points = if closed {
-            points.remove_row(given - 1)
-        } else {
-            points
-        };
+        let points = if closed { points.remove_row(given - 1) } else { points };
         let n = points.nrows();
         if n < 3 {
-            return Err(GeometryError::TooFewPoints {
-                found: n,
-                needed: 3,
-            });
+            return Err(GeometryError::TooFewPoints { found: n, needed: 3 });
         }
         let mut arc = Vec::with_capacity(n + 1);
         let mut length = 0.0;
@@ -51,10 +40,7 @@ impl ClosedPolygon {
         for i in 0..n {
             let chord = (points.row((i + 1) % n) - points.row(i)).norm();
             if chord == 0.0 {
-                return Err(GeometryError::RepeatedPoint {
-                    first: i,
-                    second: (i + 1) % n,
-                });
+                return Err(GeometryError::RepeatedPoint { first: i, second: (i + 1) % n });
             }
             length += chord;
             arc.push(length);
@@ -70,11 +56,7 @@ impl ClosedPolygon {
     /// Position at arc length `s`, taken modulo the perimeter.
     fn position(&self, s: f64) -> Vec<f64> {
         let s = s.rem_euclid(self.length());
-        let edge = self
-            .arc
-            .partition_point(|&a| a <= s)
-            .clamp(1, self.points.nrows())
-            - 1;
+        let edge = self.arc.partition_point(|&a| a <= s).clamp(1, self.points.nrows()) - 1;
         let fraction = (s - self.arc[edge]) / (self.arc[edge + 1] - self.arc[edge]);
         self.on_edge(edge, fraction)
     }
@@ -93,10 +75,7 @@ impl ClosedPolygon {
         let mut samples = Matrix::zeros(n, self.points.ncols());
         for i in 0..n {
             let position = self.position(start + self.length() * i as f64 / n as f64);
-            position
-                .iter()
-                .enumerate()
-                .for_each(|(c, &value)| samples[(i, c)] = value);
+            position.iter().enumerate().for_each(|(c, &value)| samples[(i, c)] = value);
         }
         samples
     }
@@ -113,23 +92,13 @@ impl ClosedPolygon {
     pub fn canonical_start(&self) -> f64 {
         let (cosine, sine) = self.first_harmonic();
         let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>();
-        let theta =
-            0.5 * (2.0 * dot(&cosine, &sine)).atan2(dot(&cosine, &cosine) - dot(&sine, &sine));
+        let theta = 0.5 * (2.0 * dot(&cosine, &sine)).atan2(dot(&cosine, &cosine) - dot(&sine, &sine));
         let first = theta / std::f64::consts::TAU * self.length();
         let second = first + 0.5 * self.length();
         let centroid = self.centroid();
-        let distance = |s: f64| {
-            self.position(s)
-                .iter()
-                .zip(&centroid)
-                .map(|(x, m)| (x - m).powi(2))
-                .sum::<f64>()
-        };
-        let start = if distance(second) > distance(first) {
-            second
-        } else {
-            first
-        };
+        let distance =
+            |s: f64| self.position(s).iter().zip(&centroid).map(|(x, m)| (x - m).powi(2)).sum::<f64>();
+        let start = if distance(second) > distance(first) { second } else { first };
         start.rem_euclid(self.length())
     }
 
@@ -160,10 +129,8 @@ impl ClosedPolygon {
             let step = |c| (self.points[((i + 1) % n, c)] - self.points[(i, c)]) / (b - a);
             // ∫_a^b cos ws, sin ws with the difference of sines as a product, free of cancellation
             let (middle, half) = (0.5 * w * (a + b), 0.5 * w * (b - a));
-            let (along_cosine, along_sine) = (
-                2.0 * middle.cos() * half.sin(),
-                2.0 * middle.sin() * half.sin(),
-            );
+            let (along_cosine, along_sine) =
+                (2.0 * middle.cos() * half.sin(), 2.0 * middle.sin() * half.sin());
             for c in 0..d {
                 cosine[c] -= step(c) * along_sine;
                 sine[c] += step(c) * along_cosine;
@@ -193,11 +160,7 @@ pub fn canonical_shift(control_points: &Matrix) -> usize {
     let (first, second) = (at(turn), at(turn + 0.5));
     let centroid = control_points.row_mean();
     let distance = |k: usize| (control_points.row(k) - &centroid).norm();
-    if distance(second) > distance(first) {
-        second
-    } else {
-        first
-    }
+    if distance(second) > distance(first) { second } else { first }
 }
 
 /// `control_points` with row `shift` first.
@@ -213,11 +176,7 @@ mod tests {
     fn bean(n: usize, start: f64) -> Matrix {
         Matrix::from_fn(n, 2, |i, c| {
             let t = std::f64::consts::TAU * i as f64 / n as f64 + start;
-            if c == 0 {
-                2.0 * t.cos() + 0.3 * (2.0 * t).cos()
-            } else {
-                t.sin() + 0.2 * (3.0 * t).sin()
-            }
+            if c == 0 { 2.0 * t.cos() + 0.3 * (2.0 * t).cos() } else { t.sin() + 0.2 * (3.0 * t).sin() }
         })
     }
 
@@ -227,10 +186,7 @@ mod tests {
         let rotated = rotate_start(&polygon, 73);
         let one = ClosedPolygon::new(polygon).unwrap();
         let two = ClosedPolygon::new(rotated).unwrap();
-        let (a, b) = (
-            one.sample(40, one.canonical_start()),
-            two.sample(40, two.canonical_start()),
-        );
+        let (a, b) = (one.sample(40, one.canonical_start()), two.sample(40, two.canonical_start()));
         assert!((&a - &b).amax() < 1e-12, "{}", (&a - &b).amax());
         // the end of the major axis, on the side that bulges
         assert!((a[(0, 0)] - 2.3).abs() < 0.05, "{}", a[(0, 0)]);
@@ -239,8 +195,7 @@ mod tests {
     #[test]
     fn collinear_vertices_change_nothing() {
         let square = Matrix::from_row_slice(4, 2, &[0., 0., 2., 0., 2., 1., 0., 1.]);
-        let denser =
-            Matrix::from_row_slice(6, 2, &[0., 0., 0.5, 0., 2., 0., 2., 1., 1.7, 1., 0., 1.]);
+        let denser = Matrix::from_row_slice(6, 2, &[0., 0., 0.5, 0., 2., 0., 2., 1., 1.7, 1., 0., 1.]);
         let a = ClosedPolygon::new(square).unwrap().sample(12, 0.0);
         let b = ClosedPolygon::new(denser).unwrap().sample(12, 0.0);
         assert!((a - b).amax() < 1e-14);
@@ -249,25 +204,16 @@ mod tests {
     #[test]
     fn broken_contours_are_named() {
         let equal = Matrix::from_element(5, 2, 3.0);
-        assert!(matches!(
-            ClosedPolygon::new(equal),
-            Err(GeometryError::NoLength { points: 5, .. })
-        ));
+        assert!(matches!(ClosedPolygon::new(equal), Err(GeometryError::NoLength { points: 5, .. })));
         let repeated = Matrix::from_row_slice(4, 2, &[0., 0., 1., 0., 1., 0., 0., 1.]);
         assert_eq!(
             ClosedPolygon::new(repeated).unwrap_err(),
-            GeometryError::RepeatedPoint {
-                first: 1,
-                second: 2
-            }
+            GeometryError::RepeatedPoint { first: 1, second: 2 }
         );
         let closed_line = Matrix::from_row_slice(3, 2, &[0., 0., 1., 0., 0., 0.]);
         assert_eq!(
             ClosedPolygon::new(closed_line).unwrap_err(),
-            GeometryError::TooFewPoints {
-                found: 2,
-                needed: 3
-            }
+            GeometryError::TooFewPoints { found: 2, needed: 3 }
         );
     }
 

@@ -39,10 +39,7 @@ impl RealFft {
     /// Plans both transforms of length `n ≥ 1`.
     pub fn new(n: usize) -> Self {
         let mut planner = RealFftPlanner::<f64>::new();
-        Self {
-            forward: planner.plan_fft_forward(n),
-            inverse: planner.plan_fft_inverse(n),
-        }
+        Self { forward: planner.plan_fft_forward(n), inverse: planner.plan_fft_inverse(n) }
     }
 
     /// Length of the real signal.
@@ -62,10 +59,7 @@ impl RealFft {
 
     /// Working memory for [`Self::forward`] and [`Self::inverse`].
     pub fn scratch(&self) -> FftScratch {
-        let work = self
-            .forward
-            .get_scratch_len()
-            .max(self.inverse.get_scratch_len());
+        let work = self.forward.get_scratch_len().max(self.inverse.get_scratch_len());
         FftScratch {
             signal: vec![0.0; self.len()],
             spectrum: vec![Complex64::ZERO; self.spectrum_len()],
@@ -82,12 +76,7 @@ impl RealFft {
     }
 
     /// `signal ← F⁻¹ spectrum`; destroys `spectrum`.
-    pub fn inverse(
-        &self,
-        spectrum: &mut [Complex64],
-        signal: &mut [f64],
-        scratch: &mut FftScratch,
-    ) {
+    pub fn inverse(&self, spectrum: &mut [Complex64], signal: &mut [f64], scratch: &mut FftScratch) {
         let n = self.len();
         spectrum[0].im = 0.0;
         if n.is_multiple_of(2) {
@@ -123,17 +112,10 @@ impl Circulant {
         let largest = eigenvalues.iter().cloned().fold(f64::MIN, f64::max);
         let smallest = eigenvalues.iter().cloned().fold(f64::MAX, f64::min);
         if !(smallest > 1e-14 * largest.abs()) {
-            return Err(NumericError::NotPositiveDefinite {
-                size: first_row.len(),
-                smallest,
-            });
+            return Err(NumericError::NotPositiveDefinite { size: first_row.len(), smallest });
         }
         let roots = eigenvalues.iter().map(|value| value.sqrt()).collect();
-        Ok(Self {
-            fft,
-            eigenvalues,
-            roots,
-        })
+        Ok(Self { fft, eigenvalues, roots })
     }
 
     /// The distinct eigenvalues `f̂[q]`, `q = 0..=n/2`.
@@ -148,10 +130,7 @@ impl Circulant {
         let mut spectrum = std::mem::take(&mut scratch.spectrum);
         for column in data.chunks_exact_mut(n) {
             self.fft.forward(column, &mut spectrum, &mut scratch);
-            spectrum
-                .iter_mut()
-                .enumerate()
-                .for_each(|(q, value)| *value *= gain(q));
+            spectrum.iter_mut().enumerate().for_each(|(q, value)| *value *= gain(q));
             self.fft.inverse(&mut spectrum, column, &mut scratch);
         }
     }
@@ -188,9 +167,7 @@ mod tests {
         let row = [0.8, 0.15, -0.05, -0.05, 0.15];
         let operator = Circulant::new(&row).unwrap();
         let x = [1.0, -2.0, 0.5, 3.0, 0.25];
-        let product: Vec<f64> = (0..5)
-            .map(|k| (0..5).map(|l| row[(l + 5 - k) % 5] * x[l]).sum())
-            .collect();
+        let product: Vec<f64> = (0..5).map(|k| (0..5).map(|l| row[(l + 5 - k) % 5] * x[l]).sum()).collect();
         let mut applied = x;
         operator.apply(&mut applied);
         let mut twice = x;
@@ -199,12 +176,7 @@ mod tests {
         let mut back = applied;
         operator.solve(&mut back);
         for k in 0..5 {
-            assert!(
-                (applied[k] - product[k]).abs() < 1e-15,
-                "{} {}",
-                applied[k],
-                product[k]
-            );
+            assert!((applied[k] - product[k]).abs() < 1e-15, "{} {}", applied[k], product[k]);
             assert!((twice[k] - product[k]).abs() < 1e-15);
             assert!((back[k] - x[k]).abs() < 1e-14);
         }

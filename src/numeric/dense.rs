@@ -79,14 +79,7 @@ pub fn fill_upper(s: &mut Matrix) {
 /// `A B`.
 pub fn multiply(a: &Matrix, b: &Matrix) -> Matrix {
     let mut c = Matrix::zeros(a.nrows(), b.ncols());
-    faer::linalg::matmul::matmul(
-        view_mut(&mut c),
-        Accum::Replace,
-        view(a),
-        view(b),
-        1.0,
-        Par::Seq,
-    );
+    faer::linalg::matmul::matmul(view_mut(&mut c), Accum::Replace, view(a), view(b), 1.0, Par::Seq);
     c
 }
 
@@ -138,9 +131,7 @@ fn full_eigenpairs(s: &Matrix, count: usize) -> Result<Eigenpairs, NumericError>
     }
     // The library's high-level call takes its parallelism from a global setting.
     faer::set_global_parallelism(Par::Seq);
-    let eigen = view(s)
-        .self_adjoint_eigen(Side::Lower)
-        .map_err(|_| failure)?;
+    let eigen = view(s).self_adjoint_eigen(Side::Lower).map_err(|_| failure)?;
     let (ascending, u) = (eigen.S().column_vector(), eigen.U());
     let values = (0..count).map(|i| ascending[n - 1 - i]).collect();
     let vectors = Matrix::from_fn(n, count, |row, i| u[(row, n - 1 - i)]);
@@ -158,12 +149,7 @@ fn krylov_eigenpairs(s: &Matrix, count: usize) -> Option<Eigenpairs> {
     let mut vectors = Mat::<f64>::zeros(n, wanted);
     let mut values = vec![0.0; wanted];
     let start = start_vector(n);
-    let mut memory = MemBuffer::new(partial_self_adjoint_eigen_scratch(
-        &operator,
-        wanted,
-        Par::Seq,
-        params,
-    ));
+    let mut memory = MemBuffer::new(partial_self_adjoint_eigen_scratch(&operator, wanted, Par::Seq, params));
     let info = partial_self_adjoint_eigen(
         vectors.as_mut(),
         &mut values,
@@ -180,9 +166,7 @@ fn krylov_eigenpairs(s: &Matrix, count: usize) -> Option<Eigenpairs> {
     let mut order: Vec<usize> = (0..wanted).collect();
     order.sort_by(|&i, &j| values[j].total_cmp(&values[i]));
     // The iteration ranks by magnitude; of a positive semi-definite matrix that is by value.
-    let negative = values
-        .iter()
-        .any(|&value| value < -1e-8 * values[order[0]].abs());
+    let negative = values.iter().any(|&value| value < -1e-8 * values[order[0]].abs());
     (!negative).then(|| Eigenpairs {
         values: order[..count].iter().map(|&i| values[i]).collect(),
         vectors: Matrix::from_fn(n, count, |row, i| vectors[(row, order[i])]),
@@ -219,10 +203,7 @@ mod tests {
     #[test]
     fn krylov_equals_full_also_for_double_eigenvalues() {
         for (n, spectrum) in [
-            (
-                150,
-                (|i| 1.0 / (1.0 + i as f64).powi(2)) as fn(usize) -> f64,
-            ),
+            (150, (|i| 1.0 / (1.0 + i as f64).powi(2)) as fn(usize) -> f64),
             (200, |i| 1.0 / (1.0 + (i / 2) as f64)),
             (130, |i| if i < 8 { 10.0 - i as f64 } else { 0.0 }),
         ] {
@@ -230,10 +211,7 @@ mod tests {
             let full = full_eigenpairs(&s, 6).unwrap();
             let partial = leading_eigenpairs(&s, 6).unwrap();
             for i in 0..6 {
-                assert!(
-                    (full.values[i] - partial.values[i]).abs() < 1e-12,
-                    "{n}: {i}"
-                );
+                assert!((full.values[i] - partial.values[i]).abs() < 1e-12, "{n}: {i}");
             }
             let p = multiply(&partial.vectors, &partial.vectors.transpose());
             let f = multiply(&full.vectors, &full.vectors.transpose());

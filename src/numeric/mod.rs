@@ -14,9 +14,7 @@ pub mod quadrature;
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum NumericError {
     /// An operator that must be positive definite is not.
-    #[error(
-        "the operator of size {size} is not positive definite: smallest eigenvalue {smallest:.3e}"
-    )]
+    #[error("the operator of size {size} is not positive definite: smallest eigenvalue {smallest:.3e}")]
     NotPositiveDefinite {
         /// Number of rows.
         size: usize,

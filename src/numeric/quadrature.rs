@@ -40,44 +40,26 @@ impl GaussLegendre {
     /// `∫_a^b f`.
     pub fn integrate(&self, a: f64, b: f64, f: impl Fn(f64) -> f64) -> f64 {
         let (centre, half) = (0.5 * (a + b), 0.5 * (b - a));
-        half * self
-            .points()
-            .map(|(node, weight)| weight * f(centre + half * node))
-            .sum::<f64>()
+        half * self.points().map(|(node, weight)| weight * f(centre + half * node)).sum::<f64>()
     }
 
     /// `∫_a^b f` by halving until two levels agree to `tolerance` (absolute) or 40 levels are spent.
     ///
     /// For integrands that are analytic but for isolated kinks, such as the speed `|r'|` of a curve
     /// near a cusp, where a fixed rule converges slowly.
-    pub fn integrate_adaptive(
-        &self,
-        a: f64,
-        b: f64,
-        tolerance: f64,
-        f: &impl Fn(f64) -> f64,
-    ) -> f64 {
+    pub fn integrate_adaptive(&self, a: f64, b: f64, tolerance: f64, f: &impl Fn(f64) -> f64) -> f64 {
         let whole = self.integrate(a, b, f);
         self.refine(a, b, whole, tolerance, f, 40)
     }
 
-    fn refine(
-        &self,
-        a: f64,
-        b: f64,
-        whole: f64,
-        tolerance: f64,
-        f: &impl Fn(f64) -> f64,
-        depth: u32,
-    ) -> f64 {
+    fn refine(&self, a: f64, b: f64, whole: f64, tolerance: f64, f: &impl Fn(f64) -> f64, depth: u32) -> f64 {
         let middle = 0.5 * (a + b);
         let (left, right) = (self.integrate(a, middle, f), self.integrate(middle, b, f));
         if depth == 0 || (left + right - whole).abs() <= tolerance {
             return left + right;
         }
         let half = 0.5 * tolerance;
-        self.refine(a, middle, left, half, f, depth - 1)
-            + self.refine(middle, b, right, half, f, depth - 1)
+        self.refine(a, middle, left, half, f, depth - 1) + self.refine(middle, b, right, half, f, depth - 1)
     }
 }
 
@@ -86,10 +68,7 @@ fn legendre(n: usize, x: f64) -> (f64, f64) {
     let (mut previous, mut current) = (1.0, x);
     for k in 2..=n {
         let k = k as f64;
-        (previous, current) = (
-            current,
-            ((2.0 * k - 1.0) * x * current - (k - 1.0) * previous) / k,
-        );
+        (previous, current) = (current, ((2.0 * k - 1.0) * x * current - (k - 1.0) * previous) / k);
     }
     (current, n as f64 * (x * current - previous) / (x * x - 1.0))
 }
@@ -103,16 +82,9 @@ mod tests {
         for n in [2, 5, 12, 20] {
             let rule = GaussLegendre::new(n);
             for degree in 0..2 * n {
-                let exact = if degree % 2 == 0 {
-                    2.0 / (degree as f64 + 1.0)
-                } else {
-                    0.0
-                };
+                let exact = if degree % 2 == 0 { 2.0 / (degree as f64 + 1.0) } else { 0.0 };
                 let value = rule.integrate(-1.0, 1.0, |x| x.powi(degree as i32));
-                assert!(
-                    (value - exact).abs() < 4e-15,
-                    "n = {n}, degree {degree}: {value} for {exact}"
-                );
+                assert!((value - exact).abs() < 4e-15, "n = {n}, degree {degree}: {value} for {exact}");
             }
         }
     }

@@ -42,7 +42,10 @@ pub async fn create(app: &App, new: NewCohort) -> Result<Cohort, ServiceError> {
         faults.push(Fault::new("/name", problem));
     }
     if new.description.as_ref().is_some_and(|text| text.chars().count() > MAX_DESCRIPTION_CHARS) {
-        faults.push(Fault::new("/description", format!("must have at most {MAX_DESCRIPTION_CHARS} characters")));
+        faults.push(Fault::new(
+            "/description",
+            format!("must have at most {MAX_DESCRIPTION_CHARS} characters"),
+        ));
     }
     if new.length_unit.as_ref().is_some_and(|unit| unit.is_empty() || unit.chars().count() > MAX_UNIT_CHARS) {
         faults.push(Fault::new("/length_unit", format!("must have 1 to {MAX_UNIT_CHARS} characters")));
@@ -50,7 +53,9 @@ pub async fn create(app: &App, new: NewCohort) -> Result<Cohort, ServiceError> {
     if let Err(errors) = input::check_representation(&new.representation, &app.limits) {
         faults.extend(errors.into_iter().map(|error| Fault::from(error.below("/representation"))));
     }
-    if let Err(ServiceError::Invalid(found)) = input::check_correspondence(&new.representation, new.correspondence) {
+    if let Err(ServiceError::Invalid(found)) =
+        input::check_correspondence(&new.representation, new.correspondence)
+    {
         faults.extend(found);
     }
     ServiceError::unless_empty(faults)?;
@@ -121,7 +126,9 @@ pub async fn list_shapes(
 ) -> Result<(Cohort, Page<Shape>), ServiceError> {
     let cohort = find(app, key).await?;
     let after = cursor
-        .map(|cursor| cursor.parse().map_err(|_| ServiceError::invalid("/cursor", "is not a cursor of this list")))
+        .map(|cursor| {
+            cursor.parse().map_err(|_| ServiceError::invalid("/cursor", "is not a cursor of this list"))
+        })
         .transpose()?;
     let page = app.store.list_shapes(&cohort.id, filter, after, limit).await?;
     Ok((cohort, (page.shapes, page.next.map(|cursor| cursor.to_string()))))

@@ -64,7 +64,8 @@ impl Setup {
     /// # Errors
     /// [`ServiceError::Invalid`] with all fields that do not fit together.
     pub fn new(app: &App, settings: &Settings) -> Result<Self, ServiceError> {
-        let Settings { representation, correspondence, direction, mirror, transformation, alignment, frame } = settings;
+        let Settings { representation, correspondence, direction, mirror, transformation, alignment, frame } =
+            settings;
         let mut faults = Vec::new();
         let mut keep = |error| match error {
             ServiceError::Invalid(found) => {
@@ -204,7 +205,8 @@ pub fn project(
     let setup = Setup::new(app, settings)?;
     let reading = setup.reading(&app.limits);
     let batch = input::read_batch(&reading, shapes);
-    let reference = reading.control_points(&reference).map_err(|errors| ServiceError::below(errors, "/reference"));
+    let reference =
+        reading.control_points(&reference).map_err(|errors| ServiceError::below(errors, "/reference"));
     let (reference, batch) = match (reference, batch) {
         (Ok(reference), Ok(batch)) => (reference, batch),
         (Err(ServiceError::Invalid(mut faults)), Err(ServiceError::Invalid(more))) => {
@@ -257,17 +259,25 @@ pub struct Evaluation {
 ///
 /// # Errors
 /// Faults of the input; shapes that are not curves.
-pub fn curves(app: &App, settings: &Settings, shapes: Vec<ShapeInput>) -> Result<(ShapeSpace, Vec<Matrix>), ServiceError> {
+pub fn curves(
+    app: &App,
+    settings: &Settings,
+    shapes: Vec<ShapeInput>,
+) -> Result<(ShapeSpace, Vec<Matrix>), ServiceError> {
     let setup = Setup::new(app, settings)?;
     if !setup.space.representation().is_curve() {
-        return Err(ServiceError::invalid("/representation/kind", "landmarks are points without a curve: use closed_curve"));
+        return Err(ServiceError::invalid(
+            "/representation/kind",
+            "landmarks are points without a curve: use closed_curve",
+        ));
     }
     let batch = input::read_batch(&setup.reading(&app.limits), shapes)?;
     if batch.weights.is_empty() {
         return Err(ServiceError::TooFewShapes { found: 0, needed: 1 });
     }
     let (n, d) = (setup.metric.size(), setup.metric.dimension());
-    let matrices = batch.control_points.chunks_exact(n * d).map(|c| Matrix::from_column_slice(n, d, c)).collect();
+    let matrices =
+        batch.control_points.chunks_exact(n * d).map(|c| Matrix::from_column_slice(n, d, c)).collect();
     Ok((setup.space, matrices))
 }
 
@@ -373,10 +383,17 @@ pub fn resample(
         match polygon(shape, &app.limits) {
             Ok((dimension, polygon)) => {
                 let from = if start == Start::Canonical { polygon.canonical_start() } else { 0.0 };
-                resampled.push((dimension, polygon.sample(count, from).as_slice().to_vec(), polygon.length()));
+                resampled.push((
+                    dimension,
+                    polygon.sample(count, from).as_slice().to_vec(),
+                    polygon.length(),
+                ));
             }
             Err((pointer, detail)) => {
-                faults.push(Fault { index: Some(index), ..Fault::new(format!("/shapes/{index}{pointer}"), detail) });
+                faults.push(Fault {
+                    index: Some(index),
+                    ..Fault::new(format!("/shapes/{index}{pointer}"), detail)
+                });
             }
         }
     }
@@ -389,7 +406,10 @@ fn polygon(shape: &ShapeInput, limits: &Limits) -> Result<(usize, ClosedPolygon)
         return Err((String::new(), "has no points".into()));
     };
     if points.len() > limits.points {
-        return Err(("/points".into(), format!("has {} points, at most {} are accepted", points.len(), limits.points)));
+        return Err((
+            "/points".into(),
+            format!("has {} points, at most {} are accepted", points.len(), limits.points),
+        ));
     }
     let dimension = points.width().clamp(2, 3);
     let coordinates = points.checked(dimension).map_err(|errors| {
@@ -438,10 +458,12 @@ pub fn draw_mode(
     // Uncentred eigenvalues measure energy, not variation: the spread of the scores is what a mode shows.
     let shapes = statistics.aligned.len() as f64;
     let mean_score = components.scores.iter().map(|s| s[i]).sum::<f64>() / shapes;
-    let variance = components.scores.iter().map(|s| (s[i] - mean_score).powi(2)).sum::<f64>() / (shapes - 1.0);
+    let variance =
+        components.scores.iter().map(|s| (s[i] - mean_score).powi(2)).sum::<f64>() / (shapes - 1.0);
     let moved = |sign: f64| {
         let step = sign * sigma * variance.sqrt();
-        let x: Vec<f64> = pca.mean.iter().zip(pca.eigenshapes.column(i).iter()).map(|(m, xi)| m + step * xi).collect();
+        let x: Vec<f64> =
+            pca.mean.iter().zip(pca.eigenshapes.column(i).iter()).map(|(m, xi)| m + step * xi).collect();
         unwhitened(&setup.metric, &x)
     };
     let (minus, mean, plus) = (moved(-1.0), moved(0.0), moved(1.0));
@@ -451,7 +473,11 @@ pub fn draw_mode(
         layer(&plus, colour::PLUS, 2.0).named(format!("+{sigma} σ")),
         layer(&mean, colour::MAIN, 2.5).named("mean"),
     ];
-    let title = format!("mode {component}: {:.1} % of {}", 100.0 * pca.explained[i], if pca.centred { "variance" } else { "energy" });
+    let title = format!(
+        "mode {component}: {:.1} % of {}",
+        100.0 * pca.explained[i],
+        if pca.centred { "variance" } else { "energy" }
+    );
     Ok(svg::draw(&title, &layers))
 }
 

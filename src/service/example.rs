@@ -35,16 +35,16 @@ pub async fn load_into_empty(app: &App) -> Result<(), ServiceError> {
 
 fn description() -> NewCohort {
     NewCohort {
-            name: NAME.into(),
-            description: Some("Outlines of mouse osteosarcoma cells of two lines under three treatments".into()),
-            representation: Representation::ClosedCurve {
-                dimension: 2,
-                control_points: 100,
-                generator: GeneratorKind::Trigonometric {},
-            },
-            correspondence: Correspondence::Cyclic,
-            direction: Direction::Given,
-            mirror: Mirror::Forbid,
-            length_unit: Some("pixel".into()),
+        name: NAME.into(),
+        description: Some("Outlines of mouse osteosarcoma cells of two lines under three treatments".into()),
+        representation: Representation::ClosedCurve {
+            dimension: 2,
+            control_points: 100,
+            generator: GeneratorKind::Trigonometric {},
+        },
+        correspondence: Correspondence::Cyclic,
+        direction: Direction::Given,
+        mirror: Mirror::Forbid,
+        length_unit: Some("pixel".into()),
     }
 }

@@ -70,7 +70,8 @@ pub async fn add(
     on_error: OnError,
 ) -> Result<Stored, ServiceError> {
     if shapes.len() > app.limits.shapes {
-        let detail = format!("has {} shapes, at most {} are accepted; stream NDJSON", shapes.len(), app.limits.shapes);
+        let detail =
+            format!("has {} shapes, at most {} are accepted; stream NDJSON", shapes.len(), app.limits.shapes);
         return Err(ServiceError::invalid("/shapes", detail));
     }
     if shapes.is_empty() {
@@ -103,7 +104,8 @@ pub async fn add_stream<E: std::fmt::Display>(
             .await
             .map_err(|_| ServiceError::Interrupted(format!("no data for {} s", PAUSE.as_secs())))?;
         let Some(chunk) = chunk else { break };
-        let chunk = chunk.map_err(|error| ServiceError::Interrupted(format!("the stream broke off: {error}")))?;
+        let chunk =
+            chunk.map_err(|error| ServiceError::Interrupted(format!("the stream broke off: {error}")))?;
         let keep = |line: Line| {
             pending_bytes += line.text.len();
             pending.push(line);
@@ -140,13 +142,28 @@ struct Writer {
 }
 
 impl Writer {
-    async fn new(app: &App, cohort: &Cohort, on_error: OnError, prefix: &'static str) -> Result<Self, ServiceError> {
+    async fn new(
+        app: &App,
+        cohort: &Cohort,
+        on_error: OnError,
+        prefix: &'static str,
+    ) -> Result<Self, ServiceError> {
         let (space, _) = app.space(&cohort.representation, "/representation")?;
         let upload = app.store.begin_upload(cohort);
         let (chunks, received) = mpsc::channel(1);
         let task = tokio::spawn(write(upload, received));
         let cohort = cohort.clone();
-        Ok(Self { space, cohort, on_error, prefix, position: 0, chunks, task, skipped: 0, faults: Vec::new() })
+        Ok(Self {
+            space,
+            cohort,
+            on_error,
+            prefix,
+            position: 0,
+            chunks,
+            task,
+            skipped: 0,
+            faults: Vec::new(),
+        })
     }
 
     async fn take_lines(&mut self, app: &App, lines: Vec<Line>) -> Result<(), ServiceError> {
@@ -167,7 +184,8 @@ impl Writer {
 
     async fn take(&mut self, app: &App, incoming: Vec<Incoming>) -> Result<(), ServiceError> {
         self.position += incoming.len();
-        let (space, cohort, limits, prefix) = (self.space.clone(), self.cohort.clone(), app.limits, self.prefix);
+        let (space, cohort, limits, prefix) =
+            (self.space.clone(), self.cohort.clone(), app.limits, self.prefix);
         let results: Vec<Result<NewShape, Vec<Fault>>> = app
             .pool
             .run(move || {
@@ -247,7 +265,8 @@ fn read_line(text: &[u8]) -> Result<ShapeInput, ServiceError> {
             })
             .and_then(|shape| {
                 let end = deserializer.end();
-                end.map_err(|error| ServiceError::Malformed(vec![Fault::new("", error.to_string())])).map(|()| shape)
+                end.map_err(|error| ServiceError::Malformed(vec![Fault::new("", error.to_string())]))
+                    .map(|()| shape)
             })
     })
 }

@@ -42,7 +42,10 @@ const MAX_LABELS: usize = 100;
 pub fn check_representation(representation: &Representation, limits: &Limits) -> Result<(), Vec<InputError>> {
     let mut errors = Vec::new();
     if !(2..=3).contains(&representation.dimension()) {
-        errors.push(InputError::new("/dimension", format!("is {}, must be 2 or 3", representation.dimension())));
+        errors.push(InputError::new(
+            "/dimension",
+            format!("is {}, must be 2 or 3", representation.dimension()),
+        ));
     }
     let (size, fewest, most) = (representation.size(), representation.fewest(), limits.control_points);
     if !(fewest..=most).contains(&size) {
@@ -61,7 +64,10 @@ pub fn check_representation(representation: &Representation, limits: &Limits) ->
 ///
 /// # Errors
 /// A fault at `/correspondence`.
-pub fn check_correspondence(representation: &Representation, correspondence: Correspondence) -> Result<(), ServiceError> {
+pub fn check_correspondence(
+    representation: &Representation,
+    correspondence: Correspondence,
+) -> Result<(), ServiceError> {
     if representation.is_curve() || correspondence == Correspondence::Landmarks {
         return Ok(());
     }
@@ -78,15 +84,21 @@ impl Reading<'_> {
     /// Everything wrong with it, with pointers relative to the shape.
     pub fn control_points(&self, shape: &ShapeInput) -> Result<Vec<f64>, Vec<InputError>> {
         if shape.closed == Some(false) && self.space.representation().is_curve() {
-            return Err(vec![InputError::new("/closed", "is false, but the representation is a closed curve")]);
+            return Err(vec![InputError::new(
+                "/closed",
+                "is false, but the representation is a closed curve",
+            )]);
         }
         let matrix = match (&shape.points, &shape.control_points) {
-            (Some(points), None) => self.from_points(points).map_err(|errors| below(errors, "/points"))?,
+            (Some(points), None) => self.interpolate(points).map_err(|errors| below(errors, "/points"))?,
             (None, Some(coefficients)) => {
-                self.from_control_points(coefficients).map_err(|errors| below(errors, "/control_points"))?
+                self.take_coefficients(coefficients).map_err(|errors| below(errors, "/control_points"))?
             }
             (Some(_), Some(_)) => {
-                return Err(vec![InputError::new("", "has both points and control_points: give one of them")]);
+                return Err(vec![InputError::new(
+                    "",
+                    "has both points and control_points: give one of them",
+                )]);
             }
             (None, None) => return Err(vec![InputError::new("", "has neither points nor control_points")]),
         };
@@ -96,18 +108,20 @@ impl Reading<'_> {
         Ok(matrix.as_slice().to_vec())
     }
 
-    fn from_points(&self, list: &PointList) -> Result<Matrix, Vec<InputError>> {
+    fn interpolate(&self, list: &PointList) -> Result<Matrix, Vec<InputError>> {
         let points = self.matrix(list)?;
         if self.correspondence == Correspondence::Landmarks {
             self.check_count(list, "points")?;
             return Ok(self.space.interpolate(points));
         }
-        let polygon = ClosedPolygon::new(self.directed(points)).map_err(|error| vec![contour_error(&error)])?;
-        let start = if self.correspondence == Correspondence::Cyclic { polygon.canonical_start() } else { 0.0 };
+        let polygon =
+            ClosedPolygon::new(self.directed(points)).map_err(|error| vec![contour_error(&error)])?;
+        let start =
+            if self.correspondence == Correspondence::Cyclic { polygon.canonical_start() } else { 0.0 };
         Ok(self.space.interpolate(polygon.sample(self.space.representation().size(), start)))
     }
 
-    fn from_control_points(&self, list: &PointList) -> Result<Matrix, Vec<InputError>> {
+    fn take_coefficients(&self, list: &PointList) -> Result<Matrix, Vec<InputError>> {
         let coefficients = self.matrix(list)?;
         self.check_count(list, "control points")?;
         if self.correspondence != Correspondence::Cyclic {
@@ -138,13 +152,17 @@ impl Reading<'_> {
         } else {
             ""
         };
-        Err(vec![InputError::new("", format!("has {} {what}, the representation has {wanted}{hint}", list.len()))])
+        Err(vec![InputError::new(
+            "",
+            format!("has {} {what}, the representation has {wanted}{hint}", list.len()),
+        )])
     }
 
     /// Planar contours whose direction has no meaning run counter-clockwise, keeping their first point.
     fn directed(&self, points: Matrix) -> Matrix {
         let (n, d) = points.shape();
-        let planar = d == 2 && self.direction == Direction::Either && self.correspondence != Correspondence::Landmarks;
+        let planar =
+            d == 2 && self.direction == Direction::Either && self.correspondence != Correspondence::Landmarks;
         if !planar || polygon_area(&points) >= 0.0 {
             return points;
         }
@@ -177,7 +195,8 @@ fn contour_error(error: &GeometryError) -> InputError {
 /// Everything wrong with them, with pointers relative to the shape.
 pub fn attributes(shape: ShapeInput) -> Result<ShapeAttributes, Vec<InputError>> {
     let mut errors = Vec::new();
-    let texts = [("/external_id", &shape.external_id), ("/subject", &shape.subject), ("/label", &shape.label)];
+    let texts =
+        [("/external_id", &shape.external_id), ("/subject", &shape.subject), ("/label", &shape.label)];
     for (pointer, text) in texts {
         if let Some(text) = text
             && (text.is_empty() || text.chars().count() > MAX_TEXT || text.chars().any(char::is_control))
@@ -186,7 +205,10 @@ pub fn attributes(shape: ShapeInput) -> Result<ShapeAttributes, Vec<InputError>>
         }
     }
     if shape.labels.len() > MAX_LABELS {
-        errors.push(InputError::new("/labels", format!("has {} entries, at most {MAX_LABELS}", shape.labels.len())));
+        errors.push(InputError::new(
+            "/labels",
+            format!("has {} entries, at most {MAX_LABELS}", shape.labels.len()),
+        ));
     }
     for (key, value) in shape.labels.iter().take(MAX_LABELS) {
         if value.is_object() || value.is_array() {
@@ -235,6 +257,9 @@ pub struct Batch {
     pub weights: Vec<f64>,
 }
 
+/// Control points and weight of one shape, or everything that is wrong with it.
+type ReadShape = Result<(Vec<f64>, f64), Vec<InputError>>;
+
 /// Reads all shapes in parallel.
 ///
 /// # Errors
@@ -250,7 +275,7 @@ pub fn read_batch(reading: &Reading<'_>, shapes: Vec<ShapeInput>) -> Result<Batc
             Err(control_points.err().into_iter().chain(attributes.err()).flatten().collect::<Vec<_>>())
         }
     };
-    let results: Vec<Result<(Vec<f64>, f64), Vec<InputError>>> = shapes.into_par_iter().map(read).collect();
+    let results: Vec<ReadShape> = shapes.into_par_iter().map(read).collect();
     let mut batch = Batch { control_points: Vec::new(), weights: Vec::with_capacity(results.len()) };
     let mut faults = Vec::new();
     for (index, result) in results.into_iter().enumerate() {
@@ -261,7 +286,8 @@ pub fn read_batch(reading: &Reading<'_>, shapes: Vec<ShapeInput>) -> Result<Batc
             }
             Err(errors) if faults.len() < MAX_FAULTS => {
                 let prefix = format!("/shapes/{index}");
-                let with_index = |error: InputError| Fault { index: Some(index), ..error.below(&prefix).into() };
+                let with_index =
+                    |error: InputError| Fault { index: Some(index), ..error.below(&prefix).into() };
                 faults.extend(errors.into_iter().map(with_index));
             }
             Err(_) => {}

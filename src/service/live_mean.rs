@@ -94,7 +94,8 @@ pub async fn mean(app: &App, cohort: Cohort, query: MeanQuery) -> Result<Arc<Liv
     };
     let count = app.store.count(&cohort.id, cohort.revision, &query.filter).await?;
     let (task_app, handle, filter) = (app.clone(), Handle::current(), query.filter);
-    let computed = app.pool.run(move || compute(&task_app, &handle, cohort, &settings, filter, count)).await?;
+    let computed =
+        app.pool.run(move || compute(&task_app, &handle, cohort, &settings, filter, count)).await?;
     let mean = Arc::new(computed);
     app.means.keep(key, mean.clone());
     Ok(mean)
@@ -109,7 +110,8 @@ fn compute(
     count: u64,
 ) -> Result<LiveMean, ServiceError> {
     let setup = Setup::new(app, settings)?;
-    let count = usize::try_from(count).map_err(|_| ServiceError::Internal("too many shapes for this machine".into()))?;
+    let count = usize::try_from(count)
+        .map_err(|_| ServiceError::Internal("too many shapes for this machine".into()))?;
     let source = StoredShapes {
         store: &app.store,
         handle,
@@ -131,6 +133,9 @@ fn compute(
     mean.placements = Vec::new();
     Ok(LiveMean { setup, mean, drawn, cohort })
 }
+
+/// Takes control points and weights of a stored chunk; false ends the scan.
+type VisitChunk<'a> = dyn FnMut(&[f64], &[f64]) -> Result<bool, ServiceError> + 'a;
 
 /// The shapes of a cohort at a revision, read again in every pass.
 struct StoredShapes<'a> {
@@ -157,13 +162,11 @@ impl StoredShapes<'_> {
     }
 
     /// Calls `visit` with control points and weights of every stored chunk until it says false.
-    fn scan(
-        &self,
-        visit: &mut dyn FnMut(&[f64], &[f64]) -> Result<bool, ServiceError>,
-    ) -> Result<(), ServiceError> {
+    fn scan(&self, visit: &mut VisitChunk<'_>) -> Result<(), ServiceError> {
         let mut position = None;
         loop {
-            let read = self.store.scan(&self.cohort.id, self.cohort.revision, self.filter, position, Ids::Skip);
+            let read =
+                self.store.scan(&self.cohort.id, self.cohort.revision, self.filter, position, Ids::Skip);
             let Some(batch) = self.handle.block_on(read)? else { return Ok(()) };
             position = Some(batch.position);
             if !visit(&batch.control_points, &batch.weights)? {
@@ -185,7 +188,8 @@ impl StoredShapes<'_> {
     fn id_at(&self, index: usize) -> Result<Option<String>, ServiceError> {
         let (mut position, mut left) = (None, index);
         loop {
-            let read = self.store.scan(&self.cohort.id, self.cohort.revision, self.filter, position, Ids::Include);
+            let read =
+                self.store.scan(&self.cohort.id, self.cohort.revision, self.filter, position, Ids::Include);
             let Some(mut batch) = self.handle.block_on(read)? else { return Ok(None) };
             if left < batch.ids.len() {
                 return Ok(Some(batch.ids.swap_remove(left)));
@@ -212,14 +216,16 @@ impl ShapeSource for StoredShapes<'_> {
         let mut first = 0;
         // Stored chunks have any length; batches are whole blocks, so that the result does not depend on how
         // the cohort was uploaded.
-        let mut emit = |rows: &mut Vec<f64>, weights: &mut Vec<f64>, count: usize| -> Result<(), ServiceError> {
-            prepare(self.metric, self.centred, first, &mut rows[..count * length]).map_err(|e| self.named(e))?;
-            visit(Shapes { first, whitened: &rows[..count * length], weights: &weights[..count] })?;
-            rows.drain(..count * length);
-            weights.drain(..count);
-            first += count;
-            Ok(())
-        };
+        let mut emit =
+            |rows: &mut Vec<f64>, weights: &mut Vec<f64>, count: usize| -> Result<(), ServiceError> {
+                prepare(self.metric, self.centred, first, &mut rows[..count * length])
+                    .map_err(|e| self.named(e))?;
+                visit(Shapes { first, whitened: &rows[..count * length], weights: &weights[..count] })?;
+                rows.drain(..count * length);
+                weights.drain(..count);
+                first += count;
+                Ok(())
+            };
         self.scan(&mut |control_points, chunk_weights| {
             rows.extend_from_slice(control_points);
             weights.extend_from_slice(chunk_weights);

@@ -97,7 +97,11 @@ impl App {
     ///
     /// # Errors
     /// [`ServiceError::Invalid`] below `pointer` when its sizes are out of bounds.
-    pub fn space(&self, representation: &Representation, pointer: &str) -> Result<(ShapeSpace, Metric), ServiceError> {
+    pub fn space(
+        &self,
+        representation: &Representation,
+        pointer: &str,
+    ) -> Result<(ShapeSpace, Metric), ServiceError> {
         input::check_representation(representation, &self.limits)
             .map_err(|errors| ServiceError::below(errors, pointer))?;
         let space = ShapeSpace::new(representation)

@@ -32,23 +32,22 @@ impl Encoded {
         let (mut points, mut weights) = (Vec::new(), Vec::new());
         for (weight, numbers) in shapes {
             weights.push(weight);
-            append(&mut points, numbers);
+            points.extend_from_slice(&bytes_of(numbers));
         }
-        let weights = weights.iter().any(|w| *w != 1.0).then(|| {
-            let mut bytes = Vec::new();
-            append(&mut bytes, &weights);
-            bytes
-        });
-        Self {
-            checksum: checksum(&points, weights.as_deref().unwrap_or_default()),
-            weights,
-            points,
-        }
+        let is_weighted = weights.iter().any(|weight| *weight != 1.0);
+        let weights = is_weighted.then(|| bytes_of(&weights));
+        Self { checksum: checksum(&points, weights.as_deref().unwrap_or_default()), weights, points }
     }
 }
 
-fn append(bytes: &mut Vec<u8>, numbers: &[f64]) {
-    bytes.extend(numbers.iter().flat_map(|number| number.to_le_bytes()));
+/// Numbers as stored.
+pub(super) fn bytes_of(numbers: &[f64]) -> Vec<u8> {
+    let mut bytes = vec![0; numbers.len() * BYTES_PER_NUMBER];
+    let (slots, _) = bytes.as_chunks_mut();
+    for (slot, number) in slots.iter_mut().zip(numbers) {
+        *slot = number.to_le_bytes();
+    }
+    bytes
 }
 
 fn checksum(points: &[u8], weights: &[u8]) -> Vec<u8> {
@@ -95,9 +94,7 @@ impl<'a> Chunk<'a> {
         };
         let expected: &[u8] = row.try_get("checksum")?;
         let fits = chunk.points.len() == chunk.rows * chunk.width * BYTES_PER_NUMBER
-            && chunk
-                .weights
-                .is_none_or(|w| w.len() == chunk.rows * BYTES_PER_NUMBER);
+            && chunk.weights.is_none_or(|w| w.len() == chunk.rows * BYTES_PER_NUMBER);
         if fits && checksum(chunk.points, chunk.weights.unwrap_or_default()) == expected {
             return Ok(chunk);
         }

@@ -35,9 +35,9 @@ impl Store {
             .await;
         match created {
             Ok(_) => Ok(()),
-            Err(e) if sqlite::is_duplicate(&e, "cohort.name") => Err(StoreError::NameTaken {
-                name: cohort.name.clone(),
-            }),
+            Err(e) if sqlite::is_duplicate(&e, "cohort.name") => {
+                Err(StoreError::NameTaken { name: cohort.name.clone() })
+            }
             Err(e) => Err(e.into()),
         }
     }
@@ -48,10 +48,7 @@ impl Store {
     /// None of its own, only those of the database; the same holds for the other readers.
     pub async fn find_cohort(&self, key: &str) -> Result<Option<Cohort>, StoreError> {
         const FIND: &str = "SELECT * FROM cohort WHERE id = $1 OR name = $1";
-        let row = sqlx::query(FIND)
-            .bind(key)
-            .fetch_optional(self.reader())
-            .await?;
+        let row = sqlx::query(FIND).bind(key).fetch_optional(self.reader()).await?;
         row.as_ref().map(read_cohort).transpose()
     }
 
@@ -59,11 +56,7 @@ impl Store {
     ///
     /// # Errors
     /// Those of the database.
-    pub async fn list_cohorts(
-        &self,
-        after: Option<&str>,
-        limit: usize,
-    ) -> Result<Vec<Cohort>, StoreError> {
+    pub async fn list_cohorts(&self, after: Option<&str>, limit: usize) -> Result<Vec<Cohort>, StoreError> {
         const LIST: &str = "SELECT * FROM cohort WHERE id > $1 ORDER BY id LIMIT $2";
         let rows = sqlx::query(LIST)
             .bind(after.unwrap_or_default())
@@ -135,7 +128,5 @@ fn to_text(value: &impl Serialize) -> String {
 fn from_text<T: DeserializeOwned>(text: &str) -> Result<T, StoreError> {
     serde_json::from_str(text)
         .or_else(|_| serde_json::from_value(Value::from(text)))
-        .map_err(|e| StoreError::Damaged {
-            detail: format!("unreadable {text:?}: {e}"),
-        })
+        .map_err(|e| StoreError::Damaged { detail: format!("unreadable {text:?}: {e}") })
 }

@@ -62,9 +62,7 @@ impl Selection<'_> {
         let (chunk, position) = self.after;
         let revision = to_sql(self.revision);
         query.push(" AND c.revision <= ").push_bind(revision);
-        query
-            .push(" AND (s.deleted_revision IS NULL OR s.deleted_revision > ")
-            .push_bind(revision);
+        query.push(" AND (s.deleted_revision IS NULL OR s.deleted_revision > ").push_bind(revision);
         query.push(") AND c.id >= ").push_bind(chunk);
         query.push(" AND (s.chunk_id, s.position) > (");
         query.push_bind(chunk).push(", ").push_bind(position);

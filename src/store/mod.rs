@@ -21,9 +21,6 @@ pub mod shapes;
 mod sqlite;
 pub mod upload;
 
-#[cfg(test)]
-mod testing;
-
 use std::fs::{File, TryLockError};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -62,9 +59,7 @@ pub enum StoreError {
         name: String,
     },
     /// The external identifier belongs to a shape with other content, or to an unfinished upload.
-    #[error(
-        "shape {position}: the external id {external_id:?} belongs to a shape with other content"
-    )]
+    #[error("shape {position}: the external id {external_id:?} belongs to a shape with other content")]
     ExternalIdConflict {
         /// Position in the whole upload, from 0.
         position: u64,
@@ -157,11 +152,7 @@ impl Store {
         sqlite::check_file(&writer).await?;
         sqlite::migrate(&writer).await?;
         let reader = sqlite::reader(&file).await?;
-        let store = Self(Arc::new(Inner {
-            writer,
-            reader,
-            lock,
-        }));
+        let store = Self(Arc::new(Inner { writer, reader, lock }));
         store.purge(PURGE_PENDING, None).await?;
         store.purge(PURGE_ORPHANS, None).await?;
         Ok(store)
@@ -225,10 +216,7 @@ fn lock_folder(data_dir: &Path) -> Result<File, StoreError> {
     let path = data_dir.to_path_buf();
     let lock = std::fs::create_dir_all(data_dir)
         .and_then(|()| File::create(data_dir.join(LOCK_FILE)))
-        .map_err(|source| StoreError::Folder {
-            path: path.clone(),
-            source,
-        })?;
+        .map_err(|source| StoreError::Folder { path: path.clone(), source })?;
     match lock.try_lock() {
         Ok(()) => Ok(lock),
         Err(TryLockError::WouldBlock) => Err(StoreError::Locked { path }),

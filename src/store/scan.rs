@@ -8,8 +8,11 @@ use super::filter::{self, Selection};
 use super::{Cursor, Store, StoreError, blocking, cohorts, to_sql};
 use crate::domain::shape::ShapeFilter;
 
-/// Most bytes read for one batch, unless one chunk has more.
+/// Most bytes of control points in a batch, and of chunks in memory at once, unless one has more.
 const BYTES_PER_BATCH: i64 = 4 << 20;
+/// Most bytes read for one batch: where few shapes pass a filter, most of what is read is dropped.
+const READ_BYTES_PER_BATCH: i64 = 64 << 20;
+const BYTES_PER_NUMBER: i64 = size_of::<f64>() as i64;
 /// Most shapes in a batch that is put together from single rows.
 const ROWS_PER_BATCH: usize = 4096;
 /// Most chunks in a batch: shapes that came one by one fill a chunk each.
@@ -56,22 +59,15 @@ impl Store {
         let mut after = after.map_or((0, -1), |c| (c.chunk, c.position));
         loop {
             let mut read = self.reader().begin().await?;
-            let selection = Selection {
-                cohort: cohorts::number(&mut read, cohort_id).await?,
-                revision,
-                filter,
-                after,
-            };
+            let selection =
+                Selection { cohort: cohorts::number(&mut read, cohort_id).await?, revision, filter, after };
             let plan = if ids == Ids::Skip && filter::is_empty(filter) {
                 plan_chunks(&mut read, &selection).await?
             } else {
                 plan_rows(&mut read, &selection).await?
             };
             let Some(plan) = plan else { return Ok(None) };
-            let rows = blob::load(&mut read, &plan.chunks).await?;
-            // Frees the connection before the arithmetic.
-            read.commit().await?;
-            let batch = blocking(move || plan.assemble(&rows, ids)).await?;
+            let batch = plan.read(&mut read, ids).await?;
             if !batch.weights.is_empty() {
                 return Ok(Some(batch));
             }
@@ -81,11 +77,22 @@ impl Store {
 }
 
 /// What to read for one batch.
+#[derive(Default)]
 struct Plan {
+    groups: Vec<Group>,
+    /// Bytes of the chunks of the last group, of all chunks, and of the shapes taken.
+    group_bytes: i64,
+    read_bytes: i64,
+    taken_bytes: i64,
+    end: Option<Cursor>,
+}
+
+/// Chunks that are in memory together.
+#[derive(Default)]
+struct Group {
     /// Chunks in ascending order.
     chunks: Vec<i64>,
     choice: Choice,
-    end: Cursor,
 }
 
 enum Choice {
@@ -95,27 +102,9 @@ enum Choice {
     Only(Vec<(Cursor, String)>),
 }
 
-/// Sums up the bytes of chunks until a batch is full; the first chunk always fits.
-#[derive(Default)]
-struct Budget {
-    chunks: Vec<i64>,
-    bytes: i64,
-}
-
-impl Budget {
-    /// Adds the chunk of `row`, unless it is too much; false then.
-    fn admit(&mut self, row: &SqliteRow) -> Result<bool, StoreError> {
-        let chunk: i64 = row.try_get("chunk_id")?;
-        if self.chunks.last() == Some(&chunk) {
-            return Ok(true);
-        }
-        let bytes = row.try_get::<i64, _>("rows")? * row.try_get::<i64, _>("width")? * 8;
-        if !self.chunks.is_empty() && self.bytes + bytes > BYTES_PER_BATCH {
-            return Ok(false);
-        }
-        self.bytes += bytes;
-        self.chunks.push(chunk);
-        Ok(true)
+impl Default for Choice {
+    fn default() -> Self {
+        Self::Only(Vec::new())
     }
 }
 
@@ -133,24 +122,21 @@ async fn plan_chunks(
         .bind(CHUNKS_PER_BATCH)
         .fetch_all(&mut *connection)
         .await?;
-    let mut budget = Budget::default();
+    let mut plan = Plan::default();
     for row in &rows {
-        if !budget.admit(row)? {
+        let size = ChunkSize::read(row)?;
+        if !plan.admit(size, size.bytes()) {
             break;
         }
+        plan.end = Some(Cursor { chunk: size.chunk, position: i64::MAX });
     }
-    let (Some(&first), Some(&last)) = (budget.chunks.first(), budget.chunks.last()) else {
+    // Taking all of every chunk, the plan is full when its first group is.
+    let Some(group) = plan.groups.last_mut() else {
         return Ok(None);
     };
-    let deleted = list_deleted(connection, selection, first, last).await?;
-    Ok(Some(Plan {
-        chunks: budget.chunks,
-        choice: Choice::AllBut(deleted),
-        end: Cursor {
-            chunk: last,
-            position: i64::MAX,
-        },
-    }))
+    let (first, last) = (group.chunks[0], group.chunks[group.chunks.len() - 1]);
+    group.choice = Choice::AllBut(list_deleted(connection, selection, first, last).await?);
+    Ok(Some(plan))
 }
 
 /// Shapes in the chunks from `first` to `last` that were deleted by the revision.
@@ -181,45 +167,98 @@ async fn plan_rows(
     const COLUMNS: &str = "s.chunk_id, s.position, s.id, c.rows, c.width";
     let mut query = selection.page(COLUMNS, ROWS_PER_BATCH);
     let rows = query.build().fetch_all(connection).await?;
-    let (mut budget, mut chosen) = (Budget::default(), Vec::new());
+    let mut plan = Plan::default();
     for row in &rows {
-        if !budget.admit(row)? {
+        let (size, place) = (ChunkSize::read(row)?, place(row)?);
+        if !plan.admit(size, size.width * BYTES_PER_NUMBER) {
             break;
         }
-        chosen.push((place(row)?, row.try_get("id")?));
+        plan.choose(place, row.try_get("id")?);
     }
-    let Some(&(end, _)) = chosen.last() else {
-        return Ok(None);
-    };
-    Ok(Some(Plan {
-        chunks: budget.chunks,
-        choice: Choice::Only(chosen),
-        end,
-    }))
+    Ok(plan.end.is_some().then_some(plan))
 }
 
 fn place(row: &SqliteRow) -> Result<Cursor, StoreError> {
-    Ok(Cursor {
-        chunk: row.try_get("chunk_id")?,
-        position: row.try_get("position")?,
-    })
+    Ok(Cursor { chunk: row.try_get("chunk_id")?, position: row.try_get("position")? })
+}
+
+/// A chunk and its size.
+#[derive(Clone, Copy)]
+struct ChunkSize {
+    chunk: i64,
+    rows: i64,
+    width: i64,
+}
+
+impl ChunkSize {
+    fn read(row: &SqliteRow) -> Result<Self, StoreError> {
+        Ok(Self { chunk: row.try_get("chunk_id")?, rows: row.try_get("rows")?, width: row.try_get("width")? })
+    }
+
+    fn bytes(self) -> i64 {
+        self.rows * self.width * BYTES_PER_NUMBER
+    }
 }
 
 impl Plan {
-    /// Verifies the chunks and takes the shapes out of them.
-    fn assemble(self, rows: &[SqliteRow], ids: Ids) -> Result<ScanBatch, StoreError> {
+    /// Makes room for `taken` bytes out of a chunk; false when the batch is full. The first always
+    /// fits.
+    fn admit(&mut self, size: ChunkSize, taken: i64) -> bool {
+        let last = self.groups.last().and_then(|group| group.chunks.last());
+        let more = if last == Some(&size.chunk) { 0 } else { size.bytes() };
+        let is_full =
+            self.taken_bytes + taken > BYTES_PER_BATCH || self.read_bytes + more > READ_BYTES_PER_BATCH;
+        if is_full && !self.groups.is_empty() {
+            return false;
+        }
+        if last != Some(&size.chunk) {
+            self.push_chunk(size);
+        }
+        self.taken_bytes += taken;
+        true
+    }
+
+    fn push_chunk(&mut self, size: ChunkSize) {
+        if self.groups.is_empty() || self.group_bytes + size.bytes() > BYTES_PER_BATCH {
+            self.groups.push(Group::default());
+            self.group_bytes = 0;
+        }
+        self.group_bytes += size.bytes();
+        self.read_bytes += size.bytes();
+        if let Some(group) = self.groups.last_mut() {
+            group.chunks.push(size.chunk);
+        }
+    }
+
+    /// Takes a shape of the chunk admitted last.
+    fn choose(&mut self, place: Cursor, id: String) {
+        self.end = Some(place);
+        if let Some(Choice::Only(chosen)) = self.groups.last_mut().map(|group| &mut group.choice) {
+            chosen.push((place, id));
+        }
+    }
+
+    /// Reads one group after the other.
+    async fn read(self, connection: &mut SqliteConnection, ids: Ids) -> Result<ScanBatch, StoreError> {
+        let end = self.end.unwrap_or(Cursor { chunk: i64::MAX, position: i64::MAX });
+        let mut batch = ScanBatch::empty(end);
+        for group in self.groups {
+            let rows = blob::load(connection, &group.chunks).await?;
+            batch = blocking(move || group.append_to(batch, &rows, ids)).await?;
+        }
+        Ok(batch)
+    }
+}
+
+impl Group {
+    /// Verifies the chunks and appends the chosen shapes.
+    fn append_to(self, mut batch: ScanBatch, rows: &[SqliteRow], ids: Ids) -> Result<ScanBatch, StoreError> {
         let chunks: Result<Vec<_>, _> = rows.iter().map(Chunk::verified).collect();
         let mut chunks = chunks?;
         chunks.sort_by_key(|chunk| chunk.id);
         if let Some(&chunk) = missing(&self.chunks, &chunks) {
             return Err(StoreError::Corrupt { chunk });
         }
-        let mut batch = ScanBatch {
-            position: self.end,
-            ids: Vec::new(),
-            weights: Vec::new(),
-            control_points: Vec::new(),
-        };
         match self.choice {
             Choice::AllBut(deleted) => batch.take_all_but(&chunks, &deleted)?,
             Choice::Only(chosen) => batch.take_only(&chunks, chosen, ids)?,
@@ -238,18 +277,17 @@ fn missing<'a>(planned: &'a [i64], found: &[Chunk<'_>]) -> Option<&'a i64> {
 }
 
 impl ScanBatch {
+    fn empty(position: Cursor) -> Self {
+        Self { position, ids: Vec::new(), weights: Vec::new(), control_points: Vec::new() }
+    }
+
     fn take(&mut self, chunk: &Chunk<'_>, rows: std::ops::Range<usize>) -> Result<(), StoreError> {
         chunk.append_to(rows, &mut self.weights, &mut self.control_points)
     }
 
     /// Takes the runs between deleted shapes.
-    fn take_all_but(
-        &mut self,
-        chunks: &[Chunk<'_>],
-        mut deleted: &[Cursor],
-    ) -> Result<(), StoreError> {
-        self.control_points
-            .reserve(chunks.iter().map(Chunk::numbers).sum());
+    fn take_all_but(&mut self, chunks: &[Chunk<'_>], mut deleted: &[Cursor]) -> Result<(), StoreError> {
+        self.control_points.reserve(chunks.iter().map(Chunk::numbers).sum());
         for chunk in chunks {
             let here = deleted.partition_point(|gap| gap.chunk <= chunk.id);
             let (gaps, rest) = deleted.split_at(here);

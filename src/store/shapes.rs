@@ -39,10 +39,7 @@ impl FromStr for Cursor {
             plain.then_some(number).ok_or(CursorError)
         };
         let (chunk, position) = text.split_once('-').ok_or(CursorError)?;
-        Ok(Self {
-            chunk: number(chunk)?,
-            position: number(position)?,
-        })
+        Ok(Self { chunk: number(chunk)?, position: number(position)? })
     }
 }
 
@@ -64,11 +61,7 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError::Corrupt`].
-    pub async fn find_shape(
-        &self,
-        cohort_id: &str,
-        key: &str,
-    ) -> Result<Option<Shape>, StoreError> {
+    pub async fn find_shape(&self, cohort_id: &str, key: &str) -> Result<Option<Shape>, StoreError> {
         const BY_ID: &str = "SELECT s.chunk_id, s.position, s.id, s.external_id, s.subject, s.label,
             s.labels, s.metadata, c.created_at_ms
             FROM shape AS s JOIN chunk AS c ON c.id = s.chunk_id
@@ -82,11 +75,7 @@ impl Store {
             AND c.revision IS NOT NULL";
         let mut read = self.reader().begin().await?;
         for query in [BY_ID, BY_EXTERNAL_ID] {
-            let row = sqlx::query(query)
-                .bind(cohort_id)
-                .bind(key)
-                .fetch_optional(&mut *read)
-                .await?;
+            let row = sqlx::query(query).bind(cohort_id).bind(key).fetch_optional(&mut *read).await?;
             if let Some(row) = row {
                 let entries = vec![read_entry(&row)?];
                 return Ok(fill(&mut read, entries).await?.pop());
@@ -115,18 +104,11 @@ impl Store {
             filter,
             after: after.map_or((0, -1), |c| (c.chunk, c.position)),
         };
-        let rows = selection
-            .page(ENTRY, limit.saturating_add(1))
-            .build()
-            .fetch_all(&mut *read)
-            .await?;
+        let rows = selection.page(ENTRY, limit.saturating_add(1)).build().fetch_all(&mut *read).await?;
         let entries: Result<Vec<_>, _> = rows.iter().take(limit).map(read_entry).collect();
         let entries = entries?;
         let next = entries.last().map(|entry| entry.place);
-        Ok(ShapePage {
-            next: next.filter(|_| rows.len() > limit),
-            shapes: fill(&mut read, entries).await?,
-        })
+        Ok(ShapePage { next: next.filter(|_| rows.len() > limit), shapes: fill(&mut read, entries).await? })
     }
 
     /// Number of shapes of the cohort at `revision` that pass the filter.
@@ -148,12 +130,7 @@ impl Store {
             let all = sqlx::query_scalar(ALL).bind(cohort).bind(to_sql(revision));
             all.fetch_one(&mut *read).await?
         } else {
-            let selection = Selection {
-                cohort,
-                revision,
-                filter,
-                after: (0, -1),
-            };
+            let selection = Selection { cohort, revision, filter, after: (0, -1) };
             let mut query = selection.select("count(*)");
             query.build_query_scalar().fetch_one(&mut *read).await?
         };
@@ -178,12 +155,7 @@ impl Store {
         };
         const UPDATE: &str = "UPDATE cohort
             SET revision = $2, shapes = shapes - 1, updated_at_ms = $3 WHERE id = $1";
-        sqlx::query(UPDATE)
-            .bind(cohort_id)
-            .bind(revision)
-            .bind(now_ms)
-            .execute(&mut *write)
-            .await?;
+        sqlx::query(UPDATE).bind(cohort_id).bind(revision).bind(now_ms).execute(&mut *write).await?;
         write.commit().await?;
         Ok(Some(from_sql(revision)))
     }
@@ -201,11 +173,7 @@ async fn mark_deleted(
         AND cohort = (SELECT number FROM cohort WHERE id = $1)
         AND (SELECT revision FROM chunk WHERE chunk.id = shape.chunk_id) IS NOT NULL
         RETURNING deleted_revision";
-    Ok(sqlx::query_scalar(MARK)
-        .bind(cohort_id)
-        .bind(shape_id)
-        .fetch_optional(&mut **write)
-        .await?)
+    Ok(sqlx::query_scalar(MARK).bind(cohort_id).bind(shape_id).fetch_optional(&mut **write).await?)
 }
 
 /// A shape whose weight and control points are still to be read.
@@ -224,10 +192,7 @@ fn read_entry(row: &SqliteRow) -> Result<Entry, StoreError> {
         metadata: from_json(row.try_get("metadata")?)?,
     };
     Ok(Entry {
-        place: Cursor {
-            chunk: row.try_get("chunk_id")?,
-            position: row.try_get("position")?,
-        },
+        place: Cursor { chunk: row.try_get("chunk_id")?, position: row.try_get("position")? },
         shape: Shape {
             id: row.try_get("id")?,
             attributes,
@@ -239,17 +204,13 @@ fn read_entry(row: &SqliteRow) -> Result<Entry, StoreError> {
 
 fn from_json<T: serde::de::DeserializeOwned>(text: Option<&str>) -> Result<Option<T>, StoreError> {
     let Some(text) = text else { return Ok(None) };
-    let value = serde_json::from_str(text).map_err(|e| StoreError::Damaged {
-        detail: format!("unreadable attributes: {e}"),
-    })?;
+    let value = serde_json::from_str(text)
+        .map_err(|e| StoreError::Damaged { detail: format!("unreadable attributes: {e}") })?;
     Ok(Some(value))
 }
 
 /// Reads weights and control points, one chunk in memory at a time.
-async fn fill(
-    connection: &mut SqliteConnection,
-    mut entries: Vec<Entry>,
-) -> Result<Vec<Shape>, StoreError> {
+async fn fill(connection: &mut SqliteConnection, mut entries: Vec<Entry>) -> Result<Vec<Shape>, StoreError> {
     let mut filled = Vec::with_capacity(entries.len());
     while let Some(first) = entries.first() {
         let chunk = first.place.chunk;

@@ -4,9 +4,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use sqlx::migrate::{Migration, MigrationType, Migrator};
-use sqlx::sqlite::{
-    SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous,
-};
+use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous};
 use sqlx::{ConnectOptions, Connection, SqlSafeStr, SqlitePool};
 
 use super::StoreError;
@@ -54,18 +52,14 @@ pub(super) async fn writer(file: &Path) -> Result<SqlitePool, StoreError> {
 
 /// Connections that only read.
 pub(super) async fn reader(file: &Path) -> Result<SqlitePool, StoreError> {
-    let pool = SqlitePoolOptions::new()
-        .max_connections(READERS)
-        .connect_with(options(file).read_only(true))
-        .await?;
+    let pool =
+        SqlitePoolOptions::new().max_connections(READERS).connect_with(options(file).read_only(true)).await?;
     Ok(pool)
 }
 
 /// Refuses a library with the known fault.
 pub(super) async fn check_version(pool: &SqlitePool) -> Result<(), StoreError> {
-    let version: String = sqlx::query_scalar("SELECT sqlite_version()")
-        .fetch_one(pool)
-        .await?;
+    let version: String = sqlx::query_scalar("SELECT sqlite_version()").fetch_one(pool).await?;
     if is_recent(&version) {
         return Ok(());
     }
@@ -79,9 +73,7 @@ fn is_recent(version: &str) -> bool {
 
 /// Refuses a damaged file.
 pub(super) async fn check_file(pool: &SqlitePool) -> Result<(), StoreError> {
-    let detail: String = sqlx::query_scalar("PRAGMA quick_check(1)")
-        .fetch_one(pool)
-        .await?;
+    let detail: String = sqlx::query_scalar("PRAGMA quick_check(1)").fetch_one(pool).await?;
     if detail == "ok" {
         return Ok(());
     }
@@ -99,10 +91,7 @@ pub(super) async fn migrate(pool: &SqlitePool) -> Result<(), StoreError> {
         first.into_sql_str(),
         false,
     )];
-    Migrator::with_migrations(migrations)
-        .run(pool)
-        .await
-        .map_err(StoreError::Schema)
+    Migrator::with_migrations(migrations).run(pool).await.map_err(StoreError::Schema)
 }
 
 /// Whether the error says that the file is damaged or no database.
@@ -111,22 +100,17 @@ pub(super) fn is_damage(error: &sqlx::Error) -> bool {
         return false;
     };
     // The low byte of an extended code is the plain one.
-    code.parse::<i32>()
-        .is_ok_and(|code| DAMAGE_CODES.contains(&(code & 0xff)))
+    code.parse::<i32>().is_ok_and(|code| DAMAGE_CODES.contains(&(code & 0xff)))
 }
 
 /// Whether the error is a broken unique constraint on the column, such as `cohort.name`.
 pub(super) fn is_duplicate(error: &sqlx::Error, column: &str) -> bool {
-    error
-        .as_database_error()
-        .is_some_and(|e| e.is_unique_violation() && e.message().contains(column))
+    error.as_database_error().is_some_and(|e| e.is_unique_violation() && e.message().contains(column))
 }
 
 /// Whether the error is a reference to a row that does not exist.
 pub(super) fn is_missing_reference(error: &sqlx::Error) -> bool {
-    error
-        .as_database_error()
-        .is_some_and(|e| e.is_foreign_key_violation())
+    error.as_database_error().is_some_and(|e| e.is_foreign_key_violation())
 }
 
 #[cfg(test)]

@@ -140,18 +140,9 @@ impl Upload {
             WHERE number = $1 RETURNING revision";
         const SHOW: &str = "UPDATE chunk SET revision = $2, created_at_ms = $3
             WHERE upload = $1 AND revision IS NULL";
-        let revision: i64 = sqlx::query_scalar(GROW)
-            .bind(cohort)
-            .bind(count)
-            .bind(now_ms)
-            .fetch_one(&mut **write)
-            .await?;
-        sqlx::query(SHOW)
-            .bind(&self.id)
-            .bind(revision)
-            .bind(now_ms)
-            .execute(&mut **write)
-            .await?;
+        let revision: i64 =
+            sqlx::query_scalar(GROW).bind(cohort).bind(count).bind(now_ms).fetch_one(&mut **write).await?;
+        sqlx::query(SHOW).bind(&self.id).bind(revision).bind(now_ms).execute(&mut **write).await?;
         Ok(revision)
     }
 
@@ -309,11 +300,7 @@ impl Batch {
         for (position, shape) in (first..).zip(&shapes) {
             let found = shape.control_points.len();
             if found != expected {
-                return Err(StoreError::WrongWidth {
-                    position,
-                    found,
-                    expected,
-                });
+                return Err(StoreError::WrongWidth { position, found, expected });
             }
         }
         let digest = |shape: &NewShape| {
@@ -321,18 +308,11 @@ impl Batch {
             is_named.then(|| digest::of(shape))
         };
         let digests = shapes.iter().map(digest).collect();
-        Ok(Self {
-            shapes,
-            digests,
-            first,
-        })
+        Ok(Self { shapes, digests, first })
     }
 
     /// The answers, and which shapes are to be stored.
-    fn sort_out(
-        &self,
-        held: &HashMap<String, Held>,
-    ) -> Result<(Vec<Added>, Vec<usize>), StoreError> {
+    fn sort_out(&self, held: &HashMap<String, Held>) -> Result<(Vec<Added>, Vec<usize>), StoreError> {
         let mut seen: HashMap<&str, usize> = HashMap::new();
         let (mut added, mut fresh) = (Vec::with_capacity(self.shapes.len()), Vec::new());
         for (index, shape) in self.shapes.iter().enumerate() {
@@ -348,9 +328,7 @@ impl Batch {
             match other {
                 None => {
                     fresh.push(index);
-                    added.push(Added::New {
-                        id: shape.id.clone(),
-                    });
+                    added.push(Added::New { id: shape.id.clone() });
                     if let Some(key) = &shape.attributes.external_id {
                         seen.insert(key, index);
                     }
@@ -427,10 +405,7 @@ async fn find_held(
             let is_ours = row.try_get::<&str, _>("upload")? == upload;
             let digest: Option<Vec<u8>> = row.try_get("digest")?;
             let counts = is_ours || row.try_get::<bool, _>("visible")?;
-            let found = Held {
-                id: row.try_get("id")?,
-                digest: digest.filter(|_| counts),
-            };
+            let found = Held { id: row.try_get("id")?, digest: digest.filter(|_| counts) };
             held.insert(row.try_get("external_id")?, found);
         }
     }

@@ -312,7 +312,7 @@ fn the_discrete_similarity_mean_is_kents() {
         .collect();
     let mut kent = z[0].clone();
     for _ in 0..2000 {
-        let mut next = vec![C::new(0.0, 0.0); N];
+        let mut next = [C::new(0.0, 0.0); N];
         for z in &z {
             let product: C = z.iter().zip(&kent).map(|(a, b)| a.conj() * b).sum();
             next.iter_mut().zip(z).for_each(|(sum, a)| *sum += a * product);

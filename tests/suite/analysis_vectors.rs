@@ -237,7 +237,8 @@ fn lasso() {
     use shapelex::analysis::sparse::Lasso;
     use shapelex::numeric::dense::Matrix;
     for case in load("lasso.json").as_array().unwrap() {
-        let listed: Vec<Vec<f64>> = case["dictionary_columns"].as_array().unwrap().iter().map(numbers).collect();
+        let listed: Vec<Vec<f64>> =
+            case["dictionary_columns"].as_array().unwrap().iter().map(numbers).collect();
         let x = numbers(&case["x"]);
         let atoms = Matrix::from_fn(x.len(), listed.len(), |i, j| listed[j][i]);
         let lasso = Lasso::new(atoms, case["lam"].as_f64().unwrap(), 1e-14);

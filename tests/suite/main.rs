@@ -3,3 +3,6 @@
 
 mod analysis_laws;
 mod analysis_vectors;
+mod curves;
+mod generators;
+mod vectors;

@@ -63,7 +63,9 @@ pub(super) async fn list_transformations() -> Json<Transformations> {
         translation: name.translates(),
         projection_dimensions: name.projection_dimensions().to_vec(),
         procrustes: name.procrustes(),
-        planar_basis: TransformationClass::named(name, 2).ok().map(|c| c.matrices().iter().map(rows).collect()),
+        planar_basis: TransformationClass::named(name, 2)
+            .ok()
+            .map(|c| c.matrices().iter().map(rows).collect()),
     };
     Json(Transformations { items: class_names().map(entry).collect() })
 }

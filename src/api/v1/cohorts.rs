@@ -127,7 +127,10 @@ fn known(headers: &HeaderMap, tag: &str) -> bool {
         (status = 409, description = "The name is taken", body = ProblemDocument, content_type = "application/problem+json"),
         (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
-pub(super) async fn create_cohort(State(app): State<App>, JsonBody(body): JsonBody) -> Result<Response, Problem> {
+pub(super) async fn create_cohort(
+    State(app): State<App>,
+    JsonBody(body): JsonBody,
+) -> Result<Response, Problem> {
     let request: CohortRequest = parse(&body)?;
     let mut errors = Vec::new();
     let representation = request.representation.take("/representation", &mut errors);
@@ -188,7 +191,10 @@ pub(super) async fn find_cohort(
         (status = 204, description = "Deleted"),
         (status = 404, description = "No such cohort", body = ProblemDocument, content_type = "application/problem+json")
     ))]
-pub(super) async fn delete_cohort(State(app): State<App>, Path(key): Path<String>) -> Result<StatusCode, Problem> {
+pub(super) async fn delete_cohort(
+    State(app): State<App>,
+    Path(key): Path<String>,
+) -> Result<StatusCode, Problem> {
     cohorts::delete(&app, &key).await?;
     Ok(StatusCode::NO_CONTENT)
 }
@@ -198,7 +204,8 @@ pub(super) type Parameters = BTreeMap<String, String>;
 
 /// Takes the shape filter out of `parameters`: `label`, `subject` and `labels.{attribute}`.
 pub(super) fn take_filter(parameters: &mut Parameters) -> ShapeFilter {
-    let attributes: Vec<String> = parameters.keys().filter(|key| key.starts_with("labels.")).cloned().collect();
+    let attributes: Vec<String> =
+        parameters.keys().filter(|key| key.starts_with("labels.")).cloned().collect();
     let labels = attributes.into_iter().filter_map(|key| {
         let value = parameters.remove(&key)?;
         Some((key["labels.".len()..].to_owned(), value))
@@ -208,7 +215,10 @@ pub(super) fn take_filter(parameters: &mut Parameters) -> ShapeFilter {
 }
 
 /// Takes one parameter that is one of a list of words.
-fn take_word<T: serde::de::DeserializeOwned>(parameters: &mut Parameters, name: &str) -> Result<Option<T>, Problem> {
+fn take_word<T: serde::de::DeserializeOwned>(
+    parameters: &mut Parameters,
+    name: &str,
+) -> Result<Option<T>, Problem> {
     let Some(word) = parameters.remove(name) else { return Ok(None) };
     serde_json::from_value(word.into())
         .map(Some)
@@ -219,7 +229,9 @@ fn take_word<T: serde::de::DeserializeOwned>(parameters: &mut Parameters, name: 
 pub(super) fn refuse_rest(parameters: &Parameters) -> Result<(), Problem> {
     match parameters.keys().next() {
         None => Ok(()),
-        Some(key) => Err(Problem::new(ProblemKind::InvalidQuery, format!("'{key}' is not a parameter of this route"))),
+        Some(key) => {
+            Err(Problem::new(ProblemKind::InvalidQuery, format!("'{key}' is not a parameter of this route")))
+        }
     }
 }
 
@@ -261,8 +273,9 @@ pub(super) async fn cohort_mean(
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     parameters.remove("format");
-    let transformation = take_word::<ClassName>(&mut parameters, "transformation")?
-        .ok_or_else(|| Problem::new(ProblemKind::InvalidQuery, "transformation is missing, such as similarity or affine"))?;
+    let transformation = take_word::<ClassName>(&mut parameters, "transformation")?.ok_or_else(|| {
+        Problem::new(ProblemKind::InvalidQuery, "transformation is missing, such as similarity or affine")
+    })?;
     let query = MeanQuery {
         transformation,
         alignment: take_word(&mut parameters, "alignment")?.unwrap_or_default(),

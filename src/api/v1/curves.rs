@@ -101,7 +101,10 @@ pub(super) async fn evaluate(
         let request: EvaluateRequest = parse(&body)?;
         let parameters = match (request.samples, request.parameters) {
             (Some(_), Some(_)) => {
-                return Err(ServiceError::invalid("/parameters", "is given together with samples: give one of them"));
+                return Err(ServiceError::invalid(
+                    "/parameters",
+                    "is given together with samples: give one of them",
+                ));
             }
             (None, Some(parameters)) => Parameters::At(parameters),
             (samples, None) => Parameters::Equidistant(samples.unwrap_or(100)),

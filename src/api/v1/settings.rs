@@ -111,9 +111,15 @@ impl UncheckedSettings {
                 Some(transformation),
                 Some(alignment),
                 Some(frame),
-            ) => {
-                Ok(Settings { representation, correspondence, direction, mirror, transformation, alignment, frame })
-            }
+            ) => Ok(Settings {
+                representation,
+                correspondence,
+                direction,
+                mirror,
+                transformation,
+                alignment,
+                frame,
+            }),
             _ => Err(ServiceError::below(errors, "")),
         }
     }
@@ -160,13 +166,19 @@ impl MeanOutput {
     pub(super) fn new(mean: &MeanShape, dimension: usize) -> Self {
         let mut warnings = Vec::new();
         if mean.unique == Some(false) {
-            warnings.push("the mean is not unique: the eigenvalue gap is below 1e-6 of the total weight".into());
+            warnings
+                .push("the mean is not unique: the eigenvalue gap is below 1e-6 of the total weight".into());
         }
         if !mean.converged {
-            warnings.push(format!("no convergence after {} rounds: the last ones still changed the mean", mean.rounds));
+            warnings.push(format!(
+                "no convergence after {} rounds: the last ones still changed the mean",
+                mean.rounds
+            ));
         }
         Self {
-            mean: ShapeOutput { control_points: Points::from_columns(mean.control_points.clone(), dimension) },
+            mean: ShapeOutput {
+                control_points: Points::from_columns(mean.control_points.clone(), dimension),
+            },
             eigenvalues: mean.eigenvalues.clone(),
             gap: mean.gap,
             unique: mean.unique,

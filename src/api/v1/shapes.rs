@@ -94,12 +94,14 @@ pub(super) async fn add_shapes(
         }
         json if is_json(json) => {
             let limit = app.limits.body_bytes;
-            let body = to_bytes(request.into_body(), limit).await.map_err(|error| body_problem(error, limit))?;
+            let body =
+                to_bytes(request.into_body(), limit).await.map_err(|error| body_problem(error, limit))?;
             let AddRequest { shapes } = app.pool.run(move || parse(&body)).await?;
             ingest::add(&app, cohort, shapes, query.on_error).await?
         }
         other => {
-            let detail = format!("the body is '{other}', application/json and application/x-ndjson are read here");
+            let detail =
+                format!("the body is '{other}', application/json and application/x-ndjson are read here");
             return Err(Problem::new(ProblemKind::UnsupportedMediaType, detail));
         }
     };
@@ -176,7 +178,8 @@ pub(super) async fn list_shapes(
     let (cohort, (shapes, next)) =
         cohorts::list_shapes(&app, &key, &filter, page.cursor.as_deref(), limit).await?;
     compute(app, move |_| {
-        let items: Vec<StoredShape> = shapes.into_iter().map(|shape| StoredShape::new(&cohort, shape)).collect();
+        let items: Vec<StoredShape> =
+            shapes.into_iter().map(|shape| StoredShape::new(&cohort, shape)).collect();
         json(StatusCode::OK, &Page { items, next })
     })
     .await

@@ -207,7 +207,8 @@ pub(super) async fn align(
         match format {
             Format::Svg => Ok(draw(&statistics)),
             Format::Json => {
-                let answer = AlignAnswer { mean: mean_output(&statistics), aligned: aligned_output(&statistics) };
+                let answer =
+                    AlignAnswer { mean: mean_output(&statistics), aligned: aligned_output(&statistics) };
                 json(StatusCode::OK, &answer)
             }
         }
@@ -305,7 +306,12 @@ pub(super) async fn pca(
         let statistics = compute::align(app, &settings, shapes)?;
         let components = compute::pca(&statistics, count, centre.unwrap_or(false))?;
         if format == Format::Svg {
-            return Ok(svg(compute::draw_mode(&statistics, &components, mode.component.unwrap_or(1), sigma)?));
+            return Ok(svg(compute::draw_mode(
+                &statistics,
+                &components,
+                mode.component.unwrap_or(1),
+                sigma,
+            )?));
         }
         let aligned = with_aligned.unwrap_or(true).then(|| aligned_output(&statistics));
         let mean = mean_output(&statistics);

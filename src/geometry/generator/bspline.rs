@@ -33,34 +33,23 @@ const MAX_REAL_PART: f64 = 10.0;
 impl Poles {
     /// `multiplicity` poles at zero: the polynomial B-spline of degree `multiplicity − 1`.
     pub fn zeros(multiplicity: usize) -> Self {
-        Self {
-            zeros: multiplicity,
-            ..Self::default()
-        }
+        Self { zeros: multiplicity, ..Self::default() }
     }
 
     /// Zeros and one pair `±jω`.
     pub fn trigonometric(zeros: usize, omega: f64) -> Self {
-        Self {
-            zeros,
-            trigonometric: vec![omega],
-            ..Self::default()
-        }
+        Self { zeros, trigonometric: vec![omega], ..Self::default() }
     }
 
     /// Number of poles, the order of the B-spline.
     pub fn order(&self) -> usize {
-        self.zeros
-            + 2 * (self.trigonometric.len() + self.hyperbolic.len())
-            + 4 * self.quadruples.len()
+        self.zeros + 2 * (self.trigonometric.len() + self.hyperbolic.len()) + 4 * self.quadruples.len()
     }
 
     /// `max |α_n|`.
     fn radius(&self) -> f64 {
         let pairs = self.trigonometric.iter().chain(&self.hyperbolic).copied();
-        pairs
-            .chain(self.quadruples.iter().map(|&(a, b)| a.hypot(b)))
-            .fold(0.0, f64::max)
+        pairs.chain(self.quadruples.iter().map(|&(a, b)| a.hypot(b))).fold(0.0, f64::max)
     }
 
     /// `|Im α| < π` (then the shifts form a Riesz basis) and a real part the construction can carry.
@@ -117,16 +106,8 @@ impl Poles {
 
     /// `∫ β_α = Π sinc²(ω/2) · Π (sinh(a/2)/(a/2))² · Π |(e^z − 1)/z|² |(e^{−z} − 1)/z|²`.
     pub fn integral(&self) -> f64 {
-        let trigonometric: f64 = self
-            .trigonometric
-            .iter()
-            .map(|w| sinc(w / 2.0).powi(2))
-            .product();
-        let hyperbolic: f64 = self
-            .hyperbolic
-            .iter()
-            .map(|a| sinhc(a / 2.0).powi(2))
-            .product();
+        let trigonometric: f64 = self.trigonometric.iter().map(|w| sinc(w / 2.0).powi(2)).product();
+        let hyperbolic: f64 = self.hyperbolic.iter().map(|a| sinhc(a / 2.0).powi(2)).product();
         let quadruples: f64 = self
             .quadruples
             .iter()
@@ -172,10 +153,7 @@ pub fn exponential_bspline(poles: &Poles) -> Result<Generator, GeometryError> {
     poles.check()?;
     let order = poles.order();
     if order == 0 {
-        return Err(GeometryError::TooFewPoints {
-            found: 0,
-            needed: 1,
-        });
+        return Err(GeometryError::TooFewPoints { found: 0, needed: 1 });
     }
     let recursion = TaylorRecursion::new(&poles.characteristic_polynomial());
     let d = poles.annihilator();
@@ -218,9 +196,7 @@ struct TaylorRecursion {
 impl TaylorRecursion {
     fn new(characteristic: &[f64]) -> Self {
         let order = characteristic.len() - 1;
-        let scaled = (0..order)
-            .map(|i| characteristic[i] * HALF_PIECE.powi((order - i) as i32))
-            .collect();
+        let scaled = (0..order).map(|i| characteristic[i] * HALF_PIECE.powi((order - i) as i32)).collect();
         Self { scaled }
     }
 
@@ -254,11 +230,7 @@ fn shift(c: &[f64], count: usize) -> Vec<f64> {
                 }
                 let term = binomial * value;
                 let next = sum + term;
-                lost += if sum.abs() >= term.abs() {
-                    (sum - next) + term
-                } else {
-                    (term - next) + sum
-                };
+                lost += if sum.abs() >= term.abs() { (sum - next) + term } else { (term - next) + sum };
                 sum = next;
             }
             sum + lost
@@ -275,8 +247,7 @@ fn terms_needed(order: usize, radius: f64) -> usize {
     let ratio = (radius * HALF_PIECE).max(1e-6);
     let mut terms = order + 1;
     loop {
-        let remainder =
-            ratio.powi((terms - order + 1) as i32) * factorial(order - 1) / factorial(terms);
+        let remainder = ratio.powi((terms - order + 1) as i32) * factorial(order - 1) / factorial(terms);
         if remainder * (terms as f64 / HALF_PIECE).powi(2) <= 1e-22 {
             return terms + 1;
         }

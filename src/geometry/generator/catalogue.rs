@@ -49,10 +49,7 @@ impl GeneratorKind {
     /// One of each kind, in the order of the catalogue.
     pub fn catalogue() -> Vec<Self> {
         let splines = (1..=MAX_DEGREE).map(|degree| Self::Bspline { degree });
-        [Self::Trigonometric {}, Self::Keys {}]
-            .into_iter()
-            .chain(splines)
-            .collect()
+        [Self::Trigonometric {}, Self::Keys {}].into_iter().chain(splines).collect()
     }
 
     /// Checks the parameters.
@@ -71,12 +68,7 @@ impl GeneratorKind {
     /// Properties that need no construction; of a checked kind.
     pub fn properties(&self) -> GeneratorProperties {
         let (support, smoothness, interpolating, reproduces): (_, _, _, Vec<String>) = match *self {
-            Self::Trigonometric {} => (
-                4,
-                1,
-                true,
-                vec!["constants".into(), "circles and ellipses".into()],
-            ),
+            Self::Trigonometric {} => (4, 1, true, vec!["constants".into(), "circles and ellipses".into()]),
             Self::Keys {} => (4, 1, true, vec!["polynomials of degree 2".into()]),
             Self::Bspline { degree } => (
                 degree as usize + 1,
@@ -85,13 +77,7 @@ impl GeneratorKind {
                 vec![format!("polynomials of degree {degree}")],
             ),
         };
-        GeneratorProperties {
-            support,
-            smoothness,
-            interpolating,
-            reproduces,
-            fewest_control_points: 3,
-        }
+        GeneratorProperties { support, smoothness, interpolating, reproduces, fewest_control_points: 3 }
     }
 
     /// Builds the generator for a closed curve of `control_points` points (`≥ 3`).
@@ -100,10 +86,7 @@ impl GeneratorKind {
     /// [`GeometryError::TooFewPoints`] below three control points.
     pub fn build(&self, control_points: usize) -> Result<Generator, GeometryError> {
         if control_points < 3 {
-            return Err(GeometryError::TooFewPoints {
-                found: control_points,
-                needed: 3,
-            });
+            return Err(GeometryError::TooFewPoints { found: control_points, needed: 3 });
         }
         match *self {
             Self::Trigonometric {} => {
@@ -130,22 +113,11 @@ fn ellipse_interpolator(omega: f64) -> Result<Generator, GeometryError> {
     let lambda4 = 1.0 / (sinc2 - 4.0 * s3);
     let lambda3 = -2.0 * lambda4 * s3 / sinc2;
     let poles = |zeros| {
-        if omega == 0.0 {
-            Poles::zeros(zeros + 2)
-        } else {
-            Poles::trigonometric(zeros, omega)
-        }
+        if omega == 0.0 { Poles::zeros(zeros + 2) } else { Poles::trigonometric(zeros, omega) }
     };
     let beta4 = exponential_bspline(&poles(2))?;
     let beta3 = exponential_bspline(&poles(1))?;
-    Ok(Generator::combine(
-        4,
-        &[
-            (lambda4, 0, &beta4),
-            (lambda3, -1, &beta3),
-            (lambda3, 1, &beta3),
-        ],
-    ))
+    Ok(Generator::combine(4, &[(lambda4, 0, &beta4), (lambda3, -1, &beta3), (lambda3, 1, &beta3)]))
 }
 
 /// `(ω − sin ω)/ω³`, by its series below 2 where the difference cancels.

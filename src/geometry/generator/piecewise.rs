@@ -16,20 +16,12 @@ impl Generator {
     /// From Taylor vectors: `coefficients` holds `2·support` rows of `terms` numbers.
     pub(super) fn from_pieces(support: usize, terms: usize, coefficients: Vec<f64>) -> Self {
         debug_assert_eq!(coefficients.len(), 2 * support * terms);
-        Self {
-            support,
-            terms,
-            coefficients,
-        }
+        Self { support, terms, coefficients }
     }
 
     /// `Σ_i w_i φ_i(t − h_i/2)`, with `(w_i, h_i, φ_i)` in `parts`, on a support of `support`.
     pub(super) fn combine(support: usize, parts: &[(f64, isize, &Generator)]) -> Self {
-        let terms = parts
-            .iter()
-            .map(|(_, _, part)| part.terms)
-            .max()
-            .unwrap_or(1);
+        let terms = parts.iter().map(|(_, _, part)| part.terms).max().unwrap_or(1);
         let mut coefficients = vec![0.0; 2 * support * terms];
         for &(weight, halves, part) in parts {
             let first = halves + support as isize - part.support as isize;
@@ -40,11 +32,7 @@ impl Generator {
                 }
             }
         }
-        Self {
-            support,
-            terms,
-            coefficients,
-        }
+        Self { support, terms, coefficients }
     }
 
     /// `factor · φ`.
@@ -75,11 +63,7 @@ impl Generator {
             return 0.0;
         }
         let p = position.floor();
-        evaluate_taylor(
-            self.piece(p as usize),
-            2.0 * (position - p) - 1.0,
-            derivative,
-        )
+        evaluate_taylor(self.piece(p as usize), 2.0 * (position - p) - 1.0, derivative)
     }
 
     /// `a_{d₁d₂}[m] = ∫ φ^(d₁)(t) φ^(d₂)(t − m) dt`, exact up to rounding; zero for `|m| ≥ N`.

@@ -3,6 +3,7 @@
 use blake3::Hasher;
 use serde_json::Value;
 
+use super::super::blob;
 use crate::domain::shape::NewShape;
 
 /// blake3 of control points and attributes, every part preceded by its kind or length so that no
@@ -11,9 +12,7 @@ pub(super) fn of(shape: &NewShape) -> [u8; 32] {
     let attributes = &shape.attributes;
     let mut hasher = Hasher::new();
     put_length(&mut hasher, shape.control_points.len());
-    for number in &shape.control_points {
-        hasher.update(&number.to_le_bytes());
-    }
+    hasher.update(&blob::bytes_of(&shape.control_points));
     hasher.update(&attributes.weight.to_le_bytes());
     put_text(&mut hasher, attributes.external_id.as_deref());
     put_text(&mut hasher, attributes.subject.as_deref());
