@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 use super::AnalysisError;
 use super::metric::{Metric, dot, norm};
-use super::subspace::check_extent;
+use super::subspace::{check_extent, quarter_turn};
 use crate::numeric::dense::{self, Eigenpairs, Matrix};
 
 /// Shapes per partial sum. Part of the definition of every result: changing it changes last bits.
@@ -285,6 +285,38 @@ impl OuterProductSum {
             }
         }
         self.add(&other.columns);
+    }
+
+    /// Makes the sum over `x` one over `x` and `J x`, `J` the quarter turn of planar shapes:
+    /// `S + J S Jᵀ = [[A + C, ·], [B − Bᵀ, A + C]]` for `S = [[A, ·], [B, C]]`.
+    pub(super) fn close_under_quarter_turn(&mut self) {
+        let turned: Vec<f64> = self.columns.chunks_exact(self.n).flat_map(|x| quarter_turn(x, 1.0)).collect();
+        self.columns.extend(turned);
+        if let Some(s) = &mut self.matrix {
+            let half = self.n / 2;
+            dense::fill_upper(s);
+            let old = s.clone();
+            for j in 0..half {
+                for i in 0..half {
+                    s[(i, j)] = old[(i, j)] + old[(half + i, half + j)];
+                    s[(half + i, half + j)] = s[(i, j)];
+                    s[(half + i, j)] = old[(half + i, j)] - old[(half + j, i)];
+                }
+            }
+        }
+    }
+
+    /// Orthonormal basis of the leading invariant subspace, iterated from the columns of `near`; nothing when
+    /// that does not converge quickly.
+    pub(super) fn leading_subspace(&mut self, near: &Matrix) -> Option<Matrix> {
+        if self.matrix.is_none() && self.columns.len() < self.n * self.n {
+            let x = Matrix::from_column_slice(self.n, self.columns.len() / self.n, &self.columns);
+            return dense::iterate_subspace(|v| dense::multiply(&x, &dense::transpose_multiply(&x, v)), near);
+        }
+        self.fold();
+        let s = self.matrix.as_mut().expect("folded");
+        dense::fill_upper(s);
+        dense::iterate_subspace(|v| dense::multiply(s, v), near)
     }
 
     /// `tr S`.

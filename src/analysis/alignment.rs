@@ -144,16 +144,15 @@ fn projection_mean<S: ShapeSource>(
     matching: &Matching,
 ) -> Result<MeanShape, S::Error> {
     let mut placements = vec![Placement::default(); source.count()];
-    let space_of = |placements: &[Placement]| -> Result<MeanSpace<'_>, S::Error> {
-        let placed = Placed { source, matching, placements };
-        Ok(MeanSpace::new(ProjectorSum::of(&placed, class, metric.len())?, REPORTED_EIGENVALUES)?)
+    let sum_of = |placements: &[Placement]| -> Result<ProjectorSum<'_>, S::Error> {
+        ProjectorSum::of(&Placed { source, matching, placements }, class, metric.len())
     };
-    let mut space = space_of(&placements)?;
+    let mut space = MeanSpace::new(sum_of(&placements)?, REPORTED_EIGENVALUES)?;
     if matching.mirrors() {
         let chosen = best_matched(source, &space)?;
         let single = MeanSpace::of_shape(class, &chosen)?;
         matching.improve(source, &Target::subspace(&single, matching), &mut placements)?;
-        space = space_of(&placements)?;
+        space = MeanSpace::new(sum_of(&placements)?, REPORTED_EIGENVALUES)?;
     }
     let (mut rounds, mut converged) = (0, !matching.searches());
     while !converged && rounds < MAX_ROUNDS {
@@ -161,8 +160,11 @@ fn projection_mean<S: ShapeSource>(
         let target = Target::subspace(&space, matching);
         converged = matching.improve(source, &target, &mut placements)? == 0;
         if !converged {
-            space = space_of(&placements)?;
+            space = MeanSpace::near(sum_of(&placements)?, &space)?;
         }
+    }
+    if rounds > 1 {
+        space = MeanSpace::new(sum_of(&placements)?, REPORTED_EIGENVALUES)?;
     }
     let placed = Placed { source, matching, placements: &placements };
     let whitened = representative(&space, frame, metric, &placed)?;

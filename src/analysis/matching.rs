@@ -115,26 +115,34 @@ impl Matching {
     }
 
     /// The best placement of `x` for `target`, given where it stands.
+    ///
+    /// # Errors
+    /// [`AnalysisError::Degenerate`] with index 0.
     pub fn best(
         &self,
         x: &[f64],
         target: &Target<'_>,
         current: Placement,
     ) -> Result<Placement, AnalysisError> {
-        let mut best = (current, self.score(x, target, current)?);
-        for &candidate in &self.candidates {
-            let oriented = self.place(x, candidate);
-            for (shift, score) in target.scores(&oriented, self)?.into_iter().enumerate() {
+        let scores: Vec<Vec<f64>> = self
+            .candidates
+            .iter()
+            .map(|&candidate| target.scores(&self.place(x, candidate), self))
+            .collect::<Result<_, _>>()?;
+        let standing = self
+            .candidates
+            .iter()
+            .position(|c| (c.mirrored, c.reversed) == (current.mirrored, current.reversed))
+            .map_or(f64::MIN, |i| scores[i][current.shift as usize]);
+        let mut best = (current, standing);
+        for (&candidate, scores) in self.candidates.iter().zip(&scores) {
+            for (shift, &score) in scores.iter().enumerate() {
                 if score > best.1 + TIE * best.1.abs() {
                     best = (Placement { shift: shift as u32, ..candidate }, score);
                 }
             }
         }
         Ok(best.0)
-    }
-
-    fn score(&self, x: &[f64], target: &Target<'_>, placement: Placement) -> Result<f64, AnalysisError> {
-        target.scores_without_shift(&self.place(x, placement))
     }
 
     /// Places every shape anew; the number of placements that changed.

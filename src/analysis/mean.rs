@@ -19,7 +19,7 @@ use super::accumulate::{
     Accumulator, OuterProductSum, ShapeSource, Shapes, accumulate, read_numbers, write_numbers,
 };
 use super::metric::dot;
-use super::subspace::Subspace;
+use super::subspace::{Subspace, quarter_turn};
 use super::transformation::{Structure, TransformationClass};
 use crate::numeric::dense::{Eigenpairs, Matrix};
 
@@ -42,7 +42,7 @@ impl<'a> ProjectorSum<'a> {
         let blocks = match class.structure {
             Structure::PerCoordinate => vec![OuterProductSum::new(n)],
             Structure::PerAxis => vec![OuterProductSum::new(n); class.dimension()],
-            Structure::General => vec![OuterProductSum::new(length)],
+            Structure::Complex | Structure::General => vec![OuterProductSum::new(length)],
         };
         Self { class, blocks, weight: 0.0, shapes: 0 }
     }
@@ -53,8 +53,16 @@ impl<'a> ProjectorSum<'a> {
         8 * match class.structure {
             Structure::PerCoordinate => n * n,
             Structure::PerAxis => class.dimension() * n * n,
-            Structure::General => length * length,
+            Structure::Complex | Structure::General => length * length,
         }
+    }
+
+    /// The sum of the whole projectors: for complex classes one vector of two was added.
+    fn closed(mut self) -> Self {
+        if self.class.structure == Structure::Complex {
+            self.blocks.iter_mut().for_each(OuterProductSum::close_under_quarter_turn);
+        }
+        self
     }
 
     /// The sum over all shapes of `source`.
@@ -134,11 +142,12 @@ impl<'a> MeanSpace<'a> {
     /// # Errors
     /// A failure of the eigenproblem.
     pub fn new(sum: ProjectorSum<'a>, report: usize) -> Result<Self, AnalysisError> {
+        let sum = sum.closed();
         let class = sum.class;
         let (rank, multiplicity) = match class.structure {
             Structure::PerCoordinate => (class.dimension(), class.dimension()),
             Structure::PerAxis => (1, 1),
-            Structure::General => (class.matrices().len(), 1),
+            Structure::Complex | Structure::General => (class.matrices().len(), 1),
         };
         let count = (rank + 1).max(report.div_ceil(multiplicity));
         let pairs: Vec<Eigenpairs> =
@@ -158,9 +167,35 @@ impl<'a> MeanSpace<'a> {
         Ok(Self { class, bases, eigenvalues, gap, objective, weight: sum.weight, shapes: sum.shapes })
     }
 
+    /// The mean space of a sum, iterated from a mean space near it; without a certificate (no eigenvalues).
+    ///
+    /// # Errors
+    /// A failure of the eigenproblem.
+    pub fn near(sum: ProjectorSum<'a>, previous: &Self) -> Result<Self, AnalysisError> {
+        let mut closed = sum.clone().closed();
+        let bases: Option<Vec<Matrix>> = closed
+            .blocks
+            .iter_mut()
+            .zip(&previous.bases)
+            .map(|(block, near)| block.leading_subspace(near))
+            .collect();
+        match bases {
+            Some(bases) => Ok(Self { bases, eigenvalues: Vec::new(), ..previous.clone() }),
+            None => Self::new(sum, 0),
+        }
+    }
+
     /// The subspace of one shape as a mean space.
+    ///
+    /// # Errors
+    /// [`AnalysisError::Degenerate`] with index 0.
     pub fn of_shape(class: &'a TransformationClass, x: &[f64]) -> Result<Self, AnalysisError> {
-        let bases = Subspace::new(class, x)?.blocks.into_iter().map(|block| block.q).collect();
+        let mut bases: Vec<Matrix> =
+            Subspace::new(class, x)?.blocks.into_iter().map(|block| block.q).collect();
+        if class.structure == Structure::Complex {
+            let turned = Matrix::from_vec(x.len(), 1, quarter_turn(bases[0].as_slice(), 1.0));
+            bases[0] = Matrix::from_columns(&[bases[0].column(0), turned.column(0)]);
+        }
         let objective = class.matrices().len() as f64;
         Ok(Self { class, bases, eigenvalues: Vec::new(), gap: 1.0, objective, weight: 1.0, shapes: 1 })
     }
@@ -174,7 +209,7 @@ impl<'a> MeanSpace<'a> {
     pub fn elements(&self) -> Matrix {
         let d = self.class.dimension();
         match self.class.structure {
-            Structure::General => self.bases[0].clone(),
+            Structure::Complex | Structure::General => self.bases[0].clone(),
             Structure::PerCoordinate => {
                 let (n, rank) = self.bases[0].shape();
                 let mut elements = Matrix::zeros(d * n, d * rank);

@@ -73,7 +73,8 @@ impl<'a> Subspace<'a> {
             Structure::PerAxis => {
                 x.chunks_exact(n).map(|axis| Block::new(Matrix::from_column_slice(n, 1, axis))).collect()
             }
-            Structure::General => vec![Block::new(transformed(class, x, n))],
+            Structure::General => vec![Block::new(transformed(class, x, n, class.matrices().len()))],
+            Structure::Complex => vec![Block::new(transformed(class, x, n, 1))],
         };
         let sigma = relative_singular_value(&blocks);
         if !(sigma >= DEGENERATE) {
@@ -102,6 +103,20 @@ impl<'a> Subspace<'a> {
                     matrix[(c, c)] = block.project(&m[part.clone()], &mut whitened[part])[0];
                 }
             }
+            Structure::Complex => {
+                // ⟨Jq, m⟩ = ⟨q, Jᵀm⟩ and J q q ᵀ Jᵀ m = J (q ⟨q, Jᵀm⟩)
+                let size = self.blocks[0].r[(0, 0)];
+                let back = quarter_turn(m, -1.0);
+                let mut turned = vec![0.0; m.len()];
+                let a = dot(self.blocks[0].q.as_slice(), m);
+                let b = dot(self.blocks[0].q.as_slice(), &back);
+                for (k, q) in self.blocks[0].q.iter().enumerate() {
+                    whitened[k] = a * q;
+                    turned[k] = b * q;
+                }
+                whitened.iter_mut().zip(quarter_turn(&turned, 1.0)).for_each(|(sum, v)| *sum += v);
+                matrix = (&self.class.matrices()[0] * a + &self.class.matrices()[1] * b) / size;
+            }
             Structure::General => {
                 let a = self.blocks[0].project(m, &mut whitened);
                 for (a, b) in a.iter().zip(self.class.matrices()) {
@@ -113,11 +128,17 @@ impl<'a> Subspace<'a> {
     }
 }
 
-/// `[vec(B_i x)]`, `dN × I`.
-fn transformed(class: &TransformationClass, x: &[f64], n: usize) -> Matrix {
+/// `±J y` of a planar shape: `(x, y) → ±(−y, x)`.
+pub(super) fn quarter_turn(shape: &[f64], sign: f64) -> Vec<f64> {
+    let (x, y) = shape.split_at(shape.len() / 2);
+    y.iter().map(|value| -sign * value).chain(x.iter().map(|value| sign * value)).collect()
+}
+
+/// `[vec(B_i x)]` for the first `count` matrices: `dN × count`.
+fn transformed(class: &TransformationClass, x: &[f64], n: usize, count: usize) -> Matrix {
     let d = class.dimension();
-    let mut columns = Matrix::zeros(x.len(), class.matrices().len());
-    for (i, b) in class.matrices().iter().enumerate() {
+    let mut columns = Matrix::zeros(x.len(), count);
+    for (i, b) in class.matrices().iter().take(count).enumerate() {
         let mut column = columns.column_mut(i);
         let column = column.as_mut_slice();
         for c in 0..d {

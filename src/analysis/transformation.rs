@@ -188,6 +188,8 @@ pub(super) enum Structure {
     PerCoordinate,
     /// Every axis is its own scalar problem.
     PerAxis,
+    /// `S = C·y` with `y = B_1 r` and `B_2 = J B_1`, `J` the quarter turn: one unit vector stands for both.
+    Complex,
     /// No structure used: the span of `vec(B_i r)`.
     General,
 }
@@ -226,6 +228,10 @@ impl TransformationClass {
         let structure = match name {
             ClassName::Linear | ClassName::Affine => Structure::PerCoordinate,
             ClassName::NonUniformScaling | ClassName::NonUniformScalingTranslation => Structure::PerAxis,
+            ClassName::ScaledRotation
+            | ClassName::Similarity
+            | ClassName::ReflectedScaledRotation
+            | ClassName::ReflectedSimilarity => Structure::Complex,
             _ => Structure::General,
         };
         let matrices = basis(name, dimension);

@@ -1,1 +1,571 @@
+//! The store as its users see it, on a fresh folder each.
 
+use std::collections::BTreeMap;
+
+use serde_json::{Value, json};
+use tempfile::TempDir;
+
+use super::*;
+use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
+use crate::domain::cohort::Cohort;
+use crate::domain::id;
+use crate::domain::shape::{NewShape, Shape, ShapeAttributes, ShapeFilter};
+use crate::geometry::representation::Representation;
+
+mod opening;
+
+/// Numbers a shape of [`cohort`] has.
+const WIDTH: usize = 6;
+
+async fn fresh() -> (TempDir, Store) {
+    let folder = tempfile::tempdir().unwrap();
+    let store = Store::open(folder.path()).await.unwrap();
+    (folder, store)
+}
+
+fn cohort(name: &str) -> Cohort {
+    Cohort {
+        id: id::new_id(id::COHORT),
+        name: name.into(),
+        description: Some("left hands".into()),
+        representation: Representation::Landmarks { dimension: 2, points: WIDTH / 2 },
+        correspondence: Correspondence::ArcLength,
+        direction: Direction::Either,
+        mirror: Mirror::Allow,
+        length_unit: Some("mm".into()),
+        revision: 0,
+        shapes: 0,
+        created_at_ms: 11,
+        updated_at_ms: 12,
+    }
+}
+
+fn shape(number: usize) -> NewShape {
+    NewShape {
+        id: id::new_id(id::SHAPE),
+        attributes: ShapeAttributes { weight: 1.0, ..ShapeAttributes::default() },
+        control_points: (0..WIDTH).map(|k| (number * 10 + k) as f64).collect(),
+    }
+}
+
+fn named(number: usize, external_id: &str) -> NewShape {
+    let mut shape = shape(number);
+    shape.attributes.external_id = Some(external_id.into());
+    shape
+}
+
+async fn with_cohort() -> (TempDir, Store, Cohort) {
+    let (folder, store) = fresh().await;
+    let cohort = cohort("hands");
+    store.create_cohort(&cohort).await.unwrap();
+    (folder, store, cohort)
+}
+
+async fn store_all(store: &Store, cohort: &Cohort, shapes: Vec<NewShape>) -> u64 {
+    let mut upload = store.begin_upload(cohort);
+    upload.add(shapes).await.unwrap();
+    upload.commit(20).await.unwrap()
+}
+
+async fn list_all(store: &Store, cohort: &Cohort, filter: &ShapeFilter) -> Vec<Shape> {
+    let page = store.list_shapes(&cohort.id, filter, None, 1000).await;
+    page.unwrap().shapes
+}
+
+/// Control points of a scan, and the ids when asked for.
+async fn scan_all(
+    store: &Store,
+    cohort: &Cohort,
+    revision: u64,
+    filter: &ShapeFilter,
+    ids: Ids,
+) -> (Vec<f64>, Vec<String>) {
+    let (mut points, mut found, mut after) = (Vec::new(), Vec::new(), None);
+    while let Some(batch) = store.scan(&cohort.id, revision, filter, after, ids).await.unwrap() {
+        assert_eq!(batch.control_points.len(), batch.weights.len() * WIDTH);
+        points.extend(batch.control_points);
+        found.extend(batch.ids);
+        after = Some(batch.position);
+    }
+    (points, found)
+}
+
+async fn rows(store: &Store, table: &'static str) -> i64 {
+    let query = format!("SELECT count(*) FROM {table}");
+    sqlx::query_scalar(sqlx::AssertSqlSafe(query)).fetch_one(store.reader()).await.unwrap()
+}
+
+/// Waits for rows to be removed in the background.
+async fn wait_until_empty(store: &Store, table: &'static str) {
+    for _ in 0..200 {
+        if rows(store, table).await == 0 {
+            return;
+        }
+        tokio::time::sleep(std::time::Duration::from_millis(10)).await;
+    }
+    panic!("{table} still has {} rows", rows(store, table).await);
+}
+
+static EVERYTHING: ShapeFilter = ShapeFilter { label: None, subject: None, labels: BTreeMap::new() };
+
+#[tokio::test]
+async fn cohorts_come_back_as_they_were() {
+    let (_folder, store, first) = with_cohort().await;
+    let mut second = cohort("feet");
+    (second.description, second.length_unit) = (None, None);
+    second.revision = 7;
+    store.create_cohort(&second).await.unwrap();
+    for (key, expected) in [(&first.id, &first), (&second.name, &second)] {
+        let found = store.find_cohort(key).await.unwrap();
+        assert_eq!(found.as_ref(), Some(expected));
+    }
+    assert_eq!(store.find_cohort("toes").await.unwrap(), None);
+}
+
+#[tokio::test]
+async fn a_name_is_given_once() {
+    let (_folder, store, first) = with_cohort().await;
+    let error = store.create_cohort(&cohort("hands")).await.unwrap_err();
+    assert!(matches!(&error, StoreError::NameTaken { name } if name == "hands"));
+    assert_eq!(error.to_string(), "the name \"hands\" is taken");
+    assert_eq!(store.list_cohorts(None, 9).await.unwrap(), [first]);
+}
+
+#[tokio::test]
+async fn cohorts_are_listed_in_pages() {
+    let (_folder, store) = fresh().await;
+    let mut ids = Vec::new();
+    for number in 0..5 {
+        let cohort = cohort(&format!("c{number}"));
+        store.create_cohort(&cohort).await.unwrap();
+        ids.push(cohort.id);
+    }
+    ids.sort();
+    let first = store.list_cohorts(None, 3).await.unwrap();
+    let rest = store.list_cohorts(Some(&first[2].id), 3).await.unwrap();
+    let listed: Vec<String> = first.into_iter().chain(rest).map(|c| c.id).collect();
+    assert_eq!(listed, ids);
+}
+
+#[tokio::test]
+async fn shapes_come_back_bit_for_bit() {
+    let (_folder, store, cohort) = with_cohort().await;
+    let mut full = named(1, "é\"x'\0y");
+    full.control_points = vec![0.1, -0.0, f64::MIN_POSITIVE / 2.0, 1e308, 1.0 / 3.0, -7.5];
+    full.attributes.subject = Some("s1".into());
+    full.attributes.label = Some("left".into());
+    full.attributes.weight = 0.1 + 0.2;
+    full.attributes.labels =
+        BTreeMap::from([("a".into(), json!("text")), ("b".into(), json!(1.5)), ("c".into(), json!(true))]);
+    full.attributes.metadata = Some(json!({"z": [1, 0.1, null], "a": "\u{0}"}));
+    let mut nulled = shape(2);
+    nulled.attributes.metadata = Some(Value::Null);
+    let given = vec![full.clone(), nulled, shape(3)];
+    store_all(&store, &cohort, given.clone()).await;
+
+    let listed = list_all(&store, &cohort, &EVERYTHING).await;
+    for (shape, given) in listed.iter().zip(&given) {
+        assert_eq!(shape.id, given.id);
+        assert_eq!(shape.attributes, given.attributes);
+        assert_eq!(shape.created_at_ms, 20);
+        let bits = |numbers: &[f64]| numbers.iter().map(|n| n.to_bits()).collect::<Vec<_>>();
+        assert_eq!(bits(&shape.control_points), bits(&given.control_points));
+    }
+    assert_eq!(listed.len(), 3);
+    for key in [&full.id, "é\"x'\0y"] {
+        let found = store.find_shape(&cohort.id, key).await.unwrap();
+        assert_eq!(found.as_ref(), Some(&listed[0]));
+    }
+    assert_eq!(store.find_shape(&cohort.id, "nobody").await.unwrap(), None);
+    assert_eq!(store.find_shape("coh_x", &full.id).await.unwrap(), None);
+}
+
+#[tokio::test]
+async fn an_upload_is_seen_when_it_is_complete() {
+    let (_folder, store, cohort) = with_cohort().await;
+    let mut upload = store.begin_upload(&cohort);
+    for call in 0..3 {
+        let shapes = vec![named(call, &format!("e{call}")), shape(call)];
+        upload.add(shapes).await.unwrap();
+    }
+    assert_eq!(store.find_shape(&cohort.id, "e0").await.unwrap(), None);
+    assert!(list_all(&store, &cohort, &EVERYTHING).await.is_empty());
+    assert_eq!(store.count(&cohort.id, 9, &EVERYTHING).await.unwrap(), 0);
+    let (points, _) = scan_all(&store, &cohort, 9, &EVERYTHING, Ids::Skip).await;
+    assert!(points.is_empty());
+
+    assert_eq!(upload.commit(33).await.unwrap(), 1);
+    assert_eq!(list_all(&store, &cohort, &EVERYTHING).await.len(), 6);
+    let found = store.find_cohort("hands").await.unwrap().unwrap();
+    assert_eq!((found.revision, found.shapes, found.updated_at_ms), (1, 6, 33));
+}
+
+#[tokio::test]
+async fn an_abandoned_upload_leaves_nothing() {
+    let (_folder, store, cohort) = with_cohort().await;
+    let mut upload = store.begin_upload(&cohort);
+    upload.add(vec![named(1, "e")]).await.unwrap();
+    assert_eq!(rows(&store, "shape").await, 1);
+    upload.abort().await.unwrap();
+    assert_eq!(rows(&store, "shape").await, 0);
+
+    let mut upload = store.begin_upload(&cohort);
+    upload.add(vec![named(2, "e")]).await.unwrap();
+    drop(upload);
+    for table in ["shape", "chunk_data", "chunk"] {
+        wait_until_empty(&store, table).await;
+    }
+    assert_eq!(store_all(&store, &cohort, vec![named(3, "e")]).await, 1);
+}
+
+#[tokio::test]
+async fn a_restart_removes_unfinished_uploads() {
+    let (folder, store, cohort) = with_cohort().await;
+    store_all(&store, &cohort, vec![shape(1)]).await;
+    let mut upload = store.begin_upload(&cohort);
+    upload.add(vec![shape(2)]).await.unwrap();
+    // Like a crash: nobody tidies up.
+    std::mem::forget(upload);
+    store.close().await;
+
+    let store = Store::open(folder.path()).await.unwrap();
+    assert_eq!(rows(&store, "shape").await, 1);
+    assert_eq!(rows(&store, "chunk_data").await, 1);
+    let found = store.find_cohort(&cohort.id).await.unwrap().unwrap();
+    assert_eq!((found.revision, found.shapes), (1, 1));
+}
+
+#[tokio::test]
+async fn the_same_content_again_is_a_retry() {
+    let (_folder, store, cohort) = with_cohort().await;
+    let mut first = named(1, "a");
+    first.attributes.metadata = Some(json!({"x": 1, "y": 2}));
+    let revision = store_all(&store, &cohort, vec![first.clone(), shape(5)]).await;
+
+    let mut again = first.clone();
+    again.id = id::new_id(id::SHAPE);
+    let (new, twin) = (named(2, "b"), named(2, "b"));
+    let existing = |id: &str| Added::Existing { id: id.into() };
+    let mut upload = store.begin_upload(&cohort);
+    let added = upload.add(vec![again.clone(), new.clone(), twin.clone()]);
+    let expected = [existing(&first.id), Added::New { id: new.id.clone() }, existing(&new.id)];
+    assert_eq!(added.await.unwrap(), expected);
+    assert_eq!(upload.add(vec![twin]).await.unwrap(), [existing(&new.id)]);
+    assert_eq!(upload.commit(1).await.unwrap(), revision + 1);
+    assert_eq!(list_all(&store, &cohort, &EVERYTHING).await.len(), 3);
+
+    // Nothing new: nothing changes.
+    let mut upload = store.begin_upload(&cohort);
+    upload.add(vec![again]).await.unwrap();
+    assert_eq!(upload.commit(99).await.unwrap(), revision + 1);
+    let found = store.find_cohort(&cohort.id).await.unwrap().unwrap();
+    assert_eq!(found.updated_at_ms, 1);
+}
+
+#[tokio::test]
+async fn other_content_under_an_external_id_is_a_conflict() {
+    let (_folder, store, cohort) = with_cohort().await;
+    store_all(&store, &cohort, vec![named(1, "a")]).await;
+    let conflict_at = |result: Result<Vec<Added>, StoreError>, expected: u64, key: &str| {
+        let error = result.unwrap_err();
+        assert!(
+            matches!(&error, StoreError::ExternalIdConflict { position, external_id }
+                if *position == expected && external_id == key),
+            "{error:?}"
+        );
+    };
+    let mut upload = store.begin_upload(&cohort);
+    conflict_at(upload.add(vec![shape(0), named(2, "a")]).await, 1, "a");
+    upload.add(vec![shape(0), named(3, "b")]).await.unwrap();
+    // In the upload itself: across calls, and in one call.
+    conflict_at(upload.add(vec![named(4, "b")]).await, 2, "b");
+    let twins = vec![named(5, "c"), named(6, "c")];
+    conflict_at(upload.add(twins).await, 3, "c");
+    // Attributes are content as well.
+    let mut heavier = named(1, "a");
+    heavier.attributes.weight = 2.0;
+    conflict_at(upload.add(vec![heavier]).await, 2, "a");
+    // What another upload has not committed may vanish: not even the same content is there.
+    let mut other = store.begin_upload(&cohort);
+    conflict_at(other.add(vec![named(3, "b")]).await, 0, "b");
+    upload.commit(1).await.unwrap();
+    assert_eq!(other.add(vec![named(3, "b")]).await.unwrap().len(), 1);
+}
+
+#[tokio::test]
+async fn a_shape_of_another_size_is_refused() {
+    let (_folder, store, cohort) = with_cohort().await;
+    let mut long = shape(1);
+    long.control_points.push(0.0);
+    let result = store.begin_upload(&cohort).add(vec![shape(0), long]).await;
+    let error = result.unwrap_err().to_string();
+    assert_eq!(error, "shape 1 has 7 numbers, expected 6");
+}
+
+#[tokio::test]
+async fn a_deleted_shape_stays_in_earlier_revisions() {
+    let (_folder, store, cohort) = with_cohort().await;
+    let shapes: Vec<NewShape> = (0..5).map(|i| named(i, &format!("e{i}"))).collect();
+    let before = store_all(&store, &cohort, shapes.clone()).await;
+    for index in [0, 2] {
+        let deleted = store.delete_shape(&cohort.id, &shapes[index].id, 50).await;
+        assert!(deleted.unwrap() > Some(before));
+        let again = store.delete_shape(&cohort.id, &shapes[index].id, 51).await;
+        assert_eq!(again.unwrap(), None);
+    }
+    let found = store.find_cohort(&cohort.id).await.unwrap().unwrap();
+    assert_eq!((found.revision, found.shapes, found.updated_at_ms), (3, 3, 50));
+    assert_eq!(store.find_shape(&cohort.id, "e2").await.unwrap(), None);
+
+    for (revision, kept) in [(0, &[][..]), (1, &[0, 1, 2, 3, 4][..]), (2, &[1, 2, 3, 4]), (3, &[1, 3, 4])] {
+        let points: Vec<f64> = kept.iter().flat_map(|&i| shapes[i].control_points.clone()).collect();
+        let ids: Vec<String> = kept.iter().map(|&i| shapes[i].id.clone()).collect();
+        let fast = scan_all(&store, &cohort, revision, &EVERYTHING, Ids::Skip).await;
+        assert_eq!(fast, (points.clone(), Vec::new()), "revision {revision}");
+        let slow = scan_all(&store, &cohort, revision, &EVERYTHING, Ids::Include).await;
+        assert_eq!(slow, (points, ids), "revision {revision}");
+        let count = store.count(&cohort.id, revision, &EVERYTHING).await;
+        assert_eq!(count.unwrap(), kept.len() as u64, "revision {revision}");
+    }
+    // Its external id is free again.
+    assert_eq!(store_all(&store, &cohort, vec![named(9, "e2")]).await, 4);
+}
+
+#[tokio::test]
+async fn a_scan_skips_chunks_without_shapes() {
+    let (_folder, store, cohort) = with_cohort().await;
+    let (first, second) = (shape(1), shape(2));
+    store_all(&store, &cohort, vec![first.clone()]).await;
+    store_all(&store, &cohort, vec![second.clone()]).await;
+    store.delete_shape(&cohort.id, &first.id, 1).await.unwrap();
+    for ids in [Ids::Skip, Ids::Include] {
+        let (points, _) = scan_all(&store, &cohort, 3, &EVERYTHING, ids).await;
+        assert_eq!(points, second.control_points);
+    }
+}
+
+#[tokio::test]
+async fn many_chunks_are_scanned_in_batches() {
+    let (_folder, store) = fresh().await;
+    let (points, count) = (20_000, 31);
+    let mut wide = cohort("wide");
+    wide.representation = Representation::Landmarks { dimension: 2, points };
+    store.create_cohort(&wide).await.unwrap();
+    let shapes: Vec<NewShape> = (0..count)
+        .map(|number| {
+            let mut shape = shape(number);
+            shape.attributes.label = (number % 3 == 0).then(|| "third".into());
+            shape.attributes.weight = 1.0 + (number % 2) as f64;
+            shape.control_points = vec![number as f64; 2 * points];
+            shape
+        })
+        .collect();
+    let revision = store_all(&store, &wide, shapes).await;
+    let third = ShapeFilter { label: Some("third".into()), ..ShapeFilter::default() };
+    for (filter, ids, step) in
+        [(&EVERYTHING, Ids::Skip, 1), (&EVERYTHING, Ids::Include, 1), (&third, Ids::Skip, 3)]
+    {
+        let (mut after, mut seen, mut batches) = (None, Vec::new(), 0);
+        while let Some(batch) = store.scan(&wide.id, revision, filter, after, ids).await.unwrap() {
+            assert!(batch.control_points.len() <= (4 << 20) / 8);
+            let firsts = batch.control_points.iter().step_by(2 * points);
+            seen.extend(firsts.copied().zip(batch.weights));
+            (after, batches) = (Some(batch.position), batches + 1);
+        }
+        let expected: Vec<(f64, f64)> =
+            (0..count).step_by(step).map(|number| (number as f64, 1.0 + (number % 2) as f64)).collect();
+        assert_eq!(seen, expected);
+        assert!(step == 3 || batches > 1, "{batches} batches");
+    }
+}
+
+#[tokio::test]
+async fn shapes_are_listed_in_pages() {
+    let (_folder, store, cohort) = with_cohort().await;
+    let mut expected = Vec::new();
+    for _ in 0..3 {
+        let shapes: Vec<NewShape> = (0..4).map(shape).collect();
+        expected.extend(shapes.iter().map(|s| s.id.clone()));
+        store_all(&store, &cohort, shapes).await;
+    }
+    let (mut after, mut listed) = (None, Vec::new());
+    loop {
+        let page = store.list_shapes(&cohort.id, &EVERYTHING, after, 5).await;
+        let page = page.unwrap();
+        listed.extend(page.shapes.into_iter().map(|s| s.id));
+        let Some(next) = page.next else { break };
+        after = Some(next.to_string().parse().unwrap());
+    }
+    assert_eq!(listed, expected);
+    for wrong in ["", "1", "-1-2", "1-+2", "1-g", "1-2-3", "ffffffffffffffffff-1"] {
+        assert_eq!(wrong.parse::<Cursor>(), Err(CursorError), "{wrong}");
+    }
+}
+
+#[tokio::test]
+async fn filters_compare_attributes_as_text() {
+    let (_folder, store, cohort) = with_cohort().await;
+    let attributes = [
+        ("plain", json!("left")),
+        ("plain", json!("Left")),
+        ("flag", json!(true)),
+        ("flag", json!("false")),
+        ("size", json!(1.5)),
+        ("size", json!(2)),
+        ("big", json!(1e21)),
+        ("a.b", json!("dot")),
+        ("a\"b", json!("quote")),
+        ("a\\b", json!("backslash")),
+        ("größe 尺", json!("naïve")),
+        ("$[0]", json!("path")),
+        ("' OR 1=1 --", json!("inject")),
+        ("", json!("empty")),
+        ("tab\t", json!("tab")),
+    ];
+    let shapes = attributes.iter().enumerate().map(|(number, (key, value))| {
+        let mut shape = shape(number);
+        shape.attributes.labels = BTreeMap::from([((*key).to_owned(), value.clone())]);
+        shape
+    });
+    let revision = store_all(&store, &cohort, shapes.collect()).await;
+    for (number, (key, value)) in attributes.iter().enumerate() {
+        let text = value.as_str().map_or(value.to_string(), str::to_owned);
+        let filter =
+            ShapeFilter { labels: BTreeMap::from([((*key).to_owned(), text)]), ..ShapeFilter::default() };
+        let (points, _) = scan_all(&store, &cohort, revision, &filter, Ids::Skip).await;
+        assert_eq!(points, shape(number).control_points, "{key:?}");
+        let count = store.count(&cohort.id, revision, &filter).await.unwrap();
+        assert_eq!(count, 1, "{key:?}");
+    }
+    for (key, value) in [("flag", "1"), ("size", "2.0"), ("a", "dot"), ("none", "x")] {
+        let filter = ShapeFilter {
+            labels: BTreeMap::from([(key.to_owned(), value.to_owned())]),
+            ..ShapeFilter::default()
+        };
+        assert!(list_all(&store, &cohort, &filter).await.is_empty(), "{key}");
+    }
+}
+
+#[tokio::test]
+async fn filters_combine() {
+    let (_folder, store, cohort) = with_cohort().await;
+    let shapes: Vec<NewShape> = (0..24)
+        .map(|number| {
+            let mut shape = shape(number);
+            shape.attributes.label = Some(format!("l{}", number % 2));
+            shape.attributes.subject = Some(format!("s{}", number % 3));
+            shape.attributes.labels = BTreeMap::from([("q".into(), json!(number % 4))]);
+            shape
+        })
+        .collect();
+    let revision = store_all(&store, &cohort, shapes.clone()).await;
+    let mut filter = ShapeFilter::default();
+    filter.label = Some("l1".into());
+    assert_eq!(list_all(&store, &cohort, &filter).await.len(), 12);
+    filter.subject = Some("s1".into());
+    assert_eq!(list_all(&store, &cohort, &filter).await.len(), 4);
+    filter.labels = BTreeMap::from([("q".into(), "3".into())]);
+    let (_, ids) = scan_all(&store, &cohort, revision, &filter, Ids::Include).await;
+    assert_eq!(ids, [shapes[7].id.clone(), shapes[19].id.clone()]);
+}
+
+#[tokio::test]
+async fn a_deleted_cohort_is_gone_with_its_shapes() {
+    let (_folder, store, cohort) = with_cohort().await;
+    store_all(&store, &cohort, vec![named(1, "a")]).await;
+    let mut upload = store.begin_upload(&cohort);
+    upload.add(vec![shape(2)]).await.unwrap();
+
+    assert!(store.delete_cohort(&cohort.id).await.unwrap());
+    assert!(!store.delete_cohort(&cohort.id).await.unwrap());
+    for table in ["cohort", "chunk", "chunk_data", "shape"] {
+        assert_eq!(rows(&store, table).await, 0, "{table}");
+    }
+    let gone = |error: StoreError| assert!(matches!(error, StoreError::CohortGone), "{error:?}");
+    gone(upload.add(vec![shape(3)]).await.unwrap_err());
+    gone(upload.commit(1).await.unwrap_err());
+    let scan = store.scan(&cohort.id, 1, &EVERYTHING, None, Ids::Skip);
+    gone(scan.await.unwrap_err());
+    gone(store.count(&cohort.id, 1, &EVERYTHING).await.unwrap_err());
+    assert_eq!(store.find_shape(&cohort.id, "a").await.unwrap(), None);
+    // The name is free again.
+    store.create_cohort(&self::cohort("hands")).await.unwrap();
+}
+
+#[tokio::test]
+async fn damaged_control_points_are_noticed() {
+    let (_folder, store, cohort) = with_cohort().await;
+    let stored = shape(1);
+    let revision = store_all(&store, &cohort, vec![stored.clone()]).await;
+    sqlx::query("UPDATE chunk_data SET points = zeroblob(length(points))")
+        .execute(&store.0.writer)
+        .await
+        .unwrap();
+    let corrupt = |error: StoreError| {
+        assert!(matches!(error, StoreError::Corrupt { chunk: 1 }), "{error:?}");
+    };
+    for ids in [Ids::Skip, Ids::Include] {
+        let scan = store.scan(&cohort.id, revision, &EVERYTHING, None, ids);
+        corrupt(scan.await.unwrap_err());
+    }
+    corrupt(store.find_shape(&cohort.id, &stored.id).await.unwrap_err());
+    let list = store.list_shapes(&cohort.id, &EVERYTHING, None, 5);
+    corrupt(list.await.unwrap_err());
+    sqlx::query("DELETE FROM chunk_data").execute(&store.0.writer).await.unwrap();
+    corrupt(store.find_shape(&cohort.id, &stored.id).await.unwrap_err());
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 4)]
+async fn uploads_run_side_by_side() {
+    let (_folder, store, cohort) = with_cohort().await;
+    let tasks: Vec<_> = (0..4)
+        .map(|task| {
+            let (store, cohort) = (store.clone(), cohort.clone());
+            tokio::spawn(async move {
+                let mut upload = store.begin_upload(&cohort);
+                for call in 0..5 {
+                    let shapes = (0..100).map(|i| named(i, &format!("{task}-{call}-{i}")));
+                    upload.add(shapes.collect()).await.unwrap();
+                }
+                upload.commit(task).await.unwrap()
+            })
+        })
+        .collect();
+    let mut revisions = Vec::new();
+    for task in tasks {
+        revisions.push(task.await.unwrap());
+    }
+    revisions.sort_unstable();
+    assert_eq!(revisions, [1, 2, 3, 4]);
+    for revision in 0..=4 {
+        let count = store.count(&cohort.id, revision, &EVERYTHING).await;
+        assert_eq!(count.unwrap(), revision * 500);
+    }
+    let (points, _) = scan_all(&store, &cohort, 4, &EVERYTHING, Ids::Skip).await;
+    assert_eq!(points.len(), 2000 * WIDTH);
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 4)]
+async fn one_of_many_gets_an_external_id() {
+    let (_folder, store, cohort) = with_cohort().await;
+    let tasks: Vec<_> = (0..4)
+        .map(|task| {
+            let mut upload = store.begin_upload(&cohort);
+            tokio::spawn(async move {
+                let added = upload.add(vec![named(task, "same")]).await;
+                (upload, added)
+            })
+        })
+        .collect();
+    let (mut won, mut uploads) = (0, Vec::new());
+    for task in tasks {
+        let (upload, added) = task.await.unwrap();
+        match added {
+            Ok(_) => won += 1,
+            Err(StoreError::ExternalIdConflict { position: 0, .. }) => {}
+            Err(other) => panic!("{other:?}"),
+        }
+        uploads.push(upload);
+    }
+    assert_eq!(won, 1);
+}

@@ -1,0 +1,363 @@
+//! What must stay true of the sources and documents: the arrows of the layers, the committed interface
+//! document, the commands of the README.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use reqwest::Method;
+use serde_json::Value;
+
+use crate::server::{Setting, shared};
+
+/// The layers from top to bottom: a file uses its own layer and those below.
+const LAYERS: [&[&str]; 9] = [
+    &["cli", "server", "config", "telemetry"],
+    &["api"],
+    &["service"],
+    &["store"],
+    &["domain"],
+    &["formats"],
+    &["analysis"],
+    &["geometry"],
+    &["numeric"],
+];
+
+/// The first layer that knows nothing of the outer world.
+const FIRST_PURE: &str = "formats";
+
+/// Words of the outer world: network, storage, async, clocks, files.
+const OUTER_WORDS: [&str; 10] =
+    ["axum", "http::", "hyper", "sqlx", "tokio", "SystemTime", "Instant", "Timestamp", "std::net", "std::fs"];
+
+fn level(module: &str) -> Option<usize> {
+    LAYERS.iter().position(|layer| layer.contains(&module))
+}
+
+/// What is wrong with one file; `path` is relative to `src`.
+fn violations(path: &str, text: &str) -> Vec<String> {
+    let modules: Vec<&str> = path.trim_end_matches(".rs").trim_end_matches("/mod").split('/').collect();
+    let Some(own) = level(modules[0]) else { return vec![format!("{path} belongs to no layer")] };
+    let pure = own >= level(FIRST_PURE).unwrap();
+    let mut found = Vec::new();
+    // Words in comments are allowed: they explain who uses the file.
+    let code: Vec<&str> = text.lines().map(|line| line.split("//").next().unwrap()).collect();
+    for used in used_modules(&code.join("\n"), modules.len()) {
+        match level(&used) {
+            Some(other) if other >= own => {}
+            Some(_) => found.push(format!("{path} uses the higher layer {used}")),
+            None => found.push(format!("{path} uses {used}, which belongs to no layer")),
+        }
+    }
+    for (number, line) in code.iter().enumerate().filter(|_| pure) {
+        for word in OUTER_WORDS.iter().filter(|word| has_word(line, word)) {
+            found.push(format!("{path}:{}: {word} is of the outer world", number + 1));
+        }
+    }
+    found
+}
+
+/// Top-level modules that the code names: behind `crate::`, and behind enough `super::`.
+fn used_modules(code: &str, depth: usize) -> BTreeSet<String> {
+    let to_root = "super::".repeat(depth);
+    [String::from("crate::"), to_root]
+        .iter()
+        .flat_map(|root| code.split(root.as_str()).skip(1))
+        .flat_map(|rest| match rest.strip_prefix('{') {
+            Some(group) => names_of_group(group),
+            None => vec![name(rest).to_owned()],
+        })
+        // `crate::` of a macro's own arguments, or a star.
+        .filter(|name| !name.is_empty() && name != "super" && name != "self")
+        .collect()
+}
+
+fn name(text: &str) -> &str {
+    let end = text.find(|c: char| !c.is_alphanumeric() && c != '_').unwrap_or(text.len());
+    &text[..end]
+}
+
+/// First names of the entries of `a::b, c::{d, e}, f}…`.
+fn names_of_group(text: &str) -> Vec<String> {
+    let (mut depth, mut entry, mut names) = (0, String::new(), Vec::new());
+    for c in text.chars() {
+        match c {
+            '{' => depth += 1,
+            '}' if depth == 0 => break,
+            '}' => depth -= 1,
+            ',' if depth == 0 => names.push(std::mem::take(&mut entry)),
+            c if depth == 0 => entry.push(c),
+            _ => {}
+        }
+    }
+    names.push(entry);
+    names.iter().map(|entry| name(entry.trim()).to_owned()).collect()
+}
+
+fn has_word(line: &str, word: &str) -> bool {
+    let is_part = |c: char| c.is_alphanumeric() || c == '_';
+    line.match_indices(word).any(|(start, _)| {
+        let (before, after) = (&line[..start], &line[start + word.len()..]);
+        !before.ends_with(is_part) && (word.ends_with(':') || !after.starts_with(is_part))
+    })
+}
+
+fn sources(folder: &Path) -> Vec<PathBuf> {
+    let entries = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+    entries
+        .flat_map(|path| if path.is_dir() { sources(&path) } else { vec![path] })
+        .filter(|path| path.extension().is_some_and(|e| e == "rs"))
+        .collect()
+}
+
+#[test]
+fn the_layers_use_only_what_is_below_them() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
+    let files = sources(&root);
+    assert!(files.len() > 50, "{} files", files.len());
+    let mut found = Vec::new();
+    for file in files {
+        let path = file.strip_prefix(&root).unwrap().to_str().unwrap().replace('\\', "/");
+        if path != "lib.rs" && path != "main.rs" {
+            found.extend(violations(&path, &std::fs::read_to_string(&file).unwrap()));
+        }
+    }
+    assert!(found.is_empty(), "{}", found.join("\n"));
+}
+
+#[test]
+fn the_guard_of_the_layers_sees_a_bad_line() {
+    let bad = [
+        ("geometry/curve.rs", "use crate::analysis::metric::Metric;"),
+        ("analysis/mod.rs", "fn f() -> crate::service::App {}"),
+        ("store/mod.rs", "use crate::{domain::id, api::problem::{Problem, self}};"),
+        ("service/pool.rs", "use super::super::api;"),
+        ("api/v1/mod.rs", "use super::super::config::ServeConfig;"),
+        ("formats/svg.rs", "let now = std::time::Instant::now();"),
+        ("formats/svg.rs", "use http::StatusCode;"),
+        ("numeric/dense.rs", "    tokio::spawn(work);"),
+        ("jobs/mod.rs", ""),
+        ("api/mod.rs", "use crate::jobs;"),
+    ];
+    for (path, line) in bad {
+        assert_eq!(violations(path, line).len(), 1, "{path}: {line}: {:?}", violations(path, line));
+    }
+    let good = [
+        ("cli.rs", "use crate::{api, server};"),
+        ("service/compute.rs", "use super::App;\nuse crate::numeric::dense::Matrix;"),
+        ("formats/svg.rs", "// once a tokio task\nlet instantaneous = \"http://www.w3.org\";"),
+        ("analysis/mean.rs", "use super::{metric, subspace};"),
+    ];
+    for (path, line) in good {
+        assert_eq!(violations(path, line), [""; 0], "{path}: {line}");
+    }
+}
+
+/// Every operation of the contract.
+const OPERATIONS: [&str; 22] = [
+    "DELETE /v1/cohorts/{cohort}",
+    "DELETE /v1/cohorts/{cohort}/shapes/{shape}",
+    "GET /livez",
+    "GET /readyz",
+    "GET /v1/cohorts",
+    "GET /v1/cohorts/{cohort}",
+    "GET /v1/cohorts/{cohort}/mean",
+    "GET /v1/cohorts/{cohort}/shapes",
+    "GET /v1/cohorts/{cohort}/shapes/{shape}",
+    "GET /v1/generators",
+    "GET /v1/transformations",
+    "POST /v1/align",
+    "POST /v1/cohorts",
+    "POST /v1/cohorts/{cohort}/shapes",
+    "POST /v1/evaluate",
+    "POST /v1/mean",
+    "POST /v1/measure",
+    "POST /v1/pca",
+    "POST /v1/project",
+    "POST /v1/resample",
+    // Documented by themselves, not in the document.
+    "GET /openapi.json",
+    "GET /docs/",
+];
+
+fn committed() -> String {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("openapi/openapi.json");
+    std::fs::read_to_string(path).unwrap()
+}
+
+/// `METHOD path` and the operation.
+fn operations(document: &Value) -> Vec<(String, &Value)> {
+    let paths = document["paths"].as_object().unwrap();
+    let of_path = |(path, item): (&'_ String, &'_ Value)| {
+        let methods = item.as_object().unwrap().keys().filter(|key| *key != "parameters").cloned();
+        methods.map(|method| (path.clone(), method)).collect::<Vec<_>>()
+    };
+    paths
+        .iter()
+        .flat_map(of_path)
+        .map(|(path, method)| (format!("{} {path}", method.to_uppercase()), &paths[&path][&method]))
+        .collect()
+}
+
+#[test]
+fn the_committed_interface_document_is_the_present_one() {
+    let output = Command::new(env!("CARGO_BIN_EXE_shapelex")).arg("openapi").output().unwrap();
+    assert!(output.status.success());
+    let generated = String::from_utf8(output.stdout).unwrap();
+    assert!(
+        generated == committed(),
+        "openapi/openapi.json is old: run `cargo run -- openapi > openapi/openapi.json` and review the difference"
+    );
+}
+
+#[test]
+fn the_interface_document_covers_every_route_and_status() {
+    let document: Value = serde_json::from_str(&committed()).unwrap();
+    let operations = operations(&document);
+    let documented: BTreeSet<&str> = operations.iter().map(|(operation, _)| operation.as_str()).collect();
+    let wanted = OPERATIONS.into_iter().filter(|o| !o.ends_with("/openapi.json") && !o.ends_with("/docs/"));
+    assert_eq!(documented, wanted.collect());
+    for (name, operation) in &operations {
+        let responses = operation["responses"].as_object().unwrap();
+        assert!(responses.keys().any(|status| status.starts_with('2')), "{name} has no success");
+        // Who can send nothing wrong gets nothing refused.
+        let takes_input = operation.get("parameters").is_some() || operation.get("requestBody").is_some();
+        let refuses = responses.keys().any(|status| status.starts_with('4'));
+        assert!(refuses || !takes_input, "{name} refuses nothing: {:?}", responses.keys());
+        for (status, response) in responses {
+            let is_refusal = status.starts_with('4') || status.starts_with('5');
+            let content = response.get("content").and_then(Value::as_object);
+            let types: Vec<&str> = content.into_iter().flat_map(|c| c.keys().map(String::as_str)).collect();
+            assert_eq!(
+                types.contains(&"application/problem+json"),
+                is_refusal,
+                "{name} {status}: {types:?} (refusals and only they are problem documents)"
+            );
+            assert!(!response["description"].as_str().unwrap().is_empty(), "{name} {status}");
+        }
+        assert!(operation["summary"].as_str().is_some_and(|text| text.len() > 5), "{name} has no summary");
+    }
+}
+
+#[test]
+fn the_routes_of_the_interface_document_exist() {
+    let server = shared();
+    for operation in OPERATIONS {
+        let (method, path) = operation.split_once(' ').unwrap();
+        let path = path.replace("{cohort}", "none").replace("{shape}", "none");
+        let reply = server.send(server.request(method.parse::<Method>().unwrap(), &path));
+        if reply.status >= 400 {
+            let code = reply.json()["code"].as_str().unwrap().to_owned();
+            assert!(code != "route-not-found" && code != "method-not-allowed", "{operation}: {code}");
+        }
+    }
+    let served: Value = server.get("/openapi.json").expect(200);
+    assert_eq!(served, serde_json::from_str::<Value>(&committed()).unwrap());
+}
+
+#[test]
+fn refusals_have_documented_statuses() {
+    let document: Value = serde_json::from_str(&committed()).unwrap();
+    let server = Setting::fresh().start();
+    let mut undocumented = BTreeSet::new();
+    for (name, operation) in operations(&document) {
+        let (method, template) = name.split_once(' ').unwrap();
+        let path = |cohort: &str| template.replace("{cohort}", cohort).replace("{shape}", "none");
+        let request = |path: &str| server.request(method.parse::<Method>().unwrap(), path);
+        let requests = [
+            request(&path("none")),
+            request(&path("%ff")),
+            request(&format!("{}?format=csv", path("none"))),
+            request(&format!("{}?colour=red", path("none"))),
+            request(&path("none")).header("accept", "text/csv"),
+            request(&path("none")).header("content-type", "text/plain").body("x"),
+            request(&path("none")).header("content-type", "application/json").body("{"),
+            request(&path("none")).header("content-type", "application/json").body("{}"),
+        ];
+        let responses = operation["responses"].as_object().unwrap();
+        for request in requests {
+            let status = server.send(request).status.to_string();
+            let range = format!("{}XX", &status[..1]);
+            if !responses.contains_key(&status) && !responses.contains_key(&range) {
+                undocumented.insert(format!("{name} answers {status}"));
+            }
+        }
+    }
+    assert!(undocumented.is_empty(), "not in the document: {undocumented:#?}");
+}
+
+/// What `reference` (`#/components/…`) points to.
+fn resolve<'a>(document: &'a Value, value: &'a Value) -> &'a Value {
+    match value.get("$ref").and_then(Value::as_str) {
+        Some(reference) => document.pointer(reference.trim_start_matches('#')).unwrap(),
+        None => value,
+    }
+}
+
+#[test]
+fn the_examples_of_the_interface_document_work() {
+    let document: Value = serde_json::from_str(&committed()).unwrap();
+    let server = Setting::fresh().start();
+    let mut missing = Vec::new();
+    // Creation first: the shapes go into the cohort of its example.
+    let mut cohort = String::from("none");
+    for (name, operation) in operations(&document) {
+        let Some(content) = operation.pointer("/requestBody/content").and_then(Value::as_object) else {
+            continue;
+        };
+        for (media_type, body) in content {
+            let own = body.get("example");
+            let of_schema = || resolve(&document, &body["schema"]).get("example");
+            let Some(example) = own.or_else(of_schema) else {
+                missing.push(format!("{name} {media_type}"));
+                continue;
+            };
+            let path = name.trim_start_matches("POST ").replace("{cohort}", &cohort);
+            let text = example.as_str().map_or_else(|| example.to_string(), str::to_owned);
+            let reply = server.post_bytes(&path, media_type, text);
+            assert!((200..300).contains(&reply.status), "{name} {media_type}: {}", reply.text());
+            if name == "POST /v1/cohorts" {
+                cohort = reply.json()["id"].as_str().unwrap().to_owned();
+            }
+        }
+    }
+    assert_eq!(missing, [""; 0], "request bodies without an example");
+}
+
+/// The shell blocks of a document that begin with curl.
+fn curl_blocks(text: &str) -> Vec<String> {
+    let blocks = text.split("```sh\n").skip(1).map(|rest| rest.split("```").next().unwrap());
+    blocks.filter(|block| block.trim_start().starts_with("curl")).map(str::to_owned).collect()
+}
+
+#[test]
+fn the_commands_of_the_readme_work() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let Ok(readme) = std::fs::read_to_string(root.join("README.md")) else {
+        println!("there is no README.md yet");
+        return;
+    };
+    let blocks = curl_blocks(&readme);
+    assert!(!blocks.is_empty(), "the README has no ```sh block that begins with curl");
+    let found = Command::new("curl").arg("--version").output();
+    assert!(found.is_ok(), "this test runs the curl commands of the README: install curl");
+    let server = Setting::fresh().with_example().start();
+    let address = server.address().trim_start_matches("http://");
+    for block in blocks {
+        assert!(block.contains("127.0.0.1:8080"), "not against the service: {block}");
+        // `-f` as a default of this run: an answer of 400 and above is a failure.
+        let script = format!("set -e\ncurl() {{ command curl -q -sSf \"$@\"; }}\n{block}");
+        let script = script.replace("127.0.0.1:8080", address);
+        let output = Command::new("sh").arg("-c").arg(&script).current_dir(root).output().unwrap();
+        let (stdout, stderr) =
+            (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+        assert!(output.status.success(), "{block}\nended with {}\n{stdout}\n{stderr}", output.status);
+    }
+}
+
+#[test]
+fn the_blocks_of_the_readme_are_found() {
+    let text =
+        "a\n```sh\nmake run\n```\nb\n```sh\ncurl -s x\n```\n```json\n{}\n```\n```sh\ncurl y \\\n z\n```\n";
+    assert_eq!(curl_blocks(text), ["curl -s x\n", "curl y \\\n z\n"]);
+}

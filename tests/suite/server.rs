@@ -1,0 +1,338 @@
+//! The real program as a child process, and a client that checks what every answer must have.
+
+use std::fs::File;
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
+use std::process::{Child, ChildStdout, Command, Stdio};
+use std::sync::{Arc, LazyLock, Mutex, Weak};
+use std::time::Duration;
+
+use reqwest::header::{CONTENT_TYPE, HeaderMap};
+use reqwest::{Method, RequestBuilder};
+use serde_json::Value;
+use tempfile::TempDir;
+use tokio::runtime::Runtime;
+
+static RUNTIME: LazyLock<Runtime> = LazyLock::new(|| Runtime::new().unwrap());
+
+/// Waits for a future of the client.
+pub(crate) fn wait<T>(future: impl Future<Output = T>) -> T {
+    RUNTIME.block_on(future)
+}
+
+/// A running service; killed when dropped.
+pub(crate) struct Server {
+    child: Child,
+    /// The program writes a second line: with the pipe closed it would fail.
+    _stdout: BufReader<ChildStdout>,
+    address: String,
+    client: reqwest::Client,
+    log: PathBuf,
+    folder: Arc<TempDir>,
+}
+
+/// How a server is started.
+pub(crate) struct Setting {
+    folder: Arc<TempDir>,
+    flags: Vec<String>,
+    environment: Vec<(String, String)>,
+    example: bool,
+}
+
+impl Setting {
+    /// On a new empty folder.
+    pub(crate) fn fresh() -> Self {
+        let folder = Arc::new(tempfile::tempdir().unwrap());
+        Self { folder, flags: Vec::new(), environment: Vec::new(), example: false }
+    }
+
+    /// With further flags.
+    pub(crate) fn flags(mut self, flags: &[&str]) -> Self {
+        self.flags.extend(flags.iter().map(ToString::to_string));
+        self
+    }
+
+    /// With an environment variable.
+    pub(crate) fn environment(mut self, name: &str, value: &str) -> Self {
+        self.environment.push((name.into(), value.into()));
+        self
+    }
+
+    /// With the example cohort.
+    pub(crate) fn with_example(mut self) -> Self {
+        self.example = true;
+        self
+    }
+
+    /// Starts it and waits for the line with its address.
+    pub(crate) fn start(self) -> Server {
+        let log = self.folder.path().join("log");
+        // Appended: a server that is started again writes to the same log.
+        let stderr = File::options().create(true).append(true).open(&log).unwrap();
+        let mut command = Command::new(env!("CARGO_BIN_EXE_shapelex"));
+        for (name, _) in std::env::vars().filter(|(name, _)| name.starts_with("SHAPELEX_")) {
+            command.env_remove(name);
+        }
+        command.args(["serve", "--listen", "127.0.0.1:0", "--data-dir"]).arg(self.folder.path().join("data"));
+        command.args(if self.example { None } else { Some("--no-example") }).args(&self.flags);
+        command.envs(self.environment).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(stderr);
+        let mut child = command.spawn().unwrap();
+        let mut stdout = BufReader::new(child.stdout.take().unwrap());
+        let mut line = String::new();
+        stdout.read_line(&mut line).unwrap();
+        let address = line.trim().strip_prefix("shapelex is listening on ").map(str::to_owned);
+        let Some(address) = address else {
+            // The process ends by itself when it does not start.
+            let _ = child.kill();
+            panic!("no address in {line:?}; the log: {}", std::fs::read_to_string(&log).unwrap());
+        };
+        let client = reqwest::Client::builder()
+            .no_proxy()
+            .redirect(reqwest::redirect::Policy::none())
+            .timeout(Duration::from_secs(60))
+            .build()
+            .unwrap();
+        Server { child, _stdout: stdout, address, client, log, folder: self.folder }
+    }
+}
+
+/// A server that tests share which leave nothing behind; it ends with the last of them.
+pub(crate) fn shared() -> Arc<Server> {
+    static SHARED: Mutex<Weak<Server>> = Mutex::new(Weak::new());
+    let mut shared = SHARED.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+    shared.upgrade().unwrap_or_else(|| {
+        let server = Arc::new(Setting::fresh().start());
+        *shared = Arc::downgrade(&server);
+        server
+    })
+}
+
+impl Server {
+    /// On a new empty store.
+    pub(crate) fn fresh() -> Self {
+        Setting::fresh().start()
+    }
+
+    /// `http://127.0.0.1:PORT`.
+    pub(crate) fn address(&self) -> &str {
+        &self.address
+    }
+
+    /// Everything it logged.
+    pub(crate) fn log(&self) -> String {
+        std::fs::read_to_string(&self.log).unwrap()
+    }
+
+    /// The folder with its data and its log.
+    pub(crate) fn folder(&self) -> &Path {
+        self.folder.path()
+    }
+
+    /// A request to be completed and given to [`Server::send`].
+    pub(crate) fn request(&self, method: Method, path: &str) -> RequestBuilder {
+        self.client.request(method, format!("{}{path}", self.address))
+    }
+
+    /// Sends a request and checks the answer.
+    pub(crate) fn send(&self, request: RequestBuilder) -> Reply {
+        let request = request.build().unwrap();
+        let (method, path) = (request.method().clone(), request.url().path().to_owned());
+        let reply = wait(async {
+            let response = self.client.execute(request).await.unwrap();
+            let (status, headers) = (response.status().as_u16(), response.headers().clone());
+            Reply { status, headers, body: response.bytes().await.unwrap().to_vec() }
+        });
+        reply.check(&format!("{method} {path}"), method == Method::HEAD);
+        reply
+    }
+
+    /// `GET`.
+    pub(crate) fn get(&self, path: &str) -> Reply {
+        self.send(self.request(Method::GET, path))
+    }
+
+    /// `DELETE`.
+    pub(crate) fn delete(&self, path: &str) -> Reply {
+        self.send(self.request(Method::DELETE, path))
+    }
+
+    /// `POST` of JSON.
+    pub(crate) fn post(&self, path: &str, body: &Value) -> Reply {
+        self.send(self.request(Method::POST, path).json(body))
+    }
+
+    /// `POST` of bytes that say they are of `media_type`.
+    pub(crate) fn post_bytes(&self, path: &str, media_type: &str, body: impl Into<Vec<u8>>) -> Reply {
+        self.send(self.request(Method::POST, path).header(CONTENT_TYPE, media_type).body(body.into()))
+    }
+
+    /// `POST` of one shape a line.
+    pub(crate) fn post_lines(&self, path: &str, lines: &[Value]) -> Reply {
+        let text: Vec<String> = lines.iter().map(ToString::to_string).collect();
+        self.post_bytes(path, "application/x-ndjson", text.join("\n"))
+    }
+
+    /// Asserts that the process lives and answers.
+    pub(crate) fn assert_alive(&self) {
+        assert_eq!(self.get("/livez").status, 204, "the log: {}", self.log());
+    }
+
+    /// Ends the process at once, as `kill -9` does; the same folder can then be opened again.
+    pub(crate) fn kill(mut self) -> Setting {
+        self.child.kill().unwrap();
+        self.child.wait().unwrap();
+        let folder = Arc::clone(&self.folder);
+        Setting { folder, flags: Vec::new(), environment: Vec::new(), example: false }
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        // It may have ended by itself; then the log says why.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+        if !std::thread::panicking() {
+            let log = self.log();
+            let bad = log.lines().find(|line| line.contains("panicked") || line.contains("ERROR"));
+            assert_eq!(bad, None, "the log of the server has errors");
+        }
+    }
+}
+
+/// An answer.
+pub(crate) struct Reply {
+    pub(crate) status: u16,
+    pub(crate) headers: HeaderMap,
+    pub(crate) body: Vec<u8>,
+}
+
+impl Reply {
+    /// A header as text.
+    pub(crate) fn header(&self, name: &str) -> Option<&str> {
+        self.headers.get(name).map(|value| value.to_str().unwrap())
+    }
+
+    /// The body as text.
+    pub(crate) fn text(&self) -> &str {
+        std::str::from_utf8(&self.body).unwrap()
+    }
+
+    /// The body as JSON, whatever the status.
+    pub(crate) fn json(&self) -> Value {
+        serde_json::from_slice(&self.body).unwrap_or_else(|error| panic!("{error}: {}", self.text()))
+    }
+
+    /// The JSON body of an answer with this status.
+    #[track_caller]
+    pub(crate) fn expect(&self, status: u16) -> Value {
+        assert_eq!(self.status, status, "{}", self.text());
+        self.json()
+    }
+
+    /// A drawing: an SVG element that is closed, of finite numbers.
+    #[track_caller]
+    pub(crate) fn expect_svg(&self) -> &str {
+        assert_eq!(self.status, 200, "{}", self.text());
+        assert_eq!(self.header("content-type"), Some("image/svg+xml"));
+        let svg = self.text();
+        assert!(svg.starts_with("<svg ") && svg.trim_end().ends_with("</svg>"), "{svg}");
+        assert!(!svg.contains("NaN") && !svg.contains("inf"), "{svg}");
+        assert_eq!(svg.matches("<g ").count(), svg.matches("</g>").count());
+        svg
+    }
+
+    /// A refusal: status, code, and exactly these pointers in any order.
+    #[track_caller]
+    pub(crate) fn expect_problem(&self, status: u16, code: &str, pointers: &[&str]) -> Value {
+        let problem = self.expect(status);
+        assert_eq!(problem["code"], code, "{problem}");
+        let mut found = pointers_of(&problem);
+        let mut wanted: Vec<String> = pointers.iter().map(ToString::to_string).collect();
+        found.sort();
+        wanted.sort();
+        assert_eq!(found, wanted, "pointers of {problem}");
+        problem
+    }
+
+    fn check(&self, what: &str, head: bool) {
+        let id = self.header("x-request-id").unwrap_or_else(|| panic!("{what}: no x-request-id"));
+        assert!(self.status < 500 || self.status == 503, "{what}: {} {}", self.status, self.text());
+        if head {
+            assert!(self.body.is_empty(), "{what}: HEAD with a body");
+        } else if self.status >= 400 {
+            self.check_problem(what, id);
+        } else if self.header("content-type") == Some("application/json")
+            && self.header("content-encoding").is_none()
+        {
+            assert_eq!(null_in_a_list(&self.json()), None, "{what}: a number was lost");
+        }
+    }
+
+    fn check_problem(&self, what: &str, id: &str) {
+        assert_eq!(self.header("content-type"), Some("application/problem+json"), "{what}");
+        let problem = self.json();
+        let fields: Vec<&str> = problem.as_object().unwrap().keys().map(String::as_str).collect();
+        let wanted = ["code", "detail", "errors", "request_id", "status", "title", "type"];
+        let mut sorted = fields.clone();
+        sorted.sort_unstable();
+        assert_eq!(sorted, wanted, "{what}: {problem}");
+        assert_eq!(problem["status"], self.status, "{what}: {problem}");
+        assert_eq!(problem["request_id"], id, "{what}: {problem}");
+        let code = problem["code"].as_str().unwrap();
+        assert_eq!(problem["type"], format!("urn:shapelex:problem:{code}"), "{what}");
+        assert!(!problem["title"].as_str().unwrap().is_empty(), "{what}: {problem}");
+        assert!(!problem["detail"].as_str().unwrap().is_empty(), "{what}: {problem}");
+        for error in problem["errors"].as_array().unwrap() {
+            let pointer = error["pointer"].as_str().unwrap();
+            assert!(pointer.is_empty() || pointer.starts_with('/'), "{what}: {error}");
+            assert!(!error["detail"].as_str().unwrap().is_empty(), "{what}: {error}");
+        }
+    }
+}
+
+/// The pointers of the errors of a problem document, in order.
+pub(crate) fn pointers_of(problem: &Value) -> Vec<String> {
+    let errors = problem["errors"].as_array().unwrap();
+    errors.iter().map(|error| error["pointer"].as_str().unwrap().to_owned()).collect()
+}
+
+/// Where a list holds null: a number that was not finite is written so.
+fn null_in_a_list(value: &Value) -> Option<String> {
+    match value {
+        Value::Array(items) => items.iter().enumerate().find_map(|(i, item)| {
+            if item.is_null() {
+                Some(format!("/{i}"))
+            } else {
+                null_in_a_list(item).map(|p| format!("/{i}{p}"))
+            }
+        }),
+        Value::Object(map) => map
+            .iter()
+            // What the client gave comes back as it was.
+            .filter(|(key, _)| *key != "metadata" && *key != "labels")
+            .find_map(|(key, item)| null_in_a_list(item).map(|p| format!("/{key}{p}"))),
+        _ => None,
+    }
+}
+
+/// Rows of points as one list of numbers.
+pub(crate) fn flat(points: &Value) -> Vec<f64> {
+    match points {
+        Value::Array(items) => items.iter().flat_map(flat).collect(),
+        number => vec![number.as_f64().unwrap_or_else(|| panic!("{number} is not a number"))],
+    }
+}
+
+/// Asserts that two lists of numbers agree within `tolerance`, relative to the largest wanted one (at least 1).
+#[track_caller]
+pub(crate) fn assert_close(found: &Value, wanted: &Value, tolerance: f64, what: &str) {
+    let (found, wanted) = (flat(found), flat(wanted));
+    assert_eq!(found.len(), wanted.len(), "{what}: lengths");
+    let scale = wanted.iter().fold(1.0_f64, |m, v| m.max(v.abs()));
+    for (i, (a, b)) in found.iter().zip(&wanted).enumerate() {
+        assert!(
+            (a - b).abs() <= tolerance * scale,
+            "{what}[{i}]: {a} for {b} (tolerance {tolerance} · {scale})"
+        );
+    }
+}
