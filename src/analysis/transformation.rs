@@ -62,15 +62,28 @@ pub enum Transformation {
     Custom(CustomClass),
 }
 
-/// By hand: the derived error of an untagged choice does not say what is wrong.
+/// By hand: the derived error of an untagged choice says neither where nor what.
 impl<'de> Deserialize<'de> for Transformation {
     fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        use serde::de::Error;
-        let value = serde_json::Value::deserialize(deserializer)?;
-        if value.is_string() {
-            return ClassName::deserialize(value).map(Self::Named).map_err(D::Error::custom);
+        use serde::de::value::{MapAccessDeserializer, StrDeserializer};
+
+        struct ChoiceVisitor;
+        impl<'de> serde::de::Visitor<'de> for ChoiceVisitor {
+            type Value = Transformation;
+
+            fn expecting(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+                f.write_str("the name of a class or {\"matrices\": …, \"translation\": …}")
+            }
+
+            fn visit_str<E: serde::de::Error>(self, name: &str) -> Result<Transformation, E> {
+                ClassName::deserialize(StrDeserializer::new(name)).map(Transformation::Named)
+            }
+
+            fn visit_map<A: serde::de::MapAccess<'de>>(self, map: A) -> Result<Transformation, A::Error> {
+                CustomClass::deserialize(MapAccessDeserializer::new(map)).map(Transformation::Custom)
+            }
         }
-        CustomClass::deserialize(value).map(Self::Custom).map_err(D::Error::custom)
+        deserializer.deserialize_any(ChoiceVisitor)
     }
 }
 

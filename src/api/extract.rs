@@ -54,24 +54,20 @@ pub fn body_problem(error: axum::Error, limit: usize) -> Problem {
     )
 }
 
-/// Reads `T` from JSON text; run it on the pool, bodies can be large.
+/// Reads `T` from JSON text; run it on the pool, bodies can be large. What is wrong with the JSON itself is kept by
+/// the types of `formats`.
 ///
 /// # Errors
-/// [`ServiceError::Malformed`] for text that is not JSON, [`ServiceError::Invalid`] for JSON that is something
-/// else, with the pointer to the place.
+/// [`ServiceError::Malformed`] for text that is not JSON, with the pointer to the place.
 pub fn parse<T: DeserializeOwned>(text: &[u8]) -> Result<T, ServiceError> {
     // Tracking the path costs time: only what fails is read again with it.
     serde_json::from_slice(text).or_else(|_| {
         let mut deserializer = serde_json::Deserializer::from_slice(text);
         let value: T = serde_path_to_error::deserialize(&mut deserializer).map_err(|error| {
             let pointer = json_pointer(error.path());
-            let inner = error.inner();
-            let fault = Fault::new(pointer, inner.to_string());
-            if inner.is_data() {
-                ServiceError::Invalid(vec![fault])
-            } else {
-                ServiceError::Malformed(vec![fault])
-            }
+            let index =
+                pointer.strip_prefix("/shapes/").and_then(|rest| rest.split('/').next()?.parse().ok());
+            ServiceError::Malformed(vec![Fault { index, ..Fault::new(pointer, error.inner().to_string()) }])
         })?;
         deserializer
             .end()
@@ -91,6 +87,43 @@ impl<T: DeserializeOwned, S: Send + Sync> FromRequestParts<S> for Query<T> {
         axum::extract::Query::<T>::try_from_uri(&parts.uri)
             .map(|query| Self(query.0))
             .map_err(|rejection| Problem::new(ProblemKind::InvalidQuery, rejection.body_text()))
+    }
+}
+
+/// A route without query parameters: a misspelt one must not be passed over.
+#[derive(Debug)]
+pub struct NoQuery;
+
+impl<S: Send + Sync> FromRequestParts<S> for NoQuery {
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Problem> {
+        only(parts, &[]).map(|()| Self)
+    }
+}
+
+/// Refuses query parameters that are not in `known`.
+fn only(parts: &Parts, known: &[&str]) -> Result<(), Problem> {
+    let query = axum::extract::Query::<Vec<(String, String)>>::try_from_uri(&parts.uri)
+        .map_err(|rejection| Problem::new(ProblemKind::InvalidQuery, rejection.body_text()))?;
+    match query.0.iter().find(|(key, _)| !known.contains(&key.as_str())) {
+        None => Ok(()),
+        Some((key, _)) => {
+            Err(Problem::new(ProblemKind::InvalidQuery, format!("'{key}' is not a parameter of this route")))
+        }
+    }
+}
+
+/// The format of the answer, on a route without other query parameters.
+#[derive(Debug)]
+pub struct OnlyFormat(pub Format);
+
+impl<S: Send + Sync> FromRequestParts<S> for OnlyFormat {
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Problem> {
+        only(parts, &["format"])?;
+        Format::from_request_parts(parts, state).await.map(Self)
     }
 }
 

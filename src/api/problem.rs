@@ -175,12 +175,11 @@ impl From<ServiceError> for Problem {
             ServiceError::NameTaken { .. } => {
                 Self::with(ProblemKind::NameTaken, vec![Fault::new("/name", detail)])
             }
-            ServiceError::ExternalIdConflict { index, .. } => {
-                let fault =
-                    Fault { index: usize::try_from(index).ok(), ..Fault::new("/external_id", detail) };
+            ServiceError::ExternalIdConflict(fault) => {
                 Self::with(ProblemKind::ExternalIdConflict, vec![fault])
             }
-            ServiceError::TooLarge(_) => Self::new(ProblemKind::PayloadTooLarge, detail),
+            ServiceError::TooLarge(fault) => Self::with(ProblemKind::PayloadTooLarge, vec![fault]),
+            ServiceError::Query(_) => Self::new(ProblemKind::InvalidQuery, detail),
             ServiceError::Interrupted(_) => Self::new(ProblemKind::InterruptedBody, detail),
             ServiceError::Unavailable(_) => Self::new(ProblemKind::Unavailable, detail),
             ServiceError::Internal(_) => {

@@ -10,10 +10,11 @@
 use std::collections::BTreeMap;
 use std::fmt;
 
-use serde::de::{Deserializer, IgnoredAny, MapAccess, SeqAccess, Visitor};
+use serde::de::{Deserializer, SeqAccess, Visitor};
 use serde::{Deserialize, Serialize};
 
 use super::InputError;
+use super::checked::{Checked, document, visit_others};
 
 /// Largest coordinate in magnitude: squares, areas and their sums stay finite.
 pub const MAX_COORDINATE: f64 = 1e100;
@@ -111,8 +112,17 @@ impl<'de> Deserialize<'de> for PointList {
                 }
                 Ok(list)
             }
+
+            visit_others!(@text not_a_list, PointList);
+            visit_others!(@number not_a_list, PointList);
+            visit_others!(@map not_a_list, PointList);
         }
-        deserializer.deserialize_seq(ListVisitor)
+        fn not_a_list(_: ListVisitor, what: &'static str) -> PointList {
+            let mut list = PointList::default();
+            list.fault(String::new(), format!("is {what}, not a list of points"));
+            list
+        }
+        deserializer.deserialize_any(ListVisitor)
     }
 }
 
@@ -137,14 +147,8 @@ impl<'de> serde::de::DeserializeSeed<'de> for RowSeed<'_> {
     }
 }
 
-/// Everything that is not a list is not a point.
-macro_rules! not_a_row {
-    ($($name:ident: $type:ty, $what:literal;)*) => {
-        $(fn $name<E>(self, _: $type) -> Result<(), E> {
-            self.0.not_a_row = Some(concat!("is ", $what, ", not a list of coordinates").into());
-            Ok(())
-        })*
-    };
+fn not_a_row(seed: RowSeed<'_>, what: &'static str) {
+    seed.0.not_a_row = Some(format!("is {what}, not a list of coordinates"));
 }
 
 impl<'de> Visitor<'de> for RowSeed<'_> {
@@ -175,24 +179,9 @@ impl<'de> Visitor<'de> for RowSeed<'_> {
         Ok(())
     }
 
-    not_a_row! {
-        visit_bool: bool, "a truth value";
-        visit_i64: i64, "a number";
-        visit_u64: u64, "a number";
-        visit_f64: f64, "a number";
-        visit_str: &str, "a text";
-    }
-
-    fn visit_unit<E>(self) -> Result<(), E> {
-        self.0.not_a_row = Some("is null, not a list of coordinates".into());
-        Ok(())
-    }
-
-    fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<(), A::Error> {
-        while map.next_entry::<IgnoredAny, IgnoredAny>()?.is_some() {}
-        self.0.not_a_row = Some("is an object, not a list of coordinates".into());
-        Ok(())
-    }
+    visit_others!(@text not_a_row, ());
+    visit_others!(@number not_a_row, ());
+    visit_others!(@map not_a_row, ());
 }
 
 enum Coordinate {
@@ -222,68 +211,54 @@ impl<'de> Deserialize<'de> for Coordinate {
                 Ok(Coordinate::Number(value as f64))
             }
 
-            fn visit_bool<E>(self, _: bool) -> Result<Coordinate, E> {
-                Ok(Coordinate::Other("a truth value"))
-            }
-
-            fn visit_str<E>(self, _: &str) -> Result<Coordinate, E> {
-                Ok(Coordinate::Other("a text"))
-            }
-
-            fn visit_unit<E>(self) -> Result<Coordinate, E> {
-                Ok(Coordinate::Other("null"))
-            }
-
-            fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<Coordinate, A::Error> {
-                while list.next_element::<IgnoredAny>()?.is_some() {}
-                Ok(Coordinate::Other("a list"))
-            }
-
-            fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Coordinate, A::Error> {
-                while map.next_entry::<IgnoredAny, IgnoredAny>()?.is_some() {}
-                Ok(Coordinate::Other("an object"))
-            }
+            visit_others!(@text not_a_number, Coordinate);
+            visit_others!(@seq not_a_number, Coordinate);
+            visit_others!(@map not_a_number, Coordinate);
+        }
+        fn not_a_number(_: CoordinateVisitor, what: &'static str) -> Coordinate {
+            Coordinate::Other(what)
         }
         deserializer.deserialize_any(CoordinateVisitor)
     }
 }
 
-/// A shape as it is posted.
-#[derive(Debug, Clone, Default, Deserialize, utoipa::ToSchema)]
-#[serde(deny_unknown_fields)]
-pub struct ShapeInput {
-    /// Points on the shape, one list of coordinates each.
-    #[schema(value_type = Option<Vec<Vec<f64>>>, example = json!([[0.0, 0.0], [2.0, 0.0], [2.0, 1.0]]))]
-    pub points: Option<PointList>,
-    /// Coefficients of the representation, instead of points.
-    #[schema(value_type = Option<Vec<Vec<f64>>>)]
-    pub control_points: Option<PointList>,
-    /// The client's own identifier, unique in a cohort.
-    #[serde(alias = "id")]
-    #[schema(example = "scan-17")]
-    pub external_id: Option<String>,
-    /// Opaque identifier of the subject; never a name.
-    pub subject: Option<String>,
-    /// Class.
-    #[schema(example = "control")]
-    pub label: Option<String>,
-    /// Further attributes: texts, numbers or truth values.
-    #[serde(default)]
-    #[schema(value_type = Object)]
-    pub labels: BTreeMap<String, serde_json::Value>,
-    /// Positive weight in means, 1 unless given.
-    pub weight: Option<f64>,
-    /// Anything to be found again.
-    #[schema(value_type = Option<Object>)]
-    pub metadata: Option<serde_json::Value>,
-    /// Whether the points go round; must agree with the representation.
-    pub closed: Option<bool>,
-    /// Positions of homologous points, kept with the metadata.
-    #[schema(value_type = Option<Vec<usize>>)]
-    pub landmark_index: Option<serde_json::Value>,
-    /// Coordinates of homologous points, kept with the metadata.
-    #[schema(value_type = Option<Vec<Vec<f64>>>)]
-    pub landmarks: Option<serde_json::Value>,
+document! {
+    /// A shape as it is posted.
+    pub struct ShapeInput {
+        /// Points on the shape, one list of coordinates each.
+        #[schema(value_type = Option<Vec<Vec<f64>>>, example = json!([[0.0, 0.0], [2.0, 0.0], [2.0, 1.0]]))]
+        points: PointList;
+        /// Coefficients of the representation, instead of points.
+        #[schema(value_type = Option<Vec<Vec<f64>>>)]
+        control_points: PointList;
+        /// The client's own identifier, unique in a cohort; `id` is read too.
+        #[schema(value_type = Option<String>)]
+        external_id or "id": Checked<Option<String>>;
+        /// Opaque identifier of the subject; never a name.
+        #[schema(value_type = Option<String>)]
+        subject: Checked<Option<String>>;
+        /// Class.
+        #[schema(value_type = Option<String>)]
+        label: Checked<Option<String>>;
+        /// Further attributes: texts, numbers or truth values.
+        #[schema(value_type = Option<Object>)]
+        labels: Checked<BTreeMap<String, serde_json::Value>>;
+        /// Positive weight in means, 1 unless given.
+        #[schema(value_type = Option<f64>)]
+        weight: Checked<Option<f64>>;
+        /// Anything to be found again.
+        #[schema(value_type = Option<Object>)]
+        metadata: serde_json::Value;
+        /// Whether the points go round; must agree with the representation.
+        #[schema(value_type = Option<bool>)]
+        closed: Checked<Option<bool>>;
+        /// Positions of homologous points, kept with the metadata.
+        #[schema(value_type = Option<Vec<usize>>)]
+        landmark_index: serde_json::Value;
+        /// Coordinates of homologous points, kept with the metadata.
+        #[schema(value_type = Option<Vec<Vec<f64>>>)]
+        landmarks: serde_json::Value;
+    }
 }
 
 /// Points as they are answered: one list of coordinates each.

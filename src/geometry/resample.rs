@@ -12,7 +12,7 @@ pub struct ClosedPolygon {
 }
 
 /// An extent below this part of the distance from the origin is rounding, not a shape.
-const NO_EXTENT: f64 = 1e-13;
+pub const NO_EXTENT: f64 = 1e-13;
 
 impl ClosedPolygon {
     /// From the vertices `points` (`n × d`, `n ≥ 3`); a last vertex equal to the first is dropped.

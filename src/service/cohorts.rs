@@ -32,24 +32,30 @@ const MAX_DESCRIPTION_CHARS: usize = 10_000;
 /// Longest name of a unit.
 const MAX_UNIT_CHARS: usize = 50;
 
-/// Creates a cohort.
-///
-/// # Errors
-/// All fields that break a rule; a name that is taken.
-pub async fn create(app: &App, new: NewCohort) -> Result<Cohort, ServiceError> {
-    let mut faults: Vec<Fault> = Vec::new();
-    if let Some(problem) = name_problem(&new.name) {
+/// What is wrong with the texts of a cohort; of those that are given.
+pub fn text_faults(name: Option<&str>, description: Option<&str>, length_unit: Option<&str>) -> Vec<Fault> {
+    let mut faults = Vec::new();
+    if let Some(problem) = name.and_then(name_problem) {
         faults.push(Fault::new("/name", problem));
     }
-    if new.description.as_ref().is_some_and(|text| text.chars().count() > MAX_DESCRIPTION_CHARS) {
+    if description.is_some_and(|text| text.chars().count() > MAX_DESCRIPTION_CHARS) {
         faults.push(Fault::new(
             "/description",
             format!("must have at most {MAX_DESCRIPTION_CHARS} characters"),
         ));
     }
-    if new.length_unit.as_ref().is_some_and(|unit| unit.is_empty() || unit.chars().count() > MAX_UNIT_CHARS) {
+    if length_unit.is_some_and(|unit| unit.is_empty() || unit.chars().count() > MAX_UNIT_CHARS) {
         faults.push(Fault::new("/length_unit", format!("must have 1 to {MAX_UNIT_CHARS} characters")));
     }
+    faults
+}
+
+/// Creates a cohort.
+///
+/// # Errors
+/// All fields that break a rule; a name that is taken.
+pub async fn create(app: &App, new: NewCohort) -> Result<Cohort, ServiceError> {
+    let mut faults = text_faults(Some(&new.name), new.description.as_deref(), new.length_unit.as_deref());
     if let Err(errors) = input::check_representation(&new.representation, &app.limits) {
         faults.extend(errors.into_iter().map(|error| Fault::from(error.below("/representation"))));
     }
@@ -107,6 +113,9 @@ pub type Page<T> = (Vec<T>, Option<String>);
 /// # Errors
 /// A failure of the store.
 pub async fn list(app: &App, cursor: Option<&str>, limit: usize) -> Result<Page<Cohort>, ServiceError> {
+    if cursor.is_some_and(|cursor| !cursor.starts_with(&format!("{}_", id::COHORT))) {
+        return Err(ServiceError::Query("cursor is not one of this list".into()));
+    }
     let mut items = app.store.list_cohorts(cursor, limit + 1).await?;
     let next = (items.len() > limit).then(|| items[limit - 1].id.clone());
     items.truncate(limit);
@@ -127,7 +136,7 @@ pub async fn list_shapes(
     let cohort = find(app, key).await?;
     let after = cursor
         .map(|cursor| {
-            cursor.parse().map_err(|_| ServiceError::invalid("/cursor", "is not a cursor of this list"))
+            cursor.parse().map_err(|_| ServiceError::Query("cursor is not one of this list".into()))
         })
         .transpose()?;
     let page = app.store.list_shapes(&cohort.id, filter, after, limit).await?;

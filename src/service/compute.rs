@@ -13,6 +13,7 @@ use crate::analysis::matching::Matching;
 use crate::analysis::metric::{Metric, norm};
 use crate::analysis::pca::FunctionalPca;
 use crate::analysis::transformation::Transformation;
+use crate::formats::InputError;
 use crate::formats::shape::ShapeInput;
 use crate::formats::svg::{self, Layer, colour};
 use crate::geometry::curve::{ClosedCurve, MAX_DERIVATIVE};
@@ -81,8 +82,9 @@ impl Setup {
         if let Err(error) = input::check_correspondence(representation, *correspondence) {
             keep(error)?;
         }
-        let dimension = representation.dimension().clamp(2, 3);
-        let method = match Method::new(transformation, *alignment, dimension) {
+        // Classes exist in two and three dimensions: another one is a fault of its own.
+        let method = match Method::new(transformation, *alignment, representation.dimension()) {
+            _ if !(2..=3).contains(&representation.dimension()) => None,
             Ok(method) => Some(method),
             Err(error) => keep(error.into()).map(|()| None)?,
         };
@@ -364,7 +366,7 @@ pub fn resample(
     app: &App,
     count: usize,
     start: Start,
-    shapes: &[ShapeInput],
+    shapes: Vec<ShapeInput>,
 ) -> Result<Vec<(usize, Vec<f64>, f64)>, ServiceError> {
     let mut faults = Vec::new();
     if !(3..=app.limits.points).contains(&count) {
@@ -379,7 +381,7 @@ pub fn resample(
     }
     ServiceError::unless_empty(std::mem::take(&mut faults))?;
     let mut resampled = Vec::with_capacity(shapes.len());
-    for (index, shape) in shapes.iter().enumerate() {
+    for (index, shape) in shapes.into_iter().enumerate() {
         match polygon(shape, &app.limits) {
             Ok((dimension, polygon)) => {
                 let from = if start == Start::Canonical { polygon.canonical_start() } else { 0.0 };
@@ -389,11 +391,9 @@ pub fn resample(
                     polygon.length(),
                 ));
             }
-            Err((pointer, detail)) => {
-                faults.push(Fault {
-                    index: Some(index),
-                    ..Fault::new(format!("/shapes/{index}{pointer}"), detail)
-                });
+            Err(errors) => {
+                let placed = errors.into_iter().map(|error| error.below(&format!("/shapes/{index}")));
+                faults.extend(placed.map(|error| Fault { index: Some(index), ..error.into() }));
             }
         }
     }
@@ -401,23 +401,20 @@ pub fn resample(
     Ok(resampled)
 }
 
-fn polygon(shape: &ShapeInput, limits: &Limits) -> Result<(usize, ClosedPolygon), (String, String)> {
-    let Some(points) = &shape.points else {
-        return Err((String::new(), "has no points".into()));
-    };
+fn polygon(shape: ShapeInput, limits: &Limits) -> Result<(usize, ClosedPolygon), Vec<InputError>> {
+    let points = shape.points.clone();
+    input::attributes(shape)?;
+    let points = points.ok_or_else(|| vec![InputError::new("", "has no points")])?;
+    let below = |error: InputError| error.below("/points");
     if points.len() > limits.points {
-        return Err((
-            "/points".into(),
-            format!("has {} points, at most {} are accepted", points.len(), limits.points),
-        ));
+        let detail = format!("has {} points, at most {} are accepted", points.len(), limits.points);
+        return Err(vec![InputError::new("/points", detail)]);
     }
     let dimension = points.width().clamp(2, 3);
-    let coordinates = points.checked(dimension).map_err(|errors| {
-        let first = errors.into_iter().next();
-        first.map_or_else(Default::default, |error| (format!("/points{}", error.pointer), error.detail))
-    })?;
+    let checked = points.checked(dimension);
+    let coordinates = checked.map_err(|errors| errors.into_iter().map(below).collect::<Vec<_>>())?;
     let matrix = Matrix::from_row_slice(points.len(), dimension, coordinates);
-    let polygon = ClosedPolygon::new(matrix).map_err(|error| ("/points".into(), error.to_string()))?;
+    let polygon = ClosedPolygon::new(matrix).map_err(|error| vec![below(input::contour_error(&error))])?;
     Ok((dimension, polygon))
 }
 
@@ -451,7 +448,7 @@ pub fn draw_mode(
     let found = pca.eigenvalues.len();
     if !(1..=found).contains(&component) {
         let detail = format!("is {component}, there are {found} components");
-        return Err(ServiceError::invalid("/component", detail));
+        return Err(ServiceError::Query(format!("component {detail}")));
     }
     let setup = &statistics.setup;
     let i = component - 1;

@@ -53,6 +53,9 @@ pub enum ServiceError {
         /// Shapes needed.
         needed: usize,
     },
+    /// A query parameter breaks a rule.
+    #[error("{0}")]
+    Query(String),
     /// Nothing has this name or id.
     #[error("there is no {kind} '{key}'")]
     NotFound {
@@ -68,16 +71,11 @@ pub enum ServiceError {
         name: String,
     },
     /// Another shape has this external id.
-    #[error("external_id '{external_id}' belongs to another shape of the cohort with other content")]
-    ExternalIdConflict {
-        /// The id.
-        external_id: String,
-        /// Position in the batch.
-        index: u64,
-    },
+    #[error("{} {}", .0.pointer, .0.detail)]
+    ExternalIdConflict(Fault),
     /// A line or body is longer than allowed.
-    #[error("{0}")]
-    TooLarge(String),
+    #[error("{}", .0.detail)]
+    TooLarge(Fault),
     /// The body ended early or stalled.
     #[error("{0}")]
     Interrupted(String),
@@ -157,9 +155,6 @@ impl From<StoreError> for ServiceError {
     fn from(error: StoreError) -> Self {
         match error {
             StoreError::NameTaken { name } => Self::NameTaken { name },
-            StoreError::ExternalIdConflict { position, external_id } => {
-                Self::ExternalIdConflict { external_id, index: position }
-            }
             StoreError::CohortGone => Self::NotFound { kind: "cohort", key: "deleted meanwhile".into() },
             StoreError::Busy => Self::Unavailable("the store is busy".into()),
             // The message for clients carries no cause; the log does.

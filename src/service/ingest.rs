@@ -7,7 +7,7 @@ use std::time::Duration;
 use tokio::sync::mpsc;
 
 use super::error::{Fault, MAX_FAULTS};
-use super::input::{Reading, attributes};
+use super::input::{Reading, read_shape};
 use super::{App, ServiceError, now_ms};
 use crate::domain::cohort::Cohort;
 use crate::domain::id;
@@ -15,7 +15,7 @@ use crate::domain::shape::NewShape;
 use crate::formats::ndjson::{Line, LineTooLong, Lines};
 use crate::formats::shape::ShapeInput;
 use crate::geometry::representation::ShapeSpace;
-use crate::store::{Added, Upload};
+use crate::store::{Added, StoreError, Upload};
 
 /// Shapes written to the store at once.
 const CHUNK_SHAPES: usize = 4096;
@@ -57,6 +57,12 @@ struct Incoming {
     index: usize,
     line: Option<u64>,
     text: Result<ShapeInput, ServiceError>,
+}
+
+/// A shape on its way to the store, with the line it came from.
+struct Arrived {
+    line: Option<u64>,
+    shape: NewShape,
 }
 
 /// Adds the shapes of one body.
@@ -125,7 +131,7 @@ pub async fn add_stream<E: std::fmt::Display>(
 }
 
 fn too_long(error: LineTooLong) -> ServiceError {
-    ServiceError::TooLarge(error.to_string())
+    ServiceError::TooLarge(Fault { line: Some(error.number), ..Fault::new("", error.to_string()) })
 }
 
 /// Reads shapes on the pool while a task writes the ones before to the store.
@@ -135,7 +141,7 @@ struct Writer {
     on_error: OnError,
     prefix: &'static str,
     position: usize,
-    chunks: mpsc::Sender<Vec<NewShape>>,
+    chunks: mpsc::Sender<Vec<Arrived>>,
     task: tokio::task::JoinHandle<Result<(Upload, Stored), ServiceError>>,
     skipped: usize,
     faults: Vec<Fault>,
@@ -151,7 +157,7 @@ impl Writer {
         let (space, _) = app.space(&cohort.representation, "/representation")?;
         let upload = app.store.begin_upload(cohort);
         let (chunks, received) = mpsc::channel(1);
-        let task = tokio::spawn(write(upload, received));
+        let task = tokio::spawn(write(upload, received, prefix));
         let cohort = cohort.clone();
         Ok(Self {
             space,
@@ -186,7 +192,7 @@ impl Writer {
         self.position += incoming.len();
         let (space, cohort, limits, prefix) =
             (self.space.clone(), self.cohort.clone(), app.limits, self.prefix);
-        let results: Vec<Result<NewShape, Vec<Fault>>> = app
+        let results: Vec<Result<Arrived, Vec<Fault>>> = app
             .pool
             .run(move || {
                 let reading = Reading {
@@ -235,11 +241,17 @@ impl Writer {
 
 async fn write(
     mut upload: Upload,
-    mut chunks: mpsc::Receiver<Vec<NewShape>>,
+    mut chunks: mpsc::Receiver<Vec<Arrived>>,
+    prefix: &'static str,
 ) -> Result<(Upload, Stored), ServiceError> {
     let mut stored = Stored::default();
+    let mut first = 0;
     while let Some(chunk) = chunks.recv().await {
-        for added in upload.add(chunk).await? {
+        let (lines, shapes): (Vec<Option<u64>>, Vec<NewShape>) =
+            chunk.into_iter().map(|arrived| (arrived.line, arrived.shape)).unzip();
+        let added = upload.add(shapes).await.map_err(|error| located(error, first, &lines, prefix))?;
+        first += lines.len();
+        for added in added {
             let id = match added {
                 Added::New { id } => {
                     stored.added += 1;
@@ -253,6 +265,17 @@ async fn write(
         }
     }
     Ok((upload, stored))
+}
+
+/// A conflict with its place: the chunk that begins at shape `first` has these `lines`.
+fn located(error: StoreError, first: usize, lines: &[Option<u64>], prefix: &str) -> ServiceError {
+    let StoreError::ExternalIdConflict { position, external_id } = error else { return error.into() };
+    let index = usize::try_from(position).unwrap_or(usize::MAX);
+    let line = index.checked_sub(first).and_then(|offset| lines.get(offset).copied().flatten());
+    let pointer =
+        if prefix.is_empty() { "/external_id".into() } else { format!("{prefix}{index}/external_id") };
+    let detail = format!("'{external_id}' belongs to another shape of the cohort with other content");
+    ServiceError::ExternalIdConflict(Fault { pointer, detail, index: Some(index), line })
 }
 
 fn read_line(text: &[u8]) -> Result<ShapeInput, ServiceError> {
@@ -271,7 +294,7 @@ fn read_line(text: &[u8]) -> Result<ShapeInput, ServiceError> {
     })
 }
 
-fn read(reading: &Reading<'_>, incoming: Incoming, prefix: &str) -> Result<NewShape, Vec<Fault>> {
+fn read(reading: &Reading<'_>, incoming: Incoming, prefix: &str) -> Result<Arrived, Vec<Fault>> {
     let Incoming { index, line, text } = incoming;
     // A line is a document of its own; a body has the shape under its position.
     let prefix = if prefix.is_empty() { String::new() } else { format!("{prefix}{index}") };
@@ -285,13 +308,10 @@ fn read(reading: &Reading<'_>, incoming: Incoming, prefix: &str) -> Result<NewSh
         ServiceError::Malformed(faults) => faults.into_iter().map(placed).collect::<Vec<_>>(),
         other => vec![placed(Fault::new("", other.to_string()))],
     })?;
-    match (reading.control_points(&shape), attributes(shape)) {
-        (Ok(control_points), Ok(attributes)) => {
-            Ok(NewShape { id: id::new_id(id::SHAPE), attributes, control_points })
+    match read_shape(reading, shape) {
+        Ok((control_points, attributes)) => {
+            Ok(Arrived { line, shape: NewShape { id: id::new_id(id::SHAPE), attributes, control_points } })
         }
-        (control_points, attributes) => {
-            let errors = control_points.err().into_iter().chain(attributes.err()).flatten();
-            Err(errors.map(|error| placed(error.into())).collect())
-        }
+        Err(errors) => Err(errors.into_iter().map(|error| placed(error.into())).collect()),
     }
 }

@@ -11,10 +11,11 @@ use super::error::{Fault, MAX_FAULTS, ServiceError};
 use crate::analysis::correspondence::{Correspondence, Direction};
 use crate::domain::shape::ShapeAttributes;
 use crate::formats::InputError;
+use crate::formats::checked::{Checked, take_given};
 use crate::formats::shape::{PointList, ShapeInput};
 use crate::geometry::GeometryError;
 use crate::geometry::representation::{Representation, ShapeSpace};
-use crate::geometry::resample::{ClosedPolygon, canonical_shift, rotate_start};
+use crate::geometry::resample::{ClosedPolygon, NO_EXTENT, canonical_shift, rotate_start};
 use crate::numeric::dense::Matrix;
 
 /// How posted points become control points.
@@ -83,7 +84,8 @@ impl Reading<'_> {
     /// # Errors
     /// Everything wrong with it, with pointers relative to the shape.
     pub fn control_points(&self, shape: &ShapeInput) -> Result<Vec<f64>, Vec<InputError>> {
-        if shape.closed == Some(false) && self.space.representation().is_curve() {
+        let closed = shape.closed.as_ref().and_then(Checked::get).copied().flatten();
+        if closed == Some(false) && self.space.representation().is_curve() {
             return Err(vec![InputError::new(
                 "/closed",
                 "is false, but the representation is a closed curve",
@@ -102,9 +104,7 @@ impl Reading<'_> {
             }
             (None, None) => return Err(vec![InputError::new("", "has neither points nor control_points")]),
         };
-        if self.space.representation().size() > 0 && !matrix.iter().all(|value| value.is_finite()) {
-            return Err(vec![InputError::new("", "leaves the range of numbers")]);
-        }
+        check_range(&matrix)?;
         Ok(matrix.as_slice().to_vec())
     }
 
@@ -170,6 +170,22 @@ impl Reading<'_> {
     }
 }
 
+/// A shape must have an extent (else no mean has a place for it), and its coefficients must be numbers.
+fn check_range(control_points: &Matrix) -> Result<(), Vec<InputError>> {
+    let extent = control_points.column_iter().map(|c| c.max() - c.min()).fold(0.0, f64::max);
+    let size = control_points.amax();
+    if !(extent.is_finite() && size.is_finite()) {
+        return Err(vec![InputError::new("", "leaves the range of numbers")]);
+    }
+    if extent <= NO_EXTENT * size {
+        let detail = format!(
+            "has no extent: all points coincide (range {extent:.1e} at coordinates up to {size:.1e})"
+        );
+        return Err(vec![InputError::new("", detail)]);
+    }
+    Ok(())
+}
+
 fn polygon_area(points: &Matrix) -> f64 {
     let n = points.nrows();
     let origin = points.row(0).into_owned();
@@ -181,7 +197,7 @@ fn below(errors: Vec<InputError>, pointer: &str) -> Vec<InputError> {
     errors.into_iter().map(|error| error.below(pointer)).collect()
 }
 
-fn contour_error(error: &GeometryError) -> InputError {
+pub(super) fn contour_error(error: &GeometryError) -> InputError {
     let pointer = match error {
         GeometryError::RepeatedPoint { second, .. } => format!("/{second}"),
         _ => String::new(),
@@ -189,44 +205,87 @@ fn contour_error(error: &GeometryError) -> InputError {
     InputError::new(pointer, error.to_string())
 }
 
+/// Control points and attributes of a posted shape.
+///
+/// # Errors
+/// Everything that is wrong with it, with pointers relative to the shape.
+pub fn read_shape(
+    reading: &Reading<'_>,
+    shape: ShapeInput,
+) -> Result<(Vec<f64>, ShapeAttributes), Vec<InputError>> {
+    // What is no object at all has one fault, not a list of missing things.
+    if shape.faults.iter().any(|fault| fault.pointer.is_empty()) {
+        return Err(shape.faults);
+    }
+    match (reading.control_points(&shape), attributes(shape)) {
+        (Ok(control_points), Ok(attributes)) => Ok((control_points, attributes)),
+        (control_points, attributes) => {
+            Err(control_points.err().into_iter().chain(attributes.err()).flatten().collect())
+        }
+    }
+}
+
 /// Attributes of a posted shape.
 ///
 /// # Errors
-/// Everything wrong with them, with pointers relative to the shape.
+/// Everything wrong with them and with the object itself, with pointers relative to the shape.
 pub fn attributes(shape: ShapeInput) -> Result<ShapeAttributes, Vec<InputError>> {
-    let mut errors = Vec::new();
-    let texts =
-        [("/external_id", &shape.external_id), ("/subject", &shape.subject), ("/label", &shape.label)];
-    for (pointer, text) in texts {
-        if let Some(text) = text
-            && (text.is_empty() || text.chars().count() > MAX_TEXT || text.chars().any(char::is_control))
-        {
+    let mut errors = shape.faults;
+    let mut text = |field: Option<Checked<Option<String>>>, pointer: &str| {
+        let text = take_given(field, pointer, &mut errors).flatten()?;
+        if text.is_empty() || text.chars().count() > MAX_TEXT || text.chars().any(char::is_control) {
             errors.push(InputError::new(pointer, format!("must have 1 to {MAX_TEXT} printable characters")));
         }
+        Some(text)
+    };
+    let external_id = text(shape.external_id, "/external_id");
+    let subject = text(shape.subject, "/subject");
+    let label = text(shape.label, "/label");
+    let labels = take_given(shape.labels, "/labels", &mut errors).unwrap_or_default();
+    if labels.len() > MAX_LABELS {
+        errors
+            .push(InputError::new("/labels", format!("has {} entries, at most {MAX_LABELS}", labels.len())));
     }
-    if shape.labels.len() > MAX_LABELS {
-        errors.push(InputError::new(
-            "/labels",
-            format!("has {} entries, at most {MAX_LABELS}", shape.labels.len()),
-        ));
-    }
-    for (key, value) in shape.labels.iter().take(MAX_LABELS) {
+    for (key, value) in labels.iter().take(MAX_LABELS) {
         if value.is_object() || value.is_array() {
             let pointer = format!("/labels/{}", key.replace('~', "~0").replace('/', "~1"));
             errors.push(InputError::new(pointer, "must be a text, a number, a truth value or null"));
         }
     }
-    let weight = shape.weight.unwrap_or(1.0);
+    let weight = take_given(shape.weight, "/weight", &mut errors).flatten().unwrap_or(1.0);
     if !(1e-100..=1e100).contains(&weight) {
         errors.push(InputError::new("/weight", format!("is {weight}, must be between 1e-100 and 1e100")));
     }
-    if errors.is_empty() {
-        let metadata = metadata(shape.metadata, shape.landmark_index, shape.landmarks);
-        let ShapeInput { external_id, subject, label, labels, .. } = shape;
-        Ok(ShapeAttributes { external_id, subject, label, labels, weight, metadata })
-    } else {
-        Err(errors)
+    take_given(shape.closed, "/closed", &mut errors);
+    if !errors.is_empty() {
+        return Err(errors);
     }
+    let given = shape.metadata.filter(|value| !value.is_null());
+    let metadata = metadata(given, shape.landmark_index, shape.landmarks);
+    Ok(ShapeAttributes { external_id, subject, label, labels, weight, metadata })
+}
+
+/// What is wrong with shapes whatever they are made of, at `/shapes/{index}…`.
+pub fn shape_faults(shapes: Vec<ShapeInput>) -> Vec<Fault> {
+    let mut faults = Vec::new();
+    for (index, shape) in shapes.into_iter().enumerate() {
+        if faults.len() >= MAX_FAULTS {
+            break;
+        }
+        let lists = [("/points", &shape.points), ("/control_points", &shape.control_points)];
+        let mut errors: Vec<InputError> = lists
+            .into_iter()
+            .filter_map(|(name, list)| Some((name, list.as_ref()?)))
+            .filter_map(|(name, list)| Some(below(list.checked(list.width()).err()?, name)))
+            .flatten()
+            .collect();
+        errors.extend(attributes(shape).err().into_iter().flatten());
+        let prefix = format!("/shapes/{index}");
+        faults.extend(
+            errors.into_iter().map(|error| Fault { index: Some(index), ..error.below(&prefix).into() }),
+        );
+    }
+    faults
 }
 
 /// Homologous points that came with a contour are kept beside the client's metadata.
@@ -269,11 +328,8 @@ pub fn read_batch(reading: &Reading<'_>, shapes: Vec<ShapeInput>) -> Result<Batc
         let detail = format!("has {} shapes, at most {} are accepted", shapes.len(), reading.limits.shapes);
         return Err(ServiceError::invalid("/shapes", detail));
     }
-    let read = |shape: ShapeInput| match (reading.control_points(&shape), attributes(shape)) {
-        (Ok(control_points), Ok(attributes)) => Ok((control_points, attributes.weight)),
-        (control_points, attributes) => {
-            Err(control_points.err().into_iter().chain(attributes.err()).flatten().collect::<Vec<_>>())
-        }
+    let read = |shape: ShapeInput| {
+        read_shape(reading, shape).map(|(control_points, attributes)| (control_points, attributes.weight))
     };
     let results: Vec<ReadShape> = shapes.into_par_iter().map(read).collect();
     let mut batch = Batch { control_points: Vec::new(), weights: Vec::with_capacity(results.len()) };

@@ -5,53 +5,56 @@ use std::collections::BTreeMap;
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use super::settings::{MeanOutput, Page, PageQuery, time};
 use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
 use crate::analysis::frame::Frame;
 use crate::analysis::transformation::ClassName;
-use crate::api::extract::{Format, JsonBody, Path, Query, parse};
+use crate::api::extract::{Format, JsonBody, NoQuery, Path, Query, parse};
 use crate::api::problem::{Problem, ProblemDocument, ProblemKind};
 use crate::api::respond::{compute, json, svg};
 use crate::domain::cohort::Cohort;
 use crate::domain::shape::ShapeFilter;
-use crate::formats::checked::Checked;
+use crate::formats::checked::{Checked, document, take_given, take_or_default};
 use crate::formats::representation::CheckedRepresentation;
 use crate::geometry::representation::Representation;
-use crate::service::cohorts::{self, NewCohort};
+use crate::service::cohorts::{self, NewCohort, text_faults};
 use crate::service::compute::draw_mean;
+use crate::service::error::Fault;
 use crate::service::live_mean::{self, MeanQuery};
 use crate::service::{App, ServiceError};
 
-/// A cohort to be created.
-#[derive(Debug, Deserialize, utoipa::ToSchema)]
-#[serde(deny_unknown_fields)]
-pub(super) struct CohortRequest {
-    /// Unique name: letters, digits, '.', '_' and '-', at most 100.
-    #[schema(example = "nuclei-2026")]
-    name: String,
-    /// Free text.
-    description: Option<String>,
-    /// What its shapes are made of.
-    #[schema(value_type = Representation)]
-    representation: CheckedRepresentation,
-    /// How points correspond; `landmarks` unless given.
-    #[serde(default)]
-    #[schema(value_type = Correspondence)]
-    correspondence: Checked<Correspondence>,
-    /// Whether the direction of contours means something; `given` unless given.
-    #[serde(default)]
-    #[schema(value_type = Direction)]
-    direction: Checked<Direction>,
-    /// Whether mirror images may be matched; `forbid` unless given.
-    #[serde(default)]
-    #[schema(value_type = Mirror)]
-    mirror: Checked<Mirror>,
-    /// Unit of the coordinates.
-    #[schema(example = "mm")]
-    length_unit: Option<String>,
+document! {
+    /// A cohort to be created.
+    #[schema(example = json!({
+        "name": "nuclei-2026", "length_unit": "mm", "correspondence": "cyclic",
+        "representation": {"kind": "closed_curve", "dimension": 2, "control_points": 24, "generator": {"name": "keys"}}
+    }))]
+    pub(super) struct CohortRequest {
+        /// Unique name: letters, digits, '.', '_' and '-', at most 100.
+        #[schema(value_type = String, required = true)]
+        name: Checked<String>, required;
+        /// Free text.
+        #[schema(value_type = Option<String>)]
+        description: Checked<Option<String>>;
+        /// What its shapes are made of.
+        #[schema(value_type = Representation, required = true)]
+        representation: CheckedRepresentation, required;
+        /// How points correspond; `landmarks` unless given.
+        #[schema(value_type = Option<Correspondence>)]
+        correspondence: Checked<Correspondence>;
+        /// Whether the direction of contours means something; `given` unless given.
+        #[schema(value_type = Option<Direction>)]
+        direction: Checked<Direction>;
+        /// Whether mirror images may be matched; `forbid` unless given.
+        #[schema(value_type = Option<Mirror>)]
+        mirror: Checked<Mirror>;
+        /// Unit of the coordinates.
+        #[schema(value_type = Option<String>)]
+        length_unit: Checked<Option<String>>;
+    }
 }
 
 /// A cohort.
@@ -117,7 +120,9 @@ fn tagged(mut response: Response, tag: &str) -> Response {
 /// Whether the client has this version already.
 fn known(headers: &HeaderMap, tag: &str) -> bool {
     let values = headers.get_all(header::IF_NONE_MATCH).iter().filter_map(|value| value.to_str().ok());
-    values.flat_map(|value| value.split(',')).any(|value| matches!(value.trim(), "*") || value.trim() == tag)
+    values
+        .flat_map(|value| value.split(','))
+        .any(|value| matches!(value.trim(), "*") || value.trim().trim_start_matches("W/") == tag)
 }
 
 /// Creates a cohort.
@@ -129,25 +134,47 @@ fn known(headers: &HeaderMap, tag: &str) -> bool {
     ))]
 pub(super) async fn create_cohort(
     State(app): State<App>,
+    _: NoQuery,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
-    let request: CohortRequest = parse(&body)?;
-    let mut errors = Vec::new();
-    let representation = request.representation.take("/representation", &mut errors);
-    let correspondence = request.correspondence.take("/correspondence", &mut errors);
-    let direction = request.direction.take("/direction", &mut errors);
-    let mirror = request.mirror.take("/mirror", &mut errors);
-    let (Some(representation), Some(correspondence), Some(direction), Some(mirror)) =
-        (representation, correspondence, direction, mirror)
-    else {
-        return Err(ServiceError::below(errors, "").into());
-    };
-    let CohortRequest { name, description, length_unit, .. } = request;
-    let new = NewCohort { name, description, representation, correspondence, direction, mirror, length_unit };
+    let new = new_cohort(parse(&body)?)?;
     let cohort = cohorts::create(&app, new).await?;
     let (tag, location) = (revision_tag(&cohort), format!("/v1/cohorts/{}", cohort.id));
     let response = json(StatusCode::CREATED, &CohortOutput::from(cohort))?;
     Ok(tagged(([(header::LOCATION, location)], response).into_response(), &tag))
+}
+
+fn new_cohort(request: CohortRequest) -> Result<NewCohort, ServiceError> {
+    let mut errors = request.faults;
+    let name = take_given(request.name, "/name", &mut errors);
+    let description = take_given(request.description, "/description", &mut errors).flatten();
+    let representation = request.representation.and_then(|field| field.take("/representation", &mut errors));
+    let correspondence = take_or_default(request.correspondence, "/correspondence", &mut errors);
+    let direction = take_or_default(request.direction, "/direction", &mut errors);
+    let mirror = take_or_default(request.mirror, "/mirror", &mut errors);
+    let length_unit = take_given(request.length_unit, "/length_unit", &mut errors).flatten();
+    let whole = (name.as_ref(), representation, correspondence, direction, mirror);
+    match whole {
+        (Some(name), Some(representation), Some(correspondence), Some(direction), Some(mirror))
+            if errors.is_empty() =>
+        {
+            let name = name.clone();
+            Ok(NewCohort {
+                name,
+                description,
+                representation,
+                correspondence,
+                direction,
+                mirror,
+                length_unit,
+            })
+        }
+        _ => {
+            let mut faults: Vec<Fault> = errors.into_iter().map(Fault::from).collect();
+            faults.extend(text_faults(name.as_deref(), description.as_deref(), length_unit.as_deref()));
+            Err(ServiceError::Invalid(faults))
+        }
+    }
 }
 
 /// Lists cohorts in the order of their creation.
@@ -170,10 +197,12 @@ pub(super) async fn list_cohorts(
     responses(
         (status = 200, description = "The cohort; its ETag changes with its revision", body = CohortOutput),
         (status = 304, description = "Unchanged since the version in If-None-Match"),
-        (status = 404, description = "No such cohort", body = ProblemDocument, content_type = "application/problem+json")
+        (status = 404, description = "No such cohort", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = "4XX", description = "The request was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn find_cohort(
     State(app): State<App>,
+    _: NoQuery,
     Path(key): Path<String>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
@@ -189,10 +218,12 @@ pub(super) async fn find_cohort(
 #[utoipa::path(delete, path = "/cohorts/{cohort}", tag = "cohorts", params(("cohort" = String, Path, description = "Id or name")),
     responses(
         (status = 204, description = "Deleted"),
-        (status = 404, description = "No such cohort", body = ProblemDocument, content_type = "application/problem+json")
+        (status = 404, description = "No such cohort", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = "4XX", description = "The request was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn delete_cohort(
     State(app): State<App>,
+    _: NoQuery,
     Path(key): Path<String>,
 ) -> Result<StatusCode, Problem> {
     cohorts::delete(&app, &key).await?;
@@ -201,6 +232,21 @@ pub(super) async fn delete_cohort(
 
 /// The parameters of a query by name, each at most once.
 pub(super) type Parameters = BTreeMap<String, String>;
+
+/// The parameters by name.
+///
+/// # Errors
+/// A parameter that is given twice: neither of the two is meant more.
+pub(super) fn once_each(pairs: Vec<(String, String)>) -> Result<Parameters, Problem> {
+    let mut parameters = Parameters::new();
+    for (key, value) in pairs {
+        if parameters.contains_key(&key) {
+            return Err(Problem::new(ProblemKind::InvalidQuery, format!("'{key}' is given twice")));
+        }
+        parameters.insert(key, value);
+    }
+    Ok(parameters)
+}
 
 /// Takes the shape filter out of `parameters`: `label`, `subject` and `labels.{attribute}`.
 pub(super) fn take_filter(parameters: &mut Parameters) -> ShapeFilter {
@@ -269,9 +315,10 @@ pub(super) async fn cohort_mean(
     State(app): State<App>,
     Path(key): Path<String>,
     format: Format,
-    Query(mut parameters): Query<Parameters>,
+    Query(pairs): Query<Vec<(String, String)>>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
+    let mut parameters = once_each(pairs)?;
     parameters.remove("format");
     let transformation = take_word::<ClassName>(&mut parameters, "transformation")?.ok_or_else(|| {
         Problem::new(ProblemKind::InvalidQuery, "transformation is missing, such as similarity or affine")

@@ -3,37 +3,37 @@
 use axum::extract::State;
 use axum::http::StatusCode;
 use axum::response::Response;
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
+use super::settings::checked;
 use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
 use crate::analysis::frame::Frame;
 use crate::analysis::transformation::{ClassName, Transformation};
-use crate::api::extract::{Format, JsonBody, parse};
+use crate::api::extract::{Format, JsonBody, NoQuery, OnlyFormat, parse};
 use crate::api::problem::{Problem, ProblemDocument};
 use crate::api::respond::{compute, json, svg};
-use crate::formats::checked::Checked;
+use crate::formats::InputError;
+use crate::formats::checked::{Checked, List, document, take_given, take_or_default};
 use crate::formats::representation::CheckedRepresentation;
 use crate::formats::shape::{Points, ShapeInput};
 use crate::geometry::measures::Orientation;
 use crate::geometry::representation::Representation;
+use crate::service::App;
+use crate::service::cohorts::text_faults;
 use crate::service::compute::{self, Measured, Parameters, Settings, Start};
-use crate::service::{App, ServiceError};
 
 /// Settings of a request about single curves: nothing is compared, so no class is removed.
 fn settings(
-    representation: CheckedRepresentation,
-    correspondence: Checked<Correspondence>,
-) -> Result<Settings, ServiceError> {
-    let mut errors = Vec::new();
-    let representation = representation.take("/representation", &mut errors);
-    let correspondence = correspondence.take("/correspondence", &mut errors);
-    let (Some(representation), Some(correspondence)) = (representation, correspondence) else {
-        return Err(ServiceError::below(errors, ""));
-    };
-    Ok(Settings {
-        representation,
-        correspondence,
+    representation: Option<CheckedRepresentation>,
+    correspondence: Option<Checked<Correspondence>>,
+    errors: &mut Vec<InputError>,
+) -> Option<Settings> {
+    let representation = representation.and_then(|field| field.take("/representation", errors));
+    let correspondence = take_or_default(correspondence, "/correspondence", errors);
+    Some(Settings {
+        representation: representation?,
+        correspondence: correspondence?,
         direction: Direction::Given,
         mirror: Mirror::Forbid,
         transformation: Transformation::Named(ClassName::Translation),
@@ -42,25 +42,32 @@ fn settings(
     })
 }
 
-/// Curves to be evaluated.
-#[derive(Debug, Deserialize, utoipa::ToSchema)]
-#[serde(deny_unknown_fields)]
-pub(super) struct EvaluateRequest {
-    /// What the shapes are made of; a curve.
-    #[schema(value_type = Representation)]
-    representation: CheckedRepresentation,
-    /// How points become control points; `landmarks` unless given.
-    #[serde(default)]
-    #[schema(value_type = Correspondence)]
-    correspondence: Checked<Correspondence>,
-    /// The shapes.
-    shapes: Vec<ShapeInput>,
-    /// Number of equally spaced parameters from `u = 0`; 100 unless `parameters` is given.
-    samples: Option<usize>,
-    /// Parameters `u`, taken modulo 1, instead of `samples`.
-    parameters: Option<Vec<f64>>,
-    /// Highest derivative with respect to `u`, 0 to 2; 0 unless given.
-    derivatives: Option<usize>,
+document! {
+    /// Curves to be evaluated.
+    #[schema(example = json!({
+        "representation": {"kind": "closed_curve", "dimension": 2, "control_points": 4, "generator": {"name": "trigonometric"}},
+        "shapes": [{"points": [[2, 0], [0, 1], [-2, 0], [0, -1]]}], "samples": 8, "derivatives": 1
+    }))]
+    pub(super) struct EvaluateRequest {
+        /// What the shapes are made of; a curve.
+        #[schema(value_type = Representation, required = true)]
+        representation: CheckedRepresentation, required;
+        /// How points become control points; `landmarks` unless given.
+        #[schema(value_type = Option<Correspondence>)]
+        correspondence: Checked<Correspondence>;
+        /// The shapes.
+        #[schema(value_type = Vec<ShapeInput>, required = true)]
+        shapes: List<ShapeInput>, required;
+        /// Number of equally spaced parameters from `u = 0`; 100 unless `parameters` is given.
+        #[schema(value_type = Option<usize>, minimum = 1)]
+        samples: Checked<usize>;
+        /// Parameters `u`, taken modulo 1, instead of `samples`.
+        #[schema(value_type = Option<Vec<f64>>)]
+        parameters: Checked<Vec<f64>>;
+        /// Highest derivative with respect to `u`, 0 to 2; 0 unless given.
+        #[schema(value_type = Option<usize>, maximum = 2)]
+        derivatives: Checked<usize>;
+    }
 }
 
 /// Values of one curve.
@@ -94,28 +101,32 @@ pub(super) struct EvaluateAnswer {
     ))]
 pub(super) async fn evaluate(
     State(app): State<App>,
-    format: Format,
+    OnlyFormat(format): OnlyFormat,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
     compute(app, move |app| {
-        let request: EvaluateRequest = parse(&body)?;
-        let parameters = match (request.samples, request.parameters) {
+        let (request, mut errors) = (parse::<EvaluateRequest>(&body)?, Vec::new());
+        errors.extend(request.faults);
+        let settings = settings(request.representation, request.correspondence, &mut errors);
+        let shapes = request.shapes.unwrap_or_default().take("/shapes", &mut errors);
+        let samples = take_given(request.samples, "/samples", &mut errors);
+        let parameters = match (samples, take_given(request.parameters, "/parameters", &mut errors)) {
             (Some(_), Some(_)) => {
-                return Err(ServiceError::invalid(
-                    "/parameters",
-                    "is given together with samples: give one of them",
-                ));
+                errors
+                    .push(InputError::new("/parameters", "is given together with samples: give one of them"));
+                None
             }
-            (None, Some(parameters)) => Parameters::At(parameters),
-            (samples, None) => Parameters::Equidistant(samples.unwrap_or(100)),
+            (None, Some(parameters)) => Some(Parameters::At(parameters)),
+            (samples, None) => Some(Parameters::Equidistant(samples.unwrap_or(100))),
         };
-        let settings = settings(request.representation, request.correspondence)?;
-        let (space, shapes) = compute::curves(app, &settings, request.shapes)?;
+        let order = take_or_default(request.derivatives, "/derivatives", &mut errors);
+        let (((settings, parameters), order), shapes) =
+            checked(settings.zip(parameters).zip(order), errors, shapes)?;
+        let (space, shapes) = compute::curves(app, &settings, shapes)?;
         if format == Format::Svg {
             let outlines: Vec<&[f64]> = shapes.iter().map(|shape| shape.as_slice()).collect();
             return Ok(svg(compute::draw_shapes(&space, &format!("{} curves", shapes.len()), &outlines)));
         }
-        let order = request.derivatives.unwrap_or(0);
         let evaluations = compute::evaluate(app, &space, &shapes, &parameters, order)?;
         let dimension = settings.representation.dimension();
         let output = |evaluation: compute::Evaluation| {
@@ -132,22 +143,27 @@ pub(super) async fn evaluate(
     .await
 }
 
-/// Curves to be measured.
-#[derive(Debug, Deserialize, utoipa::ToSchema)]
-#[serde(deny_unknown_fields)]
-pub(super) struct MeasureRequest {
-    /// What the shapes are made of; a curve.
-    #[schema(value_type = Representation)]
-    representation: CheckedRepresentation,
-    /// How points become control points; `landmarks` unless given.
-    #[serde(default)]
-    #[schema(value_type = Correspondence)]
-    correspondence: Checked<Correspondence>,
-    /// Unit of the coordinates; carried to the answer.
-    #[schema(example = "mm")]
-    length_unit: Option<String>,
-    /// The shapes.
-    shapes: Vec<ShapeInput>,
+document! {
+    /// Curves to be measured.
+    #[schema(example = json!({
+        "representation": {"kind": "closed_curve", "dimension": 2, "control_points": 4, "generator": {"name": "trigonometric"}},
+        "length_unit": "mm",
+        "shapes": [{"points": [[2, 0], [0, 1], [-2, 0], [0, -1]]}]
+    }))]
+    pub(super) struct MeasureRequest {
+        /// What the shapes are made of; a curve.
+        #[schema(value_type = Representation, required = true)]
+        representation: CheckedRepresentation, required;
+        /// How points become control points; `landmarks` unless given.
+        #[schema(value_type = Option<Correspondence>)]
+        correspondence: Checked<Correspondence>;
+        /// Unit of the coordinates; carried to the answer.
+        #[schema(value_type = Option<String>)]
+        length_unit: Checked<Option<String>>;
+        /// The shapes.
+        #[schema(value_type = Vec<ShapeInput>, required = true)]
+        shapes: List<ShapeInput>, required;
+    }
 }
 
 /// Smallest and largest coordinates.
@@ -211,30 +227,41 @@ impl From<Measured> for MeasureOutput {
         (status = 200, description = "One entry a curve", body = MeasureAnswer),
         (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
-pub(super) async fn measure(State(app): State<App>, JsonBody(body): JsonBody) -> Result<Response, Problem> {
+pub(super) async fn measure(
+    State(app): State<App>,
+    _: NoQuery,
+    JsonBody(body): JsonBody,
+) -> Result<Response, Problem> {
     compute(app, move |app| {
-        let request: MeasureRequest = parse(&body)?;
-        let settings = settings(request.representation, request.correspondence)?;
-        let (space, shapes) = compute::curves(app, &settings, request.shapes)?;
+        let (request, mut errors) = (parse::<MeasureRequest>(&body)?, Vec::new());
+        errors.extend(request.faults);
+        let settings = settings(request.representation, request.correspondence, &mut errors);
+        let shapes = request.shapes.unwrap_or_default().take("/shapes", &mut errors);
+        let length_unit = take_given(request.length_unit, "/length_unit", &mut errors).flatten();
+        let unit_faults = text_faults(None, None, length_unit.as_deref());
+        errors.extend(unit_faults.into_iter().map(|fault| InputError::new(fault.pointer, fault.detail)));
+        let (settings, shapes) = checked(settings, errors, shapes)?;
+        let (space, shapes) = compute::curves(app, &settings, shapes)?;
         let measures = compute::measure(&space, &shapes).into_iter().map(Into::into).collect();
-        json(StatusCode::OK, &MeasureAnswer { measures, length_unit: request.length_unit })
+        json(StatusCode::OK, &MeasureAnswer { measures, length_unit })
     })
     .await
 }
 
-/// Contours to be resampled.
-#[derive(Debug, Deserialize, utoipa::ToSchema)]
-#[serde(deny_unknown_fields)]
-pub(super) struct ResampleRequest {
-    /// Number of points, at least 3.
-    #[schema(minimum = 3, example = 100)]
-    count: usize,
-    /// Where to start; `first` unless given.
-    #[serde(default)]
-    #[schema(value_type = Start)]
-    start: Checked<Start>,
-    /// The contours, closed.
-    shapes: Vec<ShapeInput>,
+document! {
+    /// Contours to be resampled.
+    #[schema(example = json!({"count": 6, "start": "canonical", "shapes": [{"points": [[0, 0], [4, 0], [4, 1], [0, 1]]}]}))]
+    pub(super) struct ResampleRequest {
+        /// Number of points, at least 3.
+        #[schema(value_type = usize, required = true, minimum = 3)]
+        count: Checked<usize>, required;
+        /// Where to start; `first` unless given.
+        #[schema(value_type = Option<Start>)]
+        start: Checked<Start>;
+        /// The contours, closed.
+        #[schema(value_type = Vec<ShapeInput>, required = true)]
+        shapes: List<ShapeInput>, required;
+    }
 }
 
 /// One resampled contour.
@@ -259,14 +286,19 @@ pub(super) struct ResampleAnswer {
         (status = 200, description = "The contours", body = ResampleAnswer),
         (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
-pub(super) async fn resample(State(app): State<App>, JsonBody(body): JsonBody) -> Result<Response, Problem> {
+pub(super) async fn resample(
+    State(app): State<App>,
+    _: NoQuery,
+    JsonBody(body): JsonBody,
+) -> Result<Response, Problem> {
     compute(app, move |app| {
-        let request: ResampleRequest = parse(&body)?;
-        let mut errors = Vec::new();
-        let Some(start) = request.start.take("/start", &mut errors) else {
-            return Err(ServiceError::below(errors, ""));
-        };
-        let shapes = compute::resample(app, request.count, start, &request.shapes)?
+        let (request, mut errors) = (parse::<ResampleRequest>(&body)?, Vec::new());
+        errors.extend(request.faults);
+        let count = take_given(request.count, "/count", &mut errors);
+        let start = take_or_default(request.start, "/start", &mut errors);
+        let shapes = request.shapes.unwrap_or_default().take("/shapes", &mut errors);
+        let ((count, start), shapes) = checked(count.zip(start), errors, shapes)?;
+        let shapes = compute::resample(app, count, start, shapes)?
             .into_iter()
             .map(|(dimension, points, polygon_length)| ResampledOutput {
                 points: Points::from_columns(points, dimension),

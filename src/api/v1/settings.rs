@@ -2,125 +2,101 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::analysis::alignment::{Alignment, MeanShape};
-use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
-use crate::analysis::frame::Frame;
-use crate::analysis::transformation::{ClassName, Transformation};
+use crate::analysis::alignment::MeanShape;
+use crate::analysis::transformation::ClassName;
 use crate::formats::InputError;
-use crate::formats::checked::Checked;
-use crate::formats::representation::CheckedRepresentation;
-use crate::formats::shape::Points;
+use crate::formats::shape::{Points, ShapeInput};
 use crate::numeric::dense::Matrix;
-use crate::service::ServiceError;
-use crate::service::compute::Settings;
+use crate::service::error::Fault;
+use crate::service::{ServiceError, input};
 
 /// Declares a request with the settings of the statistics and further fields.
 macro_rules! settings_request {
-    ($(#[$doc:meta])* $name:ident { $($(#[$field_doc:meta])* $field:ident: $type:ty,)* }) => {
-        $(#[$doc])*
-        #[derive(Debug, serde::Deserialize, utoipa::ToSchema)]
-        #[serde(deny_unknown_fields)]
-        pub(super) struct $name {
-            /// What the shapes are made of.
-            #[schema(value_type = crate::geometry::representation::Representation)]
-            pub(super) representation: crate::formats::representation::CheckedRepresentation,
-            /// How points correspond; `landmarks` unless given.
-            #[serde(default)]
-            #[schema(value_type = crate::analysis::correspondence::Correspondence)]
-            pub(super) correspondence: crate::formats::checked::Checked<crate::analysis::correspondence::Correspondence>,
-            /// Whether the direction of contours means something; `given` unless given.
-            #[serde(default)]
-            #[schema(value_type = crate::analysis::correspondence::Direction)]
-            pub(super) direction: crate::formats::checked::Checked<crate::analysis::correspondence::Direction>,
-            /// Whether mirror images may be matched; `forbid` unless given.
-            #[serde(default)]
-            #[schema(value_type = crate::analysis::correspondence::Mirror)]
-            pub(super) mirror: crate::formats::checked::Checked<crate::analysis::correspondence::Mirror>,
-            /// The class that is removed before shapes are compared.
-            #[schema(value_type = crate::analysis::transformation::Transformation, example = json!("similarity"))]
-            pub(super) transformation: crate::formats::checked::Checked<crate::analysis::transformation::Transformation>,
-            /// Projection on the class, or Procrustes fits; `projection` unless given.
-            #[serde(default)]
-            #[schema(value_type = crate::analysis::alignment::Alignment)]
-            pub(super) alignment: crate::formats::checked::Checked<crate::analysis::alignment::Alignment>,
-            /// Which member of the mean space is answered; `training` unless given.
-            #[serde(default)]
-            #[schema(value_type = crate::analysis::frame::Frame)]
-            pub(super) frame: crate::formats::checked::Checked<crate::analysis::frame::Frame>,
-            /// The shapes.
-            pub(super) shapes: Vec<crate::formats::shape::ShapeInput>,
-            $($(#[$field_doc])* pub(super) $field: $type,)*
+    ($(#[$meta:meta])* $name:ident { $($further:tt)* }) => {
+        crate::formats::checked::document! {
+            $(#[$meta])*
+            pub(super) struct $name {
+                /// What the shapes are made of.
+                #[schema(value_type = crate::geometry::representation::Representation, required = true)]
+                representation: crate::formats::representation::CheckedRepresentation, required;
+                /// How points correspond; `landmarks` unless given.
+                #[schema(value_type = Option<crate::analysis::correspondence::Correspondence>)]
+                correspondence: crate::formats::checked::Checked<crate::analysis::correspondence::Correspondence>;
+                /// Whether the direction of contours means something; `given` unless given.
+                #[schema(value_type = Option<crate::analysis::correspondence::Direction>)]
+                direction: crate::formats::checked::Checked<crate::analysis::correspondence::Direction>;
+                /// Whether mirror images may be matched; `forbid` unless given.
+                #[schema(value_type = Option<crate::analysis::correspondence::Mirror>)]
+                mirror: crate::formats::checked::Checked<crate::analysis::correspondence::Mirror>;
+                /// The class that is removed before shapes are compared.
+                #[schema(value_type = crate::analysis::transformation::Transformation, required = true)]
+                transformation: crate::formats::checked::Checked<crate::analysis::transformation::Transformation>, required;
+                /// Projection on the class, or Procrustes fits; `projection` unless given.
+                #[schema(value_type = Option<crate::analysis::alignment::Alignment>)]
+                alignment: crate::formats::checked::Checked<crate::analysis::alignment::Alignment>;
+                /// Which member of the mean space is answered; `training` unless given.
+                #[schema(value_type = Option<crate::analysis::frame::Frame>)]
+                frame: crate::formats::checked::Checked<crate::analysis::frame::Frame>;
+                /// The shapes.
+                #[schema(value_type = Vec<crate::formats::shape::ShapeInput>, required = true)]
+                shapes: crate::formats::checked::List<crate::formats::shape::ShapeInput>, required;
+                $($further)*
+            }
         }
 
         impl $name {
-            /// The checked settings, the shapes and the further fields.
-            ///
-            /// # Errors
-            /// All settings that are wrong.
-            pub(super) fn split(
-                self,
-            ) -> Result<
-                (crate::service::compute::Settings, Vec<crate::formats::shape::ShapeInput>, ($($type,)*)),
-                crate::service::ServiceError,
-            > {
-                let Self {
-                    representation, correspondence, direction, mirror, transformation, alignment, frame, shapes,
-                    $($field,)*
-                } = self;
-                let settings = super::settings::UncheckedSettings {
-                    representation, correspondence, direction, mirror, transformation, alignment, frame,
-                };
-                Ok((settings.check()?, shapes, ($($field,)*)))
+            /// Takes the settings and the shapes; what is wrong goes to `errors`.
+            fn take_settings(
+                &mut self,
+                errors: &mut Vec<crate::formats::InputError>,
+            ) -> (Option<crate::service::compute::Settings>, Vec<crate::formats::shape::ShapeInput>) {
+                use crate::formats::checked::take_or_default;
+                errors.append(&mut self.faults);
+                let representation =
+                    self.representation.take().and_then(|field| field.take("/representation", errors));
+                let correspondence = take_or_default(self.correspondence.take(), "/correspondence", errors);
+                let direction = take_or_default(self.direction.take(), "/direction", errors);
+                let mirror = take_or_default(self.mirror.take(), "/mirror", errors);
+                let transformation =
+                    self.transformation.take().and_then(|field| field.take("/transformation", errors));
+                let alignment = take_or_default(self.alignment.take(), "/alignment", errors);
+                let frame = take_or_default(self.frame.take(), "/frame", errors);
+                let shapes = self.shapes.take().unwrap_or_default().take("/shapes", errors);
+                let settings = (|| {
+                    Some(crate::service::compute::Settings {
+                        representation: representation?,
+                        correspondence: correspondence?,
+                        direction: direction?,
+                        mirror: mirror?,
+                        transformation: transformation?,
+                        alignment: alignment?,
+                        frame: frame?,
+                    })
+                })();
+                (settings, shapes)
             }
         }
     };
 }
 pub(super) use settings_request;
 
-/// Settings that may be wrong.
-pub(super) struct UncheckedSettings {
-    pub(super) representation: CheckedRepresentation,
-    pub(super) correspondence: Checked<Correspondence>,
-    pub(super) direction: Checked<Direction>,
-    pub(super) mirror: Checked<Mirror>,
-    pub(super) transformation: Checked<Transformation>,
-    pub(super) alignment: Checked<Alignment>,
-    pub(super) frame: Checked<Frame>,
-}
-
-impl UncheckedSettings {
-    /// The settings.
-    ///
-    /// # Errors
-    /// [`ServiceError::Invalid`] with all that are wrong.
-    pub(super) fn check(self) -> Result<Settings, ServiceError> {
-        let mut errors: Vec<InputError> = Vec::new();
-        let representation = self.representation.take("/representation", &mut errors);
-        let correspondence = self.correspondence.take("/correspondence", &mut errors);
-        let direction = self.direction.take("/direction", &mut errors);
-        let mirror = self.mirror.take("/mirror", &mut errors);
-        let transformation = self.transformation.take("/transformation", &mut errors);
-        let alignment = self.alignment.take("/alignment", &mut errors);
-        let frame = self.frame.take("/frame", &mut errors);
-        match (representation, correspondence, direction, mirror, transformation, alignment, frame) {
-            (
-                Some(representation),
-                Some(correspondence),
-                Some(direction),
-                Some(mirror),
-                Some(transformation),
-                Some(alignment),
-                Some(frame),
-            ) => Ok(Settings {
-                representation,
-                correspondence,
-                direction,
-                mirror,
-                transformation,
-                alignment,
-                frame,
-            }),
-            _ => Err(ServiceError::below(errors, "")),
+/// The checked parts of a request, or everything that is wrong with it: its fields, and what is wrong with its shapes
+/// whatever they are made of.
+///
+/// # Errors
+/// [`ServiceError::Invalid`].
+pub(super) fn checked<T>(
+    value: Option<T>,
+    errors: Vec<InputError>,
+    shapes: Vec<ShapeInput>,
+) -> Result<(T, Vec<ShapeInput>), ServiceError> {
+    match value {
+        Some(value) if errors.is_empty() => Ok((value, shapes)),
+        _ => {
+            let mut faults: Vec<Fault> = errors.into_iter().map(Fault::from).collect();
+            faults.extend(input::shape_faults(shapes));
+            ServiceError::unless_empty(faults)?;
+            Err(ServiceError::invalid("", "is not complete"))
         }
     }
 }
@@ -203,6 +179,7 @@ pub(super) struct Page<T> {
 /// A page of a list: where it starts and how long it is.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[into_params(parameter_in = Query)]
+#[serde(deny_unknown_fields)]
 pub(super) struct PageQuery {
     /// Cursor from the page before.
     pub(super) cursor: Option<String>,

@@ -4,29 +4,37 @@ use std::collections::BTreeMap;
 
 use axum::body::to_bytes;
 use axum::extract::{Request, State};
-use axum::http::{StatusCode, header};
-use axum::response::{IntoResponse, Response};
+use axum::http::StatusCode;
+use axum::response::Response;
 use serde::{Deserialize, Serialize};
 
-use super::cohorts::{Parameters, refuse_rest, take_filter};
-use super::settings::{Page, PageQuery, time};
-use crate::api::extract::{Format, Path, Query, body_problem, is_json, media_type, parse};
+use super::cohorts::{once_each, refuse_rest, take_filter};
+use super::settings::{Page, PageQuery, checked, time};
+use crate::api::extract::{
+    Format, NoQuery, OnlyFormat, Path, Query, body_problem, is_json, media_type, parse,
+};
 use crate::api::problem::{FaultDocument, Problem, ProblemDocument, ProblemKind};
 use crate::api::respond::{compute, json, svg};
 use crate::domain::cohort::Cohort;
 use crate::domain::shape::Shape;
+use crate::formats::checked::{List, document};
 use crate::formats::shape::{Points, ShapeInput};
 use crate::service::App;
 use crate::service::cohorts;
 use crate::service::compute::draw_shapes;
 use crate::service::ingest::{self, OnError, Stored};
 
-/// Shapes to be added.
-#[derive(Debug, Deserialize, utoipa::ToSchema)]
-#[serde(deny_unknown_fields)]
-pub(super) struct AddRequest {
-    /// The shapes.
-    shapes: Vec<ShapeInput>,
+document! {
+    /// Shapes to be added.
+    #[schema(example = json!({"shapes": [
+        {"external_id": "scan-17", "label": "control", "points": [[0, 0], [4, 0], [4, 1], [0, 1]]},
+        {"external_id": "scan-18", "label": "treated", "points": [[0, 0], [3, 0], [4, 2], [1, 3]]}
+    ]}))]
+    pub(super) struct AddRequest {
+        /// The shapes.
+        #[schema(value_type = Vec<ShapeInput>, required = true)]
+        shapes: List<ShapeInput>, required;
+    }
 }
 
 /// What was stored.
@@ -73,7 +81,7 @@ pub(super) struct AddQuery {
 /// `external_id` with the same content is a safe retry, with other content a conflict. What was answered 201 is on disk.
 #[utoipa::path(post, path = "/cohorts/{cohort}/shapes", tag = "cohorts",
     params(("cohort" = String, Path, description = "Id or name"), AddQuery),
-    request_body(content((AddRequest = "application/json"), (ShapeInput = "application/x-ndjson"))),
+    request_body(content((AddRequest = "application/json"), (ShapeInput = "application/x-ndjson", example = json!("{\"external_id\": \"scan-19\", \"points\": [[0, 0], [5, 1], [1, 3]]}\n")))),
     responses(
         (status = 201, description = "Stored", body = AddAnswer),
         (status = 404, description = "No such cohort", body = ProblemDocument, content_type = "application/problem+json"),
@@ -96,7 +104,9 @@ pub(super) async fn add_shapes(
             let limit = app.limits.body_bytes;
             let body =
                 to_bytes(request.into_body(), limit).await.map_err(|error| body_problem(error, limit))?;
-            let AddRequest { shapes } = app.pool.run(move || parse(&body)).await?;
+            let AddRequest { shapes, faults: mut errors } = app.pool.run(move || parse(&body)).await?;
+            let shapes = shapes.unwrap_or_default().take("/shapes", &mut errors);
+            let ((), shapes) = checked(Some(()), errors, shapes)?;
             ingest::add(&app, cohort, shapes, query.on_error).await?
         }
         other => {
@@ -167,8 +177,9 @@ impl StoredShape {
 pub(super) async fn list_shapes(
     State(app): State<App>,
     Path(key): Path<String>,
-    Query(mut parameters): Query<Parameters>,
+    Query(pairs): Query<Vec<(String, String)>>,
 ) -> Result<Response, Problem> {
+    let mut parameters = once_each(pairs)?;
     let filter = take_filter(&mut parameters);
     let limit = parameters.remove("limit").map(|text| text.parse()).transpose();
     let limit = limit.map_err(|_| Problem::new(ProblemKind::InvalidQuery, "limit must be a number"))?;
@@ -194,12 +205,13 @@ pub(super) async fn list_shapes(
     ),
     responses(
         (status = 200, description = "The shape", content((StoredShape = "application/json"), (String = "image/svg+xml"))),
-        (status = 404, description = "No such cohort or shape", body = ProblemDocument, content_type = "application/problem+json")
+        (status = 404, description = "No such cohort or shape", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = "4XX", description = "The request was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn find_shape(
     State(app): State<App>,
     Path((key, shape)): Path<(String, String)>,
-    format: Format,
+    OnlyFormat(format): OnlyFormat,
 ) -> Result<Response, Problem> {
     let (cohort, shape) = cohorts::find_shape(&app, &key, &shape).await?;
     if format == Format::Json {
@@ -215,13 +227,14 @@ pub(super) async fn find_shape(
     params(("cohort" = String, Path, description = "Id or name"), ("shape" = String, Path, description = "Id or external id")),
     responses(
         (status = 204, description = "Deleted"),
-        (status = 404, description = "No such cohort or shape", body = ProblemDocument, content_type = "application/problem+json")
+        (status = 404, description = "No such cohort or shape", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = "4XX", description = "The request was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn delete_shape(
     State(app): State<App>,
+    _: NoQuery,
     Path((key, shape)): Path<(String, String)>,
-) -> Result<Response, Problem> {
+) -> Result<StatusCode, Problem> {
     cohorts::delete_shape(&app, &key, &shape).await?;
-    let no_content: [(header::HeaderName, &str); 0] = [];
-    Ok((StatusCode::NO_CONTENT, no_content).into_response())
+    Ok(StatusCode::NO_CONTENT)
 }

@@ -5,12 +5,13 @@ use axum::http::StatusCode;
 use axum::response::Response;
 use serde::{Deserialize, Serialize};
 
-use super::settings::{MeanOutput, ShapeOutput, rows, settings_request};
+use super::settings::{MeanOutput, ShapeOutput, checked, rows, settings_request};
 use crate::analysis::alignment::{AlignedShape, Projection, unwhitened};
-use crate::api::extract::{Format, JsonBody, Query, parse};
+use crate::api::extract::{Format, JsonBody, NoQuery, OnlyFormat, Query, parse};
 use crate::api::problem::{Problem, ProblemDocument};
 use crate::api::respond::{compute, json, svg};
-use crate::formats::checked::Checked;
+use crate::formats::InputError;
+use crate::formats::checked::{Checked, take_given, take_or_default};
 use crate::formats::shape::{Points, ShapeInput};
 use crate::service::App;
 use crate::service::ServiceError;
@@ -18,30 +19,50 @@ use crate::service::compute::{self, Components, Onto, Setup, Statistics};
 
 settings_request! {
     /// Shapes to be projected.
+    #[schema(example = json!({
+        "representation": {"kind": "closed_curve", "dimension": 2, "control_points": 6, "generator": {"name": "trigonometric"}},
+        "transformation": "similarity",
+        "reference": {"points": [[2, 0], [1, 1], [-1, 1], [-2, 0], [-1, -1], [1, -1]]},
+        "shapes": [{"points": [[5, 9], [3, 7], [3, 3], [5, 1], [7, 3], [7, 6]]}]
+    }))]
     ProjectRequest {
         /// The shape that the others are compared with.
-        reference: ShapeInput,
+        #[schema(value_type = ShapeInput, required = true)]
+        reference: ShapeInput, required;
         /// Whose class is projected on; `reference` unless given.
-        #[serde(default)]
-        #[schema(value_type = Onto)]
-        onto: Checked<Onto>,
+        #[schema(value_type = Option<Onto>)]
+        onto: Checked<Onto>;
     }
 }
 
 settings_request! {
     /// Shapes to be averaged.
+    #[schema(example = json!({
+        "representation": {"kind": "closed_curve", "dimension": 2, "control_points": 6, "generator": {"name": "trigonometric"}},
+        "transformation": "similarity",
+        "shapes": [{"points": [[2, 0], [1, 1], [-1, 1], [-2, 0], [-1, -1], [1, -1]]}, {"points": [[5, 9], [3, 7], [3, 3], [5, 1], [7, 3], [7, 6]]}]
+    }))]
     StatisticsRequest {}
 }
 
 settings_request! {
     /// Shapes to be analysed.
+    #[schema(example = json!({
+        "representation": {"kind": "closed_curve", "dimension": 2, "control_points": 6, "generator": {"name": "trigonometric"}},
+        "transformation": "similarity",
+        "components": 2, "centre": true,
+        "shapes": [{"points": [[2, 0], [1, 1], [-1, 1], [-2, 0], [-1, -1], [1, -1]]}, {"points": [[5, 9], [3, 7], [3, 3], [5, 1], [7, 3], [7, 6]]}, {"points": [[2, 1], [1, 2], [-1, 2], [-2, 1], [-1, -2], [1, -1]]}]
+    }))]
     PcaRequest {
         /// Number of components, 10 unless given.
-        components: Option<usize>,
+        #[schema(value_type = Option<usize>, minimum = 1)]
+        components: Checked<usize>;
         /// Whether the arithmetic mean of the aligned shapes is subtracted; false unless given.
-        centre: Option<bool>,
+        #[schema(value_type = Option<bool>)]
+        centre: Checked<bool>;
         /// Whether the aligned shapes are answered too; true unless given.
-        aligned: Option<bool>,
+        #[schema(value_type = Option<bool>)]
+        aligned: Checked<bool>;
     }
 }
 
@@ -87,11 +108,17 @@ pub(super) struct ProjectAnswer {
         (status = 200, description = "One projection a shape", body = ProjectAnswer),
         (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
-pub(super) async fn project(State(app): State<App>, JsonBody(body): JsonBody) -> Result<Response, Problem> {
+pub(super) async fn project(
+    State(app): State<App>,
+    _: NoQuery,
+    JsonBody(body): JsonBody,
+) -> Result<Response, Problem> {
     compute(app, move |app| {
-        let (settings, shapes, (reference, onto)) = parse::<ProjectRequest>(&body)?.split()?;
-        let mut errors = Vec::new();
-        let Some(onto) = onto.take("/onto", &mut errors) else { return Err(ServiceError::below(errors, "")) };
+        let (mut request, mut errors) = (parse::<ProjectRequest>(&body)?, Vec::new());
+        let (settings, shapes) = request.take_settings(&mut errors);
+        let onto = take_or_default(request.onto, "/onto", &mut errors);
+        let whole = settings.zip(onto).zip(request.reference);
+        let (((settings, onto), reference), shapes) = checked(whole, errors, shapes)?;
         let (setup, projections) = compute::project(app, &settings, onto, reference, shapes)?;
         let dimension = setup.metric.dimension();
         let projections = projections.into_iter().map(|p| ProjectionOutput::new(p, dimension)).collect();
@@ -112,11 +139,13 @@ pub(super) async fn project(State(app): State<App>, JsonBody(body): JsonBody) ->
     ))]
 pub(super) async fn mean(
     State(app): State<App>,
-    format: Format,
+    OnlyFormat(format): OnlyFormat,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
     compute(app, move |app| {
-        let (settings, shapes, ()) = parse::<StatisticsRequest>(&body)?.split()?;
+        let (mut request, mut errors) = (parse::<StatisticsRequest>(&body)?, Vec::new());
+        let (settings, shapes) = request.take_settings(&mut errors);
+        let (settings, shapes) = checked(settings, errors, shapes)?;
         let statistics = compute::align(app, &settings, shapes)?;
         match format {
             Format::Svg => Ok(draw(&statistics)),
@@ -198,11 +227,13 @@ fn aligned_output(statistics: &Statistics) -> Vec<AlignedOutput> {
     ))]
 pub(super) async fn align(
     State(app): State<App>,
-    format: Format,
+    OnlyFormat(format): OnlyFormat,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
     compute(app, move |app| {
-        let (settings, shapes, ()) = parse::<StatisticsRequest>(&body)?.split()?;
+        let (mut request, mut errors) = (parse::<StatisticsRequest>(&body)?, Vec::new());
+        let (settings, shapes) = request.take_settings(&mut errors);
+        let (settings, shapes) = checked(settings, errors, shapes)?;
         let statistics = compute::align(app, &settings, shapes)?;
         match format {
             Format::Svg => Ok(draw(&statistics)),
@@ -269,6 +300,7 @@ impl PcaOutput {
 /// Which mode is drawn.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[into_params(parameter_in = Query)]
+#[serde(deny_unknown_fields)]
 pub(super) struct ModeQuery {
     /// `json` or `svg`.
     #[allow(dead_code, reason = "read by the format extractor, listed here for the document")]
@@ -294,17 +326,21 @@ pub(super) async fn pca(
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
     compute(app, move |app| {
-        let (settings, shapes, (components, centre, with_aligned)) = parse::<PcaRequest>(&body)?.split()?;
-        let count = components.unwrap_or(10);
-        if count == 0 {
-            return Err(ServiceError::invalid("/components", "is 0, must be at least 1"));
-        }
         let sigma = mode.sigma.unwrap_or(2.0);
         if !(0.0..=10.0).contains(&sigma) {
-            return Err(ServiceError::invalid("/sigma", format!("is {sigma}, must be between 0 and 10")));
+            return Err(ServiceError::Query(format!("sigma is {sigma}, must be between 0 and 10")));
         }
+        let (mut request, mut errors) = (parse::<PcaRequest>(&body)?, Vec::new());
+        let (settings, shapes) = request.take_settings(&mut errors);
+        let count = take_given(request.components, "/components", &mut errors).unwrap_or(10);
+        let centre = take_or_default(request.centre, "/centre", &mut errors).unwrap_or_default();
+        let with_aligned = take_given(request.aligned, "/aligned", &mut errors).unwrap_or(true);
+        if count == 0 {
+            errors.push(InputError::new("/components", "is 0, must be at least 1"));
+        }
+        let (settings, shapes) = checked(settings, errors, shapes)?;
         let statistics = compute::align(app, &settings, shapes)?;
-        let components = compute::pca(&statistics, count, centre.unwrap_or(false))?;
+        let components = compute::pca(&statistics, count, centre)?;
         if format == Format::Svg {
             return Ok(svg(compute::draw_mode(
                 &statistics,
@@ -313,7 +349,7 @@ pub(super) async fn pca(
                 sigma,
             )?));
         }
-        let aligned = with_aligned.unwrap_or(true).then(|| aligned_output(&statistics));
+        let aligned = with_aligned.then(|| aligned_output(&statistics));
         let mean = mean_output(&statistics);
         json(StatusCode::OK, &PcaAnswer { mean, pca: PcaOutput::new(&statistics, components), aligned })
     })
