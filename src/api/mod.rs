@@ -2,10 +2,12 @@
 //!
 //! * [`v1`] — the resources;
 //! * [`problem`] — every refusal as a problem document (RFC 9457);
+//! * [`drain`] — refused bodies are read to their end;
 //! * [`extract`] — bodies, queries, the wanted format; rejections are problem documents too;
 //! * [`respond`] — answers computed and written on the pool;
 //! * [`health`] — liveness and readiness.
 
+pub mod drain;
 pub mod extract;
 pub mod health;
 pub mod problem;
@@ -75,6 +77,7 @@ pub fn router(app: App) -> Router {
         .layer(SetRequestIdLayer::new(request_id.clone(), MakeRequestUuid))
         .layer(TraceLayer::new_for_http().make_span_with(respond::request_span))
         .layer(PropagateRequestIdLayer::new(request_id))
+        .layer(axum::middleware::from_fn(drain::drain))
         .layer(CompressionLayer::new().gzip(true))
         .layer(axum::middleware::from_fn(problem::render))
         .layer(CatchPanicLayer::custom(problem::of_panic))

@@ -91,6 +91,8 @@ macro_rules! visit_others {
     (@text $keep:path, $value:ty) => {
         $crate::formats::checked::visit_others!(@visit $keep, $value,
             visit_bool: bool, "a truth value"; visit_str: &str, "a text";);
+    };
+    (@null $keep:path, $value:ty) => {
         fn visit_unit<E>(self) -> Result<$value, E> { Ok($keep(self, "null")) }
     };
     (@number $keep:path, $value:ty) => {
@@ -145,6 +147,7 @@ impl<'de, T: Deserialize<'de>> Deserialize<'de> for List<T> {
             }
 
             visit_others!(@text other, List<T>);
+            visit_others!(@null other, List<T>);
             visit_others!(@number other, List<T>);
             visit_others!(@map other, List<T>);
         }
@@ -212,6 +215,7 @@ macro_rules! document {
                     }
 
                     $crate::formats::checked::visit_others!(@text other, $name);
+                    $crate::formats::checked::visit_others!(@null other, $name);
                     $crate::formats::checked::visit_others!(@number other, $name);
                     $crate::formats::checked::visit_others!(@seq other, $name);
                 }

@@ -29,6 +29,7 @@ pub struct PointList {
     /// Coordinates of the first row.
     width: usize,
     rows: usize,
+    null: bool,
     faults: Vec<InputError>,
 }
 
@@ -41,6 +42,11 @@ impl PointList {
     /// Whether there are no rows.
     pub fn is_empty(&self) -> bool {
         self.rows == 0
+    }
+
+    /// Whether there is a `null` instead of a list.
+    pub fn is_null(&self) -> bool {
+        self.null
     }
 
     /// Coordinates of the first point.
@@ -113,6 +119,10 @@ impl<'de> Deserialize<'de> for PointList {
                 Ok(list)
             }
 
+            fn visit_unit<E>(self) -> Result<PointList, E> {
+                Ok(PointList { null: true, ..PointList::default() })
+            }
+
             visit_others!(@text not_a_list, PointList);
             visit_others!(@number not_a_list, PointList);
             visit_others!(@map not_a_list, PointList);
@@ -180,6 +190,7 @@ impl<'de> Visitor<'de> for RowSeed<'_> {
     }
 
     visit_others!(@text not_a_row, ());
+    visit_others!(@null not_a_row, ());
     visit_others!(@number not_a_row, ());
     visit_others!(@map not_a_row, ());
 }
@@ -212,6 +223,7 @@ impl<'de> Deserialize<'de> for Coordinate {
             }
 
             visit_others!(@text not_a_number, Coordinate);
+            visit_others!(@null not_a_number, Coordinate);
             visit_others!(@seq not_a_number, Coordinate);
             visit_others!(@map not_a_number, Coordinate);
         }

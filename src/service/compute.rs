@@ -402,7 +402,7 @@ pub fn resample(
 }
 
 fn polygon(shape: ShapeInput, limits: &Limits) -> Result<(usize, ClosedPolygon), Vec<InputError>> {
-    let points = shape.points.clone();
+    let points = input::given(&shape.points).cloned();
     input::attributes(shape)?;
     let points = points.ok_or_else(|| vec![InputError::new("", "has no points")])?;
     let below = |error: InputError| error.below("/points");

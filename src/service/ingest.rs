@@ -7,7 +7,7 @@ use std::time::Duration;
 use tokio::sync::mpsc;
 
 use super::error::{Fault, MAX_FAULTS};
-use super::input::{Reading, read_shape};
+use super::input::{Reading, check_extent, read_shape};
 use super::{App, ServiceError, now_ms};
 use crate::domain::cohort::Cohort;
 use crate::domain::id;
@@ -110,8 +110,10 @@ pub async fn add_stream<E: std::fmt::Display>(
             .await
             .map_err(|_| ServiceError::Interrupted(format!("no data for {} s", PAUSE.as_secs())))?;
         let Some(chunk) = chunk else { break };
-        let chunk =
-            chunk.map_err(|error| ServiceError::Interrupted(format!("the stream broke off: {error}")))?;
+        let chunk = chunk.map_err(|error| {
+            let detail = format!("the stream broke off or its encoding is broken: {error}");
+            ServiceError::Malformed(vec![Fault::new("", detail)])
+        })?;
         let keep = |line: Line| {
             pending_bytes += line.text.len();
             pending.push(line);
@@ -308,7 +310,12 @@ fn read(reading: &Reading<'_>, incoming: Incoming, prefix: &str) -> Result<Arriv
         ServiceError::Malformed(faults) => faults.into_iter().map(placed).collect::<Vec<_>>(),
         other => vec![placed(Fault::new("", other.to_string()))],
     })?;
-    match read_shape(reading, shape) {
+    let shape = read_shape(reading, shape).and_then(|(control_points, attributes)| {
+        // Stored without an extent it would break every mean of the cohort from now on.
+        check_extent(&control_points, reading.space.representation().size())?;
+        Ok((control_points, attributes))
+    });
+    match shape {
         Ok((control_points, attributes)) => {
             Ok(Arrived { line, shape: NewShape { id: id::new_id(id::SHAPE), attributes, control_points } })
         }

@@ -91,7 +91,7 @@ impl Reading<'_> {
                 "is false, but the representation is a closed curve",
             )]);
         }
-        let matrix = match (&shape.points, &shape.control_points) {
+        let matrix = match (given(&shape.points), given(&shape.control_points)) {
             (Some(points), None) => self.interpolate(points).map_err(|errors| below(errors, "/points"))?,
             (None, Some(coefficients)) => {
                 self.take_coefficients(coefficients).map_err(|errors| below(errors, "/control_points"))?
@@ -104,7 +104,6 @@ impl Reading<'_> {
             }
             (None, None) => return Err(vec![InputError::new("", "has neither points nor control_points")]),
         };
-        check_range(&matrix)?;
         Ok(matrix.as_slice().to_vec())
     }
 
@@ -170,20 +169,21 @@ impl Reading<'_> {
     }
 }
 
-/// A shape must have an extent (else no mean has a place for it), and its coefficients must be numbers.
-fn check_range(control_points: &Matrix) -> Result<(), Vec<InputError>> {
-    let extent = control_points.column_iter().map(|c| c.max() - c.min()).fold(0.0, f64::max);
-    let size = control_points.amax();
-    if !(extent.is_finite() && size.is_finite()) {
-        return Err(vec![InputError::new("", "leaves the range of numbers")]);
+/// Refuses a shape whose `size` points coincide (coordinate-major control points).
+///
+/// # Errors
+/// The extent and the size of the coordinates.
+pub fn check_extent(control_points: &[f64], size: usize) -> Result<(), Vec<InputError>> {
+    let range =
+        |c: &[f64]| c.iter().copied().fold(f64::MIN, f64::max) - c.iter().copied().fold(f64::MAX, f64::min);
+    let extent = control_points.chunks_exact(size).map(range).fold(0.0, f64::max);
+    let largest = control_points.iter().fold(0.0, |m: f64, v| m.max(v.abs()));
+    if extent > NO_EXTENT * largest {
+        return Ok(());
     }
-    if extent <= NO_EXTENT * size {
-        let detail = format!(
-            "has no extent: all points coincide (range {extent:.1e} at coordinates up to {size:.1e})"
-        );
-        return Err(vec![InputError::new("", detail)]);
-    }
-    Ok(())
+    let detail =
+        format!("all {size} points coincide: extent {extent:.1e} at coordinates up to {largest:.1e}");
+    Err(vec![InputError::new("", detail)])
 }
 
 fn polygon_area(points: &Matrix) -> f64 {
@@ -191,6 +191,11 @@ fn polygon_area(points: &Matrix) -> f64 {
     let origin = points.row(0).into_owned();
     let at = |k: usize, c: usize| points[(k % n, c)] - origin[c];
     (0..n).map(|k| at(k, 0) * at(k + 1, 1) - at(k + 1, 0) * at(k, 1)).sum()
+}
+
+/// A list that is there; `null` is as good as nothing.
+pub(super) fn given(list: &Option<PointList>) -> Option<&PointList> {
+    list.as_ref().filter(|list| !list.is_null())
 }
 
 fn below(errors: Vec<InputError>, pointer: &str) -> Vec<InputError> {

@@ -6,6 +6,7 @@ use serde::Serialize;
 use super::settings::{class_names, rows};
 use crate::analysis::transformation::{ClassName, TransformationClass};
 use crate::api::extract::NoQuery;
+use crate::api::problem::ProblemDocument;
 use crate::geometry::generator::{GeneratorKind, GeneratorProperties};
 
 /// A generator of the catalogue.
@@ -26,7 +27,7 @@ pub(super) struct Generators {
 
 /// Lists the generators.
 #[utoipa::path(get, path = "/generators", tag = "catalogue",
-    responses((status = 200, description = "The generators with their properties", body = Generators)))]
+    responses((status = 200, description = "The generators with their properties", body = Generators), (status = 400, description = "An unknown parameter", body = ProblemDocument, content_type = "application/problem+json")))]
 pub(super) async fn list_generators(_: NoQuery) -> Json<Generators> {
     let entry = |generator: GeneratorKind| GeneratorEntry { properties: generator.properties(), generator };
     Json(Generators { items: GeneratorKind::catalogue().into_iter().map(entry).collect() })
@@ -57,7 +58,7 @@ pub(super) struct Transformations {
 
 /// Lists the transformation classes.
 #[utoipa::path(get, path = "/transformations", tag = "catalogue",
-    responses((status = 200, description = "The classes with their properties", body = Transformations)))]
+    responses((status = 200, description = "The classes with their properties", body = Transformations), (status = 400, description = "An unknown parameter", body = ProblemDocument, content_type = "application/problem+json")))]
 pub(super) async fn list_transformations(_: NoQuery) -> Json<Transformations> {
     let entry = |name: ClassName| TransformationEntry {
         name,

@@ -1,0 +1,77 @@
+//! Refusals reach clients that are still sending.
+//!
+//! A client that writes a large body before it reads sees a broken connection instead of the answer when the server
+//! closes early. What is left of a refused body is therefore read and thrown away, within bounds.
+
+use std::pin::Pin;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::task::{Context, Poll};
+use std::time::Duration;
+
+use axum::body::{Body, Bytes, HttpBody};
+use axum::extract::Request;
+use axum::http::header;
+use axum::middleware::Next;
+use axum::response::Response;
+use http_body::{Frame, SizeHint};
+use http_body_util::BodyExt;
+
+/// Most bytes thrown away.
+const BYTES: usize = 64 << 20;
+/// Longest time for it.
+const TIME: Duration = Duration::from_secs(2);
+
+/// A body that the middleware keeps a hand on.
+#[derive(Clone)]
+struct Shared(Arc<Mutex<Body>>);
+
+impl Shared {
+    fn with<T>(&self, f: impl FnOnce(&mut Body) -> T) -> T {
+        f(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+}
+
+impl HttpBody for Shared {
+    type Data = Bytes;
+    type Error = axum::Error;
+
+    fn poll_frame(
+        self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+    ) -> Poll<Option<Result<Frame<Bytes>, axum::Error>>> {
+        self.with(|body| Pin::new(body).poll_frame(context))
+    }
+
+    fn is_end_stream(&self) -> bool {
+        self.with(|body| body.is_end_stream())
+    }
+
+    fn size_hint(&self) -> SizeHint {
+        self.with(|body| body.size_hint())
+    }
+}
+
+/// Reads what is left of the body of a refused request.
+pub async fn drain(request: Request, next: Next) -> Response {
+    // A client that asked first is told before it sends.
+    if request.headers().contains_key(header::EXPECT) {
+        return next.run(request).await;
+    }
+    let (parts, body) = request.into_parts();
+    let mut rest = Shared(Arc::new(Mutex::new(body)));
+    let response = next.run(Request::from_parts(parts, Body::new(rest.clone()))).await;
+    if response.status().is_client_error() || response.status().is_server_error() {
+        let drained = async {
+            let mut bytes = 0;
+            while let Some(Ok(frame)) = rest.frame().await {
+                bytes += frame.data_ref().map_or(0, Bytes::len);
+                if bytes > BYTES {
+                    break;
+                }
+            }
+        };
+        // Past its time the client sees the connection close, which is what it would have seen at once.
+        let _ = tokio::time::timeout(TIME, drained).await;
+    }
+    response
+}
