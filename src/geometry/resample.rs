@@ -39,7 +39,8 @@ impl ClosedPolygon {
         arc.push(length);
         for i in 0..n {
             let chord = (points.row((i + 1) % n) - points.row(i)).norm();
-            if chord == 0.0 {
+            // Also a step that is lost in the length so far: the interpolation would divide by zero.
+            if !(length + chord > length) {
                 return Err(GeometryError::RepeatedPoint { first: i, second: (i + 1) % n });
             }
             length += chord;
@@ -208,6 +209,11 @@ mod tests {
         let repeated = Matrix::from_row_slice(4, 2, &[0., 0., 1., 0., 1., 0., 0., 1.]);
         assert_eq!(
             ClosedPolygon::new(repeated).unwrap_err(),
+            GeometryError::RepeatedPoint { first: 1, second: 2 }
+        );
+        let lost = Matrix::from_row_slice(4, 2, &[0., 0., 1e100, 0., 1e100, 1., 0., 1e100]);
+        assert_eq!(
+            ClosedPolygon::new(lost).unwrap_err(),
             GeometryError::RepeatedPoint { first: 1, second: 2 }
         );
         let closed_line = Matrix::from_row_slice(3, 2, &[0., 0., 1., 0., 0., 0.]);

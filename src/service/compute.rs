@@ -207,8 +207,9 @@ pub fn project(
     let setup = Setup::new(app, settings)?;
     let reading = setup.reading(&app.limits);
     let batch = input::read_batch(&reading, shapes);
-    let reference =
-        reading.control_points(&reference).map_err(|errors| ServiceError::below(errors, "/reference"));
+    let reference = input::read_shape(&reading, reference)
+        .map(|(control_points, _)| control_points)
+        .map_err(|errors| ServiceError::below(errors, "/reference"));
     let (reference, batch) = match (reference, batch) {
         (Ok(reference), Ok(batch)) => (reference, batch),
         (Err(ServiceError::Invalid(mut faults)), Err(ServiceError::Invalid(more))) => {

@@ -104,6 +104,9 @@ impl Reading<'_> {
             }
             (None, None) => return Err(vec![InputError::new("", "has neither points nor control_points")]),
         };
+        if !matrix.iter().all(|value| value.is_finite()) {
+            return Err(vec![InputError::new("", "leaves the range of numbers")]);
+        }
         Ok(matrix.as_slice().to_vec())
     }
 
