@@ -12,7 +12,10 @@ use super::subspace::{check_extent, quarter_turn};
 use crate::numeric::dense::{self, Eigenpairs, Matrix};
 
 /// Shapes per partial sum. Part of the definition of every result: changing it changes last bits.
-pub const BLOCK: usize = 256;
+pub const BLOCK: usize = 128;
+
+/// Shapes per task where nothing is summed: results do not depend on it.
+const MAP_BLOCK: usize = 16;
 
 /// Partial sums in flight take at most about this many bytes together.
 const PARTIAL_BYTES: usize = 256 << 20;
@@ -37,11 +40,11 @@ impl<'a> Shapes<'a> {
         rows.enumerate().map(move |(i, (x, &weight))| (first + i, x, weight))
     }
 
-    fn blocks(self) -> impl IndexedParallelIterator<Item = Shapes<'a>> {
+    fn blocks(self, size: usize) -> impl IndexedParallelIterator<Item = Shapes<'a>> {
         let length = self.whitened.len() / self.weights.len().max(1);
-        let rows = self.whitened.par_chunks(BLOCK * length.max(1));
-        rows.zip(self.weights.par_chunks(BLOCK)).enumerate().map(move |(i, (whitened, weights))| Shapes {
-            first: self.first + i * BLOCK,
+        let rows = self.whitened.par_chunks(size * length.max(1));
+        rows.zip(self.weights.par_chunks(size)).enumerate().map(move |(i, (whitened, weights))| Shapes {
+            first: self.first + i * size,
             whitened,
             weights,
         })
@@ -182,7 +185,7 @@ pub fn accumulate<S: ShapeSource, A: Accumulator>(
     let together = (PARTIAL_BYTES / partial_bytes.max(1)).clamp(1, 64);
     let mut total = empty();
     source.for_each_batch(&mut |batch| {
-        let blocks: Vec<Shapes<'_>> = batch.blocks().collect();
+        let blocks: Vec<Shapes<'_>> = batch.blocks(BLOCK).collect();
         for group in blocks.chunks(together) {
             let partial = |shapes: &Shapes<'_>| {
                 let mut sum = empty();
@@ -209,7 +212,7 @@ pub fn map_shapes<S: ShapeSource, T: Send>(
     let mut values = Vec::with_capacity(source.count());
     source.for_each_batch(&mut |batch| {
         let blocks: Vec<Result<Vec<T>, AnalysisError>> =
-            batch.blocks().map(|block| block.iter().map(|(i, x, w)| f(i, x, w)).collect()).collect();
+            batch.blocks(MAP_BLOCK).map(|block| block.iter().map(|(i, x, w)| f(i, x, w)).collect()).collect();
         for block in blocks {
             values.extend(block?);
         }
@@ -241,7 +244,7 @@ pub fn smallest_eligible<S: ShapeSource>(
 
 /// `S = Σ x xᵀ` of vectors `x ∈ R^n`, with its leading eigenpairs by the smaller of two routes.
 ///
-/// While fewer than `n` vectors have come they are kept (dual route, Theorem 2: the symmetric matrix
+/// While fewer than `n/2` vectors have come they are kept (dual route, Theorem 2: the symmetric matrix
 /// `XᵀX`); from then on the `n × n` matrix is (primal route). The choice depends on the number of
 /// vectors alone.
 #[derive(Debug, Clone, PartialEq)]
@@ -265,7 +268,7 @@ impl OuterProductSum {
     /// Adds the vectors stored one after the other.
     pub fn add(&mut self, columns: &[f64]) {
         self.columns.extend_from_slice(columns);
-        if self.columns.len() >= self.n * self.n.max(FOLD) {
+        if self.columns.len() >= self.n * (self.n / 2).max(FOLD) {
             self.fold();
         }
     }
@@ -295,14 +298,11 @@ impl OuterProductSum {
         if let Some(s) = &mut self.matrix {
             let half = self.n / 2;
             dense::fill_upper(s);
-            let old = s.clone();
-            for j in 0..half {
-                for i in 0..half {
-                    s[(i, j)] = old[(i, j)] + old[(half + i, half + j)];
-                    s[(half + i, half + j)] = s[(i, j)];
-                    s[(half + i, j)] = old[(half + i, j)] - old[(half + j, i)];
-                }
-            }
+            let sum = s.view((0, 0), (half, half)) + s.view((half, half), (half, half));
+            let cross = s.view((half, 0), (half, half)).into_owned();
+            s.view_mut((0, 0), (half, half)).copy_from(&sum);
+            s.view_mut((half, half), (half, half)).copy_from(&sum);
+            s.view_mut((half, 0), (half, half)).copy_from(&(&cross - cross.transpose()));
         }
     }
 

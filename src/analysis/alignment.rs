@@ -147,12 +147,14 @@ fn projection_mean<S: ShapeSource>(
     let sum_of = |placements: &[Placement]| -> Result<ProjectorSum<'_>, S::Error> {
         ProjectorSum::of(&Placed { source, matching, placements }, class, metric.len())
     };
-    let mut space = MeanSpace::new(sum_of(&placements)?, REPORTED_EIGENVALUES)?;
+    // A search needs the space alone; its certificate comes at the end.
+    let report = if matching.searches() { 0 } else { REPORTED_EIGENVALUES };
+    let mut space = MeanSpace::new(sum_of(&placements)?, report)?;
     if matching.mirrors() {
         let chosen = best_matched(source, &space)?;
         let single = MeanSpace::of_shape(class, &chosen)?;
         matching.improve(source, &Target::subspace(&single, matching), &mut placements)?;
-        space = MeanSpace::new(sum_of(&placements)?, REPORTED_EIGENVALUES)?;
+        space = MeanSpace::new(sum_of(&placements)?, report)?;
     }
     let (mut rounds, mut converged) = (0, !matching.searches());
     while !converged && rounds < MAX_ROUNDS {
@@ -163,7 +165,7 @@ fn projection_mean<S: ShapeSource>(
             space = MeanSpace::near(sum_of(&placements)?, &space)?;
         }
     }
-    if rounds > 1 {
+    if matching.searches() {
         space = MeanSpace::new(sum_of(&placements)?, REPORTED_EIGENVALUES)?;
     }
     let placed = Placed { source, matching, placements: &placements };

@@ -93,14 +93,16 @@ impl Matching {
             return Cow::Borrowed(x);
         }
         let n = self.size;
-        let shift = placement.shift as usize;
-        let mut placed = Vec::with_capacity(x.len());
-        for (c, coordinate) in x.chunks_exact(n).enumerate() {
-            let sign = if placement.mirrored && c == 0 { -1.0 } else { 1.0 };
-            placed.extend((0..n).map(|k| {
-                let row = (k + shift) % n;
-                sign * coordinate[if placement.reversed { (n - row) % n } else { row }]
-            }));
+        let mut placed = x.to_vec();
+        for (c, coordinate) in placed.chunks_exact_mut(n).enumerate() {
+            if placement.mirrored && c == 0 {
+                coordinate.iter_mut().for_each(|value| *value = -*value);
+            }
+            if placement.reversed {
+                // n → −n keeps row 0
+                coordinate[1..].reverse();
+            }
+            coordinate.rotate_left(placement.shift as usize);
         }
         Cow::Owned(placed)
     }

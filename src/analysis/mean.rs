@@ -33,6 +33,8 @@ pub struct ProjectorSum<'a> {
     blocks: Vec<OuterProductSum>,
     weight: f64,
     shapes: usize,
+    /// Whether complex classes have both of their vectors in the sum; then it takes no more shapes.
+    closed: bool,
 }
 
 impl<'a> ProjectorSum<'a> {
@@ -44,7 +46,7 @@ impl<'a> ProjectorSum<'a> {
             Structure::PerAxis => vec![OuterProductSum::new(n); class.dimension()],
             Structure::Complex | Structure::General => vec![OuterProductSum::new(length)],
         };
-        Self { class, blocks, weight: 0.0, shapes: 0 }
+        Self { class, blocks, weight: 0.0, shapes: 0, closed: false }
     }
 
     /// Bytes of the full sum.
@@ -59,8 +61,9 @@ impl<'a> ProjectorSum<'a> {
 
     /// The sum of the whole projectors: for complex classes one vector of two was added.
     fn closed(mut self) -> Self {
-        if self.class.structure == Structure::Complex {
+        if self.class.structure == Structure::Complex && !self.closed {
             self.blocks.iter_mut().for_each(OuterProductSum::close_under_quarter_turn);
+            self.closed = true;
         }
         self
     }
@@ -172,8 +175,8 @@ impl<'a> MeanSpace<'a> {
     /// # Errors
     /// A failure of the eigenproblem.
     pub fn near(sum: ProjectorSum<'a>, previous: &Self) -> Result<Self, AnalysisError> {
-        let mut closed = sum.clone().closed();
-        let bases: Option<Vec<Matrix>> = closed
+        let mut sum = sum.closed();
+        let bases: Option<Vec<Matrix>> = sum
             .blocks
             .iter_mut()
             .zip(&previous.bases)

@@ -103,12 +103,12 @@ pub struct Eigenpairs {
 /// Steps of [`iterate_subspace`]: enough for eigenvalues that fall by a tenth behind the subspace.
 const SUBSPACE_STEPS: usize = 100;
 
-/// Relative residual at which an invariant subspace is found.
-const SUBSPACE_RESIDUAL: f64 = 1e-13;
+/// Relative residual at which an invariant subspace is found: it guides a search, the mean itself is computed anew.
+const SUBSPACE_RESIDUAL: f64 = 1e-11;
 
 /// Orthonormal basis of the leading invariant subspace of a symmetric positive semi-definite operator, by subspace
 /// iteration from the columns of `near`. For repeated solutions of problems that change little: a few products.
-/// Nothing when the residual stays above `10⁻¹³`.
+/// Nothing when the residual stays above `10⁻¹¹`.
 pub fn iterate_subspace(apply: impl Fn(&Matrix) -> Matrix, near: &Matrix) -> Option<Matrix> {
     let mut basis = near.clone();
     for _ in 0..SUBSPACE_STEPS {

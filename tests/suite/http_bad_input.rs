@@ -176,7 +176,7 @@ fn bad_shapes() -> Vec<(String, Wanted)> {
     add(with(r#""colour":"red""#), Wanted::invalid(&["/colour"]));
     add(with(r#""closed":false"#), Wanted::invalid(&["/closed"]));
     add(with(r#""closed":"yes""#), Wanted::invalid(&["/closed"]));
-    // Twice the same field: the object is at fault.
+    // Twice the same field, also by its alias.
     add(with(&format!(r#""points":{QUAD}"#)), Wanted::invalid(&["/points"]));
     add(with(r#""id":"a","external_id":"b""#), Wanted::invalid(&["/external_id"]));
     for text in ["null", "7", "\"x\"", "true", "[]", QUAD] {
