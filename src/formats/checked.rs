@@ -2,7 +2,7 @@
 //!
 //! * [`Checked`] — a small value, or what is wrong with it;
 //! * [`List`] — a list, or what is there instead;
-//! * [`document!`](crate::formats::checked::document) — objects that note every field that is missing, unknown or given twice.
+//! * `document!` — objects that note every field that is missing, unknown or given twice.
 //!
 //! Reading such a document fails for text that is not JSON, and for nothing else.
 

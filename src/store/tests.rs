@@ -459,8 +459,7 @@ async fn filters_combine() {
         })
         .collect();
     let revision = store_all(&store, &cohort, shapes.clone()).await;
-    let mut filter = ShapeFilter::default();
-    filter.label = Some("l1".into());
+    let mut filter = ShapeFilter { label: Some("l1".into()), ..ShapeFilter::default() };
     assert_eq!(list_all(&store, &cohort, &filter).await.len(), 12);
     filter.subject = Some("s1".into());
     assert_eq!(list_all(&store, &cohort, &filter).await.len(), 4);
