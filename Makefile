@@ -11,7 +11,8 @@ test: tools
 	cargo fmt --all --check
 	cargo clippy --locked --all-targets -- -D warnings
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps --document-private-items --quiet
-	cargo test --locked
+	cargo test --locked --doc
+	cargo test --locked --lib --test suite
 
 bench:
 	cargo bench --locked
