@@ -275,7 +275,7 @@ impl OuterProductSum {
 
     fn fold(&mut self) {
         let matrix = self.matrix.get_or_insert_with(|| Matrix::zeros(self.n, self.n));
-        dense::add_outer_products(matrix, &self.columns);
+        dense::add_outer_products(matrix, &self.columns, 1.0);
         self.columns.clear();
     }
 
@@ -288,6 +288,14 @@ impl OuterProductSum {
             }
         }
         self.add(&other.columns);
+    }
+
+    /// Takes the vectors `leaving` out and `arriving` in; false, and nothing done, while vectors are kept.
+    pub(super) fn exchange(&mut self, leaving: &[f64], arriving: &[f64]) -> bool {
+        let Some(matrix) = &mut self.matrix else { return false };
+        dense::add_outer_products(matrix, leaving, -1.0);
+        dense::add_outer_products(matrix, arriving, 1.0);
+        true
     }
 
     /// Makes the sum over `x` one over `x` and `J x`, `J` the quarter turn of planar shapes:

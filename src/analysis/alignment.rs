@@ -8,7 +8,7 @@ use super::AnalysisError;
 use super::accumulate::{ShapeSource, ShapesInMemory, map_shapes, smallest_eligible};
 use super::frame::{Frame, representative};
 use super::matching::{Matching, Placed, Placement, Target};
-use super::mean::{MeanSpace, ProjectorSum};
+use super::mean::{Exchange, MeanSpace, ProjectorSum};
 use super::metric::{Metric, dot, norm};
 use super::procrustes::{self, Fit};
 use super::subspace::{Projected, Subspace, check_extent};
@@ -157,12 +157,17 @@ fn projection_mean<S: ShapeSource>(
         space = MeanSpace::new(sum_of(&placements)?, report)?;
     }
     let (mut rounds, mut converged) = (0, !matching.searches());
+    let mut sum: Option<ProjectorSum<'_>> = None;
     while !converged && rounds < MAX_ROUNDS {
         rounds += 1;
         let target = Target::subspace(&space, matching);
-        converged = matching.improve(source, &target, &mut placements)? == 0;
+        let changed = matching.improve(source, &target, &mut placements)?;
+        converged = changed.is_empty();
         if !converged {
-            space = MeanSpace::near(sum_of(&placements)?, &space)?;
+            let next = exchanged(source, matching, &placements, &changed, sum.take())?;
+            let next = next.map_or_else(|| sum_of(&placements), Ok)?;
+            space = MeanSpace::near(next.clone(), &space)?;
+            sum = Some(next);
         }
     }
     if matching.searches() {
@@ -182,6 +187,31 @@ fn projection_mean<S: ShapeSource>(
         converged,
         placements,
     })
+}
+
+/// The sum of projectors after the shapes `changed` have moved, when that is less work than forming it anew.
+fn exchanged<'a, S: ShapeSource>(
+    source: &S,
+    matching: &Matching,
+    placements: &[Placement],
+    changed: &[(usize, Placement)],
+    sum: Option<ProjectorSum<'a>>,
+) -> Result<Option<ProjectorSum<'a>>, S::Error> {
+    let Some(mut sum) = sum.filter(|_| changed.len() * 4 < placements.len()) else { return Ok(None) };
+    let mut moved = Vec::with_capacity(changed.len());
+    let mut left = changed.iter().peekable();
+    source.for_each_batch(&mut |batch| {
+        let length = batch.whitened.len() / batch.weights.len().max(1);
+        while let Some(&(k, before)) = left.next_if(|(k, _)| *k < batch.first + batch.weights.len()) {
+            let i = k - batch.first;
+            let x = &batch.whitened[i * length..(i + 1) * length];
+            let leaving = matching.place(x, before).into_owned();
+            let arriving = matching.place(x, placements[k]).into_owned();
+            moved.push(Exchange { leaving, arriving, weight: batch.weights[i] });
+        }
+        Ok(())
+    })?;
+    Ok(sum.exchange(&moved)?.then_some(sum))
 }
 
 /// The shape nearest to the mean space. Mirror images are first decided against it: the mean of a set and of
@@ -210,7 +240,7 @@ fn procrustes_mean<S: ShapeSource>(
     while !converged && rounds < MAX_ROUNDS {
         rounds += 1;
         let target = Target::shape(&result.mean, fit, matching);
-        converged = matching.improve(source, &target, &mut placements)? == 0;
+        converged = matching.improve(source, &target, &mut placements)?.is_empty();
         if !converged {
             let placed = Placed { source, matching, placements: &placements };
             result = procrustes::iterate(&placed, fit, result.mean)?;

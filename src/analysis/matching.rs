@@ -147,7 +147,7 @@ impl Matching {
         Ok(best.0)
     }
 
-    /// Places every shape anew; the number of placements that changed.
+    /// Places every shape anew; the positions whose placement changed, with the placement before.
     ///
     /// # Errors
     /// Errors of the source, degenerate shapes.
@@ -156,11 +156,12 @@ impl Matching {
         source: &S,
         target: &Target<'_>,
         placements: &mut Vec<Placement>,
-    ) -> Result<usize, S::Error> {
+    ) -> Result<Vec<(usize, Placement)>, S::Error> {
         let standing = &*placements;
         let improved =
             map_shapes(source, |k, x, _| self.best(x, target, standing[k]).map_err(|error| error.at(k)))?;
-        let changed = improved.iter().zip(&*placements).filter(|(new, old)| new != old).count();
+        let pairs = improved.iter().zip(&*placements).enumerate();
+        let changed = pairs.filter(|(_, (new, old))| new != old).map(|(k, (_, old))| (k, *old)).collect();
         *placements = improved;
         Ok(changed)
     }

@@ -26,6 +26,17 @@ use crate::numeric::dense::{Eigenpairs, Matrix};
 /// A mean whose eigenvalue gap is below this part of the total weight is not unique.
 pub const UNIQUE_GAP: f64 = 1e-6;
 
+/// A shape of a sum that has moved.
+#[derive(Debug, Clone)]
+pub struct Exchange {
+    /// Whitened, as it was added.
+    pub leaving: Vec<f64>,
+    /// Whitened, as it is now.
+    pub arriving: Vec<f64>,
+    /// Its weight.
+    pub weight: f64,
+}
+
 /// `Σ_k w_k P_k`, block by block.
 #[derive(Debug, Clone)]
 pub struct ProjectorSum<'a> {
@@ -59,6 +70,25 @@ impl<'a> ProjectorSum<'a> {
         }
     }
 
+    /// Takes shapes out of the sum and puts others in their place: `(leaving, arriving, weight)`. For searches that
+    /// move a few shapes of many; rounding adds up, so the sum they end with is formed anew. False, and nothing
+    /// done, for sums so small that forming them anew is as good.
+    ///
+    /// # Errors
+    /// [`AnalysisError::Degenerate`].
+    pub fn exchange(&mut self, shapes: &[Exchange]) -> Result<bool, AnalysisError> {
+        let columns = |pick: fn(&Exchange) -> &Vec<f64>| {
+            let mut columns = vec![Vec::new(); self.blocks.len()];
+            for shape in shapes {
+                add_columns(self.class, pick(shape), shape.weight, &mut columns)?;
+            }
+            Ok::<_, AnalysisError>(columns)
+        };
+        let (leaving, arriving) = (columns(|shape| &shape.leaving)?, columns(|shape| &shape.arriving)?);
+        let changes = leaving.iter().zip(&arriving);
+        Ok(self.blocks.iter_mut().zip(changes).all(|(block, (out, new))| block.exchange(out, new)))
+    }
+
     /// The sum of the whole projectors: for complex classes one vector of two was added.
     fn closed(mut self) -> Self {
         if self.class.structure == Structure::Complex && !self.closed {
@@ -81,15 +111,26 @@ impl<'a> ProjectorSum<'a> {
     }
 }
 
+/// Appends `√w Q` of every block of the subspace of `x`.
+fn add_columns(
+    class: &TransformationClass,
+    x: &[f64],
+    weight: f64,
+    columns: &mut [Vec<f64>],
+) -> Result<(), AnalysisError> {
+    let subspace = Subspace::new(class, x)?;
+    let root = weight.sqrt();
+    for (block, column) in subspace.blocks.iter().zip(columns) {
+        column.extend(block.q.iter().map(|value| root * value));
+    }
+    Ok(())
+}
+
 impl Accumulator for ProjectorSum<'_> {
     fn update(&mut self, shapes: Shapes<'_>) -> Result<(), AnalysisError> {
         let mut columns = vec![Vec::new(); self.blocks.len()];
         for (position, x, weight) in shapes.iter() {
-            let subspace = Subspace::new(self.class, x).map_err(|error| error.at(position))?;
-            let root = weight.sqrt();
-            for (block, column) in subspace.blocks.iter().zip(&mut columns) {
-                column.extend(block.q.iter().map(|value| root * value));
-            }
+            add_columns(self.class, x, weight, &mut columns).map_err(|error| error.at(position))?;
             self.weight += weight;
             self.shapes += 1;
         }

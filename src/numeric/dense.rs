@@ -28,10 +28,10 @@ fn view_mut(m: &mut Matrix) -> MatMut<'_, f64> {
     MatMut::from_column_major_slice_mut(m.as_mut_slice(), rows, columns)
 }
 
-/// Lower triangle of `s ← s + X Xᵀ`; `columns` holds `X` (`n × k`, column-major), `s` is `n × n`.
+/// Lower triangle of `s ← s + factor X Xᵀ`; `columns` holds `X` (`n × k`, column-major), `s` is `n × n`.
 ///
 /// Cost `n² k` multiply-adds. The strict upper triangle of `s` is left as it is.
-pub fn add_outer_products(s: &mut Matrix, columns: &[f64]) {
+pub fn add_outer_products(s: &mut Matrix, columns: &[f64], factor: f64) {
     let n = s.nrows();
     let x = MatRef::from_column_major_slice(columns, n, columns.len() / n.max(1));
     triangular::matmul(
@@ -42,7 +42,7 @@ pub fn add_outer_products(s: &mut Matrix, columns: &[f64]) {
         BlockStructure::Rectangular,
         x.transpose(),
         BlockStructure::Rectangular,
-        1.0,
+        factor,
         Par::Seq,
     );
 }
@@ -249,7 +249,7 @@ mod tests {
     fn outer_products_fill_the_lower_triangle() {
         let x = Matrix::from_fn(5, 7, |i, j| (i as f64 + 1.3) * (j as f64 - 2.0).cos());
         let mut s = Matrix::zeros(5, 5);
-        add_outer_products(&mut s, x.as_slice());
+        add_outer_products(&mut s, x.as_slice(), 1.0);
         fill_upper(&mut s);
         assert!((s - &x * x.transpose()).norm() < 1e-13);
         assert!((gram(x.as_slice(), 5) - x.transpose() * &x).norm() < 1e-13);
