@@ -7,9 +7,8 @@ use axum::http::{HeaderMap, header};
 use serde::de::DeserializeOwned;
 
 use super::problem::{Problem, ProblemKind};
-use crate::formats::json_pointer;
-use crate::service::error::Fault;
-use crate::service::{App, ServiceError};
+use crate::service::App;
+pub use crate::service::input::parse;
 
 /// A JSON body within the limit.
 #[derive(Debug)]
@@ -52,28 +51,6 @@ pub fn body_problem(error: axum::Error, limit: usize) -> Problem {
         ProblemKind::MalformedBody,
         format!("the body ended early or its encoding is broken: {source}"),
     )
-}
-
-/// Reads `T` from JSON text; run it on the pool, bodies can be large. What is wrong with the JSON itself is kept by
-/// the types of `formats`.
-///
-/// # Errors
-/// [`ServiceError::Malformed`] for text that is not JSON, with the pointer to the place.
-pub fn parse<T: DeserializeOwned>(text: &[u8]) -> Result<T, ServiceError> {
-    // Tracking the path costs time: only what fails is read again with it.
-    serde_json::from_slice(text).or_else(|_| {
-        let mut deserializer = serde_json::Deserializer::from_slice(text);
-        let value: T = serde_path_to_error::deserialize(&mut deserializer).map_err(|error| {
-            let pointer = json_pointer(error.path());
-            let index =
-                pointer.strip_prefix("/shapes/").and_then(|rest| rest.split('/').next()?.parse().ok());
-            ServiceError::Malformed(vec![Fault { index, ..Fault::new(pointer, error.inner().to_string()) }])
-        })?;
-        deserializer
-            .end()
-            .map_err(|error| ServiceError::Malformed(vec![Fault::new("", error.to_string())]))?;
-        Ok(value)
-    })
 }
 
 /// A query string as `T`.

@@ -7,7 +7,7 @@ use std::time::Duration;
 use tokio::sync::mpsc;
 
 use super::error::{Fault, MAX_FAULTS};
-use super::input::{Reading, check_extent, read_shape};
+use super::input::{Reading, check_extent, parse, read_shape};
 use super::{App, ServiceError, now_ms};
 use crate::domain::cohort::Cohort;
 use crate::domain::id;
@@ -182,7 +182,7 @@ impl Writer {
                 let read = |(offset, line): (usize, Line)| Incoming {
                     index: first + offset,
                     line: Some(line.number),
-                    text: read_line(&line.text),
+                    text: parse(&line.text),
                 };
                 Ok(lines.into_par_iter().enumerate().map(read).collect())
             })
@@ -278,22 +278,6 @@ fn located(error: StoreError, first: usize, lines: &[Option<u64>], prefix: &str)
         if prefix.is_empty() { "/external_id".into() } else { format!("{prefix}{index}/external_id") };
     let detail = format!("'{external_id}' belongs to another shape of the cohort with other content");
     ServiceError::ExternalIdConflict(Fault { pointer, detail, index: Some(index), line })
-}
-
-fn read_line(text: &[u8]) -> Result<ShapeInput, ServiceError> {
-    serde_json::from_slice(text).or_else(|_| {
-        let mut deserializer = serde_json::Deserializer::from_slice(text);
-        serde_path_to_error::deserialize(&mut deserializer)
-            .map_err(|error| {
-                let pointer = crate::formats::json_pointer(error.path());
-                ServiceError::Malformed(vec![Fault::new(pointer, error.inner().to_string())])
-            })
-            .and_then(|shape| {
-                let end = deserializer.end();
-                end.map_err(|error| ServiceError::Malformed(vec![Fault::new("", error.to_string())]))
-                    .map(|()| shape)
-            })
-    })
 }
 
 fn read(reading: &Reading<'_>, incoming: Incoming, prefix: &str) -> Result<Arrived, Vec<Fault>> {

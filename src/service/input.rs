@@ -5,14 +5,15 @@
 //! contour, so that the stored shape does not depend on where the list of points begins.
 
 use rayon::prelude::*;
+use serde::de::DeserializeOwned;
 
 use super::Limits;
 use super::error::{Fault, MAX_FAULTS, ServiceError};
 use crate::analysis::correspondence::{Correspondence, Direction};
 use crate::domain::shape::ShapeAttributes;
-use crate::formats::InputError;
 use crate::formats::checked::{Checked, take_given};
 use crate::formats::shape::{PointList, ShapeInput};
+use crate::formats::{InputError, json_pointer};
 use crate::geometry::GeometryError;
 use crate::geometry::representation::{Representation, ShapeSpace};
 use crate::geometry::resample::{ClosedPolygon, NO_EXTENT, canonical_shift, rotate_start};
@@ -271,6 +272,28 @@ pub fn attributes(shape: ShapeInput) -> Result<ShapeAttributes, Vec<InputError>>
     let given = shape.metadata.filter(|value| !value.is_null());
     let metadata = metadata(given, shape.landmark_index, shape.landmarks);
     Ok(ShapeAttributes { external_id, subject, label, labels, weight, metadata })
+}
+
+/// Reads `T` from JSON text; run it on the pool, bodies can be large. What is wrong with the JSON itself is kept by
+/// the types of `formats`.
+///
+/// # Errors
+/// [`ServiceError::Malformed`] for text that is not JSON, with the pointer to the place.
+pub fn parse<T: DeserializeOwned>(text: &[u8]) -> Result<T, ServiceError> {
+    // Tracking the path costs time: only what fails is read again with it.
+    serde_json::from_slice(text).or_else(|_| {
+        let mut deserializer = serde_json::Deserializer::from_slice(text);
+        let value: T = serde_path_to_error::deserialize(&mut deserializer).map_err(|error| {
+            let pointer = json_pointer(error.path());
+            let index =
+                pointer.strip_prefix("/shapes/").and_then(|rest| rest.split('/').next()?.parse().ok());
+            ServiceError::Malformed(vec![Fault { index, ..Fault::new(pointer, error.inner().to_string()) }])
+        })?;
+        deserializer
+            .end()
+            .map_err(|error| ServiceError::Malformed(vec![Fault::new("", error.to_string())]))?;
+        Ok(value)
+    })
 }
 
 /// What is wrong with shapes whatever they are made of, at `/shapes/{index}…`.

@@ -1,5 +1,6 @@
 //! Stateless statistics: project, mean, align, functional PCA.
 
+use axum::body::Bytes;
 use axum::extract::State;
 use axum::http::StatusCode;
 use axum::response::Response;
@@ -142,15 +143,22 @@ pub(super) async fn mean(
     OnlyFormat(format): OnlyFormat,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
+    answer(app, format, body, |statistics| json(StatusCode::OK, &mean_output(statistics))).await
+}
+
+/// Aligns the shapes of a request and answers with a drawing, or with what `write` makes.
+async fn answer(
+    app: App,
+    format: Format,
+    body: Bytes,
+    write: fn(&Statistics) -> Result<Response, ServiceError>,
+) -> Result<Response, Problem> {
     compute(app, move |app| {
         let (mut request, mut errors) = (parse::<StatisticsRequest>(&body)?, Vec::new());
         let (settings, shapes) = request.take_settings(&mut errors);
         let (settings, shapes) = checked(settings, errors, shapes)?;
         let statistics = compute::align(app, &settings, shapes)?;
-        match format {
-            Format::Svg => Ok(draw(&statistics)),
-            Format::Json => json(StatusCode::OK, &mean_output(&statistics)),
-        }
+        if format == Format::Svg { Ok(draw(&statistics)) } else { write(&statistics) }
     })
     .await
 }
@@ -230,19 +238,9 @@ pub(super) async fn align(
     OnlyFormat(format): OnlyFormat,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
-    compute(app, move |app| {
-        let (mut request, mut errors) = (parse::<StatisticsRequest>(&body)?, Vec::new());
-        let (settings, shapes) = request.take_settings(&mut errors);
-        let (settings, shapes) = checked(settings, errors, shapes)?;
-        let statistics = compute::align(app, &settings, shapes)?;
-        match format {
-            Format::Svg => Ok(draw(&statistics)),
-            Format::Json => {
-                let answer =
-                    AlignAnswer { mean: mean_output(&statistics), aligned: aligned_output(&statistics) };
-                json(StatusCode::OK, &answer)
-            }
-        }
+    answer(app, format, body, |statistics| {
+        let answer = AlignAnswer { mean: mean_output(statistics), aligned: aligned_output(statistics) };
+        json(StatusCode::OK, &answer)
     })
     .await
 }
