@@ -2,13 +2,17 @@
 //!
 //! * [`operator`] — symmetric positive definite operators and their square roots (what a Gram matrix is to its users);
 //! * [`circulant`] — the operator of a periodic shift-invariant basis, diagonal under the real FFT;
+//! * [`banded`] — symmetric positive definite band matrices and their Cholesky factor;
 //! * [`dense`] — the only module that knows the dense linear algebra library: rank-k updates and eigenproblems;
-//! * [`quadrature`] — Gauss–Legendre rules and an adaptive integral.
+//! * [`quadrature`] — Gauss–Legendre rules and an adaptive integral;
+//! * [`real`] — double and double-double numbers under one name, small systems over them.
 
+pub mod banded;
 pub mod circulant;
 pub mod dense;
 pub mod operator;
 pub mod quadrature;
+pub mod real;
 
 /// What the numerical layer can refuse.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
