@@ -17,12 +17,12 @@ use shapelex::analysis::metric::Metric;
 use shapelex::analysis::pca::FunctionalPca;
 use shapelex::analysis::transformation::{ClassName, Transformation};
 use shapelex::formats::shape::ShapeInput;
-use shapelex::geometry::curve::ClosedCurve;
+use shapelex::geometry::curve::Curve;
 use shapelex::geometry::generator::GeneratorKind;
 use shapelex::geometry::intersection::self_intersects;
 use shapelex::geometry::measures::CurveMeasures;
 use shapelex::geometry::representation::{Representation, ShapeSpace};
-use shapelex::geometry::resample::ClosedPolygon;
+use shapelex::geometry::resample::Contour;
 use shapelex::numeric::dense::Matrix;
 
 const OUTLINES: usize = 650;
@@ -65,7 +65,7 @@ fn cells(c: &mut Criterion) {
     let resampled: Vec<f64> = outlines
         .iter()
         .flat_map(|points| {
-            let polygon = ClosedPolygon::new(points.clone()).unwrap();
+            let polygon = Contour::closed(points.clone()).unwrap();
             polygon.sample(POINTS, polygon.canonical_start()).as_slice().to_vec()
         })
         .collect();
@@ -76,8 +76,7 @@ fn cells(c: &mut Criterion) {
         (Correspondence::Landmarks, "align + mean + 20 modes, points correspond"),
         (Correspondence::Cyclic, "align + mean + 20 modes, start points searched"),
     ] {
-        let matching =
-            Matching::new(space.representation(), correspondence, Direction::Given, Mirror::Forbid);
+        let matching = Matching::new(&space, correspondence, Direction::Given, Mirror::Forbid);
         for class in [ClassName::Similarity, ClassName::Affine] {
             let method = Method::new(&Transformation::Named(class), Alignment::Projection, 2).unwrap();
             group.bench_function(format!("{name}, {}", class.as_str()), |b| {
@@ -106,7 +105,7 @@ fn cells(c: &mut Criterion) {
     group.bench_function("resample from the canonical start", |b| {
         b.iter(|| {
             for points in &outlines {
-                let polygon = ClosedPolygon::new(points.clone()).unwrap();
+                let polygon = Contour::closed(points.clone()).unwrap();
                 black_box(polygon.sample(POINTS, polygon.canonical_start()));
             }
         });
@@ -131,7 +130,7 @@ fn single(c: &mut Criterion) {
         });
     }
     group.bench_function("prepare a space of 100 control points", |b| b.iter(|| black_box(space(100))));
-    let curve = ClosedCurve::of(&space(100), &Matrix::from_column_slice(100, 2, &outline(100, 0.5))).unwrap();
+    let curve = Curve::of(&space(100), &Matrix::from_column_slice(100, 2, &outline(100, 0.5))).unwrap();
     group.bench_function("measure 100 control points", |b| b.iter(|| black_box(CurveMeasures::of(&curve))));
     group.bench_function("self-intersection test, 100 control points", |b| {
         b.iter(|| black_box(self_intersects(&curve)));

@@ -9,6 +9,7 @@
 //! objective. Ties go to what stands, then to the smallest shift, so rounding decides nothing.
 
 use std::borrow::Cow;
+use std::sync::Arc;
 
 use super::AnalysisError;
 use super::accumulate::{ShapeSource, Shapes, map_shapes};
@@ -16,12 +17,13 @@ use super::correspondence::{Correspondence, Direction, Mirror};
 use super::mean::MeanSpace;
 use super::procrustes::{Fit, best_correlation};
 use super::subspace::Subspace;
-use crate::geometry::representation::Representation;
+use crate::geometry::representation::ShapeSpace;
 use crate::numeric::circulant::{FftScratch, RealFft};
 use crate::numeric::dense::Matrix;
+use crate::numeric::operator::SymmetricOperator;
 
-/// How one shape is laid on the mean: mirrored (first coordinate negated), then reversed (`n → −n`),
-/// then started at row `shift`.
+/// How one shape is laid on the mean: mirrored (first coordinate negated), then reversed (`n → −n`, end to
+/// end when open), then started at row `shift`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Placement {
     /// First row.
@@ -38,6 +40,8 @@ pub struct Matching {
     size: usize,
     dimension: usize,
     fft: Option<RealFft>,
+    /// The whitening of open curves, which does not commute with reversal.
+    open: Option<Arc<dyn SymmetricOperator>>,
     candidates: Vec<Placement>,
 }
 
@@ -45,20 +49,22 @@ pub struct Matching {
 const TIE: f64 = 1e-12;
 
 impl Matching {
-    /// The search for shapes of `representation`.
+    /// The search for shapes of `space`.
     ///
     /// Mirroring a planar closed contour turns its direction round, so it is traversed backwards as well —
-    /// unless points correspond as landmarks. Planar contours are brought to one direction before they get
-    /// here; in space [`Direction::Either`] tries both.
+    /// unless points correspond as landmarks. Planar closed contours are brought to one direction before they
+    /// get here; open curves, and closed ones in space, are tried in both under [`Direction::Either`].
     pub fn new(
-        representation: &Representation,
+        space: &ShapeSpace,
         correspondence: Correspondence,
         direction: Direction,
         mirror: Mirror,
     ) -> Self {
+        let representation = space.representation();
         let (size, dimension) = (representation.size(), representation.dimension());
-        let contour = correspondence != Correspondence::Landmarks && representation.is_curve();
-        let reversals: &[bool] = if contour && dimension == 3 && direction == Direction::Either {
+        let contour = correspondence != Correspondence::Landmarks && representation.generator().is_some();
+        let closed_planar = representation.is_closed() && dimension == 2;
+        let reversals: &[bool] = if contour && !closed_planar && direction == Direction::Either {
             &[false, true]
         } else {
             &[false]
@@ -70,11 +76,12 @@ impl Matching {
             .map(|(mirrored, reversed)| Placement {
                 shift: 0,
                 mirrored,
-                reversed: reversed ^ (mirrored && contour && dimension == 2),
+                reversed: reversed ^ (mirrored && contour && closed_planar),
             })
             .collect();
         let fft = (correspondence == Correspondence::Cyclic && contour).then(|| RealFft::new(size));
-        Self { size, dimension, fft, candidates }
+        let open = (contour && !representation.is_closed()).then(|| space.gram().clone());
+        Self { size, dimension, fft, open, candidates }
     }
 
     /// Whether there is anything to search.
@@ -98,9 +105,15 @@ impl Matching {
             if placement.mirrored && c == 0 {
                 coordinate.iter_mut().for_each(|value| *value = -*value);
             }
-            if placement.reversed {
+            match &self.open {
+                Some(gram) if placement.reversed => {
+                    gram.unwhiten(coordinate);
+                    coordinate.reverse();
+                    gram.whiten(coordinate);
+                }
                 // n → −n keeps row 0
-                coordinate[1..].reverse();
+                None if placement.reversed => coordinate[1..].reverse(),
+                _ => {}
             }
             coordinate.rotate_left(placement.shift as usize);
         }

@@ -48,8 +48,10 @@ impl<'de, T: DeserializeOwned> Deserialize<'de> for Checked<T> {
 /// The sentence of an error without the names of types that only the program knows.
 fn plain(error: &serde_json::Error) -> String {
     let text = error.to_string();
-    let text = ["usize", "u64", "u8"].iter().fold(text, |text, name| text.replace(name, "a whole number"));
+    let text =
+        ["usize", "u64", "u16", "u8"].iter().fold(text, |text, name| text.replace(name, "a whole number"));
     let text = text.replace("expected f64", "expected a number");
+    let text = text.replace("internally tagged enum IdealCurve", "an object with a name");
     let text = text.replace("struct CustomClass", "a class name or {\"matrices\": …}");
     format!("is wrong: {text}")
 }

@@ -4,10 +4,12 @@
 //! * [`checked`] — JSON values that keep their own error, so that a request reports all of them;
 //! * [`ndjson`] — lines out of a byte stream;
 //! * [`representation`] — a representation as JSON;
-//! * [`svg`] — drawings of closed curves and landmarks.
+//! * [`svg`] — drawings and animations of curves and landmarks;
+//! * [`plot`] — graphs of functions.
 
 pub mod checked;
 pub mod ndjson;
+pub mod plot;
 pub mod representation;
 pub mod shape;
 pub mod svg;

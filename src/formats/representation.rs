@@ -4,18 +4,28 @@ use serde::{Deserialize, Deserializer};
 use serde_json::{Map, Value};
 
 use super::InputError;
-use crate::geometry::generator::GeneratorKind;
+use super::checked::Checked;
+use crate::geometry::generator::{Exact, GeneratorKind, PoleList};
 use crate::geometry::representation::Representation;
 
-/// A representation, or everything that is wrong with it.
-#[derive(Debug, Clone)]
-pub struct CheckedRepresentation(Result<Representation, Vec<InputError>>);
+/// A value that is read from JSON with all of its errors.
+pub trait Readable: Sized {
+    /// The value.
+    ///
+    /// # Errors
+    /// All fields that are missing, wrong or unknown.
+    fn read(value: Value) -> Result<Self, Vec<InputError>>;
+}
 
-impl CheckedRepresentation {
-    /// The representation; errors go to `errors` below `pointer`.
-    pub fn take(self, pointer: &str, errors: &mut Vec<InputError>) -> Option<Representation> {
+/// A value, or everything that is wrong with it.
+#[derive(Debug, Clone)]
+pub struct Read<T>(Result<T, Vec<InputError>>);
+
+impl<T> Read<T> {
+    /// The value; errors go to `errors` below `pointer`.
+    pub fn take(self, pointer: &str, errors: &mut Vec<InputError>) -> Option<T> {
         match self.0 {
-            Ok(representation) => Some(representation),
+            Ok(value) => Some(value),
             Err(found) => {
                 errors.extend(found.into_iter().map(|error| error.below(pointer)));
                 None
@@ -24,9 +34,61 @@ impl CheckedRepresentation {
     }
 }
 
-impl<'de> Deserialize<'de> for CheckedRepresentation {
+impl<'de, T: Readable> Deserialize<'de> for Read<T> {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        Ok(Self(read(Value::deserialize(deserializer)?)))
+        Ok(Self(T::read(Value::deserialize(deserializer)?)))
+    }
+}
+
+/// What curves are fitted to a contour: a representation, or one without its number of control points and with a
+/// tolerance instead.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FitTarget {
+    /// With its smallest number of control points when there is a tolerance.
+    pub representation: Representation,
+    /// Largest residual.
+    pub tolerance: Option<f64>,
+}
+
+impl Readable for Representation {
+    fn read(value: Value) -> Result<Self, Vec<InputError>> {
+        read(value)
+    }
+}
+
+impl Readable for FitTarget {
+    fn read(value: Value) -> Result<Self, Vec<InputError>> {
+        let (representation, tolerance) = read_target(value)?;
+        Ok(Self { representation, tolerance })
+    }
+}
+
+fn read_target(mut value: Value) -> Result<(Representation, Option<f64>), Vec<InputError>> {
+    // Landmarks are not fitted: to them a tolerance is an unknown field.
+    let curve = value.as_object_mut().filter(|map| map.get("kind").is_none_or(|kind| kind != "landmarks"));
+    let Some((map, tolerance)) = curve.and_then(|map| map.remove("tolerance").map(|found| (map, found)))
+    else {
+        return read(value).map(|found| (found, None));
+    };
+    let field =
+        if map.get("kind").is_some_and(|kind| kind == "open_curve") { "intervals" } else { "control_points" };
+    if map.contains_key(field) {
+        let detail = format!("is given together with {field}: give one of them");
+        return Err(vec![InputError::new("/tolerance", detail)]);
+    }
+    map.insert(field.to_owned(), Value::from(1));
+    let wrong = || InputError::new("/tolerance", format!("is {tolerance}, not a number"));
+    match (read(value), tolerance.as_f64()) {
+        (Ok(found), Some(tolerance)) => {
+            let fewest = found.fewest();
+            Ok((found.with_count(fewest), Some(tolerance)))
+        }
+        (Ok(_), None) => Err(vec![wrong()]),
+        (Err(errors), Some(_)) => Err(errors),
+        (Err(mut errors), None) => {
+            errors.push(wrong());
+            Err(errors)
+        }
     }
 }
 
@@ -75,6 +137,42 @@ impl Fields {
         }
     }
 
+    fn given(&self, name: &str) -> bool {
+        self.map.contains_key(name)
+    }
+
+    /// A small value of a type that names its own faults.
+    fn value<T: serde::de::DeserializeOwned>(&mut self, name: &str) -> Option<T> {
+        let checked: Checked<T> = serde_json::from_value(self.take(name)?).ok()?;
+        checked.take(&format!("/{name}"), &mut self.errors)
+    }
+
+    fn generator(&mut self) -> Option<GeneratorKind> {
+        match read_generator(self.take("generator")?) {
+            Ok(generator) => Some(generator),
+            Err(errors) => {
+                self.errors.extend(errors.into_iter().map(|error| error.below("/generator")));
+                None
+            }
+        }
+    }
+
+    /// `poles` or `domain_poles`.
+    fn poles(&mut self) -> Option<PoleList> {
+        match (self.given("poles"), self.given("domain_poles")) {
+            (true, true) => {
+                self.map.remove("poles");
+                self.map.remove("domain_poles");
+                self.error("domain_poles", "is given together with poles: give one of them");
+                None
+            }
+            (false, true) => {
+                self.value::<Vec<[f64; 2]>>("domain_poles").map(|list| PoleList::of_domain(&list))
+            }
+            _ => self.value::<Vec<[f64; 2]>>("poles").map(|list| PoleList::on_grid(&list)),
+        }
+    }
+
     /// Whatever is left over is unknown.
     fn finish<T>(mut self, value: Option<T>) -> Result<T, Vec<InputError>> {
         let unknown: Vec<String> =
@@ -99,16 +197,15 @@ pub fn read(value: Value) -> Result<Representation, Vec<InputError>> {
     let dimension = fields.count("dimension");
     let representation = match kind.as_deref() {
         Some("closed_curve") => {
-            let control_points = fields.count("control_points");
-            let generator = fields.take("generator").and_then(|value| match read_generator(value) {
-                Ok(generator) => Some(generator),
-                Err(errors) => {
-                    fields.errors.extend(errors.into_iter().map(|error| error.below("/generator")));
-                    None
-                }
-            });
+            let (control_points, generator) = (fields.count("control_points"), fields.generator());
             dimension.zip(control_points).zip(generator).map(|((dimension, control_points), generator)| {
                 Representation::ClosedCurve { dimension, control_points, generator }
+            })
+        }
+        Some("open_curve") => {
+            let (intervals, generator) = (fields.count("intervals"), fields.generator());
+            dimension.zip(intervals).zip(generator).map(|((dimension, intervals), generator)| {
+                Representation::OpenCurve { dimension, intervals, generator }
             })
         }
         Some("landmarks") => {
@@ -116,7 +213,7 @@ pub fn read(value: Value) -> Result<Representation, Vec<InputError>> {
             dimension.zip(points).map(|(dimension, points)| Representation::Landmarks { dimension, points })
         }
         Some(other) => {
-            let detail = format!("is \"{other}\", must be \"closed_curve\" or \"landmarks\"");
+            let detail = format!("is \"{other}\", must be \"closed_curve\", \"open_curve\" or \"landmarks\"");
             return Err(vec![InputError::new("/kind", detail)]);
         }
         None => return Err(fields.errors),
@@ -124,7 +221,11 @@ pub fn read(value: Value) -> Result<Representation, Vec<InputError>> {
     fields.finish(representation)
 }
 
-fn read_generator(value: Value) -> Result<GeneratorKind, Vec<InputError>> {
+/// Reads a generator.
+///
+/// # Errors
+/// All fields that are missing, wrong or unknown.
+pub fn read_generator(value: Value) -> Result<GeneratorKind, Vec<InputError>> {
     let mut fields = Fields::new(value)?;
     let kind = match fields.text("name").as_deref() {
         Some("trigonometric") => Some(GeneratorKind::Trigonometric {}),
@@ -133,9 +234,22 @@ fn read_generator(value: Value) -> Result<GeneratorKind, Vec<InputError>> {
             let degree = u8::try_from(degree).unwrap_or(u8::MAX);
             GeneratorKind::Bspline { degree }
         }),
+        Some("exponential") => fields.poles().map(|poles| GeneratorKind::Exponential { poles }),
+        Some("interpolator") => {
+            let (family, poles) = (fields.value("family"), fields.poles());
+            let support = fields.given("support").then(|| fields.count("support")).flatten();
+            let weights = fields.given("weights").then(|| fields.value::<Vec<f64>>("weights")).flatten();
+            let weights = weights.unwrap_or_default().into_iter().map(Exact::new).collect();
+            family.zip(poles).map(|(family, poles)| GeneratorKind::Interpolator {
+                family,
+                poles,
+                support,
+                weights,
+            })
+        }
         Some(other) => {
-            let detail = format!("is \"{other}\", must be \"trigonometric\", \"keys\" or \"bspline\"");
-            return Err(vec![InputError::new("/name", detail)]);
+            let known = "\"trigonometric\", \"keys\", \"bspline\", \"exponential\" or \"interpolator\"";
+            return Err(vec![InputError::new("/name", format!("is \"{other}\", must be {known}"))]);
         }
         None => None,
     };
@@ -165,11 +279,15 @@ mod tests {
         for text in [
             r#"{"kind":"closed_curve","dimension":2,"control_points":12,"generator":{"name":"trigonometric"}}"#,
             r#"{"kind":"closed_curve","dimension":3,"control_points":12,"generator":{"name":"bspline","degree":3}}"#,
+            r#"{"kind":"open_curve","dimension":2,"intervals":12,"generator":{"name":"exponential","poles":[[0.0,0.0],[0.0,0.5],[0.0,-0.5]]}}"#,
+            r#"{"kind":"open_curve","dimension":2,"intervals":12,"generator":{"name":"interpolator","family":"integer_shifts","domain_poles":[[0.0,0.0],[0.0,0.0],[0.0,0.0]],"support":6,"weights":[-0.5]}}"#,
             r#"{"kind":"landmarks","dimension":2,"points":12}"#,
         ] {
             let value: Value = serde_json::from_str(text).unwrap();
             let read = read(value.clone()).unwrap();
             assert_eq!(serde_json::to_value(&read).unwrap(), value);
+            // as the store reads it
+            assert_eq!(serde_json::from_str::<Representation>(text).unwrap(), read);
         }
     }
 }

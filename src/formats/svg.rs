@@ -1,4 +1,4 @@
-//! Drawings as SVG: closed curves and landmarks, several layers on one scale.
+//! Drawings as SVG: curves and landmarks, several layers on one scale.
 //!
 //! Spline curves are drawn through samples (8 per control point, at least 128), not through their control
 //! points. Shapes of space are drawn along the direction (1, −1, 1)/√3 in parallel projection. The y axis points up, as
@@ -6,7 +6,7 @@
 
 use std::fmt::Write;
 
-use crate::geometry::curve::ClosedCurve;
+use crate::geometry::curve::Curve;
 use crate::geometry::representation::ShapeSpace;
 use crate::numeric::dense::Matrix;
 
@@ -15,8 +15,8 @@ use crate::numeric::dense::Matrix;
 pub struct Layer {
     /// Polylines, each a list of plane points.
     pub lines: Vec<Vec<[f64; 2]>>,
-    /// Drawn as closed lines, or as dots.
-    pub dots: bool,
+    /// How the points are drawn.
+    pub mark: Mark,
     /// Stroke colour.
     pub colour: &'static str,
     /// Stroke width in pixels.
@@ -25,6 +25,17 @@ pub struct Layer {
     pub opacity: f64,
     /// Entry of the legend; none without.
     pub name: Option<String>,
+}
+
+/// How the points of a layer are drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Mark {
+    /// A line back to its start.
+    Closed,
+    /// A line from end to end.
+    Open,
+    /// Dots.
+    Dots,
 }
 
 /// Colours for a mean, its shapes and the two sides of a mode (colour-blind safe).
@@ -49,7 +60,12 @@ impl Layer {
         opacity: f64,
     ) -> Self {
         let lines = shapes.into_iter().map(|shape| outline(space, shape)).collect();
-        Self { lines, dots: space.generator().is_none(), colour, width, opacity, name: None }
+        let mark = match space.generator() {
+            None => Mark::Dots,
+            Some(_) if space.representation().is_closed() => Mark::Closed,
+            Some(_) => Mark::Open,
+        };
+        Self { lines, mark, colour, width, opacity, name: None }
     }
 
     /// The same layer with an entry in the legend.
@@ -63,7 +79,7 @@ fn outline(space: &ShapeSpace, control_points: &[f64]) -> Vec<[f64; 2]> {
     let d = space.representation().dimension();
     let n = control_points.len() / d;
     let matrix = Matrix::from_column_slice(n, d, control_points);
-    match ClosedCurve::of(space, &matrix) {
+    match Curve::of(space, &matrix) {
         Some(curve) => curve.sample((8 * n).clamp(128, 4096)).iter().map(|p| flatten(p)).collect(),
         None => (0..n).map(|k| flatten(&matrix.row(k).iter().copied().collect::<Vec<_>>())).collect(),
     }
@@ -78,42 +94,109 @@ fn flatten(point: &[f64]) -> [f64; 2] {
     }
 }
 
-const SIZE: f64 = 640.0;
-const MARGIN: f64 = 32.0;
-const CAPTION: f64 = 28.0;
+pub(super) const SIZE: f64 = 640.0;
+pub(super) const MARGIN: f64 = 32.0;
+pub(super) const CAPTION: f64 = 28.0;
 
-/// The drawing of `layers`, back to front, under a title. Cost linear in the points drawn.
-pub fn draw(title: &str, layers: &[Layer]) -> String {
-    let points = || layers.iter().flat_map(|layer| layer.lines.iter().flatten());
-    let bound = |c: usize, f: fn(f64, f64) -> f64, start| points().map(|p| p[c]).fold(start, f);
-    let low = [0, 1].map(|c| bound(c, f64::min, f64::MAX));
-    let high = [0, 1].map(|c| bound(c, f64::max, f64::MIN));
-    let extent = (high[0] - low[0]).max(high[1] - low[1]);
-    let scale = if extent > 0.0 && extent.is_finite() { (SIZE - 2.0 * MARGIN) / extent } else { 1.0 };
-    let middle = 0.5 * (scale * (high[1] - low[1])).clamp(0.0, SIZE) + MARGIN;
-    let place = |p: &[f64; 2]| {
-        let centre = [0, 1].map(|c| 0.5 * (low[c] + high[c]));
-        [SIZE / 2.0 + scale * (p[0] - centre[0]), CAPTION + middle - scale * (p[1] - centre[1])]
-    };
-    let height = (2.0 * middle + 2.0 * CAPTION).round();
-    let mut svg = format!(
+/// A page that holds some points: its height, and where a point goes.
+struct Page {
+    height: f64,
+    scale: f64,
+    middle: f64,
+    centre: [f64; 2],
+}
+
+impl Page {
+    fn around<'a>(points: impl Iterator<Item = &'a [f64; 2]> + Clone) -> Self {
+        let bound = |c: usize, f: fn(f64, f64) -> f64, start| points.clone().map(|p| p[c]).fold(start, f);
+        let low = [0, 1].map(|c| bound(c, f64::min, f64::MAX));
+        let high = [0, 1].map(|c| bound(c, f64::max, f64::MIN));
+        let extent = (high[0] - low[0]).max(high[1] - low[1]);
+        let scale = if extent > 0.0 && extent.is_finite() { (SIZE - 2.0 * MARGIN) / extent } else { 1.0 };
+        let middle = 0.5 * (scale * (high[1] - low[1])).clamp(0.0, SIZE) + MARGIN;
+        let height = (2.0 * middle + 2.0 * CAPTION).round();
+        Self { height, scale, middle, centre: [0, 1].map(|c| 0.5 * (low[c] + high[c])) }
+    }
+
+    fn place(&self, p: &[f64; 2]) -> [f64; 2] {
+        let [x, y] = [0, 1].map(|c| self.scale * (p[c] - self.centre[c]));
+        [SIZE / 2.0 + x, CAPTION + self.middle - y]
+    }
+}
+
+/// The beginning of a picture of `height` under a title.
+pub(super) fn open(title: &str, height: f64) -> String {
+    format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {SIZE} {height}\" width=\"{SIZE}\" height=\"{height}\" \
          font-family=\"sans-serif\" font-size=\"14\">\n<title>{0}</title>\n<rect width=\"100%\" height=\"100%\" fill=\"#fff\"/>\n\
          <text x=\"{MARGIN}\" y=\"20\" fill=\"#1b1b1b\">{0}</text>\n",
         escape(title)
-    );
+    )
+}
+
+/// The drawing of `layers`, back to front, under a title. Cost linear in the points drawn.
+pub fn draw(title: &str, layers: &[Layer]) -> String {
+    let page = Page::around(layers.iter().flat_map(|layer| layer.lines.iter().flatten()));
+    let mut svg = open(title, page.height);
     for layer in layers {
-        draw_layer(&mut svg, layer, place);
+        draw_layer(&mut svg, layer, |p| page.place(p));
     }
-    draw_legend(&mut svg, layers, height - 12.0);
+    draw_legend(&mut svg, layers, page.height - 12.0);
     svg.push_str("</svg>\n");
     svg
+}
+
+/// Seconds that an animation shows one frame.
+const FRAME_SECONDS: f64 = 0.4;
+
+/// An animation through the lines of a layer and back, over and over; the first and last stay behind as thin lines.
+/// Programs that do not animate show the first.
+pub fn animate(title: &str, layer: &Layer) -> String {
+    let page = Page::around(layer.lines.iter().flatten());
+    let mut svg = open(title, page.height);
+    let path = |line: &Vec<[f64; 2]>| path(line, layer.mark, |p| page.place(p));
+    let style = "fill=\"none\" stroke-linejoin=\"round\"";
+    let write = "writing to a string cannot fail";
+    for (line, colour) in [(layer.lines.first(), colour::MINUS), (layer.lines.last(), colour::PLUS)] {
+        let Some(line) = line else { continue };
+        writeln!(svg, "<path {style} stroke=\"{colour}\" stroke-opacity=\"0.5\" d=\"{}\"/>", path(line))
+            .expect(write);
+    }
+    let there = layer.lines.iter();
+    let back = layer.lines.iter().rev().skip(1);
+    let frames: Vec<String> = there.chain(back).map(path).collect();
+    let seconds = FRAME_SECONDS * frames.len().saturating_sub(1).max(1) as f64;
+    writeln!(
+        svg,
+        "<path {style} stroke=\"{}\" stroke-width=\"{}\" d=\"{}\"><animate attributeName=\"d\" dur=\"{seconds:.1}s\" \
+         repeatCount=\"indefinite\" values=\"{}\"/></path>",
+        layer.colour,
+        layer.width,
+        frames.first().map_or("", String::as_str),
+        frames.join(";")
+    )
+    .expect(write);
+    svg.push_str("</svg>\n");
+    svg
+}
+
+/// The path of a line.
+fn path(line: &[[f64; 2]], mark: Mark, place: impl Fn(&[f64; 2]) -> [f64; 2]) -> String {
+    let mut path = String::with_capacity(14 * line.len());
+    for (i, [x, y]) in line.iter().map(place).enumerate() {
+        let command = if i == 0 { 'M' } else { 'L' };
+        write!(path, "{command}{x:.2} {y:.2}").expect("writing to a string cannot fail");
+    }
+    if mark == Mark::Closed {
+        path.push('Z');
+    }
+    path
 }
 
 fn draw_layer(svg: &mut String, layer: &Layer, place: impl Fn(&[f64; 2]) -> [f64; 2]) {
     let Layer { colour, width, opacity, .. } = layer;
     let write = "writing to a string cannot fail";
-    if layer.dots {
+    if layer.mark == Mark::Dots {
         writeln!(svg, "<g fill=\"{colour}\" fill-opacity=\"{opacity}\">").expect(write);
         for [x, y] in layer.lines.iter().flatten().map(&place) {
             writeln!(svg, "<circle cx=\"{x:.2}\" cy=\"{y:.2}\" r=\"{:.2}\"/>", width + 1.5).expect(write);
@@ -125,12 +208,7 @@ fn draw_layer(svg: &mut String, layer: &Layer, place: impl Fn(&[f64; 2]) -> [f64
         )
         .expect(write);
         for line in &layer.lines {
-            svg.push_str("<path d=\"");
-            for (i, [x, y]) in line.iter().map(&place).enumerate() {
-                let command = if i == 0 { 'M' } else { 'L' };
-                write!(svg, "{command}{x:.2} {y:.2}").expect(write);
-            }
-            svg.push_str("Z\"/>\n");
+            writeln!(svg, "<path d=\"{}\"/>", path(line, layer.mark, &place)).expect(write);
         }
     }
     svg.push_str("</g>\n");
@@ -154,7 +232,7 @@ fn draw_legend(svg: &mut String, layers: &[Layer], y: f64) {
     }
 }
 
-fn escape(text: &str) -> String {
+pub(super) fn escape(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 

@@ -1,45 +1,61 @@
-//! A closed spline curve as one polynomial per coordinate and half-segment.
+//! A spline curve, closed or open, as one polynomial per coordinate and half-segment.
 //!
 //! ```text
-//! r(u) = Σ_m p_h[m] s^m,   h = ⌊2Nu⌋,   s = 4(Nu − ⌊Nu⌋) − 2(h mod 2) − 1 ∈ [−1, 1]
+//! r(u) = Σ_m p_h[m] s^m,   h = ⌊2Mu⌋,   s = 4(Mu − ⌊Mu⌋) − 2(h mod 2) − 1 ∈ [−1, 1]
 //! ```
 //!
-//! Control point `k` contributes piece `p = S + 2(i − k) + q` of the generator to half `q` of segment
-//! `i` (`S` the support): sums of Taylor vectors, so bounds, roots and integrals of the curve are those
+//! Control point `k` contributes piece `p = N + 2(i − k) + q` of the generator to half `q` of segment
+//! `i` (`N` the support): sums of Taylor vectors, so bounds, roots and integrals of the curve are those
 //! of short polynomials.
 
-use super::generator::Generator;
+use super::generator::{Generator, evaluate_taylor};
+use super::open::{covering, phantoms};
 use super::representation::ShapeSpace;
 use crate::numeric::dense::Matrix;
 
-/// Highest derivative that [`ClosedCurve::evaluate`] offers to users: the third jumps at every knot.
+/// Highest derivative that is offered to users: the third jumps at every knot.
 pub const MAX_DERIVATIVE: usize = 2;
 
-/// A closed curve in `R^d`.
+/// A curve `r: [0, 1] → R^d`, with `r(0) = r(1)` when closed.
 #[derive(Debug, Clone)]
-pub struct ClosedCurve {
+pub struct Curve {
     segments: usize,
+    closed: bool,
     dimension: usize,
+    smoothness: usize,
     terms: usize,
     /// `[half-segment][coordinate][term]`.
     coefficients: Vec<f64>,
 }
 
-impl ClosedCurve {
-    /// The curve with `control_points` (`N × d`). Cost `O(N d S n)` with `S` the support and `n` the
+impl Curve {
+    /// The closed curve with `control_points` (`M × d`). Cost `O(M d N n)` with `N` the support and `n` the
     /// terms of a piece.
-    pub fn new(generator: &Generator, control_points: &Matrix) -> Self {
-        let (segments, dimension) = control_points.shape();
-        let (terms, support) = (generator.terms(), generator.support() as isize);
+    pub fn closed(generator: &Generator, control_points: &Matrix) -> Self {
+        let segments = control_points.nrows();
+        let row = |k: isize| k.rem_euclid(segments as isize) as usize;
+        Self::new(generator, control_points, segments, true, row)
+    }
+
+    /// The open curve with `control_points` (`(M + 1 + 2K) × d`, phantoms included, `K = ⌈N/2⌉ − 1`).
+    pub fn open(generator: &Generator, control_points: &Matrix) -> Self {
+        let phantoms = phantoms(generator.support());
+        let segments = control_points.nrows() - 1 - 2 * phantoms;
+        Self::new(generator, control_points, segments, false, |k| (k + phantoms as isize) as usize)
+    }
+
+    fn new(
+        generator: &Generator,
+        control_points: &Matrix,
+        segments: usize,
+        closed: bool,
+        row: impl Fn(isize) -> usize,
+    ) -> Self {
+        let (terms, dimension) = (generator.terms(), control_points.ncols());
         let mut coefficients = vec![0.0; 2 * segments * dimension * terms];
         for half in 0..2 * segments {
-            let (i, q) = ((half / 2) as isize, (half % 2) as isize);
-            // 0 ≤ S + 2(i − k) + q < 2S
-            let first = i - (support - 1 - q).div_euclid(2);
-            let last = i + (support + q).div_euclid(2);
-            for k in first..=last {
-                let piece = generator.piece((support + 2 * (i - k) + q) as usize);
-                let row = k.rem_euclid(segments as isize) as usize;
+            for (k, p) in covering(generator.support(), half) {
+                let (piece, row) = (generator.piece(p), row(k));
                 for c in 0..dimension {
                     let weight = control_points[(row, c)];
                     let target = (half * dimension + c) * terms;
@@ -49,12 +65,18 @@ impl ClosedCurve {
                 }
             }
         }
-        Self { segments, dimension, terms, coefficients }
+        let smoothness = generator.smoothness();
+        Self { segments, closed, dimension, smoothness, terms, coefficients }
     }
 
     /// The curve of a shape of `space`, when its shapes are curves.
     pub fn of(space: &ShapeSpace, control_points: &Matrix) -> Option<Self> {
-        space.generator().map(|generator| Self::new(generator, control_points))
+        let generator = space.generator()?;
+        Some(if space.representation().is_closed() {
+            Self::closed(generator, control_points)
+        } else {
+            Self::open(generator, control_points)
+        })
     }
 
     /// `d`.
@@ -62,7 +84,22 @@ impl ClosedCurve {
         self.dimension
     }
 
-    /// Number of half-segments, `2N`.
+    /// Whether the end is the start.
+    pub fn is_closed(&self) -> bool {
+        self.closed
+    }
+
+    /// Number of continuous derivatives.
+    pub fn smoothness(&self) -> usize {
+        self.smoothness
+    }
+
+    /// `M`.
+    pub fn segments(&self) -> usize {
+        self.segments
+    }
+
+    /// Number of half-segments, `2M`.
     pub fn halves(&self) -> usize {
         2 * self.segments
     }
@@ -73,19 +110,53 @@ impl ClosedCurve {
         &self.coefficients[start..start + self.terms]
     }
 
-    /// `d^j r/du^j` at `u`, taken modulo 1; the right limit where it jumps.
-    pub fn evaluate(&self, u: f64, derivative: usize) -> Vec<f64> {
-        let position = 2.0 * self.segments as f64 * (u - u.floor());
-        let half = (position.floor() as usize).min(self.halves() - 1);
-        let scale = (self.segments as f64).powi(derivative as i32);
-        (0..self.dimension)
-            .map(|c| scale * self.derivative_at(half, c, 2.0 * (position - half as f64) - 1.0, derivative))
-            .collect()
+    /// Half-segment and `s` of a parameter: modulo 1 on closed curves, within `[0, 1]` on open ones.
+    pub fn locate(&self, u: f64) -> (usize, f64) {
+        let u = if self.closed { u - u.floor() } else { u.clamp(0.0, 1.0) };
+        let position = self.halves() as f64 * u;
+        let half = (position as usize).min(self.halves() - 1);
+        (half, 2.0 * (position - half as f64) - 1.0)
     }
 
-    /// Derivative with respect to the cardinal parameter `t = Nu` at `s` of one half-segment.
+    /// `d^j r/du^j` at `u`; the right limit where it jumps, the left one at the end of an open curve.
+    pub fn evaluate(&self, u: f64, derivative: usize) -> Vec<f64> {
+        let mut value = vec![0.0; self.dimension];
+        self.evaluate_into(u, derivative, &mut value);
+        value
+    }
+
+    /// As [`Self::evaluate`], into `value` (`d` numbers).
+    pub fn evaluate_into(&self, u: f64, derivative: usize, value: &mut [f64]) {
+        let (half, s) = self.locate(u);
+        let scale = (self.segments as f64).powi(derivative as i32);
+        for (c, value) in value.iter_mut().enumerate() {
+            *value = match derivative {
+                0 => horner(self.polynomial(half, c), s),
+                _ => scale * self.derivative_at(half, c, s, derivative),
+            };
+        }
+    }
+
+    /// [`Self::evaluate`] at many parameters, coordinate-major.
+    pub fn evaluate_all(&self, parameters: &[f64], derivative: usize) -> Vec<f64> {
+        let count = parameters.len();
+        let mut values = vec![0.0; count * self.dimension];
+        let scale = (self.segments as f64).powi(derivative as i32);
+        for (i, &u) in parameters.iter().enumerate() {
+            let (half, s) = self.locate(u);
+            for c in 0..self.dimension {
+                values[c * count + i] = match derivative {
+                    0 => horner(self.polynomial(half, c), s),
+                    _ => scale * self.derivative_at(half, c, s, derivative),
+                };
+            }
+        }
+        values
+    }
+
+    /// Derivative with respect to the cardinal parameter `t = Mu` at `s` of one half-segment.
     pub fn derivative_at(&self, half: usize, coordinate: usize, s: f64, derivative: usize) -> f64 {
-        super::generator::evaluate_taylor(self.polynomial(half, coordinate), s, derivative)
+        evaluate_taylor(self.polynomial(half, coordinate), s, derivative)
     }
 
     /// Parameter `u` at `s` of a half-segment.
@@ -93,8 +164,20 @@ impl ClosedCurve {
         (half as f64 + 0.5 * (s + 1.0)) / self.halves() as f64
     }
 
-    /// `count` points equally spaced in the parameter, starting at `u = 0`, row by row.
-    pub fn sample(&self, count: usize) -> Vec<Vec<f64>> {
-        (0..count).map(|i| self.evaluate(i as f64 / count as f64, 0)).collect()
+    /// `count` points equally spaced in the parameter from `u = 0`: `u = i/count` on closed curves, and on open
+    /// ones, which end with a point, `u = i/(count − 1)`.
+    pub fn parameters(&self, count: usize) -> Vec<f64> {
+        let steps = if self.closed { count } else { count.saturating_sub(1).max(1) };
+        (0..count).map(|i| i as f64 / steps as f64).collect()
     }
+
+    /// The points at [`Self::parameters`], row by row.
+    pub fn sample(&self, count: usize) -> Vec<Vec<f64>> {
+        self.parameters(count).into_iter().map(|u| self.evaluate(u, 0)).collect()
+    }
+}
+
+/// `Σ c[m] s^m`.
+fn horner(c: &[f64], s: f64) -> f64 {
+    c.iter().rev().fold(0.0, |sum, &value| sum * s + value)
 }

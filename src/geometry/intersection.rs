@@ -1,4 +1,4 @@
-//! Does a planar closed curve meet itself?
+//! Does a planar curve meet itself?
 //!
 //! A binary tree over the parameter carries a bounding box and a cone of tangents for every stretch. A
 //! stretch whose tangents stay within a half-plane cannot meet itself; two stretches with disjoint
@@ -6,8 +6,8 @@
 //! their common point. What remains is split down to stretches of `10⁻⁹` of the extent, straight but
 //! for rounding, and decided by their chords.
 
-use super::curve::ClosedCurve;
-use super::generator::evaluate_taylor;
+use super::curve::Curve;
+use super::generator::{evaluate_taylor, recentre};
 
 /// Points closer than this part of the extent touch: far above what evaluation loses.
 const TOUCH: f64 = 1e-12;
@@ -38,13 +38,14 @@ struct Stretch {
 }
 
 /// Whether the planar `curve` crosses or touches itself. Landmarks that are visited twice, cusps that
-/// fold back, and stretches traced twice count; consecutive stretches of a smooth curve do not.
+/// fold back, stretches traced twice, and the ends of an open curve that coincide count; consecutive stretches of a
+/// smooth curve do not.
 ///
 /// Cost `O(N log N)` for curves without near-contacts.
-pub fn self_intersects(curve: &ClosedCurve) -> bool {
+pub fn self_intersects(curve: &Curve) -> bool {
     let halves: Vec<[&[f64]; 2]> =
         (0..curve.halves()).map(|half| [curve.polynomial(half, 0), curve.polynomial(half, 1)]).collect();
-    let mut search = Search { count: halves.len(), halves, pairs: 0, touch: 0.0 };
+    let mut search = Search { count: halves.len(), halves, closed: curve.is_closed(), pairs: 0, touch: 0.0 };
     let all = search.cover(0.0, search.count as f64);
     let extent = (0..2).map(|c| all.high[c] - all.low[c]).fold(0.0, f64::max);
     let distance = (0..2).map(|c| all.high[c].abs().max(all.low[c].abs())).fold(0.0, f64::max);
@@ -55,6 +56,8 @@ pub fn self_intersects(curve: &ClosedCurve) -> bool {
 struct Search<'a> {
     halves: Vec<[&'a [f64]; 2]>,
     count: usize,
+    /// Whether the end is the start.
+    closed: bool,
     pairs: usize,
     /// Distance below which points touch.
     touch: f64,
@@ -121,7 +124,7 @@ impl Search<'_> {
         if (0..2).any(|c| apart(second.low[c], first.high[c]) || apart(first.low[c], second.high[c])) {
             return false;
         }
-        let closes = first.start == 0.0 && second.end == self.count as f64;
+        let closes = self.closed && first.start == 0.0 && second.end == self.count as f64;
         if (first.end == second.start && join(first, second).spread < std::f64::consts::FRAC_PI_2)
             || (closes && join(second, first).spread < std::f64::consts::FRAC_PI_2)
         {
@@ -184,23 +187,6 @@ fn distance(p: [f64; 2], from: [f64; 2], to: [f64; 2]) -> f64 {
     let along =
         if square > 0.0 { ((arm[0] * edge[0] + arm[1] * edge[1]) / square).clamp(0.0, 1.0) } else { 0.0 };
     f64::hypot(arm[0] - along * edge[0], arm[1] - along * edge[1])
-}
-
-/// Coefficients of `p(middle + radius s)`.
-fn recentre(p: &[f64], middle: f64, radius: f64) -> Vec<f64> {
-    let mut c = p.to_vec();
-    let n = c.len();
-    for start in 0..n {
-        for i in (start..n - 1).rev() {
-            c[i] += middle * c[i + 1];
-        }
-    }
-    let mut power = 1.0;
-    for value in &mut c {
-        *value *= power;
-        power *= radius;
-    }
-    c
 }
 
 /// Bounds of two consecutive stretches together.

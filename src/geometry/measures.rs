@@ -1,13 +1,16 @@
-//! Measures of closed curves: exact where the integrand is polynomial, adaptive for the perimeter.
+//! Measures of curves: exact where the integrand is polynomial, adaptive for the length.
 //!
 //! ```text
-//! area = ½ ∮ x dy − y dx     centroid = (∮ x²/2 dy, −∮ y²/2 dx) / area     perimeter = ∮ |r'| du
+//! area = ½ ∮ x dy − y dx     centroid = (∮ x²/2 dy, −∮ y²/2 dx) / area     length = ∫ |r'| du
+//! ∬ x² = ∮ x³/3 dy,  ∬ xy = ∮ x²y/2 dy,  ∬ y² = −∮ y³/3 dx                 second moments of the enclosed area
+//! energies ∫ |r'|² du, ∫ |r''|² du     total curvature ∫ |κ| dℓ, turning ∫ κ dℓ,  κ = r' × r''/|r'|³
 //! ```
 
 use serde::Serialize;
 
-use super::curve::ClosedCurve;
-use super::generator::HALF_PIECE;
+use super::curve::Curve;
+use super::generator::{HALF_PIECE, differentiate, integrate_product};
+use super::turning::Turning;
 use crate::numeric::quadrature::GaussLegendre;
 
 /// Direction in which a planar curve encloses its area.
@@ -22,21 +25,41 @@ pub enum Orientation {
     None,
 }
 
-/// Measures of one closed curve, in the unit of its control points.
+/// Measures of one curve, in the unit of its control points.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CurveMeasures {
-    /// Signed enclosed area, counter-clockwise positive; planar curves only.
-    pub signed_area: Option<f64>,
-    /// Centroid of the enclosed area; planar curves with an orientation only.
-    pub centroid: Option<Vec<f64>>,
+    /// Whether the end is the start.
+    pub closed: bool,
+    /// What a closed planar curve encloses.
+    pub enclosed: Option<Enclosed>,
     /// Mean position along the parameter, `∫ r du`.
     pub mean_position: Vec<f64>,
     /// Length of the curve, to `10⁻¹⁰` relative.
-    pub perimeter: f64,
+    pub length: f64,
     /// Smallest and largest coordinates.
     pub bounding_box: (Vec<f64>, Vec<f64>),
-    /// Sign of the area; planar curves only.
-    pub orientation: Option<Orientation>,
+    /// `∫ |r'|² du`.
+    pub stretching_energy: f64,
+    /// `∫ |r''|² du`; none for curves with corners, where it is infinite.
+    pub bending_energy: Option<f64>,
+    /// `∫ |κ| dℓ` in radians; none for curves with corners or cusps.
+    pub total_curvature: Option<f64>,
+    /// `∫ κ dℓ` in radians, counter-clockwise positive: `2π` times the turning number of a closed curve. Planar curves
+    /// only.
+    pub turning: Option<f64>,
+}
+
+/// What a closed planar curve encloses.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Enclosed {
+    /// Signed area, counter-clockwise positive.
+    pub signed_area: f64,
+    /// Sign of the area.
+    pub orientation: Orientation,
+    /// Centroid, when there is an orientation.
+    pub centroid: Option<[f64; 2]>,
+    /// `∬ (x − x̄)(x − x̄)ᵀ dA` about the centroid, positive for either orientation; when there is one.
+    pub second_moments: Option<[[f64; 2]; 2]>,
 }
 
 /// Relative to the squared perimeter: a circle has `1/(4π) ≈ 0.08`; below this the sign is rounding.
@@ -46,43 +69,94 @@ const NO_AREA: f64 = 1e-12;
 const NODES: usize = 12;
 
 impl CurveMeasures {
-    /// Measures `curve`. Cost `O(N)` quadratures; the perimeter adds panels near cusps.
-    pub fn of(curve: &ClosedCurve) -> Self {
+    /// Measures `curve`. Cost `O(M)` quadratures; length and curvature add panels near cusps.
+    pub fn of(curve: &Curve) -> Self {
         let rule = GaussLegendre::new(NODES);
-        let perimeter = perimeter(curve, &rule);
-        let signed_area = (curve.dimension() == 2).then(|| signed_area(curve, &rule));
-        let orientation = signed_area.map(|area| orientation(area, perimeter));
-        let centroid = signed_area
-            .filter(|_| orientation != Some(Orientation::None))
-            .map(|area| centroid(curve, &rule, area));
+        let length = length(curve, &rule);
+        let planar = curve.dimension() == 2;
+        let turning = Turning::of(curve);
         Self {
-            signed_area,
-            centroid,
+            closed: curve.is_closed(),
+            enclosed: (planar && curve.is_closed()).then(|| Enclosed::of(curve, &rule, length)),
             mean_position: (0..curve.dimension())
                 .map(|c| {
                     integrate(curve, &rule, |half, s| curve.derivative_at(half, c, s, 0)) / segments(curve)
                 })
                 .collect(),
-            perimeter,
+            length,
             bounding_box: bounding_box(curve),
-            orientation,
+            stretching_energy: energy(curve, 1),
+            bending_energy: (curve.smoothness() >= 1).then(|| energy(curve, 2)),
+            total_curvature: turning.map(|turning| turning.total),
+            turning: turning.filter(|_| planar).map(|turning| turning.signed),
         }
     }
 }
 
-fn segments(curve: &ClosedCurve) -> f64 {
+impl Enclosed {
+    fn of(curve: &Curve, rule: &GaussLegendre, length: f64) -> Self {
+        // About the first point of the curve, so that a shape far from the origin keeps its digits.
+        let origin = curve.evaluate(0.0, 0);
+        let signed_area = signed_area(curve, rule);
+        let orientation = orientation(signed_area, length);
+        let from = |about: [f64; 2]| move |half, s, c: usize| curve.derivative_at(half, c, s, 0) - about[c];
+        let slope = |half, s, c| curve.derivative_at(half, c, s, 1);
+        let centroid = (orientation != Orientation::None).then(|| {
+            let r = from([origin[0], origin[1]]);
+            let mx = integrate(curve, rule, |h, s| 0.5 * r(h, s, 0).powi(2) * slope(h, s, 1));
+            let my = integrate(curve, rule, |h, s| -0.5 * r(h, s, 1).powi(2) * slope(h, s, 0));
+            [origin[0] + mx / signed_area, origin[1] + my / signed_area]
+        });
+        let second_moments = centroid.map(|about| {
+            let r = from(about);
+            let sign = signed_area.signum();
+            let xx = integrate(curve, rule, |h, s| r(h, s, 0).powi(3) / 3.0 * slope(h, s, 1));
+            let xy = integrate(curve, rule, |h, s| 0.5 * r(h, s, 0).powi(2) * r(h, s, 1) * slope(h, s, 1));
+            let yy = integrate(curve, rule, |h, s| -r(h, s, 1).powi(3) / 3.0 * slope(h, s, 0));
+            [[sign * xx, sign * xy], [sign * xy, sign * yy]]
+        });
+        // Fourth powers leave the range of numbers first.
+        let second_moments =
+            second_moments.filter(|m| m.as_flattened().iter().all(|value| value.is_finite()));
+        Self { signed_area, orientation, centroid, second_moments }
+    }
+}
+
+/// `∫₀¹ |d^j r/du^j|² du`, by products of the polynomials.
+fn energy(curve: &Curve, derivative: usize) -> f64 {
+    let square = |half: usize, c: usize| {
+        let p = differentiate(curve.polynomial(half, c), derivative);
+        integrate_product(&p, &p)
+    };
+    let sum: f64 = (0..curve.halves())
+        .flat_map(|half| (0..curve.dimension()).map(move |c| (half, c)))
+        .map(|(h, c)| square(h, c))
+        .sum();
+    HALF_PIECE * sum * segments(curve).powi(2 * derivative as i32 - 1)
+}
+
+/// `v × a`: signed in the plane, the length of the product in space.
+pub fn cross(v: &[f64], a: &[f64]) -> f64 {
+    let minor = |i: usize, j: usize| v[i] * a[j] - v[j] * a[i];
+    match v.len() {
+        2 => minor(0, 1),
+        _ => f64::hypot(f64::hypot(minor(1, 2), minor(2, 0)), minor(0, 1)),
+    }
+}
+
+fn segments(curve: &Curve) -> f64 {
     curve.halves() as f64 / 2.0
 }
 
 /// `∫₀^N f dt` over the cardinal parameter.
-fn integrate(curve: &ClosedCurve, rule: &GaussLegendre, f: impl Fn(usize, f64) -> f64) -> f64 {
+fn integrate(curve: &Curve, rule: &GaussLegendre, f: impl Fn(usize, f64) -> f64) -> f64 {
     let panels = (0..curve.halves()).map(|half| rule.integrate(-1.0, 1.0, |s| f(half, s)));
     HALF_PIECE * panels.sum::<f64>()
 }
 
 /// `½ ∮ x dy − y dx`, about the first point of the curve so that a shape far from the origin keeps
 /// its digits.
-pub fn signed_area(curve: &ClosedCurve, rule: &GaussLegendre) -> f64 {
+pub fn signed_area(curve: &Curve, rule: &GaussLegendre) -> f64 {
     let origin = curve.evaluate(0.0, 0);
     let arm = |half, s, c| curve.derivative_at(half, c, s, 0) - origin[c];
     let slope = |half, s, c| curve.derivative_at(half, c, s, 1);
@@ -101,17 +175,7 @@ fn orientation(area: f64, perimeter: f64) -> Orientation {
     }
 }
 
-/// About the first point of the curve, as the area.
-fn centroid(curve: &ClosedCurve, rule: &GaussLegendre, area: f64) -> Vec<f64> {
-    let origin = curve.evaluate(0.0, 0);
-    let x = |half, s| curve.derivative_at(half, 0, s, 0) - origin[0];
-    let y = |half, s| curve.derivative_at(half, 1, s, 0) - origin[1];
-    let mx = integrate(curve, rule, |half, s| 0.5 * x(half, s).powi(2) * curve.derivative_at(half, 1, s, 1));
-    let my = integrate(curve, rule, |half, s| -0.5 * y(half, s).powi(2) * curve.derivative_at(half, 0, s, 1));
-    vec![origin[0] + mx / area, origin[1] + my / area]
-}
-
-fn perimeter(curve: &ClosedCurve, rule: &GaussLegendre) -> f64 {
+fn length(curve: &Curve, rule: &GaussLegendre) -> f64 {
     let speed = |half: usize, s: f64| {
         (0..curve.dimension()).map(|c| curve.derivative_at(half, c, s, 1).powi(2)).sum::<f64>().sqrt()
     };
@@ -123,16 +187,17 @@ fn perimeter(curve: &ClosedCurve, rule: &GaussLegendre) -> f64 {
 }
 
 /// Smallest and largest coordinates, to `10⁻¹³` of the coordinate's range.
-pub fn bounding_box(curve: &ClosedCurve) -> (Vec<f64>, Vec<f64>) {
+pub fn bounding_box(curve: &Curve) -> (Vec<f64>, Vec<f64>) {
     let upper = |sign: f64| (0..curve.dimension()).map(move |c| sign * maximum(curve, c, sign)).collect();
     (upper(-1.0), upper(1.0))
 }
 
 /// `max_t sign·r_c(t)` by branch and bound: on `|s − m| ≤ h`, `f ≤ f(m) + |f'(m)| h + ½ B h²` with
 /// `B = Σ m(m−1)|c_m| ≥ |f''|`.
-fn maximum(curve: &ClosedCurve, coordinate: usize, sign: f64) -> f64 {
+fn maximum(curve: &Curve, coordinate: usize, sign: f64) -> f64 {
     let value = |half, s| sign * curve.derivative_at(half, coordinate, s, 0);
-    let mut best = (0..curve.halves()).map(|half| value(half, -1.0)).fold(f64::MIN, f64::max);
+    let end = value(curve.halves() - 1, 1.0);
+    let mut best = (0..curve.halves()).map(|half| value(half, -1.0)).fold(end, f64::max);
     let worst = (0..curve.halves()).map(|half| value(half, -1.0)).fold(f64::MAX, f64::min);
     let tolerance = 1e-13 * (best - worst).max(f64::EPSILON * best.abs());
     for half in 0..curve.halves() {

@@ -2,17 +2,31 @@
 //!
 //! * [`generator`] — compactly supported functions whose integer shifts span a shape space;
 //! * [`representation`] — what a shape is made of, and the prepared [`ShapeSpace`](representation::ShapeSpace) it lives in;
-//! * [`curve`] — a closed spline curve as polynomials per half-segment: values, derivatives;
-//! * [`measures`] — area, centroid, perimeter, bounding box, orientation;
+//! * [`curve`] — a spline curve, closed or open, as polynomials per half-segment: values, derivatives;
+//! * [`open`] — the basis of open curves: points beyond the ends, banded inner products;
+//! * [`measures`] — area, moments, length, curvature, energies, bounding box, orientation;
+//! * [`distance`] — distances of two curves, as functions and as sets;
+//! * [`frame`] — tangent, normal and curvature at a parameter;
 //! * [`intersection`] — the self-intersection test;
-//! * [`resample`] — arc-length sampling of polygons and the canonical start point of a contour.
+//! * [`resample`] — arc-length sampling of polygons and the canonical start point of a contour;
+//! * [`turning`] — how much a curve turns;
+//! * [`fit`] — least-squares fits of raw contours;
+//! * [`refine`] — the same curve on a finer grid;
+//! * [`ideal`] — idealised curves, reproduced exactly where the poles allow.
 
 pub mod curve;
+pub mod distance;
+pub mod fit;
+pub mod frame;
 pub mod generator;
+pub mod ideal;
 pub mod intersection;
 pub mod measures;
+pub mod open;
+pub mod refine;
 pub mod representation;
 pub mod resample;
+pub mod turning;
 
 use crate::numeric::NumericError;
 
@@ -20,12 +34,79 @@ use crate::numeric::NumericError;
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum GeometryError {
     /// The poles of a generator leave the admissible domain.
-    #[error("generator pole {re} ± {im}i is outside the admissible domain |Re| ≤ 10, |Im| < π")]
+    #[error("the pair of poles ±({}) is outside the admissible domain |Re| ≤ 10, |Im| < π, where the shifts are a Riesz basis and interpolators exist", complex((*re, *im)))]
     Pole {
         /// Real part.
         re: f64,
         /// Imaginary part.
         im: f64,
+    },
+    /// A pole lacks its conjugate or its negative.
+    #[error("the pole {} lacks its partner {}: lists must be symmetric and closed under conjugation", complex(*pole), complex(*missing))]
+    Unpaired {
+        /// Position in the list.
+        index: usize,
+        /// The pole.
+        pole: (f64, f64),
+        /// What is missing.
+        missing: (f64, f64),
+    },
+    /// The interpolation conditions have no stable solution.
+    #[error(
+        "the interpolation conditions have no stable solution in double-double arithmetic: too many poles, a support too long, weights too large, or the poles ±({}) too near |Im| = π or |Re| = 10",
+        complex((*re, *im))
+    )]
+    Unsolvable {
+        /// Real part of the pole nearest to the border.
+        re: f64,
+        /// Imaginary part.
+        im: f64,
+    },
+    /// A parameter is out of range, or not larger than the one before.
+    #[error("is {value}: parameters must increase strictly within [0, 1], without 1 on closed curves")]
+    Parameter {
+        /// Position.
+        index: usize,
+        /// The parameter.
+        value: f64,
+    },
+    /// The points leave gaps in which nothing determines the curve.
+    #[error(
+        "{points} points do not determine {needed} control points: they leave gaps longer than the distance of the knots; take fewer control points, or resample the contour"
+    )]
+    Undetermined {
+        /// Points given.
+        points: usize,
+        /// Control points.
+        needed: usize,
+    },
+    /// No number of control points reaches the tolerance.
+    #[error(
+        "no fit reaches the tolerance {}: the best residual is {residual:.3e} with {count} of at most {most} control points or intervals",
+        number(*tolerance)
+    )]
+    Tolerance {
+        /// Wanted.
+        tolerance: f64,
+        /// Best residual.
+        residual: f64,
+        /// Where it was reached.
+        count: usize,
+        /// Largest number tried.
+        most: usize,
+    },
+    /// Landmarks have no curve.
+    #[error("landmarks are points without a curve")]
+    NotACurve,
+    /// The shifts of a generator are dependent to working precision.
+    #[error(
+        "the {size} shifts of the generator are dependent to working precision (smallest eigenvalue or pivot {smallest:.1e}): take fewer poles, or poles nearer to 0"
+    )]
+    Dependent {
+        /// Number of shifts.
+        size: usize,
+        /// What should be positive.
+        smallest: f64,
     },
     /// Too few points for the operation.
     #[error("{found} points, at least {needed} are needed")]
@@ -54,4 +135,19 @@ pub enum GeometryError {
     /// A numerical failure.
     #[error(transparent)]
     Numeric(#[from] NumericError),
+}
+
+/// `a + bi`, without a part that is zero.
+fn complex((re, im): (f64, f64)) -> String {
+    match (re, im) {
+        (re, 0.0) => number(re),
+        (0.0, im) => format!("{}i", number(im)),
+        (re, im) => format!("{}{}{}i", number(re), if im < 0.0 { "" } else { "+" }, number(im)),
+    }
+}
+
+/// The shorter of `1000` and `1e3`, plain ones first.
+fn number(value: f64) -> String {
+    let (plain, scientific) = (format!("{value}"), format!("{value:e}"));
+    if plain.len() > scientific.len() + 5 { scientific } else { plain }
 }

@@ -3,41 +3,51 @@
 use super::GeometryError;
 use crate::numeric::dense::Matrix;
 
-/// A closed polygon with its cumulative chord length.
+/// A polygonal contour, closed or open, with its cumulative chord length.
 #[derive(Debug, Clone)]
-pub struct ClosedPolygon {
+pub struct Contour {
     points: Matrix,
-    /// `s_0 = 0, …, s_n = L` (one more than there are points).
+    closed: bool,
+    /// `s_0 = 0, …, L`: one more than there are edges.
     arc: Vec<f64>,
 }
 
 /// An extent below this part of the distance from the origin is rounding, not a shape.
 pub const NO_EXTENT: f64 = 1e-13;
 
-impl ClosedPolygon {
-    /// From the vertices `points` (`n × d`, `n ≥ 3`); a last vertex equal to the first is dropped.
+impl Contour {
+    /// The closed polygon of the vertices `points` (`n × d`, `n ≥ 3`); a last vertex equal to the first is dropped.
     ///
     /// # Errors
     /// [`GeometryError::TooFewPoints`] below three distinct positions, [`GeometryError::NoLength`] when
     /// all points coincide, [`GeometryError::RepeatedPoint`] for equal consecutive vertices.
-    pub fn new(points: Matrix) -> Result<Self, GeometryError> {
+    pub fn closed(points: Matrix) -> Result<Self, GeometryError> {
         let given = points.nrows();
-        let magnitude = points.amax();
-        let extent =
-            (0..points.ncols()).map(|c| points.column(c).max() - points.column(c).min()).fold(0.0, f64::max);
-        if given > 0 && extent <= NO_EXTENT * magnitude {
-            return Err(GeometryError::NoLength { points: given, extent });
-        }
-        let closed = given > 1 && points.row(0) == points.row(given - 1);
-        let points = if closed { points.remove_row(given - 1) } else { points };
+        check_extent(&points)?;
+        let repeated = given > 1 && points.row(0) == points.row(given - 1);
+        Self::new(if repeated { points.remove_row(given - 1) } else { points }, true)
+    }
+
+    /// The open polygon of the vertices `points` (`n × d`, `n ≥ 2`).
+    ///
+    /// # Errors
+    /// As [`Self::closed`], below two positions.
+    pub fn open(points: Matrix) -> Result<Self, GeometryError> {
+        check_extent(&points)?;
+        Self::new(points, false)
+    }
+
+    fn new(points: Matrix, closed: bool) -> Result<Self, GeometryError> {
         let n = points.nrows();
-        if n < 3 {
-            return Err(GeometryError::TooFewPoints { found: n, needed: 3 });
+        let needed = if closed { 3 } else { 2 };
+        if n < needed {
+            return Err(GeometryError::TooFewPoints { found: n, needed });
         }
-        let mut arc = Vec::with_capacity(n + 1);
+        let edges = if closed { n } else { n - 1 };
+        let mut arc = Vec::with_capacity(edges + 1);
         let mut length = 0.0;
         arc.push(length);
-        for i in 0..n {
+        for i in 0..edges {
             let chord = (points.row((i + 1) % n) - points.row(i)).norm();
             // Also a step that is lost in the length so far: the interpolation would divide by zero.
             if !(length + chord > length) {
@@ -46,18 +56,29 @@ impl ClosedPolygon {
             length += chord;
             arc.push(length);
         }
-        Ok(Self { points, arc })
+        Ok(Self { points, closed, arc })
     }
 
-    /// Perimeter.
+    /// Length along the edges.
     pub fn length(&self) -> f64 {
         *self.arc.last().expect("never empty")
     }
 
-    /// Position at arc length `s`, taken modulo the perimeter.
+    /// The vertices, without the closing one.
+    pub fn points(&self) -> &Matrix {
+        &self.points
+    }
+
+    /// Arc length of every vertex over the whole length.
+    pub fn parameters(&self) -> Vec<f64> {
+        let length = self.length();
+        self.arc[..self.points.nrows()].iter().map(|s| s / length).collect()
+    }
+
+    /// Position at arc length `s`: modulo the perimeter when closed, within the length when open.
     fn position(&self, s: f64) -> Vec<f64> {
-        let s = s.rem_euclid(self.length());
-        let edge = self.arc.partition_point(|&a| a <= s).clamp(1, self.points.nrows()) - 1;
+        let s = if self.closed { s.rem_euclid(self.length()) } else { s.clamp(0.0, self.length()) };
+        let edge = self.arc.partition_point(|&a| a <= s).clamp(1, self.arc.len() - 1) - 1;
         let fraction = (s - self.arc[edge]) / (self.arc[edge + 1] - self.arc[edge]);
         self.on_edge(edge, fraction)
     }
@@ -69,20 +90,26 @@ impl ClosedPolygon {
             .collect()
     }
 
-    /// `n` points at arc lengths `start + L i/n`, by linear interpolation: `n × d`.
+    /// `n` points of equal distance along the edges, by linear interpolation: `n × d`. Closed contours at
+    /// `start + L i/n`, open ones from end to end at `L i/(n − 1)`, whatever the start.
     ///
     /// Independent of further vertices on the edges. With `start = 0` the first vertex is kept.
     pub fn sample(&self, n: usize, start: f64) -> Matrix {
         let mut samples = Matrix::zeros(n, self.points.ncols());
         for i in 0..n {
-            let position = self.position(start + self.length() * i as f64 / n as f64);
+            let target = if self.closed {
+                start + self.length() * i as f64 / n as f64
+            } else {
+                self.length() * i as f64 / n.saturating_sub(1).max(1) as f64
+            };
+            let position = self.position(target);
             position.iter().enumerate().for_each(|(c, &value)| samples[(i, c)] = value);
         }
         samples
     }
 
     /// Arc length of the canonical start point: an end of the major axis of the first elliptic Fourier
-    /// harmonic, of its two ends the one farther from the centroid of the contour.
+    /// harmonic, of its two ends the one farther from the centroid of the contour. Of closed contours.
     ///
     /// ```text
     /// A = ∮ r cos(2πs/L) ds,  B = ∮ r sin(2πs/L) ds,   θ = ½ atan2(2A·B, |A|² − |B|²),   s = θL/2π
@@ -141,8 +168,18 @@ impl ClosedPolygon {
     }
 }
 
+fn check_extent(points: &Matrix) -> Result<(), GeometryError> {
+    let (given, magnitude) = (points.nrows(), points.amax());
+    let extent =
+        (0..points.ncols()).map(|c| points.column(c).max() - points.column(c).min()).fold(0.0, f64::max);
+    if given > 0 && extent <= NO_EXTENT * magnitude {
+        return Err(GeometryError::NoLength { points: given, extent });
+    }
+    Ok(())
+}
+
 /// The start of a curve given by control points, as a cyclic shift: the control point nearest to the
-/// canonical start in the parameter of the curve (see [`ClosedPolygon::canonical_start`], with the
+/// canonical start in the parameter of the curve (see [`Contour::canonical_start`], with the
 /// parameter for the arc length and control points for the contour).
 pub fn canonical_shift(control_points: &Matrix) -> usize {
     let (n, d) = control_points.shape();
@@ -185,8 +222,8 @@ mod tests {
     fn samples_do_not_depend_on_the_first_vertex() {
         let polygon = bean(200, 0.4);
         let rotated = rotate_start(&polygon, 73);
-        let one = ClosedPolygon::new(polygon).unwrap();
-        let two = ClosedPolygon::new(rotated).unwrap();
+        let one = Contour::closed(polygon).unwrap();
+        let two = Contour::closed(rotated).unwrap();
         let (a, b) = (one.sample(40, one.canonical_start()), two.sample(40, two.canonical_start()));
         assert!((&a - &b).amax() < 1e-12, "{}", (&a - &b).amax());
         // the end of the major axis, on the side that bulges
@@ -197,28 +234,25 @@ mod tests {
     fn collinear_vertices_change_nothing() {
         let square = Matrix::from_row_slice(4, 2, &[0., 0., 2., 0., 2., 1., 0., 1.]);
         let denser = Matrix::from_row_slice(6, 2, &[0., 0., 0.5, 0., 2., 0., 2., 1., 1.7, 1., 0., 1.]);
-        let a = ClosedPolygon::new(square).unwrap().sample(12, 0.0);
-        let b = ClosedPolygon::new(denser).unwrap().sample(12, 0.0);
+        let a = Contour::closed(square).unwrap().sample(12, 0.0);
+        let b = Contour::closed(denser).unwrap().sample(12, 0.0);
         assert!((a - b).amax() < 1e-14);
     }
 
     #[test]
     fn broken_contours_are_named() {
         let equal = Matrix::from_element(5, 2, 3.0);
-        assert!(matches!(ClosedPolygon::new(equal), Err(GeometryError::NoLength { points: 5, .. })));
+        assert!(matches!(Contour::closed(equal), Err(GeometryError::NoLength { points: 5, .. })));
         let repeated = Matrix::from_row_slice(4, 2, &[0., 0., 1., 0., 1., 0., 0., 1.]);
         assert_eq!(
-            ClosedPolygon::new(repeated).unwrap_err(),
+            Contour::closed(repeated).unwrap_err(),
             GeometryError::RepeatedPoint { first: 1, second: 2 }
         );
         let lost = Matrix::from_row_slice(4, 2, &[0., 0., 1e100, 0., 1e100, 1., 0., 1e100]);
-        assert_eq!(
-            ClosedPolygon::new(lost).unwrap_err(),
-            GeometryError::RepeatedPoint { first: 1, second: 2 }
-        );
+        assert_eq!(Contour::closed(lost).unwrap_err(), GeometryError::RepeatedPoint { first: 1, second: 2 });
         let closed_line = Matrix::from_row_slice(3, 2, &[0., 0., 1., 0., 0., 0.]);
         assert_eq!(
-            ClosedPolygon::new(closed_line).unwrap_err(),
+            Contour::closed(closed_line).unwrap_err(),
             GeometryError::TooFewPoints { found: 2, needed: 3 }
         );
     }

@@ -1,4 +1,4 @@
-//! The stateless use cases: everything in the request, nothing stored. Plain functions, to be run on the pool.
+//! The stateless statistics: everything in the request, nothing stored. Plain functions, to be run on the pool.
 
 use super::error::Fault;
 use super::input::{self, Batch, Reading};
@@ -13,15 +13,9 @@ use crate::analysis::matching::Matching;
 use crate::analysis::metric::{Metric, norm};
 use crate::analysis::pca::FunctionalPca;
 use crate::analysis::transformation::Transformation;
-use crate::formats::InputError;
 use crate::formats::shape::ShapeInput;
 use crate::formats::svg::{self, Layer, colour};
-use crate::geometry::curve::{ClosedCurve, MAX_DERIVATIVE};
-use crate::geometry::intersection::self_intersects;
-use crate::geometry::measures::CurveMeasures;
 use crate::geometry::representation::{Representation, ShapeSpace};
-use crate::geometry::resample::ClosedPolygon;
-use crate::numeric::dense::Matrix;
 
 /// How shapes are read and brought together.
 #[derive(Debug, Clone)]
@@ -88,9 +82,17 @@ impl Setup {
             Ok(method) => Some(method),
             Err(error) => keep(error.into()).map(|()| None)?,
         };
+        if let (Some((space, _)), Some(method)) = (&space, &method)
+            && method.translates()
+            && !space.reproduces_constants()
+        {
+            let detail = "does not reproduce constants, so that its shapes cannot be moved: add the pole 0, or \
+                          choose a class without translation";
+            faults.push(Fault::new("/representation/generator", detail));
+        }
         match (space, method) {
             (Some((space, metric)), Some(method)) if faults.is_empty() => {
-                let matching = Matching::new(representation, *correspondence, *direction, *mirror);
+                let matching = Matching::new(&space, *correspondence, *direction, *mirror);
                 Ok(Self {
                     space,
                     metric,
@@ -240,183 +242,6 @@ pub fn project(
         })
         .collect::<Result<_, ServiceError>>()?;
     Ok((setup, projections))
-}
-
-/// Where curves are evaluated.
-#[derive(Debug, Clone)]
-pub enum Parameters {
-    /// At `u = i/count`.
-    Equidistant(usize),
-    /// At these `u`, taken modulo 1.
-    At(Vec<f64>),
-}
-
-/// Values of one curve.
-#[derive(Debug, Clone)]
-pub struct Evaluation {
-    /// `d^j r/du^j` for `j = 0, 1, …`: coordinate-major.
-    pub derivatives: Vec<Vec<f64>>,
-}
-
-/// Curves read from a request: the space, and one matrix of control points each.
-///
-/// # Errors
-/// Faults of the input; shapes that are not curves.
-pub fn curves(
-    app: &App,
-    settings: &Settings,
-    shapes: Vec<ShapeInput>,
-) -> Result<(ShapeSpace, Vec<Matrix>), ServiceError> {
-    let setup = Setup::new(app, settings)?;
-    if !setup.space.representation().is_curve() {
-        return Err(ServiceError::invalid(
-            "/representation/kind",
-            "landmarks are points without a curve: use closed_curve",
-        ));
-    }
-    let batch = input::read_batch(&setup.reading(&app.limits), shapes)?;
-    if batch.weights.is_empty() {
-        return Err(ServiceError::TooFewShapes { found: 0, needed: 1 });
-    }
-    let (n, d) = (setup.metric.size(), setup.metric.dimension());
-    let matrices =
-        batch.control_points.chunks_exact(n * d).map(|c| Matrix::from_column_slice(n, d, c)).collect();
-    Ok((setup.space, matrices))
-}
-
-/// Evaluates curves and their derivatives up to `order`.
-///
-/// # Errors
-/// Too many samples, parameters that are not finite.
-pub fn evaluate(
-    app: &App,
-    space: &ShapeSpace,
-    shapes: &[Matrix],
-    parameters: &Parameters,
-    order: usize,
-) -> Result<Vec<Evaluation>, ServiceError> {
-    let mut faults = Vec::new();
-    if order > MAX_DERIVATIVE {
-        faults.push(Fault::new("/derivatives", format!("is {order}, must be 0, 1 or {MAX_DERIVATIVE}")));
-    }
-    let (count, pointer) = match parameters {
-        Parameters::Equidistant(count) => (*count, "/samples"),
-        Parameters::At(list) => (list.len(), "/parameters"),
-    };
-    let total = count.saturating_mul(shapes.len()).saturating_mul(order.min(MAX_DERIVATIVE) + 1);
-    if count == 0 || total > app.limits.samples {
-        let detail = format!("asks for {total} values, between 1 and {} are answered", app.limits.samples);
-        faults.push(Fault::new(pointer, detail));
-    }
-    ServiceError::unless_empty(faults)?;
-    let parameters: Vec<f64> = match parameters {
-        Parameters::Equidistant(count) => (0..*count).map(|i| i as f64 / *count as f64).collect(),
-        Parameters::At(list) => list.clone(),
-    };
-    Ok(shapes
-        .iter()
-        .filter_map(|shape| ClosedCurve::of(space, shape))
-        .map(|curve| {
-            let derivative = |j| {
-                let rows: Vec<Vec<f64>> = parameters.iter().map(|&u| curve.evaluate(u, j)).collect();
-                (0..curve.dimension()).flat_map(|c| rows.iter().map(move |row| row[c])).collect()
-            };
-            Evaluation { derivatives: (0..=order).map(derivative).collect() }
-        })
-        .collect())
-}
-
-/// Measures of one curve.
-#[derive(Debug, Clone)]
-pub struct Measured {
-    /// Area, centroid, perimeter, box.
-    pub measures: CurveMeasures,
-    /// Planar curves only.
-    pub self_intersecting: Option<bool>,
-}
-
-/// Measures curves.
-pub fn measure(space: &ShapeSpace, shapes: &[Matrix]) -> Vec<Measured> {
-    use rayon::prelude::*;
-    let curves: Vec<ClosedCurve> = shapes.iter().filter_map(|shape| ClosedCurve::of(space, shape)).collect();
-    curves
-        .par_iter()
-        .map(|curve| Measured {
-            measures: CurveMeasures::of(curve),
-            self_intersecting: (curve.dimension() == 2).then(|| self_intersects(curve)),
-        })
-        .collect()
-}
-
-/// Where resampling starts.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Deserialize, utoipa::ToSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum Start {
-    /// At the first point.
-    #[default]
-    First,
-    /// At the canonical start point of the contour.
-    Canonical,
-}
-
-/// Resamples closed polygons to `count` points of equal arc length: coordinate-major points and the perimeter.
-///
-/// # Errors
-/// Faults of the input.
-pub fn resample(
-    app: &App,
-    count: usize,
-    start: Start,
-    shapes: Vec<ShapeInput>,
-) -> Result<Vec<(usize, Vec<f64>, f64)>, ServiceError> {
-    let mut faults = Vec::new();
-    if !(3..=app.limits.points).contains(&count) {
-        faults.push(Fault::new("/count", format!("is {count}, must be between 3 and {}", app.limits.points)));
-    }
-    if shapes.is_empty() {
-        return Err(ServiceError::TooFewShapes { found: 0, needed: 1 });
-    }
-    if count.saturating_mul(shapes.len()) > app.limits.samples {
-        let detail = format!("at most {} points are answered over all shapes", app.limits.samples);
-        faults.push(Fault::new("/count", detail));
-    }
-    ServiceError::unless_empty(std::mem::take(&mut faults))?;
-    let mut resampled = Vec::with_capacity(shapes.len());
-    for (index, shape) in shapes.into_iter().enumerate() {
-        match polygon(shape, &app.limits) {
-            Ok((dimension, polygon)) => {
-                let from = if start == Start::Canonical { polygon.canonical_start() } else { 0.0 };
-                resampled.push((
-                    dimension,
-                    polygon.sample(count, from).as_slice().to_vec(),
-                    polygon.length(),
-                ));
-            }
-            Err(errors) => {
-                let placed = errors.into_iter().map(|error| error.below(&format!("/shapes/{index}")));
-                faults.extend(placed.map(|error| Fault { index: Some(index), ..error.into() }));
-            }
-        }
-    }
-    ServiceError::unless_empty(faults)?;
-    Ok(resampled)
-}
-
-fn polygon(shape: ShapeInput, limits: &Limits) -> Result<(usize, ClosedPolygon), Vec<InputError>> {
-    let points = input::given(&shape.points).cloned();
-    input::attributes(shape)?;
-    let points = points.ok_or_else(|| vec![InputError::new("", "has no points")])?;
-    let below = |error: InputError| error.below("/points");
-    if points.len() > limits.points {
-        let detail = format!("has {} points, at most {} are accepted", points.len(), limits.points);
-        return Err(vec![InputError::new("/points", detail)]);
-    }
-    let dimension = points.width().clamp(2, 3);
-    let checked = points.checked(dimension);
-    let coordinates = checked.map_err(|errors| errors.into_iter().map(below).collect::<Vec<_>>())?;
-    let matrix = Matrix::from_row_slice(points.len(), dimension, coordinates);
-    let polygon = ClosedPolygon::new(matrix).map_err(|error| vec![below(input::contour_error(&error))])?;
-    Ok((dimension, polygon))
 }
 
 /// Aligned shapes drawn behind a mean at the most: more would hide one another.

@@ -15,8 +15,9 @@ use crate::formats::checked::{Checked, take_given};
 use crate::formats::shape::{PointList, ShapeInput};
 use crate::formats::{InputError, json_pointer};
 use crate::geometry::GeometryError;
+use crate::geometry::generator::GeneratorKind;
 use crate::geometry::representation::{Representation, ShapeSpace};
-use crate::geometry::resample::{ClosedPolygon, NO_EXTENT, canonical_shift, rotate_start};
+use crate::geometry::resample::{Contour, NO_EXTENT, canonical_shift, rotate_start};
 use crate::numeric::dense::Matrix;
 
 /// How posted points become control points.
@@ -49,15 +50,34 @@ pub fn check_representation(representation: &Representation, limits: &Limits) ->
             format!("is {}, must be 2 or 3", representation.dimension()),
         ));
     }
-    let (size, fewest, most) = (representation.size(), representation.fewest(), limits.control_points);
-    if !(fewest..=most).contains(&size) {
-        let pointer = format!("/{}", representation.size_field());
-        errors.push(InputError::new(pointer, format!("is {size}, must be between {fewest} and {most}")));
-    }
-    if let Representation::ClosedCurve { generator, .. } = representation
-        && let Err(detail) = generator.check()
-    {
-        errors.push(InputError::new("/generator/degree", detail));
+    let generator_faults = representation.generator().map(GeneratorKind::faults).unwrap_or_default();
+    errors.extend(
+        generator_faults
+            .into_iter()
+            .map(|(field, detail)| InputError::new(format!("/generator/{field}"), detail)),
+    );
+    let (count, fewest, most) = (representation.count(), representation.fewest(), limits.control_points);
+    if fewest > most && errors.is_empty() {
+        let detail = "need a finer grid than any that is accepted: |Im| below π and |Re| up to 10 after division by \
+                      their number of control points or intervals";
+        errors.push(InputError::new("/generator/domain_poles", format!("{detail}, at most {most}")));
+    } else if !(fewest..=most).contains(&count) {
+        let pointer = format!("/{}", representation.count_field());
+        let reason = match representation {
+            _ if count >= fewest => "",
+            Representation::ClosedCurve { .. } if fewest > 3 => {
+                ": the domain poles divided by it must have |Im| < π and |Re| ≤ 10"
+            }
+            Representation::OpenCurve { .. } => {
+                ": to continue beyond its ends it needs one interval less than there are poles, and domain poles divided \
+                 by it must have |Im| < π and |Re| ≤ 10"
+            }
+            _ => "",
+        };
+        errors.push(InputError::new(
+            pointer,
+            format!("is {count}, must be between {fewest} and {most}{reason}"),
+        ));
     }
     if errors.is_empty() { Ok(()) } else { Err(errors) }
 }
@@ -70,13 +90,17 @@ pub fn check_correspondence(
     representation: &Representation,
     correspondence: Correspondence,
 ) -> Result<(), ServiceError> {
-    if representation.is_curve() || correspondence == Correspondence::Landmarks {
-        return Ok(());
-    }
-    Err(ServiceError::invalid(
-        "/correspondence",
-        "landmarks are not a contour: only \"landmarks\" applies; use a closed_curve to resample",
-    ))
+    let detail = match correspondence {
+        Correspondence::Landmarks => return Ok(()),
+        _ if representation.generator().is_none() => {
+            "landmarks are not a contour: only \"landmarks\" applies; use a closed_curve or open_curve to resample"
+        }
+        Correspondence::Cyclic if !representation.is_closed() => {
+            "an open curve has no start point to search: use \"arc_length\" or \"landmarks\""
+        }
+        _ => return Ok(()),
+    };
+    Err(ServiceError::invalid("/correspondence", detail))
 }
 
 impl Reading<'_> {
@@ -86,10 +110,14 @@ impl Reading<'_> {
     /// Everything wrong with it, with pointers relative to the shape.
     pub fn control_points(&self, shape: &ShapeInput) -> Result<Vec<f64>, Vec<InputError>> {
         let closed = shape.closed.as_ref().and_then(Checked::get).copied().flatten();
-        if closed == Some(false) && self.space.representation().is_curve() {
+        let representation = self.space.representation();
+        if let (Some(closed), Some(_)) = (closed, representation.generator())
+            && closed != representation.is_closed()
+        {
+            let kind = if closed { "open" } else { "closed" };
             return Err(vec![InputError::new(
                 "/closed",
-                "is false, but the representation is a closed curve",
+                format!("is {closed}, but the representation is a curve that is {kind}"),
             )]);
         }
         let matrix = match (given(&shape.points), given(&shape.control_points)) {
@@ -114,19 +142,19 @@ impl Reading<'_> {
     fn interpolate(&self, list: &PointList) -> Result<Matrix, Vec<InputError>> {
         let points = self.matrix(list)?;
         if self.correspondence == Correspondence::Landmarks {
-            self.check_count(list, "points")?;
+            self.check_count(list, "points", self.space.representation().point_count())?;
             return Ok(self.space.interpolate(points));
         }
-        let polygon =
-            ClosedPolygon::new(self.directed(points)).map_err(|error| vec![contour_error(&error)])?;
+        let representation = self.space.representation();
+        let contour = contour(self.directed(points), representation.is_closed())?;
         let start =
-            if self.correspondence == Correspondence::Cyclic { polygon.canonical_start() } else { 0.0 };
-        Ok(self.space.interpolate(polygon.sample(self.space.representation().size(), start)))
+            if self.correspondence == Correspondence::Cyclic { contour.canonical_start() } else { 0.0 };
+        Ok(self.space.interpolate(contour.sample(representation.point_count(), start)))
     }
 
     fn take_coefficients(&self, list: &PointList) -> Result<Matrix, Vec<InputError>> {
         let coefficients = self.matrix(list)?;
-        self.check_count(list, "control points")?;
+        self.check_count(list, "control points", self.space.representation().size())?;
         if self.correspondence != Correspondence::Cyclic {
             return Ok(coefficients);
         }
@@ -145,12 +173,11 @@ impl Reading<'_> {
         Ok(Matrix::from_row_slice(list.len(), dimension, coordinates))
     }
 
-    fn check_count(&self, list: &PointList, what: &str) -> Result<(), Vec<InputError>> {
-        let wanted = self.space.representation().size();
+    fn check_count(&self, list: &PointList, what: &str, wanted: usize) -> Result<(), Vec<InputError>> {
         if list.len() == wanted {
             return Ok(());
         }
-        let hint = if self.space.representation().is_curve() && what == "points" {
+        let hint = if self.space.representation().generator().is_some() && what == "points" {
             " (to resample a contour use the correspondence arc_length or cyclic)"
         } else {
             ""
@@ -161,11 +188,13 @@ impl Reading<'_> {
         )])
     }
 
-    /// Planar contours whose direction has no meaning run counter-clockwise, keeping their first point.
+    /// Planar closed contours whose direction has no meaning run counter-clockwise, keeping their first point.
     fn directed(&self, points: Matrix) -> Matrix {
         let (n, d) = points.shape();
-        let planar =
-            d == 2 && self.direction == Direction::Either && self.correspondence != Correspondence::Landmarks;
+        let planar = d == 2
+            && self.space.representation().is_closed()
+            && self.direction == Direction::Either
+            && self.correspondence != Correspondence::Landmarks;
         if !planar || polygon_area(&points) >= 0.0 {
             return points;
         }
@@ -206,7 +235,16 @@ fn below(errors: Vec<InputError>, pointer: &str) -> Vec<InputError> {
     errors.into_iter().map(|error| error.below(pointer)).collect()
 }
 
-pub(super) fn contour_error(error: &GeometryError) -> InputError {
+/// The contour of a list of points.
+///
+/// # Errors
+/// What is wrong with it, with a pointer relative to the list.
+pub(super) fn contour(points: Matrix, closed: bool) -> Result<Contour, Vec<InputError>> {
+    let contour = if closed { Contour::closed(points) } else { Contour::open(points) };
+    contour.map_err(|error| vec![contour_error(&error)])
+}
+
+fn contour_error(error: &GeometryError) -> InputError {
     let pointer = match error {
         GeometryError::RepeatedPoint { second, .. } => format!("/{second}"),
         _ => String::new(),
@@ -296,6 +334,19 @@ pub fn parse<T: DeserializeOwned>(text: &[u8]) -> Result<T, ServiceError> {
     })
 }
 
+/// What is wrong with a shape whatever it is made of, with pointers relative to it.
+pub fn own_faults(shape: ShapeInput) -> Vec<InputError> {
+    let lists = [("/points", &shape.points), ("/control_points", &shape.control_points)];
+    let mut errors: Vec<InputError> = lists
+        .into_iter()
+        .filter_map(|(name, list)| Some((name, list.as_ref()?)))
+        .filter_map(|(name, list)| Some(below(list.checked(list.width()).err()?, name)))
+        .flatten()
+        .collect();
+    errors.extend(attributes(shape).err().into_iter().flatten());
+    errors
+}
+
 /// What is wrong with shapes whatever they are made of, at `/shapes/{index}…`.
 pub fn shape_faults(shapes: Vec<ShapeInput>) -> Vec<Fault> {
     let mut faults = Vec::new();
@@ -303,14 +354,7 @@ pub fn shape_faults(shapes: Vec<ShapeInput>) -> Vec<Fault> {
         if faults.len() >= MAX_FAULTS {
             break;
         }
-        let lists = [("/points", &shape.points), ("/control_points", &shape.control_points)];
-        let mut errors: Vec<InputError> = lists
-            .into_iter()
-            .filter_map(|(name, list)| Some((name, list.as_ref()?)))
-            .filter_map(|(name, list)| Some(below(list.checked(list.width()).err()?, name)))
-            .flatten()
-            .collect();
-        errors.extend(attributes(shape).err().into_iter().flatten());
+        let errors = own_faults(shape);
         let prefix = format!("/shapes/{index}");
         faults.extend(
             errors.into_iter().map(|error| Fault { index: Some(index), ..error.below(&prefix).into() }),

@@ -2,15 +2,19 @@
 //!
 //! * [`App`] — store, limits, the pool where arithmetic leaves the async threads;
 //! * [`input`] — posted shapes to control points of a representation;
-//! * [`compute`] — the stateless use cases: project, mean, align, PCA, evaluate, measure, resample;
+//! * [`compute`] — the stateless statistics: project, mean, align, PCA;
+//! * [`curves`] — the stateless use cases of single curves: evaluate, measure, resample, fit, refine, morph;
 //! * [`cohorts`], [`ingest`] — cohorts and their shapes;
 //! * [`live_mean`] — the mean of a stored cohort, streamed;
+//! * [`generators`] — one generator with all that is known of it;
 //! * [`example`] — the example cohort of an empty store.
 
 pub mod cohorts;
 pub mod compute;
+pub mod curves;
 pub mod error;
 pub mod example;
+pub mod generators;
 pub mod ingest;
 pub mod input;
 pub mod live_mean;
@@ -105,7 +109,7 @@ impl App {
         input::check_representation(representation, &self.limits)
             .map_err(|errors| ServiceError::below(errors, pointer))?;
         let space = ShapeSpace::new(representation)
-            .map_err(|error| ServiceError::invalid(pointer.to_owned(), error.to_string()))?;
+            .map_err(|error| ServiceError::invalid(format!("{pointer}/generator"), error.to_string()))?;
         let metric = Metric::of(&space);
         Ok((space, metric))
     }

@@ -31,6 +31,10 @@ const GROUPS: [ClassName; 8] = [
 
 const N: usize = 10;
 
+fn prepared(representation: &Representation) -> ShapeSpace {
+    ShapeSpace::new(representation).unwrap()
+}
+
 fn representation(generator: GeneratorKind, dimension: usize) -> Representation {
     Representation::ClosedCurve { dimension, control_points: N, generator }
 }
@@ -108,7 +112,7 @@ fn method(name: ClassName, dimension: usize) -> Method {
 
 fn landmarks(dimension: usize) -> Matching {
     let representation = representation(GeneratorKind::Keys {}, dimension);
-    Matching::new(&representation, Correspondence::Landmarks, Direction::Given, Mirror::Forbid)
+    Matching::new(&prepared(&representation), Correspondence::Landmarks, Direction::Given, Mirror::Forbid)
 }
 
 fn run(
@@ -271,7 +275,7 @@ proptest! {
 
     #[test]
     fn affine_on_control_points_is_affine_on_the_curve(seed in any::<u64>(), generator in generators()) {
-        use shapelex::geometry::curve::ClosedCurve;
+        use shapelex::geometry::curve::Curve;
         let space = ShapeSpace::new(&representation(generator, 2)).unwrap();
         let class = TransformationClass::named(ClassName::Affine, 2).unwrap();
         let shape = &beans(seed, 1, 2, 0.3)[0];
@@ -281,7 +285,7 @@ proptest! {
         let metric = Metric::of(&space);
         let found = Projector::new(&metric, &method, image.clone()).project(shape.clone()).unwrap();
         prop_assert!(found.squared_distance < 1e-18);
-        let curve = |points: &[f64]| ClosedCurve::of(&space, &Matrix::from_column_slice(N, 2, points)).unwrap();
+        let curve = |points: &[f64]| Curve::of(&space, &Matrix::from_column_slice(N, 2, points)).unwrap();
         let (one, other) = (curve(shape), curve(&image));
         for i in 0..40 {
             let (p, q) = (one.evaluate(i as f64 / 40.0, 0), other.evaluate(i as f64 / 40.0, 0));
@@ -324,8 +328,12 @@ fn the_discrete_similarity_mean_is_kents() {
         [(Alignment::Projection, Frame::Training), (Alignment::Procrustes, Frame::Training)]
     {
         let method = Method::new(&Transformation::Named(ClassName::Similarity), alignment, 2).unwrap();
-        let matching =
-            Matching::new(&representation, Correspondence::Landmarks, Direction::Given, Mirror::Forbid);
+        let matching = Matching::new(
+            &prepared(&representation),
+            Correspondence::Landmarks,
+            Direction::Given,
+            Mirror::Forbid,
+        );
         let (mean, _) = align_all(&metric, &method, frame, &matching, shapes.concat(), vec![1.0; 8]).unwrap();
         let found: Vec<C> = (0..N).map(|k| C::new(mean.whitened[k], mean.whitened[N + k])).collect();
         let cosine = found.iter().zip(&kent).map(|(a, b)| a.conj() * b).sum::<C>().norm();
@@ -461,7 +469,8 @@ fn cyclic_means_do_not_depend_on_starts_order_or_threads() {
     let space = ShapeSpace::new(&representation).unwrap();
     let metric = Metric::of(&space);
     let shapes = beans(21, 30, 2, 0.15);
-    let matching = Matching::new(&representation, Correspondence::Cyclic, Direction::Given, Mirror::Forbid);
+    let matching =
+        Matching::new(&prepared(&representation), Correspondence::Cyclic, Direction::Given, Mirror::Forbid);
     let class = method(ClassName::Similarity, 2);
     let weights = vec![1.0; shapes.len()];
     let (mean, aligned) =
@@ -493,7 +502,8 @@ fn the_search_finds_the_best_of_all_shifts() {
         Representation::ClosedCurve { dimension: 2, control_points: N, generator: GeneratorKind::Keys {} };
     let metric = Metric::of(&ShapeSpace::new(&representation).unwrap());
     let shapes = beans(4, 2, 2, 0.6);
-    let matching = Matching::new(&representation, Correspondence::Cyclic, Direction::Given, Mirror::Forbid);
+    let matching =
+        Matching::new(&prepared(&representation), Correspondence::Cyclic, Direction::Given, Mirror::Forbid);
     for name in
         [ClassName::Similarity, ClassName::Affine, ClassName::NonUniformScaling, ClassName::UniformScaling]
     {
@@ -542,7 +552,8 @@ fn mirror_images_are_matched_only_when_allowed() {
     for alignment in [Alignment::Projection, Alignment::Procrustes] {
         let class = Method::new(&Transformation::Named(ClassName::Similarity), alignment, 2).unwrap();
         let worst = |mirror: Mirror| {
-            let matching = Matching::new(&representation, Correspondence::Cyclic, Direction::Given, mirror);
+            let matching =
+                Matching::new(&prepared(&representation), Correspondence::Cyclic, Direction::Given, mirror);
             let (_, aligned) =
                 align_all(&metric, &class, Frame::Training, &matching, shapes.concat(), vec![1.0; 12])
                     .unwrap();
@@ -562,8 +573,12 @@ fn mirror_images_are_matched_only_when_allowed() {
 fn procrustes_in_space_recovers_rotations() {
     let representation = Representation::Landmarks { dimension: 3, points: N };
     let metric = Metric::of(&ShapeSpace::new(&representation).unwrap());
-    let matching =
-        Matching::new(&representation, Correspondence::Landmarks, Direction::Given, Mirror::Forbid);
+    let matching = Matching::new(
+        &prepared(&representation),
+        Correspondence::Landmarks,
+        Direction::Given,
+        Mirror::Forbid,
+    );
     let base = beans(1, 1, 3, 0.3).remove(0);
     let mut random = Noise(3);
     let shapes: Vec<Vec<f64>> = (0..7)

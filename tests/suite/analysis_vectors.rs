@@ -65,7 +65,7 @@ fn gram_closed() {
         let n = case["control_points"].as_u64().unwrap() as usize;
         let name = case["generator"].as_str().unwrap();
         let generator = generator(name).build(n).unwrap();
-        close(&gram_row(&generator, n, 0, 0), &numbers(&case["first_row"]), name);
+        close(&gram_row(&generator.generator, n, 0, 0), &numbers(&case["first_row"]), name);
     }
 }
 
@@ -126,12 +126,7 @@ fn mean_alignment_pca() {
         let metric = Metric::of(&space);
         let transformation: Transformation = serde_json::from_value(case["transformation"].clone()).unwrap();
         let method = Method::new(&transformation, Alignment::Projection, 2).unwrap();
-        let matching = Matching::new(
-            space.representation(),
-            Correspondence::Landmarks,
-            Direction::Given,
-            Mirror::Forbid,
-        );
+        let matching = Matching::new(&space, Correspondence::Landmarks, Direction::Given, Mirror::Forbid);
         let weights = vec![1.0; shapes.len()];
         let (mean, aligned) =
             align_all(&metric, &method, Frame::Training, &matching, shapes.concat(), weights.clone())

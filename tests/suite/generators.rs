@@ -6,40 +6,49 @@ use proptest::prelude::*;
 use serde_json::Value;
 use shapelex::geometry::GeometryError;
 use shapelex::geometry::generator::bspline::{exponential_bspline, normalised_bspline};
-use shapelex::geometry::generator::{Generator, GeneratorKind, Poles, evaluate_taylor};
+use shapelex::geometry::generator::{Generator, GeneratorKind, Poles, Recipe, evaluate_taylor};
+use shapelex::geometry::open::open_gram;
 use shapelex::geometry::representation::gram_row;
 use shapelex::numeric::circulant::Circulant;
+use shapelex::numeric::quadrature::GaussLegendre;
 
+use crate::spaces::{closed, open};
 use crate::vectors::{self, assert_close, list, load, number, numbers, text};
 
-/// The generator of a stored case, when it can be had: Keys, the trigonometric interpolator or a
-/// normalised B-spline.
-pub(crate) fn generator_of(case: &Value) -> Option<Generator> {
+/// The recipe of a stored case; weights that it prescribes are keyed by the order of their B-spline.
+pub(crate) fn recipe_of(case: &Value) -> Recipe {
     let poles = vectors::poles(&case["poles"]);
-    if text(&case["family"]) == "bspline" {
-        return Some(normalised_bspline(&poles).unwrap());
+    match text(&case["family"]) {
+        "bspline" => Recipe::Bspline(poles),
+        "6.3" => Recipe::HalfIntegerShifts(poles),
+        "6.2" => {
+            let fixed = case.get("fixed").and_then(Value::as_object);
+            let weights = (poles.order()..).map_while(|n| Some(number(fixed?.get(&n.to_string())?)));
+            Recipe::IntegerShifts {
+                support: case["support"].as_u64().unwrap() as usize,
+                weights: weights.collect(),
+                poles,
+            }
+        }
+        family => panic!("unknown family {family}"),
     }
-    let offered = text(&case["family"]) == "6.2" && case["support"] == 4;
-    if offered && poles == Poles::zeros(3) {
-        return Some(GeneratorKind::Keys {}.build(3).unwrap());
-    }
-    let ellipse = offered && poles.zeros == 1 && poles.trigonometric.len() == 1;
-    ellipse.then(|| {
-        let size = (TAU / poles.trigonometric[0]).round() as usize;
-        GeneratorKind::Trigonometric {}.build(size).unwrap()
-    })
 }
 
-/// The cases of a file that can be built, after checking that these are the ones expected.
-fn offered(file: &str, wanted: &[&str]) -> Vec<(Value, Generator)> {
-    let document = load(file);
-    let found: Vec<(Value, Generator)> = vectors::cases(&document)
+/// The generator of a stored case.
+pub(crate) fn generator_of(case: &Value) -> Generator {
+    recipe_of(case).build().unwrap().generator.as_ref().clone()
+}
+
+/// The entries of an object with number keys, by increasing key.
+fn by_number(object: &Value) -> Vec<f64> {
+    let mut entries: Vec<(usize, f64)> = object
+        .as_object()
+        .unwrap()
         .iter()
-        .filter_map(|case| generator_of(case).map(|generator| (case.clone(), generator)))
+        .map(|(key, value)| (key.parse().unwrap(), number(value)))
         .collect();
-    let ids: Vec<&str> = found.iter().map(|(case, _)| text(&case["id"])).collect();
-    assert_eq!(ids, wanted);
-    found
+    entries.sort_by_key(|entry| entry.0);
+    entries.into_iter().map(|entry| entry.1).collect()
 }
 
 /// Rows `[t, value, d1, d2]`, each column with its own tolerance.
@@ -73,45 +82,100 @@ fn bsplines_equal_the_vectors() {
     }
 }
 
+/// Samples to the tolerances of the vectors; weights lose the condition number of their system.
 #[test]
 fn interpolators_equal_the_vectors() {
-    let wanted =
-        ["keys", "phi_M3", "phi_M4", "phi_M5", "phi_M8", "phi_M16", "phi_M100", "phi_M10000", "phi_M1000000"];
-    for (case, generator) in offered("generators/interpolators.json", &wanted) {
-        assert_eq!(generator.support(), 4);
-        assert_samples(&case, &generator, [1e-13, 1e-12, 1e-12]);
+    let document = load("generators/interpolators.json");
+    for case in vectors::cases(&document) {
+        let id = text(&case["id"]);
+        let built = recipe_of(case).build().unwrap();
+        assert_eq!(built.poles.order() as u64, case["n0"].as_u64().unwrap(), "{id}");
+        assert_eq!(built.generator.support() as u64, case["support"].as_u64().unwrap(), "{id}");
+        assert_eq!(built.generator.smoothness(), built.poles.order() - 2, "{id}");
+        let integer_shifts = case["family"] == "6.2";
+        let tolerances = match built.poles.order() {
+            5 if integer_shifts => [2e-13, 2e-12, 2e-12],
+            _ => [1e-13, 1e-12, 1e-12],
+        };
+        assert_samples(case, &built.generator, tolerances);
+        let tolerance = f64::EPSILON * built.condition.unwrap().max(16.0);
+        assert_close(id, built.weights.as_ref().unwrap(), &by_number(&case["lambda"]), tolerance);
+    }
+}
+
+/// `∫ φ(t) φ'(t − m₁) φ(t − m₂) dt` by Gauss' rule on every piece.
+fn triple_product(generator: &Generator, m1: isize, m2: isize) -> f64 {
+    let rule = GaussLegendre::new(16);
+    let pieces = 2 * generator.support() as isize;
+    let inside = |p: &isize| [p - 2 * m1, p - 2 * m2].iter().all(|q| (0..pieces).contains(q));
+    let integral = |p: isize| {
+        let at = |q: isize, s: f64, d: usize| evaluate_taylor(generator.piece(q as usize), s, d);
+        rule.integrate(-1.0, 1.0, |s| at(p, s, 0) * at(p - 2 * m1, s, 1) * at(p - 2 * m2, s, 0))
+    };
+    0.25 * (0..pieces).filter(inside).map(integral).sum::<f64>()
+}
+
+fn assert_triple_products(case: &Value, generator: &Generator) {
+    let Some(table) = case.get("t010") else {
+        // stored for short supports
+        assert!(generator.support() > 4, "{}", case["id"]);
+        return;
+    };
+    let (mut found, mut wanted) = (Vec::new(), Vec::new());
+    for (key, value) in table.as_object().unwrap() {
+        let (m1, m2) = key.split_once(',').unwrap();
+        found.push(triple_product(generator, m1.parse().unwrap(), m2.parse().unwrap()));
+        wanted.push(number(value));
+    }
+    assert_close(&format!("{} t010", case["id"]), &found, &wanted, 2e-13);
+}
+
+/// The Gram matrices of open curves, every entry above the diagonal.
+fn assert_open_gram(case: &Value, generator: &Generator) {
+    let stored = &case["gram_open"];
+    let intervals = stored["M"].as_u64().unwrap() as usize;
+    let first = (generator.support() as i64 + 1) / 2 - 1;
+    assert_eq!(stored["first_index"], -first, "{}", case["id"]);
+    for (derivative, name) in [(0, "upper"), (1, "upper_d1")] {
+        let Some(rows) = stored.get(name) else {
+            assert_eq!(derivative, 1);
+            continue;
+        };
+        let gram = open_gram(generator, intervals, derivative);
+        let wanted: Vec<f64> = list(rows).iter().flat_map(numbers).collect();
+        let size = intervals + 1 + 2 * first as usize;
+        let found: Vec<f64> =
+            (0..size).flat_map(|i| (i..size).map(move |j| (i, j))).map(|(i, j)| gram.get(i, j)).collect();
+        assert_close(&format!("{} {name}", case["id"]), &found, &wanted, 1e-13);
+    }
+}
+
+fn assert_correlations(case: &Value, generator: &Generator) {
+    let id = text(&case["id"]);
+    for (name, d1, d2) in [("a00", 0, 0), ("a11", 1, 1), ("a22", 2, 2), ("a01", 0, 1)] {
+        let Some(row) = case.get(name) else {
+            assert_eq!((id, name), ("linear", "a22"));
+            continue;
+        };
+        let parity = if d1 == d2 { 1.0 } else { -1.0 };
+        let wanted = numbers(row);
+        let at = |sign: isize| -> Vec<f64> {
+            (0..wanted.len() as isize).map(|m| generator.correlation(d1, d2, sign * m)).collect()
+        };
+        assert_close(&format!("{id} {name}"), &at(1), &wanted, 2e-13);
+        let mirrored: Vec<f64> = wanted.iter().map(|v| parity * v).collect();
+        assert_close(&format!("{id} {name} at −m"), &at(-1), &mirrored, 2e-13);
     }
 }
 
 #[test]
 fn inner_products_equal_the_vectors() {
-    let wanted = [
-        "keys",
-        "phi_M3",
-        "phi_M5",
-        "phi_M8",
-        "phi_M1000000",
-        "linear",
-        "quadratic",
-        "cubic",
-        "b_ellipse_M9",
-    ];
-    for (case, generator) in offered("generators/products.json", &wanted) {
-        let id = text(&case["id"]);
-        for (name, d1, d2) in [("a00", 0, 0), ("a11", 1, 1), ("a22", 2, 2), ("a01", 0, 1)] {
-            let Some(row) = case.get(name) else {
-                assert_eq!((id, name), ("linear", "a22"));
-                continue;
-            };
-            let parity = if d1 == d2 { 1.0 } else { -1.0 };
-            let wanted = numbers(row);
-            let at = |sign: isize| -> Vec<f64> {
-                (0..wanted.len() as isize).map(|m| generator.correlation(d1, d2, sign * m)).collect()
-            };
-            assert_close(&format!("{id} {name}"), &at(1), &wanted, 2e-13);
-            let mirrored: Vec<f64> = wanted.iter().map(|v| parity * v).collect();
-            assert_close(&format!("{id} {name} at −m"), &at(-1), &mirrored, 2e-13);
-        }
+    let document = load("generators/products.json");
+    for case in vectors::cases(&document) {
+        let (id, generator) = (text(&case["id"]), generator_of(case));
+        assert_correlations(case, &generator);
+        assert_triple_products(case, &generator);
+        assert_open_gram(case, &generator);
         for (size, row) in case["gram_periodic"].as_object().unwrap() {
             let found = gram_row(&generator, size.parse().unwrap(), 0, 0);
             assert_close(&format!("{id} Φ, M = {size}"), &found, &numbers(row), 1e-13);
@@ -122,6 +186,10 @@ fn inner_products_equal_the_vectors() {
         let (low, high) = values.fold((f64::MAX, f64::MIN), |(a, b), v| (a.min(v), b.max(v)));
         let wanted = numbers(&case["riesz_sq"]);
         assert_close(&format!("{id} Riesz"), &[low, high], &wanted, 1e-11);
+        // its own grid is twice as fine: extremes between the points of the other one may be larger by their bend
+        let bounds = generator.riesz_bounds_squared();
+        assert!(bounds.0 <= low + 1e-14 && high <= bounds.1 + 1e-14, "{id} Riesz {bounds:?}");
+        assert_close(&format!("{id} Riesz"), &[bounds.0, bounds.1], &wanted, 1e-5);
     }
 }
 
@@ -188,7 +256,7 @@ fn c3(y: f64) -> f64 {
 #[test]
 fn trigonometric_equals_the_closed_form_at_any_size() {
     for size in [3, 4, 5, 10, 100, 1_000, 30_000, 1_000_000] {
-        let generator = GeneratorKind::Trigonometric {}.build(size).unwrap();
+        let generator = GeneratorKind::Trigonometric {}.build(size).unwrap().generator.clone();
         let closed = ClosedForm::new(size);
         for i in 0..=4600 {
             let t = -2.3 + i as f64 * 1e-3 + 1e-4;
@@ -209,9 +277,9 @@ fn trigonometric_equals_the_closed_form_at_any_size() {
 
 #[test]
 fn trigonometric_tends_to_keys_quadratically() {
-    let keys = GeneratorKind::Keys {}.build(3).unwrap();
+    let keys = GeneratorKind::Keys {}.build(3).unwrap().generator.clone();
     for size in [1_000_usize, 10_000, 100_000, 1_000_000] {
-        let generator = GeneratorKind::Trigonometric {}.build(size).unwrap();
+        let generator = GeneratorKind::Trigonometric {}.build(size).unwrap().generator.clone();
         let largest = (0..=4000)
             .map(|i| i as f64 * 5e-4)
             .map(|t| (generator.evaluate(t, 0) - keys.evaluate(t, 0)).abs())
@@ -223,7 +291,7 @@ fn trigonometric_tends_to_keys_quadratically() {
 
 #[test]
 fn keys_is_its_polynomial() {
-    let keys = GeneratorKind::Keys {}.build(3).unwrap();
+    let keys = GeneratorKind::Keys {}.build(3).unwrap().generator.clone();
     for i in -250..=250 {
         let t = i as f64 * 0.01;
         let a: f64 = t.abs();
@@ -239,7 +307,7 @@ fn keys_is_its_polynomial() {
 }
 
 /// `Σ_k f(k) φ(t − k)`.
-fn shifted_sum(generator: &Generator, t: f64, f: impl Fn(f64) -> f64) -> f64 {
+pub(crate) fn shifted_sum(generator: &Generator, t: f64, f: impl Fn(f64) -> f64) -> f64 {
     let reach = generator.support() as f64 / 2.0;
     ((t - reach).floor() as i64..=(t + reach).ceil() as i64)
         .map(|k| f(k as f64) * generator.evaluate(t - k as f64, 0))
@@ -254,12 +322,12 @@ fn jump(generator: &Generator, p: usize, derivative: usize) -> f64 {
     right - left
 }
 
-fn largest_jump(generator: &Generator, derivative: usize) -> f64 {
+pub(crate) fn largest_jump(generator: &Generator, derivative: usize) -> f64 {
     (0..=2 * generator.support()).map(|p| jump(generator, p, derivative).abs()).fold(0.0, f64::max)
 }
 
 /// Size of a derivative, at least 1.
-fn magnitude(generator: &Generator, derivative: usize) -> f64 {
+pub(crate) fn magnitude(generator: &Generator, derivative: usize) -> f64 {
     (0..2 * generator.support())
         .map(|p| evaluate_taylor(generator.piece(p), 0.0, derivative).abs())
         .fold(1.0, f64::max)
@@ -288,7 +356,7 @@ fn admissible_poles() -> impl Strategy<Value = Poles> {
 proptest! {
     #[test]
     fn laws_of_the_catalogue(kind in kind(), size in 3_usize..=2000, t in -3.5..3.5) {
-        let generator = kind.build(size).unwrap();
+        let generator = kind.build(size).unwrap().generator.clone();
         let properties = kind.properties();
         prop_assert_eq!(generator.support(), properties.support);
         for derivative in 0..=properties.smoothness {
@@ -312,7 +380,7 @@ proptest! {
 
     #[test]
     fn trigonometric_reproduces_the_circle(size in 3_usize..=2000, t in -50.0..50.0) {
-        let generator = GeneratorKind::Trigonometric {}.build(size).unwrap();
+        let generator = GeneratorKind::Trigonometric {}.build(size).unwrap().generator.clone();
         let omega = TAU / size as f64;
         let cosine = shifted_sum(&generator, t, |k| (omega * k).cos());
         let sine = shifted_sum(&generator, t, |k| (omega * k).sin());
@@ -322,13 +390,13 @@ proptest! {
 
     #[test]
     fn polynomials_are_reproduced(degree in 1_u8..=5, t in -3.0..3.0) {
-        let keys = GeneratorKind::Keys {}.build(3).unwrap();
+        let keys = GeneratorKind::Keys {}.build(3).unwrap().generator.clone();
         for power in 1..=2 {
             let sum = shifted_sum(&keys, t, |k| k.powi(power));
             prop_assert!((sum - t.powi(power)).abs() <= 2e-13, "Keys, {power}: {sum}");
         }
         // The second moment of a B-spline is (degree + 1)/12.
-        let spline = GeneratorKind::Bspline { degree }.build(3).unwrap();
+        let spline = GeneratorKind::Bspline { degree }.build(3).unwrap().generator.clone();
         let linear = shifted_sum(&spline, t, |k| k);
         prop_assert!((linear - t).abs() <= 2e-13, "degree {degree}: {linear}");
         if degree >= 2 {
@@ -341,7 +409,7 @@ proptest! {
     /// φ̂(ω) = 1 at its pole: Σ a₀₀ cos ωm = 1, Σ a₀₁ sin ωm = ω, Σ a₁₁ cos ωm = ω², Σ a₂₂ cos ωm = ω⁴.
     #[test]
     fn correlations_know_the_pole(size in 3_usize..=2000) {
-        let generator = GeneratorKind::Trigonometric {}.build(size).unwrap();
+        let generator = GeneratorKind::Trigonometric {}.build(size).unwrap().generator.clone();
         let omega = TAU / size as f64;
         let sum = |d1, d2, f: &dyn Fn(f64) -> f64| -> f64 {
             (-3..=3).map(|m| generator.correlation(d1, d2, m) * f(m as f64)).sum()
@@ -392,9 +460,15 @@ fn too_few_points_and_empty_lists_are_refused() {
     for kind in GeneratorKind::catalogue() {
         for found in 0..3 {
             let refusal = GeometryError::TooFewPoints { found, needed: 3 };
-            assert_eq!(kind.build(found).unwrap_err(), refusal);
+            assert_eq!(closed(&kind, found, 2).unwrap_err(), refusal, "{kind:?}");
         }
-        assert!(kind.build(3).is_ok());
+        closed(&kind, 3, 2).unwrap();
+        let needed = kind.properties().fewest_intervals;
+        for found in 0..needed {
+            let refusal = GeometryError::TooFewPoints { found, needed };
+            assert_eq!(open(&kind, found, 2).unwrap_err(), refusal, "{kind:?}");
+        }
+        open(&kind, needed, 2).unwrap();
     }
     assert!(exponential_bspline(&Poles::default()).is_err());
 }

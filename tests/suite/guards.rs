@@ -154,7 +154,7 @@ fn the_guard_of_the_layers_sees_a_bad_line() {
 }
 
 /// Every operation of the contract.
-const OPERATIONS: [&str; 22] = [
+const OPERATIONS: [&str; 28] = [
     "DELETE /v1/cohorts/{cohort}",
     "DELETE /v1/cohorts/{cohort}/shapes/{shape}",
     "GET /livez",
@@ -165,15 +165,21 @@ const OPERATIONS: [&str; 22] = [
     "GET /v1/cohorts/{cohort}/shapes",
     "GET /v1/cohorts/{cohort}/shapes/{shape}",
     "GET /v1/generators",
+    "GET /v1/generators/{name}",
+    "GET /v1/idealised",
     "GET /v1/transformations",
     "POST /v1/align",
     "POST /v1/cohorts",
     "POST /v1/cohorts/{cohort}/shapes",
     "POST /v1/evaluate",
+    "POST /v1/fit",
+    "POST /v1/idealised",
     "POST /v1/mean",
     "POST /v1/measure",
+    "POST /v1/morph",
     "POST /v1/pca",
     "POST /v1/project",
+    "POST /v1/refine",
     "POST /v1/resample",
     // Documented by themselves, not in the document.
     "GET /openapi.json",
@@ -244,7 +250,7 @@ fn the_routes_of_the_interface_document_exist() {
     let server = shared();
     for operation in OPERATIONS {
         let (method, path) = operation.split_once(' ').unwrap();
-        let path = path.replace("{cohort}", "none").replace("{shape}", "none");
+        let path = path.replace("{cohort}", "none").replace("{shape}", "none").replace("{name}", "keys");
         let reply = server.send(server.request(method.parse::<Method>().unwrap(), &path));
         if reply.status >= 400 {
             let code = reply.json()["code"].as_str().unwrap().to_owned();
@@ -262,7 +268,8 @@ fn refusals_have_documented_statuses() {
     let mut undocumented = BTreeSet::new();
     for (name, operation) in operations(&document) {
         let (method, template) = name.split_once(' ').unwrap();
-        let path = |cohort: &str| template.replace("{cohort}", cohort).replace("{shape}", "none");
+        let path =
+            |id: &str| template.replace("{cohort}", id).replace("{shape}", "none").replace("{name}", id);
         let request = |path: &str| server.request(method.parse::<Method>().unwrap(), path);
         let requests = [
             request(&path("none")),

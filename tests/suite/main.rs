@@ -4,10 +4,16 @@
 mod analysis_laws;
 mod analysis_vectors;
 mod curves;
+mod fits;
 mod generators;
 mod guards;
 mod http_bad_input;
 mod http_contract;
+mod http_curves;
+mod interpolators;
 mod kill;
+mod measures;
+mod refinement;
 mod server;
+mod spaces;
 mod vectors;

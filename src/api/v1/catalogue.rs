@@ -1,13 +1,21 @@
 //! The catalogue: generators and transformation classes with their properties.
 
 use axum::Json;
+use axum::http::StatusCode;
+use axum::response::Response;
 use serde::Serialize;
+use serde_json::{Map, Value};
 
 use super::settings::{class_names, rows};
 use crate::analysis::transformation::{ClassName, TransformationClass};
-use crate::api::extract::NoQuery;
-use crate::api::problem::ProblemDocument;
+use crate::api::extract::{Format, NoQuery, Path, Query};
+use crate::api::problem::{Problem, ProblemDocument};
+use crate::api::respond::{json, svg};
+use crate::formats::InputError;
+use crate::formats::representation::read_generator;
 use crate::geometry::generator::{GeneratorKind, GeneratorProperties};
+use crate::service::ServiceError;
+use crate::service::generators::{self, GeneratorDetails};
 
 /// A generator of the catalogue.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
@@ -31,6 +39,119 @@ pub(super) struct Generators {
 pub(super) async fn list_generators(_: NoQuery) -> Json<Generators> {
     let entry = |generator: GeneratorKind| GeneratorEntry { properties: generator.properties(), generator };
     Json(Generators { items: GeneratorKind::catalogue().into_iter().map(entry).collect() })
+}
+
+/// A generator made for a number of control points.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct GeneratorPage {
+    #[serde(flatten)]
+    entry: GeneratorEntry,
+    /// Number of control points of the closed curve, or intervals of the open one, that it is made for.
+    control_points: usize,
+    /// The poles of the functions that it reproduces, `[re, im]` on the integer grid of the knots.
+    poles: Vec<[f64; 2]>,
+    /// The Riesz bounds.
+    riesz_bounds: RieszBounds,
+    /// Weights of an interpolator: of its B-splines in increasing order, or of the half-integer shifts 0, 1, ….
+    weights: Option<Vec<f64>>,
+    /// Condition number (1-norm) of the system that determines the weights.
+    condition: Option<f64>,
+    /// What a reader should know.
+    warnings: Vec<String>,
+}
+
+/// `A² Σ|c|² ≤ ‖Σ c[k] φ(· − k)‖² ≤ B² Σ|c|²`: the extremes of `Σ_k |φ̂(ω + 2πk)|²`.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct RieszBounds {
+    /// `A²`.
+    lower_squared: f64,
+    /// `B²`.
+    upper_squared: f64,
+}
+
+/// One generator made for a number of control points: support, smoothness, reproduced functions, Riesz bounds.
+///
+/// Parameters of the generator as in a representation, lists as JSON. As SVG: the generator and its derivative.
+#[utoipa::path(get, path = "/generators/{name}", tag = "catalogue",
+    params(
+        ("name" = String, Path, description = "`trigonometric`, `keys`, `bspline`, `exponential` or `interpolator`"),
+        ("control_points" = Option<usize>, Query, description = "Control points (closed) or intervals (open), 8 or the fewest unless given"),
+        ("degree" = Option<u8>, Query, description = "Of `bspline`"),
+        ("family" = Option<String>, Query, description = "Of `interpolator`: `integer_shifts` or `half_integer_shifts`"),
+        ("poles" = Option<String>, Query, description = "Such as `[[0,0],[0,0.5],[0,-0.5]]`", example = "[[0,0],[0,0.5],[0,-0.5]]"),
+        ("domain_poles" = Option<String>, Query, description = "Instead of `poles`"),
+        ("support" = Option<usize>, Query, description = "Of `interpolator`"),
+        ("weights" = Option<String>, Query, description = "Of `interpolator`, such as `[-0.5]`"),
+        ("format" = Option<String>, Query, description = "`json` or `svg`")
+    ),
+    responses(
+        (status = 200, description = "The generator", content((GeneratorPage = "application/json"), (String = "image/svg+xml"))),
+        (status = "4XX", description = "The parameters were refused", body = ProblemDocument, content_type = "application/problem+json")
+    ))]
+pub(super) async fn find_generator(
+    Path(name): Path<String>,
+    format: Format,
+    Query(parameters): Query<Vec<(String, String)>>,
+) -> Result<Response, Problem> {
+    let details = read_query(name, parameters).and_then(|(kind, count)| generators::describe(kind, count))?;
+    if format == Format::Svg {
+        return Ok(svg(generators::draw(&details)));
+    }
+    Ok(json(StatusCode::OK, &GeneratorPage::from(details))?)
+}
+
+/// A generator and a number of control points from a query: each value is JSON, or a text.
+fn read_query(
+    name: String,
+    parameters: Vec<(String, String)>,
+) -> Result<(GeneratorKind, Option<usize>), ServiceError> {
+    let (mut fields, mut count) = (Map::new(), None);
+    if parameters.iter().filter(|(key, _)| key == "format").count() > 1 {
+        return Err(ServiceError::Query("format is given twice".into()));
+    }
+    for (key, text) in parameters.into_iter().filter(|(key, _)| key != "format") {
+        if key == "control_points" {
+            let parsed = text.parse::<usize>();
+            let number = parsed
+                .map_err(|_| ServiceError::Query(format!("control_points is '{text}', not a count")))?;
+            if count.replace(number).is_some() {
+                return Err(ServiceError::Query("control_points is given twice".into()));
+            }
+            continue;
+        }
+        let value = serde_json::from_str(&text).unwrap_or(Value::String(text));
+        if key == "name" || fields.insert(key.clone(), value).is_some() {
+            return Err(ServiceError::Query(format!("{key} is given twice")));
+        }
+    }
+    let known = ["trigonometric", "keys", "bspline", "exponential", "interpolator"];
+    if !known.contains(&name.as_str()) {
+        return Err(ServiceError::NotFound { kind: "generator", key: name });
+    }
+    fields.insert("name".into(), Value::String(name));
+    let as_query = |errors: Vec<InputError>| {
+        let text: Vec<String> = errors
+            .iter()
+            .map(|error| format!("{} {}", error.pointer.trim_start_matches('/'), error.detail))
+            .collect();
+        ServiceError::Query(text.join("; "))
+    };
+    read_generator(Value::Object(fields)).map(|kind| (kind, count)).map_err(as_query)
+}
+
+impl From<GeneratorDetails> for GeneratorPage {
+    fn from(details: GeneratorDetails) -> Self {
+        let GeneratorDetails { kind, count, built, riesz_squared: (lower, upper), warnings } = details;
+        Self {
+            entry: GeneratorEntry { properties: kind.properties(), generator: kind },
+            control_points: count,
+            poles: built.poles.list(),
+            riesz_bounds: RieszBounds { lower_squared: lower, upper_squared: upper },
+            weights: built.weights.clone(),
+            condition: built.condition,
+            warnings,
+        }
+    }
 }
 
 /// A transformation class of the catalogue.

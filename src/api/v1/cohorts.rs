@@ -18,7 +18,7 @@ use crate::api::respond::{compute, json, svg};
 use crate::domain::cohort::Cohort;
 use crate::domain::shape::ShapeFilter;
 use crate::formats::checked::{Checked, document, take_given, take_or_default};
-use crate::formats::representation::CheckedRepresentation;
+use crate::formats::representation::Read;
 use crate::geometry::representation::Representation;
 use crate::service::cohorts::{self, NewCohort, text_faults};
 use crate::service::compute::draw_mean;
@@ -41,7 +41,7 @@ document! {
         description: Checked<Option<String>>;
         /// What its shapes are made of.
         #[schema(value_type = Representation, required = true)]
-        representation: CheckedRepresentation, required;
+        representation: Read<Representation>, required;
         /// How points correspond; `landmarks` unless given.
         #[schema(value_type = Option<Correspondence>)]
         correspondence: Checked<Correspondence>;

@@ -3,6 +3,8 @@
 mod catalogue;
 mod cohorts;
 mod curves;
+mod fitting;
+mod morph;
 mod settings;
 mod shapes;
 mod statistics;
@@ -17,6 +19,7 @@ use crate::service::App;
 pub(super) fn routes() -> OpenApiRouter<App> {
     OpenApiRouter::new()
         .routes(routes!(catalogue::list_generators))
+        .routes(routes!(catalogue::find_generator))
         .routes(routes!(catalogue::list_transformations))
         .routes(routes!(statistics::project))
         .routes(routes!(statistics::mean))
@@ -25,6 +28,10 @@ pub(super) fn routes() -> OpenApiRouter<App> {
         .routes(routes!(curves::evaluate))
         .routes(routes!(curves::measure))
         .routes(routes!(curves::resample))
+        .routes(routes!(fitting::fit))
+        .routes(routes!(fitting::refine))
+        .routes(routes!(fitting::list_idealised, fitting::idealise))
+        .routes(routes!(morph::morph))
         .routes(routes!(cohorts::list_cohorts, cohorts::create_cohort))
         .routes(routes!(cohorts::find_cohort, cohorts::delete_cohort))
         .routes(routes!(cohorts::cohort_mean))

@@ -18,7 +18,7 @@ macro_rules! settings_request {
             pub(super) struct $name {
                 /// What the shapes are made of.
                 #[schema(value_type = crate::geometry::representation::Representation, required = true)]
-                representation: crate::formats::representation::CheckedRepresentation, required;
+                representation: crate::formats::representation::Read<crate::geometry::representation::Representation>, required;
                 /// How points correspond; `landmarks` unless given.
                 #[schema(value_type = Option<crate::analysis::correspondence::Correspondence>)]
                 correspondence: crate::formats::checked::Checked<crate::analysis::correspondence::Correspondence>;
@@ -79,6 +79,50 @@ macro_rules! settings_request {
     };
 }
 pub(super) use settings_request;
+
+/// Declares a request about single curves, with further fields.
+macro_rules! curves_request {
+    ($(#[$meta:meta])* $name:ident { $($further:tt)* }) => {
+        crate::formats::checked::document! {
+            $(#[$meta])*
+            pub(super) struct $name {
+                /// What the shapes are made of; a curve.
+                #[schema(value_type = crate::geometry::representation::Representation, required = true)]
+                representation: crate::formats::representation::Read<crate::geometry::representation::Representation>, required;
+                /// How points become control points; `landmarks` unless given.
+                #[schema(value_type = Option<crate::analysis::correspondence::Correspondence>)]
+                correspondence: crate::formats::checked::Checked<crate::analysis::correspondence::Correspondence>;
+                /// The shapes.
+                #[schema(value_type = Vec<crate::formats::shape::ShapeInput>, required = true)]
+                shapes: crate::formats::checked::List<crate::formats::shape::ShapeInput>, required;
+                $($further)*
+            }
+        }
+
+        impl $name {
+            /// Takes what all such requests share; what is wrong goes to `errors`.
+            fn take_curves(
+                &mut self,
+                errors: &mut Vec<crate::formats::InputError>,
+            ) -> (
+                Option<(
+                    crate::geometry::representation::Representation,
+                    crate::analysis::correspondence::Correspondence,
+                )>,
+                Vec<crate::formats::shape::ShapeInput>,
+            ) {
+                use crate::formats::checked::take_or_default;
+                errors.append(&mut self.faults);
+                let representation =
+                    self.representation.take().and_then(|field| field.take("/representation", errors));
+                let correspondence = take_or_default(self.correspondence.take(), "/correspondence", errors);
+                let shapes = self.shapes.take().unwrap_or_default().take("/shapes", errors);
+                (representation.zip(correspondence), shapes)
+            }
+        }
+    };
+}
+pub(super) use curves_request;
 
 /// The checked parts of a request, or everything that is wrong with it: its fields, and what is wrong with its shapes
 /// whatever they are made of.

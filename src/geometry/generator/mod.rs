@@ -11,13 +11,18 @@
 //!
 //! * [`Poles`] — the exponents that a generator is made of;
 //! * [`bspline`] — exponential B-splines from their poles;
+//! * [`interpolator`] — the two families of interpolators on them;
+//! * [`refinement`] — the two-scale relations between grids;
 //! * [`Generator`] — the piecewise form: evaluation, exact inner products;
 //! * [`GeneratorKind`] — the catalogue that users choose from.
 
 pub mod bspline;
 mod catalogue;
+pub mod interpolator;
 mod piecewise;
+mod poles;
+pub mod refinement;
 
-pub use bspline::Poles;
-pub use catalogue::{GeneratorKind, GeneratorProperties};
-pub use piecewise::{Generator, HALF_PIECE, evaluate_taylor};
+pub use catalogue::{Built, Exact, Family, GeneratorKind, GeneratorProperties, PoleList, Recipe};
+pub use piecewise::{Generator, HALF_PIECE, differentiate, evaluate_taylor, integrate_product, recentre};
+pub use poles::{MAX_POLES, MAX_REAL_PART, Poles};

@@ -1,0 +1,141 @@
+//! Paths between two curves.
+
+use axum::extract::State;
+use axum::http::StatusCode;
+use axum::response::Response;
+use serde::Serialize;
+
+use super::settings::{ShapeOutput, checked};
+use crate::analysis::correspondence::Correspondence;
+use crate::api::extract::{Format, JsonBody, OnlyFormat, parse};
+use crate::api::problem::{Problem, ProblemDocument};
+use crate::api::respond::{compute, json, svg};
+use crate::formats::InputError;
+use crate::formats::checked::{Checked, document, take_given, take_or_default};
+use crate::formats::representation::Read;
+use crate::formats::shape::{Points, ShapeInput};
+use crate::geometry::representation::Representation;
+use crate::service::App;
+use crate::service::curves::{self, Curves, PathKind, Positions};
+use crate::service::input::own_faults;
+
+document! {
+    /// Two curves and a path between them.
+    #[schema(example = json!({
+        "representation": {"kind": "closed_curve", "dimension": 2, "control_points": 4, "generator": {"name": "trigonometric"}},
+        "from": {"points": [[2, 0], [0, 1], [-2, 0], [0, -1]]}, "to": {"points": [[1, 0], [0, 2], [-1, 0], [0, -2]]},
+        "path": "sphere", "positions": [0, 0.5, 1, 1.25]
+    }))]
+    pub(super) struct MorphRequest {
+        /// What the shapes are made of; a curve.
+        #[schema(value_type = Representation, required = true)]
+        representation: Read<Representation>, required;
+        /// How points become control points; `landmarks` unless given.
+        #[schema(value_type = Option<Correspondence>)]
+        correspondence: Checked<Correspondence>;
+        /// Where the path starts.
+        #[schema(value_type = ShapeInput, required = true)]
+        from: ShapeInput, required;
+        /// Where it ends.
+        #[schema(value_type = ShapeInput, required = true)]
+        to: ShapeInput, required;
+        /// The straight line, or the great circle between the shapes scaled to unit norm; `plane` unless given.
+        #[schema(value_type = Option<PathKind>)]
+        path: Checked<PathKind>;
+        /// Positions on the path: 0 is `from`, 1 is `to`, others extrapolate, within ±1000.
+        #[schema(value_type = Option<Vec<f64>>)]
+        positions: Checked<Vec<f64>>;
+        /// Number of equally spaced positions from 0 to 1 instead; 11 unless given.
+        #[schema(value_type = Option<usize>, minimum = 2)]
+        steps: Checked<usize>;
+    }
+}
+
+/// A shape on the path.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct MorphFrame {
+    /// Where on the path.
+    position: f64,
+    #[serde(flatten)]
+    shape: ShapeOutput,
+}
+
+/// A path between two curves.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct MorphAnswer {
+    /// One a position, in order.
+    frames: Vec<MorphFrame>,
+    /// Angle between the shapes in radians; null on the straight line.
+    angle: Option<f64>,
+}
+
+/// Most equally spaced positions.
+const MAX_STEPS: usize = 1000;
+
+/// Shapes on a path between two curves, with extrapolation.
+///
+/// As SVG: an animation through the shapes and back.
+#[utoipa::path(post, path = "/morph", tag = "curves", request_body = MorphRequest,
+    params(("format" = Option<String>, Query, description = "`json` or `svg`")),
+    responses(
+        (status = 200, description = "Shapes on the path", content((MorphAnswer = "application/json"), (String = "image/svg+xml"))),
+        (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
+    ))]
+pub(super) async fn morph(
+    State(app): State<App>,
+    OnlyFormat(format): OnlyFormat,
+    JsonBody(body): JsonBody,
+) -> Result<Response, Problem> {
+    compute(app, move |app| {
+        let (request, mut errors) = (parse::<MorphRequest>(&body)?, Vec::new());
+        errors.extend(request.faults);
+        let representation =
+            request.representation.and_then(|field| field.take("/representation", &mut errors));
+        let correspondence = take_or_default(request.correspondence, "/correspondence", &mut errors);
+        let kind = take_or_default(request.path, "/path", &mut errors);
+        let steps = take_given(request.steps, "/steps", &mut errors);
+        let positions = take_given(request.positions, "/positions", &mut errors);
+        let positions = match (positions, steps) {
+            (Some(_), Some(_)) => {
+                errors.push(InputError::new("/steps", "is given together with positions: give one of them"));
+                None
+            }
+            (Some(positions), None) => Some(Positions::At(positions)),
+            (None, steps) => {
+                let steps = steps.unwrap_or(11);
+                if !(2..=MAX_STEPS).contains(&steps) {
+                    errors.push(InputError::new(
+                        "/steps",
+                        format!("is {steps}, must be between 2 and {MAX_STEPS}"),
+                    ));
+                }
+                Some(Positions::Steps(steps.clamp(2, MAX_STEPS)))
+            }
+        };
+        let wanted = representation.zip(correspondence).zip(kind.zip(positions));
+        let (from, to) = (request.from.unwrap_or_default(), request.to.unwrap_or_default());
+        if !errors.is_empty() {
+            // What is wrong with the shapes whatever they are made of; a missing one is noted already.
+            for (shape, pointer) in [(&from, "/from"), (&to, "/to")] {
+                let found = own_faults(shape.clone());
+                errors.extend(found.into_iter().map(|error| error.below(pointer)));
+            }
+        }
+        let (((representation, correspondence), (kind, positions)), _) = checked(wanted, errors, Vec::new())?;
+        let curves = Curves::new(app, &representation, correspondence)?;
+        let morph = curves::morph(app, &curves, kind, &positions, from, to)?;
+        if format == Format::Svg {
+            let name = if kind == PathKind::Plane { "straight path" } else { "great circle" };
+            return Ok(svg(curves::draw_morph(&curves, name, &morph)?));
+        }
+        let frame = |(position, shape): (f64, crate::numeric::dense::Matrix)| {
+            let points = Points::from_columns(shape.as_slice().to_vec(), shape.ncols());
+            MorphFrame { position, shape: ShapeOutput { control_points: points } }
+        };
+        json(
+            StatusCode::OK,
+            &MorphAnswer { angle: morph.angle, frames: morph.frames.into_iter().map(frame).collect() },
+        )
+    })
+    .await
+}
