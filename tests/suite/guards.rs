@@ -350,12 +350,14 @@ fn the_commands_of_the_readme_work() {
     assert!(found.is_ok(), "this test runs the curl commands of the README: install curl");
     let server = Setting::fresh().with_example().start();
     let address = server.address().trim_start_matches("http://");
+    // Pictures that the commands write do not end up in the checkout.
+    let folder = tempfile::tempdir().unwrap();
     for block in blocks {
         assert!(block.contains("127.0.0.1:8080"), "not against the service: {block}");
         // `-f` as a default of this run: an answer of 400 and above is a failure.
         let script = format!("set -e\ncurl() {{ command curl -q -sSf \"$@\"; }}\n{block}");
         let script = script.replace("127.0.0.1:8080", address);
-        let output = Command::new("sh").arg("-c").arg(&script).current_dir(root).output().unwrap();
+        let output = Command::new("sh").arg("-c").arg(&script).current_dir(folder.path()).output().unwrap();
         let (stdout, stderr) =
             (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
         assert!(output.status.success(), "{block}\nended with {}\n{stdout}\n{stderr}", output.status);
