@@ -207,20 +207,29 @@ impl<'a> Nearest<'a> {
     }
 
     /// The smaller of `best` and the distance to a half-segment, by branch and bound: on `|s − m| ≤ h` the curve is
-    /// within `½ B h²` of its tangent at `m`.
+    /// within `½ B h²` of its tangent at `m`. Where the squared distance is convex Newton's method ends the search.
     fn on_half(&self, half: usize, target: &Vector, mut best: f64) -> f64 {
         let (low, high) = &self.boxes[half];
         let (bend, tolerance) = (self.bends[half], NEAREST * length(&combine(high, -1.0, low)));
         let mut pending = vec![(0.0, 1.0)];
         while let Some((middle, radius)) = pending.pop() {
             let slack = 0.5 * bend * radius * radius;
-            let (position, tangent) = self.position_and_tangent(half, middle);
+            let [position, tangent, _] = self.taylor(half, middle);
             let away = combine(&position, -1.0, target);
-            let square = dot(&tangent, &tangent);
-            let step =
-                if square > 0.0 { (-dot(&away, &tangent) / square).clamp(-radius, radius) } else { 0.0 };
+            let (distance, slope) = (length(&away), length(&tangent));
+            let step = if slope > 0.0 { -dot(&away, &tangent) / (slope * slope) } else { 0.0 };
+            let step = step.clamp(-radius, radius);
             let on_tangent = length(&combine(&away, step, &tangent));
-            let (there, _) = self.position_and_tangent(half, middle + step);
+            if on_tangent - slack >= best - tolerance {
+                continue;
+            }
+            // ½ (|r − p|²)'' = |r'|² + (r − p)·r'' > 0 on the whole stretch
+            let least_slope = (slope - bend * radius).max(0.0);
+            if least_slope * least_slope > (distance + slope * radius + slack) * bend {
+                best = best.min(self.newton(half, target, middle + step, middle - radius, middle + radius));
+                continue;
+            }
+            let [there, ..] = self.taylor(half, middle + step);
             best = best.min(length(&combine(&there, -1.0, target)));
             // ends where 2 · slack falls below the tolerance
             if on_tangent - slack < best - tolerance {
@@ -231,15 +240,37 @@ impl<'a> Nearest<'a> {
         best
     }
 
-    /// `r` and `dr/ds` on one half-segment.
-    fn position_and_tangent(&self, half: usize, s: f64) -> (Vector, Vector) {
-        let (mut position, mut tangent) = ([0.0; 3], [0.0; 3]);
+    /// The least distance on `[low, high]`, where its square is convex, from `s` on.
+    fn newton(&self, half: usize, target: &Vector, mut s: f64, low: f64, high: f64) -> f64 {
+        // Four or five steps reach rounding; a limit in case they alternate between two neighbours.
+        const STEPS: usize = 12;
+        let mut best = f64::MAX;
+        for _ in 0..STEPS {
+            let [position, tangent, bend] = self.taylor(half, s);
+            let away = combine(&position, -1.0, target);
+            best = best.min(length(&away));
+            let next = s - dot(&away, &tangent) / (dot(&tangent, &tangent) + dot(&away, &bend));
+            let next = next.clamp(low, high);
+            if (next - s).abs() <= 1e-9 {
+                // The square is flat here: what is left in s does not show.
+                let [position, ..] = self.taylor(half, next);
+                return best.min(length(&combine(&position, -1.0, target)));
+            }
+            s = next;
+        }
+        best
+    }
+
+    /// `r`, `dr/ds` and `d²r/ds²` on one half-segment.
+    fn taylor(&self, half: usize, s: f64) -> [Vector; 3] {
+        let [mut r, mut v, mut a] = [[0.0; 3]; 3];
         for c in 0..self.curve.dimension() {
             for coefficient in self.curve.polynomial(half, c).iter().rev() {
-                tangent[c] = tangent[c] * s + position[c];
-                position[c] = position[c] * s + coefficient;
+                a[c] = a[c] * s + 2.0 * v[c];
+                v[c] = v[c] * s + r[c];
+                r[c] = r[c] * s + coefficient;
             }
         }
-        (position, tangent)
+        [r, v, a]
     }
 }
