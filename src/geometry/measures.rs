@@ -58,7 +58,8 @@ pub struct Enclosed {
     pub orientation: Orientation,
     /// Centroid, when there is an orientation.
     pub centroid: Option<[f64; 2]>,
-    /// `∬ (x − x̄)(x − x̄)ᵀ dA` about the centroid, positive for either orientation; when there is one.
+    /// `∬ (x − x̄)(x − x̄)ᵀ dA` about the centroid, positive for either orientation of a simple curve (parts that the
+    /// curve encloses the other way count negative, as in the area); when there is one.
     pub second_moments: Option<[[f64; 2]; 2]>,
 }
 

@@ -175,7 +175,7 @@ pub struct Measured {
 }
 
 /// Pairs of intervals over which distances are measured in one request: a minute of work.
-const MAX_PAIRS: usize = 50_000_000;
+const MAX_PAIRS: usize = 10_000_000;
 
 /// Measures curves, and their distances to a reference.
 ///
