@@ -15,6 +15,7 @@ use shapelex::analysis::frame::Frame;
 use shapelex::analysis::matching::Matching;
 use shapelex::analysis::metric::Metric;
 use shapelex::analysis::pca::FunctionalPca;
+use shapelex::analysis::sparse::{Atoms, Lasso, Pursuit};
 use shapelex::analysis::transformation::{ClassName, Transformation};
 use shapelex::formats::shape::ShapeInput;
 use shapelex::geometry::curve::Curve;
@@ -138,5 +139,47 @@ fn single(c: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, cells, single);
+/// 10 000 signals of 128 numbers, each near a combination of five of 64 atoms.
+fn sparse(c: &mut Criterion) {
+    const SHAPE: (usize, usize, usize) = (128, 64, 10_000);
+    let (n, atoms, count) = SHAPE;
+    // A linear congruential generator: the same numbers everywhere.
+    let mut state = 1_u64;
+    let mut random = || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 11) as f64 / (1_u64 << 53) as f64 - 0.5
+    };
+    let mut matrix = Matrix::from_fn(n, atoms, |_, _| random());
+    for mut column in matrix.column_iter_mut() {
+        let norm = column.norm();
+        column /= norm;
+    }
+    let mut signals = vec![0.0; n * count];
+    for (k, signal) in signals.chunks_exact_mut(n).enumerate() {
+        for i in 0..5 {
+            let (weight, atom) = (random(), matrix.column((17 * k + 11 * i) % atoms));
+            signal.iter_mut().zip(atom.iter()).for_each(|(x, d)| *x += weight * d);
+        }
+        signal.iter_mut().for_each(|x| *x += 0.02 * random());
+    }
+    let atoms = Atoms::new(matrix);
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().unwrap();
+    let mut group = c.benchmark_group("10 000 signals of 128 numbers, 64 atoms, two threads");
+    group.sample_size(20).throughput(criterion::Throughput::Elements(count as u64));
+    for (name, lasso) in [
+        ("lasso", Lasso::new(0.05, false)),
+        ("lasso, non-negative", Lasso::new(0.05, true)),
+        ("lasso, weak penalty", Lasso::new(0.005, false)),
+    ] {
+        group.bench_function(name, |b| {
+            b.iter(|| pool.install(|| black_box(lasso.codes(&atoms, &signals).unwrap())));
+        });
+    }
+    group.bench_function("pursuit, 5 atoms", |b| {
+        b.iter(|| pool.install(|| black_box(Pursuit { nonzeros: 5 }.codes(&atoms, &signals).unwrap())));
+    });
+    group.finish();
+}
+
+criterion_group!(benches, cells, single, sparse);
 criterion_main!(benches);

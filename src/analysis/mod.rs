@@ -10,7 +10,7 @@
 //! * [`procrustes`] — the classical comparator;
 //! * [`alignment`] — the mean of a set of shapes, and the shapes aligned to it;
 //! * [`pca`] — functional principal components;
-//! * [`sparse`] — sparse codes with a certificate;
+//! * [`sparse`] — sparse codes: lasso with a certificate and its path, matching pursuit;
 //! * [`path`] — paths between shapes.
 //!
 //! Source: Schmitter, *Spline Shape Processing*, chapters 2–5, with its misprints corrected.

@@ -1,6 +1,7 @@
 //! Numerical tools without knowledge of shapes: structured operators, dense kernels, quadrature.
 //!
 //! * [`operator`] — symmetric positive definite operators and their square roots (what a Gram matrix is to its users);
+//! * [`cholesky`] — the factor of a matrix that grows and shrinks by rows;
 //! * [`circulant`] — the operator of a periodic shift-invariant basis, diagonal under the real FFT;
 //! * [`banded`] — symmetric positive definite band matrices and their Cholesky factor;
 //! * [`dense`] — the only module that knows the dense linear algebra library: rank-k updates and eigenproblems;
@@ -8,6 +9,7 @@
 //! * [`real`] — double and double-double numbers under one name, small systems over them.
 
 pub mod banded;
+pub mod cholesky;
 pub mod circulant;
 pub mod dense;
 pub mod operator;

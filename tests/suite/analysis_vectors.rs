@@ -229,19 +229,19 @@ fn norm_equality() {
 
 #[test]
 fn lasso() {
-    use shapelex::analysis::sparse::Lasso;
+    use shapelex::analysis::sparse::{Atoms, Lasso};
     use shapelex::numeric::dense::Matrix;
     for case in load("lasso.json").as_array().unwrap() {
         let listed: Vec<Vec<f64>> =
             case["dictionary_columns"].as_array().unwrap().iter().map(numbers).collect();
         let x = numbers(&case["x"]);
-        let atoms = Matrix::from_fn(x.len(), listed.len(), |i, j| listed[j][i]);
-        let lasso = Lasso::new(atoms, case["lam"].as_f64().unwrap(), 1e-14);
-        close(&[lasso.lambda_max(&x)], &[case["lambda_max"].as_f64().unwrap()], "lambda_max");
-        let found = lasso.code(&x).unwrap();
-        close(&found.code, &numbers(&case["code"]), "code");
+        let atoms = Atoms::new(Matrix::from_fn(x.len(), listed.len(), |i, j| listed[j][i]));
+        let lasso = Lasso { tolerance: 1e-14, ..Lasso::new(case["lam"].as_f64().unwrap(), false) };
+        close(&[atoms.lambda_max(&x)], &[case["lambda_max"].as_f64().unwrap()], "lambda_max");
+        let found = lasso.codes(&atoms, &x).unwrap().remove(0);
+        close(&found.dense(listed.len()), &numbers(&case["code"]), "code");
         close(&[found.objective], &[case["objective"].as_f64().unwrap()], "objective");
-        assert!(found.duality_gap <= 1e-14 * x.iter().map(|v| v * v).sum::<f64>());
+        assert!(found.duality_gap.unwrap() <= 1e-14 * x.iter().map(|v| v * v).sum::<f64>());
     }
 }
 

@@ -62,11 +62,12 @@ const VALUES: f64 = 1e-12;
 /// end where only they would notice.
 const HIGH_DERIVATIVES: f64 = 1e-9;
 
-/// `max |Σ_k f(k) φ(t − k) − f(t)|` relative to the largest sample that takes part.
+/// `max |Σ_k f(k) φ(t − k) − f(t)|` relative to the largest sample that takes part, and to the generator where that
+/// is large between the knots, as free weights can make it.
 fn reproduction_error(generator: &Generator, f: impl Fn(f64) -> f64, t: f64) -> f64 {
     let reach = generator.support() as f64 / 2.0 + 1.0;
     let largest = [t - reach, t, t + reach].iter().fold(1.0, |m: f64, t| m.max(f(*t).abs()));
-    (shifted_sum(generator, t, &f) - f(t)).abs() / largest
+    (shifted_sum(generator, t, &f) - f(t)).abs() / (largest * magnitude(generator, 0))
 }
 
 /// `φ(k) = δ_k`, evenness, `C^{n₀−2}` and no more, partition of unity iff 0 is a pole.

@@ -16,4 +16,5 @@ mod measures;
 mod refinement;
 mod server;
 mod spaces;
+mod sparse;
 mod vectors;
