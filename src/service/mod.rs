@@ -3,7 +3,8 @@
 //! * [`App`] — store, limits, the pool where arithmetic leaves the async threads;
 //! * [`input`] — posted shapes to control points of a representation;
 //! * [`compute`] — the stateless statistics: project, mean, align, PCA;
-//! * [`curves`] — the stateless use cases of single curves: evaluate, measure, resample, fit, refine, morph;
+//! * [`curves`], [`fitting`], [`morph`] — the stateless use cases of single curves: evaluate, measure, resample; fit,
+//!   refine, idealise; paths between two;
 //! * [`cohorts`], [`ingest`] — cohorts and their shapes;
 //! * [`live_mean`] — the mean of a stored cohort, streamed;
 //! * [`generators`] — one generator with all that is known of it;
@@ -14,10 +15,12 @@ pub mod compute;
 pub mod curves;
 pub mod error;
 pub mod example;
+pub mod fitting;
 pub mod generators;
 pub mod ingest;
 pub mod input;
 pub mod live_mean;
+pub mod morph;
 pub mod pool;
 
 use std::sync::Arc;

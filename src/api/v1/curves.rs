@@ -5,7 +5,7 @@ use axum::http::StatusCode;
 use axum::response::Response;
 use serde::Serialize;
 
-use super::settings::{checked, curves_request};
+use super::settings::{checked, shapes_request};
 use crate::api::extract::{Format, JsonBody, NoQuery, OnlyFormat, parse};
 use crate::api::problem::{Problem, ProblemDocument};
 use crate::api::respond::{compute, json, svg};
@@ -20,7 +20,7 @@ use crate::service::cohorts::text_faults;
 use crate::service::compute::draw_shapes;
 use crate::service::curves::{self, Curves, Evaluation, Measured, Parameters, Start};
 
-curves_request! {
+shapes_request! {
     /// Curves to be evaluated.
     #[schema(example = json!({
         "representation": {"kind": "closed_curve", "dimension": 2, "control_points": 4, "generator": {"name": "trigonometric"}},
@@ -107,7 +107,7 @@ pub(super) async fn evaluate(
 ) -> Result<Response, Problem> {
     compute(app, move |app| {
         let (mut request, mut errors) = (parse::<EvaluateRequest>(&body)?, Vec::new());
-        let (settings, shapes) = request.take_curves(&mut errors);
+        let (settings, shapes) = request.take_shapes(&mut errors);
         let samples = take_given(request.samples, "/samples", &mut errors);
         let parameters = match (samples, take_given(request.parameters, "/parameters", &mut errors)) {
             (Some(_), Some(_)) => {
@@ -136,7 +136,7 @@ pub(super) async fn evaluate(
     .await
 }
 
-curves_request! {
+shapes_request! {
     /// Curves to be measured.
     #[schema(example = json!({
         "representation": {"kind": "closed_curve", "dimension": 2, "control_points": 4, "generator": {"name": "trigonometric"}},
@@ -263,7 +263,7 @@ pub(super) async fn measure(
 ) -> Result<Response, Problem> {
     compute(app, move |app| {
         let (mut request, mut errors) = (parse::<MeasureRequest>(&body)?, Vec::new());
-        let (settings, shapes) = request.take_curves(&mut errors);
+        let (settings, shapes) = request.take_shapes(&mut errors);
         let length_unit = take_given(request.length_unit, "/length_unit", &mut errors).flatten();
         let unit_faults = text_faults(None, None, length_unit.as_deref());
         errors.extend(unit_faults.into_iter().map(|fault| InputError::new(fault.pointer, fault.detail)));

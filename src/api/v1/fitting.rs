@@ -5,7 +5,7 @@ use axum::http::StatusCode;
 use axum::response::Response;
 use serde::Serialize;
 
-use super::settings::{ShapeOutput, checked, curves_request};
+use super::settings::{ShapeOutput, checked, shapes_request};
 use crate::analysis::correspondence::Correspondence;
 use crate::api::extract::{JsonBody, NoQuery, parse};
 use crate::api::problem::{Problem, ProblemDocument};
@@ -18,7 +18,8 @@ use crate::geometry::ideal::{IdealCurve, Position};
 use crate::geometry::representation::Representation;
 use crate::numeric::dense::Matrix;
 use crate::service::App;
-use crate::service::curves::{self, Curves, Placed, Size};
+use crate::service::curves::Curves;
+use crate::service::fitting::{self, Placed, Size};
 
 fn output(control_points: &Matrix) -> ShapeOutput {
     let dimension = control_points.ncols();
@@ -87,7 +88,7 @@ pub(super) async fn fit(
         let shapes = request.shapes.unwrap_or_default().take("/shapes", &mut errors);
         let (FitTarget { representation, tolerance }, shapes) = checked(target, errors, shapes)?;
         let size = tolerance.map_or(Size::Given, Size::Tolerance);
-        let fits = curves::fit(app, &representation, size, parameters.as_deref(), shapes)?;
+        let fits = fitting::fit(app, &representation, size, parameters.as_deref(), shapes)?;
         let output = |fit: Fit| FitOutput {
             shape: output(&fit.control_points),
             representation: fit.representation,
@@ -99,7 +100,7 @@ pub(super) async fn fit(
     .await
 }
 
-curves_request! {
+shapes_request! {
     /// Curves to be refined.
     #[schema(example = json!({
         "representation": {"kind": "closed_curve", "dimension": 2, "control_points": 3, "generator": {
@@ -152,13 +153,13 @@ pub(super) async fn refine(
 ) -> Result<Response, Problem> {
     compute(app, move |app| {
         let (mut request, mut errors) = (parse::<RefineRequest>(&body)?, Vec::new());
-        let (settings, shapes) = request.take_curves(&mut errors);
+        let (settings, shapes) = request.take_shapes(&mut errors);
         let factor = request.factor.map_or(Some(2), |field| field.take("/factor", &mut errors));
         let (((representation, correspondence), factor), shapes) =
             checked(settings.zip(factor), errors, shapes)?;
         let curves = Curves::new(app, &representation, correspondence)?;
         let shapes = curves.read(app, shapes)?;
-        let refined = curves::refine(app, &curves, factor, &shapes)?;
+        let refined = fitting::refine(app, &curves, factor, &shapes)?;
         let shapes = refined.shapes.iter();
         json(
             StatusCode::OK,
@@ -274,7 +275,7 @@ pub(super) async fn idealise(
         }
         let (representation, _) = checked(representation, errors, Vec::new())?;
         let curves = Curves::new(app, &representation, Correspondence::Landmarks)?;
-        let shapes = curves::idealise(app, &curves, &wanted)?.iter().map(output).collect();
+        let shapes = fitting::idealise(app, &curves, &wanted)?.iter().map(output).collect();
         json(StatusCode::OK, &IdealAnswer { shapes })
     })
     .await

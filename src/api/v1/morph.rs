@@ -16,8 +16,9 @@ use crate::formats::representation::Read;
 use crate::formats::shape::{Points, ShapeInput};
 use crate::geometry::representation::Representation;
 use crate::service::App;
-use crate::service::curves::{self, Curves, PathKind, Positions};
+use crate::service::curves::Curves;
 use crate::service::input::own_faults;
+use crate::service::morph::{self, PathKind, Positions};
 
 document! {
     /// Two curves and a path between them.
@@ -123,10 +124,10 @@ pub(super) async fn morph(
         }
         let (((representation, correspondence), (kind, positions)), _) = checked(wanted, errors, Vec::new())?;
         let curves = Curves::new(app, &representation, correspondence)?;
-        let morph = curves::morph(app, &curves, kind, &positions, from, to)?;
+        let morph = morph::morph(app, &curves, kind, &positions, from, to)?;
         if format == Format::Svg {
             let name = if kind == PathKind::Plane { "straight path" } else { "great circle" };
-            return Ok(svg(curves::draw_morph(&curves, name, &morph)?));
+            return Ok(svg(morph::draw_morph(&curves, name, &morph)?));
         }
         let frame = |(position, shape): (f64, crate::numeric::dense::Matrix)| {
             let points = Points::from_columns(shape.as_slice().to_vec(), shape.ncols());

@@ -10,83 +10,13 @@ use crate::numeric::dense::Matrix;
 use crate::service::error::Fault;
 use crate::service::{ServiceError, input};
 
-/// Declares a request with the settings of the statistics and further fields.
-macro_rules! settings_request {
+/// Declares a request with a representation, a correspondence, shapes and further fields.
+macro_rules! shapes_request {
     ($(#[$meta:meta])* $name:ident { $($further:tt)* }) => {
         crate::formats::checked::document! {
             $(#[$meta])*
             pub(super) struct $name {
                 /// What the shapes are made of.
-                #[schema(value_type = crate::geometry::representation::Representation, required = true)]
-                representation: crate::formats::representation::Read<crate::geometry::representation::Representation>, required;
-                /// How points correspond; `landmarks` unless given.
-                #[schema(value_type = Option<crate::analysis::correspondence::Correspondence>)]
-                correspondence: crate::formats::checked::Checked<crate::analysis::correspondence::Correspondence>;
-                /// Whether the direction of contours means something; `given` unless given.
-                #[schema(value_type = Option<crate::analysis::correspondence::Direction>)]
-                direction: crate::formats::checked::Checked<crate::analysis::correspondence::Direction>;
-                /// Whether mirror images may be matched; `forbid` unless given.
-                #[schema(value_type = Option<crate::analysis::correspondence::Mirror>)]
-                mirror: crate::formats::checked::Checked<crate::analysis::correspondence::Mirror>;
-                /// The class that is removed before shapes are compared.
-                #[schema(value_type = crate::analysis::transformation::Transformation, required = true)]
-                transformation: crate::formats::checked::Checked<crate::analysis::transformation::Transformation>, required;
-                /// Projection on the class, or Procrustes fits; `projection` unless given.
-                #[schema(value_type = Option<crate::analysis::alignment::Alignment>)]
-                alignment: crate::formats::checked::Checked<crate::analysis::alignment::Alignment>;
-                /// Which member of the mean space is answered; `training` unless given.
-                #[schema(value_type = Option<crate::analysis::frame::Frame>)]
-                frame: crate::formats::checked::Checked<crate::analysis::frame::Frame>;
-                /// The shapes.
-                #[schema(value_type = Vec<crate::formats::shape::ShapeInput>, required = true)]
-                shapes: crate::formats::checked::List<crate::formats::shape::ShapeInput>, required;
-                $($further)*
-            }
-        }
-
-        impl $name {
-            /// Takes the settings and the shapes; what is wrong goes to `errors`.
-            fn take_settings(
-                &mut self,
-                errors: &mut Vec<crate::formats::InputError>,
-            ) -> (Option<crate::service::compute::Settings>, Vec<crate::formats::shape::ShapeInput>) {
-                use crate::formats::checked::take_or_default;
-                errors.append(&mut self.faults);
-                let representation =
-                    self.representation.take().and_then(|field| field.take("/representation", errors));
-                let correspondence = take_or_default(self.correspondence.take(), "/correspondence", errors);
-                let direction = take_or_default(self.direction.take(), "/direction", errors);
-                let mirror = take_or_default(self.mirror.take(), "/mirror", errors);
-                let transformation =
-                    self.transformation.take().and_then(|field| field.take("/transformation", errors));
-                let alignment = take_or_default(self.alignment.take(), "/alignment", errors);
-                let frame = take_or_default(self.frame.take(), "/frame", errors);
-                let shapes = self.shapes.take().unwrap_or_default().take("/shapes", errors);
-                let settings = (|| {
-                    Some(crate::service::compute::Settings {
-                        representation: representation?,
-                        correspondence: correspondence?,
-                        direction: direction?,
-                        mirror: mirror?,
-                        transformation: transformation?,
-                        alignment: alignment?,
-                        frame: frame?,
-                    })
-                })();
-                (settings, shapes)
-            }
-        }
-    };
-}
-pub(super) use settings_request;
-
-/// Declares a request about single curves, with further fields.
-macro_rules! curves_request {
-    ($(#[$meta:meta])* $name:ident { $($further:tt)* }) => {
-        crate::formats::checked::document! {
-            $(#[$meta])*
-            pub(super) struct $name {
-                /// What the shapes are made of; a curve.
                 #[schema(value_type = crate::geometry::representation::Representation, required = true)]
                 representation: crate::formats::representation::Read<crate::geometry::representation::Representation>, required;
                 /// How points become control points; `landmarks` unless given.
@@ -101,7 +31,7 @@ macro_rules! curves_request {
 
         impl $name {
             /// Takes what all such requests share; what is wrong goes to `errors`.
-            fn take_curves(
+            fn take_shapes(
                 &mut self,
                 errors: &mut Vec<crate::formats::InputError>,
             ) -> (
@@ -122,7 +52,65 @@ macro_rules! curves_request {
         }
     };
 }
-pub(super) use curves_request;
+pub(super) use shapes_request;
+
+/// Declares a request with the settings of the statistics and further fields.
+macro_rules! settings_request {
+    ($(#[$meta:meta])* $name:ident { $($further:tt)* }) => {
+        crate::api::v1::settings::shapes_request! {
+            $(#[$meta])*
+            $name {
+                /// Whether the direction of contours means something; `given` unless given.
+                #[schema(value_type = Option<crate::analysis::correspondence::Direction>)]
+                direction: crate::formats::checked::Checked<crate::analysis::correspondence::Direction>;
+                /// Whether mirror images may be matched; `forbid` unless given.
+                #[schema(value_type = Option<crate::analysis::correspondence::Mirror>)]
+                mirror: crate::formats::checked::Checked<crate::analysis::correspondence::Mirror>;
+                /// The class that is removed before shapes are compared.
+                #[schema(value_type = crate::analysis::transformation::Transformation, required = true)]
+                transformation: crate::formats::checked::Checked<crate::analysis::transformation::Transformation>, required;
+                /// Projection on the class, or Procrustes fits; `projection` unless given.
+                #[schema(value_type = Option<crate::analysis::alignment::Alignment>)]
+                alignment: crate::formats::checked::Checked<crate::analysis::alignment::Alignment>;
+                /// Which member of the mean space is answered; `training` unless given.
+                #[schema(value_type = Option<crate::analysis::frame::Frame>)]
+                frame: crate::formats::checked::Checked<crate::analysis::frame::Frame>;
+                $($further)*
+            }
+        }
+
+        impl $name {
+            /// Takes the settings and the shapes; what is wrong goes to `errors`.
+            fn take_settings(
+                &mut self,
+                errors: &mut Vec<crate::formats::InputError>,
+            ) -> (Option<crate::service::compute::Settings>, Vec<crate::formats::shape::ShapeInput>) {
+                use crate::formats::checked::take_or_default;
+                let (common, shapes) = self.take_shapes(errors);
+                let direction = take_or_default(self.direction.take(), "/direction", errors);
+                let mirror = take_or_default(self.mirror.take(), "/mirror", errors);
+                let transformation =
+                    self.transformation.take().and_then(|field| field.take("/transformation", errors));
+                let alignment = take_or_default(self.alignment.take(), "/alignment", errors);
+                let frame = take_or_default(self.frame.take(), "/frame", errors);
+                let settings = (|| {
+                    let (representation, correspondence) = common?;
+                    Some(crate::service::compute::Settings {
+                        representation,
+                        correspondence,
+                        direction: direction?,
+                        mirror: mirror?,
+                        transformation: transformation?,
+                        alignment: alignment?,
+                        frame: frame?,
+                    })
+                })();
+                (settings, shapes)
+            }
+        }
+    };
+}
+pub(super) use settings_request;
 
 /// The checked parts of a request, or everything that is wrong with it: its fields, and what is wrong with its shapes
 /// whatever they are made of.

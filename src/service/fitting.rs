@@ -1,0 +1,233 @@
+//! Fits of raw contours, refinement, and idealised curves. Plain functions, to be run on the pool.
+
+use rayon::prelude::*;
+
+use super::curves::{Curves, below_points, each_shape, raw_points};
+use super::error::Fault;
+use super::input;
+use super::{App, ServiceError};
+use crate::analysis::correspondence::Correspondence;
+use crate::formats::InputError;
+use crate::formats::shape::{MAX_COORDINATE, ShapeInput};
+use crate::geometry::GeometryError;
+use crate::geometry::curve::Curve;
+use crate::geometry::distance::l2;
+use crate::geometry::fit::{Fit, Samples};
+use crate::geometry::ideal::{IdealCurve, Position};
+use crate::geometry::refine::Refinement;
+use crate::geometry::representation::Representation;
+use crate::numeric::dense::Matrix;
+
+/// How large fitted curves are.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Size {
+    /// As the representation says.
+    Given,
+    /// As few control points as the largest `L₂` residual allows.
+    Tolerance(f64),
+}
+
+/// Fits curves to raw contours, in the parameter given (one list a shape) or the arc length.
+///
+/// # Errors
+/// Faults of the input: contours that leave gaps, tolerances that are not reached.
+pub fn fit(
+    app: &App,
+    representation: &Representation,
+    size: Size,
+    parameters: Option<&[Vec<f64>]>,
+    shapes: Vec<ShapeInput>,
+) -> Result<Vec<Fit>, ServiceError> {
+    let curves = Curves::new(app, representation, Correspondence::Landmarks)?;
+    if shapes.is_empty() {
+        return Err(ServiceError::TooFewShapes { found: 0, needed: 1 });
+    }
+    if let Some(lists) = parameters
+        && lists.len() != shapes.len()
+    {
+        let detail = format!("has {} lists for {} shapes", lists.len(), shapes.len());
+        return Err(ServiceError::invalid("/parameters", detail));
+    }
+    let mut faults = Vec::new();
+    for (i, list) in parameters.into_iter().flatten().enumerate() {
+        let most = if representation.is_closed() { 1.0_f64.next_down() } else { 1.0 };
+        let wrong = |j: usize| !(0.0..=most).contains(&list[j]) || (j > 0 && list[j] <= list[j - 1]);
+        faults.extend((0..list.len()).find(|&j| wrong(j)).map(|index| {
+            let error = GeometryError::Parameter { index, value: list[index] };
+            Fault::new(format!("/parameters/{i}/{index}"), error.to_string())
+        }));
+    }
+    ServiceError::unless_empty(faults)?;
+    if let Size::Tolerance(tolerance) = size
+        && !(tolerance > 0.0)
+    {
+        let detail =
+            format!("is {tolerance}, must be positive: the largest residual in the unit of the points");
+        return Err(ServiceError::invalid("/representation/tolerance", detail));
+    }
+    let closed = representation.is_closed();
+    let samples = each_shape(shapes, |index, shape| {
+        let points = raw_points(shape, Some(representation.dimension()), closed, &app.limits)?;
+        match parameters {
+            Some(lists) => given_samples(points, &lists[index], closed),
+            None => {
+                let contour = input::contour(points, closed).map_err(below_points)?;
+                Samples::new(contour.points().clone(), contour.parameters(), closed).map_err(of_contour)
+            }
+        }
+    })?;
+    let fits: Vec<Result<Fit, GeometryError>> = samples
+        .par_iter()
+        .map(|samples| match size {
+            Size::Given => samples.fit(&curves.space),
+            Size::Tolerance(tolerance) => {
+                samples.fit_within(representation, tolerance, app.limits.control_points)
+            }
+        })
+        .collect();
+    let (mut found, mut faults) = (Vec::with_capacity(fits.len()), Vec::new());
+    for (index, fit) in fits.into_iter().enumerate() {
+        match fit {
+            Ok(fit) => found.push(fit),
+            Err(error) => {
+                let fault = Fault::new(format!("/shapes/{index}/points"), error.to_string());
+                faults.push(Fault { index: Some(index), ..fault });
+            }
+        }
+    }
+    ServiceError::unless_empty(faults)?;
+    Ok(found)
+}
+
+fn of_contour(error: GeometryError) -> Vec<InputError> {
+    vec![InputError::new("/points", error.to_string())]
+}
+
+fn given_samples(points: Matrix, parameters: &[f64], closed: bool) -> Result<Samples, Vec<InputError>> {
+    if parameters.len() != points.nrows() {
+        let detail = format!("has {} points for {} parameters", points.nrows(), parameters.len());
+        return Err(vec![InputError::new("/points", detail)]);
+    }
+    Samples::new(points, parameters.to_vec(), closed).map_err(of_contour)
+}
+
+/// Largest factor of a refinement.
+const MAX_FACTOR: usize = 1024;
+
+/// Refined curves.
+#[derive(Debug)]
+pub struct Refined {
+    /// How it was done, and the finer space.
+    pub refinement: Refinement,
+    /// Control points and, where the curve is not the same, the `L₂` distance to the one before.
+    pub shapes: Vec<(Matrix, Option<f64>)>,
+}
+
+/// Refines curves to `factor` times as many knots.
+///
+/// # Errors
+/// A factor that does not fit, too many control points.
+pub fn refine(app: &App, curves: &Curves, factor: usize, shapes: &[Matrix]) -> Result<Refined, ServiceError> {
+    let representation = curves.space.representation();
+    if !(2..=MAX_FACTOR).contains(&factor) {
+        let detail = format!("is {factor}, must be between 2 and {MAX_FACTOR}");
+        return Err(ServiceError::invalid("/factor", detail));
+    }
+    let generator = representation.generator();
+    if generator.is_some_and(|generator| generator.needs_even_factors()) && factor % 2 == 1 {
+        let detail =
+            format!("is {factor}, must be even: half-integer shifts fall between the knots of an odd split");
+        return Err(ServiceError::invalid("/factor", detail));
+    }
+    let count = representation.count().saturating_mul(factor);
+    if count > app.limits.control_points {
+        let detail = format!(
+            "asks for {count} {}, at most {} are accepted",
+            representation.count_field(),
+            app.limits.control_points
+        );
+        return Err(ServiceError::invalid("/factor", detail));
+    }
+    if count.saturating_mul(shapes.len()) > app.limits.samples {
+        let detail = format!("at most {} control points are answered over all shapes", app.limits.samples);
+        return Err(ServiceError::invalid("/factor", detail));
+    }
+    let refinement = Refinement::new(&curves.space, factor)
+        .map_err(|error| ServiceError::invalid("/representation/generator", error.to_string()))?;
+    let shapes = shapes
+        .par_iter()
+        .map(|shape| {
+            let fine = refinement.apply(shape);
+            let change = (!refinement.is_exact()).then(|| {
+                Curve::of(refinement.space(), &fine).map_or(0.0, |curve| l2(&curves.curve(shape), &curve))
+            });
+            (fine, change)
+        })
+        .collect();
+    Ok(Refined { refinement, shapes })
+}
+
+/// An idealised curve in its place.
+#[derive(Debug, Clone, Copy)]
+pub struct Placed {
+    /// The curve.
+    pub curve: IdealCurve,
+    /// Where it lies.
+    pub position: Position,
+}
+
+/// Exact control points of idealised curves.
+///
+/// # Errors
+/// Curves that the generator does not reproduce, with the poles that are missing.
+pub fn idealise(app: &App, curves: &Curves, wanted: &[Placed]) -> Result<Vec<Matrix>, ServiceError> {
+    let representation = curves.space.representation();
+    let mut faults = Vec::new();
+    if wanted.is_empty() {
+        faults.push(Fault::new("/curves", "has no entries, at least 1 is needed"));
+    }
+    if wanted.len().saturating_mul(curves.metric.size()) > app.limits.samples {
+        let detail = format!("at most {} control points are answered over all curves", app.limits.samples);
+        faults.push(Fault::new("/curves", detail));
+    }
+    for (index, Placed { curve, position }) in wanted.iter().enumerate() {
+        let mut fault = |detail: String| {
+            let fault = Fault::new(format!("/curves/{index}/curve"), detail);
+            faults.push(Fault { index: Some(index), ..fault });
+        };
+        if let Some(detail) = curve.fault() {
+            fault(detail.into());
+            continue;
+        }
+        if representation.is_closed() && !curve.is_closed() {
+            fault("does not close: use an open_curve".into());
+            continue;
+        }
+        let missing = curve.missing(position, &curves.space);
+        if !missing.is_empty() {
+            fault(format!("is not reproduced by the generator: {}", missing_poles(&missing)));
+        }
+    }
+    ServiceError::unless_empty(std::mem::take(&mut faults))?;
+    let made = |placed: &Placed| placed.curve.control_points(&placed.position, &curves.space);
+    let shapes: Vec<Matrix> = wanted.iter().map(made).collect();
+    for (index, shape) in shapes.iter().enumerate() {
+        if !shape.iter().all(|value| value.abs() <= MAX_COORDINATE) {
+            let fault = Fault::new(format!("/curves/{index}"), format!("leaves ±{MAX_COORDINATE:e}"));
+            faults.push(Fault { index: Some(index), ..fault });
+        }
+    }
+    ServiceError::unless_empty(faults)?;
+    Ok(shapes)
+}
+
+fn missing_poles(missing: &[([f64; 2], usize)]) -> String {
+    let name = |(pole, times): &([f64; 2], usize)| match (*pole, *times) {
+        ([0.0, 0.0], 1) => "0".to_owned(),
+        ([0.0, 0.0], times) => format!("0 ({times} times)"),
+        ([0.0, im], _) => format!("±{im}i"),
+        ([re, _], _) => format!("±{re}"),
+    };
+    let list: Vec<String> = missing.iter().map(name).collect();
+    format!("among its domain_poles must be {}", list.join(", "))
+}

@@ -1,0 +1,112 @@
+//! Paths between two curves. Plain functions, to be run on the pool.
+
+use super::curves::Curves;
+use super::error::Fault;
+use super::{App, ServiceError};
+use crate::analysis::path::Path;
+use crate::formats::shape::ShapeInput;
+use crate::formats::svg::{self, Layer, colour};
+use crate::numeric::dense::Matrix;
+
+/// The kind of path between two shapes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Deserialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum PathKind {
+    /// The straight line `(1 − τ) r_1 + τ r_2`.
+    #[default]
+    Plane,
+    /// The great circle between the shapes scaled to unit `L₂` norm.
+    Sphere,
+}
+
+/// A path between two shapes.
+#[derive(Debug)]
+pub struct Morph {
+    /// `τ` and control points of every frame.
+    pub frames: Vec<(f64, Matrix)>,
+    /// Angle between the shapes in radians, on the sphere.
+    pub angle: Option<f64>,
+}
+
+/// Where on a path.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Positions {
+    /// Equally spaced from 0 to 1, at least two.
+    Steps(usize),
+    /// At these.
+    At(Vec<f64>),
+}
+
+/// Most frames of an animation.
+const MAX_FRAMES: usize = 1000;
+
+/// Largest extrapolation.
+const MAX_POSITION: f64 = 1000.0;
+
+/// Shapes at `positions` of the path from one shape to another.
+///
+/// # Errors
+/// Faults of the shapes at `/from…` and `/to…`, of the positions; opposite shapes.
+pub fn morph(
+    app: &App,
+    curves: &Curves,
+    kind: PathKind,
+    positions: &Positions,
+    from: ShapeInput,
+    to: ShapeInput,
+) -> Result<Morph, ServiceError> {
+    let mut faults = Vec::new();
+    let (positions, pointer) = match positions {
+        Positions::At(list) => (list.clone(), "/positions"),
+        Positions::Steps(count) => {
+            ((0..*count).map(|i| i as f64 / (count - 1) as f64).collect::<Vec<f64>>(), "/steps")
+        }
+    };
+    let total = positions.len().saturating_mul(curves.metric.size());
+    if positions.is_empty() || total > app.limits.samples {
+        let detail = format!(
+            "asks for {total} control points, between 1 and {} are answered over all positions",
+            app.limits.samples
+        );
+        faults.push(Fault::new(pointer, detail));
+    }
+    let wild = positions.iter().enumerate().filter(|(_, tau)| !(tau.abs() <= MAX_POSITION));
+    faults.extend(wild.map(|(i, tau)| {
+        Fault::new(format!("/positions/{i}"), format!("is {tau}, must be within ±{MAX_POSITION}"))
+    }));
+    let mut read = |shape, pointer: &str| match curves.read_one(app, shape, pointer) {
+        Ok(matrix) => Some(matrix.as_slice().to_vec()),
+        Err(ServiceError::Invalid(found)) => {
+            faults.extend(found);
+            None
+        }
+        Err(_) => None,
+    };
+    let shapes = (read(from, "/from"), read(to, "/to"));
+    ServiceError::unless_empty(faults)?;
+    let (Some(first), Some(second)) = shapes else {
+        return Err(ServiceError::Internal("a shape without control points and faults".into()));
+    };
+    let path = match kind {
+        PathKind::Plane => Path::plane(first, second),
+        PathKind::Sphere => Path::sphere(&curves.metric, first, second).map_err(|error| {
+            let pointer = |index: usize| if index == 0 { "/from".to_owned() } else { "/to".to_owned() };
+            ServiceError::of_analysis(error, pointer).without_index()
+        })?,
+    };
+    let frames = positions.iter().map(|&tau| (tau, curves.matrix(&path.at(tau)))).collect();
+    Ok(Morph { frames, angle: path.angle() })
+}
+
+/// Animated picture of a path, through its frames and back.
+///
+/// # Errors
+/// Too many frames.
+pub fn draw_morph(curves: &Curves, title: &str, morph: &Morph) -> Result<String, ServiceError> {
+    if morph.frames.len() > MAX_FRAMES {
+        let detail = format!("has {} entries, at most {MAX_FRAMES} are drawn", morph.frames.len());
+        return Err(ServiceError::invalid("/positions", detail));
+    }
+    let shapes = morph.frames.iter().map(|(_, shape)| shape.as_slice());
+    Ok(svg::animate(title, &Layer::of(&curves.space, shapes, colour::MAIN, 2.5, 1.0)))
+}
