@@ -111,7 +111,8 @@ impl Samples {
     /// doubling and bisection find it: fits of different sizes are not nested, so that fewer may by chance do.
     ///
     /// # Errors
-    /// [`GeometryError::Tolerance`] with the best residual when none is good enough; errors of the generator.
+    /// [`GeometryError::Tolerance`] with the best residual when none is good enough, [`GeometryError::Undetermined`] when
+    /// the points leave gaps at every size; errors of the generator.
     pub fn fit_within(
         &self,
         representation: &Representation,
@@ -119,18 +120,19 @@ impl Samples {
         most: usize,
     ) -> Result<Fit, GeometryError> {
         let extra = representation.with_count(1).size() - 1;
-        let (found, needed) = (self.parameters.len(), representation.fewest() + extra);
-        if found < needed {
-            return Err(GeometryError::TooFewPoints { found, needed });
+        let (points, needed) = (self.parameters.len(), representation.fewest() + extra);
+        if points < needed {
+            return Err(GeometryError::TooFewPoints { found: points, needed });
         }
-        let most = most.min(found - extra);
+        let most = most.min(points - extra);
         let fit = |count: usize| self.fit(&ShapeSpace::new(&representation.with_count(count))?);
         let mut best: Option<Fit> = None;
         let (mut failed, mut count) = (representation.fewest().saturating_sub(1), representation.fewest());
         let mut found = loop {
             let Some(next) = (count <= most).then_some(count) else {
-                let (residual, count) =
-                    best.map_or((f64::MAX, 0), |fit: Fit| (fit.residual, fit.representation.count()));
+                let undetermined = GeometryError::Undetermined { points, needed };
+                let Fit { residual, representation, .. } = best.ok_or(undetermined)?;
+                let count = representation.count();
                 return Err(GeometryError::Tolerance { tolerance, residual, count, most });
             };
             match fit(next) {

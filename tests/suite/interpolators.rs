@@ -46,7 +46,7 @@ fn poles_of(orders: std::ops::RangeInclusive<usize>) -> impl Strategy<Value = Po
                 _ => {}
             }
         }
-        poles.with_zeros(order - poles.order())
+        Poles { zeros: poles.zeros + order - poles.order(), ..poles }
     })
 }
 

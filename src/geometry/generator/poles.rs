@@ -79,11 +79,6 @@ impl Poles {
         }
     }
 
-    /// The same poles with `count` more zeros.
-    pub fn with_zeros(&self, count: usize) -> Self {
-        Self { zeros: self.zeros + count, ..self.clone() }
-    }
-
     /// Number of poles, the order of the B-spline.
     pub fn order(&self) -> usize {
         self.zeros + 2 * (self.trigonometric.len() + self.hyperbolic.len()) + 4 * self.quadruples.len()
