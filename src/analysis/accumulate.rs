@@ -40,7 +40,17 @@ impl<'a> Shapes<'a> {
         rows.enumerate().map(move |(i, (x, &weight))| (first + i, x, weight))
     }
 
-    fn blocks(self, size: usize) -> impl IndexedParallelIterator<Item = Shapes<'a>> {
+    /// The first `shapes` and the rest.
+    pub(super) fn split_at(self, shapes: usize) -> (Self, Self) {
+        let length = self.whitened.len() / self.weights.len().max(1);
+        let (left, right) = self.whitened.split_at(shapes * length);
+        let (first_weights, other_weights) = self.weights.split_at(shapes);
+        let rest = Shapes { first: self.first + shapes, whitened: right, weights: other_weights };
+        (Shapes { first: self.first, whitened: left, weights: first_weights }, rest)
+    }
+
+    /// Consecutive pieces of `size` shapes, the last one shorter.
+    pub(super) fn blocks(self, size: usize) -> impl IndexedParallelIterator<Item = Shapes<'a>> {
         let length = self.whitened.len() / self.weights.len().max(1);
         let rows = self.whitened.par_chunks(size * length.max(1));
         rows.zip(self.weights.par_chunks(size)).enumerate().map(move |(i, (whitened, weights))| Shapes {
@@ -147,7 +157,30 @@ impl AnalysisError {
         match self {
             Self::Degenerate { class, sigma, .. } => Self::Degenerate { index: position, class, sigma },
             Self::NoExtent { norm, size, .. } => Self::NoExtent { index: position, norm, size },
+            Self::NoConvergence { iterations, gap, tolerance, .. } => {
+                Self::NoConvergence { index: position, iterations, gap, tolerance }
+            }
             other => other,
+        }
+    }
+}
+
+impl AnalysisError {
+    /// The same error where `first` shapes come before.
+    pub fn after(self, first: usize) -> Self {
+        match self.position() {
+            Some(position) => self.at(first + position),
+            None => self,
+        }
+    }
+
+    /// The position of the shape that is to blame.
+    pub fn position(&self) -> Option<usize> {
+        match self {
+            Self::Degenerate { index, .. }
+            | Self::NoExtent { index, .. }
+            | Self::NoConvergence { index, .. } => Some(*index),
+            _ => None,
         }
     }
 }
@@ -399,6 +432,11 @@ impl ScatterSum {
     /// The empty sum in `R^n`.
     pub fn new(n: usize) -> Self {
         Self { outer: OuterProductSum::new(n), sum: vec![0.0; n], weight: 0.0 }
+    }
+
+    /// `Σ w`.
+    pub fn weight(&self) -> f64 {
+        self.weight
     }
 
     /// `Σ w x / Σ w`.

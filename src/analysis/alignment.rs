@@ -79,6 +79,11 @@ impl Method {
         }
     }
 
+    /// `b = −A r̄` when shapes are centred, else nothing.
+    pub(super) fn offset(&self, matrix: &Matrix, centroid: &[f64]) -> Vec<f64> {
+        if self.translates() { offset_of(matrix, centroid) } else { vec![0.0; centroid.len()] }
+    }
+
     /// The nearest member of the class of the whitened shape `x` to the whitened `mean`.
     fn bring(&self, x: &[f64], mean: &[f64]) -> Result<Projected, AnalysisError> {
         match self {
@@ -300,7 +305,7 @@ pub fn align(
 ) -> Result<AlignedShape, AnalysisError> {
     let projected = method.bring(&matching.place(x, placement), mean)?;
     let matrix = projected.matrix * matching.reflection(placement);
-    let offset = if method.translates() { offset_of(&matrix, centroid) } else { vec![0.0; centroid.len()] };
+    let offset = method.offset(&matrix, centroid);
     let whitened = projected.whitened;
     let residual = mean.iter().zip(&whitened).map(|(m, r)| (m - r).powi(2)).sum::<f64>().sqrt();
     let correlation = cosine(&whitened, mean);

@@ -63,6 +63,11 @@ impl Metric {
         self.gram.unwhiten(shapes);
     }
 
+    /// `Ψ c`, in place.
+    pub fn apply(&self, shapes: &mut [f64]) {
+        self.gram.apply(shapes);
+    }
+
     /// Mean position `r̄ = ∫ r` of one shape, `d` numbers.
     pub fn centroid(&self, control_points: &[f64]) -> Vec<f64> {
         control_points.chunks_exact(self.size()).map(|coordinate| dot(coordinate, &self.centre)).collect()
@@ -85,10 +90,7 @@ impl Metric {
     }
 }
 
-/// Plain dot product.
-pub fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(x, y)| x * y).sum()
-}
+pub use crate::numeric::kernels::dot;
 
 /// Euclidean norm.
 pub fn norm(a: &[f64]) -> f64 {

@@ -10,7 +10,8 @@
 //! * [`procrustes`] — the classical comparator;
 //! * [`alignment`] — the mean of a set of shapes, and the shapes aligned to it;
 //! * [`pca`] — functional principal components;
-//! * [`sparse`] — sparse codes: lasso with a certificate and its path, matching pursuit;
+//! * [`sparse`] — sparse codes: lasso and group lasso with a certificate, matching pursuit;
+//! * [`dictionary`] — dictionaries learnt from shapes, and how shapes are prepared for them;
 //! * [`path`] — paths between shapes.
 //!
 //! Source: Schmitter, *Spline Shape Processing*, chapters 2–5, with its misprints corrected.
@@ -18,6 +19,7 @@
 pub mod accumulate;
 pub mod alignment;
 pub mod correspondence;
+pub mod dictionary;
 pub mod frame;
 pub mod matching;
 pub mod mean;
@@ -76,6 +78,9 @@ pub enum AnalysisError {
     /// Bytes that are not an accumulator of this kind.
     #[error("these bytes are not a stored sum of this kind and size")]
     NotAnAccumulator,
+    /// The caller asked to stop.
+    #[error("interrupted")]
+    Interrupted,
     /// Two shapes are opposite on the sphere.
     #[error("the shapes are opposite ({angle:.6} rad apart): the path between them is not determined")]
     Antipodal {
@@ -83,8 +88,12 @@ pub enum AnalysisError {
         angle: f64,
     },
     /// An iteration did not reach its certificate.
-    #[error("no convergence after {iterations} iterations: duality gap {gap:.1e}, wanted {tolerance:.1e}")]
+    #[error(
+        "shape {index}: no convergence after {iterations} iterations: duality gap {gap:.1e}, wanted {tolerance:.1e}"
+    )]
     NoConvergence {
+        /// Position of the shape.
+        index: usize,
         /// Iterations done.
         iterations: usize,
         /// Gap reached.

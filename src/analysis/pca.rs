@@ -10,6 +10,7 @@
 //!
 //! [`OuterProductSum`]: super::accumulate::OuterProductSum
 
+use super::AnalysisError;
 use super::accumulate::{ScatterSum, ShapeSource, Shapes, accumulate, map_shapes};
 use super::frame::largest;
 use super::metric::{Metric, dot, norm};
@@ -49,14 +50,40 @@ impl FunctionalPca {
         centred: bool,
         components: usize,
     ) -> Result<Self, S::Error> {
-        let length = metric.len();
-        let origin = if centred { reference.to_vec() } else { vec![0.0; length] };
-        let shifted = Shifted { source, origin: &origin };
-        let sum = accumulate(&shifted, 8 * length * length, || ScatterSum::new(length))?;
-        let mean: Vec<f64> = sum.mean().iter().zip(&origin).map(|(m, o)| m + o).collect();
+        let origin = Self::origin(reference, centred);
+        Self::of_sum(Self::scatter(source, &origin)?, metric, &origin, centred, components)
+            .map_err(Into::into)
+    }
+
+    /// What is subtracted from every shape before sums are formed: `reference` when centred, else nothing.
+    pub fn origin(reference: &[f64], centred: bool) -> Vec<f64> {
+        if centred { reference.to_vec() } else { vec![0.0; reference.len()] }
+    }
+
+    /// The scatter of the whitened shapes of `source` about `origin`.
+    ///
+    /// # Errors
+    /// Errors of the source.
+    pub fn scatter<S: ShapeSource>(source: &S, origin: &[f64]) -> Result<ScatterSum, S::Error> {
+        let length = origin.len();
+        accumulate(&Shifted { source, origin }, 8 * length * length, || ScatterSum::new(length))
+    }
+
+    /// The components of a scatter about `origin`: for sums that were merged.
+    ///
+    /// # Errors
+    /// A failure of the eigenproblem.
+    pub fn of_sum(
+        sum: ScatterSum,
+        metric: &Metric,
+        origin: &[f64],
+        centred: bool,
+        components: usize,
+    ) -> Result<Self, AnalysisError> {
+        let mean: Vec<f64> = sum.mean().iter().zip(origin).map(|(m, o)| m + o).collect();
         let (total, pairs) = sum.leading(centred, components)?;
         let first = pairs.values.first().copied().unwrap_or(0.0);
-        let spread = if centred { norm(reference).powi(2) * f64::EPSILON } else { 0.0 };
+        let spread = if centred { norm(origin).powi(2) * f64::EPSILON } else { 0.0 };
         let kept = pairs.values.iter().take_while(|&&v| v > SMALLEST_COMPONENT * first && v > spread).count();
         let eigenvalues = pairs.values[..kept].to_vec();
         let explained = eigenvalues.iter().map(|value| value / total).collect();

@@ -4,20 +4,26 @@
 //! G_AA = L Lᵀ,   A an ordered set of indices of a symmetric matrix G
 //! ```
 //!
-//! Adding an index costs `O(k²)` for `k` indices, removing one `O(k²)` for each that follows it.
+//! Adding or removing an index costs `O(k²)` for `k` indices. Nothing is allocated once the factor has had its size.
 
 use super::dense::Matrix;
+use super::kernels::{add_scaled, column};
 
 /// The factor of the rows and columns of a symmetric matrix that are in a set.
 #[derive(Debug, Clone, Default)]
 pub struct ActiveCholesky {
     indices: Vec<usize>,
-    /// Row `i` of `L` has `i + 1` entries.
-    rows: Vec<Vec<f64>>,
+    /// `L` by rows; row `i` has `i + 1` entries, the last of which is `1/Lᵢᵢ`.
+    rows: Vec<f64>,
 }
 
 /// A pivot below this part of the diagonal entry is rounding: the column depends on those before.
 const INDEPENDENT: f64 = 1e-12;
+
+/// Where row `i` of a packed triangle starts.
+fn start(i: usize) -> usize {
+    i * (i + 1) / 2
+}
 
 impl ActiveCholesky {
     /// The set, in the order of the factor.
@@ -25,52 +31,102 @@ impl ActiveCholesky {
         &self.indices
     }
 
+    /// Empties the set.
+    pub fn clear(&mut self) {
+        self.indices.clear();
+        self.rows.clear();
+    }
+
     /// Adds an index; whether its column is independent of those before (else nothing changes).
     pub fn push(&mut self, gram: &Matrix, index: usize) -> bool {
-        let mut row: Vec<f64> = self.indices.iter().map(|&other| gram[(other, index)]).collect();
-        self.solve_lower(&mut row);
-        let diagonal = gram[(index, index)];
+        let column = column(gram, index);
+        self.push_by(|other| column[other], index)
+    }
+
+    /// Adds an index of the matrix with `entry(other)` in row `other` of its column; else as [`Self::push`].
+    pub fn push_by(&mut self, entry: impl Fn(usize) -> f64, index: usize) -> bool {
+        let packed = self.rows.len();
+        self.rows.extend(self.indices.iter().map(|&other| entry(other)));
+        let (known, row) = self.rows.split_at_mut(packed);
+        solve_lower(known, row);
+        let diagonal = entry(index);
         let pivot = diagonal - row.iter().map(|value| value * value).sum::<f64>();
         if !(pivot > INDEPENDENT * diagonal) {
+            self.rows.truncate(packed);
             return false;
         }
-        row.push(pivot.sqrt());
-        self.rows.push(row);
+        self.rows.push(1.0 / pivot.sqrt());
         self.indices.push(index);
         true
     }
 
-    /// Removes the index at `position`.
-    pub fn remove(&mut self, gram: &Matrix, position: usize) {
-        let after = self.indices.split_off(position + 1);
-        self.indices.pop();
-        self.rows.truncate(position);
-        for index in after {
-            // What was independent of more is independent of less; rounding at the border is dropped.
-            self.push(gram, index);
+    /// Removes the index at `position`: the rows behind it lose a column to rotations.
+    pub fn remove(&mut self, position: usize) {
+        self.indices.remove(position);
+        let kept = self.indices.len();
+        // Row `i` of the new factor is what row `i + 1` becomes.
+        for turned in position..kept {
+            let head = start(turned + 1) + turned;
+            let (a, b) = (self.rows[head], 1.0 / self.rows[head + 1]);
+            let length = a.hypot(b);
+            let (cosine, sine) = (a / length, b / length);
+            self.rows[head] = 1.0 / length;
+            for row in turned + 1..kept {
+                let at = start(row + 1) + turned;
+                let (x, y) = (self.rows[at], self.rows[at + 1]);
+                self.rows[at] = cosine * x + sine * y;
+                self.rows[at + 1] = cosine * y - sine * x;
+            }
         }
-    }
-
-    /// `x ← L⁻¹ x`.
-    fn solve_lower(&self, x: &mut [f64]) {
-        for i in 0..x.len() {
-            let row = &self.rows[i];
-            let known: f64 = row[..i].iter().zip(&x[..i]).map(|(l, v)| l * v).sum();
-            x[i] = (x[i] - known) / row[i];
+        for row in position..kept {
+            let from = start(row + 1);
+            self.rows.copy_within(from..from + row + 1, start(row));
         }
+        self.rows.truncate(start(kept));
     }
 
     /// `x ← G_AA⁻¹ x`.
     pub fn solve(&self, x: &mut [f64]) {
         self.solve_lower(x);
+        self.solve_upper(x);
+    }
+
+    /// `x ← L⁻¹ x`. The solution of a set begins with that of the indices added before.
+    pub fn solve_lower(&self, x: &mut [f64]) {
+        solve_lower(&self.rows, x);
+    }
+
+    /// The last entry of `L⁻¹y` from those before it and the last entry of `y`.
+    pub fn last_of_lower(&self, before: &[f64], last: f64) -> f64 {
+        let row = &self.rows[start(before.len())..];
+        (last - product(row, before)) * row[before.len()]
+    }
+
+    /// `x ← L⁻ᵀ x`.
+    pub fn solve_upper(&self, x: &mut [f64]) {
         for i in (0..x.len()).rev() {
-            x[i] /= self.rows[i][i];
+            let row = &self.rows[start(i)..start(i + 1)];
+            x[i] *= row[i];
             let head = x[i];
-            for (value, l) in x[..i].iter_mut().zip(&self.rows[i][..i]) {
-                *value -= l * head;
-            }
+            add_scaled(&mut x[..i], -head, &row[..i]);
         }
     }
+}
+
+/// `x ← L⁻¹ x` with the first rows of the packed `L`.
+fn solve_lower(rows: &[f64], x: &mut [f64]) {
+    for i in 0..x.len() {
+        let row = &rows[start(i)..start(i + 1)];
+        x[i] = (x[i] - product(row, &x[..i])) * row[i];
+    }
+}
+
+/// The product of the head of a row with numbers, in two partial sums: rows are short.
+fn product(row: &[f64], x: &[f64]) -> f64 {
+    let pairs = row.chunks_exact(2).zip(x.chunks_exact(2));
+    let (even, odd) = pairs.fold((0.0, 0.0), |(even, odd), (l, v)| (even + l[0] * v[0], odd + l[1] * v[1]));
+    let last = x.len() - x.len() % 2;
+    even + odd + x[last..].iter().zip(&row[last..]).map(|(v, l)| v * l).sum::<f64>()
 }
 
 #[cfg(test)]
@@ -81,18 +137,23 @@ mod tests {
     fn solutions_follow_the_set() {
         let a = Matrix::from_fn(9, 6, |i, j| ((i * 7 + j * 5 + i * j) as f64).sin());
         let gram = a.tr_mul(&a);
-        let mut factor = ActiveCholesky::default();
-        for index in [4, 1, 5, 0] {
-            assert!(factor.push(&gram, index));
-        }
-        factor.remove(&gram, 1);
-        assert_eq!(factor.indices(), [4, 5, 0]);
-        let right = [1.0, -2.0, 0.5];
-        let mut x = right;
-        factor.solve(&mut x);
-        for (i, &row) in factor.indices().iter().enumerate() {
-            let product: f64 = factor.indices().iter().zip(&x).map(|(&c, v)| gram[(row, c)] * v).sum();
-            assert!((product - right[i]).abs() < 1e-12, "{product} for {}", right[i]);
+        for position in 0..5 {
+            let mut factor = ActiveCholesky::default();
+            for index in [4, 1, 5, 0, 3] {
+                assert!(factor.push(&gram, index));
+            }
+            factor.remove(position);
+            assert_eq!(factor.indices().len(), 4);
+            assert!(factor.push(&gram, 2));
+            let right = [1.0, -2.0, 0.5, 0.25, 3.0];
+            let (mut x, mut half) = (right, right);
+            factor.solve(&mut x);
+            factor.solve_lower(&mut half);
+            assert_eq!(factor.last_of_lower(&half[..4], right[4]), half[4]);
+            for (i, &row) in factor.indices().iter().enumerate() {
+                let product: f64 = factor.indices().iter().zip(&x).map(|(&c, v)| gram[(row, c)] * v).sum();
+                assert!((product - right[i]).abs() < 1e-11, "{product} for {}", right[i]);
+            }
         }
     }
 

@@ -83,11 +83,24 @@ pub fn multiply(a: &Matrix, b: &Matrix) -> Matrix {
     c
 }
 
+/// `C ← C + X B`; `columns` holds `X` (column-major).
+pub fn add_product(c: &mut Matrix, columns: &[f64], b: &Matrix) {
+    let x = MatRef::from_column_major_slice(columns, c.nrows(), b.nrows());
+    faer::linalg::matmul::matmul(view_mut(c), Accum::Add, x, view(b), 1.0, Par::Seq);
+}
+
 /// `AᵀB`.
 pub fn transpose_multiply(a: &Matrix, b: &Matrix) -> Matrix {
-    let mut c = Matrix::zeros(a.ncols(), b.ncols());
+    transpose_multiply_columns(a, b.as_slice())
+}
+
+/// `AᵀX`; `columns` holds `X` (`n × k`, column-major).
+pub fn transpose_multiply_columns(a: &Matrix, columns: &[f64]) -> Matrix {
+    let n = a.nrows();
+    let x = MatRef::from_column_major_slice(columns, n, columns.len() / n.max(1));
+    let mut c = Matrix::zeros(a.ncols(), x.ncols());
     let at = view(a).transpose();
-    faer::linalg::matmul::matmul(view_mut(&mut c), Accum::Replace, at, view(b), 1.0, Par::Seq);
+    faer::linalg::matmul::matmul(view_mut(&mut c), Accum::Replace, at, x, 1.0, Par::Seq);
     c
 }
 

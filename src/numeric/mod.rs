@@ -4,6 +4,7 @@
 //! * [`cholesky`] — the factor of a matrix that grows and shrinks by rows;
 //! * [`circulant`] — the operator of a periodic shift-invariant basis, diagonal under the real FFT;
 //! * [`banded`] — symmetric positive definite band matrices and their Cholesky factor;
+//! * [`kernels`] — loops over short slices;
 //! * [`dense`] — the only module that knows the dense linear algebra library: rank-k updates and eigenproblems;
 //! * [`quadrature`] — Gauss–Legendre rules and an adaptive integral;
 //! * [`real`] — double and double-double numbers under one name, small systems over them.
@@ -12,6 +13,7 @@ pub mod banded;
 pub mod cholesky;
 pub mod circulant;
 pub mod dense;
+pub mod kernels;
 pub mod operator;
 pub mod quadrature;
 pub mod real;
