@@ -37,11 +37,11 @@ pub struct Cohort {
 /// Longest name.
 pub const MAX_NAME_CHARS: usize = 100;
 
-/// Why `name` cannot name a cohort, or nothing.
+/// Why `name` cannot name something whose ids begin with `prefix`, or nothing.
 ///
 /// A name is a path segment: letters, digits, `.`, `_`, `-`, at most [`MAX_NAME_CHARS`], not starting
 /// with a dot, and not of the form of an id.
-pub fn name_problem(name: &str) -> Option<String> {
+pub fn name_problem(name: &str, prefix: &str) -> Option<String> {
     let allowed = |c: char| c.is_ascii_alphanumeric() || matches!(c, '.' | '_' | '-');
     if name.is_empty() || name.chars().count() > MAX_NAME_CHARS {
         return Some(format!("must have 1 to {MAX_NAME_CHARS} characters"));
@@ -49,5 +49,5 @@ pub fn name_problem(name: &str) -> Option<String> {
     if !name.chars().all(allowed) || name.starts_with('.') {
         return Some("may hold letters, digits, '.', '_' and '-', and not start with '.'".into());
     }
-    name.starts_with(&format!("{}_", super::id::COHORT)).then(|| "must not look like an id (coh_…)".into())
+    name.starts_with(&format!("{prefix}_")).then(|| format!("must not look like an id ({prefix}_…)"))
 }

@@ -9,3 +9,7 @@ pub fn new_id(prefix: &str) -> String {
 pub const COHORT: &str = "coh";
 /// Prefix of shape identifiers.
 pub const SHAPE: &str = "shp";
+/// Prefix of job identifiers.
+pub const JOB: &str = "job";
+/// Prefix of dictionary identifiers.
+pub const DICTIONARY: &str = "dic";

@@ -1,9 +1,13 @@
-//! Cohorts and shapes as things with an identity: names, invariants, no input or output.
+//! Cohorts, shapes and jobs as things with an identity: names, invariants, no input or output.
 //!
 //! * [`cohort`] — a named set of shapes in one representation, with its revision;
+//! * [`dictionary`] — what is learnt from a cohort;
 //! * [`shape`] — one member: control points and what is known about it;
+//! * [`job`] — long work, its progress and its outcome;
 //! * [`id`] — prefixed, sortable, opaque identifiers.
 
 pub mod cohort;
+pub mod dictionary;
 pub mod id;
+pub mod job;
 pub mod shape;

@@ -2,6 +2,8 @@
 
 use std::collections::BTreeMap;
 
+use serde::{Deserialize, Serialize};
+
 /// What is known about a shape besides its geometry.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct ShapeAttributes {
@@ -44,12 +46,16 @@ pub struct Shape {
 }
 
 /// Which shapes of a cohort are meant: all conditions must hold.
-#[derive(Debug, Clone, PartialEq, Eq, Default, Hash)]
+#[derive(Debug, Clone, PartialEq, Eq, Default, Hash, Serialize, Deserialize, utoipa::ToSchema)]
+#[serde(deny_unknown_fields)]
 pub struct ShapeFilter {
     /// Shapes with this label.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub label: Option<String>,
     /// Shapes of this subject.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub subject: Option<String>,
     /// Shapes whose attribute has this value, written as text.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub labels: BTreeMap<String, String>,
 }

@@ -146,6 +146,42 @@ pub fn draw(title: &str, layers: &[Layer]) -> String {
     svg
 }
 
+/// Most cells in a row of a grid.
+const MOST_COLUMNS: usize = 10;
+
+/// Cells with captions, side by side on one scale: every cell has its own centre.
+pub fn grid(title: &str, cells: &[(String, Vec<Layer>)]) -> String {
+    let columns = (cells.len() as f64).sqrt().ceil().clamp(1.0, MOST_COLUMNS as f64) as usize;
+    let pages: Vec<Page> = cells
+        .iter()
+        .map(|(_, layers)| Page::around(layers.iter().flat_map(|layer| layer.lines.iter().flatten())))
+        .collect();
+    let side = (SIZE - 2.0 * MARGIN) / columns as f64;
+    let scale =
+        pages.iter().map(|page| page.scale).fold(f64::MAX, f64::min) * 0.85 * side / (SIZE - 2.0 * MARGIN);
+    let height = 2.0 * CAPTION + (side + CAPTION) * cells.len().div_ceil(columns) as f64;
+    let mut svg = open(title, height.round());
+    for (i, ((caption, layers), page)) in cells.iter().zip(&pages).enumerate() {
+        let (left, top) = ((i % columns) as f64, (i / columns) as f64);
+        let centre = [MARGIN + (left + 0.5) * side, CAPTION + 0.5 * side + (side + CAPTION) * top];
+        for layer in layers {
+            draw_layer(&mut svg, layer, |p| {
+                [centre[0] + scale * (p[0] - page.centre[0]), centre[1] - scale * (p[1] - page.centre[1])]
+            });
+        }
+        writeln!(
+            svg,
+            "<text x=\"{:.0}\" y=\"{:.0}\" font-size=\"11\" text-anchor=\"middle\" fill=\"#1b1b1b\">{}</text>",
+            centre[0],
+            centre[1] + 0.5 * side + 14.0,
+            escape(caption)
+        )
+        .expect("writing to a string cannot fail");
+    }
+    svg.push_str("</svg>\n");
+    svg
+}
+
 /// Seconds that an animation shows one frame.
 const FRAME_SECONDS: f64 = 0.4;
 

@@ -118,14 +118,18 @@ fn read_cohort(row: &SqliteRow) -> Result<Cohort, StoreError> {
 }
 
 /// JSON, or the bare word when it is one.
-fn to_text(value: &impl Serialize) -> String {
+pub(super) fn to_text(value: &impl Serialize) -> String {
     match serde_json::to_value(value).expect("plain enums are JSON") {
         Value::String(word) => word,
         value => value.to_string(),
     }
 }
 
-fn from_text<T: DeserializeOwned>(text: &str) -> Result<T, StoreError> {
+/// What [`to_text`] wrote.
+///
+/// # Errors
+/// [`StoreError::Damaged`].
+pub(super) fn from_text<T: DeserializeOwned>(text: &str) -> Result<T, StoreError> {
     serde_json::from_str(text)
         .or_else(|_| serde_json::from_value(Value::from(text)))
         .map_err(|e| StoreError::Damaged { detail: format!("unreadable {text:?}: {e}") })

@@ -10,20 +10,37 @@ pub(super) fn is_empty(filter: &ShapeFilter) -> bool {
     filter.label.is_none() && filter.subject.is_none() && filter.labels.is_empty()
 }
 
+/// Shapes that were added after one revision of a cohort, as they were at another.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Revisions {
+    /// Shapes of this revision are left out.
+    pub after: u64,
+    /// Changes after this one are not seen.
+    pub until: u64,
+}
+
+impl Revisions {
+    /// All shapes of a revision.
+    pub fn until(until: u64) -> Self {
+        Self { after: 0, until }
+    }
+
+    /// The current revision, whichever it is.
+    pub(super) fn latest() -> Self {
+        Self::until(u64::MAX)
+    }
+}
+
 /// Which shapes, in storage order.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Selection<'a> {
     /// Number of the cohort.
     pub(super) cohort: i64,
-    /// Shapes of the cohort at this revision.
-    pub(super) revision: u64,
+    pub(super) revisions: Revisions,
     pub(super) filter: &'a ShapeFilter,
     /// Chunk and position of the shape before the first.
     pub(super) after: (i64, i64),
 }
-
-/// The current revision, whichever it is.
-pub(super) const LATEST: u64 = u64::MAX;
 
 impl Selection<'_> {
     /// `SELECT columns` of the shapes (`s`) and their chunks (`c`), without an order.
@@ -60,7 +77,8 @@ impl Selection<'_> {
 
     fn push_visibility(&self, query: &mut QueryBuilder<Sqlite>) {
         let (chunk, position) = self.after;
-        let revision = to_sql(self.revision);
+        let revision = to_sql(self.revisions.until);
+        query.push(" AND c.revision > ").push_bind(to_sql(self.revisions.after));
         query.push(" AND c.revision <= ").push_bind(revision);
         query.push(" AND (s.deleted_revision IS NULL OR s.deleted_revision > ").push_bind(revision);
         query.push(") AND c.id >= ").push_bind(chunk);

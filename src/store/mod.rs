@@ -1,8 +1,10 @@
-//! Cohorts and shapes in SQLite.
+//! Cohorts, shapes, jobs and dictionaries in SQLite.
 //!
 //! ```text
 //! cohort ─< chunk ── chunk_data     up to 4096 shapes: points (little-endian f64), weights, checksum
 //!              └──< shape           what is known about each, and when it was deleted
+//! job                                 the queue, and the history of what is finished
+//! dictionary ── dictionary_data     versions that are written once
 //! ```
 //!
 //! A chunk carries the revision of its cohort that brought it, a shape the revision that removed it;
@@ -11,11 +13,13 @@
 //!
 //! One connection writes, in short transactions; four read. Parts:
 //! [`cohorts`], [`upload`] (storing shapes), [`shapes`] (finding, listing, deleting), [`scan`] (reading
-//! control points in bulk); `blob` turns numbers into bytes and back.
+//! control points in bulk), [`jobs`] (the queue), [`dictionaries`]; `blob` turns numbers into bytes and back.
 
 mod blob;
 pub mod cohorts;
+pub mod dictionaries;
 mod filter;
+pub mod jobs;
 pub mod scan;
 pub mod shapes;
 mod sqlite;
@@ -27,6 +31,9 @@ use std::sync::Arc;
 
 use sqlx::{Sqlite, SqlitePool, Transaction};
 
+pub use dictionaries::DictionaryFilter;
+pub use filter::Revisions;
+pub use jobs::{Claim, Claimed, Release};
 pub use scan::{Ids, ScanBatch};
 pub use shapes::{Cursor, CursorError, ShapePage};
 pub use upload::{Added, Upload};
@@ -114,6 +121,12 @@ pub enum StoreError {
     /// The schema cannot be brought up to date, for example because a newer program wrote it.
     #[error("the database schema does not fit this program")]
     Schema(#[source] sqlx::migrate::MigrateError),
+    /// As many jobs wait as may.
+    #[error("{limit} jobs are waiting, no more are taken")]
+    TooManyJobs {
+        /// Jobs that may wait.
+        limit: u32,
+    },
     /// No connection became free in time.
     #[error("the store is busy, try again")]
     Busy,
@@ -138,8 +151,8 @@ impl From<sqlx::Error> for StoreError {
 impl Store {
     /// Opens the store in `data_dir`, creating folder and database when missing.
     ///
-    /// Reads the whole file once to check it, brings the schema up to date, and removes what
-    /// interrupted uploads and deletions left behind.
+    /// Reads the whole file once to check it, brings the schema up to date, removes what interrupted uploads
+    /// and deletions left behind, and puts interrupted jobs back into the queue.
     ///
     /// # Errors
     /// [`StoreError::Folder`], [`StoreError::Locked`], [`StoreError::TooOld`],
@@ -155,6 +168,7 @@ impl Store {
         let store = Self(Arc::new(Inner { writer, reader, lock }));
         store.purge(PURGE_PENDING, None).await?;
         store.purge(PURGE_ORPHANS, None).await?;
+        store.requeue_interrupted_jobs().await?;
         Ok(store)
     }
 

@@ -4,7 +4,7 @@ use sqlx::sqlite::SqliteRow;
 use sqlx::{Row, SqliteConnection};
 
 use super::blob::{self, Chunk};
-use super::filter::{self, Selection};
+use super::filter::{self, Revisions, Selection};
 use super::{Cursor, Store, StoreError, blocking, cohorts, to_sql};
 use crate::domain::shape::ShapeFilter;
 
@@ -41,7 +41,7 @@ pub struct ScanBatch {
 }
 
 impl Store {
-    /// The next shapes of the cohort as it was at `revision`, or nothing when there are no more.
+    /// The next shapes of the cohort between the revisions, or nothing when there are no more.
     ///
     /// `after` is the position of the batch before, from a scan with the same arguments. The batches
     /// are the same whenever they are read, a few megabytes each, and every byte is verified.
@@ -51,7 +51,7 @@ impl Store {
     pub async fn scan(
         &self,
         cohort_id: &str,
-        revision: u64,
+        revisions: Revisions,
         filter: &ShapeFilter,
         after: Option<Cursor>,
         ids: Ids,
@@ -60,7 +60,7 @@ impl Store {
         loop {
             let mut read = self.reader().begin().await?;
             let selection =
-                Selection { cohort: cohorts::number(&mut read, cohort_id).await?, revision, filter, after };
+                Selection { cohort: cohorts::number(&mut read, cohort_id).await?, revisions, filter, after };
             let plan = if ids == Ids::Skip && filter::is_empty(filter) {
                 plan_chunks(&mut read, &selection).await?
             } else {
@@ -114,11 +114,12 @@ async fn plan_chunks(
     selection: &Selection<'_>,
 ) -> Result<Option<Plan>, StoreError> {
     const NEXT: &str = "SELECT id AS chunk_id, rows, width FROM chunk
-        WHERE cohort = $1 AND id > $2 AND revision <= $3 ORDER BY id LIMIT $4";
+        WHERE cohort = $1 AND id > $2 AND revision > $3 AND revision <= $4 ORDER BY id LIMIT $5";
     let rows = sqlx::query(NEXT)
         .bind(selection.cohort)
         .bind(selection.after.0)
-        .bind(to_sql(selection.revision))
+        .bind(to_sql(selection.revisions.after))
+        .bind(to_sql(selection.revisions.until))
         .bind(CHUNKS_PER_BATCH)
         .fetch_all(&mut *connection)
         .await?;
@@ -153,7 +154,7 @@ async fn list_deleted(
         .bind(selection.cohort)
         .bind(first)
         .bind(last)
-        .bind(to_sql(selection.revision))
+        .bind(to_sql(selection.revisions.until))
         .fetch_all(connection)
         .await?;
     rows.iter().map(place).collect()

@@ -7,7 +7,7 @@ use sqlx::sqlite::SqliteRow;
 use sqlx::{Row, Sqlite, SqliteConnection, Transaction};
 
 use super::blob::{self, Chunk};
-use super::filter::{self, LATEST, Selection};
+use super::filter::{self, Revisions, Selection};
 use super::{Store, StoreError, blocking, cohorts, from_sql, to_sql};
 use crate::domain::shape::{Shape, ShapeAttributes, ShapeFilter};
 
@@ -84,6 +84,50 @@ impl Store {
         Ok(None)
     }
 
+    /// The shapes with these ids, or else with these external ids, in the order of the keys.
+    ///
+    /// # Errors
+    /// [`StoreError::Corrupt`].
+    pub async fn find_shapes(
+        &self,
+        cohort_id: &str,
+        keys: &[String],
+    ) -> Result<Vec<Option<Shape>>, StoreError> {
+        const BY_ID: &str = "SELECT asked.key AS place, s.chunk_id, s.position, s.id, s.external_id,
+            s.subject, s.label, s.labels, s.metadata, c.created_at_ms
+            FROM json_each($2) AS asked
+            CROSS JOIN shape AS s ON s.id = asked.value
+            CROSS JOIN chunk AS c ON c.id = s.chunk_id
+            CROSS JOIN cohort AS h ON h.number = s.cohort
+            WHERE h.id = $1 AND s.deleted_revision IS NULL AND c.revision IS NOT NULL";
+        const BY_EXTERNAL_ID: &str = "SELECT asked.key AS place, s.chunk_id, s.position, s.id, s.external_id,
+            s.subject, s.label, s.labels, s.metadata, c.created_at_ms
+            FROM cohort AS h CROSS JOIN json_each($2) AS asked
+            CROSS JOIN shape AS s ON s.cohort = h.number AND s.external_id = asked.value
+            CROSS JOIN chunk AS c ON c.id = s.chunk_id
+            WHERE h.id = $1 AND s.deleted_revision IS NULL AND c.revision IS NOT NULL";
+        let asked = serde_json::Value::from(keys).to_string();
+        let mut read = self.reader().begin().await?;
+        let mut found: Vec<Option<Entry>> = keys.iter().map(|_| None).collect();
+        for query in [BY_ID, BY_EXTERNAL_ID] {
+            for row in sqlx::query(query).bind(cohort_id).bind(&asked).fetch_all(&mut *read).await? {
+                let place = usize::try_from(row.try_get::<i64, _>("place")?).unwrap_or(usize::MAX);
+                if let Some(slot) = found.get_mut(place).filter(|slot| slot.is_none()) {
+                    *slot = Some(read_entry(&row)?);
+                }
+            }
+        }
+        // By chunk, so that each is read and verified once.
+        let mut places: Vec<usize> = (0..found.len()).filter(|&i| found[i].is_some()).collect();
+        places.sort_by_key(|&i| found[i].as_ref().map(|entry| (entry.place.chunk, entry.place.position)));
+        let entries = places.iter().filter_map(|&i| found[i].take()).collect();
+        let mut shapes: Vec<Option<Shape>> = keys.iter().map(|_| None).collect();
+        for (i, shape) in places.into_iter().zip(fill(&mut read, entries).await?) {
+            shapes[i] = Some(shape);
+        }
+        Ok(shapes)
+    }
+
     /// At most `limit` current shapes that pass the filter, in storage order.
     ///
     /// Control points come along; memory grows with the page alone.
@@ -100,7 +144,7 @@ impl Store {
         let mut read = self.reader().begin().await?;
         let selection = Selection {
             cohort: cohorts::number(&mut read, cohort_id).await?,
-            revision: LATEST,
+            revisions: Revisions::latest(),
             filter,
             after: after.map_or((0, -1), |c| (c.chunk, c.position)),
         };
@@ -111,14 +155,14 @@ impl Store {
         Ok(ShapePage { next: next.filter(|_| rows.len() > limit), shapes: fill(&mut read, entries).await? })
     }
 
-    /// Number of shapes of the cohort at `revision` that pass the filter.
+    /// Number of shapes of the cohort between the revisions that pass the filter.
     ///
     /// # Errors
     /// [`StoreError::CohortGone`].
     pub async fn count(
         &self,
         cohort_id: &str,
-        revision: u64,
+        revisions: Revisions,
         filter: &ShapeFilter,
     ) -> Result<u64, StoreError> {
         const ALL: &str = "SELECT
@@ -126,15 +170,32 @@ impl Store {
             (SELECT count(*) FROM shape WHERE cohort = $1 AND deleted_revision <= $2)";
         let mut read = self.reader().begin().await?;
         let cohort = cohorts::number(&mut read, cohort_id).await?;
-        let count: i64 = if filter::is_empty(filter) {
-            let all = sqlx::query_scalar(ALL).bind(cohort).bind(to_sql(revision));
+        let count: i64 = if filter::is_empty(filter) && revisions.after == 0 {
+            let all = sqlx::query_scalar(ALL).bind(cohort).bind(to_sql(revisions.until));
             all.fetch_one(&mut *read).await?
         } else {
-            let selection = Selection { cohort, revision, filter, after: (0, -1) };
+            let selection = Selection { cohort, revisions, filter, after: (0, -1) };
             let mut query = selection.select("count(*)");
             query.build_query_scalar().fetch_one(&mut *read).await?
         };
         Ok(from_sql(count))
+    }
+
+    /// Number of shapes of the cohort at the revision `revisions.after` that pass the filter and were deleted by the
+    /// revision `revisions.until`.
+    ///
+    /// # Errors
+    /// [`StoreError::CohortGone`].
+    pub async fn count_deleted(
+        &self,
+        cohort_id: &str,
+        revisions: Revisions,
+        filter: &ShapeFilter,
+    ) -> Result<u64, StoreError> {
+        let Revisions { after, until } = revisions;
+        let before = self.count(cohort_id, Revisions::until(after), filter).await?;
+        let still = self.count(cohort_id, Revisions::until(until), filter).await?;
+        Ok((before + self.count(cohort_id, revisions, filter).await?).saturating_sub(still))
     }
 
     /// Deletes a shape by its id: the new revision, or nothing when there is no such shape.

@@ -17,6 +17,12 @@ const DAMAGE_CODES: [i32; 2] = [11, 26];
 const BUSY_TIMEOUT: Duration = Duration::from_secs(10);
 /// Connections that read: more only compete for the cores.
 const READERS: u32 = 4;
+/// The steps of the schema. Listed by hand: the macro that reads a folder would bring in the compile-time half of sqlx.
+const MIGRATIONS: [(i64, &str, &str); 3] = [
+    (1, "cohorts and shapes", include_str!("migrations/sqlite/0001_cohorts_and_shapes.sql")),
+    (2, "jobs", include_str!("migrations/sqlite/0002_jobs.sql")),
+    (3, "dictionaries", include_str!("migrations/sqlite/0003_dictionaries.sql")),
+];
 
 fn options(file: &Path) -> SqliteConnectOptions {
     SqliteConnectOptions::new()
@@ -82,16 +88,10 @@ pub(super) async fn check_file(pool: &SqlitePool) -> Result<(), StoreError> {
 
 /// Brings the schema up to date.
 pub(super) async fn migrate(pool: &SqlitePool) -> Result<(), StoreError> {
-    // Listed by hand: the macro that reads a folder would bring in the compile-time half of sqlx.
-    let first = include_str!("migrations/sqlite/0001_cohorts_and_shapes.sql");
-    let migrations = vec![Migration::new(
-        1,
-        "cohorts and shapes".into(),
-        MigrationType::Simple,
-        first.into_sql_str(),
-        false,
-    )];
-    Migrator::with_migrations(migrations).run(pool).await.map_err(StoreError::Schema)
+    let migrations = MIGRATIONS.map(|(version, name, text)| {
+        Migration::new(version, name.into(), MigrationType::Simple, text.into_sql_str(), false)
+    });
+    Migrator::with_migrations(migrations.into()).run(pool).await.map_err(StoreError::Schema)
 }
 
 /// Whether the error says that the file is damaged or no database.

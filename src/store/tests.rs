@@ -12,6 +12,7 @@ use crate::domain::id;
 use crate::domain::shape::{NewShape, Shape, ShapeAttributes, ShapeFilter};
 use crate::geometry::representation::Representation;
 
+mod jobs;
 mod opening;
 
 /// Numbers a shape of [`cohort`] has.
@@ -81,7 +82,9 @@ async fn scan_all(
     ids: Ids,
 ) -> (Vec<f64>, Vec<String>) {
     let (mut points, mut found, mut after) = (Vec::new(), Vec::new(), None);
-    while let Some(batch) = store.scan(&cohort.id, revision, filter, after, ids).await.unwrap() {
+    while let Some(batch) =
+        store.scan(&cohort.id, Revisions::until(revision), filter, after, ids).await.unwrap()
+    {
         assert_eq!(batch.control_points.len(), batch.weights.len() * WIDTH);
         points.extend(batch.control_points);
         found.extend(batch.ids);
@@ -190,7 +193,7 @@ async fn an_upload_is_seen_when_it_is_complete() {
     }
     assert_eq!(store.find_shape(&cohort.id, "e0").await.unwrap(), None);
     assert!(list_all(&store, &cohort, &EVERYTHING).await.is_empty());
-    assert_eq!(store.count(&cohort.id, 9, &EVERYTHING).await.unwrap(), 0);
+    assert_eq!(store.count(&cohort.id, Revisions::until(9), &EVERYTHING).await.unwrap(), 0);
     let (points, _) = scan_all(&store, &cohort, 9, &EVERYTHING, Ids::Skip).await;
     assert!(points.is_empty());
 
@@ -324,7 +327,7 @@ async fn a_deleted_shape_stays_in_earlier_revisions() {
         assert_eq!(fast, (points.clone(), Vec::new()), "revision {revision}");
         let slow = scan_all(&store, &cohort, revision, &EVERYTHING, Ids::Include).await;
         assert_eq!(slow, (points, ids), "revision {revision}");
-        let count = store.count(&cohort.id, revision, &EVERYTHING).await;
+        let count = store.count(&cohort.id, Revisions::until(revision), &EVERYTHING).await;
         assert_eq!(count.unwrap(), kept.len() as u64, "revision {revision}");
     }
     // Its external id is free again.
@@ -366,7 +369,9 @@ async fn many_chunks_are_scanned_in_batches() {
         [(&EVERYTHING, Ids::Skip, 1), (&EVERYTHING, Ids::Include, 1), (&third, Ids::Skip, 3)]
     {
         let (mut after, mut seen, mut batches) = (None, Vec::new(), 0);
-        while let Some(batch) = store.scan(&wide.id, revision, filter, after, ids).await.unwrap() {
+        while let Some(batch) =
+            store.scan(&wide.id, Revisions::until(revision), filter, after, ids).await.unwrap()
+        {
             assert!(batch.control_points.len() <= (4 << 20) / 8);
             let firsts = batch.control_points.iter().step_by(2 * points);
             seen.extend(firsts.copied().zip(batch.weights));
@@ -434,7 +439,7 @@ async fn filters_compare_attributes_as_text() {
             ShapeFilter { labels: BTreeMap::from([((*key).to_owned(), text)]), ..ShapeFilter::default() };
         let (points, _) = scan_all(&store, &cohort, revision, &filter, Ids::Skip).await;
         assert_eq!(points, shape(number).control_points, "{key:?}");
-        let count = store.count(&cohort.id, revision, &filter).await.unwrap();
+        let count = store.count(&cohort.id, Revisions::until(revision), &filter).await.unwrap();
         assert_eq!(count, 1, "{key:?}");
     }
     for (key, value) in [("flag", "1"), ("size", "2.0"), ("a", "dot"), ("none", "x")] {
@@ -483,9 +488,9 @@ async fn a_deleted_cohort_is_gone_with_its_shapes() {
     let gone = |error: StoreError| assert!(matches!(error, StoreError::CohortGone), "{error:?}");
     gone(upload.add(vec![shape(3)]).await.unwrap_err());
     gone(upload.commit(1).await.unwrap_err());
-    let scan = store.scan(&cohort.id, 1, &EVERYTHING, None, Ids::Skip);
+    let scan = store.scan(&cohort.id, Revisions::until(1), &EVERYTHING, None, Ids::Skip);
     gone(scan.await.unwrap_err());
-    gone(store.count(&cohort.id, 1, &EVERYTHING).await.unwrap_err());
+    gone(store.count(&cohort.id, Revisions::until(1), &EVERYTHING).await.unwrap_err());
     assert_eq!(store.find_shape(&cohort.id, "a").await.unwrap(), None);
     // The name is free again.
     store.create_cohort(&self::cohort("hands")).await.unwrap();
@@ -504,7 +509,7 @@ async fn damaged_control_points_are_noticed() {
         assert!(matches!(error, StoreError::Corrupt { chunk: 1 }), "{error:?}");
     };
     for ids in [Ids::Skip, Ids::Include] {
-        let scan = store.scan(&cohort.id, revision, &EVERYTHING, None, ids);
+        let scan = store.scan(&cohort.id, Revisions::until(revision), &EVERYTHING, None, ids);
         corrupt(scan.await.unwrap_err());
     }
     corrupt(store.find_shape(&cohort.id, &stored.id).await.unwrap_err());
@@ -537,7 +542,7 @@ async fn uploads_run_side_by_side() {
     revisions.sort_unstable();
     assert_eq!(revisions, [1, 2, 3, 4]);
     for revision in 0..=4 {
-        let count = store.count(&cohort.id, revision, &EVERYTHING).await;
+        let count = store.count(&cohort.id, Revisions::until(revision), &EVERYTHING).await;
         assert_eq!(count.unwrap(), revision * 500);
     }
     let (points, _) = scan_all(&store, &cohort, 4, &EVERYTHING, Ids::Skip).await;

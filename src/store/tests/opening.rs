@@ -64,5 +64,5 @@ async fn the_store_recovers_from_a_full_disk() {
     let limit = "PRAGMA max_page_count = 1000000";
     sqlx::query(limit).execute(&store.0.writer).await.unwrap();
     assert_eq!(store_all(&store, &cohort, shapes(0)).await, 1);
-    assert_eq!(store.count(&cohort.id, 1, &EVERYTHING).await.unwrap(), 4000);
+    assert_eq!(store.count(&cohort.id, Revisions::until(1), &EVERYTHING).await.unwrap(), 4000);
 }

@@ -1,0 +1,117 @@
+//! A job: long work that survives a restart, with its progress and its outcome.
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+/// What is to be done.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum JobKind {
+    /// A dictionary is learnt from a cohort.
+    LearnDictionary,
+}
+
+/// Where a job is: `queued ⇄ running → succeeded | failed | cancelled`, and `queued → failed | cancelled`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum JobStatus {
+    /// Waits for its turn, or for the next attempt.
+    Queued,
+    /// Somebody works on it.
+    Running,
+    /// Done; there is a result.
+    Succeeded,
+    /// Given up; there is a problem.
+    Failed,
+    /// Stopped because somebody asked for it.
+    Cancelled,
+}
+
+impl JobStatus {
+    /// The word for it.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Queued => "queued",
+            Self::Running => "running",
+            Self::Succeeded => "succeeded",
+            Self::Failed => "failed",
+            Self::Cancelled => "cancelled",
+        }
+    }
+
+    /// Whether it stays so for ever.
+    pub fn is_finished(self) -> bool {
+        matches!(self, Self::Succeeded | Self::Failed | Self::Cancelled)
+    }
+}
+
+/// How far an attempt is.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Progress {
+    /// Fraction that is done, 0 to 1.
+    pub fraction: f64,
+    /// What it is at.
+    pub phase: Option<&'static str>,
+    /// What is minimised or maximised, so far.
+    pub objective: Option<f64>,
+}
+
+/// A job.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Job {
+    /// `job_…`.
+    pub id: String,
+    /// What is to be done.
+    pub kind: JobKind,
+    /// What it is to be done with; of the kind.
+    pub parameters: Value,
+    /// Where it is.
+    pub status: JobStatus,
+    /// Fraction that is done, 0 to 1.
+    pub progress: f64,
+    /// What it is at.
+    pub phase: Option<String>,
+    /// What is minimised or maximised, so far.
+    pub objective: Option<f64>,
+    /// Attempts that were begun, without those that a stop of the service ended.
+    pub attempt: u32,
+    /// Creation time, milliseconds since 1970 UTC.
+    pub created_at_ms: i64,
+    /// When the present or last attempt began.
+    pub started_at_ms: Option<i64>,
+    /// When it was finished.
+    pub finished_at_ms: Option<i64>,
+    /// What came out, when it succeeded.
+    pub result: Option<Value>,
+    /// Why it failed: a problem document.
+    pub problem: Option<Value>,
+}
+
+impl Job {
+    /// A job that waits for its first attempt.
+    pub fn new(kind: JobKind, parameters: Value, now_ms: i64) -> Self {
+        Self {
+            id: super::id::new_id(super::id::JOB),
+            kind,
+            parameters,
+            status: JobStatus::Queued,
+            progress: 0.0,
+            phase: None,
+            objective: None,
+            attempt: 0,
+            created_at_ms: now_ms,
+            started_at_ms: None,
+            finished_at_ms: None,
+            result: None,
+            problem: None,
+        }
+    }
+
+    /// The same job as far as `progress` says.
+    pub fn with_progress(mut self, progress: &Progress) -> Self {
+        self.progress = progress.fraction;
+        self.phase = progress.phase.map(str::to_owned);
+        self.objective = progress.objective;
+        self
+    }
+}

@@ -1,0 +1,254 @@
+//! The queue: order, leases, fencing, what a restart does, what is kept.
+
+use super::*;
+use crate::domain::job::{Job, JobKind, JobStatus, Progress};
+use crate::store::jobs::{MAX_ATTEMPTS, MAX_FINISHED, MAX_QUEUED};
+
+/// The lease of the claims of these tests.
+const LEASE: i64 = 100;
+
+async fn submitted(store: &Store, now: i64) -> Job {
+    let job = Job::new(JobKind::LearnDictionary, json!({"cohort": "hands", "atoms": now}), now);
+    store.create_job(&job).await.unwrap();
+    job
+}
+
+async fn looked(store: &Store, now: i64) -> Claimed {
+    store.claim_job(now, now + LEASE, &json!({"code": "internal"})).await.unwrap()
+}
+
+async fn claimed(store: &Store, now: i64) -> Claim {
+    looked(store, now).await.claim.expect("a job waits")
+}
+
+async fn found(store: &Store, id: &str) -> Job {
+    store.find_job(id).await.unwrap().expect("the job is there")
+}
+
+/// Puts jobs into the table as they are: a thousand transactions would take seconds.
+async fn insert_many(store: &Store, count: u32, status: &'static str, finished_at_ms: Option<i64>) {
+    const INSERT: &str = "WITH RECURSIVE n (i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n WHERE i < $1)
+        INSERT INTO job (id, kind, parameters, status, progress, attempt, run_at_ms, created_at_ms, finished_at_ms)
+        SELECT format('job_%s_%06d', $2, i), 'learn_dictionary', '{}', $2, 0, 1, 5, 5, $3 + i FROM n";
+    let query = sqlx::query(INSERT).bind(count).bind(status).bind(finished_at_ms);
+    query.execute(&store.0.writer).await.unwrap();
+}
+
+#[tokio::test]
+async fn jobs_come_back_as_they_were() {
+    let (_folder, store) = fresh().await;
+    let job = submitted(&store, 7).await;
+    assert_eq!(found(&store, &job.id).await, job);
+    assert_eq!(store.find_job("job_none").await.unwrap(), None);
+    let claim = claimed(&store, 9).await;
+    let running = Job { status: JobStatus::Running, attempt: 1, started_at_ms: Some(9), ..job.clone() };
+    assert_eq!(claim.job, running);
+    let progress = Progress { fraction: 0.25, phase: Some("codes"), objective: Some(1.5) };
+    assert!(store.renew_job(&claim, &progress, 500).await.unwrap());
+    let running = running.with_progress(&progress);
+    assert_eq!(found(&store, &job.id).await, running);
+    assert!(store.succeed_job(&claim, &json!({"dictionary": "dic_1"}), None, 11).await.unwrap());
+    let result = Some(json!({"dictionary": "dic_1"}));
+    let done =
+        Job { status: JobStatus::Succeeded, progress: 1.0, finished_at_ms: Some(11), result, ..running };
+    assert_eq!(found(&store, &job.id).await, done);
+}
+
+#[tokio::test]
+async fn the_job_that_waits_longest_is_claimed_first() {
+    let (_folder, store) = fresh().await;
+    let (late, early, same) =
+        (submitted(&store, 30).await, submitted(&store, 10).await, submitted(&store, 10).await);
+    assert!(looked(&store, 9).await.claim.is_none(), "before its time");
+    let first = claimed(&store, 40).await;
+    assert_eq!(first.job.id, early.id);
+    // Back for another attempt, behind the others.
+    assert!(store.release_job(&first, Release::RetryAt(35)).await.unwrap());
+    let mut order = Vec::new();
+    while let Some(claim) = looked(&store, 41).await.claim {
+        order.push((claim.job.id, claim.job.attempt));
+    }
+    assert_eq!(order, [(same.id, 1), (late.id, 1), (early.id, 2)]);
+}
+
+#[tokio::test]
+async fn a_lease_that_ends_gives_the_job_to_the_next() {
+    let (_folder, store) = fresh().await;
+    let job = submitted(&store, 1).await;
+    let first = claimed(&store, 10).await;
+    assert!(looked(&store, 10 + LEASE).await.claim.is_none(), "the lease holds");
+    assert!(store.renew_job(&first, &Progress::default(), 1000).await.unwrap());
+    assert!(looked(&store, 1000).await.claim.is_none(), "the renewed lease holds");
+    let second = claimed(&store, 1001).await;
+    assert_eq!((&second.job.id, second.job.attempt), (&job.id, 2));
+}
+
+/// Everything that a claimant can write; whether any of it applied.
+async fn write_everything(store: &Store, claim: &Claim) -> bool {
+    let problem = json!({"code": "internal"});
+    store.renew_job(claim, &Progress { fraction: 0.9, ..Progress::default() }, 5000).await.unwrap()
+        || store.succeed_job(claim, &json!(1), None, 50).await.unwrap()
+        || store.fail_job(claim, &problem, 50).await.unwrap()
+        || store.release_job(claim, Release::Uncounted).await.unwrap()
+        || store.release_job(claim, Release::RetryAt(60)).await.unwrap()
+}
+
+#[tokio::test]
+async fn a_stale_claim_writes_nothing() {
+    let (_folder, store) = fresh().await;
+    let job = submitted(&store, 1).await;
+    let overtaken = claimed(&store, 10).await;
+    let present = claimed(&store, 11 + LEASE).await;
+    let before = found(&store, &job.id).await;
+    assert!(!write_everything(&store, &overtaken).await, "overtaken");
+    assert_eq!(found(&store, &job.id).await, before);
+
+    // Released without being counted, the next claim has the same attempt; it is another one nevertheless.
+    assert!(store.release_job(&present, Release::Uncounted).await.unwrap());
+    assert!(!write_everything(&store, &present).await, "released");
+    let again = claimed(&store, 12 + LEASE).await;
+    assert_eq!(again.job.attempt, present.job.attempt);
+    assert!(!write_everything(&store, &present).await, "released and claimed by another one");
+    assert!(store.succeed_job(&again, &json!(2), None, 400).await.unwrap());
+    let done = found(&store, &job.id).await;
+    assert!(!write_everything(&store, &again).await, "finished");
+    assert_eq!(found(&store, &job.id).await, done);
+}
+
+#[tokio::test]
+async fn a_restart_puts_running_jobs_back_at_once() {
+    let (folder, store) = fresh().await;
+    let (running, waiting) = (submitted(&store, 1).await, submitted(&store, 2).await);
+    let stale = claimed(&store, 10).await;
+    let progress = Progress { fraction: 0.5, phase: Some("codes"), objective: Some(1.0) };
+    assert!(store.renew_job(&stale, &progress, i64::MAX).await.unwrap());
+    store.close().await;
+    let store = Store::open(folder.path()).await.unwrap();
+    // As it was before, but for the attempt.
+    assert_eq!(found(&store, &running.id).await, Job { attempt: 1, ..running.clone() });
+    assert!(!write_everything(&store, &stale).await);
+    let claim = claimed(&store, 11).await;
+    assert_eq!((&claim.job.id, claim.job.attempt), (&running.id, 2), "at its old place");
+    assert_eq!(claimed(&store, 11).await.job.id, waiting.id);
+}
+
+#[tokio::test]
+async fn a_job_that_is_interrupted_every_time_is_given_up() {
+    let (_folder, store) = fresh().await;
+    let (poison, other) = (submitted(&store, 1).await, submitted(&store, 2).await);
+    for attempt in 1..=MAX_ATTEMPTS {
+        let claim = claimed(&store, 10).await;
+        assert_eq!((&claim.job.id, claim.job.attempt), (&poison.id, attempt));
+        store.requeue_interrupted_jobs().await.unwrap();
+    }
+    let next = looked(&store, 20).await;
+    assert_eq!(next.abandoned, std::slice::from_ref(&poison.id));
+    assert_eq!(next.claim.map(|claim| claim.job.id), Some(other.id));
+    let given_up = found(&store, &poison.id).await;
+    assert_eq!((given_up.status, given_up.attempt), (JobStatus::Failed, MAX_ATTEMPTS));
+    assert_eq!((given_up.finished_at_ms, given_up.problem), (Some(20), Some(json!({"code": "internal"}))));
+}
+
+#[tokio::test]
+async fn ended_leases_count_towards_the_attempts_and_stops_do_not() {
+    let (_folder, store) = fresh().await;
+    let job = submitted(&store, 1).await;
+    for _ in 0..3 * MAX_ATTEMPTS {
+        let claim = claimed(&store, 10).await;
+        assert!(store.release_job(&claim, Release::Uncounted).await.unwrap());
+    }
+    assert_eq!(found(&store, &job.id).await, job);
+    let mut now = 10;
+    for _ in 0..MAX_ATTEMPTS {
+        claimed(&store, now).await;
+        now += LEASE + 1;
+    }
+    let next = looked(&store, now).await;
+    assert_eq!((next.claim.is_none(), next.abandoned), (true, vec![job.id]));
+}
+
+#[tokio::test]
+async fn jobs_of_every_status_are_cancelled_or_left_as_they_are() {
+    let (_folder, store) = fresh().await;
+    assert_eq!(store.cancel_job("job_none", 1).await.unwrap(), None);
+
+    let queued = submitted(&store, 1).await;
+    let cancelled = Job { status: JobStatus::Cancelled, finished_at_ms: Some(9), ..queued.clone() };
+    for now in [9, 10] {
+        // The second time changes nothing.
+        assert_eq!(store.cancel_job(&queued.id, now).await.unwrap().as_ref(), Some(&cancelled));
+    }
+    assert!(looked(&store, 10).await.claim.is_none(), "a cancelled job is not claimed");
+
+    submitted(&store, 2).await;
+    let claim = claimed(&store, 20).await;
+    let stopped = store.cancel_job(&claim.job.id, 21).await.unwrap().unwrap();
+    assert_eq!((stopped.status, stopped.started_at_ms), (JobStatus::Cancelled, Some(20)));
+    assert!(!write_everything(&store, &claim).await);
+    assert_eq!(found(&store, &claim.job.id).await, stopped);
+
+    for succeeds in [true, false] {
+        submitted(&store, 3).await;
+        let claim = claimed(&store, 30).await;
+        let applied = match succeeds {
+            true => store.succeed_job(&claim, &json!({}), None, 31).await,
+            false => store.fail_job(&claim, &json!({}), 31).await,
+        };
+        assert!(applied.unwrap());
+        let finished = found(&store, &claim.job.id).await;
+        assert_eq!(store.cancel_job(&claim.job.id, 40).await.unwrap(), Some(finished));
+    }
+}
+
+#[tokio::test]
+async fn the_queue_is_bounded() {
+    let (_folder, store) = fresh().await;
+    insert_many(&store, MAX_QUEUED - 1, "queued", None).await;
+    submitted(&store, 10).await;
+    let more = Job::new(JobKind::LearnDictionary, Value::Null, 11);
+    let error = store.create_job(&more).await.unwrap_err();
+    assert!(matches!(error, StoreError::TooManyJobs { limit: MAX_QUEUED }), "{error:?}");
+    assert_eq!(store.find_job(&more.id).await.unwrap(), None);
+    claimed(&store, 10).await;
+    store.create_job(&more).await.unwrap();
+}
+
+#[tokio::test]
+async fn the_newest_finished_jobs_are_kept_and_all_others() {
+    let (_folder, store) = fresh().await;
+    insert_many(&store, MAX_FINISHED, "failed", Some(1000)).await;
+    let (oldest, second) = ("job_failed_000001", "job_failed_000002");
+    let (first, running, queued) =
+        (submitted(&store, 1).await, submitted(&store, 2).await, submitted(&store, 3).await);
+    let claim = claimed(&store, 10).await;
+    claimed(&store, 10).await;
+    assert!(store.succeed_job(&claim, &json!({}), None, 1_000_000).await.unwrap());
+    assert_eq!(store.find_job(oldest).await.unwrap(), None);
+    for id in [second, &first.id, &running.id, &queued.id] {
+        assert!(store.find_job(id).await.unwrap().is_some(), "{id}");
+    }
+    assert_eq!(rows(&store, "job").await, i64::from(MAX_FINISHED) + 2);
+    store.cancel_job(&queued.id, 1_000_001).await.unwrap();
+    assert_eq!(store.find_job(second).await.unwrap(), None);
+}
+
+#[tokio::test]
+async fn jobs_are_listed_by_id_and_status() {
+    let (_folder, store) = fresh().await;
+    let mut ids = Vec::new();
+    for now in 1..=5 {
+        ids.push(submitted(&store, now).await.id);
+    }
+    let running = claimed(&store, 10).await.job.id;
+    assert_eq!(running, ids[0]);
+    let list = async |status, after: Option<&str>, limit| -> Vec<String> {
+        let jobs = store.list_jobs(status, after, limit).await.unwrap();
+        jobs.into_iter().map(|job| job.id).collect()
+    };
+    assert_eq!(list(None, None, 10).await, ids);
+    assert_eq!(list(None, Some(&ids[1]), 2).await, ids[2..4]);
+    assert_eq!(list(Some(JobStatus::Queued), None, 10).await, ids[1..]);
+    assert_eq!(list(Some(JobStatus::Queued), Some(&ids[3]), 10).await, ids[4..]);
+    assert_eq!(list(Some(JobStatus::Running), None, 10).await, ids[..1]);
+    assert_eq!(list(Some(JobStatus::Failed), None, 10).await, [""; 0]);
+}
