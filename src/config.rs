@@ -1,12 +1,17 @@
 //! Configuration: a flag, else its environment variable, else the config file, else the default.
 
 use std::net::SocketAddr;
+use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 use serde::Deserialize;
 
 use crate::service::Limits;
+use crate::worker::Places;
+
+/// Most jobs at once: each has threads of its own.
+const MAX_JOBS: usize = 64;
 
 /// Declares the settings once: flags, environment, file and defaults are made from one list.
 macro_rules! serve_settings {
@@ -57,6 +62,8 @@ serve_settings! {
     data_dir: PathBuf = "SHAPELEX_DATA_DIR", PathBuf::from("shapelex-data");
     /// Compute threads; 0 takes one per core
     threads: usize = "SHAPELEX_THREADS", 0;
+    /// Jobs that run at once, on compute threads of their own, as many as those of the requests
+    jobs: NonZeroUsize = "SHAPELEX_JOBS", NonZeroUsize::MIN;
     /// Longest request body in bytes, after decompression (streams are bounded by their lines instead)
     max_body_bytes: usize = "SHAPELEX_MAX_BODY_BYTES", Limits::default().body_bytes;
     /// Longest line of an NDJSON stream in bytes
@@ -67,6 +74,10 @@ serve_settings! {
     max_points: usize = "SHAPELEX_MAX_POINTS", Limits::default().points;
     /// Most control points of a representation
     max_control_points: usize = "SHAPELEX_MAX_CONTROL_POINTS", Limits::default().control_points;
+    /// Most atoms or components of a dictionary
+    max_atoms: usize = "SHAPELEX_MAX_ATOMS", Limits::default().atoms;
+    /// Most bytes of memory that a job may be predicted to take; more are refused before it runs
+    max_job_bytes: usize = "SHAPELEX_MAX_JOB_BYTES", Limits::default().job_bytes;
     /// Log filter, such as `info` or `shapelex=debug`
     log: String = "SHAPELEX_LOG", "info".into();
     /// Log format
@@ -92,11 +103,21 @@ impl ServeConfig {
             shapes: self.max_shapes,
             body_bytes: self.max_body_bytes,
             line_bytes: self.max_line_bytes,
+            atoms: self.max_atoms,
+            job_bytes: self.max_job_bytes,
             ..Limits::default()
         }
     }
 
+    /// Where jobs run.
+    pub fn places(&self) -> Places {
+        Places { jobs: self.jobs, threads: self.threads }
+    }
+
     fn check(self) -> Result<Self, String> {
+        if self.jobs.get() > MAX_JOBS {
+            return Err(format!("jobs is {}, must be at most {MAX_JOBS}", self.jobs));
+        }
         // Nobody is asked for a key: a public address would be open to the world.
         if self.listen.ip().is_loopback() {
             return Ok(self);
@@ -139,5 +160,11 @@ mod tests {
         assert!(ServeConfig::load(args).unwrap_err().contains("thread"));
         let args = ServeArgs { listen: Some(([0, 0, 0, 0], 80).into()), ..ServeArgs::default() };
         assert!(ServeConfig::load(args).unwrap_err().contains("loopback"));
+        let args = ServeArgs { jobs: NonZeroUsize::new(65), ..ServeArgs::default() };
+        assert!(ServeConfig::load(args).unwrap_err().contains("at most 64"));
+        let path = folder.path().join("none.toml");
+        std::fs::write(&path, "jobs = 0\n").unwrap();
+        let args = ServeArgs { config: Some(path), ..ServeArgs::default() };
+        assert!(ServeConfig::load(args).unwrap_err().contains("nonzero"));
     }
 }

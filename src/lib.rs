@@ -5,7 +5,7 @@
 //! | layer | modules |
 //! |---|---|
 //! | wiring | `cli`, `server`, `config`, `telemetry` |
-//! | the doors | [`api`] |
+//! | the doors | [`api`], [`worker`] |
 //! | use cases | [`service`] |
 //! | storage | [`store`] |
 //! | identities | [`domain`] |
@@ -28,3 +28,4 @@ mod server;
 pub mod service;
 pub mod store;
 pub mod telemetry;
+pub mod worker;

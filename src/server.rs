@@ -7,8 +7,9 @@ use tokio::net::TcpListener;
 
 use crate::api;
 use crate::config::ServeConfig;
-use crate::service::{App, example};
+use crate::service::{App, example, jobs};
 use crate::store::Store;
+use crate::worker::Worker;
 
 /// Longest time for requests to finish after a stop was asked for.
 const DRAIN: Duration = Duration::from_secs(20);
@@ -35,12 +36,13 @@ pub(crate) async fn serve(config: ServeConfig) -> Result<(), String> {
         // Small answers must not wait for more; without the option they are only slower.
         let _ = stream.set_nodelay(true);
     });
-    let stopping = app.clone();
+    let (stopping, worker) = (app.clone(), Worker::start(&app, config.places(), jobs::run));
     let (stopped, mut stop) = tokio::sync::watch::channel(false);
     let server = axum::serve(listener, api::router(app)).with_graceful_shutdown(async move {
         stop_signal().await;
         tracing::info!("stopping: no new requests");
         stopping.drain();
+        worker.stop().await;
         // The receiver lives as long as the server.
         let _ = stopped.send(true);
     });

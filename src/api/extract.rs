@@ -1,5 +1,7 @@
 //! Extractors whose rejections are problem documents.
 
+use std::time::Duration;
+
 use axum::body::{Bytes, to_bytes};
 use axum::extract::{FromRequest, FromRequestParts, Request};
 use axum::http::request::Parts;
@@ -174,9 +176,92 @@ fn preferred(accept: &str) -> Option<Format> {
     best.map(|(_, format)| format)
 }
 
+/// Longest time that a request may wait for a job.
+const MAX_WAIT: Duration = Duration::from_secs(60);
+
+/// What the client would like (RFC 7240); preferences that are unknown or not understood are passed over.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Prefer {
+    /// `wait=SECONDS`: how long the client would wait for the outcome, at most a minute.
+    pub wait: Option<Duration>,
+}
+
+impl<S: Send + Sync> FromRequestParts<S> for Prefer {
+    type Rejection = std::convert::Infallible;
+
+    async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Self::Rejection> {
+        let values = parts.headers.get_all("prefer").iter().filter_map(|value| value.to_str().ok());
+        Ok(Self::read(values))
+    }
+}
+
+impl Prefer {
+    /// From the values of the header; of a preference that is given twice the first counts.
+    fn read<'a>(values: impl Iterator<Item = &'a str>) -> Self {
+        let mut preferences = values.flat_map(|value| split_unquoted(value, ','));
+        let wait = preferences.find_map(|preference| {
+            // Parameters of the preference, of which `wait` has none.
+            let preference = split_unquoted(preference, ';').next()?;
+            let (name, value) = preference.split_once('=').unwrap_or((preference, ""));
+            name.trim().eq_ignore_ascii_case("wait").then(|| value.trim().trim_matches('"').to_owned())
+        });
+        Self { wait: wait.and_then(|seconds| read_seconds(&seconds)) }
+    }
+}
+
+/// Whole seconds, at most [`MAX_WAIT`].
+fn read_seconds(text: &str) -> Option<Duration> {
+    let digits = !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
+    // More digits than a number holds are more than the most.
+    digits.then(|| text.parse().map_or(MAX_WAIT, Duration::from_secs).min(MAX_WAIT))
+}
+
+/// Parts of `text` between separators that are not inside a quoted string.
+fn split_unquoted(text: &str, separator: char) -> impl Iterator<Item = &str> {
+    let (mut quoted, mut escaped) = (false, false);
+    text.split(move |c: char| {
+        let ends = c == separator && !quoted;
+        match c {
+            _ if escaped => escaped = false,
+            '\\' if quoted => escaped = true,
+            '"' => quoted = !quoted,
+            _ => {}
+        }
+        ends
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn preferences_are_read_as_the_standard_says() {
+        let cases: [(&[&str], Option<u64>); 18] = [
+            (&[], None),
+            (&["wait=10"], Some(10)),
+            (&["WAIT = 10"], Some(10)),
+            (&["wait=\"7\""], Some(7)),
+            (&["respond-async, wait=10"], Some(10)),
+            (&["respond-async", "wait=10"], Some(10)),
+            (&["wait=3, wait=10"], Some(3)),
+            (&["wait=3", "wait=10"], Some(3)),
+            (&["handling=lenient; wait=4"], None),
+            (&["wait=5; foo=\"a, wait=6\""], Some(5)),
+            (&["foo=\"a, wait=6\", wait=8"], Some(8)),
+            (&["foo=\"a\\\", wait=6\", wait=8"], Some(8)),
+            (&["wait=100000"], Some(60)),
+            (&["wait=99999999999999999999999999"], Some(60)),
+            (&["wait"], None),
+            (&["wait=-1"], None),
+            (&["wait=1.5"], None),
+            (&["waits=10, =, ;, \""], None),
+        ];
+        for (values, seconds) in cases {
+            let found = Prefer::read(values.iter().copied());
+            assert_eq!(found.wait, seconds.map(Duration::from_secs), "{values:?}");
+        }
+    }
 
     #[test]
     fn formats_are_negotiated() {

@@ -49,6 +49,8 @@ const REQUEST_TIMEOUT: Duration = Duration::from_secs(120);
         (name = "statistics", description = "Stateless: everything in the request, nothing stored"),
         (name = "curves", description = "Evaluation, measures and resampling of curves"),
         (name = "cohorts", description = "Named sets of shapes, their shapes and their mean"),
+        (name = "jobs", description = "Long work: progress, events, cancellation"),
+        (name = "dictionaries", description = "What is learnt from cohorts: components and sparse atoms, and their use"),
         (name = "health", description = "Probes")
     )
 )]
@@ -59,7 +61,7 @@ fn routes() -> (Router<App>, utoipa::openapi::OpenApi) {
         .merge(health::routes())
         .nest("/v1", v1::routes())
         .layer(TimeoutLayer::with_status_code(StatusCode::SERVICE_UNAVAILABLE, REQUEST_TIMEOUT));
-    // An upload lasts as long as its stream flows; it watches its own pauses.
+    // An upload lasts as long as its stream flows, and watches its own pauses; events last as long as their job.
     let streamed = OpenApiRouter::new().nest("/v1", v1::streamed_routes());
     timed.merge(streamed).split_for_parts()
 }

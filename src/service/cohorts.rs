@@ -35,7 +35,7 @@ const MAX_UNIT_CHARS: usize = 50;
 /// What is wrong with the texts of a cohort; of those that are given.
 pub fn text_faults(name: Option<&str>, description: Option<&str>, length_unit: Option<&str>) -> Vec<Fault> {
     let mut faults = Vec::new();
-    if let Some(problem) = name.and_then(name_problem) {
+    if let Some(problem) = name.and_then(|name| name_problem(name, id::COHORT)) {
         faults.push(Fault::new("/name", problem));
     }
     if description.is_some_and(|text| text.chars().count() > MAX_DESCRIPTION_CHARS) {

@@ -1,4 +1,4 @@
-//! What a use case can refuse. No status codes: the doors translate.
+//! What a use case can refuse. No status codes: [`problem`](super::problem) translates.
 
 use crate::analysis::AnalysisError;
 use crate::formats::InputError;
@@ -59,7 +59,7 @@ pub enum ServiceError {
     /// Nothing has this name or id.
     #[error("there is no {kind} '{key}'")]
     NotFound {
-        /// `cohort`, `shape`.
+        /// `cohort`, `shape`, `job`.
         kind: &'static str,
         /// What was asked for.
         key: String,
@@ -79,6 +79,17 @@ pub enum ServiceError {
     /// The body ended early or stalled.
     #[error("{0}")]
     Interrupted(String),
+    /// A job that is finished cannot be cancelled.
+    #[error("the job '{id}' has {status} already")]
+    JobFinished {
+        /// Its id.
+        id: String,
+        /// How it ended.
+        status: &'static str,
+    },
+    /// The work was asked to stop before it was done.
+    #[error("the work was cancelled before it was done")]
+    Cancelled,
     /// Try again later.
     #[error("{0}")]
     Unavailable(String),
@@ -138,6 +149,7 @@ impl ServiceError {
             AnalysisError::NotAProperClass(detail) => Self::invalid("/transformation", detail),
             AnalysisError::NoCanonicalFrame { .. } => Self::invalid("/frame", error.to_string()),
             AnalysisError::Antipodal { .. } => Self::invalid("", error.to_string()),
+            AnalysisError::Interrupted => Self::Cancelled,
             AnalysisError::NotAnAccumulator
             | AnalysisError::NoConvergence { .. }
             | AnalysisError::Numeric(_) => Self::Internal(error.to_string()),
@@ -156,6 +168,7 @@ impl From<StoreError> for ServiceError {
         match error {
             StoreError::NameTaken { name } => Self::NameTaken { name },
             StoreError::CohortGone => Self::NotFound { kind: "cohort", key: "deleted meanwhile".into() },
+            StoreError::TooManyJobs { .. } => Self::Unavailable(error.to_string()),
             StoreError::Busy => Self::Unavailable("the store is busy".into()),
             // The message for clients carries no cause; the log does.
             other => Self::Internal(match std::error::Error::source(&other) {

@@ -8,23 +8,36 @@
 //! * [`cohorts`], [`ingest`] — cohorts and their shapes;
 //! * [`live_mean`] — the mean of a stored cohort, streamed;
 //! * [`generators`] — one generator with all that is known of it;
-//! * [`example`] — the example cohort of an empty store.
+//! * [`example`] — the example cohort of an empty store;
+//! * [`jobs`] — long work beside the requests; [`learning`] — what it is;
+//! * [`problem`] — what was refused, as a document.
 
+pub mod coding;
 pub mod cohorts;
 pub mod compute;
 pub mod curves;
+pub mod dictionaries;
+pub mod dictionary_file;
 pub mod error;
+pub mod estimate;
 pub mod example;
 pub mod fitting;
 pub mod generators;
 pub mod ingest;
 pub mod input;
+pub mod jobs;
+pub mod learning;
 pub mod live_mean;
+pub mod models;
+pub mod modes;
 pub mod morph;
 pub mod pool;
+pub mod problem;
+mod stored;
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+
+use tokio_util::sync::CancellationToken;
 
 use crate::analysis::metric::Metric;
 use crate::geometry::representation::{Representation, ShapeSpace};
@@ -47,6 +60,10 @@ pub struct Limits {
     pub body_bytes: usize,
     /// Bytes of a line of an NDJSON stream.
     pub line_bytes: usize,
+    /// Atoms or components of a dictionary.
+    pub atoms: usize,
+    /// Bytes of memory that a job may be predicted to take.
+    pub job_bytes: usize,
 }
 
 impl Default for Limits {
@@ -58,6 +75,8 @@ impl Default for Limits {
             samples: 2_000_000,
             body_bytes: 64 << 20,
             line_bytes: 8 << 20,
+            atoms: 1024,
+            job_bytes: 4 << 30,
         }
     }
 }
@@ -71,19 +90,35 @@ pub struct App {
     pub limits: Limits,
     /// Where arithmetic runs.
     pub pool: Pool,
-    draining: Arc<AtomicBool>,
+    /// Jobs that run or are watched.
+    jobs: Arc<jobs::registry::Registry>,
+    draining: CancellationToken,
     means: Arc<live_mean::MeanCache>,
+    models: Arc<models::ReadyCache>,
 }
 
 impl App {
     /// From an open store; `threads` compute threads (0: one per core).
     pub fn new(store: Store, limits: Limits, threads: usize) -> Self {
-        Self { store, limits, pool: Pool::new(threads), draining: Arc::default(), means: Arc::default() }
+        Self {
+            store,
+            limits,
+            pool: Pool::new(threads),
+            jobs: Arc::default(),
+            draining: CancellationToken::new(),
+            means: Arc::default(),
+            models: Arc::default(),
+        }
     }
 
-    /// From now on the service reports that it is going away.
+    /// From now on the service reports that it is going away, and what waits for news of a job ends.
     pub fn drain(&self) {
-        self.draining.store(true, Ordering::Relaxed);
+        self.draining.cancel();
+    }
+
+    /// Waits until the service is asked to stop.
+    pub async fn stopping(&self) {
+        self.draining.cancelled().await;
     }
 
     /// Whether requests can be served: the store accepts a write and nobody asked to stop.
@@ -91,7 +126,7 @@ impl App {
     /// # Errors
     /// [`ServiceError::Unavailable`] with the reason.
     pub async fn ready(&self) -> Result<(), ServiceError> {
-        if self.draining.load(Ordering::Relaxed) {
+        if self.draining.is_cancelled() {
             return Err(ServiceError::Unavailable("the service is stopping".into()));
         }
         self.store.ready().await.map_err(|error| {

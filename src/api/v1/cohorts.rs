@@ -3,11 +3,11 @@
 use std::collections::BTreeMap;
 
 use axum::extract::State;
-use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
+use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 
-use super::settings::{MeanOutput, Page, PageQuery, time};
+use super::settings::{MeanOutput, Page, PageQuery, known, tagged, time};
 use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
 use crate::analysis::frame::Frame;
@@ -108,21 +108,6 @@ impl From<Cohort> for CohortOutput {
 
 fn revision_tag(cohort: &Cohort) -> String {
     format!("\"{}-{}\"", cohort.id, cohort.revision)
-}
-
-fn tagged(mut response: Response, tag: &str) -> Response {
-    if let Ok(value) = HeaderValue::from_str(tag) {
-        response.headers_mut().insert(header::ETAG, value);
-    }
-    response
-}
-
-/// Whether the client has this version already.
-fn known(headers: &HeaderMap, tag: &str) -> bool {
-    let values = headers.get_all(header::IF_NONE_MATCH).iter().filter_map(|value| value.to_str().ok());
-    values
-        .flat_map(|value| value.split(','))
-        .any(|value| matches!(value.trim(), "*") || value.trim().trim_start_matches("W/") == tag)
 }
 
 /// Creates a cohort.

@@ -1,9 +1,12 @@
 //! Version 1 of the interface: one file per resource.
 
 mod catalogue;
+mod coding;
 mod cohorts;
 mod curves;
+mod dictionaries;
 mod fitting;
+pub mod jobs;
 mod morph;
 mod settings;
 mod shapes;
@@ -36,11 +39,27 @@ pub(super) fn routes() -> OpenApiRouter<App> {
         .routes(routes!(cohorts::find_cohort, cohorts::delete_cohort))
         .routes(routes!(cohorts::cohort_mean))
         .routes(routes!(shapes::find_shape, shapes::delete_shape))
+        .routes(routes!(dictionaries::list_dictionaries, dictionaries::learn_dictionary))
+        .routes(routes!(dictionaries::find_dictionary, dictionaries::delete_dictionary))
+        .routes(routes!(dictionaries::dictionary_atoms))
+        .routes(routes!(dictionaries::dictionary_mode))
+        .routes(routes!(dictionaries::export_dictionary))
+        .routes(routes!(dictionaries::import_dictionary))
+        .routes(routes!(coding::encode))
+        .routes(routes!(coding::reconstruct))
+        .routes(routes!(coding::score))
+        .routes(routes!(coding::prior))
+        .routes(routes!(coding::sample))
+        .routes(routes!(jobs::list_jobs))
+        .routes(routes!(jobs::find_job))
+        .routes(routes!(jobs::cancel_job))
 }
 
-/// Uploads: they last as long as their stream flows.
+/// What lasts as long as its stream flows: uploads, and the events of jobs.
 pub(super) fn streamed_routes() -> OpenApiRouter<App> {
-    OpenApiRouter::new().routes(routes!(shapes::list_shapes, shapes::add_shapes))
+    OpenApiRouter::new()
+        .routes(routes!(shapes::list_shapes, shapes::add_shapes))
+        .routes(routes!(jobs::job_events))
 }
 
 /// The root leads to the reference.

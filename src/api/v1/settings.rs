@@ -1,5 +1,7 @@
 //! Request fields that the statistics share, and small answers that several resources give.
 
+use axum::http::{HeaderMap, HeaderValue, header};
+use axum::response::Response;
 use serde::{Deserialize, Serialize};
 
 use crate::analysis::alignment::MeanShape;
@@ -235,6 +237,22 @@ impl PageQuery {
         let detail = format!("limit is {limit}, must be between 1 and {MAX_PAGE}");
         Err(crate::api::problem::Problem::new(crate::api::problem::ProblemKind::InvalidQuery, detail))
     }
+}
+
+/// The response with its entity tag.
+pub(super) fn tagged(mut response: Response, tag: &str) -> Response {
+    if let Ok(value) = HeaderValue::from_str(tag) {
+        response.headers_mut().insert(header::ETAG, value);
+    }
+    response
+}
+
+/// Whether the client has this version already.
+pub(super) fn known(headers: &HeaderMap, tag: &str) -> bool {
+    let values = headers.get_all(header::IF_NONE_MATCH).iter().filter_map(|value| value.to_str().ok());
+    values
+        .flat_map(|value| value.split(','))
+        .any(|value| matches!(value.trim(), "*") || value.trim().trim_start_matches("W/") == tag)
 }
 
 /// Milliseconds since 1970 as RFC 3339 UTC.

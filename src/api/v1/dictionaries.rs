@@ -1,0 +1,580 @@
+//! Dictionaries: learn, list, read, draw, export, import, delete.
+
+use axum::extract::State;
+use axum::http::{HeaderMap, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use serde::{Deserialize, Serialize};
+
+use super::jobs::{JobOutput, accepted};
+use super::settings::{Page, PageQuery, ShapeOutput, known, tagged, time};
+use crate::analysis::alignment::Alignment;
+use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
+use crate::analysis::frame::Frame;
+use crate::analysis::transformation::Transformation;
+use crate::api::extract::{Format, JsonBody, NoQuery, Path, Prefer, Query, parse};
+use crate::api::problem::{Problem, ProblemDocument};
+use crate::api::respond::{compute, json, svg};
+use crate::domain::dictionary::{Atom, Listed, MeanRecord, Method, Row, Statistics};
+use crate::domain::job::JobStatus;
+use crate::domain::shape::ShapeFilter;
+use crate::formats::checked::{Checked, document, take_given, take_or_default};
+use crate::formats::shape::Points;
+use crate::geometry::representation::Representation;
+use crate::service::dictionaries::{self, From as LearnFrom, Learn, Planned};
+use crate::service::dictionary_file::{self, DictionaryFile};
+use crate::service::error::Fault;
+use crate::service::estimate::Estimate;
+use crate::service::models::{self, Ready};
+use crate::service::{App, ServiceError, jobs, modes};
+
+document! {
+    /// A dictionary to be learnt.
+    #[schema(example = json!({
+        "name": "cells-modes", "cohort": "example-cells", "transformation": "similarity",
+        "method": {"kind": "functional_pca", "components": 10, "centre": true}
+    }))]
+    pub(super) struct LearnRequest {
+        /// Name: letters, digits, '.', '_' and '-', at most 100. A name that exists gets a new version.
+        #[schema(value_type = String, required = true)]
+        name: Checked<String>, required;
+        /// Id or name of the cohort.
+        #[schema(value_type = String, required = true)]
+        cohort: Checked<String>, required;
+        /// Which of its shapes; all unless given.
+        #[schema(value_type = Option<ShapeFilter>)]
+        filter: Checked<ShapeFilter>;
+        /// The class that is removed; needed unless learning goes on from a version.
+        #[schema(value_type = Option<Transformation>)]
+        transformation: Checked<Transformation>;
+        /// Projection on the class, or Procrustes fits; `projection` unless given.
+        #[schema(value_type = Option<Alignment>)]
+        alignment: Checked<Alignment>;
+        /// Which member of the mean space is the mean shape; `training` unless given.
+        #[schema(value_type = Option<Frame>)]
+        frame: Checked<Frame>;
+        /// Whether mirror images may be matched; the rule of the cohort unless given.
+        #[schema(value_type = Option<Mirror>)]
+        mirror: Checked<Mirror>;
+        /// What is learnt; needed unless learning goes on from a version.
+        #[schema(value_type = Option<Method>)]
+        method: Checked<Method>;
+        /// Id, `name@version` or name of the version that learning goes on from, with its parameters, its mean shape and
+        /// its sums: only the shapes that came since are learnt from. Not together with the parameters.
+        #[schema(value_type = Option<String>)]
+        continue_from: Checked<String>;
+        /// Whether only the cost is answered; false unless given.
+        #[schema(value_type = Option<bool>)]
+        dry_run: Checked<bool>;
+    }
+}
+
+/// The predicted cost of learning.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct EstimateAnswer {
+    /// The prediction.
+    estimate: Estimate,
+    /// Revision of the cohort that would be learnt from.
+    cohort_revision: u64,
+    /// The method with all defaults.
+    method: Method,
+}
+
+/// From what a dictionary was learnt, and by what.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct ProvenanceOutput {
+    /// Which shapes of the cohort.
+    filter: ShapeFilter,
+    /// blake3 of their control points and weights, in the order of the cohort.
+    shapes_digest: String,
+    /// blake3 of what was learnt: equal for equal shapes and parameters.
+    digest: String,
+    /// Seed of all random choices; null where there are none.
+    seed: Option<u64>,
+    /// Id of the version that learning went on from.
+    continued_from: Option<String>,
+    /// The program and its version.
+    program: String,
+    /// RFC 3339 UTC.
+    created_at: String,
+}
+
+impl ProvenanceOutput {
+    fn new(listed: &Listed) -> Self {
+        let provenance = &listed.provenance;
+        Self {
+            filter: provenance.filter.clone(),
+            shapes_digest: provenance.shapes_digest.clone(),
+            digest: listed.digest.clone(),
+            seed: match listed.summary.method {
+                Method::Sparse { seed, .. } => Some(seed),
+                Method::FunctionalPca { .. } => None,
+            },
+            continued_from: provenance.continued_from.clone(),
+            program: provenance.program.clone(),
+            created_at: time(listed.created_at_ms),
+        }
+    }
+}
+
+/// An entry of the list of dictionaries.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct DictionaryEntry {
+    /// Identifier of the version.
+    #[schema(example = "dic_0198c0ffee00700080000000000000aa")]
+    id: String,
+    /// Name, shared by all versions; stands for the latest.
+    name: String,
+    /// From 1; `name@version` stands for it.
+    version: u64,
+    /// Id of the cohort.
+    cohort: String,
+    /// Its name when the dictionary was learnt.
+    cohort_name: String,
+    /// Its revision then.
+    cohort_revision: u64,
+    /// What shapes are made of.
+    representation: Representation,
+    /// The class that is removed.
+    transformation: Transformation,
+    /// What was learnt, with all parameters.
+    method: Method,
+    /// Atoms or components there are.
+    atoms: usize,
+    /// Shapes it was learnt from.
+    shapes: usize,
+    /// Mean objective over them.
+    objective: f64,
+    /// Mean reconstruction error over them.
+    reconstruction_error: f64,
+    /// From what, and by what.
+    provenance: ProvenanceOutput,
+}
+
+impl From<Listed> for DictionaryEntry {
+    fn from(listed: Listed) -> Self {
+        let provenance = ProvenanceOutput::new(&listed);
+        let Listed { id, name, version, summary, provenance: source, .. } = listed;
+        Self {
+            id,
+            name,
+            version,
+            cohort: source.cohort,
+            cohort_name: source.cohort_name,
+            cohort_revision: source.cohort_revision,
+            representation: summary.representation,
+            transformation: summary.transformation,
+            method: summary.method,
+            atoms: summary.atoms,
+            shapes: summary.shapes,
+            objective: summary.objective,
+            reconstruction_error: summary.reconstruction_error,
+            provenance,
+        }
+    }
+}
+
+/// A dictionary.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct DictionaryOutput<'a> {
+    /// Identifier of the version.
+    #[schema(example = "dic_0198c0ffee00700080000000000000aa")]
+    id: &'a str,
+    /// Name, shared by all versions; stands for the latest.
+    name: &'a str,
+    /// From 1; `name@version` stands for it.
+    version: u64,
+    /// Id of the cohort.
+    cohort: &'a str,
+    /// Its name when the dictionary was learnt.
+    cohort_name: &'a str,
+    /// Its revision then.
+    cohort_revision: u64,
+    /// What shapes are made of.
+    representation: &'a Representation,
+    /// How points correspond.
+    correspondence: Correspondence,
+    /// Whether the direction of contours means something.
+    direction: Direction,
+    /// Whether mirror images may be matched.
+    mirror: Mirror,
+    /// Unit of the coordinates of the cohort.
+    length_unit: Option<&'a str>,
+    /// The class that is removed.
+    transformation: &'a Transformation,
+    /// Projection on the class, or Procrustes fits.
+    alignment: Alignment,
+    /// Which member of the mean space is the mean shape.
+    frame: Frame,
+    /// What was learnt, with all parameters.
+    method: &'a Method,
+    /// The mean shape.
+    mean: &'a MeanRecord,
+    /// Arithmetic mean of the aligned shapes; null for sparse atoms.
+    centre: Option<&'a [Row]>,
+    /// Eigenshapes, orthonormal in `L₂`; or atoms of unit norm.
+    atoms: &'a [Atom],
+    /// How learning went, and how well the shapes are described.
+    statistics: &'a Statistics,
+    /// From what, and by what.
+    provenance: ProvenanceOutput,
+}
+
+impl<'a> DictionaryOutput<'a> {
+    fn new(ready: &'a Ready) -> Self {
+        let dictionary = &ready.dictionary;
+        let (content, provenance) = (&dictionary.content, &dictionary.provenance);
+        let listed = Listed {
+            id: dictionary.id.clone(),
+            name: dictionary.name.clone(),
+            version: dictionary.version,
+            summary: content.summary(),
+            provenance: provenance.clone(),
+            digest: dictionary.digest.clone(),
+            created_at_ms: dictionary.created_at_ms,
+        };
+        Self {
+            id: &dictionary.id,
+            name: &dictionary.name,
+            version: dictionary.version,
+            cohort: &provenance.cohort,
+            cohort_name: &provenance.cohort_name,
+            cohort_revision: provenance.cohort_revision,
+            representation: &content.representation,
+            correspondence: content.correspondence,
+            direction: content.direction,
+            mirror: content.mirror,
+            length_unit: content.length_unit.as_deref(),
+            transformation: &content.transformation,
+            alignment: content.alignment,
+            frame: content.frame,
+            method: &content.method,
+            mean: &content.mean,
+            centre: content.centre.as_deref(),
+            atoms: &content.atoms,
+            statistics: &content.statistics,
+            provenance: ProvenanceOutput::new(&listed),
+        }
+    }
+}
+
+/// Learns a dictionary from a cohort.
+///
+/// The answer is the job (202), or with `Prefer: wait=N` the dictionary (201) when it is ready within `N` seconds, at most
+/// 60. With `dry_run` the cost (200), and nothing runs. The cohort is learnt from as it is now, whatever is added
+/// meanwhile; learning again with the same shapes and parameters gives the same digest.
+#[utoipa::path(post, path = "/dictionaries", tag = "dictionaries", request_body = LearnRequest,
+    params(("prefer" = Option<String>, Header, description = "`wait=10` waits up to ten seconds for the dictionary")),
+    responses(
+        (status = 200, description = "The cost, for a dry run", body = EstimateAnswer),
+        (status = 201, description = "Learnt in time", body = DictionaryOutput, headers(("Location" = String))),
+        (status = 202, description = "The job that learns", body = JobOutput, headers(("Location" = String))),
+        (status = 404, description = "No such cohort", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = "4XX", description = "The input was refused, or learning failed in time", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = 503, description = "Too many jobs wait", body = ProblemDocument, content_type = "application/problem+json")
+    ))]
+pub(super) async fn learn_dictionary(
+    State(app): State<App>,
+    _: NoQuery,
+    prefer: Prefer,
+    JsonBody(body): JsonBody,
+) -> Result<Response, Problem> {
+    let (learn, dry_run) = learn_of(parse(&body)?)?;
+    let Planned { plan, estimate } = dictionaries::plan(&app, learn).await?;
+    if dry_run {
+        let (cohort_revision, method) = (plan.revision, plan.method);
+        return Ok(json(StatusCode::OK, &EstimateAnswer { estimate, cohort_revision, method })?);
+    }
+    let mut job = dictionaries::submit(&app, plan).await?;
+    if let Some(time) = prefer.wait {
+        job = jobs::wait(&app, &job.id, time).await?;
+    }
+    match (job.status, job.result.as_ref().and_then(|result| result["dictionary"].as_str())) {
+        (JobStatus::Succeeded, Some(id)) => {
+            let ready = models::find(&app, id).await?;
+            let location = format!("/v1/dictionaries/{id}");
+            let response = json(StatusCode::CREATED, &DictionaryOutput::new(&ready))?;
+            Ok(([(header::LOCATION, location)], response).into_response())
+        }
+        (JobStatus::Failed, _) => Err(Problem::of_failed(&job)),
+        _ => Ok(accepted(job)?),
+    }
+}
+
+fn learn_of(request: LearnRequest) -> Result<(Learn, bool), ServiceError> {
+    let mut errors = request.faults;
+    let continues = request.continue_from.is_some();
+    let given = [
+        ("filter", request.filter.is_some()),
+        ("transformation", request.transformation.is_some()),
+        ("alignment", request.alignment.is_some()),
+        ("frame", request.frame.is_some()),
+        ("mirror", request.mirror.is_some()),
+        ("method", request.method.is_some()),
+    ];
+    let mut faults: Vec<Fault> = Vec::new();
+    for (field, given) in given {
+        let needed = matches!(field, "transformation" | "method");
+        if continues && given {
+            faults.push(Fault::new(format!("/{field}"), "is that of the version that learning goes on from"));
+        } else if !continues && !given && needed {
+            faults.push(Fault::new(format!("/{field}"), "is missing"));
+        }
+    }
+    let name = take_given(request.name, "/name", &mut errors);
+    let cohort = take_given(request.cohort, "/cohort", &mut errors);
+    let filter = take_or_default(request.filter, "/filter", &mut errors);
+    let transformation = take_given(request.transformation, "/transformation", &mut errors);
+    let alignment = take_or_default(request.alignment, "/alignment", &mut errors);
+    let frame = take_or_default(request.frame, "/frame", &mut errors);
+    let mirror = take_given(request.mirror, "/mirror", &mut errors);
+    let method = take_given(request.method, "/method", &mut errors);
+    let version = take_given(request.continue_from, "/continue_from", &mut errors);
+    let dry_run = take_or_default(request.dry_run, "/dry_run", &mut errors);
+    faults.extend(errors.into_iter().map(Fault::from));
+    ServiceError::unless_empty(faults)?;
+    let incomplete = || ServiceError::invalid("", "is not complete");
+    let from = match version {
+        Some(version) => LearnFrom::Version(version),
+        None => LearnFrom::Anew {
+            filter: filter.ok_or_else(incomplete)?,
+            transformation: transformation.ok_or_else(incomplete)?,
+            alignment: alignment.ok_or_else(incomplete)?,
+            frame: frame.ok_or_else(incomplete)?,
+            mirror,
+            method: method.ok_or_else(incomplete)?,
+        },
+    };
+    let learn = Learn { name: name.ok_or_else(incomplete)?, cohort: cohort.ok_or_else(incomplete)?, from };
+    Ok((learn, dry_run.unwrap_or(false)))
+}
+
+/// Which dictionaries are listed.
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[into_params(parameter_in = Query)]
+#[serde(deny_unknown_fields)]
+pub(super) struct DictionariesQuery {
+    /// Only versions of this name.
+    name: Option<String>,
+    /// Only those learnt from the cohort with this id or name.
+    cohort: Option<String>,
+    /// Cursor from the page before.
+    cursor: Option<String>,
+    /// Entries per page, 1 to 1000; 100 unless given.
+    limit: Option<usize>,
+}
+
+/// Lists dictionaries, every version an entry, in the order of their creation.
+#[utoipa::path(get, path = "/dictionaries", tag = "dictionaries", params(DictionariesQuery),
+    responses(
+        (status = 200, description = "A page of dictionaries", body = Page<DictionaryEntry>),
+        (status = 400, description = "The query was refused", body = ProblemDocument, content_type = "application/problem+json")
+    ))]
+pub(super) async fn list_dictionaries(
+    State(app): State<App>,
+    Query(query): Query<DictionariesQuery>,
+) -> Result<Response, Problem> {
+    let DictionariesQuery { name, cohort, cursor, limit } = query;
+    let page = PageQuery { cursor, limit };
+    let (items, next) =
+        dictionaries::list(&app, name, cohort.as_deref(), page.cursor.as_deref(), page.limit()?).await?;
+    let items: Vec<DictionaryEntry> = items.into_iter().map(Into::into).collect();
+    Ok(json(StatusCode::OK, &Page { items, next })?)
+}
+
+/// The tag of a version: it never changes.
+fn digest_tag(ready: &Ready) -> String {
+    format!("\"{}\"", ready.dictionary.id)
+}
+
+/// Reads a dictionary by id, by `name@version`, or by name (the latest version).
+#[utoipa::path(get, path = "/dictionaries/{dictionary}", tag = "dictionaries",
+    params(("dictionary" = String, Path, description = "Id, `name@version` or name")),
+    responses(
+        (status = 200, description = "The dictionary; its ETag is that of the version", body = DictionaryOutput),
+        (status = 304, description = "Unchanged since the version in If-None-Match"),
+        (status = 404, description = "No such dictionary", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = "4XX", description = "The request was refused", body = ProblemDocument, content_type = "application/problem+json")
+    ))]
+pub(super) async fn find_dictionary(
+    State(app): State<App>,
+    _: NoQuery,
+    Path(key): Path<String>,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    let ready = models::find(&app, &key).await?;
+    let tag = digest_tag(&ready);
+    if known(&headers, &tag) {
+        return Ok(tagged(StatusCode::NOT_MODIFIED.into_response(), &tag));
+    }
+    let response = compute(app, move |_| json(StatusCode::OK, &DictionaryOutput::new(&ready))).await?;
+    Ok(tagged(response, &tag))
+}
+
+/// Deletes a version by id or `name@version`, or all versions of a name, for good.
+#[utoipa::path(delete, path = "/dictionaries/{dictionary}", tag = "dictionaries",
+    params(("dictionary" = String, Path, description = "Id, `name@version` or name")),
+    responses(
+        (status = 204, description = "Deleted"),
+        (status = 404, description = "No such dictionary", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = "4XX", description = "The request was refused", body = ProblemDocument, content_type = "application/problem+json")
+    ))]
+pub(super) async fn delete_dictionary(
+    State(app): State<App>,
+    _: NoQuery,
+    Path(key): Path<String>,
+) -> Result<StatusCode, Problem> {
+    dictionaries::delete(&app, &key).await?;
+    Ok(StatusCode::NO_CONTENT)
+}
+
+/// The atoms of a dictionary.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct AtomsAnswer<'a> {
+    /// One an atom.
+    atoms: &'a [Atom],
+}
+
+/// The atoms or components of a dictionary; as SVG side by side.
+#[utoipa::path(get, path = "/dictionaries/{dictionary}/atoms", tag = "dictionaries",
+    params(
+        ("dictionary" = String, Path, description = "Id, `name@version` or name"),
+        ("format" = Option<String>, Query, description = "`json` or `svg`")
+    ),
+    responses(
+        (status = 200, description = "The atoms", content((AtomsAnswer = "application/json"), (String = "image/svg+xml"))),
+        (status = 404, description = "No such dictionary", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = "4XX", description = "The request was refused", body = ProblemDocument, content_type = "application/problem+json")
+    ))]
+pub(super) async fn dictionary_atoms(
+    State(app): State<App>,
+    Path(key): Path<String>,
+    crate::api::extract::OnlyFormat(format): crate::api::extract::OnlyFormat,
+) -> Result<Response, Problem> {
+    let ready = models::find(&app, &key).await?;
+    compute(app, move |_| match format {
+        Format::Svg => Ok(svg(modes::draw_atoms(&ready))),
+        Format::Json => json(StatusCode::OK, &AtomsAnswer { atoms: &ready.dictionary.content.atoms }),
+    })
+    .await
+}
+
+/// Which mode is shown, and how far.
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[into_params(parameter_in = Query)]
+#[serde(deny_unknown_fields)]
+pub(super) struct ModeQuery {
+    /// The component, from 1; 1 unless given.
+    component: Option<usize>,
+    /// How many standard deviations; 2 unless given.
+    sigma: Option<f64>,
+    /// `json` or `svg`.
+    #[serde(rename = "format")]
+    _format: Option<String>,
+}
+
+/// A mode of variation.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct ModeAnswer {
+    /// The component, from 1.
+    component: usize,
+    /// How many standard deviations.
+    sigma: f64,
+    /// Part of the variance or energy.
+    explained: f64,
+    /// Standard deviation of the scores.
+    deviation: f64,
+    /// The mean less `sigma` standard deviations.
+    minus: ShapeOutput,
+    /// The arithmetic mean of the aligned shapes.
+    mean: ShapeOutput,
+    /// The mean plus `sigma` standard deviations.
+    plus: ShapeOutput,
+}
+
+/// The mean and the two sides of a mode of variation; as SVG in one picture.
+#[utoipa::path(get, path = "/dictionaries/{dictionary}/modes", tag = "dictionaries",
+    params(("dictionary" = String, Path, description = "Id, `name@version` or name"), ModeQuery),
+    responses(
+        (status = 200, description = "The mode", content((ModeAnswer = "application/json"), (String = "image/svg+xml"))),
+        (status = 404, description = "No such dictionary", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = "4XX", description = "The query was refused, or the dictionary has no modes", body = ProblemDocument, content_type = "application/problem+json")
+    ))]
+pub(super) async fn dictionary_mode(
+    State(app): State<App>,
+    Path(key): Path<String>,
+    format: Format,
+    Query(query): Query<ModeQuery>,
+) -> Result<Response, Problem> {
+    let ready = models::find(&app, &key).await?;
+    let (component, sigma) = (query.component.unwrap_or(1), query.sigma.unwrap_or(2.0));
+    compute(app, move |_| {
+        let mode = modes::mode(&ready, component, sigma)?;
+        if format == Format::Svg {
+            return Ok(svg(modes::draw_mode(&ready, component, sigma, &mode)));
+        }
+        let dimension = ready.setup.metric.dimension();
+        let [minus, mean, plus] =
+            mode.shapes.map(|shape| ShapeOutput { control_points: Points::from_columns(shape, dimension) });
+        let (explained, deviation) = (mode.explained, mode.deviation);
+        json(StatusCode::OK, &ModeAnswer { component, sigma, explained, deviation, minus, mean, plus })
+    })
+    .await
+}
+
+/// A dictionary as one file.
+///
+/// JSON in the format of `docs/dictionaries.md`; another service imports it with the same digest.
+#[utoipa::path(get, path = "/dictionaries/{dictionary}/export", tag = "dictionaries",
+    params(("dictionary" = String, Path, description = "Id, `name@version` or name")),
+    responses(
+        (status = 200, description = "The file", body = DictionaryFile),
+        (status = 404, description = "No such dictionary", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = "4XX", description = "The request was refused", body = ProblemDocument, content_type = "application/problem+json")
+    ))]
+pub(super) async fn export_dictionary(
+    State(app): State<App>,
+    _: NoQuery,
+    Path(key): Path<String>,
+) -> Result<Response, Problem> {
+    let ready = models::find(&app, &key).await?;
+    let name = format!("{}-{}.json", ready.dictionary.name, ready.dictionary.version);
+    let response = compute(app, move |_| json(StatusCode::OK, &DictionaryFile::new(&ready))).await?;
+    let disposition = format!("attachment; filename=\"{name}\"");
+    Ok(([(header::CONTENT_DISPOSITION, disposition)], response).into_response())
+}
+
+/// Under which name a file is imported.
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[into_params(parameter_in = Query)]
+#[serde(deny_unknown_fields)]
+pub(super) struct ImportQuery {
+    /// The name in the file unless given.
+    name: Option<String>,
+}
+
+/// Imports a dictionary that was exported, as the next version of its name.
+#[utoipa::path(post, path = "/dictionaries/import", tag = "dictionaries", params(ImportQuery), request_body = DictionaryFile,
+    responses(
+        (status = 201, description = "Imported", body = DictionaryOutput, headers(("Location" = String))),
+        (status = "4XX", description = "The file was refused", body = ProblemDocument, content_type = "application/problem+json")
+    ))]
+pub(super) async fn import_dictionary(
+    State(app): State<App>,
+    Query(query): Query<ImportQuery>,
+    JsonBody(body): JsonBody,
+) -> Result<Response, Problem> {
+    let file = app.pool.run(move || parse_file(&body)).await?;
+    let ready = dictionary_file::import(&app, file, query.name).await?;
+    let location = format!("/v1/dictionaries/{}", ready.dictionary.id);
+    let response = json(StatusCode::CREATED, &DictionaryOutput::new(&ready))?;
+    Ok(([(header::LOCATION, location)], response).into_response())
+}
+
+/// What is no file of this kind breaks a rule of the input; what is no JSON is malformed.
+fn parse_file(body: &[u8]) -> Result<DictionaryFile, ServiceError> {
+    let value: Checked<DictionaryFile> = parse(body)?;
+    let mut errors = Vec::new();
+    let file = value.take("", &mut errors);
+    ServiceError::unless_empty(errors.into_iter().map(Fault::from).collect())?;
+    file.ok_or_else(|| ServiceError::invalid("", "is not complete"))
+}

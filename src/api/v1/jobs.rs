@@ -1,0 +1,216 @@
+//! Jobs: list, read, cancel, and their events.
+
+use std::convert::Infallible;
+use std::time::Duration;
+
+use axum::extract::State;
+use axum::http::{HeaderMap, StatusCode, header};
+use axum::response::sse::{Event, KeepAlive, Sse};
+use axum::response::{IntoResponse, Response};
+use futures_util::stream::{self, Stream};
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use super::settings::{Page, PageQuery, time};
+use crate::api::extract::{NoQuery, Path, Query};
+use crate::api::problem::{Problem, ProblemDocument};
+use crate::api::respond::json;
+use crate::domain::job::{Job, JobKind, JobStatus};
+use crate::service::jobs::watch::Watch;
+use crate::service::{App, ServiceError, jobs};
+
+/// Longest silence on a stream of events: proxies close connections that look dead.
+const KEEP_ALIVE: Duration = Duration::from_secs(15);
+
+/// A job.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct JobOutput {
+    /// Identifier.
+    #[schema(example = "job_0198c0ffee00700080000000000000aa")]
+    id: String,
+    /// What is to be done.
+    kind: JobKind,
+    /// Where it is.
+    status: JobStatus,
+    /// Fraction that is done, 0 to 1.
+    #[schema(minimum = 0, maximum = 1)]
+    progress: f64,
+    /// What it is at.
+    phase: Option<String>,
+    /// What is minimised or maximised, so far.
+    objective: Option<f64>,
+    /// Attempts so far: a job that the end of a process has interrupted is begun again, five times at most.
+    attempt: u32,
+    /// RFC 3339 UTC.
+    created_at: String,
+    /// When the present or last attempt began, RFC 3339 UTC.
+    started_at: Option<String>,
+    /// RFC 3339 UTC.
+    finished_at: Option<String>,
+    /// What came out; null unless it succeeded.
+    #[schema(value_type = Option<Object>)]
+    result: Option<Value>,
+    /// Why it failed; null unless it failed.
+    #[schema(value_type = Option<ProblemDocument>)]
+    problem: Option<Value>,
+}
+
+impl From<Job> for JobOutput {
+    fn from(job: Job) -> Self {
+        Self {
+            id: job.id,
+            kind: job.kind,
+            status: job.status,
+            progress: job.progress,
+            phase: job.phase,
+            objective: job.objective,
+            attempt: job.attempt,
+            created_at: time(job.created_at_ms),
+            started_at: job.started_at_ms.map(time),
+            finished_at: job.finished_at_ms.map(time),
+            result: job.result,
+            problem: job.problem,
+        }
+    }
+}
+
+/// The answer of a request that has become a job: where to ask for it, and the job as it is now.
+///
+/// # Errors
+/// [`ServiceError::Internal`] when it cannot be written (a bug).
+pub fn accepted(job: Job) -> Result<Response, ServiceError> {
+    let location = format!("/v1/jobs/{}", job.id);
+    let response = json(StatusCode::ACCEPTED, &JobOutput::from(job))?;
+    Ok(([(header::LOCATION, location)], response).into_response())
+}
+
+/// Which jobs are listed.
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[into_params(parameter_in = Query)]
+#[serde(deny_unknown_fields)]
+pub(super) struct JobsQuery {
+    /// Only jobs with this status.
+    status: Option<JobStatus>,
+    /// Cursor from the page before.
+    cursor: Option<String>,
+    /// Entries per page, 1 to 1000; 100 unless given.
+    limit: Option<usize>,
+}
+
+/// Lists jobs in the order of their creation.
+///
+/// All that wait and run, and the last 1000 that are finished.
+#[utoipa::path(get, path = "/jobs", tag = "jobs", params(JobsQuery),
+    responses(
+        (status = 200, description = "A page of jobs", body = Page<JobOutput>),
+        (status = 400, description = "The query was refused", body = ProblemDocument, content_type = "application/problem+json")
+    ))]
+pub(super) async fn list_jobs(
+    State(app): State<App>,
+    Query(query): Query<JobsQuery>,
+) -> Result<Response, Problem> {
+    let page = PageQuery { cursor: query.cursor, limit: query.limit };
+    let (items, next) = jobs::list(&app, query.status, page.cursor.as_deref(), page.limit()?).await?;
+    let items: Vec<JobOutput> = items.into_iter().map(Into::into).collect();
+    Ok(json(StatusCode::OK, &Page { items, next })?)
+}
+
+/// Reads a job.
+#[utoipa::path(get, path = "/jobs/{job}", tag = "jobs", params(("job" = String, Path, description = "Id")),
+    responses(
+        (status = 200, description = "The job", body = JobOutput),
+        (status = 404, description = "No such job", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = "4XX", description = "The request was refused", body = ProblemDocument, content_type = "application/problem+json")
+    ))]
+pub(super) async fn find_job(
+    State(app): State<App>,
+    _: NoQuery,
+    Path(id): Path<String>,
+) -> Result<Response, Problem> {
+    Ok(json(StatusCode::OK, &JobOutput::from(jobs::find(&app, &id).await?))?)
+}
+
+/// Cancels a job.
+///
+/// It is cancelled when this is answered. A job that is cancelled already is answered as it is.
+#[utoipa::path(post, path = "/jobs/{job}/cancel", tag = "jobs", params(("job" = String, Path, description = "Id")),
+    responses(
+        (status = 200, description = "The cancelled job", body = JobOutput),
+        (status = 404, description = "No such job", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = 409, description = "The job has succeeded or failed", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = "4XX", description = "The request was refused", body = ProblemDocument, content_type = "application/problem+json")
+    ))]
+pub(super) async fn cancel_job(
+    State(app): State<App>,
+    _: NoQuery,
+    Path(id): Path<String>,
+) -> Result<Response, Problem> {
+    Ok(json(StatusCode::OK, &JobOutput::from(jobs::cancel(&app, &id).await?))?)
+}
+
+/// Follows a job by server-sent events.
+///
+/// Each event has the job as data. Events named `progress` tell what is new, at most some five a second; the last one
+/// is named `succeeded`, `failed` or `cancelled`, and the stream ends. The stream also ends when the service stops:
+/// clients connect again. The id of an event stands for the state it tells: what `Last-Event-ID` names is not told
+/// again, and when it is the final state the answer is 204, which ends an `EventSource`.
+#[utoipa::path(get, path = "/jobs/{job}/events", tag = "jobs",
+    params(
+        ("job" = String, Path, description = "Id"),
+        ("Last-Event-ID" = Option<String>, Header, description = "Id of the last event that was received")
+    ),
+    responses(
+        (status = 200, description = "The events", body = String, content_type = "text/event-stream"),
+        (status = 204, description = "Last-Event-ID names the final state: there is nothing more to tell"),
+        (status = 404, description = "No such job", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = "4XX", description = "The request was refused", body = ProblemDocument, content_type = "application/problem+json")
+    ))]
+pub(super) async fn job_events(
+    State(app): State<App>,
+    _: NoQuery,
+    Path(id): Path<String>,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    let job = jobs::find(&app, &id).await?;
+    let last = headers.get("last-event-id").and_then(|value| value.to_str().ok());
+    let known = last == Some(event_id(&data(&job)?).as_str());
+    if known && job.status.is_finished() {
+        return Ok(StatusCode::NO_CONTENT.into_response());
+    }
+    let events = events(Watch::new(&app, &id, known.then_some(job)));
+    Ok(Sse::new(events).keep_alive(KeepAlive::new().interval(KEEP_ALIVE)).into_response())
+}
+
+/// The events of a job from its present state to the final one.
+fn events(watch: Watch) -> impl Stream<Item = Result<Event, Infallible>> {
+    stream::unfold(watch, |mut watch| async move {
+        let event = match watch.next().await {
+            Ok(job) => event(&job?),
+            Err(error) => Err(error),
+        };
+        match event {
+            Ok(event) => Some((Ok(event), watch)),
+            Err(error) => {
+                // The head is sent: the client connects again, and is then told what is wrong.
+                tracing::warn!(%error, "the events of a job break off");
+                None
+            }
+        }
+    })
+}
+
+fn event(job: &Job) -> Result<Event, ServiceError> {
+    let name = if job.status.is_finished() { job.status.as_str() } else { "progress" };
+    let data = data(job)?;
+    Ok(Event::default().event(name).id(event_id(&data)).data(data))
+}
+
+fn data(job: &Job) -> Result<String, ServiceError> {
+    let output = JobOutput::from(job.clone());
+    serde_json::to_string(&output).map_err(|error| ServiceError::Internal(error.to_string()))
+}
+
+/// What stands for a state of a job.
+fn event_id(data: &str) -> String {
+    blake3::hash(data.as_bytes()).to_hex()[..16].to_owned()
+}

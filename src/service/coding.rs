@@ -1,0 +1,523 @@
+//! Dictionaries in use: codes, reconstructions, scores, priors, samples. Plain functions, to be run on the pool.
+
+use rand::SeedableRng;
+use rand::rngs::ChaCha12Rng;
+use rand_distr::{Distribution, StandardNormal};
+
+use super::error::Fault;
+use super::input::{self, Reading};
+use super::models::Ready;
+use super::{App, ServiceError, cohorts};
+use crate::analysis::alignment::Method as Alignment;
+use crate::analysis::correspondence::Correspondence;
+use crate::analysis::dictionary::model::{Model, error_of, squared_distance};
+use crate::analysis::dictionary::preparation::Prepared;
+use crate::analysis::dictionary::prior::{Energy, Prior};
+use crate::analysis::sparse::SparseCode;
+use crate::formats::shape::ShapeInput;
+use crate::geometry::curve::Curve;
+use crate::numeric::dense::Matrix;
+
+/// Shapes that a dictionary is asked about.
+#[derive(Debug)]
+pub enum Asked {
+    /// Posted ones.
+    Posted(Vec<ShapeInput>),
+    /// Control points of stored ones.
+    Stored(Vec<f64>),
+}
+
+/// The control points of stored shapes, by their ids or external ids.
+///
+/// # Errors
+/// A cohort that does not exist, or of another representation or correspondence; shapes that do not exist.
+pub async fn stored(app: &App, ready: &Ready, cohort: &str, ids: &[String]) -> Result<Asked, ServiceError> {
+    let cohort = cohorts::find(app, cohort).await?;
+    let content = &ready.dictionary.content;
+    if cohort.representation != content.representation || cohort.correspondence != content.correspondence {
+        let detail =
+            format!("'{}' has another representation or correspondence than the dictionary", cohort.name);
+        return Err(ServiceError::invalid("/cohort", detail));
+    }
+    if ids.len() > app.limits.shapes {
+        let detail = format!("has {} entries, at most {} are accepted", ids.len(), app.limits.shapes);
+        return Err(ServiceError::invalid("/ids", detail));
+    }
+    let found = app.store.find_shapes(&cohort.id, ids).await?;
+    let missing = found.iter().zip(ids).enumerate().filter(|(_, (shape, _))| shape.is_none());
+    let fault = |(index, (_, id)): (usize, (_, &String))| {
+        let detail = format!("there is no shape '{id}' in the cohort '{}'", cohort.name);
+        Fault { index: Some(index), ..Fault::new(format!("/ids/{index}"), detail) }
+    };
+    ServiceError::unless_empty(missing.map(fault).collect())?;
+    Ok(Asked::Stored(found.into_iter().flatten().flat_map(|shape| shape.control_points).collect()))
+}
+
+impl Asked {
+    /// Control points, one shape after the other, read as `correspondence` says.
+    fn control_points(
+        self,
+        app: &App,
+        ready: &Ready,
+        correspondence: Correspondence,
+    ) -> Result<Vec<f64>, ServiceError> {
+        let control_points = match self {
+            Self::Stored(control_points) => control_points,
+            Self::Posted(shapes) => {
+                let (space, direction) = (&ready.setup.space, ready.dictionary.content.direction);
+                let reading = Reading { space, correspondence, direction, limits: &app.limits };
+                input::read_batch(&reading, shapes)?.control_points
+            }
+        };
+        if control_points.is_empty() {
+            return Err(ServiceError::TooFewShapes { found: 0, needed: 1 });
+        }
+        Ok(control_points)
+    }
+}
+
+/// Atoms moved onto a shape: `r ≈ Σ_j B_j d_j + b`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Moves {
+    /// `B_j`, one an atom in use, `d × d`.
+    pub matrices: Vec<Matrix>,
+    /// `b`, of length `d`.
+    pub offset: Vec<f64>,
+}
+
+/// A shape with its code.
+#[derive(Debug)]
+pub struct Coded {
+    /// As it was given, `d·N` coordinate-major control points.
+    pub control_points: Vec<f64>,
+    /// In the form that is coded.
+    pub prepared: Prepared,
+    /// The code.
+    pub code: SparseCode,
+}
+
+/// Codes shapes.
+///
+/// # Errors
+/// Faults of the shapes; degenerate shapes.
+pub fn encode(app: &App, ready: &Ready, asked: Asked) -> Result<Vec<Coded>, ServiceError> {
+    let correspondence = ready.dictionary.content.correspondence;
+    let control_points = asked.control_points(app, ready, correspondence)?;
+    let length = ready.setup.metric.len();
+    let prepared = ready.preparation.prepare(&control_points)?;
+    let whitened: Vec<f64> = prepared.iter().flat_map(|shape| shape.whitened.iter().copied()).collect();
+    let codes = ready.model.codes(&whitened, length)?;
+    let shapes = control_points.chunks_exact(length).zip(prepared).zip(codes);
+    Ok(shapes
+        .map(|((shape, prepared), code)| Coded { control_points: shape.to_vec(), prepared, code })
+        .collect())
+}
+
+impl Coded {
+    /// For codes of moved atoms: how the atoms are moved in the pose of the shape.
+    ///
+    /// # Errors
+    /// A shape whose normal form cannot be undone (it is degenerate).
+    pub fn moves(&self, ready: &Ready) -> Result<Option<Moves>, ServiceError> {
+        let Model::Sparse { algebra, .. } = &ready.model else { return Ok(None) };
+        if !ready.is_invariant() {
+            return Ok(None);
+        }
+        let (back, offset) = self.prepared.back()?;
+        let members = self.code.values.chunks_exact(algebra.parameters());
+        let matrices = members.map(|values| &back * algebra.member(values)).collect();
+        Ok(Some(Moves { matrices, offset }))
+    }
+
+    /// Coefficients, one an atom in use: for moved atoms the norms `‖D_j B_jᵀ‖`, which do not depend on the pose.
+    pub fn magnitudes(&self, ready: &Ready) -> Vec<f64> {
+        match &ready.model {
+            Model::Sparse { algebra, .. } if ready.is_invariant() => {
+                let blocks = self.code.values.chunks_exact(algebra.parameters());
+                blocks.map(|block| block.iter().map(|value| value * value).sum::<f64>().sqrt()).collect()
+            }
+            _ => self.code.values.clone(),
+        }
+    }
+}
+
+impl Ready {
+    /// Whether atoms are moved by members of the class.
+    pub fn is_invariant(&self) -> bool {
+        matches!(self.preparation.pose, crate::analysis::dictionary::preparation::Pose::Invariant(_))
+    }
+}
+
+/// In which pose reconstructions are answered.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Deserialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum AnswerPose {
+    /// That of the shape.
+    #[default]
+    Input,
+    /// That of the dictionary: aligned, normalised.
+    Model,
+}
+
+/// A reconstructed shape.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Reconstruction {
+    /// `d·N` coordinate-major control points.
+    pub control_points: Vec<f64>,
+    /// `‖y − ŷ‖²/(‖y‖‖ŷ‖)` in the pose of the dictionary; for shapes.
+    pub relative_error: Option<f64>,
+    /// Distance between shape and reconstruction at equally spaced parameters; for shapes.
+    pub residual: Vec<f64>,
+}
+
+/// Reconstructs shapes from their codes, with the distances at `samples` parameters.
+///
+/// # Errors
+/// Faults of the shapes; degenerate shapes, and such that the alignment flattens.
+pub fn reconstruct_shapes(
+    app: &App,
+    ready: &Ready,
+    asked: Asked,
+    pose: AnswerPose,
+    samples: usize,
+) -> Result<Vec<Reconstruction>, ServiceError> {
+    let coded = encode(app, ready, asked)?;
+    let total = samples.saturating_mul(coded.len());
+    if total > app.limits.samples {
+        let most = app.limits.samples;
+        let detail = format!("asks for {total} distances over all shapes, at most {most} are answered");
+        return Err(ServiceError::invalid("/samples", detail));
+    }
+    let reconstruct = |(index, coded): (usize, &Coded)| {
+        let y = ready.model.reconstruct(&coded.code);
+        let relative_error = Some(error_of(&coded.prepared.whitened, &y));
+        let mut shapes = [coded.prepared.whitened.clone(), y];
+        shapes.iter_mut().for_each(|x| ready.setup.metric.unwhiten(x));
+        if pose == AnswerPose::Input {
+            let (matrix, offset) = coded.prepared.back().map_err(|error| error.at(index))?;
+            shapes.iter_mut().for_each(|x| transform(x, &matrix, &offset));
+        }
+        let [shape, answer] = shapes;
+        let residual = distances(ready, &shape, &answer, samples);
+        Ok(Reconstruction { control_points: answer, relative_error, residual })
+    };
+    coded.iter().enumerate().map(reconstruct).collect()
+}
+
+/// `r ← M r + b`, point by point.
+fn transform(control_points: &mut [f64], matrix: &Matrix, offset: &[f64]) {
+    let d = offset.len();
+    let n = control_points.len() / d;
+    for k in 0..n {
+        let point: Vec<f64> = (0..d).map(|c| control_points[c * n + k]).collect();
+        for c in 0..d {
+            control_points[c * n + k] = offset[c] + (0..d).map(|e| matrix[(c, e)] * point[e]).sum::<f64>();
+        }
+    }
+}
+
+/// `|r(u_i) − s(u_i)|` at `u_i = i/samples` of closed curves, `i/(samples − 1)` of open ones; of landmarks at every one.
+fn distances(ready: &Ready, r: &[f64], s: &[f64], samples: usize) -> Vec<f64> {
+    let (metric, difference) = (&ready.setup.metric, r.iter().zip(s).map(|(r, s)| r - s));
+    let difference = Matrix::from_iterator(metric.size(), metric.dimension(), difference);
+    match Curve::of(&ready.setup.space, &difference) {
+        _ if samples == 0 => Vec::new(),
+        Some(curve) => curve
+            .sample(samples)
+            .iter()
+            .map(|point| point.iter().map(|value| value * value).sum::<f64>().sqrt())
+            .collect(),
+        None => difference.row_iter().map(|row| row.norm()).collect(),
+    }
+}
+
+/// A code that a client posts.
+#[derive(Debug, Clone, PartialEq, serde::Deserialize, utoipa::ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PostedCode {
+    /// Atoms in use, from 0.
+    pub indices: Vec<usize>,
+    /// Their coefficients; not with `matrices`.
+    #[serde(default)]
+    pub values: Option<Vec<f64>>,
+    /// Their matrices, row by row, for invariant codes.
+    #[serde(default)]
+    pub matrices: Option<Vec<Vec<Vec<f64>>>>,
+    /// What is added, for invariant codes; nothing unless given.
+    #[serde(default)]
+    pub offset: Option<Vec<f64>>,
+}
+
+/// Largest number in a posted code.
+const MOST: f64 = 1e100;
+
+/// Reconstructs shapes from posted codes: in the pose of the dictionary, or where matrices and offset put them.
+///
+/// # Errors
+/// Everything that is wrong with the codes, at `/codes/{index}…`.
+pub fn reconstruct_codes(
+    app: &App,
+    ready: &Ready,
+    codes: &[PostedCode],
+) -> Result<Vec<Reconstruction>, ServiceError> {
+    if codes.is_empty() || codes.len() > app.limits.shapes {
+        let detail = format!("has {} codes, between 1 and {} are accepted", codes.len(), app.limits.shapes);
+        return Err(ServiceError::invalid("/codes", detail));
+    }
+    let mut faults = Vec::new();
+    for (index, code) in codes.iter().enumerate() {
+        let found = code_faults(ready, code);
+        faults.extend(found.into_iter().map(|(field, detail)| Fault {
+            index: Some(index),
+            ..Fault::new(format!("/codes/{index}{field}"), detail)
+        }));
+    }
+    ServiceError::unless_empty(faults)?;
+    Ok(codes.iter().map(|code| reconstruct_code(ready, code)).collect())
+}
+
+fn code_faults(ready: &Ready, code: &PostedCode) -> Vec<(String, String)> {
+    let mut faults = Vec::new();
+    let (atoms, d) = (ready.model.len(), ready.setup.metric.dimension());
+    for (position, &index) in code.indices.iter().enumerate() {
+        if index >= atoms {
+            faults.push((format!("/indices/{position}"), format!("is {index}, there are {atoms} atoms")));
+        }
+        if code.indices[..position].contains(&index) {
+            faults.push((format!("/indices/{position}"), format!("repeats {index}")));
+            break;
+        }
+    }
+    let wanted = code.indices.len();
+    let bounded = |value: &f64| value.abs() <= MOST;
+    let given = if ready.is_invariant() { "matrices" } else { "values" };
+    let fits = if ready.is_invariant() {
+        code.matrices.as_ref().is_some_and(|matrices| {
+            let square = |m: &Vec<Vec<f64>>| m.len() == d && m.iter().all(|row| row.len() == d);
+            matrices.len() == wanted
+                && matrices.iter().all(square)
+                && matrices.iter().flatten().flatten().all(bounded)
+        }) && code.values.is_none()
+    } else {
+        code.values.as_ref().is_some_and(|values| values.len() == wanted && values.iter().all(bounded))
+            && code.matrices.is_none()
+            && code.offset.is_none()
+    };
+    if !fits {
+        let detail = match given {
+            "values" => format!("must be {wanted} numbers, one an index, without matrices and offset"),
+            _ => format!("must be {wanted} matrices of {d} × {d} numbers, one an index, without values"),
+        };
+        faults.push((format!("/{given}"), detail));
+    }
+    if code.offset.as_ref().is_some_and(|offset| offset.len() != d || !offset.iter().all(bounded)) {
+        faults.push(("/offset".into(), format!("must be {d} numbers")));
+    }
+    faults
+}
+
+fn reconstruct_code(ready: &Ready, code: &PostedCode) -> Reconstruction {
+    let metric = &ready.setup.metric;
+    let mut control_points = vec![0.0; metric.len()];
+    match (&code.matrices, &code.values) {
+        (Some(matrices), _) => {
+            for (&j, rows) in code.indices.iter().zip(matrices) {
+                let matrix = Matrix::from_fn(rows.len(), rows.len(), |i, k| rows[i][k]);
+                let mut atom = ready.atom(j);
+                transform(&mut atom, &matrix, &vec![0.0; rows.len()]);
+                control_points.iter_mut().zip(atom).for_each(|(sum, value)| *sum += value);
+            }
+            let offset = code.offset.clone().unwrap_or_else(|| vec![0.0; metric.dimension()]);
+            for (coordinate, b) in control_points.chunks_exact_mut(metric.size()).zip(offset) {
+                coordinate.iter_mut().for_each(|value| *value += b);
+            }
+        }
+        (None, values) => {
+            let code = SparseCode {
+                indices: code.indices.clone(),
+                values: values.clone().unwrap_or_default(),
+                objective: 0.0,
+                duality_gap: None,
+                relative_error: 0.0,
+            };
+            control_points = ready.model.reconstruct(&code);
+            metric.unwhiten(&mut control_points);
+        }
+    }
+    Reconstruction { control_points, relative_error: None, residual: Vec::new() }
+}
+
+impl Ready {
+    /// Control points of atom `j`, `d·N` coordinate-major numbers.
+    fn atom(&self, j: usize) -> Vec<f64> {
+        let rows = &self.dictionary.content.atoms[j].control_points;
+        crate::domain::dictionary::columns_of(rows, self.setup.metric.dimension())
+    }
+}
+
+/// How a shape compares with those that were learnt from.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Score {
+    /// Scores; none for sparse dictionaries.
+    pub scores: Option<Vec<f64>>,
+    /// Squared Mahalanobis distance of the scores.
+    pub t_squared: Option<f64>,
+    /// Part of the training shapes with a smaller or equal one.
+    pub t_squared_rank: Option<f64>,
+    /// Squared prediction error `‖y − ŷ‖²`.
+    pub residual: f64,
+    /// Part of the training shapes with a smaller or equal one.
+    pub residual_rank: f64,
+    /// Whether one of the two exceeds its training quantile.
+    pub outlier: bool,
+}
+
+/// Scores shapes; those beyond the training quantile `quantile` of either measure are outliers.
+///
+/// # Errors
+/// Faults of the shapes, of the quantile; degenerate shapes.
+pub fn score(app: &App, ready: &Ready, asked: Asked, quantile: f64) -> Result<Vec<Score>, ServiceError> {
+    if !(0.5..1.0).contains(&quantile) {
+        let detail = format!("is {quantile}, must be at least 0.5 and below 1");
+        return Err(ServiceError::invalid("/quantile", detail));
+    }
+    let statistics = &ready.dictionary.content.statistics;
+    let scored = |coded: Coded| {
+        let residual = squared_distance(&coded.prepared.whitened, &ready.model.reconstruct(&coded.code));
+        let residual_rank = rank(&statistics.residuals, residual);
+        let mut outlier = residual > value_at(&statistics.residuals, quantile);
+        let Model::Components { spread, .. } = &ready.model else {
+            let (scores, t_squared, t_squared_rank) = (None, None, None);
+            return Score { scores, t_squared, t_squared_rank, residual, residual_rank, outlier };
+        };
+        let distance = spread.distance(&coded.code.values);
+        let trained = statistics.scores.as_ref().map_or(&[][..], |scores| &scores.t_squared);
+        outlier |= distance > value_at(trained, quantile);
+        Score {
+            scores: Some(coded.code.values),
+            t_squared: Some(distance),
+            t_squared_rank: Some(rank(trained, distance)),
+            residual,
+            residual_rank,
+            outlier,
+        }
+    };
+    Ok(encode(app, ready, asked)?.into_iter().map(scored).collect())
+}
+
+/// Part of the ascending `values` that are at most `value`.
+fn rank(values: &[f64], value: f64) -> f64 {
+    values.partition_point(|known| *known <= value) as f64 / values.len().max(1) as f64
+}
+
+/// The quantile of ascending values, linear between them.
+fn value_at(values: &[f64], quantile: f64) -> f64 {
+    let Some(last) = values.len().checked_sub(1) else { return f64::INFINITY };
+    let place = quantile * last as f64;
+    let below = place.floor() as usize;
+    let above = (below + 1).min(last);
+    values[below] + (place - below as f64) * (values[above] - values[below])
+}
+
+/// What a prior compares shapes with.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Deserialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Reference {
+    /// The mean shape under the class.
+    #[default]
+    Mean,
+    /// All combinations of the atoms (and of the mean of the aligned shapes) under the class.
+    Atoms,
+}
+
+/// Energy and gradient of the shape prior at shapes. Points correspond as they stand: no start point is searched.
+///
+/// # Errors
+/// Faults of the shapes and of `gamma`; a dictionary whose class is not linear.
+pub fn prior(
+    app: &App,
+    ready: &Ready,
+    asked: Asked,
+    reference: Reference,
+    gamma: f64,
+) -> Result<Vec<Energy>, ServiceError> {
+    if !(gamma > 0.0 && gamma <= MOST) {
+        return Err(ServiceError::invalid(
+            "/gamma",
+            format!("is {gamma}, must be positive and at most 1e100"),
+        ));
+    }
+    let Alignment::Projection(class) = &ready.setup.method else {
+        let detail = "needs a dictionary whose class is linear: Procrustes fits have no projector";
+        return Err(ServiceError::invalid("/reference", detail));
+    };
+    let shapes: Vec<Vec<f64>> = match (reference, &ready.model) {
+        (Reference::Mean, _) => vec![ready.preparation.mean.clone()],
+        (Reference::Atoms, Model::Components { pca, .. }) => {
+            let eigenshapes = pca.eigenshapes.column_iter().map(|xi| xi.as_slice().to_vec());
+            let mean = pca.centred.then(|| pca.mean.clone());
+            mean.into_iter().chain(eigenshapes).collect()
+        }
+        (Reference::Atoms, Model::Sparse { .. }) => (0..ready.model.len())
+            .map(|j| {
+                let mut atom = ready.atom(j);
+                ready.setup.metric.whiten(&mut atom);
+                atom
+            })
+            .collect(),
+    };
+    let control_points = asked.control_points(app, ready, Correspondence::Landmarks)?;
+    let prior = Prior::new(&ready.setup.metric, class, &shapes, gamma);
+    let shapes = control_points.chunks_exact(ready.setup.metric.len());
+    Ok(shapes.map(|shape| prior.energy(shape)).collect())
+}
+
+/// A drawn shape.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sample {
+    /// Its scores.
+    pub scores: Vec<f64>,
+    /// `d·N` coordinate-major control points, in the pose of the dictionary.
+    pub control_points: Vec<f64>,
+}
+
+/// Draws shapes from the normal distribution of the training scores, scaled by `sigma`: the same ones for the same seed.
+///
+/// # Errors
+/// A sparse dictionary; a count or sigma out of bounds.
+pub fn sample(
+    app: &App,
+    ready: &Ready,
+    count: usize,
+    seed: u64,
+    sigma: f64,
+) -> Result<Vec<Sample>, ServiceError> {
+    let Model::Components { pca, spread } = &ready.model else {
+        let detail = "is sparse: only functional_pca says how shapes spread";
+        return Err(ServiceError::invalid("", format!("the dictionary {detail}")));
+    };
+    let mut faults = Vec::new();
+    let total = count.saturating_mul(ready.setup.metric.size());
+    if count == 0 || total > app.limits.samples {
+        let most = app.limits.samples / ready.setup.metric.size().max(1);
+        faults.push(Fault::new("/count", format!("is {count}, must be between 1 and {most}")));
+    }
+    if !(0.0..=MOST_SIGMA).contains(&sigma) {
+        faults.push(Fault::new("/sigma", format!("is {sigma}, must be between 0 and {MOST_SIGMA}")));
+    }
+    ServiceError::unless_empty(faults)?;
+    let root = spread.root();
+    let mut random = ChaCha12Rng::seed_from_u64(seed);
+    let mut draw = || {
+        let z = Matrix::from_fn(spread.mean.len(), 1, |_, _| StandardNormal.sample(&mut random));
+        let step = &root * &z;
+        let scores: Vec<f64> = spread.mean.iter().zip(step.iter()).map(|(m, s)| m + sigma * s).collect();
+        let mut control_points = pca.reconstruct(&scores);
+        ready.setup.metric.unwhiten(&mut control_points);
+        Sample { scores, control_points }
+    };
+    Ok((0..count).map(|_| draw()).collect())
+}
+
+/// Largest scale of a sample.
+const MOST_SIGMA: f64 = 1e6;

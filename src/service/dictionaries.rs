@@ -1,0 +1,300 @@
+//! Dictionaries: plan and learn, list, delete.
+
+use super::cohorts::{self, Page};
+use super::compute::Setup;
+use super::error::Fault;
+use super::estimate::Estimate;
+use super::learning::{NO_STATE, Plan};
+use super::models;
+use super::{App, Limits, ServiceError, jobs};
+use crate::analysis::alignment::{Alignment, FEWEST_SHAPES};
+use crate::analysis::correspondence::Mirror;
+use crate::analysis::frame::Frame;
+use crate::analysis::transformation::Transformation;
+use crate::domain::cohort::{Cohort, name_problem};
+use crate::domain::dictionary::{Codes, Listed, Method};
+use crate::domain::id;
+use crate::domain::job::{Job, JobKind};
+use crate::domain::shape::ShapeFilter;
+use crate::store::{DictionaryFilter, Revisions};
+
+/// What a client asks to be learnt.
+#[derive(Debug, Clone)]
+pub struct Learn {
+    /// Name of the dictionary; a name that exists gets a new version.
+    pub name: String,
+    /// Id or name of the cohort.
+    pub cohort: String,
+    /// From the beginning, or onwards from a version.
+    pub from: From,
+}
+
+/// Where learning begins.
+#[derive(Debug, Clone)]
+pub enum From {
+    /// All parameters are given.
+    Anew {
+        /// Which shapes.
+        filter: ShapeFilter,
+        /// The class that is removed.
+        transformation: Transformation,
+        /// Projection on the class, or Procrustes fits.
+        alignment: Alignment,
+        /// Which member of the mean space is the mean shape.
+        frame: Frame,
+        /// Whether mirror images may be matched; the rule of the cohort unless given.
+        mirror: Option<Mirror>,
+        /// Components or sparse atoms.
+        method: Method,
+    },
+    /// With the parameters, the mean and the sums of the version with this key, and the shapes that came since.
+    Version(String),
+}
+
+/// A plan that can be carried out, and its cost.
+#[derive(Debug)]
+pub struct Planned {
+    /// The plan.
+    pub plan: Plan,
+    /// Its cost.
+    pub estimate: Estimate,
+}
+
+/// Checks what is asked for, as far as that can be told before it runs.
+///
+/// # Errors
+/// Everything that is wrong with it; too few shapes; a cohort or version that does not exist.
+pub async fn plan(app: &App, learn: Learn) -> Result<Planned, ServiceError> {
+    let mut faults: Vec<Fault> = Vec::new();
+    if let Some(problem) = name_problem(&learn.name, id::DICTIONARY) {
+        faults.push(Fault::new("/name", problem));
+    }
+    if let From::Anew { method, .. } = &learn.from {
+        faults.extend(method_faults(method, &app.limits));
+    }
+    ServiceError::unless_empty(faults)?;
+    let cohort = cohorts::find(app, &learn.cohort).await?;
+    let (plan, since) = match learn.from {
+        From::Anew { filter, transformation, alignment, frame, mirror, method } => {
+            let mirror = mirror.unwrap_or(cohort.mirror);
+            let plan = Plan {
+                name: learn.name,
+                cohort: cohort.id.clone(),
+                revision: cohort.revision,
+                filter,
+                transformation,
+                alignment,
+                frame,
+                mirror,
+                method,
+                continue_from: None,
+            };
+            (plan, 0)
+        }
+        From::Version(key) => continued(app, learn.name, &cohort, &key).await?,
+    };
+    let revisions = Revisions { after: since, until: plan.revision };
+    let shapes = app.store.count(&cohort.id, revisions, &plan.filter).await?;
+    check_count(&plan, since, shapes)?;
+    let task_app = app.clone();
+    app.pool
+        .run(move || {
+            let setup = Setup::new(&task_app, &plan.settings(&cohort))?;
+            if let Method::Sparse { .. } = plan.method {
+                models::learning(&plan.method, &setup.method)?;
+            }
+            let estimate = Estimate::new(&setup, &plan.method, shapes);
+            let most = task_app.limits.job_bytes as f64;
+            if estimate.memory_bytes > most {
+                let detail = format!(
+                    "needs {:.1e} bytes of memory for {shapes} shapes, at most {most:.1e} are given to a job: ask for fewer \
+                     atoms or control points",
+                    estimate.memory_bytes
+                );
+                return Err(ServiceError::invalid("/method", detail));
+            }
+            Ok(Planned { plan, estimate })
+        })
+        .await
+}
+
+/// The plan that goes on from a version, and the revision whose shapes that has seen.
+async fn continued(app: &App, name: String, cohort: &Cohort, key: &str) -> Result<(Plan, u64), ServiceError> {
+    let at = |detail: String| ServiceError::invalid("/continue_from", detail);
+    let ready = models::find(app, key).await?;
+    let (content, provenance) = (&ready.dictionary.content, &ready.dictionary.provenance);
+    if provenance.cohort != cohort.id {
+        let from = &provenance.cohort_name;
+        return Err(at(format!("was learnt from the cohort '{from}', not from '{}'", cohort.name)));
+    }
+    if app.store.read_dictionary_state(&ready.dictionary.id).await?.is_none() {
+        return Err(at(NO_STATE.into()));
+    }
+    let since = provenance.cohort_revision;
+    let revisions = Revisions { after: since, until: cohort.revision };
+    let deleted = app.store.count_deleted(&cohort.id, revisions, &provenance.filter).await?;
+    if deleted > 0 {
+        let detail = format!(
+            "has learnt from {deleted} shapes that were deleted since, and sums do not forget: learn anew"
+        );
+        return Err(at(detail));
+    }
+    let plan = Plan {
+        name,
+        cohort: cohort.id.clone(),
+        revision: cohort.revision,
+        filter: provenance.filter.clone(),
+        transformation: content.transformation.clone(),
+        alignment: content.alignment,
+        frame: content.frame,
+        mirror: content.mirror,
+        method: content.method.clone(),
+        continue_from: Some(ready.dictionary.id.clone()),
+    };
+    Ok((plan, since))
+}
+
+fn check_count(plan: &Plan, since: u64, shapes: u64) -> Result<(), ServiceError> {
+    let found = usize::try_from(shapes).unwrap_or(usize::MAX);
+    if since > 0 {
+        // Sums are there already: one new shape is enough.
+        return if found > 0 { Ok(()) } else { Err(ServiceError::TooFewShapes { found, needed: 1 }) };
+    }
+    if found < FEWEST_SHAPES {
+        if plan.filter != ShapeFilter::default() {
+            let detail = format!("selects {found} shapes, at least {FEWEST_SHAPES} are needed");
+            return Err(ServiceError::invalid("/filter", detail));
+        }
+        return Err(ServiceError::TooFewShapes { found, needed: FEWEST_SHAPES });
+    }
+    match plan.method {
+        Method::Sparse { atoms, .. } if atoms > found => {
+            let detail =
+                format!("is {atoms}, but there are {found} shapes, of which every atom starts as one");
+            Err(ServiceError::invalid("/method/atoms", detail))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// What is wrong with the parameters whatever they are applied to.
+pub(super) fn method_faults(method: &Method, limits: &Limits) -> Vec<Fault> {
+    let mut faults = Vec::new();
+    let mut check = |ok: bool, field: &str, detail: String| {
+        if !ok {
+            faults.push(Fault::new(format!("/method/{field}"), detail));
+        }
+    };
+    let most = limits.atoms;
+    match method {
+        Method::FunctionalPca { components, .. } => {
+            let detail = format!("is {components}, must be between 1 and {most}");
+            check((1..=most).contains(components), "components", detail);
+        }
+        Method::Sparse {
+            atoms,
+            lambda,
+            nonzeros,
+            codes,
+            nonnegative,
+            normalise,
+            max_epochs,
+            tolerance,
+            ..
+        } => {
+            let detail = format!("is {atoms}, must be between 1 and {most}");
+            check((1..=most).contains(atoms), "atoms", detail);
+            check(
+                lambda.is_some() != nonzeros.is_some(),
+                if nonzeros.is_some() { "nonzeros" } else { "lambda" },
+                "give one of lambda (penalty) and nonzeros (atoms in a code)".into(),
+            );
+            if let Some(lambda) = lambda {
+                let detail = format!("is {lambda}, must be positive and at most 1e100");
+                check(*lambda > 0.0 && *lambda <= 1e100, "lambda", detail);
+            }
+            if let Some(count) = nonzeros {
+                let detail = format!("is {count}, must be between 1 and the number of atoms");
+                check((1..=(*atoms).max(1)).contains(count), "nonzeros", detail);
+            }
+            let signed = !*nonnegative || (lambda.is_some() && *codes == Codes::Aligned);
+            let detail = "needs lambda and aligned codes: a pursuit and moved atoms have no sign";
+            check(signed, "nonnegative", detail.into());
+            let detail = "is false, but invariant codes are those of shapes of unit norm";
+            check(*normalise || *codes == Codes::Aligned, "normalise", detail.into());
+            let detail = format!("is {max_epochs}, must be between 1 and 10000");
+            check((1..=10_000).contains(max_epochs), "max_epochs", detail);
+            let detail = format!("is {tolerance}, must be between 0 and 1");
+            check((0.0..1.0).contains(tolerance), "tolerance", detail);
+        }
+    }
+    faults
+}
+
+/// Stores the job that carries out a plan.
+///
+/// # Errors
+/// [`ServiceError::Unavailable`] when too many jobs wait.
+pub async fn submit(app: &App, plan: Plan) -> Result<Job, ServiceError> {
+    let parameters = serde_json::to_value(&plan)
+        .map_err(|error| ServiceError::Internal(format!("a plan is not JSON: {error}")))?;
+    jobs::submit(app, JobKind::LearnDictionary, parameters).await
+}
+
+/// Versions in the order of their creation, after `cursor` (the id of the last one seen).
+///
+/// # Errors
+/// A cursor that is not one; a cohort that does not exist.
+pub async fn list(
+    app: &App,
+    name: Option<String>,
+    cohort: Option<&str>,
+    cursor: Option<&str>,
+    limit: usize,
+) -> Result<Page<Listed>, ServiceError> {
+    if cursor.is_some_and(|cursor| !cursor.starts_with(&format!("{}_", id::DICTIONARY))) {
+        return Err(ServiceError::Query("cursor is not one of this list".into()));
+    }
+    let cohort = match cohort {
+        // Dictionaries outlive their cohort: its id still finds them.
+        Some(key) => {
+            Some(app.store.find_cohort(key).await?.map_or_else(|| key.to_owned(), |cohort| cohort.id))
+        }
+        None => None,
+    };
+    let filter = DictionaryFilter { name, cohort };
+    let mut items = app.store.list_dictionaries(&filter, cursor, limit + 1).await?;
+    let next = (items.len() > limit).then(|| items[limit - 1].id.clone());
+    items.truncate(limit);
+    Ok((items, next))
+}
+
+/// Deletes a version, or all versions of a name.
+///
+/// # Errors
+/// [`ServiceError::NotFound`].
+pub async fn delete(app: &App, key: &str) -> Result<(), ServiceError> {
+    let not_found = || ServiceError::NotFound { kind: "dictionary", key: key.into() };
+    let filter = DictionaryFilter { name: Some(key.into()), cohort: None };
+    let mut ids: Vec<String> = Vec::new();
+    loop {
+        let page = app.store.list_dictionaries(&filter, ids.last().map(String::as_str), PAGE).await?;
+        let full = page.len() == PAGE;
+        ids.extend(page.into_iter().map(|listed| listed.id));
+        if !full {
+            break;
+        }
+    }
+    if ids.is_empty() {
+        ids.push(app.store.find_dictionary_id(key).await?.ok_or_else(not_found)?);
+    }
+    let mut deleted = false;
+    for id in &ids {
+        deleted |= app.store.delete_dictionary(id).await?;
+        app.models.forget(id);
+    }
+    if deleted { Ok(()) } else { Err(not_found()) }
+}
+
+/// Versions found at a time.
+const PAGE: usize = 1000;

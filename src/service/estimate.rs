@@ -1,0 +1,66 @@
+//! What learning a dictionary will cost, before anything runs.
+
+use super::compute::Setup;
+use super::learning::KEPT_BYTES;
+use crate::analysis::alignment::Method as Alignment;
+use crate::domain::dictionary::{Codes, Method};
+
+/// The predicted cost of a plan.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, utoipa::ToSchema)]
+pub struct Estimate {
+    /// Shapes that are learnt from.
+    pub shapes: u64,
+    /// Multiply-adds, when learning takes all of its passes.
+    pub multiply_adds: f64,
+    /// Bytes of memory at the peak.
+    pub memory_bytes: f64,
+    /// Seconds at one thread of an ordinary core, when learning takes all of its passes: an upper bound, good to a
+    /// factor of three.
+    pub seconds: f64,
+}
+
+/// Multiply-adds of a second: measured over whole jobs, in which sparse codes, FFTs and reading take their part.
+const RATE: f64 = 1.0e9;
+
+/// Rounds of a search for start points: few cohorts need more.
+const ROUNDS: f64 = 10.0;
+
+/// Part of the atoms that a code uses, for the length of a regularisation path.
+const USED: f64 = 0.3;
+
+/// Multiply-adds of an eigenproblem, over the cube of its size.
+const EIGENPROBLEM: f64 = 10.0;
+
+impl Estimate {
+    /// For learning by `method` from `shapes` shapes.
+    pub fn new(setup: &Setup, method: &Method, shapes: u64) -> Self {
+        let (k, n) = (shapes as f64, setup.metric.len() as f64);
+        let (points, d) = (setup.metric.size() as f64, setup.metric.dimension() as f64);
+        let class = match &setup.method {
+            Alignment::Projection(class) => class.matrices().len() as f64,
+            Alignment::Procrustes(_) => d,
+        };
+        let spectrum = if setup.matching.searches() { 4.0 * class * n * points.log2() } else { 0.0 };
+        let mean = ROUNDS * k * spectrum + k * class * n * n + EIGENPROBLEM * n.powi(3);
+        let kept = (8.0 * k * n).min(KEPT_BYTES as f64);
+        let (learning, memory) = match method {
+            Method::FunctionalPca { components, .. } => {
+                let c = *components as f64;
+                (k * n * n.min(k) + EIGENPROBLEM * n.min(k).powi(3) + 2.0 * k * n * c, 3.0 * n * n)
+            }
+            Method::Sparse { atoms, nonzeros, codes, max_epochs, .. } => {
+                let block = if *codes == Codes::Invariant { class } else { 1.0 };
+                let columns = *atoms as f64 * block;
+                let used = nonzeros.map_or(USED * columns, |count| count as f64 * block).min(n);
+                let code = n * columns + used * columns * used.sqrt() + used * n;
+                let sweep = 2.0 * n * d * columns * *atoms as f64;
+                let groups = (k / 128.0).clamp(1.0, 64.0);
+                let sums = columns * columns + n * columns;
+                (*max_epochs as f64 * (k * code + groups * sweep), (groups + 16.0) * sums)
+            }
+        };
+        let multiply_adds = mean + learning;
+        let memory_bytes = kept + 8.0 * (4.0 * n * n + memory);
+        Self { shapes, multiply_adds, memory_bytes, seconds: multiply_adds / RATE }
+    }
+}

@@ -1,0 +1,191 @@
+//! An attempt at a job: claimed from the queue, kept alive, and settled.
+
+use std::time::Duration;
+
+use serde_json::Value;
+use tokio::time::Instant;
+
+use super::{JobContext, Outcome};
+use crate::domain::job::{Job, Progress};
+use crate::service::problem::{Problem, ProblemKind};
+use crate::service::{App, ServiceError, now_ms};
+use crate::store::jobs::MAX_ATTEMPTS;
+use crate::store::{Claim, Release, StoreError};
+
+/// How long a claim holds without a sign of life, in milliseconds.
+const LEASE_MS: i64 = 30_000;
+/// Longest time between two signs of life.
+const SIGN_OF_LIFE: Duration = Duration::from_secs(10);
+/// How often an outcome is written when the store does not take it; later the lease ends, and the job runs again.
+const WRITES: u32 = 4;
+
+/// An attempt at a job. Dropped without being settled, its work is asked to stop, and the job runs again when the
+/// lease ends.
+#[derive(Debug)]
+pub struct Attempt {
+    claim: Claim,
+    context: JobContext,
+    /// None until the first sign of life, which comes at once: a job that was cancelled between its claim and its
+    /// context has no other way to hear of it.
+    written: Option<Progress>,
+    renewed: Instant,
+}
+
+/// How an attempt ends.
+#[derive(Debug)]
+enum End {
+    Succeeded(Outcome),
+    Failed(Value),
+    Released(Release),
+}
+
+/// The next job of the queue, if it is somebody's turn.
+///
+/// # Errors
+/// A failure of the store.
+pub async fn claim(app: &App) -> Result<Option<Attempt>, ServiceError> {
+    let now = now_ms();
+    let claimed = app.store.claim_job(now, now + LEASE_MS, &abandoned()).await?;
+    for id in &claimed.abandoned {
+        tracing::warn!(job = id, "a job was interrupted at every attempt and is given up");
+        app.jobs.announce(id);
+    }
+    let Some(claim) = claimed.claim else { return Ok(None) };
+    let context = app.jobs.begin(&claim.job.id);
+    app.jobs.announce(&claim.job.id);
+    // There may be more: another worker looks.
+    app.jobs.wake();
+    Ok(Some(Attempt { claim, context, written: None, renewed: Instant::now() }))
+}
+
+/// The problem of jobs that were interrupted at every attempt.
+fn abandoned() -> Value {
+    let detail = format!(
+        "the service ended {MAX_ATTEMPTS} times while it worked on the job, which is not tried again; \
+         too little memory is a common cause"
+    );
+    Problem::new(ProblemKind::Internal, detail).to_json()
+}
+
+/// Waits until the queue is worth a look, because a job was submitted or could be taken by more workers.
+pub async fn submitted(app: &App) {
+    app.jobs.woken().await;
+}
+
+impl Attempt {
+    /// The job.
+    pub fn job(&self) -> &Job {
+        &self.claim.job
+    }
+
+    /// What the work says and hears.
+    pub fn context(&self) -> &JobContext {
+        &self.context
+    }
+
+    /// Writes progress and a sign of life when there is need; who calls this once a second writes no more often.
+    ///
+    /// The work is asked to stop when the claim does not hold any more.
+    ///
+    /// # Errors
+    /// A failure of the store; the claim may still hold.
+    pub async fn renew(&mut self, app: &App) -> Result<(), ServiceError> {
+        let progress = self.context.progress();
+        if self.written == Some(progress) && self.renewed.elapsed() < SIGN_OF_LIFE {
+            return Ok(());
+        }
+        if !app.store.renew_job(&self.claim, &progress, now_ms() + LEASE_MS).await? {
+            self.context.interrupt();
+        }
+        (self.written, self.renewed) = (Some(progress), Instant::now());
+        Ok(())
+    }
+
+    /// Writes what came out, unless the job was cancelled or taken over meanwhile. A `stopping` service puts back what
+    /// it has interrupted.
+    pub async fn settle(self, app: &App, outcome: Result<Outcome, ServiceError>, stopping: bool) {
+        let mut end = self.end(outcome, stopping);
+        for write in 0..WRITES {
+            let error = match self.write(app, &end).await {
+                Ok(applied) => return self.settled(app, &end, applied),
+                Err(error) => ServiceError::from(error),
+            };
+            tracing::warn!(job = self.claim.job.id, %error, "the outcome of a job could not be written");
+            // What cannot be stored for a reason of its own will not be stored the next time.
+            if matches!(end, End::Succeeded(_)) && !is_passing(&error) {
+                end = self.failed(error);
+            }
+            tokio::time::sleep(Duration::from_secs(1 << write)).await;
+        }
+    }
+
+    fn end(&self, outcome: Result<Outcome, ServiceError>, stopping: bool) -> End {
+        let attempt = self.claim.job.attempt;
+        match outcome {
+            Ok(outcome) => End::Succeeded(outcome),
+            Err(ServiceError::Cancelled) if stopping => End::Released(Release::Uncounted),
+            Err(error) if is_passing(&error) && attempt < MAX_ATTEMPTS => {
+                tracing::warn!(job = self.claim.job.id, attempt, %error, "a job will be tried again");
+                End::Released(Release::RetryAt(now_ms() + back_off_ms(attempt)))
+            }
+            Err(error) => self.failed(error),
+        }
+    }
+
+    fn failed(&self, error: ServiceError) -> End {
+        End::Failed(Problem::of_job(error, &self.claim.job.id).to_json())
+    }
+
+    async fn write(&self, app: &App, end: &End) -> Result<bool, StoreError> {
+        match end {
+            End::Succeeded(Outcome { result, dictionary }) => {
+                app.store.succeed_job(&self.claim, result, dictionary.as_deref(), now_ms()).await
+            }
+            End::Failed(problem) => app.store.fail_job(&self.claim, problem, now_ms()).await,
+            End::Released(release) => app.store.release_job(&self.claim, *release).await,
+        }
+    }
+
+    fn settled(&self, app: &App, end: &End, applied: bool) {
+        let (job, attempt) = (&self.claim.job.id, self.claim.job.attempt);
+        let end = match end {
+            _ if !applied => "dropped: it was cancelled or taken over",
+            End::Succeeded(_) => "succeeded",
+            End::Failed(_) => "failed",
+            End::Released(_) => "put back into the queue",
+        };
+        tracing::info!(job, attempt, end, "an attempt at a job has ended");
+        app.jobs.announce(job);
+    }
+}
+
+impl Drop for Attempt {
+    /// Nobody hears any more what the work would say.
+    fn drop(&mut self) {
+        self.context.interrupt();
+    }
+}
+
+/// Whether the error is one of the machinery that may be gone the next time.
+fn is_passing(error: &ServiceError) -> bool {
+    matches!(error, ServiceError::Unavailable(_))
+}
+
+/// Time before the attempt after `attempt`: none, then one second, doubled every time.
+fn back_off_ms(attempt: u32) -> i64 {
+    match attempt {
+        0 | 1 => 0,
+        _ => 1000 << (attempt - 2).min(16),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::back_off_ms;
+
+    #[test]
+    fn the_first_retry_is_at_once_and_the_others_wait_longer_every_time() {
+        assert_eq!([1, 2, 3, 4, 5].map(back_off_ms), [0, 1000, 2000, 4000, 8000]);
+        assert_eq!(back_off_ms(u32::MAX), 65_536_000);
+    }
+}

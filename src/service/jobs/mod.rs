@@ -1,0 +1,125 @@
+//! Jobs: long work that is stored before it is answered, runs beside the requests, and survives a restart.
+//!
+//! * this file — what clients do: submit, find, list, cancel, wait; and what a job is to do: [`run`];
+//! * [`registry`] — what is known of a job while it runs: its progress, whether it shall stop, who wants to hear of it;
+//! * [`attempt`] — what the worker does: claim, renew, settle;
+//! * [`watch`] — the changes of a job, one after the other.
+
+pub mod attempt;
+pub mod registry;
+pub mod watch;
+
+use std::time::Duration;
+
+use serde_json::Value;
+use tokio::runtime::Handle;
+use tokio::time::Instant;
+
+pub use self::registry::JobContext;
+use super::cohorts::Page;
+use super::{App, ServiceError, learning, now_ms};
+use crate::domain::dictionary::NewDictionary;
+use crate::domain::id;
+use crate::domain::job::{Job, JobKind, JobStatus};
+
+/// What an attempt brought about.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Outcome {
+    /// What the job answers.
+    pub result: Value,
+    /// What it has learnt: stored when, and only when, the job succeeds.
+    pub dictionary: Option<Box<NewDictionary>>,
+}
+
+/// Does what the job is for, on a compute thread; `handle` is for what has to be awaited.
+///
+/// May be called twice for a job: nothing but the outcome must stay. Long loops call [`JobContext::check`].
+///
+/// # Errors
+/// What keeps it from succeeding: [`ServiceError::Unavailable`] is tried again, everything else is final.
+pub fn run(app: &App, handle: &Handle, job: &Job, context: &JobContext) -> Result<Outcome, ServiceError> {
+    match job.kind {
+        JobKind::LearnDictionary => learning::run(app, handle, job, context),
+    }
+}
+
+/// Stores a new job; a worker takes it when its turn comes.
+///
+/// # Errors
+/// [`ServiceError::Unavailable`] when too many wait.
+pub async fn submit(app: &App, kind: JobKind, parameters: Value) -> Result<Job, ServiceError> {
+    let job = Job::new(kind, parameters, now_ms());
+    app.store.create_job(&job).await?;
+    app.jobs.wake();
+    Ok(job)
+}
+
+/// The job with this id, with its progress of this moment.
+///
+/// # Errors
+/// [`ServiceError::NotFound`].
+pub async fn find(app: &App, id: &str) -> Result<Job, ServiceError> {
+    let found = app.store.find_job(id).await?;
+    found.map(|job| app.jobs.up_to_date(job)).ok_or_else(|| not_found(id))
+}
+
+fn not_found(id: &str) -> ServiceError {
+    ServiceError::NotFound { kind: "job", key: id.into() }
+}
+
+/// Jobs in the order of their creation, after `cursor` (the id of the last one seen).
+///
+/// # Errors
+/// A cursor that is not one.
+pub async fn list(
+    app: &App,
+    status: Option<JobStatus>,
+    cursor: Option<&str>,
+    limit: usize,
+) -> Result<Page<Job>, ServiceError> {
+    if cursor.is_some_and(|cursor| !cursor.starts_with(&format!("{}_", id::JOB))) {
+        return Err(ServiceError::Query("cursor is not one of this list".into()));
+    }
+    let mut items = app.store.list_jobs(status, cursor, limit + 1).await?;
+    let next = (items.len() > limit).then(|| items[limit - 1].id.clone());
+    items.truncate(limit);
+    Ok((items.into_iter().map(|job| app.jobs.up_to_date(job)).collect(), next))
+}
+
+/// Cancels a job that is not finished; one that is cancelled stays so.
+///
+/// The job is cancelled when this returns; its thread stops at its next [`JobContext::check`].
+///
+/// # Errors
+/// [`ServiceError::NotFound`]; [`ServiceError::JobFinished`] when it succeeded or failed before.
+pub async fn cancel(app: &App, id: &str) -> Result<Job, ServiceError> {
+    let job = app.store.cancel_job(id, now_ms()).await?.ok_or_else(|| not_found(id))?;
+    if job.status != JobStatus::Cancelled {
+        return Err(ServiceError::JobFinished { id: job.id, status: job.status.as_str() });
+    }
+    app.jobs.interrupt(id);
+    app.jobs.announce(id);
+    Ok(job)
+}
+
+/// The job as soon as it is finished, or as it is after `time`, or when the service is asked to stop.
+///
+/// # Errors
+/// [`ServiceError::NotFound`].
+pub async fn wait(app: &App, id: &str, time: Duration) -> Result<Job, ServiceError> {
+    let channel = app.jobs.channel(id);
+    let mut states = channel.states();
+    let end = Instant::now() + time;
+    loop {
+        let job = find(app, id).await?;
+        if job.status.is_finished() {
+            return Ok(job);
+        }
+        tokio::select! {
+            // The channel, which is held here, is what sends.
+            _ = states.changed() => {}
+            () = tokio::time::sleep_until(end) => return find(app, id).await,
+            () = app.stopping() => return Ok(job),
+        }
+    }
+}

@@ -1,0 +1,211 @@
+//! What is known of jobs beyond their rows: progress of this moment, who shall stop, who wants to hear of changes.
+
+use std::collections::HashMap;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
+
+use tokio::sync::{Notify, watch};
+
+use crate::domain::job::{Job, JobStatus, Progress};
+use crate::service::ServiceError;
+
+/// The channels of all jobs that somebody runs or watches.
+#[derive(Debug, Default)]
+pub struct Registry {
+    channels: Mutex<HashMap<String, Weak<Channel>>>,
+    submitted: Notify,
+}
+
+/// The channel of a job, between who runs it and who watches it.
+#[derive(Debug, Default)]
+pub(super) struct Channel {
+    /// Says that the row has changed.
+    states: watch::Sender<()>,
+    progress: watch::Sender<Progress>,
+    /// Says the present attempt that it shall stop.
+    interrupted: Mutex<Arc<AtomicBool>>,
+}
+
+impl Channel {
+    /// Changes of the row from now on.
+    pub(super) fn states(&self) -> watch::Receiver<()> {
+        self.states.subscribe()
+    }
+
+    /// Progress from now on.
+    pub(super) fn progress(&self) -> watch::Receiver<Progress> {
+        self.progress.subscribe()
+    }
+}
+
+impl Registry {
+    /// The channel of a job; it lasts as long as somebody holds it.
+    pub(super) fn channel(&self, id: &str) -> Arc<Channel> {
+        let mut channels = locked(&self.channels);
+        if let Some(channel) = channels.get(id).and_then(Weak::upgrade) {
+            return channel;
+        }
+        channels.retain(|_, channel| channel.strong_count() > 0);
+        let channel = Arc::default();
+        channels.insert(id.into(), Arc::downgrade(&channel));
+        channel
+    }
+
+    fn existing(&self, id: &str) -> Option<Arc<Channel>> {
+        locked(&self.channels).get(id).and_then(Weak::upgrade)
+    }
+
+    /// The context of a new attempt. An older one of the same job has lost its claim, and stops.
+    pub(super) fn begin(&self, id: &str) -> JobContext {
+        let channel = self.channel(id);
+        let interrupted: Arc<AtomicBool> = Arc::default();
+        let older = std::mem::replace(&mut *locked(&channel.interrupted), Arc::clone(&interrupted));
+        older.store(true, Ordering::Relaxed);
+        channel.progress.send_replace(Progress::default());
+        JobContext { interrupted, channel }
+    }
+
+    /// Asks the attempt that runs, if one does, to stop.
+    pub(super) fn interrupt(&self, id: &str) {
+        if let Some(channel) = self.existing(id) {
+            locked(&channel.interrupted).store(true, Ordering::Relaxed);
+        }
+    }
+
+    /// Tells who watches the job that its row has changed.
+    pub(super) fn announce(&self, id: &str) {
+        if let Some(channel) = self.existing(id) {
+            channel.states.send_replace(());
+        }
+    }
+
+    /// The job with the progress of this moment: the row is written at most once a second.
+    pub(super) fn up_to_date(&self, job: Job) -> Job {
+        match self.existing(&job.id) {
+            Some(channel) if job.status == JobStatus::Running => {
+                job.with_progress(&channel.progress.borrow())
+            }
+            _ => job,
+        }
+    }
+
+    /// Tells a worker to look into the queue.
+    pub(super) fn wake(&self) {
+        self.submitted.notify_one();
+    }
+
+    /// Waits for [`Registry::wake`]; one that came before counts.
+    pub(super) async fn woken(&self) {
+        self.submitted.notified().await;
+    }
+}
+
+/// What an attempt says and hears while it runs. The default belongs to no job: nobody listens.
+#[derive(Debug, Clone, Default)]
+pub struct JobContext {
+    interrupted: Arc<AtomicBool>,
+    channel: Arc<Channel>,
+}
+
+impl JobContext {
+    /// Nothing, or that the work shall stop; cheap enough for inner loops.
+    ///
+    /// # Errors
+    /// [`ServiceError::Cancelled`].
+    pub fn check(&self) -> Result<(), ServiceError> {
+        if self.is_cancelled() { Err(ServiceError::Cancelled) } else { Ok(()) }
+    }
+
+    /// Whether the work shall stop: the job was cancelled, the service stops, or another attempt has taken over.
+    pub fn is_cancelled(&self) -> bool {
+        self.interrupted.load(Ordering::Relaxed)
+    }
+
+    /// Says how far the work is; cheap, nothing is written here.
+    ///
+    /// `fraction` is held within 0 to 1; an objective that is not finite is none.
+    pub fn report(&self, phase: &'static str, fraction: f64, objective: Option<f64>) {
+        let fraction = if fraction.is_nan() { 0.0 } else { fraction.clamp(0.0, 1.0) };
+        let objective = objective.filter(|objective| objective.is_finite());
+        // An attempt that has lost its claim must not speak for the one that has it.
+        if !self.is_cancelled() {
+            self.channel.progress.send_replace(Progress { fraction, phase: Some(phase), objective });
+        }
+    }
+
+    /// Asks the work to stop.
+    pub fn interrupt(&self) {
+        self.interrupted.store(true, Ordering::Relaxed);
+    }
+
+    /// What was reported last.
+    pub fn progress(&self) -> Progress {
+        *self.channel.progress.borrow()
+    }
+}
+
+/// Nothing is left half done under these locks: a panic elsewhere does not spoil them.
+fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::domain::job::JobKind;
+
+    #[test]
+    fn reports_are_held_within_bounds() {
+        let context = JobContext::default();
+        for (fraction, expected) in [(0.25, 0.25), (-1.0, 0.0), (7.0, 1.0), (f64::NAN, 0.0)] {
+            context.report("learning", fraction, Some(f64::INFINITY));
+            let wanted = Progress { fraction: expected, phase: Some("learning"), objective: None };
+            assert_eq!(context.progress(), wanted, "{fraction}");
+        }
+        context.report("learning", 0.5, Some(2.5));
+        assert_eq!(context.progress().objective, Some(2.5));
+    }
+
+    #[test]
+    fn a_new_attempt_stops_the_older_one_and_starts_from_nothing() {
+        let registry = Registry::default();
+        let older = registry.begin("job_1");
+        older.report("half way", 0.5, None);
+        let newer = registry.begin("job_1");
+        assert!(matches!(older.check(), Err(ServiceError::Cancelled)));
+        assert!(newer.check().is_ok());
+        assert_eq!(newer.progress(), Progress::default());
+        older.report("late", 0.9, None);
+        assert_eq!(newer.progress(), Progress::default());
+        registry.interrupt("job_2");
+        assert!(!newer.is_cancelled());
+        registry.interrupt("job_1");
+        assert!(newer.is_cancelled());
+    }
+
+    #[test]
+    fn only_running_jobs_have_progress_of_this_moment() {
+        let registry = Registry::default();
+        let mut job = Job::new(JobKind::LearnDictionary, serde_json::Value::Null, 1);
+        let context = registry.begin(&job.id);
+        context.report("learning", 0.5, Some(3.0));
+        assert_eq!(registry.up_to_date(job.clone()), job);
+        job.status = JobStatus::Running;
+        let seen = registry.up_to_date(job);
+        assert_eq!(
+            (seen.progress, seen.phase.as_deref(), seen.objective),
+            (0.5, Some("learning"), Some(3.0))
+        );
+    }
+
+    #[test]
+    fn channels_nobody_holds_are_forgotten() {
+        let registry = Registry::default();
+        for k in 0..100 {
+            drop(registry.channel(&format!("job_{k}")));
+        }
+        let _held = registry.channel("held");
+        assert_eq!(locked(&registry.channels).len(), 1);
+        assert!(registry.existing("held").is_some());
+    }
+}

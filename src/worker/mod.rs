@@ -1,0 +1,168 @@
+//! The door through which queued jobs come in: each place takes the next job, computes it on threads of its own, and
+//! keeps its claim alive meanwhile.
+//!
+//! Requests compute on the pool of the [`App`], jobs on those of their places: none waits behind the other.
+
+use std::num::NonZeroUsize;
+use std::sync::Arc;
+use std::time::Duration;
+
+use tokio::runtime::Handle;
+use tokio::task::JoinSet;
+use tokio::time::MissedTickBehavior;
+use tokio_util::sync::CancellationToken;
+
+use crate::domain::job::Job;
+use crate::service::jobs::attempt::{self, Attempt};
+use crate::service::jobs::{JobContext, Outcome};
+use crate::service::pool::Pool;
+use crate::service::{App, ServiceError};
+
+/// How often the queue is looked at when nobody says that there is something: retries and ended leases.
+const POLL: Duration = Duration::from_secs(1);
+/// How often progress is written.
+const TICK: Duration = Duration::from_secs(1);
+/// Longest time for interrupted jobs to end. One that does not is put back into the queue at the next start.
+const STOP: Duration = Duration::from_secs(5);
+
+/// How many jobs run at once, and on how many threads.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Places {
+    /// Jobs that run at once.
+    pub jobs: NonZeroUsize,
+    /// Compute threads, shared out evenly, at least one for each; 0 means one per core.
+    pub threads: usize,
+}
+
+impl Places {
+    /// Threads of each place.
+    fn threads_each(self) -> usize {
+        let cores = || std::thread::available_parallelism().map_or(1, NonZeroUsize::get);
+        let threads = if self.threads == 0 { cores() } else { self.threads };
+        (threads / self.jobs).max(1)
+    }
+}
+
+/// The function that does a job.
+type Run = dyn Fn(&App, &Handle, &Job, &JobContext) -> Result<Outcome, ServiceError> + Send + Sync;
+
+/// Takes jobs from the queue until it is stopped.
+#[derive(Debug)]
+pub struct Worker {
+    stop: CancellationToken,
+    places: JoinSet<()>,
+}
+
+impl Worker {
+    /// Starts to take jobs and to `run` each: on a compute thread, with a handle for what has to be awaited.
+    ///
+    /// Must be called on an async runtime.
+    pub fn start(
+        app: &App,
+        places: Places,
+        run: impl Fn(&App, &Handle, &Job, &JobContext) -> Result<Outcome, ServiceError> + Send + Sync + 'static,
+    ) -> Self {
+        let (stop, run) = (CancellationToken::new(), Arc::new(run) as Arc<Run>);
+        let mut tasks = JoinSet::new();
+        for _ in 0..places.jobs.get() {
+            let place = Place {
+                app: app.clone(),
+                // A pool each: a thread that waits for its part of one job would else begin another one inside.
+                pool: Pool::new(places.threads_each()),
+                run: Arc::clone(&run),
+                stop: stop.clone(),
+            };
+            tasks.spawn(place.serve());
+        }
+        Self { stop, places: tasks }
+    }
+
+    /// Takes no more jobs, interrupts those that run, and puts them back into the queue.
+    pub async fn stop(mut self) {
+        self.stop.cancel();
+        let ended = async { while self.places.join_next().await.is_some() {} };
+        if tokio::time::timeout(STOP, ended).await.is_err() {
+            tracing::warn!("a job did not stop in {} s; it runs again after the next start", STOP.as_secs());
+        }
+    }
+}
+
+/// Where one job runs at a time.
+struct Place {
+    app: App,
+    pool: Pool,
+    run: Arc<Run>,
+    stop: CancellationToken,
+}
+
+impl Place {
+    async fn serve(self) {
+        while !self.stop.is_cancelled() {
+            match attempt::claim(&self.app).await {
+                Ok(Some(attempt)) => self.work(attempt).await,
+                Ok(None) => self.idle(attempt::submitted(&self.app)).await,
+                Err(error) => {
+                    tracing::warn!(%error, "the queue of jobs cannot be read");
+                    self.idle(std::future::pending()).await;
+                }
+            }
+        }
+    }
+
+    /// Waits for the next look into the queue.
+    async fn idle(&self, submitted: impl Future<Output = ()>) {
+        tokio::select! {
+            () = submitted => {}
+            () = tokio::time::sleep(POLL) => {}
+            () = self.stop.cancelled() => {}
+        }
+    }
+
+    async fn work(&self, mut attempt: Attempt) {
+        tracing::info!(job = attempt.job().id, attempt = attempt.job().attempt, "a job begins");
+        let outcome = self.compute(&mut attempt).await;
+        attempt.settle(&self.app, outcome, self.stop.is_cancelled()).await;
+    }
+
+    /// Runs the job on the pool, and keeps its claim alive until it has ended.
+    async fn compute(&self, attempt: &mut Attempt) -> Result<Outcome, ServiceError> {
+        let task = self.task(attempt);
+        let mut computed = std::pin::pin!(self.pool.run(task));
+        let mut ticks = tokio::time::interval(TICK);
+        ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        loop {
+            tokio::select! {
+                outcome = &mut computed => return outcome,
+                () = self.stop.cancelled(), if !attempt.context().is_cancelled() => attempt.context().interrupt(),
+                _ = ticks.tick() => {
+                    if let Err(error) = attempt.renew(&self.app).await {
+                        tracing::warn!(job = attempt.job().id, %error, "progress could not be written");
+                    }
+                }
+            }
+        }
+    }
+
+    fn task(&self, attempt: &Attempt) -> impl FnOnce() -> Result<Outcome, ServiceError> + Send + 'static {
+        let (app, run, handle) = (self.app.clone(), Arc::clone(&self.run), Handle::current());
+        let (job, context) = (attempt.job().clone(), attempt.context().clone());
+        move || {
+            // The service may have been asked to stop while the job was claimed.
+            context.check()?;
+            run(&app, &handle, &job, &context)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn threads_are_shared_out_and_everybody_has_one() {
+        for (jobs, threads, each) in [(1, 8, 8), (2, 8, 4), (3, 8, 2), (4, 2, 1)] {
+            let jobs = NonZeroUsize::new(jobs).unwrap();
+            assert_eq!(Places { jobs, threads }.threads_each(), each, "{jobs} jobs on {threads} threads");
+        }
+    }
+}
