@@ -6,14 +6,14 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use reqwest::Method;
-use serde_json::Value;
+use serde_json::{Value, json};
 
 use crate::server::{Setting, shared};
 
 /// The layers from top to bottom: a file uses its own layer and those below.
 const LAYERS: [&[&str]; 9] = [
     &["cli", "server", "config", "telemetry"],
-    &["api"],
+    DOORS,
     &["service"],
     &["store"],
     &["domain"],
@@ -22,6 +22,9 @@ const LAYERS: [&[&str]; 9] = [
     &["geometry"],
     &["numeric"],
 ];
+
+/// The modules through which work comes in: none uses another one.
+const DOORS: &[&str] = &["api", "worker"];
 
 /// The first layer that knows nothing of the outer world.
 const FIRST_PURE: &str = "formats";
@@ -44,6 +47,9 @@ fn violations(path: &str, text: &str) -> Vec<String> {
     let code: Vec<&str> = text.lines().map(|line| line.split("//").next().unwrap()).collect();
     for used in used_modules(&code.join("\n"), modules.len()) {
         match level(&used) {
+            Some(other) if other == own && used != modules[0] && DOORS.contains(&modules[0]) => {
+                found.push(format!("{path} uses another door, {used}"));
+            }
             Some(other) if other >= own => {}
             Some(_) => found.push(format!("{path} uses the higher layer {used}")),
             None => found.push(format!("{path} uses {used}, which belongs to no layer")),
@@ -136,6 +142,8 @@ fn the_guard_of_the_layers_sees_a_bad_line() {
         ("formats/svg.rs", "let now = std::time::Instant::now();"),
         ("formats/svg.rs", "use http::StatusCode;"),
         ("numeric/dense.rs", "    tokio::spawn(work);"),
+        ("worker/mod.rs", "use crate::api::problem::Problem;"),
+        ("api/v1/jobs.rs", "use crate::worker::Worker;"),
         ("jobs/mod.rs", ""),
         ("api/mod.rs", "use crate::jobs;"),
     ];
@@ -144,6 +152,7 @@ fn the_guard_of_the_layers_sees_a_bad_line() {
     }
     let good = [
         ("cli.rs", "use crate::{api, server};"),
+        ("api/v1/jobs.rs", "use crate::api::extract::Prefer;"),
         ("service/compute.rs", "use super::App;\nuse crate::numeric::dense::Matrix;"),
         ("formats/svg.rs", "// once a tokio task\nlet instantaneous = \"http://www.w3.org\";"),
         ("analysis/mean.rs", "use super::{metric, subspace};"),
@@ -154,9 +163,10 @@ fn the_guard_of_the_layers_sees_a_bad_line() {
 }
 
 /// Every operation of the contract.
-const OPERATIONS: [&str; 28] = [
+const OPERATIONS: [&str; 45] = [
     "DELETE /v1/cohorts/{cohort}",
     "DELETE /v1/cohorts/{cohort}/shapes/{shape}",
+    "DELETE /v1/dictionaries/{dictionary}",
     "GET /livez",
     "GET /readyz",
     "GET /v1/cohorts",
@@ -164,16 +174,32 @@ const OPERATIONS: [&str; 28] = [
     "GET /v1/cohorts/{cohort}/mean",
     "GET /v1/cohorts/{cohort}/shapes",
     "GET /v1/cohorts/{cohort}/shapes/{shape}",
+    "GET /v1/dictionaries",
+    "GET /v1/dictionaries/{dictionary}",
+    "GET /v1/dictionaries/{dictionary}/atoms",
+    "GET /v1/dictionaries/{dictionary}/export",
+    "GET /v1/dictionaries/{dictionary}/modes",
     "GET /v1/generators",
     "GET /v1/generators/{name}",
     "GET /v1/idealised",
+    "GET /v1/jobs",
+    "GET /v1/jobs/{job}",
+    "GET /v1/jobs/{job}/events",
     "GET /v1/transformations",
     "POST /v1/align",
     "POST /v1/cohorts",
     "POST /v1/cohorts/{cohort}/shapes",
+    "POST /v1/dictionaries",
+    "POST /v1/dictionaries/import",
+    "POST /v1/dictionaries/{dictionary}/encode",
+    "POST /v1/dictionaries/{dictionary}/prior",
+    "POST /v1/dictionaries/{dictionary}/reconstruct",
+    "POST /v1/dictionaries/{dictionary}/sample",
+    "POST /v1/dictionaries/{dictionary}/score",
     "POST /v1/evaluate",
     "POST /v1/fit",
     "POST /v1/idealised",
+    "POST /v1/jobs/{job}/cancel",
     "POST /v1/mean",
     "POST /v1/measure",
     "POST /v1/morph",
@@ -250,7 +276,12 @@ fn the_routes_of_the_interface_document_exist() {
     let server = shared();
     for operation in OPERATIONS {
         let (method, path) = operation.split_once(' ').unwrap();
-        let path = path.replace("{cohort}", "none").replace("{shape}", "none").replace("{name}", "keys");
+        let path = path
+            .replace("{cohort}", "none")
+            .replace("{shape}", "none")
+            .replace("{name}", "keys")
+            .replace("{dictionary}", "none")
+            .replace("{job}", "none");
         let reply = server.send(server.request(method.parse::<Method>().unwrap(), &path));
         if reply.status >= 400 {
             let code = reply.json()["code"].as_str().unwrap().to_owned();
@@ -268,8 +299,10 @@ fn refusals_have_documented_statuses() {
     let mut undocumented = BTreeSet::new();
     for (name, operation) in operations(&document) {
         let (method, template) = name.split_once(' ').unwrap();
-        let path =
-            |id: &str| template.replace("{cohort}", id).replace("{shape}", "none").replace("{name}", id);
+        let path = |id: &str| {
+            let path = template.replace("{cohort}", id).replace("{shape}", "none").replace("{name}", id);
+            path.replace("{dictionary}", id).replace("{job}", id)
+        };
         let request = |path: &str| server.request(method.parse::<Method>().unwrap(), path);
         let requests = [
             request(&path("none")),
@@ -304,7 +337,11 @@ fn resolve<'a>(document: &'a Value, value: &'a Value) -> &'a Value {
 #[test]
 fn the_examples_of_the_interface_document_work() {
     let document: Value = serde_json::from_str(&committed()).unwrap();
-    let server = Setting::fresh().start();
+    let server = Setting::fresh().with_example().start();
+    let learn = json!({"name": "modes", "cohort": "example-cells", "transformation": "similarity",
+        "method": {"kind": "functional_pca", "components": 3, "centre": true}});
+    let learn = server.request(Method::POST, "/v1/dictionaries").header("prefer", "wait=60").json(&learn);
+    server.send(learn).expect(201);
     let mut missing = Vec::new();
     // Creation first: the shapes go into the cohort of its example.
     let mut cohort = String::from("none");
@@ -320,6 +357,7 @@ fn the_examples_of_the_interface_document_work() {
                 continue;
             };
             let path = name.trim_start_matches("POST ").replace("{cohort}", &cohort);
+            let path = path.replace("{dictionary}", "modes");
             let text = example.as_str().map_or_else(|| example.to_string(), str::to_owned);
             let reply = server.post_bytes(&path, media_type, text);
             assert!((200..300).contains(&reply.status), "{name} {media_type}: {}", reply.text());

@@ -26,11 +26,11 @@ const QUAD: &str = "[[2,0],[0,1],[-2,0],[0,-1]]";
 
 /// What differs from what was wanted, of many cases: all are reported at once.
 #[derive(Default)]
-struct Differences(Vec<String>);
+pub(crate) struct Differences(Vec<String>);
 
 impl Differences {
     /// Compares status, code, pointers (in any order) and, where one is wanted, the index of every error.
-    fn compare(&mut self, what: &str, reply: &Reply, wanted: &Wanted) {
+    pub(crate) fn compare(&mut self, what: &str, reply: &Reply, wanted: &Wanted) {
         let problem = reply.json();
         let mut found = if reply.status < 400 { Vec::new() } else { pointers_of(&problem) };
         let mut pointers = wanted.pointers.clone();
@@ -62,7 +62,8 @@ impl Drop for Differences {
     }
 }
 
-struct Wanted {
+/// A refusal as it should be.
+pub(crate) struct Wanted {
     statuses: Vec<(u16, &'static str)>,
     pointers: Vec<String>,
     index: Option<u64>,
@@ -70,16 +71,16 @@ struct Wanted {
 }
 
 impl Wanted {
-    fn new(status: u16, code: &'static str, pointers: &[&str]) -> Self {
+    pub(crate) fn new(status: u16, code: &'static str, pointers: &[&str]) -> Self {
         let pointers = pointers.iter().map(ToString::to_string).collect();
         Self { statuses: vec![(status, code)], pointers, index: None, line: None }
     }
 
-    fn invalid(pointers: &[&str]) -> Self {
+    pub(crate) fn invalid(pointers: &[&str]) -> Self {
         Self::new(422, "invalid-input", pointers)
     }
 
-    fn below(&self, prefix: &str, index: Option<u64>, line: Option<u64>) -> Self {
+    pub(crate) fn below(&self, prefix: &str, index: Option<u64>, line: Option<u64>) -> Self {
         let pointers = self.pointers.iter().map(|pointer| format!("{prefix}{pointer}")).collect();
         Self { statuses: self.statuses.clone(), pointers, index, line }
     }

@@ -67,7 +67,7 @@ fn shapes_of(lists: impl IntoIterator<Item = Vec<[f64; 2]>>) -> Vec<Value> {
     lists.into_iter().map(|points| json!({ "points": points })).collect()
 }
 
-fn cells() -> Vec<Value> {
+pub(crate) fn cells() -> Vec<Value> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/cells/cells.ndjson");
     std::fs::read_to_string(path).unwrap().lines().map(|line| serde_json::from_str(line).unwrap()).collect()
 }
