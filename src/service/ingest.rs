@@ -86,8 +86,8 @@ pub async fn add(
     let mut writer = Writer::new(app, &cohort, on_error, "/shapes/").await?;
     let incoming = shapes.into_iter().enumerate();
     let incoming = incoming.map(|(index, shape)| Incoming { index, line: None, text: Ok(shape) }).collect();
-    writer.take(app, incoming).await?;
-    writer.finish().await
+    let taken = writer.take(app, incoming).await;
+    writer.end(taken).await
 }
 
 /// Adds the shapes of an NDJSON stream; memory does not depend on its length.
@@ -101,6 +101,15 @@ pub async fn add_stream<E: std::fmt::Display>(
     on_error: OnError,
 ) -> Result<Stored, ServiceError> {
     let mut writer = Writer::new(app, &cohort, on_error, "").await?;
+    let taken = take_stream(app, &mut writer, stream).await;
+    writer.end(taken).await
+}
+
+async fn take_stream<E: std::fmt::Display>(
+    app: &App,
+    writer: &mut Writer,
+    stream: impl Stream<Item = Result<Bytes, E>>,
+) -> Result<(), ServiceError> {
     let mut lines = Lines::new(app.limits.line_bytes);
     let mut pending: Vec<Line> = Vec::new();
     let mut pending_bytes = 0;
@@ -129,7 +138,7 @@ pub async fn add_stream<E: std::fmt::Display>(
     if writer.position == 0 {
         return Err(ServiceError::TooFewShapes { found: 0, needed: 1 });
     }
-    writer.finish().await
+    Ok(())
 }
 
 fn too_long(error: LineTooLong) -> ServiceError {
@@ -223,7 +232,7 @@ impl Writer {
         while !good.is_empty() {
             let rest = good.split_off(good.len().min(CHUNK_SHAPES));
             if self.chunks.send(good).await.is_err() {
-                // The task ended with an error, which `finish` reports.
+                // The task ended with an error, which `end` reports.
                 return Ok(());
             }
             good = rest;
@@ -231,11 +240,19 @@ impl Writer {
         Ok(())
     }
 
-    async fn finish(self) -> Result<Stored, ServiceError> {
+    /// Makes the shapes visible when all were taken. If not, nothing is left of them when this returns: a client that
+    /// corrects its input and sends the same external ids again at once must not meet its own first attempt.
+    async fn end(self, taken: Result<(), ServiceError>) -> Result<Stored, ServiceError> {
         let Self { chunks, task, skipped, faults, .. } = self;
         drop(chunks);
-        let (upload, stored) =
-            task.await.map_err(|error| ServiceError::Internal(format!("the writing task: {error}")))??;
+        let written =
+            task.await.map_err(|error| ServiceError::Internal(format!("the writing task: {error}")))?;
+        // What the task says comes first: a writer whose task has ended takes the rest without a word.
+        let (upload, stored) = written?;
+        if let Err(error) = taken {
+            upload.abort().await?;
+            return Err(error);
+        }
         let revision = upload.commit(now_ms()).await?;
         Ok(Stored { revision, skipped, faults, ..stored })
     }
@@ -251,7 +268,13 @@ async fn write(
     while let Some(chunk) = chunks.recv().await {
         let (lines, shapes): (Vec<Option<u64>>, Vec<NewShape>) =
             chunk.into_iter().map(|arrived| (arrived.line, arrived.shape)).unzip();
-        let added = upload.add(shapes).await.map_err(|error| located(error, first, &lines, prefix))?;
+        let added = match upload.add(shapes).await {
+            Ok(added) => added,
+            Err(error) => {
+                upload.abort().await?;
+                return Err(located(error, first, &lines, prefix));
+            }
+        };
         first += lines.len();
         for added in added {
             let id = match added {
