@@ -85,7 +85,7 @@ impl Method {
     }
 
     /// The nearest member of the class of the whitened shape `x` to the whitened `mean`.
-    fn bring(&self, x: &[f64], mean: &[f64]) -> Result<Projected, AnalysisError> {
+    pub(super) fn bring(&self, x: &[f64], mean: &[f64]) -> Result<Projected, AnalysisError> {
         match self {
             Self::Projection(class) => Ok(Subspace::new(class, x)?.project(mean)),
             Self::Procrustes(fit) => {

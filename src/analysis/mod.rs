@@ -12,12 +12,14 @@
 //! * [`pca`] — functional principal components;
 //! * [`sparse`] — sparse codes: lasso and group lasso with a certificate, matching pursuit;
 //! * [`dictionary`] — dictionaries learnt from shapes, and how shapes are prepared for them;
+//! * [`classification`] — classifiers of labelled shapes, and their validation;
 //! * [`path`] — paths between shapes.
 //!
 //! Source: Schmitter, *Spline Shape Processing*, chapters 2–5, with its misprints corrected.
 
 pub mod accumulate;
 pub mod alignment;
+pub mod classification;
 pub mod correspondence;
 pub mod dictionary;
 pub mod frame;
@@ -78,6 +80,12 @@ pub enum AnalysisError {
     /// Bytes that are not an accumulator of this kind.
     #[error("these bytes are not a stored sum of this kind and size")]
     NotAnAccumulator,
+    /// The covariance of a class cannot be inverted.
+    #[error("the covariance of class {class} has not full rank")]
+    SingularCovariance {
+        /// Which class.
+        class: usize,
+    },
     /// The caller asked to stop.
     #[error("interrupted")]
     Interrupted,

@@ -1,0 +1,285 @@
+//! What a validation reports, and confidences that were calibrated on it.
+//!
+//! ```text
+//! p_c = exp(β s_c)/Σ exp(β s)        β maximises Σ_k ln p_{c(k)}
+//! Brier = mean Σ_c (p_c − [c = c(k)])²        95 % intervals by Wilson's score
+//! ```
+//!
+//! Sources: Guo, Pleiss, Sun and Weinberger 2017 (one temperature for all classes); Brier 1950; Wilson 1927.
+
+use super::Evidence;
+
+/// A shape that was classified by a classifier that had not seen it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Held {
+    /// Position of the shape.
+    pub shape: usize,
+    /// Its class.
+    pub class: usize,
+    /// Which training it was held out of.
+    pub fold: usize,
+    /// What was said about it.
+    pub evidence: Evidence,
+}
+
+/// `β` lies within these bounds: outside of them all confidences are equal, or all certain.
+const SHARPNESS: (f64, f64) = (1e-6, 1e9);
+
+/// Newton's steps, or halvings of `ln β`, at the most.
+const STEPS: usize = 200;
+
+/// Relative precision of `β`: confidences do not show more.
+const PRECISION: f64 = 1e-10;
+
+/// `β` that maximises the likelihood of the classes; 1 without shapes. The likelihood is concave in `β`.
+///
+/// `exp(β s)` of shapes that are all right grows without bound: the bounds end it.
+pub fn sharpness<'a>(held: impl Iterator<Item = &'a Held> + Clone) -> f64 {
+    if held.clone().next().is_none() {
+        return 1.0;
+    }
+    let (mut low, mut high) = SHARPNESS;
+    let mut beta = 1.0;
+    for _ in 0..STEPS {
+        // Σ (s_c(k) − E s) and Σ Var s, with E and Var under p.
+        let derivatives = held.clone().map(|held| {
+            let (mean, variance) = moments(&held.evidence.scores, beta);
+            (held.evidence.scores[held.class] - mean, variance)
+        });
+        let (slope, curvature) =
+            derivatives.fold((0.0, 0.0), |(a, b), (slope, variance)| (a + slope, b + variance));
+        if slope > 0.0 {
+            low = beta
+        } else {
+            high = beta
+        }
+        let newton = beta + slope / curvature;
+        let next = if newton > low && newton < high { newton } else { (low * high).sqrt() };
+        if (next - beta).abs() <= PRECISION * beta {
+            return next;
+        }
+        beta = next;
+    }
+    beta
+}
+
+/// Mean and variance of scores under `p ∝ exp(β s)`.
+fn moments(scores: &[f64], beta: f64) -> (f64, f64) {
+    let best = scores.iter().copied().fold(f64::MIN, f64::max);
+    let (mut sum, mut first, mut second) = (0.0, 0.0, 0.0);
+    for s in scores.iter().map(|s| s - best) {
+        let weight = (beta * s).exp();
+        sum += weight;
+        // A score that is out of the question may be −∞ away.
+        if weight > 0.0 {
+            first += weight * s;
+            second += weight * s * s;
+        }
+    }
+    let mean = first / sum;
+    (best + mean, (second / sum - mean * mean).max(0.0))
+}
+
+/// `p_c` of every class.
+pub fn confidences(evidence: &Evidence, beta: f64) -> Vec<f64> {
+    let best = evidence.scores.iter().copied().fold(f64::MIN, f64::max);
+    let weights: Vec<f64> = evidence.scores.iter().map(|s| (beta * (s - best)).exp()).collect();
+    let sum: f64 = weights.iter().sum();
+    weights.iter().map(|weight| weight / sum).collect()
+}
+
+/// A part with its 95 % interval.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Part {
+    /// The estimate.
+    pub value: f64,
+    /// Lower end.
+    pub low: f64,
+    /// Upper end.
+    pub high: f64,
+}
+
+impl Part {
+    /// Wilson's score interval of a part `value` of `n` independent cases.
+    pub fn of(value: f64, n: f64) -> Self {
+        if !(n > 0.0) {
+            return Self { value, low: 0.0, high: 1.0 };
+        }
+        let z2 = QUANTILE_975 * QUANTILE_975;
+        let centre = (value + z2 / (2.0 * n)) / (1.0 + z2 / n);
+        let half = QUANTILE_975 / (1.0 + z2 / n) * (value * (1.0 - value) / n + z2 / (4.0 * n * n)).sqrt();
+        Self { value, low: (centre - half).max(0.0).min(value), high: (centre + half).min(1.0).max(value) }
+    }
+}
+
+/// 97.5 % quantile of the standard normal distribution.
+const QUANTILE_975: f64 = 1.959_963_984_540_054;
+
+/// Shapes whose confidence in their best class lies in an interval.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Bin {
+    /// How many there are, over all repeats.
+    pub count: usize,
+    /// Their mean confidence.
+    pub confidence: f64,
+    /// The part of them that is right.
+    pub accuracy: f64,
+}
+
+/// Equal intervals of confidence.
+pub const BINS: usize = 10;
+
+/// Figures of a validation.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Quality {
+    /// Part of the shapes whose best class is right.
+    pub accuracy: Part,
+    /// The same of every repeat.
+    pub accuracies: Vec<f64>,
+    /// Mean recall of the classes.
+    pub balanced_accuracy: Part,
+    /// Part of a class that is found.
+    pub recall: Vec<Part>,
+    /// Part of the shapes said to be of a class that are; null when none is said to be.
+    pub precision: Vec<Option<f64>>,
+    /// Row: the class; column: what was said. Over all repeats.
+    pub confusion: Vec<Vec<usize>>,
+    /// Mean of `Σ_c (p_c − [c = c(k)])²`, with `β` from the other folds.
+    pub brier: f64,
+    /// Mean of `−ln p_{c(k)}`.
+    pub log_loss: f64,
+    /// By confidence in the best class.
+    pub reliability: Vec<Bin>,
+}
+
+/// Confidence below which a logarithm is cut off: one shape that was held to be impossible does not decide alone.
+const LEAST: f64 = 1e-12;
+
+impl Quality {
+    /// Of shapes held out, `repeats` times each, of `classes` classes; `units` independent cases (subjects) in every
+    /// class.
+    pub fn new(held: &[Held], classes: usize, repeats: usize, units: &[usize], all_units: usize) -> Self {
+        let mut confusion = vec![vec![0_usize; classes]; classes];
+        let folds = held.iter().map(|held| held.fold + 1).max().unwrap_or(1);
+        let per_repeat = folds.div_ceil(repeats.max(1));
+        // Every fold has its own: that of the shapes outside.
+        let betas: Vec<f64> =
+            (0..folds).map(|fold| sharpness(held.iter().filter(move |held| held.fold != fold))).collect();
+        let (mut brier, mut log_loss) = (0.0, 0.0);
+        let mut bins = vec![Bin::default(); BINS];
+        let mut right = vec![(0_usize, 0_usize); repeats.max(1)];
+        for one in held {
+            let best = one.evidence.best();
+            confusion[one.class][best] += 1;
+            let repeat = (one.fold / per_repeat).min(right.len() - 1);
+            right[repeat].0 += usize::from(best == one.class);
+            right[repeat].1 += 1;
+            let p = confidences(&one.evidence, betas[one.fold]);
+            let off = |c: usize| p[c] - f64::from(u8::from(c == one.class));
+            brier += (0..classes).map(|c| off(c).powi(2)).sum::<f64>();
+            log_loss -= p[one.class].max(LEAST).ln();
+            let bin = &mut bins[((p[best] * BINS as f64) as usize).min(BINS - 1)];
+            bin.count += 1;
+            bin.confidence += p[best];
+            bin.accuracy += f64::from(u8::from(best == one.class));
+        }
+        for bin in &mut bins {
+            bin.confidence /= bin.count.max(1) as f64;
+            bin.accuracy /= bin.count.max(1) as f64;
+        }
+        let total = held.len().max(1) as f64;
+        let column = |c: usize| -> usize { confusion.iter().map(|row| row[c]).sum() };
+        let recall: Vec<Part> = (0..classes)
+            .map(|c| {
+                let all: usize = confusion[c].iter().sum();
+                Part::of(confusion[c][c] as f64 / all.max(1) as f64, units[c] as f64)
+            })
+            .collect();
+        let correct: usize = (0..classes).map(|c| confusion[c][c]).sum();
+        Self {
+            accuracy: Part::of(correct as f64 / total, all_units as f64),
+            accuracies: right.iter().map(|(right, all)| *right as f64 / (*all).max(1) as f64).collect(),
+            balanced_accuracy: balanced(&recall, units),
+            precision: (0..classes)
+                .map(|c| {
+                    Some(column(c)).filter(|&all| all > 0).map(|all| confusion[c][c] as f64 / all as f64)
+                })
+                .collect(),
+            recall,
+            confusion,
+            brier: brier / total,
+            log_loss: log_loss / total,
+            reliability: bins,
+        }
+    }
+}
+
+/// The mean recall; its interval from the binomial variances of the recalls, with two cases added to every class so that
+/// a class without errors does not count as certain (Agresti and Coull 1998).
+fn balanced(recall: &[Part], units: &[usize]) -> Part {
+    let count = recall.len() as f64;
+    let value = recall.iter().map(|part| part.value).sum::<f64>() / count;
+    let variance: f64 = recall
+        .iter()
+        .zip(units)
+        .map(|(part, &n)| {
+            let n = n as f64 + 4.0;
+            let p = (part.value * (n - 4.0) + 2.0) / n;
+            p * (1.0 - p) / n
+        })
+        .sum();
+    let half = QUANTILE_975 * variance.sqrt() / count;
+    Part { value, low: (value - half).max(0.0), high: (value + half).min(1.0) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn held(class: usize, fold: usize, probabilities: &[f64], factor: f64) -> Held {
+        let scores = probabilities.iter().map(|p| factor * p.ln()).collect();
+        Held {
+            shape: 0,
+            class,
+            fold,
+            evidence: Evidence { distances: vec![0.0; probabilities.len()], scores },
+        }
+    }
+
+    #[test]
+    fn scores_that_are_logarithms_of_frequencies_are_calibrated() {
+        // 0.8 of those held to be of class 0 with confidence 0.8 are: β undoes the factor.
+        for factor in [0.01, 1.0, 30.0] {
+            let shapes: Vec<Held> =
+                (0..10).map(|k| held(usize::from(k >= 8), 0, &[0.8, 0.2], factor)).collect();
+            let beta = sharpness(shapes.iter());
+            assert!((beta * factor - 1.0).abs() < 1e-6, "{beta} {factor}");
+        }
+        assert_eq!(sharpness([].iter()), 1.0);
+    }
+
+    #[test]
+    fn figures_by_hand() {
+        // Two folds of five; in both, four of class 0 (three found) and one of class 1 (not found).
+        let part = |fold: usize| {
+            let say = |class: usize, said: usize| {
+                held(class, fold, if said == 0 { &[0.6, 0.4] } else { &[0.4, 0.6] }, 1.0)
+            };
+            vec![say(0, 0), say(0, 0), say(0, 0), say(0, 1), say(1, 0)]
+        };
+        let all = [part(0), part(1)].concat();
+        let quality = Quality::new(&all, 2, 1, &[8, 2], 10);
+        assert_eq!(quality.confusion, [[6, 2], [2, 0]]);
+        assert!((quality.accuracy.value - 0.6).abs() < 1e-15);
+        assert!((quality.balanced_accuracy.value - 0.375).abs() < 1e-15);
+        assert_eq!(quality.precision, [Some(0.75), Some(0.0)]);
+        // Of five, three are right at 0.6 and two wrong at 0.6: β = 1 in both folds.
+        let brier = (3.0 * 2.0 * 0.16 + 2.0 * 2.0 * 0.36) / 5.0;
+        assert!((quality.brier - brier).abs() < 1e-9, "{}", quality.brier);
+        let bin = quality.reliability.iter().find(|bin| bin.count > 0).unwrap();
+        assert!(bin.count == 10 && (bin.accuracy - 0.6).abs() < 1e-15 && (bin.confidence - 0.6).abs() < 1e-9);
+        // Wilson's interval of 6 of 10, from the formula.
+        assert!((quality.accuracy.low - 0.312_673_8).abs() < 1e-6, "{}", quality.accuracy.low);
+        assert!((quality.accuracy.high - 0.831_819_7).abs() < 1e-6, "{}", quality.accuracy.high);
+    }
+}
