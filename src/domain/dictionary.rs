@@ -6,6 +6,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::classifier::{ClassifierKind, ClassifierRecord};
 use super::shape::ShapeFilter;
 use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
@@ -66,6 +67,9 @@ pub struct Content {
     pub atoms: Vec<Atom>,
     /// How learning went and how well the shapes are described.
     pub statistics: Statistics,
+    /// Tells classes apart; null when none was asked for.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub classifier: Option<ClassifierRecord>,
 }
 
 /// The mean shape with its certificate.
@@ -302,6 +306,12 @@ pub struct Summary {
     pub objective: f64,
     /// Mean reconstruction error over them.
     pub reconstruction_error: f64,
+    /// Kind of the classifier, when there is one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub classifier: Option<ClassifierKind>,
+    /// Part of the shapes that it got right in cross-validation.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub accuracy: Option<f64>,
 }
 
 /// A version that is about to be stored; its number is given by the store.
@@ -336,6 +346,8 @@ impl Content {
             shapes: self.statistics.shapes,
             objective: self.statistics.objective,
             reconstruction_error: self.statistics.reconstruction_error,
+            classifier: self.classifier.as_ref().map(|record| record.settings.kind),
+            accuracy: self.classifier.as_ref().map(|record| record.validation.accuracy.value),
         }
     }
 }

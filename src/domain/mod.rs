@@ -6,6 +6,7 @@
 //! * [`job`] — long work, its progress and its outcome;
 //! * [`id`] — prefixed, sortable, opaque identifiers.
 
+pub mod classifier;
 pub mod cohort;
 pub mod dictionary;
 pub mod id;

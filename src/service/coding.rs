@@ -8,6 +8,7 @@ use super::error::Fault;
 use super::input::{self, Reading};
 use super::models::Ready;
 use super::{App, ServiceError, cohorts};
+use crate::analysis::AnalysisError;
 use crate::analysis::alignment::Method as Alignment;
 use crate::analysis::correspondence::Correspondence;
 use crate::analysis::dictionary::model::{Model, error_of, squared_distance};
@@ -182,26 +183,55 @@ pub fn reconstruct_shapes(
     samples: usize,
 ) -> Result<Vec<Reconstruction>, ServiceError> {
     let coded = encode(app, ready, asked)?;
-    let total = samples.saturating_mul(coded.len());
-    if total > app.limits.samples {
-        let most = app.limits.samples;
-        let detail = format!("asks for {total} distances over all shapes, at most {most} are answered");
-        return Err(ServiceError::invalid("/samples", detail));
-    }
+    check_samples(app, samples, coded.len())?;
     let reconstruct = |(index, coded): (usize, &Coded)| {
         let y = ready.model.reconstruct(&coded.code);
         let relative_error = Some(error_of(&coded.prepared.whitened, &y));
-        let mut shapes = [coded.prepared.whitened.clone(), y];
-        shapes.iter_mut().for_each(|x| ready.setup.metric.unwhiten(x));
-        if pose == AnswerPose::Input {
-            let (matrix, offset) = coded.prepared.back().map_err(|error| error.at(index))?;
-            shapes.iter_mut().for_each(|x| transform(x, &matrix, &offset));
-        }
-        let [shape, answer] = shapes;
+        let [shape, answer] = posed(ready, coded, y, pose).map_err(|error| error.at(index))?;
         let residual = distances(ready, &shape, &answer, samples);
         Ok(Reconstruction { control_points: answer, relative_error, residual })
     };
     coded.iter().enumerate().map(reconstruct).collect()
+}
+
+/// A shape and its reconstruction `y`, both in the pose that is asked for.
+fn posed(
+    ready: &Ready,
+    coded: &Coded,
+    y: Vec<f64>,
+    pose: AnswerPose,
+) -> Result<[Vec<f64>; 2], AnalysisError> {
+    let mut shapes = [coded.prepared.whitened.clone(), y];
+    shapes.iter_mut().for_each(|x| ready.setup.metric.unwhiten(x));
+    if pose == AnswerPose::Input {
+        let (matrix, offset) = coded.prepared.back()?;
+        shapes.iter_mut().for_each(|x| transform(x, &matrix, &offset));
+    }
+    Ok(shapes)
+}
+
+/// Distances between a shape and its reconstruction `y` in the pose of the shape, at `samples` parameters.
+///
+/// # Errors
+/// A shape that the alignment flattens.
+pub(super) fn residual(
+    ready: &Ready,
+    coded: &Coded,
+    y: Vec<f64>,
+    samples: usize,
+) -> Result<Vec<f64>, ServiceError> {
+    let [shape, answer] = posed(ready, coded, y, AnswerPose::Input)?;
+    Ok(distances(ready, &shape, &answer, samples))
+}
+
+/// That the distances asked for are not too many.
+pub(super) fn check_samples(app: &App, samples: usize, shapes: usize) -> Result<(), ServiceError> {
+    let (total, most) = (samples.saturating_mul(shapes), app.limits.samples);
+    if total > most {
+        let detail = format!("asks for {total} distances over all shapes, at most {most} are answered");
+        return Err(ServiceError::invalid("/samples", detail));
+    }
+    Ok(())
 }
 
 /// `r ← M r + b`, point by point.
@@ -377,32 +407,39 @@ pub struct Score {
 /// # Errors
 /// Faults of the shapes, of the quantile; degenerate shapes.
 pub fn score(app: &App, ready: &Ready, asked: Asked, quantile: f64) -> Result<Vec<Score>, ServiceError> {
-    if !(0.5..1.0).contains(&quantile) {
-        let detail = format!("is {quantile}, must be at least 0.5 and below 1");
-        return Err(ServiceError::invalid("/quantile", detail));
+    check_quantile(quantile)?;
+    Ok(encode(app, ready, asked)?.iter().map(|coded| score_of(ready, coded, quantile)).collect())
+}
+
+/// That a training quantile can be one.
+pub(super) fn check_quantile(quantile: f64) -> Result<(), ServiceError> {
+    if (0.5..1.0).contains(&quantile) {
+        return Ok(());
     }
+    Err(ServiceError::invalid("/quantile", format!("is {quantile}, must be at least 0.5 and below 1")))
+}
+
+/// The score of a shape that was coded.
+pub(super) fn score_of(ready: &Ready, coded: &Coded, quantile: f64) -> Score {
     let statistics = &ready.dictionary.content.statistics;
-    let scored = |coded: Coded| {
-        let residual = squared_distance(&coded.prepared.whitened, &ready.model.reconstruct(&coded.code));
-        let residual_rank = rank(&statistics.residuals, residual);
-        let mut outlier = residual > value_at(&statistics.residuals, quantile);
-        let Model::Components { spread, .. } = &ready.model else {
-            let (scores, t_squared, t_squared_rank) = (None, None, None);
-            return Score { scores, t_squared, t_squared_rank, residual, residual_rank, outlier };
-        };
-        let distance = spread.distance(&coded.code.values);
-        let trained = statistics.scores.as_ref().map_or(&[][..], |scores| &scores.t_squared);
-        outlier |= distance > value_at(trained, quantile);
-        Score {
-            scores: Some(coded.code.values),
-            t_squared: Some(distance),
-            t_squared_rank: Some(rank(trained, distance)),
-            residual,
-            residual_rank,
-            outlier,
-        }
+    let residual = squared_distance(&coded.prepared.whitened, &ready.model.reconstruct(&coded.code));
+    let residual_rank = rank(&statistics.residuals, residual);
+    let mut outlier = residual > value_at(&statistics.residuals, quantile);
+    let Model::Components { spread, .. } = &ready.model else {
+        let (scores, t_squared, t_squared_rank) = (None, None, None);
+        return Score { scores, t_squared, t_squared_rank, residual, residual_rank, outlier };
     };
-    Ok(encode(app, ready, asked)?.into_iter().map(scored).collect())
+    let distance = spread.distance(&coded.code.values);
+    let trained = statistics.scores.as_ref().map_or(&[][..], |scores| &scores.t_squared);
+    outlier |= distance > value_at(trained, quantile);
+    Score {
+        scores: Some(coded.code.values.clone()),
+        t_squared: Some(distance),
+        t_squared_rank: Some(rank(trained, distance)),
+        residual,
+        residual_rank,
+        outlier,
+    }
 }
 
 /// Part of the ascending `values` that are at most `value`.
@@ -411,7 +448,7 @@ fn rank(values: &[f64], value: f64) -> f64 {
 }
 
 /// The quantile of ascending values, linear between them.
-fn value_at(values: &[f64], quantile: f64) -> f64 {
+pub(super) fn value_at(values: &[f64], quantile: f64) -> f64 {
     let Some(last) = values.len().checked_sub(1) else { return f64::INFINITY };
     let place = quantile * last as f64;
     let below = place.floor() as usize;

@@ -4,13 +4,15 @@ use super::cohorts::{self, Page};
 use super::compute::Setup;
 use super::error::Fault;
 use super::estimate::Estimate;
-use super::learning::{NO_STATE, Plan};
+use super::learning::{KEPT_BYTES, NO_STATE, Plan};
+use super::membership::{Membership, WITHIN, settings_faults};
 use super::models;
 use super::{App, Limits, ServiceError, jobs};
 use crate::analysis::alignment::{Alignment, FEWEST_SHAPES};
 use crate::analysis::correspondence::Mirror;
 use crate::analysis::frame::Frame;
 use crate::analysis::transformation::Transformation;
+use crate::domain::classifier::{ClassifierKind, ClassifierSettings};
 use crate::domain::cohort::{Cohort, name_problem};
 use crate::domain::dictionary::{Codes, Listed, Method};
 use crate::domain::id;
@@ -46,6 +48,8 @@ pub enum From {
         mirror: Option<Mirror>,
         /// Components or sparse atoms.
         method: Method,
+        /// What tells classes apart.
+        classifier: Option<Box<ClassifierSettings>>,
     },
     /// With the parameters, the mean and the sums of the version with this key, and the shapes that came since.
     Version(String),
@@ -69,13 +73,16 @@ pub async fn plan(app: &App, learn: Learn) -> Result<Planned, ServiceError> {
     if let Some(problem) = name_problem(&learn.name, id::DICTIONARY) {
         faults.push(Fault::new("/name", problem));
     }
-    if let From::Anew { method, .. } = &learn.from {
+    if let From::Anew { method, classifier, .. } = &learn.from {
         faults.extend(method_faults(method, &app.limits));
+        let sparse = matches!(method, Method::Sparse { .. });
+        let classifier = classifier.as_deref();
+        faults.extend(classifier.map(|c| settings_faults(c, sparse, method.atoms())).unwrap_or_default());
     }
     ServiceError::unless_empty(faults)?;
     let cohort = cohorts::find(app, &learn.cohort).await?;
     let (plan, since) = match learn.from {
-        From::Anew { filter, transformation, alignment, frame, mirror, method } => {
+        From::Anew { filter, transformation, alignment, frame, mirror, method, classifier } => {
             let mirror = mirror.unwrap_or(cohort.mirror);
             let plan = Plan {
                 name: learn.name,
@@ -87,6 +94,7 @@ pub async fn plan(app: &App, learn: Learn) -> Result<Planned, ServiceError> {
                 frame,
                 mirror,
                 method,
+                classifier: classifier.map(|settings| *settings),
                 continue_from: None,
             };
             (plan, 0)
@@ -96,6 +104,9 @@ pub async fn plan(app: &App, learn: Learn) -> Result<Planned, ServiceError> {
     let revisions = Revisions { after: since, until: plan.revision };
     let shapes = app.store.count(&cohort.id, revisions, &plan.filter).await?;
     check_count(&plan, since, shapes)?;
+    if let Some(classifier) = &plan.classifier {
+        check_classifier(app, &plan, classifier, shapes).await?;
+    }
     let task_app = app.clone();
     app.pool
         .run(move || {
@@ -103,7 +114,16 @@ pub async fn plan(app: &App, learn: Learn) -> Result<Planned, ServiceError> {
             if let Method::Sparse { .. } = plan.method {
                 models::learning(&plan.method, &setup.method)?;
             }
-            let estimate = Estimate::new(&setup, &plan.method, shapes);
+            let trainings = plan.classifier.as_ref().map_or(0, |settings| settings.trainings(WITHIN));
+            let estimate = Estimate::new(&setup, &plan.method, shapes).times(trainings);
+            let bytes = 8.0 * shapes as f64 * setup.metric.len() as f64;
+            if plan.classifier.is_some() && bytes > KEPT_BYTES as f64 {
+                let detail = format!(
+                    "keeps the shapes in memory, which takes {bytes:.1e} bytes, at most {KEPT_BYTES} are given: choose \
+                     some with a filter"
+                );
+                return Err(ServiceError::invalid("/classifier", detail));
+            }
             let most = task_app.limits.job_bytes as f64;
             if estimate.memory_bytes > most {
                 let detail = format!(
@@ -118,6 +138,32 @@ pub async fn plan(app: &App, learn: Learn) -> Result<Planned, ServiceError> {
         .await
 }
 
+/// Checks that the shapes have classes that can be told apart, and that they fit into memory.
+async fn check_classifier(
+    app: &App,
+    plan: &Plan,
+    settings: &ClassifierSettings,
+    shapes: u64,
+) -> Result<(), ServiceError> {
+    let attribute = &settings.attribute;
+    let membership = Membership::read(app, &plan.cohort, plan.revision, &plan.filter, attribute).await?;
+    let mut faults = membership.faults(settings);
+    let found = usize::try_from(shapes).unwrap_or(usize::MAX);
+    // The smallest part of the shapes that something is learnt from.
+    let fewest = found - found.div_ceil(settings.folds);
+    let fewest = if settings.kind == ClassifierKind::Best { fewest - fewest.div_ceil(2) } else { fewest };
+    if let Method::Sparse { atoms, .. } = plan.method
+        && atoms > fewest
+    {
+        let detail = format!(
+            "is {atoms}, but the dictionaries of the validation are learnt from as few as {fewest} shapes, of which every \
+             atom starts as one"
+        );
+        faults.push(Fault::new("/method/atoms", detail));
+    }
+    ServiceError::unless_empty(faults)
+}
+
 /// The plan that goes on from a version, and the revision whose shapes that has seen.
 async fn continued(app: &App, name: String, cohort: &Cohort, key: &str) -> Result<(Plan, u64), ServiceError> {
     let at = |detail: String| ServiceError::invalid("/continue_from", detail);
@@ -129,6 +175,10 @@ async fn continued(app: &App, name: String, cohort: &Cohort, key: &str) -> Resul
     }
     if app.store.read_dictionary_state(&ready.dictionary.id).await?.is_none() {
         return Err(at(NO_STATE.into()));
+    }
+    if content.classifier.is_some() {
+        let detail = "has a classifier, whose validation needs all shapes: learn anew";
+        return Err(at(detail.into()));
     }
     let since = provenance.cohort_revision;
     let revisions = Revisions { after: since, until: cohort.revision };
@@ -149,6 +199,7 @@ async fn continued(app: &App, name: String, cohort: &Cohort, key: &str) -> Resul
         frame: content.frame,
         mirror: content.mirror,
         method: content.method.clone(),
+        classifier: None,
         continue_from: Some(ready.dictionary.id.clone()),
     };
     Ok((plan, since))

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::dictionaries::method_faults;
 use super::error::Fault;
 use super::models::{self, Ready};
-use super::{App, Limits, ServiceError, now_ms};
+use super::{App, Limits, ServiceError, classify, now_ms};
 use crate::analysis::dictionary::model::Model;
 use crate::analysis::metric::norm;
 use crate::domain::cohort::name_problem;
@@ -161,6 +161,7 @@ fn checked_file(
         return Err(ServiceError::invalid("/digest", detail));
     }
     ServiceError::unless_empty(content_faults(&file.content, &app.limits))?;
+    ServiceError::unless_empty(classify::classifier_faults(&file.content))?;
     let prepared = models::prepare(app, &file.content).map_err(|error| match error {
         ServiceError::Invalid(mut faults) => {
             faults.iter_mut().for_each(|fault| fault.pointer = format!("/content{}", fault.pointer));

@@ -149,6 +149,7 @@ impl ServiceError {
             AnalysisError::NotAProperClass(detail) => Self::invalid("/transformation", detail),
             AnalysisError::NoCanonicalFrame { .. } => Self::invalid("/frame", error.to_string()),
             AnalysisError::Antipodal { .. } => Self::invalid("", error.to_string()),
+            AnalysisError::SingularCovariance { .. } => Self::invalid("/classifier", error.to_string()),
             AnalysisError::Interrupted => Self::Cancelled,
             AnalysisError::NotAnAccumulator
             | AnalysisError::NoConvergence { .. }

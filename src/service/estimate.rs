@@ -63,4 +63,11 @@ impl Estimate {
         let memory_bytes = kept + 8.0 * (4.0 * n * n + memory);
         Self { shapes, multiply_adds, memory_bytes, seconds: multiply_adds / RATE }
     }
+
+    /// With as many further trainings on nearly all shapes, two at a time.
+    pub fn times(self, trainings: usize) -> Self {
+        let multiply_adds = self.multiply_adds * (1 + trainings) as f64;
+        let memory_bytes = self.memory_bytes * if trainings > 0 { 3.0 } else { 1.0 };
+        Self { multiply_adds, memory_bytes, seconds: multiply_adds / RATE, ..self }
+    }
 }

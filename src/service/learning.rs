@@ -8,7 +8,9 @@ use tokio::runtime::Handle;
 
 use super::compute::Setup;
 use super::jobs::{JobContext, Outcome};
+use super::membership::{Membership, WITHIN};
 use super::stored::StoredShapes;
+use super::validation::Study;
 use super::{App, ServiceError, models, now_ms};
 use crate::analysis::AnalysisError;
 use crate::analysis::accumulate::{Accumulator, ScatterSum, ShapeSource, Shapes, ShapesInMemory};
@@ -21,6 +23,7 @@ use crate::analysis::dictionary::statistics::Statistics as CodeStatistics;
 use crate::analysis::frame::Frame;
 use crate::analysis::pca::FunctionalPca;
 use crate::analysis::transformation::Transformation;
+use crate::domain::classifier::{ClassifierRecord, ClassifierSettings};
 use crate::domain::cohort::Cohort;
 use crate::domain::dictionary::{
     Atom, Content, MeanRecord, Method, NewDictionary, Provenance, Row, ScoreStatistics, Statistics,
@@ -52,6 +55,9 @@ pub struct Plan {
     pub mirror: Mirror,
     /// Components or sparse atoms.
     pub method: Method,
+    /// What tells classes apart.
+    #[serde(default)]
+    pub classifier: Option<ClassifierSettings>,
     /// Id of the version that learning goes on from.
     pub continue_from: Option<String>,
 }
@@ -163,13 +169,13 @@ pub(super) const NO_STATE: &str = "has no sums to go on from (it was imported, o
                                    anew from the whole cohort";
 
 /// One run of a plan.
-struct Task<'a> {
-    app: &'a App,
+pub(super) struct Task<'a> {
+    pub(super) app: &'a App,
     handle: &'a Handle,
     plan: &'a Plan,
     cohort: &'a Cohort,
     setup: &'a Setup,
-    context: &'a JobContext,
+    pub(super) context: &'a JobContext,
 }
 
 /// Parts of the progress, in the order they are reached.
@@ -182,6 +188,8 @@ mod phase {
     pub(super) const LEARN: (&str, f64) = ("learn", 0.2);
     /// All shapes are coded in what was learnt.
     pub(super) const CERTIFY: (&str, f64) = ("certify", 0.9);
+    /// The classifier is validated and trained.
+    pub(super) const VALIDATE: (&str, f64) = ("validate", 0.95);
 }
 
 impl Watch for Task<'_> {
@@ -196,15 +204,20 @@ impl Watch for Task<'_> {
         };
         let (name, start) = phase::LEARN;
         let fraction = start + (phase::CERTIFY.1 - start) * (epochs as f64 / most as f64).min(1.0);
-        self.context.report(name, fraction, Some(objective));
+        self.context.report(name, self.share() * fraction, Some(objective));
     }
 }
 
 impl Task<'_> {
     fn enter(&self, (name, fraction): (&'static str, f64)) -> Result<(), ServiceError> {
         self.context.check()?;
-        self.context.report(name, fraction, None);
+        self.context.report(name, self.share() * fraction, None);
         Ok(())
+    }
+
+    /// Part of the progress that is learning; the rest is validation.
+    fn share(&self) -> f64 {
+        self.plan.classifier.as_ref().map_or(1.0, |settings| 1.0 / (1.0 + settings.trainings(WITHIN) as f64))
     }
 
     /// What is learnt, and the sums to go on from.
@@ -241,7 +254,45 @@ impl Task<'_> {
         let posed = Posed { source: &shapes, preparation: &preparation };
         let certificate = Certificate::new(&model, &posed, self).map_err(|error| shapes.named(error))?;
         certify(&mut content, certificate, &model);
+        if let Some(settings) = &self.plan.classifier {
+            let classifier = self.classifier(&shapes, settings, &content);
+            content.classifier = Some(classifier.map_err(|error| shapes.named(error))?);
+        }
         Ok((content, state))
+    }
+
+    /// Validates and trains the classifier.
+    fn classifier(
+        &self,
+        shapes: &StoredShapes<'_>,
+        settings: &ClassifierSettings,
+        content: &Content,
+    ) -> Result<ClassifierRecord, ServiceError> {
+        self.enter(phase::VALIDATE)?;
+        let (id, revision) = (&self.cohort.id, self.plan.revision);
+        let read = Membership::read(self.app, id, revision, &self.plan.filter, &settings.attribute);
+        let membership = self.handle.block_on(read)?;
+        ServiceError::unless_empty(membership.faults(settings))?;
+        let context = self.context.silent();
+        let task = Task { context: &context, ..*self };
+        let shapes = &in_memory(shapes)?;
+        let study = Study { task: &task, shapes, membership: &membership, settings };
+        let share = self.share();
+        study.record(content, &|part| {
+            self.context.report(phase::VALIDATE.0, share + (1.0 - share) * part, None);
+        })
+    }
+
+    /// What is learnt from shapes in memory; not certified.
+    pub(super) fn content_of(&self, shapes: &ShapesInMemory) -> Result<Content, ServiceError> {
+        let Setup { metric, method, frame, matching, .. } = self.setup;
+        let mean = mean_shape(shapes, metric, method, *frame, matching)?;
+        let mut content = self.empty_content(mean_record(&mean, metric.dimension()));
+        let preparation = self.preparation(&content)?;
+        let posed = in_memory(&Posed { source: shapes, preparation: &preparation })?;
+        self.learn_from(&posed, None, &preparation, &mut content)?;
+        content.statistics.shapes = shapes.count();
+        Ok(content)
     }
 
     /// The shapes of the cohort that came after the revision `since`.
@@ -269,6 +320,7 @@ impl Task<'_> {
             centre: None,
             atoms: Vec::new(),
             statistics: Statistics::default(),
+            classifier: None,
         }
     }
 
@@ -431,13 +483,18 @@ fn kept(
     if shapes.count().saturating_mul(8 * preparation.metric.len()) > KEPT_BYTES {
         return Ok(None);
     }
+    in_memory(&Posed { source: shapes, preparation }).map(Some)
+}
+
+/// All shapes of a source.
+fn in_memory<S: ShapeSource>(source: &S) -> Result<ShapesInMemory, S::Error> {
     let (mut whitened, mut weights) = (Vec::new(), Vec::new());
-    Posed { source: shapes, preparation }.for_each_batch(&mut |batch: Shapes<'_>| {
+    source.for_each_batch(&mut |batch: Shapes<'_>| {
         whitened.extend_from_slice(batch.whitened);
         weights.extend_from_slice(batch.weights);
         Ok(())
     })?;
-    Ok(Some(ShapesInMemory::prepared(whitened, weights)))
+    Ok(ShapesInMemory::prepared(whitened, weights))
 }
 
 /// Writes down how well the shapes are described.
@@ -463,7 +520,7 @@ fn certify(content: &mut Content, certificate: Certificate, model: &Model) {
 }
 
 /// The values in ascending order; of more than [`QUANTILES`] that many, evenly spaced by rank.
-fn quantiles(mut values: Vec<f64>) -> Vec<f64> {
+pub(super) fn quantiles(mut values: Vec<f64>) -> Vec<f64> {
     values.sort_by(f64::total_cmp);
     if values.len() <= QUANTILES {
         return values;

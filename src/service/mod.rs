@@ -10,14 +10,18 @@
 //! * [`generators`] — one generator with all that is known of it;
 //! * [`example`] — the example cohort of an empty store;
 //! * [`jobs`] — long work beside the requests; [`learning`] — what it is;
+//! * [`drift`] — new shapes beside those a dictionary was learnt from;
+//! * [`membership`] — classes and subjects of a cohort; [`classify`] — classifiers in use;
 //! * [`problem`] — what was refused, as a document.
 
+pub mod classify;
 pub mod coding;
 pub mod cohorts;
 pub mod compute;
 pub mod curves;
 pub mod dictionaries;
 pub mod dictionary_file;
+pub mod drift;
 pub mod error;
 pub mod estimate;
 pub mod example;
@@ -28,12 +32,14 @@ pub mod input;
 pub mod jobs;
 pub mod learning;
 pub mod live_mean;
+pub mod membership;
 pub mod models;
 pub mod modes;
 pub mod morph;
 pub mod pool;
 pub mod problem;
 mod stored;
+mod validation;
 
 use std::sync::Arc;
 

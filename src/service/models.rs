@@ -4,8 +4,9 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Mutex};
 
 use super::compute::{Settings, Setup};
-use super::{App, ServiceError};
+use super::{App, ServiceError, classify};
 use crate::analysis::alignment::Method as Alignment;
+use crate::analysis::classification::Classifier;
 use crate::analysis::dictionary::algebra::Algebra;
 use crate::analysis::dictionary::learning::Learning;
 use crate::analysis::dictionary::model::{Model, Spread};
@@ -26,6 +27,8 @@ pub struct Ready {
     pub preparation: Preparation,
     /// Atoms or components.
     pub model: Model,
+    /// What tells classes apart, when there is one.
+    pub classifier: Option<Classifier>,
 }
 
 /// Dictionaries used lately.
@@ -77,7 +80,9 @@ pub async fn find(app: &App, key: &str) -> Result<Arc<Ready>, ServiceError> {
         .pool
         .run(move || {
             let (setup, preparation, model) = prepare(&task_app, &dictionary.content)?;
-            Ok(Arc::new(Ready { dictionary, setup, preparation, model }))
+            let record = dictionary.content.classifier.as_ref();
+            let classifier = record.map(|record| classify::classifier_of(record, &setup.metric));
+            Ok(Arc::new(Ready { dictionary, setup, preparation, model, classifier }))
         })
         .await?;
     app.models.keep(ready.clone());

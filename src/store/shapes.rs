@@ -52,6 +52,17 @@ pub struct ShapePage {
     pub next: Option<Cursor>,
 }
 
+/// A shape without its geometry.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Listed {
+    /// Where it is: the next page starts behind it.
+    pub place: Cursor,
+    /// Identifier.
+    pub id: String,
+    /// What is known about it; its weight is not read, and stands as 1.
+    pub attributes: ShapeAttributes,
+}
+
 /// What [`read_entry`] reads.
 const ENTRY: &str = "s.chunk_id, s.position, s.id, s.external_id, s.subject, s.label, s.labels,
     s.metadata, c.created_at_ms";
@@ -153,6 +164,46 @@ impl Store {
         let entries = entries?;
         let next = entries.last().map(|entry| entry.place);
         Ok(ShapePage { next: next.filter(|_| rows.len() > limit), shapes: fill(&mut read, entries).await? })
+    }
+
+    /// The last revision of the cohort that only holds shapes that were added by the time `ms`.
+    ///
+    /// # Errors
+    /// [`StoreError::CohortGone`].
+    pub async fn revision_before(&self, cohort_id: &str, ms: i64) -> Result<u64, StoreError> {
+        const FIRST_AFTER: &str = "SELECT min(revision) FROM chunk WHERE cohort = $1 AND created_at_ms > $2";
+        const LAST: &str = "SELECT revision FROM cohort WHERE number = $1";
+        let mut read = self.reader().begin().await?;
+        let cohort = cohorts::number(&mut read, cohort_id).await?;
+        let after: Option<i64> =
+            sqlx::query_scalar(FIRST_AFTER).bind(cohort).bind(ms).fetch_one(&mut *read).await?;
+        let last: i64 = sqlx::query_scalar(LAST).bind(cohort).fetch_one(&mut *read).await?;
+        Ok(from_sql(after.map_or(last, |revision| revision - 1)))
+    }
+
+    /// At most `limit` shapes of the cohort between the revisions that pass the filter, in storage order, without their
+    /// geometry.
+    ///
+    /// # Errors
+    /// [`StoreError::CohortGone`], [`StoreError::Damaged`].
+    pub async fn list_attributes(
+        &self,
+        cohort_id: &str,
+        revisions: Revisions,
+        filter: &ShapeFilter,
+        after: Option<Cursor>,
+        limit: usize,
+    ) -> Result<Vec<Listed>, StoreError> {
+        let mut read = self.reader().begin().await?;
+        let cohort = cohorts::number(&mut read, cohort_id).await?;
+        let after = after.map_or((0, -1), |c| (c.chunk, c.position));
+        let selection = Selection { cohort, revisions, filter, after };
+        let rows = selection.page(ENTRY, limit).build().fetch_all(&mut *read).await?;
+        let listed = |row: &SqliteRow| {
+            let Entry { place, shape } = read_entry(row)?;
+            Ok(Listed { place, id: shape.id, attributes: shape.attributes })
+        };
+        rows.iter().map(listed).collect()
     }
 
     /// Number of shapes of the cohort between the revisions that pass the filter.

@@ -49,16 +49,18 @@ macro_rules! asking_request {
     };
 }
 
+pub(super) use asking_request;
+
 /// The shapes of a request, as they stand there.
-struct Shapes {
-    posted: Option<Vec<ShapeInput>>,
-    cohort: Option<String>,
-    ids: Option<Vec<String>>,
+pub(super) struct Shapes {
+    pub(super) posted: Option<Vec<ShapeInput>>,
+    pub(super) cohort: Option<String>,
+    pub(super) ids: Option<Vec<String>>,
 }
 
 impl Shapes {
     /// The shapes, when nothing is wrong with the request.
-    async fn ask<T>(
+    pub(super) async fn ask<T>(
         self,
         app: &App,
         ready: &Ready,
@@ -132,7 +134,7 @@ pub(super) struct CodeOutput {
 }
 
 impl CodeOutput {
-    fn new(ready: &Ready, coded: &Coded) -> Result<Self, ServiceError> {
+    pub(super) fn new(ready: &Ready, coded: &Coded) -> Result<Self, ServiceError> {
         let (code, prepared) = (&coded.code, &coded.prepared);
         let moves = coded.moves(ready)?;
         Ok(Self {
@@ -307,6 +309,19 @@ pub(super) struct ScoreOutput {
     outlier: bool,
 }
 
+impl ScoreOutput {
+    pub(super) fn new(score: coding::Score) -> Self {
+        Self {
+            scores: score.scores,
+            t_squared: score.t_squared,
+            t_squared_rank: score.t_squared_rank,
+            squared_prediction_error: score.residual,
+            squared_prediction_error_rank: score.residual_rank,
+            outlier: score.outlier,
+        }
+    }
+}
+
 /// Scores, one a shape, in order.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct ScoreAnswer {
@@ -338,15 +353,8 @@ pub(super) async fn score(
     let quantile = request.quantile.map_or(Some(0.99), |q| q.take("/quantile", &mut errors));
     let (quantile, asked) = shapes.ask(&app, &ready, quantile, errors).await?;
     compute(app, move |app| {
-        let output = |score: coding::Score| ScoreOutput {
-            scores: score.scores,
-            t_squared: score.t_squared,
-            t_squared_rank: score.t_squared_rank,
-            squared_prediction_error: score.residual,
-            squared_prediction_error_rank: score.residual_rank,
-            outlier: score.outlier,
-        };
-        let scores = coding::score(app, &ready, asked, quantile)?.into_iter().map(output).collect();
+        let scores = coding::score(app, &ready, asked, quantile)?;
+        let scores = scores.into_iter().map(ScoreOutput::new).collect();
         json(StatusCode::OK, &ScoreAnswer { scores })
     })
     .await

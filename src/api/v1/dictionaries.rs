@@ -14,6 +14,9 @@ use crate::analysis::transformation::Transformation;
 use crate::api::extract::{Format, JsonBody, NoQuery, Path, Prefer, Query, parse};
 use crate::api::problem::{Problem, ProblemDocument};
 use crate::api::respond::{compute, json, svg};
+use crate::domain::classifier::{
+    ClassRecord, ClassifierKind, ClassifierRecord, ClassifierSettings, Validation,
+};
 use crate::domain::dictionary::{Atom, Listed, MeanRecord, Method, Row, Statistics};
 use crate::domain::job::JobStatus;
 use crate::domain::shape::ShapeFilter;
@@ -58,6 +61,10 @@ document! {
         /// What is learnt; needed unless learning goes on from a version.
         #[schema(value_type = Option<Method>)]
         method: Checked<Method>;
+        /// What tells classes apart; nothing unless given. It is trained on all shapes, and validated on shapes that
+        /// neither it nor the dictionary has seen.
+        #[schema(value_type = Option<ClassifierSettings>)]
+        classifier: Checked<ClassifierSettings>;
         /// Id, `name@version` or name of the version that learning goes on from, with its parameters, its mean shape and
         /// its sums: only the shapes that came since are learnt from. Not together with the parameters.
         #[schema(value_type = Option<String>)]
@@ -146,6 +153,10 @@ pub(super) struct DictionaryEntry {
     objective: f64,
     /// Mean reconstruction error over them.
     reconstruction_error: f64,
+    /// Kind of the classifier; null without one.
+    classifier: Option<ClassifierKind>,
+    /// Part of the shapes that it got right in cross-validation.
+    accuracy: Option<f64>,
     /// From what, and by what.
     provenance: ProvenanceOutput,
 }
@@ -168,7 +179,43 @@ impl From<Listed> for DictionaryEntry {
             shapes: summary.shapes,
             objective: summary.objective,
             reconstruction_error: summary.reconstruction_error,
+            classifier: summary.classifier,
+            accuracy: summary.accuracy,
             provenance,
+        }
+    }
+}
+
+/// A classifier; the numbers it was trained to are part of the exported file.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct ClassifierOutput<'a> {
+    /// What was asked for, with all defaults.
+    settings: &'a ClassifierSettings,
+    /// What was trained: another kind than asked for under `best`.
+    kind: ClassifierKind,
+    /// The classes, in alphabetical order.
+    classes: Vec<ClassSize<'a>>,
+    /// How it does on shapes that neither it nor the dictionary had seen.
+    validation: &'a Validation,
+}
+
+/// A class of the training shapes.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct ClassSize<'a> {
+    /// Its name.
+    label: &'a str,
+    /// Training shapes of it.
+    shapes: usize,
+}
+
+impl<'a> ClassifierOutput<'a> {
+    fn new(record: &'a ClassifierRecord) -> Self {
+        let size = |class: &'a ClassRecord| ClassSize { label: &class.label, shapes: class.shapes };
+        Self {
+            settings: &record.settings,
+            kind: record.trained.kind(),
+            classes: record.classes.iter().map(size).collect(),
+            validation: &record.validation,
         }
     }
 }
@@ -215,6 +262,8 @@ pub(super) struct DictionaryOutput<'a> {
     atoms: &'a [Atom],
     /// How learning went, and how well the shapes are described.
     statistics: &'a Statistics,
+    /// What tells classes apart, and how well; null when none was asked for.
+    classifier: Option<ClassifierOutput<'a>>,
     /// From what, and by what.
     provenance: ProvenanceOutput,
 }
@@ -252,6 +301,7 @@ impl<'a> DictionaryOutput<'a> {
             centre: content.centre.as_deref(),
             atoms: &content.atoms,
             statistics: &content.statistics,
+            classifier: content.classifier.as_ref().map(ClassifierOutput::new),
             provenance: ProvenanceOutput::new(&listed),
         }
     }
@@ -310,6 +360,7 @@ fn learn_of(request: LearnRequest) -> Result<(Learn, bool), ServiceError> {
         ("frame", request.frame.is_some()),
         ("mirror", request.mirror.is_some()),
         ("method", request.method.is_some()),
+        ("classifier", request.classifier.is_some()),
     ];
     let mut faults: Vec<Fault> = Vec::new();
     for (field, given) in given {
@@ -328,6 +379,7 @@ fn learn_of(request: LearnRequest) -> Result<(Learn, bool), ServiceError> {
     let frame = take_or_default(request.frame, "/frame", &mut errors);
     let mirror = take_given(request.mirror, "/mirror", &mut errors);
     let method = take_given(request.method, "/method", &mut errors);
+    let classifier = take_given(request.classifier, "/classifier", &mut errors);
     let version = take_given(request.continue_from, "/continue_from", &mut errors);
     let dry_run = take_or_default(request.dry_run, "/dry_run", &mut errors);
     faults.extend(errors.into_iter().map(Fault::from));
@@ -342,6 +394,7 @@ fn learn_of(request: LearnRequest) -> Result<(Learn, bool), ServiceError> {
             frame: frame.ok_or_else(incomplete)?,
             mirror,
             method: method.ok_or_else(incomplete)?,
+            classifier: classifier.map(Box::new),
         },
     };
     let learn = Learn { name: name.ok_or_else(incomplete)?, cohort: cohort.ok_or_else(incomplete)?, from };

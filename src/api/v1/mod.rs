@@ -1,10 +1,12 @@
 //! Version 1 of the interface: one file per resource.
 
 mod catalogue;
+mod classify;
 mod coding;
 mod cohorts;
 mod curves;
 mod dictionaries;
+mod drift;
 mod fitting;
 pub mod jobs;
 mod morph;
@@ -43,8 +45,11 @@ pub(super) fn routes() -> OpenApiRouter<App> {
         .routes(routes!(dictionaries::find_dictionary, dictionaries::delete_dictionary))
         .routes(routes!(dictionaries::dictionary_atoms))
         .routes(routes!(dictionaries::dictionary_mode))
+        .routes(routes!(drift::dictionary_drift))
         .routes(routes!(dictionaries::export_dictionary))
         .routes(routes!(dictionaries::import_dictionary))
+        .routes(routes!(classify::classify))
+        .routes(routes!(classify::assess))
         .routes(routes!(coding::encode))
         .routes(routes!(coding::reconstruct))
         .routes(routes!(coding::score))

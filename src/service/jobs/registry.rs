@@ -116,6 +116,11 @@ impl JobContext {
         if self.is_cancelled() { Err(ServiceError::Cancelled) } else { Ok(()) }
     }
 
+    /// The same work without a voice: parts of it are done that do not count as its progress.
+    pub(crate) fn silent(&self) -> Self {
+        Self { interrupted: Arc::clone(&self.interrupted), channel: Arc::default() }
+    }
+
     /// Whether the work shall stop: the job was cancelled, the service stops, or another attempt has taken over.
     pub fn is_cancelled(&self) -> bool {
         self.interrupted.load(Ordering::Relaxed)

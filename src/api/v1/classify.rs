@@ -1,0 +1,199 @@
+//! Classes: classify, and assess everything about a shape at once.
+
+use axum::extract::State;
+use axum::http::StatusCode;
+use axum::response::Response;
+use serde::Serialize;
+
+use super::coding::{CodeOutput, ScoreOutput, Shapes, asking_request};
+use crate::api::extract::{JsonBody, NoQuery, Path, parse};
+use crate::api::problem::{Problem, ProblemDocument};
+use crate::api::respond::{compute, json};
+use crate::formats::InputError;
+use crate::formats::checked::{Checked, List, document, take_given};
+use crate::formats::shape::ShapeInput;
+use crate::service::classify::{self, Assessment, Classified};
+use crate::service::models::{self, Ready};
+use crate::service::{App, ServiceError};
+
+/// Training quantile beyond which a shape is an outlier or of no class, unless given.
+const QUANTILE: f64 = 0.99;
+
+asking_request! {
+    /// Shapes to be classified.
+    #[schema(example = json!({"cohort": "example-cells", "ids": ["cell0004"], "quantile": 0.99}))]
+    ClassifyRequest {
+        /// Training quantile beyond which a shape is of none of the classes, from 0.5; 0.99 unless given.
+        #[schema(value_type = Option<f64>)]
+        quantile: Checked<f64>;
+    }
+}
+
+/// A class with what speaks for it.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct RankedOutput {
+    /// Name of the class.
+    label: String,
+    /// Distance to it: relative residual, Mahalanobis distance, or distance to its nearest member.
+    distance: f64,
+    /// Calibrated on shapes that were held out; those of all classes sum to 1.
+    confidence: f64,
+}
+
+/// The class of a shape.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct ClassOutput {
+    /// The likeliest class.
+    label: String,
+    /// All classes, the likeliest first.
+    ranking: Vec<RankedOutput>,
+    /// Confidence of the first minus that of the second.
+    margin: f64,
+    /// Whether the distance to the class is within the quantile of its own shapes when they were held out; if not, the
+    /// shape is of none of these classes.
+    accepted: bool,
+    /// How the shape compares with all that were learnt from.
+    outlier: ScoreOutput,
+}
+
+impl ClassOutput {
+    fn new(ready: &Ready, classified: Classified) -> Self {
+        let record = ready.dictionary.content.classifier.as_ref();
+        let label = |class: usize| {
+            record
+                .and_then(|record| record.classes.get(class))
+                .map_or_else(String::new, |class| class.label.clone())
+        };
+        let ranking: Vec<RankedOutput> = classified
+            .ranking
+            .iter()
+            .map(|ranked| RankedOutput {
+                label: label(ranked.class),
+                distance: ranked.distance,
+                confidence: ranked.confidence,
+            })
+            .collect();
+        Self {
+            label: ranking.first().map_or_else(String::new, |first| first.label.clone()),
+            ranking,
+            margin: classified.margin,
+            accepted: classified.accepted,
+            outlier: ScoreOutput::new(classified.outlier),
+        }
+    }
+}
+
+/// Classes, one a shape, in order.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct ClassifyAnswer {
+    /// One a shape.
+    classes: Vec<ClassOutput>,
+}
+
+/// Classifies shapes with the classifier of a dictionary.
+#[utoipa::path(post, path = "/dictionaries/{dictionary}/classify", tag = "dictionaries", request_body = ClassifyRequest,
+    params(("dictionary" = String, Path, description = "Id, `name@version` or name")),
+    responses(
+        (status = 200, description = "One class a shape, in order", body = ClassifyAnswer),
+        (status = 404, description = "No such dictionary or cohort", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = "4XX", description = "The input was refused, or the dictionary has no classifier", body = ProblemDocument, content_type = "application/problem+json")
+    ))]
+pub(super) async fn classify(
+    State(app): State<App>,
+    _: NoQuery,
+    Path(key): Path<String>,
+    JsonBody(body): JsonBody,
+) -> Result<Response, Problem> {
+    let ready = models::find(&app, &key).await?;
+    let mut request: ClassifyRequest = app.pool.run(move || parse(&body)).await?;
+    let mut errors = Vec::new();
+    let shapes = request.take_shapes(&mut errors);
+    let quantile = request.quantile.map_or(Some(QUANTILE), |q| q.take("/quantile", &mut errors));
+    let (quantile, asked) = shapes.ask(&app, &ready, quantile, errors).await?;
+    compute(app, move |app| {
+        let classified = classify::classify(app, &ready, asked, quantile)?;
+        let classes = classified.into_iter().map(|classified| ClassOutput::new(&ready, classified)).collect();
+        json(StatusCode::OK, &ClassifyAnswer { classes })
+    })
+    .await
+}
+
+asking_request! {
+    /// Shapes to be assessed.
+    #[schema(example = json!({"cohort": "example-cells", "ids": ["cell0004"], "samples": 8}))]
+    AssessRequest {
+        /// Training quantile beyond which a shape is an outlier or of none of the classes, from 0.5; 0.99 unless given.
+        #[schema(value_type = Option<f64>)]
+        quantile: Checked<f64>;
+        /// Parameters at which the residual is answered; as many as control points unless given.
+        #[schema(value_type = Option<usize>)]
+        samples: Checked<usize>;
+    }
+}
+
+/// Everything about a shape.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct AssessmentOutput {
+    /// Its sparse code, or the scores of components, and the transformation into the pose of the dictionary.
+    code: CodeOutput,
+    /// Its class; null when the dictionary has no classifier.
+    class: Option<ClassOutput>,
+    /// How it compares with the shapes that were learnt from.
+    outlier: ScoreOutput,
+    /// `‖y − ŷ‖²/(‖y‖‖ŷ‖)` in the pose of the dictionary.
+    relative_error: f64,
+    /// Distances between the shape and its reconstruction at equally spaced parameters: `i/samples` of closed curves,
+    /// `i/(samples − 1)` of open ones, every landmark. In the units of the shape.
+    residual: Vec<f64>,
+}
+
+impl AssessmentOutput {
+    fn new(ready: &Ready, assessment: Assessment) -> Result<Self, ServiceError> {
+        let Assessment { coded, classified, score, relative_error, residual } = assessment;
+        Ok(Self {
+            code: CodeOutput::new(ready, &coded)?,
+            class: classified.map(|classified| ClassOutput::new(ready, classified)),
+            outlier: ScoreOutput::new(score),
+            relative_error,
+            residual,
+        })
+    }
+}
+
+/// Assessments, one a shape, in order.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct AssessAnswer {
+    /// One a shape.
+    assessments: Vec<AssessmentOutput>,
+}
+
+/// Assesses shapes: pose, code, class, outlier, and the residual along the contour, in one call.
+#[utoipa::path(post, path = "/dictionaries/{dictionary}/assess", tag = "dictionaries", request_body = AssessRequest,
+    params(("dictionary" = String, Path, description = "Id, `name@version` or name")),
+    responses(
+        (status = 200, description = "One assessment a shape, in order", body = AssessAnswer),
+        (status = 404, description = "No such dictionary or cohort", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
+    ))]
+pub(super) async fn assess(
+    State(app): State<App>,
+    _: NoQuery,
+    Path(key): Path<String>,
+    JsonBody(body): JsonBody,
+) -> Result<Response, Problem> {
+    let ready = models::find(&app, &key).await?;
+    let mut request: AssessRequest = app.pool.run(move || parse(&body)).await?;
+    let mut errors: Vec<InputError> = Vec::new();
+    let shapes = request.take_shapes(&mut errors);
+    let quantile = request.quantile.map_or(Some(QUANTILE), |q| q.take("/quantile", &mut errors));
+    let size = ready.setup.metric.size();
+    let samples = request.samples.map_or(Some(size), |s| s.take("/samples", &mut errors));
+    let ((quantile, samples), asked) = shapes.ask(&app, &ready, quantile.zip(samples), errors).await?;
+    compute(app, move |app| {
+        let assessments = classify::assess(app, &ready, asked, quantile, samples)?;
+        let output = |assessment| AssessmentOutput::new(&ready, assessment);
+        let assessments = assessments.into_iter().map(output).collect::<Result<_, _>>()?;
+        json(StatusCode::OK, &AssessAnswer { assessments })
+    })
+    .await
+}

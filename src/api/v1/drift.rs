@@ -1,0 +1,116 @@
+//! How new shapes differ from those that a dictionary was learnt from.
+
+use axum::extract::State;
+use axum::http::StatusCode;
+use axum::response::Response;
+use serde::{Deserialize, Serialize};
+
+use crate::api::extract::{Path, Query};
+use crate::api::problem::{Problem, ProblemDocument, ProblemKind};
+use crate::api::respond::json;
+use crate::service::App;
+use crate::service::drift::{self, ClassDrift, Comparison, Drift, MeanDrift, ScoreDrift, Since};
+use crate::service::models;
+
+/// Which shapes are new, and which are outliers.
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[into_params(parameter_in = Query)]
+#[serde(deny_unknown_fields)]
+pub(super) struct DriftQuery {
+    /// A revision of the cohort or a time (RFC 3339) after which shapes are new; the revision that the dictionary was
+    /// learnt from unless given.
+    since: Option<String>,
+    /// Training quantile beyond which a shape is an outlier, from 0.5; 0.99 unless given.
+    quantile: Option<f64>,
+}
+
+/// Outliers among the new shapes.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct OutlierRate {
+    /// How many there are.
+    count: usize,
+    /// Part of the new shapes; null without new shapes.
+    rate: Option<f64>,
+    /// The quantile.
+    quantile: f64,
+}
+
+/// What has changed since a dictionary was learnt.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct DriftAnswer {
+    /// Id of the dictionary.
+    dictionary: String,
+    /// Id of its cohort.
+    cohort: String,
+    /// Shapes that came after this revision are new.
+    since_revision: u64,
+    /// Revision up to which they were looked at.
+    cohort_revision: u64,
+    /// New shapes that pass the filter of the dictionary.
+    shapes: usize,
+    /// Those beyond the training quantile of `T²` or of the squared prediction error.
+    outliers: OutlierRate,
+    /// Squared Mahalanobis distances of the scores; null for sparse dictionaries.
+    t_squared: Option<Comparison>,
+    /// Squared prediction errors.
+    squared_prediction_error: Option<Comparison>,
+    /// Scores, component by component; null for sparse dictionaries.
+    scores: Option<Vec<ScoreDrift>>,
+    /// The mean shape; null with fewer than two new shapes.
+    mean: Option<MeanDrift>,
+    /// Classes, as the classifier sees the new shapes; null without one.
+    classes: Option<Vec<ClassDrift>>,
+}
+
+/// Compares the shapes that were added since with those that the dictionary was learnt from.
+///
+/// Training shapes are described a little better than new ones, the more so the fewer there were: look at how the figures
+/// move, and at `mean`, whose expectation is given.
+#[utoipa::path(get, path = "/dictionaries/{dictionary}/drift", tag = "dictionaries",
+    params(("dictionary" = String, Path, description = "Id, `name@version` or name"), DriftQuery),
+    responses(
+        (status = 200, description = "What has changed", body = DriftAnswer),
+        (status = 404, description = "No such dictionary, or its cohort was deleted", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = "4XX", description = "The query was refused", body = ProblemDocument, content_type = "application/problem+json")
+    ))]
+pub(super) async fn dictionary_drift(
+    State(app): State<App>,
+    Path(key): Path<String>,
+    Query(query): Query<DriftQuery>,
+) -> Result<Response, Problem> {
+    let since = match &query.since {
+        None => Since::Training,
+        Some(text) => since_of(text)?,
+    };
+    let ready = models::find(&app, &key).await?;
+    let quantile = query.quantile.unwrap_or(0.99);
+    let dictionary = ready.dictionary.id.clone();
+    let found = drift::drift(&app, ready, since, quantile).await?;
+    let Drift { cohort, since, until, shapes, outliers, t_squared, residuals, scores, mean, classes } = found;
+    let rate = (shapes > 0).then(|| outliers as f64 / shapes as f64);
+    let answer = DriftAnswer {
+        dictionary,
+        cohort,
+        since_revision: since,
+        cohort_revision: until,
+        shapes,
+        outliers: OutlierRate { count: outliers, rate, quantile },
+        t_squared,
+        squared_prediction_error: residuals,
+        scores,
+        mean,
+        classes,
+    };
+    Ok(json(StatusCode::OK, &answer)?)
+}
+
+fn since_of(text: &str) -> Result<Since, Problem> {
+    if let Ok(revision) = text.parse() {
+        return Ok(Since::Revision(revision));
+    }
+    let time: Result<jiff::Timestamp, _> = text.parse();
+    time.map(|time| Since::Time(time.as_millisecond())).map_err(|_| {
+        let detail = format!("since is '{text}', must be a revision or a time such as 2026-01-31T12:00:00Z");
+        Problem::new(ProblemKind::InvalidQuery, detail)
+    })
+}

@@ -1,0 +1,290 @@
+//! Classifiers in use: what is stored made ready, shapes classified and assessed. Plain functions, to be run on the pool.
+
+use super::coding::{self, Asked, Coded, Score};
+use super::error::Fault;
+use super::models::Ready;
+use super::{App, ServiceError};
+use crate::analysis::classification::atom_classes::AtomClasses;
+use crate::analysis::classification::class_means::ClassMeans;
+use crate::analysis::classification::discriminant::Discriminant;
+use crate::analysis::classification::neighbours::NearestNeighbours;
+use crate::analysis::classification::quality::confidences;
+use crate::analysis::classification::{Classifier, Description, Kind, Observations};
+use crate::analysis::dictionary::model::error_of;
+use crate::analysis::metric::Metric;
+use crate::analysis::sparse::SparseCode;
+use crate::domain::classifier::{ClassifierRecord, Trained};
+use crate::domain::dictionary::{Content, Row, columns_of, rows_of};
+use crate::numeric::dense::Matrix;
+
+/// The numbers of a trained classifier, to be stored.
+pub(super) fn trained_of(classifier: &Classifier, kind: Kind, metric: &Metric) -> Trained {
+    match classifier {
+        Classifier::MeanSpace(ClassMeans { means }) => {
+            let rows = |mean: &Vec<f64>| {
+                let mut control_points = mean.clone();
+                metric.unwhiten(&mut control_points);
+                rows_of(&control_points, metric.dimension())
+            };
+            Trained::MeanSpace { means: means.iter().map(rows).collect() }
+        }
+        Classifier::NearestAtom(AtomClasses { atoms }) => Trained::NearestAtom { atoms: atoms.clone() },
+        Classifier::SparseResidual(AtomClasses { atoms }) => Trained::SparseResidual { atoms: atoms.clone() },
+        Classifier::Discriminant(discriminant) => {
+            let Discriminant { features, scales, means, factors, log_priors, shrinkage } =
+                discriminant.clone();
+            let pooling = match kind {
+                Kind::Discriminant(regularisation) => regularisation.pooling,
+                _ => 1.0,
+            };
+            let triangle = |factor: &Matrix| {
+                let row = |i: usize| (0..=i).map(move |j| factor[(i, j)]);
+                (0..factor.nrows()).flat_map(row).collect()
+            };
+            let factors = factors.iter().map(triangle).collect();
+            Trained::Discriminant { features, scales, means, factors, log_priors, pooling, shrinkage }
+        }
+        Classifier::NearestNeighbours(nearest) => {
+            let NearestNeighbours { neighbours, features, classes, size_factor, .. } = nearest;
+            Trained::NearestNeighbours {
+                neighbours: *neighbours,
+                features: features.column_iter().map(|column| column.iter().copied().collect()).collect(),
+                classes: classes.clone(),
+                size_factor: *size_factor,
+            }
+        }
+    }
+}
+
+/// A stored classifier made ready for arithmetic. Its parts fit together: learning made it, or
+/// [`classifier_faults`] found nothing.
+pub(super) fn classifier_of(record: &ClassifierRecord, metric: &Metric) -> Classifier {
+    let count = record.classes.len();
+    match record.trained.clone() {
+        Trained::MeanSpace { means } => {
+            let whitened = |rows: &Vec<Row>| {
+                let mut columns = columns_of(rows, metric.dimension());
+                metric.whiten(&mut columns);
+                columns
+            };
+            Classifier::MeanSpace(ClassMeans { means: means.iter().map(whitened).collect() })
+        }
+        Trained::NearestAtom { atoms } => Classifier::NearestAtom(AtomClasses { atoms }),
+        Trained::SparseResidual { atoms } => Classifier::SparseResidual(AtomClasses { atoms }),
+        Trained::Discriminant { features, scales, means, factors, log_priors, shrinkage, .. } => {
+            let size = features.len();
+            let entry = |triangle: &[f64], i: usize, j: usize| {
+                if j <= i { triangle[i * (i + 1) / 2 + j] } else { 0.0 }
+            };
+            let square = |triangle: &Vec<f64>| Matrix::from_fn(size, size, |i, j| entry(triangle, i, j));
+            let factors = factors.iter().map(square).collect();
+            Classifier::Discriminant(Discriminant { features, scales, means, factors, log_priors, shrinkage })
+        }
+        Trained::NearestNeighbours { neighbours, features, classes, size_factor } => {
+            let rows = features.first().map_or(0, Vec::len);
+            let features = Matrix::from_vec(rows, features.len(), features.concat());
+            let nearest = NearestNeighbours { neighbours, features, classes, count, size_factor };
+            Classifier::NearestNeighbours(nearest)
+        }
+    }
+}
+
+/// Largest number in a file whose square is finite.
+const MOST_NUMBER: f64 = 1e100;
+
+/// What does not fit together in the classifier of a file whose dictionary does: sizes, and numbers that training never
+/// makes.
+pub(super) fn classifier_faults(content: &Content) -> Vec<Fault> {
+    let Some(record) = &content.classifier else { return Vec::new() };
+    let mut faults = Vec::new();
+    let mut check = |ok: bool, field: &str, detail: &str| {
+        if !ok {
+            faults.push(Fault::new(format!("/content/classifier/{field}"), detail));
+        }
+    };
+    let classes = record.classes.len();
+    let atoms = content.atoms.len();
+    let described = atoms + usize::from(record.settings.sees_size());
+    let (size, dimension) = (content.representation.size(), content.representation.dimension());
+    let finite = |values: &[f64]| values.iter().all(|value| value.abs() <= MOST_NUMBER);
+    check(classes >= 2, "classes", "are fewer than two");
+    for (c, class) in record.classes.iter().enumerate() {
+        let sorted = !class.distances.is_empty() && class.distances.is_sorted();
+        check(sorted, &format!("classes/{c}/distances"), "are not in ascending order");
+    }
+    check(record.sharpness > 0.0 && record.sharpness <= 1e9, "sharpness", "is not positive and at most 1e9");
+    match &record.trained {
+        Trained::MeanSpace { means } => {
+            let shape = |rows: &Vec<Row>| {
+                rows.len() == size
+                    && rows.iter().all(|row| row.len() == dimension && finite(row))
+                    && rows.iter().flatten().any(|value| *value != 0.0)
+            };
+            let fits = means.len() == classes && means.iter().all(shape);
+            check(fits, "trained/means", "are not one shape of the representation a class");
+        }
+        Trained::NearestAtom { atoms: of } | Trained::SparseResidual { atoms: of } => {
+            let own = |of: &Vec<usize>| of.is_sorted_by(|a, b| a < b) && of.iter().all(|&j| j < atoms);
+            let fits = of.len() == classes && of.iter().all(own);
+            check(fits, "trained/atoms", "are not the atoms of every class in ascending order");
+        }
+        Trained::Discriminant { features, scales, means, factors, log_priors, .. } => {
+            let p = features.len();
+            let fits =
+                p > 0 && features.iter().all(|&i| i < described) && features.is_sorted_by(|a, b| a < b);
+            check(fits, "trained/features", "are not positions of features in ascending order");
+            let fits = scales.len() == p && scales.iter().all(|scale| *scale > 0.0 && *scale <= MOST_NUMBER);
+            check(fits, "trained/scales", "are not one positive number a feature");
+            let fits = means.len() == classes && means.iter().all(|mean| mean.len() == p && finite(mean));
+            check(fits, "trained/means", "are not the features of every class");
+            let triangle = |factor: &Vec<f64>| {
+                factor.len() == p * (p + 1) / 2
+                    && finite(factor)
+                    && (0..p).all(|i| factor[i * (i + 3) / 2] > 1e-100)
+            };
+            let fits = (factors.len() == 1 || factors.len() == classes) && factors.iter().all(triangle);
+            check(fits, "trained/factors", "are not lower triangles with a positive diagonal");
+            let fits = log_priors.len() == classes && finite(log_priors);
+            check(fits, "trained/log_priors", "are not one number a class");
+        }
+        Trained::NearestNeighbours { neighbours, features, classes: of, size_factor } => {
+            check((1..=of.len()).contains(neighbours), "trained/neighbours", "are none, or more than shapes");
+            let fits = features.len() == of.len()
+                && features.iter().all(|features| features.len() == described && finite(features));
+            check(fits, "trained/features", "are not the features of every shape");
+            let all =
+                (0..classes).all(|class| of.contains(&class)) && of.iter().all(|&class| class < classes);
+            check(all, "trained/classes", "are not classes, or leave one out");
+            let fits = size_factor.is_some() == record.settings.sees_size()
+                && size_factor.is_none_or(|factor| (0.0..=MOST_NUMBER).contains(&factor));
+            check(fits, "trained/size_factor", "does not fit the features");
+        }
+    }
+    faults
+}
+
+/// A class in the order of likelihood.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Ranked {
+    /// Position of the class.
+    pub class: usize,
+    /// Distance to it.
+    pub distance: f64,
+    /// Calibrated confidence; those of all classes sum to 1.
+    pub confidence: f64,
+}
+
+/// What class a shape is of.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Classified {
+    /// All classes, the likeliest first.
+    pub ranking: Vec<Ranked>,
+    /// Confidence of the first minus that of the second.
+    pub margin: f64,
+    /// Whether the distance is within the training quantile of the class; else the shape is none of these.
+    pub accepted: bool,
+    /// How the shape compares with all that were learnt from.
+    pub outlier: Score,
+}
+
+/// Classifies shapes; those beyond the training quantile `quantile` of their class are not accepted.
+///
+/// # Errors
+/// A dictionary without classifier; faults of the shapes, of the quantile; degenerate shapes.
+pub fn classify(
+    app: &App,
+    ready: &Ready,
+    asked: Asked,
+    quantile: f64,
+) -> Result<Vec<Classified>, ServiceError> {
+    if ready.classifier.is_none() {
+        let detail = "the dictionary has no classifier: learn one with \"classifier\" from a labelled cohort";
+        return Err(ServiceError::invalid("", detail));
+    }
+    coding::check_quantile(quantile)?;
+    let coded = coding::encode(app, ready, asked)?;
+    Ok(of_coded(ready, &coded, quantile)?.into_iter().flatten().collect())
+}
+
+/// The classes of shapes that were coded; none without a classifier.
+fn of_coded(ready: &Ready, coded: &[Coded], quantile: f64) -> Result<Vec<Option<Classified>>, ServiceError> {
+    let record = ready.dictionary.content.classifier.as_ref();
+    let (Some(classifier), Some(record)) = (&ready.classifier, record) else {
+        return Ok(coded.iter().map(|_| None).collect());
+    };
+    let metric = &ready.setup.metric;
+    let mut shapes: Vec<f64> = coded.iter().flat_map(|coded| coded.control_points.iter().copied()).collect();
+    crate::analysis::accumulate::prepare(metric, ready.setup.method.translates(), 0, &mut shapes)?;
+    let prepared: Vec<f64> = coded.iter().flat_map(|coded| coded.prepared.whitened.iter().copied()).collect();
+    let codes: Vec<SparseCode> = coded.iter().map(|coded| coded.code.clone()).collect();
+    let observations = Observations { shapes: &shapes, prepared: &prepared, codes: &codes };
+    let (preparation, model, size) = (&ready.preparation, &ready.model, record.settings.sees_size());
+    let evidence = classifier.evidence(Description { preparation, model, size }, observations)?;
+    let classified = evidence.iter().zip(coded).map(|(evidence, coded)| {
+        let confidences = confidences(evidence, record.sharpness);
+        let ranked = |class: usize| Ranked {
+            class,
+            distance: evidence.distances[class],
+            confidence: confidences[class],
+        };
+        let ranking: Vec<Ranked> = evidence.ranking().into_iter().map(ranked).collect();
+        let second = ranking.get(1).map_or(0.0, |ranked| ranked.confidence);
+        let bound = coding::value_at(&record.classes[ranking[0].class].distances, quantile);
+        Some(Classified {
+            margin: ranking[0].confidence - second,
+            accepted: ranking[0].distance <= bound,
+            outlier: coding::score_of(ready, coded, quantile),
+            ranking,
+        })
+    });
+    Ok(classified.collect())
+}
+
+/// Everything that is known of a shape.
+#[derive(Debug)]
+pub struct Assessment {
+    /// Its code and its pose.
+    pub coded: Coded,
+    /// Its class, when the dictionary has a classifier.
+    pub classified: Option<Classified>,
+    /// How it compares with the shapes that were learnt from.
+    pub score: Score,
+    /// `‖y − ŷ‖²/(‖y‖‖ŷ‖)`.
+    pub relative_error: f64,
+    /// Distances between the shape and its reconstruction in its own pose.
+    pub residual: Vec<f64>,
+}
+
+/// Assesses shapes: pose, code, class, outlier, and the residual at `samples` parameters.
+///
+/// # Errors
+/// As [`classify`]; shapes that the alignment flattens; too many samples.
+pub fn assess(
+    app: &App,
+    ready: &Ready,
+    asked: Asked,
+    quantile: f64,
+    samples: usize,
+) -> Result<Vec<Assessment>, ServiceError> {
+    coding::check_quantile(quantile)?;
+    let coded = coding::encode(app, ready, asked)?;
+    coding::check_samples(app, samples, coded.len())?;
+    let classified = of_coded(ready, &coded, quantile)?;
+    let assess = |(index, (coded, classified)): (usize, (Coded, Option<Classified>))| {
+        let y = ready.model.reconstruct(&coded.code);
+        let relative_error = error_of(&coded.prepared.whitened, &y);
+        let score = match &classified {
+            Some(classified) => classified.outlier.clone(),
+            None => coding::score_of(ready, &coded, quantile),
+        };
+        let residual = coding::residual(ready, &coded, y, samples).map_err(|error| match error {
+            ServiceError::DegenerateShape(mut faults) => {
+                faults.iter_mut().for_each(|fault| fault.index = Some(index));
+                ServiceError::DegenerateShape(faults)
+            }
+            other => other,
+        })?;
+        Ok(Assessment { coded, classified, score, relative_error, residual })
+    };
+    coded.into_iter().zip(classified).enumerate().map(assess).collect()
+}

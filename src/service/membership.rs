@@ -1,0 +1,286 @@
+//! Which class and which subject every shape of a cohort belongs to.
+
+use std::collections::{BTreeMap, BTreeSet, HashMap};
+
+use serde_json::Value;
+
+use super::error::Fault;
+use super::{App, ServiceError};
+use crate::domain::classifier::{ClassifierKind, ClassifierSettings, Feature};
+use crate::domain::shape::{ShapeAttributes, ShapeFilter};
+use crate::store::Revisions;
+
+/// Classes and subjects of shapes, in the order of the store.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Membership {
+    /// Names of the classes, in alphabetical order.
+    pub labels: Vec<String>,
+    /// The class of every shape.
+    pub classes: Vec<usize>,
+    /// What must not be divided: shapes of one subject have one number, others their own.
+    pub groups: Vec<usize>,
+    /// Number of subjects, when a shape has one.
+    pub subjects: Option<usize>,
+}
+
+/// Attributes read at once.
+const PAGE: usize = 4096;
+
+/// Ids that a fault names.
+const NAMED: usize = 5;
+
+/// Most numbers of evidence that a validation keeps.
+const MOST_EVIDENCE: usize = 1 << 25;
+
+/// Parts of the cross-validation within the training shapes that `best` chooses by.
+pub(super) const WITHIN: usize = 4;
+
+/// The value of an attribute: `label`, `subject`, or `labels.…`. None when the shape has none that is a name.
+pub(super) fn attribute_of(attributes: &ShapeAttributes, attribute: &str) -> Option<String> {
+    match attribute {
+        "label" => attributes.label.clone(),
+        "subject" => attributes.subject.clone(),
+        _ => match attributes.labels.get(attribute.strip_prefix("labels.")?)? {
+            Value::String(text) => Some(text.clone()),
+            Value::Null | Value::Array(_) | Value::Object(_) => None,
+            plain => Some(plain.to_string()),
+        },
+    }
+}
+
+impl Membership {
+    /// Of the shapes that pass the filter at a revision.
+    ///
+    /// # Errors
+    /// At `/classifier/attribute`: an attribute that shapes do not have.
+    pub async fn read(
+        app: &App,
+        cohort: &str,
+        revision: u64,
+        filter: &ShapeFilter,
+        attribute: &str,
+    ) -> Result<Self, ServiceError> {
+        let (mut names, mut subjects) = (Vec::new(), Vec::new());
+        let (mut without, mut missing) = (Vec::new(), 0_usize);
+        let mut known: BTreeSet<String> = BTreeSet::new();
+        let mut after = None;
+        loop {
+            let revisions = Revisions::until(revision);
+            let page = app.store.list_attributes(cohort, revisions, filter, after, PAGE).await?;
+            let Some(last) = page.last() else { break };
+            after = Some(last.place);
+            for listed in page {
+                let name = attribute_of(&listed.attributes, attribute);
+                if name.is_none() {
+                    missing += 1;
+                    if without.len() < NAMED {
+                        without.push(listed.attributes.external_id.clone().unwrap_or(listed.id));
+                    }
+                }
+                if known.len() < PAGE {
+                    known.extend(listed.attributes.labels.keys().map(|key| format!("labels.{key}")));
+                    known.extend(listed.attributes.label.is_some().then(|| "label".into()));
+                }
+                names.push(name);
+                subjects.push(listed.attributes.subject);
+            }
+        }
+        if missing > 0 {
+            let known: Vec<String> = known.into_iter().take(50).collect();
+            let detail = if missing == names.len() {
+                format!("no shape has '{attribute}'; they have: {}", known.join(", "))
+            } else {
+                let first = without.join("', '");
+                format!(
+                    "{missing} of {} shapes have no '{attribute}' that is a name, the first are '{first}': leave them out \
+                     with a filter",
+                    names.len()
+                )
+            };
+            return Err(ServiceError::invalid("/classifier/attribute", detail));
+        }
+        Ok(Self::new(&names.into_iter().flatten().collect::<Vec<_>>(), &subjects))
+    }
+
+    fn new(names: &[String], subjects: &[Option<String>]) -> Self {
+        let sorted: BTreeSet<&String> = names.iter().collect();
+        let places: BTreeMap<&String, usize> =
+            sorted.iter().enumerate().map(|(c, name)| (*name, c)).collect();
+        let mut numbers: HashMap<&str, usize> = HashMap::new();
+        let mut next = 0;
+        let mut number = || {
+            next += 1;
+            next - 1
+        };
+        let groups = subjects
+            .iter()
+            .map(|subject| match subject {
+                Some(subject) => *numbers.entry(subject).or_insert_with(&mut number),
+                None => number(),
+            })
+            .collect();
+        Self {
+            classes: names.iter().map(|name| places[name]).collect(),
+            labels: sorted.into_iter().cloned().collect(),
+            groups,
+            subjects: Some(numbers.len()).filter(|&count| count > 0),
+        }
+    }
+
+    /// Shapes of every class.
+    pub fn sizes(&self) -> Vec<usize> {
+        let mut sizes = vec![0; self.labels.len()];
+        self.classes.iter().for_each(|&class| sizes[class] += 1);
+        sizes
+    }
+
+    /// Independent cases of every class: subjects, and shapes without one.
+    pub fn units(&self) -> Vec<usize> {
+        units(&self.classes, &self.groups, self.labels.len())
+    }
+
+    /// What keeps the classifier from being trained and validated on these shapes.
+    pub fn faults(&self, settings: &ClassifierSettings) -> Vec<Fault> {
+        let mut faults = Vec::new();
+        let mut fault = |field: &str, detail: String| {
+            faults.push(Fault::new(format!("/classifier/{field}"), detail));
+        };
+        let (attribute, sizes, units) = (&settings.attribute, self.sizes(), self.units());
+        if self.labels.len() < 2 {
+            let only = self.labels.first().map_or("", String::as_str);
+            fault(
+                "attribute",
+                format!("all shapes have the same '{attribute}', '{only}': a classifier needs two classes"),
+            );
+            return faults;
+        }
+        let smallest = (1..sizes.len()).fold(0, |best, c| if sizes[c] < sizes[best] { c } else { best });
+        let fewest = (1..units.len()).fold(0, |best, c| if units[c] < units[best] { c } else { best });
+        let alone: Vec<&str> =
+            (0..sizes.len()).filter(|&c| sizes[c] == 1).map(|c| self.labels[c].as_str()).collect();
+        if !alone.is_empty() {
+            let named = alone[..alone.len().min(NAMED)].join("', '");
+            let detail =
+                format!("{} classes have one shape ('{named}'), at least 2 are needed in each", alone.len());
+            fault("attribute", detail);
+        } else if settings.folds > units[fewest] {
+            let (label, shapes, units) = (&self.labels[fewest], sizes[fewest], units[fewest]);
+            let of = if self.subjects.is_some() {
+                format!("{shapes} shapes of {units} subjects")
+            } else {
+                format!("{shapes} shapes")
+            };
+            let detail = format!(
+                "is {}, but the class '{label}' has {of}, which cannot be in more parts",
+                settings.folds
+            );
+            fault("folds", detail);
+        } else if settings.kind == ClassifierKind::Best
+            && units[fewest] - units[fewest].div_ceil(settings.folds) < 2
+        {
+            let detail = format!(
+                "is best, which divides the training shapes once more, but the class '{}' has {} cases: choose a kind, or fewer \
+                 folds",
+                self.labels[fewest], units[fewest]
+            );
+            fault("kind", detail);
+        }
+        if let Some(neighbours) = settings.neighbours.filter(|&k| k > sizes[smallest]) {
+            let (label, size) = (&self.labels[smallest], sizes[smallest]);
+            let detail =
+                format!("is {neighbours}, but the class '{label}' has {size} shapes and could never win");
+            fault("neighbours", detail);
+        }
+        let evidence = self.classes.len().saturating_mul(self.labels.len()).saturating_mul(settings.repeats);
+        if evidence > MOST_EVIDENCE {
+            let detail = format!(
+                "makes {evidence} numbers ({} shapes, {} classes), at most {MOST_EVIDENCE} are kept",
+                self.classes.len(),
+                self.labels.len()
+            );
+            fault("repeats", detail);
+        }
+        faults
+    }
+}
+
+/// Groups with shapes of every one of `count` classes.
+pub(super) fn units(classes: &[usize], groups: &[usize], count: usize) -> Vec<usize> {
+    let pairs: BTreeSet<(usize, usize)> = classes.iter().copied().zip(groups.iter().copied()).collect();
+    let mut units = vec![0; count];
+    pairs.iter().for_each(|(class, _)| units[*class] += 1);
+    units
+}
+
+/// What is wrong with a classifier whatever it is trained on.
+pub(super) fn settings_faults(settings: &ClassifierSettings, sparse: bool, atoms: usize) -> Vec<Fault> {
+    use ClassifierKind::{Best, Discriminant, NearestNeighbours, SparseResidual};
+    let mut faults = Vec::new();
+    let mut check = |ok: bool, field: &str, detail: String| {
+        if !ok {
+            faults.push(Fault::new(format!("/classifier/{field}"), detail));
+        }
+    };
+    let kind = settings.kind;
+    check(
+        kind != SparseResidual || sparse,
+        "kind",
+        "is sparse_residual, which needs a sparse dictionary".into(),
+    );
+    let attribute = settings.attribute.as_str();
+    let named =
+        attribute == "label" || attribute.strip_prefix("labels.").is_some_and(|name| !name.is_empty());
+    check(
+        named,
+        "attribute",
+        format!("is '{attribute}', must be label or labels. and the name of an attribute"),
+    );
+    let features = &settings.features;
+    check(features.contains(&Feature::Shape), "features", "must contain shape".into());
+    check(
+        features.len() <= 2 && (features.len() < 2 || features[0] != features[1]),
+        "features",
+        "repeats an entry".into(),
+    );
+    check(
+        !settings.sees_size() || matches!(kind, Discriminant | NearestNeighbours | Best),
+        "features",
+        "has size, which discriminant and nearest_neighbours can look at".into(),
+    );
+    let only = |given: bool, owner: ClassifierKind| !given || kind == owner;
+    let belongs = |owner: &str| format!("belongs to the kind {owner}");
+    check(only(settings.components.is_some(), Discriminant), "components", belongs("discriminant"));
+    check(only(settings.pooling.is_some(), Discriminant), "pooling", belongs("discriminant"));
+    check(only(settings.shrinkage.is_some(), Discriminant), "shrinkage", belongs("discriminant"));
+    check(
+        only(settings.neighbours.is_some(), NearestNeighbours),
+        "neighbours",
+        belongs("nearest_neighbours"),
+    );
+    if let Some(components) = settings.components {
+        check(
+            (1..=atoms).contains(&components),
+            "components",
+            format!("is {components}, must be between 1 and {atoms}"),
+        );
+    }
+    for (field, value) in [("pooling", settings.pooling), ("shrinkage", settings.shrinkage)] {
+        if let Some(value) = value {
+            check((0.0..=1.0).contains(&value), field, format!("is {value}, must be between 0 and 1"));
+        }
+    }
+    if let Some(neighbours) = settings.neighbours {
+        check(neighbours >= 1, "neighbours", "is 0, must be at least 1".into());
+    }
+    check(
+        (2..=100).contains(&settings.folds),
+        "folds",
+        format!("is {}, must be between 2 and 100", settings.folds),
+    );
+    check(
+        (1..=100).contains(&settings.repeats),
+        "repeats",
+        format!("is {}, must be between 1 and 100", settings.repeats),
+    );
+    faults
+}
