@@ -163,7 +163,7 @@ fn the_guard_of_the_layers_sees_a_bad_line() {
 }
 
 /// Every operation of the contract.
-const OPERATIONS: [&str; 45] = [
+const OPERATIONS: [&str; 48] = [
     "DELETE /v1/cohorts/{cohort}",
     "DELETE /v1/cohorts/{cohort}/shapes/{shape}",
     "DELETE /v1/dictionaries/{dictionary}",
@@ -177,6 +177,7 @@ const OPERATIONS: [&str; 45] = [
     "GET /v1/dictionaries",
     "GET /v1/dictionaries/{dictionary}",
     "GET /v1/dictionaries/{dictionary}/atoms",
+    "GET /v1/dictionaries/{dictionary}/drift",
     "GET /v1/dictionaries/{dictionary}/export",
     "GET /v1/dictionaries/{dictionary}/modes",
     "GET /v1/generators",
@@ -191,6 +192,8 @@ const OPERATIONS: [&str; 45] = [
     "POST /v1/cohorts/{cohort}/shapes",
     "POST /v1/dictionaries",
     "POST /v1/dictionaries/import",
+    "POST /v1/dictionaries/{dictionary}/assess",
+    "POST /v1/dictionaries/{dictionary}/classify",
     "POST /v1/dictionaries/{dictionary}/encode",
     "POST /v1/dictionaries/{dictionary}/prior",
     "POST /v1/dictionaries/{dictionary}/reconstruct",
@@ -339,7 +342,8 @@ fn the_examples_of_the_interface_document_work() {
     let document: Value = serde_json::from_str(&committed()).unwrap();
     let server = Setting::fresh().with_example().start();
     let learn = json!({"name": "modes", "cohort": "example-cells", "transformation": "similarity",
-        "method": {"kind": "functional_pca", "components": 3, "centre": true}});
+        "method": {"kind": "functional_pca", "components": 3, "centre": true},
+        "classifier": {"kind": "discriminant", "attribute": "labels.treatment", "repeats": 1}});
     let learn = server.request(Method::POST, "/v1/dictionaries").header("prefer", "wait=60").json(&learn);
     server.send(learn).expect(201);
     let mut missing = Vec::new();

@@ -9,6 +9,7 @@ mod fits;
 mod generators;
 mod guards;
 mod http_bad_input;
+mod http_classes;
 mod http_contract;
 mod http_curves;
 mod http_dictionaries;

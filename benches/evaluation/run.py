@@ -1,0 +1,194 @@
+"""Classification on real shapes, through the running service; writes the tables of docs/evaluation.md.
+
+    python benches/evaluation/run.py --data FOLDER [--binary PROGRAM] [NAME ...]
+
+FOLDER holds the data sets (`curves-molars/curves.ndjson` and so on); NAME chooses some of them. Needs nothing beyond the
+standard library. Every figure is made by requests that a client can repeat: a cohort is posted, a dictionary with a
+classifier is learnt from it, and what its validation says is written down. Seeds are fixed.
+"""
+
+import argparse
+import csv
+import json
+import subprocess
+import tempfile
+import time
+import urllib.error
+import urllib.request
+from collections import Counter
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+REPEATS = 3
+POINTS = 128
+
+
+class Service:
+    """The program on a free port with an empty folder."""
+
+    def __init__(self, binary, folder):
+        command = [binary, "serve", "--listen", "127.0.0.1:0", "--no-example", "--data-dir", folder]
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+        self.address = self.process.stdout.readline().split()[-1]
+
+    def call(self, method, path, body=None, headers=(), raw=False):
+        data = None if body is None else body if isinstance(body, bytes) else json.dumps(body).encode()
+        request = urllib.request.Request(self.address + path, data, method=method)
+        request.add_header("content-type", "application/json")
+        for name, value in headers:
+            request.add_header(name, value)
+        try:
+            with urllib.request.urlopen(request, timeout=3600) as answer:
+                content = answer.read()
+                return content if raw else json.loads(content or b"null")
+        except urllib.error.HTTPError as error:
+            raise SystemExit(f"{method} {path}: {error.code} {error.read().decode()[:2000]}") from error
+
+    def finished(self, job):
+        while job["status"] in ("queued", "running"):
+            time.sleep(0.2)
+            job = self.call("GET", f"/v1/jobs/{job['id']}")
+        if job["status"] != "succeeded":
+            raise SystemExit(json.dumps(job)[:2000])
+        return job
+
+    def cohort(self, name, representation, correspondence, shapes):
+        body = {"name": name, "representation": representation, "correspondence": correspondence}
+        if correspondence != "landmarks":
+            body["direction"] = "either"
+        self.call("POST", "/v1/cohorts", body)
+        self.call("POST", f"/v1/cohorts/{name}/shapes", {"shapes": shapes})
+
+    def learn(self, name, cohort, classifier, components, transformation="similarity", **further):
+        method = {"kind": "functional_pca", "components": components, "centre": True}
+        body = {"name": name, "cohort": cohort, "transformation": transformation, "method": method}
+        classifier = {"repeats": REPEATS, **classifier}
+        job = self.call("POST", "/v1/dictionaries", {**body, **further, "classifier": classifier})
+        self.finished(job)
+        return self.call("GET", f"/v1/dictionaries/{name}")
+
+
+def curves(folder, data_set, target=None, subject=None, keep=lambda shape: True):
+    """Shapes of a set of contours; `target` names the attribute that is the class."""
+    shapes = []
+    for line in open(Path(folder) / data_set / "curves.ndjson"):
+        given = json.loads(line)
+        if not keep(given):
+            continue
+        shape = {"external_id": given["id"], "points": given["points"]}
+        shape["label"] = given["labels"][target] if target else given["label"]
+        if subject:
+            shape["subject"] = str(given["labels"][subject])
+        shapes.append(shape)
+    return shapes
+
+
+def landmarks(folder, data_set, target):
+    shapes = []
+    with open(Path(folder) / data_set / "landmarks.csv", newline="") as file:
+        for row in csv.DictReader(file):
+            count = sum(1 for key in row if key[0] == "x" and key[1:].isdigit())
+            axes = "xyz" if "z1" in row else "xy"
+            points = [[float(row[f"{axis}{i}"]) for axis in axes] for i in range(1, count + 1)]
+            shapes.append({"external_id": row["id"], "label": row[target], "points": points})
+    return shapes
+
+
+def contour():
+    return {"kind": "closed_curve", "dimension": 2, "generator": {"name": "keys"}, "control_points": POINTS}
+
+
+BEST = {"kind": "best"}
+LINEAR = {"kind": "discriminant"}
+ALL_KINDS = ("mean_space", "nearest_atom", "nearest_neighbours", "discriminant", "best")
+
+# name: data set, keyword arguments, correspondence, figure to be reached, which classifier has to reach it
+SETS = {
+    "molars": ("curves-molars", {"subject": "ind"}, "cyclic", 0.87),
+    "North Sea fish, classes of 5": ("curves-north-sea-fish", {"fewest": 5}, "cyclic", 0.87),
+    "mouse vertebrae": ("curves-mouse-vertebrae", {}, "cyclic", 0.80),
+    "hearts": ("curves-hearts", {}, "cyclic", 0.72),
+    "otoliths": ("curves-otoliths", {}, "cyclic", 0.60),
+    "charred grains, dorsal": ("curves-charred-grains", {"subject": "grain", "view": "d"}, "cyclic", 0.66),
+    "charred grains, lateral": ("curves-charred-grains", {"subject": "grain", "view": "l"}, "cyclic", 0.66),
+    "charred grains, polar": ("curves-charred-grains", {"subject": "grain", "view": "p"}, "cyclic", 0.66),
+    "osteosarcoma, treatment": ("curves-osteosarcoma-cells", {"target": "treatment"}, "cyclic", 0.60),
+}
+LANDMARKS = {
+    "ape skulls": ("landmarks-ape-skulls", "group"),
+    "plethodon": ("landmarks-plethodon", "species"),
+    "Passiflora": ("landmarks-passiflora-leaves", "species"),
+}
+
+
+def shapes_of(folder, data_set, arguments):
+    arguments = dict(arguments)
+    view, fewest = arguments.pop("view", None), arguments.pop("fewest", 1)
+    if view:
+        arguments["keep"] = lambda shape: shape["labels"]["view"] == view
+    shapes = curves(folder, data_set, **arguments)
+    sizes = Counter(shape["label"] for shape in shapes)
+    return [shape for shape in shapes if sizes[shape["label"]] >= fewest]
+
+
+def row(name, correspondence, kind, dictionary, seconds):
+    validation = dictionary["classifier"]["validation"]
+    accuracy, balanced = validation["accuracy"], validation["balanced_accuracy"]["value"]
+    interval = f"{accuracy['low']:.3f}–{accuracy['high']:.3f}"
+    classes = len(validation["classes"])
+    cells = [name, str(validation["shapes"]), str(classes), correspondence, kind, f"{validation['majority']:.3f}"]
+    cells += [f"{accuracy['value']:.3f}", interval, f"{balanced:.3f}", f"{validation['brier']:.3f}", f"{seconds:.1f}"]
+    return "| " + " | ".join(cells) + " |"
+
+
+HEAD = (
+    "| data | shapes | classes | correspondence | classifier | majority | accuracy | 95 % | balanced | Brier | seconds |\n"
+    "|---|---|---|---|---|---|---|---|---|---|---|"
+)
+
+
+def evaluate(service, name, cohort, correspondence, components, kinds):
+    for kind in kinds:
+        classifier = dict(kind) if isinstance(kind, dict) else {"kind": kind}
+        title = classifier["kind"] + "".join(f", {k} {v}" for k, v in classifier.items() if k != "kind")
+        start = time.perf_counter()
+        dictionary = service.learn(f"{cohort}-{len(title)}", cohort, classifier, components)
+        print(row(name, correspondence, title, dictionary, time.perf_counter() - start), flush=True)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--data", required=True)
+    parser.add_argument("--binary")
+    parser.add_argument("--components", type=int, default=40)
+    parser.add_argument("--kinds", default=",".join(ALL_KINDS))
+    parser.add_argument("names", nargs="*")
+    options = parser.parse_args()
+    binary = options.binary
+    if not binary:
+        subprocess.run(["cargo", "build", "--release", "--locked"], cwd=ROOT, check=True)
+        binary = ROOT / "target/release/shapelex"
+    kinds = options.kinds.split(",")
+    chosen = lambda name: not options.names or any(part in name for part in options.names)
+    with tempfile.TemporaryDirectory() as folder:
+        service = Service(binary, folder)
+        try:
+            print(HEAD)
+            for number, (name, (data_set, arguments, correspondence, _)) in enumerate(SETS.items()):
+                if chosen(name):
+                    cohort = f"set{number}"
+                    service.cohort(cohort, contour(), correspondence, shapes_of(options.data, data_set, arguments))
+                    evaluate(service, name, cohort, correspondence, options.components, kinds)
+            for number, (name, (data_set, target)) in enumerate(LANDMARKS.items()):
+                if chosen(name):
+                    shapes = landmarks(options.data, data_set, target)
+                    dimension = len(shapes[0]["points"][0])
+                    representation = {"kind": "landmarks", "dimension": dimension, "points": len(shapes[0]["points"])}
+                    service.cohort(f"marks{number}", representation, "landmarks", shapes)
+                    evaluate(service, name, f"marks{number}", "landmarks", options.components, kinds)
+        finally:
+            service.process.kill()
+
+
+if __name__ == "__main__":
+    main()
