@@ -12,6 +12,8 @@ use crate::worker::Places;
 
 /// Most jobs at once: each has threads of its own.
 const MAX_JOBS: usize = 64;
+/// Most bytes of a matrix: what is stored as one piece must stay below a billion.
+const MOST_MATRIX_BYTES: usize = 900_000_000;
 
 /// Declares the settings once: flags, environment, file and defaults are made from one list.
 macro_rules! serve_settings {
@@ -78,6 +80,12 @@ serve_settings! {
     max_atoms: usize = "SHAPELEX_MAX_ATOMS", Limits::default().atoms;
     /// Most bytes of memory that a job may be predicted to take; more are refused before it runs
     max_job_bytes: usize = "SHAPELEX_MAX_JOB_BYTES", Limits::default().job_bytes;
+    /// Most bytes of a distance matrix, at most 900 million
+    max_matrix_bytes: usize = "SHAPELEX_MAX_MATRIX_BYTES", Limits::default().matrix_bytes;
+    /// Most multiply-adds that a distance matrix may be predicted to take to be answered at once; larger ones become a job
+    max_matrix_operations: usize = "SHAPELEX_MAX_MATRIX_OPERATIONS", Limits::default().matrix_operations;
+    /// Most multiply-adds that a search may be predicted to take
+    max_search_operations: usize = "SHAPELEX_MAX_SEARCH_OPERATIONS", Limits::default().search_operations;
     /// Log filter, such as `info` or `shapelex=debug`
     log: String = "SHAPELEX_LOG", "info".into();
     /// Log format
@@ -105,6 +113,9 @@ impl ServeConfig {
             line_bytes: self.max_line_bytes,
             atoms: self.max_atoms,
             job_bytes: self.max_job_bytes,
+            matrix_bytes: self.max_matrix_bytes,
+            matrix_operations: self.max_matrix_operations,
+            search_operations: self.max_search_operations,
             ..Limits::default()
         }
     }
@@ -117,6 +128,10 @@ impl ServeConfig {
     fn check(self) -> Result<Self, String> {
         if self.jobs.get() > MAX_JOBS {
             return Err(format!("jobs is {}, must be at most {MAX_JOBS}", self.jobs));
+        }
+        if self.max_matrix_bytes > MOST_MATRIX_BYTES {
+            let found = self.max_matrix_bytes;
+            return Err(format!("max_matrix_bytes is {found}, must be at most {MOST_MATRIX_BYTES}"));
         }
         // Nobody is asked for a key: a public address would be open to the world.
         if self.listen.ip().is_loopback() {

@@ -84,6 +84,26 @@ impl Matching {
         Self { size, dimension, fft, open, candidates }
     }
 
+    /// `N`.
+    pub(super) fn size(&self) -> usize {
+        self.size
+    }
+
+    /// `d`.
+    pub(super) fn dimension(&self) -> usize {
+        self.dimension
+    }
+
+    /// The transform that finds start points, when they are searched.
+    pub(super) fn fft(&self) -> Option<&RealFft> {
+        self.fft.as_ref()
+    }
+
+    /// Directions and mirror images that are tried, the shape as it is first.
+    pub(super) fn candidates(&self) -> &[Placement] {
+        &self.candidates
+    }
+
     /// Whether there is anything to search.
     pub fn searches(&self) -> bool {
         self.fft.is_some() || self.candidates.len() > 1

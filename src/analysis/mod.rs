@@ -13,6 +13,8 @@
 //! * [`sparse`] — sparse codes: lasso and group lasso with a certificate, matching pursuit;
 //! * [`dictionary`] — dictionaries learnt from shapes, and how shapes are prepared for them;
 //! * [`classification`] — classifiers of labelled shapes, and their validation;
+//! * [`distance`] — distances modulo a class, of one pair, one against many, or all pairs;
+//! * [`neighbours`] — the nearest of many shapes that stream by;
 //! * [`path`] — paths between shapes.
 //!
 //! Source: Schmitter, *Spline Shape Processing*, chapters 2–5, with its misprints corrected.
@@ -22,10 +24,12 @@ pub mod alignment;
 pub mod classification;
 pub mod correspondence;
 pub mod dictionary;
+pub mod distance;
 pub mod frame;
 pub mod matching;
 pub mod mean;
 pub mod metric;
+pub mod neighbours;
 pub mod path;
 pub mod pca;
 pub mod procrustes;

@@ -9,6 +9,7 @@ use axum::http::{HeaderMap, header};
 use serde::de::DeserializeOwned;
 
 use super::problem::{Problem, ProblemKind};
+use crate::formats::matrix::MatrixFormat;
 use crate::service::App;
 pub use crate::service::input::parse;
 
@@ -150,26 +151,77 @@ impl<S: Send + Sync> FromRequestParts<S> for Format {
                 }
             };
         }
-        let accept = parts.headers.get(header::ACCEPT).and_then(|value| value.to_str().ok()).unwrap_or("*/*");
-        preferred(accept).ok_or_else(|| {
+        let accept = accepted(parts);
+        preferred(accept, picture_or_numbers).ok_or_else(|| {
             let detail = format!("'{accept}' is wanted, application/json and image/svg+xml are offered");
             Problem::new(ProblemKind::NotAcceptable, detail)
         })
     }
 }
 
+fn accepted(parts: &Parts) -> &str {
+    parts.headers.get(header::ACCEPT).and_then(|value| value.to_str().ok()).unwrap_or("*/*")
+}
+
+fn picture_or_numbers(media_range: &str) -> Option<Format> {
+    match media_range {
+        "application/json" | "application/*" | "*/*" | "" => Some(Format::Json),
+        "image/svg+xml" | "image/*" => Some(Format::Svg),
+        _ => None,
+    }
+}
+
+/// The format of a matrix, on a route without other query parameters: `?format=json|csv|npy`, else the `Accept` header,
+/// else JSON.
+#[derive(Debug)]
+pub struct OnlyMatrixFormat(pub MatrixFormat);
+
+impl<S: Send + Sync> FromRequestParts<S> for OnlyMatrixFormat {
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Problem> {
+        only(parts, &["format"])?;
+        let query = axum::extract::Query::<FormatQuery>::try_from_uri(&parts.uri).ok();
+        let format = match query.and_then(|query| query.0.format).as_deref() {
+            Some("json") => MatrixFormat::Json,
+            Some("csv") => MatrixFormat::Csv,
+            Some("npy") => MatrixFormat::Npy,
+            Some(other) => {
+                let detail = format!("format is '{other}', must be 'json', 'csv' or 'npy'");
+                return Err(Problem::new(ProblemKind::InvalidQuery, detail));
+            }
+            None => {
+                let accept = accepted(parts);
+                preferred(accept, matrix_format).ok_or_else(|| {
+                    let detail = format!(
+                        "'{accept}' is wanted, application/json, text/csv and application/x-npy are offered"
+                    );
+                    Problem::new(ProblemKind::NotAcceptable, detail)
+                })?
+            }
+        };
+        Ok(Self(format))
+    }
+}
+
+fn matrix_format(media_range: &str) -> Option<MatrixFormat> {
+    match media_range {
+        "application/json" | "application/*" | "*/*" | "" => Some(MatrixFormat::Json),
+        "text/csv" | "text/*" => Some(MatrixFormat::Csv),
+        "application/x-npy" | "application/octet-stream" => Some(MatrixFormat::Npy),
+        _ => None,
+    }
+}
+
 /// The offered format with the highest quality; of equal ones the first in the header.
-fn preferred(accept: &str) -> Option<Format> {
-    let mut best: Option<(f64, Format)> = None;
+fn preferred<T>(accept: &str, offered: fn(&str) -> Option<T>) -> Option<T> {
+    let mut best: Option<(f64, T)> = None;
     for range in accept.split(',') {
         let mut parts = range.split(';').map(str::trim);
-        let format = match parts.next().unwrap_or_default().to_ascii_lowercase().as_str() {
-            "application/json" | "application/*" | "*/*" | "" => Format::Json,
-            "image/svg+xml" | "image/*" => Format::Svg,
-            _ => continue,
-        };
+        let media_range = parts.next().unwrap_or_default().to_ascii_lowercase();
+        let Some(format) = offered(&media_range) else { continue };
         let quality = parts.find_map(|p| p.strip_prefix("q=")).and_then(|q| q.parse().ok()).unwrap_or(1.0);
-        if quality > 0.0 && best.is_none_or(|(highest, _)| quality > highest) {
+        if quality > 0.0 && best.as_ref().is_none_or(|(highest, _)| quality > *highest) {
             best = Some((quality, format));
         }
     }
@@ -265,10 +317,15 @@ mod tests {
 
     #[test]
     fn formats_are_negotiated() {
+        let preferred = |accept| super::preferred(accept, picture_or_numbers);
         assert_eq!(preferred("*/*"), Some(Format::Json));
         assert_eq!(preferred("image/svg+xml"), Some(Format::Svg));
         assert_eq!(preferred("text/html, image/svg+xml;q=0.9, */*;q=0.8"), Some(Format::Svg));
         assert_eq!(preferred("application/json;q=0.5, image/*"), Some(Format::Svg));
         assert_eq!(preferred("text/csv"), None);
+        let preferred = |accept| super::preferred(accept, matrix_format);
+        assert_eq!(preferred("text/csv"), Some(MatrixFormat::Csv));
+        assert_eq!(preferred("application/json;q=0.5, application/octet-stream"), Some(MatrixFormat::Npy));
+        assert_eq!(preferred("image/svg+xml"), None);
     }
 }

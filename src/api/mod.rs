@@ -49,6 +49,7 @@ const REQUEST_TIMEOUT: Duration = Duration::from_secs(120);
         (name = "statistics", description = "Stateless: everything in the request, nothing stored"),
         (name = "curves", description = "Evaluation, measures and resampling of curves"),
         (name = "cohorts", description = "Named sets of shapes, their shapes and their mean"),
+        (name = "retrieval", description = "Nearest shapes, and distances of all pairs"),
         (name = "jobs", description = "Long work: progress, events, cancellation"),
         (name = "dictionaries", description = "What is learnt from cohorts: components and sparse atoms, and their use"),
         (name = "health", description = "Probes")

@@ -4,9 +4,11 @@ use axum::body::Body;
 use axum::extract::{MatchedPath, Request};
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
+use futures_util::stream;
 use serde::Serialize;
 
 use super::problem::Problem;
+use crate::formats::matrix::{MatrixFormat, NamedMatrix};
 use crate::service::{App, ServiceError};
 
 /// Runs `work` on the pool and answers with what it wrote.
@@ -33,6 +35,12 @@ pub fn json(status: StatusCode, value: &impl Serialize) -> Result<Response, Serv
 /// An SVG answer.
 pub fn svg(drawing: String) -> Response {
     ([(header::CONTENT_TYPE, "image/svg+xml")], Body::from(drawing)).into_response()
+}
+
+/// A matrix, written while it is sent.
+pub fn matrix(matrix: NamedMatrix, format: MatrixFormat) -> Response {
+    let pieces = matrix.pieces(format).map(Ok::<_, std::convert::Infallible>);
+    ([(header::CONTENT_TYPE, format.media_type())], Body::from_stream(stream::iter(pieces))).into_response()
 }
 
 /// The span of a request: its id, method and route template; never its query, ids or body.

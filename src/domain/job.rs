@@ -9,6 +9,8 @@ use serde_json::Value;
 pub enum JobKind {
     /// A dictionary is learnt from a cohort.
     LearnDictionary,
+    /// The distances of all pairs of shapes of a cohort are computed.
+    Distances,
 }
 
 /// Where a job is: `queued ⇄ running → succeeded | failed | cancelled`, and `queued → failed | cancelled`.
@@ -54,6 +56,15 @@ pub struct Progress {
     pub phase: Option<&'static str>,
     /// What is minimised or maximised, so far.
     pub objective: Option<f64>,
+}
+
+/// What a job has brought about that is too large for its result: kept beside it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct JobOutput {
+    /// What the bytes are.
+    pub head: Value,
+    /// The bytes.
+    pub data: Vec<u8>,
 }
 
 /// A job.

@@ -4,10 +4,12 @@
 //! * [`checked`] — JSON values that keep their own error, so that a request reports all of them;
 //! * [`ndjson`] — lines out of a byte stream;
 //! * [`representation`] — a representation as JSON;
+//! * [`matrix`] — square matrices as JSON, CSV and NPY;
 //! * [`svg`] — drawings and animations of curves and landmarks;
 //! * [`plot`] — graphs of functions.
 
 pub mod checked;
+pub mod matrix;
 pub mod ndjson;
 pub mod plot;
 pub mod representation;

@@ -40,18 +40,8 @@ pub async fn stored(app: &App, ready: &Ready, cohort: &str, ids: &[String]) -> R
             format!("'{}' has another representation or correspondence than the dictionary", cohort.name);
         return Err(ServiceError::invalid("/cohort", detail));
     }
-    if ids.len() > app.limits.shapes {
-        let detail = format!("has {} entries, at most {} are accepted", ids.len(), app.limits.shapes);
-        return Err(ServiceError::invalid("/ids", detail));
-    }
-    let found = app.store.find_shapes(&cohort.id, ids).await?;
-    let missing = found.iter().zip(ids).enumerate().filter(|(_, (shape, _))| shape.is_none());
-    let fault = |(index, (_, id)): (usize, (_, &String))| {
-        let detail = format!("there is no shape '{id}' in the cohort '{}'", cohort.name);
-        Fault { index: Some(index), ..Fault::new(format!("/ids/{index}"), detail) }
-    };
-    ServiceError::unless_empty(missing.map(fault).collect())?;
-    Ok(Asked::Stored(found.into_iter().flatten().flat_map(|shape| shape.control_points).collect()))
+    let shapes = super::stored::find_all(app, &cohort, ids).await?;
+    Ok(Asked::Stored(shapes.into_iter().flat_map(|shape| shape.control_points).collect()))
 }
 
 impl Asked {

@@ -107,7 +107,8 @@ impl Setup {
         }
     }
 
-    fn reading<'a>(&'a self, limits: &'a Limits) -> Reading<'a> {
+    /// How posted shapes are read.
+    pub(super) fn reading<'a>(&'a self, limits: &'a Limits) -> Reading<'a> {
         let Self { space, correspondence, direction, .. } = self;
         Reading { space, correspondence: *correspondence, direction: *direction, limits }
     }

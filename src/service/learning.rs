@@ -81,7 +81,7 @@ pub fn run(app: &App, handle: &Handle, job: &Job, context: &JobContext) -> Resul
     let dictionary = learn(app, handle, &plan, context)?;
     let result =
         serde_json::json!({"dictionary": dictionary.id, "name": plan.name, "digest": dictionary.digest});
-    Ok(Outcome { result, dictionary: Some(Box::new(dictionary)) })
+    Ok(Outcome { result, dictionary: Some(Box::new(dictionary)), output: None })
 }
 
 /// Learns the dictionary of a plan.

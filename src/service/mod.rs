@@ -7,6 +7,7 @@
 //!   refine, idealise; paths between two;
 //! * [`cohorts`], [`ingest`] — cohorts and their shapes;
 //! * [`live_mean`] — the mean of a stored cohort, streamed;
+//! * [`distances`], [`neighbours`] — all distances of a set of shapes; the nearest shapes of a cohort;
 //! * [`generators`] — one generator with all that is known of it;
 //! * [`example`] — the example cohort of an empty store;
 //! * [`jobs`] — long work beside the requests; [`learning`] — what it is;
@@ -22,6 +23,7 @@ pub mod curves;
 pub mod dictionaries;
 pub mod dictionary_file;
 pub mod drift;
+pub mod distances;
 pub mod error;
 pub mod estimate;
 pub mod example;
@@ -36,6 +38,7 @@ pub mod membership;
 pub mod models;
 pub mod modes;
 pub mod morph;
+pub mod neighbours;
 pub mod pool;
 pub mod problem;
 mod stored;
@@ -70,6 +73,12 @@ pub struct Limits {
     pub atoms: usize,
     /// Bytes of memory that a job may be predicted to take.
     pub job_bytes: usize,
+    /// Bytes of a distance matrix.
+    pub matrix_bytes: usize,
+    /// Multiply-adds that a distance matrix may be predicted to take to be answered at once; more become a job.
+    pub matrix_operations: usize,
+    /// Multiply-adds that a search may be predicted to take.
+    pub search_operations: usize,
 }
 
 impl Default for Limits {
@@ -83,6 +92,9 @@ impl Default for Limits {
             line_bytes: 8 << 20,
             atoms: 1024,
             job_bytes: 4 << 30,
+            matrix_bytes: 128 << 20,
+            matrix_operations: 5_000_000_000,
+            search_operations: 100_000_000_000,
         }
     }
 }

@@ -1,21 +1,64 @@
 //! The shapes of a stored cohort as a source of statistics: they stream in bounded batches, at one revision.
 
+use std::collections::HashSet;
+
 use tokio::runtime::Handle;
 
 use super::compute::Setup;
 use super::error::Fault;
 use super::{App, ServiceError};
+use crate::analysis::AnalysisError;
 use crate::analysis::accumulate::{BLOCK, ShapeSource, Shapes, prepare};
 use crate::analysis::metric::Metric;
 use crate::domain::cohort::Cohort;
-use crate::domain::shape::ShapeFilter;
-use crate::store::{Ids, Revisions, Store};
+use crate::domain::shape::{Shape, ShapeFilter};
+use crate::store::{Ids, Revisions, ScanBatch, Store};
 
 /// Shapes of one batch: enough for all threads, little enough for memory.
 const BATCH_SHAPES: usize = 16 * BLOCK;
 
 /// Takes control points and weights of a stored chunk; false ends the scan.
 type VisitChunk<'a> = dyn FnMut(&[f64], &[f64]) -> Result<bool, ServiceError> + 'a;
+
+/// Takes the names and prepared shapes of a stored batch.
+type VisitNamed<'a> = dyn FnMut(&ScanBatch) -> Result<(), AnalysisError> + 'a;
+
+/// The shapes of a cohort with these ids or external ids, in their order.
+///
+/// # Errors
+/// All ids that do not exist, at `/ids/{index}`; more of them than a request may have.
+pub(super) async fn find_all(
+    app: &App,
+    cohort: &Cohort,
+    keys: &[String],
+) -> Result<Vec<Shape>, ServiceError> {
+    if keys.len() > app.limits.shapes {
+        let detail = format!("has {} entries, at most {} are accepted", keys.len(), app.limits.shapes);
+        return Err(ServiceError::invalid("/ids", detail));
+    }
+    let found = app.store.find_shapes(&cohort.id, keys).await?;
+    let missing = found.iter().zip(keys).enumerate().filter(|(_, (shape, _))| shape.is_none());
+    let fault = |(index, (_, key)): (usize, (_, &String))| {
+        let detail = format!("there is no shape '{key}' in the cohort '{}'", cohort.name);
+        Fault { index: Some(index), ..Fault::new(format!("/ids/{index}"), detail) }
+    };
+    ServiceError::unless_empty(missing.map(fault).collect())?;
+    Ok(found.into_iter().flatten().collect())
+}
+
+/// Refuses ids that are given twice.
+///
+/// # Errors
+/// All repetitions, at `/ids/{index}`.
+pub(super) fn refuse_repeated(keys: &[String]) -> Result<(), ServiceError> {
+    let mut seen = HashSet::new();
+    let repeated = keys.iter().enumerate().filter(|(_, key)| !seen.insert(key.as_str()));
+    let fault = |(index, key): (usize, &String)| {
+        let detail = format!("'{key}' is given twice");
+        Fault { index: Some(index), ..Fault::new(format!("/ids/{index}"), detail) }
+    };
+    ServiceError::unless_empty(repeated.map(fault).collect())
+}
 
 /// The shapes of a cohort at its revision, read again in every pass.
 pub(super) struct StoredShapes<'a> {
@@ -80,6 +123,49 @@ impl<'a> StoredShapes<'a> {
         }
     }
 
+    /// Number of the shapes.
+    pub(super) fn len(&self) -> usize {
+        self.count
+    }
+
+    /// Whether there are none.
+    pub(super) fn is_empty(&self) -> bool {
+        self.count == 0
+    }
+
+    /// Calls `visit` with every stored batch, its shapes prepared; errors of shapes name them.
+    pub(super) fn for_each_named(&self, visit: &mut VisitNamed<'_>) -> Result<(), ServiceError> {
+        let (mut position, mut first) = (None, 0);
+        loop {
+            if (self.stop)() {
+                return Err(ServiceError::Cancelled);
+            }
+            let read = self.store.scan(&self.cohort.id, self.revisions, self.filter, position, Ids::Include);
+            let Some(mut batch) = self.handle.block_on(read)? else { return Ok(()) };
+            let prepared = prepare(self.metric, self.centred, 0, &mut batch.control_points);
+            let visited = prepared.and_then(|()| visit(&batch));
+            visited.map_err(|error| self.named_in(error, first, &batch.ids))?;
+            (position, first) = (Some(batch.position), first + batch.ids.len());
+        }
+    }
+
+    /// The error of a batch whose first shape has the position `first`.
+    fn named_in(&self, error: AnalysisError, first: usize, ids: &[String]) -> ServiceError {
+        let id = error.position().and_then(|position| ids.get(position)).map_or("", String::as_str);
+        match error.after(first).into() {
+            ServiceError::DegenerateShape(faults) => ServiceError::DegenerateShape(
+                faults.into_iter().map(|fault| self.with_name(fault, id)).collect(),
+            ),
+            error => error,
+        }
+    }
+
+    /// The fault of the shape with this id: what stands in no request has no pointer.
+    fn with_name(&self, fault: Fault, id: &str) -> Fault {
+        let detail = format!("{} (shape '{id}' of the cohort '{}')", fault.detail, self.cohort.name);
+        Fault { index: fault.index, ..Fault::new("", detail) }
+    }
+
     /// Errors of statistics name the shape: its id is what the client knows.
     pub(super) fn named(&self, error: impl Into<ServiceError>) -> ServiceError {
         match error.into() {
@@ -94,8 +180,7 @@ impl<'a> StoredShapes<'a> {
         // What has no pointer is named already.
         let Some(index) = fault.index.filter(|_| !fault.pointer.is_empty()) else { return fault };
         let id = self.id_at(index).ok().flatten().unwrap_or_default();
-        let detail = format!("{} (shape '{id}' of the cohort '{}')", fault.detail, self.cohort.name);
-        Fault { index: Some(index), ..Fault::new("", detail) }
+        self.with_name(fault, &id)
     }
 
     fn id_at(&self, index: usize) -> Result<Option<String>, ServiceError> {

@@ -10,10 +10,11 @@ use sqlx::sqlite::{SqliteArguments, SqliteRow};
 use sqlx::{Row, Sqlite, SqliteConnection};
 
 use super::cohorts::{from_text, to_text};
+use super::outputs::{self, MAX_OUTPUT_BYTES};
 use super::{Store, StoreError, dictionaries, to_sql};
 use crate::domain::dictionary::NewDictionary;
 use crate::domain::id;
-use crate::domain::job::{Job, JobStatus, Progress};
+use crate::domain::job::{Job, JobOutput, JobStatus, Progress};
 
 /// Jobs that may wait; more are refused.
 pub const MAX_QUEUED: u32 = 1000;
@@ -158,8 +159,8 @@ impl Store {
         Ok(renewed.rows_affected() == 1)
     }
 
-    /// The job is done, and what it has learnt is stored with it; whether the claim still held. Otherwise nothing is
-    /// written.
+    /// The job is done, and what it has learnt or brought about is stored with it; whether the claim still held. Otherwise
+    /// nothing is written.
     ///
     /// # Errors
     /// Those of the database.
@@ -168,12 +169,16 @@ impl Store {
         claim: &Claim,
         result: &Value,
         dictionary: Option<&NewDictionary>,
+        output: Option<&JobOutput>,
         now_ms: i64,
     ) -> Result<bool, StoreError> {
         let mut transaction = self.begin_write().await?;
         let applied = finish_succeeded(&mut transaction, claim, result, now_ms).await?;
         if let Some(dictionary) = dictionary.filter(|_| applied) {
             dictionaries::insert(&mut transaction, dictionary).await?;
+        }
+        if let Some(output) = output.filter(|_| applied) {
+            outputs::insert(&mut transaction, &claim.job.id, output, MAX_OUTPUT_BYTES).await?;
         }
         transaction.commit().await?;
         Ok(applied)

@@ -3,7 +3,7 @@
 //! ```text
 //! cohort ─< chunk ── chunk_data     up to 4096 shapes: points (little-endian f64), weights, checksum
 //!              └──< shape           what is known about each, and when it was deleted
-//! job                                 the queue, and the history of what is finished
+//! job ── job_output                   the queue, the history of what is finished, and what came out
 //! dictionary ── dictionary_data     versions that are written once
 //! ```
 //!
@@ -13,13 +13,14 @@
 //!
 //! One connection writes, in short transactions; four read. Parts:
 //! [`cohorts`], [`upload`] (storing shapes), [`shapes`] (finding, listing, deleting), [`scan`] (reading
-//! control points in bulk), [`jobs`] (the queue), [`dictionaries`]; `blob` turns numbers into bytes and back.
+//! control points in bulk), [`jobs`] (the queue), [`outputs`] (what jobs bring about), [`dictionaries`]; `blob` turns numbers into bytes and back.
 
 mod blob;
 pub mod cohorts;
 pub mod dictionaries;
 mod filter;
 pub mod jobs;
+pub mod outputs;
 pub mod scan;
 pub mod shapes;
 mod sqlite;

@@ -23,7 +23,7 @@ const CHUNKS_PER_BATCH: i64 = 1024;
 pub enum Ids {
     /// [`ScanBatch::ids`] stays empty.
     Skip,
-    /// One id per shape.
+    /// One id per shape, with its external id and its label.
     Include,
 }
 
@@ -34,6 +34,10 @@ pub struct ScanBatch {
     pub position: Cursor,
     /// Ids, when asked for.
     pub ids: Vec<String>,
+    /// External ids, when ids are asked for.
+    pub external_ids: Vec<Option<String>>,
+    /// Labels, when ids are asked for.
+    pub labels: Vec<Option<String>>,
     /// One weight per shape.
     pub weights: Vec<f64>,
     /// Control points, one shape after the other, each coordinate-major.
@@ -98,8 +102,22 @@ struct Group {
 enum Choice {
     /// All shapes but the deleted ones, given in storage order.
     AllBut(Vec<Cursor>),
-    /// These shapes with their ids, in storage order.
-    Only(Vec<(Cursor, String)>),
+    /// These shapes with their names, in storage order.
+    Only(Vec<(Cursor, Names)>),
+}
+
+/// What a shape is called.
+struct Names {
+    id: String,
+    external_id: Option<String>,
+    label: Option<String>,
+}
+
+impl Names {
+    fn read(row: &SqliteRow) -> Result<Self, StoreError> {
+        let (id, external_id) = (row.try_get("id")?, row.try_get("external_id")?);
+        Ok(Self { id, external_id, label: row.try_get("label")? })
+    }
 }
 
 impl Default for Choice {
@@ -165,7 +183,7 @@ async fn plan_rows(
     connection: &mut SqliteConnection,
     selection: &Selection<'_>,
 ) -> Result<Option<Plan>, StoreError> {
-    const COLUMNS: &str = "s.chunk_id, s.position, s.id, c.rows, c.width";
+    const COLUMNS: &str = "s.chunk_id, s.position, s.id, s.external_id, s.label, c.rows, c.width";
     let mut query = selection.page(COLUMNS, ROWS_PER_BATCH);
     let rows = query.build().fetch_all(connection).await?;
     let mut plan = Plan::default();
@@ -174,7 +192,7 @@ async fn plan_rows(
         if !plan.admit(size, size.width * BYTES_PER_NUMBER) {
             break;
         }
-        plan.choose(place, row.try_get("id")?);
+        plan.choose(place, Names::read(row)?);
     }
     Ok(plan.end.is_some().then_some(plan))
 }
@@ -232,10 +250,10 @@ impl Plan {
     }
 
     /// Takes a shape of the chunk admitted last.
-    fn choose(&mut self, place: Cursor, id: String) {
+    fn choose(&mut self, place: Cursor, names: Names) {
         self.end = Some(place);
         if let Some(Choice::Only(chosen)) = self.groups.last_mut().map(|group| &mut group.choice) {
-            chosen.push((place, id));
+            chosen.push((place, names));
         }
     }
 
@@ -279,7 +297,14 @@ fn missing<'a>(planned: &'a [i64], found: &[Chunk<'_>]) -> Option<&'a i64> {
 
 impl ScanBatch {
     fn empty(position: Cursor) -> Self {
-        Self { position, ids: Vec::new(), weights: Vec::new(), control_points: Vec::new() }
+        Self {
+            position,
+            ids: Vec::new(),
+            external_ids: Vec::new(),
+            labels: Vec::new(),
+            weights: Vec::new(),
+            control_points: Vec::new(),
+        }
     }
 
     fn take(&mut self, chunk: &Chunk<'_>, rows: std::ops::Range<usize>) -> Result<(), StoreError> {
@@ -307,12 +332,12 @@ impl ScanBatch {
     fn take_only(
         &mut self,
         chunks: &[Chunk<'_>],
-        chosen: Vec<(Cursor, String)>,
+        chosen: Vec<(Cursor, Names)>,
         ids: Ids,
     ) -> Result<(), StoreError> {
         let mut chunks = chunks.iter();
         let mut current = chunks.next();
-        for (place, id) in chosen {
+        for (place, names) in chosen {
             while current.is_some_and(|chunk| chunk.id < place.chunk) {
                 current = chunks.next();
             }
@@ -320,7 +345,9 @@ impl ScanBatch {
             let row = row_of(&place);
             self.take(current.ok_or(corrupt)?, row..row + 1)?;
             if ids == Ids::Include {
-                self.ids.push(id);
+                self.ids.push(names.id);
+                self.external_ids.push(names.external_id);
+                self.labels.push(names.label);
             }
         }
         Ok(())

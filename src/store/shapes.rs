@@ -139,6 +139,33 @@ impl Store {
         Ok(shapes)
     }
 
+    /// Attributes of the shapes with these ids, in their order, also of shapes that were deleted; without weights. None
+    /// for what was never a shape of the cohort.
+    ///
+    /// # Errors
+    /// Those of the database.
+    pub async fn find_attributes(
+        &self,
+        cohort_id: &str,
+        ids: &[String],
+    ) -> Result<Vec<Option<ShapeAttributes>>, StoreError> {
+        const BY_ID: &str = "SELECT asked.key AS place, s.external_id, s.subject, s.label, s.labels, s.metadata
+            FROM json_each($2) AS asked
+            CROSS JOIN shape AS s ON s.id = asked.value
+            CROSS JOIN cohort AS h ON h.number = s.cohort
+            WHERE h.id = $1";
+        let asked = serde_json::Value::from(ids).to_string();
+        let rows = sqlx::query(BY_ID).bind(cohort_id).bind(asked).fetch_all(self.reader()).await?;
+        let mut found: Vec<Option<ShapeAttributes>> = ids.iter().map(|_| None).collect();
+        for row in &rows {
+            let place = usize::try_from(row.try_get::<i64, _>("place")?).unwrap_or(usize::MAX);
+            if let Some(slot) = found.get_mut(place) {
+                *slot = Some(read_attributes(row)?);
+            }
+        }
+        Ok(found)
+    }
+
     /// At most `limit` current shapes that pass the filter, in storage order.
     ///
     /// Control points come along; memory grows with the page alone.
@@ -294,15 +321,19 @@ struct Entry {
     shape: Shape,
 }
 
-fn read_entry(row: &SqliteRow) -> Result<Entry, StoreError> {
-    let attributes = ShapeAttributes {
+fn read_attributes(row: &SqliteRow) -> Result<ShapeAttributes, StoreError> {
+    Ok(ShapeAttributes {
         external_id: row.try_get("external_id")?,
         subject: row.try_get("subject")?,
         label: row.try_get("label")?,
         labels: from_json(row.try_get("labels")?)?.unwrap_or_default(),
         weight: 1.0,
         metadata: from_json(row.try_get("metadata")?)?,
-    };
+    })
+}
+
+fn read_entry(row: &SqliteRow) -> Result<Entry, StoreError> {
+    let attributes = read_attributes(row)?;
     Ok(Entry {
         place: Cursor { chunk: row.try_get("chunk_id")?, position: row.try_get("position")? },
         shape: Shape {

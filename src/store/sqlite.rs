@@ -18,10 +18,11 @@ const BUSY_TIMEOUT: Duration = Duration::from_secs(10);
 /// Connections that read: more only compete for the cores.
 const READERS: u32 = 4;
 /// The steps of the schema. Listed by hand: the macro that reads a folder would bring in the compile-time half of sqlx.
-const MIGRATIONS: [(i64, &str, &str); 3] = [
+const MIGRATIONS: [(i64, &str, &str); 4] = [
     (1, "cohorts and shapes", include_str!("migrations/sqlite/0001_cohorts_and_shapes.sql")),
     (2, "jobs", include_str!("migrations/sqlite/0002_jobs.sql")),
     (3, "dictionaries", include_str!("migrations/sqlite/0003_dictionaries.sql")),
+    (4, "job output", include_str!("migrations/sqlite/0004_job_output.sql")),
 ];
 
 fn options(file: &Path) -> SqliteConnectOptions {

@@ -189,7 +189,7 @@ async fn what_runs_is_cancelled_and_what_is_finished_is_not() {
         loop {
             context.check()?;
             if !spins {
-                return Ok(Outcome { result: json!({"done": true}), dictionary: None });
+                return Ok(Outcome { result: json!({"done": true}), dictionary: None, output: None });
             }
         }
     });
@@ -225,7 +225,7 @@ async fn events_tell_the_progress_and_end_with_the_outcome() {
             context.report("counting", f64::from(k) / 1000.0, Some(f64::from(k)));
             std::thread::sleep(Duration::from_millis(1));
         }
-        Ok(Outcome { result: json!({"dictionary": "dic_1"}), dictionary: None })
+        Ok(Outcome { result: json!({"dictionary": "dic_1"}), dictionary: None, output: None })
     });
     let rest = events.rest().await;
     let elapsed = start.elapsed();
@@ -276,7 +276,7 @@ async fn streams_of_events_do_not_hold_up_a_stop() {
         }
         flag.store(true, Ordering::SeqCst);
         context.check()?;
-        Ok(Outcome { result: json!(null), dictionary: None })
+        Ok(Outcome { result: json!(null), dictionary: None, output: None })
     });
     let job = submit(&service.app, json!(null)).await;
     let (_, mut events) = service.events(&job.id, None).await;

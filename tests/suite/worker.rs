@@ -79,7 +79,7 @@ async fn a_job_runs_and_its_result_is_kept() {
         // What has to be awaited is awaited from the compute thread.
         let found = handle.block_on(app.store.find_job(&job.id))?;
         assert_eq!(found.unwrap().status, JobStatus::Running);
-        Ok(Outcome { result: json!({"sum": job.parameters["a"].as_i64().unwrap() + 1}), dictionary: None })
+        Ok(Outcome { result: json!({"sum": job.parameters["a"].as_i64().unwrap() + 1}), dictionary: None, output: None })
     });
     let job = submit(&app, json!({"a": 41})).await;
     assert_eq!((job.status, job.attempt), (JobStatus::Queued, 0));
@@ -101,7 +101,7 @@ async fn failures_are_kept_as_problems_and_the_worker_goes_on() {
         Some("invalid") => Err(ServiceError::invalid("/atoms", "must be at least 1")),
         Some("internal") => Err(ServiceError::Internal("the secret cause".into())),
         Some("panic") => panic!("the secret cause"),
-        _ => Ok(Outcome { result: json!(null), dictionary: None }),
+        _ => Ok(Outcome { result: json!(null), dictionary: None, output: None }),
     });
     let detail = "the cause is in the log under the id of the job";
     for (parameters, status, code, detail, errors) in [
@@ -135,7 +135,7 @@ async fn errors_of_the_machinery_are_tried_again() {
     let (_folder, app) = app().await;
     let _worker = worker(&app, 1, |_, _, job, _| match job.attempt {
         1 | 2 => Err(ServiceError::Unavailable("the store is busy".into())),
-        _ => Ok(Outcome { result: json!(job.attempt), dictionary: None }),
+        _ => Ok(Outcome { result: json!(job.attempt), dictionary: None, output: None }),
     });
     let start = Instant::now();
     let job = submit(&app, json!(null)).await;
@@ -204,7 +204,7 @@ async fn a_job_that_is_cancelled_while_it_waits_never_runs() {
     let list = Arc::clone(&ran);
     let _worker = worker(&app, 1, move |_, _, job, _| {
         list.lock().unwrap().push(job.parameters.clone());
-        Ok(Outcome { result: json!(null), dictionary: None })
+        Ok(Outcome { result: json!(null), dictionary: None, output: None })
     });
     finished(&app, &second.id).await;
     assert_eq!(*ran.lock().unwrap(), [json!("second")]);
@@ -234,7 +234,7 @@ async fn a_stop_puts_running_jobs_back_and_the_next_start_runs_them() {
     drop(app);
     let app = reopened(&folder).await;
     let _worker =
-        worker(&app, 1, |_, _, job, _| Ok(Outcome { result: job.parameters.clone(), dictionary: None }));
+        worker(&app, 1, |_, _, job, _| Ok(Outcome { result: job.parameters.clone(), dictionary: None, output: None }));
     for (k, job) in jobs_of_it.iter().enumerate() {
         let done = finished(&app, &job.id).await;
         assert_eq!((done.attempt, done.result), (1, Some(json!(k))));
@@ -274,7 +274,7 @@ async fn no_more_jobs_run_at_once_than_there_are_places() {
         std::thread::sleep(Duration::from_millis(60));
         counter.fetch_sub(1, Ordering::SeqCst);
         total.fetch_add(1, Ordering::SeqCst);
-        Ok(Outcome { result: json!(null), dictionary: None })
+        Ok(Outcome { result: json!(null), dictionary: None, output: None })
     });
     for job in &submitted {
         assert_eq!(finished(&app, &job.id).await.status, JobStatus::Succeeded);

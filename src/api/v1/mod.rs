@@ -10,6 +10,7 @@ mod drift;
 mod fitting;
 pub mod jobs;
 mod morph;
+mod retrieval;
 mod settings;
 mod shapes;
 mod statistics;
@@ -40,6 +41,8 @@ pub(super) fn routes() -> OpenApiRouter<App> {
         .routes(routes!(cohorts::list_cohorts, cohorts::create_cohort))
         .routes(routes!(cohorts::find_cohort, cohorts::delete_cohort))
         .routes(routes!(cohorts::cohort_mean))
+        .routes(routes!(retrieval::search_cohort))
+        .routes(routes!(retrieval::compute_distances))
         .routes(routes!(shapes::find_shape, shapes::delete_shape))
         .routes(routes!(dictionaries::list_dictionaries, dictionaries::learn_dictionary))
         .routes(routes!(dictionaries::find_dictionary, dictionaries::delete_dictionary))
@@ -58,6 +61,7 @@ pub(super) fn routes() -> OpenApiRouter<App> {
         .routes(routes!(jobs::list_jobs))
         .routes(routes!(jobs::find_job))
         .routes(routes!(jobs::cancel_job))
+        .routes(routes!(retrieval::job_output))
 }
 
 /// What lasts as long as its stream flows: uploads, and the events of jobs.

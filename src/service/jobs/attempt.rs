@@ -138,8 +138,9 @@ impl Attempt {
 
     async fn write(&self, app: &App, end: &End) -> Result<bool, StoreError> {
         match end {
-            End::Succeeded(Outcome { result, dictionary }) => {
-                app.store.succeed_job(&self.claim, result, dictionary.as_deref(), now_ms()).await
+            End::Succeeded(Outcome { result, dictionary, output }) => {
+                let (dictionary, output) = (dictionary.as_deref(), output.as_deref());
+                app.store.succeed_job(&self.claim, result, dictionary, output, now_ms()).await
             }
             End::Failed(problem) => app.store.fail_job(&self.claim, problem, now_ms()).await,
             End::Released(release) => app.store.release_job(&self.claim, *release).await,

@@ -17,10 +17,10 @@ use tokio::time::Instant;
 
 pub use self::registry::JobContext;
 use super::cohorts::Page;
-use super::{App, ServiceError, learning, now_ms};
+use super::{App, ServiceError, distances, learning, now_ms};
 use crate::domain::dictionary::NewDictionary;
 use crate::domain::id;
-use crate::domain::job::{Job, JobKind, JobStatus};
+use crate::domain::job::{Job, JobKind, JobOutput, JobStatus};
 
 /// What an attempt brought about.
 #[derive(Debug, Clone, PartialEq)]
@@ -29,6 +29,8 @@ pub struct Outcome {
     pub result: Value,
     /// What it has learnt: stored when, and only when, the job succeeds.
     pub dictionary: Option<Box<NewDictionary>>,
+    /// What is kept beside the job, as long as there is room.
+    pub output: Option<Box<JobOutput>>,
 }
 
 /// Does what the job is for, on a compute thread; `handle` is for what has to be awaited.
@@ -40,6 +42,7 @@ pub struct Outcome {
 pub fn run(app: &App, handle: &Handle, job: &Job, context: &JobContext) -> Result<Outcome, ServiceError> {
     match job.kind {
         JobKind::LearnDictionary => learning::run(app, handle, job, context),
+        JobKind::Distances => distances::run(app, handle, job, context),
     }
 }
 
@@ -61,6 +64,16 @@ pub async fn submit(app: &App, kind: JobKind, parameters: Value) -> Result<Job, 
 pub async fn find(app: &App, id: &str) -> Result<Job, ServiceError> {
     let found = app.store.find_job(id).await?;
     found.map(|job| app.jobs.up_to_date(job)).ok_or_else(|| not_found(id))
+}
+
+/// What the job with this id has brought about.
+///
+/// # Errors
+/// [`ServiceError::NotFound`] for the job; for its output when there is none: not yet, not for ever, or not any more.
+pub async fn output(app: &App, id: &str) -> Result<JobOutput, ServiceError> {
+    let job = find(app, id).await?;
+    let output = app.store.read_job_output(&job.id).await?;
+    output.ok_or_else(|| ServiceError::NotFound { kind: "output of the job", key: job.id })
 }
 
 fn not_found(id: &str) -> ServiceError {

@@ -47,7 +47,7 @@ async fn jobs_come_back_as_they_were() {
     assert!(store.renew_job(&claim, &progress, 500).await.unwrap());
     let running = running.with_progress(&progress);
     assert_eq!(found(&store, &job.id).await, running);
-    assert!(store.succeed_job(&claim, &json!({"dictionary": "dic_1"}), None, 11).await.unwrap());
+    assert!(store.succeed_job(&claim, &json!({"dictionary": "dic_1"}), None, None, 11).await.unwrap());
     let result = Some(json!({"dictionary": "dic_1"}));
     let done =
         Job { status: JobStatus::Succeeded, progress: 1.0, finished_at_ms: Some(11), result, ..running };
@@ -87,7 +87,7 @@ async fn a_lease_that_ends_gives_the_job_to_the_next() {
 async fn write_everything(store: &Store, claim: &Claim) -> bool {
     let problem = json!({"code": "internal"});
     store.renew_job(claim, &Progress { fraction: 0.9, ..Progress::default() }, 5000).await.unwrap()
-        || store.succeed_job(claim, &json!(1), None, 50).await.unwrap()
+        || store.succeed_job(claim, &json!(1), None, None, 50).await.unwrap()
         || store.fail_job(claim, &problem, 50).await.unwrap()
         || store.release_job(claim, Release::Uncounted).await.unwrap()
         || store.release_job(claim, Release::RetryAt(60)).await.unwrap()
@@ -109,7 +109,7 @@ async fn a_stale_claim_writes_nothing() {
     let again = claimed(&store, 12 + LEASE).await;
     assert_eq!(again.job.attempt, present.job.attempt);
     assert!(!write_everything(&store, &present).await, "released and claimed by another one");
-    assert!(store.succeed_job(&again, &json!(2), None, 400).await.unwrap());
+    assert!(store.succeed_job(&again, &json!(2), None, None, 400).await.unwrap());
     let done = found(&store, &job.id).await;
     assert!(!write_everything(&store, &again).await, "finished");
     assert_eq!(found(&store, &job.id).await, done);
@@ -191,7 +191,7 @@ async fn jobs_of_every_status_are_cancelled_or_left_as_they_are() {
         submitted(&store, 3).await;
         let claim = claimed(&store, 30).await;
         let applied = match succeeds {
-            true => store.succeed_job(&claim, &json!({}), None, 31).await,
+            true => store.succeed_job(&claim, &json!({}), None, None, 31).await,
             false => store.fail_job(&claim, &json!({}), 31).await,
         };
         assert!(applied.unwrap());
@@ -222,7 +222,7 @@ async fn the_newest_finished_jobs_are_kept_and_all_others() {
         (submitted(&store, 1).await, submitted(&store, 2).await, submitted(&store, 3).await);
     let claim = claimed(&store, 10).await;
     claimed(&store, 10).await;
-    assert!(store.succeed_job(&claim, &json!({}), None, 1_000_000).await.unwrap());
+    assert!(store.succeed_job(&claim, &json!({}), None, None, 1_000_000).await.unwrap());
     assert_eq!(store.find_job(oldest).await.unwrap(), None);
     for id in [second, &first.id, &running.id, &queued.id] {
         assert!(store.find_job(id).await.unwrap().is_some(), "{id}");

@@ -1,0 +1,364 @@
+//! Nearest shapes of a cohort, and distances of all pairs.
+
+use std::collections::BTreeMap;
+
+use axum::extract::State;
+use axum::http::StatusCode;
+use axum::response::Response;
+use serde::Serialize;
+use serde_json::Value;
+
+use super::jobs::{JobOutput, accepted};
+use super::settings::checked;
+use crate::analysis::alignment::Alignment;
+use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
+use crate::analysis::frame::Frame;
+use crate::analysis::transformation::{ClassName, Transformation};
+use crate::api::extract::{JsonBody, NoQuery, OnlyMatrixFormat, Path, Prefer, parse};
+use crate::api::problem::{Problem, ProblemDocument};
+use crate::api::respond::{self, compute, json};
+use crate::domain::job::JobStatus;
+use crate::domain::shape::ShapeFilter;
+use crate::formats::InputError;
+use crate::formats::checked::{Checked, List, document, take_given, take_or_default};
+use crate::formats::matrix::{MatrixFormat, NamedMatrix};
+use crate::formats::representation::Read;
+use crate::formats::shape::ShapeInput;
+use crate::geometry::representation::Representation;
+use crate::service::compute::Settings;
+use crate::service::distances::{self, Answer, Chosen, Comparison};
+use crate::service::neighbours::{self, FoundNeighbour, MAX_NEIGHBOURS, Queries, Search};
+use crate::service::{App, ServiceError, jobs};
+
+/// Neighbours of a shape unless their number is given.
+const NEIGHBOURS: usize = 10;
+
+document! {
+    /// Shapes whose nearest neighbours in a cohort are wanted.
+    #[schema(example = json!({"shapes": [{"points": [[0, 0], [4, 0], [4, 1], [0, 1]]}], "neighbours": 5}))]
+    pub(super) struct SearchRequest {
+        /// Shapes, as for the cohort; or `ids`.
+        #[schema(value_type = Option<Vec<ShapeInput>>)]
+        shapes: List<ShapeInput>;
+        /// Ids or external ids of shapes of the cohort, which are not neighbours of themselves.
+        #[schema(value_type = Option<Vec<String>>)]
+        ids: Checked<Vec<String>>;
+        /// Neighbours of every shape, 1 to 1000; 10 unless given.
+        #[schema(value_type = Option<usize>, minimum = 1, maximum = 1000)]
+        neighbours: Checked<usize>;
+        /// The class that is removed; `similarity` unless given.
+        #[schema(value_type = Option<Transformation>)]
+        transformation: Checked<Transformation>;
+        /// Projection on the class, or Procrustes fits; `projection` unless given.
+        #[schema(value_type = Option<Alignment>)]
+        alignment: Checked<Alignment>;
+        /// Whether mirror images may be matched; the rule of the cohort unless given.
+        #[schema(value_type = Option<Mirror>)]
+        mirror: Checked<Mirror>;
+        /// Among which shapes of the cohort; all unless given.
+        #[schema(value_type = Option<ShapeFilter>)]
+        filter: Checked<ShapeFilter>;
+    }
+}
+
+/// A neighbour.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct NeighbourOutput {
+    /// Identifier.
+    #[schema(example = "shp_0198c0ffee00700080000000000000aa")]
+    id: String,
+    /// The client's own identifier.
+    external_id: Option<String>,
+    /// Class.
+    label: Option<String>,
+    /// Further attributes.
+    labels: BTreeMap<String, Value>,
+    /// Distance to the query: in [0, 1], or a length under `rigid` and `translation`.
+    distance: f64,
+    /// Control point of the neighbour that lies at the first one of the query.
+    start: u32,
+    /// Whether the neighbour is traversed backwards.
+    reversed: bool,
+    /// Whether it matched as a mirror image.
+    mirrored: bool,
+}
+
+impl From<FoundNeighbour> for NeighbourOutput {
+    fn from(found: FoundNeighbour) -> Self {
+        let FoundNeighbour { id, external_id, label, labels, distance, placement } = found;
+        let (start, reversed, mirrored) = (placement.shift, placement.reversed, placement.mirrored);
+        Self { id, external_id, label, labels, distance, start, reversed, mirrored }
+    }
+}
+
+/// The neighbours of one shape.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct SearchResult {
+    /// The nearest first; of equal ones the one that was added first.
+    neighbours: Vec<NeighbourOutput>,
+}
+
+/// The neighbours of all shapes, in order.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct SearchAnswer {
+    /// Revision of the cohort that was searched.
+    cohort_revision: u64,
+    /// One a shape.
+    results: Vec<SearchResult>,
+}
+
+/// Finds the nearest shapes of a cohort.
+///
+/// Exact: every shape of the cohort that passes the filter is compared, at all start points, directions and mirror images
+/// that the cohort allows.
+#[utoipa::path(post, path = "/cohorts/{cohort}/search", tag = "retrieval", request_body = SearchRequest,
+    params(("cohort" = String, Path, description = "Id or name")),
+    responses(
+        (status = 200, description = "The neighbours of every shape", body = SearchAnswer),
+        (status = 404, description = "No such cohort", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
+    ))]
+pub(super) async fn search_cohort(
+    State(app): State<App>,
+    _: NoQuery,
+    Path(key): Path<String>,
+    JsonBody(body): JsonBody,
+) -> Result<Response, Problem> {
+    let search = app.pool.run(move || search_of(parse(&body)?)).await?;
+    let found = neighbours::search(&app, &key, search).await?;
+    compute(app, move |_| {
+        let result = |list: Vec<FoundNeighbour>| SearchResult {
+            neighbours: list.into_iter().map(Into::into).collect(),
+        };
+        let results = found.neighbours.into_iter().map(result).collect();
+        json(StatusCode::OK, &SearchAnswer { cohort_revision: found.cohort_revision, results })
+    })
+    .await
+}
+
+fn search_of(request: SearchRequest) -> Result<Search, ServiceError> {
+    let mut errors = request.faults;
+    let posted = request.shapes.map(|shapes| shapes.take("/shapes", &mut errors));
+    if posted.is_some() == request.ids.is_some() {
+        errors.push(InputError::new("", "give either shapes or ids"));
+    }
+    let ids = take_given(request.ids, "/ids", &mut errors);
+    let neighbours = take_given(request.neighbours, "/neighbours", &mut errors).unwrap_or(NEIGHBOURS);
+    if !(1..=MAX_NEIGHBOURS).contains(&neighbours) {
+        let detail = format!("is {neighbours}, must be between 1 and {MAX_NEIGHBOURS}");
+        errors.push(InputError::new("/neighbours", detail));
+    }
+    let similarity = Transformation::Named(ClassName::Similarity);
+    let transformation =
+        take_given(request.transformation, "/transformation", &mut errors).unwrap_or(similarity);
+    let alignment = take_or_default(request.alignment, "/alignment", &mut errors).unwrap_or_default();
+    let mirror = take_given(request.mirror, "/mirror", &mut errors);
+    let filter = take_or_default(request.filter, "/filter", &mut errors).unwrap_or_default();
+    let is_posted = posted.is_some();
+    let ((), shapes) = checked(Some(()), errors, posted.unwrap_or_default())?;
+    let queries =
+        if is_posted { Queries::Posted(shapes) } else { Queries::Stored(ids.unwrap_or_default()) };
+    let comparison = Comparison { transformation, alignment, mirror };
+    Ok(Search { queries, neighbours, comparison, filter })
+}
+
+document! {
+    /// Shapes whose distances are wanted: posted ones, with what they are made of and how they correspond, or those of a
+    /// cohort.
+    #[schema(example = json!({
+        "cohort": "example-cells", "filter": {"labels": {"cell_line": "dlm8"}}, "transformation": "similarity"
+    }))]
+    pub(super) struct DistancesRequest {
+        /// The shapes; not together with `cohort`.
+        #[schema(value_type = Option<Vec<ShapeInput>>)]
+        shapes: List<ShapeInput>;
+        /// What posted shapes are made of.
+        #[schema(value_type = Option<Representation>)]
+        representation: Read<Representation>;
+        /// How the points of posted shapes become control points; `landmarks` unless given.
+        #[schema(value_type = Option<Correspondence>)]
+        correspondence: Checked<Correspondence>;
+        /// Whether the direction of posted contours means something; `given` unless given.
+        #[schema(value_type = Option<Direction>)]
+        direction: Checked<Direction>;
+        /// Id or name of a cohort.
+        #[schema(value_type = Option<String>)]
+        cohort: Checked<String>;
+        /// Which of its shapes; all unless given.
+        #[schema(value_type = Option<ShapeFilter>)]
+        filter: Checked<ShapeFilter>;
+        /// Ids or external ids of its shapes, each once; not together with `filter`.
+        #[schema(value_type = Option<Vec<String>>)]
+        ids: Checked<Vec<String>>;
+        /// Whether mirror images may be matched; the rule of the cohort unless given, `forbid` for posted shapes.
+        #[schema(value_type = Option<Mirror>)]
+        mirror: Checked<Mirror>;
+        /// The class that is removed before shapes are compared.
+        #[schema(value_type = Transformation, required = true)]
+        transformation: Checked<Transformation>, required;
+        /// Projection on the class, or Procrustes fits; `projection` unless given.
+        #[schema(value_type = Option<Alignment>)]
+        alignment: Checked<Alignment>;
+    }
+}
+
+/// Distances of all pairs.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct DistancesAnswer {
+    /// Id of the cohort, unless the shapes were posted.
+    cohort: Option<String>,
+    /// Its revision.
+    cohort_revision: Option<u64>,
+    /// One a row and column: the external id, or where there is none the id, or of posted shapes the position.
+    ids: Vec<String>,
+    /// One a row and column.
+    labels: Vec<Option<String>>,
+    /// Symmetric, zero on the diagonal: in [0, 1], or lengths under `rigid` and `translation`.
+    distances: Vec<Vec<f64>>,
+}
+
+/// Computes the distances of all pairs of shapes.
+///
+/// At once (200) when they are few. Of many shapes of a cohort the answer is a job (202), whose matrix is read from
+/// `/v1/jobs/{job}/output`; with `Prefer: wait=N` the matrix, when it is ready within `N` seconds, at most 60.
+#[utoipa::path(post, path = "/distances", tag = "retrieval", request_body = DistancesRequest,
+    params(
+        ("format" = Option<String>, Query, description = "`json`, `csv` or `npy`"),
+        ("prefer" = Option<String>, Header, description = "`wait=10` waits up to ten seconds for the matrix of a job")
+    ),
+    responses(
+        (status = 200, description = "The matrix", content((DistancesAnswer = "application/json"), (String = "text/csv"), (Vec<u8> = "application/x-npy"))),
+        (status = 202, description = "The job that computes it", body = JobOutput, headers(("Location" = String))),
+        (status = 404, description = "No such cohort", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = 503, description = "Too many jobs wait", body = ProblemDocument, content_type = "application/problem+json")
+    ))]
+pub(super) async fn compute_distances(
+    State(app): State<App>,
+    OnlyMatrixFormat(format): OnlyMatrixFormat,
+    prefer: Prefer,
+    JsonBody(body): JsonBody,
+) -> Result<Response, Problem> {
+    let request = app.pool.run(move || matrix_request(parse(&body)?)).await?;
+    let answer = match request {
+        MatrixRequest::Posted(settings, shapes) => {
+            let task_app = app.clone();
+            let matrix = app.pool.run(move || distances::of_posted(&task_app, &settings, shapes)).await?;
+            Answer::Matrix(matrix)
+        }
+        MatrixRequest::Cohort(key, chosen, comparison) => {
+            distances::of_cohort(&app, &key, chosen, comparison).await?
+        }
+    };
+    let mut job = match answer {
+        Answer::Matrix(matrix) => return Ok(respond::matrix(matrix, format)),
+        Answer::Job(job) => *job,
+    };
+    if let Some(time) = prefer.wait {
+        job = jobs::wait(&app, &job.id, time).await?;
+    }
+    match job.status {
+        JobStatus::Succeeded => Ok(output(&app, &job.id, format).await?),
+        JobStatus::Failed => Err(Problem::of_failed(&job)),
+        _ => Ok(accepted(job)?),
+    }
+}
+
+async fn output(app: &App, job: &str, format: MatrixFormat) -> Result<Response, ServiceError> {
+    let matrix: NamedMatrix = distances::output(app, job).await?;
+    Ok(respond::matrix(matrix, format))
+}
+
+/// A request for a matrix whose fields are in order.
+enum MatrixRequest {
+    Posted(Box<Settings>, Vec<ShapeInput>),
+    Cohort(String, Chosen, Comparison),
+}
+
+fn matrix_request(mut request: DistancesRequest) -> Result<MatrixRequest, ServiceError> {
+    let mut errors = std::mem::take(&mut request.faults);
+    errors.extend(misplaced(&request));
+    let of_cohort = request.cohort.is_some();
+    let posted = request.shapes.take().map(|shapes| shapes.take("/shapes", &mut errors));
+    let representation = request.representation.and_then(|field| field.take("/representation", &mut errors));
+    let correspondence =
+        take_or_default(request.correspondence, "/correspondence", &mut errors).unwrap_or_default();
+    let direction = take_or_default(request.direction, "/direction", &mut errors).unwrap_or_default();
+    let cohort = take_given(request.cohort, "/cohort", &mut errors);
+    let filter = take_or_default(request.filter, "/filter", &mut errors).unwrap_or_default();
+    let ids = take_given(request.ids, "/ids", &mut errors);
+    let mirror = take_given(request.mirror, "/mirror", &mut errors);
+    let transformation = take_given(request.transformation, "/transformation", &mut errors);
+    let alignment = take_or_default(request.alignment, "/alignment", &mut errors).unwrap_or_default();
+    let (transformation, shapes) = checked(transformation, errors, posted.unwrap_or_default())?;
+    match (cohort, representation) {
+        (Some(cohort), _) if of_cohort => {
+            let chosen = ids.map_or(Chosen::Filter(filter), Chosen::Ids);
+            Ok(MatrixRequest::Cohort(cohort, chosen, Comparison { transformation, alignment, mirror }))
+        }
+        (_, Some(representation)) => {
+            let mirror = mirror.unwrap_or_default();
+            let frame = Frame::default();
+            let settings = Settings {
+                representation,
+                correspondence,
+                direction,
+                mirror,
+                transformation,
+                alignment,
+                frame,
+            };
+            Ok(MatrixRequest::Posted(Box::new(settings), shapes))
+        }
+        _ => Err(ServiceError::invalid("", "is not complete")),
+    }
+}
+
+/// Fields that are missing, or do not belong to the way in which shapes are given.
+fn misplaced(request: &DistancesRequest) -> Vec<InputError> {
+    let (posted, stored) = (request.shapes.is_some(), request.cohort.is_some());
+    if posted == stored {
+        return vec![InputError::new("", "give either shapes with their representation, or a cohort")];
+    }
+    let of_posted = [
+        ("/representation", request.representation.is_some()),
+        ("/correspondence", request.correspondence.is_some()),
+        ("/direction", request.direction.is_some()),
+    ];
+    let of_cohort = [("/filter", request.filter.is_some()), ("/ids", request.ids.is_some())];
+    let mut errors = Vec::new();
+    for (field, given) in if stored { of_posted.as_slice() } else { &of_cohort } {
+        if *given {
+            let detail = if stored { "is that of the cohort" } else { "belongs to a cohort" };
+            errors.push(InputError::new(*field, detail));
+        }
+    }
+    if posted && request.representation.is_none() {
+        errors.push(InputError::new("/representation", "is missing"));
+    }
+    if stored && request.filter.is_some() && request.ids.is_some() {
+        errors.push(InputError::new("/ids", "stands alone, without filter"));
+    }
+    errors
+}
+
+/// Reads the matrix that a job has computed.
+///
+/// Outputs are kept as long as their job; when together they are larger than 2 GiB, the newest.
+#[utoipa::path(get, path = "/jobs/{job}/output", tag = "jobs",
+    params(
+        ("job" = String, Path, description = "Id"),
+        ("format" = Option<String>, Query, description = "`json`, `csv` or `npy`")
+    ),
+    responses(
+        (status = 200, description = "The matrix", content((DistancesAnswer = "application/json"), (String = "text/csv"), (Vec<u8> = "application/x-npy"))),
+        (status = 404, description = "No such job, or it has no output: not yet, not for ever, or not any more", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = "4XX", description = "The request was refused", body = ProblemDocument, content_type = "application/problem+json")
+    ))]
+pub(super) async fn job_output(
+    State(app): State<App>,
+    OnlyMatrixFormat(format): OnlyMatrixFormat,
+    Path(id): Path<String>,
+) -> Result<Response, Problem> {
+    Ok(output(&app, &id, format).await?)
+}

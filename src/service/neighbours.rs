@@ -1,0 +1,223 @@
+//! The nearest shapes of a stored cohort: its shapes stream by, and only the nearest are kept.
+
+use std::collections::BTreeMap;
+
+use serde_json::Value;
+use tokio::runtime::Handle;
+
+use super::compute::{Settings, Setup};
+use super::distances::Comparison;
+use super::error::Fault;
+use super::input;
+use super::stored::{self, StoredShapes};
+use super::{App, ServiceError, cohorts};
+use crate::analysis::accumulate::prepare;
+use crate::analysis::distance::{DistanceSpace, PreparedShapes};
+use crate::analysis::matching::Placement;
+use crate::analysis::neighbours::{Nearest, Neighbour};
+use crate::domain::cohort::Cohort;
+use crate::domain::shape::{ShapeAttributes, ShapeFilter};
+use crate::formats::shape::ShapeInput;
+
+/// Most neighbours of a shape.
+pub const MAX_NEIGHBOURS: usize = 1000;
+
+/// What is searched for.
+#[derive(Debug)]
+pub struct Search {
+    /// The shapes whose neighbours are wanted.
+    pub queries: Queries,
+    /// How many of each.
+    pub neighbours: usize,
+    /// How shapes are compared.
+    pub comparison: Comparison,
+    /// Among which shapes of the cohort.
+    pub filter: ShapeFilter,
+}
+
+/// Shapes whose neighbours are wanted.
+#[derive(Debug)]
+pub enum Queries {
+    /// Posted ones.
+    Posted(Vec<ShapeInput>),
+    /// Ids or external ids of shapes of the cohort, which are not neighbours of themselves.
+    Stored(Vec<String>),
+}
+
+/// The neighbours of all queries.
+#[derive(Debug)]
+pub struct Found {
+    /// Revision of the cohort that was searched.
+    pub cohort_revision: u64,
+    /// One list a query, ascending.
+    pub neighbours: Vec<Vec<FoundNeighbour>>,
+}
+
+/// A neighbour with what is known of it.
+#[derive(Debug)]
+pub struct FoundNeighbour {
+    /// `shp_…`.
+    pub id: String,
+    /// The client's own identifier.
+    pub external_id: Option<String>,
+    /// Class.
+    pub label: Option<String>,
+    /// Further attributes.
+    pub labels: BTreeMap<String, Value>,
+    /// Distance to the query.
+    pub distance: f64,
+    /// How it is laid on the query.
+    pub placement: Placement,
+}
+
+type Sorted = Vec<Neighbour<String>>;
+
+/// The nearest shapes of the cohort with this key to every query, ascending; of equal ones those that were added first.
+///
+/// # Errors
+/// Everything that is wrong with the queries; ids that do not exist; a filter that selects nothing; degenerate shapes; a
+/// search that costs too much.
+pub async fn search(app: &App, key: &str, search: Search) -> Result<Found, ServiceError> {
+    let cohort = cohorts::find(app, key).await?;
+    check_sizes(app, &search)?;
+    let Search { queries, neighbours, comparison, filter } = search;
+    let (task_app, handle) = (app.clone(), Handle::current());
+    let queries = match queries {
+        Queries::Posted(shapes) => Given::Posted(shapes),
+        Queries::Stored(keys) => stored_queries(app, &cohort, &keys).await?,
+    };
+    let task_cohort = cohort.clone();
+    let sorted = app
+        .pool
+        .run(move || {
+            let settings = comparison.settings(&task_cohort);
+            let task =
+                Task { app: &task_app, handle: &handle, cohort: &task_cohort, filter: &filter, neighbours };
+            task.run(&settings, queries)
+        })
+        .await?;
+    let neighbours = with_attributes(app, &cohort, sorted).await?;
+    Ok(Found { cohort_revision: cohort.revision, neighbours })
+}
+
+fn check_sizes(app: &App, search: &Search) -> Result<(), ServiceError> {
+    let (field, count) = match &search.queries {
+        Queries::Posted(shapes) => ("/shapes", shapes.len()),
+        Queries::Stored(ids) => ("/ids", ids.len()),
+    };
+    let mut faults = Vec::new();
+    if !(1..=MAX_NEIGHBOURS).contains(&search.neighbours) {
+        let detail = format!("is {}, must be between 1 and {MAX_NEIGHBOURS}", search.neighbours);
+        faults.push(Fault::new("/neighbours", detail));
+    }
+    let most = app.limits.shapes;
+    if !(1..=most).contains(&count) {
+        let detail = format!("has {count} entries, between 1 and {most} are accepted");
+        faults.push(Fault::new(field, detail));
+    } else if faults.is_empty() && count.saturating_mul(search.neighbours) > most {
+        let detail =
+            format!("is {}: {count} shapes times that are more than {most} answers", search.neighbours);
+        faults.push(Fault::new("/neighbours", detail));
+    }
+    ServiceError::unless_empty(faults)
+}
+
+/// Queries as they were given.
+enum Given {
+    Posted(Vec<ShapeInput>),
+    Stored { ids: Vec<String>, control_points: Vec<f64> },
+}
+
+async fn stored_queries(app: &App, cohort: &Cohort, keys: &[String]) -> Result<Given, ServiceError> {
+    let shapes = stored::find_all(app, cohort, keys).await?;
+    let (ids, control_points): (Vec<String>, Vec<Vec<f64>>) =
+        shapes.into_iter().map(|shape| (shape.id, shape.control_points)).unzip();
+    Ok(Given::Stored { ids, control_points: control_points.concat() })
+}
+
+/// One search, on the pool.
+struct Task<'a> {
+    app: &'a App,
+    handle: &'a Handle,
+    cohort: &'a Cohort,
+    filter: &'a ShapeFilter,
+    neighbours: usize,
+}
+
+impl Task<'_> {
+    fn run(&self, settings: &Settings, queries: Given) -> Result<Vec<Sorted>, ServiceError> {
+        let setup = Setup::new(self.app, settings)?;
+        let space = DistanceSpace::new(&setup.method, &setup.matching)?;
+        let (queries, own) = self.prepared(&setup, &space, queries)?;
+        let (app, handle, cohort, filter) = (self.app, self.handle, self.cohort, self.filter);
+        let shapes = StoredShapes::new(app, handle, cohort, filter, 0, &setup, &|| false)?;
+        if shapes.is_empty() && *filter != ShapeFilter::default() {
+            return Err(ServiceError::invalid("/filter", "selects no shapes"));
+        }
+        self.check_cost(&space, queries.count(), shapes.len())?;
+        let mut nearest = vec![Nearest::new(self.neighbours); queries.count()];
+        shapes.for_each_named(&mut |batch| {
+            let others = space.prepare(&batch.control_points)?;
+            for (query, nearest) in nearest.iter_mut().enumerate() {
+                let own = own.get(query);
+                for (id, found) in batch.ids.iter().zip(space.compare(&queries, query, &others)) {
+                    if own != Some(id) {
+                        nearest.offer(found, || id.clone());
+                    }
+                }
+            }
+            Ok(())
+        })?;
+        Ok(nearest.into_iter().map(Nearest::into_sorted).collect())
+    }
+
+    /// The queries ready to be compared, and the ids of those that are stored.
+    fn prepared(
+        &self,
+        setup: &Setup,
+        space: &DistanceSpace,
+        queries: Given,
+    ) -> Result<(PreparedShapes, Vec<String>), ServiceError> {
+        let (field, own, mut control_points) = match queries {
+            Given::Stored { ids, control_points } => ("ids", ids, control_points),
+            Given::Posted(shapes) => {
+                let reading = setup.reading(&self.app.limits);
+                ("shapes", Vec::new(), input::read_batch(&reading, shapes)?.control_points)
+            }
+        };
+        let prepared = prepare(&setup.metric, setup.method.translates(), 0, &mut control_points)
+            .and_then(|()| space.prepare(&control_points));
+        let at = |index: usize| format!("/{field}/{index}");
+        Ok((prepared.map_err(|error| ServiceError::of_analysis(error, at))?, own))
+    }
+
+    fn check_cost(&self, space: &DistanceSpace, queries: usize, shapes: usize) -> Result<(), ServiceError> {
+        let (operations, most) =
+            (queries as f64 * shapes as f64 * space.operations(), self.app.limits.search_operations as f64);
+        if operations <= most {
+            return Ok(());
+        }
+        let detail = format!(
+            "comparing {queries} shapes with {shapes} takes about {operations:.1e} multiply-adds, at most {most:.1e} are \
+             done: ask for fewer at a time, or set a filter"
+        );
+        Err(ServiceError::invalid("", detail))
+    }
+}
+
+/// Adds what is known of the shapes, also of those that were deleted since the search began.
+async fn with_attributes(
+    app: &App,
+    cohort: &Cohort,
+    sorted: Vec<Sorted>,
+) -> Result<Vec<Vec<FoundNeighbour>>, ServiceError> {
+    let ids: Vec<String> = sorted.iter().flatten().map(|neighbour| neighbour.shape.clone()).collect();
+    let mut attributes = app.store.find_attributes(&cohort.id, &ids).await?.into_iter();
+    let mut found = |neighbour: Neighbour<String>| {
+        let ShapeAttributes { external_id, label, labels, .. } =
+            attributes.next().flatten().unwrap_or_default();
+        let Neighbour { shape: id, found } = neighbour;
+        FoundNeighbour { id, external_id, label, labels, distance: found.distance, placement: found.placement }
+    };
+    Ok(sorted.into_iter().map(|list| list.into_iter().map(&mut found).collect()).collect())
+}

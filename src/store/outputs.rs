@@ -1,0 +1,58 @@
+//! What jobs bring about that is too large for their row.
+
+use sqlx::{Row, SqliteConnection};
+
+use super::{Store, StoreError, to_sql};
+use crate::domain::job::JobOutput;
+
+/// Bytes of outputs that are kept, the newest; the last one is kept whatever its size.
+pub const MAX_OUTPUT_BYTES: u64 = 2 << 30;
+
+impl Store {
+    /// What the job with this id has brought about, as long as it is kept.
+    ///
+    /// # Errors
+    /// [`StoreError::Damaged`] when it is not what was written.
+    pub async fn read_job_output(&self, job: &str) -> Result<Option<JobOutput>, StoreError> {
+        const READ: &str = "SELECT checksum, head, data FROM job_output WHERE job = $1";
+        let Some(row) = sqlx::query(READ).bind(job).fetch_optional(self.reader()).await? else {
+            return Ok(None);
+        };
+        let damaged = || StoreError::Damaged { detail: format!("the output of {job} is not what was written") };
+        let (checksum, head, data): (&[u8], &str, Vec<u8>) =
+            (row.try_get("checksum")?, row.try_get("head")?, row.try_get("data")?);
+        if checksum_of(head, &data).as_slice() != checksum {
+            return Err(damaged());
+        }
+        Ok(Some(JobOutput { head: serde_json::from_str(head).map_err(|_| damaged())?, data }))
+    }
+}
+
+/// Inserts the output of a job, as part of the transaction that ends it, and removes the oldest of too many.
+pub(super) async fn insert(
+    write: &mut SqliteConnection,
+    job: &str,
+    output: &JobOutput,
+    most_bytes: u64,
+) -> Result<(), StoreError> {
+    const INSERT: &str =
+        "INSERT INTO job_output (job, bytes, checksum, head, data) VALUES ($1, $2, $3, $4, $5)";
+    const PRUNE: &str = "DELETE FROM job_output WHERE number IN (SELECT number FROM
+        (SELECT number, sum(bytes) OVER (ORDER BY number DESC) AS total FROM job_output)
+        WHERE total > $1 AND number < (SELECT max(number) FROM job_output))";
+    let head = output.head.to_string();
+    sqlx::query(INSERT)
+        .bind(job)
+        .bind(to_sql(output.data.len() as u64))
+        .bind(checksum_of(&head, &output.data))
+        .bind(&head)
+        .bind(&output.data)
+        .execute(&mut *write)
+        .await?;
+    sqlx::query(PRUNE).bind(to_sql(most_bytes)).execute(&mut *write).await?;
+    Ok(())
+}
+
+fn checksum_of(head: &str, data: &[u8]) -> Vec<u8> {
+    blake3::Hasher::new().update(head.as_bytes()).update(data).finalize().as_bytes().to_vec()
+}
