@@ -100,6 +100,7 @@ pub async fn find(app: &App, key: &str) -> Result<Cohort, ServiceError> {
 pub async fn delete(app: &App, key: &str) -> Result<(), ServiceError> {
     let cohort = find(app, key).await?;
     if app.store.delete_cohort(&cohort.id).await? {
+        app.prepared.forget(&cohort.id);
         return Ok(());
     }
     Err(ServiceError::NotFound { kind: "cohort", key: key.into() })

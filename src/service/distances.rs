@@ -193,12 +193,14 @@ fn check_size(app: &App, space: &DistanceSpace, count: usize, field: &str) -> Re
     let bytes = count.saturating_mul(count).saturating_mul(8);
     if bytes > app.limits.matrix_bytes {
         let most = app.limits.matrix_bytes;
-        let detail = format!("means {count} shapes, whose matrix has {bytes} bytes, at most {most} are given");
+        let detail =
+            format!("means {count} shapes, whose matrix has {bytes} bytes, at most {most} are given");
         return Err(ServiceError::invalid(field, detail));
     }
     let (needed, most) = (bytes.saturating_add(count.saturating_mul(space.bytes())), app.limits.job_bytes);
     if needed > most {
-        let detail = format!("means {count} shapes, which need {needed} bytes of memory, at most {most} are given");
+        let detail =
+            format!("means {count} shapes, which need {needed} bytes of memory, at most {most} are given");
         return Err(ServiceError::invalid(field, detail));
     }
     Ok(())

@@ -7,7 +7,8 @@
 //!   refine, idealise; paths between two;
 //! * [`cohorts`], [`ingest`] — cohorts and their shapes;
 //! * [`live_mean`] — the mean of a stored cohort, streamed;
-//! * [`distances`], [`neighbours`] — all distances of a set of shapes; the nearest shapes of a cohort;
+//! * [`distances`], [`neighbours`] — all distances of a set of shapes; the nearest shapes of a cohort, and
+//!   [`prepared`], cohorts kept ready for that;
 //! * [`generators`] — one generator with all that is known of it;
 //! * [`example`] — the example cohort of an empty store;
 //! * [`jobs`] — long work beside the requests; [`learning`] — what it is;
@@ -40,6 +41,7 @@ pub mod modes;
 pub mod morph;
 pub mod neighbours;
 pub mod pool;
+pub mod prepared;
 pub mod problem;
 mod stored;
 mod validation;
@@ -113,6 +115,7 @@ pub struct App {
     draining: CancellationToken,
     means: Arc<live_mean::MeanCache>,
     models: Arc<models::ReadyCache>,
+    prepared: Arc<prepared::PreparedCache>,
 }
 
 impl App {
@@ -126,6 +129,7 @@ impl App {
             draining: CancellationToken::new(),
             means: Arc::default(),
             models: Arc::default(),
+            prepared: Arc::default(),
         }
     }
 

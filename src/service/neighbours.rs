@@ -1,14 +1,16 @@
-//! The nearest shapes of a stored cohort: its shapes stream by, and only the nearest are kept.
+//! The nearest shapes of a stored cohort: its shapes stream by, and only the nearest are kept. Small cohorts that are searched
+//! again and again are kept ready.
 
 use std::collections::BTreeMap;
 
 use serde_json::Value;
 use tokio::runtime::Handle;
 
-use super::compute::{Settings, Setup};
+use super::compute::Setup;
 use super::distances::Comparison;
 use super::error::Fault;
 use super::input;
+use super::prepared::{Key, PreparedCohort};
 use super::stored::{self, StoredShapes};
 use super::{App, ServiceError, cohorts};
 use crate::analysis::accumulate::prepare;
@@ -90,10 +92,9 @@ pub async fn search(app: &App, key: &str, search: Search) -> Result<Found, Servi
     let sorted = app
         .pool
         .run(move || {
-            let settings = comparison.settings(&task_cohort);
-            let task =
-                Task { app: &task_app, handle: &handle, cohort: &task_cohort, filter: &filter, neighbours };
-            task.run(&settings, queries)
+            let (comparison, filter) = (&comparison, &filter);
+            let (app, handle, cohort) = (&task_app, &handle, &task_cohort);
+            Task { app, handle, cohort, filter, comparison, neighbours }.run(queries)
         })
         .await?;
     let neighbours = with_attributes(app, &cohort, sorted).await?;
@@ -141,34 +142,70 @@ struct Task<'a> {
     handle: &'a Handle,
     cohort: &'a Cohort,
     filter: &'a ShapeFilter,
+    comparison: &'a Comparison,
     neighbours: usize,
 }
 
 impl Task<'_> {
-    fn run(&self, settings: &Settings, queries: Given) -> Result<Vec<Sorted>, ServiceError> {
-        let setup = Setup::new(self.app, settings)?;
+    fn run(&self, queries: Given) -> Result<Vec<Sorted>, ServiceError> {
+        let setup = Setup::new(self.app, &self.comparison.settings(self.cohort))?;
         let space = DistanceSpace::new(&setup.method, &setup.matching)?;
         let (queries, own) = self.prepared(&setup, &space, queries)?;
-        let (app, handle, cohort, filter) = (self.app, self.handle, self.cohort, self.filter);
-        let shapes = StoredShapes::new(app, handle, cohort, filter, 0, &setup, &|| false)?;
-        if shapes.is_empty() && *filter != ShapeFilter::default() {
-            return Err(ServiceError::invalid("/filter", "selects no shapes"));
-        }
-        self.check_cost(&space, queries.count(), shapes.len())?;
         let mut nearest = vec![Nearest::new(self.neighbours); queries.count()];
-        shapes.for_each_named(&mut |batch| {
-            let others = space.prepare(&batch.control_points)?;
+        let mut offer = |ids: &[String], others: &PreparedShapes| {
             for (query, nearest) in nearest.iter_mut().enumerate() {
                 let own = own.get(query);
-                for (id, found) in batch.ids.iter().zip(space.compare(&queries, query, &others)) {
+                for (id, found) in ids.iter().zip(space.compare(&queries, query, others)) {
                     if own != Some(id) {
                         nearest.offer(found, || id.clone());
                     }
                 }
             }
+        };
+        let key = self.key();
+        match self.app.prepared.find(&key) {
+            Some(known) => {
+                self.check_cost(&space, queries.count(), known.ids.len())?;
+                known.shapes.iter().for_each(|shapes| offer(&known.ids, shapes));
+            }
+            None => self.read(&setup, &space, queries.count(), key, &mut offer)?,
+        }
+        Ok(nearest.into_iter().map(Nearest::into_sorted).collect())
+    }
+
+    fn key(&self) -> Key {
+        let (cohort, revision) = (self.cohort.id.clone(), self.cohort.revision);
+        Key { cohort, revision, filter: self.filter.clone(), comparison: self.comparison.clone() }
+    }
+
+    /// Offers the shapes of the cohort as they are read, and keeps them ready when they are few.
+    fn read(
+        &self,
+        setup: &Setup,
+        space: &DistanceSpace,
+        queries: usize,
+        key: Key,
+        offer: &mut dyn FnMut(&[String], &PreparedShapes),
+    ) -> Result<(), ServiceError> {
+        let (app, handle, cohort, filter) = (self.app, self.handle, self.cohort, self.filter);
+        let shapes = StoredShapes::new(app, handle, cohort, filter, 0, setup, &|| false)?;
+        if shapes.is_empty() && *filter != ShapeFilter::default() {
+            return Err(ServiceError::invalid("/filter", "selects no shapes"));
+        }
+        self.check_cost(space, queries, shapes.len())?;
+        let mut kept = PreparedCohort::for_count(space, shapes.len());
+        shapes.for_each_named(&mut |batch| {
+            let others = space.prepare(&batch.control_points)?;
+            offer(&batch.ids, &others);
+            if let Some(kept) = &mut kept {
+                kept.append(&batch.ids, others);
+            }
             Ok(())
         })?;
-        Ok(nearest.into_iter().map(Nearest::into_sorted).collect())
+        if let Some(kept) = kept {
+            app.prepared.keep(key, kept);
+        }
+        Ok(())
     }
 
     /// The queries ready to be compared, and the ids of those that are stored.
@@ -217,7 +254,14 @@ async fn with_attributes(
         let ShapeAttributes { external_id, label, labels, .. } =
             attributes.next().flatten().unwrap_or_default();
         let Neighbour { shape: id, found } = neighbour;
-        FoundNeighbour { id, external_id, label, labels, distance: found.distance, placement: found.placement }
+        FoundNeighbour {
+            id,
+            external_id,
+            label,
+            labels,
+            distance: found.distance,
+            placement: found.placement,
+        }
     };
     Ok(sorted.into_iter().map(|list| list.into_iter().map(&mut found).collect()).collect())
 }

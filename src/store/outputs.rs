@@ -18,7 +18,8 @@ impl Store {
         let Some(row) = sqlx::query(READ).bind(job).fetch_optional(self.reader()).await? else {
             return Ok(None);
         };
-        let damaged = || StoreError::Damaged { detail: format!("the output of {job} is not what was written") };
+        let damaged =
+            || StoreError::Damaged { detail: format!("the output of {job} is not what was written") };
         let (checksum, head, data): (&[u8], &str, Vec<u8>) =
             (row.try_get("checksum")?, row.try_get("head")?, row.try_get("data")?);
         if checksum_of(head, &data).as_slice() != checksum {

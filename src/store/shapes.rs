@@ -149,7 +149,8 @@ impl Store {
         cohort_id: &str,
         ids: &[String],
     ) -> Result<Vec<Option<ShapeAttributes>>, StoreError> {
-        const BY_ID: &str = "SELECT asked.key AS place, s.external_id, s.subject, s.label, s.labels, s.metadata
+        const BY_ID: &str =
+            "SELECT asked.key AS place, s.external_id, s.subject, s.label, s.labels, s.metadata
             FROM json_each($2) AS asked
             CROSS JOIN shape AS s ON s.id = asked.value
             CROSS JOIN cohort AS h ON h.number = s.cohort

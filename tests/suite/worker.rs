@@ -79,7 +79,11 @@ async fn a_job_runs_and_its_result_is_kept() {
         // What has to be awaited is awaited from the compute thread.
         let found = handle.block_on(app.store.find_job(&job.id))?;
         assert_eq!(found.unwrap().status, JobStatus::Running);
-        Ok(Outcome { result: json!({"sum": job.parameters["a"].as_i64().unwrap() + 1}), dictionary: None, output: None })
+        Ok(Outcome {
+            result: json!({"sum": job.parameters["a"].as_i64().unwrap() + 1}),
+            dictionary: None,
+            output: None,
+        })
     });
     let job = submit(&app, json!({"a": 41})).await;
     assert_eq!((job.status, job.attempt), (JobStatus::Queued, 0));
@@ -233,8 +237,9 @@ async fn a_stop_puts_running_jobs_back_and_the_next_start_runs_them() {
     app.store.close().await;
     drop(app);
     let app = reopened(&folder).await;
-    let _worker =
-        worker(&app, 1, |_, _, job, _| Ok(Outcome { result: job.parameters.clone(), dictionary: None, output: None }));
+    let _worker = worker(&app, 1, |_, _, job, _| {
+        Ok(Outcome { result: job.parameters.clone(), dictionary: None, output: None })
+    });
     for (k, job) in jobs_of_it.iter().enumerate() {
         let done = finished(&app, &job.id).await;
         assert_eq!((done.attempt, done.result), (1, Some(json!(k))));

@@ -156,8 +156,7 @@ fn search_of(request: SearchRequest) -> Result<Search, ServiceError> {
     let filter = take_or_default(request.filter, "/filter", &mut errors).unwrap_or_default();
     let is_posted = posted.is_some();
     let ((), shapes) = checked(Some(()), errors, posted.unwrap_or_default())?;
-    let queries =
-        if is_posted { Queries::Posted(shapes) } else { Queries::Stored(ids.unwrap_or_default()) };
+    let queries = if is_posted { Queries::Posted(shapes) } else { Queries::Stored(ids.unwrap_or_default()) };
     let comparison = Comparison { transformation, alignment, mirror };
     Ok(Search { queries, neighbours, comparison, filter })
 }

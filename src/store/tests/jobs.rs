@@ -1,7 +1,7 @@
 //! The queue: order, leases, fencing, what a restart does, what is kept.
 
 use super::*;
-use crate::domain::job::{Job, JobKind, JobStatus, Progress};
+use crate::domain::job::{Job, JobKind, JobOutput, JobStatus, Progress};
 use crate::store::jobs::{MAX_ATTEMPTS, MAX_FINISHED, MAX_QUEUED};
 
 /// The lease of the claims of these tests.
@@ -251,4 +251,72 @@ async fn jobs_are_listed_by_id_and_status() {
     assert_eq!(list(Some(JobStatus::Queued), Some(&ids[3]), 10).await, ids[4..]);
     assert_eq!(list(Some(JobStatus::Running), None, 10).await, ids[..1]);
     assert_eq!(list(Some(JobStatus::Failed), None, 10).await, [""; 0]);
+}
+
+/// A job that has succeeded with an output of so many bytes.
+async fn with_output(store: &Store, bytes: usize) -> (String, JobOutput) {
+    submitted(store, 1).await;
+    let claim = claimed(store, 10).await;
+    let data = (0..bytes).map(|k| k as u8).collect();
+    let output = JobOutput { head: json!({"ids": ["a", "b"], "bytes": bytes}), data };
+    assert!(store.succeed_job(&claim, &json!({}), None, Some(&output), 20).await.unwrap());
+    (claim.job.id, output)
+}
+
+#[tokio::test]
+async fn outputs_come_back_as_they_were_and_end_with_their_job() {
+    let (_folder, store) = fresh().await;
+    let (id, output) = with_output(&store, 1000).await;
+    assert_eq!(store.read_job_output(&id).await.unwrap(), Some(output));
+    assert_eq!(store.read_job_output("job_none").await.unwrap(), None);
+    let damage = "UPDATE job_output SET data = zeroblob(1000)";
+    sqlx::query(damage).execute(&store.0.writer).await.unwrap();
+    let error = store.read_job_output(&id).await.unwrap_err();
+    assert!(matches!(error, StoreError::Damaged { .. }), "{error:?}");
+    // The claim is lost: nothing is written.
+    submitted(&store, 1).await;
+    let claim = claimed(&store, 30).await;
+    store.cancel_job(&claim.job.id, 31).await.unwrap();
+    let output = JobOutput { head: json!({}), data: vec![1] };
+    assert!(!store.succeed_job(&claim, &json!({}), None, Some(&output), 32).await.unwrap());
+    assert_eq!(rows(&store, "job_output").await, 1);
+    sqlx::query("DELETE FROM job").execute(&store.0.writer).await.unwrap();
+    assert_eq!(rows(&store, "job_output").await, 0);
+}
+
+#[tokio::test]
+async fn the_newest_outputs_are_kept_as_far_as_there_is_room() {
+    let (_folder, store) = fresh().await;
+    let mut ids = Vec::new();
+    for bytes in [400, 300, 200] {
+        ids.push(with_output(&store, bytes).await.0);
+    }
+    let job = submitted(&store, 1).await;
+    let insert = async |most: u64, bytes: usize| {
+        let mut write = store.begin_write().await.unwrap();
+        sqlx::query("DELETE FROM job_output WHERE job = $1")
+            .bind(&job.id)
+            .execute(&mut *write)
+            .await
+            .unwrap();
+        let output = JobOutput { head: json!(null), data: vec![7; bytes] };
+        crate::store::outputs::insert(&mut write, &job.id, &output, most).await.unwrap();
+        write.commit().await.unwrap();
+    };
+    let kept = async || {
+        let mut kept = Vec::new();
+        for id in ids.iter().chain([&job.id]) {
+            kept.push(store.read_job_output(id).await.unwrap().is_some());
+        }
+        kept
+    };
+    insert(1000, 100).await;
+    assert_eq!(kept().await, [true, true, true, true]);
+    insert(999, 100).await;
+    assert_eq!(kept().await, [false, true, true, true]);
+    insert(300, 200).await;
+    assert_eq!(kept().await, [false, false, false, true]);
+    // The last one is kept whatever its size.
+    insert(300, 5000).await;
+    assert_eq!(kept().await, [false, false, false, true]);
 }
