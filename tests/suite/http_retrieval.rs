@@ -231,7 +231,7 @@ fn a_job_whose_cohort_is_deleted_fails_and_has_no_output() {
 fn what_cannot_be_searched_is_refused() {
     let server = example();
     let triangle = json!({"points": [[0, 0], [4, 0], [1, 3]]});
-    let cases: Vec<(Value, Wanted)> = vec![
+    let cases = [
         (json!({"shapes": [triangle], "neighbours": 0}), Wanted::invalid(&["/neighbours"])),
         (json!({"shapes": [triangle], "neighbours": 1001}), Wanted::invalid(&["/neighbours"])),
         (json!({"shapes": [triangle], "neighbours": -1}), Wanted::invalid(&["/neighbours"])),
@@ -289,7 +289,7 @@ fn what_has_no_distances_is_refused() {
         json!({"shapes": shapes, "representation": landmarks,
         "transformation": transformation})
     };
-    let cases: Vec<(Value, Wanted)> = vec![
+    let cases = [
         (json!({}), Wanted::invalid(&["", "/transformation"])),
         (json!({"shapes": [triangle], "transformation": "affine"}), Wanted::invalid(&["/representation"])),
         (
@@ -403,7 +403,8 @@ fn sizes_are_refused_before_anything_is_computed() {
     server.post("/v1/distances", &posted).expect_problem(422, "invalid-input", &["/shapes"]);
     let costly = json!({"ids": ["cell0004"], "neighbours": 1});
     server.post(CELLS, &costly).expect_problem(422, "invalid-input", &[""]);
-    let many = json!({"ids": vec!["cell0004"; 30], "neighbours": 10});
+    let repeated = ["cell0004"; 30];
+    let many = json!({"ids": repeated, "neighbours": 10});
     server.post(CELLS, &many).expect_problem(422, "invalid-input", &["/neighbours"]);
     assert_eq!(server.get("/v1/jobs").expect(200)["items"], json!([]));
 
