@@ -73,7 +73,7 @@ pub async fn find(app: &App, id: &str) -> Result<Job, ServiceError> {
 pub async fn output(app: &App, id: &str) -> Result<JobOutput, ServiceError> {
     let job = find(app, id).await?;
     let output = app.store.read_job_output(&job.id).await?;
-    output.ok_or_else(|| ServiceError::NotFound { kind: "output of the job", key: job.id })
+    output.ok_or(ServiceError::NotFound { kind: "output of the job", key: job.id })
 }
 
 fn not_found(id: &str) -> ServiceError {
