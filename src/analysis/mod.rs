@@ -15,6 +15,7 @@
 //! * [`classification`] — classifiers of labelled shapes, and their validation;
 //! * [`distance`] — distances modulo a class, of one pair, one against many, or all pairs;
 //! * [`neighbours`] — the nearest of many shapes that stream by;
+//! * [`inference`] — tests of differences between groups and of dependencies, by permutation;
 //! * [`path`] — paths between shapes.
 //!
 //! Source: Schmitter, *Spline Shape Processing*, chapters 2–5, with its misprints corrected.
@@ -26,6 +27,7 @@ pub mod correspondence;
 pub mod dictionary;
 pub mod distance;
 pub mod frame;
+pub mod inference;
 pub mod matching;
 pub mod mean;
 pub mod metric;

@@ -52,6 +52,7 @@ const REQUEST_TIMEOUT: Duration = Duration::from_secs(120);
         (name = "retrieval", description = "Nearest shapes, and distances of all pairs"),
         (name = "jobs", description = "Long work: progress, events, cancellation"),
         (name = "dictionaries", description = "What is learnt from cohorts: components and sparse atoms, and their use"),
+        (name = "tests", description = "Comparison of groups and regression, by permutation"),
         (name = "health", description = "Probes")
     )
 )]

@@ -11,6 +11,10 @@ pub enum JobKind {
     LearnDictionary,
     /// The distances of all pairs of shapes of a cohort are computed.
     Distances,
+    /// Groups of shapes are compared.
+    Compare,
+    /// Shapes are regressed on an attribute.
+    Regress,
 }
 
 /// Where a job is: `queued ⇄ running → succeeded | failed | cancelled`, and `queued → failed | cancelled`.

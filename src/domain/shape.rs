@@ -45,6 +45,21 @@ pub struct Shape {
     pub created_at_ms: i64,
 }
 
+/// What is known about a stored shape, without its geometry.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ShapeDescription {
+    /// `shp_…`.
+    pub id: String,
+    /// The client's own identifier.
+    pub external_id: Option<String>,
+    /// Opaque identifier of the subject it belongs to.
+    pub subject: Option<String>,
+    /// Class.
+    pub label: Option<String>,
+    /// Further attributes, each a string, a number or a truth value.
+    pub labels: BTreeMap<String, serde_json::Value>,
+}
+
 /// Which shapes of a cohort are meant: all conditions must hold.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Hash, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]

@@ -6,10 +6,12 @@
 //! * [`representation`] — a representation as JSON;
 //! * [`matrix`] — square matrices as JSON, CSV and NPY;
 //! * [`svg`] — drawings and animations of curves and landmarks;
+//! * [`effect`] — drawings of shapes with an effect along one of them;
 //! * [`plot`] — graphs of functions.
 
 pub mod checked;
 pub mod matrix;
+pub mod effect;
 pub mod ndjson;
 pub mod plot;
 pub mod representation;

@@ -48,6 +48,10 @@ pub mod colour {
     pub const MINUS: &str = "#4477aa";
     /// The positive side of a mode.
     pub const PLUS: &str = "#cc3311";
+    /// Where there is no effect, red, green and blue.
+    pub const EFFECT_NONE: [u8; 3] = [0xdd, 0xdd, 0xdd];
+    /// Where the effect is largest.
+    pub const EFFECT_MOST: [u8; 3] = [0x88, 0x00, 0x55];
 }
 
 impl Layer {
@@ -86,7 +90,7 @@ fn outline(space: &ShapeSpace, control_points: &[f64]) -> Vec<[f64; 2]> {
 }
 
 /// Parallel projection along (1, −1, 1): the usual isometric view, z up.
-fn flatten(point: &[f64]) -> [f64; 2] {
+pub(super) fn flatten(point: &[f64]) -> [f64; 2] {
     match *point {
         [x, y, z] => [(x + y) * 0.5_f64.sqrt(), (y - x) / 6.0_f64.sqrt() + z * (2.0_f64 / 3.0).sqrt()],
         [x, y] => [x, y],
@@ -99,15 +103,15 @@ pub(super) const MARGIN: f64 = 32.0;
 pub(super) const CAPTION: f64 = 28.0;
 
 /// A page that holds some points: its height, and where a point goes.
-struct Page {
-    height: f64,
+pub(super) struct Page {
+    pub(super) height: f64,
     scale: f64,
     middle: f64,
     centre: [f64; 2],
 }
 
 impl Page {
-    fn around<'a>(points: impl Iterator<Item = &'a [f64; 2]> + Clone) -> Self {
+    pub(super) fn around<'a>(points: impl Iterator<Item = &'a [f64; 2]> + Clone) -> Self {
         let bound = |c: usize, f: fn(f64, f64) -> f64, start| points.clone().map(|p| p[c]).fold(start, f);
         let low = [0, 1].map(|c| bound(c, f64::min, f64::MAX));
         let high = [0, 1].map(|c| bound(c, f64::max, f64::MIN));
@@ -118,7 +122,7 @@ impl Page {
         Self { height, scale, middle, centre: [0, 1].map(|c| 0.5 * (low[c] + high[c])) }
     }
 
-    fn place(&self, p: &[f64; 2]) -> [f64; 2] {
+    pub(super) fn place(&self, p: &[f64; 2]) -> [f64; 2] {
         let [x, y] = [0, 1].map(|c| self.scale * (p[c] - self.centre[c]));
         [SIZE / 2.0 + x, CAPTION + self.middle - y]
     }
@@ -229,7 +233,7 @@ fn path(line: &[[f64; 2]], mark: Mark, place: impl Fn(&[f64; 2]) -> [f64; 2]) ->
     path
 }
 
-fn draw_layer(svg: &mut String, layer: &Layer, place: impl Fn(&[f64; 2]) -> [f64; 2]) {
+pub(super) fn draw_layer(svg: &mut String, layer: &Layer, place: impl Fn(&[f64; 2]) -> [f64; 2]) {
     let Layer { colour, width, opacity, .. } = layer;
     let write = "writing to a string cannot fail";
     if layer.mark == Mark::Dots {

@@ -176,7 +176,8 @@ fn orientation(area: f64, perimeter: f64) -> Orientation {
     }
 }
 
-fn length(curve: &Curve, rule: &GaussLegendre) -> f64 {
+/// Length of a curve, to `10⁻¹⁰` relative.
+pub fn length(curve: &Curve, rule: &GaussLegendre) -> f64 {
     let speed = |half: usize, s: f64| {
         (0..curve.dimension()).map(|c| curve.derivative_at(half, c, s, 1).powi(2)).sum::<f64>().sqrt()
     };

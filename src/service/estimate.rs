@@ -1,4 +1,4 @@
-//! What learning a dictionary will cost, before anything runs.
+//! What learning a dictionary, or comparing shapes, will cost, before anything runs.
 
 use super::compute::Setup;
 use super::learning::KEPT_BYTES;
@@ -35,13 +35,9 @@ impl Estimate {
     /// For learning by `method` from `shapes` shapes.
     pub fn new(setup: &Setup, method: &Method, shapes: u64) -> Self {
         let (k, n) = (shapes as f64, setup.metric.len() as f64);
-        let (points, d) = (setup.metric.size() as f64, setup.metric.dimension() as f64);
-        let class = match &setup.method {
-            Alignment::Projection(class) => class.matrices().len() as f64,
-            Alignment::Procrustes(_) => d,
-        };
-        let spectrum = if setup.matching.searches() { 4.0 * class * n * points.log2() } else { 0.0 };
-        let mean = ROUNDS * k * spectrum + k * class * n * n + EIGENPROBLEM * n.powi(3);
+        let d = setup.metric.dimension() as f64;
+        let class = class_size(setup);
+        let mean = mean_work(setup, k);
         let kept = (8.0 * k * n).min(KEPT_BYTES as f64);
         let (learning, memory) = match method {
             Method::FunctionalPca { components, .. } => {
@@ -61,6 +57,10 @@ impl Estimate {
         };
         let multiply_adds = mean + learning;
         let memory_bytes = kept + 8.0 * (4.0 * n * n + memory);
+        Self::of(shapes, multiply_adds, memory_bytes)
+    }
+
+    fn of(shapes: u64, multiply_adds: f64, memory_bytes: f64) -> Self {
         Self { shapes, multiply_adds, memory_bytes, seconds: multiply_adds / RATE }
     }
 
@@ -70,4 +70,52 @@ impl Estimate {
         let memory_bytes = self.memory_bytes * if trainings > 0 { 3.0 } else { 1.0 };
         Self { multiply_adds, memory_bytes, seconds: multiply_adds / RATE, ..self }
     }
+    /// For tests of shapes that are aligned to one mean.
+    pub fn of_tests(setup: &Setup, work: &TestWork) -> Self {
+        let (k, n) = (work.shapes as f64, setup.metric.len() as f64);
+        let rows = n + work.samples as f64 * setup.metric.dimension() as f64;
+        let draws = work.permutations as f64;
+        let products = draws * (work.columns as f64 * k * n.min(k) + work.pair_shapes as f64 * rows);
+        let smaller = n.min(k);
+        let spans = (1.0 + work.pairs as f64) * (smaller * k * n + EIGENPROBLEM * smaller.powi(3));
+        let measures = k * MEASURES * setup.metric.size() as f64;
+        let multiply_adds = mean_work(setup, k) + measures + products + spans;
+        // The shapes as given, prepared, aligned, in coordinates, at points; sums of projectors; the products.
+        let memory = k * (4.0 * n + 3.0 * rows) + 4.0 * n * n + 3.0 * smaller * smaller + 256.0 * (k + rows);
+        Self::of(work.shapes as u64, multiply_adds, 8.0 * memory)
+    }
+}
+
+/// How much a test of shapes looks at.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct TestWork {
+    /// Shapes.
+    pub shapes: usize,
+    /// Points along the shape.
+    pub samples: usize,
+    /// Relabellings.
+    pub permutations: usize,
+    /// Columns that a relabelling of all shapes takes in a product.
+    pub columns: usize,
+    /// Pairs of groups.
+    pub pairs: usize,
+    /// Shapes of all pairs together.
+    pub pair_shapes: usize,
+}
+
+/// Work for the sizes of a shape, over its control points.
+const MEASURES: f64 = 2_000.0;
+
+fn class_size(setup: &Setup) -> f64 {
+    match &setup.method {
+        Alignment::Projection(class) => class.matrices().len() as f64,
+        Alignment::Procrustes(_) => setup.metric.dimension() as f64,
+    }
+}
+
+/// Multiply-adds of the mean of `k` shapes and of their alignment.
+fn mean_work(setup: &Setup, k: f64) -> f64 {
+    let (n, points, class) = (setup.metric.len() as f64, setup.metric.size() as f64, class_size(setup));
+    let spectrum = if setup.matching.searches() { 4.0 * class * n * points.log2() } else { 0.0 };
+    ROUNDS * k * spectrum + k * class * n * n + EIGENPROBLEM * n.powi(3)
 }

@@ -9,6 +9,7 @@
 //! * [`live_mean`] — the mean of a stored cohort, streamed;
 //! * [`distances`], [`neighbours`] — all distances of a set of shapes; the nearest shapes of a cohort, and
 //!   [`prepared`], cohorts kept ready for that;
+//! * [`comparisons`], [`regressions`] — tests of stored shapes by permutation; [`members`] — the shapes they look at;
 //! * [`generators`] — one generator with all that is known of it;
 //! * [`example`] — the example cohort of an empty store;
 //! * [`jobs`] — long work beside the requests; [`learning`] — what it is;
@@ -19,6 +20,7 @@
 pub mod classify;
 pub mod coding;
 pub mod cohorts;
+pub mod comparisons;
 pub mod compute;
 pub mod curves;
 pub mod dictionaries;
@@ -36,6 +38,7 @@ pub mod jobs;
 pub mod learning;
 pub mod live_mean;
 pub mod membership;
+pub mod members;
 pub mod models;
 pub mod modes;
 pub mod morph;
@@ -43,6 +46,7 @@ pub mod neighbours;
 pub mod pool;
 pub mod prepared;
 pub mod problem;
+pub mod regressions;
 mod stored;
 mod validation;
 

@@ -9,7 +9,7 @@ use sqlx::{Row, Sqlite, SqliteConnection, Transaction};
 use super::blob::{self, Chunk};
 use super::filter::{self, Revisions, Selection};
 use super::{Store, StoreError, blocking, cohorts, from_sql, to_sql};
-use crate::domain::shape::{Shape, ShapeAttributes, ShapeFilter};
+use crate::domain::shape::{Shape, ShapeAttributes, ShapeDescription, ShapeFilter};
 
 /// A place in the storage order of a cohort: just behind a shape. Opaque to clients.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -215,6 +215,11 @@ impl Store {
     /// # Errors
     /// [`StoreError::CohortGone`], [`StoreError::Damaged`].
     pub async fn list_attributes(
+    /// What is known about at most `limit` shapes between the revisions that pass the filter, in storage order.
+    ///
+    /// # Errors
+    /// [`StoreError::CohortGone`].
+    pub async fn describe_shapes(
         &self,
         cohort_id: &str,
         revisions: Revisions,
@@ -232,6 +237,14 @@ impl Store {
             Ok(Listed { place, id: shape.id, attributes: shape.attributes })
         };
         rows.iter().map(listed).collect()
+        limit: usize,
+    ) -> Result<Vec<ShapeDescription>, StoreError> {
+        const COLUMNS: &str = "s.id, s.external_id, s.subject, s.label, s.labels";
+        let mut read = self.reader().begin().await?;
+        let cohort = cohorts::number(&mut read, cohort_id).await?;
+        let selection = Selection { cohort, revisions, filter, after: (0, -1) };
+        let rows = selection.page(COLUMNS, limit).build().fetch_all(&mut *read).await?;
+        rows.iter().map(read_description).collect()
     }
 
     /// Number of shapes of the cohort between the revisions that pass the filter.
@@ -324,6 +337,18 @@ struct Entry {
 
 fn read_attributes(row: &SqliteRow) -> Result<ShapeAttributes, StoreError> {
     Ok(ShapeAttributes {
+fn read_description(row: &SqliteRow) -> Result<ShapeDescription, StoreError> {
+    Ok(ShapeDescription {
+        id: row.try_get("id")?,
+        external_id: row.try_get("external_id")?,
+        subject: row.try_get("subject")?,
+        label: row.try_get("label")?,
+        labels: from_json(row.try_get("labels")?)?.unwrap_or_default(),
+    })
+}
+
+fn read_entry(row: &SqliteRow) -> Result<Entry, StoreError> {
+    let attributes = ShapeAttributes {
         external_id: row.try_get("external_id")?,
         subject: row.try_get("subject")?,
         label: row.try_get("label")?,

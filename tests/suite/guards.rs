@@ -164,6 +164,7 @@ fn the_guard_of_the_layers_sees_a_bad_line() {
 
 /// Every operation of the contract.
 const OPERATIONS: [&str; 48] = [
+const OPERATIONS: [&str; 47] = [
     "DELETE /v1/cohorts/{cohort}",
     "DELETE /v1/cohorts/{cohort}/shapes/{shape}",
     "DELETE /v1/dictionaries/{dictionary}",
@@ -192,6 +193,7 @@ const OPERATIONS: [&str; 48] = [
     "POST /v1/cohorts",
     "POST /v1/cohorts/{cohort}/shapes",
     "POST /v1/cohorts/{cohort}/search",
+    "POST /v1/comparisons",
     "POST /v1/dictionaries",
     "POST /v1/dictionaries/import",
     "POST /v1/dictionaries/{dictionary}/assess",
@@ -212,6 +214,7 @@ const OPERATIONS: [&str; 48] = [
     "POST /v1/pca",
     "POST /v1/project",
     "POST /v1/refine",
+    "POST /v1/regressions",
     "POST /v1/resample",
     // Documented by themselves, not in the document.
     "GET /openapi.json",

@@ -10,6 +10,7 @@ mod generators;
 mod guards;
 mod http_bad_input;
 mod http_classes;
+mod http_comparisons;
 mod http_contract;
 mod http_curves;
 mod http_dictionaries;

@@ -4,6 +4,7 @@ mod catalogue;
 mod classify;
 mod coding;
 mod cohorts;
+mod comparisons;
 mod curves;
 mod dictionaries;
 mod drift;
@@ -11,6 +12,7 @@ mod fitting;
 pub mod jobs;
 mod morph;
 mod retrieval;
+mod regressions;
 mod settings;
 mod shapes;
 mod statistics;
@@ -58,6 +60,8 @@ pub(super) fn routes() -> OpenApiRouter<App> {
         .routes(routes!(coding::score))
         .routes(routes!(coding::prior))
         .routes(routes!(coding::sample))
+        .routes(routes!(comparisons::compare))
+        .routes(routes!(regressions::regress))
         .routes(routes!(jobs::list_jobs))
         .routes(routes!(jobs::find_job))
         .routes(routes!(jobs::cancel_job))

@@ -1,0 +1,192 @@
+//! Comparison of groups of shapes.
+
+use axum::extract::State;
+use axum::http::StatusCode;
+use axum::response::Response;
+use serde::Deserialize;
+use tokio::runtime::Handle;
+
+use super::jobs::{JobOutput, accepted};
+use crate::analysis::alignment::Alignment;
+use crate::analysis::correspondence::Mirror;
+use crate::analysis::transformation::{ClassName, Transformation};
+use crate::api::extract::{Format, JsonBody, OnlyFormat, Prefer, parse};
+use crate::api::problem::{Problem, ProblemDocument};
+use crate::api::respond::{compute, json, svg};
+use crate::domain::comparison::Comparison;
+use crate::domain::job::JobStatus;
+use crate::domain::shape::ShapeFilter;
+use crate::formats::InputError;
+use crate::formats::checked::{Checked, document, take_given, take_or_default};
+use crate::service::comparisons::{self, Compare, Grouping, NamedGroup};
+use crate::service::error::Fault;
+use crate::service::jobs::JobContext;
+use crate::service::members::DEFAULT_PERMUTATIONS;
+use crate::service::{App, ServiceError, jobs};
+
+document! {
+    /// Groups to be compared: `groups`, or `by` an attribute.
+    #[schema(example = json!({
+        "cohort": "example-cells", "permutations": 200,
+        "groups": [
+            {"name": "dlm8", "filter": {"labels": {"cell_line": "dlm8", "treatment": "control"}}},
+            {"name": "dunn", "filter": {"labels": {"cell_line": "dunn", "treatment": "control"}}}
+        ]
+    }))]
+    pub(super) struct CompareRequest {
+        /// Id or name of the cohort.
+        #[schema(value_type = String, required = true)]
+        cohort: Checked<String>, required;
+        /// 2 to 50 groups, which share no shape.
+        #[schema(value_type = Option<Vec<NamedGroup>>)]
+        groups: Checked<Vec<NamedGroup>>;
+        /// In place of groups, `label` or `labels.<attribute>`: every value makes a group.
+        #[schema(value_type = Option<String>)]
+        by: Checked<String>;
+        /// With `by`: which shapes; all unless given.
+        #[schema(value_type = Option<ShapeFilter>)]
+        filter: Checked<ShapeFilter>;
+        /// The class that is removed; `similarity` unless given.
+        #[schema(value_type = Option<Transformation>)]
+        transformation: Checked<Transformation>;
+        /// Projection on the class, or Procrustes fits; `projection` unless given.
+        #[schema(value_type = Option<Alignment>)]
+        alignment: Checked<Alignment>;
+        /// Whether mirror images may be matched; the rule of the cohort unless given.
+        #[schema(value_type = Option<Mirror>)]
+        mirror: Checked<Mirror>;
+        /// Relabellings, 0 to 100000; 1000 unless given. When there are no more, all are gone through.
+        #[schema(value_type = Option<usize>, maximum = 100000)]
+        permutations: Checked<usize>;
+        /// Seed of the relabellings that are drawn; 0 unless given.
+        #[schema(value_type = Option<u64>)]
+        seed: Checked<u64>;
+        /// Attributes within whose values labels are exchanged: `subject`, `label`, `labels.<attribute>`, or a list.
+        #[schema(value_type = Option<Vec<String>>)]
+        strata: Checked<Names>;
+        /// Points along the shape at which the effect is answered; as many as control points unless given.
+        #[schema(value_type = Option<usize>, minimum = 1)]
+        samples: Checked<usize>;
+    }
+}
+
+/// One name or a list of them.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Names(pub(super) Vec<String>);
+
+/// By hand: the derived error of an untagged choice says neither where nor what.
+impl<'de> Deserialize<'de> for Names {
+    fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct NamesVisitor;
+        impl<'de> serde::de::Visitor<'de> for NamesVisitor {
+            type Value = Names;
+
+            fn expecting(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+                f.write_str("the name of an attribute or a list of names")
+            }
+
+            fn visit_str<E: serde::de::Error>(self, name: &str) -> Result<Names, E> {
+                Ok(Names(vec![name.to_owned()]))
+            }
+
+            fn visit_seq<A: serde::de::SeqAccess<'de>>(self, list: A) -> Result<Names, A::Error> {
+                Vec::deserialize(serde::de::value::SeqAccessDeserializer::new(list)).map(Names)
+            }
+        }
+        deserializer.deserialize_any(NamesVisitor)
+    }
+}
+
+/// Compares groups of shapes of a cohort.
+///
+/// All shapes are aligned to one mean that knows nothing of the groups. Every two groups: chordal distance of their mean
+/// spaces, distance of their averages, pseudo-F, Hotelling's statistic, the effect along the shape, and sizes, each with
+/// the p value of a permutation test. The answer comes at once when the work is small; else it is a job (202) whose
+/// result it is, and with `Prefer: wait=N` the answer of the job when it ends within `N` seconds, at most 60. As SVG: the
+/// averages over one another, and the effect as colour and width.
+#[utoipa::path(post, path = "/comparisons", tag = "tests", request_body = CompareRequest,
+    params(
+        ("format" = Option<String>, Query, description = "`json` or `svg`"),
+        ("prefer" = Option<String>, Header, description = "`wait=10` waits up to ten seconds for the job")
+    ),
+    responses(
+        (status = 200, description = "The comparison", content((Comparison = "application/json"), (String = "image/svg+xml"))),
+        (status = 202, description = "The job that compares", body = JobOutput, headers(("Location" = String))),
+        (status = 404, description = "No such cohort", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = "4XX", description = "The input was refused, or the job failed in time", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = 503, description = "Too many jobs wait", body = ProblemDocument, content_type = "application/problem+json")
+    ))]
+pub(super) async fn compare(
+    State(app): State<App>,
+    OnlyFormat(format): OnlyFormat,
+    prefer: Prefer,
+    JsonBody(body): JsonBody,
+) -> Result<Response, Problem> {
+    let prepared = comparisons::prepare(&app, compare_of(parse(&body)?)?).await?;
+    if prepared.is_quick() {
+        let handle = Handle::current();
+        return compute(app, move |app| {
+            let comparison = prepared.compare(app, &handle, &JobContext::default())?;
+            match format {
+                Format::Svg => Ok(svg(comparisons::draw(&prepared, &comparison))),
+                Format::Json => json(StatusCode::OK, &comparison),
+            }
+        })
+        .await;
+    }
+    let mut job = prepared.submit(&app).await?;
+    if let Some(time) = prefer.wait {
+        job = jobs::wait(&app, &job.id, time).await?;
+    }
+    match (job.status, job.result.take()) {
+        (JobStatus::Succeeded, Some(result)) => {
+            compute(app, move |_| match format {
+                Format::Json => json(StatusCode::OK, &result),
+                Format::Svg => {
+                    let comparison: Comparison = serde_json::from_value(result)
+                        .map_err(|error| ServiceError::Internal(format!("the result of a job: {error}")))?;
+                    Ok(svg(comparisons::draw(&prepared, &comparison)))
+                }
+            })
+            .await
+        }
+        (JobStatus::Failed, _) => Err(Problem::of_failed(&job)),
+        _ => Ok(accepted(job)?),
+    }
+}
+
+fn compare_of(request: CompareRequest) -> Result<Compare, ServiceError> {
+    let mut errors = request.faults;
+    if request.groups.is_some() == request.by.is_some() {
+        errors.push(InputError::new("", "give one of groups and by"));
+    }
+    if request.groups.is_some() && request.filter.is_some() {
+        errors.push(InputError::new("/filter", "goes with by: every group has its own"));
+    }
+    let cohort = take_given(request.cohort, "/cohort", &mut errors);
+    let groups = take_given(request.groups, "/groups", &mut errors).map(Grouping::Named);
+    let filter = take_or_default(request.filter, "/filter", &mut errors);
+    let by = take_given(request.by, "/by", &mut errors)
+        .zip(filter)
+        .map(|(attribute, filter)| Grouping::By { attribute, filter });
+    let transformation = take_given(request.transformation, "/transformation", &mut errors);
+    let alignment = take_or_default(request.alignment, "/alignment", &mut errors);
+    let mirror = take_given(request.mirror, "/mirror", &mut errors);
+    let permutations = take_given(request.permutations, "/permutations", &mut errors);
+    let seed = take_or_default(request.seed, "/seed", &mut errors);
+    let strata = take_or_default(request.strata, "/strata", &mut errors);
+    let samples = take_given(request.samples, "/samples", &mut errors);
+    ServiceError::unless_empty(errors.into_iter().map(Fault::from).collect())?;
+    let incomplete = || ServiceError::invalid("", "is not complete");
+    Ok(Compare {
+        cohort: cohort.ok_or_else(incomplete)?,
+        grouping: groups.or(by).ok_or_else(incomplete)?,
+        transformation: transformation.unwrap_or(Transformation::Named(ClassName::Similarity)),
+        alignment: alignment.ok_or_else(incomplete)?,
+        mirror,
+        permutations: permutations.unwrap_or(DEFAULT_PERMUTATIONS),
+        seed: seed.ok_or_else(incomplete)?,
+        strata: strata.ok_or_else(incomplete)?.0,
+        samples,
+    })
+}

@@ -1,0 +1,154 @@
+//! Regression of shapes on an attribute.
+
+use axum::extract::State;
+use axum::http::StatusCode;
+use axum::response::Response;
+use tokio::runtime::Handle;
+
+use super::comparisons::Names;
+use super::jobs::{JobOutput, accepted};
+use crate::analysis::alignment::Alignment;
+use crate::analysis::correspondence::Mirror;
+use crate::analysis::transformation::{ClassName, Transformation};
+use crate::api::extract::{Format, JsonBody, OnlyFormat, Prefer, parse};
+use crate::api::problem::{Problem, ProblemDocument};
+use crate::api::respond::{compute, json, svg};
+use crate::domain::job::JobStatus;
+use crate::domain::regression::ShapeRegression;
+use crate::domain::shape::ShapeFilter;
+use crate::formats::checked::{Checked, document, take_given, take_or_default};
+use crate::service::error::Fault;
+use crate::service::jobs::JobContext;
+use crate::service::members::DEFAULT_PERMUTATIONS;
+use crate::service::regressions::{self, Missing, Regress};
+use crate::service::{App, ServiceError, jobs};
+
+document! {
+    /// Shapes to be regressed on an attribute.
+    #[schema(example = json!({
+        "cohort": "example-cells", "attribute": "log_centroid_size", "covariates": ["labels.cell_line"], "permutations": 200
+    }))]
+    pub(super) struct RegressRequest {
+        /// Id or name of the cohort.
+        #[schema(value_type = String, required = true)]
+        cohort: Checked<String>, required;
+        /// Which of its shapes; all unless given.
+        #[schema(value_type = Option<ShapeFilter>)]
+        filter: Checked<ShapeFilter>;
+        /// `labels.<attribute>` with numbers, or `log_centroid_size`.
+        #[schema(value_type = String, required = true)]
+        attribute: Checked<String>, required;
+        /// What is taken out first: `subject`, `label`, `labels.<attribute>` or `log_centroid_size`, at most 20. Numbers
+        /// are one column, categories one for every value but the first.
+        #[schema(value_type = Option<Vec<String>>)]
+        covariates: Checked<Vec<String>>;
+        /// What happens to shapes without a value; `refuse` unless given.
+        #[schema(value_type = Option<Missing>)]
+        missing: Checked<Missing>;
+        /// The class that is removed; `similarity` unless given.
+        #[schema(value_type = Option<Transformation>)]
+        transformation: Checked<Transformation>;
+        /// Projection on the class, or Procrustes fits; `projection` unless given.
+        #[schema(value_type = Option<Alignment>)]
+        alignment: Checked<Alignment>;
+        /// Whether mirror images may be matched; the rule of the cohort unless given.
+        #[schema(value_type = Option<Mirror>)]
+        mirror: Checked<Mirror>;
+        /// Permutations, 0 to 100000; 1000 unless given.
+        #[schema(value_type = Option<usize>, maximum = 100000)]
+        permutations: Checked<usize>;
+        /// Their seed; 0 unless given.
+        #[schema(value_type = Option<u64>)]
+        seed: Checked<u64>;
+        /// Attributes within whose values residuals are exchanged: `subject`, `label`, `labels.<attribute>`, or a list.
+        #[schema(value_type = Option<Vec<String>>)]
+        strata: Checked<Names>;
+    }
+}
+
+/// Regresses the shapes of a cohort on an attribute.
+///
+/// All shapes are aligned to their mean; multivariate linear regression on the attribute after the covariates, with the
+/// p value of a permutation test (with covariates that of Freedman and Lane). The answer comes at once when the work is
+/// small; else it is a job (202) whose result it is, and with `Prefer: wait=N` the answer of the job when it ends within
+/// `N` seconds, at most 60. As SVG: the predicted shapes from low to high values.
+#[utoipa::path(post, path = "/regressions", tag = "tests", request_body = RegressRequest,
+    params(
+        ("format" = Option<String>, Query, description = "`json` or `svg`"),
+        ("prefer" = Option<String>, Header, description = "`wait=10` waits up to ten seconds for the job")
+    ),
+    responses(
+        (status = 200, description = "The regression", content((ShapeRegression = "application/json"), (String = "image/svg+xml"))),
+        (status = 202, description = "The job that regresses", body = JobOutput, headers(("Location" = String))),
+        (status = 404, description = "No such cohort", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = "4XX", description = "The input was refused, or the job failed in time", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = 503, description = "Too many jobs wait", body = ProblemDocument, content_type = "application/problem+json")
+    ))]
+pub(super) async fn regress(
+    State(app): State<App>,
+    OnlyFormat(format): OnlyFormat,
+    prefer: Prefer,
+    JsonBody(body): JsonBody,
+) -> Result<Response, Problem> {
+    let prepared = regressions::prepare(&app, regress_of(parse(&body)?)?).await?;
+    if prepared.is_quick() {
+        let handle = Handle::current();
+        return compute(app, move |app| {
+            let regression = prepared.regress(app, &handle, &JobContext::default())?;
+            match format {
+                Format::Svg => Ok(svg(regressions::draw(&prepared, &regression))),
+                Format::Json => json(StatusCode::OK, &regression),
+            }
+        })
+        .await;
+    }
+    let mut job = prepared.submit(&app).await?;
+    if let Some(time) = prefer.wait {
+        job = jobs::wait(&app, &job.id, time).await?;
+    }
+    match (job.status, job.result.take()) {
+        (JobStatus::Succeeded, Some(result)) => {
+            compute(app, move |_| match format {
+                Format::Json => json(StatusCode::OK, &result),
+                Format::Svg => {
+                    let regression: ShapeRegression = serde_json::from_value(result)
+                        .map_err(|error| ServiceError::Internal(format!("the result of a job: {error}")))?;
+                    Ok(svg(regressions::draw(&prepared, &regression)))
+                }
+            })
+            .await
+        }
+        (JobStatus::Failed, _) => Err(Problem::of_failed(&job)),
+        _ => Ok(accepted(job)?),
+    }
+}
+
+fn regress_of(request: RegressRequest) -> Result<Regress, ServiceError> {
+    let mut errors = request.faults;
+    let cohort = take_given(request.cohort, "/cohort", &mut errors);
+    let filter = take_or_default(request.filter, "/filter", &mut errors);
+    let attribute = take_given(request.attribute, "/attribute", &mut errors);
+    let covariates = take_or_default(request.covariates, "/covariates", &mut errors);
+    let missing = take_or_default(request.missing, "/missing", &mut errors);
+    let transformation = take_given(request.transformation, "/transformation", &mut errors);
+    let alignment = take_or_default(request.alignment, "/alignment", &mut errors);
+    let mirror = take_given(request.mirror, "/mirror", &mut errors);
+    let permutations = take_given(request.permutations, "/permutations", &mut errors);
+    let seed = take_or_default(request.seed, "/seed", &mut errors);
+    let strata = take_or_default(request.strata, "/strata", &mut errors);
+    ServiceError::unless_empty(errors.into_iter().map(Fault::from).collect())?;
+    let incomplete = || ServiceError::invalid("", "is not complete");
+    Ok(Regress {
+        cohort: cohort.ok_or_else(incomplete)?,
+        filter: filter.ok_or_else(incomplete)?,
+        attribute: attribute.ok_or_else(incomplete)?,
+        covariates: covariates.ok_or_else(incomplete)?,
+        missing: missing.ok_or_else(incomplete)?,
+        transformation: transformation.unwrap_or(Transformation::Named(ClassName::Similarity)),
+        alignment: alignment.ok_or_else(incomplete)?,
+        mirror,
+        permutations: permutations.unwrap_or(DEFAULT_PERMUTATIONS),
+        seed: seed.ok_or_else(incomplete)?,
+        strata: strata.ok_or_else(incomplete)?.0,
+    })
+}

@@ -1,0 +1,465 @@
+//! Shapes of a stored cohort that take part in a test: what is known about them, and their geometry, aligned to one mean.
+
+use std::collections::{BTreeMap, BTreeSet, HashMap};
+
+use rayon::prelude::*;
+use serde_json::Value;
+use tokio::runtime::Handle;
+
+use super::compute::{Settings, Setup};
+use super::error::Fault;
+use super::{App, ServiceError};
+use crate::analysis::accumulate::{ShapesInMemory, map_shapes};
+use crate::analysis::alignment::{Alignment, MeanShape, align, mean_shape, unwhitened};
+use crate::analysis::correspondence::Mirror;
+use crate::analysis::frame::Frame;
+use crate::analysis::metric::norm;
+use crate::analysis::transformation::Transformation;
+use crate::domain::cohort::Cohort;
+use crate::domain::comparison::SizeMeasure;
+use crate::domain::dictionary::{MeanRecord, rows_of};
+use crate::domain::shape::{ShapeDescription, ShapeFilter};
+use crate::geometry::curve::Curve;
+use crate::geometry::measures;
+use crate::numeric::dense::Matrix;
+use crate::numeric::quadrature::GaussLegendre;
+use crate::store::{Ids, Revisions};
+
+/// Tests of at most this predicted time are answered at once; longer ones become jobs.
+pub(super) const AT_ONCE_SECONDS: f64 = 3.0;
+
+/// Most relabellings of a test.
+pub const MOST_PERMUTATIONS: usize = 100_000;
+
+/// Relabellings unless told otherwise.
+pub const DEFAULT_PERMUTATIONS: usize = 1000;
+
+/// Ids that a fault names: enough to look, few enough to read.
+const NAMED_IDS: usize = 5;
+
+/// Shapes that are looked through for the names of attributes.
+const LOOKED_THROUGH: usize = 10_000;
+
+/// Weights of one test differ by at most this factor: beyond it one shape is all that counts, and digits are lost.
+const WEIGHT_RATIO: f64 = 1e9;
+
+/// Sizes beyond this leave the range in which squares of them are exact.
+const LARGEST_SIZE: f64 = 1e100;
+
+/// Gauss nodes of the area, exact for products of generators.
+const NODES: usize = 12;
+
+/// Something that is known about shapes, by its name in requests.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) enum Attribute {
+    Subject,
+    Label,
+    Labels(String),
+}
+
+impl Attribute {
+    /// From `subject`, `label` or `labels.<attribute>`.
+    pub(super) fn parse(text: &str) -> Option<Self> {
+        match text {
+            "subject" => Some(Self::Subject),
+            "label" => Some(Self::Label),
+            other => other
+                .strip_prefix("labels.")
+                .filter(|name| !name.is_empty())
+                .map(|name| Self::Labels(name.into())),
+        }
+    }
+
+    /// What [`Self::parse`] wants.
+    pub(super) const WANTED: &str = "must be 'subject', 'label' or 'labels.<attribute>'";
+
+    /// The value as text, as filters see it.
+    pub(super) fn text(&self, shape: &ShapeDescription) -> Option<String> {
+        match self {
+            Self::Subject => shape.subject.clone(),
+            Self::Label => shape.label.clone(),
+            Self::Labels(name) => match shape.labels.get(name)? {
+                Value::Null => None,
+                Value::String(text) => Some(text.clone()),
+                other => Some(other.to_string()),
+            },
+        }
+    }
+
+    /// The value, when it is a number.
+    pub(super) fn number(&self, shape: &ShapeDescription) -> Option<f64> {
+        match self {
+            Self::Subject | Self::Label => None,
+            Self::Labels(name) => shape.labels.get(name)?.as_f64().filter(|value| value.is_finite()),
+        }
+    }
+}
+
+/// What is known about the shapes that pass a filter, in the order of the store.
+///
+/// # Errors
+/// More than a request may have, at `pointer`.
+pub(super) async fn describe(
+    app: &App,
+    cohort: &Cohort,
+    filter: &ShapeFilter,
+    pointer: &str,
+) -> Result<Vec<ShapeDescription>, ServiceError> {
+    let (revisions, most) = (Revisions::until(cohort.revision), app.limits.shapes);
+    let found = app.store.describe_shapes(&cohort.id, revisions, filter, most + 1).await?;
+    if found.len() > most {
+        return Err(ServiceError::invalid(
+            pointer,
+            format!("selects more than {most} shapes, the most of a test"),
+        ));
+    }
+    Ok(found)
+}
+
+/// A sentence about the attributes that there are.
+pub(super) async fn known_attributes(app: &App, cohort: &Cohort) -> Result<String, ServiceError> {
+    let (revisions, all) = (Revisions::until(cohort.revision), ShapeFilter::default());
+    let shapes = app.store.describe_shapes(&cohort.id, revisions, &all, LOOKED_THROUGH).await?;
+    let mut names: BTreeSet<String> =
+        shapes.iter().flat_map(|shape| shape.labels.keys().map(|key| format!("labels.{key}"))).collect();
+    for (name, has) in [
+        ("label", shapes.iter().any(|shape| shape.label.is_some())),
+        ("subject", shapes.iter().any(|shape| shape.subject.is_some())),
+    ] {
+        if has {
+            names.insert(name.into());
+        }
+    }
+    let names: Vec<String> = names.into_iter().collect();
+    Ok(match names.as_slice() {
+        [] => format!("the shapes of '{}' have no attributes", cohort.name),
+        names => format!("the shapes of '{}' have {}", cohort.name, names.join(", ")),
+    })
+}
+
+/// What a client calls a shape.
+pub(super) fn name_of(shape: &ShapeDescription) -> &str {
+    shape.external_id.as_deref().unwrap_or(&shape.id)
+}
+
+/// The names of the first few shapes.
+pub(super) fn first_names<'a>(shapes: impl Iterator<Item = &'a ShapeDescription>) -> String {
+    let mut names: Vec<&str> = shapes.take(NAMED_IDS + 1).map(name_of).collect();
+    if names.len() > NAMED_IDS {
+        names[NAMED_IDS] = "…";
+    }
+    names.join(", ")
+}
+
+/// The stratum of every shape: shapes with equal values of all attributes share one.
+///
+/// # Errors
+/// Shapes without one of the attributes, at `/strata`.
+pub(super) fn strata(names: &[String], shapes: &[ShapeDescription]) -> Result<Vec<usize>, ServiceError> {
+    let mut faults = Vec::new();
+    let mut keys = vec![Vec::new(); shapes.len()];
+    for name in names {
+        let Some(attribute) = Attribute::parse(name) else {
+            faults.push(Fault::new("/strata", format!("'{name}' {}", Attribute::WANTED)));
+            continue;
+        };
+        let without: Vec<_> = shapes.iter().filter(|shape| attribute.text(shape).is_none()).collect();
+        if !without.is_empty() {
+            let (count, first) = (without.len(), first_names(without.into_iter()));
+            let detail = format!("{count} of {} shapes have no {name}: {first}", shapes.len());
+            faults.push(Fault::new("/strata", detail));
+        }
+        for (key, shape) in keys.iter_mut().zip(shapes) {
+            key.push(attribute.text(shape));
+        }
+    }
+    ServiceError::unless_empty(faults)?;
+    let mut numbers = BTreeMap::new();
+    Ok(keys
+        .into_iter()
+        .map(|key| {
+            let next = numbers.len();
+            *numbers.entry(key).or_insert(next)
+        })
+        .collect())
+}
+
+/// How the shapes of `cohort` are aligned for a test: the mean depends on the subspaces alone where the class allows it,
+/// so that no statistic changes when shapes are moved by members of the class.
+pub(super) fn settings(
+    cohort: &Cohort,
+    transformation: &Transformation,
+    alignment: Alignment,
+    mirror: Mirror,
+) -> Settings {
+    Settings {
+        representation: cohort.representation.clone(),
+        correspondence: cohort.correspondence,
+        direction: cohort.direction,
+        mirror,
+        transformation: transformation.clone(),
+        alignment,
+        frame: match transformation {
+            Transformation::Named(_) => Frame::Canonical,
+            Transformation::Custom(_) => Frame::Training,
+        },
+    }
+}
+
+/// The cohort as it was when a test was asked for.
+///
+/// # Errors
+/// [`ServiceError::NotFound`].
+pub(super) fn cohort_at(app: &App, handle: &Handle, id: &str, revision: u64) -> Result<Cohort, ServiceError> {
+    let cohort = handle.block_on(app.store.find_cohort(id))?;
+    let cohort = cohort.ok_or_else(|| ServiceError::NotFound { kind: "cohort", key: id.into() })?;
+    Ok(Cohort { revision, ..cohort })
+}
+
+/// Shapes aligned to their mean.
+pub(super) struct Aligned {
+    /// The mean; its placements are those of the shapes.
+    pub(super) mean: MeanShape,
+    /// Prepared shapes as they were laid on the mean, one a column, whitened.
+    pub(super) placed: Matrix,
+    /// Aligned shapes, one a column, whitened.
+    pub(super) aligned: Matrix,
+    /// Positive weights.
+    pub(super) weights: Vec<f64>,
+    /// What sizes there are.
+    pub(super) measures: Vec<SizeMeasure>,
+    /// Sizes, a measure a row.
+    pub(super) sizes: Matrix,
+    /// Sizes that were left out.
+    pub(super) warnings: Vec<String>,
+}
+
+/// Reads `shapes` through `filters`, which together select them all, and aligns them.
+///
+/// # Errors
+/// Degenerate shapes by their ids; [`ServiceError::Cancelled`].
+pub(super) fn read_and_align(
+    app: &App,
+    handle: &Handle,
+    (cohort, filters): (&Cohort, &[ShapeFilter]),
+    shapes: &[ShapeDescription],
+    setup: &Setup,
+    stop: &(dyn Fn() -> bool + Sync),
+) -> Result<Aligned, ServiceError> {
+    let (control_points, weights) = read(app, handle, (cohort, filters), shapes, setup.metric.len(), stop)?;
+    check_weights(&weights)?;
+    let (measures, sizes, warnings) = sizes_of(setup, &control_points);
+    let named = |error| named(error, shapes, &cohort.name);
+    let Setup { metric, method, frame, matching, .. } = setup;
+    let source = ShapesInMemory::new(metric, method.translates(), control_points, weights.clone())
+        .map_err(|error| named(error.into()))?;
+    if stop() {
+        return Err(ServiceError::Cancelled);
+    }
+    let mean = mean_shape(&source, metric, method, *frame, matching).map_err(|error| named(error.into()))?;
+    let origin = vec![0.0; metric.dimension()];
+    let columns = map_shapes(&source, |k, x, _| {
+        let placement = mean.placements[k];
+        let aligned = align(method, matching, &mean.whitened, x, &origin, placement).map_err(|e| e.at(k))?;
+        Ok((matching.place(x, placement).into_owned(), aligned.whitened))
+    })
+    .map_err(|error| named(error.into()))?;
+    let mut placed = Matrix::zeros(metric.len(), columns.len());
+    let mut aligned = placed.clone();
+    for (k, (laid, moved)) in columns.into_iter().enumerate() {
+        placed.column_mut(k).copy_from_slice(&laid);
+        aligned.column_mut(k).copy_from_slice(&moved);
+    }
+    Ok(Aligned { mean, placed, aligned, weights, measures, sizes, warnings })
+}
+
+/// Control points and weights of the shapes, in their order.
+fn read(
+    app: &App,
+    handle: &Handle,
+    (cohort, filters): (&Cohort, &[ShapeFilter]),
+    shapes: &[ShapeDescription],
+    length: usize,
+    stop: &(dyn Fn() -> bool + Sync),
+) -> Result<(Vec<f64>, Vec<f64>), ServiceError> {
+    let places: HashMap<&str, usize> = shapes.iter().enumerate().map(|(k, s)| (s.id.as_str(), k)).collect();
+    let mut control_points = vec![0.0; shapes.len() * length];
+    let (mut weights, mut left) = (vec![0.0; shapes.len()], shapes.len());
+    for filter in filters {
+        let mut position = None;
+        loop {
+            if stop() {
+                return Err(ServiceError::Cancelled);
+            }
+            let revisions = Revisions::until(cohort.revision);
+            let scan = app.store.scan(&cohort.id, revisions, filter, position, Ids::Include);
+            let Some(batch) = handle.block_on(scan)? else { break };
+            position = Some(batch.position);
+            let rows = batch.control_points.chunks_exact(length).zip(&batch.weights);
+            for (id, (row, &weight)) in batch.ids.iter().zip(rows) {
+                if let Some(&k) = places.get(id.as_str()) {
+                    control_points[k * length..(k + 1) * length].copy_from_slice(row);
+                    left -= usize::from(weights[k] == 0.0);
+                    weights[k] = weight;
+                }
+            }
+        }
+    }
+    if left > 0 {
+        return Err(ServiceError::Internal(format!("{left} shapes of a test are not in the store")));
+    }
+    Ok((control_points, weights))
+}
+
+fn check_weights(weights: &[f64]) -> Result<(), ServiceError> {
+    let smallest = weights.iter().copied().fold(f64::MAX, f64::min);
+    let largest = weights.iter().copied().fold(0.0, f64::max);
+    if largest <= WEIGHT_RATIO * smallest {
+        return Ok(());
+    }
+    let detail = format!(
+        "has weights from {smallest:.1e} to {largest:.1e}: those of one test may differ by a factor of {WEIGHT_RATIO:.0e}"
+    );
+    Err(ServiceError::invalid("/cohort", detail))
+}
+
+/// Errors of statistics name the shape: its id is what the client knows.
+fn named(error: ServiceError, shapes: &[ShapeDescription], cohort: &str) -> ServiceError {
+    let ServiceError::DegenerateShape(faults) = error else { return error };
+    let named = |fault: Fault| {
+        let name = fault.index.and_then(|k| shapes.get(k)).map_or("", name_of);
+        let detail = format!("{} (shape '{name}' of the cohort '{cohort}')", fault.detail);
+        Fault { pointer: String::new(), detail, ..fault }
+    };
+    ServiceError::DegenerateShape(faults.into_iter().map(named).collect())
+}
+
+/// The sizes that the shapes of a space have, a measure a row, and what was left out.
+fn sizes_of(setup: &Setup, control_points: &[f64]) -> (Vec<SizeMeasure>, Matrix, Vec<String>) {
+    let representation = setup.space.representation();
+    let curves = setup.space.generator().is_some();
+    let encloses = curves && representation.is_closed() && representation.dimension() == 2;
+    let mut measures: Vec<SizeMeasure> =
+        [(SizeMeasure::Area, encloses), (SizeMeasure::Length, curves), (SizeMeasure::CentroidSize, true)]
+            .into_iter()
+            .filter_map(|(measure, exists)| exists.then_some(measure))
+            .collect();
+    let rule = GaussLegendre::new(NODES);
+    let of_shape = |shape: &[f64]| -> Vec<f64> {
+        let matrix = Matrix::from_column_slice(setup.metric.size(), setup.metric.dimension(), shape);
+        let curve = Curve::of(&setup.space, &matrix);
+        let size = |measure: &SizeMeasure| match (measure, &curve) {
+            (SizeMeasure::Area, Some(curve)) => measures::signed_area(curve, &rule).abs(),
+            (SizeMeasure::Length, Some(curve)) => measures::length(curve, &rule),
+            _ => centroid_size(setup, shape),
+        };
+        measures.iter().map(size).collect()
+    };
+    let values: Vec<Vec<f64>> = control_points.par_chunks_exact(setup.metric.len()).map(of_shape).collect();
+    let fits = |m: usize| values.iter().all(|sizes| sizes[m].abs() <= LARGEST_SIZE);
+    let kept: Vec<usize> = (0..measures.len()).filter(|&m| fits(m)).collect();
+    let sizes = Matrix::from_fn(kept.len(), values.len(), |m, k| values[k][kept[m]]);
+    let mut warnings = Vec::new();
+    if kept.len() < measures.len() {
+        warnings.push(format!("sizes beyond {LARGEST_SIZE:.0e} are not compared"));
+    }
+    measures = kept.into_iter().map(|m| measures[m]).collect();
+    (measures, sizes, warnings)
+}
+
+/// `L₂` norm about the mean position.
+fn centroid_size(setup: &Setup, shape: &[f64]) -> f64 {
+    let mut shape = shape.to_vec();
+    setup.metric.centre(&mut shape);
+    setup.metric.whiten(&mut shape);
+    norm(&shape)
+}
+
+/// Parameters of `samples` points along the shapes of a space: all landmarks where there is no curve.
+pub(super) fn parameters(setup: &Setup, samples: usize) -> Vec<f64> {
+    let zero = Matrix::zeros(setup.metric.size(), setup.metric.dimension());
+    match Curve::of(&setup.space, &zero) {
+        Some(curve) => curve.parameters(samples),
+        None => (0..setup.metric.size()).map(|k| k as f64).collect(),
+    }
+}
+
+/// Whitened shapes at points along them, coordinate-major, one a column.
+pub(super) fn points_of(setup: &Setup, whitened: &Matrix, parameters: &[f64]) -> Matrix {
+    let (size, dimension) = (setup.metric.size(), setup.metric.dimension());
+    let columns: Vec<&[f64]> = whitened.as_slice().chunks_exact(setup.metric.len()).collect();
+    let points: Vec<Vec<f64>> = columns
+        .par_iter()
+        .map(|shape| {
+            let control_points = unwhitened(&setup.metric, shape);
+            let matrix = Matrix::from_column_slice(size, dimension, &control_points);
+            match Curve::of(&setup.space, &matrix) {
+                Some(curve) => curve.evaluate_all(parameters, 0),
+                None => control_points,
+            }
+        })
+        .collect();
+    let rows = parameters.len() * dimension;
+    Matrix::from_iterator(rows, points.len(), points.into_iter().flatten())
+}
+
+/// Weighted mean of columns, about the first one so that no digits cancel.
+pub(super) fn average(columns: &Matrix, weights: &[f64], members: &[usize]) -> Vec<f64> {
+    let first = columns.column(members[0]);
+    let total: f64 = members.iter().map(|&k| weights[k]).sum();
+    let mut sum = vec![0.0; columns.nrows()];
+    for &k in members {
+        let column = columns.column(k);
+        let differences = column.iter().zip(first.iter()).map(|(value, first)| value - first);
+        sum.iter_mut().zip(differences).for_each(|(sum, difference)| *sum += weights[k] * difference);
+    }
+    sum.iter().zip(first.iter()).map(|(sum, first)| first + sum / total).collect()
+}
+
+/// Weighted mean and standard deviation of numbers.
+pub(super) fn mean_and_deviation(values: &[f64], weights: &[f64]) -> (f64, f64) {
+    let total: f64 = weights.iter().sum();
+    let first = values[0];
+    let mean = first + values.iter().zip(weights).map(|(x, w)| w * (x - first)).sum::<f64>() / total;
+    let squares = values.iter().zip(weights).map(|(x, w)| w * (x - mean).powi(2)).sum::<f64>();
+    let n = values.len() as f64;
+    (mean, (squares / total * n / (n - 1.0)).sqrt())
+}
+
+/// The record of a mean.
+pub(super) fn mean_record(mean: &MeanShape, dimension: usize) -> MeanRecord {
+    MeanRecord {
+        control_points: rows_of(&mean.control_points, dimension),
+        eigenvalues: mean.eigenvalues.clone(),
+        gap: mean.gap,
+        unique: mean.unique,
+        converged: mean.converged,
+    }
+}
+
+/// What a reader should know of the mean of all shapes.
+pub(super) fn mean_warnings(mean: &MeanShape) -> Vec<String> {
+    let mut warnings = Vec::new();
+    if mean.unique == Some(false) {
+        warnings.push(
+            "the pooled mean is not unique: the eigenvalue gap is below 1e-6 of the total weight".into(),
+        );
+    }
+    if !mean.converged {
+        warnings.push(format!("the pooled mean has not converged after {} rounds", mean.rounds));
+    }
+    warnings
+}
+
+/// Warns when shapes of one subject are counted as if they knew nothing of one another.
+pub(super) fn subject_warning(shapes: &[ShapeDescription]) -> Option<String> {
+    let subjects: Vec<&str> = shapes.iter().filter_map(|shape| shape.subject.as_deref()).collect();
+    let distinct = subjects.iter().collect::<BTreeSet<_>>().len();
+    (distinct < subjects.len()).then(|| {
+        format!(
+            "{} shapes are of {distinct} subjects: shapes of one subject are not independent, and p values that treat them \
+             so are too small",
+            subjects.len()
+        )
+    })
+}

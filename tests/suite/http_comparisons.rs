@@ -1,0 +1,1 @@
+//! Comparisons and regressions over HTTP against the real program.
