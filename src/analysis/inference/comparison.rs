@@ -411,15 +411,17 @@ fn difference(sample: &Sample, labels: &[usize]) -> Vec<f64> {
 
 #[cfg(test)]
 mod tests {
+    use rand::RngExt;
+
+    use super::super::permutation::stream;
     use super::*;
 
     fn go_on() -> bool {
         false
     }
 
-    /// Numbers without a pattern.
     fn noise(i: usize, k: usize) -> f64 {
-        ((i * 7919 + k * 104_729 + i * k * 31) as f64 * 0.618_034).fract() - 0.5
+        stream(17, 1000 * i + k).random_range(-0.5..0.5)
     }
 
     fn sample(rows: usize, shapes: usize, shift: f64) -> Sample {

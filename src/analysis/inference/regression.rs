@@ -256,10 +256,12 @@ fn beside(basis: &[Vec<f64>], column: &[f64], roots: &[f64]) -> Option<(Vec<f64>
 
 #[cfg(test)]
 mod tests {
+    use rand::RngExt;
+
     use super::*;
 
     fn noise(i: usize, k: usize) -> f64 {
-        ((i * 7919 + k * 104_729 + i * k * 31) as f64 * 0.618_034).fract() - 0.5
+        stream(17, 1000 * i + k).random_range(-0.5..0.5)
     }
 
     fn regress(y: &Matrix, covariates: &[Vec<f64>], attribute: &[f64], weights: &[f64]) -> Regression {

@@ -85,7 +85,7 @@ mod tests {
     #[test]
     fn coordinates_keep_distances_on_both_routes() {
         for (length, count) in [(7, 5), (3, 9)] {
-            let vectors = Matrix::from_fn(length, count, |i, k| ((i * 5 + k * k + 3) as f64).sin());
+            let vectors = Matrix::from_fn(length, count, |i, k| ((i + 1) as f64 * (k * k + 2) as f64).sin());
             let weights: Vec<f64> = (0..count).map(|k| 1.0 + 0.5 * k as f64).collect();
             let span = Span::new(&vectors, &weights).unwrap();
             assert_eq!(span.eigenvalues.len(), length.min(count - 1));
