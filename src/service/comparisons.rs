@@ -11,7 +11,7 @@ use super::compute::Setup;
 use super::error::Fault;
 use super::estimate::{Estimate, TestWork};
 use super::jobs::{JobContext, Outcome};
-use super::members::{self, Aligned, Attribute, MOST_PERMUTATIONS};
+use super::members::{self, Aligned, Attribute, KnownAttributes, MOST_PERMUTATIONS};
 use super::{App, ServiceError, cohorts, jobs};
 use crate::analysis::accumulate::ShapesInMemory;
 use crate::analysis::alignment::{Alignment, Method, unwhitened};
@@ -290,8 +290,8 @@ async fn too_few(
     group: &NamedGroup,
     found: usize,
 ) -> Result<Vec<Fault>, ServiceError> {
-    let known = members::known_attributes(app, cohort).await?;
-    let listed = |key: &str| known.split([' ', ',']).any(|word| word == format!("labels.{key}"));
+    let known = KnownAttributes::of(app, cohort).await?;
+    let listed = |key: &str| known.contains(&format!("labels.{key}"));
     let unknown: Vec<&String> = group.filter.labels.keys().filter(|key| !listed(key)).collect();
     if found == 0 && !unknown.is_empty() {
         return Ok(unknown
@@ -351,7 +351,7 @@ async fn members_by(
         },
     );
     if values.len() < 2 || values.len() > MOST_GROUPS {
-        let known = members::known_attributes(app, cohort).await?;
+        let known = KnownAttributes::of(app, cohort).await?;
         let detail = match values.len() {
             0 => format!("none of {all} shapes has {by}: {known}"),
             1 => format!("all shapes that have {by} have the same value: there is one group"),
@@ -423,7 +423,7 @@ impl Members {
                 ));
             }
         }
-        warnings.extend(members::subject_warning(&self.shapes));
+        warnings.extend(members::subject_warning(&self.shapes, &plan.strata));
         if self.left_out > 0 {
             warnings
                 .push(format!("{} shapes have no value of the attribute and are left out", self.left_out));

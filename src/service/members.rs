@@ -116,25 +116,44 @@ pub(super) async fn describe(
     Ok(found)
 }
 
-/// A sentence about the attributes that there are.
-pub(super) async fn known_attributes(app: &App, cohort: &Cohort) -> Result<String, ServiceError> {
-    let (revisions, all) = (Revisions::until(cohort.revision), ShapeFilter::default());
-    let shapes = app.store.describe_shapes(&cohort.id, revisions, &all, LOOKED_THROUGH).await?;
-    let mut names: BTreeSet<String> =
-        shapes.iter().flat_map(|shape| shape.labels.keys().map(|key| format!("labels.{key}"))).collect();
-    for (name, has) in [
-        ("label", shapes.iter().any(|shape| shape.label.is_some())),
-        ("subject", shapes.iter().any(|shape| shape.subject.is_some())),
-    ] {
-        if has {
-            names.insert(name.into());
+/// The names of the attributes that there are.
+pub(super) struct KnownAttributes(BTreeSet<String>);
+
+impl KnownAttributes {
+    /// Of the shapes of `cohort`.
+    ///
+    /// # Errors
+    /// A failure of the store.
+    pub(super) async fn of(app: &App, cohort: &Cohort) -> Result<Self, ServiceError> {
+        let (revisions, all) = (Revisions::until(cohort.revision), ShapeFilter::default());
+        let shapes = app.store.describe_shapes(&cohort.id, revisions, &all, LOOKED_THROUGH).await?;
+        let labels = |shape: &ShapeDescription| {
+            shape.labels.keys().map(|key| format!("labels.{key}")).collect::<Vec<_>>()
+        };
+        let mut names: BTreeSet<String> = shapes.iter().flat_map(labels).collect();
+        for attribute in ["label", "subject"] {
+            let known = Attribute::parse(attribute);
+            if shapes.iter().any(|shape| known.as_ref().is_some_and(|known| known.text(shape).is_some())) {
+                names.insert(attribute.into());
+            }
         }
+        Ok(Self(names))
     }
-    let names: Vec<String> = names.into_iter().collect();
-    Ok(match names.as_slice() {
-        [] => format!("the shapes of '{}' have no attributes", cohort.name),
-        names => format!("the shapes of '{}' have {}", cohort.name, names.join(", ")),
-    })
+
+    /// Whether there is an attribute with this name.
+    pub(super) fn contains(&self, name: &str) -> bool {
+        self.0.contains(name)
+    }
+}
+
+impl std::fmt::Display for KnownAttributes {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        if self.0.is_empty() {
+            return f.write_str("the shapes of the cohort have no attributes");
+        }
+        let names: Vec<&str> = self.0.iter().map(String::as_str).collect();
+        write!(f, "the shapes of the cohort have {}", names.join(", "))
+    }
 }
 
 /// What a client calls a shape.
@@ -451,8 +470,11 @@ pub(super) fn mean_warnings(mean: &MeanShape) -> Vec<String> {
     warnings
 }
 
-/// Warns when shapes of one subject are counted as if they knew nothing of one another.
-pub(super) fn subject_warning(shapes: &[ShapeDescription]) -> Option<String> {
+/// Warns when shapes of one subject are counted as if they knew nothing of one another; strata may say otherwise.
+pub(super) fn subject_warning(shapes: &[ShapeDescription], strata: &[String]) -> Option<String> {
+    if strata.iter().any(|name| name == "subject") {
+        return None;
+    }
     let subjects: Vec<&str> = shapes.iter().filter_map(|shape| shape.subject.as_deref()).collect();
     let distinct = subjects.iter().collect::<BTreeSet<_>>().len();
     (distinct < subjects.len()).then(|| {

@@ -12,7 +12,7 @@ use super::compute::Setup;
 use super::error::{Fault, MAX_FAULTS};
 use super::estimate::{Estimate, TestWork};
 use super::jobs::{JobContext, Outcome};
-use super::members::{self, Aligned, Attribute, MOST_PERMUTATIONS};
+use super::members::{self, Aligned, Attribute, KnownAttributes, MOST_PERMUTATIONS};
 use super::{App, ServiceError, cohorts, jobs};
 use crate::analysis::alignment::{Alignment, unwhitened};
 use crate::analysis::correspondence::Mirror;
@@ -194,7 +194,7 @@ async fn prepare_plan(app: &App, cohort: Cohort, plan: Plan) -> Result<Prepared,
     let described = members::describe(app, &cohort, &plan.filter, "/filter").await?;
     let all = described.len();
     if all == 0 {
-        let known = members::known_attributes(app, &cohort).await?;
+        let known = KnownAttributes::of(app, &cohort).await?;
         return Err(ServiceError::invalid("/filter", format!("selects no shape: {known}")));
     }
     let shapes = plan.complete(app, &cohort, described).await?;
@@ -276,7 +276,7 @@ impl Plan {
             }
         }
         if !unknown.is_empty() {
-            let known = members::known_attributes(app, cohort).await?;
+            let known = KnownAttributes::of(app, cohort).await?;
             let fault =
                 |(name, pointer)| Fault::new(pointer, format!("none of {all} shapes has {name}: {known}"));
             return ServiceError::unless_empty(unknown.into_iter().map(fault).collect()).map(|()| Vec::new());
@@ -487,7 +487,7 @@ impl Prepared {
             score: score(k),
         });
         let mut warnings = members::mean_warnings(&aligned.mean);
-        warnings.extend(members::subject_warning(&self.shapes).filter(|_| self.plan.strata.is_empty()));
+        warnings.extend(members::subject_warning(&self.shapes, &self.plan.strata));
         if self.left_out > 0 {
             warnings.push(format!("{} shapes lack a value and are left out", self.left_out));
         }

@@ -408,6 +408,37 @@ async fn shapes_are_listed_in_pages() {
 }
 
 #[tokio::test]
+async fn descriptions_are_those_of_a_revision() {
+    let (_folder, store, cohort) = with_cohort().await;
+    let labelled = |number: usize, label: &str| {
+        let mut shape = named(number, &number.to_string());
+        shape.attributes.label = Some(label.into());
+        shape.attributes.labels = BTreeMap::from([("age".to_owned(), json!(number))]);
+        shape
+    };
+    let shapes: Vec<NewShape> = (0..6).map(|k| labelled(k, if k % 2 == 0 { "a" } else { "b" })).collect();
+    let first = store_all(&store, &cohort, shapes).await;
+    let second = store_all(&store, &cohort, vec![labelled(6, "a")]).await;
+    let describe = async |revision: u64, filter: &ShapeFilter, limit: usize| {
+        let revisions = Revisions::until(revision);
+        let found = store.describe_shapes(&cohort.id, revisions, filter, limit).await.unwrap();
+        found.into_iter().map(|shape| (shape.id, shape.labels["age"].clone())).collect::<Vec<_>>()
+    };
+    let (all, a) =
+        (ShapeFilter::default(), ShapeFilter { label: Some("a".into()), ..ShapeFilter::default() });
+    let before = describe(first, &all, 100).await;
+    assert_eq!(
+        before.iter().map(|(_, age)| age.clone()).collect::<Vec<_>>(),
+        (0..6).map(|k| json!(k)).collect::<Vec<_>>()
+    );
+    assert_eq!(describe(second, &a, 100).await.len(), 4);
+    assert_eq!(describe(second, &all, 3).await, before[..3]);
+    store.delete_shape(&cohort.id, &before[0].0, 30).await.unwrap();
+    assert_eq!(describe(first, &all, 100).await, before, "what was deleted later is seen");
+    assert_eq!(describe(second + 1, &a, 100).await.len(), 3);
+}
+
+#[tokio::test]
 async fn filters_compare_attributes_as_text() {
     let (_folder, store, cohort) = with_cohort().await;
     let attributes = [
