@@ -343,6 +343,10 @@ async fn members_by(
     let attribute = Attribute::parse(by).ok_or_else(|| at(Attribute::WANTED.into()))?;
     let described = members::describe(app, cohort, filter, "/filter").await?;
     let all = described.len();
+    if all == 0 {
+        let known = KnownAttributes::of(app, cohort).await?;
+        return Err(ServiceError::invalid("/filter", format!("selects no shape: {known}")));
+    }
     let values: BTreeMap<String, usize> = described.iter().filter_map(|shape| attribute.text(shape)).fold(
         BTreeMap::new(),
         |mut counts, value| {

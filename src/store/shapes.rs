@@ -244,7 +244,7 @@ impl Store {
         let cohort = cohorts::number(&mut read, cohort_id).await?;
         let selection = Selection { cohort, revisions, filter, after: (0, -1) };
         let rows = selection.page(COLUMNS, limit).build().fetch_all(&mut *read).await?;
-        rows.iter().map(read_description).collect()
+        blocking(move || rows.iter().map(read_description).collect()).await
     }
 
     /// Number of shapes of the cohort between the revisions that pass the filter.

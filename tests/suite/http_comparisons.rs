@@ -444,6 +444,11 @@ fn comparisons_refuse_what_cannot_be_compared() {
             vec!["/groups/1/filter/colour"],
         ),
         ("by nothing", by("labels.age"), vec!["/by"]),
+        (
+            "by none",
+            json!({"cohort": "example-cells", "by": "label", "filter": {"label": "none"}}),
+            vec!["/filter"],
+        ),
         ("by subject", by("subject"), vec!["/by"]),
         ("by a word", by("treatment"), vec!["/by"]),
         ("permutations", with("permutations", json!(100_001)), vec!["/permutations"]),
