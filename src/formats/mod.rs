@@ -10,8 +10,8 @@
 //! * [`plot`] — graphs of functions.
 
 pub mod checked;
-pub mod matrix;
 pub mod effect;
+pub mod matrix;
 pub mod ndjson;
 pub mod plot;
 pub mod representation;

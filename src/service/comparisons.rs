@@ -704,7 +704,7 @@ pub fn run(app: &App, handle: &Handle, job: &Job, context: &JobContext) -> Resul
     let comparison = prepared.compare(app, handle, context)?;
     let result = serde_json::to_value(&comparison)
         .map_err(|error| ServiceError::Internal(format!("a comparison is not JSON: {error}")))?;
-    Ok(Outcome { result, dictionary: None })
+    Ok(Outcome { result, dictionary: None, output: None })
 }
 
 /// Colours of the groups of a drawing, over and over (colour-blind safe).

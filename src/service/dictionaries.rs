@@ -105,7 +105,7 @@ pub async fn plan(app: &App, learn: Learn) -> Result<Planned, ServiceError> {
     let shapes = app.store.count(&cohort.id, revisions, &plan.filter).await?;
     check_count(&plan, since, shapes)?;
     if let Some(classifier) = &plan.classifier {
-        check_classifier(app, &plan, classifier, shapes).await?;
+        check_classifier(app, &cohort, &plan, classifier, shapes).await?;
     }
     let task_app = app.clone();
     app.pool
@@ -141,12 +141,13 @@ pub async fn plan(app: &App, learn: Learn) -> Result<Planned, ServiceError> {
 /// Checks that the shapes have classes that can be told apart, and that they fit into memory.
 async fn check_classifier(
     app: &App,
+    cohort: &Cohort,
     plan: &Plan,
     settings: &ClassifierSettings,
     shapes: u64,
 ) -> Result<(), ServiceError> {
     let attribute = &settings.attribute;
-    let membership = Membership::read(app, &plan.cohort, plan.revision, &plan.filter, attribute).await?;
+    let membership = Membership::read(app, cohort, &plan.filter, attribute).await?;
     let mut faults = membership.faults(settings);
     let found = usize::try_from(shapes).unwrap_or(usize::MAX);
     // The smallest part of the shapes that something is learnt from.

@@ -269,8 +269,7 @@ impl Task<'_> {
         content: &Content,
     ) -> Result<ClassifierRecord, ServiceError> {
         self.enter(phase::VALIDATE)?;
-        let (id, revision) = (&self.cohort.id, self.plan.revision);
-        let read = Membership::read(self.app, id, revision, &self.plan.filter, &settings.attribute);
+        let read = Membership::read(self.app, self.cohort, &self.plan.filter, &settings.attribute);
         let membership = self.handle.block_on(read)?;
         ServiceError::unless_empty(membership.faults(settings))?;
         let context = self.context.silent();

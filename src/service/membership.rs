@@ -2,13 +2,12 @@
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
-use serde_json::Value;
-
 use super::error::Fault;
+use super::members::{Attribute, KnownAttributes, describe, first_names};
 use super::{App, ServiceError};
 use crate::domain::classifier::{ClassifierKind, ClassifierSettings, Feature};
-use crate::domain::shape::{ShapeAttributes, ShapeFilter};
-use crate::store::Revisions;
+use crate::domain::cohort::Cohort;
+use crate::domain::shape::ShapeFilter;
 
 /// Classes and subjects of shapes, in the order of the store.
 #[derive(Debug, Clone, PartialEq)]
@@ -23,10 +22,7 @@ pub struct Membership {
     pub subjects: Option<usize>,
 }
 
-/// Attributes read at once.
-const PAGE: usize = 4096;
-
-/// Ids that a fault names.
+/// Classes that a fault names.
 const NAMED: usize = 5;
 
 /// Most numbers of evidence that a validation keeps.
@@ -35,70 +31,37 @@ const MOST_EVIDENCE: usize = 1 << 25;
 /// Parts of the cross-validation within the training shapes that `best` chooses by.
 pub(super) const WITHIN: usize = 4;
 
-/// The value of an attribute: `label`, `subject`, or `labels.…`. None when the shape has none that is a name.
-pub(super) fn attribute_of(attributes: &ShapeAttributes, attribute: &str) -> Option<String> {
-    match attribute {
-        "label" => attributes.label.clone(),
-        "subject" => attributes.subject.clone(),
-        _ => match attributes.labels.get(attribute.strip_prefix("labels.")?)? {
-            Value::String(text) => Some(text.clone()),
-            Value::Null | Value::Array(_) | Value::Object(_) => None,
-            plain => Some(plain.to_string()),
-        },
-    }
-}
-
 impl Membership {
-    /// Of the shapes that pass the filter at a revision.
+    /// Of the shapes of the cohort that pass the filter, at its revision.
     ///
     /// # Errors
-    /// At `/classifier/attribute`: an attribute that shapes do not have.
+    /// At `/classifier/attribute`: an attribute that shapes do not have; at `/filter`: more shapes than a request may have.
     pub async fn read(
         app: &App,
-        cohort: &str,
-        revision: u64,
+        cohort: &Cohort,
         filter: &ShapeFilter,
         attribute: &str,
     ) -> Result<Self, ServiceError> {
-        let (mut names, mut subjects) = (Vec::new(), Vec::new());
-        let (mut without, mut missing) = (Vec::new(), 0_usize);
-        let mut known: BTreeSet<String> = BTreeSet::new();
-        let mut after = None;
-        loop {
-            let revisions = Revisions::until(revision);
-            let page = app.store.list_attributes(cohort, revisions, filter, after, PAGE).await?;
-            let Some(last) = page.last() else { break };
-            after = Some(last.place);
-            for listed in page {
-                let name = attribute_of(&listed.attributes, attribute);
-                if name.is_none() {
-                    missing += 1;
-                    if without.len() < NAMED {
-                        without.push(listed.attributes.external_id.clone().unwrap_or(listed.id));
-                    }
-                }
-                if known.len() < PAGE {
-                    known.extend(listed.attributes.labels.keys().map(|key| format!("labels.{key}")));
-                    known.extend(listed.attributes.label.is_some().then(|| "label".into()));
-                }
-                names.push(name);
-                subjects.push(listed.attributes.subject);
-            }
+        let at = |detail: String| ServiceError::invalid("/classifier/attribute", detail);
+        let wanted = || at(format!("is '{attribute}', {}", Attribute::WANTED));
+        let parsed = Attribute::parse(attribute).ok_or_else(wanted)?;
+        let shapes = describe(app, cohort, filter, "/filter").await?;
+        let names: Vec<Option<String>> = shapes.iter().map(|shape| parsed.text(shape)).collect();
+        let without = || shapes.iter().zip(&names).filter(|(_, name)| name.is_none()).map(|(shape, _)| shape);
+        let missing = without().count();
+        if missing == shapes.len() && missing > 0 {
+            let known = KnownAttributes::of(app, cohort).await?;
+            return Err(at(format!("no shape has '{attribute}'; {known}")));
         }
         if missing > 0 {
-            let known: Vec<String> = known.into_iter().take(50).collect();
-            let detail = if missing == names.len() {
-                format!("no shape has '{attribute}'; they have: {}", known.join(", "))
-            } else {
-                let first = without.join("', '");
-                format!(
-                    "{missing} of {} shapes have no '{attribute}' that is a name, the first are '{first}': leave them out \
-                     with a filter",
-                    names.len()
-                )
-            };
-            return Err(ServiceError::invalid("/classifier/attribute", detail));
+            let first = first_names(without());
+            let all = shapes.len();
+            let detail = format!(
+                "{missing} of {all} shapes have no '{attribute}' ({first}): give them one, or leave them out with a filter"
+            );
+            return Err(at(detail));
         }
+        let subjects: Vec<Option<String>> = shapes.into_iter().map(|shape| shape.subject).collect();
         Ok(Self::new(&names.into_iter().flatten().collect::<Vec<_>>(), &subjects))
     }
 
@@ -228,13 +191,8 @@ pub(super) fn settings_faults(settings: &ClassifierSettings, sparse: bool, atoms
         "is sparse_residual, which needs a sparse dictionary".into(),
     );
     let attribute = settings.attribute.as_str();
-    let named =
-        attribute == "label" || attribute.strip_prefix("labels.").is_some_and(|name| !name.is_empty());
-    check(
-        named,
-        "attribute",
-        format!("is '{attribute}', must be label or labels. and the name of an attribute"),
-    );
+    let classes = Attribute::parse(attribute).is_some_and(|attribute| attribute != Attribute::Subject);
+    check(classes, "attribute", format!("is '{attribute}', must be label or labels.<attribute>"));
     let features = &settings.features;
     check(features.contains(&Feature::Shape), "features", "must contain shape".into());
     check(

@@ -558,7 +558,7 @@ pub fn run(app: &App, handle: &Handle, job: &Job, context: &JobContext) -> Resul
     let regression = prepared.regress(app, handle, context)?;
     let result = serde_json::to_value(&regression)
         .map_err(|error| ServiceError::Internal(format!("a regression is not JSON: {error}")))?;
-    Ok(Outcome { result, dictionary: None })
+    Ok(Outcome { result, dictionary: None, output: None })
 }
 
 /// Colours from low to high values of the attribute (colour-blind safe).

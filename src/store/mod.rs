@@ -36,7 +36,7 @@ pub use dictionaries::DictionaryFilter;
 pub use filter::Revisions;
 pub use jobs::{Claim, Claimed, Release};
 pub use scan::{Ids, ScanBatch};
-pub use shapes::{Cursor, CursorError, Listed, ShapePage};
+pub use shapes::{Cursor, CursorError, ShapePage};
 pub use upload::{Added, Upload};
 
 /// Name of the database file in the data folder.

@@ -52,17 +52,6 @@ pub struct ShapePage {
     pub next: Option<Cursor>,
 }
 
-/// A shape without its geometry.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Listed {
-    /// Where it is: the next page starts behind it.
-    pub place: Cursor,
-    /// Identifier.
-    pub id: String,
-    /// What is known about it; its weight is not read, and stands as 1.
-    pub attributes: ShapeAttributes,
-}
-
 /// What [`read_entry`] reads.
 const ENTRY: &str = "s.chunk_id, s.position, s.id, s.external_id, s.subject, s.label, s.labels,
     s.metadata, c.created_at_ms";
@@ -209,12 +198,6 @@ impl Store {
         Ok(from_sql(after.map_or(last, |revision| revision - 1)))
     }
 
-    /// At most `limit` shapes of the cohort between the revisions that pass the filter, in storage order, without their
-    /// geometry.
-    ///
-    /// # Errors
-    /// [`StoreError::CohortGone`], [`StoreError::Damaged`].
-    pub async fn list_attributes(
     /// What is known about at most `limit` shapes between the revisions that pass the filter, in storage order.
     ///
     /// # Errors
@@ -224,19 +207,6 @@ impl Store {
         cohort_id: &str,
         revisions: Revisions,
         filter: &ShapeFilter,
-        after: Option<Cursor>,
-        limit: usize,
-    ) -> Result<Vec<Listed>, StoreError> {
-        let mut read = self.reader().begin().await?;
-        let cohort = cohorts::number(&mut read, cohort_id).await?;
-        let after = after.map_or((0, -1), |c| (c.chunk, c.position));
-        let selection = Selection { cohort, revisions, filter, after };
-        let rows = selection.page(ENTRY, limit).build().fetch_all(&mut *read).await?;
-        let listed = |row: &SqliteRow| {
-            let Entry { place, shape } = read_entry(row)?;
-            Ok(Listed { place, id: shape.id, attributes: shape.attributes })
-        };
-        rows.iter().map(listed).collect()
         limit: usize,
     ) -> Result<Vec<ShapeDescription>, StoreError> {
         const COLUMNS: &str = "s.id, s.external_id, s.subject, s.label, s.labels";
@@ -337,6 +307,15 @@ struct Entry {
 
 fn read_attributes(row: &SqliteRow) -> Result<ShapeAttributes, StoreError> {
     Ok(ShapeAttributes {
+        external_id: row.try_get("external_id")?,
+        subject: row.try_get("subject")?,
+        label: row.try_get("label")?,
+        labels: from_json(row.try_get("labels")?)?.unwrap_or_default(),
+        weight: 1.0,
+        metadata: from_json(row.try_get("metadata")?)?,
+    })
+}
+
 fn read_description(row: &SqliteRow) -> Result<ShapeDescription, StoreError> {
     Ok(ShapeDescription {
         id: row.try_get("id")?,
@@ -344,17 +323,6 @@ fn read_description(row: &SqliteRow) -> Result<ShapeDescription, StoreError> {
         subject: row.try_get("subject")?,
         label: row.try_get("label")?,
         labels: from_json(row.try_get("labels")?)?.unwrap_or_default(),
-    })
-}
-
-fn read_entry(row: &SqliteRow) -> Result<Entry, StoreError> {
-    let attributes = ShapeAttributes {
-        external_id: row.try_get("external_id")?,
-        subject: row.try_get("subject")?,
-        label: row.try_get("label")?,
-        labels: from_json(row.try_get("labels")?)?.unwrap_or_default(),
-        weight: 1.0,
-        metadata: from_json(row.try_get("metadata")?)?,
     })
 }
 

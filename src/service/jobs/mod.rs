@@ -17,8 +17,7 @@ use tokio::time::Instant;
 
 pub use self::registry::JobContext;
 use super::cohorts::Page;
-use super::{App, ServiceError, distances, learning, now_ms};
-use super::{App, ServiceError, comparisons, learning, now_ms, regressions};
+use super::{App, ServiceError, comparisons, distances, learning, now_ms, regressions};
 use crate::domain::dictionary::NewDictionary;
 use crate::domain::id;
 use crate::domain::job::{Job, JobKind, JobOutput, JobStatus};
