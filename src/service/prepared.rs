@@ -1,5 +1,5 @@
-//! Cohorts ready to be compared, kept while they are searched again and again: reading and preparing a small cohort takes ten
-//! times as long as comparing a shape with it.
+//! Cohorts ready to be compared, kept while they are searched again and again: reading and preparing a small cohort takes
+//! longer than comparing a shape with it.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
