@@ -9,7 +9,9 @@ classifier is learnt from it, and what its validation says is written down. Seed
 
 import argparse
 import csv
+import http.client
 import json
+import math
 import subprocess
 import tempfile
 import time
@@ -17,6 +19,7 @@ import urllib.error
 import urllib.request
 from collections import Counter
 from pathlib import Path
+from random import Random
 
 ROOT = Path(__file__).resolve().parents[2]
 REPEATS = 3
@@ -108,6 +111,7 @@ SETS = {
     "North Sea fish, classes of 5": ("curves-north-sea-fish", {"fewest": 5}, "cyclic", 0.87),
     "mouse vertebrae": ("curves-mouse-vertebrae", {}, "cyclic", 0.80),
     "hearts": ("curves-hearts", {}, "cyclic", 0.72),
+    "hearts, start as given": ("curves-hearts", {}, "arc_length", 0.72),
     "otoliths": ("curves-otoliths", {}, "cyclic", 0.60),
     "charred grains, dorsal": ("curves-charred-grains", {"subject": "grain", "view": "d"}, "cyclic", 0.66),
     "charred grains, lateral": ("curves-charred-grains", {"subject": "grain", "view": "l"}, "cyclic", 0.66),
@@ -156,6 +160,116 @@ def evaluate(service, name, cohort, correspondence, components, kinds):
         print(row(name, correspondence, title, dictionary, time.perf_counter() - start), flush=True)
 
 
+def silhouettes(service, folder):
+    """Leave-one-out nearest neighbour and bull's-eye score of the MPEG-7 silhouettes, from the matrix of distances."""
+    shapes = curves(folder, "curves-mpeg7")
+    labels = [shape["label"] for shape in shapes]
+    sizes = Counter(labels)
+    print("\n| MPEG-7, 910 curves of 65 classes | nearest neighbour | bull's-eye | seconds |\n|---|---|---|---|")
+    for points in (64, 100):
+        representation = {**contour(), "generator": {"name": "trigonometric"}, "control_points": points}
+        service.cohort(f"mpeg7-{points}", representation, "cyclic", shapes)
+        for mirror in ("forbid", "allow"):
+            body = {"cohort": f"mpeg7-{points}", "transformation": "similarity", "mirror": mirror}
+            start = time.perf_counter()
+            distances = service.call("POST", "/v1/distances", body, [("prefer", "wait=60")])["distances"]
+            seconds = time.perf_counter() - start
+            right = found = 0
+            for i, row_of in enumerate(distances):
+                order = sorted(range(len(row_of)), key=lambda j: (row_of[j], j != i))
+                right += labels[order[1]] == labels[i]
+                nearest = order[: 2 * sizes[labels[i]]]
+                found += sum(labels[j] == labels[i] for j in nearest) / sizes[labels[i]]
+            mirrored = ", mirror images" if mirror == "allow" else ""
+            cells = [f"{points} points{mirrored}", f"{right / len(labels):.3f}", f"{found / len(labels):.3f}", f"{seconds:.2f}"]
+            print("| " + " | ".join(cells) + " |", flush=True)
+
+
+SHUFFLES = 500
+MOST_ATTRIBUTES = 100
+
+
+def shuffled(service, folder):
+    """How often groups without meaning differ: 100 cells, halved at random 500 times."""
+    random = Random(0)
+    cells = random.sample(curves(folder, "curves-osteosarcoma-cells", target="treatment"), 100)
+    for first in range(0, SHUFFLES, MOST_ATTRIBUTES):
+        halves = [random.sample([0, 1] * 50, 100) for _ in range(MOST_ATTRIBUTES)]
+        attributes = lambda k: {f"half{first + i}": str(half[k]) for i, half in enumerate(halves)}
+        shapes = [{**cell, "labels": attributes(k)} for k, cell in enumerate(cells)]
+        service.cohort(f"halves{first}", contour(), "cyclic", shapes)
+    rejected = Counter()
+    for i in range(SHUFFLES):
+        cohort = f"halves{i - i % MOST_ATTRIBUTES}"
+        body = {"cohort": cohort, "by": f"labels.half{i}", "permutations": 999, "seed": i, "samples": 2}
+        answer = service.call("POST", "/v1/comparisons", body, [("prefer", "wait=60")])
+        pair = answer["pairs"][0]
+        tests = {name: pair[name]["test"] for name in ("distance", "pseudo_f", "hotelling")}
+        tests |= {size["measure"]: size["test"] for size in pair["sizes"]}
+        rejected.update(name for name, test in tests.items() if test["p"] <= 0.05)
+    print(f"\n| {SHUFFLES} random halves of 100 cells | p ≤ 0.05 |\n|---|---|")
+    for name in tests:
+        print(f"| {name} | {100 * rejected[name] / SHUFFLES:.1f} % |", flush=True)
+
+
+def differing(service):
+    """Two groups of noisy ellipses, of which one has a small bump."""
+    random = Random(1)
+
+    def outline(bump):
+        size, turn, start = random.uniform(1, 3), random.uniform(0, 6.3), random.random()
+        waves = [(k, random.gauss(0, 0.02), random.uniform(0, 6.3)) for k in range(2, 9)]
+        points = []
+        for i in range(120):
+            t = 2 * math.pi * (i / 120 + start)
+            r = 1 + sum(a * math.cos(k * t + phase) for k, a, phase in waves)
+            r += bump * math.exp(-((math.remainder(t - 1.0, 2 * math.pi) / 0.3) ** 2))
+            x, y = 1.6 * r * math.cos(t), r * math.sin(t)
+            c, s = size * math.cos(turn), size * math.sin(turn)
+            points.append([c * x - s * y, s * x + c * y])
+        return points
+
+    shapes = [{"label": "patients" if k % 2 else "controls", "points": outline(0.06 * (k % 2))} for k in range(80)]
+    service.cohort("bumps", contour(), "cyclic", shapes)
+    body = {"cohort": "bumps", "by": "label", "permutations": 9999}
+    pair = service.call("POST", "/v1/comparisons", body, [("prefer", "wait=60")])["pairs"][0]
+    print("\n| 40 ellipses against 40 with a bump of 6 % | p |\n|---|---|")
+    for name in ("distance", "hotelling"):
+        print(f"| {name} | {pair[name]['test']['p']:.4f} |")
+    print(f"| smallest p along the contour | {min(point['p'] for point in pair['effect']):.4f} |", flush=True)
+
+
+def latencies(service, folder):
+    """Time of single requests over loopback, one connection."""
+    shapes = curves(folder, "curves-mpeg7")
+    service.cohort("many", {**contour(), "control_points": 100}, "cyclic", shapes)
+    method = {"kind": "functional_pca", "components": 20, "centre": True}
+    body = {"name": "many", "cohort": "many", "transformation": "similarity", "method": method}
+    body["classifier"] = {"kind": "discriminant", "repeats": 1}
+    service.finished(service.call("POST", "/v1/dictionaries", body))
+    host, port = service.address.removeprefix("http://").split(":")
+    connection = http.client.HTTPConnection(host, int(port))
+    print("\n| one contour, one connection | p50 | p95 |\n|---|---|---|")
+    for name, path, further in (
+        ("assess", "/v1/dictionaries/many/assess", {}),
+        ("classify", "/v1/dictionaries/many/classify", {}),
+        ("search among 910", "/v1/cohorts/many/search", {"neighbours": 10}),
+        ("search among 910, mirror images", "/v1/cohorts/many/search", {"neighbours": 10, "mirror": "allow"}),
+    ):
+        times = []
+        for k in range(300):
+            posted = json.dumps({"shapes": [{"points": shapes[k]["points"]}], **further})
+            start = time.perf_counter()
+            connection.request("POST", path, posted, {"content-type": "application/json"})
+            answer = connection.getresponse()
+            answer.read()
+            times.append(1e3 * (time.perf_counter() - start))
+            if answer.status != 200:
+                raise SystemExit(f"{path}: {answer.status}")
+        times = sorted(times[20:])
+        print(f"| {name} | {times[len(times) // 2]:.2f} ms | {times[int(0.95 * len(times))]:.2f} ms |", flush=True)
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data", required=True)
@@ -186,6 +300,14 @@ def main():
                     representation = {"kind": "landmarks", "dimension": dimension, "points": len(shapes[0]["points"])}
                     service.cohort(f"marks{number}", representation, "landmarks", shapes)
                     evaluate(service, name, f"marks{number}", "landmarks", options.components, kinds)
+            if chosen("MPEG-7"):
+                silhouettes(service, options.data)
+            if chosen("halves"):
+                shuffled(service, options.data)
+            if chosen("bumps"):
+                differing(service)
+            if chosen("latencies"):
+                latencies(service, options.data)
         finally:
             service.process.kill()
 
