@@ -10,9 +10,10 @@ use tokio::runtime::Handle;
 use super::compute::Setup;
 use super::error::Fault;
 use super::estimate::{Estimate, TestWork};
-use super::jobs::{JobContext, Outcome};
+use super::jobs::JobContext;
 use super::members::{self, Aligned, Attribute, KnownAttributes, MOST_PERMUTATIONS};
-use super::{App, ServiceError, cohorts, jobs};
+use super::planned::PlannedTest;
+use super::{App, ServiceError, cohorts};
 use crate::analysis::accumulate::ShapesInMemory;
 use crate::analysis::alignment::{Alignment, Method, unwhitened};
 use crate::analysis::correspondence::Mirror;
@@ -28,7 +29,7 @@ use crate::domain::comparison::{
     StatisticRecord, TestRecord,
 };
 use crate::domain::dictionary::{MeanRecord, columns_of, rows_of};
-use crate::domain::job::{Job, JobKind};
+use crate::domain::job::JobKind;
 use crate::domain::shape::{ShapeDescription, ShapeFilter};
 use crate::formats::effect::{self, Effect, EffectPoint as DrawnPoint};
 use crate::formats::svg::{Layer, colour};
@@ -442,31 +443,7 @@ fn pairs_of(groups: usize) -> Vec<(usize, usize)> {
 }
 
 impl Prepared {
-    /// Whether the comparison is answered at once.
-    pub fn is_quick(&self) -> bool {
-        self.estimate.seconds <= members::AT_ONCE_SECONDS
-    }
-
-    /// Stores the job that compares.
-    ///
-    /// # Errors
-    /// [`ServiceError::Unavailable`] when too many jobs wait.
-    pub async fn submit(&self, app: &App) -> Result<Job, ServiceError> {
-        let parameters = serde_json::to_value(&self.plan)
-            .map_err(|error| ServiceError::Internal(format!("a plan is not JSON: {error}")))?;
-        jobs::submit(app, JobKind::Compare, parameters).await
-    }
-
-    /// Compares.
-    ///
-    /// # Errors
-    /// Degenerate shapes; [`ServiceError::Cancelled`].
-    pub fn compare(
-        &self,
-        app: &App,
-        handle: &Handle,
-        context: &JobContext,
-    ) -> Result<Comparison, ServiceError> {
+    fn compare(&self, app: &App, handle: &Handle, context: &JobContext) -> Result<Comparison, ServiceError> {
         let stop = || context.is_cancelled();
         context.report("align", 0.0, None);
         let Self { plan, cohort, setup, members, .. } = self;
@@ -692,19 +669,31 @@ fn correct_tests(tests: Vec<&mut TestRecord>) {
     }
 }
 
-/// Runs the job.
-///
-/// # Errors
-/// What keeps the groups from being compared; [`ServiceError::Cancelled`].
-pub fn run(app: &App, handle: &Handle, job: &Job, context: &JobContext) -> Result<Outcome, ServiceError> {
-    let plan: Plan = serde_json::from_value(job.parameters.clone())
-        .map_err(|error| ServiceError::Internal(format!("the parameters of a job: {error}")))?;
-    let cohort = members::cohort_at(app, handle, &plan.cohort, plan.revision)?;
-    let prepared = handle.block_on(prepare_plan(app, cohort, plan))?;
-    let comparison = prepared.compare(app, handle, context)?;
-    let result = serde_json::to_value(&comparison)
-        .map_err(|error| ServiceError::Internal(format!("a comparison is not JSON: {error}")))?;
-    Ok(Outcome { result, dictionary: None, output: None })
+impl PlannedTest for Prepared {
+    type Plan = Plan;
+    type Answer = Comparison;
+    const KIND: JobKind = JobKind::Compare;
+
+    fn plan(&self) -> &Plan {
+        &self.plan
+    }
+
+    fn of_plan(app: &App, handle: &Handle, plan: Plan) -> Result<Self, ServiceError> {
+        let cohort = members::cohort_at(app, handle, &plan.cohort, plan.revision)?;
+        handle.block_on(prepare_plan(app, cohort, plan))
+    }
+
+    fn seconds(&self) -> f64 {
+        self.estimate.seconds
+    }
+
+    fn answer(&self, app: &App, handle: &Handle, context: &JobContext) -> Result<Comparison, ServiceError> {
+        self.compare(app, handle, context)
+    }
+
+    fn draw(&self, answer: &Comparison) -> String {
+        draw(self, answer)
+    }
 }
 
 /// Colours of the groups of a drawing, over and over (colour-blind safe).
@@ -712,7 +701,7 @@ const GROUP_COLOURS: [&str; 6] = ["#4477aa", "#cc3311", "#228833", "#aa3377", "#
 
 /// Picture: the averages of the groups over one another, and the effect along the first group of the pair that is
 /// farthest apart.
-pub fn draw(prepared: &Prepared, comparison: &Comparison) -> String {
+fn draw(prepared: &Prepared, comparison: &Comparison) -> String {
     let (space, d) = (&prepared.setup.space, prepared.setup.metric.dimension());
     let layers: Vec<Layer> = comparison
         .groups

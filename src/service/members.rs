@@ -25,9 +25,6 @@ use crate::numeric::dense::Matrix;
 use crate::numeric::quadrature::GaussLegendre;
 use crate::store::{Ids, Revisions};
 
-/// Tests of at most this predicted time are answered at once; longer ones become jobs.
-pub(super) const AT_ONCE_SECONDS: f64 = 3.0;
-
 /// Most relabellings of a test.
 pub const MOST_PERMUTATIONS: usize = 100_000;
 

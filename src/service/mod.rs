@@ -43,6 +43,7 @@ pub mod models;
 pub mod modes;
 pub mod morph;
 pub mod neighbours;
+pub mod planned;
 pub mod pool;
 pub mod prepared;
 pub mod problem;

@@ -11,9 +11,10 @@ use super::comparisons::test;
 use super::compute::Setup;
 use super::error::{Fault, MAX_FAULTS};
 use super::estimate::{Estimate, TestWork};
-use super::jobs::{JobContext, Outcome};
+use super::jobs::JobContext;
 use super::members::{self, Aligned, Attribute, KnownAttributes, MOST_PERMUTATIONS};
-use super::{App, ServiceError, cohorts, jobs};
+use super::planned::PlannedTest;
+use super::{App, ServiceError, cohorts};
 use crate::analysis::alignment::{Alignment, unwhitened};
 use crate::analysis::correspondence::Mirror;
 use crate::analysis::inference::regression::{Collinear, Design, Draws, Regression};
@@ -22,7 +23,7 @@ use crate::analysis::transformation::Transformation;
 use crate::domain::cohort::Cohort;
 use crate::domain::comparison::SizeMeasure;
 use crate::domain::dictionary::{Row, columns_of, rows_of};
-use crate::domain::job::{Job, JobKind};
+use crate::domain::job::JobKind;
 use crate::domain::regression::{
     AttributeSummary, CovariateRecord, Prediction, RegressionScore, ShapeRegression,
 };
@@ -384,26 +385,7 @@ fn design(variables: &[Variable], sizes: Option<&[f64]>, weights: &[f64]) -> Res
 }
 
 impl Prepared {
-    /// Whether the regression is answered at once.
-    pub fn is_quick(&self) -> bool {
-        self.estimate.seconds <= members::AT_ONCE_SECONDS
-    }
-
-    /// Stores the job that regresses.
-    ///
-    /// # Errors
-    /// [`ServiceError::Unavailable`] when too many jobs wait.
-    pub async fn submit(&self, app: &App) -> Result<Job, ServiceError> {
-        let parameters = serde_json::to_value(&self.plan)
-            .map_err(|error| ServiceError::Internal(format!("a plan is not JSON: {error}")))?;
-        jobs::submit(app, JobKind::Regress, parameters).await
-    }
-
-    /// Regresses.
-    ///
-    /// # Errors
-    /// Degenerate shapes; sizes that say nothing beside the covariates; [`ServiceError::Cancelled`].
-    pub fn regress(
+    fn regress(
         &self,
         app: &App,
         handle: &Handle,
@@ -546,26 +528,43 @@ fn quantile(sorted: &[f64], q: f64) -> f64 {
     sorted[below] + (position - below as f64) * (sorted[above] - sorted[below])
 }
 
-/// Runs the job.
-///
-/// # Errors
-/// What keeps the shapes from being regressed; [`ServiceError::Cancelled`].
-pub fn run(app: &App, handle: &Handle, job: &Job, context: &JobContext) -> Result<Outcome, ServiceError> {
-    let plan: Plan = serde_json::from_value(job.parameters.clone())
-        .map_err(|error| ServiceError::Internal(format!("the parameters of a job: {error}")))?;
-    let cohort = members::cohort_at(app, handle, &plan.cohort, plan.revision)?;
-    let prepared = handle.block_on(prepare_plan(app, cohort, plan))?;
-    let regression = prepared.regress(app, handle, context)?;
-    let result = serde_json::to_value(&regression)
-        .map_err(|error| ServiceError::Internal(format!("a regression is not JSON: {error}")))?;
-    Ok(Outcome { result, dictionary: None, output: None })
+impl PlannedTest for Prepared {
+    type Plan = Plan;
+    type Answer = ShapeRegression;
+    const KIND: JobKind = JobKind::Regress;
+
+    fn plan(&self) -> &Plan {
+        &self.plan
+    }
+
+    fn of_plan(app: &App, handle: &Handle, plan: Plan) -> Result<Self, ServiceError> {
+        let cohort = members::cohort_at(app, handle, &plan.cohort, plan.revision)?;
+        handle.block_on(prepare_plan(app, cohort, plan))
+    }
+
+    fn seconds(&self) -> f64 {
+        self.estimate.seconds
+    }
+
+    fn answer(
+        &self,
+        app: &App,
+        handle: &Handle,
+        context: &JobContext,
+    ) -> Result<ShapeRegression, ServiceError> {
+        self.regress(app, handle, context)
+    }
+
+    fn draw(&self, answer: &ShapeRegression) -> String {
+        draw(self, answer)
+    }
 }
 
 /// Colours from low to high values of the attribute (colour-blind safe).
 const SHADES: [&str; 7] = ["#2166ac", "#5a8fc4", "#92b7d8", "#8c8c8c", "#e2a184", "#cf6a53", "#b2182b"];
 
 /// Picture: shapes predicted from the 5 % to the 95 % quantile of the attribute.
-pub fn draw(prepared: &Prepared, regression: &ShapeRegression) -> String {
+fn draw(prepared: &Prepared, regression: &ShapeRegression) -> String {
     let (space, d) = (&prepared.setup.space, prepared.setup.metric.dimension());
     let [Some(low), Some(high)] = [regression.predictions.first(), regression.predictions.last()] else {
         return svg::draw("", &[]);

@@ -487,7 +487,7 @@ fn bad_classifiers_are_refused() {
     server.post("/v1/cohorts/lobes/shapes", &json!({"shapes": [bare]})).expect(201);
     let reply = server.post("/v1/dictionaries", &request("bad", "lobes", &discriminant));
     differences.compare("no label", &reply, &one_class);
-    assert!(reply.text().contains("'bare'"), "{}", reply.text());
+    assert!(reply.text().contains("(bare)"), "{}", reply.text());
     assert_eq!(server.get("/v1/jobs").expect(200)["items"], json!([]));
     // What is asked of a classifier.
     server.delete("/v1/cohorts/lobes/shapes/bare");

@@ -1,28 +1,24 @@
 //! Comparison of groups of shapes.
 
 use axum::extract::State;
-use axum::http::StatusCode;
 use axum::response::Response;
 use serde::Deserialize;
-use tokio::runtime::Handle;
 
-use super::jobs::{JobOutput, accepted};
+use super::jobs::JobOutput;
+use super::planned::answered;
 use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::Mirror;
 use crate::analysis::transformation::{ClassName, Transformation};
-use crate::api::extract::{Format, JsonBody, OnlyFormat, Prefer, parse};
+use crate::api::extract::{JsonBody, OnlyFormat, Prefer, parse};
 use crate::api::problem::{Problem, ProblemDocument};
-use crate::api::respond::{compute, json, svg};
 use crate::domain::comparison::Comparison;
-use crate::domain::job::JobStatus;
 use crate::domain::shape::ShapeFilter;
 use crate::formats::InputError;
 use crate::formats::checked::{Checked, document, take_given, take_or_default};
 use crate::service::comparisons::{self, Compare, Grouping, NamedGroup};
 use crate::service::error::Fault;
-use crate::service::jobs::JobContext;
 use crate::service::members::DEFAULT_PERMUTATIONS;
-use crate::service::{App, ServiceError, jobs};
+use crate::service::{App, ServiceError};
 
 document! {
     /// Groups to be compared: `groups`, or `by` an attribute.
@@ -123,36 +119,7 @@ pub(super) async fn compare(
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
     let prepared = comparisons::prepare(&app, compare_of(parse(&body)?)?).await?;
-    if prepared.is_quick() {
-        let handle = Handle::current();
-        return compute(app, move |app| {
-            let comparison = prepared.compare(app, &handle, &JobContext::default())?;
-            match format {
-                Format::Svg => Ok(svg(comparisons::draw(&prepared, &comparison))),
-                Format::Json => json(StatusCode::OK, &comparison),
-            }
-        })
-        .await;
-    }
-    let mut job = prepared.submit(&app).await?;
-    if let Some(time) = prefer.wait {
-        job = jobs::wait(&app, &job.id, time).await?;
-    }
-    match (job.status, job.result.take()) {
-        (JobStatus::Succeeded, Some(result)) => {
-            compute(app, move |_| match format {
-                Format::Json => json(StatusCode::OK, &result),
-                Format::Svg => {
-                    let comparison: Comparison = serde_json::from_value(result)
-                        .map_err(|error| ServiceError::Internal(format!("the result of a job: {error}")))?;
-                    Ok(svg(comparisons::draw(&prepared, &comparison)))
-                }
-            })
-            .await
-        }
-        (JobStatus::Failed, _) => Err(Problem::of_failed(&job)),
-        _ => Ok(accepted(job)?),
-    }
+    answered(app, prepared, format, prefer).await
 }
 
 fn compare_of(request: CompareRequest) -> Result<Compare, ServiceError> {

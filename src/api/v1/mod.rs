@@ -11,6 +11,7 @@ mod drift;
 mod fitting;
 pub mod jobs;
 mod morph;
+mod planned;
 mod regressions;
 mod retrieval;
 mod settings;

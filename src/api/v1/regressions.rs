@@ -1,27 +1,23 @@
 //! Regression of shapes on an attribute.
 
 use axum::extract::State;
-use axum::http::StatusCode;
 use axum::response::Response;
-use tokio::runtime::Handle;
 
 use super::comparisons::Names;
-use super::jobs::{JobOutput, accepted};
+use super::jobs::JobOutput;
+use super::planned::answered;
 use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::Mirror;
 use crate::analysis::transformation::{ClassName, Transformation};
-use crate::api::extract::{Format, JsonBody, OnlyFormat, Prefer, parse};
+use crate::api::extract::{JsonBody, OnlyFormat, Prefer, parse};
 use crate::api::problem::{Problem, ProblemDocument};
-use crate::api::respond::{compute, json, svg};
-use crate::domain::job::JobStatus;
 use crate::domain::regression::ShapeRegression;
 use crate::domain::shape::ShapeFilter;
 use crate::formats::checked::{Checked, document, take_given, take_or_default};
 use crate::service::error::Fault;
-use crate::service::jobs::JobContext;
 use crate::service::members::DEFAULT_PERMUTATIONS;
 use crate::service::regressions::{self, Missing, Regress};
-use crate::service::{App, ServiceError, jobs};
+use crate::service::{App, ServiceError};
 
 document! {
     /// Shapes to be regressed on an attribute.
@@ -91,36 +87,7 @@ pub(super) async fn regress(
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
     let prepared = regressions::prepare(&app, regress_of(parse(&body)?)?).await?;
-    if prepared.is_quick() {
-        let handle = Handle::current();
-        return compute(app, move |app| {
-            let regression = prepared.regress(app, &handle, &JobContext::default())?;
-            match format {
-                Format::Svg => Ok(svg(regressions::draw(&prepared, &regression))),
-                Format::Json => json(StatusCode::OK, &regression),
-            }
-        })
-        .await;
-    }
-    let mut job = prepared.submit(&app).await?;
-    if let Some(time) = prefer.wait {
-        job = jobs::wait(&app, &job.id, time).await?;
-    }
-    match (job.status, job.result.take()) {
-        (JobStatus::Succeeded, Some(result)) => {
-            compute(app, move |_| match format {
-                Format::Json => json(StatusCode::OK, &result),
-                Format::Svg => {
-                    let regression: ShapeRegression = serde_json::from_value(result)
-                        .map_err(|error| ServiceError::Internal(format!("the result of a job: {error}")))?;
-                    Ok(svg(regressions::draw(&prepared, &regression)))
-                }
-            })
-            .await
-        }
-        (JobStatus::Failed, _) => Err(Problem::of_failed(&job)),
-        _ => Ok(accepted(job)?),
-    }
+    answered(app, prepared, format, prefer).await
 }
 
 fn regress_of(request: RegressRequest) -> Result<Regress, ServiceError> {

@@ -17,7 +17,7 @@ use tokio::time::Instant;
 
 pub use self::registry::JobContext;
 use super::cohorts::Page;
-use super::{App, ServiceError, comparisons, distances, learning, now_ms, regressions};
+use super::{App, ServiceError, comparisons, distances, learning, now_ms, planned, regressions};
 use crate::domain::dictionary::NewDictionary;
 use crate::domain::id;
 use crate::domain::job::{Job, JobKind, JobOutput, JobStatus};
@@ -43,8 +43,8 @@ pub fn run(app: &App, handle: &Handle, job: &Job, context: &JobContext) -> Resul
     match job.kind {
         JobKind::LearnDictionary => learning::run(app, handle, job, context),
         JobKind::Distances => distances::run(app, handle, job, context),
-        JobKind::Compare => comparisons::run(app, handle, job, context),
-        JobKind::Regress => regressions::run(app, handle, job, context),
+        JobKind::Compare => planned::run::<comparisons::Prepared>(app, handle, job, context),
+        JobKind::Regress => planned::run::<regressions::Prepared>(app, handle, job, context),
     }
 }
 

@@ -1,0 +1,53 @@
+//! Tests of stored shapes, answered at once or by a job.
+
+use axum::http::StatusCode;
+use axum::response::Response;
+use tokio::runtime::Handle;
+
+use super::jobs::accepted;
+use crate::api::extract::{Format, Prefer};
+use crate::api::problem::Problem;
+use crate::api::respond::{compute, json, svg};
+use crate::domain::job::JobStatus;
+use crate::service::jobs::JobContext;
+use crate::service::planned::{PlannedTest, submit};
+use crate::service::{App, ServiceError, jobs};
+
+/// The answer of a test when it is small, or when its job is ready in the time that the client waits; else the job.
+pub(super) async fn answered<T: PlannedTest>(
+    app: App,
+    test: T,
+    format: Format,
+    prefer: Prefer,
+) -> Result<Response, Problem> {
+    if test.is_quick() {
+        let handle = Handle::current();
+        return compute(app, move |app| {
+            let answer = test.answer(app, &handle, &JobContext::default())?;
+            match format {
+                Format::Svg => Ok(svg(test.draw(&answer))),
+                Format::Json => json(StatusCode::OK, &answer),
+            }
+        })
+        .await;
+    }
+    let mut job = submit(&app, &test).await?;
+    if let Some(time) = prefer.wait {
+        job = jobs::wait(&app, &job.id, time).await?;
+    }
+    match (job.status, job.result.take()) {
+        (JobStatus::Succeeded, Some(result)) => {
+            compute(app, move |_| match format {
+                Format::Json => json(StatusCode::OK, &result),
+                Format::Svg => {
+                    let answer = serde_json::from_value(result)
+                        .map_err(|error| ServiceError::Internal(format!("the result of a job: {error}")))?;
+                    Ok(svg(test.draw(&answer)))
+                }
+            })
+            .await
+        }
+        (JobStatus::Failed, _) => Err(Problem::of_failed(&job)),
+        _ => Ok(accepted(job)?),
+    }
+}
