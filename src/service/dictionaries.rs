@@ -75,9 +75,9 @@ pub async fn plan(app: &App, learn: Learn) -> Result<Planned, ServiceError> {
     }
     if let From::Anew { method, classifier, .. } = &learn.from {
         faults.extend(method_faults(method, &app.limits));
-        let sparse = matches!(method, Method::Sparse { .. });
-        let classifier = classifier.as_deref();
-        faults.extend(classifier.map(|c| settings_faults(c, sparse, method.atoms())).unwrap_or_default());
+        if let Some(classifier) = classifier {
+            faults.extend(settings_faults(classifier, method));
+        }
     }
     ServiceError::unless_empty(faults)?;
     let cohort = cohorts::find(app, &learn.cohort).await?;

@@ -7,6 +7,7 @@ use super::members::{Attribute, KnownAttributes, describe, first_names};
 use super::{App, ServiceError};
 use crate::domain::classifier::{ClassifierKind, ClassifierSettings, Feature};
 use crate::domain::cohort::Cohort;
+use crate::domain::dictionary::Method;
 use crate::domain::shape::ShapeFilter;
 
 /// Classes and subjects of shapes, in the order of the store.
@@ -176,8 +177,9 @@ pub(super) fn units(classes: &[usize], groups: &[usize], count: usize) -> Vec<us
 }
 
 /// What is wrong with a classifier whatever it is trained on.
-pub(super) fn settings_faults(settings: &ClassifierSettings, sparse: bool, atoms: usize) -> Vec<Fault> {
-    use ClassifierKind::{Best, Discriminant, NearestNeighbours, SparseResidual};
+pub(super) fn settings_faults(settings: &ClassifierSettings, method: &Method) -> Vec<Fault> {
+    use ClassifierKind::{Best, Discriminant, NearestAtom, NearestNeighbours, SparseResidual};
+    let atoms = method.atoms();
     let mut faults = Vec::new();
     let mut check = |ok: bool, field: &str, detail: String| {
         if !ok {
@@ -185,11 +187,13 @@ pub(super) fn settings_faults(settings: &ClassifierSettings, sparse: bool, atoms
         }
     };
     let kind = settings.kind;
-    check(
-        kind != SparseResidual || sparse,
-        "kind",
-        "is sparse_residual, which needs a sparse dictionary".into(),
-    );
+    let sparse = matches!(method, Method::Sparse { .. });
+    let detail = "is sparse_residual, which needs a sparse dictionary";
+    check(kind != SparseResidual || sparse, "kind", detail.into());
+    let centred = matches!(method, Method::FunctionalPca { centre: true, .. });
+    let detail = "is nearest_atom, but components about a centre are differences, not shapes: learn sparse atoms, or components \
+                  without centre";
+    check(kind != NearestAtom || !centred, "kind", detail.into());
     let attribute = settings.attribute.as_str();
     let classes = Attribute::parse(attribute).is_some_and(|attribute| attribute != Attribute::Subject);
     check(classes, "attribute", format!("is '{attribute}', must be label or labels.<attribute>"));

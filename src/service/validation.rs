@@ -368,9 +368,12 @@ fn divided(fold_of: &[usize], fold: usize) -> (Vec<usize>, Vec<usize>) {
 
 /// What `best` chooses from.
 fn candidates(model: &Model, shapes: usize) -> Vec<Kind> {
-    let mut kinds = vec![Kind::MeanSpace, Kind::NearestAtom];
-    if let Model::Sparse { .. } = model {
-        kinds.push(Kind::SparseResidual);
+    let mut kinds = vec![Kind::MeanSpace];
+    match model {
+        Model::Sparse { .. } => kinds.extend([Kind::NearestAtom, Kind::SparseResidual]),
+        Model::Components { pca, .. } if !pca.centred => kinds.push(Kind::NearestAtom),
+        // Differences from a centre are no shapes that another could be near to.
+        Model::Components { .. } => {}
     }
     kinds.extend(
         NEIGHBOURS.iter().filter(|&&k| k <= shapes).map(|&neighbours| Kind::NearestNeighbours { neighbours }),

@@ -332,7 +332,7 @@ fn a_classifier_travels_with_its_dictionary() {
     let mut differences = Differences::default();
     for kind in kinds {
         let mut body = request(kind, "lobes", &json!({"kind": kind, "repeats": 1}));
-        if kind == "sparse_residual" {
+        if kind == "sparse_residual" || kind == "nearest_atom" {
             body["method"] = sparse.clone();
         }
         learnt(&server, &body).expect(201);
@@ -446,6 +446,7 @@ fn bad_classifiers_are_refused() {
         (json!({}), vec!["/classifier"]),
         (with("discriminant", "depth", json!(3)), vec!["/classifier/depth"]),
         (plain("sparse_residual"), vec!["/classifier/kind"]),
+        (plain("nearest_atom"), vec!["/classifier/kind"]),
         (with("discriminant", "attribute", json!("labels.weather")), vec!["/classifier/attribute"]),
         (with("discriminant", "attribute", json!("weather")), vec!["/classifier/attribute"]),
         (with("discriminant", "attribute", json!("labels.scan")), vec!["/classifier/attribute"]),

@@ -7,6 +7,8 @@
 //!
 //! Sources: Guo, Pleiss, Sun and Weinberger 2017 (one temperature for all classes); Brier 1950; Wilson 1927.
 
+use rayon::prelude::*;
+
 use super::Evidence;
 
 /// A shape that was classified by a classifier that had not seen it.
@@ -25,8 +27,14 @@ pub struct Held {
 /// `β` lies within these bounds: outside of them all confidences are equal, or all certain.
 const SHARPNESS: (f64, f64) = (1e-6, 1e9);
 
-/// Newton's steps, or halvings of `ln β`, at the most.
+/// Exponents below this are those of weights that no sum sees: their exponential function would only take time.
+const NEGLIGIBLE: f64 = -50.0;
+
+/// Newton's steps at the most.
 const STEPS: usize = 200;
+
+/// Largest factor of a step.
+const STRIDE: f64 = 4.0;
 
 /// Relative precision of `β`: confidences do not show more.
 const PRECISION: f64 = 1e-10;
@@ -35,11 +43,18 @@ const PRECISION: f64 = 1e-10;
 ///
 /// `exp(β s)` of shapes that are all right grows without bound: the bounds end it.
 pub fn sharpness<'a>(held: impl Iterator<Item = &'a Held> + Clone) -> f64 {
-    if held.clone().next().is_none() {
+    let variances = held.clone().map(|held| moments(&held.evidence.scores, 0.0).1);
+    let (sum, count) = variances.fold((0.0, 0.0), |(sum, count), variance| (sum + variance, count + 1.0));
+    if count == 0.0 || sum == 0.0 {
         return 1.0;
     }
+    sharpness_near((sum / count).sqrt().recip().clamp(SHARPNESS.0, SHARPNESS.1), held)
+}
+
+/// The same from a `β` that is near. Newton's steps within a bracket.
+fn sharpness_near<'a>(start: f64, held: impl Iterator<Item = &'a Held> + Clone) -> f64 {
     let (mut low, mut high) = SHARPNESS;
-    let mut beta = 1.0;
+    let mut beta = start;
     for _ in 0..STEPS {
         // Σ (s_c(k) − E s) and Σ Var s, with E and Var under p.
         let derivatives = held.clone().map(|held| {
@@ -54,7 +69,9 @@ pub fn sharpness<'a>(held: impl Iterator<Item = &'a Held> + Clone) -> f64 {
             high = beta
         }
         let newton = beta + slope / curvature;
-        let next = if newton > low && newton < high { newton } else { (low * high).sqrt() };
+        // Far away the likelihood is nearly straight, and a step would leave the neighbourhood.
+        let (least, most) = (low.max(beta / STRIDE), high.min(beta * STRIDE));
+        let next = if newton.is_nan() { (least * most).sqrt() } else { newton.clamp(least, most) };
         if (next - beta).abs() <= PRECISION * beta {
             return next;
         }
@@ -67,14 +84,11 @@ pub fn sharpness<'a>(held: impl Iterator<Item = &'a Held> + Clone) -> f64 {
 fn moments(scores: &[f64], beta: f64) -> (f64, f64) {
     let best = scores.iter().copied().fold(f64::MIN, f64::max);
     let (mut sum, mut first, mut second) = (0.0, 0.0, 0.0);
-    for s in scores.iter().map(|s| s - best) {
+    for s in scores.iter().map(|s| s - best).filter(|s| beta * s > NEGLIGIBLE) {
         let weight = (beta * s).exp();
         sum += weight;
-        // A score that is out of the question may be −∞ away.
-        if weight > 0.0 {
-            first += weight * s;
-            second += weight * s * s;
-        }
+        first += weight * s;
+        second += weight * s * s;
     }
     let mean = first / sum;
     (best + mean, (second / sum - mean * mean).max(0.0))
@@ -163,8 +177,9 @@ impl Quality {
         let folds = held.iter().map(|held| held.fold + 1).max().unwrap_or(1);
         let per_repeat = folds.div_ceil(repeats.max(1));
         // Every fold has its own: that of the shapes outside.
-        let betas: Vec<f64> =
-            (0..folds).map(|fold| sharpness(held.iter().filter(move |held| held.fold != fold))).collect();
+        let all = sharpness(held.iter());
+        let outside = |fold: usize| sharpness_near(all, held.iter().filter(move |held| held.fold != fold));
+        let betas: Vec<f64> = (0..folds).into_par_iter().map(outside).collect();
         let (mut brier, mut log_loss) = (0.0, 0.0);
         let mut bins = vec![Bin::default(); BINS];
         let mut right = vec![(0_usize, 0_usize); repeats.max(1)];
