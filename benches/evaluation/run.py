@@ -62,8 +62,8 @@ class Service:
         self.call("POST", "/v1/cohorts", body)
         self.call("POST", f"/v1/cohorts/{name}/shapes", {"shapes": shapes})
 
-    def learn(self, name, cohort, classifier, method):
-        body = {"name": name, "cohort": cohort, "transformation": "similarity", "method": method}
+    def learn(self, name, cohort, classifier, method, transformation):
+        body = {"name": name, "cohort": cohort, "transformation": transformation, "method": method}
         job = self.call("POST", "/v1/dictionaries", {**body, "classifier": {"repeats": REPEATS, **classifier}})
         self.finished(job)
         return self.call("GET", f"/v1/dictionaries/{name}")
@@ -102,18 +102,22 @@ def contour():
 ALL_KINDS = ("mean_space", "nearest_atom", "sparse_residual", "nearest_neighbours", "discriminant", "best")
 ATOMS_A_CLASS = 4
 
-# name: data set, keyword arguments, correspondence
+# name: data set, keyword arguments, correspondence, class that is removed
+SIMILARITY = "similarity"
+UPRIGHT = "uniform_scaling_translation"
 SETS = {
-    "molars": ("curves-molars", {"subject": "ind"}, "cyclic"),
-    "North Sea fish, classes of 5": ("curves-north-sea-fish", {"fewest": 5}, "cyclic"),
-    "mouse vertebrae": ("curves-mouse-vertebrae", {}, "cyclic"),
-    "hearts": ("curves-hearts", {}, "cyclic"),
-    "hearts, start as given": ("curves-hearts", {}, "arc_length"),
-    "otoliths": ("curves-otoliths", {}, "cyclic"),
-    "charred grains, dorsal": ("curves-charred-grains", {"subject": "grain", "view": "d"}, "cyclic"),
-    "charred grains, lateral": ("curves-charred-grains", {"subject": "grain", "view": "l"}, "cyclic"),
-    "charred grains, polar": ("curves-charred-grains", {"subject": "grain", "view": "p"}, "cyclic"),
-    "osteosarcoma, treatment": ("curves-osteosarcoma-cells", {"target": "treatment"}, "cyclic"),
+    "molars": ("curves-molars", {"subject": "ind"}, "cyclic", SIMILARITY),
+    "North Sea fish, classes of 5": ("curves-north-sea-fish", {"fewest": 5}, "cyclic", SIMILARITY),
+    "North Sea fish, all classes, 3 parts": ("curves-north-sea-fish", {"folds": 3}, "cyclic", SIMILARITY),
+    "mouse vertebrae": ("curves-mouse-vertebrae", {}, "cyclic", SIMILARITY),
+    "hearts": ("curves-hearts", {}, "cyclic", SIMILARITY),
+    "hearts, start as given": ("curves-hearts", {}, "arc_length", SIMILARITY),
+    "hearts, tilt as drawn": ("curves-hearts", {}, "cyclic", UPRIGHT),
+    "otoliths": ("curves-otoliths", {}, "cyclic", SIMILARITY),
+    "charred grains, dorsal": ("curves-charred-grains", {"subject": "grain", "view": "d"}, "cyclic", SIMILARITY),
+    "charred grains, lateral": ("curves-charred-grains", {"subject": "grain", "view": "l"}, "cyclic", SIMILARITY),
+    "charred grains, polar": ("curves-charred-grains", {"subject": "grain", "view": "p"}, "cyclic", SIMILARITY),
+    "osteosarcoma, treatment": ("curves-osteosarcoma-cells", {"target": "treatment"}, "cyclic", SIMILARITY),
 }
 LANDMARKS = {
     "ape skulls": ("landmarks-ape-skulls", "group"),
@@ -123,7 +127,7 @@ LANDMARKS = {
 
 
 def shapes_of(folder, data_set, arguments):
-    arguments = dict(arguments)
+    arguments = {key: value for key, value in arguments.items() if key != "folds"}
     view, fewest = arguments.pop("view", None), arguments.pop("fewest", 1)
     if view:
         arguments["keep"] = lambda shape: shape["labels"]["view"] == view
@@ -148,7 +152,7 @@ HEAD = (
 )
 
 
-def evaluate(service, name, cohort, correspondence, components, kinds, shapes):
+def evaluate(service, name, cohort, correspondence, transformation, components, kinds, shapes, folds=5):
     atoms = ATOMS_A_CLASS * len({shape["label"] for shape in shapes})
     for kind in kinds:
         method = {"kind": "functional_pca", "components": components, "centre": True}
@@ -157,7 +161,7 @@ def evaluate(service, name, cohort, correspondence, components, kinds, shapes):
         if kind == "sparse_residual":
             method = {"kind": "sparse", "atoms": atoms, "lambda": 0.02}
         start = time.perf_counter()
-        dictionary = service.learn(f"{cohort}-{kind}", cohort, {"kind": kind}, method)
+        dictionary = service.learn(f"{cohort}-{kind}", cohort, {"kind": kind, "folds": folds}, method, transformation)
         print(row(name, correspondence, kind, dictionary, time.perf_counter() - start), flush=True)
 
 
@@ -289,19 +293,21 @@ def main():
         service = Service(binary, folder)
         try:
             print(HEAD)
-            for number, (name, (data_set, arguments, correspondence)) in enumerate(SETS.items()):
+            for number, (name, (data_set, arguments, correspondence, transformation)) in enumerate(SETS.items()):
                 if chosen(name):
                     cohort = f"set{number}"
                     shapes = shapes_of(options.data, data_set, arguments)
                     service.cohort(cohort, contour(), correspondence, shapes)
-                    evaluate(service, name, cohort, correspondence, options.components, kinds, shapes)
+                    rule, folds = (correspondence, transformation), arguments.get("folds", 5)
+                    evaluate(service, name, cohort, *rule, options.components, kinds, shapes, folds)
             for number, (name, (data_set, target)) in enumerate(LANDMARKS.items()):
                 if chosen(name):
                     shapes = landmarks(options.data, data_set, target)
                     dimension = len(shapes[0]["points"][0])
                     representation = {"kind": "landmarks", "dimension": dimension, "points": len(shapes[0]["points"])}
-                    service.cohort(f"marks{number}", representation, "landmarks", shapes)
-                    evaluate(service, name, f"marks{number}", "landmarks", options.components, kinds, shapes)
+                    cohort = f"marks{number}"
+                    service.cohort(cohort, representation, "landmarks", shapes)
+                    evaluate(service, name, cohort, "landmarks", SIMILARITY, options.components, kinds, shapes)
             if chosen("MPEG-7"):
                 silhouettes(service, options.data)
             if chosen("halves"):

@@ -148,7 +148,8 @@ async fn check_classifier(
 ) -> Result<(), ServiceError> {
     let attribute = &settings.attribute;
     let membership = Membership::read(app, cohort, &plan.filter, attribute).await?;
-    let mut faults = membership.faults(settings);
+    let length = cohort.representation.size() * cohort.representation.dimension();
+    let mut faults = membership.faults(settings, &plan.method, length);
     let found = usize::try_from(shapes).unwrap_or(usize::MAX);
     // The smallest part of the shapes that something is learnt from.
     let fewest = found - found.div_ceil(settings.folds);

@@ -271,7 +271,8 @@ impl Task<'_> {
         self.enter(phase::VALIDATE)?;
         let read = Membership::read(self.app, self.cohort, &self.plan.filter, &settings.attribute);
         let membership = self.handle.block_on(read)?;
-        ServiceError::unless_empty(membership.faults(settings))?;
+        let length = self.setup.metric.len();
+        ServiceError::unless_empty(membership.faults(settings, &self.plan.method, length))?;
         let context = self.context.silent();
         let task = Task { context: &context, ..*self };
         let shapes = &in_memory(shapes)?;

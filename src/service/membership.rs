@@ -26,6 +26,12 @@ pub struct Membership {
 /// Classes that a fault names.
 const NAMED: usize = 5;
 
+/// Most classes: a confusion matrix is to be read.
+const MOST_CLASSES: usize = 1000;
+
+/// Most numbers that a trained classifier keeps: some tens of megabytes in a file.
+pub(super) const MOST_STORED: usize = 1 << 22;
+
 /// Most numbers of evidence that a validation keeps.
 const MOST_EVIDENCE: usize = 1 << 25;
 
@@ -103,8 +109,9 @@ impl Membership {
         units(&self.classes, &self.groups, self.labels.len())
     }
 
-    /// What keeps the classifier from being trained and validated on these shapes.
-    pub fn faults(&self, settings: &ClassifierSettings) -> Vec<Fault> {
+    /// What keeps the classifier from being trained and validated on these shapes, of `length` numbers each and described
+    /// by `method`.
+    pub fn faults(&self, settings: &ClassifierSettings, method: &Method, length: usize) -> Vec<Fault> {
         let mut faults = Vec::new();
         let mut fault = |field: &str, detail: String| {
             faults.push(Fault::new(format!("/classifier/{field}"), detail));
@@ -117,6 +124,22 @@ impl Membership {
                 format!("all shapes have the same '{attribute}', '{only}': a classifier needs two classes"),
             );
             return faults;
+        }
+        if self.labels.len() > MOST_CLASSES {
+            let found = self.labels.len();
+            fault(
+                "attribute",
+                format!("'{attribute}' has {found} values, at most {MOST_CLASSES} classes are told apart"),
+            );
+            return faults;
+        }
+        let stored = stored(settings, method, self.classes.len(), self.labels.len(), length);
+        if stored > MOST_STORED {
+            let detail = format!(
+                "would keep {stored} numbers, at most {MOST_STORED} are kept: ask for fewer components, choose fewer shapes, or \
+                 another kind"
+            );
+            fault("kind", detail);
         }
         let smallest = (1..sizes.len()).fold(0, |best, c| if sizes[c] < sizes[best] { c } else { best });
         let fewest = (1..units.len()).fold(0, |best, c| if units[c] < units[best] { c } else { best });
@@ -165,6 +188,28 @@ impl Membership {
             fault("repeats", detail);
         }
         faults
+    }
+}
+
+/// Numbers that a classifier keeps of `shapes` shapes of `classes` classes. `best` chooses what is small enough.
+fn stored(
+    settings: &ClassifierSettings,
+    method: &Method,
+    shapes: usize,
+    classes: usize,
+    length: usize,
+) -> usize {
+    let features = settings.components.unwrap_or(method.atoms()) + 1;
+    match settings.kind {
+        ClassifierKind::MeanSpace => classes.saturating_mul(length),
+        ClassifierKind::NearestNeighbours => shapes.saturating_mul(features),
+        ClassifierKind::Discriminant if settings.pooling.unwrap_or(1.0) < 1.0 => {
+            classes.saturating_mul(features * features)
+        }
+        ClassifierKind::Discriminant
+        | ClassifierKind::NearestAtom
+        | ClassifierKind::SparseResidual
+        | ClassifierKind::Best => 0,
     }
 }
 

@@ -7,7 +7,7 @@
 use rayon::prelude::*;
 
 use super::learning::{Task, quantiles};
-use super::membership::{Membership, WITHIN, units};
+use super::membership::{MOST_STORED, Membership, WITHIN, units};
 use super::models;
 use super::{ServiceError, classify, error::Fault};
 use crate::analysis::accumulate::ShapesInMemory;
@@ -176,7 +176,7 @@ impl Study<'_> {
             let learnt = self.learn(&inside)?;
             let (training, test) = (self.describe(&learnt, &inside)?, self.describe(&learnt, &outside)?);
             if shapes == 0 {
-                let kinds = candidates(&learnt.model, inside.len());
+                let kinds = candidates(&learnt.model, self.membership);
                 tallies = kinds.into_iter().map(|kind| (kind, 0, 0.0)).collect();
             }
             shapes += outside.len();
@@ -366,29 +366,44 @@ fn divided(fold_of: &[usize], fold: usize) -> (Vec<usize>, Vec<usize>) {
     (0..fold_of.len()).partition(|&k| fold_of[k] != fold)
 }
 
-/// What `best` chooses from.
-fn candidates(model: &Model, shapes: usize) -> Vec<Kind> {
-    let mut kinds = vec![Kind::MeanSpace];
+/// What `best` chooses from, as far as it is small enough to be kept.
+fn candidates(model: &Model, membership: &Membership) -> Vec<Kind> {
+    let (shapes, classes) = (membership.classes.len(), membership.labels.len());
+    let mut kinds = Vec::new();
+    if classes * model_length(model) <= MOST_STORED {
+        kinds.push(Kind::MeanSpace);
+    }
     match model {
         Model::Sparse { .. } => kinds.extend([Kind::NearestAtom, Kind::SparseResidual]),
         Model::Components { pca, .. } if !pca.centred => kinds.push(Kind::NearestAtom),
         // Differences from a centre are no shapes that another could be near to.
         Model::Components { .. } => {}
     }
-    kinds.extend(
-        NEIGHBOURS.iter().filter(|&&k| k <= shapes).map(|&neighbours| Kind::NearestNeighbours { neighbours }),
-    );
+    if shapes * (model.len() + 1) <= MOST_STORED {
+        kinds.extend(NEIGHBOURS.map(|neighbours| Kind::NearestNeighbours { neighbours }));
+    }
     let mut sizes: Vec<usize> = COMPONENTS.iter().copied().filter(|&count| count < model.len()).collect();
     sizes.push(model.len());
-    for components in sizes {
+    for count in sizes {
         for pooling in POOLINGS {
+            if pooling < 1.0 && classes * (count + 1) * (count + 1) > MOST_STORED {
+                continue;
+            }
             for shrinkage in SHRINKAGES {
-                let components = Some(components);
+                let components = Some(count);
                 kinds.push(Kind::Discriminant(Regularisation { components, pooling, shrinkage }));
             }
         }
     }
     kinds
+}
+
+/// Numbers of a shape.
+fn model_length(model: &Model) -> usize {
+    match model {
+        Model::Components { pca, .. } => pca.mean.len(),
+        Model::Sparse { algebra, atoms, .. } => atoms.matrix().nrows() * algebra.size(),
+    }
 }
 
 fn candidate(kind: Kind, accuracy: f64) -> Candidate {
