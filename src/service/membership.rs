@@ -199,7 +199,11 @@ fn stored(
     classes: usize,
     length: usize,
 ) -> usize {
-    let features = settings.components.unwrap_or(method.atoms()) + 1;
+    let described = match method {
+        Method::FunctionalPca { components, .. } => (*components).min(length).min(shapes),
+        Method::Sparse { atoms, .. } => *atoms,
+    };
+    let features = settings.components.unwrap_or(described).min(described) + 1;
     match settings.kind {
         ClassifierKind::MeanSpace => classes.saturating_mul(length),
         ClassifierKind::NearestNeighbours => shapes.saturating_mul(features),

@@ -490,6 +490,12 @@ fn bad_classifiers_are_refused() {
     differences.compare("no label", &reply, &one_class);
     assert!(reply.text().contains("(bare)"), "{}", reply.text());
     assert_eq!(server.get("/v1/jobs").expect(200)["items"], json!([]));
+    // More classes than anybody reads.
+    let pair = |k: usize| json!({"label": format!("class {}", k / 2), "points": lobed(3.0, 0.1, k as u64)});
+    new_cohort(&server, "many", &(0..2002).map(pair).collect::<Vec<_>>());
+    let mut body = request("bad", "many", &discriminant);
+    body["classifier"]["folds"] = json!(2);
+    differences.compare("1001 classes", &server.post("/v1/dictionaries", &body), &one_class);
     // What is asked of a classifier.
     server.delete("/v1/cohorts/lobes/shapes/bare");
     server.delete("/v1/cohorts/lobes/shapes/lone");
