@@ -8,13 +8,14 @@ use tokio::runtime::Handle;
 
 use super::compute::Setup;
 use super::jobs::{JobContext, Outcome};
+use super::members::mean_record;
 use super::membership::{Membership, WITHIN};
 use super::stored::StoredShapes;
 use super::validation::Study;
 use super::{App, ServiceError, models, now_ms};
 use crate::analysis::AnalysisError;
 use crate::analysis::accumulate::{Accumulator, ScatterSum, ShapeSource, Shapes, ShapesInMemory};
-use crate::analysis::alignment::{Alignment, MeanShape, mean_shape};
+use crate::analysis::alignment::{Alignment, mean_shape};
 use crate::analysis::correspondence::Mirror;
 use crate::analysis::dictionary::learning::{Learning, Start, Watch};
 use crate::analysis::dictionary::model::{Certificate, Model};
@@ -462,16 +463,6 @@ impl Task<'_> {
             Ok(true)
         })?;
         Ok(hasher.finalize().to_hex().to_string())
-    }
-}
-
-fn mean_record(mean: &MeanShape, dimension: usize) -> MeanRecord {
-    MeanRecord {
-        control_points: rows_of(&mean.control_points, dimension),
-        eigenvalues: mean.eigenvalues.clone(),
-        gap: mean.gap,
-        unique: mean.unique,
-        converged: mean.converged,
     }
 }
 

@@ -15,6 +15,7 @@ use nalgebra::Cholesky;
 
 use super::{Evidence, Labelled};
 use crate::analysis::AnalysisError;
+use crate::analysis::dictionary::model::squared_distance;
 use crate::numeric::dense::{Matrix, multiply};
 
 /// How covariances are estimated.
@@ -135,20 +136,29 @@ impl Discriminant {
         let count = self.means.len();
         let empty = Evidence { distances: vec![0.0; count], scores: vec![0.0; count] };
         let mut evidence = vec![empty; z.ncols()];
+        // ‖L⁻¹(z − μ)‖ = ‖L⁻¹z − L⁻¹μ‖: with one covariance the shapes are transformed once for all classes.
+        let white: Vec<Matrix> = self.factors.iter().map(|factor| solved(factor, &z)).collect();
         for (c, mean) in self.means.iter().enumerate() {
-            let factor = &self.factors[c.min(self.factors.len() - 1)];
-            let log_determinant: f64 = factor.diagonal().iter().map(|pivot| pivot.ln()).sum();
-            let away = Matrix::from_fn(z.nrows(), z.ncols(), |i, k| z[(i, k)] - mean[i]);
-            // The pivots are positive: learning and import both check them.
-            let Some(white) = factor.solve_lower_triangular(&away) else { continue };
-            for (evidence, column) in evidence.iter_mut().zip(white.column_iter()) {
-                let squared = column.norm_squared();
+            let own = c.min(self.factors.len() - 1);
+            let log_determinant: f64 = self.factors[own].diagonal().iter().map(|pivot| pivot.ln()).sum();
+            let mean = solved(&self.factors[own], &Matrix::from_column_slice(mean.len(), 1, mean));
+            for (evidence, z) in evidence.iter_mut().zip(white[own].column_iter()) {
+                let squared = squared_distance(z.as_slice(), mean.as_slice());
                 evidence.distances[c] = squared.sqrt();
                 evidence.scores[c] = -0.5 * squared - log_determinant + self.log_priors[c];
             }
         }
         evidence
     }
+}
+
+/// `L⁻¹ z`.
+fn solved(factor: &Matrix, z: &Matrix) -> Matrix {
+    let mut solved = z.clone();
+    // Fails for zero pivots alone: training and import refuse those.
+    let positive = factor.solve_lower_triangular_mut(&mut solved);
+    debug_assert!(positive, "pivots are positive");
+    solved
 }
 
 /// Smallest over largest pivot of a covariance that can be inverted with half of the digits.

@@ -1,39 +1,34 @@
 //! Groups of shapes of a cohort, compared: at once when that is quick, else as a job.
 //!
-//! A plan fixes everything that the result depends on, among it the revision of the cohort.
+//! * this file — what is asked for, and which shapes are in which group. A plan fixes everything that the result depends
+//!   on, among it the revision of the cohort;
+//! * [`answer`] — the comparison;
+//! * [`drawing`] — its picture.
+
+mod answer;
+mod drawing;
 
 use std::collections::{BTreeMap, HashMap};
 
 use serde::{Deserialize, Serialize};
 use tokio::runtime::Handle;
 
-use super::compute::Setup;
-use super::error::Fault;
-use super::estimate::{Estimate, TestWork};
-use super::jobs::JobContext;
-use super::members::{self, Aligned, Attribute, KnownAttributes, MOST_PERMUTATIONS};
-use super::planned::PlannedTest;
-use super::{App, ServiceError, cohorts};
-use crate::analysis::accumulate::ShapesInMemory;
-use crate::analysis::alignment::{Alignment, Method, unwhitened};
+pub(super) use self::answer::test;
+use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::Mirror;
-use crate::analysis::inference::comparison::{PairTests, Sample, Tested};
-use crate::analysis::inference::permutation::{Relabellings, Tally, holm};
-use crate::analysis::inference::span::Span;
-use crate::analysis::mean::{MeanSpace, ProjectorSum};
-use crate::analysis::metric::Metric;
-use crate::analysis::transformation::{Transformation, TransformationClass};
+use crate::analysis::inference::permutation::Relabellings;
+use crate::analysis::transformation::Transformation;
 use crate::domain::cohort::Cohort;
-use crate::domain::comparison::{
-    Comparison, EffectPoint, GroupRecord, OverallRecord, PairRecord, SizeDifference, SizeSummary,
-    StatisticRecord, TestRecord,
-};
-use crate::domain::dictionary::{MeanRecord, columns_of, rows_of};
+use crate::domain::comparison::Comparison;
 use crate::domain::job::JobKind;
 use crate::domain::shape::{ShapeDescription, ShapeFilter};
-use crate::formats::effect::{self, Effect, EffectPoint as DrawnPoint};
-use crate::formats::svg::{Layer, colour};
-use crate::numeric::dense::{Matrix, transpose_multiply};
+use crate::service::compute::Setup;
+use crate::service::error::Fault;
+use crate::service::estimate::{Estimate, TestWork};
+use crate::service::jobs::JobContext;
+use crate::service::members::{Attribute, KnownAttributes, MOST_PERMUTATIONS};
+use crate::service::planned::PlannedTest;
+use crate::service::{App, ServiceError, cohorts, members};
 
 /// Most groups of a comparison.
 const MOST_GROUPS: usize = 50;
@@ -442,233 +437,6 @@ fn pairs_of(groups: usize) -> Vec<(usize, usize)> {
     (0..groups).flat_map(|first| (first + 1..groups).map(move |second| (first, second))).collect()
 }
 
-impl Prepared {
-    fn compare(&self, app: &App, handle: &Handle, context: &JobContext) -> Result<Comparison, ServiceError> {
-        let stop = || context.is_cancelled();
-        context.report("align", 0.0, None);
-        let Self { plan, cohort, setup, members, .. } = self;
-        let source = (cohort, members.filters.as_slice());
-        let aligned = members::read_and_align(app, handle, source, &members.shapes, setup, &stop)?;
-        context.report("compare", ALIGNED, None);
-        let groups = self.groups(&aligned)?;
-        let parameters = members::parameters(setup, plan.samples);
-        let sample = Sample {
-            coordinates: Span::new(&aligned.aligned, &aligned.weights)?.scores,
-            points: members::points_of(setup, &aligned.aligned, &parameters),
-            dimension: setup.metric.dimension(),
-            sizes: aligned.sizes.clone(),
-            weights: aligned.weights.clone(),
-        };
-        let mut warnings = members.warnings(plan);
-        warnings.extend(members::mean_warnings(&aligned.mean));
-        warnings.extend(aligned.warnings.iter().cloned());
-        let all = members.relabellings(plan, None);
-        let overall = if groups.len() > 2 {
-            let test = sample.compare_all(&all, &stop)?;
-            Some(OverallRecord { pseudo_f: statistic(&test.pseudo_f), r_squared: test.r_squared })
-        } else {
-            None
-        };
-        let mut pairs = Vec::new();
-        let wanted = pairs_of(groups.len());
-        for (i, &pair) in wanted.iter().enumerate() {
-            context.check()?;
-            context.report("compare", ALIGNED + (1.0 - ALIGNED) * i as f64 / wanted.len() as f64, None);
-            let relabellings = members.relabellings(plan, Some(pair));
-            if plan.permutations > 0 && relabellings.exchangeable() == 0 {
-                warnings.push(format!(
-                    "no labels of '{}' and '{}' can be exchanged within the strata: there is no p value",
-                    members.names[pair.0], members.names[pair.1]
-                ));
-            }
-            let chosen = sample.select(&members.of_pair(pair));
-            let tests = chosen.compare_pair(&relabellings, &stop)?;
-            let two = (&groups[pair.0], &groups[pair.1]);
-            pairs.push(self.pair(two, tests, &aligned, &parameters, relabellings.exchangeable()));
-        }
-        correct(&mut pairs);
-        Ok(Comparison {
-            cohort: cohort.id.clone(),
-            cohort_revision: plan.revision,
-            length_unit: cohort.length_unit.clone(),
-            transformation: plan.transformation.clone(),
-            alignment: plan.alignment,
-            mirror: plan.mirror,
-            seed: plan.seed,
-            strata: plan.strata.clone(),
-            shapes: members.shapes.len(),
-            left_out: members.left_out,
-            exchangeable: all.exchangeable(),
-            pooled: members::mean_record(&aligned.mean, setup.metric.dimension()),
-            groups: groups.into_iter().map(|group| group.record).collect(),
-            pairs,
-            overall,
-            warnings,
-        })
-    }
-
-    fn groups(&self, aligned: &Aligned) -> Result<Vec<Group>, ServiceError> {
-        (0..self.members.names.len()).map(|group| self.group(group, aligned)).collect()
-    }
-
-    fn group(&self, group: usize, aligned: &Aligned) -> Result<Group, ServiceError> {
-        let metric = &self.setup.metric;
-        let members = self.members.of_group(group);
-        let weights: Vec<f64> = members.iter().map(|&k| aligned.weights[k]).collect();
-        let weight: f64 = weights.iter().sum();
-        let average = members::average(&aligned.aligned, &aligned.weights, &members);
-        let squared = |k: usize| {
-            let column = aligned.aligned.column(k);
-            column.iter().zip(&average).map(|(x, m)| (x - m).powi(2)).sum::<f64>()
-        };
-        let spread = members.iter().map(|&k| aligned.weights[k] * squared(k)).sum::<f64>() / weight;
-        let average_rows = rows_of(&unwhitened(metric, &average), metric.dimension());
-        let (mean, elements) = match &self.setup.method {
-            Method::Projection(class) => {
-                let placed = aligned.placed.select_columns(&members);
-                let (mean, elements) =
-                    mean_of_space(class, placed, weights.clone(), &aligned.mean.whitened, metric)?;
-                (mean, Some(elements))
-            }
-            Method::Procrustes(_) => {
-                let control_points = average_rows.clone();
-                let (eigenvalues, converged) = (Vec::new(), true);
-                (MeanRecord { control_points, eigenvalues, gap: None, unique: None, converged }, None)
-            }
-        };
-        let summary = |(m, &measure): (usize, _)| {
-            let values: Vec<f64> = members.iter().map(|&k| aligned.sizes[(m, k)]).collect();
-            let (mean, deviation) = members::mean_and_deviation(&values, &weights);
-            SizeSummary { measure, mean, deviation }
-        };
-        let record = GroupRecord {
-            name: self.members.names[group].clone(),
-            shapes: members.len(),
-            weight,
-            mean,
-            average: average_rows,
-            spread: spread.sqrt(),
-            sizes: aligned.measures.iter().enumerate().map(summary).collect(),
-        };
-        Ok(Group { record, average, elements })
-    }
-
-    fn pair(
-        &self,
-        (first, second): (&Group, &Group),
-        tests: PairTests,
-        aligned: &Aligned,
-        parameters: &[f64],
-        exchangeable: usize,
-    ) -> PairRecord {
-        let chordal = |(a, b): (&Matrix, &Matrix)| {
-            let cosines = transpose_multiply(a, b).norm_squared() / a.ncols() as f64;
-            (1.0 - cosines).max(0.0).sqrt()
-        };
-        let sizes = tests.sizes.iter().zip(&aligned.measures).map(|(tested, &measure)| SizeDifference {
-            measure,
-            difference: tested.value.unwrap_or_default(),
-            test: test(tested.tally),
-        });
-        PairRecord {
-            first: first.record.name.clone(),
-            second: second.record.name.clone(),
-            exchangeable,
-            chordal_distance: first.elements.as_ref().zip(second.elements.as_ref()).map(chordal),
-            distance: statistic(&tests.distance),
-            pseudo_f: statistic(&tests.pseudo_f),
-            r_squared: tests.r_squared,
-            hotelling: statistic(&tests.hotelling),
-            components: tests.components,
-            effect: self.effect(first, &tests, parameters),
-            sizes: sizes.collect(),
-        }
-    }
-
-    fn effect(&self, first: &Group, tests: &PairTests, parameters: &[f64]) -> Vec<EffectPoint> {
-        let (d, count) = (self.setup.metric.dimension(), parameters.len());
-        let average = Matrix::from_column_slice(first.average.len(), 1, &first.average);
-        let points = members::points_of(&self.setup, &average, parameters);
-        let row = |values: &[f64], i: usize| (0..d).map(|c| values[c * count + i]).collect::<Vec<f64>>();
-        (0..count)
-            .map(|i| {
-                let difference = row(&tests.effect.difference, i);
-                EffectPoint {
-                    parameter: parameters[i],
-                    point: row(points.as_slice(), i),
-                    length: difference.iter().map(|x| x * x).sum::<f64>().sqrt(),
-                    difference,
-                    t_squared: tests.effect.t_squared[i],
-                    p: tests.effect.tallies[i].p(),
-                }
-            })
-            .collect()
-    }
-}
-
-/// Part of the progress when the shapes are aligned.
-const ALIGNED: f64 = 0.2;
-
-/// A group with what its pairs need.
-struct Group {
-    record: GroupRecord,
-    /// Arithmetic mean of the aligned shapes, whitened.
-    average: Vec<f64>,
-    /// Orthonormal basis of its mean space.
-    elements: Option<Matrix>,
-}
-
-/// The member of the mean space of shapes (whitened, one a column) that is nearest to `pooled`, and a basis of the space.
-fn mean_of_space(
-    class: &TransformationClass,
-    shapes: Matrix,
-    weights: Vec<f64>,
-    pooled: &[f64],
-    metric: &Metric,
-) -> Result<(MeanRecord, Matrix), ServiceError> {
-    let source = ShapesInMemory::prepared(shapes.as_slice().to_vec(), weights);
-    let space = MeanSpace::new(ProjectorSum::of(&source, class, metric.len())?, REPORTED_EIGENVALUES)?;
-    let control_points = rows_of(&unwhitened(metric, &space.project(pooled)), metric.dimension());
-    let (gap, unique) = (Some(space.gap), Some(space.is_unique()));
-    let elements = space.elements();
-    let record = MeanRecord { control_points, eigenvalues: space.eigenvalues, gap, unique, converged: true };
-    Ok((record, elements))
-}
-
-/// Eigenvalues of a mean space that are answered.
-const REPORTED_EIGENVALUES: usize = 10;
-
-pub(super) fn test(tally: Tally) -> TestRecord {
-    let Tally { exceeding, permutations, exact } = tally;
-    TestRecord { p: tally.p(), p_holm: None, exceeding, permutations, exact }
-}
-
-fn statistic(tested: &Tested) -> StatisticRecord {
-    StatisticRecord { value: tested.value, test: test(tested.tally) }
-}
-
-/// Corrects the p values of every statistic, and of every size, for the number of pairs.
-fn correct(pairs: &mut [PairRecord]) {
-    let sizes = pairs.first().map_or(0, |pair| pair.sizes.len());
-    let statistics: [fn(&mut PairRecord) -> &mut TestRecord; 3] =
-        [|pair| &mut pair.distance.test, |pair| &mut pair.pseudo_f.test, |pair| &mut pair.hotelling.test];
-    for of in statistics {
-        correct_tests(pairs.iter_mut().map(of).collect());
-    }
-    for m in 0..sizes {
-        correct_tests(pairs.iter_mut().map(|pair| &mut pair.sizes[m].test).collect());
-    }
-}
-
-fn correct_tests(tests: Vec<&mut TestRecord>) {
-    let mut tests: Vec<(f64, &mut TestRecord)> =
-        tests.into_iter().filter_map(|test| test.p.map(|p| (p, test))).collect();
-    let p: Vec<f64> = tests.iter().map(|(p, _)| *p).collect();
-    for ((_, test), corrected) in tests.iter_mut().zip(holm(&p)) {
-        test.p_holm = Some(corrected);
-    }
-}
-
 impl PlannedTest for Prepared {
     type Plan = Plan;
     type Answer = Comparison;
@@ -692,60 +460,6 @@ impl PlannedTest for Prepared {
     }
 
     fn draw(&self, answer: &Comparison) -> String {
-        draw(self, answer)
+        drawing::draw(self, answer)
     }
 }
-
-/// Colours of the groups of a drawing, over and over (colour-blind safe).
-const GROUP_COLOURS: [&str; 6] = ["#4477aa", "#cc3311", "#228833", "#aa3377", "#ccbb44", "#66ccee"];
-
-/// Picture: the averages of the groups over one another, and the effect along the first group of the pair that is
-/// farthest apart.
-fn draw(prepared: &Prepared, comparison: &Comparison) -> String {
-    let (space, d) = (&prepared.setup.space, prepared.setup.metric.dimension());
-    let layers: Vec<Layer> = comparison
-        .groups
-        .iter()
-        .enumerate()
-        .map(|(g, group)| {
-            let control_points = columns_of(&group.average, d);
-            let colour = GROUP_COLOURS[g % GROUP_COLOURS.len()];
-            Layer::of(space, [control_points.as_slice()], colour, 1.5, 0.9)
-                .named(format!("{} (n = {})", group.name, group.shapes))
-        })
-        .collect();
-    let distance = |pair: &PairRecord| pair.distance.value.unwrap_or_default();
-    let farthest = comparison.pairs.iter().max_by(|a, b| distance(a).total_cmp(&distance(b)));
-    let Some(pair) = farthest else { return effect::draw("", &layers, None, &[]) };
-    let points = pair.effect.iter().map(|point| DrawnPoint {
-        point: point.point.clone(),
-        length: point.length,
-        significant: point.p.is_some_and(|p| p <= SIGNIFICANT),
-    });
-    let effect = Effect {
-        points: points.collect(),
-        closed: space.generator().is_some() && space.representation().is_closed(),
-        connected: space.generator().is_some(),
-        colours: (colour::EFFECT_NONE, colour::EFFECT_MOST),
-    };
-    let of = |name: &str, test: &TestRecord| match test.p_holm.or(test.p) {
-        Some(p) => format!("{name}, p = {p:.2}").replace("p = 0.00", &format!("p = {p:.1e}")),
-        None => name.to_owned(),
-    };
-    let mut captions = vec![
-        format!("effect on {}: {} less {}", pair.first, pair.second, pair.first),
-        of(&format!("distance {:.3}", distance(pair)), &pair.distance.test),
-    ];
-    if let Some(chordal) = pair.chordal_distance {
-        captions.push(format!("chordal distance {chordal:.3}"));
-    }
-    captions.push(of("Hotelling", &pair.hotelling.test));
-    if let Some(overall) = &comparison.overall {
-        captions.push(of("all groups, pseudo-F", &overall.pseudo_f.test));
-    }
-    let title = format!("{} groups of {}", comparison.groups.len(), prepared.cohort.name);
-    effect::draw(&title, &layers, Some(&effect), &captions)
-}
-
-/// p values at most this are drawn wide.
-const SIGNIFICANT: f64 = 0.05;
