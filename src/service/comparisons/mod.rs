@@ -2,8 +2,8 @@
 //!
 //! * this file — what is asked for, and which shapes are in which group. A plan fixes everything that the result depends
 //!   on, among it the revision of the cohort;
-//! * [`answer`] — the comparison;
-//! * [`drawing`] — its picture.
+//! * `answer` — the comparison;
+//! * `drawing` — its picture.
 
 mod answer;
 mod drawing;
