@@ -233,7 +233,7 @@ fn of_coded(ready: &Ready, coded: &[Coded], quantile: f64) -> Result<Vec<Option<
         Some(Classified {
             margin: ranking[0].confidence - second,
             accepted: ranking[0].distance <= bound,
-            outlier: coding::score_of(ready, coded, quantile),
+            outlier: coding::score_of(ready, &coded.prepared.whitened, &coded.code, quantile),
             ranking,
         })
     });
@@ -275,7 +275,7 @@ pub fn assess(
         let relative_error = error_of(&coded.prepared.whitened, &y);
         let score = match &classified {
             Some(classified) => classified.outlier.clone(),
-            None => coding::score_of(ready, &coded, quantile),
+            None => coding::score_of(ready, &coded.prepared.whitened, &coded.code, quantile),
         };
         let residual = coding::residual(ready, &coded, y, samples).map_err(|error| match error {
             ServiceError::DegenerateShape(mut faults) => {

@@ -398,7 +398,10 @@ pub struct Score {
 /// Faults of the shapes, of the quantile; degenerate shapes.
 pub fn score(app: &App, ready: &Ready, asked: Asked, quantile: f64) -> Result<Vec<Score>, ServiceError> {
     check_quantile(quantile)?;
-    Ok(encode(app, ready, asked)?.iter().map(|coded| score_of(ready, coded, quantile)).collect())
+    Ok(encode(app, ready, asked)?
+        .iter()
+        .map(|coded| score_of(ready, &coded.prepared.whitened, &coded.code, quantile))
+        .collect())
 }
 
 /// That a training quantile can be one.
@@ -409,21 +412,21 @@ pub(super) fn check_quantile(quantile: f64) -> Result<(), ServiceError> {
     Err(ServiceError::invalid("/quantile", format!("is {quantile}, must be at least 0.5 and below 1")))
 }
 
-/// The score of a shape that was coded.
-pub(super) fn score_of(ready: &Ready, coded: &Coded, quantile: f64) -> Score {
+/// The score of the prepared shape `y` with this code.
+pub(super) fn score_of(ready: &Ready, y: &[f64], code: &SparseCode, quantile: f64) -> Score {
     let statistics = &ready.dictionary.content.statistics;
-    let residual = squared_distance(&coded.prepared.whitened, &ready.model.reconstruct(&coded.code));
+    let residual = squared_distance(y, &ready.model.reconstruct(code));
     let residual_rank = rank(&statistics.residuals, residual);
     let mut outlier = residual > value_at(&statistics.residuals, quantile);
     let Model::Components { spread, .. } = &ready.model else {
         let (scores, t_squared, t_squared_rank) = (None, None, None);
         return Score { scores, t_squared, t_squared_rank, residual, residual_rank, outlier };
     };
-    let distance = spread.distance(&coded.code.values);
+    let distance = spread.distance(&code.values);
     let trained = statistics.scores.as_ref().map_or(&[][..], |scores| &scores.t_squared);
     outlier |= distance > value_at(trained, quantile);
     Score {
-        scores: Some(coded.code.values.clone()),
+        scores: Some(code.values.clone()),
         t_squared: Some(distance),
         t_squared_rank: Some(rank(trained, distance)),
         residual,
@@ -433,7 +436,7 @@ pub(super) fn score_of(ready: &Ready, coded: &Coded, quantile: f64) -> Score {
 }
 
 /// Part of the ascending `values` that are at most `value`.
-fn rank(values: &[f64], value: f64) -> f64 {
+pub(super) fn rank(values: &[f64], value: f64) -> f64 {
     values.partition_point(|known| *known <= value) as f64 / values.len().max(1) as f64
 }
 

@@ -2,14 +2,14 @@
 
 use tokio::runtime::Handle;
 
-use super::coding::value_at;
+use super::coding::{rank, score_of, value_at};
 use super::models::Ready;
 use super::stored::StoredShapes;
 use super::{App, ServiceError};
 use crate::analysis::accumulate::{ShapeSource, Shapes, ShapesInMemory, map_shapes};
 use crate::analysis::alignment::{FEWEST_SHAPES, mean_shape};
 use crate::analysis::classification::{Description, Observations, described};
-use crate::analysis::dictionary::model::{Model, squared_distance};
+use crate::analysis::dictionary::model::Model;
 use crate::analysis::dictionary::preparation::{Pose, Preparation};
 use crate::analysis::metric::{dot, norm};
 use crate::domain::cohort::Cohort;
@@ -191,18 +191,12 @@ fn add(sums: &mut Sums, ready: &Ready, batch: Shapes<'_>, quantile: f64) -> Resu
     let shapes = ShapesInMemory::prepared(batch.whitened.to_vec(), batch.weights.to_vec());
     let described = described(preparation, model, &shapes).map_err(|error| error.after(batch.first))?;
     let (prepared, codes) = described;
-    let statistics = &ready.dictionary.content.statistics;
-    let residual_bound = value_at(&statistics.residuals, quantile);
-    let distance_bound =
-        statistics.scores.as_ref().map_or(f64::INFINITY, |scores| value_at(&scores.t_squared, quantile));
     for (y, code) in prepared.chunks_exact(preparation.metric.len()).zip(&codes) {
-        let residual = squared_distance(y, &model.reconstruct(code));
-        let mut outlier = residual > residual_bound;
-        sums.residuals.push(residual);
+        let score = score_of(ready, y, code, quantile);
+        sums.outliers += usize::from(score.outlier);
+        sums.residuals.push(score.residual);
+        sums.distances.extend(score.t_squared);
         if let Model::Components { spread, .. } = model {
-            let distance = spread.distance(&code.values);
-            outlier |= distance > distance_bound;
-            sums.distances.push(distance);
             sums.first.resize(code.values.len(), 0.0);
             sums.second.resize(code.values.len(), 0.0);
             for (i, value) in code.values.iter().enumerate() {
@@ -210,7 +204,6 @@ fn add(sums: &mut Sums, ready: &Ready, batch: Shapes<'_>, quantile: f64) -> Resu
                 sums.second[i] += (value - spread.mean[i]).powi(2);
             }
         }
-        sums.outliers += usize::from(outlier);
     }
     if let (Some(classifier), Some(record)) = (&ready.classifier, &ready.dictionary.content.classifier) {
         let observations = Observations { shapes: batch.whitened, prepared: &prepared, codes: &codes };
@@ -228,10 +221,7 @@ impl Comparison {
     fn new(training: &[f64], mut new: Vec<f64>) -> Self {
         new.sort_by(f64::total_cmp);
         let quantiles = |values: &[f64]| [0.1, 0.5, 0.9, 0.99].map(|quantile| value_at(values, quantile));
-        let part = |values: &[f64], value: f64| {
-            values.partition_point(|known| *known <= value) as f64 / values.len().max(1) as f64
-        };
-        let difference = |value: &f64| (part(training, *value) - part(&new, *value)).abs();
+        let difference = |value: &f64| (rank(training, *value) - rank(&new, *value)).abs();
         let largest_difference = training.iter().chain(&new).map(difference).fold(0.0, f64::max);
         Self { training: quantiles(training), new: quantiles(&new), largest_difference }
     }

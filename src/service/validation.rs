@@ -10,10 +10,11 @@ use super::learning::{Task, quantiles};
 use super::membership::{MOST_STORED, Membership, WITHIN, units};
 use super::models;
 use super::{ServiceError, classify, error::Fault};
+use crate::analysis::AnalysisError;
 use crate::analysis::accumulate::ShapesInMemory;
 use crate::analysis::classification::discriminant::Regularisation;
 use crate::analysis::classification::folds::stratified;
-use crate::analysis::classification::quality::{BINS, Held, Part, Quality, sharpness};
+use crate::analysis::classification::quality::{BINS, Held, Part, Quality, confidences, sharpness};
 use crate::analysis::classification::{
     Classifier, Description, Kind, Labelled, Observations, described, subset,
 };
@@ -235,7 +236,7 @@ impl Study<'_> {
         let right = held.iter().filter(|held| held.evidence.best() == held.class).count();
         let beta = sharpness(held.iter());
         let loss = |held: &Held| {
-            let p = crate::analysis::classification::quality::confidences(&held.evidence, beta)[held.class];
+            let p = confidences(&held.evidence, beta)[held.class];
             -p.max(f64::MIN_POSITIVE).ln()
         };
         Ok(Some((right, held.iter().map(loss).sum())))
@@ -276,9 +277,9 @@ impl Study<'_> {
     }
 
     /// An error with the position of the shape among all, and the name of the class.
-    fn located(&self, error: crate::analysis::AnalysisError, chosen: &[usize]) -> ServiceError {
+    fn located(&self, error: AnalysisError, chosen: &[usize]) -> ServiceError {
         match error {
-            crate::analysis::AnalysisError::SingularCovariance { class } => {
+            AnalysisError::SingularCovariance { class } => {
                 let label = self.membership.labels.get(class).map_or("", String::as_str);
                 let detail = format!(
                     "the covariance of the class '{label}' cannot be inverted: fewer components, more pooling or more \

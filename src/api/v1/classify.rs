@@ -9,6 +9,9 @@ use super::coding::{CodeOutput, ScoreOutput, Shapes, asking_request};
 use crate::api::extract::{JsonBody, NoQuery, Path, parse};
 use crate::api::problem::{Problem, ProblemDocument};
 use crate::api::respond::{compute, json};
+use crate::domain::classifier::{
+    ClassRecord, ClassifierKind, ClassifierRecord, ClassifierSettings, Validation,
+};
 use crate::formats::InputError;
 use crate::formats::checked::{Checked, List, document, take_given};
 use crate::formats::shape::ShapeInput;
@@ -18,6 +21,40 @@ use crate::service::{App, ServiceError};
 
 /// Training quantile beyond which a shape is an outlier or of no class, unless given.
 const QUANTILE: f64 = 0.99;
+
+/// A classifier; the numbers it was trained to are part of the exported file.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct ClassifierOutput<'a> {
+    /// What was asked for, with all defaults.
+    settings: &'a ClassifierSettings,
+    /// What was trained: another kind than asked for under `best`.
+    kind: ClassifierKind,
+    /// The classes, in alphabetical order.
+    classes: Vec<ClassSize<'a>>,
+    /// How it does on shapes that neither it nor the dictionary had seen.
+    validation: &'a Validation,
+}
+
+/// A class of the training shapes.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct ClassSize<'a> {
+    /// Its name.
+    label: &'a str,
+    /// Training shapes of it.
+    shapes: usize,
+}
+
+impl<'a> ClassifierOutput<'a> {
+    pub(super) fn new(record: &'a ClassifierRecord) -> Self {
+        let size = |class: &'a ClassRecord| ClassSize { label: &class.label, shapes: class.shapes };
+        Self {
+            settings: &record.settings,
+            kind: record.trained.kind(),
+            classes: record.classes.iter().map(size).collect(),
+            validation: &record.validation,
+        }
+    }
+}
 
 asking_request! {
     /// Shapes to be classified.
@@ -104,10 +141,7 @@ pub(super) async fn classify(
     Path(key): Path<String>,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
-    let ready = models::find(&app, &key).await?;
-    let mut request: ClassifyRequest = app.pool.run(move || parse(&body)).await?;
-    let mut errors = Vec::new();
-    let shapes = request.take_shapes(&mut errors);
+    let (ready, request, shapes, mut errors) = ClassifyRequest::receive(&app, &key, body).await?;
     let quantile = request.quantile.map_or(Some(QUANTILE), |q| q.take("/quantile", &mut errors));
     let (quantile, asked) = shapes.ask(&app, &ready, quantile, errors).await?;
     compute(app, move |app| {
@@ -181,10 +215,7 @@ pub(super) async fn assess(
     Path(key): Path<String>,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
-    let ready = models::find(&app, &key).await?;
-    let mut request: AssessRequest = app.pool.run(move || parse(&body)).await?;
-    let mut errors: Vec<InputError> = Vec::new();
-    let shapes = request.take_shapes(&mut errors);
+    let (ready, request, shapes, mut errors) = AssessRequest::receive(&app, &key, body).await?;
     let quantile = request.quantile.map_or(Some(QUANTILE), |q| q.take("/quantile", &mut errors));
     let size = ready.setup.metric.size();
     let samples = request.samples.map_or(Some(size), |s| s.take("/samples", &mut errors));

@@ -36,14 +36,21 @@ macro_rules! asking_request {
         }
 
         impl $name {
-            /// Takes the shapes that are asked about; what is wrong goes to `errors`.
-            fn take_shapes(&mut self, errors: &mut Vec<InputError>) -> Shapes {
-                errors.append(&mut self.faults);
-                Shapes {
-                    posted: self.shapes.take().map(|shapes| shapes.take("/shapes", errors)),
-                    cohort: take_given(self.cohort.take(), "/cohort", errors),
-                    ids: take_given(self.ids.take(), "/ids", errors),
-                }
+            /// The dictionary that is asked, the request without its shapes, these, and what is wrong so far.
+            async fn receive(
+                app: &App,
+                key: &str,
+                body: axum::body::Bytes,
+            ) -> Result<(std::sync::Arc<Ready>, Self, Shapes, Vec<InputError>), Problem> {
+                let ready = models::find(app, key).await?;
+                let mut request: Self = app.pool.run(move || parse(&body)).await?;
+                let mut errors = std::mem::take(&mut request.faults);
+                let shapes = Shapes {
+                    posted: request.shapes.take().map(|shapes| shapes.take("/shapes", &mut errors)),
+                    cohort: take_given(request.cohort.take(), "/cohort", &mut errors),
+                    ids: take_given(request.ids.take(), "/ids", &mut errors),
+                };
+                Ok((ready, request, shapes, errors))
             }
         }
     };
@@ -178,10 +185,7 @@ pub(super) async fn encode(
     Path(key): Path<String>,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
-    let ready = models::find(&app, &key).await?;
-    let mut request: EncodeRequest = app.pool.run(move || parse(&body)).await?;
-    let mut errors = Vec::new();
-    let shapes = request.take_shapes(&mut errors);
+    let (ready, _, shapes, errors) = EncodeRequest::receive(&app, &key, body).await?;
     let ((), asked) = shapes.ask(&app, &ready, Some(()), errors).await?;
     compute(app, move |app| {
         let coded = coding::encode(app, &ready, asked)?;
@@ -251,10 +255,7 @@ pub(super) async fn reconstruct(
     Path(key): Path<String>,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
-    let ready = models::find(&app, &key).await?;
-    let mut request: ReconstructRequest = app.pool.run(move || parse(&body)).await?;
-    let mut errors = Vec::new();
-    let shapes = request.take_shapes(&mut errors);
+    let (ready, request, shapes, mut errors) = ReconstructRequest::receive(&app, &key, body).await?;
     let with_codes = request.codes.is_some();
     let codes = take_given(request.codes, "/codes", &mut errors);
     let with_settings = request.pose.is_some() || request.samples.is_some();
@@ -346,10 +347,7 @@ pub(super) async fn score(
     Path(key): Path<String>,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
-    let ready = models::find(&app, &key).await?;
-    let mut request: ScoreRequest = app.pool.run(move || parse(&body)).await?;
-    let mut errors = Vec::new();
-    let shapes = request.take_shapes(&mut errors);
+    let (ready, request, shapes, mut errors) = ScoreRequest::receive(&app, &key, body).await?;
     let quantile = request.quantile.map_or(Some(0.99), |q| q.take("/quantile", &mut errors));
     let (quantile, asked) = shapes.ask(&app, &ready, quantile, errors).await?;
     compute(app, move |app| {
@@ -406,10 +404,7 @@ pub(super) async fn prior(
     Path(key): Path<String>,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
-    let ready = models::find(&app, &key).await?;
-    let mut request: PriorRequest = app.pool.run(move || parse(&body)).await?;
-    let mut errors = Vec::new();
-    let shapes = request.take_shapes(&mut errors);
+    let (ready, request, shapes, mut errors) = PriorRequest::receive(&app, &key, body).await?;
     let reference = take_or_default(request.reference, "/reference", &mut errors);
     let gamma = request.gamma.map_or(Some(1.0), |gamma| gamma.take("/gamma", &mut errors));
     let ((reference, gamma), asked) = shapes.ask(&app, &ready, reference.zip(gamma), errors).await?;

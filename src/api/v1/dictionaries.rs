@@ -5,6 +5,7 @@ use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::{Deserialize, Serialize};
 
+use super::classify::ClassifierOutput;
 use super::jobs::{JobOutput, accepted};
 use super::settings::{Page, PageQuery, ShapeOutput, known, tagged, time};
 use crate::analysis::alignment::Alignment;
@@ -14,9 +15,7 @@ use crate::analysis::transformation::Transformation;
 use crate::api::extract::{Format, JsonBody, NoQuery, Path, Prefer, Query, parse};
 use crate::api::problem::{Problem, ProblemDocument};
 use crate::api::respond::{compute, json, svg};
-use crate::domain::classifier::{
-    ClassRecord, ClassifierKind, ClassifierRecord, ClassifierSettings, Validation,
-};
+use crate::domain::classifier::{ClassifierKind, ClassifierSettings};
 use crate::domain::dictionary::{Atom, Listed, MeanRecord, Method, Row, Statistics};
 use crate::domain::job::JobStatus;
 use crate::domain::shape::ShapeFilter;
@@ -182,40 +181,6 @@ impl From<Listed> for DictionaryEntry {
             classifier: summary.classifier,
             accuracy: summary.accuracy,
             provenance,
-        }
-    }
-}
-
-/// A classifier; the numbers it was trained to are part of the exported file.
-#[derive(Debug, Serialize, utoipa::ToSchema)]
-pub(super) struct ClassifierOutput<'a> {
-    /// What was asked for, with all defaults.
-    settings: &'a ClassifierSettings,
-    /// What was trained: another kind than asked for under `best`.
-    kind: ClassifierKind,
-    /// The classes, in alphabetical order.
-    classes: Vec<ClassSize<'a>>,
-    /// How it does on shapes that neither it nor the dictionary had seen.
-    validation: &'a Validation,
-}
-
-/// A class of the training shapes.
-#[derive(Debug, Serialize, utoipa::ToSchema)]
-pub(super) struct ClassSize<'a> {
-    /// Its name.
-    label: &'a str,
-    /// Training shapes of it.
-    shapes: usize,
-}
-
-impl<'a> ClassifierOutput<'a> {
-    fn new(record: &'a ClassifierRecord) -> Self {
-        let size = |class: &'a ClassRecord| ClassSize { label: &class.label, shapes: class.shapes };
-        Self {
-            settings: &record.settings,
-            kind: record.trained.kind(),
-            classes: record.classes.iter().map(size).collect(),
-            validation: &record.validation,
         }
     }
 }
