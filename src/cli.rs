@@ -1,17 +1,23 @@
-//! The command line.
+//! The command line: the service, its interface document, and beside it `keys` and the `maintenance` of its store.
 
+mod keys;
+mod maintenance;
+
+use std::io::{ErrorKind, Write};
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
 use crate::api;
 use crate::config::{ServeArgs, ServeConfig};
+use crate::health;
 use crate::server;
+use crate::service::build;
 use crate::telemetry;
 
 /// Shape statistics as a service.
 #[derive(Debug, Parser)]
-#[command(name = "shapelex", version, about)]
+#[command(name = "shapelex", version = build::LINE, about)]
 struct Cli {
     #[command(subcommand)]
     command: Command,
@@ -23,6 +29,19 @@ enum Command {
     Serve(Box<ServeArgs>),
     /// Print the OpenAPI document.
     Openapi,
+    /// Ask a running service whether it is well: ends with 0 when it is.
+    Health {
+        /// Address that must answer with success
+        #[arg(long, default_value = "http://127.0.0.1:8080/readyz")]
+        url: String,
+    },
+    /// Make, list and revoke keys, also while the service runs.
+    Key {
+        #[command(subcommand)]
+        command: keys::KeyCommand,
+    },
+    #[command(flatten)]
+    Maintenance(maintenance::Maintenance),
 }
 
 /// Runs the program; errors go to standard error in one sentence.
@@ -30,23 +49,46 @@ pub fn run() -> ExitCode {
     let outcome = match Cli::parse().command {
         Command::Serve(args) => serve(*args),
         Command::Openapi => openapi(),
+        Command::Health { url } => runtime().and_then(|runtime| runtime.block_on(health::ask(&url))),
+        Command::Key { command } => key(command),
+        Command::Maintenance(command) => return maintain(command),
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
         Err(message) => {
-            #[allow(clippy::print_stderr, reason = "the last word of a program that cannot go on")]
-            {
-                eprintln!("shapelex: {message}");
-            }
+            complain(&message);
             ExitCode::FAILURE
+        }
+    }
+}
+
+/// Says why the program does not go on.
+fn complain(message: &str) {
+    #[allow(clippy::print_stderr, reason = "the last word of a program that cannot go on")]
+    {
+        eprintln!("shapelex: {message}");
+    }
+}
+
+/// 0 when it was done, 1 when it was done and something was found, 2 when it was not done.
+fn maintain(command: maintenance::Maintenance) -> ExitCode {
+    match runtime().and_then(|runtime| runtime.block_on(maintenance::run(command))) {
+        Ok(maintenance::Outcome::Done) => ExitCode::SUCCESS,
+        Ok(maintenance::Outcome::Findings) => ExitCode::from(1),
+        Err(message) => {
+            complain(&message);
+            ExitCode::from(2)
         }
     }
 }
 
 fn serve(args: ServeArgs) -> Result<(), String> {
     let config = ServeConfig::load(args)?;
-    telemetry::start(&config.log, config.log_format)?;
-    runtime()?.block_on(server::serve(config))
+    let runtime = runtime()?;
+    let telemetry = telemetry::start(&config.log, config.log_format, runtime.handle())?;
+    let outcome = runtime.block_on(server::serve(config));
+    telemetry.stop();
+    outcome
 }
 
 fn runtime() -> Result<tokio::runtime::Runtime, String> {
@@ -56,11 +98,19 @@ fn runtime() -> Result<tokio::runtime::Runtime, String> {
         .map_err(|error| format!("the async runtime does not start: {error}"))
 }
 
+fn key(command: keys::KeyCommand) -> Result<(), String> {
+    say(&runtime()?.block_on(keys::run(command))?)
+}
+
 fn openapi() -> Result<(), String> {
     let document = api::openapi().to_pretty_json().map_err(|error| error.to_string())?;
-    #[allow(clippy::print_stdout, reason = "the document is what was asked for")]
-    {
-        println!("{document}");
+    say(&format!("{document}\n"))
+}
+
+/// Writes what was asked for to standard output; a reader that has seen enough is no failure.
+fn say(text: &str) -> Result<(), String> {
+    match std::io::stdout().write_all(text.as_bytes()) {
+        Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(format!("standard output: {error}")),
+        _ => Ok(()),
     }
-    Ok(())
 }

@@ -3,17 +3,38 @@
 use std::net::SocketAddr;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use clap::{Args, ValueEnum};
 use serde::Deserialize;
 
+use crate::opening::Place;
+use crate::server::ConnectionLimits;
 use crate::service::Limits;
+use crate::service::access::AccessSettings;
+use crate::service::access::tokens::TokenSettings;
 use crate::worker::Places;
 
 /// Most jobs at once: each has threads of its own.
 const MAX_JOBS: usize = 64;
+/// Fewer connections could wait for each other: a job reads while it writes.
+const MIN_CONNECTIONS: u32 = 4;
 /// Most bytes of a matrix: what is stored as one piece must stay below a billion.
 const MOST_MATRIX_BYTES: usize = 900_000_000;
+/// Most seconds that clocks may differ: more would keep tokens alive that have ended.
+const MOST_LEEWAY_SECONDS: u64 = 300;
+
+/// Least bytes of a head that the connections can be held to.
+const LEAST_HEAD_BYTES: usize = 8192;
+
+/// A default of at least one.
+fn most(count: usize) -> NonZeroUsize {
+    NonZeroUsize::new(count).unwrap_or(NonZeroUsize::MIN)
+}
+
+fn seconds(count: NonZeroUsize) -> Duration {
+    Duration::from_secs(u64::try_from(count.get()).unwrap_or(u64::MAX))
+}
 
 /// Declares the settings once: flags, environment, file and defaults are made from one list.
 macro_rules! serve_settings {
@@ -62,6 +83,10 @@ serve_settings! {
     listen: SocketAddr = "SHAPELEX_LISTEN", SocketAddr::from(([127, 0, 0, 1], 8080));
     /// Folder of the embedded store, made when missing
     data_dir: PathBuf = "SHAPELEX_DATA_DIR", PathBuf::from("shapelex-data");
+    /// Address of a PostgreSQL database (`postgres://…`) to use instead of the embedded one; any number of processes may share it
+    database_url: String = "DATABASE_URL", String::new();
+    /// Most connections of this process to PostgreSQL
+    database_connections: u32 = "SHAPELEX_DATABASE_CONNECTIONS", 16;
     /// Compute threads; 0 takes one per core
     threads: usize = "SHAPELEX_THREADS", 0;
     /// Jobs that run at once, on compute threads of their own, as many as those of the requests
@@ -86,6 +111,52 @@ serve_settings! {
     max_matrix_operations: usize = "SHAPELEX_MAX_MATRIX_OPERATIONS", Limits::default().matrix_operations;
     /// Most multiply-adds that a search may be predicted to take
     max_search_operations: usize = "SHAPELEX_MAX_SEARCH_OPERATIONS", Limits::default().search_operations;
+    /// Days that deleted cohorts and dictionaries stay in the trash before they are removed for good
+    trash_days: u32 = "SHAPELEX_TRASH_DAYS", 30;
+    /// PEM file with the certificate chain; plain HTTP unless given, together with the key
+    tls_cert: PathBuf = "SHAPELEX_TLS_CERT", PathBuf::new();
+    /// PEM file with the key of the certificate; both files are read again when they change, and on SIGHUP
+    tls_key: PathBuf = "SHAPELEX_TLS_KEY", PathBuf::new();
+    /// Most open connections; beyond it the one that waits for its client for longest is closed
+    max_connections: NonZeroUsize = "SHAPELEX_MAX_CONNECTIONS", most(4096);
+    /// Most bytes of the head of a request, at least 8192
+    max_head_bytes: usize = "SHAPELEX_MAX_HEAD_BYTES", 64 << 10;
+    /// Most requests at once on one connection of HTTP/2
+    max_streams: u32 = "SHAPELEX_MAX_STREAMS", 100;
+    /// Longest time in seconds from a connection to the end of the head of its first request
+    first_request_seconds: NonZeroUsize = "SHAPELEX_FIRST_REQUEST_SECONDS", most(10);
+    /// Longest time in seconds from one answer to the end of the head of the next request of a connection
+    idle_seconds: NonZeroUsize = "SHAPELEX_IDLE_SECONDS", most(75);
+    /// Longest time in seconds in which a client takes less than 16 KiB of an answer that is ready
+    reader_seconds: NonZeroUsize = "SHAPELEX_READER_SECONDS", most(30);
+    /// Longest time in seconds for a request that only reads what is stored
+    light_seconds: NonZeroUsize = "SHAPELEX_LIGHT_SECONDS", most(30);
+    /// Longest time in seconds for a request that computes; streams are bounded by their pauses instead
+    compute_seconds: NonZeroUsize = "SHAPELEX_COMPUTE_SECONDS", most(120);
+    /// Most heavy requests that compute or wait for it, besides jobs; 0 takes four per compute thread
+    max_heavy_requests: usize = "SHAPELEX_MAX_HEAVY_REQUESTS", Limits::default().heavy_requests;
+    /// Most bytes of request bodies in memory, of all requests together; at least those of one body
+    max_buffered_bytes: usize = "SHAPELEX_MAX_BUFFERED_BYTES", Limits::default().buffered_bytes;
+    /// Requests that a caller may make in a second, on average; 0 does not count them
+    rate_per_second: u32 = "SHAPELEX_RATE_PER_SECOND", Limits::default().rate_per_second;
+    /// Requests that a caller may make at once; 0 takes twice those of a second
+    rate_burst: u32 = "SHAPELEX_RATE_BURST", Limits::default().rate_burst;
+    /// Days that entries of the audit trail are kept
+    audit_days: u32 = "SHAPELEX_AUDIT_DAYS", 365;
+    /// Address of the identity provider whose bearer tokens are accepted: their claim `iss`; empty for none
+    oidc_issuer: String = "SHAPELEX_OIDC_ISSUER", String::new();
+    /// Who the tokens must be for: their claim `aud`
+    oidc_audience: String = "SHAPELEX_OIDC_AUDIENCE", String::new();
+    /// Address of the provider's public keys (JWKS); empty to ask the provider for it
+    oidc_jwks_url: String = "SHAPELEX_OIDC_JWKS_URL", String::new();
+    /// Claim with the roles `reader`, `writer`, `admin`; with dots, inside of objects
+    oidc_role_claim: String = "SHAPELEX_OIDC_ROLE_CLAIM", "roles".into();
+    /// Claim with the tenant; empty when all are of the default one
+    oidc_tenant_claim: String = "SHAPELEX_OIDC_TENANT_CLAIM", String::new();
+    /// Seconds by which the clocks of the provider and the service may differ, at most 300
+    oidc_leeway_seconds: u64 = "SHAPELEX_OIDC_LEEWAY_SECONDS", 30;
+    /// Whether /metrics is shown to everyone
+    metrics_open: bool = "SHAPELEX_METRICS_OPEN", false;
     /// Log filter, such as `info` or `shapelex=debug`
     log: String = "SHAPELEX_LOG", "info".into();
     /// Log format
@@ -116,7 +187,34 @@ impl ServeConfig {
             matrix_bytes: self.max_matrix_bytes,
             matrix_operations: self.max_matrix_operations,
             search_operations: self.max_search_operations,
+            heavy_requests: self.max_heavy_requests,
+            buffered_bytes: self.max_buffered_bytes,
+            rate_per_second: self.rate_per_second,
+            rate_burst: self.rate_burst,
+            light_time: seconds(self.light_seconds),
+            compute_time: seconds(self.compute_seconds),
             ..Limits::default()
+        }
+    }
+
+    /// Where the store is.
+    pub(crate) fn place(&self) -> Place {
+        Place {
+            database_url: self.database_url.clone(),
+            database_connections: self.database_connections.max(MIN_CONNECTIONS),
+            data_dir: self.data_dir.clone(),
+        }
+    }
+
+    /// What clients are allowed before their requests are looked at.
+    pub(crate) fn connections(&self) -> ConnectionLimits {
+        ConnectionLimits {
+            connections: self.max_connections.get(),
+            head_bytes: self.max_head_bytes,
+            streams: self.max_streams,
+            first_request: seconds(self.first_request_seconds),
+            idle: seconds(self.idle_seconds),
+            reader: seconds(self.reader_seconds),
         }
     }
 
@@ -133,15 +231,43 @@ impl ServeConfig {
             let found = self.max_matrix_bytes;
             return Err(format!("max_matrix_bytes is {found}, must be at most {MOST_MATRIX_BYTES}"));
         }
-        // Nobody is asked for a key: a public address would be open to the world.
-        if self.listen.ip().is_loopback() {
-            return Ok(self);
+        if self.tls_cert.as_os_str().is_empty() != self.tls_key.as_os_str().is_empty() {
+            return Err("tls_cert and tls_key belong together: give both, or none".into());
         }
-        Err(format!(
-            "refusing to listen on {}: there is no access control yet, only loopback addresses are allowed \
-             (put an authenticating proxy in front)",
-            self.listen
-        ))
+        if self.max_head_bytes < LEAST_HEAD_BYTES {
+            let found = self.max_head_bytes;
+            return Err(format!("max_head_bytes is {found}, must be at least {LEAST_HEAD_BYTES}"));
+        }
+        if self.max_streams == 0 {
+            return Err("max_streams is 0, must be at least 1".into());
+        }
+        if self.max_buffered_bytes < self.max_body_bytes {
+            let (found, body) = (self.max_buffered_bytes, self.max_body_bytes);
+            return Err(format!("max_buffered_bytes is {found}, less than max_body_bytes, which is {body}"));
+        }
+        if self.oidc_leeway_seconds > MOST_LEEWAY_SECONDS {
+            let found = self.oidc_leeway_seconds;
+            return Err(format!("oidc_leeway_seconds is {found}, must be at most {MOST_LEEWAY_SECONDS}"));
+        }
+        if self.oidc_issuer.is_empty() != self.oidc_audience.is_empty() {
+            // Without an audience a token that was made for any other service would do.
+            return Err("oidc_issuer and oidc_audience are only useful together: set both or none".into());
+        }
+        Ok(self)
+    }
+
+    /// Who is let in.
+    pub fn access(&self) -> AccessSettings {
+        let given = |text: &String| (!text.is_empty()).then(|| text.clone());
+        let tokens = given(&self.oidc_issuer).map(|issuer| TokenSettings {
+            issuer,
+            audience: self.oidc_audience.clone(),
+            jwks_url: given(&self.oidc_jwks_url),
+            role_claim: self.oidc_role_claim.clone(),
+            tenant_claim: given(&self.oidc_tenant_claim),
+            leeway_s: self.oidc_leeway_seconds,
+        });
+        AccessSettings { loopback: self.listen.ip().is_loopback(), metrics_open: self.metrics_open, tokens }
     }
 }
 
@@ -167,19 +293,46 @@ mod tests {
     }
 
     #[test]
-    fn an_unknown_setting_and_a_public_address_are_refused() {
+    fn unknown_settings_and_senseless_values_are_refused() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("shapelex.toml");
         std::fs::write(&path, "thread = 3\n").unwrap();
         let args = ServeArgs { config: Some(path), ..ServeArgs::default() };
         assert!(ServeConfig::load(args).unwrap_err().contains("thread"));
-        let args = ServeArgs { listen: Some(([0, 0, 0, 0], 80).into()), ..ServeArgs::default() };
-        assert!(ServeConfig::load(args).unwrap_err().contains("loopback"));
+        let args = ServeArgs { oidc_issuer: Some("https://id.example".into()), ..ServeArgs::default() };
+        assert!(ServeConfig::load(args).unwrap_err().contains("oidc_audience"));
+        let args = ServeArgs { oidc_leeway_seconds: Some(301), ..ServeArgs::default() };
+        assert!(ServeConfig::load(args).unwrap_err().contains("at most 300"));
         let args = ServeArgs { jobs: NonZeroUsize::new(65), ..ServeArgs::default() };
         assert!(ServeConfig::load(args).unwrap_err().contains("at most 64"));
+        let args = ServeArgs { tls_cert: Some("chain.pem".into()), ..ServeArgs::default() };
+        assert!(ServeConfig::load(args).unwrap_err().contains("belong together"));
+        let args = ServeArgs { max_head_bytes: Some(100), ..ServeArgs::default() };
+        assert!(ServeConfig::load(args).unwrap_err().contains("at least 8192"));
+        let args = ServeArgs { max_buffered_bytes: Some(1 << 20), ..ServeArgs::default() };
+        assert!(ServeConfig::load(args).unwrap_err().contains("less than max_body_bytes"));
         let path = folder.path().join("none.toml");
         std::fs::write(&path, "jobs = 0\n").unwrap();
         let args = ServeArgs { config: Some(path), ..ServeArgs::default() };
         assert!(ServeConfig::load(args).unwrap_err().contains("nonzero"));
+    }
+
+    #[test]
+    fn who_is_let_in_follows_from_the_address_and_the_provider() {
+        let access = |args: ServeArgs| ServeConfig::load(args).unwrap().access();
+        assert_eq!(
+            access(ServeArgs::default()),
+            AccessSettings { loopback: true, ..AccessSettings::default() }
+        );
+        let public = ServeArgs {
+            listen: Some(([0, 0, 0, 0], 80).into()),
+            oidc_issuer: Some("https://id.example".into()),
+            oidc_audience: Some("shapelex".into()),
+            ..ServeArgs::default()
+        };
+        let access = access(public);
+        let tokens = access.tokens.unwrap();
+        assert!(!access.loopback && !access.metrics_open);
+        assert_eq!((tokens.role_claim.as_str(), tokens.jwks_url, tokens.tenant_claim), ("roles", None, None));
     }
 }

@@ -4,7 +4,7 @@
 //!
 //! | layer | modules |
 //! |---|---|
-//! | wiring | `cli`, `server`, `config`, `telemetry` |
+//! | wiring | `cli`, `server`, `config`, `health`, `opening`, `telemetry` |
 //! | the doors | [`api`], [`worker`] |
 //! | use cases | [`service`] |
 //! | storage | [`store`] |
@@ -23,7 +23,9 @@ pub mod config;
 pub mod domain;
 pub mod formats;
 pub mod geometry;
+mod health;
 pub mod numeric;
+mod opening;
 mod server;
 pub mod service;
 pub mod store;

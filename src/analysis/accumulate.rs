@@ -1,18 +1,24 @@
 //! Sums over many shapes that stream, split and merge.
 //!
-//! A set of shapes is walked in blocks of [`BLOCK`] shapes; every block makes one partial sum, and the
-//! partial sums merge in the order of the blocks. The result therefore has the same bits on any number
-//! of threads, and for any way the shapes were cut into batches.
+//! A set of shapes is walked in blocks of [`BLOCK`] shapes; every block makes one partial sum. The blocks of
+//! a part of [`PART`] shapes merge in their order, and the parts merge in theirs. The result therefore has
+//! the same bits on any number of threads, for any way the shapes were cut into batches, and wherever
+//! the sum of a part was made.
 
 use rayon::prelude::*;
 
 use super::AnalysisError;
 use super::metric::{Metric, dot, norm};
+use super::pass::{Pass, Sum};
 use super::subspace::{check_extent, quarter_turn};
 use crate::numeric::dense::{self, Eigenpairs, Matrix};
 
 /// Shapes per partial sum. Part of the definition of every result: changing it changes last bits.
 pub const BLOCK: usize = 128;
+
+/// Shapes whose blocks are merged before they are added to the rest: what one process does of a sum that several
+/// share. Part of the definition of every result over more shapes than that, as [`BLOCK`] is.
+pub const PART: usize = 64 * BLOCK;
 
 /// Shapes per task where nothing is summed: results do not depend on it.
 const MAP_BLOCK: usize = 16;
@@ -77,7 +83,20 @@ pub trait ShapeSource: Sync {
         &self,
         visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), Self::Error>,
     ) -> Result<(), Self::Error>;
+
+    /// Has the sum of every part made by whoever is free, and gives them to `merge` in their order, as
+    /// [`Accumulator::to_bytes`] wrote them; false, and nothing done, when the pass is to be made here.
+    ///
+    /// # Errors
+    /// The first error of the medium or of `merge`.
+    fn spread(&self, pass: &Pass, merge: &mut MergePart<'_>) -> Result<bool, Self::Error> {
+        let _ = (pass, merge);
+        Ok(false)
+    }
 }
+
+/// Takes the bytes of the sum of a part.
+pub type MergePart<'a> = dyn FnMut(&[u8]) -> Result<(), AnalysisError> + 'a;
 
 /// Shapes in memory, prepared once.
 #[derive(Debug, Clone)]
@@ -216,7 +235,7 @@ pub fn accumulate<S: ShapeSource, A: Accumulator>(
     empty: impl Fn() -> A + Sync,
 ) -> Result<A, S::Error> {
     let together = (PARTIAL_BYTES / partial_bytes.max(1)).clamp(1, 64);
-    let mut total = empty();
+    let (mut total, mut part) = (empty(), empty());
     source.for_each_batch(&mut |batch| {
         let blocks: Vec<Shapes<'_>> = batch.blocks(BLOCK).collect();
         for group in blocks.chunks(together) {
@@ -225,13 +244,37 @@ pub fn accumulate<S: ShapeSource, A: Accumulator>(
                 sum.update(*shapes).map(|()| sum)
             };
             let partials: Vec<Result<A, AnalysisError>> = group.par_iter().map(partial).collect();
-            for partial in partials {
-                total.merge(partial?);
+            for (block, partial) in group.iter().zip(partials) {
+                if block.first.is_multiple_of(PART) {
+                    total.merge(std::mem::replace(&mut part, empty()));
+                }
+                part.merge(partial?);
             }
         }
         Ok(())
     })?;
+    total.merge(part);
     Ok(total)
+}
+
+/// The sum over all shapes of `source`: of parts made elsewhere when the source spreads them, else made `here`.
+///
+/// # Errors
+/// Those of the source and of `here`.
+pub(super) fn accumulate_spread<S: ShapeSource, A: Accumulator>(
+    source: &S,
+    sum: Sum,
+    empty: impl Fn() -> A,
+    here: impl FnOnce() -> Result<A, S::Error>,
+) -> Result<A, S::Error> {
+    let mut total = empty();
+    let spread = source.spread(&Pass { aligned: None, sum }, &mut |bytes| {
+        let mut part = empty();
+        part.restore(bytes)?;
+        total.merge(part);
+        Ok(())
+    })?;
+    if spread { Ok(total) } else { here() }
 }
 
 /// One value for every shape, in order, computed in parallel.

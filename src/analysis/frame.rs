@@ -9,9 +9,12 @@
 use serde::{Deserialize, Serialize};
 
 use super::AnalysisError;
-use super::accumulate::{Accumulator, ShapeSource, Shapes, accumulate, read_numbers, write_numbers};
+use super::accumulate::{
+    Accumulator, ShapeSource, Shapes, accumulate, accumulate_spread, read_numbers, write_numbers,
+};
 use super::mean::MeanSpace;
 use super::metric::{Metric, dot, norm};
+use super::pass::Sum;
 use super::transformation::{ClassName, Structure, TransformationClass};
 use crate::numeric::dense::{Matrix, fill_upper, leading_eigenpairs};
 
@@ -28,7 +31,7 @@ pub enum Frame {
 
 /// `Σ w y yᵀ` and `Σ w y` with `y = Eᵀx/‖x‖`, `E` a basis of the mean space.
 #[derive(Debug, Clone)]
-struct FrameSum<'a> {
+pub(super) struct FrameSum<'a> {
     elements: &'a Matrix,
     quadratic: Matrix,
     linear: Vec<f64>,
@@ -97,12 +100,22 @@ pub fn representative<S: ShapeSource>(
 
 fn training<S: ShapeSource>(space: &MeanSpace<'_>, source: &S) -> Result<Vec<f64>, S::Error> {
     let elements = space.elements();
-    let mut sum = accumulate(source, 1024, || FrameSum::new(&elements))?;
+    let mut sum = training_sum(source, &elements)?;
     fill_upper(&mut sum.quadratic);
     let top = leading_eigenpairs(&sum.quadratic, 1).map_err(AnalysisError::from)?;
     let a = top.vectors.column(0);
     let sign = if dot(a.as_slice(), &sum.linear) < 0.0 { -1.0 } else { 1.0 };
     Ok((&elements * a * sign).as_slice().to_vec())
+}
+
+/// The sum that the training frame is found from; `elements` is a basis of the mean space, one element a column.
+pub(super) fn training_sum<'a, S: ShapeSource>(
+    source: &S,
+    elements: &'a Matrix,
+) -> Result<FrameSum<'a>, S::Error> {
+    let empty = || FrameSum::new(elements);
+    let sum = Sum::Frame { elements: elements.as_slice().to_vec() };
+    accumulate_spread(source, sum, empty, || accumulate(source, 1024, empty))
 }
 
 fn canonical(space: &MeanSpace<'_>, metric: &Metric) -> Result<Vec<f64>, AnalysisError> {

@@ -12,9 +12,10 @@ use std::borrow::Cow;
 use std::sync::Arc;
 
 use super::AnalysisError;
-use super::accumulate::{ShapeSource, Shapes, map_shapes};
+use super::accumulate::{MergePart, ShapeSource, Shapes, map_shapes};
 use super::correspondence::{Correspondence, Direction, Mirror};
 use super::mean::MeanSpace;
+use super::pass::Pass;
 use super::procrustes::{Fit, best_correlation};
 use super::subspace::Subspace;
 use crate::geometry::representation::ShapeSpace;
@@ -331,6 +332,12 @@ pub struct Placed<'a, S> {
     pub placements: &'a [Placement],
 }
 
+impl<S> Placed<'_, S> {
+    fn stand_as_given(&self) -> bool {
+        self.placements.iter().all(|placement| *placement == Placement::default())
+    }
+}
+
 impl<S: ShapeSource> ShapeSource for Placed<'_, S> {
     type Error = S::Error;
 
@@ -342,7 +349,7 @@ impl<S: ShapeSource> ShapeSource for Placed<'_, S> {
         &self,
         visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), Self::Error>,
     ) -> Result<(), Self::Error> {
-        if self.placements.iter().all(|placement| *placement == Placement::default()) {
+        if self.stand_as_given() {
             return self.source.for_each_batch(visit);
         }
         self.source.for_each_batch(&mut |batch| {
@@ -352,5 +359,10 @@ impl<S: ShapeSource> ShapeSource for Placed<'_, S> {
             }
             visit(Shapes { whitened: &whitened, ..batch })
         })
+    }
+
+    /// Placements are known here alone.
+    fn spread(&self, pass: &Pass, merge: &mut MergePart<'_>) -> Result<bool, Self::Error> {
+        Ok(self.stand_as_given() && self.source.spread(pass, merge)?)
     }
 }

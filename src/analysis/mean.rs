@@ -16,9 +16,11 @@
 
 use super::AnalysisError;
 use super::accumulate::{
-    Accumulator, OuterProductSum, ShapeSource, Shapes, accumulate, read_numbers, write_numbers,
+    Accumulator, OuterProductSum, ShapeSource, Shapes, accumulate, accumulate_spread, read_numbers,
+    write_numbers,
 };
 use super::metric::dot;
+use super::pass::Sum;
 use super::subspace::{Subspace, quarter_turn};
 use super::transformation::{Structure, TransformationClass};
 use crate::numeric::dense::{Eigenpairs, Matrix};
@@ -107,7 +109,9 @@ impl<'a> ProjectorSum<'a> {
         class: &'a TransformationClass,
         length: usize,
     ) -> Result<Self, S::Error> {
-        accumulate(source, Self::size_bytes(class, length), || Self::new(class, length))
+        let empty = || Self::new(class, length);
+        let here = || accumulate(source, Self::size_bytes(class, length), empty);
+        accumulate_spread(source, Sum::Projectors, empty, here)
     }
 }
 

@@ -4,7 +4,7 @@
 //! * [`metric`] — inner product, whitening, centring;
 //! * [`transformation`] — the linear classes that are removed before shapes are compared;
 //! * [`subspace`] — the subspace of a shape under a class, and its projector (Theorem 1);
-//! * [`accumulate`] — sums over many shapes that stream, split and merge;
+//! * [`accumulate`] — sums over many shapes that stream, split and merge; [`pass`] — the same, written down;
 //! * [`correspondence`], [`matching`] — start points, directions and mirror images;
 //! * [`mean`], [`frame`] — the mean space (mean of the subspaces) and its representative;
 //! * [`procrustes`] — the classical comparator;
@@ -32,6 +32,7 @@ pub mod matching;
 pub mod mean;
 pub mod metric;
 pub mod neighbours;
+pub mod pass;
 pub mod path;
 pub mod pca;
 pub mod procrustes;

@@ -11,9 +11,10 @@
 //! [`OuterProductSum`]: super::accumulate::OuterProductSum
 
 use super::AnalysisError;
-use super::accumulate::{ScatterSum, ShapeSource, Shapes, accumulate, map_shapes};
+use super::accumulate::{ScatterSum, ShapeSource, Shapes, accumulate, accumulate_spread, map_shapes};
 use super::frame::largest;
 use super::metric::{Metric, dot, norm};
+use super::pass::Sum;
 use crate::numeric::dense::Matrix;
 
 /// Components whose eigenvalue is below this part of the first are rounding and dropped.
@@ -66,7 +67,9 @@ impl FunctionalPca {
     /// Errors of the source.
     pub fn scatter<S: ShapeSource>(source: &S, origin: &[f64]) -> Result<ScatterSum, S::Error> {
         let length = origin.len();
-        accumulate(&Shifted { source, origin }, 8 * length * length, || ScatterSum::new(length))
+        let empty = || ScatterSum::new(length);
+        let here = || accumulate(&Shifted { source, origin }, 8 * length * length, empty);
+        accumulate_spread(source, Sum::Scatter { origin: origin.to_vec() }, empty, here)
     }
 
     /// The components of a scatter about `origin`: for sums that were merged.

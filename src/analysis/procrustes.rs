@@ -8,17 +8,21 @@
 //! the discrete metric the mean is Kent's); without, `s_k = 1` and `μ` is the mean of the fitted shapes.
 //! Rotations come from the singular value decomposition of `H = Σ_n μ[n] x[n]ᵀ`, without reflection.
 
+use serde::{Deserialize, Serialize};
+
 use super::AnalysisError;
 use super::accumulate::{
-    Accumulator, ShapeSource, Shapes, accumulate, map_shapes, read_numbers, smallest_eligible, write_numbers,
+    Accumulator, ShapeSource, Shapes, accumulate, accumulate_spread, map_shapes, read_numbers,
+    smallest_eligible, write_numbers,
 };
 use super::frame::{Frame, largest};
 use super::matching::cross_product;
 use super::metric::{Metric, dot, norm};
+use super::pass::Sum;
 use crate::numeric::dense::Matrix;
 
 /// What a fit may change besides the position.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Fit {
     /// `d`.
     pub dimension: usize,
@@ -97,7 +101,7 @@ pub(super) fn best_correlation(h: &Matrix, fit: Fit) -> f64 {
 
 /// `Σ w A_k x_k` and `Σ w`.
 #[derive(Debug, Clone)]
-struct FittedSum<'a> {
+pub(super) struct FittedSum<'a> {
     mean: &'a [f64],
     fit: Fit,
     sum: Vec<f64>,
@@ -136,6 +140,17 @@ impl Accumulator for FittedSum<'_> {
     }
 }
 
+/// The sum of the shapes fitted to `mean`.
+pub(super) fn fitted_sum<'a, S: ShapeSource>(
+    source: &S,
+    fit: Fit,
+    mean: &'a [f64],
+) -> Result<FittedSum<'a>, S::Error> {
+    let empty = || FittedSum { mean, fit, sum: vec![0.0; mean.len()], weight: 0.0 };
+    let here = || accumulate(source, 8 * mean.len(), empty);
+    accumulate_spread(source, Sum::Fits { fit, mean: mean.to_vec() }, empty, here)
+}
+
 /// A mean shape of a Procrustes iteration.
 #[derive(Debug, Clone)]
 pub struct ProcrustesMean {
@@ -156,8 +171,7 @@ pub struct ProcrustesMean {
 pub fn iterate<S: ShapeSource>(source: &S, fit: Fit, start: Vec<f64>) -> Result<ProcrustesMean, S::Error> {
     let mut mean = start;
     for iterations in 1..=MAX_ITERATIONS {
-        let empty = || FittedSum { mean: &mean, fit, sum: vec![0.0; mean.len()], weight: 0.0 };
-        let total = accumulate(source, 8 * mean.len(), empty)?;
+        let total = fitted_sum(source, fit, &mean)?;
         let divisor = if fit.scales { norm(&total.sum) } else { total.weight };
         let next: Vec<f64> = total.sum.iter().map(|value| value / divisor).collect();
         let moved = next.iter().zip(&mean).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt();
@@ -219,8 +233,7 @@ pub fn turn<S: ShapeSource>(
         Frame::Canonical => Ok(principal_frame(&mean, fit.dimension, metric)),
         Frame::Training => {
             let posed = Fit { rotates: false, scales: false, ..fit };
-            let empty = || FittedSum { mean: &mean, fit: posed, sum: vec![0.0; mean.len()], weight: 0.0 };
-            let total = accumulate(source, 8 * mean.len(), empty)?;
+            let total = fitted_sum(source, posed, &mean)?;
             Ok(transform(&nearest_rotation(&cross_product(&total.sum, &mean, fit.dimension)), &mean))
         }
     }

@@ -1,17 +1,69 @@
 //! Extractors whose rejections are problem documents.
 
+use std::sync::Arc;
 use std::time::Duration;
 
-use axum::body::{Bytes, to_bytes};
+use axum::body::Bytes;
 use axum::extract::{FromRequest, FromRequestParts, Request};
 use axum::http::request::Parts;
-use axum::http::{HeaderMap, header};
+use axum::http::{HeaderMap, HeaderValue, Method, header};
+use axum::middleware::Next;
+use axum::response::Response;
 use serde::de::DeserializeOwned;
 
+use super::observe::Asker;
 use super::problem::{Problem, ProblemKind};
+use crate::domain::access::Principal;
 use crate::formats::matrix::MatrixFormat;
 use crate::service::App;
-pub use crate::service::input::parse;
+use crate::service::cohorts::Expected;
+pub use crate::service::input::{parse, parse_whole};
+use crate::service::retries::Retry;
+
+/// The service as the caller sees it: what one tenant has, as far as its key reaches.
+#[derive(Debug)]
+pub struct Caller(pub App);
+
+impl FromRequestParts<App> for Caller {
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, app: &App) -> Result<Self, Problem> {
+        let principal = parts.extensions.get::<Arc<Principal>>().ok_or_else(|| {
+            let detail = "a route that asks who calls stands outside of access control";
+            Problem::new(ProblemKind::Internal, detail)
+        })?;
+        let app = app.of(Arc::clone(principal)).with_retry(retry_of(parts)?);
+        Ok(Self(match parts.extensions.get::<Asker>() {
+            Some(asker) => app.noting(asker.touched().clone()),
+            None => app,
+        }))
+    }
+}
+
+/// The request as one that may be sent again, when the client says so and it is not safe anyway.
+fn retry_of(parts: &Parts) -> Result<Option<Retry>, Problem> {
+    let Some(key) = parts.headers.get("idempotency-key").filter(|_| parts.method == Method::POST) else {
+        return Ok(None);
+    };
+    let target = format!("{} {}", parts.method, parts.uri);
+    // What is no text does not consist of printable characters: it is refused as a key.
+    Ok(Some(Retry::new(key.to_str().unwrap_or_default(), &target)?))
+}
+
+/// The versions that the client expects: `If-Match`.
+#[derive(Debug)]
+pub struct IfMatch(pub Option<Expected>);
+
+impl<S: Send + Sync> FromRequestParts<S> for IfMatch {
+    type Rejection = std::convert::Infallible;
+
+    async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Self::Rejection> {
+        let values = parts.headers.get_all(header::IF_MATCH).iter();
+        let tags = values.flat_map(|value| value.to_str().unwrap_or_default().split(','));
+        let tags: Vec<String> = tags.map(|tag| tag.trim().to_owned()).collect();
+        Ok(Self((!tags.is_empty()).then_some(Expected(tags))))
+    }
+}
 
 /// A JSON body within the limit.
 #[derive(Debug)]
@@ -38,22 +90,8 @@ impl FromRequest<App> for JsonBody {
             let detail = format!("the body is '{found}', application/json is read here");
             return Err(Problem::new(ProblemKind::UnsupportedMediaType, detail));
         }
-        let limit = app.limits.body_bytes;
-        to_bytes(request.into_body(), limit).await.map(Self).map_err(|error| body_problem(error, limit))
+        super::body::read(app, request.into_body()).await.map(Self)
     }
-}
-
-/// Why a body could not be read.
-pub fn body_problem(error: axum::Error, limit: usize) -> Problem {
-    let source = error.into_inner();
-    if source.is::<http_body_util::LengthLimitError>() {
-        let detail = format!("the body is longer than {limit} bytes after decompression");
-        return Problem::new(ProblemKind::PayloadTooLarge, detail);
-    }
-    Problem::new(
-        ProblemKind::MalformedBody,
-        format!("the body ended early or its encoding is broken: {source}"),
-    )
 }
 
 /// A query string as `T`.
@@ -228,6 +266,37 @@ fn preferred<T>(accept: &str, offered: fn(&str) -> Option<T>) -> Option<T> {
     best.map(|(_, format)| format)
 }
 
+/// Says in `Accept-Encoding` what the answer will be, gzip or nothing.
+///
+/// Where neither is acceptable the header is passed over, as RFC 9110 §12.5 allows: the layer that compresses would turn the
+/// answer into a 406 after the work is done, and what was stored would look refused.
+pub async fn settle_encoding(mut request: Request, next: Next) -> Response {
+    let headers = request.headers_mut();
+    let zipped = {
+        let values = headers.get_all(header::ACCEPT_ENCODING).iter().filter_map(|value| value.to_str().ok());
+        gzip_wanted(&values.collect::<Vec<_>>().join(","))
+    };
+    headers.remove(header::ACCEPT_ENCODING);
+    if zipped {
+        headers.insert(header::ACCEPT_ENCODING, HeaderValue::from_static("gzip"));
+    }
+    next.run(request).await
+}
+
+/// Whether gzip is acceptable, and no worse than the answer as it is.
+fn gzip_wanted(accept_encoding: &str) -> bool {
+    let quality = |coding: &str| {
+        let entry = accept_encoding.split(',').find_map(|entry| {
+            let (name, parameter) = entry.split_once(';').unwrap_or((entry, ""));
+            name.trim().eq_ignore_ascii_case(coding).then(|| parameter.trim())
+        })?;
+        Some(entry.strip_prefix("q=").map_or(1.0, |quality| quality.parse().unwrap_or(0.0)))
+    };
+    let any = quality("*");
+    let (gzip, identity) = (quality("gzip").or(any).unwrap_or(0.0), quality("identity").unwrap_or(0.0));
+    gzip > 0.0 && gzip >= identity
+}
+
 /// Longest time that a request may wait for a job.
 const MAX_WAIT: Duration = Duration::from_secs(60);
 
@@ -312,6 +381,35 @@ mod tests {
         for (values, seconds) in cases {
             let found = Prefer::read(values.iter().copied());
             assert_eq!(found.wait, seconds.map(Duration::from_secs), "{values:?}");
+        }
+    }
+
+    #[test]
+    fn gzip_is_sent_where_it_is_wanted() {
+        let wanted = [
+            "gzip",
+            "deflate, GZIP;q=0.5",
+            "*",
+            "br, *;q=0.1",
+            "gzip;q=1.0, identity;q=0.5",
+            "identity;q=0, *",
+        ];
+        for header in wanted {
+            assert!(gzip_wanted(header), "{header}");
+        }
+        let not = [
+            "",
+            "identity",
+            "br",
+            "gzip;q=0",
+            "*;q=0",
+            "gzip;q=0, *",
+            "identity, gzip;q=0.5",
+            "gzip;q=nan",
+            "gzip;q=",
+        ];
+        for header in not {
+            assert!(!gzip_wanted(header), "{header}");
         }
     }
 

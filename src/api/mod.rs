@@ -2,38 +2,44 @@
 //!
 //! * [`v1`] — the resources;
 //! * [`problem`] — every refusal as a problem document (RFC 9457);
-//! * [`drain`] — refused bodies are read to their end;
+//! * [`access`] — who calls, and what they may;
+//! * [`overload`] — how long requests may take, and how often callers may ask;
+//! * [`body`] — bodies in memory; [`drain`] — refused bodies are read to their end;
+//! * [`observe`], [`audit`] — every request is counted, logged and recorded; [`metrics`] — what was counted;
 //! * [`extract`] — bodies, queries, the wanted format; rejections are problem documents too;
 //! * [`respond`] — answers computed and written on the pool;
 //! * [`health`] — liveness and readiness.
 
+pub mod access;
+pub mod audit;
+pub mod body;
+mod document;
 pub mod drain;
 pub mod extract;
 pub mod health;
+pub mod metrics;
+pub mod observe;
+pub mod overload;
 pub mod problem;
 pub mod respond;
 pub mod v1;
 
-use std::time::Duration;
+use std::sync::Arc;
 
-use axum::Router;
-use axum::http::{HeaderName, StatusCode};
+use axum::http::HeaderName;
+use axum::middleware::{from_fn, from_fn_with_state};
 use axum::routing::get;
+use axum::{Extension, Router};
 use tower::ServiceBuilder;
 use tower_http::catch_panic::CatchPanicLayer;
 use tower_http::compression::CompressionLayer;
 use tower_http::decompression::RequestDecompressionLayer;
 use tower_http::request_id::{MakeRequestUuid, PropagateRequestIdLayer, SetRequestIdLayer};
-use tower_http::timeout::TimeoutLayer;
-use tower_http::trace::TraceLayer;
 use utoipa::OpenApi;
 use utoipa_axum::router::OpenApiRouter;
 
 use crate::service::App;
 use problem::{Problem, ProblemKind};
-
-/// Longest time for a request that is answered from memory.
-const REQUEST_TIMEOUT: Duration = Duration::from_secs(120);
 
 #[derive(OpenApi)]
 #[openapi(
@@ -53,19 +59,35 @@ const REQUEST_TIMEOUT: Duration = Duration::from_secs(120);
         (name = "jobs", description = "Long work: progress, events, cancellation"),
         (name = "dictionaries", description = "What is learnt from cohorts: components and sparse atoms, and their use"),
         (name = "tests", description = "Comparison of groups and regression, by permutation"),
+        (name = "changes", description = "What has changed, and what was deleted and can come back"),
+        (name = "operation", description = "Version, metrics and the audit trail"),
+        (name = "access", description = "Keys, for administrators"),
         (name = "health", description = "Probes")
     )
 )]
 struct Document;
 
 fn routes() -> (Router<App>, utoipa::openapi::OpenApi) {
-    let timed = OpenApiRouter::with_openapi(Document::openapi())
-        .merge(health::routes())
-        .nest("/v1", v1::routes())
-        .layer(TimeoutLayer::with_status_code(StatusCode::SERVICE_UNAVAILABLE, REQUEST_TIMEOUT));
+    let light = OpenApiRouter::with_openapi(Document::openapi())
+        .merge(metrics::routes())
+        .nest("/v1", v1::light_routes())
+        .layer(from_fn(overload::light));
+    let computing =
+        OpenApiRouter::new().nest("/v1", v1::computing_routes()).layer(from_fn(overload::computing));
     // An upload lasts as long as its stream flows, and watches its own pauses; events last as long as their job.
     let streamed = OpenApiRouter::new().nest("/v1", v1::streamed_routes());
-    timed.merge(streamed).split_for_parts()
+    let (router, mut document) = light
+        .merge(computing)
+        .merge(streamed)
+        .layer(from_fn(overload::count))
+        .layer(from_fn(access::admit))
+        .layer(from_fn(overload::count_refused))
+        // Whoever looks after the service is not counted, and needs no key.
+        .merge(health::routes().layer(from_fn(overload::light)))
+        .split_for_parts();
+    document::complete(&mut document);
+    access::describe(&mut document);
+    (router, document)
 }
 
 /// The OpenAPI document of the service.
@@ -76,15 +98,22 @@ pub fn openapi() -> utoipa::openapi::OpenApi {
 /// The whole service.
 pub fn router(app: App) -> Router {
     let (router, document) = routes();
-    let request_id = HeaderName::from_static("x-request-id");
+    let recorder = audit::Recorder::new(Arc::clone(&app.trail), &document);
+    let request_id = HeaderName::from_static(observe::REQUEST_ID);
     let middleware = ServiceBuilder::new()
+        .layer(axum::middleware::from_fn(observe::plain_request_id))
         .layer(SetRequestIdLayer::new(request_id.clone(), MakeRequestUuid))
-        .layer(TraceLayer::new_for_http().make_span_with(respond::request_span))
+        .layer(from_fn(observe::observe))
         .layer(PropagateRequestIdLayer::new(request_id))
-        .layer(axum::middleware::from_fn(drain::drain))
+        .layer(from_fn(drain::drain))
+        .layer(from_fn(extract::settle_encoding))
         .layer(CompressionLayer::new().gzip(true))
-        .layer(axum::middleware::from_fn(problem::render))
+        .layer(from_fn(problem::render))
+        .layer(from_fn_with_state(recorder, audit::record))
         .layer(CatchPanicLayer::custom(problem::of_panic))
+        .layer(Extension(overload::Edge::new(&app.limits)))
+        .layer(from_fn(body::bound))
+        .layer(Extension(app.clone()))
         .layer(RequestDecompressionLayer::new().gzip(true).pass_through_unaccepted(false));
     router
         .route("/", get(v1::index))

@@ -15,8 +15,12 @@ impl IntoResponse for Problem {
     /// The body is written by [`render`], which knows the request id.
     fn into_response(self) -> Response {
         let mut response = self.kind().status().into_response();
-        if self.kind() == ProblemKind::Unavailable {
-            response.headers_mut().insert(header::RETRY_AFTER, HeaderValue::from_static("2"));
+        let headers = response.headers_mut();
+        if self.kind().status() == StatusCode::SERVICE_UNAVAILABLE {
+            headers.insert(header::RETRY_AFTER, HeaderValue::from_static("2"));
+        }
+        if self.kind() == ProblemKind::Unauthenticated {
+            headers.insert(header::WWW_AUTHENTICATE, HeaderValue::from_static("Bearer"));
         }
         response.extensions_mut().insert(self);
         response

@@ -1,7 +1,6 @@
 //! Answers: computed and written on the pool, so that a large body never holds up an async thread.
 
 use axum::body::Body;
-use axum::extract::{MatchedPath, Request};
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use futures_util::stream;
@@ -41,11 +40,4 @@ pub fn svg(drawing: String) -> Response {
 pub fn matrix(matrix: NamedMatrix, format: MatrixFormat) -> Response {
     let pieces = matrix.pieces(format).map(Ok::<_, std::convert::Infallible>);
     ([(header::CONTENT_TYPE, format.media_type())], Body::from_stream(stream::iter(pieces))).into_response()
-}
-
-/// The span of a request: its id, method and route template; never its query, ids or body.
-pub fn request_span(request: &Request) -> tracing::Span {
-    let id = request.headers().get("x-request-id").and_then(|id| id.to_str().ok()).unwrap_or_default();
-    let route = request.extensions().get::<MatchedPath>().map_or("unmatched", MatchedPath::as_str);
-    tracing::info_span!("request", id, method = %request.method(), route)
 }

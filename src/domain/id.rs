@@ -13,3 +13,5 @@ pub const SHAPE: &str = "shp";
 pub const JOB: &str = "job";
 /// Prefix of dictionary identifiers.
 pub const DICTIONARY: &str = "dic";
+/// Prefix of key identifiers.
+pub const KEY: &str = "key";

@@ -17,6 +17,18 @@ pub enum JobKind {
     Regress,
 }
 
+impl JobKind {
+    /// The word for it.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::LearnDictionary => "learn_dictionary",
+            Self::Distances => "distances",
+            Self::Compare => "compare",
+            Self::Regress => "regress",
+        }
+    }
+}
+
 /// Where a job is: `queued ⇄ running → succeeded | failed | cancelled`, and `queued → failed | cancelled`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]

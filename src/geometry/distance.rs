@@ -160,6 +160,10 @@ struct Nearest<'a> {
 /// Error of a nearest distance, relative to the diagonal of the box of its half-segment.
 const NEAREST: f64 = 1e-11;
 
+/// Stretches of a half-segment after which its points are taken to be almost equally far, as those of a circle are from
+/// its centre. Searches that end otherwise need a tenth of it.
+const MANY: usize = 200;
+
 impl<'a> Nearest<'a> {
     fn new(curve: &'a Curve) -> Self {
         let halves = 0..curve.halves();
@@ -207,12 +211,17 @@ impl<'a> Nearest<'a> {
     }
 
     /// The smaller of `best` and the distance to a half-segment, by branch and bound: on `|s − m| ≤ h` the curve is
-    /// within `½ B h²` of its tangent at `m`. Where the squared distance is convex Newton's method ends the search.
+    /// within `½ B h²` of its tangent at `m`. Where the squared distance is convex Newton's method ends the search. Where it
+    /// hardly changes, no stretch is ruled out by its tangent before it is tiny: then by the squared distance itself.
     fn on_half(&self, half: usize, target: &Vector, mut best: f64) -> f64 {
         let (low, high) = &self.boxes[half];
         let (bend, tolerance) = (self.bends[half], NEAREST * length(&combine(high, -1.0, low)));
-        let mut pending = vec![(0.0, 1.0)];
+        let (mut pending, mut stretches, mut square_bend) = (vec![(0.0, 1.0)], 0, f64::INFINITY);
         while let Some((middle, radius)) = pending.pop() {
+            stretches += 1;
+            if stretches == MANY {
+                square_bend = self.square_bend(half, target);
+            }
             let slack = 0.5 * bend * radius * radius;
             let [position, tangent, _] = self.taylor(half, middle);
             let away = combine(&position, -1.0, target);
@@ -220,7 +229,11 @@ impl<'a> Nearest<'a> {
             let step = if slope > 0.0 { -dot(&away, &tangent) / (slope * slope) } else { 0.0 };
             let step = step.clamp(-radius, radius);
             let on_tangent = length(&combine(&away, step, &tangent));
-            if on_tangent - slack >= best - tolerance {
+            let least_square = distance * distance
+                - 2.0 * dot(&away, &tangent).abs() * radius
+                - 0.5 * square_bend * radius * radius;
+            let least = (on_tangent - slack).max(least_square.max(0.0).sqrt());
+            if least >= best - tolerance {
                 continue;
             }
             // ½ (|r − p|²)'' = |r'|² + (r − p)·r'' > 0 on the whole stretch
@@ -232,12 +245,28 @@ impl<'a> Nearest<'a> {
             let [there, ..] = self.taylor(half, middle + step);
             best = best.min(length(&combine(&there, -1.0, target)));
             // ends where 2 · slack falls below the tolerance
-            if on_tangent - slack < best - tolerance {
+            if least < best - tolerance {
                 let quarter = 0.5 * radius;
                 pending.extend([(middle - quarter, quarter), (middle + quarter, quarter)]);
             }
         }
         best
+    }
+
+    /// A bound of `|d²/ds² |r − p|²|` on a half-segment: from the coefficients of that polynomial.
+    fn square_bend(&self, half: usize, target: &Vector) -> f64 {
+        let terms = self.curve.polynomial(half, 0).len();
+        let mut square = vec![0.0; 2 * terms];
+        for c in 0..self.curve.dimension() {
+            let mut away = self.curve.polynomial(half, c).to_vec();
+            away[0] -= target[c];
+            for (i, a) in away.iter().enumerate() {
+                for (j, b) in away.iter().enumerate() {
+                    square[i + j] += a * b;
+                }
+            }
+        }
+        square.iter().enumerate().skip(2).map(|(m, value)| (m * (m - 1)) as f64 * value.abs()).sum()
     }
 
     /// The least distance on `[low, high]`, where its square is convex, from `s` on.

@@ -6,6 +6,7 @@
 //! * [`banded`] — symmetric positive definite band matrices and their Cholesky factor;
 //! * [`kernels`] — loops over short slices;
 //! * [`dense`] — the only module that knows the dense linear algebra library: rank-k updates and eigenproblems;
+//! * [`fingerprint`] — whether two processes compute alike;
 //! * [`quadrature`] — Gauss–Legendre rules and an adaptive integral;
 //! * [`real`] — double and double-double numbers under one name, small systems over them.
 
@@ -13,6 +14,7 @@ pub mod banded;
 pub mod cholesky;
 pub mod circulant;
 pub mod dense;
+pub mod fingerprint;
 pub mod kernels;
 pub mod operator;
 pub mod quadrature;

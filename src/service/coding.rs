@@ -7,6 +7,7 @@ use rand_distr::{Distribution, StandardNormal};
 use super::error::Fault;
 use super::input::{self, Reading};
 use super::models::Ready;
+use super::pool::Weight;
 use super::{App, ServiceError, cohorts};
 use crate::analysis::AnalysisError;
 use crate::analysis::alignment::Method as Alignment;
@@ -26,6 +27,16 @@ pub enum Asked {
     Posted(Vec<ShapeInput>),
     /// Control points of stored ones.
     Stored(Vec<f64>),
+}
+
+impl Asked {
+    /// How much there is to do in a dictionary.
+    pub fn weight(&self, ready: &Ready) -> Weight {
+        Weight::of_shapes(match self {
+            Self::Posted(shapes) => shapes.len(),
+            Self::Stored(control_points) => control_points.len() / ready.setup.metric.len(),
+        })
+    }
 }
 
 /// The control points of stored shapes, by their ids or external ids.
@@ -87,17 +98,24 @@ pub struct Coded {
     pub code: SparseCode,
 }
 
+/// Shapes that are coded between two looks at whether somebody still waits for them.
+const TOGETHER: usize = 1024;
+
 /// Codes shapes.
 ///
 /// # Errors
-/// Faults of the shapes; degenerate shapes.
+/// Faults of the shapes; degenerate shapes; [`ServiceError::Cancelled`].
 pub fn encode(app: &App, ready: &Ready, asked: Asked) -> Result<Vec<Coded>, ServiceError> {
     let correspondence = ready.dictionary.content.correspondence;
     let control_points = asked.control_points(app, ready, correspondence)?;
     let length = ready.setup.metric.len();
     let prepared = ready.preparation.prepare(&control_points)?;
     let whitened: Vec<f64> = prepared.iter().flat_map(|shape| shape.whitened.iter().copied()).collect();
-    let codes = ready.model.codes(&whitened, length)?;
+    let (context, mut codes) = (app.pool.context(), Vec::with_capacity(prepared.len()));
+    for (part, shapes) in whitened.chunks(TOGETHER * length).enumerate() {
+        context.check()?;
+        codes.extend(ready.model.codes(shapes, length).map_err(|error| error.after(part * TOGETHER))?);
+    }
     let shapes = control_points.chunks_exact(length).zip(prepared).zip(codes);
     Ok(shapes
         .map(|((shape, prepared), code)| Coded { control_points: shape.to_vec(), prepared, code })

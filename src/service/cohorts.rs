@@ -1,5 +1,6 @@
 //! Cohorts and their shapes: create, find, list, delete.
 
+use super::access::check_unlimited;
 use super::error::Fault;
 use super::{App, ServiceError, input, now_ms};
 use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
@@ -44,6 +45,12 @@ pub fn text_faults(name: Option<&str>, description: Option<&str>, length_unit: O
             format!("must have at most {MAX_DESCRIPTION_CHARS} characters"),
         ));
     }
+    if description.is_some_and(|text| text.contains('\0')) {
+        faults.push(Fault::new("/description", "may not hold the character U+0000"));
+    }
+    if length_unit.is_some_and(|unit| unit.contains(char::is_control)) {
+        faults.push(Fault::new("/length_unit", "may not hold control characters"));
+    }
     if length_unit.is_some_and(|unit| unit.is_empty() || unit.chars().count() > MAX_UNIT_CHARS) {
         faults.push(Fault::new("/length_unit", format!("must have 1 to {MAX_UNIT_CHARS} characters")));
     }
@@ -53,8 +60,9 @@ pub fn text_faults(name: Option<&str>, description: Option<&str>, length_unit: O
 /// Creates a cohort.
 ///
 /// # Errors
-/// All fields that break a rule; a name that is taken.
+/// All fields that break a rule; a name that is taken; [`ServiceError::Forbidden`] to who is limited to others.
 pub async fn create(app: &App, new: NewCohort) -> Result<Cohort, ServiceError> {
+    check_unlimited(app, "to create a cohort")?;
     let mut faults = text_faults(Some(&new.name), new.description.as_deref(), new.length_unit.as_deref());
     if let Err(errors) = input::check_representation(&new.representation, &app.limits) {
         faults.extend(errors.into_iter().map(|error| Fault::from(error.below("/representation"))));
@@ -65,6 +73,9 @@ pub async fn create(app: &App, new: NewCohort) -> Result<Cohort, ServiceError> {
         faults.extend(found);
     }
     ServiceError::unless_empty(faults)?;
+    if let Some(id) = app.done_before::<String>().await? {
+        return find(app, &id).await;
+    }
     let now = now_ms();
     let cohort = Cohort {
         id: id::new_id(id::COHORT),
@@ -80,7 +91,7 @@ pub async fn create(app: &App, new: NewCohort) -> Result<Cohort, ServiceError> {
         created_at_ms: now,
         updated_at_ms: now,
     };
-    app.store.create_cohort(&cohort).await?;
+    app.store.create_cohort(&cohort, app.receipt(&cohort.id).as_ref()).await?;
     Ok(cohort)
 }
 
@@ -90,16 +101,84 @@ pub async fn create(app: &App, new: NewCohort) -> Result<Cohort, ServiceError> {
 /// [`ServiceError::NotFound`].
 pub async fn find(app: &App, key: &str) -> Result<Cohort, ServiceError> {
     let found = app.store.find_cohort(key).await?;
-    found.ok_or_else(|| ServiceError::NotFound { kind: "cohort", key: key.into() })
+    let cohort = found.ok_or_else(|| ServiceError::NotFound { kind: "cohort", key: key.into() })?;
+    app.touched.note("cohort_id", &cohort.id);
+    Ok(cohort)
 }
 
-/// Deletes a cohort with all its shapes.
+/// What is to be changed of a cohort; what is not given stays.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct CohortChanges {
+    /// Another name.
+    pub name: Option<String>,
+    /// Another text, or none.
+    pub description: Option<Option<String>>,
+    /// Another unit, or none.
+    pub length_unit: Option<Option<String>>,
+}
+
+/// Changes the name, description or unit of a cohort that is at the `expected` revision, if one is given.
 ///
 /// # Errors
-/// [`ServiceError::NotFound`].
-pub async fn delete(app: &App, key: &str) -> Result<(), ServiceError> {
+/// [`ServiceError::NotFound`]; fields that break a rule; a name that is taken; [`ServiceError::Changed`].
+pub async fn update(
+    app: &App,
+    key: &str,
+    changes: CohortChanges,
+    expected: Option<Expected>,
+) -> Result<Cohort, ServiceError> {
+    let mut cohort = find_as_expected(app, key, expected.as_ref()).await?;
+    let CohortChanges { name, description, length_unit } = changes;
+    cohort.name = name.unwrap_or(cohort.name);
+    cohort.description = description.unwrap_or(cohort.description);
+    cohort.length_unit = length_unit.unwrap_or(cohort.length_unit);
+    ServiceError::unless_empty(text_faults(
+        Some(&cohort.name),
+        cohort.description.as_deref(),
+        cohort.length_unit.as_deref(),
+    ))?;
+    app.store.update_cohort(&cohort, now_ms()).await?;
+    find(app, &cohort.id).await
+}
+
+/// The tags that a client knows the present version under: any of them, or `*`.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Expected(pub Vec<String>);
+
+impl Expected {
+    /// Refuses what is not of one of the versions.
+    ///
+    /// # Errors
+    /// [`ServiceError::Changed`].
+    pub fn check(&self, tag: &str) -> Result<(), ServiceError> {
+        if self.0.iter().any(|known| known == "*" || known == tag) {
+            return Ok(());
+        }
+        Err(ServiceError::Changed(format!("the present version is {tag}: look again")))
+    }
+}
+
+/// The tag of a cohort at its revision.
+pub fn revision_tag(cohort: &Cohort) -> String {
+    format!("\"{}-{}\"", cohort.id, cohort.revision)
+}
+
+async fn find_as_expected(app: &App, key: &str, expected: Option<&Expected>) -> Result<Cohort, ServiceError> {
     let cohort = find(app, key).await?;
-    if app.store.delete_cohort(&cohort.id).await? {
+    if let Some(expected) = expected {
+        expected.check(&revision_tag(&cohort))?;
+    }
+    Ok(cohort)
+}
+
+/// Moves a cohort with all its shapes to the trash.
+///
+/// # Errors
+/// [`ServiceError::NotFound`], [`ServiceError::Changed`].
+pub async fn delete(app: &App, key: &str, expected: Option<Expected>) -> Result<(), ServiceError> {
+    let cohort = find_as_expected(app, key, expected.as_ref()).await?;
+    let revision = expected.map(|_| cohort.revision);
+    if app.store.trash_cohort(&cohort.id, revision, now_ms()).await? {
         app.prepared.forget(&cohort.id);
         return Ok(());
     }
@@ -152,6 +231,7 @@ pub async fn find_shape(app: &App, key: &str, shape: &str) -> Result<(Cohort, Sh
     let cohort = find(app, key).await?;
     let found = app.store.find_shape(&cohort.id, shape).await?;
     let shape = found.ok_or_else(|| ServiceError::NotFound { kind: "shape", key: shape.into() })?;
+    app.touched.note("shape_id", &shape.id);
     Ok((cohort, shape))
 }
 

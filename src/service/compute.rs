@@ -11,6 +11,7 @@ use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
 use crate::analysis::frame::Frame;
 use crate::analysis::matching::Matching;
 use crate::analysis::metric::{Metric, norm};
+use crate::analysis::pass::Measured;
 use crate::analysis::pca::FunctionalPca;
 use crate::analysis::transformation::Transformation;
 use crate::formats::shape::ShapeInput;
@@ -105,6 +106,11 @@ impl Setup {
             }
             _ => Err(ServiceError::Invalid(faults)),
         }
+    }
+
+    /// What shapes are measured by, and how they are brought together.
+    pub(super) fn measured(&self) -> Measured<'_> {
+        Measured { metric: &self.metric, method: &self.method, matching: &self.matching }
     }
 
     /// How posted shapes are read.

@@ -1,5 +1,7 @@
 //! Dictionaries: plan and learn, list, delete.
 
+use std::sync::Arc;
+
 use super::cohorts::{self, Page};
 use super::compute::Setup;
 use super::error::Fault;
@@ -12,6 +14,7 @@ use crate::analysis::alignment::{Alignment, FEWEST_SHAPES};
 use crate::analysis::correspondence::Mirror;
 use crate::analysis::frame::Frame;
 use crate::analysis::transformation::Transformation;
+use crate::domain::access::Principal;
 use crate::domain::classifier::{ClassifierKind, ClassifierSettings};
 use crate::domain::cohort::{Cohort, name_problem};
 use crate::domain::dictionary::{Codes, Listed, Method};
@@ -81,6 +84,7 @@ pub async fn plan(app: &App, learn: Learn) -> Result<Planned, ServiceError> {
     }
     ServiceError::unless_empty(faults)?;
     let cohort = cohorts::find(app, &learn.cohort).await?;
+    check_name_is_open(app, &learn.name).await?;
     let (plan, since) = match learn.from {
         From::Anew { filter, transformation, alignment, frame, mirror, method, classifier } => {
             let mirror = mirror.unwrap_or(cohort.mirror);
@@ -136,6 +140,20 @@ pub async fn plan(app: &App, learn: Learn) -> Result<Planned, ServiceError> {
             Ok(Planned { plan, estimate })
         })
         .await
+}
+
+/// Refuses a caller that is limited to cohorts a new version of what was learnt from another one: who asks for the name
+/// would get it.
+async fn check_name_is_open(app: &App, name: &str) -> Result<(), ServiceError> {
+    if app.principal.cohorts.is_none() {
+        return Ok(());
+    }
+    let whole_tenant = app.store.of(Arc::new(Principal::system(&app.principal.tenant)));
+    if whole_tenant.find_dictionary_id(name).await? == app.store.find_dictionary_id(name).await? {
+        return Ok(());
+    }
+    let detail = format!("the name '{name}' is that of a dictionary of another cohort: choose another name");
+    Err(ServiceError::Forbidden(detail))
 }
 
 /// Checks that the shapes have classes that can be told apart, and that they fit into memory.
@@ -343,7 +361,8 @@ pub async fn delete(app: &App, key: &str) -> Result<(), ServiceError> {
     }
     let mut deleted = false;
     for id in &ids {
-        deleted |= app.store.delete_dictionary(id).await?;
+        app.touched.note("dictionary_id", id);
+        deleted |= app.store.trash_dictionary(id, super::now_ms()).await?;
         app.models.forget(id);
     }
     if deleted { Ok(()) } else { Err(not_found()) }

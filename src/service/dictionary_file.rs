@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
+use super::access::check_unlimited;
 use super::dictionaries::method_faults;
 use super::error::Fault;
 use super::models::{self, Ready};
@@ -125,15 +126,20 @@ impl DictionaryFile {
 /// Stores a file as the next version of its name, or of another one.
 ///
 /// # Errors
-/// A file of another format, one that was changed, or whose parts do not fit together.
+/// A file of another format, one that was changed, or whose parts do not fit together; [`ServiceError::Forbidden`] to who
+/// is limited to cohorts, which a file may claim to be from.
 pub async fn import(
     app: &App,
     file: DictionaryFile,
     name: Option<String>,
 ) -> Result<Arc<Ready>, ServiceError> {
+    check_unlimited(app, "to import a dictionary")?;
+    if let Some(id) = app.done_before::<String>().await? {
+        return models::find(app, &id).await;
+    }
     let task_app = app.clone();
     let new = app.pool.run(move || checked_file(&task_app, file, name)).await?;
-    app.store.add_dictionary(&new).await?;
+    app.store.add_dictionary(&new, app.receipt(&new.id).as_ref()).await?;
     models::find(app, &new.id).await
 }
 

@@ -112,7 +112,9 @@ pub fn of_posted(
     }
     let (ids, labels) = shapes.iter().enumerate().map(posted_names).unzip();
     let control_points = input::read_batch(&setup.reading(&app.limits), shapes)?.control_points;
-    matrix_of(&setup, &space, Named { ids, labels, control_points, field: "shapes" }, &|_| true)
+    let context = app.pool.context();
+    let go_on = |_: f64| !context.is_cancelled();
+    matrix_of(&setup, &space, Named { ids, labels, control_points, field: "shapes" }, &go_on)
 }
 
 fn posted_names((position, shape): (usize, &ShapeInput)) -> (String, Option<String>) {
@@ -154,7 +156,7 @@ pub async fn of_cohort(
         return Ok(Answer::Job(Box::new(jobs::submit(app, JobKind::Distances, parameters).await?)));
     }
     let (task_app, handle) = (app.clone(), Handle::current());
-    let compute = move || plan.matrix(&task_app, &handle, &cohort, &JobContext::default());
+    let compute = move || plan.matrix(&task_app, &handle, &cohort, &task_app.pool.context());
     Ok(Answer::Matrix(app.pool.run(compute).await?))
 }
 

@@ -112,6 +112,7 @@ pub async fn drift(
     let cohort = app.store.find_cohort(&provenance.cohort).await?;
     let gone = || ServiceError::NotFound { kind: "cohort", key: provenance.cohort_name.clone() };
     let cohort = cohort.ok_or_else(gone)?;
+    app.touched.note("cohort_id", &cohort.id);
     let since = match since {
         Since::Training => provenance.cohort_revision,
         Since::Revision(revision) if revision <= cohort.revision => revision,
@@ -163,7 +164,9 @@ fn compared(
     quantile: f64,
 ) -> Result<Drift, ServiceError> {
     let filter = &ready.dictionary.provenance.filter;
-    let source = StoredShapes::new(app, handle, cohort, filter, since, &ready.setup, &|| false)?;
+    let context = app.pool.context();
+    let stop = || context.is_cancelled();
+    let source = StoredShapes::new(app, handle, cohort, filter, since, &ready.setup, &stop)?;
     let mut sums = Sums::default();
     let passed = source.for_each_batch(&mut |batch| add(&mut sums, ready, batch, quantile));
     passed.map_err(|error| source.named(error))?;

@@ -1,11 +1,13 @@
 //! What a use case can refuse. No status codes: [`problem`](super::problem) translates.
 
+use serde::{Deserialize, Serialize};
+
 use crate::analysis::AnalysisError;
 use crate::formats::InputError;
 use crate::store::StoreError;
 
 /// One thing wrong with an input.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Fault {
     /// JSON pointer into the body; for a stream, into its line.
     pub pointer: String,
@@ -90,9 +92,35 @@ pub enum ServiceError {
     /// The work was asked to stop before it was done.
     #[error("the work was cancelled before it was done")]
     Cancelled,
+    /// It is not known who asks.
+    #[error("a valid key or token is needed, in the header 'Authorization: Bearer …'")]
+    Unauthenticated,
+    /// It is known who asks, and that they may not.
+    #[error("{0}")]
+    Forbidden(String),
     /// Try again later.
     #[error("{0}")]
     Unavailable(String),
+    /// The key of a request that may be sent again belongs to another request.
+    #[error("the Idempotency-Key was given to another request before; take a new one")]
+    KeyReused,
+    /// It is not as it was when the client looked.
+    #[error("{0}")]
+    Changed(String),
+    /// Changes that old are not kept any more.
+    #[error(
+        "changes before number {first} are not kept any more: read everything again, then go on from the last"
+    )]
+    ChangesGone {
+        /// The first that is kept.
+        first: u64,
+    },
+    /// There is no room to store anything; reading goes on.
+    #[error("{0}")]
+    NoSpace(String),
+    /// More is asked for than can be done at once.
+    #[error("{0}; try again in a moment")]
+    Overloaded(String),
     /// A bug or a broken machine; the cause is for the log only.
     #[error("internal error: {0}")]
     Internal(String),
@@ -103,6 +131,16 @@ fn faults_text(faults: &[Fault]) -> String {
 }
 
 impl ServiceError {
+    /// What the log says of it: the cause where something broke, and nothing that a client has sent.
+    pub fn cause(&self) -> &str {
+        match self {
+            Self::Unavailable(cause) | Self::NoSpace(cause) | Self::Internal(cause) => cause,
+            Self::NotFound { kind, .. } => kind,
+            Self::Cancelled => "cancelled",
+            _ => "refused",
+        }
+    }
+
     /// One fault.
     pub fn invalid(pointer: impl Into<String>, detail: impl Into<String>) -> Self {
         Self::Invalid(vec![Fault::new(pointer, detail)])
@@ -170,7 +208,19 @@ impl From<StoreError> for ServiceError {
             StoreError::NameTaken { name } => Self::NameTaken { name },
             StoreError::CohortGone => Self::NotFound { kind: "cohort", key: "deleted meanwhile".into() },
             StoreError::TooManyJobs { .. } => Self::Unavailable(error.to_string()),
-            StoreError::Busy => Self::Unavailable("the store is busy".into()),
+            StoreError::ExternalIdPending { .. } => {
+                Self::Unavailable("another unfinished upload holds one of the external ids".into())
+            }
+            StoreError::UploadLost | StoreError::Busy | StoreError::ReadOnly => {
+                Self::Unavailable(error.to_string())
+            }
+            StoreError::AlreadyDone => {
+                Self::Unavailable("the same request was answered at this moment, send it again".into())
+            }
+            StoreError::Changed => Self::Changed("it was changed meanwhile, look again".into()),
+            StoreError::ChangesGone { first } => Self::ChangesGone { first },
+            StoreError::Full => Self::NoSpace(error.to_string()),
+            StoreError::Text => Self::Query(error.to_string()),
             // The message for clients carries no cause; the log does.
             other => Self::Internal(match std::error::Error::source(&other) {
                 Some(source) => format!("{other}: {source}"),

@@ -22,14 +22,18 @@ const SHAPES: &str = include_str!("../../examples/cells/cells.ndjson");
 pub async fn load_into_empty(app: &App) -> Result<(), ServiceError> {
     let (cohorts, _) = cohorts::list(app, None, 2).await?;
     let cohort = match cohorts.as_slice() {
-        [] => cohorts::create(app, description()).await?,
+        [] => match cohorts::create(app, description()).await {
+            // Another process that starts at the same time loads it.
+            Err(ServiceError::NameTaken { .. }) => return Ok(()),
+            created => created?,
+        },
         // A process that was killed between the two steps left it empty.
         [only] if only.name == NAME && only.revision == 0 => only.clone(),
         _ => return Ok(()),
     };
     let text = stream::iter([Ok::<_, std::convert::Infallible>(Bytes::from_static(SHAPES.as_bytes()))]);
-    let stored = ingest::add_stream(app, cohort, text, ingest::OnError::Abort).await?;
-    tracing::info!(shapes = stored.added, "loaded the example cohort {NAME} into the empty store");
+    let stored = ingest::add_stream(app, cohort, text, ingest::OnError::Abort, None).await?;
+    tracing::info!(shapes = stored.added, "loaded the example cohort into the empty store");
     Ok(())
 }
 

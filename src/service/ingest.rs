@@ -3,11 +3,15 @@
 use bytes::Bytes;
 use futures_util::{Stream, StreamExt};
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 use std::time::Duration;
 use tokio::sync::mpsc;
 
+use super::cohorts::{Expected, revision_tag};
 use super::error::{Fault, MAX_FAULTS};
 use super::input::{Reading, check_extent, parse, read_shape};
+use super::pool::Weight;
+use super::retries::{self, Retry};
 use super::{App, ServiceError, now_ms};
 use crate::domain::cohort::Cohort;
 use crate::domain::id;
@@ -38,7 +42,7 @@ pub enum OnError {
 }
 
 /// What was stored.
-#[derive(Debug, Clone, Default, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Stored {
     /// Shapes that are new.
     pub added: usize,
@@ -74,6 +78,7 @@ pub async fn add(
     cohort: Cohort,
     shapes: Vec<ShapeInput>,
     on_error: OnError,
+    expected: Option<Expected>,
 ) -> Result<Stored, ServiceError> {
     if shapes.len() > app.limits.shapes {
         let detail =
@@ -83,11 +88,14 @@ pub async fn add(
     if shapes.is_empty() {
         return Err(ServiceError::TooFewShapes { found: 0, needed: 1 });
     }
-    let mut writer = Writer::new(app, &cohort, on_error, "/shapes/").await?;
+    if let Some(stored) = app.done_before().await? {
+        return Ok(stored);
+    }
+    let mut writer = Writer::new(app, &cohort, on_error, "/shapes/", expected).await?;
     let incoming = shapes.into_iter().enumerate();
     let incoming = incoming.map(|(index, shape)| Incoming { index, line: None, text: Ok(shape) }).collect();
     let taken = writer.take(app, incoming).await;
-    writer.end(taken).await
+    writer.end(app, taken).await
 }
 
 /// Adds the shapes of an NDJSON stream; memory does not depend on its length.
@@ -99,10 +107,11 @@ pub async fn add_stream<E: std::fmt::Display>(
     cohort: Cohort,
     stream: impl Stream<Item = Result<Bytes, E>>,
     on_error: OnError,
+    expected: Option<Expected>,
 ) -> Result<Stored, ServiceError> {
-    let mut writer = Writer::new(app, &cohort, on_error, "").await?;
+    let mut writer = Writer::new(app, &cohort, on_error, "", expected).await?;
     let taken = take_stream(app, &mut writer, stream).await;
-    writer.end(taken).await
+    writer.end(app, taken).await
 }
 
 async fn take_stream<E: std::fmt::Display>(
@@ -152,6 +161,9 @@ struct Writer {
     on_error: OnError,
     prefix: &'static str,
     position: usize,
+    expected: Option<Expected>,
+    /// The request as far as it has been read, when it may be sent again.
+    retry: Option<Retry>,
     chunks: mpsc::Sender<Vec<Arrived>>,
     task: tokio::task::JoinHandle<Result<(Upload, Stored), ServiceError>>,
     skipped: usize,
@@ -164,7 +176,11 @@ impl Writer {
         cohort: &Cohort,
         on_error: OnError,
         prefix: &'static str,
+        expected: Option<Expected>,
     ) -> Result<Self, ServiceError> {
+        if let Some(expected) = &expected {
+            expected.check(&revision_tag(cohort))?;
+        }
         let (space, _) = app.space(&cohort.representation, "/representation")?;
         let upload = app.store.begin_upload(cohort);
         let (chunks, received) = mpsc::channel(1);
@@ -176,6 +192,8 @@ impl Writer {
             on_error,
             prefix,
             position: 0,
+            expected,
+            retry: app.retry.clone(),
             chunks,
             task,
             skipped: 0,
@@ -184,6 +202,12 @@ impl Writer {
     }
 
     async fn take_lines(&mut self, app: &App, lines: Vec<Line>) -> Result<(), ServiceError> {
+        if let Some(retry) = &mut self.retry {
+            for line in &lines {
+                retry.update(&line.text);
+                retry.update(b"\n");
+            }
+        }
         let first = self.position;
         let incoming = app
             .pool
@@ -205,6 +229,7 @@ impl Writer {
             (self.space.clone(), self.cohort.clone(), app.limits, self.prefix);
         let results: Vec<Result<Arrived, Vec<Fault>>> = app
             .pool
+            .weighing(Weight::of_shapes(incoming.len()))
             .run(move || {
                 let reading = Reading {
                     space: &space,
@@ -242,8 +267,8 @@ impl Writer {
 
     /// Makes the shapes visible when all were taken. If not, nothing is left of them when this returns: a client that
     /// corrects its input and sends the same external ids again at once must not meet its own first attempt.
-    async fn end(self, taken: Result<(), ServiceError>) -> Result<Stored, ServiceError> {
-        let Self { chunks, task, skipped, faults, .. } = self;
+    async fn end(self, app: &App, taken: Result<(), ServiceError>) -> Result<Stored, ServiceError> {
+        let Self { chunks, task, skipped, faults, retry, cohort, expected, .. } = self;
         drop(chunks);
         let written =
             task.await.map_err(|error| ServiceError::Internal(format!("the writing task: {error}")))?;
@@ -253,8 +278,21 @@ impl Writer {
             upload.abort().await?;
             return Err(error);
         }
-        let revision = upload.commit(now_ms()).await?;
-        Ok(Stored { revision, skipped, faults, ..stored })
+        if let Some(retry) = &retry
+            && let Some(stored) = retries::done_before(app, retry).await?
+        {
+            // The same stream was stored before: this one leaves nothing.
+            upload.abort().await?;
+            return Ok(stored);
+        }
+        let mut stored = Stored { skipped, faults, ..stored };
+        let receipt = |revision| {
+            stored.revision = revision;
+            retry.as_ref().map(|retry| retries::receipt(retry, &stored))
+        };
+        let expected = expected.map(|_| cohort.revision);
+        stored.revision = upload.commit_once(now_ms(), expected, receipt).await?;
+        Ok(stored)
     }
 }
 

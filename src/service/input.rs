@@ -191,7 +191,9 @@ impl Reading<'_> {
     /// Planar closed contours whose direction has no meaning run counter-clockwise, keeping their first point.
     fn directed(&self, points: Matrix) -> Matrix {
         let (n, d) = points.shape();
+        // What has no points is refused where the contour is made.
         let planar = d == 2
+            && n > 0
             && self.space.representation().is_closed()
             && self.direction == Direction::Either
             && self.correspondence != Correspondence::Landmarks;
@@ -294,6 +296,10 @@ pub fn attributes(shape: ShapeInput) -> Result<ShapeAttributes, Vec<InputError>>
             .push(InputError::new("/labels", format!("has {} entries, at most {MAX_LABELS}", labels.len())));
     }
     for (key, value) in labels.iter().take(MAX_LABELS) {
+        let is_control = |text: &str| text.chars().any(char::is_control);
+        if is_control(key) || value.as_str().is_some_and(is_control) {
+            errors.push(InputError::new("/labels", "may not hold control characters"));
+        }
         if value.is_object() || value.is_array() {
             let pointer = format!("/labels/{}", key.replace('~', "~0").replace('/', "~1"));
             errors.push(InputError::new(pointer, "must be a text, a number, a truth value or null"));
@@ -310,6 +316,19 @@ pub fn attributes(shape: ShapeInput) -> Result<ShapeAttributes, Vec<InputError>>
     let given = shape.metadata.filter(|value| !value.is_null());
     let metadata = metadata(given, shape.landmark_index, shape.landmarks);
     Ok(ShapeAttributes { external_id, subject, label, labels, weight, metadata })
+}
+
+/// Reads `T`, whose own fields are not checked one by one, from JSON text: what is no `T` breaks a rule of the input, what is
+/// no JSON is malformed.
+///
+/// # Errors
+/// [`ServiceError::Invalid`], [`ServiceError::Malformed`].
+pub fn parse_whole<T: DeserializeOwned>(text: &[u8]) -> Result<T, ServiceError> {
+    let value: Checked<T> = parse(text)?;
+    let mut errors = Vec::new();
+    let value = value.take("", &mut errors);
+    ServiceError::unless_empty(errors.into_iter().map(Fault::from).collect())?;
+    value.ok_or_else(|| ServiceError::invalid("", "is not complete"))
 }
 
 /// Reads `T` from JSON text; run it on the pool, bodies can be large. What is wrong with the JSON itself is kept by

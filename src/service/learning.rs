@@ -10,6 +10,7 @@ use super::compute::Setup;
 use super::jobs::{JobContext, Outcome};
 use super::members::mean_record;
 use super::membership::{Membership, WITHIN};
+use super::spreading::{Spreading, Work};
 use super::stored::StoredShapes;
 use super::validation::Study;
 use super::{App, ServiceError, models, now_ms};
@@ -18,7 +19,7 @@ use crate::analysis::accumulate::{Accumulator, ScatterSum, ShapeSource, Shapes, 
 use crate::analysis::alignment::{Alignment, mean_shape};
 use crate::analysis::correspondence::Mirror;
 use crate::analysis::dictionary::learning::{Learning, Start, Watch};
-use crate::analysis::dictionary::model::{Certificate, Model};
+use crate::analysis::dictionary::model::{Certificate, Coded, Model};
 use crate::analysis::dictionary::preparation::{Pose, Posed, Preparation};
 use crate::analysis::dictionary::statistics::Statistics as CodeStatistics;
 use crate::analysis::frame::Frame;
@@ -79,7 +80,7 @@ const QUANTILES: usize = 1001;
 pub fn run(app: &App, handle: &Handle, job: &Job, context: &JobContext) -> Result<Outcome, ServiceError> {
     let plan: Plan = serde_json::from_value(job.parameters.clone())
         .map_err(|error| ServiceError::Internal(format!("the parameters of a job: {error}")))?;
-    let dictionary = learn(app, handle, &plan, context)?;
+    let dictionary = learn(app, handle, job, &plan, context)?;
     let result =
         serde_json::json!({"dictionary": dictionary.id, "name": plan.name, "digest": dictionary.digest});
     Ok(Outcome { result, dictionary: Some(Box::new(dictionary)), output: None })
@@ -92,18 +93,17 @@ pub fn run(app: &App, handle: &Handle, job: &Job, context: &JobContext) -> Resul
 pub fn learn(
     app: &App,
     handle: &Handle,
+    job: &Job,
     plan: &Plan,
     context: &JobContext,
 ) -> Result<NewDictionary, ServiceError> {
-    let cohort = handle.block_on(app.store.find_cohort(&plan.cohort))?;
-    let cohort = cohort.ok_or_else(|| ServiceError::NotFound { kind: "cohort", key: plan.cohort.clone() })?;
-    let cohort = Cohort { revision: plan.revision, mirror: plan.mirror, ..cohort };
+    let cohort = plan.cohort(app, handle)?;
     let previous = match &plan.continue_from {
         None => None,
         Some(id) => Some(Previous::read(app, handle, id)?),
     };
     let setup = Setup::new(app, &plan.settings(&cohort))?;
-    let task = Task { app, handle, plan, cohort: &cohort, setup: &setup, context };
+    let task = Task { app, handle, job, plan, cohort: &cohort, setup: &setup, context };
     let (content, state) = task.content(previous)?;
     let text = serde_json::to_vec(&content)
         .map_err(|error| ServiceError::Internal(format!("a dictionary is not JSON: {error}")))?;
@@ -134,6 +134,14 @@ pub fn program() -> String {
 }
 
 impl Plan {
+    /// The cohort as it was when the plan was made.
+    pub(super) fn cohort(&self, app: &App, handle: &Handle) -> Result<Cohort, ServiceError> {
+        let cohort = handle.block_on(app.store.find_cohort(&self.cohort))?;
+        let cohort =
+            cohort.ok_or_else(|| ServiceError::NotFound { kind: "cohort", key: self.cohort.clone() })?;
+        Ok(Cohort { revision: self.revision, mirror: self.mirror, ..cohort })
+    }
+
     /// How the shapes of `cohort` are compared.
     pub(super) fn settings(&self, cohort: &Cohort) -> super::compute::Settings {
         super::compute::Settings {
@@ -173,6 +181,7 @@ pub(super) const NO_STATE: &str = "has no sums to go on from (it was imported, o
 pub(super) struct Task<'a> {
     pub(super) app: &'a App,
     handle: &'a Handle,
+    job: &'a Job,
     plan: &'a Plan,
     cohort: &'a Cohort,
     setup: &'a Setup,
@@ -240,7 +249,7 @@ impl Task<'_> {
         self.enter(phase::ALIGN)?;
         let since = previous.as_ref().map_or(0, |previous| previous.revision);
         let new_shapes = self.shapes(since, &stop)?;
-        let kept = kept(&new_shapes, &preparation).map_err(|error| new_shapes.named(error))?;
+        let kept = self.kept(&new_shapes, &preparation).map_err(|error| new_shapes.named(error))?;
         let state = match kept {
             Some(kept) => self.learn_from(&kept, previous, &preparation, &mut content),
             None => {
@@ -252,14 +261,30 @@ impl Task<'_> {
         self.enter(phase::CERTIFY)?;
         content.statistics.shapes = shapes.count();
         let (_, preparation, model) = models::prepare(self.app, &content)?;
-        let posed = Posed { source: &shapes, preparation: &preparation };
-        let certificate = Certificate::new(&model, &posed, self).map_err(|error| shapes.named(error))?;
+        let certificate = self.certificate(&shapes, &content, &preparation, &model);
+        let certificate = certificate.map_err(|error| shapes.named(error))?;
         certify(&mut content, certificate, &model);
         if let Some(settings) = &self.plan.classifier {
             let classifier = self.classifier(&shapes, settings, &content);
             content.classifier = Some(classifier.map_err(|error| shapes.named(error))?);
         }
         Ok((content, state))
+    }
+
+    /// How well `shapes` are described by what was learnt.
+    fn certificate(
+        &self,
+        shapes: &StoredShapes<'_>,
+        content: &Content,
+        preparation: &Preparation,
+        model: &Model,
+    ) -> Result<Certificate, ServiceError> {
+        let code = |source: &StoredShapes<'_>| Coded::new(model, &Posed { source, preparation }, self);
+        let make = |part: &StoredShapes<'_>| Ok(code(part)?.to_bytes());
+        let mut coded = Coded::default();
+        let work = || Work::Codes(Box::new(content.clone()));
+        let spread = shapes.spread_work(work, &make, &mut |bytes| coded.append(bytes))?;
+        Ok(if spread { coded } else { code(shapes)? }.certificate())
     }
 
     /// Validates and trains the classifier.
@@ -302,7 +327,22 @@ impl Task<'_> {
         since: u64,
         stop: &'a (dyn Fn() -> bool + Sync),
     ) -> Result<StoredShapes<'a>, ServiceError> {
-        StoredShapes::new(self.app, self.handle, self.cohort, &self.plan.filter, since, self.setup, stop)
+        let Self { app, handle, job, plan, cohort, setup, .. } = *self;
+        let shapes = StoredShapes::new(app, handle, cohort, &plan.filter, since, setup, stop)?;
+        Ok(shapes.spread_by(Spreading { app, handle, job, plan }))
+    }
+
+    /// Prepared shapes in memory, when they fit. The sum of components takes one pass, and reads them from the store.
+    fn kept(
+        &self,
+        shapes: &StoredShapes<'_>,
+        preparation: &Preparation,
+    ) -> Result<Option<ShapesInMemory>, ServiceError> {
+        let bytes = shapes.count().saturating_mul(8 * preparation.metric.len());
+        if matches!(self.plan.method, Method::FunctionalPca { .. }) || bytes > KEPT_BYTES {
+            return Ok(None);
+        }
+        in_memory(&Posed { source: shapes, preparation }).map(Some)
     }
 
     fn empty_content(&self, mean: MeanRecord) -> Content {
@@ -464,17 +504,6 @@ impl Task<'_> {
         })?;
         Ok(hasher.finalize().to_hex().to_string())
     }
-}
-
-/// Prepared shapes in memory, when they fit.
-fn kept(
-    shapes: &StoredShapes<'_>,
-    preparation: &Preparation,
-) -> Result<Option<ShapesInMemory>, ServiceError> {
-    if shapes.count().saturating_mul(8 * preparation.metric.len()) > KEPT_BYTES {
-        return Ok(None);
-    }
-    in_memory(&Posed { source: shapes, preparation }).map(Some)
 }
 
 /// All shapes of a source.

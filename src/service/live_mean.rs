@@ -7,7 +7,7 @@ use tokio::runtime::Handle;
 
 use super::compute::{MAX_DRAWN, Settings, Setup};
 use super::stored::StoredShapes;
-use super::{App, ServiceError};
+use super::{App, ServiceError, metrics};
 use crate::analysis::accumulate::prepare;
 use crate::analysis::alignment::{AlignedShape, Alignment, MeanShape, align, mean_shape};
 use crate::analysis::frame::Frame;
@@ -74,7 +74,7 @@ impl MeanCache {
 /// [`ServiceError::NotFound`]; too few or degenerate shapes.
 pub async fn mean(app: &App, cohort: Cohort, query: MeanQuery) -> Result<Arc<LiveMean>, ServiceError> {
     let key = (cohort.id.clone(), cohort.revision, query.clone());
-    if let Some(known) = app.means.find(&key) {
+    if let Some(known) = metrics::looked_up("means", app.means.find(&key)) {
         return Ok(known);
     }
     let settings = Settings {
@@ -101,7 +101,9 @@ fn compute(
     filter: ShapeFilter,
 ) -> Result<LiveMean, ServiceError> {
     let setup = Setup::new(app, settings)?;
-    let source = StoredShapes::new(app, handle, &cohort, &filter, 0, &setup, &|| false)?;
+    let context = app.pool.context();
+    let stop = || context.is_cancelled();
+    let source = StoredShapes::new(app, handle, &cohort, &filter, 0, &setup, &stop)?;
     let Setup { metric, method, frame, matching, .. } = &setup;
     let mean = mean_shape(&source, metric, method, *frame, matching);
     let mut mean = mean.map_err(|error| source.named(error))?;

@@ -1,10 +1,12 @@
 //! What the product does: one function per use case, values in, values or a [`ServiceError`] out.
 //!
 //! * [`App`] — store, limits, the pool where arithmetic leaves the async threads;
+//! * [`access`] — who asks: keys, tokens of an identity provider;
 //! * [`input`] — posted shapes to control points of a representation;
 //! * [`compute`] — the stateless statistics: project, mean, align, PCA;
 //! * [`curves`], [`fitting`], [`morph`] — the stateless use cases of single curves: evaluate, measure, resample; fit,
 //!   refine, idealise; paths between two;
+//! * [`audit`] — the trail of all requests; [`metrics`] — what is counted; [`build`] — what the program was made from;
 //! * [`cohorts`], [`ingest`] — cohorts and their shapes;
 //! * [`live_mean`] — the mean of a stored cohort, streamed;
 //! * [`distances`], [`neighbours`] — all distances of a set of shapes; the nearest shapes of a cohort, and
@@ -12,11 +14,16 @@
 //! * [`comparisons`], [`regressions`] — tests of stored shapes by permutation; [`members`] — the shapes they look at;
 //! * [`generators`] — one generator with all that is known of it;
 //! * [`example`] — the example cohort of an empty store;
-//! * [`jobs`] — long work beside the requests; [`learning`] — what it is;
+//! * [`jobs`] — long work beside the requests; [`learning`] — what it is; [`spreading`] — how several processes share it;
 //! * [`drift`] — new shapes beside those a dictionary was learnt from;
+//! * [`retries`] — requests that are sent again; [`changes`] — the feed; [`trash`] — what can come back;
 //! * [`membership`] — classes and subjects of a cohort; [`classify`] — classifiers in use;
 //! * [`problem`] — what was refused, as a document.
 
+pub mod access;
+pub mod audit;
+pub mod build;
+pub mod changes;
 pub mod classify;
 pub mod coding;
 pub mod cohorts;
@@ -39,6 +46,7 @@ pub mod learning;
 pub mod live_mean;
 pub mod members;
 pub mod membership;
+pub mod metrics;
 pub mod models;
 pub mod modes;
 pub mod morph;
@@ -48,18 +56,24 @@ pub mod pool;
 pub mod prepared;
 pub mod problem;
 pub mod regressions;
+pub mod retries;
+pub mod spreading;
 mod stored;
+pub mod trash;
 mod validation;
 
 use std::sync::Arc;
+use std::time::Duration;
 
+use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tokio_util::sync::CancellationToken;
 
 use crate::analysis::metric::Metric;
+use crate::domain::access::{DEFAULT_TENANT, Principal};
 use crate::geometry::representation::{Representation, ShapeSpace};
 use crate::store::Store;
 pub use error::ServiceError;
-use pool::Pool;
+use pool::{Pool, Weight};
 
 /// Sizes that are checked before memory is taken.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -86,6 +100,18 @@ pub struct Limits {
     pub matrix_operations: usize,
     /// Multiply-adds that a search may be predicted to take.
     pub search_operations: usize,
+    /// Heavy requests that compute or wait for it; 0 means four per compute thread.
+    pub heavy_requests: usize,
+    /// Bytes of request bodies in memory, of all requests together.
+    pub buffered_bytes: usize,
+    /// Requests of a caller in a second, on average; 0 does not count them.
+    pub rate_per_second: u32,
+    /// Requests of a caller at once; 0 means twice those of a second.
+    pub rate_burst: u32,
+    /// Time for a request that only reads what is stored.
+    pub light_time: Duration,
+    /// Time for a request that computes.
+    pub compute_time: Duration,
 }
 
 impl Default for Limits {
@@ -102,6 +128,12 @@ impl Default for Limits {
             matrix_bytes: 128 << 20,
             matrix_operations: 5_000_000_000,
             search_operations: 100_000_000_000,
+            heavy_requests: 0,
+            buffered_bytes: 512 << 20,
+            rate_per_second: 0,
+            rate_burst: 0,
+            light_time: Duration::from_secs(30),
+            compute_time: Duration::from_secs(120),
         }
     }
 }
@@ -115,9 +147,20 @@ pub struct App {
     pub limits: Limits,
     /// Where arithmetic runs.
     pub pool: Pool,
+    /// Who asks.
+    pub principal: Arc<Principal>,
+    access: Arc<access::Access>,
+    /// The request, when it may be sent again.
+    retry: Option<retries::Retry>,
+    /// What the request turns out to be about.
+    pub touched: audit::Touched,
+    /// Where requests are recorded.
+    pub trail: Arc<audit::Trail>,
     /// Jobs that run or are watched.
     jobs: Arc<jobs::registry::Registry>,
     draining: CancellationToken,
+    /// Bytes that request bodies may still take.
+    buffers: Arc<Semaphore>,
     means: Arc<live_mean::MeanCache>,
     models: Arc<models::ReadyCache>,
     prepared: Arc<prepared::PreparedCache>,
@@ -129,13 +172,45 @@ impl App {
         Self {
             store,
             limits,
-            pool: Pool::new(threads),
+            pool: Pool::new(threads, limits.heavy_requests),
+            principal: Arc::new(Principal::system(DEFAULT_TENANT)),
+            access: Arc::default(),
+            retry: None,
+            touched: audit::Touched::default(),
+            trail: Arc::default(),
             jobs: Arc::default(),
             draining: CancellationToken::new(),
+            buffers: Arc::new(Semaphore::new(limits.buffered_bytes)),
             means: Arc::default(),
             models: Arc::default(),
             prepared: Arc::default(),
         }
+    }
+
+    /// The same service as `principal` sees it, for one request: its work stops when nobody waits for it any more.
+    pub fn of(&self, principal: Arc<Principal>) -> Self {
+        let store = self.store.of(Arc::clone(&principal));
+        Self { store, principal, pool: self.pool.of_request(), ..self.clone() }
+    }
+
+    /// The same request, at work on something of this weight.
+    pub fn weighing(&self, weight: Weight) -> Self {
+        Self { pool: self.pool.weighing(weight), ..self.clone() }
+    }
+
+    /// Room in memory for `bytes` of a request body.
+    ///
+    /// # Errors
+    /// [`ServiceError::Overloaded`] when the bodies of other requests fill it.
+    pub fn room(&self, bytes: usize) -> Result<OwnedSemaphorePermit, ServiceError> {
+        let room = u32::try_from(bytes).ok();
+        let room = room.and_then(|bytes| Arc::clone(&self.buffers).try_acquire_many_owned(bytes).ok());
+        room.ok_or_else(|| ServiceError::Overloaded("the memory for request bodies is full".into()))
+    }
+
+    /// The same service, noting what it is asked about.
+    pub fn noting(self, touched: audit::Touched) -> Self {
+        Self { touched, ..self }
     }
 
     /// From now on the service reports that it is going away, and what waits for news of a job ends.

@@ -4,7 +4,8 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Mutex};
 
 use super::compute::{Settings, Setup};
-use super::{App, ServiceError, classify};
+use super::pool::Weight;
+use super::{App, ServiceError, classify, metrics};
 use crate::analysis::alignment::Method as Alignment;
 use crate::analysis::classification::Classifier;
 use crate::analysis::dictionary::algebra::Algebra;
@@ -71,13 +72,15 @@ impl ReadyCache {
 pub async fn find(app: &App, key: &str) -> Result<Arc<Ready>, ServiceError> {
     let not_found = || ServiceError::NotFound { kind: "dictionary", key: key.into() };
     let id = app.store.find_dictionary_id(key).await?.ok_or_else(not_found)?;
-    if let Some(ready) = app.models.find(&id) {
+    app.touched.note("dictionary_id", &id);
+    if let Some(ready) = metrics::looked_up("dictionaries", app.models.find(&id)) {
         return Ok(ready);
     }
     let dictionary = app.store.read_dictionary(&id).await?.ok_or_else(not_found)?;
     let task_app = app.clone();
     let ready = app
         .pool
+        .weighing(Weight::Light)
         .run(move || {
             let (setup, preparation, model) = prepare(&task_app, &dictionary.content)?;
             let record = dictionary.content.classifier.as_ref();

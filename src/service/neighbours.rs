@@ -12,7 +12,8 @@ use super::error::Fault;
 use super::input;
 use super::prepared::{Key, PreparedCohort};
 use super::stored::{self, StoredShapes};
-use super::{App, ServiceError, cohorts};
+use super::{App, ServiceError, cohorts, metrics};
+use crate::analysis::AnalysisError;
 use crate::analysis::accumulate::prepare;
 use crate::analysis::distance::{DistanceSpace, PreparedShapes};
 use crate::analysis::matching::Placement;
@@ -73,6 +74,9 @@ pub struct FoundNeighbour {
 }
 
 type Sorted = Vec<Neighbour<String>>;
+
+/// Takes shapes of the cohort with their ids.
+type Offer<'a> = dyn FnMut(&[String], &PreparedShapes) -> Result<(), AnalysisError> + 'a;
 
 /// The nearest shapes of the cohort with this key to every query, ascending; of equal ones those that were added first.
 ///
@@ -152,8 +156,12 @@ impl Task<'_> {
         let space = DistanceSpace::new(&setup.method, &setup.matching)?;
         let (queries, own) = self.prepared(&setup, &space, queries)?;
         let mut nearest = vec![Nearest::new(self.neighbours); queries.count()];
+        let context = self.app.pool.context();
         let mut offer = |ids: &[String], others: &PreparedShapes| {
             for (query, nearest) in nearest.iter_mut().enumerate() {
+                if context.is_cancelled() {
+                    return Err(AnalysisError::Interrupted);
+                }
                 let own = own.get(query);
                 for (id, found) in ids.iter().zip(space.compare(&queries, query, others)) {
                     if own != Some(id) {
@@ -161,12 +169,13 @@ impl Task<'_> {
                     }
                 }
             }
+            Ok(())
         };
         let key = self.key();
-        match self.app.prepared.find(&key) {
+        match metrics::looked_up("cohorts", self.app.prepared.find(&key)) {
             Some(known) => {
                 self.check_cost(&space, queries.count(), known.ids.len())?;
-                known.shapes.iter().for_each(|shapes| offer(&known.ids, shapes));
+                known.shapes.iter().try_for_each(|shapes| offer(&known.ids, shapes))?;
             }
             None => self.read(&setup, &space, queries.count(), key, &mut offer)?,
         }
@@ -185,10 +194,12 @@ impl Task<'_> {
         space: &DistanceSpace,
         queries: usize,
         key: Key,
-        offer: &mut dyn FnMut(&[String], &PreparedShapes),
+        offer: &mut Offer<'_>,
     ) -> Result<(), ServiceError> {
         let (app, handle, cohort, filter) = (self.app, self.handle, self.cohort, self.filter);
-        let shapes = StoredShapes::new(app, handle, cohort, filter, 0, setup, &|| false)?;
+        let context = app.pool.context();
+        let stop = || context.is_cancelled();
+        let shapes = StoredShapes::new(app, handle, cohort, filter, 0, setup, &stop)?;
         if shapes.is_empty() && *filter != ShapeFilter::default() {
             return Err(ServiceError::invalid("/filter", "selects no shapes"));
         }
@@ -196,7 +207,7 @@ impl Task<'_> {
         let mut kept = PreparedCohort::for_count(space, shapes.len());
         shapes.for_each_named(&mut |batch| {
             let others = space.prepare(&batch.control_points)?;
-            offer(&batch.ids, &others);
+            offer(&batch.ids, &others)?;
             if let Some(kept) = &mut kept {
                 kept.append(&batch.ids, others);
             }

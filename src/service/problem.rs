@@ -48,6 +48,10 @@ problem_kinds! {
     InvalidQuery, "invalid-query", BAD_REQUEST, "The query cannot be understood";
     /// The body ended early or stalled.
     InterruptedBody, "interrupted-body", REQUEST_TIMEOUT, "The body did not arrive";
+    /// No key or token, or one that is wrong, has ended or was revoked.
+    Unauthenticated, "unauthenticated", UNAUTHORIZED, "It is not known who asks";
+    /// The key or token is not for this.
+    Forbidden, "forbidden", FORBIDDEN, "This is not allowed";
     /// Nothing at this path.
     RouteNotFound, "route-not-found", NOT_FOUND, "There is no such route";
     /// No such cohort, shape or job.
@@ -72,10 +76,24 @@ problem_kinds! {
     DegenerateShape, "degenerate-shape", UNPROCESSABLE_ENTITY, "A shape is degenerate for the class";
     /// Statistics of too few shapes.
     TooFewShapes, "too-few-shapes", UNPROCESSABLE_ENTITY, "There are too few shapes";
+    /// The caller asks more often than it may.
+    TooManyRequests, "too-many-requests", TOO_MANY_REQUESTS, "There were too many requests";
     /// A bug or a broken machine.
     Internal, "internal", INTERNAL_SERVER_ERROR, "Something broke on our side";
-    /// Overloaded, stopping or without storage.
+    /// Too many jobs wait, the service stops, or there is no storage.
     Unavailable, "unavailable", SERVICE_UNAVAILABLE, "Try again later";
+    /// The Idempotency-Key belongs to another request.
+    IdempotencyKeyReused, "idempotency-key-reused", UNPROCESSABLE_ENTITY, "The key belongs to another request";
+    /// It is not as it was when the client looked.
+    PreconditionFailed, "precondition-failed", PRECONDITION_FAILED, "It was changed meanwhile";
+    /// Changes that old are not kept.
+    ChangesGone, "changes-gone", GONE, "The changes are not kept any more";
+    /// The disk is full.
+    InsufficientStorage, "insufficient-storage", INSUFFICIENT_STORAGE, "There is no room";
+    /// More requests than can be computed at once.
+    Overloaded, "overloaded", SERVICE_UNAVAILABLE, "There is too much to do at once";
+    /// The answer took longer than requests may.
+    TookTooLong, "took-too-long", SERVICE_UNAVAILABLE, "The answer took too long";
 }
 
 /// A refusal.
@@ -222,12 +240,19 @@ impl From<ServiceError> for Problem {
                 Self::with(ProblemKind::ExternalIdConflict, vec![fault])
             }
             ServiceError::JobFinished { .. } => Self::new(ProblemKind::JobFinished, detail),
+            ServiceError::Unauthenticated => Self::new(ProblemKind::Unauthenticated, detail),
+            ServiceError::Forbidden(_) => Self::new(ProblemKind::Forbidden, detail),
             ServiceError::TooLarge(fault) => Self::with(ProblemKind::PayloadTooLarge, vec![fault]),
             ServiceError::Query(_) => Self::new(ProblemKind::InvalidQuery, detail),
             ServiceError::Interrupted(_) => Self::new(ProblemKind::InterruptedBody, detail),
             ServiceError::Unavailable(_) | ServiceError::Cancelled => {
                 Self::new(ProblemKind::Unavailable, detail)
             }
+            ServiceError::KeyReused => Self::new(ProblemKind::IdempotencyKeyReused, detail),
+            ServiceError::Changed(_) => Self::new(ProblemKind::PreconditionFailed, detail),
+            ServiceError::ChangesGone { .. } => Self::new(ProblemKind::ChangesGone, detail),
+            ServiceError::NoSpace(_) => Self::new(ProblemKind::InsufficientStorage, detail),
+            ServiceError::Overloaded(_) => Self::new(ProblemKind::Overloaded, detail),
             ServiceError::Internal(_) => {
                 tracing::error!(error = %detail, "internal error");
                 Self::new(ProblemKind::Internal, "the cause is in the log under the request id")

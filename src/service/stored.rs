@@ -6,13 +6,14 @@ use tokio::runtime::Handle;
 
 use super::compute::Setup;
 use super::error::Fault;
+use super::spreading::{MakePart, Spreading, Work};
 use super::{App, ServiceError};
 use crate::analysis::AnalysisError;
-use crate::analysis::accumulate::{BLOCK, ShapeSource, Shapes, prepare};
-use crate::analysis::metric::Metric;
+use crate::analysis::accumulate::{BLOCK, MergePart, PART, ShapeSource, Shapes, prepare};
+use crate::analysis::pass::Pass;
 use crate::domain::cohort::Cohort;
 use crate::domain::shape::{Shape, ShapeFilter};
-use crate::store::{Ids, Revisions, ScanBatch, Store};
+use crate::store::{Cursor, Ids, Revisions, ScanBatch, Start, Store};
 
 /// Shapes of one batch: enough for all threads, little enough for memory.
 const BATCH_SHAPES: usize = 16 * BLOCK;
@@ -60,7 +61,8 @@ pub(super) fn refuse_repeated(keys: &[String]) -> Result<(), ServiceError> {
     ServiceError::unless_empty(repeated.map(fault).collect())
 }
 
-/// The shapes of a cohort at its revision, read again in every pass.
+/// The shapes of a cohort at its revision, or a part of them, read again in every pass.
+#[derive(Clone, Copy)]
 pub(super) struct StoredShapes<'a> {
     store: &'a Store,
     /// Of the runtime that reads: passes are made on compute threads.
@@ -68,12 +70,24 @@ pub(super) struct StoredShapes<'a> {
     cohort: &'a Cohort,
     filter: &'a ShapeFilter,
     revisions: Revisions,
-    metric: &'a Metric,
-    centred: bool,
-    /// Number of the shapes.
-    count: usize,
+    setup: &'a Setup,
+    range: Range,
     /// Whether to stop: asked before every batch.
     stop: &'a (dyn Fn() -> bool + Sync),
+    /// The job that may have others make parts of a pass.
+    spreading: Option<Spreading<'a>>,
+}
+
+/// Which of the shapes that pass the filter, in storage order.
+#[derive(Debug, Clone, Copy)]
+struct Range {
+    /// Position of the first one among all of them.
+    first: usize,
+    /// Where to begin to read, and how many shapes to leave out there.
+    after: Option<Cursor>,
+    skip: usize,
+    /// How many they are.
+    count: usize,
 }
 
 impl<'a> StoredShapes<'a> {
@@ -87,18 +101,76 @@ impl<'a> StoredShapes<'a> {
         setup: &'a Setup,
         stop: &'a (dyn Fn() -> bool + Sync),
     ) -> Result<Self, ServiceError> {
-        let revisions = Revisions { after: since, until: cohort.revision };
-        let count = handle.block_on(app.store.count(&cohort.id, revisions, filter))?;
-        let count = usize::try_from(count)
+        let mut shapes = Self::counted(app, handle, cohort, filter, since, setup, stop, 0);
+        let count = handle.block_on(app.store.count(&cohort.id, shapes.revisions, filter))?;
+        shapes.range.count = usize::try_from(count)
             .map_err(|_| ServiceError::Internal("too many shapes for this machine".into()))?;
-        let (metric, centred) = (&setup.metric, setup.method.translates());
-        Ok(Self { store: &app.store, handle, cohort, filter, revisions, metric, centred, count, stop })
+        Ok(shapes)
+    }
+
+    /// The same, when it is known that there are `count` of them.
+    #[expect(clippy::too_many_arguments, reason = "those of `new`, and one more")]
+    pub(super) fn counted(
+        app: &'a App,
+        handle: &'a Handle,
+        cohort: &'a Cohort,
+        filter: &'a ShapeFilter,
+        since: u64,
+        setup: &'a Setup,
+        stop: &'a (dyn Fn() -> bool + Sync),
+        count: usize,
+    ) -> Self {
+        let revisions = Revisions { after: since, until: cohort.revision };
+        let range = Range { first: 0, after: None, skip: 0, count };
+        Self { store: &app.store, handle, cohort, filter, revisions, setup, range, stop, spreading: None }
+    }
+
+    /// The same shapes, whose passes are made in the name of a job.
+    pub(super) fn spread_by(self, spreading: Spreading<'a>) -> Self {
+        Self { spreading: Some(spreading), ..self }
+    }
+
+    /// The shapes of one part of [`PART`] shapes, which begins at `start`.
+    pub(super) fn part(&self, part: usize, start: Start) -> Self {
+        let first = (part * PART).min(self.range.count);
+        let range = Range {
+            first,
+            after: Some(start.before()),
+            skip: start.skip,
+            count: PART.min(self.range.count - first),
+        };
+        Self { range, spreading: None, ..*self }
+    }
+
+    /// Makes a pass with the help of others, if that pays: see [`Spreading::run`].
+    pub(super) fn spread_work(
+        &self,
+        work: impl FnOnce() -> Work,
+        make: &MakePart<'_>,
+        merge: &mut MergePart<'_>,
+    ) -> Result<bool, ServiceError> {
+        self.spreading.map_or(Ok(false), |spreading| spreading.run(self, work, make, merge))
+    }
+
+    /// Nothing, or that the work shall stop.
+    pub(super) fn check(&self) -> Result<(), ServiceError> {
+        if (self.stop)() { Err(ServiceError::Cancelled) } else { Ok(()) }
+    }
+
+    /// The revisions between which the shapes came.
+    pub(super) fn revisions(&self) -> Revisions {
+        self.revisions
+    }
+
+    /// Numbers of a shape.
+    pub(super) fn width(&self) -> usize {
+        self.setup.metric.len()
     }
 
     /// Control points of the first `most` shapes.
     pub(super) fn first(&self, most: usize) -> Result<Vec<f64>, ServiceError> {
         let mut control_points = Vec::new();
-        let wanted = most.min(self.count) * self.metric.len();
+        let wanted = most.min(self.range.count) * self.width();
         self.scan(&mut |batch, _| {
             control_points.extend_from_slice(batch);
             Ok(control_points.len() < wanted)
@@ -109,40 +181,43 @@ impl<'a> StoredShapes<'a> {
 
     /// Calls `visit` with control points and weights of every stored chunk until it says false.
     pub(super) fn scan(&self, visit: &mut VisitChunk<'_>) -> Result<(), ServiceError> {
-        let mut position = None;
-        loop {
-            if (self.stop)() {
-                return Err(ServiceError::Cancelled);
-            }
+        let Range { after: mut position, mut skip, count: mut left, .. } = self.range;
+        let width = self.width();
+        while left > 0 {
+            self.check()?;
             let read = self.store.scan(&self.cohort.id, self.revisions, self.filter, position, Ids::Skip);
             let Some(batch) = self.handle.block_on(read)? else { return Ok(()) };
             position = Some(batch.position);
-            if !visit(&batch.control_points, &batch.weights)? {
+            let from = skip.min(batch.weights.len());
+            let to = batch.weights.len().min(from + left);
+            (skip, left) = (skip - from, left - (to - from));
+            if from < to && !visit(&batch.control_points[from * width..to * width], &batch.weights[from..to])?
+            {
                 return Ok(());
             }
         }
+        Ok(())
     }
 
     /// Number of the shapes.
     pub(super) fn len(&self) -> usize {
-        self.count
+        self.range.count
     }
 
     /// Whether there are none.
     pub(super) fn is_empty(&self) -> bool {
-        self.count == 0
+        self.range.count == 0
     }
 
     /// Calls `visit` with every stored batch, its shapes prepared; errors of shapes name them.
     pub(super) fn for_each_named(&self, visit: &mut VisitNamed<'_>) -> Result<(), ServiceError> {
         let (mut position, mut first) = (None, 0);
         loop {
-            if (self.stop)() {
-                return Err(ServiceError::Cancelled);
-            }
+            self.check()?;
             let read = self.store.scan(&self.cohort.id, self.revisions, self.filter, position, Ids::Include);
             let Some(mut batch) = self.handle.block_on(read)? else { return Ok(()) };
-            let prepared = prepare(self.metric, self.centred, 0, &mut batch.control_points);
+            let centred = self.setup.method.translates();
+            let prepared = prepare(&self.setup.metric, centred, 0, &mut batch.control_points);
             let visited = prepared.and_then(|()| visit(&batch));
             visited.map_err(|error| self.named_in(error, first, &batch.ids))?;
             (position, first) = (Some(batch.position), first + batch.ids.len());
@@ -201,21 +276,22 @@ impl ShapeSource for StoredShapes<'_> {
     type Error = ServiceError;
 
     fn count(&self) -> usize {
-        self.count
+        self.range.count
     }
 
     fn for_each_batch(
         &self,
         visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), ServiceError>,
     ) -> Result<(), ServiceError> {
-        let length = self.metric.len();
+        let (metric, centred) = (&self.setup.metric, self.setup.method.translates());
+        let length = metric.len();
         let (mut rows, mut weights): (Vec<f64>, Vec<f64>) = (Vec::new(), Vec::new());
-        let mut first = 0;
+        let mut first = self.range.first;
         // Stored chunks have any length; batches are whole blocks, so that the result does not depend on how
         // the cohort was uploaded.
         let mut emit =
             |rows: &mut Vec<f64>, weights: &mut Vec<f64>, count: usize| -> Result<(), ServiceError> {
-                prepare(self.metric, self.centred, first, &mut rows[..count * length])
+                prepare(metric, centred, first, &mut rows[..count * length])
                     .map_err(|error| self.named(error))?;
                 visit(Shapes { first, whitened: &rows[..count * length], weights: &weights[..count] })?;
                 rows.drain(..count * length);
@@ -233,6 +309,19 @@ impl ShapeSource for StoredShapes<'_> {
             Ok(true)
         })?;
         let rest = weights.len();
-        if rest > 0 { emit(&mut rows, &mut weights, rest) } else { Ok(()) }
+        if rest > 0 {
+            emit(&mut rows, &mut weights, rest)?;
+        }
+        if first != self.range.first + self.range.count {
+            return Err(ServiceError::Internal(
+                "the shapes of a revision are not as many as they were".into(),
+            ));
+        }
+        Ok(())
+    }
+
+    fn spread(&self, pass: &Pass, merge: &mut MergePart<'_>) -> Result<bool, ServiceError> {
+        let make = |part: &StoredShapes<'_>| pass.make(part, self.setup.measured());
+        self.spread_work(|| Work::Sum(pass.clone()), &make, merge)
     }
 }

@@ -1,9 +1,7 @@
 //! Chunks as bytes: control points and weights as little-endian `f64`, with a blake3 checksum.
 
-use sqlx::sqlite::SqliteRow;
-use sqlx::{Row, SqliteConnection};
-
 use super::StoreError;
+use super::engine::{Row, Transaction, sql};
 
 /// Most shapes in a chunk.
 pub(super) const ROWS_PER_CHUNK: usize = 4096;
@@ -57,16 +55,13 @@ fn checksum(points: &[u8], weights: &[u8]) -> Vec<u8> {
 }
 
 /// Reads the chunks with these numbers, in any order; a missing one is left out.
-pub(super) async fn load(
-    connection: &mut SqliteConnection,
-    chunks: &[i64],
-) -> Result<Vec<SqliteRow>, StoreError> {
+pub(super) async fn load(connection: &mut Transaction, chunks: &[i64]) -> Result<Vec<Row>, StoreError> {
     const LOAD: &str = "SELECT c.id, c.rows, c.width, d.checksum, d.weights, d.points
         FROM json_each($1) AS asked
-        CROSS JOIN chunk AS c ON c.id = asked.value
+        CROSS JOIN chunk AS c ON c.id = CAST(asked.value AS BIGINT)
         CROSS JOIN chunk_data AS d ON d.chunk_id = c.id";
     let asked = serde_json::Value::from(chunks).to_string();
-    Ok(sqlx::query(LOAD).bind(asked).fetch_all(connection).await?)
+    Ok(sql(connection, LOAD).bind(asked).all().await?)
 }
 
 /// A stored chunk whose checksum was verified; borrows the row's bytes.
@@ -84,15 +79,15 @@ impl<'a> Chunk<'a> {
     ///
     /// # Errors
     /// [`StoreError::Corrupt`] when checksum or sizes do not fit.
-    pub(super) fn verified(row: &'a SqliteRow) -> Result<Self, StoreError> {
+    pub(super) fn verified(row: &'a Row) -> Result<Self, StoreError> {
         let chunk = Self {
-            id: row.try_get("id")?,
-            rows: usize::try_from(row.try_get::<i64, _>("rows")?).unwrap_or_default(),
-            width: usize::try_from(row.try_get::<i64, _>("width")?).unwrap_or_default(),
-            weights: row.try_get("weights")?,
-            points: row.try_get("points")?,
+            id: row.get("id")?,
+            rows: usize::try_from(row.get::<i64>("rows")?).unwrap_or_default(),
+            width: usize::try_from(row.get::<i64>("width")?).unwrap_or_default(),
+            weights: row.get("weights")?,
+            points: row.get("points")?,
         };
-        let expected: &[u8] = row.try_get("checksum")?;
+        let expected: &[u8] = row.get("checksum")?;
         let fits = chunk.points.len() == chunk.rows * chunk.width * BYTES_PER_NUMBER
             && chunk.weights.is_none_or(|w| w.len() == chunk.rows * BYTES_PER_NUMBER);
         if fits && checksum(chunk.points, chunk.weights.unwrap_or_default()) == expected {

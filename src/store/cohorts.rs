@@ -3,22 +3,26 @@
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
-use sqlx::sqlite::SqliteRow;
-use sqlx::{Row, SqliteConnection};
 
-use super::{PURGE_ORPHANS, Store, StoreError, from_sql, sqlite, to_sql};
+use super::engine::{self, Query, Row, Transaction, sql};
+use super::{PURGE_ORPHANS, Store, StoreError, changes, from_sql, receipts, to_sql};
+use crate::domain::change::{ChangeKind, NewChange};
 use crate::domain::cohort::Cohort;
+use crate::domain::retry::Receipt;
 
 impl Store {
     /// Stores a new cohort as it is.
     ///
     /// # Errors
-    /// [`StoreError::NameTaken`].
-    pub async fn create_cohort(&self, cohort: &Cohort) -> Result<(), StoreError> {
-        const CREATE: &str = "INSERT INTO cohort (id, name, description, representation,
-            correspondence, direction, mirror, length_unit, revision, shapes, created_at_ms, updated_at_ms)
-            VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12)";
-        let created = sqlx::query(CREATE)
+    /// [`StoreError::NameTaken`], [`StoreError::AlreadyDone`].
+    pub async fn create_cohort(&self, cohort: &Cohort, receipt: Option<&Receipt>) -> Result<(), StoreError> {
+        const CREATE: &str = "INSERT INTO cohort (id, name, description, representation, correspondence,
+            direction, mirror, length_unit, revision, shapes, created_at_ms, updated_at_ms, tenant, handle)
+            VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13, $14)";
+        let handle = self.handle(&cohort.name);
+        let mut write = self.begin_write(&handle).await?;
+        receipts::keep(&mut write, self.tenant(), receipt, cohort.created_at_ms).await?;
+        let created = sql(&mut write, CREATE)
             .bind(&cohort.id)
             .bind(&cohort.name)
             .bind(&cohort.description)
@@ -31,15 +35,38 @@ impl Store {
             .bind(to_sql(cohort.shapes))
             .bind(cohort.created_at_ms)
             .bind(cohort.updated_at_ms)
-            .execute(&self.0.writer)
+            .bind(self.tenant())
+            .bind(handle)
+            .execute()
             .await;
-        match created {
-            Ok(_) => Ok(()),
-            Err(e) if sqlite::is_duplicate(&e, "cohort.name") => {
-                Err(StoreError::NameTaken { name: cohort.name.clone() })
-            }
-            Err(e) => Err(e.into()),
-        }
+        created.map_err(|error| name_taken(error, &cohort.name))?;
+        let change = NewChange::of_cohort(ChangeKind::CohortCreated, &cohort.id, cohort.revision);
+        changes::record(&mut write, self.tenant(), &change, cohort.created_at_ms).await?;
+        Ok(write.commit().await?)
+    }
+
+    /// Writes the name, description and unit of `cohort` as its next revision, if it still is at `cohort.revision`.
+    ///
+    /// # Errors
+    /// [`StoreError::NameTaken`], [`StoreError::Changed`], [`StoreError::CohortGone`].
+    pub async fn update_cohort(&self, cohort: &Cohort, now_ms: i64) -> Result<(), StoreError> {
+        const UPDATE: &str = "UPDATE cohort SET name = $2, handle = $3, description = $4, length_unit = $5,
+            revision = revision + 1, updated_at_ms = $6 WHERE number = $1";
+        let mut write = self.begin_write(&cohort.id).await?;
+        let number = self.number_at(&mut write, &cohort.id, Some(cohort.revision)).await?;
+        let updated = sql(&mut write, UPDATE)
+            .bind(number)
+            .bind(&cohort.name)
+            .bind(self.handle(&cohort.name))
+            .bind(&cohort.description)
+            .bind(&cohort.length_unit)
+            .bind(now_ms)
+            .execute()
+            .await;
+        updated.map_err(|error| name_taken(error, &cohort.name))?;
+        let change = NewChange::of_cohort(ChangeKind::CohortUpdated, &cohort.id, cohort.revision + 1);
+        changes::record(&mut write, self.tenant(), &change, now_ms).await?;
+        Ok(write.commit().await?)
     }
 
     /// The cohort with this id or name.
@@ -47,9 +74,11 @@ impl Store {
     /// # Errors
     /// None of its own, only those of the database; the same holds for the other readers.
     pub async fn find_cohort(&self, key: &str) -> Result<Option<Cohort>, StoreError> {
-        const FIND: &str = "SELECT * FROM cohort WHERE id = $1 OR name = $1";
-        let row = sqlx::query(FIND).bind(key).fetch_optional(self.reader()).await?;
-        row.as_ref().map(read_cohort).transpose()
+        const FIND: &str = "SELECT * FROM cohort
+            WHERE (id = $1 OR handle = $2) AND tenant = $3 AND deleted_at_ms IS NULL";
+        let query = sql(self.reader(), FIND).bind(key).bind(self.handle(key)).bind(self.tenant());
+        let found = query.optional().await?.as_ref().map(read_cohort).transpose()?;
+        Ok(found.filter(|cohort| self.principal.may_use(&cohort.id)))
     }
 
     /// At most `limit` cohorts in the order of their ids, from the one after the id `after`.
@@ -57,26 +86,27 @@ impl Store {
     /// # Errors
     /// Those of the database.
     pub async fn list_cohorts(&self, after: Option<&str>, limit: usize) -> Result<Vec<Cohort>, StoreError> {
-        const LIST: &str = "SELECT * FROM cohort WHERE id > $1 ORDER BY id LIMIT $2";
-        let rows = sqlx::query(LIST)
-            .bind(after.unwrap_or_default())
-            .bind(to_sql(limit as u64))
-            .fetch_all(self.reader())
-            .await?;
+        const LIST: &str = "SELECT * FROM cohort WHERE deleted_at_ms IS NULL AND tenant = ";
+        let mut query = sql(self.reader(), LIST);
+        query.push_bind(self.tenant());
+        self.push_scope(&mut query, "id");
+        query.push(" AND id > ").push_bind(after.unwrap_or_default());
+        query.push(" ORDER BY id LIMIT ").push_bind(to_sql(limit as u64));
+        let rows = query.all().await?;
         rows.iter().map(read_cohort).collect()
     }
 
-    /// Deletes the cohort with this id and all its shapes; false when there is none.
+    /// Removes the cohort with this id and all its shapes for good; false when there is none.
     ///
     /// The cohort vanishes at once. Its chunks are then removed in steps, so that others can write
     /// meanwhile; what a crash leaves is removed at the next start.
     ///
     /// # Errors
     /// Those of the database.
-    pub async fn delete_cohort(&self, id: &str) -> Result<bool, StoreError> {
-        const DELETE: &str = "DELETE FROM cohort WHERE id = $1";
-        let deleted = sqlx::query(DELETE).bind(id).execute(&self.0.writer).await?;
-        if deleted.rows_affected() == 0 {
+    pub async fn remove_cohort(&self, id: &str) -> Result<bool, StoreError> {
+        const DELETE: &str = "DELETE FROM cohort WHERE id = $1 AND tenant = $2";
+        let deleted = sql(self.writer(), DELETE).bind(id).bind(self.tenant()).execute().await?;
+        if deleted == 0 {
             return Ok(false);
         }
         let store = self.clone();
@@ -88,32 +118,71 @@ impl Store {
     }
 }
 
-/// Number of the cohort with this id.
-///
-/// # Errors
-/// [`StoreError::CohortGone`].
-pub(super) async fn number(connection: &mut SqliteConnection, id: &str) -> Result<i64, StoreError> {
-    sqlx::query_scalar("SELECT number FROM cohort WHERE id = $1")
-        .bind(id)
-        .fetch_optional(connection)
-        .await?
-        .ok_or(StoreError::CohortGone)
+impl Store {
+    /// Appends the condition that the cohort in `column` is open to the caller.
+    pub(super) fn push_scope(&self, query: &mut Query<'_>, column: &str) {
+        let Some(cohorts) = &self.principal.cohorts else { return };
+        query.push(" AND ").push(column).push(" IN (NULL");
+        for cohort in cohorts {
+            query.push(", ").push_bind(cohort.as_str());
+        }
+        query.push(")");
+    }
+
+    /// The same for a cohort that must be at this revision.
+    ///
+    /// # Errors
+    /// [`StoreError::CohortGone`], [`StoreError::Changed`].
+    pub(super) async fn number_at(
+        &self,
+        write: &mut Transaction,
+        id: &str,
+        revision: Option<u64>,
+    ) -> Result<i64, StoreError> {
+        let number = self.number(write, id).await?;
+        let Some(expected) = revision else { return Ok(number) };
+        let present: i64 =
+            sql(write, "SELECT revision FROM cohort WHERE number = $1").bind(number).scalar().await?;
+        if from_sql(present) != expected {
+            return Err(StoreError::Changed);
+        }
+        Ok(number)
+    }
+
+    /// Number of the cohort with this id.
+    ///
+    /// # Errors
+    /// [`StoreError::CohortGone`].
+    pub(super) async fn number(&self, connection: &mut Transaction, id: &str) -> Result<i64, StoreError> {
+        const NUMBER: &str =
+            "SELECT number FROM cohort WHERE id = $1 AND tenant = $2 AND deleted_at_ms IS NULL";
+        let number = sql(connection, NUMBER).bind(id).bind(self.tenant()).optional_scalar().await?;
+        number.ok_or(StoreError::CohortGone)
+    }
 }
 
-fn read_cohort(row: &SqliteRow) -> Result<Cohort, StoreError> {
+/// The error of a statement that gives a name.
+fn name_taken(error: sqlx::Error, name: &str) -> StoreError {
+    if engine::is_duplicate(&error, "cohort", "handle") {
+        return StoreError::NameTaken { name: name.into() };
+    }
+    error.into()
+}
+
+pub(super) fn read_cohort(row: &Row) -> Result<Cohort, StoreError> {
     Ok(Cohort {
-        id: row.try_get("id")?,
-        name: row.try_get("name")?,
-        description: row.try_get("description")?,
-        representation: from_text(row.try_get("representation")?)?,
-        correspondence: from_text(row.try_get("correspondence")?)?,
-        direction: from_text(row.try_get("direction")?)?,
-        mirror: from_text(row.try_get("mirror")?)?,
-        length_unit: row.try_get("length_unit")?,
-        revision: from_sql(row.try_get("revision")?),
-        shapes: from_sql(row.try_get("shapes")?),
-        created_at_ms: row.try_get("created_at_ms")?,
-        updated_at_ms: row.try_get("updated_at_ms")?,
+        id: row.get("id")?,
+        name: row.get("name")?,
+        description: row.get("description")?,
+        representation: from_text(row.get("representation")?)?,
+        correspondence: from_text(row.get("correspondence")?)?,
+        direction: from_text(row.get("direction")?)?,
+        mirror: from_text(row.get("mirror")?)?,
+        length_unit: row.get("length_unit")?,
+        revision: from_sql(row.get("revision")?),
+        shapes: from_sql(row.get("shapes")?),
+        created_at_ms: row.get("created_at_ms")?,
+        updated_at_ms: row.get("updated_at_ms")?,
     })
 }
 

@@ -1,11 +1,12 @@
 //! Dictionaries: versions under a name, each written once.
 
 use serde::de::DeserializeOwned;
-use sqlx::sqlite::SqliteRow;
-use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
 
-use super::{Store, StoreError, from_sql, to_sql};
+use super::engine::{Row, Transaction, sql};
+use super::{Store, StoreError, changes, from_sql, handle, receipts, to_sql};
+use crate::domain::change::{ChangeKind, NewChange};
 use crate::domain::dictionary::{Dictionary, Listed, NewDictionary};
+use crate::domain::retry::Receipt;
 
 /// Which versions a list shows: all conditions must hold.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -23,10 +24,15 @@ impl Store {
     /// Stores a dictionary as the next version of its name, and answers the number of the version.
     ///
     /// # Errors
-    /// Those of the database.
-    pub async fn add_dictionary(&self, new: &NewDictionary) -> Result<u64, StoreError> {
-        let mut write = self.begin_write().await?;
-        let version = insert(&mut write, new).await?;
+    /// [`StoreError::AlreadyDone`].
+    pub async fn add_dictionary(
+        &self,
+        new: &NewDictionary,
+        receipt: Option<&Receipt>,
+    ) -> Result<u64, StoreError> {
+        let mut write = self.begin_write(&self.handle(&new.name)).await?;
+        receipts::keep(&mut write, self.tenant(), receipt, new.created_at_ms).await?;
+        let version = insert(&mut write, self.tenant(), new, new.created_at_ms).await?;
         write.commit().await?;
         Ok(version)
     }
@@ -36,18 +42,23 @@ impl Store {
     /// # Errors
     /// Those of the database.
     pub async fn find_dictionary_id(&self, key: &str) -> Result<Option<String>, StoreError> {
-        const BY_VERSION: &str = "SELECT id FROM dictionary WHERE name = $1 AND version = $2";
-        const BY_KEY: &str = "SELECT id FROM dictionary WHERE id = $1
-            UNION ALL SELECT * FROM (SELECT id FROM dictionary WHERE name = $1 ORDER BY version DESC LIMIT 1)
-            LIMIT 1";
-        let query = match key.rsplit_once('@') {
+        let mut query =
+            sql(self.reader(), "SELECT id FROM dictionary WHERE deleted_at_ms IS NULL AND tenant = ");
+        query.push_bind(self.tenant());
+        self.push_scope(&mut query, "cohort");
+        match key.rsplit_once('@') {
             Some((name, version)) => {
                 let Ok(version) = version.parse::<i64>() else { return Ok(None) };
-                sqlx::query_scalar(BY_VERSION).bind(name).bind(version)
+                query.push(" AND handle = ").push_bind(self.handle(name));
+                query.push(" AND version = ").push_bind(version);
             }
-            None => sqlx::query_scalar(BY_KEY).bind(key),
-        };
-        Ok(query.fetch_optional(self.reader()).await?)
+            None => {
+                query.push(" AND (id = ").push_bind(key).push(" OR handle = ").push_bind(self.handle(key));
+                // A name is never of the form of an id: one of the two conditions finds nothing.
+                query.push(") ORDER BY version DESC LIMIT 1");
+            }
+        }
+        Ok(query.optional_scalar().await?)
     }
 
     /// The version with this id; its content is verified against its digest.
@@ -57,11 +68,12 @@ impl Store {
     pub async fn read_dictionary(&self, id: &str) -> Result<Option<Dictionary>, StoreError> {
         const READ: &str = "SELECT d.id, d.name, d.version, d.summary, d.provenance, d.digest,
             d.created_at_ms, t.content
-            FROM dictionary AS d JOIN dictionary_data AS t ON t.dictionary = d.id WHERE d.id = $1";
-        let row = sqlx::query(READ).bind(id).fetch_optional(self.reader()).await?;
+            FROM dictionary AS d JOIN dictionary_data AS t ON t.dictionary = d.id
+            WHERE d.id = $1 AND d.tenant = $2 AND d.deleted_at_ms IS NULL";
+        let row = sql(self.reader(), READ).bind(id).bind(self.tenant()).optional().await?;
         let Some(row) = row else { return Ok(None) };
         let Listed { id, name, version, provenance, digest, created_at_ms, .. } = read_listed(&row)?;
-        let bytes: &[u8] = row.try_get("content")?;
+        let bytes: &[u8] = row.get("content")?;
         if blake3::hash(bytes).to_hex().as_str() != digest {
             return Err(StoreError::Damaged { detail: format!("dictionary {id} does not have its digest") });
         }
@@ -75,10 +87,10 @@ impl Store {
     /// [`StoreError::Damaged`].
     pub async fn read_dictionary_state(&self, id: &str) -> Result<Option<Vec<u8>>, StoreError> {
         const READ: &str = "SELECT state, state_checksum FROM dictionary_data WHERE dictionary = $1";
-        let row = sqlx::query(READ).bind(id).fetch_optional(self.reader()).await?;
+        let row = sql(self.reader(), READ).bind(id).optional().await?;
         let Some(row) = row else { return Ok(None) };
         let (state, checksum): (Option<Vec<u8>>, Option<Vec<u8>>) =
-            (row.try_get("state")?, row.try_get("state_checksum")?);
+            (row.get("state")?, row.get("state_checksum")?);
         if state.as_deref().map(checksum_of) == checksum {
             return Ok(state);
         }
@@ -95,40 +107,38 @@ impl Store {
         after: Option<&str>,
         limit: usize,
     ) -> Result<Vec<Listed>, StoreError> {
-        let mut query = QueryBuilder::<Sqlite>::new("SELECT ");
-        query.push(LISTED).push(" FROM dictionary WHERE id > ").push_bind(after.unwrap_or_default());
+        let mut query = sql(self.reader(), "SELECT ");
+        query.push(LISTED).push(" FROM dictionary WHERE deleted_at_ms IS NULL AND tenant = ");
+        query.push_bind(self.tenant()).push(" AND id > ").push_bind(after.unwrap_or_default());
+        self.push_scope(&mut query, "cohort");
         if let Some(name) = &filter.name {
-            query.push(" AND name = ").push_bind(name);
+            query.push(" AND handle = ").push_bind(self.handle(name));
         }
         if let Some(cohort) = &filter.cohort {
-            query.push(" AND cohort = ").push_bind(cohort);
+            query.push(" AND cohort = ").push_bind(cohort.as_str());
         }
         query.push(" ORDER BY id LIMIT ").push_bind(to_sql(limit as u64));
-        let rows = query.build().fetch_all(self.reader()).await?;
+        let rows = query.all().await?;
         rows.iter().map(read_listed).collect()
-    }
-
-    /// Deletes the version with this id; false when there is none.
-    ///
-    /// # Errors
-    /// Those of the database.
-    pub async fn delete_dictionary(&self, id: &str) -> Result<bool, StoreError> {
-        let deleted = sqlx::query("DELETE FROM dictionary WHERE id = $1").bind(id).execute(&self.0.writer);
-        Ok(deleted.await?.rows_affected() > 0)
     }
 }
 
-/// Inserts a dictionary as the next version of its name, as part of a transaction.
-pub(super) async fn insert(write: &mut SqliteConnection, new: &NewDictionary) -> Result<u64, StoreError> {
-    const NUMBER: &str = "INSERT INTO dictionary_name (name, versions) VALUES ($1, 1)
-        ON CONFLICT (name) DO UPDATE SET versions = versions + 1 RETURNING versions";
+/// Inserts a dictionary as the next version of its name, as the last part of a transaction.
+pub(super) async fn insert(
+    write: &mut Transaction,
+    tenant: &str,
+    new: &NewDictionary,
+    now_ms: i64,
+) -> Result<u64, StoreError> {
+    const NUMBER: &str = "INSERT INTO dictionary_name (handle, versions) VALUES ($1, 1)
+        ON CONFLICT (handle) DO UPDATE SET versions = dictionary_name.versions + 1 RETURNING versions";
     const INSERT: &str = "INSERT INTO dictionary
-        (id, name, version, cohort, summary, provenance, digest, created_at_ms)
-        VALUES ($1, $2, $3, $4, $5, $6, $7, $8)";
+        (id, name, version, cohort, summary, provenance, digest, created_at_ms, tenant, handle)
+        VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10)";
     const DATA: &str = "INSERT INTO dictionary_data (dictionary, content, state, state_checksum)
         VALUES ($1, $2, $3, $4)";
-    let version: i64 = sqlx::query_scalar(NUMBER).bind(&new.name).fetch_one(&mut *write).await?;
-    sqlx::query(INSERT)
+    let version: i64 = sql(&mut *write, NUMBER).bind(handle(tenant, &new.name)).scalar().await?;
+    sql(&mut *write, INSERT)
         .bind(&new.id)
         .bind(&new.name)
         .bind(version)
@@ -137,19 +147,24 @@ pub(super) async fn insert(write: &mut SqliteConnection, new: &NewDictionary) ->
         .bind(to_json(&new.provenance))
         .bind(&new.digest)
         .bind(new.created_at_ms)
-        .execute(&mut *write)
+        .bind(tenant)
+        .bind(handle(tenant, &new.name))
+        .execute()
         .await?;
-    sqlx::query(DATA)
+    sql(&mut *write, DATA)
         .bind(&new.id)
         .bind(&new.content)
         .bind(&new.state)
         .bind(new.state.as_deref().map(checksum_of))
-        .execute(&mut *write)
+        .execute()
         .await?;
+    let change = NewChange::of_dictionary(ChangeKind::DictionaryAdded, &new.id, &new.provenance.cohort);
+    changes::record(write, tenant, &change, now_ms).await?;
     Ok(from_sql(version))
 }
 
-fn checksum_of(bytes: &[u8]) -> Vec<u8> {
+/// The checksum that is kept with the state of a dictionary.
+pub(super) fn checksum_of(bytes: &[u8]) -> Vec<u8> {
     blake3::hash(bytes).as_bytes().to_vec()
 }
 
@@ -162,15 +177,15 @@ fn from_json<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, StoreError> {
         .map_err(|e| StoreError::Damaged { detail: format!("unreadable dictionary: {e}") })
 }
 
-fn read_listed(row: &SqliteRow) -> Result<Listed, StoreError> {
-    let json = |column: &str| -> Result<&[u8], StoreError> { Ok(row.try_get::<&str, _>(column)?.as_bytes()) };
+fn read_listed(row: &Row) -> Result<Listed, StoreError> {
+    let json = |column: &str| -> Result<&[u8], StoreError> { Ok(row.get::<&str>(column)?.as_bytes()) };
     Ok(Listed {
-        id: row.try_get("id")?,
-        name: row.try_get("name")?,
-        version: from_sql(row.try_get("version")?),
+        id: row.get("id")?,
+        name: row.get("name")?,
+        version: from_sql(row.get("version")?),
         summary: from_json(json("summary")?)?,
         provenance: from_json(json("provenance")?)?,
-        digest: row.try_get("digest")?,
-        created_at_ms: row.try_get("created_at_ms")?,
+        digest: row.get("digest")?,
+        created_at_ms: row.get("created_at_ms")?,
     })
 }

@@ -1,7 +1,6 @@
 //! Conditions on shapes as SQL.
 
-use sqlx::{QueryBuilder, Sqlite};
-
+use super::engine::{Query, Transaction, sql};
 use super::to_sql;
 use crate::domain::shape::ShapeFilter;
 
@@ -44,8 +43,9 @@ pub(super) struct Selection<'a> {
 
 impl Selection<'_> {
     /// `SELECT columns` of the shapes (`s`) and their chunks (`c`), without an order.
-    pub(super) fn select(&self, columns: &str) -> QueryBuilder<Sqlite> {
-        let mut query = QueryBuilder::new("SELECT ");
+    pub(super) fn select<'c>(&self, read: &'c mut Transaction, columns: &str) -> Query<'c> {
+        let is_postgres = read.is_postgres();
+        let mut query = sql(read, "SELECT ").persistent(false);
         // CROSS JOIN fixes the order of the loops: an index on an attribute brings the shapes in
         // storage order, without one the chunks of the cohort do.
         query.push(columns).push(if self.is_indexed() {
@@ -55,13 +55,13 @@ impl Selection<'_> {
         });
         query.push_bind(self.cohort);
         self.push_visibility(&mut query);
-        self.push_filter(&mut query);
+        self.push_filter(&mut query, is_postgres);
         query
     }
 
     /// The same in storage order, at most `limit`.
-    pub(super) fn page(&self, columns: &str, limit: usize) -> QueryBuilder<Sqlite> {
-        let mut query = self.select(columns);
+    pub(super) fn page<'c>(&self, read: &'c mut Transaction, columns: &str, limit: usize) -> Query<'c> {
+        let mut query = self.select(read, columns);
         query.push(if self.is_indexed() {
             " ORDER BY s.chunk_id, s.position LIMIT "
         } else {
@@ -75,7 +75,7 @@ impl Selection<'_> {
         self.filter.label.is_some() || self.filter.subject.is_some()
     }
 
-    fn push_visibility(&self, query: &mut QueryBuilder<Sqlite>) {
+    fn push_visibility(&self, query: &mut Query<'_>) {
         let (chunk, position) = self.after;
         let revision = to_sql(self.revisions.until);
         query.push(" AND c.revision > ").push_bind(to_sql(self.revisions.after));
@@ -87,24 +87,36 @@ impl Selection<'_> {
         query.push(")");
     }
 
-    fn push_filter(&self, query: &mut QueryBuilder<Sqlite>) {
+    fn push_filter(&self, query: &mut Query<'_>, is_postgres: bool) {
         if let Some(label) = &self.filter.label {
-            query.push(" AND s.label = ").push_bind(label);
+            query.push(" AND s.label = ").push_bind(label.as_str());
         }
         if let Some(subject) = &self.filter.subject {
-            query.push(" AND s.subject = ").push_bind(subject);
+            query.push(" AND s.subject = ").push_bind(subject.as_str());
         }
         for (key, value) in &self.filter.labels {
-            let path = attribute_path(key);
-            query.push(" AND CASE json_type(s.labels, ");
-            query.push_bind(path.clone());
-            query.push(") WHEN 'text' THEN json_extract(s.labels, ");
-            query.push_bind(path.clone());
-            // The JSON text of anything else: true, 1.5.
-            query.push(") ELSE s.labels -> ").push_bind(path);
-            query.push(" END = ").push_bind(value);
+            if is_postgres {
+                push_attribute_postgres(query, key);
+            } else {
+                push_attribute_sqlite(query, &attribute_path(key));
+            }
+            query.push(" = ").push_bind(value.as_str());
         }
     }
+}
+
+/// The attribute as text: itself when it is text, the JSON of anything else: true, 1.5.
+fn push_attribute_sqlite(query: &mut Query<'_>, path: &str) {
+    query.push(" AND CASE json_type(s.labels, ").push_bind(path);
+    query.push(") WHEN 'text' THEN json_extract(s.labels, ").push_bind(path);
+    query.push(") ELSE s.labels -> ").push_bind(path).push(" END");
+}
+
+/// The same for PostgreSQL.
+fn push_attribute_postgres(query: &mut Query<'_>, key: &str) {
+    query.push(" AND CASE json_typeof(s.labels::json -> ").push_bind(key);
+    query.push(") WHEN 'string' THEN s.labels::json ->> ").push_bind(key);
+    query.push(" ELSE (s.labels::json -> ").push_bind(key).push(")::text END");
 }
 
 /// Path of an attribute in a JSON object, quoted by the writer of the stored object itself.

@@ -4,23 +4,20 @@
 //! a claimant is fenced: it applies to the running job with that owner and attempt, and says whether it did. Who
 //! was cancelled or taken over therefore changes nothing any more.
 
-use serde_json::Value;
-use sqlx::query::Query;
-use sqlx::sqlite::{SqliteArguments, SqliteRow};
-use sqlx::{Row, Sqlite, SqliteConnection};
-
 use super::cohorts::{from_text, to_text};
+use super::engine::{Link, Query, Row, Transaction, sql};
 use super::outputs::{self, MAX_OUTPUT_BYTES};
-use super::{Store, StoreError, dictionaries, to_sql};
+use super::{Store, StoreError, dictionaries, receipts, to_sql};
 use crate::domain::dictionary::NewDictionary;
-use crate::domain::id;
 use crate::domain::job::{Job, JobOutput, JobStatus, Progress};
+use crate::domain::retry::Receipt;
+use serde_json::Value;
 
-/// Jobs that may wait; more are refused.
+/// Jobs of a tenant that may wait; more are refused.
 pub const MAX_QUEUED: u32 = 1000;
 /// Attempts of a job, without those that a stop of the service ended.
 pub const MAX_ATTEMPTS: u32 = 5;
-/// Finished jobs that are kept, the newest.
+/// Finished jobs of a tenant that are kept, the newest.
 pub const MAX_FINISHED: u32 = 1000;
 
 /// The right to work on a job, until its lease ends or the job is cancelled.
@@ -28,6 +25,8 @@ pub const MAX_FINISHED: u32 = 1000;
 pub struct Claim {
     /// The job as it was when it was claimed.
     pub job: Job,
+    /// Whose it is.
+    pub tenant: String,
     owner: String,
 }
 
@@ -53,24 +52,28 @@ impl Store {
     /// Stores a new job at the end of the queue.
     ///
     /// # Errors
-    /// [`StoreError::TooManyJobs`].
-    pub async fn create_job(&self, job: &Job) -> Result<(), StoreError> {
+    /// [`StoreError::TooManyJobs`], [`StoreError::AlreadyDone`].
+    pub async fn create_job(&self, job: &Job, receipt: Option<&Receipt>) -> Result<(), StoreError> {
         const CREATE: &str = "INSERT INTO job
-            (id, kind, parameters, status, progress, attempt, run_at_ms, created_at_ms)
-            SELECT $1, $2, $3, 'queued', 0, 0, $4, $4
-            WHERE (SELECT count(*) FROM job WHERE status = 'queued') < $5";
-        let created = sqlx::query(CREATE)
+            (id, kind, parameters, status, progress, attempt, run_at_ms, created_at_ms, tenant, cohort)
+            SELECT $1, $2, $3, 'queued', 0, 0, $4, $4, $6, $7
+            WHERE (SELECT count(*) FROM job WHERE status = 'queued' AND tenant = $6) < $5";
+        let mut write = self.begin_write(self.tenant()).await?;
+        receipts::keep(&mut write, self.tenant(), receipt, job.created_at_ms).await?;
+        let created = sql(&mut write, CREATE)
             .bind(&job.id)
             .bind(to_text(&job.kind))
             .bind(job.parameters.to_string())
             .bind(job.created_at_ms)
-            .bind(MAX_QUEUED)
-            .execute(&self.0.writer)
+            .bind(i64::from(MAX_QUEUED))
+            .bind(self.tenant())
+            .bind(job.parameters.get("cohort").and_then(Value::as_str))
+            .execute()
             .await?;
-        if created.rows_affected() == 0 {
+        if created == 0 {
             return Err(StoreError::TooManyJobs { limit: MAX_QUEUED });
         }
-        Ok(())
+        Ok(write.commit().await?)
     }
 
     /// The job with this id.
@@ -78,9 +81,16 @@ impl Store {
     /// # Errors
     /// Those of the database.
     pub async fn find_job(&self, id: &str) -> Result<Option<Job>, StoreError> {
-        let row =
-            sqlx::query("SELECT * FROM job WHERE id = $1").bind(id).fetch_optional(self.reader()).await?;
+        let row = self.select_job(self.reader(), id).optional().await?;
         row.as_ref().map(read_job).transpose()
+    }
+
+    /// The job with this id, if the caller may see it.
+    fn select_job<'c>(&self, link: impl Into<Link<'c>>, id: &str) -> Query<'c> {
+        let mut query = sql(link, "SELECT * FROM job WHERE id = ");
+        query.push_bind(id).push(" AND tenant = ").push_bind(self.tenant());
+        self.push_scope(&mut query, "cohort");
+        query
     }
 
     /// At most `limit` jobs in the order of their ids, from the one after the id `after`.
@@ -93,19 +103,17 @@ impl Store {
         after: Option<&str>,
         limit: usize,
     ) -> Result<Vec<Job>, StoreError> {
-        const ALL: &str = "SELECT * FROM job WHERE id > $1 ORDER BY id LIMIT $2";
-        const OF_STATUS: &str = "SELECT * FROM job WHERE id > $1 AND status = $3 ORDER BY id LIMIT $2";
-        let rows = sqlx::query(if status.is_some() { OF_STATUS } else { ALL })
-            .bind(after.unwrap_or_default())
-            .bind(to_sql(limit as u64));
-        let rows = match status {
-            Some(status) => rows.bind(status.as_str()),
-            None => rows,
-        };
-        rows.fetch_all(self.reader()).await?.iter().map(read_job).collect()
+        let mut query = sql(self.reader(), "SELECT * FROM job WHERE tenant = ");
+        query.push_bind(self.tenant()).push(" AND id > ").push_bind(after.unwrap_or_default());
+        self.push_scope(&mut query, "cohort");
+        if let Some(status) = status {
+            query.push(" AND status = ").push_bind(status.as_str());
+        }
+        query.push(" ORDER BY id LIMIT ").push_bind(to_sql(limit as u64));
+        query.all().await?.iter().map(read_job).collect()
     }
 
-    /// Claims the job that waits longest, or one whose lease has ended, until `lease_until_ms`.
+    /// Claims the job that waits longest, or one whose lease has ended, until `lease_until_ms`, whosever it is.
     ///
     /// Jobs that had all their attempts and were interrupted again fail with the problem document `abandoned`.
     ///
@@ -117,24 +125,26 @@ impl Store {
         lease_until_ms: i64,
         abandoned: &Value,
     ) -> Result<Claimed, StoreError> {
+        // Who claims at the same time takes the next one.
+        const SKIP: &str = " FOR UPDATE SKIP LOCKED";
         const CLAIM: &str = "UPDATE job SET status = 'running', lease_owner = $1, lease_until_ms = $2,
             attempt = attempt + 1, started_at_ms = $3, progress = 0, phase = NULL, objective = NULL
             WHERE id = (SELECT id FROM job
                 WHERE (status = 'queued' AND run_at_ms <= $3) OR (status = 'running' AND lease_until_ms < $3)
-                ORDER BY run_at_ms, id LIMIT 1)
-            RETURNING *";
-        let owner = id::new_id("claim");
-        let mut transaction = self.begin_write().await?;
+                ORDER BY run_at_ms, id LIMIT 1";
+        let owner = self.inner.replica.owned_id();
+        let mut transaction = self.begin_write("job").await?;
         let abandoned = abandon(&mut transaction, now_ms, abandoned).await?;
-        let row = sqlx::query(CLAIM)
-            .bind(&owner)
-            .bind(lease_until_ms)
-            .bind(now_ms)
-            .fetch_optional(&mut *transaction)
-            .await?;
-        let job = row.as_ref().map(read_job).transpose()?;
+        let skip = if transaction.is_postgres() { SKIP } else { "" };
+        let mut query = sql(&mut transaction, CLAIM).bind(&owner).bind(lease_until_ms).bind(now_ms);
+        query.push(skip).push(") RETURNING *");
+        let row = query.optional().await?;
+        let claim = row
+            .as_ref()
+            .map(|row| Ok::<_, StoreError>(Claim { job: read_job(row)?, tenant: row.get("tenant")?, owner }));
+        let claim = claim.transpose()?;
         transaction.commit().await?;
-        Ok(Claimed { claim: job.map(|job| Claim { job, owner }), abandoned })
+        Ok(Claimed { claim, abandoned })
     }
 
     /// Moves the end of the lease and writes the progress; whether the claim still holds.
@@ -149,14 +159,14 @@ impl Store {
     ) -> Result<bool, StoreError> {
         const RENEW: &str = "UPDATE job SET lease_until_ms = $4, progress = $5, phase = $6, objective = $7
             WHERE id = $1 AND status = 'running' AND lease_owner = $2 AND attempt = $3";
-        let renewed = fenced(RENEW, claim)
+        let renewed = fenced(self.writer(), RENEW, claim)
             .bind(lease_until_ms)
             .bind(progress.fraction)
             .bind(progress.phase)
             .bind(progress.objective)
-            .execute(&self.0.writer)
+            .execute()
             .await?;
-        Ok(renewed.rows_affected() == 1)
+        Ok(renewed == 1)
     }
 
     /// The job is done, and what it has learnt or brought about is stored with it; whether the claim still held. Otherwise
@@ -172,13 +182,13 @@ impl Store {
         output: Option<&JobOutput>,
         now_ms: i64,
     ) -> Result<bool, StoreError> {
-        let mut transaction = self.begin_write().await?;
+        let mut transaction = self.begin_write(&claim.job.id).await?;
         let applied = finish_succeeded(&mut transaction, claim, result, now_ms).await?;
-        if let Some(dictionary) = dictionary.filter(|_| applied) {
-            dictionaries::insert(&mut transaction, dictionary).await?;
-        }
         if let Some(output) = output.filter(|_| applied) {
             outputs::insert(&mut transaction, &claim.job.id, output, MAX_OUTPUT_BYTES).await?;
+        }
+        if let Some(dictionary) = dictionary.filter(|_| applied) {
+            dictionaries::insert(&mut transaction, &claim.tenant, dictionary, now_ms).await?;
         }
         transaction.commit().await?;
         Ok(applied)
@@ -192,12 +202,12 @@ impl Store {
         const FAIL: &str = "UPDATE job SET status = 'failed', finished_at_ms = $4, problem = $5,
             lease_owner = NULL, lease_until_ms = NULL
             WHERE id = $1 AND status = 'running' AND lease_owner = $2 AND attempt = $3";
-        let mut transaction = self.begin_write().await?;
-        let failed =
-            fenced(FAIL, claim).bind(now_ms).bind(problem.to_string()).execute(&mut *transaction).await?;
-        prune(&mut transaction).await?;
+        let mut transaction = self.begin_write(&claim.job.id).await?;
+        let query = fenced(&mut transaction, FAIL, claim).bind(now_ms).bind(problem.to_string());
+        let failed = query.execute().await?;
+        prune(&mut transaction, &claim.tenant).await?;
         transaction.commit().await?;
-        Ok(failed.rows_affected() == 1)
+        Ok(failed == 1)
     }
 
     /// Puts the job back into the queue; whether the claim still held.
@@ -210,11 +220,11 @@ impl Store {
             started_at_ms = NULL, progress = 0, phase = NULL, objective = NULL
             WHERE id = $1 AND status = 'running' AND lease_owner = $2 AND attempt = $3";
         let (uncounted, run_at_ms) = match release {
-            Release::Uncounted => (1, None),
+            Release::Uncounted => (1_i64, None),
             Release::RetryAt(time) => (0, Some(time)),
         };
-        let released = fenced(RELEASE, claim).bind(uncounted).bind(run_at_ms).execute(&self.0.writer).await?;
-        Ok(released.rows_affected() == 1)
+        let query = fenced(self.writer(), RELEASE, claim).bind(uncounted).bind(run_at_ms);
+        Ok(query.execute().await? == 1)
     }
 
     /// Cancels the job unless it is finished, and returns it as it then is; none when there is no such job.
@@ -225,13 +235,26 @@ impl Store {
         const CANCEL: &str = "UPDATE job SET status = 'cancelled', finished_at_ms = $2,
             lease_owner = NULL, lease_until_ms = NULL
             WHERE id = $1 AND status IN ('queued', 'running')";
-        let mut transaction = self.begin_write().await?;
-        sqlx::query(CANCEL).bind(id).bind(now_ms).execute(&mut *transaction).await?;
-        let row = sqlx::query("SELECT * FROM job WHERE id = $1").bind(id);
-        let row = row.fetch_optional(&mut *transaction).await?;
-        prune(&mut transaction).await?;
+        let mut transaction = self.begin_write(id).await?;
+        if self.select_job(&mut transaction, id).optional().await?.is_none() {
+            return Ok(None);
+        }
+        sql(&mut transaction, CANCEL).bind(id).bind(now_ms).execute().await?;
+        let row = self.select_job(&mut transaction, id).optional().await?;
+        prune(&mut transaction, self.tenant()).await?;
         transaction.commit().await?;
         row.as_ref().map(read_job).transpose()
+    }
+
+    /// Puts the job of an owner that is gone back at its old place.
+    ///
+    /// The attempt counts: it may have been the job that ended the process.
+    pub(super) async fn requeue_job_of(&self, owner: &str) -> Result<(), StoreError> {
+        const REQUEUE: &str = "UPDATE job SET status = 'queued', lease_owner = NULL, lease_until_ms = NULL,
+            started_at_ms = NULL, progress = 0, phase = NULL, objective = NULL
+            WHERE status = 'running' AND lease_owner = $1";
+        sql(self.writer(), REQUEUE).bind(owner).execute().await?;
+        Ok(())
     }
 
     /// Puts running jobs back at their old places: only at start, when nobody can be at work.
@@ -240,7 +263,7 @@ impl Store {
     pub(super) async fn requeue_interrupted_jobs(&self) -> Result<(), StoreError> {
         const REQUEUE: &str = "UPDATE job SET status = 'queued', lease_owner = NULL, lease_until_ms = NULL,
             started_at_ms = NULL, progress = 0, phase = NULL, objective = NULL WHERE status = 'running'";
-        sqlx::query(REQUEUE).execute(&self.0.writer).await?;
+        sql(self.writer(), REQUEUE).execute().await?;
         Ok(())
     }
 }
@@ -251,7 +274,7 @@ impl Store {
 /// # Errors
 /// Those of the database.
 pub(super) async fn finish_succeeded(
-    connection: &mut SqliteConnection,
+    connection: &mut Transaction,
     claim: &Claim,
     result: &Value,
     now_ms: i64,
@@ -260,61 +283,65 @@ pub(super) async fn finish_succeeded(
         "UPDATE job SET status = 'succeeded', finished_at_ms = $4, result = $5, progress = 1,
         lease_owner = NULL, lease_until_ms = NULL
         WHERE id = $1 AND status = 'running' AND lease_owner = $2 AND attempt = $3";
-    let done = fenced(SUCCEED, claim).bind(now_ms).bind(result.to_string()).execute(&mut *connection).await?;
-    prune(connection).await?;
-    Ok(done.rows_affected() == 1)
+    let query = fenced(&mut *connection, SUCCEED, claim).bind(now_ms).bind(result.to_string());
+    let done = query.execute().await?;
+    prune(connection, &claim.tenant).await?;
+    Ok(done == 1)
 }
 
 /// A statement of a claimant, with what identifies its claim as the first three arguments.
-fn fenced<'q>(statement: &'static str, claim: &Claim) -> Query<'q, Sqlite, SqliteArguments> {
-    sqlx::query(statement).bind(claim.job.id.clone()).bind(claim.owner.clone()).bind(claim.job.attempt)
+fn fenced<'c>(link: impl Into<Link<'c>>, statement: &'static str, claim: &Claim) -> Query<'c> {
+    sql(link, statement).bind(&claim.job.id).bind(&claim.owner).bind(i64::from(claim.job.attempt))
 }
 
 /// Fails the jobs that had all their attempts without an outcome; their ids.
 async fn abandon(
-    connection: &mut SqliteConnection,
+    connection: &mut Transaction,
     now_ms: i64,
     problem: &Value,
 ) -> Result<Vec<String>, StoreError> {
     const ABANDON: &str = "UPDATE job SET status = 'failed', finished_at_ms = $1, problem = $2,
         lease_owner = NULL, lease_until_ms = NULL
         WHERE attempt >= $3 AND (status = 'queued' OR (status = 'running' AND lease_until_ms < $1))
-        RETURNING id";
-    let rows = sqlx::query(ABANDON)
+        RETURNING id, tenant";
+    let rows = sql(&mut *connection, ABANDON)
         .bind(now_ms)
         .bind(problem.to_string())
-        .bind(MAX_ATTEMPTS)
-        .fetch_all(&mut *connection)
+        .bind(i64::from(MAX_ATTEMPTS))
+        .all()
         .await?;
-    if !rows.is_empty() {
-        prune(connection).await?;
+    for row in &rows {
+        prune(connection, row.get("tenant")?).await?;
     }
-    rows.iter().map(|row| Ok(row.try_get("id")?)).collect()
+    rows.iter().map(|row| Ok(row.get("id")?)).collect()
 }
 
-/// Removes the oldest of too many finished jobs.
-async fn prune(connection: &mut SqliteConnection) -> Result<(), StoreError> {
+/// Removes the oldest of too many finished jobs, and passes that nobody makes any more.
+async fn prune(connection: &mut Transaction, tenant: &str) -> Result<(), StoreError> {
     const PRUNE: &str = "DELETE FROM job WHERE id IN (SELECT id FROM job WHERE finished_at_ms IS NOT NULL
-        ORDER BY finished_at_ms DESC, id DESC LIMIT -1 OFFSET $1)";
-    sqlx::query(PRUNE).bind(MAX_FINISHED).execute(connection).await?;
+        AND tenant = $1 ORDER BY finished_at_ms DESC, id DESC LIMIT $2 OFFSET $3)";
+    const FORGET: &str = "DELETE FROM pass WHERE job IN (SELECT id FROM job WHERE status <> 'running')";
+    let query = sql(&mut *connection, PRUNE).bind(tenant).bind(i64::MAX).bind(i64::from(MAX_FINISHED));
+    query.execute().await?;
+    sql(connection, FORGET).execute().await?;
     Ok(())
 }
 
-fn read_job(row: &SqliteRow) -> Result<Job, StoreError> {
+pub(super) fn read_job(row: &Row) -> Result<Job, StoreError> {
     Ok(Job {
-        id: row.try_get("id")?,
-        kind: from_text(row.try_get("kind")?)?,
-        parameters: read_json(row.try_get("parameters")?)?,
-        status: from_text(row.try_get("status")?)?,
-        progress: row.try_get("progress")?,
-        phase: row.try_get("phase")?,
-        objective: row.try_get("objective")?,
-        attempt: row.try_get("attempt")?,
-        created_at_ms: row.try_get("created_at_ms")?,
-        started_at_ms: row.try_get("started_at_ms")?,
-        finished_at_ms: row.try_get("finished_at_ms")?,
-        result: row.try_get::<Option<&str>, _>("result")?.map(read_json).transpose()?,
-        problem: row.try_get::<Option<&str>, _>("problem")?.map(read_json).transpose()?,
+        id: row.get("id")?,
+        kind: from_text(row.get("kind")?)?,
+        parameters: read_json(row.get("parameters")?)?,
+        status: from_text(row.get("status")?)?,
+        progress: row.get("progress")?,
+        phase: row.get("phase")?,
+        objective: row.get("objective")?,
+        attempt: u32::try_from(row.get::<i64>("attempt")?).unwrap_or(u32::MAX),
+        created_at_ms: row.get("created_at_ms")?,
+        started_at_ms: row.get("started_at_ms")?,
+        finished_at_ms: row.get("finished_at_ms")?,
+        result: row.get::<Option<&str>>("result")?.map(read_json).transpose()?,
+        problem: row.get::<Option<&str>>("problem")?.map(read_json).transpose()?,
     })
 }
 

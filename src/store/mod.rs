@@ -1,9 +1,10 @@
-//! Cohorts, shapes, jobs and dictionaries in SQLite.
+//! Cohorts, shapes, jobs and dictionaries in SQLite or PostgreSQL.
 //!
 //! ```text
 //! cohort ─< chunk ── chunk_data     up to 4096 shapes: points (little-endian f64), weights, checksum
 //!              └──< shape           what is known about each, and when it was deleted
 //! job ── job_output                   the queue, the history of what is finished, and what came out
+//!  └── pass ─< task                  what a job has cut into parts, and the parts
 //! dictionary ── dictionary_data     versions that are written once
 //! ```
 //!
@@ -11,30 +12,51 @@
 //! the set at revision `r` is therefore fixed for ever:
 //! `chunk.revision ≤ r and not (deleted_revision ≤ r)`.
 //!
-//! One connection writes, in short transactions; four read. Parts:
-//! [`cohorts`], [`upload`] (storing shapes), [`shapes`] (finding, listing, deleting), [`scan`] (reading
-//! control points in bulk), [`jobs`] (the queue), [`outputs`] (what jobs bring about), [`dictionaries`]; `blob` turns numbers into bytes and back.
+//! A [`Store`] shows what one [`Principal`] may see: the things of its tenant, and of these the cohorts that are open to it.
+//!
+//! SQLite: one connection writes, in short transactions; four read; the folder belongs to one process. PostgreSQL: any
+//! number of processes; writers of one cohort wait for each other, all others do not. The SQL is the same (`engine`).
+//! Parts: [`cohorts`], [`upload`] (storing shapes), [`shapes`] (finding, listing, deleting), [`scan`] (reading control points
+//! in bulk), [`changes`] (the feed), [`receipts`] (what was done once), `trash`, [`jobs`] (the queue), [`outputs`] (what jobs bring about),
+//! [`passes`] (parts of jobs), [`dictionaries`], [`audit`] (who asked for what), [`metrics`] (what is counted), [`maintenance`] (checks, backups, exports of all of it); `blob` turns numbers into bytes and back; `sqlite`, `postgres` (connections, checks, schema), `replica` (which processes live).
 
+pub mod audit;
 mod blob;
+pub mod changes;
 pub mod cohorts;
 pub mod dictionaries;
+mod engine;
 mod filter;
 pub mod jobs;
+pub mod keys;
+pub mod maintenance;
+mod measure;
+pub mod metrics;
 pub mod outputs;
+pub mod passes;
+mod postgres;
+pub mod receipts;
+mod replica;
 pub mod scan;
 pub mod shapes;
 mod sqlite;
+mod trash;
 pub mod upload;
 
 use std::fs::{File, TryLockError};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
-use sqlx::{Sqlite, SqlitePool, Transaction};
+use crate::domain::access::{DEFAULT_TENANT, Principal};
+use engine::{Failure, Link, Pools, Transaction, sql};
+use replica::Replica;
 
+pub use audit::AuditCheck;
 pub use dictionaries::DictionaryFilter;
 pub use filter::Revisions;
 pub use jobs::{Claim, Claimed, Release};
+pub use measure::Measures;
+pub use passes::{PartClaim, PartEnd, PassOf, Start};
 pub use scan::{Ids, ScanBatch};
 pub use shapes::{Cursor, CursorError, ShapePage};
 pub use upload::{Added, Upload};
@@ -46,28 +68,36 @@ const LOCK_FILE: &str = "shapelex.lock";
 /// Chunks removed in one transaction: some 8 MiB and 30 000 rows, a fraction of a second.
 const CHUNKS_PER_PURGE: i64 = 8;
 
-/// The store. Clones share their connections.
+/// The store as a principal sees it. Clones share their connections.
 #[derive(Debug, Clone)]
-pub struct Store(Arc<Inner>);
+pub struct Store {
+    inner: Arc<Inner>,
+    principal: Arc<Principal>,
+}
 
 #[derive(Debug)]
 struct Inner {
-    writer: SqlitePool,
-    reader: SqlitePool,
-    lock: File,
+    pools: Pools,
+    /// The folder of the embedded database, which is this process's own.
+    lock: Option<File>,
+    replica: Replica,
+    /// Where the folder is.
+    folder: Option<PathBuf>,
+    /// What is wrong with a large file that was checked beside the service.
+    damage: OnceLock<String>,
 }
 
-/// Why the store did not do it.
+/// Why the store did not do it. What it says ends in the log: never a text that a client has sent.
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {
     /// Another cohort has the name.
-    #[error("the name {name:?} is taken")]
+    #[error("the name is taken")]
     NameTaken {
         /// The name asked for.
         name: String,
     },
-    /// The external identifier belongs to a shape with other content, or to an unfinished upload.
-    #[error("shape {position}: the external id {external_id:?} belongs to a shape with other content")]
+    /// The external identifier belongs to a shape with other content.
+    #[error("the external id of shape {position} belongs to a shape with other content")]
     ExternalIdConflict {
         /// Position in the whole upload, from 0.
         position: u64,
@@ -87,6 +117,17 @@ pub enum StoreError {
     /// The cohort was deleted.
     #[error("the cohort no longer exists")]
     CohortGone,
+    /// The shape is part of an upload that is not finished; it may yet vanish.
+    #[error("shape {position}: the external id {external_id:?} is part of an unfinished upload")]
+    ExternalIdPending {
+        /// Position in the whole upload, from 0.
+        position: u64,
+        /// The identifier.
+        external_id: String,
+    },
+    /// Another process took this one for dead and removed what it had stored so far.
+    #[error("the upload was interrupted, send it again")]
+    UploadLost,
     /// Stored control points do not have their checksum.
     #[error("stored control points are damaged (chunk {chunk}): restore a backup")]
     Corrupt {
@@ -122,15 +163,42 @@ pub enum StoreError {
     /// The schema cannot be brought up to date, for example because a newer program wrote it.
     #[error("the database schema does not fit this program")]
     Schema(#[source] sqlx::migrate::MigrateError),
+    /// What was given as the place of the database is not one.
+    #[error("the address of the database cannot be read: {detail}")]
+    Url {
+        /// Why, without the address, which may hold a password.
+        detail: String,
+    },
+    /// It is not as it was when the client looked.
+    #[error("it was changed meanwhile")]
+    Changed,
+    /// A request with the same key was done before.
+    #[error("the request was done before")]
+    AlreadyDone,
+    /// Changes that old are not kept any more.
+    #[error("changes before number {first} are not kept any more")]
+    ChangesGone {
+        /// The first that is.
+        first: u64,
+    },
     /// As many jobs wait as may.
     #[error("{limit} jobs are waiting, no more are taken")]
     TooManyJobs {
         /// Jobs that may wait.
         limit: u32,
     },
-    /// No connection became free in time.
+    /// No connection became free in time, or the database is away for a moment.
     #[error("the store is busy, try again")]
     Busy,
+    /// The disk is full; reading goes on.
+    #[error("the disk of the store is full")]
+    Full,
+    /// The database may only be read.
+    #[error("the store can only be read now")]
+    ReadOnly,
+    /// A text holds the character U+0000.
+    #[error("a text holds the character U+0000, which is not stored")]
+    Text,
     /// Any other failure of the database.
     #[error("the database failed")]
     Database(#[source] sqlx::Error),
@@ -138,21 +206,23 @@ pub enum StoreError {
 
 impl From<sqlx::Error> for StoreError {
     fn from(error: sqlx::Error) -> Self {
-        if matches!(error, sqlx::Error::PoolTimedOut) {
-            return Self::Busy;
+        let failure = engine::failure(&error);
+        metrics::failed(failure);
+        match failure {
+            Some(Failure::Passing) => Self::Busy,
+            Some(Failure::Damaged) => Self::Damaged { detail: error.to_string() },
+            Some(Failure::Full) => Self::Full,
+            Some(Failure::ReadOnly) => Self::ReadOnly,
+            Some(Failure::Text) => Self::Text,
+            None => Self::Database(error),
         }
-        if sqlite::is_damage(&error) {
-            let detail = error.to_string();
-            return Self::Damaged { detail };
-        }
-        Self::Database(error)
     }
 }
 
 impl Store {
     /// Opens the store in `data_dir`, creating folder and database when missing.
     ///
-    /// Reads the whole file once to check it, brings the schema up to date, removes what interrupted uploads
+    /// Reads the whole file once to check it (a large one beside the service), brings the schema up to date, removes what interrupted uploads
     /// and deletions left behind, and puts interrupted jobs back into the queue.
     ///
     /// # Errors
@@ -161,16 +231,78 @@ impl Store {
     pub async fn open(data_dir: &Path) -> Result<Self, StoreError> {
         let lock = lock_folder(data_dir)?;
         let file = data_dir.join(DATABASE_FILE);
-        let writer = sqlite::writer(&file).await?;
-        sqlite::check_version(&writer).await?;
-        sqlite::check_file(&writer).await?;
-        sqlite::migrate(&writer).await?;
-        let reader = sqlite::reader(&file).await?;
-        let store = Self(Arc::new(Inner { writer, reader, lock }));
+        let is_small = sqlite::is_small(&file);
+        let pools = sqlite::open(&file, is_small).await?;
+        let store = Self::new(pools, Some(lock), Some(data_dir.into()));
+        if !is_small {
+            store.check_beside();
+        }
         store.purge(PURGE_PENDING, None).await?;
         store.purge(PURGE_ORPHANS, None).await?;
         store.requeue_interrupted_jobs().await?;
         Ok(store)
+    }
+
+    /// Opens the store in `data_dir` beside the process that may be using it, for short work: nothing is checked or tidied
+    /// up, and its writes wait for their turn.
+    ///
+    /// # Errors
+    /// [`StoreError::Folder`] when there is no store, [`StoreError::TooOld`], [`StoreError::Schema`].
+    pub async fn attach(data_dir: &Path) -> Result<Self, StoreError> {
+        let file = data_dir.join(DATABASE_FILE);
+        if let Err(source) = std::fs::metadata(&file) {
+            return Err(StoreError::Folder { path: data_dir.to_path_buf(), source });
+        }
+        Ok(Self::new(sqlite::attach(&file).await?, None, Some(data_dir.into())))
+    }
+
+    /// Opens the store in the database at `url` (`postgres://…`), whoever else uses it, with at most so many `connections`, and
+    /// brings the schema up to date.
+    ///
+    /// # Errors
+    /// [`StoreError::Url`], [`StoreError::Schema`]; [`StoreError::Busy`] while the database is not there.
+    pub async fn connect(url: &str, connections: u32) -> Result<Self, StoreError> {
+        let options = postgres::options(url)?;
+        let pool = postgres::connect(options.clone(), connections).await?;
+        let store = Self::new(Pools::Postgres(pool), None, None);
+        store.purge(PURGE_ORPHANS, None).await?;
+        store.live(options).await?;
+        Ok(store)
+    }
+
+    fn new(pools: Pools, lock: Option<File>, folder: Option<PathBuf>) -> Self {
+        Self::around(Arc::new(Inner {
+            pools,
+            lock,
+            folder,
+            replica: Replica::new(),
+            damage: OnceLock::new(),
+        }))
+    }
+
+    fn around(inner: Arc<Inner>) -> Self {
+        Self { inner, principal: Arc::new(Principal::system(DEFAULT_TENANT)) }
+    }
+
+    /// Checks the file while the service runs: whoever waits for readiness hears of damage then.
+    fn check_beside(&self) {
+        let store = self.clone();
+        tokio::spawn(async move {
+            let found = sql(store.reader(), sqlite::QUICK_CHECK).scalar::<String>().await;
+            let detail = match found {
+                Ok(found) if found == sqlite::SOUND => return,
+                Ok(found) => found,
+                Err(error) => error.to_string(),
+            };
+            tracing::error!(detail, "the database is damaged: restore a backup");
+            // Checked once.
+            let _ = store.inner.damage.set(detail);
+        });
+    }
+
+    /// The same store as `principal` sees it.
+    pub fn of(&self, principal: Arc<Principal>) -> Self {
+        Self { inner: Arc::clone(&self.inner), principal }
     }
 
     /// Whether the store can write now.
@@ -178,52 +310,87 @@ impl Store {
     /// Waits for its turn behind other writers, so that the caller may want a timeout.
     ///
     /// # Errors
-    /// [`StoreError::Database`] on a disk that is full or read-only, for example.
+    /// [`StoreError::Full`] or [`StoreError::ReadOnly`], for example; [`StoreError::Damaged`] when the check of a large file
+    /// has found something.
     pub async fn ready(&self) -> Result<(), StoreError> {
+        if let Some(detail) = self.inner.damage.get() {
+            return Err(StoreError::Damaged { detail: detail.clone() });
+        }
         const PROBE: &str = "INSERT INTO probe (id, count) VALUES (1, 1)
-            ON CONFLICT (id) DO UPDATE SET count = count + 1";
-        sqlx::query(PROBE).execute(&self.0.writer).await?;
+            ON CONFLICT (id) DO UPDATE SET count = probe.count + 1";
+        sql(self.writer(), PROBE).execute().await?;
         Ok(())
     }
 
     /// Waits for work in progress, closes all connections and frees the data folder.
     pub async fn close(&self) {
-        self.0.reader.close().await;
-        // The writer last: the last connection to leave folds the write-ahead log into the file.
-        self.0.writer.close().await;
-        // The lock also ends with the process; nothing is lost when this fails.
-        let _ = self.0.lock.unlock();
+        self.inner.pools.close().await;
+        if let Some(lock) = &self.inner.lock {
+            // The lock also ends with the process; nothing is lost when this fails.
+            let _ = lock.unlock();
+        }
     }
 
-    /// Connections for reading.
-    fn reader(&self) -> &SqlitePool {
-        &self.0.reader
+    fn tenant(&self) -> &str {
+        &self.principal.tenant
     }
 
-    /// Begins a transaction that holds the write lock from the start.
-    async fn begin_write(&self) -> Result<Transaction<'static, Sqlite>, StoreError> {
-        Ok(self.0.writer.begin_with("BEGIN IMMEDIATE").await?)
+    /// What a name of this tenant is stored as where it must be unique.
+    fn handle(&self, name: &str) -> String {
+        handle(self.tenant(), name)
+    }
+
+    /// Where statements that only read go.
+    fn reader(&self) -> Link<'_> {
+        self.inner.pools.reader()
+    }
+
+    /// Where single statements that write go.
+    fn writer(&self) -> Link<'_> {
+        self.inner.pools.writer()
+    }
+
+    /// Begins a transaction that reads one state of the database.
+    async fn begin_read(&self) -> Result<Transaction, StoreError> {
+        Ok(self.inner.pools.begin_read().await?)
+    }
+
+    /// Begins a transaction that no other one of the same `scope`, such as the id of a cohort, overlaps.
+    async fn begin_write(&self, scope: &str) -> Result<Transaction, StoreError> {
+        Ok(self.inner.pools.begin_write(scope).await?)
     }
 
     /// Runs one of the `PURGE_` statements until nothing is left, letting other writers in between.
     async fn purge(&self, statement: &'static str, upload: Option<&str>) -> Result<(), StoreError> {
         loop {
-            let query = sqlx::query(statement).bind(CHUNKS_PER_PURGE).bind(upload);
-            if query.execute(&self.0.writer).await?.rows_affected() == 0 {
+            let query = sql(self.writer(), statement).bind(CHUNKS_PER_PURGE);
+            let query = match upload {
+                Some(upload) => query.bind(upload.to_owned()),
+                None => query,
+            };
+            if query.execute().await? == 0 {
                 return Ok(());
             }
         }
     }
 }
 
+/// What a name of a tenant is stored as where it must be unique.
+fn handle(tenant: &str, name: &str) -> String {
+    format!("{tenant}/{name}")
+}
+
 /// Removes chunks of unfinished uploads: only at start, when no upload can be in progress.
-const PURGE_PENDING: &str = "DELETE FROM chunk WHERE id IN
+const PURGE_PENDING: &str = "DELETE FROM chunk WHERE revision IS NULL AND id IN
     (SELECT id FROM chunk WHERE revision IS NULL LIMIT $1)";
 /// Removes chunks of deleted cohorts.
 const PURGE_ORPHANS: &str = "DELETE FROM chunk WHERE id IN
     (SELECT id FROM chunk WHERE cohort IS NULL LIMIT $1)";
 /// Removes chunks of one unfinished upload.
-const PURGE_UPLOAD: &str = "DELETE FROM chunk WHERE id IN
+///
+/// What is pending is asked twice: PostgreSQL, when it has waited for the commit that makes a chunk visible, looks at the
+/// condition of the DELETE again, but not into the list, and would remove what was just acknowledged.
+const PURGE_UPLOAD: &str = "DELETE FROM chunk WHERE revision IS NULL AND id IN
     (SELECT id FROM chunk WHERE revision IS NULL AND upload = $2 LIMIT $1)";
 
 /// Creates the folder and locks it for this process.

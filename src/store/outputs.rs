@@ -1,7 +1,6 @@
 //! What jobs bring about that is too large for their row.
 
-use sqlx::{Row, SqliteConnection};
-
+use super::engine::{Transaction, sql};
 use super::{Store, StoreError, to_sql};
 use crate::domain::job::JobOutput;
 
@@ -15,13 +14,13 @@ impl Store {
     /// [`StoreError::Damaged`] when it is not what was written.
     pub async fn read_job_output(&self, job: &str) -> Result<Option<JobOutput>, StoreError> {
         const READ: &str = "SELECT checksum, head, data FROM job_output WHERE job = $1";
-        let Some(row) = sqlx::query(READ).bind(job).fetch_optional(self.reader()).await? else {
+        let Some(row) = sql(self.reader(), READ).bind(job).optional().await? else {
             return Ok(None);
         };
         let damaged =
             || StoreError::Damaged { detail: format!("the output of {job} is not what was written") };
         let (checksum, head, data): (&[u8], &str, Vec<u8>) =
-            (row.try_get("checksum")?, row.try_get("head")?, row.try_get("data")?);
+            (row.get("checksum")?, row.get("head")?, row.get("data")?);
         if checksum_of(head, &data).as_slice() != checksum {
             return Err(damaged());
         }
@@ -31,7 +30,7 @@ impl Store {
 
 /// Inserts the output of a job, as part of the transaction that ends it, and removes the oldest of too many.
 pub(super) async fn insert(
-    write: &mut SqliteConnection,
+    write: &mut Transaction,
     job: &str,
     output: &JobOutput,
     most_bytes: u64,
@@ -39,21 +38,22 @@ pub(super) async fn insert(
     const INSERT: &str =
         "INSERT INTO job_output (job, bytes, checksum, head, data) VALUES ($1, $2, $3, $4, $5)";
     const PRUNE: &str = "DELETE FROM job_output WHERE number IN (SELECT number FROM
-        (SELECT number, sum(bytes) OVER (ORDER BY number DESC) AS total FROM job_output)
+        (SELECT number, sum(bytes) OVER (ORDER BY number DESC) AS total FROM job_output) AS sums
         WHERE total > $1 AND number < (SELECT max(number) FROM job_output))";
     let head = output.head.to_string();
-    sqlx::query(INSERT)
+    sql(&mut *write, INSERT)
         .bind(job)
         .bind(to_sql(output.data.len() as u64))
         .bind(checksum_of(&head, &output.data))
         .bind(&head)
         .bind(&output.data)
-        .execute(&mut *write)
+        .execute()
         .await?;
-    sqlx::query(PRUNE).bind(to_sql(most_bytes)).execute(&mut *write).await?;
+    sql(&mut *write, PRUNE).bind(to_sql(most_bytes)).execute().await?;
     Ok(())
 }
 
-fn checksum_of(head: &str, data: &[u8]) -> Vec<u8> {
+/// The checksum that is kept with an output.
+pub(super) fn checksum_of(head: &str, data: &[u8]) -> Vec<u8> {
     blake3::Hasher::new().update(head.as_bytes()).update(data).finalize().as_bytes().to_vec()
 }

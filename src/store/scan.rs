@@ -1,11 +1,9 @@
 //! Reading the control points of a cohort in bulk, at a fixed revision.
 
-use sqlx::sqlite::SqliteRow;
-use sqlx::{Row, SqliteConnection};
-
 use super::blob::{self, Chunk};
+use super::engine::{Row, Transaction, sql};
 use super::filter::{self, Revisions, Selection};
-use super::{Cursor, Store, StoreError, blocking, cohorts, to_sql};
+use super::{Cursor, Store, StoreError, blocking, to_sql};
 use crate::domain::shape::ShapeFilter;
 
 /// Most bytes of control points in a batch, and of chunks in memory at once, unless one has more.
@@ -62,9 +60,9 @@ impl Store {
     ) -> Result<Option<ScanBatch>, StoreError> {
         let mut after = after.map_or((0, -1), |c| (c.chunk, c.position));
         loop {
-            let mut read = self.reader().begin().await?;
+            let mut read = self.begin_read().await?;
             let selection =
-                Selection { cohort: cohorts::number(&mut read, cohort_id).await?, revisions, filter, after };
+                Selection { cohort: self.number(&mut read, cohort_id).await?, revisions, filter, after };
             let plan = if ids == Ids::Skip && filter::is_empty(filter) {
                 plan_chunks(&mut read, &selection).await?
             } else {
@@ -114,9 +112,9 @@ struct Names {
 }
 
 impl Names {
-    fn read(row: &SqliteRow) -> Result<Self, StoreError> {
-        let (id, external_id) = (row.try_get("id")?, row.try_get("external_id")?);
-        Ok(Self { id, external_id, label: row.try_get("label")? })
+    fn read(row: &Row) -> Result<Self, StoreError> {
+        let (id, external_id) = (row.get("id")?, row.get("external_id")?);
+        Ok(Self { id, external_id, label: row.get("label")? })
     }
 }
 
@@ -128,18 +126,18 @@ impl Default for Choice {
 
 /// Whole chunks: reads no row of a shape that is not deleted.
 async fn plan_chunks(
-    connection: &mut SqliteConnection,
+    connection: &mut Transaction,
     selection: &Selection<'_>,
 ) -> Result<Option<Plan>, StoreError> {
     const NEXT: &str = "SELECT id AS chunk_id, rows, width FROM chunk
         WHERE cohort = $1 AND id > $2 AND revision > $3 AND revision <= $4 ORDER BY id LIMIT $5";
-    let rows = sqlx::query(NEXT)
+    let rows = sql(&mut *connection, NEXT)
         .bind(selection.cohort)
         .bind(selection.after.0)
         .bind(to_sql(selection.revisions.after))
         .bind(to_sql(selection.revisions.until))
         .bind(CHUNKS_PER_BATCH)
-        .fetch_all(&mut *connection)
+        .all()
         .await?;
     let mut plan = Plan::default();
     for row in &rows {
@@ -160,7 +158,7 @@ async fn plan_chunks(
 
 /// Shapes in the chunks from `first` to `last` that were deleted by the revision.
 async fn list_deleted(
-    connection: &mut SqliteConnection,
+    connection: &mut Transaction,
     selection: &Selection<'_>,
     first: i64,
     last: i64,
@@ -168,24 +166,23 @@ async fn list_deleted(
     const DELETED: &str = "SELECT chunk_id, position FROM shape
         WHERE cohort = $1 AND chunk_id BETWEEN $2 AND $3 AND deleted_revision <= $4
         ORDER BY chunk_id, position";
-    let rows = sqlx::query(DELETED)
+    let rows = sql(connection, DELETED)
         .bind(selection.cohort)
         .bind(first)
         .bind(last)
         .bind(to_sql(selection.revisions.until))
-        .fetch_all(connection)
+        .all()
         .await?;
     rows.iter().map(place).collect()
 }
 
 /// Single shapes: those that pass the filter, with their ids.
 async fn plan_rows(
-    connection: &mut SqliteConnection,
+    connection: &mut Transaction,
     selection: &Selection<'_>,
 ) -> Result<Option<Plan>, StoreError> {
     const COLUMNS: &str = "s.chunk_id, s.position, s.id, s.external_id, s.label, c.rows, c.width";
-    let mut query = selection.page(COLUMNS, ROWS_PER_BATCH);
-    let rows = query.build().fetch_all(connection).await?;
+    let rows = selection.page(connection, COLUMNS, ROWS_PER_BATCH).all().await?;
     let mut plan = Plan::default();
     for row in &rows {
         let (size, place) = (ChunkSize::read(row)?, place(row)?);
@@ -197,8 +194,8 @@ async fn plan_rows(
     Ok(plan.end.is_some().then_some(plan))
 }
 
-fn place(row: &SqliteRow) -> Result<Cursor, StoreError> {
-    Ok(Cursor { chunk: row.try_get("chunk_id")?, position: row.try_get("position")? })
+fn place(row: &Row) -> Result<Cursor, StoreError> {
+    Ok(Cursor { chunk: row.get("chunk_id")?, position: row.get("position")? })
 }
 
 /// A chunk and its size.
@@ -210,8 +207,8 @@ struct ChunkSize {
 }
 
 impl ChunkSize {
-    fn read(row: &SqliteRow) -> Result<Self, StoreError> {
-        Ok(Self { chunk: row.try_get("chunk_id")?, rows: row.try_get("rows")?, width: row.try_get("width")? })
+    fn read(row: &Row) -> Result<Self, StoreError> {
+        Ok(Self { chunk: row.get("chunk_id")?, rows: row.get("rows")?, width: row.get("width")? })
     }
 
     fn bytes(self) -> i64 {
@@ -258,7 +255,7 @@ impl Plan {
     }
 
     /// Reads one group after the other.
-    async fn read(self, connection: &mut SqliteConnection, ids: Ids) -> Result<ScanBatch, StoreError> {
+    async fn read(self, connection: &mut Transaction, ids: Ids) -> Result<ScanBatch, StoreError> {
         let end = self.end.unwrap_or(Cursor { chunk: i64::MAX, position: i64::MAX });
         let mut batch = ScanBatch::empty(end);
         for group in self.groups {
@@ -271,7 +268,7 @@ impl Plan {
 
 impl Group {
     /// Verifies the chunks and appends the chosen shapes.
-    fn append_to(self, mut batch: ScanBatch, rows: &[SqliteRow], ids: Ids) -> Result<ScanBatch, StoreError> {
+    fn append_to(self, mut batch: ScanBatch, rows: &[Row], ids: Ids) -> Result<ScanBatch, StoreError> {
         let chunks: Result<Vec<_>, _> = rows.iter().map(Chunk::verified).collect();
         let mut chunks = chunks?;
         chunks.sort_by_key(|chunk| chunk.id);

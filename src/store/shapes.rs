@@ -3,12 +3,11 @@
 use std::fmt;
 use std::str::FromStr;
 
-use sqlx::sqlite::SqliteRow;
-use sqlx::{Row, Sqlite, SqliteConnection, Transaction};
-
 use super::blob::{self, Chunk};
+use super::engine::{Row, Transaction, sql};
 use super::filter::{self, Revisions, Selection};
-use super::{Store, StoreError, blocking, cohorts, from_sql, to_sql};
+use super::{Store, StoreError, blocking, changes, from_sql, to_sql};
+use crate::domain::change::{ChangeKind, NewChange};
 use crate::domain::shape::{Shape, ShapeAttributes, ShapeDescription, ShapeFilter};
 
 /// A place in the storage order of a cohort: just behind a shape. Opaque to clients.
@@ -73,9 +72,9 @@ impl Store {
             JOIN chunk AS c ON c.id = s.chunk_id
             WHERE h.id = $1 AND s.external_id = $2 AND s.deleted_revision IS NULL
             AND c.revision IS NOT NULL";
-        let mut read = self.reader().begin().await?;
+        let mut read = self.begin_read().await?;
         for query in [BY_ID, BY_EXTERNAL_ID] {
-            let row = sqlx::query(query).bind(cohort_id).bind(key).fetch_optional(&mut *read).await?;
+            let row = sql(&mut read, query).bind(cohort_id).bind(key).optional().await?;
             if let Some(row) = row {
                 let entries = vec![read_entry(&row)?];
                 return Ok(fill(&mut read, entries).await?.pop());
@@ -102,16 +101,16 @@ impl Store {
             WHERE h.id = $1 AND s.deleted_revision IS NULL AND c.revision IS NOT NULL";
         const BY_EXTERNAL_ID: &str = "SELECT asked.key AS place, s.chunk_id, s.position, s.id, s.external_id,
             s.subject, s.label, s.labels, s.metadata, c.created_at_ms
-            FROM cohort AS h CROSS JOIN json_each($2) AS asked
+            FROM cohort AS h CROSS JOIN json_each($2) AS asked ON true
             CROSS JOIN shape AS s ON s.cohort = h.number AND s.external_id = asked.value
             CROSS JOIN chunk AS c ON c.id = s.chunk_id
             WHERE h.id = $1 AND s.deleted_revision IS NULL AND c.revision IS NOT NULL";
         let asked = serde_json::Value::from(keys).to_string();
-        let mut read = self.reader().begin().await?;
+        let mut read = self.begin_read().await?;
         let mut found: Vec<Option<Entry>> = keys.iter().map(|_| None).collect();
         for query in [BY_ID, BY_EXTERNAL_ID] {
-            for row in sqlx::query(query).bind(cohort_id).bind(&asked).fetch_all(&mut *read).await? {
-                let place = usize::try_from(row.try_get::<i64, _>("place")?).unwrap_or(usize::MAX);
+            for row in sql(&mut read, query).bind(cohort_id).bind(&asked).all().await? {
+                let place = usize::try_from(row.get::<i64>("place")?).unwrap_or(usize::MAX);
                 if let Some(slot) = found.get_mut(place).filter(|slot| slot.is_none()) {
                     *slot = Some(read_entry(&row)?);
                 }
@@ -145,10 +144,10 @@ impl Store {
             CROSS JOIN cohort AS h ON h.number = s.cohort
             WHERE h.id = $1";
         let asked = serde_json::Value::from(ids).to_string();
-        let rows = sqlx::query(BY_ID).bind(cohort_id).bind(asked).fetch_all(self.reader()).await?;
+        let rows = sql(self.reader(), BY_ID).bind(cohort_id).bind(asked).all().await?;
         let mut found: Vec<Option<ShapeAttributes>> = ids.iter().map(|_| None).collect();
         for row in &rows {
-            let place = usize::try_from(row.try_get::<i64, _>("place")?).unwrap_or(usize::MAX);
+            let place = usize::try_from(row.get::<i64>("place")?).unwrap_or(usize::MAX);
             if let Some(slot) = found.get_mut(place) {
                 *slot = Some(read_attributes(row)?);
             }
@@ -169,14 +168,14 @@ impl Store {
         after: Option<Cursor>,
         limit: usize,
     ) -> Result<ShapePage, StoreError> {
-        let mut read = self.reader().begin().await?;
+        let mut read = self.begin_read().await?;
         let selection = Selection {
-            cohort: cohorts::number(&mut read, cohort_id).await?,
+            cohort: self.number(&mut read, cohort_id).await?,
             revisions: Revisions::latest(),
             filter,
             after: after.map_or((0, -1), |c| (c.chunk, c.position)),
         };
-        let rows = selection.page(ENTRY, limit.saturating_add(1)).build().fetch_all(&mut *read).await?;
+        let rows = selection.page(&mut read, ENTRY, limit.saturating_add(1)).all().await?;
         let entries: Result<Vec<_>, _> = rows.iter().take(limit).map(read_entry).collect();
         let entries = entries?;
         let next = entries.last().map(|entry| entry.place);
@@ -190,11 +189,10 @@ impl Store {
     pub async fn revision_before(&self, cohort_id: &str, ms: i64) -> Result<u64, StoreError> {
         const FIRST_AFTER: &str = "SELECT min(revision) FROM chunk WHERE cohort = $1 AND created_at_ms > $2";
         const LAST: &str = "SELECT revision FROM cohort WHERE number = $1";
-        let mut read = self.reader().begin().await?;
-        let cohort = cohorts::number(&mut read, cohort_id).await?;
-        let after: Option<i64> =
-            sqlx::query_scalar(FIRST_AFTER).bind(cohort).bind(ms).fetch_one(&mut *read).await?;
-        let last: i64 = sqlx::query_scalar(LAST).bind(cohort).fetch_one(&mut *read).await?;
+        let mut read = self.begin_read().await?;
+        let cohort = self.number(&mut read, cohort_id).await?;
+        let after: Option<i64> = sql(&mut read, FIRST_AFTER).bind(cohort).bind(ms).scalar().await?;
+        let last: i64 = sql(&mut read, LAST).bind(cohort).scalar().await?;
         Ok(from_sql(after.map_or(last, |revision| revision - 1)))
     }
 
@@ -210,10 +208,10 @@ impl Store {
         limit: usize,
     ) -> Result<Vec<ShapeDescription>, StoreError> {
         const COLUMNS: &str = "s.id, s.external_id, s.subject, s.label, s.labels";
-        let mut read = self.reader().begin().await?;
-        let cohort = cohorts::number(&mut read, cohort_id).await?;
+        let mut read = self.begin_read().await?;
+        let cohort = self.number(&mut read, cohort_id).await?;
         let selection = Selection { cohort, revisions, filter, after: (0, -1) };
-        let rows = selection.page(COLUMNS, limit).build().fetch_all(&mut *read).await?;
+        let rows = selection.page(&mut read, COLUMNS, limit).all().await?;
         blocking(move || rows.iter().map(read_description).collect()).await
     }
 
@@ -228,17 +226,16 @@ impl Store {
         filter: &ShapeFilter,
     ) -> Result<u64, StoreError> {
         const ALL: &str = "SELECT
-            (SELECT coalesce(sum(rows), 0) FROM chunk WHERE cohort = $1 AND revision <= $2) -
+            (SELECT CAST(coalesce(sum(rows), 0) AS BIGINT) FROM chunk WHERE cohort = $1 AND revision <= $2) -
             (SELECT count(*) FROM shape WHERE cohort = $1 AND deleted_revision <= $2)";
-        let mut read = self.reader().begin().await?;
-        let cohort = cohorts::number(&mut read, cohort_id).await?;
+        let mut read = self.begin_read().await?;
+        let cohort = self.number(&mut read, cohort_id).await?;
         let count: i64 = if filter::is_empty(filter) && revisions.after == 0 {
-            let all = sqlx::query_scalar(ALL).bind(cohort).bind(to_sql(revisions.until));
-            all.fetch_one(&mut *read).await?
+            let all = sql(&mut read, ALL).bind(cohort).bind(to_sql(revisions.until));
+            all.scalar().await?
         } else {
             let selection = Selection { cohort, revisions, filter, after: (0, -1) };
-            let mut query = selection.select("count(*)");
-            query.build_query_scalar().fetch_one(&mut *read).await?
+            selection.select(&mut read, "count(*)").scalar().await?
         };
         Ok(from_sql(count))
     }
@@ -272,13 +269,21 @@ impl Store {
         shape_id: &str,
         now_ms: i64,
     ) -> Result<Option<u64>, StoreError> {
-        let mut write = self.begin_write().await?;
+        let mut write = self.begin_write(cohort_id).await?;
         let Some(revision) = mark_deleted(&mut write, cohort_id, shape_id).await? else {
             return Ok(None);
         };
         const UPDATE: &str = "UPDATE cohort
             SET revision = $2, shapes = shapes - 1, updated_at_ms = $3 WHERE id = $1";
-        sqlx::query(UPDATE).bind(cohort_id).bind(revision).bind(now_ms).execute(&mut *write).await?;
+        sql(&mut write, UPDATE).bind(cohort_id).bind(revision).bind(now_ms).execute().await?;
+        let change = NewChange {
+            kind: ChangeKind::ShapeDeleted,
+            object: shape_id,
+            cohort: Some(cohort_id),
+            revision: Some(from_sql(revision)),
+            shapes: None,
+        };
+        changes::record(&mut write, self.tenant(), &change, now_ms).await?;
         write.commit().await?;
         Ok(Some(from_sql(revision)))
     }
@@ -286,7 +291,7 @@ impl Store {
 
 /// Marks a visible shape as deleted by the next revision of its cohort, and returns that.
 async fn mark_deleted(
-    write: &mut Transaction<'static, Sqlite>,
+    write: &mut Transaction,
     cohort_id: &str,
     shape_id: &str,
 ) -> Result<Option<i64>, StoreError> {
@@ -296,7 +301,7 @@ async fn mark_deleted(
         AND cohort = (SELECT number FROM cohort WHERE id = $1)
         AND (SELECT revision FROM chunk WHERE chunk.id = shape.chunk_id) IS NOT NULL
         RETURNING deleted_revision";
-    Ok(sqlx::query_scalar(MARK).bind(cohort_id).bind(shape_id).fetch_optional(&mut **write).await?)
+    Ok(sql(&mut *write, MARK).bind(cohort_id).bind(shape_id).optional_scalar().await?)
 }
 
 /// A shape whose weight and control points are still to be read.
@@ -305,36 +310,36 @@ struct Entry {
     shape: Shape,
 }
 
-fn read_attributes(row: &SqliteRow) -> Result<ShapeAttributes, StoreError> {
+fn read_attributes(row: &Row) -> Result<ShapeAttributes, StoreError> {
     Ok(ShapeAttributes {
-        external_id: row.try_get("external_id")?,
-        subject: row.try_get("subject")?,
-        label: row.try_get("label")?,
-        labels: from_json(row.try_get("labels")?)?.unwrap_or_default(),
+        external_id: row.get("external_id")?,
+        subject: row.get("subject")?,
+        label: row.get("label")?,
+        labels: from_json(row.get("labels")?)?.unwrap_or_default(),
         weight: 1.0,
-        metadata: from_json(row.try_get("metadata")?)?,
+        metadata: from_json(row.get("metadata")?)?,
     })
 }
 
-fn read_description(row: &SqliteRow) -> Result<ShapeDescription, StoreError> {
+fn read_description(row: &Row) -> Result<ShapeDescription, StoreError> {
     Ok(ShapeDescription {
-        id: row.try_get("id")?,
-        external_id: row.try_get("external_id")?,
-        subject: row.try_get("subject")?,
-        label: row.try_get("label")?,
-        labels: from_json(row.try_get("labels")?)?.unwrap_or_default(),
+        id: row.get("id")?,
+        external_id: row.get("external_id")?,
+        subject: row.get("subject")?,
+        label: row.get("label")?,
+        labels: from_json(row.get("labels")?)?.unwrap_or_default(),
     })
 }
 
-fn read_entry(row: &SqliteRow) -> Result<Entry, StoreError> {
+fn read_entry(row: &Row) -> Result<Entry, StoreError> {
     let attributes = read_attributes(row)?;
     Ok(Entry {
-        place: Cursor { chunk: row.try_get("chunk_id")?, position: row.try_get("position")? },
+        place: Cursor { chunk: row.get("chunk_id")?, position: row.get("position")? },
         shape: Shape {
-            id: row.try_get("id")?,
+            id: row.get("id")?,
             attributes,
             control_points: Vec::new(),
-            created_at_ms: row.try_get("created_at_ms")?,
+            created_at_ms: row.get("created_at_ms")?,
         },
     })
 }
@@ -347,7 +352,7 @@ fn from_json<T: serde::de::DeserializeOwned>(text: Option<&str>) -> Result<Optio
 }
 
 /// Reads weights and control points, one chunk in memory at a time.
-async fn fill(connection: &mut SqliteConnection, mut entries: Vec<Entry>) -> Result<Vec<Shape>, StoreError> {
+async fn fill(connection: &mut Transaction, mut entries: Vec<Entry>) -> Result<Vec<Shape>, StoreError> {
     let mut filled = Vec::with_capacity(entries.len());
     while let Some(first) = entries.first() {
         let chunk = first.place.chunk;
@@ -361,7 +366,7 @@ async fn fill(connection: &mut SqliteConnection, mut entries: Vec<Entry>) -> Res
     Ok(filled)
 }
 
-fn fill_from(row: &SqliteRow, entries: Vec<Entry>) -> Result<Vec<Shape>, StoreError> {
+fn fill_from(row: &Row, entries: Vec<Entry>) -> Result<Vec<Shape>, StoreError> {
     let chunk = Chunk::verified(row)?;
     let fill = |Entry { place, mut shape }: Entry| {
         let position = usize::try_from(place.position).unwrap_or(usize::MAX);

@@ -8,21 +8,31 @@ use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, S
 use sqlx::{ConnectOptions, Connection, SqlSafeStr, SqlitePool};
 
 use super::StoreError;
+use super::engine::{Failure, Pools};
 
 /// The first version whose write-ahead log does not lose pages with several connections.
 const OLDEST_SQLITE: [u32; 3] = [3, 51, 3];
-/// Result codes SQLITE_CORRUPT and SQLITE_NOTADB.
-const DAMAGE_CODES: [i32; 2] = [11, 26];
+/// Reads the whole file, but for the order of indexes.
+pub(super) const QUICK_CHECK: &str = "PRAGMA quick_check(1)";
+/// What a check says of a file that is as it should be.
+pub(super) const SOUND: &str = "ok";
+/// Most bytes of a file that is checked before anything else: a tenth of a second.
+const SMALL_BYTES: u64 = 64 << 20;
 /// How long a connection waits for another one's lock.
 const BUSY_TIMEOUT: Duration = Duration::from_secs(10);
 /// Connections that read: more only compete for the cores.
 const READERS: u32 = 4;
 /// The steps of the schema. Listed by hand: the macro that reads a folder would bring in the compile-time half of sqlx.
-const MIGRATIONS: [(i64, &str, &str); 4] = [
+const MIGRATIONS: &[(i64, &str, &str)] = &[
     (1, "cohorts and shapes", include_str!("migrations/sqlite/0001_cohorts_and_shapes.sql")),
     (2, "jobs", include_str!("migrations/sqlite/0002_jobs.sql")),
     (3, "dictionaries", include_str!("migrations/sqlite/0003_dictionaries.sql")),
     (4, "job output", include_str!("migrations/sqlite/0004_job_output.sql")),
+    (5, "tenants", include_str!("migrations/sqlite/0005_tenants.sql")),
+    (6, "retries and changes", include_str!("migrations/sqlite/0006_retries_and_changes.sql")),
+    (7, "audit", include_str!("migrations/sqlite/0007_audit.sql")),
+    (8, "keys", include_str!("migrations/sqlite/0008_keys.sql")),
+    (10, "passes", include_str!("migrations/sqlite/0010_passes.sql")),
 ];
 
 fn options(file: &Path) -> SqliteConnectOptions {
@@ -42,8 +52,59 @@ fn options(file: &Path) -> SqliteConnectOptions {
         .disable_statement_logging()
 }
 
+/// Whether the file, if there is one, is checked in no time.
+pub(super) fn is_small(file: &Path) -> bool {
+    std::fs::metadata(file).is_ok_and(|about| about.len() <= SMALL_BYTES) || !file.exists()
+}
+
+/// Opens the connections of the database in `file` as it is, or of a new one when it may `create` it.
+pub(super) async fn connect(file: &Path, create: bool) -> Result<Pools, StoreError> {
+    let writer = writer(file, create).await?;
+    check_version(&writer).await?;
+    let reader = reader(file).await?;
+    Ok(Pools::Sqlite { writer, reader })
+}
+
+/// Migrates the database in `file` and opens its connections without reading all of it.
+pub(super) async fn attach(file: &Path) -> Result<Pools, StoreError> {
+    let writer = writer(file, true).await?;
+    check_version(&writer).await?;
+    migrator(MIGRATIONS).run(&writer).await.map_err(StoreError::Schema)?;
+    let reader = reader(file).await?;
+    Ok(Pools::Sqlite { writer, reader })
+}
+
+/// Brings a schema to an old version.
+#[cfg(test)]
+pub(super) async fn migrate_to(writer: &SqlitePool, version: i64) -> Result<(), StoreError> {
+    migrator(MIGRATIONS).run_to(version, writer).await.map_err(StoreError::Schema)
+}
+
+/// The version of the schema that this program needs.
+pub(super) fn latest() -> i64 {
+    MIGRATIONS.last().map_or(0, |(version, _, _)| *version)
+}
+
+/// Checks the file, and brings its schema up to date.
+pub(super) async fn migrate(writer: &SqlitePool) -> Result<(), StoreError> {
+    check_file(writer).await?;
+    migrator(MIGRATIONS).run(writer).await.map_err(StoreError::Schema)
+}
+
+/// Checks (if asked to) and migrates the database in `file`, and opens its connections.
+pub(super) async fn open(file: &Path, check: bool) -> Result<Pools, StoreError> {
+    let writer = writer(file, true).await?;
+    check_version(&writer).await?;
+    if check {
+        check_file(&writer).await?;
+    }
+    migrator(MIGRATIONS).run(&writer).await.map_err(StoreError::Schema)?;
+    let reader = reader(file).await?;
+    Ok(Pools::Sqlite { writer, reader })
+}
+
 /// The one connection that writes: its pool is a fair queue.
-pub(super) async fn writer(file: &Path) -> Result<SqlitePool, StoreError> {
+async fn writer(file: &Path, create: bool) -> Result<SqlitePool, StoreError> {
     let pool = SqlitePoolOptions::new()
         .max_connections(1)
         .min_connections(1)
@@ -52,20 +113,20 @@ pub(super) async fn writer(file: &Path) -> Result<SqlitePool, StoreError> {
         // On a full disk SQLite ends the transaction by itself; sqlx then believes for ever to be
         // inside one. Such a connection is replaced.
         .before_acquire(|connection, _| Box::pin(async { Ok(!connection.is_in_transaction()) }))
-        .connect_with(options(file).create_if_missing(true))
+        .connect_with(options(file).create_if_missing(create))
         .await?;
     Ok(pool)
 }
 
 /// Connections that only read.
-pub(super) async fn reader(file: &Path) -> Result<SqlitePool, StoreError> {
+async fn reader(file: &Path) -> Result<SqlitePool, StoreError> {
     let pool =
         SqlitePoolOptions::new().max_connections(READERS).connect_with(options(file).read_only(true)).await?;
     Ok(pool)
 }
 
 /// Refuses a library with the known fault.
-pub(super) async fn check_version(pool: &SqlitePool) -> Result<(), StoreError> {
+async fn check_version(pool: &SqlitePool) -> Result<(), StoreError> {
     let version: String = sqlx::query_scalar("SELECT sqlite_version()").fetch_one(pool).await?;
     if is_recent(&version) {
         return Ok(());
@@ -79,44 +140,67 @@ fn is_recent(version: &str) -> bool {
 }
 
 /// Refuses a damaged file.
-pub(super) async fn check_file(pool: &SqlitePool) -> Result<(), StoreError> {
-    let detail: String = sqlx::query_scalar("PRAGMA quick_check(1)").fetch_one(pool).await?;
-    if detail == "ok" {
+async fn check_file(pool: &SqlitePool) -> Result<(), StoreError> {
+    let detail: String = sqlx::query_scalar(QUICK_CHECK).fetch_one(pool).await?;
+    if detail == SOUND {
         return Ok(());
     }
     Err(StoreError::Damaged { detail })
 }
 
-/// Brings the schema up to date.
-pub(super) async fn migrate(pool: &SqlitePool) -> Result<(), StoreError> {
-    let migrations = MIGRATIONS.map(|(version, name, text)| {
-        Migration::new(version, name.into(), MigrationType::Simple, text.into_sql_str(), false)
+/// The steps of a schema, ready to run.
+pub(super) fn migrator(steps: &[(i64, &'static str, &'static str)]) -> Migrator {
+    let migrations = steps.iter().map(|(version, name, text)| {
+        Migration::new(*version, (*name).into(), MigrationType::Simple, text.into_sql_str(), false)
     });
-    Migrator::with_migrations(migrations.into()).run(pool).await.map_err(StoreError::Schema)
+    Migrator::with_migrations(migrations.collect())
 }
 
-/// Whether the error says that the file is damaged or no database.
-pub(super) fn is_damage(error: &sqlx::Error) -> bool {
-    let Some(code) = error.as_database_error().and_then(|e| e.code()) else {
-        return false;
-    };
+/// What an error code, extended or plain, says.
+pub(super) fn failure(code: &str) -> Option<Failure> {
+    /// Writing, syncing the file or its folder, and cutting it off fail: a limit, a quota, a disk that is going.
+    const WRITING_FAILS: [i32; 4] = [778, 1034, 1290, 1546];
+    /// There is no room for the index of the write-ahead log.
+    const NO_ROOM_FOR_INDEX: i32 = 4874;
+    let code = code.parse::<i32>().ok()?;
+    if WRITING_FAILS.contains(&code) {
+        return Some(Failure::ReadOnly);
+    }
+    if code == NO_ROOM_FOR_INDEX {
+        return Some(Failure::Full);
+    }
     // The low byte of an extended code is the plain one.
-    code.parse::<i32>().is_ok_and(|code| DAMAGE_CODES.contains(&(code & 0xff)))
-}
-
-/// Whether the error is a broken unique constraint on the column, such as `cohort.name`.
-pub(super) fn is_duplicate(error: &sqlx::Error, column: &str) -> bool {
-    error.as_database_error().is_some_and(|e| e.is_unique_violation() && e.message().contains(column))
-}
-
-/// Whether the error is a reference to a row that does not exist.
-pub(super) fn is_missing_reference(error: &sqlx::Error) -> bool {
-    error.as_database_error().is_some_and(|e| e.is_foreign_key_violation())
+    match code & 0xff {
+        // SQLITE_CORRUPT and SQLITE_NOTADB
+        11 | 26 => Some(Failure::Damaged),
+        13 => Some(Failure::Full),
+        8 => Some(Failure::ReadOnly),
+        // SQLITE_BUSY: another process holds the lock longer than is waited for.
+        5 => Some(Failure::Passing),
+        _ => None,
+    }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::is_recent;
+    use super::{failure, is_recent};
+    use crate::store::engine::Failure;
+
+    #[test]
+    fn a_disk_that_takes_no_more_is_no_fault_of_the_program() {
+        for (code, expected) in [
+            ("13", Some(Failure::Full)),
+            ("4874", Some(Failure::Full)),
+            ("778", Some(Failure::ReadOnly)),
+            ("1034", Some(Failure::ReadOnly)),
+            ("776", Some(Failure::ReadOnly)),
+            ("266", None),
+            ("11", Some(Failure::Damaged)),
+            ("1", None),
+        ] {
+            assert_eq!(failure(code), expected, "{code}");
+        }
+    }
 
     #[test]
     fn versions_are_compared_as_numbers() {

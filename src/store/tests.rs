@@ -12,19 +12,46 @@ use crate::domain::id;
 use crate::domain::shape::{NewShape, Shape, ShapeAttributes, ShapeFilter};
 use crate::geometry::representation::Representation;
 
+mod audit;
 mod jobs;
+mod keys;
 mod opening;
+mod passes;
+mod sharing;
 
 /// Numbers a shape of [`cohort`] has.
 const WIDTH: usize = 6;
 
-async fn fresh() -> (TempDir, Store) {
+/// Where the tests find PostgreSQL; without it they run on the embedded database.
+pub(super) const DATABASE_URL: &str = "SHAPELEX_TEST_DATABASE_URL";
+
+pub(super) async fn fresh() -> (TempDir, Store) {
+    let folder = tempfile::tempdir().unwrap();
+    let store = match std::env::var(DATABASE_URL) {
+        Ok(url) => Store::connect(&fresh_schema(&url).await, 4).await.unwrap(),
+        Err(_) => Store::open(folder.path()).await.unwrap(),
+    };
+    (folder, store)
+}
+
+/// A store that is embedded in any case.
+pub(super) async fn embedded() -> (TempDir, Store) {
     let folder = tempfile::tempdir().unwrap();
     let store = Store::open(folder.path()).await.unwrap();
     (folder, store)
 }
 
-fn cohort(name: &str) -> Cohort {
+/// The address of a schema of its own, which is a database for everybody who uses it.
+pub(super) async fn fresh_schema(url: &str) -> String {
+    let schema = format!("test_{}", uuid::Uuid::now_v7().simple());
+    let pool = sqlx::PgPool::connect(url).await.unwrap();
+    let create = sqlx::AssertSqlSafe(format!("CREATE SCHEMA {schema}"));
+    sqlx::query(create).execute(&pool).await.unwrap();
+    pool.close().await;
+    format!("{url}?options=-csearch_path%3D{schema}")
+}
+
+pub(super) fn cohort(name: &str) -> Cohort {
     Cohort {
         id: id::new_id(id::COHORT),
         name: name.into(),
@@ -41,7 +68,7 @@ fn cohort(name: &str) -> Cohort {
     }
 }
 
-fn shape(number: usize) -> NewShape {
+pub(super) fn shape(number: usize) -> NewShape {
     NewShape {
         id: id::new_id(id::SHAPE),
         attributes: ShapeAttributes { weight: 1.0, ..ShapeAttributes::default() },
@@ -49,7 +76,7 @@ fn shape(number: usize) -> NewShape {
     }
 }
 
-fn named(number: usize, external_id: &str) -> NewShape {
+pub(super) fn named(number: usize, external_id: &str) -> NewShape {
     let mut shape = shape(number);
     shape.attributes.external_id = Some(external_id.into());
     shape
@@ -58,11 +85,18 @@ fn named(number: usize, external_id: &str) -> NewShape {
 async fn with_cohort() -> (TempDir, Store, Cohort) {
     let (folder, store) = fresh().await;
     let cohort = cohort("hands");
-    store.create_cohort(&cohort).await.unwrap();
+    store.create_cohort(&cohort, None).await.unwrap();
     (folder, store, cohort)
 }
 
-async fn store_all(store: &Store, cohort: &Cohort, shapes: Vec<NewShape>) -> u64 {
+async fn embedded_with_cohort() -> (TempDir, Store, Cohort) {
+    let (folder, store) = embedded().await;
+    let cohort = cohort("hands");
+    store.create_cohort(&cohort, None).await.unwrap();
+    (folder, store, cohort)
+}
+
+pub(super) async fn store_all(store: &Store, cohort: &Cohort, shapes: Vec<NewShape>) -> u64 {
     let mut upload = store.begin_upload(cohort);
     upload.add(shapes).await.unwrap();
     upload.commit(20).await.unwrap()
@@ -93,9 +127,15 @@ async fn scan_all(
     (points, found)
 }
 
-async fn rows(store: &Store, table: &'static str) -> i64 {
-    let query = format!("SELECT count(*) FROM {table}");
-    sqlx::query_scalar(sqlx::AssertSqlSafe(query)).fetch_one(store.reader()).await.unwrap()
+pub(super) async fn rows(store: &Store, table: &'static str) -> i64 {
+    let mut query = sql(store.reader(), "SELECT count(*) FROM ");
+    query.push(table);
+    query.scalar().await.unwrap()
+}
+
+/// Runs a statement that the store itself never runs.
+pub(super) async fn meddle(store: &Store, statement: &'static str) {
+    sql(store.writer(), statement).execute().await.unwrap();
 }
 
 /// Waits for rows to be removed in the background.
@@ -117,7 +157,7 @@ async fn cohorts_come_back_as_they_were() {
     let mut second = cohort("feet");
     (second.description, second.length_unit) = (None, None);
     second.revision = 7;
-    store.create_cohort(&second).await.unwrap();
+    store.create_cohort(&second, None).await.unwrap();
     for (key, expected) in [(&first.id, &first), (&second.name, &second)] {
         let found = store.find_cohort(key).await.unwrap();
         assert_eq!(found.as_ref(), Some(expected));
@@ -128,9 +168,9 @@ async fn cohorts_come_back_as_they_were() {
 #[tokio::test]
 async fn a_name_is_given_once() {
     let (_folder, store, first) = with_cohort().await;
-    let error = store.create_cohort(&cohort("hands")).await.unwrap_err();
+    let error = store.create_cohort(&cohort("hands"), None).await.unwrap_err();
     assert!(matches!(&error, StoreError::NameTaken { name } if name == "hands"));
-    assert_eq!(error.to_string(), "the name \"hands\" is taken");
+    assert_eq!(error.to_string(), "the name is taken");
     assert_eq!(store.list_cohorts(None, 9).await.unwrap(), [first]);
 }
 
@@ -140,7 +180,7 @@ async fn cohorts_are_listed_in_pages() {
     let mut ids = Vec::new();
     for number in 0..5 {
         let cohort = cohort(&format!("c{number}"));
-        store.create_cohort(&cohort).await.unwrap();
+        store.create_cohort(&cohort, None).await.unwrap();
         ids.push(cohort.id);
     }
     ids.sort();
@@ -153,7 +193,7 @@ async fn cohorts_are_listed_in_pages() {
 #[tokio::test]
 async fn shapes_come_back_bit_for_bit() {
     let (_folder, store, cohort) = with_cohort().await;
-    let mut full = named(1, "é\"x'\0y");
+    let mut full = named(1, "é\"x'\ty");
     full.control_points = vec![0.1, -0.0, f64::MIN_POSITIVE / 2.0, 1e308, 1.0 / 3.0, -7.5];
     full.attributes.subject = Some("s1".into());
     full.attributes.label = Some("left".into());
@@ -175,7 +215,7 @@ async fn shapes_come_back_bit_for_bit() {
         assert_eq!(bits(&shape.control_points), bits(&given.control_points));
     }
     assert_eq!(listed.len(), 3);
-    for key in [&full.id, "é\"x'\0y"] {
+    for key in [&full.id, "é\"x'\ty"] {
         let found = store.find_shape(&cohort.id, key).await.unwrap();
         assert_eq!(found.as_ref(), Some(&listed[0]));
     }
@@ -223,7 +263,7 @@ async fn an_abandoned_upload_leaves_nothing() {
 
 #[tokio::test]
 async fn a_restart_removes_unfinished_uploads() {
-    let (folder, store, cohort) = with_cohort().await;
+    let (folder, store, cohort) = embedded_with_cohort().await;
     store_all(&store, &cohort, vec![shape(1)]).await;
     let mut upload = store.begin_upload(&cohort);
     upload.add(vec![shape(2)]).await.unwrap();
@@ -290,7 +330,8 @@ async fn other_content_under_an_external_id_is_a_conflict() {
     conflict_at(upload.add(vec![heavier]).await, 2, "a");
     // What another upload has not committed may vanish: not even the same content is there.
     let mut other = store.begin_upload(&cohort);
-    conflict_at(other.add(vec![named(3, "b")]).await, 0, "b");
+    let error = other.add(vec![named(3, "b")]).await.unwrap_err();
+    assert!(matches!(&error, StoreError::ExternalIdPending { position: 0, .. }), "{error:?}");
     upload.commit(1).await.unwrap();
     assert_eq!(other.add(vec![named(3, "b")]).await.unwrap().len(), 1);
 }
@@ -353,7 +394,7 @@ async fn many_chunks_are_scanned_in_batches() {
     let (points, count) = (20_000, 31);
     let mut wide = cohort("wide");
     wide.representation = Representation::Landmarks { dimension: 2, points };
-    store.create_cohort(&wide).await.unwrap();
+    store.create_cohort(&wide, None).await.unwrap();
     let shapes: Vec<NewShape> = (0..count)
         .map(|number| {
             let mut shape = shape(number);
@@ -511,8 +552,8 @@ async fn a_deleted_cohort_is_gone_with_its_shapes() {
     let mut upload = store.begin_upload(&cohort);
     upload.add(vec![shape(2)]).await.unwrap();
 
-    assert!(store.delete_cohort(&cohort.id).await.unwrap());
-    assert!(!store.delete_cohort(&cohort.id).await.unwrap());
+    assert!(store.remove_cohort(&cohort.id).await.unwrap());
+    assert!(!store.remove_cohort(&cohort.id).await.unwrap());
     for table in ["cohort", "chunk", "chunk_data", "shape"] {
         assert_eq!(rows(&store, table).await, 0, "{table}");
     }
@@ -524,7 +565,7 @@ async fn a_deleted_cohort_is_gone_with_its_shapes() {
     gone(store.count(&cohort.id, Revisions::until(1), &EVERYTHING).await.unwrap_err());
     assert_eq!(store.find_shape(&cohort.id, "a").await.unwrap(), None);
     // The name is free again.
-    store.create_cohort(&self::cohort("hands")).await.unwrap();
+    store.create_cohort(&self::cohort("hands"), None).await.unwrap();
 }
 
 #[tokio::test]
@@ -532,10 +573,7 @@ async fn damaged_control_points_are_noticed() {
     let (_folder, store, cohort) = with_cohort().await;
     let stored = shape(1);
     let revision = store_all(&store, &cohort, vec![stored.clone()]).await;
-    sqlx::query("UPDATE chunk_data SET points = zeroblob(length(points))")
-        .execute(&store.0.writer)
-        .await
-        .unwrap();
+    meddle(&store, "UPDATE chunk_data SET checksum = points").await;
     let corrupt = |error: StoreError| {
         assert!(matches!(error, StoreError::Corrupt { chunk: 1 }), "{error:?}");
     };
@@ -546,7 +584,7 @@ async fn damaged_control_points_are_noticed() {
     corrupt(store.find_shape(&cohort.id, &stored.id).await.unwrap_err());
     let list = store.list_shapes(&cohort.id, &EVERYTHING, None, 5);
     corrupt(list.await.unwrap_err());
-    sqlx::query("DELETE FROM chunk_data").execute(&store.0.writer).await.unwrap();
+    meddle(&store, "DELETE FROM chunk_data").await;
     corrupt(store.find_shape(&cohort.id, &stored.id).await.unwrap_err());
 }
 
@@ -597,7 +635,7 @@ async fn one_of_many_gets_an_external_id() {
         let (upload, added) = task.await.unwrap();
         match added {
             Ok(_) => won += 1,
-            Err(StoreError::ExternalIdConflict { position: 0, .. }) => {}
+            Err(StoreError::ExternalIdPending { position: 0, .. }) => {}
             Err(other) => panic!("{other:?}"),
         }
         uploads.push(upload);

@@ -7,11 +7,12 @@ use std::collections::HashMap;
 use std::ops::Range;
 use std::sync::Arc;
 
-use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection, Transaction};
-
 use super::blob::{self, Encoded};
-use super::{PURGE_UPLOAD, Store, StoreError, blocking, cohorts, from_sql, sqlite};
+use super::engine::{self, Transaction, sql};
+use super::{PURGE_UPLOAD, Store, StoreError, blocking, changes, from_sql, receipts};
+use crate::domain::change::{ChangeKind, NewChange};
 use crate::domain::cohort::Cohort;
+use crate::domain::retry::Receipt;
 use crate::domain::shape::NewShape;
 
 mod digest;
@@ -47,6 +48,8 @@ pub struct Upload {
     id: String,
     /// Shapes given so far.
     received: u64,
+    /// Shapes in pending chunks.
+    stored: i64,
     /// Whether there may be pending rows.
     dirty: bool,
 }
@@ -59,8 +62,9 @@ impl Store {
             store: self.clone(),
             cohort_id: cohort.id.clone(),
             width: representation.size() * representation.dimension(),
-            id: uuid::Uuid::now_v7().simple().to_string(),
+            id: self.inner.replica.owned_id(),
             received: 0,
+            stored: 0,
             dirty: false,
         }
     }
@@ -73,8 +77,9 @@ impl Upload {
     /// error the upload is as it was before the call.
     ///
     /// # Errors
-    /// [`StoreError::ExternalIdConflict`] when a shape with other content or another unfinished
-    /// upload has the external id, [`StoreError::WrongWidth`], [`StoreError::CohortGone`].
+    /// [`StoreError::ExternalIdConflict`] when a shape with other content has the external id,
+    /// [`StoreError::ExternalIdPending`] when another unfinished upload has it, [`StoreError::WrongWidth`],
+    /// [`StoreError::CohortGone`].
     pub async fn add(&mut self, shapes: Vec<NewShape>) -> Result<Vec<Added>, StoreError> {
         if shapes.is_empty() {
             return Ok(Vec::new());
@@ -87,6 +92,11 @@ impl Upload {
             match self.try_add(&batch).await {
                 // Someone stored the id after we had looked: look again, the answer is there now.
                 Err(StoreError::Database(e)) if is_race(&e) && attempt < ATTEMPTS => attempt += 1,
+                // Of an upload of a process that is gone nothing comes any more.
+                Err(StoreError::ExternalIdPending { .. }) if attempt < ATTEMPTS => {
+                    self.store.tidy_behind_the_dead().await?;
+                    attempt += 1;
+                }
                 done => break done?,
             }
         };
@@ -98,20 +108,48 @@ impl Upload {
     /// one when nothing was new.
     ///
     /// # Errors
-    /// [`StoreError::CohortGone`] when the cohort was deleted meanwhile.
-    pub async fn commit(mut self, now_ms: i64) -> Result<u64, StoreError> {
-        const COUNT: &str = "SELECT coalesce(sum(rows), 0) FROM chunk
+    /// [`StoreError::CohortGone`] when the cohort was deleted meanwhile, [`StoreError::UploadLost`].
+    pub async fn commit(self, now_ms: i64) -> Result<u64, StoreError> {
+        self.commit_once(now_ms, None, |_| None).await
+    }
+
+    /// The same for a cohort that must be at the `expected` revision, with a receipt of the new one.
+    ///
+    /// # Errors
+    /// Also [`StoreError::Changed`] and [`StoreError::AlreadyDone`]: nothing is stored then.
+    pub async fn commit_once(
+        mut self,
+        now_ms: i64,
+        expected: Option<u64>,
+        receipt: impl FnOnce(u64) -> Option<Receipt>,
+    ) -> Result<u64, StoreError> {
+        const COUNT: &str = "SELECT CAST(coalesce(sum(rows), 0) AS BIGINT) FROM chunk
             WHERE upload = $1 AND revision IS NULL";
-        let mut write = self.store.begin_write().await?;
-        let cohort = cohorts::number(&mut write, &self.cohort_id).await?;
-        let count = sqlx::query_scalar(COUNT).bind(&self.id);
-        let count: i64 = count.fetch_one(&mut *write).await?;
+        let mut write = self.store.begin_write(&self.cohort_id).await?;
+        let cohort = self.store.number_at(&mut write, &self.cohort_id, expected).await?;
+        let count = sql(&mut write, COUNT).bind(&self.id);
+        let count: i64 = count.scalar().await?;
+        if count != self.stored {
+            return Err(StoreError::UploadLost);
+        }
         let revision = if count == 0 {
-            let current = sqlx::query_scalar("SELECT revision FROM cohort WHERE number = $1");
-            current.bind(cohort).fetch_one(&mut *write).await?
+            let current = sql(&mut write, "SELECT revision FROM cohort WHERE number = $1");
+            current.bind(cohort).scalar().await?
         } else {
             self.publish(&mut write, cohort, count, now_ms).await?
         };
+        let tenant = self.store.tenant();
+        receipts::keep(&mut write, tenant, receipt(from_sql(revision)).as_ref(), now_ms).await?;
+        if count > 0 {
+            let change = NewChange {
+                kind: ChangeKind::ShapesAdded,
+                object: &self.cohort_id,
+                cohort: Some(&self.cohort_id),
+                revision: Some(from_sql(revision)),
+                shapes: Some(from_sql(count)),
+            };
+            changes::record(&mut write, tenant, &change, now_ms).await?;
+        }
         write.commit().await?;
         self.dirty = false;
         Ok(from_sql(revision))
@@ -130,7 +168,7 @@ impl Upload {
     /// Gives the pending chunks the next revision.
     async fn publish(
         &self,
-        write: &mut Transaction<'static, Sqlite>,
+        write: &mut Transaction,
         cohort: i64,
         count: i64,
         now_ms: i64,
@@ -139,17 +177,21 @@ impl Upload {
             SET revision = revision + 1, shapes = shapes + $2, updated_at_ms = $3
             WHERE number = $1 RETURNING revision";
         const SHOW: &str = "UPDATE chunk SET revision = $2, created_at_ms = $3
-            WHERE upload = $1 AND revision IS NULL";
-        let revision: i64 =
-            sqlx::query_scalar(GROW).bind(cohort).bind(count).bind(now_ms).fetch_one(&mut **write).await?;
-        sqlx::query(SHOW).bind(&self.id).bind(revision).bind(now_ms).execute(&mut **write).await?;
+            WHERE upload = $1 AND revision IS NULL RETURNING rows";
+        let revision: i64 = sql(&mut *write, GROW).bind(cohort).bind(count).bind(now_ms).scalar().await?;
+        let shown = sql(&mut *write, SHOW).bind(&self.id).bind(revision).bind(now_ms).all().await?;
+        let rows = shown.iter().map(|chunk| chunk.get::<i64>("rows")).sum::<Result<i64, _>>()?;
+        // Whoever takes this process for dead may remove chunks after they were counted.
+        if rows != count {
+            return Err(StoreError::UploadLost);
+        }
         Ok(revision)
     }
 
     /// Looks up, then writes. Looking up needs no write lock: the unique index has the last word.
     async fn try_add(&mut self, batch: &Arc<Batch>) -> Result<Vec<Added>, StoreError> {
-        let mut read = self.store.reader().begin().await?;
-        let cohort = cohorts::number(&mut read, &self.cohort_id).await?;
+        let mut read = self.store.begin_read().await?;
+        let cohort = self.store.number(&mut read, &self.cohort_id).await?;
         let held = find_held(&mut read, cohort, &self.id, batch).await?;
         read.commit().await?;
         let (added, fresh) = batch.sort_out(&held)?;
@@ -161,11 +203,12 @@ impl Upload {
         // Before the write: it may succeed without our hearing of it.
         self.dirty = true;
         self.write(cohort, &chunks).await?;
+        self.stored += chunks.iter().map(|chunk| chunk.rows.len() as i64).sum::<i64>();
         Ok(added)
     }
 
     async fn write(&self, cohort: i64, chunks: &[NewChunk]) -> Result<(), StoreError> {
-        let mut write = self.store.begin_write().await?;
+        let mut write = self.store.begin_write(&self.id).await?;
         for chunk in chunks {
             let number = self.insert_chunk(&mut write, cohort, chunk).await?;
             for start in (0..chunk.rows.len()).step_by(ROWS_PER_INSERT) {
@@ -178,7 +221,7 @@ impl Upload {
 
     async fn insert_chunk(
         &self,
-        write: &mut SqliteConnection,
+        write: &mut Transaction,
         cohort: i64,
         chunk: &NewChunk,
     ) -> Result<i64, StoreError> {
@@ -186,23 +229,23 @@ impl Upload {
             VALUES ($1, $2, $3, $4) RETURNING id";
         const DATA: &str = "INSERT INTO chunk_data (chunk_id, checksum, weights, points)
             VALUES ($1, $2, $3, $4)";
-        let inserted = sqlx::query_scalar(CHUNK)
+        let inserted = sql(&mut *write, CHUNK)
             .bind(cohort)
             .bind(&self.id)
             .bind(chunk.rows.len() as i64)
             .bind(self.width as i64)
-            .fetch_one(&mut *write)
+            .scalar()
             .await;
         let number: i64 = match inserted {
-            Err(e) if sqlite::is_missing_reference(&e) => return Err(StoreError::CohortGone),
+            Err(e) if engine::is_missing_reference(&e) => return Err(StoreError::CohortGone),
             other => other?,
         };
-        sqlx::query(DATA)
+        sql(write, DATA)
             .bind(number)
             .bind(chunk.data.checksum.as_slice())
             .bind(chunk.data.weights.as_deref())
             .bind(chunk.data.points.as_slice())
-            .execute(write)
+            .execute()
             .await?;
         Ok(number)
     }
@@ -225,11 +268,11 @@ impl Drop for Upload {
 }
 
 fn is_race(error: &sqlx::Error) -> bool {
-    sqlite::is_duplicate(error, "shape.external_id")
+    engine::is_duplicate(error, "shape", "external_id")
 }
 
 async fn insert_rows(
-    write: &mut SqliteConnection,
+    write: &mut Transaction,
     cohort: i64,
     chunk: i64,
     rows: &[NewRow],
@@ -237,24 +280,22 @@ async fn insert_rows(
 ) -> Result<(), StoreError> {
     const INSERT: &str = "INSERT INTO shape (chunk_id, position, cohort, id, external_id, subject,
         label, digest, labels, metadata) ";
-    let mut query = QueryBuilder::<Sqlite>::new(INSERT);
-    let is_full = range.len() == ROWS_PER_INSERT;
-    query.push_values(range, |mut tuple, position| {
-        let row = &rows[position];
-        tuple.push_bind(chunk);
-        tuple.push_bind(position as i64);
-        tuple.push_bind(cohort);
-        tuple.push_bind(&row.id);
-        tuple.push_bind(row.external_id.as_ref());
-        tuple.push_bind(row.subject.as_ref());
-        tuple.push_bind(row.label.as_ref());
-        tuple.push_bind(row.digest.as_ref().map(<[u8; 32]>::as_slice));
-        tuple.push_bind(row.labels.as_ref());
-        tuple.push_bind(row.metadata.as_ref());
-    });
     // Statements of other lengths are seldom seen twice, and long: not worth keeping.
-    let query = query.build().persistent(is_full);
-    query.execute(write).await?;
+    let mut query = sql(write, INSERT).persistent(range.len() == ROWS_PER_INSERT);
+    let first = range.start;
+    for position in range {
+        let row = &rows[position];
+        query.push(if position == first { "VALUES (" } else { ", (" });
+        query.push_bind(chunk).push(", ").push_bind(position as i64).push(", ").push_bind(cohort);
+        query.push(", ").push_bind(row.id.as_str());
+        for text in [&row.external_id, &row.subject, &row.label] {
+            query.push(", ").push_bind(text.as_deref());
+        }
+        query.push(", ").push_bind(row.digest.as_ref().map(<[u8; 32]>::as_slice));
+        query.push(", ").push_bind(row.labels.as_deref());
+        query.push(", ").push_bind(row.metadata.as_deref()).push(")");
+    }
+    query.execute().await?;
     Ok(())
 }
 
@@ -336,6 +377,7 @@ impl Batch {
                 Some((id, there)) if there == digest.map(<[u8; 32]>::as_slice) => {
                     added.push(Added::Existing { id: id.to_owned() });
                 }
+                Some((_, None)) => return Err(self.pending(index)),
                 Some(_) => return Err(self.conflict(index)),
             }
         }
@@ -343,11 +385,19 @@ impl Batch {
     }
 
     fn conflict(&self, index: usize) -> StoreError {
+        let (position, external_id) = self.name(index);
+        StoreError::ExternalIdConflict { position, external_id }
+    }
+
+    fn pending(&self, index: usize) -> StoreError {
+        let (position, external_id) = self.name(index);
+        StoreError::ExternalIdPending { position, external_id }
+    }
+
+    /// Position in the whole upload and external id of a shape of the batch.
+    fn name(&self, index: usize) -> (u64, String) {
         let external_id = self.shapes[index].attributes.external_id.clone();
-        StoreError::ExternalIdConflict {
-            position: self.first + index as u64,
-            external_id: external_id.unwrap_or_default(),
-        }
+        (self.first + index as u64, external_id.unwrap_or_default())
     }
 
     fn encode(&self, fresh: &[usize], width: usize) -> Vec<NewChunk> {
@@ -381,7 +431,7 @@ impl Batch {
 
 /// Shapes of the cohort that have one of the external ids of the batch.
 async fn find_held(
-    read: &mut SqliteConnection,
+    read: &mut Transaction,
     cohort: i64,
     upload: &str,
     batch: &Batch,
@@ -393,20 +443,18 @@ async fn find_held(
     let keys: Vec<&str> = keys.collect();
     let mut held = HashMap::new();
     for keys in keys.chunks(IDS_PER_QUERY) {
-        let mut query = QueryBuilder::<Sqlite>::new(HELD);
-        query.push_bind(cohort).push(" AND s.external_id IN (");
-        let mut list = query.separated(", ");
+        let mut query = sql(&mut *read, HELD).persistent(keys.len() == IDS_PER_QUERY);
+        query.push_bind(cohort).push(" AND s.external_id IN (NULL");
         for key in keys {
-            list.push_bind(*key);
+            query.push(", ").push_bind(*key);
         }
         query.push(")");
-        let query = query.build().persistent(keys.len() == IDS_PER_QUERY);
-        for row in query.fetch_all(&mut *read).await? {
-            let is_ours = row.try_get::<&str, _>("upload")? == upload;
-            let digest: Option<Vec<u8>> = row.try_get("digest")?;
-            let counts = is_ours || row.try_get::<bool, _>("visible")?;
-            let found = Held { id: row.try_get("id")?, digest: digest.filter(|_| counts) };
-            held.insert(row.try_get("external_id")?, found);
+        for row in query.all().await? {
+            let is_ours = row.get::<&str>("upload")? == upload;
+            let digest: Option<Vec<u8>> = row.get("digest")?;
+            let counts = is_ours || row.get::<bool>("visible")?;
+            let found = Held { id: row.get("id")?, digest: digest.filter(|_| counts) };
+            held.insert(row.get("external_id")?, found);
         }
     }
     Ok(held)

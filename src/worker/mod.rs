@@ -1,7 +1,9 @@
 //! The door through which queued jobs come in: each place takes the next job, computes it on threads of its own, and
-//! keeps its claim alive meanwhile.
+//! keeps its claim alive meanwhile. A place without a job takes parts of those that run, here or in other processes.
 //!
 //! Requests compute on the pool of the [`App`], jobs on those of their places: none waits behind the other.
+
+pub mod tidy;
 
 use std::num::NonZeroUsize;
 use std::sync::Arc;
@@ -9,17 +11,24 @@ use std::time::Duration;
 
 use tokio::runtime::Handle;
 use tokio::task::JoinSet;
+use tokio::time::Instant;
 use tokio::time::MissedTickBehavior;
 use tokio_util::sync::CancellationToken;
 
+use crate::domain::access::Principal;
 use crate::domain::job::Job;
 use crate::service::jobs::attempt::{self, Attempt};
 use crate::service::jobs::{JobContext, Outcome};
-use crate::service::pool::Pool;
+use crate::service::pool::{JOB, Lane};
+use crate::service::spreading::{self, Help};
 use crate::service::{App, ServiceError};
 
 /// How often the queue is looked at when nobody says that there is something: retries and ended leases.
 const POLL: Duration = Duration::from_secs(1);
+/// How often it is looked at by who made a part of a job lately: the next pass often follows.
+const POLL_HELPING: Duration = Duration::from_millis(50);
+/// How long that counts as lately.
+const LATELY: Duration = Duration::from_secs(5);
 /// How often progress is written.
 const TICK: Duration = Duration::from_secs(1);
 /// Longest time for interrupted jobs to end. One that does not is put back into the queue at the next start.
@@ -68,9 +77,10 @@ impl Worker {
             let place = Place {
                 app: app.clone(),
                 // A pool each: a thread that waits for its part of one job would else begin another one inside.
-                pool: Pool::new(places.threads_each()),
+                lane: Lane::new(JOB, places.threads_each(), 1),
                 run: Arc::clone(&run),
                 stop: stop.clone(),
+                helped: None,
             };
             tasks.spawn(place.serve());
         }
@@ -90,30 +100,46 @@ impl Worker {
 /// Where one job runs at a time.
 struct Place {
     app: App,
-    pool: Pool,
+    lane: Lane,
     run: Arc<Run>,
     stop: CancellationToken,
+    /// When it made a part of a job last.
+    helped: Option<Instant>,
 }
 
 impl Place {
-    async fn serve(self) {
+    async fn serve(mut self) {
         while !self.stop.is_cancelled() {
-            match attempt::claim(&self.app).await {
-                Ok(Some(attempt)) => self.work(attempt).await,
-                Ok(None) => self.idle(attempt::submitted(&self.app)).await,
+            match self.turn().await {
+                Ok(true) => {}
+                Ok(false) => self.idle(attempt::submitted(&self.app)).await,
                 Err(error) => {
-                    tracing::warn!(%error, "the queue of jobs cannot be read");
+                    tracing::warn!(error = error.cause(), "the queue of jobs cannot be read");
                     self.idle(std::future::pending()).await;
                 }
             }
         }
     }
 
+    /// Does what is to be done next; false when there is nothing.
+    async fn turn(&mut self) -> Result<bool, ServiceError> {
+        if let Some(attempt) = attempt::claim(&self.app).await? {
+            self.work(attempt).await;
+            return Ok(true);
+        }
+        let Some(help) = spreading::claim(&self.app).await? else { return Ok(false) };
+        self.help(help).await;
+        self.helped = Some(Instant::now());
+        Ok(true)
+    }
+
     /// Waits for the next look into the queue.
     async fn idle(&self, submitted: impl Future<Output = ()>) {
+        let lately = self.helped.is_some_and(|helped| helped.elapsed() < LATELY);
+        let pause = if lately { POLL_HELPING } else { POLL };
         tokio::select! {
             () = submitted => {}
-            () = tokio::time::sleep(POLL) => {}
+            () = tokio::time::sleep(pause) => {}
             () = self.stop.cancelled() => {}
         }
     }
@@ -127,7 +153,7 @@ impl Place {
     /// Runs the job on the pool, and keeps its claim alive until it has ended.
     async fn compute(&self, attempt: &mut Attempt) -> Result<Outcome, ServiceError> {
         let task = self.task(attempt);
-        let mut computed = std::pin::pin!(self.pool.run(task));
+        let mut computed = std::pin::pin!(self.lane.run(task));
         let mut ticks = tokio::time::interval(TICK);
         ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
         loop {
@@ -136,15 +162,40 @@ impl Place {
                 () = self.stop.cancelled(), if !attempt.context().is_cancelled() => attempt.context().interrupt(),
                 _ = ticks.tick() => {
                     if let Err(error) = attempt.renew(&self.app).await {
-                        tracing::warn!(job = attempt.job().id, %error, "progress could not be written");
+                        tracing::warn!(job = attempt.job().id, error = error.cause(), "progress could not be written");
                     }
                 }
             }
         }
     }
 
+    /// Makes a part of a job on the pool, and keeps its claim alive until it is made.
+    async fn help(&self, help: Help) {
+        let app = self.app.of(Arc::new(Principal::system(help.tenant())));
+        let (task, handle) = (help.clone(), Handle::current());
+        let mut made = std::pin::pin!(self.lane.run(move || {
+            task.context().check()?;
+            task.run(&app, &handle)
+        }));
+        let mut ticks = tokio::time::interval(TICK);
+        ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        let outcome = loop {
+            tokio::select! {
+                outcome = &mut made => break outcome,
+                () = self.stop.cancelled(), if !help.context().is_cancelled() => help.context().interrupt(),
+                _ = ticks.tick() => {
+                    if let Err(error) = help.renew(&self.app).await {
+                        tracing::warn!(job = help.job(), error = error.cause(), "a sign of life could not be written");
+                    }
+                }
+            }
+        };
+        help.settle(&self.app, outcome).await;
+    }
+
     fn task(&self, attempt: &Attempt) -> impl FnOnce() -> Result<Outcome, ServiceError> + Send + 'static {
-        let (app, run, handle) = (self.app.clone(), Arc::clone(&self.run), Handle::current());
+        let principal = Arc::new(Principal::system(attempt.tenant()));
+        let (app, run, handle) = (self.app.of(principal), Arc::clone(&self.run), Handle::current());
         let (job, context) = (attempt.job().clone(), attempt.context().clone());
         move || {
             // The service may have been asked to stop while the job was claimed.

@@ -12,7 +12,7 @@ use crate::server::{Setting, shared};
 
 /// The layers from top to bottom: a file uses its own layer and those below.
 const LAYERS: [&[&str]; 9] = [
-    &["cli", "server", "config", "telemetry"],
+    &["cli", "server", "config", "health", "opening", "telemetry"],
     DOORS,
     &["service"],
     &["store"],
@@ -163,14 +163,22 @@ fn the_guard_of_the_layers_sees_a_bad_line() {
 }
 
 /// Every operation of the contract.
-const OPERATIONS: [&str; 53] = [
+const OPERATIONS: &[&str] = &[
     "DELETE /v1/cohorts/{cohort}",
+    "PATCH /v1/cohorts/{cohort}",
+    "GET /v1/changes",
+    "GET /v1/trash",
+    "POST /v1/trash/{id}/restore",
+    "DELETE /v1/trash/{id}",
     "DELETE /v1/cohorts/{cohort}/shapes/{shape}",
     "DELETE /v1/dictionaries/{dictionary}",
+    "DELETE /v1/keys/{key}",
     "GET /docs/",
     "GET /livez",
+    "GET /metrics",
     "GET /openapi.json",
     "GET /readyz",
+    "GET /v1/audit",
     "GET /v1/cohorts",
     "GET /v1/cohorts/{cohort}",
     "GET /v1/cohorts/{cohort}/mean",
@@ -189,7 +197,10 @@ const OPERATIONS: [&str; 53] = [
     "GET /v1/jobs/{job}",
     "GET /v1/jobs/{job}/events",
     "GET /v1/jobs/{job}/output",
+    "GET /v1/keys",
+    "GET /v1/keys/{key}",
     "GET /v1/transformations",
+    "GET /v1/version",
     "POST /v1/align",
     "POST /v1/cohorts",
     "POST /v1/cohorts/{cohort}/search",
@@ -209,6 +220,7 @@ const OPERATIONS: [&str; 53] = [
     "POST /v1/fit",
     "POST /v1/idealised",
     "POST /v1/jobs/{job}/cancel",
+    "POST /v1/keys",
     "POST /v1/mean",
     "POST /v1/measure",
     "POST /v1/morph",
@@ -254,7 +266,8 @@ fn the_interface_document_covers_every_route_and_status() {
     let document: Value = serde_json::from_str(&committed()).unwrap();
     let operations = operations(&document);
     let documented: BTreeSet<&str> = operations.iter().map(|(operation, _)| operation.as_str()).collect();
-    let wanted = OPERATIONS.into_iter().filter(|o| !o.ends_with("/openapi.json") && !o.ends_with("/docs/"));
+    let wanted =
+        OPERATIONS.iter().copied().filter(|o| !o.ends_with("/openapi.json") && !o.ends_with("/docs/"));
     assert_eq!(documented, wanted.collect());
     for (name, operation) in &operations {
         let responses = operation["responses"].as_object().unwrap();
@@ -279,6 +292,35 @@ fn the_interface_document_covers_every_route_and_status() {
 }
 
 #[test]
+fn every_operation_says_which_role_it_needs() {
+    let document: Value = serde_json::from_str(&committed()).unwrap();
+    for (name, operation) in operations(&document) {
+        let (method, path) = name.split_once(' ').unwrap();
+        let role = operation["x-role"].as_str().unwrap_or_default();
+        assert!(
+            shapelex::api::access::listed(method, path).is_some(),
+            "{name} is not in the table of api/access.rs"
+        );
+        let responses = operation["responses"].as_object().unwrap();
+        let refuses = responses.contains_key("401") && responses.contains_key("403");
+        assert_eq!(refuses, role != "none", "{name} needs {role}: {:?}", responses.keys());
+        assert_eq!(operation["security"] == json!([]), role == "none", "{name}: {}", operation["security"]);
+        // What changes nothing is for readers, and what deletes is not; only the probes are for everyone.
+        match role {
+            "none" => assert_eq!(operation["tags"], json!(["health"]), "{name}"),
+            "reader" => assert_ne!(method, "DELETE", "{name}"),
+            "writer" => assert_ne!(method, "GET", "{name}"),
+            "admin" => {
+                let for_admins = ["/v1/keys", "/v1/audit", "/v1/trash/"];
+                assert!(for_admins.iter().any(|prefix| path.starts_with(prefix)), "{name}");
+            }
+            _ => panic!("{name} needs {role}"),
+        }
+    }
+    assert_eq!(shapelex::api::access::listed("GET", "/v1/unheard-of"), None);
+}
+
+#[test]
 fn the_routes_of_the_interface_document_exist() {
     let server = shared();
     for operation in OPERATIONS {
@@ -288,6 +330,7 @@ fn the_routes_of_the_interface_document_exist() {
             .replace("{shape}", "none")
             .replace("{name}", "keys")
             .replace("{dictionary}", "none")
+            .replace("{key}", "none")
             .replace("{job}", "none");
         let reply = server.send(server.request(method.parse::<Method>().unwrap(), &path));
         if reply.status >= 400 {
@@ -308,7 +351,7 @@ fn refusals_have_documented_statuses() {
         let (method, template) = name.split_once(' ').unwrap();
         let path = |id: &str| {
             let path = template.replace("{cohort}", id).replace("{shape}", "none").replace("{name}", id);
-            path.replace("{dictionary}", id).replace("{job}", id)
+            path.replace("{dictionary}", id).replace("{job}", id).replace("{key}", id)
         };
         let request = |path: &str| server.request(method.parse::<Method>().unwrap(), path);
         let requests = [
@@ -357,6 +400,10 @@ fn the_examples_of_the_interface_document_work() {
         let Some(content) = operation.pointer("/requestBody/content").and_then(Value::as_object) else {
             continue;
         };
+        // The first key closes the service: it is made last.
+        if name == "POST /v1/keys" {
+            continue;
+        }
         for (media_type, body) in content {
             let own = body.get("example");
             let of_schema = || resolve(&document, &body["schema"]).get("example");
@@ -364,10 +411,11 @@ fn the_examples_of_the_interface_document_work() {
                 missing.push(format!("{name} {media_type}"));
                 continue;
             };
-            let path = name.trim_start_matches("POST ").replace("{cohort}", &cohort);
-            let path = path.replace("{dictionary}", "modes");
+            let (method, path) = name.split_once(' ').unwrap();
+            let path = path.replace("{cohort}", &cohort).replace("{dictionary}", "modes");
             let text = example.as_str().map_or_else(|| example.to_string(), str::to_owned);
-            let reply = server.post_bytes(&path, media_type, text);
+            let request = server.request(method.parse().unwrap(), &path).header("content-type", media_type);
+            let reply = server.send(request.body(text));
             assert!((200..300).contains(&reply.status), "{name} {media_type}: {}", reply.text());
             if name == "POST /v1/cohorts" {
                 cohort = reply.json()["id"].as_str().unwrap().to_owned();
@@ -375,6 +423,9 @@ fn the_examples_of_the_interface_document_work() {
         }
     }
     assert_eq!(missing, [""; 0], "request bodies without an example");
+    let body = &document["paths"]["/v1/keys"]["post"]["requestBody"]["content"]["application/json"]["schema"];
+    server.post("/v1/keys", &resolve(&document, body)["example"]).expect(201);
+    assert_eq!(server.get("/v1/keys").status, 401);
 }
 
 /// The shell blocks of a document that begin with curl.

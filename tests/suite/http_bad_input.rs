@@ -376,6 +376,10 @@ fn contours_that_cannot_be_resampled_are_refused() {
                     &wanted,
                 );
             }
+            let mut either = body.clone();
+            either["direction"] = json!("either");
+            let reply = server.post("/v1/mean", &either);
+            differences.compare(&format!("{correspondence}, either direction {bad}"), &reply, &wanted);
             let path = format!("/v1/cohorts/{correspondence}/shapes");
             let reply = server.post(&path, &json!({"shapes": body["shapes"]}));
             differences.compare(&format!("{path} {bad}"), &reply, &wanted);

@@ -1027,6 +1027,19 @@ fn bodies_may_be_compressed_both_ways() {
     assert_eq!(answer["added"], shapes.len());
 }
 
+/// The layer that compresses would make a 406 of it when the work is done.
+#[test]
+fn encodings_that_are_not_offered_are_passed_over() {
+    let server = Server::fresh();
+    for (name, encodings) in [("none", "identity;q=0, *;q=0"), ("other", "br, identity;q=0")] {
+        let request = server.request(Method::POST, "/v1/cohorts").header(ACCEPT_ENCODING, encodings);
+        let body = json!({"name": name, "representation": trigonometric(4)});
+        let reply = server.send(request.json(&body));
+        assert_eq!((reply.status, reply.header("content-encoding")), (201, None), "{encodings}");
+        assert_eq!(server.get(&format!("/v1/cohorts/{name}")).expect(200)["name"], name);
+    }
+}
+
 #[test]
 fn nothing_of_a_body_is_logged() {
     let server = Setting::fresh().environment("SHAPELEX_LOG", "debug").start();

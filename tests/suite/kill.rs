@@ -129,7 +129,7 @@ fn created_and_deleted_things_survive() {
 
 #[test]
 fn a_folder_in_use_is_not_opened_twice() {
-    let server = Server::fresh();
+    let server = Setting::fresh().embedded().start();
     let output = std::process::Command::new(env!("CARGO_BIN_EXE_shapelex"))
         .args(["serve", "--listen", "127.0.0.1:0", "--no-example", "--data-dir"])
         .arg(server.folder().join("data"))

@@ -33,7 +33,7 @@ fn assert_nothing_is_partial(server: &Server, jobs: &[String], digest: &Value) {
 
 #[test]
 fn a_job_that_is_killed_again_and_again_learns_the_same_dictionary() {
-    let mut server = Setting::fresh().with_example().start();
+    let mut server = Setting::fresh().embedded().with_example().start();
     let start = Instant::now();
     let undisturbed = finished(&server, &submit(&server, &learning("undisturbed")));
     let time = start.elapsed();

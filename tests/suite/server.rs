@@ -1,5 +1,6 @@
 //! The real program as a child process, and a client that checks what every answer must have.
 
+use std::collections::BTreeSet;
 use std::fs::File;
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
@@ -29,21 +30,77 @@ pub(crate) struct Server {
     client: reqwest::Client,
     log: PathBuf,
     folder: Arc<TempDir>,
+    database: Option<String>,
+    /// What was sent and must not be logged.
+    sent: Mutex<BTreeSet<String>>,
 }
 
 /// How a server is started.
 pub(crate) struct Setting {
     folder: Arc<TempDir>,
+    /// Where PostgreSQL is, when the tests run on it.
+    database: Option<String>,
     flags: Vec<String>,
     environment: Vec<(String, String)>,
     example: bool,
+    /// Longest file that it may write, in blocks of 512 bytes.
+    file_blocks: Option<u32>,
+}
+
+/// The program, which knows nothing of the settings of these tests.
+fn program() -> Command {
+    clean(Command::new(env!("CARGO_BIN_EXE_shapelex")))
+}
+
+fn clean(mut command: Command) -> Command {
+    for (name, _) in std::env::vars().filter(|(name, _)| name.starts_with("SHAPELEX_")) {
+        command.env_remove(name);
+    }
+    command.env_remove("DATABASE_URL").stdin(Stdio::null());
+    command
+}
+
+/// One of the commands for a store, about the store in the folder of a server or in its database.
+fn command(name: &str, folder: &Path, database: Option<&str>) -> Command {
+    let mut command = program();
+    command.arg(name);
+    match database {
+        Some(url) => command.arg("--database-url").arg(url),
+        None => command.arg("--data-dir").arg(folder.join("data")),
+    };
+    command
 }
 
 impl Setting {
     /// On a new empty folder.
     pub(crate) fn fresh() -> Self {
         let folder = Arc::new(tempfile::tempdir().unwrap());
-        Self { folder, flags: Vec::new(), environment: Vec::new(), example: false }
+        let database = std::env::var("SHAPELEX_TEST_DATABASE_URL").ok().map(|url| wait(fresh_schema(&url)));
+        Self {
+            folder,
+            database,
+            flags: Vec::new(),
+            environment: Vec::new(),
+            example: false,
+            file_blocks: None,
+        }
+    }
+
+    /// One of the commands for the store of this setting.
+    pub(crate) fn command(&self, name: &str) -> Command {
+        command(name, self.folder.path(), self.database.as_deref())
+    }
+
+    /// Where no file can be longer than so many blocks of 512 bytes.
+    pub(crate) fn file_blocks(mut self, blocks: u32) -> Self {
+        self.file_blocks = Some(blocks);
+        self
+    }
+
+    /// On the embedded database in any case.
+    pub(crate) fn embedded(mut self) -> Self {
+        self.database = None;
+        self
     }
 
     /// With further flags.
@@ -69,12 +126,23 @@ impl Setting {
         let log = self.folder.path().join("log");
         // Appended: a server that is started again writes to the same log.
         let stderr = File::options().create(true).append(true).open(&log).unwrap();
-        let mut command = Command::new(env!("CARGO_BIN_EXE_shapelex"));
-        for (name, _) in std::env::vars().filter(|(name, _)| name.starts_with("SHAPELEX_")) {
-            command.env_remove(name);
-        }
+        let mut command = match self.file_blocks {
+            None => program(),
+            Some(blocks) => {
+                // The signal of the limit would end the program; without it, writing fails.
+                let script = format!("trap '' XFSZ; ulimit -f {blocks}; exec \"$0\" \"$@\"");
+                let mut shell = clean(Command::new("sh"));
+                shell.args(["-c", &script, env!("CARGO_BIN_EXE_shapelex")]);
+                shell
+            }
+        };
         command.args(["serve", "--listen", "127.0.0.1:0", "--data-dir"]).arg(self.folder.path().join("data"));
+        if let Some(url) = &self.database {
+            command.env("DATABASE_URL", url).env("SHAPELEX_DATABASE_CONNECTIONS", "4");
+        }
         command.args(if self.example { None } else { Some("--no-example") }).args(&self.flags);
+        // What this program logs at all; other tests look through everything that libraries log too.
+        command.env("SHAPELEX_LOG", "info,shapelex=debug").env("SHAPELEX_LOG_FORMAT", "json");
         command.envs(self.environment).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(stderr);
         let mut child = command.spawn().unwrap();
         let mut stdout = BufReader::new(child.stdout.take().unwrap());
@@ -92,8 +160,28 @@ impl Setting {
             .timeout(Duration::from_secs(60))
             .build()
             .unwrap();
-        Server { child, _stdout: stdout, address, client, log, folder: self.folder }
+        let sent = Mutex::default();
+        Server {
+            child,
+            _stdout: stdout,
+            address,
+            client,
+            log,
+            folder: self.folder,
+            database: self.database,
+            sent,
+        }
     }
+}
+
+/// The address of a schema of its own, which is a database for everybody who uses it.
+async fn fresh_schema(url: &str) -> String {
+    let schema = format!("suite_{}", uuid::Uuid::now_v7().simple());
+    let pool = sqlx::PgPool::connect(url).await.unwrap();
+    let create = sqlx::AssertSqlSafe(format!("CREATE SCHEMA {schema}"));
+    sqlx::query(create).execute(&pool).await.unwrap();
+    pool.close().await;
+    format!("{url}?options=-csearch_path%3D{schema}")
 }
 
 /// A server that tests share which leave nothing behind; it ends with the last of them.
@@ -118,14 +206,32 @@ impl Server {
         &self.address
     }
 
+    /// How another process on the same database is started.
+    pub(crate) fn beside(&self) -> Setting {
+        let folder = Arc::new(tempfile::tempdir().unwrap());
+        let database = self.database.clone();
+        let (flags, environment) = (Vec::new(), Vec::new());
+        Setting { folder, database, flags, environment, example: false, file_blocks: None }
+    }
+
     /// Everything it logged.
     pub(crate) fn log(&self) -> String {
         std::fs::read_to_string(&self.log).unwrap()
     }
 
+    /// One of the commands for its store.
+    pub(crate) fn command(&self, name: &str) -> Command {
+        command(name, self.folder.path(), self.database.as_deref())
+    }
+
     /// The folder with its data and its log.
     pub(crate) fn folder(&self) -> &Path {
         self.folder.path()
+    }
+
+    /// Where its PostgreSQL is, when it has one.
+    pub(crate) fn database(&self) -> Option<&str> {
+        self.database.as_deref()
     }
 
     /// A request to be completed and given to [`Server::send`].
@@ -137,6 +243,7 @@ impl Server {
     pub(crate) fn send(&self, request: RequestBuilder) -> Reply {
         let request = request.build().unwrap();
         let (method, path) = (request.method().clone(), request.url().path().to_owned());
+        self.remember(&request);
         let reply = wait(async {
             let response = self.client.execute(request).await.unwrap();
             let (status, headers) = (response.status().as_u16(), response.headers().clone());
@@ -172,9 +279,37 @@ impl Server {
         self.post_bytes(path, "application/x-ndjson", text.join("\n"))
     }
 
+    /// Keeps some of what the request says, to look for it in the log.
+    fn remember(&self, request: &reqwest::Request) {
+        let mut sent = self.sent.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+        let body = request.body().and_then(reqwest::Body::as_bytes).unwrap_or_default();
+        if sent.len() < MOST_MARKS && body.len() < MOST_MARKED_BYTES {
+            sent.extend(
+                request.url().query_pairs().map(|(_, value)| value.into_owned()).filter(|v| is_mark(v)),
+            );
+            match serde_json::from_slice(body) {
+                Ok(document) => collect_marks("", &document, &mut sent),
+                Err(_) => body
+                    .split(|byte| *byte == b'\n')
+                    .filter_map(|line| serde_json::from_slice(line).ok())
+                    .for_each(|line| collect_marks("", &line, &mut sent)),
+            }
+        }
+    }
+
     /// Asserts that the process lives and answers.
     pub(crate) fn assert_alive(&self) {
         assert_eq!(self.get("/livez").status, 204, "the log: {}", self.log());
+    }
+
+    /// Id of the process.
+    pub(crate) fn id(&self) -> u32 {
+        self.child.id()
+    }
+
+    /// Waits for the process to end by itself.
+    pub(crate) fn ended(mut self) -> std::process::ExitStatus {
+        self.child.wait().unwrap()
     }
 
     /// Ends the process at once, as `kill -9` does; the same folder can then be opened again.
@@ -182,7 +317,32 @@ impl Server {
         self.child.kill().unwrap();
         self.child.wait().unwrap();
         let folder = Arc::clone(&self.folder);
-        Setting { folder, flags: Vec::new(), environment: Vec::new(), example: false }
+        Setting {
+            folder,
+            database: self.database.clone(),
+            flags: Vec::new(),
+            environment: Vec::new(),
+            example: false,
+            file_blocks: None,
+        }
+    }
+}
+
+impl Server {
+    /// Asks the process to stop and waits until it has; the same folder can then be opened again.
+    #[cfg(unix)]
+    pub(crate) fn terminate(mut self) -> Setting {
+        let kill = Command::new("kill").args(["-TERM", &self.child.id().to_string()]).status().unwrap();
+        assert!(kill.success() && self.child.wait().unwrap().success(), "the log: {}", self.log());
+        let (folder, database) = (Arc::clone(&self.folder), self.database.clone());
+        Setting {
+            folder,
+            database,
+            flags: Vec::new(),
+            environment: Vec::new(),
+            example: false,
+            file_blocks: None,
+        }
     }
 }
 
@@ -195,7 +355,43 @@ impl Drop for Server {
             let log = self.log();
             let bad = log.lines().find(|line| line.contains("panicked") || line.contains("ERROR"));
             assert_eq!(bad, None, "the log of the server has errors");
+            let sent = self.sent.lock().unwrap();
+            let leaked = sent.iter().find(|mark| log.contains(mark.as_str()));
+            let line = leaked.and_then(|mark| log.lines().find(|line| line.contains(mark.as_str())));
+            assert_eq!(leaked, None, "what a client has sent is in the log: {line:?}");
         }
+    }
+}
+
+/// Most texts and numbers that are looked for in a log.
+const MOST_MARKS: usize = 300;
+/// Longest body that is looked through for them.
+const MOST_MARKED_BYTES: usize = 1 << 18;
+/// Fields whose texts belong to the client.
+const PRIVATE_FIELDS: [&str; 7] =
+    ["name", "description", "external_id", "subject", "label", "labels", "metadata"];
+
+/// Whether a text can be told from what the log says anyway: it is long enough, and not the id of a key.
+fn is_mark(text: &str) -> bool {
+    text.len() >= 9 && !text.starts_with("key_")
+}
+
+/// The texts of private fields, and numbers of many digits, below `field`.
+fn collect_marks(field: &str, value: &Value, marks: &mut BTreeSet<String>) {
+    let mark = match value {
+        Value::Object(fields) => {
+            let is_private = PRIVATE_FIELDS.contains(&field);
+            return fields.iter().for_each(|(own, value)| {
+                collect_marks(if is_private { field } else { own }, value, marks);
+            });
+        }
+        Value::Array(items) => return items.iter().for_each(|item| collect_marks(field, item, marks)),
+        Value::String(text) if PRIVATE_FIELDS.contains(&field) => text.clone(),
+        Value::Number(number) if number.is_f64() => number.to_string(),
+        _ => return,
+    };
+    if is_mark(&mark) {
+        marks.insert(mark);
     }
 }
 
@@ -256,7 +452,12 @@ impl Reply {
 
     fn check(&self, what: &str, head: bool) {
         let id = self.header("x-request-id").unwrap_or_else(|| panic!("{what}: no x-request-id"));
-        assert!(self.status < 500 || self.status == 503, "{what}: {} {}", self.status, self.text());
+        assert!(
+            self.status < 500 || [503, 507].contains(&self.status),
+            "{what}: {} {}",
+            self.status,
+            self.text()
+        );
         if head {
             assert!(self.body.is_empty(), "{what}: HEAD with a body");
         } else if self.status >= 400 {
@@ -335,4 +536,14 @@ pub(crate) fn assert_close(found: &Value, wanted: &Value, tolerance: f64, what: 
             "{what}[{i}]: {a} for {b} (tolerance {tolerance} · {scale})"
         );
     }
+}
+
+#[test]
+fn what_is_looked_for_in_logs_is_what_belongs_to_the_client() {
+    let sent = serde_json::json!({"name": "a-cohort-name", "kind": "closed_curve", "points": [[1_234.567_890_12, 3], [0.5, 1.25]],
+        "labels": {"treatment": "a-treatment"}, "metadata": {"deep": {"er": ["a-note-deep-inside"]}}, "subject": "short"});
+    let mut marks = BTreeSet::new();
+    collect_marks("", &sent, &mut marks);
+    let wanted = ["1234.56789012", "a-cohort-name", "a-note-deep-inside", "a-treatment"];
+    assert_eq!(marks.iter().map(String::as_str).collect::<Vec<_>>(), wanted);
 }

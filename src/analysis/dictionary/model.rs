@@ -10,7 +10,7 @@
 use super::algebra::Algebra;
 use super::learning::{Learning, Watch};
 use crate::analysis::AnalysisError;
-use crate::analysis::accumulate::ShapeSource;
+use crate::analysis::accumulate::{ShapeSource, read_numbers, write_numbers};
 use crate::analysis::metric::{dot, norm};
 use crate::analysis::pca::{FunctionalPca, reconstruction_error};
 use crate::analysis::sparse::{Atoms, Coder, SparseCode};
@@ -192,7 +192,32 @@ impl Certificate {
     /// # Errors
     /// [`AnalysisError::Interrupted`], errors of the codes and of the source.
     pub fn new<S: ShapeSource>(model: &Model, source: &S, watch: &dyn Watch) -> Result<Self, S::Error> {
-        let mut sum = Self { usage: vec![0.0; model.len()], ..Self::default() };
+        Ok(Coded::new(model, source, watch)?.certificate())
+    }
+}
+
+/// How well each of some shapes is described, in their order. Those of parts are joined in the order of the parts, so
+/// that the certificate has the same bits wherever they were made.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Coded {
+    weights: Vec<f64>,
+    objectives: Vec<f64>,
+    errors: Vec<f64>,
+    residuals: Vec<f64>,
+    distances: Vec<f64>,
+    /// Real numbers in all codes.
+    parameters: f64,
+    /// Shapes that use each atom.
+    usage: Vec<f64>,
+}
+
+impl Coded {
+    /// Codes every prepared shape of `source`.
+    ///
+    /// # Errors
+    /// As [`Certificate::new`].
+    pub fn new<S: ShapeSource>(model: &Model, source: &S, watch: &dyn Watch) -> Result<Self, S::Error> {
+        let mut coded = Self { usage: vec![0.0; model.len()], ..Self::default() };
         source.for_each_batch(&mut |batch| {
             let mut rest = batch;
             while !rest.weights.is_empty() {
@@ -204,30 +229,81 @@ impl Certificate {
                 let length = step.whitened.len() / step.weights.len();
                 let codes = model.codes(step.whitened, length).map_err(|error| error.after(step.first))?;
                 for ((_, y, weight), code) in step.iter().zip(&codes) {
-                    sum.add(model, y, weight, code);
+                    coded.add(model, y, weight, code);
                 }
             }
             Ok(())
         })?;
-        let shapes = sum.residuals.len() as f64;
-        sum.objective /= sum.weight;
-        sum.reconstruction_error /= sum.weight;
-        sum.parameters /= shapes;
-        sum.usage.iter_mut().for_each(|count| *count /= shapes);
-        Ok(sum)
+        Ok(coded)
     }
 
     fn add(&mut self, model: &Model, y: &[f64], weight: f64, code: &SparseCode) {
         let reconstructed = model.reconstruct(code);
-        self.weight += weight;
-        self.objective += weight * code.objective;
-        self.reconstruction_error += weight * error_of(y, &reconstructed);
+        self.weights.push(weight);
+        self.objectives.push(code.objective);
+        self.errors.push(error_of(y, &reconstructed));
         self.parameters += code.values.len() as f64;
         code.indices.iter().for_each(|&j| self.usage[j] += 1.0);
         self.residuals.push(squared_distance(y, &reconstructed));
         if let Model::Components { spread, .. } = model {
             self.distances.push(spread.distance(&code.values));
         }
+    }
+
+    /// The sums and means over all shapes.
+    pub fn certificate(self) -> Certificate {
+        let shapes = self.residuals.len() as f64;
+        let weight = self.weights.iter().sum();
+        let mean = |values: &[f64]| {
+            values.iter().zip(&self.weights).fold(0.0, |sum, (value, weight)| sum + weight * value) / weight
+        };
+        Certificate {
+            weight,
+            objective: mean(&self.objectives),
+            reconstruction_error: mean(&self.errors),
+            parameters: self.parameters / shapes,
+            usage: self.usage.iter().map(|count| count / shapes).collect(),
+            residuals: self.residuals,
+            distances: self.distances,
+        }
+    }
+
+    /// As bytes: little-endian, equal for equal values.
+    pub fn to_bytes(&self) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        let Self { weights, objectives, errors, residuals, distances, parameters, usage } = self;
+        for numbers in [weights, objectives, errors, residuals, distances, usage] {
+            write_numbers(&mut bytes, numbers);
+        }
+        write_numbers(&mut bytes, &[*parameters]);
+        bytes
+    }
+
+    /// Appends the shapes that [`Coded::to_bytes`] wrote.
+    ///
+    /// # Errors
+    /// [`AnalysisError::NotAnAccumulator`] when the bytes are something else.
+    pub fn append(&mut self, mut bytes: &[u8]) -> Result<(), AnalysisError> {
+        let mut next = || read_numbers(&mut bytes);
+        let (weights, objectives, errors) = (next()?, next()?, next()?);
+        let (residuals, distances, usage, parameters) = (next()?, next()?, next()?, next()?);
+        let shapes = weights.len();
+        let fits = [&objectives, &errors, &residuals].iter().all(|numbers| numbers.len() == shapes)
+            && (distances.is_empty() || distances.len() == shapes)
+            && parameters.len() == 1
+            && (self.weights.is_empty() || self.usage.len() == usage.len());
+        if !fits {
+            return Err(AnalysisError::NotAnAccumulator);
+        }
+        self.weights.extend(weights);
+        self.objectives.extend(objectives);
+        self.errors.extend(errors);
+        self.residuals.extend(residuals);
+        self.distances.extend(distances);
+        self.parameters += parameters[0];
+        self.usage.resize(usage.len(), 0.0);
+        self.usage.iter_mut().zip(usage).for_each(|(sum, count)| *sum += count);
+        Ok(())
     }
 }
 

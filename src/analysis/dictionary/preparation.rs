@@ -12,11 +12,12 @@
 use rayon::prelude::*;
 
 use super::algebra::Algebra;
-use crate::analysis::accumulate::{ShapeSource, Shapes, prepare};
+use crate::analysis::accumulate::{MergePart, ShapeSource, Shapes, prepare};
 use crate::analysis::alignment::{Method, align};
 use crate::analysis::matching::{Matching, Placement, Target};
 use crate::analysis::mean::MeanSpace;
 use crate::analysis::metric::{Metric, norm};
+use crate::analysis::pass::{Aligned, Pass};
 use crate::analysis::{AnalysisError, DEGENERATE};
 use crate::numeric::dense::Matrix;
 
@@ -188,5 +189,15 @@ impl<S: ShapeSource> ShapeSource for Posed<'_, S> {
                 visit(Shapes { whitened: &whitened, ..batch })
             })
         })
+    }
+
+    /// Normal forms stay here: what they are found by is not written down.
+    fn spread(&self, pass: &Pass, merge: &mut MergePart<'_>) -> Result<bool, S::Error> {
+        let Pose::Aligned { normalise } = self.preparation.pose else { return Ok(false) };
+        if pass.aligned.is_some() {
+            return Ok(false);
+        }
+        let aligned = Some(Aligned { mean: self.preparation.mean.clone(), normalise });
+        self.source.spread(&Pass { aligned, ..pass.clone() }, merge)
     }
 }

@@ -1,12 +1,11 @@
 //! Classes: classify, and assess everything about a shape at once.
 
-use axum::extract::State;
 use axum::http::StatusCode;
 use axum::response::Response;
 use serde::Serialize;
 
 use super::coding::{CodeOutput, ScoreOutput, Shapes, asking_request};
-use crate::api::extract::{JsonBody, NoQuery, Path, parse};
+use crate::api::extract::{Caller, JsonBody, NoQuery, Path, parse};
 use crate::api::problem::{Problem, ProblemDocument};
 use crate::api::respond::{compute, json};
 use crate::domain::classifier::{
@@ -136,7 +135,7 @@ pub(super) struct ClassifyAnswer {
         (status = "4XX", description = "The input was refused, or the dictionary has no classifier", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn classify(
-    State(app): State<App>,
+    Caller(app): Caller,
     _: NoQuery,
     Path(key): Path<String>,
     JsonBody(body): JsonBody,
@@ -144,7 +143,8 @@ pub(super) async fn classify(
     let (ready, request, shapes, mut errors) = ClassifyRequest::receive(&app, &key, body).await?;
     let quantile = request.quantile.map_or(Some(QUANTILE), |q| q.take("/quantile", &mut errors));
     let (quantile, asked) = shapes.ask(&app, &ready, quantile, errors).await?;
-    compute(app, move |app| {
+    let weight = asked.weight(&ready);
+    compute(app.weighing(weight), move |app| {
         let classified = classify::classify(app, &ready, asked, quantile)?;
         let classes = classified.into_iter().map(|classified| ClassOutput::new(&ready, classified)).collect();
         json(StatusCode::OK, &ClassifyAnswer { classes })
@@ -210,7 +210,7 @@ pub(super) struct AssessAnswer {
         (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn assess(
-    State(app): State<App>,
+    Caller(app): Caller,
     _: NoQuery,
     Path(key): Path<String>,
     JsonBody(body): JsonBody,
@@ -220,7 +220,8 @@ pub(super) async fn assess(
     let size = ready.setup.metric.size();
     let samples = request.samples.map_or(Some(size), |s| s.take("/samples", &mut errors));
     let ((quantile, samples), asked) = shapes.ask(&app, &ready, quantile.zip(samples), errors).await?;
-    compute(app, move |app| {
+    let weight = asked.weight(&ready);
+    compute(app.weighing(weight), move |app| {
         let assessments = classify::assess(app, &ready, asked, quantile, samples)?;
         let output = |assessment| AssessmentOutput::new(&ready, assessment);
         let assessments = assessments.into_iter().map(output).collect::<Result<_, _>>()?;

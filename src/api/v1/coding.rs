@@ -1,12 +1,11 @@
 //! Dictionaries in use: encode, reconstruct, score, prior, sample.
 
-use axum::extract::State;
 use axum::http::StatusCode;
 use axum::response::Response;
 use serde::Serialize;
 
 use super::settings::{ShapeOutput, checked, rows};
-use crate::api::extract::{JsonBody, NoQuery, Path, parse};
+use crate::api::extract::{Caller, JsonBody, NoQuery, Path, parse};
 use crate::api::problem::{Problem, ProblemDocument};
 use crate::api::respond::{compute, json};
 use crate::formats::InputError;
@@ -14,6 +13,7 @@ use crate::formats::checked::{Checked, List, document, take_given, take_or_defau
 use crate::formats::shape::{Points, ShapeInput};
 use crate::service::coding::{self, AnswerPose, Asked, Coded, PostedCode, Reconstruction, Reference};
 use crate::service::models::{self, Ready};
+use crate::service::pool::Weight;
 use crate::service::{App, ServiceError};
 
 /// Declares a request with shapes, posted or stored, and further fields.
@@ -43,7 +43,8 @@ macro_rules! asking_request {
                 body: axum::body::Bytes,
             ) -> Result<(std::sync::Arc<Ready>, Self, Shapes, Vec<InputError>), Problem> {
                 let ready = models::find(app, key).await?;
-                let mut request: Self = app.pool.run(move || parse(&body)).await?;
+                let pool = app.pool.weighing(crate::service::pool::Weight::of_bytes(body.len()));
+                let mut request: Self = pool.run(move || parse(&body)).await?;
                 let mut errors = std::mem::take(&mut request.faults);
                 let shapes = Shapes {
                     posted: request.shapes.take().map(|shapes| shapes.take("/shapes", &mut errors)),
@@ -180,14 +181,15 @@ pub(super) struct EncodeAnswer {
         (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn encode(
-    State(app): State<App>,
+    Caller(app): Caller,
     _: NoQuery,
     Path(key): Path<String>,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
     let (ready, _, shapes, errors) = EncodeRequest::receive(&app, &key, body).await?;
     let ((), asked) = shapes.ask(&app, &ready, Some(()), errors).await?;
-    compute(app, move |app| {
+    let weight = asked.weight(&ready);
+    compute(app.weighing(weight), move |app| {
         let coded = coding::encode(app, &ready, asked)?;
         let codes = coded.iter().map(|coded| CodeOutput::new(&ready, coded)).collect::<Result<_, _>>()?;
         json(StatusCode::OK, &EncodeAnswer { codes })
@@ -250,7 +252,7 @@ impl ReconstructAnswer {
         (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn reconstruct(
-    State(app): State<App>,
+    Caller(app): Caller,
     _: NoQuery,
     Path(key): Path<String>,
     JsonBody(body): JsonBody,
@@ -269,14 +271,16 @@ pub(super) async fn reconstruct(
             errors.push(InputError::new("/codes", detail));
         }
         let (codes, _) = checked(codes, errors, shapes.posted.unwrap_or_default())?;
-        return compute(app, move |app| {
+        let weight = Weight::of_shapes(codes.len());
+        return compute(app.weighing(weight), move |app| {
             let shapes = coding::reconstruct_codes(app, &ready, &codes)?;
             json(StatusCode::OK, &ReconstructAnswer::new(shapes, dimension))
         })
         .await;
     }
     let ((pose, samples), asked) = shapes.ask(&app, &ready, pose.zip(samples), errors).await?;
-    compute(app, move |app| {
+    let weight = asked.weight(&ready);
+    compute(app.weighing(weight), move |app| {
         let shapes = coding::reconstruct_shapes(app, &ready, asked, pose, samples)?;
         json(StatusCode::OK, &ReconstructAnswer::new(shapes, dimension))
     })
@@ -342,7 +346,7 @@ pub(super) struct ScoreAnswer {
         (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn score(
-    State(app): State<App>,
+    Caller(app): Caller,
     _: NoQuery,
     Path(key): Path<String>,
     JsonBody(body): JsonBody,
@@ -350,7 +354,8 @@ pub(super) async fn score(
     let (ready, request, shapes, mut errors) = ScoreRequest::receive(&app, &key, body).await?;
     let quantile = request.quantile.map_or(Some(0.99), |q| q.take("/quantile", &mut errors));
     let (quantile, asked) = shapes.ask(&app, &ready, quantile, errors).await?;
-    compute(app, move |app| {
+    let weight = asked.weight(&ready);
+    compute(app.weighing(weight), move |app| {
         let scores = coding::score(app, &ready, asked, quantile)?;
         let scores = scores.into_iter().map(ScoreOutput::new).collect();
         json(StatusCode::OK, &ScoreAnswer { scores })
@@ -399,7 +404,7 @@ pub(super) struct PriorAnswer {
         (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn prior(
-    State(app): State<App>,
+    Caller(app): Caller,
     _: NoQuery,
     Path(key): Path<String>,
     JsonBody(body): JsonBody,
@@ -408,7 +413,8 @@ pub(super) async fn prior(
     let reference = take_or_default(request.reference, "/reference", &mut errors);
     let gamma = request.gamma.map_or(Some(1.0), |gamma| gamma.take("/gamma", &mut errors));
     let ((reference, gamma), asked) = shapes.ask(&app, &ready, reference.zip(gamma), errors).await?;
-    compute(app, move |app| {
+    let weight = asked.weight(&ready);
+    compute(app.weighing(weight), move |app| {
         let dimension = ready.setup.metric.dimension();
         let priors = coding::prior(app, &ready, asked, reference, gamma)?;
         let output = |prior: crate::analysis::dictionary::prior::Energy| EnergyOutput {
@@ -461,7 +467,7 @@ pub(super) struct SampleAnswer {
         (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn sample(
-    State(app): State<App>,
+    Caller(app): Caller,
     _: NoQuery,
     Path(key): Path<String>,
     JsonBody(body): JsonBody,
@@ -474,7 +480,8 @@ pub(super) async fn sample(
     let sigma = request.sigma.map_or(Some(1.0), |sigma| sigma.take("/sigma", &mut errors));
     let settings = count.zip(seed).zip(sigma);
     let (((count, seed), sigma), _) = checked(settings, errors, Vec::new())?;
-    compute(app, move |app| {
+    let weight = Weight::of_shapes(count);
+    compute(app.weighing(weight), move |app| {
         let dimension = ready.setup.metric.dimension();
         let output = |sample: coding::Sample| SampleOutput {
             scores: sample.scores,

@@ -2,17 +2,16 @@
 
 use std::collections::BTreeMap;
 
-use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
-use super::settings::{MeanOutput, Page, PageQuery, known, tagged, time};
+use super::settings::{IfMatchHeader, MeanOutput, Page, PageQuery, RetryHeader, known, tagged, time};
 use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
 use crate::analysis::frame::Frame;
 use crate::analysis::transformation::ClassName;
-use crate::api::extract::{Format, JsonBody, NoQuery, Path, Query, parse};
+use crate::api::extract::{Caller, Format, IfMatch, JsonBody, NoQuery, Path, Query, parse, parse_whole};
 use crate::api::problem::{Problem, ProblemDocument, ProblemKind};
 use crate::api::respond::{compute, json, svg};
 use crate::domain::cohort::Cohort;
@@ -20,11 +19,12 @@ use crate::domain::shape::ShapeFilter;
 use crate::formats::checked::{Checked, document, take_given, take_or_default};
 use crate::formats::representation::Read;
 use crate::geometry::representation::Representation;
-use crate::service::cohorts::{self, NewCohort, text_faults};
+use crate::service::ServiceError;
+use crate::service::cohorts::{self, CohortChanges, NewCohort, revision_tag, text_faults};
 use crate::service::compute::draw_mean;
 use crate::service::error::Fault;
 use crate::service::live_mean::{self, MeanQuery};
-use crate::service::{App, ServiceError};
+use crate::service::pool::Weight;
 
 document! {
     /// A cohort to be created.
@@ -106,24 +106,20 @@ impl From<Cohort> for CohortOutput {
     }
 }
 
-fn revision_tag(cohort: &Cohort) -> String {
-    format!("\"{}-{}\"", cohort.id, cohort.revision)
-}
-
 /// Creates a cohort.
-#[utoipa::path(post, path = "/cohorts", tag = "cohorts", request_body = CohortRequest,
+#[utoipa::path(post, path = "/cohorts", tag = "cohorts", params(RetryHeader), request_body = CohortRequest,
     responses(
         (status = 201, description = "Created", body = CohortOutput, headers(("Location" = String))),
         (status = 409, description = "The name is taken", body = ProblemDocument, content_type = "application/problem+json"),
         (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn create_cohort(
-    State(app): State<App>,
+    Caller(app): Caller,
     _: NoQuery,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
     let new = new_cohort(parse(&body)?)?;
-    let cohort = cohorts::create(&app, new).await?;
+    let cohort = cohorts::create(&app.with_body(&body), new).await?;
     let (tag, location) = (revision_tag(&cohort), format!("/v1/cohorts/{}", cohort.id));
     let response = json(StatusCode::CREATED, &CohortOutput::from(cohort))?;
     Ok(tagged(([(header::LOCATION, location)], response).into_response(), &tag))
@@ -169,7 +165,7 @@ fn new_cohort(request: CohortRequest) -> Result<NewCohort, ServiceError> {
         (status = 400, description = "The query was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn list_cohorts(
-    State(app): State<App>,
+    Caller(app): Caller,
     Query(page): Query<PageQuery>,
 ) -> Result<Response, Problem> {
     let (items, next) = cohorts::list(&app, page.cursor.as_deref(), page.limit()?).await?;
@@ -186,7 +182,7 @@ pub(super) async fn list_cohorts(
         (status = "4XX", description = "The request was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn find_cohort(
-    State(app): State<App>,
+    Caller(app): Caller,
     _: NoQuery,
     Path(key): Path<String>,
     headers: HeaderMap,
@@ -199,19 +195,70 @@ pub(super) async fn find_cohort(
     Ok(tagged(json(StatusCode::OK, &CohortOutput::from(cohort))?, &tag))
 }
 
-/// Deletes a cohort with all its shapes, for good.
-#[utoipa::path(delete, path = "/cohorts/{cohort}", tag = "cohorts", params(("cohort" = String, Path, description = "Id or name")),
+/// What is to be changed of a cohort; what is not given stays.
+#[derive(Debug, Default, Deserialize, utoipa::ToSchema)]
+#[serde(default, deny_unknown_fields)]
+#[schema(example = json!({"description": "left hands, second scanner"}))]
+pub(super) struct CohortPatch {
+    /// Another name.
+    name: Option<String>,
+    /// Another text; null for none.
+    #[serde(deserialize_with = "given")]
+    #[schema(value_type = Option<String>)]
+    description: Option<Option<String>>,
+    /// Another unit; null for none.
+    #[serde(deserialize_with = "given")]
+    #[schema(value_type = Option<String>)]
+    length_unit: Option<Option<String>>,
+}
+
+/// A field that is given, as null or as a value.
+fn given<'de, D: serde::Deserializer<'de>>(field: D) -> Result<Option<Option<String>>, D::Error> {
+    Option::deserialize(field).map(Some)
+}
+
+/// Changes the name, description or unit of a cohort.
+///
+/// The revision grows by one. With `If-Match` only when the cohort still is the version that the client has seen.
+#[utoipa::path(patch, path = "/cohorts/{cohort}", tag = "cohorts", request_body = CohortPatch,
+    params(("cohort" = String, Path, description = "Id or name"), IfMatchHeader),
     responses(
-        (status = 204, description = "Deleted"),
+        (status = 200, description = "The cohort as it is now", body = CohortOutput),
+        (status = 404, description = "No such cohort", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = 409, description = "The name is taken", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = 412, description = "It was changed meanwhile", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
+    ))]
+pub(super) async fn update_cohort(
+    Caller(app): Caller,
+    _: NoQuery,
+    Path(key): Path<String>,
+    IfMatch(expected): IfMatch,
+    JsonBody(body): JsonBody,
+) -> Result<Response, Problem> {
+    let CohortPatch { name, description, length_unit } = parse_whole(&body)?;
+    let changes = CohortChanges { name, description, length_unit };
+    let cohort = cohorts::update(&app, &key, changes, expected).await?;
+    let tag = revision_tag(&cohort);
+    Ok(tagged(json(StatusCode::OK, &CohortOutput::from(cohort))?, &tag))
+}
+
+/// Moves a cohort with all its shapes to the trash; its name is free at once.
+#[utoipa::path(delete, path = "/cohorts/{cohort}", tag = "cohorts",
+    params(("cohort" = String, Path, description = "Id or name"), IfMatchHeader),
+    responses(
+        (status = 204, description = "In the trash"),
+        (status = 412, description = "It was changed meanwhile", body = ProblemDocument, content_type = "application/problem+json"),
         (status = 404, description = "No such cohort", body = ProblemDocument, content_type = "application/problem+json"),
         (status = "4XX", description = "The request was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn delete_cohort(
-    State(app): State<App>,
+    Caller(app): Caller,
     _: NoQuery,
     Path(key): Path<String>,
+    IfMatch(expected): IfMatch,
 ) -> Result<StatusCode, Problem> {
-    cohorts::delete(&app, &key).await?;
+    cohorts::delete(&app, &key, expected).await?;
     Ok(StatusCode::NO_CONTENT)
 }
 
@@ -297,7 +344,7 @@ pub(super) struct CohortMeanOutput {
         (status = "4XX", description = "The query was refused, or the shapes have no mean", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn cohort_mean(
-    State(app): State<App>,
+    Caller(app): Caller,
     Path(key): Path<String>,
     format: Format,
     Query(pairs): Query<Vec<(String, String)>>,
@@ -322,7 +369,7 @@ pub(super) async fn cohort_mean(
         return Ok(tagged(StatusCode::NOT_MODIFIED.into_response(), &tag));
     }
     let live = live_mean::mean(&app, cohort, query).await?;
-    let response = compute(app, move |_| match format {
+    let response = compute(app.weighing(Weight::Light), move |_| match format {
         Format::Svg => {
             let title = format!("mean of {} shapes of {}", live.mean.shapes, live.cohort.name);
             Ok(svg(draw_mean(&live.setup, &title, &live.mean, &live.drawn)))

@@ -1,24 +1,24 @@
 //! Comparison of groups of shapes.
 
-use axum::extract::State;
 use axum::response::Response;
 use serde::Deserialize;
 
 use super::jobs::JobOutput;
 use super::planned::answered;
+use super::settings::RetryHeader;
 use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::Mirror;
 use crate::analysis::transformation::{ClassName, Transformation};
-use crate::api::extract::{JsonBody, OnlyFormat, Prefer, parse};
+use crate::api::extract::{Caller, JsonBody, OnlyFormat, Prefer, parse};
 use crate::api::problem::{Problem, ProblemDocument};
 use crate::domain::comparison::Comparison;
 use crate::domain::shape::ShapeFilter;
 use crate::formats::InputError;
 use crate::formats::checked::{Checked, document, take_given, take_or_default};
+use crate::service::ServiceError;
 use crate::service::comparisons::{self, Compare, Grouping, NamedGroup};
 use crate::service::error::Fault;
 use crate::service::members::DEFAULT_PERMUTATIONS;
-use crate::service::{App, ServiceError};
 
 document! {
     /// Groups to be compared: `groups`, or `by` an attribute.
@@ -103,7 +103,7 @@ impl<'de> Deserialize<'de> for Names {
 #[utoipa::path(post, path = "/comparisons", tag = "tests", request_body = CompareRequest,
     params(
         ("format" = Option<String>, Query, description = "`json` or `svg`"),
-        ("prefer" = Option<String>, Header, description = "`wait=10` waits up to ten seconds for the job")
+        ("prefer" = Option<String>, Header, description = "`wait=10` waits up to ten seconds for the job"), RetryHeader
     ),
     responses(
         (status = 200, description = "The comparison", content((Comparison = "application/json"), (String = "image/svg+xml"))),
@@ -113,11 +113,12 @@ impl<'de> Deserialize<'de> for Names {
         (status = 503, description = "Too many jobs wait", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn compare(
-    State(app): State<App>,
+    Caller(app): Caller,
     OnlyFormat(format): OnlyFormat,
     prefer: Prefer,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
+    let app = app.with_body(&body);
     let prepared = comparisons::prepare(&app, compare_of(parse(&body)?)?).await?;
     answered(app, prepared, format, prefer).await
 }

@@ -1,12 +1,11 @@
 //! Evaluation, measures and resampling of curves.
 
-use axum::extract::State;
 use axum::http::StatusCode;
 use axum::response::Response;
 use serde::Serialize;
 
 use super::settings::{checked, shapes_request};
-use crate::api::extract::{Format, JsonBody, NoQuery, OnlyFormat, parse};
+use crate::api::extract::{Caller, Format, JsonBody, NoQuery, OnlyFormat, parse};
 use crate::api::problem::{Problem, ProblemDocument};
 use crate::api::respond::{compute, json, svg};
 use crate::formats::InputError;
@@ -15,10 +14,10 @@ use crate::formats::shape::{Points, ShapeInput};
 use crate::geometry::distance::Distances;
 use crate::geometry::frame::Frame;
 use crate::geometry::measures::Orientation;
-use crate::service::App;
 use crate::service::cohorts::text_faults;
 use crate::service::compute::draw_shapes;
 use crate::service::curves::{self, Curves, Evaluation, Measured, Parameters, Start};
+use crate::service::pool::Weight;
 
 shapes_request! {
     /// Curves to be evaluated.
@@ -101,11 +100,11 @@ pub(super) struct EvaluateAnswer {
         (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn evaluate(
-    State(app): State<App>,
+    Caller(app): Caller,
     OnlyFormat(format): OnlyFormat,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
-    compute(app, move |app| {
+    compute(app.weighing(Weight::of_bytes(body.len())), move |app| {
         let (mut request, mut errors) = (parse::<EvaluateRequest>(&body)?, Vec::new());
         let (settings, shapes) = request.take_shapes(&mut errors);
         let samples = take_given(request.samples, "/samples", &mut errors);
@@ -257,11 +256,11 @@ impl From<Measured> for MeasureOutput {
         (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn measure(
-    State(app): State<App>,
+    Caller(app): Caller,
     _: NoQuery,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
-    compute(app, move |app| {
+    compute(app.weighing(Weight::of_bytes(body.len())), move |app| {
         let (mut request, mut errors) = (parse::<MeasureRequest>(&body)?, Vec::new());
         let (settings, shapes) = request.take_shapes(&mut errors);
         let length_unit = take_given(request.length_unit, "/length_unit", &mut errors).flatten();
@@ -318,11 +317,11 @@ pub(super) struct ResampleAnswer {
         (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn resample(
-    State(app): State<App>,
+    Caller(app): Caller,
     _: NoQuery,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
-    compute(app, move |app| {
+    compute(app.weighing(Weight::of_bytes(body.len())), move |app| {
         let (request, mut errors) = (parse::<ResampleRequest>(&body)?, Vec::new());
         errors.extend(request.faults);
         let count = take_given(request.count, "/count", &mut errors);

@@ -1,18 +1,17 @@
 //! Dictionaries: learn, list, read, draw, export, import, delete.
 
-use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::{Deserialize, Serialize};
 
 use super::classify::ClassifierOutput;
 use super::jobs::{JobOutput, accepted};
-use super::settings::{Page, PageQuery, ShapeOutput, known, tagged, time};
+use super::settings::{Page, PageQuery, RetryHeader, ShapeOutput, known, tagged, time};
 use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
 use crate::analysis::frame::Frame;
 use crate::analysis::transformation::Transformation;
-use crate::api::extract::{Format, JsonBody, NoQuery, Path, Prefer, Query, parse};
+use crate::api::extract::{Caller, Format, JsonBody, NoQuery, Path, Prefer, Query, parse, parse_whole};
 use crate::api::problem::{Problem, ProblemDocument};
 use crate::api::respond::{compute, json, svg};
 use crate::domain::classifier::{ClassifierKind, ClassifierSettings};
@@ -27,7 +26,8 @@ use crate::service::dictionary_file::{self, DictionaryFile};
 use crate::service::error::Fault;
 use crate::service::estimate::Estimate;
 use crate::service::models::{self, Ready};
-use crate::service::{App, ServiceError, jobs, modes};
+use crate::service::pool::Weight;
+use crate::service::{ServiceError, jobs, modes};
 
 document! {
     /// A dictionary to be learnt.
@@ -278,7 +278,7 @@ impl<'a> DictionaryOutput<'a> {
 /// 60. With `dry_run` the cost (200), and nothing runs. The cohort is learnt from as it is now, whatever is added
 /// meanwhile; learning again with the same shapes and parameters gives the same digest.
 #[utoipa::path(post, path = "/dictionaries", tag = "dictionaries", request_body = LearnRequest,
-    params(("prefer" = Option<String>, Header, description = "`wait=10` waits up to ten seconds for the dictionary")),
+    params(("prefer" = Option<String>, Header, description = "`wait=10` waits up to ten seconds for the dictionary"), RetryHeader),
     responses(
         (status = 200, description = "The cost, for a dry run", body = EstimateAnswer),
         (status = 201, description = "Learnt in time", body = DictionaryOutput, headers(("Location" = String))),
@@ -288,7 +288,7 @@ impl<'a> DictionaryOutput<'a> {
         (status = 503, description = "Too many jobs wait", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn learn_dictionary(
-    State(app): State<App>,
+    Caller(app): Caller,
     _: NoQuery,
     prefer: Prefer,
     JsonBody(body): JsonBody,
@@ -299,10 +299,10 @@ pub(super) async fn learn_dictionary(
         let (cohort_revision, method) = (plan.revision, plan.method);
         return Ok(json(StatusCode::OK, &EstimateAnswer { estimate, cohort_revision, method })?);
     }
-    let mut job = dictionaries::submit(&app, plan).await?;
-    if let Some(time) = prefer.wait {
-        job = jobs::wait(&app, &job.id, time).await?;
-    }
+    let job = dictionaries::submit(&app.clone().with_body(&body), plan).await?;
+    // Who does not wait is told of the job, also when the same request has been answered before and the job is over.
+    let Some(time) = prefer.wait else { return Ok(accepted(job)?) };
+    let job = jobs::wait(&app, &job.id, time).await?;
     match (job.status, job.result.as_ref().and_then(|result| result["dictionary"].as_str())) {
         (JobStatus::Succeeded, Some(id)) => {
             let ready = models::find(&app, id).await?;
@@ -388,7 +388,7 @@ pub(super) struct DictionariesQuery {
         (status = 400, description = "The query was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn list_dictionaries(
-    State(app): State<App>,
+    Caller(app): Caller,
     Query(query): Query<DictionariesQuery>,
 ) -> Result<Response, Problem> {
     let DictionariesQuery { name, cohort, cursor, limit } = query;
@@ -414,7 +414,7 @@ fn digest_tag(ready: &Ready) -> String {
         (status = "4XX", description = "The request was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn find_dictionary(
-    State(app): State<App>,
+    Caller(app): Caller,
     _: NoQuery,
     Path(key): Path<String>,
     headers: HeaderMap,
@@ -424,20 +424,22 @@ pub(super) async fn find_dictionary(
     if known(&headers, &tag) {
         return Ok(tagged(StatusCode::NOT_MODIFIED.into_response(), &tag));
     }
-    let response = compute(app, move |_| json(StatusCode::OK, &DictionaryOutput::new(&ready))).await?;
+    let response =
+        compute(app.weighing(Weight::Light), move |_| json(StatusCode::OK, &DictionaryOutput::new(&ready)))
+            .await?;
     Ok(tagged(response, &tag))
 }
 
-/// Deletes a version by id or `name@version`, or all versions of a name, for good.
+/// Moves a version by id or `name@version`, or all versions of a name, to the trash.
 #[utoipa::path(delete, path = "/dictionaries/{dictionary}", tag = "dictionaries",
     params(("dictionary" = String, Path, description = "Id, `name@version` or name")),
     responses(
-        (status = 204, description = "Deleted"),
+        (status = 204, description = "In the trash"),
         (status = 404, description = "No such dictionary", body = ProblemDocument, content_type = "application/problem+json"),
         (status = "4XX", description = "The request was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn delete_dictionary(
-    State(app): State<App>,
+    Caller(app): Caller,
     _: NoQuery,
     Path(key): Path<String>,
 ) -> Result<StatusCode, Problem> {
@@ -464,12 +466,12 @@ pub(super) struct AtomsAnswer<'a> {
         (status = "4XX", description = "The request was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn dictionary_atoms(
-    State(app): State<App>,
+    Caller(app): Caller,
     Path(key): Path<String>,
     crate::api::extract::OnlyFormat(format): crate::api::extract::OnlyFormat,
 ) -> Result<Response, Problem> {
     let ready = models::find(&app, &key).await?;
-    compute(app, move |_| match format {
+    compute(app.weighing(Weight::Light), move |_| match format {
         Format::Svg => Ok(svg(modes::draw_atoms(&ready))),
         Format::Json => json(StatusCode::OK, &AtomsAnswer { atoms: &ready.dictionary.content.atoms }),
     })
@@ -518,14 +520,14 @@ pub(super) struct ModeAnswer {
         (status = "4XX", description = "The query was refused, or the dictionary has no modes", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn dictionary_mode(
-    State(app): State<App>,
+    Caller(app): Caller,
     Path(key): Path<String>,
     format: Format,
     Query(query): Query<ModeQuery>,
 ) -> Result<Response, Problem> {
     let ready = models::find(&app, &key).await?;
     let (component, sigma) = (query.component.unwrap_or(1), query.sigma.unwrap_or(2.0));
-    compute(app, move |_| {
+    compute(app.weighing(Weight::Light), move |_| {
         let mode = modes::mode(&ready, component, sigma)?;
         if format == Format::Svg {
             return Ok(svg(modes::draw_mode(&ready, component, sigma, &mode)));
@@ -550,7 +552,7 @@ pub(super) async fn dictionary_mode(
         (status = "4XX", description = "The request was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn export_dictionary(
-    State(app): State<App>,
+    Caller(app): Caller,
     _: NoQuery,
     Path(key): Path<String>,
 ) -> Result<Response, Problem> {
@@ -571,28 +573,20 @@ pub(super) struct ImportQuery {
 }
 
 /// Imports a dictionary that was exported, as the next version of its name.
-#[utoipa::path(post, path = "/dictionaries/import", tag = "dictionaries", params(ImportQuery), request_body = DictionaryFile,
+#[utoipa::path(post, path = "/dictionaries/import", tag = "dictionaries", params(ImportQuery, RetryHeader), request_body = DictionaryFile,
     responses(
         (status = 201, description = "Imported", body = DictionaryOutput, headers(("Location" = String))),
         (status = "4XX", description = "The file was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn import_dictionary(
-    State(app): State<App>,
+    Caller(app): Caller,
     Query(query): Query<ImportQuery>,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
-    let file = app.pool.run(move || parse_file(&body)).await?;
+    let app = app.with_body(&body);
+    let file: DictionaryFile = app.pool.run(move || parse_whole(&body)).await?;
     let ready = dictionary_file::import(&app, file, query.name).await?;
     let location = format!("/v1/dictionaries/{}", ready.dictionary.id);
     let response = json(StatusCode::CREATED, &DictionaryOutput::new(&ready))?;
     Ok(([(header::LOCATION, location)], response).into_response())
-}
-
-/// What is no file of this kind breaks a rule of the input; what is no JSON is malformed.
-fn parse_file(body: &[u8]) -> Result<DictionaryFile, ServiceError> {
-    let value: Checked<DictionaryFile> = parse(body)?;
-    let mut errors = Vec::new();
-    let file = value.take("", &mut errors);
-    ServiceError::unless_empty(errors.into_iter().map(Fault::from).collect())?;
-    file.ok_or_else(|| ServiceError::invalid("", "is not complete"))
 }

@@ -1,14 +1,12 @@
 //! How new shapes differ from those that a dictionary was learnt from.
 
-use axum::extract::State;
 use axum::http::StatusCode;
 use axum::response::Response;
 use serde::{Deserialize, Serialize};
 
-use crate::api::extract::{Path, Query};
+use crate::api::extract::{Caller, Path, Query};
 use crate::api::problem::{Problem, ProblemDocument, ProblemKind};
 use crate::api::respond::json;
-use crate::service::App;
 use crate::service::drift::{self, ClassDrift, Comparison, Drift, MeanDrift, ScoreDrift, Since};
 use crate::service::models;
 
@@ -74,7 +72,7 @@ pub(super) struct DriftAnswer {
         (status = "4XX", description = "The query was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn dictionary_drift(
-    State(app): State<App>,
+    Caller(app): Caller,
     Path(key): Path<String>,
     Query(query): Query<DriftQuery>,
 ) -> Result<Response, Problem> {

@@ -1,13 +1,12 @@
 //! Fits of raw contours, refinement, and idealised curves.
 
-use axum::extract::State;
 use axum::http::StatusCode;
 use axum::response::Response;
 use serde::Serialize;
 
 use super::settings::{ShapeOutput, checked, shapes_request};
 use crate::analysis::correspondence::Correspondence;
-use crate::api::extract::{JsonBody, NoQuery, parse};
+use crate::api::extract::{Caller, JsonBody, NoQuery, parse};
 use crate::api::problem::{Problem, ProblemDocument};
 use crate::api::respond::{compute, json};
 use crate::formats::checked::{Checked, List, document, take_given, take_or_default};
@@ -17,7 +16,6 @@ use crate::geometry::fit::Fit;
 use crate::geometry::ideal::{IdealCurve, Position};
 use crate::geometry::representation::Representation;
 use crate::numeric::dense::Matrix;
-use crate::service::App;
 use crate::service::curves::Curves;
 use crate::service::fitting::{self, Placed, Size};
 
@@ -76,7 +74,7 @@ pub(super) struct FitAnswer {
         (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn fit(
-    State(app): State<App>,
+    Caller(app): Caller,
     _: NoQuery,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
@@ -147,7 +145,7 @@ pub(super) struct RefineAnswer {
         (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn refine(
-    State(app): State<App>,
+    Caller(app): Caller,
     _: NoQuery,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
@@ -251,7 +249,7 @@ pub(super) struct IdealAnswer {
         (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn idealise(
-    State(app): State<App>,
+    Caller(app): Caller,
     _: NoQuery,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {

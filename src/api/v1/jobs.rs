@@ -3,7 +3,6 @@
 use std::convert::Infallible;
 use std::time::Duration;
 
-use axum::extract::State;
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::sse::{Event, KeepAlive, Sse};
 use axum::response::{IntoResponse, Response};
@@ -12,12 +11,12 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::settings::{Page, PageQuery, time};
-use crate::api::extract::{NoQuery, Path, Query};
+use crate::api::extract::{Caller, NoQuery, Path, Query};
 use crate::api::problem::{Problem, ProblemDocument};
 use crate::api::respond::json;
 use crate::domain::job::{Job, JobKind, JobStatus};
 use crate::service::jobs::watch::Watch;
-use crate::service::{App, ServiceError, jobs};
+use crate::service::{ServiceError, jobs};
 
 /// Longest silence on a stream of events: proxies close connections that look dead.
 const KEEP_ALIVE: Duration = Duration::from_secs(15);
@@ -106,7 +105,7 @@ pub(super) struct JobsQuery {
         (status = 400, description = "The query was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn list_jobs(
-    State(app): State<App>,
+    Caller(app): Caller,
     Query(query): Query<JobsQuery>,
 ) -> Result<Response, Problem> {
     let page = PageQuery { cursor: query.cursor, limit: query.limit };
@@ -123,7 +122,7 @@ pub(super) async fn list_jobs(
         (status = "4XX", description = "The request was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn find_job(
-    State(app): State<App>,
+    Caller(app): Caller,
     _: NoQuery,
     Path(id): Path<String>,
 ) -> Result<Response, Problem> {
@@ -141,11 +140,40 @@ pub(super) async fn find_job(
         (status = "4XX", description = "The request was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn cancel_job(
-    State(app): State<App>,
+    Caller(app): Caller,
     _: NoQuery,
     Path(id): Path<String>,
 ) -> Result<Response, Problem> {
     Ok(json(StatusCode::OK, &JobOutput::from(jobs::cancel(&app, &id).await?))?)
+}
+
+/// An event: what stands in its fields on the stream.
+#[derive(Debug, utoipa::ToSchema)]
+pub(super) struct JobEvent {
+    /// `progress`, or the final state.
+    #[schema(example = "progress")]
+    event: &'static str,
+    /// What stands for the state that it tells.
+    id: String,
+    /// The job, as JSON.
+    #[schema(content_media_type = "application/json")]
+    data: String,
+}
+
+impl JobEvent {
+    fn new(job: &Job) -> Result<Self, ServiceError> {
+        let event = if job.status.is_finished() { job.status.as_str() } else { "progress" };
+        let output = JobOutput::from(job.clone());
+        let data =
+            serde_json::to_string(&output).map_err(|error| ServiceError::Internal(error.to_string()))?;
+        Ok(Self { event, id: blake3::hash(data.as_bytes()).to_hex()[..16].to_owned(), data })
+    }
+}
+
+impl From<JobEvent> for Event {
+    fn from(event: JobEvent) -> Self {
+        Self::default().event(event.event).id(event.id).data(event.data)
+    }
 }
 
 /// Follows a job by server-sent events.
@@ -160,20 +188,20 @@ pub(super) async fn cancel_job(
         ("Last-Event-ID" = Option<String>, Header, description = "Id of the last event that was received")
     ),
     responses(
-        (status = 200, description = "The events", body = String, content_type = "text/event-stream"),
+        (status = 200, description = "The events", body = JobEvent, content_type = "text/event-stream"),
         (status = 204, description = "Last-Event-ID names the final state: there is nothing more to tell"),
         (status = 404, description = "No such job", body = ProblemDocument, content_type = "application/problem+json"),
         (status = "4XX", description = "The request was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn job_events(
-    State(app): State<App>,
+    Caller(app): Caller,
     _: NoQuery,
     Path(id): Path<String>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     let job = jobs::find(&app, &id).await?;
     let last = headers.get("last-event-id").and_then(|value| value.to_str().ok());
-    let known = last == Some(event_id(&data(&job)?).as_str());
+    let known = last == Some(JobEvent::new(&job)?.id.as_str());
     if known && job.status.is_finished() {
         return Ok(StatusCode::NO_CONTENT.into_response());
     }
@@ -185,32 +213,16 @@ pub(super) async fn job_events(
 fn events(watch: Watch) -> impl Stream<Item = Result<Event, Infallible>> {
     stream::unfold(watch, |mut watch| async move {
         let event = match watch.next().await {
-            Ok(job) => event(&job?),
+            Ok(job) => JobEvent::new(&job?),
             Err(error) => Err(error),
         };
         match event {
-            Ok(event) => Some((Ok(event), watch)),
+            Ok(event) => Some((Ok(event.into()), watch)),
             Err(error) => {
                 // The head is sent: the client connects again, and is then told what is wrong.
-                tracing::warn!(%error, "the events of a job break off");
+                tracing::warn!(error = error.cause(), "the events of a job break off");
                 None
             }
         }
     })
-}
-
-fn event(job: &Job) -> Result<Event, ServiceError> {
-    let name = if job.status.is_finished() { job.status.as_str() } else { "progress" };
-    let data = data(job)?;
-    Ok(Event::default().event(name).id(event_id(&data)).data(data))
-}
-
-fn data(job: &Job) -> Result<String, ServiceError> {
-    let output = JobOutput::from(job.clone());
-    serde_json::to_string(&output).map_err(|error| ServiceError::Internal(error.to_string()))
-}
-
-/// What stands for a state of a job.
-fn event_id(data: &str) -> String {
-    blake3::hash(data.as_bytes()).to_hex()[..16].to_owned()
 }

@@ -1,6 +1,8 @@
 //! Version 1 of the interface: one file per resource.
 
+mod audit;
 mod catalogue;
+mod changes;
 mod classify;
 mod coding;
 mod cohorts;
@@ -10,6 +12,7 @@ mod dictionaries;
 mod drift;
 mod fitting;
 pub mod jobs;
+mod keys;
 mod morph;
 mod planned;
 mod regressions;
@@ -17,6 +20,7 @@ mod retrieval;
 mod settings;
 mod shapes;
 mod statistics;
+mod version;
 
 use axum::response::Redirect;
 use utoipa_axum::router::OpenApiRouter;
@@ -24,12 +28,32 @@ use utoipa_axum::routes;
 
 use crate::service::App;
 
-/// Everything that answers within the request timeout.
-pub(super) fn routes() -> OpenApiRouter<App> {
+/// What reads or changes what is stored, in a moment.
+pub(super) fn light_routes() -> OpenApiRouter<App> {
     OpenApiRouter::new()
+        .routes(routes!(audit::list_audit))
+        .routes(routes!(version::find_version))
         .routes(routes!(catalogue::list_generators))
         .routes(routes!(catalogue::find_generator))
         .routes(routes!(catalogue::list_transformations))
+        .routes(routes!(cohorts::list_cohorts, cohorts::create_cohort))
+        .routes(routes!(cohorts::find_cohort, cohorts::update_cohort, cohorts::delete_cohort))
+        .routes(routes!(changes::list_changes))
+        .routes(routes!(changes::list_trash))
+        .routes(routes!(changes::restore_trashed))
+        .routes(routes!(changes::remove_trashed))
+        .routes(routes!(shapes::find_shape, shapes::delete_shape))
+        .routes(routes!(dictionaries::find_dictionary, dictionaries::delete_dictionary))
+        .routes(routes!(dictionaries::dictionary_atoms))
+        .routes(routes!(dictionaries::dictionary_mode))
+        .routes(routes!(jobs::list_jobs))
+        .routes(routes!(jobs::find_job))
+        .routes(routes!(jobs::cancel_job))
+}
+
+/// What computes, or may wait for a job.
+pub(super) fn computing_routes() -> OpenApiRouter<App> {
+    OpenApiRouter::new()
         .routes(routes!(statistics::project))
         .routes(routes!(statistics::mean))
         .routes(routes!(statistics::align))
@@ -41,16 +65,10 @@ pub(super) fn routes() -> OpenApiRouter<App> {
         .routes(routes!(fitting::refine))
         .routes(routes!(fitting::list_idealised, fitting::idealise))
         .routes(routes!(morph::morph))
-        .routes(routes!(cohorts::list_cohorts, cohorts::create_cohort))
-        .routes(routes!(cohorts::find_cohort, cohorts::delete_cohort))
         .routes(routes!(cohorts::cohort_mean))
         .routes(routes!(retrieval::search_cohort))
         .routes(routes!(retrieval::compute_distances))
-        .routes(routes!(shapes::find_shape, shapes::delete_shape))
         .routes(routes!(dictionaries::list_dictionaries, dictionaries::learn_dictionary))
-        .routes(routes!(dictionaries::find_dictionary, dictionaries::delete_dictionary))
-        .routes(routes!(dictionaries::dictionary_atoms))
-        .routes(routes!(dictionaries::dictionary_mode))
         .routes(routes!(drift::dictionary_drift))
         .routes(routes!(dictionaries::export_dictionary))
         .routes(routes!(dictionaries::import_dictionary))
@@ -63,10 +81,9 @@ pub(super) fn routes() -> OpenApiRouter<App> {
         .routes(routes!(coding::sample))
         .routes(routes!(comparisons::compare))
         .routes(routes!(regressions::regress))
-        .routes(routes!(jobs::list_jobs))
-        .routes(routes!(jobs::find_job))
-        .routes(routes!(jobs::cancel_job))
         .routes(routes!(retrieval::job_output))
+        .routes(routes!(keys::list_keys, keys::create_key))
+        .routes(routes!(keys::find_key, keys::revoke_key))
 }
 
 /// What lasts as long as its stream flows: uploads, and the events of jobs.

@@ -1,13 +1,12 @@
 //! Paths between two curves.
 
-use axum::extract::State;
 use axum::http::StatusCode;
 use axum::response::Response;
 use serde::Serialize;
 
 use super::settings::{ShapeOutput, checked};
 use crate::analysis::correspondence::Correspondence;
-use crate::api::extract::{Format, JsonBody, OnlyFormat, parse};
+use crate::api::extract::{Caller, Format, JsonBody, OnlyFormat, parse};
 use crate::api::problem::{Problem, ProblemDocument};
 use crate::api::respond::{compute, json, svg};
 use crate::formats::InputError;
@@ -15,7 +14,6 @@ use crate::formats::checked::{Checked, document, take_given, take_or_default};
 use crate::formats::representation::Read;
 use crate::formats::shape::{Points, ShapeInput};
 use crate::geometry::representation::Representation;
-use crate::service::App;
 use crate::service::curves::Curves;
 use crate::service::input::own_faults;
 use crate::service::morph::{self, PathKind, Positions};
@@ -83,7 +81,7 @@ const MAX_STEPS: usize = 1000;
         (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn morph(
-    State(app): State<App>,
+    Caller(app): Caller,
     OnlyFormat(format): OnlyFormat,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {

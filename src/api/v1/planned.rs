@@ -9,8 +9,8 @@ use crate::api::extract::{Format, Prefer};
 use crate::api::problem::Problem;
 use crate::api::respond::{compute, json, svg};
 use crate::domain::job::JobStatus;
-use crate::service::jobs::JobContext;
 use crate::service::planned::{PlannedTest, submit};
+use crate::service::pool::Weight;
 use crate::service::{App, ServiceError, jobs};
 
 /// The answer of a test when it is small, or when its job is ready in the time that the client waits; else the job.
@@ -23,7 +23,7 @@ pub(super) async fn answered<T: PlannedTest>(
     if test.is_quick() {
         let handle = Handle::current();
         return compute(app, move |app| {
-            let answer = test.answer(app, &handle, &JobContext::default())?;
+            let answer = test.answer(app, &handle, &app.pool.context())?;
             match format {
                 Format::Svg => Ok(svg(test.draw(&answer))),
                 Format::Json => json(StatusCode::OK, &answer),
@@ -31,13 +31,13 @@ pub(super) async fn answered<T: PlannedTest>(
         })
         .await;
     }
-    let mut job = submit(&app, &test).await?;
-    if let Some(time) = prefer.wait {
-        job = jobs::wait(&app, &job.id, time).await?;
-    }
+    let job = submit(&app, &test).await?;
+    // Who does not wait is told of the job, also when the same request has been answered before and the job is over.
+    let Some(time) = prefer.wait else { return Ok(accepted(job)?) };
+    let mut job = jobs::wait(&app, &job.id, time).await?;
     match (job.status, job.result.take()) {
         (JobStatus::Succeeded, Some(result)) => {
-            compute(app, move |_| match format {
+            compute(app.weighing(Weight::Light), move |_| match format {
                 Format::Json => json(StatusCode::OK, &result),
                 Format::Svg => {
                     let answer = serde_json::from_value(result)

@@ -1,23 +1,23 @@
 //! Regression of shapes on an attribute.
 
-use axum::extract::State;
 use axum::response::Response;
 
 use super::comparisons::Names;
 use super::jobs::JobOutput;
 use super::planned::answered;
+use super::settings::RetryHeader;
 use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::Mirror;
 use crate::analysis::transformation::{ClassName, Transformation};
-use crate::api::extract::{JsonBody, OnlyFormat, Prefer, parse};
+use crate::api::extract::{Caller, JsonBody, OnlyFormat, Prefer, parse};
 use crate::api::problem::{Problem, ProblemDocument};
 use crate::domain::regression::ShapeRegression;
 use crate::domain::shape::ShapeFilter;
 use crate::formats::checked::{Checked, document, take_given, take_or_default};
+use crate::service::ServiceError;
 use crate::service::error::Fault;
 use crate::service::members::DEFAULT_PERMUTATIONS;
 use crate::service::regressions::{self, Missing, Regress};
-use crate::service::{App, ServiceError};
 
 document! {
     /// Shapes to be regressed on an attribute.
@@ -71,7 +71,7 @@ document! {
 #[utoipa::path(post, path = "/regressions", tag = "tests", request_body = RegressRequest,
     params(
         ("format" = Option<String>, Query, description = "`json` or `svg`"),
-        ("prefer" = Option<String>, Header, description = "`wait=10` waits up to ten seconds for the job")
+        ("prefer" = Option<String>, Header, description = "`wait=10` waits up to ten seconds for the job"), RetryHeader
     ),
     responses(
         (status = 200, description = "The regression", content((ShapeRegression = "application/json"), (String = "image/svg+xml"))),
@@ -81,11 +81,12 @@ document! {
         (status = 503, description = "Too many jobs wait", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn regress(
-    State(app): State<App>,
+    Caller(app): Caller,
     OnlyFormat(format): OnlyFormat,
     prefer: Prefer,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
+    let app = app.with_body(&body);
     let prepared = regressions::prepare(&app, regress_of(parse(&body)?)?).await?;
     answered(app, prepared, format, prefer).await
 }

@@ -2,19 +2,19 @@
 
 use std::collections::BTreeMap;
 
-use axum::extract::State;
 use axum::http::StatusCode;
 use axum::response::Response;
 use serde::Serialize;
 use serde_json::Value;
 
 use super::jobs::{JobOutput, accepted};
+use super::settings::RetryHeader;
 use super::settings::checked;
 use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
 use crate::analysis::frame::Frame;
 use crate::analysis::transformation::{ClassName, Transformation};
-use crate::api::extract::{JsonBody, NoQuery, OnlyMatrixFormat, Path, Prefer, parse};
+use crate::api::extract::{Caller, JsonBody, NoQuery, OnlyMatrixFormat, Path, Prefer, parse};
 use crate::api::problem::{Problem, ProblemDocument};
 use crate::api::respond::{self, compute, json};
 use crate::domain::job::JobStatus;
@@ -119,7 +119,7 @@ pub(super) struct SearchAnswer {
         (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn search_cohort(
-    State(app): State<App>,
+    Caller(app): Caller,
     _: NoQuery,
     Path(key): Path<String>,
     JsonBody(body): JsonBody,
@@ -223,7 +223,7 @@ pub(super) struct DistancesAnswer {
 #[utoipa::path(post, path = "/distances", tag = "retrieval", request_body = DistancesRequest,
     params(
         ("format" = Option<String>, Query, description = "`json`, `csv` or `npy`"),
-        ("prefer" = Option<String>, Header, description = "`wait=10` waits up to ten seconds for the matrix of a job")
+        ("prefer" = Option<String>, Header, description = "`wait=10` waits up to ten seconds for the matrix of a job"), RetryHeader
     ),
     responses(
         (status = 200, description = "The matrix", content((DistancesAnswer = "application/json"), (String = "text/csv"), (Vec<u8> = "application/x-npy"))),
@@ -233,11 +233,12 @@ pub(super) struct DistancesAnswer {
         (status = 503, description = "Too many jobs wait", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn compute_distances(
-    State(app): State<App>,
+    Caller(app): Caller,
     OnlyMatrixFormat(format): OnlyMatrixFormat,
     prefer: Prefer,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
+    let app = app.with_body(&body);
     let request = app.pool.run(move || matrix_request(parse(&body)?)).await?;
     let answer = match request {
         MatrixRequest::Posted(settings, shapes) => {
@@ -249,13 +250,13 @@ pub(super) async fn compute_distances(
             distances::of_cohort(&app, &key, chosen, comparison).await?
         }
     };
-    let mut job = match answer {
+    let job = match answer {
         Answer::Matrix(matrix) => return Ok(respond::matrix(matrix, format)),
         Answer::Job(job) => *job,
     };
-    if let Some(time) = prefer.wait {
-        job = jobs::wait(&app, &job.id, time).await?;
-    }
+    // Who does not wait is told of the job, also when the same request has been answered before and the job is over.
+    let Some(time) = prefer.wait else { return Ok(accepted(job)?) };
+    let job = jobs::wait(&app, &job.id, time).await?;
     match job.status {
         JobStatus::Succeeded => Ok(output(&app, &job.id, format).await?),
         JobStatus::Failed => Err(Problem::of_failed(&job)),
@@ -355,7 +356,7 @@ fn misplaced(request: &DistancesRequest) -> Vec<InputError> {
         (status = "4XX", description = "The request was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn job_output(
-    State(app): State<App>,
+    Caller(app): Caller,
     OnlyMatrixFormat(format): OnlyMatrixFormat,
     Path(id): Path<String>,
 ) -> Result<Response, Problem> {

@@ -264,3 +264,23 @@ pub(super) fn time(ms: i64) -> String {
 pub(super) fn class_names() -> impl Iterator<Item = ClassName> {
     ClassName::ALL.into_iter()
 }
+
+/// A request that may be sent again.
+#[derive(utoipa::IntoParams)]
+#[into_params(parameter_in = Header)]
+pub(super) struct RetryHeader {
+    /// What the client calls this request: the same request with the same key is done once, for seven days.
+    #[allow(dead_code, reason = "only for the document; the extractor of the caller reads it")]
+    #[param(rename = "Idempotency-Key")]
+    idempotency_key: Option<String>,
+}
+
+/// A change of what the client has seen.
+#[derive(utoipa::IntoParams)]
+#[into_params(parameter_in = Header)]
+pub(super) struct IfMatchHeader {
+    /// The ETag of the version that the client has seen; another present version is left as it is.
+    #[allow(dead_code, reason = "only for the document; an extractor reads it")]
+    #[param(rename = "If-Match")]
+    if_match: Option<String>,
+}

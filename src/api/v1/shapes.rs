@@ -2,16 +2,16 @@
 
 use std::collections::BTreeMap;
 
-use axum::body::to_bytes;
-use axum::extract::{Request, State};
+use axum::extract::Request;
 use axum::http::StatusCode;
 use axum::response::Response;
 use serde::{Deserialize, Serialize};
 
 use super::cohorts::{once_each, refuse_rest, take_filter};
-use super::settings::{Page, PageQuery, checked, time};
+use super::settings::{IfMatchHeader, Page, PageQuery, RetryHeader, checked, time};
+use crate::api::body::{self, is_stream};
 use crate::api::extract::{
-    Format, NoQuery, OnlyFormat, Path, Query, body_problem, is_json, media_type, parse,
+    Caller, Format, IfMatch, NoQuery, OnlyFormat, Path, Query, is_json, media_type, parse,
 };
 use crate::api::problem::{FaultDocument, Problem, ProblemDocument, ProblemKind};
 use crate::api::respond::{compute, json, svg};
@@ -19,10 +19,10 @@ use crate::domain::cohort::Cohort;
 use crate::domain::shape::Shape;
 use crate::formats::checked::{List, document};
 use crate::formats::shape::{Points, ShapeInput};
-use crate::service::App;
 use crate::service::cohorts;
 use crate::service::compute::draw_shapes;
 use crate::service::ingest::{self, OnError, Stored};
+use crate::service::pool::Weight;
 
 document! {
     /// Shapes to be added.
@@ -80,34 +80,37 @@ pub(super) struct AddQuery {
 /// JSON for one body, NDJSON (`application/x-ndjson`, one shape a line) for a stream of any length. A repeated
 /// `external_id` with the same content is a safe retry, with other content a conflict. What was answered 201 is on disk.
 #[utoipa::path(post, path = "/cohorts/{cohort}/shapes", tag = "cohorts",
-    params(("cohort" = String, Path, description = "Id or name"), AddQuery),
+    params(("cohort" = String, Path, description = "Id or name"), AddQuery, RetryHeader, IfMatchHeader),
     request_body(content((AddRequest = "application/json"), (ShapeInput = "application/x-ndjson", example = json!("{\"external_id\": \"scan-19\", \"points\": [[0, 0], [5, 1], [1, 3]]}\n")))),
     responses(
         (status = 201, description = "Stored", body = AddAnswer),
         (status = 404, description = "No such cohort", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = 412, description = "The cohort was changed meanwhile", body = ProblemDocument, content_type = "application/problem+json"),
         (status = 409, description = "An external id belongs to another shape", body = ProblemDocument, content_type = "application/problem+json"),
         (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn add_shapes(
-    State(app): State<App>,
+    Caller(app): Caller,
     Path(key): Path<String>,
     Query(query): Query<AddQuery>,
+    IfMatch(expected): IfMatch,
     request: Request,
 ) -> Result<Response, Problem> {
     let found = media_type(request.headers());
     let cohort = cohorts::find(&app, &key).await?;
     let stored = match found.as_str() {
-        "application/x-ndjson" | "application/ndjson" | "application/jsonl" | "application/x-jsonlines" => {
-            ingest::add_stream(&app, cohort, request.into_body().into_data_stream(), query.on_error).await?
+        lines if is_stream(lines) => {
+            ingest::add_stream(&app, cohort, request.into_body().into_data_stream(), query.on_error, expected)
+                .await?
         }
         json if is_json(json) => {
-            let limit = app.limits.body_bytes;
-            let body =
-                to_bytes(request.into_body(), limit).await.map_err(|error| body_problem(error, limit))?;
-            let AddRequest { shapes, faults: mut errors } = app.pool.run(move || parse(&body)).await?;
+            let body = body::read(&app, request.into_body()).await?;
+            let app = app.with_body(&body);
+            let pool = app.pool.weighing(Weight::of_bytes(body.len()));
+            let AddRequest { shapes, faults: mut errors } = pool.run(move || parse(&body)).await?;
             let shapes = shapes.unwrap_or_default().take("/shapes", &mut errors);
             let ((), shapes) = checked(Some(()), errors, shapes)?;
-            ingest::add(&app, cohort, shapes, query.on_error).await?
+            ingest::add(&app, cohort, shapes, query.on_error, expected).await?
         }
         other => {
             let detail =
@@ -175,7 +178,7 @@ impl StoredShape {
         (status = "4XX", description = "The query was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn list_shapes(
-    State(app): State<App>,
+    Caller(app): Caller,
     Path(key): Path<String>,
     Query(pairs): Query<Vec<(String, String)>>,
 ) -> Result<Response, Problem> {
@@ -188,7 +191,7 @@ pub(super) async fn list_shapes(
     let limit = page.limit()?;
     let (cohort, (shapes, next)) =
         cohorts::list_shapes(&app, &key, &filter, page.cursor.as_deref(), limit).await?;
-    compute(app, move |_| {
+    compute(app.weighing(Weight::Light), move |_| {
         let items: Vec<StoredShape> =
             shapes.into_iter().map(|shape| StoredShape::new(&cohort, shape)).collect();
         json(StatusCode::OK, &Page { items, next })
@@ -209,7 +212,7 @@ pub(super) async fn list_shapes(
         (status = "4XX", description = "The request was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn find_shape(
-    State(app): State<App>,
+    Caller(app): Caller,
     Path((key, shape)): Path<(String, String)>,
     OnlyFormat(format): OnlyFormat,
 ) -> Result<Response, Problem> {
@@ -231,7 +234,7 @@ pub(super) async fn find_shape(
         (status = "4XX", description = "The request was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn delete_shape(
-    State(app): State<App>,
+    Caller(app): Caller,
     _: NoQuery,
     Path((key, shape)): Path<(String, String)>,
 ) -> Result<StatusCode, Problem> {

@@ -1,14 +1,13 @@
 //! Stateless statistics: project, mean, align, functional PCA.
 
 use axum::body::Bytes;
-use axum::extract::State;
 use axum::http::StatusCode;
 use axum::response::Response;
 use serde::{Deserialize, Serialize};
 
 use super::settings::{MeanOutput, ShapeOutput, checked, rows, settings_request};
 use crate::analysis::alignment::{AlignedShape, Projection, unwhitened};
-use crate::api::extract::{Format, JsonBody, NoQuery, OnlyFormat, Query, parse};
+use crate::api::extract::{Caller, Format, JsonBody, NoQuery, OnlyFormat, Query, parse};
 use crate::api::problem::{Problem, ProblemDocument};
 use crate::api::respond::{compute, json, svg};
 use crate::formats::InputError;
@@ -110,7 +109,7 @@ pub(super) struct ProjectAnswer {
         (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn project(
-    State(app): State<App>,
+    Caller(app): Caller,
     _: NoQuery,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
@@ -139,7 +138,7 @@ pub(super) async fn project(
         (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn mean(
-    State(app): State<App>,
+    Caller(app): Caller,
     OnlyFormat(format): OnlyFormat,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
@@ -234,7 +233,7 @@ fn aligned_output(statistics: &Statistics) -> Vec<AlignedOutput> {
         (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn align(
-    State(app): State<App>,
+    Caller(app): Caller,
     OnlyFormat(format): OnlyFormat,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
@@ -318,7 +317,7 @@ pub(super) struct ModeQuery {
         (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn pca(
-    State(app): State<App>,
+    Caller(app): Caller,
     format: Format,
     Query(mode): Query<ModeQuery>,
     JsonBody(body): JsonBody,

@@ -8,7 +8,7 @@ use tokio::time::Instant;
 use super::{JobContext, Outcome};
 use crate::domain::job::{Job, Progress};
 use crate::service::problem::{Problem, ProblemKind};
-use crate::service::{App, ServiceError, now_ms};
+use crate::service::{App, ServiceError, metrics, now_ms};
 use crate::store::jobs::MAX_ATTEMPTS;
 use crate::store::{Claim, Release, StoreError};
 
@@ -29,6 +29,7 @@ pub struct Attempt {
     /// context has no other way to hear of it.
     written: Option<Progress>,
     renewed: Instant,
+    begun: Instant,
 }
 
 /// How an attempt ends.
@@ -46,6 +47,7 @@ enum End {
 pub async fn claim(app: &App) -> Result<Option<Attempt>, ServiceError> {
     let now = now_ms();
     let claimed = app.store.claim_job(now, now + LEASE_MS, &abandoned()).await?;
+    metrics::jobs_abandoned(claimed.abandoned.len());
     for id in &claimed.abandoned {
         tracing::warn!(job = id, "a job was interrupted at every attempt and is given up");
         app.jobs.announce(id);
@@ -55,7 +57,8 @@ pub async fn claim(app: &App) -> Result<Option<Attempt>, ServiceError> {
     app.jobs.announce(&claim.job.id);
     // There may be more: another worker looks.
     app.jobs.wake();
-    Ok(Some(Attempt { claim, context, written: None, renewed: Instant::now() }))
+    let begun = Instant::now();
+    Ok(Some(Attempt { claim, context, written: None, renewed: begun, begun }))
 }
 
 /// The problem of jobs that were interrupted at every attempt.
@@ -78,6 +81,11 @@ impl Attempt {
         &self.claim.job
     }
 
+    /// Whose it is.
+    pub fn tenant(&self) -> &str {
+        &self.claim.tenant
+    }
+
     /// What the work says and hears.
     pub fn context(&self) -> &JobContext {
         &self.context
@@ -95,10 +103,18 @@ impl Attempt {
             return Ok(());
         }
         if !app.store.renew_job(&self.claim, &progress, now_ms() + LEASE_MS).await? {
+            self.lost();
             self.context.interrupt();
         }
         (self.written, self.renewed) = (Some(progress), Instant::now());
         Ok(())
+    }
+
+    /// Counts that the claim does not hold any more, unless the work was asked to stop here: then it is known why.
+    fn lost(&self) {
+        if !self.context.is_cancelled() {
+            metrics::claim_lost();
+        }
     }
 
     /// Writes what came out, unless the job was cancelled or taken over meanwhile. A `stopping` service puts back what
@@ -110,7 +126,11 @@ impl Attempt {
                 Ok(applied) => return self.settled(app, &end, applied),
                 Err(error) => ServiceError::from(error),
             };
-            tracing::warn!(job = self.claim.job.id, %error, "the outcome of a job could not be written");
+            tracing::warn!(
+                job = self.claim.job.id,
+                error = error.cause(),
+                "the outcome of a job could not be written"
+            );
             // What cannot be stored for a reason of its own will not be stored the next time.
             if matches!(end, End::Succeeded(_)) && !is_passing(&error) {
                 end = self.failed(error);
@@ -125,7 +145,12 @@ impl Attempt {
             Ok(outcome) => End::Succeeded(outcome),
             Err(ServiceError::Cancelled) if stopping => End::Released(Release::Uncounted),
             Err(error) if is_passing(&error) && attempt < MAX_ATTEMPTS => {
-                tracing::warn!(job = self.claim.job.id, attempt, %error, "a job will be tried again");
+                tracing::warn!(
+                    job = self.claim.job.id,
+                    attempt,
+                    error = error.cause(),
+                    "a job will be tried again"
+                );
                 End::Released(Release::RetryAt(now_ms() + back_off_ms(attempt)))
             }
             Err(error) => self.failed(error),
@@ -150,11 +175,15 @@ impl Attempt {
     fn settled(&self, app: &App, end: &End, applied: bool) {
         let (job, attempt) = (&self.claim.job.id, self.claim.job.attempt);
         let end = match end {
-            _ if !applied => "dropped: it was cancelled or taken over",
+            _ if !applied => {
+                self.lost();
+                "dropped"
+            }
             End::Succeeded(_) => "succeeded",
             End::Failed(_) => "failed",
-            End::Released(_) => "put back into the queue",
+            End::Released(_) => "released",
         };
+        metrics::attempt_ended(self.claim.job.kind, end, self.begun.elapsed());
         tracing::info!(job, attempt, end, "an attempt at a job has ended");
         app.jobs.announce(job);
     }
@@ -169,7 +198,7 @@ impl Drop for Attempt {
 
 /// Whether the error is one of the machinery that may be gone the next time.
 fn is_passing(error: &ServiceError) -> bool {
-    matches!(error, ServiceError::Unavailable(_))
+    matches!(error, ServiceError::Unavailable(_) | ServiceError::NoSpace(_))
 }
 
 /// Time before the attempt after `attempt`: none, then one second, doubled every time.

@@ -17,7 +17,7 @@ use tokio::time::Instant;
 
 pub use self::registry::JobContext;
 use super::cohorts::Page;
-use super::{App, ServiceError, comparisons, distances, learning, now_ms, planned, regressions};
+use super::{App, ServiceError, comparisons, distances, learning, metrics, now_ms, planned, regressions};
 use crate::domain::dictionary::NewDictionary;
 use crate::domain::id;
 use crate::domain::job::{Job, JobKind, JobOutput, JobStatus};
@@ -48,13 +48,16 @@ pub fn run(app: &App, handle: &Handle, job: &Job, context: &JobContext) -> Resul
     }
 }
 
-/// Stores a new job; a worker takes it when its turn comes.
+/// Stores a new job; a worker takes it when its turn comes. The same request again finds the job it has made.
 ///
 /// # Errors
-/// [`ServiceError::Unavailable`] when too many wait.
+/// [`ServiceError::KeyReused`]; /// [`ServiceError::Unavailable`] when too many wait.
 pub async fn submit(app: &App, kind: JobKind, parameters: Value) -> Result<Job, ServiceError> {
+    if let Some(id) = app.done_before::<String>().await? {
+        return find(app, &id).await;
+    }
     let job = Job::new(kind, parameters, now_ms());
-    app.store.create_job(&job).await?;
+    app.store.create_job(&job, app.receipt(&job.id).as_ref()).await?;
     app.jobs.wake();
     Ok(job)
 }
@@ -112,6 +115,7 @@ pub async fn cancel(app: &App, id: &str) -> Result<Job, ServiceError> {
     if job.status != JobStatus::Cancelled {
         return Err(ServiceError::JobFinished { id: job.id, status: job.status.as_str() });
     }
+    metrics::job_cancelled();
     app.jobs.interrupt(id);
     app.jobs.announce(id);
     Ok(job)
@@ -133,6 +137,8 @@ pub async fn wait(app: &App, id: &str, time: Duration) -> Result<Job, ServiceErr
         tokio::select! {
             // The channel, which is held here, is what sends.
             _ = states.changed() => {}
+            // Another process may work on it.
+            () = tokio::time::sleep(watch::LOOK) => {}
             () = tokio::time::sleep_until(end) => return find(app, id).await,
             () = app.stopping() => return Ok(job),
         }

@@ -14,6 +14,9 @@ use crate::service::{App, ServiceError};
 /// Shortest time between two reports of progress; changes of the status are told at once.
 const PACE: Duration = Duration::from_millis(200);
 
+/// How often the row is looked at when nobody says that it has changed.
+pub(super) const LOOK: Duration = Duration::from_secs(1);
+
 /// The states of a job from the present one to the final one.
 #[derive(Debug)]
 pub struct Watch {
@@ -79,6 +82,8 @@ impl Watch {
         tokio::select! {
             // The channel, which is held here, is what sends: there is always a sender.
             _ = self.states.changed() => true,
+            // Another process may work on it.
+            () = tokio::time::sleep(LOOK) => true,
             _ = paced => true,
             () = self.app.stopping() => false,
         }

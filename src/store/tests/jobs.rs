@@ -9,7 +9,7 @@ const LEASE: i64 = 100;
 
 async fn submitted(store: &Store, now: i64) -> Job {
     let job = Job::new(JobKind::LearnDictionary, json!({"cohort": "hands", "atoms": now}), now);
-    store.create_job(&job).await.unwrap();
+    store.create_job(&job, None).await.unwrap();
     job
 }
 
@@ -28,10 +28,11 @@ async fn found(store: &Store, id: &str) -> Job {
 /// Puts jobs into the table as they are: a thousand transactions would take seconds.
 async fn insert_many(store: &Store, count: u32, status: &'static str, finished_at_ms: Option<i64>) {
     const INSERT: &str = "WITH RECURSIVE n (i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n WHERE i < $1)
-        INSERT INTO job (id, kind, parameters, status, progress, attempt, run_at_ms, created_at_ms, finished_at_ms)
-        SELECT format('job_%s_%06d', $2, i), 'learn_dictionary', '{}', $2, 0, 1, 5, 5, $3 + i FROM n";
-    let query = sqlx::query(INSERT).bind(count).bind(status).bind(finished_at_ms);
-    query.execute(&store.0.writer).await.unwrap();
+        INSERT INTO job (id, kind, parameters, status, progress, attempt, run_at_ms, created_at_ms, finished_at_ms,
+        tenant) SELECT 'job_' || $2 || '_' || (1000000 + i), 'learn_dictionary', '{}', $2, 0, 1, 5, 5, $3 + i,
+        'default' FROM n";
+    let query = sql(store.writer(), INSERT).bind(i64::from(count)).bind(status).bind(finished_at_ms);
+    query.execute().await.unwrap();
 }
 
 #[tokio::test]
@@ -117,7 +118,7 @@ async fn a_stale_claim_writes_nothing() {
 
 #[tokio::test]
 async fn a_restart_puts_running_jobs_back_at_once() {
-    let (folder, store) = fresh().await;
+    let (folder, store) = embedded().await;
     let (running, waiting) = (submitted(&store, 1).await, submitted(&store, 2).await);
     let stale = claimed(&store, 10).await;
     let progress = Progress { fraction: 0.5, phase: Some("codes"), objective: Some(1.0) };
@@ -206,18 +207,18 @@ async fn the_queue_is_bounded() {
     insert_many(&store, MAX_QUEUED - 1, "queued", None).await;
     submitted(&store, 10).await;
     let more = Job::new(JobKind::LearnDictionary, Value::Null, 11);
-    let error = store.create_job(&more).await.unwrap_err();
+    let error = store.create_job(&more, None).await.unwrap_err();
     assert!(matches!(error, StoreError::TooManyJobs { limit: MAX_QUEUED }), "{error:?}");
     assert_eq!(store.find_job(&more.id).await.unwrap(), None);
     claimed(&store, 10).await;
-    store.create_job(&more).await.unwrap();
+    store.create_job(&more, None).await.unwrap();
 }
 
 #[tokio::test]
 async fn the_newest_finished_jobs_are_kept_and_all_others() {
     let (_folder, store) = fresh().await;
     insert_many(&store, MAX_FINISHED, "failed", Some(1000)).await;
-    let (oldest, second) = ("job_failed_000001", "job_failed_000002");
+    let (oldest, second) = ("job_failed_1000001", "job_failed_1000002");
     let (first, running, queued) =
         (submitted(&store, 1).await, submitted(&store, 2).await, submitted(&store, 3).await);
     let claim = claimed(&store, 10).await;
@@ -269,8 +270,7 @@ async fn outputs_come_back_as_they_were_and_end_with_their_job() {
     let (id, output) = with_output(&store, 1000).await;
     assert_eq!(store.read_job_output(&id).await.unwrap(), Some(output));
     assert_eq!(store.read_job_output("job_none").await.unwrap(), None);
-    let damage = "UPDATE job_output SET data = zeroblob(1000)";
-    sqlx::query(damage).execute(&store.0.writer).await.unwrap();
+    meddle(&store, "UPDATE job_output SET data = checksum").await;
     let error = store.read_job_output(&id).await.unwrap_err();
     assert!(matches!(error, StoreError::Damaged { .. }), "{error:?}");
     // The claim is lost: nothing is written.
@@ -280,7 +280,7 @@ async fn outputs_come_back_as_they_were_and_end_with_their_job() {
     let output = JobOutput { head: json!({}), data: vec![1] };
     assert!(!store.succeed_job(&claim, &json!({}), None, Some(&output), 32).await.unwrap());
     assert_eq!(rows(&store, "job_output").await, 1);
-    sqlx::query("DELETE FROM job").execute(&store.0.writer).await.unwrap();
+    meddle(&store, "DELETE FROM job").await;
     assert_eq!(rows(&store, "job_output").await, 0);
 }
 
@@ -293,12 +293,8 @@ async fn the_newest_outputs_are_kept_as_far_as_there_is_room() {
     }
     let job = submitted(&store, 1).await;
     let insert = async |most: u64, bytes: usize| {
-        let mut write = store.begin_write().await.unwrap();
-        sqlx::query("DELETE FROM job_output WHERE job = $1")
-            .bind(&job.id)
-            .execute(&mut *write)
-            .await
-            .unwrap();
+        let mut write = store.begin_write("output").await.unwrap();
+        sql(&mut write, "DELETE FROM job_output WHERE job = $1").bind(&job.id).execute().await.unwrap();
         let output = JobOutput { head: json!(null), data: vec![7; bytes] };
         crate::store::outputs::insert(&mut write, &job.id, &output, most).await.unwrap();
         write.commit().await.unwrap();

@@ -1,0 +1,316 @@
+//! Who calls, and what they may: found out once a request, before its handler.
+//!
+//! Every operation needs a role; `OPERATIONS` says which. What is not in the table needs an administrator.
+
+use std::collections::HashMap;
+use std::sync::{Arc, LazyLock};
+
+use axum::Extension;
+use axum::extract::{MatchedPath, Request};
+use axum::http::header::{AUTHORIZATION, HOST};
+use axum::http::uri::Authority;
+use axum::http::{HeaderMap, Method};
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Response};
+use utoipa::openapi::extensions::Extensions;
+use utoipa::openapi::header::Header;
+use utoipa::openapi::path::{Operation, PathItem};
+use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityRequirement, SecurityScheme};
+use utoipa::openapi::{ContentBuilder, OpenApi, Ref, ResponseBuilder};
+
+use super::observe::Asker;
+use super::problem::{Problem, ProblemKind};
+use crate::domain::access::{Principal, Role, is_loopback};
+use crate::service::App;
+use crate::service::access::{Shown, identify};
+
+/// What an operation needs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Needs {
+    /// Nothing: nobody is asked.
+    Nothing,
+    /// Somebody with at least this role.
+    Role(Role),
+}
+
+impl Needs {
+    /// The word in the interface document.
+    fn as_str(self) -> &'static str {
+        match self {
+            Self::Nothing => "none",
+            Self::Role(role) => role.as_str(),
+        }
+    }
+}
+
+/// What every operation needs: a reader what reads or computes and stores nothing, a writer what stores or may submit a
+/// job, an administrator what is about keys or cannot be undone.
+const OPERATIONS: &[(Needs, &[&str])] = &[
+    (Needs::Nothing, &["GET /livez", "GET /readyz"]),
+    (
+        Needs::Role(Role::Reader),
+        &[
+            "GET /metrics",
+            "GET /v1/changes",
+            "GET /v1/cohorts",
+            "GET /v1/cohorts/{cohort}",
+            "GET /v1/cohorts/{cohort}/mean",
+            "GET /v1/cohorts/{cohort}/shapes",
+            "GET /v1/cohorts/{cohort}/shapes/{shape}",
+            "GET /v1/dictionaries",
+            "GET /v1/dictionaries/{dictionary}",
+            "GET /v1/dictionaries/{dictionary}/atoms",
+            "GET /v1/dictionaries/{dictionary}/drift",
+            "GET /v1/dictionaries/{dictionary}/export",
+            "GET /v1/dictionaries/{dictionary}/modes",
+            "GET /v1/generators",
+            "GET /v1/generators/{name}",
+            "GET /v1/idealised",
+            "GET /v1/jobs",
+            "GET /v1/jobs/{job}",
+            "GET /v1/jobs/{job}/events",
+            "GET /v1/jobs/{job}/output",
+            "GET /v1/transformations",
+            "GET /v1/trash",
+            "GET /v1/version",
+            "POST /v1/align",
+            "POST /v1/cohorts/{cohort}/search",
+            "POST /v1/dictionaries/{dictionary}/assess",
+            "POST /v1/dictionaries/{dictionary}/classify",
+            "POST /v1/dictionaries/{dictionary}/encode",
+            "POST /v1/dictionaries/{dictionary}/prior",
+            "POST /v1/dictionaries/{dictionary}/reconstruct",
+            "POST /v1/dictionaries/{dictionary}/sample",
+            "POST /v1/dictionaries/{dictionary}/score",
+            "POST /v1/evaluate",
+            "POST /v1/fit",
+            "POST /v1/idealised",
+            "POST /v1/mean",
+            "POST /v1/measure",
+            "POST /v1/morph",
+            "POST /v1/pca",
+            "POST /v1/project",
+            "POST /v1/refine",
+            "POST /v1/resample",
+        ],
+    ),
+    (
+        Needs::Role(Role::Writer),
+        &[
+            "DELETE /v1/cohorts/{cohort}",
+            "DELETE /v1/cohorts/{cohort}/shapes/{shape}",
+            "DELETE /v1/dictionaries/{dictionary}",
+            "PATCH /v1/cohorts/{cohort}",
+            "POST /v1/cohorts",
+            "POST /v1/cohorts/{cohort}/shapes",
+            "POST /v1/comparisons",
+            "POST /v1/dictionaries",
+            "POST /v1/dictionaries/import",
+            "POST /v1/distances",
+            "POST /v1/jobs/{job}/cancel",
+            "POST /v1/regressions",
+            "POST /v1/trash/{id}/restore",
+        ],
+    ),
+    (
+        Needs::Role(Role::Admin),
+        &[
+            "DELETE /v1/keys/{key}",
+            "DELETE /v1/trash/{id}",
+            "GET /v1/audit",
+            "GET /v1/keys",
+            "GET /v1/keys/{key}",
+            "POST /v1/keys",
+        ],
+    ),
+];
+
+static TABLE: LazyLock<HashMap<(&str, &str), Needs>> = LazyLock::new(|| {
+    let rows = OPERATIONS.iter().flat_map(|(needs, names)| names.iter().map(move |name| (name, *needs)));
+    rows.filter_map(|(name, needs)| Some((name.split_once(' ')?, needs))).collect()
+});
+
+/// What `method` on the route with this template needs, when it is in the table.
+pub fn listed(method: &str, route: &str) -> Option<Needs> {
+    TABLE.get(&(method, route)).copied()
+}
+
+/// What `method` on the route with this template needs.
+fn needed(method: &Method, route: &str) -> Needs {
+    let method = if method == Method::HEAD { &Method::GET } else { method };
+    listed(method.as_str(), route).unwrap_or(Needs::Role(Role::Admin))
+}
+
+/// Lets those through to the handler who may call it, and tells it who they are, in the extensions of the request.
+pub async fn admit(Extension(app): Extension<App>, mut request: Request, next: Next) -> Response {
+    let route = request.extensions().get::<MatchedPath>().map_or("", MatchedPath::as_str);
+    let needs = match needed(request.method(), route) {
+        Needs::Role(_) if route == "/metrics" && app.metrics_are_open() => Needs::Nothing,
+        needs => needs,
+    };
+    let Needs::Role(role) = needs else { return next.run(request).await };
+    match identify(&app, shown(request.headers())).await {
+        Ok(principal) => {
+            let (allowed, principal) = (check(&principal, role, &request), Arc::new(principal));
+            if let Some(asker) = request.extensions().get::<Asker>() {
+                asker.is(&principal);
+            }
+            request.extensions_mut().insert(principal);
+            match allowed {
+                Ok(()) => next.run(request).await,
+                Err(problem) => problem.into_response(),
+            }
+        }
+        Err(error) => Problem::from(error).into_response(),
+    }
+}
+
+/// What a request shows of who sends it.
+fn shown(headers: &HeaderMap) -> Shown<'_> {
+    let mut values = headers.get_all(AUTHORIZATION).iter();
+    let Some(value) = values.next() else { return Shown::Nothing };
+    let token = value.to_str().ok().and_then(|text| text.split_once(' '));
+    match token {
+        Some((scheme, token)) if scheme.eq_ignore_ascii_case("bearer") && values.next().is_none() => {
+            Shown::Bearer(token.trim())
+        }
+        _ => Shown::Unreadable,
+    }
+}
+
+/// Whether a caller may do what needs `role`.
+fn check(principal: &Principal, role: Role, request: &Request) -> Result<(), Problem> {
+    let refuse = |detail: String| Err(Problem::new(ProblemKind::Forbidden, detail));
+    if principal.is_local() && !names_this_machine(request) {
+        return refuse(
+            "without keys the service answers only to requests whose Host header is a loopback name or address".into(),
+        );
+    }
+    if principal.role < role {
+        let (key, found, needed) = (&principal.key, principal.role.as_str(), role.as_str());
+        tracing::info!(key, role = found, needed, "a request needs a higher role");
+        return refuse(format!("needs the role {needed}, the caller has the role {found}"));
+    }
+    Ok(())
+}
+
+/// Whether a request is addressed to this machine by a name that nobody else can give: a page of another site can have
+/// its own name resolve to a loopback address, and would then read what only this machine's users may.
+fn names_this_machine(request: &Request) -> bool {
+    let header = || {
+        let mut values = request.headers().get_all(HOST).iter();
+        let value = values.next().filter(|_| values.next().is_none())?;
+        value.to_str().ok()?.parse::<Authority>().ok()
+    };
+    let authority = request.uri().authority().cloned().or_else(header);
+    authority.is_some_and(|authority| is_loopback(authority.host()))
+}
+
+/// Name of the security scheme in the interface document.
+const SCHEME: &str = "bearer";
+
+/// Writes into the interface document who may call what: the scheme, the role of every operation (`x-role`), and how
+/// others are refused.
+pub fn describe(document: &mut OpenApi) {
+    let scheme = HttpBuilder::new().scheme(HttpAuthScheme::Bearer).description(Some(
+        "A key (`shk_…`), or a token of the identity provider. A service on a loopback address without keys and identity \
+         provider asks for none.",
+    ));
+    let components = document.components.get_or_insert_default();
+    components.security_schemes.insert(SCHEME.into(), SecurityScheme::Http(scheme.build()).into());
+    for (path, item) in &mut document.paths.paths {
+        for (method, operation) in operations(item) {
+            describe_operation(operation, needed(&method, path));
+        }
+    }
+}
+
+fn operations(item: &mut PathItem) -> impl Iterator<Item = (Method, &mut Operation)> {
+    let methods = [
+        (Method::GET, item.get.as_mut()),
+        (Method::POST, item.post.as_mut()),
+        (Method::PUT, item.put.as_mut()),
+        (Method::PATCH, item.patch.as_mut()),
+        (Method::DELETE, item.delete.as_mut()),
+    ];
+    methods.into_iter().filter_map(|(method, operation)| Some((method, operation?)))
+}
+
+fn describe_operation(operation: &mut Operation, needs: Needs) {
+    let role = Extensions::from_iter([("x-role", needs.as_str())]);
+    operation.extensions.get_or_insert_default().merge(role);
+    let Needs::Role(role) = needs else {
+        operation.security = Some(Vec::new());
+        return;
+    };
+    operation.security = Some(vec![SecurityRequirement::new::<_, [&str; 0], _>(SCHEME, [])]);
+    let refusal = |description: String| {
+        let body = ContentBuilder::new().schema(Some(Ref::from_schema_name("ProblemDocument"))).build();
+        ResponseBuilder::new().description(description).content("application/problem+json", body)
+    };
+    let unknown = refusal("No key or token, or one that is not valid".into());
+    let unknown = unknown.header("WWW-Authenticate", Header::default());
+    let forbidden =
+        refusal(format!("The caller has not the role {}, or its key is not for this", role.as_str()));
+    let responses = &mut operation.responses.responses;
+    responses.entry("401".into()).or_insert_with(|| unknown.build().into());
+    responses.entry("403".into()).or_insert_with(|| forbidden.build().into());
+}
+
+#[cfg(test)]
+mod tests {
+    use axum::body::Body;
+
+    use super::*;
+
+    #[test]
+    fn the_table_has_every_operation_once_and_nothing_else_is_open() {
+        let rows: usize = OPERATIONS.iter().map(|(_, names)| names.len()).sum();
+        assert_eq!(TABLE.len(), rows, "an operation is listed twice, or without its method");
+        assert_eq!(needed(&Method::HEAD, "/v1/cohorts"), Needs::Role(Role::Reader));
+        assert_eq!(needed(&Method::GET, "/v1/unknown"), Needs::Role(Role::Admin));
+        assert_eq!(needed(&Method::PATCH, "/v1/cohorts"), Needs::Role(Role::Admin));
+        assert_eq!(needed(&Method::GET, ""), Needs::Role(Role::Admin));
+    }
+
+    #[test]
+    fn one_bearer_token_is_read() {
+        let shown_by = |values: &[&'static str]| {
+            let mut headers = HeaderMap::new();
+            for value in values {
+                headers.append(AUTHORIZATION, value.parse().unwrap());
+            }
+            match shown(&headers) {
+                Shown::Bearer(token) => token.to_owned(),
+                other => format!("{other:?}"),
+            }
+        };
+        assert_eq!(shown_by(&[]), "Nothing");
+        assert_eq!(shown_by(&["Bearer abc"]), "abc");
+        assert_eq!(shown_by(&["bearer  abc "]), "abc");
+        for wrong in [&["Basic YTpi"][..], &["Bearer"], &["abc"], &["Bearer a", "Bearer b"], &[""]] {
+            assert_eq!(shown_by(wrong), "Unreadable", "{wrong:?}");
+        }
+    }
+
+    #[test]
+    fn the_host_must_be_this_machine() {
+        let request = |uri: &str, host: &[&str]| {
+            let mut request = Request::builder().uri(uri);
+            for host in host {
+                request = request.header(HOST, *host);
+            }
+            names_this_machine(&request.body(Body::empty()).unwrap())
+        };
+        assert!(
+            request("/", &["127.0.0.1:8080"]) && request("/", &["localhost"]) && request("/", &["[::1]:80"])
+        );
+        assert!(request("http://localhost:1/", &[]));
+        assert!(
+            !request("/", &[])
+                && !request("/", &["evil.example"])
+                && !request("/", &["localhost", "localhost"])
+        );
+        assert!(!request("http://evil.example/", &["localhost"]));
+    }
+}

@@ -1,0 +1,35 @@
+//! What every resource may answer, added to the interface document once.
+
+use utoipa::openapi::path::Operation;
+use utoipa::openapi::{ContentBuilder, HeaderBuilder, ObjectBuilder, OpenApi, Ref, ResponseBuilder, Type};
+
+/// Statuses of the limits that hold for every resource, where an operation does not describe them itself.
+const LIMITS: [(&str, &str); 2] = [
+    ("429", "The caller asks more often than it may"),
+    ("503", "Overloaded, stopping, or the answer took too long"),
+];
+
+/// Completes the operations of the resources.
+pub(super) fn complete(document: &mut OpenApi) {
+    let resources = document.paths.paths.iter_mut().filter(|(path, _)| path.starts_with("/v1/"));
+    for (_, item) in resources {
+        let methods = [&mut item.get, &mut item.post, &mut item.put, &mut item.patch, &mut item.delete];
+        methods.into_iter().flatten().for_each(add_limits);
+    }
+}
+
+fn add_limits(operation: &mut Operation) {
+    for (status, description) in LIMITS {
+        let retry_after = HeaderBuilder::new()
+            .schema(Some(ObjectBuilder::new().schema_type(Type::Integer)))
+            .description(Some("Seconds"))
+            .build();
+        let problem = ContentBuilder::new().schema(Some(Ref::from_schema_name("ProblemDocument"))).build();
+        let response = ResponseBuilder::new()
+            .description(description)
+            .header("Retry-After", retry_after)
+            .content("application/problem+json", problem)
+            .build();
+        operation.responses.responses.entry(status.to_owned()).or_insert(response.into());
+    }
+}

@@ -1,0 +1,209 @@
+//! Every request is counted and has a line in the log: id, method, route template, status, time and key. Never its path,
+//! query or body.
+
+use std::pin::Pin;
+use std::sync::{Arc, OnceLock};
+use std::task::{Context, Poll};
+use std::time::{Duration, Instant};
+
+use axum::body::{Body, Bytes, HttpBody};
+use axum::extract::{MatchedPath, Request};
+use axum::http::{HeaderValue, Method, StatusCode};
+use axum::middleware::Next;
+use axum::response::Response;
+use http_body::{Frame, SizeHint};
+use metrics::{Counter, Label, counter, gauge, histogram};
+use tracing::{Instrument, Span};
+
+use crate::domain::access::Principal;
+use crate::service::audit::Touched;
+use crate::service::metrics::{HTTP_BYTES_IN, HTTP_BYTES_OUT, HTTP_DURATION, HTTP_IN_FLIGHT, HTTP_REQUESTS};
+
+/// The header with the id of a request.
+pub const REQUEST_ID: &str = "x-request-id";
+/// Longest id that a client may give its request.
+const MAX_REQUEST_ID: usize = 64;
+/// What stands in place of the route where there is none.
+const UNMATCHED: &str = "unmatched";
+/// What is asked again and again by machines: the log has it at level debug.
+const PROBES: [&str; 3] = ["/livez", "/readyz", "/metrics"];
+
+/// Where the layers inside leave who calls, and for what, for those around them.
+#[derive(Debug, Clone, Default)]
+pub struct Asker {
+    principal: Arc<OnceLock<Arc<Principal>>>,
+    touched: Touched,
+}
+
+impl Asker {
+    /// Leaves who calls; also when the request is then refused.
+    pub fn is(&self, principal: &Arc<Principal>) {
+        // A request is admitted once.
+        let _ = self.principal.set(Arc::clone(principal));
+    }
+
+    /// The objects it is about.
+    pub fn touched(&self) -> &Touched {
+        &self.touched
+    }
+
+    /// Who calls, once that is known.
+    pub fn principal(&self) -> Option<&Arc<Principal>> {
+        self.principal.get()
+    }
+}
+
+/// Takes away a request id that is long or has other characters than `A-Z a-z 0-9 . _ : -`; the request gets a new one.
+pub async fn plain_request_id(mut request: Request, next: Next) -> Response {
+    let is_plain = |id: &HeaderValue| {
+        let is_plain = |c: &u8| c.is_ascii_alphanumeric() || b"._:-".contains(c);
+        (1..=MAX_REQUEST_ID).contains(&id.len()) && id.as_bytes().iter().all(is_plain)
+    };
+    if !request.headers().get(REQUEST_ID).is_none_or(is_plain) {
+        request.headers_mut().remove(REQUEST_ID);
+    }
+    next.run(request).await
+}
+
+/// The id of the request.
+pub fn request_id(request: &Request) -> &str {
+    request.headers().get(REQUEST_ID).and_then(|id| id.to_str().ok()).unwrap_or_default()
+}
+
+/// The template of the path.
+pub fn route(request: &Request) -> Option<&str> {
+    request.extensions().get::<MatchedPath>().map(MatchedPath::as_str)
+}
+
+/// Counts the request and writes its line.
+pub async fn observe(mut request: Request, next: Next) -> Response {
+    let asker = Asker::default();
+    request.extensions_mut().insert(asker.clone());
+    let route = route(&request).unwrap_or(UNMATCHED).to_owned();
+    let method = method_label(request.method());
+    let span = tracing::info_span!("request", id = request_id(&request), method, route);
+    let mut exchange = Exchange::begin(method, route, asker, span.clone());
+    let bytes = counter!(HTTP_BYTES_IN, exchange.labels());
+    let request = request.map(|body| Body::new(Counted { body, bytes, _held: None }));
+    let response = next.run(request).instrument(span).await;
+    exchange.answered(response.status());
+    let bytes = counter!(HTTP_BYTES_OUT, exchange.labels());
+    response.map(|body| Body::new(Counted { body, bytes, _held: Some(exchange) }))
+}
+
+/// The method as a label: clients may invent others.
+fn method_label(method: &Method) -> &'static str {
+    const KNOWN: [Method; 7] = [
+        Method::GET,
+        Method::HEAD,
+        Method::POST,
+        Method::PUT,
+        Method::PATCH,
+        Method::DELETE,
+        Method::OPTIONS,
+    ];
+    const NAMES: [&str; 7] = ["GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS"];
+    KNOWN.iter().position(|known| known == method).map_or("other", |place| NAMES[place])
+}
+
+fn status_class(status: StatusCode) -> &'static str {
+    match status.as_u16() {
+        100..200 => "1xx",
+        200..300 => "2xx",
+        300..400 => "3xx",
+        400..500 => "4xx",
+        _ => "5xx",
+    }
+}
+
+/// A request until its answer is sent, or until the client is gone.
+struct Exchange {
+    begun: Instant,
+    method: &'static str,
+    route: String,
+    asker: Asker,
+    span: Span,
+    answered: bool,
+}
+
+impl Exchange {
+    fn begin(method: &'static str, route: String, asker: Asker, span: Span) -> Self {
+        gauge!(HTTP_IN_FLIGHT).increment(1);
+        Self { begun: Instant::now(), method, route, asker, span, answered: false }
+    }
+
+    fn labels(&self) -> Vec<Label> {
+        vec![Label::new("method", self.method), Label::new("route", self.route.clone())]
+    }
+
+    fn answered(&mut self, status: StatusCode) {
+        self.answered = true;
+        self.count(status_class(status));
+        self.write_line(Some(status.as_u16()));
+    }
+
+    fn count(&self, status: &'static str) {
+        let mut labels = self.labels();
+        labels.push(Label::new("status", status));
+        histogram!(HTTP_DURATION, labels.clone()).record(self.begun.elapsed());
+        counter!(HTTP_REQUESTS, labels).increment(1);
+    }
+
+    fn write_line(&self, status: Option<u16>) {
+        let duration_ms = milliseconds(self.begun.elapsed());
+        let key = self.asker.principal().map(|principal| principal.key.as_str());
+        let what = if status.is_some() { "answered" } else { "the client went away" };
+        if PROBES.contains(&self.route.as_str()) {
+            tracing::debug!(parent: &self.span, status, duration_ms, key, "{what}");
+        } else {
+            tracing::info!(parent: &self.span, status, duration_ms, key, "{what}");
+        }
+    }
+}
+
+impl Drop for Exchange {
+    fn drop(&mut self) {
+        gauge!(HTTP_IN_FLIGHT).decrement(1);
+        if !self.answered {
+            self.count("gone");
+            self.write_line(None);
+        }
+    }
+}
+
+fn milliseconds(time: Duration) -> f64 {
+    (time.as_secs_f64() * 1e6).round() / 1e3
+}
+
+/// A body whose bytes are counted; that of an answer holds the exchange until it is sent.
+struct Counted {
+    body: Body,
+    bytes: Counter,
+    _held: Option<Exchange>,
+}
+
+impl HttpBody for Counted {
+    type Data = Bytes;
+    type Error = axum::Error;
+
+    fn poll_frame(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+    ) -> Poll<Option<Result<Frame<Bytes>, axum::Error>>> {
+        let polled = Pin::new(&mut self.body).poll_frame(context);
+        if let Poll::Ready(Some(Ok(frame))) = &polled
+            && let Some(data) = frame.data_ref()
+        {
+            self.bytes.increment(data.len() as u64);
+        }
+        polled
+    }
+
+    fn is_end_stream(&self) -> bool {
+        self.body.is_end_stream()
+    }
+
+    fn size_hint(&self) -> SizeHint {
+        self.body.size_hint()
+    }
+}

@@ -1,0 +1,203 @@
+//! What holds when there is too much: how long a request may take, and how often a caller may ask.
+
+use std::net::{IpAddr, Ipv6Addr, SocketAddr};
+use std::num::NonZeroU32;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::time::Duration;
+
+use axum::extract::{ConnectInfo, Request};
+use axum::http::{HeaderValue, StatusCode, header};
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Response};
+use governor::clock::{Clock, DefaultClock};
+use governor::{DefaultKeyedRateLimiter, Quota, RateLimiter};
+
+use super::problem::{Problem, ProblemKind};
+use crate::domain::access::Principal;
+use crate::service::Limits;
+
+/// Callers are forgotten that did not ask lately, every so many requests.
+const SWEEP: u32 = 1024;
+
+/// The limits that middleware keeps; every request carries them.
+#[derive(Debug)]
+pub struct Edge {
+    /// Bytes of a body on the wire, unless it is a stream of lines.
+    pub body_bytes: usize,
+    light: Duration,
+    compute: Duration,
+    rates: Option<Rates>,
+}
+
+impl Edge {
+    /// The limits of the service.
+    pub fn new(limits: &Limits) -> Arc<Self> {
+        Arc::new(Self {
+            body_bytes: limits.body_bytes,
+            light: limits.light_time,
+            compute: limits.compute_time,
+            rates: Rates::new(limits.rate_per_second, limits.rate_burst),
+        })
+    }
+
+    /// Those that the request carries.
+    pub fn of(request: &Request) -> Option<Arc<Self>> {
+        request.extensions().get::<Arc<Self>>().cloned()
+    }
+}
+
+/// Gives a request that reads what is stored its time.
+pub async fn light(request: Request, next: Next) -> Response {
+    let time = Edge::of(&request).map(|edge| edge.light);
+    within(time, request, next).await
+}
+
+/// Gives a request that computes its time.
+pub async fn computing(request: Request, next: Next) -> Response {
+    let time = Edge::of(&request).map(|edge| edge.compute);
+    within(time, request, next).await
+}
+
+async fn within(time: Option<Duration>, request: Request, next: Next) -> Response {
+    let Some(time) = time else { return next.run(request).await };
+    tokio::time::timeout(time, next.run(request)).await.unwrap_or_else(|_| {
+        let seconds = time.as_secs();
+        let detail =
+            format!("the request took longer than {seconds} s and was given up: ask for less at a time");
+        Problem::new(ProblemKind::TookTooLong, detail).into_response()
+    })
+}
+
+/// Whose requests are counted together.
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+enum Caller {
+    /// Those of this tenant with this key, or with a token of this subject.
+    Key(String, String),
+    /// Those without one, from this address.
+    Address(IpAddr),
+}
+
+impl Caller {
+    fn of(request: &Request) -> Option<Self> {
+        match request.extensions().get::<Arc<Principal>>() {
+            Some(principal) => {
+                // All tokens of the identity provider have one key: who stands behind it counts.
+                let caller = principal.subject.as_ref().unwrap_or(&principal.key);
+                Some(Self::Key(principal.tenant.clone(), caller.clone()))
+            }
+            None => Self::at(request),
+        }
+    }
+
+    fn at(request: &Request) -> Option<Self> {
+        let ConnectInfo(peer) = request.extensions().get::<ConnectInfo<SocketAddr>>()?;
+        Some(Self::Address(match peer.ip() {
+            // Whoever has one address of such a network has all of them.
+            IpAddr::V6(address) => Ipv6Addr::from_bits(address.to_bits() >> 64 << 64).into(),
+            address @ IpAddr::V4(_) => address,
+        }))
+    }
+}
+
+/// How often callers ask.
+#[derive(Debug)]
+struct Rates {
+    limiter: DefaultKeyedRateLimiter<Caller>,
+    per_second: u32,
+    checks: AtomicU32,
+}
+
+impl Rates {
+    /// None when `per_second` is 0; a `burst` of 0 is twice that.
+    fn new(per_second: u32, burst: u32) -> Option<Self> {
+        let rate = NonZeroU32::new(per_second)?;
+        let burst = NonZeroU32::new(burst).unwrap_or(rate.saturating_add(per_second));
+        let limiter = RateLimiter::keyed(Quota::per_second(rate).allow_burst(burst));
+        Some(Self { limiter, per_second, checks: AtomicU32::new(0) })
+    }
+
+    /// Counts a request; the answer to one too many.
+    fn refuse(&self, caller: &Caller) -> Option<Response> {
+        if self.checks.fetch_add(1, Ordering::Relaxed) % SWEEP == SWEEP - 1 {
+            self.limiter.retain_recent();
+            self.limiter.shrink_to_fit();
+        }
+        let early = self.limiter.check_key(caller).err()?;
+        let wait = early.wait_time_from(DefaultClock::default().now());
+        Some(refusal(self.per_second, wait.as_secs() + 1))
+    }
+}
+
+fn refusal(per_second: u32, seconds: u64) -> Response {
+    let detail = format!("more than {per_second} requests a second; the next is accepted in {seconds} s");
+    let mut response = Problem::new(ProblemKind::TooManyRequests, detail).into_response();
+    response.headers_mut().insert(header::RETRY_AFTER, HeaderValue::from(seconds));
+    response
+}
+
+/// Counts the requests of callers that are known, inside of access control.
+pub async fn count(request: Request, next: Next) -> Response {
+    let counted = Edge::of(&request).zip(Caller::of(&request));
+    let refused = counted.and_then(|(edge, caller)| edge.rates.as_ref()?.refuse(&caller));
+    match refused {
+        Some(refusal) => refusal,
+        None => next.run(request).await,
+    }
+}
+
+/// Counts the requests that access control refuses, outside of it, for the address they come from: who tries keys is
+/// told no more than that.
+pub async fn count_refused(request: Request, next: Next) -> Response {
+    let counted = Edge::of(&request).zip(Caller::at(&request));
+    let response = next.run(request).await;
+    if response.status() != StatusCode::UNAUTHORIZED {
+        return response;
+    }
+    counted.and_then(|(edge, caller)| edge.rates.as_ref()?.refuse(&caller)).unwrap_or(response)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn callers_have_their_own_counts_which_are_forgotten() {
+        let rates = Rates::new(1000, 3).unwrap();
+        let caller = |i: u32| Caller::Address(IpAddr::from(std::net::Ipv4Addr::from_bits(i)));
+        for _ in 0..3 {
+            assert!(rates.refuse(&caller(0)).is_none());
+        }
+        let refusal = rates.refuse(&caller(0)).unwrap();
+        assert_eq!(
+            (refusal.status().as_u16(), &refusal.headers()["retry-after"]),
+            (429, &HeaderValue::from(1))
+        );
+        assert!(rates.refuse(&caller(1)).is_none());
+        for i in 2..SWEEP {
+            assert!(rates.refuse(&caller(i)).is_none());
+        }
+        std::thread::sleep(Duration::from_millis(20));
+        for _ in 0..2 * SWEEP {
+            let _ = rates.refuse(&caller(0));
+        }
+        assert!(rates.limiter.len() < 10, "{} are remembered", rates.limiter.len());
+        assert!(Rates::new(0, 5).is_none());
+    }
+
+    #[test]
+    fn addresses_of_one_network_are_one_caller() {
+        let from = |address: &str| {
+            let mut request = Request::new(axum::body::Body::empty());
+            let address = SocketAddr::new(address.parse().unwrap(), 1);
+            request.extensions_mut().insert(ConnectInfo(address));
+            Caller::of(&request)
+        };
+        assert_eq!(from("2001:db8::1"), from("2001:db8::ffff:1"));
+        assert_ne!(from("2001:db8::1"), from("2001:db8:0:1::1"));
+        assert_ne!(from("127.0.0.1"), from("127.0.0.2"));
+        let mut request = Request::new(axum::body::Body::empty());
+        request.extensions_mut().insert(Arc::new(Principal::local()));
+        assert_eq!(Caller::of(&request), Some(Caller::Key("default".into(), "local".into())));
+    }
+}

@@ -1,0 +1,171 @@
+//! Keys of programs, for administrators: create, list, read, revoke.
+
+use axum::http::{StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use serde::Serialize;
+
+use super::settings::{Page, PageQuery, time};
+use crate::api::extract::{Caller, JsonBody, NoQuery, Path, Query, parse};
+use crate::api::problem::{Problem, ProblemDocument};
+use crate::api::respond::json;
+use crate::domain::access::Role;
+use crate::domain::key::Key;
+use crate::formats::checked::{Checked, document, take_given};
+use crate::service::ServiceError;
+use crate::service::access::keys::{self, NewKey, faults};
+use crate::service::error::Fault;
+
+document! {
+    /// A key to be created.
+    #[schema(example = json!({"name": "segmentation pipeline", "role": "writer", "expires_in_days": 365}))]
+    pub(super) struct KeyRequest {
+        /// What people call it; at most 100 characters.
+        #[schema(value_type = String, required = true)]
+        name: Checked<String>, required;
+        /// What its bearer may do.
+        #[schema(value_type = Role, required = true)]
+        role: Checked<Role>, required;
+        /// Ids or names of the only cohorts that it opens, at most 100; all of the tenant unless given. Not for admins.
+        #[schema(value_type = Option<Vec<String>>)]
+        cohorts: Checked<Option<Vec<String>>>;
+        /// Days until it ends, 1 to 3653; it does not end unless given.
+        #[schema(value_type = Option<u32>)]
+        expires_in_days: Checked<Option<u32>>;
+    }
+}
+
+/// A key, without its secret.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct KeyOutput {
+    /// Identifier; it is in the log and in the audit trail.
+    #[schema(example = "key_0198c0ffee00700080000000000000aa")]
+    id: String,
+    /// What people call it.
+    name: String,
+    /// What its bearer may do.
+    role: Role,
+    /// Ids of the only cohorts that it opens; null for all.
+    cohorts: Option<Vec<String>>,
+    /// RFC 3339 UTC.
+    created_at: String,
+    /// When it ends, RFC 3339 UTC; null when it does not.
+    expires_at: Option<String>,
+    /// When it was revoked, RFC 3339 UTC; null while it is not.
+    revoked_at: Option<String>,
+    /// When it was last used, to the minute, RFC 3339 UTC.
+    last_used_at: Option<String>,
+}
+
+impl From<Key> for KeyOutput {
+    fn from(key: Key) -> Self {
+        Self {
+            id: key.id,
+            name: key.name,
+            role: key.role,
+            cohorts: key.cohorts,
+            created_at: time(key.created_at_ms),
+            expires_at: key.expires_at_ms.map(time),
+            revoked_at: key.revoked_at_ms.map(time),
+            last_used_at: key.used_at_ms.map(time),
+        }
+    }
+}
+
+/// A new key, with its secret.
+#[derive(Serialize, utoipa::ToSchema)]
+pub(super) struct IssuedOutput {
+    #[serde(flatten)]
+    key: KeyOutput,
+    /// What is sent with every request, as `Authorization: Bearer …`. It is shown this one time.
+    #[schema(example = "shk_0198c0ffee00700080000000000000aa_<64 hexadecimal digits>")]
+    secret: String,
+}
+
+/// Creates a key of the caller's tenant.
+///
+/// Its secret is in this answer and nowhere else: only a digest is stored. With the first key of a service that had none,
+/// requests without a key are no longer let in.
+#[utoipa::path(post, path = "/keys", tag = "access", request_body = KeyRequest,
+    responses(
+        (status = 201, description = "Created", body = IssuedOutput, headers(("Location" = String))),
+        (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
+    ))]
+pub(super) async fn create_key(
+    Caller(app): Caller,
+    _: NoQuery,
+    JsonBody(body): JsonBody,
+) -> Result<Response, Problem> {
+    let issued = keys::create(&app, new_key(parse(&body)?)?).await?;
+    let location = format!("/v1/keys/{}", issued.key.id);
+    let output = IssuedOutput { key: issued.key.into(), secret: issued.secret.reveal().to_owned() };
+    let response = json(StatusCode::CREATED, &output)?;
+    let headers = [(header::LOCATION, location), (header::CACHE_CONTROL, "no-store".into())];
+    Ok((headers, response).into_response())
+}
+
+fn new_key(request: KeyRequest) -> Result<NewKey, ServiceError> {
+    let mut errors = request.faults;
+    let name = take_given(request.name, "/name", &mut errors);
+    let role = take_given(request.role, "/role", &mut errors);
+    let cohorts = take_given(request.cohorts, "/cohorts", &mut errors).flatten();
+    let expires_in_days = take_given(request.expires_in_days, "/expires_in_days", &mut errors).flatten();
+    let mut found: Vec<Fault> = errors.into_iter().map(Fault::from).collect();
+    match (name, role) {
+        (Some(name), Some(role)) => {
+            let new = NewKey { name, role, cohorts, expires_in_days };
+            found.extend(faults(&new));
+            ServiceError::unless_empty(found)?;
+            Ok(new)
+        }
+        _ => Err(ServiceError::Invalid(found)),
+    }
+}
+
+/// Lists the keys of the caller's tenant in the order of their creation, also those that have ended.
+#[utoipa::path(get, path = "/keys", tag = "access", params(PageQuery),
+    responses(
+        (status = 200, description = "A page of keys", body = Page<KeyOutput>),
+        (status = 400, description = "The query was refused", body = ProblemDocument, content_type = "application/problem+json")
+    ))]
+pub(super) async fn list_keys(
+    Caller(app): Caller,
+    Query(page): Query<PageQuery>,
+) -> Result<Response, Problem> {
+    let (items, next) = keys::list(&app, page.cursor.as_deref(), page.limit()?).await?;
+    let items: Vec<KeyOutput> = items.into_iter().map(Into::into).collect();
+    Ok(json(StatusCode::OK, &Page { items, next })?)
+}
+
+/// Reads a key.
+#[utoipa::path(get, path = "/keys/{key}", tag = "access", params(("key" = String, Path, description = "Id")),
+    responses(
+        (status = 200, description = "The key", body = KeyOutput),
+        (status = 404, description = "No such key", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = "4XX", description = "The request was refused", body = ProblemDocument, content_type = "application/problem+json")
+    ))]
+pub(super) async fn find_key(
+    Caller(app): Caller,
+    _: NoQuery,
+    Path(id): Path<String>,
+) -> Result<Response, Problem> {
+    Ok(json(StatusCode::OK, &KeyOutput::from(keys::find(&app, &id).await?))?)
+}
+
+/// Revokes a key for good.
+///
+/// It ends at once in the process that answers, and within five seconds in others of the same service. It stays in the
+/// list. A key that is revoked already is answered the same.
+#[utoipa::path(delete, path = "/keys/{key}", tag = "access", params(("key" = String, Path, description = "Id")),
+    responses(
+        (status = 204, description = "Revoked"),
+        (status = 404, description = "No such key", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = "4XX", description = "The request was refused", body = ProblemDocument, content_type = "application/problem+json")
+    ))]
+pub(super) async fn revoke_key(
+    Caller(app): Caller,
+    _: NoQuery,
+    Path(id): Path<String>,
+) -> Result<StatusCode, Problem> {
+    keys::revoke(&app, &id).await?;
+    Ok(StatusCode::NO_CONTENT)
+}

@@ -1,0 +1,145 @@
+//! `shapelex key`: make, list and revoke keys, beside a running service or before its first start.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use clap::{Args, Subcommand};
+
+use crate::domain::access::{DEFAULT_TENANT, Principal, Role, tenant_problem};
+use crate::domain::key::Key;
+use crate::opening::Place;
+use crate::service::access::keys::{self, NewKey};
+use crate::service::{App, Limits, ServiceError, now_ms};
+
+/// Connections that a command takes.
+const CONNECTIONS: u32 = 2;
+/// Keys read at a time.
+const PAGE: usize = 1000;
+
+/// What is done with keys.
+#[derive(Debug, Subcommand)]
+pub(super) enum KeyCommand {
+    /// Make a key; its secret is printed this one time
+    Create(CreateArgs),
+    /// List the keys of a tenant, also those that have ended
+    List(WhereArgs),
+    /// End a key for good
+    Revoke(RevokeArgs),
+}
+
+#[derive(Debug, Args)]
+pub(super) struct CreateArgs {
+    /// What people call it
+    #[arg(long)]
+    name: String,
+    /// `reader`, `writer` or `admin`
+    #[arg(long, value_parser = role)]
+    role: Role,
+    /// Id or name of the only cohort that it opens; may be given several times
+    #[arg(long = "cohort", value_name = "COHORT")]
+    cohorts: Vec<String>,
+    /// Days until it ends; it does not end unless given
+    #[arg(long, value_name = "N")]
+    expires_in_days: Option<u32>,
+    #[command(flatten)]
+    at: WhereArgs,
+}
+
+#[derive(Debug, Args)]
+pub(super) struct RevokeArgs {
+    /// Its id: `key_…`
+    id: String,
+    #[command(flatten)]
+    at: WhereArgs,
+}
+
+#[derive(Debug, Args)]
+pub(super) struct WhereArgs {
+    /// Whose keys
+    #[arg(long, default_value = DEFAULT_TENANT)]
+    tenant: String,
+    /// Folder of the embedded store
+    #[arg(long, env = "SHAPELEX_DATA_DIR", default_value = "shapelex-data")]
+    data_dir: PathBuf,
+    /// Address of the PostgreSQL database, when it is not the embedded one
+    #[arg(long, env = "DATABASE_URL", hide_env_values = true, default_value = "")]
+    database_url: String,
+}
+
+fn role(word: &str) -> Result<Role, String> {
+    Role::of_word(word).ok_or_else(|| "must be reader, writer or admin".into())
+}
+
+/// Does it; what it answers is for standard output.
+///
+/// # Errors
+/// Why not, in one sentence.
+pub(super) async fn run(command: KeyCommand) -> Result<String, String> {
+    let at = match &command {
+        KeyCommand::Create(args) => &args.at,
+        KeyCommand::Revoke(args) => &args.at,
+        KeyCommand::List(at) => at,
+    };
+    let app = at.open().await?;
+    let answer = match command {
+        KeyCommand::Create(args) => create(&app, args).await,
+        KeyCommand::List(_) => list(&app).await,
+        KeyCommand::Revoke(args) => {
+            keys::revoke(&app, &args.id).await.map(|()| format!("{} is revoked\n", args.id))
+        }
+    };
+    app.store.close().await;
+    answer.map_err(|error| error.to_string())
+}
+
+impl WhereArgs {
+    /// The service as the tenant's administrator sees it.
+    async fn open(&self) -> Result<App, String> {
+        if let Some(problem) = tenant_problem(&self.tenant) {
+            return Err(format!("the tenant '{}' {problem}", self.tenant));
+        }
+        let place = Place {
+            database_url: self.database_url.clone(),
+            database_connections: CONNECTIONS,
+            data_dir: self.data_dir.clone(),
+        };
+        let app = App::new(place.attach().await?, Limits::default(), 1);
+        Ok(app.of(Arc::new(Principal::system(&self.tenant))))
+    }
+}
+
+/// The secret alone: `KEY=$(shapelex key create …)`.
+async fn create(app: &App, args: CreateArgs) -> Result<String, ServiceError> {
+    let cohorts = (!args.cohorts.is_empty()).then_some(args.cohorts);
+    let new = NewKey { name: args.name, role: args.role, cohorts, expires_in_days: args.expires_in_days };
+    let issued = keys::create(app, new).await?;
+    Ok(format!("{}\n", issued.secret.reveal()))
+}
+
+/// A line a key, its parts separated by tabs.
+async fn list(app: &App) -> Result<String, ServiceError> {
+    let mut lines = String::from("id\trole\tstate\tlast use\tcohorts\tname\n");
+    let mut cursor = None;
+    loop {
+        let (keys, next) = keys::list(app, cursor.as_deref(), PAGE).await?;
+        lines.extend(keys.iter().map(|key| line(key, now_ms())));
+        if next.is_none() {
+            return Ok(lines);
+        }
+        cursor = next;
+    }
+}
+
+fn line(key: &Key, now: i64) -> String {
+    let time =
+        |ms: i64| jiff::Timestamp::from_millisecond(ms).map_or_else(|_| ms.to_string(), |t| t.to_string());
+    let state = match (key.revoked_at_ms, key.expires_at_ms) {
+        (Some(_), _) => "revoked".into(),
+        (None, Some(end)) if end <= now => "expired".into(),
+        (None, Some(end)) => format!("until {}", time(end)),
+        (None, None) => "valid".into(),
+    };
+    let used = key.used_at_ms.map_or_else(|| "never".into(), time);
+    let cohorts = key.cohorts.as_ref().map_or_else(|| "all".into(), |ids| ids.join(","));
+    format!("{}\t{}\t{state}\t{used}\t{cohorts}\t{}\n", key.id, key.role.as_str(), key.name)
+}

@@ -1,0 +1,245 @@
+//! Commands for the operator of a store: check, back up, restore, migrate, export, import.
+
+use std::fs::{self, File, OpenOptions};
+use std::io::{BufReader, BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+use clap::{Args, Subcommand};
+
+use crate::store::maintenance::{self, Checked, MaintenanceError, Site};
+use crate::store::{Store, StoreError};
+
+/// Connections to PostgreSQL that an import takes.
+const CONNECTIONS: u32 = 4;
+/// Bytes on their way to or from a file.
+const BUFFER: usize = 1 << 20;
+
+/// What is done with a store.
+#[derive(Debug, Subcommand)]
+pub(super) enum Maintenance {
+    /// Read the whole store, also beside the running service; ends with 1 when something is not as it should be
+    Check(At),
+    /// Copy the embedded store to a new file, also beside the running service
+    Backup {
+        /// File to write; it must not exist
+        file: PathBuf,
+        #[command(flatten)]
+        at: At,
+    },
+    /// Make an embedded store of a backup, in an empty folder
+    Restore {
+        /// File that `backup` wrote
+        file: PathBuf,
+        /// Folder of the embedded store, made when missing
+        #[arg(long, env = "SHAPELEX_DATA_DIR", default_value = "shapelex-data")]
+        data_dir: PathBuf,
+    },
+    /// Bring the schema of the store up to date, as the start of the service does
+    Migrate {
+        /// Only say whether it is; ends with 1 when it is not
+        #[arg(long)]
+        check: bool,
+        #[command(flatten)]
+        at: At,
+    },
+    /// Write everything as lines that any store can import, also beside the running service
+    Export {
+        /// File to write, which must not exist; `-` is standard output
+        file: PathBuf,
+        #[command(flatten)]
+        at: At,
+    },
+    /// Read an export into an empty store; all or nothing
+    Import {
+        /// File that `export` wrote; `-` is standard input
+        file: PathBuf,
+        #[command(flatten)]
+        at: At,
+    },
+}
+
+/// Where the store is.
+#[derive(Debug, Args)]
+pub(super) struct At {
+    /// Folder of the embedded store
+    #[arg(long, env = "SHAPELEX_DATA_DIR", default_value = "shapelex-data")]
+    data_dir: PathBuf,
+    /// Address of the PostgreSQL database, when it is not the embedded one
+    #[arg(long, env = "DATABASE_URL", hide_env_values = true, default_value = "")]
+    database_url: String,
+}
+
+impl At {
+    fn site(self) -> Site {
+        if self.database_url.is_empty() { Site::Folder(self.data_dir) } else { Site::Url(self.database_url) }
+    }
+}
+
+/// How a command ended that was done.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Outcome {
+    Done,
+    /// There is something that the operator should see to.
+    Findings,
+}
+
+/// Does it, and says on standard output what was done.
+///
+/// # Errors
+/// Why not, in one sentence.
+pub(super) async fn run(command: Maintenance) -> Result<Outcome, String> {
+    let done = match command {
+        Maintenance::Check(at) => check(&at.site()).await,
+        Maintenance::Backup { file, at } => back_up(&file, &at.site()).await,
+        Maintenance::Restore { file, data_dir } => restore(&file, &data_dir).await,
+        Maintenance::Migrate { check: true, at } => versions(&at.site()).await,
+        Maintenance::Migrate { check: false, at } => migrate(&at.site()).await,
+        Maintenance::Export { file, at } => export(&file, &at.site()).await,
+        Maintenance::Import { file, at } => import(&file, &at.site()).await,
+    };
+    done.map_err(|error| sentence(&error))
+}
+
+async fn check(site: &Site) -> Result<Outcome, MaintenanceError> {
+    let store = match Store::inspect(site).await {
+        // So badly damaged that it does not open.
+        Err(MaintenanceError::Store(StoreError::Damaged { detail })) => {
+            say(&detail);
+            say("the store cannot be read any further: 1 finding");
+            return Ok(Outcome::Findings);
+        }
+        store => store?,
+    };
+    let checked = store.check(&mut say).await?;
+    store.close().await;
+    say(&summary(&checked));
+    Ok(if checked.findings == 0 { Outcome::Done } else { Outcome::Findings })
+}
+
+fn summary(checked: &Checked) -> String {
+    let Checked { cohorts, chunks, shapes, dictionaries, jobs, outputs, receipts, audit, findings } = checked;
+    let findings = match findings {
+        0 => "no findings".to_owned(),
+        1 => "1 finding".to_owned(),
+        many => format!("{many} findings"),
+    };
+    format!(
+        "checked {cohorts} cohorts, {shapes} shapes in {chunks} chunks, {dictionaries} dictionaries, {jobs} jobs, \
+         {outputs} outputs, {receipts} receipts, {audit} entries of the audit trail: {findings}"
+    )
+}
+
+async fn back_up(file: &Path, site: &Site) -> Result<Outcome, MaintenanceError> {
+    let store = Store::inspect(site).await?;
+    let bytes = store.back_up(file).await?;
+    store.close().await;
+    say(&format!("backed up to {}, {bytes} bytes", file.display()));
+    Ok(Outcome::Done)
+}
+
+async fn restore(file: &Path, data_dir: &Path) -> Result<Outcome, MaintenanceError> {
+    match maintenance::restore(file, data_dir, &mut say).await? {
+        Some(checked) => say(&summary(&checked)),
+        None => say("the backup has the schema of an older version: only its file was checked"),
+    }
+    say(&format!("restored into {}", data_dir.display()));
+    Ok(Outcome::Done)
+}
+
+async fn versions(site: &Site) -> Result<Outcome, MaintenanceError> {
+    let versions = maintenance::versions(site).await?;
+    if versions.found == versions.known {
+        say(&format!("the schema is up to date: version {}", versions.found));
+        return Ok(Outcome::Done);
+    }
+    say(&format!("the schema has version {}, this program needs {}", versions.found, versions.known));
+    Ok(Outcome::Findings)
+}
+
+async fn migrate(site: &Site) -> Result<Outcome, MaintenanceError> {
+    let versions = maintenance::migrate(site).await?;
+    match versions.found {
+        0 => say(&format!("a new store with schema version {}", versions.known)),
+        found if found == versions.known => say(&format!("the schema is up to date: version {found}")),
+        found => say(&format!("the schema went from version {found} to {}", versions.known)),
+    }
+    Ok(Outcome::Done)
+}
+
+async fn export(file: &Path, site: &Site) -> Result<Outcome, MaintenanceError> {
+    if file.exists() {
+        return Err(MaintenanceError::Exists(file.to_path_buf()));
+    }
+    let store = Store::inspect(site).await?;
+    if is_standard(file) {
+        store.export(BufWriter::with_capacity(BUFFER, std::io::stdout())).await?;
+        store.close().await;
+        return Ok(Outcome::Done);
+    }
+    let partial = PathBuf::from(format!("{}.partial", file.display()));
+    let exported = export_to(&store, &partial).await;
+    let rows = match exported {
+        Ok(rows) => rows,
+        Err(error) => {
+            // The name of what is left says what it is.
+            let _ = fs::remove_file(&partial);
+            return Err(error);
+        }
+    };
+    fs::rename(&partial, file).map_err(|source| MaintenanceError::File { path: file.into(), source })?;
+    store.close().await;
+    say(&format!("exported {rows} rows to {}", file.display()));
+    Ok(Outcome::Done)
+}
+
+/// Writes the export through to the disk.
+async fn export_to(store: &Store, file: &Path) -> Result<u64, MaintenanceError> {
+    let failed = |source| MaintenanceError::File { path: file.to_path_buf(), source };
+    let mut options = OpenOptions::new();
+    options.write(true).create(true).truncate(true);
+    // It holds everything, for its owner alone.
+    #[cfg(unix)]
+    std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
+    let mut out = BufWriter::with_capacity(BUFFER, options.open(file).map_err(failed)?);
+    let rows = store.export(&mut out).await?;
+    out.flush().map_err(failed)?;
+    out.get_ref().sync_all().map_err(failed)?;
+    Ok(rows)
+}
+
+async fn import(file: &Path, site: &Site) -> Result<Outcome, MaintenanceError> {
+    let failed = |source| MaintenanceError::File { path: file.to_path_buf(), source };
+    // Before the store is made: a wrong name leaves nothing behind.
+    let input = if is_standard(file) { None } else { Some(File::open(file).map_err(failed)?) };
+    let store = match site {
+        Site::Folder(folder) => Store::open(folder).await?,
+        Site::Url(url) => Store::connect(url, CONNECTIONS).await?,
+    };
+    let rows = match input {
+        Some(input) => store.import(BufReader::with_capacity(BUFFER, input)).await,
+        None => store.import(BufReader::with_capacity(BUFFER, std::io::stdin())).await,
+    };
+    store.close().await;
+    say(&format!("imported {} rows", rows?));
+    Ok(Outcome::Done)
+}
+
+fn is_standard(file: &Path) -> bool {
+    file == Path::new("-")
+}
+
+/// The error with what lies behind it.
+fn sentence(error: &MaintenanceError) -> String {
+    match std::error::Error::source(error) {
+        // An error of the system stands in the sentence already.
+        Some(source) if !source.is::<std::io::Error>() => format!("{error}: {source}"),
+        _ => error.to_string(),
+    }
+}
+
+fn say(line: &str) {
+    #[allow(clippy::print_stdout, reason = "the answer is what was asked for")]
+    {
+        println!("{line}");
+    }
+}

@@ -1,0 +1,335 @@
+//! Connections: accepted as long as there are places, with TLS or without, and held no longer than they are of use.
+
+use std::convert::Infallible;
+use std::io;
+use std::net::SocketAddr;
+use std::pin::Pin;
+use std::sync::Arc;
+use std::task::{Context, Poll};
+use std::time::{Duration, Instant};
+
+use axum::Router;
+use axum::body::{Body, Bytes, HttpBody};
+use axum::extract::ConnectInfo;
+use axum::http::{Request, Response};
+use axum_server::accept::Accept;
+use axum_server::tls_rustls::{RustlsAcceptor, RustlsConfig};
+use futures_util::future::BoxFuture;
+use http_body::{Frame, SizeHint};
+use hyper_util::rt::{TokioExecutor, TokioIo, TokioTimer};
+use hyper_util::server::conn::auto::Builder;
+use hyper_util::service::TowerToHyperService;
+use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
+use tokio::net::{TcpListener, TcpStream};
+use tokio_util::sync::CancellationToken;
+use tokio_util::task::TaskTracker;
+use tower::Service;
+
+use super::places::{End, Part, Patience, Place, Places, Request as Guard};
+
+/// How often a client of HTTP/2 is asked whether it is still there, and how long its answer may take.
+const PING: Duration = Duration::from_secs(20);
+/// Most bytes of an answer that wait in memory for a client of HTTP/2, for each stream.
+const SEND_BUFFER: usize = 128 << 10;
+/// Longest time that a connection takes to say goodbye.
+const GOODBYE: Duration = Duration::from_secs(1);
+/// Pause after a connection could not be accepted, as when there are no more file descriptors.
+const PAUSE: Duration = Duration::from_millis(20);
+/// Time between two lines of the log about connections that were turned away.
+const QUIET: Duration = Duration::from_secs(10);
+
+/// What clients are allowed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct ConnectionLimits {
+    /// Open connections.
+    pub(crate) connections: usize,
+    /// Bytes of the head of a request.
+    pub(crate) head_bytes: usize,
+    /// Requests at once on a connection of HTTP/2.
+    pub(crate) streams: u32,
+    /// From the connection to the end of the head of its first request.
+    pub(crate) first_request: Duration,
+    /// From one answer to the end of the head of the next request.
+    pub(crate) idle: Duration,
+    /// With bytes of an answer ready that the client does not take.
+    pub(crate) reader: Duration,
+}
+
+/// Serves connections until it is stopped.
+#[derive(Clone)]
+pub(super) struct Connections {
+    router: Router,
+    tls: Option<RustlsConfig>,
+    http: Builder<TokioExecutor>,
+    patience: Patience,
+    places: Arc<Places>,
+    stop: CancellationToken,
+}
+
+impl Connections {
+    pub(super) fn new(
+        router: Router,
+        tls: Option<RustlsConfig>,
+        limits: &ConnectionLimits,
+        stop: CancellationToken,
+    ) -> Self {
+        let ConnectionLimits { first_request: first, idle, reader, .. } = *limits;
+        let patience = Patience { first, idle, reader };
+        let places = Places::new(limits.connections);
+        Self { router, tls, http: http(limits), patience, places, stop }
+    }
+
+    /// Accepts connections until the stop; returns when the last of them has ended.
+    pub(super) async fn serve(self, listener: TcpListener) {
+        let tasks = TaskTracker::new();
+        let mut complaint = Complaint(None);
+        loop {
+            let accepted = tokio::select! {
+                biased;
+                () = self.stop.cancelled() => break,
+                accepted = listener.accept() => accepted,
+            };
+            match accepted {
+                Ok((stream, peer)) => match self.places.enter() {
+                    Some(place) => {
+                        tasks.spawn(self.clone().answer(stream, peer, place));
+                    }
+                    None => complaint.say("every connection is being answered, new ones are closed"),
+                },
+                Err(error) => {
+                    complaint.say(&format!("a connection could not be accepted: {error}"));
+                    self.places.close_one();
+                    tokio::time::sleep(PAUSE).await;
+                }
+            }
+        }
+        drop(listener);
+        tasks.close();
+        tasks.wait().await;
+    }
+
+    async fn answer(self, stream: TcpStream, peer: SocketAddr, place: Arc<Place>) {
+        // Small answers must not wait for more; without the option they are only slower.
+        let _ = stream.set_nodelay(true);
+        let Some(tls) = &self.tls else { return self.speak(stream, peer, &place).await };
+        let handshake = RustlsAcceptor::new(tls.clone()).handshake_timeout(self.patience.first);
+        tokio::select! {
+            accepted = handshake.accept(stream, ()) => match accepted {
+                Ok((stream, ())) => self.speak(stream, peer, &place).await,
+                Err(error) => tracing::debug!(%error, "a TLS handshake failed"),
+            },
+            _ = place.end(&self.patience) => {}
+            () = self.stop.cancelled() => {}
+        }
+    }
+
+    /// Answers what comes on a connection, until its end.
+    async fn speak<S>(&self, stream: S, peer: SocketAddr, place: &Arc<Place>)
+    where
+        S: AsyncRead + AsyncWrite + Unpin + Send + 'static,
+    {
+        let service = Watched { router: self.router.clone(), place: Arc::clone(place), peer };
+        let stream = TokioIo::new(Watching { stream, place: Arc::clone(place) });
+        let connection = self.http.serve_connection(stream, TowerToHyperService::new(service));
+        let mut connection = std::pin::pin!(connection);
+        let mut stopping = false;
+        loop {
+            tokio::select! {
+                // A connection that breaks is the business of its client.
+                _ = connection.as_mut() => return,
+                end = place.end(&self.patience) => {
+                    if end == End::Idle {
+                        connection.as_mut().graceful_shutdown();
+                        let _ = tokio::time::timeout(GOODBYE, connection).await;
+                    }
+                    return;
+                }
+                () = self.stop.cancelled(), if !stopping => {
+                    stopping = true;
+                    connection.as_mut().graceful_shutdown();
+                }
+            }
+        }
+    }
+}
+
+/// HTTP as it is spoken here. The time for heads is that of the places, which also bounds what comes before them.
+fn http(limits: &ConnectionLimits) -> Builder<TokioExecutor> {
+    let mut builder = Builder::new(TokioExecutor::new());
+    builder.http1().timer(TokioTimer::new()).header_read_timeout(None).max_buf_size(limits.head_bytes);
+    builder
+        .http2()
+        .timer(TokioTimer::new())
+        .max_concurrent_streams(limits.streams)
+        .max_header_list_size(u32::try_from(limits.head_bytes).unwrap_or(u32::MAX))
+        .max_send_buf_size(SEND_BUFFER)
+        .keep_alive_interval(PING)
+        .keep_alive_timeout(PING);
+    builder
+}
+
+/// Warnings that do not flood the log.
+struct Complaint(Option<Instant>);
+
+impl Complaint {
+    fn say(&mut self, what: &str) {
+        if self.0.is_none_or(|last| last.elapsed() > QUIET) {
+            self.0 = Some(Instant::now());
+            tracing::warn!("{what}");
+        }
+    }
+}
+
+/// The service of one connection: its place knows of every request.
+#[derive(Clone)]
+struct Watched {
+    router: Router,
+    place: Arc<Place>,
+    peer: SocketAddr,
+}
+
+impl<B> Service<Request<B>> for Watched
+where
+    B: HttpBody<Data = Bytes> + Send + 'static,
+    B::Error: Into<axum::BoxError>,
+{
+    type Response = Response<Leaving>;
+    type Error = Infallible;
+    type Future = BoxFuture<'static, Result<Self::Response, Infallible>>;
+
+    fn poll_ready(&mut self, _: &mut Context<'_>) -> Poll<Result<(), Infallible>> {
+        Poll::Ready(Ok(()))
+    }
+
+    fn call(&mut self, mut request: Request<B>) -> Self::Future {
+        let guard = self.place.begin();
+        request.extensions_mut().insert(ConnectInfo(self.peer));
+        let part = guard.part(false);
+        let answer = self.router.call(request.map(|body| Arriving { body: Box::pin(body), part }));
+        Box::pin(async move {
+            Ok(answer.await?.map(|body| Leaving { body, part: guard.part(true), _guard: guard }))
+        })
+    }
+}
+
+/// The body of a request: when it has nothing more yet, the client does not send. How long it may take is up to the route.
+struct Arriving<B> {
+    body: Pin<Box<B>>,
+    part: Part,
+}
+
+impl<B: HttpBody<Data = Bytes>> HttpBody for Arriving<B> {
+    type Data = Bytes;
+    type Error = B::Error;
+
+    fn poll_frame(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+    ) -> Poll<Option<Result<Frame<Bytes>, B::Error>>> {
+        let polled = self.body.as_mut().poll_frame(context);
+        self.part.waits(polled.is_pending());
+        polled
+    }
+
+    fn is_end_stream(&self) -> bool {
+        self.body.is_end_stream()
+    }
+
+    fn size_hint(&self) -> SizeHint {
+        self.body.size_hint()
+    }
+}
+
+/// The body of an answer: when it gives a piece and is not asked for more, the client does not read.
+struct Leaving {
+    body: Body,
+    part: Part,
+    _guard: Arc<Guard>,
+}
+
+impl HttpBody for Leaving {
+    type Data = Bytes;
+    type Error = axum::Error;
+
+    fn poll_frame(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+    ) -> Poll<Option<Result<Frame<Bytes>, axum::Error>>> {
+        self.part.waits(false);
+        let polled = Pin::new(&mut self.body).poll_frame(context);
+        if matches!(polled, Poll::Ready(Some(Ok(_)))) {
+            self.part.waits(true);
+        }
+        polled
+    }
+
+    fn is_end_stream(&self) -> bool {
+        self.body.is_end_stream()
+    }
+
+    fn size_hint(&self) -> SizeHint {
+        self.body.size_hint()
+    }
+}
+
+/// A stream that tells its place when bytes do not go out.
+struct Watching<S> {
+    stream: S,
+    place: Arc<Place>,
+}
+
+impl<S> Watching<S> {
+    fn told(&self, polled: Poll<io::Result<usize>>) -> Poll<io::Result<usize>> {
+        match &polled {
+            Poll::Pending => self.place.waits(true),
+            Poll::Ready(Ok(bytes)) => self.place.wrote(*bytes),
+            Poll::Ready(Err(_)) => {}
+        }
+        polled
+    }
+}
+
+impl<S: AsyncRead + Unpin> AsyncRead for Watching<S> {
+    fn poll_read(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+        buffer: &mut ReadBuf<'_>,
+    ) -> Poll<io::Result<()>> {
+        Pin::new(&mut self.stream).poll_read(context, buffer)
+    }
+}
+
+impl<S: AsyncWrite + Unpin> AsyncWrite for Watching<S> {
+    fn poll_write(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+        bytes: &[u8],
+    ) -> Poll<io::Result<usize>> {
+        let polled = Pin::new(&mut self.stream).poll_write(context, bytes);
+        self.told(polled)
+    }
+
+    fn poll_write_vectored(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+        slices: &[io::IoSlice<'_>],
+    ) -> Poll<io::Result<usize>> {
+        let polled = Pin::new(&mut self.stream).poll_write_vectored(context, slices);
+        self.told(polled)
+    }
+
+    fn is_write_vectored(&self) -> bool {
+        self.stream.is_write_vectored()
+    }
+
+    fn poll_flush(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
+        // What was written has gone out when this is ready, and not before.
+        let polled = Pin::new(&mut self.stream).poll_flush(context);
+        self.place.waits(polled.is_pending());
+        polled
+    }
+
+    fn poll_shutdown(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
+        Pin::new(&mut self.stream).poll_shutdown(context)
+    }
+}

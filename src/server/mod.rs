@@ -1,0 +1,131 @@
+//! Starts the service, prints where it is, and stops it in order.
+//!
+//! * [`connections`] — who is let in, and for how long;
+//! * [`places`] — most connections, and which one goes when there are too many;
+//! * [`tls`] — the certificate.
+
+mod connections;
+mod places;
+mod tls;
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use tokio::net::TcpListener;
+use tokio_util::sync::CancellationToken;
+
+pub(crate) use self::connections::ConnectionLimits;
+use self::connections::Connections;
+use self::tls::Certificate;
+use crate::api;
+use crate::config::ServeConfig;
+use crate::service::access::{self, Access};
+use crate::service::{App, example, jobs, metrics};
+use crate::worker::{Worker, tidy};
+
+/// Longest time for requests to finish after a stop was asked for.
+const DRAIN: Duration = Duration::from_secs(20);
+
+/// Runs until the process is asked to stop.
+///
+/// # Errors
+/// What keeps the service from starting, in one sentence.
+pub(crate) async fn serve(config: ServeConfig) -> Result<(), String> {
+    let store = config.place().open().await?;
+    metrics::start();
+    tokio::spawn(metrics::upkeep());
+    let access = Access::new(config.access())?;
+    let app = App::new(store, config.limits(), config.threads).with_access(access);
+    access::check_start(&app, config.listen).await?;
+    let is_open = access::is_open(&app).await.map_err(|error| error.to_string())?;
+    app.trail.start(&app.store, config.audit_days);
+    let trail = Arc::clone(&app.trail);
+    if !config.no_example {
+        example::load_into_empty(&app).await.map_err(|error| format!("the example cohort: {error}"))?;
+    }
+    tokio::spawn(tidy::keep_tidy(app.clone(), config.trash_days));
+    // Before anyone can know that the service is there: a signal that nobody hears ends the process at once.
+    let asked_to_stop = stop_signal().map_err(|error| format!("signals cannot be heard: {error}"))?;
+    let listener = TcpListener::bind(config.listen)
+        .await
+        .map_err(|error| format!("cannot listen on {}: {error}", config.listen))?;
+    let address = listener.local_addr().map_err(|error| error.to_string())?;
+    let certificate = certificate(&config).await?;
+    let scheme = if certificate.is_some() { "https" } else { "http" };
+    announce(&format!("{scheme}://{address}"), is_open);
+    if is_open {
+        tracing::warn!(
+            "access is open: without keys and identity provider, all users of this machine are administrators"
+        );
+    }
+    tracing::info!(%address, scheme, "listening");
+    let tls = certificate.as_ref().map(Certificate::config);
+    if let Some(certificate) = certificate {
+        tokio::spawn(certificate.watch());
+    }
+    let (stopping, worker) = (app.clone(), Worker::start(&app, config.places(), jobs::run));
+    let stop = CancellationToken::new();
+    let connections = Connections::new(api::router(app), tls, &config.connections(), stop.clone());
+    let mut served = tokio::spawn(connections.serve(listener));
+    tokio::select! {
+        // It ends when it is stopped, or by a bug.
+        ended = &mut served => return ended.map_err(|error| error.to_string()),
+        () = asked_to_stop => {}
+    }
+    tracing::info!("stopping: no new requests");
+    stopping.drain();
+    worker.stop().await;
+    stop.cancel();
+    let outcome = match tokio::time::timeout(DRAIN, served).await {
+        Ok(ended) => ended.map_err(|error| error.to_string()),
+        Err(_) => {
+            tracing::warn!("requests were cut off after {} s", DRAIN.as_secs());
+            Ok(())
+        }
+    };
+    trail.close().await;
+    outcome
+}
+
+/// The certificate, when the service is to speak TLS.
+async fn certificate(config: &ServeConfig) -> Result<Option<Certificate>, String> {
+    let (chain, key) = (config.tls_cert.clone(), config.tls_key.clone());
+    if chain.as_os_str().is_empty() {
+        return Ok(None);
+    }
+    Certificate::read(chain, key).await.map(Some)
+}
+
+/// The one line on standard output that programs wait for, one to try, and whether anyone may.
+fn announce(address: &str, is_open: bool) {
+    #[allow(clippy::print_stdout, reason = "programs read the address from here")]
+    {
+        println!("shapelex is listening on {address}");
+        println!("try: curl '{address}/v1/cohorts/example-cells/mean?transformation=similarity'");
+        if is_open {
+            println!(
+                "access is open to all users of this machine; `shapelex key create` makes the first key and closes it"
+            );
+        }
+    }
+}
+
+/// From now on the signals that ask for a stop are heard; the future ends with the first one.
+#[cfg(unix)]
+fn stop_signal() -> std::io::Result<impl Future<Output = ()>> {
+    use tokio::signal::unix::{SignalKind, signal};
+    let (mut interrupt, mut terminate) = (signal(SignalKind::interrupt())?, signal(SignalKind::terminate())?);
+    Ok(async move {
+        tokio::select! { _ = interrupt.recv() => {}, _ = terminate.recv() => {} }
+    })
+}
+
+/// The future ends when a stop is asked for at the terminal.
+#[cfg(not(unix))]
+fn stop_signal() -> std::io::Result<impl Future<Output = ()>> {
+    Ok(async {
+        if tokio::signal::ctrl_c().await.is_err() {
+            std::future::pending::<()>().await;
+        }
+    })
+}

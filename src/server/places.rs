@@ -1,0 +1,349 @@
+//! Places for connections: bounded, and never held for nothing. When all are taken, who comes gets the place of the
+//! connection that has waited for its client for longest: for a request, the rest of one, or that an answer is read. Only
+//! when the service is at work for every one of them, nobody does.
+
+use std::collections::{BTreeMap, HashMap};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use tokio::time::Instant;
+use tokio_util::sync::CancellationToken;
+
+/// How often a connection is looked at.
+const GLANCE: Duration = Duration::from_secs(5);
+
+/// How long connections may keep their places.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Patience {
+    /// From the connection to the end of the head of its first request.
+    pub(super) first: Duration,
+    /// From one answer to the end of the head of the next request.
+    pub(super) idle: Duration,
+    /// With bytes of an answer ready that the client does not take.
+    pub(super) reader: Duration,
+}
+
+/// All places.
+#[derive(Debug)]
+pub(super) struct Places {
+    most: usize,
+    state: Mutex<State>,
+}
+
+#[derive(Debug, Default)]
+struct State {
+    taken: usize,
+    /// Number of the next connection that becomes idle.
+    next: u64,
+    /// Connections that wait for their clients, the longest first.
+    idle: BTreeMap<u64, CancellationToken>,
+}
+
+impl Places {
+    pub(super) fn new(most: usize) -> Arc<Self> {
+        Arc::new(Self { most, state: Mutex::default() })
+    }
+
+    /// A place, if need be that of a connection that waits for its client.
+    pub(super) fn enter(self: &Arc<Self>) -> Option<Arc<Place>> {
+        let mut state = locked(&self.state);
+        if state.taken >= self.most && !state.close_longest_idle() {
+            return None;
+        }
+        state.taken += 1;
+        let closing = CancellationToken::new();
+        let idle = Some(state.rest(&closing));
+        drop(state);
+        let usage = Usage {
+            since: Instant::now(),
+            served: false,
+            requests: 0,
+            working: 0,
+            idle,
+            next: 0,
+            unread: HashMap::new(),
+            written: 0,
+        };
+        Some(Arc::new(Place { places: Arc::clone(self), closing, usage: Mutex::new(usage) }))
+    }
+
+    /// Closes the connection that has waited for its client for longest.
+    pub(super) fn close_one(&self) {
+        locked(&self.state).close_longest_idle();
+    }
+}
+
+impl State {
+    fn close_longest_idle(&mut self) -> bool {
+        self.idle.pop_first().map(|(_, closing)| closing.cancel()).is_some()
+    }
+
+    fn rest(&mut self, closing: &CancellationToken) -> u64 {
+        self.next += 1;
+        self.idle.insert(self.next, closing.clone());
+        self.next
+    }
+}
+
+/// The place of one connection.
+#[derive(Debug)]
+pub(super) struct Place {
+    places: Arc<Places>,
+    closing: CancellationToken,
+    usage: Mutex<Usage>,
+}
+
+#[derive(Debug)]
+struct Usage {
+    /// Since when there is no request.
+    since: Instant,
+    /// Whether there has been one.
+    served: bool,
+    requests: usize,
+    /// Requests less those that wait for the client.
+    working: isize,
+    /// Its number among those that wait for their clients.
+    idle: Option<u64>,
+    next: u64,
+    /// What waits for the client to read, since when.
+    unread: HashMap<u64, Instant>,
+    /// Bytes that went out since then.
+    written: usize,
+}
+
+/// Number of the connection itself among what waits to be read; answers count from one.
+const WIRE: u64 = 0;
+/// Fewest bytes that a client takes in the time it has; a ping is no reading.
+const LEAST: usize = 16 << 10;
+
+/// What is to become of a connection.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum End {
+    /// Nobody waits for anything: it may say goodbye.
+    Idle,
+    /// Its client does not read, or another one needs the place.
+    AtOnce,
+}
+
+impl Usage {
+    fn unread(&mut self, number: u64, waits: bool) {
+        if !waits {
+            self.unread.remove(&number);
+            return;
+        }
+        if self.unread.is_empty() {
+            self.written = 0;
+        }
+        self.unread.entry(number).or_insert_with(Instant::now);
+    }
+
+    /// Makes the place one to be given away, or not.
+    fn settle(&mut self, place: &Place) {
+        match (self.working > 0, self.idle) {
+            (true, Some(number)) => {
+                locked(&place.places.state).idle.remove(&number);
+                self.idle = None;
+            }
+            (false, None) => self.idle = Some(locked(&place.places.state).rest(&place.closing)),
+            _ => {}
+        }
+    }
+}
+
+impl Place {
+    /// A request begins; it ends when what is returned is dropped.
+    pub(super) fn begin(self: &Arc<Self>) -> Arc<Request> {
+        let mut usage = locked(&self.usage);
+        usage.requests += 1;
+        usage.working += 1;
+        usage.served = true;
+        usage.settle(self);
+        Arc::new(Request { place: Arc::clone(self) })
+    }
+
+    /// Bytes wait on the connection, or do no longer.
+    pub(super) fn waits(&self, waits: bool) {
+        locked(&self.usage).unread(WIRE, waits);
+    }
+
+    /// So many bytes went out.
+    pub(super) fn wrote(&self, bytes: usize) {
+        let mut usage = locked(&self.usage);
+        usage.written = usage.written.saturating_add(bytes);
+        if usage.written >= LEAST {
+            usage.written = 0;
+            usage.unread.values_mut().for_each(|since| *since = Instant::now());
+        }
+    }
+
+    /// Waits until the connection has to go.
+    pub(super) async fn end(&self, patience: &Patience) -> End {
+        let overdue = async {
+            loop {
+                match self.look(patience) {
+                    Ok(next) => tokio::time::sleep_until(next).await,
+                    Err(end) => return end,
+                }
+            }
+        };
+        tokio::select! {
+            () = self.closing.cancelled() => End::AtOnce,
+            end = overdue => end,
+        }
+    }
+
+    /// When to look again, or that it has to go.
+    fn look(&self, patience: &Patience) -> Result<Instant, End> {
+        let (usage, now) = (locked(&self.usage), Instant::now());
+        let soon = now + GLANCE.min(patience.idle).min(patience.reader);
+        let (end, due) = match (usage.unread.values().min(), usage.requests) {
+            (Some(since), _) => (End::AtOnce, *since + patience.reader),
+            (None, 0) if usage.served => (End::Idle, usage.since + patience.idle),
+            (None, 0) => (End::Idle, usage.since + patience.first),
+            (None, _) => return Ok(soon),
+        };
+        if due <= now { Err(end) } else { Ok(due.min(soon)) }
+    }
+}
+
+impl Drop for Place {
+    fn drop(&mut self) {
+        let mut state = locked(&self.places.state);
+        state.taken -= 1;
+        if let Some(number) = locked(&self.usage).idle {
+            state.idle.remove(&number);
+        }
+    }
+}
+
+/// A request on a connection, until its answer is written.
+#[derive(Debug)]
+pub(super) struct Request {
+    place: Arc<Place>,
+}
+
+impl Request {
+    /// Something that the request does, which may have to wait for the client; whether that is bounded in time.
+    pub(super) fn part(self: &Arc<Self>, bounded: bool) -> Part {
+        let mut usage = locked(&self.place.usage);
+        usage.next += 1;
+        Part { request: Arc::clone(self), number: usage.next, bounded, waits: false }
+    }
+}
+
+impl Drop for Request {
+    fn drop(&mut self) {
+        let mut usage = locked(&self.place.usage);
+        usage.requests -= 1;
+        usage.working -= 1;
+        if usage.requests == 0 {
+            usage.since = Instant::now();
+        }
+        usage.settle(&self.place);
+    }
+}
+
+/// A body, which is sent or read as fast as the client does.
+#[derive(Debug)]
+pub(super) struct Part {
+    request: Arc<Request>,
+    number: u64,
+    bounded: bool,
+    waits: bool,
+}
+
+impl Part {
+    /// It waits for the client, or does no longer.
+    pub(super) fn waits(&mut self, waits: bool) {
+        if self.waits == waits {
+            return;
+        }
+        self.waits = waits;
+        let place = &self.request.place;
+        let mut usage = locked(&place.usage);
+        usage.working += if waits { -1 } else { 1 };
+        if self.bounded {
+            usage.unread(self.number, waits);
+        }
+        usage.settle(place);
+    }
+}
+
+impl Drop for Part {
+    fn drop(&mut self) {
+        self.waits(false);
+    }
+}
+
+/// Nothing is left half done under these locks.
+fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PATIENCE: Patience = Patience {
+        first: Duration::from_millis(60),
+        idle: Duration::from_millis(120),
+        reader: Duration::from_millis(200),
+    };
+
+    #[test]
+    fn who_waits_for_its_client_gives_its_place_and_who_is_at_work_never_does() {
+        let places = Places::new(2);
+        let (first, second) = (places.enter().unwrap(), places.enter().unwrap());
+        let answering = first.begin();
+        let third = places.enter().unwrap();
+        assert!(!first.closing.is_cancelled() && second.closing.is_cancelled());
+        drop(second);
+        let busy = third.begin();
+        assert!(places.enter().is_none(), "both are being answered");
+        drop(answering);
+        assert!(places.enter().is_some());
+        assert!(first.closing.is_cancelled() && !third.closing.is_cancelled());
+        drop((busy, first, third));
+        let slow = places.enter().unwrap();
+        let (_request, mut body) = {
+            let request = slow.begin();
+            (Arc::clone(&request), request.part(false))
+        };
+        let _other = places.enter().unwrap().begin();
+        assert!(places.enter().is_none(), "both are at work");
+        body.waits(true);
+        drop(places.enter().unwrap());
+        assert!(slow.closing.is_cancelled(), "a client that does not send gives its place");
+        drop((body, _request, slow, _other));
+        let state = locked(&places.state);
+        assert_eq!((state.taken, state.idle.len()), (0, 0), "nothing is left of closed connections");
+    }
+
+    #[tokio::test]
+    async fn a_connection_goes_when_it_is_idle_or_not_read_and_not_while_it_is_answered() {
+        let places = Places::new(1);
+        let place = places.enter().unwrap();
+        let begin = Instant::now();
+        assert_eq!(place.end(&PATIENCE).await, End::Idle);
+        assert!(
+            (60..120).contains(&begin.elapsed().as_millis()),
+            "before the first request: {:?}",
+            begin.elapsed()
+        );
+        let request = place.begin();
+        let long = tokio::time::timeout(Duration::from_millis(300), place.end(&PATIENCE)).await;
+        assert!(long.is_err(), "an answer takes as long as it takes");
+        let mut answer = request.part(true);
+        answer.waits(true);
+        let begin = Instant::now();
+        tokio::time::sleep(Duration::from_millis(100)).await;
+        place.wrote(LEAST);
+        assert_eq!(place.end(&PATIENCE).await, End::AtOnce);
+        assert!(begin.elapsed() >= Duration::from_millis(299), "what was read counts: {:?}", begin.elapsed());
+        answer.waits(false);
+        drop((answer, request));
+        let begin = Instant::now();
+        assert_eq!(place.end(&PATIENCE).await, End::Idle);
+        assert!(begin.elapsed() >= Duration::from_millis(119), "after a request: {:?}", begin.elapsed());
+    }
+}

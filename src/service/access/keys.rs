@@ -1,0 +1,348 @@
+//! Keys of programs: create, list, revoke, check.
+//!
+//! A key that was looked up is believed for `FRESH`; then it is looked up again, so that a revocation reaches every
+//! process of the service. In the process that revokes it, it ends at once.
+
+use std::sync::{Mutex, MutexGuard};
+use std::time::{Duration, Instant};
+
+use hashlink::LruCache;
+use rand::TryRng;
+use rand::rngs::SysRng;
+
+use super::{Refusal, check_unlimited};
+use crate::domain::access::{Principal, Role};
+use crate::domain::id;
+use crate::domain::key::{Key, Secret, claimed_id, is_id};
+use crate::service::cohorts::{self, Page};
+use crate::service::error::Fault;
+use crate::service::{App, ServiceError, now_ms};
+
+/// How long the answer of the store is believed.
+const FRESH: Duration = Duration::from_secs(2);
+/// Keys that are remembered.
+const REMEMBERED: usize = 4096;
+/// Time between two notes that a key is in use.
+const NOTED_EVERY_MS: i64 = 60_000;
+/// Longest name of a key.
+const MAX_NAME_CHARS: usize = 100;
+/// Most cohorts that a key is limited to.
+const MAX_COHORTS: usize = 100;
+/// Longest life of a key that ends: ten years.
+const MAX_DAYS: u32 = 3653;
+/// Milliseconds of a day.
+const DAY_MS: i64 = 86_400_000;
+
+/// What is asked of a new key.
+#[derive(Debug, Clone)]
+pub struct NewKey {
+    /// What people call it.
+    pub name: String,
+    /// What its bearer may do.
+    pub role: Role,
+    /// Ids or names of the only cohorts that it opens.
+    pub cohorts: Option<Vec<String>>,
+    /// Days until it ends.
+    pub expires_in_days: Option<u32>,
+}
+
+/// A new key, with its text.
+#[derive(Debug)]
+pub struct Issued {
+    /// What is stored.
+    pub key: Key,
+    /// What is shown once.
+    pub secret: Secret,
+}
+
+/// What is wrong with a new key whatever cohorts there are.
+pub fn faults(new: &NewKey) -> Vec<Fault> {
+    let mut faults = Vec::new();
+    let mut check = |ok: bool, pointer: &str, detail: String| {
+        if !ok {
+            faults.push(Fault::new(pointer, detail));
+        }
+    };
+    let readable = (1..=MAX_NAME_CHARS).contains(&new.name.chars().count())
+        && !new.name.chars().any(char::is_control)
+        && new.name.trim() == new.name;
+    check(readable, "/name", format!("must have 1 to {MAX_NAME_CHARS} characters, no spaces around them"));
+    if let Some(cohorts) = &new.cohorts {
+        let count = (1..=MAX_COHORTS).contains(&cohorts.len());
+        check(count, "/cohorts", format!("must name 1 to {MAX_COHORTS} cohorts, or be left out for all"));
+        let detail = "cannot limit an admin, who gives keys: ask for a reader or a writer";
+        check(new.role < Role::Admin, "/cohorts", detail.into());
+    }
+    let days = new.expires_in_days.is_none_or(|days| (1..=MAX_DAYS).contains(&days));
+    check(days, "/expires_in_days", format!("must be between 1 and {MAX_DAYS}, or be left out for no end"));
+    faults
+}
+
+/// Makes a key of the caller's tenant.
+///
+/// # Errors
+/// All fields that break a rule; cohorts that do not exist.
+pub async fn create(app: &App, new: NewKey) -> Result<Issued, ServiceError> {
+    check_unlimited(app, "to create a key")?;
+    ServiceError::unless_empty(faults(&new))?;
+    let cohorts = match &new.cohorts {
+        Some(keys) => Some(cohort_ids(app, keys).await?),
+        None => None,
+    };
+    let mut random = [0; 32];
+    let failed = |error| ServiceError::Internal(format!("the system has no random numbers: {error}"));
+    SysRng.try_fill_bytes(&mut random).map_err(failed)?;
+    let (id, now) = (id::new_id(id::KEY), now_ms());
+    let secret = Secret::new(&id, random);
+    let key = Key {
+        id,
+        tenant: app.principal.tenant.clone(),
+        name: new.name,
+        role: new.role,
+        cohorts,
+        digest: secret.digest(),
+        created_at_ms: now,
+        expires_at_ms: new.expires_in_days.map(|days| now + i64::from(days) * DAY_MS),
+        revoked_at_ms: None,
+        used_at_ms: None,
+    };
+    app.store.create_key(&key).await?;
+    app.access.keys.there_are_some();
+    tracing::info!(key = key.id, role = key.role.as_str(), by = app.principal.key, "a key was created");
+    Ok(Issued { key, secret })
+}
+
+async fn cohort_ids(app: &App, keys: &[String]) -> Result<Vec<String>, ServiceError> {
+    let (mut ids, mut faults) = (Vec::new(), Vec::new());
+    for (i, key) in keys.iter().enumerate() {
+        match cohorts::find(app, key).await {
+            Ok(cohort) => ids.push(cohort.id),
+            Err(error @ ServiceError::NotFound { .. }) => {
+                faults.push(Fault::new(format!("/cohorts/{i}"), error.to_string()));
+            }
+            Err(error) => return Err(error),
+        }
+    }
+    ServiceError::unless_empty(faults)?;
+    ids.sort();
+    ids.dedup();
+    Ok(ids)
+}
+
+/// Keys of the caller's tenant in the order of their creation, after `cursor` (the id of the last one seen); also those
+/// that have ended.
+///
+/// # Errors
+/// A cursor that is not one.
+pub async fn list(app: &App, cursor: Option<&str>, limit: usize) -> Result<Page<Key>, ServiceError> {
+    if cursor.is_some_and(|cursor| !is_id(cursor)) {
+        return Err(ServiceError::Query("cursor is not one of this list".into()));
+    }
+    let mut items = app.store.list_keys(&app.principal.tenant, cursor, limit + 1).await?;
+    let next = (items.len() > limit).then(|| items[limit - 1].id.clone());
+    items.truncate(limit);
+    Ok((items, next))
+}
+
+/// The key of the caller's tenant with this id.
+///
+/// # Errors
+/// [`ServiceError::NotFound`].
+pub async fn find(app: &App, id: &str) -> Result<Key, ServiceError> {
+    let found = if is_id(id) { app.store.find_key(id).await? } else { None };
+    let own = found.filter(|key| key.tenant == app.principal.tenant);
+    own.ok_or_else(|| ServiceError::NotFound { kind: "key", key: id.into() })
+}
+
+/// Ends a key for good; one that is revoked stays so.
+///
+/// # Errors
+/// [`ServiceError::NotFound`].
+pub async fn revoke(app: &App, id: &str) -> Result<(), ServiceError> {
+    let key = find(app, id).await?;
+    let now = now_ms();
+    if key.revoked_at_ms.is_none() {
+        app.store.revoke_key(&key.id, now).await?;
+        tracing::info!(key = key.id, by = app.principal.key, "a key was revoked");
+    }
+    app.access.keys.remember(Key { revoked_at_ms: Some(key.revoked_at_ms.unwrap_or(now)), ..key });
+    Ok(())
+}
+
+/// Whether there is a key, of whatever tenant: also one that has ended, so that revoking the last one opens nothing.
+pub(super) async fn exist(app: &App) -> Result<bool, ServiceError> {
+    if let Some(known) = app.access.keys.are_there() {
+        return Ok(known);
+    }
+    let found = app.store.has_keys().await?;
+    if found {
+        app.access.keys.there_are_some();
+    } else {
+        app.access.keys.there_are_none();
+    }
+    Ok(found)
+}
+
+/// Who shows the key `text`.
+pub(super) async fn check(app: &App, text: &str) -> Result<Principal, Refusal> {
+    let id = claimed_id(text).ok_or("not the form of a key")?;
+    let known = app.access.keys.recall(&id);
+    let key = match known {
+        Some(key) => key,
+        None => {
+            let found = app.store.find_key(&id).await.map_err(|error| Refusal::Later(error.into()))?;
+            let key = found.ok_or(Refusal::Check(Some(id), "unknown key"))?;
+            app.access.keys.remember(key)
+        }
+    };
+    let now = now_ms();
+    if let Some(check) = key.refusal(text, now) {
+        return Err(Refusal::Check(Some(key.id), check));
+    }
+    note_use(app, &key, now);
+    Ok(key.principal())
+}
+
+/// Writes down that the key is in use, at most once a minute, beside the request.
+fn note_use(app: &App, key: &Key, now: i64) {
+    if key.used_at_ms.is_some_and(|used| now - used < NOTED_EVERY_MS) {
+        return;
+    }
+    app.access.keys.used(&key.id, now);
+    let (store, id) = (app.store.clone(), key.id.clone());
+    tokio::spawn(async move {
+        if let Err(error) = store.note_key_use(&id, now).await {
+            tracing::warn!(
+                key = id,
+                error = ServiceError::from(error).cause(),
+                "the use of a key could not be noted"
+            );
+        }
+    });
+}
+
+/// Keys that were looked up lately.
+#[derive(Debug)]
+pub(super) struct KeyCache {
+    found: Mutex<LruCache<String, (Key, Instant)>>,
+    /// Whether there are any, and when that was found out; that there are some stays so.
+    any: Mutex<Option<(bool, Instant)>>,
+}
+
+impl Default for KeyCache {
+    fn default() -> Self {
+        Self { found: Mutex::new(LruCache::new(REMEMBERED)), any: Mutex::default() }
+    }
+}
+
+impl KeyCache {
+    fn recall(&self, id: &str) -> Option<Key> {
+        let mut found = locked(&self.found);
+        let (key, since) = found.get(id)?;
+        (since.elapsed() < FRESH).then(|| key.clone())
+    }
+
+    /// Keeps what the store says of a key, and answers what is known of it now: what has been revoked here stays so,
+    /// whatever was read meanwhile.
+    fn remember(&self, mut key: Key) -> Key {
+        let mut found = locked(&self.found);
+        if let Some((known, _)) = found.peek(&key.id) {
+            key.revoked_at_ms = key.revoked_at_ms.or(known.revoked_at_ms);
+            key.used_at_ms = key.used_at_ms.max(known.used_at_ms);
+        }
+        found.insert(key.id.clone(), (key.clone(), Instant::now()));
+        key
+    }
+
+    /// Notes the use of a key; what else is known of it gets no younger.
+    fn used(&self, id: &str, now: i64) {
+        if let Some((key, _)) = locked(&self.found).get_mut(id) {
+            key.used_at_ms = Some(now);
+        }
+    }
+
+    fn are_there(&self) -> Option<bool> {
+        let any = *locked(&self.any);
+        any.filter(|(any, since)| *any || since.elapsed() < FRESH).map(|(any, _)| any)
+    }
+
+    fn there_are_some(&self) {
+        *locked(&self.any) = Some((true, Instant::now()));
+    }
+
+    fn there_are_none(&self) {
+        let mut any = locked(&self.any);
+        // Who has made one meanwhile knows better.
+        if !matches!(*any, Some((true, _))) {
+            *any = Some((false, Instant::now()));
+        }
+    }
+}
+
+fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(|poisoned| poisoned.into_inner())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn key(revoked_at_ms: Option<i64>) -> Key {
+        let id = String::from("key_1");
+        let digest = Secret::new(&id, [0; 32]).digest();
+        Key {
+            id,
+            tenant: "a".into(),
+            name: "pipeline".into(),
+            role: Role::Reader,
+            cohorts: None,
+            digest,
+            created_at_ms: 0,
+            expires_at_ms: None,
+            revoked_at_ms,
+            used_at_ms: None,
+        }
+    }
+
+    #[test]
+    fn a_revocation_outlives_what_was_read_before_it() {
+        let cache = KeyCache::default();
+        assert_eq!(cache.recall("key_1"), None);
+        cache.remember(key(None));
+        cache.remember(key(Some(5)));
+        let known = cache.remember(key(None));
+        assert_eq!((known.revoked_at_ms, cache.recall("key_1").unwrap().revoked_at_ms), (Some(5), Some(5)));
+        cache.used("key_1", 70);
+        assert_eq!(cache.remember(key(None)).used_at_ms, Some(70));
+    }
+
+    #[test]
+    fn that_there_are_keys_is_never_forgotten() {
+        let cache = KeyCache::default();
+        assert_eq!(cache.are_there(), None);
+        cache.there_are_none();
+        assert_eq!(cache.are_there(), Some(false));
+        cache.there_are_some();
+        cache.there_are_none();
+        assert_eq!(cache.are_there(), Some(true));
+    }
+
+    #[test]
+    fn new_keys_are_checked_as_a_whole() {
+        let bad = NewKey {
+            name: " x".into(),
+            role: Role::Admin,
+            cohorts: Some(Vec::new()),
+            expires_in_days: Some(0),
+        };
+        let pointers: Vec<String> = faults(&bad).into_iter().map(|fault| fault.pointer).collect();
+        assert_eq!(pointers, ["/name", "/cohorts", "/cohorts", "/expires_in_days"]);
+        let good = NewKey {
+            name: "a pipeline".into(),
+            role: Role::Writer,
+            cohorts: Some(vec!["c".into()]),
+            expires_in_days: Some(1),
+        };
+        assert_eq!(faults(&good), []);
+    }
+}

@@ -1,0 +1,236 @@
+//! The public keys of an identity provider: fetched when they are needed, and kept while it is away.
+//!
+//! * A key id that is not known is asked for, at most once in [`MISS_PAUSE`]: so a new key of the provider is found at once,
+//!   and invented ids do not lead to a flood of requests.
+//! * Keys older than [`OLD`] are fetched anew beside the requests: so a key that was withdrawn is forgotten.
+//! * When that fails, the last good set stays.
+
+use std::collections::HashMap;
+use std::sync::{Arc, RwLock};
+use std::time::{Duration, Instant};
+
+use jsonwebtoken::jwk::{Jwk, PublicKeyUse};
+use jsonwebtoken::{Algorithm, DecodingKey};
+use reqwest::{Client, Url};
+use serde::Deserialize;
+use serde::de::DeserializeOwned;
+use serde_json::Value;
+
+/// Shortest time between two requests because of unknown key ids.
+const MISS_PAUSE: Duration = Duration::from_secs(60);
+/// Shortest time between two requests as long as there is no set at all.
+const FIRST_PAUSE: Duration = Duration::from_secs(5);
+/// Age at which the keys are fetched anew.
+const OLD: Duration = Duration::from_secs(900);
+/// Longest time of a request to the provider.
+const TIMEOUT: Duration = Duration::from_secs(5);
+/// Longest answer of the provider.
+const MOST_BYTES: usize = 1 << 20;
+/// Most keys of a set.
+const MOST_KEYS: usize = 256;
+
+/// A public key, and the one algorithm it is for, when the provider says so.
+#[derive(Debug)]
+pub(super) struct ProviderKey {
+    pub(super) key: DecodingKey,
+    pub(super) algorithm: Option<Algorithm>,
+}
+
+type Keys = HashMap<String, Arc<ProviderKey>>;
+
+/// The identity provider. Clones share what is known of it.
+#[derive(Debug, Clone)]
+pub(super) struct Provider(Arc<Inner>);
+
+#[derive(Debug)]
+struct Inner {
+    client: Client,
+    issuer: String,
+    /// Where the keys are, when it is set rather than discovered.
+    jwks_url: Option<Url>,
+    known: RwLock<Known>,
+    /// Held while the provider is asked.
+    asking: tokio::sync::Mutex<Asked>,
+}
+
+#[derive(Debug, Default)]
+struct Known {
+    keys: Keys,
+    since: Option<Instant>,
+}
+
+#[derive(Debug, Default)]
+struct Asked {
+    /// When it was last asked at all.
+    last: Option<Instant>,
+    /// When it was last asked because of an unknown key id.
+    miss: Option<Instant>,
+}
+
+/// The provider has not answered since the start.
+#[derive(Debug)]
+pub(super) struct Away;
+
+/// The part of OpenID Connect discovery that is needed.
+#[derive(Debug, Deserialize)]
+struct Discovery {
+    issuer: String,
+    jwks_uri: String,
+}
+
+#[derive(Debug, Deserialize)]
+struct KeySet {
+    keys: Vec<Value>,
+}
+
+impl Provider {
+    /// Asks nothing yet.
+    ///
+    /// # Errors
+    /// Addresses that are none, or that others could answer for.
+    pub(super) fn new(issuer: &str, jwks_url: Option<&str>) -> Result<Self, String> {
+        address(issuer)?;
+        let jwks_url = jwks_url.map(address).transpose()?;
+        let client =
+            Client::builder()
+                .timeout(TIMEOUT)
+                .redirect(reqwest::redirect::Policy::none())
+                .build()
+                .map_err(|error| format!("the client of the identity provider does not start: {error}"))?;
+        let (known, asking) = (RwLock::default(), tokio::sync::Mutex::default());
+        Ok(Self(Arc::new(Inner { client, issuer: issuer.into(), jwks_url, known, asking })))
+    }
+
+    /// The key with this id.
+    ///
+    /// # Errors
+    /// [`Away`] when no key at all is known.
+    pub(super) async fn find(&self, id: &str) -> Result<Option<Arc<ProviderKey>>, Away> {
+        let (key, since) = self.known(id);
+        if key.is_none() {
+            self.ask_for(id).await;
+            let (key, since) = self.known(id);
+            return if since.is_some() { Ok(key) } else { Err(Away) };
+        }
+        if since.is_some_and(|since| since.elapsed() > OLD) {
+            let provider = self.clone();
+            tokio::spawn(async move { provider.renew().await });
+        }
+        Ok(key)
+    }
+
+    fn known(&self, id: &str) -> (Option<Arc<ProviderKey>>, Option<Instant>) {
+        let known = self.0.known.read().unwrap_or_else(|poisoned| poisoned.into_inner());
+        (known.keys.get(id).cloned(), known.since)
+    }
+
+    /// Asks the provider because of an unknown key id, unless it was asked lately.
+    async fn ask_for(&self, id: &str) {
+        let mut asked = self.0.asking.lock().await;
+        // Who waited for its turn may find the key now.
+        let (key, since) = self.known(id);
+        if key.is_some() {
+            return;
+        }
+        let (last, pause) =
+            if since.is_some() { (&mut asked.miss, MISS_PAUSE) } else { (&mut asked.last, FIRST_PAUSE) };
+        if last.is_some_and(|last| last.elapsed() < pause) {
+            return;
+        }
+        *last = Some(Instant::now());
+        asked.last = Some(Instant::now());
+        self.fetch().await;
+    }
+
+    /// Asks the provider because its keys are old, unless it was asked lately.
+    async fn renew(&self) {
+        let Ok(mut asked) = self.0.asking.try_lock() else { return };
+        if asked.last.is_some_and(|last| last.elapsed() < MISS_PAUSE) {
+            return;
+        }
+        asked.last = Some(Instant::now());
+        self.fetch().await;
+    }
+
+    /// Takes over the keys of the provider; those that were known stay when it does not answer well.
+    async fn fetch(&self) {
+        match self.fetched().await {
+            Ok(keys) => {
+                tracing::info!(keys = keys.len(), "the keys of the identity provider were read");
+                let mut known = self.0.known.write().unwrap_or_else(|poisoned| poisoned.into_inner());
+                *known = Known { keys, since: Some(Instant::now()) };
+            }
+            Err(error) => tracing::warn!(error, "the keys of the identity provider could not be read"),
+        }
+    }
+
+    async fn fetched(&self) -> Result<Keys, String> {
+        let url = match &self.0.jwks_url {
+            Some(url) => url.clone(),
+            None => self.discovered().await?,
+        };
+        let set: KeySet = self.get(url).await?;
+        let keys: Keys = set.keys.into_iter().take(MOST_KEYS).filter_map(usable).collect();
+        if keys.is_empty() { Err("no key of its set can be used".into()) } else { Ok(keys) }
+    }
+
+    /// Where the provider says that its keys are.
+    async fn discovered(&self) -> Result<Url, String> {
+        let issuer = &self.0.issuer;
+        let url = format!("{}/.well-known/openid-configuration", issuer.trim_end_matches('/'));
+        let discovery: Discovery = self.get(address(&url)?).await?;
+        if discovery.issuer != *issuer {
+            return Err("its discovery document names another issuer than is set".into());
+        }
+        address(&discovery.jwks_uri)
+    }
+
+    async fn get<T: DeserializeOwned>(&self, url: Url) -> Result<T, String> {
+        let failed = |error: reqwest::Error| format!("{}: {error}", kind_of(&error));
+        let mut response = self.0.client.get(url).send().await.map_err(failed)?;
+        if !response.status().is_success() {
+            return Err(format!("it answers {}", response.status()));
+        }
+        let mut body = Vec::new();
+        while let Some(part) = response.chunk().await.map_err(failed)? {
+            body.extend_from_slice(&part);
+            if body.len() > MOST_BYTES {
+                return Err(format!("its answer is longer than {MOST_BYTES} bytes"));
+            }
+        }
+        serde_json::from_slice(&body).map_err(|error| format!("its answer is not what was expected: {error}"))
+    }
+}
+
+fn kind_of(error: &reqwest::Error) -> &'static str {
+    match error {
+        error if error.is_timeout() => "it does not answer in time",
+        error if error.is_connect() => "it cannot be reached",
+        _ => "the request failed",
+    }
+}
+
+/// An address of which the network cannot forge the answers: by TLS, or on this machine.
+fn address(text: &str) -> Result<Url, String> {
+    let url = Url::parse(text).map_err(|error| format!("'{text}' is not a URL: {error}"))?;
+    let host = url.host_str().unwrap_or_default();
+    match url.scheme() {
+        "https" => Ok(url),
+        "http" if crate::domain::access::is_loopback(host) => Ok(url),
+        _ => Err(format!("'{text}' must begin with https:// (http:// only for this machine)")),
+    }
+}
+
+/// A key of the set with its id, when it verifies signatures by an algorithm that is known here.
+fn usable(value: Value) -> Option<(String, Arc<ProviderKey>)> {
+    let jwk: Jwk = serde_json::from_value(value).ok()?;
+    if jwk.common.public_key_use.as_ref().is_some_and(|purpose| *purpose != PublicKeyUse::Signature) {
+        return None;
+    }
+    let algorithm = match jwk.common.key_algorithm {
+        Some(algorithm) => Some(Algorithm::try_from(algorithm).ok()?),
+        None => None,
+    };
+    let key = DecodingKey::from_jwk(&jwk).ok()?;
+    Some((jwk.common.key_id?, Arc::new(ProviderKey { key, algorithm })))
+}

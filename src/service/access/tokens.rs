@@ -1,0 +1,168 @@
+//! Bearer tokens of an identity provider: JSON Web Tokens (RFC 7519) that are used for access (RFC 9068).
+//!
+//! Checked are, in this order: the form, the algorithm (of a fixed list of asymmetric ones), the key it was signed with, the
+//! signature, issuer, audience, the time, and what the token says about role and tenant.
+
+use jsonwebtoken::errors::ErrorKind;
+use jsonwebtoken::{Algorithm, Header, Validation, decode, decode_header};
+use serde_json::{Map, Value};
+
+use super::Refusal;
+use super::provider::{Away, Provider};
+use crate::domain::access::{DEFAULT_TENANT, Principal, Role, tenant_problem};
+use crate::service::ServiceError;
+
+/// The algorithms that are accepted: never one with a shared secret, never none.
+const ALGORITHMS: [Algorithm; 6] = [
+    Algorithm::RS256,
+    Algorithm::RS384,
+    Algorithm::RS512,
+    Algorithm::ES256,
+    Algorithm::ES384,
+    Algorithm::EdDSA,
+];
+/// Longest subject that is told in logs and in the audit trail.
+const MAX_SUBJECT_CHARS: usize = 255;
+/// What stands for the key of those who show a token.
+const KEY: &str = "oidc";
+
+/// The identity provider, and what its tokens say.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct TokenSettings {
+    /// Its address: the claim `iss`.
+    pub issuer: String,
+    /// Who the tokens are for: the claim `aud`, or one of its values.
+    pub audience: String,
+    /// Where its keys are; discovered when none.
+    pub jwks_url: Option<String>,
+    /// The claim with the role; with dots, inside of objects.
+    pub role_claim: String,
+    /// The claim with the tenant; all are of the default one when none.
+    pub tenant_claim: Option<String>,
+    /// Seconds by which clocks may differ.
+    pub leeway_s: u64,
+}
+
+/// What checks tokens.
+#[derive(Debug)]
+pub(super) struct Verifier {
+    settings: TokenSettings,
+    provider: Provider,
+}
+
+impl Verifier {
+    pub(super) fn new(settings: TokenSettings, provider: Provider) -> Self {
+        Self { settings, provider }
+    }
+
+    /// Who shows the token.
+    pub(super) async fn check(&self, token: &str) -> Result<Principal, Refusal> {
+        let header = decode_header(token).map_err(|error| failed_check(error.kind()))?;
+        let key_id = known_form(&header)?;
+        let key = match self.provider.find(key_id).await {
+            Ok(key) => key.ok_or("unknown key id of a token")?,
+            Err(Away) => {
+                let detail = "tokens cannot be checked now: the identity provider does not answer";
+                return Err(Refusal::Later(ServiceError::Unavailable(detail.into())));
+            }
+        };
+        if key.algorithm.is_some_and(|algorithm| algorithm != header.alg) {
+            return Err("another algorithm of a token than that of its key".into());
+        }
+        let data = decode::<Map<String, Value>>(token, &key.key, &self.validation(header.alg));
+        self.principal(&data.map_err(|error| failed_check(error.kind()))?.claims)
+    }
+
+    fn validation(&self, algorithm: Algorithm) -> Validation {
+        let mut validation = Validation::new(algorithm);
+        validation.leeway = self.settings.leeway_s;
+        validation.validate_nbf = true;
+        validation.set_issuer(&[&self.settings.issuer]);
+        validation.set_audience(&[&self.settings.audience]);
+        validation.set_required_spec_claims(&["exp", "iss", "aud", "sub"]);
+        validation
+    }
+
+    /// Who the claims speak of.
+    fn principal(&self, claims: &Map<String, Value>) -> Result<Principal, Refusal> {
+        let role = claim(claims, &self.settings.role_claim).and_then(highest_role);
+        let role = role.ok_or(Refusal::Nobody("the token has none of the roles reader, writer, admin"))?;
+        let tenant = match &self.settings.tenant_claim {
+            Some(name) => claim(claims, name)
+                .and_then(Value::as_str)
+                .filter(|tenant| tenant_problem(tenant).is_none())
+                .ok_or(Refusal::Nobody("the token names no tenant"))?,
+            None => DEFAULT_TENANT,
+        };
+        let subject = claims.get("sub").and_then(Value::as_str).unwrap_or_default();
+        Ok(Principal {
+            tenant: tenant.into(),
+            key: KEY.into(),
+            subject: Some(subject.chars().take(MAX_SUBJECT_CHARS).collect()),
+            role,
+            cohorts: None,
+        })
+    }
+}
+
+/// The key id of a token that may be looked at further.
+fn known_form(header: &Header) -> Result<&str, &'static str> {
+    if !ALGORITHMS.contains(&header.alg) {
+        return Err("algorithm of a token that is not accepted");
+    }
+    if header.crit.is_some() {
+        return Err("a token with conditions that are not known here");
+    }
+    header.kid.as_deref().ok_or("a token without key id")
+}
+
+/// The failed check in the words of the log; the library's own may repeat parts of the token.
+fn failed_check(error: &ErrorKind) -> Refusal {
+    let check = match error {
+        ErrorKind::InvalidSignature => "bad signature of a token",
+        ErrorKind::ExpiredSignature => "expired token",
+        ErrorKind::ImmatureSignature => "a token that is not valid yet",
+        ErrorKind::InvalidIssuer => "wrong issuer of a token",
+        ErrorKind::InvalidAudience => "wrong audience of a token",
+        ErrorKind::MissingRequiredClaim(_) => "a token without exp, iss, aud or sub",
+        ErrorKind::InvalidAlgorithm | ErrorKind::UnsupportedAlgorithm => "wrong algorithm of a token",
+        _ => "not the form of a token",
+    };
+    check.into()
+}
+
+/// The claim with this name, or, when there is none, what lies at it as a path with dots.
+fn claim<'a>(claims: &'a Map<String, Value>, name: &str) -> Option<&'a Value> {
+    claims.get(name).or_else(|| {
+        let (first, rest) = name.split_once('.')?;
+        claim(claims.get(first)?.as_object()?, rest)
+    })
+}
+
+/// The highest of the roles in a list, or in a text with spaces.
+fn highest_role(value: &Value) -> Option<Role> {
+    match value {
+        Value::String(text) => text.split_whitespace().filter_map(Role::of_word).max(),
+        Value::Array(words) => words.iter().filter_map(|word| Role::of_word(word.as_str()?)).max(),
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn roles_are_read_from_texts_lists_and_paths() {
+        let claims = json!({"roles": ["reader", "admin", 3], "scope": "openid writer reader", "none": ["root"],
+            "realm_access": {"roles": ["writer"]}, "a.b": "reader", "a": {"b": "admin"}});
+        let claims = claims.as_object().unwrap();
+        let role = |name: &str| claim(claims, name).and_then(highest_role);
+        assert_eq!(role("roles"), Some(Role::Admin));
+        assert_eq!(role("scope"), Some(Role::Writer));
+        assert_eq!(role("realm_access.roles"), Some(Role::Writer));
+        assert_eq!(role("a.b"), Some(Role::Reader));
+        assert_eq!([role("none"), role("absent"), role("realm_access"), role("roles.x")], [None; 4]);
+    }
+}

@@ -1,0 +1,278 @@
+//! What the service counts: one table of names and meanings, and the text that Prometheus reads.
+//!
+//! Names are stable, and `docs/observability.md` lists them all. Labels come from small fixed sets: route templates, kinds,
+//! outcomes; never what a client has sent.
+
+use std::sync::OnceLock;
+use std::time::Duration;
+
+use metrics::{counter, gauge, histogram};
+use metrics_exporter_prometheus::{PrometheusBuilder, PrometheusHandle};
+
+use super::pool::LANES;
+use super::{App, build, now_ms};
+use crate::domain::job::JobKind;
+use crate::store::metrics as store;
+
+/// Answered requests.
+pub const HTTP_REQUESTS: &str = "shapelex_http_requests_total";
+/// Time until the head of the answer.
+pub const HTTP_DURATION: &str = "shapelex_http_request_duration_seconds";
+/// Requests that are not answered to the end.
+pub const HTTP_IN_FLIGHT: &str = "shapelex_http_requests_in_flight";
+/// Bytes of bodies that came in.
+pub const HTTP_BYTES_IN: &str = "shapelex_http_request_body_bytes_total";
+/// Bytes of bodies that went out.
+pub const HTTP_BYTES_OUT: &str = "shapelex_http_response_body_bytes_total";
+
+const JOBS_QUEUED: &str = "shapelex_jobs_queued";
+const JOBS_RUNNING: &str = "shapelex_jobs_running";
+const JOBS_OLDEST: &str = "shapelex_jobs_oldest_queued_seconds";
+const JOB_ATTEMPTS: &str = "shapelex_job_attempts_total";
+const JOB_DURATION: &str = "shapelex_job_attempt_duration_seconds";
+const JOBS_CANCELLED: &str = "shapelex_jobs_cancelled_total";
+const JOBS_ABANDONED: &str = "shapelex_jobs_abandoned_total";
+const JOB_CLAIMS_LOST: &str = "shapelex_job_claims_lost_total";
+const STORE_UP: &str = "shapelex_store_up";
+const STORE_BYTES: &str = "shapelex_store_database_bytes";
+const STORE_FREE: &str = "shapelex_store_disk_free_bytes";
+const COMPUTE_WAITING: &str = "shapelex_compute_waiting";
+const COMPUTE_RUNNING: &str = "shapelex_compute_running";
+const COMPUTE_WAIT: &str = "shapelex_compute_wait_seconds";
+const COMPUTE_REFUSED: &str = "shapelex_compute_refused_total";
+const CACHE_LOOKUPS: &str = "shapelex_cache_lookups_total";
+const AUDIT_WAITING: &str = "shapelex_audit_waiting";
+const AUDIT_WRITTEN: &str = "shapelex_audit_entries_total";
+const AUDIT_FAILURES: &str = "shapelex_audit_write_failures_total";
+const BUILD_INFO: &str = "shapelex_build_info";
+
+/// What a metric is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// Only grows.
+    Counter,
+    /// Goes up and down.
+    Gauge,
+    /// How often which time was taken.
+    Histogram,
+}
+
+impl Kind {
+    /// The word for it in the text that Prometheus reads.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Counter => "counter",
+            Self::Gauge => "gauge",
+            Self::Histogram => "histogram",
+        }
+    }
+}
+
+/// All metrics: name, kind, meaning.
+pub const METRICS: &[(&str, Kind, &str)] = &[
+    (HTTP_REQUESTS, Kind::Counter, "Requests, by method, route and class of the status"),
+    (HTTP_DURATION, Kind::Histogram, "Time until the head of the answer"),
+    (HTTP_IN_FLIGHT, Kind::Gauge, "Requests whose answer is not sent to its end"),
+    (HTTP_BYTES_IN, Kind::Counter, "Bytes of request bodies, as they were sent"),
+    (HTTP_BYTES_OUT, Kind::Counter, "Bytes of response bodies, as they were sent"),
+    (JOBS_QUEUED, Kind::Gauge, "Jobs that wait"),
+    (JOBS_RUNNING, Kind::Gauge, "Jobs that run"),
+    (JOBS_OLDEST, Kind::Gauge, "Time since the job that waits longest could have begun"),
+    (JOB_ATTEMPTS, Kind::Counter, "Attempts at jobs that have ended, by kind and outcome"),
+    (JOB_DURATION, Kind::Histogram, "Time that attempts at jobs took, by kind"),
+    (JOBS_CANCELLED, Kind::Counter, "Jobs that were cancelled"),
+    (JOBS_ABANDONED, Kind::Counter, "Jobs that were given up because every attempt was interrupted"),
+    (JOB_CLAIMS_LOST, Kind::Counter, "Attempts that lost their job to another process"),
+    (STORE_UP, Kind::Gauge, "Whether the store could be read for this scrape, 1 or 0"),
+    (STORE_BYTES, Kind::Gauge, "Size of the database"),
+    (STORE_FREE, Kind::Gauge, "Free space where the data folder is"),
+    (store::WRITE_WAIT, Kind::Histogram, "Time that transactions waited for their turn to write"),
+    (store::WRITE, Kind::Histogram, "Time that transactions took to write"),
+    (store::ERRORS, Kind::Counter, "Failures of the database, by kind"),
+    (COMPUTE_WAITING, Kind::Gauge, "Computations that wait for a thread, by lane"),
+    (COMPUTE_RUNNING, Kind::Gauge, "Computations that run, by lane"),
+    (COMPUTE_WAIT, Kind::Histogram, "Time that computations waited for a thread, by lane"),
+    (
+        COMPUTE_REFUSED,
+        Kind::Counter,
+        "Computations that were turned away because the queue was full, by lane",
+    ),
+    (CACHE_LOOKUPS, Kind::Counter, "Look-ups in caches, by cache and outcome"),
+    (AUDIT_WAITING, Kind::Gauge, "Audit entries that are not on disk yet"),
+    (AUDIT_WRITTEN, Kind::Counter, "Audit entries that are on disk"),
+    (AUDIT_FAILURES, Kind::Counter, "Groups of audit entries that could not be written and are tried again"),
+    (BUILD_INFO, Kind::Gauge, "1, with the version, commit, compiler and database engine as labels"),
+];
+
+/// Upper bounds of the histograms, in seconds.
+const BUCKETS: [f64; 14] =
+    [0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 10.0, 30.0, 120.0];
+
+/// How often samples are folded into the histograms, so that memory stays small when nobody reads them.
+const UPKEEP: Duration = Duration::from_secs(5);
+
+static HANDLE: OnceLock<PrometheusHandle> = OnceLock::new();
+
+/// Starts counting in this process; what happened before is not counted, and a second call changes nothing.
+pub fn start() {
+    handle();
+}
+
+fn handle() -> &'static PrometheusHandle {
+    HANDLE.get_or_init(|| {
+        let builder = PrometheusBuilder::new().set_buckets(&BUCKETS).expect("there are buckets");
+        let recorder = builder.build_recorder();
+        let handle = recorder.handle();
+        metrics::set_global_recorder(recorder).expect("nothing else in this program counts");
+        describe();
+        begin_at_zero();
+        handle
+    })
+}
+
+/// Keeps the histograms small; never ends.
+pub async fn upkeep() {
+    loop {
+        tokio::time::sleep(UPKEEP).await;
+        handle().run_upkeep();
+    }
+}
+
+fn describe() {
+    for &(name, kind, help) in METRICS {
+        match kind {
+            Kind::Counter => metrics::describe_counter!(name, help),
+            Kind::Gauge => metrics::describe_gauge!(name, help),
+            Kind::Histogram => metrics::describe_histogram!(name, help),
+        }
+    }
+}
+
+/// Counters of rare events stand at zero before the first one: an alert on their rise sees it.
+fn begin_at_zero() {
+    for name in [JOBS_CANCELLED, JOBS_ABANDONED, JOB_CLAIMS_LOST, AUDIT_WRITTEN, AUDIT_FAILURES] {
+        counter!(name).absolute(0);
+    }
+    for kind in store::ERROR_KINDS {
+        counter!(store::ERRORS, "kind" => kind).absolute(0);
+    }
+    for lane in LANES {
+        counter!(COMPUTE_REFUSED, "lane" => lane).absolute(0);
+        gauge!(COMPUTE_WAITING, "lane" => lane).set(0.0);
+        gauge!(COMPUTE_RUNNING, "lane" => lane).set(0.0);
+    }
+    gauge!(AUDIT_WAITING).set(0.0);
+    gauge!(HTTP_IN_FLIGHT).set(0.0);
+}
+
+/// All metrics as text, those of the database as they are now.
+pub async fn scrape(app: &App) -> String {
+    let handle = handle();
+    let read = app.store.measure(now_ms()).await;
+    gauge!(STORE_UP).set(if read.is_ok() { 1.0 } else { 0.0 });
+    match read {
+        Ok(found) => {
+            gauge!(JOBS_QUEUED).set(found.jobs_queued as f64);
+            gauge!(JOBS_RUNNING).set(found.jobs_running as f64);
+            gauge!(JOBS_OLDEST).set(found.oldest_queued_ms as f64 / 1000.0);
+            gauge!(STORE_BYTES).set(found.database_bytes as f64);
+        }
+        Err(error) => tracing::warn!(%error, "the store could not be read for the metrics"),
+    }
+    if let Some(bytes) = app.store.free_bytes() {
+        gauge!(STORE_FREE).set(bytes as f64);
+    }
+    let commit = build::COMMIT.unwrap_or_default();
+    gauge!(BUILD_INFO, "version" => build::VERSION, "commit" => commit, "rustc" => build::RUSTC,
+        "engine" => app.store.engine())
+    .set(1.0);
+    handle.render()
+}
+
+/// A computation of a lane waits from now on.
+pub(super) fn compute_waits(lane: &'static str) -> InQueue {
+    gauge!(COMPUTE_WAITING, "lane" => lane).increment(1);
+    InQueue { lane, since: std::time::Instant::now() }
+}
+
+/// A computation was turned away.
+pub(super) fn compute_refused(lane: &'static str) {
+    counter!(COMPUTE_REFUSED, "lane" => lane).increment(1);
+}
+
+/// A computation that waits; dropped when it begins or is given up.
+#[derive(Debug)]
+pub(super) struct InQueue {
+    lane: &'static str,
+    since: std::time::Instant,
+}
+
+impl InQueue {
+    /// It has a thread.
+    pub(super) fn begin(self) -> InWork {
+        histogram!(COMPUTE_WAIT, "lane" => self.lane).record(self.since.elapsed());
+        gauge!(COMPUTE_RUNNING, "lane" => self.lane).increment(1);
+        InWork { lane: self.lane }
+    }
+}
+
+impl Drop for InQueue {
+    fn drop(&mut self) {
+        gauge!(COMPUTE_WAITING, "lane" => self.lane).decrement(1);
+    }
+}
+
+/// A computation that runs; dropped when it has ended.
+#[derive(Debug)]
+pub(super) struct InWork {
+    lane: &'static str,
+}
+
+impl Drop for InWork {
+    fn drop(&mut self) {
+        gauge!(COMPUTE_RUNNING, "lane" => self.lane).decrement(1);
+    }
+}
+
+/// What was looked up in a cache; counted as hit or miss.
+pub(super) fn looked_up<T>(cache: &'static str, found: Option<T>) -> Option<T> {
+    let outcome = if found.is_some() { "hit" } else { "miss" };
+    counter!(CACHE_LOOKUPS, "cache" => cache, "outcome" => outcome).increment(1);
+    found
+}
+
+/// An attempt at a job has ended.
+pub(super) fn attempt_ended(kind: JobKind, outcome: &'static str, time: Duration) {
+    counter!(JOB_ATTEMPTS, "kind" => kind.as_str(), "outcome" => outcome).increment(1);
+    histogram!(JOB_DURATION, "kind" => kind.as_str()).record(time);
+}
+
+/// A job was cancelled.
+pub(super) fn job_cancelled() {
+    counter!(JOBS_CANCELLED).increment(1);
+}
+
+/// Jobs were given up.
+pub(super) fn jobs_abandoned(count: usize) {
+    counter!(JOBS_ABANDONED).increment(count as u64);
+}
+
+/// An attempt found that its job is not its own any more.
+pub(super) fn claim_lost() {
+    counter!(JOB_CLAIMS_LOST).increment(1);
+}
+
+/// So many audit entries wait.
+pub(super) fn audit_waits(count: usize) {
+    gauge!(AUDIT_WAITING).set(count as f64);
+}
+
+/// So many audit entries were written.
+pub(super) fn audit_written(count: usize) {
+    counter!(AUDIT_WRITTEN).increment(count as u64);
+}
+
+/// A group of audit entries could not be written.
+pub(super) fn audit_failed() {
+    counter!(AUDIT_FAILURES).increment(1);
+}

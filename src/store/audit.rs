@@ -1,0 +1,278 @@
+//! The audit trail: entries are added and grow old, nothing changes them.
+//!
+//! `audit_head` has, for each tenant, place and link of the last entry and of the last one that was removed for its age:
+//! what is between them is a whole chain.
+
+use std::collections::BTreeMap;
+
+use super::engine::{Row, Transaction};
+use super::{Store, StoreError, from_sql, sql, to_sql};
+use crate::domain::audit::{AuditFilter, DIGEST_BYTES, Digest, Entry, FIRST_LINK, Recorded};
+
+/// What those who write the trail take turns for.
+const SCOPE: &str = "audit";
+
+/// Entries that are read or removed at a time.
+const PIECE: u64 = 2000;
+
+/// How much the order of the entries may differ from that of their times: they wait in groups, and the clocks of several
+/// machines differ.
+const DISORDER_MS: i64 = 60_000;
+
+/// What a look through the whole trail has found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct AuditCheck {
+    /// Tenants that have a trail.
+    pub tenants: u64,
+    /// Entries whose links hold.
+    pub entries: u64,
+}
+
+/// A chain between two links.
+struct Chain {
+    tenant: String,
+    from: (u64, Digest),
+    to: (u64, Digest),
+}
+
+impl Store {
+    /// Adds entries at the end of the trails of their tenants, in one transaction.
+    ///
+    /// # Errors
+    /// Those of the database; then none of them is stored.
+    pub async fn append_audit(&self, entries: &[Entry]) -> Result<(), StoreError> {
+        let mut of_tenants: BTreeMap<&str, Vec<&Entry>> = BTreeMap::new();
+        for entry in entries {
+            of_tenants.entry(&entry.tenant).or_default().push(entry);
+        }
+        let mut transaction = self.begin_write(SCOPE).await?;
+        for (tenant, entries) in of_tenants {
+            append(&mut transaction, tenant, &entries).await?;
+        }
+        transaction.commit().await?;
+        Ok(())
+    }
+
+    /// At most `limit` entries of a tenant in their order, behind the place `after`.
+    ///
+    /// # Errors
+    /// Those of the database.
+    pub async fn list_audit(
+        &self,
+        tenant: &str,
+        filter: &AuditFilter,
+        after: u64,
+        limit: usize,
+    ) -> Result<Vec<Recorded>, StoreError> {
+        const FIRST: &str = "SELECT sequence FROM audit WHERE tenant = $1 AND at_ms >= $2
+            ORDER BY at_ms, sequence LIMIT 1";
+        const LIST: &str = "SELECT * FROM audit WHERE tenant = $1 AND sequence > $2
+            AND at_ms >= $4 AND at_ms < $5 AND ($6 IS NULL OR caller = $6) AND ($7 IS NULL OR operation = $7)
+            AND ($8 IS NULL OR replace(objects, $8, '') <> objects) AND ($9 IS NULL OR status = $9)
+            ORDER BY sequence LIMIT $3";
+        let mut after = to_sql(after);
+        if let Some(since) = filter.since_ms {
+            let first = sql(self.reader(), FIRST).bind(tenant).bind(since.saturating_sub(DISORDER_MS));
+            let first: Option<i64> = first.optional_scalar().await?;
+            let Some(first) = first else { return Ok(Vec::new()) };
+            after = after.max(first - 1);
+        }
+        // As it stands behind the name of its place.
+        let object = filter.object.as_ref().map(|object| format!(":{}", text_of(object)));
+        let rows = sql(self.reader(), LIST)
+            .bind(tenant)
+            .bind(after)
+            .bind(to_sql(limit as u64))
+            .bind(filter.since_ms.unwrap_or(i64::MIN))
+            .bind(filter.until_ms.unwrap_or(i64::MAX))
+            .bind(filter.key.as_deref())
+            .bind(filter.operation.as_deref())
+            .bind(object)
+            .bind(filter.status.map(i64::from))
+            .all()
+            .await?;
+        rows.iter().map(read_entry).collect()
+    }
+
+    /// Removes the entries before `before_ms` from the beginning of all trails; how many they were.
+    ///
+    /// # Errors
+    /// Those of the database; what is removed then stays removed, and every trail stays whole.
+    pub async fn prune_audit(&self, before_ms: i64) -> Result<u64, StoreError> {
+        let mut removed = 0;
+        for Chain { tenant, .. } in self.audit_chains().await? {
+            loop {
+                let mut transaction = self.begin_write(SCOPE).await?;
+                let piece = prune(&mut transaction, &tenant, before_ms).await?;
+                transaction.commit().await?;
+                removed += piece;
+                if piece == 0 {
+                    break;
+                }
+            }
+        }
+        Ok(removed)
+    }
+
+    /// Follows every trail from its beginning to its head.
+    ///
+    /// # Errors
+    /// [`StoreError::Damaged`] with the place where a chain is broken.
+    pub async fn check_audit(&self) -> Result<AuditCheck, StoreError> {
+        let mut found = AuditCheck::default();
+        for chain in self.audit_chains().await? {
+            found.tenants += 1;
+            found.entries += self.check_chain(&chain).await?;
+        }
+        Ok(found)
+    }
+
+    async fn audit_chains(&self) -> Result<Vec<Chain>, StoreError> {
+        const HEADS: &str = "SELECT * FROM audit_head ORDER BY tenant";
+        let rows = sql(self.reader(), HEADS).all().await?;
+        rows.iter().map(read_chain).collect()
+    }
+
+    /// Follows one trail; how many entries it has.
+    async fn check_chain(&self, chain: &Chain) -> Result<u64, StoreError> {
+        const PIECE_OF: &str = "SELECT * FROM audit WHERE tenant = $1 AND sequence > $2 AND sequence <= $3
+            ORDER BY sequence LIMIT $4";
+        let (mut place, mut link) = chain.from;
+        while place < chain.to.0 {
+            let rows = sql(self.reader(), PIECE_OF)
+                .bind(&chain.tenant)
+                .bind(to_sql(place))
+                .bind(to_sql(chain.to.0))
+                .bind(to_sql(PIECE))
+                .all()
+                .await?;
+            if rows.is_empty() {
+                return Err(broken(&chain.tenant, place + 1));
+            }
+            for row in &rows {
+                let recorded = read_entry(row)?;
+                if recorded.sequence != place + 1 || recorded.digest != recorded.expected_digest(&link) {
+                    return Err(broken(&chain.tenant, place + 1));
+                }
+                (place, link) = (recorded.sequence, recorded.digest);
+            }
+        }
+        if link != chain.to.1 {
+            return Err(broken(&chain.tenant, place));
+        }
+        Ok(chain.to.0 - chain.from.0)
+    }
+}
+
+fn broken(tenant: &str, place: u64) -> StoreError {
+    StoreError::Damaged { detail: format!("the audit trail of tenant {tenant:?} is broken at entry {place}") }
+}
+
+/// Inside a transaction: adds entries of one tenant.
+async fn append(transaction: &mut Transaction, tenant: &str, entries: &[&Entry]) -> Result<(), StoreError> {
+    // Also locks the head until the end of the transaction: nobody else adds meanwhile.
+    const ADVANCE: &str =
+        "INSERT INTO audit_head (tenant, sequence, digest, removed_sequence, removed_digest)
+        VALUES ($1, $2, $3, 0, $3)
+        ON CONFLICT (tenant) DO UPDATE SET sequence = audit_head.sequence + $2 RETURNING sequence, digest";
+    const INSERT: &str = "INSERT INTO audit (tenant, sequence, at_ms, caller, subject, operation, method, route,
+        objects, status, request_id, remote, digest) VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13)";
+    const LINK: &str = "UPDATE audit_head SET digest = $2 WHERE tenant = $1";
+    let count = entries.len() as u64;
+    let row = sql(&mut *transaction, ADVANCE)
+        .bind(tenant)
+        .bind(to_sql(count))
+        .bind(FIRST_LINK.to_vec())
+        .one()
+        .await?;
+    let mut place = from_sql(row.get("sequence")?) - count;
+    let mut link = read_digest(row.get("digest")?)?;
+    for entry in entries {
+        let recorded = Recorded::after(place, &link, (*entry).clone());
+        sql(&mut *transaction, INSERT)
+            .bind(&entry.tenant)
+            .bind(to_sql(recorded.sequence))
+            .bind(entry.at_ms)
+            .bind(entry.key.as_deref())
+            .bind(entry.subject.as_deref())
+            .bind(entry.operation.as_deref())
+            .bind(&entry.method)
+            .bind(entry.route.as_deref())
+            .bind(text_of(&entry.objects))
+            .bind(entry.status.map(i64::from))
+            .bind(&entry.request_id)
+            .bind(entry.remote.as_deref())
+            .bind(recorded.digest.to_vec())
+            .execute()
+            .await?;
+        (place, link) = (recorded.sequence, recorded.digest);
+    }
+    sql(&mut *transaction, LINK).bind(tenant).bind(link.to_vec()).execute().await?;
+    Ok(())
+}
+
+/// Inside a transaction: removes the oldest entries of a tenant, at most [`PIECE`]; how many they were.
+async fn prune(transaction: &mut Transaction, tenant: &str, before_ms: i64) -> Result<u64, StoreError> {
+    const HEAD: &str = "SELECT * FROM audit_head WHERE tenant = $1";
+    const YOUNG: &str =
+        "SELECT sequence FROM audit WHERE tenant = $1 AND at_ms >= $2 ORDER BY sequence LIMIT 1";
+    const LAST: &str = "SELECT digest FROM audit WHERE tenant = $1 AND sequence = $2";
+    const REMOVE: &str = "DELETE FROM audit WHERE tenant = $1 AND sequence <= $2";
+    const REMEMBER: &str =
+        "UPDATE audit_head SET removed_sequence = $2, removed_digest = $3 WHERE tenant = $1";
+    let Chain { from, to, .. } = read_chain(&sql(&mut *transaction, HEAD).bind(tenant).one().await?)?;
+    let young: Option<i64> =
+        sql(&mut *transaction, YOUNG).bind(tenant).bind(before_ms).optional_scalar().await?;
+    let old = young.map_or(to.0, |young| from_sql(young - 1));
+    let last = old.min(from.0 + PIECE);
+    if last <= from.0 {
+        return Ok(0);
+    }
+    let link: Vec<u8> = sql(&mut *transaction, LAST).bind(tenant).bind(to_sql(last)).scalar().await?;
+    sql(&mut *transaction, REMOVE).bind(tenant).bind(to_sql(last)).execute().await?;
+    sql(&mut *transaction, REMEMBER).bind(tenant).bind(to_sql(last)).bind(link).execute().await?;
+    Ok(last - from.0)
+}
+
+fn read_chain(row: &Row) -> Result<Chain, StoreError> {
+    Ok(Chain {
+        tenant: row.get("tenant")?,
+        from: (from_sql(row.get("removed_sequence")?), read_digest(row.get("removed_digest")?)?),
+        to: (from_sql(row.get("sequence")?), read_digest(row.get("digest")?)?),
+    })
+}
+
+fn read_entry(row: &Row) -> Result<Recorded, StoreError> {
+    let objects: String = row.get("objects")?;
+    let status: Option<i64> = row.get("status")?;
+    Ok(Recorded {
+        sequence: from_sql(row.get("sequence")?),
+        entry: Entry {
+            at_ms: row.get("at_ms")?,
+            tenant: row.get("tenant")?,
+            key: row.get("caller")?,
+            subject: row.get("subject")?,
+            operation: row.get("operation")?,
+            method: row.get("method")?,
+            route: row.get("route")?,
+            objects: serde_json::from_str(&objects).map_err(|_| unreadable())?,
+            status: status.map(u16::try_from).transpose().map_err(|_| unreadable())?,
+            request_id: row.get("request_id")?,
+            remote: row.get("remote")?,
+        },
+        digest: read_digest(row.get("digest")?)?,
+    })
+}
+
+fn read_digest(bytes: Vec<u8>) -> Result<Digest, StoreError> {
+    <[u8; DIGEST_BYTES]>::try_from(bytes).map_err(|_| unreadable())
+}
+
+fn unreadable() -> StoreError {
+    StoreError::Damaged { detail: "an entry of the audit trail cannot be read".into() }
+}
+
+/// JSON of texts.
+fn text_of(value: &impl serde::Serialize) -> String {
+    serde_json::to_string(value).expect("texts are JSON")
+}

@@ -1,0 +1,450 @@
+//! One way to speak to both databases.
+//!
+//! The store writes its SQL once, with `$1` placeholders and the types that both have: 64-bit integers, doubles, text,
+//! bytes. What differs is translated here, by [`translated`]; where a statement cannot be the same, it asks
+//! [`Transaction::is_postgres`].
+
+use std::borrow::Cow;
+use std::time::Instant;
+
+use sqlx::postgres::{PgArguments, PgDatabaseError, PgRow};
+use sqlx::sqlite::{SqliteArguments, SqliteRow};
+use sqlx::{
+    Arguments as _, AssertSqlSafe, Decode, Encode, PgConnection, PgPool, Postgres, Row as _, Sqlite,
+    SqliteConnection, SqlitePool, Type,
+};
+
+use super::{metrics, postgres, sqlite};
+
+/// The connections of a store.
+#[derive(Debug, Clone)]
+pub(super) enum Pools {
+    /// One connection writes, several read.
+    Sqlite {
+        writer: SqlitePool,
+        reader: SqlitePool,
+    },
+    Postgres(PgPool),
+}
+
+impl Pools {
+    /// Where statements that only read go.
+    pub(super) fn reader(&self) -> Link<'_> {
+        match self {
+            Self::Sqlite { reader, .. } => Link::SqlitePool(reader),
+            Self::Postgres(pool) => Link::PgPool(pool),
+        }
+    }
+
+    /// Where single statements that write go.
+    pub(super) fn writer(&self) -> Link<'_> {
+        match self {
+            Self::Sqlite { writer, .. } => Link::SqlitePool(writer),
+            Self::Postgres(pool) => Link::PgPool(pool),
+        }
+    }
+
+    /// Begins a transaction that reads one state of the database.
+    pub(super) async fn begin_read(&self) -> Result<Transaction, sqlx::Error> {
+        const SNAPSHOT: &str = "BEGIN ISOLATION LEVEL REPEATABLE READ READ ONLY";
+        match self {
+            Self::Sqlite { reader, .. } => reader.begin().await.map(Connection::Sqlite),
+            Self::Postgres(pool) => pool.begin_with(SNAPSHOT).await.map(Connection::Postgres),
+        }
+        .map(|connection| Transaction { connection, writes_since: None })
+    }
+
+    /// Begins a transaction that no other one of the same `scope` overlaps: on SQLite none at all.
+    pub(super) async fn begin_write(&self, scope: &str) -> Result<Transaction, sqlx::Error> {
+        const LOCK: &str = "SELECT pg_advisory_xact_lock(hashtextextended($1, 0))";
+        let asked = Instant::now();
+        let connection = match self {
+            Self::Sqlite { writer, .. } => Connection::Sqlite(writer.begin_with("BEGIN IMMEDIATE").await?),
+            Self::Postgres(pool) => {
+                let mut transaction = pool.begin().await?;
+                sqlx::query(LOCK).bind(scope).execute(&mut *transaction).await?;
+                Connection::Postgres(transaction)
+            }
+        };
+        metrics::waited(asked.elapsed());
+        Ok(Transaction { connection, writes_since: Some(Instant::now()) })
+    }
+
+    pub(super) fn is_postgres(&self) -> bool {
+        matches!(self, Self::Postgres(_))
+    }
+
+    /// Whether [`Pools::close`] was called.
+    pub(super) fn is_closed(&self) -> bool {
+        match self {
+            Self::Sqlite { writer, .. } => writer.is_closed(),
+            Self::Postgres(pool) => pool.is_closed(),
+        }
+    }
+
+    /// Closes all connections.
+    pub(super) async fn close(&self) {
+        match self {
+            Self::Sqlite { writer, reader } => {
+                reader.close().await;
+                // The writer last: the last connection to leave folds the write-ahead log into the file.
+                writer.close().await;
+            }
+            Self::Postgres(pool) => pool.close().await,
+        }
+    }
+}
+
+/// A transaction; dropped without [`Transaction::commit`] it is rolled back.
+#[derive(Debug)]
+pub(super) struct Transaction {
+    connection: Connection,
+    /// When it began, if it writes.
+    writes_since: Option<Instant>,
+}
+
+#[derive(Debug)]
+enum Connection {
+    Sqlite(sqlx::Transaction<'static, Sqlite>),
+    Postgres(sqlx::Transaction<'static, Postgres>),
+}
+
+impl Transaction {
+    pub(super) async fn commit(self) -> Result<(), sqlx::Error> {
+        match self.connection {
+            Connection::Sqlite(transaction) => transaction.commit().await?,
+            Connection::Postgres(transaction) => transaction.commit().await?,
+        }
+        if let Some(begun) = self.writes_since {
+            metrics::wrote(begun.elapsed());
+        }
+        Ok(())
+    }
+
+    pub(super) fn is_postgres(&self) -> bool {
+        matches!(self.connection, Connection::Postgres(_))
+    }
+}
+
+/// Where a statement runs.
+#[derive(Debug)]
+pub(super) enum Link<'c> {
+    SqlitePool(&'c SqlitePool),
+    PgPool(&'c PgPool),
+    Sqlite(&'c mut SqliteConnection),
+    Postgres(&'c mut PgConnection),
+}
+
+impl<'c> From<&'c mut Transaction> for Link<'c> {
+    fn from(transaction: &'c mut Transaction) -> Self {
+        match &mut transaction.connection {
+            Connection::Sqlite(transaction) => Link::Sqlite(transaction),
+            Connection::Postgres(transaction) => Link::Postgres(transaction),
+        }
+    }
+}
+
+/// A value that both databases take.
+pub(super) trait Bindable<'q>:
+    Encode<'q, Sqlite> + Type<Sqlite> + Encode<'q, Postgres> + Type<Postgres>
+{
+}
+
+impl<'q, T> Bindable<'q> for T where
+    T: Encode<'q, Sqlite> + Type<Sqlite> + Encode<'q, Postgres> + Type<Postgres>
+{
+}
+
+/// A value that both databases give.
+pub(super) trait Readable<'r>:
+    Decode<'r, Sqlite> + Type<Sqlite> + Decode<'r, Postgres> + Type<Postgres>
+{
+}
+
+impl<'r, T> Readable<'r> for T where
+    T: Decode<'r, Sqlite> + Type<Sqlite> + Decode<'r, Postgres> + Type<Postgres>
+{
+}
+
+#[derive(Debug)]
+enum Arguments {
+    Sqlite(SqliteArguments),
+    Postgres(PgArguments),
+}
+
+impl Arguments {
+    fn add<'q>(&mut self, value: impl Bindable<'q>) -> Result<(), sqlx::error::BoxDynError> {
+        match self {
+            Self::Sqlite(arguments) => sqlx::Arguments::add(arguments, value),
+            Self::Postgres(arguments) => arguments.add(value),
+        }
+    }
+
+    fn len(&self) -> usize {
+        match self {
+            Self::Sqlite(arguments) => sqlx::Arguments::len(arguments),
+            Self::Postgres(arguments) => arguments.len(),
+        }
+    }
+}
+
+/// A statement with its values and the place where it runs.
+#[derive(Debug)]
+pub(super) struct Query<'c> {
+    link: Link<'c>,
+    text: Cow<'static, str>,
+    arguments: Arguments,
+    /// The first value that could not be encoded.
+    error: Option<sqlx::Error>,
+    persistent: bool,
+}
+
+/// The statement `text` at `link`.
+pub(super) fn sql<'c>(link: impl Into<Link<'c>>, text: &'static str) -> Query<'c> {
+    let link = link.into();
+    let arguments = match &link {
+        Link::SqlitePool(_) | Link::Sqlite(_) => Arguments::Sqlite(SqliteArguments::default()),
+        Link::PgPool(_) | Link::Postgres(_) => Arguments::Postgres(PgArguments::default()),
+    };
+    Query { link, text: Cow::Borrowed(text), arguments, error: None, persistent: true }
+}
+
+impl Query<'_> {
+    /// The value of the next placeholder.
+    pub(super) fn bind<'q>(mut self, value: impl Bindable<'q>) -> Self {
+        self.add(value);
+        self
+    }
+
+    fn add<'q>(&mut self, value: impl Bindable<'q>) {
+        if let Err(error) = self.arguments.add(value) {
+            self.error.get_or_insert(sqlx::Error::Encode(error));
+        }
+    }
+
+    /// Appends to the text.
+    pub(super) fn push(&mut self, text: &str) -> &mut Self {
+        self.text.to_mut().push_str(text);
+        self
+    }
+
+    /// Appends a placeholder with its value.
+    pub(super) fn push_bind<'q>(&mut self, value: impl Bindable<'q>) -> &mut Self {
+        self.add(value);
+        let place = format!("${}", self.arguments.len());
+        self.push(&place)
+    }
+
+    /// Whether the prepared statement is kept; statements that are seldom seen twice are not worth it.
+    pub(super) fn persistent(mut self, persistent: bool) -> Self {
+        self.persistent = persistent;
+        self
+    }
+
+    /// Runs it; the number of rows it changed.
+    pub(super) async fn execute(self) -> Result<u64, sqlx::Error> {
+        match self.ready()? {
+            Ready::Sqlite(query, OnSqlite::Pool(pool)) => Ok(query.execute(pool).await?.rows_affected()),
+            Ready::Sqlite(query, OnSqlite::Connection(one)) => Ok(query.execute(one).await?.rows_affected()),
+            Ready::Postgres(query, OnPostgres::Pool(pool)) => Ok(query.execute(pool).await?.rows_affected()),
+            Ready::Postgres(query, OnPostgres::Connection(one)) => {
+                Ok(query.execute(one).await?.rows_affected())
+            }
+        }
+    }
+
+    /// All rows.
+    pub(super) async fn all(self) -> Result<Vec<Row>, sqlx::Error> {
+        Ok(match self.ready()? {
+            Ready::Sqlite(query, OnSqlite::Pool(pool)) => rows(query.fetch_all(pool).await?, Row::Sqlite),
+            Ready::Sqlite(query, OnSqlite::Connection(one)) => rows(query.fetch_all(one).await?, Row::Sqlite),
+            Ready::Postgres(query, OnPostgres::Pool(pool)) => {
+                rows(query.fetch_all(pool).await?, Row::Postgres)
+            }
+            Ready::Postgres(query, OnPostgres::Connection(one)) => {
+                rows(query.fetch_all(one).await?, Row::Postgres)
+            }
+        })
+    }
+
+    /// The first row, if there is one.
+    pub(super) async fn optional(self) -> Result<Option<Row>, sqlx::Error> {
+        Ok(match self.ready()? {
+            Ready::Sqlite(query, OnSqlite::Pool(pool)) => query.fetch_optional(pool).await?.map(Row::Sqlite),
+            Ready::Sqlite(query, OnSqlite::Connection(one)) => {
+                query.fetch_optional(one).await?.map(Row::Sqlite)
+            }
+            Ready::Postgres(query, OnPostgres::Pool(pool)) => {
+                query.fetch_optional(pool).await?.map(Row::Postgres)
+            }
+            Ready::Postgres(query, OnPostgres::Connection(one)) => {
+                query.fetch_optional(one).await?.map(Row::Postgres)
+            }
+        })
+    }
+
+    /// The first row.
+    pub(super) async fn one(self) -> Result<Row, sqlx::Error> {
+        self.optional().await?.ok_or(sqlx::Error::RowNotFound)
+    }
+
+    /// The first column of the first row.
+    pub(super) async fn scalar<T: for<'r> Readable<'r>>(self) -> Result<T, sqlx::Error> {
+        self.one().await?.at(0)
+    }
+
+    /// The first column of the first row, if there is one.
+    pub(super) async fn optional_scalar<T: for<'r> Readable<'r>>(self) -> Result<Option<T>, sqlx::Error> {
+        self.optional().await?.map(|row| row.at(0)).transpose()
+    }
+}
+
+type Prepared<DB, A> = sqlx::query::Query<'static, DB, A>;
+
+enum OnSqlite<'c> {
+    Pool(&'c SqlitePool),
+    Connection(&'c mut SqliteConnection),
+}
+
+enum OnPostgres<'c> {
+    Pool(&'c PgPool),
+    Connection(&'c mut PgConnection),
+}
+
+enum Ready<'c> {
+    Sqlite(Prepared<Sqlite, SqliteArguments>, OnSqlite<'c>),
+    Postgres(Prepared<Postgres, PgArguments>, OnPostgres<'c>),
+}
+
+impl<'c> Query<'c> {
+    fn ready(self) -> Result<Ready<'c>, sqlx::Error> {
+        if let Some(error) = self.error {
+            return Err(error);
+        }
+        let persistent = self.persistent;
+        Ok(match (self.link, self.arguments) {
+            (Link::SqlitePool(pool), Arguments::Sqlite(arguments)) => {
+                Ready::Sqlite(on_sqlite(self.text, arguments, persistent), OnSqlite::Pool(pool))
+            }
+            (Link::Sqlite(one), Arguments::Sqlite(arguments)) => {
+                Ready::Sqlite(on_sqlite(self.text, arguments, persistent), OnSqlite::Connection(one))
+            }
+            (Link::PgPool(pool), Arguments::Postgres(arguments)) => {
+                Ready::Postgres(on_postgres(self.text, arguments, persistent), OnPostgres::Pool(pool))
+            }
+            (Link::Postgres(one), Arguments::Postgres(arguments)) => {
+                Ready::Postgres(on_postgres(self.text, arguments, persistent), OnPostgres::Connection(one))
+            }
+            _ => unreachable!("arguments are made for their link"),
+        })
+    }
+}
+
+fn on_sqlite(
+    text: Cow<'static, str>,
+    arguments: SqliteArguments,
+    persistent: bool,
+) -> Prepared<Sqlite, SqliteArguments> {
+    match text {
+        Cow::Borrowed(text) => sqlx::query_with(text, arguments),
+        Cow::Owned(text) => sqlx::query_with(AssertSqlSafe(text), arguments),
+    }
+    .persistent(persistent)
+}
+
+fn on_postgres(
+    text: Cow<'static, str>,
+    arguments: PgArguments,
+    persistent: bool,
+) -> Prepared<Postgres, PgArguments> {
+    sqlx::query_with(AssertSqlSafe(translated(&text)), arguments).persistent(persistent)
+}
+
+/// The text for PostgreSQL of what is written for SQLite.
+fn translated(text: &str) -> String {
+    // In SQLite the words fix the order of the loops; PostgreSQL plans for itself.
+    let text = text.replace("CROSS JOIN", "JOIN");
+    // A list that is bound as a JSON array: `key` is the place from 0, `value` the text.
+    text.replace(
+        "json_each($2) AS asked",
+        "(SELECT t.value, t.place - 1 AS key FROM
+            json_array_elements_text($2::json) WITH ORDINALITY AS t (value, place)) AS asked",
+    )
+    .replace(
+        "json_each($1) AS asked",
+        "(SELECT t.value, t.place - 1 AS key FROM
+            json_array_elements_text($1::json) WITH ORDINALITY AS t (value, place)) AS asked",
+    )
+}
+
+fn rows<T>(found: Vec<T>, row: fn(T) -> Row) -> Vec<Row> {
+    found.into_iter().map(row).collect()
+}
+
+/// A row of an answer.
+pub(super) enum Row {
+    Sqlite(SqliteRow),
+    Postgres(PgRow),
+}
+
+impl Row {
+    /// The value of a column.
+    pub(super) fn get<'r, T: Readable<'r>>(&'r self, column: &str) -> Result<T, sqlx::Error> {
+        match self {
+            Self::Sqlite(row) => row.try_get(column),
+            Self::Postgres(row) => row.try_get(column),
+        }
+    }
+
+    /// The value of the column at a place.
+    pub(super) fn at<'r, T: Readable<'r>>(&'r self, index: usize) -> Result<T, sqlx::Error> {
+        match self {
+            Self::Sqlite(row) => row.try_get(index),
+            Self::Postgres(row) => row.try_get(index),
+        }
+    }
+}
+
+/// What an error of a database means, as far as it is not a bug.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Failure {
+    /// The database is away, restarts, or had to choose between two transactions: the same may succeed the next time.
+    Passing,
+    Damaged,
+    Full,
+    ReadOnly,
+    /// A text cannot be stored.
+    Text,
+}
+
+/// What the error means.
+pub(super) fn failure(error: &sqlx::Error) -> Option<Failure> {
+    let error = match error {
+        sqlx::Error::PoolTimedOut
+        | sqlx::Error::PoolClosed
+        | sqlx::Error::WorkerCrashed
+        | sqlx::Error::Io(_) => return Some(Failure::Passing),
+        sqlx::Error::Database(error) => error,
+        _ => return None,
+    };
+    let code = error.code()?;
+    if error.try_downcast_ref::<PgDatabaseError>().is_some() {
+        return postgres::failure(&code);
+    }
+    sqlite::failure(&code)
+}
+
+/// Whether the error is a broken unique constraint on the column of the table.
+pub(super) fn is_duplicate(error: &sqlx::Error, table: &str, column: &str) -> bool {
+    error.as_database_error().is_some_and(|error| {
+        // One database names the column, the other its index.
+        error.is_unique_violation()
+            && (error.message().contains(&format!("{table}.{column}"))
+                || error.constraint().is_some_and(|name| name.starts_with(&format!("{table}_{column}"))))
+    })
+}
+
+/// Whether the error is a reference to a row that does not exist.
+pub(super) fn is_missing_reference(error: &sqlx::Error) -> bool {
+    error.as_database_error().is_some_and(|error| error.is_foreign_key_violation())
+}

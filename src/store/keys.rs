@@ -1,0 +1,103 @@
+//! Keys of programs: create, find, list, revoke.
+
+use super::cohorts::{from_text, to_text};
+use super::engine::{Row, sql};
+use super::{Store, StoreError, to_sql};
+use crate::domain::key::Key;
+
+impl Store {
+    /// Stores a new key as it is.
+    ///
+    /// # Errors
+    /// Those of the database, as for all functions here.
+    pub async fn create_key(&self, key: &Key) -> Result<(), StoreError> {
+        const CREATE: &str =
+            "INSERT INTO api_key (id, tenant, name, role, cohorts, digest, created_at_ms, expires_at_ms)
+            VALUES ($1, $2, $3, $4, $5, $6, $7, $8)";
+        sql(self.writer(), CREATE)
+            .bind(key.id.as_str())
+            .bind(key.tenant.as_str())
+            .bind(key.name.as_str())
+            .bind(key.role.as_str())
+            .bind(key.cohorts.as_ref().map(to_text))
+            .bind(key.digest.as_bytes().as_slice())
+            .bind(key.created_at_ms)
+            .bind(key.expires_at_ms)
+            .execute()
+            .await?;
+        Ok(())
+    }
+
+    /// The key with this id, of whatever tenant.
+    ///
+    /// # Errors
+    /// [`StoreError::Damaged`].
+    pub async fn find_key(&self, id: &str) -> Result<Option<Key>, StoreError> {
+        const FIND: &str = "SELECT * FROM api_key WHERE id = $1";
+        let row = sql(self.reader(), FIND).bind(id).optional().await?;
+        row.as_ref().map(read_key).transpose()
+    }
+
+    /// At most `limit` keys of a tenant in the order of their ids, from the one after the id `after`.
+    ///
+    /// # Errors
+    /// [`StoreError::Damaged`].
+    pub async fn list_keys(
+        &self,
+        tenant: &str,
+        after: Option<&str>,
+        limit: usize,
+    ) -> Result<Vec<Key>, StoreError> {
+        const LIST: &str = "SELECT * FROM api_key WHERE tenant = $1 AND id > $2 ORDER BY id LIMIT $3";
+        let query = sql(self.reader(), LIST).bind(tenant).bind(after.unwrap_or_default());
+        query.bind(to_sql(limit as u64)).all().await?.iter().map(read_key).collect()
+    }
+
+    /// Whether there is a key, of whatever tenant and state.
+    ///
+    /// # Errors
+    /// Those of the database.
+    pub async fn has_keys(&self) -> Result<bool, StoreError> {
+        const ANY: &str = "SELECT COUNT(*) FROM (SELECT id FROM api_key LIMIT 1) AS first_key";
+        let count: i64 = sql(self.reader(), ANY).scalar().await?;
+        Ok(count > 0)
+    }
+
+    /// Ends the key with this id, unless it was revoked before.
+    ///
+    /// # Errors
+    /// Those of the database.
+    pub async fn revoke_key(&self, id: &str, now_ms: i64) -> Result<(), StoreError> {
+        const REVOKE: &str = "UPDATE api_key SET revoked_at_ms = $2 WHERE id = $1 AND revoked_at_ms IS NULL";
+        sql(self.writer(), REVOKE).bind(id).bind(now_ms).execute().await?;
+        Ok(())
+    }
+
+    /// Notes that the key with this id is in use.
+    ///
+    /// # Errors
+    /// Those of the database.
+    pub async fn note_key_use(&self, id: &str, now_ms: i64) -> Result<(), StoreError> {
+        const NOTE: &str = "UPDATE api_key SET used_at_ms = $2 WHERE id = $1";
+        sql(self.writer(), NOTE).bind(id).bind(now_ms).execute().await?;
+        Ok(())
+    }
+}
+
+fn read_key(row: &Row) -> Result<Key, StoreError> {
+    let digest: &[u8] = row.get("digest")?;
+    let damaged = |_| StoreError::Damaged { detail: "the digest of a key has another length".into() };
+    let cohorts: Option<&str> = row.get("cohorts")?;
+    Ok(Key {
+        id: row.get("id")?,
+        tenant: row.get("tenant")?,
+        name: row.get("name")?,
+        role: from_text(row.get("role")?)?,
+        cohorts: cohorts.map(from_text).transpose()?,
+        digest: blake3::Hash::from_bytes(digest.try_into().map_err(damaged)?),
+        created_at_ms: row.get("created_at_ms")?,
+        expires_at_ms: row.get("expires_at_ms")?,
+        revoked_at_ms: row.get("revoked_at_ms")?,
+        used_at_ms: row.get("used_at_ms")?,
+    })
+}

@@ -1,0 +1,393 @@
+//! Is everything whole? Reads all of a store, a few megabytes at a time, also beside the service that uses it: every part reads
+//! one state of the database.
+
+use serde_json::Value;
+
+use super::super::blob::Chunk;
+use super::super::cohorts::read_cohort;
+use super::super::engine::{Row, sql};
+use super::super::{Store, StoreError, blocking, dictionaries, from_sql, jobs, outputs};
+
+/// Most things that one rule names.
+const MOST_NAMED: i64 = 100;
+/// Chunks, and small rows, read at once.
+const CHUNKS: i64 = 4;
+const ROWS: i64 = 512;
+
+/// What was looked at, and how much of it is not as it should be.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Checked {
+    /// Cohorts, also those in the trash.
+    pub cohorts: u64,
+    /// Chunks of control points.
+    pub chunks: u64,
+    /// Shapes in them, also deleted ones.
+    pub shapes: u64,
+    /// Versions of dictionaries.
+    pub dictionaries: u64,
+    /// Jobs.
+    pub jobs: u64,
+    /// What jobs brought about.
+    pub outputs: u64,
+    /// Receipts.
+    pub receipts: u64,
+    /// Entries of the audit trail.
+    pub audit: u64,
+    /// Findings.
+    pub findings: u64,
+}
+
+/// What must not be found: a sentence about `{}`, and the statement that names what breaks it.
+const RULES: &[(&str, &str)] = &[
+    (
+        "shape {} belongs to no chunk",
+        "SELECT s.id FROM shape AS s LEFT JOIN chunk AS c ON c.id = s.chunk_id WHERE c.id IS NULL",
+    ),
+    (
+        "shape {} is filed under another cohort than its chunk",
+        "SELECT s.id FROM shape AS s JOIN chunk AS c ON c.id = s.chunk_id WHERE s.cohort <> c.cohort",
+    ),
+    (
+        "shape {} was deleted by a revision that cannot have done it",
+        "SELECT s.id FROM shape AS s JOIN chunk AS c ON c.id = s.chunk_id JOIN cohort AS h ON h.number = c.cohort
+        WHERE s.deleted_revision <= coalesce(c.revision, s.deleted_revision) OR s.deleted_revision > h.revision",
+    ),
+    (
+        "chunk {} belongs to a cohort that does not exist",
+        "SELECT CAST(c.id AS TEXT) FROM chunk AS c LEFT JOIN cohort AS h ON h.number = c.cohort
+        WHERE c.cohort IS NOT NULL AND h.number IS NULL",
+    ),
+    (
+        "chunk {} has a revision that its cohort has not had",
+        "SELECT CAST(c.id AS TEXT) FROM chunk AS c JOIN cohort AS h ON h.number = c.cohort
+        WHERE c.revision < 1 OR c.revision > h.revision",
+    ),
+    (
+        "the points of chunk {} belong to no chunk",
+        "SELECT CAST(d.chunk_id AS TEXT) FROM chunk_data AS d LEFT JOIN chunk AS c ON c.id = d.chunk_id
+        WHERE c.id IS NULL",
+    ),
+    (
+        "cohort {} does not have the number of shapes that it says",
+        "SELECT h.id FROM cohort AS h WHERE h.shapes <>
+            (SELECT coalesce(sum(c.rows), 0) FROM chunk AS c WHERE c.cohort = h.number AND c.revision IS NOT NULL)
+            - (SELECT count(*) FROM shape AS s WHERE s.cohort = h.number AND s.deleted_revision IS NOT NULL)",
+    ),
+    (
+        "cohort {} is not found by its name",
+        "SELECT id FROM cohort
+        WHERE handle <> CASE WHEN deleted_at_ms IS NULL THEN tenant || '/' || name ELSE id END",
+    ),
+    (
+        "dictionary {} is not found by its name",
+        "SELECT id FROM dictionary WHERE handle <> tenant || '/' || name",
+    ),
+    (
+        "dictionary {} has a version that its name never gave",
+        "SELECT d.id FROM dictionary AS d LEFT JOIN dictionary_name AS n ON n.handle = d.handle
+        WHERE n.handle IS NULL OR d.version < 1 OR d.version > n.versions",
+    ),
+    (
+        "dictionary {} has no content",
+        "SELECT d.id FROM dictionary AS d LEFT JOIN dictionary_data AS t ON t.dictionary = d.id
+        WHERE t.dictionary IS NULL",
+    ),
+    (
+        "the content of dictionary {} belongs to no dictionary",
+        "SELECT t.dictionary FROM dictionary_data AS t LEFT JOIN dictionary AS d ON d.id = t.dictionary
+        WHERE d.id IS NULL",
+    ),
+    (
+        "the output of job {} belongs to no job",
+        "SELECT o.job FROM job_output AS o LEFT JOIN job AS j ON j.id = o.job WHERE j.id IS NULL",
+    ),
+    (
+        "the feed of tenant {} has a gap, or does not end at its last number",
+        "SELECT f.tenant FROM (SELECT tenant, count(*) AS n, min(sequence) AS first, max(sequence) AS last
+            FROM change GROUP BY tenant) AS f
+        LEFT JOIN change_sequence AS q ON q.tenant = f.tenant
+        WHERE f.n <> f.last - f.first + 1 OR q.last IS NULL OR q.last <> f.last",
+    ),
+    (
+        "the feed of tenant {} is empty, though it has given numbers",
+        "SELECT q.tenant FROM change_sequence AS q
+        WHERE q.last > 0 AND NOT EXISTS (SELECT 1 FROM change AS c WHERE c.tenant = q.tenant)",
+    ),
+];
+
+impl Store {
+    /// Reads everything, reports every finding in one sentence, and answers what was looked at.
+    ///
+    /// Unfinished uploads, and cohorts that are being removed, are no findings.
+    ///
+    /// # Errors
+    /// Those of the database, but damage is a finding.
+    pub async fn check(&self, report: &mut (dyn FnMut(&str) + Send)) -> Result<Checked, StoreError> {
+        let mut check = Check { store: self, report, seen: Checked::default() };
+        let file = check.file().await;
+        check.settle(file)?;
+        for (sentence, statement) in RULES {
+            let rule = check.rule(sentence, statement).await;
+            check.settle(rule)?;
+        }
+        let cohorts = check.cohorts().await;
+        check.settle(cohorts)?;
+        let chunks = check.chunks().await;
+        check.settle(chunks)?;
+        let shapes = check.shapes().await;
+        check.settle(shapes)?;
+        let dictionaries = check.dictionaries().await;
+        check.settle(dictionaries)?;
+        let jobs = check.jobs().await;
+        check.settle(jobs)?;
+        let outputs = check.outputs().await;
+        check.settle(outputs)?;
+        let receipts = check.receipts().await;
+        check.settle(receipts)?;
+        let audit = check.audit().await;
+        check.settle(audit)?;
+        Ok(check.seen)
+    }
+}
+
+struct Check<'a> {
+    store: &'a Store,
+    report: &'a mut (dyn FnMut(&str) + Send),
+    seen: Checked,
+}
+
+impl Check<'_> {
+    fn find(&mut self, finding: &str) {
+        self.seen.findings += 1;
+        (self.report)(finding);
+    }
+
+    /// A part that damage has stopped is a finding.
+    fn settle(&mut self, part: Result<(), StoreError>) -> Result<(), StoreError> {
+        match part {
+            Err(StoreError::Damaged { detail }) => self.find(&detail),
+            Err(StoreError::Database(error @ sqlx::Error::ColumnDecode { .. })) => {
+                self.find(&format!("a value cannot be read: {error}"));
+            }
+            other => return other,
+        }
+        Ok(())
+    }
+
+    /// The file of the embedded database, page by page.
+    async fn file(&mut self) -> Result<(), StoreError> {
+        if !self.store.is_embedded() {
+            return Ok(());
+        }
+        for row in sql(self.store.reader(), "PRAGMA integrity_check(100)").all().await? {
+            let verdict: &str = row.get("integrity_check")?;
+            if verdict != "ok" {
+                self.find(verdict);
+            }
+        }
+        Ok(())
+    }
+
+    async fn rule(&mut self, sentence: &str, statement: &'static str) -> Result<(), StoreError> {
+        let mut query = sql(self.store.reader(), statement).persistent(false);
+        query.push(" LIMIT ").push_bind(MOST_NAMED);
+        for row in query.all().await? {
+            let name: &str = row.at(0)?;
+            self.find(&sentence.replace("{}", name));
+        }
+        Ok(())
+    }
+
+    async fn cohorts(&mut self) -> Result<(), StoreError> {
+        const PAGE: &str = "SELECT * FROM cohort WHERE number > $1 ORDER BY number LIMIT $2";
+        const OTHER_WIDTH: &str = "SELECT count(*) FROM chunk WHERE cohort = $1 AND width <> $2";
+        let (mut read, mut last) = (self.store.begin_read().await?, 0_i64);
+        loop {
+            let rows = sql(&mut read, PAGE).bind(last).bind(ROWS).all().await?;
+            let Some(end) = rows.last() else { return Ok(()) };
+            last = end.get("number")?;
+            for row in &rows {
+                self.seen.cohorts += 1;
+                let (id, number): (&str, i64) = (row.get("id")?, row.get("number")?);
+                let width = match read_cohort(row) {
+                    Ok(cohort) => cohort.representation.size() * cohort.representation.dimension(),
+                    Err(error) => {
+                        self.find(&unreadable(&format!("cohort {id}"), &error));
+                        continue;
+                    }
+                };
+                let others = sql(&mut read, OTHER_WIDTH).bind(number).bind(width as i64);
+                if others.scalar::<i64>().await? > 0 {
+                    self.find(&format!("cohort {id} has chunks of another representation"));
+                }
+            }
+        }
+    }
+
+    async fn chunks(&mut self) -> Result<(), StoreError> {
+        // A chunk without a cohort is about to be removed.
+        const PAGE: &str = "SELECT c.id, c.rows, c.width, d.checksum, d.weights, d.points,
+            (SELECT count(*) FROM shape AS s WHERE s.chunk_id = c.id) AS described,
+            (SELECT coalesce(max(s.position), -1) FROM shape AS s WHERE s.chunk_id = c.id) AS last
+            FROM chunk AS c LEFT JOIN chunk_data AS d ON d.chunk_id = c.id
+            WHERE c.cohort IS NOT NULL AND c.id > $1 ORDER BY c.id LIMIT $2";
+        let (mut read, mut last) = (self.store.begin_read().await?, 0_i64);
+        loop {
+            let rows = sql(&mut read, PAGE).bind(last).bind(CHUNKS).all().await?;
+            let Some(end) = rows.last() else { return Ok(()) };
+            last = end.get("id")?;
+            self.seen.chunks += rows.len() as u64;
+            let found = blocking(move || rows.iter().map(look_at_chunk).collect::<Result<Vec<_>, _>>());
+            for (shapes, finding) in found.await? {
+                self.seen.shapes += shapes;
+                if let Some(finding) = finding {
+                    self.find(&finding);
+                }
+            }
+        }
+    }
+
+    /// What is known about the shapes, where it is more than a word.
+    async fn shapes(&mut self) -> Result<(), StoreError> {
+        const PAGE: &str = "SELECT chunk_id, position, id, labels, metadata FROM shape
+            WHERE (chunk_id, position) > ($1, $2) AND (labels IS NOT NULL OR metadata IS NOT NULL)
+            ORDER BY chunk_id, position LIMIT $3";
+        let (mut read, mut last) = (self.store.begin_read().await?, (0_i64, -1_i64));
+        loop {
+            let rows = sql(&mut read, PAGE).bind(last.0).bind(last.1).bind(ROWS).all().await?;
+            let Some(end) = rows.last() else { return Ok(()) };
+            last = (end.get("chunk_id")?, end.get("position")?);
+            for row in &rows {
+                let (labels, metadata): (Option<&str>, Option<&str>) =
+                    (row.get("labels")?, row.get("metadata")?);
+                if [labels, metadata].into_iter().flatten().any(|text| !is_json(text)) {
+                    let id: &str = row.get("id")?;
+                    self.find(&format!("what is known about shape {id} cannot be read"));
+                }
+            }
+        }
+    }
+
+    async fn dictionaries(&mut self) -> Result<(), StoreError> {
+        const NEXT: &str = "SELECT d.id, d.digest, t.content, t.state, t.state_checksum
+            FROM dictionary AS d JOIN dictionary_data AS t ON t.dictionary = d.id
+            WHERE d.id > $1 ORDER BY d.id LIMIT 1";
+        let (mut read, mut last) = (self.store.begin_read().await?, String::new());
+        while let Some(row) = sql(&mut read, NEXT).bind(&last).optional().await? {
+            last = row.get("id")?;
+            self.seen.dictionaries += 1;
+            if let Some(part) = blocking(move || damaged_part(&row)).await? {
+                self.find(&format!("the {part} of dictionary {last} is not what was written"));
+            }
+        }
+        Ok(())
+    }
+
+    async fn jobs(&mut self) -> Result<(), StoreError> {
+        const PAGE: &str = "SELECT * FROM job WHERE id > $1 ORDER BY id LIMIT $2";
+        let (mut read, mut last) = (self.store.begin_read().await?, String::new());
+        loop {
+            let rows = sql(&mut read, PAGE).bind(&last).bind(CHUNKS).all().await?;
+            let Some(end) = rows.last() else { return Ok(()) };
+            last = end.get("id")?;
+            for row in &rows {
+                self.seen.jobs += 1;
+                if let Err(error) = jobs::read_job(row) {
+                    let id: &str = row.get("id")?;
+                    self.find(&unreadable(&format!("job {id}"), &error));
+                }
+            }
+        }
+    }
+
+    async fn outputs(&mut self) -> Result<(), StoreError> {
+        const NEXT: &str = "SELECT number, job, bytes, checksum, head, data FROM job_output
+            WHERE number > $1 ORDER BY number LIMIT 1";
+        let (mut read, mut last) = (self.store.begin_read().await?, 0_i64);
+        while let Some(row) = sql(&mut read, NEXT).bind(last).optional().await? {
+            last = row.get("number")?;
+            self.seen.outputs += 1;
+            let job: String = row.get("job")?;
+            if !blocking(move || is_output_whole(&row)).await? {
+                self.find(&format!("the output of job {job} is not what was written"));
+            }
+        }
+        Ok(())
+    }
+
+    async fn receipts(&mut self) -> Result<(), StoreError> {
+        const PAGE: &str = "SELECT tenant, key, fingerprint, outcome FROM receipt
+            WHERE (tenant, key) > ($1, $2) ORDER BY tenant, key LIMIT $3";
+        let (mut read, mut last) = (self.store.begin_read().await?, (String::new(), String::new()));
+        loop {
+            let rows = sql(&mut read, PAGE).bind(&last.0).bind(&last.1).bind(CHUNKS).all().await?;
+            let Some(end) = rows.last() else { return Ok(()) };
+            last = (end.get("tenant")?, end.get("key")?);
+            for row in &rows {
+                self.seen.receipts += 1;
+                let (fingerprint, outcome): (&[u8], &str) = (row.get("fingerprint")?, row.get("outcome")?);
+                if fingerprint.len() != blake3::OUT_LEN || !is_json(outcome) {
+                    let tenant: &str = row.get("tenant")?;
+                    self.find(&format!("a receipt of tenant {tenant} cannot be read"));
+                }
+            }
+        }
+    }
+
+    async fn audit(&mut self) -> Result<(), StoreError> {
+        let found = match self.store.check_audit().await {
+            // Entries may have grown too old meanwhile; a broken link is found again.
+            Err(StoreError::Damaged { .. }) => self.store.check_audit().await,
+            found => found,
+        };
+        self.seen.audit = found?.entries;
+        Ok(())
+    }
+}
+
+/// The number of shapes of a chunk, and what is wrong with it.
+fn look_at_chunk(row: &Row) -> Result<(u64, Option<String>), StoreError> {
+    let (id, rows): (i64, i64) = (row.get("id")?, row.get("rows")?);
+    let (described, last): (i64, i64) = (row.get("described")?, row.get("last")?);
+    let finding = if row.get::<Option<&[u8]>>("points")?.is_none() {
+        Some(format!("chunk {id} has no points"))
+    } else if (described, last) != (rows, rows - 1) {
+        Some(format!("chunk {id} has {rows} shapes, {described} are described"))
+    } else if Chunk::verified(row).is_err() {
+        Some(format!("the points of chunk {id} are not what was written"))
+    } else {
+        None
+    };
+    Ok((from_sql(rows), finding))
+}
+
+/// The part of a dictionary that does not have its checksum.
+fn damaged_part(row: &Row) -> Result<Option<&'static str>, StoreError> {
+    let (content, digest): (&[u8], &str) = (row.get("content")?, row.get("digest")?);
+    let (state, checksum): (Option<&[u8]>, Option<&[u8]>) = (row.get("state")?, row.get("state_checksum")?);
+    if blake3::hash(content).to_hex().as_str() != digest {
+        return Ok(Some("content"));
+    }
+    let is_whole = state.map(dictionaries::checksum_of).as_deref() == checksum;
+    Ok((!is_whole).then_some("state"))
+}
+
+fn is_output_whole(row: &Row) -> Result<bool, StoreError> {
+    let (checksum, head, data): (&[u8], &str, &[u8]) =
+        (row.get("checksum")?, row.get("head")?, row.get("data")?);
+    let bytes: i64 = row.get("bytes")?;
+    Ok(from_sql(bytes) == data.len() as u64
+        && is_json(head)
+        && outputs::checksum_of(head, data).as_slice() == checksum)
+}
+
+fn is_json(text: &str) -> bool {
+    serde_json::from_str::<Value>(text).is_ok()
+}
+
+fn unreadable(what: &str, error: &StoreError) -> String {
+    match error {
+        StoreError::Damaged { detail } => format!("{what} cannot be read: {detail}"),
+        error => format!("{what} cannot be read: {error}"),
+    }
+}

@@ -1,0 +1,232 @@
+//! Reads what `export` wrote into an empty store, in one transaction: all or nothing.
+
+use std::io::{BufRead, Read as _};
+
+use serde_json::{Map, Value};
+
+use super::super::Store;
+use super::super::engine::{Transaction, sql};
+use super::tables::{Cell, TABLES, Table};
+use super::{MaintenanceError, export, schema};
+
+/// Longest line: the largest value that a database keeps, in base64, has 1.4 billion characters.
+const MAX_LINE_BYTES: u64 = 1_500_000_000;
+/// Rows and bytes in one INSERT.
+const ROWS_PER_INSERT: usize = 512;
+const BYTES_PER_INSERT: usize = 4 << 20;
+const END_OF_LINE: u8 = b'\n';
+
+impl Store {
+    /// Reads an export into this store, which must be empty, and answers the number of rows.
+    ///
+    /// Nothing is seen of it before the last line has proved that it is whole, and nothing is left of it otherwise.
+    ///
+    /// # Errors
+    /// [`MaintenanceError::StoreInUse`], [`MaintenanceError::Format`].
+    pub async fn import(&self, input: impl BufRead) -> Result<u64, MaintenanceError> {
+        let schema = schema::require_present(&self.inner.pools).await?;
+        let mut lines = Lines { input, digest: blake3::Hasher::new(), number: 0, text: Vec::new() };
+        let head = lines.next()?;
+        check_head(&head, schema).map_err(|detail| lines.wrong(detail))?;
+        let mut write = self.begin_write("import").await?;
+        hold(&mut write).await?;
+        let mut rows = Rows::default();
+        let end = loop {
+            match lines.next()? {
+                Value::Array(row) => {
+                    rows.take(row).map_err(|detail| lines.wrong(detail))?;
+                    rows.store(&mut write, false).await?;
+                }
+                end => {
+                    check_end(&end, &rows, &lines.digest()).map_err(|detail| lines.wrong(detail))?;
+                    break end;
+                }
+            }
+        };
+        lines.expect_end()?;
+        rows.store(&mut write, true).await?;
+        for table in TABLES.iter().filter(|table| table.counted) {
+            let last = end["counters"][table.name].as_i64();
+            let last = last.ok_or_else(|| lines.wrong(format!("no counter of {}", table.name)))?;
+            set_counter(&mut write, table, last).await?;
+        }
+        write.commit().await?;
+        Ok(rows.counts.iter().sum())
+    }
+}
+
+/// Lines on their way in.
+struct Lines<R> {
+    input: R,
+    /// Of all lines before the one in `text`.
+    digest: blake3::Hasher,
+    number: u64,
+    text: Vec<u8>,
+}
+
+impl<R: BufRead> Lines<R> {
+    fn next(&mut self) -> Result<Value, MaintenanceError> {
+        self.number += 1;
+        self.digest.update(&self.text);
+        self.text.clear();
+        (&mut self.input).take(MAX_LINE_BYTES).read_until(END_OF_LINE, &mut self.text)?;
+        if self.text.last() != Some(&END_OF_LINE) {
+            return Err(self.wrong("the export ends here, it is not whole".into()));
+        }
+        serde_json::from_slice(&self.text).map_err(|error| self.wrong(format!("not JSON: {error}")))
+    }
+
+    /// The digest of all lines before the last one read.
+    fn digest(&self) -> String {
+        self.digest.finalize().to_hex().to_string()
+    }
+
+    /// Nothing may follow.
+    fn expect_end(&mut self) -> Result<(), MaintenanceError> {
+        if self.input.fill_buf()?.is_empty() {
+            return Ok(());
+        }
+        Err(self.wrong("something follows the last line".into()))
+    }
+
+    fn wrong(&self, detail: String) -> MaintenanceError {
+        MaintenanceError::Format { line: self.number, detail }
+    }
+}
+
+fn check_head(head: &Value, schema: i64) -> Result<(), String> {
+    let expected = export::head(schema);
+    if head["format"] != expected["format"] || head["version"] != expected["version"] {
+        return Err(format!("not the beginning of a {} of version {}", export::FORMAT, export::VERSION));
+    }
+    if head["schema"] != expected["schema"] || head["tables"] != expected["tables"] {
+        return Err(format!(
+            "it was written by version {} with schema {}, this program has schema {schema}: import it with that version, then \
+             run `shapelex migrate` with this one",
+            head["program"].as_str().unwrap_or("?"),
+            head["schema"]
+        ));
+    }
+    Ok(())
+}
+
+fn check_end(end: &Value, rows: &Rows, digest: &str) -> Result<(), String> {
+    let counts: Map<String, Value> =
+        TABLES.iter().zip(rows.counts).map(|(table, count)| (table.name.into(), count.into())).collect();
+    if end["rows"] != Value::Object(counts) {
+        return Err("the export has other numbers of rows than it says at its end".into());
+    }
+    if end["digest"] != digest {
+        return Err(
+            "the export does not have the digest that stands at its end: it was changed or damaged".into()
+        );
+    }
+    Ok(())
+}
+
+/// Rows of one table that wait to be inserted together.
+#[derive(Default)]
+struct Rows {
+    /// Place in [`TABLES`] of the table.
+    table: usize,
+    waiting: Vec<Vec<Cell>>,
+    bytes: usize,
+    /// Rows of a table before that are still to be inserted.
+    before: Option<(usize, Vec<Vec<Cell>>)>,
+    counts: [u64; TABLES.len()],
+}
+
+impl Rows {
+    /// Takes a line.
+    fn take(&mut self, line: Vec<Value>) -> Result<(), String> {
+        let mut values = line.into_iter();
+        let name = values.next();
+        let name = name.as_ref().and_then(Value::as_str).unwrap_or_default();
+        let place = TABLES.iter().position(|table| table.name == name);
+        let place = place.filter(|place| *place >= self.table);
+        let place = place.ok_or_else(|| format!("no row of the table {name:?} can stand here"))?;
+        let columns = TABLES[place].columns;
+        if values.len() != columns.len() {
+            return Err(format!("a row of {name} has {} values, not {}", columns.len(), values.len()));
+        }
+        let cells = values.zip(columns).map(|(value, (column, kind))| {
+            Cell::from_json(value, *kind)
+                .ok_or_else(|| format!("the value of {name}.{column} is of another type"))
+        });
+        let cells: Vec<Cell> = cells.collect::<Result<_, _>>()?;
+        if place != self.table {
+            self.before = Some((self.table, std::mem::take(&mut self.waiting)));
+            (self.table, self.bytes) = (place, 0);
+        }
+        self.counts[place] += 1;
+        self.bytes += cells.iter().map(Cell::size).sum::<usize>();
+        self.waiting.push(cells);
+        Ok(())
+    }
+
+    /// Inserts what is due; everything when it is the `last` time.
+    async fn store(&mut self, write: &mut Transaction, last: bool) -> Result<(), MaintenanceError> {
+        if let Some((table, rows)) = self.before.take() {
+            insert(write, &TABLES[table], &rows).await?;
+        }
+        if last || self.waiting.len() >= ROWS_PER_INSERT || self.bytes >= BYTES_PER_INSERT {
+            insert(write, &TABLES[self.table], &self.waiting).await?;
+            self.waiting.clear();
+            self.bytes = 0;
+        }
+        Ok(())
+    }
+}
+
+async fn insert(write: &mut Transaction, table: &Table, rows: &[Vec<Cell>]) -> Result<(), MaintenanceError> {
+    if rows.is_empty() {
+        return Ok(());
+    }
+    let mut query = sql(write, "INSERT INTO ").persistent(rows.len() == ROWS_PER_INSERT);
+    query.push(table.name).push(" (").push(&table.names(table.columns.len())).push(") VALUES ");
+    for (i, row) in rows.iter().enumerate() {
+        query.push(if i == 0 { "(" } else { ", (" });
+        for (k, (cell, (_, kind))) in row.iter().zip(table.columns).enumerate() {
+            query.push(if k == 0 { "" } else { ", " });
+            cell.push_to(&mut query, *kind);
+        }
+        query.push(")");
+    }
+    query.execute().await?;
+    Ok(())
+}
+
+/// Keeps others from writing, and refuses a store that holds something.
+async fn hold(write: &mut Transaction) -> Result<(), MaintenanceError> {
+    if write.is_postgres() {
+        let mut lock = sql(&mut *write, "LOCK TABLE ");
+        let names: Vec<&str> = TABLES.iter().map(|table| table.name).collect();
+        lock.push(&names.join(", ")).push(" IN SHARE ROW EXCLUSIVE MODE");
+        lock.execute().await?;
+    }
+    for table in TABLES {
+        let mut query = sql(&mut *write, "SELECT count(*) FROM (SELECT 1 FROM ");
+        query.push(table.name).push(" LIMIT 1) AS first");
+        if query.scalar::<i64>().await? > 0 {
+            return Err(MaintenanceError::StoreInUse(table.name));
+        }
+    }
+    Ok(())
+}
+
+/// Lets the database go on numbering the rows of the table after `last`.
+async fn set_counter(write: &mut Transaction, table: &Table, last: i64) -> Result<(), MaintenanceError> {
+    const FORGET: &str = "DELETE FROM sqlite_sequence WHERE name = $1";
+    const SET: &str = "INSERT INTO sqlite_sequence (name, seq) VALUES ($1, $2)";
+    const IN_POSTGRES: &str = "SELECT setval(pg_get_serial_sequence($1, $2)::regclass, $3)";
+    if last == 0 {
+        return Ok(());
+    }
+    if write.is_postgres() {
+        sql(write, IN_POSTGRES).bind(table.name).bind(table.columns[0].0).bind(last).execute().await?;
+        return Ok(());
+    }
+    sql(&mut *write, FORGET).bind(table.name).execute().await?;
+    sql(write, SET).bind(table.name).bind(last).execute().await?;
+    Ok(())
+}

@@ -1,0 +1,89 @@
+//! The version of the schema, and how it is brought up to date.
+
+use super::super::engine::{Pools, sql};
+use super::super::{DATABASE_FILE, StoreError, lock_folder, postgres, sqlite};
+use super::{CONNECTIONS, MaintenanceError, Site, existing};
+
+/// Versions of a schema.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Versions {
+    /// The one of the store; 0 for an empty database.
+    pub found: i64,
+    /// The one of this program.
+    pub known: i64,
+}
+
+impl Versions {
+    async fn of(pools: &Pools) -> Result<Self, MaintenanceError> {
+        let known = match pools {
+            Pools::Sqlite { .. } => sqlite::latest(),
+            Pools::Postgres(_) => postgres::latest(),
+        };
+        let found = version(pools).await?;
+        if found > known {
+            return Err(MaintenanceError::Newer { found, known });
+        }
+        Ok(Self { found, known })
+    }
+}
+
+/// The versions of the store at `site`, which is left as it is.
+///
+/// # Errors
+/// [`MaintenanceError::NoStore`], [`MaintenanceError::Newer`].
+pub async fn versions(site: &Site) -> Result<Versions, MaintenanceError> {
+    let pools = existing(site).await?;
+    let versions = Versions::of(&pools).await;
+    pools.close().await;
+    versions
+}
+
+/// Brings the schema of the store at `site` up to date, and answers the versions before. An embedded store must not be in use,
+/// and is made when there is none.
+///
+/// # Errors
+/// [`MaintenanceError::Newer`]; [`StoreError::Locked`], [`StoreError::Damaged`], [`StoreError::Schema`].
+pub async fn migrate(site: &Site) -> Result<Versions, MaintenanceError> {
+    let (pools, lock) = match site {
+        Site::Folder(folder) => {
+            let lock = lock_folder(folder)?;
+            (sqlite::connect(&folder.join(DATABASE_FILE), true).await?, Some(lock))
+        }
+        Site::Url(url) => {
+            (Pools::Postgres(postgres::pool(postgres::options(url)?, CONNECTIONS).await?), None)
+        }
+    };
+    let versions = Versions::of(&pools).await?;
+    match &pools {
+        Pools::Sqlite { writer, .. } => sqlite::migrate(writer).await?,
+        Pools::Postgres(pool) => postgres::migrate(pool).await?,
+    }
+    pools.close().await;
+    drop(lock);
+    Ok(versions)
+}
+
+/// Refuses a schema that is not the one of this program.
+pub(super) async fn require_present(pools: &Pools) -> Result<i64, MaintenanceError> {
+    let Versions { found, known } = Versions::of(pools).await?;
+    if found < known {
+        return Err(MaintenanceError::Older { found, known });
+    }
+    Ok(known)
+}
+
+/// The last step that was applied.
+async fn version(pools: &Pools) -> Result<i64, StoreError> {
+    const IN_SQLITE: &str = "SELECT count(*) FROM sqlite_master WHERE name = '_sqlx_migrations'";
+    const IN_POSTGRES: &str = "SELECT count(*) FROM pg_tables
+        WHERE schemaname = current_schema() AND tablename = '_sqlx_migrations'";
+    const LAST: &str = "SELECT CAST(coalesce(max(version), 0) AS BIGINT) FROM _sqlx_migrations WHERE success";
+    let has_table = match pools {
+        Pools::Sqlite { .. } => IN_SQLITE,
+        Pools::Postgres(_) => IN_POSTGRES,
+    };
+    if sql(pools.reader(), has_table).scalar::<i64>().await? == 0 {
+        return Ok(0);
+    }
+    Ok(sql(pools.reader(), LAST).scalar().await?)
+}

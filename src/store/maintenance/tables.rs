@@ -1,0 +1,370 @@
+//! Everything that a store keeps: one list of the tables, which a test compares with the schema.
+
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD as BASE64;
+use serde_json::Value;
+
+use super::super::StoreError;
+use super::super::engine::{Query, Row};
+
+/// Type of a column, the same in both databases.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Kind {
+    Integer,
+    Real,
+    Text,
+    Bytes,
+}
+
+/// A table that is kept.
+#[derive(Debug)]
+pub(super) struct Table {
+    pub(super) name: &'static str,
+    /// The first columns, so many, are the primary key, by which rows are read in order.
+    pub(super) key: usize,
+    pub(super) columns: &'static [(&'static str, Kind)],
+    /// Whether the database numbers the rows: the counter is kept too, so that no number is given twice.
+    pub(super) counted: bool,
+    /// Rows read at once; large ones one by one.
+    pub(super) page: i64,
+    /// Which rows are kept, when not all are.
+    pub(super) condition: Option<&'static str>,
+}
+
+/// Small rows read at once.
+const MANY: i64 = 512;
+/// Rows of about a megabyte read at once.
+const FEW: i64 = 4;
+
+/// Chunks of unfinished uploads and of cohorts that were removed are nobody's.
+const CHUNK_LIVES: &str = "cohort IS NOT NULL AND revision IS NOT NULL";
+const OF_LIVING_CHUNK: &str =
+    "chunk_id IN (SELECT id FROM chunk WHERE cohort IS NOT NULL AND revision IS NOT NULL)";
+
+/// Tables that are not kept: what they hold concerns one database only.
+#[cfg(test)]
+pub(super) const PASSING: &[&str] = &["probe", "_sqlx_migrations", "sqlite_sequence", "pass", "task"];
+
+use Kind::{Bytes, Integer, Real, Text};
+
+/// All that is kept; a table comes after those it refers to.
+pub(super) const TABLES: &[Table] = &[
+    Table {
+        name: "cohort",
+        key: 1,
+        columns: &[
+            ("number", Integer),
+            ("id", Text),
+            ("handle", Text),
+            ("tenant", Text),
+            ("name", Text),
+            ("description", Text),
+            ("representation", Text),
+            ("correspondence", Text),
+            ("direction", Text),
+            ("mirror", Text),
+            ("length_unit", Text),
+            ("revision", Integer),
+            ("shapes", Integer),
+            ("created_at_ms", Integer),
+            ("updated_at_ms", Integer),
+            ("deleted_at_ms", Integer),
+        ],
+        counted: true,
+        page: MANY,
+        condition: None,
+    },
+    Table {
+        name: "chunk",
+        key: 1,
+        columns: &[
+            ("id", Integer),
+            ("cohort", Integer),
+            ("upload", Text),
+            ("revision", Integer),
+            ("created_at_ms", Integer),
+            ("rows", Integer),
+            ("width", Integer),
+        ],
+        counted: true,
+        page: MANY,
+        condition: Some(CHUNK_LIVES),
+    },
+    Table {
+        name: "chunk_data",
+        key: 1,
+        columns: &[("chunk_id", Integer), ("checksum", Bytes), ("weights", Bytes), ("points", Bytes)],
+        counted: false,
+        page: FEW,
+        condition: Some(OF_LIVING_CHUNK),
+    },
+    Table {
+        name: "shape",
+        key: 2,
+        columns: &[
+            ("chunk_id", Integer),
+            ("position", Integer),
+            ("cohort", Integer),
+            ("id", Text),
+            ("external_id", Text),
+            ("subject", Text),
+            ("label", Text),
+            ("deleted_revision", Integer),
+            ("digest", Bytes),
+            ("labels", Text),
+            ("metadata", Text),
+        ],
+        counted: false,
+        page: MANY,
+        condition: Some(OF_LIVING_CHUNK),
+    },
+    Table {
+        name: "job",
+        key: 1,
+        columns: &[
+            ("id", Text),
+            ("tenant", Text),
+            ("cohort", Text),
+            ("kind", Text),
+            ("parameters", Text),
+            ("status", Text),
+            ("progress", Real),
+            ("phase", Text),
+            ("objective", Real),
+            ("attempt", Integer),
+            ("run_at_ms", Integer),
+            ("lease_owner", Text),
+            ("lease_until_ms", Integer),
+            ("created_at_ms", Integer),
+            ("started_at_ms", Integer),
+            ("finished_at_ms", Integer),
+            ("result", Text),
+            ("problem", Text),
+        ],
+        counted: false,
+        page: FEW,
+        condition: None,
+    },
+    Table {
+        name: "job_output",
+        key: 1,
+        columns: &[
+            ("number", Integer),
+            ("job", Text),
+            ("bytes", Integer),
+            ("checksum", Bytes),
+            ("head", Text),
+            ("data", Bytes),
+        ],
+        counted: true,
+        page: 1,
+        condition: None,
+    },
+    Table {
+        name: "dictionary_name",
+        key: 1,
+        columns: &[("handle", Text), ("versions", Integer)],
+        counted: false,
+        page: MANY,
+        condition: None,
+    },
+    Table {
+        name: "dictionary",
+        key: 1,
+        columns: &[
+            ("id", Text),
+            ("handle", Text),
+            ("tenant", Text),
+            ("name", Text),
+            ("version", Integer),
+            ("cohort", Text),
+            ("summary", Text),
+            ("provenance", Text),
+            ("digest", Text),
+            ("created_at_ms", Integer),
+            ("deleted_at_ms", Integer),
+        ],
+        counted: false,
+        page: FEW,
+        condition: None,
+    },
+    Table {
+        name: "dictionary_data",
+        key: 1,
+        columns: &[("dictionary", Text), ("content", Bytes), ("state", Bytes), ("state_checksum", Bytes)],
+        counted: false,
+        page: 1,
+        condition: None,
+    },
+    Table {
+        name: "receipt",
+        key: 2,
+        columns: &[
+            ("tenant", Text),
+            ("key", Text),
+            ("fingerprint", Bytes),
+            ("outcome", Text),
+            ("created_at_ms", Integer),
+        ],
+        counted: false,
+        page: FEW,
+        condition: None,
+    },
+    Table {
+        name: "change_sequence",
+        key: 1,
+        columns: &[("tenant", Text), ("last", Integer)],
+        counted: false,
+        page: MANY,
+        condition: None,
+    },
+    Table {
+        name: "change",
+        key: 2,
+        columns: &[
+            ("tenant", Text),
+            ("sequence", Integer),
+            ("at_ms", Integer),
+            ("kind", Text),
+            ("object", Text),
+            ("cohort", Text),
+            ("revision", Integer),
+            ("shapes", Integer),
+        ],
+        counted: false,
+        page: MANY,
+        condition: None,
+    },
+    Table {
+        name: "audit",
+        key: 2,
+        columns: &[
+            ("tenant", Text),
+            ("sequence", Integer),
+            ("at_ms", Integer),
+            ("caller", Text),
+            ("subject", Text),
+            ("operation", Text),
+            ("method", Text),
+            ("route", Text),
+            ("objects", Text),
+            ("status", Integer),
+            ("request_id", Text),
+            ("remote", Text),
+            ("digest", Bytes),
+        ],
+        counted: false,
+        page: MANY,
+        condition: None,
+    },
+    Table {
+        name: "api_key",
+        key: 1,
+        columns: &[
+            ("id", Text),
+            ("tenant", Text),
+            ("name", Text),
+            ("role", Text),
+            ("cohorts", Text),
+            ("digest", Bytes),
+            ("created_at_ms", Integer),
+            ("expires_at_ms", Integer),
+            ("revoked_at_ms", Integer),
+            ("used_at_ms", Integer),
+        ],
+        counted: false,
+        page: MANY,
+        condition: None,
+    },
+    Table {
+        name: "audit_head",
+        key: 1,
+        columns: &[
+            ("tenant", Text),
+            ("sequence", Integer),
+            ("digest", Bytes),
+            ("removed_sequence", Integer),
+            ("removed_digest", Bytes),
+        ],
+        counted: false,
+        page: MANY,
+        condition: None,
+    },
+];
+
+impl Table {
+    /// Names of the first `count` columns, as a list in SQL.
+    pub(super) fn names(&self, count: usize) -> String {
+        let names: Vec<&str> = self.columns[..count].iter().map(|(name, _)| *name).collect();
+        names.join(", ")
+    }
+}
+
+/// A value of a row.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Cell {
+    Null,
+    Integer(i64),
+    Real(f64),
+    Text(String),
+    Bytes(Vec<u8>),
+}
+
+impl Cell {
+    /// The value of the column of a row.
+    pub(super) fn read(row: &Row, name: &str, kind: Kind) -> Result<Self, StoreError> {
+        let cell = match kind {
+            Integer => row.get::<Option<i64>>(name)?.map(Self::Integer),
+            Real => row.get::<Option<f64>>(name)?.map(Self::Real),
+            Text => row.get::<Option<String>>(name)?.map(Self::Text),
+            Bytes => row.get::<Option<Vec<u8>>>(name)?.map(Self::Bytes),
+        };
+        Ok(cell.unwrap_or(Self::Null))
+    }
+
+    /// Appends it to a statement, as a value of the kind.
+    pub(super) fn push_to(&self, query: &mut Query<'_>, kind: Kind) {
+        match (self, kind) {
+            (Self::Integer(number), _) => query.push_bind(*number),
+            (Self::Real(number), _) => query.push_bind(*number),
+            (Self::Text(text), _) => query.push_bind(text.as_str()),
+            (Self::Bytes(bytes), _) => query.push_bind(bytes.as_slice()),
+            (Self::Null, Integer) => query.push_bind(None::<i64>),
+            (Self::Null, Real) => query.push_bind(None::<f64>),
+            (Self::Null, Text) => query.push_bind(None::<&str>),
+            (Self::Null, Bytes) => query.push_bind(None::<&[u8]>),
+        };
+    }
+
+    /// As it stands in an export: bytes in base64.
+    pub(super) fn to_json(&self) -> Value {
+        match self {
+            Self::Null => Value::Null,
+            Self::Integer(number) => Value::from(*number),
+            Self::Real(number) => Value::from(*number),
+            Self::Text(text) => Value::from(text.as_str()),
+            Self::Bytes(bytes) => Value::from(BASE64.encode(bytes)),
+        }
+    }
+
+    /// What [`Cell::to_json`] wrote of a value of the kind; nothing when it is of another one.
+    pub(super) fn from_json(value: Value, kind: Kind) -> Option<Self> {
+        match (value, kind) {
+            (Value::Null, _) => Some(Self::Null),
+            (Value::Number(number), Integer) => number.as_i64().map(Self::Integer),
+            (Value::Number(number), Real) => number.as_f64().map(Self::Real),
+            (Value::String(text), Text) => Some(Self::Text(text)),
+            (Value::String(text), Bytes) => BASE64.decode(text).ok().map(Self::Bytes),
+            _ => None,
+        }
+    }
+
+    /// Bytes that it takes, about.
+    pub(super) fn size(&self) -> usize {
+        match self {
+            Self::Null | Self::Integer(_) | Self::Real(_) => size_of::<i64>(),
+            Self::Text(text) => text.len(),
+            Self::Bytes(bytes) => bytes.len(),
+        }
+    }
+}

@@ -1,0 +1,272 @@
+//! Passes over a cohort, cut into parts that any process may take.
+//!
+//! The job that makes a pass owns it, by the claim it holds: when the job ends, is cancelled or taken over, no part is given
+//! out any more and no result is taken. A part is claimed with a lease, as a job is, and every write of a claimant is
+//! fenced by it.
+
+use super::engine::{Pools, Query, sql};
+use super::filter::{self, Revisions, Selection};
+use super::{Cursor, Store, StoreError, to_sql};
+use crate::domain::shape::ShapeFilter;
+
+/// Where a part begins.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Start {
+    /// Its first chunk.
+    pub chunk: i64,
+    /// How many shapes of that chunk, of those that pass the filter, belong to the part before.
+    pub skip: usize,
+}
+
+impl Start {
+    /// The position after which a scan reads its first chunk.
+    pub fn before(self) -> Cursor {
+        Cursor { chunk: self.chunk - 1, position: i64::MAX }
+    }
+}
+
+/// The right to make a part, until its lease ends or the pass does.
+#[derive(Debug, Clone)]
+pub struct PartClaim {
+    number: i64,
+    owner: String,
+    pass: i64,
+    /// Which part, from 0.
+    pub part: usize,
+    /// Where it begins.
+    pub start: Start,
+}
+
+/// What a part is a part of.
+#[derive(Debug, Clone)]
+pub struct PassOf {
+    /// Id of the job.
+    pub job: String,
+    /// Whose job it is.
+    pub tenant: String,
+    /// What is to be done.
+    pub description: String,
+}
+
+/// How a claimed part ends.
+#[derive(Debug, Clone, Copy)]
+pub enum PartEnd<'a> {
+    /// Made; without bytes when its owner has used them already.
+    Done(Option<&'a [u8]>),
+    /// It cannot be made here: the owner of the pass makes it.
+    Refused,
+    /// Whoever is free takes it.
+    Open,
+}
+
+impl Store {
+    /// Whether other processes may use the same database.
+    pub fn is_shared(&self) -> bool {
+        matches!(self.inner.pools, Pools::Postgres(_))
+    }
+
+    /// Where the parts of `size` shapes begin, in storage order.
+    ///
+    /// # Errors
+    /// [`StoreError::CohortGone`].
+    pub async fn part_starts(
+        &self,
+        cohort_id: &str,
+        revisions: Revisions,
+        filter: &ShapeFilter,
+        size: usize,
+    ) -> Result<Vec<Start>, StoreError> {
+        const WHOLE: &str = "SELECT c.id AS chunk_id, c.rows - (SELECT count(*) FROM shape AS s
+                WHERE s.cohort = $1 AND s.chunk_id = c.id AND s.deleted_revision <= $3) AS shapes
+            FROM chunk AS c WHERE c.cohort = $1 AND c.revision > $2 AND c.revision <= $3 ORDER BY c.id";
+        let mut read = self.begin_read().await?;
+        let cohort = self.number(&mut read, cohort_id).await?;
+        let query = if filter::is_empty(filter) {
+            let whole = sql(&mut read, WHOLE).bind(cohort);
+            whole.bind(to_sql(revisions.after)).bind(to_sql(revisions.until))
+        } else {
+            let selection = Selection { cohort, revisions, filter, after: (0, -1) };
+            let mut query = selection.select(&mut read, "s.chunk_id AS chunk_id, count(*) AS shapes");
+            query.push(" GROUP BY s.chunk_id ORDER BY s.chunk_id");
+            query
+        };
+        let (mut starts, mut before) = (Vec::new(), 0);
+        for row in &query.all().await? {
+            let (chunk, shapes) = (row.get("chunk_id")?, row.get::<i64>("shapes")?);
+            let end = before + usize::try_from(shapes).unwrap_or_default();
+            while starts.len() * size < end {
+                starts.push(Start { chunk, skip: starts.len() * size - before });
+            }
+            before = end;
+        }
+        Ok(starts)
+    }
+
+    /// Begins a pass of the attempt at a job, with a part for each of `starts`, for processes of this `arithmetic`; its number.
+    /// None when the attempt has lost its claim.
+    ///
+    /// # Errors
+    /// Those of the database.
+    pub async fn begin_pass(
+        &self,
+        (job, attempt): (&str, u32),
+        arithmetic: &str,
+        description: &str,
+        starts: &[Start],
+    ) -> Result<Option<i64>, StoreError> {
+        const FORGET: &str = "DELETE FROM pass WHERE job = $1
+            AND EXISTS (SELECT 1 FROM job WHERE id = $1 AND status = 'running' AND attempt = $2)";
+        const BEGIN: &str = "INSERT INTO pass (job, owner, arithmetic, description)
+            SELECT id, lease_owner, $3, $4 FROM job WHERE id = $1 AND status = 'running' AND attempt = $2
+            RETURNING number";
+        const PART: &str =
+            "INSERT INTO task (pass, part, chunk, skip, status) VALUES ($1, $2, $3, $4, 'open')";
+        let mut write = self.begin_write(job).await?;
+        // Only who holds the claim touches the pass before: rows that a lost claim had locked, others would skip.
+        sql(&mut write, FORGET).bind(job).bind(i64::from(attempt)).execute().await?;
+        let begin = sql(&mut write, BEGIN).bind(job).bind(i64::from(attempt));
+        let number = begin.bind(arithmetic).bind(description).optional_scalar::<i64>().await?;
+        let Some(number) = number else { return Ok(None) };
+        for (part, start) in starts.iter().enumerate() {
+            let insert = sql(&mut write, PART).bind(number).bind(to_sql(part as u64));
+            insert.bind(start.chunk).bind(to_sql(start.skip as u64)).execute().await?;
+        }
+        write.commit().await?;
+        Ok(Some(number))
+    }
+
+    /// Removes a pass with what is left of it.
+    ///
+    /// # Errors
+    /// Those of the database.
+    pub async fn end_pass(&self, pass: i64) -> Result<(), StoreError> {
+        const END: &str = "DELETE FROM pass WHERE number = $1";
+        sql(self.writer(), END).bind(pass).execute().await?;
+        Ok(())
+    }
+
+    /// For the owner of a pass: its first part before `end` that nobody has.
+    ///
+    /// # Errors
+    /// Those of the database.
+    pub async fn claim_own_part(
+        &self,
+        pass: i64,
+        end: usize,
+        now_ms: i64,
+    ) -> Result<Option<PartClaim>, StoreError> {
+        // It holds as long as the claim on the job does.
+        self.claim_part(i64::MAX, now_ms, |query| {
+            query.push(" AND t.status <> 'done' AND t.pass = ").push_bind(pass);
+            query.push(" AND t.part < ").push_bind(to_sql(end as u64));
+        })
+        .await
+    }
+
+    /// For everybody whose `arithmetic` gives the same bits: the first part that nobody makes.
+    ///
+    /// # Errors
+    /// Those of the database.
+    pub async fn claim_any_part(
+        &self,
+        now_ms: i64,
+        lease_until_ms: i64,
+        arithmetic: &str,
+    ) -> Result<Option<(PartClaim, PassOf)>, StoreError> {
+        const OF: &str = "SELECT p.job, p.description, j.tenant FROM pass AS p JOIN job AS j ON j.id = p.job
+            WHERE p.number = $1";
+        let claim = self.claim_part(lease_until_ms, now_ms, |query| {
+            query.push(" AND t.status = 'open' AND p.arithmetic = ").push_bind(arithmetic);
+        });
+        let Some(claim) = claim.await? else { return Ok(None) };
+        // A pass that has ended meanwhile is nobody's.
+        let Some(row) = sql(self.writer(), OF).bind(claim.pass).optional().await? else { return Ok(None) };
+        let of =
+            PassOf { job: row.get("job")?, tenant: row.get("tenant")?, description: row.get("description")? };
+        Ok(Some((claim, of)))
+    }
+
+    async fn claim_part(
+        &self,
+        lease_until_ms: i64,
+        now_ms: i64,
+        which: impl FnOnce(&mut Query<'_>),
+    ) -> Result<Option<PartClaim>, StoreError> {
+        const CLAIM: &str = "UPDATE task SET lease_owner = $1, lease_until_ms = $2
+            WHERE number = (SELECT t.number FROM task AS t
+                JOIN pass AS p ON p.number = t.pass JOIN job AS j ON j.id = p.job
+                WHERE j.status = 'running' AND j.lease_owner = p.owner
+                AND (t.lease_until_ms IS NULL OR t.lease_until_ms < $3)";
+        // Who claims at the same time takes the next one.
+        const SKIP: &str = " FOR UPDATE OF t SKIP LOCKED";
+        let owner = self.inner.replica.owned_id();
+        let mut query = sql(self.writer(), CLAIM).bind(&owner).bind(lease_until_ms).bind(now_ms);
+        which(&mut query);
+        query.push(" ORDER BY t.number LIMIT 1").push(if self.is_shared() { SKIP } else { "" });
+        query.push(") RETURNING number, pass, part, chunk, skip");
+        let Some(row) = query.optional().await? else { return Ok(None) };
+        let count =
+            |column| Ok::<_, StoreError>(usize::try_from(row.get::<i64>(column)?).unwrap_or_default());
+        Ok(Some(PartClaim {
+            number: row.get("number")?,
+            pass: row.get("pass")?,
+            part: count("part")?,
+            start: Start { chunk: row.get("chunk")?, skip: count("skip")? },
+            owner,
+        }))
+    }
+
+    /// Moves the end of the lease; whether the claim still holds.
+    ///
+    /// # Errors
+    /// Those of the database.
+    pub async fn renew_part(&self, claim: &PartClaim, lease_until_ms: i64) -> Result<bool, StoreError> {
+        const RENEW: &str = "UPDATE task SET lease_until_ms = $3 WHERE number = $1 AND lease_owner = $2
+            AND EXISTS (SELECT 1 FROM pass AS p JOIN job AS j ON j.id = p.job
+                WHERE p.number = task.pass AND j.status = 'running' AND j.lease_owner = p.owner)";
+        let renew = sql(self.writer(), RENEW).bind(claim.number).bind(&claim.owner).bind(lease_until_ms);
+        Ok(renew.execute().await? == 1)
+    }
+
+    /// Ends a claim; whether it still held. Otherwise nothing is written.
+    ///
+    /// # Errors
+    /// Those of the database.
+    pub async fn settle_part(&self, claim: &PartClaim, end: PartEnd<'_>) -> Result<bool, StoreError> {
+        const SETTLE: &str = "UPDATE task SET status = $3, result = $4, checksum = $5,
+            lease_owner = NULL, lease_until_ms = NULL WHERE number = $1 AND lease_owner = $2";
+        let (status, result) = match end {
+            PartEnd::Done(result) => ("done", result),
+            PartEnd::Refused => ("refused", None),
+            PartEnd::Open => ("open", None),
+        };
+        let checksum = result.map(|bytes| blake3::hash(bytes).as_bytes().to_vec());
+        let settle = sql(self.writer(), SETTLE).bind(claim.number).bind(&claim.owner).bind(status);
+        Ok(settle.bind(result).bind(checksum).execute().await? == 1)
+    }
+
+    /// What came out of a part of a pass, as soon as it is there.
+    ///
+    /// # Errors
+    /// [`StoreError::Damaged`] when it is not what was written.
+    pub async fn read_part(&self, pass: i64, part: usize) -> Result<Option<Vec<u8>>, StoreError> {
+        const READ: &str = "SELECT result, checksum FROM task
+            WHERE pass = $1 AND part = $2 AND status = 'done' AND result IS NOT NULL";
+        let read = sql(self.reader(), READ).bind(pass).bind(to_sql(part as u64));
+        let Some(row) = read.optional().await? else { return Ok(None) };
+        let (result, checksum): (Vec<u8>, &[u8]) = (row.get("result")?, row.get("checksum")?);
+        if blake3::hash(&result).as_bytes() != checksum {
+            let detail = format!("the result of part {part} of a pass is not what was written");
+            return Err(StoreError::Damaged { detail });
+        }
+        Ok(Some(result))
+    }
+
+    /// Gives the parts of an owner that is gone to whoever is free.
+    pub(super) async fn release_part_of(&self, owner: &str) -> Result<(), StoreError> {
+        const RELEASE: &str =
+            "UPDATE task SET lease_owner = NULL, lease_until_ms = NULL WHERE lease_owner = $1";
+        sql(self.writer(), RELEASE).bind(owner).execute().await?;
+        Ok(())
+    }
+}

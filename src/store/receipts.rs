@@ -1,0 +1,62 @@
+//! Receipts: what requests that may be sent again have brought about.
+
+use super::engine::{self, Transaction, sql};
+use super::{Store, StoreError};
+use crate::domain::retry::{Receipt, RetryKey};
+
+/// How long a request may be sent again.
+pub const KEPT_MS: i64 = 7 * 24 * 3_600_000;
+
+impl Store {
+    /// What the request with this key has brought about.
+    ///
+    /// # Errors
+    /// [`StoreError::Damaged`].
+    pub async fn find_receipt(&self, key: &str) -> Result<Option<Receipt>, StoreError> {
+        const FIND: &str = "SELECT fingerprint, outcome FROM receipt WHERE tenant = $1 AND key = $2";
+        let row = sql(self.reader(), FIND).bind(self.tenant()).bind(key).optional().await?;
+        let Some(row) = row else { return Ok(None) };
+        let damaged = || StoreError::Damaged { detail: "an unreadable receipt".into() };
+        let fingerprint: &[u8] = row.get("fingerprint")?;
+        let fingerprint = fingerprint.try_into().map_err(|_| damaged())?;
+        let outcome = serde_json::from_str(row.get("outcome")?).map_err(|_| damaged())?;
+        Ok(Some(Receipt { request: RetryKey { key: key.into(), fingerprint }, outcome }))
+    }
+
+    /// Forgets receipts that are older than [`KEPT_MS`].
+    ///
+    /// # Errors
+    /// Those of the database.
+    pub async fn prune_receipts(&self, now_ms: i64) -> Result<u64, StoreError> {
+        const PRUNE: &str = "DELETE FROM receipt WHERE created_at_ms < $1";
+        Ok(sql(self.writer(), PRUNE).bind(now_ms - KEPT_MS).execute().await?)
+    }
+}
+
+/// Keeps a receipt, if there is one, as part of the transaction that does what the request asks for.
+///
+/// # Errors
+/// [`StoreError::AlreadyDone`] when a request with this key was done before: the transaction must not be committed.
+pub(super) async fn keep(
+    write: &mut Transaction,
+    tenant: &str,
+    receipt: Option<&Receipt>,
+    now_ms: i64,
+) -> Result<(), StoreError> {
+    const KEEP: &str = "INSERT INTO receipt (tenant, key, fingerprint, outcome, created_at_ms)
+        VALUES ($1, $2, $3, $4, $5)";
+    let Some(receipt) = receipt else { return Ok(()) };
+    let kept = sql(write, KEEP)
+        .bind(tenant)
+        .bind(receipt.request.key.as_str())
+        .bind(receipt.request.fingerprint.as_slice())
+        .bind(receipt.outcome.to_string())
+        .bind(now_ms)
+        .execute()
+        .await;
+    match kept {
+        Ok(_) => Ok(()),
+        Err(error) if engine::is_duplicate(&error, "receipt", "") => Err(StoreError::AlreadyDone),
+        Err(error) => Err(error.into()),
+    }
+}

@@ -1,0 +1,185 @@
+//! The trash: what was deleted and can come back, until it is removed for good.
+
+use super::engine::{Row, Transaction, sql};
+use super::{Store, StoreError, changes, engine, to_sql};
+use crate::domain::change::{ChangeKind, NewChange};
+use crate::domain::trash::{Trashed, TrashedKind};
+
+/// Most things removed for good between two looks at the clock.
+const PURGED_AT_ONCE: i64 = 100;
+
+impl Store {
+    /// Moves the cohort with this id to the trash, if it is at the `expected` revision; false when there is none. Its name
+    /// is free at once.
+    ///
+    /// # Errors
+    /// [`StoreError::Changed`].
+    pub async fn trash_cohort(
+        &self,
+        id: &str,
+        expected: Option<u64>,
+        now_ms: i64,
+    ) -> Result<bool, StoreError> {
+        const TRASH: &str = "UPDATE cohort SET deleted_at_ms = $2, handle = id, revision = revision + 1
+            WHERE number = $1 RETURNING revision";
+        let mut write = self.begin_write(id).await?;
+        let number = match self.number_at(&mut write, id, expected).await {
+            Err(StoreError::CohortGone) => return Ok(false),
+            number => number?,
+        };
+        let revision: i64 = sql(&mut write, TRASH).bind(number).bind(now_ms).scalar().await?;
+        let change = NewChange::of_cohort(ChangeKind::CohortDeleted, id, super::from_sql(revision));
+        changes::record(&mut write, self.tenant(), &change, now_ms).await?;
+        write.commit().await?;
+        Ok(true)
+    }
+
+    /// Moves the version of a dictionary with this id to the trash; false when there is none.
+    ///
+    /// # Errors
+    /// Those of the database.
+    pub async fn trash_dictionary(&self, id: &str, now_ms: i64) -> Result<bool, StoreError> {
+        const TRASH: &str = "UPDATE dictionary SET deleted_at_ms = $3
+            WHERE id = $1 AND tenant = $2 AND deleted_at_ms IS NULL RETURNING cohort";
+        let mut write = self.begin_write(id).await?;
+        let query = sql(&mut write, TRASH).bind(id).bind(self.tenant()).bind(now_ms);
+        let Some(cohort) = query.optional_scalar::<String>().await? else { return Ok(false) };
+        let change = NewChange::of_dictionary(ChangeKind::DictionaryDeleted, id, &cohort);
+        changes::record(&mut write, self.tenant(), &change, now_ms).await?;
+        write.commit().await?;
+        Ok(true)
+    }
+
+    /// At most `limit` things in the trash in the order of their ids, from the one after the id `after`.
+    ///
+    /// # Errors
+    /// Those of the database.
+    pub async fn list_trash(&self, after: Option<&str>, limit: usize) -> Result<Vec<Trashed>, StoreError> {
+        let mut query = sql(
+            self.reader(),
+            "SELECT * FROM (SELECT 'cohort' AS kind, id, name, 0 AS version,
+            deleted_at_ms FROM cohort WHERE deleted_at_ms IS NOT NULL AND tenant = ",
+        );
+        query.push_bind(self.tenant());
+        self.push_scope(&mut query, "id");
+        query.push(
+            " UNION ALL SELECT 'dictionary', id, name, version, deleted_at_ms FROM dictionary
+            WHERE deleted_at_ms IS NOT NULL AND tenant = ",
+        );
+        query.push_bind(self.tenant());
+        self.push_scope(&mut query, "cohort");
+        query.push(") AS trash WHERE id > ").push_bind(after.unwrap_or_default());
+        query.push(" ORDER BY id LIMIT ").push_bind(to_sql(limit as u64));
+        query.all().await?.iter().map(read_trashed).collect()
+    }
+
+    /// Takes the thing with this id out of the trash; none when it is not there.
+    ///
+    /// # Errors
+    /// [`StoreError::NameTaken`] when another cohort has taken its name meanwhile.
+    pub async fn restore(&self, id: &str, now_ms: i64) -> Result<Option<TrashedKind>, StoreError> {
+        let mut write = self.begin_write(id).await?;
+        let kind = if self.restore_cohort(&mut write, id, now_ms).await? {
+            TrashedKind::Cohort
+        } else if self.restore_dictionary(&mut write, id, now_ms).await? {
+            TrashedKind::Dictionary
+        } else {
+            return Ok(None);
+        };
+        write.commit().await?;
+        Ok(Some(kind))
+    }
+
+    async fn restore_cohort(
+        &self,
+        write: &mut Transaction,
+        id: &str,
+        now_ms: i64,
+    ) -> Result<bool, StoreError> {
+        const NAME: &str =
+            "SELECT name FROM cohort WHERE id = $1 AND tenant = $2 AND deleted_at_ms IS NOT NULL";
+        const RESTORE: &str = "UPDATE cohort SET deleted_at_ms = NULL, handle = $2, revision = revision + 1
+            WHERE id = $1 RETURNING revision";
+        if !self.principal.may_use(id) {
+            return Ok(false);
+        }
+        let query = sql(&mut *write, NAME).bind(id).bind(self.tenant());
+        let Some(name) = query.optional_scalar::<String>().await? else { return Ok(false) };
+        let restored = sql(&mut *write, RESTORE).bind(id).bind(self.handle(&name)).scalar::<i64>().await;
+        let revision = match restored {
+            Err(error) if engine::is_duplicate(&error, "cohort", "handle") => {
+                return Err(StoreError::NameTaken { name });
+            }
+            revision => super::from_sql(revision?),
+        };
+        let change = NewChange::of_cohort(ChangeKind::CohortRestored, id, revision);
+        changes::record(write, self.tenant(), &change, now_ms).await?;
+        Ok(true)
+    }
+
+    async fn restore_dictionary(
+        &self,
+        write: &mut Transaction,
+        id: &str,
+        now_ms: i64,
+    ) -> Result<bool, StoreError> {
+        let mut query = sql(&mut *write, "UPDATE dictionary SET deleted_at_ms = NULL WHERE id = ");
+        query.push_bind(id).push(" AND deleted_at_ms IS NOT NULL AND tenant = ").push_bind(self.tenant());
+        self.push_scope(&mut query, "cohort");
+        query.push(" RETURNING cohort");
+        let Some(cohort) = query.optional_scalar::<String>().await? else { return Ok(false) };
+        let change = NewChange::of_dictionary(ChangeKind::DictionaryRestored, id, &cohort);
+        changes::record(write, self.tenant(), &change, now_ms).await?;
+        Ok(true)
+    }
+
+    /// Removes the thing with this id from the trash for good; false when it is not there.
+    ///
+    /// # Errors
+    /// Those of the database.
+    pub async fn remove_trashed(&self, id: &str) -> Result<bool, StoreError> {
+        let mut query =
+            sql(self.writer(), "DELETE FROM dictionary WHERE deleted_at_ms IS NOT NULL AND tenant = ");
+        query.push_bind(self.tenant()).push(" AND id = ").push_bind(id);
+        self.push_scope(&mut query, "cohort");
+        if query.execute().await? > 0 {
+            return Ok(true);
+        }
+        const IS_TRASHED: &str =
+            "SELECT count(*) FROM cohort WHERE id = $1 AND tenant = $2 AND deleted_at_ms IS NOT NULL";
+        let trashed: i64 = sql(self.reader(), IS_TRASHED).bind(id).bind(self.tenant()).scalar().await?;
+        Ok(trashed > 0 && self.principal.may_use(id) && self.remove_cohort(id).await?)
+    }
+
+    /// Removes what all tenants moved to the trash before a time; the number of things.
+    ///
+    /// # Errors
+    /// Those of the database.
+    pub async fn purge_trash(&self, before_ms: i64) -> Result<u64, StoreError> {
+        const COHORTS: &str = "DELETE FROM cohort WHERE id IN
+            (SELECT id FROM cohort WHERE deleted_at_ms < $1 LIMIT $2)";
+        const DICTIONARIES: &str = "DELETE FROM dictionary WHERE id IN
+            (SELECT id FROM dictionary WHERE deleted_at_ms < $1 LIMIT $2)";
+        let mut removed = 0;
+        for statement in [COHORTS, DICTIONARIES] {
+            removed += sql(self.writer(), statement).bind(before_ms).bind(PURGED_AT_ONCE).execute().await?;
+        }
+        self.purge(super::PURGE_ORPHANS, None).await?;
+        Ok(removed)
+    }
+}
+
+fn read_trashed(row: &Row) -> Result<Trashed, StoreError> {
+    let version: i64 = row.get("version")?;
+    Ok(Trashed {
+        kind: if row.get::<&str>("kind")? == "cohort" {
+            TrashedKind::Cohort
+        } else {
+            TrashedKind::Dictionary
+        },
+        id: row.get("id")?,
+        name: row.get("name")?,
+        version: (version > 0).then(|| super::from_sql(version)),
+        deleted_at_ms: row.get("deleted_at_ms")?,
+    })
+}
