@@ -1,0 +1,303 @@
+"""Checks everything that installs the service: container, compose, Kubernetes, systemd, shell, and what it is built from.
+
+    python3 deploy/lint.py [CHECK ...]
+
+Prints one line a check: ok, FAILED with the reasons, or skipped with the reason; ends with 1 when one failed. The tools are
+those of deploy/requirements.txt, installed into target/lint; a tool that cannot be had skips its checks, visibly. Beside the
+rules of the tools this looks for what a schema does not know: that the settings, routes and commands that the files name
+exist in the program, and that no container has rights that it does not need.
+"""
+
+import json
+import os
+import re
+import shutil
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+import tomllib
+import venv
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+TOOLS = ROOT / "target" / "lint"
+PYTHON = TOOLS / "bin" / "python"
+REQUIREMENTS = ROOT / "deploy" / "requirements.txt"
+DOCKERFILE = ROOT / "docker" / "Dockerfile"
+COMPOSE = ROOT / "docker" / "compose.yaml"
+MANIFESTS = ROOT / "deploy" / "kubernetes"
+UNIT = ROOT / "deploy" / "systemd" / "shapelex.service"
+# Points of exposure of 100 that systemd may count: what is left is the network and files that can be read.
+EXPOSURE = 15
+# The oldest Kubernetes that the manifests are meant for, and the newest that the tool knows.
+KUBERNETES = ("1.30.0", "1.37.0")
+SYSTEM_PATH = "/usr/sbin:/usr/bin:/sbin:/bin"
+YAML_RULES = """{extends: default, rules: {line-length: {max: 130}, document-start: disable, braces: {max-spaces-inside: 1},
+  comments: {min-spaces-from-content: 1}}}"""
+
+
+class Skipped(Exception):
+    """Why a check cannot be made here."""
+
+
+class Failed(Exception):
+    """What a check found."""
+
+
+def run(*command, **options):
+    """Output of a command that must succeed."""
+    options = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **options}
+    done = subprocess.run(command, cwd=ROOT, text=True, **options)
+    if done.returncode != 0:
+        raise Failed((done.stdout + (done.stderr or "")).strip() or f"{command[0]} ended with {done.returncode}")
+    return done.stdout
+
+
+def install():
+    """The tools, once for every state of the list of requirements."""
+    wanted, mark = REQUIREMENTS.read_text(), TOOLS / "installed.txt"
+    if mark.exists() and mark.read_text() == wanted:
+        return
+    shutil.rmtree(TOOLS, ignore_errors=True)
+    venv.create(TOOLS, with_pip=True)
+    run(PYTHON, "-m", "pip", "install", "--quiet", "--no-deps", "--only-binary=:all:", "-r", REQUIREMENTS)
+    mark.write_text(wanted)
+
+
+def tool(name):
+    """Path of a tool: that of the requirements, else one of the machine."""
+    path = shutil.which(name, path=TOOLS / "bin") or shutil.which(name)
+    if not path:
+        raise Skipped(f"no {name} here")
+    return path
+
+
+def documents(text):
+    """The YAML documents of a text."""
+    try:
+        import yaml
+    except ImportError:
+        raise Skipped("no YAML reader here") from None
+    return [document for document in yaml.safe_load_all(text) if document]
+
+
+def manifests():
+    """What is applied to a cluster, as text."""
+    return run(tool("kubectl"), "kustomize", MANIFESTS)
+
+
+def refuse(found):
+    """Fails with everything that was found."""
+    if found:
+        raise Failed("\n".join(found))
+
+
+def check_yaml():
+    run(tool("yamllint"), "--strict", "-d", YAML_RULES, COMPOSE, MANIFESTS)
+
+
+def check_dockerfile():
+    run(tool("hadolint"), "--failure-threshold", "style", DOCKERFILE)
+    last = DOCKERFILE.read_text().rsplit("\nFROM ", 1)[1]
+    refuse([f"the last stage has no {line}" for line in ("USER 65532:65532", "HEALTHCHECK") if f"\n{line}" not in last])
+
+
+def check_shell():
+    run(tool("shellcheck"), "--severity=warning", ".ci/run", *sorted(ROOT.glob("*/*.sh")))
+
+
+def check_image():
+    """The root folder of the image, read-only and without rights: the program starts, is healthy, and stops in order.
+
+    Without an engine for containers this is as near to running the image as it gets: the same files, user and variables.
+    """
+    programs = [ROOT / "target" / profile / "shapelex" for profile in ("release", "debug")]
+    programs = sorted((path for path in programs if path.exists()), key=lambda path: path.stat().st_mtime)
+    if not programs:
+        raise Skipped("the program is not built yet")
+    if os.geteuid() != 0 or not shutil.which("unshare") or not shutil.which("dpkg"):
+        raise Skipped("needs root, unshare and dpkg")
+    text = DOCKERFILE.read_text()
+    settings = dict(re.findall(r"(SHAPELEX_\w+)=(\S+)", text.rsplit("\nENV ", 1)[1]))
+    with socket.socket() as listener:
+        listener.bind(("127.0.0.1", 0))
+        port = listener.getsockname()[1]
+    # On a loopback address no key is needed.
+    settings |= {"SHAPELEX_LISTEN": f"127.0.0.1:{port}", "PATH": SYSTEM_PATH}
+    health = [word.replace(":8080", f":{port}") for word in json.loads(re.search(r"HEALTHCHECK.*?CMD (\[.*?\])", text, re.S).group(1))]
+    with tempfile.TemporaryDirectory() as folder:
+        root = Path(folder) / "root"
+        run("sh", "docker/image_root.sh", programs[-1], root)
+        inside = f"chroot --userspec=65532:65532 {root}"
+        start = f"""mount --bind {root} {root}; mount -o remount,bind,ro {root}
+            mount -t tmpfs -o mode=0750,uid=65532,gid=65532 data {root}/data; mount -t tmpfs -o mode=1777 scratch {root}/tmp
+            exec {inside} /usr/local/bin/shapelex serve"""
+        log = Path(folder) / "log"
+        with log.open("w") as file:
+            service = subprocess.Popen(["unshare", "--mount", "sh", "-ec", start], env=settings, stdout=file, stderr=file)
+        end, outcome = time.monotonic() + 30, None
+        try:
+            while service.poll() is None and time.monotonic() < end and (outcome is None or outcome.returncode != 0):
+                time.sleep(0.2)
+                outcome = subprocess.run([*inside.split(), *health], env={"PATH": SYSTEM_PATH}, capture_output=True, text=True)
+        finally:
+            service.terminate()
+        if service.wait(30) != 0 or outcome is None or outcome.returncode != 0:
+            raise Failed(f"it ended with {service.returncode}; its health: {outcome}; its log: {log.read_text()[-1000:]}")
+
+
+def check_compose():
+    run(tool("check-jsonschema"), "--builtin-schema", "vendor.compose-spec", COMPOSE)
+    services = documents(COMPOSE.read_text())[0]["services"]
+    replicas = {name: s for name, s in services.items() if name.startswith("shapelex")}
+    found = [] if len(replicas) >= 2 else ["fewer than two replicas"]
+    for name, service in services.items():
+        if not re.search(r":.*\d", service["image"]):
+            found.append(f"{name}: an image without a version")
+        found += [f"{name}: {port} is open to the world" for port in service.get("ports", []) if "127.0.0.1" not in port]
+    for name, service in replicas.items():
+        wanted = {"read_only": True, "cap_drop": ["ALL"], "user": "65532:65532", "security_opt": ["no-new-privileges:true"]}
+        found += [f"{name}: {key} is not {value}" for key, value in wanted.items() if service.get(key) != value]
+    refuse(found)
+
+
+def check_kubernetes():
+    text = manifests()
+    for version in KUBERNETES:
+        run(tool("kubernetes-validate"), "--strict", "-k", version, "/dev/stdin", input=text)
+    found = []
+    labels = []
+    selectors = []
+    for document in documents(text):
+        spec = document["spec"]
+        if document["kind"] == "Deployment":
+            labels.append(spec["template"]["metadata"]["labels"])
+            found += pod_rights(spec["template"]["spec"])
+        selector = spec.get("podSelector") or spec["selector"]
+        selectors.append((document["kind"], selector.get("matchLabels", selector)))
+    for kind, selector in selectors:
+        if not any(selector.items() <= of_pods.items() for of_pods in labels):
+            found.append(f"{kind}: selects no pod of the deployment")
+    for path in sorted(MANIFESTS.glob("*.yaml")):
+        if path.name == "kustomization.yaml":
+            continue
+        run(tool("kubernetes-validate"), "--strict", path)
+        for document in documents(path.read_text()):
+            if document["kind"] == "Job":
+                found += pod_rights(document["spec"]["template"]["spec"])
+    refuse(found)
+
+
+def pod_rights(pod):
+    """What a pod may do without need, and what it lacks to be looked after."""
+    found = [] if pod.get("automountServiceAccountToken") is False else ["the pods have a token of the cluster"]
+    for key, value in {"runAsNonRoot": True, "seccompProfile": {"type": "RuntimeDefault"}}.items():
+        if pod["securityContext"].get(key) != value:
+            found.append(f"pods: {key} is not {value}")
+    for container in pod["containers"]:
+        context = container["securityContext"]
+        wanted = {"allowPrivilegeEscalation": False, "readOnlyRootFilesystem": True, "capabilities": {"drop": ["ALL"]}}
+        found += [f"{container['name']}: {key} is not {value}" for key, value in wanted.items() if context.get(key) != value]
+        lacks = [r for r in ("requests", "limits") if not {"cpu", "memory"} <= container["resources"][r].keys()]
+        if pod.get("restartPolicy") != "Never":
+            lacks += [p for p in ("startupProbe", "livenessProbe", "readinessProbe") if p not in container]
+        found += [f"{container['name']}: no {what}" for what in lacks]
+    return found
+
+
+def check_systemd():
+    analyze = tool("systemd-analyze")
+    with tempfile.TemporaryDirectory() as folder:
+        # The check wants a program that exists.
+        unit = Path(folder) / UNIT.name
+        unit.write_text(re.sub(r"(?m)^ExecStart=\S+", "ExecStart=/bin/true", UNIT.read_text()))
+        # What it does not understand it ignores, with a word about it.
+        refuse(run(analyze, "verify", "--man=no", unit, stderr=subprocess.STDOUT).splitlines())
+        try:
+            run(analyze, "security", "--no-pager", "--offline=true", f"--threshold={EXPOSURE}", unit)
+        except Failed as table:
+            refuse([line for line in str(table).splitlines() if not line.startswith("✓")])
+
+
+def check_names():
+    """Settings, routes, commands and tests that the files name exist."""
+    program = "".join(path.read_text() for path in [*sorted((ROOT / "src").rglob("*.rs")), *ROOT.glob("build.rs")])
+    settings = set(re.findall(r'"(SHAPELEX_[A-Z_]+|DATABASE_URL)"', program))
+    fields = set(re.findall(r'(?m)^    (\w+): .* = "(?:SHAPELEX_\w+|DATABASE_URL)"', program)) | {"no_example"}
+    files = [path for folder in ("docker", "deploy") for path in sorted((ROOT / folder).rglob("*")) if path.is_file()]
+    files = [path for path in files if path.suffix != ".py"] + [ROOT / "docs" / "operations.md"]
+    routes = json.loads((ROOT / "openapi" / "openapi.json").read_text())["paths"].keys()
+    listed = re.findall(r"enum (?:Command|Maintenance) \{(.*?)\n\}", program, re.S)
+    commands = {name.lower() for text in listed for name in re.findall(r"(?m)^    ([A-Z]\w+)[(,{ ]", text)}
+    found = []
+    for path in files:
+        text, name = path.read_text(), path.relative_to(ROOT)
+        used = set(re.findall(r"\b(SHAPELEX_[A-Z_]+|DATABASE_URL)\b", text))
+        found += [f"{name}: no setting {setting}" for setting in sorted(used - settings)]
+        paths = set(re.findall(r"path: (/\w+)|:8080(/\w+)", text))
+        found += [f"{name}: no route {route}" for route in sorted({a or b for a, b in paths} - routes)]
+        said = set(re.findall(r'(?m)(?:bin/shapelex"?,?|^shapelex|run --rm shapelex-1) "?([a-z]+)', text))
+        found += [f"{name}: no command {word}" for word in sorted(said - commands)]
+        if path.suffix == ".toml":
+            found += [f"{name}: no setting {key}" for key in sorted(tomllib.loads(text).keys() - fields)]
+    tests = set(re.findall(r"`((?:http|kill)\w*)`", (ROOT / "SECURITY.md").read_text()))
+    found += [f"SECURITY.md: no test {test}" for test in sorted(tests) if not (ROOT / "tests" / "suite" / f"{test}.rs").exists()]
+    refuse(found)
+
+
+def check_supply_chain():
+    """Licences, sources and versions of all crates; known vulnerabilities when their database is here."""
+    deny = tool("cargo-deny")
+    try:
+        run("cargo", "fetch", "--locked", "--quiet")
+    except Failed:
+        raise Skipped("not all crates are here, and they cannot be fetched") from None
+    run(deny, "--offline", "--locked", "check", "licenses", "bans", "sources")
+
+
+def check_advisories():
+    databases = Path(os.environ.get("CARGO_HOME") or Path.home() / ".cargo") / "advisory-dbs"
+    if not any(path.is_dir() for path in databases.glob("*")):
+        raise Skipped("no database of advisories here; `cargo deny fetch db` brings it")
+    run(tool("cargo-deny"), "--offline", "--locked", "check", "advisories")
+
+
+CHECKS = {
+    "yaml": check_yaml,
+    "dockerfile": check_dockerfile,
+    "shell": check_shell,
+    "image": check_image,
+    "compose": check_compose,
+    "kubernetes": check_kubernetes,
+    "systemd": check_systemd,
+    "names": check_names,
+    "supply-chain": check_supply_chain,
+    "advisories": check_advisories,
+}
+
+
+def main():
+    if Path(sys.prefix) != TOOLS:
+        try:
+            install()
+        except (Failed, OSError, subprocess.SubprocessError) as error:
+            print(f"deploy: the tools of {REQUIREMENTS.name} cannot be installed: {str(error).splitlines()[-1:]}")
+        else:
+            os.execv(PYTHON, [str(PYTHON), __file__, *sys.argv[1:]])
+    failed = 0
+    for name in sys.argv[1:] or CHECKS:
+        try:
+            CHECKS[name]()
+            print(f"deploy: {name}: ok")
+        except Skipped as reason:
+            print(f"deploy: {name}: skipped: {reason}")
+        except Failed as reason:
+            failed += 1
+            print(f"deploy: {name}: FAILED\n{reason}")
+    sys.exit(1 if failed else 0)
+
+
+if __name__ == "__main__":
+    main()
