@@ -1,8 +1,10 @@
 # make run   build and start the service on 127.0.0.1:8080 with the example cohort
 # make test  everything that CI runs; installs what the tests need when it is missing
+# make contract  the OpenAPI document against the running service for six minutes, as `make test` does outside of CI
+# make fuzz  every fuzz target for ten minutes
 # make bench the benchmarks behind the figures of docs/benchmarks.md
 
-.PHONY: run test bench tools
+.PHONY: run test contract fuzz bench tools
 
 run:
 	cargo run --release --locked -- serve
@@ -12,12 +14,26 @@ test: tools
 	cargo clippy --locked --all-targets -- -D warnings
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps --document-private-items --quiet
 	cargo test --locked --doc
+	cargo test --locked --lib --test suite --no-run
+	@if command -v python3 >/dev/null; then python3 deploy/lint.py; else echo "deploy: skipped: no python3 here"; fi
+	@if command -v python3 >/dev/null; then python3 tests/contract/run.py $(if $(CI),short,long); \
+	else echo "SKIPPED: the contract test, there is no python3"; fi
+	tests/with_postgres.sh cargo test --locked --lib --test suite -- store:: commands http_ kill worker
 	cargo test --locked --lib --test suite
+
+contract:
+	cargo build --locked
+	python3 tests/contract/run.py long
+
+# Without a sanitizer: there is no unsafe code here. Each target leaves what it found in fuzz/artifacts.
+fuzz:
+	@cargo fuzz --version >/dev/null 2>&1 || cargo install --locked cargo-fuzz@0.13.2
+	for target in $$(cargo fuzz list); do fuzz/run.sh $$target 600 || exit 1; done
 
 bench:
 	cargo bench --locked
 
-# A C compiler builds SQLite, curl runs the commands of the README, rustfmt and clippy check the code.
+# A C compiler builds SQLite and the cryptography, curl runs the commands of the README, rustfmt and clippy check the code.
 tools:
 	@command -v cc >/dev/null || { apt-get update -qq && apt-get install -y -qq gcc libc6-dev; }
 	@command -v curl >/dev/null || { apt-get update -qq && apt-get install -y -qq curl; }
