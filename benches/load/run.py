@@ -121,11 +121,21 @@ def finished(service, job):
         raise SystemExit(json.dumps(found)[:1000])
 
 
-def learn(service):
-    """Learning that goes on until it is cancelled; its job."""
-    body = {"name": "long", "cohort": "known", "transformation": "similarity",
-            "method": {"kind": "sparse", "atoms": 80, "lambda": 0.01, "max_epochs": 10000, "tolerance": 0.0}}
-    return service.call("POST", "/v1/dictionaries", body)["id"]
+def learn(service, stop, learnt):
+    """Learns one dictionary after the other until told to stop; how many were begun."""
+    prioritise(0)
+    while not stop.is_set():
+        learnt.value += 1
+        body = {"name": f"long-{learnt.value}", "cohort": "known", "transformation": "similarity",
+                "method": {"kind": "sparse", "atoms": 80, "lambda": 0.01, "max_epochs": 10000, "tolerance": 0.0, "seed": learnt.value}}
+        job = service.call("POST", "/v1/dictionaries", body)["id"]
+        while (status := service.call("GET", f"/v1/jobs/{job}")["status"]) in ("queued", "running"):
+            if stop.wait(0.2):
+                service.call("POST", f"/v1/jobs/{job}/cancel")
+                return
+        if status != "succeeded":
+            learnt.value = -1
+            return
 
 
 def write_lines(path, shapes):
@@ -204,8 +214,10 @@ def attack(service, folder, shapes):
     write_lines(path, shapes)
     measured(service.port, body, lambda seconds: seconds > 2)
     phases = {"alone": measured(service.port, body, lambda seconds: seconds > QUIET)}
-    job = learn(service)
-    while service.call("GET", f"/v1/jobs/{job}")["status"] == "queued":
+    stop, learnt = multiprocessing.Event(), multiprocessing.Value("i", 0)
+    learner = multiprocessing.Process(target=learn, args=(service, stop, learnt))
+    learner.start()
+    while learnt.value == 0:
         time.sleep(0.05)
     phases["learning"] = measured(service.port, body, lambda seconds: seconds > QUIET)
     service.call("POST", "/v1/cohorts", {"name": "streamed", "representation": representation()})
@@ -214,11 +226,13 @@ def attack(service, folder, shapes):
     sender.start()
     phases["learning and streaming"] = measured(service.port, body, lambda _: not sender.is_alive())
     seconds, status, added, detail = answer.get(timeout=60)
-    still = service.call("GET", f"/v1/jobs/{job}")["status"]
-    if (status, added, still) != (201, shapes, "running"):
+    still = learner.is_alive()
+    stop.set()
+    learner.join()
+    if (status, added, still, learnt.value > 0) != (201, shapes, True, True):
         raise SystemExit(f"the load was not what it should be: {status} {added} {detail}, learning: {still}")
-    service.call("POST", f"/v1/jobs/{job}/cancel")
-    sent = {"shapes": shapes, "MB of NDJSON": path.stat().st_size / 1e6, "seconds": seconds}
+    sent = {"shapes": shapes, "MB of NDJSON": path.stat().st_size / 1e6, "seconds": seconds,
+            "dictionaries begun meanwhile": learnt.value}
     return phases, sent
 
 

@@ -1,11 +1,15 @@
 //! The bounded pool where arithmetic leaves the async threads.
 //!
 //! It has two lanes with threads of their own: what takes a moment never waits behind what takes seconds. Each lane takes
-//! a bounded number of tasks, those that wait included, and turns the rest away at once.
+//! a bounded number of tasks, those that wait included, and turns the rest away at once. On Linux the threads of the other
+//! lanes have a lower priority: when cores are scarce, what takes a moment goes first.
 
-use std::sync::Arc;
+use std::num::NonZeroUsize;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::{Arc, Mutex};
 
+use bytes::Bytes;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, oneshot};
 
 use super::ServiceError;
@@ -28,30 +32,86 @@ const HEAVY_QUEUE: usize = 4;
 const FEW_SHAPES: usize = 16;
 /// Most bytes of a body that are.
 const FEW_BYTES: usize = 512 << 10;
+/// Most bytes of a body that is read where it arrives: some 0.1 ms, on a busy machine less than the way to another thread and
+/// back.
+const TINY_BYTES: usize = 16 << 10;
 
 /// A fixed number of compute threads that take a bounded number of tasks.
 #[derive(Debug, Clone)]
 pub struct Lane {
-    threads: Arc<rayon::ThreadPool>,
+    threads: Threads,
     places: Arc<Semaphore>,
     name: &'static str,
 }
 
-impl Lane {
-    /// Threads called `name`, 0 meaning one per core, and how many tasks for each may wait or run.
-    pub fn new(name: &'static str, threads: usize, tasks_each: usize) -> Self {
-        let lane = Self::with_places(name, threads, 0);
-        lane.places.add_permits(lane.threads.current_num_threads() * tasks_each);
-        lane
-    }
+/// What a thread does.
+type Task = Box<dyn FnOnce() + Send>;
 
-    fn with_places(name: &'static str, threads: usize, places: usize) -> Self {
+/// How the threads of a lane share the work.
+#[derive(Debug, Clone)]
+enum Threads {
+    /// They share the loops of every task.
+    Together(Arc<rayon::ThreadPool>),
+    /// Each takes a task for itself. Between tasks they sleep: the threads of a pool look for work first and yield, and the
+    /// system lets those that yield wait longest.
+    Apart(Sender<Task>),
+}
+
+impl Threads {
+    fn together(name: &'static str, count: usize) -> Self {
         let threads = rayon::ThreadPoolBuilder::new()
-            .num_threads(threads)
+            .num_threads(count)
             .thread_name(move |i| format!("{name}-{i}"))
+            .start_handler(move |_| give_way(niceness(name)))
             .build()
             .expect("the system can start threads");
-        Self { threads: Arc::new(threads), places: Arc::new(Semaphore::new(places)), name }
+        Self::Together(Arc::new(threads))
+    }
+
+    fn apart(name: &'static str, count: usize) -> Self {
+        let (sender, tasks) = channel::<Task>();
+        let tasks = Arc::new(Mutex::new(tasks));
+        for i in 0..count {
+            let tasks = Arc::clone(&tasks);
+            let thread = std::thread::Builder::new().name(format!("{name}-{i}"));
+            thread.spawn(move || serve(name, &tasks)).expect("the system can start threads");
+        }
+        Self::Apart(sender)
+    }
+
+    fn spawn(&self, task: impl FnOnce() + Send + 'static) {
+        match self {
+            Self::Together(threads) => threads.spawn(task),
+            // The threads end when nobody can send any more, not before.
+            Self::Apart(tasks) => tasks.send(Box::new(task)).expect("the threads wait for tasks"),
+        }
+    }
+}
+
+/// Does tasks until there can be no more.
+fn serve(name: &str, tasks: &Mutex<Receiver<Task>>) {
+    give_way(niceness(name));
+    // Loops of a task would else be shared out to threads of all cores: here they run one after the other.
+    let _alone = rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread().build();
+    loop {
+        let task = tasks.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).recv();
+        match task {
+            Ok(task) => task(),
+            Err(_) => return,
+        }
+    }
+}
+
+impl Lane {
+    /// Threads called `name` that share the loops of every task, 0 meaning one per core, and how many tasks for each may wait
+    /// or run.
+    pub fn new(name: &'static str, threads: usize, tasks_each: usize) -> Self {
+        let threads = thread_count(threads);
+        Self::with_places(name, Threads::together(name, threads), threads * tasks_each)
+    }
+
+    fn with_places(name: &'static str, threads: Threads, places: usize) -> Self {
+        Self { threads, places: Arc::new(Semaphore::new(places)), name }
     }
 
     /// Runs `task` and waits without blocking an async thread.
@@ -96,6 +156,32 @@ impl Lane {
     }
 }
 
+/// `threads`, 0 meaning one per core.
+pub fn thread_count(threads: usize) -> usize {
+    let cores = || std::thread::available_parallelism().map_or(1, NonZeroUsize::get);
+    if threads == 0 { cores() } else { threads }
+}
+
+/// How much the threads of a lane give way to others (`nice`): jobs to all requests, and all to those of a moment.
+fn niceness(lane: &str) -> i32 {
+    match lane {
+        LIGHT => 0,
+        HEAVY => 5,
+        _ => 10,
+    }
+}
+
+/// Lowers the priority of this thread. Elsewhere than on Linux the priority would be that of the process.
+#[cfg(target_os = "linux")]
+fn give_way(niceness: i32) {
+    if let Err(error) = rustix::process::nice(niceness) {
+        tracing::debug!(%error, "the priority of a compute thread stays as it is");
+    }
+}
+
+#[cfg(not(target_os = "linux"))]
+fn give_way(_: i32) {}
+
 /// How much there is to compute.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Weight {
@@ -139,11 +225,10 @@ impl Pool {
     /// Lanes of `threads` threads each, 0 meaning one per core; `heavy_tasks` of the heavy lane may wait or run, 0 meaning
     /// four per thread.
     pub fn new(threads: usize, heavy_tasks: usize) -> Self {
-        let heavy = match heavy_tasks {
-            0 => Lane::new(HEAVY, threads, HEAVY_QUEUE),
-            tasks => Lane::with_places(HEAVY, threads, tasks),
-        };
-        let light = Lane::with_places(LIGHT, threads, LIGHT_QUEUE);
+        let threads = thread_count(threads);
+        let heavy_tasks = if heavy_tasks == 0 { threads * HEAVY_QUEUE } else { heavy_tasks };
+        let heavy = Lane::with_places(HEAVY, Threads::together(HEAVY, threads), heavy_tasks);
+        let light = Lane::with_places(LIGHT, Threads::apart(LIGHT, threads), LIGHT_QUEUE);
         Self { light, heavy, weight: Weight::Heavy, request: None }
     }
 
@@ -160,6 +245,21 @@ impl Pool {
     /// Says when the work of the request shall stop, because nobody waits for it any more.
     pub fn context(&self) -> JobContext {
         self.request.as_ref().map_or_else(JobContext::default, |request| request.context.clone())
+    }
+
+    /// Reads a body: at once when it is tiny, else on the lane for its length.
+    ///
+    /// # Errors
+    /// Those of `read`, and of [`Pool::run`].
+    pub async fn read<T: Send + 'static>(
+        &self,
+        body: Bytes,
+        read: impl FnOnce(&[u8]) -> Result<T, ServiceError> + Send + 'static,
+    ) -> Result<T, ServiceError> {
+        if body.len() <= TINY_BYTES {
+            return read(&body);
+        }
+        self.weighing(Weight::of_bytes(body.len())).run(move || read(&body)).await
     }
 
     /// Runs `task` and waits without blocking an async thread. When the wait is given up, the request is: a task that
@@ -216,7 +316,6 @@ impl Drop for Waiting<'_> {
 
 #[cfg(test)]
 mod tests {
-    use std::sync::mpsc::channel;
     use std::time::Duration;
 
     use super::*;
@@ -273,6 +372,19 @@ mod tests {
         assert!(!next.is_finished());
         drop(running);
         assert_eq!(tokio::time::timeout(SOON, next).await.unwrap().unwrap().unwrap(), 7);
+    }
+
+    #[tokio::test]
+    async fn loops_of_light_work_stay_on_its_thread() {
+        use rayon::prelude::*;
+        let light = Pool::new(2, 1).of_request().weighing(Weight::Light);
+        let task = || {
+            let names = (0..64).into_par_iter().map(|_| std::thread::current().name().map(str::to_owned));
+            Ok(names.collect::<Vec<_>>())
+        };
+        let names = light.run(task).await.unwrap();
+        assert!(names.iter().all(|name| *name == names[0]), "{names:?}");
+        assert!(names[0].as_ref().is_some_and(|name| name.starts_with(LIGHT)), "{names:?}");
     }
 
     #[tokio::test]

@@ -110,6 +110,7 @@ async fn writer(file: &Path, create: bool) -> Result<SqlitePool, StoreError> {
         .min_connections(1)
         .idle_timeout(None)
         .max_lifetime(None)
+        .test_before_acquire(false)
         // On a full disk SQLite ends the transaction by itself; sqlx then believes for ever to be
         // inside one. Such a connection is replaced.
         .before_acquire(|connection, _| Box::pin(async { Ok(!connection.is_in_transaction()) }))
@@ -118,10 +119,18 @@ async fn writer(file: &Path, create: bool) -> Result<SqlitePool, StoreError> {
     Ok(pool)
 }
 
-/// Connections that only read.
+/// Connections that only read. All are opened at once: each has a thread, which has the priority of who opens it, and later that
+/// may be a job.
 async fn reader(file: &Path) -> Result<SqlitePool, StoreError> {
-    let pool =
-        SqlitePoolOptions::new().max_connections(READERS).connect_with(options(file).read_only(true)).await?;
+    let pool = SqlitePoolOptions::new()
+        .max_connections(READERS)
+        .min_connections(READERS)
+        .idle_timeout(None)
+        .max_lifetime(None)
+        // There is no network to fail.
+        .test_before_acquire(false)
+        .connect_with(options(file).read_only(true))
+        .await?;
     Ok(pool)
 }
 

@@ -19,7 +19,7 @@ use crate::domain::access::Principal;
 use crate::domain::job::Job;
 use crate::service::jobs::attempt::{self, Attempt};
 use crate::service::jobs::{JobContext, Outcome};
-use crate::service::pool::{JOB, Lane};
+use crate::service::pool::{JOB, Lane, thread_count};
 use crate::service::spreading::{self, Help};
 use crate::service::{App, ServiceError};
 
@@ -46,9 +46,7 @@ pub struct Places {
 impl Places {
     /// Threads of each place.
     fn threads_each(self) -> usize {
-        let cores = || std::thread::available_parallelism().map_or(1, NonZeroUsize::get);
-        let threads = if self.threads == 0 { cores() } else { self.threads };
-        (threads / self.jobs).max(1)
+        (thread_count(self.threads) / self.jobs).max(1)
     }
 }
 

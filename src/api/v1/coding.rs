@@ -43,8 +43,7 @@ macro_rules! asking_request {
                 body: axum::body::Bytes,
             ) -> Result<(std::sync::Arc<Ready>, Self, Shapes, Vec<InputError>), Problem> {
                 let ready = models::find(app, key).await?;
-                let pool = app.pool.weighing(crate::service::pool::Weight::of_bytes(body.len()));
-                let mut request: Self = pool.run(move || parse(&body)).await?;
+                let mut request: Self = app.pool.read(body, parse).await?;
                 let mut errors = std::mem::take(&mut request.faults);
                 let shapes = Shapes {
                     posted: request.shapes.take().map(|shapes| shapes.take("/shapes", &mut errors)),

@@ -106,8 +106,7 @@ pub(super) async fn add_shapes(
         json if is_json(json) => {
             let body = body::read(&app, request.into_body()).await?;
             let app = app.with_body(&body);
-            let pool = app.pool.weighing(Weight::of_bytes(body.len()));
-            let AddRequest { shapes, faults: mut errors } = pool.run(move || parse(&body)).await?;
+            let AddRequest { shapes, faults: mut errors } = app.pool.read(body, parse).await?;
             let shapes = shapes.unwrap_or_default().take("/shapes", &mut errors);
             let ((), shapes) = checked(Some(()), errors, shapes)?;
             ingest::add(&app, cohort, shapes, query.on_error, expected).await?
