@@ -20,7 +20,7 @@ const POINTS: usize = 9;
 /// Penalty of the lasso.
 const LAMBDA: f64 = 0.05;
 /// Long enough for a slow machine, shorter than the patience of the client.
-const PATIENCE: Duration = Duration::from_secs(50);
+pub(crate) const PATIENCE: Duration = Duration::from_secs(50);
 
 type Rows = Vec<[f64; 2]>;
 
