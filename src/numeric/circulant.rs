@@ -161,24 +161,20 @@ impl SymmetricOperator for Circulant {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::numeric::operator::assert_operator_of;
 
     #[test]
     fn square_root_and_inverse_agree_with_the_matrix() {
         let row = [0.8, 0.15, -0.05, -0.05, 0.15];
         let operator = Circulant::new(&row).unwrap();
-        let x = [1.0, -2.0, 0.5, 3.0, 0.25];
-        let product: Vec<f64> = (0..5).map(|k| (0..5).map(|l| row[(l + 5 - k) % 5] * x[l]).sum()).collect();
-        let mut applied = x;
+        assert_operator_of(&operator, |k, l| row[(l + 5 - k) % 5], 1e-14);
+        let mut twice = [1.0, -2.0, 0.5, 3.0, 0.25];
+        let mut applied = twice;
         operator.apply(&mut applied);
-        let mut twice = x;
         operator.whiten(&mut twice);
         operator.whiten(&mut twice);
-        let mut back = applied;
-        operator.solve(&mut back);
         for k in 0..5 {
-            assert!((applied[k] - product[k]).abs() < 1e-15, "{} {}", applied[k], product[k]);
-            assert!((twice[k] - product[k]).abs() < 1e-15);
-            assert!((back[k] - x[k]).abs() < 1e-14);
+            assert!((twice[k] - applied[k]).abs() < 1e-15);
         }
     }
 

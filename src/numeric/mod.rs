@@ -4,6 +4,7 @@
 //! * [`cholesky`] — the factor of a matrix that grows and shrinks by rows;
 //! * [`circulant`] — the operator of a periodic shift-invariant basis, diagonal under the real FFT;
 //! * [`banded`] — symmetric positive definite band matrices and their Cholesky factor;
+//! * [`kronecker`] — tensor products of operators;
 //! * [`kernels`] — loops over short slices;
 //! * [`dense`] — the only module that knows the dense linear algebra library: rank-k updates and eigenproblems;
 //! * [`fingerprint`] — whether two processes compute alike;
@@ -16,6 +17,7 @@ pub mod circulant;
 pub mod dense;
 pub mod fingerprint;
 pub mod kernels;
+pub mod kronecker;
 pub mod operator;
 pub mod quadrature;
 pub mod real;

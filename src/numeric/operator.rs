@@ -62,3 +62,45 @@ impl SymmetricOperator for ScaledIdentity {
         scale_all(data, self.scale.sqrt().recip());
     }
 }
+
+/// What every operator must do: `operator` is the matrix of `entry`, and its root, its inverse and the inverse of its root
+/// belong to it.
+#[cfg(test)]
+pub(crate) fn assert_operator_of(
+    operator: &dyn SymmetricOperator,
+    entry: impl Fn(usize, usize) -> f64,
+    tolerance: f64,
+) {
+    let size = operator.size();
+    let data: Vec<f64> = (0..2 * size).map(|i| (i as f64 * 0.7 + 0.3).sin()).collect();
+    let after = |operation: &dyn Fn(&mut [f64])| {
+        let mut data = data.clone();
+        operation(&mut data);
+        data
+    };
+    let near = |found: f64, wanted: f64| {
+        assert!((found - wanted).abs() <= tolerance * wanted.abs().max(1.0), "{found} {wanted}, size {size}");
+    };
+    let applied = after(&|data| operator.apply(data));
+    let whitened = after(&|data| operator.whiten(data));
+    for (k, x) in data.chunks(size).enumerate() {
+        let column = k * size..(k + 1) * size;
+        for (i, found) in applied[column.clone()].iter().enumerate() {
+            near(*found, (0..size).map(|j| entry(i, j) * x[j]).sum());
+        }
+        let form: f64 = applied[column.clone()].iter().zip(x).map(|(a, b)| a * b).sum();
+        near(whitened[column].iter().map(|value| value * value).sum(), form);
+    }
+    let solved = after(&|data| {
+        operator.apply(data);
+        operator.solve(data);
+    });
+    let back = after(&|data| {
+        operator.whiten(data);
+        operator.unwhiten(data);
+    });
+    for (i, x) in data.iter().enumerate() {
+        near(solved[i], *x);
+        near(back[i], *x);
+    }
+}
