@@ -183,7 +183,7 @@ impl IdealCurve {
     /// the curve is reproduced.
     pub fn missing(&self, position: &Position, space: &ShapeSpace) -> Vec<([f64; 2], usize)> {
         let intervals = space.representation().count() as f64;
-        let present = space.poles().list();
+        let present = space.line().expect("curves have a line").poles().list();
         let count = |pole: [f64; 2]| {
             let near = |a: f64, b: f64| (a - b).abs() <= SAME_POLE * (1.0 + b.abs());
             present

@@ -1,6 +1,7 @@
 //! Continuous shapes: generators, curves, the Gram operators of their bases, measures and sampling.
 //!
 //! * [`generator`] — compactly supported functions whose integer shifts span a shape space;
+//! * [`mod@line`] — their shifts along one direction, closed or open: inner products, interpolation;
 //! * [`representation`] — what a shape is made of, and the prepared [`ShapeSpace`](representation::ShapeSpace) it lives in;
 //! * [`curve`] — a spline curve, closed or open, as polynomials per half-segment: values, derivatives;
 //! * [`open`] — the basis of open curves: points beyond the ends, banded inner products;
@@ -12,6 +13,8 @@
 //! * [`turning`] — how much a curve turns;
 //! * [`fit`] — least-squares fits of raw contours;
 //! * [`refine`] — the same curve on a finer grid;
+//! * [`surface`] — tensor-product surfaces;
+//! * [`mesh`] — triangle meshes;
 //! * [`ideal`] — idealised curves, reproduced exactly where the poles allow.
 
 pub mod curve;
@@ -21,11 +24,14 @@ pub mod frame;
 pub mod generator;
 pub mod ideal;
 pub mod intersection;
+pub mod line;
 pub mod measures;
+pub mod mesh;
 pub mod open;
 pub mod refine;
 pub mod representation;
 pub mod resample;
+pub mod surface;
 pub mod turning;
 
 use crate::numeric::NumericError;

@@ -13,11 +13,9 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use super::GeometryError;
-use super::generator::{Generator, GeneratorKind, Poles};
-use super::open::{OpenInterpolation, open_gram, phantoms};
-use crate::numeric::NumericError;
-use crate::numeric::banded::Banded;
-use crate::numeric::circulant::Circulant;
+use super::generator::{Generator, GeneratorKind};
+use super::line::Line;
+use super::open::phantoms;
 use crate::numeric::dense::Matrix;
 use crate::numeric::operator::{ScaledIdentity, SymmetricOperator};
 
@@ -147,30 +145,25 @@ impl Representation {
     }
 }
 
-/// A representation made ready: the generator, the Gram operator and the interpolation at the knots.
+/// A representation made ready: its basis and the Gram operator.
 #[derive(Debug, Clone)]
 pub struct ShapeSpace {
     representation: Representation,
-    generator: Option<Arc<Generator>>,
-    poles: Poles,
+    basis: Basis,
     gram: Arc<dyn SymmetricOperator>,
-    interpolation: Interpolation,
 }
 
-/// From points at the knots to control points.
+/// What control points are the coefficients of.
 #[derive(Debug, Clone)]
-enum Interpolation {
-    /// They are equal.
-    Equal,
-    /// The samples are a circulant operator on the control points.
-    Circulant(Circulant),
-    /// Open curves.
-    Open(Arc<OpenInterpolation>),
+enum Basis {
+    /// Nothing: they are the shape.
+    Points,
+    /// One direction.
+    Curve(Line),
 }
 
 impl ShapeSpace {
-    /// Prepares `representation`. Cost: one generator, once, and two FFTs of length `N` (closed) or a banded
-    /// factorisation (open).
+    /// Prepares `representation`. Cost: that of its [`Line`].
     ///
     /// # Errors
     /// [`GeometryError::TooFewPoints`] below the fewest points of the kind; errors of the generator.
@@ -179,38 +172,17 @@ impl ShapeSpace {
         if found < needed {
             return Err(GeometryError::TooFewPoints { found, needed });
         }
-        let Some(kind) = representation.generator() else {
-            let n = representation.size();
-            return Ok(Self {
-                representation: representation.clone(),
-                generator: None,
-                poles: Poles::zeros(1),
-                gram: Arc::new(ScaledIdentity::new(n, 1.0 / n as f64)),
-                interpolation: Interpolation::Equal,
-            });
+        let (basis, gram): (_, Arc<dyn SymmetricOperator>) = match representation {
+            Representation::ClosedCurve { generator, .. } | Representation::OpenCurve { generator, .. } => {
+                let line = Line::new(generator, found, representation.is_closed())?;
+                let gram = line.gram().clone();
+                (Basis::Curve(line), gram)
+            }
+            Representation::Landmarks { points, .. } => {
+                (Basis::Points, Arc::new(ScaledIdentity::new(*points, 1.0 / *points as f64)))
+            }
         };
-        let built = kind.build(found)?;
-        let (generator, interpolating) = (built.generator.clone(), kind.properties().interpolating);
-        let (gram, interpolation): (Arc<dyn SymmetricOperator>, _) = if representation.is_closed() {
-            let interpolation = if interpolating {
-                Interpolation::Equal
-            } else {
-                Interpolation::Circulant(Circulant::new(&sampling_row(&generator, found)).map_err(dependent)?)
-            };
-            let gram = Circulant::new(&gram_row(&generator, found, 0, 0)).map_err(dependent)?;
-            (Arc::new(gram), interpolation)
-        } else {
-            let open = OpenInterpolation::new(&generator, &built.poles, found, interpolating);
-            let gram = Banded::new(open_gram(&generator, found, 0)).map_err(dependent)?;
-            (Arc::new(gram), Interpolation::Open(Arc::new(open.map_err(dependent)?)))
-        };
-        Ok(Self {
-            representation: representation.clone(),
-            generator: Some(generator),
-            poles: built.poles.clone(),
-            gram,
-            interpolation,
-        })
+        Ok(Self { representation: representation.clone(), basis, gram })
     }
 
     /// What was prepared.
@@ -218,19 +190,25 @@ impl ShapeSpace {
         &self.representation
     }
 
-    /// The generator, when the shapes are curves.
-    pub fn generator(&self) -> Option<&Generator> {
-        self.generator.as_deref()
+    /// The basis, when the shapes are curves.
+    pub fn line(&self) -> Option<&Line> {
+        match &self.basis {
+            Basis::Curve(line) => Some(line),
+            Basis::Points => None,
+        }
     }
 
-    /// The poles of the functions that the generator reproduces, on the grid of the knots.
-    pub fn poles(&self) -> &Poles {
-        &self.poles
+    /// The generator, when the shapes are curves.
+    pub fn generator(&self) -> Option<&Generator> {
+        self.line().map(Line::generator)
     }
 
     /// Whether moving all control points moves the shape: constants are reproduced.
     pub fn reproduces_constants(&self) -> bool {
-        self.poles.zeros > 0
+        match &self.basis {
+            Basis::Points => true,
+            Basis::Curve(line) => line.reproduces_constants(),
+        }
     }
 
     /// The Gram operator `Φ`.
@@ -238,50 +216,11 @@ impl ShapeSpace {
         &self.gram
     }
 
-    /// Control points of the shape that passes through `points` (`N × d`, `(M + 1) × d` for open curves) at the
-    /// knots `u = k/M`.
-    ///
-    /// The points themselves for interpolating generators, a circulant solve otherwise; open curves extend by
-    /// annihilation beyond their ends.
-    pub fn interpolate(&self, mut points: Matrix) -> Matrix {
-        match &self.interpolation {
-            Interpolation::Equal => points,
-            Interpolation::Circulant(sampling) => {
-                sampling.solve(points.as_mut_slice());
-                points
-            }
-            Interpolation::Open(open) => open.interpolate(&points),
+    /// Control points of the shape that passes through `points` at the knots: see [`Line::interpolate`].
+    pub fn interpolate(&self, points: Matrix) -> Matrix {
+        match &self.basis {
+            Basis::Points => points,
+            Basis::Curve(line) => line.interpolate(points),
         }
     }
-}
-
-/// An operator that is not definite to working precision means dependent shifts.
-fn dependent(error: NumericError) -> GeometryError {
-    match error {
-        NumericError::NotPositiveDefinite { size, smallest } => GeometryError::Dependent { size, smallest },
-        other => other.into(),
-    }
-}
-
-/// First row of the circulant `∫₀¹ φ_0^(d₁)(u) φ_k^(d₂)(u) du = N^{d₁+d₂−1} Σ_n a_{d₁d₂}[k + nN]`.
-///
-/// `d₁ + d₂` must be even, else the row belongs to an antisymmetric matrix.
-pub fn gram_row(generator: &Generator, n: usize, d1: usize, d2: usize) -> Vec<f64> {
-    let reach = generator.support() as isize - 1;
-    let factor = (n as f64).powi((d1 + d2) as i32 - 1);
-    let mut row = vec![0.0; n];
-    for m in -reach..=reach {
-        row[m.rem_euclid(n as isize) as usize] += factor * generator.correlation(d1, d2, m);
-    }
-    row
-}
-
-/// `b[k mod N] += φ(k)`: the samples at the knots are this circulant times the control points.
-fn sampling_row(generator: &Generator, n: usize) -> Vec<f64> {
-    let reach = generator.support() as isize / 2;
-    let mut row = vec![0.0; n];
-    for k in -reach..=reach {
-        row[k.rem_euclid(n as isize) as usize] += generator.evaluate(k as f64, 0);
-    }
-    row
 }

@@ -13,7 +13,8 @@ use shapelex::analysis::metric::Metric;
 use shapelex::analysis::pca::FunctionalPca;
 use shapelex::analysis::transformation::Transformation;
 use shapelex::geometry::generator::GeneratorKind;
-use shapelex::geometry::representation::{Representation, ShapeSpace, gram_row};
+use shapelex::geometry::line::gram_row;
+use shapelex::geometry::representation::{Representation, ShapeSpace};
 
 const TOLERANCE: f64 = 1e-9;
 

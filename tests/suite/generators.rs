@@ -7,8 +7,8 @@ use serde_json::Value;
 use shapelex::geometry::GeometryError;
 use shapelex::geometry::generator::bspline::{exponential_bspline, normalised_bspline};
 use shapelex::geometry::generator::{Generator, GeneratorKind, Poles, Recipe, evaluate_taylor};
+use shapelex::geometry::line::gram_row;
 use shapelex::geometry::open::open_gram;
-use shapelex::geometry::representation::gram_row;
 use shapelex::numeric::circulant::Circulant;
 use shapelex::numeric::quadrature::GaussLegendre;
 

@@ -35,5 +35,6 @@ mod server;
 mod spaces;
 mod sparse;
 mod sparse_blocks;
+mod surfaces;
 mod vectors;
 mod worker;

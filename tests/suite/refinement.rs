@@ -170,7 +170,7 @@ fn assert_refined(space: &ShapeSpace, factor: usize, seed: u64, parameters: &[f6
     let fine = Curve::of(refinement.space(), &refinement.apply(&points)).unwrap();
     assert_eq!(fine.segments(), factor * curve.segments(), "{what}");
     let kind = space.representation().generator().unwrap();
-    let wanted = is_exact(kind, space.poles().order(), factor, curve.is_closed());
+    let wanted = is_exact(kind, space.line().expect("a curve").poles().order(), factor, curve.is_closed());
     assert_eq!(refinement.is_exact(), wanted, "{what}");
     let shift = refinement.parameter_shift();
     let knots: Vec<f64> = (0..=fine.segments()).map(|k| k as f64 / fine.segments() as f64).collect();
