@@ -5,6 +5,7 @@
 //! * [`ndjson`] — lines out of a byte stream;
 //! * [`representation`] — a representation as JSON;
 //! * [`matrix`] — square matrices as JSON, CSV and NPY;
+//! * [`mesh`] — triangle meshes as OBJ, PLY, STL and glTF;
 //! * [`svg`] — drawings and animations of curves and landmarks;
 //! * [`effect`] — drawings of shapes with an effect along one of them;
 //! * [`plot`] — graphs of functions.
@@ -12,6 +13,7 @@
 pub mod checked;
 pub mod effect;
 pub mod matrix;
+pub mod mesh;
 pub mod ndjson;
 pub mod plot;
 pub mod representation;

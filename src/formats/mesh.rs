@@ -1,0 +1,219 @@
+//! Triangle meshes for other programs.
+//!
+//! | format | what | numbers |
+//! |---|---|---|
+//! | OBJ | text of Wavefront, with normals | all digits |
+//! | PLY | binary, little-endian, with normals | double precision |
+//! | STL | binary, without shared vertices | single precision |
+//! | glTF | one binary file (GLB 2.0) with one mesh, with normals | single precision |
+//!
+//! Single precision cannot hold positions far from the origin: STL and glTF are pictures, OBJ and PLY data.
+
+use std::fmt::Write;
+
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+
+use crate::geometry::mesh::TriangleMesh;
+
+/// How a mesh is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum MeshFormat {
+    /// Wavefront.
+    Obj,
+    /// Stanford polygons.
+    Ply,
+    /// Stereolithography.
+    Stl,
+    /// glTF 2.0 in one file.
+    Gltf,
+}
+
+impl MeshFormat {
+    /// The media type of the file.
+    pub fn media_type(self) -> &'static str {
+        match self {
+            Self::Obj => "model/obj",
+            Self::Ply => "application/ply",
+            Self::Stl => "model/stl",
+            Self::Gltf => "model/gltf-binary",
+        }
+    }
+
+    /// The file.
+    pub fn write(self, mesh: &TriangleMesh) -> Vec<u8> {
+        match self {
+            Self::Obj => obj(mesh).into_bytes(),
+            Self::Ply => ply(mesh),
+            Self::Stl => stl(mesh),
+            Self::Gltf => gltf(mesh),
+        }
+    }
+}
+
+fn obj(mesh: &TriangleMesh) -> String {
+    let mut text = String::with_capacity(60 * mesh.vertices.len() + 30 * mesh.faces.len());
+    let mut line =
+        |args: std::fmt::Arguments<'_>| text.write_fmt(args).expect("texts take all that is written");
+    for [x, y, z] in &mesh.vertices {
+        line(format_args!("v {x} {y} {z}\n"));
+    }
+    for [x, y, z] in mesh.normals.iter().flatten() {
+        line(format_args!("vn {x} {y} {z}\n"));
+    }
+    for face in &mesh.faces {
+        let [a, b, c] = face.map(|vertex| vertex + 1);
+        if mesh.normals.is_some() {
+            line(format_args!("f {a}//{a} {b}//{b} {c}//{c}\n"));
+        } else {
+            line(format_args!("f {a} {b} {c}\n"));
+        }
+    }
+    text
+}
+
+fn ply(mesh: &TriangleMesh) -> Vec<u8> {
+    let properties = |names: [&str; 3]| names.map(|name| format!("property double {name}\n")).concat();
+    let normals = if mesh.normals.is_some() { properties(["nx", "ny", "nz"]) } else { String::new() };
+    let head = format!(
+        "ply\nformat binary_little_endian 1.0\nelement vertex {}\n{}{normals}element face {}\n\
+         property list uchar int vertex_indices\nend_header\n",
+        mesh.vertices.len(),
+        properties(["x", "y", "z"]),
+        mesh.faces.len()
+    );
+    let mut bytes = head.into_bytes();
+    for (i, vertex) in mesh.vertices.iter().enumerate() {
+        let normal = mesh.normals.as_ref().map(|normals| normals[i]);
+        for value in vertex.iter().chain(normal.iter().flatten()) {
+            bytes.extend(value.to_le_bytes());
+        }
+    }
+    for face in &mesh.faces {
+        bytes.push(3);
+        face.iter().for_each(|vertex| bytes.extend(vertex.to_le_bytes()));
+    }
+    bytes
+}
+
+fn stl(mesh: &TriangleMesh) -> Vec<u8> {
+    let mut bytes = vec![0; 80];
+    bytes.extend((mesh.faces.len() as u32).to_le_bytes());
+    for face in &mesh.faces {
+        let corners = face.map(|vertex| mesh.vertices[vertex as usize]);
+        for point in [normal(corners)].iter().chain(&corners) {
+            bytes.extend(single(*point));
+        }
+        bytes.extend([0; 2]);
+    }
+    bytes
+}
+
+fn single(point: [f64; 3]) -> impl Iterator<Item = u8> {
+    point.into_iter().flat_map(|value| (value as f32).to_le_bytes())
+}
+
+/// Unit normal of a triangle, zero when it has no area.
+fn normal([a, b, c]: [[f64; 3]; 3]) -> [f64; 3] {
+    let (p, q) = ([0, 1, 2].map(|i| b[i] - a[i]), [0, 1, 2].map(|i| c[i] - a[i]));
+    let n = [p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0]];
+    let length = n[0].hypot(n[1]).hypot(n[2]);
+    if length > 0.0 { n.map(|value| value / length) } else { [0.0; 3] }
+}
+
+/// A header, a chunk of JSON and a chunk of numbers, each padded to four bytes.
+fn gltf(mesh: &TriangleMesh) -> Vec<u8> {
+    const FLOAT: u32 = 5126;
+    const UNSIGNED: u32 = 5125;
+    let mut numbers: Vec<u8> = mesh.faces.iter().flatten().flat_map(|vertex| vertex.to_le_bytes()).collect();
+    let mut views = vec![json!({"buffer": 0, "byteOffset": 0, "byteLength": numbers.len(), "target": 34963})];
+    let count = mesh.vertices.len();
+    let bound = |pick: fn(f32, f32) -> f32, start: f32| {
+        let fold = |c: usize| mesh.vertices.iter().map(|point| point[c] as f32).fold(start, pick);
+        [fold(0), fold(1), fold(2)]
+    };
+    let mut accessors = vec![
+        json!({"bufferView": 0, "componentType": UNSIGNED, "count": 3 * mesh.faces.len(), "type": "SCALAR"}),
+        json!({"bufferView": 1, "componentType": FLOAT, "count": count, "type": "VEC3",
+            "min": bound(f32::min, f32::MAX), "max": bound(f32::max, f32::MIN)}),
+    ];
+    let mut attributes = json!({"POSITION": 1});
+    for points in std::iter::once(&mesh.vertices).chain(&mesh.normals) {
+        let offset = numbers.len();
+        numbers.extend(points.iter().flat_map(|point| single(*point)));
+        views.push(
+            json!({"buffer": 0, "byteOffset": offset, "byteLength": numbers.len() - offset, "target": 34962}),
+        );
+    }
+    if mesh.normals.is_some() {
+        attributes["NORMAL"] = json!(2);
+        accessors.push(json!({"bufferView": 2, "componentType": FLOAT, "count": count, "type": "VEC3"}));
+    }
+    let document = json!({
+        "asset": {"version": "2.0", "generator": "shapelex"},
+        "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": attributes, "indices": 0}]}],
+        "accessors": accessors, "bufferViews": views, "buffers": [{"byteLength": numbers.len()}],
+    });
+    let chunks =
+        [(*b"JSON", padded(document.to_string().into_bytes(), b' ')), (*b"BIN\0", padded(numbers, 0))];
+    let length = 12 + chunks.iter().map(|(_, bytes)| 8 + bytes.len()).sum::<usize>();
+    let mut file = b"glTF".to_vec();
+    file.extend(2_u32.to_le_bytes());
+    file.extend((length as u32).to_le_bytes());
+    for (name, bytes) in chunks {
+        file.extend((bytes.len() as u32).to_le_bytes());
+        file.extend(name);
+        file.extend(bytes);
+    }
+    file
+}
+
+fn padded(mut bytes: Vec<u8>, with: u8) -> Vec<u8> {
+    bytes.resize(bytes.len().next_multiple_of(4), with);
+    bytes
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn triangle() -> TriangleMesh {
+        TriangleMesh {
+            vertices: vec![[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [0.0, 1.0, 0.5]],
+            normals: Some(vec![[0.0, 0.0, 1.0]; 3]),
+            faces: vec![[0, 1, 2]],
+        }
+    }
+
+    #[test]
+    fn text_has_every_digit_and_counts_from_one() {
+        let mesh = TriangleMesh { vertices: vec![[0.1, 1e-7, 3.0]; 3], normals: None, ..triangle() };
+        assert_eq!(obj(&mesh), "v 0.1 0.0000001 3\nv 0.1 0.0000001 3\nv 0.1 0.0000001 3\nf 1 2 3\n");
+        assert!(obj(&triangle()).ends_with("vn 0 0 1\nf 1//1 2//2 3//3\n"));
+    }
+
+    #[test]
+    fn binary_files_have_the_length_that_they_state() {
+        let mesh = triangle();
+        let ply = ply(&mesh);
+        let head = ply.windows(11).position(|bytes| bytes == b"end_header\n").unwrap() + 11;
+        assert_eq!(ply.len() - head, 3 * 6 * 8 + 13);
+        assert_eq!(stl(&mesh).len(), 84 + 50);
+        let file = gltf(&mesh);
+        let number = |at: usize| u32::from_le_bytes(file[at..at + 4].try_into().unwrap()) as usize;
+        assert_eq!((number(4), number(8)), (2, file.len()));
+        let json: serde_json::Value = serde_json::from_slice(&file[20..20 + number(12)]).unwrap();
+        let binary = 20 + number(12);
+        assert_eq!(&file[binary + 4..binary + 8], b"BIN\0");
+        assert_eq!(json["buffers"][0]["byteLength"], number(binary));
+        assert_eq!(json["accessors"][1]["max"], serde_json::json!([2.0, 1.0, 0.5]));
+        assert_eq!(json["bufferViews"][2]["byteOffset"], 12 + 36);
+    }
+
+    #[test]
+    fn a_triangle_without_area_has_no_normal() {
+        assert_eq!(normal([[1.0; 3]; 3]), [0.0; 3]);
+    }
+}
