@@ -52,13 +52,14 @@ pub(crate) async fn serve(config: ServeConfig) -> Result<(), String> {
     let address = listener.local_addr().map_err(|error| error.to_string())?;
     let certificate = certificate(&config).await?;
     let scheme = if certificate.is_some() { "https" } else { "http" };
-    announce(&format!("{scheme}://{address}"), is_open);
+    // Who reads the address finds the log complete.
     if is_open {
         tracing::warn!(
             "access is open: without keys and identity provider, all users of this machine are administrators"
         );
     }
     tracing::info!(%address, scheme, "listening");
+    announce(&format!("{scheme}://{address}"), is_open);
     let tls = certificate.as_ref().map(Certificate::config);
     if let Some(certificate) = certificate {
         tokio::spawn(certificate.watch());
