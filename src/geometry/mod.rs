@@ -138,6 +138,31 @@ pub enum GeometryError {
         /// Position of the second.
         second: usize,
     },
+    /// A mesh is no closed surface.
+    #[error(transparent)]
+    Mesh(#[from] mesh::MeshError),
+    /// A mesh has handles.
+    #[error("the mesh has {genus} handles: longitude and colatitude need a surface like a sphere")]
+    NotASphere {
+        /// Their number.
+        genus: usize,
+    },
+    /// Two vertices cannot be poles.
+    #[error("the poles are vertices {} and {} of {count}: they must be different and not neighbours", poles[0], poles[1])]
+    Poles {
+        /// What was asked for.
+        poles: [u32; 2],
+        /// Vertices that there are.
+        count: usize,
+    },
+    /// An iteration did not end.
+    #[error("no solution after {iterations} iterations: residual {residual:.1e}")]
+    NotFound {
+        /// Iterations done.
+        iterations: usize,
+        /// Relative residual.
+        residual: f64,
+    },
     /// A numerical failure.
     #[error(transparent)]
     Numeric(#[from] NumericError),

@@ -11,6 +11,7 @@ use shapelex::geometry::surface::basis::{Extent, SurfaceBasis, Tangents};
 use shapelex::geometry::surface::fit::{SurfaceSample, fit, spherical_parameters};
 use shapelex::geometry::surface::ideal::IdealSurface;
 use shapelex::geometry::surface::measures::{AffineField, SurfaceMeasures, flux};
+use shapelex::geometry::surface::parameterisation::spherical;
 use shapelex::geometry::surface::seam::Seam;
 use shapelex::geometry::surface::{Surface, Topology};
 use shapelex::numeric::dense::Matrix;
@@ -524,5 +525,110 @@ fn a_cortex_is_fitted_and_measured() {
             assert!((volume.abs() - 1.0).abs() < 0.01, "{volume}");
             assert!(fitted.residual < 1.0, "{}", fitted.residual);
         }
+    }
+}
+
+/// A mesh of the surface, turned and stretched by `map`.
+fn meshed(ideal: IdealSurface, map: impl Fn([f64; 3]) -> [f64; 3]) -> TriangleMesh {
+    meshed_with(ideal, [48, 40], map)
+}
+
+fn meshed_with(ideal: IdealSurface, count: [usize; 2], map: impl Fn([f64; 3]) -> [f64; 3]) -> TriangleMesh {
+    let basis = ideal.basis([12, 14]).unwrap();
+    let mut mesh = basis.surface(&ideal.rows(&basis)).tessellate(count);
+    mesh.vertices.iter_mut().for_each(|vertex| *vertex = map(*vertex));
+    mesh
+}
+
+/// Largest errors of longitude (away from the poles) and colatitude on a round sphere, in turns and half turns.
+fn errors_on_a_sphere(count: [usize; 2]) -> [f64; 2] {
+    // z to y, y to x, x to z: the poles of the grid are not those of the parameters.
+    let mesh = meshed_with(IdealSurface::Sphere { radius: 2.0 }, count, |[x, y, z]| [y, z, x]);
+    let nearest = |wanted: [f64; 3]| {
+        let distance = |i: &usize| (0..3).map(|c| (mesh.vertices[*i][c] - wanted[c]).powi(2)).sum::<f64>();
+        (0..mesh.vertices.len()).min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap() as u32
+    };
+    let poles = [nearest([0.0, 0.0, 2.0]), nearest([0.0, 0.0, -2.0])];
+    let axis = mesh.vertices[poles[0] as usize];
+    assert!(axis[2] > 1.99, "{axis:?}");
+    let parameters = spherical(&mesh, Some(poles)).unwrap();
+    let (mut apart, mut worst) = (Vec::new(), 0.0_f64);
+    for (vertex, [u, v]) in mesh.vertices.iter().zip(&parameters) {
+        let [longitude, colatitude] = spherical_parameters(*vertex);
+        worst = worst.max((v - colatitude).abs());
+        if colatitude > 0.2 && colatitude < 0.8 {
+            apart.push(u - longitude);
+        }
+    }
+    let (sine, cosine) =
+        apart.iter().fold((0.0, 0.0), |(s, c), a| (s + (TAU * a).sin(), c + (TAU * a).cos()));
+    let offset = f64::atan2(sine, cosine) / TAU;
+    let error = |a: &f64| ((a - offset + 0.5).rem_euclid(1.0) - 0.5).abs();
+    [apart.iter().map(error).fold(0.0, f64::max), worst]
+}
+
+#[test]
+fn on_a_round_sphere_the_parameters_are_longitude_and_colatitude() {
+    let [coarse, fine] = [[48, 40], [96, 80]].map(errors_on_a_sphere);
+    println!("{coarse:?} {fine:?}");
+    for i in 0..2 {
+        assert!(fine[i] < 0.6 * coarse[i], "{coarse:?} {fine:?}");
+        assert!(fine[i] < 1e-2, "{coarse:?} {fine:?}");
+    }
+}
+
+#[test]
+fn meshes_without_longitude_are_refused() {
+    let torus = meshed(IdealSurface::Torus { major_radius: 2.0, minor_radius: 0.7 }, |p| p);
+    assert_eq!(spherical(&torus, None), Err(GeometryError::NotASphere { genus: 1 }));
+    let tube = meshed(IdealSurface::Cylinder { radius: 1.0, height: 2.0 }, |p| p);
+    assert!(matches!(spherical(&tube, None), Err(GeometryError::Mesh(_))));
+    let sphere = meshed(IdealSurface::Sphere { radius: 2.0 }, |p| p);
+    let count = sphere.vertices.len();
+    for poles in [[3, 3], [3, 4], [3, 1 << 30], [1 << 30, 3]] {
+        assert_eq!(spherical(&sphere, Some(poles)), Err(GeometryError::Poles { poles, count }));
+    }
+    let point = meshed(IdealSurface::Sphere { radius: 2.0 }, |_| [1.0; 3]);
+    assert!(matches!(spherical(&point, None), Err(GeometryError::NoLength { .. })));
+}
+
+#[test]
+fn long_shapes_and_hippocampi_are_parameterised_and_fitted() {
+    let folder =
+        std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/surfaces-hippocampus/meshes");
+    let mut meshes = vec![(
+        "banana".to_owned(),
+        meshed(IdealSurface::Ellipsoid { semi_axes: [4.0, 1.5, 1.0] }, |[x, y, z]| [x, y + 0.15 * x * x, z]),
+    )];
+    let mut names: Vec<_> =
+        std::fs::read_dir(&folder).into_iter().flatten().flatten().map(|e| e.path()).collect();
+    names.sort();
+    if names.is_empty() {
+        eprintln!("SKIPPED: the hippocampi are not here");
+    }
+    for path in names.iter().step_by(6) {
+        meshes.push((path.file_stem().unwrap().to_string_lossy().into_owned(), ply(path).unwrap()));
+    }
+    let basis = basis(Topology::Sphere, Seam::Straight, [14, 14], [TRIGONOMETRIC; 2]);
+    for (name, mesh) in meshes {
+        let parameters = spherical(&mesh, None).unwrap();
+        assert!(parameters.iter().flatten().all(|value| (0.0..=1.0).contains(value)), "{name}");
+        let sample = |(point, parameters): (&[f64; 3], [f64; 2])| SurfaceSample {
+            parameters,
+            point: *point,
+            weight: 1.0,
+        };
+        let samples: Vec<_> = mesh.vertices.iter().zip(parameters).map(sample).collect();
+        let fitted = fit(&basis, &samples).unwrap();
+        let measures = SurfaceMeasures::of(&basis.surface(&fitted.rows));
+        let size = mesh.signed_volume().cbrt();
+        let ratio = measures.enclosed.unwrap().signed_volume / mesh.signed_volume();
+        println!(
+            "{name}: residual {:.4}, largest {:.4} of the size, volume {ratio:.4}",
+            fitted.residual / size,
+            fitted.largest / size
+        );
+        assert!(ratio > 0.97 && ratio < 1.03, "{name}: {ratio}");
+        assert!(fitted.residual < 0.05 * size, "{name}: {}", fitted.residual / size);
     }
 }

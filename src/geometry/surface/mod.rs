@@ -10,6 +10,7 @@
 //! * [`jet`] — values, derivatives, normals and curvatures;
 //! * [`measures`] — volume, area, centroid, flux;
 //! * [`fit`] — least-squares fits of points with parameters;
+//! * [`parameterisation`] — parameters on a mesh;
 //! * [`tessellation`] — triangles on a surface;
 //! * [`ideal`] — idealised surfaces, and the generators that contain them.
 //!
@@ -20,6 +21,7 @@ pub mod fit;
 pub mod ideal;
 pub mod jet;
 pub mod measures;
+pub mod parameterisation;
 pub mod seam;
 pub mod sphere;
 pub mod tessellation;
