@@ -143,8 +143,10 @@ impl Lane {
         let (answer, result) = oneshot::channel();
         let waiting = metrics::compute_waits(self.name);
         self.threads.spawn(move || {
-            let (_place, _work) = (place, waiting.begin());
+            let working = waiting.begin();
             let outcome = std::panic::catch_unwind(std::panic::AssertUnwindSafe(task));
+            // Before the answer: whoever has it may ask for the place at once.
+            drop((place, working));
             // The receiver is gone when the client went away: nobody waits for the answer.
             let _ = answer.send(outcome);
         });
@@ -372,6 +374,14 @@ mod tests {
         assert!(!next.is_finished());
         drop(running);
         assert_eq!(tokio::time::timeout(SOON, next).await.unwrap().unwrap().unwrap(), 7);
+    }
+
+    #[tokio::test]
+    async fn a_place_is_free_when_the_answer_is_there() {
+        let lane = Lane::new(JOB, 1, 1);
+        for round in 0..2000 {
+            assert_eq!(lane.run(move || Ok(round)).await.unwrap(), round);
+        }
     }
 
     #[tokio::test]

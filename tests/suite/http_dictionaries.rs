@@ -20,7 +20,7 @@ const POINTS: usize = 9;
 /// Penalty of the lasso.
 const LAMBDA: f64 = 0.05;
 /// Long enough for a slow machine, shorter than the patience of the client.
-pub(crate) const PATIENCE: Duration = Duration::from_secs(50);
+pub(crate) const PATIENCE: Duration = Duration::from_secs(150);
 
 type Rows = Vec<[f64; 2]>;
 
@@ -91,8 +91,7 @@ fn endless() -> Value {
 
 /// Learns and waits for the answer.
 fn learnt(server: &Server, body: &Value) -> Reply {
-    let wait = format!("wait={}", PATIENCE.as_secs());
-    server.send(server.request(Method::POST, "/v1/dictionaries").header("prefer", wait).json(body))
+    server.send(server.request(Method::POST, "/v1/dictionaries").header("prefer", "wait=50").json(body))
 }
 
 /// Learns the first dictionary of a test, or the next one; the dictionary.
