@@ -9,6 +9,7 @@
 //! of short polynomials.
 
 use super::generator::{Generator, evaluate_taylor};
+use super::line::locate;
 use super::open::{covering, phantoms};
 use super::representation::ShapeSpace;
 use crate::numeric::dense::Matrix;
@@ -112,10 +113,7 @@ impl Curve {
 
     /// Half-segment and `s` of a parameter: modulo 1 on closed curves, within `[0, 1]` on open ones.
     pub fn locate(&self, u: f64) -> (usize, f64) {
-        let u = if self.closed { u - u.floor() } else { u.clamp(0.0, 1.0) };
-        let position = self.halves() as f64 * u;
-        let half = (position as usize).min(self.halves() - 1);
-        (half, 2.0 * (position - half as f64) - 1.0)
+        locate(u, self.segments, self.closed)
     }
 
     /// `d^j r/du^j` at `u`; the right limit where it jumps, the left one at the end of an open curve.

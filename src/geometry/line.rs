@@ -115,12 +115,9 @@ impl Line {
         &self.gram
     }
 
-    /// The half-interval of a parameter and `s ∈ [−1, 1]` there: modulo 1 on closed lines, within `[0, 1]` on open ones.
+    /// The half-interval of a parameter and the place in it: see [`locate`].
     pub fn locate(&self, u: f64) -> (usize, f64) {
-        let u = if self.closed { u - u.floor() } else { u.clamp(0.0, 1.0) };
-        let position = 2.0 * self.intervals as f64 * u;
-        let half = (position as usize).min(2 * self.intervals - 1);
-        (half, 2.0 * (position - half as f64) - 1.0)
+        locate(u, self.intervals, self.closed)
     }
 
     /// The control points that matter on a half-interval, counted from the first one beyond the end (`−K`), and the
@@ -149,6 +146,15 @@ impl Line {
             Interpolation::Open(open) => open.interpolate(&points),
         }
     }
+}
+
+/// The half-interval of a parameter and `s ∈ [−1, 1]` there: modulo 1 on closed lines, within `[0, 1]` on open ones.
+pub fn locate(u: f64, intervals: usize, closed: bool) -> (usize, f64) {
+    let u = if closed { u - u.floor() } else { u.clamp(0.0, 1.0) };
+    let halves = 2 * intervals;
+    let position = halves as f64 * u;
+    let half = (position as usize).min(halves - 1);
+    (half, 2.0 * (position - half as f64) - 1.0)
 }
 
 /// An operator that is not definite to working precision means dependent shifts.

@@ -413,50 +413,49 @@ impl SphereGram {
         }
     }
 
-    fn columns<'a>(&self, data: &'a mut [f64]) -> impl Iterator<Item = &'a mut [f64]> {
+    /// Into another basis, through `blocks`, and into a basis again, for every column.
+    fn through(&self, data: &mut [f64], enter: Change, blocks: impl Fn(&mut [f64]), leave: Change) {
         assert_eq!(data.len() % self.size(), 0, "columns of length {}", self.size());
-        data.chunks_exact_mut(self.size())
+        let mut y = vec![0.0; self.size()];
+        for x in data.chunks_exact_mut(self.size()) {
+            enter(self, x, &mut y);
+            blocks(&mut y);
+            leave(self, &y, x);
+        }
+    }
+
+    /// The basis as it is.
+    fn stay(&self, x: &[f64], y: &mut [f64]) {
+        y.copy_from_slice(x);
     }
 }
 
+/// From one basis to another.
+type Change = fn(&SphereGram, &[f64], &mut [f64]);
+
+/// `Φ = VᵀGV` and `R = G^½V` with the blocks `G`.
 impl SymmetricOperator for SphereGram {
     fn size(&self) -> usize {
         self.basis.free() + POLAR_ROWS
     }
 
     fn apply(&self, data: &mut [f64]) {
-        let mut y = vec![0.0; self.size()];
-        for x in self.columns(data) {
-            self.analyse(x, &mut y);
-            self.each_block(&mut y, Power::Whole, false, |block, y| block.apply(y));
-            self.synthesise_transposed(&y, x);
-        }
+        let blocks = |y: &mut [f64]| self.each_block(y, Power::Whole, false, |block, y| block.apply(y));
+        self.through(data, Self::analyse, blocks, Self::synthesise_transposed);
     }
 
     fn solve(&self, data: &mut [f64]) {
-        let mut y = vec![0.0; self.size()];
-        for x in self.columns(data) {
-            self.analyse_transposed(x, &mut y);
-            self.each_block(&mut y, Power::Whole, true, |block, y| block.solve(y));
-            self.synthesise(&y, x);
-        }
+        let blocks = |y: &mut [f64]| self.each_block(y, Power::Whole, true, |block, y| block.solve(y));
+        self.through(data, Self::analyse_transposed, blocks, Self::synthesise);
     }
 
     fn whiten(&self, data: &mut [f64]) {
-        let mut y = vec![0.0; self.size()];
-        for x in self.columns(data) {
-            self.analyse(x, &mut y);
-            self.each_block(&mut y, Power::Half, false, |block, y| block.whiten(y));
-            x.copy_from_slice(&y);
-        }
+        let blocks = |y: &mut [f64]| self.each_block(y, Power::Half, false, |block, y| block.whiten(y));
+        self.through(data, Self::analyse, blocks, Self::stay);
     }
 
     fn unwhiten(&self, data: &mut [f64]) {
-        let mut y = vec![0.0; self.size()];
-        for x in self.columns(data) {
-            y.copy_from_slice(x);
-            self.each_block(&mut y, Power::Half, true, |block, y| block.unwhiten(y));
-            self.synthesise(&y, x);
-        }
+        let blocks = |y: &mut [f64]| self.each_block(y, Power::Half, true, |block, y| block.unwhiten(y));
+        self.through(data, Self::stay, blocks, Self::synthesise);
     }
 }
