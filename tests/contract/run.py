@@ -180,6 +180,9 @@ def examine(program, address, headers, seconds, examples, answers):
         "--suppress-health-check=all",
     ]
     command += [f"--header={name}: {value}" for name, value in headers.items()]
+    if not headers:
+        # The first key closes the service to those without one: after that there would be nothing to see.
+        command.append("--exclude-operation-id=create_key")
     environment = {**os.environ, "SCHEMATHESIS_HOOKS": "hooks", "PYTHONPATH": str(HERE), "CONTRACT_ANSWERS": answers}
     environment["CONTRACT_OPEN"] = "" if headers else "1"
     return subprocess.run(command, cwd=TARGET, env=environment).returncode == 0
