@@ -8,8 +8,11 @@ use crate::server::{Server, Setting};
 /// Five parts.
 const SHAPES: usize = 40_000;
 
-/// Dictionaries that are learnt at most until both processes had a part in one.
-const ROUNDS: usize = 8;
+/// Processes that are killed at most until two of them died while they helped.
+const KILLS: usize = 20;
+
+/// Dictionaries that are learnt at most until a process helps.
+const JOBS: usize = 100;
 
 /// What a process says that made a part of another one's pass.
 const HELPED: &str = "a part of a pass was made for its owner";
@@ -92,7 +95,7 @@ fn two_processes_learn_what_one_learns_alone() {
     let first = with_triangles(Setting::fresh());
     let second = first.beside().start();
     let (mut passes, mut helped) = (0, 0);
-    for round in 0..ROUNDS {
+    for round in 0..JOBS {
         let done = finished(&first, &submit(&first, &learning()));
         assert_eq!((&done["status"], &done["result"]["digest"]), (&json!("succeeded"), &digest), "{done}");
         // Mean, frame, scatter, codes.
@@ -118,26 +121,41 @@ fn a_process_that_dies_while_it_helps_leaves_no_trace_in_what_is_learnt() {
     let digest = alone(&long_learning());
     let first = with_triangles(Setting::fresh());
     let mut interrupted = 0;
-    for _ in 0..ROUNDS {
+    for _ in 0..KILLS {
         let second = first.beside().start();
-        let id = submit(&first, &long_learning());
-        let is_over = || job(&first, &id)["finished_at"].is_string();
-        let makes_a_part = || second.get("/metrics").text().contains(MAKES_A_PART);
-        let mut helping = false;
-        while !helping && !is_over() {
-            helping = makes_a_part();
-        }
-        // Or it was the one that took the job.
-        helping &= count(&second, BEGINS) == 0;
+        let id = until_it_helps(&first, &second, &digest);
         second.kill();
-        // While it dies, the other one may have done the rest.
-        helping &= !is_over();
+        // While it died, the other one may have done the rest.
+        let helped = !is_over(&first, &id);
         let done = finished(&first, &id);
         assert_eq!((&done["status"], &done["result"]["digest"]), (&json!("succeeded"), &digest), "{done}");
-        interrupted += usize::from(helping);
+        interrupted += usize::from(helped);
         if interrupted == 2 {
             return;
         }
     }
-    panic!("only {interrupted} of {ROUNDS} kills came while the process helped");
+    panic!("only {interrupted} of {KILLS} kills came while the process helped");
+}
+
+fn is_over(server: &Server, id: &str) -> bool {
+    job(server, id)["finished_at"].is_string()
+}
+
+/// Learns one dictionary after the other until `second` makes a part of one for `first`; the job of that one. A process looks
+/// for parts once a second at first, and a job takes less.
+fn until_it_helps(first: &Server, second: &Server, digest: &Value) -> String {
+    for _ in 0..JOBS {
+        let begun = count(second, BEGINS);
+        let id = submit(first, &long_learning());
+        while !is_over(first, &id) {
+            let makes_a_part = second.get("/metrics").text().contains(MAKES_A_PART);
+            // Or it was the one that took the job.
+            if makes_a_part && count(second, BEGINS) == begun {
+                return id;
+            }
+        }
+        let done = finished(first, &id);
+        assert_eq!((&done["status"], &done["result"]["digest"]), (&json!("succeeded"), digest), "{done}");
+    }
+    panic!("none of {JOBS} dictionaries was learnt together");
 }
