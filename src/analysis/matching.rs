@@ -9,7 +9,6 @@
 //! objective. Ties go to what stands, then to the smallest shift, so rounding decides nothing.
 
 use std::borrow::Cow;
-use std::sync::Arc;
 
 use super::AnalysisError;
 use super::accumulate::{MergePart, ShapeSource, Shapes, map_shapes};
@@ -21,9 +20,8 @@ use super::subspace::Subspace;
 use crate::geometry::representation::ShapeSpace;
 use crate::numeric::circulant::{FftScratch, RealFft};
 use crate::numeric::dense::Matrix;
-use crate::numeric::operator::SymmetricOperator;
 
-/// How one shape is laid on the mean: mirrored (first coordinate negated), then reversed (`n → −n`, end to
+/// How one shape is laid on the mean: mirrored (first coordinate negated), then reversed (`u → −u`, end to
 /// end when open), then started at row `shift`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Placement {
@@ -41,8 +39,9 @@ pub struct Matching {
     size: usize,
     dimension: usize,
     fft: Option<RealFft>,
-    /// The whitening of open curves, which does not commute with reversal.
-    open: Option<Arc<dyn SymmetricOperator>>,
+    space: ShapeSpace,
+    /// Whether reversal commutes with whitening, as it does on closed curves.
+    commutes: bool,
     candidates: Vec<Placement>,
 }
 
@@ -53,7 +52,7 @@ impl Matching {
     /// The search for shapes of `space`.
     ///
     /// Mirroring a planar closed contour turns its direction round, so it is traversed backwards as well —
-    /// unless points correspond as landmarks. Planar closed contours are brought to one direction before they
+    /// unless points correspond as landmarks. Mirroring a surface turns it inside out, so `u` is traversed backwards. Planar closed contours are brought to one direction before they
     /// get here; open curves, and closed ones in space, are tried in both under [`Direction::Either`].
     pub fn new(
         space: &ShapeSpace,
@@ -70,6 +69,7 @@ impl Matching {
         } else {
             &[false]
         };
+        let turned = contour && closed_planar || space.surface().is_some();
         let mirrors: &[bool] = if mirror == Mirror::Allow { &[false, true] } else { &[false] };
         let candidates = mirrors
             .iter()
@@ -77,12 +77,11 @@ impl Matching {
             .map(|(mirrored, reversed)| Placement {
                 shift: 0,
                 mirrored,
-                reversed: reversed ^ (mirrored && contour && closed_planar),
+                reversed: reversed ^ (mirrored && turned),
             })
             .collect();
         let fft = (correspondence == Correspondence::Cyclic && contour).then(|| RealFft::new(size));
-        let open = (contour && !representation.is_closed()).then(|| space.gram().clone());
-        Self { size, dimension, fft, open, candidates }
+        Self { size, dimension, fft, space: space.clone(), commutes: representation.is_closed(), candidates }
     }
 
     /// `N`.
@@ -126,15 +125,12 @@ impl Matching {
             if placement.mirrored && c == 0 {
                 coordinate.iter_mut().for_each(|value| *value = -*value);
             }
-            match &self.open {
-                Some(gram) if placement.reversed => {
-                    gram.unwhiten(coordinate);
-                    coordinate.reverse();
-                    gram.whiten(coordinate);
-                }
-                // n → −n keeps row 0
-                None if placement.reversed => coordinate[1..].reverse(),
-                _ => {}
+            if placement.reversed && self.commutes {
+                self.space.reverse(coordinate);
+            } else if placement.reversed {
+                self.space.gram().unwhiten(coordinate);
+                self.space.reverse(coordinate);
+                self.space.gram().whiten(coordinate);
             }
             coordinate.rotate_left(placement.shift as usize);
         }

@@ -75,6 +75,7 @@ const OPERATIONS: &[(Needs, &[&str])] = &[
             "GET /v1/version",
             "POST /v1/align",
             "POST /v1/cohorts/{cohort}/search",
+            "POST /v1/deform",
             "POST /v1/dictionaries/{dictionary}/assess",
             "POST /v1/dictionaries/{dictionary}/classify",
             "POST /v1/dictionaries/{dictionary}/encode",

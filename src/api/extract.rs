@@ -15,6 +15,7 @@ use super::observe::Asker;
 use super::problem::{Problem, ProblemKind};
 use crate::domain::access::Principal;
 use crate::formats::matrix::MatrixFormat;
+use crate::formats::mesh::MeshFormat;
 use crate::service::App;
 use crate::service::cohorts::Expected;
 pub use crate::service::input::{parse, parse_whole};
@@ -195,6 +196,91 @@ impl<S: Send + Sync> FromRequestParts<S> for Format {
             Problem::new(ProblemKind::NotAcceptable, detail)
         })
     }
+}
+
+/// The format of a shape: that of [`Format`], or of surfaces a mesh (`?format=obj|ply|stl|gltf`), with as many places along
+/// `u` and `v` as `?grid=u,v` says.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ShapeFormat {
+    /// Numbers or a drawing.
+    Plain(Format),
+    /// A mesh with this grid.
+    Mesh(MeshFormat, Option<[usize; 2]>),
+}
+
+#[derive(serde::Deserialize)]
+struct MeshQuery {
+    format: Option<String>,
+    grid: Option<String>,
+}
+
+impl<S: Send + Sync> FromRequestParts<S> for ShapeFormat {
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Problem> {
+        let refused = |detail: String| Problem::new(ProblemKind::InvalidQuery, detail);
+        let query = axum::extract::Query::<MeshQuery>::try_from_uri(&parts.uri).ok().map(|query| query.0);
+        let (format, grid) = query.map_or((None, None), |query| (query.format, query.grid));
+        let grid = match grid {
+            None => None,
+            Some(text) => {
+                let numbers: Vec<Option<usize>> =
+                    text.split(',').map(|number| number.trim().parse().ok()).collect();
+                match numbers[..] {
+                    [Some(u), Some(v)] => Some([u, v]),
+                    _ => return Err(refused(format!("grid is '{text}', must be two numbers such as 48,33"))),
+                }
+            }
+        };
+        let mesh = match format.as_deref() {
+            Some(name) => MeshFormat::ALL.into_iter().find(|format| format.name() == name),
+            None => preferred(accepted(parts), |range| {
+                // Numbers and pictures come first where anything is welcome.
+                let mesh = MeshFormat::ALL.into_iter().find(|format| format.media_type() == range).map(Some);
+                mesh.or_else(|| picture_or_numbers(range).map(|_| None))
+            })
+            .flatten(),
+        };
+        if let Some(format) = mesh {
+            return Ok(Self::Mesh(format, grid));
+        }
+        if grid.is_some() {
+            return Err(refused("grid belongs to the formats obj, ply, stl and gltf".into()));
+        }
+        Format::from_request_parts(parts, state).await.map(Self::Plain).map_err(|problem| {
+            let known = format.is_none_or(|format| ["json", "svg"].contains(&format.as_str()));
+            if known {
+                problem
+            } else {
+                refused("format must be 'json', 'svg', 'obj', 'ply', 'stl' or 'gltf'".into())
+            }
+        })
+    }
+}
+
+/// [`ShapeFormat`] on a route without other query parameters.
+#[derive(Debug)]
+pub struct OnlyShapeFormat(pub ShapeFormat);
+
+impl<S: Send + Sync> FromRequestParts<S> for OnlyShapeFormat {
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Problem> {
+        only(parts, &["format", "grid"])?;
+        ShapeFormat::from_request_parts(parts, state).await.map(Self)
+    }
+}
+
+/// The query of [`ShapeFormat`], for the document.
+#[derive(utoipa::IntoParams)]
+#[into_params(parameter_in = Query)]
+pub struct ShapeFormatQuery {
+    /// `json`, `svg`, or for surfaces `obj`, `ply`, `stl`, `gltf`.
+    #[allow(dead_code, reason = "only for the document; the extractor reads it")]
+    format: Option<String>,
+    /// Places along `u` and `v` of a mesh, such as `48,33`; two for every interval between knots unless given.
+    #[allow(dead_code, reason = "only for the document; the extractor reads it")]
+    grid: Option<String>,
 }
 
 fn accepted(parts: &Parts) -> &str {

@@ -53,7 +53,7 @@ use problem::{Problem, ProblemKind};
     tags(
         (name = "catalogue", description = "Generators and transformation classes"),
         (name = "statistics", description = "Stateless: everything in the request, nothing stored"),
-        (name = "curves", description = "Evaluation, measures and resampling of curves"),
+        (name = "curves", description = "Curves and surfaces: evaluation, measures, fits, paths, deformation"),
         (name = "cohorts", description = "Named sets of shapes, their shapes and their mean"),
         (name = "retrieval", description = "Nearest shapes, and distances of all pairs"),
         (name = "jobs", description = "Long work: progress, events, cancellation"),

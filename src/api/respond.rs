@@ -8,7 +8,9 @@ use serde::Serialize;
 
 use super::problem::Problem;
 use crate::formats::matrix::{MatrixFormat, NamedMatrix};
-use crate::service::{App, ServiceError};
+use crate::formats::mesh::MeshFormat;
+use crate::geometry::representation::ShapeSpace;
+use crate::service::{App, ServiceError, surfaces};
 
 /// Runs `work` on the pool and answers with what it wrote.
 ///
@@ -34,6 +36,20 @@ pub fn json(status: StatusCode, value: &impl Serialize) -> Result<Response, Serv
 /// An SVG answer.
 pub fn svg(drawing: String) -> Response {
     ([(header::CONTENT_TYPE, "image/svg+xml")], Body::from(drawing)).into_response()
+}
+
+/// The mesh of a shape: see [`surfaces::mesh`].
+///
+/// # Errors
+/// Shapes that are no surfaces, grids that make no mesh.
+pub fn mesh(
+    space: &ShapeSpace,
+    control_points: &[f64],
+    format: MeshFormat,
+    grid: Option<[usize; 2]>,
+) -> Result<Response, ServiceError> {
+    let mesh = surfaces::mesh(space, control_points, grid)?;
+    Ok(([(header::CONTENT_TYPE, format.media_type())], Body::from(format.write(&mesh))).into_response())
 }
 
 /// A matrix, written while it is sent.

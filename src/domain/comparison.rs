@@ -68,7 +68,9 @@ pub struct GroupRecord {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum SizeMeasure {
-    /// Enclosed area of closed planar curves, without its sign.
+    /// Volume that a surface encloses, without its sign.
+    Volume,
+    /// Enclosed area of closed planar curves, without its sign; area of surfaces.
     Area,
     /// Length of curves: the perimeter of closed ones.
     Length,
@@ -141,8 +143,11 @@ pub struct PairRecord {
 /// The difference of two groups at a point along the shape.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct EffectPoint {
-    /// Parameter `u`; the index of a landmark.
+    /// Parameter `u` on curves; the index of a landmark, or of a place `k n_v + l` on the grid of the knots of a surface.
     pub parameter: f64,
+    /// `u` and `v` on surfaces.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub surface_parameters: Option<[f64; 2]>,
     /// The point on the average of the first group.
     pub point: Vec<f64>,
     /// The average of the second group less that.

@@ -68,6 +68,16 @@ pub fn take_or_default<T: Default>(
     }
 }
 
+/// A value whose type was not known when it was read.
+pub fn take_value<T: DeserializeOwned>(
+    value: serde_json::Value,
+    pointer: &str,
+    errors: &mut Vec<InputError>,
+) -> Option<T> {
+    let checked: Checked<T> = serde_json::from_value(value).ok()?;
+    checked.take(pointer, errors)
+}
+
 /// The value of an optional field, or nothing when it is not given or wrong.
 pub fn take_given<T>(field: Option<Checked<T>>, pointer: &str, errors: &mut Vec<InputError>) -> Option<T> {
     field.and_then(|checked| checked.take(pointer, errors))

@@ -2,19 +2,56 @@
 
 use std::fmt::Write;
 
-use super::svg::{CAPTION, Layer, MARGIN, Page, draw_layer, escape, flatten, open};
+use super::svg::{
+    CAPTION, CELLS, Facets, Layer, MARGIN, Mark, Page, draw_layer, escape, flatten, open, path,
+};
+use crate::geometry::representation::ShapeSpace;
 
 /// An effect along a shape.
-#[derive(Debug, Clone)]
 pub struct Effect {
     /// Points in their order along the shape.
     pub points: Vec<EffectPoint>,
-    /// Whether the last point goes on to the first.
-    pub closed: bool,
-    /// Whether the points are of one curve; else they are drawn as dots.
-    pub connected: bool,
+    /// How the points hang together.
+    pub connection: Connection,
     /// Colours of no effect and of the largest one, red, green and blue.
     pub colours: ([u8; 3], [u8; 3]),
+}
+
+/// How places along a shape hang together.
+pub enum Connection {
+    /// Not at all: they are drawn as dots.
+    Apart,
+    /// Along a line, which may close.
+    Line {
+        /// Whether the last point goes on to the first.
+        closed: bool,
+    },
+    /// Over a sheet of so many points along `u` and `v`.
+    Sheet {
+        /// Points along `u` and `v`, the latter fastest.
+        count: [usize; 2],
+        /// Whether the last ones go on to the first.
+        closed: [bool; 2],
+        /// The surface through them.
+        facets: Facets,
+    },
+}
+
+impl Connection {
+    /// Of the places along a shape of `space`.
+    pub fn of(space: &ShapeSpace, shape: &[f64]) -> Self {
+        match space.surface() {
+            Some(basis) => {
+                let (extent, straight) = (basis.extent(), basis.seam().is_straight());
+                let [u, v] = extent.topology.closed();
+                // Over a twisted seam the neighbours are others.
+                let facets = Facets::of(basis, shape, CELLS);
+                Self::Sheet { count: extent.grid(), closed: [u && straight, v], facets }
+            }
+            None if space.generator().is_some() => Self::Line { closed: space.representation().is_closed() },
+            None => Self::Apart,
+        }
+    }
 }
 
 /// The effect at a point.
@@ -41,15 +78,17 @@ pub fn draw(title: &str, layers: &[Layer], effect: Option<&Effect>, captions: &[
     let along: Vec<[f64; 2]> =
         effect.iter().flat_map(|effect| &effect.points).map(|point| flatten(&point.point)).collect();
     let lines = layers.iter().flat_map(|layer| layer.lines.iter().flatten());
+    // Surfaces would hide the effect on them: they are the sheet that it is drawn on.
+    let over: &[Layer] = if layers.iter().any(Layer::hides) { &[] } else { layers };
     let page = Page::around(lines.chain(&along));
     let named = layers.iter().filter(|layer| layer.name.is_some()).count().min(MOST_LINES);
     let legend = LINE * (named + captions.len() + usize::from(effect.is_some())) as f64;
     let mut svg = open(title, page.height + legend);
     if let Some(effect) = effect {
         let places: Vec<[f64; 2]> = along.iter().map(|point| page.place(point)).collect();
-        draw_effect(&mut svg, effect, &places);
+        draw_effect(&mut svg, effect, &places, |p| page.place(p));
     }
-    for layer in layers {
+    for layer in over {
         draw_layer(&mut svg, layer, |p| page.place(p));
     }
     draw_legend(&mut svg, layers, effect, captions, page.height - CAPTION + LINE);
@@ -61,31 +100,47 @@ fn largest(effect: &Effect) -> f64 {
     effect.points.iter().map(|point| point.length).fold(0.0, f64::max)
 }
 
-/// The colour of `part` (0 to 1) of the largest effect.
-fn shade(effect: &Effect, part: f64) -> String {
+/// The colour of `part` (0 to 1) of the largest effect, pale where it is not significant, in this light (0 to 1).
+fn shade(effect: &Effect, part: f64, significant: bool, light: f64) -> String {
     let (none, most) = effect.colours;
-    let mix = |c: usize| (f64::from(none[c]) * (1.0 - part) + f64::from(most[c]) * part).round() as u8;
+    let part = if significant { part } else { PALE * part };
+    let mix = |c: usize| {
+        let colour = f64::from(none[c]) * (1.0 - part) + f64::from(most[c]) * part;
+        (colour * light).round().clamp(0.0, 255.0) as u8
+    };
     format!("#{:02x}{:02x}{:02x}", mix(0), mix(1), mix(2))
 }
 
-fn draw_effect(svg: &mut String, effect: &Effect, places: &[[f64; 2]]) {
+fn draw_effect(
+    svg: &mut String,
+    effect: &Effect,
+    places: &[[f64; 2]],
+    place: impl Fn(&[f64; 2]) -> [f64; 2],
+) {
     let most = largest(effect);
     let part = |length: f64| if most > 0.0 { length / most } else { 0.0 };
     let write = "writing to a string cannot fail";
-    if !effect.connected {
-        for (point, [x, y]) in effect.points.iter().zip(places) {
-            let (colour, width) = (shade(effect, part(point.length)), width(point.significant));
-            writeln!(svg, "<circle cx=\"{x:.2}\" cy=\"{y:.2}\" r=\"{width}\" fill=\"{colour}\"/>")
-                .expect(write);
+    let closed = match &effect.connection {
+        Connection::Line { closed } => *closed,
+        Connection::Sheet { count, closed, facets } => {
+            return draw_sheet(svg, effect, facets, *count, *closed, place);
         }
-        return;
-    }
+        Connection::Apart => {
+            for (point, [x, y]) in effect.points.iter().zip(places) {
+                let (colour, width) =
+                    (shade(effect, part(point.length), true, 1.0), width(point.significant));
+                writeln!(svg, "<circle cx=\"{x:.2}\" cy=\"{y:.2}\" r=\"{width}\" fill=\"{colour}\"/>")
+                    .expect(write);
+            }
+            return;
+        }
+    };
     svg.push_str("<g stroke-linecap=\"round\">\n");
     let count = places.len();
-    for i in 0..if effect.closed { count } else { count.saturating_sub(1) } {
+    for i in 0..if closed { count } else { count.saturating_sub(1) } {
         let j = (i + 1) % count;
         let (from, to) = (&effect.points[i], &effect.points[j]);
-        let colour = shade(effect, part(0.5 * (from.length + to.length)));
+        let colour = shade(effect, part(0.5 * (from.length + to.length)), true, 1.0);
         let width = width(from.significant && to.significant);
         let ([x1, y1], [x2, y2]) = (places[i], places[j]);
         writeln!(
@@ -95,6 +150,52 @@ fn draw_effect(svg: &mut String, effect: &Effect, places: &[[f64; 2]]) {
         .expect(write);
     }
     svg.push_str("</g>\n");
+}
+
+/// How much of the colour is left where nothing is significant.
+const PALE: f64 = 0.35;
+
+/// The facets of the surface, with the effect between its places; pale where the nearest of these is not significant.
+fn draw_sheet(
+    svg: &mut String,
+    effect: &Effect,
+    facets: &Facets,
+    count: [usize; 2],
+    closed: [bool; 2],
+    place: impl Fn(&[f64; 2]) -> [f64; 2],
+) {
+    let most = largest(effect);
+    svg.push_str("<g stroke-width=\"0.6\" stroke-linejoin=\"round\">\n");
+    for ((corners, light), place_on) in facets.corners.chunks_exact(4).zip(&facets.light).zip(&facets.places)
+    {
+        let [along_u, along_v] = [0, 1].map(|i| neighbours(place_on[i], count[i], closed[i]));
+        let at = |i: usize, j: usize| &effect.points[i * count[1] + j];
+        let mut length = 0.0;
+        let mut nearest = (0.0, false);
+        for (i, a) in along_u {
+            for (j, b) in along_v {
+                let point = at(i, j);
+                length += a * b * point.length;
+                if a * b > nearest.0 {
+                    nearest = (a * b, point.significant);
+                }
+            }
+        }
+        let colour = shade(effect, if most > 0.0 { length / most } else { 0.0 }, nearest.1, *light);
+        let path = path(corners, Mark::Closed, &place);
+        writeln!(svg, "<path fill=\"{colour}\" stroke=\"{colour}\" d=\"{path}\"/>")
+            .expect("writing to a string cannot fail");
+    }
+    svg.push_str("</g>\n");
+}
+
+/// The places before and after a parameter, with their parts.
+fn neighbours(parameter: f64, count: usize, closed: bool) -> [(usize, f64); 2] {
+    let steps = if closed { count } else { (count - 1).max(1) };
+    let position = parameter * steps as f64;
+    let (before, part) = (position.floor(), position.fract());
+    let at = |i: usize| if closed { i % count } else { i.min(count - 1) };
+    [(at(before as usize), 1.0 - part), (at(before as usize + 1), part)]
 }
 
 fn width(significant: bool) -> f64 {
@@ -114,20 +215,26 @@ fn draw_legend(svg: &mut String, layers: &[Layer], effect: Option<&Effect>, capt
     };
     let named = layers.iter().filter_map(|layer| layer.name.as_ref().map(|name| (layer, name)));
     for (layer, name) in named.take(MOST_LINES) {
-        line(svg, &format!("<rect y=\"-2\" width=\"54\" height=\"4\" fill=\"{}\"/>", layer.colour), name);
+        let sample = if layer.hides() {
+            String::new()
+        } else {
+            format!("<rect y=\"-2\" width=\"54\" height=\"4\" fill=\"{}\"/>", layer.colour)
+        };
+        line(svg, &sample, name);
     }
     if let Some(effect) = effect {
         let steps = 9;
         let boxes: String = (0..steps)
             .map(|i| {
-                let colour = shade(effect, f64::from(i) / f64::from(steps - 1));
+                let colour = shade(effect, f64::from(i) / f64::from(steps - 1), true, 1.0);
                 format!("<rect x=\"{}\" y=\"-5\" width=\"6\" height=\"10\" fill=\"{colour}\"/>", 6 * i)
             })
             .collect();
-        let text = format!(
-            "0 to {:.3} along the shape; wide where p ≤ 0.05 for all points together",
-            largest(effect)
-        );
+        let sign = match effect.connection {
+            Connection::Sheet { .. } => "pale where p > 0.05",
+            _ => "wide where p ≤ 0.05",
+        };
+        let text = format!("0 to {:.3}, {sign} over all points together", largest(effect));
         line(svg, &boxes, &text);
     }
     for caption in captions {
@@ -145,8 +252,7 @@ mod tests {
         let point = |x: f64, length: f64| EffectPoint { point: vec![x, x * x], length, significant: x > 0.5 };
         let effect = Effect {
             points: vec![point(0.0, 0.0), point(1.0, 2.0), point(2.0, 2.0)],
-            closed: false,
-            connected: true,
+            connection: Connection::Line { closed: false },
             colours: (colour::EFFECT_NONE, colour::EFFECT_MOST),
         };
         let svg = draw("a", &[], Some(&effect), &["<b>".into()]);

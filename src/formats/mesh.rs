@@ -11,14 +11,13 @@
 
 use std::fmt::Write;
 
-use serde::{Deserialize, Serialize};
 use serde_json::json;
 
 use crate::geometry::mesh::TriangleMesh;
+use crate::geometry::vector::{cross, minus, norm};
 
 /// How a mesh is written.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
-#[serde(rename_all = "snake_case")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum MeshFormat {
     /// Wavefront.
     Obj,
@@ -31,6 +30,19 @@ pub enum MeshFormat {
 }
 
 impl MeshFormat {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::Obj, Self::Ply, Self::Stl, Self::Gltf];
+
+    /// The name that stands in a query.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Obj => "obj",
+            Self::Ply => "ply",
+            Self::Stl => "stl",
+            Self::Gltf => "gltf",
+        }
+    }
+
     /// The media type of the file.
     pub fn media_type(self) -> &'static str {
         match self {
@@ -116,9 +128,8 @@ fn single(point: [f64; 3]) -> impl Iterator<Item = u8> {
 
 /// Unit normal of a triangle, zero when it has no area.
 fn normal([a, b, c]: [[f64; 3]; 3]) -> [f64; 3] {
-    let (p, q) = ([0, 1, 2].map(|i| b[i] - a[i]), [0, 1, 2].map(|i| c[i] - a[i]));
-    let n = [p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0]];
-    let length = n[0].hypot(n[1]).hypot(n[2]);
+    let n = cross(minus(b, a), minus(c, a));
+    let length = norm(n);
     if length > 0.0 { n.map(|value| value / length) } else { [0.0; 3] }
 }
 

@@ -4,9 +4,11 @@ use serde::{Deserialize, Deserializer};
 use serde_json::{Map, Value};
 
 use super::InputError;
-use super::checked::Checked;
+use super::checked::take_value;
 use crate::geometry::generator::{Exact, GeneratorKind, PoleList};
 use crate::geometry::representation::Representation;
+use crate::geometry::surface::Topology;
+use crate::geometry::surface::seam::Seam;
 
 /// A value that is read from JSON with all of its errors.
 pub trait Readable: Sized {
@@ -64,8 +66,11 @@ impl Readable for FitTarget {
 }
 
 fn read_target(mut value: Value) -> Result<(Representation, Option<f64>), Vec<InputError>> {
-    // Landmarks are not fitted: to them a tolerance is an unknown field.
-    let curve = value.as_object_mut().filter(|map| map.get("kind").is_none_or(|kind| kind != "landmarks"));
+    // Landmarks are not fitted, surfaces only at a given size: to them a tolerance is an unknown field.
+    let sized = ["landmarks", "surface"];
+    let curve = value
+        .as_object_mut()
+        .filter(|map| !map.get("kind").and_then(Value::as_str).is_some_and(|kind| sized.contains(&kind)));
     let Some((map, tolerance)) = curve.and_then(|map| map.remove("tolerance").map(|found| (map, found)))
     else {
         return read(value).map(|found| (found, None));
@@ -143,18 +148,59 @@ impl Fields {
 
     /// A small value of a type that names its own faults.
     fn value<T: serde::de::DeserializeOwned>(&mut self, name: &str) -> Option<T> {
-        let checked: Checked<T> = serde_json::from_value(self.take(name)?).ok()?;
-        checked.take(&format!("/{name}"), &mut self.errors)
+        let value = self.take(name)?;
+        take_value(value, &format!("/{name}"), &mut self.errors)
     }
 
     fn generator(&mut self) -> Option<GeneratorKind> {
-        match read_generator(self.take("generator")?) {
+        let value = self.take("generator")?;
+        self.generator_at("/generator", value)
+    }
+
+    fn generator_at(&mut self, pointer: &str, value: Value) -> Option<GeneratorKind> {
+        match read_generator(value) {
             Ok(generator) => Some(generator),
             Err(errors) => {
-                self.errors.extend(errors.into_iter().map(|error| error.below("/generator")));
+                self.errors.extend(errors.into_iter().map(|error| error.below(pointer)));
                 None
             }
         }
+    }
+
+    /// One a direction.
+    fn generators(&mut self) -> Option<[GeneratorKind; 2]> {
+        match self.take("generators")? {
+            Value::Array(values) if values.len() == 2 => {
+                let mut values = values.into_iter();
+                let [u, v] = ["/generators/0", "/generators/1"]
+                    .map(|pointer| values.next().and_then(|value| self.generator_at(pointer, value)));
+                Some([u?, v?])
+            }
+            other => {
+                let found = other
+                    .as_array()
+                    .map_or("is not a list".into(), |list| format!("has {} entries", list.len()));
+                self.error("generators", format!("{found}: a surface has two, along u and v"));
+                None
+            }
+        }
+    }
+
+    fn surface(&mut self) -> Option<Representation> {
+        let topology: Option<Topology> = self.value("topology");
+        let seam = if self.given("seam") { self.value("seam") } else { Some(Seam::Straight) };
+        let control_points = self.value::<[usize; 2]>("control_points");
+        let generators = if self.given("generators") {
+            self.generators()
+        } else {
+            topology.map(Topology::usual_generators)
+        };
+        Some(Representation::Surface {
+            topology: topology?,
+            seam: seam?,
+            control_points: control_points?,
+            generators: generators?,
+        })
     }
 
     /// `poles` or `domain_poles`.
@@ -187,6 +233,9 @@ impl Fields {
     }
 }
 
+/// What `kind` may be.
+const KINDS: &str = "\"closed_curve\", \"open_curve\", \"surface\" or \"landmarks\"";
+
 /// Reads a representation.
 ///
 /// # Errors
@@ -194,6 +243,10 @@ impl Fields {
 pub fn read(value: Value) -> Result<Representation, Vec<InputError>> {
     let mut fields = Fields::new(value)?;
     let kind = fields.text("kind");
+    if kind.as_deref() == Some("surface") {
+        let surface = fields.surface();
+        return fields.finish(surface);
+    }
     let dimension = fields.count("dimension");
     let representation = match kind.as_deref() {
         Some("closed_curve") => {
@@ -213,7 +266,7 @@ pub fn read(value: Value) -> Result<Representation, Vec<InputError>> {
             dimension.zip(points).map(|(dimension, points)| Representation::Landmarks { dimension, points })
         }
         Some(other) => {
-            let detail = format!("is \"{other}\", must be \"closed_curve\", \"open_curve\" or \"landmarks\"");
+            let detail = format!("is \"{other}\", must be {KINDS}");
             return Err(vec![InputError::new("/kind", detail)]);
         }
         None => return Err(fields.errors),
@@ -275,6 +328,24 @@ mod tests {
     }
 
     #[test]
+    fn generators_of_surfaces_follow_from_the_topology() {
+        let of = |topology: &str| {
+            let read =
+                read(json!({"kind": "surface", "topology": topology, "control_points": [8, 6]})).unwrap();
+            serde_json::to_value(read).unwrap()["generators"].clone()
+        };
+        assert_eq!(of("sphere"), json!([{"name": "trigonometric"}, {"name": "trigonometric"}]));
+        assert_eq!(of("cylinder"), json!([{"name": "trigonometric"}, {"name": "keys"}]));
+        assert_eq!(of("plane"), json!([{"name": "keys"}, {"name": "keys"}]));
+        let errors = read(json!({
+            "kind": "surface", "topology": "ball", "control_points": [8], "generators": [{"name": "keys"}], "dimension": 3
+        }))
+        .unwrap_err();
+        let pointers: Vec<&str> = errors.iter().map(|error| error.pointer.as_str()).collect();
+        assert_eq!(pointers, ["/topology", "/control_points", "/generators", "/dimension"]);
+    }
+
+    #[test]
     fn what_is_written_is_read() {
         for text in [
             r#"{"kind":"closed_curve","dimension":2,"control_points":12,"generator":{"name":"trigonometric"}}"#,
@@ -282,6 +353,8 @@ mod tests {
             r#"{"kind":"open_curve","dimension":2,"intervals":12,"generator":{"name":"exponential","poles":[[0.0,0.0],[0.0,0.5],[0.0,-0.5]]}}"#,
             r#"{"kind":"open_curve","dimension":2,"intervals":12,"generator":{"name":"interpolator","family":"integer_shifts","domain_poles":[[0.0,0.0],[0.0,0.0],[0.0,0.0]],"support":6,"weights":[-0.5]}}"#,
             r#"{"kind":"landmarks","dimension":2,"points":12}"#,
+            r#"{"kind":"surface","topology":"sphere","control_points":[8,5],"generators":[{"name":"trigonometric"},{"name":"keys"}]}"#,
+            r#"{"kind":"surface","topology":"torus","seam":"half_turn","control_points":[8,6],"generators":[{"name":"keys"},{"name":"keys"}]}"#,
         ] {
             let value: Value = serde_json::from_str(text).unwrap();
             let read = read(value.clone()).unwrap();

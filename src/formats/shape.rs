@@ -22,26 +22,28 @@ pub const MAX_COORDINATE: f64 = 1e100;
 /// Faults kept per list of points.
 const MAX_FAULTS: usize = 20;
 
-/// Points as rows of coordinates, read leniently: faults are kept beside.
+/// Points as rows of coordinates, or as a grid of them, read leniently: faults are kept beside.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct PointList {
     coordinates: Vec<f64>,
-    /// Coordinates of the first row.
+    /// Coordinates of the first point.
     width: usize,
     rows: usize,
+    /// Points of the first entry, when the entries are lists of points.
+    columns: Option<usize>,
     null: bool,
     faults: Vec<InputError>,
 }
 
 impl PointList {
-    /// Number of rows.
+    /// Number of points.
     pub fn len(&self) -> usize {
-        self.rows
+        self.rows * self.columns.unwrap_or(1)
     }
 
-    /// Whether there are no rows.
+    /// Whether there are no points.
     pub fn is_empty(&self) -> bool {
-        self.rows == 0
+        self.len() == 0
     }
 
     /// Whether there is a `null` instead of a list.
@@ -54,7 +56,12 @@ impl PointList {
         self.width
     }
 
-    /// Row-major coordinates, when every row has `dimension` finite numbers.
+    /// Rows and columns, when the points are a grid.
+    pub fn grid(&self) -> Option<[usize; 2]> {
+        self.columns.map(|columns| [self.rows, columns])
+    }
+
+    /// Row-major coordinates, when every point has `dimension` finite numbers.
     ///
     /// # Errors
     /// All faults (at most 20) with pointers relative to the list.
@@ -62,12 +69,13 @@ impl PointList {
         if !self.faults.is_empty() {
             return Err(self.faults.clone());
         }
-        if self.rows > 0 && self.width != dimension {
+        if !self.is_empty() && self.width != dimension {
             let detail = format!(
                 "points have {} coordinates, the representation has dimension {dimension}",
                 self.width
             );
-            return Err(vec![InputError::new("/0", detail)]);
+            let first = if self.columns.is_some() { "/0/0" } else { "/0" };
+            return Err(vec![InputError::new(first, detail)]);
         }
         Ok(&self.coordinates)
     }
@@ -78,25 +86,44 @@ impl PointList {
         }
     }
 
-    fn push_row(&mut self, row: &Row) {
+    /// What the entries are, once there is one.
+    fn kind(&self) -> Option<Kind> {
+        (self.rows > 0).then_some(if self.columns.is_some() { Kind::Points } else { Kind::Point })
+    }
+
+    /// Adds the entry that was read: a point, or a column of the grid.
+    fn push(&mut self, entry: &Entry) {
         let position = self.rows;
         self.rows += 1;
-        for (column, detail) in &row.faults {
-            self.fault(format!("/{position}/{column}"), detail.clone());
+        for (pointer, detail) in &entry.faults {
+            self.fault(format!("/{position}{pointer}"), detail.clone());
         }
-        if let Some(detail) = &row.not_a_row {
+        if let Some(detail) = &entry.not_a_list {
             self.fault(format!("/{position}"), detail.clone());
             return;
         }
         if position == 0 {
-            self.width = row.values.len();
+            self.columns = entry.points;
+            self.width = entry.width;
         }
-        if row.values.len() != self.width {
-            let detail =
-                format!("has {} coordinates where the first point has {}", row.values.len(), self.width);
-            self.fault(format!("/{position}"), detail);
+        match (self.columns, entry.points) {
+            (Some(_), None) if entry.faults.is_empty() => {
+                self.fault(format!("/{position}"), "has no points".into());
+            }
+            (Some(first), Some(found)) if first != found => {
+                self.fault(
+                    format!("/{position}"),
+                    format!("has {found} points where the first list has {first}"),
+                );
+            }
+            _ if entry.width != self.width => {
+                let detail =
+                    format!("has {} coordinates where the first point has {}", entry.width, self.width);
+                self.fault(format!("/{position}"), detail);
+            }
+            _ => {}
         }
-        self.coordinates.extend_from_slice(&row.values);
+        self.coordinates.extend_from_slice(&entry.values);
     }
 }
 
@@ -112,9 +139,9 @@ impl<'de> Deserialize<'de> for PointList {
 
             fn visit_seq<A: SeqAccess<'de>>(self, mut rows: A) -> Result<PointList, A::Error> {
                 let mut list = PointList::default();
-                let mut row = Row::default();
-                while rows.next_element_seed(RowSeed(&mut row))?.is_some() {
-                    list.push_row(&row);
+                let mut entry = Entry::default();
+                while rows.next_element_seed(EntrySeed(&mut entry, list.kind()))?.is_some() {
+                    list.push(&entry);
                 }
                 Ok(list)
             }
@@ -136,52 +163,98 @@ impl<'de> Deserialize<'de> for PointList {
     }
 }
 
-/// One row, reused: a list of a thousand points allocates a few times, not a thousand.
-#[derive(Default)]
-struct Row {
-    values: Vec<f64>,
-    faults: Vec<(usize, String)>,
-    not_a_row: Option<String>,
+/// What the entries of a list are: its first one says.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    Point,
+    Points,
 }
 
-struct RowSeed<'a>(&'a mut Row);
+/// A point or a list of points, reused: a list of a thousand points allocates a few times, not a thousand.
+#[derive(Default)]
+struct Entry {
+    values: Vec<f64>,
+    /// Coordinates of its first point.
+    width: usize,
+    /// How many points it has, when it is a list of them.
+    points: Option<usize>,
+    faults: Vec<(String, String)>,
+    not_a_list: Option<String>,
+}
 
-impl<'de> serde::de::DeserializeSeed<'de> for RowSeed<'_> {
+impl Entry {
+    fn clear(&mut self) {
+        self.values.clear();
+        self.faults.clear();
+        (self.width, self.points, self.not_a_list) = (0, None, None);
+    }
+
+    fn fault(&mut self, pointer: String, detail: String) {
+        if self.faults.len() < MAX_FAULTS {
+            self.faults.push((pointer, detail));
+        }
+    }
+
+    fn coordinate(&mut self, pointer: impl Fn() -> String, value: Value) {
+        let found = match value {
+            Value::Number(value) if value.is_finite() && value.abs() <= MAX_COORDINATE => Ok(value),
+            Value::Number(value) => Err(format!("is {value:e}, beyond ±{MAX_COORDINATE:e}")),
+            Value::Other(what) => Err(format!("is {what}, not a number")),
+        };
+        self.values.push(*found.as_ref().unwrap_or(&0.0));
+        if let Err(detail) = found {
+            self.fault(pointer(), detail);
+        }
+    }
+
+    /// The point that was read after those that there are, of `width` coordinates.
+    fn point(&mut self, width: usize) {
+        let position = self.points.unwrap_or(0);
+        self.points = Some(position + 1);
+        if position == 0 {
+            self.width = width;
+        } else if width != self.width {
+            let detail = format!("has {width} coordinates where the first point has {}", self.width);
+            self.fault(format!("/{position}"), detail);
+        }
+    }
+}
+
+/// Reads an entry, of this kind when it is known.
+struct EntrySeed<'a>(&'a mut Entry, Option<Kind>);
+
+impl<'de> serde::de::DeserializeSeed<'de> for EntrySeed<'_> {
     type Value = ();
 
     fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<(), D::Error> {
-        self.0.values.clear();
-        self.0.faults.clear();
-        self.0.not_a_row = None;
+        self.0.clear();
         deserializer.deserialize_any(self)
     }
 }
 
-fn not_a_row(seed: RowSeed<'_>, what: &'static str) {
-    seed.0.not_a_row = Some(format!("is {what}, not a list of coordinates"));
+fn not_a_list(seed: EntrySeed<'_>, what: &'static str) {
+    seed.0.not_a_list = Some(format!("is {what}, not a list of coordinates"));
 }
 
-impl<'de> Visitor<'de> for RowSeed<'_> {
+impl<'de> Visitor<'de> for EntrySeed<'_> {
     type Value = ();
 
     fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str("a list of coordinates")
     }
 
-    fn visit_seq<A: SeqAccess<'de>>(self, mut coordinates: A) -> Result<(), A::Error> {
-        let mut column = 0;
-        while let Some(coordinate) = coordinates.next_element::<Coordinate>()? {
-            match coordinate {
-                Coordinate::Number(value) if value.is_finite() && value.abs() <= MAX_COORDINATE => {
-                    self.0.values.push(value);
+    fn visit_seq<A: SeqAccess<'de>>(self, mut elements: A) -> Result<(), A::Error> {
+        let (Self(entry, mut kind), mut column) = (self, 0);
+        while let Some(element) = elements.next_element_seed(ElementSeed { entry, kind, column })? {
+            match element {
+                Element::Point => kind = Some(Kind::Points),
+                Element::Coordinate(_) if kind == Some(Kind::Points) => {
+                    entry.fault(format!("/{column}"), "is not a point".into());
                 }
-                Coordinate::Number(value) => {
-                    self.0.faults.push((column, format!("is {value:e}, beyond ±{MAX_COORDINATE:e}")));
-                    self.0.values.push(0.0);
-                }
-                Coordinate::Other(what) => {
-                    self.0.faults.push((column, format!("is {what}, not a number")));
-                    self.0.values.push(0.0);
+                Element::Coordinate(value) => {
+                    kind = Some(Kind::Point);
+                    entry.coordinate(|| format!("/{column}"), value);
+                    entry.width += 1;
                 }
             }
             column += 1;
@@ -189,60 +262,150 @@ impl<'de> Visitor<'de> for RowSeed<'_> {
         Ok(())
     }
 
-    visit_others!(@text not_a_row, ());
-    visit_others!(@null not_a_row, ());
-    visit_others!(@number not_a_row, ());
-    visit_others!(@map not_a_row, ());
+    visit_others!(@text not_a_list, ());
+    visit_others!(@null not_a_list, ());
+    visit_others!(@number not_a_list, ());
+    visit_others!(@map not_a_list, ());
 }
 
-enum Coordinate {
+/// What stands in an entry.
+enum Element {
+    Coordinate(Value),
+    /// A point, which is in the entry already.
+    Point,
+}
+
+/// Reads a coordinate of an entry, or one of its points, at this place.
+struct ElementSeed<'a> {
+    entry: &'a mut Entry,
+    kind: Option<Kind>,
+    column: usize,
+}
+
+impl<'de> serde::de::DeserializeSeed<'de> for ElementSeed<'_> {
+    type Value = Element;
+
+    fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<Element, D::Error> {
+        deserializer.deserialize_any(self)
+    }
+}
+
+fn other(_: ElementSeed<'_>, what: &'static str) -> Element {
+    Element::Coordinate(Value::Other(what))
+}
+
+impl<'de> Visitor<'de> for ElementSeed<'_> {
+    type Value = Element;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("a number or a point")
+    }
+
+    fn visit_f64<E>(self, value: f64) -> Result<Element, E> {
+        Ok(Element::Coordinate(Value::Number(value)))
+    }
+
+    fn visit_i64<E>(self, value: i64) -> Result<Element, E> {
+        Ok(Element::Coordinate(Value::Number(value as f64)))
+    }
+
+    fn visit_u64<E>(self, value: u64) -> Result<Element, E> {
+        Ok(Element::Coordinate(Value::Number(value as f64)))
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, mut coordinates: A) -> Result<Element, A::Error> {
+        let Self { entry, kind, column } = self;
+        // Among numbers a list is no point.
+        if kind == Some(Kind::Point) {
+            while coordinates.next_element::<serde::de::IgnoredAny>()?.is_some() {}
+            return Ok(Element::Coordinate(Value::Other("a list")));
+        }
+        let mut width = 0;
+        while let Some(value) = coordinates.next_element::<Value>()? {
+            entry.coordinate(|| format!("/{column}/{width}"), value);
+            width += 1;
+        }
+        entry.point(width);
+        Ok(Element::Point)
+    }
+
+    visit_others!(@text other, Element);
+    visit_others!(@null other, Element);
+    visit_others!(@map other, Element);
+}
+
+/// A value where a number is expected.
+enum Value {
     Number(f64),
     Other(&'static str),
 }
 
-impl<'de> Deserialize<'de> for Coordinate {
+impl<'de> Deserialize<'de> for Value {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        struct CoordinateVisitor;
-        impl<'de> Visitor<'de> for CoordinateVisitor {
-            type Value = Coordinate;
+        struct ValueVisitor;
+        impl<'de> Visitor<'de> for ValueVisitor {
+            type Value = Value;
 
             fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
                 f.write_str("a number")
             }
 
-            fn visit_f64<E>(self, value: f64) -> Result<Coordinate, E> {
-                Ok(Coordinate::Number(value))
+            fn visit_f64<E>(self, value: f64) -> Result<Value, E> {
+                Ok(Value::Number(value))
             }
 
-            fn visit_i64<E>(self, value: i64) -> Result<Coordinate, E> {
-                Ok(Coordinate::Number(value as f64))
+            fn visit_i64<E>(self, value: i64) -> Result<Value, E> {
+                Ok(Value::Number(value as f64))
             }
 
-            fn visit_u64<E>(self, value: u64) -> Result<Coordinate, E> {
-                Ok(Coordinate::Number(value as f64))
+            fn visit_u64<E>(self, value: u64) -> Result<Value, E> {
+                Ok(Value::Number(value as f64))
             }
 
-            visit_others!(@text not_a_number, Coordinate);
-            visit_others!(@null not_a_number, Coordinate);
-            visit_others!(@seq not_a_number, Coordinate);
-            visit_others!(@map not_a_number, Coordinate);
+            visit_others!(@text not_a_number, Value);
+            visit_others!(@null not_a_number, Value);
+            visit_others!(@seq not_a_number, Value);
+            visit_others!(@map not_a_number, Value);
         }
-        fn not_a_number(_: CoordinateVisitor, what: &'static str) -> Coordinate {
-            Coordinate::Other(what)
+        fn not_a_number(_: ValueVisitor, what: &'static str) -> Value {
+            Value::Other(what)
         }
-        deserializer.deserialize_any(CoordinateVisitor)
+        deserializer.deserialize_any(ValueVisitor)
     }
+}
+
+/// Tangents at the poles of a sphere.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Deserialize, utoipa::ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PolesInput {
+    /// At `v = 0`.
+    #[serde(default)]
+    pub north: Option<PoleInput>,
+    /// At `v = 1`.
+    #[serde(default)]
+    pub south: Option<PoleInput>,
+}
+
+/// Tangents at a pole.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, utoipa::ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PoleInput {
+    /// `T_1`, `T_2` of `σ_v = T_1 cos 2πu + T_2 sin 2πu`.
+    pub tangents: [[f64; 3]; 2],
 }
 
 document! {
     /// A shape as it is posted.
     pub struct ShapeInput {
-        /// Points on the shape, one list of coordinates each.
+        /// Points on the shape, one list of coordinates each; on surfaces a grid `[u][v]` of them.
         #[schema(value_type = Option<Vec<Vec<f64>>>, example = json!([[0.0, 0.0], [2.0, 0.0], [2.0, 1.0]]))]
         points: PointList;
         /// Coefficients of the representation, instead of points.
         #[schema(value_type = Option<Vec<Vec<f64>>>)]
         control_points: PointList;
+        /// Tangents at the poles of a sphere that is given by `points`; estimated unless given.
+        #[schema(value_type = Option<PolesInput>)]
+        poles: Checked<PolesInput>;
         /// The client's own identifier, unique in a cohort; `id` is read too.
         #[schema(value_type = Option<String>)]
         external_id or "id": Checked<Option<String>>;
@@ -273,11 +436,13 @@ document! {
     }
 }
 
-/// Points as they are answered: one list of coordinates each.
+/// Points as they are answered: one list of coordinates each, or a grid of them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Points {
     dimension: usize,
     coordinates: Vec<f64>,
+    /// Points of a list of the grid, when it is one.
+    columns: Option<usize>,
 }
 
 impl utoipa::PartialSchema for Points {
@@ -291,7 +456,12 @@ impl utoipa::ToSchema for Points {}
 impl Points {
     /// From `d·N` coordinate-major numbers.
     pub fn from_columns(coordinates: Vec<f64>, dimension: usize) -> Self {
-        Self { dimension, coordinates }
+        Self { dimension, coordinates, columns: None }
+    }
+
+    /// The same points as a grid with so many in each list; one list when nothing is given.
+    pub fn in_grid(self, columns: Option<usize>) -> Self {
+        Self { columns: columns.filter(|columns| *columns > 0), ..self }
     }
 
     /// Number of points.
@@ -320,7 +490,18 @@ impl Serialize for Points {
                 serializer.collect_seq((0..self.0.dimension).map(|c| self.0.coordinates[c * n + self.1]))
             }
         }
-        serializer.collect_seq((0..self.len()).map(|k| RowView(self, k)))
+        struct ListView<'a>(&'a Points, std::ops::Range<usize>);
+        impl Serialize for ListView<'_> {
+            fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+                serializer.collect_seq(self.1.clone().map(|k| RowView(self.0, k)))
+            }
+        }
+        match self.columns {
+            None => ListView(self, 0..self.len()).serialize(serializer),
+            Some(columns) => serializer.collect_seq(
+                (0..self.len() / columns).map(|i| ListView(self, i * columns..(i + 1) * columns)),
+            ),
+        }
     }
 }
 
@@ -356,8 +537,25 @@ mod tests {
     }
 
     #[test]
+    fn grids_are_flattened_and_ragged_ones_named() {
+        let grid = read("[[[1, 2, 3], [4, 5, 6]], [[7, 8, 9], [10, 11, 12]], [[0, 0, 0], [1, 1, 1]]]");
+        assert_eq!(grid.grid(), Some([3, 2]));
+        assert_eq!(grid.len(), 6);
+        assert_eq!(grid.checked(3).unwrap()[9..12], [10.0, 11.0, 12.0]);
+        assert_eq!(grid.checked(2).unwrap_err()[0].pointer, "/0/0");
+        let faults = read(
+            r#"[[[1, 2], [3, 4]], [[1, 2]], [[1, 2], [3]], [1, 2], [[1, "x"], 5], [[1, 2], [1, [2]]], []]"#,
+        )
+        .checked(2)
+        .unwrap_err();
+        let pointers: Vec<&str> = faults.iter().map(|fault| fault.pointer.as_str()).collect();
+        assert_eq!(pointers, ["/1", "/2/1", "/3/0", "/3/1", "/4/0/1", "/4/1", "/4", "/5/1/1", "/6"]);
+    }
+
+    #[test]
     fn points_come_back_as_rows() {
         let points = Points::from_columns(vec![1.0, 2.0, 3.0, 4.0], 2);
         assert_eq!(serde_json::to_string(&points).unwrap(), "[[1.0,3.0],[2.0,4.0]]");
+        assert_eq!(serde_json::to_string(&points.in_grid(Some(1))).unwrap(), "[[[1.0,3.0]],[[2.0,4.0]]]");
     }
 }

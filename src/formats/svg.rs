@@ -1,20 +1,25 @@
-//! Drawings as SVG: curves and landmarks, several layers on one scale.
+//! Drawings as SVG: curves, landmarks and surfaces, several layers on one scale.
 //!
 //! Spline curves are drawn through samples (8 per control point, at least 128), not through their control
 //! points. Shapes of space are drawn along the direction (1, −1, 1)/√3 in parallel projection. The y axis points up, as
-//! in the data.
+//! in the data. Surfaces are shaded, and as they hide one another they are drawn side by side, the front layer first.
 
 use std::fmt::Write;
 
 use crate::geometry::curve::Curve;
 use crate::geometry::representation::ShapeSpace;
+use crate::geometry::surface::Topology;
+use crate::geometry::surface::basis::SurfaceBasis;
+use crate::geometry::vector::dot;
 use crate::numeric::dense::Matrix;
 
 /// One layer of a drawing.
 #[derive(Debug, Clone)]
 pub struct Layer {
-    /// Polylines, each a list of plane points.
+    /// One a shape, as points of the plane: a polyline, or the facets of a surface one after the other.
     pub lines: Vec<Vec<[f64; 2]>>,
+    /// How light the facets of every surface are, from 0 to 1; of other shapes nothing.
+    pub light: Vec<Vec<f64>>,
     /// How the points are drawn.
     pub mark: Mark,
     /// Stroke colour.
@@ -36,6 +41,8 @@ pub enum Mark {
     Open,
     /// Dots.
     Dots,
+    /// Four-sided facets, far ones first.
+    Facets,
 }
 
 /// Colours for a mean, its shapes and the two sides of a mode (colour-blind safe).
@@ -63,13 +70,36 @@ impl Layer {
         width: f64,
         opacity: f64,
     ) -> Self {
+        if let Some(basis) = space.surface() {
+            let shapes: Vec<&[f64]> = shapes.into_iter().take(MOST_SURFACES).collect();
+            let cells = if shapes.len() > 1 { CELLS_OF_MANY } else { CELLS };
+            let facets = |shape: &&[f64]| Facets::of(basis, shape, cells);
+            let (lines, light) =
+                shapes.iter().map(facets).map(|facets| (facets.corners, facets.light)).unzip();
+            return Self { lines, light, mark: Mark::Facets, colour, width, opacity, name: None };
+        }
         let lines = shapes.into_iter().map(|shape| outline(space, shape)).collect();
         let mark = match space.generator() {
             None => Mark::Dots,
             Some(_) if space.representation().is_closed() => Mark::Closed,
             Some(_) => Mark::Open,
         };
-        Self { lines, mark, colour, width, opacity, name: None }
+        Self { lines, light: Vec::new(), mark, colour, width, opacity, name: None }
+    }
+
+    /// Whether its shapes hide what is behind them.
+    pub(super) fn hides(&self) -> bool {
+        self.mark == Mark::Facets
+    }
+
+    /// Layers of one shape each, the first one with the name.
+    fn apart(&self) -> impl Iterator<Item = Self> + '_ {
+        (0..self.lines.len()).map(|i| Self {
+            lines: vec![self.lines[i].clone()],
+            light: self.light.get(i).cloned().into_iter().collect(),
+            name: self.name.clone().filter(|_| i == 0),
+            ..*self
+        })
     }
 
     /// The same layer with an entry in the legend.
@@ -95,6 +125,71 @@ pub(super) fn flatten(point: &[f64]) -> [f64; 2] {
         [x, y, z] => [(x + y) * 0.5_f64.sqrt(), (y - x) / 6.0_f64.sqrt() + z * (2.0_f64 / 3.0).sqrt()],
         [x, y] => [x, y],
         _ => [0.0, 0.0],
+    }
+}
+
+/// Nearness to the viewer of a point of space.
+pub(super) fn depth(point: &[f64]) -> f64 {
+    match *point {
+        [x, y, z] => (x - y + z) / 3.0_f64.sqrt(),
+        _ => 0.0,
+    }
+}
+
+/// Surfaces of a drawing at the most.
+const MOST_SURFACES: usize = 12;
+/// Facets along each direction of a surface, alone and among others.
+pub(super) const CELLS: usize = 48;
+const CELLS_OF_MANY: usize = 36;
+/// Where the light comes from, about: over the left shoulder of the viewer.
+const LIGHT: [f64; 3] = [-0.02, -0.73, 0.68];
+/// Light on what is turned away from it.
+const AMBIENT: f64 = 0.25;
+
+/// A surface as it is seen.
+#[derive(Debug)]
+pub struct Facets {
+    /// Four corners each, far ones first.
+    pub(super) corners: Vec<[f64; 2]>,
+    /// How light they are.
+    pub(super) light: Vec<f64>,
+    /// `u` and `v` in their middles.
+    pub(super) places: Vec<[f64; 2]>,
+}
+
+/// Facets of a closed surface that are turned away by more than this sine are not seen.
+const HIDDEN: f64 = -0.25;
+
+impl Facets {
+    pub(super) fn of(basis: &SurfaceBasis, shape: &[f64], cells: usize) -> Self {
+        let surface = basis.surface(&Matrix::from_column_slice(basis.gram().size(), 3, shape));
+        // The end from within: behind a twisted seam v is another.
+        let edges: Vec<f64> =
+            (0..=cells).map(|i| (i as f64 / cells as f64).min(1.0_f64.next_down())).collect();
+        let middles: Vec<f64> = (0..cells).map(|i| (i as f64 + 0.5) / cells as f64).collect();
+        let points = surface.points(&edges, &edges);
+        let at = |i: usize, j: usize| flatten(&points[i * (cells + 1) + j]);
+        let inside_is_hidden = surface.encloses() && surface.topology() != Topology::Cylinder;
+        let mut seen = Vec::new();
+        for (k, jet) in surface.jets(&middles, &middles).iter().enumerate() {
+            let (i, j) = (k / cells, k % cells);
+            let Some(normal) = surface.frame(middles[j], jet).normal else { continue };
+            // Edge on, facets fill what the corners of their neighbours leave.
+            if inside_is_hidden && depth(&normal) < HIDDEN {
+                continue;
+            }
+            let cosine = dot(normal, LIGHT);
+            let cosine = if depth(&normal) < 0.0 && !inside_is_hidden { -cosine } else { cosine };
+            let light = AMBIENT + (1.0 - AMBIENT) * (0.5 + 0.5 * cosine).powi(2);
+            let corners = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
+            seen.push((depth(&jet[0]), corners, light, [middles[i], middles[j]]));
+        }
+        seen.sort_by(|a, b| a.0.total_cmp(&b.0));
+        Self {
+            light: seen.iter().map(|facet| facet.2).collect(),
+            places: seen.iter().map(|facet| facet.3).collect(),
+            corners: seen.into_iter().flat_map(|facet| facet.1).collect(),
+        }
     }
 }
 
@@ -140,6 +235,9 @@ pub(super) fn open(title: &str, height: f64) -> String {
 
 /// The drawing of `layers`, back to front, under a title. Cost linear in the points drawn.
 pub fn draw(title: &str, layers: &[Layer]) -> String {
+    if layers.iter().any(Layer::hides) {
+        return side_by_side(title, layers);
+    }
     let page = Page::around(layers.iter().flat_map(|layer| layer.lines.iter().flatten()));
     let mut svg = open(title, page.height);
     for layer in layers {
@@ -150,12 +248,33 @@ pub fn draw(title: &str, layers: &[Layer]) -> String {
     svg
 }
 
+/// One shape a cell, those of the front layer first.
+fn side_by_side(title: &str, layers: &[Layer]) -> String {
+    let apart = layers.iter().rev().flat_map(Layer::apart).take(MOST_SURFACES);
+    let cells: Vec<(String, Vec<Layer>)> =
+        apart.map(|layer| (layer.name.clone().unwrap_or_default(), vec![layer])).collect();
+    let columns = if cells.len() <= MOST_IN_A_ROW { cells.len() } else { columns_of(cells.len()) };
+    draw_cells(title, &cells, columns)
+}
+
+/// So many surfaces stand in one row.
+const MOST_IN_A_ROW: usize = 4;
+
+/// Columns of a grid that is about as wide as high.
+fn columns_of(cells: usize) -> usize {
+    (cells as f64).sqrt().ceil().clamp(1.0, MOST_COLUMNS as f64) as usize
+}
+
 /// Most cells in a row of a grid.
 const MOST_COLUMNS: usize = 10;
 
 /// Cells with captions, side by side on one scale: every cell has its own centre.
 pub fn grid(title: &str, cells: &[(String, Vec<Layer>)]) -> String {
-    let columns = (cells.len() as f64).sqrt().ceil().clamp(1.0, MOST_COLUMNS as f64) as usize;
+    draw_cells(title, cells, columns_of(cells.len()))
+}
+
+fn draw_cells(title: &str, cells: &[(String, Vec<Layer>)], columns: usize) -> String {
+    let columns = columns.max(1);
     let pages: Vec<Page> = cells
         .iter()
         .map(|(_, layers)| Page::around(layers.iter().flat_map(|layer| layer.lines.iter().flatten())))
@@ -192,6 +311,9 @@ const FRAME_SECONDS: f64 = 0.4;
 /// An animation through the lines of a layer and back, over and over; the first and last stay behind as thin lines.
 /// Programs that do not animate show the first.
 pub fn animate(title: &str, layer: &Layer) -> String {
+    if layer.hides() {
+        return draw(title, std::slice::from_ref(layer));
+    }
     let page = Page::around(layer.lines.iter().flatten());
     let mut svg = open(title, page.height);
     let path = |line: &Vec<[f64; 2]>| path(line, layer.mark, |p| page.place(p));
@@ -221,7 +343,7 @@ pub fn animate(title: &str, layer: &Layer) -> String {
 }
 
 /// The path of a line.
-fn path(line: &[[f64; 2]], mark: Mark, place: impl Fn(&[f64; 2]) -> [f64; 2]) -> String {
+pub(super) fn path(line: &[[f64; 2]], mark: Mark, place: impl Fn(&[f64; 2]) -> [f64; 2]) -> String {
     let mut path = String::with_capacity(14 * line.len());
     for (i, [x, y]) in line.iter().map(place).enumerate() {
         let command = if i == 0 { 'M' } else { 'L' };
@@ -236,7 +358,16 @@ fn path(line: &[[f64; 2]], mark: Mark, place: impl Fn(&[f64; 2]) -> [f64; 2]) ->
 pub(super) fn draw_layer(svg: &mut String, layer: &Layer, place: impl Fn(&[f64; 2]) -> [f64; 2]) {
     let Layer { colour, width, opacity, .. } = layer;
     let write = "writing to a string cannot fail";
-    if layer.mark == Mark::Dots {
+    if layer.mark == Mark::Facets {
+        svg.push_str("<g stroke-width=\"0.6\" stroke-linejoin=\"round\">\n");
+        for (corners, light) in layer.lines.iter().zip(&layer.light) {
+            for (facet, light) in corners.chunks_exact(4).zip(light) {
+                let colour = lit(colour, *light);
+                let path = path(facet, Mark::Closed, &place);
+                writeln!(svg, "<path fill=\"{colour}\" stroke=\"{colour}\" d=\"{path}\"/>").expect(write);
+            }
+        }
+    } else if layer.mark == Mark::Dots {
         writeln!(svg, "<g fill=\"{colour}\" fill-opacity=\"{opacity}\">").expect(write);
         for [x, y] in layer.lines.iter().flatten().map(&place) {
             writeln!(svg, "<circle cx=\"{x:.2}\" cy=\"{y:.2}\" r=\"{:.2}\"/>", width + 1.5).expect(write);
@@ -252,6 +383,16 @@ pub(super) fn draw_layer(svg: &mut String, layer: &Layer, place: impl Fn(&[f64; 
         }
     }
     svg.push_str("</g>\n");
+}
+
+/// A colour, made pale, in this light.
+fn lit(colour: &str, light: f64) -> String {
+    let channel = |i: usize| {
+        let value = colour.get(1 + 2 * i..3 + 2 * i).and_then(|hex| u8::from_str_radix(hex, 16).ok());
+        let pale = 0.35 * f64::from(value.unwrap_or(0)) + 0.65 * 255.0;
+        (pale * light).round().clamp(0.0, 255.0) as u8
+    };
+    format!("#{:02x}{:02x}{:02x}", channel(0), channel(1), channel(2))
 }
 
 fn draw_legend(svg: &mut String, layers: &[Layer], y: f64) {

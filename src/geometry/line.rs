@@ -50,8 +50,19 @@ impl Line {
 
     /// An open line of `intervals` from pole to pole, half of a great circle: generators whose poles follow the number of
     /// intervals take that of the whole circle.
+    ///
+    /// Its interpolation is that of the surface: conditions at the poles take the place of those beyond the ends.
     pub(super) fn meridian(kind: &GeneratorKind, intervals: usize) -> Result<Self, GeometryError> {
-        Self::over(kind, 2 * intervals, intervals, false)
+        let built = kind.build(2 * intervals)?;
+        let gram = Banded::new(open_gram(&built.generator, intervals, 0)).map_err(dependent)?;
+        Ok(Self {
+            intervals,
+            closed: false,
+            generator: built.generator.clone(),
+            poles: built.poles.clone(),
+            gram: Arc::new(gram),
+            interpolation: Interpolation::Equal,
+        })
     }
 
     /// A closed line of `2 · intervals`, for functions of `u` that need two rounds to come back: with the generator of one.

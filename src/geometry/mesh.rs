@@ -2,6 +2,8 @@
 
 use std::collections::HashMap;
 
+use super::vector::{cross, dot, minus, norm};
+
 /// Vertices, and triangles between them that are seen counter-clockwise from outside.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct TriangleMesh {
@@ -77,6 +79,19 @@ pub enum MeshError {
     },
 }
 
+impl MeshError {
+    /// The face that is wrong, when it is one.
+    pub fn face(&self) -> Option<usize> {
+        match self {
+            Self::NoVertex { face, .. } | Self::Degenerate { face, .. } | Self::Open { face, .. } => {
+                Some(*face)
+            }
+            Self::Twice { second, .. } => Some(*second),
+            Self::Unused { .. } | Self::Pinched { .. } | Self::Apart { .. } => None,
+        }
+    }
+}
+
 /// Which vertices are neighbours in a closed mesh.
 #[derive(Debug, Clone)]
 pub struct Connectivity {
@@ -86,11 +101,40 @@ pub struct Connectivity {
 }
 
 impl TriangleMesh {
+    /// Checks that the corners of every face are three vertices.
+    ///
+    /// # Errors
+    /// [`MeshError::NoVertex`], [`MeshError::Degenerate`].
+    pub fn check_faces(&self) -> Result<(), MeshError> {
+        let count = self.vertices.len();
+        for (face, &[a, b, c]) in self.faces.iter().enumerate() {
+            for (vertex, next) in [(a, b), (b, c), (c, a)] {
+                if vertex as usize >= count {
+                    return Err(MeshError::NoVertex { face, vertex, count });
+                }
+                if vertex == next {
+                    return Err(MeshError::Degenerate { face, vertex });
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// `(b − a) × (c − a)` of the faces: outwards, twice as long as their areas.
+    pub fn face_normals(&self) -> Vec<[f64; 3]> {
+        let normal = |face: &[u32; 3]| {
+            let [a, b, c] = face.map(|vertex| self.vertices[vertex as usize]);
+            cross(minus(b, a), minus(c, a))
+        };
+        self.faces.iter().map(normal).collect()
+    }
+
     /// The neighbours of the vertices of a closed mesh in one piece. Cost `O(faces)`.
     ///
     /// # Errors
     /// The first reason why it is not one.
     pub fn connectivity(&self) -> Result<Connectivity, MeshError> {
+        self.check_faces()?;
         let count = self.vertices.len();
         let mut face_of: HashMap<[u32; 2], usize> = HashMap::with_capacity(3 * self.faces.len());
         // Round a vertex, seen from outside, the neighbour after each.
@@ -99,12 +143,6 @@ impl TriangleMesh {
         let mut degree = vec![0_usize; count];
         for (face, &[a, b, c]) in self.faces.iter().enumerate() {
             for (from, to, third) in [(a, b, c), (b, c, a), (c, a, b)] {
-                if from as usize >= count {
-                    return Err(MeshError::NoVertex { face, vertex: from, count });
-                }
-                if from == to {
-                    return Err(MeshError::Degenerate { face, vertex: from });
-                }
                 if let Some(first) = face_of.insert([from, to], face) {
                     return Err(MeshError::Twice { first, second: face, edge: [from, to] });
                 }
@@ -149,25 +187,16 @@ impl TriangleMesh {
     /// its first vertex. Cost: one pass over the faces.
     pub fn signed_volume(&self) -> f64 {
         let Some(origin) = self.vertices.first() else { return 0.0 };
-        let at = |i: u32| -> [f64; 3] { [0, 1, 2].map(|c| self.vertices[i as usize][c] - origin[c]) };
         let six_fold = |face: &[u32; 3]| {
-            let [a, b, c] = face.map(at);
-            a[0] * (b[1] * c[2] - b[2] * c[1])
-                + a[1] * (b[2] * c[0] - b[0] * c[2])
-                + a[2] * (b[0] * c[1] - b[1] * c[0])
+            let [a, b, c] = face.map(|vertex| minus(self.vertices[vertex as usize], *origin));
+            dot(a, cross(b, c))
         };
         self.faces.iter().map(six_fold).sum::<f64>() / 6.0
     }
 
     /// Areas of the faces.
     pub fn face_areas(&self) -> Vec<f64> {
-        let area = |face: &[u32; 3]| {
-            let [a, b, c] = face.map(|vertex| self.vertices[vertex as usize]);
-            let [p, q] = [b, c].map(|end| [0, 1, 2].map(|i| end[i] - a[i]));
-            let n = [p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0]];
-            0.5 * n[0].hypot(n[1]).hypot(n[2])
-        };
-        self.faces.iter().map(area).collect()
+        self.face_normals().into_iter().map(|normal| 0.5 * norm(normal)).collect()
     }
 }
 

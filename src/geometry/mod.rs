@@ -10,14 +10,17 @@
 //! * [`frame`] — tangent, normal and curvature at a parameter;
 //! * [`intersection`] — the self-intersection test;
 //! * [`resample`] — arc-length sampling of polygons and the canonical start point of a contour;
+//! * [`sampling`] — places along shapes, where they are compared;
 //! * [`turning`] — how much a curve turns;
 //! * [`fit`] — least-squares fits of raw contours;
 //! * [`refine`] — the same curve on a finer grid;
+//! * [`deformation`] — control points moved, handles met;
 //! * [`surface`] — tensor-product surfaces;
-//! * [`mesh`] — triangle meshes;
+//! * [`mesh`] — triangle meshes; [`vector`] — vectors of space;
 //! * [`ideal`] — idealised curves, reproduced exactly where the poles allow.
 
 pub mod curve;
+pub mod deformation;
 pub mod distance;
 pub mod fit;
 pub mod frame;
@@ -31,8 +34,10 @@ pub mod open;
 pub mod refine;
 pub mod representation;
 pub mod resample;
+pub mod sampling;
 pub mod surface;
 pub mod turning;
+pub mod vector;
 
 use crate::numeric::NumericError;
 
@@ -78,7 +83,7 @@ pub enum GeometryError {
     },
     /// The points leave gaps in which nothing determines the curve.
     #[error(
-        "{points} points do not determine {needed} control points: they leave gaps longer than the distance of the knots; take fewer control points, or resample the contour"
+        "{points} points do not determine {needed} control points: they leave gaps longer than the distance of the knots; take fewer control points, or more points"
     )]
     Undetermined {
         /// Points given.
@@ -138,6 +143,22 @@ pub enum GeometryError {
         /// Position of the second.
         second: usize,
     },
+    /// The parts of a surface do not fit together.
+    #[error("{field} {detail}")]
+    Surface {
+        /// Which part.
+        field: &'static str,
+        /// Why.
+        detail: String,
+    },
+    /// Handles contradict one another.
+    #[error(
+        "the {count} handles do not determine a deformation: two of them are at one place, or there are more than control points near them"
+    )]
+    Handles {
+        /// How many there are.
+        count: usize,
+    },
     /// A mesh is no closed surface.
     #[error(transparent)]
     Mesh(#[from] mesh::MeshError),
@@ -156,8 +177,8 @@ pub enum GeometryError {
         count: usize,
     },
     /// An iteration did not end.
-    #[error("no solution after {iterations} iterations: residual {residual:.1e}")]
-    NotFound {
+    #[error("no convergence after {iterations} iterations: relative residual {residual:.1e}")]
+    NoConvergence {
         /// Iterations done.
         iterations: usize,
         /// Relative residual.

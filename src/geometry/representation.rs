@@ -3,6 +3,7 @@
 //! ```text
 //! closed   r(u) = Σ_{k<M} c[k] φ_per(M u − k),   φ_per(t) = Σ_n φ(t − nM)
 //! open     r(u) = Σ_{k=−K}^{M+K} c[k] φ(M u − k),   K = ⌈support/2⌉ − 1
+//! surface  σ(u, v) = Σ_{k,l} c[k, l] φ_u(M_u u − k) φ_v(M_v v − l)
 //! ```
 //!
 //! A shape is an `N × d` matrix of control points `c`. Its space brings one Gram operator `Φ`
@@ -16,6 +17,9 @@ use super::GeometryError;
 use super::generator::{Generator, GeneratorKind};
 use super::line::Line;
 use super::open::phantoms;
+use super::surface::basis::{Extent, SurfaceBasis, Tangents};
+use super::surface::seam::Seam;
+use super::surface::{Topology, sphere};
 use crate::numeric::dense::Matrix;
 use crate::numeric::operator::{ScaledIdentity, SymmetricOperator};
 
@@ -46,6 +50,22 @@ pub enum Representation {
         /// The generator of the curve.
         generator: GeneratorKind,
     },
+    /// A tensor-product surface in space. A shape is a grid of points on it, `[u][v][x, y, z]`: `M_u × M_v` on a torus,
+    /// `M_u × (M_v + 1)` on a cylinder, and on a sphere with its poles at both ends of every `v`, `(M_u + 1) × (M_v + 1)` on a
+    /// plane. Its control points are rows with `v` fastest, those beyond open edges included; on a sphere
+    /// `M_u × (M_v − 1)`, then the poles, and the handles of the north and of the south.
+    Surface {
+        /// How it closes.
+        topology: Topology,
+        /// How a torus is glued along `u`; `straight` unless given.
+        #[serde(default, skip_serializing_if = "Seam::is_straight")]
+        seam: Seam,
+        /// `M_u` and `M_v`: control points along closed directions, intervals between knots along open ones.
+        control_points: [usize; 2],
+        /// The generators along `u` and `v`; `trigonometric` along closed directions and from pole to pole, `keys` along open
+        /// ones unless given.
+        generators: [GeneratorKind; 2],
+    },
     /// Points without interpolation, in the discrete metric `Φ = I/N`.
     Landmarks {
         /// 2 or 3.
@@ -64,6 +84,7 @@ impl Representation {
             Self::ClosedCurve { dimension, .. }
             | Self::OpenCurve { dimension, .. }
             | Self::Landmarks { dimension, .. } => *dimension,
+            Self::Surface { .. } => 3,
         }
     }
 
@@ -73,6 +94,10 @@ impl Representation {
             Self::ClosedCurve { control_points, .. } => *control_points,
             Self::OpenCurve { intervals, generator, .. } => intervals + 1 + 2 * phantoms(generator.support()),
             Self::Landmarks { points, .. } => *points,
+            Self::Surface { topology, control_points, generators, .. } => {
+                let extent = Extent { topology: *topology, intervals: *control_points };
+                extent.size([0, 1].map(|i| generators[i].support()))
+            }
         }
     }
 
@@ -80,53 +105,88 @@ impl Representation {
     pub fn point_count(&self) -> usize {
         match self {
             Self::OpenCurve { intervals, .. } => intervals + 1,
+            Self::Surface { topology, control_points, .. } => {
+                let [u, v] = Extent { topology: *topology, intervals: *control_points }.grid();
+                u.saturating_mul(v)
+            }
             _ => self.size(),
         }
     }
 
-    /// The number that the client chose: control points, intervals or landmarks.
+    /// The numbers that the client chose, one a direction.
+    pub fn knots(&self) -> Vec<Knots<'_>> {
+        let closed = |field, count, generator: &'_ GeneratorKind| {
+            (field, count, generator.properties().fewest_control_points)
+        };
+        let open = |field, count, generator: &'_ GeneratorKind| {
+            (field, count, generator.properties().fewest_intervals)
+        };
+        let one = |(field, count, fewest), generator, generator_field, closed| Knots {
+            field,
+            count,
+            fewest,
+            generator,
+            generator_field,
+            closed,
+        };
+        match self {
+            Self::ClosedCurve { control_points, generator, .. } => vec![one(
+                closed("control_points", *control_points, generator),
+                Some(generator),
+                "generator",
+                true,
+            )],
+            Self::OpenCurve { intervals, generator, .. } => {
+                vec![one(open("intervals", *intervals, generator), Some(generator), "generator", false)]
+            }
+            Self::Landmarks { points, .. } => vec![one(("points", *points, 2), None, "", false)],
+            Self::Surface { topology, control_points, generators, .. } => [0, 1]
+                .map(|i| {
+                    let field = ["control_points/0", "control_points/1"][i];
+                    let (count, generator) = (control_points[i], &generators[i]);
+                    let found = match topology {
+                        // Half a great circle, with conditions of its own at its ends.
+                        Topology::Sphere if i == 1 => {
+                            let (field, count, around) = closed(field, count, generator);
+                            (field, count, around.div_ceil(2).max(sphere::FEWEST_ALONG_MERIDIAN))
+                        }
+                        _ if topology.closed()[i] => closed(field, count, generator),
+                        _ => open(field, count, generator),
+                    };
+                    let generator_field = ["generators/0", "generators/1"][i];
+                    one(found, Some(generator), generator_field, topology.closed()[i])
+                })
+                .into(),
+        }
+    }
+
+    /// The number of the first direction.
     pub fn count(&self) -> usize {
-        match self {
-            Self::OpenCurve { intervals, .. } => *intervals,
-            _ => self.size(),
-        }
+        self.knots()[0].count
     }
 
-    /// The smallest such number.
+    /// The fewest that the first direction takes.
     pub fn fewest(&self) -> usize {
-        match self {
-            Self::ClosedCurve { generator, .. } => generator.properties().fewest_control_points,
-            Self::OpenCurve { generator, .. } => generator.properties().fewest_intervals,
-            Self::Landmarks { .. } => 2,
-        }
+        self.knots()[0].fewest
     }
 
-    /// Its field, for messages.
-    pub fn count_field(&self) -> &'static str {
-        match self {
-            Self::ClosedCurve { .. } => "control_points",
-            Self::OpenCurve { .. } => "intervals",
-            Self::Landmarks { .. } => "points",
-        }
-    }
-
-    /// The same kind of curve with another number; landmarks stay as they are.
+    /// The same kind of curve with another number; landmarks and surfaces stay as they are.
     pub fn with_count(&self, count: usize) -> Self {
         let mut other = self.clone();
         match &mut other {
             Self::ClosedCurve { control_points, .. } => *control_points = count,
             Self::OpenCurve { intervals, .. } => *intervals = count,
-            Self::Landmarks { .. } => {}
+            Self::Landmarks { .. } | Self::Surface { .. } => {}
         }
         other
     }
 
-    /// The same kind of curve with another generator; landmarks stay as they are.
+    /// The same kind of curve with another generator; landmarks and surfaces stay as they are.
     pub fn with_generator(&self, kind: GeneratorKind) -> Self {
         let mut other = self.clone();
         match &mut other {
             Self::ClosedCurve { generator, .. } | Self::OpenCurve { generator, .. } => *generator = kind,
-            Self::Landmarks { .. } => {}
+            Self::Landmarks { .. } | Self::Surface { .. } => {}
         }
         other
     }
@@ -135,7 +195,17 @@ impl Representation {
     pub fn generator(&self) -> Option<&GeneratorKind> {
         match self {
             Self::ClosedCurve { generator, .. } | Self::OpenCurve { generator, .. } => Some(generator),
-            Self::Landmarks { .. } => None,
+            Self::Landmarks { .. } | Self::Surface { .. } => None,
+        }
+    }
+
+    /// The numbers of a surface.
+    pub fn extent(&self) -> Option<Extent> {
+        match self {
+            Self::Surface { topology, control_points, .. } => {
+                Some(Extent { topology: *topology, intervals: *control_points })
+            }
+            _ => None,
         }
     }
 
@@ -143,6 +213,23 @@ impl Representation {
     pub fn is_closed(&self) -> bool {
         matches!(self, Self::ClosedCurve { .. })
     }
+}
+
+/// A number that the client chose, and what depends on it.
+#[derive(Debug, Clone, Copy)]
+pub struct Knots<'a> {
+    /// Where it stands.
+    pub field: &'static str,
+    /// Control points, intervals or landmarks.
+    pub count: usize,
+    /// The smallest such number.
+    pub fewest: usize,
+    /// The generator of the direction; landmarks have none.
+    pub generator: Option<&'a GeneratorKind>,
+    /// Where it stands.
+    pub generator_field: &'static str,
+    /// Whether the end is the start.
+    pub closed: bool,
 }
 
 /// A representation made ready: its basis and the Gram operator.
@@ -160,23 +247,32 @@ enum Basis {
     Points,
     /// One direction.
     Curve(Line),
+    /// Two directions.
+    Surface(Arc<SurfaceBasis>),
 }
 
 impl ShapeSpace {
-    /// Prepares `representation`. Cost: that of its [`Line`].
+    /// Prepares `representation`. Cost: that of its [`Line`] or [`SurfaceBasis`].
     ///
     /// # Errors
     /// [`GeometryError::TooFewPoints`] below the fewest points of the kind; errors of the generator.
     pub fn new(representation: &Representation) -> Result<Self, GeometryError> {
-        let (found, needed) = (representation.count(), representation.fewest());
-        if found < needed {
-            return Err(GeometryError::TooFewPoints { found, needed });
+        for Knots { count: found, fewest: needed, .. } in representation.knots() {
+            if found < needed {
+                return Err(GeometryError::TooFewPoints { found, needed });
+            }
         }
         let (basis, gram): (_, Arc<dyn SymmetricOperator>) = match representation {
             Representation::ClosedCurve { generator, .. } | Representation::OpenCurve { generator, .. } => {
-                let line = Line::new(generator, found, representation.is_closed())?;
+                let line = Line::new(generator, representation.count(), representation.is_closed())?;
                 let gram = line.gram().clone();
                 (Basis::Curve(line), gram)
+            }
+            Representation::Surface { topology, seam, control_points, generators } => {
+                let extent = Extent { topology: *topology, intervals: *control_points };
+                let basis = SurfaceBasis::new(extent, *seam, generators)?;
+                let gram = basis.gram().clone();
+                (Basis::Surface(Arc::new(basis)), gram)
             }
             Representation::Landmarks { points, .. } => {
                 (Basis::Points, Arc::new(ScaledIdentity::new(*points, 1.0 / *points as f64)))
@@ -194,7 +290,15 @@ impl ShapeSpace {
     pub fn line(&self) -> Option<&Line> {
         match &self.basis {
             Basis::Curve(line) => Some(line),
-            Basis::Points => None,
+            _ => None,
+        }
+    }
+
+    /// The basis, when the shapes are surfaces.
+    pub fn surface(&self) -> Option<&SurfaceBasis> {
+        match &self.basis {
+            Basis::Surface(basis) => Some(basis),
+            _ => None,
         }
     }
 
@@ -208,6 +312,19 @@ impl ShapeSpace {
         match &self.basis {
             Basis::Points => true,
             Basis::Curve(line) => line.reproduces_constants(),
+            Basis::Surface(basis) => basis.reproduces_constants(),
+        }
+    }
+
+    /// Runs through `u` backwards: `r(u)` becomes `r(−u)`, along open directions `r(1 − u)`. Of one coordinate of control
+    /// points; landmarks stay as they are.
+    pub fn reverse(&self, column: &mut [f64]) {
+        match &self.basis {
+            Basis::Points => {}
+            // −n keeps row 0.
+            Basis::Curve(line) if line.is_closed() => column[1..].reverse(),
+            Basis::Curve(_) => column.reverse(),
+            Basis::Surface(basis) => basis.reverse(column),
         }
     }
 
@@ -216,11 +333,13 @@ impl ShapeSpace {
         &self.gram
     }
 
-    /// Control points of the shape that passes through `points` at the knots: see [`Line::interpolate`].
+    /// Control points of the shape that passes through `points` at the knots: see [`Line::interpolate`] and
+    /// [`SurfaceBasis::interpolate`].
     pub fn interpolate(&self, points: Matrix) -> Matrix {
         match &self.basis {
             Basis::Points => points,
             Basis::Curve(line) => line.interpolate(points),
+            Basis::Surface(basis) => basis.interpolate(&points, &Tangents::default()),
         }
     }
 }

@@ -17,7 +17,7 @@ use crate::analysis::dictionary::preparation::Prepared;
 use crate::analysis::dictionary::prior::{Energy, Prior};
 use crate::analysis::sparse::SparseCode;
 use crate::formats::shape::ShapeInput;
-use crate::geometry::curve::Curve;
+use crate::geometry::sampling::Places;
 use crate::numeric::dense::Matrix;
 
 /// Shapes that a dictionary is asked about.
@@ -254,19 +254,18 @@ fn transform(control_points: &mut [f64], matrix: &Matrix, offset: &[f64]) {
     }
 }
 
-/// `|r(u_i) − s(u_i)|` at `u_i = i/samples` of closed curves, `i/(samples − 1)` of open ones; of landmarks at every one.
+/// `|r(u_i) − s(u_i)|` at `u_i = i/samples` of closed curves, `i/(samples − 1)` of open ones; of landmarks and at the knots of
+/// surfaces at every one.
 fn distances(ready: &Ready, r: &[f64], s: &[f64], samples: usize) -> Vec<f64> {
     let (metric, difference) = (&ready.setup.metric, r.iter().zip(s).map(|(r, s)| r - s));
     let difference = Matrix::from_iterator(metric.size(), metric.dimension(), difference);
-    match Curve::of(&ready.setup.space, &difference) {
-        _ if samples == 0 => Vec::new(),
-        Some(curve) => curve
-            .sample(samples)
-            .iter()
-            .map(|point| point.iter().map(|value| value * value).sum::<f64>().sqrt())
-            .collect(),
-        None => difference.row_iter().map(|row| row.norm()).collect(),
+    if samples == 0 {
+        return Vec::new();
     }
+    let places = Places::along(&ready.setup.space, samples);
+    let points = places.points(&ready.setup.space, &difference);
+    let points = Matrix::from_vec(places.count(), metric.dimension(), points);
+    points.row_iter().map(|row| row.norm()).collect()
 }
 
 /// A code that a client posts.

@@ -4,90 +4,17 @@
 use rayon::prelude::*;
 
 use super::error::Fault;
-use super::input::{self, Reading};
+use super::input;
+use super::posted::Posted;
 use super::{App, Limits, ServiceError};
-use crate::analysis::correspondence::{Correspondence, Direction};
-use crate::analysis::metric::Metric;
 use crate::formats::InputError;
 use crate::formats::shape::ShapeInput;
-use crate::geometry::curve::{Curve, MAX_DERIVATIVE};
+use crate::geometry::curve::MAX_DERIVATIVE;
 use crate::geometry::distance::Distances;
 use crate::geometry::frame::Frame;
 use crate::geometry::intersection::self_intersects;
 use crate::geometry::measures::CurveMeasures;
-use crate::geometry::representation::{Representation, ShapeSpace};
 use crate::numeric::dense::Matrix;
-
-/// Curves of a request, prepared.
-#[derive(Debug)]
-pub struct Curves {
-    /// Their space.
-    pub space: ShapeSpace,
-    /// Its metric.
-    pub metric: Metric,
-    correspondence: Correspondence,
-}
-
-impl Curves {
-    /// Prepares a representation of curves.
-    ///
-    /// # Errors
-    /// Faults of the representation and the correspondence; landmarks.
-    pub fn new(
-        app: &App,
-        representation: &Representation,
-        correspondence: Correspondence,
-    ) -> Result<Self, ServiceError> {
-        let (space, metric) = app.space(representation, "/representation")?;
-        if space.generator().is_none() {
-            let detail = "landmarks are points without a curve: use closed_curve or open_curve";
-            return Err(ServiceError::invalid("/representation/kind", detail));
-        }
-        input::check_correspondence(representation, correspondence)?;
-        Ok(Self { space, metric, correspondence })
-    }
-
-    fn reading<'a>(&'a self, limits: &'a Limits) -> Reading<'a> {
-        let (space, correspondence) = (&self.space, self.correspondence);
-        Reading { space, correspondence, direction: Direction::Given, limits }
-    }
-
-    /// Control points of every shape, at least one.
-    ///
-    /// # Errors
-    /// The faults of all bad shapes, at `/shapes/{index}…`.
-    pub fn read(&self, app: &App, shapes: Vec<ShapeInput>) -> Result<Vec<Matrix>, ServiceError> {
-        let batch = input::read_batch(&self.reading(&app.limits), shapes)?;
-        if batch.weights.is_empty() {
-            return Err(ServiceError::TooFewShapes { found: 0, needed: 1 });
-        }
-        let shapes = batch.control_points.chunks_exact(self.metric.len());
-        Ok(shapes.map(|control_points| self.matrix(control_points)).collect())
-    }
-
-    /// Control points of one shape.
-    ///
-    /// # Errors
-    /// Its faults below `pointer`.
-    pub(super) fn read_one(
-        &self,
-        app: &App,
-        shape: ShapeInput,
-        pointer: &str,
-    ) -> Result<Matrix, ServiceError> {
-        input::read_shape(&self.reading(&app.limits), shape)
-            .map(|(control_points, _)| self.matrix(&control_points))
-            .map_err(|errors| ServiceError::below(errors, pointer))
-    }
-
-    pub(super) fn matrix(&self, control_points: &[f64]) -> Matrix {
-        Matrix::from_column_slice(self.metric.size(), self.metric.dimension(), control_points)
-    }
-
-    pub(super) fn curve(&self, control_points: &Matrix) -> Curve {
-        Curve::of(&self.space, control_points).expect("the space is one of curves")
-    }
-}
 
 /// Where curves are evaluated.
 #[derive(Debug, Clone)]
@@ -113,7 +40,7 @@ pub struct Evaluation {
 /// Too many samples, parameters out of range.
 pub fn evaluate(
     app: &App,
-    curves: &Curves,
+    curves: &Posted,
     shapes: &[Matrix],
     parameters: &Parameters,
     order: usize,
@@ -182,18 +109,11 @@ const MAX_PAIRS: usize = 10_000_000;
 /// Faults of the shapes, and of the reference at `/reference…`; too many distances.
 pub fn measure(
     app: &App,
-    curves: &Curves,
+    curves: &Posted,
     shapes: Vec<ShapeInput>,
     reference: Option<ShapeInput>,
 ) -> Result<Vec<Measured>, ServiceError> {
-    let reference = reference.map(|shape| curves.read_one(app, shape, "/reference")).transpose();
-    let (shapes, reference) = match (curves.read(app, shapes), reference) {
-        (Err(ServiceError::Invalid(mut faults)), Err(ServiceError::Invalid(more))) => {
-            faults.extend(more);
-            return Err(ServiceError::Invalid(faults));
-        }
-        (shapes, reference) => (shapes?, reference?),
-    };
+    let (shapes, reference) = curves.read_with_reference(app, shapes, reference)?;
     let reference = reference.map(|control_points| curves.curve(&control_points));
     let intervals = curves.space.representation().count();
     let pairs = shapes.len().saturating_mul(intervals * intervals);

@@ -2,9 +2,11 @@
 
 use rayon::prelude::*;
 
-use super::curves::{Curves, below_points, each_shape, raw_points};
+use super::curves::{below_points, each_shape, raw_points};
 use super::error::Fault;
 use super::input;
+use super::posted::Posted;
+use super::surfaces::{self, PlacedSurface};
 use super::{App, ServiceError};
 use crate::analysis::correspondence::Correspondence;
 use crate::formats::InputError;
@@ -38,7 +40,7 @@ pub fn fit(
     parameters: Option<&[Vec<f64>]>,
     shapes: Vec<ShapeInput>,
 ) -> Result<Vec<Fit>, ServiceError> {
-    let curves = Curves::new(app, representation, Correspondence::Landmarks)?;
+    let curves = Posted::of_curves(app, representation, Correspondence::Landmarks)?;
     if shapes.is_empty() {
         return Err(ServiceError::TooFewShapes { found: 0, needed: 1 });
     }
@@ -127,7 +129,7 @@ pub struct Refined {
 ///
 /// # Errors
 /// A factor that does not fit, too many control points.
-pub fn refine(app: &App, curves: &Curves, factor: usize, shapes: &[Matrix]) -> Result<Refined, ServiceError> {
+pub fn refine(app: &App, curves: &Posted, factor: usize, shapes: &[Matrix]) -> Result<Refined, ServiceError> {
     let representation = curves.space.representation();
     if !(2..=MAX_FACTOR).contains(&factor) {
         let detail = format!("is {factor}, must be between 2 and {MAX_FACTOR}");
@@ -143,7 +145,7 @@ pub fn refine(app: &App, curves: &Curves, factor: usize, shapes: &[Matrix]) -> R
     if count > app.limits.control_points {
         let detail = format!(
             "asks for {count} {}, at most {} are accepted",
-            representation.count_field(),
+            representation.knots()[0].field,
             app.limits.control_points
         );
         return Err(ServiceError::invalid("/factor", detail));
@@ -167,58 +169,76 @@ pub fn refine(app: &App, curves: &Curves, factor: usize, shapes: &[Matrix]) -> R
     Ok(Refined { refinement, shapes })
 }
 
+/// An idealised shape in its place.
+#[derive(Debug, Clone, Copy)]
+pub enum Placed {
+    /// A curve.
+    Curve(PlacedCurve),
+    /// A surface.
+    Surface(PlacedSurface),
+}
+
 /// An idealised curve in its place.
 #[derive(Debug, Clone, Copy)]
-pub struct Placed {
+pub struct PlacedCurve {
     /// The curve.
     pub curve: IdealCurve,
     /// Where it lies.
     pub position: Position,
 }
 
-/// Exact control points of idealised curves.
+/// Exact control points of idealised curves, or of surfaces.
 ///
 /// # Errors
-/// Curves that the generator does not reproduce, with the poles that are missing.
-pub fn idealise(app: &App, curves: &Curves, wanted: &[Placed]) -> Result<Vec<Matrix>, ServiceError> {
-    let representation = curves.space.representation();
-    let mut faults = Vec::new();
+/// Shapes that the generators do not reproduce, of curves with the poles that are missing.
+pub fn idealise(app: &App, posted: &Posted, wanted: &[Placed]) -> Result<Vec<Matrix>, ServiceError> {
+    let (list, name) = if posted.is_of_surfaces() { ("surfaces", "surface") } else { ("curves", "curve") };
+    let refused = |detail: String| Err(ServiceError::invalid(format!("/{list}"), detail));
     if wanted.is_empty() {
-        faults.push(Fault::new("/curves", "has no entries, at least 1 is needed"));
+        return refused("has no entries, at least 1 is needed".into());
     }
-    if wanted.len().saturating_mul(curves.metric.size()) > app.limits.samples {
-        let detail = format!("at most {} control points are answered over all curves", app.limits.samples);
-        faults.push(Fault::new("/curves", detail));
+    if wanted.len().saturating_mul(posted.metric.size()) > app.limits.samples {
+        return refused(format!(
+            "at most {} control points are answered over all of them",
+            app.limits.samples
+        ));
     }
-    for (index, Placed { curve, position }) in wanted.iter().enumerate() {
-        let mut fault = |detail: String| {
-            let fault = Fault::new(format!("/curves/{index}/curve"), detail);
-            faults.push(Fault { index: Some(index), ..fault });
+    let (mut shapes, mut faults) = (Vec::with_capacity(wanted.len()), Vec::new());
+    for (index, placed) in wanted.iter().enumerate() {
+        let made = match placed {
+            Placed::Curve(placed) => idealise_curve(posted, placed),
+            Placed::Surface(placed) => surfaces::idealise(posted, placed),
         };
-        if let Some(detail) = curve.fault() {
-            fault(detail.into());
-            continue;
-        }
-        if representation.is_closed() && !curve.is_closed() {
-            fault("does not close: use an open_curve".into());
-            continue;
-        }
-        let missing = curve.missing(position, &curves.space);
-        if !missing.is_empty() {
-            fault(format!("is not reproduced by the generator: {}", missing_poles(&missing)));
-        }
-    }
-    ServiceError::unless_empty(std::mem::take(&mut faults))?;
-    let made = |placed: &Placed| placed.curve.control_points(&placed.position, &curves.space);
-    let shapes: Vec<Matrix> = wanted.iter().map(made).collect();
-    for (index, shape) in shapes.iter().enumerate() {
-        if !shape.iter().all(|value| value.abs() <= MAX_COORDINATE) {
-            let fault = Fault::new(format!("/curves/{index}"), format!("leaves ±{MAX_COORDINATE:e}"));
-            faults.push(Fault { index: Some(index), ..fault });
+        let made =
+            made.map_err(|detail| (format!("/{list}/{index}/{name}"), detail)).and_then(|shape: Matrix| {
+                let inside = shape.iter().all(|value| value.abs() <= MAX_COORDINATE);
+                inside
+                    .then_some(shape)
+                    .ok_or_else(|| (format!("/{list}/{index}"), format!("leaves ±{MAX_COORDINATE:e}")))
+            });
+        match made {
+            Ok(shape) => shapes.push(shape),
+            Err((pointer, detail)) => {
+                faults.push(Fault { index: Some(index), ..Fault::new(pointer, detail) })
+            }
         }
     }
     ServiceError::unless_empty(faults)?;
     Ok(shapes)
+}
+
+fn idealise_curve(posted: &Posted, PlacedCurve { curve, position }: &PlacedCurve) -> Result<Matrix, String> {
+    if let Some(detail) = curve.fault() {
+        return Err(detail.into());
+    }
+    if posted.space.representation().is_closed() && !curve.is_closed() {
+        return Err("does not close: use an open_curve".into());
+    }
+    let missing = curve.missing(position, &posted.space);
+    if !missing.is_empty() {
+        return Err(format!("is not reproduced by the generator: {}", missing_poles(&missing)));
+    }
+    Ok(curve.control_points(position, &posted.space))
 }
 
 fn missing_poles(missing: &[([f64; 2], usize)]) -> String {

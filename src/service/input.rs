@@ -12,12 +12,14 @@ use super::error::{Fault, MAX_FAULTS, ServiceError};
 use crate::analysis::correspondence::{Correspondence, Direction};
 use crate::domain::shape::ShapeAttributes;
 use crate::formats::checked::{Checked, take_given};
-use crate::formats::shape::{PointList, ShapeInput};
+use crate::formats::shape::{MAX_COORDINATE, PointList, PoleInput, PolesInput, ShapeInput};
 use crate::formats::{InputError, json_pointer};
 use crate::geometry::GeometryError;
 use crate::geometry::generator::GeneratorKind;
-use crate::geometry::representation::{Representation, ShapeSpace};
+use crate::geometry::representation::{Knots, Representation, ShapeSpace};
 use crate::geometry::resample::{Contour, NO_EXTENT, canonical_shift, rotate_start};
+use crate::geometry::surface::Topology;
+use crate::geometry::surface::basis::{self, SurfaceBasis, Tangents};
 use crate::numeric::dense::Matrix;
 
 /// How posted points become control points.
@@ -50,36 +52,56 @@ pub fn check_representation(representation: &Representation, limits: &Limits) ->
             format!("is {}, must be 2 or 3", representation.dimension()),
         ));
     }
-    let generator_faults = representation.generator().map(GeneratorKind::faults).unwrap_or_default();
-    errors.extend(
-        generator_faults
-            .into_iter()
-            .map(|(field, detail)| InputError::new(format!("/generator/{field}"), detail)),
-    );
-    let (count, fewest, most) = (representation.count(), representation.fewest(), limits.control_points);
-    if fewest > most && errors.is_empty() {
-        let detail = "need a finer grid than any that is accepted: |Im| below π and |Re| up to 10 after division by \
-                      their number of control points or intervals";
-        errors.push(InputError::new("/generator/domain_poles", format!("{detail}, at most {most}")));
-    } else if !(fewest..=most).contains(&count) {
-        let pointer = format!("/{}", representation.count_field());
-        let reason = match representation {
-            _ if count >= fewest => "",
-            Representation::ClosedCurve { .. } if fewest > 3 => {
-                ": the domain poles divided by it must have |Im| < π and |Re| ≤ 10"
-            }
-            Representation::OpenCurve { .. } => {
-                ": to continue beyond its ends it needs one interval less than there are poles, and domain poles divided \
-                 by it must have |Im| < π and |Re| ≤ 10"
-            }
-            _ => "",
-        };
-        errors.push(InputError::new(
-            pointer,
-            format!("is {count}, must be between {fewest} and {most}{reason}"),
-        ));
+    let knots = representation.knots();
+    for Knots { generator, generator_field, .. } in &knots {
+        let faults = generator.map(GeneratorKind::faults).unwrap_or_default();
+        errors.extend(
+            faults
+                .into_iter()
+                .map(|(field, detail)| InputError::new(format!("/{generator_field}/{field}"), detail)),
+        );
+    }
+    let admissible = errors.is_empty();
+    errors.extend(knots.iter().filter_map(|knots| count_fault(knots, limits.control_points, admissible)));
+    if let Representation::Surface { seam, generators, .. } = representation
+        && let Some(extent) = representation.extent()
+        && errors.is_empty()
+    {
+        let faults = basis::faults(extent, *seam, generators);
+        errors.extend(faults.into_iter().map(|(field, detail)| InputError::new(format!("/{field}"), detail)));
+        let (size, most) = (representation.size(), limits.control_points);
+        if size > most {
+            let detail = format!("make {size} control points, at most {most} are accepted");
+            errors.push(InputError::new("/control_points", detail));
+        }
     }
     if errors.is_empty() { Ok(()) } else { Err(errors) }
+}
+
+/// What is wrong with a number of control points, when the generator is `admissible`.
+fn count_fault(knots: &Knots<'_>, most: usize, admissible: bool) -> Option<InputError> {
+    let Knots { field, count, fewest, generator, generator_field, closed } = *knots;
+    if fewest > most && admissible {
+        let detail = "need a finer grid than any that is accepted: |Im| below π and |Re| up to 10 after division by \
+                      their number of control points or intervals";
+        let pointer = format!("/{generator_field}/domain_poles");
+        return Some(InputError::new(pointer, format!("{detail}, at most {most}")));
+    }
+    if (fewest..=most).contains(&count) {
+        return None;
+    }
+    let reason = match generator {
+        Some(_) if count < fewest && closed && fewest > 3 => {
+            ": the domain poles divided by it must have |Im| < π and |Re| ≤ 10"
+        }
+        Some(_) if count < fewest && !closed => {
+            ": to continue beyond its ends it needs one interval less than there are poles, and domain poles divided \
+             by it must have |Im| < π and |Re| ≤ 10"
+        }
+        _ => "",
+    };
+    let detail = format!("is {count}, must be between {fewest} and {most}{reason}");
+    Some(InputError::new(format!("/{field}"), detail))
 }
 
 /// Checks that the correspondence makes sense for the representation.
@@ -92,6 +114,9 @@ pub fn check_correspondence(
 ) -> Result<(), ServiceError> {
     let detail = match correspondence {
         Correspondence::Landmarks => return Ok(()),
+        _ if representation.extent().is_some() => {
+            "points of a surface correspond by their place in the grid: only \"landmarks\" applies"
+        }
         _ if representation.generator().is_none() => {
             "landmarks are not a contour: only \"landmarks\" applies; use a closed_curve or open_curve to resample"
         }
@@ -120,8 +145,16 @@ impl Reading<'_> {
                 format!("is {closed}, but the representation is a curve that is {kind}"),
             )]);
         }
+        let poles = shape.poles.as_ref().and_then(Checked::get).copied();
+        if poles.is_some() && (given(&shape.points).is_none() || !self.takes_poles()) {
+            let detail = "belong to the points of a sphere: leave them out";
+            return Err(vec![InputError::new("/poles", detail)]);
+        }
         let matrix = match (given(&shape.points), given(&shape.control_points)) {
-            (Some(points), None) => self.interpolate(points).map_err(|errors| below(errors, "/points"))?,
+            (Some(points), None) => match self.space.surface() {
+                Some(surface) => self.interpolate_surface(surface, points, poles)?,
+                None => self.interpolate(points).map_err(|errors| below(errors, "/points"))?,
+            },
             (None, Some(coefficients)) => {
                 self.take_coefficients(coefficients).map_err(|errors| below(errors, "/control_points"))?
             }
@@ -137,6 +170,47 @@ impl Reading<'_> {
             return Err(vec![InputError::new("", "leaves the range of numbers")]);
         }
         Ok(matrix.as_slice().to_vec())
+    }
+
+    fn takes_poles(&self) -> bool {
+        self.space.surface().is_some_and(|surface| surface.extent().topology == Topology::Sphere)
+    }
+
+    fn interpolate_surface(
+        &self,
+        surface: &SurfaceBasis,
+        list: &PointList,
+        poles: Option<PolesInput>,
+    ) -> Result<Matrix, Vec<InputError>> {
+        let points = self.matrix(list).map_err(|errors| below(errors, "/points"))?;
+        let extent = surface.extent();
+        let wanted = extent.grid();
+        if list.grid() != Some(wanted) {
+            let found = match list.grid() {
+                Some([u, v]) => format!("is a grid of {u} × {v} points"),
+                None => format!("is a list of {} points, not a grid [u][v]", list.len()),
+            };
+            let (name, [u, v]) = (extent.topology.name(), wanted);
+            let detail = format!("{found}: a {name} of this size has {u} × {v}");
+            return Err(vec![InputError::new("/points", detail)]);
+        }
+        let poles = poles.unwrap_or_default();
+        let mut errors = Vec::new();
+        if self.takes_poles() {
+            errors = open_poles(&points, wanted[1]);
+        }
+        for (pole, pointer) in [(poles.north, "/poles/north"), (poles.south, "/poles/south")] {
+            let wild = |value: &f64| !(value.abs() <= MAX_COORDINATE);
+            if pole.is_some_and(|pole| pole.tangents.iter().flatten().any(wild)) {
+                let detail = format!("has numbers beyond ±{MAX_COORDINATE:e}");
+                errors.push(InputError::new(format!("{pointer}/tangents"), detail));
+            }
+        }
+        if !errors.is_empty() {
+            return Err(errors);
+        }
+        let of = |pole: Option<PoleInput>| pole.map(|pole| pole.tangents);
+        Ok(surface.interpolate(&points, &Tangents { north: of(poles.north), south: of(poles.south) }))
     }
 
     fn interpolate(&self, list: &PointList) -> Result<Matrix, Vec<InputError>> {
@@ -164,6 +238,10 @@ impl Reading<'_> {
     }
 
     fn matrix(&self, list: &PointList) -> Result<Matrix, Vec<InputError>> {
+        if let (Some([u, v]), None) = (list.grid(), self.space.surface()) {
+            let detail = format!("is a grid of {u} × {v} points: only surfaces have grids");
+            return Err(vec![InputError::new("", detail)]);
+        }
         let dimension = self.space.representation().dimension();
         let coordinates = list.checked(dimension)?;
         if list.len() > self.limits.points {
@@ -202,6 +280,28 @@ impl Reading<'_> {
         }
         Matrix::from_fn(n, d, |k, c| points[((n - k) % n, c)])
     }
+}
+
+/// Points of a pole may differ by this part of the extent: they were written with some digits.
+const SAME_POLE: f64 = 1e-9;
+
+/// Poles of a grid with `columns` points from pole to pole that are not one point.
+fn open_poles(points: &Matrix, columns: usize) -> Vec<InputError> {
+    let extent = points.column_iter().map(|column| column.max() - column.min()).fold(0.0, f64::max);
+    let mut errors = Vec::new();
+    for (column, name) in [(0, "north"), (columns - 1, "south")] {
+        let apart = |k: usize| (points.row(k * columns + column) - points.row(column)).norm();
+        let wrong = (0..points.nrows() / columns).find(|&k| apart(k) > SAME_POLE * extent);
+        errors.extend(wrong.map(|k| {
+            let detail = format!(
+                "is {:.1e} away from /points/0/{column}: all meridians of a sphere start and end in the same points, this is \
+                 the {name} pole",
+                apart(k)
+            );
+            InputError::new(format!("/points/{k}/{column}"), detail)
+        }));
+    }
+    errors
 }
 
 /// Refuses a shape whose `size` points coincide (coordinate-major control points).
@@ -310,6 +410,7 @@ pub fn attributes(shape: ShapeInput) -> Result<ShapeAttributes, Vec<InputError>>
         errors.push(InputError::new("/weight", format!("is {weight}, must be between 1e-100 and 1e100")));
     }
     take_given(shape.closed, "/closed", &mut errors);
+    take_given(shape.poles, "/poles", &mut errors);
     if !errors.is_empty() {
         return Err(errors);
     }

@@ -21,6 +21,9 @@ use crate::domain::dictionary::{MeanRecord, rows_of};
 use crate::domain::shape::{ShapeDescription, ShapeFilter};
 use crate::geometry::curve::Curve;
 use crate::geometry::measures;
+use crate::geometry::sampling::Places;
+use crate::geometry::surface::Surface;
+use crate::geometry::surface::measures::SurfaceMeasures;
 use crate::numeric::dense::Matrix;
 use crate::numeric::quadrature::GaussLegendre;
 use crate::store::{Ids, Revisions};
@@ -355,18 +358,30 @@ fn sizes_of(setup: &Setup, control_points: &[f64]) -> (Vec<SizeMeasure>, Matrix,
     let representation = setup.space.representation();
     let curves = setup.space.generator().is_some();
     let encloses = curves && representation.is_closed() && representation.dimension() == 2;
-    let mut measures: Vec<SizeMeasure> =
-        [(SizeMeasure::Area, encloses), (SizeMeasure::Length, curves), (SizeMeasure::CentroidSize, true)]
-            .into_iter()
-            .filter_map(|(measure, exists)| exists.then_some(measure))
-            .collect();
+    let zero = Matrix::zeros(setup.metric.size(), setup.metric.dimension());
+    let sheet = setup.space.surface().map(|basis| basis.surface(&zero));
+    let encloses_volume = sheet.as_ref().is_some_and(Surface::encloses);
+    let mut measures: Vec<SizeMeasure> = [
+        (SizeMeasure::Volume, encloses_volume),
+        (SizeMeasure::Area, encloses || sheet.is_some()),
+        (SizeMeasure::Length, curves),
+        (SizeMeasure::CentroidSize, true),
+    ]
+    .into_iter()
+    .filter_map(|(measure, exists)| exists.then_some(measure))
+    .collect();
     let rule = GaussLegendre::new(NODES);
     let of_shape = |shape: &[f64]| -> Vec<f64> {
         let matrix = Matrix::from_column_slice(setup.metric.size(), setup.metric.dimension(), shape);
         let curve = Curve::of(&setup.space, &matrix);
-        let size = |measure: &SizeMeasure| match (measure, &curve) {
-            (SizeMeasure::Area, Some(curve)) => measures::signed_area(curve, &rule).abs(),
-            (SizeMeasure::Length, Some(curve)) => measures::length(curve, &rule),
+        let surface = setup.space.surface().map(|basis| SurfaceMeasures::of(&basis.surface(&matrix)));
+        let size = |measure: &SizeMeasure| match (measure, &curve, &surface) {
+            (SizeMeasure::Area, Some(curve), _) => measures::signed_area(curve, &rule).abs(),
+            (SizeMeasure::Length, Some(curve), _) => measures::length(curve, &rule),
+            (SizeMeasure::Area, _, Some(surface)) => surface.area,
+            (SizeMeasure::Volume, _, Some(SurfaceMeasures { enclosed: Some(enclosed), .. })) => {
+                enclosed.signed_volume.abs()
+            }
             _ => centroid_size(setup, shape),
         };
         measures.iter().map(size).collect()
@@ -391,17 +406,8 @@ fn centroid_size(setup: &Setup, shape: &[f64]) -> f64 {
     norm(&shape)
 }
 
-/// Parameters of `samples` points along the shapes of a space: all landmarks where there is no curve.
-pub(super) fn parameters(setup: &Setup, samples: usize) -> Vec<f64> {
-    let zero = Matrix::zeros(setup.metric.size(), setup.metric.dimension());
-    match Curve::of(&setup.space, &zero) {
-        Some(curve) => curve.parameters(samples),
-        None => (0..setup.metric.size()).map(|k| k as f64).collect(),
-    }
-}
-
-/// Whitened shapes at points along them, coordinate-major, one a column.
-pub(super) fn points_of(setup: &Setup, whitened: &Matrix, parameters: &[f64]) -> Matrix {
+/// Whitened shapes at places along them, coordinate-major, one a column.
+pub(super) fn points_of(setup: &Setup, whitened: &Matrix, places: &Places) -> Matrix {
     let (size, dimension) = (setup.metric.size(), setup.metric.dimension());
     let columns: Vec<&[f64]> = whitened.as_slice().chunks_exact(setup.metric.len()).collect();
     let points: Vec<Vec<f64>> = columns
@@ -409,13 +415,10 @@ pub(super) fn points_of(setup: &Setup, whitened: &Matrix, parameters: &[f64]) ->
         .map(|shape| {
             let control_points = unwhitened(&setup.metric, shape);
             let matrix = Matrix::from_column_slice(size, dimension, &control_points);
-            match Curve::of(&setup.space, &matrix) {
-                Some(curve) => curve.evaluate_all(parameters, 0),
-                None => control_points,
-            }
+            places.points(&setup.space, &matrix)
         })
         .collect();
-    let rows = parameters.len() * dimension;
+    let rows = places.count() * dimension;
     Matrix::from_iterator(rows, points.len(), points.into_iter().flatten())
 }
 

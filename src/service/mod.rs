@@ -4,8 +4,10 @@
 //! * [`access`] — who asks: keys, tokens of an identity provider;
 //! * [`input`] — posted shapes to control points of a representation;
 //! * [`compute`] — the stateless statistics: project, mean, align, PCA;
-//! * [`curves`], [`fitting`], [`morph`] — the stateless use cases of single curves: evaluate, measure, resample; fit,
-//!   refine, idealise; paths between two;
+//! * [`posted`] — the curves and surfaces of a request;
+//! * [`curves`], [`fitting`] — the stateless use cases of single curves: evaluate, measure, resample; fit, refine, idealise;
+//! * [`surfaces`], [`surface_fitting`] — those of surfaces, and their meshes;
+//! * [`morph`], [`deform`] — paths between two shapes; handles that pull at one;
 //! * [`audit`] — the trail of all requests; [`metrics`] — what is counted; [`build`] — what the program was made from;
 //! * [`cohorts`], [`ingest`] — cohorts and their shapes;
 //! * [`live_mean`] — the mean of a stored cohort, streamed;
@@ -30,6 +32,7 @@ pub mod cohorts;
 pub mod comparisons;
 pub mod compute;
 pub mod curves;
+pub mod deform;
 pub mod dictionaries;
 pub mod dictionary_file;
 pub mod distances;
@@ -53,12 +56,15 @@ pub mod morph;
 pub mod neighbours;
 pub mod planned;
 pub mod pool;
+pub mod posted;
 pub mod prepared;
 pub mod problem;
 pub mod regressions;
 pub mod retries;
 pub mod spreading;
 mod stored;
+pub mod surface_fitting;
+pub mod surfaces;
 pub mod trash;
 mod validation;
 
@@ -248,8 +254,9 @@ impl App {
     ) -> Result<(ShapeSpace, Metric), ServiceError> {
         input::check_representation(representation, &self.limits)
             .map_err(|errors| ServiceError::below(errors, pointer))?;
+        let generator = if representation.extent().is_some() { "generators" } else { "generator" };
         let space = ShapeSpace::new(representation)
-            .map_err(|error| ServiceError::invalid(format!("{pointer}/generator"), error.to_string()))?;
+            .map_err(|error| ServiceError::invalid(format!("{pointer}/{generator}"), error.to_string()))?;
         let metric = Metric::of(&space);
         Ok((space, metric))
     }

@@ -1,7 +1,7 @@
-//! Paths between two curves. Plain functions, to be run on the pool.
+//! Paths between two posted. Plain functions, to be run on the pool.
 
-use super::curves::Curves;
 use super::error::Fault;
+use super::posted::Posted;
 use super::{App, ServiceError};
 use crate::analysis::path::Path;
 use crate::formats::shape::ShapeInput;
@@ -49,7 +49,7 @@ const MAX_POSITION: f64 = 1000.0;
 /// Faults of the shapes at `/from…` and `/to…`, of the positions; opposite shapes.
 pub fn morph(
     app: &App,
-    curves: &Curves,
+    posted: &Posted,
     kind: PathKind,
     positions: &Positions,
     from: ShapeInput,
@@ -62,7 +62,7 @@ pub fn morph(
             ((0..*count).map(|i| i as f64 / (count - 1) as f64).collect::<Vec<f64>>(), "/steps")
         }
     };
-    let total = positions.len().saturating_mul(curves.metric.size());
+    let total = positions.len().saturating_mul(posted.metric.size());
     if positions.is_empty() || total > app.limits.samples {
         let detail = format!(
             "asks for {total} control points, between 1 and {} are answered over all positions",
@@ -74,7 +74,7 @@ pub fn morph(
     faults.extend(wild.map(|(i, tau)| {
         Fault::new(format!("/positions/{i}"), format!("is {tau}, must be within ±{MAX_POSITION}"))
     }));
-    let mut read = |shape, pointer: &str| match curves.read_one(app, shape, pointer) {
+    let mut read = |shape, pointer: &str| match posted.read_one(app, shape, pointer) {
         Ok(matrix) => Some(matrix.as_slice().to_vec()),
         Err(ServiceError::Invalid(found)) => {
             faults.extend(found);
@@ -89,12 +89,12 @@ pub fn morph(
     };
     let path = match kind {
         PathKind::Plane => Path::plane(first, second),
-        PathKind::Sphere => Path::sphere(&curves.metric, first, second).map_err(|error| {
+        PathKind::Sphere => Path::sphere(&posted.metric, first, second).map_err(|error| {
             let pointer = |index: usize| if index == 0 { "/from".to_owned() } else { "/to".to_owned() };
             ServiceError::of_analysis(error, pointer).without_index()
         })?,
     };
-    let frames = positions.iter().map(|&tau| (tau, curves.matrix(&path.at(tau)))).collect();
+    let frames = positions.iter().map(|&tau| (tau, posted.matrix(&path.at(tau)))).collect();
     Ok(Morph { frames, angle: path.angle() })
 }
 
@@ -102,11 +102,11 @@ pub fn morph(
 ///
 /// # Errors
 /// Too many frames.
-pub fn draw_morph(curves: &Curves, title: &str, morph: &Morph) -> Result<String, ServiceError> {
+pub fn draw_morph(posted: &Posted, title: &str, morph: &Morph) -> Result<String, ServiceError> {
     if morph.frames.len() > MAX_FRAMES {
         let detail = format!("has {} entries, at most {MAX_FRAMES} are drawn", morph.frames.len());
         return Err(ServiceError::invalid("/positions", detail));
     }
     let shapes = morph.frames.iter().map(|(_, shape)| shape.as_slice());
-    Ok(svg::animate(title, &Layer::of(&curves.space, shapes, colour::MAIN, 2.5, 1.0)))
+    Ok(svg::animate(title, &Layer::of(&posted.space, shapes, colour::MAIN, 2.5, 1.0)))
 }

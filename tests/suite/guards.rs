@@ -206,6 +206,7 @@ const OPERATIONS: &[&str] = &[
     "POST /v1/cohorts/{cohort}/search",
     "POST /v1/cohorts/{cohort}/shapes",
     "POST /v1/comparisons",
+    "POST /v1/deform",
     "POST /v1/dictionaries",
     "POST /v1/dictionaries/import",
     "POST /v1/dictionaries/{dictionary}/assess",

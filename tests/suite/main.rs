@@ -23,6 +23,7 @@ mod http_operations;
 mod http_retries;
 mod http_retrieval;
 mod http_spreading;
+mod http_surfaces;
 mod http_tokens;
 mod interpolators;
 mod kill;

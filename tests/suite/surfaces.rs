@@ -8,12 +8,13 @@ use shapelex::geometry::GeometryError;
 use shapelex::geometry::generator::{Family, GeneratorKind, PoleList};
 use shapelex::geometry::mesh::TriangleMesh;
 use shapelex::geometry::surface::basis::{Extent, SurfaceBasis, Tangents};
-use shapelex::geometry::surface::fit::{SurfaceSample, fit, spherical_parameters};
+use shapelex::geometry::surface::fit::{SurfaceSample, fit, mesh_samples, spherical_parameters};
 use shapelex::geometry::surface::ideal::IdealSurface;
 use shapelex::geometry::surface::measures::{AffineField, SurfaceMeasures, flux};
 use shapelex::geometry::surface::parameterisation::spherical;
 use shapelex::geometry::surface::seam::Seam;
 use shapelex::geometry::surface::{Surface, Topology};
+use shapelex::geometry::vector::{minus, norm};
 use shapelex::numeric::dense::Matrix;
 use shapelex::numeric::quadrature::GaussLegendre;
 
@@ -276,6 +277,27 @@ fn the_gram_operator_is_the_integral_of_products() {
     }
 }
 
+/// Backwards along `u`, everywhere: for mirror images.
+#[test]
+fn surfaces_run_backwards() {
+    for basis in spaces() {
+        let (forwards, closed) = (noise(&basis, 7), basis.extent().topology.closed()[0]);
+        let mut backwards = forwards.clone();
+        backwards.column_iter_mut().for_each(|mut column| basis.reverse(column.as_mut_slice()));
+        let (a, b) = (basis.surface(&forwards), basis.surface(&backwards));
+        for (u, v) in [(0.0, 0.3), (0.13, 0.0), (0.4, 0.71), (0.83, 0.95), (0.97, 1.0)] {
+            // Twisted, −u is before the seam: u and v there are those of 1 − u, turned.
+            let there = match (closed, u > 0.0) {
+                (false, _) => [1.0 - u, v],
+                (true, false) => [0.0, v],
+                (true, true) => [1.0 - u, basis.seam().beyond(v)],
+            };
+            let apart = norm(minus(b.jet(u, v)[0], a.jet(there[0], there[1])[0]));
+            assert!(apart < 1e-12, "{:?} {:?} at {u}, {v}: {apart}", basis.extent(), basis.seam());
+        }
+    }
+}
+
 #[test]
 fn shapes_pass_through_their_points() {
     for basis in spaces() {
@@ -499,20 +521,12 @@ fn a_cortex_is_fitted_and_measured() {
         eprintln!("SKIPPED: the surfaces of fsaverage5 are not here");
         return;
     };
-    let samples: Vec<SurfaceSample> = sphere
-        .vertices
-        .iter()
-        .zip(&mesh.vertices)
-        .map(|(direction, point)| SurfaceSample {
-            parameters: spherical_parameters(*direction),
-            point: *point,
-            weight: 1.0,
-        })
-        .collect();
+    let parameters: Vec<[f64; 2]> =
+        sphere.vertices.iter().map(|point| spherical_parameters(*point)).collect();
     let mut before = f64::INFINITY;
     for intervals in [[8, 6], [16, 14], [24, 24]] {
         let basis = basis(Topology::Sphere, Seam::Straight, intervals, [TRIGONOMETRIC; 2]);
-        let fitted = fit(&basis, &samples).unwrap();
+        let fitted = fit(&basis, &on_faces(&basis, &mesh, &parameters)).unwrap();
         assert!(fitted.residual < before, "{intervals:?}: {}", fitted.residual);
         before = fitted.residual;
         if intervals == [24, 24] {
@@ -522,10 +536,15 @@ fn a_cortex_is_fitted_and_measured() {
                 "residual {:.3} mm, largest {:.3} mm, volume {volume:.4}",
                 fitted.residual, fitted.largest
             );
-            assert!((volume.abs() - 1.0).abs() < 0.01, "{volume}");
+            assert!((volume.abs() - 1.0).abs() < 0.002, "{volume}");
             assert!(fitted.residual < 1.0, "{}", fitted.residual);
         }
     }
+}
+
+/// Samples on the faces of a mesh.
+fn on_faces(basis: &SurfaceBasis, mesh: &TriangleMesh, parameters: &[[f64; 2]]) -> Vec<SurfaceSample> {
+    mesh_samples(basis, mesh, parameters).into_iter().map(|(_, sample)| sample).collect()
 }
 
 /// A mesh of the surface, turned and stretched by `map`.
@@ -609,26 +628,33 @@ fn long_shapes_and_hippocampi_are_parameterised_and_fitted() {
     for path in names.iter().step_by(6) {
         meshes.push((path.file_stem().unwrap().to_string_lossy().into_owned(), ply(path).unwrap()));
     }
-    let basis = basis(Topology::Sphere, Seam::Straight, [14, 14], [TRIGONOMETRIC; 2]);
-    for (name, mesh) in meshes {
-        let parameters = spherical(&mesh, None).unwrap();
+    // Knots that stand closer than the vertices: what lies between those must not run away.
+    for (intervals, (name, mesh)) in
+        [[14, 14], [20, 20]].into_iter().flat_map(|i| meshes.iter().map(move |m| (i, m)))
+    {
+        let basis = basis(Topology::Sphere, Seam::Straight, intervals, [TRIGONOMETRIC; 2]);
+        let parameters = spherical(mesh, None).unwrap();
         assert!(parameters.iter().flatten().all(|value| (0.0..=1.0).contains(value)), "{name}");
-        let sample = |(point, parameters): (&[f64; 3], [f64; 2])| SurfaceSample {
-            parameters,
-            point: *point,
-            weight: 1.0,
-        };
-        let samples: Vec<_> = mesh.vertices.iter().zip(parameters).map(sample).collect();
-        let fitted = fit(&basis, &samples).unwrap();
+        let fitted = fit(&basis, &on_faces(&basis, mesh, &parameters)).unwrap();
         let measures = SurfaceMeasures::of(&basis.surface(&fitted.rows));
         let size = mesh.signed_volume().cbrt();
         let ratio = measures.enclosed.unwrap().signed_volume / mesh.signed_volume();
+        let beyond = (0..3)
+            .map(|c| {
+                let (low, high) =
+                    mesh.vertices.iter().fold((f64::MAX, f64::MIN), |(a, b), v| (a.min(v[c]), b.max(v[c])));
+                (low - measures.bounding_box[0][c]).max(measures.bounding_box[1][c] - high)
+            })
+            .fold(0.0, f64::max);
         println!(
-            "{name}: residual {:.4}, largest {:.4} of the size, volume {ratio:.4}",
+            "{name} {intervals:?}: residual {:.4}, largest {:.4}, beyond the box {:.4} of the size, volume {ratio:.4}",
             fitted.residual / size,
-            fitted.largest / size
+            fitted.largest / size,
+            beyond / size
         );
-        assert!(ratio > 0.97 && ratio < 1.03, "{name}: {ratio}");
-        assert!(fitted.residual < 0.05 * size, "{name}: {}", fitted.residual / size);
+        // Smoothing what is curved takes some of the volume.
+        assert!((ratio - 1.0).abs() < 0.01, "{name}: {ratio}");
+        assert!(fitted.residual < 0.03 * size, "{name}: {}", fitted.residual / size);
+        assert!(beyond < 0.05 * size, "{name}: {}", beyond / size);
     }
 }

@@ -11,9 +11,12 @@ use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
 use crate::analysis::frame::Frame;
 use crate::analysis::transformation::ClassName;
-use crate::api::extract::{Caller, Format, IfMatch, JsonBody, NoQuery, Path, Query, parse, parse_whole};
+use crate::api::extract::{
+    Caller, Format, IfMatch, JsonBody, NoQuery, Path, Query, ShapeFormat, ShapeFormatQuery, parse,
+    parse_whole,
+};
 use crate::api::problem::{Problem, ProblemDocument, ProblemKind};
-use crate::api::respond::{compute, json, svg};
+use crate::api::respond::{compute, json, mesh, svg};
 use crate::domain::cohort::Cohort;
 use crate::domain::shape::ShapeFilter;
 use crate::formats::checked::{Checked, document, take_given, take_or_default};
@@ -325,7 +328,7 @@ pub(super) struct CohortMeanOutput {
 /// The mean of a cohort's shapes at its present revision.
 ///
 /// The ETag changes with the revision and the query: `If-None-Match` saves the work. As SVG: the mean with some of the
-/// aligned shapes behind it.
+/// aligned shapes behind it. As OBJ, PLY, STL or glTF: the mesh of a mean surface.
 #[utoipa::path(get, path = "/cohorts/{cohort}/mean", tag = "cohorts",
     params(
         ("cohort" = String, Path, description = "Id or name"),
@@ -335,10 +338,10 @@ pub(super) struct CohortMeanOutput {
         ("label" = Option<String>, Query, description = "Only shapes with this label"),
         ("subject" = Option<String>, Query, description = "Only shapes of this subject"),
         ("labels.{attribute}" = Option<String>, Query, description = "Only shapes whose attribute has this value"),
-        ("format" = Option<String>, Query, description = "`json` or `svg`")
+        ShapeFormatQuery
     ),
     responses(
-        (status = 200, description = "The mean", content((CohortMeanOutput = "application/json"), (String = "image/svg+xml"))),
+        (status = 200, description = "The mean", content((CohortMeanOutput = "application/json"), (String = "image/svg+xml"), (Vec<u8> = "model/obj"), (Vec<u8> = "application/ply"), (Vec<u8> = "model/stl"), (Vec<u8> = "model/gltf-binary"))),
         (status = 304, description = "Unchanged since the version in If-None-Match"),
         (status = 404, description = "No such cohort", body = ProblemDocument, content_type = "application/problem+json"),
         (status = "4XX", description = "The query was refused, or the shapes have no mean", body = ProblemDocument, content_type = "application/problem+json")
@@ -346,12 +349,13 @@ pub(super) struct CohortMeanOutput {
 pub(super) async fn cohort_mean(
     Caller(app): Caller,
     Path(key): Path<String>,
-    format: Format,
+    format: ShapeFormat,
     Query(pairs): Query<Vec<(String, String)>>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     let mut parameters = once_each(pairs)?;
     parameters.remove("format");
+    parameters.remove("grid");
     let transformation = take_word::<ClassName>(&mut parameters, "transformation")?.ok_or_else(|| {
         Problem::new(ProblemKind::InvalidQuery, "transformation is missing, such as similarity or affine")
     })?;
@@ -370,11 +374,12 @@ pub(super) async fn cohort_mean(
     }
     let live = live_mean::mean(&app, cohort, query).await?;
     let response = compute(app.weighing(Weight::Light), move |_| match format {
-        Format::Svg => {
+        ShapeFormat::Mesh(format, grid) => mesh(&live.setup.space, &live.mean.control_points, format, grid),
+        ShapeFormat::Plain(Format::Svg) => {
             let title = format!("mean of {} shapes of {}", live.mean.shapes, live.cohort.name);
             Ok(svg(draw_mean(&live.setup, &title, &live.mean, &live.drawn)))
         }
-        Format::Json => {
+        ShapeFormat::Plain(Format::Json) => {
             let mean = MeanOutput::new(&live.mean, live.setup.metric.dimension());
             json(StatusCode::OK, &CohortMeanOutput { mean, revision: live.cohort.revision })
         }

@@ -5,35 +5,47 @@ use axum::response::Response;
 use serde::Serialize;
 
 use super::settings::{checked, shapes_request};
-use crate::api::extract::{Caller, Format, JsonBody, NoQuery, OnlyFormat, parse};
+use crate::api::extract::{
+    Caller, Format, JsonBody, NoQuery, OnlyShapeFormat, ShapeFormat, ShapeFormatQuery, parse,
+};
 use crate::api::problem::{Problem, ProblemDocument};
-use crate::api::respond::{compute, json, svg};
+use crate::api::respond::{compute, json, mesh, svg};
 use crate::formats::InputError;
-use crate::formats::checked::{Checked, List, document, take_given, take_or_default};
+use crate::formats::checked::{Checked, List, document, take_given, take_or_default, take_value};
 use crate::formats::shape::{Points, ShapeInput};
 use crate::geometry::distance::Distances;
 use crate::geometry::frame::Frame;
 use crate::geometry::measures::Orientation;
+use crate::geometry::surface::basis::Extent;
+use crate::geometry::surface::measures::AffineField;
 use crate::service::cohorts::text_faults;
 use crate::service::compute::draw_shapes;
-use crate::service::curves::{self, Curves, Evaluation, Measured, Parameters, Start};
+use crate::service::curves::{self, Evaluation, Measured, Parameters, Start};
 use crate::service::pool::Weight;
+use crate::service::posted::Posted;
+use crate::service::surfaces::{MeasuredSurface, SurfaceEvaluation, SurfaceParameters};
+use crate::service::{ServiceError, surfaces};
 
 shapes_request! {
-    /// Curves to be evaluated.
+    /// Curves or surfaces to be evaluated.
     #[schema(example = json!({
         "representation": {"kind": "closed_curve", "dimension": 2, "control_points": 4, "generator": {"name": "trigonometric"}},
         "shapes": [{"points": [[2, 0], [0, 1], [-2, 0], [0, -1]]}], "samples": 8, "derivatives": 1
     }))]
     EvaluateRequest {
-        /// Number of equally spaced parameters from `u = 0`, to `u = 1` on open curves; 100 unless `parameters` is
+        /// Number of equally spaced parameters of curves from `u = 0`, to `u = 1` on open ones; 100 unless `parameters` is
         /// given.
         #[schema(value_type = Option<usize>, minimum = 1)]
         samples: Checked<usize>;
-        /// Parameters `u` instead of `samples`: modulo 1 on closed curves, from 0 to 1 on open ones.
-        #[schema(value_type = Option<Vec<f64>>)]
-        parameters: Checked<Vec<f64>>;
-        /// Highest derivative with respect to `u`, 0 to 2; 0 unless given.
+        /// Numbers of equally spaced parameters of surfaces along `u` and `v`: from 0, to 1 along open directions; two for
+        /// every interval between knots unless given.
+        #[schema(value_type = Option<[usize; 2]>)]
+        grid: Checked<[usize; 2]>;
+        /// Parameters `u` instead, of surfaces pairs of `u` and `v`: modulo 1 along closed directions, from 0 to 1 along open
+        /// ones.
+        #[schema(value_type = Option<ParameterList>)]
+        parameters: Checked<serde_json::Value>;
+        /// Highest derivative, 0 to 2; 0 unless given.
         #[schema(value_type = Option<usize>, maximum = 2)]
         derivatives: Checked<usize>;
         /// Whether tangents, normals and curvatures are answered; not unless given.
@@ -42,27 +54,63 @@ shapes_request! {
     }
 }
 
-/// Values of one curve.
-#[derive(Debug, Serialize, utoipa::ToSchema)]
+/// Parameters of curves, or of surfaces.
+#[derive(utoipa::ToSchema)]
+#[serde(untagged)]
+#[allow(dead_code, reason = "only for the document")]
+pub(super) enum ParameterList {
+    /// `u`.
+    Curve(Vec<f64>),
+    /// `u` and `v`.
+    Surface(Vec<[f64; 2]>),
+}
+
+/// Values of one curve or surface.
+#[derive(Debug, Default, Serialize, utoipa::ToSchema)]
 pub(super) struct EvaluationOutput {
-    /// Points on the curve.
-    points: Points,
+    /// Points on the shape; of surfaces on a grid as lists `[u][v]` of points.
+    #[schema(value_type = Vec<Vec<serde_json::Value>>)]
+    points: Option<Points>,
     /// `dr/du`, when asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     first: Option<Points>,
     /// `d²r/du²`, when asked for; the right limit at knots, the left one at the end of an open curve.
     #[serde(skip_serializing_if = "Option::is_none")]
     second: Option<Points>,
-    /// Unit tangents, when frames are asked for; null where the curve stops.
+    /// `∂σ/∂u` of a surface, when asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<Vec<Vec<serde_json::Value>>>)]
+    u: Option<Points>,
+    /// `∂σ/∂v`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<Vec<Vec<serde_json::Value>>>)]
+    v: Option<Points>,
+    /// `∂²σ/∂u²`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<Vec<Vec<serde_json::Value>>>)]
+    uu: Option<Points>,
+    /// `∂²σ/∂u∂v`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<Vec<Vec<serde_json::Value>>>)]
+    uv: Option<Points>,
+    /// `∂²σ/∂v²`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<Vec<Vec<serde_json::Value>>>)]
+    vv: Option<Points>,
+    /// Unit tangents of curves, when frames are asked for; null where the curve stops.
     #[serde(skip_serializing_if = "Option::is_none")]
     tangents: Option<Vec<Option<Vec<f64>>>>,
-    /// Unit normals: to the left of the tangent in the plane; towards the centre of curvature in space, null where the
-    /// curve is straight.
+    /// Unit normals: of curves to the left of the tangent in the plane; towards the centre of curvature in space, null where
+    /// the curve is straight. Of surfaces outwards, in the order of the points with `v` fastest; null where there is no plane.
     #[serde(skip_serializing_if = "Option::is_none")]
     normals: Option<Vec<Option<Vec<f64>>>>,
     /// Curvatures in 1/length: positive to the left in the plane, never negative in space.
     #[serde(skip_serializing_if = "Option::is_none")]
     curvatures: Option<Vec<Option<f64>>>,
+    /// Principal curvatures of surfaces in 1/length, the larger one first, negative where the surface bends away from its
+    /// normal; null at poles and where there is no plane.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    principal_curvatures: Option<Vec<Option<[f64; 2]>>>,
 }
 
 impl EvaluationOutput {
@@ -73,70 +121,158 @@ impl EvaluationOutput {
             evaluation.frames.as_ref().map(|frames| frames.iter().map(part).collect())
         };
         Self {
-            points: derivatives.next().expect("the curve itself is always evaluated"),
+            points: derivatives.next(),
             first: derivatives.next(),
             second: derivatives.next(),
             tangents: each(|frame| frame.tangent.clone()),
             normals: each(|frame| frame.normal.clone()),
             curvatures: evaluation.frames.as_ref().map(|frames| frames.iter().map(|f| f.curvature).collect()),
+            ..Self::default()
+        }
+    }
+
+    fn of_surface(evaluation: SurfaceEvaluation) -> Self {
+        let grid = evaluation.columns;
+        let mut derivatives =
+            evaluation.derivatives.into_iter().map(|values| Points::from_columns(values, 3).in_grid(grid));
+        let frames = evaluation.frames.as_ref();
+        Self {
+            points: derivatives.next(),
+            u: derivatives.next(),
+            v: derivatives.next(),
+            uu: derivatives.next(),
+            uv: derivatives.next(),
+            vv: derivatives.next(),
+            normals: frames.map(|list| list.iter().map(|frame| frame.normal.map(Vec::from)).collect()),
+            principal_curvatures: frames.map(|list| list.iter().map(|frame| frame.curvatures).collect()),
+            ..Self::default()
         }
     }
 }
 
-/// Values, one entry a curve, in order.
+/// Values, one entry a shape, in order.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct EvaluateAnswer {
     /// One a curve.
     evaluations: Vec<EvaluationOutput>,
 }
 
-/// Evaluates curves and their derivatives.
+/// Evaluates curves or surfaces and their derivatives.
 ///
-/// As SVG: a drawing of the curves.
+/// As SVG: a drawing of the shapes. As OBJ, PLY, STL or glTF: the mesh of one surface at its `grid`.
 #[utoipa::path(post, path = "/evaluate", tag = "curves", request_body = EvaluateRequest,
-    params(("format" = Option<String>, Query, description = "`json` or `svg`")),
+    params(ShapeFormatQuery),
     responses(
-        (status = 200, description = "Points and derivatives", content((EvaluateAnswer = "application/json"), (String = "image/svg+xml"))),
+        (status = 200, description = "Points and derivatives", content((EvaluateAnswer = "application/json"), (String = "image/svg+xml"), (Vec<u8> = "model/obj"), (Vec<u8> = "application/ply"), (Vec<u8> = "model/stl"), (Vec<u8> = "model/gltf-binary"))),
         (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn evaluate(
     Caller(app): Caller,
-    OnlyFormat(format): OnlyFormat,
+    OnlyShapeFormat(format): OnlyShapeFormat,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
     compute(app.weighing(Weight::of_bytes(body.len())), move |app| {
         let (mut request, mut errors) = (parse::<EvaluateRequest>(&body)?, Vec::new());
         let (settings, shapes) = request.take_shapes(&mut errors);
-        let samples = take_given(request.samples, "/samples", &mut errors);
-        let parameters = match (samples, take_given(request.parameters, "/parameters", &mut errors)) {
-            (Some(_), Some(_)) => {
-                errors
-                    .push(InputError::new("/parameters", "is given together with samples: give one of them"));
-                None
-            }
-            (None, Some(parameters)) => Some(Parameters::At(parameters)),
-            (samples, None) => Some(Parameters::Equidistant(samples.unwrap_or(100))),
-        };
+        let parameters = take_places(
+            settings.as_ref().and_then(|(representation, _)| representation.extent()),
+            request.samples,
+            request.grid,
+            request.parameters,
+            &mut errors,
+        );
         let order = take_or_default(request.derivatives, "/derivatives", &mut errors);
         let frames = take_or_default(request.frames, "/frames", &mut errors);
         let wanted = settings.zip(parameters).zip(order.zip(frames));
         let ((((representation, correspondence), parameters), (order, frames)), shapes) =
             checked(wanted, errors, shapes)?;
-        let curves = Curves::new(app, &representation, correspondence)?;
-        let shapes = curves.read(app, shapes)?;
-        if format == Format::Svg {
-            let outlines: Vec<&[f64]> = shapes.iter().map(|shape| shape.as_slice()).collect();
-            return Ok(svg(draw_shapes(&curves.space, &format!("{} curves", shapes.len()), &outlines)));
+        let posted = Posted::new(app, &representation, correspondence)?;
+        let shapes = posted.read(app, shapes)?;
+        match format {
+            ShapeFormat::Plain(Format::Svg) => {
+                let outlines: Vec<&[f64]> = shapes.iter().map(|shape| shape.as_slice()).collect();
+                let what = if posted.is_of_surfaces() { "surface" } else { "curve" };
+                let title = match outlines.len() {
+                    1 => format!("a {what}"),
+                    count => format!("{count} {what}s"),
+                };
+                return Ok(svg(draw_shapes(&posted.space, &title, &outlines)));
+            }
+            ShapeFormat::Mesh(format, grid) => {
+                let [shape] = &shapes[..] else {
+                    let detail = format!("has {} entries, a mesh is of one surface", shapes.len());
+                    return Err(ServiceError::invalid("/shapes", detail));
+                };
+                let grid = grid.or(match parameters {
+                    Places::Surface(SurfaceParameters::Grid(grid)) => grid.into(),
+                    _ => None,
+                });
+                return mesh(&posted.space, shape.as_slice(), format, grid);
+            }
+            ShapeFormat::Plain(Format::Json) => {}
         }
-        let evaluations = curves::evaluate(app, &curves, &shapes, &parameters, order, frames)?;
-        let output = |evaluation| EvaluationOutput::new(evaluation, representation.dimension());
-        json(StatusCode::OK, &EvaluateAnswer { evaluations: evaluations.into_iter().map(output).collect() })
+        let evaluations = match parameters {
+            Places::Curve(parameters) => {
+                let evaluations = curves::evaluate(app, &posted, &shapes, &parameters, order, frames)?;
+                let output = |evaluation| EvaluationOutput::new(evaluation, representation.dimension());
+                evaluations.into_iter().map(output).collect()
+            }
+            Places::Surface(parameters) => {
+                let evaluations = surfaces::evaluate(app, &posted, &shapes, &parameters, order, frames)?;
+                evaluations.into_iter().map(EvaluationOutput::of_surface).collect()
+            }
+        };
+        json(StatusCode::OK, &EvaluateAnswer { evaluations })
     })
     .await
 }
 
+/// Where shapes are evaluated.
+enum Places {
+    Curve(Parameters),
+    Surface(SurfaceParameters),
+}
+
+/// The fields that say where, for curves or for surfaces.
+fn take_places(
+    surface: Option<Extent>,
+    samples: Option<Checked<usize>>,
+    grid: Option<Checked<[usize; 2]>>,
+    parameters: Option<Checked<serde_json::Value>>,
+    errors: &mut Vec<InputError>,
+) -> Option<Places> {
+    let samples = take_given(samples, "/samples", errors);
+    let grid = take_given(grid, "/grid", errors);
+    let parameters = take_given(parameters, "/parameters", errors);
+    let mut refuse = |pointer: &str, detail: &str| {
+        errors.push(InputError::new(pointer, detail));
+        None
+    };
+    match (surface, samples, grid) {
+        (Some(_), Some(_), _) => return refuse("/samples", "belongs to curves: surfaces have a grid"),
+        (None, _, Some(_)) => return refuse("/grid", "belongs to surfaces: curves have samples"),
+        (_, Some(_), _) if parameters.is_some() => {
+            return refuse("/parameters", "is given together with samples: give one of them");
+        }
+        (_, _, Some(_)) if parameters.is_some() => {
+            return refuse("/parameters", "is given together with grid: give one of them");
+        }
+        _ => {}
+    }
+    Some(match (surface, parameters) {
+        (None, None) => Places::Curve(Parameters::Equidistant(samples.unwrap_or(100))),
+        (Some(extent), None) => {
+            Places::Surface(SurfaceParameters::Grid(grid.unwrap_or_else(|| surfaces::usual_grid(extent))))
+        }
+        (None, Some(value)) => Places::Curve(Parameters::At(take_value(value, "/parameters", errors)?)),
+        (Some(_), Some(value)) => {
+            Places::Surface(SurfaceParameters::At(take_value(value, "/parameters", errors)?))
+        }
+    })
+}
+
 shapes_request! {
-    /// Curves to be measured.
+    /// Curves or surfaces to be measured.
     #[schema(example = json!({
         "representation": {"kind": "closed_curve", "dimension": 2, "control_points": 4, "generator": {"name": "trigonometric"}},
         "length_unit": "mm",
@@ -147,9 +283,12 @@ shapes_request! {
         /// Unit of the coordinates; carried to the answer.
         #[schema(value_type = Option<String>)]
         length_unit: Checked<Option<String>>;
-        /// A curve in the same representation, to which distances are measured.
+        /// A shape in the same representation, to which distances are measured.
         #[schema(value_type = Option<ShapeInput>)]
         reference: ShapeInput;
+        /// A field `F(r) = A r + b` whose flux through surfaces is measured.
+        #[schema(value_type = Option<AffineField>)]
+        field: Checked<AffineField>;
     }
 }
 
@@ -162,9 +301,82 @@ pub(super) struct BoundingBox {
     max: Vec<f64>,
 }
 
+/// Measures of one shape.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+#[serde(untagged)]
+pub(super) enum MeasureOutput {
+    /// Of a curve.
+    Curve(Box<CurveMeasureOutput>),
+    /// Of a surface.
+    Surface(Box<SurfaceMeasureOutput>),
+}
+
+/// Measures of one surface. Parts that need an enclosed volume are null on sheets and on surfaces with one side.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct SurfaceMeasureOutput {
+    /// Enclosed volume, exact: of spheres and tori, of cylinders with flat lids.
+    volume: Option<f64>,
+    /// The same, positive when the normals point outwards.
+    signed_volume: Option<f64>,
+    /// Area without lids.
+    area: f64,
+    /// Estimated error of the area.
+    area_error: f64,
+    /// Centroid of the enclosed volume; of sheets that of the area.
+    centroid: [f64; 3],
+    /// Centroid of the area.
+    sheet_centroid: [f64; 3],
+    /// Mean position over the parameters.
+    mean_position: [f64; 3],
+    /// Smallest and largest coordinates, at the knots and the nodes of the quadrature.
+    bounding_box: BoundingBox,
+    /// `36πV²/A³`: 1 for a ball, less for any other body; null without volume.
+    sphericity: Option<f64>,
+    /// `∯ ⟨F, n⟩ dA` of the field through the sheet, when there is one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    flux: Option<f64>,
+    /// Distance to the reference, when there is one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    distances: Option<SurfaceDistancesOutput>,
+}
+
+/// Distance of two surfaces, in the unit of their points.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct SurfaceDistancesOutput {
+    /// `(∬ |σ − σ_ref|² du dv)^½`, exact: as functions of the parameters.
+    l2: f64,
+}
+
+impl From<MeasuredSurface> for MeasureOutput {
+    fn from(MeasuredSurface { measures, flux, l2 }: MeasuredSurface) -> Self {
+        let signed_volume = measures.enclosed.map(|enclosed| enclosed.signed_volume);
+        let [min, max] = measures.bounding_box.map(Vec::from);
+        let compact = |volume: f64| {
+            let ratio = volume / measures.area.powf(1.5);
+            36.0 * std::f64::consts::PI * ratio * ratio
+        };
+        Self::Surface(Box::new(SurfaceMeasureOutput {
+            volume: signed_volume.map(f64::abs),
+            signed_volume,
+            area: measures.area,
+            area_error: measures.area_error,
+            centroid: measures
+                .enclosed
+                .and_then(|enclosed| enclosed.centroid)
+                .unwrap_or(measures.sheet_centroid),
+            sheet_centroid: measures.sheet_centroid,
+            mean_position: measures.mean_position,
+            bounding_box: BoundingBox { min, max },
+            sphericity: signed_volume.map(compact).filter(|value| value.is_finite()),
+            flux,
+            distances: l2.map(|l2| SurfaceDistancesOutput { l2 }),
+        }))
+    }
+}
+
 /// Measures of one curve. Parts that need a closed planar curve, or a smooth one, are null on others.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
-pub(super) struct MeasureOutput {
+pub(super) struct CurveMeasureOutput {
     /// Enclosed area, exact; closed planar curves.
     area: Option<f64>,
     /// Enclosed area, counter-clockwise positive (y up).
@@ -228,7 +440,7 @@ impl From<Measured> for MeasureOutput {
     fn from(Measured { measures, self_intersecting, distances }: Measured) -> Self {
         let (min, max) = measures.bounding_box;
         let enclosed = measures.enclosed.as_ref();
-        Self {
+        Self::Curve(Box::new(CurveMeasureOutput {
             area: enclosed.map(|enclosed| enclosed.signed_area.abs()),
             signed_area: enclosed.map(|enclosed| enclosed.signed_area),
             centroid: enclosed.and_then(|enclosed| enclosed.centroid),
@@ -244,12 +456,15 @@ impl From<Measured> for MeasureOutput {
             total_curvature: measures.total_curvature,
             turning: measures.turning,
             distances: distances.map(Into::into),
-        }
+        }))
     }
 }
 
-/// Measures curves: area, moments, length, curvature, energies, bounding box, orientation, self-intersection; and their
-/// distances to a reference.
+/// Measures curves or surfaces.
+///
+/// Curves: area, moments, length, curvature, energies, bounding box, orientation, self-intersection; and their
+/// distances to a reference. Surfaces: volume, area, centroids, bounding box, the flux of a field, and the distance to a
+/// reference.
 #[utoipa::path(post, path = "/measure", tag = "curves", request_body = MeasureRequest,
     responses(
         (status = 200, description = "One entry a curve", body = MeasureAnswer),
@@ -266,10 +481,21 @@ pub(super) async fn measure(
         let length_unit = take_given(request.length_unit, "/length_unit", &mut errors).flatten();
         let unit_faults = text_faults(None, None, length_unit.as_deref());
         errors.extend(unit_faults.into_iter().map(|fault| InputError::new(fault.pointer, fault.detail)));
+        let field = take_given(request.field, "/field", &mut errors);
+        if let (Some(_), Some((representation, _))) = (&field, &settings)
+            && representation.extent().is_none()
+        {
+            errors.push(InputError::new("/field", "flows through surfaces only"));
+        }
         let ((representation, correspondence), shapes) = checked(settings, errors, shapes)?;
-        let curves = Curves::new(app, &representation, correspondence)?;
-        let measures = curves::measure(app, &curves, shapes, request.reference)?;
-        let measures = measures.into_iter().map(Into::into).collect();
+        let posted = Posted::new(app, &representation, correspondence)?;
+        let measures = if posted.is_of_surfaces() {
+            let measures = surfaces::measure(app, &posted, shapes, request.reference, field)?;
+            measures.into_iter().map(Into::into).collect()
+        } else {
+            let measures = curves::measure(app, &posted, shapes, request.reference)?;
+            measures.into_iter().map(Into::into).collect()
+        };
         json(StatusCode::OK, &MeasureAnswer { measures, length_unit })
     })
     .await

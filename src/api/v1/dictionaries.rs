@@ -11,9 +11,11 @@ use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
 use crate::analysis::frame::Frame;
 use crate::analysis::transformation::Transformation;
-use crate::api::extract::{Caller, Format, JsonBody, NoQuery, Path, Prefer, Query, parse, parse_whole};
+use crate::api::extract::{
+    Caller, Format, JsonBody, NoQuery, OnlyFormat, Path, Prefer, Query, ShapeFormat, parse, parse_whole,
+};
 use crate::api::problem::{Problem, ProblemDocument};
-use crate::api::respond::{compute, json, svg};
+use crate::api::respond::{compute, json, mesh, svg};
 use crate::domain::classifier::{ClassifierKind, ClassifierSettings};
 use crate::domain::dictionary::{Atom, Listed, MeanRecord, Method, Row, Statistics};
 use crate::domain::job::JobStatus;
@@ -468,7 +470,7 @@ pub(super) struct AtomsAnswer<'a> {
 pub(super) async fn dictionary_atoms(
     Caller(app): Caller,
     Path(key): Path<String>,
-    crate::api::extract::OnlyFormat(format): crate::api::extract::OnlyFormat,
+    OnlyFormat(format): OnlyFormat,
 ) -> Result<Response, Problem> {
     let ready = models::find(&app, &key).await?;
     compute(app.weighing(Weight::Light), move |_| match format {
@@ -487,9 +489,12 @@ pub(super) struct ModeQuery {
     component: Option<usize>,
     /// How many standard deviations; 2 unless given.
     sigma: Option<f64>,
-    /// `json` or `svg`.
+    /// `json`, `svg`, or for surfaces `obj`, `ply`, `stl`, `gltf`.
     #[serde(rename = "format")]
     _format: Option<String>,
+    /// Places along `u` and `v` of a mesh, such as `48,33`.
+    #[serde(rename = "grid")]
+    _grid: Option<String>,
 }
 
 /// A mode of variation.
@@ -511,26 +516,33 @@ pub(super) struct ModeAnswer {
     plus: ShapeOutput,
 }
 
-/// The mean and the two sides of a mode of variation; as SVG in one picture.
+/// The mean and the two sides of a mode of variation; as SVG in one picture. As OBJ, PLY, STL or glTF: the mesh of the surface
+/// at the mean plus `sigma` standard deviations, which may be negative.
 #[utoipa::path(get, path = "/dictionaries/{dictionary}/modes", tag = "dictionaries",
     params(("dictionary" = String, Path, description = "Id, `name@version` or name"), ModeQuery),
     responses(
-        (status = 200, description = "The mode", content((ModeAnswer = "application/json"), (String = "image/svg+xml"))),
+        (status = 200, description = "The mode", content((ModeAnswer = "application/json"), (String = "image/svg+xml"), (Vec<u8> = "model/obj"), (Vec<u8> = "application/ply"), (Vec<u8> = "model/stl"), (Vec<u8> = "model/gltf-binary"))),
         (status = 404, description = "No such dictionary", body = ProblemDocument, content_type = "application/problem+json"),
         (status = "4XX", description = "The query was refused, or the dictionary has no modes", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn dictionary_mode(
     Caller(app): Caller,
     Path(key): Path<String>,
-    format: Format,
+    format: ShapeFormat,
     Query(query): Query<ModeQuery>,
 ) -> Result<Response, Problem> {
     let ready = models::find(&app, &key).await?;
     let (component, sigma) = (query.component.unwrap_or(1), query.sigma.unwrap_or(2.0));
     compute(app.weighing(Weight::Light), move |_| {
         let mode = modes::mode(&ready, component, sigma)?;
-        if format == Format::Svg {
-            return Ok(svg(modes::draw_mode(&ready, component, sigma, &mode)));
+        match format {
+            ShapeFormat::Plain(Format::Svg) => {
+                return Ok(svg(modes::draw_mode(&ready, component, sigma, &mode)));
+            }
+            ShapeFormat::Mesh(format, grid) => {
+                return mesh(&ready.setup.space, &mode.shapes[2], format, grid);
+            }
+            ShapeFormat::Plain(Format::Json) => {}
         }
         let dimension = ready.setup.metric.dimension();
         let [minus, mean, plus] =

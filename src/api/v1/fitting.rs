@@ -1,23 +1,30 @@
-//! Fits of raw contours, refinement, and idealised curves.
+//! Fits of raw contours, grids and meshes, refinement, and idealised shapes.
 
 use axum::http::StatusCode;
 use axum::response::Response;
 use serde::Serialize;
 
+use super::curves::ParameterList;
 use super::settings::{ShapeOutput, checked, shapes_request};
 use crate::analysis::correspondence::Correspondence;
 use crate::api::extract::{Caller, JsonBody, NoQuery, parse};
 use crate::api::problem::{Problem, ProblemDocument};
 use crate::api::respond::{compute, json};
-use crate::formats::checked::{Checked, List, document, take_given, take_or_default};
+use crate::formats::InputError;
+use crate::formats::checked::{Checked, List, document, take_given, take_or_default, take_value};
 use crate::formats::representation::{FitTarget, Read};
 use crate::formats::shape::{Points, ShapeInput};
 use crate::geometry::fit::Fit;
 use crate::geometry::ideal::{IdealCurve, Position};
 use crate::geometry::representation::Representation;
+use crate::geometry::surface::ideal::IdealSurface;
 use crate::numeric::dense::Matrix;
-use crate::service::curves::Curves;
-use crate::service::fitting::{self, Placed, Size};
+use crate::service::ServiceError;
+use crate::service::fitting::{self, Placed, PlacedCurve, Size};
+use crate::service::pool::Weight;
+use crate::service::posted::Posted;
+use crate::service::surface_fitting::{self, FittedSurface, MeshInput};
+use crate::service::surfaces::{self, PlacedSurface};
 
 fn output(control_points: &Matrix) -> ShapeOutput {
     let dimension = control_points.ncols();
@@ -25,52 +32,64 @@ fn output(control_points: &Matrix) -> ShapeOutput {
 }
 
 document! {
-    /// Contours to be fitted.
+    /// Contours, points of surfaces or meshes to be fitted.
     #[schema(example = json!({
         "representation": {"kind": "closed_curve", "dimension": 2, "tolerance": 0.1, "generator": {"name": "keys"}},
         "shapes": [{"points": [[2, 0], [1.7, 0.5], [1, 0.87], [0, 1], [-1, 0.87], [-1.7, 0.5], [-2, 0], [-1.7, -0.5], [-1, -0.87], [0, -1], [1, -0.87], [1.7, -0.5]]}]
     }))]
     pub(super) struct FitRequest {
-        /// What curves are fitted: closed or open, with `control_points` or `intervals`, or instead the largest
-        /// residual (`tolerance`, in the unit of the points) for which their number is chosen.
+        /// What is fitted: surfaces, or curves, closed or open, with `control_points` or `intervals`, or instead the
+        /// largest residual (`tolerance`, in the unit of the points) for which their number is chosen.
         #[schema(value_type = Object, required = true)]
         representation: Read<FitTarget>, required;
-        /// Parameters `u` of the points, strictly increasing from 0 to 1, one list a shape; the arc length of the
-        /// polygon unless given.
-        #[schema(value_type = Option<Vec<Vec<f64>>>)]
-        parameters: Checked<Vec<Vec<f64>>>;
-        /// The contours: `points`, at least as many as control points.
-        #[schema(value_type = Vec<ShapeInput>, required = true)]
-        shapes: List<ShapeInput>, required;
+        /// Parameters of the points, one list a shape: of curves `u`, strictly increasing from 0 to 1, the arc length of the
+        /// polygon unless given; of surfaces pairs of `u` and `v`, equally spaced on a grid of points unless given.
+        #[schema(value_type = Option<Vec<ParameterList>>)]
+        parameters: Checked<serde_json::Value>;
+        /// The contours, grids or lists of points: at least as many as control points.
+        #[schema(value_type = Option<Vec<ShapeInput>>)]
+        shapes: List<ShapeInput>;
+        /// Triangle meshes instead, for surfaces.
+        #[schema(value_type = Option<Vec<MeshInput>>)]
+        meshes: List<MeshInput>;
     }
 }
 
-/// A fitted curve.
+/// A fitted curve or surface.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct FitOutput {
     /// What it is made of.
     representation: Representation,
     #[serde(flatten)]
     shape: ShapeOutput,
-    /// Root mean square distance of the points from the curve at their parameters: the `L₂` residual.
+    /// Root mean square distance of the points from the shape at their parameters: the `L₂` residual. Vertices of a mesh
+    /// weigh as much as the area round them.
     residual: f64,
     /// Largest such distance.
     largest_residual: f64,
+    /// `u` and `v` of the vertices of a mesh: for another mesh with the same vertices they can be given.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    parameters: Option<Vec<[f64; 2]>>,
+    /// Part of the area of a mesh over which the normal of the surface points against that of the mesh.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    folded: Option<f64>,
 }
 
-/// Fitted curves, in order.
+/// Fitted shapes, in order.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct FitAnswer {
-    /// One a contour.
+    /// One a contour, grid, list or mesh.
     fits: Vec<FitOutput>,
 }
 
-/// Fits curves to raw contours by least squares in `L₂`.
+/// Fits curves or surfaces by least squares in `L₂`.
 ///
-/// Points of a curve of the representation, at their parameters, give back its control points.
+/// Points of a shape of the representation, at their parameters, give back its control points. Meshes of spheres need no
+/// parameters: on a closed mesh without handles longitude and colatitude are computed, as harmonic functions between two
+/// poles, the colatitude such that every ring holds its share of the area.
 #[utoipa::path(post, path = "/fit", tag = "curves", request_body = FitRequest,
     responses(
-        (status = 200, description = "One entry a contour", body = FitAnswer),
+        (status = 200, description = "One entry a contour, grid, list or mesh", body = FitAnswer),
         (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn fit(
@@ -83,23 +102,79 @@ pub(super) async fn fit(
         errors.extend(request.faults);
         let target = request.representation.and_then(|field| field.take("/representation", &mut errors));
         let parameters = take_given(request.parameters, "/parameters", &mut errors);
+        let surfaces = target.as_ref().is_some_and(|target| target.representation.extent().is_some());
+        let parameters = match parameters {
+            None => Some(FitParameters::None),
+            Some(list) if surfaces => {
+                take_value(list, "/parameters", &mut errors).map(FitParameters::Surfaces)
+            }
+            Some(list) => take_value(list, "/parameters", &mut errors).map(FitParameters::Curves),
+        };
+        match (&request.shapes, &request.meshes) {
+            (Some(_), Some(_)) => {
+                errors.push(InputError::new("/meshes", "is given together with shapes: give one of them"));
+            }
+            (None, Some(_)) if target.is_some() && !surfaces => {
+                errors.push(InputError::new("/meshes", "belongs to surfaces: curves are fitted to shapes"));
+            }
+            (None, None) => errors.push(InputError::new("/shapes", "is missing")),
+            _ => {}
+        }
+        if request.meshes.is_some() && !matches!(parameters, Some(FitParameters::None)) {
+            errors
+                .push(InputError::new("/parameters", "belongs to shapes: a mesh has parameters of its own"));
+        }
+        let meshes = request.meshes.map(|meshes| meshes.take("/meshes", &mut errors));
         let shapes = request.shapes.unwrap_or_default().take("/shapes", &mut errors);
-        let (FitTarget { representation, tolerance }, shapes) = checked(target, errors, shapes)?;
+        let ((target, parameters), shapes) = checked(target.zip(parameters), errors, shapes)?;
+        let FitTarget { representation, tolerance } = target;
+        if surfaces {
+            let posted = Posted::new(app, &representation, Correspondence::Landmarks)?;
+            let fits = match (meshes, parameters) {
+                (Some(meshes), _) => surface_fitting::fit_meshes(app, &posted, meshes)?,
+                (None, FitParameters::Surfaces(lists)) => {
+                    surface_fitting::fit_points(app, &posted, Some(&lists), shapes)?
+                }
+                (None, _) => surface_fitting::fit_points(app, &posted, None, shapes)?,
+            };
+            let output = |fit: FittedSurface| FitOutput {
+                representation: representation.clone(),
+                shape: output(&fit.control_points),
+                residual: fit.residual,
+                largest_residual: fit.largest,
+                parameters: fit.parameters,
+                folded: fit.folded,
+            };
+            return json(StatusCode::OK, &FitAnswer { fits: fits.into_iter().map(output).collect() });
+        }
         let size = tolerance.map_or(Size::Given, Size::Tolerance);
-        let fits = fitting::fit(app, &representation, size, parameters.as_deref(), shapes)?;
+        let parameters = match &parameters {
+            FitParameters::Curves(lists) => Some(lists.as_slice()),
+            _ => None,
+        };
+        let fits = fitting::fit(app, &representation, size, parameters, shapes)?;
         let output = |fit: Fit| FitOutput {
             shape: output(&fit.control_points),
             representation: fit.representation,
             residual: fit.residual,
             largest_residual: fit.largest,
+            parameters: None,
+            folded: None,
         };
         json(StatusCode::OK, &FitAnswer { fits: fits.into_iter().map(output).collect() })
     })
     .await
 }
 
+/// Parameters of points that are fitted.
+enum FitParameters {
+    None,
+    Curves(Vec<Vec<f64>>),
+    Surfaces(Vec<Vec<[f64; 2]>>),
+}
+
 shapes_request! {
-    /// Curves to be refined.
+    /// Curves or surfaces to be refined.
     #[schema(example = json!({
         "representation": {"kind": "closed_curve", "dimension": 2, "control_points": 3, "generator": {
             "name": "interpolator", "family": "half_integer_shifts",
@@ -107,29 +182,32 @@ shapes_request! {
         "shapes": [{"points": [[1, 0], [-0.5, 0.8660254037844386], [-0.5, -0.8660254037844386]]}], "factor": 2
     }))]
     RefineRequest {
-        /// How many times as many knots; 2 unless given.
+        /// How many times as many knots, along both directions of surfaces; 2 unless given.
         #[schema(value_type = Option<usize>, minimum = 2)]
         factor: Checked<usize>;
+        /// `M_u` and `M_v` of surfaces instead, more or fewer.
+        #[schema(value_type = Option<[usize; 2]>)]
+        control_points: Checked<[usize; 2]>;
     }
 }
 
-/// A curve on the finer grid.
+/// A shape on the finer grid.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct RefinedOutput {
     #[serde(flatten)]
     shape: ShapeOutput,
-    /// `L₂` distance to the curve before, where it is not the same one.
+    /// `L₂` distance to the shape before, where it is not the same one.
     #[serde(skip_serializing_if = "Option::is_none")]
     l2_change: Option<f64>,
 }
 
-/// Refined curves, in order.
+/// Refined shapes, in order.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct RefineAnswer {
     /// The finer representation.
     representation: Representation,
-    /// Whether the curves are the same functions: B-splines, and interpolators of half-integer shifts. Others are
-    /// sampled at the finer knots.
+    /// Whether the shapes are the same functions: B-splines, and interpolators of half-integer shifts. Others are
+    /// sampled at the finer knots. Of surfaces: whether all changes are rounding.
     exact: bool,
     /// `δ`: the curve before at `u` is the refined one at `u + δ`. Half a fine interval where the knots of an odd order
     /// are split evenly, else 0.
@@ -138,7 +216,7 @@ pub(super) struct RefineAnswer {
     shapes: Vec<RefinedOutput>,
 }
 
-/// Refines curves to a grid with more knots.
+/// Refines curves to a grid with more knots; samples surfaces at the knots of another grid.
 #[utoipa::path(post, path = "/refine", tag = "curves", request_body = RefineRequest,
     responses(
         (status = 200, description = "The finer representation and control points", body = RefineAnswer),
@@ -152,12 +230,40 @@ pub(super) async fn refine(
     compute(app, move |app| {
         let (mut request, mut errors) = (parse::<RefineRequest>(&body)?, Vec::new());
         let (settings, shapes) = request.take_shapes(&mut errors);
+        let given = request.factor.is_some();
         let factor = request.factor.map_or(Some(2), |field| field.take("/factor", &mut errors));
+        let control_points = take_given(request.control_points, "/control_points", &mut errors);
+        let extent = settings.as_ref().and_then(|(representation, _)| representation.extent());
+        if control_points.is_some() && (given || (settings.is_some() && extent.is_none())) {
+            let detail = "belongs to surfaces, instead of a factor";
+            errors.push(InputError::new("/control_points", detail));
+        }
         let (((representation, correspondence), factor), shapes) =
             checked(settings.zip(factor), errors, shapes)?;
-        let curves = Curves::new(app, &representation, correspondence)?;
-        let shapes = curves.read(app, shapes)?;
-        let refined = fitting::refine(app, &curves, factor, &shapes)?;
+        let posted = Posted::new(app, &representation, correspondence)?;
+        let shapes = posted.read(app, shapes)?;
+        if let Some(extent) = extent {
+            let finer = extent.intervals.map(|count| count.saturating_mul(factor));
+            let (wanted, pointer) =
+                control_points.map_or((finer, "/factor"), |counts| (counts, "/control_points"));
+            let resized = surfaces::resize(app, &posted, wanted, pointer, &shapes)?;
+            let shapes = resized.shapes.iter();
+            return json(
+                StatusCode::OK,
+                &RefineAnswer {
+                    representation: resized.representation.clone(),
+                    exact: resized.exact,
+                    parameter_shift: 0.0,
+                    shapes: shapes
+                        .map(|(shape, change)| RefinedOutput {
+                            shape: output(shape),
+                            l2_change: Some(*change),
+                        })
+                        .collect(),
+                },
+            );
+        }
+        let refined = fitting::refine(app, &posted, factor, &shapes)?;
         let shapes = refined.shapes.iter();
         json(
             StatusCode::OK,
@@ -185,64 +291,98 @@ pub(super) struct IdealEntry {
     domain_poles: Vec<[f64; 2]>,
 }
 
-/// The idealised curves.
+/// An idealised surface of the catalogue.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
-pub(super) struct IdealCurves {
-    /// One of each.
-    items: Vec<IdealEntry>,
+pub(super) struct IdealSurfaceEntry {
+    /// How it stands in a request.
+    surface: IdealSurface,
+    /// The smallest representation that contains it.
+    representation: Representation,
+    /// Its control points there.
+    #[serde(flatten)]
+    shape: ShapeOutput,
 }
 
-/// Lists the idealised curves.
+/// The idealised curves and surfaces.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct IdealShapes {
+    /// One curve of each kind.
+    items: Vec<IdealEntry>,
+    /// One surface of each kind.
+    surfaces: Vec<IdealSurfaceEntry>,
+}
+
+/// Lists the idealised curves and surfaces.
 #[utoipa::path(get, path = "/idealised", tag = "catalogue",
-    responses((status = 200, description = "The curves with the poles they need", body = IdealCurves), (status = 400, description = "An unknown parameter", body = ProblemDocument, content_type = "application/problem+json")))]
-pub(super) async fn list_idealised(_: NoQuery) -> axum::Json<IdealCurves> {
-    let entry = |curve: IdealCurve| IdealEntry {
-        closed: curve.is_closed(),
-        domain_poles: curve.domain_poles(&Position::default()),
-        curve,
-    };
-    axum::Json(IdealCurves { items: IdealCurve::catalogue().into_iter().map(entry).collect() })
+    responses((status = 200, description = "The curves with the poles they need, the surfaces with their control points", body = IdealShapes), (status = 400, description = "An unknown parameter", body = ProblemDocument, content_type = "application/problem+json")))]
+pub(super) async fn list_idealised(Caller(app): Caller, _: NoQuery) -> Result<Response, Problem> {
+    compute(app.weighing(Weight::Light), |_| {
+        let surfaces = IdealSurface::catalogue().into_iter().map(surface_entry).collect::<Result<_, _>>()?;
+        let items = IdealCurve::catalogue().into_iter().map(curve_entry).collect();
+        json(StatusCode::OK, &IdealShapes { items, surfaces })
+    })
+    .await
+}
+
+fn curve_entry(curve: IdealCurve) -> IdealEntry {
+    let domain_poles = curve.domain_poles(&Position::default());
+    IdealEntry { closed: curve.is_closed(), domain_poles, curve }
+}
+
+fn surface_entry(surface: IdealSurface) -> Result<IdealSurfaceEntry, ServiceError> {
+    let (topology, seam) = surface.topology();
+    let (control_points, generators) = (surface.fewest_intervals(), surface.generators());
+    let basis = surface.basis(control_points).map_err(|error| ServiceError::Internal(error.to_string()))?;
+    let representation = Representation::Surface { topology, seam, control_points, generators };
+    Ok(IdealSurfaceEntry { surface, representation, shape: output(&surface.rows(&basis)) })
 }
 
 document! {
-    /// An idealised curve in its place.
+    /// An idealised curve or surface in its place.
     pub(super) struct IdealInput {
         /// The curve about the origin.
-        #[schema(value_type = IdealCurve, required = true)]
-        curve: Checked<IdealCurve>, required;
+        #[schema(value_type = Option<IdealCurve>)]
+        curve: Checked<IdealCurve>;
+        /// The surface about the origin.
+        #[schema(value_type = Option<IdealSurface>)]
+        surface: Checked<IdealSurface>;
         /// Where the origin goes; it stays unless given.
         #[schema(value_type = Option<Vec<f64>>)]
-        centre: Checked<[f64; 2]>;
-        /// Angle in radians by which the curve is turned about the origin before, counter-clockwise.
+        centre: Checked<Vec<f64>>;
+        /// Angle in radians by which the shape is turned about the origin before, counter-clockwise; of surfaces about the z
+        /// axis.
         #[schema(value_type = Option<f64>)]
         angle: Checked<f64>;
     }
 }
 
 document! {
-    /// Idealised curves in a representation.
+    /// Idealised shapes in a representation.
     #[schema(example = json!({
         "representation": {"kind": "closed_curve", "dimension": 2, "control_points": 5, "generator": {"name": "trigonometric"}},
         "curves": [{"curve": {"name": "ellipse", "semi_axes": [2, 1]}, "centre": [3, 1], "angle": 0.5}]
     }))]
     pub(super) struct IdealRequest {
-        /// What the shapes are made of; a curve.
+        /// What the shapes are made of; curves or surfaces.
         #[schema(value_type = Representation, required = true)]
         representation: Read<Representation>, required;
         /// The curves.
-        #[schema(value_type = Vec<IdealInput>, required = true)]
-        curves: List<IdealInput>, required;
+        #[schema(value_type = Option<Vec<IdealInput>>)]
+        curves: List<IdealInput>;
+        /// The surfaces.
+        #[schema(value_type = Option<Vec<IdealInput>>)]
+        surfaces: List<IdealInput>;
     }
 }
 
 /// Exact control points, in order.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct IdealAnswer {
-    /// One a curve.
+    /// One a curve or surface.
     shapes: Vec<ShapeOutput>,
 }
 
-/// Exact control points of idealised curves; refused with the missing poles when the generator does not contain them.
+/// Exact control points of idealised curves or surfaces; refused with the missing poles when the generator does not contain them.
 #[utoipa::path(post, path = "/idealised", tag = "curves", request_body = IdealRequest,
     responses(
         (status = 200, description = "Control points", body = IdealAnswer),
@@ -258,23 +398,64 @@ pub(super) async fn idealise(
         errors.extend(request.faults);
         let representation =
             request.representation.and_then(|field| field.take("/representation", &mut errors));
+        let surfaces = representation.as_ref().map(|representation| representation.extent().is_some());
+        let (field, list, other) = match surfaces {
+            Some(true) => ("surfaces", request.surfaces, request.curves.is_some()),
+            _ => ("curves", request.curves, request.surfaces.is_some()),
+        };
+        if other && surfaces.is_some() {
+            let detail = format!("the representation has {field}: give these only");
+            errors.push(InputError::new("", detail));
+        } else if list.is_none() && surfaces.is_some() {
+            errors.push(InputError::new(format!("/{field}"), "is missing"));
+        }
         let mut wanted = Vec::new();
         for (index, input) in
-            request.curves.unwrap_or_default().take("/curves", &mut errors).into_iter().enumerate()
+            list.unwrap_or_default().take(&format!("/{field}"), &mut errors).into_iter().enumerate()
         {
-            let below = |name: &str| format!("/curves/{index}{name}");
-            errors.extend(input.faults.into_iter().map(|fault| fault.below(&below(""))));
-            let curve = take_given(input.curve, &below("/curve"), &mut errors);
-            let centre = take_or_default(input.centre, &below("/centre"), &mut errors);
-            let angle = take_or_default(input.angle, &below("/angle"), &mut errors);
-            if let (Some(curve), Some((centre, angle))) = (curve, centre.zip(angle)) {
-                wanted.push(Placed { curve, position: Position { centre, angle } });
-            }
+            wanted.extend(take_ideal(input, surfaces, &format!("/{field}/{index}"), &mut errors));
         }
         let (representation, _) = checked(representation, errors, Vec::new())?;
-        let curves = Curves::new(app, &representation, Correspondence::Landmarks)?;
-        let shapes = fitting::idealise(app, &curves, &wanted)?.iter().map(output).collect();
+        let posted = Posted::new(app, &representation, Correspondence::Landmarks)?;
+        let shapes = fitting::idealise(app, &posted, &wanted)?.iter().map(output).collect();
         json(StatusCode::OK, &IdealAnswer { shapes })
     })
     .await
+}
+
+/// An idealised shape, a surface or else a curve, at its place.
+fn take_ideal(
+    input: IdealInput,
+    surfaces: Option<bool>,
+    pointer: &str,
+    errors: &mut Vec<InputError>,
+) -> Option<Placed> {
+    let below = |name: &str| format!("{pointer}{name}");
+    errors.extend(input.faults.iter().cloned().map(|fault| fault.below(pointer)));
+    let (name, missing, other) = match surfaces? {
+        true => ("/surface", input.surface.is_none(), input.curve.is_some()),
+        false => ("/curve", input.curve.is_none(), input.surface.is_some()),
+    };
+    if input.faults.is_empty() && (missing || other) {
+        let detail = if missing { "is missing" } else { "is the only one that fits the representation" };
+        errors.push(InputError::new(below(name), detail));
+    }
+    let curve = take_given(input.curve, &below("/curve"), errors);
+    let surface = take_given(input.surface, &below("/surface"), errors);
+    let centre = take_given(input.centre, &below("/centre"), errors);
+    let angle = take_or_default(input.angle, &below("/angle"), errors)?;
+    let mut centre_of = |dimension: usize| {
+        let centre = centre.clone().unwrap_or_else(|| vec![0.0; dimension]);
+        if centre.len() != dimension {
+            let detail = format!("has {} coordinates, must have {dimension}", centre.len());
+            errors.push(InputError::new(below("/centre"), detail));
+        }
+        centre
+    };
+    if surfaces? {
+        let centre = centre_of(3).try_into().ok()?;
+        return Some(Placed::Surface(PlacedSurface { surface: surface?, centre, angle }));
+    }
+    let centre = centre_of(2).try_into().ok()?;
+    Some(Placed::Curve(PlacedCurve { curve: curve?, position: Position { centre, angle } }))
 }

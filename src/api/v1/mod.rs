@@ -8,6 +8,7 @@ mod coding;
 mod cohorts;
 mod comparisons;
 mod curves;
+mod deform;
 mod dictionaries;
 mod drift;
 mod fitting;
@@ -65,6 +66,7 @@ pub(super) fn computing_routes() -> OpenApiRouter<App> {
         .routes(routes!(fitting::refine))
         .routes(routes!(fitting::list_idealised, fitting::idealise))
         .routes(routes!(morph::morph))
+        .routes(routes!(deform::deform))
         .routes(routes!(cohorts::cohort_mean))
         .routes(routes!(retrieval::search_cohort))
         .routes(routes!(retrieval::compute_distances))

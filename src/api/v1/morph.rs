@@ -1,4 +1,4 @@
-//! Paths between two curves.
+//! Paths between two shapes.
 
 use axum::http::StatusCode;
 use axum::response::Response;
@@ -14,19 +14,19 @@ use crate::formats::checked::{Checked, document, take_given, take_or_default};
 use crate::formats::representation::Read;
 use crate::formats::shape::{Points, ShapeInput};
 use crate::geometry::representation::Representation;
-use crate::service::curves::Curves;
 use crate::service::input::own_faults;
 use crate::service::morph::{self, PathKind, Positions};
+use crate::service::posted::Posted;
 
 document! {
-    /// Two curves and a path between them.
+    /// Two shapes and a path between them.
     #[schema(example = json!({
         "representation": {"kind": "closed_curve", "dimension": 2, "control_points": 4, "generator": {"name": "trigonometric"}},
         "from": {"points": [[2, 0], [0, 1], [-2, 0], [0, -1]]}, "to": {"points": [[1, 0], [0, 2], [-1, 0], [0, -2]]},
         "path": "sphere", "positions": [0, 0.5, 1, 1.25]
     }))]
     pub(super) struct MorphRequest {
-        /// What the shapes are made of; a curve.
+        /// What the shapes are made of; curves or surfaces.
         #[schema(value_type = Representation, required = true)]
         representation: Read<Representation>, required;
         /// How points become control points; `landmarks` unless given.
@@ -59,7 +59,7 @@ pub(super) struct MorphFrame {
     shape: ShapeOutput,
 }
 
-/// A path between two curves.
+/// A path between two shapes.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct MorphAnswer {
     /// One a position, in order.
@@ -71,9 +71,9 @@ pub(super) struct MorphAnswer {
 /// Most equally spaced positions.
 const MAX_STEPS: usize = 1000;
 
-/// Shapes on a path between two curves, with extrapolation.
+/// Shapes on a path between two curves or surfaces, with extrapolation.
 ///
-/// As SVG: an animation through the shapes and back.
+/// As SVG: an animation through the curves and back, surfaces side by side.
 #[utoipa::path(post, path = "/morph", tag = "curves", request_body = MorphRequest,
     params(("format" = Option<String>, Query, description = "`json` or `svg`")),
     responses(
@@ -121,11 +121,11 @@ pub(super) async fn morph(
             }
         }
         let (((representation, correspondence), (kind, positions)), _) = checked(wanted, errors, Vec::new())?;
-        let curves = Curves::new(app, &representation, correspondence)?;
-        let morph = morph::morph(app, &curves, kind, &positions, from, to)?;
+        let posted = Posted::new(app, &representation, correspondence)?;
+        let morph = morph::morph(app, &posted, kind, &positions, from, to)?;
         if format == Format::Svg {
             let name = if kind == PathKind::Plane { "straight path" } else { "great circle" };
-            return Ok(svg(morph::draw_morph(&curves, name, &morph)?));
+            return Ok(svg(morph::draw_morph(&posted, name, &morph)?));
         }
         let frame = |(position, shape): (f64, crate::numeric::dense::Matrix)| {
             let points = Points::from_columns(shape.as_slice().to_vec(), shape.ncols());

@@ -11,10 +11,11 @@ use super::cohorts::{once_each, refuse_rest, take_filter};
 use super::settings::{IfMatchHeader, Page, PageQuery, RetryHeader, checked, time};
 use crate::api::body::{self, is_stream};
 use crate::api::extract::{
-    Caller, Format, IfMatch, NoQuery, OnlyFormat, Path, Query, is_json, media_type, parse,
+    Caller, Format, IfMatch, NoQuery, OnlyShapeFormat, Path, Query, ShapeFormat, ShapeFormatQuery, is_json,
+    media_type, parse,
 };
 use crate::api::problem::{FaultDocument, Problem, ProblemDocument, ProblemKind};
-use crate::api::respond::{compute, json, svg};
+use crate::api::respond::{compute, json, mesh, svg};
 use crate::domain::cohort::Cohort;
 use crate::domain::shape::Shape;
 use crate::formats::checked::{List, document};
@@ -198,30 +199,36 @@ pub(super) async fn list_shapes(
     .await
 }
 
-/// Reads a shape by its id or external id; as SVG, its drawing.
+/// Reads a shape by its id or external id; as SVG its drawing, as OBJ, PLY, STL or glTF the mesh of a surface.
 #[utoipa::path(get, path = "/cohorts/{cohort}/shapes/{shape}", tag = "cohorts",
     params(
         ("cohort" = String, Path, description = "Id or name"),
         ("shape" = String, Path, description = "Id or external id"),
-        ("format" = Option<String>, Query, description = "`json` or `svg`")
+        ShapeFormatQuery
     ),
     responses(
-        (status = 200, description = "The shape", content((StoredShape = "application/json"), (String = "image/svg+xml"))),
+        (status = 200, description = "The shape", content((StoredShape = "application/json"), (String = "image/svg+xml"), (Vec<u8> = "model/obj"), (Vec<u8> = "application/ply"), (Vec<u8> = "model/stl"), (Vec<u8> = "model/gltf-binary"))),
         (status = 404, description = "No such cohort or shape", body = ProblemDocument, content_type = "application/problem+json"),
         (status = "4XX", description = "The request was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn find_shape(
     Caller(app): Caller,
     Path((key, shape)): Path<(String, String)>,
-    OnlyFormat(format): OnlyFormat,
+    OnlyShapeFormat(format): OnlyShapeFormat,
 ) -> Result<Response, Problem> {
     let (cohort, shape) = cohorts::find_shape(&app, &key, &shape).await?;
-    if format == Format::Json {
+    if format == ShapeFormat::Plain(Format::Json) {
         return Ok(json(StatusCode::OK, &StoredShape::new(&cohort, shape))?);
     }
-    let (space, _) = app.space(&cohort.representation, "/representation")?;
-    let title = shape.attributes.external_id.as_deref().unwrap_or(&shape.id);
-    Ok(svg(draw_shapes(&space, title, &[&shape.control_points])))
+    compute(app.weighing(Weight::Light), move |app| {
+        let (space, _) = app.space(&cohort.representation, "/representation")?;
+        if let ShapeFormat::Mesh(format, grid) = format {
+            return mesh(&space, &shape.control_points, format, grid);
+        }
+        let title = shape.attributes.external_id.as_deref().unwrap_or(&shape.id);
+        Ok(svg(draw_shapes(&space, title, &[&shape.control_points])))
+    })
+    .await
 }
 
 /// Deletes a shape; the revision of the cohort grows.

@@ -7,9 +7,12 @@ use serde::{Deserialize, Serialize};
 
 use super::settings::{MeanOutput, ShapeOutput, checked, rows, settings_request};
 use crate::analysis::alignment::{AlignedShape, Projection, unwhitened};
-use crate::api::extract::{Caller, Format, JsonBody, NoQuery, OnlyFormat, Query, parse};
+use crate::api::extract::{
+    Caller, Format, JsonBody, NoQuery, OnlyFormat, OnlyShapeFormat, Query, ShapeFormat, ShapeFormatQuery,
+    parse,
+};
 use crate::api::problem::{Problem, ProblemDocument};
-use crate::api::respond::{compute, json, svg};
+use crate::api::respond::{compute, json, mesh, svg};
 use crate::formats::InputError;
 use crate::formats::checked::{Checked, take_given, take_or_default};
 use crate::formats::shape::{Points, ShapeInput};
@@ -130,19 +133,28 @@ pub(super) async fn project(
 /// Computes the mean shape.
 ///
 /// Unbiased and without a template: the mean of the subspaces of the shapes under the class. As SVG: the mean with
-/// the aligned shapes behind it.
+/// the aligned shapes behind it. As OBJ, PLY, STL or glTF: the mesh of a mean surface.
 #[utoipa::path(post, path = "/mean", tag = "statistics", request_body = StatisticsRequest,
-    params(("format" = Option<String>, Query, description = "`json` or `svg`")),
+    params(ShapeFormatQuery),
     responses(
-        (status = 200, description = "The mean", content((MeanOutput = "application/json"), (String = "image/svg+xml"))),
+        (status = 200, description = "The mean", content((MeanOutput = "application/json"), (String = "image/svg+xml"), (Vec<u8> = "model/obj"), (Vec<u8> = "application/ply"), (Vec<u8> = "model/stl"), (Vec<u8> = "model/gltf-binary"))),
         (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn mean(
     Caller(app): Caller,
-    OnlyFormat(format): OnlyFormat,
+    OnlyShapeFormat(format): OnlyShapeFormat,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
-    answer(app, format, body, |statistics| json(StatusCode::OK, &mean_output(statistics))).await
+    let write = |statistics: &Statistics| json(StatusCode::OK, &mean_output(statistics));
+    match format {
+        ShapeFormat::Plain(format) => answer(app, format, body, write).await,
+        ShapeFormat::Mesh(format, grid) => {
+            let mesh = move |Statistics { setup, mean, .. }: &Statistics| {
+                mesh(&setup.space, &mean.control_points, format, grid)
+            };
+            answer(app, Format::Json, body, mesh).await
+        }
+    }
 }
 
 /// Aligns the shapes of a request and answers with a drawing, or with what `write` makes.
@@ -150,7 +162,7 @@ async fn answer(
     app: App,
     format: Format,
     body: Bytes,
-    write: fn(&Statistics) -> Result<Response, ServiceError>,
+    write: impl Fn(&Statistics) -> Result<Response, ServiceError> + Send + 'static,
 ) -> Result<Response, Problem> {
     compute(app, move |app| {
         let (mut request, mut errors) = (parse::<StatisticsRequest>(&body)?, Vec::new());

@@ -49,6 +49,34 @@ impl Extent {
     }
 }
 
+/// What does not fit together in a surface whose generators are admissible: fields and what is wrong with them.
+pub fn faults(extent: Extent, seam: Seam, kinds: &[GeneratorKind; 2]) -> Vec<(&'static str, String)> {
+    let mut faults = Vec::new();
+    if !seam.is_straight() && extent.topology != Topology::Torus {
+        faults
+            .push(("seam", format!("a {} has no seam to be twisted: leave it out", extent.topology.name())));
+    }
+    if seam == Seam::HalfTurn && extent.intervals[1] % 2 == 1 {
+        let detail =
+            format!("is {}, must be even: a half turn goes from knots to knots", extent.intervals[1]);
+        faults.push(("control_points/1", detail));
+    }
+    if extent.topology == Topology::Sphere {
+        if phantoms(kinds[1].support()) != 1 {
+            let support = kinds[1].support();
+            faults.push((
+                "generators/1",
+                format!("has support {support}, the conditions at two poles take 3 or 4"),
+            ));
+        }
+        if !kinds[0].properties().partition_of_unity {
+            let detail = "does not reproduce constants, so that it cannot close at a pole: add the pole 0";
+            faults.push(("generators/0", detail.into()));
+        }
+    }
+    faults
+}
+
 /// Directions of the tangents at the poles, `σ_v(u, 0) = T_1N cos 2πu + T_2N sin 2πu`; the same at the south.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Tangents {
@@ -75,8 +103,11 @@ impl SurfaceBasis {
     /// Prepares surfaces. Cost: two generators, once, their Gram operators, and on spheres three banded factorisations.
     ///
     /// # Errors
-    /// Errors of the generators; [`GeometryError::Dependent`].
+    /// Errors of the generators; [`GeometryError::Dependent`]; [`GeometryError::Surface`] for what [`faults`] finds.
     pub fn new(extent: Extent, seam: Seam, kinds: &[GeneratorKind; 2]) -> Result<Self, GeometryError> {
+        if let Some((field, detail)) = faults(extent, seam, kinds).into_iter().next() {
+            return Err(GeometryError::Surface { field, detail });
+        }
         let Extent { topology, intervals } = extent;
         let (mut cover, mut sphere) = (None, None);
         let line = |i: usize| match topology {
@@ -86,7 +117,7 @@ impl SurfaceBasis {
         let lines = [line(0)?, line(1)?];
         let gram: Arc<dyn SymmetricOperator> = match topology {
             Topology::Sphere => {
-                let basis = SphereBasis::new(&lines[0], &lines[1]);
+                let basis = SphereBasis::new(&lines[0], &lines[1])?;
                 let eigenvalues = gram_eigenvalues(lines[0].generator(), intervals[0])?;
                 let meridian = open_gram(lines[1].generator(), intervals[1], 0);
                 let support = lines[1].generator().support();
@@ -110,6 +141,11 @@ impl SurfaceBasis {
     /// The numbers of the surfaces.
     pub fn extent(&self) -> Extent {
         self.extent
+    }
+
+    /// How a torus is glued.
+    pub fn seam(&self) -> Seam {
+        self.seam
     }
 
     /// The directions.
@@ -146,6 +182,61 @@ impl SurfaceBasis {
         });
         let rows: Vec<f64> = columns.flatten().collect();
         Matrix::from_vec(self.gram.size(), points.ncols(), rows)
+    }
+
+    /// Rows of the surface through the points of a function of `u` and `v` at the knots.
+    pub fn interpolate_function(&self, at: impl Fn(f64, f64) -> [f64; 3]) -> Matrix {
+        let [count_u, count_v] = self.extent.grid();
+        let mut points = Matrix::zeros(count_u * count_v, 3);
+        for k in 0..count_u {
+            for l in 0..count_v {
+                let [u, v] = [(k, 0), (l, 1)].map(|(k, i)| k as f64 / self.extent.intervals[i] as f64);
+                let point = at(u, v);
+                (0..3).for_each(|c| points[(k * count_v + l, c)] = point[c]);
+            }
+        }
+        self.interpolate(&points, &Tangents::default())
+    }
+
+    /// Runs through `u` backwards, `σ(u, v)` becomes `σ(−u, v)`, along open `u` `σ(1 − u, v)`: one coordinate of rows.
+    pub fn reverse(&self, column: &mut [f64]) {
+        let closed = self.extent.topology.closed()[0];
+        let (columns, polar) = match self.sphere {
+            Some(_) => (self.extent.intervals[1] - 1, POLAR_ROWS),
+            None => (self.gram.size() / self.lines_stored(), 0),
+        };
+        let (grid, polar) = column.split_at_mut(column.len() - polar);
+        let before = grid.to_vec();
+        let count = grid.len() / columns;
+        for (k, row) in grid.chunks_exact_mut(columns).enumerate() {
+            let from = if closed { (count - k) % count } else { count - 1 - k };
+            for (l, value) in row.iter_mut().enumerate() {
+                // From −k to M − k is over the seam.
+                let l = if closed && k > 0 { self.seam.across(l, columns) } else { l };
+                *value = before[from * columns + l];
+            }
+        }
+        // The tangent of sin 2πu turns round.
+        if let [north, south, _, north_handle, _, south_handle] = polar {
+            *north_handle = 2.0 * *north - *north_handle;
+            *south_handle = 2.0 * *south - *south_handle;
+        }
+    }
+
+    /// Tangents at the poles of the sphere with these `rows`; none of other surfaces.
+    pub fn tangents_of(&self, rows: &Matrix) -> Tangents {
+        if self.sphere.is_none() {
+            return Tangents::default();
+        }
+        let first = rows.nrows() - POLAR_ROWS;
+        let length = handle_length(self.extent.intervals[1]);
+        let tangents = |pole: usize| {
+            [0, 1].map(|i| {
+                let handle = first + 2 + 2 * pole + i;
+                [0, 1, 2].map(|c| (rows[(handle, c)] - rows[(first + pole, c)]) / length)
+            })
+        };
+        Tangents { north: Some(tangents(0)), south: Some(tangents(1)) }
     }
 
     fn interpolate_sheet(&self, points: &[f64]) -> Vec<f64> {

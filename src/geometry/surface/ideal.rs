@@ -23,7 +23,7 @@ use std::f64::consts::{PI, TAU};
 use serde::{Deserialize, Serialize};
 
 use super::Topology;
-use super::basis::{Extent, SurfaceBasis, Tangents};
+use super::basis::{Extent, SurfaceBasis};
 use super::seam::Seam;
 use crate::geometry::GeometryError;
 use crate::geometry::generator::{Family, GeneratorKind, PoleList};
@@ -185,16 +185,7 @@ impl IdealSurface {
 
     /// Its rows in [`Self::basis`], or in any space that contains it.
     pub fn rows(&self, basis: &SurfaceBasis) -> Matrix {
-        let Extent { intervals, .. } = basis.extent();
-        let [count_u, count_v] = basis.extent().grid();
-        let mut points = Matrix::zeros(count_u * count_v, 3);
-        for k in 0..count_u {
-            for l in 0..count_v {
-                let at = self.at(k as f64 / intervals[0] as f64, l as f64 / intervals[1] as f64);
-                (0..3).for_each(|c| points[(k * count_v + l, c)] = at[c]);
-            }
-        }
-        basis.interpolate(&points, &Tangents::default())
+        basis.interpolate_function(|u, v| self.at(u, v))
     }
 
     /// The point at `(u, v)`.

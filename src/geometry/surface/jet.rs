@@ -5,8 +5,9 @@
 //! K = (LN − M²)/(EG − F²)     H = (EN − 2FM + GL)/(2(EG − F²))     κ₁,₂ = H ± √(H² − K)
 //! ```
 
-use super::{Surface, Topology, combine, cross, dot, norm};
+use super::{Surface, Topology, combine};
 use crate::geometry::line::Line;
+use crate::geometry::vector::{cross, dot, norm};
 
 /// Derivatives that are evaluated, as orders along `u` and `v`.
 pub const ORDERS: [[usize; 2]; 6] = [[0, 0], [1, 0], [0, 1], [2, 0], [1, 1], [0, 2]];

@@ -11,7 +11,8 @@
 //! Source: Schmitter, *Spline Shape Processing*, (7.19)–(7.21), (7.38), (7.48), with signs corrected; by quadrature instead of
 //! precomputed triple products, which is as exact and takes fewer operations.
 
-use super::{Surface, Topology, combine, cross, dot, norm};
+use super::{Surface, Topology, combine};
+use crate::geometry::vector::{cross, dot, norm};
 use crate::numeric::quadrature::GaussLegendre;
 
 /// Measures of one surface, in the unit of its control points.
@@ -23,7 +24,7 @@ pub struct SurfaceMeasures {
     pub area: f64,
     /// Estimated error of the area.
     pub area_error: f64,
-    /// Centroid of the sheet by area.
+    /// Centroid of the sheet by area; the mean position where there is no area.
     pub sheet_centroid: [f64; 3],
     /// Mean position over the parameters, `∬ σ du dv`.
     pub mean_position: [f64; 3],
@@ -41,7 +42,8 @@ pub struct EnclosedVolume {
 }
 
 /// An affine field `F(r) = A r + b`.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Deserialize, utoipa::ToSchema)]
+#[serde(deny_unknown_fields)]
 pub struct AffineField {
     /// `A`, row by row.
     pub matrix: [[f64; 3]; 3],
@@ -65,6 +67,27 @@ const NO_VOLUME: f64 = 1e-12;
 impl SurfaceMeasures {
     /// Measures `surface`. Cost: 400 jets per pair of intervals, more where the normal nearly vanishes.
     pub fn of(surface: &Surface) -> Self {
+        // Fourth powers of coordinates leave the range of numbers long before volumes do.
+        let unit = surface.power_of_two();
+        Self::in_range(&surface.scaled(unit.recip())).scaled(unit)
+    }
+
+    fn scaled(self, unit: f64) -> Self {
+        let point = |point: [f64; 3]| point.map(|value| value * unit);
+        Self {
+            enclosed: self.enclosed.map(|enclosed| EnclosedVolume {
+                signed_volume: enclosed.signed_volume * unit * unit * unit,
+                centroid: enclosed.centroid.map(point),
+            }),
+            area: self.area * unit * unit,
+            area_error: self.area_error * unit * unit,
+            sheet_centroid: point(self.sheet_centroid),
+            mean_position: point(self.mean_position),
+            bounding_box: self.bounding_box.map(point),
+        }
+    }
+
+    fn in_range(surface: &Surface) -> Self {
         let rule = GaussLegendre::new(NODES);
         let mut sums = Sums::new(surface.points(&[0.5], &[0.5])[0]);
         surface.each_node(&rule, |weight, point, [du, dv]| {
@@ -79,21 +102,21 @@ impl SurfaceMeasures {
         let (area, area_error) = area(surface, sums.area);
         let spread: f64 = (0..3).map(|c| sums.bounds[1][c] - sums.bounds[0][c]).product();
         let enclosed = match surface.topology {
-            Topology::Plane => None,
-            _ if !surface.is_orientable() => None,
+            _ if !surface.encloses() => None,
             Topology::Cylinder => {
                 sums.close(surface, &rule);
                 Some(sums.enclosed(spread))
             }
-            Topology::Sphere | Topology::Torus => Some(sums.enclosed(spread)),
+            _ => Some(sums.enclosed(spread)),
         };
         let at = |sum: [f64; 3], over: f64| [0, 1, 2].map(|c| sums.origin[c] + sum[c] / over);
+        let mean_position = at(sums.position, 1.0);
         Self {
             enclosed,
             area,
             area_error,
-            sheet_centroid: at(sums.by_area, sums.area),
-            mean_position: at(sums.position, 1.0),
+            sheet_centroid: if sums.area > 0.0 { at(sums.by_area, sums.area) } else { mean_position },
+            mean_position,
             bounding_box: sums.bounds,
         }
     }

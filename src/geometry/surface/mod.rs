@@ -30,6 +30,7 @@ use std::ops::Range;
 
 use serde::{Deserialize, Serialize};
 
+use super::generator::GeneratorKind;
 use super::line::Line;
 use super::open::phantoms;
 use seam::Seam;
@@ -71,6 +72,12 @@ impl Topology {
         }
     }
 
+    /// The generators that are taken unless others are asked for: circles where it closes, from pole to pole half of one.
+    pub fn usual_generators(self) -> [GeneratorKind; 2] {
+        let round = [self.closed()[0], self.closed()[1] || self == Self::Sphere];
+        round.map(|round| if round { GeneratorKind::Trigonometric {} } else { GeneratorKind::Keys {} })
+    }
+
     /// The sign of `σ_u × σ_v` in the outward normal: that of the usual parameterisation, longitude and colatitude on the
     /// sphere, longitude and height on the cylinder.
     pub fn orientation(self) -> f64 {
@@ -101,6 +108,11 @@ impl Surface {
         self.seam != Seam::Reflected
     }
 
+    /// Whether it encloses a volume: spheres, tori, and cylinders with lids.
+    pub fn encloses(&self) -> bool {
+        self.topology != Topology::Plane && self.is_orientable()
+    }
+
     /// Its directions.
     pub fn lines(&self) -> &[Line; 2] {
         &self.lines
@@ -109,6 +121,19 @@ impl Surface {
     /// Intervals of a direction within `[0, 1]`.
     pub fn intervals(&self, direction: usize) -> usize {
         self.size[direction] - 1 - 2 * phantoms(self.lines[direction].generator().support())
+    }
+
+    /// A power of two near the largest coordinate, 1 when all are 0.
+    fn power_of_two(&self) -> f64 {
+        let largest = self.control_points.iter().flatten().fold(0.0_f64, |most, value| most.max(value.abs()));
+        if largest > f64::MIN_POSITIVE && largest.is_finite() { largest.log2().floor().exp2() } else { 1.0 }
+    }
+
+    /// The same surface times `factor`.
+    fn scaled(&self, factor: f64) -> Self {
+        let control_points =
+            self.control_points.iter().map(|point| point.map(|value| value * factor)).collect();
+        Self { control_points, ..self.clone() }
     }
 
     /// `Σ_k w_k c[k, l]` for the `columns` `l`, with `k` from `first` on.
@@ -132,16 +157,4 @@ fn combine(row: &[[f64; 3]], weights: &[f64]) -> [f64; 3] {
         (0..3).for_each(|c| sum[c] += weight * point[c]);
     }
     sum
-}
-
-pub(super) fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-}
-
-pub(super) fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-pub(super) fn norm(a: [f64; 3]) -> f64 {
-    a[0].hypot(a[1]).hypot(a[2])
 }

@@ -18,6 +18,7 @@ use std::f64::consts::{PI, TAU};
 
 use crate::geometry::GeometryError;
 use crate::geometry::mesh::{Connectivity, TriangleMesh};
+use crate::geometry::vector::{cross, dot, minus, norm};
 use crate::numeric::dense::{Matrix, leading_eigenpairs};
 
 /// Least weight of an edge, in units of the mean.
@@ -99,8 +100,8 @@ fn path(connectivity: &Connectivity, [north, south]: [u32; 2]) -> Option<Vec<u32
 fn weights(mesh: &TriangleMesh, connectivity: &Connectivity) -> Vec<Vec<f64>> {
     let cotangent = |a: u32, b: u32, at: u32| {
         let [a, b, at] = [a, b, at].map(|vertex| mesh.vertices[vertex as usize]);
-        let (p, q) = ([0, 1, 2].map(|c| a[c] - at[c]), [0, 1, 2].map(|c| b[c] - at[c]));
-        let value = super::dot(p, q) / super::norm(super::cross(p, q));
+        let (p, q) = (minus(a, at), minus(b, at));
+        let value = dot(p, q) / norm(cross(p, q));
         if value.is_finite() { value } else { 0.0 }
     };
     let mut weights: Vec<Vec<f64>> = (0..mesh.vertices.len() as u32)
@@ -205,7 +206,10 @@ impl Graph<'_> {
             p.iter_mut().zip(&z).for_each(|(p, z)| *p = z + next / rho * *p);
             rho = next;
         }
-        Err(GeometryError::NotFound { iterations: 10 * count, residual: (rho / wanted).sqrt() * RESIDUAL })
+        Err(GeometryError::NoConvergence {
+            iterations: 10 * count,
+            residual: (rho / wanted).sqrt() * RESIDUAL,
+        })
     }
 }
 

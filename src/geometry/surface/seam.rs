@@ -42,6 +42,15 @@ impl Seam {
         }
     }
 
+    /// `π(v)` of a parameter.
+    pub fn beyond(self, v: f64) -> f64 {
+        match self {
+            Self::Straight => v,
+            Self::Reflected => 1.0 - v,
+            Self::HalfTurn => v + 0.5,
+        }
+    }
+
     /// `x` (`[k][l]`, `count` along `v`) and after it what is seen on the second round.
     pub(super) fn unfold(self, x: &[f64], count: usize) -> Vec<f64> {
         let mut both = x.to_vec();

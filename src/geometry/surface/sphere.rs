@@ -17,6 +17,7 @@
 //! Source: Schmitter, *Spline Shape Processing*, (7.11)–(7.13), with the lengths of the tangents corrected.
 
 use std::f64::consts::{FRAC_1_SQRT_2, PI, TAU};
+use std::sync::Arc;
 
 use realfft::num_complex::Complex64;
 
@@ -30,6 +31,8 @@ use crate::numeric::operator::SymmetricOperator;
 
 /// Rows after those between the poles: poles, handles of the north, handles of the south.
 pub const POLAR_ROWS: usize = 6;
+/// Fewest intervals from pole to pole: one ring of points between.
+pub const FEWEST_ALONG_MERIDIAN: usize = 2;
 const NORTH: usize = 0;
 const SOUTH: usize = 1;
 /// The first handle of each pole.
@@ -42,7 +45,7 @@ pub fn handle_length(meridian_intervals: usize) -> f64 {
 
 /// What the conditions at the poles are made of.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct PoleRule {
+struct PoleRule {
     /// `φ_v(0)`, `φ_v(1)`.
     values: [f64; 2],
     /// `M_v φ_v'(1)`.
@@ -53,7 +56,7 @@ pub(super) struct PoleRule {
 
 impl PoleRule {
     /// For a closed line along `u` and an open one along `v` with one phantom beyond each end.
-    pub(super) fn new(around: &Line, meridian: &Line) -> Self {
+    fn new(around: &Line, meridian: &Line) -> Self {
         let [phi, psi] = [around.generator(), meridian.generator()];
         let reach = (phi.support() / 2) as isize;
         let omega = TAU / around.intervals() as f64;
@@ -82,11 +85,25 @@ pub(super) struct SphereBasis {
     /// `M_u`, `M_v`.
     intervals: [usize; 2],
     rule: PoleRule,
+    /// From points along a meridian to its control points, once the first and the last row are halved.
+    meridians: Arc<Banded>,
 }
 
 impl SphereBasis {
-    pub(super) fn new(around: &Line, meridian: &Line) -> Self {
-        Self { intervals: [around.intervals(), meridian.intervals()], rule: PoleRule::new(around, meridian) }
+    /// # Errors
+    /// [`GeometryError::Dependent`] for generators whose samples along a meridian determine nothing.
+    pub(super) fn new(around: &Line, meridian: &Line) -> Result<Self, GeometryError> {
+        let (rule, last) = (PoleRule::new(around, meridian), meridian.intervals());
+        let [middle, side] = rule.values;
+        let mut band = Band::zeros(last + 1, 1);
+        for l in 0..=last {
+            band.add(l, l, if l == 0 || l == last { 0.5 * middle } else { middle });
+            if l < last {
+                band.add(l, l + 1, side);
+            }
+        }
+        let meridians = Arc::new(Banded::new(band).map_err(dependent)?);
+        Ok(Self { intervals: [around.intervals(), last], rule, meridians })
     }
 
     /// `M_v − 1`.
@@ -151,17 +168,7 @@ impl SphereBasis {
         let mut turned = vec![0.0; points.len()];
         transpose(points, length, &mut turned);
         let around = lines[0].interpolate(Matrix::from_vec(count, length, turned));
-        let [middle, side] = self.rule.values;
-        let mut band = Band::zeros(length, 1);
-        for l in 0..length {
-            let end = l == 0 || l == intervals;
-            band.add(l, l, if end { 0.5 * middle } else { middle });
-            if l < intervals {
-                band.add(l, l + 1, side);
-            }
-        }
-        let meridians =
-            Banded::new(band).expect("samples of a generator at its knots are dominated by the middle");
+        let side = self.rule.values[1];
         let mut rows = Vec::with_capacity(self.free() + POLAR_ROWS);
         let [top, bottom] = [points[0], points[intervals]];
         for k in 0..count {
@@ -170,7 +177,7 @@ impl SphereBasis {
             let mut p: Vec<f64> = (0..length).map(|l| around[(k, l)]).collect();
             p[0] = 0.5 * (top - side * tangent(north));
             p[intervals] = 0.5 * (bottom + side * tangent(south));
-            meridians.solve(&mut p);
+            self.meridians.solve(&mut p);
             rows.extend_from_slice(&p[1..intervals]);
         }
         let kappa = handle_length(intervals);
@@ -333,63 +340,70 @@ impl SphereGram {
         ]
     }
 
-    /// `y = V x`: from rows to harmonics.
-    fn analyse(&self, x: &[f64], y: &mut [f64]) {
-        let (free, polar) = x.split_at(self.basis.free());
+    /// The points between the poles into harmonics, and the polar unknowns, each times its unit to the `power`.
+    fn enter(&self, free: &[f64], unknowns: [f64; POLAR_ROWS], power: i32, y: &mut [f64]) {
         self.transform(free, y);
-        let kappa = handle_length(self.basis.intervals[1]);
-        let mut unknowns: [f64; POLAR_ROWS] = polar.try_into().expect("there are six");
-        for (pole, first) in HANDLES.into_iter().enumerate() {
-            for handle in &mut unknowns[first..first + 2] {
-                *handle = (*handle - polar[pole]) / kappa;
-            }
-        }
         for ((place, unit), value) in self.polar().into_iter().zip(unknowns) {
-            y[place] = unit * value;
+            y[place] = value * unit.powi(power);
         }
+    }
+
+    /// Out of harmonics again: the points between the poles, and the polar unknowns, each times its unit to the `power`.
+    fn leave(&self, y: &[f64], power: i32, free: &mut [f64]) -> [f64; POLAR_ROWS] {
+        self.transform_back(y, free);
+        self.polar().map(|(place, unit)| y[place] * unit.powi(power))
+    }
+
+    /// The points between the poles, and the six rows after them.
+    fn split<'a>(&self, x: &'a [f64]) -> (&'a [f64], [f64; POLAR_ROWS]) {
+        let (free, polar) = x.split_at(self.basis.free());
+        (free, polar.try_into().expect("there are six"))
+    }
+
+    fn kappa(&self) -> f64 {
+        handle_length(self.basis.intervals[1])
+    }
+
+    /// `y = V x`: from rows to harmonics, handles to tangents `(handle − pole)/κ`.
+    fn analyse(&self, x: &[f64], y: &mut [f64]) {
+        let (free, mut polar) = self.split(x);
+        for (pole, first) in HANDLES.into_iter().enumerate() {
+            let at = polar[pole];
+            polar[first..first + 2].iter_mut().for_each(|handle| *handle = (*handle - at) / self.kappa());
+        }
+        self.enter(free, polar, 1, y);
     }
 
     /// `x = V⁻¹ y`.
     fn synthesise(&self, y: &[f64], x: &mut [f64]) {
-        let (free, polar) = x.split_at_mut(self.basis.free());
-        self.transform_back(y, free);
-        for (row, (place, unit)) in polar.iter_mut().zip(self.polar()) {
-            *row = y[place] / unit;
-        }
-        let kappa = handle_length(self.basis.intervals[1]);
+        let (free, rows) = x.split_at_mut(self.basis.free());
+        let mut polar = self.leave(y, -1, free);
         for (pole, first) in HANDLES.into_iter().enumerate() {
             let at = polar[pole];
-            polar[first..first + 2].iter_mut().for_each(|tangent| *tangent = at + kappa * *tangent);
+            polar[first..first + 2].iter_mut().for_each(|tangent| *tangent = at + self.kappa() * *tangent);
         }
+        rows.copy_from_slice(&polar);
     }
 
     /// `x = Vᵀ y`.
     fn synthesise_transposed(&self, y: &[f64], x: &mut [f64]) {
-        let (free, polar) = x.split_at_mut(self.basis.free());
-        self.transform_back(y, free);
-        for (row, (place, unit)) in polar.iter_mut().zip(self.polar()) {
-            *row = y[place] * unit;
-        }
-        let kappa = handle_length(self.basis.intervals[1]);
+        let (free, rows) = x.split_at_mut(self.basis.free());
+        let mut polar = self.leave(y, 1, free);
         for (pole, first) in HANDLES.into_iter().enumerate() {
-            polar[first..first + 2].iter_mut().for_each(|handle| *handle /= kappa);
+            polar[first..first + 2].iter_mut().for_each(|handle| *handle /= self.kappa());
             polar[pole] -= polar[first] + polar[first + 1];
         }
+        rows.copy_from_slice(&polar);
     }
 
     /// `y = V⁻ᵀ x`.
     fn analyse_transposed(&self, x: &[f64], y: &mut [f64]) {
-        let (free, polar) = x.split_at(self.basis.free());
-        self.transform(free, y);
-        let kappa = handle_length(self.basis.intervals[1]);
-        let mut unknowns: [f64; POLAR_ROWS] = polar.try_into().expect("there are six");
+        let (free, mut polar) = self.split(x);
         for (pole, first) in HANDLES.into_iter().enumerate() {
-            unknowns[pole] += polar[first] + polar[first + 1];
-            unknowns[first..first + 2].iter_mut().for_each(|tangent| *tangent *= kappa);
+            polar[pole] += polar[first] + polar[first + 1];
+            polar[first..first + 2].iter_mut().for_each(|tangent| *tangent *= self.kappa());
         }
-        for ((place, unit), value) in self.polar().into_iter().zip(unknowns) {
-            y[place] = value / unit;
-        }
+        self.enter(free, polar, -1, y);
     }
 
     /// Applies `operation` to the block of every harmonic, and multiplies with its eigenvalue to the `power`.

@@ -16,6 +16,7 @@ use crate::domain::comparison::{
     StatisticRecord, TestRecord,
 };
 use crate::domain::dictionary::{MeanRecord, rows_of};
+use crate::geometry::sampling::Places;
 use crate::numeric::dense::{Matrix, transpose_multiply};
 use crate::service::jobs::JobContext;
 use crate::service::members::Aligned;
@@ -35,10 +36,10 @@ impl Prepared {
         let aligned = members::read_and_align(app, handle, source, &members.shapes, setup, &stop)?;
         context.report("compare", ALIGNED, None);
         let groups = self.groups(&aligned)?;
-        let parameters = members::parameters(setup, plan.samples);
+        let places = Places::along(&setup.space, plan.samples);
         let sample = Sample {
             coordinates: Span::new(&aligned.aligned, &aligned.weights)?.scores,
-            points: members::points_of(setup, &aligned.aligned, &parameters),
+            points: members::points_of(setup, &aligned.aligned, &places),
             dimension: setup.metric.dimension(),
             sizes: aligned.sizes.clone(),
             weights: aligned.weights.clone(),
@@ -68,7 +69,7 @@ impl Prepared {
             let chosen = sample.select(&members.of_pair(pair));
             let tests = chosen.compare_pair(&relabellings, &stop)?;
             let two = (&groups[pair.0], &groups[pair.1]);
-            pairs.push(self.pair(two, tests, &aligned, &parameters, relabellings.exchangeable()));
+            pairs.push(self.pair(two, tests, &aligned, &places, relabellings.exchangeable()));
         }
         correct(&mut pairs);
         Ok(Comparison {
@@ -142,7 +143,7 @@ impl Prepared {
         (first, second): (&Group, &Group),
         tests: PairTests,
         aligned: &Aligned,
-        parameters: &[f64],
+        places: &Places,
         exchangeable: usize,
     ) -> PairRecord {
         let chordal = |(a, b): (&Matrix, &Matrix)| {
@@ -164,21 +165,22 @@ impl Prepared {
             r_squared: tests.r_squared,
             hotelling: statistic(&tests.hotelling),
             components: tests.components,
-            effect: self.effect(first, &tests, parameters),
+            effect: self.effect(first, &tests, places),
             sizes: sizes.collect(),
         }
     }
 
-    fn effect(&self, first: &Group, tests: &PairTests, parameters: &[f64]) -> Vec<EffectPoint> {
-        let (d, count) = (self.setup.metric.dimension(), parameters.len());
+    fn effect(&self, first: &Group, tests: &PairTests, places: &Places) -> Vec<EffectPoint> {
+        let (d, count) = (self.setup.metric.dimension(), places.count());
         let average = Matrix::from_column_slice(first.average.len(), 1, &first.average);
-        let points = members::points_of(&self.setup, &average, parameters);
+        let points = members::points_of(&self.setup, &average, places);
         let row = |values: &[f64], i: usize| (0..d).map(|c| values[c * count + i]).collect::<Vec<f64>>();
         (0..count)
             .map(|i| {
                 let difference = row(&tests.effect.difference, i);
                 EffectPoint {
-                    parameter: parameters[i],
+                    parameter: places.parameter(i),
+                    surface_parameters: places.surface_parameters(i),
                     point: row(points.as_slice(), i),
                     length: difference.iter().map(|x| x * x).sum::<f64>().sqrt(),
                     difference,

@@ -4,7 +4,7 @@ use super::Prepared;
 use crate::domain::comparison::{Comparison, PairRecord, TestRecord};
 use crate::domain::dictionary::columns_of;
 use crate::formats::effect;
-use crate::formats::effect::{Effect, EffectPoint as DrawnPoint};
+use crate::formats::effect::{Connection, Effect, EffectPoint as DrawnPoint};
 use crate::formats::svg::{Layer, colour};
 
 /// Colours of the groups of a drawing, over and over (colour-blind safe).
@@ -33,10 +33,11 @@ pub(super) fn draw(prepared: &Prepared, comparison: &Comparison) -> String {
         length: point.length,
         significant: point.p.is_some_and(|p| p <= SIGNIFICANT),
     });
+    let first = comparison.groups.iter().find(|group| group.name == pair.first);
+    let first = first.unwrap_or(&comparison.groups[0]);
     let effect = Effect {
         points: points.collect(),
-        closed: space.generator().is_some() && space.representation().is_closed(),
-        connected: space.generator().is_some(),
+        connection: Connection::of(space, &columns_of(&first.average, d)),
         colours: (colour::EFFECT_NONE, colour::EFFECT_MOST),
     };
     let of = |name: &str, test: &TestRecord| match test.p_holm.or(test.p) {

@@ -22,6 +22,7 @@ use crate::domain::cohort::Cohort;
 use crate::domain::comparison::Comparison;
 use crate::domain::job::JobKind;
 use crate::domain::shape::{ShapeDescription, ShapeFilter};
+use crate::geometry::representation::Representation;
 use crate::service::compute::Setup;
 use crate::service::error::Fault;
 use crate::service::estimate::{Estimate, TestWork};
@@ -141,7 +142,7 @@ pub async fn prepare(app: &App, compare: Compare) -> Result<Prepared, ServiceErr
     let plan = Plan {
         cohort: cohort.id.clone(),
         revision: cohort.revision,
-        samples: compare.samples.unwrap_or(cohort.representation.size()),
+        samples: compare.samples.unwrap_or_else(|| usual_samples(&cohort.representation)),
         grouping: compare.grouping,
         transformation: compare.transformation,
         alignment: compare.alignment,
@@ -165,9 +166,11 @@ async fn prepare_plan(app: &App, cohort: Cohort, plan: Plan) -> Result<Prepared,
     let (task_app, settings) =
         (app.clone(), members::settings(&cohort, &plan.transformation, plan.alignment, plan.mirror));
     let setup = app.pool.run(move || Setup::new(&task_app, &settings)).await?;
-    if setup.space.generator().is_none() && plan.samples != setup.metric.size() {
-        let detail =
-            format!("landmarks are compared as they are: leave it out, or give {}", setup.metric.size());
+    let usual = usual_samples(setup.space.representation());
+    if setup.space.generator().is_none() && plan.samples != usual {
+        let what =
+            if setup.space.surface().is_some() { "surfaces at their knots" } else { "landmarks as they are" };
+        let detail = format!("is {}: {what} are compared, leave it out or give {usual}", plan.samples);
         return Err(ServiceError::invalid("/samples", detail));
     }
     let groups = members.names.len();
@@ -189,6 +192,14 @@ async fn prepare_plan(app: &App, cohort: Cohort, plan: Plan) -> Result<Prepared,
         return Err(ServiceError::invalid("/cohort", detail));
     }
     Ok(Prepared { plan, cohort, setup, members, estimate })
+}
+
+/// Places at which shapes are compared unless another number is given.
+fn usual_samples(representation: &Representation) -> usize {
+    match representation.extent() {
+        Some(_) => representation.point_count(),
+        None => representation.size(),
+    }
 }
 
 /// What is wrong whatever the cohort is.

@@ -1,0 +1,97 @@
+//! One shape, deformed.
+
+use axum::http::StatusCode;
+use axum::response::Response;
+use serde::Serialize;
+
+use super::settings::{ShapeOutput, checked};
+use crate::analysis::correspondence::Correspondence;
+use crate::api::extract::{Caller, JsonBody, NoQuery, parse};
+use crate::api::problem::{Problem, ProblemDocument};
+use crate::api::respond::{compute, json};
+use crate::formats::checked::{Checked, document, take_or_default};
+use crate::formats::representation::Read;
+use crate::formats::shape::{Points, ShapeInput};
+use crate::geometry::deformation::Handle;
+use crate::geometry::representation::Representation;
+use crate::service::deform::{self, ControlPointMove, Support};
+use crate::service::input::own_faults;
+use crate::service::posted::Posted;
+
+document! {
+    /// A shape, and what pulls at it.
+    #[schema(example = json!({
+        "representation": {"kind": "closed_curve", "dimension": 2, "control_points": 6, "generator": {"name": "keys"}},
+        "shape": {"points": [[2, 0], [1, 1.7], [-1, 1.7], [-2, 0], [-1, -1.7], [1, -1.7]]},
+        "handles": [{"parameters": [0.0], "position": [3, 0]}, {"parameters": [0.5], "position": [-2, 0]}]
+    }))]
+    pub(super) struct DeformRequest {
+        /// What the shape is made of; a curve or a surface.
+        #[schema(value_type = Representation, required = true)]
+        representation: Read<Representation>, required;
+        /// The shape.
+        #[schema(value_type = ShapeInput, required = true)]
+        shape: ShapeInput, required;
+        /// Control points that are moved, before the handles pull.
+        #[schema(value_type = Option<Vec<ControlPointMove>>)]
+        moves: Checked<Vec<ControlPointMove>>;
+        /// Places on the shape and where they go: the shape changes as little as possible in `L₂`.
+        #[schema(value_type = Option<Vec<Handle>>)]
+        handles: Checked<Vec<Handle>>;
+    }
+}
+
+/// A deformed shape.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct DeformAnswer {
+    #[serde(flatten)]
+    shape: ShapeOutput,
+    /// Where the control points that were moved move the shape, one entry each.
+    supports: Vec<Support>,
+    /// `L₂` norm of the change.
+    l2_change: f64,
+    /// Largest change at the knots.
+    largest_change: f64,
+}
+
+/// Moves control points of a curve or surface, and pulls it to handle positions with the least change.
+#[utoipa::path(post, path = "/deform", tag = "curves", request_body = DeformRequest,
+    responses(
+        (status = 200, description = "The deformed shape", body = DeformAnswer),
+        (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
+    ))]
+pub(super) async fn deform(
+    Caller(app): Caller,
+    _: NoQuery,
+    JsonBody(body): JsonBody,
+) -> Result<Response, Problem> {
+    compute(app, move |app| {
+        let (request, mut errors) = (parse::<DeformRequest>(&body)?, Vec::new());
+        errors.extend(request.faults);
+        let representation =
+            request.representation.and_then(|field| field.take("/representation", &mut errors));
+        let moves = take_or_default(request.moves, "/moves", &mut errors);
+        let handles = take_or_default(request.handles, "/handles", &mut errors);
+        let shape = request.shape.unwrap_or_default();
+        if !errors.is_empty() {
+            errors.extend(own_faults(shape.clone()).into_iter().map(|error| error.below("/shape")));
+        }
+        let ((representation, (moves, handles)), _) =
+            checked(representation.zip(moves.zip(handles)), errors, Vec::new())?;
+        let posted = Posted::new(app, &representation, Correspondence::Landmarks)?;
+        let deformed = deform::deform(app, &posted, shape, &moves, &handles)?;
+        let columns = deformed.control_points.as_slice().to_vec();
+        json(
+            StatusCode::OK,
+            &DeformAnswer {
+                shape: ShapeOutput {
+                    control_points: Points::from_columns(columns, representation.dimension()),
+                },
+                supports: deformed.supports,
+                l2_change: deformed.l2_change,
+                largest_change: deformed.largest_change,
+            },
+        )
+    })
+    .await
+}
