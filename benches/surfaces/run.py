@@ -165,26 +165,8 @@ def measures(service, representation, fits):
     return service.post("/v1/measure", {"representation": representation, "shapes": shapes})["measures"]
 
 
-def finer(given):
-    """The same triangles in quarters: more vertices at which the surface is held, and no new shape."""
-    vertices, middles = list(given["vertices"]), {}
-
-    def middle(a, b):
-        key = min(a, b), max(a, b)
-        if key not in middles:
-            middles[key] = len(vertices)
-            vertices.append([(x + y) / 2 for x, y in zip(vertices[a], vertices[b])])
-        return middles[key]
-
-    faces = []
-    for a, b, c in given["faces"]:
-        ab, bc, ca = middle(a, b), middle(b, c), middle(c, a)
-        faces += [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]
-    return {"vertices": vertices, "faces": faces}
-
-
 def beyond(service, representation, fits, given):
-    """How far each surface leaves the bounding box of its mesh: residuals are those of vertices, and see nothing between."""
+    """How far each surface leaves the bounding box of its mesh, on a grid of four points a knot."""
     shapes = [{"control_points": fit["control_points"]} for fit in fits]
     grid = [4 * representation["control_points"][0], 4 * representation["control_points"][1] + 1]
     body = {"representation": representation, "shapes": shapes, "grid": grid}
@@ -268,34 +250,28 @@ def modes(service, name, cohort, settings):
 def cortex(service, data):
     """The fsaverage5 left hemisphere with the spherical parameters that come with it."""
     folder = data / "surfaces-fsaverage5"
-    sphere = mesh(folder / "left_sphere.ply")
-    head = ("surface", "vertices", "control points", "residual, mm", "largest, mm", "folded")
+    directions = [unit(vertex) for vertex in mesh(folder / "left_sphere.ply")["vertices"]]
+    head = ("surface", "control points", "residual, mm", "largest, mm", "folded")
     table(*head, "beyond the box, mm", "volume fit/mesh", "area fit/mesh", "seconds")
     for name in ("inflated", "white", "pial"):
         given = mesh(folder / f"left_{name}.ply")
         for size in ([24, 24], [36, 36], [44, 44]):
-            cortex_fit(service, name, given, sphere, size)
-        cortex_fit(service, name, finer(given), finer(sphere), [36, 36])
-
-
-def cortex_fit(service, name, given, sphere, size):
-    representation = surface("sphere", size)
-    cells, before = [name, len(given["vertices"]), f"{size[0]} × {size[1]}"], len(service.times)
-    try:
-        directions = [unit(vertex) for vertex in sphere["vertices"]]
-        fits = fit(service, representation, [{**given, "sphere": directions}])
-    except Refused as refused:
-        row(*cells, str(refused)[-300:])
-        return
-    seconds = service.spent(before)
-    measured = measures(service, representation, fits)[0]
-    cells += [f"{fits[0]['residual']:.2f}", f"{fits[0]['largest_residual']:.1f}", f"{fits[0]['folded']:.4f}"]
-    cells.append(f"{beyond(service, representation, fits, [given])[0]:.1f}")
-    cells.append(f"{measured['volume'] / volume(**given):.4f}")
-    cells.append(f"{measured['area'] / area(**given):.4f}")
-    row(*cells, f"{seconds:.2f}")
-    body = {"representation": representation, "shapes": [{"control_points": fits[0]["control_points"]}]}
-    service.picture(f"cortex-{name}-{size[0]}-{len(given['vertices'])}", "POST", "/v1/evaluate", body)
+            representation, before = surface("sphere", size), len(service.times)
+            cells = [name, f"{size[0]} × {size[1]}"]
+            try:
+                fits = fit(service, representation, [{**given, "sphere": directions}])
+            except Refused as refused:
+                row(*cells, str(refused)[-300:])
+                continue
+            seconds = service.spent(before)
+            measured = measures(service, representation, fits)[0]
+            cells += [f"{fits[0]['residual']:.2f}", f"{fits[0]['largest_residual']:.1f}", f"{fits[0]['folded']:.4f}"]
+            cells.append(f"{beyond(service, representation, fits, [given])[0]:.1f}")
+            cells.append(f"{measured['volume'] / volume(**given):.4f}")
+            cells.append(f"{measured['area'] / area(**given):.4f}")
+            row(*cells, f"{seconds:.2f}")
+            body = {"representation": representation, "shapes": [{"control_points": fits[0]["control_points"]}]}
+            service.picture(f"cortex-{name}-{size[0]}", "POST", "/v1/evaluate", body)
 
 
 # Hippocampi.
@@ -316,14 +292,14 @@ def ends(vertices):
 
 
 def turned(vertices, parameters):
-    """The same longitudes counted from the side of x, judged by the middle latitudes."""
+    """The same longitudes counted from the side of z, which the mirror in x keeps, judged by the middle latitudes."""
     north = long_axis(vertices)
-    east = unit(minus([1.0, 0.0, 0.0], [north[0] * x for x in north]))
-    side = cross(north, east)
+    prime = unit(minus([0.0, 0.0, 1.0], [north[2] * x for x in north]))
+    east = cross(north, prime)
     offset = 0
     for point, (u, v) in zip(centred(vertices), parameters):
         if 0.25 < v < 0.75:
-            offset += complex(dot(point, east), dot(point, side)) * cmath.exp(-2j * math.pi * u)
+            offset += complex(dot(point, prime), dot(point, east)) * cmath.exp(-2j * math.pi * u)
     shift = cmath.phase(offset) / (2 * math.pi)
     return [[(u + shift) % 1, v] for u, v in parameters]
 
@@ -349,17 +325,11 @@ def anterior(data):
 def hippocampi(service, data):
     """60 meshes without correspondence."""
     given = meshes(data / "surfaces-hippocampus" / "meshes")
-    quartered = {case: finer(one) for case, one in given.items()}
     gaps(service, list(given.values()))
-    head = ("vertices", "control points", "residual/∛volume", "largest/∛volume", "folded")
-    table(*head, "volume fit/mesh", "beyond the box, mm", "over 1 mm", "seconds")
-    for size in ([10, 8], [14, 14]):
-        hippocampi_fit(service, list(given.values()), size)
-    for size in ([14, 14], [16, 12]):
-        representation, fits = hippocampi_fit(service, list(quartered.values()), size)
-        if size == [14, 14]:
-            chosen = representation, fits
-    representation, fits = chosen
+    head = ("control points", "residual/∛volume", "largest/∛volume", "folded")
+    table(*head, "volume fit/mesh", "beyond the box, mm", "seconds")
+    for size in ([10, 8], [16, 12], [14, 14]):
+        representation, fits = hippocampi_fit(service, list(given.values()), size)
     share = anterior(data)
     middle = sorted(share[case] for case in given)[len(given) // 2]
     shapes = [
@@ -375,27 +345,26 @@ def hippocampi(service, data):
     service.picture("hippocampus-first", "GET", f"/v1/cohorts/hippocampi/shapes/{shapes[0]['external_id']}")
     variation(service, "hippocampi")
     bare = [{"control_points": fitted["control_points"]} for fitted in fits]
-    sides(service, representation, bare)
+    sides(service, list(given.values()))
     anterior_share(service)
     table(*EXPLAINED)
     explained(service, "hippocampi", representation, bare)
 
 
 def gaps(service, given):
-    """Ever more control points on meshes of 1202 vertices, poles chosen by the service."""
-    table("control points", "residual, mm", "folded", "beyond the box, mm", "over 1 mm", "over 10 mm", "refused")
-    for count in (10, 12, 14, 16, 18, 20):
+    """Ever more control points on 1202 vertices, poles chosen by the service: none may run away in between."""
+    table("control points", "residual, mm", "folded", "beyond the box, mm", "refused")
+    for count in (14, 16, 18, 20):
         representation, fits, fitted = surface("sphere", [count, count]), [], []
         for one in given:
             try:
                 fits += fit(service, representation, [one])
                 fitted.append(one)
-            except Refused:
-                pass
+            except Refused as refused:
+                print(str(refused)[-300:])
         outside = beyond(service, representation, fits, fitted)
-        cells = [spread((f["residual"] for f in fits), 3), spread((f["folded"] for f in fits), 3), spread(outside, 1)]
-        cells += [sum(distance > limit for distance in outside) for limit in (1, 10)]
-        row(f"{count} × {count}", *cells, len(given) - len(fits))
+        cells = [spread((f[field] for f in fits), 3) for field in ("residual", "folded")]
+        row(f"{count} × {count}", *cells, spread(outside), len(given) - len(fits))
 
 
 def hippocampi_fit(service, given, size):
@@ -403,9 +372,8 @@ def hippocampi_fit(service, given, size):
     representation, fits = in_correspondence(service, given, size)
     seconds = service.spent(before)
     cells = fit_cells(service, representation, fits, volumes)
-    outside = beyond(service, representation, fits, given)
-    cells += [spread(outside, 2), sum(distance > 1 for distance in outside)]
-    row(len(given[0]["vertices"]), f"{size[0]} × {size[1]}", *cells, f"{seconds:.1f}")
+    outside = spread(beyond(service, representation, fits, given), 2)
+    row(f"{size[0]} × {size[1]}", *cells, outside, f"{seconds:.1f}")
     return representation, fits
 
 
@@ -427,53 +395,26 @@ def variation(service, cohort):
         row(name, *(f"{100 * part:.1f} %" for part in parts[:5]), f"{100 * sum(parts):.1f} %", f"{seconds:.1f}")
 
 
-def mirrored(representation, shape):
-    """The mirror image in x, run through the other way so that its normals point outwards: u becomes ½ − u."""
-    around, along = representation["control_points"][0], representation["control_points"][1] - 1
-    rows = [[-x, y, z] for x, y, z in shape["control_points"]]
-    regular = [rows[((around // 2 - k) % around) * along + l] for k in range(around) for l in range(along)]
-    north, south, north_1, north_2, south_1, south_2 = rows[around * along :]
-    # the cosine changes its sign with u, the sine does not
-    opposite = lambda pole, handle: [2 * p - h for p, h in zip(pole, handle)]
-    return {"control_points": regular + [north, south, opposite(north, north_1), north_2, opposite(south, south_1), south_2]}
+def turned_over(given):
+    """The mirror image in x, normals still outside."""
+    return {"vertices": [[-x, y, z] for x, y, z in given["vertices"]], "faces": [face[::-1] for face in given["faces"]]}
 
 
-def sides(service, representation, shapes):
-    """Whether the set falls into two groups that are mirror images of one another. Sides are derived: none are recorded."""
-    count = len(shapes)
-    both = shapes + [mirrored(representation, shape) for shape in shapes]
-    body = {"representation": representation, **PROCRUSTES, "shapes": both}
-    squared = [[d * d for d in line] for line in service.post("/v1/distances", body, WAIT)["distances"]]
-    table("started", "turned over", "mean squared distance of pairs", "margin, median (smallest–largest)")
-    for name, side in (("as given", [0] * count), ("every other turned over", [k % 2 for k in range(count)])):
-        side = settled(squared, side)
-        turned_over = min(sum(side), count - sum(side))
-        margins = [margin(squared, side, k) for k in range(count)]
-        pairs = [squared[i + side[i] * count][j + side[j] * count] for i in range(count) for j in range(i)]
-        row(name, f"{turned_over} of {count}", f"{sum(pairs) / len(pairs):.5f}", spread(margins))
-    table("mirror", "reflected")
-    for rule in ("forbid", "allow"):
-        body = {"representation": representation, **PROCRUSTES, "shapes": shapes, "mirror": rule}
-        row(rule, sum(shape["reflected"] for shape in service.post("/v1/align", body)["aligned"]))
-
-
-def margin(squared, side, k):
-    """How much nearer a shape is to the others than its mirror image, as a part of the larger mean squared distance."""
-    count = len(side)
-    others = [j + side[j] * count for j in range(count) if j != k]
-    here = sum(squared[k + side[k] * count][j] for j in others)
-    there = sum(squared[k + (1 - side[k]) * count][j] for j in others)
-    return (there - here) / max(here, there)
-
-
-def settled(squared, side):
-    """Turns over the shape that gains most by it until none does."""
-    side = list(side)
-    while True:
-        worst = min(range(len(side)), key=lambda k: margin(squared, side, k))
-        if margin(squared, side, worst) >= 0:
-            return side
-        side[worst] = 1 - side[worst]
+def sides(service, given):
+    """Whether the set holds mirror images of one another, and whether half a set that was turned over is told apart."""
+    half = [turned_over(one) if k % 2 else one for k, one in enumerate(given)]
+    table("meshes", "mirror", "reflected", "reversed", "mean d² of pairs", "seconds")
+    for name, chosen in (("as given", given), ("every other one turned over", half)):
+        representation, fits = in_correspondence(service, chosen, [14, 14])
+        shapes = [{"control_points": fitted["control_points"]} for fitted in fits]
+        for mirror in ("forbid", "allow"):
+            before = len(service.times)
+            body = {"representation": representation, **PROCRUSTES, "shapes": shapes, "mirror": mirror}
+            aligned = service.post("/v1/align", body)["aligned"]
+            lines = service.post("/v1/distances", body, WAIT)["distances"]
+            squared = [lines[i][j] ** 2 for i in range(len(lines)) for j in range(i)]
+            flags = [sum(shape[flag] for shape in aligned) for flag in ("reflected", "reversed")]
+            row(name, mirror, *flags, f"{sum(squared) / len(squared):.5f}", f"{service.spent(before):.2f}")
 
 
 def anterior_share(service):
@@ -495,7 +436,9 @@ def comparison_table(pair):
     for name in ("distance", "pseudo_f", "hotelling"):
         row(groups, name, f"{pair[name]['value']:.4f}", f"{pair[name]['test']['p']:.4f}")
     row(groups, "R²", f"{pair['r_squared']:.4f}", "")
-    row(groups, "smallest p on the surface", "", f"{min(point['p'] for point in pair['effect']):.4f}")
+    clearest = min(pair["effect"], key=lambda point: point["p"])
+    place = ", ".join(f"{place:.2f}" for place in clearest["surface_parameters"])
+    row(groups, "smallest p on the surface", f"at ({place})", f"{clearest['p']:.4f}")
     for size in pair["sizes"]:
         row(groups, size["measure"], "", f"{size['test']['p']:.4f}")
 
@@ -518,7 +461,7 @@ def boundary(faces):
 
 
 def capped(given, loop):
-    """The mesh closed by rings that shrink to the middle of the loop: one fan would leave knots without vertices."""
+    """The mesh closed by rings that shrink to the middle of the loop: one fan is too coarse for even parameters."""
     vertices, faces = list(given["vertices"]), list(given["faces"])
     rim, middle = [vertices[i] for i in loop], centroid([vertices[i] for i in loop])
     outer = loop
@@ -552,14 +495,11 @@ def endocasts(service, data):
     given = meshes(data / "surfaces-primate-endocasts")
     loop = boundary(next(iter(given.values()))["faces"])
     closed = {name: capped(one, loop) for name, one in given.items()}
-    head = ("vertices", "control points", "residual/∛volume", "largest/∛volume", "folded", "volume fit/mesh")
+    head = ("control points", "residual/∛volume", "largest/∛volume", "folded", "volume fit/mesh")
     table(*head, "beyond the box, mm", "seconds for 19")
     template = average(service, list(closed.values()))
-    endocasts_fit(service, template, list(closed.values()), [12, 12])
-    template, quartered = finer(template), [finer(one) for one in closed.values()]
-    endocasts_fit(service, template, quartered, [8, 8])
-    endocasts_fit(service, template, quartered, [16, 16])
-    representation, fits = endocasts_fit(service, template, quartered, [12, 12])
+    for size in ([8, 8], [16, 16], [12, 12]):
+        representation, fits = endocasts_fit(service, template, list(closed.values()), size)
     label = lambda name: "gibbons" if name in GIBBONS else "hominids"
     shapes = [
         {"external_id": name, "label": label(name), "control_points": fitted["control_points"]}
@@ -589,7 +529,7 @@ def endocasts_fit(service, template, closed, size):
     seconds = service.spent(before)
     cells = fit_cells(service, representation, fits, [volume(**one) for one in closed])
     outside = spread(beyond(service, representation, fits, closed), 2)
-    row(len(closed[0]["vertices"]), f"{size[0]} × {size[1]}", *cells, outside, f"{seconds:.2f}")
+    row(f"{size[0]} × {size[1]}", *cells, outside, f"{seconds:.2f}")
     return representation, fits
 
 

@@ -2,9 +2,7 @@
 
 use std::fmt::Write;
 
-use super::svg::{
-    CAPTION, CELLS, Facets, Layer, MARGIN, Mark, Page, draw_layer, escape, flatten, open, path,
-};
+use super::svg::{CAPTION, Facets, Layer, MARGIN, Mark, Page, draw_layer, escape, flatten, open, path};
 use crate::geometry::representation::ShapeSpace;
 
 /// An effect along a shape.
@@ -45,7 +43,7 @@ impl Connection {
                 let (extent, straight) = (basis.extent(), basis.seam().is_straight());
                 let [u, v] = extent.topology.closed();
                 // Over a twisted seam the neighbours are others.
-                let facets = Facets::of(basis, shape, CELLS);
+                let facets = Facets::of(basis, shape, false);
                 Self::Sheet { count: extent.grid(), closed: [u && straight, v], facets }
             }
             None if space.generator().is_some() => Self::Line { closed: space.representation().is_closed() },

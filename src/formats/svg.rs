@@ -72,8 +72,8 @@ impl Layer {
     ) -> Self {
         if let Some(basis) = space.surface() {
             let shapes: Vec<&[f64]> = shapes.into_iter().take(MOST_SURFACES).collect();
-            let cells = if shapes.len() > 1 { CELLS_OF_MANY } else { CELLS };
-            let facets = |shape: &&[f64]| Facets::of(basis, shape, cells);
+            let among_others = shapes.len() > 1;
+            let facets = |shape: &&[f64]| Facets::of(basis, shape, among_others);
             let (lines, light) =
                 shapes.iter().map(facets).map(|facets| (facets.corners, facets.light)).unzip();
             return Self { lines, light, mark: Mark::Facets, colour, width, opacity, name: None };
@@ -138,9 +138,9 @@ pub(super) fn depth(point: &[f64]) -> f64 {
 
 /// Surfaces of a drawing at the most.
 const MOST_SURFACES: usize = 12;
-/// Facets along each direction of a surface, alone and among others.
-pub(super) const CELLS: usize = 48;
-const CELLS_OF_MANY: usize = 36;
+/// Facets along each direction of a surface: alone about two for every interval between knots, and among others.
+const CELLS: [usize; 2] = [48, 88];
+const CELLS_AMONG_OTHERS: usize = 36;
 /// Where the light comes from, about: over the left shoulder of the viewer.
 const LIGHT: [f64; 3] = [-0.02, -0.73, 0.68];
 /// Light on what is turned away from it.
@@ -157,11 +157,14 @@ pub struct Facets {
     pub(super) places: Vec<[f64; 2]>,
 }
 
-/// Facets of a closed surface that are turned away by more than this sine are not seen.
+/// Facets of a closed surface that are turned away by more than this sine are not drawn among others. Alone all are: between the
+/// folds of a cortex they fill what coarse facets before them leave open.
 const HIDDEN: f64 = -0.25;
 
 impl Facets {
-    pub(super) fn of(basis: &SurfaceBasis, shape: &[f64], cells: usize) -> Self {
+    pub(super) fn of(basis: &SurfaceBasis, shape: &[f64], among_others: bool) -> Self {
+        let knots = basis.extent().intervals.into_iter().max().unwrap_or_default();
+        let cells = if among_others { CELLS_AMONG_OTHERS } else { (2 * knots).clamp(CELLS[0], CELLS[1]) };
         let surface = basis.surface(&Matrix::from_column_slice(basis.gram().size(), 3, shape));
         // The end from within: behind a twisted seam v is another.
         let edges: Vec<f64> =
@@ -174,8 +177,7 @@ impl Facets {
         for (k, jet) in surface.jets(&middles, &middles).iter().enumerate() {
             let (i, j) = (k / cells, k % cells);
             let Some(normal) = surface.frame(middles[j], jet).normal else { continue };
-            // Edge on, facets fill what the corners of their neighbours leave.
-            if inside_is_hidden && depth(&normal) < HIDDEN {
+            if inside_is_hidden && among_others && depth(&normal) < HIDDEN {
                 continue;
             }
             let cosine = dot(normal, LIGHT);
@@ -250,15 +252,22 @@ pub fn draw(title: &str, layers: &[Layer]) -> String {
 
 /// One shape a cell, those of the front layer first.
 fn side_by_side(title: &str, layers: &[Layer]) -> String {
-    let apart = layers.iter().rev().flat_map(Layer::apart).take(MOST_SURFACES);
-    let cells: Vec<(String, Vec<Layer>)> =
-        apart.map(|layer| (layer.name.clone().unwrap_or_default(), vec![layer])).collect();
+    let mut cells: Vec<(String, Vec<Layer>)> = Vec::new();
+    for layer in layers.iter().rev() {
+        let (before, room) = (cells.len(), MOST_SURFACES - cells.len());
+        cells.extend(layer.apart().take(room).map(|one| (one.name.clone().unwrap_or_default(), vec![one])));
+        // Of many, what is drawn is the beginning.
+        let many = layer.lines.len() > 1 && layer.name.is_some();
+        if let (true, Some((caption, _))) = (many, cells.get_mut(before)) {
+            *caption = format!("some of {caption}");
+        }
+    }
     let columns = if cells.len() <= MOST_IN_A_ROW { cells.len() } else { columns_of(cells.len()) };
     draw_cells(title, &cells, columns)
 }
 
 /// So many surfaces stand in one row.
-const MOST_IN_A_ROW: usize = 4;
+const MOST_IN_A_ROW: usize = 7;
 
 /// Columns of a grid that is about as wide as high.
 fn columns_of(cells: usize) -> usize {

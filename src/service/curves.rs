@@ -201,14 +201,23 @@ pub(super) fn each_shape<T: Send>(
     shapes: Vec<ShapeInput>,
     work: impl Fn(usize, ShapeInput) -> Result<T, Vec<InputError>> + Sync,
 ) -> Result<Vec<T>, ServiceError> {
+    each_of("shapes", shapes, work)
+}
+
+/// Applies `work` to every entry of a list; the faults of all of them at `/{list}/{index}…`.
+pub(super) fn each_of<I: Send, T: Send>(
+    list: &str,
+    items: Vec<I>,
+    work: impl Fn(usize, I) -> Result<T, Vec<InputError>> + Sync,
+) -> Result<Vec<T>, ServiceError> {
     let results: Vec<Result<T, Vec<InputError>>> =
-        shapes.into_par_iter().enumerate().map(|(index, shape)| work(index, shape)).collect();
+        items.into_par_iter().enumerate().map(|(index, item)| work(index, item)).collect();
     let (mut values, mut faults) = (Vec::with_capacity(results.len()), Vec::new());
     for (index, result) in results.into_iter().enumerate() {
         match result {
             Ok(value) => values.push(value),
             Err(errors) => {
-                let placed = errors.into_iter().map(|error| error.below(&format!("/shapes/{index}")));
+                let placed = errors.into_iter().map(|error| error.below(&format!("/{list}/{index}")));
                 faults.extend(placed.map(|error| Fault { index: Some(index), ..error.into() }));
             }
         }

@@ -1,9 +1,6 @@
 //! Fits of surfaces to grids, clouds with parameters and triangle meshes. Plain functions, to be run on the pool.
 
-use rayon::prelude::*;
-
-use super::curves::{below_points, each_shape};
-use super::error::Fault;
+use super::curves::{below_points, each_of, each_shape};
 use super::input;
 use super::posted::Posted;
 use super::surfaces::outside;
@@ -137,22 +134,7 @@ pub fn fit_meshes(
     if meshes.is_empty() {
         return Err(ServiceError::TooFewShapes { found: 0, needed: 1 });
     }
-    let results: Vec<Result<FittedSurface, Vec<InputError>>> = meshes
-        .into_par_iter()
-        .map(|mesh| PostedMesh::read(mesh, &app.limits).and_then(|mesh| mesh.fit(posted)))
-        .collect();
-    let (mut found, mut faults) = (Vec::with_capacity(results.len()), Vec::new());
-    for (index, result) in results.into_iter().enumerate() {
-        match result {
-            Ok(fitted) => found.push(fitted),
-            Err(errors) => {
-                let placed = errors.into_iter().map(|error| error.below(&format!("/meshes/{index}")));
-                faults.extend(placed.map(|error| Fault { index: Some(index), ..error.into() }));
-            }
-        }
-    }
-    ServiceError::unless_empty(faults)?;
-    Ok(found)
+    each_of("meshes", meshes, |_, mesh| PostedMesh::read(mesh, &app.limits)?.fit(posted))
 }
 
 /// A mesh whose numbers are in order.

@@ -189,7 +189,9 @@ const MOST_VERTICES: usize = 250_000;
 /// Places along `u` and `v` unless asked for: two for every interval between knots, on the whole at least 24 and at most 256.
 pub fn usual_grid(Extent { topology, intervals }: Extent) -> [usize; 2] {
     let closed = topology.closed();
-    [0, 1].map(|i| (2 * intervals[i]).clamp(USUAL_CELLS[0], USUAL_CELLS[1]) + usize::from(!closed[i]))
+    [0, 1].map(|i| {
+        intervals[i].saturating_mul(2).clamp(USUAL_CELLS[0], USUAL_CELLS[1]) + usize::from(!closed[i])
+    })
 }
 
 /// Triangles on a shape, at `grid` places along `u` and `v`: two for every interval between knots unless given.

@@ -4,7 +4,7 @@ use std::f64::consts::{PI, TAU};
 
 use serde_json::{Value, json};
 
-use crate::server::{Server, assert_close, shared};
+use crate::server::{Server, assert_close, pointers_of, shared};
 
 /// Fields of an object and what they are replaced by.
 type Change = [(&'static str, Value)];
@@ -549,15 +549,24 @@ fn what_is_no_surface_is_refused_with_the_place() {
         let mut value = sphere.clone();
         change.iter().for_each(|(name, other)| value[*name] = other.clone());
         let body = json!({"representation": value, "shapes": [{"points": on_sphere([4, 3], &round)}]});
+        // Evaluation chooses a grid by the size, before that is checked.
+        assert_eq!(
+            pointers_of(&server.post("/v1/evaluate", &body).json()),
+            pointers_of(&server.post("/v1/measure", &body).json())
+        );
         server.post("/v1/measure", &body)
     };
     let bspline = |degree: usize| json!({"name": "bspline", "degree": degree});
-    let cases: [(&Change, &[&str]); 9] = [
+    let cases: [(&Change, &[&str]); 10] = [
         (
             &[("control_points", json!([2, 1]))],
             &["/representation/control_points/0", "/representation/control_points/1"],
         ),
         (&[("control_points", json!([200, 200]))], &["/representation/control_points"]),
+        (
+            &[("control_points", json!([u64::MAX, u64::MAX]))],
+            &["/representation/control_points/0", "/representation/control_points/1"],
+        ),
         (&[("topology", json!("ball"))], &["/representation/topology"]),
         (&[("seam", json!("reflected"))], &["/representation/seam"]),
         (&[("dimension", json!(3))], &["/representation/dimension"]),

@@ -26,7 +26,7 @@ impl Extent {
     /// Points of a shape as it is posted: `M` along closed directions, `M + 1` along open ones.
     pub fn grid(self) -> [usize; 2] {
         let closed = self.topology.closed();
-        [0, 1].map(|i| self.intervals[i] + usize::from(!closed[i]))
+        [0, 1].map(|i| self.intervals[i].saturating_add(usize::from(!closed[i])))
     }
 
     /// `N`, the rows of a shape, for generators of these supports.

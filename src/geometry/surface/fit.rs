@@ -99,7 +99,7 @@ fn most_unseen(basis: &SurfaceBasis, normal: &Definite) -> f64 {
 }
 
 /// Parts of a triangle along its edges, at least and at most.
-const PARTS: [usize; 2] = [2, 8];
+const PARTS: [usize; 2] = [2, 64];
 /// Samples of a mesh, about: larger meshes have triangles that are small enough as they are.
 const MOST_SAMPLES: usize = 1_000_000;
 

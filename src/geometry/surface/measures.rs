@@ -12,7 +12,7 @@
 //! precomputed triple products, which is as exact and takes fewer operations.
 
 use super::{Surface, Topology, combine};
-use crate::geometry::vector::{cross, dot, norm};
+use crate::geometry::vector::{cross, dot};
 use crate::numeric::quadrature::GaussLegendre;
 
 /// Measures of one surface, in the unit of its control points.
@@ -132,6 +132,11 @@ pub fn flux(surface: &Surface, field: &AffineField) -> f64 {
     sum
 }
 
+/// `|a|` without the care for overflow, which a surface near 1 does not need.
+fn length(a: [f64; 3]) -> f64 {
+    dot(a, a).sqrt()
+}
+
 /// Integrals about a point of the surface, so that a shape far from the origin keeps its digits.
 struct Sums {
     origin: [f64; 3],
@@ -159,7 +164,7 @@ impl Sums {
 
     fn add(&mut self, weight: f64, point: [f64; 3], normal: [f64; 3]) {
         let r = [0, 1, 2].map(|c| point[c] - self.origin[c]);
-        let size = weight * norm(normal);
+        let size = weight * length(normal);
         self.area += size;
         self.enclose(weight, r, normal);
         for c in 0..3 {
@@ -331,7 +336,7 @@ impl Piece {
             for along_v in &nodes[1] {
                 let du = combine(&slope, &along_v.values);
                 let dv = combine(&row, &along_v.slopes);
-                sum += along_u.weight * along_v.weight * norm(cross(du, dv));
+                sum += along_u.weight * along_v.weight * length(cross(du, dv));
             }
         }
         sum
