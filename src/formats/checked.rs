@@ -48,12 +48,20 @@ impl<'de, T: DeserializeOwned> Deserialize<'de> for Checked<T> {
 /// The sentence of an error without the names of types that only the program knows.
 fn plain(error: &serde_json::Error) -> String {
     let text = error.to_string();
-    let text =
-        ["usize", "u64", "u16", "u8"].iter().fold(text, |text, name| text.replace(name, "a whole number"));
+    let text = ["usize", "u64", "u32", "u16", "u8"]
+        .iter()
+        .fold(text, |text, name| text.replace(name, "a whole number"));
     let text = text.replace("expected f64", "expected a number");
-    let text = text.replace("internally tagged enum IdealCurve", "an object with a name");
     let text = text.replace("struct CustomClass", "a class name or {\"matrices\": …}");
-    format!("is wrong: {text}")
+    let text = without_type(&text, "internally tagged enum ", "an object with a name");
+    format!("is wrong: {}", without_type(&text, "struct ", "an object"))
+}
+
+/// The text with the first name of a type, after `what`, replaced by something that clients know.
+fn without_type(text: &str, what: &str, known: &str) -> String {
+    let Some((before, rest)) = text.split_once(what) else { return text.to_owned() };
+    let name = rest.find(|c: char| !c.is_alphanumeric()).unwrap_or(rest.len());
+    format!("{before}{known}{}", &rest[name..])
 }
 
 /// The value of an optional field: what is not given is the default.

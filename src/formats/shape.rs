@@ -107,9 +107,9 @@ impl PointList {
             self.width = entry.width;
         }
         match (self.columns, entry.points) {
-            (Some(_), None) if entry.faults.is_empty() => {
-                self.fault(format!("/{position}"), "has no points".into());
-            }
+            // What is in it instead is noted already.
+            (Some(_), None) if !entry.faults.is_empty() => {}
+            (Some(_), None) => self.fault(format!("/{position}"), "has no points".into()),
             (Some(first), Some(found)) if first != found => {
                 self.fault(
                     format!("/{position}"),

@@ -607,6 +607,9 @@ fn what_is_no_surface_is_refused_with_the_place() {
         "invalid-input",
         &["/correspondence"],
     );
+    let problem = statistics(&[("shapes", json!([{"points": on_sphere([4, 3], &round), "poles": 5}]))])
+        .expect_problem(422, "invalid-input", &["/shapes/0/poles"]);
+    assert!(problem.to_string().contains("expected an object"), "{problem}");
     let with_poles = |poles: Value| json!([{"points": on_sphere([4, 3], &round), "poles": poles}]);
     statistics(&[("shapes", with_poles(json!({"north": {"tangents": [[1, 2], [3, 4]]}})))]).expect_problem(
         422,

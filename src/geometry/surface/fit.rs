@@ -77,7 +77,7 @@ pub fn fit(basis: &SurfaceBasis, samples: &[SurfaceSample]) -> Result<SurfaceFit
     Ok(SurfaceFit { rows, residual: squares.sqrt(), largest })
 }
 
-/// Steps of the power iteration for [`most_unseen`], which finds the order of magnitude.
+/// Steps of the power iteration of [`most_unseen`]: it finds the order of magnitude.
 const STEPS: usize = 12;
 
 /// `max_x ⟨x, Φx⟩/⟨x, Sx⟩` of the normal matrix `S`: how much larger in `L₂` a surface can be than at the points, squared.
@@ -88,7 +88,6 @@ fn most_unseen(basis: &SurfaceBasis, normal: &Definite) -> f64 {
     for _ in 0..STEPS {
         basis.gram().apply(x.as_mut_slice());
         let image = normal.solve(&x);
-        // ⟨x, Φ S⁻¹ Φ x⟩/⟨x, Φ x⟩ would need another product; the growth of the iterate tends to the same.
         ratio = image.norm();
         x = image / ratio;
         if !(ratio.is_finite() && ratio > 0.0) {
