@@ -56,6 +56,22 @@ pub struct FittedSurface {
 /// A fit that is folded over more than this part of the area is refused: it is no surface any more.
 const MOST_FOLDED: f64 = 0.05;
 
+/// Multiply-adds of the normal equations of a request at the most: a minute of work.
+const MOST_OPERATIONS: f64 = 1e11;
+
+/// That `count` fits, of `N³/3` multiply-adds each, are not too many.
+fn check_work(posted: &Posted, count: usize, pointer: &str) -> Result<(), ServiceError> {
+    let operations = count as f64 * (posted.metric.size() as f64).powi(3) / 3.0;
+    if operations <= MOST_OPERATIONS {
+        return Ok(());
+    }
+    let detail = format!(
+        "has {count} entries, whose fits take {operations:.0e} multiply-adds, at most {MOST_OPERATIONS:.0e}: send fewer, or take \
+         fewer control points"
+    );
+    Err(ServiceError::invalid(pointer, detail))
+}
+
 /// Fits surfaces to points: those of a grid of any size at its equally spaced parameters, those of a list at `parameters`.
 ///
 /// # Errors
@@ -69,6 +85,7 @@ pub fn fit_points(
     if shapes.is_empty() {
         return Err(ServiceError::TooFewShapes { found: 0, needed: 1 });
     }
+    check_work(posted, shapes.len(), "/shapes")?;
     if let Some(lists) = parameters {
         if lists.len() != shapes.len() {
             let detail = format!("has {} lists for {} shapes", lists.len(), shapes.len());
@@ -134,6 +151,7 @@ pub fn fit_meshes(
     if meshes.is_empty() {
         return Err(ServiceError::TooFewShapes { found: 0, needed: 1 });
     }
+    check_work(posted, meshes.len(), "/meshes")?;
     each_of("meshes", meshes, |_, mesh| PostedMesh::read(mesh, &app.limits)?.fit(posted))
 }
 
@@ -158,6 +176,10 @@ impl PostedMesh {
         let parameters = take_points(&input.parameters, "/parameters", &mut errors);
         let sphere = take_points(&input.sphere, "/sphere", &mut errors);
         let poles = take_given(input.poles, "/poles", &mut errors);
+        // A field that is there and null was not noted as missing.
+        if vertices.is_none() && errors.is_empty() {
+            errors.push(InputError::new("/vertices", "is missing"));
+        }
         let (Some(vertices), Some(faces), true) = (vertices, faces, errors.is_empty()) else {
             return Err(errors);
         };
