@@ -1,7 +1,5 @@
 //! Triangle meshes: what they are made of, whether they close, what they enclose.
 
-use std::collections::HashMap;
-
 use super::vector::{cross, dot, minus, norm};
 
 /// Vertices, and triangles between them that are seen counter-clockwise from outside.
@@ -18,6 +16,9 @@ pub struct TriangleMesh {
 /// Why a mesh is not a closed surface with an outside.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum MeshError {
+    /// There is nothing.
+    #[error("the mesh has no faces")]
+    Empty,
     /// A corner of a face is no vertex.
     #[error("face {face} has vertex {vertex}, of {count}")]
     NoVertex {
@@ -87,17 +88,25 @@ impl MeshError {
                 Some(*face)
             }
             Self::Twice { second, .. } => Some(*second),
-            Self::Unused { .. } | Self::Pinched { .. } | Self::Apart { .. } => None,
+            Self::Empty | Self::Unused { .. } | Self::Pinched { .. } | Self::Apart { .. } => None,
         }
     }
 }
 
-/// Which vertices are neighbours in a closed mesh.
+/// The edges of a closed mesh in one piece, and which faces and vertices meet there.
+///
+/// Half-edge `3f + i` runs from corner `i` of face `f` to the next one. Edges are pairs `(least, greatest)` of vertices, numbered
+/// in lexicographic order.
 #[derive(Debug, Clone)]
 pub struct Connectivity {
-    /// Neighbours of every vertex, counter-clockwise seen from outside.
-    rings: Vec<Vec<u32>>,
-    faces: usize,
+    faces: Vec<[u32; 3]>,
+    edges: Vec<[u32; 2]>,
+    /// Of every half-edge the one that runs back.
+    twins: Vec<u32>,
+    /// Of every half-edge its edge.
+    edge_of: Vec<u32>,
+    /// Of every vertex a half-edge that starts there.
+    first: Vec<u32>,
 }
 
 impl TriangleMesh {
@@ -106,18 +115,7 @@ impl TriangleMesh {
     /// # Errors
     /// [`MeshError::NoVertex`], [`MeshError::Degenerate`].
     pub fn check_faces(&self) -> Result<(), MeshError> {
-        let count = self.vertices.len();
-        for (face, &[a, b, c]) in self.faces.iter().enumerate() {
-            for (vertex, next) in [(a, b), (b, c), (c, a)] {
-                if vertex as usize >= count {
-                    return Err(MeshError::NoVertex { face, vertex, count });
-                }
-                if vertex == next {
-                    return Err(MeshError::Degenerate { face, vertex });
-                }
-            }
-        }
-        Ok(())
+        check_faces(self.vertices.len(), &self.faces)
     }
 
     /// `(b − a) × (c − a)` of the faces: outwards, twice as long as their areas.
@@ -129,58 +127,12 @@ impl TriangleMesh {
         self.faces.iter().map(normal).collect()
     }
 
-    /// The neighbours of the vertices of a closed mesh in one piece. Cost `O(faces)`.
+    /// The edges of a closed mesh in one piece: see [`Connectivity::new`].
     ///
     /// # Errors
     /// The first reason why it is not one.
     pub fn connectivity(&self) -> Result<Connectivity, MeshError> {
-        self.check_faces()?;
-        let count = self.vertices.len();
-        let mut face_of: HashMap<[u32; 2], usize> = HashMap::with_capacity(3 * self.faces.len());
-        // Round a vertex, seen from outside, the neighbour after each.
-        let mut after: HashMap<[u32; 2], u32> = HashMap::with_capacity(3 * self.faces.len());
-        let mut some: Vec<Option<u32>> = vec![None; count];
-        let mut degree = vec![0_usize; count];
-        for (face, &[a, b, c]) in self.faces.iter().enumerate() {
-            for (from, to, third) in [(a, b, c), (b, c, a), (c, a, b)] {
-                if let Some(first) = face_of.insert([from, to], face) {
-                    return Err(MeshError::Twice { first, second: face, edge: [from, to] });
-                }
-                after.insert([from, to], third);
-                some[from as usize] = Some(to);
-                degree[from as usize] += 1;
-            }
-        }
-        // In the order of the faces, so that the same mesh always gets the same answer.
-        for (face, &[a, b, c]) in self.faces.iter().enumerate() {
-            for [from, to] in [[a, b], [b, c], [c, a]] {
-                if !face_of.contains_key(&[to, from]) {
-                    return Err(MeshError::Open { face, edge: [from, to] });
-                }
-            }
-        }
-        let mut rings = Vec::with_capacity(count);
-        for (vertex, first) in some.iter().enumerate() {
-            let vertex = vertex as u32;
-            let first = first.ok_or(MeshError::Unused { vertex })?;
-            let mut ring = vec![first];
-            while let Some(&next) = after.get(&[vertex, ring[ring.len() - 1]]) {
-                if next == first {
-                    break;
-                }
-                ring.push(next);
-            }
-            if ring.len() != degree[vertex as usize] {
-                return Err(MeshError::Pinched { vertex });
-            }
-            rings.push(ring);
-        }
-        let connectivity = Connectivity { rings, faces: self.faces.len() };
-        let reached = connectivity.distances(0).iter().flatten().count();
-        if reached < count {
-            return Err(MeshError::Apart { reached, count });
-        }
-        Ok(connectivity)
+        Connectivity::new(self.vertices.len(), self.faces.clone())
     }
 
     /// Volume within a closed mesh, positive when its faces are seen counter-clockwise from outside: `⅙ Σ det(a, b, c)` about
@@ -200,21 +152,222 @@ impl TriangleMesh {
     }
 }
 
+fn check_faces(count: usize, faces: &[[u32; 3]]) -> Result<(), MeshError> {
+    for (face, &[a, b, c]) in faces.iter().enumerate() {
+        for (vertex, next) in [(a, b), (b, c), (c, a)] {
+            if vertex as usize >= count {
+                return Err(MeshError::NoVertex { face, vertex, count });
+            }
+            if vertex == next {
+                return Err(MeshError::Degenerate { face, vertex });
+            }
+        }
+    }
+    Ok(())
+}
+
+/// No half-edge.
+const NONE: u32 = u32::MAX;
+
+/// From where to where a half-edge runs.
+fn ends(faces: &[[u32; 3]], half_edge: usize) -> [u32; 2] {
+    let (face, corner) = (faces[half_edge / 3], half_edge % 3);
+    [face[corner], face[(corner + 1) % 3]]
+}
+
+/// Half-edges of every edge as `greatest << 32 | half-edge`, those with the same least vertex together and sorted, and where
+/// those of a vertex begin.
+fn by_edge(count: usize, faces: &[[u32; 3]]) -> (Vec<u64>, Vec<usize>) {
+    let mut starts = vec![0; count + 1];
+    let half_edges = 0..3 * faces.len();
+    let least_and_greatest = |half_edge: usize| {
+        let [from, to] = ends(faces, half_edge);
+        (from.min(to) as usize, u64::from(from.max(to)))
+    };
+    half_edges.clone().for_each(|h| starts[least_and_greatest(h).0 + 1] += 1);
+    (0..count).for_each(|vertex| starts[vertex + 1] += starts[vertex]);
+    let (mut sorted, mut next) = (vec![0; 3 * faces.len()], starts.clone());
+    for half_edge in half_edges {
+        let (least, greatest) = least_and_greatest(half_edge);
+        sorted[next[least]] = greatest << 32 | half_edge as u64;
+        next[least] += 1;
+    }
+    for vertex in 0..count {
+        sorted[starts[vertex]..starts[vertex + 1]].sort_unstable();
+    }
+    (sorted, starts)
+}
+
 impl Connectivity {
+    /// The edges of `count` vertices and `faces`, which must be a closed surface in one piece. Cost `O(faces)`.
+    ///
+    /// # Errors
+    /// The first reason why it is not one, in the order of [`MeshError`] and of the faces.
+    pub fn new(count: usize, faces: Vec<[u32; 3]>) -> Result<Self, MeshError> {
+        check_faces(count, &faces)?;
+        if faces.is_empty() {
+            return Err(MeshError::Empty);
+        }
+        let connectivity = Self::joined(count, faces)?;
+        connectivity.check_vertices()?;
+        Ok(connectivity)
+    }
+
+    /// Joins the half-edges of faces whose corners are vertices.
+    fn joined(count: usize, faces: Vec<[u32; 3]>) -> Result<Self, MeshError> {
+        let (sorted, starts) = by_edge(count, &faces);
+        let (mut twins, mut edge_of) = (vec![0; sorted.len()], vec![0; sorted.len()]);
+        let mut edges = Vec::with_capacity(sorted.len() / 2);
+        let half_edge = |key: u64| (key & u64::from(u32::MAX)) as usize;
+        let (mut twice, mut open): (Option<[usize; 2]>, Option<usize>) = (None, None);
+        for least in 0..count {
+            for edge in sorted[starts[least]..starts[least + 1]].chunk_by(|a, b| a >> 32 == b >> 32) {
+                let greatest = (edge[0] >> 32) as u32;
+                let runs_up = |half_edge: &usize| faces[half_edge / 3][half_edge % 3] == least as u32;
+                if let &[one, other] = edge {
+                    let [one, other] = [one, other].map(half_edge);
+                    if runs_up(&one) != runs_up(&other) {
+                        (twins[one], twins[other]) = (other as u32, one as u32);
+                        (edge_of[one], edge_of[other]) = (edges.len() as u32, edges.len() as u32);
+                        edges.push([least as u32, greatest]);
+                        continue;
+                    }
+                }
+                let (up, down): (Vec<usize>, Vec<usize>) =
+                    edge.iter().copied().map(half_edge).partition(runs_up);
+                // The first pair in the order of the faces, so that the same mesh always gets the same answer.
+                for same in [&up, &down] {
+                    if let [first, second, ..] = same[..] {
+                        twice = Some(twice.map_or([second, first], |found| found.min([second, first])));
+                    }
+                }
+                if let ([one], []) | ([], [one]) = (&up[..], &down[..]) {
+                    open = Some(open.map_or(*one, |found: usize| found.min(*one)));
+                }
+            }
+        }
+        if let Some([second, first]) = twice {
+            let edge = ends(&faces, second);
+            return Err(MeshError::Twice { first: first / 3, second: second / 3, edge });
+        }
+        if let Some(half_edge) = open {
+            return Err(MeshError::Open { face: half_edge / 3, edge: ends(&faces, half_edge) });
+        }
+        let mut first = vec![NONE; count];
+        for (face, corners) in faces.iter().enumerate() {
+            (0..3).for_each(|corner| first[corners[corner] as usize] = (3 * face + corner) as u32);
+        }
+        Ok(Self { faces, edges, twins, edge_of, first })
+    }
+
+    /// That every vertex has one fan of faces, and that all hang together.
+    fn check_vertices(&self) -> Result<(), MeshError> {
+        let count = self.vertices();
+        let mut degree = vec![0_usize; count];
+        self.faces.iter().flatten().for_each(|corner| degree[*corner as usize] += 1);
+        if let Some(vertex) = degree.iter().position(|degree| *degree == 0) {
+            return Err(MeshError::Unused { vertex: vertex as u32 });
+        }
+        if let Some(vertex) = (0..count).find(|&v| self.valence(v as u32) != degree[v]) {
+            return Err(MeshError::Pinched { vertex: vertex as u32 });
+        }
+        let reached = self.distances(0).iter().flatten().count();
+        if reached < count { Err(MeshError::Apart { reached, count }) } else { Ok(()) }
+    }
+
+    /// Number of vertices.
+    pub fn vertices(&self) -> usize {
+        self.first.len()
+    }
+
+    /// The faces.
+    pub fn faces(&self) -> &[[u32; 3]] {
+        &self.faces
+    }
+
+    /// The edges, in lexicographic order.
+    pub fn edges(&self) -> &[[u32; 2]] {
+        &self.edges
+    }
+
+    /// The half-edges that start at a vertex, counter-clockwise seen from outside.
+    pub fn around(&self, vertex: u32) -> impl Iterator<Item = u32> + '_ {
+        self.around_from(self.first[vertex as usize])
+    }
+
+    fn around_from(&self, half_edge: u32) -> impl Iterator<Item = u32> + '_ {
+        let after = move |h: &u32| Some(self.twin(before(*h))).filter(|next| *next != half_edge);
+        std::iter::successors(Some(half_edge), after)
+    }
+
     /// Neighbours of a vertex, counter-clockwise seen from outside.
-    pub fn ring(&self, vertex: u32) -> &[u32] {
-        &self.rings[vertex as usize]
+    pub fn ring(&self, vertex: u32) -> impl Iterator<Item = u32> + '_ {
+        self.ring_from(self.first[vertex as usize])
+    }
+
+    /// The neighbours of the vertex where a half-edge starts, from its other end on.
+    pub fn ring_from(&self, half_edge: u32) -> impl Iterator<Item = u32> + '_ {
+        self.around_from(half_edge).map(|h| self.end(h))
+    }
+
+    /// The half-edge that runs back.
+    pub fn twin(&self, half_edge: u32) -> u32 {
+        self.twins[half_edge as usize]
+    }
+
+    /// Where a half-edge ends.
+    pub fn end(&self, half_edge: u32) -> u32 {
+        ends(&self.faces, half_edge as usize)[1]
+    }
+
+    /// Number of neighbours of a vertex.
+    pub fn valence(&self, vertex: u32) -> usize {
+        self.ring(vertex).count()
+    }
+
+    /// The half-edges of an edge, that from its least vertex first.
+    pub fn sides(&self, edge: usize) -> [u32; 2] {
+        let [least, greatest] = self.edges[edge];
+        let forth = self.around(least).find(|half_edge| self.end(*half_edge) == greatest);
+        forth.map_or([0; 2], |forth| [forth, self.twin(forth)])
+    }
+
+    /// The half-edges of all edges: see [`Self::sides`].
+    pub fn half_edges(&self) -> Vec<[u32; 2]> {
+        let mut pairs = vec![[0; 2]; self.edges.len()];
+        for (half_edge, edge) in self.edge_of.iter().enumerate() {
+            let backwards = ends(&self.faces, half_edge)[0] != self.edges[*edge as usize][0];
+            pairs[*edge as usize][usize::from(backwards)] = half_edge as u32;
+        }
+        pairs
+    }
+
+    /// The faces of the mesh with a new vertex on every edge: edge `e` of `n` vertices gets vertex `n + e`, and face `(a, b, c)`
+    /// becomes `(a, ab, ca)`, `(ab, b, bc)`, `(ca, bc, c)`, `(ab, bc, ca)`.
+    pub fn split_faces(&self) -> Vec<[u32; 3]> {
+        let mut faces = Vec::with_capacity(4 * self.faces.len());
+        for (face, &[a, b, c]) in self.faces.iter().enumerate() {
+            let [ab, bc, ca] = [0, 1, 2].map(|i| self.vertices() as u32 + self.edge_of[3 * face + i]);
+            faces.extend([[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]);
+        }
+        faces
+    }
+
+    /// The mesh with a new vertex on every edge: see [`Self::split_faces`].
+    pub fn split(&self) -> Self {
+        Self::joined(self.vertices() + self.edges.len(), self.split_faces())
+            .expect("the parts of the faces of a closed surface close it")
     }
 
     /// Number of handles: 0 for a sphere, 1 for a torus.
     pub fn genus(&self) -> usize {
         // V − E + F = 2 − 2g, and E = 3F/2.
-        (2 + self.faces / 2).saturating_sub(self.rings.len()) / 2
+        (2 + self.faces.len() / 2).saturating_sub(self.vertices()) / 2
     }
 
     /// Edges from `start` to every vertex; none for those that cannot be reached.
     pub fn distances(&self, start: u32) -> Vec<Option<u32>> {
-        let mut distances = vec![None; self.rings.len()];
+        let mut distances = vec![None; self.vertices()];
         let mut front = Vec::new();
         if let Some(first) = distances.get_mut(start as usize) {
             *first = Some(0);
@@ -225,16 +378,21 @@ impl Connectivity {
             steps += 1;
             let mut next = Vec::new();
             for neighbour in front.iter().flat_map(|vertex| self.ring(*vertex)) {
-                let distance = &mut distances[*neighbour as usize];
+                let distance = &mut distances[neighbour as usize];
                 if distance.is_none() {
                     *distance = Some(steps);
-                    next.push(*neighbour);
+                    next.push(neighbour);
                 }
             }
             front = next;
         }
         distances
     }
+}
+
+/// The half-edge before one in its face.
+fn before(half_edge: u32) -> u32 {
+    if half_edge.is_multiple_of(3) { half_edge + 2 } else { half_edge - 1 }
 }
 
 #[cfg(test)]
@@ -255,7 +413,7 @@ mod tests {
         let mesh = tetrahedron();
         let connectivity = mesh.connectivity().unwrap();
         assert_eq!(connectivity.genus(), 0);
-        let mut ring = connectivity.ring(3).to_vec();
+        let mut ring: Vec<u32> = connectivity.ring(3).collect();
         let least = ring.iter().position(|vertex| *vertex == 0).unwrap();
         ring.rotate_left(least);
         assert_eq!(ring, [0, 1, 2]);
@@ -272,6 +430,7 @@ mod tests {
         };
         let flipped = broken(&|mesh| mesh.faces[2] = [2, 1, 3]);
         assert_eq!(flipped, MeshError::Twice { first: 0, second: 2, edge: [2, 1] });
+        assert_eq!(TriangleMesh::default().connectivity().unwrap_err(), MeshError::Empty);
         assert_eq!(broken(&|mesh| mesh.faces.truncate(3)), MeshError::Open { face: 0, edge: [0, 2] });
         let beyond = broken(&|mesh| mesh.faces[1][2] = 9);
         assert_eq!(beyond, MeshError::NoVertex { face: 1, vertex: 9, count: 4 });

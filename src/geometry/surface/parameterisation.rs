@@ -89,8 +89,8 @@ fn path(connectivity: &Connectivity, [north, south]: [u32; 2]) -> Option<Vec<u32
     let mut left = *distances.get(north as usize)?;
     distances.get(south as usize)?;
     while let Some(steps) = left.filter(|steps| *steps > 0) {
-        let nearer = |vertex: &&u32| distances[**vertex as usize] == Some(steps - 1);
-        path.push(*connectivity.ring(path[path.len() - 1]).iter().find(nearer)?);
+        let nearer = |vertex: &u32| distances[*vertex as usize] == Some(steps - 1);
+        path.push(connectivity.ring(path[path.len() - 1]).find(nearer)?);
         left = Some(steps - 1);
     }
     Some(path)
@@ -106,7 +106,7 @@ fn weights(mesh: &TriangleMesh, connectivity: &Connectivity) -> Vec<Vec<f64>> {
     };
     let mut weights: Vec<Vec<f64>> = (0..mesh.vertices.len() as u32)
         .map(|vertex| {
-            let ring = connectivity.ring(vertex);
+            let ring: Vec<u32> = connectivity.ring(vertex).collect();
             let weight = |k: usize| {
                 let (before, after) = (ring[(k + ring.len() - 1) % ring.len()], ring[(k + 1) % ring.len()]);
                 0.5 * (cotangent(vertex, ring[k], before) + cotangent(vertex, ring[k], after))
@@ -131,7 +131,7 @@ impl Graph<'_> {
     }
 
     fn edges(&self, vertex: usize) -> impl Iterator<Item = (usize, f64)> + '_ {
-        let ring = self.connectivity.ring(vertex as u32).iter().map(|neighbour| *neighbour as usize);
+        let ring = self.connectivity.ring(vertex as u32).map(|neighbour| neighbour as usize);
         ring.zip(self.weights[vertex].iter().copied())
     }
 
@@ -147,7 +147,7 @@ impl Graph<'_> {
         let mut right = vec![0.0; self.count()];
         for step in path.windows(3) {
             let &[before, vertex, after] = step else { continue };
-            let ring = self.connectivity.ring(vertex);
+            let ring: Vec<u32> = self.connectivity.ring(vertex).collect();
             let place = |of: u32| ring.iter().position(|neighbour| *neighbour == of);
             let (Some(begin), Some(end)) = (place(before), place(after)) else { continue };
             // Counter-clockwise from where it comes to where it goes: the west, where the longitude ends.
