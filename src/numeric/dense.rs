@@ -6,7 +6,8 @@
 
 use dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::matmul::triangular::{self, BlockStructure};
-use faer::linalg::solvers::Llt;
+use faer::linalg::solvers::{Llt, PartialPivLu};
+use faer::linalg::triangular_solve::solve_upper_triangular_in_place;
 use faer::matrix_free::eigen::{
     PartialEigenParams, partial_self_adjoint_eigen, partial_self_adjoint_eigen_scratch,
 };
@@ -15,6 +16,7 @@ use faer::{Accum, Mat, MatMut, MatRef, Par, Side};
 use nalgebra::{DMatrix, DVector};
 
 use super::NumericError;
+use super::operator::SymmetricOperator;
 
 /// Column-major dense matrix.
 pub type Matrix = DMatrix<f64>;
@@ -137,6 +139,98 @@ impl Definite {
     /// `S⁻¹ right`.
     pub fn solve(&self, right: &Matrix) -> Matrix {
         let solution = self.factor.solve(view(right));
+        Matrix::from_fn(right.nrows(), right.ncols(), |i, j| solution[(i, j)])
+    }
+}
+
+/// A dense symmetric positive definite operator, with its Cholesky factor: `R = Lᵀ`.
+#[derive(Debug)]
+pub struct DenseOperator {
+    matrix: Matrix,
+    factor: Llt<f64>,
+}
+
+impl DenseOperator {
+    /// Factors `matrix`. Cost `n³/3`.
+    ///
+    /// # Errors
+    /// [`NumericError::NotPositiveDefinite`].
+    pub fn new(matrix: Matrix) -> Result<Self, NumericError> {
+        let Definite { factor, .. } = Definite::new(&matrix)?;
+        Ok(Self { matrix, factor })
+    }
+
+    /// The matrix.
+    pub fn matrix(&self) -> &Matrix {
+        &self.matrix
+    }
+
+    fn columns<'a>(&self, data: &'a mut [f64]) -> MatMut<'a, f64> {
+        let n = self.matrix.nrows();
+        let count = data.len() / n.max(1);
+        MatMut::from_column_major_slice_mut(data, n, count)
+    }
+}
+
+impl SymmetricOperator for DenseOperator {
+    fn size(&self) -> usize {
+        self.matrix.nrows()
+    }
+
+    fn apply(&self, data: &mut [f64]) {
+        let before = data.to_vec();
+        let x = MatRef::from_column_major_slice(&before, self.size(), before.len() / self.size().max(1));
+        let out = self.columns(data);
+        faer::linalg::matmul::matmul(out, Accum::Replace, view(&self.matrix), x, 1.0, Par::Seq);
+    }
+
+    fn solve(&self, data: &mut [f64]) {
+        self.factor.solve_in_place(self.columns(data));
+    }
+
+    fn whiten(&self, data: &mut [f64]) {
+        let before = data.to_vec();
+        let x = MatRef::from_column_major_slice(&before, self.size(), before.len() / self.size().max(1));
+        triangular::matmul(
+            self.columns(data),
+            BlockStructure::Rectangular,
+            Accum::Replace,
+            self.factor.L().transpose(),
+            BlockStructure::TriangularUpper,
+            x,
+            BlockStructure::Rectangular,
+            1.0,
+            Par::Seq,
+        );
+    }
+
+    fn unwhiten(&self, data: &mut [f64]) {
+        solve_upper_triangular_in_place(self.factor.L().transpose(), self.columns(data), Par::Seq);
+    }
+}
+
+/// The factors of a square matrix that need not be symmetric.
+#[derive(Debug)]
+pub struct Square {
+    factors: PartialPivLu<f64>,
+}
+
+/// A pivot below this part of the largest one is zero.
+const SINGULAR: f64 = 1e-12;
+
+impl Square {
+    /// Factors the matrix, unless it is singular to working precision. Cost `2n³/3`.
+    pub fn new(matrix: &Matrix) -> Option<Self> {
+        faer::set_global_parallelism(Par::Seq);
+        let factors = view(matrix).partial_piv_lu();
+        let pivots: Vec<f64> = (0..matrix.nrows()).map(|i| factors.U()[(i, i)].abs()).collect();
+        let largest = pivots.iter().copied().fold(0.0, f64::max);
+        pivots.iter().all(|pivot| *pivot > SINGULAR * largest).then_some(Self { factors })
+    }
+
+    /// `A⁻¹ right`.
+    pub fn solve(&self, right: &Matrix) -> Matrix {
+        let solution = self.factors.solve(view(right));
         Matrix::from_fn(right.nrows(), right.ncols(), |i, j| solution[(i, j)])
     }
 }
@@ -268,6 +362,7 @@ fn start_vector(n: usize) -> faer::Col<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::numeric::operator::assert_operator_of;
 
     fn covariance(n: usize, spectrum: impl Fn(usize) -> f64) -> Matrix {
         let raw = Matrix::from_fn(n, n, |i, j| ((i * 37 + j * 101 + i * j) as f64 * 0.7).sin());
@@ -310,5 +405,22 @@ mod tests {
     fn entries_that_are_not_finite_are_an_error() {
         let s = Matrix::from_element(3, 3, f64::NAN);
         assert!(leading_eigenpairs(&s, 1).is_err());
+    }
+
+    #[test]
+    fn dense_operators_have_the_root_of_their_factor() {
+        let matrix = covariance(7, |i| 1.0 + i as f64);
+        let operator = DenseOperator::new(matrix.clone()).unwrap();
+        assert_operator_of(&operator, |i, j| matrix[(i, j)], 1e-12);
+    }
+
+    #[test]
+    fn square_matrices_are_solved_unless_they_are_singular() {
+        let matrix =
+            Matrix::from_fn(5, 5, |i, j| ((3 * i + j * j) as f64).sin() + if i == j { 2.0 } else { 0.0 });
+        let wanted = Matrix::from_fn(5, 2, |i, j| (i + 2 * j) as f64);
+        let found = Square::new(&matrix).unwrap().solve(&(&matrix * &wanted));
+        assert!((found - wanted).amax() < 1e-13);
+        assert!(Square::new(&Matrix::from_fn(3, 3, |i, j| (i * j) as f64)).is_none());
     }
 }

@@ -5,6 +5,7 @@
 //! * [`circulant`] — the operator of a periodic shift-invariant basis, diagonal under the real FFT;
 //! * [`banded`] — symmetric positive definite band matrices and their Cholesky factor;
 //! * [`kronecker`] — tensor products of operators;
+//! * [`sparse`] — sparse matrices by rows;
 //! * [`kernels`] — loops over short slices;
 //! * [`dense`] — the only module that knows the dense linear algebra library: rank-k updates and eigenproblems;
 //! * [`fingerprint`] — whether two processes compute alike;
@@ -21,6 +22,7 @@ pub mod kronecker;
 pub mod operator;
 pub mod quadrature;
 pub mod real;
+pub mod sparse;
 
 /// What the numerical layer can refuse.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
