@@ -3,7 +3,7 @@
     python benches/surfaces/run.py --data FOLDER --program PROGRAM [--out FOLDER] [NAME ...]
 
 FOLDER of `--data` holds the data sets (`surfaces-femora` and so on); NAME chooses experiments (cortex, hippocampi,
-endocasts, femora). Needs nothing beyond the standard library. Every figure is made by requests that a client can repeat;
+endocasts, femora, refined). Needs nothing beyond the standard library. Every figure is made by requests that a client can repeat;
 seeds are fixed. Pictures are made of the data and stay under their licences: they go to the folder of `--out` and nowhere
 else.
 """
@@ -613,7 +613,69 @@ def femora(service, data):
         row(bone, *(f"{distances[i]:.5f}" for distances, _ in answers.values()))
 
 
-EXPERIMENTS = {"cortex": cortex, "hippocampi": hippocampi, "endocasts": endocasts, "femora": femora}
+SCHEMES = {
+    "BLOB, λ = π/2": {"scheme": "blob", "lambda": math.pi / 2},
+    "BLOB, λ = 1.5i": {"scheme": "blob", "lambda_imaginary": 1.5},
+    "Loop": {"scheme": "loop"},
+    "butterfly": {"scheme": "butterfly"},
+}
+
+
+def refined(service, data):
+    """Subdivision surfaces with 66 and 258 control vertices and 4098 vertices at their level, on the 60 hippocampi."""
+    given = meshes(data / "surfaces-hippocampus" / "meshes")
+    bodies = list(given.values())
+    volumes = [volume(**one) for one in bodies]
+    table("control vertices", "scheme", "residual/∛volume", "volume fit/mesh", "Jaccard", "Dice", "Hausdorff 95 %, mm", "seconds")
+    for splits, level in ((2, 3), (3, 2)):
+        for name, scheme in SCHEMES.items():
+            representation = {"kind": "subdivision", **scheme, "level": level, "connectivity": f"octahedron/{splits}"}
+            before = len(service.times)
+            fits = fit(service, representation, bodies)
+            seconds = service.spent(before)
+            measured = measures(service, representation, fits)
+            overlaps = overlapping(service, representation, fits, bodies)
+            row(
+                4 ** (splits + 1) + 2,
+                name,
+                spread(f["residual"] / v ** (1 / 3) for f, v in zip(fits, volumes)),
+                spread(m["volume"] / v for m, v in zip(measured, volumes)),
+                *(spread(o[field] for o in overlaps) for field in ("jaccard", "dice", "hausdorff_95")),
+                f"{seconds:.1f}",
+            )
+            if name == "Loop" and splits == 3:
+                shapes = [{"external_id": n, "control_points": f["control_points"]} for n, f in zip(given, fits)]
+                service.cohort("refined", representation, shapes)
+    first = next(iter(given))
+    service.picture("hippocampus-refined", "GET", f"/v1/cohorts/refined/shapes/{first}")
+    variation(service, "refined")
+    mean = "/v1/cohorts/refined/mean?transformation=similarity&alignment=procrustes"
+    service.picture("hippocampi-refined-mean", "GET", mean)
+    service.picture("hippocampi-refined-mode", "GET", "/v1/dictionaries/refined-similarity/modes?component=1&sigma=2")
+
+
+# Cells of the overlap, a fifth of the voxels from which the meshes were made.
+SPACING = 0.2
+
+
+def overlapping(service, representation, fits, bodies):
+    """Fits at their level against the meshes."""
+    found = []
+    for fitted, body in zip(fits, bodies):
+        shape = {"control_points": fitted["control_points"]}
+        answer = service.post("/v1/evaluate", {"representation": representation, "shapes": [shape]})
+        first = {"vertices": answer["evaluations"][0]["points"], "faces": answer["faces"]}
+        found.append(service.post("/v1/overlap", {"first": first, "second": body, "spacing": SPACING}))
+    return found
+
+
+EXPERIMENTS = {
+    "cortex": cortex,
+    "hippocampi": hippocampi,
+    "endocasts": endocasts,
+    "femora": femora,
+    "refined": refined,
+}
 
 
 def slowest(times):

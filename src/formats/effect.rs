@@ -2,8 +2,13 @@
 
 use std::fmt::Write;
 
-use super::svg::{CAPTION, Facets, Layer, MARGIN, Mark, Page, draw_layer, escape, flatten, open, path};
+use super::svg::{
+    CAPTION, Facets, Layer, MARGIN, Mark, Page, cells_of, draw_layer, drawn_level, escape, flatten, open,
+    path, rows_of,
+};
 use crate::geometry::representation::ShapeSpace;
+use crate::geometry::subdivision::basis::SubdivisionBasis;
+use crate::geometry::surface::basis::SurfaceBasis;
 
 /// An effect along a shape.
 pub struct Effect {
@@ -24,31 +29,59 @@ pub enum Connection {
         /// Whether the last point goes on to the first.
         closed: bool,
     },
-    /// Over a sheet of so many points along `u` and `v`.
+    /// Over a sheet.
     Sheet {
-        /// Points along `u` and `v`, the latter fastest.
-        count: [usize; 2],
-        /// Whether the last ones go on to the first.
-        closed: [bool; 2],
         /// The surface through them.
         facets: Facets,
+        /// Of every facet the points near it, with their shares.
+        shares: Vec<Vec<(usize, f64)>>,
     },
 }
 
 impl Connection {
     /// Of the places along a shape of `space`.
     pub fn of(space: &ShapeSpace, shape: &[f64]) -> Self {
-        match space.surface() {
-            Some(basis) => {
-                let (extent, straight) = (basis.extent(), basis.seam().is_straight());
-                let [u, v] = extent.topology.closed();
-                // Over a twisted seam the neighbours are others.
-                let facets = Facets::of(basis, shape, false);
-                Self::Sheet { count: extent.grid(), closed: [u && straight, v], facets }
-            }
-            None if space.generator().is_some() => Self::Line { closed: space.representation().is_closed() },
-            None => Self::Apart,
+        match (space.surface(), space.subdivision()) {
+            (Some(basis), _) => Self::of_surface(basis, shape),
+            (_, Some(basis)) => Self::of_subdivision(basis, shape),
+            _ if space.generator().is_some() => Self::Line { closed: space.representation().is_closed() },
+            _ => Self::Apart,
         }
+    }
+
+    /// Between the knots of a grid.
+    fn of_surface(basis: &SurfaceBasis, shape: &[f64]) -> Self {
+        let (extent, straight) = (basis.extent(), basis.seam().is_straight());
+        let [u, v] = extent.topology.closed();
+        // Over a twisted seam the neighbours are others.
+        let (count, closed) = (extent.grid(), [u && straight, v]);
+        let (facets, cells) = (Facets::of(basis, shape, false), cells_of(basis, false));
+        let shares = facets.cells.iter().map(|cell| {
+            let middle = [cell / cells, cell % cells].map(|i| (i as f64 + 0.5) / cells as f64);
+            let [along_u, along_v] = [0, 1].map(|i| neighbours(middle[i], count[i], closed[i]));
+            let pairs = along_u.into_iter().flat_map(|a| along_v.map(|b| (a, b)));
+            pairs.map(|((i, a), (j, b))| (i * count[1] + j, a * b)).collect()
+        });
+        Self::Sheet { shares: shares.collect(), facets }
+    }
+
+    /// Between the corners of the control mesh.
+    fn of_subdivision(basis: &SubdivisionBasis, shape: &[f64]) -> Self {
+        let level = drawn_level(basis, false);
+        let (mesh, flat) = (basis.drawn(&rows_of(shape), level), basis.flat(level));
+        let facets = Facets::of_mesh(&mesh, false);
+        let shares = facets.cells.iter().map(|cell| {
+            let mut shares: Vec<(usize, f64)> = Vec::new();
+            let corners = mesh.faces[*cell].into_iter().flat_map(|corner| flat.row(corner as usize));
+            for &(point, share) in corners {
+                match shares.iter_mut().find(|(known, _)| *known == point as usize) {
+                    Some((_, sum)) => *sum += share / 3.0,
+                    None => shares.push((point as usize, share / 3.0)),
+                }
+            }
+            shares
+        });
+        Self::Sheet { shares: shares.collect(), facets }
     }
 }
 
@@ -120,9 +153,7 @@ fn draw_effect(
     let write = "writing to a string cannot fail";
     let closed = match &effect.connection {
         Connection::Line { closed } => *closed,
-        Connection::Sheet { count, closed, facets } => {
-            return draw_sheet(svg, effect, facets, *count, *closed, place);
-        }
+        Connection::Sheet { facets, shares } => return draw_sheet(svg, effect, facets, shares, place),
         Connection::Apart => {
             for (point, [x, y]) in effect.points.iter().zip(places) {
                 let (colour, width) =
@@ -158,25 +189,19 @@ fn draw_sheet(
     svg: &mut String,
     effect: &Effect,
     facets: &Facets,
-    count: [usize; 2],
-    closed: [bool; 2],
+    shares: &[Vec<(usize, f64)>],
     place: impl Fn(&[f64; 2]) -> [f64; 2],
 ) {
     let most = largest(effect);
     svg.push_str("<g stroke-width=\"0.6\" stroke-linejoin=\"round\">\n");
-    for ((corners, light), place_on) in facets.corners.chunks_exact(4).zip(&facets.light).zip(&facets.places)
-    {
-        let [along_u, along_v] = [0, 1].map(|i| neighbours(place_on[i], count[i], closed[i]));
-        let at = |i: usize, j: usize| &effect.points[i * count[1] + j];
+    for ((corners, light), shares) in facets.corners.chunks_exact(4).zip(&facets.light).zip(shares) {
         let mut length = 0.0;
         let mut nearest = (0.0, false);
-        for (i, a) in along_u {
-            for (j, b) in along_v {
-                let point = at(i, j);
-                length += a * b * point.length;
-                if a * b > nearest.0 {
-                    nearest = (a * b, point.significant);
-                }
+        for &(point, share) in shares {
+            let point = &effect.points[point];
+            length += share * point.length;
+            if share > nearest.0 {
+                nearest = (share, point.significant);
             }
         }
         let colour = shade(effect, if most > 0.0 { length / most } else { 0.0 }, nearest.1, *light);

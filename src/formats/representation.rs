@@ -7,6 +7,8 @@ use super::InputError;
 use super::checked::take_value;
 use crate::geometry::generator::{Exact, GeneratorKind, PoleList};
 use crate::geometry::representation::Representation;
+use crate::geometry::subdivision::control::ControlMesh;
+use crate::geometry::subdivision::{SchemeFields, SchemeName, Subdivision};
 use crate::geometry::surface::Topology;
 use crate::geometry::surface::seam::Seam;
 
@@ -67,7 +69,7 @@ impl Readable for FitTarget {
 
 fn read_target(mut value: Value) -> Result<(Representation, Option<f64>), Vec<InputError>> {
     // Landmarks are not fitted, surfaces only at a given size: to them a tolerance is an unknown field.
-    let sized = ["landmarks", "surface"];
+    let sized = ["landmarks", "surface", "subdivision"];
     let curve = value
         .as_object_mut()
         .filter(|map| !map.get("kind").and_then(Value::as_str).is_some_and(|kind| sized.contains(&kind)));
@@ -203,6 +205,57 @@ impl Fields {
         })
     }
 
+    /// A number that need not be given.
+    fn number(&mut self, name: &str) -> Option<f64> {
+        self.given(name).then(|| self.value(name)).flatten()
+    }
+
+    fn subdivision(&mut self) -> Option<Representation> {
+        let name: Option<SchemeName> = self.value("scheme");
+        let before = self.errors.len();
+        let fields = name.map(|name| SchemeFields {
+            lambda: self.number("lambda"),
+            lambda_imaginary: self.number("lambda_imaginary"),
+            v0: self.number("v0"),
+            weights: self.given("weights").then(|| self.value("weights")).flatten(),
+            tension: self.number("tension"),
+            balance: self.number("balance"),
+            ..SchemeFields::named(name)
+        });
+        let numbers_are_right = self.errors.len() == before;
+        let scheme = fields.and_then(|fields| match fields.scheme() {
+            Ok(scheme) => Some(scheme),
+            Err(faults) if numbers_are_right => {
+                faults.into_iter().for_each(|(field, detail)| self.error(field, detail));
+                None
+            }
+            Err(_) => None,
+        });
+        let level = self.count("level");
+        let connectivity = self.connectivity();
+        let (scheme, level, connectivity) = (scheme?, level?, connectivity?);
+        Some(Representation::Subdivision(Subdivision { scheme, level, connectivity }))
+    }
+
+    fn connectivity(&mut self) -> Option<ControlMesh> {
+        match self.take("connectivity")? {
+            Value::String(text) => match text.parse() {
+                Ok(start) => Some(ControlMesh::Named(start)),
+                Err(detail) => {
+                    self.error("connectivity", format!("is {detail}"));
+                    None
+                }
+            },
+            value @ Value::Array(_) => {
+                take_value(value, "/connectivity", &mut self.errors).map(ControlMesh::Faces)
+            }
+            other => {
+                self.error("connectivity", format!("is {other}, not the name of a mesh or a list of faces"));
+                None
+            }
+        }
+    }
+
     /// `poles` or `domain_poles`.
     fn poles(&mut self) -> Option<PoleList> {
         match (self.given("poles"), self.given("domain_poles")) {
@@ -234,7 +287,7 @@ impl Fields {
 }
 
 /// What `kind` may be.
-const KINDS: &str = "\"closed_curve\", \"open_curve\", \"surface\" or \"landmarks\"";
+const KINDS: &str = "\"closed_curve\", \"open_curve\", \"surface\", \"subdivision\" or \"landmarks\"";
 
 /// Reads a representation.
 ///
@@ -243,9 +296,9 @@ const KINDS: &str = "\"closed_curve\", \"open_curve\", \"surface\" or \"landmark
 pub fn read(value: Value) -> Result<Representation, Vec<InputError>> {
     let mut fields = Fields::new(value)?;
     let kind = fields.text("kind");
-    if kind.as_deref() == Some("surface") {
-        let surface = fields.surface();
-        return fields.finish(surface);
+    if let Some("surface" | "subdivision") = kind.as_deref() {
+        let made = if kind.as_deref() == Some("surface") { fields.surface() } else { fields.subdivision() };
+        return fields.finish(made);
     }
     let dimension = fields.count("dimension");
     let representation = match kind.as_deref() {
@@ -346,6 +399,21 @@ mod tests {
     }
 
     #[test]
+    fn every_bad_field_of_a_subdivision_is_named() {
+        let pointers = |value: Value| {
+            let errors = read(value).unwrap_err();
+            errors.iter().map(|error| error.pointer.clone()).collect::<Vec<_>>()
+        };
+        let bad = json!({"kind": "subdivision", "scheme": "blob", "lambda": 4, "weights": "original", "level": -1,
+            "connectivity": "cube", "dimension": 3});
+        assert_eq!(pointers(bad), ["/weights", "/lambda", "/level", "/connectivity", "/dimension"]);
+        let bad = json!({"kind": "subdivision", "scheme": "spline", "connectivity": [[0, 1, -2]]});
+        assert_eq!(pointers(bad), ["/scheme", "/level", "/connectivity/0/2"]);
+        let bad = json!({"kind": "subdivision", "scheme": "loop", "level": 1, "tension": "much"});
+        assert_eq!(pointers(bad), ["/tension", "/connectivity"]);
+    }
+
+    #[test]
     fn what_is_written_is_read() {
         for text in [
             r#"{"kind":"closed_curve","dimension":2,"control_points":12,"generator":{"name":"trigonometric"}}"#,
@@ -354,6 +422,9 @@ mod tests {
             r#"{"kind":"open_curve","dimension":2,"intervals":12,"generator":{"name":"interpolator","family":"integer_shifts","domain_poles":[[0.0,0.0],[0.0,0.0],[0.0,0.0]],"support":6,"weights":[-0.5]}}"#,
             r#"{"kind":"landmarks","dimension":2,"points":12}"#,
             r#"{"kind":"surface","topology":"sphere","control_points":[8,5],"generators":[{"name":"trigonometric"},{"name":"keys"}]}"#,
+            r#"{"kind":"subdivision","scheme":"blob","lambda":1.5,"level":3,"connectivity":"octahedron/2"}"#,
+            r#"{"kind":"subdivision","scheme":"loop","level":0,"connectivity":[[0,1,3],[0,3,2],[0,2,1],[1,2,3]]}"#,
+            r#"{"kind":"subdivision","scheme":"normal_based","balance":0.5,"level":2,"connectivity":"icosahedron"}"#,
             r#"{"kind":"surface","topology":"torus","seam":"half_turn","control_points":[8,6],"generators":[{"name":"keys"},{"name":"keys"}]}"#,
         ] {
             let value: Value = serde_json::from_str(text).unwrap();

@@ -403,6 +403,9 @@ document! {
         /// Coefficients of the representation, instead of points.
         #[schema(value_type = Option<Vec<Vec<f64>>>)]
         control_points: PointList;
+        /// Normals at the points, of any length, for the subdivision scheme `normal_based`.
+        #[schema(value_type = Option<Vec<[f64; 3]>>)]
+        normals: PointList;
         /// Tangents at the poles of a sphere that is given by `points`; estimated unless given.
         #[schema(value_type = Option<PolesInput>)]
         poles: Checked<PolesInput>;

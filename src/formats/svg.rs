@@ -7,10 +7,12 @@
 use std::fmt::Write;
 
 use crate::geometry::curve::Curve;
+use crate::geometry::mesh::TriangleMesh;
 use crate::geometry::representation::ShapeSpace;
+use crate::geometry::subdivision::basis::SubdivisionBasis;
 use crate::geometry::surface::Topology;
 use crate::geometry::surface::basis::SurfaceBasis;
-use crate::geometry::vector::dot;
+use crate::geometry::vector::{dot, norm};
 use crate::numeric::dense::Matrix;
 
 /// One layer of a drawing.
@@ -70,13 +72,18 @@ impl Layer {
         width: f64,
         opacity: f64,
     ) -> Self {
-        if let Some(basis) = space.surface() {
+        if space.surface().is_some() || space.subdivision().is_some() {
             let shapes: Vec<&[f64]> = shapes.into_iter().take(MOST_SURFACES).collect();
             let among_others = shapes.len() > 1;
-            let facets = |shape: &&[f64]| Facets::of(basis, shape, among_others);
-            let (lines, light) =
-                shapes.iter().map(facets).map(|facets| (facets.corners, facets.light)).unzip();
-            return Self { lines, light, mark: Mark::Facets, colour, width, opacity, name: None };
+            let facets = |shape: &&[f64]| match (space.surface(), space.subdivision()) {
+                (Some(basis), _) => Some(Facets::of(basis, shape, among_others)),
+                (_, Some(basis)) => {
+                    let mesh = basis.drawn(&rows_of(shape), drawn_level(basis, among_others));
+                    Some(Facets::of_mesh(&mesh, among_others))
+                }
+                _ => None,
+            };
+            return Self::of_facets(shapes.iter().filter_map(facets), colour);
         }
         let lines = shapes.into_iter().map(|shape| outline(space, shape)).collect();
         let mark = match space.generator() {
@@ -85,6 +92,25 @@ impl Layer {
             Some(_) => Mark::Open,
         };
         Self { lines, light: Vec::new(), mark, colour, width, opacity, name: None }
+    }
+
+    /// Layer of closed meshes.
+    pub fn of_meshes(meshes: &[TriangleMesh], colour: &'static str) -> Self {
+        let among_others = meshes.len() > 1;
+        let drawn = meshes.iter().take(MOST_SURFACES);
+        Self::of_facets(drawn.map(|mesh| Facets::of_mesh(mesh, among_others)), colour)
+    }
+
+    /// Layer of one polyline in the plane or in space.
+    pub fn of_polyline(points: &[&[f64]], closed: bool, colour: &'static str) -> Self {
+        let line = points.iter().map(|point| flatten(point)).collect();
+        let mark = if closed { Mark::Closed } else { Mark::Open };
+        Self { lines: vec![line], light: Vec::new(), mark, colour, width: 2.5, opacity: 1.0, name: None }
+    }
+
+    fn of_facets(facets: impl Iterator<Item = Facets>, colour: &'static str) -> Self {
+        let (lines, light) = facets.map(|facets| (facets.corners, facets.light)).unzip();
+        Self { lines, light, mark: Mark::Facets, colour, width: 1.0, opacity: 1.0, name: None }
     }
 
     /// Whether its shapes hide what is behind them.
@@ -146,25 +172,78 @@ const LIGHT: [f64; 3] = [-0.02, -0.73, 0.68];
 /// Light on what is turned away from it.
 const AMBIENT: f64 = 0.25;
 
+/// Faces of a mesh that is drawn, alone and among others.
+pub const MOST_FACES: usize = 10_000;
+const MOST_FACES_AMONG_OTHERS: usize = 2_600;
+
+/// The level at which the shapes of a basis are drawn.
+pub(super) fn drawn_level(basis: &SubdivisionBasis, among_others: bool) -> usize {
+    basis.level_with(if among_others { MOST_FACES_AMONG_OTHERS } else { MOST_FACES })
+}
+
+/// Control points of space, one a row.
+pub(super) fn rows_of(shape: &[f64]) -> Matrix {
+    Matrix::from_column_slice(shape.len() / 3, 3, shape)
+}
+
 /// A surface as it is seen.
 #[derive(Debug)]
 pub struct Facets {
-    /// Four corners each, far ones first.
+    /// Four corners each, far ones first; the last two of a triangle are one.
     pub(super) corners: Vec<[f64; 2]>,
     /// How light they are.
     pub(super) light: Vec<f64>,
-    /// `u` and `v` in their middles.
-    pub(super) places: Vec<[f64; 2]>,
+    /// Which cell of a grid or face of a mesh they are.
+    pub(super) cells: Vec<usize>,
+}
+
+/// A facet before it has its place among the others: depth, corners, light and cell.
+type Facet = (f64, [[f64; 2]; 4], f64, usize);
+
+/// How light a facet with a unit normal is.
+fn light(normal: [f64; 3]) -> f64 {
+    AMBIENT + (1.0 - AMBIENT) * (0.5 + 0.5 * dot(normal, LIGHT)).powi(2)
 }
 
 /// Facets of a closed surface that are turned away by more than this sine are not drawn among others. Alone all are: between the
 /// folds of a cortex they fill what coarse facets before them leave open.
 const HIDDEN: f64 = -0.25;
 
+/// Cells along each direction of a surface.
+pub(super) fn cells_of(basis: &SurfaceBasis, among_others: bool) -> usize {
+    let knots = basis.extent().intervals.into_iter().max().unwrap_or_default();
+    if among_others { CELLS_AMONG_OTHERS } else { (2 * knots).clamp(CELLS[0], CELLS[1]) }
+}
+
 impl Facets {
+    fn sorted(mut seen: Vec<Facet>) -> Self {
+        seen.sort_by(|a, b| a.0.total_cmp(&b.0));
+        Self {
+            light: seen.iter().map(|facet| facet.2).collect(),
+            cells: seen.iter().map(|facet| facet.3).collect(),
+            corners: seen.into_iter().flat_map(|facet| facet.1).collect(),
+        }
+    }
+
+    /// The faces of a closed mesh. Those without area are not seen.
+    pub(super) fn of_mesh(mesh: &TriangleMesh, among_others: bool) -> Self {
+        let mut seen = Vec::new();
+        for (cell, (face, normal)) in mesh.faces.iter().zip(mesh.face_normals()).enumerate() {
+            let length = norm(normal);
+            let normal = normal.map(|x| x / length);
+            if !(length > 0.0) || (among_others && depth(&normal) < HIDDEN) {
+                continue;
+            }
+            let corners = face.map(|vertex| mesh.vertices[vertex as usize]);
+            let middle = [0, 1, 2].map(|c| corners.iter().map(|corner| corner[c]).sum::<f64>() / 3.0);
+            let [a, b, c] = corners.map(|corner| flatten(&corner));
+            seen.push((depth(&middle), [a, b, c, c], light(normal), cell));
+        }
+        Self::sorted(seen)
+    }
+
     pub(super) fn of(basis: &SurfaceBasis, shape: &[f64], among_others: bool) -> Self {
-        let knots = basis.extent().intervals.into_iter().max().unwrap_or_default();
-        let cells = if among_others { CELLS_AMONG_OTHERS } else { (2 * knots).clamp(CELLS[0], CELLS[1]) };
+        let cells = cells_of(basis, among_others);
         let surface = basis.surface(&Matrix::from_column_slice(basis.gram().size(), 3, shape));
         // The end from within: behind a twisted seam v is another.
         let edges: Vec<f64> =
@@ -180,18 +259,12 @@ impl Facets {
             if inside_is_hidden && among_others && depth(&normal) < HIDDEN {
                 continue;
             }
-            let cosine = dot(normal, LIGHT);
-            let cosine = if depth(&normal) < 0.0 && !inside_is_hidden { -cosine } else { cosine };
-            let light = AMBIENT + (1.0 - AMBIENT) * (0.5 + 0.5 * cosine).powi(2);
+            let turned = depth(&normal) < 0.0 && !inside_is_hidden;
+            let light = light(if turned { normal.map(|x| -x) } else { normal });
             let corners = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
-            seen.push((depth(&jet[0]), corners, light, [middles[i], middles[j]]));
+            seen.push((depth(&jet[0]), corners, light, k));
         }
-        seen.sort_by(|a, b| a.0.total_cmp(&b.0));
-        Self {
-            light: seen.iter().map(|facet| facet.2).collect(),
-            places: seen.iter().map(|facet| facet.3).collect(),
-            corners: seen.into_iter().flat_map(|facet| facet.1).collect(),
-        }
+        Self::sorted(seen)
     }
 }
 

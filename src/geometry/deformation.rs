@@ -17,7 +17,7 @@ use crate::numeric::dense::{Definite, Matrix};
 #[derive(Debug, Clone, PartialEq, serde::Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Handle {
-    /// `u` on curves, `u` and `v` on surfaces.
+    /// `u` on curves, `u` and `v` on surfaces, the number of a vertex of the level on subdivision surfaces.
     pub parameters: Vec<f64>,
     /// Where it goes.
     pub position: Vec<f64>,
@@ -51,11 +51,13 @@ pub fn meet(
     Ok(influence * coupling.solve(&missing))
 }
 
-/// The control points that matter at a parameter of a curve or two of a surface, and their weights there; none of landmarks.
+/// The control points that matter at a parameter of a curve, two of a surface or a vertex of a subdivision surface at its level,
+/// and their weights there; none of landmarks.
 pub fn weights(space: &ShapeSpace, parameters: &[f64]) -> Vec<(usize, f64)> {
-    match (space.line(), space.surface(), parameters) {
-        (Some(line), _, [u]) => line_weights(line, *u),
-        (_, Some(basis), [u, v]) => basis.weights(*u, *v),
+    match (space.line(), space.surface(), space.subdivision(), parameters) {
+        (Some(line), _, _, [u]) => line_weights(line, *u),
+        (_, Some(basis), _, [u, v]) => basis.weights(*u, *v),
+        (_, _, Some(basis), [vertex]) => basis.weights(*vertex as u32),
         _ => Vec::new(),
     }
 }
@@ -75,7 +77,7 @@ fn line_weights(line: &Line, u: f64) -> Vec<(usize, f64)> {
 }
 
 /// Where a control point moves a shape: an interval of parameters for every direction, `[from, to]`, with `to > 1` where it
-/// goes over the end of a closed direction. Nothing for landmarks. Cost: the weights at every pair of half-intervals.
+/// goes over the end of a closed direction. Nothing for shapes without parameters. Cost: the weights at every pair of half-intervals.
 pub fn support(space: &ShapeSpace, control_point: usize) -> Vec<[f64; 2]> {
     let lines: Vec<&Line> = match (space.line(), space.surface()) {
         (Some(line), _) => vec![line],

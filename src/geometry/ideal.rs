@@ -205,6 +205,6 @@ impl IdealCurve {
             points[(k, 0)] = cosine * x - sine * y + position.centre[0];
             points[(k, 1)] = sine * x + cosine * y + position.centre[1];
         }
-        space.interpolate(points)
+        space.interpolate(points).expect("curves pass through their points")
     }
 }

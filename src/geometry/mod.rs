@@ -16,7 +16,9 @@
 //! * [`refine`] — the same curve on a finer grid;
 //! * [`deformation`] — control points moved, handles met;
 //! * [`surface`] — tensor-product surfaces;
-//! * [`mesh`] — triangle meshes; [`vector`] — vectors of space;
+//! * [`subdivision`] — subdivision surfaces;
+//! * [`mesh`] — triangle meshes; [`nearest`] — the nearest point on one; [`vector`] — vectors of space;
+//! * [`raster`] — which cells of a grid are inside of a shape, and how two such sets overlap;
 //! * [`ideal`] — idealised curves, reproduced exactly where the poles allow.
 
 pub mod curve;
@@ -30,11 +32,14 @@ pub mod intersection;
 pub mod line;
 pub mod measures;
 pub mod mesh;
+pub mod nearest;
 pub mod open;
+pub mod raster;
 pub mod refine;
 pub mod representation;
 pub mod resample;
 pub mod sampling;
+pub mod subdivision;
 pub mod surface;
 pub mod turning;
 pub mod vector;
@@ -176,6 +181,62 @@ pub enum GeometryError {
         /// Vertices that there are.
         count: usize,
     },
+    /// A scheme has no rules for a vertex.
+    #[error(
+        "vertex {vertex} has {valence} neighbours: BLOB has rules for four and six; split the mesh so, or use the scheme loop"
+    )]
+    Valence {
+        /// The vertex.
+        vertex: u32,
+        /// Its neighbours.
+        valence: usize,
+    },
+    /// A scheme that is no linear map.
+    #[error(
+        "the scheme normal_based is not linear: shapes made of its points and normals have no mean, no inner product and no \
+         components. Take blob, loop or butterfly for statistics; the shapes can be evaluated, drawn and morphed"
+    )]
+    NotLinear,
+    /// Positions at control vertices that do not determine these.
+    #[error(
+        "the positions of the {size} control vertices at this level do not determine them: give control_points instead"
+    )]
+    NoInterpolation {
+        /// Control vertices.
+        size: usize,
+    },
+    /// An edge that the normal-based scheme cannot split.
+    #[error("the edge from vertex {} to vertex {} of level {level} has no point between: {fault}", edge[0], edge[1])]
+    Edge {
+        /// The level.
+        level: usize,
+        /// Its ends.
+        edge: [u32; 2],
+        /// Why.
+        fault: subdivision::normal_based::EdgeFault,
+    },
+    /// A mesh with more vertices than are accepted.
+    #[error("level {level} has {} vertices, at most {most} are accepted", count(*vertices))]
+    TooFine {
+        /// The level.
+        level: usize,
+        /// Vertices there.
+        vertices: usize,
+        /// The limit.
+        most: usize,
+    },
+    /// No level within the limits is near enough to its limit.
+    #[error("no level with at most {most} vertices reaches the tolerance {}: level {level} still moves by {change:.3e}", number(*tolerance))]
+    Coarse {
+        /// Wanted.
+        tolerance: f64,
+        /// The last level.
+        level: usize,
+        /// How far its vertices are from the edges of the level before.
+        change: f64,
+        /// The limit.
+        most: usize,
+    },
     /// An iteration did not end.
     #[error("no convergence after {iterations} iterations: relative residual {residual:.1e}")]
     NoConvergence {
@@ -196,6 +257,11 @@ fn complex((re, im): (f64, f64)) -> String {
         (0.0, im) => format!("{}i", number(im)),
         (re, im) => format!("{}{}{}i", number(re), if im < 0.0 { "" } else { "+" }, number(im)),
     }
+}
+
+/// A number of things; what nobody counts any more with one digit behind the point.
+fn count(value: usize) -> String {
+    if value < 1_000_000_000 { value.to_string() } else { format!("{:.1e}", value as f64) }
 }
 
 /// The shorter of `1000` and `1e3`, plain ones first.

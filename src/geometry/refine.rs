@@ -110,6 +110,6 @@ impl Refinement {
         for (row, point) in curve.sample(count).iter().enumerate() {
             point.iter().enumerate().for_each(|(c, value)| points[(row, c)] = *value);
         }
-        self.fine.interpolate(points)
+        self.fine.interpolate(points).expect("curves pass through their points")
     }
 }

@@ -4,6 +4,7 @@
 //! closed   r(u) = Σ_{k<M} c[k] φ_per(M u − k),   φ_per(t) = Σ_n φ(t − nM)
 //! open     r(u) = Σ_{k=−K}^{M+K} c[k] φ(M u − k),   K = ⌈support/2⌉ − 1
 //! surface  σ(u, v) = Σ_{k,l} c[k, l] φ_u(M_u u − k) φ_v(M_v v − l)
+//! subdivision  X = S_{K−1} ⋯ S_0 c
 //! ```
 //!
 //! A shape is an `N × d` matrix of control points `c`. Its space brings one Gram operator `Φ`
@@ -17,6 +18,8 @@ use super::GeometryError;
 use super::generator::{Generator, GeneratorKind};
 use super::line::Line;
 use super::open::phantoms;
+use super::subdivision::Subdivision;
+use super::subdivision::basis::SubdivisionBasis;
 use super::surface::basis::{Extent, SurfaceBasis, Tangents};
 use super::surface::seam::Seam;
 use super::surface::{Topology, sphere};
@@ -66,6 +69,9 @@ pub enum Representation {
         /// ones unless given.
         generators: [GeneratorKind; 2],
     },
+    /// A closed triangle mesh in space whose faces are refined by a subdivision scheme. A shape is its control vertices, or where
+    /// these are on the refined mesh.
+    Subdivision(Subdivision),
     /// Points without interpolation, in the discrete metric `Φ = I/N`.
     Landmarks {
         /// 2 or 3.
@@ -84,7 +90,7 @@ impl Representation {
             Self::ClosedCurve { dimension, .. }
             | Self::OpenCurve { dimension, .. }
             | Self::Landmarks { dimension, .. } => *dimension,
-            Self::Surface { .. } => 3,
+            Self::Surface { .. } | Self::Subdivision(_) => 3,
         }
     }
 
@@ -98,6 +104,7 @@ impl Representation {
                 let extent = Extent { topology: *topology, intervals: *control_points };
                 extent.size([0, 1].map(|i| generators[i].support()))
             }
+            Self::Subdivision(subdivision) => subdivision.connectivity.size().vertices,
         }
     }
 
@@ -140,6 +147,9 @@ impl Representation {
                 vec![one(open("intervals", *intervals, generator), Some(generator), "generator", false)]
             }
             Self::Landmarks { points, .. } => vec![one(("points", *points, 2), None, "", false)],
+            Self::Subdivision(_) => {
+                vec![one(("connectivity", self.size(), FEWEST_VERTICES), None, "", false)]
+            }
             Self::Surface { topology, control_points, generators, .. } => [0, 1]
                 .map(|i| {
                     let field = ["control_points/0", "control_points/1"][i];
@@ -170,23 +180,23 @@ impl Representation {
         self.knots()[0].fewest
     }
 
-    /// The same kind of curve with another number; landmarks and surfaces stay as they are.
+    /// The same kind of curve with another number; other shapes stay as they are.
     pub fn with_count(&self, count: usize) -> Self {
         let mut other = self.clone();
         match &mut other {
             Self::ClosedCurve { control_points, .. } => *control_points = count,
             Self::OpenCurve { intervals, .. } => *intervals = count,
-            Self::Landmarks { .. } | Self::Surface { .. } => {}
+            Self::Landmarks { .. } | Self::Surface { .. } | Self::Subdivision(_) => {}
         }
         other
     }
 
-    /// The same kind of curve with another generator; landmarks and surfaces stay as they are.
+    /// The same kind of curve with another generator; other shapes stay as they are.
     pub fn with_generator(&self, kind: GeneratorKind) -> Self {
         let mut other = self.clone();
         match &mut other {
             Self::ClosedCurve { generator, .. } | Self::OpenCurve { generator, .. } => *generator = kind,
-            Self::Landmarks { .. } | Self::Surface { .. } => {}
+            Self::Landmarks { .. } | Self::Surface { .. } | Self::Subdivision(_) => {}
         }
         other
     }
@@ -195,7 +205,7 @@ impl Representation {
     pub fn generator(&self) -> Option<&GeneratorKind> {
         match self {
             Self::ClosedCurve { generator, .. } | Self::OpenCurve { generator, .. } => Some(generator),
-            Self::Landmarks { .. } | Self::Surface { .. } => None,
+            Self::Landmarks { .. } | Self::Surface { .. } | Self::Subdivision(_) => None,
         }
     }
 
@@ -209,11 +219,22 @@ impl Representation {
         }
     }
 
+    /// The control mesh and its scheme.
+    pub fn subdivision(&self) -> Option<&Subdivision> {
+        match self {
+            Self::Subdivision(subdivision) => Some(subdivision),
+            _ => None,
+        }
+    }
+
     /// Whether the shape is a closed curve.
     pub fn is_closed(&self) -> bool {
         matches!(self, Self::ClosedCurve { .. })
     }
 }
+
+/// Vertices of the smallest closed mesh.
+const FEWEST_VERTICES: usize = 4;
 
 /// A number that the client chose, and what depends on it.
 #[derive(Debug, Clone, Copy)]
@@ -249,13 +270,15 @@ enum Basis {
     Curve(Line),
     /// Two directions.
     Surface(Arc<SurfaceBasis>),
+    /// The steps of a scheme.
+    Subdivision(Arc<SubdivisionBasis>),
 }
 
 impl ShapeSpace {
-    /// Prepares `representation`. Cost: that of its [`Line`] or [`SurfaceBasis`].
+    /// Prepares `representation`. Cost: that of its [`Line`], [`SurfaceBasis`] or [`SubdivisionBasis`].
     ///
     /// # Errors
-    /// [`GeometryError::TooFewPoints`] below the fewest points of the kind; errors of the generator.
+    /// [`GeometryError::TooFewPoints`] below the fewest points of the kind; errors of the generator or the control mesh.
     pub fn new(representation: &Representation) -> Result<Self, GeometryError> {
         for Knots { count: found, fewest: needed, .. } in representation.knots() {
             if found < needed {
@@ -273,6 +296,11 @@ impl ShapeSpace {
                 let basis = SurfaceBasis::new(extent, *seam, generators)?;
                 let gram = basis.gram().clone();
                 (Basis::Surface(Arc::new(basis)), gram)
+            }
+            Representation::Subdivision(subdivision) => {
+                let basis = SubdivisionBasis::new(subdivision)?;
+                let gram = basis.gram().clone();
+                (Basis::Subdivision(Arc::new(basis)), gram)
             }
             Representation::Landmarks { points, .. } => {
                 (Basis::Points, Arc::new(ScaledIdentity::new(*points, 1.0 / *points as f64)))
@@ -302,6 +330,14 @@ impl ShapeSpace {
         }
     }
 
+    /// The steps of the scheme, when the shapes are subdivision surfaces.
+    pub fn subdivision(&self) -> Option<&SubdivisionBasis> {
+        match &self.basis {
+            Basis::Subdivision(basis) => Some(basis),
+            _ => None,
+        }
+    }
+
     /// The generator, when the shapes are curves.
     pub fn generator(&self) -> Option<&Generator> {
         self.line().map(Line::generator)
@@ -310,17 +346,18 @@ impl ShapeSpace {
     /// Whether moving all control points moves the shape: constants are reproduced.
     pub fn reproduces_constants(&self) -> bool {
         match &self.basis {
-            Basis::Points => true,
+            // The rows of every step sum to one.
+            Basis::Points | Basis::Subdivision(_) => true,
             Basis::Curve(line) => line.reproduces_constants(),
             Basis::Surface(basis) => basis.reproduces_constants(),
         }
     }
 
     /// Runs through `u` backwards: `r(u)` becomes `r(−u)`, along open directions `r(1 − u)`. Of one coordinate of control
-    /// points; landmarks stay as they are.
+    /// points; landmarks and control meshes, which have no direction, stay as they are.
     pub fn reverse(&self, column: &mut [f64]) {
         match &self.basis {
-            Basis::Points => {}
+            Basis::Points | Basis::Subdivision(_) => {}
             // −n keeps row 0.
             Basis::Curve(line) if line.is_closed() => column[1..].reverse(),
             Basis::Curve(_) => column.reverse(),
@@ -333,13 +370,17 @@ impl ShapeSpace {
         &self.gram
     }
 
-    /// Control points of the shape that passes through `points` at the knots: see [`Line::interpolate`] and
-    /// [`SurfaceBasis::interpolate`].
-    pub fn interpolate(&self, points: Matrix) -> Matrix {
+    /// Control points of the shape that passes through `points` at the knots: see [`Line::interpolate`],
+    /// [`SurfaceBasis::interpolate`] and [`SubdivisionBasis::interpolate`].
+    ///
+    /// # Errors
+    /// Only of subdivision surfaces: [`GeometryError::NoInterpolation`].
+    pub fn interpolate(&self, points: Matrix) -> Result<Matrix, GeometryError> {
         match &self.basis {
-            Basis::Points => points,
-            Basis::Curve(line) => line.interpolate(points),
-            Basis::Surface(basis) => basis.interpolate(&points, &Tangents::default()),
+            Basis::Points => Ok(points),
+            Basis::Curve(line) => Ok(line.interpolate(points)),
+            Basis::Surface(basis) => Ok(basis.interpolate(&points, &Tangents::default())),
+            Basis::Subdivision(basis) => basis.interpolate(&points),
         }
     }
 }

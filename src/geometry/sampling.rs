@@ -3,6 +3,7 @@
 use super::curve::Curve;
 use super::representation::ShapeSpace;
 use crate::numeric::dense::Matrix;
+use crate::numeric::sparse::SparseRows;
 
 /// Places along a shape.
 #[derive(Debug, Clone)]
@@ -13,23 +14,26 @@ pub enum Places {
     Curve(Vec<f64>),
     /// A grid of parameters on a surface.
     Surface([Vec<f64>; 2]),
+    /// Vertices of a subdivision surface at its level, by their weights of the control vertices.
+    Vertices(SparseRows),
 }
 
 impl Places {
-    /// `count` equally spaced places on curves: from `u = 0`, to `u = 1` on open ones. Landmarks and the knots of surfaces
-    /// are what they are, whatever `count` is.
+    /// `count` equally spaced places on curves: from `u = 0`, to `u = 1` on open ones. Landmarks, the knots of surfaces and
+    /// the control vertices of subdivision surfaces are what they are, whatever `count` is.
     pub fn along(space: &ShapeSpace, count: usize) -> Self {
         let size = space.representation().size();
         let zero = Matrix::zeros(size, space.representation().dimension());
         if let Some(curve) = Curve::of(space, &zero) {
             return Self::Curve(curve.parameters(count));
         }
-        match space.surface() {
-            Some(basis) => {
+        match (space.surface(), space.subdivision()) {
+            (Some(basis), _) => {
                 let (surface, grid) = (basis.surface(&zero), basis.extent().grid());
                 Self::Surface([0, 1].map(|i| surface.parameters(i, grid[i])))
             }
-            None => Self::Landmarks(size),
+            (_, Some(basis)) => Self::Vertices(basis.at_control_vertices()),
+            _ => Self::Landmarks(size),
         }
     }
 
@@ -39,6 +43,7 @@ impl Places {
             Self::Landmarks(count) => *count,
             Self::Curve(parameters) => parameters.len(),
             Self::Surface([u, v]) => u.len() * v.len(),
+            Self::Vertices(rows) => rows.rows(),
         }
     }
 
@@ -69,6 +74,10 @@ impl Places {
                 let basis = space.surface().expect("the places are those of surfaces");
                 let points = basis.surface(control_points).points(u, v);
                 (0..3).flat_map(|c| points.iter().map(move |point| point[c])).collect()
+            }
+            Self::Vertices(rows) => {
+                let column = |c: usize| rows.apply_column(control_points.column(c).as_slice());
+                (0..3).flat_map(column).collect()
             }
         }
     }

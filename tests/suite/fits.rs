@@ -324,7 +324,7 @@ fn curves_pass_through_their_points() {
         for space in spaces(&kind, 7) {
             let representation = space.representation();
             let points = Noise(5).matrix(representation.point_count(), representation.dimension());
-            let curve = Curve::of(&space, &space.interpolate(points.clone())).unwrap();
+            let curve = Curve::of(&space, &space.interpolate(points.clone()).unwrap()).unwrap();
             let found = curve.sample(points.nrows()).concat();
             assert_close(&format!("{kind:?}"), &found, points.transpose().as_slice(), 1e-12);
         }

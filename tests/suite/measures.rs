@@ -21,14 +21,14 @@ const TRIGONOMETRIC: GeneratorKind = GeneratorKind::Trigonometric {};
 fn closed_through<const D: usize>(kind: &GeneratorKind, n: usize, f: impl Fn(f64) -> [f64; D]) -> Curve {
     let space = closed(kind, n, D).unwrap();
     let points = Matrix::from_fn(n, D, |k, c| f(TAU * k as f64 / n as f64)[c]);
-    Curve::of(&space, &space.interpolate(points)).unwrap()
+    Curve::of(&space, &space.interpolate(points).unwrap()).unwrap()
 }
 
 /// The open curve through `f(k/m)`.
 fn open_through<const D: usize>(kind: &GeneratorKind, m: usize, f: impl Fn(f64) -> [f64; D]) -> Curve {
     let space = open(kind, m, D).unwrap();
     let points = Matrix::from_fn(m + 1, D, |k, c| f(k as f64 / m as f64)[c]);
-    Curve::of(&space, &space.interpolate(points)).unwrap()
+    Curve::of(&space, &space.interpolate(points).unwrap()).unwrap()
 }
 
 fn ellipse(n: usize, a: f64, b: f64, centre: [f64; 2], angle: f64) -> Curve {

@@ -19,7 +19,7 @@ pub struct Exact(f64);
 
 impl Exact {
     /// From a number; −0 becomes 0.
-    pub fn new(value: f64) -> Self {
+    pub const fn new(value: f64) -> Self {
         Self(value + 0.0)
     }
 

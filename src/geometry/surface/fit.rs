@@ -129,7 +129,7 @@ pub fn mesh_samples(
 }
 
 /// Barycentric coordinates of the centroids of `parts²` equal triangles.
-fn centroids(parts: usize) -> impl Iterator<Item = [f64; 3]> {
+pub fn centroids(parts: usize) -> impl Iterator<Item = [f64; 3]> {
     let at = move |i: usize, j: usize, third: f64| {
         let [a, b] = [i, j].map(|k| (k as f64 + third) / parts as f64);
         [a, b, 1.0 - a - b]
