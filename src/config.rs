@@ -99,6 +99,8 @@ serve_settings! {
     max_shapes: usize = "SHAPELEX_MAX_SHAPES", Limits::default().shapes;
     /// Most points of a posted contour
     max_points: usize = "SHAPELEX_MAX_POINTS", Limits::default().points;
+    /// Most vertices of a refined mesh
+    max_mesh_vertices: usize = "SHAPELEX_MAX_MESH_VERTICES", Limits::default().vertices;
     /// Most control points of a representation
     max_control_points: usize = "SHAPELEX_MAX_CONTROL_POINTS", Limits::default().control_points;
     /// Most atoms or components of a dictionary
@@ -179,6 +181,7 @@ impl ServeConfig {
         Limits {
             control_points: self.max_control_points,
             points: self.max_points,
+            vertices: self.max_mesh_vertices,
             shapes: self.max_shapes,
             body_bytes: self.max_body_bytes,
             line_bytes: self.max_line_bytes,

@@ -89,10 +89,12 @@ const OPERATIONS: &[(Needs, &[&str])] = &[
             "POST /v1/mean",
             "POST /v1/measure",
             "POST /v1/morph",
+            "POST /v1/overlap",
             "POST /v1/pca",
             "POST /v1/project",
             "POST /v1/refine",
             "POST /v1/resample",
+            "POST /v1/subdivide",
         ],
     ),
     (

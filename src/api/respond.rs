@@ -9,6 +9,7 @@ use serde::Serialize;
 use super::problem::Problem;
 use crate::formats::matrix::{MatrixFormat, NamedMatrix};
 use crate::formats::mesh::MeshFormat;
+use crate::geometry::mesh::TriangleMesh;
 use crate::geometry::representation::ShapeSpace;
 use crate::service::{App, ServiceError, surfaces};
 
@@ -48,8 +49,12 @@ pub fn mesh(
     format: MeshFormat,
     grid: Option<[usize; 2]>,
 ) -> Result<Response, ServiceError> {
-    let mesh = surfaces::mesh(space, control_points, grid)?;
-    Ok(([(header::CONTENT_TYPE, format.media_type())], Body::from(format.write(&mesh))).into_response())
+    Ok(mesh_file(format, &surfaces::mesh(space, control_points, grid)?))
+}
+
+/// A mesh as a file.
+pub fn mesh_file(format: MeshFormat, mesh: &TriangleMesh) -> Response {
+    ([(header::CONTENT_TYPE, format.media_type())], Body::from(format.write(mesh))).into_response()
 }
 
 /// A matrix, written while it is sent.

@@ -67,10 +67,11 @@ pub async fn create(app: &App, new: NewCohort) -> Result<Cohort, ServiceError> {
     if let Err(errors) = input::check_representation(&new.representation, &app.limits) {
         faults.extend(errors.into_iter().map(|error| Fault::from(error.below("/representation"))));
     }
-    if let Err(ServiceError::Invalid(found)) =
-        input::check_correspondence(&new.representation, new.correspondence)
-    {
-        faults.extend(found);
+    let places = input::check_correspondence(&new.representation, new.correspondence);
+    for checked in [places, input::check_mirror(&new.representation, new.mirror)] {
+        if let Err(ServiceError::Invalid(found)) = checked {
+            faults.extend(found);
+        }
     }
     ServiceError::unless_empty(faults)?;
     if let Some(id) = app.done_before::<String>().await? {

@@ -74,8 +74,9 @@ impl Setup {
             Ok(space) => Some(space),
             Err(error) => keep(error).map(|()| None)?,
         };
-        if let Err(error) = input::check_correspondence(representation, *correspondence) {
-            keep(error)?;
+        let places = input::check_correspondence(representation, *correspondence);
+        for checked in [places, input::check_mirror(representation, *mirror)] {
+            checked.or_else(&mut keep)?;
         }
         // Classes exist in two and three dimensions: another one is a fault of its own.
         let method = match Method::new(transformation, *alignment, representation.dimension()) {

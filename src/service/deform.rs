@@ -6,6 +6,7 @@ use super::surfaces::outside;
 use super::{App, ServiceError};
 use crate::formats::shape::{MAX_COORDINATE, ShapeInput};
 use crate::geometry::deformation::{self, Handle};
+use crate::geometry::representation::Representation;
 use crate::geometry::sampling::Places;
 use crate::numeric::dense::Matrix;
 
@@ -37,7 +38,8 @@ pub struct Deformation {
 pub struct Support {
     /// The control point.
     pub control_point: usize,
-    /// `[from, to]` for every direction, with `to` beyond 1 where it goes over the end of a closed one.
+    /// `[from, to]` for every direction, with `to` beyond 1 where it goes over the end of a closed one; none of subdivision
+    /// surfaces, which have no parameters.
     pub parameters: Vec<[f64; 2]>,
 }
 
@@ -124,6 +126,13 @@ fn faults(posted: &Posted, moves: &[ControlPointMove], handles: &[Handle]) -> Ve
                     Fault { pointer: format!("{pointer}{place}"), ..fault }
                 }));
             }
+            [vertex] if posted.space.subdivision().is_some() => {
+                let count = posted.steps().finest().vertices();
+                if vertex.fract() != 0.0 || !(0.0..count as f64).contains(&vertex) {
+                    let detail = format!("is {vertex}, the level has the vertices 0 to {}", count - 1);
+                    faults.push(Fault::new(format!("{pointer}/0"), detail));
+                }
+            }
             [u] if !posted.is_of_surfaces() => {
                 if !representation.is_closed() && !(0.0..=1.0).contains(&u) {
                     faults.push(Fault::new(
@@ -133,7 +142,11 @@ fn faults(posted: &Posted, moves: &[ControlPointMove], handles: &[Handle]) -> Ve
                 }
             }
             _ => {
-                let wanted = if posted.is_of_surfaces() { "u and v" } else { "u" };
+                let wanted = match representation {
+                    Representation::Surface { .. } => "u and v",
+                    Representation::Subdivision(_) => "the number of a vertex",
+                    _ => "u",
+                };
                 faults.push(Fault::new(
                     pointer,
                     format!("has {} entries, must have {wanted}", parameters.len()),

@@ -9,15 +9,18 @@ use serde::de::DeserializeOwned;
 
 use super::Limits;
 use super::error::{Fault, MAX_FAULTS, ServiceError};
-use crate::analysis::correspondence::{Correspondence, Direction};
+use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
 use crate::domain::shape::ShapeAttributes;
 use crate::formats::checked::{Checked, take_given};
 use crate::formats::shape::{MAX_COORDINATE, PointList, PoleInput, PolesInput, ShapeInput};
 use crate::formats::{InputError, json_pointer};
 use crate::geometry::GeometryError;
 use crate::geometry::generator::GeneratorKind;
+use crate::geometry::mesh::MeshError;
 use crate::geometry::representation::{Knots, Representation, ShapeSpace};
 use crate::geometry::resample::{Contour, NO_EXTENT, canonical_shift, rotate_start};
+use crate::geometry::subdivision::stencil::check_valences;
+use crate::geometry::subdivision::{Scheme, Subdivision};
 use crate::geometry::surface::Topology;
 use crate::geometry::surface::basis::{self, SurfaceBasis, Tangents};
 use crate::numeric::dense::Matrix;
@@ -37,6 +40,8 @@ pub struct Reading<'a> {
 
 /// Longest identifier or label.
 const MAX_TEXT: usize = 500;
+/// Why normals are refused.
+const NORMALS: &str = "belong to the subdivision scheme normal_based: leave them out";
 /// Most attributes of a shape.
 const MAX_LABELS: usize = 100;
 
@@ -45,6 +50,15 @@ const MAX_LABELS: usize = 100;
 /// # Errors
 /// All fields that are out of bounds.
 pub fn check_representation(representation: &Representation, limits: &Limits) -> Result<(), Vec<InputError>> {
+    if let Some(subdivision) = representation.subdivision() {
+        check_subdivision(subdivision, limits)?;
+        return match subdivision.scheme {
+            Scheme::NormalBased { .. } => {
+                Err(vec![InputError::new("/scheme", GeometryError::NotLinear.to_string())])
+            }
+            _ => Ok(()),
+        };
+    }
     let mut errors = Vec::new();
     if !(2..=3).contains(&representation.dimension()) {
         errors.push(InputError::new(
@@ -76,6 +90,56 @@ pub fn check_representation(representation: &Representation, limits: &Limits) ->
         }
     }
     if errors.is_empty() { Ok(()) } else { Err(errors) }
+}
+
+/// Checks the sizes of a subdivision surface against the limits, then its control mesh.
+///
+/// # Errors
+/// All numbers that are out of bounds, or the first face or vertex that is wrong.
+pub fn check_subdivision(subdivision: &Subdivision, limits: &Limits) -> Result<(), Vec<InputError>> {
+    let mut errors = Vec::new();
+    let (control, fine) = (subdivision.connectivity.size(), subdivision.size());
+    if control.vertices > limits.control_points {
+        let (found, most) = (control.vertices, limits.control_points);
+        let detail = format!("has {found} control points, at most {most} are accepted");
+        errors.push(InputError::new("/connectivity", detail));
+    }
+    if fine.vertices > limits.vertices {
+        let (level, most) = (subdivision.level, limits.vertices);
+        let error = GeometryError::TooFine { level, vertices: fine.vertices, most };
+        errors.push(InputError::new("/level", format!("is {level}: {error}")));
+    }
+    if !errors.is_empty() {
+        return Err(errors);
+    }
+    let refused = match subdivision.connectivity.connectivity() {
+        Err(fault) => Some((face_pointer(&fault), fault.to_string())),
+        Ok(mesh) => {
+            let fault = check_valences(subdivision.scheme, &mesh).err();
+            fault.map(|fault| (String::new(), fault.to_string()))
+        }
+    };
+    match refused {
+        Some((place, detail)) => Err(vec![InputError::new(format!("/connectivity{place}"), detail)]),
+        None => Ok(()),
+    }
+}
+
+/// Where the face that is wrong stands in the list of faces.
+pub(super) fn face_pointer(fault: &MeshError) -> String {
+    fault.face().map_or_else(String::new, |face| format!("/{face}"))
+}
+
+/// Checks that shapes have mirror images when these are asked for.
+///
+/// # Errors
+/// A fault at `/mirror`.
+pub fn check_mirror(representation: &Representation, mirror: Mirror) -> Result<(), ServiceError> {
+    if mirror == Mirror::Allow && representation.subdivision().is_some() {
+        let detail = "is \"allow\": vertices of a control mesh are landmarks, which of them correspond in a mirror image is not known";
+        return Err(ServiceError::invalid("/mirror", detail));
+    }
+    Ok(())
 }
 
 /// What is wrong with a number of control points, when the generator is `admissible`.
@@ -117,6 +181,9 @@ pub fn check_correspondence(
         _ if representation.extent().is_some() => {
             "points of a surface correspond by their place in the grid: only \"landmarks\" applies"
         }
+        _ if representation.subdivision().is_some() => {
+            "vertices of a control mesh correspond by their place: only \"landmarks\" applies"
+        }
         _ if representation.generator().is_none() => {
             "landmarks are not a contour: only \"landmarks\" applies; use a closed_curve or open_curve to resample"
         }
@@ -144,6 +211,9 @@ impl Reading<'_> {
                 "/closed",
                 format!("is {closed}, but the representation is a curve that is {kind}"),
             )]);
+        }
+        if given(&shape.normals).is_some() {
+            return Err(vec![InputError::new("/normals", NORMALS)]);
         }
         let poles = shape.poles.as_ref().and_then(Checked::get).copied();
         if poles.is_some() && (given(&shape.points).is_none() || !self.takes_poles()) {
@@ -217,13 +287,17 @@ impl Reading<'_> {
         let points = self.matrix(list)?;
         if self.correspondence == Correspondence::Landmarks {
             self.check_count(list, "points", self.space.representation().point_count())?;
-            return Ok(self.space.interpolate(points));
+            return self
+                .space
+                .interpolate(points)
+                .map_err(|error| vec![InputError::new("", error.to_string())]);
         }
         let representation = self.space.representation();
         let contour = contour(self.directed(points), representation.is_closed())?;
         let start =
             if self.correspondence == Correspondence::Cyclic { contour.canonical_start() } else { 0.0 };
-        Ok(self.space.interpolate(contour.sample(representation.point_count(), start)))
+        let sampled = contour.sample(representation.point_count(), start);
+        self.space.interpolate(sampled).map_err(|error| vec![InputError::new("", error.to_string())])
     }
 
     fn take_coefficients(&self, list: &PointList) -> Result<Matrix, Vec<InputError>> {
@@ -456,7 +530,11 @@ pub fn parse<T: DeserializeOwned>(text: &[u8]) -> Result<T, ServiceError> {
 
 /// What is wrong with a shape whatever it is made of, with pointers relative to it.
 pub fn own_faults(shape: ShapeInput) -> Vec<InputError> {
-    let lists = [("/points", &shape.points), ("/control_points", &shape.control_points)];
+    let lists = [
+        ("/points", &shape.points),
+        ("/control_points", &shape.control_points),
+        ("/normals", &shape.normals),
+    ];
     let mut errors: Vec<InputError> = lists
         .into_iter()
         .filter_map(|(name, list)| Some((name, list.as_ref()?)))

@@ -22,6 +22,7 @@ use crate::domain::shape::{ShapeDescription, ShapeFilter};
 use crate::geometry::curve::Curve;
 use crate::geometry::measures;
 use crate::geometry::sampling::Places;
+use crate::geometry::subdivision::measures::measure;
 use crate::geometry::surface::Surface;
 use crate::geometry::surface::measures::SurfaceMeasures;
 use crate::numeric::dense::Matrix;
@@ -360,10 +361,11 @@ fn sizes_of(setup: &Setup, control_points: &[f64]) -> (Vec<SizeMeasure>, Matrix,
     let encloses = curves && representation.is_closed() && representation.dimension() == 2;
     let zero = Matrix::zeros(setup.metric.size(), setup.metric.dimension());
     let sheet = setup.space.surface().map(|basis| basis.surface(&zero));
-    let encloses_volume = sheet.as_ref().is_some_and(Surface::encloses);
+    let mesh = setup.space.subdivision();
+    let encloses_volume = sheet.as_ref().is_some_and(Surface::encloses) || mesh.is_some();
     let mut measures: Vec<SizeMeasure> = [
         (SizeMeasure::Volume, encloses_volume),
-        (SizeMeasure::Area, encloses || sheet.is_some()),
+        (SizeMeasure::Area, encloses || sheet.is_some() || mesh.is_some()),
         (SizeMeasure::Length, curves),
         (SizeMeasure::CentroidSize, true),
     ]
@@ -374,7 +376,11 @@ fn sizes_of(setup: &Setup, control_points: &[f64]) -> (Vec<SizeMeasure>, Matrix,
     let of_shape = |shape: &[f64]| -> Vec<f64> {
         let matrix = Matrix::from_column_slice(setup.metric.size(), setup.metric.dimension(), shape);
         let curve = Curve::of(&setup.space, &matrix);
-        let surface = setup.space.surface().map(|basis| SurfaceMeasures::of(&basis.surface(&matrix)));
+        let surface = match (setup.space.surface(), mesh) {
+            (Some(basis), _) => Some(SurfaceMeasures::of(&basis.surface(&matrix))),
+            (_, Some(basis)) => Some(measure(&basis.mesh(&matrix), basis.level() > 0)),
+            _ => None,
+        };
         let size = |measure: &SizeMeasure| match (measure, &curve, &surface) {
             (SizeMeasure::Area, Some(curve), _) => measures::signed_area(curve, &rule).abs(),
             (SizeMeasure::Length, Some(curve), _) => measures::length(curve, &rule),

@@ -7,6 +7,8 @@
 //! * [`posted`] — the curves and surfaces of a request;
 //! * [`curves`], [`fitting`] — the stateless use cases of single curves: evaluate, measure, resample; fit, refine, idealise;
 //! * [`surfaces`], [`surface_fitting`] — those of surfaces, and their meshes;
+//! * [`subdivisions`], [`subdivision_fitting`] — those of subdivision surfaces; [`spaces`] — their spaces, kept prepared;
+//! * [`overlap`] — how two bodies or masks overlap;
 //! * [`morph`], [`deform`] — paths between two shapes; handles that pull at one;
 //! * [`audit`] — the trail of all requests; [`metrics`] — what is counted; [`build`] — what the program was made from;
 //! * [`cohorts`], [`ingest`] — cohorts and their shapes;
@@ -54,6 +56,7 @@ pub mod models;
 pub mod modes;
 pub mod morph;
 pub mod neighbours;
+pub mod overlap;
 pub mod planned;
 pub mod pool;
 pub mod posted;
@@ -61,8 +64,11 @@ pub mod prepared;
 pub mod problem;
 pub mod regressions;
 pub mod retries;
+pub mod spaces;
 pub mod spreading;
 mod stored;
+pub mod subdivision_fitting;
+pub mod subdivisions;
 pub mod surface_fitting;
 pub mod surfaces;
 pub mod trash;
@@ -90,6 +96,8 @@ pub struct Limits {
     pub points: usize,
     /// Shapes of a request that is answered from memory.
     pub shapes: usize,
+    /// Vertices of a refined mesh.
+    pub vertices: usize,
     /// Samples that an evaluation answers, over all shapes.
     pub samples: usize,
     /// Bytes of a request body, after decompression.
@@ -126,6 +134,7 @@ impl Default for Limits {
             control_points: 2048,
             points: 100_000,
             shapes: 100_000,
+            vertices: 300_000,
             samples: 2_000_000,
             body_bytes: 64 << 20,
             line_bytes: 8 << 20,
@@ -170,6 +179,7 @@ pub struct App {
     means: Arc<live_mean::MeanCache>,
     models: Arc<models::ReadyCache>,
     prepared: Arc<prepared::PreparedCache>,
+    spaces: Arc<spaces::SpaceCache>,
 }
 
 impl App {
@@ -190,6 +200,7 @@ impl App {
             means: Arc::default(),
             models: Arc::default(),
             prepared: Arc::default(),
+            spaces: Arc::default(),
         }
     }
 
@@ -254,9 +265,15 @@ impl App {
     ) -> Result<(ShapeSpace, Metric), ServiceError> {
         input::check_representation(representation, &self.limits)
             .map_err(|errors| ServiceError::below(errors, pointer))?;
-        let generator = if representation.extent().is_some() { "generators" } else { "generator" };
-        let space = ShapeSpace::new(representation)
-            .map_err(|error| ServiceError::invalid(format!("{pointer}/{generator}"), error.to_string()))?;
+        let field = match representation {
+            Representation::Subdivision(_) => "level",
+            Representation::Surface { .. } => "generators",
+            _ => "generator",
+        };
+        let space = self
+            .spaces
+            .find_or_make(representation)
+            .map_err(|error| ServiceError::invalid(format!("{pointer}/{field}"), error.to_string()))?;
         let metric = Metric::of(&space);
         Ok((space, metric))
     }

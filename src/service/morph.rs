@@ -2,7 +2,7 @@
 
 use super::error::Fault;
 use super::posted::Posted;
-use super::{App, ServiceError};
+use super::{App, Limits, ServiceError};
 use crate::analysis::path::Path;
 use crate::formats::shape::ShapeInput;
 use crate::formats::svg::{self, Layer, colour};
@@ -37,6 +37,35 @@ pub enum Positions {
     At(Vec<f64>),
 }
 
+impl Positions {
+    /// All of them, for shapes of `size` control points.
+    ///
+    /// # Errors
+    /// Positions that are too many or too far.
+    pub(super) fn list(&self, size: usize, limits: &Limits) -> Result<Vec<f64>, ServiceError> {
+        let mut faults = Vec::new();
+        let (positions, pointer) = match self {
+            Self::At(list) => (list.clone(), "/positions"),
+            Self::Steps(count) => {
+                ((0..*count).map(|i| i as f64 / (count - 1) as f64).collect::<Vec<f64>>(), "/steps")
+            }
+        };
+        let (total, most) = (positions.len().saturating_mul(size), limits.samples);
+        if positions.is_empty() || total > most {
+            let detail = format!(
+                "asks for {total} control points, between 1 and {most} are answered over all positions"
+            );
+            faults.push(Fault::new(pointer, detail));
+        }
+        let wild = positions.iter().enumerate().filter(|(_, tau)| !(tau.abs() <= MAX_POSITION));
+        faults.extend(wild.map(|(i, tau)| {
+            Fault::new(format!("/positions/{i}"), format!("is {tau}, must be within ±{MAX_POSITION}"))
+        }));
+        ServiceError::unless_empty(faults)?;
+        Ok(positions)
+    }
+}
+
 /// Most frames of an animation.
 const MAX_FRAMES: usize = 1000;
 
@@ -55,25 +84,11 @@ pub fn morph(
     from: ShapeInput,
     to: ShapeInput,
 ) -> Result<Morph, ServiceError> {
-    let mut faults = Vec::new();
-    let (positions, pointer) = match positions {
-        Positions::At(list) => (list.clone(), "/positions"),
-        Positions::Steps(count) => {
-            ((0..*count).map(|i| i as f64 / (count - 1) as f64).collect::<Vec<f64>>(), "/steps")
-        }
+    let (positions, mut faults) = match positions.list(posted.metric.size(), &app.limits) {
+        Ok(positions) => (positions, Vec::new()),
+        Err(ServiceError::Invalid(faults)) => (Vec::new(), faults),
+        Err(other) => return Err(other),
     };
-    let total = positions.len().saturating_mul(posted.metric.size());
-    if positions.is_empty() || total > app.limits.samples {
-        let detail = format!(
-            "asks for {total} control points, between 1 and {} are answered over all positions",
-            app.limits.samples
-        );
-        faults.push(Fault::new(pointer, detail));
-    }
-    let wild = positions.iter().enumerate().filter(|(_, tau)| !(tau.abs() <= MAX_POSITION));
-    faults.extend(wild.map(|(i, tau)| {
-        Fault::new(format!("/positions/{i}"), format!("is {tau}, must be within ±{MAX_POSITION}"))
-    }));
     let mut read = |shape, pointer: &str| match posted.read_one(app, shape, pointer) {
         Ok(matrix) => Some(matrix.as_slice().to_vec()),
         Err(ServiceError::Invalid(found)) => {

@@ -7,6 +7,7 @@ use crate::analysis::metric::Metric;
 use crate::formats::shape::ShapeInput;
 use crate::geometry::curve::Curve;
 use crate::geometry::representation::{Representation, ShapeSpace};
+use crate::geometry::subdivision::basis::SubdivisionBasis;
 use crate::geometry::surface::Surface;
 use crate::geometry::surface::basis::SurfaceBasis;
 use crate::numeric::dense::Matrix;
@@ -32,26 +33,45 @@ impl Posted {
         correspondence: Correspondence,
     ) -> Result<Self, ServiceError> {
         let (space, metric) = app.space(representation, "/representation")?;
-        if space.generator().is_none() && space.surface().is_none() {
-            let detail = "landmarks are points without a curve: use closed_curve, open_curve or surface";
+        if space.generator().is_none() && space.surface().is_none() && space.subdivision().is_none() {
+            let detail =
+                "landmarks are points without a curve: use closed_curve, open_curve, surface or subdivision";
             return Err(ServiceError::invalid("/representation/kind", detail));
         }
         input::check_correspondence(representation, correspondence)?;
         Ok(Self { space, metric, correspondence })
     }
 
+    /// Prepares a representation of splines: curves or tensor-product surfaces.
+    ///
+    /// # Errors
+    /// Those of [`Self::new`]; subdivision surfaces.
+    pub fn of_splines(
+        app: &App,
+        representation: &Representation,
+        correspondence: Correspondence,
+    ) -> Result<Self, ServiceError> {
+        let posted = Self::new(app, representation, correspondence)?;
+        if posted.space.subdivision().is_some() {
+            let detail = "is \"subdivision\", here are closed_curve, open_curve and surface: control meshes are refined by subdivide";
+            return Err(ServiceError::invalid("/representation/kind", detail));
+        }
+        Ok(posted)
+    }
+
     /// Prepares a representation of curves.
     ///
     /// # Errors
-    /// Those of [`Self::new`]; surfaces.
+    /// Those of [`Self::new`]; surfaces of both kinds.
     pub fn of_curves(
         app: &App,
         representation: &Representation,
         correspondence: Correspondence,
     ) -> Result<Self, ServiceError> {
         let posted = Self::new(app, representation, correspondence)?;
-        if posted.is_of_surfaces() {
-            let detail = "is \"surface\", here are closed_curve and open_curve";
+        if posted.space.generator().is_none() {
+            let kind = if posted.is_of_surfaces() { "surface" } else { "subdivision" };
+            let detail = format!("is \"{kind}\", here are closed_curve and open_curve");
             return Err(ServiceError::invalid("/representation/kind", detail));
         }
         Ok(posted)
@@ -129,7 +149,12 @@ impl Posted {
         self.basis().surface(control_points)
     }
 
-    /// Whether shapes are surfaces; else they are curves.
+    /// The steps of subdivision surfaces; whether shapes are such is for the caller to know.
+    pub(super) fn steps(&self) -> &SubdivisionBasis {
+        self.space.subdivision().expect("the space is one of subdivision surfaces")
+    }
+
+    /// Whether shapes are tensor-product surfaces.
     pub fn is_of_surfaces(&self) -> bool {
         self.space.surface().is_some()
     }

@@ -156,20 +156,20 @@ pub fn fit_meshes(
 }
 
 /// A mesh whose numbers are in order.
-struct PostedMesh {
-    mesh: TriangleMesh,
-    source: ParameterSource,
+pub(super) struct PostedMesh {
+    pub(super) mesh: TriangleMesh,
+    pub(super) source: ParameterSource,
 }
 
 /// Where the parameters of a mesh come from.
-enum ParameterSource {
+pub(super) enum ParameterSource {
     Given(Vec<[f64; 2]>),
     Sphere(Vec<[f64; 3]>),
     Computed { poles: Option<[u32; 2]> },
 }
 
 impl PostedMesh {
-    fn read(input: MeshInput, limits: &Limits) -> Result<Self, Vec<InputError>> {
+    pub(super) fn read(input: MeshInput, limits: &Limits) -> Result<Self, Vec<InputError>> {
         let mut errors = input.faults;
         let vertices = take_points(&input.vertices, "/vertices", &mut errors);
         let faces = take_given(input.faces, "/faces", &mut errors);
@@ -291,7 +291,7 @@ impl PostedMesh {
 }
 
 /// A list of points with `D` coordinates each.
-fn take_points<const D: usize>(
+pub(super) fn take_points<const D: usize>(
     list: &Option<PointList>,
     pointer: &str,
     errors: &mut Vec<InputError>,
@@ -310,7 +310,7 @@ fn take_points<const D: usize>(
     }
 }
 
-fn mesh_pointer(fault: &MeshError) -> String {
+pub(super) fn mesh_pointer(fault: &MeshError) -> String {
     match fault.face() {
         Some(face) => format!("/faces/{face}"),
         None => "/vertices".into(),

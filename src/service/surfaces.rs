@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use super::error::Fault;
 use super::posted::Posted;
-use super::{App, ServiceError};
+use super::{App, ServiceError, subdivisions};
 use crate::formats::shape::ShapeInput;
 use crate::geometry::curve::MAX_DERIVATIVE;
 use crate::geometry::mesh::TriangleMesh;
@@ -183,9 +183,6 @@ pub fn measure(
 /// Fewest and most places along a direction of a mesh unless asked for.
 const USUAL_CELLS: [usize; 2] = [24, 256];
 
-/// Vertices of a mesh at the most: a tenth of a second.
-const MOST_VERTICES: usize = 250_000;
-
 /// Places along `u` and `v` unless asked for: two for every interval between knots, on the whole at least 24 and at most 256.
 pub fn usual_grid(Extent { topology, intervals }: Extent) -> [usize; 2] {
     let closed = topology.closed();
@@ -194,7 +191,11 @@ pub fn usual_grid(Extent { topology, intervals }: Extent) -> [usize; 2] {
     })
 }
 
-/// Triangles on a shape, at `grid` places along `u` and `v`: two for every interval between knots unless given.
+/// Vertices of a mesh at the most: a tenth of a second.
+const MOST_VERTICES: usize = 250_000;
+
+/// Triangles on a shape, at `grid` places along `u` and `v`: two for every interval between knots unless given. A subdivision
+/// surface has those of its level.
 ///
 /// # Errors
 /// [`ServiceError::Query`] for shapes that are no surfaces and grids that make no mesh.
@@ -204,6 +205,15 @@ pub fn mesh(
     grid: Option<[usize; 2]>,
 ) -> Result<TriangleMesh, ServiceError> {
     let refused = |detail: String| Err(ServiceError::Query(detail));
+    if let Some(basis) = space.subdivision() {
+        if grid.is_some() {
+            return refused(
+                "grid belongs to tensor-product surfaces: a subdivision surface has a level".into(),
+            );
+        }
+        let mesh = basis.mesh(&Matrix::from_column_slice(basis.control().vertices(), 3, control_points));
+        return Ok(subdivisions::with_normals(mesh));
+    }
     let Some(basis) = space.surface() else {
         return refused("only surfaces are written as meshes: ask for 'json' or 'svg'".into());
     };

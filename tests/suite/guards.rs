@@ -225,11 +225,13 @@ const OPERATIONS: &[&str] = &[
     "POST /v1/mean",
     "POST /v1/measure",
     "POST /v1/morph",
+    "POST /v1/overlap",
     "POST /v1/pca",
     "POST /v1/project",
     "POST /v1/refine",
     "POST /v1/regressions",
     "POST /v1/resample",
+    "POST /v1/subdivide",
 ];
 
 fn committed() -> String {

@@ -5,17 +5,21 @@ use axum::response::Response;
 use serde::Serialize;
 
 use super::settings::{checked, shapes_request};
+use crate::analysis::correspondence::Correspondence;
 use crate::api::extract::{
     Caller, Format, JsonBody, NoQuery, OnlyShapeFormat, ShapeFormat, ShapeFormatQuery, parse,
 };
 use crate::api::problem::{Problem, ProblemDocument};
-use crate::api::respond::{compute, json, mesh, svg};
+use crate::api::respond::{compute, json, mesh, mesh_file, svg};
 use crate::formats::InputError;
 use crate::formats::checked::{Checked, List, document, take_given, take_or_default, take_value};
 use crate::formats::shape::{Points, ShapeInput};
+use crate::formats::svg::{self as drawing, Layer, colour};
 use crate::geometry::distance::Distances;
 use crate::geometry::frame::Frame;
 use crate::geometry::measures::Orientation;
+use crate::geometry::mesh::TriangleMesh;
+use crate::geometry::representation::Representation;
 use crate::geometry::surface::basis::Extent;
 use crate::geometry::surface::measures::AffineField;
 use crate::service::cohorts::text_faults;
@@ -23,8 +27,9 @@ use crate::service::compute::draw_shapes;
 use crate::service::curves::{self, Evaluation, Measured, Parameters, Start};
 use crate::service::pool::Weight;
 use crate::service::posted::Posted;
+use crate::service::subdivisions::{self, Wanted, vertex_frames};
 use crate::service::surfaces::{MeasuredSurface, SurfaceEvaluation, SurfaceParameters};
-use crate::service::{ServiceError, surfaces};
+use crate::service::{App, ServiceError, surfaces};
 
 shapes_request! {
     /// Curves or surfaces to be evaluated.
@@ -153,13 +158,16 @@ impl EvaluationOutput {
 /// Values, one entry a shape, in order.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct EvaluateAnswer {
-    /// One a curve.
+    /// One a curve or surface.
     evaluations: Vec<EvaluationOutput>,
+    /// Of subdivision surfaces the triangles between the points, the same for all of them.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    faces: Option<Vec<[u32; 3]>>,
 }
 
-/// Evaluates curves or surfaces and their derivatives.
+/// Evaluates curves or surfaces and their derivatives; of subdivision surfaces the mesh of their level.
 ///
-/// As SVG: a drawing of the shapes. As OBJ, PLY, STL or glTF: the mesh of one surface at its `grid`.
+/// As SVG: a drawing of the shapes. As OBJ, PLY, STL or glTF: the mesh of one surface at its `grid` or level.
 #[utoipa::path(post, path = "/evaluate", tag = "curves", request_body = EvaluateRequest,
     params(ShapeFormatQuery),
     responses(
@@ -175,7 +183,7 @@ pub(super) async fn evaluate(
         let (mut request, mut errors) = (parse::<EvaluateRequest>(&body)?, Vec::new());
         let (settings, shapes) = request.take_shapes(&mut errors);
         let parameters = take_places(
-            settings.as_ref().and_then(|(representation, _)| representation.extent()),
+            settings.as_ref().map(|(representation, _)| representation),
             request.samples,
             request.grid,
             request.parameters,
@@ -186,6 +194,14 @@ pub(super) async fn evaluate(
         let wanted = settings.zip(parameters).zip(order.zip(frames));
         let ((((representation, correspondence), parameters), (order, frames)), shapes) =
             checked(wanted, errors, shapes)?;
+        if matches!(parameters, Places::Vertices) {
+            if order > 0 {
+                let detail =
+                    format!("is {order}, must be 0: the mesh of a level has no derivatives, but frames");
+                return Err(ServiceError::invalid("/derivatives", detail));
+            }
+            return evaluate_meshes(app, &representation, correspondence, shapes, frames, format);
+        }
         let posted = Posted::new(app, &representation, correspondence)?;
         let shapes = posted.read(app, shapes)?;
         match format {
@@ -221,21 +237,67 @@ pub(super) async fn evaluate(
                 let evaluations = surfaces::evaluate(app, &posted, &shapes, &parameters, order, frames)?;
                 evaluations.into_iter().map(EvaluationOutput::of_surface).collect()
             }
+            Places::Vertices => Vec::new(),
         };
-        json(StatusCode::OK, &EvaluateAnswer { evaluations })
+        json(StatusCode::OK, &EvaluateAnswer { evaluations, faces: None })
     })
     .await
+}
+
+/// The meshes of the level of subdivision surfaces.
+fn evaluate_meshes(
+    app: &App,
+    representation: &Representation,
+    correspondence: Correspondence,
+    shapes: Vec<ShapeInput>,
+    frames: bool,
+    format: ShapeFormat,
+) -> Result<Response, ServiceError> {
+    let wanted = if format == ShapeFormat::Plain(Format::Svg) { Wanted::Drawn } else { Wanted::Whole };
+    let mut meshes = subdivisions::meshes(app, representation, correspondence, shapes, wanted)?;
+    match format {
+        ShapeFormat::Plain(Format::Json) => {}
+        ShapeFormat::Plain(Format::Svg) => {
+            let title = match meshes.len() {
+                1 => "a subdivision surface".to_owned(),
+                count => format!("{count} subdivision surfaces"),
+            };
+            return Ok(svg(drawing::draw(&title, &[Layer::of_meshes(&meshes, colour::BACK)])));
+        }
+        ShapeFormat::Mesh(_, Some(_)) => {
+            return Err(ServiceError::Query("grid belongs to tensor-product surfaces".into()));
+        }
+        ShapeFormat::Mesh(format, None) => match (meshes.pop(), meshes.is_empty()) {
+            (Some(mesh), true) => return Ok(mesh_file(format, &subdivisions::with_normals(mesh))),
+            _ => return Err(ServiceError::invalid("/shapes", "has more entries than one, a mesh is of one")),
+        },
+    }
+    let faces = meshes.first().map(|mesh| mesh.faces.clone());
+    let output = |mesh: &TriangleMesh| {
+        let columns = (0..3).flat_map(|c| mesh.vertices.iter().map(move |vertex| vertex[c])).collect();
+        let found = frames.then(|| vertex_frames(mesh));
+        let found = found.as_ref();
+        EvaluationOutput {
+            points: Some(Points::from_columns(columns, 3)),
+            normals: found.map(|list| list.iter().map(|frame| frame.normal.map(Vec::from)).collect()),
+            principal_curvatures: found.map(|list| list.iter().map(|frame| frame.curvatures).collect()),
+            ..EvaluationOutput::default()
+        }
+    };
+    json(StatusCode::OK, &EvaluateAnswer { evaluations: meshes.iter().map(output).collect(), faces })
 }
 
 /// Where shapes are evaluated.
 enum Places {
     Curve(Parameters),
     Surface(SurfaceParameters),
+    /// At the vertices of the level.
+    Vertices,
 }
 
 /// The fields that say where, for curves or for surfaces.
 fn take_places(
-    surface: Option<Extent>,
+    representation: Option<&Representation>,
     samples: Option<Checked<usize>>,
     grid: Option<Checked<[usize; 2]>>,
     parameters: Option<Checked<serde_json::Value>>,
@@ -244,10 +306,25 @@ fn take_places(
     let samples = take_given(samples, "/samples", errors);
     let grid = take_given(grid, "/grid", errors);
     let parameters = take_given(parameters, "/parameters", errors);
-    let mut refuse = |pointer: &str, detail: &str| {
+    let mut refuse = |pointer: &str, detail: &str| -> Option<Places> {
         errors.push(InputError::new(pointer, detail));
         None
     };
+    if representation.is_some_and(|representation| representation.subdivision().is_some()) {
+        let given = [
+            (samples.is_some(), "/samples"),
+            (grid.is_some(), "/grid"),
+            (parameters.is_some(), "/parameters"),
+        ];
+        for (_, pointer) in given.iter().filter(|(given, _)| *given) {
+            refuse(
+                pointer,
+                "belongs to shapes with parameters: a subdivision surface has the vertices of its level",
+            );
+        }
+        return Some(Places::Vertices);
+    }
+    let surface: Option<Extent> = representation.and_then(Representation::extent);
     match (surface, samples, grid) {
         (Some(_), Some(_), _) => return refuse("/samples", "belongs to curves: surfaces have a grid"),
         (None, _, Some(_)) => return refuse("/grid", "belongs to surfaces: curves have samples"),
@@ -320,7 +397,7 @@ pub(super) struct SurfaceMeasureOutput {
     signed_volume: Option<f64>,
     /// Area without lids.
     area: f64,
-    /// Estimated error of the area.
+    /// Estimated error of the area; of subdivision surfaces what is missing to that of the limit.
     area_error: f64,
     /// Centroid of the enclosed volume; of sheets that of the area.
     centroid: [f64; 3],
@@ -484,10 +561,23 @@ pub(super) async fn measure(
         let field = take_given(request.field, "/field", &mut errors);
         if let (Some(_), Some((representation, _))) = (&field, &settings)
             && representation.extent().is_none()
+            && representation.subdivision().is_none()
         {
             errors.push(InputError::new("/field", "flows through surfaces only"));
         }
         let ((representation, correspondence), shapes) = checked(settings, errors, shapes)?;
+        if representation.subdivision().is_some() {
+            let measures = subdivisions::measure_all(
+                app,
+                &representation,
+                correspondence,
+                shapes,
+                request.reference,
+                field,
+            )?;
+            let measures = measures.into_iter().map(Into::into).collect();
+            return json(StatusCode::OK, &MeasureAnswer { measures, length_unit });
+        }
         let posted = Posted::new(app, &representation, correspondence)?;
         let measures = if posted.is_of_surfaces() {
             let measures = surfaces::measure(app, &posted, shapes, request.reference, field)?;

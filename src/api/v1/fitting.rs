@@ -17,12 +17,14 @@ use crate::formats::shape::{Points, ShapeInput};
 use crate::geometry::fit::Fit;
 use crate::geometry::ideal::{IdealCurve, Position};
 use crate::geometry::representation::Representation;
+use crate::geometry::subdivision::fit::SubdivisionFit;
 use crate::geometry::surface::ideal::IdealSurface;
 use crate::numeric::dense::Matrix;
 use crate::service::ServiceError;
 use crate::service::fitting::{self, Placed, PlacedCurve, Size};
 use crate::service::pool::Weight;
 use crate::service::posted::Posted;
+use crate::service::subdivision_fitting::{self, MOST_TURNS, Search, USUAL_TURNS};
 use crate::service::surface_fitting::{self, FittedSurface, MeshInput};
 use crate::service::surfaces::{self, PlacedSurface};
 
@@ -52,6 +54,14 @@ document! {
         /// Triangle meshes instead, for surfaces.
         #[schema(value_type = Option<Vec<MeshInput>>)]
         meshes: List<MeshInput>;
+        /// Of subdivision surfaces: how often the places nearest to the points and the control points are found in turns; 20
+        /// unless given.
+        #[schema(value_type = Option<usize>, maximum = 200)]
+        turns: Checked<usize>;
+        /// Of subdivision surfaces: the shape to start from, of all fits; on control meshes named after a body unless given a
+        /// spherical parameterisation of a mesh, or the ellipsoid of the moments of a cloud.
+        #[schema(value_type = Option<ShapeInput>)]
+        start: ShapeInput;
     }
 }
 
@@ -87,6 +97,8 @@ pub(super) struct FitAnswer {
 /// Points of a shape of the representation, at their parameters, give back its control points. Meshes of spheres need no
 /// parameters: on a closed mesh without handles longitude and colatitude are computed, as harmonic functions between two
 /// poles, the colatitude such that every ring holds its share of the area.
+///
+/// Subdivision surfaces are fitted to the places nearest to the points; residuals are the distances there.
 #[utoipa::path(post, path = "/fit", tag = "curves", request_body = FitRequest,
     responses(
         (status = 200, description = "One entry a contour, grid, list or mesh", body = FitAnswer),
@@ -103,6 +115,25 @@ pub(super) async fn fit(
         let target = request.representation.and_then(|field| field.take("/representation", &mut errors));
         let parameters = take_given(request.parameters, "/parameters", &mut errors);
         let surfaces = target.as_ref().is_some_and(|target| target.representation.extent().is_some());
+        let refined = target.as_ref().and_then(|target| target.representation.subdivision()).cloned();
+        let turns = take_given(request.turns, "/turns", &mut errors);
+        if target.is_some() && refined.is_none() {
+            for (_, pointer) in [(turns.is_some(), "/turns"), (request.start.is_some(), "/start")]
+                .into_iter()
+                .filter(|(given, _)| *given)
+            {
+                errors.push(InputError::new(pointer, "belongs to subdivision surfaces"));
+            }
+        }
+        if let Some(turns) = turns.filter(|turns| *turns > MOST_TURNS) {
+            errors.push(InputError::new("/turns", format!("is {turns}, must be at most {MOST_TURNS}")));
+        }
+        if refined.is_some() && parameters.is_some() {
+            errors.push(InputError::new(
+                "/parameters",
+                "belongs to splines: a subdivision surface has no parameters, give a start",
+            ));
+        }
         let parameters = match parameters {
             None => Some(FitParameters::None),
             Some(list) if surfaces => {
@@ -114,7 +145,7 @@ pub(super) async fn fit(
             (Some(_), Some(_)) => {
                 errors.push(InputError::new("/meshes", "is given together with shapes: give one of them"));
             }
-            (None, Some(_)) if target.is_some() && !surfaces => {
+            (None, Some(_)) if target.is_some() && !surfaces && refined.is_none() => {
                 errors.push(InputError::new("/meshes", "belongs to surfaces: curves are fitted to shapes"));
             }
             (None, None) => errors.push(InputError::new("/shapes", "is missing")),
@@ -128,6 +159,23 @@ pub(super) async fn fit(
         let shapes = request.shapes.unwrap_or_default().take("/shapes", &mut errors);
         let ((target, parameters), shapes) = checked(target.zip(parameters), errors, shapes)?;
         let FitTarget { representation, tolerance } = target;
+        if let Some(subdivision) = refined {
+            let posted = Posted::new(app, &representation, Correspondence::Landmarks)?;
+            let search = Search { turns: turns.unwrap_or(USUAL_TURNS), start: request.start };
+            let fits = match meshes {
+                Some(meshes) => subdivision_fitting::fit_meshes(app, &posted, &subdivision, search, meshes)?,
+                None => subdivision_fitting::fit_clouds(app, &posted, &subdivision, search, shapes)?,
+            };
+            let output = |fit: SubdivisionFit| FitOutput {
+                representation: representation.clone(),
+                shape: output(&fit.rows),
+                residual: fit.residual,
+                largest_residual: fit.largest,
+                parameters: None,
+                folded: None,
+            };
+            return json(StatusCode::OK, &FitAnswer { fits: fits.into_iter().map(output).collect() });
+        }
         if surfaces {
             let posted = Posted::new(app, &representation, Correspondence::Landmarks)?;
             let fits = match (meshes, parameters) {
@@ -240,7 +288,7 @@ pub(super) async fn refine(
         }
         let (((representation, correspondence), factor), shapes) =
             checked(settings.zip(factor), errors, shapes)?;
-        let posted = Posted::new(app, &representation, correspondence)?;
+        let posted = Posted::of_splines(app, &representation, correspondence)?;
         let shapes = posted.read(app, shapes)?;
         if let Some(extent) = extent {
             let finer = extent.intervals.map(|count| count.saturating_mul(factor));
@@ -416,7 +464,7 @@ pub(super) async fn idealise(
             wanted.extend(take_ideal(input, surfaces, &format!("/{field}/{index}"), &mut errors));
         }
         let (representation, _) = checked(representation, errors, Vec::new())?;
-        let posted = Posted::new(app, &representation, Correspondence::Landmarks)?;
+        let posted = Posted::of_splines(app, &representation, Correspondence::Landmarks)?;
         let shapes = fitting::idealise(app, &posted, &wanted)?.iter().map(output).collect();
         json(StatusCode::OK, &IdealAnswer { shapes })
     })

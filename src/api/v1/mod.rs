@@ -15,12 +15,14 @@ mod fitting;
 pub mod jobs;
 mod keys;
 mod morph;
+mod overlap;
 mod planned;
 mod regressions;
 mod retrieval;
 mod settings;
 mod shapes;
 mod statistics;
+mod subdivision;
 mod version;
 
 use axum::response::Redirect;
@@ -67,6 +69,8 @@ pub(super) fn computing_routes() -> OpenApiRouter<App> {
         .routes(routes!(fitting::list_idealised, fitting::idealise))
         .routes(routes!(morph::morph))
         .routes(routes!(deform::deform))
+        .routes(routes!(subdivision::subdivide))
+        .routes(routes!(overlap::overlap))
         .routes(routes!(cohorts::cohort_mean))
         .routes(routes!(retrieval::search_cohort))
         .routes(routes!(retrieval::compute_distances))

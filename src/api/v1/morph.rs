@@ -13,10 +13,15 @@ use crate::formats::InputError;
 use crate::formats::checked::{Checked, document, take_given, take_or_default};
 use crate::formats::representation::Read;
 use crate::formats::shape::{Points, ShapeInput};
+use crate::formats::svg::{self as drawing, Layer, colour};
+use crate::geometry::GeometryError;
 use crate::geometry::representation::Representation;
-use crate::service::input::own_faults;
+use crate::geometry::subdivision::normal_based::Oriented;
+use crate::geometry::subdivision::{Scheme, Subdivision};
+use crate::service::input::{check_correspondence, own_faults};
 use crate::service::morph::{self, PathKind, Positions};
 use crate::service::posted::Posted;
+use crate::service::{App, ServiceError, subdivisions};
 
 document! {
     /// Two shapes and a path between them.
@@ -57,6 +62,9 @@ pub(super) struct MorphFrame {
     position: f64,
     #[serde(flatten)]
     shape: ShapeOutput,
+    /// Unit normals of the subdivision scheme `normal_based`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    normals: Option<Vec<[f64; 3]>>,
 }
 
 /// A path between two shapes.
@@ -121,6 +129,14 @@ pub(super) async fn morph(
             }
         }
         let (((representation, correspondence), (kind, positions)), _) = checked(wanted, errors, Vec::new())?;
+        if let Some(Subdivision { scheme: Scheme::NormalBased { .. }, .. }) = representation.subdivision() {
+            if kind == PathKind::Sphere {
+                let detail = format!("is \"sphere\", which needs norms: {}", GeometryError::NotLinear);
+                return Err(ServiceError::invalid("/path", detail));
+            }
+            check_correspondence(&representation, correspondence)?;
+            return morph_oriented(app, &representation, &positions, [from, to], format);
+        }
         let posted = Posted::new(app, &representation, correspondence)?;
         let morph = morph::morph(app, &posted, kind, &positions, from, to)?;
         if format == Format::Svg {
@@ -129,7 +145,7 @@ pub(super) async fn morph(
         }
         let frame = |(position, shape): (f64, crate::numeric::dense::Matrix)| {
             let points = Points::from_columns(shape.as_slice().to_vec(), shape.ncols());
-            MorphFrame { position, shape: ShapeOutput { control_points: points } }
+            MorphFrame { position, shape: ShapeOutput { control_points: points }, normals: None }
         };
         json(
             StatusCode::OK,
@@ -137,4 +153,25 @@ pub(super) async fn morph(
         )
     })
     .await
+}
+
+/// The straight path between two shapes of points and normals.
+fn morph_oriented(
+    app: &App,
+    representation: &Representation,
+    positions: &Positions,
+    ends: [ShapeInput; 2],
+    format: Format,
+) -> Result<Response, ServiceError> {
+    let drawn = format == Format::Svg;
+    let morph = subdivisions::morph(app, representation, positions, ends, drawn)?;
+    if drawn {
+        return Ok(svg(drawing::draw("straight path", &[Layer::of_meshes(&morph.meshes, colour::BACK)])));
+    }
+    let frame = |(position, shape): (f64, Oriented)| {
+        let columns = (0..3).flat_map(|c| shape.points.iter().map(move |point| point[c])).collect();
+        let shape_output = ShapeOutput { control_points: Points::from_columns(columns, 3) };
+        MorphFrame { position, shape: shape_output, normals: Some(shape.normals) }
+    };
+    json(StatusCode::OK, &MorphAnswer { angle: None, frames: morph.frames.into_iter().map(frame).collect() })
 }

@@ -168,8 +168,11 @@ async fn prepare_plan(app: &App, cohort: Cohort, plan: Plan) -> Result<Prepared,
     let setup = app.pool.run(move || Setup::new(&task_app, &settings)).await?;
     let usual = usual_samples(setup.space.representation());
     if setup.space.generator().is_none() && plan.samples != usual {
-        let what =
-            if setup.space.surface().is_some() { "surfaces at their knots" } else { "landmarks as they are" };
+        let what = match (setup.space.surface(), setup.space.subdivision()) {
+            (Some(_), _) => "surfaces at their knots",
+            (_, Some(_)) => "subdivision surfaces at their control vertices",
+            _ => "landmarks as they are",
+        };
         let detail = format!("is {}: {what} are compared, leave it out or give {usual}", plan.samples);
         return Err(ServiceError::invalid("/samples", detail));
     }

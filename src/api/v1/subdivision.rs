@@ -1,0 +1,321 @@
+//! Refinement of meshes and polylines.
+
+use axum::http::StatusCode;
+use axum::response::Response;
+use serde::Serialize;
+
+use super::settings::checked;
+use crate::api::extract::{Caller, Format, JsonBody, OnlyShapeFormat, ShapeFormat, ShapeFormatQuery, parse};
+use crate::api::problem::{Problem, ProblemDocument};
+use crate::api::respond::{compute, json, mesh_file, svg};
+use crate::formats::InputError;
+use crate::formats::checked::{Checked, document, take_given};
+use crate::formats::shape::Points;
+use crate::formats::svg::{self as drawing, Layer, MOST_FACES, colour};
+use crate::geometry::mesh::TriangleMesh;
+use crate::geometry::subdivision::control::StartMesh;
+use crate::geometry::subdivision::measures::coarsened;
+use crate::geometry::subdivision::refinement::Depth;
+use crate::geometry::subdivision::{LoopWeights, Scheme, SchemeFields, SchemeName};
+use crate::service::ServiceError;
+use crate::service::subdivisions::{
+    self, ControlMeshInput, PolylineInput, RefinedCurve, RefinedMesh, subdivide as refine, subdivide_named,
+    subdivide_polyline,
+};
+
+document! {
+    /// A closed mesh or a polyline to be refined.
+    #[schema(example = json!({"scheme": "blob", "lambda": 1.5, "level": 2, "start": "octahedron"}))]
+    pub(super) struct SubdivideRequest {
+        /// Which scheme.
+        #[schema(value_type = SchemeName, required = true)]
+        scheme: Checked<SchemeName>, required;
+        /// BLOB: `λ` between −π and π; one of `lambda`, `lambda_imaginary` and `v0`.
+        #[schema(value_type = Option<f64>)]
+        lambda: Checked<f64>;
+        /// BLOB: `μ` of an imaginary `λ = iμ`, within ±13.8.
+        #[schema(value_type = Option<f64>)]
+        lambda_imaginary: Checked<f64>;
+        /// BLOB: the first level parameter, between 0 and 500.
+        #[schema(value_type = Option<f64>)]
+        v0: Checked<f64>;
+        /// Loop: the weights of vertices; `original` unless given.
+        #[schema(value_type = Option<LoopWeights>)]
+        weights: Checked<LoopWeights>;
+        /// Butterfly: the tension `w`; 0 unless given.
+        #[schema(value_type = Option<f64>)]
+        tension: Checked<f64>;
+        /// Normal-based: how far the weights of the ends of an edge are brought together; 0 unless given.
+        #[schema(value_type = Option<f64>)]
+        balance: Checked<f64>;
+        /// Number of steps.
+        #[schema(value_type = Option<usize>)]
+        level: Checked<usize>;
+        /// Steps until a level is not farther than this from the edges of the level before, instead.
+        #[schema(value_type = Option<f64>)]
+        tolerance: Checked<f64>;
+        /// A closed mesh.
+        #[schema(value_type = Option<ControlMeshInput>)]
+        mesh: ControlMeshInput;
+        /// A starting mesh instead, on the unit sphere: `tetrahedron`, `octahedron`, `icosahedron` or `pole_grid`, split as often
+        /// as a number behind a slash says.
+        #[schema(value_type = Option<String>)]
+        start: Checked<String>;
+        /// A polyline instead, for `normal_based`.
+        #[schema(value_type = Option<PolylineInput>)]
+        polyline: PolylineInput;
+        /// Whether the limit of the vertices of the level is answered; not unless given.
+        #[schema(value_type = Option<bool>)]
+        limit: Checked<bool>;
+    }
+}
+
+/// A refined mesh.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct RefinedMeshOutput {
+    /// Old vertices first, then one for every edge, edges in the lexicographic order of their ends; level by level.
+    vertices: Vec<[f64; 3]>,
+    /// Face `(a, b, c)` becomes `(a, ab, ca)`, `(ab, b, bc)`, `(ca, bc, c)`, `(ab, bc, ca)`.
+    faces: Vec<[u32; 3]>,
+    /// Unit normals of the scheme `normal_based`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    normals: Option<Vec<[f64; 3]>>,
+}
+
+/// A refined polyline.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct RefinedPolylineOutput {
+    /// Old points at even places, new ones between.
+    #[schema(value_type = Vec<Vec<f64>>)]
+    points: Points,
+    /// Unit normals.
+    #[schema(value_type = Vec<Vec<f64>>)]
+    normals: Points,
+}
+
+/// Where the vertices of a level lead.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct LimitOutput {
+    /// Positions on the limit surface.
+    vertices: Vec<[f64; 3]>,
+    /// Unit normals of the limit surface, outwards; null for the butterfly.
+    normals: Option<Vec<[f64; 3]>>,
+}
+
+/// What came out: a mesh or a polyline.
+#[derive(Debug, Default, Serialize, utoipa::ToSchema)]
+pub(super) struct SubdivideAnswer {
+    /// The mesh.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    mesh: Option<RefinedMeshOutput>,
+    /// The polyline.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    polyline: Option<RefinedPolylineOutput>,
+    /// Steps that were made.
+    level: usize,
+    /// Largest distance of its vertices from the edges of the level before; null at level 0. About a third of it is left to the
+    /// limit.
+    change: Option<f64>,
+    /// Volume within the mesh, positive when its faces are seen counter-clockwise from outside.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    volume: Option<f64>,
+    /// Area of the mesh.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    area: Option<f64>,
+    /// Where its vertices lead, when asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    limit: Option<LimitOutput>,
+    /// What was put right, and what looks wrong.
+    warnings: Vec<String>,
+}
+
+/// What is refined.
+enum Given {
+    Mesh(ControlMeshInput),
+    Start(StartMesh),
+    Polyline(PolylineInput),
+}
+
+/// Refines a closed triangle mesh or a polyline by a subdivision scheme.
+///
+/// As SVG: a drawing. As OBJ, PLY, STL or glTF: the mesh, or its limit when that is asked for, with normals.
+#[utoipa::path(post, path = "/subdivide", tag = "curves", request_body = SubdivideRequest,
+    params(ShapeFormatQuery),
+    responses(
+        (status = 200, description = "The refined mesh or polyline", content((SubdivideAnswer = "application/json"), (String = "image/svg+xml"), (Vec<u8> = "model/obj"), (Vec<u8> = "application/ply"), (Vec<u8> = "model/stl"), (Vec<u8> = "model/gltf-binary"))),
+        (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
+    ))]
+pub(super) async fn subdivide(
+    Caller(app): Caller,
+    OnlyShapeFormat(format): OnlyShapeFormat,
+    JsonBody(body): JsonBody,
+) -> Result<Response, Problem> {
+    compute(app, move |app| {
+        let (mut request, mut errors) = (parse::<SubdivideRequest>(&body)?, Vec::new());
+        errors.append(&mut request.faults);
+        let scheme = request.take_scheme(&mut errors);
+        let depth = request.take_depth(&mut errors);
+        let wanted_limit =
+            request.limit.take().map_or(Some(false), |field| field.take("/limit", &mut errors));
+        let given = request.take_given(&mut errors);
+        let wanted = scheme.zip(depth).zip(wanted_limit.zip(given));
+        let (((scheme, depth), (wanted_limit, given)), _) = checked(wanted, errors, Vec::new())?;
+        let mesh = match given {
+            Given::Mesh(mesh) => refine(app, scheme, mesh, depth, wanted_limit)?,
+            Given::Start(start) => subdivide_named(app, scheme, start, depth, wanted_limit)?,
+            Given::Polyline(polyline) => {
+                let closed = polyline.closed.as_ref().and_then(Checked::get).copied().unwrap_or(true);
+                return answer_polyline(subdivide_polyline(app, scheme, polyline, depth)?, closed, format);
+            }
+        };
+        answer_mesh(mesh, format)
+    })
+    .await
+}
+
+impl SubdivideRequest {
+    fn take_scheme(&mut self, errors: &mut Vec<InputError>) -> Option<Scheme> {
+        let before = errors.len();
+        let name = take_given(self.scheme.take(), "/scheme", errors);
+        let fields = SchemeFields {
+            lambda: take_given(self.lambda.take(), "/lambda", errors),
+            lambda_imaginary: take_given(self.lambda_imaginary.take(), "/lambda_imaginary", errors),
+            v0: take_given(self.v0.take(), "/v0", errors),
+            weights: take_given(self.weights.take(), "/weights", errors),
+            tension: take_given(self.tension.take(), "/tension", errors),
+            balance: take_given(self.balance.take(), "/balance", errors),
+            ..SchemeFields::named(name?)
+        };
+        if errors.len() > before {
+            return None;
+        }
+        let found = fields.scheme();
+        let faults = found.map_err(|faults| {
+            errors.extend(
+                faults.into_iter().map(|(field, detail)| InputError::new(format!("/{field}"), detail)),
+            );
+        });
+        faults.ok()
+    }
+
+    fn take_depth(&mut self, errors: &mut Vec<InputError>) -> Option<Depth> {
+        let (level, tolerance) = (self.level.take(), self.tolerance.take());
+        if level.is_none() && tolerance.is_none() {
+            errors.push(InputError::new("/level", "is missing: give a level or a tolerance"));
+        }
+        let both = level.is_some() && tolerance.is_some();
+        let (level, tolerance) =
+            (take_given(level, "/level", errors), take_given(tolerance, "/tolerance", errors));
+        if both {
+            errors.push(InputError::new("/tolerance", "is given together with level: give one of them"));
+        }
+        match tolerance {
+            Some(tolerance) if !(tolerance > 0.0) => {
+                errors.push(InputError::new("/tolerance", format!("is {tolerance}, must be positive")));
+                None
+            }
+            Some(tolerance) => Some(Depth::Tolerance(tolerance)),
+            None => level.map(Depth::Level),
+        }
+    }
+
+    fn take_given(&mut self, errors: &mut Vec<InputError>) -> Option<Given> {
+        let start = take_given(self.start.take(), "/start", errors);
+        match (self.mesh.take(), start, self.polyline.take()) {
+            (Some(mesh), None, None) => Some(Given::Mesh(mesh)),
+            (None, None, Some(polyline)) => Some(Given::Polyline(polyline)),
+            (None, Some(text), None) => match text.parse() {
+                Ok(start) => Some(Given::Start(start)),
+                Err(detail) => {
+                    errors.push(InputError::new("/start", format!("is {detail}")));
+                    None
+                }
+            },
+            (None, None, None) => {
+                errors.push(InputError::new("/mesh", "is missing: give a mesh, a start or a polyline"));
+                None
+            }
+            _ => {
+                errors.push(InputError::new(
+                    "",
+                    "has more than one of mesh, start and polyline: give one of them",
+                ));
+                None
+            }
+        }
+    }
+}
+
+fn answer_mesh(refined: RefinedMesh, format: ShapeFormat) -> Result<Response, ServiceError> {
+    let RefinedMesh { refined, limit, measures, warnings } = refined;
+    match format {
+        ShapeFormat::Plain(Format::Json) => {}
+        ShapeFormat::Plain(Format::Svg) => {
+            let drawn = coarsened(&refined.shape, refined.level, MOST_FACES);
+            let layer = Layer::of_meshes(&[drawn], colour::BACK);
+            return Ok(svg(drawing::draw("a refined mesh", &[layer])));
+        }
+        ShapeFormat::Mesh(_, Some(_)) => {
+            return Err(ServiceError::Query("grid belongs to tensor-product surfaces".into()));
+        }
+        ShapeFormat::Mesh(format, None) => {
+            let mesh = match limit {
+                Some(limit) => TriangleMesh {
+                    vertices: limit.points,
+                    normals: limit.normals,
+                    faces: refined.shape.faces,
+                },
+                None => refined.shape,
+            };
+            return Ok(mesh_file(format, &subdivisions::with_normals(mesh)));
+        }
+    }
+    let TriangleMesh { vertices, normals, faces } = refined.shape;
+    let limit = limit.map(|limit| LimitOutput { vertices: limit.points, normals: limit.normals });
+    json(
+        StatusCode::OK,
+        &SubdivideAnswer {
+            mesh: Some(RefinedMeshOutput { vertices, faces, normals }),
+            level: refined.level,
+            change: refined.change,
+            volume: measures.enclosed.map(|enclosed| enclosed.signed_volume),
+            area: Some(measures.area),
+            limit,
+            warnings,
+            ..SubdivideAnswer::default()
+        },
+    )
+}
+
+fn answer_polyline(curve: RefinedCurve, closed: bool, format: ShapeFormat) -> Result<Response, ServiceError> {
+    let RefinedCurve { refined, dimension, warnings } = curve;
+    let shape = refined.shape;
+    let columns = |points: &[[f64; 3]]| -> Vec<f64> {
+        (0..dimension).flat_map(|c| points.iter().map(move |point| point[c])).collect()
+    };
+    match format {
+        ShapeFormat::Plain(Format::Json) => {}
+        ShapeFormat::Plain(Format::Svg) => {
+            let points: Vec<&[f64]> = shape.points.iter().map(|point| &point[..dimension]).collect();
+            let layer = Layer::of_polyline(&points, closed, colour::MAIN);
+            return Ok(svg(drawing::draw("a refined polyline", &[layer])));
+        }
+        ShapeFormat::Mesh(..) => {
+            return Err(ServiceError::Query(
+                "only meshes are written as meshes: ask for 'json' or 'svg'".into(),
+            ));
+        }
+    }
+    let points = |list: &[[f64; 3]]| Points::from_columns(columns(list), dimension);
+    let polyline = RefinedPolylineOutput { points: points(&shape.points), normals: points(&shape.normals) };
+    json(
+        StatusCode::OK,
+        &SubdivideAnswer {
+            polyline: Some(polyline),
+            level: refined.level,
+            change: refined.change,
+            warnings,
+            ..SubdivideAnswer::default()
+        },
+    )
+}
