@@ -86,7 +86,7 @@ pub fn subdivide(
 ) -> Result<RefinedMesh, ServiceError> {
     let (mesh, warnings) =
         read_mesh(mesh, scheme, &app.limits).map_err(|errors| ServiceError::below(errors, "/mesh"))?;
-    refine(app, scheme, mesh, depth, wanted_limit, warnings)
+    refine(app, scheme, (mesh, "/mesh"), depth, wanted_limit, warnings)
 }
 
 /// Refines a starting mesh, all its vertices on the unit sphere.
@@ -103,23 +103,23 @@ pub fn subdivide_named(
     let (vertices, most) = (start.size().vertices, app.limits.points);
     if vertices > most {
         let detail = format!("is \"{start}\" with {vertices} vertices, at most {most} are accepted");
-        return Err(ServiceError::invalid("/mesh", detail));
+        return Err(ServiceError::invalid("/start", detail));
     }
     let mesh = start.mesh();
     let normals = matches!(scheme, Scheme::NormalBased { .. }).then(|| mesh.vertices.clone());
-    refine(app, scheme, TriangleMesh { normals, ..mesh }, depth, wanted_limit, Vec::new())
+    refine(app, scheme, (TriangleMesh { normals, ..mesh }, "/start"), depth, wanted_limit, Vec::new())
 }
 
 fn refine(
     app: &App,
     scheme: Scheme,
-    mesh: TriangleMesh,
+    (mesh, pointer): (TriangleMesh, &str),
     depth: Depth,
     wanted_limit: bool,
     warnings: Vec<String>,
 ) -> Result<RefinedMesh, ServiceError> {
     let (refined, limit) = refine_mesh(scheme, mesh, depth, app.limits.vertices, wanted_limit)
-        .map_err(|error| refused(&error, "/mesh"))?;
+        .map_err(|error| refused(&error, pointer))?;
     let measures = measure(&refined.shape, refined.level > 0);
     Ok(RefinedMesh { refined, limit, measures, warnings })
 }
@@ -128,7 +128,7 @@ fn refine(
 fn refused(error: &GeometryError, shape: &str) -> ServiceError {
     let pointer = match error {
         GeometryError::Mesh(fault) => format!("{shape}/faces{}", face_pointer(fault)),
-        GeometryError::Valence { .. } => format!("{shape}/faces"),
+        GeometryError::Valence { .. } if shape == "/mesh" => format!("{shape}/faces"),
         GeometryError::TooFine { .. } => "/level".into(),
         GeometryError::Coarse { .. } => "/tolerance".into(),
         _ => shape.into(),
