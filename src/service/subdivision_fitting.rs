@@ -86,7 +86,8 @@ impl<'a> Fits<'a> {
         } else {
             self.fitting.at_directions(targets, directions)?
         };
-        found.ok_or(GeometryError::NotACurve)
+        // A mesh without a start of its own was refused before.
+        found.ok_or(GeometryError::TooFewPoints { found: targets.len(), needed: self.posted.metric.size() })
     }
 
     fn fit(&self, targets: &[Target], directions: &[[f64; 3]]) -> Result<SubdivisionFit, Vec<InputError>> {
