@@ -1,10 +1,11 @@
 # make run   build and start the service on 127.0.0.1:8080 with the example cohort
 # make test  everything that CI runs; installs what the tests need when it is missing
 # make contract  the OpenAPI document against the running service for six minutes, as `make test` does outside of CI
+# make attack  the requests that once stopped the service, in their full sizes, then an hour of a search for new ones
 # make fuzz  every fuzz target for ten minutes
 # make bench the benchmarks behind the figures of docs/benchmarks.md
 
-.PHONY: run test contract fuzz bench tools
+.PHONY: run test contract attack fuzz bench tools
 
 run:
 	cargo run --release --locked -- serve
@@ -24,6 +25,11 @@ test: tools
 contract:
 	cargo build --locked
 	python3 tests/contract/run.py long
+
+attack:
+	cargo build --release --locked
+	python3 tests/attack/run.py full --binary target/release/shapelex
+	python3 benches/attack/run.py --binary target/release/shapelex --minutes 60 --report target/attack.json
 
 # Without a sanitizer: there is no unsafe code here. Each target leaves what it found in fuzz/artifacts.
 fuzz:
