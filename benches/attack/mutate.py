@@ -111,6 +111,16 @@ def estimate(node):
     return 2 + sum(1 + estimate(item) for item in node) if isinstance(node, list) else len(str(node))
 
 
+def toil(node, times=1):
+    """Points that have to be made one by one: to send them must cost less than to answer them."""
+    if is_directive(node):
+        if "$repeat" in node:
+            return toil(node["$repeat"], times * int(node["times"]) if node.get("vary") else times)
+        return times * int(node["$points"].get("count", 8)) if "$points" in node else 0
+    inner = node.values() if isinstance(node, dict) else node if isinstance(node, list) else ()
+    return sum(toil(value, times) for value in inner)
+
+
 class Mutator:
     """Changes requests of one operation."""
 

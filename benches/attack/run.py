@@ -34,13 +34,15 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests" / "attack"))
 sys.dont_write_bytecode = True
 
-from mutate import Mutator, Schemas, estimate  # noqa: E402
+from mutate import Mutator, Schemas, estimate, toil  # noqa: E402
 from operations import Things, beginnings, furnish, operations  # noqa: E402
 from recipe import Recipe  # noqa: E402
 from service import Service, percentile  # noqa: E402
 
 COSTS = ["cpu", "seconds", "mb", "cpu per kB", "mb per kB"]
 KEPT = 10
+# Share of the time for operations without a body.
+LEAN = 0.2
 # Of these the next request is made: the worst few, so that one lucky figure does not take all.
 PARENTS = 4
 # Bytes that every request costs on the wire beside its body.
@@ -50,9 +52,16 @@ FLOOD_BYTES = 1_000_000
 FLOOD_CLIENTS = 16
 # A service that keeps so much is started again, so that memory of one request is not hidden by that of another.
 AT_REST = 32 << 20
+# Points of a request that Python makes one by one: some tenth of a second.
+MOST_TOIL = 60_000
 # What one request may take by the promise; a quota is for all of them together.
 PROMISED_MB = 512
 PROMISED_SECONDS = 10
+# A body that is refused takes at most so many times its decompressed size, and what a busy process takes besides.
+PROMISED_TIMES = 12
+SLACK_MB = 32
+# Smaller bodies can ask for work before they are refused, which is bounded by the promise for one request.
+LARGE_BODY = 1_000_000
 
 
 class Broken(Exception):
@@ -162,9 +171,20 @@ def attempt(search, request):
     figures = {"cpu": round(watch.cpu, 3), "seconds": round(answer.seconds, 3), "mb": round(max(0, watch.peak - rest) / 1e6, 2), "bytes": on_wire,
                "plain": plain, "answer": answer.size, "status": answer.status, "method": operation.method, "path": path}
     figures["cpu per kB"], figures["mb per kB"] = (round(1e3 * figures[name] / on_wire, 4) for name in ("cpu", "mb"))
-    search.note(request, figures)
     check(target, watch, answer, patience)
+    check_promise(figures)
+    # What breaks a promise is reported, and nothing grows out of it: it would be the same again.
+    search.note(request, figures)
     return figures
+
+
+def check_promise(figures):
+    """What one request may take."""
+    if figures["mb"] > PROMISED_MB:
+        raise Broken(f"memory: {figures['mb']} MB for one request, promised are {PROMISED_MB}")
+    most = PROMISED_TIMES * figures["plain"] / 1e6 + SLACK_MB
+    if 400 <= figures["status"] < 500 and figures["plain"] > LARGE_BODY and figures["mb"] > most:
+        raise Broken(f"memory: {figures['mb']} MB for a body of {figures['plain']} B that was refused, promised are {most:.0f}")
 
 
 def check(target, watch, answer, patience):
@@ -203,8 +223,9 @@ class Run:
         self.searches = [Search(operation, self.target, arguments.seed) for operation in chosen]
         self.random, self.broken, self.probes = Random(arguments.seed), [], []
         self.peak_mb, self.end = 0.0, time.monotonic() + 60 * arguments.minutes
-        # Three rounds at least, however short the run, and no operation longer than some seconds a turn.
-        self.spell = min(3.0, 60 * arguments.minutes / max(1, len(chosen)) / 4)
+        # Some rounds at least, however short the run; what has no body has less to try.
+        bodies = sum(bool(operation.schema) for operation in chosen)
+        self.spell = min(4.0, 60 * arguments.minutes / max(1, bodies + LEAN * (len(chosen) - bodies)) / 4)
 
     def over(self):
         return time.monotonic() > self.end or (self.broken and not self.arguments.keep_going)
@@ -223,10 +244,10 @@ class Run:
 
     def turn(self, search):
         """One operation for a moment."""
-        end = time.monotonic() + self.spell
+        end = time.monotonic() + self.spell * (1 if search.operation.schema else LEAN)
         while time.monotonic() < end and not self.over():
             request = search.next()
-            if estimate(request.get("body")) > self.arguments.most_bytes:
+            if estimate(request.get("body")) > self.arguments.most_bytes or toil(request.get("body")) > MOST_TOIL:
                 continue
             try:
                 figures = attempt(search, request)
@@ -236,9 +257,13 @@ class Run:
 
     def breaks(self, name, error, request=None):
         """Notes a promise that does not hold; goes on with a new process."""
-        self.broken.append({"operation": name, "what": f"{error}", "request": request and saved(request, name, self.searches)})
+        kind = f"{error}".split(":")[0]
+        same = [entry for entry in self.broken if (entry["operation"], entry["kind"]) == (name, kind)]
+        if len(same) < KEPT:
+            self.broken.append({"operation": name, "kind": kind, "what": f"{error}", "request": request and saved(request, name, self.searches)})
         print(f"BROKEN {name}: {error}\n       {json.dumps(request)[:600]}", flush=True)
-        self.target.drop()
+        if kind != "memory":
+            self.target.drop()
 
     def flood(self):
         """Many clients with the worst requests of all, and somebody who asks for little."""

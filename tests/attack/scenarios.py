@@ -371,19 +371,32 @@ def work_ends_with_its_time(attack, kind, n, compute_seconds, settle):
 # H3
 
 
-def jobs_beside_a_job(attack, jobs, atoms, seconds):
+def sparse_learning(name, atoms, epochs, seed=0):
+    """A request for a job whose length is chosen."""
+    method = {"kind": "sparse", "atoms": atoms, "lambda": 0.01, "max_epochs": epochs, "tolerance": 0, "seed": seed}
+    return json.dumps({"name": name, "cohort": "curves", "transformation": "similarity", "method": method}).encode()
+
+
+def curves_cohort(service, shapes, key, at_once=500):
+    """A cohort of curves, none like the other."""
+    curve = {**CURVE, "control_points": 64}
+    service.post("/v1/cohorts", {"name": "curves", "representation": curve}, key)
+    for first in range(0, shapes, at_once):
+        rows = [{"points": points("circle", 64, seed=k)} for k in range(first, min(shapes, first + at_once))]
+        service.post("/v1/cohorts/curves/shapes", {"shapes": rows}, key)
+
+
+def jobs_beside_a_job(attack, jobs, shapes, atoms, seconds):
     """One tenant's queue of heavy jobs, then a small one of another tenant."""
     with started(attack, tenants=True) as (service, keys):
-        for name in ("a", "b"):
-            rows = [{"points": points("random", 3, seed=k)} for k in range(200 if name == "a" else 50)]
-            service.post("/v1/cohorts/own/shapes", {"shapes": rows}, keys[name])
+        curves_cohort(service, shapes, keys["a"])
+        curves_cohort(service, 50, keys["b"])
         statuses = {}
         for k in range(jobs):
-            body = {"name": f"heavy-{k}", "cohort": "own", "transformation": "similarity",
-                    "method": {"kind": "sparse", "atoms": atoms, "lambda": 0.0001, "max_epochs": 10000, "tolerance": 0, "seed": k}}
-            status = service.send("POST", "/v1/dictionaries", json.dumps(body).encode(), {**JSON, **keys["a"]}).status
+            body = sparse_learning(f"heavy-{k}", atoms, 10000, k)
+            status = service.send("POST", "/v1/dictionaries", body, {**JSON, **keys["a"]}).status
             statuses[status] = statuses.get(status, 0) + 1
-        small = {"name": "small", "cohort": "own", "transformation": "similarity", "method": {"kind": "functional_pca", "components": 2}}
+        small = {"name": "small", "cohort": "curves", "transformation": "similarity", "method": {"kind": "functional_pca", "components": 2}}
         begin = time.monotonic()
         answer = service.send("POST", "/v1/dictionaries", json.dumps(small).encode(), {**JSON, **keys["b"]})
         wrong = [f"a heavy job: {status}" for status in statuses if status not in (202, 422, 429, 503)]
@@ -391,6 +404,17 @@ def jobs_beside_a_job(attack, jobs, atoms, seconds):
         if ended not in ("succeeded", 201):
             wrong.append(f"the job of another tenant: {ended} after {time.monotonic() - begin:.0f} s")
         return {"says": f"{ended} after {time.monotonic() - begin:.1f} s; heavy: {statuses}"}, aftermath(service, wrong)
+
+
+def endless_learning(attack, shapes, atoms, epochs, max_job_seconds):
+    """A job that is predicted to run for hours is refused, with the prediction."""
+    with started(attack, [f"--max-job-seconds={max_job_seconds}"] if max_job_seconds else []) as (service, _):
+        curves_cohort(service, shapes, {})
+        answer = service.send("POST", "/v1/dictionaries", sparse_learning("endless", atoms, epochs), JSON)
+        wrong = []
+        if answer.status != 422 or b"seconds" not in answer.body and b" s" not in answer.body:
+            wrong.append(f"answered {answer.status}, expected 422 with the predicted seconds: {answer.body[:160]}")
+        return {"says": f"{answer.status} {(answer.json() or {}).get('detail', '')[:120]}"}, aftermath(service, wrong)
 
 
 # H4

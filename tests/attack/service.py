@@ -16,6 +16,7 @@ import tempfile
 import threading
 import time
 from contextlib import contextmanager
+from functools import lru_cache
 from pathlib import Path
 
 # What a service built for tests may take until it answers, and until it has stopped.
@@ -51,6 +52,7 @@ class Answer:
             return None
 
 
+@lru_cache
 def known_flags(binary):
     """The flags of `serve` that a program has: older ones lack some."""
     text = subprocess.run([binary, "serve", "--help"], capture_output=True, text=True, timeout=60).stdout
