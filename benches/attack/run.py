@@ -3,6 +3,7 @@
 
     benches/attack/run.py --binary target/release/shapelex --minutes 60 --report attack.json
     benches/attack/run.py --binary … --minutes 5 --operations 'measure|evaluate' --seed 2 --keep-going
+    benches/attack/run.py --table attack.json …
     tests/attack/run.py replay attack.json --binary …
 
 For each operation of the interface document a search by mutation: it begins with the examples of the document and with seeds.json,
@@ -372,6 +373,24 @@ def summary(report):
     return "\n".join(line for _, line in sorted(lines, reverse=True))
 
 
+def table(paths):
+    """The runs of docs/reliability.md, and below them the worst of each operation of the last one."""
+    rows = ["| program | minutes | seed | requests | broken promises | peak memory, MB | small requests meanwhile | p50, p99, max, ms |", "| " + " | ".join(["---"] * 8) + " |"]
+    reports = [json.loads(Path(path).read_text()) for path in paths]
+    for found in reports:
+        tiny = found["tiny requests of another tenant"]
+        times = ", ".join("–" if tiny[name] is None else f"{tiny[name]:.1f}" for name in ("ms p50", "ms p99", "ms max"))
+        meanwhile = f"{tiny['requests']}, of these not answered {tiny['requests'] - tiny['statuses'].get('200', 0)}"
+        rows.append(f"| {found['program']} | {found['minutes']:g} | {found['seed']} | {found['evaluated']} | {len(found['broken'])} | {found['peak MB']} | {meanwhile} | {times} |")
+    rows += ["", "| operation | requests | worst processor time | worst time | worst memory |", "| --- | --- | --- | --- | --- |"]
+    for name, found in sorted(reports[-1]["operations"].items()):
+        if worst := found["worst"]:
+            cpu, wall, memory = worst["cpu"], worst["seconds"], worst["mb"]
+            rows.append(f"| {name} | {found['evaluated']} | {cpu['cpu']:.2f} s of {cpu['bytes']} B: {cpu['status']} | {wall['seconds']:.2f} s of {wall['bytes']} B: {wall['status']} "
+                        f"| {memory['mb']:.0f} MB of {memory['bytes']} B: {memory['status']} |")
+    return "\n".join(rows)
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--binary", type=Path, default=ROOT / "target" / "release" / "shapelex")
@@ -384,7 +403,11 @@ def main():
     parser.add_argument("--flood-seconds", type=float, default=10, help="of many clients after each round; 0 for none")
     parser.add_argument("--keep-going", action="store_true", help="note what is broken and go on")
     parser.add_argument("--report", type=Path)
+    parser.add_argument("--table", nargs="+", type=Path, help="reports to write as Markdown instead")
     arguments = parser.parse_args()
+    if arguments.table:
+        print(table(arguments.table))
+        return
     run = Run(arguments)
     try:
         run.all()
