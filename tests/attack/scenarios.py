@@ -195,16 +195,24 @@ def lazy_reader(address, path, body, headers):
     return connection
 
 
-def lazy_readers(service, count, body, seconds=6):
-    """Many of them for some seconds; the statuses of small requests meanwhile."""
+def settled(service, most=40):
+    """Waits until nothing is computed any more: everything that can be ready is ready."""
+    end, quiet = time.monotonic() + most, 0
+    while quiet < 3 and time.monotonic() < end and not service.ended():
+        quiet = quiet + 1 if service.quiet(0.5, 0.1) else 0
+
+
+def lazy_readers(service, count, body):
+    """Many of them until all answers are ready; the statuses of small requests meanwhile."""
     connections, statuses = [], []
     try:
         for _ in range(count):
             connections.append(lazy_reader(service.address, "/v1/evaluate", body, JSON))
-        end = time.monotonic() + seconds
-        while time.monotonic() < end and not service.ended():
+        for _ in range(10):
             statuses.append(service.send("POST", "/v1/project", recipe(TINY_PROJECT), JSON, timeout=PATIENCE).status)
-            time.sleep(0.2)
+            time.sleep(0.1)
+        settled(service)
+        statuses.append(service.send("POST", "/v1/project", recipe(TINY_PROJECT), JSON, timeout=PATIENCE).status)
     except OSError:
         pass
     finally:
@@ -261,7 +269,8 @@ def window_of_zero(attack, streams, samples, mb):
                     stream = 2 * k + 1
                     fields = http2_head(service.address, "/v1/evaluate", len(body))
                     connection.sendall(http2_frame(1, 4, stream, fields) + http2_frame(0, 1, stream, body))
-                time.sleep(6)
+                time.sleep(1)
+                settled(service)
         wrong = []
         if watch.above_idle > mb * 1e6:
             wrong.append(f"took {watch.above_idle / 1e6:.0f} MB, expected at most {mb}")
