@@ -58,6 +58,8 @@ MOST_TOIL = 60_000
 # What one request may take by the promise; a quota is for all of them together.
 PROMISED_MB = 512
 PROMISED_SECONDS = 10
+# Half seconds in which work must end after its answer.
+SETTLE = 6
 # A body that is refused takes at most so many times its decompressed size, and what a busy process takes besides.
 PROMISED_TIMES = 12
 SLACK_MB = 32
@@ -204,7 +206,7 @@ def check(target, watch, answer, patience):
     if service.ready() != 204:
         raise Broken("readyz: not ready")
     cancel(target, answer)
-    if answer.seconds > 1 and not any(service.quiet(0.5, 0.3) for _ in range(6)):
+    if answer.seconds > 1 and not any(service.quiet(0.5, 0.3) for _ in range(SETTLE)):
         raise Broken(f"hang: its work goes on, 3 s after the answer {answer.status}")
 
 
@@ -314,10 +316,14 @@ class Run:
                 raise Broken(f"status: {bad}")
             if service.ready() != 204:
                 raise Broken("readyz: not ready after a flood")
+            if not any(service.quiet(0.5, 0.3) for _ in range(SETTLE)):
+                raise Broken("hang: work goes on after a flood whose clients have gone")
             if max(probe["latencies"], default=0) > 1e3 * (self.arguments.compute_seconds + 1):
                 raise Broken(f"hang: a tiny request of another tenant took {max(probe['latencies']):.0f} ms")
         except Broken as error:
             self.breaks("flood", error)
+        # What it left behind is not of the requests that follow.
+        self.target.drop()
 
     def report(self):
         """Everything, as JSON."""
