@@ -80,14 +80,15 @@ class Things:
         self.job = jobs[0]["id"] if jobs else "none"
 
     def made_for(self, name):
-        """What an operation needs that it uses up; empty where it could not be made."""
-        makers = {"delete_cohort": self.cohort, "delete_shape": self.shape, "delete_dictionary": self.dictionary, "revoke_key": self.a_key,
+        """What an operation needs that it uses up."""
+        makers = {"delete_cohort": self.cohort, "update_cohort": self.cohort, "delete_shape": self.shape, "delete_dictionary": self.dictionary, "revoke_key": self.a_key,
                   "find_key": self.a_key, "remove_trashed": self.trashed, "restore_trashed": self.trashed, "cancel_job": self.running}
         self.count += 1
         try:
             return makers[name]() if name in makers else {"job": self.job} if "job" in name else {}
         except (RuntimeError, KeyError, TypeError):
-            return {}
+            # Never what other requests are about.
+            return dict.fromkeys(("cohort", "shape", "dictionary", "key", "id", "job"), "none")
 
     def cohort(self):
         name = f"doomed-{self.count}"

@@ -146,9 +146,8 @@ class Search:
         return {entry["text"]: entry for kept in self.worst.values() for entry in kept}.values()
 
 
-def wired(request, operation, target):
-    """Path, headers and body of a request."""
-    made = target.things.made_for(operation.name)
+def wired(request, operation, target, made):
+    """Path, headers and body of a request; `made` is what was made for it."""
     headers = {**target.key, **request.get("headers", {})}
     body, plain = Recipe().body(request)
     if body is not None:
@@ -165,7 +164,8 @@ def attempt(search, request):
     """
     operation, target = search.operation, search.target
     service, arguments = target.rested(), target.arguments
-    path, headers, body, plain = wired(request, operation, target)
+    made = target.things.made_for(operation.name)
+    path, headers, body, plain = wired(request, operation, target, made)
     rest = service.resident()
     patience = arguments.compute_seconds + 1
     with service.watched(kill_beyond=1.5e6 * arguments.quota_mb) as watch:
@@ -174,6 +174,7 @@ def attempt(search, request):
     figures = {"cpu": round(watch.cpu, 3), "seconds": round(answer.seconds, 3), "mb": round(max(0, watch.peak - rest) / 1e6, 2), "bytes": on_wire,
                "plain": plain, "answer": answer.size, "status": answer.status, "method": operation.method, "path": path}
     figures["cpu per kB"], figures["mb per kB"] = (round(1e3 * figures[name] / on_wire, 4) for name in ("cpu", "mb"))
+    cancel(target, answer, made)
     check(target, watch, answer, patience)
     check_promise(figures)
     # What breaks a promise is reported, and nothing grows out of it: it would be the same again.
@@ -205,16 +206,16 @@ def check(target, watch, answer, patience):
         raise Broken(f"status: {answer.status} {answer.body[:200]!r}")
     if service.ready() != 204:
         raise Broken("readyz: not ready")
-    cancel(target, answer)
     if answer.seconds > 1 and not any(service.quiet(0.5, 0.3) for _ in range(SETTLE)):
         raise Broken(f"hang: its work goes on, 3 s after the answer {answer.status}")
 
 
-def cancel(target, answer):
-    """A job is not part of the request that began it."""
-    job = answer.json().get("id") if answer.status == 202 and isinstance(answer.json(), dict) else None
-    if job:
-        target.service.send("POST", f"/v1/jobs/{job}/cancel", headers=target.key)
+def cancel(target, answer, made):
+    """A job is not part of the request that began it, or that it was made for."""
+    begun = answer.json() if answer.status == 202 else None
+    jobs = {begun.get("id") if isinstance(begun, dict) else None, made.get("job")} - {None, "none", target.things.job}
+    for job in jobs:
+        target.service.send("POST", f"/v1/jobs/{job}/cancel", headers=target.key, timeout=20)
 
 
 class Run:
@@ -240,7 +241,10 @@ class Run:
             for search in self.searches:
                 self.turn(search)
             if not self.over() and self.arguments.flood_seconds:
-                self.flood()
+                try:
+                    self.flood()
+                except (RuntimeError, OSError, ValueError, subprocess.SubprocessError) as error:
+                    self.breaks("flood", error)
             rounds += 1
             evaluated = sum(search.evaluated for search in self.searches)
             print(f"round {rounds}: {evaluated} requests, {len(self.broken)} broken promises, peak {self.peak_mb:.0f} MB", flush=True)
@@ -276,7 +280,9 @@ class Run:
             return
         self.target.fresh()
         service, over, statuses = self.target.service, threading.Event(), Counter()
-        requests = [(search.operation.method, *wired(request, search.operation, self.target)) for search, request in self.random.sample(pool, min(60, len(pool)))]
+        chosen = self.random.sample(pool, min(60, len(pool)))
+        requests = [(search.operation.method, *wired(request, search.operation, self.target, self.target.things.made_for(search.operation.name)))
+                    for search, request in chosen]
 
         def client(number):
             random = Random(f"{self.arguments.seed}:{number}")

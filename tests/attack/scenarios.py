@@ -668,6 +668,22 @@ def ready_while_stopping(attack):
         return {"says": f"{', '.join(sorted(set(map(str, statuses))))}"}, wrong
 
 
+def second_process(attack):
+    """Without its lock file the store is still that of one process."""
+    with started(attack) as (service, _):
+        for path in (service.folder / "data").glob("*.lock"):
+            path.unlink()
+        second = Service(attack.binary, ["--no-example"], folder=service.folder)
+        try:
+            second.start()
+            wrong = ["a second process runs on the same store"]
+        except RuntimeError:
+            wrong = []
+        finally:
+            second.kill()
+        return {"says": "runs" if wrong else "refused"}, aftermath(service, wrong)
+
+
 def references_resolve(attack):
     """Every `$ref` of the interface document names something."""
     service = attack.shared()
