@@ -19,6 +19,8 @@ test: tools
 	@if command -v python3 >/dev/null; then python3 deploy/lint.py; else echo "deploy: skipped: no python3 here"; fi
 	@if command -v python3 >/dev/null; then python3 tests/contract/run.py $(if $(CI),short,long); \
 	else echo "SKIPPED: the contract test, there is no python3"; fi
+	@if command -v python3 >/dev/null; then python3 tests/attack/run.py small; \
+	else echo "SKIPPED: the requests of an attack, there is no python3"; fi
 	tests/with_postgres.sh cargo test --locked --lib --test suite -- store:: commands http_ kill worker
 	cargo test --locked --lib --test suite
 
