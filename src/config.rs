@@ -10,13 +10,15 @@ use serde::Deserialize;
 
 use crate::opening::Place;
 use crate::server::ConnectionLimits;
-use crate::service::Limits;
 use crate::service::access::AccessSettings;
 use crate::service::access::tokens::TokenSettings;
+use crate::service::{Limits, memory};
 use crate::worker::Places;
 
 /// Most jobs at once: each has threads of its own.
 const MAX_JOBS: usize = 64;
+/// Memory for bodies when there is plenty: what is read from four of the longest.
+const MOST_BUFFERED: usize = 2 << 30;
 /// Fewer connections could wait for each other: a job reads while it writes.
 const MIN_CONNECTIONS: u32 = 4;
 /// Most bytes of a matrix: what is stored as one piece must stay below a billion.
@@ -95,6 +97,12 @@ serve_settings! {
     max_body_bytes: usize = "SHAPELEX_MAX_BODY_BYTES", Limits::default().body_bytes;
     /// Longest line of an NDJSON stream in bytes
     max_line_bytes: usize = "SHAPELEX_MAX_LINE_BYTES", Limits::default().line_bytes;
+    /// Most values of a JSON body, counted by its commas and brackets
+    max_json_values: usize = "SHAPELEX_MAX_JSON_VALUES", Limits::default().json_values;
+    /// How many times as long as on the wire a compressed body may become, beyond its first MiB
+    max_compression_ratio: usize = "SHAPELEX_MAX_COMPRESSION_RATIO", Limits::default().compression_ratio;
+    /// Most bytes of the metadata of a shape, as JSON
+    max_metadata_bytes: usize = "SHAPELEX_MAX_METADATA_BYTES", Limits::default().metadata_bytes;
     /// Most shapes of a request that is answered from memory
     max_shapes: usize = "SHAPELEX_MAX_SHAPES", Limits::default().shapes;
     /// Most points of a posted contour
@@ -105,8 +113,9 @@ serve_settings! {
     max_control_points: usize = "SHAPELEX_MAX_CONTROL_POINTS", Limits::default().control_points;
     /// Most atoms or components of a dictionary
     max_atoms: usize = "SHAPELEX_MAX_ATOMS", Limits::default().atoms;
-    /// Most bytes of memory that a job may be predicted to take; more are refused before it runs
-    max_job_bytes: usize = "SHAPELEX_MAX_JOB_BYTES", Limits::default().job_bytes;
+    /// Most bytes of memory that a job may be predicted to take; more are refused before it runs; 0 takes 4 GiB, at most three
+    /// eighths of the memory
+    max_job_bytes: usize = "SHAPELEX_MAX_JOB_BYTES", 0;
     /// Most bytes of a distance matrix, at most 900 million
     max_matrix_bytes: usize = "SHAPELEX_MAX_MATRIX_BYTES", Limits::default().matrix_bytes;
     /// Most multiply-adds that a distance matrix may be predicted to take to be answered at once; larger ones become a job
@@ -137,8 +146,13 @@ serve_settings! {
     compute_seconds: NonZeroUsize = "SHAPELEX_COMPUTE_SECONDS", most(120);
     /// Most heavy requests that compute or wait for it, besides jobs; 0 takes four per compute thread
     max_heavy_requests: usize = "SHAPELEX_MAX_HEAVY_REQUESTS", Limits::default().heavy_requests;
-    /// Most bytes of request bodies in memory, of all requests together; at least those of one body
-    max_buffered_bytes: usize = "SHAPELEX_MAX_BUFFERED_BYTES", Limits::default().buffered_bytes;
+    /// Most resident bytes of the process, beyond which what is large is refused; 0 takes those of its control group, else of the machine
+    max_memory: usize = "SHAPELEX_MAX_MEMORY", 0;
+    /// Most bytes of memory for request bodies and what is read from them, of all requests together; at least those of one body; 0
+    /// takes a quarter of the memory
+    max_buffered_bytes: usize = "SHAPELEX_MAX_BUFFERED_BYTES", 0;
+    /// Most bytes of memory for answers that are not sent yet, of all requests together; 0 takes an eighth of the memory
+    max_answer_bytes: usize = "SHAPELEX_MAX_ANSWER_BYTES", 0;
     /// Requests that a caller may make in a second, on average; 0 does not count them
     rate_per_second: u32 = "SHAPELEX_RATE_PER_SECOND", Limits::default().rate_per_second;
     /// Requests that a caller may make at once; 0 takes twice those of a second
@@ -178,6 +192,10 @@ pub enum LogFormat {
 impl ServeConfig {
     /// Sizes that requests are checked against.
     pub fn limits(&self) -> Limits {
+        let memory = self.memory();
+        let share = |given: usize, part: usize, most: usize| {
+            if given == 0 { (memory / 8 * part).min(most) } else { given }
+        };
         Limits {
             control_points: self.max_control_points,
             points: self.max_points,
@@ -185,19 +203,30 @@ impl ServeConfig {
             shapes: self.max_shapes,
             body_bytes: self.max_body_bytes,
             line_bytes: self.max_line_bytes,
+            json_values: self.max_json_values,
+            compression_ratio: self.max_compression_ratio,
+            metadata_bytes: self.max_metadata_bytes,
             atoms: self.max_atoms,
-            job_bytes: self.max_job_bytes,
+            job_bytes: share(self.max_job_bytes, 3, Limits::default().job_bytes),
             matrix_bytes: self.max_matrix_bytes,
             matrix_operations: self.max_matrix_operations,
             search_operations: self.max_search_operations,
             heavy_requests: self.max_heavy_requests,
-            buffered_bytes: self.max_buffered_bytes,
+            memory: memory / 16 * 15,
+            buffered_bytes: share(self.max_buffered_bytes, 2, MOST_BUFFERED).max(self.max_body_bytes),
+            answer_bytes: share(self.max_answer_bytes, 1, Limits::default().answer_bytes)
+                .max(self.max_matrix_bytes),
             rate_per_second: self.rate_per_second,
             rate_burst: self.rate_burst,
             light_time: seconds(self.light_seconds),
             compute_time: seconds(self.compute_seconds),
             ..Limits::default()
         }
+    }
+
+    /// What the process may take.
+    fn memory(&self) -> usize {
+        if self.max_memory == 0 { memory::available() } else { self.max_memory }
     }
 
     /// Where the store is.
@@ -244,7 +273,7 @@ impl ServeConfig {
         if self.max_streams == 0 {
             return Err("max_streams is 0, must be at least 1".into());
         }
-        if self.max_buffered_bytes < self.max_body_bytes {
+        if self.max_buffered_bytes > 0 && self.max_buffered_bytes < self.max_body_bytes {
             let (found, body) = (self.max_buffered_bytes, self.max_body_bytes);
             return Err(format!("max_buffered_bytes is {found}, less than max_body_bytes, which is {body}"));
         }

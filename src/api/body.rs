@@ -1,17 +1,26 @@
 //! Bodies in memory: bounded each, before and after decompression, and bounded together.
 
-use axum::body::{Body, Bytes};
+use std::pin::Pin;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::task::{Context, Poll};
+
+use axum::body::{Body, Bytes, HttpBody};
 use axum::extract::Request;
 use axum::http::{HeaderMap, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
+use futures_util::{Stream, TryStreamExt};
+use http_body::{Frame, SizeHint};
 use http_body_util::{BodyExt, LengthLimitError, Limited};
-use tokio::sync::OwnedSemaphorePermit;
 
 use super::extract::media_type;
 use super::overload::Edge;
 use super::problem::{Problem, ProblemKind};
-use crate::service::App;
+use crate::formats::bounds::Census;
+use crate::service::error::Fault;
+use crate::service::memory::{Held, Purpose};
+use crate::service::{App, ServiceError};
 
 /// Whether a body is a stream of lines, which is never in memory as a whole.
 pub fn is_stream(media_type: &str) -> bool {
@@ -21,9 +30,15 @@ pub fn is_stream(media_type: &str) -> bool {
     )
 }
 
-/// Refuses bodies that say they are too long before a byte of them is read, and ends those that are on their way.
-pub async fn bound(request: Request, next: Next) -> Response {
+/// Refuses bodies that say they are too long before a byte of them is read, and ends those that are on their way. Outside of
+/// decompression.
+pub async fn bound(mut request: Request, next: Next) -> Response {
     let Some(edge) = Edge::of(&request) else { return next.run(request).await };
+    if request.headers().contains_key(header::CONTENT_ENCODING) {
+        let wire = Wire::default();
+        request.extensions_mut().insert(wire.clone());
+        request = request.map(|body| Body::new(OnWire { body, wire }));
+    }
     if is_stream(&media_type(request.headers())) {
         return next.run(request).await;
     }
@@ -32,6 +47,87 @@ pub async fn bound(request: Request, next: Next) -> Response {
         return too_long(limit).into_response();
     }
     next.run(request.map(|body| Body::new(Limited::new(body, limit)))).await
+}
+
+/// Ends bodies that expand beyond what text does. Inside of decompression.
+pub async fn bound_expansion(mut request: Request, next: Next) -> Response {
+    let Some(wire) = request.extensions_mut().remove::<Wire>() else { return next.run(request).await };
+    let Some(edge) = Edge::of(&request) else { return next.run(request).await };
+    let ratio = edge.compression_ratio;
+    next.run(request.map(|body| Body::new(Expanding { body, wire, ratio, bytes: 0 }))).await
+}
+
+/// Bytes that the decompression has taken so far.
+#[derive(Debug, Clone, Default)]
+struct Wire(Arc<AtomicU64>);
+
+/// A body before decompression, whose bytes are counted.
+struct OnWire {
+    body: Body,
+    wire: Wire,
+}
+
+impl HttpBody for OnWire {
+    type Data = Bytes;
+    type Error = axum::Error;
+
+    fn poll_frame(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+    ) -> Poll<Option<Result<Frame<Bytes>, axum::Error>>> {
+        let frame = Pin::new(&mut self.body).poll_frame(context);
+        if let Poll::Ready(Some(Ok(frame))) = &frame {
+            let bytes = frame.data_ref().map_or(0, Bytes::len);
+            self.wire.0.fetch_add(bytes as u64, Ordering::Relaxed);
+        }
+        frame
+    }
+
+    fn is_end_stream(&self) -> bool {
+        self.body.is_end_stream()
+    }
+
+    fn size_hint(&self) -> SizeHint {
+        self.body.size_hint()
+    }
+}
+
+/// Bytes of a body that may come from any number on the wire: short texts of one character compress a thousandfold.
+const EXPANDS_FREELY: u64 = 1 << 20;
+
+/// A body that expands more than text does.
+#[derive(Debug, thiserror::Error)]
+#[error("the body becomes more than {ratio} times as long by decompression: send it plain, or in parts")]
+struct Expands {
+    ratio: u64,
+}
+
+/// A body after decompression, which ends when it has become too much longer.
+struct Expanding {
+    body: Body,
+    wire: Wire,
+    ratio: u64,
+    bytes: u64,
+}
+
+impl HttpBody for Expanding {
+    type Data = Bytes;
+    type Error = axum::Error;
+
+    fn poll_frame(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+    ) -> Poll<Option<Result<Frame<Bytes>, axum::Error>>> {
+        let frame = Pin::new(&mut self.body).poll_frame(context);
+        if let Poll::Ready(Some(Ok(piece))) = &frame {
+            self.bytes += piece.data_ref().map_or(0, Bytes::len) as u64;
+            let most = self.wire.0.load(Ordering::Relaxed).saturating_mul(self.ratio).max(EXPANDS_FREELY);
+            if self.bytes > most {
+                return Poll::Ready(Some(Err(axum::Error::new(Expands { ratio: self.ratio }))));
+            }
+        }
+        frame
+    }
 }
 
 fn length(headers: &HeaderMap) -> Option<u64> {
@@ -44,48 +140,69 @@ fn too_long(limit: usize) -> Problem {
 }
 
 /// A body with the room that it takes.
-struct Held {
+struct HeldBody {
     bytes: Vec<u8>,
-    _room: Option<OwnedSemaphorePermit>,
+    _room: Held,
 }
 
-impl AsRef<[u8]> for Held {
+impl AsRef<[u8]> for HeldBody {
     fn as_ref(&self) -> &[u8] {
         &self.bytes
     }
 }
 
-/// Reads a body to its end; its room is free again when the bytes are dropped.
+/// Reads a body of JSON to its end; its room, and that of what is read from it, is free again when the bytes are dropped.
 ///
 /// # Errors
-/// A body that is too long, broken or cut off; [`ProblemKind::Overloaded`] when there is no room for it.
+/// A body that is too long, has too many values, is broken or cut off; [`ProblemKind::Overloaded`] when there is no room.
 pub async fn read(app: &App, mut body: Body) -> Result<Bytes, Problem> {
-    let limit = app.limits.body_bytes;
-    let mut held = Held { bytes: Vec::new(), _room: None };
+    let limits = app.limits;
+    let (mut bytes, mut census) = (Vec::new(), Census::default());
+    let mut room = app.memory.hold(Purpose::Bodies, 0)?;
     while let Some(frame) = body.frame().await {
-        let frame = frame.map_err(|error| unreadable(error, limit))?;
+        let frame = frame.map_err(|error| unreadable(error, limits.body_bytes))?;
         let Ok(piece) = frame.into_data() else { continue };
-        if held.bytes.len() + piece.len() > limit {
-            return Err(too_long(limit));
+        if bytes.len() + piece.len() > limits.body_bytes {
+            return Err(too_long(limits.body_bytes));
         }
-        let more = app.room(piece.len())?;
-        match &mut held._room {
-            Some(room) => room.merge(more),
-            none => *none = Some(more),
+        census = census.and(Census::of(&piece));
+        if census.values > limits.json_values {
+            return Err(too_many_values(limits.json_values));
         }
-        held.bytes.extend_from_slice(&piece);
+        room.resize(census.memory(limits.shapes))?;
+        bytes.extend_from_slice(&piece);
     }
-    Ok(Bytes::from_owner(held))
+    Ok(Bytes::from_owner(HeldBody { bytes, _room: room }))
+}
+
+fn too_many_values(most: usize) -> Problem {
+    let detail = format!("the body has more than {most} values, counted by commas and brackets");
+    Problem::new(ProblemKind::PayloadTooLarge, detail)
+}
+
+/// A body as a stream of pieces.
+pub fn pieces(body: Body) -> impl Stream<Item = Result<Bytes, ServiceError>> {
+    TryStreamExt::map_err(body.into_data_stream(), |error| {
+        let detail = match cause::<Expands>(&error) {
+            Some(expands) => return ServiceError::TooLarge(Fault::new("", expands.to_string())),
+            None => format!("the stream broke off or its encoding is broken: {error}"),
+        };
+        ServiceError::Malformed(vec![Fault::new("", detail)])
+    })
+}
+
+/// The cause of this type.
+fn cause<'a, E: std::error::Error + 'static>(error: &'a (dyn std::error::Error + 'static)) -> Option<&'a E> {
+    std::iter::successors(Some(error), |error| error.source()).find_map(|error| error.downcast_ref())
 }
 
 /// Why a body could not be read.
 fn unreadable(error: axum::Error, limit: usize) -> Problem {
-    let mut cause: Option<&(dyn std::error::Error + 'static)> = Some(&error);
-    while let Some(error) = cause {
-        if error.is::<LengthLimitError>() {
-            return too_long(limit);
-        }
-        cause = error.source();
+    if cause::<LengthLimitError>(&error).is_some() {
+        return too_long(limit);
+    }
+    if let Some(expands) = cause::<Expands>(&error) {
+        return Problem::new(ProblemKind::PayloadTooLarge, expands.to_string());
     }
     let detail = format!("the body ended early or its encoding is broken: {}", error.into_inner());
     Problem::new(ProblemKind::MalformedBody, detail)

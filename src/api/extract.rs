@@ -18,7 +18,6 @@ use crate::formats::matrix::MatrixFormat;
 use crate::formats::mesh::MeshFormat;
 use crate::service::App;
 use crate::service::cohorts::Expected;
-pub use crate::service::input::{parse, parse_whole};
 use crate::service::retries::Retry;
 
 /// The service as the caller sees it: what one tenant has, as far as its key reaches.

@@ -4,13 +4,14 @@
 //! * [`problem`] — every refusal as a problem document (RFC 9457);
 //! * [`access`] — who calls, and what they may;
 //! * [`overload`] — how long requests may take, and how often callers may ask;
-//! * [`body`] — bodies in memory; [`drain`] — refused bodies are read to their end;
+//! * [`body`] — bodies in memory; [`answers`] — answers in memory; [`drain`] — refused bodies are read to their end;
 //! * [`observe`], [`audit`] — every request is counted, logged and recorded; [`metrics`] — what was counted;
 //! * [`extract`] — bodies, queries, the wanted format; rejections are problem documents too;
 //! * [`respond`] — answers computed and written on the pool;
 //! * [`health`] — liveness and readiness.
 
 pub mod access;
+pub mod answers;
 pub mod audit;
 pub mod body;
 mod document;
@@ -26,6 +27,7 @@ pub mod v1;
 
 use std::sync::Arc;
 
+use axum::body::Body;
 use axum::http::HeaderName;
 use axum::middleware::{from_fn, from_fn_with_state};
 use axum::routing::get;
@@ -33,7 +35,7 @@ use axum::{Extension, Router};
 use tower::ServiceBuilder;
 use tower_http::catch_panic::CatchPanicLayer;
 use tower_http::compression::CompressionLayer;
-use tower_http::decompression::RequestDecompressionLayer;
+use tower_http::decompression::{DecompressionBody, RequestDecompressionLayer};
 use tower_http::request_id::{MakeRequestUuid, PropagateRequestIdLayer, SetRequestIdLayer};
 use utoipa::OpenApi;
 use utoipa_axum::router::OpenApiRouter;
@@ -111,10 +113,13 @@ pub fn router(app: App) -> Router {
         .layer(from_fn(problem::render))
         .layer(from_fn_with_state(recorder, audit::record))
         .layer(CatchPanicLayer::custom(problem::of_panic))
+        .layer(from_fn_with_state(app.memory.clone(), answers::hold))
         .layer(Extension(overload::Edge::new(&app.limits)))
         .layer(from_fn(body::bound))
         .layer(Extension(app.clone()))
-        .layer(RequestDecompressionLayer::new().gzip(true).pass_through_unaccepted(false));
+        .layer(RequestDecompressionLayer::new().gzip(true).pass_through_unaccepted(false))
+        .map_request(|request: http::Request<DecompressionBody<Body>>| request.map(Body::new))
+        .layer(from_fn(body::bound_expansion));
     router
         .route("/", get(v1::index))
         .merge(utoipa_swagger_ui::SwaggerUi::new("/docs").url("/openapi.json", document))

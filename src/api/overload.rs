@@ -25,6 +25,8 @@ const SWEEP: u32 = 1024;
 pub struct Edge {
     /// Bytes of a body on the wire, unless it is a stream of lines.
     pub body_bytes: usize,
+    /// How many times as long a body may become by decompression.
+    pub compression_ratio: u64,
     light: Duration,
     compute: Duration,
     rates: Option<Rates>,
@@ -35,6 +37,7 @@ impl Edge {
     pub fn new(limits: &Limits) -> Arc<Self> {
         Arc::new(Self {
             body_bytes: limits.body_bytes,
+            compression_ratio: limits.compression_ratio as u64,
             light: limits.light_time,
             compute: limits.compute_time,
             rates: Rates::new(limits.rate_per_second, limits.rate_burst),

@@ -11,6 +11,7 @@ use crate::formats::matrix::{MatrixFormat, NamedMatrix};
 use crate::formats::mesh::MeshFormat;
 use crate::geometry::mesh::TriangleMesh;
 use crate::geometry::representation::ShapeSpace;
+use crate::service::memory::Purpose;
 use crate::service::{App, ServiceError, surfaces};
 
 /// Runs `work` on the pool and answers with what it wrote.
@@ -57,8 +58,16 @@ pub fn mesh_file(format: MeshFormat, mesh: &TriangleMesh) -> Response {
     ([(header::CONTENT_TYPE, format.media_type())], Body::from(format.write(mesh))).into_response()
 }
 
-/// A matrix, written while it is sent.
-pub fn matrix(matrix: NamedMatrix, format: MatrixFormat) -> Response {
-    let pieces = matrix.pieces(format).map(Ok::<_, std::convert::Infallible>);
-    ([(header::CONTENT_TYPE, format.media_type())], Body::from_stream(stream::iter(pieces))).into_response()
+/// A matrix, written while it is sent, which holds its memory until then.
+///
+/// # Errors
+/// [`ServiceError::Overloaded`] when too many answers have not been read.
+pub fn matrix(app: &App, matrix: NamedMatrix, format: MatrixFormat) -> Result<Response, ServiceError> {
+    let held = app.memory.hold(Purpose::Answers, size_of_val(matrix.values.as_slice()))?;
+    let pieces = matrix.pieces(format).map(move |piece| {
+        let _held = &held;
+        Ok::<_, std::convert::Infallible>(piece)
+    });
+    let body = Body::from_stream(stream::iter(pieces));
+    Ok(([(header::CONTENT_TYPE, format.media_type())], body).into_response())
 }

@@ -17,8 +17,8 @@ pub struct ShapeAttributes {
     pub labels: BTreeMap<String, serde_json::Value>,
     /// Positive weight in means; 1 unless given.
     pub weight: f64,
-    /// Anything the client wants to find again.
-    pub metadata: Option<serde_json::Value>,
+    /// Anything the client wants to find again, as compact JSON with the names of fields in order.
+    pub metadata: Option<String>,
 }
 
 /// A shape that is about to be stored.

@@ -1,25 +1,32 @@
 //! JSON that keeps its own errors: one bad field does not hide the others.
 //!
-//! * [`Checked`] — a small value, or what is wrong with it;
-//! * [`List`] — a list, or what is there instead;
+//! * [`Checked`] — a value, or what is wrong with it; [`Raw`] — one whose type follows from other fields;
+//! * [`List`] — a list, or what is there instead; [`Limited`] — a list of small entries;
 //! * `document!` — objects that note every field that is missing, unknown or given twice.
 //!
 //! Reading such a document fails for text that is not JSON, and for nothing else.
 
+use std::borrow::Cow;
 use std::fmt;
 
 use serde::Deserialize;
-use serde::de::{DeserializeOwned, Deserializer, SeqAccess, Visitor};
+use serde::de::{DeserializeOwned, Deserializer, Error, IgnoredAny, SeqAccess, Visitor};
+use serde_json::value::RawValue;
 
-use super::{InputError, json_pointer};
+use super::{InputError, bounds, json_pointer};
 
-/// A value, or what is wrong with it.
+/// Longest text of a small value, such as a name, a filter or a class: its memory is some tens of times that.
+pub const SMALL: usize = 256 << 10;
+/// For values that are lists of numbers or of texts: the limit of the body is theirs.
+pub const LARGE: usize = usize::MAX;
+
+/// A value, or what is wrong with it, when its text is not longer than `MOST` bytes.
 ///
-/// For small values only: they pass through [`serde_json::Value`].
+/// The text is passed over first, then read as `T` without anything between: what it becomes in memory is a `T`.
 #[derive(Debug, Clone)]
-pub struct Checked<T>(Result<T, InputError>);
+pub struct Checked<T, const MOST: usize = SMALL>(Result<T, Box<InputError>>);
 
-impl<T> Checked<T> {
+impl<T, const MOST: usize> Checked<T, MOST> {
     /// The value, unless it is wrong.
     pub fn get(&self) -> Option<&T> {
         self.0.as_ref().ok()
@@ -37,17 +44,149 @@ impl<T> Checked<T> {
     }
 }
 
-impl<'de, T: DeserializeOwned> Deserialize<'de> for Checked<T> {
+impl<'de, T: DeserializeOwned, const MOST: usize> Deserialize<'de> for Checked<T, MOST> {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        let value = serde_json::Value::deserialize(deserializer)?;
-        let parsed = serde_path_to_error::deserialize(value);
-        Ok(Self(parsed.map_err(|error| InputError::new(json_pointer(error.path()), plain(error.inner())))))
+        let text = <&RawValue>::deserialize(deserializer)?.get();
+        read_text(text, MOST).map(|read| Self(read.map_err(Box::new))).map_err(D::Error::custom)
     }
 }
+
+/// `T` from the text of a value that stands in a document, or what is wrong with it.
+///
+/// # Errors
+/// Numbers and texts that are not JSON, which are found out only here.
+fn read_text<T: DeserializeOwned>(
+    text: &str,
+    most: usize,
+) -> Result<Result<T, InputError>, serde_json::Error> {
+    if text.len() > most {
+        let detail = format!("is a value of {} bytes, at most {most} are accepted", text.len());
+        return Ok(Err(InputError::new("", detail)));
+    }
+    match serde_json::from_str(text) {
+        Ok(value) => Ok(Ok(value)),
+        // Read again with the path to what is wrong; through a value where that is small, whose errors say more.
+        Err(_) if text.len() <= SMALL => serde_json::from_str(text).map(value_as),
+        Err(_) => Ok(with_path(&mut serde_json::Deserializer::from_str(text))),
+    }
+}
+
+fn value_as<T: DeserializeOwned>(value: serde_json::Value) -> Result<T, InputError> {
+    with_path(value)
+}
+
+fn with_path<'de, T: DeserializeOwned, D: Deserializer<'de, Error = serde_json::Error>>(
+    deserializer: D,
+) -> Result<T, InputError> {
+    let parsed = serde_path_to_error::deserialize(deserializer);
+    parsed.map_err(|error| InputError::new(json_pointer(error.path()), plain(error.inner())))
+}
+
+/// A value whose type follows from other fields: kept as text.
+#[derive(Debug, Clone)]
+pub struct Raw(Box<RawValue>);
+
+impl Raw {
+    /// Bytes of its text.
+    pub fn len(&self) -> usize {
+        self.0.get().len()
+    }
+
+    /// Whether it has no text, which no value is without.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Whether it is `null`.
+    pub fn is_null(&self) -> bool {
+        self.0.get() == "null"
+    }
+
+    /// The value as `T`, when its text is not longer than `most` bytes; an error goes to `errors` below `pointer`.
+    pub fn read<T: DeserializeOwned>(
+        &self,
+        most: usize,
+        pointer: &str,
+        errors: &mut Vec<InputError>,
+    ) -> Option<T> {
+        let read = read_text(self.0.get(), most);
+        let read = read.unwrap_or_else(|error| Err(InputError::new("", plain(&error))));
+        read.map_err(|error| errors.push(error.below(pointer))).ok()
+    }
+}
+
+impl<'de> Deserialize<'de> for Raw {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        Box::<RawValue>::deserialize(deserializer).map(Self)
+    }
+}
+
+/// What a client wants to find again: kept as text, unless it is longer than that of a shape may be.
+#[derive(Debug, Clone)]
+pub struct Metadata(Result<Raw, Box<InputError>>);
+
+impl Metadata {
+    /// The value; an error goes to `errors` below `pointer`.
+    pub fn take(self, pointer: &str, errors: &mut Vec<InputError>) -> Option<serde_json::Value> {
+        match self.0 {
+            Ok(text) => text.read(LARGE, pointer, errors),
+            Err(error) => {
+                errors.push(error.below(pointer));
+                None
+            }
+        }
+    }
+}
+
+impl<'de> Deserialize<'de> for Metadata {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let text = <&RawValue>::deserialize(deserializer)?;
+        let (found, most) = (text.get().len(), bounds::current().metadata_bytes);
+        if found > most {
+            let detail = format!("has {found} bytes, at most {most} are accepted");
+            return Ok(Self(Err(Box::new(InputError::new("", detail)))));
+        }
+        Ok(Self(Ok(Raw(text.to_owned()))))
+    }
+}
+
+/// A list of small entries that is refused as soon as it has more than a request may have.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Limited<T>(pub Vec<T>);
+
+impl<'de, T: Deserialize<'de>> Deserialize<'de> for Limited<T> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct LimitedVisitor<T>(std::marker::PhantomData<T>);
+        impl<'de, T: Deserialize<'de>> Visitor<'de> for LimitedVisitor<T> {
+            type Value = Limited<T>;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("a list")
+            }
+
+            fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<Limited<T>, A::Error> {
+                let (mut items, most) = (Vec::new(), bounds::current().items);
+                while let Some(item) = list.next_element()? {
+                    if items.len() == most {
+                        return Err(A::Error::custom(format!("it has more than {most} entries")));
+                    }
+                    items.push(item);
+                }
+                Ok(Limited(items))
+            }
+        }
+        deserializer.deserialize_seq(LimitedVisitor(std::marker::PhantomData))
+    }
+}
+
+/// A list of texts or small objects, or what is wrong with it.
+pub type Many<T> = Checked<Limited<T>, LARGE>;
 
 /// The sentence of an error without the names of types that only the program knows.
 fn plain(error: &serde_json::Error) -> String {
     let text = error.to_string();
+    let place = format!(" at line {} column {}", error.line(), error.column());
+    let text = text.strip_suffix(&place).unwrap_or(&text).to_owned();
     let text = ["usize", "u64", "u32", "u16", "u8"]
         .iter()
         .fold(text, |text, name| text.replace(name, "a whole number"));
@@ -65,8 +204,8 @@ fn without_type(text: &str, what: &str, known: &str) -> String {
 }
 
 /// The value of an optional field: what is not given is the default.
-pub fn take_or_default<T: Default>(
-    field: Option<Checked<T>>,
+pub fn take_or_default<T: Default, const MOST: usize>(
+    field: Option<Checked<T, MOST>>,
     pointer: &str,
     errors: &mut Vec<InputError>,
 ) -> Option<T> {
@@ -76,19 +215,27 @@ pub fn take_or_default<T: Default>(
     }
 }
 
-/// A value whose type was not known when it was read.
+/// A value of a small field; an error goes to `errors` below `pointer`.
 pub fn take_value<T: DeserializeOwned>(
     value: serde_json::Value,
     pointer: &str,
     errors: &mut Vec<InputError>,
 ) -> Option<T> {
-    let checked: Checked<T> = serde_json::from_value(value).ok()?;
-    checked.take(pointer, errors)
+    value_as(value).map_err(|error| errors.push(error.below(pointer))).ok()
 }
 
 /// The value of an optional field, or nothing when it is not given or wrong.
-pub fn take_given<T>(field: Option<Checked<T>>, pointer: &str, errors: &mut Vec<InputError>) -> Option<T> {
+pub fn take_given<T, const MOST: usize>(
+    field: Option<Checked<T, MOST>>,
+    pointer: &str,
+    errors: &mut Vec<InputError>,
+) -> Option<T> {
     field.and_then(|checked| checked.take(pointer, errors))
+}
+
+/// The entries of an optional list.
+pub fn take_many<T>(field: Option<Many<T>>, pointer: &str, errors: &mut Vec<InputError>) -> Option<Vec<T>> {
+    take_given(field, pointer, errors).map(|Limited(items)| items)
 }
 
 /// Implements the visits of everything that is not wanted: `$keep(self, "a text")` makes the value.
@@ -122,24 +269,32 @@ macro_rules! visit_others {
 }
 pub(crate) use visit_others;
 
-/// A list, or what is there instead.
+/// A list, or what is there instead. More entries than a request may have are counted, not kept.
 #[derive(Debug, Clone)]
 pub struct List<T> {
     items: Vec<T>,
+    /// Entries there are.
+    count: usize,
     fault: Option<&'static str>,
 }
 
 impl<T> Default for List<T> {
     fn default() -> Self {
-        Self { items: Vec::new(), fault: None }
+        Self { items: Vec::new(), count: 0, fault: None }
     }
 }
 
 impl<T> List<T> {
-    /// The items; an error goes to `errors` at `pointer`.
+    /// The items; an error goes to `errors` at `pointer`, and then there are none when there are too many.
     pub fn take(self, pointer: &str, errors: &mut Vec<InputError>) -> Vec<T> {
         if let Some(what) = self.fault {
             errors.push(InputError::new(pointer, format!("is {what}, not a list")));
+        }
+        let (found, kept) = (self.count, self.items.len());
+        if found > kept {
+            let what = pointer.rsplit('/').next().unwrap_or("entries");
+            errors.push(InputError::new(pointer, format!("has {found} {what}, at most {kept} are accepted")));
+            return Vec::new();
         }
         self.items
     }
@@ -149,7 +304,7 @@ impl<'de, T: Deserialize<'de>> Deserialize<'de> for List<T> {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         struct ListVisitor<T>(std::marker::PhantomData<T>);
         fn other<T>(_: ListVisitor<T>, what: &'static str) -> List<T> {
-            List { items: Vec::new(), fault: Some(what) }
+            List { fault: Some(what), ..List::default() }
         }
         impl<'de, T: Deserialize<'de>> Visitor<'de> for ListVisitor<T> {
             type Value = List<T>;
@@ -159,11 +314,16 @@ impl<'de, T: Deserialize<'de>> Deserialize<'de> for List<T> {
             }
 
             fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<List<T>, A::Error> {
-                let mut items = Vec::new();
-                while let Some(item) = list.next_element()? {
+                let (mut items, most) = (Vec::new(), bounds::current().items);
+                while items.len() < most {
+                    let Some(item) = list.next_element()? else { break };
                     items.push(item);
                 }
-                Ok(List { items, fault: None })
+                let mut count = items.len();
+                while count >= most && list.next_element::<IgnoredAny>()?.is_some() {
+                    count += 1;
+                }
+                Ok(List { items, count, fault: None })
             }
 
             visit_others!(@text other, List<T>);
@@ -174,6 +334,49 @@ impl<'de, T: Deserialize<'de>> Deserialize<'de> for List<T> {
         deserializer.deserialize_any(ListVisitor(std::marker::PhantomData))
     }
 }
+
+/// The name of a field, without a copy of its own where the text has none to undo.
+pub struct Key<'de>(Cow<'de, str>);
+
+impl Key<'_> {
+    /// The name.
+    pub fn text(&self) -> &str {
+        &self.0
+    }
+}
+
+impl<'de> Deserialize<'de> for Key<'de> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct KeyVisitor;
+        impl<'de> Visitor<'de> for KeyVisitor {
+            type Value = Key<'de>;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("the name of a field")
+            }
+
+            fn visit_borrowed_str<E>(self, text: &'de str) -> Result<Key<'de>, E> {
+                Ok(Key(Cow::Borrowed(text)))
+            }
+
+            fn visit_str<E>(self, text: &str) -> Result<Key<'de>, E> {
+                Ok(Key(Cow::Owned(text.to_owned())))
+            }
+        }
+        deserializer.deserialize_str(KeyVisitor)
+    }
+}
+
+/// The value of a field: of one that need not be given, `null` is as good as nothing.
+macro_rules! field_value {
+    ($map:ident, required) => {
+        Some($map.next_value()?)
+    };
+    ($map:ident, ) => {
+        $map.next_value::<Option<_>>()?
+    };
+}
+pub(crate) use field_value;
 
 /// Declares an object whose fields keep their own errors.
 ///
@@ -197,6 +400,7 @@ macro_rules! document {
                 struct DocumentVisitor;
 
                 fn other(_: DocumentVisitor, what: &'static str) -> $name {
+                    let _ = $crate::formats::checked::keeps_fault(0);
                     let fault = $crate::formats::InputError::new("", format!("is {what}, not an object"));
                     $name { faults: vec![fault], ..$name::default() }
                 }
@@ -210,13 +414,14 @@ macro_rules! document {
 
                     fn visit_map<A: serde::de::MapAccess<'de>>(self, mut map: A) -> Result<$name, A::Error> {
                         let mut document = $name::default();
-                        while let Some(key) = map.next_key::<std::borrow::Cow<'_, str>>()? {
-                            match key.as_ref() {
+                        while let Some(key) = map.next_key::<$crate::formats::checked::Key<'_>>()? {
+                            match key.text() {
                                 $(stringify!($field) $(| $alias)? => {
                                     if document.$field.is_some() {
-                                        document.fault(&key, "is given twice");
+                                        document.fault(key.text(), "is given twice");
                                     }
-                                    document.$field = Some(map.next_value()?);
+                                    document.$field =
+                                        $crate::formats::checked::field_value!(map, $($required)?);
                                 })*
                                 unknown => {
                                     let known = [$(stringify!($field)),*].join(", ");
@@ -246,7 +451,7 @@ macro_rules! document {
 
         impl $name {
             fn fault(&mut self, key: &str, detail: &str) {
-                if self.faults.len() < $crate::formats::checked::MAX_FAULTS {
+                if $crate::formats::checked::keeps_fault(self.faults.len()) {
                     let pointer = format!("/{}", key.replace('~', "~0").replace('/', "~1"));
                     self.faults.push($crate::formats::InputError::new(pointer, detail));
                 }
@@ -258,3 +463,8 @@ pub(crate) use document;
 
 /// Faults noted per object or list.
 pub const MAX_FAULTS: usize = 20;
+
+/// Whether an object or list that has noted so many faults notes one more.
+pub fn keeps_fault(noted: usize) -> bool {
+    bounds::keeps_fault(noted, MAX_FAULTS)
+}

@@ -1,6 +1,7 @@
 //! Bytes and text to shapes and pictures, and back: no network, no storage.
 //!
 //! * [`shape`] — a shape as JSON, one object or one line of NDJSON;
+//! * [`bounds`] — how much of a document is kept while it is read;
 //! * [`checked`] — JSON values that keep their own error, so that a request reports all of them;
 //! * [`ndjson`] — lines out of a byte stream;
 //! * [`representation`] — a representation as JSON;
@@ -10,6 +11,7 @@
 //! * [`effect`] — drawings of shapes with an effect along one of them;
 //! * [`plot`] — graphs of functions.
 
+pub mod bounds;
 pub mod checked;
 pub mod effect;
 pub mod matrix;
@@ -30,9 +32,9 @@ pub struct InputError {
 }
 
 impl InputError {
-    /// From a pointer and a sentence.
+    /// From a pointer and a sentence, in which what the client has sent is repeated in short.
     pub fn new(pointer: impl Into<String>, detail: impl Into<String>) -> Self {
-        Self { pointer: pointer.into(), detail: detail.into() }
+        Self { pointer: brief_pointer(pointer.into()), detail: brief(detail.into()) }
     }
 
     /// The same error below `prefix`.
@@ -40,6 +42,70 @@ impl InputError {
         self.pointer.insert_str(0, prefix);
         self
     }
+}
+
+/// Longest sentence: the longest of our own lists the fields of an object.
+const LONGEST: usize = 600;
+/// Longest word of a sentence: no word of our own has as many characters.
+const LONGEST_WORD: usize = 80;
+/// What is left of a longer one.
+const WORD_KEPT: usize = 60;
+/// A number with more digits is written with an exponent.
+const LONGEST_NUMBER: usize = 30;
+
+/// The same sentence without the length of what it repeats: long words are cut, numbers with many digits written with an
+/// exponent, and what is then still long is cut in its middle.
+pub fn brief(text: String) -> String {
+    if text.len() <= LONGEST_NUMBER {
+        return text;
+    }
+    // What is cut away anyway need not be looked at.
+    let text = cut_middle(text, 4 * LONGEST);
+    let longest = text.split(' ').map(str::len).max().unwrap_or(0);
+    if longest <= LONGEST_NUMBER {
+        return cut_middle(text, LONGEST);
+    }
+    let words: Vec<String> = text.split(' ').map(brief_word).collect();
+    cut_middle(words.join(" "), LONGEST)
+}
+
+fn brief_word(word: &str) -> String {
+    let numeric = |c: char| c.is_ascii_digit() || matches!(c, '-' | '.');
+    let bare = word.trim_matches(|c: char| !c.is_ascii_digit() && c != '-');
+    if bare.len() > LONGEST_NUMBER
+        && bare.chars().all(numeric)
+        && let Ok(value) = bare.parse::<f64>()
+    {
+        return word.replace(bare, &format!("{value:e}"));
+    }
+    if word.chars().count() <= LONGEST_WORD {
+        return word.to_owned();
+    }
+    let kept: String = word.chars().take(WORD_KEPT).collect();
+    format!("{kept}…")
+}
+
+/// Longest pointer: the names of fields are ours, others can be as long as a client likes.
+const LONGEST_POINTER: usize = 200;
+
+/// The same pointer, or the beginning of a long one.
+pub fn brief_pointer(mut pointer: String) -> String {
+    if pointer.len() > LONGEST_POINTER {
+        pointer.truncate(pointer.floor_char_boundary(LONGEST_POINTER));
+        pointer.push('…');
+    }
+    pointer
+}
+
+/// The beginning and the end of a text of more than `most` characters.
+fn cut_middle(text: String, most: usize) -> String {
+    if text.len() <= most {
+        return text;
+    }
+    let end = most / 4;
+    let head = text.floor_char_boundary(most - end);
+    let tail = text.ceil_char_boundary(text.len() - end);
+    format!("{} … {}", &text[..head], &text[tail..])
 }
 
 /// The JSON pointer of a path that serde tracked.
@@ -53,4 +119,24 @@ pub fn json_pointer(path: &serde_path_to_error::Path) -> String {
             Segment::Enum { .. } | Segment::Unknown => None,
         })
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sentences_stay_and_what_they_repeat_is_cut() {
+        let own = "is not a field; the fields are representation, correspondence, shapes".to_owned();
+        assert_eq!(brief(own.clone()), own);
+        assert!(brief(format!("is \"{}\", must be 2", "a".repeat(1 << 20))).len() < 200);
+        let word = brief(format!("is \"{}\", must be 2", "ä".repeat(300)));
+        assert_eq!(word, format!("is \"{}… must be 2", "ä".repeat(59)));
+        assert_eq!(
+            brief(format!("is {}, must be below 1", f64::MAX)),
+            "is 1.7976931348623157e308, must be below 1"
+        );
+        assert_eq!(brief(format!("is {}", -1e-300)), "is -1e-300");
+        assert!(brief("a b ".repeat(1 << 18)).chars().count() <= LONGEST + 3);
+    }
 }

@@ -51,6 +51,11 @@ impl Lines {
         if self.scanned > self.limit { Err(self.too_long()) } else { Ok(()) }
     }
 
+    /// Bytes of a line that has not ended yet.
+    pub fn pending(&self) -> usize {
+        self.buffer.len()
+    }
+
     /// The last line, when it does not end in a line break.
     ///
     /// # Errors

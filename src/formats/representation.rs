@@ -1,6 +1,8 @@
 //! A representation as JSON, with the pointer of every field that is wrong.
 
+use serde::de::Error;
 use serde::{Deserialize, Deserializer};
+use serde_json::value::RawValue;
 use serde_json::{Map, Value};
 
 use super::InputError;
@@ -21,6 +23,9 @@ pub trait Readable: Sized {
     fn read(value: Value) -> Result<Self, Vec<InputError>>;
 }
 
+/// Longest text of such a value, which is a small one, or the faces of a control mesh.
+const MOST_BYTES: usize = 1 << 20;
+
 /// A value, or everything that is wrong with it.
 #[derive(Debug, Clone)]
 pub struct Read<T>(Result<T, Vec<InputError>>);
@@ -40,7 +45,13 @@ impl<T> Read<T> {
 
 impl<'de, T: Readable> Deserialize<'de> for Read<T> {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        Ok(Self(T::read(Value::deserialize(deserializer)?)))
+        let text = <&RawValue>::deserialize(deserializer)?.get();
+        if text.len() > MOST_BYTES {
+            let detail = format!("has {} bytes, at most {MOST_BYTES} are accepted", text.len());
+            return Ok(Self(Err(vec![InputError::new("", detail)])));
+        }
+        let value = serde_json::from_str(text).map_err(D::Error::custom)?;
+        Ok(Self(T::read(value)))
     }
 }
 

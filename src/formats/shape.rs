@@ -7,22 +7,25 @@
 //! Lists of points are read into one flat array; what is wrong in them is collected, not only the first
 //! fault, and nothing but finite numbers gets through.
 
-use std::collections::BTreeMap;
 use std::fmt;
 
 use serde::de::{Deserializer, SeqAccess, Visitor};
 use serde::{Deserialize, Serialize};
 
 use super::InputError;
-use super::checked::{Checked, document, visit_others};
+use super::bounds::{self, keeps_fault};
+use super::checked::{Checked, Metadata, Raw, document, visit_others};
 
 /// Largest coordinate in magnitude: squares, areas and their sums stay finite.
 pub const MAX_COORDINATE: f64 = 1e100;
 
 /// Faults kept per list of points.
 const MAX_FAULTS: usize = 20;
+/// Coordinates of a point that are kept: no representation has more, further ones are counted.
+const MAX_WIDTH: usize = 3;
 
-/// Points as rows of coordinates, or as a grid of them, read leniently: faults are kept beside.
+/// Points as rows of coordinates, or as a grid of them, read leniently: faults are kept beside. Points beyond those of a shape
+/// are counted, not kept.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct PointList {
     coordinates: Vec<f64>,
@@ -32,6 +35,8 @@ pub struct PointList {
     /// Points of the first entry, when the entries are lists of points.
     columns: Option<usize>,
     null: bool,
+    /// How many points are kept, when there are more; else 0.
+    most: usize,
     faults: Vec<InputError>,
 }
 
@@ -69,6 +74,10 @@ impl PointList {
         if !self.faults.is_empty() {
             return Err(self.faults.clone());
         }
+        if self.most > 0 {
+            let detail = format!("has {} points, at most {} are accepted", self.len(), self.most);
+            return Err(vec![InputError::new("", detail)]);
+        }
         if !self.is_empty() && self.width != dimension {
             let detail = format!(
                 "points have {} coordinates, the representation has dimension {dimension}",
@@ -81,7 +90,7 @@ impl PointList {
     }
 
     fn fault(&mut self, pointer: String, detail: String) {
-        if self.faults.len() < MAX_FAULTS {
+        if keeps_fault(self.faults.len(), MAX_FAULTS) {
             self.faults.push(InputError::new(pointer, detail));
         }
     }
@@ -123,7 +132,12 @@ impl PointList {
             }
             _ => {}
         }
-        self.coordinates.extend_from_slice(&entry.values);
+        let most = bounds::current().points;
+        if entry.cut || self.len() > most {
+            self.most = most.max(1);
+        } else {
+            self.coordinates.extend_from_slice(&entry.values);
+        }
     }
 }
 
@@ -143,6 +157,7 @@ impl<'de> Deserialize<'de> for PointList {
                 while rows.next_element_seed(EntrySeed(&mut entry, list.kind()))?.is_some() {
                     list.push(&entry);
                 }
+                list.coordinates.shrink_to_fit();
                 Ok(list)
             }
 
@@ -180,13 +195,15 @@ struct Entry {
     points: Option<usize>,
     faults: Vec<(String, String)>,
     not_a_list: Option<String>,
+    /// Whether it has more points than are kept.
+    cut: bool,
 }
 
 impl Entry {
     fn clear(&mut self) {
         self.values.clear();
         self.faults.clear();
-        (self.width, self.points, self.not_a_list) = (0, None, None);
+        (self.width, self.points, self.not_a_list, self.cut) = (0, None, None, false);
     }
 
     fn fault(&mut self, pointer: String, detail: String) {
@@ -195,7 +212,11 @@ impl Entry {
         }
     }
 
-    fn coordinate(&mut self, pointer: impl Fn() -> String, value: Value) {
+    /// Takes the coordinate in this place of a point.
+    fn coordinate(&mut self, place: usize, pointer: impl Fn() -> String, value: Value) {
+        if self.cut || place >= MAX_WIDTH {
+            return;
+        }
         let found = match value {
             Value::Number(value) if value.is_finite() && value.abs() <= MAX_COORDINATE => Ok(value),
             Value::Number(value) => Err(format!("is {value:e}, beyond ±{MAX_COORDINATE:e}")),
@@ -211,6 +232,7 @@ impl Entry {
     fn point(&mut self, width: usize) {
         let position = self.points.unwrap_or(0);
         self.points = Some(position + 1);
+        self.cut |= position >= bounds::current().points;
         if position == 0 {
             self.width = width;
         } else if width != self.width {
@@ -253,7 +275,7 @@ impl<'de> Visitor<'de> for EntrySeed<'_> {
                 }
                 Element::Coordinate(value) => {
                     kind = Some(Kind::Point);
-                    entry.coordinate(|| format!("/{column}"), value);
+                    entry.coordinate(column, || format!("/{column}"), value);
                     entry.width += 1;
                 }
             }
@@ -322,7 +344,7 @@ impl<'de> Visitor<'de> for ElementSeed<'_> {
         }
         let mut width = 0;
         while let Some(value) = coordinates.next_element::<Value>()? {
-            entry.coordinate(|| format!("/{column}/{width}"), value);
+            entry.coordinate(width, || format!("/{column}/{width}"), value);
             width += 1;
         }
         entry.point(width);
@@ -402,13 +424,13 @@ document! {
         points: PointList;
         /// Coefficients of the representation, instead of points.
         #[schema(value_type = Option<Vec<Vec<f64>>>)]
-        control_points: PointList;
+        control_points: Box<PointList>;
         /// Normals at the points, of any length, for the subdivision scheme `normal_based`.
         #[schema(value_type = Option<Vec<[f64; 3]>>)]
-        normals: PointList;
+        normals: Box<PointList>;
         /// Tangents at the poles of a sphere that is given by `points`; estimated unless given.
         #[schema(value_type = Option<PolesInput>)]
-        poles: Checked<PolesInput>;
+        poles: Box<Checked<PolesInput>>;
         /// The client's own identifier, unique in a cohort; `id` is read too.
         #[schema(value_type = Option<String>)]
         external_id or "id": Checked<Option<String>>;
@@ -420,22 +442,22 @@ document! {
         label: Checked<Option<String>>;
         /// Further attributes: texts, numbers or truth values.
         #[schema(value_type = Option<Object>)]
-        labels: Checked<BTreeMap<String, serde_json::Value>>;
+        labels: Raw;
         /// Positive weight in means, 1 unless given.
         #[schema(value_type = Option<f64>)]
         weight: Checked<Option<f64>>;
         /// Anything to be found again.
         #[schema(value_type = Option<Object>)]
-        metadata: serde_json::Value;
+        metadata: Metadata;
         /// Whether the points go round; must agree with the representation.
         #[schema(value_type = Option<bool>)]
         closed: Checked<Option<bool>>;
         /// Positions of homologous points, kept with the metadata.
         #[schema(value_type = Option<Vec<usize>>)]
-        landmark_index: serde_json::Value;
+        landmark_index: Metadata;
         /// Coordinates of homologous points, kept with the metadata.
         #[schema(value_type = Option<Vec<Vec<f64>>>)]
-        landmarks: serde_json::Value;
+        landmarks: Metadata;
     }
 }
 
@@ -531,6 +553,31 @@ mod tests {
             .unwrap_err();
         let pointers: Vec<&str> = faults.iter().map(|fault| fault.pointer.as_str()).collect();
         assert_eq!(pointers, ["/1", "/2/1", "/3", "/4", "/5/1", "/6/1", "/7"]);
+    }
+
+    #[test]
+    fn points_beyond_those_of_a_shape_are_counted() {
+        let limits = bounds::Bounds { points: 4, ..bounds::Bounds::default() };
+        let read = |text: &str| bounds::within(limits, || read(text));
+        for (text, found) in
+            [("[[0, 1]]", 4), ("[[0, 1]]", 5), ("[[[0, 1], [2, 3]]]", 4), ("[[[0, 1], [2, 3]]]", 6)]
+        {
+            let columns = text.matches("],").count() + 1;
+            let entry = &text[1..text.len() - 1];
+            let list = read(&format!("[{}]", vec![entry; found / columns].join(",")));
+            assert_eq!(list.len(), found, "{text}");
+            assert_eq!(list.checked(2).is_ok(), found <= 4, "{text}");
+            assert!(list.coordinates.len() <= 8, "{text} {}", list.coordinates.len());
+        }
+        let wide = read("[[0,0,0,0,0,0,0,0,0]]");
+        assert_eq!((wide.width(), wide.coordinates.len()), (9, 3));
+        let row = read(&format!("[[{}]]", vec!["[1,2]"; 50].join(",")));
+        assert!(row.checked(2).is_err() && row.coordinates.is_empty());
+    }
+
+    #[test]
+    fn a_shape_of_nothing_is_small() {
+        assert!(size_of::<ShapeInput>() <= 336, "{}", size_of::<ShapeInput>());
     }
 
     #[test]

@@ -424,9 +424,17 @@ pub fn animate(title: &str, layer: &Layer) -> String {
     svg
 }
 
+/// Bytes of the text of a point, such as `L123.45 678.90`.
+const POINT_BYTES: usize = 14;
+
+/// About how long the text of [`animate`] is: every line stands there and back.
+pub fn animation_bytes(layer: &Layer) -> usize {
+    2 * POINT_BYTES * layer.lines.iter().map(Vec::len).sum::<usize>()
+}
+
 /// The path of a line.
 pub(super) fn path(line: &[[f64; 2]], mark: Mark, place: impl Fn(&[f64; 2]) -> [f64; 2]) -> String {
-    let mut path = String::with_capacity(14 * line.len());
+    let mut path = String::with_capacity(POINT_BYTES * line.len());
     for (i, [x, y]) in line.iter().map(place).enumerate() {
         let command = if i == 0 { 'M' } else { 'L' };
         write!(path, "{command}{x:.2} {y:.2}").expect("writing to a string cannot fail");

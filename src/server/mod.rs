@@ -36,6 +36,7 @@ pub(crate) async fn serve(config: ServeConfig) -> Result<(), String> {
     tokio::spawn(metrics::upkeep());
     let access = Access::new(config.access())?;
     let app = App::new(store, config.limits(), config.threads).with_access(access);
+    app.memory.watch();
     access::check_start(&app, config.listen).await?;
     let is_open = access::is_open(&app).await.map_err(|error| error.to_string())?;
     app.trail.start(&app.store, config.audit_days);

@@ -220,8 +220,21 @@ pub async fn list_shapes(
             cursor.parse().map_err(|_| ServiceError::Query("cursor is not one of this list".into()))
         })
         .transpose()?;
+    let limit = limit.min(most_of_a_page(&cohort));
     let page = app.store.list_shapes(&cohort.id, filter, after, limit).await?;
     Ok((cohort, (page.shapes, page.next.map(|cursor| cursor.to_string()))))
+}
+
+/// Text of the control points of a page.
+const PAGE_BYTES: usize = 8 << 20;
+/// Text of a number.
+const NUMBER_BYTES: usize = 20;
+
+/// How many shapes fit into a page.
+fn most_of_a_page(cohort: &Cohort) -> usize {
+    let representation = &cohort.representation;
+    let numbers = representation.size() * representation.dimension();
+    (PAGE_BYTES / (NUMBER_BYTES * numbers.max(1))).max(1)
 }
 
 /// A shape of a cohort by its id or external id.

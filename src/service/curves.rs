@@ -54,10 +54,12 @@ pub fn evaluate(
         Parameters::Equidistant(count) => (*count, "/samples"),
         Parameters::At(list) => (list.len(), "/parameters"),
     };
-    let values = order.min(MAX_DERIVATIVE) + 1 + if frames { 2 } else { 0 };
+    let dimension = curves.space.representation().dimension();
+    let values = dimension * (order.min(MAX_DERIVATIVE) + 1) + if frames { 2 * dimension + 1 } else { 0 };
     let total = count.saturating_mul(shapes.len()).saturating_mul(values);
-    if count == 0 || total > app.limits.samples {
-        let detail = format!("asks for {total} values, between 1 and {} are answered", app.limits.samples);
+    if count == 0 || total > app.limits.answer_numbers {
+        let most = app.limits.answer_numbers;
+        let detail = format!("asks for {total} numbers, between 1 and {most} are answered");
         faults.push(Fault::new(pointer, detail));
     }
     if let Parameters::At(list) = parameters

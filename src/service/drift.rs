@@ -28,7 +28,7 @@ pub enum Since {
 
 /// A measure of the new shapes beside the same of the training shapes.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, utoipa::ToSchema)]
-pub struct Comparison {
+pub struct MeasureDrift {
     /// Quantiles of the training shapes: 10 %, 50 %, 90 %, 99 %.
     pub training: [f64; 4],
     /// The same quantiles of the new shapes.
@@ -83,9 +83,9 @@ pub struct Drift {
     /// Those beyond the training quantile.
     pub outliers: usize,
     /// Squared Mahalanobis distances; none for sparse dictionaries or without new shapes.
-    pub t_squared: Option<Comparison>,
+    pub t_squared: Option<MeasureDrift>,
     /// Squared prediction errors; none without new shapes.
-    pub residuals: Option<Comparison>,
+    pub residuals: Option<MeasureDrift>,
     /// Scores; none for sparse dictionaries or without two new shapes.
     pub scores: Option<Vec<ScoreDrift>>,
     /// The mean; none without two new shapes.
@@ -181,8 +181,8 @@ fn compared(
         until: cohort.revision,
         shapes,
         outliers: sums.outliers,
-        t_squared: t_squared.map(|trained| Comparison::new(trained, sums.distances.clone())),
-        residuals: Some(Comparison::new(&statistics.residuals, sums.residuals.clone())),
+        t_squared: t_squared.map(|trained| MeasureDrift::new(trained, sums.distances.clone())),
+        residuals: Some(MeasureDrift::new(&statistics.residuals, sums.residuals.clone())),
         scores: score_drift(ready, &sums).filter(|_| shapes >= FEWEST_SHAPES),
         mean,
         classes: class_drift(ready, &sums),
@@ -220,7 +220,7 @@ fn add(sums: &mut Sums, ready: &Ready, batch: Shapes<'_>, quantile: f64) -> Resu
     Ok(())
 }
 
-impl Comparison {
+impl MeasureDrift {
     fn new(training: &[f64], mut new: Vec<f64>) -> Self {
         new.sort_by(f64::total_cmp);
         let quantiles = |values: &[f64]| [0.1, 0.5, 0.9, 0.99].map(|quantile| value_at(values, quantile));

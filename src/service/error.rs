@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::analysis::AnalysisError;
-use crate::formats::InputError;
+use crate::formats::{InputError, brief, brief_pointer};
 use crate::store::StoreError;
 
 /// One thing wrong with an input.
@@ -20,9 +20,10 @@ pub struct Fault {
 }
 
 impl Fault {
-    /// A fault of the request as a whole.
+    /// A fault of the request as a whole, which repeats in short what the client has sent.
     pub fn new(pointer: impl Into<String>, detail: impl Into<String>) -> Self {
-        Self { pointer: pointer.into(), detail: detail.into(), index: None, line: None }
+        let (pointer, detail) = (brief_pointer(pointer.into()), brief(detail.into()));
+        Self { pointer, detail, index: None, line: None }
     }
 }
 
@@ -41,6 +42,14 @@ pub enum ServiceError {
     /// The input breaks a rule.
     #[error("invalid input: {}", faults_text(.0))]
     Invalid(Vec<Fault>),
+    /// The input breaks rules in more places than are named.
+    #[error("invalid input: {}", faults_text(.faults))]
+    InvalidOften {
+        /// The first of them.
+        faults: Vec<Fault>,
+        /// How many there are.
+        found: usize,
+    },
     /// The text is not JSON, or not UTF-8.
     #[error("malformed input: {}", faults_text(.0))]
     Malformed(Vec<Fault>),
@@ -155,12 +164,15 @@ impl ServiceError {
     ///
     /// # Errors
     /// [`ServiceError::Invalid`] when there are faults.
-    pub fn unless_empty(mut faults: Vec<Fault>) -> Result<(), Self> {
-        if faults.is_empty() {
-            return Ok(());
-        }
+    pub fn unless_empty(faults: Vec<Fault>) -> Result<(), Self> {
+        let found = faults.len();
+        if found == 0 { Ok(()) } else { Err(Self::of_faults(faults, found)) }
+    }
+
+    /// The first faults (at most [`MAX_FAULTS`]) of those that were `found`.
+    pub fn of_faults(mut faults: Vec<Fault>, found: usize) -> Self {
         faults.truncate(MAX_FAULTS);
-        Err(Self::Invalid(faults))
+        if found > faults.len() { Self::InvalidOften { faults, found } } else { Self::Invalid(faults) }
     }
 
     /// The same error about a single shape that is not part of a list.

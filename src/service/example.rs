@@ -31,7 +31,7 @@ pub async fn load_into_empty(app: &App) -> Result<(), ServiceError> {
         [only] if only.name == NAME && only.revision == 0 => only.clone(),
         _ => return Ok(()),
     };
-    let text = stream::iter([Ok::<_, std::convert::Infallible>(Bytes::from_static(SHAPES.as_bytes()))]);
+    let text = stream::iter([Ok::<_, ServiceError>(Bytes::from_static(SHAPES.as_bytes()))]);
     let stored = ingest::add_stream(app, cohort, text, ingest::OnError::Abort, None).await?;
     tracing::info!(shapes = stored.added, "loaded the example cohort into the empty store");
     Ok(())

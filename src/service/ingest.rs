@@ -10,12 +10,14 @@ use tokio::sync::mpsc;
 use super::cohorts::{Expected, revision_tag};
 use super::error::{Fault, MAX_FAULTS};
 use super::input::{Reading, check_extent, parse, read_shape};
+use super::memory::Purpose;
 use super::pool::Weight;
 use super::retries::{self, Retry};
 use super::{App, ServiceError, now_ms};
 use crate::domain::cohort::Cohort;
 use crate::domain::id;
 use crate::domain::shape::NewShape;
+use crate::formats::bounds::Census;
 use crate::formats::ndjson::{Line, LineTooLong, Lines};
 use crate::formats::shape::ShapeInput;
 use crate::geometry::representation::ShapeSpace;
@@ -102,10 +104,10 @@ pub async fn add(
 ///
 /// # Errors
 /// As [`add`], with line numbers; a line that is too long; a stream that breaks off or pauses.
-pub async fn add_stream<E: std::fmt::Display>(
+pub async fn add_stream(
     app: &App,
     cohort: Cohort,
-    stream: impl Stream<Item = Result<Bytes, E>>,
+    stream: impl Stream<Item = Result<Bytes, ServiceError>>,
     on_error: OnError,
     expected: Option<Expected>,
 ) -> Result<Stored, ServiceError> {
@@ -114,24 +116,24 @@ pub async fn add_stream<E: std::fmt::Display>(
     writer.end(app, taken).await
 }
 
-async fn take_stream<E: std::fmt::Display>(
+async fn take_stream(
     app: &App,
     writer: &mut Writer,
-    stream: impl Stream<Item = Result<Bytes, E>>,
+    stream: impl Stream<Item = Result<Bytes, ServiceError>>,
 ) -> Result<(), ServiceError> {
     let mut lines = Lines::new(app.limits.line_bytes);
     let mut pending: Vec<Line> = Vec::new();
     let mut pending_bytes = 0;
+    let mut census = Census::default();
+    let mut room = app.memory.hold(Purpose::Bodies, 0)?;
     let mut stream = std::pin::pin!(stream);
     loop {
         let chunk = tokio::time::timeout(PAUSE, stream.next())
             .await
             .map_err(|_| ServiceError::Interrupted(format!("no data for {} s", PAUSE.as_secs())))?;
-        let Some(chunk) = chunk else { break };
-        let chunk = chunk.map_err(|error| {
-            let detail = format!("the stream broke off or its encoding is broken: {error}");
-            ServiceError::Malformed(vec![Fault::new("", detail)])
-        })?;
+        let Some(chunk) = chunk.transpose()? else { break };
+        census = census.and(Census::of(&chunk));
+        room.resize(census.memory(CHUNK_SHAPES))?;
         let keep = |line: Line| {
             pending_bytes += line.text.len();
             pending.push(line);
@@ -140,6 +142,9 @@ async fn take_stream<E: std::fmt::Display>(
         if pending.len() >= CHUNK_SHAPES || pending_bytes >= CHUNK_BYTES {
             pending_bytes = 0;
             writer.take_lines(app, std::mem::take(&mut pending)).await?;
+            // What is left is a part of a line.
+            census = Census { bytes: lines.pending(), ..Census::default() };
+            room.resize(census.memory(CHUNK_SHAPES))?;
         }
     }
     lines.finish(|line| pending.push(line)).map_err(too_long)?;
@@ -168,6 +173,8 @@ struct Writer {
     task: tokio::task::JoinHandle<Result<(Upload, Stored), ServiceError>>,
     skipped: usize,
     faults: Vec<Fault>,
+    /// Faults there are, of which the first are kept.
+    found: usize,
 }
 
 impl Writer {
@@ -198,6 +205,7 @@ impl Writer {
             task,
             skipped: 0,
             faults: Vec::new(),
+            found: 0,
         })
     }
 
@@ -209,13 +217,14 @@ impl Writer {
             }
         }
         let first = self.position;
+        let limits = app.limits;
         let incoming = app
             .pool
             .run(move || {
                 let read = |(offset, line): (usize, Line)| Incoming {
                     index: first + offset,
                     line: Some(line.number),
-                    text: parse(&line.text),
+                    text: parse(&limits, &line.text),
                 };
                 Ok(lines.into_par_iter().enumerate().map(read).collect())
             })
@@ -223,7 +232,24 @@ impl Writer {
         self.take(app, incoming).await
     }
 
-    async fn take(&mut self, app: &App, incoming: Vec<Incoming>) -> Result<(), ServiceError> {
+    /// Takes shapes, some at a time: what is read of them takes more memory than their text.
+    async fn take(&mut self, app: &App, mut incoming: Vec<Incoming>) -> Result<(), ServiceError> {
+        while !incoming.is_empty() {
+            let rest = incoming.split_off(incoming.len().min(CHUNK_SHAPES));
+            self.take_some(app, std::mem::replace(&mut incoming, rest)).await?;
+        }
+        if self.refuses() {
+            return Err(ServiceError::of_faults(std::mem::take(&mut self.faults), self.found));
+        }
+        Ok(())
+    }
+
+    /// Whether nothing will be stored.
+    fn refuses(&self) -> bool {
+        self.on_error == OnError::Abort && self.skipped > 0
+    }
+
+    async fn take_some(&mut self, app: &App, incoming: Vec<Incoming>) -> Result<(), ServiceError> {
         self.position += incoming.len();
         let (space, cohort, limits, prefix) =
             (self.space.clone(), self.cohort.clone(), app.limits, self.prefix);
@@ -246,13 +272,14 @@ impl Writer {
                 Ok(shape) => good.push(shape),
                 Err(faults) => {
                     self.skipped += 1;
+                    self.found += faults.len();
                     let room = MAX_FAULTS.saturating_sub(self.faults.len());
                     self.faults.extend(faults.into_iter().take(room));
                 }
             }
         }
-        if self.on_error == OnError::Abort && self.skipped > 0 {
-            return Err(ServiceError::Invalid(std::mem::take(&mut self.faults)));
+        if self.refuses() {
+            return Ok(());
         }
         while !good.is_empty() {
             let rest = good.split_off(good.len().min(CHUNK_SHAPES));

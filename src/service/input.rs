@@ -4,14 +4,19 @@
 //! points is resampled to the size of the representation; under `cyclic` from the canonical start of the
 //! contour, so that the stored shape does not depend on where the list of points begins.
 
+use std::borrow::Borrow;
+use std::collections::BTreeMap;
+
+use bytes::Bytes;
 use rayon::prelude::*;
 use serde::de::DeserializeOwned;
 
-use super::Limits;
 use super::error::{Fault, MAX_FAULTS, ServiceError};
+use super::{App, Limits};
 use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
 use crate::domain::shape::ShapeAttributes;
-use crate::formats::checked::{Checked, take_given};
+use crate::formats::bounds;
+use crate::formats::checked::{Checked, LARGE, Metadata, SMALL, take_given};
 use crate::formats::shape::{MAX_COORDINATE, PointList, PoleInput, PolesInput, ShapeInput};
 use crate::formats::{InputError, json_pointer};
 use crate::geometry::GeometryError;
@@ -215,7 +220,7 @@ impl Reading<'_> {
         if given(&shape.normals).is_some() {
             return Err(vec![InputError::new("/normals", NORMALS)]);
         }
-        let poles = shape.poles.as_ref().and_then(Checked::get).copied();
+        let poles = shape.poles.as_ref().and_then(|poles| poles.get()).copied();
         if poles.is_some() && (given(&shape.points).is_none() || !self.takes_poles()) {
             let detail = "belong to the points of a sphere: leave them out";
             return Err(vec![InputError::new("/poles", detail)]);
@@ -403,8 +408,9 @@ fn polygon_area(points: &Matrix) -> f64 {
 }
 
 /// A list that is there; `null` is as good as nothing.
-pub(super) fn given(list: &Option<PointList>) -> Option<&PointList> {
-    list.as_ref().filter(|list| !list.is_null())
+pub(super) fn given<L: Borrow<PointList>>(list: &Option<L>) -> Option<&PointList> {
+    let list: &PointList = list.as_ref()?.borrow();
+    (!list.is_null()).then_some(list)
 }
 
 fn below(errors: Vec<InputError>, pointer: &str) -> Vec<InputError> {
@@ -464,7 +470,10 @@ pub fn attributes(shape: ShapeInput) -> Result<ShapeAttributes, Vec<InputError>>
     let external_id = text(shape.external_id, "/external_id");
     let subject = text(shape.subject, "/subject");
     let label = text(shape.label, "/label");
-    let labels = take_given(shape.labels, "/labels", &mut errors).unwrap_or_default();
+    let labels = shape.labels.filter(|labels| !labels.is_null());
+    let labels: Option<BTreeMap<String, serde_json::Value>> =
+        labels.and_then(|labels| labels.read(SMALL, "/labels", &mut errors));
+    let labels = labels.unwrap_or_default();
     if labels.len() > MAX_LABELS {
         errors
             .push(InputError::new("/labels", format!("has {} entries, at most {MAX_LABELS}", labels.len())));
@@ -484,12 +493,17 @@ pub fn attributes(shape: ShapeInput) -> Result<ShapeAttributes, Vec<InputError>>
         errors.push(InputError::new("/weight", format!("is {weight}, must be between 1e-100 and 1e100")));
     }
     take_given(shape.closed, "/closed", &mut errors);
-    take_given(shape.poles, "/poles", &mut errors);
+    take_given(shape.poles.map(|poles| *poles), "/poles", &mut errors);
+    let mut value = |field: Option<Metadata>, pointer: &str| {
+        field.and_then(|field| field.take(pointer, &mut errors)).filter(|value| !value.is_null())
+    };
+    let given = value(shape.metadata, "/metadata");
+    let (index, landmarks) =
+        (value(shape.landmark_index, "/landmark_index"), value(shape.landmarks, "/landmarks"));
     if !errors.is_empty() {
         return Err(errors);
     }
-    let given = shape.metadata.filter(|value| !value.is_null());
-    let metadata = metadata(given, shape.landmark_index, shape.landmarks);
+    let metadata = metadata(given, index, landmarks).map(|value| value.to_string());
     Ok(ShapeAttributes { external_id, subject, label, labels, weight, metadata })
 }
 
@@ -498,8 +512,8 @@ pub fn attributes(shape: ShapeInput) -> Result<ShapeAttributes, Vec<InputError>>
 ///
 /// # Errors
 /// [`ServiceError::Invalid`], [`ServiceError::Malformed`].
-pub fn parse_whole<T: DeserializeOwned>(text: &[u8]) -> Result<T, ServiceError> {
-    let value: Checked<T> = parse(text)?;
+pub fn parse_whole<T: DeserializeOwned>(limits: &Limits, text: &[u8]) -> Result<T, ServiceError> {
+    let value: Checked<T, LARGE> = parse(limits, text)?;
     let mut errors = Vec::new();
     let value = value.take("", &mut errors);
     ServiceError::unless_empty(errors.into_iter().map(Fault::from).collect())?;
@@ -507,11 +521,15 @@ pub fn parse_whole<T: DeserializeOwned>(text: &[u8]) -> Result<T, ServiceError> 
 }
 
 /// Reads `T` from JSON text; run it on the pool, bodies can be large. What is wrong with the JSON itself is kept by
-/// the types of `formats`.
+/// the types of `formats`, which keep no more of it than the limits allow.
 ///
 /// # Errors
 /// [`ServiceError::Malformed`] for text that is not JSON, with the pointer to the place.
-pub fn parse<T: DeserializeOwned>(text: &[u8]) -> Result<T, ServiceError> {
+pub fn parse<T: DeserializeOwned>(limits: &Limits, text: &[u8]) -> Result<T, ServiceError> {
+    bounds::within(limits.bounds(), || parse_within(text))
+}
+
+fn parse_within<T: DeserializeOwned>(text: &[u8]) -> Result<T, ServiceError> {
     // Tracking the path costs time: only what fails is read again with it.
     serde_json::from_slice(text).or_else(|_| {
         let mut deserializer = serde_json::Deserializer::from_slice(text);
@@ -528,16 +546,43 @@ pub fn parse<T: DeserializeOwned>(text: &[u8]) -> Result<T, ServiceError> {
     })
 }
 
+impl App {
+    /// Reads `T` from a body: [`parse`].
+    ///
+    /// # Errors
+    /// [`ServiceError::Malformed`].
+    pub fn parse<T: DeserializeOwned>(&self, text: &[u8]) -> Result<T, ServiceError> {
+        parse(&self.limits, text)
+    }
+
+    /// Reads `T` from a body: [`parse_whole`].
+    ///
+    /// # Errors
+    /// [`ServiceError::Invalid`], [`ServiceError::Malformed`].
+    pub fn parse_whole<T: DeserializeOwned>(&self, text: &[u8]) -> Result<T, ServiceError> {
+        parse_whole(&self.limits, text)
+    }
+
+    /// Reads `T` from a body where it is due: [`Pool::read`](super::pool::Pool::read).
+    ///
+    /// # Errors
+    /// [`ServiceError::Malformed`], and those of the pool.
+    pub async fn read<T: DeserializeOwned + Send + 'static>(&self, body: Bytes) -> Result<T, ServiceError> {
+        let limits = self.limits;
+        self.pool.read(body, move |text| parse(&limits, text)).await
+    }
+}
+
 /// What is wrong with a shape whatever it is made of, with pointers relative to it.
 pub fn own_faults(shape: ShapeInput) -> Vec<InputError> {
     let lists = [
-        ("/points", &shape.points),
-        ("/control_points", &shape.control_points),
-        ("/normals", &shape.normals),
+        ("/points", shape.points.as_ref()),
+        ("/control_points", shape.control_points.as_deref()),
+        ("/normals", shape.normals.as_deref()),
     ];
     let mut errors: Vec<InputError> = lists
         .into_iter()
-        .filter_map(|(name, list)| Some((name, list.as_ref()?)))
+        .filter_map(|(name, list)| Some((name, list?)))
         .filter_map(|(name, list)| Some(below(list.checked(list.width()).err()?, name)))
         .flatten()
         .collect();
@@ -597,17 +642,15 @@ type ReadShape = Result<(Vec<f64>, f64), Vec<InputError>>;
 /// # Errors
 /// The faults of all bad shapes, at `/shapes/{index}…`.
 pub fn read_batch(reading: &Reading<'_>, shapes: Vec<ShapeInput>) -> Result<Batch, ServiceError> {
-    if shapes.len() > reading.limits.shapes {
-        let detail = format!("has {} shapes, at most {} are accepted", shapes.len(), reading.limits.shapes);
-        return Err(ServiceError::invalid("/shapes", detail));
-    }
+    check_sizes(reading, shapes.len())?;
     let read = |shape: ShapeInput| {
         read_shape(reading, shape).map(|(control_points, attributes)| (control_points, attributes.weight))
     };
     let results: Vec<ReadShape> = shapes.into_par_iter().map(read).collect();
     let mut batch = Batch { control_points: Vec::new(), weights: Vec::with_capacity(results.len()) };
-    let mut faults = Vec::new();
+    let (mut faults, mut found) = (Vec::new(), 0);
     for (index, result) in results.into_iter().enumerate() {
+        found += result.as_ref().err().map_or(0, Vec::len);
         match result {
             Ok((control_points, weight)) => {
                 batch.control_points.extend(control_points);
@@ -622,6 +665,24 @@ pub fn read_batch(reading: &Reading<'_>, shapes: Vec<ShapeInput>) -> Result<Batc
             Err(_) => {}
         }
     }
-    ServiceError::unless_empty(faults)?;
-    Ok(batch)
+    if found > 0 { Err(ServiceError::of_faults(faults, found)) } else { Ok(batch) }
+}
+
+/// That so many shapes are not too many, nor their control points: short contours become long lists of them.
+fn check_sizes(reading: &Reading<'_>, shapes: usize) -> Result<(), ServiceError> {
+    let (most, most_numbers) = (reading.limits.shapes, reading.limits.coordinates);
+    if shapes > most {
+        let detail = format!("has {shapes} shapes, at most {most} are accepted");
+        return Err(ServiceError::invalid("/shapes", detail));
+    }
+    let representation = reading.space.representation();
+    let numbers = representation.size() * representation.dimension() * shapes;
+    if numbers > most_numbers {
+        let detail = format!(
+            "has {shapes} shapes, whose control points are {numbers} numbers, at most {most_numbers} are kept in memory: send \
+             fewer, or use a cohort"
+        );
+        return Err(ServiceError::invalid("/shapes", detail));
+    }
+    Ok(())
 }

@@ -21,6 +21,7 @@
 //! * [`jobs`] — long work beside the requests; [`learning`] — what it is; [`spreading`] — how several processes share it;
 //! * [`drift`] — new shapes beside those a dictionary was learnt from;
 //! * [`retries`] — requests that are sent again; [`changes`] — the feed; [`trash`] — what can come back;
+//! * [`memory`] — what the process may take, and who holds it;
 //! * [`membership`] — classes and subjects of a cohort; [`classify`] — classifiers in use;
 //! * [`problem`] — what was refused, as a document.
 
@@ -51,6 +52,7 @@ pub mod learning;
 pub mod live_mean;
 pub mod members;
 pub mod membership;
+pub mod memory;
 pub mod metrics;
 pub mod models;
 pub mod modes;
@@ -77,11 +79,11 @@ mod validation;
 use std::sync::Arc;
 use std::time::Duration;
 
-use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tokio_util::sync::CancellationToken;
 
 use crate::analysis::metric::Metric;
 use crate::domain::access::{DEFAULT_TENANT, Principal};
+use crate::formats::bounds::Bounds;
 use crate::geometry::representation::{Representation, ShapeSpace};
 use crate::store::Store;
 pub use error::ServiceError;
@@ -96,14 +98,24 @@ pub struct Limits {
     pub points: usize,
     /// Shapes of a request that is answered from memory.
     pub shapes: usize,
+    /// Numbers of the control points of all shapes of a request that is answered from memory.
+    pub coordinates: usize,
     /// Vertices of a refined mesh.
     pub vertices: usize,
-    /// Samples that an evaluation answers, over all shapes.
+    /// Points that are answered, over all shapes.
     pub samples: usize,
+    /// Numbers that an evaluation answers, over all shapes; each takes some 20 bytes of text.
+    pub answer_numbers: usize,
     /// Bytes of a request body, after decompression.
     pub body_bytes: usize,
     /// Bytes of a line of an NDJSON stream.
     pub line_bytes: usize,
+    /// Values of a JSON body, counted by its commas and brackets.
+    pub json_values: usize,
+    /// How many times as long as on the wire a body may become, beyond its first MiB.
+    pub compression_ratio: usize,
+    /// Bytes of the metadata of a shape, as JSON.
+    pub metadata_bytes: usize,
     /// Atoms or components of a dictionary.
     pub atoms: usize,
     /// Bytes of memory that a job may be predicted to take.
@@ -116,8 +128,12 @@ pub struct Limits {
     pub search_operations: usize,
     /// Heavy requests that compute or wait for it; 0 means four per compute thread.
     pub heavy_requests: usize,
-    /// Bytes of request bodies in memory, of all requests together.
+    /// Resident bytes of the process, beyond which what is large is refused.
+    pub memory: usize,
+    /// Bytes of request bodies in memory and of what is read from them, of all requests together.
     pub buffered_bytes: usize,
+    /// Bytes of answers in memory, of all requests together.
+    pub answer_bytes: usize,
     /// Requests of a caller in a second, on average; 0 does not count them.
     pub rate_per_second: u32,
     /// Requests of a caller at once; 0 means twice those of a second.
@@ -134,22 +150,43 @@ impl Default for Limits {
             control_points: 2048,
             points: 100_000,
             shapes: 100_000,
+            coordinates: 8 << 20,
             vertices: 300_000,
             samples: 2_000_000,
+            answer_numbers: 1 << 20,
             body_bytes: 64 << 20,
             line_bytes: 8 << 20,
+            json_values: 16 << 20,
+            compression_ratio: 100,
+            metadata_bytes: 64 << 10,
             atoms: 1024,
             job_bytes: 4 << 30,
             matrix_bytes: 128 << 20,
             matrix_operations: 5_000_000_000,
             search_operations: 100_000_000_000,
             heavy_requests: 0,
-            buffered_bytes: 512 << 20,
+            memory: usize::MAX,
+            buffered_bytes: 768 << 20,
+            answer_bytes: 144 << 20,
             rate_per_second: 0,
             rate_burst: 0,
             light_time: Duration::from_secs(30),
             compute_time: Duration::from_secs(120),
         }
+    }
+}
+
+impl Limits {
+    /// How much memory there is for what.
+    pub fn quota(&self) -> memory::Quota {
+        memory::Quota { process: self.memory, bodies: self.buffered_bytes, answers: self.answer_bytes }
+    }
+
+    /// How much of a document is kept while it is read.
+    pub fn bounds(&self) -> Bounds {
+        // Vertices of a posted mesh are points too.
+        let points = self.points.max(self.vertices);
+        Bounds { items: self.shapes, points, metadata_bytes: self.metadata_bytes }
     }
 }
 
@@ -174,8 +211,8 @@ pub struct App {
     /// Jobs that run or are watched.
     jobs: Arc<jobs::registry::Registry>,
     draining: CancellationToken,
-    /// Bytes that request bodies may still take.
-    buffers: Arc<Semaphore>,
+    /// Who holds how much memory.
+    pub memory: memory::Memory,
     means: Arc<live_mean::MeanCache>,
     models: Arc<models::ReadyCache>,
     prepared: Arc<prepared::PreparedCache>,
@@ -196,7 +233,7 @@ impl App {
             trail: Arc::default(),
             jobs: Arc::default(),
             draining: CancellationToken::new(),
-            buffers: Arc::new(Semaphore::new(limits.buffered_bytes)),
+            memory: memory::Memory::new(limits.quota()),
             means: Arc::default(),
             models: Arc::default(),
             prepared: Arc::default(),
@@ -213,16 +250,6 @@ impl App {
     /// The same request, at work on something of this weight.
     pub fn weighing(&self, weight: Weight) -> Self {
         Self { pool: self.pool.weighing(weight), ..self.clone() }
-    }
-
-    /// Room in memory for `bytes` of a request body.
-    ///
-    /// # Errors
-    /// [`ServiceError::Overloaded`] when the bodies of other requests fill it.
-    pub fn room(&self, bytes: usize) -> Result<OwnedSemaphorePermit, ServiceError> {
-        let room = u32::try_from(bytes).ok();
-        let room = room.and_then(|bytes| Arc::clone(&self.buffers).try_acquire_many_owned(bytes).ok());
-        room.ok_or_else(|| ServiceError::Overloaded("the memory for request bodies is full".into()))
     }
 
     /// The same service, noting what it is asked about.

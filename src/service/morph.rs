@@ -68,6 +68,8 @@ impl Positions {
 
 /// Most frames of an animation.
 const MAX_FRAMES: usize = 1000;
+/// Most bytes of an animation: no browser plays longer ones.
+const MOST_DRAWN: usize = 16 << 20;
 
 /// Largest extrapolation.
 const MAX_POSITION: f64 = 1000.0;
@@ -123,5 +125,13 @@ pub fn draw_morph(posted: &Posted, title: &str, morph: &Morph) -> Result<String,
         return Err(ServiceError::invalid("/positions", detail));
     }
     let shapes = morph.frames.iter().map(|(_, shape)| shape.as_slice());
-    Ok(svg::animate(title, &Layer::of(&posted.space, shapes, colour::MAIN, 2.5, 1.0)))
+    let layer = Layer::of(&posted.space, shapes, colour::MAIN, 2.5, 1.0);
+    let bytes = svg::animation_bytes(&layer);
+    if bytes > MOST_DRAWN {
+        let detail = format!(
+            "makes an animation of about {bytes} bytes, at most {MOST_DRAWN} are drawn: ask for fewer positions"
+        );
+        return Err(ServiceError::invalid("", detail));
+    }
+    Ok(svg::animate(title, &layer))
 }

@@ -5,7 +5,7 @@ use super::input::face_pointer;
 use super::surface_fitting::take_points;
 use super::{App, Limits, ServiceError};
 use crate::formats::InputError;
-use crate::formats::checked::{Checked, document, take_given};
+use crate::formats::checked::{Checked, LARGE, document, take_given};
 use crate::formats::shape::{MAX_COORDINATE, PointList};
 use crate::geometry::mesh::TriangleMesh;
 use crate::geometry::raster::{self, Grid, Mask, Overlap, bounds};
@@ -21,10 +21,10 @@ document! {
         vertices: PointList;
         /// Its triangles.
         #[schema(value_type = Option<Vec<[u32; 3]>>)]
-        faces: Checked<Vec<[u32; 3]>>;
+        faces: Checked<Vec<[u32; 3]>, LARGE>;
         /// A mask.
         #[schema(value_type = Option<MaskInput>)]
-        mask: Checked<MaskInput>;
+        mask: Checked<MaskInput, LARGE>;
     }
 }
 

@@ -9,6 +9,7 @@ use serde::Serialize;
 use super::ServiceError;
 use super::error::Fault;
 use crate::domain::job::Job;
+use crate::formats::{brief, brief_pointer};
 
 /// The problem types with their codes and statuses: one table, documented in `docs/problems.md`.
 macro_rules! problem_kinds {
@@ -148,14 +149,14 @@ pub struct FaultDocument {
 impl From<Fault> for FaultDocument {
     fn from(fault: Fault) -> Self {
         let Fault { pointer, detail, index, line } = fault;
-        Self { pointer, detail, index, line }
+        Self { pointer: brief_pointer(pointer), detail: brief(detail), index, line }
     }
 }
 
 impl Problem {
-    /// A problem with a sentence for the client.
+    /// A problem with a sentence for the client, which repeats in short what the client has sent.
     pub fn new(kind: ProblemKind, detail: impl Into<String>) -> Self {
-        Self { kind, detail: detail.into(), errors: Vec::new() }
+        Self { kind, detail: brief(detail.into()), errors: Vec::new() }
     }
 
     fn with(kind: ProblemKind, errors: Vec<Fault>) -> Self {
@@ -165,7 +166,7 @@ impl Problem {
             [one] => format!("{} {}", one.pointer, one.detail),
             [first, ..] => format!("{} errors, the first: {} {}", errors.len(), first.pointer, first.detail),
         };
-        Self { kind, detail, errors }
+        Self { kind, detail: brief(detail), errors }
     }
 
     /// The type.
@@ -229,6 +230,11 @@ impl From<ServiceError> for Problem {
         let detail = error.to_string();
         match error {
             ServiceError::Invalid(errors) => Self::with(ProblemKind::InvalidInput, errors),
+            ServiceError::InvalidOften { faults, found } => {
+                let first = faults.first().map(|fault| format!("{} {}", fault.pointer, fault.detail));
+                let detail = format!("{found} errors, the first: {}", first.unwrap_or_default());
+                Self { errors: faults, ..Self::new(ProblemKind::InvalidInput, detail) }
+            }
             ServiceError::Malformed(errors) => Self::with(ProblemKind::MalformedBody, errors),
             ServiceError::DegenerateShape(errors) => Self::with(ProblemKind::DegenerateShape, errors),
             ServiceError::TooFewShapes { .. } => Self::new(ProblemKind::TooFewShapes, detail),

@@ -12,7 +12,7 @@ use super::surfaces::MeasuredSurface;
 use super::{App, Limits, ServiceError};
 use crate::analysis::correspondence::Correspondence;
 use crate::formats::InputError;
-use crate::formats::checked::{Checked, document, take_given};
+use crate::formats::checked::{Checked, LARGE, document, take_given};
 use crate::formats::shape::{PointList, ShapeInput};
 use crate::formats::svg::MOST_FACES;
 use crate::geometry::GeometryError;
@@ -36,7 +36,7 @@ document! {
         vertices: PointList, required;
         /// Triangles by the positions of their corners in that list, counter-clockwise seen from outside.
         #[schema(value_type = Vec<[u32; 3]>, required = true)]
-        faces: Checked<Vec<[u32; 3]>>, required;
+        faces: Checked<Vec<[u32; 3]>, LARGE>, required;
         /// Normals at the vertices, of any length, for the scheme `normal_based`; those of a sphere through the neighbours
         /// unless given.
         #[schema(value_type = Option<Vec<[f64; 3]>>)]
@@ -364,8 +364,8 @@ impl<'a> OrientedMeshes<'a> {
                     "has both points and control_points: give one of them",
                 )]);
             }
-            (None, Some(_)) => (shape.control_points.clone(), shape.normals.clone()),
-            _ => (shape.points.clone(), shape.normals.clone()),
+            (None, Some(_)) => (shape.control_points.as_deref().cloned(), shape.normals.as_deref().cloned()),
+            _ => (shape.points.clone(), shape.normals.as_deref().cloned()),
         };
         if shape.poles.is_some() {
             return Err(vec![InputError::new("/poles", "belong to the points of a sphere: leave them out")]);

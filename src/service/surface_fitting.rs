@@ -1,12 +1,14 @@
 //! Fits of surfaces to grids, clouds with parameters and triangle meshes. Plain functions, to be run on the pool.
 
+use std::borrow::Borrow;
+
 use super::curves::{below_points, each_of, each_shape};
 use super::input;
 use super::posted::Posted;
 use super::surfaces::outside;
 use super::{App, Limits, ServiceError};
 use crate::formats::InputError;
-use crate::formats::checked::{Checked, document, take_given};
+use crate::formats::checked::{Checked, LARGE, document, take_given};
 use crate::formats::shape::{PointList, ShapeInput};
 use crate::geometry::GeometryError;
 use crate::geometry::mesh::{MeshError, TriangleMesh};
@@ -24,7 +26,7 @@ document! {
         vertices: PointList, required;
         /// Triangles by the positions of their corners in that list, counter-clockwise seen from outside.
         #[schema(value_type = Vec<[u32; 3]>, required = true)]
-        faces: Checked<Vec<[u32; 3]>>, required;
+        faces: Checked<Vec<[u32; 3]>, LARGE>, required;
         /// `u` and `v` of every vertex.
         #[schema(value_type = Option<Vec<[f64; 2]>>)]
         parameters: PointList;
@@ -292,7 +294,7 @@ impl PostedMesh {
 
 /// A list of points with `D` coordinates each.
 pub(super) fn take_points<const D: usize>(
-    list: &Option<PointList>,
+    list: &Option<impl Borrow<PointList>>,
     pointer: &str,
     errors: &mut Vec<InputError>,
 ) -> Option<Vec<[f64; D]>> {

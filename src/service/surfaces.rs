@@ -60,10 +60,12 @@ pub fn evaluate(
         SurfaceParameters::Grid([u, v]) => (u.saturating_mul(*v), "/grid"),
         SurfaceParameters::At(list) => (list.len(), "/parameters"),
     };
-    let values = orders + if frames { 2 } else { 0 };
-    let (total, most) = (places.saturating_mul(shapes.len()).saturating_mul(values), app.limits.samples);
+    // Points and derivatives; a normal and two curvatures.
+    let values = 3 * orders + if frames { 5 } else { 0 };
+    let (total, most) =
+        (places.saturating_mul(shapes.len()).saturating_mul(values), app.limits.answer_numbers);
     if places == 0 || total > most {
-        let detail = format!("asks for {total} values, between 1 and {most} are answered");
+        let detail = format!("asks for {total} numbers, between 1 and {most} are answered");
         faults.push(Fault::new(pointer, detail));
     }
     if let SurfaceParameters::At(list) = parameters {

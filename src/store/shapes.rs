@@ -3,6 +3,8 @@
 use std::fmt;
 use std::str::FromStr;
 
+use serde::de::IgnoredAny;
+
 use super::blob::{self, Chunk};
 use super::engine::{Row, Transaction, sql};
 use super::filter::{self, Revisions, Selection};
@@ -155,7 +157,8 @@ impl Store {
         Ok(found)
     }
 
-    /// At most `limit` current shapes that pass the filter, in storage order.
+    /// At most `limit` current shapes that pass the filter, in storage order; fewer when what is known about them has some
+    /// megabytes.
     ///
     /// Control points come along; memory grows with the page alone.
     ///
@@ -169,17 +172,32 @@ impl Store {
         limit: usize,
     ) -> Result<ShapePage, StoreError> {
         let mut read = self.begin_read().await?;
-        let selection = Selection {
+        let mut selection = Selection {
             cohort: self.number(&mut read, cohort_id).await?,
             revisions: Revisions::latest(),
             filter,
             after: after.map_or((0, -1), |c| (c.chunk, c.position)),
         };
-        let rows = selection.page(&mut read, ENTRY, limit.saturating_add(1)).all().await?;
-        let entries: Result<Vec<_>, _> = rows.iter().take(limit).map(read_entry).collect();
-        let entries = entries?;
-        let next = entries.last().map(|entry| entry.place);
-        Ok(ShapePage { next: next.filter(|_| rows.len() > limit), shapes: fill(&mut read, entries).await? })
+        // A filter may look at every shape of the cohort: it is asked once.
+        let rows_at_once = if filter::is_empty(filter) { ROWS } else { limit };
+        let (mut entries, mut bytes, mut more) = (Vec::new(), 0, true);
+        while more && entries.len() < limit && bytes < PAGE_BYTES {
+            let wanted = (limit - entries.len()).min(rows_at_once);
+            let rows = selection.page(&mut read, ENTRY, wanted + 1).all().await?;
+            more = rows.len() > wanted;
+            for row in rows.iter().take(wanted) {
+                if bytes >= PAGE_BYTES {
+                    more = true;
+                    break;
+                }
+                let entry = read_entry(row)?;
+                bytes += entry.bytes();
+                selection.after = (entry.place.chunk, entry.place.position);
+                entries.push(entry);
+            }
+        }
+        let next = entries.last().map(|entry: &Entry| entry.place).filter(|_| more);
+        Ok(ShapePage { next, shapes: fill(&mut read, entries).await? })
     }
 
     /// The last revision of the cohort that only holds shapes that were added by the time `ms`.
@@ -304,10 +322,22 @@ async fn mark_deleted(
     Ok(sql(&mut *write, MARK).bind(cohort_id).bind(shape_id).optional_scalar().await?)
 }
 
+/// Bytes of attributes after which a page ends.
+const PAGE_BYTES: usize = 4 << 20;
+/// Rows of a page that are in memory at once.
+const ROWS: usize = 100;
+
 /// A shape whose weight and control points are still to be read.
 struct Entry {
     place: Cursor,
     shape: Shape,
+}
+
+impl Entry {
+    /// Of the attributes without bound.
+    fn bytes(&self) -> usize {
+        self.shape.attributes.metadata.as_ref().map_or(0, String::len)
+    }
 }
 
 fn read_attributes(row: &Row) -> Result<ShapeAttributes, StoreError> {
@@ -317,8 +347,13 @@ fn read_attributes(row: &Row) -> Result<ShapeAttributes, StoreError> {
         label: row.get("label")?,
         labels: from_json(row.get("labels")?)?.unwrap_or_default(),
         weight: 1.0,
-        metadata: from_json(row.get("metadata")?)?,
+        metadata: json_text(row.get("metadata")?)?,
     })
+}
+
+/// JSON that stays as it is stored, when it is JSON.
+fn json_text(text: Option<&str>) -> Result<Option<String>, StoreError> {
+    from_json::<IgnoredAny>(text).map(|_| text.map(str::to_owned))
 }
 
 fn read_description(row: &Row) -> Result<ShapeDescription, StoreError> {

@@ -424,7 +424,7 @@ impl Batch {
             label: attributes.label.clone(),
             digest: self.digests[index],
             labels: labels.map(|l| serde_json::to_string(l).expect("a map of JSON is JSON")),
-            metadata: attributes.metadata.as_ref().map(ToString::to_string),
+            metadata: attributes.metadata.clone(),
         }
     }
 }

@@ -431,6 +431,126 @@ fn the_examples_of_the_interface_document_work() {
     assert_eq!(server.get("/v1/keys").status, 401);
 }
 
+/// All references of a document.
+fn references<'a>(value: &'a Value, found: &mut BTreeSet<&'a str>) {
+    match value {
+        Value::Object(map) => {
+            found.extend(map.get("$ref").and_then(Value::as_str));
+            map.values().for_each(|value| references(value, found));
+        }
+        Value::Array(list) => list.iter().for_each(|value| references(value, found)),
+        _ => {}
+    }
+}
+
+#[test]
+fn every_reference_of_the_interface_document_leads_somewhere() {
+    let document: Value = serde_json::from_str(&committed()).unwrap();
+    let mut found = BTreeSet::new();
+    references(&document, &mut found);
+    found.retain(|reference| document.pointer(reference.trim_start_matches('#')).is_none());
+    assert_eq!(found, BTreeSet::new(), "these lead nowhere");
+}
+
+/// Names of the types of a source file that have a schema.
+fn schema_names(text: &str) -> Vec<String> {
+    let mut names = Vec::new();
+    let mut wanted = false;
+    for line in text.lines().map(str::trim_start) {
+        wanted |= line.starts_with("#[derive(") && line.contains("ToSchema");
+        let line = line.trim_start_matches("pub(super) ").trim_start_matches("pub(crate) ");
+        let line = line.trim_start_matches("pub ");
+        let declared = ["struct ", "enum "].iter().find_map(|word| line.strip_prefix(word));
+        if let Some(rest) = declared.filter(|_| wanted) {
+            names.push(name(rest).to_owned());
+            wanted = false;
+        }
+    }
+    // Documents derive it in their macro.
+    let documents = text.split("document! {").skip(1);
+    names.extend(documents.filter_map(|rest| Some(name(rest.split_once("struct ")?.1).to_owned())));
+    names
+}
+
+#[test]
+fn no_two_types_share_the_name_of_a_schema() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
+    let mut places: std::collections::BTreeMap<String, BTreeSet<String>> = std::collections::BTreeMap::new();
+    for file in sources(&root) {
+        let text = std::fs::read_to_string(&file).unwrap();
+        for name in schema_names(&text) {
+            let place = file.strip_prefix(&root).unwrap().display().to_string();
+            places.entry(name).or_default().insert(place);
+        }
+    }
+    assert!(places.len() > 100 && places.contains_key("ShapeInput"), "{} types were found", places.len());
+    // Macros declare types of names that they are given.
+    places.retain(|name, files| !name.is_empty() && files.len() > 1);
+    assert!(places.is_empty(), "the document would keep one of each: {places:#?}");
+}
+
+/// Whether the schema of a field takes `null`.
+fn is_nullable(document: &Value, schema: &Value) -> bool {
+    let is_null = |schema: &Value| match &schema["type"] {
+        Value::String(name) => name == "null",
+        Value::Array(names) => names.iter().any(|name| name == "null"),
+        _ => false,
+    };
+    let branches = ["oneOf", "anyOf"].iter().filter_map(|key| schema[*key].as_array()).flatten();
+    is_null(schema) || branches.map(|branch| resolve(document, branch)).any(is_null)
+}
+
+/// A number that no other call returns.
+fn number() -> usize {
+    static NEXT: std::sync::atomic::AtomicUsize = std::sync::atomic::AtomicUsize::new(0);
+    NEXT.fetch_add(1, std::sync::atomic::Ordering::Relaxed)
+}
+
+#[test]
+fn null_is_as_good_as_nothing_where_the_document_says_so() {
+    let document: Value = serde_json::from_str(&committed()).unwrap();
+    let server = Setting::fresh().with_example().start();
+    let learn = json!({"name": "modes", "cohort": "example-cells", "transformation": "similarity",
+        "method": {"kind": "functional_pca", "components": 3, "centre": true},
+        "classifier": {"kind": "discriminant", "attribute": "labels.treatment", "repeats": 1}});
+    let learn = server.request(Method::POST, "/v1/dictionaries").header("prefer", "wait=60").json(&learn);
+    server.send(learn).expect(201);
+    let (mut asked, mut refused) = (0, Vec::new());
+    for (name, operation) in operations(&document) {
+        let Some(body) = operation.pointer("/requestBody/content/application~1json") else { continue };
+        let schema = resolve(&document, &body["schema"]);
+        let Some(properties) = schema["properties"].as_object().filter(|_| name != "POST /v1/keys") else {
+            continue;
+        };
+        let example = body.get("example").unwrap_or(&schema["example"]);
+        let (method, path) = name.split_once(' ').unwrap();
+        let path = path.replace("{cohort}", "example-cells").replace("{dictionary}", "modes");
+        let send = |body: &Value| {
+            let mut body = body.clone();
+            if body.get("name").is_some() {
+                // Names of cohorts are given once.
+                body["name"] = json!(format!("name-{}", number()));
+            }
+            server.send(server.request(method.parse().unwrap(), &path).json(&body))
+        };
+        for (field, schema) in properties {
+            let given = !example[field].is_null();
+            if given || !is_nullable(&document, schema) {
+                continue;
+            }
+            let mut with_null = example.clone();
+            with_null[field] = Value::Null;
+            let (without, with) = (send(example), send(&with_null));
+            asked += 1;
+            if without.status != with.status {
+                refused.push(format!("{name} {field}: {} becomes {}", without.status, with.text()));
+            }
+        }
+    }
+    assert!(asked > 80, "{asked} fields were found");
+    assert!(refused.is_empty(), "{refused:#?}");
+}
+
 /// The shell blocks of a document that begin with curl.
 fn curl_blocks(text: &str) -> Vec<String> {
     let blocks = text.split("```sh\n").skip(1).map(|rest| rest.split("```").next().unwrap());

@@ -30,6 +30,7 @@ mod interpolators;
 mod kill;
 mod kill_dictionaries;
 mod measures;
+mod memory;
 mod parts;
 mod refinement;
 mod retrieval_laws;

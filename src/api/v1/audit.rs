@@ -111,6 +111,7 @@ pub(super) struct AuditQuery {
     /// Entries per page, 1 to 1000; 100 unless given. An export has all of them.
     limit: Option<usize>,
     /// `json` for a page, `ndjson` for all entries, one a line; `json` unless given.
+    #[param(inline)]
     format: Option<AuditFormat>,
 }
 

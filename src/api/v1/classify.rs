@@ -5,14 +5,14 @@ use axum::response::Response;
 use serde::Serialize;
 
 use super::coding::{CodeOutput, ScoreOutput, Shapes, asking_request};
-use crate::api::extract::{Caller, JsonBody, NoQuery, Path, parse};
+use crate::api::extract::{Caller, JsonBody, NoQuery, Path};
 use crate::api::problem::{Problem, ProblemDocument};
 use crate::api::respond::{compute, json};
 use crate::domain::classifier::{
     ClassRecord, ClassifierKind, ClassifierRecord, ClassifierSettings, Validation,
 };
 use crate::formats::InputError;
-use crate::formats::checked::{Checked, List, document, take_given};
+use crate::formats::checked::{Checked, List, Many, document, take_given, take_many};
 use crate::formats::shape::ShapeInput;
 use crate::service::classify::{self, Assessment, Classified};
 use crate::service::models::{self, Ready};

@@ -5,11 +5,11 @@ use axum::response::Response;
 use serde::Serialize;
 
 use super::settings::{ShapeOutput, checked, rows};
-use crate::api::extract::{Caller, JsonBody, NoQuery, Path, parse};
+use crate::api::extract::{Caller, JsonBody, NoQuery, Path};
 use crate::api::problem::{Problem, ProblemDocument};
 use crate::api::respond::{compute, json};
 use crate::formats::InputError;
-use crate::formats::checked::{Checked, List, document, take_given, take_or_default};
+use crate::formats::checked::{Checked, List, Many, document, take_given, take_many, take_or_default};
 use crate::formats::shape::{Points, ShapeInput};
 use crate::service::coding::{self, AnswerPose, Asked, Coded, PostedCode, Reconstruction, Reference};
 use crate::service::models::{self, Ready};
@@ -30,7 +30,7 @@ macro_rules! asking_request {
                 cohort: Checked<String>;
                 /// Ids or external ids of its shapes.
                 #[schema(value_type = Option<Vec<String>>)]
-                ids: Checked<Vec<String>>;
+                ids: Many<String>;
                 $($further)*
             }
         }
@@ -43,12 +43,12 @@ macro_rules! asking_request {
                 body: axum::body::Bytes,
             ) -> Result<(std::sync::Arc<Ready>, Self, Shapes, Vec<InputError>), Problem> {
                 let ready = models::find(app, key).await?;
-                let mut request: Self = app.pool.read(body, parse).await?;
+                let mut request: Self = app.read(body).await?;
                 let mut errors = std::mem::take(&mut request.faults);
                 let shapes = Shapes {
                     posted: request.shapes.take().map(|shapes| shapes.take("/shapes", &mut errors)),
                     cohort: take_given(request.cohort.take(), "/cohort", &mut errors),
-                    ids: take_given(request.ids.take(), "/ids", &mut errors),
+                    ids: take_many(request.ids.take(), "/ids", &mut errors),
                 };
                 Ok((ready, request, shapes, errors))
             }
@@ -202,7 +202,7 @@ asking_request! {
     ReconstructRequest {
         /// Codes instead of shapes: `indices` with `values`, or with the `matrices` and the `offset` of invariant codes.
         #[schema(value_type = Option<Vec<PostedCode>>)]
-        codes: Checked<Vec<PostedCode>>;
+        codes: Many<PostedCode>;
         /// `input` (the pose of the shape) unless given, or `model` (that of the dictionary).
         #[schema(value_type = Option<AnswerPose>)]
         pose: Checked<AnswerPose>;
@@ -258,7 +258,7 @@ pub(super) async fn reconstruct(
 ) -> Result<Response, Problem> {
     let (ready, request, shapes, mut errors) = ReconstructRequest::receive(&app, &key, body).await?;
     let with_codes = request.codes.is_some();
-    let codes = take_given(request.codes, "/codes", &mut errors);
+    let codes = take_many(request.codes, "/codes", &mut errors);
     let with_settings = request.pose.is_some() || request.samples.is_some();
     let pose = take_or_default(request.pose, "/pose", &mut errors);
     let samples =
@@ -472,7 +472,7 @@ pub(super) async fn sample(
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
     let ready = models::find(&app, &key).await?;
-    let request: SampleRequest = parse(&body)?;
+    let request: SampleRequest = app.parse(&body)?;
     let mut errors = request.faults;
     let count = request.count.map_or(Some(1), |count| count.take("/count", &mut errors));
     let seed = take_or_default(request.seed, "/seed", &mut errors);

@@ -12,8 +12,7 @@ use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
 use crate::analysis::frame::Frame;
 use crate::analysis::transformation::ClassName;
 use crate::api::extract::{
-    Caller, Format, IfMatch, JsonBody, NoQuery, Path, Query, ShapeFormat, ShapeFormatQuery, parse,
-    parse_whole,
+    Caller, Format, IfMatch, JsonBody, NoQuery, Path, Query, ShapeFormat, ShapeFormatQuery,
 };
 use crate::api::problem::{Problem, ProblemDocument, ProblemKind};
 use crate::api::respond::{compute, json, mesh, svg};
@@ -121,7 +120,7 @@ pub(super) async fn create_cohort(
     _: NoQuery,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
-    let new = new_cohort(parse(&body)?)?;
+    let new = new_cohort(app.parse(&body)?)?;
     let cohort = cohorts::create(&app.with_body(&body), new).await?;
     let (tag, location) = (revision_tag(&cohort), format!("/v1/cohorts/{}", cohort.id));
     let response = json(StatusCode::CREATED, &CohortOutput::from(cohort))?;
@@ -239,7 +238,7 @@ pub(super) async fn update_cohort(
     IfMatch(expected): IfMatch,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
-    let CohortPatch { name, description, length_unit } = parse_whole(&body)?;
+    let CohortPatch { name, description, length_unit } = app.parse_whole(&body)?;
     let changes = CohortChanges { name, description, length_unit };
     let cohort = cohorts::update(&app, &key, changes, expected).await?;
     let tag = revision_tag(&cohort);

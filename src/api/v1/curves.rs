@@ -7,12 +7,12 @@ use serde::Serialize;
 use super::settings::{checked, shapes_request};
 use crate::analysis::correspondence::Correspondence;
 use crate::api::extract::{
-    Caller, Format, JsonBody, NoQuery, OnlyShapeFormat, ShapeFormat, ShapeFormatQuery, parse,
+    Caller, Format, JsonBody, NoQuery, OnlyShapeFormat, ShapeFormat, ShapeFormatQuery,
 };
 use crate::api::problem::{Problem, ProblemDocument};
 use crate::api::respond::{compute, json, mesh, mesh_file, svg};
 use crate::formats::InputError;
-use crate::formats::checked::{Checked, List, document, take_given, take_or_default, take_value};
+use crate::formats::checked::{Checked, LARGE, List, Raw, document, take_given, take_or_default};
 use crate::formats::shape::{Points, ShapeInput};
 use crate::formats::svg::{self as drawing, Layer, colour};
 use crate::geometry::distance::Distances;
@@ -49,7 +49,7 @@ shapes_request! {
         /// Parameters `u` instead, of surfaces pairs of `u` and `v`: modulo 1 along closed directions, from 0 to 1 along open
         /// ones.
         #[schema(value_type = Option<ParameterList>)]
-        parameters: Checked<serde_json::Value>;
+        parameters: Raw;
         /// Highest derivative, 0 to 2; 0 unless given.
         #[schema(value_type = Option<usize>, maximum = 2)]
         derivatives: Checked<usize>;
@@ -180,7 +180,7 @@ pub(super) async fn evaluate(
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
     compute(app.weighing(Weight::of_bytes(body.len())), move |app| {
-        let (mut request, mut errors) = (parse::<EvaluateRequest>(&body)?, Vec::new());
+        let (mut request, mut errors) = (app.parse::<EvaluateRequest>(&body)?, Vec::new());
         let (settings, shapes) = request.take_shapes(&mut errors);
         let parameters = take_places(
             settings.as_ref().map(|(representation, _)| representation),
@@ -300,12 +300,11 @@ fn take_places(
     representation: Option<&Representation>,
     samples: Option<Checked<usize>>,
     grid: Option<Checked<[usize; 2]>>,
-    parameters: Option<Checked<serde_json::Value>>,
+    parameters: Option<Raw>,
     errors: &mut Vec<InputError>,
 ) -> Option<Places> {
     let samples = take_given(samples, "/samples", errors);
     let grid = take_given(grid, "/grid", errors);
-    let parameters = take_given(parameters, "/parameters", errors);
     let mut refuse = |pointer: &str, detail: &str| -> Option<Places> {
         errors.push(InputError::new(pointer, detail));
         None
@@ -341,9 +340,9 @@ fn take_places(
         (Some(extent), None) => {
             Places::Surface(SurfaceParameters::Grid(grid.unwrap_or_else(|| surfaces::usual_grid(extent))))
         }
-        (None, Some(value)) => Places::Curve(Parameters::At(take_value(value, "/parameters", errors)?)),
+        (None, Some(value)) => Places::Curve(Parameters::At(value.read(LARGE, "/parameters", errors)?)),
         (Some(_), Some(value)) => {
-            Places::Surface(SurfaceParameters::At(take_value(value, "/parameters", errors)?))
+            Places::Surface(SurfaceParameters::At(value.read(LARGE, "/parameters", errors)?))
         }
     })
 }
@@ -553,7 +552,7 @@ pub(super) async fn measure(
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
     compute(app.weighing(Weight::of_bytes(body.len())), move |app| {
-        let (mut request, mut errors) = (parse::<MeasureRequest>(&body)?, Vec::new());
+        let (mut request, mut errors) = (app.parse::<MeasureRequest>(&body)?, Vec::new());
         let (settings, shapes) = request.take_shapes(&mut errors);
         let length_unit = take_given(request.length_unit, "/length_unit", &mut errors).flatten();
         let unit_faults = text_faults(None, None, length_unit.as_deref());
@@ -638,7 +637,7 @@ pub(super) async fn resample(
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
     compute(app.weighing(Weight::of_bytes(body.len())), move |app| {
-        let (request, mut errors) = (parse::<ResampleRequest>(&body)?, Vec::new());
+        let (request, mut errors) = (app.parse::<ResampleRequest>(&body)?, Vec::new());
         errors.extend(request.faults);
         let count = take_given(request.count, "/count", &mut errors);
         let start = take_or_default(request.start, "/start", &mut errors);

@@ -6,10 +6,10 @@ use serde::Serialize;
 
 use super::settings::{ShapeOutput, checked};
 use crate::analysis::correspondence::Correspondence;
-use crate::api::extract::{Caller, JsonBody, NoQuery, parse};
+use crate::api::extract::{Caller, JsonBody, NoQuery};
 use crate::api::problem::{Problem, ProblemDocument};
 use crate::api::respond::{compute, json};
-use crate::formats::checked::{Checked, document, take_or_default};
+use crate::formats::checked::{Checked, LARGE, document, take_or_default};
 use crate::formats::representation::Read;
 use crate::formats::shape::{Points, ShapeInput};
 use crate::geometry::deformation::Handle;
@@ -34,10 +34,10 @@ document! {
         shape: ShapeInput, required;
         /// Control points that are moved, before the handles pull.
         #[schema(value_type = Option<Vec<ControlPointMove>>)]
-        moves: Checked<Vec<ControlPointMove>>;
+        moves: Checked<Vec<ControlPointMove>, LARGE>;
         /// Places on the shape and where they go: the shape changes as little as possible in `L₂`.
         #[schema(value_type = Option<Vec<Handle>>)]
-        handles: Checked<Vec<Handle>>;
+        handles: Checked<Vec<Handle>, LARGE>;
     }
 }
 
@@ -66,7 +66,7 @@ pub(super) async fn deform(
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
     compute(app, move |app| {
-        let (request, mut errors) = (parse::<DeformRequest>(&body)?, Vec::new());
+        let (request, mut errors) = (app.parse::<DeformRequest>(&body)?, Vec::new());
         errors.extend(request.faults);
         let representation =
             request.representation.and_then(|field| field.take("/representation", &mut errors));

@@ -11,9 +11,7 @@ use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
 use crate::analysis::frame::Frame;
 use crate::analysis::transformation::Transformation;
-use crate::api::extract::{
-    Caller, Format, JsonBody, NoQuery, OnlyFormat, Path, Prefer, Query, ShapeFormat, parse, parse_whole,
-};
+use crate::api::extract::{Caller, Format, JsonBody, NoQuery, OnlyFormat, Path, Prefer, Query, ShapeFormat};
 use crate::api::problem::{Problem, ProblemDocument};
 use crate::api::respond::{compute, json, mesh, svg};
 use crate::domain::classifier::{ClassifierKind, ClassifierSettings};
@@ -295,7 +293,7 @@ pub(super) async fn learn_dictionary(
     prefer: Prefer,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
-    let (learn, dry_run) = learn_of(parse(&body)?)?;
+    let (learn, dry_run) = learn_of(app.parse(&body)?)?;
     let Planned { plan, estimate } = dictionaries::plan(&app, learn).await?;
     if dry_run {
         let (cohort_revision, method) = (plan.revision, plan.method);
@@ -596,7 +594,8 @@ pub(super) async fn import_dictionary(
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
     let app = app.with_body(&body);
-    let file: DictionaryFile = app.pool.run(move || parse_whole(&body)).await?;
+    let reader = app.clone();
+    let file: DictionaryFile = app.pool.run(move || reader.parse_whole(&body)).await?;
     let ready = dictionary_file::import(&app, file, query.name).await?;
     let location = format!("/v1/dictionaries/{}", ready.dictionary.id);
     let response = json(StatusCode::CREATED, &DictionaryOutput::new(&ready))?;

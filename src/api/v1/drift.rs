@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use crate::api::extract::{Caller, Path, Query};
 use crate::api::problem::{Problem, ProblemDocument, ProblemKind};
 use crate::api::respond::json;
-use crate::service::drift::{self, ClassDrift, Comparison, Drift, MeanDrift, ScoreDrift, Since};
+use crate::service::drift::{self, ClassDrift, Drift, MeanDrift, MeasureDrift, ScoreDrift, Since};
 use crate::service::models;
 
 /// Which shapes are new, and which are outliers.
@@ -49,9 +49,9 @@ pub(super) struct DriftAnswer {
     /// Those beyond the training quantile of `T²` or of the squared prediction error.
     outliers: OutlierRate,
     /// Squared Mahalanobis distances of the scores; null for sparse dictionaries.
-    t_squared: Option<Comparison>,
+    t_squared: Option<MeasureDrift>,
     /// Squared prediction errors.
-    squared_prediction_error: Option<Comparison>,
+    squared_prediction_error: Option<MeasureDrift>,
     /// Scores, component by component; null for sparse dictionaries.
     scores: Option<Vec<ScoreDrift>>,
     /// The mean shape; null with fewer than two new shapes.

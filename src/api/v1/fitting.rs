@@ -7,11 +7,11 @@ use serde::Serialize;
 use super::curves::ParameterList;
 use super::settings::{ShapeOutput, checked, shapes_request};
 use crate::analysis::correspondence::Correspondence;
-use crate::api::extract::{Caller, JsonBody, NoQuery, parse};
+use crate::api::extract::{Caller, JsonBody, NoQuery};
 use crate::api::problem::{Problem, ProblemDocument};
 use crate::api::respond::{compute, json};
 use crate::formats::InputError;
-use crate::formats::checked::{Checked, List, document, take_given, take_or_default, take_value};
+use crate::formats::checked::{Checked, LARGE, Limited, List, Raw, document, take_given, take_or_default};
 use crate::formats::representation::{FitTarget, Read};
 use crate::formats::shape::{Points, ShapeInput};
 use crate::geometry::fit::Fit;
@@ -47,7 +47,7 @@ document! {
         /// Parameters of the points, one list a shape: of curves `u`, strictly increasing from 0 to 1, the arc length of the
         /// polygon unless given; of surfaces pairs of `u` and `v`, equally spaced on a grid of points unless given.
         #[schema(value_type = Option<Vec<ParameterList>>)]
-        parameters: Checked<serde_json::Value>;
+        parameters: Raw;
         /// The contours, grids or lists of points: at least as many as control points.
         #[schema(value_type = Option<Vec<ShapeInput>>)]
         shapes: List<ShapeInput>;
@@ -110,10 +110,10 @@ pub(super) async fn fit(
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
     compute(app, move |app| {
-        let (request, mut errors) = (parse::<FitRequest>(&body)?, Vec::new());
+        let (request, mut errors) = (app.parse::<FitRequest>(&body)?, Vec::new());
         errors.extend(request.faults);
         let target = request.representation.and_then(|field| field.take("/representation", &mut errors));
-        let parameters = take_given(request.parameters, "/parameters", &mut errors);
+        let parameters = request.parameters;
         let surfaces = target.as_ref().is_some_and(|target| target.representation.extent().is_some());
         let refined = target.as_ref().and_then(|target| target.representation.subdivision()).cloned();
         let turns = take_given(request.turns, "/turns", &mut errors);
@@ -137,9 +137,13 @@ pub(super) async fn fit(
         let parameters = match parameters {
             None => Some(FitParameters::None),
             Some(list) if surfaces => {
-                take_value(list, "/parameters", &mut errors).map(FitParameters::Surfaces)
+                let lists = list.read(LARGE, "/parameters", &mut errors);
+                lists.map(|Limited(lists)| FitParameters::Surfaces(lists))
             }
-            Some(list) => take_value(list, "/parameters", &mut errors).map(FitParameters::Curves),
+            Some(list) => {
+                let lists = list.read(LARGE, "/parameters", &mut errors);
+                lists.map(|Limited(lists)| FitParameters::Curves(lists))
+            }
         };
         match (&request.shapes, &request.meshes) {
             (Some(_), Some(_)) => {
@@ -276,7 +280,7 @@ pub(super) async fn refine(
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
     compute(app, move |app| {
-        let (mut request, mut errors) = (parse::<RefineRequest>(&body)?, Vec::new());
+        let (mut request, mut errors) = (app.parse::<RefineRequest>(&body)?, Vec::new());
         let (settings, shapes) = request.take_shapes(&mut errors);
         let given = request.factor.is_some();
         let factor = request.factor.map_or(Some(2), |field| field.take("/factor", &mut errors));
@@ -442,7 +446,7 @@ pub(super) async fn idealise(
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
     compute(app, move |app| {
-        let (request, mut errors) = (parse::<IdealRequest>(&body)?, Vec::new());
+        let (request, mut errors) = (app.parse::<IdealRequest>(&body)?, Vec::new());
         errors.extend(request.faults);
         let representation =
             request.representation.and_then(|field| field.take("/representation", &mut errors));

@@ -5,7 +5,7 @@ use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 
 use super::settings::{Page, PageQuery, time};
-use crate::api::extract::{Caller, JsonBody, NoQuery, Path, Query, parse};
+use crate::api::extract::{Caller, JsonBody, NoQuery, Path, Query};
 use crate::api::problem::{Problem, ProblemDocument};
 use crate::api::respond::json;
 use crate::domain::access::Role;
@@ -95,7 +95,7 @@ pub(super) async fn create_key(
     _: NoQuery,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
-    let issued = keys::create(&app, new_key(parse(&body)?)?).await?;
+    let issued = keys::create(&app, new_key(app.parse(&body)?)?).await?;
     let location = format!("/v1/keys/{}", issued.key.id);
     let output = IssuedOutput { key: issued.key.into(), secret: issued.secret.reveal().to_owned() };
     let response = json(StatusCode::CREATED, &output)?;

@@ -6,11 +6,11 @@ use serde::Serialize;
 
 use super::settings::{ShapeOutput, checked};
 use crate::analysis::correspondence::Correspondence;
-use crate::api::extract::{Caller, Format, JsonBody, OnlyFormat, parse};
+use crate::api::extract::{Caller, Format, JsonBody, OnlyFormat};
 use crate::api::problem::{Problem, ProblemDocument};
 use crate::api::respond::{compute, json, svg};
 use crate::formats::InputError;
-use crate::formats::checked::{Checked, document, take_given, take_or_default};
+use crate::formats::checked::{Checked, LARGE, document, take_given, take_or_default};
 use crate::formats::representation::Read;
 use crate::formats::shape::{Points, ShapeInput};
 use crate::formats::svg::{self as drawing, Layer, colour};
@@ -48,7 +48,7 @@ document! {
         path: Checked<PathKind>;
         /// Positions on the path: 0 is `from`, 1 is `to`, others extrapolate, within ±1000.
         #[schema(value_type = Option<Vec<f64>>)]
-        positions: Checked<Vec<f64>>;
+        positions: Checked<Vec<f64>, LARGE>;
         /// Number of equally spaced positions from 0 to 1 instead; 11 unless given.
         #[schema(value_type = Option<usize>, minimum = 2)]
         steps: Checked<usize>;
@@ -94,7 +94,7 @@ pub(super) async fn morph(
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
     compute(app, move |app| {
-        let (request, mut errors) = (parse::<MorphRequest>(&body)?, Vec::new());
+        let (request, mut errors) = (app.parse::<MorphRequest>(&body)?, Vec::new());
         errors.extend(request.faults);
         let representation =
             request.representation.and_then(|field| field.take("/representation", &mut errors));

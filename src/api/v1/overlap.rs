@@ -5,7 +5,7 @@ use axum::response::Response;
 use serde::Serialize;
 
 use super::settings::checked;
-use crate::api::extract::{Caller, JsonBody, NoQuery, parse};
+use crate::api::extract::{Caller, JsonBody, NoQuery};
 use crate::api::problem::{Problem, ProblemDocument};
 use crate::api::respond::{compute, json};
 use crate::formats::checked::{Checked, document, take_given};
@@ -80,7 +80,7 @@ pub(super) async fn overlap(
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
     compute(app, move |app| {
-        let (request, mut errors) = (parse::<OverlapRequest>(&body)?, Vec::new());
+        let (request, mut errors) = (app.parse::<OverlapRequest>(&body)?, Vec::new());
         errors.extend(request.faults);
         let spacing = take_given(request.spacing, "/spacing", &mut errors);
         let bodies = request.first.zip(request.second);

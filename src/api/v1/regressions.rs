@@ -9,7 +9,7 @@ use super::settings::RetryHeader;
 use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::Mirror;
 use crate::analysis::transformation::{ClassName, Transformation};
-use crate::api::extract::{Caller, JsonBody, OnlyFormat, Prefer, parse};
+use crate::api::extract::{Caller, JsonBody, OnlyFormat, Prefer};
 use crate::api::problem::{Problem, ProblemDocument};
 use crate::domain::regression::ShapeRegression;
 use crate::domain::shape::ShapeFilter;
@@ -87,7 +87,7 @@ pub(super) async fn regress(
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
     let app = app.with_body(&body);
-    let prepared = regressions::prepare(&app, regress_of(parse(&body)?)?).await?;
+    let prepared = regressions::prepare(&app, regress_of(app.parse(&body)?)?).await?;
     answered(app, prepared, format, prefer).await
 }
 

@@ -14,13 +14,13 @@ use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
 use crate::analysis::frame::Frame;
 use crate::analysis::transformation::{ClassName, Transformation};
-use crate::api::extract::{Caller, JsonBody, NoQuery, OnlyMatrixFormat, Path, Prefer, parse};
+use crate::api::extract::{Caller, JsonBody, NoQuery, OnlyMatrixFormat, Path, Prefer};
 use crate::api::problem::{Problem, ProblemDocument};
 use crate::api::respond::{self, compute, json};
 use crate::domain::job::JobStatus;
 use crate::domain::shape::ShapeFilter;
 use crate::formats::InputError;
-use crate::formats::checked::{Checked, List, document, take_given, take_or_default};
+use crate::formats::checked::{Checked, List, Many, document, take_given, take_many, take_or_default};
 use crate::formats::matrix::{MatrixFormat, NamedMatrix};
 use crate::formats::representation::Read;
 use crate::formats::shape::ShapeInput;
@@ -42,7 +42,7 @@ document! {
         shapes: List<ShapeInput>;
         /// Ids or external ids of shapes of the cohort, which are not neighbours of themselves.
         #[schema(value_type = Option<Vec<String>>)]
-        ids: Checked<Vec<String>>;
+        ids: Many<String>;
         /// Neighbours of every shape, 1 to 1000; 10 unless given.
         #[schema(value_type = Option<usize>, minimum = 1, maximum = 1000)]
         neighbours: Checked<usize>;
@@ -124,7 +124,8 @@ pub(super) async fn search_cohort(
     Path(key): Path<String>,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
-    let search = app.pool.run(move || search_of(parse(&body)?)).await?;
+    let reader = app.clone();
+    let search = app.pool.run(move || search_of(reader.parse(&body)?)).await?;
     let found = neighbours::search(&app, &key, search).await?;
     compute(app, move |_| {
         let result = |list: Vec<FoundNeighbour>| SearchResult {
@@ -142,7 +143,7 @@ fn search_of(request: SearchRequest) -> Result<Search, ServiceError> {
     if posted.is_some() == request.ids.is_some() {
         errors.push(InputError::new("", "give either shapes or ids"));
     }
-    let ids = take_given(request.ids, "/ids", &mut errors);
+    let ids = take_many(request.ids, "/ids", &mut errors);
     let neighbours = take_given(request.neighbours, "/neighbours", &mut errors).unwrap_or(NEIGHBOURS);
     if !(1..=MAX_NEIGHBOURS).contains(&neighbours) {
         let detail = format!("is {neighbours}, must be between 1 and {MAX_NEIGHBOURS}");
@@ -188,7 +189,7 @@ document! {
         filter: Checked<ShapeFilter>;
         /// Ids or external ids of its shapes, each once; not together with `filter`.
         #[schema(value_type = Option<Vec<String>>)]
-        ids: Checked<Vec<String>>;
+        ids: Many<String>;
         /// Whether mirror images may be matched; the rule of the cohort unless given, `forbid` for posted shapes.
         #[schema(value_type = Option<Mirror>)]
         mirror: Checked<Mirror>;
@@ -239,7 +240,8 @@ pub(super) async fn compute_distances(
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
     let app = app.with_body(&body);
-    let request = app.pool.run(move || matrix_request(parse(&body)?)).await?;
+    let reader = app.clone();
+    let request = app.pool.run(move || matrix_request(reader.parse(&body)?)).await?;
     let answer = match request {
         MatrixRequest::Posted(settings, shapes) => {
             let task_app = app.clone();
@@ -251,7 +253,7 @@ pub(super) async fn compute_distances(
         }
     };
     let job = match answer {
-        Answer::Matrix(matrix) => return Ok(respond::matrix(matrix, format)),
+        Answer::Matrix(matrix) => return Ok(respond::matrix(&app, matrix, format)?),
         Answer::Job(job) => *job,
     };
     // Who does not wait is told of the job, also when the same request has been answered before and the job is over.
@@ -266,7 +268,7 @@ pub(super) async fn compute_distances(
 
 async fn output(app: &App, job: &str, format: MatrixFormat) -> Result<Response, ServiceError> {
     let matrix: NamedMatrix = distances::output(app, job).await?;
-    Ok(respond::matrix(matrix, format))
+    respond::matrix(app, matrix, format)
 }
 
 /// A request for a matrix whose fields are in order.
@@ -286,7 +288,7 @@ fn matrix_request(mut request: DistancesRequest) -> Result<MatrixRequest, Servic
     let direction = take_or_default(request.direction, "/direction", &mut errors).unwrap_or_default();
     let cohort = take_given(request.cohort, "/cohort", &mut errors);
     let filter = take_or_default(request.filter, "/filter", &mut errors).unwrap_or_default();
-    let ids = take_given(request.ids, "/ids", &mut errors);
+    let ids = take_many(request.ids, "/ids", &mut errors);
     let mirror = take_given(request.mirror, "/mirror", &mut errors);
     let transformation = take_given(request.transformation, "/transformation", &mut errors);
     let alignment = take_or_default(request.alignment, "/alignment", &mut errors).unwrap_or_default();

@@ -6,13 +6,14 @@ use axum::extract::Request;
 use axum::http::StatusCode;
 use axum::response::Response;
 use serde::{Deserialize, Serialize};
+use serde_json::value::RawValue;
 
 use super::cohorts::{once_each, refuse_rest, take_filter};
 use super::settings::{IfMatchHeader, Page, PageQuery, RetryHeader, checked, time};
 use crate::api::body::{self, is_stream};
 use crate::api::extract::{
     Caller, Format, IfMatch, NoQuery, OnlyShapeFormat, Path, Query, ShapeFormat, ShapeFormatQuery, is_json,
-    media_type, parse,
+    media_type,
 };
 use crate::api::problem::{FaultDocument, Problem, ProblemDocument, ProblemKind};
 use crate::api::respond::{compute, json, mesh, svg};
@@ -73,6 +74,7 @@ impl From<Stored> for AddAnswer {
 pub(super) struct AddQuery {
     /// `abort` (nothing is stored) unless given, or `skip` (the good shapes are stored).
     #[serde(default)]
+    #[param(inline)]
     on_error: OnError,
 }
 
@@ -101,13 +103,13 @@ pub(super) async fn add_shapes(
     let cohort = cohorts::find(&app, &key).await?;
     let stored = match found.as_str() {
         lines if is_stream(lines) => {
-            ingest::add_stream(&app, cohort, request.into_body().into_data_stream(), query.on_error, expected)
+            ingest::add_stream(&app, cohort, body::pieces(request.into_body()), query.on_error, expected)
                 .await?
         }
         json if is_json(json) => {
             let body = body::read(&app, request.into_body()).await?;
             let app = app.with_body(&body);
-            let AddRequest { shapes, faults: mut errors } = app.pool.read(body, parse).await?;
+            let AddRequest { shapes, faults: mut errors } = app.read(body).await?;
             let shapes = shapes.unwrap_or_default().take("/shapes", &mut errors);
             let ((), shapes) = checked(Some(()), errors, shapes)?;
             ingest::add(&app, cohort, shapes, query.on_error, expected).await?
@@ -139,7 +141,7 @@ pub(super) struct StoredShape {
     weight: f64,
     /// As given.
     #[schema(value_type = Option<Object>)]
-    metadata: Option<serde_json::Value>,
+    metadata: Option<Box<RawValue>>,
     /// Coefficients in the representation of the cohort.
     control_points: Points,
     /// RFC 3339 UTC.
@@ -156,7 +158,7 @@ impl StoredShape {
             label: attributes.label,
             labels: attributes.labels,
             weight: attributes.weight,
-            metadata: attributes.metadata,
+            metadata: attributes.metadata.and_then(|text| RawValue::from_string(text).ok()),
             control_points: Points::from_columns(control_points, cohort.representation.dimension()),
             created_at: time(created_at_ms),
         }

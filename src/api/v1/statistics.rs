@@ -9,7 +9,6 @@ use super::settings::{MeanOutput, ShapeOutput, checked, rows, settings_request};
 use crate::analysis::alignment::{AlignedShape, Projection, unwhitened};
 use crate::api::extract::{
     Caller, Format, JsonBody, NoQuery, OnlyFormat, OnlyShapeFormat, Query, ShapeFormat, ShapeFormatQuery,
-    parse,
 };
 use crate::api::problem::{Problem, ProblemDocument};
 use crate::api::respond::{compute, json, mesh, svg};
@@ -117,7 +116,7 @@ pub(super) async fn project(
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
     compute(app, move |app| {
-        let (mut request, mut errors) = (parse::<ProjectRequest>(&body)?, Vec::new());
+        let (mut request, mut errors) = (app.parse::<ProjectRequest>(&body)?, Vec::new());
         let (settings, shapes) = request.take_settings(&mut errors);
         let onto = take_or_default(request.onto, "/onto", &mut errors);
         let whole = settings.zip(onto).zip(request.reference);
@@ -165,7 +164,7 @@ async fn answer(
     write: impl Fn(&Statistics) -> Result<Response, ServiceError> + Send + 'static,
 ) -> Result<Response, Problem> {
     compute(app, move |app| {
-        let (mut request, mut errors) = (parse::<StatisticsRequest>(&body)?, Vec::new());
+        let (mut request, mut errors) = (app.parse::<StatisticsRequest>(&body)?, Vec::new());
         let (settings, shapes) = request.take_settings(&mut errors);
         let (settings, shapes) = checked(settings, errors, shapes)?;
         let statistics = compute::align(app, &settings, shapes)?;
@@ -339,7 +338,7 @@ pub(super) async fn pca(
         if !(0.0..=10.0).contains(&sigma) {
             return Err(ServiceError::Query(format!("sigma is {sigma}, must be between 0 and 10")));
         }
-        let (mut request, mut errors) = (parse::<PcaRequest>(&body)?, Vec::new());
+        let (mut request, mut errors) = (app.parse::<PcaRequest>(&body)?, Vec::new());
         let (settings, shapes) = request.take_settings(&mut errors);
         let count = take_given(request.components, "/components", &mut errors).unwrap_or(10);
         let centre = take_or_default(request.centre, "/centre", &mut errors).unwrap_or_default();

@@ -5,7 +5,7 @@ use axum::response::Response;
 use serde::Serialize;
 
 use super::settings::checked;
-use crate::api::extract::{Caller, Format, JsonBody, OnlyShapeFormat, ShapeFormat, ShapeFormatQuery, parse};
+use crate::api::extract::{Caller, Format, JsonBody, OnlyShapeFormat, ShapeFormat, ShapeFormatQuery};
 use crate::api::problem::{Problem, ProblemDocument};
 use crate::api::respond::{compute, json, mesh_file, svg};
 use crate::formats::InputError;
@@ -151,7 +151,7 @@ pub(super) async fn subdivide(
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
     compute(app, move |app| {
-        let (mut request, mut errors) = (parse::<SubdivideRequest>(&body)?, Vec::new());
+        let (mut request, mut errors) = (app.parse::<SubdivideRequest>(&body)?, Vec::new());
         errors.append(&mut request.faults);
         let scheme = request.take_scheme(&mut errors);
         let depth = request.take_depth(&mut errors);

@@ -26,7 +26,7 @@ async fn fill(store: &Store) -> Cohort {
     store.create_cohort(&hands, Some(&Receipt { request, outcome: json!({"id": 1}) })).await.unwrap();
     let mut shapes: Vec<_> = (0..6).map(|i| named(i, &format!("e{i}"))).collect();
     shapes[1].attributes.weight = 0.1;
-    shapes[2].attributes.metadata = Some(json!({"π": [0.1, null, "\u{0}"]}));
+    shapes[2].attributes.metadata = Some(json!({"π": [0.1, null, "\u{0}"]}).to_string());
     store_all(store, &hands, shapes).await;
     store_all(store, &hands, vec![shape(9)]).await;
     let first = store.find_shape(&hands.id, "e0").await.unwrap().unwrap();

@@ -20,9 +20,14 @@ pub(super) fn of(shape: &NewShape) -> [u8; 32] {
     put_object(&mut hasher, attributes.labels.iter().collect());
     match &attributes.metadata {
         None => put_text(&mut hasher, None),
-        Some(value) => put_value(&mut hasher, value),
+        Some(text) => put_value(&mut hasher, &value_of(text)),
     }
     *hasher.finalize().as_bytes()
+}
+
+/// What is no JSON, which nobody stores, counts as a text.
+fn value_of(text: &str) -> Value {
+    serde_json::from_str(text).unwrap_or_else(|_| Value::from(text))
 }
 
 fn put_length(hasher: &mut Hasher, length: usize) {
