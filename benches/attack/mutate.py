@@ -13,6 +13,10 @@ SCALES = [1, 1, 1, 1e-158, 1e-8, 1e-3, 1e6, 1e15, 1e99]
 PLACES = [0, 0, 0, 1, 1000, 1e6, 1e15]
 KINDS = ["circle", "round", "random", "walk", "zigzag", "line", "collapsed", "spike", "sphere"]
 TINY = [[], {}, 0, None, "", [[]], {"a": 1}, [0, 0], [0, 1, 2]]
+# What addresses take, where the document has no list of it.
+WORDS = {"format": ["json", "svg", "csv", "npy", "obj", "ply", "stl", "gltf"], "grid": ["2,2", "64,64", "500,500", "1,100000"],
+         "limit": [1, 100, 1000], "transformation": ["similarity", "affine", "rigid"], "alignment": ["projection", "procrustes"],
+         "poles": ["[[0,0],[0,0.5],[0,-0.5]]"]}
 TEXTS = ["a", "\u202e", "\u0000", "é", "[", "\""]
 
 Node = namedtuple("Node", "parent key value schemas")
@@ -199,7 +203,8 @@ class Mutator:
 
     def grow(self, found, _):
         """What is repeated more often, or an item of a list many times."""
-        node = self.pick(found, lambda n: is_directive(n.value) and ("times" in n.value or "$points" in n.value) or isinstance(n.value, list) and n.value)
+        grows = lambda value: "times" in value or "$points" in value if is_directive(value) else isinstance(value, list) and value
+        node = self.pick(found, lambda n: grows(n.value))
         if node is None:
             return
         if isinstance(node.value, list):
@@ -213,7 +218,8 @@ class Mutator:
 
     def tiny(self, found, _):
         """A list of very many very small things."""
-        node = self.pick(found, lambda n: isinstance(n.value, list) or any(schema.get("type") in ("array", ["array", "null"]) for schema in n.schemas))
+        may_be_list = lambda n: any(schema.get("type") in ("array", ["array", "null"]) for schema in n.schemas)
+        node = self.pick(found, lambda n: isinstance(n.value, list) or may_be_list(n))
         self.put(node, [{"$repeat": self.random.choice(TINY), "times": self.random.choice(COUNTS[8:])}])
 
     def large(self, found, _):
@@ -280,9 +286,8 @@ class Mutator:
         if name in query and self.random.random() < 0.3:
             del query[name]
             return
-        words = {"format": ["json", "svg", "csv", "npy", "obj", "ply", "stl", "gltf"], "grid": ["2,2", "64,64", "500,500", "1,100000"], "limit": [1, 100, 1000],
-                 "transformation": ["similarity", "affine", "rigid"], "alignment": ["projection", "procrustes"], "poles": ["[[0,0],[0,0.5],[0,-0.5]]"]}
-        value = self.random.choice(words[name]) if name in words and self.random.random() < 0.8 else self.schemas.instance(schema, self.random)
+        known = name in WORDS and self.random.random() < 0.8
+        value = self.random.choice(WORDS[name]) if known else self.schemas.instance(schema, self.random)
         query[name] = str(value)[:2000]
 
 

@@ -60,7 +60,8 @@ def furnish(service, key):
     for name, representation in COHORTS.items():
         service.post("/v1/cohorts", {"name": name, "representation": representation}, key)
         count = representation.get("control_points") or representation["points"]
-        shapes = [{"external_id": f"s{k}", "label": "ab"[k % 2], "subject": f"p{k // 2}", "labels": {"age": k}, "points": outline(count, k)} for k in range(60)]
+        shapes = [{"external_id": f"s{k}", "label": "ab"[k % 2], "subject": f"p{k // 2}", "labels": {"age": k},
+                   "points": outline(count, k)} for k in range(60)]
         service.post(f"/v1/cohorts/{name}/shapes", {"shapes": shapes}, key)
     classifier = {"kind": "discriminant", "attribute": "label", "repeats": 1}
     pca = {"kind": "functional_pca", "components": 3, "centre": True}

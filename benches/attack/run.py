@@ -281,7 +281,8 @@ class Run:
         self.target.fresh()
         service, over, statuses = self.target.service, threading.Event(), Counter()
         chosen = self.random.sample(pool, min(60, len(pool)))
-        requests = [(search.operation.method, *wired(request, search.operation, self.target, self.target.things.made_for(search.operation.name)))
+        made_for = self.target.things.made_for
+        requests = [(search.operation.method, *wired(request, search.operation, self.target, made_for(search.operation.name)))
                     for search, request in chosen]
 
         def client(number):
@@ -385,21 +386,29 @@ def summary(report):
     return "\n".join(line for _, line in sorted(lines, reverse=True))
 
 
+def row(cells):
+    """A row of a Markdown table."""
+    return "| " + " | ".join(str(cell) for cell in cells) + " |"
+
+
 def table(paths):
     """The runs of docs/reliability.md, and below them the worst of each operation of the last one."""
-    rows = ["| program | minutes | seed | requests | broken promises | peak memory, MB | small requests meanwhile | p50, p99, max, ms |", "| " + " | ".join(["---"] * 8) + " |"]
+    heads = ["program", "minutes", "seed", "requests", "broken promises", "peak memory, MB", "small requests meanwhile", "p50, p99, max, ms"]
+    rows = [row(heads), row(["---"] * len(heads))]
     reports = [json.loads(Path(path).read_text()) for path in paths]
     for found in reports:
         tiny = found["tiny requests of another tenant"]
         times = ", ".join("–" if tiny[name] is None else f"{tiny[name]:.1f}" for name in ("ms p50", "ms p99", "ms max"))
         meanwhile = f"{tiny['requests']}, of these not answered {tiny['requests'] - tiny['statuses'].get('200', 0)}"
-        rows.append(f"| {found['program']} | {found['minutes']:g} | {found['seed']} | {found['evaluated']} | {len(found['broken'])} | {found['peak MB']} | {meanwhile} | {times} |")
-    rows += ["", "| operation | requests | worst processor time | worst time | worst memory |", "| --- | --- | --- | --- | --- |"]
+        cells = [found["program"], found["minutes"], found["seed"], found["evaluated"], len(found["broken"]), found["peak MB"], meanwhile, times]
+        rows.append(row(cells))
+    rows += ["", row(["operation", "requests", "worst processor time", "worst time", "worst memory"]), row(["---"] * 5)]
     for name, found in sorted(reports[-1]["operations"].items()):
         if worst := found["worst"]:
             cpu, wall, memory = worst["cpu"], worst["seconds"], worst["mb"]
-            rows.append(f"| {name} | {found['evaluated']} | {cpu['cpu']:.2f} s of {cpu['bytes']} B: {cpu['status']} | {wall['seconds']:.2f} s of {wall['bytes']} B: {wall['status']} "
-                        f"| {memory['mb']:.0f} MB of {memory['bytes']} B: {memory['status']} |")
+            rows.append(row([name, found["evaluated"], f"{cpu['cpu']:.2f} s of {cpu['bytes']} B: {cpu['status']}",
+                             f"{wall['seconds']:.2f} s of {wall['bytes']} B: {wall['status']}",
+                             f"{memory['mb']:.0f} MB of {memory['bytes']} B: {memory['status']}"]))
     return "\n".join(rows)
 
 

@@ -84,11 +84,11 @@ class Recipe:
         if "body" not in request:
             return None, 0
         plain = (self.text(request["body"]) + " " * int(self.number(request.get("pad"), 0))).encode()
-        return (gzip.compress(plain, LEVEL, mtime=0) if request.get("gzip") else plain), len(plain)
+        return (gzip.compress(plain, LEVEL, mtime=0) if self.number(request.get("gzip")) else plain), len(plain)
 
     def _lines(self, request):
         """Pieces of text one after the other, each so many times; compressed as they are made, for they may be gigabytes."""
-        packer = zlib.compressobj(LEVEL, wbits=31) if request.get("gzip") else None
+        packer = zlib.compressobj(LEVEL, wbits=31) if self.number(request.get("gzip")) else None
         chunks, size = [], 0
         for piece in request["raw"]:
             text, times = piece["text"].encode(), int(self.number(piece.get("times"), 1))

@@ -37,8 +37,10 @@ SMALL = {"seconds": 30, "mb": 512}
 TIMELESS = {"seconds": SMALL["seconds"]}
 # Without an answer in this time a request hangs, however busy the machine is.
 HANG_SECONDS = 60
-# What any request may take beside its body, in bytes: buffers of the connection, stacks of threads that wake up, the allocator's pages.
-SLACK = 32 * MIB
+# What any request may take beside its body, in bytes, however long that is: 100 000 shapes of a list (--max-shapes) that are kept before it
+# is refused, of 336 B each, and buffers of the connection, stacks of threads that wake up, pages of the allocator. What is sent is long
+# enough to pass it if it is not bounded.
+SLACK = 64 * MIB
 # Memory that a service may keep between two cases: beyond it the next one gets a process of its own.
 AT_REST = 8 * MIB
 
@@ -74,7 +76,9 @@ def load(bounds):
             keep = small.pop("keep", None)
             found = list(variants(case))
             if keep and keep < len(found):
-                found = [found[k * len(found) // keep] for k in range(keep)]
+                # Spread over all, and not in step with the last of the lists.
+                stride = len(found) // keep
+                found = [found[k * len(found) // keep + k % stride] for k in range(keep)]
             for variant in found:
                 variables = {**case.get("vars", {}), **small, **variant}
                 # Time is bounded as the case says only where the program is built for speed.
@@ -149,7 +153,7 @@ def request_of(case, service):
     headers = {fill(name): fill(value) for name, value in case.get("headers", {}).items()}
     if body is not None:
         headers.setdefault("content-type", "application/json")
-        if case.get("gzip"):
+        if Recipe(variables).number(case.get("gzip")):
             headers["content-encoding"] = "gzip"
     path = fill(case.get("path", ""))
     if long := case.get("path_long"):
@@ -253,7 +257,8 @@ def now_text(figures):
     if "says" in figures:
         return figures["says"]
     cpu = f"{figures['cpu']:.2f} CPU s"
-    return f"{figures['status']}, {cpu}, {figures['mb']:.0f} MB" + (f", answers {size_text(figures['answer'])}" if figures["answer"] > 1e6 else "")
+    large = f", answers {size_text(figures['answer'])}" if figures["answer"] > 1e6 else ""
+    return f"{figures['status']}, {cpu}, {figures['mb']:.0f} MB{large}"
 
 
 def examine(attack, case):
@@ -271,17 +276,22 @@ def examine(attack, case):
     return ("FAIL" if wrong else "ok"), figures, wrong
 
 
+def bytes_text(case, figures):
+    """What was sent."""
+    size = figures.get("bytes") or case.get("before", {}).get("bytes")
+    return size_text(size) if size else "–"
+
+
 def line_text(verdict, case, figures, wrong):
     """One line a case."""
-    size = figures.get("bytes") or case.get("before", {}).get("bytes")
-    text = f"{verdict:4} {case['finding']:5} {case['name']} | {size_text(size) if size else '–'} | before: {before_text(case)} | now: {now_text(figures)}"
-    return text + "".join(f"\n       {what}" for what in wrong)
+    parts = [f"{verdict:4} {case['finding']:5} {case['name']}", bytes_text(case, figures), f"before: {before_text(case)}", f"now: {now_text(figures)}"]
+    return " | ".join(parts) + "".join(f"\n       {what}" for what in wrong)
 
 
 def table_row(verdict, case, figures, wrong):
     """One row a case."""
-    size = figures.get("bytes") or case.get("before", {}).get("bytes")
-    cells = [case["finding"], case["name"], size_text(size) if size else "–", before_text(case), now_text(figures) + (" **" + wrong[0] + "**" if wrong else "")]
+    now = now_text(figures) + (f" **{wrong[0]}**" if wrong else "")
+    cells = [case["finding"], case["name"], bytes_text(case, figures), before_text(case), now]
     return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
 
 
@@ -289,7 +299,8 @@ def replayed(path):
     """Requests that were saved by a search."""
     saved = json.loads(Path(path).read_text())
     requests = saved if isinstance(saved, list) else saved["requests"]
-    return [{"finding": "saved", "name": f"{r['method']} {r['path']}", "variables": {}, "bounds": FULL, "expect": range(200, 504), **r} for r in requests]
+    case = {"finding": "saved", "variables": {}, "bounds": FULL, "expect": range(200, 504)}
+    return [{**case, "name": f"{found['method']} {found['path']}", **found} for found in requests]
 
 
 def main():

@@ -295,7 +295,8 @@ def heavy_request(kind, n):
     shapes = [{"$repeat": walk(1), "times": 150, "vary": True}]
     if kind == "align":
         landmarks = {"kind": "landmarks", "dimension": 3, "points": n}
-        return "/v1/align", recipe({"representation": landmarks, "transformation": "similarity", "alignment": "procrustes", "shapes": shapes}, gzip=True)
+        body = {"representation": landmarks, "transformation": "similarity", "alignment": "procrustes", "shapes": shapes}
+        return "/v1/align", recipe(body, gzip=True)
     return "/v1/pca", recipe({"representation": curve, "transformation": "affine", "components": 50, "shapes": shapes}, gzip=True)
 
 
@@ -325,7 +326,8 @@ def heavy_beside_tiny(attack, kind, heavy, n, seconds, p99_ms):
         wrong = [f"{count} tiny requests: {status}" for status, count in found["statuses"].items() if status != "200"]
         if p99 > p99_ms:
             wrong.append(f"p99 {p99:.0f} ms, expected at most {p99_ms}")
-        says = f"{len(found['latencies'])} tiny: p50 {p50:.1f}, p99 {p99:.1f} ms, statuses {found['statuses']}; {statuses.count(200)} heavy done, {statuses.count(503)} refused"
+        tiny = f"{len(found['latencies'])} tiny: p50 {p50:.1f}, p99 {p99:.1f} ms, statuses {found['statuses']}"
+        says = f"{tiny}; {statuses.count(200)} heavy done, {statuses.count(503)} refused"
         wrong.extend(f"in the log: {line[:200]}" for line in service.faults())
         return {"bytes": len(body), "says": says}, wrong
 
@@ -654,7 +656,8 @@ def ready_while_stopping(attack):
     with started(attack) as (service, _):
         with socket.create_connection(service.address, timeout=30) as upload:
             headers = {"content-type": "application/x-ndjson"}
-            upload.sendall(head(service.address, "POST", "/v1/cohorts/attacked/shapes", 1 << 20, headers) + b'{"points": [[0, 0], [4, 0], [4, 1]]}\n')
+            first = head(service.address, "POST", "/v1/cohorts/attacked/shapes", 1 << 20, headers)
+            upload.sendall(first + b'{"points": [[0, 0], [4, 0], [4, 1]]}\n')
             time.sleep(0.5)
             service.process.terminate()
             statuses, end = [], time.monotonic() + 3
