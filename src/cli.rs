@@ -92,10 +92,30 @@ fn serve(args: ServeArgs) -> Result<(), String> {
 }
 
 fn runtime() -> Result<tokio::runtime::Runtime, String> {
-    tokio::runtime::Builder::new_multi_thread()
+    let runtime = tokio::runtime::Builder::new_multi_thread()
         .enable_all()
         .build()
-        .map_err(|error| format!("the async runtime does not start: {error}"))
+        .map_err(|error| format!("the async runtime does not start: {error}"))?;
+    {
+        let _inside = runtime.enter();
+        outlive_file_limit()?;
+    }
+    Ok(runtime)
+}
+
+/// A file that has reached the limit of its size (`ulimit -f`) cannot be written any more, which is answered; without this the
+/// signal that comes with it ends the process.
+#[cfg(unix)]
+fn outlive_file_limit() -> Result<(), String> {
+    use tokio::signal::unix::{SignalKind, signal};
+    let kind = SignalKind::from_raw(rustix::process::Signal::XFSZ.as_raw());
+    // Once it is heard it stays so, whoever listens.
+    signal(kind).map(drop).map_err(|error| format!("signals cannot be heard: {error}"))
+}
+
+#[cfg(not(unix))]
+fn outlive_file_limit() -> Result<(), String> {
+    Ok(())
 }
 
 fn key(command: keys::KeyCommand) -> Result<(), String> {

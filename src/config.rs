@@ -8,12 +8,13 @@ use std::time::Duration;
 use clap::{Args, ValueEnum};
 use serde::Deserialize;
 
-use crate::opening::Place;
+use crate::opening::{self, Place};
 use crate::server::ConnectionLimits;
 use crate::service::access::AccessSettings;
 use crate::service::access::tokens::TokenSettings;
 use crate::service::{Limits, memory};
 use crate::worker::Places;
+use crate::worker::tidy::Terms;
 
 /// Most jobs at once: each has threads of its own.
 const MAX_JOBS: usize = 64;
@@ -85,8 +86,12 @@ serve_settings! {
     listen: SocketAddr = "SHAPELEX_LISTEN", SocketAddr::from(([127, 0, 0, 1], 8080));
     /// Folder of the embedded store, made when missing
     data_dir: PathBuf = "SHAPELEX_DATA_DIR", PathBuf::from("shapelex-data");
+    /// Start although the newest part of the embedded store is missing, and go on with what is left
+    accept_loss: bool = "SHAPELEX_ACCEPT_LOSS", false;
     /// Address of a PostgreSQL database (`postgres://…`) to use instead of the embedded one; any number of processes may share it
     database_url: String = "DATABASE_URL", String::new();
+    /// File with the address of the PostgreSQL database, in place of the address itself
+    database_url_file: PathBuf = "SHAPELEX_DATABASE_URL_FILE", PathBuf::new();
     /// Most connections of this process to PostgreSQL
     database_connections: u32 = "SHAPELEX_DATABASE_CONNECTIONS", 16;
     /// Compute threads; 0 takes one per core
@@ -157,8 +162,12 @@ serve_settings! {
     rate_per_second: u32 = "SHAPELEX_RATE_PER_SECOND", Limits::default().rate_per_second;
     /// Requests that a caller may make at once; 0 takes twice those of a second
     rate_burst: u32 = "SHAPELEX_RATE_BURST", Limits::default().rate_burst;
+    /// Requests without a valid key from one address in a minute that are answered 401, more are answered 429; 0 does not count them
+    refusals_per_minute: u32 = "SHAPELEX_REFUSALS_PER_MINUTE", Limits::default().refusals_per_minute;
     /// Days that entries of the audit trail are kept
     audit_days: u32 = "SHAPELEX_AUDIT_DAYS", 365;
+    /// Whether also requests that only read are refused while the audit trail cannot be written
+    audit_required: bool = "SHAPELEX_AUDIT_REQUIRED", false;
     /// Address of the identity provider whose bearer tokens are accepted: their claim `iss`; empty for none
     oidc_issuer: String = "SHAPELEX_OIDC_ISSUER", String::new();
     /// Who the tokens must be for: their claim `aud`
@@ -169,6 +178,8 @@ serve_settings! {
     oidc_role_claim: String = "SHAPELEX_OIDC_ROLE_CLAIM", "roles".into();
     /// Claim with the tenant; empty when all are of the default one
     oidc_tenant_claim: String = "SHAPELEX_OIDC_TENANT_CLAIM", String::new();
+    /// Whether only tokens are accepted that say they are access tokens (`typ: at+jwt`, RFC 9068)
+    oidc_require_at_jwt: bool = "SHAPELEX_OIDC_REQUIRE_AT_JWT", false;
     /// Seconds by which the clocks of the provider and the service may differ, at most 300
     oidc_leeway_seconds: u64 = "SHAPELEX_OIDC_LEEWAY_SECONDS", 30;
     /// Whether /metrics is shown to everyone
@@ -218,6 +229,7 @@ impl ServeConfig {
                 .max(self.max_matrix_bytes),
             rate_per_second: self.rate_per_second,
             rate_burst: self.rate_burst,
+            refusals_per_minute: self.refusals_per_minute,
             light_time: seconds(self.light_seconds),
             compute_time: seconds(self.compute_seconds),
             ..Limits::default()
@@ -235,6 +247,7 @@ impl ServeConfig {
             database_url: self.database_url.clone(),
             database_connections: self.database_connections.max(MIN_CONNECTIONS),
             data_dir: self.data_dir.clone(),
+            accepts_loss: self.accept_loss,
         }
     }
 
@@ -250,12 +263,18 @@ impl ServeConfig {
         }
     }
 
+    /// How long things are kept.
+    pub fn terms(&self) -> Terms {
+        Terms { trash_days: self.trash_days, audit_days: self.audit_days }
+    }
+
     /// Where jobs run.
     pub fn places(&self) -> Places {
         Places { jobs: self.jobs, threads: self.threads }
     }
 
-    fn check(self) -> Result<Self, String> {
+    fn check(mut self) -> Result<Self, String> {
+        self.database_url = opening::database_url(&self.database_url, Some(&self.database_url_file))?;
         if self.jobs.get() > MAX_JOBS {
             return Err(format!("jobs is {}, must be at most {MAX_JOBS}", self.jobs));
         }
@@ -298,6 +317,7 @@ impl ServeConfig {
             role_claim: self.oidc_role_claim.clone(),
             tenant_claim: given(&self.oidc_tenant_claim),
             leeway_s: self.oidc_leeway_seconds,
+            access_only: self.oidc_require_at_jwt,
         });
         AccessSettings { loopback: self.listen.ip().is_loopback(), metrics_open: self.metrics_open, tokens }
     }

@@ -18,7 +18,8 @@ use utoipa::openapi::path::{Operation, PathItem};
 use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityRequirement, SecurityScheme};
 use utoipa::openapi::{ContentBuilder, OpenApi, Ref, ResponseBuilder};
 
-use super::observe::Asker;
+use super::observe::{self, Asker};
+use super::origin;
 use super::problem::{Problem, ProblemKind};
 use crate::domain::access::{Principal, Role, is_loopback};
 use crate::service::App;
@@ -118,6 +119,7 @@ const OPERATIONS: &[(Needs, &[&str])] = &[
     (
         Needs::Role(Role::Admin),
         &[
+            "DELETE /v1/audit",
             "DELETE /v1/keys/{key}",
             "DELETE /v1/trash/{id}",
             "GET /v1/audit",
@@ -152,7 +154,8 @@ pub async fn admit(Extension(app): Extension<App>, mut request: Request, next: N
         needs => needs,
     };
     let Needs::Role(role) = needs else { return next.run(request).await };
-    match identify(&app, shown(request.headers())).await {
+    let quiet = app.trail.refusals().is_loud(observe::network(&request));
+    match identify(&app, shown(request.headers()), quiet).await {
         Ok(principal) => {
             let (allowed, principal) = (check(&principal, role, &request), Arc::new(principal));
             if let Some(asker) = request.extensions().get::<Asker>() {
@@ -188,6 +191,14 @@ fn check(principal: &Principal, role: Role, request: &Request) -> Result<(), Pro
         return refuse(
             "without keys the service answers only to requests whose Host header is a loopback name or address".into(),
         );
+    }
+    if principal.is_local()
+        && let Some(header) = origin::foreign(request.uri(), request.headers())
+    {
+        return refuse(format!(
+            "without keys the service answers no page of another site or port: expected the own origin in {header}; \
+             make a key, and the page may show it"
+        ));
     }
     if principal.role < role {
         let (key, found, needed) = (&principal.key, principal.role.as_str(), role.as_str());

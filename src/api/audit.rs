@@ -1,15 +1,16 @@
 //! Every request under `/v1` is entered in the audit trail, also one that reads and one that is refused.
 //!
 //! This stands outside of access control: who was refused is recorded, too. What may change something is answered when its
-//! entry is on disk.
+//! entry is on disk, and is not begun while entries cannot be written. Requests without a known caller are counted by
+//! address and minute, and the first of them has an entry.
 
 use std::collections::{BTreeMap, HashMap};
-use std::net::SocketAddr;
+use std::net::{IpAddr, SocketAddr};
 use std::sync::Arc;
 
 use axum::extract::{ConnectInfo, FromRequestParts, RawPathParams, Request, State};
 use axum::http::request::Parts;
-use axum::http::{Method, header};
+use axum::http::{HeaderName, HeaderValue, Method, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use utoipa::openapi::OpenApi;
@@ -19,7 +20,7 @@ use super::observe::{self, Asker};
 use super::problem::Problem;
 use crate::domain::access::Role;
 use crate::domain::audit::Entry;
-use crate::service::audit::Trail;
+use crate::service::audit::{Recording, Trail};
 use crate::service::now_ms;
 
 /// What is recorded.
@@ -30,6 +31,9 @@ const MAX_OBJECT_CHARS: usize = 256;
 const MAX_METHOD_CHARS: usize = 32;
 /// What stands in place of a path parameter for the id of what a request has created.
 const CREATED: &str = "created";
+/// The header of an answer that is not in the trail, and what it says.
+const AUDIT: HeaderName = HeaderName::from_static("shapelex-audit");
+const UNRECORDED: HeaderValue = HeaderValue::from_static("unrecorded");
 /// What the middleware needs.
 #[derive(Debug, Clone)]
 pub struct Recorder {
@@ -67,22 +71,74 @@ impl Recorder {
 
 /// Records the request.
 pub async fn record(State(recorder): State<Recorder>, request: Request, next: Next) -> Response {
-    if !request.uri().path().starts_with(RECORDED) {
-        return next.run(request).await;
-    }
     let asker = request.extensions().get::<Asker>().cloned().unwrap_or_default();
+    let is_probe = observe::route(&request).is_some_and(observe::is_probe);
+    if !request.uri().path().starts_with(RECORDED) {
+        let (network, id) = (observe::network(&request), observe::request_id(&request).to_owned());
+        let response = next.run(request).await;
+        if response.status().is_client_error() && asker.principal().is_none() && !is_probe {
+            count(&recorder.trail, &asker, network, reason(&response), &id, false);
+        }
+        return response;
+    }
     let (mut parts, body) = request.into_parts();
     let objects = objects(&mut parts).await;
     let request = Request::from_parts(parts, body);
-    let mut open = Open { entry: Some(recorder.entry(&request, objects)), asker, trail: &recorder.trail };
+    let entry = recorder.entry(&request, objects);
+    if may_change_something(&entry)
+        && let Err(error) = recorder.trail.check()
+    {
+        return Problem::from(error).into_response();
+    }
+    let network = observe::network(&request);
+    let mut open = Open { entry: Some(entry), asker, network, trail: &recorder.trail };
     let response = next.run(request).await;
-    let Some(entry) = open.close(&response) else { return response };
-    let surely = may_have_changed_something(&entry);
-    let recorded =
-        if surely { recorder.trail.record_surely(entry).await } else { recorder.trail.record(entry).await };
-    match recorded {
-        Ok(()) => response,
-        Err(error) => Problem::from(error).into_response(),
+    match open.close(&response) {
+        Some(entry) => recorder.answer(entry, response).await,
+        None => response,
+    }
+}
+
+/// Counts a request without a known caller; whether it is the first of its address in a minute.
+fn count(
+    trail: &Trail,
+    asker: &Asker,
+    network: Option<IpAddr>,
+    reason: &'static str,
+    id: &str,
+    has_entry: bool,
+) -> bool {
+    if trail.refusals().is_loud(network) {
+        asker.hush();
+    }
+    trail.refusals().count(network, reason, id, has_entry, now_ms())
+}
+
+/// Why a request was refused, in the words of its problem document.
+fn reason(response: &Response) -> &'static str {
+    match response.extensions().get::<Problem>() {
+        Some(problem) => problem.kind().code(),
+        None if response.status().is_success() => "answered",
+        None => "refused",
+    }
+}
+
+impl Recorder {
+    /// The answer, once its entry is where it must be.
+    async fn answer(&self, entry: Entry, mut response: Response) -> Response {
+        let recorded = if may_have_changed_something(&entry) {
+            self.trail.record_surely(entry).await.map(|()| Recording::Kept)
+        } else {
+            self.trail.record(entry).await
+        };
+        match recorded {
+            Ok(Recording::Kept) => response,
+            Ok(Recording::Counted) => {
+                response.headers_mut().insert(AUDIT, UNRECORDED);
+                response
+            }
+            Err(error) => Problem::from(error).into_response(),
+        }
     }
 }
 
@@ -115,13 +171,14 @@ async fn objects(parts: &mut Parts) -> BTreeMap<String, String> {
 struct Open<'a> {
     entry: Option<Entry>,
     asker: Asker,
+    network: Option<IpAddr>,
     trail: &'a Arc<Trail>,
 }
 
 impl Open<'_> {
-    /// The entry of the answered request.
+    /// The entry of the answered request; none when it was only counted.
     fn close(&mut self, response: &Response) -> Option<Entry> {
-        let mut entry = self.take()?;
+        let mut entry = self.take(reason(response))?;
         entry.status = Some(response.status().as_u16());
         let created = response.headers().get(header::LOCATION).and_then(|place| place.to_str().ok());
         if let Some((_, id)) =
@@ -132,26 +189,27 @@ impl Open<'_> {
         Some(entry)
     }
 
-    fn take(&mut self) -> Option<Entry> {
+    /// The entry of a request with a known caller; others are counted, with the `reason` why they ended, and the first of an
+    /// address has an entry. Whose objects they would be is not known, and nobody else shall read their names.
+    fn take(&mut self, reason: &'static str) -> Option<Entry> {
         let mut entry = self.entry.take()?;
         entry.at_ms = now_ms();
-        match self.asker.principal() {
-            Some(principal) => {
-                entry.tenant.clone_from(&principal.tenant);
-                entry.key = Some(principal.key.clone());
-                entry.subject.clone_from(&principal.subject);
-                entry.objects.extend(self.asker.touched().ids());
-            }
-            // Whose objects they would be is not known, and nobody else shall read their names.
-            None => entry.objects.clear(),
-        }
+        let Some(principal) = self.asker.principal() else {
+            let is_first = count(self.trail, &self.asker, self.network, reason, &entry.request_id, true);
+            entry.objects.clear();
+            return is_first.then_some(entry);
+        };
+        entry.tenant.clone_from(&principal.tenant);
+        entry.key = Some(principal.key.clone());
+        entry.subject.clone_from(&principal.subject);
+        entry.objects.extend(self.asker.touched().ids());
         Some(entry)
     }
 }
 
 impl Drop for Open<'_> {
     fn drop(&mut self) {
-        if let Some(entry) = self.take() {
+        if let Some(entry) = self.take("gone") {
             let trail = Arc::clone(self.trail);
             tokio::spawn(async move {
                 if let Err(error) = trail.record(entry).await {
@@ -168,11 +226,16 @@ impl Drop for Open<'_> {
 /// Whether the answer has to wait for the entry: what only computes, and what was refused, has changed nothing.
 fn may_have_changed_something(entry: &Entry) -> bool {
     let refused = entry.status.is_some_and(|status| (400..500).contains(&status));
+    !refused && may_change_something(entry)
+}
+
+/// Whether a request of this kind changes something.
+fn may_change_something(entry: &Entry) -> bool {
     let reads = matches!(entry.method.as_str(), "GET" | "HEAD" | "OPTIONS");
     let needs = entry.route.as_deref().and_then(|route| access::listed(&entry.method, route));
     // What a reader may ask stores nothing.
     let computes = needs == Some(Needs::Role(Role::Reader));
-    !(refused || reads || computes)
+    !(reads || computes || entry.route.is_none())
 }
 
 #[cfg(test)]

@@ -2,7 +2,7 @@
 //!
 //! * [`v1`] — the resources;
 //! * [`problem`] — every refusal as a problem document (RFC 9457);
-//! * [`access`] — who calls, and what they may;
+//! * [`access`] — who calls, and what they may; [`origin`] — pages of other sites; [`headers`] — what browsers are told;
 //! * [`overload`] — how long requests may take, and how often callers may ask;
 //! * [`body`] — bodies in memory; [`answers`] — answers in memory; [`drain`] — refused bodies are read to their end;
 //! * [`observe`], [`audit`] — every request is counted, logged and recorded; [`metrics`] — what was counted;
@@ -17,9 +17,11 @@ pub mod body;
 mod document;
 pub mod drain;
 pub mod extract;
+pub mod headers;
 pub mod health;
 pub mod metrics;
 pub mod observe;
+pub mod origin;
 pub mod overload;
 pub mod problem;
 pub mod respond;
@@ -103,7 +105,8 @@ pub fn router(app: App) -> Router {
     let recorder = audit::Recorder::new(Arc::clone(&app.trail), &document);
     let request_id = HeaderName::from_static(observe::REQUEST_ID);
     let middleware = ServiceBuilder::new()
-        .layer(axum::middleware::from_fn(observe::plain_request_id))
+        .layer(from_fn(headers::secure))
+        .layer(from_fn(observe::plain_request_id))
         .layer(SetRequestIdLayer::new(request_id.clone(), MakeRequestUuid))
         .layer(from_fn(observe::observe))
         .layer(PropagateRequestIdLayer::new(request_id))

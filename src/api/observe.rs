@@ -1,13 +1,15 @@
 //! Every request is counted and has a line in the log: id, method, route template, status, time and key. Never its path,
 //! query or body.
 
+use std::net::{IpAddr, SocketAddr};
 use std::pin::Pin;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::task::{Context, Poll};
 use std::time::{Duration, Instant};
 
 use axum::body::{Body, Bytes, HttpBody};
-use axum::extract::{MatchedPath, Request};
+use axum::extract::{ConnectInfo, MatchedPath, Request};
 use axum::http::{HeaderValue, Method, StatusCode};
 use axum::middleware::Next;
 use axum::response::Response;
@@ -15,7 +17,7 @@ use http_body::{Frame, SizeHint};
 use metrics::{Counter, Label, counter, gauge, histogram};
 use tracing::{Instrument, Span};
 
-use crate::domain::access::Principal;
+use crate::domain::access::{self, Principal};
 use crate::service::audit::Touched;
 use crate::service::metrics::{HTTP_BYTES_IN, HTTP_BYTES_OUT, HTTP_DURATION, HTTP_IN_FLIGHT, HTTP_REQUESTS};
 
@@ -28,11 +30,18 @@ const UNMATCHED: &str = "unmatched";
 /// What is asked again and again by machines: the log has it at level debug.
 const PROBES: [&str; 3] = ["/livez", "/readyz", "/metrics"];
 
+/// Whether machines ask for the route with this template again and again.
+pub fn is_probe(route: &str) -> bool {
+    PROBES.contains(&route)
+}
+
 /// Where the layers inside leave who calls, and for what, for those around them.
 #[derive(Debug, Clone, Default)]
 pub struct Asker {
     principal: Arc<OnceLock<Arc<Principal>>>,
     touched: Touched,
+    /// Whether the request has no line of its own in the log.
+    hushed: Arc<AtomicBool>,
 }
 
 impl Asker {
@@ -45,6 +54,15 @@ impl Asker {
     /// The objects it is about.
     pub fn touched(&self) -> &Touched {
         &self.touched
+    }
+
+    /// The log has the request only at level debug: it is one of many of nobody.
+    pub fn hush(&self) {
+        self.hushed.store(true, Ordering::Relaxed);
+    }
+
+    fn is_hushed(&self) -> bool {
+        self.hushed.load(Ordering::Relaxed)
     }
 
     /// Who calls, once that is known.
@@ -68,6 +86,12 @@ pub async fn plain_request_id(mut request: Request, next: Next) -> Response {
 /// The id of the request.
 pub fn request_id(request: &Request) -> &str {
     request.headers().get(REQUEST_ID).and_then(|id| id.to_str().ok()).unwrap_or_default()
+}
+
+/// Whose requests are counted with this one.
+pub fn network(request: &Request) -> Option<IpAddr> {
+    let peer = request.extensions().get::<ConnectInfo<SocketAddr>>();
+    peer.map(|ConnectInfo(peer)| access::network(peer.ip()))
 }
 
 /// The template of the path.
@@ -153,7 +177,7 @@ impl Exchange {
         let duration_ms = milliseconds(self.begun.elapsed());
         let key = self.asker.principal().map(|principal| principal.key.as_str());
         let what = if status.is_some() { "answered" } else { "the client went away" };
-        if PROBES.contains(&self.route.as_str()) {
+        if is_probe(&self.route) || self.asker.is_hushed() {
             tracing::debug!(parent: &self.span, status, duration_ms, key, "{what}");
         } else {
             tracing::info!(parent: &self.span, status, duration_ms, key, "{what}");

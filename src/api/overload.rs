@@ -1,18 +1,19 @@
 //! What holds when there is too much: how long a request may take, and how often a caller may ask.
 
-use std::net::{IpAddr, Ipv6Addr, SocketAddr};
+use std::net::IpAddr;
 use std::num::NonZeroU32;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
 
-use axum::extract::{ConnectInfo, Request};
+use axum::extract::Request;
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use governor::clock::{Clock, DefaultClock};
 use governor::{DefaultKeyedRateLimiter, Quota, RateLimiter};
 
+use super::observe;
 use super::problem::{Problem, ProblemKind};
 use crate::domain::access::Principal;
 use crate::service::Limits;
@@ -30,6 +31,7 @@ pub struct Edge {
     light: Duration,
     compute: Duration,
     rates: Option<Rates>,
+    refusals: Option<Rates>,
 }
 
 impl Edge {
@@ -41,7 +43,13 @@ impl Edge {
             light: limits.light_time,
             compute: limits.compute_time,
             rates: Rates::new(limits.rate_per_second, limits.rate_burst),
+            refusals: Rates::of_refusals(limits.refusals_per_minute),
         })
+    }
+
+    /// Counts a request that access control has refused; the answer to one too many.
+    fn refuse_unknown(&self, caller: &Caller) -> Option<Response> {
+        [&self.rates, &self.refusals].into_iter().flatten().find_map(|rates| rates.refuse(caller))
     }
 
     /// Those that the request carries.
@@ -94,12 +102,7 @@ impl Caller {
     }
 
     fn at(request: &Request) -> Option<Self> {
-        let ConnectInfo(peer) = request.extensions().get::<ConnectInfo<SocketAddr>>()?;
-        Some(Self::Address(match peer.ip() {
-            // Whoever has one address of such a network has all of them.
-            IpAddr::V6(address) => Ipv6Addr::from_bits(address.to_bits() >> 64 << 64).into(),
-            address @ IpAddr::V4(_) => address,
-        }))
+        observe::network(request).map(Self::Address)
     }
 }
 
@@ -107,7 +110,8 @@ impl Caller {
 #[derive(Debug)]
 struct Rates {
     limiter: DefaultKeyedRateLimiter<Caller>,
-    per_second: u32,
+    /// In words: so many of what in which time.
+    rate: String,
     checks: AtomicU32,
 }
 
@@ -116,8 +120,20 @@ impl Rates {
     fn new(per_second: u32, burst: u32) -> Option<Self> {
         let rate = NonZeroU32::new(per_second)?;
         let burst = NonZeroU32::new(burst).unwrap_or(rate.saturating_add(per_second));
-        let limiter = RateLimiter::keyed(Quota::per_second(rate).allow_burst(burst));
-        Some(Self { limiter, per_second, checks: AtomicU32::new(0) })
+        let quota = Quota::per_second(rate).allow_burst(burst);
+        Some(Self::of_quota(quota, format!("{per_second} requests a second")))
+    }
+
+    /// Of requests that access control refuses; none when `per_minute` is 0.
+    fn of_refusals(per_minute: u32) -> Option<Self> {
+        let quota = Quota::per_minute(NonZeroU32::new(per_minute)?);
+        let rate =
+            format!("{per_minute} requests a minute from this address were refused for want of a valid key");
+        Some(Self::of_quota(quota, rate))
+    }
+
+    fn of_quota(quota: Quota, rate: String) -> Self {
+        Self { limiter: RateLimiter::keyed(quota), rate, checks: AtomicU32::new(0) }
     }
 
     /// Counts a request; the answer to one too many.
@@ -128,12 +144,12 @@ impl Rates {
         }
         let early = self.limiter.check_key(caller).err()?;
         let wait = early.wait_time_from(DefaultClock::default().now());
-        Some(refusal(self.per_second, wait.as_secs() + 1))
+        Some(refusal(&self.rate, wait.as_secs() + 1))
     }
 }
 
-fn refusal(per_second: u32, seconds: u64) -> Response {
-    let detail = format!("more than {per_second} requests a second; the next is accepted in {seconds} s");
+fn refusal(rate: &str, seconds: u64) -> Response {
+    let detail = format!("more than {rate}; the next is looked at in {seconds} s");
     let mut response = Problem::new(ProblemKind::TooManyRequests, detail).into_response();
     response.headers_mut().insert(header::RETRY_AFTER, HeaderValue::from(seconds));
     response
@@ -150,18 +166,22 @@ pub async fn count(request: Request, next: Next) -> Response {
 }
 
 /// Counts the requests that access control refuses, outside of it, for the address they come from: who tries keys is
-/// told no more than that.
+/// told no more than that. A valid key is never refused for what others of its address have sent.
 pub async fn count_refused(request: Request, next: Next) -> Response {
     let counted = Edge::of(&request).zip(Caller::at(&request));
     let response = next.run(request).await;
     if response.status() != StatusCode::UNAUTHORIZED {
         return response;
     }
-    counted.and_then(|(edge, caller)| edge.rates.as_ref()?.refuse(&caller)).unwrap_or(response)
+    counted.and_then(|(edge, caller)| edge.refuse_unknown(&caller)).unwrap_or(response)
 }
 
 #[cfg(test)]
 mod tests {
+    use std::net::SocketAddr;
+
+    use axum::extract::ConnectInfo;
+
     use super::*;
 
     #[test]

@@ -7,7 +7,7 @@ use clap::{Args, Subcommand};
 
 use crate::domain::access::{DEFAULT_TENANT, Principal, Role, tenant_problem};
 use crate::domain::key::Key;
-use crate::opening::Place;
+use crate::opening::{self, Place};
 use crate::service::access::keys::{self, NewKey};
 use crate::service::{App, Limits, ServiceError, now_ms};
 
@@ -41,6 +41,9 @@ pub(super) struct CreateArgs {
     /// Days until it ends; it does not end unless given
     #[arg(long, value_name = "N")]
     expires_in_days: Option<u32>,
+    /// File with the text of the key, drawn elsewhere (`shk_`, 32 hexadecimal digits, `_`, 64 more): then only its id is printed
+    #[arg(long, value_name = "FILE")]
+    secret_file: Option<PathBuf>,
     #[command(flatten)]
     at: WhereArgs,
 }
@@ -64,6 +67,9 @@ pub(super) struct WhereArgs {
     /// Address of the PostgreSQL database, when it is not the embedded one
     #[arg(long, env = "DATABASE_URL", hide_env_values = true, default_value = "")]
     database_url: String,
+    /// File with that address, in place of the address itself
+    #[arg(long, env = "SHAPELEX_DATABASE_URL_FILE", value_name = "FILE")]
+    database_url_file: Option<PathBuf>,
 }
 
 fn role(word: &str) -> Result<Role, String> {
@@ -99,21 +105,28 @@ impl WhereArgs {
             return Err(format!("the tenant '{}' {problem}", self.tenant));
         }
         let place = Place {
-            database_url: self.database_url.clone(),
+            database_url: opening::database_url(&self.database_url, self.database_url_file.as_deref())?,
             database_connections: CONNECTIONS,
             data_dir: self.data_dir.clone(),
+            accepts_loss: false,
         };
         let app = App::new(place.attach().await?, Limits::default(), 1);
         Ok(app.of(Arc::new(Principal::system(&self.tenant))))
     }
 }
 
-/// The secret alone: `KEY=$(shapelex key create …)`.
+/// The secret alone: `KEY=$(shapelex key create …)`; of a secret that was given, the id.
 async fn create(app: &App, args: CreateArgs) -> Result<String, ServiceError> {
     let cohorts = (!args.cohorts.is_empty()).then_some(args.cohorts);
     let new = NewKey { name: args.name, role: args.role, cohorts, expires_in_days: args.expires_in_days };
-    let issued = keys::create(app, new).await?;
-    Ok(format!("{}\n", issued.secret.reveal()))
+    let Some(file) = args.secret_file else {
+        let issued = keys::create(app, new).await?;
+        return Ok(format!("{}\n", issued.secret.reveal()));
+    };
+    let text = std::fs::read_to_string(&file)
+        .map_err(|error| ServiceError::Query(format!("{}: {error}", file.display())))?;
+    let key = keys::create_given(app, new, text.trim()).await?;
+    Ok(format!("{}\n", key.id))
 }
 
 /// A line a key, its parts separated by tabs.

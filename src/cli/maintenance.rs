@@ -6,6 +6,8 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
 
+use crate::opening;
+use crate::service::clock;
 use crate::store::maintenance::{self, Checked, MaintenanceError, Site};
 use crate::store::{Store, StoreError};
 
@@ -49,6 +51,8 @@ pub(super) enum Maintenance {
         #[command(flatten)]
         at: At,
     },
+    /// Believe the clock of this machine as it is, also beside the running service: what is due by it may be removed again
+    ConfirmClock(At),
     /// Read an export into an empty store; all or nothing
     Import {
         /// File that `export` wrote; `-` is standard input
@@ -67,11 +71,15 @@ pub(super) struct At {
     /// Address of the PostgreSQL database, when it is not the embedded one
     #[arg(long, env = "DATABASE_URL", hide_env_values = true, default_value = "")]
     database_url: String,
+    /// File with that address, in place of the address itself
+    #[arg(long, env = "SHAPELEX_DATABASE_URL_FILE", value_name = "FILE")]
+    database_url_file: Option<PathBuf>,
 }
 
 impl At {
-    fn site(self) -> Site {
-        if self.database_url.is_empty() { Site::Folder(self.data_dir) } else { Site::Url(self.database_url) }
+    fn site(self) -> Result<Site, String> {
+        let url = opening::database_url(&self.database_url, self.database_url_file.as_deref())?;
+        Ok(if url.is_empty() { Site::Folder(self.data_dir) } else { Site::Url(url) })
     }
 }
 
@@ -89,19 +97,25 @@ pub(super) enum Outcome {
 /// Why not, in one sentence.
 pub(super) async fn run(command: Maintenance) -> Result<Outcome, String> {
     let done = match command {
-        Maintenance::Check(at) => check(&at.site()).await,
-        Maintenance::Backup { file, at } => back_up(&file, &at.site()).await,
+        Maintenance::Check(at) => check(&at.site()?).await,
+        Maintenance::Backup { file, at } => back_up(&file, &at.site()?).await,
         Maintenance::Restore { file, data_dir } => restore(&file, &data_dir).await,
-        Maintenance::Migrate { check: true, at } => versions(&at.site()).await,
-        Maintenance::Migrate { check: false, at } => migrate(&at.site()).await,
-        Maintenance::Export { file, at } => export(&file, &at.site()).await,
-        Maintenance::Import { file, at } => import(&file, &at.site()).await,
+        Maintenance::Migrate { check: true, at } => versions(&at.site()?).await,
+        Maintenance::Migrate { check: false, at } => migrate(&at.site()?).await,
+        Maintenance::ConfirmClock(at) => confirm_clock(&at.site()?).await,
+        Maintenance::Export { file, at } => export(&file, &at.site()?).await,
+        Maintenance::Import { file, at } => import(&file, &at.site()?).await,
     };
     done.map_err(|error| sentence(&error))
 }
 
 async fn check(site: &Site) -> Result<Outcome, MaintenanceError> {
     let store = match Store::inspect(site).await {
+        Err(MaintenanceError::Store(error @ StoreError::Older { .. })) => {
+            say(&error.to_string());
+            say("the store was not read any further: 1 finding");
+            return Ok(Outcome::Findings);
+        }
         // So badly damaged that it does not open.
         Err(MaintenanceError::Store(StoreError::Damaged { detail })) => {
             say(&detail);
@@ -221,6 +235,14 @@ async fn import(file: &Path, site: &Site) -> Result<Outcome, MaintenanceError> {
     };
     store.close().await;
     say(&format!("imported {} rows", rows?));
+    Ok(Outcome::Done)
+}
+
+async fn confirm_clock(site: &Site) -> Result<Outcome, MaintenanceError> {
+    let store = Store::inspect(site).await?;
+    let shows = clock::confirm(&store).await?;
+    store.close().await;
+    say(&format!("the clock is believed: it shows {shows}"));
     Ok(Outcome::Done)
 }
 

@@ -1,6 +1,6 @@
 //! Who asks: a tenant, a role, and the cohorts that are open to them.
 
-use std::net::IpAddr;
+use std::net::{IpAddr, Ipv6Addr};
 
 use serde::{Deserialize, Serialize};
 
@@ -97,9 +97,30 @@ pub fn is_loopback(host: &str) -> bool {
         || bare.parse::<IpAddr>().is_ok_and(|address| address.is_loopback())
 }
 
+/// Whose addresses are counted together: of IPv6 the network of 64 bits, as whoever has one address of it has all of them.
+pub fn network(address: IpAddr) -> IpAddr {
+    match address.to_canonical() {
+        IpAddr::V6(address) => Ipv6Addr::from_bits(address.to_bits() >> 64 << 64).into(),
+        address @ IpAddr::V4(_) => address,
+    }
+}
+
+/// A network of [`network`] for people.
+pub fn network_text(network: IpAddr) -> String {
+    if network.is_ipv6() { format!("{network}/64") } else { network.to_string() }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn addresses_of_one_network_are_counted_together() {
+        let network = |text: &str| network_text(network(text.parse().unwrap()));
+        assert_eq!(network("2001:db8:0:1:aa::1"), "2001:db8:0:1::/64");
+        assert_eq!(network("::ffff:10.1.2.3"), "10.1.2.3");
+        assert_eq!(network("10.1.2.3"), "10.1.2.3");
+    }
 
     #[test]
     fn roles_are_ordered_and_have_words() {

@@ -79,6 +79,11 @@ impl Secret {
         Self(format!("{MARK}{id}_{digits}"))
     }
 
+    /// A text that somebody else has drawn, with the id of its key; none when it has not the form of a key.
+    pub fn given(text: &str) -> Option<(String, Self)> {
+        Some((claimed_id(text)?, Self(text.to_owned())))
+    }
+
     /// To be shown once.
     pub fn reveal(&self) -> &str {
         &self.0
@@ -104,6 +109,15 @@ fn digest_of(text: &str) -> blake3::Hash {
 pub fn claimed_id(text: &str) -> Option<String> {
     let (id, secret) = text.strip_prefix(MARK)?.split_once('_')?;
     (has_digits(id, ID_DIGITS) && has_digits(secret, SECRET_DIGITS)).then(|| format!("{}_{id}", id::KEY))
+}
+
+/// Whether the character changes how what stands around it is shown, or is not shown at all: controls (C0, C1), the marks and
+/// overrides of the direction of writing, breaks of lines and paragraphs, and characters without width. A name with one can look
+/// like another name.
+pub fn is_deceptive(c: char) -> bool {
+    let is_format = matches!(c,
+        '\u{61c}' | '\u{200b}'..='\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2060}'..='\u{206f}' | '\u{feff}');
+    c.is_control() || is_format
 }
 
 /// Whether `text` has the form of an id of a key.
@@ -132,6 +146,17 @@ mod tests {
             revoked_at_ms: None,
             used_at_ms: None,
         }
+    }
+
+    #[test]
+    fn characters_that_deceive_are_known() {
+        for c in [
+            '\0', '\n', '\u{7f}', '\u{85}', '\u{200e}', '\u{202e}', '\u{2066}', '\u{2069}', '\u{feff}',
+            '\u{2028}',
+        ] {
+            assert!(is_deceptive(c), "{c:?}");
+        }
+        assert!(!"Łódź pipeline – 第一 (א)".chars().any(is_deceptive));
     }
 
     #[test]

@@ -11,8 +11,11 @@ mod tls;
 use std::sync::Arc;
 use std::time::Duration;
 
+use axum::http::HeaderValue;
+use axum::http::header::STRICT_TRANSPORT_SECURITY;
 use tokio::net::TcpListener;
 use tokio_util::sync::CancellationToken;
+use tower_http::set_header::SetResponseHeaderLayer;
 
 pub(crate) use self::connections::ConnectionLimits;
 use self::connections::Connections;
@@ -20,17 +23,23 @@ use self::tls::Certificate;
 use crate::api;
 use crate::config::ServeConfig;
 use crate::service::access::{self, Access};
-use crate::service::{App, example, jobs, metrics};
+use crate::service::{App, clock, example, jobs, metrics};
 use crate::worker::{Worker, tidy};
 
 /// Longest time for requests to finish after a stop was asked for.
 const DRAIN: Duration = Duration::from_secs(20);
+
+/// Browsers that were here by TLS come by nothing else for a year.
+const TLS_ONLY: HeaderValue = HeaderValue::from_static("max-age=31536000");
+/// Longest time for the store to put everything into one file.
+const CLOSE: Duration = Duration::from_secs(5);
 
 /// Runs until the process is asked to stop.
 ///
 /// # Errors
 /// What keeps the service from starting, in one sentence.
 pub(crate) async fn serve(config: ServeConfig) -> Result<(), String> {
+    clock::check()?;
     let store = config.place().open().await?;
     metrics::start();
     tokio::spawn(metrics::upkeep());
@@ -39,12 +48,12 @@ pub(crate) async fn serve(config: ServeConfig) -> Result<(), String> {
     app.memory.watch();
     access::check_start(&app, config.listen).await?;
     let is_open = access::is_open(&app).await.map_err(|error| error.to_string())?;
-    app.trail.start(&app.store, config.audit_days);
+    app.trail.start(&app.store, config.audit_required);
     let trail = Arc::clone(&app.trail);
     if !config.no_example {
         example::load_into_empty(&app).await.map_err(|error| format!("the example cohort: {error}"))?;
     }
-    tokio::spawn(tidy::keep_tidy(app.clone(), config.trash_days));
+    tokio::spawn(tidy::keep_tidy(app.clone(), config.terms()));
     // Before anyone can know that the service is there: a signal that nobody hears ends the process at once.
     let asked_to_stop = stop_signal().map_err(|error| format!("signals cannot be heard: {error}"))?;
     let listener = TcpListener::bind(config.listen)
@@ -67,7 +76,11 @@ pub(crate) async fn serve(config: ServeConfig) -> Result<(), String> {
     }
     let (stopping, worker) = (app.clone(), Worker::start(&app, config.places(), jobs::run));
     let stop = CancellationToken::new();
-    let connections = Connections::new(api::router(app), tls, &config.connections(), stop.clone());
+    let mut router = api::router(app);
+    if tls.is_some() {
+        router = router.layer(SetResponseHeaderLayer::overriding(STRICT_TRANSPORT_SECURITY, TLS_ONLY));
+    }
+    let connections = Connections::new(router, tls, &config.connections(), stop.clone());
     let mut served = tokio::spawn(connections.serve(listener));
     tokio::select! {
         // It ends when it is stopped, or by a bug.
@@ -86,6 +99,9 @@ pub(crate) async fn serve(config: ServeConfig) -> Result<(), String> {
         }
     };
     trail.close().await;
+    if tokio::time::timeout(CLOSE, stopping.store.close()).await.is_err() {
+        tracing::warn!("the store is still at work after {} s; nothing is lost", CLOSE.as_secs());
+    }
     outcome
 }
 

@@ -179,7 +179,7 @@ async fn find_as_expected(app: &App, key: &str, expected: Option<&Expected>) -> 
 pub async fn delete(app: &App, key: &str, expected: Option<Expected>) -> Result<(), ServiceError> {
     let cohort = find_as_expected(app, key, expected.as_ref()).await?;
     let revision = expected.map(|_| cohort.revision);
-    if app.store.trash_cohort(&cohort.id, revision, now_ms()).await? {
+    if app.store.trash_cohort(&cohort.id, revision, app.clock.stamp_ms()).await? {
         app.prepared.forget(&cohort.id);
         return Ok(());
     }

@@ -362,7 +362,7 @@ pub async fn delete(app: &App, key: &str) -> Result<(), ServiceError> {
     let mut deleted = false;
     for id in &ids {
         app.touched.note("dictionary_id", id);
-        deleted |= app.store.trash_dictionary(id, super::now_ms()).await?;
+        deleted |= app.store.trash_dictionary(id, app.clock.stamp_ms()).await?;
         app.models.forget(id);
     }
     if deleted { Ok(()) } else { Err(not_found()) }

@@ -44,6 +44,8 @@ const CACHE_LOOKUPS: &str = "shapelex_cache_lookups_total";
 const AUDIT_WAITING: &str = "shapelex_audit_waiting";
 const AUDIT_WRITTEN: &str = "shapelex_audit_entries_total";
 const AUDIT_FAILURES: &str = "shapelex_audit_write_failures_total";
+const AUDIT_LOST: &str = "shapelex_audit_entries_lost_total";
+const CLOCK: &str = "shapelex_clock_believed";
 const BUILD_INFO: &str = "shapelex_build_info";
 
 /// What a metric is.
@@ -101,6 +103,8 @@ pub const METRICS: &[(&str, Kind, &str)] = &[
     (AUDIT_WAITING, Kind::Gauge, "Audit entries that are not on disk yet"),
     (AUDIT_WRITTEN, Kind::Counter, "Audit entries that are on disk"),
     (AUDIT_FAILURES, Kind::Counter, "Groups of audit entries that could not be written and are tried again"),
+    (AUDIT_LOST, Kind::Counter, "Reads that are not in the audit trail because it could not be written"),
+    (CLOCK, Kind::Gauge, "Whether the clock is believed: while it is 0, nothing is removed for its age"),
     (BUILD_INFO, Kind::Gauge, "1, with the version, commit, compiler and database engine as labels"),
 ];
 
@@ -150,7 +154,7 @@ fn describe() {
 
 /// Counters of rare events stand at zero before the first one: an alert on their rise sees it.
 fn begin_at_zero() {
-    for name in [JOBS_CANCELLED, JOBS_ABANDONED, JOB_CLAIMS_LOST, AUDIT_WRITTEN, AUDIT_FAILURES] {
+    for name in [JOBS_CANCELLED, JOBS_ABANDONED, JOB_CLAIMS_LOST, AUDIT_WRITTEN, AUDIT_FAILURES, AUDIT_LOST] {
         counter!(name).absolute(0);
     }
     for kind in store::ERROR_KINDS {
@@ -163,6 +167,7 @@ fn begin_at_zero() {
     }
     gauge!(AUDIT_WAITING).set(0.0);
     gauge!(HTTP_IN_FLIGHT).set(0.0);
+    gauge!(CLOCK).set(1.0);
 }
 
 /// All metrics as text, those of the database as they are now.
@@ -275,4 +280,14 @@ pub(super) fn audit_written(count: usize) {
 /// A group of audit entries could not be written.
 pub(super) fn audit_failed() {
     counter!(AUDIT_FAILURES).increment(1);
+}
+
+/// A read is answered without an entry.
+pub(super) fn audit_lost() {
+    counter!(AUDIT_LOST).increment(1);
+}
+
+/// Whether what the clock shows is believed.
+pub(super) fn clock_is_believed(is_believed: bool) {
+    gauge!(CLOCK).set(if is_believed { 1.0 } else { 0.0 });
 }

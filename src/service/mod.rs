@@ -10,6 +10,7 @@
 //! * [`subdivisions`], [`subdivision_fitting`] — those of subdivision surfaces; [`spaces`] — their spaces, kept prepared;
 //! * [`overlap`] — how two bodies or masks overlap;
 //! * [`morph`], [`deform`] — paths between two shapes; handles that pull at one;
+//! * [`clock`] — whether the clock can be believed;
 //! * [`audit`] — the trail of all requests; [`metrics`] — what is counted; [`build`] — what the program was made from;
 //! * [`cohorts`], [`ingest`] — cohorts and their shapes;
 //! * [`live_mean`] — the mean of a stored cohort, streamed;
@@ -23,13 +24,14 @@
 //! * [`retries`] — requests that are sent again; [`changes`] — the feed; [`trash`] — what can come back;
 //! * [`memory`] — what the process may take, and who holds it;
 //! * [`membership`] — classes and subjects of a cohort; [`classify`] — classifiers in use;
-//! * [`problem`] — what was refused, as a document.
+//! * [`problem`] — what was refused, as a document; [`refusals`] — requests of nobody, counted.
 
 pub mod access;
 pub mod audit;
 pub mod build;
 pub mod changes;
 pub mod classify;
+pub mod clock;
 pub mod coding;
 pub mod cohorts;
 pub mod comparisons;
@@ -64,6 +66,7 @@ pub mod pool;
 pub mod posted;
 pub mod prepared;
 pub mod problem;
+pub mod refusals;
 pub mod regressions;
 pub mod retries;
 pub mod spaces;
@@ -138,6 +141,9 @@ pub struct Limits {
     pub rate_per_second: u32,
     /// Requests of a caller at once; 0 means twice those of a second.
     pub rate_burst: u32,
+    /// Requests from an address in a minute that access control refuses with 401 before it refuses with 429; 0 does not count
+    /// them.
+    pub refusals_per_minute: u32,
     /// Time for a request that only reads what is stored.
     pub light_time: Duration,
     /// Time for a request that computes.
@@ -170,6 +176,9 @@ impl Default for Limits {
             answer_bytes: 144 << 20,
             rate_per_second: 0,
             rate_burst: 0,
+            // Whoever is let in is never counted: this only tells those who are not to slow down. A client with a wrong key that
+            // tries five times a second still hears what is wrong.
+            refusals_per_minute: 300,
             light_time: Duration::from_secs(30),
             compute_time: Duration::from_secs(120),
         }
@@ -208,6 +217,8 @@ pub struct App {
     pub touched: audit::Touched,
     /// Where requests are recorded.
     pub trail: Arc<audit::Trail>,
+    /// What is known of the machine's clock.
+    clock: Arc<clock::Clock>,
     /// Jobs that run or are watched.
     jobs: Arc<jobs::registry::Registry>,
     draining: CancellationToken,
@@ -231,6 +242,7 @@ impl App {
             retry: None,
             touched: audit::Touched::default(),
             trail: Arc::default(),
+            clock: Arc::default(),
             jobs: Arc::default(),
             draining: CancellationToken::new(),
             memory: memory::Memory::new(limits.quota()),

@@ -15,6 +15,9 @@ const SCOPE: &str = "audit";
 /// Entries that are read or removed at a time.
 const PIECE: u64 = 2000;
 
+/// Beginning and end of the trail of a tenant.
+const HEAD: &str = "SELECT * FROM audit_head WHERE tenant = $1";
+
 /// How much the order of the entries may differ from that of their times: they wait in groups, and the clocks of several
 /// machines differ.
 const DISORDER_MS: i64 = 60_000;
@@ -41,6 +44,9 @@ impl Store {
     /// # Errors
     /// Those of the database; then none of them is stored.
     pub async fn append_audit(&self, entries: &[Entry]) -> Result<(), StoreError> {
+        if entries.is_empty() {
+            return Ok(());
+        }
         let mut of_tenants: BTreeMap<&str, Vec<&Entry>> = BTreeMap::new();
         for entry in entries {
             of_tenants.entry(&entry.tenant).or_default().push(entry);
@@ -50,6 +56,7 @@ impl Store {
             append(&mut transaction, tenant, &entries).await?;
         }
         transaction.commit().await?;
+        self.mark_entries(entries.len());
         Ok(())
     }
 
@@ -101,17 +108,35 @@ impl Store {
     pub async fn prune_audit(&self, before_ms: i64) -> Result<u64, StoreError> {
         let mut removed = 0;
         for Chain { tenant, .. } in self.audit_chains().await? {
-            loop {
-                let mut transaction = self.begin_write(SCOPE).await?;
-                let piece = prune(&mut transaction, &tenant, before_ms).await?;
-                transaction.commit().await?;
-                removed += piece;
-                if piece == 0 {
-                    break;
-                }
-            }
+            removed += self.prune_audit_of(&tenant, before_ms).await?;
         }
         Ok(removed)
+    }
+
+    /// Removes the entries before `before_ms` from the beginning of the trail of a tenant; how many they were.
+    ///
+    /// # Errors
+    /// Those of the database; what is removed then stays removed, and the trail stays whole.
+    pub async fn prune_audit_of(&self, tenant: &str, before_ms: i64) -> Result<u64, StoreError> {
+        let mut removed = 0;
+        loop {
+            let mut transaction = self.begin_write(SCOPE).await?;
+            let piece = prune(&mut transaction, tenant, before_ms).await?;
+            transaction.commit().await?;
+            removed += piece;
+            if piece == 0 {
+                return Ok(removed);
+            }
+        }
+    }
+
+    /// Place and link of the last entry that was removed from the trail of a tenant; 0 and [`FIRST_LINK`] when none was.
+    ///
+    /// # Errors
+    /// Those of the database.
+    pub async fn audit_beginning(&self, tenant: &str) -> Result<(u64, Digest), StoreError> {
+        let head = sql(self.reader(), HEAD).bind(tenant).optional().await?;
+        head.map_or(Ok((0, FIRST_LINK)), |head| Ok(read_chain(&head)?.from))
     }
 
     /// Follows every trail from its beginning to its head.
@@ -213,14 +238,14 @@ async fn append(transaction: &mut Transaction, tenant: &str, entries: &[&Entry])
 
 /// Inside a transaction: removes the oldest entries of a tenant, at most [`PIECE`]; how many they were.
 async fn prune(transaction: &mut Transaction, tenant: &str, before_ms: i64) -> Result<u64, StoreError> {
-    const HEAD: &str = "SELECT * FROM audit_head WHERE tenant = $1";
     const YOUNG: &str =
         "SELECT sequence FROM audit WHERE tenant = $1 AND at_ms >= $2 ORDER BY sequence LIMIT 1";
     const LAST: &str = "SELECT digest FROM audit WHERE tenant = $1 AND sequence = $2";
     const REMOVE: &str = "DELETE FROM audit WHERE tenant = $1 AND sequence <= $2";
     const REMEMBER: &str =
         "UPDATE audit_head SET removed_sequence = $2, removed_digest = $3 WHERE tenant = $1";
-    let Chain { from, to, .. } = read_chain(&sql(&mut *transaction, HEAD).bind(tenant).one().await?)?;
+    let Some(head) = sql(&mut *transaction, HEAD).bind(tenant).optional().await? else { return Ok(0) };
+    let Chain { from, to, .. } = read_chain(&head)?;
     let young: Option<i64> =
         sql(&mut *transaction, YOUNG).bind(tenant).bind(before_ms).optional_scalar().await?;
     let old = young.map_or(to.0, |young| from_sql(young - 1));

@@ -82,6 +82,15 @@ impl Pools {
         }
     }
 
+    /// Folds the write-ahead log of an embedded database into its file and empties it: who then copies the file has everything.
+    pub(super) async fn fold_log(&self) -> Result<(), sqlx::Error> {
+        const FOLD: &str = "PRAGMA wal_checkpoint(TRUNCATE)";
+        if matches!(self, Self::Sqlite { .. }) {
+            sql(self.writer(), FOLD).execute().await?;
+        }
+        Ok(())
+    }
+
     /// Closes all connections.
     pub(super) async fn close(&self) {
         match self {
@@ -442,6 +451,11 @@ pub(super) fn is_duplicate(error: &sqlx::Error, table: &str, column: &str) -> bo
             && (error.message().contains(&format!("{table}.{column}"))
                 || error.constraint().is_some_and(|name| name.starts_with(&format!("{table}_{column}"))))
     })
+}
+
+/// Whether the error of SQLite is that there is no such table.
+pub(super) fn is_missing_table(error: &sqlx::Error) -> bool {
+    error.as_database_error().is_some_and(|error| error.message().starts_with("no such table"))
 }
 
 /// Whether the error is a reference to a row that does not exist.

@@ -18,18 +18,21 @@
 //! number of processes; writers of one cohort wait for each other, all others do not. The SQL is the same (`engine`).
 //! Parts: [`cohorts`], [`upload`] (storing shapes), [`shapes`] (finding, listing, deleting), [`scan`] (reading control points
 //! in bulk), [`changes`] (the feed), [`receipts`] (what was done once), `trash`, [`jobs`] (the queue), [`outputs`] (what jobs bring about),
-//! [`passes`] (parts of jobs), [`dictionaries`], [`audit`] (who asked for what), [`metrics`] (what is counted), [`maintenance`] (checks, backups, exports of all of it); `blob` turns numbers into bytes and back; `sqlite`, `postgres` (connections, checks, schema), `replica` (which processes live).
+//! [`passes`] (parts of jobs), [`dictionaries`], [`audit`] (who asked for what), [`metrics`] (what is counted), [`maintenance`] (checks, backups, exports of all of it); `blob` turns numbers into bytes and back; `sqlite`, `postgres` (connections, checks, schema), `replica` (which processes live), `clock` (what was believed of it).
 
 pub mod audit;
 mod blob;
 pub mod changes;
+mod clock;
 pub mod cohorts;
 pub mod dictionaries;
 mod engine;
 mod filter;
+mod folder;
 pub mod jobs;
 pub mod keys;
 pub mod maintenance;
+mod mark;
 mod measure;
 pub mod metrics;
 pub mod outputs;
@@ -43,15 +46,17 @@ mod sqlite;
 mod trash;
 pub mod upload;
 
-use std::fs::{File, TryLockError};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
 
 use crate::domain::access::{DEFAULT_TENANT, Principal};
 use engine::{Failure, Link, Pools, Transaction, sql};
+use folder::FolderLock;
+use mark::Mark;
 use replica::Replica;
 
 pub use audit::AuditCheck;
+pub use clock::ClockNotes;
 pub use dictionaries::DictionaryFilter;
 pub use filter::Revisions;
 pub use jobs::{Claim, Claimed, Release};
@@ -63,8 +68,6 @@ pub use upload::{Added, Upload};
 
 /// Name of the database file in the data folder.
 const DATABASE_FILE: &str = "shapelex.db";
-/// Name of the file whose lock says that a process uses the folder.
-const LOCK_FILE: &str = "shapelex.lock";
 /// Chunks removed in one transaction: some 8 MiB and 30 000 rows, a fraction of a second.
 const CHUNKS_PER_PURGE: i64 = 8;
 
@@ -79,7 +82,9 @@ pub struct Store {
 struct Inner {
     pools: Pools,
     /// The folder of the embedded database, which is this process's own.
-    lock: Option<File>,
+    lock: Option<FolderLock>,
+    /// How far the embedded database had come.
+    mark: Option<Mark>,
     replica: Replica,
     /// Where the folder is.
     folder: Option<PathBuf>,
@@ -139,6 +144,16 @@ pub enum StoreError {
     Damaged {
         /// What is wrong, for the log.
         detail: String,
+    },
+    /// The newest part of it is missing.
+    #[error(
+        "the store is older than it was: its last {missing} audit entries are missing, and with them what was acknowledged then. \
+         The write-ahead log beside the database (shapelex.db-wal) is missing, cut off or damaged, or the database was replaced. \
+         Put the log back or restore a backup; `shapelex serve --accept-loss true` goes on with what is left"
+    )]
+    Older {
+        /// Audit entries that are missing.
+        missing: u64,
     },
     /// Another process uses the data folder.
     #[error("the data folder {} is in use by another process", path.display())]
@@ -226,14 +241,34 @@ impl Store {
     /// and deletions left behind, and puts interrupted jobs back into the queue.
     ///
     /// # Errors
-    /// [`StoreError::Folder`], [`StoreError::Locked`], [`StoreError::TooOld`],
+    /// [`StoreError::Folder`], [`StoreError::Locked`], [`StoreError::TooOld`], [`StoreError::Older`],
     /// [`StoreError::Damaged`] and [`StoreError::Schema`] when the folder cannot be used as it is.
     pub async fn open(data_dir: &Path) -> Result<Self, StoreError> {
-        let lock = lock_folder(data_dir)?;
+        Self::open_locked(data_dir, false).await
+    }
+
+    /// The same, going on with what is left when the newest part of the store is missing.
+    ///
+    /// # Errors
+    /// Those of [`Store::open`] but [`StoreError::Older`].
+    pub async fn open_accepting_loss(data_dir: &Path) -> Result<Self, StoreError> {
+        Self::open_locked(data_dir, true).await
+    }
+
+    async fn open_locked(data_dir: &Path, accepts_loss: bool) -> Result<Self, StoreError> {
+        let lock = FolderLock::take(data_dir)?;
+        match mark::require(data_dir).await {
+            Err(StoreError::Older { missing }) if accepts_loss => {
+                tracing::warn!(missing, "the newest part of the store is missing, which is accepted");
+            }
+            marked => marked?,
+        }
+        folder::protect(data_dir)?;
         let file = data_dir.join(DATABASE_FILE);
         let is_small = sqlite::is_small(&file);
         let pools = sqlite::open(&file, is_small).await?;
-        let store = Self::new(pools, Some(lock), Some(data_dir.into()));
+        let mark = begin_mark(&pools, data_dir).await?;
+        let store = Self::new(pools, Some(lock), mark, Some(data_dir.into()));
         if !is_small {
             store.check_beside();
         }
@@ -247,13 +282,14 @@ impl Store {
     /// up, and its writes wait for their turn.
     ///
     /// # Errors
-    /// [`StoreError::Folder`] when there is no store, [`StoreError::TooOld`], [`StoreError::Schema`].
+    /// [`StoreError::Folder`] when there is no store, [`StoreError::TooOld`], [`StoreError::Older`], [`StoreError::Schema`].
     pub async fn attach(data_dir: &Path) -> Result<Self, StoreError> {
         let file = data_dir.join(DATABASE_FILE);
         if let Err(source) = std::fs::metadata(&file) {
             return Err(StoreError::Folder { path: data_dir.to_path_buf(), source });
         }
-        Ok(Self::new(sqlite::attach(&file).await?, None, Some(data_dir.into())))
+        mark::require(data_dir).await?;
+        Ok(Self::new(sqlite::attach(&file).await?, None, None, Some(data_dir.into())))
     }
 
     /// Opens the store in the database at `url` (`postgres://…`), whoever else uses it, with at most so many `connections`, and
@@ -264,16 +300,17 @@ impl Store {
     pub async fn connect(url: &str, connections: u32) -> Result<Self, StoreError> {
         let options = postgres::options(url)?;
         let pool = postgres::connect(options.clone(), connections).await?;
-        let store = Self::new(Pools::Postgres(pool), None, None);
+        let store = Self::new(Pools::Postgres(pool), None, None, None);
         store.purge(PURGE_ORPHANS, None).await?;
         store.live(options).await?;
         Ok(store)
     }
 
-    fn new(pools: Pools, lock: Option<File>, folder: Option<PathBuf>) -> Self {
+    fn new(pools: Pools, lock: Option<FolderLock>, mark: Option<Mark>, folder: Option<PathBuf>) -> Self {
         Self::around(Arc::new(Inner {
             pools,
             lock,
+            mark,
             folder,
             replica: Replica::new(),
             damage: OnceLock::new(),
@@ -322,13 +359,35 @@ impl Store {
         Ok(())
     }
 
-    /// Waits for work in progress, closes all connections and frees the data folder.
+    /// Waits for work in progress, closes all connections and frees the data folder. The file of the embedded database then holds
+    /// everything.
     pub async fn close(&self) {
-        self.inner.pools.close().await;
-        if let Some(lock) = &self.inner.lock {
-            // The lock also ends with the process; nothing is lost when this fails.
-            let _ = lock.unlock();
+        if self.inner.lock.is_some()
+            && let Err(error) = self.inner.pools.fold_log().await
+        {
+            // It stays where it is, and is read at the next start.
+            tracing::warn!(%error, "the write-ahead log could not be folded into the database");
         }
+        self.inner.pools.close().await;
+        if let Some(mark) = &self.inner.mark {
+            mark.sync();
+        }
+        if let Some(lock) = &self.inner.lock {
+            lock.free();
+        }
+    }
+
+    /// So many audit entries have been committed.
+    fn mark_entries(&self, count: usize) {
+        if let Some(mark) = &self.inner.mark {
+            mark.advance(count as u64);
+        }
+    }
+
+    /// Runs a statement that the store itself never runs.
+    #[cfg(test)]
+    pub(crate) async fn meddle(&self, statement: &'static str) {
+        sql(self.writer(), statement).execute().await.expect("a statement of a test");
     }
 
     fn tenant(&self) -> &str {
@@ -393,17 +452,14 @@ const PURGE_ORPHANS: &str = "DELETE FROM chunk WHERE id IN
 const PURGE_UPLOAD: &str = "DELETE FROM chunk WHERE revision IS NULL AND id IN
     (SELECT id FROM chunk WHERE revision IS NULL AND upload = $2 LIMIT $1)";
 
-/// Creates the folder and locks it for this process.
-fn lock_folder(data_dir: &Path) -> Result<File, StoreError> {
-    let path = data_dir.to_path_buf();
-    let lock = std::fs::create_dir_all(data_dir)
-        .and_then(|()| File::create(data_dir.join(LOCK_FILE)))
-        .map_err(|source| StoreError::Folder { path: path.clone(), source })?;
-    match lock.try_lock() {
-        Ok(()) => Ok(lock),
-        Err(TryLockError::WouldBlock) => Err(StoreError::Locked { path }),
-        Err(TryLockError::Error(source)) => Err(StoreError::Folder { path, source }),
+/// The mark of a store that has just been opened. None when there is no room for it: the store works without.
+async fn begin_mark(pools: &Pools, data_dir: &Path) -> Result<Option<Mark>, StoreError> {
+    let entries = mark::entries(pools.reader()).await?;
+    let mark = Mark::begin(data_dir, entries);
+    if let Err(error) = &mark {
+        tracing::warn!(%error, "the mark of the store cannot be written: a missing write-ahead log will not be noticed");
     }
+    Ok(mark.ok())
 }
 
 /// Runs arithmetic longer than a millisecond away from the threads that serve requests.

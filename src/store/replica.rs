@@ -14,6 +14,7 @@ use sqlx::{ConnectOptions, Connection, PgConnection};
 
 use super::engine::{Pools, sql};
 use super::{Inner, PURGE_UPLOAD, Store, StoreError};
+use crate::domain::id;
 
 /// How often the connection is tried, and uploads of the dead are looked for.
 const PULSE: Duration = Duration::from_secs(5);
@@ -24,7 +25,7 @@ const SEPARATOR: char = '.';
 
 /// An identifier of a process, or of an upload.
 fn new_id() -> String {
-    uuid::Uuid::now_v7().simple().to_string()
+    id::unique()
 }
 
 /// The identifier of this process, as long as it lives.

@@ -65,6 +65,14 @@ pub(super) async fn connect(file: &Path, create: bool) -> Result<Pools, StoreErr
     Ok(Pools::Sqlite { writer, reader })
 }
 
+/// A connection to the database in `file` that leaves it, and its write-ahead log, as they are.
+pub(super) async fn look(file: &Path) -> Result<SqlitePool, StoreError> {
+    // Not those of `options`: to ask for a journal is to write when the file has another one, as a backup has.
+    let options = SqliteConnectOptions::new().filename(file).read_only(true).busy_timeout(BUSY_TIMEOUT);
+    let pool = SqlitePoolOptions::new().max_connections(1);
+    Ok(pool.connect_with(options.disable_statement_logging()).await?)
+}
+
 /// Migrates the database in `file` and opens its connections without reading all of it.
 pub(super) async fn attach(file: &Path) -> Result<Pools, StoreError> {
     let writer = writer(file, true).await?;

@@ -135,7 +135,7 @@ pub(super) async fn rows(store: &Store, table: &'static str) -> i64 {
 
 /// Runs a statement that the store itself never runs.
 pub(super) async fn meddle(store: &Store, statement: &'static str) {
-    sql(store.writer(), statement).execute().await.unwrap();
+    store.meddle(statement).await;
 }
 
 /// Waits for rows to be removed in the background.

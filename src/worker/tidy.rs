@@ -1,22 +1,81 @@
-//! What is due by the clock: the trash past its term, receipts past their time.
+//! What is due by the clock: the trash past its term, receipts past their time, entries of the audit trail that are too old.
 
 use std::time::Duration;
 
-use crate::service::{App, trash};
+use crate::service::{App, ServiceError, audit, clock, trash};
 
 /// How often it is looked at.
 const EVERY: Duration = Duration::from_secs(600);
 
-/// Removes what is due until the service is asked to stop. `trash_days`: how long deleted things can come back.
-pub async fn keep_tidy(app: App, trash_days: u32) {
+/// How long things are kept.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Terms {
+    /// Days that deleted things can come back.
+    pub trash_days: u32,
+    /// Days that entries of the audit trail are kept.
+    pub audit_days: u32,
+}
+
+/// Removes what is due until the service is asked to stop.
+pub async fn keep_tidy(app: App, terms: Terms) {
     let mut ticks = tokio::time::interval(EVERY);
     loop {
         tokio::select! {
             _ = ticks.tick() => {}
             () = app.stopping() => return,
         }
-        if let Err(error) = trash::tidy(&app, trash_days).await {
+        if let Err(error) = tidy(&app, terms).await {
             tracing::warn!(error = error.cause(), "what is due to be removed could not be removed");
         }
+    }
+}
+
+/// Removes what is due, unless the clock cannot be believed.
+///
+/// # Errors
+/// Those of the store.
+pub async fn tidy(app: &App, terms: Terms) -> Result<(), ServiceError> {
+    if !clock::look(app).await? {
+        return Ok(());
+    }
+    trash::tidy(app, terms.trash_days).await?;
+    audit::prune(app, terms.audit_days).await
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::domain::audit::{AuditFilter, Entry};
+    use crate::service::{Limits, now_ms};
+    use crate::store::{ClockNotes, Store};
+
+    const TERMS: Terms = Terms { trash_days: 30, audit_days: 30 };
+
+    #[tokio::test]
+    async fn nothing_is_removed_while_the_clock_is_not_believed() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::open(folder.path()).await.unwrap();
+        let app = App::new(store, Limits::default(), 1);
+        let days = |count: i64| now_ms() - count * 86_400_000;
+        let count = async || app.store.list_audit("a", &AuditFilter::default(), 0, 9).await.unwrap().len();
+        // A store of 400 days ago.
+        let old = Entry { at_ms: days(400), tenant: "a".into(), ..Entry::default() };
+        app.store.append_audit(&[old]).await.unwrap();
+        tidy(&app, TERMS).await.unwrap();
+        tidy(&app, TERMS).await.unwrap();
+        assert_eq!(count().await, 1);
+        let notes = app.store.clock_notes().await.unwrap();
+        assert!(notes.believed_ms.unwrap() < days(399) && notes.candidate_ms.is_some(), "{notes:?}");
+        clock::confirm(&app.store).await.unwrap();
+        tidy(&app, TERMS).await.unwrap();
+        assert_eq!(count().await, 0);
+        // A running service whose clock jumps.
+        app.store
+            .append_audit(&[Entry { at_ms: days(40), tenant: "a".into(), ..Entry::default() }])
+            .await
+            .unwrap();
+        app.store.note_clock(ClockNotes::believing(days(40))).await.unwrap();
+        tidy(&app, TERMS).await.unwrap();
+        assert_eq!(count().await, 1);
     }
 }

@@ -318,3 +318,52 @@ fn a_store_that_cannot_grow_answers_and_stays_whole() {
     server.post_lines("/v1/cohorts/c/shapes", &large(50)).expect(201);
     assert_clean(&mut server.command("check"));
 }
+
+#[test]
+fn a_store_whose_log_is_gone_is_refused_until_the_loss_is_accepted() {
+    let server = Setting::fresh().embedded().start();
+    create_cohort(&server, "c");
+    server.post_lines("/v1/cohorts/c/shapes", &large(0)).expect(201);
+    let folder = server.folder().join("data");
+    let setting = server.kill();
+    std::fs::remove_file(folder.join("shapelex.db-wal")).unwrap();
+    let refusals = [
+        run(&mut setting.command("check")),
+        run(setting.command("serve").args(["--listen", "127.0.0.1:0"])),
+        run(setting.command("export").arg("-")),
+    ];
+    for (code, said) in &refusals {
+        assert!(*code != 0 && said.contains("the store is older than it was"), "{code}: {said}");
+    }
+    assert_eq!(refusals[0].0, 1, "a finding");
+    let server = setting.flags(&["--accept-loss", "true"]).start();
+    server.get("/v1/cohorts/c").expect(404);
+    assert!(server.log().contains("which is accepted"), "{}", server.log());
+    let server = server.kill().start();
+    create_cohort(&server, "c");
+    assert_clean(&mut server.command("check"));
+}
+
+#[cfg(unix)]
+#[test]
+fn after_an_orderly_stop_the_file_alone_is_the_store() {
+    let server = Setting::fresh().embedded().start();
+    create_cohort(&server, "c");
+    server.post_lines("/v1/cohorts/c/shapes", &large(0)).expect(201);
+    let data = server.folder().join("data");
+    let setting = server.terminate();
+    for name in ["shapelex.db-wal", "shapelex.db-shm"] {
+        assert!(std::fs::metadata(data.join(name)).map_or(0, |about| about.len()) == 0, "{name}");
+        // It may be gone already.
+        let _ = std::fs::remove_file(data.join(name));
+    }
+    let server = setting.start();
+    assert_eq!(server.get("/v1/cohorts/c").expect(200)["shapes"], 2000);
+    assert_clean(&mut server.command("check"));
+}
+
+#[test]
+fn the_clock_is_confirmed_beside_the_service() {
+    let server = Setting::fresh().start();
+    assert!(done(&mut server.command("confirm-clock")).contains("the clock is believed: it shows 20"));
+}

@@ -164,6 +164,7 @@ fn the_guard_of_the_layers_sees_a_bad_line() {
 
 /// Every operation of the contract.
 const OPERATIONS: &[&str] = &[
+    "DELETE /v1/audit",
     "DELETE /v1/cohorts/{cohort}",
     "PATCH /v1/cohorts/{cohort}",
     "GET /v1/changes",

@@ -36,7 +36,7 @@ fn key_command_in(folder: &Path, arguments: &[&str]) -> Output {
 
 /// The secret of a new key.
 #[track_caller]
-fn create_key(server: &Server, arguments: &[&str]) -> String {
+pub(crate) fn create_key(server: &Server, arguments: &[&str]) -> String {
     let output = key_command(server, &[&["create", "--name", "test"], arguments].concat());
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     String::from_utf8(output.stdout).unwrap().trim_end().to_owned()
@@ -126,6 +126,77 @@ fn a_service_without_keys_is_open_to_this_machine_until_the_first_key() {
     let again = server.kill().start();
     assert_eq!(again.get("/v1/cohorts").status, 401);
     assert_eq!(again.log().matches("access is open").count(), 1, "of the first start");
+}
+
+#[test]
+fn a_key_that_was_drawn_elsewhere_is_not_printed() {
+    let server = Server::fresh();
+    let text = format!("shk_{}_{}", "0f".repeat(16), "a7".repeat(32));
+    let file = server.folder().join("secret");
+    std::fs::write(&file, format!("{text}\n")).unwrap();
+    let file = file.to_str().unwrap();
+    for _ in 0..2 {
+        let arguments = ["create", "--name", "first", "--role", "admin", "--secret-file", file];
+        let output = key_command(&server, &arguments);
+        let said = String::from_utf8(output.stdout).unwrap();
+        assert!(output.status.success() && said == format!("{}\n", id_of(&text)), "{said}");
+    }
+    await_status(401, || server.get("/v1/cohorts"));
+    get(&server, &text, "/v1/keys").expect(200);
+    assert_eq!(get(&server, &text, "/v1/keys").json()["items"].as_array().unwrap().len(), 1);
+    std::fs::write(file, "shk_short").unwrap();
+    let output = key_command(&server, &["create", "--name", "x", "--role", "reader", "--secret-file", file]);
+    assert!(!output.status.success() && output.stdout.is_empty());
+    assert!(!String::from_utf8(output.stderr).unwrap().contains("shk_short"));
+}
+
+#[test]
+fn pages_of_other_sites_get_nothing_from_an_open_service() {
+    let server = Server::fresh();
+    let authority = server.address().trim_start_matches("http://").to_owned();
+    let ask = |method: Method, path: &str, headers: &[(&str, &str)]| {
+        let request = server.request(method, path);
+        server.send(headers.iter().fold(request, |request, (name, value)| request.header(*name, *value)))
+    };
+    let own = format!("http://{authority}");
+    let foreign: [&[(&str, &str)]; 5] = [
+        &[("origin", "http://evil.example")],
+        &[("origin", "null")],
+        &[("sec-fetch-site", "cross-site")],
+        &[("sec-fetch-site", "same-site"), ("sec-fetch-mode", "no-cors")],
+        &[("origin", "http://127.0.0.1:1"), ("sec-fetch-site", "same-site")],
+    ];
+    let paths = [
+        (Method::GET, "/v1/cohorts"),
+        (Method::GET, "/metrics"),
+        (Method::POST, "/v1/mean"),
+        (Method::POST, "/v1/jobs/job_1/cancel"),
+        (Method::POST, "/v1/trash/coh_1/restore"),
+        (Method::DELETE, "/v1/cohorts/c"),
+    ];
+    for headers in foreign {
+        for (method, path) in &paths {
+            let reply = ask(method.clone(), path, headers);
+            let problem = reply.expect_problem(403, "forbidden", &[]);
+            assert!(problem["detail"].as_str().unwrap().contains("own origin"), "{problem}");
+        }
+        // What shows nobody's shapes: probes, the reference page and its document.
+        assert_eq!(ask(Method::GET, "/livez", headers).status, 204);
+        assert_eq!(ask(Method::GET, "/docs/", headers).status, 200);
+    }
+    for headers in [
+        &[][..],
+        &[("origin", own.as_str()), ("sec-fetch-site", "same-origin")],
+        &[("sec-fetch-site", "none")],
+    ] {
+        ask(Method::GET, "/v1/cohorts", headers).expect(200);
+        ask(Method::POST, "/v1/jobs/job_1/cancel", headers).expect(404);
+    }
+    // A key is nothing that a browser adds by itself.
+    let secret = create_key(&server, &["--role", "reader"]);
+    await_status(401, || ask(Method::GET, "/v1/cohorts", foreign[0]));
+    let bearer = format!("Bearer {secret}");
+    ask(Method::GET, "/v1/cohorts", &[foreign[0][0], ("authorization", &bearer)]).expect(200);
 }
 
 #[test]
@@ -453,7 +524,9 @@ impl Operation {
 #[test]
 fn every_operation_is_open_to_whom_it_should_be_and_to_nobody_else() {
     // Distances are a job, which has an output.
-    let server = Setting::fresh().with_example().flags(&["--max-matrix-operations", "1"]).start();
+    // Those without a valid key are more than an address may send in a minute.
+    let flags = ["--max-matrix-operations", "1", "--refusals-per-minute", "0"];
+    let server = Setting::fresh().with_example().flags(&flags).start();
     let mut things = things(&server);
     let callers = callers(&server);
     things.insert("{key}", id_of(callers[1].secret.as_ref().unwrap()));

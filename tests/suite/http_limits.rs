@@ -335,6 +335,52 @@ fn callers_that_ask_too_often_are_told_when_to_come_back() {
     server.get("/v1/generators").expect(200);
 }
 
+#[test]
+fn who_has_no_key_is_slowed_down_and_fills_neither_trail_nor_log() {
+    let flags = ["--refusals-per-minute", "20"];
+    let server = Setting::fresh().flags(&flags).environment("SHAPELEX_LOG", "info").start();
+    let secret = crate::http_access::create_key(&server, &["--role", "reader"]);
+    let with = |secret: &str, path: &str| {
+        server.send(server.request(reqwest::Method::GET, path).bearer_auth(secret))
+    };
+    until("the key is known", || with("shk_wrong", "/v1/cohorts").status == 401);
+    let statuses: Vec<u16> = (0..200).map(|_| with("shk_wrong", "/v1/cohorts").status).collect();
+    let told = statuses.iter().filter(|status| **status == 401).count();
+    // The allowance grows by one in three seconds meanwhile.
+    assert!(told <= 20 + 20 && statuses.iter().all(|status| [401, 429].contains(status)), "{statuses:?}");
+    let refused = with("shk_wrong", "/v1/cohorts");
+    refused.expect_problem(429, "too-many-requests", &[]);
+    assert!(refused.header("retry-after").is_some());
+    for _ in 0..100 {
+        // Whoever has a key hears nothing of it, and neither does who asks for what does not exist.
+        with(&secret, "/v1/cohorts").expect(200);
+        with("shk_wrong", "/v1/nothing-here").expect(404);
+        with("shk_wrong", "/nothing-here").expect(404);
+    }
+    let log = server.log();
+    let lines = |word: &str| log.lines().filter(|line| line.contains(word)).count();
+    assert!(lines("a credential was refused") <= 10, "{log}");
+    assert!(lines("\"route\":\"unmatched\"") <= 10, "{log}");
+    let setting = server.terminate();
+    let export = setting.command("export").arg("-").output().unwrap();
+    let export = String::from_utf8(export.stdout).unwrap();
+    let rows = export.lines().filter_map(|line| serde_json::from_str::<Value>(line).ok());
+    let of_nobody: Vec<Value> = rows.filter(|row| row[0] == "audit" && row[1] == "").collect();
+    // One a minute: the test may run over the end of one, or of two.
+    assert!((1..=3).contains(&of_nobody.len()), "{of_nobody:?}");
+    let counts = of_nobody.iter().map(|row| {
+        let objects: Value = row
+            .as_array()
+            .unwrap()
+            .iter()
+            .filter_map(|cell| cell.as_str())
+            .find_map(|text| serde_json::from_str(text).ok().filter(Value::is_object))
+            .unwrap();
+        objects["count"].as_str().unwrap().parse::<usize>().unwrap()
+    });
+    assert!(counts.sum::<usize>() >= 400, "{of_nobody:?}");
+}
+
 /// Sends a heavy request and waits until it computes; it is given up when what is returned is dropped.
 fn occupied(server: &Server) -> TcpStream {
     // Many seconds of work on one thread, also when it is optimised.
@@ -441,7 +487,13 @@ fn asks(server: &Server, certificate: &str) -> bool {
     let root = reqwest::Certificate::from_pem(certificate.as_bytes()).unwrap();
     let client = reqwest::Client::builder().no_proxy().tls_certs_only([root]).build().unwrap();
     let url = format!("{}/livez", server.address());
-    wait(async { client.get(url).send().await.is_ok_and(|response| response.status() == 204) })
+    wait(async {
+        client.get(url).send().await.is_ok_and(|response| {
+            // Whoever came by TLS comes back by TLS.
+            assert_eq!(response.headers()["strict-transport-security"], "max-age=31536000");
+            response.status() == 204
+        })
+    })
 }
 
 #[test]

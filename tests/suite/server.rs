@@ -129,8 +129,7 @@ impl Setting {
         let mut command = match self.file_blocks {
             None => program(),
             Some(blocks) => {
-                // The signal of the limit would end the program; without it, writing fails.
-                let script = format!("trap '' XFSZ; ulimit -f {blocks}; exec \"$0\" \"$@\"");
+                let script = format!("ulimit -f {blocks}; exec \"$0\" \"$@\"");
                 let mut shell = clean(Command::new("sh"));
                 shell.args(["-c", &script, env!("CARGO_BIN_EXE_shapelex")]);
                 shell
@@ -452,6 +451,7 @@ impl Reply {
 
     fn check(&self, what: &str, head: bool) {
         let id = self.header("x-request-id").unwrap_or_else(|| panic!("{what}: no x-request-id"));
+        self.check_headers(what);
         assert!(
             self.status < 500 || [503, 507].contains(&self.status),
             "{what}: {} {}",
@@ -466,6 +466,21 @@ impl Reply {
             && self.header("content-encoding").is_none()
         {
             assert_eq!(null_in_a_list(&self.json()), None, "{what}: a number was lost");
+        }
+    }
+
+    /// What browsers are told by every answer.
+    fn check_headers(&self, what: &str) {
+        let is = |name: &str, wanted: &str| assert_eq!(self.header(name), Some(wanted), "{what}: {name}");
+        is("x-content-type-options", "nosniff");
+        is("referrer-policy", "no-referrer");
+        is("cross-origin-resource-policy", "same-origin");
+        let policy = self.header("content-security-policy").unwrap_or_default();
+        assert!(policy.starts_with("default-src 'none'"), "{what}: {policy}");
+        assert!(policy.ends_with("frame-ancestors 'none'"), "{what}: {policy}");
+        if what.contains(" /v1/") {
+            let has_tag = self.header("etag").is_some();
+            is("cache-control", if has_tag { "private, no-cache" } else { "no-store" });
         }
     }
 

@@ -139,7 +139,7 @@ fn milliseconds(name: &str, text: &str) -> Result<i64, Problem> {
 /// Lists the audit trail: who asked for what, and what came of it.
 ///
 /// Every request of the tenant under `/v1` in the order in which they were answered, also those that only read and those
-/// that were refused. Entries are chained by their digests and never change; they are removed for their age alone.
+/// that were refused. Entries are chained by their digests and never change; they are removed from the beginning alone, for their age or by an administrator.
 #[utoipa::path(get, path = "/audit", tag = "operation", params(AuditQuery),
     responses(
         (status = 200, description = "A page of entries, or all of them one a line", content((Page<AuditEntry> = "application/json"), (String = "application/x-ndjson"))),
@@ -161,6 +161,49 @@ pub(super) async fn list_audit(
     let (items, next) = audit::list(&app, &filter, page.cursor.as_deref(), limit).await?;
     let items: Vec<AuditEntry> = items.into_iter().map(Into::into).collect();
     Ok(json(StatusCode::OK, &Page { items, next })?)
+}
+
+/// Which entries are removed.
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[into_params(parameter_in = Query)]
+#[serde(deny_unknown_fields)]
+pub(super) struct AuditRemoval {
+    /// Entries before this time go, RFC 3339; at least 24 hours ago.
+    #[param(example = "2026-01-31T12:00:00Z")]
+    before: String,
+}
+
+/// Where the audit trail begins after entries were removed.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct AuditBeginning {
+    /// Entries that were removed now.
+    #[schema(example = 1200)]
+    removed: u64,
+    /// Place of the last entry that was ever removed, 0 when none was: the trail begins with the next.
+    #[schema(example = 1200)]
+    sequence: u64,
+    /// Digest of that entry, in hexadecimal: what the digest of the next one covers.
+    digest: String,
+}
+
+/// Removes old entries of the audit trail.
+///
+/// From the beginning of the trail of the tenant, those before a time that is at least 24 hours ago; all others stay. The trail can
+/// be followed from the digest that is answered, which the entry of this request keeps as `removed_digest`.
+#[utoipa::path(delete, path = "/audit", tag = "operation", params(AuditRemoval),
+    responses(
+        (status = 200, description = "The entries are gone", body = AuditBeginning),
+        (status = 400, description = "The query was refused", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = 503, description = "The store cannot be written", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = 507, description = "The disk of the store is full", body = ProblemDocument, content_type = "application/problem+json")
+    ))]
+pub(super) async fn prune_audit(
+    Caller(app): Caller,
+    Query(query): Query<AuditRemoval>,
+) -> Result<Response, Problem> {
+    let before = milliseconds("before", &query.before)?;
+    let audit::Beginning { removed, sequence, digest } = audit::remove(&app, before).await?;
+    Ok(json(StatusCode::OK, &AuditBeginning { removed, sequence, digest })?)
 }
 
 /// All entries behind a place, read piece by piece.

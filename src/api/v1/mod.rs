@@ -34,7 +34,7 @@ use crate::service::App;
 /// What reads or changes what is stored, in a moment.
 pub(super) fn light_routes() -> OpenApiRouter<App> {
     OpenApiRouter::new()
-        .routes(routes!(audit::list_audit))
+        .routes(routes!(audit::list_audit, audit::prune_audit))
         .routes(routes!(version::find_version))
         .routes(routes!(catalogue::list_generators))
         .routes(routes!(catalogue::find_generator))

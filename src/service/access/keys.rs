@@ -13,7 +13,7 @@ use rand::rngs::SysRng;
 use super::{Refusal, check_unlimited};
 use crate::domain::access::{Principal, Role};
 use crate::domain::id;
-use crate::domain::key::{Key, Secret, claimed_id, is_id};
+use crate::domain::key::{Key, Secret, claimed_id, is_deceptive, is_id};
 use crate::service::cohorts::{self, Page};
 use crate::service::error::Fault;
 use crate::service::{App, ServiceError, now_ms};
@@ -64,9 +64,13 @@ pub fn faults(new: &NewKey) -> Vec<Fault> {
         }
     };
     let readable = (1..=MAX_NAME_CHARS).contains(&new.name.chars().count())
-        && !new.name.chars().any(char::is_control)
+        && !new.name.chars().any(is_deceptive)
         && new.name.trim() == new.name;
-    check(readable, "/name", format!("must have 1 to {MAX_NAME_CHARS} characters, no spaces around them"));
+    let detail = format!(
+        "must have 1 to {MAX_NAME_CHARS} characters, no spaces around them, and none that is invisible or turns the direction of \
+         writing"
+    );
+    check(readable, "/name", detail);
     if let Some(cohorts) = &new.cohorts {
         let count = (1..=MAX_COHORTS).contains(&cohorts.len());
         check(count, "/cohorts", format!("must name 1 to {MAX_COHORTS} cohorts, or be left out for all"));
@@ -78,22 +82,45 @@ pub fn faults(new: &NewKey) -> Vec<Fault> {
     faults
 }
 
-/// Makes a key of the caller's tenant.
+/// Makes a key of the caller's tenant, whose text is drawn here.
 ///
 /// # Errors
 /// All fields that break a rule; cohorts that do not exist.
 pub async fn create(app: &App, new: NewKey) -> Result<Issued, ServiceError> {
+    let mut random = [0; 32];
+    let failed = |error| ServiceError::Internal(format!("the system has no random numbers: {error}"));
+    SysRng.try_fill_bytes(&mut random).map_err(failed)?;
+    let id = id::new_id(id::KEY);
+    let secret = Secret::new(&id, random);
+    create_with(app, new, id, secret).await
+}
+
+/// Makes a key of the caller's tenant whose text was drawn elsewhere; when there is one with this text already, it stays as it is.
+///
+/// # Errors
+/// A text without the form of a key; those of [`create`].
+pub async fn create_given(app: &App, new: NewKey, text: &str) -> Result<Key, ServiceError> {
+    let (id, secret) = Secret::given(text).ok_or_else(|| {
+        let form = "shk_, 32 lower-case hexadecimal digits, _ and 64 more";
+        ServiceError::Query(format!("expected the text of a key ({form}), got something else"))
+    })?;
+    match app.store.find_key(&id).await? {
+        Some(key) if key.digest == secret.digest() => Ok(key),
+        Some(_) => {
+            Err(ServiceError::Query(format!("the key {id} exists with another text: draw other digits")))
+        }
+        None => Ok(create_with(app, new, id, secret).await?.key),
+    }
+}
+
+async fn create_with(app: &App, new: NewKey, id: String, secret: Secret) -> Result<Issued, ServiceError> {
     check_unlimited(app, "to create a key")?;
     ServiceError::unless_empty(faults(&new))?;
     let cohorts = match &new.cohorts {
         Some(keys) => Some(cohort_ids(app, keys).await?),
         None => None,
     };
-    let mut random = [0; 32];
-    let failed = |error| ServiceError::Internal(format!("the system has no random numbers: {error}"));
-    SysRng.try_fill_bytes(&mut random).map_err(failed)?;
-    let (id, now) = (id::new_id(id::KEY), now_ms());
-    let secret = Secret::new(&id, random);
+    let now = now_ms();
     let key = Key {
         id,
         tenant: app.principal.tenant.clone(),
@@ -189,9 +216,13 @@ pub(super) async fn check(app: &App, text: &str) -> Result<Principal, Refusal> {
     let known = app.access.keys.recall(&id);
     let key = match known {
         Some(key) => key,
+        None if app.access.keys.is_unknown(&id) => return Err(Refusal::Check(Some(id), "unknown key")),
         None => {
             let found = app.store.find_key(&id).await.map_err(|error| Refusal::Later(error.into()))?;
-            let key = found.ok_or(Refusal::Check(Some(id), "unknown key"))?;
+            let Some(key) = found else {
+                app.access.keys.there_is_none(&id);
+                return Err(Refusal::Check(Some(id), "unknown key"));
+            };
             app.access.keys.remember(key)
         }
     };
@@ -225,13 +256,16 @@ fn note_use(app: &App, key: &Key, now: i64) {
 #[derive(Debug)]
 pub(super) struct KeyCache {
     found: Mutex<LruCache<String, (Key, Instant)>>,
+    /// Ids that no key had, and when that was found out: who goes on to show one does not go on to ask the store.
+    unknown: Mutex<LruCache<String, Instant>>,
     /// Whether there are any, and when that was found out; that there are some stays so.
     any: Mutex<Option<(bool, Instant)>>,
 }
 
 impl Default for KeyCache {
     fn default() -> Self {
-        Self { found: Mutex::new(LruCache::new(REMEMBERED)), any: Mutex::default() }
+        let unknown = Mutex::new(LruCache::new(REMEMBERED));
+        Self { found: Mutex::new(LruCache::new(REMEMBERED)), unknown, any: Mutex::default() }
     }
 }
 
@@ -252,6 +286,14 @@ impl KeyCache {
         }
         found.insert(key.id.clone(), (key.clone(), Instant::now()));
         key
+    }
+
+    fn is_unknown(&self, id: &str) -> bool {
+        locked(&self.unknown).get(id).is_some_and(|since| since.elapsed() < FRESH)
+    }
+
+    fn there_is_none(&self, id: &str) {
+        locked(&self.unknown).insert(id.to_owned(), Instant::now());
     }
 
     /// Notes the use of a key; what else is known of it gets no younger.
@@ -317,6 +359,17 @@ mod tests {
     }
 
     #[test]
+    fn ids_that_no_key_has_are_remembered_for_a_moment() {
+        let cache = KeyCache::default();
+        assert!(!cache.is_unknown("key_1"));
+        cache.there_is_none("key_1");
+        assert!(cache.is_unknown("key_1") && !cache.is_unknown("key_2"));
+        // Others push it out: memory is bounded.
+        (0..REMEMBERED).for_each(|k| cache.there_is_none(&k.to_string()));
+        assert!(!cache.is_unknown("key_1"));
+    }
+
+    #[test]
     fn that_there_are_keys_is_never_forgotten() {
         let cache = KeyCache::default();
         assert_eq!(cache.are_there(), None);
@@ -337,6 +390,9 @@ mod tests {
         };
         let pointers: Vec<String> = faults(&bad).into_iter().map(|fault| fault.pointer).collect();
         assert_eq!(pointers, ["/name", "/cohorts", "/cohorts", "/expires_in_days"]);
+        let hidden =
+            NewKey { name: "adm\u{202e}in".into(), role: Role::Reader, cohorts: None, expires_in_days: None };
+        assert_eq!(faults(&hidden).len(), 1);
         let good = NewKey {
             name: "a pipeline".into(),
             role: Role::Writer,

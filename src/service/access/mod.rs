@@ -98,12 +98,13 @@ impl From<&'static str> for Refusal {
     }
 }
 
-/// Who sends a request.
+/// Who sends a request. `quiet`: the log has what is refused only at level debug, as there was much
+/// from the same address.
 ///
 /// # Errors
 /// [`ServiceError::Unauthenticated`] for everything that is not a valid key or token; [`ServiceError::Forbidden`] for
 /// tokens without a role; [`ServiceError::Unavailable`] when the store or the identity provider is away.
-pub async fn identify(app: &App, shown: Shown<'_>) -> Result<Principal, ServiceError> {
+pub async fn identify(app: &App, shown: Shown<'_>, quiet: bool) -> Result<Principal, ServiceError> {
     let found = match shown {
         Shown::Nothing if is_open(app).await? => return Ok(Principal::local()),
         Shown::Nothing => return Err(ServiceError::Unauthenticated),
@@ -116,11 +117,19 @@ pub async fn identify(app: &App, shown: Shown<'_>) -> Result<Principal, ServiceE
     };
     found.map_err(|refusal| match refusal {
         Refusal::Check(key, check) => {
-            tracing::warn!(key, check, "a credential was refused");
+            if quiet {
+                tracing::debug!(key, check, "a credential was refused");
+            } else {
+                tracing::warn!(key, check, "a credential was refused");
+            }
             ServiceError::Unauthenticated
         }
         Refusal::Nobody(lack) => {
-            tracing::warn!(check = lack, "a token opens nothing here");
+            if quiet {
+                tracing::debug!(check = lack, "a token opens nothing here");
+            } else {
+                tracing::warn!(check = lack, "a token opens nothing here");
+            }
             ServiceError::Forbidden(lack.into())
         }
         Refusal::Later(error) => error,

@@ -10,7 +10,7 @@ use serde_json::{Map, Value};
 use super::Refusal;
 use super::provider::{Away, Provider};
 use crate::domain::access::{DEFAULT_TENANT, Principal, Role, tenant_problem};
-use crate::service::ServiceError;
+use crate::service::{ServiceError, now_ms};
 
 /// The algorithms that are accepted: never one with a shared secret, never none.
 const ALGORITHMS: [Algorithm; 6] = [
@@ -41,6 +41,8 @@ pub struct TokenSettings {
     pub tenant_claim: Option<String>,
     /// Seconds by which clocks may differ.
     pub leeway_s: u64,
+    /// Whether a token must say that it is one for access: ID tokens, which are for the client alone, do not.
+    pub access_only: bool,
 }
 
 /// What checks tokens.
@@ -59,6 +61,9 @@ impl Verifier {
     pub(super) async fn check(&self, token: &str) -> Result<Principal, Refusal> {
         let header = decode_header(token).map_err(|error| failed_check(error.kind()))?;
         let key_id = known_form(&header)?;
+        if self.settings.access_only && !header.typ.as_deref().is_some_and(is_access_type) {
+            return Err("a token that is not of the type at+jwt".into());
+        }
         let key = match self.provider.find(key_id).await {
             Ok(key) => key.ok_or("unknown key id of a token")?,
             Err(Away) => {
@@ -70,7 +75,11 @@ impl Verifier {
             return Err("another algorithm of a token than that of its key".into());
         }
         let data = decode::<Map<String, Value>>(token, &key.key, &self.validation(header.alg));
-        self.principal(&data.map_err(|error| failed_check(error.kind()))?.claims)
+        let claims = data.map_err(|error| failed_check(error.kind()))?.claims;
+        if is_from_the_future(&claims, now_ms(), self.settings.leeway_s) {
+            return Err("a token that was issued in the future".into());
+        }
+        self.principal(&claims)
     }
 
     fn validation(&self, algorithm: Algorithm) -> Validation {
@@ -116,6 +125,19 @@ fn known_form(header: &Header) -> Result<&str, &'static str> {
     header.kid.as_deref().ok_or("a token without key id")
 }
 
+/// Whether a type names tokens for access (RFC 9068): the media type, with or without what stands before the slash.
+fn is_access_type(text: &str) -> bool {
+    let text = text.to_ascii_lowercase();
+    text.strip_prefix("application/").unwrap_or(&text) == "at+jwt"
+}
+
+/// Whether the claims say that they were made later than now: the clock of one of the two is wrong. One that is no number says
+/// nothing that can be believed.
+fn is_from_the_future(claims: &Map<String, Value>, now_ms: i64, leeway_s: u64) -> bool {
+    let Some(issued) = claims.get("iat") else { return false };
+    issued.as_f64().is_none_or(|issued_s| issued_s > now_ms as f64 / 1000.0 + leeway_s as f64)
+}
+
 /// The failed check in the words of the log; the library's own may repeat parts of the token.
 fn failed_check(error: &ErrorKind) -> Refusal {
     let check = match error {
@@ -152,6 +174,26 @@ fn highest_role(value: &Value) -> Option<Role> {
 mod tests {
     use super::*;
     use serde_json::json;
+
+    #[test]
+    fn the_type_of_access_tokens_has_two_forms() {
+        for (text, is_one) in
+            [("at+jwt", true), ("AT+JWT", true), ("application/at+jwt", true), ("JWT", false), ("", false)]
+        {
+            assert_eq!(is_access_type(text), is_one, "{text}");
+        }
+    }
+
+    #[test]
+    fn what_was_issued_later_than_now_is_from_the_future() {
+        let is_future = |issued: Value| {
+            let claims = json!({ "iat": issued });
+            is_from_the_future(claims.as_object().unwrap(), 1_000_000, 30)
+        };
+        assert!(!is_future(json!(1000)) && !is_future(json!(1030)) && !is_future(json!(999.5)));
+        assert!(is_future(json!(1031)) && is_future(json!("1000")) && is_future(json!(1e300)));
+        assert!(!is_from_the_future(&Map::new(), 0, 0));
+    }
 
     #[test]
     fn roles_are_read_from_texts_lists_and_paths() {

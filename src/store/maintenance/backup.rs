@@ -11,8 +11,10 @@ use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{ConnectOptions, Connection};
 
 use super::super::engine::sql;
-use super::super::{DATABASE_FILE, LOCK_FILE, Store, StoreError, blocking, lock_folder, sqlite};
+use super::super::folder::{FolderLock, LOCK_FILE, private_file};
+use super::super::{DATABASE_FILE, Store, StoreError, blocking, sqlite};
 use super::{Checked, MaintenanceError, schema};
+use crate::domain::id;
 
 /// What the name of a copy that is not finished ends with.
 const PARTIAL: &str = ".partial";
@@ -54,11 +56,13 @@ pub async fn restore(
     if !file.is_file() {
         return Err(MaintenanceError::BadBackup(format!("there is no file {}", file.display())));
     }
-    let lock = lock_folder(data_dir)?;
+    let lock = FolderLock::take(data_dir)?;
     require_empty(data_dir)?;
     let copy = Partial { path: data_dir.join(format!("restore{PARTIAL}")) };
     let (from, to) = (file.to_path_buf(), copy.path.clone());
-    blocking(move || fs::copy(from, to)).await.map_err(|source| file_error(file, source))?;
+    // What exists keeps its rights, whatever those of the backup are.
+    private_file(&to).map_err(|source| file_error(&to, source))?;
+    blocking(move || copy_content(&from, &to)).await.map_err(|source| file_error(file, source))?;
     check_file(&copy.path).await?;
     let checked = check_content(&copy.path, report).await?;
     let target = data_dir.join(DATABASE_FILE);
@@ -67,12 +71,17 @@ pub async fn restore(
     Ok(checked)
 }
 
+/// Copies what is in a file: `fs::copy` would copy its rights too.
+fn copy_content(from: &Path, to: &Path) -> std::io::Result<u64> {
+    std::io::copy(&mut File::open(from)?, &mut OpenOptions::new().write(true).open(to)?)
+}
+
 /// Checks all that is in a copy, unless its schema is older.
 async fn check_content(
     copy: &Path,
     report: &mut (dyn FnMut(&str) + Send),
 ) -> Result<Option<Checked>, MaintenanceError> {
-    let store = Store::new(sqlite::connect(copy, false).await?, None, None);
+    let store = Store::new(sqlite::connect(copy, false).await?, None, None, None);
     let checked = match schema::require_present(&store.inner.pools).await {
         Err(MaintenanceError::Older { found: 0, .. }) => {
             Err(MaintenanceError::BadBackup("it is not a backup of a store".into()))
@@ -121,7 +130,7 @@ impl Partial {
     /// A new empty file beside the one that it will become, for its owner alone.
     fn beside(file: &Path) -> Result<Self, MaintenanceError> {
         let mut name = file.file_name().map(OsString::from).ok_or_else(|| wrong_name(file))?;
-        name.push(format!(".{}{PARTIAL}", uuid::Uuid::now_v7().simple()));
+        name.push(format!(".{}{PARTIAL}", id::unique()));
         let path = file.with_file_name(name);
         let mut options = OpenOptions::new();
         options.write(true).create_new(true);

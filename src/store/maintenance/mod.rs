@@ -14,7 +14,7 @@ mod tables;
 use std::path::PathBuf;
 
 use super::engine::Pools;
-use super::{DATABASE_FILE, Store, StoreError, postgres, sqlite};
+use super::{DATABASE_FILE, Store, StoreError, mark, postgres, sqlite};
 
 pub use backup::restore;
 pub use check::Checked;
@@ -113,7 +113,7 @@ impl Store {
     pub async fn inspect(site: &Site) -> Result<Self, MaintenanceError> {
         let pools = existing(site).await?;
         schema::require_present(&pools).await?;
-        Ok(Self::new(pools, None, None))
+        Ok(Self::new(pools, None, None, None))
     }
 }
 
@@ -125,6 +125,7 @@ async fn existing(site: &Site) -> Result<Pools, MaintenanceError> {
             if !file.is_file() {
                 return Err(MaintenanceError::NoStore(folder.clone()));
             }
+            mark::require(folder).await?;
             Ok(sqlite::connect(&file, false).await?)
         }
         Site::Url(url) => Ok(Pools::Postgres(postgres::pool(postgres::options(url)?, CONNECTIONS).await?)),

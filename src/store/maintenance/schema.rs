@@ -1,7 +1,8 @@
 //! The version of the schema, and how it is brought up to date.
 
 use super::super::engine::{Pools, sql};
-use super::super::{DATABASE_FILE, StoreError, lock_folder, postgres, sqlite};
+use super::super::folder::{FolderLock, protect};
+use super::super::{DATABASE_FILE, StoreError, mark, postgres, sqlite};
 use super::{CONNECTIONS, MaintenanceError, Site, existing};
 
 /// Versions of a schema.
@@ -46,7 +47,9 @@ pub async fn versions(site: &Site) -> Result<Versions, MaintenanceError> {
 pub async fn migrate(site: &Site) -> Result<Versions, MaintenanceError> {
     let (pools, lock) = match site {
         Site::Folder(folder) => {
-            let lock = lock_folder(folder)?;
+            let lock = FolderLock::take(folder)?;
+            mark::require(folder).await?;
+            protect(folder)?;
             (sqlite::connect(&folder.join(DATABASE_FILE), true).await?, Some(lock))
         }
         Site::Url(url) => {

@@ -49,7 +49,7 @@ async fn damage_of_a_large_file_is_found_beside_the_service() {
     bytes[page..page + 64].fill(0xa5);
     std::fs::write(&file, bytes).unwrap();
     let pools = sqlite::open(&file, false).await.unwrap();
-    let store = Store::new(pools, None, None);
+    let store = Store::new(pools, None, None, None);
     store.ready().await.unwrap();
     store.check_beside();
     for _ in 0..100 {
@@ -91,4 +91,134 @@ async fn the_store_recovers_from_a_full_disk() {
     meddle(&store, limit).await;
     assert_eq!(store_all(&store, &cohort, shapes(0)).await, 1);
     assert_eq!(store.count(&cohort.id, Revisions::until(1), &EVERYTHING).await.unwrap(), 4000);
+}
+
+#[cfg(unix)]
+fn mode(path: &Path) -> u32 {
+    use std::os::unix::fs::PermissionsExt as _;
+    std::fs::metadata(path).unwrap().permissions().mode() & 0o777
+}
+
+#[cfg(unix)]
+#[tokio::test]
+async fn the_folder_and_its_files_are_for_their_owner_alone() {
+    use std::os::unix::fs::PermissionsExt as _;
+    let parent = tempfile::tempdir().unwrap();
+    let folder = parent.path().join("data");
+    let store = Store::open(&folder).await.unwrap();
+    store.create_cohort(&cohort("hands"), None).await.unwrap();
+    assert_eq!(mode(&folder), 0o700);
+    let files = ["shapelex.db", "shapelex.db-wal", "shapelex.db-shm", "shapelex.lock", "shapelex.mark"];
+    for name in files {
+        assert_eq!(mode(&folder.join(name)), 0o600, "{name}");
+    }
+    store.close().await;
+    // One that an older program has made.
+    std::fs::set_permissions(folder.join(DATABASE_FILE), std::fs::Permissions::from_mode(0o644)).unwrap();
+    let store = Store::open(&folder).await.unwrap();
+    assert_eq!(mode(&folder.join(DATABASE_FILE)), 0o600);
+    store.create_cohort(&cohort("feet"), None).await.unwrap();
+    assert_eq!(mode(&folder.join("shapelex.db-wal")), 0o600);
+}
+
+#[cfg(unix)]
+#[tokio::test]
+async fn without_the_file_of_the_lock_the_folder_still_belongs_to_one_store() {
+    let (folder, store) = embedded().await;
+    std::fs::remove_file(folder.path().join("shapelex.lock")).unwrap();
+    let error = Store::open(folder.path()).await.unwrap_err();
+    assert!(matches!(error, StoreError::Locked { .. }), "{error:?}");
+    store.close().await;
+    Store::open(folder.path()).await.unwrap();
+}
+
+/// A store as `kill -9` leaves it: what was acknowledged lies in its log.
+async fn killed() -> TempDir {
+    let (folder, store) = embedded().await;
+    for k in 0..5 {
+        store.create_cohort(&cohort(&format!("c{k}")), None).await.unwrap();
+        let entry = crate::domain::audit::Entry { tenant: "a".into(), ..Default::default() };
+        store.append_audit(&[entry]).await.unwrap();
+    }
+    let copy = tempfile::tempdir().unwrap();
+    for name in ["shapelex.db", "shapelex.db-wal", "shapelex.mark"] {
+        std::fs::copy(folder.path().join(name), copy.path().join(name)).unwrap();
+    }
+    copy
+}
+
+async fn missing(folder: &Path) -> Option<u64> {
+    match Store::open(folder).await {
+        Ok(store) => {
+            store.close().await;
+            None
+        }
+        Err(StoreError::Older { missing }) => Some(missing),
+        Err(error) => panic!("{error:?}"),
+    }
+}
+
+#[tokio::test]
+async fn a_killed_store_is_as_new_as_its_mark() {
+    let folder = killed().await;
+    assert_eq!(missing(folder.path()).await, None);
+}
+
+#[tokio::test]
+async fn a_store_without_its_log_is_refused_until_the_loss_is_accepted() {
+    let folder = killed().await;
+    std::fs::remove_file(folder.path().join("shapelex.db-wal")).unwrap();
+    assert_eq!(missing(folder.path()).await, Some(5));
+    assert!(matches!(Store::attach(folder.path()).await, Err(StoreError::Older { missing: 5 })));
+    let site = maintenance::Site::Folder(folder.path().to_path_buf());
+    assert!(Store::inspect(&site).await.unwrap_err().to_string().contains("last 5 audit entries"));
+    let store = Store::open_accepting_loss(folder.path()).await.unwrap();
+    store.close().await;
+    assert_eq!(missing(folder.path()).await, None);
+}
+
+#[tokio::test]
+async fn a_damaged_or_cut_log_is_refused_and_left_as_it_is() {
+    for cut in [false, true] {
+        let folder = killed().await;
+        let log = folder.path().join("shapelex.db-wal");
+        let mut bytes = std::fs::read(&log).unwrap();
+        let half = bytes.len() / 2;
+        if cut {
+            bytes.truncate(half);
+        } else {
+            bytes[half..half + 64].fill(0xa5);
+        }
+        std::fs::write(&log, &bytes).unwrap();
+        let lost = missing(folder.path()).await.unwrap();
+        assert!((1..=5).contains(&lost), "{lost}");
+        assert_eq!(std::fs::read(&log).unwrap(), bytes, "cut: {cut}");
+        assert_eq!(missing(folder.path()).await, Some(lost), "asked again, cut: {cut}");
+    }
+}
+
+#[tokio::test]
+async fn an_older_backup_that_was_put_into_the_folder_is_refused() {
+    let (folder, store) = embedded().await;
+    let parent = tempfile::tempdir().unwrap();
+    let backup = parent.path().join("backup");
+    store.back_up(&backup).await.unwrap();
+    store.append_audit(&[crate::domain::audit::Entry::default()]).await.unwrap();
+    store.close().await;
+    std::fs::copy(&backup, folder.path().join(DATABASE_FILE)).unwrap();
+    assert_eq!(missing(folder.path()).await, Some(1));
+    Store::open_accepting_loss(folder.path()).await.unwrap();
+}
+
+#[tokio::test]
+async fn after_a_clean_stop_everything_is_in_the_file() {
+    let (folder, store, cohort) = embedded_with_cohort().await;
+    store_all(&store, &cohort, (0..400).map(shape).collect()).await;
+    store.close().await;
+    let log = folder.path().join("shapelex.db-wal");
+    assert!(std::fs::metadata(&log).map_or(0, |about| about.len()) == 0);
+    let copy = tempfile::tempdir().unwrap();
+    std::fs::copy(folder.path().join(DATABASE_FILE), copy.path().join(DATABASE_FILE)).unwrap();
+    let store = Store::open(copy.path()).await.unwrap();
+    assert_eq!(store.count(&cohort.id, Revisions::until(1), &EVERYTHING).await.unwrap(), 400);
 }

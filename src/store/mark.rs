@@ -1,0 +1,174 @@
+//! How far the store had come, written down outside of the database: so that a missing or damaged write-ahead log is noticed.
+//!
+//! The newest commits of SQLite lie in its write-ahead log alone. When that file is missing, cut off or damaged, the database
+//! opens without a word as it was some time ago. The mark is the number of audit entries that all tenants have had, which never
+//! falls; every acknowledged change has an entry that was committed after it, so that a store which has lost an acknowledged
+//! change has fewer entries than the mark says.
+//!
+//! It is written after the commit that it tells of, and is therefore never ahead of the store, also after `kill -9` or a power
+//! cut: what the disk has of it is an older mark, or one that cannot be read, which says nothing. It reaches the disk at most
+//! every [`SYNCED_EVERY`]: no commit waits for it.
+
+use std::fs::File;
+use std::io::{self, Read as _, Seek as _, SeekFrom, Write as _};
+use std::path::Path;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+use super::engine::{self, Link, sql};
+use super::{DATABASE_FILE, StoreError, folder, from_sql, sqlite};
+
+/// Name of the file in the data folder.
+pub(super) const MARK_FILE: &str = "shapelex.mark";
+/// Longest time that the disk does not have the newest mark.
+const SYNCED_EVERY: Duration = Duration::from_secs(5);
+/// What a mark begins with.
+const HEAD: &str = "shapelex-mark 1";
+/// Hexadecimal digits of the checksum.
+const CHECK_DIGITS: usize = 16;
+
+/// The mark of a store that is open.
+#[derive(Debug)]
+pub(super) struct Mark {
+    file: Mutex<Written>,
+    entries: AtomicU64,
+}
+
+#[derive(Debug)]
+struct Written {
+    file: Arc<File>,
+    entries: u64,
+    synced: Instant,
+}
+
+impl Mark {
+    /// The mark in the folder, from now on at `entries`.
+    pub(super) fn begin(path: &Path, entries: u64) -> io::Result<Self> {
+        let file = Arc::new(folder::private_file(&path.join(MARK_FILE))?);
+        write(&file, entries)?;
+        file.sync_data()?;
+        let written = Written { file, entries, synced: Instant::now() };
+        Ok(Self { file: Mutex::new(written), entries: AtomicU64::new(entries) })
+    }
+
+    /// So many more entries are on disk. That the mark cannot be written loses nothing but the warning.
+    pub(super) fn advance(&self, count: u64) {
+        let entries = self.entries.fetch_add(count, Ordering::Relaxed) + count;
+        let mut written = self.file.lock().unwrap_or_else(PoisonError::into_inner);
+        if entries <= written.entries {
+            return;
+        }
+        if let Err(error) = write(&written.file, entries) {
+            tracing::debug!(%error, "the mark could not be written");
+            return;
+        }
+        written.entries = entries;
+        if written.synced.elapsed() >= SYNCED_EVERY {
+            written.synced = Instant::now();
+            let file = Arc::clone(&written.file);
+            // An older mark on disk is a mark.
+            tokio::task::spawn_blocking(move || drop(file.sync_data()));
+        }
+    }
+
+    /// Lets the disk have it.
+    pub(super) fn sync(&self) {
+        let written = self.file.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Err(error) = written.file.sync_data() {
+            tracing::debug!(%error, "the mark could not be written through to the disk");
+        }
+    }
+}
+
+/// All in one write of one sector.
+fn write(mut file: &File, entries: u64) -> io::Result<()> {
+    file.seek(SeekFrom::Start(0))?;
+    file.write_all(text(entries).as_bytes())
+}
+
+fn text(entries: u64) -> String {
+    let said = format!("{HEAD} {entries:020}");
+    let check = blake3::hash(said.as_bytes()).to_hex();
+    format!("{said} {}\n", &check[..CHECK_DIGITS])
+}
+
+/// The entries that the mark of the folder tells of; none when there is no mark that can be read.
+pub(super) fn read(path: &Path) -> Option<u64> {
+    let mut found = String::new();
+    // A mark has fewer than 100 bytes.
+    File::open(path.join(MARK_FILE)).ok()?.take(100).read_to_string(&mut found).ok()?;
+    let entries = found.strip_prefix(HEAD)?.split_whitespace().next()?.parse().ok()?;
+    (found == text(entries)).then_some(entries)
+}
+
+/// Refuses the database in the folder when it has had fewer entries than the mark says. It is opened for reading alone, so
+/// that what is left of a damaged log stays as it is.
+///
+/// # Errors
+/// [`StoreError::Older`].
+pub(super) async fn require(path: &Path) -> Result<(), StoreError> {
+    // Before the database is asked: beside a running service both grow.
+    let Some(marked) = read(path) else { return Ok(()) };
+    let file = path.join(DATABASE_FILE);
+    let is_empty = std::fs::metadata(&file).map_or(true, |about| about.len() == 0);
+    let found = if is_empty { 0 } else { in_file(&file).await? };
+    if found < marked {
+        return Err(StoreError::Older { missing: marked - found });
+    }
+    Ok(())
+}
+
+async fn in_file(file: &Path) -> Result<u64, StoreError> {
+    let pool = sqlite::look(file).await?;
+    let found = entries(Link::SqlitePool(&pool)).await;
+    pool.close().await;
+    found
+}
+
+/// The audit entries that all tenants of an embedded database have had.
+pub(super) async fn entries(link: Link<'_>) -> Result<u64, StoreError> {
+    // Without tables there are none.
+    const ENTRIES: &str = "SELECT CAST(coalesce(sum(sequence), 0) AS INTEGER) FROM audit_head";
+    match sql(link, ENTRIES).scalar().await {
+        Ok(found) => Ok(from_sql(found)),
+        Err(error) if engine::is_missing_table(&error) => Ok(0),
+        Err(error) => Err(error.into()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_mark_is_read_as_it_was_written_and_a_broken_one_is_none() {
+        let folder = tempfile::tempdir().unwrap();
+        assert_eq!(read(folder.path()), None);
+        for entries in [0, 1, 12_345_678_901_234_567_890] {
+            let mark = Mark::begin(folder.path(), entries).unwrap();
+            mark.sync();
+            assert_eq!(read(folder.path()), Some(entries));
+        }
+        let whole = text(77);
+        let file = folder.path().join(MARK_FILE);
+        for length in 0..whole.len() {
+            std::fs::write(&file, &whole[..length]).unwrap();
+            assert_eq!(read(folder.path()), None, "{length}");
+        }
+        std::fs::write(&file, whole.replace("77", "78")).unwrap();
+        assert_eq!(read(folder.path()), None);
+        std::fs::write(&file, [0xff; 200]).unwrap();
+        assert_eq!(read(folder.path()), None);
+    }
+
+    #[tokio::test]
+    async fn a_mark_never_falls() {
+        let folder = tempfile::tempdir().unwrap();
+        let mark = Mark::begin(folder.path(), 5).unwrap();
+        for (count, expected) in [(3, 8), (0, 8), (1, 9)] {
+            mark.advance(count);
+            assert_eq!(read(folder.path()), Some(expected));
+        }
+    }
+}
