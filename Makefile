@@ -3,9 +3,10 @@
 # make contract  the OpenAPI document against the running service for six minutes, as `make test` does outside of CI
 # make attack  the requests that once stopped the service, in their full sizes, then an hour of a search for new ones
 # make fuzz  every fuzz target for ten minutes
+# make sbom  what the program is made of, as CycloneDX, in target/sbom.cdx.json
 # make bench the benchmarks behind the figures of docs/benchmarks.md
 
-.PHONY: run test contract attack fuzz bench tools
+.PHONY: run test contract attack fuzz sbom bench tools
 
 run:
 	cargo run --release --locked -- serve
@@ -37,6 +38,11 @@ attack:
 fuzz:
 	@cargo fuzz --version >/dev/null 2>&1 || cargo install --locked cargo-fuzz@0.13.2
 	for target in $$(cargo fuzz list); do fuzz/run.sh $$target 600 || exit 1; done
+
+sbom:
+	mkdir -p target
+	cargo metadata --locked --format-version 1 --filter-platform "$$(rustc -vV | sed -n 's/^host: //p')" > target/metadata.json
+	python3 deploy/sbom.py target/metadata.json --lock Cargo.lock --out target/sbom.cdx.json
 
 bench:
 	cargo bench --locked

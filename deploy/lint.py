@@ -101,7 +101,8 @@ def check_yaml():
 def check_dockerfile():
     run(tool("hadolint"), "--failure-threshold", "style", DOCKERFILE)
     last = DOCKERFILE.read_text().rsplit("\nFROM ", 1)[1]
-    refuse([f"the last stage has no {line}" for line in ("USER 65532:65532", "HEALTHCHECK") if f"\n{line}" not in last])
+    wanted = ("USER 65532:65532", "HEALTHCHECK", "COPY --from=sbom ")
+    refuse([f"the last stage has no {line}" for line in wanted if f"\n{line}" not in last])
 
 
 def check_shell():
@@ -132,7 +133,7 @@ def check_image():
         run("sh", "docker/image_root.sh", programs[-1], root)
         inside = f"chroot --userspec=65532:65532 {root}"
         start = f"""mount --bind {root} {root}; mount -o remount,bind,ro {root}
-            mount -t tmpfs -o mode=0750,uid=65532,gid=65532 data {root}/data; mount -t tmpfs -o mode=1777 scratch {root}/tmp
+            mount -t tmpfs -o mode=0700,uid=65532,gid=65532 data {root}/data; mount -t tmpfs -o mode=1777 scratch {root}/tmp
             exec {inside} /usr/local/bin/shapelex serve"""
         log = Path(folder) / "log"
         with log.open("w") as file:
@@ -160,6 +161,9 @@ def check_compose():
     for name, service in replicas.items():
         wanted = {"read_only": True, "cap_drop": ["ALL"], "user": "65532:65532", "security_opt": ["no-new-privileges:true"]}
         found += [f"{name}: {key} is not {value}" for key, value in wanted.items() if service.get(key) != value]
+        # 4096 connections, and 500 files for the rest: docs/limits.md.
+        if service.get("ulimits", {}).get("nofile", 0) < 4096 + 500:
+            found.append(f"{name}: too few files for its connections")
     refuse(found)
 
 
@@ -257,6 +261,29 @@ def check_supply_chain():
     run(deny, "--offline", "--locked", "check", "licenses", "bans", "sources")
 
 
+def check_sbom():
+    """The list of what the program is made of: complete, in the form that others read, the same each time."""
+    host = re.search(r"(?m)^host: (.*)$", run("rustc", "-vV")).group(1)
+    try:
+        metadata = run("cargo", "metadata", "--locked", "--offline", "--format-version", "1", "--filter-platform", host)
+    except Failed:
+        raise Skipped("not all crates are here") from None
+    with tempfile.TemporaryDirectory() as folder:
+        files = [Path(folder) / name for name in ("metadata.json", "first.json", "second.json")]
+        files[0].write_text(metadata)
+        for out in files[1:]:
+            run(sys.executable, "deploy/sbom.py", files[0], "--lock", "Cargo.lock", "--out", out)
+        first, second = (out.read_text() for out in files[1:])
+    found = json.loads(first)
+    names = {part["name"] for part in found["components"] if part["scope"] == "required"}
+    refs = {part["bom-ref"] for part in [*found["components"], found["metadata"]["component"]]}
+    refuse([*([] if first == second else ["it is another one each time"]),
+            *(f"{name} is missing" for name in ("sqlx", "axum", "rustls", "libsqlite3-sys") if name not in names),
+            *(f"{name} is of the tests" for name in ("proptest", "criterion") if name in names),
+            *(f"{one['ref']} or what it needs is not listed" for one in found["dependencies"]
+              if not refs.issuperset({one["ref"], *one["dependsOn"]}))])
+
+
 def check_advisories():
     databases = Path(os.environ.get("CARGO_HOME") or Path.home() / ".cargo") / "advisory-dbs"
     if not any(path.is_dir() for path in databases.glob("*")):
@@ -274,6 +301,7 @@ CHECKS = {
     "systemd": check_systemd,
     "names": check_names,
     "supply-chain": check_supply_chain,
+    "sbom": check_sbom,
     "advisories": check_advisories,
 }
 

@@ -27,6 +27,6 @@ echo 'shapelex:x:65532:65532::/data:/sbin/nologin' > "$root/etc/passwd"
 echo 'shapelex:x:65532:' > "$root/etc/group"
 echo 'hosts: files dns' > "$root/etc/nsswitch.conf"
 
-install -d -m 0750 -o 65532 -g 65532 "$root/data"
+install -d -m 0700 -o 65532 -g 65532 "$root/data"
 install -d -m 1777 "$root/tmp"
 find "$root" -exec touch --no-dereference --date="@$epoch" {} +
