@@ -204,9 +204,11 @@ impl ServeConfig {
     /// Sizes that requests are checked against.
     pub fn limits(&self) -> Limits {
         let memory = self.memory();
-        let share = |given: usize, part: usize, most: usize| {
-            if given == 0 { (memory / 8 * part).min(most) } else { given }
+        let share = |given: usize, part: usize, least: usize, most: usize| {
+            if given == 0 { (memory / 8 * part).min(most).max(least) } else { given }
         };
+        // Seven eighths of the account are for what is large: a matrix must fit.
+        let matrix = self.max_matrix_bytes / 7 * 8 + 8;
         Limits {
             control_points: self.max_control_points,
             points: self.max_points,
@@ -218,15 +220,14 @@ impl ServeConfig {
             compression_ratio: self.max_compression_ratio,
             metadata_bytes: self.max_metadata_bytes,
             atoms: self.max_atoms,
-            job_bytes: share(self.max_job_bytes, 3, Limits::default().job_bytes),
+            job_bytes: share(self.max_job_bytes, 3, 0, Limits::default().job_bytes),
             matrix_bytes: self.max_matrix_bytes,
             matrix_operations: self.max_matrix_operations,
             search_operations: self.max_search_operations,
             heavy_requests: self.max_heavy_requests,
             memory: memory / 16 * 15,
-            buffered_bytes: share(self.max_buffered_bytes, 2, MOST_BUFFERED).max(self.max_body_bytes),
-            answer_bytes: share(self.max_answer_bytes, 1, Limits::default().answer_bytes)
-                .max(self.max_matrix_bytes),
+            buffered_bytes: share(self.max_buffered_bytes, 2, self.max_body_bytes, MOST_BUFFERED),
+            answer_bytes: share(self.max_answer_bytes, 1, matrix, Limits::default().answer_bytes),
             rate_per_second: self.rate_per_second,
             rate_burst: self.rate_burst,
             refusals_per_minute: self.refusals_per_minute,

@@ -3,7 +3,7 @@
 
 use std::pin::Pin;
 use std::sync::Arc;
-use std::task::{Context, Poll};
+use std::task::{Context, Poll, ready};
 
 use axum::body::{Body, Bytes, HttpBody};
 use axum::extract::{Request, State};
@@ -24,15 +24,29 @@ pub async fn hold(State(memory): State<Memory>, request: Request, next: Next) ->
         return response;
     };
     match memory.hold(Purpose::Answers, usize::try_from(bytes).unwrap_or(usize::MAX)) {
-        Ok(held) => response.map(|body| Body::new(Answer { body, held: Arc::new(held) })),
+        Ok(held) => response.map(|body| Body::new(Answer { body, rest: Bytes::new(), held: Arc::new(held) })),
         Err(error) => Problem::from(error).into_response(),
     }
 }
 
-/// An answer whose bytes hold their memory wherever they are: the connection keeps them until they are written.
+/// An answer whose bytes hold their memory wherever they are, and leave in pieces: a connection keeps some of them until they
+/// are written, or copies them, and asks for more when its client reads.
 struct Answer {
     body: Body,
+    /// What is left of a frame of the body.
+    rest: Bytes,
     held: Arc<Held>,
+}
+
+/// Bytes of an answer that leave at once.
+const PIECE: usize = 64 << 10;
+
+impl Answer {
+    /// The next piece of what is left.
+    fn piece(&mut self) -> Frame<Bytes> {
+        let bytes = self.rest.split_to(self.rest.len().min(PIECE));
+        Frame::data(Bytes::from_owner(Piece { bytes, _held: Arc::clone(&self.held) }))
+    }
 }
 
 /// Bytes of an answer.
@@ -55,19 +69,25 @@ impl HttpBody for Answer {
         mut self: Pin<&mut Self>,
         context: &mut Context<'_>,
     ) -> Poll<Option<Result<Frame<Bytes>, axum::Error>>> {
-        let polled = Pin::new(&mut self.body).poll_frame(context);
-        let held = &self.held;
-        polled.map_ok(|frame| {
-            frame.map_data(|bytes| Bytes::from_owner(Piece { bytes, _held: Arc::clone(held) }))
-        })
+        if self.rest.is_empty() {
+            match ready!(Pin::new(&mut self.body).poll_frame(context)) {
+                Some(Ok(frame)) => match frame.into_data() {
+                    Ok(bytes) => self.rest = bytes,
+                    Err(trailers) => return Poll::Ready(Some(Ok(trailers))),
+                },
+                end => return Poll::Ready(end),
+            }
+        }
+        Poll::Ready(Some(Ok(self.piece())))
     }
 
     fn is_end_stream(&self) -> bool {
-        self.body.is_end_stream()
+        self.rest.is_empty() && self.body.is_end_stream()
     }
 
     fn size_hint(&self) -> SizeHint {
-        self.body.size_hint()
+        let (body, rest) = (self.body.size_hint(), self.rest.len() as u64);
+        body.exact().map_or_else(SizeHint::default, |left| SizeHint::with_exact(left + rest))
     }
 }
 
@@ -100,13 +120,16 @@ mod tests {
         let mut answer = ask(&router).await;
         assert_eq!(memory.held(Purpose::Answers), BYTES);
         let bytes = answer.body_mut().frame().await.unwrap().unwrap().into_data().unwrap();
+        assert_eq!((bytes.len(), answer.body().size_hint().exact()), (PIECE, Some((BYTES - PIECE) as u64)));
         let part = bytes.slice(10..20);
         drop((answer, bytes));
         assert_eq!(memory.held(Purpose::Answers), BYTES, "a connection may still have to write it");
         assert_eq!(ask(&router).await.status(), 503);
         drop(part);
         assert_eq!(memory.held(Purpose::Answers), 0);
-        assert_eq!(ask(&router).await.status(), 200);
+        let answer = ask(&router).await;
+        assert_eq!(answer.status(), 200);
+        assert_eq!(answer.into_body().collect().await.unwrap().to_bytes().len(), BYTES);
     }
 
     #[tokio::test]

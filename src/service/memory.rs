@@ -33,6 +33,8 @@ pub struct Quota {
 /// What is smaller than this is never refused for the sake of the whole process: refusals need memory too, and what has few
 /// bytes is bounded by the number of connections.
 const SMALL: usize = 256 << 10;
+/// What is larger than this may not fill an account: a few who send or leave large things must not be in the way of all others.
+const LARGE: usize = 1 << 20;
 /// How often the resident memory is looked at: at a gigabyte a second it grows by 100 MB meanwhile.
 const SAMPLING: Duration = Duration::from_millis(100);
 
@@ -47,8 +49,15 @@ impl Account {
         Self { most, held: AtomicUsize::new(0) }
     }
 
-    fn take(&self, bytes: usize) -> bool {
-        let fits = |held: usize| held.checked_add(bytes).filter(|held| *held <= self.most);
+    /// What may be held when a piece of so many bytes is among it: what is large leaves an eighth to what is not.
+    fn most_with(&self, whole: usize) -> usize {
+        if whole >= LARGE { self.most / 8 * 7 } else { self.most }
+    }
+
+    /// Holds `bytes` more for what then has `whole` bytes.
+    fn take(&self, bytes: usize, whole: usize) -> bool {
+        let most = self.most_with(whole);
+        let fits = |held: usize| held.checked_add(bytes).filter(|held| *held <= most);
         self.held.fetch_update(Ordering::Relaxed, Ordering::Relaxed, fits).is_ok()
     }
 }
@@ -106,9 +115,9 @@ impl Memory {
         self.0.resident.load(Ordering::Relaxed)
     }
 
-    /// Whether `bytes` more fit into the process.
-    fn fits(&self, bytes: usize) -> bool {
-        bytes < SMALL || self.resident().saturating_add(bytes) <= self.0.process
+    /// Whether `bytes` more fit into the process, for what then has `whole` bytes.
+    fn fits(&self, bytes: usize, whole: usize) -> bool {
+        whole < SMALL || self.resident().saturating_add(bytes) <= self.0.process
     }
 
     /// Looks at the resident memory of the process from now on, as long as the service lives. Where the system does not say,
@@ -142,10 +151,10 @@ impl Held {
     pub fn grow(&mut self, bytes: usize) -> Result<(), ServiceError> {
         let account = self.memory.0.of(self.purpose);
         let whole = self.bytes.saturating_add(bytes);
-        if whole > account.most {
-            return Err(too_much(self.purpose, whole, account.most));
+        if whole > account.most_with(whole) {
+            return Err(too_much(self.purpose, whole, account.most_with(whole)));
         }
-        if !self.memory.fits(bytes) || !account.take(bytes) {
+        if !self.memory.fits(bytes, whole) || !account.take(bytes, whole) {
             return Err(ServiceError::Overloaded(full(self.purpose).into()));
         }
         self.bytes = whole;
@@ -273,6 +282,24 @@ mod tests {
         assert!(memory.hold(Purpose::Answers, SMALL - 1).is_ok());
         memory.0.resident.store(90 << 20, Ordering::Relaxed);
         assert!(memory.hold(Purpose::Answers, 2 << 20).is_ok());
+    }
+
+    #[test]
+    fn what_is_large_leaves_room_for_what_is_small() {
+        let memory = memory(usize::MAX);
+        let large = memory.hold(Purpose::Answers, 8 << 20).unwrap();
+        assert!(memory.hold(Purpose::Answers, 1 << 20).is_err());
+        let small = memory.hold(Purpose::Answers, (1 << 20) - 1).unwrap();
+        drop(large);
+        assert!(matches!(memory.hold(Purpose::Answers, 9 << 20), Err(ServiceError::Invalid(_))));
+        drop(small);
+        // Pieces of what has become large are refused too.
+        let memory = Memory::new(Quota { process: 1, bodies: 1 << 30, answers: 0 });
+        let mut body = memory.hold(Purpose::Bodies, 0).unwrap();
+        while body.bytes() < SMALL - 1024 {
+            body.grow(1024).unwrap();
+        }
+        assert!(body.grow(1024).is_err());
     }
 
     #[tokio::test]

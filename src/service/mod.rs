@@ -173,7 +173,7 @@ impl Default for Limits {
             heavy_requests: 0,
             memory: usize::MAX,
             buffered_bytes: 768 << 20,
-            answer_bytes: 144 << 20,
+            answer_bytes: 160 << 20,
             rate_per_second: 0,
             rate_burst: 0,
             // Whoever is let in is never counted: this only tells those who are not to slow down. A client with a wrong key that

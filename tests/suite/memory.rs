@@ -299,7 +299,7 @@ fn answers_that_nobody_reads_are_bounded_together() {
     });
     let refused = streams.iter().filter(|(_, head)| head.ends_with("503")).count();
     // A connection of this machine takes some megabytes before anybody reads: less than an answer.
-    assert!(refused >= 12 - answers / one, "{refused} of 12 were refused");
+    assert!(refused >= 12 - answers / one - 2, "{refused} of 12 were refused");
     assert!(taken < answers + 8 * one, "{} MB were taken", taken >> 20);
     // Who goes away gives back what was held.
     drop(streams);
