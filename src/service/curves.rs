@@ -75,6 +75,8 @@ pub fn evaluate(
         faults.extend(outside.map(fault));
     }
     ServiceError::unless_empty(faults)?;
+    // Before anything is computed: what nobody can be given is not worth it.
+    let _room = app.memory.foresee(total)?;
     Ok(shapes
         .par_iter()
         .map(|shape| {

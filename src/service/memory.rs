@@ -135,6 +135,19 @@ impl Memory {
     }
 }
 
+/// Bytes of a number in an answer.
+const NUMBER_BYTES: usize = 20;
+
+impl Memory {
+    /// Holds the memory of an answer of so many numbers, for as long as it is computed.
+    ///
+    /// # Errors
+    /// Those of [`Memory::hold`].
+    pub fn foresee(&self, numbers: usize) -> Result<Held, ServiceError> {
+        self.hold(Purpose::Answers, numbers.saturating_mul(NUMBER_BYTES))
+    }
+}
+
 /// Memory that is held for a purpose; given back when this is dropped.
 #[derive(Debug)]
 pub struct Held {

@@ -72,6 +72,8 @@ pub fn evaluate(
         faults.extend(outside(&posted.space, list, "/parameters"));
     }
     ServiceError::unless_empty(faults)?;
+    // Before anything is computed: what nobody can be given is not worth it.
+    let _room = app.memory.foresee(total)?;
     let evaluated = |shape: &Matrix| {
         let surface = posted.surface(shape);
         match parameters {

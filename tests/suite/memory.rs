@@ -269,7 +269,7 @@ fn unread(server: &Server, body: &str) -> TcpStream {
     let length = body.len();
     write!(
         stream,
-        "POST /v1/evaluate HTTP/1.1\r\nhost: x\r\ncontent-type: application/json\r\ncontent-length: {length}\r\n\r\n{body}"
+        "POST /v1/evaluate HTTP/1.1\r\nhost: localhost\r\ncontent-type: application/json\r\ncontent-length: {length}\r\n\r\n{body}"
     )
     .unwrap();
     stream
