@@ -162,7 +162,7 @@ impl Default for Limits {
             answer_numbers: 1 << 20,
             body_bytes: 64 << 20,
             line_bytes: 8 << 20,
-            json_values: 16 << 20,
+            json_values: 32 << 20,
             compression_ratio: 100,
             metadata_bytes: 64 << 10,
             atoms: 1024,
