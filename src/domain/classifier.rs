@@ -18,8 +18,10 @@ pub enum ClassifierKind {
     Discriminant,
     /// Votes of the nearest training shapes, by their codes.
     NearestNeighbours,
-    /// The one of all these that does best in cross-validation within the training shapes.
+    /// Those of all these, one or several together, that do best in cross-validation within the training shapes.
     Best,
+    /// Several of these together: what `best` may train; not to be asked for.
+    Ensemble,
 }
 
 /// What a classifier looks at.
@@ -93,10 +95,14 @@ impl ClassifierSettings {
         self.features.contains(&Feature::Size)
     }
 
-    /// Trainings of the whole validation, each with all that is learnt; `within` for the choice of `best`.
+    /// Trainings of the whole validation, each with all that is learnt; `within` for the choice of `best`, whose result is
+    /// validated once more.
     pub fn trainings(&self, within: usize) -> usize {
-        let each = if self.kind == ClassifierKind::Best { 1 + within } else { 1 };
-        self.folds * self.repeats * each + each
+        let parts = self.folds * self.repeats;
+        match self.kind {
+            ClassifierKind::Best => parts * (1 + within) + 1 + within + parts,
+            _ => parts + 1,
+        }
     }
 }
 
@@ -175,6 +181,24 @@ pub enum Trained {
         /// What the size is multiplied by, when it is a feature.
         size_factor: Option<f64>,
     },
+    /// The mean of what several hold likely.
+    Ensemble {
+        /// At most twelve, the heaviest first; its distances are those of the whole.
+        members: Vec<TrainedMember>,
+    },
+}
+
+/// One classifier of several.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct TrainedMember {
+    /// Its numbers.
+    #[schema(no_recursion)]
+    pub trained: Trained,
+    /// `β` of its probabilities `∝ exp(β score)`.
+    pub sharpness: f64,
+    /// Its part of the mean; those of all sum to 1.
+    pub weight: f64,
 }
 
 impl Trained {
@@ -186,6 +210,7 @@ impl Trained {
             Self::SparseResidual { .. } => ClassifierKind::SparseResidual,
             Self::Discriminant { .. } => ClassifierKind::Discriminant,
             Self::NearestNeighbours { .. } => ClassifierKind::NearestNeighbours,
+            Self::Ensemble { .. } => ClassifierKind::Ensemble,
         }
     }
 }
@@ -249,6 +274,23 @@ pub struct Candidate {
     /// Part of the shapes that it got right in the cross-validation that chose. Too high for the one that was chosen:
     /// the figures of the validation are those to be trusted.
     pub accuracy: f64,
+    /// Its part in what was chosen; absent when it has none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub weight: Option<f64>,
+}
+
+/// What `best` has chosen for all shapes, on the shapes of the same parts when they were held out. Confidences and limits
+/// come from these. A little too good, because all shapes had a say in the choice: the figures of the validation, whose
+/// choices were made without the shapes they are judged by, are those to be trusted.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ChosenQuality {
+    /// Part of the shapes that is right.
+    pub accuracy: f64,
+    /// Mean of `Σ_c (p_c − [c is the class])²`.
+    pub brier: f64,
+    /// Mean of `−ln p` of the class.
+    pub log_loss: f64,
 }
 
 /// Cross-validation: mean shape, alignment, dictionary and classifier are learnt anew without the shapes that are
@@ -287,4 +329,7 @@ pub struct Validation {
     /// What `best` chose from for all shapes, the best first; null without a choice.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub candidates: Option<Vec<Candidate>>,
+    /// The choice itself; null without one, and in dictionaries that were learnt before it was validated.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub chosen: Option<ChosenQuality>,
 }

@@ -213,7 +213,8 @@ fn stored(
         ClassifierKind::Discriminant
         | ClassifierKind::NearestAtom
         | ClassifierKind::SparseResidual
-        | ClassifierKind::Best => 0,
+        | ClassifierKind::Best
+        | ClassifierKind::Ensemble => 0,
     }
 }
 
@@ -236,6 +237,8 @@ pub(super) fn settings_faults(settings: &ClassifierSettings, method: &Method) ->
         }
     };
     let kind = settings.kind;
+    let detail = "is ensemble, which is what best may find: expected best, or one of the other kinds";
+    check(kind != ClassifierKind::Ensemble, "kind", detail.into());
     let sparse = matches!(method, Method::Sparse { .. });
     let detail = "is sparse_residual, which needs a sparse dictionary";
     check(kind != SparseResidual || sparse, "kind", detail.into());

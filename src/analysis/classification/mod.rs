@@ -4,6 +4,7 @@
 //! * [`atom_classes`] — the class of the best atom, and the class-wise residual of a code;
 //! * [`discriminant`] — linear to quadratic discriminants of the features;
 //! * [`neighbours`] — votes of the nearest training shapes;
+//! * [`ensemble`] — several of these as one;
 //! * [`folds`] — parts of a sample for cross-validation;
 //! * [`quality`] — what a validation reports, and calibrated confidences.
 //!
@@ -16,6 +17,7 @@
 pub mod atom_classes;
 pub mod class_means;
 pub mod discriminant;
+pub mod ensemble;
 pub mod folds;
 pub mod neighbours;
 pub mod quality;
@@ -23,6 +25,7 @@ pub mod quality;
 use self::atom_classes::AtomClasses;
 use self::class_means::ClassMeans;
 use self::discriminant::{Discriminant, Regularisation};
+use self::ensemble::Ensemble;
 use self::neighbours::NearestNeighbours;
 use super::AnalysisError;
 use super::accumulate::{ShapesInMemory, map_shapes};
@@ -147,6 +150,8 @@ pub enum Classifier {
     Discriminant(Discriminant),
     /// Votes of the nearest training shapes.
     NearestNeighbours(NearestNeighbours),
+    /// The mean of several.
+    Ensemble(Ensemble),
 }
 
 /// What a classifier says about a shape, class by class.
@@ -227,6 +232,7 @@ impl Classifier {
             Self::SparseResidual(atoms) => atoms.residuals(description.model, observations),
             Self::Discriminant(discriminant) => discriminant.evidence(&description.features(observations)),
             Self::NearestNeighbours(nearest) => nearest.evidence(&description.features(observations)),
+            Self::Ensemble(ensemble) => return ensemble.evidence(description, observations),
         })
     }
 }
