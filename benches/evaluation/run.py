@@ -1,9 +1,9 @@
 """Classification on real shapes, through the running service; writes the tables of docs/evaluation.md.
 
-    python benches/evaluation/run.py --data FOLDER [--binary PROGRAM] [NAME ...]
+    python benches/evaluation/run.py --data FOLDER [--binary PROGRAM] [--table TABLE] [NAME ...]
 
-FOLDER holds the data sets (`curves-molars/curves.ndjson` and so on); NAME chooses some of them. Needs nothing beyond the
-standard library. Every figure is made by requests that a client can repeat: a cohort is posted, a dictionary with a
+FOLDER holds the data sets (`curves-molars/curves.ndjson` and so on); NAME chooses some of them, TABLE one of the tables. The
+table of peers needs numpy and scikit-learn, the others nothing beyond the standard library. Every figure is made by requests that a client can repeat: a cohort is posted, a dictionary with a
 classifier is learnt from it, and what its validation says is written down. Seeds are fixed.
 """
 
@@ -275,49 +275,240 @@ def latencies(service, folder):
         print(f"| {name} | {times[len(times) // 2]:.2f} ms | {times[int(0.95 * len(times))]:.2f} ms |", flush=True)
 
 
+OUTLINES = (
+    "apodemus-mandibles",
+    "charred-grains",
+    "hands",
+    "hearts",
+    "molars",
+    "mosquito-wings",
+    "mouse-molars",
+    "mouse-vertebrae",
+    "mpeg7",
+    "north-sea-fish",
+    "olive-stones",
+    "osteosarcoma-cells",
+    "otoliths",
+    "trilobite-heads",
+)
+LEARNT = {20: 12}
+MOST_ASKED = 300
+NOVELTY_POINTS = 48
+
+
+def outlines(folder, data_set):
+    """Shapes without classes, their representation and correspondence."""
+    given = [json.loads(line) for line in open(Path(folder) / f"curves-{data_set}" / "curves.ndjson")]
+    kind = {**contour(), "generator": {"name": "trigonometric"}, "control_points": NOVELTY_POINTS}
+    if not given[0]["closed"]:
+        generator = {"name": "bspline", "degree": 3}
+        kind = {"kind": "open_curve", "dimension": 2, "generator": generator, "control_points": NOVELTY_POINTS}
+    correspondence = "cyclic" if given[0]["closed"] else "arc_length"
+    return [{"points": shape["points"]} for shape in given], kind, correspondence
+
+
+def quantile_of(values, quantile):
+    place = quantile * (len(values) - 1)
+    below = int(place)
+    return values[below] + (place - below) * (values[min(below + 1, len(values) - 1)] - values[below])
+
+
+def alarms(service, name, shapes, dictionary):
+    """Parts of new shapes that are outliers at 0.95 and 0.99: by shapes held out, and by those learnt from."""
+    found = []
+    statistics = dictionary["statistics"]
+    for quantile in (0.95, 0.99):
+        answer = service.call("POST", f"/v1/dictionaries/{name}/score", {"shapes": shapes, "quantile": quantile})
+        scores = answer["scores"]
+        found.append(sum(score["outlier"] for score in scores) / len(scores))
+        q = quantile_of(statistics["residuals"], quantile)
+        beyond = [score["squared_prediction_error"] > q for score in scores]
+        if statistics.get("scores"):
+            t = quantile_of(statistics["scores"]["t_squared"], quantile)
+            beyond = [a or score["t_squared"] > t for a, score in zip(beyond, scores)]
+        found.append(sum(beyond) / len(beyond))
+    return found
+
+
+def novelty(service, folder, names, atoms=False):
+    """False alarms among shapes that were not learnt from, over random halves."""
+    method = {"kind": "functional_pca", "components": 8, "centre": True}
+    if atoms:
+        method = {"kind": "sparse", "atoms": 8, "lambda": 0.02, "max_epochs": 30}
+    print("\n| data | learnt | draws | false alarms at 0.95 | at 0.99 | by shapes learnt from, at 0.95 | at 0.99 |")
+    print("|---|---|---|---|---|---|---|")
+    for data_set in OUTLINES:
+        if names and not any(name in data_set for name in names):
+            continue
+        shapes, kind, correspondence = outlines(folder, data_set)
+        for learnt, draws in LEARNT.items():
+            if len(shapes) < learnt + 10:
+                continue
+            draws = draws // 4 if atoms else draws
+            sums = [0.0] * 4
+            for seed in range(draws):
+                order = shapes[:]
+                Random(seed).shuffle(order)
+                name = f"{data_set}-{learnt}-{seed}{'-atoms' if atoms else ''}"
+                service.cohort(name, kind, correspondence, order[:learnt])
+                body = {"name": name, "cohort": name, "transformation": "similarity", "method": method}
+                service.finished(service.call("POST", "/v1/dictionaries", body))
+                dictionary = service.call("GET", f"/v1/dictionaries/{name}")
+                asked = order[learnt : learnt + MOST_ASKED]
+                sums = [a + b for a, b in zip(sums, alarms(service, name, asked, dictionary))]
+            held, old, held99, old99 = (f"{100 * value / draws:.1f} %" for value in sums)
+            cells = [data_set, str(learnt), str(draws), held, held99, old, old99]
+            print("| " + " | ".join(cells) + " |", flush=True)
+
+
+HALVINGS = 10
+
+
+def drifts(service, folder, names):
+    """The angle between the means of two halves of a set beside what is expected."""
+    print("\n| data | shapes | observed | expected | ratio |\n|---|---|---|---|---|")
+    for data_set in OUTLINES:
+        if names and not any(name in data_set for name in names):
+            continue
+        shapes, kind, correspondence = outlines(folder, data_set)
+        observed = expected = 0.0
+        for seed in range(HALVINGS):
+            order = shapes[:]
+            Random(seed).shuffle(order)
+            name = f"drift-{data_set}-{seed}"
+            service.cohort(name, kind, correspondence, order[: len(order) // 2])
+            method = {"kind": "functional_pca", "components": 4, "centre": True}
+            body = {"name": name, "cohort": name, "transformation": "similarity", "method": method}
+            service.finished(service.call("POST", "/v1/dictionaries", body))
+            service.call("POST", f"/v1/cohorts/{name}/shapes", {"shapes": order[len(order) // 2 :]})
+            mean = service.call("GET", f"/v1/dictionaries/{name}/drift")["mean"]
+            observed += mean["angle_deg"] ** 2 / HALVINGS
+            expected += mean["expected_deg"] ** 2 / HALVINGS
+        cells = [data_set, str(len(shapes)), f"{observed**0.5:.3f}°", f"{expected**0.5:.3f}°"]
+        print("| " + " | ".join([*cells, f"{(expected / observed) ** 0.5:.2f}"]) + " |", flush=True)
+
+
+PEERS = ("molars", "mouse vertebrae", "hearts", "hearts, start as given", "otoliths", "charred grains, dorsal",
+         "charred grains, lateral", "charred grains, polar", "North Sea fish, classes of 5")  # fmt: skip
+SPLITS = 5
+HELD = 0.3
+
+
+def split(shapes, seed):
+    """Training and test shapes; of every class about the same part, a subject on one side."""
+    random = Random(seed)
+    groups = {}
+    for k, shape in enumerate(shapes):
+        groups.setdefault(shape.get("subject", k), []).append(shape)
+    order = list(groups.values())
+    random.shuffle(order)
+    sizes, taken, test = Counter(shape["label"] for shape in shapes), Counter(), []
+    training = []
+    for group in order:
+        label = group[0]["label"]
+        held = taken[label] + len(group) / 2 <= HELD * sizes[label]
+        taken.update(shape["label"] for shape in group if held)
+        (test if held else training).extend(group)
+    return training, test
+
+
+def beside_peers(service, folder, names):
+    """`best` beside plain peers, on shapes neither learnt nor chosen from; random splits by subject."""
+    import peers
+
+    print(f"\n{SPLITS} splits, {HELD:.0%} held out, seeds 0 to {SPLITS - 1}\n")
+    print("| data | shapes | `best` | Brier | Procrustes, best of 8 | Fourier, best of 8 | kinds |\n|---|---|---|---|---|---|---|")
+    for number, name in enumerate(PEERS):
+        if names and not any(part in name for part in names):
+            continue
+        data_set, arguments, correspondence, transformation = SETS[name]
+        shapes = shapes_of(folder, data_set, arguments)
+        right = brier = asked = 0
+        others, kinds = Counter(), Counter()
+        for seed in range(SPLITS):
+            training, test = split(shapes, seed)
+            cohort = f"peers{number}-{seed}"
+            service.cohort(cohort, contour(), correspondence, training)
+            method = {"kind": "functional_pca", "components": 40, "centre": True}
+            classifier = {"kind": "best", "folds": 3, "repeats": 1}
+            dictionary = service.learn(cohort, cohort, classifier, method, transformation)
+            kinds[dictionary["classifier"]["kind"]] += 1
+            plain = [{"points": shape["points"]} for shape in test]
+            answer = service.call("POST", f"/v1/dictionaries/{cohort}/classify", {"shapes": plain})
+            for shape, found in zip(test, answer["classes"]):
+                right += found["label"] == shape["label"]
+                brier += sum((r["confidence"] - (r["label"] == shape["label"])) ** 2 for r in found["ranking"])
+            asked += len(test)
+            for peer, value in peers.accuracies(training, test).items():
+                others[peer] += value * len(test)
+        best = {family: max((value, peer) for peer, value in others.items() if peer.startswith(family))
+                for family in ("Procrustes", "Fourier")}  # fmt: skip
+        cells = [name, str(len(shapes)), f"{right / asked:.3f}", f"{brier / asked:.3f}"]
+        cells += [f"{value / asked:.3f} ({peer.split(' ', 1)[1]})" for value, peer in best.values()]
+        cells.append(", ".join(f"{kind} {count}" for kind, count in kinds.most_common()))
+        print("| " + " | ".join(cells) + " |", flush=True)
+
+
+def classes(service, options):
+    """The tables of classes, and of all else that has no option of its own."""
+    kinds = options.kinds.split(",")
+    chosen = lambda name: not options.names or any(part in name for part in options.names)
+    print(HEAD)
+    for number, (name, (data_set, arguments, correspondence, transformation)) in enumerate(SETS.items()):
+        if chosen(name):
+            cohort = f"set{number}"
+            shapes = shapes_of(options.data, data_set, arguments)
+            service.cohort(cohort, contour(), correspondence, shapes)
+            rule, folds = (correspondence, transformation), arguments.get("folds", 5)
+            evaluate(service, name, cohort, *rule, options.components, kinds, shapes, folds)
+    for number, (name, (data_set, target)) in enumerate(LANDMARKS.items()):
+        if chosen(name):
+            shapes = landmarks(options.data, data_set, target)
+            dimension = len(shapes[0]["points"][0])
+            representation = {"kind": "landmarks", "dimension": dimension, "points": len(shapes[0]["points"])}
+            cohort = f"marks{number}"
+            service.cohort(cohort, representation, "landmarks", shapes)
+            evaluate(service, name, cohort, "landmarks", SIMILARITY, options.components, kinds, shapes)
+    if chosen("MPEG-7"):
+        silhouettes(service, options.data)
+    if chosen("halves"):
+        shuffled(service, options.data)
+    if chosen("bumps"):
+        differing(service)
+    if chosen("latencies"):
+        latencies(service, options.data)
+
+
+TABLES = {
+    "classes": classes,
+    "peers": lambda service, options: beside_peers(service, options.data, options.names),
+    "novelty": lambda service, options: novelty(service, options.data, options.names),
+    "atoms": lambda service, options: novelty(service, options.data, options.names, atoms=True),
+    "drift": lambda service, options: drifts(service, options.data, options.names),
+}
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data", required=True)
     parser.add_argument("--binary")
     parser.add_argument("--components", type=int, default=40)
     parser.add_argument("--kinds", default=",".join(ALL_KINDS))
+    parser.add_argument("--table", choices=TABLES, help="one of the tables; all unless given")
     parser.add_argument("names", nargs="*")
     options = parser.parse_args()
     binary = options.binary
     if not binary:
         subprocess.run(["cargo", "build", "--release", "--locked"], cwd=ROOT, check=True)
         binary = ROOT / "target/release/shapelex"
-    kinds = options.kinds.split(",")
-    chosen = lambda name: not options.names or any(part in name for part in options.names)
-    with tempfile.TemporaryDirectory() as folder:
-        service = Service(binary, folder)
-        try:
-            print(HEAD)
-            for number, (name, (data_set, arguments, correspondence, transformation)) in enumerate(SETS.items()):
-                if chosen(name):
-                    cohort = f"set{number}"
-                    shapes = shapes_of(options.data, data_set, arguments)
-                    service.cohort(cohort, contour(), correspondence, shapes)
-                    rule, folds = (correspondence, transformation), arguments.get("folds", 5)
-                    evaluate(service, name, cohort, *rule, options.components, kinds, shapes, folds)
-            for number, (name, (data_set, target)) in enumerate(LANDMARKS.items()):
-                if chosen(name):
-                    shapes = landmarks(options.data, data_set, target)
-                    dimension = len(shapes[0]["points"][0])
-                    representation = {"kind": "landmarks", "dimension": dimension, "points": len(shapes[0]["points"])}
-                    cohort = f"marks{number}"
-                    service.cohort(cohort, representation, "landmarks", shapes)
-                    evaluate(service, name, cohort, "landmarks", SIMILARITY, options.components, kinds, shapes)
-            if chosen("MPEG-7"):
-                silhouettes(service, options.data)
-            if chosen("halves"):
-                shuffled(service, options.data)
-            if chosen("bumps"):
-                differing(service)
-            if chosen("latencies"):
-                latencies(service, options.data)
-        finally:
-            service.process.kill()
+    for name, table in TABLES.items():
+        if options.table in (None, name):
+            with tempfile.TemporaryDirectory() as folder:
+                service = Service(binary, folder)
+                try:
+                    table(service, options)
+                finally:
+                    service.process.kill()
 
 
 if __name__ == "__main__":

@@ -109,6 +109,28 @@ impl Matching {
         self.fft.is_some() || self.candidates.len() > 1
     }
 
+    /// Whether start points are searched.
+    pub fn shifts(&self) -> bool {
+        self.fft.is_some()
+    }
+
+    /// The whitened shape `x` started `offset` of a control point later, by trigonometric interpolation; as it is where no
+    /// start points are searched.
+    pub fn between(&self, x: &[f64], offset: f64) -> Vec<f64> {
+        let Some(fft) = self.fft.as_ref().filter(|_| offset != 0.0) else { return x.to_vec() };
+        let n = fft.len();
+        let (mut scratch, mut moved) = (fft.scratch(), x.to_vec());
+        for (coordinate, mut spectrum) in moved.chunks_exact_mut(n).zip(spectra(fft, x)) {
+            for (k, value) in spectrum.iter_mut().enumerate() {
+                let (sin, cos) = (std::f64::consts::TAU * k as f64 * offset / n as f64).sin_cos();
+                // The highest frequency of an even number has a cosine alone.
+                *value *= realfft::num_complex::Complex64::new(cos, if 2 * k == n { 0.0 } else { sin });
+            }
+            fft.inverse(&mut spectrum, coordinate, &mut scratch);
+        }
+        moved
+    }
+
     /// Whether mirror images are tried.
     pub fn mirrors(&self) -> bool {
         self.candidates.iter().any(|candidate| candidate.mirrored)

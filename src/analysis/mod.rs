@@ -9,6 +9,7 @@
 //! * [`mean`], [`frame`] — the mean space (mean of the subspaces) and its representative;
 //! * [`procrustes`] — the classical comparator;
 //! * [`alignment`] — the mean of a set of shapes, and the shapes aligned to it;
+//! * [`mean_angle`] — the angle between two mean shapes, and what it is by chance;
 //! * [`pca`] — functional principal components;
 //! * [`sparse`] — sparse codes: lasso and group lasso with a certificate, matching pursuit;
 //! * [`dictionary`] — dictionaries learnt from shapes, and how shapes are prepared for them;
@@ -30,6 +31,7 @@ pub mod frame;
 pub mod inference;
 pub mod matching;
 pub mod mean;
+pub mod mean_angle;
 pub mod metric;
 pub mod neighbours;
 pub mod pass;

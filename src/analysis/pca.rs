@@ -18,7 +18,7 @@ use super::pass::Sum;
 use crate::numeric::dense::Matrix;
 
 /// Components whose eigenvalue is below this part of the first are rounding and dropped.
-const SMALLEST_COMPONENT: f64 = 1e-12;
+pub(super) const SMALLEST_COMPONENT: f64 = 1e-12;
 
 /// Functional principal components.
 #[derive(Debug, Clone)]

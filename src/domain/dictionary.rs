@@ -234,6 +234,48 @@ pub struct Statistics {
     /// Distribution of the scores; null for sparse atoms.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub scores: Option<ScoreStatistics>,
+    /// What shapes look like that were not learnt from: outliers are told by it. Null in dictionaries that were learnt
+    /// before there was such a record, and where nothing could be held out: their outliers are told by the shapes that
+    /// were learnt from, which are described better than new ones.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub held_out: Option<HeldOutStatistics>,
+}
+
+/// How shapes were held out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum HoldOut {
+    /// Each by the components of all others, by an exact downdate; aligned to the mean of all.
+    LeaveOneOut,
+    /// In parts; mean, alignment and atoms were learnt anew from the others.
+    Parts,
+}
+
+/// Measures of shapes that were held out, and what they say about new ones.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct HeldOutStatistics {
+    /// How they were held out.
+    pub method: HoldOut,
+    /// Squared Mahalanobis distances; null for sparse atoms.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub t_squared: Option<HeldOutMeasure>,
+    /// `‖y − ŷ‖²`.
+    pub residuals: HeldOutMeasure,
+    /// The larger of the two standardised logarithms of every shape, ascending: what the limit of outliers is made from.
+    pub novelty: Vec<f64>,
+}
+
+/// A measure of shapes that were held out.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct HeldOutMeasure {
+    /// Ascending, one a shape.
+    pub values: Vec<f64>,
+    /// Mean of the logarithms.
+    pub log_mean: f64,
+    /// Standard deviation of the logarithms.
+    pub log_deviation: f64,
 }
 
 /// Distribution of the scores of the shapes.

@@ -13,9 +13,11 @@ use crate::analysis::AnalysisError;
 use crate::analysis::alignment::Method as Alignment;
 use crate::analysis::correspondence::Correspondence;
 use crate::analysis::dictionary::model::{Model, error_of, squared_distance};
+use crate::analysis::dictionary::novelty::{self, Logarithms, Novelty};
 use crate::analysis::dictionary::preparation::Prepared;
 use crate::analysis::dictionary::prior::{Energy, Prior};
 use crate::analysis::sparse::SparseCode;
+use crate::domain::dictionary::{HeldOutMeasure, HeldOutStatistics, Statistics};
 use crate::formats::shape::ShapeInput;
 use crate::geometry::sampling::Places;
 use crate::numeric::dense::Matrix;
@@ -399,17 +401,17 @@ pub struct Score {
     pub scores: Option<Vec<f64>>,
     /// Squared Mahalanobis distance of the scores.
     pub t_squared: Option<f64>,
-    /// Part of the training shapes with a smaller or equal one.
+    /// Part of the training shapes with a smaller or equal one when they were held out.
     pub t_squared_rank: Option<f64>,
     /// Squared prediction error `‖y − ŷ‖²`.
     pub residual: f64,
-    /// Part of the training shapes with a smaller or equal one.
+    /// Part of the training shapes with a smaller or equal one when they were held out.
     pub residual_rank: f64,
-    /// Whether one of the two exceeds its training quantile.
+    /// Whether the larger of the two is beyond the limit for both.
     pub outlier: bool,
 }
 
-/// Scores shapes; those beyond the training quantile `quantile` of either measure are outliers.
+/// Scores shapes. Of shapes like those that were learnt from the part `1 − quantile` are called outliers.
 ///
 /// # Errors
 /// Faults of the shapes, of the quantile; degenerate shapes.
@@ -432,25 +434,71 @@ pub(super) fn check_quantile(quantile: f64) -> Result<(), ServiceError> {
 /// The score of the prepared shape `y` with this code.
 pub(super) fn score_of(ready: &Ready, y: &[f64], code: &SparseCode, quantile: f64) -> Score {
     let statistics = &ready.dictionary.content.statistics;
+    let known = Known::of(statistics);
     let residual = squared_distance(y, &ready.model.reconstruct(code));
-    let residual_rank = rank(&statistics.residuals, residual);
-    let mut outlier = residual > value_at(&statistics.residuals, quantile);
-    let Model::Components { spread, .. } = &ready.model else {
-        let (scores, t_squared, t_squared_rank) = (None, None, None);
-        return Score { scores, t_squared, t_squared_rank, residual, residual_rank, outlier };
+    let (scores, t_squared) = match &ready.model {
+        Model::Components { spread, .. } => (Some(code.values.clone()), Some(spread.distance(&code.values))),
+        Model::Sparse { .. } => (None, None),
     };
-    let distance = spread.distance(&code.values);
-    let trained = statistics.scores.as_ref().map_or(&[][..], |scores| &scores.t_squared);
-    outlier |= distance > value_at(trained, quantile);
+    let outlier = match &statistics.held_out {
+        Some(held_out) => {
+            novelty_of(held_out).measure(t_squared, residual) > novelty::limit(&held_out.novelty, quantile)
+        }
+        None => {
+            residual > value_at(known.residuals, quantile)
+                || t_squared.is_some_and(|distance| distance > value_at(known.t_squared, quantile))
+        }
+    };
     Score {
-        scores: Some(code.values.clone()),
-        t_squared: Some(distance),
-        t_squared_rank: Some(rank(trained, distance)),
+        scores,
+        t_squared,
+        t_squared_rank: t_squared.map(|distance| rank(known.t_squared, distance)),
         residual,
-        residual_rank,
+        residual_rank: rank(known.residuals, residual),
         outlier,
     }
 }
+
+/// Both measures of the shapes that new ones are compared with, ascending: held out when that was done, else as they
+/// were learnt from.
+pub(super) struct Known<'a> {
+    /// `T²`; empty for sparse dictionaries.
+    pub(super) t_squared: &'a [f64],
+    /// `‖y − ŷ‖²`.
+    pub(super) residuals: &'a [f64],
+}
+
+impl<'a> Known<'a> {
+    pub(super) fn of(statistics: &'a Statistics) -> Self {
+        if let Some(held_out) = &statistics.held_out {
+            let t_squared = held_out.t_squared.as_ref().map_or(&[][..], |measure| &measure.values);
+            return Self { t_squared, residuals: &held_out.residuals.values };
+        }
+        let t_squared = statistics.scores.as_ref().map_or(&[][..], |scores| &scores.t_squared);
+        Self { t_squared, residuals: &statistics.residuals }
+    }
+}
+
+fn novelty_of(held_out: &HeldOutStatistics) -> Novelty {
+    let logarithms =
+        |measure: &HeldOutMeasure| Logarithms { mean: measure.log_mean, deviation: measure.log_deviation };
+    Novelty {
+        distances: held_out.t_squared.as_ref().map(logarithms),
+        residuals: logarithms(&held_out.residuals),
+    }
+}
+
+/// What a client should know about the outliers that a dictionary tells.
+pub fn outlier_warnings(ready: &Ready) -> Vec<String> {
+    match ready.dictionary.content.statistics.held_out {
+        Some(_) => Vec::new(),
+        None => vec![IN_SAMPLE.into()],
+    }
+}
+
+const IN_SAMPLE: &str = "this dictionary has no measures of shapes that were held out: outliers and ranks are by the \
+                         shapes it was learnt from, which it describes better than new ones, so that more of these are \
+                         called outliers than the quantile says; learn it anew";
 
 /// Part of the ascending `values` that are at most `value`.
 pub(super) fn rank(values: &[f64], value: f64) -> f64 {

@@ -6,7 +6,7 @@ use super::cohorts::{self, Page};
 use super::compute::Setup;
 use super::error::Fault;
 use super::estimate::Estimate;
-use super::learning::{KEPT_BYTES, NO_STATE, Plan};
+use super::learning::{KEPT_BYTES, NO_STATE, Plan, held_out_trainings};
 use super::membership::{Membership, WITHIN, settings_faults};
 use super::models;
 use super::{App, Limits, ServiceError, jobs};
@@ -118,8 +118,13 @@ pub async fn plan(app: &App, learn: Learn) -> Result<Planned, ServiceError> {
             if let Method::Sparse { .. } = plan.method {
                 models::learning(&plan.method, &setup.method)?;
             }
+            let searches = setup.matching.searches();
+            let anew = match plan.continue_from {
+                Some(_) => 0,
+                None => held_out_trainings(&plan.method, searches, usize::try_from(shapes).unwrap_or(usize::MAX)),
+            };
             let trainings = plan.classifier.as_ref().map_or(0, |settings| settings.trainings(WITHIN));
-            let estimate = Estimate::new(&setup, &plan.method, shapes).times(trainings);
+            let estimate = Estimate::new(&setup, &plan.method, shapes).times(anew + trainings);
             let bytes = 8.0 * shapes as f64 * setup.metric.len() as f64;
             if plan.classifier.is_some() && bytes > KEPT_BYTES as f64 {
                 let detail = format!(

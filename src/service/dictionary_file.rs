@@ -12,13 +12,18 @@ use super::{App, Limits, ServiceError, classify, now_ms};
 use crate::analysis::dictionary::model::Model;
 use crate::analysis::metric::norm;
 use crate::domain::cohort::name_problem;
-use crate::domain::dictionary::{Content, Method, NewDictionary, Provenance, Row};
+use crate::domain::dictionary::{Content, HeldOutMeasure, Method, NewDictionary, Provenance, Row};
 use crate::domain::id;
 
 /// Name of the file format.
 const FORMAT: &str = "shapelex-dictionary";
-/// Its version.
-const FORMAT_VERSION: u32 = 1;
+/// Its versions: the second has measures of shapes that were held out.
+const FORMAT_VERSIONS: [u32; 2] = [1, 2];
+
+/// The first version that can hold `content`: a file that is read and written again stays what it was.
+fn format_version(content: &Content) -> u32 {
+    if content.statistics.held_out.is_some() { 2 } else { 1 }
+}
 
 /// A dictionary as one file: JSON, described in `docs/dictionaries.md`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
@@ -95,7 +100,7 @@ const FORMAT_VERSION: u32 = 1;
 pub struct DictionaryFile {
     /// `shapelex-dictionary`.
     pub format: String,
-    /// 1.
+    /// 1, or 2 with measures of shapes that were held out.
     pub format_version: u32,
     /// Name under which it was learnt.
     pub name: String,
@@ -114,7 +119,7 @@ impl DictionaryFile {
         let dictionary = &ready.dictionary;
         Self {
             format: FORMAT.into(),
-            format_version: FORMAT_VERSION,
+            format_version: format_version(&dictionary.content),
             name: dictionary.name.clone(),
             digest: dictionary.digest.clone(),
             provenance: dictionary.provenance.clone(),
@@ -148,9 +153,10 @@ fn checked_file(
     file: DictionaryFile,
     name: Option<String>,
 ) -> Result<NewDictionary, ServiceError> {
-    if file.format != FORMAT || file.format_version != FORMAT_VERSION {
+    if file.format != FORMAT || !FORMAT_VERSIONS.contains(&file.format_version) {
+        let [first, last] = FORMAT_VERSIONS;
         let detail = format!(
-            "is '{}' version {}, read here is {FORMAT} version {FORMAT_VERSION}",
+            "is '{}' version {}, read here is {FORMAT} version {first} or {last}",
             file.format, file.format_version
         );
         return Err(ServiceError::invalid("/format", detail));
@@ -253,6 +259,42 @@ fn content_faults(content: &Content, limits: &Limits) -> Vec<Fault> {
         scores.is_none_or(|scores| quantiles(&scores.t_squared)),
         "statistics/scores/t_squared".into(),
         "are not in ascending order",
+    );
+    faults.extend(held_out_faults(content));
+    faults
+}
+
+/// What does not fit together in the measures of shapes that were held out.
+fn held_out_faults(content: &Content) -> Vec<Fault> {
+    let Some(held_out) = &content.statistics.held_out else { return Vec::new() };
+    let mut faults = Vec::new();
+    let mut check = |ok: bool, field: &str, detail: &str| {
+        if !ok {
+            faults.push(Fault::new(format!("/content/statistics/held_out/{field}"), detail));
+        }
+    };
+    let count = held_out.novelty.len();
+    let ascending = |values: &[f64]| {
+        values.len() == count && values.is_sorted() && values.iter().all(|value| value.abs() <= MOST_NUMBER)
+    };
+    let fits = |measure: &HeldOutMeasure| {
+        ascending(&measure.values)
+            && measure.log_mean.abs() <= MOST_NUMBER
+            && (1e-100..=MOST_NUMBER).contains(&measure.log_deviation)
+    };
+    let wrong = "are not as many numbers in ascending order as there are shapes held out, with mean and positive deviation";
+    check(
+        count >= 2 && ascending(&held_out.novelty),
+        "novelty",
+        "are fewer than two, or not in ascending order",
+    );
+    check(fits(&held_out.residuals), "residuals", wrong);
+    check(held_out.t_squared.as_ref().is_none_or(fits), "t_squared", wrong);
+    let components = matches!(content.method, Method::FunctionalPca { .. });
+    check(
+        held_out.t_squared.is_some() == components,
+        "t_squared",
+        "belongs to components, and to these alone",
     );
     faults
 }

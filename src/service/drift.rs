@@ -2,16 +2,18 @@
 
 use tokio::runtime::Handle;
 
-use super::coding::{rank, score_of, value_at};
+use super::coding::{Known, rank, score_of, value_at};
 use super::models::Ready;
 use super::stored::StoredShapes;
 use super::{App, ServiceError};
-use crate::analysis::accumulate::{ShapeSource, Shapes, ShapesInMemory, map_shapes};
+use crate::analysis::AnalysisError;
+use crate::analysis::accumulate::{ShapeSource, Shapes, ShapesInMemory};
 use crate::analysis::alignment::{FEWEST_SHAPES, mean_shape};
 use crate::analysis::classification::{Description, Observations, described};
 use crate::analysis::dictionary::model::Model;
-use crate::analysis::dictionary::preparation::{Pose, Preparation};
-use crate::analysis::metric::{dot, norm};
+use crate::analysis::dictionary::preparation::Preparation;
+use crate::analysis::mean_angle::{self, FEWEST_TO_HALVE};
+use crate::analysis::metric::norm;
 use crate::domain::cohort::Cohort;
 use crate::store::Revisions;
 
@@ -51,10 +53,12 @@ pub struct ScoreDrift {
 /// The mean of the new shapes beside the mean of the dictionary.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, utoipa::ToSchema)]
 pub struct MeanDrift {
-    /// Angle between the two under the class, in degrees.
+    /// Angle between the two under the class, in degrees; of closed curves whose start points are searched the least over
+    /// all starts, also between control points.
     pub angle_deg: f64,
-    /// The angle to be expected when nothing has changed, from the spread of the training shapes and the two numbers of
-    /// shapes; null for sparse dictionaries.
+    /// Root mean square of the angle to be expected when nothing has changed, from the two numbers of shapes and the spread of the training
+    /// shapes. Where start points, directions or mirror images are searched it comes from means of halves of the training
+    /// shapes, each with a search of its own. Null for sparse dictionaries without a search.
     pub expected_deg: Option<f64>,
 }
 
@@ -172,9 +176,10 @@ fn compared(
     passed.map_err(|error| source.named(error))?;
     let statistics = &ready.dictionary.content.statistics;
     let shapes = sums.residuals.len();
-    let mean = (shapes >= FEWEST_SHAPES).then(|| mean_drift(ready, &source)).transpose()?;
-    let trained = statistics.scores.as_ref().map(|scores| scores.t_squared.as_slice());
-    let t_squared = trained.filter(|_| !sums.distances.is_empty());
+    let training = KnownShapes { app, handle, cohort };
+    let mean = (shapes >= FEWEST_SHAPES).then(|| mean_drift(&training, ready, &source)).transpose()?;
+    let known = Known::of(statistics);
+    let t_squared = Some(known.t_squared).filter(|_| !sums.distances.is_empty());
     Ok(Drift {
         cohort: cohort.id.clone(),
         since,
@@ -182,7 +187,7 @@ fn compared(
         shapes,
         outliers: sums.outliers,
         t_squared: t_squared.map(|trained| MeasureDrift::new(trained, sums.distances.clone())),
-        residuals: Some(MeasureDrift::new(&statistics.residuals, sums.residuals.clone())),
+        residuals: Some(MeasureDrift::new(known.residuals, sums.residuals.clone())),
         scores: score_drift(ready, &sums).filter(|_| shapes >= FEWEST_SHAPES),
         mean,
         classes: class_drift(ready, &sums),
@@ -244,30 +249,66 @@ fn score_drift(ready: &Ready, sums: &Sums) -> Option<Vec<ScoreDrift>> {
     Some((0..spread.mean.len()).map(of_component).collect())
 }
 
-/// The angle between the mean of the new shapes, brought into the pose of the dictionary, and the mean of that.
-fn mean_drift(ready: &Ready, source: &StoredShapes<'_>) -> Result<MeanDrift, ServiceError> {
+/// The angle between the mean of the new shapes and the mean of the dictionary.
+fn mean_drift(
+    known: &KnownShapes<'_>,
+    ready: &Ready,
+    source: &StoredShapes<'_>,
+) -> Result<MeanDrift, ServiceError> {
     let Preparation { metric, method, matching, .. } = &ready.preparation;
     let mean = mean_shape(source, metric, method, ready.setup.frame, matching);
     let mean = mean.map_err(|error| source.named(error))?;
-    let aligning = Preparation { pose: Pose::Aligned { normalise: false }, ..ready.preparation.clone() };
-    let shape = ShapesInMemory::prepared(mean.whitened, vec![1.0]);
-    let posed = crate::analysis::dictionary::preparation::Posed { source: &shape, preparation: &aligning };
-    let aligned = map_shapes(&posed, |_, y, _| Ok(y.to_vec()))?.concat();
-    let cosine = dot(&aligned, &aligning.mean) / (norm(&aligned) * norm(&aligning.mean));
-    let statistics = &ready.dictionary.content.statistics;
-    let expected_deg = match &ready.model {
-        Model::Components { pca, .. } => statistics.total.map(|total| {
-            let size = norm(&pca.mean).powi(2);
-            let about_mean = if pca.centred { 0.0 } else { size };
-            let variance = (total / statistics.weight - about_mean).max(0.0) / size;
-            let numbers = 1.0 / source.count() as f64 + 1.0 / statistics.shapes.max(1) as f64;
-            (variance * numbers).sqrt().atan().to_degrees()
-        }),
-        Model::Sparse { .. } => None,
+    let angle_deg = mean_angle::angle(&ready.preparation, &mean.whitened)?.to_degrees();
+    let counts = [source.count(), ready.dictionary.content.statistics.shapes];
+    let by_search = match matching.searches() {
+        true => known.expected_by_halves(ready, counts)?,
+        false => None,
     };
-    // Near 1 the sine has the digits.
-    let sine = (1.0 - cosine * cosine).max(0.0).sqrt();
-    Ok(MeanDrift { angle_deg: sine.atan2(cosine).to_degrees(), expected_deg })
+    Ok(MeanDrift { angle_deg, expected_deg: by_search.or_else(|| expected_by_spread(ready, counts)) })
+}
+
+/// From the spread of the training shapes about their mean: what holds when nothing is searched.
+fn expected_by_spread(ready: &Ready, counts: [usize; 2]) -> Option<f64> {
+    let statistics = &ready.dictionary.content.statistics;
+    let Model::Components { pca, .. } = &ready.model else { return None };
+    let size = norm(&pca.mean).powi(2);
+    let about_mean = if pca.centred { 0.0 } else { size };
+    let variance = (statistics.total? / statistics.weight - about_mean).max(0.0) / size;
+    let numbers: f64 = counts.iter().map(|&count| 1.0 / count.max(1) as f64).sum();
+    Some((variance * numbers).sqrt().atan().to_degrees())
+}
+
+/// Training shapes that are halved at the most: what their means spread by does not depend on their number.
+const MOST_HALVED: usize = 400;
+
+/// The shapes that a dictionary was learnt from, as far as they are still there.
+struct KnownShapes<'a> {
+    app: &'a App,
+    handle: &'a Handle,
+    cohort: &'a Cohort,
+}
+
+impl KnownShapes<'_> {
+    /// The expected angle between means that each search start points of their own; none when too few training shapes are
+    /// left.
+    fn expected_by_halves(&self, ready: &Ready, counts: [usize; 2]) -> Result<Option<f64>, ServiceError> {
+        let context = self.app.pool.context();
+        let stop = || context.is_cancelled();
+        let provenance = &ready.dictionary.provenance;
+        let cohort = Cohort { revision: provenance.cohort_revision, ..self.cohort.clone() };
+        let shapes =
+            StoredShapes::new(self.app, self.handle, &cohort, &provenance.filter, 0, &ready.setup, &stop)?;
+        let some = shapes.spread_out(MOST_HALVED)?;
+        if some.count() < FEWEST_TO_HALVE {
+            return Ok(None);
+        }
+        let angle = mean_angle::expected(&ready.preparation, ready.setup.frame, &some, counts, &stop);
+        match angle {
+            Err(AnalysisError::Interrupted) => Err(ServiceError::Cancelled),
+            // A half may be degenerate where the whole is not: nothing is said then.
+            other => Ok(other.ok().map(f64::to_degrees)),
+        }
+    }
 }
 
 fn class_drift(ready: &Ready, sums: &Sums) -> Option<Vec<ClassDrift>> {

@@ -3,9 +3,12 @@
 //! A plan fixes everything that the result depends on, among it the revision of the cohort: a job that runs again after
 //! a crash learns the same dictionary, bit by bit, whatever was added meanwhile.
 
+mod held_out;
+
 use serde::{Deserialize, Serialize};
 use tokio::runtime::Handle;
 
+pub(super) use self::held_out::trainings as held_out_trainings;
 use super::compute::Setup;
 use super::jobs::{JobContext, Outcome};
 use super::members::mean_record;
@@ -198,6 +201,8 @@ mod phase {
     pub(super) const LEARN: (&str, f64) = ("learn", 0.2);
     /// All shapes are coded in what was learnt.
     pub(super) const CERTIFY: (&str, f64) = ("certify", 0.9);
+    /// Shapes are held out, to know new ones from them.
+    pub(super) const HOLD_OUT: (&str, f64) = ("hold_out", 0.92);
     /// The classifier is validated and trained.
     pub(super) const VALIDATE: (&str, f64) = ("validate", 0.95);
 }
@@ -225,9 +230,15 @@ impl Task<'_> {
         Ok(())
     }
 
-    /// Part of the progress that is learning; the rest is validation.
+    /// Part of the progress that is learning; then shapes are held out, and the rest is validation.
     fn share(&self) -> f64 {
-        self.plan.classifier.as_ref().map_or(1.0, |settings| 1.0 / (1.0 + settings.trainings(WITHIN) as f64))
+        let validation = self.plan.classifier.as_ref().map_or(0, |settings| settings.trainings(WITHIN));
+        1.0 / (1 + held_out::usual_trainings(self.plan) + validation) as f64
+    }
+
+    /// Part of the progress after which validation begins.
+    fn validation_start(&self) -> f64 {
+        self.share() * (1 + held_out::usual_trainings(self.plan)) as f64
     }
 
     /// What is learnt, and the sums to go on from.
@@ -264,6 +275,9 @@ impl Task<'_> {
         let certificate = self.certificate(&shapes, &content, &preparation, &model);
         let certificate = certificate.map_err(|error| shapes.named(error))?;
         certify(&mut content, certificate, &model);
+        self.enter(phase::HOLD_OUT)?;
+        let held_out = self.held_out(&shapes, &content, &preparation, &state);
+        content.statistics.held_out = held_out.map_err(|error| shapes.named(error))?;
         if let Some(settings) = &self.plan.classifier {
             let classifier = self.classifier(&shapes, settings, &content);
             content.classifier = Some(classifier.map_err(|error| shapes.named(error))?);
@@ -303,9 +317,9 @@ impl Task<'_> {
         let task = Task { context: &context, ..*self };
         let shapes = &in_memory(shapes)?;
         let study = Study { task: &task, shapes, membership: &membership, settings };
-        let share = self.share();
+        let start = self.validation_start();
         study.record(content, &|part| {
-            self.context.report(phase::VALIDATE.0, share + (1.0 - share) * part, None);
+            self.context.report(phase::VALIDATE.0, start + (1.0 - start) * part, None);
         })
     }
 

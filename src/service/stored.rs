@@ -9,7 +9,7 @@ use super::error::Fault;
 use super::spreading::{MakePart, Spreading, Work};
 use super::{App, ServiceError};
 use crate::analysis::AnalysisError;
-use crate::analysis::accumulate::{BLOCK, MergePart, PART, ShapeSource, Shapes, prepare};
+use crate::analysis::accumulate::{BLOCK, MergePart, PART, ShapeSource, Shapes, ShapesInMemory, prepare};
 use crate::analysis::pass::Pass;
 use crate::domain::cohort::Cohort;
 use crate::domain::shape::{Shape, ShapeFilter};
@@ -177,6 +177,21 @@ impl<'a> StoredShapes<'a> {
         })?;
         control_points.truncate(wanted);
         Ok(control_points)
+    }
+
+    /// At most `most` of the shapes, evenly spread over them, prepared.
+    pub(super) fn spread_out(&self, most: usize) -> Result<ShapesInMemory, ServiceError> {
+        let (count, held) = (self.range.count, self.range.count.min(most));
+        let (mut whitened, mut weights) = (Vec::new(), Vec::new());
+        let mut wanted = (0..held).map(|i| i * count / held).peekable();
+        self.for_each_batch(&mut |batch| {
+            for (_, x, weight) in batch.iter().filter(|(k, ..)| wanted.next_if_eq(k).is_some()) {
+                whitened.extend_from_slice(x);
+                weights.push(weight);
+            }
+            Ok(())
+        })?;
+        Ok(ShapesInMemory::prepared(whitened, weights))
     }
 
     /// Calls `visit` with control points and weights of every stored chunk until it says false.

@@ -636,12 +636,17 @@ fn scores_of_the_training_shapes_spread_as_the_statistics_say() {
     let mut residuals = field("squared_prediction_error");
     residuals.sort_by(f64::total_cmp);
     assert_close(&found["statistics"]["residuals"], &json!(residuals), 1e-9, "residuals");
+    // Held out, shapes are described worse.
+    let held_out = &found["statistics"]["held_out"];
+    let sum = |values: &Value| values.as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).sum::<f64>();
+    assert!(sum(&held_out["residuals"]["values"]) > sum(&found["statistics"]["residuals"]));
     for rank in field("t_squared_rank").into_iter().chain(field("squared_prediction_error_rank")) {
         assert!((0.0..=1.0).contains(&rank), "{rank}");
     }
-    // Twelve shapes are beyond the quantile of each of the two measures.
+    // Of new shapes twelve of 120 would be beyond the limit of both measures. Those learnt from have smaller residuals, but
+    // a component that one of them has made gives it a larger T² than it had when it was held out.
     let outliers = answer["scores"].as_array().unwrap().iter().filter(|s| s["outlier"] == true).count();
-    assert!((12..=24).contains(&outliers), "{outliers}");
+    assert!((4..=20).contains(&outliers), "{outliers}");
     let median = distances.iter().position(|distance| *distance == sorted[20]).unwrap();
     let star: Rows = (0..100)
         .map(|i| {
@@ -1437,7 +1442,7 @@ fn a_file_that_was_changed_or_is_none_is_not_imported() {
     check("the last digit", &with(&file, pointer, Some(json!(digit.next_up()))), &["/digest"]);
     check("a parameter", &with(&file, "/content/method/centre", Some(json!(false))), &["/digest"]);
     check("the digest", &with(&file, "/digest", Some(json!("0"))), &["/digest"]);
-    check("the version", &with(&file, "/format_version", Some(json!(2))), &["/format"]);
+    check("the version", &with(&file, "/format_version", Some(json!(3))), &["/format"]);
     check("the format", &with(&file, "/format", Some(json!("other"))), &["/format"]);
     check("the name", &with(&file, "/name", Some(json!("a b"))), &["/name"]);
     check("a field", &with(&file, "/colour", Some(json!(1))), &["/colour"]);

@@ -19,6 +19,7 @@ mod http_curves;
 mod http_dictionaries;
 mod http_jobs;
 mod http_limits;
+mod http_novelty;
 mod http_operations;
 mod http_retries;
 mod http_retrieval;

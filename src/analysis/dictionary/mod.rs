@@ -13,13 +13,17 @@
 //! * [`statistics`] — sufficient statistics of codes;
 //! * [`learning`] — learning, online and in batches;
 //! * [`model`] — the dictionary in use;
+//! * [`held_out`] — what components say about shapes that are left out;
+//! * [`novelty`] — from where on a shape is an outlier;
 //! * [`prior`] — the energy of a shape outside of it.
 //!
 //! Source: Schmitter 2017, (4.27); Mairal, Bach, Ponce, Sapiro 2009 for the statistics.
 
 pub mod algebra;
+pub mod held_out;
 pub mod learning;
 pub mod model;
+pub mod novelty;
 pub mod preparation;
 pub mod prior;
 pub mod statistics;

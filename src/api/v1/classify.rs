@@ -15,6 +15,7 @@ use crate::formats::InputError;
 use crate::formats::checked::{Checked, List, Many, document, take_given, take_many};
 use crate::formats::shape::ShapeInput;
 use crate::service::classify::{self, Assessment, Classified};
+use crate::service::coding::outlier_warnings;
 use crate::service::models::{self, Ready};
 use crate::service::{App, ServiceError};
 
@@ -124,6 +125,9 @@ impl ClassOutput {
 pub(super) struct ClassifyAnswer {
     /// One a shape.
     classes: Vec<ClassOutput>,
+    /// What to know about outliers; absent when there is nothing.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    warnings: Vec<String>,
 }
 
 /// Classifies shapes with the classifier of a dictionary.
@@ -147,7 +151,7 @@ pub(super) async fn classify(
     compute(app.weighing(weight), move |app| {
         let classified = classify::classify(app, &ready, asked, quantile)?;
         let classes = classified.into_iter().map(|classified| ClassOutput::new(&ready, classified)).collect();
-        json(StatusCode::OK, &ClassifyAnswer { classes })
+        json(StatusCode::OK, &ClassifyAnswer { classes, warnings: outlier_warnings(&ready) })
     })
     .await
 }
@@ -199,6 +203,9 @@ impl AssessmentOutput {
 pub(super) struct AssessAnswer {
     /// One a shape.
     assessments: Vec<AssessmentOutput>,
+    /// What to know about outliers; absent when there is nothing.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    warnings: Vec<String>,
 }
 
 /// Assesses shapes: pose, code, class, outlier, and the residual along the contour, in one call.
@@ -225,7 +232,7 @@ pub(super) async fn assess(
         let assessments = classify::assess(app, &ready, asked, quantile, samples)?;
         let output = |assessment| AssessmentOutput::new(&ready, assessment);
         let assessments = assessments.into_iter().map(output).collect::<Result<_, _>>()?;
-        json(StatusCode::OK, &AssessAnswer { assessments })
+        json(StatusCode::OK, &AssessAnswer { assessments, warnings: outlier_warnings(&ready) })
     })
     .await
 }

@@ -290,7 +290,7 @@ asking_request! {
     /// Shapes to be compared with those that were learnt from.
     #[schema(example = json!({"cohort": "example-cells", "ids": ["cell0004"], "quantile": 0.99}))]
     ScoreRequest {
-        /// Training quantile beyond which a shape is an outlier, from 0.5; 0.99 unless given.
+        /// Part of shapes like those that were learnt from that shall not be called outliers, from 0.5; 0.99 unless given.
         #[schema(value_type = Option<f64>)]
         quantile: Checked<f64>;
     }
@@ -303,13 +303,13 @@ pub(super) struct ScoreOutput {
     scores: Option<Vec<f64>>,
     /// `T²`: squared Mahalanobis distance of the scores; null for sparse dictionaries.
     t_squared: Option<f64>,
-    /// Part of the training shapes with a smaller or equal one.
+    /// Part of the training shapes with a smaller or equal one when they were held out.
     t_squared_rank: Option<f64>,
     /// Squared prediction error `‖y − ŷ‖²`.
     squared_prediction_error: f64,
-    /// Part of the training shapes with a smaller or equal one.
+    /// Part of the training shapes with a smaller or equal one when they were held out.
     squared_prediction_error_rank: f64,
-    /// Whether one of the two exceeds its training quantile.
+    /// Whether one of the two exceeds the limit that the quantile sets for both together.
     outlier: bool,
 }
 
@@ -331,12 +331,16 @@ impl ScoreOutput {
 pub(super) struct ScoreAnswer {
     /// One a shape.
     scores: Vec<ScoreOutput>,
+    /// What to know about them; absent when there is nothing.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    warnings: Vec<String>,
 }
 
 /// Scores shapes: component scores, `T²`, squared prediction error, and whether they are outliers.
 ///
-/// The quantiles are those of the training shapes in the components that were learnt from them: shapes that are new come
-/// out a little further away, the more so the fewer there were.
+/// A shape is compared with the training shapes as they looked when they were held out, so that of new shapes like them
+/// as many are called outliers as the quantile says. Dictionaries from before there was such a record compare with the
+/// shapes they were learnt from, and say so in `warnings`.
 #[utoipa::path(post, path = "/dictionaries/{dictionary}/score", tag = "dictionaries", request_body = ScoreRequest,
     params(("dictionary" = String, Path, description = "Id, `name@version` or name")),
     responses(
@@ -357,7 +361,7 @@ pub(super) async fn score(
     compute(app.weighing(weight), move |app| {
         let scores = coding::score(app, &ready, asked, quantile)?;
         let scores = scores.into_iter().map(ScoreOutput::new).collect();
-        json(StatusCode::OK, &ScoreAnswer { scores })
+        json(StatusCode::OK, &ScoreAnswer { scores, warnings: coding::outlier_warnings(&ready) })
     })
     .await
 }

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 use crate::api::extract::{Caller, Path, Query};
 use crate::api::problem::{Problem, ProblemDocument, ProblemKind};
 use crate::api::respond::json;
+use crate::service::coding::outlier_warnings;
 use crate::service::drift::{self, ClassDrift, Drift, MeanDrift, MeasureDrift, ScoreDrift, Since};
 use crate::service::models;
 
@@ -18,7 +19,7 @@ pub(super) struct DriftQuery {
     /// A revision of the cohort or a time (RFC 3339) after which shapes are new; the revision that the dictionary was
     /// learnt from unless given.
     since: Option<String>,
-    /// Training quantile beyond which a shape is an outlier, from 0.5; 0.99 unless given.
+    /// Part of shapes like the training shapes that shall not be called outliers, from 0.5; 0.99 unless given.
     quantile: Option<f64>,
 }
 
@@ -46,7 +47,7 @@ pub(super) struct DriftAnswer {
     cohort_revision: u64,
     /// New shapes that pass the filter of the dictionary.
     shapes: usize,
-    /// Those beyond the training quantile of `T²` or of the squared prediction error.
+    /// Those beyond the limit that the quantile sets for `T²` and squared prediction error together.
     outliers: OutlierRate,
     /// Squared Mahalanobis distances of the scores; null for sparse dictionaries.
     t_squared: Option<MeasureDrift>,
@@ -58,12 +59,15 @@ pub(super) struct DriftAnswer {
     mean: Option<MeanDrift>,
     /// Classes, as the classifier sees the new shapes; null without one.
     classes: Option<Vec<ClassDrift>>,
+    /// What to know about outliers; absent when there is nothing.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    warnings: Vec<String>,
 }
 
 /// Compares the shapes that were added since with those that the dictionary was learnt from.
 ///
-/// Training shapes are described a little better than new ones, the more so the fewer there were: look at how the figures
-/// move, and at `mean`, whose expectation is given.
+/// The training shapes are taken as they looked when they were held out, so that the figures of new shapes like them are
+/// alike; dictionaries from before there was such a record take them as they were learnt from, and say so in `warnings`.
 #[utoipa::path(get, path = "/dictionaries/{dictionary}/drift", tag = "dictionaries",
     params(("dictionary" = String, Path, description = "Id, `name@version` or name"), DriftQuery),
     responses(
@@ -82,7 +86,7 @@ pub(super) async fn dictionary_drift(
     };
     let ready = models::find(&app, &key).await?;
     let quantile = query.quantile.unwrap_or(0.99);
-    let dictionary = ready.dictionary.id.clone();
+    let (dictionary, warnings) = (ready.dictionary.id.clone(), outlier_warnings(&ready));
     let found = drift::drift(&app, ready, since, quantile).await?;
     let Drift { cohort, since, until, shapes, outliers, t_squared, residuals, scores, mean, classes } = found;
     let rate = (shapes > 0).then(|| outliers as f64 / shapes as f64);
@@ -98,6 +102,7 @@ pub(super) async fn dictionary_drift(
         scores,
         mean,
         classes,
+        warnings,
     };
     Ok(json(StatusCode::OK, &answer)?)
 }
