@@ -291,7 +291,7 @@ OUTLINES = (
     "otoliths",
     "trilobite-heads",
 )
-LEARNT = {20: 12}
+LEARNT = {20: 40, 40: 20, 80: 10}
 MOST_ASKED = 300
 NOVELTY_POINTS = 48
 
@@ -302,7 +302,7 @@ def outlines(folder, data_set):
     kind = {**contour(), "generator": {"name": "trigonometric"}, "control_points": NOVELTY_POINTS}
     if not given[0]["closed"]:
         generator = {"name": "bspline", "degree": 3}
-        kind = {"kind": "open_curve", "dimension": 2, "generator": generator, "control_points": NOVELTY_POINTS}
+        kind = {"kind": "open_curve", "dimension": 2, "generator": generator, "intervals": NOVELTY_POINTS}
     correspondence = "cyclic" if given[0]["closed"] else "arc_length"
     return [{"points": shape["points"]} for shape in given], kind, correspondence
 

@@ -655,10 +655,11 @@ fn scores_of_the_training_shapes_spread_as_the_statistics_say() {
             [r * t.cos(), r * t.sin()]
         })
         .collect();
-    let question = json!({"shapes": [{"points": star}, shapes[median]]});
+    // One of the 120 cells is as far from what the others say about it.
+    let question = json!({"shapes": [{"points": star}, shapes[median]], "quantile": 0.95});
     let answer = ask(&server, "modes", "score", &question);
     assert_eq!(answer["scores"][0]["outlier"], true, "{answer}");
-    assert_eq!(answer["scores"][0]["squared_prediction_error_rank"], 1.0);
+    assert!(answer["scores"][0]["squared_prediction_error_rank"].as_f64().unwrap() > 0.98, "{answer}");
     let near = answer["scores"][1]["t_squared_rank"].as_f64().unwrap();
     assert!((0.1..0.3).contains(&near), "{near}");
 
