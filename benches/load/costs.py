@@ -1,0 +1,307 @@
+"""What requests cost: CPU seconds of the service, beside what it predicts before it starts.
+
+    python benches/load/costs.py --binary target/release/shapelex [--only fit] [--report costs.json]
+
+Every request of the table is sent until it has taken a third of a second of CPU (user and system time of the process, from
+/proc), one after the other on an idle service; the prediction is the growth of `shapelex_compute_predicted_microseconds_total` meanwhile.
+Requests that the service refuses with a predicted cost are listed with it. Exits with 1 when a prediction of more than
+`LEAST` seconds is off by more than `FACTOR`. Needs nothing beyond Python's library.
+"""
+
+import argparse
+import http.client
+import json
+import os
+import re
+import sys
+import tempfile
+from math import cos, pi, sin
+from pathlib import Path
+from random import Random
+
+sys.path.insert(0, str(Path(__file__).parent))
+from run import Service  # noqa: E402
+
+FACTOR = 3
+# Below this the way of a request through the service is as long as its work.
+LEAST = 0.005
+ENOUGH = 0.33
+TICK = os.sysconf("SC_CLK_TCK")
+
+
+def blob(random, points, dimension=2, size=10.0):
+    """Points on a closed contour with bumps of its own."""
+    phase, bump, turn = random.uniform(0, 2 * pi), random.uniform(0.05, 0.3), random.uniform(0, 2 * pi)
+    found = []
+    for k in range(points):
+        t = 2 * pi * k / points
+        r = size * (1 + bump * cos(3 * t + phase) + 0.03 * sin(7 * t + 2 * phase))
+        found.append([round(1.5 * r * cos(t + turn), 5), round(r * sin(t + turn), 5), round(0.4 * r * sin(2 * t + phase), 5)][:dimension])
+    return found
+
+
+def sphere(random, u, v):
+    """Points on a bumpy sphere, rows of `u` round the axis and `v` between the poles."""
+    bump = random.uniform(0.02, 0.2)
+    def at(i, j):
+        theta, phi = pi * (j + 0.5) / v, 2 * pi * i / u
+        r = 5 * (1 + bump * sin(3 * phi) * sin(theta))
+        return [round(r * sin(theta) * cos(phi), 5), round(r * sin(theta) * sin(phi), 5), round(1.3 * r * cos(theta), 5)]
+    return [at(i, j) for i in range(u) for j in range(v)]
+
+
+def curve(n, dimension=2, generator="keys", kind="closed_curve"):
+    return {"kind": kind, "dimension": dimension, "control_points": n, "generator": {"name": generator}}
+
+
+def shapes(count, points, dimension=2, seed=1):
+    random = Random(seed)
+    return [{"points": blob(random, points, dimension)} for _ in range(count)]
+
+
+def statistics(count, representation, transformation="similarity", **more):
+    n, d = representation["control_points"], representation["dimension"]
+    return {"representation": representation, "transformation": transformation, "shapes": shapes(count, n, d), **more}
+
+
+def project(count, representation, transformation="similarity", **more):
+    body = statistics(count, representation, transformation, **more)
+    n, d = representation["control_points"], representation["dimension"]
+    return body | {"reference": shapes(1, n, d, 2)[0]}
+
+
+def opened(count, representation):
+    n = representation["intervals"] + 1
+    return {"representation": representation, "transformation": "similarity", "reference": shapes(1, n, 2, 2)[0], "shapes": shapes(count, n)}
+
+
+def marked(count, points, dimension, transformation="similarity", **more):
+    representation = {"kind": "landmarks", "dimension": dimension, "points": points}
+    return {"representation": representation, "transformation": transformation, "shapes": shapes(count, points, dimension), **more}
+
+
+def short(count, n):
+    """As many numbers as fit into a body."""
+    random = Random(5)
+    rows = [[[random.randrange(10), random.randrange(10)] for _ in range(n)] for _ in range(count)]
+    return {"representation": curve(n), "shapes": [{"points": row} for row in rows]}
+
+
+def zigzag(count, n):
+    """Teeth that nearly touch."""
+    half = n // 2
+    teeth = [[k, (k % 2) * 100] for k in range(half)] + [[half - k, (k % 2) * 100 + 0.4] for k in range(n - half)]
+    return {"representation": curve(n, 2, "bspline") | {"generator": {"name": "bspline", "degree": 1}}, "shapes": [{"points": teeth}] * count}
+
+
+def measure(count, n, dimension=2, reference=False, generator="keys"):
+    body = {"representation": curve(n, dimension, generator), "shapes": shapes(count, n, dimension)}
+    return body | ({"reference": shapes(1, n, dimension, 2)[0]} if reference else {})
+
+
+def torus_points(random, u, v):
+    bump = random.uniform(0.02, 0.2)
+    def at(i, j):
+        a, b = 2 * pi * i / u, 2 * pi * j / v
+        r = 1 + bump * cos(3 * a)
+        return [round((4 + r * cos(b)) * cos(a), 5), round((4 + r * cos(b)) * sin(a), 5), round(r * sin(b), 5)]
+    return [at(i, j) for i in range(u) for j in range(v)]
+
+
+def torus(u, v, generator="keys"):
+    return {"kind": "surface", "topology": "torus", "control_points": [u, v], "generators": [{"name": generator}] * 2}
+
+
+def torus_shapes(count, u, v, seed=1):
+    random = Random(seed)
+    return [{"control_points": torus_points(random, u, v)} for _ in range(count)]
+
+
+def mesh(u, v):
+    """A closed mesh of a bumpy sphere."""
+    points = sphere(Random(1), u, v)
+    north, south = len(points), len(points) + 1
+    points += [[0, 0, 6.5], [0, 0, -6.5]]
+    faces = []
+    for i in range(u):
+        k = (i + 1) % u
+        faces.append([north, i * v, k * v])
+        faces.append([south, k * v + v - 1, i * v + v - 1])
+        for j in range(v - 1):
+            a, b, c, d = i * v + j, i * v + j + 1, k * v + j + 1, k * v + j
+            faces += [[a, b, c], [a, c, d]]
+    return {"vertices": points, "faces": faces}
+
+
+def sphere_surface(u, v):
+    return {"kind": "surface", "topology": "sphere", "control_points": [u, v], "generators": [{"name": "trigonometric"}] * 2}
+
+
+def sphere_grid(u, v):
+    """Points on a sphere with its poles at both ends of every row."""
+    def at(i, j):
+        theta, phi = pi * j / v, 2 * pi * i / u
+        return [5 * sin(theta) * cos(phi), 5 * sin(theta) * sin(phi), 6.5 * cos(theta)]
+    return [[at(i, j) for j in range(v + 1)] for i in range(u)]
+
+
+def blob_mesh(level=2, split=1):
+    return {"kind": "subdivision", "scheme": "loop", "connectivity": f"icosahedron/{split}" if split else "icosahedron", "level": level}
+
+
+def subdivision_shapes(count, split):
+    random = Random(3)
+    rows = 10 * 4**split + 2
+    return [{"control_points": [[random.gauss(0, 1) for _ in range(3)] for _ in range(rows)]} for _ in range(count)]
+
+
+def table():
+    """Name, route, body; small to large of every kind."""
+    yield "project tiny", "project", project(1, curve(6))
+    for count, n in [(20, 64), (400, 64), (50, 1024), (400, 2048)]:
+        yield f"project {count}x{n}", "project", project(count, curve(n))
+    yield "project 3d affine 200x512", "project", project(200, curve(512, 3), "affine")
+    yield "project trigonometric 100x512", "project", project(100, curve(512, 2, "trigonometric"))
+    yield "project open bspline 100x512", "project", opened(100, {"kind": "open_curve", "dimension": 2, "intervals": 511, "generator": {"name": "bspline", "degree": 3}})
+    yield "project torus 20x(24,16)", "project", {"representation": torus(24, 16), "transformation": "affine", "reference": torus_shapes(1, 24, 16, 9)[0], "shapes": torus_shapes(20, 24, 16)}
+    for name in ("align", "pca"):
+        for count, n in [(2, 6), (20, 64), (400, 64), (2000, 64), (50, 1024), (400, 2048)]:
+            yield f"{name} {count}x{n}", name, statistics(count, curve(n))
+        yield f"{name} affine 400x512", name, statistics(400, curve(512), "affine")
+        yield f"{name} landmarks procrustes 400x256x3", name, marked(400, 256, 3, alignment="procrustes")
+    yield "align procrustes 400x2048x3", "align", marked(400, 2048, 3, alignment="procrustes")
+    yield "align short numbers 1500x1024", "align", short(1500, 1024) | {"transformation": "similarity"}
+    yield "align affine short numbers 3000x1024", "align", short(3000, 1024) | {"transformation": "affine"}
+    yield "pca short numbers 1000x512", "pca", short(1000, 512) | {"transformation": "similarity", "components": 100}
+    yield "align procrustes 400x1024x2", "align", statistics(400, curve(1024, 2), alignment="procrustes")
+    for count, n in [(10, 64), (200, 64), (1000, 128), (100, 1024)]:
+        yield f"mean cyclic {count}x{n}", "mean", statistics(count, curve(n), correspondence="cyclic")
+    yield "mean cyclic mirror either 200x256", "mean", statistics(200, curve(256), "affine", correspondence="cyclic", mirror="allow", direction="either")
+    yield "mean arc length 500x128", "mean", statistics(500, curve(128), correspondence="arc_length")
+    for count, n in [(1, 64), (100, 64), (1, 2048), (50, 2048)]:
+        yield f"measure {count}x{n}", "measure", measure(count, n)
+    yield "measure trigonometric 5x512", "measure", measure(5, 512, 2, False, "trigonometric")
+    yield "measure 3d 20x1024", "measure", measure(20, 1024, 3)
+    yield "measure zigzag 5x1024", "measure", zigzag(5, 1024)
+    for count, n, d in [(1, 6, 2), (1, 64, 2), (20, 64, 2), (1, 512, 2), (1, 512, 3), (1, 2048, 2)]:
+        yield f"measure reference {count}x{n}x{d}", "measure", measure(count, n, d, True)
+    yield "measure reference trigonometric 1x256", "measure", measure(1, 256, 2, True, "trigonometric")
+    yield "measure torus 4x(16,12)", "measure", {"representation": torus(16, 12), "shapes": torus_shapes(4, 16, 12)}
+    yield "measure torus 2x(40,40)", "measure", {"representation": torus(40, 40), "shapes": torus_shapes(2, 40, 40)}
+    yield "measure sphere trigonometric 2x(30,30)", "measure", {"representation": sphere_surface(30, 30), "shapes": [{"points": sphere_grid(30, 30)}] * 2}
+    yield "measure torus reference 2x(16,12)", "measure", {"representation": torus(16, 12), "shapes": torus_shapes(2, 16, 12), "reference": torus_shapes(1, 16, 12, 4)[0]}
+    yield "measure subdivision 10 level 3", "measure", {"representation": blob_mesh(3), "shapes": subdivision_shapes(10, 1)}
+    for count, n, samples in [(1, 64, 100), (100, 64, 1000), (1, 64, 100000), (10, 2048, 10000)]:
+        yield f"evaluate {count}x{n} at {samples}", "evaluate", {"representation": curve(n), "shapes": shapes(count, n), "samples": samples}
+    yield "evaluate 2 derivatives and frames 1x64 at 100000", "evaluate", {"representation": curve(64), "shapes": shapes(1, 64), "samples": 100000, "derivatives": 2, "frames": True}
+    yield "evaluate trigonometric 2x512 at 10000", "evaluate", {"representation": curve(512, 2, "trigonometric"), "shapes": shapes(2, 512), "samples": 10000}
+    yield "evaluate torus 4x(16,12) at (100,100)", "evaluate", {"representation": torus(16, 12), "shapes": torus_shapes(4, 16, 12), "grid": [100, 100], "frames": True}
+    yield "evaluate subdivision 10 level 3", "evaluate", {"representation": blob_mesh(3), "shapes": subdivision_shapes(10, 1)}
+    yield "resample 20x1000 to 200", "resample", {"count": 200, "shapes": shapes(20, 1000)}
+    yield "resample 4x20000 to 100000", "resample", {"count": 100000, "start": "canonical", "shapes": shapes(4, 20000)}
+    for count, points, n in [(1, 12, 6), (1, 1000, 64), (50, 1000, 64), (10, 5000, 1024), (2, 20000, 2048)]:
+        yield f"fit {count}x{points} to {n}", "fit", {"representation": curve(n), "shapes": shapes(count, points)}
+    yield "fit 4x2000 to a tolerance", "fit", {"representation": {"kind": "closed_curve", "dimension": 2, "tolerance": 0.001, "generator": {"name": "keys"}}, "shapes": shapes(4, 2000)}
+    yield "fit trigonometric 4x2000 to 256", "fit", {"representation": curve(256, 2, "trigonometric"), "shapes": shapes(4, 2000)}
+    yield "fit sphere mesh 20x20 to (8,8)", "fit", {"representation": sphere_surface(8, 8), "meshes": [mesh(20, 20)]}
+    yield "fit sphere mesh 60x60 to (8,8)", "fit", {"representation": sphere_surface(8, 8), "meshes": [mesh(60, 60)]}
+    yield "fit sphere mesh 150x150 to (8,8)", "fit", {"representation": sphere_surface(8, 8), "meshes": [mesh(150, 150)]}
+    yield "fit sphere mesh 60x60 to (40,40)", "fit", {"representation": sphere_surface(40, 40), "meshes": [mesh(60, 60)]}
+    yield "fit sphere mesh 60x60 to (20,20)", "fit", {"representation": sphere_surface(20, 20), "meshes": [mesh(60, 60)]}
+    yield "fit torus grid (40,30) to (16,12)", "fit", {"representation": torus(16, 12), "shapes": [{"points": [torus_points(Random(1), 40, 30)[i * 30:(i + 1) * 30] for i in range(40)]}]}
+    yield "fit loop 1000 points", "fit", {"representation": blob_mesh(2), "turns": 20, "shapes": [{"points": sphere(Random(1), 40, 25)}]}
+    yield "fit loop 20000 points", "fit", {"representation": blob_mesh(2), "turns": 20, "shapes": [{"points": sphere(Random(1), 200, 100)}]}
+    yield "fit loop 20000 points 200 turns", "fit", {"representation": blob_mesh(2), "turns": 200, "shapes": [{"points": sphere(Random(1), 200, 100)}]}
+    yield "fit loop 162 rows, 4000 points", "fit", {"representation": blob_mesh(2, 2), "turns": 20, "shapes": [{"points": sphere(Random(1), 80, 50)}]}
+    yield "fit loop 642 rows, 4000 points", "fit", {"representation": blob_mesh(2, 3), "turns": 5, "shapes": [{"points": sphere(Random(1), 80, 50)}]}
+    yield "fit loop level 4, 4000 points", "fit", {"representation": blob_mesh(4, 1), "turns": 20, "shapes": [{"points": sphere(Random(1), 80, 50)}]}
+    yield "fit loop mesh 60x60", "fit", {"representation": blob_mesh(2, 1), "turns": 20, "meshes": [mesh(60, 60)]}
+    for count, n, factor in [(1, 6, 2), (100, 64, 4), (10, 1024, 2)]:
+        yield f"refine {count}x{n} by {factor}", "refine", {"representation": curve(n, 2, "bspline") | {"generator": {"name": "bspline", "degree": 3}}, "factor": factor, "shapes": shapes(count, n)}
+    yield "refine torus 2x(16,12) by 3", "refine", {"representation": torus(16, 12), "factor": 3, "shapes": torus_shapes(2, 16, 12)}
+    yield "idealised ellipse", "idealised", {"representation": curve(5, 2, "trigonometric"), "curves": [{"curve": {"name": "ellipse", "semi_axes": [2, 1]}, "centre": [3, 1], "angle": 0.5}]}
+    for n, steps in [(6, 11), (64, 1000), (2048, 900)]:
+        yield f"morph {n} in {steps}", "morph", {"representation": curve(n), "from": shapes(1, n)[0], "to": shapes(1, n, 2, 2)[0], "path": "sphere", "steps": steps}
+        yield f"morph {n} in {steps} svg", "morph?format=svg", {"representation": curve(n), "from": shapes(1, n)[0], "to": shapes(1, n, 2, 2)[0], "path": "sphere", "steps": steps}
+    for n, handles in [(6, 2), (256, 20), (2048, 400)]:
+        yield f"deform {n} by {handles}", "deform", {"representation": curve(n), "shape": shapes(1, n)[0], "handles": [{"parameters": [k / handles], "position": [k, 3]} for k in range(handles)]}
+    yield "deform torus (24,16) by 100", "deform", {"representation": torus(24, 16), "shape": torus_shapes(1, 24, 16)[0], "handles": [{"parameters": [k / 100, (7 * k % 100) / 100], "position": [k, 3, 1]} for k in range(100)]}
+    for level in (2, 5, 6):
+        yield f"subdivide octahedron to {level}", "subdivide", {"scheme": "blob", "lambda": 1.5, "level": level, "start": "octahedron"}
+        yield f"subdivide icosahedron loop limit to {level}", "subdivide", {"scheme": "loop", "level": level, "start": "icosahedron", "limit": True}
+        yield f"subdivide icosahedron normal_based to {level}", "subdivide", {"scheme": "normal_based", "level": level, "start": "icosahedron"}
+    square = lambda x: {"contour": [[x, x], [x + 4, x], [x + 4, x + 4], [x, x + 4]]}
+    box = lambda start: {"size": [128] * 3, "spacing": [1, 1, 1], "first": [0, 0, 0], "runs": [start, 1000000, 1097152 - start]}
+    for spacing in (0.5, 0.05, 0.004):
+        yield f"overlap squares at {spacing}", "overlap", {"first": square(0), "second": square(1), "spacing": spacing}
+    yield "overlap meshes 20x20", "overlap", {"first": mesh(20, 20), "second": mesh(18, 18)}
+    yield "overlap masks 128^3", "overlap", {"first": {"mask": box(0)}, "second": {"mask": box(500000)}}
+    for count, n in [(3, 6), (200, 64), (1500, 64), (200, 2048)]:
+        yield f"distances {count}x{n}", "distances", statistics(count, curve(n))
+    yield "distances landmarks 2000x8", "distances", marked(2000, 8, 2, "translation")
+    yield "distances cyclic 100x64", "distances", statistics(100, curve(64), correspondence="cyclic")
+
+
+class Meter:
+    """Requests to a service, and the CPU time that they take."""
+
+    def __init__(self, service):
+        self.service = service
+        self.connection = http.client.HTTPConnection("127.0.0.1", service.port, timeout=600)
+
+    def cpu(self):
+        fields = Path(f"/proc/{self.service.process.pid}/stat").read_text().rsplit(")", 1)[1].split()
+        return (int(fields[11]) + int(fields[12])) / TICK
+
+    def predicted(self):
+        self.connection.request("GET", "/metrics")
+        text = self.connection.getresponse().read().decode()
+        return 1e-6 * sum(float(value) for value in re.findall(r"^shapelex_compute_predicted_microseconds_total\{.*\} (\S+)$", text, re.M))
+
+    def send(self, route, body):
+        self.connection.request("POST", f"/v1/{route}", body, {"content-type": "application/json"})
+        answer = self.connection.getresponse()
+        return answer.status, answer.read()
+
+    def measure(self, route, body):
+        """Status, CPU seconds and predicted seconds of one request."""
+        text = json.dumps(body)
+        status, answer = self.send(route, text)
+        if status != 200:
+            return status, None, None, answer[:300].decode()
+        begin, expected, count = self.cpu(), self.predicted(), 0
+        while count == 0 or (self.cpu() - begin < ENOUGH and count < 200):
+            self.send(route, text)
+            count += 1
+        return status, (self.cpu() - begin) / count, (self.predicted() - expected) / count, f"{len(text)} B"
+
+
+def main():
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--binary", required=True)
+    parser.add_argument("--only", default="")
+    parser.add_argument("--report")
+    options = parser.parse_args()
+    rows, wrong = [], 0
+    with tempfile.TemporaryDirectory() as folder:
+        service = Service(options.binary, Path(folder), None)
+        service.start()
+        meter = Meter(service)
+        for name, route, body in table():
+            if options.only not in name:
+                continue
+            status, cpu, predicted, note = meter.measure(route, body)
+            ratio = predicted / cpu if cpu and predicted else None
+            bad = ratio is not None and max(cpu, predicted) > LEAST and not 1 / FACTOR <= ratio <= FACTOR
+            wrong += bad
+            number = lambda value: "-" if value is None else f"{value:.4f}"
+            print(f"{name:48} {status} {number(cpu):>9} {number(predicted):>9} {number(ratio):>8} {'OFF' if bad else '   '} {note}", flush=True)
+            rows.append({"request": name, "status": status, "cpu_seconds": cpu, "predicted_seconds": predicted})
+        service.stop()
+    if options.report:
+        Path(options.report).write_text(json.dumps(rows, indent=1))
+    raise SystemExit(1 if wrong else 0)
+
+
+if __name__ == "__main__":
+    main()
