@@ -151,6 +151,14 @@ serve_settings! {
     compute_seconds: NonZeroUsize = "SHAPELEX_COMPUTE_SECONDS", most(120);
     /// Most heavy requests that compute or wait for it, besides jobs; 0 takes four per compute thread
     max_heavy_requests: usize = "SHAPELEX_MAX_HEAVY_REQUESTS", Limits::default().heavy_requests;
+    /// Most seconds that a job may be predicted to take; more are refused, and one that takes three times as long is ended
+    max_job_seconds: NonZeroUsize = "SHAPELEX_MAX_JOB_SECONDS", most(6 * 3600);
+    /// Most jobs of a tenant that wait, up to 1000
+    max_queued_jobs: u32 = "SHAPELEX_MAX_QUEUED_JOBS", Limits::default().queued_jobs;
+    /// Most seconds that the waiting jobs of a tenant may be predicted to take together
+    max_queued_seconds: NonZeroUsize = "SHAPELEX_MAX_QUEUED_SECONDS", most(24 * 3600);
+    /// Most seconds of compute time that a request may be predicted to take; more are refused before they begin
+    max_request_seconds: NonZeroUsize = "SHAPELEX_MAX_REQUEST_SECONDS", most(10);
     /// Most resident bytes of the process, beyond which what is large is refused; 0 takes those of its control group, else of the machine
     max_memory: usize = "SHAPELEX_MAX_MEMORY", 0;
     /// Most bytes of memory for request bodies and what is read from them, of all requests together; at least those of one body; 0
@@ -225,6 +233,10 @@ impl ServeConfig {
             matrix_operations: self.max_matrix_operations,
             search_operations: self.max_search_operations,
             heavy_requests: self.max_heavy_requests,
+            request_work: seconds(self.max_request_seconds),
+            job_time: seconds(self.max_job_seconds),
+            queued_jobs: self.max_queued_jobs,
+            queued_work: seconds(self.max_queued_seconds),
             memory: memory / 16 * 15,
             buffered_bytes: share(self.max_buffered_bytes, 2, self.max_body_bytes, MOST_BUFFERED),
             answer_bytes: share(self.max_answer_bytes, 1, matrix, Limits::default().answer_bytes),

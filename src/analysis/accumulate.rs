@@ -146,6 +146,52 @@ impl ShapeSource for ShapesInMemory {
     }
 }
 
+/// A source whose walks end when nobody waits for what they are for: `stop` is asked before every [`PART`] of shapes, so that
+/// iterations over a source end with it.
+pub struct Watched<'a, S> {
+    source: &'a S,
+    stop: &'a (dyn Fn() -> bool + Sync),
+}
+
+impl<'a, S> Watched<'a, S> {
+    /// `source` as long as `stop` does not say so.
+    pub fn new(source: &'a S, stop: &'a (dyn Fn() -> bool + Sync)) -> Self {
+        Self { source, stop }
+    }
+}
+
+impl<S: ShapeSource> ShapeSource for Watched<'_, S> {
+    type Error = S::Error;
+
+    fn count(&self) -> usize {
+        self.source.count()
+    }
+
+    fn for_each_batch(
+        &self,
+        visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), S::Error>,
+    ) -> Result<(), S::Error> {
+        self.source.for_each_batch(&mut |mut rest| {
+            loop {
+                if (self.stop)() {
+                    return Err(AnalysisError::Interrupted.into());
+                }
+                let count = rest.weights.len().min(PART);
+                let (part, others) = rest.split_at(count);
+                visit(part)?;
+                if others.weights.is_empty() {
+                    return Ok(());
+                }
+                rest = others;
+            }
+        })
+    }
+
+    fn spread(&self, pass: &Pass, merge: &mut MergePart<'_>) -> Result<bool, S::Error> {
+        self.source.spread(pass, merge)
+    }
+}
+
 /// Turns control points into prepared shapes, in place: centred when `centred`, then whitened.
 ///
 /// # Errors

@@ -5,7 +5,7 @@
 //! ```
 
 use super::AnalysisError;
-use super::accumulate::{ShapeSource, ShapesInMemory, map_shapes, smallest_eligible};
+use super::accumulate::{ShapeSource, ShapesInMemory, Watched, map_shapes, smallest_eligible};
 use super::frame::{Frame, representative};
 use super::matching::{Matching, Placed, Placement, Target};
 use super::mean::{Exchange, MeanSpace, ProjectorSum};
@@ -336,9 +336,26 @@ pub fn align_all(
     control_points: Vec<f64>,
     weights: Vec<f64>,
 ) -> Result<(MeanShape, Vec<AlignedShape>), AnalysisError> {
+    align_all_until(metric, method, frame, matching, control_points, weights, &|| false)
+}
+
+/// As [`align_all`], until `stop` says so: it is asked before every walk over the shapes.
+///
+/// # Errors
+/// As [`mean_shape`]; [`AnalysisError::Interrupted`].
+pub fn align_all_until(
+    metric: &Metric,
+    method: &Method,
+    frame: Frame,
+    matching: &Matching,
+    control_points: Vec<f64>,
+    weights: Vec<f64>,
+    stop: &(dyn Fn() -> bool + Sync),
+) -> Result<(MeanShape, Vec<AlignedShape>), AnalysisError> {
     let centroids: Vec<Vec<f64>> =
         control_points.chunks_exact(metric.len()).map(|shape| metric.centroid(shape)).collect();
     let source = ShapesInMemory::new(metric, method.translates(), control_points, weights)?;
+    let source = Watched::new(&source, stop);
     let mean = mean_shape(&source, metric, method, frame, matching)?;
     let aligned = map_shapes(&source, |k, x, _| {
         align(method, matching, &mean.whitened, x, &centroids[k], mean.placements[k])

@@ -256,3 +256,29 @@ fn principal_frame(mean: &[f64], d: usize, metric: &Metric) -> Vec<f64> {
     }
     transform(&axes, mean)
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
+    use super::*;
+    use crate::analysis::accumulate::{ShapesInMemory, Watched};
+
+    #[test]
+    fn an_iteration_that_nobody_waits_for_ends_with_its_walk_over_the_shapes() {
+        // Points that no rotation brings together: many iterations.
+        let shape = |k: usize| (0..60).map(move |i| ((7 * k * k + 3 * i * i + i * k) as f64).sin());
+        let whitened: Vec<f64> = (0..40).flat_map(shape).collect();
+        let source = ShapesInMemory::prepared(whitened.clone(), vec![1.0; 40]);
+        let fit = Fit { dimension: 3, rotates: true, scales: true };
+        let whole = iterate(&source, fit, whitened[..60].to_vec()).unwrap();
+        assert!(whole.iterations > 5, "{}", whole.iterations);
+        let walks = AtomicUsize::new(0);
+        let stop = || walks.fetch_add(1, Ordering::Relaxed) >= 3;
+        let ended = iterate(&Watched::new(&source, &stop), fit, whitened[..60].to_vec());
+        assert!(matches!(ended, Err(AnalysisError::Interrupted)), "{ended:?}");
+        assert_eq!(walks.load(Ordering::Relaxed), 4, "three walks, and the one that was not begun");
+        let watched = iterate(&Watched::new(&source, &|| false), fit, whitened[..60].to_vec()).unwrap();
+        assert_eq!((watched.mean, watched.iterations), (whole.mean, whole.iterations));
+    }
+}

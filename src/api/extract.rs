@@ -12,6 +12,7 @@ use axum::response::Response;
 use serde::de::DeserializeOwned;
 
 use super::observe::Asker;
+use super::overload::Deadline;
 use super::problem::{Problem, ProblemKind};
 use crate::domain::access::Principal;
 use crate::formats::matrix::MatrixFormat;
@@ -33,6 +34,10 @@ impl FromRequestParts<App> for Caller {
             Problem::new(ProblemKind::Internal, detail)
         })?;
         let app = app.of(Arc::clone(principal)).with_retry(retry_of(parts)?);
+        let app = match parts.extensions.get::<Deadline>() {
+            Some(Deadline(end)) => app.until(*end),
+            None => app,
+        };
         Ok(Self(match parts.extensions.get::<Asker>() {
             Some(asker) => app.noting(asker.touched().clone()),
             None => app,

@@ -19,7 +19,7 @@ async fn live() -> StatusCode {
     StatusCode::NO_CONTENT
 }
 
-/// The service can take requests: the store accepts a write and nobody asked it to stop.
+/// The service can take requests: nobody asked it to stop, its compute threads take turns, and the store accepts a write.
 #[utoipa::path(get, path = "/readyz", tag = "health", responses(
     (status = 204, description = "Ready"),
     (status = 503, description = "Not ready", body = ProblemDocument, content_type = "application/problem+json")

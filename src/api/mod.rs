@@ -86,6 +86,7 @@ fn routes() -> (Router<App>, utoipa::openapi::OpenApi) {
         .layer(from_fn(overload::count))
         .layer(from_fn(access::admit))
         .layer(from_fn(overload::count_refused))
+        .layer(from_fn(overload::stopping))
         // Whoever looks after the service is not counted, and needs no key.
         .merge(health::routes().layer(from_fn(overload::light)))
         .split_for_parts();

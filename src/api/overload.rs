@@ -4,7 +4,7 @@ use std::net::IpAddr;
 use std::num::NonZeroU32;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use axum::extract::Request;
 use axum::http::{HeaderValue, StatusCode, header};
@@ -16,7 +16,7 @@ use governor::{DefaultKeyedRateLimiter, Quota, RateLimiter};
 use super::observe;
 use super::problem::{Problem, ProblemKind};
 use crate::domain::access::Principal;
-use crate::service::Limits;
+use crate::service::{App, Limits};
 
 /// Callers are forgotten that did not ask lately, every so many requests.
 const SWEEP: u32 = 1024;
@@ -64,9 +64,24 @@ pub async fn light(request: Request, next: Next) -> Response {
     within(time, request, next).await
 }
 
+/// Refuses new requests of a service that was asked to stop; probes are answered.
+pub async fn stopping(request: Request, next: Next) -> Response {
+    if !request.extensions().get::<App>().is_some_and(App::is_stopping) {
+        return next.run(request).await;
+    }
+    Problem::new(ProblemKind::Unavailable, "the service is stopping; send the request again").into_response()
+}
+
+/// When the time of a request that computes is over: its work hears of it too.
+#[derive(Debug, Clone, Copy)]
+pub struct Deadline(pub Instant);
+
 /// Gives a request that computes its time.
-pub async fn computing(request: Request, next: Next) -> Response {
+pub async fn computing(mut request: Request, next: Next) -> Response {
     let time = Edge::of(&request).map(|edge| edge.compute);
+    if let Some(time) = time {
+        request.extensions_mut().insert(Deadline(Instant::now() + time));
+    }
     within(time, request, next).await
 }
 

@@ -1,6 +1,6 @@
 //! Answers: computed and written on the pool, so that a large body never holds up an async thread.
 
-use axum::body::Body;
+use axum::body::{Body, Bytes};
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use futures_util::stream;
@@ -12,6 +12,7 @@ use crate::formats::mesh::MeshFormat;
 use crate::geometry::mesh::TriangleMesh;
 use crate::geometry::representation::ShapeSpace;
 use crate::service::memory::Purpose;
+use crate::service::work::Work;
 use crate::service::{App, ServiceError, surfaces};
 
 /// Runs `work` on the pool and answers with what it wrote.
@@ -24,6 +25,37 @@ pub async fn compute(
 ) -> Result<Response, Problem> {
     let pool = app.pool.clone();
     Ok(pool.run(move || work(&app)).await?)
+}
+
+/// What a body asks for: how much that is, and how it is answered.
+pub type Planned = (Work, Box<dyn FnOnce(&App) -> Result<Response, ServiceError> + Send>);
+
+/// `work`, which `answer` does.
+///
+/// # Errors
+/// None: it is the last step of a plan.
+pub fn planned(
+    work: Work,
+    answer: impl FnOnce(&App) -> Result<Response, ServiceError> + Send + 'static,
+) -> Result<Planned, ServiceError> {
+    Ok((work, Box::new(answer)))
+}
+
+/// Reads `body` by `plan`, and answers with what it plans, on the lane for that much work.
+///
+/// # Errors
+/// The problem of the use case; more work than a request may be predicted to take.
+pub async fn compute_planned(
+    app: App,
+    body: Bytes,
+    plan: impl FnOnce(&App, &[u8]) -> Result<Planned, ServiceError> + Send + 'static,
+) -> Result<Response, Problem> {
+    let (pool, reader) = (app.pool.clone(), app.clone());
+    let plan = move |body: &[u8]| {
+        let (work, answer) = plan(&reader, body)?;
+        Ok((work, move || answer(&app)))
+    };
+    Ok(pool.run_planned(body, plan).await?)
 }
 
 /// A JSON answer.

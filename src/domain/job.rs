@@ -74,6 +74,32 @@ pub struct Progress {
     pub objective: Option<f64>,
 }
 
+/// Which of the jobs of a tenant comes first.
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, Serialize, Deserialize, utoipa::ToSchema,
+)]
+#[serde(rename_all = "snake_case")]
+pub enum Priority {
+    /// When nothing else waits.
+    Low,
+    /// In the order in which they came.
+    #[default]
+    Normal,
+    /// Before all others.
+    High,
+}
+
+impl Priority {
+    /// As a number, larger for what comes first; that of [`Priority::Normal`] is 0.
+    pub fn rank(self) -> i64 {
+        match self {
+            Self::Low => -1,
+            Self::Normal => 0,
+            Self::High => 1,
+        }
+    }
+}
+
 /// What a job has brought about that is too large for its result: kept beside it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct JobOutput {
@@ -132,6 +158,23 @@ impl Job {
             result: None,
             problem: None,
         }
+    }
+
+    /// The same job with what it is predicted to take and how urgent it is, which stand beside its parameters.
+    #[must_use]
+    pub fn weighing(mut self, seconds: f64, priority: Priority) -> Self {
+        if let Some(parameters) = self.parameters.as_object_mut() {
+            parameters.insert("predicted_seconds".into(), seconds.into());
+            if priority != Priority::Normal {
+                parameters.insert("priority".into(), priority.rank().into());
+            }
+        }
+        self
+    }
+
+    /// What it is predicted to take, 0 where that is not known.
+    pub fn predicted_seconds(&self) -> f64 {
+        self.parameters["predicted_seconds"].as_f64().unwrap_or(0.0)
     }
 
     /// The same job as far as `progress` says.

@@ -79,19 +79,24 @@ impl Connections {
         Self { router, tls, http: http(limits), patience, places, stop }
     }
 
-    /// Accepts connections until the stop; returns when the last of them has ended.
+    /// Accepts connections; after the stop until the last of those before it has ended, for the probes that ask meanwhile.
     pub(super) async fn serve(self, listener: TcpListener) {
-        let tasks = TaskTracker::new();
+        let (tasks, late) = (TaskTracker::new(), TaskTracker::new());
         let mut complaint = Complaint(None);
         loop {
             let accepted = tokio::select! {
                 biased;
-                () = self.stop.cancelled() => break,
+                () = self.stop.cancelled(), if !tasks.is_closed() => {
+                    tasks.close();
+                    continue;
+                }
+                () = tasks.wait() => break,
                 accepted = listener.accept() => accepted,
             };
             match accepted {
                 Ok((stream, peer)) => match self.places.enter() {
                     Some(place) => {
+                        let tasks = if tasks.is_closed() { &late } else { &tasks };
                         tasks.spawn(self.clone().answer(stream, peer, place));
                     }
                     None => complaint.say("every connection is being answered, new ones are closed"),
@@ -103,14 +108,12 @@ impl Connections {
                 }
             }
         }
-        drop(listener);
-        tasks.close();
-        tasks.wait().await;
     }
 
     async fn answer(self, stream: TcpStream, peer: SocketAddr, place: Arc<Place>) {
         // Small answers must not wait for more; without the option they are only slower.
         let _ = stream.set_nodelay(true);
+        let late = self.stop.is_cancelled();
         let Some(tls) = &self.tls else { return self.speak(stream, peer, &place).await };
         let handshake = RustlsAcceptor::new(tls.clone()).handshake_timeout(self.patience.first);
         tokio::select! {
@@ -119,7 +122,7 @@ impl Connections {
                 Err(error) => tracing::debug!(%error, "a TLS handshake failed"),
             },
             _ = place.end(&self.patience) => {}
-            () = self.stop.cancelled() => {}
+            () = self.stop.cancelled(), if !late => {}
         }
     }
 
@@ -132,7 +135,8 @@ impl Connections {
         let stream = TokioIo::new(Watching { stream, place: Arc::clone(place) });
         let connection = self.http.serve_connection(stream, TowerToHyperService::new(service));
         let mut connection = std::pin::pin!(connection);
-        let mut stopping = false;
+        // One that came after the stop has one answer, which says that it is the last.
+        let mut stopping = self.stop.is_cancelled();
         loop {
             tokio::select! {
                 // A connection that breaks is the business of its client.

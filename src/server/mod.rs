@@ -88,10 +88,12 @@ pub(crate) async fn serve(config: ServeConfig) -> Result<(), String> {
         () = asked_to_stop => {}
     }
     tracing::info!("stopping: no new requests");
+    // Uploads hear of it, new requests are refused, and probes are told, until the last answer has gone out.
     stopping.drain();
-    worker.stop().await;
     stop.cancel();
-    let outcome = match tokio::time::timeout(DRAIN, served).await {
+    let worker = worker.stop();
+    let (ended, ()) = tokio::join!(tokio::time::timeout(DRAIN, served), worker);
+    let outcome = match ended {
         Ok(ended) => ended.map_err(|error| error.to_string()),
         Err(_) => {
             tracing::warn!("requests were cut off after {} s", DRAIN.as_secs());

@@ -7,8 +7,8 @@ use rand_distr::{Distribution, StandardNormal};
 use super::error::Fault;
 use super::input::{self, Reading};
 use super::models::Ready;
-use super::pool::Weight;
-use super::{App, ServiceError, cohorts};
+use super::work::{self, Counts, Work};
+use super::{App, Limits, ServiceError, cohorts};
 use crate::analysis::AnalysisError;
 use crate::analysis::alignment::Method as Alignment;
 use crate::analysis::correspondence::Correspondence;
@@ -32,12 +32,13 @@ pub enum Asked {
 }
 
 impl Asked {
-    /// How much there is to do in a dictionary.
-    pub fn weight(&self, ready: &Ready) -> Weight {
-        Weight::of_shapes(match self {
+    /// What it takes to code them in a dictionary, and to answer `numbers` numbers for each.
+    pub fn work(&self, ready: &Ready, numbers: usize, limits: &Limits) -> Work {
+        let count = match self {
             Self::Posted(shapes) => shapes.len(),
             Self::Stored(control_points) => control_points.len() / ready.setup.metric.len(),
-        })
+        };
+        ready.work(count, numbers, limits)
     }
 }
 
@@ -100,6 +101,25 @@ pub struct Coded {
     pub code: SparseCode,
 }
 
+impl Ready {
+    /// What it takes to code so many shapes, and to answer `numbers` numbers for each besides its code.
+    pub fn work(&self, shapes: usize, numbers: usize, limits: &Limits) -> Work {
+        let (n, atoms) = (self.setup.metric.len() as f64, self.model.len() as f64);
+        let multiply_adds = match &self.model {
+            Model::Components { .. } => n * atoms,
+            Model::Sparse { algebra, .. } => {
+                // As for the path of a code in `estimate`: a third of the columns is in use at its end.
+                let columns = atoms * algebra.parameters().max(1) as f64;
+                let used = (0.3 * columns).min(n);
+                n * columns + used * columns * used.sqrt() + used * n
+            }
+        };
+        let counts = Counts::new(&self.dictionary.content.representation, shapes, limits);
+        let numbers = numbers.min(limits.samples) as f64 + n + atoms;
+        work::encode(counts, multiply_adds, numbers, self.setup.matching.searches())
+    }
+}
+
 /// Shapes that are coded between two looks at whether somebody still waits for them.
 const TOGETHER: usize = 1024;
 
@@ -111,17 +131,28 @@ pub fn encode(app: &App, ready: &Ready, asked: Asked) -> Result<Vec<Coded>, Serv
     let correspondence = ready.dictionary.content.correspondence;
     let control_points = asked.control_points(app, ready, correspondence)?;
     let length = ready.setup.metric.len();
-    let prepared = ready.preparation.prepare(&control_points)?;
-    let whitened: Vec<f64> = prepared.iter().flat_map(|shape| shape.whitened.iter().copied()).collect();
-    let (context, mut codes) = (app.pool.context(), Vec::with_capacity(prepared.len()));
-    for (part, shapes) in whitened.chunks(TOGETHER * length).enumerate() {
+    let context = app.pool.context();
+    // What is wrong with any shape is found before the first one is coded.
+    let mut prepared = Vec::with_capacity(control_points.len() / length);
+    for (part, shapes) in control_points.chunks(TOGETHER * length).enumerate() {
         context.check()?;
-        codes.extend(ready.model.codes(shapes, length).map_err(|error| error.after(part * TOGETHER))?);
+        prepared.extend(ready.preparation.prepare(shapes).map_err(|error| error.after(part * TOGETHER))?);
     }
-    let shapes = control_points.chunks_exact(length).zip(prepared).zip(codes);
-    Ok(shapes
-        .map(|((shape, prepared), code)| Coded { control_points: shape.to_vec(), prepared, code })
-        .collect())
+    let mut coded = Vec::with_capacity(prepared.len());
+    let mut prepared = prepared.into_iter();
+    for (part, shapes) in control_points.chunks(TOGETHER * length).enumerate() {
+        context.check()?;
+        let together: Vec<Prepared> = prepared.by_ref().take(shapes.len() / length).collect();
+        let whitened: Vec<f64> = together.iter().flat_map(|shape| shape.whitened.iter().copied()).collect();
+        let codes = ready.model.codes(&whitened, length).map_err(|error| error.after(part * TOGETHER))?;
+        let shapes = shapes.chunks_exact(length).zip(together).zip(codes);
+        coded.extend(shapes.map(|((shape, prepared), code)| Coded {
+            control_points: shape.to_vec(),
+            prepared,
+            code,
+        }));
+    }
+    Ok(coded)
 }
 
 impl Coded {
@@ -312,7 +343,8 @@ pub fn reconstruct_codes(
         }));
     }
     ServiceError::unless_empty(faults)?;
-    Ok(codes.iter().map(|code| reconstruct_code(ready, code)).collect())
+    let context = app.pool.context();
+    codes.iter().map(|code| context.check().map(|()| reconstruct_code(ready, code))).collect()
 }
 
 fn code_faults(ready: &Ready, code: &PostedCode) -> Vec<(String, String)> {
@@ -563,8 +595,8 @@ pub fn prior(
     };
     let control_points = asked.control_points(app, ready, Correspondence::Landmarks)?;
     let prior = Prior::new(&ready.setup.metric, class, &shapes, gamma);
-    let shapes = control_points.chunks_exact(ready.setup.metric.len());
-    Ok(shapes.map(|shape| prior.energy(shape)).collect())
+    let (context, shapes) = (app.pool.context(), control_points.chunks_exact(ready.setup.metric.len()));
+    shapes.map(|shape| context.check().map(|()| prior.energy(shape))).collect()
 }
 
 /// A drawn shape.
@@ -611,7 +643,8 @@ pub fn sample(
         ready.setup.metric.unwhiten(&mut control_points);
         Sample { scores, control_points }
     };
-    Ok((0..count).map(|_| draw()).collect())
+    let context = app.pool.context();
+    (0..count).map(|_| context.check().map(|()| draw())).collect()
 }
 
 /// Largest scale of a sample.

@@ -3,9 +3,9 @@
 use super::error::Fault;
 use super::input::{self, Batch, Reading};
 use super::{App, Limits, ServiceError};
-use crate::analysis::accumulate::ShapesInMemory;
+use crate::analysis::accumulate::{ShapesInMemory, Watched};
 use crate::analysis::alignment::{
-    AlignedShape, Alignment, MeanShape, Method, Projection, Projector, align_all, unwhitened,
+    AlignedShape, Alignment, MeanShape, Method, Projection, Projector, align_all_until, unwhitened,
 };
 use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
 use crate::analysis::frame::Frame;
@@ -144,7 +144,11 @@ pub fn align(app: &App, settings: &Settings, shapes: Vec<ShapeInput>) -> Result<
     let Batch { control_points, weights } = input::read_batch(&setup.reading(&app.limits), shapes)?;
     let sizes = sizes(&setup, &control_points);
     let Setup { metric, method, frame, matching, .. } = &setup;
-    let (mean, aligned) = align_all(metric, method, *frame, matching, control_points, weights.clone())?;
+    let context = app.pool.context();
+    context.check()?;
+    let stop = || context.is_cancelled();
+    let (mean, aligned) =
+        align_all_until(metric, method, *frame, matching, control_points, weights.clone(), &stop)?;
     Ok(Statistics { setup, mean, aligned, sizes, weights })
 }
 
@@ -174,11 +178,20 @@ pub struct Components {
 /// Functional PCA of aligned shapes.
 ///
 /// # Errors
-/// A failure of the eigenproblem.
-pub fn pca(statistics: &Statistics, components: usize, centre: bool) -> Result<Components, ServiceError> {
+/// A failure of the eigenproblem; [`ServiceError::Cancelled`].
+pub fn pca(
+    app: &App,
+    statistics: &Statistics,
+    components: usize,
+    centre: bool,
+) -> Result<Components, ServiceError> {
+    let context = app.pool.context();
+    context.check()?;
+    let stop = || context.is_cancelled();
     let metric = &statistics.setup.metric;
     let whitened = statistics.aligned.iter().flat_map(|shape| shape.whitened.iter().copied()).collect();
     let source = ShapesInMemory::prepared(whitened, statistics.weights.clone());
+    let source = Watched::new(&source, &stop);
     let pca = FunctionalPca::new(&source, metric, &statistics.mean.whitened, centre, components)?;
     let scores = pca.all_scores(&source)?;
     let errors = statistics
@@ -186,9 +199,10 @@ pub fn pca(statistics: &Statistics, components: usize, centre: bool) -> Result<C
         .iter()
         .zip(&scores)
         .map(|(shape, scores)| {
-            crate::analysis::pca::reconstruction_error(&shape.whitened, &pca.reconstruct(scores))
+            context.check()?;
+            Ok(crate::analysis::pca::reconstruction_error(&shape.whitened, &pca.reconstruct(scores)))
         })
-        .collect();
+        .collect::<Result<_, ServiceError>>()?;
     Ok(Components { pca, scores, errors })
 }
 
@@ -235,11 +249,13 @@ pub fn project(
     to_reference
         .project(reference.clone())
         .map_err(|error| ServiceError::of_analysis(error, |_| "/reference".into()).without_index())?;
+    let context = app.pool.context();
     let projections = batch
         .control_points
         .chunks_exact(setup.metric.len())
         .enumerate()
         .map(|(index, shape)| {
+            context.check()?;
             let aligned = to_reference.project(shape.to_vec()).map_err(|error| error.at(index))?;
             Ok(match onto {
                 Onto::Shape => aligned,

@@ -9,6 +9,7 @@ use super::estimate::Estimate;
 use super::learning::{KEPT_BYTES, NO_STATE, Plan, held_out_trainings};
 use super::membership::{Membership, WITHIN, settings_faults};
 use super::models;
+use super::work;
 use super::{App, Limits, ServiceError, jobs};
 use crate::analysis::alignment::{Alignment, FEWEST_SHAPES};
 use crate::analysis::correspondence::Mirror;
@@ -113,6 +114,7 @@ pub async fn plan(app: &App, learn: Learn) -> Result<Planned, ServiceError> {
     }
     let task_app = app.clone();
     app.pool
+        .weighing(work::space(&cohort.representation, &app.limits))
         .run(move || {
             let setup = Setup::new(&task_app, &plan.settings(&cohort))?;
             if let Method::Sparse { .. } = plan.method {
@@ -311,10 +313,10 @@ pub(super) fn method_faults(method: &Method, limits: &Limits) -> Vec<Fault> {
 ///
 /// # Errors
 /// [`ServiceError::Unavailable`] when too many jobs wait.
-pub async fn submit(app: &App, plan: Plan) -> Result<Job, ServiceError> {
+pub async fn submit(app: &App, plan: Plan, estimate: &Estimate) -> Result<Job, ServiceError> {
     let parameters = serde_json::to_value(&plan)
         .map_err(|error| ServiceError::Internal(format!("a plan is not JSON: {error}")))?;
-    jobs::submit(app, JobKind::LearnDictionary, parameters).await
+    jobs::submit(app, JobKind::LearnDictionary, parameters, estimate.seconds).await
 }
 
 /// Versions in the order of their creation, after `cursor` (the id of the last one seen).

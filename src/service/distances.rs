@@ -8,6 +8,7 @@ use super::compute::{Settings, Setup};
 use super::input;
 use super::jobs::{JobContext, Outcome};
 use super::stored::{self, StoredShapes};
+use super::work::{self, Counts, Work};
 use super::{App, ServiceError, cohorts, jobs};
 use crate::analysis::accumulate::prepare;
 use crate::analysis::alignment::Alignment;
@@ -93,28 +94,52 @@ struct Named {
 ///
 /// # Errors
 /// Faults of the input; degenerate shapes; more than may be computed at once.
-pub fn of_posted(
+pub async fn of_posted(
     app: &App,
-    settings: &Settings,
+    settings: Settings,
     shapes: Vec<ShapeInput>,
 ) -> Result<NamedMatrix, ServiceError> {
+    let counts = Counts::new(&settings.representation, shapes.len(), &app.limits);
+    let preparing = app.pool.weighing(work::space(&settings.representation, &app.limits));
+    let (task_app, count) = (app.clone(), shapes.len());
+    let (setup, space) = preparing.run(move || checked_space(&task_app, &settings, count)).await?;
+    let work = work::distances(counts, cost(&space, count));
+    work.check(app.limits.request_work.as_secs_f64())?;
+    let task_app = app.clone();
+    app.pool.weighing(work).run(move || matrix_of_posted(&task_app, &setup, &space, shapes)).await
+}
+
+/// The space in which posted shapes are compared, when they are few enough to be answered at once.
+fn checked_space(
+    app: &App,
+    settings: &Settings,
+    count: usize,
+) -> Result<(Setup, DistanceSpace), ServiceError> {
     let setup = Setup::new(app, settings)?;
     let space = DistanceSpace::new(&setup.method, &setup.matching)?;
-    check_size(app, &space, shapes.len(), "/shapes")?;
-    if !is_small(app, &space, shapes.len()) {
-        let (found, most) = (cost(&space, shapes.len()), app.limits.matrix_operations as f64);
+    check_size(app, &space, count, "/shapes")?;
+    let (found, most) = (cost(&space, count), app.limits.matrix_operations as f64);
+    if found > most {
         let detail = format!(
-            "has {} entries, whose distances take about {found:.1e} multiply-adds, at most {most:.1e} are done at once: \
-             store them in a cohort, whose distances are computed as a job",
-            shapes.len()
+            "has {count} entries, whose distances take about {found:.1e} multiply-adds, at most {most:.1e} are done at once: \
+             store them in a cohort, whose distances are computed as a job"
         );
         return Err(ServiceError::invalid("/shapes", detail));
     }
+    Ok((setup, space))
+}
+
+fn matrix_of_posted(
+    app: &App,
+    setup: &Setup,
+    space: &DistanceSpace,
+    shapes: Vec<ShapeInput>,
+) -> Result<NamedMatrix, ServiceError> {
     let (ids, labels) = shapes.iter().enumerate().map(posted_names).unzip();
     let control_points = input::read_batch(&setup.reading(&app.limits), shapes)?.control_points;
     let context = app.pool.context();
     let go_on = |_: f64| !context.is_cancelled();
-    matrix_of(&setup, &space, Named { ids, labels, control_points, field: "shapes" }, &go_on)
+    matrix_of(setup, space, Named { ids, labels, control_points, field: "shapes" }, &go_on)
 }
 
 fn posted_names((position, shape): (usize, &ShapeInput)) -> (String, Option<String>) {
@@ -137,27 +162,31 @@ pub async fn of_cohort(
     let cohort = cohorts::find(app, key).await?;
     let count = count(app, &cohort, &chosen).await?;
     let (task_app, settings, field) = (app.clone(), comparison.settings(&cohort), chosen.field());
-    let small = app
-        .pool
+    let preparing = app.pool.weighing(work::space(&cohort.representation, &app.limits));
+    let cost = preparing
         .run(move || {
             let setup = Setup::new(&task_app, &settings)?;
             let space = DistanceSpace::new(&setup.method, &setup.matching)?;
             check_size(&task_app, &space, count, field)?;
-            Ok(is_small(&task_app, &space, count))
+            Ok(cost(&space, count))
         })
         .await?;
     if let Chosen::Ids(keys) = &chosen {
         stored::find_all(app, &cohort, keys).await?;
     }
     let plan = Plan { cohort: cohort.id.clone(), revision: cohort.revision, chosen, comparison };
-    if !small {
+    if cost > app.limits.matrix_operations as f64 {
+        let counts = Counts::of_cohort(&cohort, &app.limits).with_shapes(count);
+        let seconds = work::distances(counts, cost).seconds();
         let parameters = serde_json::to_value(&plan)
             .map_err(|error| ServiceError::Internal(format!("a plan is not JSON: {error}")))?;
-        return Ok(Answer::Job(Box::new(jobs::submit(app, JobKind::Distances, parameters).await?)));
+        return Ok(Answer::Job(Box::new(jobs::submit(app, JobKind::Distances, parameters, seconds).await?)));
     }
+    let counts = Counts::of_cohort(&cohort, &app.limits);
     let (task_app, handle) = (app.clone(), Handle::current());
     let compute = move || plan.matrix(&task_app, &handle, &cohort, &task_app.pool.context());
-    Ok(Answer::Matrix(app.pool.run(compute).await?))
+    let work = work::distances(counts.with_shapes(count), cost);
+    Ok(Answer::Matrix(app.pool.weighing(work).run(compute).await?))
 }
 
 impl Chosen {
@@ -210,10 +239,6 @@ fn check_size(app: &App, space: &DistanceSpace, count: usize, field: &str) -> Re
 
 fn cost(space: &DistanceSpace, count: usize) -> f64 {
     space.operations() * (count as f64).powi(2) / 2.0
-}
-
-fn is_small(app: &App, space: &DistanceSpace, count: usize) -> bool {
-    cost(space, count) <= app.limits.matrix_operations as f64
 }
 
 /// Runs the job.
@@ -335,7 +360,7 @@ fn to_output(matrix: NamedMatrix) -> Result<JobOutput, ServiceError> {
 /// [`ServiceError::NotFound`] when there is no such job, or none that has a matrix.
 pub async fn output(app: &App, id: &str) -> Result<NamedMatrix, ServiceError> {
     let output = jobs::output(app, id).await?;
-    app.pool.run(move || of_output(output)).await
+    app.pool.weighing(Work::reading(output.data.len())).run(move || of_output(output)).await
 }
 
 fn of_output(JobOutput { head, data }: JobOutput) -> Result<NamedMatrix, ServiceError> {

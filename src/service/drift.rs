@@ -145,7 +145,11 @@ pub async fn drift(
         });
     }
     let (task_app, handle, task_ready) = (app.clone(), Handle::current(), ready.clone());
-    app.pool.run(move || compared(&task_app, &handle, &task_ready, &cohort, since, quantile)).await
+    let work = ready.work(usize::try_from(count).unwrap_or(usize::MAX), 0, &app.limits);
+    app.pool
+        .weighing(work)
+        .run(move || compared(&task_app, &handle, &task_ready, &cohort, since, quantile))
+        .await
 }
 
 /// Sums over the new shapes.

@@ -130,6 +130,25 @@ pub enum ServiceError {
     /// More is asked for than can be done at once.
     #[error("{0}; try again in a moment")]
     Overloaded(String),
+    /// The work took longer than any may.
+    #[error(
+        "the work was ended after {seconds} s, which is longer than any may take: ask for less at a time"
+    )]
+    TookTooLong {
+        /// After how many.
+        seconds: u64,
+    },
+    /// The work that is asked for is predicted to take longer than a request may.
+    #[error(
+        "this is predicted to take {seconds:.1} s of compute time, at most {most} s are given: ask for fewer or smaller \
+         shapes at a time, or for less of each"
+    )]
+    TooCostly {
+        /// Predicted.
+        seconds: f64,
+        /// Allowed.
+        most: f64,
+    },
     /// A bug or a broken machine; the cause is for the log only.
     #[error("internal error: {0}")]
     Internal(String),
@@ -219,7 +238,9 @@ impl From<StoreError> for ServiceError {
         match error {
             StoreError::NameTaken { name } => Self::NameTaken { name },
             StoreError::CohortGone => Self::NotFound { kind: "cohort", key: "deleted meanwhile".into() },
-            StoreError::TooManyJobs { .. } => Self::Unavailable(error.to_string()),
+            StoreError::TooManyJobs { .. } | StoreError::TooMuchWork { .. } => {
+                Self::Unavailable(error.to_string())
+            }
             StoreError::ExternalIdPending { .. } => {
                 Self::Unavailable("another unfinished upload holds one of the external ids".into())
             }

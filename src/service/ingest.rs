@@ -11,8 +11,8 @@ use super::cohorts::{Expected, revision_tag};
 use super::error::{Fault, MAX_FAULTS};
 use super::input::{Reading, check_extent, parse, read_shape};
 use super::memory::Purpose;
-use super::pool::Weight;
 use super::retries::{self, Retry};
+use super::work::{self, Counts, Work};
 use super::{App, ServiceError, now_ms};
 use crate::domain::cohort::Cohort;
 use crate::domain::id;
@@ -29,6 +29,8 @@ const CHUNK_SHAPES: usize = 4096;
 const CHUNK_BYTES: usize = 8 << 20;
 /// Longest pause of a stream.
 const PAUSE: Duration = Duration::from_secs(30);
+/// How long a stream may still flow when the service is asked to stop.
+const STOPPING: Duration = Duration::from_secs(5);
 /// Ids answered at most; a stream of a million shapes is read back by listing.
 const MAX_IDS: usize = 100_000;
 
@@ -112,8 +114,19 @@ pub async fn add_stream(
     expected: Option<Expected>,
 ) -> Result<Stored, ServiceError> {
     let mut writer = Writer::new(app, &cohort, on_error, "", expected).await?;
-    let taken = take_stream(app, &mut writer, stream).await;
+    let taken = tokio::select! {
+        taken = take_stream(app, &mut writer, stream) => taken,
+        () = stopped(app) => Err(ServiceError::Unavailable(
+            "the service is stopping: nothing of the stream is stored; send it again".into(),
+        )),
+    };
     writer.end(app, taken).await
+}
+
+/// The service was asked to stop, and streams have had their time.
+async fn stopped(app: &App) {
+    app.stopping().await;
+    tokio::time::sleep(STOPPING).await;
 }
 
 async fn take_stream(
@@ -218,8 +231,10 @@ impl Writer {
         }
         let first = self.position;
         let limits = app.limits;
+        let bytes = lines.iter().map(|line| line.text.len()).sum();
         let incoming = app
             .pool
+            .weighing(Work::reading(bytes))
             .run(move || {
                 let read = |(offset, line): (usize, Line)| Incoming {
                     index: first + offset,
@@ -253,9 +268,11 @@ impl Writer {
         self.position += incoming.len();
         let (space, cohort, limits, prefix) =
             (self.space.clone(), self.cohort.clone(), app.limits, self.prefix);
+        let work =
+            work::store(Counts::new(&cohort.representation, incoming.len(), &limits), cohort.correspondence);
         let results: Vec<Result<Arrived, Vec<Fault>>> = app
             .pool
-            .weighing(Weight::of_shapes(incoming.len()))
+            .weighing(work)
             .run(move || {
                 let reading = Reading {
                     space: &space,

@@ -7,6 +7,7 @@ use tokio::runtime::Handle;
 
 use super::compute::{MAX_DRAWN, Settings, Setup};
 use super::stored::StoredShapes;
+use super::work::{self, Counts};
 use super::{App, ServiceError, metrics};
 use crate::analysis::accumulate::prepare;
 use crate::analysis::alignment::{AlignedShape, Alignment, MeanShape, align, mean_shape};
@@ -87,7 +88,9 @@ pub async fn mean(app: &App, cohort: Cohort, query: MeanQuery) -> Result<Arc<Liv
         frame: query.frame,
     };
     let (task_app, handle, filter) = (app.clone(), Handle::current(), query.filter);
-    let computed = app.pool.run(move || compute(&task_app, &handle, cohort, &settings, filter)).await?;
+    let work = work::align(&settings, Counts::of_cohort(&cohort, &app.limits));
+    let computed =
+        app.pool.weighing(work).run(move || compute(&task_app, &handle, cohort, &settings, filter)).await?;
     let mean = Arc::new(computed);
     app.means.keep(key, mean.clone());
     Ok(mean)

@@ -9,7 +9,7 @@ use std::time::Duration;
 use metrics::{counter, gauge, histogram};
 use metrics_exporter_prometheus::{PrometheusBuilder, PrometheusHandle};
 
-use super::pool::LANES;
+use super::pool::{LANES, REQUEST_LANES};
 use super::{App, build, now_ms};
 use crate::domain::job::JobKind;
 use crate::store::metrics as store;
@@ -40,6 +40,9 @@ const COMPUTE_WAITING: &str = "shapelex_compute_waiting";
 const COMPUTE_RUNNING: &str = "shapelex_compute_running";
 const COMPUTE_WAIT: &str = "shapelex_compute_wait_seconds";
 const COMPUTE_REFUSED: &str = "shapelex_compute_refused_total";
+const COMPUTE_PREDICTED: &str = "shapelex_compute_predicted_microseconds_total";
+const COMPUTE_TAKEN: &str = "shapelex_compute_microseconds_total";
+const COMPUTE_STUCK: &str = "shapelex_compute_stuck";
 const CACHE_LOOKUPS: &str = "shapelex_cache_lookups_total";
 const AUDIT_WAITING: &str = "shapelex_audit_waiting";
 const AUDIT_WRITTEN: &str = "shapelex_audit_entries_total";
@@ -98,6 +101,17 @@ pub const METRICS: &[(&str, Kind, &str)] = &[
         COMPUTE_REFUSED,
         Kind::Counter,
         "Computations that were turned away because the queue was full, by lane",
+    ),
+    (
+        COMPUTE_PREDICTED,
+        Kind::Counter,
+        "CPU time that computations that have ended were predicted to take, by lane",
+    ),
+    (COMPUTE_TAKEN, Kind::Counter, "Time that computations were on a thread, by lane"),
+    (
+        COMPUTE_STUCK,
+        Kind::Gauge,
+        "Whether all threads have been at one computation beyond its time, 1 or 0, by lane",
     ),
     (CACHE_LOOKUPS, Kind::Counter, "Look-ups in caches, by cache and outcome"),
     (AUDIT_WAITING, Kind::Gauge, "Audit entries that are not on disk yet"),
@@ -165,6 +179,10 @@ fn begin_at_zero() {
         gauge!(COMPUTE_WAITING, "lane" => lane).set(0.0);
         gauge!(COMPUTE_RUNNING, "lane" => lane).set(0.0);
     }
+    for lane in LANES {
+        counter!(COMPUTE_PREDICTED, "lane" => lane).absolute(0);
+        counter!(COMPUTE_TAKEN, "lane" => lane).absolute(0);
+    }
     gauge!(AUDIT_WAITING).set(0.0);
     gauge!(HTTP_IN_FLIGHT).set(0.0);
     gauge!(CLOCK).set(1.0);
@@ -183,6 +201,10 @@ pub async fn scrape(app: &App) -> String {
             gauge!(STORE_BYTES).set(found.database_bytes as f64);
         }
         Err(error) => tracing::warn!(%error, "the store could not be read for the metrics"),
+    }
+    let stuck = app.pool.stuck_lane();
+    for lane in REQUEST_LANES {
+        gauge!(COMPUTE_STUCK, "lane" => lane).set(if stuck == Some(lane) { 1.0 } else { 0.0 });
     }
     if let Some(bytes) = app.store.free_bytes() {
         gauge!(STORE_FREE).set(bytes as f64);
@@ -203,6 +225,13 @@ pub(super) fn compute_waits(lane: &'static str) -> InQueue {
 /// A computation was turned away.
 pub(super) fn compute_refused(lane: &'static str) {
     counter!(COMPUTE_REFUSED, "lane" => lane).increment(1);
+}
+
+/// A computation has ended that was predicted to take `seconds` and was on a thread for `taken`.
+pub(super) fn compute_ended(lane: &'static str, seconds: f64, taken: f64) {
+    // Counters hold whole numbers.
+    counter!(COMPUTE_PREDICTED, "lane" => lane).increment((1e6 * seconds) as u64);
+    counter!(COMPUTE_TAKEN, "lane" => lane).increment((1e6 * taken) as u64);
 }
 
 /// A computation that waits; dropped when it begins or is given up.

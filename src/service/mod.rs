@@ -24,6 +24,7 @@
 //! * [`retries`] — requests that are sent again; [`changes`] — the feed; [`trash`] — what can come back;
 //! * [`memory`] — what the process may take, and who holds it;
 //! * [`membership`] — classes and subjects of a cohort; [`classify`] — classifiers in use;
+//! * [`pool`] — the threads where all of it is computed, in turns; [`work`] — what it will cost;
 //! * [`problem`] — what was refused, as a document; [`refusals`] — requests of nobody, counted.
 
 pub mod access;
@@ -78,19 +79,22 @@ pub mod surface_fitting;
 pub mod surfaces;
 pub mod trash;
 mod validation;
+pub mod work;
 
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use tokio_util::sync::CancellationToken;
 
 use crate::analysis::metric::Metric;
 use crate::domain::access::{DEFAULT_TENANT, Principal};
+use crate::domain::job::Priority;
 use crate::formats::bounds::Bounds;
 use crate::geometry::representation::{Representation, ShapeSpace};
 use crate::store::Store;
 pub use error::ServiceError;
-use pool::{Pool, Weight};
+use pool::Pool;
+use work::Work;
 
 /// Sizes that are checked before memory is taken.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -131,6 +135,14 @@ pub struct Limits {
     pub search_operations: usize,
     /// Heavy requests that compute or wait for it; 0 means four per compute thread.
     pub heavy_requests: usize,
+    /// Time that a job may be predicted to take; one that takes three times as long is ended.
+    pub job_time: Duration,
+    /// Jobs of a tenant that may wait.
+    pub queued_jobs: u32,
+    /// Time that the jobs of a tenant that wait may be predicted to take together.
+    pub queued_work: Duration,
+    /// Compute time that a request may be predicted to take.
+    pub request_work: Duration,
     /// Resident bytes of the process, beyond which what is large is refused.
     pub memory: usize,
     /// Bytes of request bodies in memory and of what is read from them, of all requests together.
@@ -171,6 +183,10 @@ impl Default for Limits {
             matrix_operations: 5_000_000_000,
             search_operations: 100_000_000_000,
             heavy_requests: 0,
+            job_time: Duration::from_secs(6 * 3600),
+            queued_jobs: 100,
+            queued_work: Duration::from_secs(24 * 3600),
+            request_work: Duration::from_secs(10),
             memory: usize::MAX,
             buffered_bytes: 768 << 20,
             answer_bytes: 160 << 20,
@@ -213,6 +229,8 @@ pub struct App {
     access: Arc<access::Access>,
     /// The request, when it may be sent again.
     retry: Option<retries::Retry>,
+    /// How urgent the jobs of the request are.
+    priority: Priority,
     /// What the request turns out to be about.
     pub touched: audit::Touched,
     /// Where requests are recorded.
@@ -236,10 +254,11 @@ impl App {
         Self {
             store,
             limits,
-            pool: Pool::new(threads, limits.heavy_requests),
+            pool: Pool::new(threads, &limits),
             principal: Arc::new(Principal::system(DEFAULT_TENANT)),
             access: Arc::default(),
             retry: None,
+            priority: Priority::default(),
             touched: audit::Touched::default(),
             trail: Arc::default(),
             clock: Arc::default(),
@@ -256,12 +275,25 @@ impl App {
     /// The same service as `principal` sees it, for one request: its work stops when nobody waits for it any more.
     pub fn of(&self, principal: Arc<Principal>) -> Self {
         let store = self.store.of(Arc::clone(&principal));
-        Self { store, principal, pool: self.pool.of_request(), ..self.clone() }
+        let pool = self.pool.of_request(&principal);
+        Self { store, principal, pool, ..self.clone() }
     }
 
-    /// The same request, at work on something of this weight.
-    pub fn weighing(&self, weight: Weight) -> Self {
-        Self { pool: self.pool.weighing(weight), ..self.clone() }
+    /// The same request, at something that is predicted to take so much.
+    pub fn weighing(&self, work: Work) -> Self {
+        Self { pool: self.pool.weighing(work), ..self.clone() }
+    }
+
+    /// The same request, whose work shall have ended at `deadline`.
+    #[must_use]
+    pub fn until(&self, deadline: Instant) -> Self {
+        Self { pool: self.pool.until(deadline), ..self.clone() }
+    }
+
+    /// The same request, whose jobs are so urgent.
+    #[must_use]
+    pub fn with_priority(self, priority: Priority) -> Self {
+        Self { priority, ..self }
     }
 
     /// The same service, noting what it is asked about.
@@ -279,13 +311,25 @@ impl App {
         self.draining.cancelled().await;
     }
 
-    /// Whether requests can be served: the store accepts a write and nobody asked to stop.
+    /// Whether the service was asked to stop.
+    pub fn is_stopping(&self) -> bool {
+        self.draining.is_cancelled()
+    }
+
+    /// Whether requests can be served: nobody asked to stop, the threads of the lanes take turns, and the store accepts a
+    /// write.
     ///
     /// # Errors
     /// [`ServiceError::Unavailable`] with the reason.
     pub async fn ready(&self) -> Result<(), ServiceError> {
         if self.draining.is_cancelled() {
             return Err(ServiceError::Unavailable("the service is stopping".into()));
+        }
+        if let Some(lane) = self.pool.stuck_lane() {
+            let detail =
+                format!("all threads of the lane '{lane}' have been at one computation beyond its time");
+            tracing::error!(lane, "all threads of a lane are stuck");
+            return Err(ServiceError::Unavailable(detail));
         }
         self.store.ready().await.map_err(|error| {
             tracing::error!(%error, "the store does not accept writes");

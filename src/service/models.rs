@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Mutex};
 
 use super::compute::{Settings, Setup};
-use super::pool::Weight;
+use super::work::{self, Counts};
 use super::{App, ServiceError, classify, metrics};
 use crate::analysis::alignment::Method as Alignment;
 use crate::analysis::classification::Classifier;
@@ -77,10 +77,12 @@ pub async fn find(app: &App, key: &str) -> Result<Arc<Ready>, ServiceError> {
         return Ok(ready);
     }
     let dictionary = app.store.read_dictionary(&id).await?.ok_or_else(not_found)?;
-    let task_app = app.clone();
+    let (task_app, content) = (app.clone(), &dictionary.content);
+    let atoms = Counts::new(&content.representation, content.atoms.len(), &app.limits);
+    let work = work::space(&content.representation, &app.limits) + work::project(atoms);
     let ready = app
         .pool
-        .weighing(Weight::Light)
+        .weighing(work)
         .run(move || {
             let (setup, preparation, model) = prepare(&task_app, &dictionary.content)?;
             let record = dictionary.content.classifier.as_ref();

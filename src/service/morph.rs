@@ -38,6 +38,14 @@ pub enum Positions {
 }
 
 impl Positions {
+    /// How many they are.
+    pub fn count(&self) -> usize {
+        match self {
+            Self::At(list) => list.len(),
+            Self::Steps(count) => *count,
+        }
+    }
+
     /// All of them, for shapes of `size` control points.
     ///
     /// # Errors

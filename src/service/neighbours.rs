@@ -12,6 +12,7 @@ use super::error::Fault;
 use super::input;
 use super::prepared::{Key, PreparedCohort};
 use super::stored::{self, StoredShapes};
+use super::work::{self, Counts, Work};
 use super::{App, ServiceError, cohorts, metrics};
 use crate::analysis::AnalysisError;
 use crate::analysis::accumulate::prepare;
@@ -92,13 +93,25 @@ pub async fn search(app: &App, key: &str, search: Search) -> Result<Found, Servi
         Queries::Posted(shapes) => Given::Posted(shapes),
         Queries::Stored(keys) => stored_queries(app, &cohort, &keys).await?,
     };
+    let (settings, setup_app) = (comparison.settings(&cohort), app.clone());
+    let preparing = app.pool.weighing(work::space(&cohort.representation, &app.limits));
+    let (setup, space) = preparing
+        .run(move || {
+            let setup = Setup::new(&setup_app, &settings)?;
+            let space = DistanceSpace::new(&setup.method, &setup.matching)?;
+            Ok((setup, space))
+        })
+        .await?;
+    let work = predicted(app, &cohort, &space, queries.count(), (&filter, &comparison));
     let task_cohort = cohort.clone();
     let sorted = app
         .pool
+        .weighing(work)
         .run(move || {
             let (comparison, filter) = (&comparison, &filter);
             let (app, handle, cohort) = (&task_app, &handle, &task_cohort);
-            Task { app, handle, cohort, filter, comparison, neighbours }.run(queries)
+            let task = Task { app, handle, cohort, filter, comparison, neighbours };
+            task.run(&setup, &space, queries)
         })
         .await?;
     let neighbours = with_attributes(app, &cohort, sorted).await?;
@@ -133,6 +146,29 @@ enum Given {
     Stored { ids: Vec<String>, control_points: Vec<f64> },
 }
 
+impl Given {
+    fn count(&self) -> usize {
+        match self {
+            Self::Posted(shapes) => shapes.len(),
+            Self::Stored { ids, .. } => ids.len(),
+        }
+    }
+}
+
+/// What a search is predicted to take: less when the cohort is kept ready.
+fn predicted(
+    app: &App,
+    cohort: &Cohort,
+    space: &DistanceSpace,
+    queries: usize,
+    (filter, comparison): (&ShapeFilter, &Comparison),
+) -> Work {
+    let (id, revision) = (cohort.id.clone(), cohort.revision);
+    let key = Key { cohort: id, revision, filter: filter.clone(), comparison: comparison.clone() };
+    let read = app.prepared.find(&key).is_none().then(|| Counts::of_cohort(cohort, &app.limits));
+    work::search(read, queries as f64 * cohort.shapes as f64 * space.operations())
+}
+
 async fn stored_queries(app: &App, cohort: &Cohort, keys: &[String]) -> Result<Given, ServiceError> {
     let shapes = stored::find_all(app, cohort, keys).await?;
     let (ids, control_points): (Vec<String>, Vec<Vec<f64>>) =
@@ -151,10 +187,8 @@ struct Task<'a> {
 }
 
 impl Task<'_> {
-    fn run(&self, queries: Given) -> Result<Vec<Sorted>, ServiceError> {
-        let setup = Setup::new(self.app, &self.comparison.settings(self.cohort))?;
-        let space = DistanceSpace::new(&setup.method, &setup.matching)?;
-        let (queries, own) = self.prepared(&setup, &space, queries)?;
+    fn run(&self, setup: &Setup, space: &DistanceSpace, queries: Given) -> Result<Vec<Sorted>, ServiceError> {
+        let (queries, own) = self.prepared(setup, space, queries)?;
         let mut nearest = vec![Nearest::new(self.neighbours); queries.count()];
         let context = self.app.pool.context();
         let mut offer = |ids: &[String], others: &PreparedShapes| {
@@ -174,10 +208,10 @@ impl Task<'_> {
         let key = self.key();
         match metrics::looked_up("cohorts", self.app.prepared.find(&key)) {
             Some(known) => {
-                self.check_cost(&space, queries.count(), known.ids.len())?;
+                self.check_cost(space, queries.count(), known.ids.len())?;
                 known.shapes.iter().try_for_each(|shapes| offer(&known.ids, shapes))?;
             }
-            None => self.read(&setup, &space, queries.count(), key, &mut offer)?,
+            None => self.read(setup, space, queries.count(), key, &mut offer)?,
         }
         Ok(nearest.into_iter().map(Nearest::into_sorted).collect())
     }

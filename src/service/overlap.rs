@@ -172,16 +172,37 @@ pub struct Overlapping {
     pub overlap: Overlap,
 }
 
-/// The overlap of two bodies on the grid of a mask, or on one with cells of `spacing` around both; 128 along the longest side
+/// Two bodies and the grid on which their cells are counted.
+pub struct Bodies {
+    both: [Body; 2],
+    grid: Grid,
+    dimension: usize,
+}
+
+impl Bodies {
+    /// Cells of the grid.
+    pub fn cells(&self) -> usize {
+        self.grid.size.iter().product()
+    }
+
+    /// How they overlap.
+    pub fn overlap(self) -> Overlapping {
+        let Self { both: [first, second], grid, dimension } = self;
+        let overlap = raster::overlap(&first.on(&grid), &second.on(&grid));
+        Overlapping { grid, dimension, overlap }
+    }
+}
+
+/// Two bodies on the grid of a mask, or on one with cells of `spacing` around both; 128 along the longest side
 /// unless given.
 ///
 /// # Errors
 /// Faults of the bodies at `/first…` and `/second…`; a plane body and one of space; masks on different grids; too many cells.
-pub fn overlap(
+pub fn read(
     app: &App,
     [first, second]: [BodyInput; 2],
     spacing: Option<f64>,
-) -> Result<Overlapping, ServiceError> {
+) -> Result<Bodies, ServiceError> {
     let mut faults = Vec::new();
     let mut read = |body, pointer: &str| match Body::read(body, &app.limits) {
         Ok(body) => Some(body),
@@ -214,8 +235,7 @@ pub fn overlap(
         }
         _ => grid_around([&first, &second], dimension, spacing)?,
     };
-    let overlap = raster::overlap(&first.on(&grid), &second.on(&grid));
-    Ok(Overlapping { grid, dimension, overlap })
+    Ok(Bodies { both: [first, second], grid, dimension })
 }
 
 fn grid_around(bodies: [&Body; 2], dimension: usize, spacing: Option<f64>) -> Result<Grid, ServiceError> {

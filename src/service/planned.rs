@@ -54,7 +54,7 @@ pub trait PlannedTest: Sized + Send + 'static {
 pub async fn submit<T: PlannedTest>(app: &App, test: &T) -> Result<Job, ServiceError> {
     let parameters = serde_json::to_value(test.plan())
         .map_err(|error| ServiceError::Internal(format!("a plan is not JSON: {error}")))?;
-    jobs::submit(app, T::KIND, parameters).await
+    jobs::submit(app, T::KIND, parameters, test.seconds()).await
 }
 
 /// Runs the job of a test.

@@ -77,6 +77,8 @@ problem_kinds! {
     DegenerateShape, "degenerate-shape", UNPROCESSABLE_ENTITY, "A shape is degenerate for the class";
     /// Statistics of too few shapes.
     TooFewShapes, "too-few-shapes", UNPROCESSABLE_ENTITY, "There are too few shapes";
+    /// More work than a request or a job may be predicted to take.
+    TooCostly, "too-costly", UNPROCESSABLE_ENTITY, "The work is predicted to take too long";
     /// The caller asks more often than it may.
     TooManyRequests, "too-many-requests", TOO_MANY_REQUESTS, "There were too many requests";
     /// A bug or a broken machine.
@@ -259,6 +261,8 @@ impl From<ServiceError> for Problem {
             ServiceError::ChangesGone { .. } => Self::new(ProblemKind::ChangesGone, detail),
             ServiceError::NoSpace(_) => Self::new(ProblemKind::InsufficientStorage, detail),
             ServiceError::Overloaded(_) => Self::new(ProblemKind::Overloaded, detail),
+            ServiceError::TookTooLong { .. } => Self::new(ProblemKind::TookTooLong, detail),
+            ServiceError::TooCostly { .. } => Self::new(ProblemKind::TooCostly, detail),
             ServiceError::Internal(_) => {
                 tracing::error!(error = %detail, "internal error");
                 Self::new(ProblemKind::Internal, "the cause is in the log under the request id")

@@ -14,6 +14,7 @@ use super::estimate::{Estimate, TestWork};
 use super::jobs::JobContext;
 use super::members::{self, Aligned, Attribute, KnownAttributes, MOST_PERMUTATIONS};
 use super::planned::PlannedTest;
+use super::work;
 use super::{App, ServiceError, cohorts};
 use crate::analysis::alignment::{Alignment, unwhitened};
 use crate::analysis::correspondence::Mirror;
@@ -219,7 +220,11 @@ async fn prepare_plan(app: &App, cohort: Cohort, plan: Plan) -> Result<Prepared,
     }
     let (task_app, settings) =
         (app.clone(), members::settings(&cohort, &plan.transformation, plan.alignment, plan.mirror));
-    let setup = app.pool.run(move || Setup::new(&task_app, &settings)).await?;
+    let setup = app
+        .pool
+        .weighing(work::space(&cohort.representation, &app.limits))
+        .run(move || Setup::new(&task_app, &settings))
+        .await?;
     let work = TestWork {
         shapes: shapes.len(),
         samples: 0,

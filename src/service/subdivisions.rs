@@ -60,6 +60,20 @@ document! {
     }
 }
 
+impl ControlMeshInput {
+    /// Its vertices, as many as are given.
+    pub fn vertex_count(&self) -> usize {
+        input::given(&self.vertices).map_or(0, |points| points.len())
+    }
+}
+
+impl PolylineInput {
+    /// Its points, as many as are given.
+    pub fn point_count(&self) -> usize {
+        input::given(&self.points).map_or(0, |points| points.len())
+    }
+}
+
 /// A refined mesh.
 #[derive(Debug)]
 pub struct RefinedMesh {

@@ -28,6 +28,16 @@ pub enum SurfaceParameters {
     At(Vec<[f64; 2]>),
 }
 
+impl SurfaceParameters {
+    /// How many places these are.
+    pub fn count(&self) -> usize {
+        match self {
+            Self::Grid([u, v]) => u.saturating_mul(*v),
+            Self::At(list) => list.len(),
+        }
+    }
+}
+
 /// Values of one surface.
 #[derive(Debug, Clone)]
 pub struct SurfaceEvaluation {

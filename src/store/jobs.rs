@@ -4,6 +4,8 @@
 //! a claimant is fenced: it applies to the running job with that owner and attempt, and says whether it did. Who
 //! was cancelled or taken over therefore changes nothing any more.
 
+use std::collections::HashMap;
+
 use super::cohorts::{from_text, to_text};
 use super::engine::{Link, Query, Row, Transaction, sql};
 use super::outputs::{self, MAX_OUTPUT_BYTES};
@@ -48,30 +50,69 @@ pub enum Release {
     RetryAt(i64),
 }
 
+/// How much of the queue one tenant may take.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Quota {
+    /// Jobs that wait, at most [`MAX_QUEUED`].
+    pub jobs: u32,
+    /// Predicted seconds of those that wait, together.
+    pub seconds: f64,
+}
+
+impl Default for Quota {
+    fn default() -> Self {
+        Self { jobs: MAX_QUEUED, seconds: f64::INFINITY }
+    }
+}
+
+/// Jobs that may be claimed at the time `$3`.
+const CLAIMABLE: &str =
+    "((status = 'queued' AND run_at_ms <= $3) OR (status = 'running' AND lease_until_ms < $3))";
+/// Finished jobs that are looked at to know who was served lately.
+const LATELY: i64 = 16;
+
 impl Store {
     /// Stores a new job at the end of the queue.
     ///
     /// # Errors
     /// [`StoreError::TooManyJobs`], [`StoreError::AlreadyDone`].
     pub async fn create_job(&self, job: &Job, receipt: Option<&Receipt>) -> Result<(), StoreError> {
+        self.create_job_within(Quota::default(), job, receipt).await
+    }
+
+    /// Stores a new job at the end of the queue, when its tenant has room for it.
+    ///
+    /// # Errors
+    /// [`StoreError::TooManyJobs`], [`StoreError::TooMuchWork`], [`StoreError::AlreadyDone`].
+    pub async fn create_job_within(
+        &self,
+        quota: Quota,
+        job: &Job,
+        receipt: Option<&Receipt>,
+    ) -> Result<(), StoreError> {
         const CREATE: &str = "INSERT INTO job
             (id, kind, parameters, status, progress, attempt, run_at_ms, created_at_ms, tenant, cohort)
             SELECT $1, $2, $3, 'queued', 0, 0, $4, $4, $6, $7
             WHERE (SELECT count(*) FROM job WHERE status = 'queued' AND tenant = $6) < $5";
+        let limit = quota.jobs.min(MAX_QUEUED);
         let mut write = self.begin_write(self.tenant()).await?;
         receipts::keep(&mut write, self.tenant(), receipt, job.created_at_ms).await?;
+        let waiting = queued_seconds(&mut write, self.tenant()).await?;
+        if waiting + job.predicted_seconds() > quota.seconds {
+            return Err(StoreError::TooMuchWork { waiting, limit: quota.seconds });
+        }
         let created = sql(&mut write, CREATE)
             .bind(&job.id)
             .bind(to_text(&job.kind))
             .bind(job.parameters.to_string())
             .bind(job.created_at_ms)
-            .bind(i64::from(MAX_QUEUED))
+            .bind(i64::from(limit))
             .bind(self.tenant())
             .bind(job.parameters.get("cohort").and_then(Value::as_str))
             .execute()
             .await?;
         if created == 0 {
-            return Err(StoreError::TooManyJobs { limit: MAX_QUEUED });
+            return Err(StoreError::TooManyJobs { limit });
         }
         Ok(write.commit().await?)
     }
@@ -113,7 +154,9 @@ impl Store {
         query.all().await?.iter().map(read_job).collect()
     }
 
-    /// Claims the job that waits longest, or one whose lease has ended, until `lease_until_ms`, whosever it is.
+    /// Claims the job whose turn it is until `lease_until_ms`: one that waits, or whose lease has ended. Tenants take turns:
+    /// first who has fewest jobs running, of these who was served least lately. Of the jobs of a tenant the one of highest
+    /// priority comes first, of these the one that waits longest.
     ///
     /// Jobs that had all their attempts and were interrupted again fail with the problem document `abandoned`.
     ///
@@ -129,20 +172,23 @@ impl Store {
         const SKIP: &str = " FOR UPDATE SKIP LOCKED";
         const CLAIM: &str = "UPDATE job SET status = 'running', lease_owner = $1, lease_until_ms = $2,
             attempt = attempt + 1, started_at_ms = $3, progress = 0, phase = NULL, objective = NULL
-            WHERE id = (SELECT id FROM job
-                WHERE (status = 'queued' AND run_at_ms <= $3) OR (status = 'running' AND lease_until_ms < $3)
-                ORDER BY run_at_ms, id LIMIT 1";
+            WHERE id = (SELECT id FROM job WHERE tenant = $4 AND ";
         let owner = self.inner.replica.owned_id();
         let mut transaction = self.begin_write("job").await?;
         let abandoned = abandon(&mut transaction, now_ms, abandoned).await?;
         let skip = if transaction.is_postgres() { SKIP } else { "" };
-        let mut query = sql(&mut transaction, CLAIM).bind(&owner).bind(lease_until_ms).bind(now_ms);
-        query.push(skip).push(") RETURNING *");
-        let row = query.optional().await?;
-        let claim = row
-            .as_ref()
-            .map(|row| Ok::<_, StoreError>(Claim { job: read_job(row)?, tenant: row.get("tenant")?, owner }));
-        let claim = claim.transpose()?;
+        let priority = number_in_parameters(&transaction, "priority");
+        let mut claim = None;
+        for tenant in in_turn(&mut transaction, now_ms).await? {
+            let mut query =
+                sql(&mut transaction, CLAIM).bind(&owner).bind(lease_until_ms).bind(now_ms).bind(&tenant);
+            query.push(CLAIMABLE).push(" ORDER BY ").push(priority).push(" DESC, run_at_ms, id LIMIT 1");
+            query.push(skip).push(") RETURNING *");
+            // Others may have taken all that one of the tenants has.
+            let Some(row) = query.optional().await? else { continue };
+            claim = Some(Claim { job: read_job(&row)?, tenant, owner });
+            break;
+        }
         transaction.commit().await?;
         Ok(Claimed { claim, abandoned })
     }
@@ -292,6 +338,59 @@ pub(super) async fn finish_succeeded(
 /// A statement of a claimant, with what identifies its claim as the first three arguments.
 fn fenced<'c>(link: impl Into<Link<'c>>, statement: &'static str, claim: &Claim) -> Query<'c> {
     sql(link, statement).bind(&claim.job.id).bind(&claim.owner).bind(i64::from(claim.job.attempt))
+}
+
+/// A number in the parameters of a job, 0 where there is none.
+fn number_in_parameters(transaction: &Transaction, name: &'static str) -> &'static str {
+    match (name, transaction.is_postgres()) {
+        ("priority", true) => "coalesce((parameters::json ->> 'priority')::float8, 0)",
+        ("priority", false) => "coalesce(parameters ->> '$.priority', 0)",
+        (_, true) => "coalesce((parameters::json ->> 'predicted_seconds')::float8, 0)",
+        (_, false) => "coalesce(parameters ->> '$.predicted_seconds', 0)",
+    }
+}
+
+/// Predicted seconds of all jobs of a tenant that wait.
+async fn queued_seconds(transaction: &mut Transaction, tenant: &str) -> Result<f64, StoreError> {
+    let seconds = number_in_parameters(transaction, "predicted_seconds");
+    let mut query = sql(&mut *transaction, "SELECT coalesce(sum(0.0 + ");
+    query
+        .push(seconds)
+        .push("), 0.0) AS seconds FROM job WHERE status = 'queued' AND tenant = ")
+        .push_bind(tenant);
+    let row = query.optional().await?;
+    Ok(row.map(|row| row.get("seconds")).transpose()?.unwrap_or(0.0))
+}
+
+/// Tenants with jobs that may be claimed, in the order of their turns.
+async fn in_turn(transaction: &mut Transaction, now_ms: i64) -> Result<Vec<String>, StoreError> {
+    const RUNNING: &str = "SELECT tenant, count(*) AS jobs FROM job
+        WHERE status = 'running' AND lease_until_ms >= $1 GROUP BY tenant";
+    const SERVED: &str =
+        "SELECT tenant FROM job WHERE finished_at_ms IS NOT NULL AND started_at_ms IS NOT NULL
+        ORDER BY finished_at_ms DESC, id DESC LIMIT $1";
+    const WAITING: &str = "SELECT tenant, min(run_at_ms) AS since FROM job
+        WHERE (status = 'queued' AND run_at_ms <= $1) OR (status = 'running' AND lease_until_ms < $1)
+        GROUP BY tenant";
+    let mut waiting = Vec::new();
+    for row in sql(&mut *transaction, WAITING).bind(now_ms).all().await? {
+        waiting.push((row.get::<&str>("tenant")?.to_owned(), row.get::<i64>("since")?));
+    }
+    if waiting.len() > 1 {
+        let (mut running, mut served) = (HashMap::new(), Vec::new());
+        for row in sql(&mut *transaction, RUNNING).bind(now_ms).all().await? {
+            running.insert(row.get::<&str>("tenant")?.to_owned(), row.get::<i64>("jobs")?);
+        }
+        for row in sql(&mut *transaction, SERVED).bind(LATELY).all().await? {
+            served.push(row.get::<&str>("tenant")?.to_owned());
+        }
+        waiting.sort_by_key(|(tenant, since)| {
+            let lately =
+                served.iter().position(|served| served == tenant).map_or(0, |place| served.len() - place);
+            (running.get(tenant).copied().unwrap_or(0), lately, *since)
+        });
+    }
+    Ok(waiting.into_iter().map(|(tenant, _)| tenant).collect())
 }
 
 /// Fails the jobs that had all their attempts without an outcome; their ids.

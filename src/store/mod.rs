@@ -202,6 +202,16 @@ pub enum StoreError {
         /// Jobs that may wait.
         limit: u32,
     },
+    /// The jobs of a tenant that wait, and a new one, are predicted to take too long together.
+    #[error(
+        "jobs of {waiting:.0} predicted seconds are waiting, at most {limit:.0} may wait together with a new one"
+    )]
+    TooMuchWork {
+        /// Of those that wait.
+        waiting: f64,
+        /// Of all.
+        limit: f64,
+    },
     /// No connection became free in time, or the database is away for a moment.
     #[error("the store is busy, try again")]
     Busy,

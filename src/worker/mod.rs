@@ -29,6 +29,9 @@ const POLL: Duration = Duration::from_secs(1);
 const POLL_HELPING: Duration = Duration::from_millis(50);
 /// How long that counts as lately.
 const LATELY: Duration = Duration::from_secs(5);
+/// A job that takes so many times what one may be predicted to take is ended: predictions are upper bounds, good to a factor of
+/// three.
+const OVERRUN: u32 = 3;
 /// How often progress is written.
 const TICK: Duration = Duration::from_secs(1);
 /// Longest time for interrupted jobs to end. One that does not is put back into the queue at the next start.
@@ -150,13 +153,23 @@ impl Place {
 
     /// Runs the job on the pool, and keeps its claim alive until it has ended.
     async fn compute(&self, attempt: &mut Attempt) -> Result<Outcome, ServiceError> {
+        let most = self.app.limits.job_time.saturating_mul(OVERRUN);
+        let end = Instant::now() + most;
         let task = self.task(attempt);
         let mut computed = std::pin::pin!(self.lane.run(task));
         let mut ticks = tokio::time::interval(TICK);
         ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        let mut overran = false;
         loop {
             tokio::select! {
-                outcome = &mut computed => return outcome,
+                outcome = &mut computed => return outcome.map_err(|error| match error {
+                    ServiceError::Cancelled if overran => ServiceError::TookTooLong { seconds: most.as_secs() },
+                    error => error,
+                }),
+                () = tokio::time::sleep_until(end), if !overran => {
+                    overran = !attempt.context().is_cancelled();
+                    attempt.context().interrupt();
+                }
                 () = self.stop.cancelled(), if !attempt.context().is_cancelled() => attempt.context().interrupt(),
                 _ = ticks.tick() => {
                     if let Err(error) = attempt.renew(&self.app).await {

@@ -17,7 +17,7 @@ use crate::server::{Reply, Server, Setting, wait};
 const REACHED: Duration = Duration::from_secs(5);
 
 /// Runs `shapelex key` on the data of a server, which may be running.
-fn key_command(server: &Server, arguments: &[&str]) -> Output {
+pub(crate) fn key_command(server: &Server, arguments: &[&str]) -> Output {
     match server.database() {
         Some(url) => {
             let mut command = Command::new(env!("CARGO_BIN_EXE_shapelex"));

@@ -38,7 +38,7 @@ pub(crate) fn worker(
 }
 
 pub(crate) async fn submit(app: &App, parameters: Value) -> Job {
-    jobs::submit(app, JobKind::LearnDictionary, parameters).await.unwrap()
+    jobs::submit(app, JobKind::LearnDictionary, parameters, 1.0).await.unwrap()
 }
 
 async fn finished(app: &App, id: &str) -> Job {

@@ -147,8 +147,8 @@ pub(super) async fn classify(
     let (ready, request, shapes, mut errors) = ClassifyRequest::receive(&app, &key, body).await?;
     let quantile = request.quantile.map_or(Some(QUANTILE), |q| q.take("/quantile", &mut errors));
     let (quantile, asked) = shapes.ask(&app, &ready, quantile, errors).await?;
-    let weight = asked.weight(&ready);
-    compute(app.weighing(weight), move |app| {
+    let work = asked.work(&ready, 0, &app.limits);
+    compute(app.weighing(work), move |app| {
         let classified = classify::classify(app, &ready, asked, quantile)?;
         let classes = classified.into_iter().map(|classified| ClassOutput::new(&ready, classified)).collect();
         json(StatusCode::OK, &ClassifyAnswer { classes, warnings: outlier_warnings(&ready) })
@@ -227,8 +227,8 @@ pub(super) async fn assess(
     let size = ready.setup.metric.size();
     let samples = request.samples.map_or(Some(size), |s| s.take("/samples", &mut errors));
     let ((quantile, samples), asked) = shapes.ask(&app, &ready, quantile.zip(samples), errors).await?;
-    let weight = asked.weight(&ready);
-    compute(app.weighing(weight), move |app| {
+    let work = asked.work(&ready, samples, &app.limits);
+    compute(app.weighing(work), move |app| {
         let assessments = classify::assess(app, &ready, asked, quantile, samples)?;
         let output = |assessment| AssessmentOutput::new(&ready, assessment);
         let assessments = assessments.into_iter().map(output).collect::<Result<_, _>>()?;

@@ -13,7 +13,6 @@ use crate::formats::checked::{Checked, List, Many, document, take_given, take_ma
 use crate::formats::shape::{Points, ShapeInput};
 use crate::service::coding::{self, AnswerPose, Asked, Coded, PostedCode, Reconstruction, Reference};
 use crate::service::models::{self, Ready};
-use crate::service::pool::Weight;
 use crate::service::{App, ServiceError};
 
 /// Declares a request with shapes, posted or stored, and further fields.
@@ -187,8 +186,8 @@ pub(super) async fn encode(
 ) -> Result<Response, Problem> {
     let (ready, _, shapes, errors) = EncodeRequest::receive(&app, &key, body).await?;
     let ((), asked) = shapes.ask(&app, &ready, Some(()), errors).await?;
-    let weight = asked.weight(&ready);
-    compute(app.weighing(weight), move |app| {
+    let work = asked.work(&ready, 0, &app.limits);
+    compute(app.weighing(work), move |app| {
         let coded = coding::encode(app, &ready, asked)?;
         let codes = coded.iter().map(|coded| CodeOutput::new(&ready, coded)).collect::<Result<_, _>>()?;
         json(StatusCode::OK, &EncodeAnswer { codes })
@@ -270,16 +269,16 @@ pub(super) async fn reconstruct(
             errors.push(InputError::new("/codes", detail));
         }
         let (codes, _) = checked(codes, errors, shapes.posted.unwrap_or_default())?;
-        let weight = Weight::of_shapes(codes.len());
-        return compute(app.weighing(weight), move |app| {
+        let work = ready.work(codes.len(), 0, &app.limits);
+        return compute(app.weighing(work), move |app| {
             let shapes = coding::reconstruct_codes(app, &ready, &codes)?;
             json(StatusCode::OK, &ReconstructAnswer::new(shapes, dimension))
         })
         .await;
     }
     let ((pose, samples), asked) = shapes.ask(&app, &ready, pose.zip(samples), errors).await?;
-    let weight = asked.weight(&ready);
-    compute(app.weighing(weight), move |app| {
+    let work = asked.work(&ready, samples, &app.limits);
+    compute(app.weighing(work), move |app| {
         let shapes = coding::reconstruct_shapes(app, &ready, asked, pose, samples)?;
         json(StatusCode::OK, &ReconstructAnswer::new(shapes, dimension))
     })
@@ -357,8 +356,8 @@ pub(super) async fn score(
     let (ready, request, shapes, mut errors) = ScoreRequest::receive(&app, &key, body).await?;
     let quantile = request.quantile.map_or(Some(0.99), |q| q.take("/quantile", &mut errors));
     let (quantile, asked) = shapes.ask(&app, &ready, quantile, errors).await?;
-    let weight = asked.weight(&ready);
-    compute(app.weighing(weight), move |app| {
+    let work = asked.work(&ready, 0, &app.limits);
+    compute(app.weighing(work), move |app| {
         let scores = coding::score(app, &ready, asked, quantile)?;
         let scores = scores.into_iter().map(ScoreOutput::new).collect();
         json(StatusCode::OK, &ScoreAnswer { scores, warnings: coding::outlier_warnings(&ready) })
@@ -416,8 +415,8 @@ pub(super) async fn prior(
     let reference = take_or_default(request.reference, "/reference", &mut errors);
     let gamma = request.gamma.map_or(Some(1.0), |gamma| gamma.take("/gamma", &mut errors));
     let ((reference, gamma), asked) = shapes.ask(&app, &ready, reference.zip(gamma), errors).await?;
-    let weight = asked.weight(&ready);
-    compute(app.weighing(weight), move |app| {
+    let work = asked.work(&ready, 0, &app.limits);
+    compute(app.weighing(work), move |app| {
         let dimension = ready.setup.metric.dimension();
         let priors = coding::prior(app, &ready, asked, reference, gamma)?;
         let output = |prior: crate::analysis::dictionary::prior::Energy| EnergyOutput {
@@ -483,8 +482,8 @@ pub(super) async fn sample(
     let sigma = request.sigma.map_or(Some(1.0), |sigma| sigma.take("/sigma", &mut errors));
     let settings = count.zip(seed).zip(sigma);
     let (((count, seed), sigma), _) = checked(settings, errors, Vec::new())?;
-    let weight = Weight::of_shapes(count);
-    compute(app.weighing(weight), move |app| {
+    let work = ready.work(count, 0, &app.limits);
+    compute(app.weighing(work), move |app| {
         let dimension = ready.setup.metric.dimension();
         let output = |sample: coding::Sample| SampleOutput {
             scores: sample.scores,

@@ -26,7 +26,7 @@ use crate::service::cohorts::{self, CohortChanges, NewCohort, revision_tag, text
 use crate::service::compute::draw_mean;
 use crate::service::error::Fault;
 use crate::service::live_mean::{self, MeanQuery};
-use crate::service::pool::Weight;
+use crate::service::work::Work;
 
 document! {
     /// A cohort to be created.
@@ -372,7 +372,7 @@ pub(super) async fn cohort_mean(
         return Ok(tagged(StatusCode::NOT_MODIFIED.into_response(), &tag));
     }
     let live = live_mean::mean(&app, cohort, query).await?;
-    let response = compute(app.weighing(Weight::Light), move |_| match format {
+    let response = compute(app.weighing(Work::MOMENT), move |_| match format {
         ShapeFormat::Mesh(format, grid) => mesh(&live.setup.space, &live.mean.control_points, format, grid),
         ShapeFormat::Plain(Format::Svg) => {
             let title = format!("mean of {} shapes of {}", live.mean.shapes, live.cohort.name);

@@ -6,12 +6,14 @@ use serde::Deserialize;
 use super::jobs::JobOutput;
 use super::planned::answered;
 use super::settings::RetryHeader;
+use super::settings::priority_of;
 use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::Mirror;
 use crate::analysis::transformation::{ClassName, Transformation};
 use crate::api::extract::{Caller, JsonBody, OnlyFormat, Prefer};
 use crate::api::problem::{Problem, ProblemDocument};
 use crate::domain::comparison::Comparison;
+use crate::domain::job::Priority;
 use crate::domain::shape::ShapeFilter;
 use crate::formats::InputError;
 use crate::formats::checked::{Checked, document, take_given, take_or_default};
@@ -63,6 +65,9 @@ document! {
         /// Points along the shape at which the effect is answered; as many as control points unless given.
         #[schema(value_type = Option<usize>, minimum = 1)]
         samples: Checked<usize>;
+        /// Which of the waiting jobs of the tenant comes first, when this becomes one; `normal` unless given.
+        #[schema(value_type = Option<Priority>)]
+        priority: Checked<Priority>;
     }
 }
 
@@ -119,7 +124,9 @@ pub(super) async fn compare(
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
     let app = app.with_body(&body);
-    let prepared = comparisons::prepare(&app, compare_of(app.parse(&body)?)?).await?;
+    let mut request: CompareRequest = app.parse(&body)?;
+    let app = app.with_priority(priority_of(request.priority.take())?);
+    let prepared = comparisons::prepare(&app, compare_of(request)?).await?;
     answered(app, prepared, format, prefer).await
 }
 

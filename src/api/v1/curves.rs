@@ -10,7 +10,7 @@ use crate::api::extract::{
     Caller, Format, JsonBody, NoQuery, OnlyShapeFormat, ShapeFormat, ShapeFormatQuery,
 };
 use crate::api::problem::{Problem, ProblemDocument};
-use crate::api::respond::{compute, json, mesh, mesh_file, svg};
+use crate::api::respond::{compute_planned, json, mesh, mesh_file, planned, svg};
 use crate::formats::InputError;
 use crate::formats::checked::{Checked, LARGE, List, Raw, document, take_given, take_or_default};
 use crate::formats::shape::{Points, ShapeInput};
@@ -23,13 +23,13 @@ use crate::geometry::representation::Representation;
 use crate::geometry::surface::basis::Extent;
 use crate::geometry::surface::measures::AffineField;
 use crate::service::cohorts::text_faults;
-use crate::service::compute::draw_shapes;
+use crate::service::compute::{MAX_DRAWN, draw_shapes};
 use crate::service::curves::{self, Evaluation, Measured, Parameters, Start};
-use crate::service::pool::Weight;
 use crate::service::posted::Posted;
 use crate::service::subdivisions::{self, Wanted, vertex_frames};
 use crate::service::surfaces::{MeasuredSurface, SurfaceEvaluation, SurfaceParameters};
-use crate::service::{App, ServiceError, surfaces};
+use crate::service::work::{self, Counts, Work};
+use crate::service::{App, Limits, ServiceError, surfaces};
 
 shapes_request! {
     /// Curves or surfaces to be evaluated.
@@ -179,8 +179,8 @@ pub(super) async fn evaluate(
     OnlyShapeFormat(format): OnlyShapeFormat,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
-    compute(app.weighing(Weight::of_bytes(body.len())), move |app| {
-        let (mut request, mut errors) = (app.parse::<EvaluateRequest>(&body)?, Vec::new());
+    compute_planned(app, body, move |app, body| {
+        let (mut request, mut errors) = (app.parse::<EvaluateRequest>(body)?, Vec::new());
         let (settings, shapes) = request.take_shapes(&mut errors);
         let parameters = take_places(
             settings.as_ref().map(|(representation, _)| representation),
@@ -194,52 +194,55 @@ pub(super) async fn evaluate(
         let wanted = settings.zip(parameters).zip(order.zip(frames));
         let ((((representation, correspondence), parameters), (order, frames)), shapes) =
             checked(wanted, errors, shapes)?;
-        if matches!(parameters, Places::Vertices) {
-            if order > 0 {
-                let detail =
-                    format!("is {order}, must be 0: the mesh of a level has no derivatives, but frames");
-                return Err(ServiceError::invalid("/derivatives", detail));
+        let work = parameters.work(&representation, shapes.len(), (order, frames), format, &app.limits);
+        planned(work, move |app| {
+            if matches!(parameters, Places::Vertices) {
+                if order > 0 {
+                    let detail =
+                        format!("is {order}, must be 0: the mesh of a level has no derivatives, but frames");
+                    return Err(ServiceError::invalid("/derivatives", detail));
+                }
+                return evaluate_meshes(app, &representation, correspondence, shapes, frames, format);
             }
-            return evaluate_meshes(app, &representation, correspondence, shapes, frames, format);
-        }
-        let posted = Posted::new(app, &representation, correspondence)?;
-        let shapes = posted.read(app, shapes)?;
-        match format {
-            ShapeFormat::Plain(Format::Svg) => {
-                let outlines: Vec<&[f64]> = shapes.iter().map(|shape| shape.as_slice()).collect();
-                let what = if posted.is_of_surfaces() { "surface" } else { "curve" };
-                let title = match outlines.len() {
-                    1 => format!("a {what}"),
-                    count => format!("{count} {what}s"),
-                };
-                return Ok(svg(draw_shapes(&posted.space, &title, &outlines)));
+            let posted = Posted::new(app, &representation, correspondence)?;
+            let shapes = posted.read(app, shapes)?;
+            match format {
+                ShapeFormat::Plain(Format::Svg) => {
+                    let outlines: Vec<&[f64]> = shapes.iter().map(|shape| shape.as_slice()).collect();
+                    let what = if posted.is_of_surfaces() { "surface" } else { "curve" };
+                    let title = match outlines.len() {
+                        1 => format!("a {what}"),
+                        count => format!("{count} {what}s"),
+                    };
+                    return Ok(svg(draw_shapes(&posted.space, &title, &outlines)));
+                }
+                ShapeFormat::Mesh(format, grid) => {
+                    let [shape] = &shapes[..] else {
+                        let detail = format!("has {} entries, a mesh is of one surface", shapes.len());
+                        return Err(ServiceError::invalid("/shapes", detail));
+                    };
+                    let grid = grid.or(match parameters {
+                        Places::Surface(SurfaceParameters::Grid(grid)) => grid.into(),
+                        _ => None,
+                    });
+                    return mesh(&posted.space, shape.as_slice(), format, grid);
+                }
+                ShapeFormat::Plain(Format::Json) => {}
             }
-            ShapeFormat::Mesh(format, grid) => {
-                let [shape] = &shapes[..] else {
-                    let detail = format!("has {} entries, a mesh is of one surface", shapes.len());
-                    return Err(ServiceError::invalid("/shapes", detail));
-                };
-                let grid = grid.or(match parameters {
-                    Places::Surface(SurfaceParameters::Grid(grid)) => grid.into(),
-                    _ => None,
-                });
-                return mesh(&posted.space, shape.as_slice(), format, grid);
-            }
-            ShapeFormat::Plain(Format::Json) => {}
-        }
-        let evaluations = match parameters {
-            Places::Curve(parameters) => {
-                let evaluations = curves::evaluate(app, &posted, &shapes, &parameters, order, frames)?;
-                let output = |evaluation| EvaluationOutput::new(evaluation, representation.dimension());
-                evaluations.into_iter().map(output).collect()
-            }
-            Places::Surface(parameters) => {
-                let evaluations = surfaces::evaluate(app, &posted, &shapes, &parameters, order, frames)?;
-                evaluations.into_iter().map(EvaluationOutput::of_surface).collect()
-            }
-            Places::Vertices => Vec::new(),
-        };
-        json(StatusCode::OK, &EvaluateAnswer { evaluations, faces: None })
+            let evaluations = match parameters {
+                Places::Curve(parameters) => {
+                    let evaluations = curves::evaluate(app, &posted, &shapes, &parameters, order, frames)?;
+                    let output = |evaluation| EvaluationOutput::new(evaluation, representation.dimension());
+                    evaluations.into_iter().map(output).collect()
+                }
+                Places::Surface(parameters) => {
+                    let evaluations = surfaces::evaluate(app, &posted, &shapes, &parameters, order, frames)?;
+                    evaluations.into_iter().map(EvaluationOutput::of_surface).collect()
+                }
+                Places::Vertices => Vec::new(),
+            };
+            json(StatusCode::OK, &EvaluateAnswer { evaluations, faces: None })
+        })
     })
     .await
 }
@@ -293,6 +296,38 @@ enum Places {
     Surface(SurfaceParameters),
     /// At the vertices of the level.
     Vertices,
+}
+
+impl Places {
+    /// What it takes to evaluate so many shapes there, with derivatives up to an order and frames.
+    fn work(
+        &self,
+        representation: &Representation,
+        shapes: usize,
+        (order, frames): (usize, bool),
+        format: ShapeFormat,
+        limits: &Limits,
+    ) -> Work {
+        /// Numbers that a frame costs, over the coordinates of a point.
+        const FRAME: usize = 5;
+        let counts = Counts::new(representation, shapes, limits);
+        let order = order.min(2);
+        let frame = if frames { FRAME } else { 0 };
+        match (self, format) {
+            (Self::Vertices, _) => work::evaluate_meshes(representation, counts, limits),
+            (_, ShapeFormat::Plain(Format::Svg)) => work::draw(counts, shapes.min(MAX_DRAWN)),
+            (_, ShapeFormat::Mesh(_, grid)) => work::mesh(grid.unwrap_or([500, 500])),
+            (Self::Curve(Parameters::Equidistant(count)), _) => {
+                work::evaluate(counts, *count, order + 1 + frame, limits)
+            }
+            (Self::Curve(Parameters::At(list)), _) => {
+                work::evaluate(counts, list.len(), order + 1 + frame, limits)
+            }
+            (Self::Surface(parameters), _) => {
+                work::evaluate(counts, parameters.count(), [1, 3, 6][order] + frame, limits)
+            }
+        }
+    }
 }
 
 /// The fields that say where, for curves or for surfaces.
@@ -551,8 +586,8 @@ pub(super) async fn measure(
     _: NoQuery,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
-    compute(app.weighing(Weight::of_bytes(body.len())), move |app| {
-        let (mut request, mut errors) = (app.parse::<MeasureRequest>(&body)?, Vec::new());
+    compute_planned(app, body, move |app, body| {
+        let (mut request, mut errors) = (app.parse::<MeasureRequest>(body)?, Vec::new());
         let (settings, shapes) = request.take_shapes(&mut errors);
         let length_unit = take_given(request.length_unit, "/length_unit", &mut errors).flatten();
         let unit_faults = text_faults(None, None, length_unit.as_deref());
@@ -565,27 +600,35 @@ pub(super) async fn measure(
             errors.push(InputError::new("/field", "flows through surfaces only"));
         }
         let ((representation, correspondence), shapes) = checked(settings, errors, shapes)?;
-        if representation.subdivision().is_some() {
-            let measures = subdivisions::measure_all(
-                app,
-                &representation,
-                correspondence,
-                shapes,
-                request.reference,
-                field,
-            )?;
-            let measures = measures.into_iter().map(Into::into).collect();
-            return json(StatusCode::OK, &MeasureAnswer { measures, length_unit });
-        }
-        let posted = Posted::new(app, &representation, correspondence)?;
-        let measures = if posted.is_of_surfaces() {
-            let measures = surfaces::measure(app, &posted, shapes, request.reference, field)?;
-            measures.into_iter().map(Into::into).collect()
-        } else {
-            let measures = curves::measure(app, &posted, shapes, request.reference)?;
-            measures.into_iter().map(Into::into).collect()
+        let counts = Counts::new(&representation, shapes.len(), &app.limits);
+        let work = match (representation.subdivision(), representation.extent()) {
+            (Some(_), _) => work::measure_subdivision(&representation, counts, &app.limits),
+            (_, Some(_)) => work::measure_surfaces(&representation, counts),
+            _ => work::measure_curves(counts, request.reference.is_some()),
         };
-        json(StatusCode::OK, &MeasureAnswer { measures, length_unit })
+        planned(work, move |app| {
+            if representation.subdivision().is_some() {
+                let measures = subdivisions::measure_all(
+                    app,
+                    &representation,
+                    correspondence,
+                    shapes,
+                    request.reference,
+                    field,
+                )?;
+                let measures = measures.into_iter().map(Into::into).collect();
+                return json(StatusCode::OK, &MeasureAnswer { measures, length_unit });
+            }
+            let posted = Posted::new(app, &representation, correspondence)?;
+            let measures = if posted.is_of_surfaces() {
+                let measures = surfaces::measure(app, &posted, shapes, request.reference, field)?;
+                measures.into_iter().map(Into::into).collect()
+            } else {
+                let measures = curves::measure(app, &posted, shapes, request.reference)?;
+                measures.into_iter().map(Into::into).collect()
+            };
+            json(StatusCode::OK, &MeasureAnswer { measures, length_unit })
+        })
     })
     .await
 }
@@ -636,22 +679,24 @@ pub(super) async fn resample(
     _: NoQuery,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
-    compute(app.weighing(Weight::of_bytes(body.len())), move |app| {
-        let (request, mut errors) = (app.parse::<ResampleRequest>(&body)?, Vec::new());
+    compute_planned(app, body, move |app, body| {
+        let (request, mut errors) = (app.parse::<ResampleRequest>(body)?, Vec::new());
         errors.extend(request.faults);
         let count = take_given(request.count, "/count", &mut errors);
         let start = take_or_default(request.start, "/start", &mut errors);
         let closed = request.closed.map_or(Some(true), |field| field.take("/closed", &mut errors));
         let shapes = request.shapes.unwrap_or_default().take("/shapes", &mut errors);
         let (((count, start), closed), shapes) = checked(count.zip(start).zip(closed), errors, shapes)?;
-        let shapes = curves::resample(app, count, start, closed, shapes)?
-            .into_iter()
-            .map(|resampled| ResampledOutput {
-                points: Points::from_columns(resampled.points, resampled.dimension),
-                polygon_length: resampled.length,
-            })
-            .collect();
-        json(StatusCode::OK, &ResampleAnswer { shapes })
+        planned(work::resample(&shapes, count, &app.limits), move |app| {
+            let shapes = curves::resample(app, count, start, closed, shapes)?
+                .into_iter()
+                .map(|resampled| ResampledOutput {
+                    points: Points::from_columns(resampled.points, resampled.dimension),
+                    polygon_length: resampled.length,
+                })
+                .collect();
+            json(StatusCode::OK, &ResampleAnswer { shapes })
+        })
     })
     .await
 }

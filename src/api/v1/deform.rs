@@ -8,7 +8,7 @@ use super::settings::{ShapeOutput, checked};
 use crate::analysis::correspondence::Correspondence;
 use crate::api::extract::{Caller, JsonBody, NoQuery};
 use crate::api::problem::{Problem, ProblemDocument};
-use crate::api::respond::{compute, json};
+use crate::api::respond::{compute_planned, json, planned};
 use crate::formats::checked::{Checked, LARGE, document, take_or_default};
 use crate::formats::representation::Read;
 use crate::formats::shape::{Points, ShapeInput};
@@ -17,6 +17,7 @@ use crate::geometry::representation::Representation;
 use crate::service::deform::{self, ControlPointMove, Support};
 use crate::service::input::own_faults;
 use crate::service::posted::Posted;
+use crate::service::work::{self, Counts};
 
 document! {
     /// A shape, and what pulls at it.
@@ -65,8 +66,8 @@ pub(super) async fn deform(
     _: NoQuery,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
-    compute(app, move |app| {
-        let (request, mut errors) = (app.parse::<DeformRequest>(&body)?, Vec::new());
+    compute_planned(app, body, move |app, body| {
+        let (request, mut errors) = (app.parse::<DeformRequest>(body)?, Vec::new());
         errors.extend(request.faults);
         let representation =
             request.representation.and_then(|field| field.take("/representation", &mut errors));
@@ -78,20 +79,23 @@ pub(super) async fn deform(
         }
         let ((representation, (moves, handles)), _) =
             checked(representation.zip(moves.zip(handles)), errors, Vec::new())?;
-        let posted = Posted::new(app, &representation, Correspondence::Landmarks)?;
-        let deformed = deform::deform(app, &posted, shape, &moves, &handles)?;
-        let columns = deformed.control_points.as_slice().to_vec();
-        json(
-            StatusCode::OK,
-            &DeformAnswer {
-                shape: ShapeOutput {
-                    control_points: Points::from_columns(columns, representation.dimension()),
+        let counts = Counts::new(&representation, 1, &app.limits);
+        planned(work::deform(counts, handles.len()), move |app| {
+            let posted = Posted::new(app, &representation, Correspondence::Landmarks)?;
+            let deformed = deform::deform(app, &posted, shape, &moves, &handles)?;
+            let columns = deformed.control_points.as_slice().to_vec();
+            json(
+                StatusCode::OK,
+                &DeformAnswer {
+                    shape: ShapeOutput {
+                        control_points: Points::from_columns(columns, representation.dimension()),
+                    },
+                    supports: deformed.supports,
+                    l2_change: deformed.l2_change,
+                    largest_change: deformed.largest_change,
                 },
-                supports: deformed.supports,
-                l2_change: deformed.l2_change,
-                largest_change: deformed.largest_change,
-            },
-        )
+            )
+        })
     })
     .await
 }

@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::classify::ClassifierOutput;
 use super::jobs::{JobOutput, accepted};
+use super::settings::priority_of;
 use super::settings::{Page, PageQuery, RetryHeader, ShapeOutput, known, tagged, time};
 use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
@@ -17,6 +18,7 @@ use crate::api::respond::{compute, json, mesh, svg};
 use crate::domain::classifier::{ClassifierKind, ClassifierSettings};
 use crate::domain::dictionary::{Atom, Listed, MeanRecord, Method, Row, Statistics};
 use crate::domain::job::JobStatus;
+use crate::domain::job::Priority;
 use crate::domain::shape::ShapeFilter;
 use crate::formats::checked::{Checked, document, take_given, take_or_default};
 use crate::formats::shape::Points;
@@ -26,7 +28,7 @@ use crate::service::dictionary_file::{self, DictionaryFile};
 use crate::service::error::Fault;
 use crate::service::estimate::Estimate;
 use crate::service::models::{self, Ready};
-use crate::service::pool::Weight;
+use crate::service::work::Work;
 use crate::service::{ServiceError, jobs, modes};
 
 document! {
@@ -71,6 +73,9 @@ document! {
         /// Whether only the cost is answered; false unless given.
         #[schema(value_type = Option<bool>)]
         dry_run: Checked<bool>;
+        /// Which of the waiting jobs of the tenant comes first, when this becomes one; `normal` unless given.
+        #[schema(value_type = Option<Priority>)]
+        priority: Checked<Priority>;
     }
 }
 
@@ -293,13 +298,15 @@ pub(super) async fn learn_dictionary(
     prefer: Prefer,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
-    let (learn, dry_run) = learn_of(app.parse(&body)?)?;
+    let mut request: LearnRequest = app.parse(&body)?;
+    let app = app.with_priority(priority_of(request.priority.take())?);
+    let (learn, dry_run) = learn_of(request)?;
     let Planned { plan, estimate } = dictionaries::plan(&app, learn).await?;
     if dry_run {
         let (cohort_revision, method) = (plan.revision, plan.method);
         return Ok(json(StatusCode::OK, &EstimateAnswer { estimate, cohort_revision, method })?);
     }
-    let job = dictionaries::submit(&app.clone().with_body(&body), plan).await?;
+    let job = dictionaries::submit(&app.clone().with_body(&body), plan, &estimate).await?;
     // Who does not wait is told of the job, also when the same request has been answered before and the job is over.
     let Some(time) = prefer.wait else { return Ok(accepted(job)?) };
     let job = jobs::wait(&app, &job.id, time).await?;
@@ -425,7 +432,7 @@ pub(super) async fn find_dictionary(
         return Ok(tagged(StatusCode::NOT_MODIFIED.into_response(), &tag));
     }
     let response =
-        compute(app.weighing(Weight::Light), move |_| json(StatusCode::OK, &DictionaryOutput::new(&ready)))
+        compute(app.weighing(Work::MOMENT), move |_| json(StatusCode::OK, &DictionaryOutput::new(&ready)))
             .await?;
     Ok(tagged(response, &tag))
 }
@@ -471,7 +478,7 @@ pub(super) async fn dictionary_atoms(
     OnlyFormat(format): OnlyFormat,
 ) -> Result<Response, Problem> {
     let ready = models::find(&app, &key).await?;
-    compute(app.weighing(Weight::Light), move |_| match format {
+    compute(app.weighing(Work::MOMENT), move |_| match format {
         Format::Svg => Ok(svg(modes::draw_atoms(&ready))),
         Format::Json => json(StatusCode::OK, &AtomsAnswer { atoms: &ready.dictionary.content.atoms }),
     })
@@ -531,7 +538,7 @@ pub(super) async fn dictionary_mode(
 ) -> Result<Response, Problem> {
     let ready = models::find(&app, &key).await?;
     let (component, sigma) = (query.component.unwrap_or(1), query.sigma.unwrap_or(2.0));
-    compute(app.weighing(Weight::Light), move |_| {
+    compute(app.weighing(Work::MOMENT), move |_| {
         let mode = modes::mode(&ready, component, sigma)?;
         match format {
             ShapeFormat::Plain(Format::Svg) => {
@@ -568,7 +575,9 @@ pub(super) async fn export_dictionary(
 ) -> Result<Response, Problem> {
     let ready = models::find(&app, &key).await?;
     let name = format!("{}-{}.json", ready.dictionary.name, ready.dictionary.version);
-    let response = compute(app, move |_| json(StatusCode::OK, &DictionaryFile::new(&ready))).await?;
+    let work = Work::numbers((ready.model.len() * ready.setup.metric.len()) as f64);
+    let response =
+        compute(app.weighing(work), move |_| json(StatusCode::OK, &DictionaryFile::new(&ready))).await?;
     let disposition = format!("attachment; filename=\"{name}\"");
     Ok(([(header::CONTENT_DISPOSITION, disposition)], response).into_response())
 }
@@ -595,7 +604,7 @@ pub(super) async fn import_dictionary(
 ) -> Result<Response, Problem> {
     let app = app.with_body(&body);
     let reader = app.clone();
-    let file: DictionaryFile = app.pool.run(move || reader.parse_whole(&body)).await?;
+    let file: DictionaryFile = app.pool.read(body, move |body| reader.parse_whole(body)).await?;
     let ready = dictionary_file::import(&app, file, query.name).await?;
     let location = format!("/v1/dictionaries/{}", ready.dictionary.id);
     let response = json(StatusCode::CREATED, &DictionaryOutput::new(&ready))?;

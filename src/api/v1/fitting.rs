@@ -9,7 +9,7 @@ use super::settings::{ShapeOutput, checked, shapes_request};
 use crate::analysis::correspondence::Correspondence;
 use crate::api::extract::{Caller, JsonBody, NoQuery};
 use crate::api::problem::{Problem, ProblemDocument};
-use crate::api::respond::{compute, json};
+use crate::api::respond::{compute, compute_planned, json, planned};
 use crate::formats::InputError;
 use crate::formats::checked::{Checked, LARGE, Limited, List, Raw, document, take_given, take_or_default};
 use crate::formats::representation::{FitTarget, Read};
@@ -20,13 +20,13 @@ use crate::geometry::representation::Representation;
 use crate::geometry::subdivision::fit::SubdivisionFit;
 use crate::geometry::surface::ideal::IdealSurface;
 use crate::numeric::dense::Matrix;
-use crate::service::ServiceError;
 use crate::service::fitting::{self, Placed, PlacedCurve, Size};
-use crate::service::pool::Weight;
 use crate::service::posted::Posted;
 use crate::service::subdivision_fitting::{self, MOST_TURNS, Search, USUAL_TURNS};
 use crate::service::surface_fitting::{self, FittedSurface, MeshInput};
 use crate::service::surfaces::{self, PlacedSurface};
+use crate::service::work::{self, Counts, Work};
+use crate::service::{Limits, ServiceError};
 
 fn output(control_points: &Matrix) -> ShapeOutput {
     let dimension = control_points.ncols();
@@ -109,8 +109,8 @@ pub(super) async fn fit(
     _: NoQuery,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
-    compute(app, move |app| {
-        let (request, mut errors) = (app.parse::<FitRequest>(&body)?, Vec::new());
+    compute_planned(app, body, move |app, body| {
+        let (request, mut errors) = (app.parse::<FitRequest>(body)?, Vec::new());
         errors.extend(request.faults);
         let target = request.representation.and_then(|field| field.take("/representation", &mut errors));
         let parameters = request.parameters;
@@ -163,59 +163,86 @@ pub(super) async fn fit(
         let shapes = request.shapes.unwrap_or_default().take("/shapes", &mut errors);
         let ((target, parameters), shapes) = checked(target.zip(parameters), errors, shapes)?;
         let FitTarget { representation, tolerance } = target;
-        if let Some(subdivision) = refined {
-            let posted = Posted::new(app, &representation, Correspondence::Landmarks)?;
-            let search = Search { turns: turns.unwrap_or(USUAL_TURNS), start: request.start };
-            let fits = match meshes {
-                Some(meshes) => subdivision_fitting::fit_meshes(app, &posted, &subdivision, search, meshes)?,
-                None => subdivision_fitting::fit_clouds(app, &posted, &subdivision, search, shapes)?,
+        let given = (shapes.as_slice(), meshes.as_deref());
+        let work =
+            fit_work(&representation, tolerance.is_some(), turns.unwrap_or(USUAL_TURNS), given, &app.limits);
+        planned(work, move |app| {
+            if let Some(subdivision) = refined {
+                let posted = Posted::new(app, &representation, Correspondence::Landmarks)?;
+                let search = Search { turns: turns.unwrap_or(USUAL_TURNS), start: request.start };
+                let fits = match meshes {
+                    Some(meshes) => {
+                        subdivision_fitting::fit_meshes(app, &posted, &subdivision, search, meshes)?
+                    }
+                    None => subdivision_fitting::fit_clouds(app, &posted, &subdivision, search, shapes)?,
+                };
+                let output = |fit: SubdivisionFit| FitOutput {
+                    representation: representation.clone(),
+                    shape: output(&fit.rows),
+                    residual: fit.residual,
+                    largest_residual: fit.largest,
+                    parameters: None,
+                    folded: None,
+                };
+                return json(StatusCode::OK, &FitAnswer { fits: fits.into_iter().map(output).collect() });
+            }
+            if surfaces {
+                let posted = Posted::new(app, &representation, Correspondence::Landmarks)?;
+                let fits = match (meshes, parameters) {
+                    (Some(meshes), _) => surface_fitting::fit_meshes(app, &posted, meshes)?,
+                    (None, FitParameters::Surfaces(lists)) => {
+                        surface_fitting::fit_points(app, &posted, Some(&lists), shapes)?
+                    }
+                    (None, _) => surface_fitting::fit_points(app, &posted, None, shapes)?,
+                };
+                let output = |fit: FittedSurface| FitOutput {
+                    representation: representation.clone(),
+                    shape: output(&fit.control_points),
+                    residual: fit.residual,
+                    largest_residual: fit.largest,
+                    parameters: fit.parameters,
+                    folded: fit.folded,
+                };
+                return json(StatusCode::OK, &FitAnswer { fits: fits.into_iter().map(output).collect() });
+            }
+            let size = tolerance.map_or(Size::Given, Size::Tolerance);
+            let parameters = match &parameters {
+                FitParameters::Curves(lists) => Some(lists.as_slice()),
+                _ => None,
             };
-            let output = |fit: SubdivisionFit| FitOutput {
-                representation: representation.clone(),
-                shape: output(&fit.rows),
+            let fits = fitting::fit(app, &representation, size, parameters, shapes)?;
+            let output = |fit: Fit| FitOutput {
+                shape: output(&fit.control_points),
+                representation: fit.representation,
                 residual: fit.residual,
                 largest_residual: fit.largest,
                 parameters: None,
                 folded: None,
             };
-            return json(StatusCode::OK, &FitAnswer { fits: fits.into_iter().map(output).collect() });
-        }
-        if surfaces {
-            let posted = Posted::new(app, &representation, Correspondence::Landmarks)?;
-            let fits = match (meshes, parameters) {
-                (Some(meshes), _) => surface_fitting::fit_meshes(app, &posted, meshes)?,
-                (None, FitParameters::Surfaces(lists)) => {
-                    surface_fitting::fit_points(app, &posted, Some(&lists), shapes)?
-                }
-                (None, _) => surface_fitting::fit_points(app, &posted, None, shapes)?,
-            };
-            let output = |fit: FittedSurface| FitOutput {
-                representation: representation.clone(),
-                shape: output(&fit.control_points),
-                residual: fit.residual,
-                largest_residual: fit.largest,
-                parameters: fit.parameters,
-                folded: fit.folded,
-            };
-            return json(StatusCode::OK, &FitAnswer { fits: fits.into_iter().map(output).collect() });
-        }
-        let size = tolerance.map_or(Size::Given, Size::Tolerance);
-        let parameters = match &parameters {
-            FitParameters::Curves(lists) => Some(lists.as_slice()),
-            _ => None,
-        };
-        let fits = fitting::fit(app, &representation, size, parameters, shapes)?;
-        let output = |fit: Fit| FitOutput {
-            shape: output(&fit.control_points),
-            representation: fit.representation,
-            residual: fit.residual,
-            largest_residual: fit.largest,
-            parameters: None,
-            folded: None,
-        };
-        json(StatusCode::OK, &FitAnswer { fits: fits.into_iter().map(output).collect() })
+            json(StatusCode::OK, &FitAnswer { fits: fits.into_iter().map(output).collect() })
+        })
     })
     .await
+}
+
+/// What it takes to fit shapes or meshes.
+fn fit_work(
+    representation: &Representation,
+    tolerance: bool,
+    turns: usize,
+    (shapes, meshes): (&[ShapeInput], Option<&[MeshInput]>),
+    limits: &Limits,
+) -> Work {
+    let count = meshes.map_or(shapes.len(), <[MeshInput]>::len);
+    let counts = Counts::new(representation, count, limits);
+    let points = meshes.map_or_else(|| work::posted_points(shapes), work::posted_vertices);
+    match (representation.subdivision(), representation.extent()) {
+        (Some(_), _) => {
+            work::fit_subdivision(representation, counts, (points, meshes.is_some()), turns, limits)
+        }
+        (_, Some(_)) => work::fit_surfaces(counts, points, meshes.is_some()),
+        _ => work::fit_curves(counts, points, tolerance),
+    }
 }
 
 /// Parameters of points that are fitted.
@@ -279,8 +306,8 @@ pub(super) async fn refine(
     _: NoQuery,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
-    compute(app, move |app| {
-        let (mut request, mut errors) = (app.parse::<RefineRequest>(&body)?, Vec::new());
+    compute_planned(app, body, move |app, body| {
+        let (mut request, mut errors) = (app.parse::<RefineRequest>(body)?, Vec::new());
         let (settings, shapes) = request.take_shapes(&mut errors);
         let given = request.factor.is_some();
         let factor = request.factor.map_or(Some(2), |field| field.take("/factor", &mut errors));
@@ -292,42 +319,48 @@ pub(super) async fn refine(
         }
         let (((representation, correspondence), factor), shapes) =
             checked(settings.zip(factor), errors, shapes)?;
-        let posted = Posted::of_splines(app, &representation, correspondence)?;
-        let shapes = posted.read(app, shapes)?;
-        if let Some(extent) = extent {
-            let finer = extent.intervals.map(|count| count.saturating_mul(factor));
-            let (wanted, pointer) =
-                control_points.map_or((finer, "/factor"), |counts| (counts, "/control_points"));
-            let resized = surfaces::resize(app, &posted, wanted, pointer, &shapes)?;
-            let shapes = resized.shapes.iter();
-            return json(
+        let counts = Counts::new(&representation, shapes.len(), &app.limits);
+        let times = if extent.is_some() { factor.saturating_mul(factor) } else { factor };
+        let finer = control_points
+            .map_or_else(|| counts.points().saturating_mul(times), |[u, v]| u.saturating_mul(v));
+        planned(work::refine(counts, finer, &app.limits), move |app| {
+            let posted = Posted::of_splines(app, &representation, correspondence)?;
+            let shapes = posted.read(app, shapes)?;
+            if let Some(extent) = extent {
+                let finer = extent.intervals.map(|count| count.saturating_mul(factor));
+                let (wanted, pointer) =
+                    control_points.map_or((finer, "/factor"), |counts| (counts, "/control_points"));
+                let resized = surfaces::resize(app, &posted, wanted, pointer, &shapes)?;
+                let shapes = resized.shapes.iter();
+                return json(
+                    StatusCode::OK,
+                    &RefineAnswer {
+                        representation: resized.representation.clone(),
+                        exact: resized.exact,
+                        parameter_shift: 0.0,
+                        shapes: shapes
+                            .map(|(shape, change)| RefinedOutput {
+                                shape: output(shape),
+                                l2_change: Some(*change),
+                            })
+                            .collect(),
+                    },
+                );
+            }
+            let refined = fitting::refine(app, &posted, factor, &shapes)?;
+            let shapes = refined.shapes.iter();
+            json(
                 StatusCode::OK,
                 &RefineAnswer {
-                    representation: resized.representation.clone(),
-                    exact: resized.exact,
-                    parameter_shift: 0.0,
+                    representation: refined.refinement.representation().clone(),
+                    exact: refined.refinement.is_exact(),
+                    parameter_shift: refined.refinement.parameter_shift(),
                     shapes: shapes
-                        .map(|(shape, change)| RefinedOutput {
-                            shape: output(shape),
-                            l2_change: Some(*change),
-                        })
+                        .map(|(shape, change)| RefinedOutput { shape: output(shape), l2_change: *change })
                         .collect(),
                 },
-            );
-        }
-        let refined = fitting::refine(app, &posted, factor, &shapes)?;
-        let shapes = refined.shapes.iter();
-        json(
-            StatusCode::OK,
-            &RefineAnswer {
-                representation: refined.refinement.representation().clone(),
-                exact: refined.refinement.is_exact(),
-                parameter_shift: refined.refinement.parameter_shift(),
-                shapes: shapes
-                    .map(|(shape, change)| RefinedOutput { shape: output(shape), l2_change: *change })
-                    .collect(),
-            },
-        )
+            )
+        })
     })
     .await
 }
@@ -368,7 +401,7 @@ pub(super) struct IdealShapes {
 #[utoipa::path(get, path = "/idealised", tag = "catalogue",
     responses((status = 200, description = "The curves with the poles they need, the surfaces with their control points", body = IdealShapes), (status = 400, description = "An unknown parameter", body = ProblemDocument, content_type = "application/problem+json")))]
 pub(super) async fn list_idealised(Caller(app): Caller, _: NoQuery) -> Result<Response, Problem> {
-    compute(app.weighing(Weight::Light), |_| {
+    compute(app.weighing(Work::MOMENT), |_| {
         let surfaces = IdealSurface::catalogue().into_iter().map(surface_entry).collect::<Result<_, _>>()?;
         let items = IdealCurve::catalogue().into_iter().map(curve_entry).collect();
         json(StatusCode::OK, &IdealShapes { items, surfaces })
@@ -445,8 +478,8 @@ pub(super) async fn idealise(
     _: NoQuery,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
-    compute(app, move |app| {
-        let (request, mut errors) = (app.parse::<IdealRequest>(&body)?, Vec::new());
+    compute_planned(app, body, move |app, body| {
+        let (request, mut errors) = (app.parse::<IdealRequest>(body)?, Vec::new());
         errors.extend(request.faults);
         let representation =
             request.representation.and_then(|field| field.take("/representation", &mut errors));
@@ -468,9 +501,12 @@ pub(super) async fn idealise(
             wanted.extend(take_ideal(input, surfaces, &format!("/{field}/{index}"), &mut errors));
         }
         let (representation, _) = checked(representation, errors, Vec::new())?;
-        let posted = Posted::of_splines(app, &representation, Correspondence::Landmarks)?;
-        let shapes = fitting::idealise(app, &posted, &wanted)?.iter().map(output).collect();
-        json(StatusCode::OK, &IdealAnswer { shapes })
+        let counts = Counts::new(&representation, wanted.len(), &app.limits);
+        planned(work::fit_curves(counts, 0.0, false), move |app| {
+            let posted = Posted::of_splines(app, &representation, Correspondence::Landmarks)?;
+            let shapes = fitting::idealise(app, &posted, &wanted)?.iter().map(output).collect();
+            json(StatusCode::OK, &IdealAnswer { shapes })
+        })
     })
     .await
 }

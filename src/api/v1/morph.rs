@@ -8,7 +8,7 @@ use super::settings::{ShapeOutput, checked};
 use crate::analysis::correspondence::Correspondence;
 use crate::api::extract::{Caller, Format, JsonBody, OnlyFormat};
 use crate::api::problem::{Problem, ProblemDocument};
-use crate::api::respond::{compute, json, svg};
+use crate::api::respond::{compute_planned, json, planned, svg};
 use crate::formats::InputError;
 use crate::formats::checked::{Checked, LARGE, document, take_given, take_or_default};
 use crate::formats::representation::Read;
@@ -21,6 +21,7 @@ use crate::geometry::subdivision::{Scheme, Subdivision};
 use crate::service::input::{check_correspondence, own_faults};
 use crate::service::morph::{self, PathKind, Positions};
 use crate::service::posted::Posted;
+use crate::service::work::{self, Counts};
 use crate::service::{App, ServiceError, subdivisions};
 
 document! {
@@ -93,8 +94,8 @@ pub(super) async fn morph(
     OnlyFormat(format): OnlyFormat,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
-    compute(app, move |app| {
-        let (request, mut errors) = (app.parse::<MorphRequest>(&body)?, Vec::new());
+    compute_planned(app, body, move |app, body| {
+        let (request, mut errors) = (app.parse::<MorphRequest>(body)?, Vec::new());
         errors.extend(request.faults);
         let representation =
             request.representation.and_then(|field| field.take("/representation", &mut errors));
@@ -129,28 +130,33 @@ pub(super) async fn morph(
             }
         }
         let (((representation, correspondence), (kind, positions)), _) = checked(wanted, errors, Vec::new())?;
-        if let Some(Subdivision { scheme: Scheme::NormalBased { .. }, .. }) = representation.subdivision() {
-            if kind == PathKind::Sphere {
-                let detail = format!("is \"sphere\", which needs norms: {}", GeometryError::NotLinear);
-                return Err(ServiceError::invalid("/path", detail));
+        let counts = Counts::new(&representation, 2, &app.limits);
+        let work = work::morph(counts, positions.count(), format == Format::Svg, &app.limits);
+        planned(work, move |app| {
+            if let Some(Subdivision { scheme: Scheme::NormalBased { .. }, .. }) = representation.subdivision()
+            {
+                if kind == PathKind::Sphere {
+                    let detail = format!("is \"sphere\", which needs norms: {}", GeometryError::NotLinear);
+                    return Err(ServiceError::invalid("/path", detail));
+                }
+                check_correspondence(&representation, correspondence)?;
+                return morph_oriented(app, &representation, &positions, [from, to], format);
             }
-            check_correspondence(&representation, correspondence)?;
-            return morph_oriented(app, &representation, &positions, [from, to], format);
-        }
-        let posted = Posted::new(app, &representation, correspondence)?;
-        let morph = morph::morph(app, &posted, kind, &positions, from, to)?;
-        if format == Format::Svg {
-            let name = if kind == PathKind::Plane { "straight path" } else { "great circle" };
-            return Ok(svg(morph::draw_morph(&posted, name, &morph)?));
-        }
-        let frame = |(position, shape): (f64, crate::numeric::dense::Matrix)| {
-            let points = Points::from_columns(shape.as_slice().to_vec(), shape.ncols());
-            MorphFrame { position, shape: ShapeOutput { control_points: points }, normals: None }
-        };
-        json(
-            StatusCode::OK,
-            &MorphAnswer { angle: morph.angle, frames: morph.frames.into_iter().map(frame).collect() },
-        )
+            let posted = Posted::new(app, &representation, correspondence)?;
+            let morph = morph::morph(app, &posted, kind, &positions, from, to)?;
+            if format == Format::Svg {
+                let name = if kind == PathKind::Plane { "straight path" } else { "great circle" };
+                return Ok(svg(morph::draw_morph(&posted, name, &morph)?));
+            }
+            let frame = |(position, shape): (f64, crate::numeric::dense::Matrix)| {
+                let points = Points::from_columns(shape.as_slice().to_vec(), shape.ncols());
+                MorphFrame { position, shape: ShapeOutput { control_points: points }, normals: None }
+            };
+            json(
+                StatusCode::OK,
+                &MorphAnswer { angle: morph.angle, frames: morph.frames.into_iter().map(frame).collect() },
+            )
+        })
     })
     .await
 }

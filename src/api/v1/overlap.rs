@@ -7,9 +7,10 @@ use serde::Serialize;
 use super::settings::checked;
 use crate::api::extract::{Caller, JsonBody, NoQuery};
 use crate::api::problem::{Problem, ProblemDocument};
-use crate::api::respond::{compute, json};
+use crate::api::respond::{compute_planned, json, planned};
 use crate::formats::checked::{Checked, document, take_given};
 use crate::service::overlap::{self, BodyInput};
+use crate::service::work;
 
 document! {
     /// Two bodies, both of the plane or both of space.
@@ -79,33 +80,36 @@ pub(super) async fn overlap(
     _: NoQuery,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
-    compute(app, move |app| {
-        let (request, mut errors) = (app.parse::<OverlapRequest>(&body)?, Vec::new());
+    compute_planned(app, body, move |app, body| {
+        let (request, mut errors) = (app.parse::<OverlapRequest>(body)?, Vec::new());
         errors.extend(request.faults);
         let spacing = take_given(request.spacing, "/spacing", &mut errors);
         let bodies = request.first.zip(request.second);
         let ((first, second), _) = checked(bodies, errors, Vec::new())?;
-        let found = overlap::overlap(app, [first, second], spacing)?;
-        let (grid, overlap, dimension) = (found.grid, found.overlap, found.dimension);
-        json(
-            StatusCode::OK,
-            &OverlapAnswer {
-                jaccard: overlap.jaccard,
-                dice: overlap.dice,
-                hausdorff: overlap.hausdorff,
-                hausdorff_95: overlap.hausdorff_95,
-                mean_surface_distance: overlap.mean_surface_distance,
-                cells: overlap.cells,
-                intersection: overlap.intersection,
-                union: overlap.union,
-                measures: overlap.cells.map(|cells| cells as f64 * grid.cell_measure()),
-                grid: GridOutput {
-                    size: grid.size[..dimension].to_vec(),
-                    spacing: grid.spacing[..dimension].to_vec(),
-                    first: grid.first[..dimension].to_vec(),
+        let bodies = overlap::read(app, [first, second], spacing)?;
+        planned(work::overlap(bodies.cells()), move |_| {
+            let found = bodies.overlap();
+            let (grid, overlap, dimension) = (found.grid, found.overlap, found.dimension);
+            json(
+                StatusCode::OK,
+                &OverlapAnswer {
+                    jaccard: overlap.jaccard,
+                    dice: overlap.dice,
+                    hausdorff: overlap.hausdorff,
+                    hausdorff_95: overlap.hausdorff_95,
+                    mean_surface_distance: overlap.mean_surface_distance,
+                    cells: overlap.cells,
+                    intersection: overlap.intersection,
+                    union: overlap.union,
+                    measures: overlap.cells.map(|cells| cells as f64 * grid.cell_measure()),
+                    grid: GridOutput {
+                        size: grid.size[..dimension].to_vec(),
+                        spacing: grid.spacing[..dimension].to_vec(),
+                        first: grid.first[..dimension].to_vec(),
+                    },
                 },
-            },
-        )
+            )
+        })
     })
     .await
 }

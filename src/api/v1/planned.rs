@@ -10,7 +10,7 @@ use crate::api::problem::Problem;
 use crate::api::respond::{compute, json, svg};
 use crate::domain::job::JobStatus;
 use crate::service::planned::{PlannedTest, submit};
-use crate::service::pool::Weight;
+use crate::service::work::Work;
 use crate::service::{App, ServiceError, jobs};
 
 /// The answer of a test when it is small, or when its job is ready in the time that the client waits; else the job.
@@ -21,8 +21,8 @@ pub(super) async fn answered<T: PlannedTest>(
     prefer: Prefer,
 ) -> Result<Response, Problem> {
     if test.is_quick() {
-        let handle = Handle::current();
-        return compute(app, move |app| {
+        let (handle, work) = (Handle::current(), Work::of_seconds(test.seconds()));
+        return compute(app.weighing(work), move |app| {
             let answer = test.answer(app, &handle, &app.pool.context())?;
             match format {
                 Format::Svg => Ok(svg(test.draw(&answer))),
@@ -37,7 +37,7 @@ pub(super) async fn answered<T: PlannedTest>(
     let mut job = jobs::wait(&app, &job.id, time).await?;
     match (job.status, job.result.take()) {
         (JobStatus::Succeeded, Some(result)) => {
-            compute(app.weighing(Weight::Light), move |_| match format {
+            compute(app.weighing(Work::MOMENT), move |_| match format {
                 Format::Json => json(StatusCode::OK, &result),
                 Format::Svg => {
                     let answer = serde_json::from_value(result)

@@ -6,11 +6,13 @@ use super::comparisons::Names;
 use super::jobs::JobOutput;
 use super::planned::answered;
 use super::settings::RetryHeader;
+use super::settings::priority_of;
 use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::Mirror;
 use crate::analysis::transformation::{ClassName, Transformation};
 use crate::api::extract::{Caller, JsonBody, OnlyFormat, Prefer};
 use crate::api::problem::{Problem, ProblemDocument};
+use crate::domain::job::Priority;
 use crate::domain::regression::ShapeRegression;
 use crate::domain::shape::ShapeFilter;
 use crate::formats::checked::{Checked, document, take_given, take_or_default};
@@ -59,6 +61,9 @@ document! {
         /// Attributes within whose values residuals are exchanged: `subject`, `label`, `labels.<attribute>`, or a list.
         #[schema(value_type = Option<Vec<String>>)]
         strata: Checked<Names>;
+        /// Which of the waiting jobs of the tenant comes first, when this becomes one; `normal` unless given.
+        #[schema(value_type = Option<Priority>)]
+        priority: Checked<Priority>;
     }
 }
 
@@ -87,7 +92,9 @@ pub(super) async fn regress(
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
     let app = app.with_body(&body);
-    let prepared = regressions::prepare(&app, regress_of(app.parse(&body)?)?).await?;
+    let mut request: RegressRequest = app.parse(&body)?;
+    let app = app.with_priority(priority_of(request.priority.take())?);
+    let prepared = regressions::prepare(&app, regress_of(request)?).await?;
     answered(app, prepared, format, prefer).await
 }
 

@@ -10,6 +10,7 @@ use serde_json::Value;
 use super::jobs::{JobOutput, accepted};
 use super::settings::RetryHeader;
 use super::settings::checked;
+use super::settings::priority_of;
 use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
 use crate::analysis::frame::Frame;
@@ -18,6 +19,7 @@ use crate::api::extract::{Caller, JsonBody, NoQuery, OnlyMatrixFormat, Path, Pre
 use crate::api::problem::{Problem, ProblemDocument};
 use crate::api::respond::{self, compute, json};
 use crate::domain::job::JobStatus;
+use crate::domain::job::Priority;
 use crate::domain::shape::ShapeFilter;
 use crate::formats::InputError;
 use crate::formats::checked::{Checked, List, Many, document, take_given, take_many, take_or_default};
@@ -28,6 +30,7 @@ use crate::geometry::representation::Representation;
 use crate::service::compute::Settings;
 use crate::service::distances::{self, Answer, Chosen, Comparison};
 use crate::service::neighbours::{self, FoundNeighbour, MAX_NEIGHBOURS, Queries, Search};
+use crate::service::work::Work;
 use crate::service::{App, ServiceError, jobs};
 
 /// Neighbours of a shape unless their number is given.
@@ -125,9 +128,10 @@ pub(super) async fn search_cohort(
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
     let reader = app.clone();
-    let search = app.pool.run(move || search_of(reader.parse(&body)?)).await?;
+    let search = app.pool.read(body, move |body| search_of(reader.parse(body)?)).await?;
     let found = neighbours::search(&app, &key, search).await?;
-    compute(app, move |_| {
+    let answers: usize = found.neighbours.iter().map(Vec::len).sum();
+    compute(app.weighing(Work::numbers(10.0 * answers as f64)), move |_| {
         let result = |list: Vec<FoundNeighbour>| SearchResult {
             neighbours: list.into_iter().map(Into::into).collect(),
         };
@@ -199,6 +203,9 @@ document! {
         /// Projection on the class, or Procrustes fits; `projection` unless given.
         #[schema(value_type = Option<Alignment>)]
         alignment: Checked<Alignment>;
+        /// Which of the waiting jobs of the tenant comes first, when this becomes one; `normal` unless given.
+        #[schema(value_type = Option<Priority>)]
+        priority: Checked<Priority>;
     }
 }
 
@@ -241,12 +248,18 @@ pub(super) async fn compute_distances(
 ) -> Result<Response, Problem> {
     let app = app.with_body(&body);
     let reader = app.clone();
-    let request = app.pool.run(move || matrix_request(reader.parse(&body)?)).await?;
+    let (request, priority) = app
+        .pool
+        .read(body, move |body| {
+            let mut request: DistancesRequest = reader.parse(body)?;
+            let priority = priority_of(request.priority.take())?;
+            Ok((matrix_request(request)?, priority))
+        })
+        .await?;
+    let app = app.with_priority(priority);
     let answer = match request {
         MatrixRequest::Posted(settings, shapes) => {
-            let task_app = app.clone();
-            let matrix = app.pool.run(move || distances::of_posted(&task_app, &settings, shapes)).await?;
-            Answer::Matrix(matrix)
+            Answer::Matrix(distances::of_posted(&app, *settings, shapes).await?)
         }
         MatrixRequest::Cohort(key, chosen, comparison) => {
             distances::of_cohort(&app, &key, chosen, comparison).await?

@@ -6,7 +6,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::analysis::alignment::MeanShape;
 use crate::analysis::transformation::ClassName;
+use crate::domain::job::Priority;
 use crate::formats::InputError;
+use crate::formats::checked::{Checked, take_or_default};
 use crate::formats::shape::{Points, ShapeInput};
 use crate::numeric::dense::Matrix;
 use crate::service::error::Fault;
@@ -133,6 +135,17 @@ pub(super) fn checked<T>(
             Err(ServiceError::invalid("", "is not complete"))
         }
     }
+}
+
+/// How urgent the job of a request is.
+///
+/// # Errors
+/// [`ServiceError::Invalid`] at `/priority`.
+pub(super) fn priority_of(field: Option<Checked<Priority>>) -> Result<Priority, ServiceError> {
+    let mut errors = Vec::new();
+    let priority = take_or_default(field, "/priority", &mut errors);
+    ServiceError::unless_empty(errors.into_iter().map(Fault::from).collect())?;
+    Ok(priority.unwrap_or_default())
 }
 
 /// Rows of a matrix.

@@ -24,7 +24,7 @@ use crate::formats::shape::{Points, ShapeInput};
 use crate::service::cohorts;
 use crate::service::compute::draw_shapes;
 use crate::service::ingest::{self, OnError, Stored};
-use crate::service::pool::Weight;
+use crate::service::work::Work;
 
 document! {
     /// Shapes to be added.
@@ -193,7 +193,7 @@ pub(super) async fn list_shapes(
     let limit = page.limit()?;
     let (cohort, (shapes, next)) =
         cohorts::list_shapes(&app, &key, &filter, page.cursor.as_deref(), limit).await?;
-    compute(app.weighing(Weight::Light), move |_| {
+    compute(app.weighing(Work::MOMENT), move |_| {
         let items: Vec<StoredShape> =
             shapes.into_iter().map(|shape| StoredShape::new(&cohort, shape)).collect();
         json(StatusCode::OK, &Page { items, next })
@@ -222,7 +222,7 @@ pub(super) async fn find_shape(
     if format == ShapeFormat::Plain(Format::Json) {
         return Ok(json(StatusCode::OK, &StoredShape::new(&cohort, shape))?);
     }
-    compute(app.weighing(Weight::Light), move |app| {
+    compute(app.weighing(Work::MOMENT), move |app| {
         let (space, _) = app.space(&cohort.representation, "/representation")?;
         if let ShapeFormat::Mesh(format, grid) = format {
             return mesh(&space, &shape.control_points, format, grid);

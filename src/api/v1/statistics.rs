@@ -11,13 +11,14 @@ use crate::api::extract::{
     Caller, Format, JsonBody, NoQuery, OnlyFormat, OnlyShapeFormat, Query, ShapeFormat, ShapeFormatQuery,
 };
 use crate::api::problem::{Problem, ProblemDocument};
-use crate::api::respond::{compute, json, mesh, svg};
+use crate::api::respond::{compute_planned, json, mesh, planned, svg};
 use crate::formats::InputError;
 use crate::formats::checked::{Checked, take_given, take_or_default};
 use crate::formats::shape::{Points, ShapeInput};
 use crate::service::App;
 use crate::service::ServiceError;
 use crate::service::compute::{self, Components, Onto, Setup, Statistics};
+use crate::service::work::{self, Counts};
 
 settings_request! {
     /// Shapes to be projected.
@@ -115,16 +116,19 @@ pub(super) async fn project(
     _: NoQuery,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
-    compute(app, move |app| {
-        let (mut request, mut errors) = (app.parse::<ProjectRequest>(&body)?, Vec::new());
+    compute_planned(app, body, move |app, body| {
+        let (mut request, mut errors) = (app.parse::<ProjectRequest>(body)?, Vec::new());
         let (settings, shapes) = request.take_settings(&mut errors);
         let onto = take_or_default(request.onto, "/onto", &mut errors);
         let whole = settings.zip(onto).zip(request.reference);
         let (((settings, onto), reference), shapes) = checked(whole, errors, shapes)?;
-        let (setup, projections) = compute::project(app, &settings, onto, reference, shapes)?;
-        let dimension = setup.metric.dimension();
-        let projections = projections.into_iter().map(|p| ProjectionOutput::new(p, dimension)).collect();
-        json(StatusCode::OK, &ProjectAnswer { projections })
+        let work = work::project(Counts::new(&settings.representation, shapes.len() + 1, &app.limits));
+        planned(work, move |app| {
+            let (setup, projections) = compute::project(app, &settings, onto, reference, shapes)?;
+            let dimension = setup.metric.dimension();
+            let projections = projections.into_iter().map(|p| ProjectionOutput::new(p, dimension)).collect();
+            json(StatusCode::OK, &ProjectAnswer { projections })
+        })
     })
     .await
 }
@@ -163,12 +167,16 @@ async fn answer(
     body: Bytes,
     write: impl Fn(&Statistics) -> Result<Response, ServiceError> + Send + 'static,
 ) -> Result<Response, Problem> {
-    compute(app, move |app| {
-        let (mut request, mut errors) = (app.parse::<StatisticsRequest>(&body)?, Vec::new());
+    compute_planned(app, body, move |app, body| {
+        let (mut request, mut errors) = (app.parse::<StatisticsRequest>(body)?, Vec::new());
         let (settings, shapes) = request.take_settings(&mut errors);
         let (settings, shapes) = checked(settings, errors, shapes)?;
-        let statistics = compute::align(app, &settings, shapes)?;
-        if format == Format::Svg { Ok(draw(&statistics)) } else { write(&statistics) }
+        let counts = Counts::new(&settings.representation, shapes.len(), &app.limits);
+        let drawn = if format == Format::Svg { shapes.len().min(compute::MAX_DRAWN) } else { 0 };
+        planned(work::align(&settings, counts) + work::draw(counts, drawn), move |app| {
+            let statistics = compute::align(app, &settings, shapes)?;
+            if format == Format::Svg { Ok(draw(&statistics)) } else { write(&statistics) }
+        })
     })
     .await
 }
@@ -333,12 +341,12 @@ pub(super) async fn pca(
     Query(mode): Query<ModeQuery>,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
-    compute(app, move |app| {
+    compute_planned(app, body, move |app, body| {
         let sigma = mode.sigma.unwrap_or(2.0);
         if !(0.0..=10.0).contains(&sigma) {
             return Err(ServiceError::Query(format!("sigma is {sigma}, must be between 0 and 10")));
         }
-        let (mut request, mut errors) = (app.parse::<PcaRequest>(&body)?, Vec::new());
+        let (mut request, mut errors) = (app.parse::<PcaRequest>(body)?, Vec::new());
         let (settings, shapes) = request.take_settings(&mut errors);
         let count = take_given(request.components, "/components", &mut errors).unwrap_or(10);
         let centre = take_or_default(request.centre, "/centre", &mut errors).unwrap_or_default();
@@ -347,19 +355,22 @@ pub(super) async fn pca(
             errors.push(InputError::new("/components", "is 0, must be at least 1"));
         }
         let (settings, shapes) = checked(settings, errors, shapes)?;
-        let statistics = compute::align(app, &settings, shapes)?;
-        let components = compute::pca(&statistics, count, centre)?;
-        if format == Format::Svg {
-            return Ok(svg(compute::draw_mode(
-                &statistics,
-                &components,
-                mode.component.unwrap_or(1),
-                sigma,
-            )?));
-        }
-        let aligned = with_aligned.then(|| aligned_output(&statistics));
-        let mean = mean_output(&statistics);
-        json(StatusCode::OK, &PcaAnswer { mean, pca: PcaOutput::new(&statistics, components), aligned })
+        let counts = Counts::new(&settings.representation, shapes.len(), &app.limits);
+        planned(work::align(&settings, counts) + work::components(counts, count), move |app| {
+            let statistics = compute::align(app, &settings, shapes)?;
+            let components = compute::pca(app, &statistics, count, centre)?;
+            if format == Format::Svg {
+                return Ok(svg(compute::draw_mode(
+                    &statistics,
+                    &components,
+                    mode.component.unwrap_or(1),
+                    sigma,
+                )?));
+            }
+            let aligned = with_aligned.then(|| aligned_output(&statistics));
+            let mean = mean_output(&statistics);
+            json(StatusCode::OK, &PcaAnswer { mean, pca: PcaOutput::new(&statistics, components), aligned })
+        })
     })
     .await
 }

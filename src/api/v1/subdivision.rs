@@ -7,7 +7,7 @@ use serde::Serialize;
 use super::settings::checked;
 use crate::api::extract::{Caller, Format, JsonBody, OnlyShapeFormat, ShapeFormat, ShapeFormatQuery};
 use crate::api::problem::{Problem, ProblemDocument};
-use crate::api::respond::{compute, json, mesh_file, svg};
+use crate::api::respond::{compute_planned, json, mesh_file, planned, svg};
 use crate::formats::InputError;
 use crate::formats::checked::{Checked, document, take_given};
 use crate::formats::shape::Points;
@@ -22,6 +22,7 @@ use crate::service::subdivisions::{
     self, ControlMeshInput, PolylineInput, RefinedCurve, RefinedMesh, subdivide as refine, subdivide_named,
     subdivide_polyline,
 };
+use crate::service::work;
 
 document! {
     /// A closed mesh or a polyline to be refined.
@@ -150,8 +151,8 @@ pub(super) async fn subdivide(
     OnlyShapeFormat(format): OnlyShapeFormat,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
-    compute(app, move |app| {
-        let (mut request, mut errors) = (app.parse::<SubdivideRequest>(&body)?, Vec::new());
+    compute_planned(app, body, move |app, body| {
+        let (mut request, mut errors) = (app.parse::<SubdivideRequest>(body)?, Vec::new());
         errors.append(&mut request.faults);
         let scheme = request.take_scheme(&mut errors);
         let depth = request.take_depth(&mut errors);
@@ -160,15 +161,26 @@ pub(super) async fn subdivide(
         let given = request.take_given(&mut errors);
         let wanted = scheme.zip(depth).zip(wanted_limit.zip(given));
         let (((scheme, depth), (wanted_limit, given)), _) = checked(wanted, errors, Vec::new())?;
-        let mesh = match given {
-            Given::Mesh(mesh) => refine(app, scheme, mesh, depth, wanted_limit)?,
-            Given::Start(start) => subdivide_named(app, scheme, start, depth, wanted_limit)?,
-            Given::Polyline(polyline) => {
-                let closed = polyline.closed.as_ref().and_then(Checked::get).copied().unwrap_or(true);
-                return answer_polyline(subdivide_polyline(app, scheme, polyline, depth)?, closed, format);
-            }
+        let (vertices, factor) = match &given {
+            Given::Mesh(mesh) => (mesh.vertex_count(), 4.0),
+            Given::Start(start) => (start.size().vertices, 4.0),
+            Given::Polyline(polyline) => (polyline.point_count(), 2.0),
         };
-        answer_mesh(mesh, format)
+        planned(work::subdivide(vertices, factor, &depth, wanted_limit, &app.limits), move |app| {
+            let mesh = match given {
+                Given::Mesh(mesh) => refine(app, scheme, mesh, depth, wanted_limit)?,
+                Given::Start(start) => subdivide_named(app, scheme, start, depth, wanted_limit)?,
+                Given::Polyline(polyline) => {
+                    let closed = polyline.closed.as_ref().and_then(Checked::get).copied().unwrap_or(true);
+                    return answer_polyline(
+                        subdivide_polyline(app, scheme, polyline, depth)?,
+                        closed,
+                        format,
+                    );
+                }
+            };
+            answer_mesh(mesh, format)
+        })
     })
     .await
 }

@@ -29,6 +29,7 @@ use crate::service::estimate::{Estimate, TestWork};
 use crate::service::jobs::JobContext;
 use crate::service::members::{Attribute, KnownAttributes, MOST_PERMUTATIONS};
 use crate::service::planned::PlannedTest;
+use crate::service::work;
 use crate::service::{App, ServiceError, cohorts, members};
 
 /// Most groups of a comparison.
@@ -165,7 +166,11 @@ async fn prepare_plan(app: &App, cohort: Cohort, plan: Plan) -> Result<Prepared,
     }
     let (task_app, settings) =
         (app.clone(), members::settings(&cohort, &plan.transformation, plan.alignment, plan.mirror));
-    let setup = app.pool.run(move || Setup::new(&task_app, &settings)).await?;
+    let setup = app
+        .pool
+        .weighing(work::space(&cohort.representation, &app.limits))
+        .run(move || Setup::new(&task_app, &settings))
+        .await?;
     let usual = usual_samples(setup.space.representation());
     if setup.space.generator().is_none() && plan.samples != usual {
         let what = match (setup.space.surface(), setup.space.subdivision()) {

@@ -21,6 +21,8 @@ use super::{App, ServiceError, comparisons, distances, learning, metrics, now_ms
 use crate::domain::dictionary::NewDictionary;
 use crate::domain::id;
 use crate::domain::job::{Job, JobKind, JobOutput, JobStatus};
+use crate::service::work::Work;
+use crate::store::jobs::Quota;
 
 /// What an attempt brought about.
 #[derive(Debug, Clone, PartialEq)]
@@ -48,16 +50,20 @@ pub fn run(app: &App, handle: &Handle, job: &Job, context: &JobContext) -> Resul
     }
 }
 
-/// Stores a new job; a worker takes it when its turn comes. The same request again finds the job it has made.
+/// Stores a new job that is predicted to take so many seconds; a worker takes it when its turn comes. The same request again
+/// finds the job it has made.
 ///
 /// # Errors
-/// [`ServiceError::KeyReused`]; /// [`ServiceError::Unavailable`] when too many wait.
-pub async fn submit(app: &App, kind: JobKind, parameters: Value) -> Result<Job, ServiceError> {
+/// [`ServiceError::KeyReused`]; [`ServiceError::TooCostly`] when it is predicted to take longer than a job may;
+/// [`ServiceError::Unavailable`] when too many of the tenant wait, or too much.
+pub async fn submit(app: &App, kind: JobKind, parameters: Value, seconds: f64) -> Result<Job, ServiceError> {
     if let Some(id) = app.done_before::<String>().await? {
         return find(app, &id).await;
     }
-    let job = Job::new(kind, parameters, now_ms());
-    app.store.create_job(&job, app.receipt(&job.id).as_ref()).await?;
+    Work::of_seconds(seconds).check(app.limits.job_time.as_secs_f64())?;
+    let job = Job::new(kind, parameters, now_ms()).weighing(seconds, app.priority);
+    let quota = Quota { jobs: app.limits.queued_jobs, seconds: app.limits.queued_work.as_secs_f64() };
+    app.store.create_job_within(quota, &job, app.receipt(&job.id).as_ref()).await?;
     app.jobs.wake();
     Ok(job)
 }

@@ -3,6 +3,7 @@
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
+use std::time::Instant;
 
 use tokio::sync::{Notify, watch};
 
@@ -62,7 +63,7 @@ impl Registry {
         let older = std::mem::replace(&mut *locked(&channel.interrupted), Arc::clone(&interrupted));
         older.store(true, Ordering::Relaxed);
         channel.progress.send_replace(Progress::default());
-        JobContext { interrupted, channel }
+        JobContext { interrupted, deadline: None, channel }
     }
 
     /// Asks the attempt that runs, if one does, to stop.
@@ -104,6 +105,8 @@ impl Registry {
 #[derive(Debug, Clone, Default)]
 pub struct JobContext {
     interrupted: Arc<AtomicBool>,
+    /// When its time is over.
+    deadline: Option<Instant>,
     channel: Arc<Channel>,
 }
 
@@ -118,12 +121,19 @@ impl JobContext {
 
     /// The same work without a voice: parts of it are done that do not count as its progress.
     pub(crate) fn silent(&self) -> Self {
-        Self { interrupted: Arc::clone(&self.interrupted), channel: Arc::default() }
+        Self { channel: Arc::default(), ..self.clone() }
     }
 
-    /// Whether the work shall stop: the job was cancelled, the service stops, or another attempt has taken over.
+    /// The same work, whose time is over at `deadline`.
+    pub(crate) fn until(&self, deadline: Instant) -> Self {
+        Self { deadline: Some(deadline), ..self.clone() }
+    }
+
+    /// Whether the work shall stop: the job was cancelled, the client has gone, the service stops, another attempt has taken
+    /// over, or the time is over.
     pub fn is_cancelled(&self) -> bool {
         self.interrupted.load(Ordering::Relaxed)
+            || self.deadline.is_some_and(|deadline| Instant::now() >= deadline)
     }
 
     /// Says how far the work is; cheap, nothing is written here.

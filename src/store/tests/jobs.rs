@@ -1,8 +1,9 @@
 //! The queue: order, leases, fencing, what a restart does, what is kept.
 
 use super::*;
+use crate::domain::job::Priority;
 use crate::domain::job::{Job, JobKind, JobOutput, JobStatus, Progress};
-use crate::store::jobs::{MAX_ATTEMPTS, MAX_FINISHED, MAX_QUEUED};
+use crate::store::jobs::{MAX_ATTEMPTS, MAX_FINISHED, MAX_QUEUED, Quota};
 
 /// The lease of the claims of these tests.
 const LEASE: i64 = 100;
@@ -315,4 +316,72 @@ async fn the_newest_outputs_are_kept_as_far_as_there_is_room() {
     // The last one is kept whatever its size.
     insert(300, 5000).await;
     assert_eq!(kept().await, [false, false, false, true]);
+}
+
+/// Claims and settles jobs one after the other; whose they were.
+async fn served(store: &Store, count: usize) -> String {
+    let mut order = String::new();
+    for k in 0..count as i64 {
+        let now = 1000 + 10 * k;
+        let claim = store.claim_job(now, now + 5, &json!({})).await.unwrap().claim.unwrap();
+        order.push_str(&claim.tenant);
+        assert!(store.fail_job(&claim, &json!({}), now + 1).await.unwrap());
+    }
+    order
+}
+
+#[tokio::test]
+async fn tenants_take_turns() {
+    let (_folder, store) = fresh().await;
+    let of = |tenant: &str| store.of(std::sync::Arc::new(crate::domain::access::Principal::system(tenant)));
+    for k in 0..6 {
+        of("a").create_job(&Job::new(JobKind::Compare, json!({}), k), None).await.unwrap();
+    }
+    for k in 10..13 {
+        of("b").create_job(&Job::new(JobKind::Compare, json!({}), k), None).await.unwrap();
+    }
+    assert_eq!(served(&store, 9).await, "abababaaa");
+    // While a job of one tenant runs, the next is one of the other.
+    for k in 0..3 {
+        of("a").create_job(&Job::new(JobKind::Compare, json!({}), k), None).await.unwrap();
+        of("b").create_job(&Job::new(JobKind::Compare, json!({}), 100 + k), None).await.unwrap();
+    }
+    let mut running = String::new();
+    for _ in 0..4 {
+        running += &store.claim_job(2000, 9000, &json!({})).await.unwrap().claim.unwrap().tenant;
+    }
+    assert_eq!(running, "baba", "a was served last");
+}
+
+#[tokio::test]
+async fn urgent_jobs_of_a_tenant_come_first() {
+    let (_folder, store) = fresh().await;
+    let mut wanted = Vec::new();
+    for (k, priority) in
+        [Priority::Low, Priority::Normal, Priority::High, Priority::High].into_iter().enumerate()
+    {
+        let job = Job::new(JobKind::Compare, json!({}), k as i64).weighing(1.0, priority);
+        store.create_job(&job, None).await.unwrap();
+        wanted.push(job.id);
+    }
+    for k in [2, 3, 1, 0] {
+        let claim = store.claim_job(50, 90, &json!({})).await.unwrap().claim.unwrap();
+        assert_eq!(claim.job.id, wanted[k]);
+    }
+}
+
+#[tokio::test]
+async fn a_tenant_has_its_part_of_the_queue() {
+    let (_folder, store) = fresh().await;
+    let of = |tenant: &str| store.of(std::sync::Arc::new(crate::domain::access::Principal::system(tenant)));
+    let quota = Quota { jobs: 3, seconds: 100.0 };
+    let job = |seconds: f64| Job::new(JobKind::Compare, json!({}), 1).weighing(seconds, Priority::Normal);
+    of("a").create_job_within(quota, &job(60.0), None).await.unwrap();
+    let error = of("a").create_job_within(quota, &job(50.5), None).await.unwrap_err();
+    assert!(matches!(error, StoreError::TooMuchWork { waiting: 60.0, limit: 100.0 }), "{error:?}");
+    of("b").create_job_within(quota, &job(50.5), None).await.unwrap();
+    of("a").create_job_within(quota, &job(1.0), None).await.unwrap();
+    of("a").create_job_within(quota, &job(1.0), None).await.unwrap();
+    let error = of("a").create_job_within(quota, &job(1.0), None).await.unwrap_err();
+    assert!(matches!(error, StoreError::TooManyJobs { limit: 3 }), "{error:?}");
 }
