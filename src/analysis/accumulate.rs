@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use super::AnalysisError;
 use super::metric::{Metric, dot, norm};
 use super::pass::{Pass, Sum};
-use super::subspace::{check_extent, quarter_turn};
+use super::subspace::{check_extent, flatten, quarter_turn};
 use crate::numeric::dense::{self, Eigenpairs, Matrix};
 
 /// Shapes per partial sum. Part of the definition of every result: changing it changes last bits.
@@ -210,6 +210,9 @@ pub fn prepare(
                 metric.centre(shape);
             }
             check_extent(norm(shape), size).map_err(|error| error.at(first + block * BLOCK + i))?;
+            if centred {
+                flatten(shape, metric.dimension(), size);
+            }
         }
         metric.whiten(rows);
         Ok(())

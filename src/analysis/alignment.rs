@@ -11,7 +11,7 @@ use super::matching::{Matching, Placed, Placement, Target};
 use super::mean::{Exchange, MeanSpace, ProjectorSum};
 use super::metric::{Metric, dot, norm};
 use super::procrustes::{self, Fit};
-use super::subspace::{Projected, Subspace, check_extent};
+use super::subspace::{Projected, Subspace, check_extent, flatten};
 use super::transformation::{ClassName, Transformation, TransformationClass};
 use crate::numeric::dense::Matrix;
 
@@ -404,6 +404,9 @@ impl<'a> Projector<'a> {
         let size = norm(&shape);
         let centroid = take_position(self.metric, self.method, &mut shape);
         check_extent(norm(&shape), size)?;
+        if self.method.translates() {
+            flatten(&mut shape, self.metric.dimension(), size);
+        }
         self.metric.whiten(&mut shape);
         let Projected { whitened, matrix } = self.method.bring(&shape, &self.reference)?;
         let distances = self.reference.iter().zip(&whitened).map(|(m, r)| (m - r).powi(2));

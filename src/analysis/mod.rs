@@ -20,6 +20,8 @@
 //! * [`path`] — paths between shapes.
 //!
 //! Source: Schmitter, *Spline Shape Processing*, chapters 2–5, with its misprints corrected.
+//!
+//! What ends each loop stands in one table for all layers of arithmetic, `docs/limits.md`.
 
 pub mod accumulate;
 pub mod alignment;

@@ -56,6 +56,29 @@ pub fn check_extent(centred_norm: f64, control_norm: f64) -> Result<(), Analysis
     Err(AnalysisError::NoExtent { index: 0, norm: centred_norm, size: control_norm })
 }
 
+/// What reading, resampling and interpolating points leave of them, relative to their norm.
+const ROUNDING: f64 = 4.0 * f64::EPSILON;
+
+/// Takes from a centred shape (`d·N`) what its distance from the origin lets no number hold: along directions in which it is
+/// thinner than the rounding of its coordinates before it was centred, of norm `control_norm`, it is flat. A straight line far
+/// away is then one as near by. Nothing is done where such a direction would pass as extent anyway.
+pub fn flatten(centred: &mut [f64], dimension: usize, control_norm: f64) {
+    let noise = ROUNDING * control_norm;
+    if noise <= DEGENERATE * norm(centred) {
+        return;
+    }
+    let n = centred.len() / dimension;
+    let axes = Matrix::from_column_slice(n, dimension, centred).svd(false, true);
+    let Some(directions) = axes.v_t else { return };
+    let thin = |k: &usize| axes.singular_values[*k] <= noise;
+    for direction in (0..axes.singular_values.len()).filter(thin).map(|k| directions.row(k)) {
+        for row in 0..n {
+            let along: f64 = (0..dimension).map(|c| centred[c * n + row] * direction[c]).sum();
+            (0..dimension).for_each(|c| centred[c * n + row] -= along * direction[c]);
+        }
+    }
+}
+
 impl<'a> Subspace<'a> {
     /// The subspace of the whitened shape `x` (`d·N`, centred when the class translates).
     ///

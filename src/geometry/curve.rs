@@ -17,6 +17,12 @@ use crate::numeric::dense::Matrix;
 /// Highest derivative that is offered to users: the third jumps at every knot.
 pub const MAX_DERIVATIVE: usize = 2;
 
+/// What evaluation loses at most, relative to the largest coordinate.
+const ROUNDING: f64 = 64.0 * f64::EPSILON;
+
+/// Powers of two up to this one have a reciprocal among the numbers.
+const MOST_BINARY: f64 = 1000.0;
+
 /// A curve `r: [0, 1] → R^d`, with `r(0) = r(1)` when closed.
 #[derive(Debug, Clone)]
 pub struct Curve {
@@ -68,6 +74,38 @@ impl Curve {
         }
         let smoothness = generator.smoothness();
         Self { segments, closed, dimension, smoothness, terms, coefficients }
+    }
+
+    /// Smallest and largest coordinates that half-segment may have: a box around it.
+    pub fn half_box(&self, half: usize, coordinate: usize) -> [f64; 2] {
+        let piece = self.polynomial(half, coordinate);
+        let reach: f64 = piece.iter().skip(1).map(|value| value.abs()).sum();
+        [piece[0] - reach, piece[0] + reach]
+    }
+
+    /// A power of two near the extent of all `curves` together, but not below what rounding leaves of their largest coordinate;
+    /// 1 when they have neither. Divided by it they are measured in numbers near 1, to the same digits.
+    pub fn unit(curves: &[&Self]) -> f64 {
+        let (mut extent, mut largest) = (0.0_f64, 0.0_f64);
+        for c in 0..curves.iter().map(|curve| curve.dimension).max().unwrap_or(0) {
+            let boxes =
+                curves.iter().flat_map(|curve| (0..curve.halves()).map(move |h| curve.half_box(h, c)));
+            let [low, high] =
+                boxes.fold([f64::MAX, f64::MIN], |[l, h], [low, high]| [l.min(low), h.max(high)]);
+            extent = extent.max(high - low);
+            largest = largest.max(high.abs()).max(low.abs());
+        }
+        let size = extent.max(ROUNDING * largest);
+        if size > 0.0 && size.is_finite() {
+            size.log2().round().clamp(-MOST_BINARY, MOST_BINARY).exp2()
+        } else {
+            1.0
+        }
+    }
+
+    /// The same curve times `factor`.
+    pub fn scaled(&self, factor: f64) -> Self {
+        Self { coefficients: self.coefficients.iter().map(|value| value * factor).collect(), ..*self }
     }
 
     /// The curve of a shape of `space`, when its shapes are curves.

@@ -14,6 +14,7 @@ use super::generator::Generator;
 use super::open::phantoms;
 use super::representation::{Representation, ShapeSpace};
 use crate::numeric::banded::{Band, Banded};
+use crate::numeric::bounded::{Stop, never};
 use crate::numeric::dense::Matrix;
 use crate::numeric::operator::SymmetricOperator;
 
@@ -119,6 +120,20 @@ impl Samples {
         tolerance: f64,
         most: usize,
     ) -> Result<Fit, GeometryError> {
+        self.fit_within_until(representation, tolerance, most, &never)
+    }
+
+    /// As [`Self::fit_within`]; a caller who wants to stop gets the fit that there is.
+    ///
+    /// # Errors
+    /// Those of [`Self::fit_within`].
+    pub fn fit_within_until(
+        &self,
+        representation: &Representation,
+        tolerance: f64,
+        most: usize,
+        stop: Stop<'_>,
+    ) -> Result<Fit, GeometryError> {
         let extra = representation.with_count(1).size() - 1;
         let (points, needed) = (self.parameters.len(), representation.fewest() + extra);
         if points < needed {
@@ -136,7 +151,7 @@ impl Samples {
                 return Err(GeometryError::Tolerance { tolerance, residual, count, most });
             };
             match fit(next) {
-                Ok(fit) if fit.residual <= tolerance => break fit,
+                Ok(fit) if fit.residual <= tolerance || stop() => break fit,
                 Ok(fit) if best.as_ref().is_none_or(|best| fit.residual < best.residual) => best = Some(fit),
                 Ok(_) | Err(GeometryError::Undetermined { .. }) => {}
                 Err(error) => return Err(error),
@@ -144,7 +159,7 @@ impl Samples {
             failed = next;
             count = if next == most { most + 1 } else { (2 * next).min(most) };
         };
-        while found.representation.count() > failed + 1 {
+        while found.representation.count() > failed + 1 && !stop() {
             let middle = failed.midpoint(found.representation.count());
             match fit(middle) {
                 Ok(fit) if fit.residual <= tolerance => found = fit,

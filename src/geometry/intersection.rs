@@ -43,6 +43,8 @@ struct Stretch {
 ///
 /// Cost `O(N log N)` for curves without near-contacts.
 pub fn self_intersects(curve: &Curve) -> bool {
+    // Products of coordinates leave the range of numbers long before curves do; a power of two changes no digits.
+    let curve = &curve.scaled(Curve::unit(&[curve]).recip());
     let halves: Vec<[&[f64]; 2]> =
         (0..curve.halves()).map(|half| [curve.polynomial(half, 0), curve.polynomial(half, 1)]).collect();
     let mut search = Search { count: halves.len(), halves, closed: curve.is_closed(), pairs: 0, touch: 0.0 };

@@ -17,9 +17,11 @@
 //! * [`deformation`] — control points moved, handles met;
 //! * [`surface`] — tensor-product surfaces;
 //! * [`subdivision`] — subdivision surfaces;
-//! * [`mesh`] — triangle meshes; [`nearest`] — the nearest point on one; [`vector`] — vectors of space;
+//! * [`mesh`] — triangle meshes; [`quality`] — what may be wrong with them; [`nearest`] — the nearest point on one; [`vector`] — vectors of space;
 //! * [`raster`] — which cells of a grid are inside of a shape, and how two such sets overlap;
 //! * [`ideal`] — idealised curves, reproduced exactly where the poles allow.
+//!
+//! What ends each loop stands in one table for all layers of arithmetic, `docs/limits.md`.
 
 pub mod curve;
 pub mod deformation;
@@ -34,6 +36,7 @@ pub mod measures;
 pub mod mesh;
 pub mod nearest;
 pub mod open;
+pub mod quality;
 pub mod raster;
 pub mod refine;
 pub mod representation;

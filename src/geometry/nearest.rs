@@ -7,6 +7,7 @@
 //! Boxes around halves of the faces, halved in turn, leave out all that is farther than what is known.
 
 use super::vector::{cross, dot, minus};
+use crate::numeric::bounded::Allowance;
 
 /// A mesh prepared for [`NearestTriangles::nearest`].
 #[derive(Debug, Clone)]
@@ -94,6 +95,51 @@ impl<'a> NearestTriangles<'a> {
         })
     }
 
+    /// Whether any pair of faces whose boxes meet, the second not before the first in the tree, is one that `holds`; none when there
+    /// are more pairs of boxes to look at than are allowed.
+    pub fn any_pair(
+        &self,
+        allowance: &mut Allowance<'_>,
+        holds: impl Fn(usize, usize) -> bool,
+    ) -> Option<bool> {
+        let mut pending = if self.nodes.is_empty() { Vec::new() } else { vec![(0, 0)] };
+        while let Some((one, other)) = pending.pop() {
+            if !allowance.take() {
+                return None;
+            }
+            if !self.nodes[one].meets(&self.nodes[other]) {
+                continue;
+            }
+            match (self.nodes[one].content, self.nodes[other].content) {
+                (Content::Face(first), Content::Face(second)) => {
+                    if first != second && holds(first, second) {
+                        return Some(true);
+                    }
+                }
+                (Content::Children(second), Content::Face(_)) => {
+                    pending.extend([(one + 1, other), (second, other)]);
+                }
+                (Content::Face(_), Content::Children(second)) => {
+                    pending.extend([(one, other + 1), (one, second)]);
+                }
+                (Content::Children(second), Content::Children(_)) if one == other => {
+                    pending.extend([(one + 1, one + 1), (second, second), (one + 1, second)]);
+                }
+                // The larger box is divided.
+                (Content::Children(first), Content::Children(second)) => {
+                    let first_is_larger = self.nodes[one].size() >= self.nodes[other].size();
+                    let pairs = if first_is_larger {
+                        [(one + 1, other), (first, other)]
+                    } else {
+                        [(one, other + 1), (one, second)]
+                    };
+                    pending.extend(pairs);
+                }
+            }
+        }
+        Some(false)
+    }
+
     fn corners(&self, face: usize) -> [[f64; 3]; 3] {
         self.faces[face].map(|vertex| self.vertices[vertex as usize])
     }
@@ -147,6 +193,15 @@ impl<'a> NearestTriangles<'a> {
 }
 
 impl Node {
+    fn meets(&self, other: &Self) -> bool {
+        (0..3).all(|axis| self.lower[axis] <= other.upper[axis] && other.lower[axis] <= self.upper[axis])
+    }
+
+    /// Longest side of the box.
+    fn size(&self) -> f64 {
+        (0..3).map(|axis| self.upper[axis] - self.lower[axis]).fold(0.0, f64::max)
+    }
+
     /// Square of the distance from a point to the box; 0 inside.
     fn square_distance(&self, point: [f64; 3]) -> f64 {
         let beyond =

@@ -17,6 +17,7 @@
 use rayon::prelude::*;
 
 use super::mesh::TriangleMesh;
+use crate::numeric::bounded::{Stop, never};
 
 /// A regular grid of pixel or voxel centres `first + spacing · (i, j, k)`.
 ///
@@ -265,12 +266,22 @@ fn accumulate(marks: &mut [bool], length: usize) {
 /// box around both masks. Cost `O(cells)`, and 10 bytes for every cell of that box. The result is the same on any number
 /// of threads.
 pub fn overlap(a: &Mask, b: &Mask) -> Overlap {
+    compared(a, b, &never)
+}
+
+/// As [`overlap`], unless the caller wants to stop: asked at every line of cells.
+pub fn overlap_unless_stopped(a: &Mask, b: &Mask, stop: Stop<'_>) -> Option<Overlap> {
+    let overlap = compared(a, b, stop);
+    (!stop()).then_some(overlap)
+}
+
+fn compared(a: &Mask, b: &Mask, stop: Stop<'_>) -> Overlap {
     debug_assert_eq!(a.grid, b.grid);
     let cells = [a.count(), b.count()];
     let intersection = a.inside.iter().zip(&b.inside).filter(|(a, b)| **a && **b).count();
     let union = cells[0] + cells[1] - intersection;
     let ratio = |part: usize, whole: usize| if whole == 0 { 1.0 } else { part as f64 / whole as f64 };
-    let mut distances = surface_distances(a, b);
+    let mut distances = surface_distances(a, b, stop);
     Overlap {
         cells,
         intersection,
@@ -297,14 +308,14 @@ fn percentile(values: &mut [f64], part: f64) -> Option<f64> {
 }
 
 /// Distances from the surface cells of `a` to the surface of `b`, then those from `b` to `a`; none when one is empty.
-fn surface_distances(a: &Mask, b: &Mask) -> Vec<f64> {
+fn surface_distances(a: &Mask, b: &Mask, stop: Stop<'_>) -> Vec<f64> {
     let Some(window) = Window::around(a, b) else { return Vec::new() };
     let [of_a, of_b] = [a, b].map(|mask| window.surface(mask));
     if [&of_a, &of_b].into_iter().any(|surface| !surface.contains(&true)) {
         return Vec::new();
     }
-    let mut distances = window.distances(&of_a, &of_b);
-    distances.extend(window.distances(&of_b, &of_a));
+    let mut distances = window.distances(&of_a, &of_b, stop);
+    distances.extend(window.distances(&of_b, &of_a, stop));
     distances
 }
 
@@ -358,7 +369,7 @@ impl Window {
     ///
     /// # Source
     /// Felzenszwalb, Huttenlocher 2012, Distance transforms of sampled functions, sections 2 and 2.1.
-    fn distances(&self, from: &[bool], to: &[bool]) -> Vec<f64> {
+    fn distances(&self, from: &[bool], to: &[bool], stop: Stop<'_>) -> Vec<f64> {
         let [rows, columns, length] = self.size;
         let slab = columns * length;
         // In units of the largest spacing squares cannot overflow.
@@ -366,6 +377,10 @@ impl Window {
         let weights = self.spacing.map(|spacing| (spacing / unit).powi(2).max(f64::MIN_POSITIVE));
         let mut field: Vec<f64> = to.iter().map(|to| if *to { 0.0 } else { f64::INFINITY }).collect();
         field.par_chunks_mut(slab).for_each_init(Envelope::default, |envelope, slab| {
+            // What is left out then is thrown away.
+            if stop() {
+                return;
+            }
             slab.chunks_mut(length).for_each(|line| envelope.lower(line, weights[2]));
             let mut line = vec![0.0; columns];
             for k in 0..length {
@@ -376,7 +391,7 @@ impl Window {
         });
         let on_line = |envelope: &mut Envelope, at: usize| -> Vec<f64> {
             let asked: Vec<usize> = (0..rows).filter(|i| from[i * slab + at]).collect();
-            if asked.is_empty() {
+            if asked.is_empty() || stop() {
                 return Vec::new();
             }
             let mut line: Vec<f64> = (0..rows).map(|i| field[i * slab + at]).collect();

@@ -12,6 +12,13 @@ pub struct Contour {
     arc: Vec<f64>,
 }
 
+/// The vertices of a ring without a last one that repeats the first.
+pub fn without_closing_point(points: Matrix) -> Matrix {
+    let count = points.nrows();
+    let repeated = count > 1 && points.row(0) == points.row(count - 1);
+    if repeated { points.remove_row(count - 1) } else { points }
+}
+
 /// An extent below this part of the distance from the origin is rounding, not a shape.
 pub const NO_EXTENT: f64 = 1e-13;
 
@@ -22,10 +29,8 @@ impl Contour {
     /// [`GeometryError::TooFewPoints`] below three distinct positions, [`GeometryError::NoLength`] when
     /// all points coincide, [`GeometryError::RepeatedPoint`] for equal consecutive vertices.
     pub fn closed(points: Matrix) -> Result<Self, GeometryError> {
-        let given = points.nrows();
         check_extent(&points)?;
-        let repeated = given > 1 && points.row(0) == points.row(given - 1);
-        Self::new(if repeated { points.remove_row(given - 1) } else { points }, true)
+        Self::new(without_closing_point(points), true)
     }
 
     /// The open polygon of the vertices `points` (`n × d`, `n ≥ 2`).

@@ -12,7 +12,8 @@ use super::curve::Curve;
 use super::frame::ROUNDING;
 use super::generator::recentre;
 use super::measures::cross;
-use crate::numeric::quadrature::GaussLegendre;
+use crate::numeric::bounded::{Allowance, Stop};
+use crate::numeric::quadrature::{GaussLegendre, Panels};
 
 /// What a curve turns, in radians.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -38,36 +39,48 @@ const SPACE: f64 = 1e-12;
 /// Gauss nodes per cone in space.
 const NODES: usize = 12;
 
+/// Stretches and panels of a curve beyond those that follow from its half-segments. A cusp takes 40 of them, an inflection 20.
+const STRETCHES: usize = 4096;
+/// Stretches and panels for every half-segment.
+const STRETCHES_PER_HALF: usize = 256;
+
 impl Turning {
-    /// Of a curve with continuous tangents; none for one with corners or a cusp. Cost `O(M n²)`, more near inflections
-    /// and sharp bends.
-    pub fn of(curve: &Curve) -> Option<Self> {
+    /// Of a curve with continuous tangents; none for one with corners or a cusp, or when the caller wants to stop. Cost
+    /// `O(M n²)`, more near inflections and sharp bends; at most some thousand stretches more than 512 for each half-segment.
+    pub fn of(curve: &Curve, stop: Stop<'_>) -> Option<Self> {
+        Self::counted(curve, stop).0
+    }
+
+    /// As [`Self::of`], with the number of stretches that were split and panels that were halved.
+    pub fn counted(curve: &Curve, stop: Stop<'_>) -> (Option<Self>, usize) {
         if curve.smoothness() < 1 {
-            return None;
+            return (None, 0);
         }
         let rule = GaussLegendre::new(NODES);
+        let most = STRETCHES + STRETCHES_PER_HALF * curve.halves();
+        let (mut stretches, mut panels) = (Allowance::new(most, stop), Panels::new(most, stop));
         let mut sum = Self { total: 0.0, signed: 0.0 };
         for half in 0..curve.halves() {
             let pieces: Vec<&[f64]> = (0..curve.dimension()).map(|c| curve.polynomial(half, c)).collect();
             let mut pending = vec![(0.0, 1.0)];
             while let Some((middle, radius)) = pending.pop() {
                 let stretch = Stretch::new(&pieces, middle, radius);
-                if !stretch.is_cone() || (stretch.has_inflection() && radius > INFLECTION) {
-                    if radius < CUSP {
-                        return None;
-                    }
-                    pending.extend([
-                        (middle - 0.5 * radius, 0.5 * radius),
-                        (middle + 0.5 * radius, 0.5 * radius),
-                    ]);
+                let is_cone = stretch.is_cone();
+                let is_split = !is_cone || (stretch.has_inflection() && radius > INFLECTION);
+                if is_split && radius >= CUSP && stretches.take() {
+                    let quarter = 0.5 * radius;
+                    pending.extend([(middle - quarter, quarter), (middle + quarter, quarter)]);
                     continue;
                 }
-                let (total, signed) = stretch.turn(&rule);
+                if !is_cone {
+                    return (None, stretches.taken() + panels.halved());
+                }
+                let (total, signed) = stretch.turn(&rule, &mut panels);
                 sum.total += total;
                 sum.signed += signed;
             }
         }
-        Some(sum)
+        (Some(sum), stretches.taken() + panels.halved())
     }
 }
 
@@ -115,7 +128,7 @@ impl Stretch {
         self.local.iter().map(at).collect()
     }
 
-    fn turn(&self, rule: &GaussLegendre) -> (f64, f64) {
+    fn turn(&self, rule: &GaussLegendre, panels: &mut Panels<'_>) -> (f64, f64) {
         let (first, last) = (self.derivative(1, -1.0), self.derivative(1, 1.0));
         if self.local.len() == 2 {
             let dot = first[0] * last[0] + first[1] * last[1];
@@ -126,7 +139,7 @@ impl Stretch {
             let (v, a) = (self.derivative(1, s), self.derivative(2, s));
             cross(&v, &a) / v.iter().map(|x| x * x).sum::<f64>()
         };
-        (rule.integrate_adaptive(-1.0, 1.0, SPACE, &rate), 0.0)
+        (rule.integrate_adaptive((-1.0, 1.0), SPACE, &rate, panels), 0.0)
     }
 }
 

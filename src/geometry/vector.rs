@@ -1,5 +1,23 @@
 //! Vectors of space.
 
+/// Coordinates beyond so many extents have lost three digits of the shape: below that nothing is moved, and no bit changes.
+const FAR: f64 = 1024.0;
+
+/// The first point of a shape that is far from the origin for its extent: about it the shape keeps the digits it has. Differences
+/// to it are exact where coordinates are within a factor of two of its own.
+pub fn far_origin<'a>(points: impl Iterator<Item = &'a [f64; 3]> + Clone) -> Option<[f64; 3]> {
+    let first = *points.clone().next()?;
+    let extent =
+        points.map(|point| minus(*point, first)).flatten().fold(0.0_f64, |most, x| most.max(x.abs()));
+    let largest = first.iter().fold(0.0_f64, |most, x| most.max(x.abs()));
+    (largest > FAR * extent).then_some(first)
+}
+
+/// `a + b`.
+pub fn plus(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
+}
+
 /// `a − b`.
 pub fn minus(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]

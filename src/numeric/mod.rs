@@ -3,6 +3,7 @@
 //! * [`operator`] — symmetric positive definite operators and their square roots (what a Gram matrix is to its users);
 //! * [`cholesky`] — the factor of a matrix that grows and shrinks by rows;
 //! * [`circulant`] — the operator of a periodic shift-invariant basis, diagonal under the real FFT;
+//! * [`bounded`] — what makes searches end: shares of steps and callers who want to stop;
 //! * [`banded`] — symmetric positive definite band matrices and their Cholesky factor;
 //! * [`kronecker`] — tensor products of operators;
 //! * [`sparse`] — sparse matrices by rows;
@@ -13,6 +14,7 @@
 //! * [`real`] — double and double-double numbers under one name, small systems over them.
 
 pub mod banded;
+pub mod bounded;
 pub mod cholesky;
 pub mod circulant;
 pub mod dense;

@@ -5,12 +5,14 @@ use rayon::prelude::*;
 
 use super::error::Fault;
 use super::input;
+use super::jobs::JobContext;
 use super::posted::Posted;
+use super::warnings;
 use super::{App, Limits, ServiceError};
 use crate::formats::InputError;
 use crate::formats::shape::ShapeInput;
 use crate::geometry::curve::MAX_DERIVATIVE;
-use crate::geometry::distance::Distances;
+use crate::geometry::distance::{Distances, STRETCHES};
 use crate::geometry::frame::Frame;
 use crate::geometry::intersection::self_intersects;
 use crate::geometry::measures::CurveMeasures;
@@ -77,20 +79,17 @@ pub fn evaluate(
     ServiceError::unless_empty(faults)?;
     // Before anything is computed: what nobody can be given is not worth it.
     let _room = app.memory.foresee(total)?;
-    Ok(shapes
-        .par_iter()
-        .map(|shape| {
-            let curve = curves.curve(shape);
-            let parameters = match parameters {
-                Parameters::Equidistant(count) => curve.parameters(*count),
-                Parameters::At(list) => list.clone(),
-            };
-            Evaluation {
-                derivatives: (0..=order).map(|j| curve.evaluate_all(&parameters, j)).collect(),
-                frames: frames.then(|| parameters.iter().map(|&u| Frame::at(&curve, u)).collect()),
-            }
-        })
-        .collect())
+    each(&app.pool.context(), shapes, |shape| {
+        let curve = curves.curve(shape);
+        let parameters = match parameters {
+            Parameters::Equidistant(count) => curve.parameters(*count),
+            Parameters::At(list) => list.clone(),
+        };
+        Evaluation {
+            derivatives: (0..=order).map(|j| curve.evaluate_all(&parameters, j)).collect(),
+            frames: frames.then(|| parameters.iter().map(|&u| Frame::at(&curve, u)).collect()),
+        }
+    })
 }
 
 /// Measures of one curve.
@@ -102,6 +101,8 @@ pub struct Measured {
     pub self_intersecting: Option<bool>,
     /// To the reference, when there is one.
     pub distances: Option<Distances>,
+    /// What the numbers do not hold.
+    pub warnings: Vec<String>,
 }
 
 /// Pairs of intervals over which distances are measured in one request: a minute of work.
@@ -127,17 +128,22 @@ pub fn measure(
         );
         return Err(ServiceError::invalid("/reference", detail));
     }
-    Ok(shapes
-        .par_iter()
-        .map(|shape| {
-            let curve = curves.curve(shape);
-            Measured {
-                measures: CurveMeasures::of(&curve),
-                self_intersecting: (curve.dimension() == 2).then(|| self_intersects(&curve)),
-                distances: reference.as_ref().map(|reference| Distances::of(&curve, reference)),
-            }
-        })
-        .collect())
+    let context = app.pool.context();
+    let (stop, stretches) = (|| context.is_cancelled(), STRETCHES / shapes.len().max(1));
+    let measured = |shape: &Matrix| {
+        context.check()?;
+        let curve = curves.curve(shape);
+        let distances = reference
+            .as_ref()
+            .map(|reference| Distances::unless_stopped(&curve, reference, stretches, &stop))
+            .map(|distances| distances.ok_or(ServiceError::Cancelled))
+            .transpose()?;
+        let measures = CurveMeasures::unless_stopped(&curve, &stop).ok_or(ServiceError::Cancelled)?;
+        let self_intersecting = (curve.dimension() == 2).then(|| self_intersects(&curve));
+        let warnings = warnings::of_curve(&measures, distances.as_ref());
+        Ok(Measured { measures, self_intersecting, distances, warnings })
+    };
+    shapes.par_iter().map(measured).collect()
 }
 
 /// Where resampling starts.
@@ -190,7 +196,7 @@ pub fn resample(
         faults.push(Fault::new("/count", detail));
     }
     ServiceError::unless_empty(faults)?;
-    each_shape(shapes, |_, shape| {
+    each_shape(&app.pool.context(), shapes, |_, shape| {
         let points = raw_points(shape, None, closed, &app.limits)?;
         let dimension = points.ncols();
         let contour = input::contour(points, closed).map_err(below_points)?;
@@ -200,22 +206,38 @@ pub fn resample(
     })
 }
 
+/// Applies `work` to every item, until nobody waits for it any more.
+pub(super) fn each<I: Sync, T: Send>(
+    context: &JobContext,
+    items: &[I],
+    work: impl Fn(&I) -> T + Sync,
+) -> Result<Vec<T>, ServiceError> {
+    items.par_iter().map(|item| context.check().map(|()| work(item))).collect()
+}
+
 /// Applies `work` to every shape; the faults of all of them at `/shapes/{index}…`.
 pub(super) fn each_shape<T: Send>(
+    context: &JobContext,
     shapes: Vec<ShapeInput>,
     work: impl Fn(usize, ShapeInput) -> Result<T, Vec<InputError>> + Sync,
 ) -> Result<Vec<T>, ServiceError> {
-    each_of("shapes", shapes, work)
+    each_of(context, "shapes", shapes, work)
 }
 
-/// Applies `work` to every entry of a list; the faults of all of them at `/{list}/{index}…`.
+/// Applies `work` to every entry of a list, until nobody waits for it any more; the faults of all of them at
+/// `/{list}/{index}…`.
 pub(super) fn each_of<I: Send, T: Send>(
+    context: &JobContext,
     list: &str,
     items: Vec<I>,
     work: impl Fn(usize, I) -> Result<T, Vec<InputError>> + Sync,
 ) -> Result<Vec<T>, ServiceError> {
+    // What is skipped has no faults: after this the request ends.
+    let unless_cancelled =
+        |(index, item)| if context.is_cancelled() { Err(Vec::new()) } else { work(index, item) };
     let results: Vec<Result<T, Vec<InputError>>> =
-        items.into_par_iter().enumerate().map(|(index, item)| work(index, item)).collect();
+        items.into_par_iter().enumerate().map(unless_cancelled).collect();
+    context.check()?;
     let (mut values, mut faults) = (Vec::with_capacity(results.len()), Vec::new());
     for (index, result) in results.into_iter().enumerate() {
         match result {

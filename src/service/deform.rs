@@ -69,6 +69,8 @@ pub fn deform(
     for ControlPointMove { control_point, by } in moves {
         by.iter().enumerate().for_each(|(c, by)| after[(*control_point, c)] += by);
     }
+    let context = app.pool.context();
+    context.check()?;
     if !handles.is_empty() {
         after += deformation::meet(&posted.space, &after, handles)
             .map_err(|error| ServiceError::invalid("/handles", error.to_string()))?;
@@ -76,6 +78,7 @@ pub fn deform(
     if !after.iter().all(|value| value.abs() <= MAX_COORDINATE) {
         return Err(ServiceError::invalid("/handles", format!("pull the shape beyond ±{MAX_COORDINATE:e}")));
     }
+    context.check()?;
     let change = &after - &before;
     let places = Places::along(&posted.space, posted.space.representation().point_count());
     let points = places.points(&posted.space, &change);

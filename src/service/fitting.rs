@@ -1,8 +1,6 @@
 //! Fits of raw contours, refinement, and idealised curves. Plain functions, to be run on the pool.
 
-use rayon::prelude::*;
-
-use super::curves::{below_points, each_shape, raw_points};
+use super::curves::{below_points, each, each_shape, raw_points};
 use super::error::Fault;
 use super::input;
 use super::posted::Posted;
@@ -25,7 +23,7 @@ use crate::numeric::dense::Matrix;
 pub enum Size {
     /// As the representation says.
     Given,
-    /// As few control points as the largest `L₂` residual allows.
+    /// As few control points as keep the `L₂` residual (the root mean square distance) within this.
     Tolerance(f64),
 }
 
@@ -63,12 +61,14 @@ pub fn fit(
     if let Size::Tolerance(tolerance) = size
         && !(tolerance > 0.0)
     {
-        let detail =
-            format!("is {tolerance}, must be positive: the largest residual in the unit of the points");
+        let detail = format!(
+            "is {tolerance}, must be positive: a bound of the root mean square distance, in the unit of the points"
+        );
         return Err(ServiceError::invalid("/representation/tolerance", detail));
     }
     let closed = representation.is_closed();
-    let samples = each_shape(shapes, |index, shape| {
+    let context = app.pool.context();
+    let samples = each_shape(&context, shapes, |index, shape| {
         let points = raw_points(shape, Some(representation.dimension()), closed, &app.limits)?;
         match parameters {
             Some(lists) => given_samples(points, &lists[index], closed),
@@ -78,15 +78,13 @@ pub fn fit(
             }
         }
     })?;
-    let fits: Vec<Result<Fit, GeometryError>> = samples
-        .par_iter()
-        .map(|samples| match size {
-            Size::Given => samples.fit(&curves.space),
-            Size::Tolerance(tolerance) => {
-                samples.fit_within(representation, tolerance, app.limits.control_points)
-            }
-        })
-        .collect();
+    let fits: Vec<Result<Fit, GeometryError>> = each(&context, &samples, |samples| match size {
+        Size::Given => samples.fit(&curves.space),
+        Size::Tolerance(tolerance) => {
+            let stop = || context.is_cancelled();
+            samples.fit_within_until(representation, tolerance, app.limits.control_points, &stop)
+        }
+    })?;
     let (mut found, mut faults) = (Vec::with_capacity(fits.len()), Vec::new());
     for (index, fit) in fits.into_iter().enumerate() {
         match fit {
@@ -156,16 +154,13 @@ pub fn refine(app: &App, curves: &Posted, factor: usize, shapes: &[Matrix]) -> R
     }
     let refinement = Refinement::new(&curves.space, factor)
         .map_err(|error| ServiceError::invalid("/representation/generator", error.to_string()))?;
-    let shapes = shapes
-        .par_iter()
-        .map(|shape| {
-            let fine = refinement.apply(shape);
-            let change = (!refinement.is_exact()).then(|| {
-                Curve::of(refinement.space(), &fine).map_or(0.0, |curve| l2(&curves.curve(shape), &curve))
-            });
-            (fine, change)
-        })
-        .collect();
+    let shapes = each(&app.pool.context(), shapes, |shape| {
+        let fine = refinement.apply(shape);
+        let change = (!refinement.is_exact()).then(|| {
+            Curve::of(refinement.space(), &fine).map_or(0.0, |curve| l2(&curves.curve(shape), &curve))
+        });
+        (fine, change)
+    })?;
     Ok(Refined { refinement, shapes })
 }
 

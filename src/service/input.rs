@@ -23,7 +23,7 @@ use crate::geometry::GeometryError;
 use crate::geometry::generator::GeneratorKind;
 use crate::geometry::mesh::MeshError;
 use crate::geometry::representation::{Knots, Representation, ShapeSpace};
-use crate::geometry::resample::{Contour, NO_EXTENT, canonical_shift, rotate_start};
+use crate::geometry::resample::{Contour, NO_EXTENT, canonical_shift, rotate_start, without_closing_point};
 use crate::geometry::subdivision::stencil::check_valences;
 use crate::geometry::subdivision::{Scheme, Subdivision};
 use crate::geometry::surface::Topology;
@@ -298,6 +298,8 @@ impl Reading<'_> {
                 .map_err(|error| vec![InputError::new("", error.to_string())]);
         }
         let representation = self.space.representation();
+        // Before it is reversed: the first point stays first, and the one that closes the ring would come second.
+        let points = if representation.is_closed() { without_closing_point(points) } else { points };
         let contour = contour(self.directed(points), representation.is_closed())?;
         let start =
             if self.correspondence == Correspondence::Cyclic { contour.canonical_start() } else { 0.0 };

@@ -20,13 +20,13 @@ use crate::domain::comparison::SizeMeasure;
 use crate::domain::dictionary::{MeanRecord, rows_of};
 use crate::domain::shape::{ShapeDescription, ShapeFilter};
 use crate::geometry::curve::Curve;
-use crate::geometry::measures;
+use crate::geometry::measures::area_and_length;
 use crate::geometry::sampling::Places;
 use crate::geometry::subdivision::measures::measure;
 use crate::geometry::surface::Surface;
 use crate::geometry::surface::measures::SurfaceMeasures;
+use crate::numeric::bounded::Stop;
 use crate::numeric::dense::Matrix;
-use crate::numeric::quadrature::GaussLegendre;
 use crate::store::{Ids, Revisions};
 
 /// Most relabellings of a test.
@@ -46,9 +46,6 @@ const WEIGHT_RATIO: f64 = 1e9;
 
 /// Sizes beyond this leave the range in which squares of them are exact.
 const LARGEST_SIZE: f64 = 1e100;
-
-/// Gauss nodes of the area, exact for products of generators.
-const NODES: usize = 12;
 
 /// Something that is known about shapes, by its name in requests.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -268,7 +265,7 @@ pub(super) fn read_and_align(
 ) -> Result<Aligned, ServiceError> {
     let (control_points, weights) = read(app, handle, (cohort, filters), shapes, setup.metric.len(), stop)?;
     check_weights(&weights)?;
-    let (measures, sizes, warnings) = sizes_of(setup, &control_points);
+    let (measures, sizes, warnings) = sizes_of(setup, &control_points, stop)?;
     let named = |error| named(error, shapes, &cohort.name);
     let Setup { metric, method, frame, matching, .. } = setup;
     let source = ShapesInMemory::new(metric, method.translates(), control_points, weights.clone())
@@ -355,7 +352,11 @@ fn named(error: ServiceError, shapes: &[ShapeDescription], cohort: &str) -> Serv
 }
 
 /// The sizes that the shapes of a space have, a measure a row, and what was left out.
-fn sizes_of(setup: &Setup, control_points: &[f64]) -> (Vec<SizeMeasure>, Matrix, Vec<String>) {
+fn sizes_of(
+    setup: &Setup,
+    control_points: &[f64],
+    stop: Stop<'_>,
+) -> Result<(Vec<SizeMeasure>, Matrix, Vec<String>), ServiceError> {
     let representation = setup.space.representation();
     let curves = setup.space.generator().is_some();
     let encloses = curves && representation.is_closed() && representation.dimension() == 2;
@@ -372,27 +373,30 @@ fn sizes_of(setup: &Setup, control_points: &[f64]) -> (Vec<SizeMeasure>, Matrix,
     .into_iter()
     .filter_map(|(measure, exists)| exists.then_some(measure))
     .collect();
-    let rule = GaussLegendre::new(NODES);
-    let of_shape = |shape: &[f64]| -> Vec<f64> {
+    let of_shape = |shape: &[f64]| -> Result<Vec<f64>, ServiceError> {
+        if stop() {
+            return Err(ServiceError::Cancelled);
+        }
         let matrix = Matrix::from_column_slice(setup.metric.size(), setup.metric.dimension(), shape);
-        let curve = Curve::of(&setup.space, &matrix);
+        let curve = Curve::of(&setup.space, &matrix).map(|curve| area_and_length(&curve, stop));
         let surface = match (setup.space.surface(), mesh) {
             (Some(basis), _) => Some(SurfaceMeasures::of(&basis.surface(&matrix))),
             (_, Some(basis)) => Some(measure(&basis.mesh(&matrix), basis.level() > 0)),
             _ => None,
         };
         let size = |measure: &SizeMeasure| match (measure, &curve, &surface) {
-            (SizeMeasure::Area, Some(curve), _) => measures::signed_area(curve, &rule).abs(),
-            (SizeMeasure::Length, Some(curve), _) => measures::length(curve, &rule),
+            (SizeMeasure::Area, Some((area, _)), _) => *area,
+            (SizeMeasure::Length, Some((_, length)), _) => *length,
             (SizeMeasure::Area, _, Some(surface)) => surface.area,
             (SizeMeasure::Volume, _, Some(SurfaceMeasures { enclosed: Some(enclosed), .. })) => {
                 enclosed.signed_volume.abs()
             }
             _ => centroid_size(setup, shape),
         };
-        measures.iter().map(size).collect()
+        Ok(measures.iter().map(size).collect())
     };
-    let values: Vec<Vec<f64>> = control_points.par_chunks_exact(setup.metric.len()).map(of_shape).collect();
+    let shapes = control_points.par_chunks_exact(setup.metric.len());
+    let values: Vec<Vec<f64>> = shapes.map(of_shape).collect::<Result<_, _>>()?;
     let fits = |m: usize| values.iter().all(|sizes| sizes[m].abs() <= LARGEST_SIZE);
     let kept: Vec<usize> = (0..measures.len()).filter(|&m| fits(m)).collect();
     let sizes = Matrix::from_fn(kept.len(), values.len(), |m, k| values[k][kept[m]]);
@@ -401,7 +405,7 @@ fn sizes_of(setup: &Setup, control_points: &[f64]) -> (Vec<SizeMeasure>, Matrix,
         warnings.push(format!("sizes beyond {LARGEST_SIZE:.0e} are not compared"));
     }
     measures = kept.into_iter().map(|m| measures[m]).collect();
-    (measures, sizes, warnings)
+    Ok((measures, sizes, warnings))
 }
 
 /// `L₂` norm about the mean position.
@@ -409,7 +413,11 @@ fn centroid_size(setup: &Setup, shape: &[f64]) -> f64 {
     let mut shape = shape.to_vec();
     setup.metric.centre(&mut shape);
     setup.metric.whiten(&mut shape);
-    norm(&shape)
+    // Squares leave the range of numbers long before sizes do; a power of two changes no digits.
+    let largest = shape.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
+    let unit = if largest > f64::MIN_POSITIVE { largest.log2().floor().exp2() } else { 1.0 };
+    shape.iter_mut().for_each(|value| *value /= unit);
+    unit * norm(&shape)
 }
 
 /// Whitened shapes at places along them, coordinate-major, one a column.

@@ -79,6 +79,7 @@ pub mod surface_fitting;
 pub mod surfaces;
 pub mod trash;
 mod validation;
+pub mod warnings;
 pub mod work;
 
 use std::sync::Arc;

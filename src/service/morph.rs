@@ -1,5 +1,6 @@
 //! Paths between two posted. Plain functions, to be run on the pool.
 
+use super::curves::each;
 use super::error::Fault;
 use super::posted::Posted;
 use super::{App, Limits, ServiceError};
@@ -119,7 +120,7 @@ pub fn morph(
             ServiceError::of_analysis(error, pointer).without_index()
         })?,
     };
-    let frames = positions.iter().map(|&tau| (tau, posted.matrix(&path.at(tau)))).collect();
+    let frames = each(&app.pool.context(), &positions, |&tau| (tau, posted.matrix(&path.at(tau))))?;
     Ok(Morph { frames, angle: path.angle() })
 }
 

@@ -2,13 +2,19 @@
 //! on the pool.
 
 use super::input::face_pointer;
+use super::jobs::JobContext;
 use super::surface_fitting::take_points;
-use super::{App, Limits, ServiceError};
+use super::{App, Limits, ServiceError, warnings};
 use crate::formats::InputError;
 use crate::formats::checked::{Checked, LARGE, document, take_given};
 use crate::formats::shape::{MAX_COORDINATE, PointList};
+use crate::geometry::curve::Curve;
+use crate::geometry::generator::GeneratorKind;
+use crate::geometry::intersection::self_intersects;
 use crate::geometry::mesh::TriangleMesh;
 use crate::geometry::raster::{self, Grid, Mask, Overlap, bounds};
+use crate::numeric::bounded::Stop;
+use crate::numeric::dense::Matrix;
 
 document! {
     /// A body: one of `contour`, `vertices` with `faces`, and `mask`.
@@ -44,8 +50,14 @@ pub struct MaskInput {
 
 /// Cells of a grid at the most: some seconds.
 const MOST_CELLS: usize = 1 << 24;
-/// Cells along the longest side unless a spacing is given.
+/// Cells along the longest side of the box of both bodies unless a spacing is given.
 const USUAL_CELLS: usize = 128;
+/// Cells along the longest side of the smaller body at the least: a thin one of them has some hundred inside.
+const LEAST_CELLS: usize = 32;
+/// Bodies of fewer cells have ratios of one digit.
+const FEW_CELLS: usize = 100;
+/// A contour whose triangles from its first point have less area, in squares of its extent, is a line or a point.
+const NO_AREA: f64 = 1e-12;
 
 /// A body that can be put on a grid.
 enum Body {
@@ -67,7 +79,10 @@ impl Body {
         let one = |pointer: &str, detail: String| Err(vec![InputError::new(pointer, detail)]);
         match (contour, vertices, faces, mask) {
             (Some(points), None, None, None) => match points.len() {
-                3.. if points.len() <= limits.points => Ok(Self::Contour(points)),
+                3.. if points.len() <= limits.points => match enclosing(&points) {
+                    Ok(()) => Ok(Self::Contour(points)),
+                    Err(detail) => one("/contour", detail),
+                },
                 found => {
                     one("/contour", format!("has {found} points, must have between 3 and {}", limits.points))
                 }
@@ -111,6 +126,23 @@ impl Body {
         }
     }
 
+    /// Longest side of its box; none of a mask.
+    fn extent(&self) -> Option<f64> {
+        let [low, high] = self.bounds()?;
+        Some((0..3).map(|c| high[c] - low[c]).fold(0.0, f64::max))
+    }
+
+    /// What its cells do not hold.
+    fn warnings(&self, stop: Stop<'_>) -> Vec<String> {
+        match self {
+            Self::Contour(points) if crosses_itself(points) => {
+                vec!["the contour crosses or touches itself: what it encloses twice counts as outside".into()]
+            }
+            Self::Mesh(mesh) => warnings::of_posted_mesh(mesh, stop),
+            Self::Contour(_) | Self::Mask(_) => Vec::new(),
+        }
+    }
+
     fn on(self, grid: &Grid) -> Mask {
         match self {
             Self::Contour(points) => raster::of_contours(&[points], grid),
@@ -118,6 +150,32 @@ impl Body {
             Self::Mask(mask) => mask,
         }
     }
+}
+
+/// That a contour encloses something.
+fn enclosing(points: &[[f64; 2]]) -> Result<(), String> {
+    let [low, high] = bounds(points.iter().map(|[x, y]| [*x, *y, 0.0])).unwrap_or_default();
+    let extent = (0..2).map(|c| high[c] - low[c]).fold(0.0, f64::max);
+    let arm = |p: &[f64; 2]| [0, 1].map(|c| (p[c] - points[0][c]) / extent);
+    let triangles = points.windows(2).map(|pair| (arm(&pair[0]), arm(&pair[1])));
+    let area: f64 = triangles.map(|(p, q)| 0.5 * (p[0] * q[1] - p[1] * q[0]).abs()).sum();
+    if extent > 0.0 && area > NO_AREA {
+        return Ok(());
+    }
+    let what = if extent > 0.0 { "all of its points lie on a line" } else { "all of its points are one" };
+    Err(format!("encloses no area: {what}"))
+}
+
+/// Whether a polygon crosses or touches itself. Points that repeat their neighbour are no touch.
+fn crosses_itself(points: &[[f64; 2]]) -> bool {
+    let mut corners = points.to_vec();
+    corners.dedup();
+    if corners.len() > 1 && corners.first() == corners.last() {
+        corners.pop();
+    }
+    let Ok(hat) = (GeneratorKind::Bspline { degree: 1 }).build(corners.len()) else { return false };
+    let corners = Matrix::from_fn(corners.len(), 2, |row, c| corners[row][c]);
+    self_intersects(&Curve::closed(&hat.generator, &corners))
 }
 
 fn read_mask(input: MaskInput) -> Result<Mask, Vec<InputError>> {
@@ -170,6 +228,8 @@ pub struct Overlapping {
     pub dimension: usize,
     /// The counts and distances.
     pub overlap: Overlap,
+    /// What these do not hold, with the pointer to the body.
+    pub warnings: Vec<String>,
 }
 
 /// Two bodies and the grid on which their cells are counted.
@@ -186,15 +246,32 @@ impl Bodies {
     }
 
     /// How they overlap.
-    pub fn overlap(self) -> Overlapping {
+    ///
+    /// # Errors
+    /// [`ServiceError::Cancelled`].
+    pub fn overlap(self, context: &JobContext) -> Result<Overlapping, ServiceError> {
         let Self { both: [first, second], grid, dimension } = self;
-        let overlap = raster::overlap(&first.on(&grid), &second.on(&grid));
-        Overlapping { grid, dimension, overlap }
+        let stop = || context.is_cancelled();
+        let [mut found, of_second] = [first.warnings(&stop), second.warnings(&stop)];
+        context.check()?;
+        let masks = [first.on(&grid), second.on(&grid)];
+        let overlap = raster::overlap_unless_stopped(&masks[0], &masks[1], &stop);
+        let overlap = overlap.ok_or(ServiceError::Cancelled)?;
+        found.iter_mut().for_each(|warning| *warning = format!("/first: {warning}"));
+        found.extend(of_second.into_iter().map(|warning| format!("/second: {warning}")));
+        for (body, cells) in ["first", "second"].iter().zip(overlap.cells) {
+            if cells < FEW_CELLS {
+                found.push(format!(
+                    "/{body}: has {cells} cells inside, too few to compare: take a smaller /spacing"
+                ));
+            }
+        }
+        Ok(Overlapping { grid, dimension, overlap, warnings: found })
     }
 }
 
-/// Two bodies on the grid of a mask, or on one with cells of `spacing` around both; 128 along the longest side
-/// unless given.
+/// Two bodies on the grid of a mask, or on one with cells of `spacing` around both; unless given 128 along the
+/// longest side of both, and 32 along that of the smaller one as far as there are cells.
 ///
 /// # Errors
 /// Faults of the bodies at `/first…` and `/second…`; a plane body and one of space; masks on different grids; too many cells.
@@ -244,20 +321,45 @@ fn grid_around(bodies: [&Body; 2], dimension: usize, spacing: Option<f64>) -> Re
         return Err(ServiceError::Internal("bodies without points".into()));
     };
     let flat = |point: [f64; 3]| [point[0], point[1]];
-    let extent = (0..dimension).map(|c| high[c] - low[c]).fold(0.0, f64::max);
-    let spacing = spacing.unwrap_or(extent / USUAL_CELLS as f64);
-    if !(spacing > 0.0 && spacing <= MAX_COORDINATE) {
-        let detail = format!("is {spacing}, must be positive");
-        return Err(ServiceError::invalid("/spacing", detail));
-    }
-    // In the numbers of cells along the axes, before any of them is made.
-    let cells: f64 = (0..dimension).map(|c| (high[c] - low[c]) / spacing + 3.0).product();
-    if !(cells <= MOST_CELLS as f64) {
-        let detail = format!("is {spacing}, which makes {cells:.1e} cells, at most {MOST_CELLS} are counted");
-        return Err(ServiceError::invalid("/spacing", detail));
-    }
+    // The number of cells along the axes, before any of them is made.
+    let cells = |spacing: f64| (0..dimension).map(|c| (high[c] - low[c]) / spacing + 3.0).product::<f64>();
+    let spacing = match spacing {
+        Some(spacing) => given_spacing(spacing, cells(spacing))?,
+        None => usual_spacing(bodies, cells)?,
+    };
     Ok(match dimension {
         2 => Grid::around([flat(low), flat(high)], [spacing; 2]),
         _ => Grid::around([low, high], [spacing; 3]),
     })
+}
+
+fn given_spacing(spacing: f64, cells: f64) -> Result<f64, ServiceError> {
+    if !(spacing > 0.0 && spacing <= MAX_COORDINATE) {
+        return Err(ServiceError::invalid("/spacing", format!("is {spacing}, must be positive")));
+    }
+    if !(cells <= MOST_CELLS as f64) {
+        let detail = format!("is {spacing}, which makes {cells:.1e} cells, at most {MOST_CELLS} are counted");
+        return Err(ServiceError::invalid("/spacing", detail));
+    }
+    Ok(spacing)
+}
+
+/// As fine as both bodies ask for, or as there are cells.
+fn usual_spacing(bodies: [&Body; 2], cells: impl Fn(f64) -> f64) -> Result<f64, ServiceError> {
+    /// Coarser by so much, until the cells are few enough.
+    const COARSER: f64 = 1.02;
+    let extents = bodies.map(|body| body.extent().unwrap_or(0.0));
+    if let Some(body) = extents.iter().position(|extent| !(*extent > 0.0)) {
+        let detail = "all vertices are one point: it encloses nothing";
+        return Err(ServiceError::invalid(["/first", "/second"][body], detail));
+    }
+    let both = bounds(bodies.into_iter().filter_map(Body::bounds).flatten()).unwrap_or_default();
+    let longest = (0..3).map(|c| both[1][c] - both[0][c]).fold(0.0, f64::max);
+    let usual = longest / USUAL_CELLS as f64;
+    let mut spacing = usual.min(extents[0].min(extents[1]) / LEAST_CELLS as f64);
+    while spacing < usual && !(cells(spacing) <= MOST_CELLS as f64) {
+        // A box of no more than three axes has enough cells at a millionth of its length: the steps are less than 500.
+        spacing = (spacing * COARSER).max(1e-6 * longest);
+    }
+    Ok(spacing.min(usual))
 }

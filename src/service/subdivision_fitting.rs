@@ -6,14 +6,15 @@ use super::curves::{below_points, each_of, each_shape};
 use super::input;
 use super::posted::Posted;
 use super::surface_fitting::{MeshInput, ParameterSource, PostedMesh, mesh_pointer};
-use super::{App, ServiceError};
+use super::{App, ServiceError, warnings};
 use crate::formats::InputError;
 use crate::formats::shape::ShapeInput;
 use crate::geometry::GeometryError;
 use crate::geometry::subdivision::Subdivision;
 use crate::geometry::subdivision::fit::{Fitting, SubdivisionFit, Target, mesh_targets, overshoot};
-use crate::geometry::surface::parameterisation::spherical;
-use crate::geometry::vector::norm;
+use crate::geometry::surface::parameterisation::spherical_until;
+use crate::geometry::vector::{far_origin, minus, norm};
+use crate::numeric::bounded::Stop;
 use crate::numeric::dense::Matrix;
 
 /// How control vertices are found.
@@ -37,6 +38,15 @@ const PER_FIT: f64 = 5e7;
 
 /// A surface whose vertices are farther from the box of its points than this part of the diagonal has run away.
 const MOST_OVERSHOOT: f64 = 0.25;
+
+/// A fitted surface.
+#[derive(Debug, Clone)]
+pub struct FittedMesh {
+    /// Its control vertices and residuals.
+    pub fit: SubdivisionFit,
+    /// What is wrong with the mesh that it was fitted to.
+    pub warnings: Vec<String>,
+}
 
 /// Fits of one request.
 struct Fits<'a> {
@@ -90,10 +100,38 @@ impl<'a> Fits<'a> {
         found.ok_or(GeometryError::TooFewPoints { found: targets.len(), needed: self.posted.metric.size() })
     }
 
-    fn fit(&self, targets: &[Target], directions: &[[f64; 3]]) -> Result<SubdivisionFit, Vec<InputError>> {
+    /// About a point near the targets where these are far from the origin: the surface keeps the digits that they have.
+    fn fit(
+        &self,
+        targets: &[Target],
+        directions: &[[f64; 3]],
+        stop: Stop<'_>,
+    ) -> Result<SubdivisionFit, Vec<InputError>> {
+        let points: Vec<[f64; 3]> = targets.iter().map(|target| target.point).collect();
+        let Some(origin) = far_origin(points.iter()) else {
+            return self.fit_near(targets, directions, [0.0; 3], stop);
+        };
+        let about = |target: &Target| Target { point: minus(target.point, origin), ..*target };
+        let targets: Vec<Target> = targets.iter().map(about).collect();
+        let mut found = self.fit_near(&targets, directions, origin, stop)?;
+        found.rows.column_iter_mut().zip(origin).for_each(|(mut column, x)| column.add_scalar_mut(x));
+        Ok(found)
+    }
+
+    fn fit_near(
+        &self,
+        targets: &[Target],
+        directions: &[[f64; 3]],
+        origin: [f64; 3],
+        stop: Stop<'_>,
+    ) -> Result<SubdivisionFit, Vec<InputError>> {
         let one = |error: GeometryError| vec![InputError::new("", error.to_string())];
-        let start = self.start(targets, directions).map_err(one)?;
-        let found = self.fitting.fit(targets, start, self.turns).map_err(one)?;
+        let mut start = self.start(targets, directions).map_err(one)?;
+        if self.start.is_some() {
+            start.column_iter_mut().zip(origin).for_each(|(mut column, x)| column.add_scalar_mut(-x));
+        }
+        let found = self.fitting.fit_until(targets, start, self.turns, stop).map_err(one)?;
+        // What was stopped is thrown away.
         let beyond = overshoot(&self.posted.steps().points(&found.rows), targets);
         if !(beyond <= MOST_OVERSHOOT) {
             let detail = format!(
@@ -117,9 +155,11 @@ pub fn fit_clouds(
     subdivision: &Subdivision,
     search: Search,
     shapes: Vec<ShapeInput>,
-) -> Result<Vec<SubdivisionFit>, ServiceError> {
+) -> Result<Vec<FittedMesh>, ServiceError> {
     let fits = Fits::new(app, posted, subdivision, search, shapes.len(), "/shapes")?;
-    each_shape(shapes, |_, shape| {
+    let context = app.pool.context();
+    let stop = || context.is_cancelled();
+    each_shape(&context, shapes, |_, shape| {
         let list = input::given(&shape.points).cloned();
         input::attributes(shape)?;
         let list = list.ok_or_else(|| vec![InputError::new("", "has no points")])?;
@@ -134,7 +174,8 @@ pub fn fit_clouds(
         }
         let targets: Vec<Target> =
             coordinates.as_chunks().0.iter().map(|&point| Target { point, weight: 1.0 }).collect();
-        fits.fit(&targets, &[]).map_err(below_points)
+        let fit = fits.fit(&targets, &[], &stop).map_err(below_points)?;
+        Ok(FittedMesh { fit, warnings: Vec::new() })
     })
 }
 
@@ -148,9 +189,11 @@ pub fn fit_meshes(
     subdivision: &Subdivision,
     search: Search,
     meshes: Vec<MeshInput>,
-) -> Result<Vec<SubdivisionFit>, ServiceError> {
+) -> Result<Vec<FittedMesh>, ServiceError> {
     let fits = Fits::new(app, posted, subdivision, search, meshes.len(), "/meshes")?;
-    each_of("meshes", meshes, |_, mesh| {
+    let context = app.pool.context();
+    let stop = || context.is_cancelled();
+    each_of(&context, "meshes", meshes, |_, mesh| {
         let PostedMesh { mesh, source } = PostedMesh::read(mesh, &app.limits)?;
         if !(mesh.face_areas().iter().sum::<f64>() > 0.0) {
             return Err(vec![InputError::new("/faces", "have no area")]);
@@ -162,7 +205,7 @@ pub fn fit_meshes(
             }
             ParameterSource::Sphere(points) => Some(points.into_iter().map(unit).collect()),
             ParameterSource::Computed { poles } => {
-                let parameters = spherical(&mesh, poles).map_err(|error| {
+                let parameters = spherical_until(&mesh, poles, &stop).map_err(|error| {
                     let pointer = match &error {
                         GeometryError::Mesh(fault) => mesh_pointer(fault),
                         GeometryError::Poles { .. } if poles.is_some() => "/poles".into(),
@@ -174,7 +217,8 @@ pub fn fit_meshes(
             }
         };
         let (targets, directions) = mesh_targets(&mesh, directions.as_deref());
-        fits.fit(&targets, &directions)
+        let fit = fits.fit(&targets, &directions, &stop)?;
+        Ok(FittedMesh { fit, warnings: warnings::of_posted_mesh(&mesh, &stop) })
     })
 }
 

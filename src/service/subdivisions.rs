@@ -2,14 +2,15 @@
 
 use rayon::prelude::*;
 
-use super::curves::each_shape;
+use super::curves::{each, each_shape};
 use super::error::Fault;
 use super::input::{self, check_subdivision, face_pointer, given};
+use super::jobs::JobContext;
 use super::morph::Positions;
 use super::posted::Posted;
 use super::surface_fitting::take_points;
 use super::surfaces::MeasuredSurface;
-use super::{App, Limits, ServiceError};
+use super::{App, Limits, ServiceError, warnings};
 use crate::analysis::correspondence::Correspondence;
 use crate::formats::InputError;
 use crate::formats::checked::{Checked, LARGE, document, take_given};
@@ -17,15 +18,18 @@ use crate::formats::shape::{PointList, ShapeInput};
 use crate::formats::svg::MOST_FACES;
 use crate::geometry::GeometryError;
 use crate::geometry::mesh::{Connectivity, TriangleMesh};
+use crate::geometry::quality::{MeshQuality, collapsed_edges};
 use crate::geometry::representation::Representation;
 use crate::geometry::subdivision::control::StartMesh;
 use crate::geometry::subdivision::limit::Limit;
 use crate::geometry::subdivision::measures::{VertexFrame, frames, measure};
 use crate::geometry::subdivision::normal_based::{Oriented, circle_normals, inconsistent, sphere_normals};
-use crate::geometry::subdivision::refinement::{Depth, Refined, refine_curve, refine_mesh};
+use crate::geometry::subdivision::refinement::{
+    Depth, Refined, refine_curve, refine_mesh, refine_mesh_until,
+};
 use crate::geometry::subdivision::{Scheme, Subdivision};
 use crate::geometry::surface::measures::{AffineField, SurfaceMeasures};
-use crate::geometry::vector::{dot, minus, norm};
+use crate::geometry::vector::{dot, far_origin, minus, norm, plus};
 use crate::numeric::dense::Matrix;
 
 document! {
@@ -83,6 +87,8 @@ pub struct RefinedMesh {
     pub limit: Option<Limit>,
     /// Volume and area.
     pub measures: SurfaceMeasures,
+    /// What is wrong with the mesh.
+    pub quality: MeshQuality,
     /// What was put right.
     pub warnings: Vec<String>,
 }
@@ -130,12 +136,38 @@ fn refine(
     (mesh, pointer): (TriangleMesh, &str),
     depth: Depth,
     wanted_limit: bool,
-    warnings: Vec<String>,
+    mut warnings: Vec<String>,
 ) -> Result<RefinedMesh, ServiceError> {
-    let (refined, limit) = refine_mesh(scheme, mesh, depth, app.limits.vertices, wanted_limit)
+    let context = app.pool.context();
+    let origin = far_origin(mesh.vertices.iter()).unwrap_or_default();
+    let is_far = origin != [0.0; 3];
+    let mesh = if is_far { moved(mesh, origin.map(|x| -x)) } else { mesh };
+    let most = app.limits.vertices;
+    let stop = || context.is_cancelled();
+    let collapsed = collapsed_edges(&mesh, norm(origin));
+    let (mut refined, mut limit) = refine_mesh_until(scheme, mesh, depth, most, wanted_limit, &stop)
         .map_err(|error| refused(&error, pointer))?;
-    let measures = measure(&refined.shape, refined.level > 0);
-    Ok(RefinedMesh { refined, limit, measures, warnings })
+    context.check()?;
+    let mut measures = measure(&refined.shape, refined.level > 0);
+    if is_far {
+        measures = measures.moved(origin);
+        refined.shape = moved(refined.shape, origin);
+        if let Some(limit) = &mut limit {
+            limit.points.iter_mut().for_each(|point| *point = plus(*point, origin));
+        }
+    }
+    let quality = warnings::of_split_mesh(&refined.shape, refined.level, &measures, &stop);
+    if collapsed > 0 && quality.collapsed_edges == 0 {
+        warnings.push(format!("{collapsed} edges of the mesh have no length: vertices coincide"));
+    }
+    warnings.extend(quality.warnings());
+    Ok(RefinedMesh { refined, limit, measures, quality, warnings })
+}
+
+/// The same mesh moved.
+fn moved(mesh: TriangleMesh, by: [f64; 3]) -> TriangleMesh {
+    let vertices = mesh.vertices.into_iter().map(|vertex| plus(vertex, by)).collect();
+    TriangleMesh { vertices, ..mesh }
 }
 
 /// Where an error of a refinement belongs.
@@ -241,8 +273,11 @@ pub fn subdivide_polyline(
     };
     let (shape, closed, dimension, warnings) =
         read_polyline(polyline, &app.limits).map_err(|errors| ServiceError::below(errors, "/polyline"))?;
-    let refined = refine_curve(shape, closed, balance.get(), depth, app.limits.vertices)
-        .map_err(|error| refused(&error, "/polyline"))?;
+    let context = app.pool.context();
+    let stop = || context.is_cancelled();
+    let refined = refine_curve(shape, closed, balance.get(), depth, app.limits.vertices, &stop);
+    context.check()?;
+    let refined = refined.map_err(|error| refused(&error, "/polyline"))?;
     Ok(RefinedCurve { refined, dimension, warnings })
 }
 
@@ -325,9 +360,10 @@ pub fn meshes(
     }
     if let Some(refinery) = OrientedMeshes::new(subdivision)? {
         input::check_correspondence(representation, correspondence)?;
-        let shapes = refinery.read_all(shapes)?;
+        let context = app.pool.context();
+        let shapes = refinery.read_all(&context, shapes)?;
         let refined: Vec<Result<TriangleMesh, GeometryError>> =
-            shapes.par_iter().map(|shape| refinery.refine(shape, wanted)).collect();
+            each(&context, &shapes, |shape| refinery.refine(shape, wanted))?;
         let refused = |index: usize, error: GeometryError| {
             let fault = Fault::new(format!("/shapes/{index}"), error.to_string());
             ServiceError::Invalid(vec![Fault { index: Some(index), ..fault }])
@@ -338,11 +374,17 @@ pub fn meshes(
     let posted = Posted::new(app, representation, correspondence)?;
     let shapes = posted.read(app, shapes)?;
     let basis = posted.steps();
-    let mesh = |rows: &Matrix| match wanted {
+    let near = |rows: &Matrix| match wanted {
         Wanted::Whole => basis.mesh(rows),
         Wanted::Drawn => basis.drawn(rows, basis.level_with(MOST_FACES)),
     };
-    Ok(shapes.par_iter().map(mesh).collect())
+    let mesh = |rows: &Matrix| {
+        let points: Vec<[f64; 3]> = (0..rows.nrows()).map(|i| [0, 1, 2].map(|c| rows[(i, c)])).collect();
+        let Some(origin) = far_origin(points.iter()) else { return near(rows) };
+        let about = Matrix::from_fn(points.len(), 3, |i, c| points[i][c] - origin[c]);
+        moved(near(&about), origin)
+    };
+    each(&app.pool.context(), &shapes, mesh)
 }
 
 /// Shapes of points and normals on one control mesh.
@@ -362,11 +404,11 @@ impl<'a> OrientedMeshes<'a> {
         Ok(Some(Self { subdivision, control }))
     }
 
-    fn read_all(&self, shapes: Vec<ShapeInput>) -> Result<Vec<Oriented>, ServiceError> {
+    fn read_all(&self, context: &JobContext, shapes: Vec<ShapeInput>) -> Result<Vec<Oriented>, ServiceError> {
         if shapes.is_empty() {
             return Err(ServiceError::TooFewShapes { found: 0, needed: 1 });
         }
-        each_shape(shapes, |_, shape| self.read(shape))
+        each_shape(context, shapes, |_, shape| self.read(shape))
     }
 
     /// Points (which are control points: the scheme interpolates) and normals; usual ones unless given.
@@ -452,14 +494,17 @@ pub fn measure_all(
             shapes.iter().map(distance).collect()
         }
     };
-    let split = representation.subdivision().is_some_and(|subdivision| subdivision.level > 0);
+    let splits = representation.subdivision().map_or(0, |subdivision| subdivision.level);
     let meshes = meshes(app, representation, correspondence, shapes, Wanted::Whole)?;
+    let context = app.pool.context();
     let measured = |(mesh, l2): (&TriangleMesh, &Option<f64>)| {
-        let measures = measure(mesh, split);
+        context.check()?;
+        let measures = measure(mesh, splits > 0);
+        let quality = warnings::of_split_mesh(mesh, splits, &measures, &|| context.is_cancelled());
         let flux = field.as_ref().map(|field| flux(mesh, field)).filter(|flux| flux.is_finite());
-        MeasuredSurface { measures, flux, l2: *l2 }
+        Ok(MeasuredSurface { measures, flux, l2: *l2, quality, warnings: quality.warnings() })
     };
-    Ok(meshes.par_iter().zip(&distances).map(measured).collect())
+    meshes.par_iter().zip(&distances).map(measured).collect()
 }
 
 /// `Σ_f ⟨F(centroid), S_f⟩`: exact for affine fields.
@@ -522,10 +567,13 @@ pub fn morph(
         return Err(ServiceError::Internal("a path without ends and faults".into()));
     };
     let mut frames = Vec::with_capacity(positions.len());
+    let context = app.pool.context();
     for tau in positions {
+        context.check()?;
         frames.push((tau, between(&from, &to, tau)?));
     }
     let mesh = |(_, shape): &(f64, Oriented)| {
+        context.check()?;
         let refined = shapes.refine(shape, Wanted::Drawn);
         refined.map_err(|error| ServiceError::invalid("/positions", error.to_string()))
     };

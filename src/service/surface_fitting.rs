@@ -6,7 +6,7 @@ use super::curves::{below_points, each_of, each_shape};
 use super::input;
 use super::posted::Posted;
 use super::surfaces::outside;
-use super::{App, Limits, ServiceError};
+use super::{App, Limits, ServiceError, warnings};
 use crate::formats::InputError;
 use crate::formats::checked::{Checked, LARGE, document, take_given};
 use crate::formats::shape::{PointList, ShapeInput};
@@ -14,8 +14,9 @@ use crate::geometry::GeometryError;
 use crate::geometry::mesh::{MeshError, TriangleMesh};
 use crate::geometry::surface::Topology;
 use crate::geometry::surface::fit::{SurfaceSample, fit, mesh_samples, spherical_parameters};
-use crate::geometry::surface::parameterisation::spherical;
+use crate::geometry::surface::parameterisation::spherical_until;
 use crate::geometry::vector::{dot, norm};
+use crate::numeric::bounded::Stop;
 use crate::numeric::dense::Matrix;
 
 document! {
@@ -53,6 +54,8 @@ pub struct FittedSurface {
     pub parameters: Option<Vec<[f64; 2]>>,
     /// Part of the area of a mesh over which the surface is folded.
     pub folded: Option<f64>,
+    /// What is wrong with the mesh.
+    pub warnings: Vec<String>,
 }
 
 /// A fit that is folded over more than this part of the area is refused: it is no surface any more.
@@ -97,7 +100,7 @@ pub fn fit_points(
         let faults = wild.flat_map(|(i, list)| outside(&posted.space, list, &format!("/parameters/{i}")));
         ServiceError::unless_empty(faults.collect())?;
     }
-    each_shape(shapes, |index, shape| {
+    each_shape(&app.pool.context(), shapes, |index, shape| {
         let list = input::given(&shape.points).cloned();
         input::attributes(shape)?;
         let list = list.ok_or_else(|| vec![InputError::new("", "has no points")])?;
@@ -134,6 +137,7 @@ pub fn fit_points(
             largest: found.largest,
             parameters: None,
             folded: None,
+            warnings: Vec::new(),
         })
     })
 }
@@ -141,7 +145,7 @@ pub fn fit_points(
 /// Fits surfaces to triangle meshes, to their faces and not only their vertices.
 ///
 /// Parameters are given, or those of given positions on a sphere, or on a closed mesh without handles computed: see
-/// [`spherical`].
+/// [`spherical_until`].
 ///
 /// # Errors
 /// Faults of the meshes, at `/meshes/{index}…`; vertices that leave gaps; fits that are folded.
@@ -154,7 +158,9 @@ pub fn fit_meshes(
         return Err(ServiceError::TooFewShapes { found: 0, needed: 1 });
     }
     check_work(posted, meshes.len(), "/meshes")?;
-    each_of("meshes", meshes, |_, mesh| PostedMesh::read(mesh, &app.limits)?.fit(posted))
+    let context = app.pool.context();
+    let stop = || context.is_cancelled();
+    each_of(&context, "meshes", meshes, |_, mesh| PostedMesh::read(mesh, &app.limits)?.fit(posted, &stop))
 }
 
 /// A mesh whose numbers are in order.
@@ -226,7 +232,7 @@ impl PostedMesh {
         if errors.is_empty() { Ok(Self { mesh, source }) } else { Err(errors) }
     }
 
-    fn fit(self, posted: &Posted) -> Result<FittedSurface, Vec<InputError>> {
+    fn fit(self, posted: &Posted, stop: Stop<'_>) -> Result<FittedSurface, Vec<InputError>> {
         let one = |pointer: &str, detail: String| vec![InputError::new(pointer, detail)];
         let topology = posted.basis().extent().topology;
         let parameters = match self.source {
@@ -248,15 +254,17 @@ impl PostedMesh {
                 return Err(one("/parameters", detail));
             }
             ParameterSource::Sphere(points) => points.into_iter().map(spherical_parameters).collect(),
-            ParameterSource::Computed { poles } => spherical(&self.mesh, poles).map_err(|error| {
-                let pointer = match &error {
-                    GeometryError::Mesh(fault) => mesh_pointer(fault),
-                    GeometryError::Poles { .. } if poles.is_some() => "/poles".into(),
-                    GeometryError::NotASphere { .. } => "/faces".into(),
-                    _ => "/vertices".into(),
-                };
-                one(&pointer, error.to_string())
-            })?,
+            ParameterSource::Computed { poles } => {
+                spherical_until(&self.mesh, poles, stop).map_err(|error| {
+                    let pointer = match &error {
+                        GeometryError::Mesh(fault) => mesh_pointer(fault),
+                        GeometryError::Poles { .. } if poles.is_some() => "/poles".into(),
+                        GeometryError::NotASphere { .. } => "/faces".into(),
+                        _ => "/vertices".into(),
+                    };
+                    one(&pointer, error.to_string())
+                })?
+            }
         };
         let (faces, samples): (Vec<usize>, Vec<SurfaceSample>) =
             mesh_samples(posted.basis(), &self.mesh, &parameters).into_iter().unzip();
@@ -288,6 +296,7 @@ impl PostedMesh {
             largest: found.largest,
             parameters: Some(parameters),
             folded: Some(folded),
+            warnings: warnings::of_posted_mesh(&self.mesh, stop),
         })
     }
 }

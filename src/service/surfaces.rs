@@ -1,19 +1,19 @@
 //! The stateless use cases of single surfaces: everything in the request, nothing stored. Plain functions, to be run on the
 //! pool.
 
-use rayon::prelude::*;
-
+use super::curves::each;
 use super::error::Fault;
 use super::posted::Posted;
-use super::{App, ServiceError, subdivisions};
+use super::{App, ServiceError, subdivisions, warnings};
 use crate::formats::shape::ShapeInput;
 use crate::geometry::curve::MAX_DERIVATIVE;
 use crate::geometry::mesh::TriangleMesh;
+use crate::geometry::quality::MeshQuality;
 use crate::geometry::representation::{Representation, ShapeSpace};
 use crate::geometry::surface::basis::Extent;
 use crate::geometry::surface::ideal::IdealSurface;
 use crate::geometry::surface::jet::{Jet, ORDERS, SurfaceFrame};
-use crate::geometry::surface::measures::{AffineField, SurfaceMeasures, flux};
+use crate::geometry::surface::measures::{AffineField, SurfaceMeasures, flux, l2};
 use crate::geometry::surface::seam::Seam;
 use crate::geometry::surface::{Surface, Topology};
 use crate::geometry::vector::{minus, norm};
@@ -103,7 +103,7 @@ pub fn evaluate(
             }
         }
     };
-    Ok(shapes.par_iter().map(evaluated).collect())
+    each(&app.pool.context(), shapes, evaluated)
 }
 
 fn of_jets(
@@ -154,6 +154,10 @@ pub struct MeasuredSurface {
     pub flux: Option<f64>,
     /// `(∬ |σ − σ_ref|² du dv)^½`, when there is a reference.
     pub l2: Option<f64>,
+    /// What is wrong with it.
+    pub quality: MeshQuality,
+    /// The same in words.
+    pub warnings: Vec<String>,
 }
 
 /// Cells between knots over which surfaces are measured in one request: a minute of work.
@@ -179,19 +183,24 @@ pub fn measure(
         );
         return Err(ServiceError::invalid("/shapes", detail));
     }
-    let l2 = |shape: &Matrix, reference: &Matrix| {
+    let distance = |shape: &Matrix, reference: &Matrix| {
         let difference = shape - reference;
         posted.metric.inner(difference.as_slice(), difference.as_slice()).max(0.0).sqrt()
     };
+    let context = app.pool.context();
     let measured = |shape: &Matrix| {
         let surface = posted.surface(shape);
+        let measures = SurfaceMeasures::of(&surface);
+        let quality = warnings::of_surface(&surface, &measures, &|| context.is_cancelled());
         MeasuredSurface {
-            measures: SurfaceMeasures::of(&surface),
+            measures,
             flux: field.as_ref().map(|field| flux(&surface, field)).filter(|flux| flux.is_finite()),
-            l2: reference.as_ref().map(|reference| l2(shape, reference)),
+            l2: reference.as_ref().map(|reference| distance(shape, reference)),
+            quality,
+            warnings: quality.warnings(),
         }
     };
-    Ok(shapes.par_iter().map(measured).collect())
+    each(&context, &shapes, measured)
 }
 
 /// Fewest and most places along a direction of a mesh unless asked for.
@@ -260,14 +269,12 @@ pub fn mesh(
 pub struct Resized {
     /// What they are made of.
     pub representation: Representation,
-    /// Control points, and the root mean square distance to the surface before.
+    /// Control points, and the `L₂` distance to the surface before.
     pub shapes: Vec<(Matrix, f64)>,
     /// Whether no distance is more than rounding.
     pub exact: bool,
 }
 
-/// Places per new interval and direction at which a resized surface is compared with the one before.
-const COMPARED: usize = 3;
 /// Distances below this part of the extent are rounding.
 const ROUNDING: f64 = 1e-12;
 
@@ -306,20 +313,13 @@ pub fn resize(
         let points = Matrix::from_vec(points.len(), 3, columns(&points, |point| *point));
         let rows = to.interpolate(&points, &from.tangents_of(shape));
         let after = to.surface(&rows);
-        let change = root_mean_square(&before, &after, control_points.map(|count| COMPARED * count));
+        let change = l2(&before, &after);
         let extent = points.column_iter().map(|column| column.max() - column.min()).fold(0.0, f64::max);
         ((rows, change), change <= ROUNDING * extent)
     };
-    let (shapes, exact): (Vec<_>, Vec<bool>) = shapes.par_iter().map(resized).unzip();
+    let resized = each(&app.pool.context(), shapes, resized)?;
+    let (shapes, exact): (Vec<_>, Vec<bool>) = resized.into_iter().unzip();
     Ok(Resized { representation, shapes, exact: exact.into_iter().all(|exact| exact) })
-}
-
-/// Over the middles of a grid with `count` cells.
-fn root_mean_square(a: &Surface, b: &Surface, count: [usize; 2]) -> f64 {
-    let [u, v] = count.map(|count| (0..count).map(|i| (i as f64 + 0.5) / count as f64).collect::<Vec<_>>());
-    let (a, b) = (a.points(&u, &v), b.points(&u, &v));
-    let squares: f64 = a.iter().zip(&b).map(|(a, b)| norm(minus(*a, *b)).powi(2)).sum();
-    (squares / a.len() as f64).sqrt()
 }
 
 /// An idealised surface in its place.

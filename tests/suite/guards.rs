@@ -162,6 +162,35 @@ fn the_guard_of_the_layers_sees_a_bad_line() {
     }
 }
 
+/// Lines of a file of arithmetic that begin a loop which no range or list ends; not those of tests and comments.
+fn open_loops(text: &str) -> Vec<&str> {
+    let code = text.split("\n#[cfg(test)]").next().unwrap_or_default();
+    let lines = code.lines().map(|line| line.split("//").next().unwrap_or_default().trim());
+    lines.filter(|line| line.starts_with("while ") || line.ends_with("loop {")).collect()
+}
+
+/// What ends a loop is written down where operators look for limits.
+#[test]
+fn every_open_loop_of_the_arithmetic_has_its_bound_in_the_table() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let limits = std::fs::read_to_string(root.join("docs/limits.md")).unwrap();
+    let rows: Vec<&str> = limits.lines().filter(|line| line.starts_with("| `")).collect();
+    for file in sources(&root.join("src")) {
+        let path = file.strip_prefix(root.join("src")).unwrap().to_str().unwrap().replace('\\', "/");
+        let text = std::fs::read_to_string(&file).unwrap();
+        let layer = ["geometry/", "analysis/", "numeric/"].iter().any(|layer| path.starts_with(layer));
+        let loops = open_loops(&text);
+        if layer && !loops.is_empty() {
+            let named = rows.iter().any(|row| row.starts_with(&format!("| `{path}`")));
+            assert!(named, "{path} has loops whose bound is not in docs/limits.md: {loops:#?}");
+        }
+    }
+    assert_eq!(
+        open_loops("a\n    while x {\n // while\nlet y = loop {\n#[cfg(test)]\nwhile z {"),
+        ["while x {", "let y = loop {"]
+    );
+}
+
 /// Every operation of the contract.
 const OPERATIONS: &[&str] = &[
     "DELETE /v1/audit",

@@ -552,6 +552,46 @@ fn representations_that_are_none_are_refused() {
     server.post("/v1/idealised", &ideal).expect_problem(422, "invalid-input", &["/representation/kind"]);
 }
 
+/// A small body far from another one has its cells, and who has few or crosses itself is told.
+fn small_bodies_overlap(overlap: &dyn Fn(Value) -> crate::server::Reply) {
+    let warnings = |answer: &Value| -> Vec<String> {
+        answer["warnings"].as_array().unwrap().iter().map(|w| w.as_str().unwrap().to_owned()).collect()
+    };
+    let triangle = json!({"contour": [[90, 0], [91, 0], [90, 1]]});
+    let square = json!({"contour": [[0, 0], [1, 0], [1, 1], [0, 1]]});
+    let answer = overlap(json!({"first": triangle, "second": square})).expect(200);
+    // 32 cells along the triangle: half of 32², but for those at its border.
+    assert!(number(&answer["cells"][0]) > 450.0 && warnings(&answer).is_empty(), "{answer}");
+    assert!((number(&answer["measures"][0]) - 0.5).abs() < 0.05, "{answer}");
+    assert!(number(&answer["hausdorff"]) > 89.0, "{answer}");
+    // So far away that no grid has cells for both.
+    let far = json!({"contour": [[9e6, 9e6], [9e6 + 1.0, 9e6], [9e6, 9e6 + 1.0]]});
+    let answer = overlap(json!({"first": square, "second": far})).expect(200);
+    assert!(warnings(&answer).iter().any(|warning| warning.starts_with("/second: has 0 cells")), "{answer}");
+    let coarse = overlap(json!({"first": square, "second": square, "spacing": 1e9})).expect(200);
+    assert_eq!(warnings(&coarse).len(), 2, "{coarse}");
+    let eight = json!({"contour": [[0, 0], [1, 1], [1, 0], [0, 1]]});
+    let answer = overlap(json!({"first": eight, "second": square})).expect(200);
+    assert!(warnings(&answer)[0].starts_with("/first: the contour crosses"), "{answer}");
+    // Closed by a repeated point, with a repeated neighbour: no crossing.
+    let repeated = json!({"contour": [[0, 0], [1, 0], [1, 0], [1, 1], [0, 1], [0, 0]]});
+    assert!(warnings(&overlap(json!({"first": repeated, "second": square})).expect(200)).is_empty());
+    for (body, reason) in [
+        (json!({"contour": [[1, 1], [1, 1], [1, 1]]}), "points are one"),
+        (json!({"contour": [[0, 0], [1, 2], [2, 4], [3, 6]]}), "on a line"),
+    ] {
+        let problem = overlap(json!({"first": body, "second": body})).expect_problem(
+            422,
+            "invalid-input",
+            &["/first/contour", "/second/contour"],
+        );
+        assert!(
+            problem.to_string().contains(reason) && !problem.to_string().contains("/spacing"),
+            "{problem}"
+        );
+    }
+}
+
 #[test]
 fn bodies_overlap_as_much_as_their_cells() {
     let server = shared();
@@ -589,6 +629,7 @@ fn bodies_overlap_as_much_as_their_cells() {
     let refused = |body: Value, pointers: &[&str]| {
         overlap(body).expect_problem(422, "invalid-input", pointers).to_string()
     };
+    small_bodies_overlap(&overlap);
     refused(json!({"first": square(0.0)}), &["/second"]);
     refused(json!({"first": square(0.0), "second": ball(0.0)}), &["/second"]);
     refused(json!({"first": square(0.0), "second": {}}), &["/second"]);

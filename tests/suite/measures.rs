@@ -10,6 +10,7 @@ use shapelex::geometry::frame::Frame;
 use shapelex::geometry::generator::{GeneratorKind, PoleList};
 use shapelex::geometry::measures::CurveMeasures;
 use shapelex::geometry::turning::Turning;
+use shapelex::numeric::bounded::never;
 use shapelex::numeric::dense::Matrix;
 
 use crate::spaces::{assert_relative, closed, open, random_curve};
@@ -147,7 +148,7 @@ fn distances_equal_brute_force() {
 }
 
 fn turning(curve: &Curve) -> [f64; 2] {
-    let turning = Turning::of(curve).unwrap();
+    let turning = Turning::of(curve, &never).unwrap();
     [turning.total, turning.signed]
 }
 
@@ -257,12 +258,12 @@ fn cusp(at: f64) -> Curve {
 #[test]
 fn corners_and_cusps_have_no_turning() {
     for at in [0.33, 0.4, 0.5] {
-        assert_eq!(Turning::of(&cusp(at)), None, "{at}");
+        assert_eq!(Turning::of(&cusp(at), &never), None, "{at}");
         let measures = CurveMeasures::of(&cusp(at));
         assert_eq!((measures.total_curvature, measures.turning), (None, None));
     }
     let polygon = closed_through(&GeneratorKind::Bspline { degree: 1 }, 5, |t| [t.cos(), t.sin()]);
-    assert_eq!(Turning::of(&polygon), None);
+    assert_eq!(Turning::of(&polygon, &never), None);
     assert_eq!(CurveMeasures::of(&polygon).bending_energy, None);
 }
 

@@ -28,6 +28,7 @@ use crate::service::curves::{self, Evaluation, Measured, Parameters, Start};
 use crate::service::posted::Posted;
 use crate::service::subdivisions::{self, Wanted, vertex_frames};
 use crate::service::surfaces::{MeasuredSurface, SurfaceEvaluation, SurfaceParameters};
+use crate::service::warnings::by_shape;
 use crate::service::work::{self, Counts, Work};
 use crate::service::{App, Limits, ServiceError, surfaces};
 
@@ -441,8 +442,12 @@ pub(super) struct SurfaceMeasureOutput {
     mean_position: [f64; 3],
     /// Smallest and largest coordinates, at the knots and the nodes of the quadrature.
     bounding_box: BoundingBox,
-    /// `36πV²/A³`: 1 for a ball, less for any other body; null without volume.
+    /// `36πV²/A³` with the area of the whole border, of cylinders with their lids: 1 for a ball, less for any other body;
+    /// null without volume.
     sphericity: Option<f64>,
+    /// Whether the surface crosses or lies on itself: looked for on the mesh of one cell for every interval between knots, at least 8
+    /// and at most 48 along each direction, or on the finest level with at most 20 000 faces; null when that was not decided.
+    self_intersecting: Option<bool>,
     /// `∯ ⟨F, n⟩ dA` of the field through the sheet, when there is one.
     #[serde(skip_serializing_if = "Option::is_none")]
     flux: Option<f64>,
@@ -459,13 +464,9 @@ pub(super) struct SurfaceDistancesOutput {
 }
 
 impl From<MeasuredSurface> for MeasureOutput {
-    fn from(MeasuredSurface { measures, flux, l2 }: MeasuredSurface) -> Self {
+    fn from(MeasuredSurface { measures, flux, l2, quality, .. }: MeasuredSurface) -> Self {
         let signed_volume = measures.enclosed.map(|enclosed| enclosed.signed_volume);
         let [min, max] = measures.bounding_box.map(Vec::from);
-        let compact = |volume: f64| {
-            let ratio = volume / measures.area.powf(1.5);
-            36.0 * std::f64::consts::PI * ratio * ratio
-        };
         Self::Surface(Box::new(SurfaceMeasureOutput {
             volume: signed_volume.map(f64::abs),
             signed_volume,
@@ -478,7 +479,8 @@ impl From<MeasuredSurface> for MeasureOutput {
             sheet_centroid: measures.sheet_centroid,
             mean_position: measures.mean_position,
             bounding_box: BoundingBox { min, max },
-            sphericity: signed_volume.map(compact).filter(|value| value.is_finite()),
+            sphericity: measures.sphericity(),
+            self_intersecting: quality.self_intersecting,
             flux,
             distances: l2.map(|l2| SurfaceDistancesOutput { l2 }),
         }))
@@ -533,7 +535,7 @@ pub(super) struct DistancesOutput {
 }
 
 impl From<Distances> for DistancesOutput {
-    fn from(Distances { l2, symmetric, hausdorff }: Distances) -> Self {
+    fn from(Distances { l2, symmetric, hausdorff, .. }: Distances) -> Self {
         Self { l2, symmetric_l2: symmetric, hausdorff }
     }
 }
@@ -545,10 +547,24 @@ pub(super) struct MeasureAnswer {
     measures: Vec<MeasureOutput>,
     /// Unit of lengths; areas are in its square.
     length_unit: Option<String>,
+    /// What the numbers do not hold, with the pointer to the shape.
+    warnings: Vec<String>,
+}
+
+impl MeasureAnswer {
+    fn curves(measured: Vec<Measured>, length_unit: Option<String>) -> Self {
+        let warnings = by_shape("shapes", measured.iter().map(|measured| &measured.warnings));
+        Self { measures: measured.into_iter().map(Into::into).collect(), length_unit, warnings }
+    }
+
+    fn surfaces(measured: Vec<MeasuredSurface>, length_unit: Option<String>) -> Self {
+        let warnings = by_shape("shapes", measured.iter().map(|measured| &measured.warnings));
+        Self { measures: measured.into_iter().map(Into::into).collect(), length_unit, warnings }
+    }
 }
 
 impl From<Measured> for MeasureOutput {
-    fn from(Measured { measures, self_intersecting, distances }: Measured) -> Self {
+    fn from(Measured { measures, self_intersecting, distances, .. }: Measured) -> Self {
         let (min, max) = measures.bounding_box;
         let enclosed = measures.enclosed.as_ref();
         Self::Curve(Box::new(CurveMeasureOutput {
@@ -616,18 +632,16 @@ pub(super) async fn measure(
                     request.reference,
                     field,
                 )?;
-                let measures = measures.into_iter().map(Into::into).collect();
-                return json(StatusCode::OK, &MeasureAnswer { measures, length_unit });
+                return json(StatusCode::OK, &MeasureAnswer::surfaces(measures, length_unit));
             }
             let posted = Posted::new(app, &representation, correspondence)?;
-            let measures = if posted.is_of_surfaces() {
+            let answer = if posted.is_of_surfaces() {
                 let measures = surfaces::measure(app, &posted, shapes, request.reference, field)?;
-                measures.into_iter().map(Into::into).collect()
+                MeasureAnswer::surfaces(measures, length_unit)
             } else {
-                let measures = curves::measure(app, &posted, shapes, request.reference)?;
-                measures.into_iter().map(Into::into).collect()
+                MeasureAnswer::curves(curves::measure(app, &posted, shapes, request.reference)?, length_unit)
             };
-            json(StatusCode::OK, &MeasureAnswer { measures, length_unit })
+            json(StatusCode::OK, &answer)
         })
     })
     .await

@@ -17,14 +17,14 @@ use crate::formats::shape::{Points, ShapeInput};
 use crate::geometry::fit::Fit;
 use crate::geometry::ideal::{IdealCurve, Position};
 use crate::geometry::representation::Representation;
-use crate::geometry::subdivision::fit::SubdivisionFit;
 use crate::geometry::surface::ideal::IdealSurface;
 use crate::numeric::dense::Matrix;
 use crate::service::fitting::{self, Placed, PlacedCurve, Size};
 use crate::service::posted::Posted;
-use crate::service::subdivision_fitting::{self, MOST_TURNS, Search, USUAL_TURNS};
+use crate::service::subdivision_fitting::{self, FittedMesh, MOST_TURNS, Search, USUAL_TURNS};
 use crate::service::surface_fitting::{self, FittedSurface, MeshInput};
 use crate::service::surfaces::{self, PlacedSurface};
+use crate::service::warnings::by_shape;
 use crate::service::work::{self, Counts, Work};
 use crate::service::{Limits, ServiceError};
 
@@ -40,8 +40,9 @@ document! {
         "shapes": [{"points": [[2, 0], [1.7, 0.5], [1, 0.87], [0, 1], [-1, 0.87], [-1.7, 0.5], [-2, 0], [-1.7, -0.5], [-1, -0.87], [0, -1], [1, -0.87], [1.7, -0.5]]}]
     }))]
     pub(super) struct FitRequest {
-        /// What is fitted: surfaces, or curves, closed or open, with `control_points` or `intervals`, or instead the
-        /// largest residual (`tolerance`, in the unit of the points) for which their number is chosen.
+        /// What is fitted: surfaces, or curves, closed or open, with `control_points` or `intervals`, or instead a
+        /// bound of the root mean square distance `residual` (`tolerance`, in the unit of the points) for which their number is
+        /// chosen; single points may be farther.
         #[schema(value_type = Object, required = true)]
         representation: Read<FitTarget>, required;
         /// Parameters of the points, one list a shape: of curves `u`, strictly increasing from 0 to 1, the arc length of the
@@ -72,10 +73,10 @@ pub(super) struct FitOutput {
     representation: Representation,
     #[serde(flatten)]
     shape: ShapeOutput,
-    /// Root mean square distance of the points from the shape at their parameters: the `L₂` residual. Vertices of a mesh
-    /// weigh as much as the area round them.
+    /// Root mean square distance of the points from the shape at their parameters: the `L₂` residual, which `tolerance` bounds.
+    /// Of a mesh it is taken over places on its faces, weighted by area, not over its vertices.
     residual: f64,
-    /// Largest such distance.
+    /// Largest such distance; `tolerance` does not bound it.
     largest_residual: f64,
     /// `u` and `v` of the vertices of a mesh: for another mesh with the same vertices they can be given.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -90,6 +91,8 @@ pub(super) struct FitOutput {
 pub(super) struct FitAnswer {
     /// One a contour, grid, list or mesh.
     fits: Vec<FitOutput>,
+    /// What is wrong with meshes that surfaces were fitted to, with the pointer to the mesh.
+    warnings: Vec<String>,
 }
 
 /// Fits curves or surfaces by least squares in `L₂`.
@@ -176,7 +179,8 @@ pub(super) async fn fit(
                     }
                     None => subdivision_fitting::fit_clouds(app, &posted, &subdivision, search, shapes)?,
                 };
-                let output = |fit: SubdivisionFit| FitOutput {
+                let warnings = by_shape("meshes", fits.iter().map(|fit| &fit.warnings));
+                let output = |FittedMesh { fit, .. }: FittedMesh| FitOutput {
                     representation: representation.clone(),
                     shape: output(&fit.rows),
                     residual: fit.residual,
@@ -184,7 +188,8 @@ pub(super) async fn fit(
                     parameters: None,
                     folded: None,
                 };
-                return json(StatusCode::OK, &FitAnswer { fits: fits.into_iter().map(output).collect() });
+                let fits = fits.into_iter().map(output).collect();
+                return json(StatusCode::OK, &FitAnswer { fits, warnings });
             }
             if surfaces {
                 let posted = Posted::new(app, &representation, Correspondence::Landmarks)?;
@@ -195,6 +200,7 @@ pub(super) async fn fit(
                     }
                     (None, _) => surface_fitting::fit_points(app, &posted, None, shapes)?,
                 };
+                let warnings = by_shape("meshes", fits.iter().map(|fit| &fit.warnings));
                 let output = |fit: FittedSurface| FitOutput {
                     representation: representation.clone(),
                     shape: output(&fit.control_points),
@@ -203,7 +209,8 @@ pub(super) async fn fit(
                     parameters: fit.parameters,
                     folded: fit.folded,
                 };
-                return json(StatusCode::OK, &FitAnswer { fits: fits.into_iter().map(output).collect() });
+                let fits = fits.into_iter().map(output).collect();
+                return json(StatusCode::OK, &FitAnswer { fits, warnings });
             }
             let size = tolerance.map_or(Size::Given, Size::Tolerance);
             let parameters = match &parameters {
@@ -219,7 +226,8 @@ pub(super) async fn fit(
                 parameters: None,
                 folded: None,
             };
-            json(StatusCode::OK, &FitAnswer { fits: fits.into_iter().map(output).collect() })
+            let fits = fits.into_iter().map(output).collect();
+            json(StatusCode::OK, &FitAnswer { fits, warnings: Vec::new() })
         })
     })
     .await

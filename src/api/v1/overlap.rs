@@ -24,8 +24,8 @@ document! {
         /// The other.
         #[schema(value_type = BodyInput, required = true)]
         second: BodyInput, required;
-        /// Side of a cell, in the unit of the coordinates: a 128th of the longest side of the box of both unless given. With a mask
-        /// its grid is taken.
+        /// Side of a cell, in the unit of the coordinates. Unless given a 128th of the longest side of the box of both, or a 32nd of
+        /// that of the smaller body where this is less, as far as there are cells for it. With a mask its grid is taken.
         #[schema(value_type = Option<f64>)]
         spacing: Checked<f64>;
     }
@@ -65,6 +65,9 @@ pub(super) struct OverlapAnswer {
     measures: [f64; 2],
     /// The grid.
     grid: GridOutput,
+    /// What the numbers do not hold, with the pointer to the body: few cells, contours and meshes that cross themselves or enclose
+    /// nothing.
+    warnings: Vec<String>,
 }
 
 /// How two closed contours, meshes or masks overlap: Jaccard, Dice, Hausdorff.
@@ -87,8 +90,8 @@ pub(super) async fn overlap(
         let bodies = request.first.zip(request.second);
         let ((first, second), _) = checked(bodies, errors, Vec::new())?;
         let bodies = overlap::read(app, [first, second], spacing)?;
-        planned(work::overlap(bodies.cells()), move |_| {
-            let found = bodies.overlap();
+        planned(work::overlap(bodies.cells()), move |app| {
+            let found = bodies.overlap(&app.pool.context())?;
             let (grid, overlap, dimension) = (found.grid, found.overlap, found.dimension);
             json(
                 StatusCode::OK,
@@ -107,6 +110,7 @@ pub(super) async fn overlap(
                         spacing: grid.spacing[..dimension].to_vec(),
                         first: grid.first[..dimension].to_vec(),
                     },
+                    warnings: found.warnings,
                 },
             )
         })

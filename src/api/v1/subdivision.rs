@@ -123,6 +123,10 @@ pub(super) struct SubdivideAnswer {
     /// Area of the mesh.
     #[serde(skip_serializing_if = "Option::is_none")]
     area: Option<f64>,
+    /// Whether the mesh crosses or lies on itself, looked for at its finest level with at most 20 000 faces; left out when that was
+    /// not decided.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    self_intersecting: Option<bool>,
     /// Where its vertices lead, when asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     limit: Option<LimitOutput>,
@@ -259,7 +263,7 @@ impl SubdivideRequest {
 }
 
 fn answer_mesh(refined: RefinedMesh, format: ShapeFormat) -> Result<Response, ServiceError> {
-    let RefinedMesh { refined, limit, measures, warnings } = refined;
+    let RefinedMesh { refined, limit, measures, quality, warnings } = refined;
     match format {
         ShapeFormat::Plain(Format::Json) => {}
         ShapeFormat::Plain(Format::Svg) => {
@@ -292,6 +296,7 @@ fn answer_mesh(refined: RefinedMesh, format: ShapeFormat) -> Result<Response, Se
             change: refined.change,
             volume: measures.enclosed.map(|enclosed| enclosed.signed_volume),
             area: Some(measures.area),
+            self_intersecting: quality.self_intersecting,
             limit,
             warnings,
             ..SubdivideAnswer::default()

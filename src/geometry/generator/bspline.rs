@@ -122,13 +122,16 @@ fn factorial(n: usize) -> f64 {
     (1..=n).map(|k| k as f64).product()
 }
 
+/// Factorials beyond this are no numbers; admissible poles need less than 60 terms.
+const MOST_TERMS: usize = 170;
+
 /// Taylor terms for a truncation error of `tolerance` in the second derivative.
 fn terms_needed(order: usize, radius: f64, tolerance: f64) -> usize {
     let ratio = (radius * HALF_PIECE).max(1e-6);
     let mut terms = order + 1;
     loop {
         let remainder = ratio.powi((terms - order + 1) as i32) * factorial(order - 1) / factorial(terms);
-        if remainder * (terms as f64 / HALF_PIECE).powi(2) <= tolerance {
+        if remainder * (terms as f64 / HALF_PIECE).powi(2) <= tolerance || terms >= MOST_TERMS {
             return terms + 1;
         }
         terms += 1;

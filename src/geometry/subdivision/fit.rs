@@ -14,6 +14,7 @@ use crate::geometry::mesh::TriangleMesh;
 use crate::geometry::nearest::{Foot, NearestTriangles};
 use crate::geometry::raster::bounds;
 use crate::geometry::vector::{minus, norm};
+use crate::numeric::bounded::{Allowance, Stop, never};
 use crate::numeric::dense::{Definite, Matrix, leading_eigenpairs};
 use crate::numeric::operator::SymmetricOperator;
 use crate::numeric::sparse::SparseRows;
@@ -129,12 +130,29 @@ impl<'a> Fitting<'a> {
         start: Matrix,
         turns: usize,
     ) -> Result<SubdivisionFit, GeometryError> {
+        self.fit_until(targets, start, turns, &never)
+    }
+
+    /// As [`Self::fit`]; a caller who wants to stop is asked at every turn and within the search, and gets what there is.
+    ///
+    /// # Errors
+    /// Those of [`Self::fit`].
+    pub fn fit_until(
+        &self,
+        targets: &[Target],
+        start: Matrix,
+        turns: usize,
+        stop: Stop<'_>,
+    ) -> Result<SubdivisionFit, GeometryError> {
         let mut rows = start;
         for _ in 0..turns {
-            let feet = self.feet(targets, &rows);
+            let feet = self.feet(targets, &rows, stop);
+            if stop() {
+                break;
+            }
             rows = self.solve(targets, &feet, &rows)?;
         }
-        let feet = self.feet(targets, &rows);
+        let feet = self.feet(targets, &rows, stop);
         let total: f64 = targets.iter().map(|target| target.weight).sum();
         let squares: f64 =
             targets.iter().zip(&feet).map(|(target, foot)| target.weight * foot.distance.powi(2)).sum();
@@ -143,10 +161,12 @@ impl<'a> Fitting<'a> {
     }
 
     /// The places of the surface that are nearest to the targets.
-    fn feet(&self, targets: &[Target], rows: &Matrix) -> Vec<Foot> {
+    fn feet(&self, targets: &[Target], rows: &Matrix, stop: Stop<'_>) -> Vec<Foot> {
         let points = self.basis.points(rows);
         let index = NearestTriangles::new(&points, self.basis.finest().faces());
-        targets.iter().filter_map(|target| index.nearest(target.point)).collect()
+        let mut allowed = Allowance::new(targets.len(), stop);
+        let asked = targets.iter().take_while(|_| allowed.take());
+        asked.filter_map(|target| index.nearest(target.point)).collect()
     }
 
     /// The control vertices for which the places `feet` are nearest to the targets.

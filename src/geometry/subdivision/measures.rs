@@ -50,6 +50,7 @@ pub fn measure(mesh: &TriangleMesh, was_split: bool) -> SurfaceMeasures {
         enclosed: Some(EnclosedVolume { signed_volume: volume * unit * unit * unit, centroid }),
         area: area * unit * unit,
         area_error: area_error * unit * unit,
+        lid_area: 0.0,
         sheet_centroid: if area > 0.0 { back(by_area, area) } else { mean_position },
         mean_position,
         bounding_box,
@@ -58,15 +59,21 @@ pub fn measure(mesh: &TriangleMesh, was_split: bool) -> SurfaceMeasures {
 
 /// The mesh before its last splits, as far as these are needed for at most `faces` faces; vertices stay where they are.
 pub fn coarsened(mesh: &TriangleMesh, splits: usize, faces: usize) -> TriangleMesh {
+    let coarse = coarse_faces(mesh, splits, faces);
+    let count = coarse.iter().flatten().max().map_or(0, |most| *most as usize + 1);
+    let kept = |list: &Vec<[f64; 3]>| list[..count].to_vec();
+    TriangleMesh { vertices: kept(&mesh.vertices), normals: mesh.normals.as_ref().map(kept), faces: coarse }
+}
+
+/// The faces of a mesh before so many of its last splits that there are at most `faces`; of at most `splits`.
+pub fn coarse_faces(mesh: &TriangleMesh, splits: usize, faces: usize) -> Vec<[u32; 3]> {
     let mut coarse = mesh.faces.clone();
     for _ in 0..splits {
         if coarse.len() > faces {
             coarse = unsplit(&coarse);
         }
     }
-    let count = coarse.iter().flatten().max().map_or(0, |most| *most as usize + 1);
-    let kept = |list: &Vec<[f64; 3]>| list[..count].to_vec();
-    TriangleMesh { vertices: kept(&mesh.vertices), normals: mesh.normals.as_ref().map(kept), faces: coarse }
+    coarse
 }
 
 /// The faces from which those of a mesh were split.

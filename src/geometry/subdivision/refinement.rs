@@ -10,6 +10,7 @@ use super::{MeshSize, Scheme};
 use crate::geometry::GeometryError;
 use crate::geometry::mesh::{Connectivity, TriangleMesh};
 use crate::geometry::vector::{cross, minus, norm};
+use crate::numeric::bounded::{Stop, never};
 
 /// How far a shape is refined.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -59,17 +60,33 @@ impl Depth {
     }
 }
 
-/// Refines a closed mesh with at most `most` vertices in the end; with its normals under the normal-based scheme. The numbers of
-/// vertices are checked before any step is made. With `wanted_limit` the limit of the last level as well.
+/// As [`refine_mesh_until`], for a caller who waits.
 ///
 /// # Errors
-/// Faces that are no closed mesh; vertices and edges without rule; sizes and tolerances that are not reached.
+/// Those of [`refine_mesh_until`].
 pub fn refine_mesh(
     scheme: Scheme,
     mesh: TriangleMesh,
     depth: Depth,
     most: usize,
     wanted_limit: bool,
+) -> Result<(Refined<TriangleMesh>, Option<Limit>), GeometryError> {
+    refine_mesh_until(scheme, mesh, depth, most, wanted_limit, &never)
+}
+
+/// Refines a closed mesh with at most `most` vertices in the end; with its normals under the normal-based scheme. The numbers of
+/// vertices are checked before any step is made. With `wanted_limit` the limit of the last level as well. A caller who wants to
+/// stop gets the level that there is.
+///
+/// # Errors
+/// Faces that are no closed mesh; vertices and edges without rule; sizes and tolerances that are not reached.
+pub fn refine_mesh_until(
+    scheme: Scheme,
+    mesh: TriangleMesh,
+    depth: Depth,
+    most: usize,
+    wanted_limit: bool,
+    stop: Stop<'_>,
 ) -> Result<(Refined<TriangleMesh>, Option<Limit>), GeometryError> {
     let mut size = MeshSize { vertices: mesh.vertices.len(), faces: mesh.faces.len() };
     if let Depth::Level(level) = depth {
@@ -85,7 +102,7 @@ pub fn refine_mesh(
     let (mut level, mut change, mut parameters) = (0, None, scheme.parameters());
     let mut v = parameters.next().unwrap_or(1.0);
     let mut last_faces = None;
-    while !depth.reached(level, change) {
+    while !depth.reached(level, change) && !stop() {
         depth.check(level + 1, size.split(1 + usize::from(wanted_limit)).vertices, most, change)?;
         let finer = match scheme {
             Scheme::NormalBased { balance } => {
@@ -130,6 +147,7 @@ pub fn refine_curve(
     balance: f64,
     depth: Depth,
     most: usize,
+    stop: Stop<'_>,
 ) -> Result<Refined<Oriented>, GeometryError> {
     let edges = |count: usize| if closed { count } else { count.saturating_sub(1) };
     let finer_count = |count: usize| count.saturating_add(edges(count));
@@ -141,7 +159,7 @@ pub fn refine_curve(
         depth.check(level, count, most, None)?;
     }
     let (mut level, mut change) = (0, None);
-    while !depth.reached(level, change) {
+    while !depth.reached(level, change) && !stop() {
         let count = shape.points.len();
         depth.check(level + 1, finer_count(count), most, change)?;
         let of_edge = |i: usize| [i as u32, ((i + 1) % count) as u32];

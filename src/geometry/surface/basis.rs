@@ -163,6 +163,15 @@ impl SurfaceBasis {
         self.lines.iter().all(Line::reproduces_constants)
     }
 
+    /// Moves the surface of `rows` by `by`; constants must be reproduced. Its rows are those of the constant 1, whole numbers.
+    pub fn translate(&self, rows: &mut Matrix, by: [f64; 3]) {
+        let ones = self.interpolate_function(|_, _| [1.0; 3]);
+        for (c, by) in by.iter().enumerate() {
+            let shares = ones.column(c).map(f64::round);
+            rows.column_mut(c).axpy(*by, &shares, 1.0);
+        }
+    }
+
     /// Rows of the surface through `points` (`[u][v]` at `(k/M_u, l/M_v)`, three columns), on spheres with the poles at both
     /// ends of every meridian.
     ///

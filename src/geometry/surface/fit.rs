@@ -12,7 +12,7 @@ use super::Topology;
 use super::basis::SurfaceBasis;
 use crate::geometry::GeometryError;
 use crate::geometry::mesh::TriangleMesh;
-use crate::geometry::vector::{minus, norm};
+use crate::geometry::vector::{far_origin, minus, norm};
 use crate::numeric::dense::{Definite, Matrix};
 
 /// A fitted surface.
@@ -46,6 +46,16 @@ const MOST_UNSEEN: f64 = 1e4;
 /// # Errors
 /// [`GeometryError::Undetermined`] for points that are too few or leave gaps.
 pub fn fit(basis: &SurfaceBasis, samples: &[SurfaceSample]) -> Result<SurfaceFit, GeometryError> {
+    let points: Vec<[f64; 3]> = samples.iter().map(|sample| sample.point).collect();
+    let origin = far_origin(points.iter()).filter(|_| basis.reproduces_constants());
+    let Some(origin) = origin else { return fit_near(basis, samples) };
+    let about = |sample: &SurfaceSample| SurfaceSample { point: minus(sample.point, origin), ..*sample };
+    let mut found = fit_near(basis, &samples.iter().map(about).collect::<Vec<_>>())?;
+    basis.translate(&mut found.rows, origin);
+    Ok(found)
+}
+
+fn fit_near(basis: &SurfaceBasis, samples: &[SurfaceSample]) -> Result<SurfaceFit, GeometryError> {
     let size = basis.gram().size();
     let undetermined = GeometryError::Undetermined { points: samples.len(), needed: size };
     let total: f64 = samples.iter().map(|sample| sample.weight).sum();

@@ -12,7 +12,7 @@
 //! precomputed triple products, which is as exact and takes fewer operations.
 
 use super::{Surface, Topology, combine};
-use crate::geometry::vector::{cross, dot};
+use crate::geometry::vector::{cross, dot, minus, plus};
 use crate::numeric::quadrature::GaussLegendre;
 
 /// Measures of one surface, in the unit of its control points.
@@ -24,6 +24,8 @@ pub struct SurfaceMeasures {
     pub area: f64,
     /// Estimated error of the area.
     pub area_error: f64,
+    /// Area of the lids that close a cylinder; 0 of other surfaces.
+    pub lid_area: f64,
     /// Centroid of the sheet by area; the mean position where there is no area.
     pub sheet_centroid: [f64; 3],
     /// Mean position over the parameters, `∬ σ du dv`.
@@ -65,11 +67,37 @@ const MOST_PIECES: usize = 16;
 const NO_VOLUME: f64 = 1e-12;
 
 impl SurfaceMeasures {
+    /// `36πV²/A³` of the whole border of the body, lids included: 1 for a ball, less for any other; none without volume.
+    pub fn sphericity(&self) -> Option<f64> {
+        let volume = self.enclosed?.signed_volume;
+        let ratio = volume / (self.area + self.lid_area).powf(1.5);
+        Some(36.0 * std::f64::consts::PI * ratio * ratio).filter(|value| value.is_finite())
+    }
+
     /// Measures `surface`. Cost: 400 jets per pair of intervals, more where the normal nearly vanishes.
     pub fn of(surface: &Surface) -> Self {
+        let Some(origin) = surface.far_origin() else { return Self::near(surface) };
+        Self::near(&surface.about(origin)).moved(origin)
+    }
+
+    fn near(surface: &Surface) -> Self {
         // Fourth powers of coordinates leave the range of numbers long before volumes do.
         let unit = surface.power_of_two();
         Self::in_range(&surface.scaled(unit.recip())).scaled(unit)
+    }
+
+    /// Of the same surface moved by `by`.
+    pub fn moved(self, by: [f64; 3]) -> Self {
+        let point = |point: [f64; 3]| plus(point, by);
+        Self {
+            enclosed: self
+                .enclosed
+                .map(|enclosed| EnclosedVolume { centroid: enclosed.centroid.map(point), ..enclosed }),
+            sheet_centroid: point(self.sheet_centroid),
+            mean_position: point(self.mean_position),
+            bounding_box: self.bounding_box.map(point),
+            ..self
+        }
     }
 
     fn scaled(self, unit: f64) -> Self {
@@ -81,6 +109,7 @@ impl SurfaceMeasures {
             }),
             area: self.area * unit * unit,
             area_error: self.area_error * unit * unit,
+            lid_area: self.lid_area * unit * unit,
             sheet_centroid: point(self.sheet_centroid),
             mean_position: point(self.mean_position),
             bounding_box: self.bounding_box.map(point),
@@ -115,6 +144,7 @@ impl SurfaceMeasures {
             enclosed,
             area,
             area_error,
+            lid_area: sums.lids,
             sheet_centroid: if sums.area > 0.0 { at(sums.by_area, sums.area) } else { mean_position },
             mean_position,
             bounding_box: sums.bounds,
@@ -124,12 +154,47 @@ impl SurfaceMeasures {
 
 /// `∯ ⟨F, n⟩ dA` through the sheet (without lids), outwards.
 pub fn flux(surface: &Surface, field: &AffineField) -> f64 {
+    let Some(origin) = surface.far_origin() else { return flux_near(surface, field) };
+    let offset = [0, 1, 2].map(|c| dot(field.matrix[c], origin) + field.offset[c]);
+    flux_near(&surface.about(origin), &AffineField { offset, ..*field })
+}
+
+fn flux_near(surface: &Surface, field: &AffineField) -> f64 {
     let mut sum = 0.0;
     surface.each_node(&GaussLegendre::new(NODES), |weight, point, [du, dv]| {
         let value = [0, 1, 2].map(|c| dot(field.matrix[c], point) + field.offset[c]);
         sum += weight * surface.topology.orientation() * dot(value, cross(du, dv));
     });
     sum
+}
+
+/// `(∬ |σ − τ|² du dv)^½` of two surfaces, exact to rounding: Gauss rules between the knots of both. Cost: 100 points of each
+/// for every pair of pieces.
+pub fn l2(a: &Surface, b: &Surface) -> f64 {
+    let rule = GaussLegendre::new(NODES);
+    let [us, vs] = [0, 1].map(|direction| common_nodes(a, b, direction, &rule));
+    let v: Vec<f64> = vs.iter().map(|(v, _)| *v).collect();
+    let mut sum = 0.0;
+    for (u, weight) in us {
+        let rows = [a, b].map(|surface| surface.points(&[u], &v));
+        let squares = rows[0].iter().zip(&rows[1]).map(|(p, q)| minus(*p, *q)).map(|d| dot(d, d));
+        sum += weight * squares.zip(&vs).map(|(square, (_, share))| share * square).sum::<f64>();
+    }
+    sum.sqrt()
+}
+
+/// Nodes and weights on `[0, 1]` between the half-knots of two surfaces along a direction.
+fn common_nodes(a: &Surface, b: &Surface, direction: usize, rule: &GaussLegendre) -> Vec<(f64, f64)> {
+    let halves = [a, b].map(|surface| 2 * surface.intervals(direction));
+    let mut breaks: Vec<f64> =
+        halves.iter().flat_map(|&n| (0..=n).map(move |i| i as f64 / n as f64)).collect();
+    breaks.sort_by(f64::total_cmp);
+    let pieces = breaks.windows(2).filter(|pair| pair[1] - pair[0] > f64::EPSILON);
+    let nodes = pieces.flat_map(|pair| {
+        let (middle, radius) = (0.5 * (pair[0] + pair[1]), 0.5 * (pair[1] - pair[0]));
+        rule.points().map(move |(node, weight)| (middle + radius * node, radius * weight))
+    });
+    nodes.collect()
 }
 
 /// `|a|` without the care for overflow, which a surface near 1 does not need.
@@ -143,6 +208,7 @@ struct Sums {
     volume: f64,
     moment: [f64; 3],
     area: f64,
+    lids: f64,
     by_area: [f64; 3],
     position: [f64; 3],
     bounds: [[f64; 3]; 2],
@@ -156,6 +222,7 @@ impl Sums {
             volume: 0.0,
             moment: zero,
             area: 0.0,
+            lids: 0.0,
             by_area: zero,
             position: zero,
             bounds: [origin; 2],
@@ -187,7 +254,7 @@ impl Sums {
         (0..3).for_each(|c| self.moment[c] += 0.25 * flux * r[c]);
     }
 
-    /// Adds the lids of a cylinder: cones over its edges.
+    /// Adds the lids of a cylinder: cones over its edges, `½ ∮ |arm × tangent|` large.
     fn close(&mut self, surface: &Surface, rule: &GaussLegendre) {
         // At v = 0 the edge runs round the outward normal of the lid the other way.
         for (v, direction) in [(0.0, -1.0), (1.0, 1.0)] {
@@ -199,6 +266,7 @@ impl Sums {
             for (weight, point, tangent) in &edge {
                 let arm = [0, 1, 2].map(|c| point[c] - self.origin[c] - tip[c]);
                 let normal = cross(arm, *tangent).map(|value| direction * value);
+                self.lids += 0.5 * weight * length(normal);
                 // ∫₀¹ s (tip + s·arm) ds and its second moment, by the rule: a polynomial of degree 3
                 for (node, share) in rule.points() {
                     let s = 0.5 * (1.0 + node);

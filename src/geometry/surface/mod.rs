@@ -33,6 +33,7 @@ use serde::{Deserialize, Serialize};
 use super::generator::GeneratorKind;
 use super::line::Line;
 use super::open::phantoms;
+use super::vector::{far_origin, minus};
 use seam::Seam;
 
 /// How a surface closes.
@@ -127,6 +128,18 @@ impl Surface {
     fn power_of_two(&self) -> f64 {
         let largest = self.control_points.iter().flatten().fold(0.0_f64, |most, value| most.max(value.abs()));
         if largest > f64::MIN_POSITIVE && largest.is_finite() { largest.log2().floor().exp2() } else { 1.0 }
+    }
+
+    /// A point near a surface that is far from the origin for its extent, when moving its control points moves it.
+    pub fn far_origin(&self) -> Option<[f64; 3]> {
+        far_origin(self.control_points.iter())
+            .filter(|_| self.lines.iter().all(Line::reproduces_constants) && self.seam.is_straight())
+    }
+
+    /// The same surface moved by `−origin`.
+    pub fn about(&self, origin: [f64; 3]) -> Self {
+        let control_points = self.control_points.iter().map(|point| minus(*point, origin)).collect();
+        Self { control_points, ..self.clone() }
     }
 
     /// The same surface times `factor`.

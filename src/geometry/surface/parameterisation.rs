@@ -19,10 +19,13 @@ use std::f64::consts::{PI, TAU};
 use crate::geometry::GeometryError;
 use crate::geometry::mesh::{Connectivity, TriangleMesh};
 use crate::geometry::vector::{cross, dot, minus, norm};
+use crate::numeric::bounded::{Stop, never};
 use crate::numeric::dense::{Matrix, leading_eigenpairs};
 
 /// Least weight of an edge, in units of the mean.
 const LEAST_WEIGHT: f64 = 1e-2;
+/// Iterations of the two systems at the most: meshes of 100 000 vertices take a thousand.
+const MOST_ITERATIONS: usize = 20_000;
 /// Relative residual of the two systems.
 const RESIDUAL: f64 = 1e-12;
 
@@ -37,6 +40,18 @@ const RESIDUAL: f64 = 1e-12;
 /// [`GeometryError::Mesh`], [`GeometryError::NotASphere`], [`GeometryError::NoLength`] without extent, and
 /// [`GeometryError::Poles`] for poles that are the same or neighbours.
 pub fn spherical(mesh: &TriangleMesh, poles: Option<[u32; 2]>) -> Result<Vec<[f64; 2]>, GeometryError> {
+    spherical_until(mesh, poles, &never)
+}
+
+/// As [`spherical`]; what a caller who wants to stop gets is of no use.
+///
+/// # Errors
+/// Those of [`spherical`].
+pub fn spherical_until(
+    mesh: &TriangleMesh,
+    poles: Option<[u32; 2]>,
+    stop: Stop<'_>,
+) -> Result<Vec<[f64; 2]>, GeometryError> {
     let connectivity = mesh.connectivity()?;
     let genus = connectivity.genus();
     if genus > 0 {
@@ -49,7 +64,7 @@ pub fn spherical(mesh: &TriangleMesh, poles: Option<[u32; 2]>) -> Result<Vec<[f6
     let count = mesh.vertices.len();
     let path = path(&connectivity, poles).filter(|path| path.len() > 2);
     let path = path.ok_or(GeometryError::Poles { poles, count })?;
-    let graph = Graph { weights: weights(mesh, &connectivity), connectivity: &connectivity };
+    let graph = Graph { weights: weights(mesh, &connectivity), connectivity: &connectivity, stop };
     let height = graph.height(poles)?;
     let longitude = graph.longitude(poles, &path)?;
     let colatitude = colatitudes(mesh, &height, poles);
@@ -123,6 +138,7 @@ fn weights(mesh: &TriangleMesh, connectivity: &Connectivity) -> Vec<Vec<f64>> {
 struct Graph<'a> {
     connectivity: &'a Connectivity,
     weights: Vec<Vec<f64>>,
+    stop: Stop<'a>,
 }
 
 impl Graph<'_> {
@@ -191,8 +207,9 @@ impl Graph<'_> {
         let (mut p, mut rho) = (z.clone(), product(&r, &z));
         let wanted = RESIDUAL * RESIDUAL * rho;
         let mut q = vec![0.0; count];
-        for _ in 0..10 * count {
-            if rho <= wanted {
+        let iterations = MOST_ITERATIONS.min(10 * count);
+        for _ in 0..iterations {
+            if rho <= wanted || (self.stop)() {
                 return Ok(x);
             }
             apply(&p, &mut q);
@@ -206,10 +223,7 @@ impl Graph<'_> {
             p.iter_mut().zip(&z).for_each(|(p, z)| *p = z + next / rho * *p);
             rho = next;
         }
-        Err(GeometryError::NoConvergence {
-            iterations: 10 * count,
-            residual: (rho / wanted).sqrt() * RESIDUAL,
-        })
+        Err(GeometryError::NoConvergence { iterations, residual: (rho / wanted).sqrt() * RESIDUAL })
     }
 }
 
