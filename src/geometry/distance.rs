@@ -38,9 +38,9 @@ const NODES: usize = 12;
 /// Starts per half-segment for farthest points.
 const STARTS: usize = 8;
 
-/// Stretches of curves that the distances of two curves look at, together, before less accuracy will do: some seconds of
+/// Stretches of curves that the distances of two curves look at, together, before less accuracy will do: a second of
 /// one thread. Curves that are not made for it need some thirty for each point, a hundredth of it.
-pub const STRETCHES: usize = 10_000_000;
+pub const STRETCHES: usize = 2_000_000;
 
 /// Fewest and most stretches for one point at its own tolerance.
 const SHARE: [usize; 2] = [256, 20_000];
@@ -319,6 +319,9 @@ impl<'a> Nearest<'a> {
 
     /// `d(p, S)²`.
     fn square(&self, p: &[f64]) -> Found {
+        if (self.stop)() {
+            return Found::default();
+        }
         let mut target = [0.0; 3];
         target[..p.len()].copy_from_slice(p);
         let mut search =

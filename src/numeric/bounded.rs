@@ -14,6 +14,9 @@ const GROWTH: f64 = 4.0;
 /// Later shares are this part of the first: the tolerance is known to be too small for the case.
 const LATER: usize = 8;
 
+/// Steps or parts between two looks at the caller's wish: some microseconds.
+const LOOK: usize = 64;
+
 /// The factor on the tolerance of a branch and bound search. It is 1 for a share of steps, then it grows geometrically, so
 /// that every search with a positive tolerance ends: after at most `share · (1 + 64/8)` steps the factor is 4⁶⁴ > 10³⁸.
 ///
@@ -38,7 +41,10 @@ impl<'a> Patience<'a> {
         self.left -= 1;
         if self.left == 0 {
             self.left = self.later;
-            self.factor = if (self.stop)() { f64::INFINITY } else { self.factor * GROWTH };
+            self.factor *= GROWTH;
+        }
+        if self.steps.is_multiple_of(LOOK) && (self.stop)() {
+            self.factor = f64::INFINITY;
         }
     }
 
@@ -59,9 +65,6 @@ pub struct Allowance<'a> {
     left: usize,
     taken: usize,
 }
-
-/// Parts taken between two looks at the caller's wish: some microseconds.
-const LOOK: usize = 64;
 
 impl<'a> Allowance<'a> {
     /// Of `most` parts.
@@ -104,9 +107,9 @@ mod tests {
     }
 
     #[test]
-    fn a_caller_who_stops_ends_a_search_within_its_share() {
-        let mut patience = Patience::new(80, &|| true);
-        (0..80).for_each(|_| patience.step());
+    fn a_caller_who_stops_ends_a_search_at_the_next_look() {
+        let mut patience = Patience::new(1000, &|| true);
+        (0..LOOK).for_each(|_| patience.step());
         assert_eq!(patience.factor(), f64::INFINITY);
     }
 

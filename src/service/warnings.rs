@@ -11,7 +11,7 @@ use crate::geometry::surface::measures::SurfaceMeasures;
 use crate::numeric::bounded::Stop;
 
 /// Accuracy that lengths and distances of curves have, relative to the extent; less is said.
-const USUAL_ACCURACY: f64 = 1e-9;
+const USUAL_ACCURACY: f64 = 1e-8;
 
 /// Of a curve that was measured.
 pub(super) fn of_curve(measures: &CurveMeasures, distances: Option<&Distances>) -> Vec<String> {

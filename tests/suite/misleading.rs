@@ -114,9 +114,12 @@ fn octahedron(map: impl Fn([f64; 3]) -> [f64; 3]) -> Value {
 }
 
 fn subdivided(map: impl Fn([f64; 3]) -> [f64; 3]) -> Value {
-    shared()
-        .post("/v1/subdivide", &json!({"scheme": "loop", "level": 3, "mesh": octahedron(map)}))
-        .expect(200)
+    refined(3, map)
+}
+
+fn refined(level: usize, map: impl Fn([f64; 3]) -> [f64; 3]) -> Value {
+    let body = json!({"scheme": "loop", "level": level, "mesh": octahedron(map)});
+    shared().post("/v1/subdivide", &body).expect(200)
 }
 
 #[test]
