@@ -297,7 +297,7 @@ mod tests {
     #[test]
     fn what_is_wrong_is_named() {
         let point = quality(&mapped("octahedron/2", |_| [1.0, 2.0, 3.0]));
-        assert!(point.is_point && point.collapsed_edges == 96 && !point.is_flat, "{point:?}");
+        assert!(point.is_point && point.collapsed_edges == 192 && !point.is_flat, "{point:?}");
         let flat = quality(&mapped("octahedron/2", |[x, y, _]| [x + y, y - x, 2.0 * x + 0.5 * y]));
         assert!(flat.is_flat && !flat.has_no_volume, "{flat:?}");
         let turned = quality(&mapped("octahedron/2", |[x, y, z]| [y, x, z]));
