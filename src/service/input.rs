@@ -298,8 +298,8 @@ impl Reading<'_> {
                 .map_err(|error| vec![InputError::new("", error.to_string())]);
         }
         let representation = self.space.representation();
-        // Before it is reversed: the first point stays first, and the one that closes the ring would come second.
-        let points = if representation.is_closed() { without_closing_point(points) } else { points };
+        // The first point stays first: the one that closes the ring would come second.
+        let points = if self.runs_backwards(&points) { without_closing_point(points) } else { points };
         let contour = contour(self.directed(points), representation.is_closed())?;
         let start =
             if self.correspondence == Correspondence::Cyclic { contour.canonical_start() } else { 0.0 };
@@ -350,16 +350,21 @@ impl Reading<'_> {
     /// Planar closed contours whose direction has no meaning run counter-clockwise, keeping their first point.
     fn directed(&self, points: Matrix) -> Matrix {
         let (n, d) = points.shape();
-        // What has no points is refused where the contour is made.
-        let planar = d == 2
-            && n > 0
-            && self.space.representation().is_closed()
-            && self.direction == Direction::Either
-            && self.correspondence != Correspondence::Landmarks;
-        if !planar || polygon_area(&points) >= 0.0 {
+        if !self.runs_backwards(&points) {
             return points;
         }
         Matrix::from_fn(n, d, |k, c| points[((n - k) % n, c)])
+    }
+
+    /// Whether a contour whose direction has no meaning runs clockwise.
+    fn runs_backwards(&self, points: &Matrix) -> bool {
+        // What has no points is refused where the contour is made.
+        points.ncols() == 2
+            && points.nrows() > 0
+            && self.space.representation().is_closed()
+            && self.direction == Direction::Either
+            && self.correspondence != Correspondence::Landmarks
+            && !(polygon_area(points) >= 0.0)
     }
 }
 
