@@ -7,8 +7,7 @@ const FAR: f64 = 1024.0;
 /// to it are exact where coordinates are within a factor of two of its own.
 pub fn far_origin<'a>(points: impl Iterator<Item = &'a [f64; 3]> + Clone) -> Option<[f64; 3]> {
     let first = *points.clone().next()?;
-    let extent =
-        points.map(|point| minus(*point, first)).flatten().fold(0.0_f64, |most, x| most.max(x.abs()));
+    let extent = points.flat_map(|point| minus(*point, first)).fold(0.0_f64, |most, x| most.max(x.abs()));
     let largest = first.iter().fold(0.0_f64, |most, x| most.max(x.abs()));
     (largest > FAR * extent).then_some(first)
 }

@@ -47,6 +47,9 @@ const REPORTED: usize = 10;
 /// Most probabilities that the candidates of one choice keep, 32 MB: of more, every second candidate is left out, or more.
 const MOST_TRIED: usize = 1 << 22;
 
+/// Says what to train on some shapes, by them and the number of the part.
+type Chooser<'a> = dyn Fn(&[usize], usize) -> Result<Choice, ServiceError> + Sync + 'a;
+
 /// What is trained: a kind, or several with the sharpness and weight of their probabilities, the heaviest first.
 #[derive(Debug, Clone, PartialEq)]
 struct Choice {
@@ -214,11 +217,10 @@ impl Study<'_> {
         }
     }
 
-    /// Every shape, classified once a repeat by what was learnt without it; `choose` says what to train on some shapes, by
-    /// them and the number of the part.
+    /// Every shape, classified once a repeat by what was learnt without it; `choose` says what to train.
     fn cross_validate(
         &self,
-        choose: &(dyn Fn(&[usize], usize) -> Result<Choice, ServiceError> + Sync),
+        choose: &Chooser<'_>,
         scores: Scores,
         report: &(dyn Fn(f64) + Sync),
     ) -> Result<Vec<Held>, ServiceError> {
