@@ -253,7 +253,7 @@ mod tests {
     async fn occupied(pool: &Pool) -> std::sync::mpsc::Sender<()> {
         let (release, released) = channel::<()>();
         let (begun, begins) = oneshot::channel();
-        let pool = of(&pool, "a");
+        let pool = of(pool, "a");
         tokio::spawn(async move {
             pool.run(move || {
                 let _ = begun.send(());
