@@ -15,7 +15,7 @@ const KILLS_OF_A_JOB: usize = 4;
 /// Learning that takes a second or two.
 fn learning(name: &str) -> Value {
     json!({"name": name, "cohort": "example-cells", "transformation": "similarity",
-        "method": {"kind": "sparse", "atoms": 30, "lambda": 0.02, "max_epochs": 800, "tolerance": 0.0}})
+        "method": {"kind": "sparse", "atoms": 30, "lambda": 0.02, "max_epochs": 150, "tolerance": 0.0}})
 }
 
 /// Every dictionary that is listed is whole, and belongs to a job that has succeeded.

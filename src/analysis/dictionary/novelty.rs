@@ -5,7 +5,7 @@
 //! ```
 //!
 //! A shape is an outlier at the level `q` when its `m` exceeds a limit that one of `n + 1` exchangeable values exceeds with
-//! probability `1 − q`: as far as the `n` values reach, one of them in order (`(n + 1) q`, between them linear); beyond, the
+//! probability `1 − q`: with five or more values beyond it, one of them in order (`(n + 1) q`, between them linear); with fewer, the
 //! `k` largest distances `x` to the value before them are taken for exponential, whose predictive distribution is
 //!
 //! ```text
@@ -23,6 +23,10 @@
 /// of the alarms it should, with the square root of their number as many as one and a half times at 0.95.
 const IN_TAIL: (usize, usize) = (5, 20);
 const PART_IN_TAIL: usize = 5;
+
+/// With at least so many values beyond the limit it is one of them in order, which is calibrated whatever their distribution. A
+/// fitted tail is not: of 150 uniform values it gave 6.4 % of alarms instead of 5.
+const ENOUGH_BEYOND: f64 = 5.0;
 
 /// Least standard deviation of a logarithm: of shapes that are all described to rounding nothing is to be standardised.
 const LEAST_DEVIATION: f64 = 1e-6;
@@ -85,7 +89,7 @@ pub fn limit(ascending: &[f64], quantile: f64) -> f64 {
     let (start, beyond) = (n - in_tail - 1, (n + 1) as f64 * (1.0 - quantile));
     // Of n + 1 values as many are beyond the first of the tail as the tail has, and the new one.
     let ratio = (in_tail + 1) as f64 / beyond;
-    if ratio > 1.0 {
+    if beyond < ENOUGH_BEYOND && ratio > 1.0 {
         let threshold = ascending[start];
         let sum: f64 = ascending[start + 1..].iter().map(|value| value - threshold).sum();
         return threshold + sum * (ratio.powf(1.0 / in_tail as f64) - 1.0);
