@@ -5,7 +5,7 @@
 //!
 //! While the store takes no entries, as on a full disk, nothing is changed ([`Trail::check`]) and reading goes on: when the
 //! channel is full, reads are answered without an entry, counted by tenant, and one entry for each tenant says how many they
-//! were as soon as the store takes it. Where every read must be recorded ([`Terms::required`]), reads are refused instead.
+//! were as soon as the store takes it. Where every read must be recorded (`Terms::required`), reads are refused instead.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};

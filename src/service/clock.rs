@@ -1,9 +1,9 @@
 //! Whether the clock of the machine can be believed: what is removed for its age comes back for no one.
 //!
-//! The store keeps the newest time that was believed. A clock that is more than [`SLACK_MS`] away from it (a machine that starts
+//! The store keeps the newest time that was believed. A clock that is more than `SLACK_MS` away from it (a machine that starts
 //! with another year, one that was off for long, a jump while it runs) is not believed at once: nothing is removed for its age
 //! until the clock is back, until an administrator confirms it (`shapelex confirm-clock`), or until it has advanced in step with
-//! the time that really passes for [`PROOF_MS`], over restarts too, while no other process believes another time.
+//! the time that really passes for `PROOF_MS`, over restarts too, while no other process believes another time.
 //!
 //! ```text
 //! believed, at its last look + time passed ≈ now  → believed

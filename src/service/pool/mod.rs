@@ -6,7 +6,7 @@
 //! the threads of the other lanes have a lower priority: when cores are scarce, what takes a moment goes first.
 //!
 //! * [`Pool`] — the lanes, as one request sees them;
-//! * [`lane`] — the threads and the tasks that wait for them; [`turns`] — whose turn it is;
+//! * `lane` — the threads and the tasks that wait for them; `turns` — whose turn it is;
 //! * [`work`](super::work) — what a request is predicted to take.
 
 mod lane;
