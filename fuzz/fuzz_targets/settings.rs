@@ -45,12 +45,12 @@ fn representation(value: Value) {
     }
     let Ok(space) = ShapeSpace::new(&representation) else { return };
     let points = Matrix::from_element(representation.point_count(), representation.dimension(), 1.0);
-    let control_points = space.interpolate(points);
+    let Ok(control_points) = space.interpolate(points) else { return };
     assert_eq!(control_points.shape(), (representation.size(), representation.dimension()), "{written}");
 }
 
 fn transformation(text: &[u8]) {
-    let Ok(read) = parse::<Checked<Transformation>>(text) else { return };
+    let Ok(read) = parse::<Checked<Transformation>>(&LIMITS, text) else { return };
     let mut errors = Vec::new();
     let Some(transformation) = read.take("/transformation", &mut errors) else {
         assert!(!errors.is_empty(), "a refusal without a reason");

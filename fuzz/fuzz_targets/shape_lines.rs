@@ -53,7 +53,7 @@ fuzz_target!(|data: &[u8]| {
     let found = lines(text, usize::from(chunk).max(1));
     assert_eq!(found, lines(text, text.len().max(1)), "chunks of {chunk}");
     for line in found.unwrap_or_default() {
-        let Ok(shape) = parse::<ShapeInput>(&line.text) else { continue };
+        let Ok(shape) = parse::<ShapeInput>(&LIMITS, &line.text) else { continue };
         for (space, correspondence) in SPACES.iter() {
             let (correspondence, direction) = (*correspondence, Direction::Either);
             let reading = Reading { space, correspondence, direction, limits: &LIMITS };

@@ -20,6 +20,9 @@ from random import Random
 
 # Level of compression: what is repeated shrinks by a factor of about 1000 at any level from 6 on.
 LEVEL = 6
+# Characters of one repetition: four times the longest body that the service reads. A search multiplies recipes inside of each
+# other, and must not fill the memory of its own machine.
+LONGEST = 256 << 20
 
 
 class Recipe:
@@ -49,7 +52,9 @@ class Recipe:
         times = int(self.number(node["times"]))
         if node.get("vary"):
             return ",".join(self.text(node["$repeat"], turn + k) for k in range(times))
-        return (self.text(node["$repeat"], turn) + ",") * (times - 1) + (self.text(node["$repeat"], turn) if times else "")
+        one = self.text(node["$repeat"], turn)
+        times = min(times, LONGEST // (len(one) + 1))
+        return (one + ",") * (times - 1) + (one if times > 0 else "")
 
     def _points(self, node, turn):
         settings = {key: self.number(value) if not isinstance(value, str) or value[:1] == "$" else value
