@@ -11,10 +11,11 @@ use shapelex::formats::checked::Checked;
 use shapelex::service::dictionary_file::{DictionaryFile, import};
 use shapelex::service::input::parse;
 use shapelex::service::{ServiceError, dictionaries};
+use shapelex_fuzz::LIMITS;
 use shapelex_fuzz::Service;
 
 fuzz_target!(|text: &[u8]| {
-    let Ok(read) = parse::<Checked<DictionaryFile>>(text) else { return };
+    let Ok(read) = parse::<Checked<DictionaryFile>>(&LIMITS, text) else { return };
     let mut errors = Vec::new();
     let Some(mut file) = read.take("", &mut errors) else {
         assert!(!errors.is_empty(), "a refusal without a reason");
