@@ -1,9 +1,8 @@
 //! Bodies in memory: bounded each, before and after decompression, and bounded together.
 
-use std::pin::Pin;
+use std::future::ready;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::task::{Context, Poll};
 
 use axum::body::{Body, Bytes, HttpBody};
 use axum::extract::Request;
@@ -11,7 +10,6 @@ use axum::http::{HeaderMap, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use futures_util::{Stream, TryStreamExt};
-use http_body::{Frame, SizeHint};
 use http_body_util::{BodyExt, LengthLimitError, Limited};
 
 use super::extract::media_type;
@@ -37,7 +35,7 @@ pub async fn bound(mut request: Request, next: Next) -> Response {
     if request.headers().contains_key(header::CONTENT_ENCODING) {
         let wire = Wire::default();
         request.extensions_mut().insert(wire.clone());
-        request = request.map(|body| Body::new(OnWire { body, wire }));
+        request = request.map(|body| Body::new(wire.counting(body)));
     }
     if is_stream(&media_type(request.headers())) {
         return next.run(request).await;
@@ -54,41 +52,21 @@ pub async fn bound_expansion(mut request: Request, next: Next) -> Response {
     let Some(wire) = request.extensions_mut().remove::<Wire>() else { return next.run(request).await };
     let Some(edge) = Edge::of(&request) else { return next.run(request).await };
     let ratio = edge.compression_ratio;
-    next.run(request.map(|body| Body::new(Expanding { body, wire, ratio, bytes: 0 }))).await
+    next.run(request.map(|body| Body::from_stream(expanding(body, wire, ratio)))).await
 }
 
 /// Bytes that the decompression has taken so far.
 #[derive(Debug, Clone, Default)]
 struct Wire(Arc<AtomicU64>);
 
-/// A body before decompression, whose bytes are counted.
-struct OnWire {
-    body: Body,
-    wire: Wire,
-}
-
-impl HttpBody for OnWire {
-    type Data = Bytes;
-    type Error = axum::Error;
-
-    fn poll_frame(
-        mut self: Pin<&mut Self>,
-        context: &mut Context<'_>,
-    ) -> Poll<Option<Result<Frame<Bytes>, axum::Error>>> {
-        let frame = Pin::new(&mut self.body).poll_frame(context);
-        if let Poll::Ready(Some(Ok(frame))) = &frame {
+impl Wire {
+    /// A body before decompression, whose bytes are counted.
+    fn counting(self, body: Body) -> impl HttpBody<Data = Bytes, Error = axum::Error> {
+        body.map_frame(move |frame| {
             let bytes = frame.data_ref().map_or(0, Bytes::len);
-            self.wire.0.fetch_add(bytes as u64, Ordering::Relaxed);
-        }
-        frame
-    }
-
-    fn is_end_stream(&self) -> bool {
-        self.body.is_end_stream()
-    }
-
-    fn size_hint(&self) -> SizeHint {
-        self.body.size_hint()
+            self.0.fetch_add(bytes as u64, Ordering::Relaxed);
+            frame
+        })
     }
 }
 
@@ -102,32 +80,15 @@ struct Expands {
     ratio: u64,
 }
 
-/// A body after decompression, which ends when it has become too much longer.
-struct Expanding {
-    body: Body,
-    wire: Wire,
-    ratio: u64,
-    bytes: u64,
-}
-
-impl HttpBody for Expanding {
-    type Data = Bytes;
-    type Error = axum::Error;
-
-    fn poll_frame(
-        mut self: Pin<&mut Self>,
-        context: &mut Context<'_>,
-    ) -> Poll<Option<Result<Frame<Bytes>, axum::Error>>> {
-        let frame = Pin::new(&mut self.body).poll_frame(context);
-        if let Poll::Ready(Some(Ok(piece))) = &frame {
-            self.bytes += piece.data_ref().map_or(0, Bytes::len) as u64;
-            let most = self.wire.0.load(Ordering::Relaxed).saturating_mul(self.ratio).max(EXPANDS_FREELY);
-            if self.bytes > most {
-                return Poll::Ready(Some(Err(axum::Error::new(Expands { ratio: self.ratio }))));
-            }
-        }
-        frame
-    }
+/// The pieces of a body after decompression, which ends when it has become too much longer than on the wire.
+fn expanding(body: Body, wire: Wire, ratio: u64) -> impl Stream<Item = Result<Bytes, axum::Error>> {
+    let mut bytes = 0;
+    body.into_data_stream().and_then(move |piece| {
+        bytes += piece.len() as u64;
+        let most = wire.0.load(Ordering::Relaxed).saturating_mul(ratio).max(EXPANDS_FREELY);
+        let expands = || axum::Error::new(Expands { ratio });
+        ready(if bytes > most { Err(expands()) } else { Ok(piece) })
+    })
 }
 
 fn length(headers: &HeaderMap) -> Option<u64> {
