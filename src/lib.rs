@@ -10,24 +10,25 @@
 //! | storage | [`store`] |
 //! | identities | [`domain`] |
 //! | bytes ⇄ shapes | [`formats`] |
-//! | statistics | [`analysis`] |
-//! | shapes | [`geometry`] |
-//! | arithmetic | [`numeric`] |
+//! | statistics | [`analysis`], a crate |
+//! | shapes | [`geometry`], a crate |
+//! | arithmetic | [`numeric`], a crate |
 //!
 //! Analysis sees every shape as an `N × d` matrix of control points and one Gram operator.
 
-pub mod analysis;
 pub mod api;
 pub mod cli;
 pub mod config;
 pub mod domain;
 pub mod formats;
-pub mod geometry;
 mod health;
-pub mod numeric;
 mod opening;
 mod server;
 pub mod service;
 pub mod store;
 pub mod telemetry;
 pub mod worker;
+
+pub use shapelex_analysis as analysis;
+pub use shapelex_geometry as geometry;
+pub use shapelex_numeric as numeric;

@@ -1,14 +1,8 @@
 //! All integration tests, one binary.
 #![allow(clippy::unwrap_used, clippy::print_stdout, missing_docs)]
 
-mod analysis_laws;
-mod analysis_vectors;
 mod commands;
-mod curves;
-mod dictionaries;
 mod endless;
-mod fits;
-mod generators;
 mod guards;
 mod health;
 mod http_access;
@@ -28,20 +22,9 @@ mod http_spreading;
 mod http_subdivision;
 mod http_surfaces;
 mod http_tokens;
-mod interpolators;
 mod kill;
 mod kill_dictionaries;
-mod measures;
 mod memory;
 mod misleading;
-mod parts;
-mod refinement;
-mod retrieval_laws;
 mod server;
-mod spaces;
-mod sparse;
-mod sparse_blocks;
-mod subdivision;
-mod surfaces;
-mod vectors;
 mod worker;

@@ -4,8 +4,7 @@ use std::f64::consts::{PI, TAU};
 
 use serde_json::{Value, json};
 
-use crate::server::shared;
-use crate::spaces::assert_relative;
+use crate::server::{assert_relative, shared};
 
 fn number(value: &Value) -> f64 {
     value.as_f64().unwrap_or_else(|| panic!("no number: {value}"))

@@ -562,3 +562,10 @@ fn what_is_looked_for_in_logs_is_what_belongs_to_the_client() {
     let wanted = ["1234.56789012", "a-cohort-name", "a-note-deep-inside", "a-treatment"];
     assert_eq!(marks.iter().map(String::as_str).collect::<Vec<_>>(), wanted);
 }
+
+/// `found` against `wanted`, relative to `wanted`.
+#[track_caller]
+pub(crate) fn assert_relative(what: &str, found: f64, wanted: f64, tolerance: f64) {
+    let error = (found - wanted).abs() / wanted.abs();
+    assert!(error <= tolerance, "{what}: {found:e} for {wanted:e}, relative error {error:.1e}");
+}

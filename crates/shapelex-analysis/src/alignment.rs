@@ -1,0 +1,434 @@
+//! The mean of a set of shapes, and the shapes aligned to it.
+//!
+//! ```text
+//! r̃_k = P_k r_mean = A_k r_k + b_k      residual ‖r_mean − r̃_k‖      correlation ⟨r̃_k, r_mean⟩/(‖r̃_k‖‖r_mean‖)
+//! ```
+
+use super::AnalysisError;
+use super::accumulate::{ShapeSource, ShapesInMemory, Watched, map_shapes, smallest_eligible};
+use super::frame::{Frame, representative};
+use super::matching::{Matching, Placed, Placement, Target};
+use super::mean::{Exchange, MeanSpace, ProjectorSum};
+use super::metric::{Metric, dot, norm};
+use super::procrustes::{self, Fit};
+use super::subspace::{Projected, Subspace, check_extent, flatten};
+use super::transformation::{ClassName, Transformation, TransformationClass};
+use shapelex_numeric::dense::Matrix;
+
+/// Fewest shapes that have a mean.
+pub const FEWEST_SHAPES: usize = 2;
+
+/// Eigenvalues of the mean operator that are reported, where there are that many.
+const REPORTED_EIGENVALUES: usize = 10;
+
+/// The alternation of mean and placements ends after this many rounds at the latest.
+const MAX_ROUNDS: usize = 100;
+
+/// How shapes are brought together.
+#[derive(Debug, Clone)]
+pub enum Method {
+    /// Projection on the subspaces of a linear class.
+    Projection(TransformationClass),
+    /// Generalised Procrustes fits.
+    Procrustes(Fit),
+}
+
+/// `alignment` as it stands in requests.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
+pub enum Alignment {
+    /// Closed-form projection on the subspace of the class.
+    #[default]
+    Projection,
+    /// Iterated rotations and scales, without reflection.
+    Procrustes,
+}
+
+impl Method {
+    /// The method for a class in dimension `d`. Pure translation is a fit without rotation and scale
+    /// whatever the alignment: its mean is the arithmetic mean of the centred shapes.
+    ///
+    /// # Errors
+    /// [`AnalysisError::NotAProperClass`] when the alignment cannot be done with the class.
+    pub fn new(
+        transformation: &Transformation,
+        alignment: Alignment,
+        dimension: usize,
+    ) -> Result<Self, AnalysisError> {
+        let fit = |rotates, scales| Ok(Self::Procrustes(Fit { dimension, rotates, scales }));
+        match (transformation, alignment) {
+            (Transformation::Named(ClassName::Translation), _) => fit(false, false),
+            (Transformation::Named(ClassName::Similarity), Alignment::Procrustes) => fit(true, true),
+            (Transformation::Named(ClassName::Rigid), Alignment::Procrustes) => fit(true, false),
+            (_, Alignment::Procrustes) => Err(AnalysisError::NotAProperClass(
+                "Procrustes alignment exists for similarity, rigid and translation".into(),
+            )),
+            (other, Alignment::Projection) => {
+                Ok(Self::Projection(TransformationClass::new(other, dimension)?))
+            }
+        }
+    }
+
+    /// Whether shapes are centred first.
+    pub fn translates(&self) -> bool {
+        match self {
+            Self::Projection(class) => class.translates(),
+            Self::Procrustes(_) => true,
+        }
+    }
+
+    /// `b = −A r̄` when shapes are centred, else nothing.
+    pub(super) fn offset(&self, matrix: &Matrix, centroid: &[f64]) -> Vec<f64> {
+        if self.translates() { offset_of(matrix, centroid) } else { vec![0.0; centroid.len()] }
+    }
+
+    /// The nearest member of the class of the whitened shape `x` to the whitened `mean`.
+    pub(super) fn bring(&self, x: &[f64], mean: &[f64]) -> Result<Projected, AnalysisError> {
+        match self {
+            Self::Projection(class) => Ok(Subspace::new(class, x)?.project(mean)),
+            Self::Procrustes(fit) => {
+                let matrix = fit.matrix(x, mean);
+                Ok(Projected { whitened: procrustes::transform(&matrix, x), matrix })
+            }
+        }
+    }
+}
+
+/// The mean shape with its certificate.
+#[derive(Debug, Clone)]
+pub struct MeanShape {
+    /// Whitened; of unit norm except under rigid motions and translations.
+    pub whitened: Vec<f64>,
+    /// `d·N`, coordinate-major.
+    pub control_points: Vec<f64>,
+    /// Leading eigenvalues of the mean operator; empty for Procrustes fits.
+    pub eigenvalues: Vec<f64>,
+    /// Eigenvalue gap of the mean space.
+    pub gap: Option<f64>,
+    /// Whether the mean is unique.
+    pub unique: Option<bool>,
+    /// Sum of squared cosines between the mean space and the shapes.
+    pub objective: Option<f64>,
+    /// Number of shapes.
+    pub shapes: usize,
+    /// Rounds of the alternation with placements, or iterations of the Procrustes fit.
+    pub rounds: usize,
+    /// Whether the last round changed nothing.
+    pub converged: bool,
+    /// How every shape lies.
+    pub placements: Vec<Placement>,
+}
+
+/// The mean of the shapes of `source` (prepared with [`Method::translates`]).
+///
+/// # Errors
+/// [`AnalysisError::TooFewShapes`] below two shapes, degenerate shapes, errors of the source.
+pub fn mean_shape<S: ShapeSource>(
+    source: &S,
+    metric: &Metric,
+    method: &Method,
+    frame: Frame,
+    matching: &Matching,
+) -> Result<MeanShape, S::Error> {
+    if source.count() < FEWEST_SHAPES {
+        return Err(AnalysisError::TooFewShapes { found: source.count(), needed: FEWEST_SHAPES }.into());
+    }
+    match method {
+        Method::Projection(class) => projection_mean(source, metric, class, frame, matching),
+        Method::Procrustes(fit) => procrustes_mean(source, metric, *fit, frame, matching),
+    }
+}
+
+fn projection_mean<S: ShapeSource>(
+    source: &S,
+    metric: &Metric,
+    class: &TransformationClass,
+    frame: Frame,
+    matching: &Matching,
+) -> Result<MeanShape, S::Error> {
+    let mut placements = vec![Placement::default(); source.count()];
+    let sum_of = |placements: &[Placement]| -> Result<ProjectorSum<'_>, S::Error> {
+        ProjectorSum::of(&Placed { source, matching, placements }, class, metric.len())
+    };
+    // A search needs the space alone; its certificate comes at the end.
+    let report = if matching.searches() { 0 } else { REPORTED_EIGENVALUES };
+    let mut space = MeanSpace::new(sum_of(&placements)?, report)?;
+    if matching.mirrors() {
+        let chosen = best_matched(source, &space)?;
+        let single = MeanSpace::of_shape(class, &chosen)?;
+        matching.improve(source, &Target::subspace(&single, matching), &mut placements)?;
+        space = MeanSpace::new(sum_of(&placements)?, report)?;
+    }
+    let (mut rounds, mut converged) = (0, !matching.searches());
+    let mut sum: Option<ProjectorSum<'_>> = None;
+    while !converged && rounds < MAX_ROUNDS {
+        rounds += 1;
+        let target = Target::subspace(&space, matching);
+        let changed = matching.improve(source, &target, &mut placements)?;
+        converged = changed.is_empty();
+        if !converged {
+            let next = exchanged(source, matching, &placements, &changed, sum.take())?;
+            let next = next.map_or_else(|| sum_of(&placements), Ok)?;
+            space = MeanSpace::near(next.clone(), &space)?;
+            sum = Some(next);
+        }
+    }
+    if matching.searches() {
+        space = MeanSpace::new(sum_of(&placements)?, REPORTED_EIGENVALUES)?;
+    }
+    let placed = Placed { source, matching, placements: &placements };
+    let whitened = representative(&space, frame, metric, &placed)?;
+    Ok(MeanShape {
+        control_points: unwhitened(metric, &whitened),
+        whitened,
+        gap: Some(space.gap),
+        unique: Some(space.is_unique()),
+        objective: Some(space.objective),
+        eigenvalues: space.eigenvalues,
+        shapes: source.count(),
+        rounds,
+        converged,
+        placements,
+    })
+}
+
+/// The sum of projectors after the shapes `changed` have moved, when that is less work than forming it anew.
+fn exchanged<'a, S: ShapeSource>(
+    source: &S,
+    matching: &Matching,
+    placements: &[Placement],
+    changed: &[(usize, Placement)],
+    sum: Option<ProjectorSum<'a>>,
+) -> Result<Option<ProjectorSum<'a>>, S::Error> {
+    let Some(mut sum) = sum.filter(|_| changed.len() * 4 < placements.len()) else { return Ok(None) };
+    let mut moved = Vec::with_capacity(changed.len());
+    let mut left = changed.iter().peekable();
+    source.for_each_batch(&mut |batch| {
+        let length = batch.whitened.len() / batch.weights.len().max(1);
+        while let Some(&(k, before)) = left.next_if(|(k, _)| *k < batch.first + batch.weights.len()) {
+            let i = k - batch.first;
+            let x = &batch.whitened[i * length..(i + 1) * length];
+            let leaving = matching.place(x, before).into_owned();
+            let arriving = matching.place(x, placements[k]).into_owned();
+            moved.push(Exchange { leaving, arriving, weight: batch.weights[i] });
+        }
+        Ok(())
+    })?;
+    Ok(sum.exchange(&moved)?.then_some(sum))
+}
+
+/// The shape nearest to the mean space. Mirror images are first decided against it: the mean of a set and of
+/// the mirror images of half of it is symmetric, and no side would be preferred.
+fn best_matched<S: ShapeSource>(source: &S, space: &MeanSpace<'_>) -> Result<Vec<f64>, S::Error> {
+    let cosine = |x: &[f64]| norm(&space.project(x)) / norm(x);
+    let cosines = map_shapes(source, |_, x, _| Ok(cosine(x)))?;
+    let best = cosines.iter().copied().fold(0.0, f64::max);
+    smallest_eligible(source, |k| cosines[k] >= best * (1.0 - 1e-12))
+}
+
+fn procrustes_mean<S: ShapeSource>(
+    source: &S,
+    metric: &Metric,
+    fit: Fit,
+    frame: Frame,
+    matching: &Matching,
+) -> Result<MeanShape, S::Error> {
+    let mut placements = vec![Placement::default(); source.count()];
+    let start = procrustes::start(source, fit)?;
+    if matching.mirrors() {
+        matching.improve(source, &Target::shape(&start, fit, matching), &mut placements)?;
+    }
+    let mut result = procrustes::iterate(&Placed { source, matching, placements: &placements }, fit, start)?;
+    let (mut rounds, mut converged) = (0, !matching.searches());
+    while !converged && rounds < MAX_ROUNDS {
+        rounds += 1;
+        let target = Target::shape(&result.mean, fit, matching);
+        converged = matching.improve(source, &target, &mut placements)?.is_empty();
+        if !converged {
+            let placed = Placed { source, matching, placements: &placements };
+            result = procrustes::iterate(&placed, fit, result.mean)?;
+        }
+    }
+    let placed = Placed { source, matching, placements: &placements };
+    let whitened = procrustes::turn(result.mean, fit, frame, metric, &placed)?;
+    Ok(MeanShape {
+        control_points: unwhitened(metric, &whitened),
+        whitened,
+        eigenvalues: Vec::new(),
+        gap: None,
+        unique: None,
+        objective: None,
+        shapes: source.count(),
+        rounds: rounds.max(result.iterations),
+        converged: converged && result.converged,
+        placements,
+    })
+}
+
+/// A shape aligned to a mean.
+#[derive(Debug, Clone)]
+pub struct AlignedShape {
+    /// Whitened coordinates.
+    pub whitened: Vec<f64>,
+    /// `A`, `d × d`.
+    pub matrix: Matrix,
+    /// `b`, `d` numbers: the aligned shape is `A r + b` (after shift and direction).
+    pub offset: Vec<f64>,
+    /// `‖r_mean − r̃‖`.
+    pub residual: f64,
+    /// Cosine between the aligned shape and the mean.
+    pub correlation: f64,
+    /// Start and direction that were chosen.
+    pub placement: Placement,
+}
+
+impl AlignedShape {
+    /// Whether the shape matched as a mirror image: `det A < 0`.
+    pub fn reflected(&self) -> bool {
+        self.matrix.determinant() < 0.0
+    }
+}
+
+/// Aligns the whitened shape `x`, with centroid `centroid` before it was prepared, to `mean`.
+///
+/// # Errors
+/// [`AnalysisError::Degenerate`] with index 0.
+pub fn align(
+    method: &Method,
+    matching: &Matching,
+    mean: &[f64],
+    x: &[f64],
+    centroid: &[f64],
+    placement: Placement,
+) -> Result<AlignedShape, AnalysisError> {
+    let projected = method.bring(&matching.place(x, placement), mean)?;
+    let matrix = projected.matrix * matching.reflection(placement);
+    let offset = method.offset(&matrix, centroid);
+    let whitened = projected.whitened;
+    let residual = mean.iter().zip(&whitened).map(|(m, r)| (m - r).powi(2)).sum::<f64>().sqrt();
+    let correlation = cosine(&whitened, mean);
+    Ok(AlignedShape { whitened, matrix, offset, residual, correlation, placement })
+}
+
+/// `−A r̄`.
+fn offset_of(matrix: &Matrix, centroid: &[f64]) -> Vec<f64> {
+    (0..centroid.len())
+        .map(|c| -(0..centroid.len()).map(|e| matrix[(c, e)] * centroid[e]).sum::<f64>())
+        .collect()
+}
+
+fn cosine(a: &[f64], b: &[f64]) -> f64 {
+    let product = norm(a) * norm(b);
+    if product > 0.0 { (dot(a, b) / product).clamp(-1.0, 1.0) } else { 0.0 }
+}
+
+/// Mean and aligned shapes of `control_points` in memory, one shape of `d·N` numbers after the other.
+///
+/// # Errors
+/// As [`mean_shape`].
+pub fn align_all(
+    metric: &Metric,
+    method: &Method,
+    frame: Frame,
+    matching: &Matching,
+    control_points: Vec<f64>,
+    weights: Vec<f64>,
+) -> Result<(MeanShape, Vec<AlignedShape>), AnalysisError> {
+    align_all_until(metric, method, frame, matching, control_points, weights, &|| false)
+}
+
+/// As [`align_all`], until `stop` says so: it is asked before every walk over the shapes.
+///
+/// # Errors
+/// As [`mean_shape`]; [`AnalysisError::Interrupted`].
+pub fn align_all_until(
+    metric: &Metric,
+    method: &Method,
+    frame: Frame,
+    matching: &Matching,
+    control_points: Vec<f64>,
+    weights: Vec<f64>,
+    stop: &(dyn Fn() -> bool + Sync),
+) -> Result<(MeanShape, Vec<AlignedShape>), AnalysisError> {
+    let centroids: Vec<Vec<f64>> =
+        control_points.chunks_exact(metric.len()).map(|shape| metric.centroid(shape)).collect();
+    let source = ShapesInMemory::new(metric, method.translates(), control_points, weights)?;
+    let source = Watched::new(&source, stop);
+    let mean = mean_shape(&source, metric, method, frame, matching)?;
+    let aligned = map_shapes(&source, |k, x, _| {
+        align(method, matching, &mean.whitened, x, &centroids[k], mean.placements[k])
+            .map_err(|error| error.at(k))
+    })?;
+    Ok((mean, aligned))
+}
+
+/// The projection of a reference shape on the class of another.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Projection {
+    /// The nearest member `A r + b`, `d·N` coordinate-major control points.
+    pub control_points: Vec<f64>,
+    /// `A`.
+    pub matrix: Matrix,
+    /// `b`.
+    pub offset: Vec<f64>,
+    /// `‖r_ref − (A r + b)‖²`.
+    pub squared_distance: f64,
+    /// Cosine between the two, about their mean positions when the class translates.
+    pub correlation: f64,
+}
+
+/// Projects references on the classes of shapes (Theorem 1): the reference is prepared once.
+#[derive(Debug, Clone)]
+pub struct Projector<'a> {
+    metric: &'a Metric,
+    method: &'a Method,
+    reference: Vec<f64>,
+    position: Vec<f64>,
+}
+
+impl<'a> Projector<'a> {
+    /// For the reference with the given control points.
+    pub fn new(metric: &'a Metric, method: &'a Method, mut reference: Vec<f64>) -> Self {
+        let position = take_position(metric, method, &mut reference);
+        metric.whiten(&mut reference);
+        Self { metric, method, reference, position }
+    }
+
+    /// The member of the class of `shape` nearest to the reference. Cost `O(N log N + dN I²)`.
+    ///
+    /// # Errors
+    /// [`AnalysisError::Degenerate`], [`AnalysisError::NoExtent`] with index 0.
+    pub fn project(&self, mut shape: Vec<f64>) -> Result<Projection, AnalysisError> {
+        let size = norm(&shape);
+        let centroid = take_position(self.metric, self.method, &mut shape);
+        check_extent(norm(&shape), size)?;
+        if self.method.translates() {
+            flatten(&mut shape, self.metric.dimension(), size);
+        }
+        self.metric.whiten(&mut shape);
+        let Projected { whitened, matrix } = self.method.bring(&shape, &self.reference)?;
+        let distances = self.reference.iter().zip(&whitened).map(|(m, r)| (m - r).powi(2));
+        let squared_distance = distances.sum();
+        let correlation = cosine(&whitened, &self.reference);
+        let offset = offset_of(&matrix, &centroid).iter().zip(&self.position).map(|(b, p)| b + p).collect();
+        let mut control_points = unwhitened(self.metric, &whitened);
+        for (coordinate, p) in control_points.chunks_exact_mut(self.metric.size()).zip(&self.position) {
+            coordinate.iter_mut().for_each(|value| *value += p);
+        }
+        Ok(Projection { control_points, matrix, offset, squared_distance, correlation })
+    }
+}
+
+/// Centres when the class translates; the position taken away.
+fn take_position(metric: &Metric, method: &Method, shape: &mut [f64]) -> Vec<f64> {
+    if method.translates() { metric.centre(shape) } else { vec![0.0; metric.dimension()] }
+}
+
+/// Control points of a whitened shape.
+pub fn unwhitened(metric: &Metric, whitened: &[f64]) -> Vec<f64> {
+    let mut control_points = whitened.to_vec();
+    metric.unwhiten(&mut control_points);
+    control_points
+}

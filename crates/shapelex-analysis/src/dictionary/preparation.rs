@@ -1,0 +1,203 @@
+//! How a shape is brought into the form that is coded.
+//!
+//! ```text
+//! aligned      y = s·r̃,  r̃ = A r + b the member of the class of r nearest to the mean,  s = 1 or 1/‖r̃‖
+//! invariant    y = M (r − r̄),  M ∈ 𝓑 such that y is the normal form of r
+//! ```
+//!
+//! Start point, direction and mirror image are those that match the mean best. The same function prepares the shapes
+//! that a dictionary learns from and those that it is asked about later, so that a training shape gets its training
+//! code back.
+
+use rayon::prelude::*;
+
+use super::algebra::Algebra;
+use crate::accumulate::{MergePart, ShapeSource, Shapes, prepare};
+use crate::alignment::{Method, align};
+use crate::matching::{Matching, Placement, Target};
+use crate::mean::MeanSpace;
+use crate::metric::{Metric, norm};
+use crate::pass::{Aligned, Pass};
+use crate::{AnalysisError, DEGENERATE};
+use shapelex_numeric::dense::Matrix;
+
+/// What is coded.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Pose {
+    /// Shapes aligned to the mean, of unit norm when `normalise`.
+    Aligned {
+        /// Whether to divide by the norm.
+        normalise: bool,
+    },
+    /// Normal forms: the code follows the shape.
+    Invariant(Algebra),
+}
+
+/// Prepares shapes for a dictionary.
+#[derive(Debug, Clone)]
+pub struct Preparation {
+    /// The metric of the representation.
+    pub metric: Metric,
+    /// The class, and how it is removed.
+    pub method: Method,
+    /// Start points, directions, mirror images.
+    pub matching: Matching,
+    /// The whitened mean shape.
+    pub mean: Vec<f64>,
+    /// What is coded.
+    pub pose: Pose,
+}
+
+/// A shape in the form that is coded: `y = A r + b`, after start and direction.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Prepared {
+    /// `y`, whitened.
+    pub whitened: Vec<f64>,
+    /// `A`, `d × d`.
+    pub matrix: Matrix,
+    /// `b`.
+    pub offset: Vec<f64>,
+    /// Start, direction, mirror image.
+    pub placement: Placement,
+}
+
+impl Preparation {
+    /// Prepares shapes given by control points, one after the other.
+    ///
+    /// # Errors
+    /// [`AnalysisError::Degenerate`], [`AnalysisError::NoExtent`] with the position of the shape.
+    pub fn prepare(&self, control_points: &[f64]) -> Result<Vec<Prepared>, AnalysisError> {
+        let length = self.metric.len();
+        let mut whitened = control_points.to_vec();
+        prepare(&self.metric, self.method.translates(), 0, &mut whitened)?;
+        self.with_target(|target| {
+            let shapes = control_points.par_chunks(length).zip(whitened.par_chunks(length)).enumerate();
+            let prepared = shapes.map(|(k, (shape, x))| {
+                self.pose(x, &self.metric.centroid(shape), target).map_err(|error| error.at(k))
+            });
+            prepared.collect()
+        })
+    }
+
+    /// Calls `f` with what start points, directions and mirror images are matched to, when they are.
+    fn with_target<T, E: From<AnalysisError>>(
+        &self,
+        f: impl FnOnce(Option<&Target<'_>>) -> Result<T, E>,
+    ) -> Result<T, E> {
+        if !self.matching.searches() {
+            return f(None);
+        }
+        match &self.method {
+            Method::Projection(class) => {
+                let space = MeanSpace::of_shape(class, &self.mean)?;
+                f(Some(&Target::subspace(&space, &self.matching)))
+            }
+            Method::Procrustes(fit) => f(Some(&Target::shape(&self.mean, *fit, &self.matching))),
+        }
+    }
+
+    /// Brings a whitened (and centred, when the class translates) shape into pose.
+    fn pose(
+        &self,
+        x: &[f64],
+        centroid: &[f64],
+        target: Option<&Target<'_>>,
+    ) -> Result<Prepared, AnalysisError> {
+        let stands = Placement::default();
+        let placement = target.map_or(Ok(stands), |target| self.matching.best(x, target, stands))?;
+        match &self.pose {
+            Pose::Aligned { normalise } => {
+                let aligned = align(&self.method, &self.matching, &self.mean, x, centroid, placement)?;
+                let size = norm(&aligned.whitened) / norm(&self.mean);
+                if !(size >= DEGENERATE) {
+                    let class = "alignment to the mean, to which it is orthogonal".into();
+                    return Err(AnalysisError::Degenerate { index: 0, class, sigma: size });
+                }
+                let mut prepared = Prepared {
+                    whitened: aligned.whitened,
+                    matrix: aligned.matrix,
+                    offset: aligned.offset,
+                    placement,
+                };
+                if *normalise {
+                    prepared.scale(1.0 / norm(&prepared.whitened));
+                }
+                Ok(prepared)
+            }
+            Pose::Invariant(algebra) => {
+                let mut whitened = self.matching.place(x, placement).into_owned();
+                let matrix = algebra.normalise(&mut whitened)? * self.matching.reflection(placement);
+                let offset = self.method.offset(&matrix, centroid);
+                Ok(Prepared { whitened, matrix, offset, placement })
+            }
+        }
+    }
+}
+
+impl Prepared {
+    fn scale(&mut self, factor: f64) {
+        self.matrix *= factor;
+        self.whitened.iter_mut().chain(&mut self.offset).for_each(|value| *value *= factor);
+    }
+
+    /// The transformation back from the pose to the shape as it was given, `r = A⁻¹ (y − b)`, as matrix and offset.
+    ///
+    /// # Errors
+    /// [`AnalysisError::Degenerate`] with index 0 when `A` has no inverse.
+    pub fn back(&self) -> Result<(Matrix, Vec<f64>), AnalysisError> {
+        let singular = self.matrix.singular_values();
+        let sigma = singular.min() / singular.max();
+        let inverse = self.matrix.clone().try_inverse().filter(|_| sigma >= DEGENERATE);
+        let class = || "its own pose: the alignment to the mean flattens it".into();
+        let inverse = inverse.ok_or_else(|| AnalysisError::Degenerate { index: 0, class: class(), sigma })?;
+        let d = self.offset.len();
+        let offset = (0..d).map(|c| -(0..d).map(|e| inverse[(c, e)] * self.offset[e]).sum::<f64>()).collect();
+        Ok((inverse, offset))
+    }
+}
+
+/// The shapes of a source in the form that is coded.
+pub struct Posed<'a, S> {
+    /// Whitened shapes, centred when the class translates.
+    pub source: &'a S,
+    /// How they are prepared.
+    pub preparation: &'a Preparation,
+}
+
+impl<S: ShapeSource> ShapeSource for Posed<'_, S> {
+    type Error = S::Error;
+
+    fn count(&self) -> usize {
+        self.source.count()
+    }
+
+    fn for_each_batch(
+        &self,
+        visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), S::Error>,
+    ) -> Result<(), S::Error> {
+        let preparation = self.preparation;
+        let centroid = vec![0.0; preparation.metric.dimension()];
+        preparation.with_target(|target| {
+            self.source.for_each_batch(&mut |batch| {
+                let length = preparation.metric.len();
+                let mut whitened = batch.whitened.to_vec();
+                whitened.par_chunks_mut(length).enumerate().try_for_each(|(i, x)| {
+                    let posed = preparation.pose(x, &centroid, target);
+                    x.copy_from_slice(&posed.map_err(|error| error.at(batch.first + i))?.whitened);
+                    Ok::<_, AnalysisError>(())
+                })?;
+                visit(Shapes { whitened: &whitened, ..batch })
+            })
+        })
+    }
+
+    /// Normal forms stay here: what they are found by is not written down.
+    fn spread(&self, pass: &Pass, merge: &mut MergePart<'_>) -> Result<bool, S::Error> {
+        let Pose::Aligned { normalise } = self.preparation.pose else { return Ok(false) };
+        if pass.aligned.is_some() {
+            return Ok(false);
+        }
+        let aligned = Some(Aligned { mean: self.preparation.mean.clone(), normalise });
+        self.source.spread(&Pass { aligned, ..pass.clone() }, merge)
+    }
+}

@@ -1,0 +1,612 @@
+//! Distances between shapes modulo a class.
+//!
+//! ```text
+//! projection, any class      d(S₁,S₂)² = 1 − tr(P₁P₂)/I                      the chordal distance, in [0, 1]
+//! Procrustes, similarity     d² = 1 − ρ²,  ρ = max_R tr(RᵀH)/(‖x‖‖y‖)        the full Procrustes distance, in [0, 1]
+//! rigid, translation         d² = ‖x‖² + ‖y‖² − 2 max_R tr(RᵀH)              the size-and-shape distance, a length
+//! ```
+//!
+//! `I` is the dimension of the subspaces, `H = Σ_n x[n] y[n]ᵀ`, `R` a rotation without reflection (the identity for
+//! translations); shapes are whitened and centred when the class translates. In the plane the chordal distance of
+//! `similarity` is the full Procrustes distance. Where start points, directions or mirror images are searched, the distance
+//! is the least one over all of them; nothing is left out that could be the least.
+//!
+//! All of them are made of a few inner products `p` of a pair: with `P = QQᵀ`, `tr(P₁P₂) = ‖Q₁ᵀQ₂‖²`, a sum of squares.
+//! Without a search of start points they come from one matrix product of stacked bases; with it, spectra are kept and one real
+//! inverse FFT a product gives all `N` start points at once.
+//!
+//! Accuracy: the squares are exact to some `10⁻¹⁵` (of `‖x‖² + ‖y‖²`), so that distances are exact to `10⁻¹⁵/d`: two shapes of
+//! one class come out at up to some `3·10⁻⁸`, not at zero.
+//!
+//! Source: Edelman, Arias and Smith 1998 (chordal distance on the Grassmannian); Dryden and Mardia 1998, chapters 4 and 5.
+
+use rayon::prelude::*;
+use realfft::num_complex::Complex64;
+
+use super::AnalysisError;
+use super::alignment::Method;
+use super::matching::{Matching, Placement};
+use super::metric::{dot, norm};
+use super::procrustes::{Fit, best_correlation};
+use super::subspace::Subspace;
+use super::transformation::{Structure, TransformationClass};
+use shapelex_numeric::circulant::{FftScratch, RealFft};
+use shapelex_numeric::dense::{Matrix, transpose_multiply_columns};
+
+/// Shapes of one side of a tile of the matrix, at most: two tiles of spectra fit in the cache.
+const TILE: usize = 32;
+
+/// Columns of one side of a matrix product, about: enough for its kernels, little enough for the cache.
+const TILE_COLUMNS: usize = 256;
+
+/// Two placements whose scores differ by less than this part are equal: the first one is named.
+const TIE: f64 = 1e-12;
+
+/// A matrix whose distance from the span of a class is above this part of its norm does not belong to it.
+const IN_SPAN: f64 = 1e-9;
+
+/// One signed inner product of a column of the first shape and one of the second.
+#[derive(Debug, Clone, Copy)]
+struct Term {
+    left: usize,
+    right: usize,
+    sign: f64,
+}
+
+/// What is made of the products of a pair; more is nearer.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Score {
+    /// `Σ p²`.
+    Squares,
+    /// The only product.
+    Single,
+    /// `max tr(RᵀH)` of the `3 × 3` products.
+    Rotation,
+}
+
+/// How a score becomes a distance.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Scale {
+    /// Of bases, or of shapes of unit norm; the largest score.
+    Unit(f64),
+    /// Of shapes with their sizes.
+    Sizes,
+}
+
+/// The shapes of a class in one representation, with what is searched: prepares shapes and compares them.
+#[derive(Debug, Clone)]
+pub struct DistanceSpace {
+    method: Method,
+    matching: Matching,
+    /// `N`.
+    size: usize,
+    /// Columns of `N` numbers that stand for a shape.
+    columns: usize,
+    products: Vec<Vec<Term>>,
+    score: Score,
+    scale: Scale,
+}
+
+/// Shapes that are ready to be compared: orthonormal bases or points, as they are or as spectra, once for every way to lay
+/// them.
+#[derive(Debug, Clone)]
+pub struct PreparedShapes {
+    /// `‖x‖²`.
+    squared_norms: Vec<f64>,
+    /// One entry a placement without start point; the first is the shape as given.
+    laid: Vec<Columns>,
+}
+
+#[derive(Debug, Clone)]
+enum Columns {
+    Signals(Vec<f64>),
+    Spectra(Vec<Complex64>),
+}
+
+/// The distance of a shape to another, and how the other one lies at it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Match {
+    /// The distance.
+    pub distance: f64,
+    /// How the second shape is laid on the first.
+    pub placement: Placement,
+}
+
+/// The best score of a pair, and a placement that has it.
+#[derive(Debug, Clone, Copy)]
+struct Best {
+    score: f64,
+    placed_score: f64,
+    placement: Placement,
+}
+
+impl Best {
+    const NONE: Self = Self {
+        score: f64::NEG_INFINITY,
+        placed_score: f64::NEG_INFINITY,
+        placement: Placement { shift: 0, reversed: false, mirrored: false },
+    };
+
+    /// The score is the largest; the placement changes only for more than rounding.
+    fn offer(&mut self, score: f64, placement: Placement) {
+        self.score = self.score.max(score);
+        if score > self.placed_score + TIE * self.placed_score.abs() || self.placed_score == f64::NEG_INFINITY
+        {
+            (self.placed_score, self.placement) = (score, placement);
+        }
+    }
+}
+
+/// Memory for the products of one pair.
+struct Work {
+    scratch: FftScratch,
+    spectrum: Vec<Complex64>,
+    correlation: Vec<f64>,
+    scores: Vec<f64>,
+    /// All products of every start point, for [`Score::Rotation`].
+    products: Vec<f64>,
+}
+
+impl DistanceSpace {
+    /// For shapes compared by `method` with what `matching` searches.
+    ///
+    /// # Errors
+    /// [`AnalysisError::NotAProperClass`] when mirror images are searched and the mirror image of the class is another class:
+    /// the distance would depend on the order of the two shapes.
+    pub fn new(method: &Method, matching: &Matching) -> Result<Self, AnalysisError> {
+        let d = matching.dimension();
+        if let Method::Projection(class) = method
+            && matching.mirrors()
+            && !is_mirrored_into_itself(class)
+        {
+            return Err(AnalysisError::NotAProperClass(
+                "the mirror images of its matrices do not belong to the class, so that distances modulo both are \
+                 not symmetric: use \"mirror\": \"forbid\""
+                    .into(),
+            ));
+        }
+        let (columns, products, score, scale) = match method {
+            Method::Projection(class) => {
+                let (columns, products, largest) = class_products(class);
+                (columns, products, Score::Squares, Scale::Unit(largest))
+            }
+            Method::Procrustes(fit) => {
+                let (products, score) = fit_products(*fit);
+                (d, products, score, if fit.scales { Scale::Unit(1.0) } else { Scale::Sizes })
+            }
+        };
+        let (method, matching, size) = (method.clone(), matching.clone(), matching.size());
+        Ok(Self { method, matching, size, columns, products, score, scale })
+    }
+
+    /// Multiply-adds of one pair, about.
+    pub fn operations(&self) -> f64 {
+        let (n, products) = (self.size as f64, self.products.len() as f64);
+        let of_placement = match self.matching.fft() {
+            Some(_) => {
+                let terms: usize = self.products.iter().map(Vec::len).sum();
+                2.0 * n * (terms as f64 + products * (2.0 + n.log2())) + self.rotation_operations() * n
+            }
+            None => n * (self.columns as f64).powi(2) + products + self.rotation_operations(),
+        };
+        of_placement * self.matching.candidates().len() as f64
+    }
+
+    fn rotation_operations(&self) -> f64 {
+        /// Of a `3 × 3` singular value decomposition.
+        const DECOMPOSITION: f64 = 1000.0;
+        if self.score == Score::Rotation { DECOMPOSITION } else { 0.0 }
+    }
+
+    /// Bytes of one prepared shape.
+    pub fn bytes(&self) -> usize {
+        let of_column = match self.matching.fft() {
+            Some(fft) => 16 * fft.spectrum_len(),
+            None => 8 * self.size,
+        };
+        8 + of_column * self.columns * self.matching.candidates().len()
+    }
+
+    /// Prepares whitened shapes, `d·N` numbers each, centred when the class translates.
+    ///
+    /// Cost `O(dN I²)` a shape and placement; with a search of start points also one FFT a column.
+    ///
+    /// # Errors
+    /// [`AnalysisError::Degenerate`], [`AnalysisError::NoExtent`] for the first such shape, with its position.
+    pub fn prepare(&self, whitened: &[f64]) -> Result<PreparedShapes, AnalysisError> {
+        let length = self.size * self.matching.dimension();
+        let candidates = self.matching.candidates();
+        let columns: Vec<Result<Vec<Vec<f64>>, AnalysisError>> = whitened
+            .par_chunks_exact(length)
+            .map(|x| candidates.iter().map(|&laid| self.columns_of(&self.matching.place(x, laid))).collect())
+            .collect();
+        let columns = columns.into_iter().enumerate().map(|(i, found)| found.map_err(|error| error.at(i)));
+        let mut signals = vec![Vec::with_capacity(self.columns * whitened.len()); candidates.len()];
+        for shape in columns {
+            signals.iter_mut().zip(shape?).for_each(|(all, one)| all.extend(one));
+        }
+        let laid = signals.into_iter().map(|signals| match self.matching.fft() {
+            Some(fft) => Columns::Spectra(spectra(fft, &signals)),
+            None => Columns::Signals(signals),
+        });
+        let squared_norms = whitened.chunks_exact(length).map(|x| dot(x, x)).collect();
+        Ok(PreparedShapes { squared_norms, laid: laid.collect() })
+    }
+
+    /// The columns that stand for the whitened shape `x`.
+    fn columns_of(&self, x: &[f64]) -> Result<Vec<f64>, AnalysisError> {
+        match &self.method {
+            Method::Projection(class) => {
+                let blocks = Subspace::new(class, x)?.blocks;
+                Ok(blocks.iter().flat_map(|block| block.q.iter().copied()).collect())
+            }
+            Method::Procrustes(fit) => {
+                super::subspace::check_extent(norm(x), norm(x))?;
+                let factor = if fit.scales { norm(x).recip() } else { 1.0 };
+                Ok(x.iter().map(|value| factor * value).collect())
+            }
+        }
+    }
+
+    /// The distances of shape `i` of `shapes` to every one of `others`, in their order.
+    ///
+    /// Cost: the products of all pairs. A pair has the same bits whatever stands beside it.
+    pub fn compare(&self, shapes: &PreparedShapes, i: usize, others: &PreparedShapes) -> Vec<Match> {
+        let compare = |work: &mut Work, j: usize| {
+            let best = self.best(shapes, i, others, j, work);
+            let distance = self.distance(best.score, shapes.squared_norms[i], others.squared_norms[j]);
+            Match { distance, placement: best.placement }
+        };
+        (0..others.count()).into_par_iter().with_min_len(TILE).map_init(|| self.work(), compare).collect()
+    }
+
+    /// The symmetric matrix of all distances, row by row, `K²` numbers with zeros on the diagonal.
+    ///
+    /// `go_on` hears the part that is done and says whether to go on; it is called between tiles, from any thread. Each pair
+    /// is computed once, in tiles that do not depend on the number of threads: neither do the bits.
+    ///
+    /// # Errors
+    /// [`AnalysisError::Interrupted`] when `go_on` says so.
+    pub fn matrix(
+        &self,
+        shapes: &PreparedShapes,
+        go_on: &(dyn Fn(f64) -> bool + Sync),
+    ) -> Result<Vec<f64>, AnalysisError> {
+        let count = shapes.count();
+        let mut matrix = vec![0.0; count * count];
+        let tile = self.tile();
+        let (done, tiles) = (std::sync::atomic::AtomicUsize::new(0), count.div_ceil(tile));
+        let all = (tiles * (tiles + 1) / 2).max(1);
+        matrix.par_chunks_mut(tile * count.max(1)).enumerate().try_for_each_init(
+            || self.work(),
+            |work, (band, rows)| {
+                for column in band..tiles {
+                    let before = done.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+                    if !go_on(before as f64 / all as f64) {
+                        return Err(AnalysisError::Interrupted);
+                    }
+                    let side = |k: usize| k * tile..((k + 1) * tile).min(count);
+                    self.fill_tile(shapes, side(band), side(column), rows, work);
+                }
+                Ok(())
+            },
+        )?;
+        mirror_upper(&mut matrix, count);
+        Ok(matrix)
+    }
+
+    fn tile(&self) -> usize {
+        match self.matching.fft() {
+            Some(_) => TILE,
+            None => (TILE_COLUMNS / self.columns).max(1),
+        }
+    }
+
+    /// The distances above the diagonal of one tile, into the `rows` of its band.
+    fn fill_tile(
+        &self,
+        shapes: &PreparedShapes,
+        left: std::ops::Range<usize>,
+        right: std::ops::Range<usize>,
+        rows: &mut [f64],
+        work: &mut Work,
+    ) {
+        let (count, norms) = (shapes.count(), &shapes.squared_norms);
+        let products = shapes.laid.iter().map(|laid| match (&shapes.laid[0], laid) {
+            (Columns::Signals(first), Columns::Signals(second)) => {
+                let length = self.size * self.columns;
+                let side = |all: &[f64], range: &std::ops::Range<usize>| {
+                    all[range.start * length..range.end * length].to_vec()
+                };
+                let first = Matrix::from_vec(self.size, self.columns * left.len(), side(first, &left));
+                Some(transpose_multiply_columns(&first, &side(second, &right)))
+            }
+            _ => None,
+        });
+        let products: Option<Vec<Matrix>> = products.collect();
+        for i in left.clone() {
+            for j in right.clone().filter(|&j| j > i) {
+                let score = match &products {
+                    Some(products) => {
+                        let of = |product| self.score_in(product, i - left.start, j - right.start);
+                        products.iter().map(of).fold(f64::NEG_INFINITY, f64::max)
+                    }
+                    None => self.largest_score(shapes, i, j, work),
+                };
+                rows[(i - left.start) * count + j] = self.distance(score, norms[i], norms[j]);
+            }
+        }
+    }
+
+    /// The score of shapes `i` and `j` of two tiles, from the products of all their columns.
+    fn score_in(&self, products: &Matrix, i: usize, j: usize) -> f64 {
+        let (row, column) = (i * self.columns, j * self.columns);
+        let product = |terms: &Vec<Term>| -> f64 {
+            terms.iter().map(|t| t.sign * products[(row + t.left, column + t.right)]).sum()
+        };
+        self.score_of(self.products.iter().map(product))
+    }
+
+    fn score_of(&self, mut products: impl Iterator<Item = f64>) -> f64 {
+        match self.score {
+            Score::Squares => products.map(|p| p * p).sum(),
+            Score::Single => products.next().unwrap_or_default(),
+            Score::Rotation => rotation_score(&products.collect::<Vec<f64>>()),
+        }
+    }
+
+    /// The largest score of shape `i` and shape `j` over all that is searched, by FFT.
+    fn largest_score(&self, shapes: &PreparedShapes, i: usize, j: usize, work: &mut Work) -> f64 {
+        let mut largest = f64::NEG_INFINITY;
+        for laid in &shapes.laid {
+            self.scores(shapes, i, laid, j, work);
+            largest = maximum(&work.scores).max(largest);
+        }
+        largest
+    }
+
+    /// The best score of shape `i` of `shapes` and shape `j` of `others`, with its placement.
+    fn best(
+        &self,
+        shapes: &PreparedShapes,
+        i: usize,
+        others: &PreparedShapes,
+        j: usize,
+        work: &mut Work,
+    ) -> Best {
+        let mut best = Best::NONE;
+        for (&candidate, laid) in self.matching.candidates().iter().zip(&others.laid) {
+            self.scores(shapes, i, laid, j, work);
+            for (shift, &score) in work.scores.iter().enumerate() {
+                best.offer(score, Placement { shift: shift as u32, ..candidate });
+            }
+        }
+        best
+    }
+
+    /// `work.scores`: one score a start point of shape `j` in `laid`, or one where none is searched.
+    fn scores(&self, shapes: &PreparedShapes, i: usize, laid: &Columns, j: usize, work: &mut Work) {
+        match (&shapes.laid[0], laid, self.matching.fft()) {
+            (Columns::Spectra(first), Columns::Spectra(second), Some(fft)) => {
+                let length = fft.spectrum_len() * self.columns;
+                let side = |all, k| chunk(all, k, length);
+                self.scores_of_spectra(fft, side(first, i), side(second, j), work);
+            }
+            (Columns::Signals(first), Columns::Signals(second), _) => {
+                let length = self.size * self.columns;
+                let (first, second) = (chunk(first, i, length), chunk(second, j, length));
+                let product = |terms: &Vec<Term>| {
+                    let column = |all, k| chunk(all, k, self.size);
+                    let inner = |t: &Term| t.sign * dot(column(first, t.left), column(second, t.right));
+                    terms.iter().map(inner).sum::<f64>()
+                };
+                work.scores[0] = self.score_of(self.products.iter().map(product));
+            }
+            _ => unreachable!("all shapes of a space are prepared alike"),
+        }
+    }
+
+    /// `p(s) = F⁻¹ Σ ± conj(x̂) ŷ`, the products for every start point `s` of the second shape.
+    fn scores_of_spectra(&self, fft: &RealFft, first: &[Complex64], second: &[Complex64], work: &mut Work) {
+        let (n, length) = (fft.len(), fft.spectrum_len());
+        let Work { scratch, spectrum, correlation, scores, products } = work;
+        for (k, terms) in self.products.iter().enumerate() {
+            for (position, term) in terms.iter().enumerate() {
+                let pairs = chunk(first, term.left, length).iter().zip(chunk(second, term.right, length));
+                let add = |(sum, (x, y)): (&mut Complex64, (&Complex64, &Complex64))| {
+                    *sum += term.sign * (x.conj() * y);
+                };
+                if position == 0 {
+                    spectrum.fill(Complex64::ZERO);
+                }
+                spectrum.iter_mut().zip(pairs).for_each(add);
+            }
+            fft.inverse(spectrum, correlation, scratch);
+            match self.score {
+                Score::Squares if k == 0 => {
+                    scores.iter_mut().zip(&*correlation).for_each(|(score, p)| *score = p * p);
+                }
+                Score::Squares => {
+                    scores.iter_mut().zip(&*correlation).for_each(|(score, p)| *score += p * p);
+                }
+                Score::Single => scores.copy_from_slice(correlation),
+                Score::Rotation => products[k * n..(k + 1) * n].copy_from_slice(correlation),
+            }
+        }
+        if self.score == Score::Rotation {
+            rotation_scores(products, scores);
+        }
+    }
+
+    fn distance(&self, score: f64, first: f64, second: f64) -> f64 {
+        let squared = match (self.score, self.scale) {
+            (Score::Squares, Scale::Unit(largest)) => 1.0 - score / largest,
+            (_, Scale::Unit(_)) => (1.0 - score) * (1.0 + score),
+            (Score::Squares, Scale::Sizes) => first + second - 2.0 * score.sqrt(),
+            (_, Scale::Sizes) => first + second - 2.0 * score,
+        };
+        squared.max(0.0).sqrt()
+    }
+
+    fn work(&self) -> Work {
+        let plain;
+        let fft = match self.matching.fft() {
+            Some(fft) => fft,
+            None => {
+                plain = RealFft::new(1);
+                &plain
+            }
+        };
+        let (n, all) = (fft.len(), if self.score == Score::Rotation { self.products.len() } else { 0 });
+        Work {
+            scratch: fft.scratch(),
+            spectrum: vec![Complex64::ZERO; fft.spectrum_len()],
+            correlation: vec![0.0; n],
+            scores: vec![0.0; n],
+            products: vec![0.0; all * n],
+        }
+    }
+}
+
+impl PreparedShapes {
+    /// Number of shapes.
+    pub fn count(&self) -> usize {
+        self.squared_norms.len()
+    }
+
+    /// Adds the shapes of `more`, which the same space has prepared, at the end.
+    pub fn append(&mut self, more: Self) {
+        self.squared_norms.extend(more.squared_norms);
+        for (laid, more) in self.laid.iter_mut().zip(more.laid) {
+            match (laid, more) {
+                (Columns::Signals(all), Columns::Signals(more)) => all.extend(more),
+                (Columns::Spectra(all), Columns::Spectra(more)) => all.extend(more),
+                _ => unreachable!("all shapes of a space are prepared alike"),
+            }
+        }
+    }
+}
+
+/// The columns of a class, the products whose squares make `tr(P₁P₂)` up to a factor, and the largest such sum.
+fn class_products(class: &TransformationClass) -> (usize, Vec<Vec<Term>>, f64) {
+    let d = class.dimension();
+    match class.structure {
+        // tr(P₁P₂) = d ‖Q₁ᵀQ₂‖², I = d²
+        Structure::PerCoordinate => (d, each_with_each(d), d as f64),
+        Structure::PerAxis => (d, (0..d).map(|c| vec![plus(c, c)]).collect(), d as f64),
+        // |z₁* z₂|² of the unit vectors of both planes
+        Structure::Complex => (2, complex_products(), 1.0),
+        Structure::General => {
+            let rank = class.matrices().len();
+            let inner = |i: usize, j: usize| (0..d).map(|c| plus(i * d + c, j * d + c)).collect();
+            let products = (0..rank).flat_map(|i| (0..rank).map(move |j| inner(i, j))).collect();
+            (rank * d, products, rank as f64)
+        }
+    }
+}
+
+fn fit_products(fit: Fit) -> (Vec<Vec<Term>>, Score) {
+    match (fit.rotates, fit.dimension) {
+        (false, d) => (vec![(0..d).map(|c| plus(c, c)).collect()], Score::Single),
+        // tr(RᵀH) is largest at |H₀₀ + H₁₁ + i(H₁₀ − H₀₁)|
+        (true, 2) => (complex_products(), Score::Squares),
+        (true, d) => (each_with_each(d), Score::Rotation),
+    }
+}
+
+fn plus(left: usize, right: usize) -> Term {
+    Term { left, right, sign: 1.0 }
+}
+
+/// `H`, row by row.
+fn each_with_each(d: usize) -> Vec<Vec<Term>> {
+    (0..d).flat_map(|c| (0..d).map(move |e| vec![plus(c, e)])).collect()
+}
+
+/// Real and imaginary part of `z₁* z₂`.
+fn complex_products() -> Vec<Vec<Term>> {
+    vec![vec![plus(0, 0), plus(1, 1)], vec![plus(0, 1), Term { sign: -1.0, ..plus(1, 0) }]]
+}
+
+/// Whether `M B M` belongs to the class for all its matrices `B`, `M` the mirror of the first coordinate.
+fn is_mirrored_into_itself(class: &TransformationClass) -> bool {
+    let d = class.dimension();
+    let stacked = |matrix: &Matrix| Matrix::from_column_slice(d * d, 1, matrix.as_slice());
+    let units: Vec<Matrix> = class.matrices().iter().map(|b| stacked(b) / b.norm()).collect();
+    let columns: Vec<f64> = units.iter().flat_map(|column| column.iter().copied()).collect();
+    let span = Matrix::from_vec(d * d, units.len(), columns).qr().q();
+    units.iter().all(|column| {
+        let mirrored = Matrix::from_fn(d * d, 1, |k, _| {
+            let turns = (k % d == 0) != (k / d == 0);
+            if turns { -column[(k, 0)] } else { column[(k, 0)] }
+        });
+        (&mirrored - &span * span.tr_mul(&mirrored)).norm() <= IN_SPAN
+    })
+}
+
+/// `max tr(RᵀH)` of the `3 × 3` matrix `H`, row by row.
+fn rotation_score(products: &[f64]) -> f64 {
+    let fit = Fit { dimension: 3, rotates: true, scales: false };
+    best_correlation(&Matrix::from_row_slice(3, 3, products), fit)
+}
+
+/// The scores of all start points from their products, one list of start points a product.
+///
+/// `tr(RᵀH) ≤ √3 ‖H‖`: a start point whose bound is below the best one found is not decomposed and scores its bound, which
+/// no start point is chosen for.
+fn rotation_scores(products: &[f64], scores: &mut [f64]) {
+    let n = scores.len();
+    let at = |s: usize| products.iter().skip(s).step_by(n);
+    for (s, score) in scores.iter_mut().enumerate() {
+        *score = (3.0 * at(s).map(|p| p * p).sum::<f64>()).sqrt();
+    }
+    let mut best = f64::NEG_INFINITY;
+    for (s, score) in scores.iter_mut().enumerate() {
+        if *score * (1.0 + TIE) < best {
+            continue;
+        }
+        *score = rotation_score(&at(s).copied().collect::<Vec<f64>>());
+        best = best.max(*score);
+    }
+}
+
+fn spectra(fft: &RealFft, signals: &[f64]) -> Vec<Complex64> {
+    let (n, length) = (fft.len(), fft.spectrum_len());
+    let mut spectra = vec![Complex64::ZERO; signals.len() / n * length];
+    let pairs = signals.par_chunks_exact(n).zip(spectra.par_chunks_exact_mut(length));
+    pairs.with_min_len(TILE).for_each_init(
+        || fft.scratch(),
+        |scratch, (signal, spectrum)| fft.forward(signal, spectrum, scratch),
+    );
+    spectra
+}
+
+/// The piece `k` of a list that is made of pieces of `length`.
+fn chunk<T>(all: &[T], k: usize, length: usize) -> &[T] {
+    &all[k * length..(k + 1) * length]
+}
+
+/// The largest of the numbers, in lanes that the compiler makes vectors of.
+fn maximum(values: &[f64]) -> f64 {
+    const LANES: usize = 8;
+    let larger = |most: f64, value: f64| if value > most { value } else { most };
+    let (lanes, tail) = values.as_chunks::<LANES>();
+    let mut most = [f64::NEG_INFINITY; LANES];
+    for values in lanes {
+        most.iter_mut().zip(values).for_each(|(most, value)| *most = larger(*most, *value));
+    }
+    most.iter().chain(tail).fold(f64::NEG_INFINITY, |most, value| larger(most, *value))
+}
+
+/// Copies what stands above the diagonal below it, tile by tile.
+fn mirror_upper(matrix: &mut [f64], count: usize) {
+    for row in (0..count).step_by(TILE) {
+        for column in (0..=row).step_by(TILE) {
+            for i in row..(row + TILE).min(count) {
+                for j in column..(column + TILE).min(i) {
+                    matrix[i * count + j] = matrix[j * count + i];
+                }
+            }
+        }
+    }
+}

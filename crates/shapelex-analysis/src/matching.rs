@@ -1,0 +1,386 @@
+//! Which start point, direction and mirror image of a shape corresponds to the mean.
+//!
+//! ```text
+//! score(s) = ‖P_{S̄} P_{k,s}‖² = Σ_ij (Σ_n f_j[n] q_i[n + s])²     all s at once by FFT
+//! ```
+//!
+//! The square root of a circulant Gram operator commutes with cyclic shifts, so a shifted shape has the
+//! shifted basis. The search alternates with the mean until nothing changes; every step raises the
+//! objective. Ties go to what stands, then to the smallest shift, so rounding decides nothing.
+
+use std::borrow::Cow;
+
+use super::AnalysisError;
+use super::accumulate::{MergePart, ShapeSource, Shapes, map_shapes};
+use super::correspondence::{Correspondence, Direction, Mirror};
+use super::mean::MeanSpace;
+use super::pass::Pass;
+use super::procrustes::{Fit, best_correlation};
+use super::subspace::Subspace;
+use shapelex_geometry::representation::ShapeSpace;
+use shapelex_numeric::circulant::{FftScratch, RealFft};
+use shapelex_numeric::dense::Matrix;
+
+/// How one shape is laid on the mean: mirrored (first coordinate negated), then reversed (`u → −u`, end to
+/// end when open), then started at row `shift`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Placement {
+    /// First row.
+    pub shift: u32,
+    /// Traversed backwards.
+    pub reversed: bool,
+    /// First coordinate negated.
+    pub mirrored: bool,
+}
+
+/// What may be searched for a set of shapes.
+#[derive(Debug, Clone)]
+pub struct Matching {
+    size: usize,
+    dimension: usize,
+    fft: Option<RealFft>,
+    space: ShapeSpace,
+    /// Whether reversal commutes with whitening, as it does on closed curves.
+    commutes: bool,
+    candidates: Vec<Placement>,
+}
+
+/// Two scores that differ by less than this part are equal.
+const TIE: f64 = 1e-12;
+
+impl Matching {
+    /// The search for shapes of `space`.
+    ///
+    /// Mirroring a planar closed contour turns its direction round, so it is traversed backwards as well —
+    /// unless points correspond as landmarks. Mirroring a surface turns it inside out, so `u` is traversed backwards. Planar closed contours are brought to one direction before they
+    /// get here; open curves, and closed ones in space, are tried in both under [`Direction::Either`].
+    pub fn new(
+        space: &ShapeSpace,
+        correspondence: Correspondence,
+        direction: Direction,
+        mirror: Mirror,
+    ) -> Self {
+        let representation = space.representation();
+        let (size, dimension) = (representation.size(), representation.dimension());
+        let contour = correspondence != Correspondence::Landmarks && representation.generator().is_some();
+        let closed_planar = representation.is_closed() && dimension == 2;
+        let reversals: &[bool] = if contour && !closed_planar && direction == Direction::Either {
+            &[false, true]
+        } else {
+            &[false]
+        };
+        let turned = contour && closed_planar || space.surface().is_some();
+        let mirrors: &[bool] = if mirror == Mirror::Allow { &[false, true] } else { &[false] };
+        let candidates = mirrors
+            .iter()
+            .flat_map(|&mirrored| reversals.iter().map(move |&reversed| (mirrored, reversed)))
+            .map(|(mirrored, reversed)| Placement {
+                shift: 0,
+                mirrored,
+                reversed: reversed ^ (mirrored && turned),
+            })
+            .collect();
+        let fft = (correspondence == Correspondence::Cyclic && contour).then(|| RealFft::new(size));
+        Self { size, dimension, fft, space: space.clone(), commutes: representation.is_closed(), candidates }
+    }
+
+    /// `N`.
+    pub(super) fn size(&self) -> usize {
+        self.size
+    }
+
+    /// `d`.
+    pub(super) fn dimension(&self) -> usize {
+        self.dimension
+    }
+
+    /// The transform that finds start points, when they are searched.
+    pub(super) fn fft(&self) -> Option<&RealFft> {
+        self.fft.as_ref()
+    }
+
+    /// Directions and mirror images that are tried, the shape as it is first.
+    pub(super) fn candidates(&self) -> &[Placement] {
+        &self.candidates
+    }
+
+    /// Whether there is anything to search.
+    pub fn searches(&self) -> bool {
+        self.fft.is_some() || self.candidates.len() > 1
+    }
+
+    /// Whether start points are searched.
+    pub fn shifts(&self) -> bool {
+        self.fft.is_some()
+    }
+
+    /// The whitened shape `x` started `offset` of a control point later, by trigonometric interpolation; as it is where no
+    /// start points are searched.
+    pub fn between(&self, x: &[f64], offset: f64) -> Vec<f64> {
+        let Some(fft) = self.fft.as_ref().filter(|_| offset != 0.0) else { return x.to_vec() };
+        let n = fft.len();
+        let (mut scratch, mut moved) = (fft.scratch(), x.to_vec());
+        for (coordinate, mut spectrum) in moved.chunks_exact_mut(n).zip(spectra(fft, x)) {
+            for (k, value) in spectrum.iter_mut().enumerate() {
+                let (sin, cos) = (std::f64::consts::TAU * k as f64 * offset / n as f64).sin_cos();
+                // The highest frequency of an even number has a cosine alone.
+                *value *= realfft::num_complex::Complex64::new(cos, if 2 * k == n { 0.0 } else { sin });
+            }
+            fft.inverse(&mut spectrum, coordinate, &mut scratch);
+        }
+        moved
+    }
+
+    /// Whether mirror images are tried.
+    pub fn mirrors(&self) -> bool {
+        self.candidates.iter().any(|candidate| candidate.mirrored)
+    }
+
+    /// The shape `x` (coordinate-major, `d·N`) laid as `placement` says.
+    pub fn place<'a>(&self, x: &'a [f64], placement: Placement) -> Cow<'a, [f64]> {
+        if placement == Placement::default() {
+            return Cow::Borrowed(x);
+        }
+        let n = self.size;
+        let mut placed = x.to_vec();
+        for (c, coordinate) in placed.chunks_exact_mut(n).enumerate() {
+            if placement.mirrored && c == 0 {
+                coordinate.iter_mut().for_each(|value| *value = -*value);
+            }
+            if placement.reversed && self.commutes {
+                self.space.reverse(coordinate);
+            } else if placement.reversed {
+                self.space.gram().unwhiten(coordinate);
+                self.space.reverse(coordinate);
+                self.space.gram().whiten(coordinate);
+            }
+            coordinate.rotate_left(placement.shift as usize);
+        }
+        Cow::Owned(placed)
+    }
+
+    /// `diag(±1, 1, …)`: the linear part of a placement.
+    pub fn reflection(&self, placement: Placement) -> Matrix {
+        let mut reflection = Matrix::identity(self.dimension, self.dimension);
+        if placement.mirrored {
+            reflection[(0, 0)] = -1.0;
+        }
+        reflection
+    }
+
+    /// The best placement of `x` for `target`, given where it stands.
+    ///
+    /// # Errors
+    /// [`AnalysisError::Degenerate`] with index 0.
+    pub fn best(
+        &self,
+        x: &[f64],
+        target: &Target<'_>,
+        current: Placement,
+    ) -> Result<Placement, AnalysisError> {
+        let scores: Vec<Vec<f64>> = self
+            .candidates
+            .iter()
+            .map(|&candidate| target.scores(&self.place(x, candidate), self))
+            .collect::<Result<_, _>>()?;
+        let standing = self
+            .candidates
+            .iter()
+            .position(|c| (c.mirrored, c.reversed) == (current.mirrored, current.reversed))
+            .map_or(f64::MIN, |i| scores[i][current.shift as usize]);
+        let mut best = (current, standing);
+        for (&candidate, scores) in self.candidates.iter().zip(&scores) {
+            for (shift, &score) in scores.iter().enumerate() {
+                if score > best.1 + TIE * best.1.abs() {
+                    best = (Placement { shift: shift as u32, ..candidate }, score);
+                }
+            }
+        }
+        Ok(best.0)
+    }
+
+    /// Places every shape anew; the positions whose placement changed, with the placement before.
+    ///
+    /// # Errors
+    /// Errors of the source, degenerate shapes.
+    pub fn improve<S: ShapeSource>(
+        &self,
+        source: &S,
+        target: &Target<'_>,
+        placements: &mut Vec<Placement>,
+    ) -> Result<Vec<(usize, Placement)>, S::Error> {
+        let standing = &*placements;
+        let improved =
+            map_shapes(source, |k, x, _| self.best(x, target, standing[k]).map_err(|error| error.at(k)))?;
+        let pairs = improved.iter().zip(&*placements).enumerate();
+        let changed = pairs.filter(|(_, (new, old))| new != old).map(|(k, (_, old))| (k, *old)).collect();
+        *placements = improved;
+        Ok(changed)
+    }
+}
+
+/// What shapes are matched to.
+#[derive(Debug)]
+pub enum Target<'a> {
+    /// A mean space: the squared cosine between subspaces.
+    Subspace {
+        /// The mean space.
+        space: &'a MeanSpace<'a>,
+        /// Spectra of its basis functions per block, one per basis function and coordinate.
+        spectra: Vec<Vec<Spectrum>>,
+    },
+    /// A mean shape: the correlation after the best fit.
+    Shape {
+        /// Whitened mean shape.
+        mean: &'a [f64],
+        /// The kind of fit.
+        fit: Fit,
+        /// Spectrum of every coordinate.
+        spectra: Vec<Spectrum>,
+    },
+}
+
+type Spectrum = Vec<realfft::num_complex::Complex64>;
+
+impl<'a> Target<'a> {
+    /// To match subspaces with `space`.
+    pub fn subspace(space: &'a MeanSpace<'a>, matching: &Matching) -> Self {
+        let spectra = match &matching.fft {
+            None => Vec::new(),
+            Some(fft) => space.bases.iter().map(|base| spectra(fft, base.as_slice())).collect(),
+        };
+        Self::Subspace { space, spectra }
+    }
+
+    /// To match shapes with the whitened `mean` under `fit`.
+    pub fn shape(mean: &'a [f64], fit: Fit, matching: &Matching) -> Self {
+        let spectra = matching.fft.as_ref().map_or_else(Vec::new, |fft| spectra(fft, mean));
+        Self::Shape { mean, fit, spectra }
+    }
+
+    /// The score of `y` as it lies.
+    fn scores_without_shift(&self, y: &[f64]) -> Result<f64, AnalysisError> {
+        match self {
+            Self::Subspace { space, .. } => {
+                let blocks = Subspace::new(space.class, y)?.blocks;
+                let cosines = blocks.iter().zip(&space.bases);
+                Ok(cosines.map(|(block, base)| block.q.tr_mul(base).norm_squared()).sum())
+            }
+            Self::Shape { mean, fit, .. } => {
+                Ok(best_correlation(&cross_product(mean, y, fit.dimension), *fit))
+            }
+        }
+    }
+
+    /// The score of `y` for every shift that is searched.
+    fn scores(&self, y: &[f64], matching: &Matching) -> Result<Vec<f64>, AnalysisError> {
+        let Some(fft) = &matching.fft else {
+            return Ok(vec![self.scores_without_shift(y)?]);
+        };
+        let n = fft.len();
+        let mut scratch = fft.scratch();
+        let mut scores = vec![0.0; n];
+        match self {
+            Self::Subspace { space, spectra: targets } => {
+                let blocks = Subspace::new(space.class, y)?.blocks;
+                for (block, target) in blocks.iter().zip(targets) {
+                    let coordinates = block.q.nrows() / n;
+                    let own = spectra(fft, block.q.as_slice());
+                    for q in own.chunks_exact(coordinates) {
+                        for f in target.chunks_exact(coordinates) {
+                            let correlation = correlate(fft, f, q, &mut scratch);
+                            scores.iter_mut().zip(correlation).for_each(|(sum, r)| *sum += r * r);
+                        }
+                    }
+                }
+            }
+            Self::Shape { fit, spectra: target, .. } => {
+                let d = fit.dimension;
+                let own = spectra(fft, y);
+                let mut products = vec![Matrix::zeros(d, d); n];
+                for c in 0..d {
+                    for e in 0..d {
+                        let correlation = correlate(fft, &target[c..=c], &own[e..=e], &mut scratch);
+                        products.iter_mut().zip(correlation).for_each(|(h, r)| h[(c, e)] = r);
+                    }
+                }
+                scores.iter_mut().zip(&products).for_each(|(score, h)| *score = best_correlation(h, *fit));
+            }
+        }
+        Ok(scores)
+    }
+}
+
+/// `H = Σ_n m[n] y[n]ᵀ`, `d × d`.
+pub(super) fn cross_product(m: &[f64], y: &[f64], d: usize) -> Matrix {
+    let n = m.len() / d;
+    Matrix::from_fn(d, d, |c, e| super::metric::dot(&m[c * n..(c + 1) * n], &y[e * n..(e + 1) * n]))
+}
+
+fn spectra(fft: &RealFft, columns: &[f64]) -> Vec<Spectrum> {
+    let mut scratch = fft.scratch();
+    columns
+        .chunks_exact(fft.len())
+        .map(|column| {
+            let mut spectrum = vec![Default::default(); fft.spectrum_len()];
+            fft.forward(column, &mut spectrum, &mut scratch);
+            spectrum
+        })
+        .collect()
+}
+
+/// `Σ_c Σ_n f_c[n] q_c[n + s]` for all `s`.
+fn correlate(fft: &RealFft, f: &[Spectrum], q: &[Spectrum], scratch: &mut FftScratch) -> Vec<f64> {
+    let mut product: Spectrum = vec![Default::default(); fft.spectrum_len()];
+    for (f, q) in f.iter().zip(q) {
+        product.iter_mut().zip(f.iter().zip(q)).for_each(|(sum, (f, q))| *sum += f.conj() * q);
+    }
+    let mut correlation = vec![0.0; fft.len()];
+    fft.inverse(&mut product, &mut correlation, scratch);
+    correlation
+}
+
+/// A source seen through placements.
+pub struct Placed<'a, S> {
+    /// The shapes as given.
+    pub source: &'a S,
+    /// How they are laid.
+    pub matching: &'a Matching,
+    /// One placement a shape.
+    pub placements: &'a [Placement],
+}
+
+impl<S> Placed<'_, S> {
+    fn stand_as_given(&self) -> bool {
+        self.placements.iter().all(|placement| *placement == Placement::default())
+    }
+}
+
+impl<S: ShapeSource> ShapeSource for Placed<'_, S> {
+    type Error = S::Error;
+
+    fn count(&self) -> usize {
+        self.source.count()
+    }
+
+    fn for_each_batch(
+        &self,
+        visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), Self::Error>,
+    ) -> Result<(), Self::Error> {
+        if self.stand_as_given() {
+            return self.source.for_each_batch(visit);
+        }
+        self.source.for_each_batch(&mut |batch| {
+            let mut whitened = Vec::with_capacity(batch.whitened.len());
+            for (k, x, _) in batch.iter() {
+                whitened.extend_from_slice(&self.matching.place(x, self.placements[k]));
+            }
+            visit(Shapes { whitened: &whitened, ..batch })
+        })
+    }
+
+    /// Placements are known here alone.
+    fn spread(&self, pass: &Pass, merge: &mut MergePart<'_>) -> Result<bool, Self::Error> {
+        Ok(self.stand_as_given() && self.source.spread(pass, merge)?)
+    }
+}

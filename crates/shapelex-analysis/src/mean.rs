@@ -1,0 +1,290 @@
+//! The mean of a set of shapes modulo a class: the mean of their subspaces.
+//!
+//! ```text
+//! S̄ = argmax_{dim = I} tr(P_S̄ Σ_k w_k P_k)
+//! ```
+//!
+//! Every subspace is a point of a Grassmannian and `S̄` is the chordal mean: unbiased, without a
+//! template. The top eigenvector of `Σ P_k` alone, as printed in (4.1), is not a shape for classes whose
+//! eigenvalues are repeated (for `affine` it is a straight segment).
+//!
+//! | class | mean space |
+//! |---|---|
+//! | `linear`, `affine` | `span(f_1 … f_d) ⊗ R^d`, the top `d` eigenvectors of the `N × N` matrix `Σ w_k P'_k` |
+//! | non-uniform scaling | the top eigenvector of every axis |
+//! | all others | the top `I` eigenvectors of `Σ w_k P_k` |
+
+use super::AnalysisError;
+use super::accumulate::{
+    Accumulator, OuterProductSum, ShapeSource, Shapes, accumulate, accumulate_spread, read_numbers,
+    write_numbers,
+};
+use super::metric::dot;
+use super::pass::Sum;
+use super::subspace::{Subspace, quarter_turn};
+use super::transformation::{Structure, TransformationClass};
+use shapelex_numeric::dense::{Eigenpairs, Matrix};
+
+/// A mean whose eigenvalue gap is below this part of the total weight is not unique.
+pub const UNIQUE_GAP: f64 = 1e-6;
+
+/// A shape of a sum that has moved.
+#[derive(Debug, Clone)]
+pub struct Exchange {
+    /// Whitened, as it was added.
+    pub leaving: Vec<f64>,
+    /// Whitened, as it is now.
+    pub arriving: Vec<f64>,
+    /// Its weight.
+    pub weight: f64,
+}
+
+/// `Σ_k w_k P_k`, block by block.
+#[derive(Debug, Clone)]
+pub struct ProjectorSum<'a> {
+    class: &'a TransformationClass,
+    blocks: Vec<OuterProductSum>,
+    weight: f64,
+    shapes: usize,
+    /// Whether complex classes have both of their vectors in the sum; then it takes no more shapes.
+    closed: bool,
+}
+
+impl<'a> ProjectorSum<'a> {
+    /// The empty sum for shapes of `length = d·N` numbers.
+    pub fn new(class: &'a TransformationClass, length: usize) -> Self {
+        let n = length / class.dimension();
+        let blocks = match class.structure {
+            Structure::PerCoordinate => vec![OuterProductSum::new(n)],
+            Structure::PerAxis => vec![OuterProductSum::new(n); class.dimension()],
+            Structure::Complex | Structure::General => vec![OuterProductSum::new(length)],
+        };
+        Self { class, blocks, weight: 0.0, shapes: 0, closed: false }
+    }
+
+    /// Bytes of the full sum.
+    pub fn size_bytes(class: &TransformationClass, length: usize) -> usize {
+        let n = length / class.dimension();
+        8 * match class.structure {
+            Structure::PerCoordinate => n * n,
+            Structure::PerAxis => class.dimension() * n * n,
+            Structure::Complex | Structure::General => length * length,
+        }
+    }
+
+    /// Takes shapes out of the sum and puts others in their place: `(leaving, arriving, weight)`. For searches that
+    /// move a few shapes of many; rounding adds up, so the sum they end with is formed anew. False, and nothing
+    /// done, for sums so small that forming them anew is as good.
+    ///
+    /// # Errors
+    /// [`AnalysisError::Degenerate`].
+    pub fn exchange(&mut self, shapes: &[Exchange]) -> Result<bool, AnalysisError> {
+        let columns = |pick: fn(&Exchange) -> &Vec<f64>| {
+            let mut columns = vec![Vec::new(); self.blocks.len()];
+            for shape in shapes {
+                add_columns(self.class, pick(shape), shape.weight, &mut columns)?;
+            }
+            Ok::<_, AnalysisError>(columns)
+        };
+        let (leaving, arriving) = (columns(|shape| &shape.leaving)?, columns(|shape| &shape.arriving)?);
+        let changes = leaving.iter().zip(&arriving);
+        Ok(self.blocks.iter_mut().zip(changes).all(|(block, (out, new))| block.exchange(out, new)))
+    }
+
+    /// The sum of the whole projectors: for complex classes one vector of two was added.
+    fn closed(mut self) -> Self {
+        if self.class.structure == Structure::Complex && !self.closed {
+            self.blocks.iter_mut().for_each(OuterProductSum::close_under_quarter_turn);
+            self.closed = true;
+        }
+        self
+    }
+
+    /// The sum over all shapes of `source`.
+    ///
+    /// # Errors
+    /// [`AnalysisError::Degenerate`] for the first degenerate shape; errors of the source.
+    pub fn of<S: ShapeSource>(
+        source: &S,
+        class: &'a TransformationClass,
+        length: usize,
+    ) -> Result<Self, S::Error> {
+        let empty = || Self::new(class, length);
+        let here = || accumulate(source, Self::size_bytes(class, length), empty);
+        accumulate_spread(source, Sum::Projectors, empty, here)
+    }
+}
+
+/// Appends `√w Q` of every block of the subspace of `x`.
+fn add_columns(
+    class: &TransformationClass,
+    x: &[f64],
+    weight: f64,
+    columns: &mut [Vec<f64>],
+) -> Result<(), AnalysisError> {
+    let subspace = Subspace::new(class, x)?;
+    let root = weight.sqrt();
+    for (block, column) in subspace.blocks.iter().zip(columns) {
+        column.extend(block.q.iter().map(|value| root * value));
+    }
+    Ok(())
+}
+
+impl Accumulator for ProjectorSum<'_> {
+    fn update(&mut self, shapes: Shapes<'_>) -> Result<(), AnalysisError> {
+        let mut columns = vec![Vec::new(); self.blocks.len()];
+        for (position, x, weight) in shapes.iter() {
+            add_columns(self.class, x, weight, &mut columns).map_err(|error| error.at(position))?;
+            self.weight += weight;
+            self.shapes += 1;
+        }
+        self.blocks.iter_mut().zip(&columns).for_each(|(sum, columns)| sum.add(columns));
+        Ok(())
+    }
+
+    fn merge(&mut self, other: Self) {
+        self.blocks.iter_mut().zip(other.blocks).for_each(|(sum, other)| sum.merge(other));
+        self.weight += other.weight;
+        self.shapes += other.shapes;
+    }
+
+    fn to_bytes(&self) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        write_numbers(&mut bytes, &[self.weight, self.shapes as f64]);
+        self.blocks.iter().for_each(|block| block.write(&mut bytes));
+        bytes
+    }
+
+    fn restore(&mut self, mut bytes: &[u8]) -> Result<(), AnalysisError> {
+        let head = read_numbers(&mut bytes)?;
+        let &[weight, shapes] = head.as_slice() else {
+            return Err(AnalysisError::NotAnAccumulator);
+        };
+        (self.weight, self.shapes) = (weight, shapes as usize);
+        self.blocks.iter_mut().try_for_each(|block| block.read(&mut bytes))
+    }
+}
+
+/// The mean of the subspaces, with its certificate.
+#[derive(Debug, Clone)]
+pub struct MeanSpace<'a> {
+    pub(super) class: &'a TransformationClass,
+    /// Orthonormal basis of every block, whitened.
+    pub(super) bases: Vec<Matrix>,
+    /// Leading eigenvalues of `Σ w_k P_k` with their multiplicity, descending; divided by the total
+    /// weight they are mean squared cosines.
+    pub eigenvalues: Vec<f64>,
+    /// Smallest difference between a kept eigenvalue and the next one of its block.
+    pub gap: f64,
+    /// `tr(P_S̄ Σ w_k P_k)`: what the mean maximises.
+    pub objective: f64,
+    /// `Σ w_k`.
+    pub weight: f64,
+    /// Number of shapes.
+    pub shapes: usize,
+}
+
+impl<'a> MeanSpace<'a> {
+    /// The mean space of a sum, with at least `report` eigenvalues where there are that many.
+    ///
+    /// # Errors
+    /// A failure of the eigenproblem.
+    pub fn new(sum: ProjectorSum<'a>, report: usize) -> Result<Self, AnalysisError> {
+        let sum = sum.closed();
+        let class = sum.class;
+        let (rank, multiplicity) = match class.structure {
+            Structure::PerCoordinate => (class.dimension(), class.dimension()),
+            Structure::PerAxis => (1, 1),
+            Structure::Complex | Structure::General => (class.matrices().len(), 1),
+        };
+        let count = (rank + 1).max(report.div_ceil(multiplicity));
+        let pairs: Vec<Eigenpairs> =
+            sum.blocks.into_iter().map(|block| block.leading(count)).collect::<Result<_, _>>()?;
+        let value = |pairs: &Eigenpairs, i: usize| pairs.values.get(i).copied().unwrap_or(0.0).max(0.0);
+        let gap = pairs.iter().map(|p| value(p, rank - 1) - value(p, rank)).fold(f64::MAX, f64::min);
+        let kept: f64 = pairs.iter().map(|p| (0..rank).map(|i| value(p, i)).sum::<f64>()).sum();
+        let mut eigenvalues: Vec<f64> = pairs
+            .iter()
+            .flat_map(|p| (0..p.values.len()).map(|i| value(p, i)))
+            .flat_map(|value| std::iter::repeat_n(value, multiplicity))
+            .collect();
+        eigenvalues.sort_by(|a, b| b.total_cmp(a));
+        eigenvalues.truncate(report.max(1));
+        let bases = pairs.iter().map(|p| p.vectors.columns(0, rank).into_owned()).collect();
+        let objective = kept * multiplicity as f64;
+        Ok(Self { class, bases, eigenvalues, gap, objective, weight: sum.weight, shapes: sum.shapes })
+    }
+
+    /// The mean space of a sum, iterated from a mean space near it; without a certificate (no eigenvalues).
+    ///
+    /// # Errors
+    /// A failure of the eigenproblem.
+    pub fn near(sum: ProjectorSum<'a>, previous: &Self) -> Result<Self, AnalysisError> {
+        let mut sum = sum.closed();
+        let bases: Option<Vec<Matrix>> = sum
+            .blocks
+            .iter_mut()
+            .zip(&previous.bases)
+            .map(|(block, near)| block.leading_subspace(near))
+            .collect();
+        match bases {
+            Some(bases) => Ok(Self { bases, eigenvalues: Vec::new(), ..previous.clone() }),
+            None => Self::new(sum, 0),
+        }
+    }
+
+    /// The subspace of one shape as a mean space.
+    ///
+    /// # Errors
+    /// [`AnalysisError::Degenerate`] with index 0.
+    pub fn of_shape(class: &'a TransformationClass, x: &[f64]) -> Result<Self, AnalysisError> {
+        let mut bases: Vec<Matrix> =
+            Subspace::new(class, x)?.blocks.into_iter().map(|block| block.q).collect();
+        if class.structure == Structure::Complex {
+            let turned = Matrix::from_vec(x.len(), 1, quarter_turn(bases[0].as_slice(), 1.0));
+            bases[0] = Matrix::from_columns(&[bases[0].column(0), turned.column(0)]);
+        }
+        let objective = class.matrices().len() as f64;
+        Ok(Self { class, bases, eigenvalues: Vec::new(), gap: 1.0, objective, weight: 1.0, shapes: 1 })
+    }
+
+    /// Whether the mean is unique: the gap is at least `10⁻⁶` of the total weight.
+    pub fn is_unique(&self) -> bool {
+        self.gap >= UNIQUE_GAP * self.weight
+    }
+
+    /// Orthonormal basis of the mean space as whitened shapes: `dN × I`.
+    pub fn elements(&self) -> Matrix {
+        let d = self.class.dimension();
+        match self.class.structure {
+            Structure::Complex | Structure::General => self.bases[0].clone(),
+            Structure::PerCoordinate => {
+                let (n, rank) = self.bases[0].shape();
+                let mut elements = Matrix::zeros(d * n, d * rank);
+                for c in 0..d {
+                    elements.view_mut((c * n, c * rank), (n, rank)).copy_from(&self.bases[0]);
+                }
+                elements
+            }
+            Structure::PerAxis => {
+                let n = self.bases[0].nrows();
+                let mut elements = Matrix::zeros(d * n, d);
+                for (c, base) in self.bases.iter().enumerate() {
+                    elements.view_mut((c * n, c), (n, 1)).copy_from(base);
+                }
+                elements
+            }
+        }
+    }
+
+    /// Whitened coordinates of the member of the mean space nearest to the whitened shape `x`.
+    pub fn project(&self, x: &[f64]) -> Vec<f64> {
+        let elements = self.elements();
+        let mut nearest = vec![0.0; x.len()];
+        for element in elements.column_iter() {
+            let product = dot(element.as_slice(), x);
+            nearest.iter_mut().zip(element.iter()).for_each(|(sum, e)| *sum += product * e);
+        }
+        nearest
+    }
+}

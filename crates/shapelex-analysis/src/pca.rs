@@ -1,0 +1,160 @@
+//! Functional principal component analysis of aligned shapes.
+//!
+//! ```text
+//! S = Σ_k w_k y_k y_kᵀ,   S ξ_i = λ_i ξ_i,   ⟨ξ_i, ξ_j⟩ = δ_ij,   score_ik = ⟨ξ_i, y_k⟩
+//! ```
+//!
+//! with `y_k = r̃_k` (uncentred, as the thesis does: the first eigenshape then carries most of the energy)
+//! or `y_k = r̃_k − r̄` (centred on the arithmetic mean, the usual PCA). Eigenvalues are sums over
+//! the shapes, not divided by their number. Dual and primal route as in [`OuterProductSum`].
+//!
+//! [`OuterProductSum`]: super::accumulate::OuterProductSum
+
+use super::AnalysisError;
+use super::accumulate::{ScatterSum, ShapeSource, Shapes, accumulate, accumulate_spread, map_shapes};
+use super::frame::largest;
+use super::metric::{Metric, dot, norm};
+use super::pass::Sum;
+use shapelex_numeric::dense::Matrix;
+
+/// Components whose eigenvalue is below this part of the first are rounding and dropped.
+pub(super) const SMALLEST_COMPONENT: f64 = 1e-12;
+
+/// Functional principal components.
+#[derive(Debug, Clone)]
+pub struct FunctionalPca {
+    /// Arithmetic mean of the aligned shapes, whitened.
+    pub mean: Vec<f64>,
+    /// `λ_i`, descending.
+    pub eigenvalues: Vec<f64>,
+    /// `λ_i / Σ λ`.
+    pub explained: Vec<f64>,
+    /// `ξ_i`, whitened, one a column; the control coordinate of largest magnitude is positive.
+    pub eigenshapes: Matrix,
+    /// Whether the mean was subtracted.
+    pub centred: bool,
+}
+
+impl FunctionalPca {
+    /// The `components` leading components of the whitened shapes of `source`; fewer when the rank is
+    /// smaller.
+    ///
+    /// `reference` is a whitened shape near all of them: it is subtracted before sums are formed, so that
+    /// centring loses no digits. Cost: the smaller of `K (dN)²` and `K² dN`, and a partial eigenproblem.
+    ///
+    /// # Errors
+    /// Errors of the source, a failure of the eigenproblem.
+    pub fn new<S: ShapeSource>(
+        source: &S,
+        metric: &Metric,
+        reference: &[f64],
+        centred: bool,
+        components: usize,
+    ) -> Result<Self, S::Error> {
+        let origin = Self::origin(reference, centred);
+        Self::of_sum(Self::scatter(source, &origin)?, metric, &origin, centred, components)
+            .map_err(Into::into)
+    }
+
+    /// What is subtracted from every shape before sums are formed: `reference` when centred, else nothing.
+    pub fn origin(reference: &[f64], centred: bool) -> Vec<f64> {
+        if centred { reference.to_vec() } else { vec![0.0; reference.len()] }
+    }
+
+    /// The scatter of the whitened shapes of `source` about `origin`.
+    ///
+    /// # Errors
+    /// Errors of the source.
+    pub fn scatter<S: ShapeSource>(source: &S, origin: &[f64]) -> Result<ScatterSum, S::Error> {
+        let length = origin.len();
+        let empty = || ScatterSum::new(length);
+        let here = || accumulate(&Shifted { source, origin }, 8 * length * length, empty);
+        accumulate_spread(source, Sum::Scatter { origin: origin.to_vec() }, empty, here)
+    }
+
+    /// The components of a scatter about `origin`: for sums that were merged.
+    ///
+    /// # Errors
+    /// A failure of the eigenproblem.
+    pub fn of_sum(
+        sum: ScatterSum,
+        metric: &Metric,
+        origin: &[f64],
+        centred: bool,
+        components: usize,
+    ) -> Result<Self, AnalysisError> {
+        let mean: Vec<f64> = sum.mean().iter().zip(origin).map(|(m, o)| m + o).collect();
+        let (total, pairs) = sum.leading(centred, components)?;
+        let first = pairs.values.first().copied().unwrap_or(0.0);
+        let spread = if centred { norm(origin).powi(2) * f64::EPSILON } else { 0.0 };
+        let kept = pairs.values.iter().take_while(|&&v| v > SMALLEST_COMPONENT * first && v > spread).count();
+        let eigenvalues = pairs.values[..kept].to_vec();
+        let explained = eigenvalues.iter().map(|value| value / total).collect();
+        let mut eigenshapes = pairs.vectors.columns(0, kept).into_owned();
+        for mut column in eigenshapes.column_iter_mut() {
+            let mut control_points = column.iter().copied().collect::<Vec<_>>();
+            metric.unwhiten(&mut control_points);
+            if largest(&control_points) < 0.0 {
+                column.neg_mut();
+            }
+        }
+        Ok(Self { mean, eigenvalues, explained, eigenshapes, centred })
+    }
+
+    /// Scores of one whitened aligned shape.
+    pub fn scores(&self, x: &[f64]) -> Vec<f64> {
+        let centred: Vec<f64> =
+            if self.centred { x.iter().zip(&self.mean).map(|(x, m)| x - m).collect() } else { x.to_vec() };
+        self.eigenshapes.column_iter().map(|xi| dot(xi.as_slice(), &centred)).collect()
+    }
+
+    /// The whitened shape with the given scores: `Σ score_i ξ_i`, plus the mean when centred.
+    pub fn reconstruct(&self, scores: &[f64]) -> Vec<f64> {
+        let mut x = if self.centred { self.mean.clone() } else { vec![0.0; self.mean.len()] };
+        for (score, xi) in scores.iter().zip(self.eigenshapes.column_iter()) {
+            x.iter_mut().zip(xi.iter()).for_each(|(sum, value)| *sum += score * value);
+        }
+        x
+    }
+
+    /// Scores of all shapes, in order.
+    ///
+    /// # Errors
+    /// Errors of the source.
+    pub fn all_scores<S: ShapeSource>(&self, source: &S) -> Result<Vec<Vec<f64>>, S::Error> {
+        map_shapes(source, |_, x, _| Ok(self.scores(x)))
+    }
+}
+
+/// `‖r − r̂‖² / (‖r‖ ‖r̂‖)` of two whitened shapes: the reconstruction error of Tables 4.2 and 4.4.
+pub fn reconstruction_error(x: &[f64], reconstructed: &[f64]) -> f64 {
+    let difference: f64 = x.iter().zip(reconstructed).map(|(a, b)| (a - b).powi(2)).sum();
+    difference / (norm(x) * norm(reconstructed))
+}
+
+/// A source with a fixed shape subtracted from every shape.
+struct Shifted<'a, S> {
+    source: &'a S,
+    origin: &'a [f64],
+}
+
+impl<S: ShapeSource> ShapeSource for Shifted<'_, S> {
+    type Error = S::Error;
+
+    fn count(&self) -> usize {
+        self.source.count()
+    }
+
+    fn for_each_batch(
+        &self,
+        visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), S::Error>,
+    ) -> Result<(), S::Error> {
+        self.source.for_each_batch(&mut |batch| {
+            let mut whitened = batch.whitened.to_vec();
+            for x in whitened.chunks_exact_mut(self.origin.len()) {
+                x.iter_mut().zip(self.origin).for_each(|(x, o)| *x -= o);
+            }
+            visit(Shapes { whitened: &whitened, ..batch })
+        })
+    }
+}

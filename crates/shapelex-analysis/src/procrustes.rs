@@ -1,0 +1,283 @@
+//! Generalised Procrustes analysis: the classical comparator, and the mean under pure translation.
+//!
+//! ```text
+//! min_{μ, A_k} Σ_k w_k ‖A_k x_k − μ‖²,   A_k = s_k R_k,  R_kᵀR_k = I, det R_k = 1
+//! ```
+//!
+//! With scaling `‖μ‖ = 1` and `s_k = ⟨R_k x_k, μ⟩/‖x_k‖²` (the full Procrustes fit, so in the plane and in
+//! the discrete metric the mean is Kent's); without, `s_k = 1` and `μ` is the mean of the fitted shapes.
+//! Rotations come from the singular value decomposition of `H = Σ_n μ[n] x[n]ᵀ`, without reflection.
+
+use super::AnalysisError;
+use super::accumulate::{
+    Accumulator, ShapeSource, Shapes, accumulate, accumulate_spread, map_shapes, read_numbers,
+    smallest_eligible, write_numbers,
+};
+use super::frame::{Frame, largest};
+use super::matching::cross_product;
+use super::metric::{Metric, dot, norm};
+use super::pass::Sum;
+use shapelex_numeric::dense::Matrix;
+
+/// What a fit may change besides the position.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Fit {
+    /// `d`.
+    pub dimension: usize,
+    /// Rotation.
+    pub rotates: bool,
+    /// Positive scale.
+    pub scales: bool,
+}
+
+/// The iteration stops when the mean moves by less than this part of its norm.
+const CONVERGED: f64 = 1e-10;
+
+/// Most iterations.
+const MAX_ITERATIONS: usize = 1000;
+
+impl Fit {
+    /// `A` of the best fit of the whitened shape `x` to `mean`.
+    pub fn matrix(&self, x: &[f64], mean: &[f64]) -> Matrix {
+        let d = self.dimension;
+        let h = cross_product(mean, x, d);
+        let rotation = if self.rotates { nearest_rotation(&h) } else { Matrix::identity(d, d) };
+        if !self.scales {
+            return rotation;
+        }
+        let correlation = rotation.dot(&h);
+        rotation * (correlation / dot(x, x))
+    }
+}
+
+/// `A x` for every point of the coordinate-major shape `x`.
+pub fn transform(matrix: &Matrix, x: &[f64]) -> Vec<f64> {
+    let d = matrix.nrows();
+    let n = x.len() / d;
+    let mut y = vec![0.0; x.len()];
+    for c in 0..d {
+        for e in 0..d {
+            let factor = matrix[(c, e)];
+            for k in 0..n {
+                y[c * n + k] += factor * x[e * n + k];
+            }
+        }
+    }
+    y
+}
+
+/// The rotation that maximises `tr(RᵀH)`, `det R = 1`.
+fn nearest_rotation(h: &Matrix) -> Matrix {
+    let d = h.nrows();
+    if d == 2 {
+        let (c, s) = (h[(0, 0)] + h[(1, 1)], h[(1, 0)] - h[(0, 1)]);
+        let length = f64::hypot(c, s);
+        if length == 0.0 {
+            return Matrix::identity(2, 2);
+        }
+        let (c, s) = (c / length, s / length);
+        return Matrix::from_row_slice(2, 2, &[c, -s, s, c]);
+    }
+    let svd = h.clone().svd(true, true);
+    let (u, vt) = (svd.u.expect("asked for"), svd.v_t.expect("asked for"));
+    let mut signs = Matrix::identity(d, d);
+    let last = svd.singular_values.imin();
+    signs[(last, last)] = (&u * &vt).determinant().signum();
+    u * signs * vt
+}
+
+/// `max tr(RᵀH)` over what `fit` allows: the score of a placement.
+pub(super) fn best_correlation(h: &Matrix, fit: Fit) -> f64 {
+    if !fit.rotates {
+        h.trace()
+    } else if fit.dimension == 2 {
+        f64::hypot(h[(0, 0)] + h[(1, 1)], h[(1, 0)] - h[(0, 1)])
+    } else {
+        nearest_rotation(h).dot(h)
+    }
+}
+
+/// `Σ w A_k x_k` and `Σ w`.
+#[derive(Debug, Clone)]
+pub(super) struct FittedSum<'a> {
+    mean: &'a [f64],
+    fit: Fit,
+    sum: Vec<f64>,
+    weight: f64,
+}
+
+impl Accumulator for FittedSum<'_> {
+    fn update(&mut self, shapes: Shapes<'_>) -> Result<(), AnalysisError> {
+        for (_, x, weight) in shapes.iter() {
+            let fitted = transform(&self.fit.matrix(x, self.mean), x);
+            self.sum.iter_mut().zip(fitted).for_each(|(sum, value)| *sum += weight * value);
+            self.weight += weight;
+        }
+        Ok(())
+    }
+
+    fn merge(&mut self, other: Self) {
+        self.sum.iter_mut().zip(&other.sum).for_each(|(a, b)| *a += b);
+        self.weight += other.weight;
+    }
+
+    fn to_bytes(&self) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        write_numbers(&mut bytes, &[self.weight]);
+        write_numbers(&mut bytes, &self.sum);
+        bytes
+    }
+
+    fn restore(&mut self, mut bytes: &[u8]) -> Result<(), AnalysisError> {
+        let (weight, sum) = (read_numbers(&mut bytes)?, read_numbers(&mut bytes)?);
+        if weight.len() != 1 || sum.len() != self.sum.len() {
+            return Err(AnalysisError::NotAnAccumulator);
+        }
+        (self.weight, self.sum) = (weight[0], sum);
+        Ok(())
+    }
+}
+
+/// The sum of the shapes fitted to `mean`.
+pub(super) fn fitted_sum<'a, S: ShapeSource>(
+    source: &S,
+    fit: Fit,
+    mean: &'a [f64],
+) -> Result<FittedSum<'a>, S::Error> {
+    let empty = || FittedSum { mean, fit, sum: vec![0.0; mean.len()], weight: 0.0 };
+    let here = || accumulate(source, 8 * mean.len(), empty);
+    accumulate_spread(source, Sum::Fits { fit, mean: mean.to_vec() }, empty, here)
+}
+
+/// A mean shape of a Procrustes iteration.
+#[derive(Debug, Clone)]
+pub struct ProcrustesMean {
+    /// Whitened.
+    pub mean: Vec<f64>,
+    /// Iterations done.
+    pub iterations: usize,
+    /// Whether the last one moved the mean by less than `10⁻¹⁰`.
+    pub converged: bool,
+}
+
+/// The generalised Procrustes mean, iterated from `start` (whitened).
+///
+/// Cost per iteration: one `d × d` singular value decomposition a shape.
+///
+/// # Errors
+/// Errors of the source.
+pub fn iterate<S: ShapeSource>(source: &S, fit: Fit, start: Vec<f64>) -> Result<ProcrustesMean, S::Error> {
+    let mut mean = start;
+    for iterations in 1..=MAX_ITERATIONS {
+        let total = fitted_sum(source, fit, &mean)?;
+        let divisor = if fit.scales { norm(&total.sum) } else { total.weight };
+        let next: Vec<f64> = total.sum.iter().map(|value| value / divisor).collect();
+        let moved = next.iter().zip(&mean).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt();
+        let converged = moved <= CONVERGED * norm(&next);
+        mean = next;
+        if converged || (!fit.rotates && !fit.scales) {
+            return Ok(ProcrustesMean { mean, iterations, converged: true });
+        }
+    }
+    Ok(ProcrustesMean { mean, iterations: MAX_ITERATIONS, converged: false })
+}
+
+/// A start that does not depend on the order, position, orientation or size of the shapes: the shape whose
+/// profile `|x[n]|/‖x‖` is nearest to the mean profile; of equal ones the one with the smaller coordinates.
+///
+/// # Errors
+/// Errors of the source.
+pub fn start<S: ShapeSource>(source: &S, fit: Fit) -> Result<Vec<f64>, S::Error> {
+    let profiles = map_shapes(source, |_, x, weight| Ok((profile(x, fit.dimension), weight)))?;
+    let n = profiles.first().map_or(0, |(p, _)| p.len());
+    let mut mean = vec![0.0; n];
+    let total: f64 = profiles.iter().map(|(_, weight)| weight).sum();
+    for (profile, weight) in &profiles {
+        mean.iter_mut().zip(profile).for_each(|(sum, value)| *sum += weight * value / total);
+    }
+    let distance = |p: &[f64]| p.iter().zip(&mean).map(|(a, b)| (a - b).powi(2)).sum::<f64>();
+    let distances: Vec<f64> = profiles.iter().map(|(p, _)| distance(p)).collect();
+    let smallest = distances.iter().copied().fold(f64::MAX, f64::min);
+    let chosen = smallest_eligible(source, |k| distances[k] <= smallest * (1.0 + 1e-12))?;
+    let scale = if fit.scales { norm(&chosen).recip() } else { 1.0 };
+    Ok(chosen.iter().map(|value| scale * value).collect())
+}
+
+fn profile(x: &[f64], d: usize) -> Vec<f64> {
+    let n = x.len() / d;
+    let size = norm(x);
+    (0..n).map(|k| (0..d).map(|c| x[c * n + k].powi(2)).sum::<f64>().sqrt() / size).collect()
+}
+
+/// The mean turned into `frame`.
+///
+/// Training: the rotation that brings it closest to the shapes as posed. Canonical: principal axes of inertia
+/// on the coordinate axes, longest first, the largest control coordinate of every axis but the last
+/// positive, without reflection.
+///
+/// # Errors
+/// Errors of the source.
+pub fn turn<S: ShapeSource>(
+    mean: Vec<f64>,
+    fit: Fit,
+    frame: Frame,
+    metric: &Metric,
+    source: &S,
+) -> Result<Vec<f64>, S::Error> {
+    if !fit.rotates {
+        return Ok(mean);
+    }
+    match frame {
+        Frame::Canonical => Ok(principal_frame(&mean, fit.dimension, metric)),
+        Frame::Training => {
+            let posed = Fit { rotates: false, scales: false, ..fit };
+            let total = fitted_sum(source, posed, &mean)?;
+            Ok(transform(&nearest_rotation(&cross_product(&total.sum, &mean, fit.dimension)), &mean))
+        }
+    }
+}
+
+fn principal_frame(mean: &[f64], d: usize, metric: &Metric) -> Vec<f64> {
+    let inertia = cross_product(mean, mean, d).symmetric_eigen();
+    let mut order: Vec<usize> = (0..d).collect();
+    order.sort_by(|&i, &j| inertia.eigenvalues[j].total_cmp(&inertia.eigenvalues[i]));
+    let mut axes = Matrix::from_fn(d, d, |i, j| inertia.eigenvectors[(j, order[i])]);
+    let mut control_points = transform(&axes, mean);
+    metric.unwhiten(&mut control_points);
+    for (c, coordinate) in control_points.chunks_exact(metric.size()).enumerate().take(d - 1) {
+        if largest(coordinate) < 0.0 {
+            axes.row_mut(c).neg_mut();
+        }
+    }
+    if axes.determinant() < 0.0 {
+        axes.row_mut(d - 1).neg_mut();
+    }
+    transform(&axes, mean)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
+    use super::*;
+    use crate::accumulate::{ShapesInMemory, Watched};
+
+    #[test]
+    fn an_iteration_that_nobody_waits_for_ends_with_its_walk_over_the_shapes() {
+        // Points that no rotation brings together: many iterations.
+        let shape = |k: usize| (0..60).map(move |i| ((7 * k * k + 3 * i * i + i * k) as f64).sin());
+        let whitened: Vec<f64> = (0..40).flat_map(shape).collect();
+        let source = ShapesInMemory::prepared(whitened.clone(), vec![1.0; 40]);
+        let fit = Fit { dimension: 3, rotates: true, scales: true };
+        let whole = iterate(&source, fit, whitened[..60].to_vec()).unwrap();
+        assert!(whole.iterations > 5, "{}", whole.iterations);
+        let walks = AtomicUsize::new(0);
+        let stop = || walks.fetch_add(1, Ordering::Relaxed) >= 3;
+        let ended = iterate(&Watched::new(&source, &stop), fit, whitened[..60].to_vec());
+        assert!(matches!(ended, Err(AnalysisError::Interrupted)), "{ended:?}");
+        assert_eq!(walks.load(Ordering::Relaxed), 4, "three walks, and the one that was not begun");
+        let watched = iterate(&Watched::new(&source, &|| false), fit, whitened[..60].to_vec()).unwrap();
+        assert_eq!((watched.mean, watched.iterations), (whole.mean, whole.iterations));
+    }
+}

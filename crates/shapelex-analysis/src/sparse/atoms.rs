@@ -1,0 +1,101 @@
+//! The atoms of a dictionary.
+
+use shapelex_numeric::dense::{Matrix, transpose_multiply};
+use shapelex_numeric::kernels::{add_columns, column, dot};
+
+/// Atoms, each a block `U_j` of `b` columns of `n` whitened numbers, with their Gram matrix.
+///
+/// The columns of a block are orthonormal up to a common factor, `U_jᵀU_j = s_j I` with `0 ≤ s_j ≤ 1`: dictionary atoms
+/// lie in the unit ball, and `s_j = 0` is an atom that is dead. A single column (`b = 1`) always is such a block.
+#[derive(Debug, Clone)]
+pub struct Atoms {
+    matrix: Matrix,
+    gram: Matrix,
+    block: usize,
+    /// `s_j`.
+    energies: Vec<f64>,
+}
+
+impl Atoms {
+    /// From whitened atoms of one column (`n × J`). Cost `O(nJ²)`.
+    pub fn new(matrix: Matrix) -> Self {
+        Self::blocks(matrix, 1)
+    }
+
+    /// From whitened atoms of `block ≥ 1` consecutive columns (`n × Jb`), orthonormal up to a factor within each.
+    /// Cost `O(nJ²b²)`.
+    ///
+    /// Certificates hold for any columns; that codes are reached, and the choices of a pursuit, rest on the orthogonality.
+    ///
+    /// # Panics
+    /// When the columns are no whole number of blocks.
+    pub fn blocks(matrix: Matrix, block: usize) -> Self {
+        assert!(block > 0 && matrix.ncols().is_multiple_of(block), "columns of whole blocks");
+        let gram = transpose_multiply(&matrix, &matrix);
+        let energy =
+            |j: usize| (j * block..(j + 1) * block).map(|i| gram[(i, i)]).sum::<f64>() / block as f64;
+        let energies: Vec<f64> = (0..matrix.ncols() / block).map(energy).collect();
+        Self { matrix, gram, block, energies }
+    }
+
+    /// `n × Jb`.
+    pub fn matrix(&self) -> &Matrix {
+        &self.matrix
+    }
+
+    /// `DᵀD`.
+    pub fn gram(&self) -> &Matrix {
+        &self.gram
+    }
+
+    /// `J`.
+    pub fn len(&self) -> usize {
+        self.energies.len()
+    }
+
+    /// `b`: columns of an atom.
+    pub fn block(&self) -> usize {
+        self.block
+    }
+
+    /// Whether there are no atoms.
+    pub fn is_empty(&self) -> bool {
+        self.energies.is_empty()
+    }
+
+    /// `max_j ‖U_jᵀx‖`: from this penalty on the group lasso code of `x` is zero, and so is the lasso code.
+    pub fn lambda_max(&self, x: &[f64]) -> f64 {
+        let correlation = |i: usize| dot(column(&self.matrix, i), x);
+        let squared = |j: usize| (j * self.block..(j + 1) * self.block).map(|i| correlation(i).powi(2)).sum();
+        (0..self.len()).map(squared).fold(0.0, f64::max).sqrt()
+    }
+
+    /// `J·b`.
+    pub(super) fn columns(&self) -> usize {
+        self.matrix.ncols()
+    }
+
+    /// `s_j`, the squared norm of the columns of block `j`.
+    pub(super) fn energies(&self) -> &[f64] {
+        &self.energies
+    }
+
+    /// `residual ← Dᵀx − DᵀD code`, with one number a column in `code`.
+    pub(super) fn residual(&self, correlations: &[f64], code: &[f64], residual: &mut Vec<f64>) {
+        residual.clear();
+        residual.extend_from_slice(correlations);
+        let mut used = code.iter().enumerate().filter(|(_, value)| **value != 0.0);
+        loop {
+            // Four columns at a time, as many as one pass over the residual takes.
+            let (mut columns, mut factors, mut count) = ([0; 4], [0.0; 4], 0);
+            for (j, value) in used.by_ref().take(4) {
+                (columns[count], factors[count]) = (j, -value);
+                count += 1;
+            }
+            add_columns(residual, self.gram.as_slice(), &columns[..count], &factors[..count]);
+            if count < 4 {
+                return;
+            }
+        }
+    }
+}

@@ -1,0 +1,118 @@
+//! A sparse code and its certificate.
+
+use super::Atoms;
+use shapelex_numeric::kernels::dot;
+
+/// A sparse code with its certificate.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SparseCode {
+    /// Atoms that are used, ascending.
+    pub indices: Vec<usize>,
+    /// Their coefficients: `b` numbers for every index, `b` the columns of an atom.
+    pub values: Vec<f64>,
+    /// `½‖x − Dα‖²` plus the penalty, which a pursuit has not.
+    pub objective: f64,
+    /// Primal minus dual value of the lasso: the objective is at most this far above the minimum.
+    pub duality_gap: Option<f64>,
+    /// `‖x − Dα‖/‖x‖`.
+    pub relative_error: f64,
+}
+
+impl SparseCode {
+    /// The coefficients of all `columns` columns of the atoms.
+    pub fn dense(&self, columns: usize) -> Vec<f64> {
+        let mut dense = vec![0.0; columns];
+        self.scatter(&mut dense);
+        dense
+    }
+
+    /// Real numbers that the code consists of.
+    pub fn parameters(&self) -> usize {
+        self.values.len()
+    }
+
+    /// Writes the coefficients to their columns.
+    fn scatter(&self, dense: &mut [f64]) {
+        let block = self.values.len() / self.indices.len().max(1);
+        for (&j, values) in self.indices.iter().zip(self.values.chunks_exact(block.max(1))) {
+            dense[j * block..(j + 1) * block].copy_from_slice(values);
+        }
+    }
+
+    /// Writes the coefficients to the columns of `atoms`; whether there are some and they fit.
+    pub(super) fn start(&self, atoms: &Atoms, dense: &mut [f64]) -> bool {
+        let fits = self.values.len() == self.indices.len() * atoms.block()
+            && self.indices.iter().all(|&j| j < atoms.len())
+            && !self.indices.is_empty();
+        if fits {
+            self.scatter(dense);
+        }
+        fits
+    }
+}
+
+/// What a code depends on.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Signal<'a> {
+    /// `Dᵀx`.
+    pub(super) correlations: &'a [f64],
+    /// `‖x‖²`.
+    pub(super) energy: f64,
+}
+
+/// How well a code of all columns fits.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Fit {
+    /// `‖r‖²`, `r = x − Dα`.
+    error: f64,
+    /// `αᵀDᵀr`.
+    fitted: f64,
+}
+
+impl Fit {
+    /// Of a dense code with its `residual` `Dᵀr`: `‖r‖² = ‖x‖² − αᵀ(Dᵀx + Dᵀr)`.
+    pub(super) fn of(signal: &Signal<'_>, code: &[f64], residual: &[f64]) -> Self {
+        let fitted = dot(code, residual);
+        let error = (signal.energy - dot(code, signal.correlations) - fitted).max(0.0);
+        Self { error, fitted }
+    }
+
+    /// The duality gap of a code with `penalty = λ Ω(α)` when the dual norm of `Dᵀr` is `strongest`.
+    ///
+    /// ```text
+    /// gap = λΩ(α) − θ αᵀDᵀr + ½(1 − θ)²‖r‖²,   θ = min(1, λ/Ω*(Dᵀr))
+    /// ```
+    pub(super) fn gap(&self, penalty: f64, lambda: f64, strongest: f64) -> f64 {
+        let theta = if strongest > lambda { lambda / strongest } else { 1.0 };
+        (penalty - theta * self.fitted + 0.5 * (1.0 - theta).powi(2) * self.error).max(0.0)
+    }
+
+    /// The code with these measures.
+    pub(super) fn measured(
+        &self,
+        atoms: &Atoms,
+        signal: &Signal<'_>,
+        code: &[f64],
+        penalty: f64,
+        duality_gap: Option<f64>,
+    ) -> SparseCode {
+        let (indices, values) = used(code, atoms.block());
+        SparseCode {
+            indices,
+            values,
+            objective: 0.5 * self.error + penalty,
+            duality_gap,
+            relative_error: if signal.energy > 0.0 { (self.error / signal.energy).sqrt() } else { 0.0 },
+        }
+    }
+}
+
+/// The blocks of a dense code that are not zero, with their values.
+pub(super) fn used(code: &[f64], block: usize) -> (Vec<usize>, Vec<f64>) {
+    let blocks = code.chunks_exact(block).enumerate();
+    let used = blocks.filter(|(_, values)| values.iter().any(|value| *value != 0.0));
+    let indices: Vec<usize> = used.map(|(j, _)| j).collect();
+    let mut values = Vec::with_capacity(indices.len() * block);
+    indices.iter().for_each(|&j| values.extend_from_slice(&code[j * block..(j + 1) * block]));
+    (indices, values)
+}

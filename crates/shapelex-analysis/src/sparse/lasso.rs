@@ -1,0 +1,274 @@
+//! The lasso by its regularisation path, or from a code nearby.
+//!
+//! ```text
+//! gap = λ‖α‖₁ − θ αᵀDᵀr + ½(1 − θ)²‖r‖²,   r = x − Dα,   θ = min(1, λ/‖Dᵀr‖_∞)
+//! ```
+//!
+//! The path ends at the wanted `λ` with the exact code; the gap, in a form free of cancellation, proves it. Where ties
+//! and dependent columns break the path, coordinate descent and exact steps on its support finish. A previous code
+//! that is near has the support and signs already: one exact step on it replaces the path.
+
+use super::code::{Fit, Signal, used};
+use super::coder::Encode;
+use super::path::Path;
+use super::{Atoms, DEFAULT_TOLERANCE, SparseCode};
+use crate::AnalysisError;
+use shapelex_numeric::cholesky::ActiveCholesky;
+use shapelex_numeric::kernels::{add_scaled, column, dot};
+
+/// Lasso codes to a certificate. On atoms of several columns every column has a coefficient of its own.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Lasso {
+    /// The penalty `λ > 0`.
+    pub lambda: f64,
+    /// Whether coefficients must not be negative.
+    pub nonnegative: bool,
+    /// Gap that is reached, relative to `½‖x‖²`.
+    pub tolerance: f64,
+}
+
+/// A knot of the regularisation path: the code is linear in `λ` between two of them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Knot {
+    /// The penalty.
+    pub lambda: f64,
+    /// Atoms that are used, ascending.
+    pub indices: Vec<usize>,
+    /// Their coefficients, `b` for each.
+    pub values: Vec<f64>,
+}
+
+/// Rounds of coordinate descent and polishing at the most.
+const MAX_ROUNDS: usize = 1000;
+
+/// Sweeps of coordinate descent in a round: they find the support, polishing the values on it.
+const SWEEPS: usize = 20;
+
+/// Rounds of one sweep from a previous code. What is further away is found faster by the path.
+const WARM_ROUNDS: usize = 3;
+
+/// What the lasso keeps from shape to shape.
+#[derive(Debug, Default)]
+pub(super) struct LassoWork {
+    path: Path,
+    factor: ActiveCholesky,
+    /// `α`, one number a column.
+    code: Vec<f64>,
+    /// `Dᵀr`.
+    residual: Vec<f64>,
+    /// The exact code of a support.
+    target: Vec<f64>,
+}
+
+impl Lasso {
+    /// Signed or non-negative codes with the default tolerance.
+    pub fn new(lambda: f64, nonnegative: bool) -> Self {
+        Self { lambda, nonnegative, tolerance: DEFAULT_TOLERANCE }
+    }
+
+    /// The codes of whitened `shapes` (`n` numbers each). Cost `O(nJ)` for the correlations of a shape and `O(Jk)` for
+    /// every step of its path, with `k` atoms in use.
+    ///
+    /// # Errors
+    /// [`AnalysisError::NoConvergence`] when the gap of a shape is not reached, with the one that is.
+    pub fn codes(&self, atoms: &Atoms, shapes: &[f64]) -> Result<Vec<SparseCode>, AnalysisError> {
+        self.encode(atoms, shapes, None)
+    }
+
+    /// [`Self::codes`] when they are near `previous` ones (by position), as between epochs of learning. Cost
+    /// `O(Jk + k³)` behind the correlations where support and signs are kept; the certificate is the same.
+    ///
+    /// # Errors
+    /// As [`Self::codes`].
+    pub fn codes_from(
+        &self,
+        atoms: &Atoms,
+        shapes: &[f64],
+        previous: &[SparseCode],
+    ) -> Result<Vec<SparseCode>, AnalysisError> {
+        self.encode(atoms, shapes, Some(previous))
+    }
+
+    /// The knots of the path of one whitened shape from `λ_max` to `self.lambda`.
+    pub fn path(&self, atoms: &Atoms, shape: &[f64]) -> Vec<Knot> {
+        let correlation = |j: usize| dot(column(atoms.matrix(), j), shape);
+        let correlations: Vec<f64> = (0..atoms.columns()).map(correlation).collect();
+        let mut knots = Vec::new();
+        Path::default().follow(self, atoms, &correlations, |lambda, columns, values| {
+            let mut code = vec![0.0; atoms.columns()];
+            columns.iter().zip(values).for_each(|(&j, &value)| code[j] = value);
+            let (indices, values) = used(&code, atoms.block());
+            knots.push(Knot { lambda, indices, values });
+        });
+        knots
+    }
+
+    /// `λ‖α‖₁`.
+    pub(super) fn penalty(&self, values: &[f64]) -> f64 {
+        self.lambda * values.iter().map(|value| value.abs()).sum::<f64>()
+    }
+
+    /// What a correlation counts towards the penalty.
+    pub(super) fn strength(&self, correlation: f64) -> f64 {
+        if self.nonnegative { correlation } else { correlation.abs() }
+    }
+
+    /// The dual norm of correlations.
+    pub(super) fn strongest(&self, correlations: &[f64]) -> f64 {
+        correlations.iter().map(|&correlation| self.strength(correlation)).fold(0.0, f64::max)
+    }
+}
+
+impl Encode for Lasso {
+    type Work = LassoWork;
+
+    fn code(
+        &self,
+        atoms: &Atoms,
+        signal: &Signal<'_>,
+        previous: Option<&SparseCode>,
+        work: &mut LassoWork,
+    ) -> Result<SparseCode, AnalysisError> {
+        let mut at = Search { lasso: self, atoms, signal, work };
+        match previous.and_then(|previous| at.resumed(previous)) {
+            Some(code) => Ok(code),
+            None => at.solved(),
+        }
+    }
+}
+
+/// The search for one code.
+struct Search<'a> {
+    lasso: &'a Lasso,
+    atoms: &'a Atoms,
+    signal: &'a Signal<'a>,
+    work: &'a mut LassoWork,
+}
+
+impl Search<'_> {
+    fn clear(&mut self) {
+        self.work.code.clear();
+        self.work.code.resize(self.atoms.columns(), 0.0);
+    }
+
+    /// The gap that is good enough.
+    fn wanted(&self) -> f64 {
+        self.lasso.tolerance * 0.5 * self.signal.energy
+    }
+
+    /// The code from a previous one, where that is near.
+    fn resumed(&mut self, previous: &SparseCode) -> Option<SparseCode> {
+        self.clear();
+        if !previous.start(self.atoms, &mut self.work.code) {
+            return None;
+        }
+        if self.lasso.nonnegative {
+            self.work.code.iter_mut().for_each(|value| *value = value.max(0.0));
+        }
+        for round in 0..=WARM_ROUNDS {
+            if round > 0 {
+                self.sweep();
+            }
+            self.polish();
+            let (fit, penalty, gap) = self.certificate();
+            if gap <= self.wanted() {
+                return Some(fit.measured(self.atoms, self.signal, &self.work.code, penalty, Some(gap)));
+            }
+        }
+        None
+    }
+
+    /// The code from the end of its path.
+    fn solved(&mut self) -> Result<SparseCode, AnalysisError> {
+        self.clear();
+        self.work.path.follow(self.lasso, self.atoms, self.signal.correlations, |_, _, _| ());
+        let end = self.work.path.columns().iter().zip(self.work.path.values());
+        end.for_each(|(&j, &value)| self.work.code[j] = value);
+        let mut best = f64::INFINITY;
+        for _ in 0..=MAX_ROUNDS {
+            let (fit, penalty, gap) = self.certificate();
+            best = gap.min(best);
+            if best <= self.wanted() {
+                return Ok(fit.measured(self.atoms, self.signal, &self.work.code, penalty, Some(gap)));
+            }
+            let settled = (0..SWEEPS).any(|_| !self.sweep());
+            self.polish();
+            if settled && self.certificate().2 >= best {
+                break;
+            }
+        }
+        Err(AnalysisError::NoConvergence {
+            index: 0,
+            iterations: MAX_ROUNDS,
+            gap: best,
+            tolerance: self.wanted(),
+        })
+    }
+
+    /// Fit, penalty and gap of the present code.
+    fn certificate(&mut self) -> (Fit, f64, f64) {
+        let LassoWork { code, residual, .. } = &mut *self.work;
+        self.atoms.residual(self.signal.correlations, code, residual);
+        let fit = Fit::of(self.signal, code, residual);
+        let penalty = self.lasso.penalty(code);
+        (fit, penalty, fit.gap(penalty, self.lasso.lambda, self.lasso.strongest(residual)))
+    }
+
+    /// Moves towards the exact code of the present support and signs, leaving out what crosses zero on the way: the
+    /// objective never rises.
+    fn polish(&mut self) {
+        let LassoWork { code, factor, target, .. } = &mut *self.work;
+        factor.clear();
+        let mut used = (0..code.len()).filter(|&j| code[j] != 0.0);
+        if !used.all(|j| factor.push(self.atoms.gram(), j)) {
+            return;
+        }
+        loop {
+            let right = |&j: &usize| self.signal.correlations[j] - self.lasso.lambda * code[j].signum();
+            target.clear();
+            target.extend(factor.indices().iter().map(right));
+            factor.solve(target);
+            let crossing = first_crossing(code, factor.indices(), target);
+            let step = crossing.map_or(1.0, |(step, _)| step);
+            for (&j, &t) in factor.indices().iter().zip(target.iter()) {
+                code[j] += step * (t - code[j]);
+            }
+            let Some((_, position)) = crossing else { return };
+            code[factor.indices()[position]] = 0.0;
+            factor.remove(position);
+        }
+    }
+
+    /// One pass of coordinate descent over all columns, from a code whose residual is known; whether anything changed.
+    fn sweep(&mut self) -> bool {
+        let LassoWork { code, residual, .. } = &mut *self.work;
+        let mut changed = false;
+        for j in 0..code.len() {
+            let gram = column(self.atoms.gram(), j);
+            if gram[j] == 0.0 {
+                continue;
+            }
+            let target = residual[j] + gram[j] * code[j];
+            let size = (self.lasso.strength(target) - self.lasso.lambda).max(0.0) / gram[j];
+            let new = target.signum() * size;
+            if new != code[j] {
+                add_scaled(residual, code[j] - new, gram);
+                code[j] = new;
+                changed = true;
+            }
+        }
+        changed
+    }
+}
+
+/// The part of the way to `target` at which the first coefficient reaches zero, with its position.
+fn first_crossing(code: &[f64], columns: &[usize], target: &[f64]) -> Option<(f64, usize)> {
+    let mut first: Option<(f64, usize)> = None;
+    for (position, (&j, &t)) in columns.iter().zip(target).enumerate() {
+        let step = code[j] / (code[j] - t);
+        if t * code[j] <= 0.0 && first.is_none_or(|(least, _)| step < least) {
+            first = Some((step, position));
+        }
+    }
+    first
+}

@@ -1,0 +1,210 @@
+//! Optimised orthogonal matching pursuit (orthogonal least squares), by blocks.
+
+use super::code::{Fit, Signal};
+use super::coder::Encode;
+use super::{Atoms, SparseCode};
+use crate::AnalysisError;
+use shapelex_numeric::kernels::{add_columns, add_scaled, column, dot, largest};
+
+/// Codes with a fixed number of atoms: the atom whose joining leaves least of the shape joins with all of its columns,
+/// and all coefficients are fitted anew.
+///
+/// With `Q` an orthonormal basis of what is in use, `r = (I − QQᵀ)x` and `S_j = U_jᵀ(I − QQᵀ)U_j`, atom `j` captures
+/// `rᵀU_j S_j⁻¹ U_jᵀr` of `‖r‖²`. Plain orthogonal matching pursuit compares `‖U_jᵀr‖²/s_j` instead, and passes atoms
+/// over that are like those in use, as learnt atoms are. Source: Chen, Billings and Luo 1989.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Pursuit {
+    /// Most atoms of a code; fewer when the shape is reproduced before.
+    pub nonzeros: usize,
+}
+
+/// Correlations below this part of the norms are rounding.
+const NOTHING_LEFT: f64 = 1e-12;
+
+/// A column of which less than this part of the squared norm is left depends on those in use: Gram matrices square the
+/// condition number, and eight digits of what is left shall be right.
+const INDEPENDENT: f64 = 1e-8;
+
+/// What a pursuit keeps from shape to shape.
+#[derive(Debug, Default)]
+pub(super) struct PursuitWork {
+    /// Columns in use.
+    columns: Vec<usize>,
+    /// `DᵀQ`, a column for each, one after the other.
+    basis: Vec<f64>,
+    /// `Dᵀr`, exactly zero on the columns in use.
+    residual: Vec<f64>,
+    /// `S_j`, `b × b` numbers an atom.
+    rest: Vec<f64>,
+    /// `rᵀU_j S_j⁻¹ U_jᵀr`.
+    captured: Vec<f64>,
+    /// `−Qᵀu` of the column that joins; at the end `Qᵀx`.
+    shares: Vec<f64>,
+    /// `0 … k − 1`: the columns of the basis.
+    places: Vec<usize>,
+    /// `S_j` and `U_jᵀr` while they are factored.
+    factor: Vec<f64>,
+    code: Vec<f64>,
+}
+
+impl Pursuit {
+    /// The codes of whitened `shapes` (`n` numbers each). Cost `O(nJb)` for the correlations of a shape and
+    /// `O(J b² k (k + b))` for `k` atoms. A column that depends on those in use has coefficient zero.
+    ///
+    /// # Errors
+    /// None today; the signature is that of the other coders.
+    pub fn codes(&self, atoms: &Atoms, shapes: &[f64]) -> Result<Vec<SparseCode>, AnalysisError> {
+        self.encode(atoms, shapes, None)
+    }
+}
+
+impl Encode for Pursuit {
+    type Work = PursuitWork;
+
+    fn code(
+        &self,
+        atoms: &Atoms,
+        signal: &Signal<'_>,
+        _: Option<&SparseCode>,
+        work: &mut PursuitWork,
+    ) -> Result<SparseCode, AnalysisError> {
+        work.reset(atoms, signal, self.nonzeros);
+        for _ in 0..self.nonzeros {
+            let Some(best) = work.best(atoms, signal) else { break };
+            for column in best * atoms.block()..(best + 1) * atoms.block() {
+                work.join(atoms, column);
+            }
+        }
+        work.fit(signal);
+        let fit = Fit::of(signal, &work.code, &work.residual);
+        Ok(fit.measured(atoms, signal, &work.code, 0.0, None))
+    }
+}
+
+impl PursuitWork {
+    fn reset(&mut self, atoms: &Atoms, signal: &Signal<'_>, nonzeros: usize) {
+        let (all, block) = (atoms.columns(), atoms.block());
+        self.columns.clear();
+        self.places.clear();
+        self.basis.resize(all * nonzeros.min(atoms.len()) * block, 0.0);
+        self.residual.clear();
+        self.residual.extend_from_slice(signal.correlations);
+        self.rest.clear();
+        if block == 1 {
+            self.rest.extend_from_slice(atoms.energies());
+        } else {
+            let diagonal = |i: usize| if i.is_multiple_of(block + 1) { 1.0 } else { 0.0 };
+            let blocks = atoms.energies().iter();
+            self.rest.extend(blocks.flat_map(|e| (0..block * block).map(move |i| e * diagonal(i))));
+        }
+        self.captured.resize(atoms.len(), 0.0);
+        self.code.clear();
+        self.code.resize(all, 0.0);
+    }
+
+    /// The atom that captures most; of equal ones the first. None where no atom is independent of those in use and
+    /// correlated with what is left: the shape is reproduced as far as it can be.
+    fn best(&mut self, atoms: &Atoms, signal: &Signal<'_>) -> Option<usize> {
+        let (block, noise) = (atoms.block(), NOTHING_LEFT.powi(2) * signal.energy);
+        let parts = self.captured.iter_mut().zip(atoms.energies());
+        if block == 1 {
+            for ((captured, energy), (r, rest)) in parts.zip(self.residual.iter().zip(&self.rest)) {
+                // Everything is computed for every column: that makes vectors of the loop.
+                let counts = (*rest > INDEPENDENT * energy) & (r * r > noise * energy);
+                let part = r * r / if counts { *rest } else { 1.0 };
+                *captured = if counts { part } else { 0.0 };
+            }
+        } else {
+            let blocks = self.residual.chunks_exact(block).zip(self.rest.chunks_exact(block * block));
+            for ((captured, energy), (r, rest)) in parts.zip(blocks) {
+                *captured = match dot(r, r) > noise * energy {
+                    true => inverse_form(rest, r, INDEPENDENT * energy, &mut self.factor),
+                    false => 0.0,
+                };
+            }
+        }
+        let most = largest(&self.captured);
+        if most > 0.0 { self.captured.iter().position(|&part| part == most) } else { None }
+    }
+
+    /// Adds a column when it is independent of those in use.
+    fn join(&mut self, atoms: &Atoms, index: usize) {
+        let (block, used) = (atoms.block(), self.columns.len());
+        let (atom, place) = (index / block, index % block);
+        let pivot = self.rest[atom * block * block + place * (block + 1)];
+        if !(pivot > INDEPENDENT * atoms.energies()[atom]) {
+            self.residual[index] = 0.0;
+            return;
+        }
+        // The direction that is new, q = (u − QQᵀu)/√pivot, by its products with all columns.
+        let all = self.residual.len();
+        let (known, new) = self.basis.split_at_mut(used * all);
+        let direction = &mut new[..all];
+        direction.copy_from_slice(column(atoms.gram(), index));
+        self.shares.clear();
+        self.shares.extend(known.chunks_exact(all).map(|q| -q[index]));
+        add_columns(direction, known, &self.places, &self.shares);
+        let scale = 1.0 / pivot.sqrt();
+        let product = self.residual[index] * scale;
+        for (value, residual) in direction.iter_mut().zip(&mut self.residual) {
+            *value *= scale;
+            *residual -= product * *value;
+        }
+        if block == 1 {
+            self.rest.iter_mut().zip(direction).for_each(|(rest, v)| *rest -= *v * *v);
+        } else {
+            for (rest, v) in self.rest.chunks_exact_mut(block * block).zip(direction.chunks_exact(block)) {
+                for (row, a) in rest.chunks_exact_mut(block).zip(v) {
+                    add_scaled(row, -a, v);
+                }
+            }
+        }
+        self.columns.push(index);
+        self.places.push(used);
+        for &column in &self.columns {
+            self.residual[column] = 0.0;
+        }
+    }
+
+    /// The coefficients: `U = Q Lᵀ` with `L` the rows of the basis that are in use, so `α = L⁻ᵀ L⁻¹ Uᵀx`.
+    fn fit(&mut self, signal: &Signal<'_>) {
+        let all = self.residual.len();
+        let entry = |row: usize, k: usize| self.basis[k * all + self.columns[row]];
+        self.shares.clear();
+        for (row, &index) in self.columns.iter().enumerate() {
+            let known: f64 = (0..row).map(|k| entry(row, k) * self.shares[k]).sum();
+            self.shares.push((signal.correlations[index] - known) / entry(row, row));
+        }
+        for (row, &index) in self.columns.iter().enumerate().rev() {
+            let value = self.shares[row] / entry(row, row);
+            (0..row).for_each(|k| self.shares[k] -= entry(row, k) * value);
+            self.code[index] = value;
+        }
+    }
+}
+
+/// `xᵀS⁻¹x` of a symmetric positive semidefinite matrix by elimination; directions of which up to `least` is left stay
+/// out.
+fn inverse_form(s: &[f64], x: &[f64], least: f64, work: &mut Vec<f64>) -> f64 {
+    let n = x.len();
+    work.clear();
+    work.extend_from_slice(s);
+    work.extend_from_slice(x);
+    let (s, x) = work.split_at_mut(n * n);
+    let mut sum = 0.0;
+    for k in 0..n {
+        let pivot = s[k * n + k];
+        if !(pivot > least) {
+            continue;
+        }
+        sum += x[k] * x[k] / pivot;
+        for i in k + 1..n {
+            let factor = s[k * n + i] / pivot;
+            x[i] -= factor * x[k];
+            for j in k + 1..n {
+                s[i * n + j] -= factor * s[k * n + j];
+            }
+        }
+    }
+    sum
+}

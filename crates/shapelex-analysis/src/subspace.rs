@@ -1,0 +1,237 @@
+//! The subspace of a shape under a class, and the projector onto it (Theorem 1).
+//!
+//! ```text
+//! C = [vec(B_i r)],   C = Q R (thin QR in the whitened metric),   P = Q Qᵀ,   P m = Σ a_i B_i r,  a = R⁻¹ Qᵀ m
+//! ```
+//!
+//! The `dN × dN` matrix is never formed. For `linear` and `affine`, `Q` is `N × d` and serves every
+//! coordinate; for non-uniform scaling every axis has its own unit vector.
+
+use super::metric::{dot, norm};
+use super::transformation::{Structure, TransformationClass};
+use super::{AnalysisError, DEGENERATE};
+use shapelex_numeric::dense::Matrix;
+
+/// Diagonal ratio of `R` above which the singular values need not be computed: for at most 9 columns the
+/// smallest singular value is at least `10⁻³` of the smallest diagonal entry.
+const WELL_CONDITIONED: f64 = 1e-6;
+
+/// A centred norm below this part of the shape's distance from the origin is rounding, not a shape.
+const NO_EXTENT: f64 = 1e-13;
+
+/// Norms below this leave the range where products of two norms are exact.
+const SMALLEST_NORM: f64 = 1e-100;
+
+/// Orthonormal basis of one block of a subspace: `C = Q R`, `Q` of `n × r`.
+#[derive(Debug, Clone)]
+pub(super) struct Block {
+    pub(super) q: Matrix,
+    r: Matrix,
+}
+
+/// The subspace of one shape under a class, in whitened coordinates.
+#[derive(Debug, Clone)]
+pub struct Subspace<'a> {
+    class: &'a TransformationClass,
+    pub(super) blocks: Vec<Block>,
+}
+
+/// The nearest member of a subspace to a given shape.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Projected {
+    /// Its whitened coordinates, `d·N`.
+    pub whitened: Vec<f64>,
+    /// `A`, `d × d`: the member is `A r` of the (centred) shape.
+    pub matrix: Matrix,
+}
+
+/// Whether the shape with `control_norm` before and `centred_norm` after centring has an extent.
+///
+/// # Errors
+/// [`AnalysisError::NoExtent`] when it has none, with index 0.
+pub fn check_extent(centred_norm: f64, control_norm: f64) -> Result<(), AnalysisError> {
+    if centred_norm > SMALLEST_NORM && centred_norm > NO_EXTENT * control_norm {
+        return Ok(());
+    }
+    Err(AnalysisError::NoExtent { index: 0, norm: centred_norm, size: control_norm })
+}
+
+/// What reading, resampling and interpolating points leave of them, relative to their norm.
+const ROUNDING: f64 = 4.0 * f64::EPSILON;
+
+/// Takes from a centred shape (`d·N`) what its distance from the origin lets no number hold: along directions in which it is
+/// thinner than the rounding of its coordinates before it was centred, of norm `control_norm`, it is flat. A straight line far
+/// away is then one as near by. Nothing is done where such a direction would pass as extent anyway.
+pub fn flatten(centred: &mut [f64], dimension: usize, control_norm: f64) {
+    let noise = ROUNDING * control_norm;
+    if noise <= DEGENERATE * norm(centred) {
+        return;
+    }
+    let n = centred.len() / dimension;
+    let axes = Matrix::from_column_slice(n, dimension, centred).svd(false, true);
+    let Some(directions) = axes.v_t else { return };
+    let thin = |k: &usize| axes.singular_values[*k] <= noise;
+    for direction in (0..axes.singular_values.len()).filter(thin).map(|k| directions.row(k)) {
+        for row in 0..n {
+            let along: f64 = (0..dimension).map(|c| centred[c * n + row] * direction[c]).sum();
+            (0..dimension).for_each(|c| centred[c * n + row] -= along * direction[c]);
+        }
+    }
+}
+
+impl<'a> Subspace<'a> {
+    /// The subspace of the whitened shape `x` (`d·N`, centred when the class translates).
+    ///
+    /// Cost `O(dN I²)`.
+    ///
+    /// # Errors
+    /// [`AnalysisError::Degenerate`] with index 0 when the relative singular value of the basis is below
+    /// `10⁻¹⁰`, [`AnalysisError::NoExtent`] when the shape vanishes.
+    pub fn new(class: &'a TransformationClass, x: &[f64]) -> Result<Self, AnalysisError> {
+        let n = x.len() / class.dimension();
+        let size = norm(x);
+        check_extent(size, size)?;
+        let blocks: Vec<Block> = match class.structure {
+            Structure::PerCoordinate => vec![Block::new(Matrix::from_column_slice(n, class.dimension(), x))],
+            Structure::PerAxis => {
+                x.chunks_exact(n).map(|axis| Block::new(Matrix::from_column_slice(n, 1, axis))).collect()
+            }
+            Structure::General => vec![Block::new(transformed(class, x, n, class.matrices().len()))],
+            Structure::Complex => vec![Block::new(transformed(class, x, n, 1))],
+        };
+        let sigma = relative_singular_value(&blocks);
+        if !(sigma >= DEGENERATE) {
+            return Err(AnalysisError::Degenerate { index: 0, class: class.label().into(), sigma });
+        }
+        Ok(Self { class, blocks })
+    }
+
+    /// `P m` and the transformation that makes it from the shape.
+    pub fn project(&self, m: &[f64]) -> Projected {
+        let d = self.class.dimension();
+        let n = m.len() / d;
+        let mut whitened = vec![0.0; m.len()];
+        let mut matrix = Matrix::zeros(d, d);
+        match self.class.structure {
+            Structure::PerCoordinate => {
+                for c in 0..d {
+                    let part = c * n..(c + 1) * n;
+                    let a = self.blocks[0].project(&m[part.clone()], &mut whitened[part]);
+                    matrix.row_mut(c).copy_from_slice(&a);
+                }
+            }
+            Structure::PerAxis => {
+                for (c, block) in self.blocks.iter().enumerate() {
+                    let part = c * n..(c + 1) * n;
+                    matrix[(c, c)] = block.project(&m[part.clone()], &mut whitened[part])[0];
+                }
+            }
+            Structure::Complex => {
+                // ⟨Jq, m⟩ = ⟨q, Jᵀm⟩ and J q q ᵀ Jᵀ m = J (q ⟨q, Jᵀm⟩)
+                let size = self.blocks[0].r[(0, 0)];
+                let back = quarter_turn(m, -1.0);
+                let mut turned = vec![0.0; m.len()];
+                let a = dot(self.blocks[0].q.as_slice(), m);
+                let b = dot(self.blocks[0].q.as_slice(), &back);
+                for (k, q) in self.blocks[0].q.iter().enumerate() {
+                    whitened[k] = a * q;
+                    turned[k] = b * q;
+                }
+                whitened.iter_mut().zip(quarter_turn(&turned, 1.0)).for_each(|(sum, v)| *sum += v);
+                matrix = (&self.class.matrices()[0] * a + &self.class.matrices()[1] * b) / size;
+            }
+            Structure::General => {
+                let a = self.blocks[0].project(m, &mut whitened);
+                for (a, b) in a.iter().zip(self.class.matrices()) {
+                    matrix += b * *a;
+                }
+            }
+        }
+        Projected { whitened, matrix }
+    }
+}
+
+/// `±J y` of a planar shape: `(x, y) → ±(−y, x)`.
+pub(super) fn quarter_turn(shape: &[f64], sign: f64) -> Vec<f64> {
+    let (x, y) = shape.split_at(shape.len() / 2);
+    y.iter().map(|value| -sign * value).chain(x.iter().map(|value| sign * value)).collect()
+}
+
+/// `[vec(B_i x)]` for the first `count` matrices: `dN × count`.
+fn transformed(class: &TransformationClass, x: &[f64], n: usize, count: usize) -> Matrix {
+    let d = class.dimension();
+    let mut columns = Matrix::zeros(x.len(), count);
+    for (i, b) in class.matrices().iter().take(count).enumerate() {
+        let mut column = columns.column_mut(i);
+        let column = column.as_mut_slice();
+        for c in 0..d {
+            for e in 0..d {
+                let factor = b[(c, e)];
+                if factor != 0.0 {
+                    for k in 0..n {
+                        column[c * n + k] += factor * x[e * n + k];
+                    }
+                }
+            }
+        }
+    }
+    columns
+}
+
+impl Block {
+    /// Modified Gram–Schmidt, twice: orthonormal to rounding for every basis that is not degenerate.
+    fn new(mut q: Matrix) -> Self {
+        let columns = q.ncols();
+        let mut r = Matrix::zeros(columns, columns);
+        for j in 0..columns {
+            for _ in 0..2 {
+                for i in 0..j {
+                    let (earlier, current) = two_columns(&mut q, i, j);
+                    let product = dot(earlier, current);
+                    r[(i, j)] += product;
+                    current.iter_mut().zip(earlier).for_each(|(x, e)| *x -= product * e);
+                }
+            }
+            let length = norm(q.column(j).as_slice());
+            r[(j, j)] = length;
+            if length > 0.0 {
+                q.column_mut(j).scale_mut(1.0 / length);
+            }
+        }
+        Self { q, r }
+    }
+
+    /// Writes `Q Qᵀ m` and returns `R⁻¹ Qᵀ m`.
+    fn project(&self, m: &[f64], out: &mut [f64]) -> Vec<f64> {
+        let mut a: Vec<f64> = self.q.column_iter().map(|q| dot(q.as_slice(), m)).collect();
+        for (g, q) in a.iter().zip(self.q.column_iter()) {
+            out.iter_mut().zip(q.iter()).for_each(|(sum, q)| *sum += g * q);
+        }
+        for i in (0..a.len()).rev() {
+            for j in i + 1..a.len() {
+                a[i] -= self.r[(i, j)] * a[j];
+            }
+            a[i] /= self.r[(i, i)];
+        }
+        a
+    }
+}
+
+fn two_columns(q: &mut Matrix, i: usize, j: usize) -> (&[f64], &mut [f64]) {
+    let n = q.nrows();
+    let (left, right) = q.as_mut_slice().split_at_mut(j * n);
+    (&left[i * n..(i + 1) * n], &mut right[..n])
+}
+
+/// Smallest over largest singular value of the whole basis.
+fn relative_singular_value(blocks: &[Block]) -> f64 {
+    let diagonal = |f: fn(f64, f64) -> f64, start| {
+        blocks.iter().flat_map(|b| b.r.diagonal().iter().copied().collect::<Vec<_>>()).fold(start, f)
+    };
+    let ratio = diagonal(f64::min, f64::MAX) / diagonal(f64::max, 0.0);
+    if ratio >= WELL_CONDITIONED || blocks.len() > 1 {
+        return ratio;
+    }
+    let singular = blocks[0].r.singular_values();
+    singular.min() / singular.max()
+}

@@ -1,0 +1,11 @@
+//! All integration tests of the crate, one binary.
+#![allow(clippy::unwrap_used, clippy::print_stdout, missing_docs)]
+
+mod dictionaries;
+mod laws;
+mod parts;
+mod retrieval;
+mod sparse;
+mod sparse_blocks;
+mod subdivision;
+mod vectors;

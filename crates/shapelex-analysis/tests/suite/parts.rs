@@ -1,0 +1,219 @@
+//! Sums that are made in parts have the bits of those that are made at once.
+
+use rayon::ThreadPoolBuilder;
+use shapelex_analysis::AnalysisError;
+use shapelex_analysis::accumulate::{
+    Accumulator, BLOCK, MergePart, PART, ScatterSum, ShapeSource, Shapes, ShapesInMemory, accumulate,
+};
+use shapelex_analysis::alignment::{Alignment, Method, mean_shape};
+use shapelex_analysis::correspondence::{Correspondence, Direction, Mirror};
+use shapelex_analysis::dictionary::learning::Unwatched;
+use shapelex_analysis::dictionary::model::{Certificate, Coded, Model, Spread};
+use shapelex_analysis::dictionary::preparation::{Pose, Posed, Preparation};
+use shapelex_analysis::frame::Frame;
+use shapelex_analysis::matching::Matching;
+use shapelex_analysis::metric::Metric;
+use shapelex_analysis::pass::{Measured, Pass};
+use shapelex_analysis::pca::FunctionalPca;
+use shapelex_analysis::transformation::{ClassName, Transformation};
+use shapelex_geometry::representation::{Representation, ShapeSpace};
+
+/// Numbers of a shape: three landmarks in the plane.
+const LENGTH: usize = 6;
+
+/// Two whole parts and a rest that is no whole block.
+const SHAPES: usize = 2 * PART + 3 * BLOCK + 17;
+
+/// Triangles of all forms with weights of 1 to 3.
+fn triangles(count: usize) -> ShapesInMemory {
+    let mut state = 7_u64;
+    let mut noise = || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        ((state >> 11) as f64 / (1_u64 << 53) as f64) * 0.6 - 0.3
+    };
+    let base = [0.0, 2.0, 0.5, 0.0, 0.3, 1.5];
+    let points = (0..count * LENGTH).map(|k| base[k % LENGTH] + noise()).collect();
+    let weights = (0..count).map(|k| 1.0 + (k % 3) as f64).collect();
+    ShapesInMemory::new(&metric(), true, points, weights).unwrap()
+}
+
+fn space() -> ShapeSpace {
+    ShapeSpace::new(&Representation::Landmarks { dimension: 2, points: LENGTH / 2 }).unwrap()
+}
+
+fn metric() -> Metric {
+    Metric::of(&space())
+}
+
+/// Shapes from one position to another, in batches of so many blocks.
+struct Stretch<'a> {
+    shapes: &'a ShapesInMemory,
+    from: usize,
+    to: usize,
+    blocks: usize,
+}
+
+impl ShapeSource for Stretch<'_> {
+    type Error = AnalysisError;
+
+    fn count(&self) -> usize {
+        self.to - self.from
+    }
+
+    fn for_each_batch(
+        &self,
+        visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), AnalysisError>,
+    ) -> Result<(), AnalysisError> {
+        let all = self.shapes.all();
+        for first in (self.from..self.to).step_by(self.blocks * BLOCK) {
+            let last = (first + self.blocks * BLOCK).min(self.to);
+            let whitened = &all.whitened[first * LENGTH..last * LENGTH];
+            visit(Shapes { first, whitened, weights: &all.weights[first..last] })?;
+        }
+        Ok(())
+    }
+}
+
+/// The parts of the shapes, in their order.
+fn parts(shapes: &ShapesInMemory) -> Vec<Stretch<'_>> {
+    let count = shapes.count();
+    let part = |from: usize| Stretch { shapes, from, to: (from + PART).min(count), blocks: 5 };
+    (0..count).step_by(PART).map(part).collect()
+}
+
+fn scatter(source: &impl ShapeSource<Error = AnalysisError>) -> ScatterSum {
+    accumulate(source, 8 * LENGTH * LENGTH, || ScatterSum::new(LENGTH)).unwrap()
+}
+
+fn merged(sums: impl IntoIterator<Item = ScatterSum>) -> Vec<u8> {
+    let mut total = ScatterSum::new(LENGTH);
+    sums.into_iter().for_each(|sum| total.merge(sum));
+    total.to_bytes()
+}
+
+/// The sums of consecutive blocks, each made by itself.
+fn blocks(shapes: &ShapesInMemory) -> impl Iterator<Item = ScatterSum> {
+    let sum = |from: usize| {
+        let to = (from + BLOCK).min(shapes.count());
+        scatter(&Stretch { shapes, from, to, blocks: 1 })
+    };
+    (0..shapes.count()).step_by(BLOCK).map(sum)
+}
+
+#[test]
+fn up_to_one_part_blocks_merge_one_after_the_other() {
+    for count in [1, BLOCK, PART - 1, PART] {
+        let shapes = triangles(count);
+        assert!(scatter(&shapes).to_bytes() == merged(blocks(&shapes)), "{count} shapes");
+    }
+    // From then on it makes a difference: the order is part of what is defined.
+    let shapes = triangles(SHAPES);
+    assert!(scatter(&shapes).to_bytes() != merged(blocks(&shapes)));
+}
+
+#[test]
+fn parts_give_the_same_bits_on_any_threads_and_made_in_any_order() {
+    let shapes = triangles(SHAPES);
+    let whole = scatter(&shapes).to_bytes();
+    for (threads, blocks) in [(1, 1), (2, 7), (4, 64), (3, 1000)] {
+        let pool = ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let source = Stretch { shapes: &shapes, from: 0, to: SHAPES, blocks };
+        assert!(pool.install(|| scatter(&source).to_bytes()) == whole, "{threads} threads, {blocks} blocks");
+    }
+    let mut sums: Vec<ScatterSum> = parts(&shapes).iter().rev().map(scatter).collect();
+    sums.reverse();
+    assert_eq!(sums.len(), 3);
+    assert!(merged(sums.clone()) == whole);
+    assert!(merged(sums.into_iter().rev()) != whole, "merged in another order");
+}
+
+/// Has the last part made first, each from the pass as it is written down.
+struct Elsewhere<'a> {
+    shapes: &'a ShapesInMemory,
+    measured: Measured<'a>,
+}
+
+impl ShapeSource for Elsewhere<'_> {
+    type Error = AnalysisError;
+
+    fn count(&self) -> usize {
+        self.shapes.count()
+    }
+
+    fn for_each_batch(
+        &self,
+        visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), AnalysisError>,
+    ) -> Result<(), AnalysisError> {
+        self.shapes.for_each_batch(visit)
+    }
+
+    fn spread(&self, pass: &Pass, merge: &mut MergePart<'_>) -> Result<bool, AnalysisError> {
+        let written = serde_json::to_string(pass).unwrap();
+        let make = |part: &Stretch<'_>| {
+            let pass: Pass = serde_json::from_str(&written).unwrap();
+            pass.make(part, self.measured).unwrap()
+        };
+        let mut results: Vec<Vec<u8>> = parts(self.shapes).iter().rev().map(make).collect();
+        results.reverse();
+        results.iter().try_for_each(|result| merge(result))?;
+        Ok(true)
+    }
+}
+
+#[test]
+fn what_is_learnt_from_parts_made_elsewhere_has_the_same_bits() {
+    let (shapes, metric) = (triangles(SHAPES), metric());
+    let correspondence = (Correspondence::Landmarks, Direction::Given, Mirror::Forbid);
+    let matching = Matching::new(&space(), correspondence.0, correspondence.1, correspondence.2);
+    for (class, alignment) in [
+        (ClassName::Similarity, Alignment::Projection),
+        (ClassName::Affine, Alignment::Projection),
+        (ClassName::Rigid, Alignment::Procrustes),
+    ] {
+        let method = Method::new(&Transformation::Named(class), alignment, 2).unwrap();
+        let measured = Measured { metric: &metric, method: &method, matching: &matching };
+        let elsewhere = Elsewhere { shapes: &shapes, measured };
+        let here = mean_shape(&shapes, &metric, &method, Frame::Training, &matching).unwrap();
+        let mean = mean_shape(&elsewhere, &metric, &method, Frame::Training, &matching).unwrap();
+        assert_eq!(mean.whitened, here.whitened, "the mean under {class:?}");
+        let preparation = Preparation {
+            metric: metric.clone(),
+            method: method.clone(),
+            matching: matching.clone(),
+            mean: mean.whitened,
+            pose: Pose::Aligned { normalise: false },
+        };
+        let posed = Posed { source: &shapes, preparation: &preparation };
+        let other = Posed { source: &elsewhere, preparation: &preparation };
+        let origin = FunctionalPca::origin(&preparation.mean, true);
+        let sum = FunctionalPca::scatter(&posed, &origin).unwrap();
+        assert_eq!(FunctionalPca::scatter(&other, &origin).unwrap(), sum, "the scatter under {class:?}");
+
+        let pca = FunctionalPca::of_sum(sum, &metric, &origin, true, 2).unwrap();
+        let spread = Spread::of(&pca, SHAPES, 2.0 * SHAPES as f64);
+        let model = Model::Components { pca, spread };
+        let mut coded = Coded::default();
+        for part in parts(&shapes) {
+            let part = Posed { source: &part, preparation: &preparation };
+            coded.append(&Coded::new(&model, &part, &Unwatched).unwrap().to_bytes()).unwrap();
+        }
+        let certificate = Certificate::new(&model, &posed, &Unwatched).unwrap();
+        assert_eq!(coded.certificate(), certificate, "the certificate under {class:?}");
+    }
+}
+
+#[test]
+fn codes_that_are_something_else_are_refused() {
+    let (metric, shapes) = (metric(), triangles(40));
+    let origin = vec![0.0; LENGTH];
+    let sum = FunctionalPca::scatter(&shapes, &origin).unwrap();
+    let pca = FunctionalPca::of_sum(sum, &metric, &origin, false, 2).unwrap();
+    let spread = Spread::of(&pca, 40, 80.0);
+    let model = Model::Components { pca, spread };
+    let bytes = Coded::new(&model, &shapes, &Unwatched).unwrap().to_bytes();
+    for end in [0, 7, 100, bytes.len() - 1] {
+        assert!(Coded::default().append(&bytes[..end]).is_err(), "{end} bytes");
+    }
+    let other = scatter(&shapes).to_bytes();
+    assert!(Coded::default().append(&other).is_err());
+}

@@ -1,0 +1,194 @@
+//! Deformations of one shape: control points that are moved, and the least change that meets handles.
+//!
+//! ```text
+//! min ⟨δ, δ⟩ = tr(δᵀ Φ δ)   subject to   B (c + δ) = p:     δ = Φ⁻¹Bᵀ (B Φ⁻¹ Bᵀ)⁻¹ (p − B c)
+//! ```
+//!
+//! The rows of `B` are the weights of the control points at the parameters of the handles, `p` is where these places go. The
+//! change is the smallest in `L₂`; it decays from the handles as `Φ⁻¹` does.
+
+use super::GeometryError;
+use super::line::Line;
+use super::open::phantoms;
+use super::representation::ShapeSpace;
+use shapelex_numeric::dense::{Definite, Matrix};
+
+/// A place on a shape that goes to a position.
+#[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Deserialize))]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
+pub struct Handle {
+    /// `u` on curves, `u` and `v` on surfaces, the number of a vertex of the level on subdivision surfaces.
+    pub parameters: Vec<f64>,
+    /// Where it goes.
+    pub position: Vec<f64>,
+}
+
+/// Handles whose places are nearer to one another than this part of what a control point does determine nothing apart.
+const APART: f64 = 1e-9;
+
+/// The change `δ` (`N × d`) of `control_points` that meets `handles`. Cost: a solution with `Φ` for each handle, and `k³/3`.
+///
+/// # Errors
+/// [`GeometryError::Handles`] for handles at one place.
+pub fn meet(
+    space: &ShapeSpace,
+    control_points: &Matrix,
+    handles: &[Handle],
+) -> Result<Matrix, GeometryError> {
+    let (size, dimension, count) = (control_points.nrows(), control_points.ncols(), handles.len());
+    let mut transposed = Matrix::zeros(size, count);
+    for (j, handle) in handles.iter().enumerate() {
+        weights(space, &handle.parameters).into_iter().for_each(|(i, weight)| transposed[(i, j)] += weight);
+    }
+    let missing = Matrix::from_fn(count, dimension, |j, c| {
+        handles[j].position[c] - transposed.column(j).dot(&control_points.column(c))
+    });
+    let mut influence = transposed.clone();
+    space.gram().solve(influence.as_mut_slice());
+    let coupling = transposed.transpose() * &influence;
+    let coupling = Definite::new(&coupling).ok().filter(|coupling| coupling.independence() > APART);
+    let coupling = coupling.ok_or(GeometryError::Handles { count })?;
+    Ok(influence * coupling.solve(&missing))
+}
+
+/// The control points that matter at a parameter of a curve, two of a surface or a vertex of a subdivision surface at its level,
+/// and their weights there; none of landmarks.
+pub fn weights(space: &ShapeSpace, parameters: &[f64]) -> Vec<(usize, f64)> {
+    match (space.line(), space.surface(), space.subdivision(), parameters) {
+        (Some(line), _, _, [u]) => line_weights(line, *u),
+        (_, Some(basis), _, [u, v]) => basis.weights(*u, *v),
+        (_, _, Some(basis), [vertex]) => basis.weights(*vertex as u32),
+        _ => Vec::new(),
+    }
+}
+
+fn line_weights(line: &Line, u: f64) -> Vec<(usize, f64)> {
+    let (half, s) = line.locate(u);
+    let (first, weights) = line.weights(half, s, 0);
+    let beyond = phantoms(line.generator().support());
+    let row = |k: usize| {
+        if line.is_closed() {
+            (k as isize - beyond as isize).rem_euclid(line.intervals() as isize) as usize
+        } else {
+            k
+        }
+    };
+    weights.enumerate().map(|(k, weight)| (row(first + k), weight)).collect()
+}
+
+/// Where a control point moves a shape: an interval of parameters for every direction, `[from, to]`, with `to > 1` where it
+/// goes over the end of a closed direction. Nothing for shapes without parameters. Cost: the weights at every pair of half-intervals.
+pub fn support(space: &ShapeSpace, control_point: usize) -> Vec<[f64; 2]> {
+    let lines: Vec<&Line> = match (space.line(), space.surface()) {
+        (Some(line), _) => vec![line],
+        (_, Some(basis)) => basis.lines().iter().collect(),
+        _ => Vec::new(),
+    };
+    // Basis functions are not zero on half-intervals inside of their support.
+    let places: Vec<Vec<f64>> = lines
+        .iter()
+        .map(|line| {
+            let halves = 2 * line.intervals();
+            (0..halves).map(|i| (i as f64 + 0.37) / halves as f64).collect()
+        })
+        .collect();
+    let mut touched: Vec<Vec<bool>> = places.iter().map(|places| vec![false; places.len()]).collect();
+    let moves = |parameters: &[f64]| {
+        weights(space, parameters).iter().filter(|(i, _)| *i == control_point).map(|(_, w)| w).sum::<f64>()
+            != 0.0
+    };
+    match &places[..] {
+        [along] => along.iter().enumerate().for_each(|(i, &u)| touched[0][i] = moves(&[u])),
+        [along_u, along_v] => {
+            for (i, &u) in along_u.iter().enumerate() {
+                for (j, &v) in along_v.iter().enumerate() {
+                    if moves(&[u, v]) {
+                        (touched[0][i], touched[1][j]) = (true, true);
+                    }
+                }
+            }
+        }
+        _ => {}
+    }
+    touched.iter().zip(lines).map(|(touched, line)| interval(touched, line.is_closed())).collect()
+}
+
+/// The shortest interval over all that is touched, of `[0, 1]` in equal parts.
+fn interval(touched: &[bool], closed: bool) -> [f64; 2] {
+    let count = touched.len();
+    let at = |i: usize| i as f64 / count as f64;
+    let first = touched.iter().position(|touched| *touched).unwrap_or(0);
+    let last = touched.iter().rposition(|touched| *touched).unwrap_or(0);
+    let whole = touched.iter().all(|touched| *touched);
+    if closed && !whole && touched[0] && touched[count - 1] {
+        // Over the end: from behind the last gap to before the first one.
+        let gap_ends = touched.iter().rposition(|touched| !touched).map_or(0, |i| i + 1);
+        let gap_starts = touched.iter().position(|touched| !touched).unwrap_or(0);
+        return [at(gap_ends), 1.0 + at(gap_starts)];
+    }
+    [at(first), at(last + 1)]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::generator::GeneratorKind;
+    use crate::representation::Representation;
+    use crate::surface::Topology;
+    use crate::surface::seam::Seam;
+
+    fn closed(control_points: usize) -> ShapeSpace {
+        let generator = GeneratorKind::Bspline { degree: 3 };
+        ShapeSpace::new(&Representation::ClosedCurve { dimension: 2, control_points, generator }).unwrap()
+    }
+
+    /// Of all changes that meet the handle, those that a row more or less would make are larger in `L₂`.
+    #[test]
+    fn the_change_meets_its_handles_and_is_the_smallest() {
+        let space = closed(9);
+        let shape = Matrix::from_fn(9, 2, |k, c| ((k * (c + 2)) as f64).sin());
+        let handle = |u: f64, position: [f64; 2]| Handle { parameters: vec![u], position: position.into() };
+        let handles = [handle(0.3, [1.0, 2.0]), handle(0.95, [-1.0, 0.5])];
+        let change = meet(&space, &shape, &handles).unwrap();
+        let at = |shape: &Matrix, u: f64, c: usize| -> f64 {
+            weights(&space, &[u]).iter().map(|(i, weight)| weight * shape[(*i, c)]).sum()
+        };
+        for handle in &handles {
+            for c in 0..2 {
+                let met = at(&(&shape + &change), handle.parameters[0], c);
+                assert!((met - handle.position[c]).abs() < 1e-13, "{met}");
+            }
+        }
+        // Orthogonal to every change that vanishes at the handles: made from any by taking off the one that meets its values.
+        let other = Matrix::from_fn(9, 2, |k, c| (k as f64 + 0.3 * c as f64).cos());
+        let still: Vec<Handle> = handles
+            .iter()
+            .map(|handle| {
+                let u = handle.parameters[0];
+                Handle { position: (0..2).map(|c| at(&other, u, c)).collect(), ..handle.clone() }
+            })
+            .collect();
+        let free = &other - meet(&space, &Matrix::zeros(9, 2), &still).unwrap();
+        let mut image = free.clone();
+        space.gram().apply(image.as_mut_slice());
+        assert!(change.dot(&image).abs() < 1e-13 * change.norm() * image.norm(), "{}", change.dot(&image));
+        let twice = [handle(0.3, [0.0; 2]), handle(0.3, [1.0; 2])];
+        assert_eq!(meet(&space, &shape, &twice), Err(GeometryError::Handles { count: 2 }));
+    }
+
+    #[test]
+    fn the_support_of_a_control_point_goes_over_the_end() {
+        // The cubic B-spline reaches two knots to each side.
+        assert_eq!(support(&closed(10), 5), [[0.3, 0.7]]);
+        assert_eq!(support(&closed(10), 1), [[0.9, 1.3]]);
+        assert_eq!(support(&closed(4), 0), [[0.0, 1.0]]);
+        let generators = [GeneratorKind::Trigonometric {}, GeneratorKind::Trigonometric {}];
+        let (topology, seam) = (Topology::Sphere, Seam::Straight);
+        let sphere = Representation::Surface { topology, seam, control_points: [8, 5], generators };
+        let sphere = ShapeSpace::new(&sphere).unwrap();
+        // The north pole moves its surroundings all round, and no more.
+        assert_eq!(support(&sphere, 8 * 4), [[0.0, 1.0], [0.0, 0.4]]);
+    }
+}

@@ -1,0 +1,209 @@
+//! One direction of a shape: the integer shifts of a generator along a closed or an open line of knots.
+//!
+//! ```text
+//! closed   r(u) = Σ_{k<M} c[k] φ_per(M u − k),   φ_per(t) = Σ_n φ(t − nM)
+//! open     r(u) = Σ_{k=−K}^{M+K} c[k] φ(M u − k),   K = ⌈support/2⌉ − 1
+//! ```
+
+use std::sync::Arc;
+
+use super::GeometryError;
+use super::generator::{Generator, GeneratorKind, Poles, evaluate_taylor};
+use super::open::{OpenInterpolation, covering, open_gram, phantoms};
+use shapelex_numeric::NumericError;
+use shapelex_numeric::banded::Banded;
+use shapelex_numeric::circulant::Circulant;
+use shapelex_numeric::dense::Matrix;
+use shapelex_numeric::operator::SymmetricOperator;
+
+/// A line of `M` intervals made ready: the generator, the Gram operator and the interpolation at the knots.
+#[derive(Debug, Clone)]
+pub struct Line {
+    intervals: usize,
+    closed: bool,
+    generator: Arc<Generator>,
+    poles: Poles,
+    gram: Arc<dyn SymmetricOperator>,
+    interpolation: Interpolation,
+}
+
+/// From points at the knots to control points.
+#[derive(Debug, Clone)]
+enum Interpolation {
+    /// They are equal.
+    Equal,
+    /// The samples are a circulant operator on the control points.
+    Circulant(Circulant),
+    /// Open lines.
+    Open(Arc<OpenInterpolation>),
+}
+
+impl Line {
+    /// Prepares a line. Cost: one generator, once, and two FFTs of length `M` (closed) or a banded
+    /// factorisation (open).
+    ///
+    /// # Errors
+    /// Errors of the generator; [`GeometryError::Dependent`].
+    pub fn new(kind: &GeneratorKind, intervals: usize, closed: bool) -> Result<Self, GeometryError> {
+        Self::over(kind, intervals, intervals, closed)
+    }
+
+    /// An open line of `intervals` from pole to pole, half of a great circle: generators whose poles follow the number of
+    /// intervals take that of the whole circle.
+    ///
+    /// Its interpolation is that of the surface: conditions at the poles take the place of those beyond the ends.
+    pub(super) fn meridian(kind: &GeneratorKind, intervals: usize) -> Result<Self, GeometryError> {
+        let built = kind.build(2 * intervals)?;
+        let gram = Banded::new(open_gram(&built.generator, intervals, 0)).map_err(dependent)?;
+        Ok(Self {
+            intervals,
+            closed: false,
+            generator: built.generator.clone(),
+            poles: built.poles.clone(),
+            gram: Arc::new(gram),
+            interpolation: Interpolation::Equal,
+        })
+    }
+
+    /// A closed line of `2 · intervals`, for functions of `u` that need two rounds to come back: with the generator of one.
+    /// Its Gram operator is that of the average over both.
+    pub(super) fn twice_round(kind: &GeneratorKind, intervals: usize) -> Result<Self, GeometryError> {
+        Self::over(kind, intervals, 2 * intervals, true)
+    }
+
+    fn over(
+        kind: &GeneratorKind,
+        intervals_of_the_poles: usize,
+        intervals: usize,
+        closed: bool,
+    ) -> Result<Self, GeometryError> {
+        let built = kind.build(intervals_of_the_poles)?;
+        let (generator, interpolating) = (built.generator.clone(), kind.properties().interpolating);
+        let (gram, interpolation): (Arc<dyn SymmetricOperator>, _) = if closed {
+            let interpolation = if interpolating {
+                Interpolation::Equal
+            } else {
+                let samples = Circulant::new(&sampling_row(&generator, intervals));
+                Interpolation::Circulant(samples.map_err(dependent)?)
+            };
+            let gram = Circulant::new(&gram_row(&generator, intervals, 0, 0)).map_err(dependent)?;
+            (Arc::new(gram), interpolation)
+        } else {
+            let open = OpenInterpolation::new(&generator, &built.poles, intervals, interpolating);
+            let gram = Banded::new(open_gram(&generator, intervals, 0)).map_err(dependent)?;
+            (Arc::new(gram), Interpolation::Open(Arc::new(open.map_err(dependent)?)))
+        };
+        Ok(Self { intervals, closed, generator, poles: built.poles.clone(), gram, interpolation })
+    }
+
+    /// `M`.
+    pub fn intervals(&self) -> usize {
+        self.intervals
+    }
+
+    /// Whether the end is the start.
+    pub fn is_closed(&self) -> bool {
+        self.closed
+    }
+
+    /// The generator.
+    pub fn generator(&self) -> &Generator {
+        &self.generator
+    }
+
+    /// The poles of the functions that the generator reproduces, on the grid of the knots.
+    pub fn poles(&self) -> &Poles {
+        &self.poles
+    }
+
+    /// Whether moving all control points moves the line: constants are reproduced.
+    pub fn reproduces_constants(&self) -> bool {
+        self.poles.zeros > 0
+    }
+
+    /// The Gram operator `Φ`.
+    pub fn gram(&self) -> &Arc<dyn SymmetricOperator> {
+        &self.gram
+    }
+
+    /// The half-interval of a parameter and the place in it: see [`locate`].
+    pub fn locate(&self, u: f64) -> (usize, f64) {
+        locate(u, self.intervals, self.closed)
+    }
+
+    /// The control points that matter on a half-interval, counted from the first one beyond the end (`−K`), and the
+    /// `derivative` with respect to `u` of their basis functions at `s ∈ [−1, 1]` there.
+    pub fn weights(&self, half: usize, s: f64, derivative: usize) -> (usize, impl Iterator<Item = f64> + '_) {
+        let beyond = phantoms(self.generator.support()) as isize;
+        let scale = (self.intervals as f64).powi(derivative as i32);
+        let mut pieces = covering(self.generator.support(), half).peekable();
+        let first = pieces.peek().map_or(0, |(k, _)| (k + beyond) as usize);
+        let weight = move |(_, p)| scale * evaluate_taylor(self.generator.piece(p), s, derivative);
+        (first, pieces.map(weight))
+    }
+
+    /// Control points of the line that passes through `points` (`M × d`, `(M + 1) × d` when open) at the
+    /// knots `u = k/M`.
+    ///
+    /// The points themselves for interpolating generators, a circulant solve otherwise; open lines extend by
+    /// annihilation beyond their ends.
+    pub fn interpolate(&self, mut points: Matrix) -> Matrix {
+        match &self.interpolation {
+            Interpolation::Equal => points,
+            Interpolation::Circulant(sampling) => {
+                sampling.solve(points.as_mut_slice());
+                points
+            }
+            Interpolation::Open(open) => open.interpolate(&points),
+        }
+    }
+}
+
+/// The half-interval of a parameter and `s ∈ [−1, 1]` there: modulo 1 on closed lines, within `[0, 1]` on open ones.
+pub fn locate(u: f64, intervals: usize, closed: bool) -> (usize, f64) {
+    let u = if closed { u - u.floor() } else { u.clamp(0.0, 1.0) };
+    let halves = 2 * intervals;
+    let position = halves as f64 * u;
+    let half = (position as usize).min(halves - 1);
+    (half, 2.0 * (position - half as f64) - 1.0)
+}
+
+/// An operator that is not definite to working precision means dependent shifts.
+pub(super) fn dependent(error: NumericError) -> GeometryError {
+    match error {
+        NumericError::NotPositiveDefinite { size, smallest } => GeometryError::Dependent { size, smallest },
+        other => other.into(),
+    }
+}
+
+/// First row of the circulant `∫₀¹ φ_0^(d₁)(u) φ_k^(d₂)(u) du = N^{d₁+d₂−1} Σ_n a_{d₁d₂}[k + nN]`.
+///
+/// `d₁ + d₂` must be even, else the row belongs to an antisymmetric matrix.
+pub fn gram_row(generator: &Generator, n: usize, d1: usize, d2: usize) -> Vec<f64> {
+    let reach = generator.support() as isize - 1;
+    let factor = (n as f64).powi((d1 + d2) as i32 - 1);
+    let mut row = vec![0.0; n];
+    for m in -reach..=reach {
+        row[m.rem_euclid(n as isize) as usize] += factor * generator.correlation(d1, d2, m);
+    }
+    row
+}
+
+/// Eigenvalues of the circulant of [`gram_row`], by harmonic.
+///
+/// # Errors
+/// [`GeometryError::Dependent`].
+pub(super) fn gram_eigenvalues(generator: &Generator, n: usize) -> Result<Vec<f64>, GeometryError> {
+    let gram = Circulant::new(&gram_row(generator, n, 0, 0)).map_err(dependent)?;
+    Ok(gram.eigenvalues().to_vec())
+}
+
+/// `b[k mod N] += φ(k)`: the samples at the knots are this circulant times the control points.
+fn sampling_row(generator: &Generator, n: usize) -> Vec<f64> {
+    let reach = generator.support() as isize / 2;
+    let mut row = vec![0.0; n];
+    for k in -reach..=reach {
+        row[k.rem_euclid(n as isize) as usize] += generator.evaluate(k as f64, 0);
+    }
+    row
+}

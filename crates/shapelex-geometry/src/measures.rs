@@ -1,0 +1,304 @@
+//! Measures of curves: exact where the integrand is polynomial, adaptive for the length.
+//!
+//! ```text
+//! area = ½ ∮ x dy − y dx     centroid = (∮ x²/2 dy, −∮ y²/2 dx) / area     length = ∫ |r'| du
+//! ∬ x² = ∮ x³/3 dy,  ∬ xy = ∮ x²y/2 dy,  ∬ y² = −∮ y³/3 dx                 second moments of the enclosed area
+//! energies ∫ |r'|² du, ∫ |r''|² du     total curvature ∫ |κ| dℓ, turning ∫ κ dℓ,  κ = r' × r''/|r'|³
+//! ```
+
+use super::curve::Curve;
+use super::generator::{HALF_PIECE, differentiate, integrate_product};
+use super::turning::Turning;
+use shapelex_numeric::bounded::{Patience, Stop, never};
+use shapelex_numeric::quadrature::{GaussLegendre, Panels};
+
+/// Direction in which a planar curve encloses its area.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
+pub enum Orientation {
+    /// Positive area (y axis up).
+    CounterClockwise,
+    /// Negative area.
+    Clockwise,
+    /// The signed area vanishes against the squared perimeter.
+    None,
+}
+
+/// Measures of one curve, in the unit of its control points.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CurveMeasures {
+    /// Whether the end is the start.
+    pub closed: bool,
+    /// What a closed planar curve encloses.
+    pub enclosed: Option<Enclosed>,
+    /// Mean position along the parameter, `∫ r du`.
+    pub mean_position: Vec<f64>,
+    /// Length of the curve, to `10⁻¹⁰` relative.
+    pub length: f64,
+    /// What the length may be off in addition, when its integral was ended before; else 0.
+    pub length_error: f64,
+    /// Smallest and largest coordinates.
+    pub bounding_box: (Vec<f64>, Vec<f64>),
+    /// `∫ |r'|² du`.
+    pub stretching_energy: f64,
+    /// `∫ |r''|² du`; none for curves with corners, where it is infinite.
+    pub bending_energy: Option<f64>,
+    /// `∫ |κ| dℓ` in radians; none for curves with corners or cusps.
+    pub total_curvature: Option<f64>,
+    /// `∫ κ dℓ` in radians, counter-clockwise positive: `2π` times the turning number of a closed curve. Planar curves
+    /// only.
+    pub turning: Option<f64>,
+    /// Panels and stretches that its iterations looked at: what it cost beyond `O(M)`.
+    pub steps: usize,
+}
+
+/// What a closed planar curve encloses.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Enclosed {
+    /// Signed area, counter-clockwise positive.
+    pub signed_area: f64,
+    /// Sign of the area.
+    pub orientation: Orientation,
+    /// Centroid, when there is an orientation.
+    pub centroid: Option<[f64; 2]>,
+    /// `∬ (x − x̄)(x − x̄)ᵀ dA` about the centroid, positive for either orientation of a simple curve (parts that the
+    /// curve encloses the other way count negative, as in the area); when there is one.
+    pub second_moments: Option<[[f64; 2]; 2]>,
+}
+
+/// Relative to the squared perimeter: a circle has `1/(4π) ≈ 0.08`; below this the sign is rounding.
+const NO_AREA: f64 = 1e-12;
+
+/// Gauss nodes per half-segment: exact to `2·10⁻¹⁵` for products of three generators.
+const NODES: usize = 12;
+
+/// Panels that the length of a curve halves at most beyond those for its half-segments. A cusp takes 40.
+const PANELS: usize = 4096;
+/// Panels for every half-segment.
+const PANELS_PER_HALF: usize = 64;
+
+impl CurveMeasures {
+    /// Measures `curve`. Cost `O(M)` quadratures; length and curvature add panels near cusps, of a bounded number.
+    pub fn of(curve: &Curve) -> Self {
+        Self::in_range(curve, &never)
+    }
+
+    /// As [`Self::of`], unless the caller wants to stop.
+    pub fn unless_stopped(curve: &Curve, stop: Stop<'_>) -> Option<Self> {
+        let measures = Self::in_range(curve, stop);
+        (!stop()).then_some(measures)
+    }
+
+    /// In numbers near 1: squares and fourth powers of coordinates leave the range of numbers long before measures do.
+    fn in_range(curve: &Curve, stop: Stop<'_>) -> Self {
+        let unit = Curve::unit(&[curve]);
+        Self::near_one(&curve.scaled(unit.recip()), stop).scaled(unit)
+    }
+
+    fn scaled(self, unit: f64) -> Self {
+        let vector = |values: Vec<f64>| values.into_iter().map(|value| value * unit).collect();
+        let (low, high) = self.bounding_box;
+        Self {
+            enclosed: self.enclosed.map(|enclosed| enclosed.scaled(unit)),
+            mean_position: vector(self.mean_position),
+            length: self.length * unit,
+            length_error: self.length_error * unit,
+            bounding_box: (vector(low), vector(high)),
+            stretching_energy: self.stretching_energy * unit * unit,
+            bending_energy: self.bending_energy.map(|energy| energy * unit * unit),
+            ..self
+        }
+    }
+
+    fn near_one(curve: &Curve, stop: Stop<'_>) -> Self {
+        let rule = GaussLegendre::new(NODES);
+        let (length, panels) = length(curve, &rule, stop);
+        let planar = curve.dimension() == 2;
+        let (turning, stretches) = Turning::counted(curve, stop);
+        let (bounding_box, searched) = bounding_box(curve, stop);
+        Self {
+            closed: curve.is_closed(),
+            enclosed: (planar && curve.is_closed()).then(|| Enclosed::of(curve, &rule, length)),
+            mean_position: (0..curve.dimension())
+                .map(|c| {
+                    integrate(curve, &rule, |half, s| curve.derivative_at(half, c, s, 0)) / segments(curve)
+                })
+                .collect(),
+            length,
+            length_error: HALF_PIECE * panels.missed(),
+            bounding_box,
+            stretching_energy: energy(curve, 1),
+            bending_energy: (curve.smoothness() >= 1).then(|| energy(curve, 2)),
+            total_curvature: turning.map(|turning| turning.total),
+            turning: turning.filter(|_| planar).map(|turning| turning.signed),
+            steps: panels.halved() + stretches + searched,
+        }
+    }
+}
+
+/// Area that a closed planar curve encloses, without sign, and length of a curve of any kind; in numbers near 1, as
+/// [`CurveMeasures`], but without the rest of them.
+pub fn area_and_length(curve: &Curve, stop: Stop<'_>) -> (f64, f64) {
+    let (rule, unit) = (GaussLegendre::new(NODES), Curve::unit(&[curve]));
+    let near_one = curve.scaled(unit.recip());
+    let encloses = curve.is_closed() && curve.dimension() == 2;
+    let area = if encloses { signed_area(&near_one, &rule).abs() } else { 0.0 };
+    (area * unit * unit, length(&near_one, &rule, stop).0 * unit)
+}
+
+impl Enclosed {
+    fn of(curve: &Curve, rule: &GaussLegendre, length: f64) -> Self {
+        // About the first point of the curve, so that a shape far from the origin keeps its digits.
+        let origin = curve.evaluate(0.0, 0);
+        let signed_area = signed_area(curve, rule);
+        let orientation = orientation(signed_area, length);
+        let from = |about: [f64; 2]| move |half, s, c: usize| curve.derivative_at(half, c, s, 0) - about[c];
+        let slope = |half, s, c| curve.derivative_at(half, c, s, 1);
+        let centroid = (orientation != Orientation::None).then(|| {
+            let r = from([origin[0], origin[1]]);
+            let mx = integrate(curve, rule, |h, s| 0.5 * r(h, s, 0).powi(2) * slope(h, s, 1));
+            let my = integrate(curve, rule, |h, s| -0.5 * r(h, s, 1).powi(2) * slope(h, s, 0));
+            [origin[0] + mx / signed_area, origin[1] + my / signed_area]
+        });
+        let second_moments = centroid.map(|about| {
+            let r = from(about);
+            let sign = signed_area.signum();
+            let xx = integrate(curve, rule, |h, s| r(h, s, 0).powi(3) / 3.0 * slope(h, s, 1));
+            let xy = integrate(curve, rule, |h, s| 0.5 * r(h, s, 0).powi(2) * r(h, s, 1) * slope(h, s, 1));
+            let yy = integrate(curve, rule, |h, s| -r(h, s, 1).powi(3) / 3.0 * slope(h, s, 0));
+            [[sign * xx, sign * xy], [sign * xy, sign * yy]]
+        });
+        Self { signed_area, orientation, centroid, second_moments }
+    }
+
+    fn scaled(self, unit: f64) -> Self {
+        let power = |value: f64, power: usize| (0..power).fold(value, |value, _| value * unit);
+        // Fourth powers leave the range of numbers first.
+        let moments = self.second_moments.map(|m| m.map(|row| row.map(|value| power(value, 4))));
+        Self {
+            signed_area: power(self.signed_area, 2),
+            centroid: self.centroid.map(|point| point.map(|value| value * unit)),
+            second_moments: moments.filter(|m| m.as_flattened().iter().all(|value| value.is_finite())),
+            ..self
+        }
+    }
+}
+
+/// `∫₀¹ |d^j r/du^j|² du`, by products of the polynomials.
+fn energy(curve: &Curve, derivative: usize) -> f64 {
+    let square = |half: usize, c: usize| {
+        let p = differentiate(curve.polynomial(half, c), derivative);
+        integrate_product(&p, &p)
+    };
+    let sum: f64 = (0..curve.halves())
+        .flat_map(|half| (0..curve.dimension()).map(move |c| (half, c)))
+        .map(|(h, c)| square(h, c))
+        .sum();
+    HALF_PIECE * sum * segments(curve).powi(2 * derivative as i32 - 1)
+}
+
+/// `v × a`: signed in the plane, the length of the product in space.
+pub fn cross(v: &[f64], a: &[f64]) -> f64 {
+    let minor = |i: usize, j: usize| v[i] * a[j] - v[j] * a[i];
+    match v.len() {
+        2 => minor(0, 1),
+        _ => f64::hypot(f64::hypot(minor(1, 2), minor(2, 0)), minor(0, 1)),
+    }
+}
+
+fn segments(curve: &Curve) -> f64 {
+    curve.halves() as f64 / 2.0
+}
+
+/// `∫₀^N f dt` over the cardinal parameter.
+fn integrate(curve: &Curve, rule: &GaussLegendre, f: impl Fn(usize, f64) -> f64) -> f64 {
+    let panels = (0..curve.halves()).map(|half| rule.integrate(-1.0, 1.0, |s| f(half, s)));
+    HALF_PIECE * panels.sum::<f64>()
+}
+
+/// `½ ∮ x dy − y dx`, about the first point of the curve so that a shape far from the origin keeps
+/// its digits.
+pub fn signed_area(curve: &Curve, rule: &GaussLegendre) -> f64 {
+    let origin = curve.evaluate(0.0, 0);
+    let arm = |half, s, c| curve.derivative_at(half, c, s, 0) - origin[c];
+    let slope = |half, s, c| curve.derivative_at(half, c, s, 1);
+    0.5 * integrate(curve, rule, |half, s| {
+        arm(half, s, 0) * slope(half, s, 1) - arm(half, s, 1) * slope(half, s, 0)
+    })
+}
+
+fn orientation(area: f64, perimeter: f64) -> Orientation {
+    if area.abs() <= NO_AREA * perimeter * perimeter {
+        Orientation::None
+    } else if area > 0.0 {
+        Orientation::CounterClockwise
+    } else {
+        Orientation::Clockwise
+    }
+}
+
+/// Length of a curve, to `10⁻¹⁰` relative, and the panels that it took.
+fn length<'a>(curve: &Curve, rule: &GaussLegendre, stop: Stop<'a>) -> (f64, Panels<'a>) {
+    let speed = |half: usize, s: f64| {
+        (0..curve.dimension()).map(|c| curve.derivative_at(half, c, s, 1).powi(2)).sum::<f64>().sqrt()
+    };
+    let rough = integrate(curve, rule, speed);
+    let tolerance = 1e-11 * rough / (HALF_PIECE * curve.halves() as f64);
+    let mut panels = Panels::new(PANELS + PANELS_PER_HALF * curve.halves(), stop);
+    let sum: f64 = (0..curve.halves())
+        .map(|half| rule.integrate_adaptive((-1.0, 1.0), tolerance, &|s| speed(half, s), &mut panels))
+        .sum();
+    (HALF_PIECE * sum, panels)
+}
+
+/// Smallest and largest coordinates, to `10⁻¹³` of the coordinate's range or to rounding, and the stretches that were
+/// looked at.
+fn bounding_box(curve: &Curve, stop: Stop<'_>) -> ((Vec<f64>, Vec<f64>), usize) {
+    let mut steps = 0;
+    let mut upper = |sign: f64| -> Vec<f64> {
+        let extremes = (0..curve.dimension()).map(|c| maximum(curve, c, sign, stop));
+        extremes.map(|(value, looked_at)| (steps += looked_at, sign * value).1).collect()
+    };
+    let corners = (upper(-1.0), upper(1.0));
+    (corners, steps)
+}
+
+/// Stretches over which a half-segment is searched for its largest coordinate before less accuracy will do. One round
+/// maximum takes some 60.
+const STRETCHES: usize = 20_000;
+
+/// `max_t sign·r_c(t)` by branch and bound: on `|s − m| ≤ h`, `f ≤ f(m) + |f'(m)| h + ½ B h²` with
+/// `B = Σ m(m−1)|c_m| ≥ |f''|`.
+fn maximum(curve: &Curve, coordinate: usize, sign: f64, stop: Stop<'_>) -> (f64, usize) {
+    let value = |half, s| sign * curve.derivative_at(half, coordinate, s, 0);
+    let end = value(curve.halves() - 1, 1.0);
+    let mut best = (0..curve.halves()).map(|half| value(half, -1.0)).fold(end, f64::max);
+    let worst = (0..curve.halves()).map(|half| value(half, -1.0)).fold(f64::MAX, f64::min);
+    let mut steps = 0;
+    let tolerance = (1e-13 * (best - worst)).max(f64::EPSILON * best.abs()).max(f64::MIN_POSITIVE);
+    for half in 0..curve.halves() {
+        let curvature: f64 = curve
+            .polynomial(half, coordinate)
+            .iter()
+            .enumerate()
+            .map(|(m, c)| (m * m.saturating_sub(1)) as f64 * c.abs())
+            .sum();
+        let (mut pending, mut patience) = (vec![(0.0, 1.0)], Patience::new(STRETCHES, stop));
+        while let Some((middle, radius)) = pending.pop() {
+            patience.step();
+            let here = value(half, middle);
+            best = best.max(here);
+            let slope = curve.derivative_at(half, coordinate, middle, 1).abs() * HALF_PIECE;
+            let bound = here + slope * radius + 0.5 * curvature * radius * radius;
+            if bound > best + tolerance * patience.factor() && radius > 1e-9 {
+                let quarter = 0.5 * radius;
+                pending.push((middle - quarter, quarter));
+                pending.push((middle + quarter, quarter));
+            }
+        }
+        steps += patience.steps();
+    }
+    (best, steps)
+}

@@ -1,0 +1,115 @@
+//! The same curve on a finer grid of knots.
+//!
+//! B-splines, and interpolators of half-integer shifts with an even factor, are combinations of B-splines on the finer
+//! grid: their curves are refined exactly. Other curves are sampled at the finer knots and interpolated again, which
+//! changes them by `O(M^{−n})`; the change is measured.
+//!
+//! An odd order has its knots at half-integers. Split evenly, they fall between those of the finer basis: the refined
+//! closed curve then starts half a fine interval earlier. An open curve cannot do so and is sampled.
+
+use super::GeometryError;
+use super::curve::Curve;
+use super::generator::GeneratorKind;
+use super::generator::refinement::FineFilter;
+use super::open::phantoms;
+use super::representation::{Representation, ShapeSpace};
+use shapelex_numeric::dense::Matrix;
+
+/// A refinement made ready for the shapes of a space.
+#[derive(Debug, Clone)]
+pub struct Refinement {
+    coarse: ShapeSpace,
+    fine: ShapeSpace,
+    factor: usize,
+    filter: Option<FineFilter>,
+}
+
+impl Refinement {
+    /// From curves of `coarse` to a grid `factor ≥ 2` times as fine.
+    ///
+    /// # Errors
+    /// [`GeometryError::NotACurve`] for landmarks; errors of the finer generator.
+    pub fn new(coarse: &ShapeSpace, factor: usize) -> Result<Self, GeometryError> {
+        let representation = coarse.representation();
+        let kind = representation.generator().ok_or(GeometryError::NotACurve)?;
+        let count = representation.count();
+        let recipe = kind.recipe(count)?;
+        let filter = FineFilter::new(&recipe, kind.build(count)?.as_ref(), factor)
+            .filter(|filter| representation.is_closed() || !filter.half_step);
+        let kind = match (kind, &filter) {
+            (GeneratorKind::Interpolator { poles, .. }, Some(_)) => {
+                GeneratorKind::Exponential { poles: poles.clone() }.refined(factor)
+            }
+            _ => kind.refined(factor),
+        };
+        let fine = ShapeSpace::new(&representation.with_count(factor * count).with_generator(kind))?;
+        Ok(Self { coarse: coarse.clone(), fine, factor, filter })
+    }
+
+    /// The finer representation.
+    pub fn representation(&self) -> &Representation {
+        self.fine.representation()
+    }
+
+    /// The finer space.
+    pub fn space(&self) -> &ShapeSpace {
+        &self.fine
+    }
+
+    /// Whether the refined curve is the same function (but for the start).
+    pub fn is_exact(&self) -> bool {
+        self.filter.is_some()
+    }
+
+    /// `δ` with `r(u) = r_fine(u + δ)`.
+    pub fn parameter_shift(&self) -> f64 {
+        let half_step = self.filter.as_ref().is_some_and(|filter| filter.half_step);
+        if half_step { 0.5 / self.fine.representation().count() as f64 } else { 0.0 }
+    }
+
+    /// Control points on the finer grid.
+    pub fn apply(&self, control_points: &Matrix) -> Matrix {
+        match &self.filter {
+            Some(filter) => self.filter_control_points(filter, control_points),
+            None => self.sample(control_points),
+        }
+    }
+
+    fn filter_control_points(&self, filter: &FineFilter, coarse: &Matrix) -> Matrix {
+        let rows = self.fine.representation().size() as isize;
+        let phantoms_of =
+            |space: &ShapeSpace| space.generator().map_or(0, |g| phantoms(g.support())) as isize;
+        let (closed, lead, own) =
+            (self.coarse.representation().is_closed(), phantoms_of(&self.coarse), phantoms_of(&self.fine));
+        let row_of = |k: isize| {
+            if closed {
+                Some(k.rem_euclid(rows) as usize)
+            } else {
+                (0..rows).contains(&(k + own)).then(|| (k + own) as usize)
+            }
+        };
+        let mut fine = Matrix::zeros(rows as usize, coarse.ncols());
+        for row in 0..coarse.nrows() {
+            let k = if closed { row as isize } else { row as isize - lead };
+            for (i, tap) in filter.taps.iter().enumerate() {
+                let Some(target) = row_of(self.factor as isize * k + filter.first + i as isize) else {
+                    continue;
+                };
+                for c in 0..coarse.ncols() {
+                    fine[(target, c)] += tap * coarse[(row, c)];
+                }
+            }
+        }
+        fine
+    }
+
+    fn sample(&self, control_points: &Matrix) -> Matrix {
+        let count = self.fine.representation().point_count();
+        let curve = Curve::of(&self.coarse, control_points).expect("only curves are refined");
+        let mut points = Matrix::zeros(count, control_points.ncols());
+        for (row, point) in curve.sample(count).iter().enumerate() {
+            point.iter().enumerate().for_each(|(c, value)| points[(row, c)] = *value);
+        }
+        self.fine.interpolate(points).expect("curves pass through their points")
+    }
+}

@@ -1,0 +1,450 @@
+//! Subdivision surfaces: triangle meshes that are refined again and again.
+//!
+//! ```text
+//! X_{k+1} = S_k X_k,    X_K = T_K C,    T_K = S_{K−1} ⋯ S_0
+//! ```
+//!
+//! `C` are the control vertices, one a row. BLOB, Loop and the modified butterfly are linear: `S_k` depends on the faces, the
+//! scheme and the level only, so the surfaces of one control mesh are a linear space. The normal-based scheme is not.
+//!
+//! * [`stencil`] — the rules of the linear schemes; [`limit`] — where they lead;
+//! * [`normal_based`] — the interpolating scheme of points with normals;
+//! * [`control`] — control meshes: named ones and lists of faces;
+//! * [`basis`] — the linear schemes as a shape space; [`fit`] — control vertices that fit a mesh or a cloud;
+//! * [`refinement`] — one mesh or polyline, refined;
+//! * [`measures`] — volume, area and curvature of what comes out.
+//!
+//! New vertices are numbered behind the old ones, in the lexicographic order of the edges they stand on: see
+//! [`Connectivity::split_faces`](super::mesh::Connectivity::split_faces).
+
+pub mod basis;
+pub mod control;
+pub mod fit;
+pub mod limit;
+pub mod measures;
+pub mod normal_based;
+pub mod refinement;
+pub mod stencil;
+
+use std::f64::consts::PI;
+
+use self::control::ControlMesh;
+use super::generator::Exact;
+
+/// A scheme with its parameters.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Scheme {
+    /// The non-stationary scheme for shapes like spheres and tori.
+    Blob(Frequency),
+    /// The approximating scheme of Loop.
+    Loop(LoopWeights),
+    /// The modified butterfly, interpolating.
+    Butterfly {
+        /// `w`: 0 is the rule of eight points.
+        tension: Exact,
+    },
+    /// The interpolating scheme of points with normals.
+    NormalBased {
+        /// `κ`: how far the weights of the two ends are brought together, 0 as published.
+        balance: Exact,
+    },
+}
+
+/// What BLOB is exact for: `v⁽ᵏ⁾ = cos(λ/2ᵏ⁺¹)`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Frequency {
+    /// `λ`, `|λ| < π`.
+    Real(Exact),
+    /// `μ` of `λ = iμ`: `v⁽ᵏ⁾ = cosh(μ/2ᵏ⁺¹)`.
+    Imaginary(Exact),
+    /// `v⁽⁰⁾` itself, between 0 and 500.
+    Start(Exact),
+}
+
+impl Frequency {
+    /// `v⁽⁰⁾`.
+    pub fn start(self) -> f64 {
+        match self {
+            Self::Real(lambda) => (0.5 * lambda.get()).cos(),
+            Self::Imaginary(mu) => (0.5 * mu.get()).cosh(),
+            Self::Start(v) => v.get(),
+        }
+    }
+}
+
+/// `β_n` of the scheme of Loop.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+pub enum LoopWeights {
+    /// `(5/8 − (3/8 + cos(2π/n)/4)²)/n`.
+    #[default]
+    #[cfg_attr(feature = "serde", serde(rename = "original"))]
+    Original,
+    /// `3/(8n)`, and `3/16` for `n = 3`.
+    #[cfg_attr(feature = "serde", serde(rename = "simplified_3_over_8n"))]
+    Simplified,
+}
+
+/// The names of the schemes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
+pub enum SchemeName {
+    /// Non-stationary, approximating, for meshes whose vertices have four or six neighbours.
+    Blob,
+    /// Approximating.
+    Loop,
+    /// Interpolating.
+    Butterfly,
+    /// Interpolating, of points with normals; not linear.
+    NormalBased,
+}
+
+impl SchemeName {
+    /// The name as it is written in requests.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Blob => "blob",
+            Self::Loop => "loop",
+            Self::Butterfly => "butterfly",
+            Self::NormalBased => "normal_based",
+        }
+    }
+}
+
+/// A scheme as it stands in a document.
+#[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+pub struct SchemeFields {
+    /// Which scheme.
+    pub scheme: SchemeName,
+    /// BLOB: `λ` between −π and π; one of `lambda`, `lambda_imaginary` and `v0` must be given.
+    #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
+    pub lambda: Option<f64>,
+    /// BLOB: `μ` of an imaginary `λ = iμ`, within ±13.8.
+    #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
+    pub lambda_imaginary: Option<f64>,
+    /// BLOB: the first level parameter `v⁽⁰⁾ = cos(λ/2)`, between 0 and 500.
+    #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
+    #[cfg_attr(feature = "schema", schema(exclusive_minimum = 0.0, exclusive_maximum = 500.0))]
+    pub v0: Option<f64>,
+    /// Loop: the weights of vertices; `original` unless given.
+    #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
+    pub weights: Option<LoopWeights>,
+    /// Butterfly: the tension `w`, within ±0.125; 0 unless given.
+    #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
+    #[cfg_attr(feature = "schema", schema(minimum = -0.125, maximum = 0.125))]
+    pub tension: Option<f64>,
+    /// Normal-based: how far the weights of the ends of an edge are brought together, 0 to 1000; 0 unless given, as published.
+    #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
+    #[cfg_attr(feature = "schema", schema(minimum = 0.0, maximum = 1000.0))]
+    pub balance: Option<f64>,
+}
+
+/// `v⁽⁰⁾` stays below this.
+const LARGEST_START: f64 = 500.0;
+/// Largest tension: beyond it the butterfly oscillates.
+const LARGEST_TENSION: f64 = 0.125;
+/// Beyond it the weights are equal to three digits.
+const LARGEST_BALANCE: f64 = 1000.0;
+
+impl SchemeFields {
+    /// Of a scheme, without parameters yet.
+    pub fn named(scheme: SchemeName) -> Self {
+        let none = None;
+        Self {
+            scheme,
+            lambda: none,
+            lambda_imaginary: none,
+            v0: none,
+            weights: None,
+            tension: none,
+            balance: none,
+        }
+    }
+
+    /// The scheme, or every field that is wrong and why.
+    ///
+    /// # Errors
+    /// Fields that are missing, out of range, or of another scheme.
+    pub fn scheme(&self) -> Result<Scheme, Vec<(&'static str, String)>> {
+        let given = [
+            ("lambda", self.lambda.is_some(), SchemeName::Blob),
+            ("lambda_imaginary", self.lambda_imaginary.is_some(), SchemeName::Blob),
+            ("v0", self.v0.is_some(), SchemeName::Blob),
+            ("weights", self.weights.is_some(), SchemeName::Loop),
+            ("tension", self.tension.is_some(), SchemeName::Butterfly),
+            ("balance", self.balance.is_some(), SchemeName::NormalBased),
+        ];
+        let mut faults: Vec<(&'static str, String)> = given
+            .iter()
+            .filter(|(_, given, owner)| *given && *owner != self.scheme)
+            .map(|(field, _, owner)| (*field, format!("belongs to the scheme \"{}\"", owner.name())))
+            .collect();
+        let found = match self.scheme {
+            SchemeName::Blob => self.frequency().map(Scheme::Blob),
+            SchemeName::Loop => Ok(Scheme::Loop(self.weights.unwrap_or_default())),
+            SchemeName::Butterfly => within("tension", self.tension, -LARGEST_TENSION, LARGEST_TENSION)
+                .map(|tension| Scheme::Butterfly { tension }),
+            SchemeName::NormalBased => within("balance", self.balance, 0.0, LARGEST_BALANCE)
+                .map(|balance| Scheme::NormalBased { balance }),
+        };
+        match found {
+            Ok(scheme) if faults.is_empty() => Ok(scheme),
+            Ok(_) => Err(faults),
+            Err(fault) => {
+                faults.push(fault);
+                Err(faults)
+            }
+        }
+    }
+
+    fn frequency(&self) -> Result<Frequency, (&'static str, String)> {
+        let refused = |field, detail: String| Err((field, detail));
+        match (self.lambda, self.lambda_imaginary, self.v0) {
+            (Some(lambda), None, None) if lambda.abs() < PI => Ok(Frequency::Real(Exact::new(lambda))),
+            (Some(lambda), None, None) => refused("lambda", format!("is {lambda}, must be between −π and π")),
+            (None, Some(mu), None) if (0.5 * mu).cosh() < LARGEST_START => {
+                Ok(Frequency::Imaginary(Exact::new(mu)))
+            }
+            (None, Some(mu), None) => {
+                let most = 2.0 * LARGEST_START.acosh();
+                refused("lambda_imaginary", format!("is {mu}, must be within ±{most:.4}"))
+            }
+            (None, None, Some(v)) if v > 0.0 && v < LARGEST_START => Ok(Frequency::Start(Exact::new(v))),
+            (None, None, Some(v)) => refused("v0", format!("is {v}, must be between 0 and {LARGEST_START}")),
+            (None, None, None) => {
+                refused("lambda", "is missing: BLOB needs lambda, lambda_imaginary or v0".into())
+            }
+            (None, _, _) => refused("v0", "is given together with lambda_imaginary: give one of them".into()),
+            (Some(_), Some(_), _) => {
+                refused("lambda_imaginary", "is given together with lambda: give one of them".into())
+            }
+            (Some(_), None, Some(_)) => {
+                refused("v0", "is given together with lambda: give one of them".into())
+            }
+        }
+    }
+}
+
+fn within(
+    field: &'static str,
+    value: Option<f64>,
+    least: f64,
+    most: f64,
+) -> Result<Exact, (&'static str, String)> {
+    let value = value.unwrap_or(0.0);
+    if (least..=most).contains(&value) {
+        return Ok(Exact::new(value));
+    }
+    Err((field, format!("is {value}, must be between {least} and {most}")))
+}
+
+impl From<Scheme> for SchemeFields {
+    fn from(scheme: Scheme) -> Self {
+        // What is the default is not written.
+        let unless_zero = |value: Exact| Some(value.get()).filter(|value| *value != 0.0);
+        match scheme {
+            Scheme::Blob(frequency) => {
+                let fields = Self::named(SchemeName::Blob);
+                match frequency {
+                    Frequency::Real(lambda) => Self { lambda: Some(lambda.get()), ..fields },
+                    Frequency::Imaginary(mu) => Self { lambda_imaginary: Some(mu.get()), ..fields },
+                    Frequency::Start(v) => Self { v0: Some(v.get()), ..fields },
+                }
+            }
+            Scheme::Loop(weights) => {
+                let weights = Some(weights).filter(|weights| *weights != LoopWeights::default());
+                Self { weights, ..Self::named(SchemeName::Loop) }
+            }
+            Scheme::Butterfly { tension } => {
+                Self { tension: unless_zero(tension), ..Self::named(SchemeName::Butterfly) }
+            }
+            Scheme::NormalBased { balance } => {
+                Self { balance: unless_zero(balance), ..Self::named(SchemeName::NormalBased) }
+            }
+        }
+    }
+}
+
+impl Scheme {
+    /// `v⁽ᵏ⁾` of all levels, one after the other: `v⁽ᵏ⁺¹⁾ = √((1 + v⁽ᵏ⁾)/2)`; 1 for stationary schemes.
+    pub fn parameters(self) -> impl Iterator<Item = f64> {
+        let first = match self {
+            Self::Blob(frequency) => frequency.start(),
+            _ => 1.0,
+        };
+        std::iter::successors(Some(first), |v| Some((0.5 * (1.0 + v)).sqrt()))
+    }
+
+    /// Whether control vertices stay where they are.
+    pub fn interpolates(self) -> bool {
+        matches!(self, Self::Butterfly { .. } | Self::NormalBased { .. })
+    }
+}
+
+/// Subdivision surfaces of one control mesh, up to a level.
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(try_from = "SubdivisionFields", into = "SubdivisionFields"))]
+pub struct Subdivision {
+    /// How they are refined.
+    pub scheme: Scheme,
+    /// How often.
+    pub level: usize,
+    /// What is refined.
+    pub connectivity: ControlMesh,
+}
+
+impl Subdivision {
+    /// Vertices and faces at its level: what is asked for before any memory is taken.
+    pub fn size(&self) -> MeshSize {
+        self.connectivity.size().split(self.level)
+    }
+}
+
+/// A control mesh and how it is refined.
+#[derive(Debug, Clone)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "schema", schema(as = Subdivision))]
+pub struct SubdivisionFields {
+    /// The scheme with its parameters.
+    #[cfg_attr(feature = "serde", serde(flatten))]
+    pub scheme: SchemeFields,
+    /// How often the control mesh is refined: shapes are measured, drawn and compared at this level; 3 or 4 is usual.
+    #[cfg_attr(feature = "schema", schema(maximum = 15))]
+    pub level: usize,
+    /// The control mesh.
+    pub connectivity: ControlMesh,
+}
+
+impl TryFrom<SubdivisionFields> for Subdivision {
+    type Error = String;
+
+    fn try_from(fields: SubdivisionFields) -> Result<Self, String> {
+        let scheme = fields.scheme.scheme().map_err(|faults| {
+            let sentences: Vec<String> = faults.iter().map(|(field, why)| format!("{field} {why}")).collect();
+            sentences.join("; ")
+        })?;
+        Ok(Self { scheme, level: fields.level, connectivity: fields.connectivity })
+    }
+}
+
+impl From<Subdivision> for SubdivisionFields {
+    fn from(Subdivision { scheme, level, connectivity }: Subdivision) -> Self {
+        Self { scheme: scheme.into(), level, connectivity }
+    }
+}
+
+#[cfg(feature = "schema")]
+impl utoipa::PartialSchema for Subdivision {
+    fn schema() -> utoipa::openapi::RefOr<utoipa::openapi::schema::Schema> {
+        SubdivisionFields::schema()
+    }
+}
+
+#[cfg(feature = "schema")]
+impl utoipa::ToSchema for Subdivision {
+    fn name() -> std::borrow::Cow<'static, str> {
+        SubdivisionFields::name()
+    }
+
+    fn schemas(schemas: &mut Vec<(String, utoipa::openapi::RefOr<utoipa::openapi::schema::Schema>)>) {
+        SubdivisionFields::schemas(schemas);
+    }
+}
+
+/// Numbers of vertices and faces of a closed mesh.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct MeshSize {
+    /// Vertices.
+    pub vertices: usize,
+    /// Faces.
+    pub faces: usize,
+}
+
+impl MeshSize {
+    /// After `level` splits: `F_k = 4ᵏF`, and an edge is half of three corners, `V_{k+1} = V_k + 3F_k/2`. Never overflows:
+    /// numbers that are too large are the largest.
+    pub fn split(self, level: usize) -> Self {
+        let (mut size, huge) = (self, usize::MAX);
+        for _ in 0..level {
+            if size.vertices == huge {
+                break;
+            }
+            let edges = size.faces.saturating_mul(3) / 2;
+            size =
+                Self { vertices: size.vertices.saturating_add(edges), faces: size.faces.saturating_mul(4) };
+            if size.faces == huge {
+                size.vertices = huge;
+            }
+        }
+        size
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Table 1 of the paper on BLOB.
+    #[test]
+    fn counts_of_the_octahedron_and_of_levels_that_no_memory_holds() {
+        let octahedron = MeshSize { vertices: 6, faces: 8 };
+        let counts: Vec<usize> = (0..9).map(|level| octahedron.split(level).vertices).collect();
+        assert_eq!(counts, [6, 18, 66, 258, 1026, 4098, 16386, 65538, 262146]);
+        assert_eq!(octahedron.split(30).vertices, (1 << 62) + 2);
+        for level in [31, 64, 1000, usize::MAX] {
+            assert_eq!(octahedron.split(level).vertices, usize::MAX);
+        }
+    }
+
+    #[cfg(feature = "serde")]
+    #[test]
+    fn schemes_are_written_as_they_were_read() {
+        let texts = [
+            r#"{"scheme":"blob","lambda":1.5}"#,
+            r#"{"scheme":"blob","lambda_imaginary":2.0}"#,
+            r#"{"scheme":"blob","v0":0.7}"#,
+            r#"{"scheme":"loop"}"#,
+            r#"{"scheme":"loop","weights":"simplified_3_over_8n"}"#,
+            r#"{"scheme":"butterfly","tension":0.02}"#,
+            r#"{"scheme":"normal_based"}"#,
+        ];
+        for text in texts {
+            let fields: SchemeFields = serde_json::from_str(text).unwrap();
+            let written = serde_json::to_string(&SchemeFields::from(fields.scheme().unwrap())).unwrap();
+            assert_eq!(written, text);
+        }
+    }
+
+    #[cfg(feature = "serde")]
+    #[test]
+    fn parameters_out_of_place_are_named() {
+        let faults = |text: &str| {
+            let fields: SchemeFields = serde_json::from_str(text).unwrap();
+            fields.scheme().unwrap_err().into_iter().map(|(field, _)| field).collect::<Vec<_>>()
+        };
+        assert_eq!(faults(r#"{"scheme":"blob"}"#), ["lambda"]);
+        assert_eq!(faults(r#"{"scheme":"blob","lambda":3.2}"#), ["lambda"]);
+        assert_eq!(faults(r#"{"scheme":"blob","lambda_imaginary":-14}"#), ["lambda_imaginary"]);
+        assert_eq!(faults(r#"{"scheme":"blob","v0":0}"#), ["v0"]);
+        assert_eq!(faults(r#"{"scheme":"blob","lambda":1,"v0":0.5,"tension":0}"#), ["tension", "v0"]);
+        assert_eq!(faults(r#"{"scheme":"loop","lambda":1}"#), ["lambda"]);
+        assert_eq!(faults(r#"{"scheme":"butterfly","tension":1}"#), ["tension"]);
+    }
+
+    #[test]
+    fn level_parameters_follow_the_cosine() {
+        let real = Scheme::Blob(Frequency::Real(Exact::new(1.2)));
+        let imaginary = Scheme::Blob(Frequency::Imaginary(Exact::new(1.2)));
+        for (k, (v, w)) in real.parameters().zip(imaginary.parameters()).take(8).enumerate() {
+            let angle = 1.2 / f64::from(2 << k);
+            assert!((v - angle.cos()).abs() < 1e-15 && (w - angle.cosh()).abs() < 1e-15, "{k}");
+        }
+    }
+}

@@ -1,0 +1,283 @@
+//! The rules of the linear schemes: which old vertices a new one is made of.
+//!
+//! A step keeps or moves the old vertices, at their places in the list, and adds one vertex for every edge. The stencil of a
+//! vertex depends on its valence only, that of an edge on the valences of its two ends.
+//!
+//! Sources: Badoual, Schmitter, Uhlmann, Unser, *A non-stationary subdivision scheme for the construction of deformable models
+//! with sphere-like topology* (the rules of BLOB, with the weights corrected); Loop, *Smooth subdivision surfaces based on
+//! triangles*, 1987; Zorin, Schröder, Sweldens, *Interpolating subdivision for meshes with arbitrary topology*, 1996.
+
+use std::f64::consts::TAU;
+
+use rayon::prelude::*;
+
+use super::{LoopWeights, Scheme};
+use crate::GeometryError;
+use crate::mesh::Connectivity;
+use shapelex_numeric::sparse::SparseRows;
+
+/// The weights of BLOB at one level, `v = v⁽ᵏ⁾`. Those with a name of two letters belong to vertices of valence 4.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BlobWeights {
+    /// Vertex of valence 6: itself and its neighbours.
+    pub a: f64,
+    /// See `a`.
+    pub b: f64,
+    /// Edge of two vertices of valence 6: wings, opposite vertices, far vertices, ends.
+    pub c: f64,
+    /// See `c`.
+    pub d: f64,
+    /// See `c`.
+    pub e: f64,
+    /// See `c`.
+    pub f: f64,
+    /// Vertex of valence 4: itself and its neighbours.
+    pub aa: f64,
+    /// See `aa`.
+    pub bb: f64,
+    /// Edge of vertices of valence 4 and 6: opposite vertices, the far one and the end on the side of valence 4.
+    pub dd: f64,
+    /// See `dd`.
+    pub ee: f64,
+    /// See `dd`.
+    pub ff: f64,
+    /// Edge of two vertices of valence 4: ends, and the far vertices on its straight line.
+    pub g: f64,
+    /// See `g`.
+    pub h: f64,
+}
+
+impl BlobWeights {
+    /// Of the level parameter `v > 0`. Every stencil sums to 1, identically in `v`.
+    pub fn new(v: f64) -> Self {
+        let (w, square) = (v + 1.0, (v + 1.0) * (v + 1.0));
+        let cube = square * w;
+        let c = (2.0 * v + 1.0) / (16.0 * cube);
+        let d = (2.0 * v + 1.0).powi(2) / (8.0 * cube);
+        let e = 1.0 / (16.0 * cube);
+        let f = (2.0 * v + 1.0) * (4.0 * v * v + 6.0 * v + 3.0) / (16.0 * cube);
+        Self {
+            a: (4.0 * v * v + 2.0 * v + 1.0) / (4.0 * square),
+            b: (2.0 * v + 1.0) / (8.0 * square),
+            c,
+            d,
+            e,
+            f,
+            aa: (45.0 * v * v + 18.0 * v + 1.0) / (48.0 * square),
+            bb: (3.0 * v * v + 78.0 * v + 47.0) / (192.0 * square),
+            dd: d + 0.5 * c,
+            ee: e + 0.25 * c,
+            ff: f + 0.75 * c,
+            g: (2.0 * v + 3.0) * (2.0 * v + 1.0) / (8.0 * square),
+            h: 1.0 / (8.0 * square),
+        }
+    }
+}
+
+/// `β_n` of Loop: the weight of every neighbour of a vertex of valence `n`.
+pub fn loop_beta(weights: LoopWeights, valence: usize) -> f64 {
+    let n = valence as f64;
+    match weights {
+        LoopWeights::Original => (0.625 - (0.375 + 0.25 * (TAU / n).cos()).powi(2)) / n,
+        LoopWeights::Simplified if valence == 3 => 3.0 / 16.0,
+        LoopWeights::Simplified => 3.0 / (8.0 * n),
+    }
+}
+
+/// Whether a scheme has rules for all vertices.
+///
+/// # Errors
+/// [`GeometryError::Valence`] for the first vertex without rules; of BLOB these are all but those of valence 4 and 6.
+pub fn check_valences(scheme: Scheme, connectivity: &Connectivity) -> Result<(), GeometryError> {
+    if !matches!(scheme, Scheme::Blob(_)) {
+        return Ok(());
+    }
+    let vertices = 0..connectivity.vertices() as u32;
+    let other =
+        vertices.map(|vertex| (vertex, connectivity.valence(vertex))).find(|(_, n)| ![4, 6].contains(n));
+    other.map_or(Ok(()), |(vertex, valence)| Err(GeometryError::Valence { vertex, valence }))
+}
+
+/// The matrix `S_k` from the vertices of a mesh to those of the mesh that is split once, `v` being the parameter of the level.
+/// Valences are those of [`check_valences`]. Cost: up to ten entries a vertex.
+pub fn step(scheme: Scheme, v: f64, connectivity: &Connectivity) -> SparseRows {
+    let (vertices, edges) = (connectivity.vertices(), connectivity.edges().len());
+    let mut rows = SparseRows::new(vertices, vertices + edges, 10 * edges + 7 * vertices);
+    let rules = Rules { scheme, blob: BlobWeights::new(v), connectivity };
+    let (mut rings, mut row) = (Rings::default(), Vec::with_capacity(16));
+    let half_edges = connectivity.half_edges();
+    for new in 0..vertices + edges {
+        row.clear();
+        rules.stencil(new, &half_edges, &mut rings, &mut |vertex, weight| row.push((vertex, weight)));
+        rows.push(&row);
+    }
+    rows
+}
+
+/// `S_k X` without the matrix: where the vertices go. The same for any number of threads.
+pub fn refined(scheme: Scheme, v: f64, connectivity: &Connectivity, points: &[[f64; 3]]) -> Vec<[f64; 3]> {
+    let rules = Rules { scheme, blob: BlobWeights::new(v), connectivity };
+    let half_edges = connectivity.half_edges();
+    let place = |rings: &mut Rings, new: usize| {
+        let mut sum = [0.0; 3];
+        rules.stencil(new, &half_edges, rings, &mut |vertex, weight| {
+            let point = points[vertex as usize];
+            (0..3).for_each(|c| sum[c] += weight * point[c]);
+        });
+        sum
+    };
+    let all = 0..connectivity.vertices() + connectivity.edges().len();
+    all.into_par_iter().with_min_len(TOGETHER).map_init(Rings::default, place).collect()
+}
+
+/// New vertices that one thread places at the least: fewer take longer to hand over than to place.
+const TOGETHER: usize = 4096;
+
+/// The rings of a vertex, or of both ends of an edge.
+type Rings = [Vec<u32>; 2];
+
+struct Rules<'a> {
+    scheme: Scheme,
+    blob: BlobWeights,
+    connectivity: &'a Connectivity,
+}
+
+impl Rules<'_> {
+    /// What a new vertex is made of: old ones first, then those of the edges.
+    fn stencil(
+        &self,
+        new: usize,
+        half_edges: &[[u32; 2]],
+        rings: &mut Rings,
+        add: &mut impl FnMut(u32, f64),
+    ) {
+        let Some(edge) = new.checked_sub(self.connectivity.vertices()) else {
+            rings[0].clear();
+            rings[0].extend(self.connectivity.ring(new as u32));
+            return self.vertex(new as u32, &rings[0], add);
+        };
+        for (ring, half_edge) in rings.iter_mut().zip(half_edges[edge]) {
+            ring.clear();
+            ring.extend(self.connectivity.ring_from(half_edge));
+        }
+        self.edge(self.connectivity.edges()[edge], [&rings[0], &rings[1]], add);
+    }
+
+    fn vertex(&self, vertex: u32, ring: &[u32], add: &mut impl FnMut(u32, f64)) {
+        let [own, other] = match self.scheme {
+            Scheme::Blob(_) if ring.len() == 4 => [self.blob.aa, self.blob.bb],
+            Scheme::Blob(_) => [self.blob.a, self.blob.b],
+            Scheme::Loop(weights) => {
+                let beta = loop_beta(weights, ring.len());
+                [1.0 - ring.len() as f64 * beta, beta]
+            }
+            Scheme::Butterfly { .. } | Scheme::NormalBased { .. } => return add(vertex, 1.0),
+        };
+        add(vertex, own);
+        ring.iter().for_each(|neighbour| add(*neighbour, other));
+    }
+
+    /// `rings[i]` is that of end `i`, from the other end on. Its second and its last vertex are opposite to the edge.
+    fn edge(&self, ends: [u32; 2], rings: [&[u32]; 2], add: &mut impl FnMut(u32, f64)) {
+        match self.scheme {
+            Scheme::Blob(_) => self.blob_edge(ends, rings, add),
+            Scheme::Loop(_) => {
+                ends.iter().for_each(|end| add(*end, 0.375));
+                rings.iter().for_each(|ring| add(ring[1], 0.125));
+            }
+            Scheme::Butterfly { tension } => butterfly_edge(tension.get(), ends, rings, add),
+            Scheme::NormalBased { .. } => ends.iter().for_each(|end| add(*end, 0.5)),
+        }
+    }
+
+    fn blob_edge(&self, ends: [u32; 2], rings: [&[u32]; 2], add: &mut impl FnMut(u32, f64)) {
+        let BlobWeights { c, d, e, f, dd, ee, ff, g, h, .. } = self.blob;
+        debug_assert!(rings.iter().all(|ring| [4, 6].contains(&ring.len())), "{rings:?}");
+        let irregular = rings.iter().filter(|ring| ring.len() == 4).count();
+        for (end, ring) in ends.into_iter().zip(rings) {
+            match (irregular, ring.len()) {
+                (2, _) => [(end, g), (ring[2], h)].into_iter().for_each(|(i, w)| add(i, w)),
+                (_, 4) => [(end, ff), (ring[1], dd), (ring[2], ee)].into_iter().for_each(|(i, w)| add(i, w)),
+                _ => {
+                    let opposite = if irregular == 0 { d } else { dd };
+                    let parts = [(end, f), (ring[1], opposite), (ring[2], c), (ring[3], e), (ring[4], c)];
+                    parts.into_iter().for_each(|(i, w)| add(i, w));
+                }
+            }
+        }
+    }
+}
+
+fn butterfly_edge(w: f64, ends: [u32; 2], rings: [&[u32]; 2], add: &mut impl FnMut(u32, f64)) {
+    let irregular = rings.iter().filter(|ring| ring.len() != 6).count();
+    if irregular == 0 {
+        for (end, ring) in ends.into_iter().zip(rings) {
+            let wing = -0.0625 - w;
+            let parts =
+                [(end, 0.5 - w), (ring[1], 0.125 + 2.0 * w), (ring[2], wing), (ring[3], w), (ring[4], wing)];
+            parts.into_iter().filter(|(_, weight)| *weight != 0.0).for_each(|(i, weight)| add(i, weight));
+        }
+        return;
+    }
+    // The rule of the irregular end, the mean of both if there are two.
+    let share = 1.0 / irregular as f64;
+    for (end, ring) in ends.into_iter().zip(rings).filter(|(_, ring)| ring.len() != 6) {
+        add(end, 0.75 * share);
+        let n = ring.len();
+        ring.iter().enumerate().for_each(|(j, vertex)| add(*vertex, share * butterfly_ring(n, j)));
+    }
+}
+
+/// `s_j` of a vertex of valence `n ≠ 6`; `j = 0` is the other end of the edge.
+fn butterfly_ring(valence: usize, j: usize) -> f64 {
+    let turn = TAU * j as f64 / valence as f64;
+    match (valence, j) {
+        (3, 0) => 5.0 / 12.0,
+        (3, _) => -1.0 / 12.0,
+        (4, 0) => 0.375,
+        (4, 2) => -0.125,
+        (4, _) => 0.0,
+        _ => (0.25 + turn.cos() + 0.5 * (2.0 * turn).cos()) / valence as f64,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn weights_sum_to_one_at_every_level_and_have_the_limits_of_v_1() {
+        for v in [1e-9, 0.1, 0.7, 1.0, 1.3, 40.0, 499.0] {
+            let BlobWeights { a, b, c, d, e, f, aa, bb, dd, ee, ff, g, h } = BlobWeights::new(v);
+            let sums = [
+                a + 6.0 * b,
+                2.0 * (f + d + 2.0 * c + e),
+                aa + 4.0 * bb,
+                ff + f + 2.0 * dd + ee + e + 2.0 * c,
+                2.0 * (g + h),
+            ];
+            for sum in sums {
+                assert!((sum - 1.0).abs() < 1e-15, "{sum} at {v}");
+            }
+        }
+        let limit = BlobWeights::new(1.0);
+        assert_eq!((limit.a, limit.b, limit.f), (7.0 / 16.0, 3.0 / 32.0, 39.0 / 128.0));
+        assert_eq!((limit.dd, limit.ee, limit.ff), (39.0 / 256.0, 7.0 / 512.0, 165.0 / 512.0));
+    }
+
+    #[test]
+    fn loops_weights_meet_at_the_valences_three_and_six() {
+        for weights in [LoopWeights::Original, LoopWeights::Simplified] {
+            assert!((loop_beta(weights, 3) - 3.0 / 16.0).abs() < 1e-16);
+            assert!((loop_beta(weights, 6) - 1.0 / 16.0).abs() < 1e-16);
+        }
+    }
+
+    #[test]
+    fn weights_of_irregular_butterflies_sum_to_one() {
+        for valence in [3, 4, 5, 7, 12] {
+            let sum: f64 = (0..valence).map(|j| butterfly_ring(valence, j)).sum();
+            assert!((0.75 + sum - 1.0).abs() < 1e-15, "{valence}");
+        }
+    }
+}

@@ -1,0 +1,366 @@
+//! The space of tensor-product surfaces of one size.
+
+use std::sync::Arc;
+
+use super::seam::{Seam, TwistedGram};
+use super::sphere::{POLAR_ROWS, SphereBasis, SphereGram, handle_length};
+use super::{Surface, Topology};
+use crate::GeometryError;
+use crate::generator::GeneratorKind;
+use crate::line::{Line, gram_eigenvalues};
+use crate::open::{open_gram, phantoms};
+use shapelex_numeric::dense::Matrix;
+use shapelex_numeric::kronecker::{Kronecker, transpose};
+use shapelex_numeric::operator::SymmetricOperator;
+
+/// The numbers of a surface that its client chooses.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Extent {
+    /// How it closes.
+    pub topology: Topology,
+    /// `M_u` and `M_v`.
+    pub intervals: [usize; 2],
+}
+
+impl Extent {
+    /// Points of a shape as it is posted: `M` along closed directions, `M + 1` along open ones.
+    pub fn grid(self) -> [usize; 2] {
+        let closed = self.topology.closed();
+        [0, 1].map(|i| self.intervals[i].saturating_add(usize::from(!closed[i])))
+    }
+
+    /// `N`, the rows of a shape, for generators of these supports.
+    pub fn size(self, supports: [usize; 2]) -> usize {
+        match self.topology {
+            Topology::Sphere => self.intervals[0]
+                .saturating_mul(self.intervals[1].saturating_sub(1))
+                .saturating_add(POLAR_ROWS),
+            _ => {
+                let [rows, columns] = self.control_grid(supports);
+                rows.saturating_mul(columns)
+            }
+        }
+    }
+
+    /// Control points along `u` and `v`, those beyond open edges included.
+    fn control_grid(self, supports: [usize; 2]) -> [usize; 2] {
+        let (grid, closed) = (self.grid(), self.topology.closed());
+        [0, 1].map(|i| if closed[i] { grid[i] } else { grid[i].saturating_add(2 * phantoms(supports[i])) })
+    }
+}
+
+/// What does not fit together in a surface whose generators are admissible: fields and what is wrong with them.
+pub fn faults(extent: Extent, seam: Seam, kinds: &[GeneratorKind; 2]) -> Vec<(&'static str, String)> {
+    let mut faults = Vec::new();
+    if !seam.is_straight() && extent.topology != Topology::Torus {
+        faults
+            .push(("seam", format!("a {} has no seam to be twisted: leave it out", extent.topology.name())));
+    }
+    if seam == Seam::HalfTurn && extent.intervals[1] % 2 == 1 {
+        let detail =
+            format!("is {}, must be even: a half turn goes from knots to knots", extent.intervals[1]);
+        faults.push(("control_points/1", detail));
+    }
+    if extent.topology == Topology::Sphere {
+        if phantoms(kinds[1].support()) != 1 {
+            let support = kinds[1].support();
+            faults.push((
+                "generators/1",
+                format!("has support {support}, the conditions at two poles take 3 or 4"),
+            ));
+        }
+        if !kinds[0].properties().partition_of_unity {
+            let detail = "does not reproduce constants, so that it cannot close at a pole: add the pole 0";
+            faults.push(("generators/0", detail.into()));
+        }
+    }
+    faults
+}
+
+/// Directions of the tangents at the poles, `σ_v(u, 0) = T_1N cos 2πu + T_2N sin 2πu`; the same at the south.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Tangents {
+    /// `T_1N`, `T_2N`.
+    pub north: Option<[[f64; 3]; 2]>,
+    /// `T_1S`, `T_2S`.
+    pub south: Option<[[f64; 3]; 2]>,
+}
+
+/// The basis of surfaces, made ready.
+#[derive(Debug, Clone)]
+pub struct SurfaceBasis {
+    extent: Extent,
+    seam: Seam,
+    lines: [Line; 2],
+    /// `u` twice round, on twisted tori.
+    cover: Option<Line>,
+    /// The conditions at the poles, on spheres.
+    sphere: Option<SphereBasis>,
+    gram: Arc<dyn SymmetricOperator>,
+}
+
+impl SurfaceBasis {
+    /// Prepares surfaces. Cost: two generators, once, their Gram operators, and on spheres three banded factorisations.
+    ///
+    /// # Errors
+    /// Errors of the generators; [`GeometryError::Dependent`]; [`GeometryError::Surface`] for what [`faults`] finds.
+    pub fn new(extent: Extent, seam: Seam, kinds: &[GeneratorKind; 2]) -> Result<Self, GeometryError> {
+        if let Some((field, detail)) = faults(extent, seam, kinds).into_iter().next() {
+            return Err(GeometryError::Surface { field, detail });
+        }
+        let Extent { topology, intervals } = extent;
+        let (mut cover, mut sphere) = (None, None);
+        let line = |i: usize| match topology {
+            Topology::Sphere if i == 1 => Line::meridian(&kinds[1], intervals[1]),
+            _ => Line::new(&kinds[i], intervals[i], topology.closed()[i]),
+        };
+        let lines = [line(0)?, line(1)?];
+        let gram: Arc<dyn SymmetricOperator> = match topology {
+            Topology::Sphere => {
+                let basis = SphereBasis::new(&lines[0], &lines[1])?;
+                let eigenvalues = gram_eigenvalues(lines[0].generator(), intervals[0])?;
+                let meridian = open_gram(lines[1].generator(), intervals[1], 0);
+                let support = lines[1].generator().support();
+                let gram = SphereGram::new(basis.clone(), eigenvalues, &meridian, support)?;
+                sphere = Some(basis);
+                Arc::new(gram)
+            }
+            _ if seam.is_straight() => {
+                Arc::new(Kronecker::new(lines[0].gram().clone(), lines[1].gram().clone()))
+            }
+            _ => {
+                let twice = Line::twice_round(&kinds[0], intervals[0])?;
+                let gram = Kronecker::new(twice.gram().clone(), lines[1].gram().clone());
+                cover = Some(twice);
+                Arc::new(TwistedGram { seam, cover: Arc::new(gram), count: intervals[1] })
+            }
+        };
+        Ok(Self { extent, seam, lines, cover, sphere, gram })
+    }
+
+    /// The numbers of the surfaces.
+    pub fn extent(&self) -> Extent {
+        self.extent
+    }
+
+    /// How a torus is glued.
+    pub fn seam(&self) -> Seam {
+        self.seam
+    }
+
+    /// The directions.
+    pub fn lines(&self) -> &[Line; 2] {
+        &self.lines
+    }
+
+    /// The Gram operator of the rows of a shape.
+    pub fn gram(&self) -> &Arc<dyn SymmetricOperator> {
+        &self.gram
+    }
+
+    /// Whether moving all rows moves the surface.
+    pub fn reproduces_constants(&self) -> bool {
+        self.lines.iter().all(Line::reproduces_constants)
+    }
+
+    /// Moves the surface of `rows` by `by`; constants must be reproduced. Its rows are those of the constant 1, whole numbers.
+    pub fn translate(&self, rows: &mut Matrix, by: [f64; 3]) {
+        let ones = self.interpolate_function(|_, _| [1.0; 3]);
+        for (c, by) in by.iter().enumerate() {
+            let shares = ones.column(c).map(f64::round);
+            rows.column_mut(c).axpy(*by, &shares, 1.0);
+        }
+    }
+
+    /// Rows of the surface through `points` (`[u][v]` at `(k/M_u, l/M_v)`, three columns), on spheres with the poles at both
+    /// ends of every meridian.
+    ///
+    /// The poles of a sphere are taken from its first meridian. Tangents that are not given are estimated: two vectors in
+    /// the plane of the first harmonic of the ring next to the pole, orthogonal to one another where the ring is round, with
+    /// the length that makes a round sphere round.
+    pub fn interpolate(&self, points: &Matrix, tangents: &Tangents) -> Matrix {
+        let columns = points.column_iter().enumerate().map(|(c, points)| {
+            let points = points.as_slice();
+            match &self.sphere {
+                Some(sphere) => {
+                    let [north, south] = self.tangents(points, tangents, c);
+                    sphere.interpolate(points, &self.lines, north, south)
+                }
+                None => self.interpolate_sheet(points),
+            }
+        });
+        let rows: Vec<f64> = columns.flatten().collect();
+        Matrix::from_vec(self.gram.size(), points.ncols(), rows)
+    }
+
+    /// Rows of the surface through the points of a function of `u` and `v` at the knots.
+    pub fn interpolate_function(&self, at: impl Fn(f64, f64) -> [f64; 3]) -> Matrix {
+        let [count_u, count_v] = self.extent.grid();
+        let mut points = Matrix::zeros(count_u * count_v, 3);
+        for k in 0..count_u {
+            for l in 0..count_v {
+                let [u, v] = [(k, 0), (l, 1)].map(|(k, i)| k as f64 / self.extent.intervals[i] as f64);
+                let point = at(u, v);
+                (0..3).for_each(|c| points[(k * count_v + l, c)] = point[c]);
+            }
+        }
+        self.interpolate(&points, &Tangents::default())
+    }
+
+    /// Runs through `u` backwards, `σ(u, v)` becomes `σ(−u, v)`, along open `u` `σ(1 − u, v)`: one coordinate of rows.
+    pub fn reverse(&self, column: &mut [f64]) {
+        let closed = self.extent.topology.closed()[0];
+        let (columns, polar) = match self.sphere {
+            Some(_) => (self.extent.intervals[1] - 1, POLAR_ROWS),
+            None => (self.gram.size() / self.lines_stored(), 0),
+        };
+        let (grid, polar) = column.split_at_mut(column.len() - polar);
+        let before = grid.to_vec();
+        let count = grid.len() / columns;
+        for (k, row) in grid.chunks_exact_mut(columns).enumerate() {
+            let from = if closed { (count - k) % count } else { count - 1 - k };
+            for (l, value) in row.iter_mut().enumerate() {
+                // From −k to M − k is over the seam.
+                let l = if closed && k > 0 { self.seam.across(l, columns) } else { l };
+                *value = before[from * columns + l];
+            }
+        }
+        // The tangent of sin 2πu turns round.
+        if let [north, south, _, north_handle, _, south_handle] = polar {
+            *north_handle = 2.0 * *north - *north_handle;
+            *south_handle = 2.0 * *south - *south_handle;
+        }
+    }
+
+    /// Tangents at the poles of the sphere with these `rows`; none of other surfaces.
+    pub fn tangents_of(&self, rows: &Matrix) -> Tangents {
+        if self.sphere.is_none() {
+            return Tangents::default();
+        }
+        let first = rows.nrows() - POLAR_ROWS;
+        let length = handle_length(self.extent.intervals[1]);
+        let tangents = |pole: usize| {
+            [0, 1].map(|i| {
+                let handle = first + 2 + 2 * pole + i;
+                [0, 1, 2].map(|c| (rows[(handle, c)] - rows[(first + pole, c)]) / length)
+            })
+        };
+        Tangents { north: Some(tangents(0)), south: Some(tangents(1)) }
+    }
+
+    fn interpolate_sheet(&self, points: &[f64]) -> Vec<f64> {
+        let [count_u, count_v] = self.extent.grid();
+        let (around, points, count_u) = match &self.cover {
+            None => (&self.lines[0], points.to_vec(), count_u),
+            Some(cover) => (cover, self.seam.unfold(points, count_v), 2 * count_u),
+        };
+        let along_v = self.lines[1].interpolate(Matrix::from_vec(count_v, count_u, points));
+        let columns = along_v.nrows();
+        let mut turned = vec![0.0; along_v.len()];
+        transpose(along_v.as_slice(), columns, &mut turned);
+        let along_u = around.interpolate(Matrix::from_vec(count_u, columns, turned));
+        let mut rows = vec![0.0; along_u.len()];
+        transpose(along_u.as_slice(), along_u.nrows(), &mut rows);
+        rows.truncate(self.gram.size());
+        rows
+    }
+
+    /// Coordinate `c` of the tangents at both poles.
+    fn tangents(&self, points: &[f64], given: &Tangents, c: usize) -> [[f64; 2]; 2] {
+        let [count_u, count_v] = self.extent.grid();
+        let length = handle_length(count_v - 1).recip();
+        let harmonic = |l: usize| {
+            let sum = |wave: fn(f64) -> f64| -> f64 {
+                let turn = |k: usize| std::f64::consts::TAU * k as f64 / count_u as f64;
+                (0..count_u).map(|k| points[k * count_v + l] * wave(turn(k))).sum::<f64>() * 2.0
+                    / count_u as f64
+            };
+            [sum(f64::cos), sum(f64::sin)]
+        };
+        let take = |tangents: [[f64; 3]; 2]| [tangents[0][c], tangents[1][c]];
+        let north = given.north.map_or_else(|| harmonic(1).map(|t| t * length), take);
+        let south = given.south.map_or_else(|| harmonic(count_v - 2).map(|t| -t * length), take);
+        [north, south]
+    }
+
+    /// The surface with these `rows` (`N × 3`).
+    pub fn surface(&self, rows: &Matrix) -> Surface {
+        let supports = [0, 1].map(|i| self.lines[i].generator().support());
+        let beyond = supports.map(phantoms);
+        let size = [0, 1].map(|i| self.extent.intervals[i] + 1 + 2 * beyond[i]);
+        let stored: Vec<Vec<f64>> = rows.column_iter().map(|rows| self.grid(rows.as_slice())).collect();
+        let places: [Vec<(usize, bool)>; 2] = [0, 1].map(|i| {
+            (0..size[i]).map(|k| self.stored(i, k as isize - beyond[i] as isize, beyond[i])).collect()
+        });
+        let columns = stored[0].len() / places[0].iter().map(|place| place.0 + 1).max().unwrap_or(1);
+        let mut control_points = Vec::with_capacity(size[0] * size[1]);
+        for &(k, crossed) in &places[0] {
+            for &(l, _) in &places[1] {
+                let l = if crossed { self.seam.across(l, columns) } else { l };
+                control_points.push([0, 1, 2].map(|c| stored[c][k * columns + l]));
+            }
+        }
+        Surface {
+            topology: self.extent.topology,
+            seam: self.seam,
+            lines: self.lines.clone(),
+            size,
+            control_points,
+        }
+    }
+
+    /// The rows that matter at `(u, v)` and their weights there: `σ(u, v) = Σ w_i c_i`, each row once or more.
+    pub fn weights(&self, u: f64, v: f64) -> Vec<(usize, f64)> {
+        let columns = match self.sphere {
+            Some(_) => self.extent.intervals[1] + 3,
+            None => self.gram.size() / self.lines_stored(),
+        };
+        let [along_u, along_v] = [(0, u), (1, v)].map(|(i, parameter)| {
+            let line = &self.lines[i];
+            let (half, s) = line.locate(parameter);
+            let beyond = phantoms(line.generator().support());
+            let (first, weights) = line.weights(half, s, 0);
+            let place = move |(k, weight)| {
+                let (stored, crossed) = self.stored(i, (first + k) as isize - beyond as isize, beyond);
+                (stored, crossed, weight)
+            };
+            weights.enumerate().map(place).collect::<Vec<_>>()
+        });
+        let mut weights = Vec::with_capacity(along_u.len() * along_v.len());
+        for &(k, crossed, a) in &along_u {
+            for &(l, _, b) in &along_v {
+                match &self.sphere {
+                    Some(sphere) => {
+                        weights.extend(
+                            sphere.combination(k, l).into_iter().map(|(row, part)| (row, part * a * b)),
+                        );
+                    }
+                    None => {
+                        let l = if crossed { self.seam.across(l, columns) } else { l };
+                        weights.push((k * columns + l, a * b));
+                    }
+                }
+            }
+        }
+        weights
+    }
+
+    /// Control points along `u` that are stored.
+    fn lines_stored(&self) -> usize {
+        self.extent.control_grid([0, 1].map(|i| self.lines[i].generator().support()))[0]
+    }
+
+    /// Control points `[k][l]` of one coordinate.
+    fn grid(&self, rows: &[f64]) -> Vec<f64> {
+        self.sphere.as_ref().map_or_else(|| rows.to_vec(), |sphere| sphere.expand(rows))
+    }
+
+    /// Where control point `k` of a direction is stored, and whether the seam lies between.
+    fn stored(&self, direction: usize, k: isize, beyond: usize) -> (usize, bool) {
+        if !self.extent.topology.closed()[direction] {
+            return ((k + beyond as isize) as usize, false);
+        }
+        let count = self.extent.intervals[direction] as isize;
+        (k.rem_euclid(count) as usize, k.div_euclid(count) % 2 != 0)
+    }
+}

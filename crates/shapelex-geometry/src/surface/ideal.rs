@@ -1,0 +1,249 @@
+//! Idealised surfaces, and the generators that contain them.
+//!
+//! ```text
+//! sphere, ellipsoid       (a cos 2πu sin πv, b sin 2πu sin πv, c cos πv)                  0, ±2πj   ×   0, ±2πj (of the great circle)
+//! cylinder                (r cos 2πu, r sin 2πu, h v)                                     0, ±2πj   ×   0, 0, 0
+//! torus                   ((R + r cos 2πv) cos 2πu, (R + r cos 2πv) sin 2πu, r sin 2πv)   0, ±2πj   ×   0, ±2πj
+//! Roman surface           r² (½ cos 2πu sin 4πv, ½ sin 2πu sin 4πv, ½ sin 4πu cos² 2πv)   0, ±2πj, ±4πj   ×   0, ±4πj
+//! hyperbolic paraboloid   (a s cosh t, b s sinh t, h s²),  s = 2u − 1, t = 2v − 1         0, 0, 0   ×   0, ±2
+//! figure 8                ρ = R + cos πu sin 2πv − sin πu sin 4πv,
+//!                         (ρ cos 2πu, ρ sin 2πu, sin πu sin 2πv + cos πu sin 4πv)         0, ±πj, ±2πj, ±3πj   ×   0, ±2πj, ±4πj
+//! helicoid                (s cos 2πu, s sin 2πu, h u),  s = r (2v − 1)                    0, 0, ±2πj   ×   0, 0, 0
+//! pinched torus           ρ = R + r cos πu cos 2πv,
+//!                         (ρ cos 2πu, ρ sin 2πu, r cos πu sin 2πv)                        0, ±πj, ±2πj, ±3πj   ×   0, ±2πj
+//! ```
+//!
+//! Their control points are their samples at the knots, phantoms and tangents following from them; every generator contains
+//! the constants, so that a surface can be moved by its control points.
+//!
+//! Source: Schmitter, *Spline Shape Processing*, 6.2.4, 6.3.4 and 7.1–7.3; pole lists completed with 0 where they lack it.
+
+use std::f64::consts::{PI, TAU};
+
+use super::Topology;
+use super::basis::{Extent, SurfaceBasis};
+use super::seam::Seam;
+use crate::GeometryError;
+use crate::generator::{Family, GeneratorKind, PoleList};
+use shapelex_numeric::dense::Matrix;
+
+/// An idealised surface about the origin.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "serde", serde(tag = "name", rename_all = "snake_case", deny_unknown_fields))]
+pub enum IdealSurface {
+    /// A sphere.
+    Sphere {
+        /// Radius.
+        radius: f64,
+    },
+    /// An ellipsoid along the axes.
+    Ellipsoid {
+        /// Along x, y and z.
+        semi_axes: [f64; 3],
+    },
+    /// The tube of a cylinder, from `z = 0` on.
+    Cylinder {
+        /// Radius.
+        radius: f64,
+        /// Height.
+        height: f64,
+    },
+    /// A torus round the z axis.
+    Torus {
+        /// `R`, of the circle that the tube follows.
+        major_radius: f64,
+        /// `r`, of the tube.
+        minor_radius: f64,
+    },
+    /// The Roman surface of Steiner: one side, three double lines, six pinch points.
+    Roman {
+        /// `r`; the surface has this size squared.
+        radius: f64,
+    },
+    /// A part of the hyperbolic paraboloid `x²/a² − y²/b² = z/h`.
+    HyperbolicParaboloid {
+        /// `a` and `b`.
+        semi_axes: [f64; 2],
+        /// `h`.
+        height: f64,
+    },
+    /// The figure-8 immersion of the Klein bottle: one side.
+    FigureEight {
+        /// `R`, of the circle that the eight follows; the eight has the size 1.
+        radius: f64,
+    },
+    /// One turn of a helicoid round the z axis.
+    Helicoid {
+        /// Half its width.
+        radius: f64,
+        /// Height of the turn.
+        height: f64,
+    },
+    /// A torus whose tube is pinched to a point at one place, and turned inside out there.
+    PinchedTorus {
+        /// `R`.
+        major_radius: f64,
+        /// `r`.
+        minor_radius: f64,
+    },
+}
+
+impl IdealSurface {
+    /// One of each, for the catalogue.
+    pub fn catalogue() -> Vec<Self> {
+        vec![
+            Self::Sphere { radius: 1.0 },
+            Self::Ellipsoid { semi_axes: [3.0, 2.0, 1.0] },
+            Self::Cylinder { radius: 1.0, height: 2.0 },
+            Self::Torus { major_radius: 2.0, minor_radius: 0.7 },
+            Self::Roman { radius: 1.0 },
+            Self::HyperbolicParaboloid { semi_axes: [1.0, 1.0], height: 1.0 },
+            Self::FigureEight { radius: 3.0 },
+            Self::Helicoid { radius: 1.0, height: 1.0 },
+            Self::PinchedTorus { major_radius: 2.0, minor_radius: 0.7 },
+        ]
+    }
+
+    /// What is wrong with the parameters.
+    pub fn fault(&self) -> Option<&'static str> {
+        let (values, which): (&[f64], _) = match self {
+            Self::Sphere { radius } | Self::Roman { radius } | Self::FigureEight { radius } => {
+                (&[*radius], "needs a positive radius up to 1e30")
+            }
+            Self::Ellipsoid { semi_axes } => (semi_axes, "needs positive semi-axes up to 1e30"),
+            Self::Cylinder { radius, height } | Self::Helicoid { radius, height } => {
+                (&[*radius, *height], "needs a positive radius and height up to 1e30")
+            }
+            Self::Torus { major_radius, minor_radius }
+            | Self::PinchedTorus { major_radius, minor_radius } => {
+                (&[*major_radius, *minor_radius], "needs positive radii up to 1e30")
+            }
+            Self::HyperbolicParaboloid { semi_axes: [a, b], height } => {
+                (&[*a, *b, *height], "needs positive semi-axes and a positive height up to 1e30")
+            }
+        };
+        let positive = values.iter().all(|value| *value > 0.0 && *value <= 1e30);
+        (!positive).then_some(which)
+    }
+
+    /// How it closes.
+    pub fn topology(&self) -> (Topology, Seam) {
+        match self {
+            Self::Sphere { .. } | Self::Ellipsoid { .. } => (Topology::Sphere, Seam::Straight),
+            Self::Cylinder { .. } => (Topology::Cylinder, Seam::Straight),
+            Self::Torus { .. } | Self::Roman { .. } => (Topology::Torus, Seam::Straight),
+            Self::HyperbolicParaboloid { .. } | Self::Helicoid { .. } => (Topology::Plane, Seam::Straight),
+            Self::FigureEight { .. } => (Topology::Torus, Seam::Reflected),
+            Self::PinchedTorus { .. } => (Topology::Torus, Seam::HalfTurn),
+        }
+    }
+
+    /// Generators that contain it.
+    pub fn generators(&self) -> [GeneratorKind; 2] {
+        let circle = GeneratorKind::Trigonometric {};
+        let quadratic = GeneratorKind::Keys {};
+        let halves = || harmonics(&[PI, TAU, 3.0 * PI]);
+        match self {
+            Self::Sphere { .. } | Self::Ellipsoid { .. } | Self::Torus { .. } => [circle.clone(), circle],
+            Self::Cylinder { .. } => [circle, quadratic],
+            Self::Roman { .. } => [harmonics(&[TAU, 2.0 * TAU]), harmonics(&[2.0 * TAU])],
+            Self::HyperbolicParaboloid { .. } => {
+                [quadratic, interpolator(&[[0.0, 0.0], [2.0, 0.0], [-2.0, 0.0]])]
+            }
+            Self::FigureEight { .. } => [halves(), harmonics(&[TAU, 2.0 * TAU])],
+            Self::Helicoid { .. } => {
+                [interpolator(&[[0.0, 0.0], [0.0, 0.0], [0.0, TAU], [0.0, -TAU]]), quadratic]
+            }
+            Self::PinchedTorus { .. } => [halves(), circle],
+        }
+    }
+
+    /// The fewest `M_u` and `M_v` that these generators take, an even `M_v` for the pinched torus.
+    pub fn fewest_intervals(&self) -> [usize; 2] {
+        match self {
+            Self::Sphere { .. } | Self::Ellipsoid { .. } => [3, 2],
+            Self::Cylinder { .. } => [3, 2],
+            Self::Torus { .. } => [3, 3],
+            Self::Roman { .. } => [5, 5],
+            Self::HyperbolicParaboloid { .. } => [2, 2],
+            Self::FigureEight { .. } => [4, 5],
+            Self::Helicoid { .. } => [3, 2],
+            Self::PinchedTorus { .. } => [4, 4],
+        }
+    }
+
+    /// The space of surfaces of this size that contains it.
+    ///
+    /// # Errors
+    /// Errors of the generators.
+    pub fn basis(&self, intervals: [usize; 2]) -> Result<SurfaceBasis, GeometryError> {
+        let (topology, seam) = self.topology();
+        SurfaceBasis::new(Extent { topology, intervals }, seam, &self.generators())
+    }
+
+    /// Its rows in [`Self::basis`], or in any space that contains it.
+    pub fn rows(&self, basis: &SurfaceBasis) -> Matrix {
+        basis.interpolate_function(|u, v| self.at(u, v))
+    }
+
+    /// The point at `(u, v)`.
+    pub fn at(&self, u: f64, v: f64) -> [f64; 3] {
+        let (sine, cosine) = (TAU * u).sin_cos();
+        let (half_sine, half_cosine) = (PI * u).sin_cos();
+        let (sine_v, cosine_v) = (TAU * v).sin_cos();
+        let around = |distance: f64, z: f64| [distance * cosine, distance * sine, z];
+        match *self {
+            Self::Sphere { radius } => {
+                let (s, c) = (PI * v).sin_cos();
+                around(radius * s, radius * c)
+            }
+            Self::Ellipsoid { semi_axes: [a, b, c] } => {
+                let (sine_v, cosine_v) = (PI * v).sin_cos();
+                [a * cosine * sine_v, b * sine * sine_v, c * cosine_v]
+            }
+            Self::Cylinder { radius, height } => around(radius, height * v),
+            Self::Torus { major_radius, minor_radius } => {
+                around(major_radius + minor_radius * cosine_v, minor_radius * sine_v)
+            }
+            Self::Roman { radius } => {
+                let (size, double) = (radius * radius, 2.0 * sine_v * cosine_v);
+                around(0.5 * size * double, size * cosine * sine * cosine_v * cosine_v)
+            }
+            Self::HyperbolicParaboloid { semi_axes: [a, b], height } => {
+                let (s, t) = (2.0 * u - 1.0, 2.0 * v - 1.0);
+                [a * s * t.cosh(), b * s * t.sinh(), height * s * s]
+            }
+            Self::FigureEight { radius } => {
+                let double = 2.0 * sine_v * cosine_v;
+                around(
+                    radius + half_cosine * sine_v - half_sine * double,
+                    half_sine * sine_v + half_cosine * double,
+                )
+            }
+            Self::Helicoid { radius, height } => around(radius * (2.0 * v - 1.0), height * u),
+            Self::PinchedTorus { major_radius, minor_radius } => {
+                let tube = minor_radius * half_cosine;
+                around(major_radius + tube * cosine_v, tube * sine_v)
+            }
+        }
+    }
+}
+
+/// The interpolator of these poles of the domain with half-integer shifts.
+fn interpolator(poles: &[[f64; 2]]) -> GeneratorKind {
+    GeneratorKind::Interpolator {
+        family: Family::HalfIntegerShifts,
+        poles: PoleList::of_domain(poles),
+        support: None,
+        weights: Vec::new(),
+    }
+}
+
+/// That of constants and of waves with these angular frequencies.
+fn harmonics(frequencies: &[f64]) -> GeneratorKind {
+    let pairs = frequencies.iter().flat_map(|&f| [[0.0, f], [0.0, -f]]);
+    let poles: Vec<[f64; 2]> = std::iter::once([0.0, 0.0]).chain(pairs).collect();
+    interpolator(&poles)
+}

@@ -1,0 +1,58 @@
+//! Triangles on a surface, without cracks: what is glued shares its vertices, a pole is one vertex.
+
+use super::{Surface, Topology};
+use crate::mesh::TriangleMesh;
+
+impl Surface {
+    /// The mesh of a grid with `count` places along `u` and `v`: at `i/count` along closed directions, at `i/(count − 1)` along
+    /// open ones. Two triangles for every cell, one at the poles. The positions are exact, the normals those of the surface.
+    ///
+    /// `count` must be at least 3 along closed directions and 2 along open ones, on spheres 3 from pole to pole; a half-turned
+    /// seam needs an even number along `v`. Cost: one jet for every vertex.
+    pub fn tessellate(&self, count: [usize; 2]) -> TriangleMesh {
+        let (u, v) = (self.parameters(0, count[0]), self.parameters(1, count[1]));
+        let sphere = self.topology == Topology::Sphere;
+        let inner = if sphere { &v[1..count[1] - 1] } else { &v[..] };
+        let poles: &[f64] = if sphere { &[0.0, 1.0] } else { &[] };
+        let mut mesh = TriangleMesh::default();
+        let mut normals = Vec::new();
+        let mut add = |u: &[f64], v: &[f64]| {
+            for (i, jet) in self.jets(u, v).iter().enumerate() {
+                mesh.vertices.push(jet[0]);
+                normals.push(self.frame(v[i % v.len()], jet).normal.unwrap_or_default());
+            }
+        };
+        add(&u, inner);
+        poles.iter().for_each(|pole| add(&[0.0], &[*pole]));
+        mesh.normals = self.is_orientable().then_some(normals);
+        mesh.faces = self.triangles(count);
+        mesh
+    }
+
+    fn triangles(&self, [count_u, count_v]: [usize; 2]) -> Vec<[u32; 3]> {
+        let (sphere, closed) = (self.topology == Topology::Sphere, self.topology.closed());
+        let columns = if sphere { count_v - 2 } else { count_v };
+        let vertex = |i: usize, j: usize| {
+            let j = if i >= count_u { self.seam.across(j % columns, columns) } else { j % columns };
+            (i % count_u * columns + j) as u32
+        };
+        let cells =
+            [if closed[0] { count_u } else { count_u - 1 }, if closed[1] { columns } else { columns - 1 }];
+        let outward = self.topology.orientation() > 0.0;
+        let mut faces = Vec::new();
+        let mut add = |[a, b, c]: [u32; 3]| faces.push(if outward { [a, b, c] } else { [a, c, b] });
+        for i in 0..cells[0] {
+            for j in 0..cells[1] {
+                let corners = [vertex(i, j), vertex(i + 1, j), vertex(i + 1, j + 1), vertex(i, j + 1)];
+                add([corners[0], corners[1], corners[2]]);
+                add([corners[0], corners[2], corners[3]]);
+            }
+            if sphere {
+                let north = (count_u * columns) as u32;
+                add([north, vertex(i + 1, 0), vertex(i, 0)]);
+                add([north + 1, vertex(i, columns - 1), vertex(i + 1, columns - 1)]);
+            }
+        }
+        faces
+    }
+}

@@ -1,0 +1,14 @@
+//! All integration tests of the crate, one binary.
+#![allow(clippy::unwrap_used, clippy::print_stdout, missing_docs)]
+
+mod curves;
+mod endless;
+mod fits;
+mod generators;
+mod interpolators;
+mod measures;
+mod refinement;
+mod spaces;
+mod subdivision;
+mod surfaces;
+mod vectors;

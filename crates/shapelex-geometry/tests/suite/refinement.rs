@@ -1,0 +1,277 @@
+//! Refinement: stored filters and sequences, the refined curve as the same function, and a published circle.
+
+use std::f64::consts::TAU;
+
+use proptest::prelude::*;
+use serde_json::Value;
+use shapelex_geometry::curve::Curve;
+use shapelex_geometry::generator::refinement::{FineFilter, prefilter, two_scale_filter};
+use shapelex_geometry::generator::{Family, GeneratorKind, PoleList, Poles, Recipe};
+use shapelex_geometry::refine::Refinement;
+use shapelex_geometry::representation::ShapeSpace;
+use shapelex_numeric::dense::Matrix;
+
+use crate::spaces::{closed, interpolator, open, random_curve};
+use crate::vectors::{self, assert_close, load, matrix, number, numbers, text};
+
+fn half_integer_shifts(poles: PoleList) -> GeneratorKind {
+    interpolator(Family::HalfIntegerShifts, poles)
+}
+
+/// A stored case: its poles, and the weights of its interpolator.
+fn case_parts(case: &Value) -> (Poles, Vec<f64>) {
+    let poles = vectors::poles(&case["poles"]);
+    assert_eq!(poles.order() as u64, case["n0"].as_u64().unwrap());
+    let built = Recipe::HalfIntegerShifts(poles.clone()).build().unwrap();
+    (poles, built.weights.unwrap())
+}
+
+/// The entries of an object by their number keys.
+fn keyed(object: &Value) -> impl Iterator<Item = (usize, &Value)> {
+    object.as_object().unwrap().iter().map(|(key, value)| (key.parse().unwrap(), value))
+}
+
+#[test]
+fn filters_equal_the_vectors() {
+    let document = load("generators/refinement.json");
+    for case in vectors::cases(&document) {
+        let id = text(&case["id"]);
+        let (poles, weights) = case_parts(case);
+        assert_close(id, &weights, &numbers(&case["lambda"]), 1e-13);
+        for (factor, wanted) in keyed(&case["h"]) {
+            assert_close(&format!("{id} h"), &two_scale_filter(&poles, factor), &numbers(wanted), 1e-13);
+        }
+        for (factor, wanted) in keyed(&case["g"]) {
+            let found = prefilter(&poles, &weights, factor);
+            assert_close(&format!("{id} g"), &found, &numbers(wanted), 1e-13);
+        }
+        for (factor, wanted) in keyed(&case["integrals"]) {
+            let found = poles.refined(factor as f64).integral();
+            assert_close(&format!("{id} ∫"), &[found], &[number(wanted)], 1e-13);
+        }
+    }
+}
+
+/// `Σ_k c[k] f[l − m k]`, modulo `rows`.
+fn upsampled(coarse: &Matrix, filter: &[f64], factor: usize, rows: usize) -> Matrix {
+    let mut fine = Matrix::zeros(rows, coarse.ncols());
+    for (k, row) in coarse.row_iter().enumerate() {
+        for (i, tap) in filter.iter().enumerate() {
+            let mut target = fine.row_mut((factor * k + i) % rows);
+            target += *tap * row;
+        }
+    }
+    fine
+}
+
+fn size_of(value: &Value) -> usize {
+    value.as_u64().unwrap() as usize
+}
+
+/// Row `l` of the raw causal sequence is `∫β` times row `l + first` of the centred normalised one.
+fn assert_shifted(what: &str, found: &Matrix, raw: &Matrix, integral: f64, first: isize) {
+    let rows = found.nrows() as isize;
+    assert_eq!(found.shape(), raw.shape(), "{what}");
+    let moved = Matrix::from_fn(raw.nrows(), raw.ncols(), |l, c| {
+        found[((l as isize + first).rem_euclid(rows) as usize, c)] / integral
+    });
+    assert_close(what, moved.as_slice(), raw.as_slice(), 1e-13);
+}
+
+#[test]
+fn periodic_sequences_equal_the_vectors() {
+    let document = load("generators/refinement.json");
+    for case in vectors::cases(&document) {
+        let (id, stored) = (text(&case["id"]), &case["periodic"]);
+        let (poles, weights) = case_parts(case);
+        let (size, m0, m) = (size_of(&stored["M"]), size_of(&stored["m0"]), size_of(&stored["m"]));
+        let (c, c0, c1) = (matrix(&stored["c"]), matrix(&stored["c0"]), matrix(&stored["c1"]));
+        let fine = poles.refined(m0 as f64);
+        let first = upsampled(&c, &prefilter(&poles, &weights, m0), m0, m0 * size);
+        assert_close(&format!("{id} c0"), first.as_slice(), c0.as_slice(), 1e-13);
+        let second = upsampled(&c0, &two_scale_filter(&fine, m), m, m * m0 * size);
+        assert_close(&format!("{id} c1"), second.as_slice(), c1.as_slice(), 1e-13);
+
+        let kind = half_integer_shifts(PoleList::on_grid(&poles.list()));
+        let coarse = Refinement::new(&closed(&kind, size, 2).unwrap(), m0).unwrap();
+        let start = filter_of(&kind, size, m0).first;
+        let found = coarse.apply(&c);
+        assert_shifted(&format!("{id} refined"), &found, &c0, fine.integral(), start);
+        let next = Refinement::new(coarse.space(), m).unwrap();
+        let kind = coarse.representation().generator().unwrap();
+        let start = m as isize * start + filter_of(kind, m0 * size, m).first;
+        let integral = poles.refined((m0 * m) as f64).integral();
+        assert_shifted(&format!("{id} refined twice"), &next.apply(&found), &c1, integral, start);
+    }
+}
+
+/// The filter of a kind that has one.
+fn filter_of(kind: &GeneratorKind, intervals: usize, factor: usize) -> FineFilter {
+    let recipe = kind.recipe(intervals).unwrap();
+    FineFilter::new(&recipe, kind.build(intervals).unwrap().as_ref(), factor).unwrap()
+}
+
+#[test]
+fn finite_sequences_equal_the_vectors() {
+    let document = load("generators/refinement.json");
+    for case in vectors::cases(&document) {
+        let (id, stored) = (text(&case["id"]), &case["finite"]);
+        let (poles, weights) = case_parts(case);
+        let (m0, c, wanted) = (size_of(&stored["m0"]), matrix(&stored["c"]), matrix(&stored["c0"]));
+        let first = stored["first_index"].as_i64().unwrap();
+        assert_eq!(stored["first_index_out"].as_i64().unwrap(), m0 as i64 * first);
+        let filter = prefilter(&poles, &weights, m0);
+        let rows = m0 * (c.nrows() - 1) + filter.len();
+        let found = upsampled(&c, &filter, m0, rows);
+        assert_close(id, found.as_slice(), wanted.as_slice(), 1e-13);
+        let kind = half_integer_shifts(PoleList::on_grid(&poles.list()));
+        let integral = poles.refined(m0 as f64).integral();
+        let taps: Vec<f64> = filter_of(&kind, 6, m0).taps.iter().map(|tap| tap / integral).collect();
+        assert_close(&format!("{id} taps"), &taps, &filter, 1e-13);
+    }
+}
+
+/// Generators with a two-scale relation; the last has no pole 0.
+fn refinable() -> Vec<GeneratorKind> {
+    let pair = |a: f64, b: f64| vec![[a, b], [-a, -b]];
+    let list = |zeros: usize, pairs: &[[f64; 2]]| {
+        let pairs = pairs.iter().flat_map(|&[a, b]| pair(a, b));
+        PoleList::of_domain(&std::iter::repeat_n([0.0, 0.0], zeros).chain(pairs).collect::<Vec<_>>())
+    };
+    let quadruple = [[0.0, 0.0], [1.0, 2.0], [1.0, -2.0], [-1.0, 2.0], [-1.0, -2.0]];
+    let lists = [
+        list(3, &[]),
+        list(1, &[[0.0, TAU]]),
+        list(2, &[[0.0, TAU]]),
+        list(1, &[[0.0, TAU], [3.0, 0.0]]),
+        PoleList::of_domain(&quadruple),
+        list(0, &[[0.0, TAU], [0.0, 2.0 * TAU]]),
+    ];
+    let splines = (1..=5).map(|degree| GeneratorKind::Bspline { degree });
+    let others = lists
+        .into_iter()
+        .flat_map(|poles| [GeneratorKind::Exponential { poles: poles.clone() }, half_integer_shifts(poles)]);
+    splines.chain(others).collect()
+}
+
+/// Whether a curve is refined as the same function: half-integer shifts by even factors, and on open curves no
+/// half-step.
+fn is_exact(kind: &GeneratorKind, order: usize, factor: usize, closed: bool) -> bool {
+    let refinable = refinable().contains(kind);
+    let even = factor.is_multiple_of(2) || !kind.needs_even_factors();
+    refinable && even && (closed || (order * (factor - 1)).is_multiple_of(2))
+}
+
+/// `r(u) = r_fine(u + δ)` when exact, and `r = r_fine` at the fine knots otherwise.
+fn assert_refined(space: &ShapeSpace, factor: usize, seed: u64, parameters: &[f64]) {
+    let what = format!("{:?} by {factor}", space.representation());
+    let refinement = Refinement::new(space, factor).unwrap();
+    let (points, curve) = random_curve(space, seed);
+    let fine = Curve::of(refinement.space(), &refinement.apply(&points)).unwrap();
+    assert_eq!(fine.segments(), factor * curve.segments(), "{what}");
+    let kind = space.representation().generator().unwrap();
+    let wanted = is_exact(kind, space.line().expect("a curve").poles().order(), factor, curve.is_closed());
+    assert_eq!(refinement.is_exact(), wanted, "{what}");
+    let shift = refinement.parameter_shift();
+    let knots: Vec<f64> = (0..=fine.segments()).map(|k| k as f64 / fine.segments() as f64).collect();
+    for &u in if wanted { parameters } else { &knots } {
+        // Control points are random in [−1, 1]; values are sums of at most ten of them.
+        assert_close(&format!("{what}, u = {u}"), &fine.evaluate(u + shift, 0), &curve.evaluate(u, 0), 1e-12);
+    }
+    assert!(wanted || shift == 0.0);
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    #[test]
+    fn refined_curves_are_the_same(
+        kind in prop::sample::select(refinable()),
+        factor in prop::sample::select(vec![2_usize, 3, 4, 6]),
+        size in 6_usize..12,
+        seed in any::<u64>(),
+        parameters in prop::collection::vec(0.0..1.0, 50),
+    ) {
+        assert_refined(&closed(&kind, size, 2).unwrap(), factor, seed, &parameters);
+        assert_refined(&open(&kind, size, 3).unwrap(), factor, seed, &parameters);
+    }
+
+    #[test]
+    fn polyphase_sums_are_one(
+        kind in prop::sample::select(refinable()),
+        factor in prop::sample::select(vec![2_usize, 3, 4, 6]),
+        size in 6_usize..100,
+    ) {
+        prop_assume!(factor % 2 == 0 || !kind.needs_even_factors());
+        prop_assume!(kind.properties().partition_of_unity);
+        let filter = filter_of(&kind, size, factor);
+        for phase in 0..factor {
+            let sum: f64 = filter.taps.iter().skip(phase).step_by(factor).sum();
+            prop_assert!((sum - 1.0).abs() <= 1e-13, "{kind:?} by {factor}: {sum}");
+        }
+        let reversed: Vec<f64> = filter.taps.iter().rev().copied().collect();
+        assert_close("symmetry", &filter.taps, &reversed, 1e-14);
+    }
+}
+
+/// The circle of three control points: normalised coefficients at radius `1/cos(π/n)`, at exact angles.
+#[test]
+fn the_published_circle_is_refined() {
+    let kind = half_integer_shifts(PoleList::of_domain(&[[0.0, 0.0], [0.0, TAU], [0.0, -TAU]]));
+    let mut space = closed(&kind, 3, 2).unwrap();
+    let on_circle = |angle: f64| [angle.cos(), angle.sin()];
+    let mut points = Matrix::from_fn(3, 2, |k, c| on_circle(TAU * k as f64 / 3.0)[c]);
+    let mut shift = 0.0;
+    let published = [
+        (2, 6, 1.547005e-1),
+        (2, 12, 3.527618e-2),
+        (2, 24, 8.628961e-3),
+        (4, 96, 5.356993e-4),
+        (4, 384, 3.346720e-5),
+    ];
+    for (factor, count, excess) in published {
+        let refinement = Refinement::new(&space, factor).unwrap();
+        assert!(refinement.is_exact());
+        points = refinement.apply(&points);
+        shift += refinement.parameter_shift();
+        space = refinement.space().clone();
+        assert_eq!(points.nrows(), count);
+        let radius = 1.0 / (TAU / 2.0 / count as f64).cos();
+        // the table has seven digits
+        assert!((radius - 1.0 - excess).abs() <= 5e-7 * excess, "{count}: {radius}");
+        for (l, point) in points.row_iter().enumerate() {
+            let angle = TAU * (l as f64 / count as f64 - shift);
+            let wanted = on_circle(angle).map(|v| radius * v);
+            assert_close(&format!("{count}, {l}"), &[point[0], point[1]], &wanted, 1e-14);
+        }
+    }
+}
+
+/// Generators without a two-scale relation are sampled, and say so; what they reproduce stays as it is.
+#[test]
+fn other_generators_are_sampled() {
+    let integer =
+        interpolator(Family::IntegerShifts, PoleList::of_domain(&[[0.0, 0.0], [0.0, TAU], [0.0, -TAU]]));
+    for kind in [GeneratorKind::Trigonometric {}, integer, GeneratorKind::Keys {}] {
+        let circle = Matrix::from_fn(7, 2, |k, c| (TAU * (k as f64 / 7.0 - 0.25 * c as f64)).cos());
+        for factor in [2, 3] {
+            let space = closed(&kind, 7, 2).unwrap();
+            let refinement = Refinement::new(&space, factor).unwrap();
+            assert!(!refinement.is_exact() && refinement.parameter_shift() == 0.0);
+            let representation = refinement.representation();
+            assert_eq!(representation.count(), 7 * factor);
+            assert_eq!(representation.generator(), Some(&kind));
+            let (coarse, fine) = (
+                Curve::of(&space, &circle).unwrap(),
+                Curve::of(refinement.space(), &refinement.apply(&circle)).unwrap(),
+            );
+            let differ = (0..100)
+                .map(|i| f64::from(i) / 100.0)
+                .map(|u| (coarse.evaluate(u, 0)[0] - fine.evaluate(u, 0)[0]).abs())
+                .fold(0.0, f64::max);
+            let reproduces = kind != GeneratorKind::Keys {};
+            assert_eq!(differ <= 1e-14, reproduces, "{kind:?} by {factor}: {differ:e}");
+            assert_refined(&space, factor, 5, &[]);
+        }
+    }
+}

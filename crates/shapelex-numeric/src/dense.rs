@@ -1,0 +1,426 @@
+//! Dense kernels: symmetric rank-k update, matrix products, symmetric eigenproblems.
+//!
+//! The one place that knows which library does the work. Kernels run on one thread; callers go
+//! parallel over chunks outside, which stays fast on a busy machine and makes results independent of
+//! the number of threads.
+
+use dyn_stack::{MemBuffer, MemStack};
+use faer::linalg::matmul::triangular::{self, BlockStructure};
+use faer::linalg::solvers::{Llt, PartialPivLu};
+use faer::linalg::triangular_solve::solve_upper_triangular_in_place;
+use faer::matrix_free::eigen::{
+    PartialEigenParams, partial_self_adjoint_eigen, partial_self_adjoint_eigen_scratch,
+};
+use faer::prelude::Solve;
+use faer::{Accum, Mat, MatMut, MatRef, Par, Side};
+use nalgebra::{DMatrix, DVector};
+
+use super::NumericError;
+use super::operator::SymmetricOperator;
+
+/// Column-major dense matrix.
+pub type Matrix = DMatrix<f64>;
+/// Dense vector.
+pub type Vector = DVector<f64>;
+
+fn view(m: &Matrix) -> MatRef<'_, f64> {
+    MatRef::from_column_major_slice(m.as_slice(), m.nrows(), m.ncols())
+}
+
+fn view_mut(m: &mut Matrix) -> MatMut<'_, f64> {
+    let (rows, columns) = m.shape();
+    MatMut::from_column_major_slice_mut(m.as_mut_slice(), rows, columns)
+}
+
+/// Lower triangle of `s ← s + factor X Xᵀ`; `columns` holds `X` (`n × k`, column-major), `s` is `n × n`.
+///
+/// Cost `n² k` multiply-adds. The strict upper triangle of `s` is left as it is.
+pub fn add_outer_products(s: &mut Matrix, columns: &[f64], factor: f64) {
+    let n = s.nrows();
+    let x = MatRef::from_column_major_slice(columns, n, columns.len() / n.max(1));
+    triangular::matmul(
+        view_mut(s),
+        BlockStructure::TriangularLower,
+        Accum::Add,
+        x,
+        BlockStructure::Rectangular,
+        x.transpose(),
+        BlockStructure::Rectangular,
+        factor,
+        Par::Seq,
+    );
+}
+
+/// `XᵀX` of the `n × k` matrix stored in `columns`, both triangles filled.
+pub fn gram(columns: &[f64], n: usize) -> Matrix {
+    let k = columns.len() / n.max(1);
+    let x = MatRef::from_column_major_slice(columns, n, k);
+    let mut g = Matrix::zeros(k, k);
+    triangular::matmul(
+        view_mut(&mut g),
+        BlockStructure::TriangularLower,
+        Accum::Replace,
+        x.transpose(),
+        BlockStructure::Rectangular,
+        x,
+        BlockStructure::Rectangular,
+        1.0,
+        Par::Seq,
+    );
+    fill_upper(&mut g);
+    g
+}
+
+/// Copies the strict lower triangle to the upper one.
+pub fn fill_upper(s: &mut Matrix) {
+    for column in 1..s.ncols() {
+        for row in 0..column {
+            s[(row, column)] = s[(column, row)];
+        }
+    }
+}
+
+/// `A B`.
+pub fn multiply(a: &Matrix, b: &Matrix) -> Matrix {
+    let mut c = Matrix::zeros(a.nrows(), b.ncols());
+    faer::linalg::matmul::matmul(view_mut(&mut c), Accum::Replace, view(a), view(b), 1.0, Par::Seq);
+    c
+}
+
+/// `C ← C + X B`; `columns` holds `X` (column-major).
+pub fn add_product(c: &mut Matrix, columns: &[f64], b: &Matrix) {
+    let x = MatRef::from_column_major_slice(columns, c.nrows(), b.nrows());
+    faer::linalg::matmul::matmul(view_mut(c), Accum::Add, x, view(b), 1.0, Par::Seq);
+}
+
+/// `AᵀB`.
+pub fn transpose_multiply(a: &Matrix, b: &Matrix) -> Matrix {
+    transpose_multiply_columns(a, b.as_slice())
+}
+
+/// `AᵀX`; `columns` holds `X` (`n × k`, column-major).
+pub fn transpose_multiply_columns(a: &Matrix, columns: &[f64]) -> Matrix {
+    let n = a.nrows();
+    let x = MatRef::from_column_major_slice(columns, n, columns.len() / n.max(1));
+    let mut c = Matrix::zeros(a.ncols(), x.ncols());
+    let at = view(a).transpose();
+    faer::linalg::matmul::matmul(view_mut(&mut c), Accum::Replace, at, x, 1.0, Par::Seq);
+    c
+}
+
+/// The Cholesky factor of a symmetric positive definite matrix.
+#[derive(Debug)]
+pub struct Definite {
+    factor: Llt<f64>,
+    independence: f64,
+}
+
+impl Definite {
+    /// Factors the matrix in the lower triangle of `s`. Cost `n³/3`.
+    ///
+    /// # Errors
+    /// [`NumericError::NotPositiveDefinite`].
+    pub fn new(s: &Matrix) -> Result<Self, NumericError> {
+        // The library's high-level call takes its parallelism from a global setting.
+        faer::set_global_parallelism(Par::Seq);
+        let failure = |smallest| NumericError::NotPositiveDefinite { size: s.nrows(), smallest };
+        let factor = view(s).llt(Side::Lower).map_err(|_| failure(0.0))?;
+        let pivot = |i: usize| factor.L()[(i, i)].powi(2) / s[(i, i)];
+        let independence = (0..s.nrows()).map(pivot).fold(1.0, f64::min);
+        // A pivot that is no number is no pivot.
+        if independence > 0.0 { Ok(Self { factor, independence }) } else { Err(failure(independence)) }
+    }
+
+    /// The least pivot over its diagonal entry, as [`super::banded::Banded::independence`].
+    pub fn independence(&self) -> f64 {
+        self.independence
+    }
+
+    /// `S⁻¹ right`.
+    pub fn solve(&self, right: &Matrix) -> Matrix {
+        let solution = self.factor.solve(view(right));
+        Matrix::from_fn(right.nrows(), right.ncols(), |i, j| solution[(i, j)])
+    }
+}
+
+/// A dense symmetric positive definite operator, with its Cholesky factor: `R = Lᵀ`.
+#[derive(Debug)]
+pub struct DenseOperator {
+    matrix: Matrix,
+    factor: Llt<f64>,
+}
+
+impl DenseOperator {
+    /// Factors `matrix`. Cost `n³/3`.
+    ///
+    /// # Errors
+    /// [`NumericError::NotPositiveDefinite`].
+    pub fn new(matrix: Matrix) -> Result<Self, NumericError> {
+        let Definite { factor, .. } = Definite::new(&matrix)?;
+        Ok(Self { matrix, factor })
+    }
+
+    /// The matrix.
+    pub fn matrix(&self) -> &Matrix {
+        &self.matrix
+    }
+
+    fn columns<'a>(&self, data: &'a mut [f64]) -> MatMut<'a, f64> {
+        let n = self.matrix.nrows();
+        let count = data.len() / n.max(1);
+        MatMut::from_column_major_slice_mut(data, n, count)
+    }
+}
+
+impl SymmetricOperator for DenseOperator {
+    fn size(&self) -> usize {
+        self.matrix.nrows()
+    }
+
+    fn apply(&self, data: &mut [f64]) {
+        let before = data.to_vec();
+        let x = MatRef::from_column_major_slice(&before, self.size(), before.len() / self.size().max(1));
+        let out = self.columns(data);
+        faer::linalg::matmul::matmul(out, Accum::Replace, view(&self.matrix), x, 1.0, Par::Seq);
+    }
+
+    fn solve(&self, data: &mut [f64]) {
+        self.factor.solve_in_place(self.columns(data));
+    }
+
+    fn whiten(&self, data: &mut [f64]) {
+        let before = data.to_vec();
+        let x = MatRef::from_column_major_slice(&before, self.size(), before.len() / self.size().max(1));
+        triangular::matmul(
+            self.columns(data),
+            BlockStructure::Rectangular,
+            Accum::Replace,
+            self.factor.L().transpose(),
+            BlockStructure::TriangularUpper,
+            x,
+            BlockStructure::Rectangular,
+            1.0,
+            Par::Seq,
+        );
+    }
+
+    fn unwhiten(&self, data: &mut [f64]) {
+        solve_upper_triangular_in_place(self.factor.L().transpose(), self.columns(data), Par::Seq);
+    }
+}
+
+/// The factors of a square matrix that need not be symmetric.
+#[derive(Debug)]
+pub struct Square {
+    factors: PartialPivLu<f64>,
+}
+
+/// A pivot below this part of the largest one is zero.
+const SINGULAR: f64 = 1e-12;
+
+impl Square {
+    /// Factors the matrix, unless it is singular to working precision. Cost `2n³/3`.
+    pub fn new(matrix: &Matrix) -> Option<Self> {
+        faer::set_global_parallelism(Par::Seq);
+        let factors = view(matrix).partial_piv_lu();
+        let pivots: Vec<f64> = (0..matrix.nrows()).map(|i| factors.U()[(i, i)].abs()).collect();
+        let largest = pivots.iter().copied().fold(0.0, f64::max);
+        pivots.iter().all(|pivot| *pivot > SINGULAR * largest).then_some(Self { factors })
+    }
+
+    /// `A⁻¹ right`.
+    pub fn solve(&self, right: &Matrix) -> Matrix {
+        let solution = self.factors.solve(view(right));
+        Matrix::from_fn(right.nrows(), right.ncols(), |i, j| solution[(i, j)])
+    }
+}
+
+/// Eigenpairs of a symmetric matrix, eigenvalues in descending order, orthonormal columns.
+#[derive(Debug, Clone)]
+pub struct Eigenpairs {
+    /// `λ_1 ≥ λ_2 ≥ …`.
+    pub values: Vec<f64>,
+    /// One eigenvector a column, in the order of `values`.
+    pub vectors: Matrix,
+}
+
+/// Steps of [`iterate_subspace`]: enough for eigenvalues that fall by a tenth behind the subspace.
+const SUBSPACE_STEPS: usize = 100;
+
+/// Relative residual at which an invariant subspace is found: it guides a search, the mean itself is computed anew.
+const SUBSPACE_RESIDUAL: f64 = 1e-11;
+
+/// Orthonormal basis of the leading invariant subspace of a symmetric positive semi-definite operator, by subspace
+/// iteration from the columns of `near`. For repeated solutions of problems that change little: a few products.
+/// Nothing when the residual stays above `10⁻¹¹`.
+pub fn iterate_subspace(apply: impl Fn(&Matrix) -> Matrix, near: &Matrix) -> Option<Matrix> {
+    let mut basis = near.clone();
+    for _ in 0..SUBSPACE_STEPS {
+        let image = apply(&basis);
+        let small = transpose_multiply(&basis, &image);
+        let residual = (&image - multiply(&basis, &small)).norm();
+        if !residual.is_finite() {
+            return None;
+        }
+        if residual <= SUBSPACE_RESIDUAL * small.norm() {
+            return Some(basis);
+        }
+        basis = image.qr().q();
+    }
+    None
+}
+
+/// Up to this size the full solver is faster than, or close to, the partial one.
+const FULL_SOLVER_SIZE: usize = 96;
+
+/// The `count` leading eigenpairs of the symmetric matrix in the lower triangle of `s`.
+///
+/// Small matrices, and requests for more than a quarter of the spectrum, go to the full solver
+/// (`~10 n³`); large ones to a restarted Krylov iteration from a fixed start vector (`~n²` per
+/// step), which falls back to the full solver when it does not converge.
+///
+/// # Errors
+/// [`NumericError::NoConvergence`] when the full solver fails (entries that are not finite).
+pub fn leading_eigenpairs(s: &Matrix, count: usize) -> Result<Eigenpairs, NumericError> {
+    let n = s.nrows();
+    let count = count.min(n);
+    if n > FULL_SOLVER_SIZE
+        && count * 4 <= n
+        && let Some(pairs) = krylov_eigenpairs(s, count)
+    {
+        return Ok(pairs);
+    }
+    full_eigenpairs(s, count)
+}
+
+fn full_eigenpairs(s: &Matrix, count: usize) -> Result<Eigenpairs, NumericError> {
+    let n = s.nrows();
+    let failure = NumericError::NoConvergence { size: n };
+    if s.iter().any(|value| !value.is_finite()) {
+        return Err(failure);
+    }
+    // The library's high-level call takes its parallelism from a global setting.
+    faer::set_global_parallelism(Par::Seq);
+    let eigen = view(s).self_adjoint_eigen(Side::Lower).map_err(|_| failure)?;
+    let (ascending, u) = (eigen.S().column_vector(), eigen.U());
+    let values = (0..count).map(|i| ascending[n - 1 - i]).collect();
+    let vectors = Matrix::from_fn(n, count, |row, i| u[(row, n - 1 - i)]);
+    Ok(Eigenpairs { values, vectors })
+}
+
+fn krylov_eigenpairs(s: &Matrix, count: usize) -> Option<Eigenpairs> {
+    let n = s.nrows();
+    let mut full = s.clone();
+    fill_upper(&mut full);
+    let operator = view(&full);
+    // One more than asked for, so that a cluster is not cut at its last member.
+    let wanted = count + 2;
+    let params = PartialEigenParams::default();
+    let mut vectors = Mat::<f64>::zeros(n, wanted);
+    let mut values = vec![0.0; wanted];
+    let start = start_vector(n);
+    let mut memory = MemBuffer::new(partial_self_adjoint_eigen_scratch(&operator, wanted, Par::Seq, params));
+    let info = partial_self_adjoint_eigen(
+        vectors.as_mut(),
+        &mut values,
+        &operator,
+        start.as_ref(),
+        f64::EPSILON * 32.0,
+        Par::Seq,
+        MemStack::new(&mut memory),
+        params,
+    );
+    if info.n_converged_eigen < wanted {
+        return None;
+    }
+    let mut order: Vec<usize> = (0..wanted).collect();
+    order.sort_by(|&i, &j| values[j].total_cmp(&values[i]));
+    // The iteration ranks by magnitude; of a positive semi-definite matrix that is by value.
+    let negative = values.iter().any(|&value| value < -1e-8 * values[order[0]].abs());
+    (!negative).then(|| Eigenpairs {
+        values: order[..count].iter().map(|&i| values[i]).collect(),
+        vectors: Matrix::from_fn(n, count, |row, i| vectors[(row, order[i])]),
+    })
+}
+
+/// A fixed, structureless unit vector: results must not depend on ambient randomness, and a constant
+/// vector is an eigenvector of every circulant matrix.
+fn start_vector(n: usize) -> faer::Col<f64> {
+    let mut state = 0x9e37_79b9_7f4a_7c15_u64;
+    let raw: Vec<f64> = (0..n)
+        .map(|_| {
+            state ^= state << 13;
+            state ^= state >> 7;
+            state ^= state << 17;
+            (state >> 11) as f64 / (1u64 << 53) as f64 - 0.5
+        })
+        .collect();
+    let norm = raw.iter().map(|value| value * value).sum::<f64>().sqrt();
+    faer::Col::from_fn(n, |i| raw[i] / norm)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::operator::assert_operator_of;
+
+    fn covariance(n: usize, spectrum: impl Fn(usize) -> f64) -> Matrix {
+        let raw = Matrix::from_fn(n, n, |i, j| ((i * 37 + j * 101 + i * j) as f64 * 0.7).sin());
+        let q = raw.qr().q();
+        let scaled = Matrix::from_fn(n, n, |i, j| q[(i, j)] * spectrum(j));
+        multiply(&scaled, &q.transpose())
+    }
+
+    #[test]
+    fn krylov_equals_full_also_for_double_eigenvalues() {
+        for (n, spectrum) in [
+            (150, (|i| 1.0 / (1.0 + i as f64).powi(2)) as fn(usize) -> f64),
+            (200, |i| 1.0 / (1.0 + (i / 2) as f64)),
+            (130, |i| if i < 8 { 10.0 - i as f64 } else { 0.0 }),
+        ] {
+            let s = covariance(n, spectrum);
+            let full = full_eigenpairs(&s, 6).unwrap();
+            let partial = leading_eigenpairs(&s, 6).unwrap();
+            for i in 0..6 {
+                assert!((full.values[i] - partial.values[i]).abs() < 1e-12, "{n}: {i}");
+            }
+            let p = multiply(&partial.vectors, &partial.vectors.transpose());
+            let f = multiply(&full.vectors, &full.vectors.transpose());
+            assert!((p - f).norm() < 1e-8, "n = {n}");
+        }
+    }
+
+    #[test]
+    fn outer_products_fill_the_lower_triangle() {
+        let x = Matrix::from_fn(5, 7, |i, j| (i as f64 + 1.3) * (j as f64 - 2.0).cos());
+        let mut s = Matrix::zeros(5, 5);
+        add_outer_products(&mut s, x.as_slice(), 1.0);
+        fill_upper(&mut s);
+        assert!((s - &x * x.transpose()).norm() < 1e-13);
+        assert!((gram(x.as_slice(), 5) - x.transpose() * &x).norm() < 1e-13);
+        assert!((transpose_multiply(&x, &x) - x.transpose() * &x).norm() < 1e-13);
+    }
+
+    #[test]
+    fn entries_that_are_not_finite_are_an_error() {
+        let s = Matrix::from_element(3, 3, f64::NAN);
+        assert!(leading_eigenpairs(&s, 1).is_err());
+    }
+
+    #[test]
+    fn dense_operators_have_the_root_of_their_factor() {
+        let matrix = covariance(7, |i| 1.0 + i as f64);
+        let operator = DenseOperator::new(matrix.clone()).unwrap();
+        assert_operator_of(&operator, |i, j| matrix[(i, j)], 1e-12);
+    }
+
+    #[test]
+    fn square_matrices_are_solved_unless_they_are_singular() {
+        let matrix =
+            Matrix::from_fn(5, 5, |i, j| ((3 * i + j * j) as f64).sin() + if i == j { 2.0 } else { 0.0 });
+        let wanted = Matrix::from_fn(5, 2, |i, j| (i + 2 * j) as f64);
+        let found = Square::new(&matrix).unwrap().solve(&(&matrix * &wanted));
+        assert!((found - wanted).amax() < 1e-13);
+        assert!(Square::new(&Matrix::from_fn(3, 3, |i, j| (i * j) as f64)).is_none());
+    }
+}
