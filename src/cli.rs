@@ -8,12 +8,9 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-use crate::api;
 use crate::config::{ServeArgs, ServeConfig};
-use crate::health;
-use crate::server;
-use crate::service::build;
-use crate::telemetry;
+use crate::service::app::build;
+use crate::{api, health, server, telemetry};
 
 /// Shape statistics as a service.
 #[derive(Debug, Parser)]

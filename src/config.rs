@@ -9,10 +9,9 @@ use clap::{Args, ValueEnum};
 use serde::Deserialize;
 
 use crate::opening::{self, Place};
-use crate::server::ConnectionLimits;
 use crate::service::access::AccessSettings;
 use crate::service::access::tokens::TokenSettings;
-use crate::service::{Limits, memory};
+use crate::service::app::{Limits, memory};
 use crate::worker::Places;
 use crate::worker::tidy::Terms;
 
@@ -64,7 +63,24 @@ macro_rules! serve_settings {
             $($(#[doc = $doc])* pub $field: $type,)*
         }
 
-        impl ServeConfig {
+        /// What clients are allowed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct ConnectionLimits {
+    /// Open connections.
+    pub(crate) connections: usize,
+    /// Bytes of the head of a request.
+    pub(crate) head_bytes: usize,
+    /// Requests at once on a connection of HTTP/2.
+    pub(crate) streams: u32,
+    /// From the connection to the end of the head of its first request.
+    pub(crate) first_request: Duration,
+    /// From one answer to the end of the head of the next request.
+    pub(crate) idle: Duration,
+    /// With bytes of an answer ready that the client does not take.
+    pub(crate) reader: Duration,
+}
+
+impl ServeConfig {
             /// Flags over environment over file over defaults.
             ///
             /// # Errors

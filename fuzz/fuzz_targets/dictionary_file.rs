@@ -8,9 +8,10 @@ use axum::body::Body;
 use axum::http::{Request, StatusCode};
 use libfuzzer_sys::fuzz_target;
 use shapelex::formats::checked::Checked;
-use shapelex::service::dictionary_file::{DictionaryFile, import};
-use shapelex::service::input::parse;
-use shapelex::service::{ServiceError, dictionaries};
+use shapelex::service::dictionaries::file::{DictionaryFile, import};
+use shapelex::service::shapes::read::parse;
+use shapelex::service::app::ServiceError;
+use shapelex::service::dictionaries::planning;
 use shapelex_fuzz::LIMITS;
 use shapelex_fuzz::Service;
 
@@ -44,5 +45,5 @@ fuzz_target!(|text: &[u8]| {
         let (status, _, answer) = service.send(request);
         assert!(status < StatusCode::INTERNAL_SERVER_ERROR, "{method} {what}: {status} {answer:?}");
     }
-    service.run(dictionaries::delete(service.app(), &id)).expect("what was imported is deleted");
+    service.run(planning::delete(service.app(), &id)).expect("what was imported is deleted");
 });

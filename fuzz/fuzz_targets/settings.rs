@@ -11,7 +11,7 @@ use shapelex::formats::checked::Checked;
 use shapelex::formats::representation::{FitTarget, Readable, read_generator};
 use shapelex::geometry::representation::{Representation, ShapeSpace};
 use shapelex::numeric::dense::Matrix;
-use shapelex::service::input::{check_representation, parse};
+use shapelex::service::shapes::read::{check_representation, parse};
 use shapelex_fuzz::LIMITS;
 
 fuzz_target!(|text: &[u8]| {

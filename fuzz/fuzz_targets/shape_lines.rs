@@ -11,7 +11,7 @@ use shapelex::analysis::correspondence::{Correspondence, Direction};
 use shapelex::formats::ndjson::{Line, LineTooLong, Lines};
 use shapelex::formats::shape::ShapeInput;
 use shapelex::geometry::representation::{Representation, ShapeSpace};
-use shapelex::service::input::{Reading, own_faults, parse, read_shape};
+use shapelex::service::shapes::read::{Reading, own_faults, parse, read_shape};
 use shapelex_fuzz::LIMITS;
 
 /// Representations, as they stand in a request, and how points become theirs.

@@ -9,7 +9,7 @@ use axum::http::{HeaderMap, HeaderValue, Request, StatusCode};
 use bytes::Bytes;
 use http_body_util::BodyExt;
 use shapelex::api;
-use shapelex::service::{App, Limits};
+use shapelex::service::app::{App, Limits};
 use shapelex::store::Store;
 use tempfile::TempDir;
 use tokio::runtime::Runtime;

@@ -22,8 +22,8 @@ use super::observe::{self, Asker};
 use super::origin;
 use super::problem::{Problem, ProblemKind};
 use crate::domain::access::{Principal, Role, is_loopback};
-use crate::service::App;
 use crate::service::access::{Shown, identify};
+use crate::service::app::App;
 
 /// What an operation needs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -154,7 +154,7 @@ pub async fn admit(Extension(app): Extension<App>, mut request: Request, next: N
         needs => needs,
     };
     let Needs::Role(role) = needs else { return next.run(request).await };
-    let quiet = app.trail.refusals().is_loud(observe::network(&request));
+    let quiet = app.trail().refusals().is_loud(observe::network(&request));
     match identify(&app, shown(request.headers()), quiet).await {
         Ok(principal) => {
             let (allowed, principal) = (check(&principal, role, &request), Arc::new(principal));

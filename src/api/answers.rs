@@ -12,7 +12,7 @@ use axum::response::{IntoResponse, Response};
 use http_body::{Frame, SizeHint};
 
 use super::problem::Problem;
-use crate::service::memory::{Held, Memory, Purpose};
+use crate::service::app::memory::{Held, Memory, Purpose};
 
 /// Shorter answers are not counted: connections bound how many there are.
 const SMALL: u64 = 4 << 10;
@@ -100,7 +100,7 @@ mod tests {
     use tower::ServiceExt;
 
     use super::*;
-    use crate::service::memory::Quota;
+    use crate::service::app::memory::Quota;
 
     const BYTES: usize = 100 << 10;
 

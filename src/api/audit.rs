@@ -20,8 +20,8 @@ use super::observe::{self, Asker};
 use super::problem::Problem;
 use crate::domain::access::Role;
 use crate::domain::audit::Entry;
-use crate::service::audit::{Recording, Trail};
-use crate::service::now_ms;
+use crate::service::app::now_ms;
+use crate::service::audit::trail::{Recording, Trail};
 
 /// What is recorded.
 const RECORDED: &str = "/v1/";

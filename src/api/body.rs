@@ -16,9 +16,8 @@ use super::extract::media_type;
 use super::overload::Edge;
 use super::problem::{Problem, ProblemKind};
 use crate::formats::bounds::Census;
-use crate::service::error::Fault;
-use crate::service::memory::{Held, Purpose};
-use crate::service::{App, ServiceError};
+use crate::service::app::memory::{Held, Purpose};
+use crate::service::app::{App, Fault, ServiceError};
 
 /// Whether a body is a stream of lines, which is never in memory as a whole.
 pub fn is_stream(media_type: &str) -> bool {

@@ -17,9 +17,9 @@ use super::problem::{Problem, ProblemKind};
 use crate::domain::access::Principal;
 use crate::formats::matrix::MatrixFormat;
 use crate::formats::mesh::MeshFormat;
-use crate::service::App;
-use crate::service::cohorts::Expected;
-use crate::service::retries::Retry;
+use crate::service::app::App;
+use crate::service::app::idempotency::Retry;
+use crate::service::cohorts::catalogue::Expected;
 
 /// The service as the caller sees it: what one tenant has, as far as its key reaches.
 #[derive(Debug)]

@@ -6,7 +6,7 @@ use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 use super::problem::{Problem, ProblemDocument};
-use crate::service::App;
+use crate::service::app::App;
 
 /// The probes.
 pub fn routes() -> OpenApiRouter<App> {

@@ -6,7 +6,7 @@ use axum::response::{IntoResponse, Response};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
-use crate::service::{App, metrics};
+use crate::service::app::{App, scrape};
 
 /// The metrics.
 pub fn routes() -> OpenApiRouter<App> {
@@ -19,5 +19,5 @@ pub fn routes() -> OpenApiRouter<App> {
 #[utoipa::path(get, path = "/metrics", tag = "operation",
     responses((status = 200, description = "The metrics", body = String, content_type = "text/plain; version=0.0.4")))]
 async fn read_metrics(State(app): State<App>) -> Response {
-    ([(header::CONTENT_TYPE, "text/plain; version=0.0.4")], metrics::scrape(&app).await).into_response()
+    ([(header::CONTENT_TYPE, "text/plain; version=0.0.4")], scrape::scrape(&app).await).into_response()
 }

@@ -27,8 +27,6 @@ pub mod problem;
 pub mod respond;
 pub mod v1;
 
-use std::sync::Arc;
-
 use axum::body::Body;
 use axum::http::HeaderName;
 use axum::middleware::{from_fn, from_fn_with_state};
@@ -42,7 +40,7 @@ use tower_http::request_id::{MakeRequestUuid, PropagateRequestIdLayer, SetReques
 use utoipa::OpenApi;
 use utoipa_axum::router::OpenApiRouter;
 
-use crate::service::App;
+use crate::service::app::App;
 use problem::{Problem, ProblemKind};
 
 #[derive(OpenApi)]
@@ -103,7 +101,7 @@ pub fn openapi() -> utoipa::openapi::OpenApi {
 /// The whole service.
 pub fn router(app: App) -> Router {
     let (router, document) = routes();
-    let recorder = audit::Recorder::new(Arc::clone(&app.trail), &document);
+    let recorder = audit::Recorder::new(app.trail(), &document);
     let request_id = HeaderName::from_static(observe::REQUEST_ID);
     let middleware = ServiceBuilder::new()
         .layer(from_fn(headers::secure))

@@ -18,8 +18,10 @@ use metrics::{Counter, Label, counter, gauge, histogram};
 use tracing::{Instrument, Span};
 
 use crate::domain::access::{self, Principal};
-use crate::service::audit::Touched;
-use crate::service::metrics::{HTTP_BYTES_IN, HTTP_BYTES_OUT, HTTP_DURATION, HTTP_IN_FLIGHT, HTTP_REQUESTS};
+use crate::service::app::metrics::{
+    HTTP_BYTES_IN, HTTP_BYTES_OUT, HTTP_DURATION, HTTP_IN_FLIGHT, HTTP_REQUESTS,
+};
+use crate::service::app::touched::Touched;
 
 /// The header with the id of a request.
 pub const REQUEST_ID: &str = "x-request-id";

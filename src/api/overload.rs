@@ -16,7 +16,7 @@ use governor::{DefaultKeyedRateLimiter, Quota, RateLimiter};
 use super::observe;
 use super::problem::{Problem, ProblemKind};
 use crate::domain::access::Principal;
-use crate::service::{App, Limits};
+use crate::service::app::{App, Limits};
 
 /// Callers are forgotten that did not ask lately, every so many requests.
 const SWEEP: u32 = 1024;

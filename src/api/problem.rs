@@ -1,6 +1,6 @@
 //! Problem documents (RFC 9457) in HTTP: the answer of every refusal, with the request id.
 //!
-//! The types and their documents are those of [`service::problem`](crate::service::problem).
+//! The types and their documents are those of [`service::problem`](crate::service::app::problem).
 
 use axum::Json;
 use axum::extract::Request;
@@ -9,7 +9,7 @@ use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use tower_http::request_id::RequestId;
 
-pub use crate::service::problem::{FaultDocument, Problem, ProblemDocument, ProblemKind};
+pub use crate::service::app::problem::{FaultDocument, Problem, ProblemDocument, ProblemKind};
 
 impl IntoResponse for Problem {
     /// The body is written by [`render`], which knows the request id.

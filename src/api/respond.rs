@@ -11,9 +11,9 @@ use crate::formats::matrix::{MatrixFormat, NamedMatrix};
 use crate::formats::mesh::MeshFormat;
 use crate::geometry::mesh::TriangleMesh;
 use crate::geometry::representation::ShapeSpace;
-use crate::service::memory::Purpose;
-use crate::service::work::Work;
-use crate::service::{App, ServiceError, surfaces};
+use crate::service::app::memory::Purpose;
+use crate::service::app::{App, ServiceError, Work};
+use crate::service::shapes::surfaces;
 
 /// Runs `work` on the pool and answers with what it wrote.
 ///

@@ -9,7 +9,7 @@ use crate::domain::access::{DEFAULT_TENANT, Principal, Role, tenant_problem};
 use crate::domain::key::Key;
 use crate::opening::{self, Place};
 use crate::service::access::keys::{self, NewKey};
-use crate::service::{App, Limits, ServiceError, now_ms};
+use crate::service::app::{App, Limits, ServiceError, now_ms};
 
 /// Connections that a command takes.
 const CONNECTIONS: u32 = 2;

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use clap::{Args, Subcommand};
 
 use crate::opening;
-use crate::service::clock;
+use crate::service::app::clock;
 use crate::store::maintenance::{self, Checked, MaintenanceError, Site};
 use crate::store::{Store, StoreError};
 

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::classifier::{ClassifierKind, ClassifierRecord};
 use super::shape::ShapeFilter;
-use crate::analysis::alignment::Alignment;
+use crate::analysis::alignment::{Alignment, MeanShape};
 use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
 use crate::analysis::dictionary::learning::Schedule;
 use crate::analysis::frame::Frame;
@@ -86,6 +86,19 @@ pub struct MeanRecord {
     pub unique: Option<bool>,
     /// Whether the search of start points, or the fit, ended.
     pub converged: bool,
+}
+
+impl MeanRecord {
+    /// The record of a mean shape in `dimension` coordinates.
+    pub fn of(mean: &MeanShape, dimension: usize) -> Self {
+        Self {
+            control_points: rows_of(&mean.control_points, dimension),
+            eigenvalues: mean.eigenvalues.clone(),
+            gap: mean.gap,
+            unique: mean.unique,
+            converged: mean.converged,
+        }
+    }
 }
 
 /// One atom.

@@ -26,6 +26,7 @@ use tokio_util::task::TaskTracker;
 use tower::Service;
 
 use super::places::{End, Part, Patience, Place, Places, Request as Guard};
+use crate::config::ConnectionLimits;
 
 /// How often a client of HTTP/2 is asked whether it is still there, and how long its answer may take.
 const PING: Duration = Duration::from_secs(20);
@@ -37,23 +38,6 @@ const GOODBYE: Duration = Duration::from_secs(1);
 const PAUSE: Duration = Duration::from_millis(20);
 /// Time between two lines of the log about connections that were turned away.
 const QUIET: Duration = Duration::from_secs(10);
-
-/// What clients are allowed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct ConnectionLimits {
-    /// Open connections.
-    pub(crate) connections: usize,
-    /// Bytes of the head of a request.
-    pub(crate) head_bytes: usize,
-    /// Requests at once on a connection of HTTP/2.
-    pub(crate) streams: u32,
-    /// From the connection to the end of the head of its first request.
-    pub(crate) first_request: Duration,
-    /// From one answer to the end of the head of the next request.
-    pub(crate) idle: Duration,
-    /// With bytes of an answer ready that the client does not take.
-    pub(crate) reader: Duration,
-}
 
 /// Serves connections until it is stopped.
 #[derive(Clone)]

@@ -8,7 +8,6 @@ mod connections;
 mod places;
 mod tls;
 
-use std::sync::Arc;
 use std::time::Duration;
 
 use axum::http::HeaderValue;
@@ -17,13 +16,14 @@ use tokio::net::TcpListener;
 use tokio_util::sync::CancellationToken;
 use tower_http::set_header::SetResponseHeaderLayer;
 
-pub(crate) use self::connections::ConnectionLimits;
 use self::connections::Connections;
 use self::tls::Certificate;
 use crate::api;
 use crate::config::ServeConfig;
-use crate::service::access::{self, Access};
-use crate::service::{App, clock, example, jobs, metrics};
+use crate::service::access::Access;
+use crate::service::app::{App, clock, metrics};
+use crate::service::cohorts::example;
+use crate::service::{access, dispatch};
 use crate::worker::{Worker, tidy};
 
 /// Longest time for requests to finish after a stop was asked for.
@@ -48,8 +48,8 @@ pub(crate) async fn serve(config: ServeConfig) -> Result<(), String> {
     app.memory.watch();
     access::check_start(&app, config.listen).await?;
     let is_open = access::is_open(&app).await.map_err(|error| error.to_string())?;
-    app.trail.start(&app.store, config.audit_required);
-    let trail = Arc::clone(&app.trail);
+    app.trail().start(&app.store, config.audit_required);
+    let trail = app.trail();
     if !config.no_example {
         example::load_into_empty(&app).await.map_err(|error| format!("the example cohort: {error}"))?;
     }
@@ -74,7 +74,7 @@ pub(crate) async fn serve(config: ServeConfig) -> Result<(), String> {
     if let Some(certificate) = certificate {
         tokio::spawn(certificate.watch());
     }
-    let (stopping, worker) = (app.clone(), Worker::start(&app, config.places(), jobs::run));
+    let (stopping, worker) = (app.clone(), Worker::start(&app, config.places(), dispatch::run));
     let stop = CancellationToken::new();
     let mut router = api::router(app);
     if tls.is_some() {

@@ -6,7 +6,9 @@
 use std::collections::BTreeMap;
 
 use super::engine::{Row, Transaction};
-use super::{Store, StoreError, from_sql, sql, to_sql};
+use super::engine::{from_sql, sql, to_sql};
+use super::error::StoreError;
+use super::handle::Store;
 use crate::domain::audit::{AuditFilter, DIGEST_BYTES, Digest, Entry, FIRST_LINK, Recorded};
 
 /// What those who write the trail take turns for.

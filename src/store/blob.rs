@@ -1,7 +1,7 @@
 //! Chunks as bytes: control points and weights as little-endian `f64`, with a blake3 checksum.
 
-use super::StoreError;
 use super::engine::{Row, Transaction, sql};
+use super::error::StoreError;
 
 /// Most shapes in a chunk.
 pub(super) const ROWS_PER_CHUNK: usize = 4096;

@@ -1,8 +1,10 @@
 //! The feed of changes: numbered in the order of the commits, without gaps that could be filled later.
 
-use super::cohorts::{from_text, to_text};
 use super::engine::{Row, Transaction, sql};
-use super::{Store, StoreError, from_sql, to_sql};
+use super::engine::{from_sql, to_sql};
+use super::error::StoreError;
+use super::handle::Store;
+use super::text::{from_text, to_text};
 use crate::domain::change::{Change, NewChange};
 
 /// Changes of a tenant that are kept, the newest.

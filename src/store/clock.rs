@@ -4,7 +4,8 @@
 //! what was believed.
 
 use super::engine::sql;
-use super::{Store, StoreError};
+use super::error::StoreError;
+use super::handle::Store;
 
 /// Rows of `probe`.
 const BELIEVED: i64 = 2;

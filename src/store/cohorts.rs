@@ -1,11 +1,11 @@
 //! Cohorts: create, find, list, delete.
 
-use serde::Serialize;
-use serde::de::DeserializeOwned;
-use serde_json::Value;
-
 use super::engine::{self, Query, Row, Transaction, sql};
-use super::{PURGE_ORPHANS, Store, StoreError, changes, from_sql, receipts, to_sql};
+use super::engine::{from_sql, to_sql};
+use super::error::StoreError;
+use super::handle::{PURGE_ORPHANS, Store};
+use super::text::{from_text, to_text};
+use super::{changes, receipts};
 use crate::domain::change::{ChangeKind, NewChange};
 use crate::domain::cohort::Cohort;
 use crate::domain::retry::Receipt;
@@ -184,22 +184,4 @@ pub(super) fn read_cohort(row: &Row) -> Result<Cohort, StoreError> {
         created_at_ms: row.get("created_at_ms")?,
         updated_at_ms: row.get("updated_at_ms")?,
     })
-}
-
-/// JSON, or the bare word when it is one.
-pub(super) fn to_text(value: &impl Serialize) -> String {
-    match serde_json::to_value(value).expect("plain enums are JSON") {
-        Value::String(word) => word,
-        value => value.to_string(),
-    }
-}
-
-/// What [`to_text`] wrote.
-///
-/// # Errors
-/// [`StoreError::Damaged`].
-pub(super) fn from_text<T: DeserializeOwned>(text: &str) -> Result<T, StoreError> {
-    serde_json::from_str(text)
-        .or_else(|_| serde_json::from_value(Value::from(text)))
-        .map_err(|e| StoreError::Damaged { detail: format!("unreadable {text:?}: {e}") })
 }

@@ -3,7 +3,10 @@
 use serde::de::DeserializeOwned;
 
 use super::engine::{Row, Transaction, sql};
-use super::{Store, StoreError, changes, from_sql, handle, receipts, to_sql};
+use super::engine::{from_sql, to_sql};
+use super::error::StoreError;
+use super::handle::{Store, handle};
+use super::{changes, receipts};
 use crate::domain::change::{ChangeKind, NewChange};
 use crate::domain::dictionary::{Dictionary, Listed, NewDictionary};
 use crate::domain::retry::Receipt;

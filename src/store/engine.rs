@@ -14,6 +14,7 @@ use sqlx::{
     SqliteConnection, SqlitePool, Type,
 };
 
+use super::error::StoreError;
 use super::{metrics, postgres, sqlite};
 
 /// The connections of a store.
@@ -461,4 +462,29 @@ pub(super) fn is_missing_table(error: &sqlx::Error) -> bool {
 /// Whether the error is a reference to a row that does not exist.
 pub(super) fn is_missing_reference(error: &sqlx::Error) -> bool {
     error.as_database_error().is_some_and(|error| error.is_foreign_key_violation())
+}
+
+impl From<sqlx::Error> for StoreError {
+    fn from(error: sqlx::Error) -> Self {
+        let failure = failure(&error);
+        metrics::failed(failure);
+        match failure {
+            Some(Failure::Passing) => Self::Busy,
+            Some(Failure::Damaged) => Self::Damaged { detail: error.to_string() },
+            Some(Failure::Full) => Self::Full,
+            Some(Failure::ReadOnly) => Self::ReadOnly,
+            Some(Failure::Text) => Self::Text,
+            None => Self::Database(error),
+        }
+    }
+}
+
+/// An unsigned number for SQLite, whose integers are signed; too large ones mean "the last".
+pub(super) fn to_sql(number: u64) -> i64 {
+    i64::try_from(number).unwrap_or(i64::MAX)
+}
+
+/// An unsigned number from SQLite; the schema never stores negative ones.
+pub(super) fn from_sql(number: i64) -> u64 {
+    u64::try_from(number).unwrap_or_default()
 }

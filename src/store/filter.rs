@@ -1,7 +1,7 @@
 //! Conditions on shapes as SQL.
 
+use super::engine::to_sql;
 use super::engine::{Query, Transaction, sql};
-use super::to_sql;
 use crate::domain::shape::ShapeFilter;
 
 /// Whether every shape passes.

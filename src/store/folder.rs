@@ -4,7 +4,10 @@ use std::fs::{File, OpenOptions, TryLockError};
 use std::io;
 use std::path::Path;
 
-use super::{DATABASE_FILE, StoreError};
+use super::error::StoreError;
+
+/// Name of the database file in the data folder.
+pub(super) const DATABASE_FILE: &str = "shapelex.db";
 
 /// Name of the file whose lock says that a process uses the folder.
 pub(super) const LOCK_FILE: &str = "shapelex.lock";

@@ -6,10 +6,13 @@
 
 use std::collections::HashMap;
 
-use super::cohorts::{from_text, to_text};
+use super::engine::to_sql;
 use super::engine::{Link, Query, Row, Transaction, sql};
+use super::error::StoreError;
+use super::handle::Store;
 use super::outputs::{self, MAX_OUTPUT_BYTES};
-use super::{Store, StoreError, dictionaries, receipts, to_sql};
+use super::text::{from_text, to_text};
+use super::{dictionaries, receipts};
 use crate::domain::dictionary::NewDictionary;
 use crate::domain::job::{Job, JobOutput, JobStatus, Progress};
 use crate::domain::retry::Receipt;

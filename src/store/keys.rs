@@ -1,8 +1,10 @@
 //! Keys of programs: create, find, list, revoke.
 
-use super::cohorts::{from_text, to_text};
+use super::engine::to_sql;
 use super::engine::{Row, sql};
-use super::{Store, StoreError, to_sql};
+use super::error::StoreError;
+use super::handle::Store;
+use super::text::{from_text, to_text};
 use crate::domain::key::Key;
 
 impl Store {

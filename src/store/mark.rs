@@ -16,8 +16,11 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
+use super::engine::from_sql;
 use super::engine::{self, Link, sql};
-use super::{DATABASE_FILE, StoreError, folder, from_sql, sqlite};
+use super::error::StoreError;
+use super::folder::DATABASE_FILE;
+use super::{folder, sqlite};
 
 /// Name of the file in the data folder.
 pub(super) const MARK_FILE: &str = "shapelex.mark";

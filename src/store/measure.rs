@@ -1,6 +1,8 @@
 //! What operators ask of the store: its engine, its size, the length of the queue.
 
-use super::{Store, StoreError, sql};
+use super::engine::sql;
+use super::error::StoreError;
+use super::handle::Store;
 
 /// The state of the store at a moment.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

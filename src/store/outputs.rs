@@ -1,7 +1,9 @@
 //! What jobs bring about that is too large for their row.
 
+use super::engine::to_sql;
 use super::engine::{Transaction, sql};
-use super::{Store, StoreError, to_sql};
+use super::error::StoreError;
+use super::handle::Store;
 use crate::domain::job::JobOutput;
 
 /// Bytes of outputs that are kept, the newest; the last one is kept whatever its size.

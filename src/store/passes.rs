@@ -4,9 +4,12 @@
 //! out any more and no result is taken. A part is claimed with a lease, as a job is, and every write of a claimant is
 //! fenced by it.
 
+use super::engine::to_sql;
 use super::engine::{Pools, Query, sql};
+use super::error::StoreError;
 use super::filter::{self, Revisions, Selection};
-use super::{Cursor, Store, StoreError, to_sql};
+use super::handle::Store;
+use super::shapes::Cursor;
 use crate::domain::shape::ShapeFilter;
 
 /// Where a part begins.

@@ -6,8 +6,8 @@ use std::time::Duration;
 use sqlx::postgres::{PgConnectOptions, PgPoolOptions};
 use sqlx::{ConnectOptions, PgPool};
 
-use super::StoreError;
 use super::engine::Failure;
+use super::error::StoreError;
 use super::sqlite::migrator;
 
 /// How long a request waits for a connection.

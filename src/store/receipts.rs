@@ -1,7 +1,8 @@
 //! Receipts: what requests that may be sent again have brought about.
 
 use super::engine::{self, Transaction, sql};
-use super::{Store, StoreError};
+use super::error::StoreError;
+use super::handle::Store;
 use crate::domain::retry::{Receipt, RetryKey};
 
 /// How long a request may be sent again.

@@ -13,7 +13,8 @@ use sqlx::postgres::PgConnectOptions;
 use sqlx::{ConnectOptions, Connection, PgConnection};
 
 use super::engine::{Pools, sql};
-use super::{Inner, PURGE_UPLOAD, Store, StoreError};
+use super::error::StoreError;
+use super::handle::{Inner, PURGE_UPLOAD, Store};
 use crate::domain::id;
 
 /// How often the connection is tried, and uploads of the dead are looked for.

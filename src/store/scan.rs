@@ -1,9 +1,12 @@
 //! Reading the control points of a cohort in bulk, at a fixed revision.
 
 use super::blob::{self, Chunk};
+use super::engine::to_sql;
 use super::engine::{Row, Transaction, sql};
+use super::error::StoreError;
 use super::filter::{self, Revisions, Selection};
-use super::{Cursor, Store, StoreError, blocking, to_sql};
+use super::handle::{Store, blocking};
+use super::shapes::Cursor;
 use crate::domain::shape::ShapeFilter;
 
 /// Most bytes of control points in a batch, and of chunks in memory at once, unless one has more.

@@ -6,9 +6,12 @@ use std::str::FromStr;
 use serde::de::IgnoredAny;
 
 use super::blob::{self, Chunk};
+use super::changes;
 use super::engine::{Row, Transaction, sql};
+use super::engine::{from_sql, to_sql};
+use super::error::StoreError;
 use super::filter::{self, Revisions, Selection};
-use super::{Store, StoreError, blocking, changes, from_sql, to_sql};
+use super::handle::{Store, blocking};
 use crate::domain::change::{ChangeKind, NewChange};
 use crate::domain::shape::{Shape, ShapeAttributes, ShapeDescription, ShapeFilter};
 

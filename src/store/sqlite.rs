@@ -7,8 +7,8 @@ use sqlx::migrate::{Migration, MigrationType, Migrator};
 use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous};
 use sqlx::{ConnectOptions, Connection, SqlSafeStr, SqlitePool};
 
-use super::StoreError;
 use super::engine::{Failure, Pools};
+use super::error::StoreError;
 
 /// The first version whose write-ahead log does not lose pages with several connections.
 const OLDEST_SQLITE: [u32; 3] = [3, 51, 3];

@@ -1,12 +1,18 @@
 //! The store as its users see it, on a fresh folder each.
 
 use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::Arc;
 
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
+use super::engine::*;
+use super::folder::*;
+use super::handle::*;
 use super::*;
 use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
+use crate::domain::access::Principal;
 use crate::domain::cohort::Cohort;
 use crate::domain::id;
 use crate::domain::shape::{NewShape, Shape, ShapeAttributes, ShapeFilter};

@@ -1,7 +1,10 @@
 //! The trash: what was deleted and can come back, until it is removed for good.
 
+use super::engine::to_sql;
 use super::engine::{Row, Transaction, sql};
-use super::{Store, StoreError, changes, engine, to_sql};
+use super::error::StoreError;
+use super::handle::Store;
+use super::{changes, engine};
 use crate::domain::change::{ChangeKind, NewChange};
 use crate::domain::trash::{Trashed, TrashedKind};
 
@@ -28,7 +31,7 @@ impl Store {
             number => number?,
         };
         let revision: i64 = sql(&mut write, TRASH).bind(number).bind(now_ms).scalar().await?;
-        let change = NewChange::of_cohort(ChangeKind::CohortDeleted, id, super::from_sql(revision));
+        let change = NewChange::of_cohort(ChangeKind::CohortDeleted, id, engine::from_sql(revision));
         changes::record(&mut write, self.tenant(), &change, now_ms).await?;
         write.commit().await?;
         Ok(true)
@@ -110,7 +113,7 @@ impl Store {
             Err(error) if engine::is_duplicate(&error, "cohort", "handle") => {
                 return Err(StoreError::NameTaken { name });
             }
-            revision => super::from_sql(revision?),
+            revision => engine::from_sql(revision?),
         };
         let change = NewChange::of_cohort(ChangeKind::CohortRestored, id, revision);
         changes::record(write, self.tenant(), &change, now_ms).await?;
@@ -164,7 +167,7 @@ impl Store {
         for statement in [COHORTS, DICTIONARIES] {
             removed += sql(self.writer(), statement).bind(before_ms).bind(PURGED_AT_ONCE).execute().await?;
         }
-        self.purge(super::PURGE_ORPHANS, None).await?;
+        self.purge(super::handle::PURGE_ORPHANS, None).await?;
         Ok(removed)
     }
 }
@@ -179,7 +182,7 @@ fn read_trashed(row: &Row) -> Result<Trashed, StoreError> {
         },
         id: row.get("id")?,
         name: row.get("name")?,
-        version: (version > 0).then(|| super::from_sql(version)),
+        version: (version > 0).then(|| engine::from_sql(version)),
         deleted_at_ms: row.get("deleted_at_ms")?,
     })
 }

@@ -8,8 +8,11 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use super::blob::{self, Encoded};
+use super::engine::from_sql;
 use super::engine::{self, Transaction, sql};
-use super::{PURGE_UPLOAD, Store, StoreError, blocking, changes, from_sql, receipts};
+use super::error::StoreError;
+use super::handle::{PURGE_UPLOAD, Store, blocking};
+use super::{changes, receipts};
 use crate::domain::change::{ChangeKind, NewChange};
 use crate::domain::cohort::Cohort;
 use crate::domain::retry::Receipt;

@@ -11,17 +11,17 @@ use std::time::Duration;
 
 use tokio::runtime::Handle;
 use tokio::task::JoinSet;
-use tokio::time::Instant;
-use tokio::time::MissedTickBehavior;
+use tokio::time::{Instant, MissedTickBehavior};
 use tokio_util::sync::CancellationToken;
 
 use crate::domain::access::Principal;
 use crate::domain::job::Job;
-use crate::service::jobs::attempt::{self, Attempt};
-use crate::service::jobs::{JobContext, Outcome};
-use crate::service::pool::{JOB, Lane, thread_count};
-use crate::service::spreading::{self, Help};
-use crate::service::{App, ServiceError};
+use crate::service::app::pool::{JOB, Lane, thread_count};
+use crate::service::app::progress::JobContext;
+use crate::service::app::{App, ServiceError};
+use crate::service::dictionaries::distributed::{self, Help};
+use crate::service::jobs::attempt::Attempt;
+use crate::service::jobs::{Outcome, attempt};
 
 /// How often the queue is looked at when nobody says that there is something: retries and ended leases.
 const POLL: Duration = Duration::from_secs(1);
@@ -128,7 +128,7 @@ impl Place {
             self.work(attempt).await;
             return Ok(true);
         }
-        let Some(help) = spreading::claim(&self.app).await? else { return Ok(false) };
+        let Some(help) = distributed::claim(&self.app).await? else { return Ok(false) };
         self.help(help).await;
         self.helped = Some(Instant::now());
         Ok(true)

@@ -2,7 +2,9 @@
 
 use std::time::Duration;
 
-use crate::service::{App, ServiceError, audit, clock, trash};
+use crate::service::app::{App, ServiceError, clock};
+use crate::service::audit::trail;
+use crate::service::cohorts::trash;
 
 /// How often it is looked at.
 const EVERY: Duration = Duration::from_secs(600);
@@ -39,14 +41,14 @@ pub async fn tidy(app: &App, terms: Terms) -> Result<(), ServiceError> {
         return Ok(());
     }
     trash::tidy(app, terms.trash_days).await?;
-    audit::prune(app, terms.audit_days).await
+    trail::prune(app, terms.audit_days).await
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::domain::audit::{AuditFilter, Entry};
-    use crate::service::{Limits, now_ms};
+    use crate::service::app::{Limits, now_ms};
     use crate::store::{ClockNotes, Store};
 
     const TERMS: Terms = Terms { trash_days: 30, audit_days: 30 };

@@ -6,8 +6,8 @@ use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
 use shapelex::api;
+use shapelex::service::app::{App, ServiceError};
 use shapelex::service::jobs::Outcome;
-use shapelex::service::{App, ServiceError};
 use tempfile::TempDir;
 use tokio::net::TcpListener;
 use tokio::sync::oneshot;

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use reqwest::Method;
 use serde_json::{Value, json};
 use shapelex::domain::audit::{Entry, FIRST_LINK, Recorded};
-use shapelex::service::metrics::METRICS;
+use shapelex::service::app::metrics::METRICS;
 
 use crate::server::{Reply, Server, Setting};
 

@@ -27,4 +27,5 @@ mod kill_dictionaries;
 mod memory;
 mod misleading;
 mod server;
+mod structure;
 mod worker;

@@ -7,8 +7,10 @@ use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
 use shapelex::domain::job::{Job, JobKind, JobStatus};
-use shapelex::service::jobs::{self, JobContext, Outcome};
-use shapelex::service::{App, Limits, ServiceError};
+use shapelex::service::app::progress::JobContext;
+use shapelex::service::app::{App, Limits, ServiceError};
+use shapelex::service::jobs;
+use shapelex::service::jobs::Outcome;
 use shapelex::store::Store;
 use shapelex::worker::{Places, Worker};
 use tempfile::TempDir;

@@ -6,11 +6,12 @@
 
 use super::AnalysisError;
 use super::accumulate::{ShapeSource, ShapesInMemory, Watched, map_shapes, smallest_eligible};
+use super::fit::{self, Fit};
 use super::frame::{Frame, representative};
 use super::matching::{Matching, Placed, Placement, Target};
 use super::mean::{Exchange, MeanSpace, ProjectorSum};
 use super::metric::{Metric, dot, norm};
-use super::procrustes::{self, Fit};
+use super::procrustes;
 use super::subspace::{Projected, Subspace, check_extent, flatten};
 use super::transformation::{ClassName, Transformation, TransformationClass};
 use shapelex_numeric::dense::Matrix;
@@ -90,7 +91,7 @@ impl Method {
             Self::Projection(class) => Ok(Subspace::new(class, x)?.project(mean)),
             Self::Procrustes(fit) => {
                 let matrix = fit.matrix(x, mean);
-                Ok(Projected { whitened: procrustes::transform(&matrix, x), matrix })
+                Ok(Projected { whitened: fit::transform(&matrix, x), matrix })
             }
         }
     }

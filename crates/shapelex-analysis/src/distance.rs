@@ -25,9 +25,9 @@ use realfft::num_complex::Complex64;
 
 use super::AnalysisError;
 use super::alignment::Method;
+use super::fit::{Fit, best_correlation};
 use super::matching::{Matching, Placement};
 use super::metric::{dot, norm};
-use super::procrustes::{Fit, best_correlation};
 use super::subspace::Subspace;
 use super::transformation::{Structure, TransformationClass};
 use shapelex_numeric::circulant::{FftScratch, RealFft};

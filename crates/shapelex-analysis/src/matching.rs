@@ -13,9 +13,9 @@ use std::borrow::Cow;
 use super::AnalysisError;
 use super::accumulate::{MergePart, ShapeSource, Shapes, map_shapes};
 use super::correspondence::{Correspondence, Direction, Mirror};
+use super::fit::{Fit, best_correlation, cross_product};
 use super::mean::MeanSpace;
 use super::pass::Pass;
-use super::procrustes::{Fit, best_correlation};
 use super::subspace::Subspace;
 use shapelex_geometry::representation::ShapeSpace;
 use shapelex_numeric::circulant::{FftScratch, RealFft};
@@ -309,12 +309,6 @@ impl<'a> Target<'a> {
         }
         Ok(scores)
     }
-}
-
-/// `H = Σ_n m[n] y[n]ᵀ`, `d × d`.
-pub(super) fn cross_product(m: &[f64], y: &[f64], d: usize) -> Matrix {
-    let n = m.len() / d;
-    Matrix::from_fn(d, d, |c, e| super::metric::dot(&m[c * n..(c + 1) * n], &y[e * n..(e + 1) * n]))
 }
 
 fn spectra(fft: &RealFft, columns: &[f64]) -> Vec<Spectrum> {

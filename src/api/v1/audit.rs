@@ -14,7 +14,8 @@ use crate::api::extract::{Caller, Query};
 use crate::api::problem::{Problem, ProblemDocument, ProblemKind};
 use crate::api::respond::json;
 use crate::domain::audit::{AuditFilter, Recorded};
-use crate::service::{App, ServiceError, audit};
+use crate::service::app::{App, ServiceError};
+use crate::service::audit::trail;
 
 /// Entries that an export reads at a time.
 const PIECE: usize = 1000;
@@ -154,11 +155,11 @@ pub(super) async fn list_audit(
     let page = PageQuery { cursor: query.cursor, limit: query.limit };
     let limit = page.limit()?;
     if query.format == Some(AuditFormat::Ndjson) {
-        let after = audit::place(page.cursor.as_deref())?;
+        let after = trail::place(page.cursor.as_deref())?;
         let body = Body::from_stream(lines(app, filter, after));
         return Ok(([(header::CONTENT_TYPE, "application/x-ndjson")], body).into_response());
     }
-    let (items, next) = audit::list(&app, &filter, page.cursor.as_deref(), limit).await?;
+    let (items, next) = trail::list(&app, &filter, page.cursor.as_deref(), limit).await?;
     let items: Vec<AuditEntry> = items.into_iter().map(Into::into).collect();
     Ok(json(StatusCode::OK, &Page { items, next })?)
 }
@@ -202,7 +203,7 @@ pub(super) async fn prune_audit(
     Query(query): Query<AuditRemoval>,
 ) -> Result<Response, Problem> {
     let before = milliseconds("before", &query.before)?;
-    let audit::Beginning { removed, sequence, digest } = audit::remove(&app, before).await?;
+    let trail::Beginning { removed, sequence, digest } = trail::remove(&app, before).await?;
     Ok(json(StatusCode::OK, &AuditBeginning { removed, sequence, digest })?)
 }
 
@@ -212,7 +213,7 @@ fn lines(app: App, filter: AuditFilter, after: u64) -> impl Stream<Item = Result
         let (app, filter) = (app.clone(), filter.clone());
         async move {
             let Some(after) = after else { return Ok(None) };
-            let entries = audit::list_after(&app, &filter, after, PIECE).await?;
+            let entries = trail::list_after(&app, &filter, after, PIECE).await?;
             let Some(last) = entries.last().map(|entry| entry.sequence) else { return Ok(None) };
             let next = (entries.len() == PIECE).then_some(last);
             let mut text = Vec::new();

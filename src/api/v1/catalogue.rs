@@ -14,8 +14,8 @@ use crate::api::respond::{json, svg};
 use crate::formats::InputError;
 use crate::formats::representation::read_generator;
 use crate::geometry::generator::{GeneratorKind, GeneratorProperties};
-use crate::service::ServiceError;
-use crate::service::generators::{self, GeneratorDetails};
+use crate::service::app::ServiceError;
+use crate::service::shapes::generators::{self, GeneratorDetails};
 
 /// A generator of the catalogue.
 #[derive(Debug, Serialize, utoipa::ToSchema)]

@@ -10,7 +10,7 @@ use crate::api::problem::{Problem, ProblemDocument};
 use crate::api::respond::json;
 use crate::domain::change::{Change, ChangeKind};
 use crate::domain::trash::{Trashed, TrashedKind};
-use crate::service::{changes, trash};
+use crate::service::cohorts::{changes, trash};
 
 /// Where to go on.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]

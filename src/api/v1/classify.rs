@@ -14,10 +14,11 @@ use crate::domain::classifier::{
 use crate::formats::InputError;
 use crate::formats::checked::{Checked, List, Many, document, take_given, take_many};
 use crate::formats::shape::ShapeInput;
-use crate::service::classify::{self, Assessment, Classified};
-use crate::service::coding::outlier_warnings;
-use crate::service::models::{self, Ready};
-use crate::service::{App, ServiceError};
+use crate::service::app::{App, ServiceError};
+use crate::service::dictionaries::classify::{Assessment, Classified};
+use crate::service::dictionaries::coding::outlier_warnings;
+use crate::service::dictionaries::ready::Ready;
+use crate::service::dictionaries::{classify, ready};
 
 /// Training quantile beyond which a shape is an outlier or of no class, unless given.
 const QUANTILE: f64 = 0.99;

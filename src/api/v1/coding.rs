@@ -11,9 +11,10 @@ use crate::api::respond::{compute, json};
 use crate::formats::InputError;
 use crate::formats::checked::{Checked, List, Many, document, take_given, take_many, take_or_default};
 use crate::formats::shape::{Points, ShapeInput};
-use crate::service::coding::{self, AnswerPose, Asked, Coded, PostedCode, Reconstruction, Reference};
-use crate::service::models::{self, Ready};
-use crate::service::{App, ServiceError};
+use crate::service::app::{App, ServiceError};
+use crate::service::dictionaries::coding::{AnswerPose, Asked, Coded, PostedCode, Reconstruction, Reference};
+use crate::service::dictionaries::ready::Ready;
+use crate::service::dictionaries::{coding, ready};
 
 /// Declares a request with shapes, posted or stored, and further fields.
 macro_rules! asking_request {
@@ -41,7 +42,7 @@ macro_rules! asking_request {
                 key: &str,
                 body: axum::body::Bytes,
             ) -> Result<(std::sync::Arc<Ready>, Self, Shapes, Vec<InputError>), Problem> {
-                let ready = models::find(app, key).await?;
+                let ready = ready::find(app, key).await?;
                 let mut request: Self = app.read(body).await?;
                 let mut errors = std::mem::take(&mut request.faults);
                 let shapes = Shapes {
@@ -474,7 +475,7 @@ pub(super) async fn sample(
     Path(key): Path<String>,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
-    let ready = models::find(&app, &key).await?;
+    let ready = ready::find(&app, &key).await?;
     let request: SampleRequest = app.parse(&body)?;
     let mut errors = request.faults;
     let count = request.count.map_or(Some(1), |count| count.take("/count", &mut errors));

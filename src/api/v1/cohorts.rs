@@ -21,12 +21,11 @@ use crate::domain::shape::ShapeFilter;
 use crate::formats::checked::{Checked, document, take_given, take_or_default};
 use crate::formats::representation::Read;
 use crate::geometry::representation::Representation;
-use crate::service::ServiceError;
-use crate::service::cohorts::{self, CohortChanges, NewCohort, revision_tag, text_faults};
-use crate::service::compute::draw_mean;
-use crate::service::error::Fault;
-use crate::service::live_mean::{self, MeanQuery};
-use crate::service::work::Work;
+use crate::service::app::{Fault, ServiceError, Work};
+use crate::service::cohorts::catalogue::{CohortChanges, NewCohort, revision_tag, text_faults};
+use crate::service::cohorts::live_mean::MeanQuery;
+use crate::service::cohorts::{catalogue, live_mean};
+use crate::service::statistics::draw_mean;
 
 document! {
     /// A cohort to be created.
@@ -121,7 +120,7 @@ pub(super) async fn create_cohort(
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
     let new = new_cohort(app.parse(&body)?)?;
-    let cohort = cohorts::create(&app.with_body(&body), new).await?;
+    let cohort = catalogue::create(&app.with_body(&body), new).await?;
     let (tag, location) = (revision_tag(&cohort), format!("/v1/cohorts/{}", cohort.id));
     let response = json(StatusCode::CREATED, &CohortOutput::from(cohort))?;
     Ok(tagged(([(header::LOCATION, location)], response).into_response(), &tag))
@@ -170,7 +169,7 @@ pub(super) async fn list_cohorts(
     Caller(app): Caller,
     Query(page): Query<PageQuery>,
 ) -> Result<Response, Problem> {
-    let (items, next) = cohorts::list(&app, page.cursor.as_deref(), page.limit()?).await?;
+    let (items, next) = catalogue::list(&app, page.cursor.as_deref(), page.limit()?).await?;
     let items: Vec<CohortOutput> = items.into_iter().map(Into::into).collect();
     Ok(json(StatusCode::OK, &Page { items, next })?)
 }
@@ -189,7 +188,7 @@ pub(super) async fn find_cohort(
     Path(key): Path<String>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    let cohort = cohorts::find(&app, &key).await?;
+    let cohort = catalogue::find(&app, &key).await?;
     let tag = revision_tag(&cohort);
     if known(&headers, &tag) {
         return Ok(tagged(StatusCode::NOT_MODIFIED.into_response(), &tag));
@@ -240,7 +239,7 @@ pub(super) async fn update_cohort(
 ) -> Result<Response, Problem> {
     let CohortPatch { name, description, length_unit } = app.parse_whole(&body)?;
     let changes = CohortChanges { name, description, length_unit };
-    let cohort = cohorts::update(&app, &key, changes, expected).await?;
+    let cohort = catalogue::update(&app, &key, changes, expected).await?;
     let tag = revision_tag(&cohort);
     Ok(tagged(json(StatusCode::OK, &CohortOutput::from(cohort))?, &tag))
 }
@@ -260,7 +259,7 @@ pub(super) async fn delete_cohort(
     Path(key): Path<String>,
     IfMatch(expected): IfMatch,
 ) -> Result<StatusCode, Problem> {
-    cohorts::delete(&app, &key, expected).await?;
+    catalogue::delete(&app, &key, expected).await?;
     Ok(StatusCode::NO_CONTENT)
 }
 
@@ -365,7 +364,7 @@ pub(super) async fn cohort_mean(
         filter: take_filter(&mut parameters),
     };
     refuse_rest(&parameters)?;
-    let cohort = cohorts::find(&app, &key).await?;
+    let cohort = catalogue::find(&app, &key).await?;
     let what = blake3::hash(format!("{}{query:?}{format:?}", revision_tag(&cohort)).as_bytes()).to_hex();
     let tag = format!("\"{}\"", &what[..32]);
     if known(&headers, &tag) {

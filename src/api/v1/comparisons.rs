@@ -5,8 +5,7 @@ use serde::Deserialize;
 
 use super::jobs::JobOutput;
 use super::planned::answered;
-use super::settings::RetryHeader;
-use super::settings::priority_of;
+use super::settings::{RetryHeader, priority_of};
 use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::Mirror;
 use crate::analysis::transformation::{ClassName, Transformation};
@@ -17,10 +16,9 @@ use crate::domain::job::Priority;
 use crate::domain::shape::ShapeFilter;
 use crate::formats::InputError;
 use crate::formats::checked::{Checked, document, take_given, take_or_default};
-use crate::service::ServiceError;
-use crate::service::comparisons::{self, Compare, Grouping, NamedGroup};
-use crate::service::error::Fault;
-use crate::service::members::DEFAULT_PERMUTATIONS;
+use crate::service::app::{Fault, ServiceError};
+use crate::service::inference::comparisons::{self, Compare, Grouping, NamedGroup};
+use crate::service::inference::test_sample::DEFAULT_PERMUTATIONS;
 
 document! {
     /// Groups to be compared: `groups`, or `by` an attribute.

@@ -22,15 +22,16 @@ use crate::geometry::mesh::TriangleMesh;
 use crate::geometry::representation::Representation;
 use crate::geometry::surface::basis::Extent;
 use crate::geometry::surface::measures::AffineField;
-use crate::service::cohorts::text_faults;
-use crate::service::compute::{MAX_DRAWN, draw_shapes};
-use crate::service::curves::{self, Evaluation, Measured, Parameters, Start};
-use crate::service::posted::Posted;
-use crate::service::subdivisions::{self, Wanted, vertex_frames};
-use crate::service::surfaces::{MeasuredSurface, SurfaceEvaluation, SurfaceParameters};
-use crate::service::warnings::by_shape;
-use crate::service::work::{self, Counts, Work};
-use crate::service::{App, Limits, ServiceError, surfaces};
+use crate::service::app::warnings::by_shape;
+use crate::service::app::{App, Limits, ServiceError, Work};
+use crate::service::cohorts::catalogue::text_faults;
+use crate::service::cost::requests::{self, Counts};
+use crate::service::shapes::curves::{Evaluation, Measured, Parameters, Start};
+use crate::service::shapes::request::Posted;
+use crate::service::shapes::subdivisions::{Wanted, vertex_frames};
+use crate::service::shapes::surfaces::{MeasuredSurface, SurfaceEvaluation, SurfaceParameters};
+use crate::service::shapes::{curves, subdivisions, surfaces};
+use crate::service::statistics::{MAX_DRAWN, draw_shapes};
 
 shapes_request! {
     /// Curves or surfaces to be evaluated.
@@ -315,17 +316,17 @@ impl Places {
         let order = order.min(2);
         let frame = if frames { FRAME } else { 0 };
         match (self, format) {
-            (Self::Vertices, _) => work::evaluate_meshes(representation, counts, limits),
-            (_, ShapeFormat::Plain(Format::Svg)) => work::draw(counts, shapes.min(MAX_DRAWN)),
-            (_, ShapeFormat::Mesh(_, grid)) => work::mesh(grid.unwrap_or([500, 500])),
+            (Self::Vertices, _) => requests::evaluate_meshes(representation, counts, limits),
+            (_, ShapeFormat::Plain(Format::Svg)) => requests::draw(counts, shapes.min(MAX_DRAWN)),
+            (_, ShapeFormat::Mesh(_, grid)) => requests::mesh(grid.unwrap_or([500, 500])),
             (Self::Curve(Parameters::Equidistant(count)), _) => {
-                work::evaluate(counts, *count, order + 1 + frame, limits)
+                requests::evaluate(counts, *count, order + 1 + frame, limits)
             }
             (Self::Curve(Parameters::At(list)), _) => {
-                work::evaluate(counts, list.len(), order + 1 + frame, limits)
+                requests::evaluate(counts, list.len(), order + 1 + frame, limits)
             }
             (Self::Surface(parameters), _) => {
-                work::evaluate(counts, parameters.count(), [1, 3, 6][order] + frame, limits)
+                requests::evaluate(counts, parameters.count(), [1, 3, 6][order] + frame, limits)
             }
         }
     }
@@ -618,9 +619,9 @@ pub(super) async fn measure(
         let ((representation, correspondence), shapes) = checked(settings, errors, shapes)?;
         let counts = Counts::new(&representation, shapes.len(), &app.limits);
         let work = match (representation.subdivision(), representation.extent()) {
-            (Some(_), _) => work::measure_subdivision(&representation, counts, &app.limits),
-            (_, Some(_)) => work::measure_surfaces(&representation, counts),
-            _ => work::measure_curves(counts, request.reference.is_some()),
+            (Some(_), _) => requests::measure_subdivision(&representation, counts, &app.limits),
+            (_, Some(_)) => requests::measure_surfaces(&representation, counts),
+            _ => requests::measure_curves(counts, request.reference.is_some()),
         };
         planned(work, move |app| {
             if representation.subdivision().is_some() {
@@ -701,7 +702,7 @@ pub(super) async fn resample(
         let closed = request.closed.map_or(Some(true), |field| field.take("/closed", &mut errors));
         let shapes = request.shapes.unwrap_or_default().take("/shapes", &mut errors);
         let (((count, start), closed), shapes) = checked(count.zip(start).zip(closed), errors, shapes)?;
-        planned(work::resample(&shapes, count, &app.limits), move |app| {
+        planned(requests::resample(&shapes, count, &app.limits), move |app| {
             let shapes = curves::resample(app, count, start, closed, shapes)?
                 .into_iter()
                 .map(|resampled| ResampledOutput {

@@ -14,10 +14,10 @@ use crate::formats::representation::Read;
 use crate::formats::shape::{Points, ShapeInput};
 use crate::geometry::deformation::Handle;
 use crate::geometry::representation::Representation;
-use crate::service::deform::{self, ControlPointMove, Support};
-use crate::service::input::own_faults;
-use crate::service::posted::Posted;
-use crate::service::work::{self, Counts};
+use crate::service::cost::requests::{self, Counts};
+use crate::service::shapes::deform::{self, ControlPointMove, Support};
+use crate::service::shapes::read::own_faults;
+use crate::service::shapes::request::Posted;
 
 document! {
     /// A shape, and what pulls at it.
@@ -80,7 +80,7 @@ pub(super) async fn deform(
         let ((representation, (moves, handles)), _) =
             checked(representation.zip(moves.zip(handles)), errors, Vec::new())?;
         let counts = Counts::new(&representation, 1, &app.limits);
-        planned(work::deform(counts, handles.len()), move |app| {
+        planned(requests::deform(counts, handles.len()), move |app| {
             let posted = Posted::new(app, &representation, Correspondence::Landmarks)?;
             let deformed = deform::deform(app, &posted, shape, &moves, &handles)?;
             let columns = deformed.control_points.as_slice().to_vec();

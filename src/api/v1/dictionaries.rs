@@ -6,8 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::classify::ClassifierOutput;
 use super::jobs::{JobOutput, accepted};
-use super::settings::priority_of;
-use super::settings::{Page, PageQuery, RetryHeader, ShapeOutput, known, tagged, time};
+use super::settings::{Page, PageQuery, RetryHeader, ShapeOutput, known, priority_of, tagged, time};
 use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
 use crate::analysis::frame::Frame;
@@ -17,19 +16,18 @@ use crate::api::problem::{Problem, ProblemDocument};
 use crate::api::respond::{compute, json, mesh, svg};
 use crate::domain::classifier::{ClassifierKind, ClassifierSettings};
 use crate::domain::dictionary::{Atom, Listed, MeanRecord, Method, Row, Statistics};
-use crate::domain::job::JobStatus;
-use crate::domain::job::Priority;
+use crate::domain::job::{JobStatus, Priority};
 use crate::domain::shape::ShapeFilter;
 use crate::formats::checked::{Checked, document, take_given, take_or_default};
 use crate::formats::shape::Points;
 use crate::geometry::representation::Representation;
-use crate::service::dictionaries::{self, From as LearnFrom, Learn, Planned};
-use crate::service::dictionary_file::{self, DictionaryFile};
-use crate::service::error::Fault;
-use crate::service::estimate::Estimate;
-use crate::service::models::{self, Ready};
-use crate::service::work::Work;
-use crate::service::{ServiceError, jobs, modes};
+use crate::service::app::{Fault, ServiceError, Work};
+use crate::service::cost::jobs::Estimate;
+use crate::service::dictionaries::file::DictionaryFile;
+use crate::service::dictionaries::planning::{From as LearnFrom, Learn, Planned};
+use crate::service::dictionaries::ready::Ready;
+use crate::service::dictionaries::{file, modes, planning, ready};
+use crate::service::jobs;
 
 document! {
     /// A dictionary to be learnt.
@@ -301,18 +299,18 @@ pub(super) async fn learn_dictionary(
     let mut request: LearnRequest = app.parse(&body)?;
     let app = app.with_priority(priority_of(request.priority.take())?);
     let (learn, dry_run) = learn_of(request)?;
-    let Planned { plan, estimate } = dictionaries::plan(&app, learn).await?;
+    let Planned { plan, estimate } = planning::plan(&app, learn).await?;
     if dry_run {
         let (cohort_revision, method) = (plan.revision, plan.method);
         return Ok(json(StatusCode::OK, &EstimateAnswer { estimate, cohort_revision, method })?);
     }
-    let job = dictionaries::submit(&app.clone().with_body(&body), plan, &estimate).await?;
+    let job = planning::submit(&app.clone().with_body(&body), plan, &estimate).await?;
     // Who does not wait is told of the job, also when the same request has been answered before and the job is over.
     let Some(time) = prefer.wait else { return Ok(accepted(job)?) };
     let job = jobs::wait(&app, &job.id, time).await?;
     match (job.status, job.result.as_ref().and_then(|result| result["dictionary"].as_str())) {
         (JobStatus::Succeeded, Some(id)) => {
-            let ready = models::find(&app, id).await?;
+            let ready = ready::find(&app, id).await?;
             let location = format!("/v1/dictionaries/{id}");
             let response = json(StatusCode::CREATED, &DictionaryOutput::new(&ready))?;
             Ok(([(header::LOCATION, location)], response).into_response())
@@ -401,7 +399,7 @@ pub(super) async fn list_dictionaries(
     let DictionariesQuery { name, cohort, cursor, limit } = query;
     let page = PageQuery { cursor, limit };
     let (items, next) =
-        dictionaries::list(&app, name, cohort.as_deref(), page.cursor.as_deref(), page.limit()?).await?;
+        planning::list(&app, name, cohort.as_deref(), page.cursor.as_deref(), page.limit()?).await?;
     let items: Vec<DictionaryEntry> = items.into_iter().map(Into::into).collect();
     Ok(json(StatusCode::OK, &Page { items, next })?)
 }
@@ -426,7 +424,7 @@ pub(super) async fn find_dictionary(
     Path(key): Path<String>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    let ready = models::find(&app, &key).await?;
+    let ready = ready::find(&app, &key).await?;
     let tag = digest_tag(&ready);
     if known(&headers, &tag) {
         return Ok(tagged(StatusCode::NOT_MODIFIED.into_response(), &tag));
@@ -450,7 +448,7 @@ pub(super) async fn delete_dictionary(
     _: NoQuery,
     Path(key): Path<String>,
 ) -> Result<StatusCode, Problem> {
-    dictionaries::delete(&app, &key).await?;
+    planning::delete(&app, &key).await?;
     Ok(StatusCode::NO_CONTENT)
 }
 
@@ -477,7 +475,7 @@ pub(super) async fn dictionary_atoms(
     Path(key): Path<String>,
     OnlyFormat(format): OnlyFormat,
 ) -> Result<Response, Problem> {
-    let ready = models::find(&app, &key).await?;
+    let ready = ready::find(&app, &key).await?;
     compute(app.weighing(Work::MOMENT), move |_| match format {
         Format::Svg => Ok(svg(modes::draw_atoms(&ready))),
         Format::Json => json(StatusCode::OK, &AtomsAnswer { atoms: &ready.dictionary.content.atoms }),
@@ -536,7 +534,7 @@ pub(super) async fn dictionary_mode(
     format: ShapeFormat,
     Query(query): Query<ModeQuery>,
 ) -> Result<Response, Problem> {
-    let ready = models::find(&app, &key).await?;
+    let ready = ready::find(&app, &key).await?;
     let (component, sigma) = (query.component.unwrap_or(1), query.sigma.unwrap_or(2.0));
     compute(app.weighing(Work::MOMENT), move |_| {
         let mode = modes::mode(&ready, component, sigma)?;
@@ -573,7 +571,7 @@ pub(super) async fn export_dictionary(
     _: NoQuery,
     Path(key): Path<String>,
 ) -> Result<Response, Problem> {
-    let ready = models::find(&app, &key).await?;
+    let ready = ready::find(&app, &key).await?;
     let name = format!("{}-{}.json", ready.dictionary.name, ready.dictionary.version);
     let work = Work::numbers((ready.model.len() * ready.setup.metric.len()) as f64);
     let response =
@@ -605,7 +603,7 @@ pub(super) async fn import_dictionary(
     let app = app.with_body(&body);
     let reader = app.clone();
     let file: DictionaryFile = app.pool.read(body, move |body| reader.parse_whole(body)).await?;
-    let ready = dictionary_file::import(&app, file, query.name).await?;
+    let ready = file::import(&app, file, query.name).await?;
     let location = format!("/v1/dictionaries/{}", ready.dictionary.id);
     let response = json(StatusCode::CREATED, &DictionaryOutput::new(&ready))?;
     Ok(([(header::LOCATION, location)], response).into_response())

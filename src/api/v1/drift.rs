@@ -7,9 +7,9 @@ use serde::{Deserialize, Serialize};
 use crate::api::extract::{Caller, Path, Query};
 use crate::api::problem::{Problem, ProblemDocument, ProblemKind};
 use crate::api::respond::json;
-use crate::service::coding::outlier_warnings;
-use crate::service::drift::{self, ClassDrift, Drift, MeanDrift, MeasureDrift, ScoreDrift, Since};
-use crate::service::models;
+use crate::service::dictionaries::coding::outlier_warnings;
+use crate::service::dictionaries::drift::{ClassDrift, Drift, MeanDrift, MeasureDrift, ScoreDrift, Since};
+use crate::service::dictionaries::{drift, ready};
 
 /// Which shapes are new, and which are outliers.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
@@ -84,7 +84,7 @@ pub(super) async fn dictionary_drift(
         None => Since::Training,
         Some(text) => since_of(text)?,
     };
-    let ready = models::find(&app, &key).await?;
+    let ready = ready::find(&app, &key).await?;
     let quantile = query.quantile.unwrap_or(0.99);
     let (dictionary, warnings) = (ready.dictionary.id.clone(), outlier_warnings(&ready));
     let found = drift::drift(&app, ready, since, quantile).await?;

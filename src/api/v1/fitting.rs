@@ -19,14 +19,15 @@ use crate::geometry::ideal::{IdealCurve, Position};
 use crate::geometry::representation::Representation;
 use crate::geometry::surface::ideal::IdealSurface;
 use crate::numeric::dense::Matrix;
-use crate::service::fitting::{self, Placed, PlacedCurve, Size};
-use crate::service::posted::Posted;
-use crate::service::subdivision_fitting::{self, FittedMesh, MOST_TURNS, Search, USUAL_TURNS};
-use crate::service::surface_fitting::{self, FittedSurface, MeshInput};
-use crate::service::surfaces::{self, PlacedSurface};
-use crate::service::warnings::by_shape;
-use crate::service::work::{self, Counts, Work};
-use crate::service::{Limits, ServiceError};
+use crate::service::app::warnings::by_shape;
+use crate::service::app::{Limits, ServiceError, Work};
+use crate::service::cost::requests::{self, Counts};
+use crate::service::shapes::fitting::{Placed, PlacedCurve, Size};
+use crate::service::shapes::request::Posted;
+use crate::service::shapes::subdivision_fitting::{FittedMesh, MOST_TURNS, Search, USUAL_TURNS};
+use crate::service::shapes::surface_fitting::{FittedSurface, MeshInput};
+use crate::service::shapes::surfaces::PlacedSurface;
+use crate::service::shapes::{fitting, subdivision_fitting, surface_fitting, surfaces};
 
 fn output(control_points: &Matrix) -> ShapeOutput {
     let dimension = control_points.ncols();
@@ -243,13 +244,13 @@ fn fit_work(
 ) -> Work {
     let count = meshes.map_or(shapes.len(), <[MeshInput]>::len);
     let counts = Counts::new(representation, count, limits);
-    let points = meshes.map_or_else(|| work::posted_points(shapes), work::posted_vertices);
+    let points = meshes.map_or_else(|| requests::posted_points(shapes), requests::posted_vertices);
     match (representation.subdivision(), representation.extent()) {
         (Some(_), _) => {
-            work::fit_subdivision(representation, counts, (points, meshes.is_some()), turns, limits)
+            requests::fit_subdivision(representation, counts, (points, meshes.is_some()), turns, limits)
         }
-        (_, Some(_)) => work::fit_surfaces(counts, points, meshes.is_some()),
-        _ => work::fit_curves(counts, points, tolerance),
+        (_, Some(_)) => requests::fit_surfaces(counts, points, meshes.is_some()),
+        _ => requests::fit_curves(counts, points, tolerance),
     }
 }
 
@@ -331,7 +332,7 @@ pub(super) async fn refine(
         let times = if extent.is_some() { factor.saturating_mul(factor) } else { factor };
         let finer = control_points
             .map_or_else(|| counts.points().saturating_mul(times), |[u, v]| u.saturating_mul(v));
-        planned(work::refine(counts, finer, &app.limits), move |app| {
+        planned(requests::refine(counts, finer, &app.limits), move |app| {
             let posted = Posted::of_splines(app, &representation, correspondence)?;
             let shapes = posted.read(app, shapes)?;
             if let Some(extent) = extent {
@@ -510,7 +511,7 @@ pub(super) async fn idealise(
         }
         let (representation, _) = checked(representation, errors, Vec::new())?;
         let counts = Counts::new(&representation, wanted.len(), &app.limits);
-        planned(work::fit_curves(counts, 0.0, false), move |app| {
+        planned(requests::fit_curves(counts, 0.0, false), move |app| {
             let posted = Posted::of_splines(app, &representation, Correspondence::Landmarks)?;
             let shapes = fitting::idealise(app, &posted, &wanted)?.iter().map(output).collect();
             json(StatusCode::OK, &IdealAnswer { shapes })

@@ -15,8 +15,9 @@ use crate::api::extract::{Caller, NoQuery, Path, Query};
 use crate::api::problem::{Problem, ProblemDocument};
 use crate::api::respond::json;
 use crate::domain::job::{Job, JobKind, JobStatus};
+use crate::service::app::ServiceError;
+use crate::service::jobs;
 use crate::service::jobs::watch::Watch;
-use crate::service::{ServiceError, jobs};
 
 /// Longest silence on a stream of events: proxies close connections that look dead.
 const KEEP_ALIVE: Duration = Duration::from_secs(15);

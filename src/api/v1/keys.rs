@@ -11,9 +11,8 @@ use crate::api::respond::json;
 use crate::domain::access::Role;
 use crate::domain::key::Key;
 use crate::formats::checked::{Checked, document, take_given};
-use crate::service::ServiceError;
 use crate::service::access::keys::{self, NewKey, faults};
-use crate::service::error::Fault;
+use crate::service::app::{Fault, ServiceError};
 
 document! {
     /// A key to be created.

@@ -29,7 +29,7 @@ use axum::response::Redirect;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
-use crate::service::App;
+use crate::service::app::App;
 
 /// What reads or changes what is stored, in a moment.
 pub(super) fn light_routes() -> OpenApiRouter<App> {

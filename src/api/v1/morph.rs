@@ -18,11 +18,12 @@ use crate::geometry::GeometryError;
 use crate::geometry::representation::Representation;
 use crate::geometry::subdivision::normal_based::Oriented;
 use crate::geometry::subdivision::{Scheme, Subdivision};
-use crate::service::input::{check_correspondence, own_faults};
-use crate::service::morph::{self, PathKind, Positions};
-use crate::service::posted::Posted;
-use crate::service::work::{self, Counts};
-use crate::service::{App, ServiceError, subdivisions};
+use crate::service::app::{App, ServiceError};
+use crate::service::cost::requests::{self, Counts};
+use crate::service::shapes::morph::{PathKind, Positions};
+use crate::service::shapes::read::{check_correspondence, own_faults};
+use crate::service::shapes::request::Posted;
+use crate::service::shapes::{morph, subdivisions};
 
 document! {
     /// Two shapes and a path between them.
@@ -131,7 +132,7 @@ pub(super) async fn morph(
         }
         let (((representation, correspondence), (kind, positions)), _) = checked(wanted, errors, Vec::new())?;
         let counts = Counts::new(&representation, 2, &app.limits);
-        let work = work::morph(counts, positions.count(), format == Format::Svg, &app.limits);
+        let work = requests::morph(counts, positions.count(), format == Format::Svg, &app.limits);
         planned(work, move |app| {
             if let Some(Subdivision { scheme: Scheme::NormalBased { .. }, .. }) = representation.subdivision()
             {

@@ -9,8 +9,8 @@ use crate::api::extract::{Caller, JsonBody, NoQuery};
 use crate::api::problem::{Problem, ProblemDocument};
 use crate::api::respond::{compute_planned, json, planned};
 use crate::formats::checked::{Checked, document, take_given};
-use crate::service::overlap::{self, BodyInput};
-use crate::service::work;
+use crate::service::cost::requests;
+use crate::service::shapes::overlap::{self, BodyInput};
 
 document! {
     /// Two bodies, both of the plane or both of space.
@@ -90,7 +90,7 @@ pub(super) async fn overlap(
         let bodies = request.first.zip(request.second);
         let ((first, second), _) = checked(bodies, errors, Vec::new())?;
         let bodies = overlap::read(app, [first, second], spacing)?;
-        planned(work::overlap(bodies.cells()), move |app| {
+        planned(requests::overlap(bodies.cells()), move |app| {
             let found = bodies.overlap(&app.pool.context())?;
             let (grid, overlap, dimension) = (found.grid, found.overlap, found.dimension);
             json(

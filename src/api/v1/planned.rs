@@ -9,9 +9,9 @@ use crate::api::extract::{Format, Prefer};
 use crate::api::problem::Problem;
 use crate::api::respond::{compute, json, svg};
 use crate::domain::job::JobStatus;
-use crate::service::planned::{PlannedTest, submit};
-use crate::service::work::Work;
-use crate::service::{App, ServiceError, jobs};
+use crate::service::app::{App, ServiceError, Work};
+use crate::service::jobs;
+use crate::service::jobs::inline_or_job::{PlannedTest, submit};
 
 /// The answer of a test when it is small, or when its job is ready in the time that the client waits; else the job.
 pub(super) async fn answered<T: PlannedTest>(

@@ -5,8 +5,7 @@ use axum::response::Response;
 use super::comparisons::Names;
 use super::jobs::JobOutput;
 use super::planned::answered;
-use super::settings::RetryHeader;
-use super::settings::priority_of;
+use super::settings::{RetryHeader, priority_of};
 use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::Mirror;
 use crate::analysis::transformation::{ClassName, Transformation};
@@ -16,10 +15,9 @@ use crate::domain::job::Priority;
 use crate::domain::regression::ShapeRegression;
 use crate::domain::shape::ShapeFilter;
 use crate::formats::checked::{Checked, document, take_given, take_or_default};
-use crate::service::ServiceError;
-use crate::service::error::Fault;
-use crate::service::members::DEFAULT_PERMUTATIONS;
-use crate::service::regressions::{self, Missing, Regress};
+use crate::service::app::{Fault, ServiceError};
+use crate::service::inference::regressions::{self, Missing, Regress};
+use crate::service::inference::test_sample::DEFAULT_PERMUTATIONS;
 
 document! {
     /// Shapes to be regressed on an attribute.

@@ -8,9 +8,7 @@ use serde::Serialize;
 use serde_json::Value;
 
 use super::jobs::{JobOutput, accepted};
-use super::settings::RetryHeader;
-use super::settings::checked;
-use super::settings::priority_of;
+use super::settings::{RetryHeader, checked, priority_of};
 use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
 use crate::analysis::frame::Frame;
@@ -18,8 +16,7 @@ use crate::analysis::transformation::{ClassName, Transformation};
 use crate::api::extract::{Caller, JsonBody, NoQuery, OnlyMatrixFormat, Path, Prefer};
 use crate::api::problem::{Problem, ProblemDocument};
 use crate::api::respond::{self, compute, json};
-use crate::domain::job::JobStatus;
-use crate::domain::job::Priority;
+use crate::domain::job::{JobStatus, Priority};
 use crate::domain::shape::ShapeFilter;
 use crate::formats::InputError;
 use crate::formats::checked::{Checked, List, Many, document, take_given, take_many, take_or_default};
@@ -27,11 +24,12 @@ use crate::formats::matrix::{MatrixFormat, NamedMatrix};
 use crate::formats::representation::Read;
 use crate::formats::shape::ShapeInput;
 use crate::geometry::representation::Representation;
-use crate::service::compute::Settings;
-use crate::service::distances::{self, Answer, Chosen, Comparison};
-use crate::service::neighbours::{self, FoundNeighbour, MAX_NEIGHBOURS, Queries, Search};
-use crate::service::work::Work;
-use crate::service::{App, ServiceError, jobs};
+use crate::service::app::{App, ServiceError, Work};
+use crate::service::jobs;
+use crate::service::search::distances::{Answer, Chosen, Comparison};
+use crate::service::search::neighbours::{FoundNeighbour, MAX_NEIGHBOURS, Queries, Search};
+use crate::service::search::{distances, neighbours};
+use crate::service::statistics::Settings;
 
 /// Neighbours of a shape unless their number is given.
 const NEIGHBOURS: usize = 10;

@@ -11,8 +11,8 @@ use crate::formats::InputError;
 use crate::formats::checked::{Checked, take_or_default};
 use crate::formats::shape::{Points, ShapeInput};
 use crate::numeric::dense::Matrix;
-use crate::service::error::Fault;
-use crate::service::{ServiceError, input};
+use crate::service::app::{Fault, ServiceError};
+use crate::service::shapes::read;
 
 /// Declares a request with a representation, a correspondence, shapes and further fields.
 macro_rules! shapes_request {
@@ -88,7 +88,7 @@ macro_rules! settings_request {
             fn take_settings(
                 &mut self,
                 errors: &mut Vec<crate::formats::InputError>,
-            ) -> (Option<crate::service::compute::Settings>, Vec<crate::formats::shape::ShapeInput>) {
+            ) -> (Option<crate::service::statistics::Settings>, Vec<crate::formats::shape::ShapeInput>) {
                 use crate::formats::checked::take_or_default;
                 let (common, shapes) = self.take_shapes(errors);
                 let direction = take_or_default(self.direction.take(), "/direction", errors);
@@ -99,7 +99,7 @@ macro_rules! settings_request {
                 let frame = take_or_default(self.frame.take(), "/frame", errors);
                 let settings = (|| {
                     let (representation, correspondence) = common?;
-                    Some(crate::service::compute::Settings {
+                    Some(crate::service::statistics::Settings {
                         representation,
                         correspondence,
                         direction: direction?,
@@ -130,7 +130,7 @@ pub(super) fn checked<T>(
         Some(value) if errors.is_empty() => Ok((value, shapes)),
         _ => {
             let mut faults: Vec<Fault> = errors.into_iter().map(Fault::from).collect();
-            faults.extend(input::shape_faults(shapes));
+            faults.extend(read::shape_faults(shapes));
             ServiceError::unless_empty(faults)?;
             Err(ServiceError::invalid("", "is not complete"))
         }

@@ -21,10 +21,10 @@ use crate::domain::cohort::Cohort;
 use crate::domain::shape::Shape;
 use crate::formats::checked::{List, document};
 use crate::formats::shape::{Points, ShapeInput};
-use crate::service::cohorts;
-use crate::service::compute::draw_shapes;
-use crate::service::ingest::{self, OnError, Stored};
-use crate::service::work::Work;
+use crate::service::app::Work;
+use crate::service::cohorts::upload::{OnError, Stored};
+use crate::service::cohorts::{catalogue, upload};
+use crate::service::statistics::draw_shapes;
 
 document! {
     /// Shapes to be added.
@@ -100,10 +100,10 @@ pub(super) async fn add_shapes(
     request: Request,
 ) -> Result<Response, Problem> {
     let found = media_type(request.headers());
-    let cohort = cohorts::find(&app, &key).await?;
+    let cohort = catalogue::find(&app, &key).await?;
     let stored = match found.as_str() {
         lines if is_stream(lines) => {
-            ingest::add_stream(&app, cohort, body::pieces(request.into_body()), query.on_error, expected)
+            upload::add_stream(&app, cohort, body::pieces(request.into_body()), query.on_error, expected)
                 .await?
         }
         json if is_json(json) => {
@@ -112,7 +112,7 @@ pub(super) async fn add_shapes(
             let AddRequest { shapes, faults: mut errors } = app.read(body).await?;
             let shapes = shapes.unwrap_or_default().take("/shapes", &mut errors);
             let ((), shapes) = checked(Some(()), errors, shapes)?;
-            ingest::add(&app, cohort, shapes, query.on_error, expected).await?
+            upload::add(&app, cohort, shapes, query.on_error, expected).await?
         }
         other => {
             let detail =
@@ -192,7 +192,7 @@ pub(super) async fn list_shapes(
     refuse_rest(&parameters)?;
     let limit = page.limit()?;
     let (cohort, (shapes, next)) =
-        cohorts::list_shapes(&app, &key, &filter, page.cursor.as_deref(), limit).await?;
+        catalogue::list_shapes(&app, &key, &filter, page.cursor.as_deref(), limit).await?;
     compute(app.weighing(Work::MOMENT), move |_| {
         let items: Vec<StoredShape> =
             shapes.into_iter().map(|shape| StoredShape::new(&cohort, shape)).collect();
@@ -218,7 +218,7 @@ pub(super) async fn find_shape(
     Path((key, shape)): Path<(String, String)>,
     OnlyShapeFormat(format): OnlyShapeFormat,
 ) -> Result<Response, Problem> {
-    let (cohort, shape) = cohorts::find_shape(&app, &key, &shape).await?;
+    let (cohort, shape) = catalogue::find_shape(&app, &key, &shape).await?;
     if format == ShapeFormat::Plain(Format::Json) {
         return Ok(json(StatusCode::OK, &StoredShape::new(&cohort, shape))?);
     }
@@ -246,6 +246,6 @@ pub(super) async fn delete_shape(
     _: NoQuery,
     Path((key, shape)): Path<(String, String)>,
 ) -> Result<StatusCode, Problem> {
-    cohorts::delete_shape(&app, &key, &shape).await?;
+    catalogue::delete_shape(&app, &key, &shape).await?;
     Ok(StatusCode::NO_CONTENT)
 }

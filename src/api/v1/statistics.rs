@@ -15,10 +15,9 @@ use crate::api::respond::{compute_planned, json, mesh, planned, svg};
 use crate::formats::InputError;
 use crate::formats::checked::{Checked, take_given, take_or_default};
 use crate::formats::shape::{Points, ShapeInput};
-use crate::service::App;
-use crate::service::ServiceError;
-use crate::service::compute::{self, Components, Onto, Setup, Statistics};
-use crate::service::work::{self, Counts};
+use crate::service::app::{App, ServiceError};
+use crate::service::cost::requests::{self, Counts};
+use crate::service::statistics::{self, Components, Onto, Setup, Statistics};
 
 settings_request! {
     /// Shapes to be projected.
@@ -122,9 +121,9 @@ pub(super) async fn project(
         let onto = take_or_default(request.onto, "/onto", &mut errors);
         let whole = settings.zip(onto).zip(request.reference);
         let (((settings, onto), reference), shapes) = checked(whole, errors, shapes)?;
-        let work = work::project(Counts::new(&settings.representation, shapes.len() + 1, &app.limits));
+        let work = requests::project(Counts::new(&settings.representation, shapes.len() + 1, &app.limits));
         planned(work, move |app| {
-            let (setup, projections) = compute::project(app, &settings, onto, reference, shapes)?;
+            let (setup, projections) = statistics::project(app, &settings, onto, reference, shapes)?;
             let dimension = setup.metric.dimension();
             let projections = projections.into_iter().map(|p| ProjectionOutput::new(p, dimension)).collect();
             json(StatusCode::OK, &ProjectAnswer { projections })
@@ -172,9 +171,9 @@ async fn answer(
         let (settings, shapes) = request.take_settings(&mut errors);
         let (settings, shapes) = checked(settings, errors, shapes)?;
         let counts = Counts::new(&settings.representation, shapes.len(), &app.limits);
-        let drawn = if format == Format::Svg { shapes.len().min(compute::MAX_DRAWN) } else { 0 };
-        planned(work::align(&settings, counts) + work::draw(counts, drawn), move |app| {
-            let statistics = compute::align(app, &settings, shapes)?;
+        let drawn = if format == Format::Svg { shapes.len().min(statistics::MAX_DRAWN) } else { 0 };
+        planned(requests::align(&settings, counts) + requests::draw(counts, drawn), move |app| {
+            let statistics = statistics::align(app, &settings, shapes)?;
             if format == Format::Svg { Ok(draw(&statistics)) } else { write(&statistics) }
         })
     })
@@ -187,7 +186,7 @@ fn mean_output(statistics: &Statistics) -> MeanOutput {
 
 fn draw(statistics: &Statistics) -> Response {
     let title = format!("mean of {} shapes", statistics.mean.shapes);
-    svg(compute::draw_mean(&statistics.setup, &title, &statistics.mean, &statistics.aligned))
+    svg(statistics::draw_mean(&statistics.setup, &title, &statistics.mean, &statistics.aligned))
 }
 
 /// A shape aligned to the mean.
@@ -356,11 +355,11 @@ pub(super) async fn pca(
         }
         let (settings, shapes) = checked(settings, errors, shapes)?;
         let counts = Counts::new(&settings.representation, shapes.len(), &app.limits);
-        planned(work::align(&settings, counts) + work::components(counts, count), move |app| {
-            let statistics = compute::align(app, &settings, shapes)?;
-            let components = compute::pca(app, &statistics, count, centre)?;
+        planned(requests::align(&settings, counts) + requests::components(counts, count), move |app| {
+            let statistics = statistics::align(app, &settings, shapes)?;
+            let components = statistics::pca(app, &statistics, count, centre)?;
             if format == Format::Svg {
-                return Ok(svg(compute::draw_mode(
+                return Ok(svg(statistics::draw_mode(
                     &statistics,
                     &components,
                     mode.component.unwrap_or(1),

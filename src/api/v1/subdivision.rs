@@ -17,12 +17,12 @@ use crate::geometry::subdivision::control::StartMesh;
 use crate::geometry::subdivision::measures::coarsened;
 use crate::geometry::subdivision::refinement::Depth;
 use crate::geometry::subdivision::{LoopWeights, Scheme, SchemeFields, SchemeName};
-use crate::service::ServiceError;
-use crate::service::subdivisions::{
+use crate::service::app::ServiceError;
+use crate::service::cost::requests;
+use crate::service::shapes::subdivisions::{
     self, ControlMeshInput, PolylineInput, RefinedCurve, RefinedMesh, subdivide as refine, subdivide_named,
     subdivide_polyline,
 };
-use crate::service::work;
 
 document! {
     /// A closed mesh or a polyline to be refined.
@@ -170,7 +170,7 @@ pub(super) async fn subdivide(
             Given::Start(start) => (start.size().vertices, 4.0),
             Given::Polyline(polyline) => (polyline.point_count(), 2.0),
         };
-        planned(work::subdivide(vertices, factor, &depth, wanted_limit, &app.limits), move |app| {
+        planned(requests::subdivide(vertices, factor, &depth, wanted_limit, &app.limits), move |app| {
             let mesh = match given {
                 Given::Mesh(mesh) => refine(app, scheme, mesh, depth, wanted_limit)?,
                 Given::Start(start) => subdivide_named(app, scheme, start, depth, wanted_limit)?,

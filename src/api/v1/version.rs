@@ -8,7 +8,7 @@ use serde::Serialize;
 use crate::api::extract::NoQuery;
 use crate::api::problem::{Problem, ProblemDocument};
 use crate::api::respond::json;
-use crate::service::{App, ServiceError, build};
+use crate::service::app::{App, ServiceError, build};
 
 /// Program and database.
 #[derive(Debug, Serialize, utoipa::ToSchema)]

@@ -10,13 +10,12 @@ use hashlink::LruCache;
 use rand::TryRng;
 use rand::rngs::SysRng;
 
-use super::{Refusal, check_unlimited};
+use super::Refusal;
 use crate::domain::access::{Principal, Role};
 use crate::domain::id;
 use crate::domain::key::{Key, Secret, claimed_id, is_deceptive, is_id};
-use crate::service::cohorts::{self, Page};
-use crate::service::error::Fault;
-use crate::service::{App, ServiceError, now_ms};
+use crate::service::app::{App, Fault, Page, ServiceError, now_ms};
+use crate::service::cohorts::catalogue;
 
 /// How long the answer of the store is believed.
 const FRESH: Duration = Duration::from_secs(2);
@@ -114,7 +113,7 @@ pub async fn create_given(app: &App, new: NewKey, text: &str) -> Result<Key, Ser
 }
 
 async fn create_with(app: &App, new: NewKey, id: String, secret: Secret) -> Result<Issued, ServiceError> {
-    check_unlimited(app, "to create a key")?;
+    app.check_unlimited("to create a key")?;
     ServiceError::unless_empty(faults(&new))?;
     let cohorts = match &new.cohorts {
         Some(keys) => Some(cohort_ids(app, keys).await?),
@@ -134,7 +133,7 @@ async fn create_with(app: &App, new: NewKey, id: String, secret: Secret) -> Resu
         used_at_ms: None,
     };
     app.store.create_key(&key).await?;
-    app.access.keys.there_are_some();
+    app.access().keys.there_are_some();
     tracing::info!(key = key.id, role = key.role.as_str(), by = app.principal.key, "a key was created");
     Ok(Issued { key, secret })
 }
@@ -142,7 +141,7 @@ async fn create_with(app: &App, new: NewKey, id: String, secret: Secret) -> Resu
 async fn cohort_ids(app: &App, keys: &[String]) -> Result<Vec<String>, ServiceError> {
     let (mut ids, mut faults) = (Vec::new(), Vec::new());
     for (i, key) in keys.iter().enumerate() {
-        match cohorts::find(app, key).await {
+        match catalogue::find(app, key).await {
             Ok(cohort) => ids.push(cohort.id),
             Err(error @ ServiceError::NotFound { .. }) => {
                 faults.push(Fault::new(format!("/cohorts/{i}"), error.to_string()));
@@ -192,20 +191,20 @@ pub async fn revoke(app: &App, id: &str) -> Result<(), ServiceError> {
         app.store.revoke_key(&key.id, now).await?;
         tracing::info!(key = key.id, by = app.principal.key, "a key was revoked");
     }
-    app.access.keys.remember(Key { revoked_at_ms: Some(key.revoked_at_ms.unwrap_or(now)), ..key });
+    app.access().keys.remember(Key { revoked_at_ms: Some(key.revoked_at_ms.unwrap_or(now)), ..key });
     Ok(())
 }
 
 /// Whether there is a key, of whatever tenant: also one that has ended, so that revoking the last one opens nothing.
 pub(super) async fn exist(app: &App) -> Result<bool, ServiceError> {
-    if let Some(known) = app.access.keys.are_there() {
+    if let Some(known) = app.access().keys.are_there() {
         return Ok(known);
     }
     let found = app.store.has_keys().await?;
     if found {
-        app.access.keys.there_are_some();
+        app.access().keys.there_are_some();
     } else {
-        app.access.keys.there_are_none();
+        app.access().keys.there_are_none();
     }
     Ok(found)
 }
@@ -213,17 +212,17 @@ pub(super) async fn exist(app: &App) -> Result<bool, ServiceError> {
 /// Who shows the key `text`.
 pub(super) async fn check(app: &App, text: &str) -> Result<Principal, Refusal> {
     let id = claimed_id(text).ok_or("not the form of a key")?;
-    let known = app.access.keys.recall(&id);
+    let known = app.access().keys.recall(&id);
     let key = match known {
         Some(key) => key,
-        None if app.access.keys.is_unknown(&id) => return Err(Refusal::Check(Some(id), "unknown key")),
+        None if app.access().keys.is_unknown(&id) => return Err(Refusal::Check(Some(id), "unknown key")),
         None => {
             let found = app.store.find_key(&id).await.map_err(|error| Refusal::Later(error.into()))?;
             let Some(key) = found else {
-                app.access.keys.there_is_none(&id);
+                app.access().keys.there_is_none(&id);
                 return Err(Refusal::Check(Some(id), "unknown key"));
             };
-            app.access.keys.remember(key)
+            app.access().keys.remember(key)
         }
     };
     let now = now_ms();
@@ -239,7 +238,7 @@ fn note_use(app: &App, key: &Key, now: i64) {
     if key.used_at_ms.is_some_and(|used| now - used < NOTED_EVERY_MS) {
         return;
     }
-    app.access.keys.used(&key.id, now);
+    app.access().keys.used(&key.id, now);
     let (store, id) = (app.store.clone(), key.id.clone());
     tokio::spawn(async move {
         if let Err(error) = store.note_key_use(&id, now).await {

@@ -20,12 +20,12 @@ pub mod tokens;
 use std::net::SocketAddr;
 use std::sync::Arc;
 
-use super::{App, ServiceError};
 use crate::domain::access::Principal;
 use crate::domain::key;
-use keys::KeyCache;
-use provider::Provider;
-use tokens::Verifier;
+use crate::service::access::keys::KeyCache;
+use crate::service::access::provider::Provider;
+use crate::service::access::tokens::Verifier;
+use crate::service::app::{App, ServiceError};
 
 /// Who is let in without asking, and which identity provider is trusted.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -110,7 +110,7 @@ pub async fn identify(app: &App, shown: Shown<'_>, quiet: bool) -> Result<Princi
         Shown::Nothing => return Err(ServiceError::Unauthenticated),
         Shown::Unreadable => Err("no bearer token in the header".into()),
         Shown::Bearer(text) if text.starts_with(key::MARK) => keys::check(app, text).await,
-        Shown::Bearer(text) => match &app.access.tokens {
+        Shown::Bearer(text) => match &app.access().tokens {
             Some(verifier) => verifier.check(text).await,
             None => Err("a token, but no identity provider is set".into()),
         },
@@ -141,7 +141,7 @@ pub async fn identify(app: &App, shown: Shown<'_>, quiet: bool) -> Result<Princi
 /// # Errors
 /// A failure of the store.
 pub async fn is_open(app: &App) -> Result<bool, ServiceError> {
-    Ok(app.access.loopback && app.access.tokens.is_none() && !keys::exist(app).await?)
+    Ok(app.access().loopback && app.access().tokens.is_none() && !keys::exist(app).await?)
 }
 
 /// Refuses to serve strangers: without keys and identity provider, only this machine's users may reach the service.
@@ -149,7 +149,7 @@ pub async fn is_open(app: &App) -> Result<bool, ServiceError> {
 /// # Errors
 /// Why it must not start on `address`, and what to do, in one sentence.
 pub async fn check_start(app: &App, address: SocketAddr) -> Result<(), String> {
-    if app.access.loopback || app.access.tokens.is_some() {
+    if app.access().loopback || app.access().tokens.is_some() {
         return Ok(());
     }
     if keys::exist(app).await.map_err(|error| error.to_string())? {
@@ -162,26 +162,20 @@ pub async fn check_start(app: &App, address: SocketAddr) -> Result<(), String> {
     ))
 }
 
-/// Refuses a caller whose key is limited to cohorts what concerns more than these.
-///
-/// # Errors
-/// [`ServiceError::Forbidden`].
-pub fn check_unlimited(app: &App, what: &str) -> Result<(), ServiceError> {
-    match app.principal.cohorts {
-        None => Ok(()),
-        Some(_) => Err(ServiceError::Forbidden(format!("{what} needs a key that is not limited to cohorts"))),
-    }
-}
-
 impl App {
     /// The same service with this access; before it takes requests.
     #[must_use]
     pub fn with_access(self, access: Access) -> Self {
-        Self { access: Arc::new(access), ..self }
+        self.put_state(access);
+        self
+    }
+
+    fn access(&self) -> Arc<Access> {
+        self.state()
     }
 
     /// Whether the metrics are shown to everyone.
     pub fn metrics_are_open(&self) -> bool {
-        self.access.metrics_open
+        self.access().metrics_open
     }
 }

@@ -10,7 +10,7 @@ use serde_json::{Map, Value};
 use super::Refusal;
 use super::provider::{Away, Provider};
 use crate::domain::access::{DEFAULT_TENANT, Principal, Role, tenant_problem};
-use crate::service::{ServiceError, now_ms};
+use crate::service::app::{ServiceError, now_ms};
 
 /// The algorithms that are accepted: never one with a shared secret, never none.
 const ALGORITHMS: [Algorithm; 6] = [

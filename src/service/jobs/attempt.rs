@@ -5,10 +5,11 @@ use std::time::Duration;
 use serde_json::Value;
 use tokio::time::Instant;
 
-use super::{JobContext, Outcome};
+use super::Outcome;
 use crate::domain::job::{Job, Progress};
-use crate::service::problem::{Problem, ProblemKind};
-use crate::service::{App, ServiceError, metrics, now_ms};
+use crate::service::app::problem::{Problem, ProblemKind};
+use crate::service::app::progress::JobContext;
+use crate::service::app::{App, ServiceError, metrics, now_ms};
 use crate::store::jobs::MAX_ATTEMPTS;
 use crate::store::{Claim, Release, StoreError};
 
@@ -50,13 +51,13 @@ pub async fn claim(app: &App) -> Result<Option<Attempt>, ServiceError> {
     metrics::jobs_abandoned(claimed.abandoned.len());
     for id in &claimed.abandoned {
         tracing::warn!(job = id, "a job was interrupted at every attempt and is given up");
-        app.jobs.announce(id);
+        app.registry().announce(id);
     }
     let Some(claim) = claimed.claim else { return Ok(None) };
-    let context = app.jobs.begin(&claim.job.id);
-    app.jobs.announce(&claim.job.id);
+    let context = app.registry().begin(&claim.job.id);
+    app.registry().announce(&claim.job.id);
     // There may be more: another worker looks.
-    app.jobs.wake();
+    app.registry().wake();
     let begun = Instant::now();
     Ok(Some(Attempt { claim, context, written: None, renewed: begun, begun }))
 }
@@ -72,7 +73,7 @@ fn abandoned() -> Value {
 
 /// Waits until the queue is worth a look, because a job was submitted or could be taken by more workers.
 pub async fn submitted(app: &App) {
-    app.jobs.woken().await;
+    app.registry().woken().await;
 }
 
 impl Attempt {
@@ -185,7 +186,7 @@ impl Attempt {
         };
         metrics::attempt_ended(self.claim.job.kind, end, self.begun.elapsed());
         tracing::info!(job, attempt, end, "an attempt at a job has ended");
-        app.jobs.announce(job);
+        app.registry().announce(job);
     }
 }
 

@@ -1,27 +1,25 @@
 //! Jobs: long work that is stored before it is answered, runs beside the requests, and survives a restart.
 //!
-//! * this file — what clients do: submit, find, list, cancel, wait; and what a job is to do: [`run`];
+//! * this file — what clients do: submit, find, list, cancel, wait;
 //! * [`registry`] — what is known of a job while it runs: its progress, whether it shall stop, who wants to hear of it;
 //! * [`attempt`] — what the worker does: claim, renew, settle;
+//! * [`inline_or_job`] — answered at once when it is predicted to be quick, else by a job;
 //! * [`watch`] — the changes of a job, one after the other.
 
 pub mod attempt;
+pub mod inline_or_job;
 pub mod registry;
 pub mod watch;
 
 use std::time::Duration;
 
 use serde_json::Value;
-use tokio::runtime::Handle;
 use tokio::time::Instant;
 
-pub use self::registry::JobContext;
-use super::cohorts::Page;
-use super::{App, ServiceError, comparisons, distances, learning, metrics, now_ms, planned, regressions};
 use crate::domain::dictionary::NewDictionary;
 use crate::domain::id;
 use crate::domain::job::{Job, JobKind, JobOutput, JobStatus};
-use crate::service::work::Work;
+use crate::service::app::{App, Page, ServiceError, Work, metrics, now_ms};
 use crate::store::jobs::Quota;
 
 /// What an attempt brought about.
@@ -33,21 +31,6 @@ pub struct Outcome {
     pub dictionary: Option<Box<NewDictionary>>,
     /// What is kept beside the job, as long as there is room.
     pub output: Option<Box<JobOutput>>,
-}
-
-/// Does what the job is for, on a compute thread; `handle` is for what has to be awaited.
-///
-/// May be called twice for a job: nothing but the outcome must stay. Long loops call [`JobContext::check`].
-///
-/// # Errors
-/// What keeps it from succeeding: [`ServiceError::Unavailable`] is tried again, everything else is final.
-pub fn run(app: &App, handle: &Handle, job: &Job, context: &JobContext) -> Result<Outcome, ServiceError> {
-    match job.kind {
-        JobKind::LearnDictionary => learning::run(app, handle, job, context),
-        JobKind::Distances => distances::run(app, handle, job, context),
-        JobKind::Compare => planned::run::<comparisons::Prepared>(app, handle, job, context),
-        JobKind::Regress => planned::run::<regressions::Prepared>(app, handle, job, context),
-    }
 }
 
 /// Stores a new job that is predicted to take so many seconds; a worker takes it when its turn comes. The same request again
@@ -64,7 +47,7 @@ pub async fn submit(app: &App, kind: JobKind, parameters: Value, seconds: f64) -
     let job = Job::new(kind, parameters, now_ms()).weighing(seconds, app.priority);
     let quota = Quota { jobs: app.limits.queued_jobs, seconds: app.limits.queued_work.as_secs_f64() };
     app.store.create_job_within(quota, &job, app.receipt(&job.id).as_ref()).await?;
-    app.jobs.wake();
+    app.registry().wake();
     Ok(job)
 }
 
@@ -74,7 +57,7 @@ pub async fn submit(app: &App, kind: JobKind, parameters: Value, seconds: f64) -
 /// [`ServiceError::NotFound`].
 pub async fn find(app: &App, id: &str) -> Result<Job, ServiceError> {
     let found = app.store.find_job(id).await?;
-    found.map(|job| app.jobs.up_to_date(job)).ok_or_else(|| not_found(id))
+    found.map(|job| app.registry().up_to_date(job)).ok_or_else(|| not_found(id))
 }
 
 /// What the job with this id has brought about.
@@ -107,7 +90,7 @@ pub async fn list(
     let mut items = app.store.list_jobs(status, cursor, limit + 1).await?;
     let next = (items.len() > limit).then(|| items[limit - 1].id.clone());
     items.truncate(limit);
-    Ok((items.into_iter().map(|job| app.jobs.up_to_date(job)).collect(), next))
+    Ok((items.into_iter().map(|job| app.registry().up_to_date(job)).collect(), next))
 }
 
 /// Cancels a job that is not finished; one that is cancelled stays so.
@@ -122,8 +105,8 @@ pub async fn cancel(app: &App, id: &str) -> Result<Job, ServiceError> {
         return Err(ServiceError::JobFinished { id: job.id, status: job.status.as_str() });
     }
     metrics::job_cancelled();
-    app.jobs.interrupt(id);
-    app.jobs.announce(id);
+    app.registry().interrupt(id);
+    app.registry().announce(id);
     Ok(job)
 }
 
@@ -132,7 +115,7 @@ pub async fn cancel(app: &App, id: &str) -> Result<Job, ServiceError> {
 /// # Errors
 /// [`ServiceError::NotFound`].
 pub async fn wait(app: &App, id: &str, time: Duration) -> Result<Job, ServiceError> {
-    let channel = app.jobs.channel(id);
+    let channel = app.registry().channel(id);
     let mut states = channel.states();
     let end = Instant::now() + time;
     loop {

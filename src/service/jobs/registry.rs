@@ -3,12 +3,12 @@
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
-use std::time::Instant;
 
-use tokio::sync::{Notify, watch};
+use tokio::sync::Notify;
 
 use crate::domain::job::{Job, JobStatus, Progress};
-use crate::service::ServiceError;
+use crate::service::app::App;
+use crate::service::app::progress::{Channel, JobContext};
 
 /// The channels of all jobs that somebody runs or watches.
 #[derive(Debug, Default)]
@@ -17,25 +17,10 @@ pub struct Registry {
     submitted: Notify,
 }
 
-/// The channel of a job, between who runs it and who watches it.
-#[derive(Debug, Default)]
-pub(super) struct Channel {
-    /// Says that the row has changed.
-    states: watch::Sender<()>,
-    progress: watch::Sender<Progress>,
-    /// Says the present attempt that it shall stop.
-    interrupted: Mutex<Arc<AtomicBool>>,
-}
-
-impl Channel {
-    /// Changes of the row from now on.
-    pub(super) fn states(&self) -> watch::Receiver<()> {
-        self.states.subscribe()
-    }
-
-    /// Progress from now on.
-    pub(super) fn progress(&self) -> watch::Receiver<Progress> {
-        self.progress.subscribe()
+impl App {
+    /// The channels of jobs in this process.
+    pub(super) fn registry(&self) -> Arc<Registry> {
+        self.state()
     }
 }
 
@@ -101,64 +86,6 @@ impl Registry {
     }
 }
 
-/// What an attempt says and hears while it runs. The default belongs to no job: nobody listens.
-#[derive(Debug, Clone, Default)]
-pub struct JobContext {
-    interrupted: Arc<AtomicBool>,
-    /// When its time is over.
-    deadline: Option<Instant>,
-    channel: Arc<Channel>,
-}
-
-impl JobContext {
-    /// Nothing, or that the work shall stop; cheap enough for inner loops.
-    ///
-    /// # Errors
-    /// [`ServiceError::Cancelled`].
-    pub fn check(&self) -> Result<(), ServiceError> {
-        if self.is_cancelled() { Err(ServiceError::Cancelled) } else { Ok(()) }
-    }
-
-    /// The same work without a voice: parts of it are done that do not count as its progress.
-    pub(crate) fn silent(&self) -> Self {
-        Self { channel: Arc::default(), ..self.clone() }
-    }
-
-    /// The same work, whose time is over at `deadline`.
-    pub(crate) fn until(&self, deadline: Instant) -> Self {
-        Self { deadline: Some(deadline), ..self.clone() }
-    }
-
-    /// Whether the work shall stop: the job was cancelled, the client has gone, the service stops, another attempt has taken
-    /// over, or the time is over.
-    pub fn is_cancelled(&self) -> bool {
-        self.interrupted.load(Ordering::Relaxed)
-            || self.deadline.is_some_and(|deadline| Instant::now() >= deadline)
-    }
-
-    /// Says how far the work is; cheap, nothing is written here.
-    ///
-    /// `fraction` is held within 0 to 1; an objective that is not finite is none.
-    pub fn report(&self, phase: &'static str, fraction: f64, objective: Option<f64>) {
-        let fraction = if fraction.is_nan() { 0.0 } else { fraction.clamp(0.0, 1.0) };
-        let objective = objective.filter(|objective| objective.is_finite());
-        // An attempt that has lost its claim must not speak for the one that has it.
-        if !self.is_cancelled() {
-            self.channel.progress.send_replace(Progress { fraction, phase: Some(phase), objective });
-        }
-    }
-
-    /// Asks the work to stop.
-    pub fn interrupt(&self) {
-        self.interrupted.store(true, Ordering::Relaxed);
-    }
-
-    /// What was reported last.
-    pub fn progress(&self) -> Progress {
-        *self.channel.progress.borrow()
-    }
-}
-
 /// Nothing is left half done under these locks: a panic elsewhere does not spoil them.
 fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
@@ -168,18 +95,7 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 mod tests {
     use super::*;
     use crate::domain::job::JobKind;
-
-    #[test]
-    fn reports_are_held_within_bounds() {
-        let context = JobContext::default();
-        for (fraction, expected) in [(0.25, 0.25), (-1.0, 0.0), (7.0, 1.0), (f64::NAN, 0.0)] {
-            context.report("learning", fraction, Some(f64::INFINITY));
-            let wanted = Progress { fraction: expected, phase: Some("learning"), objective: None };
-            assert_eq!(context.progress(), wanted, "{fraction}");
-        }
-        context.report("learning", 0.5, Some(2.5));
-        assert_eq!(context.progress().objective, Some(2.5));
-    }
+    use crate::service::app::ServiceError;
 
     #[test]
     fn a_new_attempt_stops_the_older_one_and_starts_from_nothing() {

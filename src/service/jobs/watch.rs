@@ -7,9 +7,9 @@ use tokio::sync::watch::Receiver;
 use tokio::time::Instant;
 
 use super::find;
-use super::registry::Channel;
 use crate::domain::job::{Job, Progress};
-use crate::service::{App, ServiceError};
+use crate::service::app::progress::Channel;
+use crate::service::app::{App, ServiceError};
 
 /// Shortest time between two reports of progress; changes of the status are told at once.
 const PACE: Duration = Duration::from_millis(200);
@@ -35,7 +35,7 @@ pub struct Watch {
 impl Watch {
     /// Watches the job with this id. When the client says what it knows already, that is not told again.
     pub fn new(app: &App, id: &str, known: Option<Job>) -> Self {
-        let channel = app.jobs.channel(id);
+        let channel = app.registry().channel(id);
         Self {
             app: app.clone(),
             id: id.into(),

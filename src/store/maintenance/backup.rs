@@ -11,8 +11,11 @@ use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{ConnectOptions, Connection};
 
 use super::super::engine::sql;
+use super::super::error::StoreError;
+use super::super::folder::DATABASE_FILE;
 use super::super::folder::{FolderLock, LOCK_FILE, private_file};
-use super::super::{DATABASE_FILE, Store, StoreError, blocking, sqlite};
+use super::super::handle::{Store, blocking};
+use super::super::sqlite;
 use super::{Checked, MaintenanceError, schema};
 use crate::domain::id;
 

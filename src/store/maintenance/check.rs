@@ -5,8 +5,11 @@ use serde_json::Value;
 
 use super::super::blob::Chunk;
 use super::super::cohorts::read_cohort;
+use super::super::engine::from_sql;
 use super::super::engine::{Row, sql};
-use super::super::{Store, StoreError, blocking, dictionaries, from_sql, jobs, outputs};
+use super::super::error::StoreError;
+use super::super::handle::{Store, blocking};
+use super::super::{dictionaries, jobs, outputs};
 
 /// Most things that one rule names.
 const MOST_NAMED: i64 = 100;

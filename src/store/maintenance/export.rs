@@ -12,8 +12,8 @@ use std::io::Write;
 
 use serde_json::{Map, Value, json};
 
-use super::super::Store;
 use super::super::engine::{Transaction, sql};
+use super::super::handle::Store;
 use super::tables::{Cell, TABLES, Table};
 use super::{MaintenanceError, schema};
 

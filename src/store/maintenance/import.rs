@@ -4,8 +4,8 @@ use std::io::{BufRead, Read as _};
 
 use serde_json::{Map, Value};
 
-use super::super::Store;
 use super::super::engine::{Transaction, sql};
+use super::super::handle::Store;
 use super::tables::{Cell, TABLES, Table};
 use super::{MaintenanceError, export, schema};
 

@@ -14,7 +14,10 @@ mod tables;
 use std::path::PathBuf;
 
 use super::engine::Pools;
-use super::{DATABASE_FILE, Store, StoreError, mark, postgres, sqlite};
+use super::error::StoreError;
+use super::folder::DATABASE_FILE;
+use super::handle::Store;
+use super::{mark, postgres, sqlite};
 
 pub use backup::restore;
 pub use check::Checked;

@@ -1,8 +1,10 @@
 //! The version of the schema, and how it is brought up to date.
 
 use super::super::engine::{Pools, sql};
+use super::super::error::StoreError;
+use super::super::folder::DATABASE_FILE;
 use super::super::folder::{FolderLock, protect};
-use super::super::{DATABASE_FILE, StoreError, mark, postgres, sqlite};
+use super::super::{mark, postgres, sqlite};
 use super::{CONNECTIONS, MaintenanceError, Site, existing};
 
 /// Versions of a schema.

@@ -4,8 +4,8 @@ use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD as BASE64;
 use serde_json::Value;
 
-use super::super::StoreError;
 use super::super::engine::{Query, Row};
+use super::super::error::StoreError;
 
 /// Type of a column, the same in both databases.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

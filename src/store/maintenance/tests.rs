@@ -8,11 +8,12 @@ use serde_json::{Value, json};
 use tempfile::TempDir;
 
 use super::super::engine::sql;
+use super::super::folder::DATABASE_FILE;
 use super::super::jobs::Claim;
 use super::super::tests::{
     DATABASE_URL, cohort, embedded, fresh, fresh_schema, meddle, named, rows, shape, store_all,
 };
-use super::super::{DATABASE_FILE, Store, StoreError};
+use super::super::{Store, StoreError};
 use super::tables::{Kind, PASSING, TABLES};
 use super::*;
 use crate::domain::cohort::Cohort;

@@ -1,8 +1,7 @@
 //! The queue: order, leases, fencing, what a restart does, what is kept.
 
 use super::*;
-use crate::domain::job::Priority;
-use crate::domain::job::{Job, JobKind, JobOutput, JobStatus, Progress};
+use crate::domain::job::{Job, JobKind, JobOutput, JobStatus, Priority, Progress};
 use crate::store::jobs::{MAX_ATTEMPTS, MAX_FINISHED, MAX_QUEUED, Quota};
 
 /// The lease of the claims of these tests.

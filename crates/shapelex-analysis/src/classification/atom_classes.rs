@@ -13,7 +13,7 @@
 
 use rayon::prelude::*;
 
-use super::{Evidence, Labelled, Observations};
+use super::observations::{Evidence, Labelled, Observations};
 use crate::dictionary::model::{Model, squared_distance};
 use crate::metric::{dot, norm};
 use crate::sparse::SparseCode;

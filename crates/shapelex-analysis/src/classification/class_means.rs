@@ -10,7 +10,7 @@
 
 use rayon::prelude::*;
 
-use super::{Evidence, Labelled, Observations, subset};
+use super::observations::{Evidence, Labelled, Observations, subset};
 use crate::AnalysisError;
 use crate::accumulate::ShapesInMemory;
 use crate::alignment::{FEWEST_SHAPES, Method, mean_shape};

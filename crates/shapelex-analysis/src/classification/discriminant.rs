@@ -13,7 +13,7 @@
 
 use nalgebra::Cholesky;
 
-use super::{Evidence, Labelled};
+use super::observations::{Evidence, Labelled};
 use crate::AnalysisError;
 use crate::dictionary::model::squared_distance;
 use shapelex_numeric::dense::{Matrix, multiply};

@@ -12,8 +12,9 @@
 //!
 //! Source: Caruana, Niculescu-Mizil, Crew and Ksikes 2004 (selection with replacement).
 
+use super::classifier::{Classifier, Kind};
+use super::observations::{Description, Evidence, Observations};
 use super::quality::confidences;
-use super::{Classifier, Description, Evidence, Kind, Observations};
 use crate::AnalysisError;
 
 /// Rounds of the selection: a member weighs a twelfth at the least.

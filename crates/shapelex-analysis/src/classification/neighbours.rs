@@ -11,7 +11,7 @@
 
 use rayon::prelude::*;
 
-use super::{Evidence, Labelled};
+use super::observations::{Evidence, Labelled};
 use crate::dictionary::model::squared_distance;
 use shapelex_numeric::dense::Matrix;
 

@@ -9,7 +9,7 @@
 
 use rayon::prelude::*;
 
-use super::Evidence;
+use super::observations::Evidence;
 
 /// A shape that was classified by a classifier that had not seen it.
 #[derive(Debug, Clone, PartialEq)]

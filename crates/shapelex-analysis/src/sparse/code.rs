@@ -1,7 +1,10 @@
 //! A sparse code and its certificate.
 
-use super::Atoms;
+use super::atoms::Atoms;
 use shapelex_numeric::kernels::dot;
+
+/// A gap of `10⁻¹⁰` of `½‖x‖²` says that ten digits of the objective are right.
+pub(super) const DEFAULT_TOLERANCE: f64 = 1e-10;
 
 /// A sparse code with its certificate.
 #[derive(Debug, Clone, PartialEq)]

@@ -14,9 +14,11 @@
 //! Source: Yuan and Lin 2006 for the problem; the active set is that of Lee et al. 2007 (feature-sign search), with norms
 //! for absolute values.
 
+use super::atoms::Atoms;
+use super::code::DEFAULT_TOLERANCE;
+use super::code::SparseCode;
 use super::code::{Fit, Signal};
-use super::coder::Encode;
-use super::{Atoms, DEFAULT_TOLERANCE, SparseCode};
+use super::encode::Encode;
 use crate::AnalysisError;
 use shapelex_numeric::cholesky::ActiveCholesky;
 use shapelex_numeric::kernels::{add_columns, add_scaled, column, dot};

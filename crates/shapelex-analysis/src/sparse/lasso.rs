@@ -8,10 +8,12 @@
 //! and dependent columns break the path, coordinate descent and exact steps on its support finish. A previous code
 //! that is near has the support and signs already: one exact step on it replaces the path.
 
+use super::atoms::Atoms;
+use super::code::DEFAULT_TOLERANCE;
+use super::code::SparseCode;
 use super::code::{Fit, Signal, used};
-use super::coder::Encode;
+use super::encode::Encode;
 use super::path::Path;
-use super::{Atoms, DEFAULT_TOLERANCE, SparseCode};
 use crate::AnalysisError;
 use shapelex_numeric::cholesky::ActiveCholesky;
 use shapelex_numeric::kernels::{add_scaled, column, dot};

@@ -23,6 +23,7 @@
 mod atoms;
 mod code;
 mod coder;
+mod encode;
 mod group;
 mod lasso;
 mod path;
@@ -34,6 +35,3 @@ pub use coder::Coder;
 pub use group::GroupLasso;
 pub use lasso::{Knot, Lasso};
 pub use pursuit::Pursuit;
-
-/// A gap of `10⁻¹⁰` of `½‖x‖²` says that ten digits of the objective are right.
-const DEFAULT_TOLERANCE: f64 = 1e-10;

@@ -11,7 +11,8 @@
 //!
 //! Source: Osborne, Presnell, Turlach 2000 and Efron et al. 2004.
 
-use super::{Atoms, Lasso};
+use super::atoms::Atoms;
+use super::lasso::Lasso;
 use shapelex_numeric::cholesky::ActiveCholesky;
 use shapelex_numeric::kernels::{add_columns, add_scaled};
 

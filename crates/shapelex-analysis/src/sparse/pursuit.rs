@@ -1,8 +1,9 @@
 //! Optimised orthogonal matching pursuit (orthogonal least squares), by blocks.
 
+use super::atoms::Atoms;
+use super::code::SparseCode;
 use super::code::{Fit, Signal};
-use super::coder::Encode;
-use super::{Atoms, SparseCode};
+use super::encode::Encode;
 use crate::AnalysisError;
 use shapelex_numeric::kernels::{add_columns, add_scaled, column, dot, largest};
 

@@ -3,8 +3,8 @@
 use std::path::Path;
 
 use serde_json::Value;
+use shapelex_analysis::fit::Fit;
 use shapelex_analysis::metric::Metric;
-use shapelex_analysis::procrustes::Fit;
 use shapelex_geometry::generator::Exact;
 use shapelex_geometry::representation::{Representation, ShapeSpace};
 use shapelex_geometry::subdivision::control::ControlMesh;

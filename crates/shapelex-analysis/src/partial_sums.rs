@@ -1,0 +1,68 @@
+//! Partial sums: the sum of one part of the shapes, made from its description.
+
+use crate::AnalysisError;
+use crate::accumulate::{Accumulator, ShapeSource};
+use crate::alignment::Method;
+use crate::dictionary::preparation::{Pose, Posed, Preparation};
+use crate::frame;
+use crate::matching::Matching;
+use crate::mean::ProjectorSum;
+use crate::metric::Metric;
+use crate::pass::{Aligned, Pass, Sum};
+use crate::pca::FunctionalPca;
+use crate::procrustes;
+use shapelex_numeric::dense::Matrix;
+
+/// What shapes are measured by, and how they are brought together.
+#[derive(Debug, Clone, Copy)]
+pub struct Measured<'a> {
+    /// The metric.
+    pub metric: &'a Metric,
+    /// Projection or Procrustes.
+    pub method: &'a Method,
+    /// Start points, directions, mirror images.
+    pub matching: &'a Matching,
+}
+
+impl Pass {
+    /// The sum over the shapes of `source`, as [`Accumulator::to_bytes`] writes it.
+    ///
+    /// # Errors
+    /// Errors of the source; [`AnalysisError::NotAnAccumulator`] when pass and method do not fit together.
+    pub fn make<S: ShapeSource>(&self, source: &S, measured: Measured<'_>) -> Result<Vec<u8>, S::Error> {
+        let Some(Aligned { mean, normalise }) = &self.aligned else {
+            return self.sum.make(source, measured);
+        };
+        let preparation = Preparation {
+            metric: measured.metric.clone(),
+            method: measured.method.clone(),
+            matching: measured.matching.clone(),
+            mean: mean.clone(),
+            pose: Pose::Aligned { normalise: *normalise },
+        };
+        self.sum.make(&Posed { source, preparation: &preparation }, measured)
+    }
+}
+
+impl Sum {
+    fn make<S: ShapeSource>(&self, source: &S, measured: Measured<'_>) -> Result<Vec<u8>, S::Error> {
+        let length = measured.metric.len();
+        let fits = |numbers: &[f64]| !numbers.is_empty() && numbers.len().is_multiple_of(length);
+        match (self, measured.method) {
+            (Self::Projectors, Method::Projection(class)) => {
+                Ok(ProjectorSum::of(source, class, length)?.to_bytes())
+            }
+            (Self::Frame { elements }, _) if fits(elements) => {
+                let elements = Matrix::from_column_slice(length, elements.len() / length, elements);
+                Ok(frame::training_sum(source, &elements)?.to_bytes())
+            }
+            (Self::Fits { fit, mean }, _) if mean.len() == length => {
+                Ok(procrustes::fitted_sum(source, *fit, mean)?.to_bytes())
+            }
+            (Self::Scatter { origin }, _) if origin.len() == length => {
+                Ok(FunctionalPca::scatter(source, origin)?.to_bytes())
+            }
+            _ => Err(AnalysisError::NotAnAccumulator.into()),
+        }
+    }
+}

@@ -1,0 +1,77 @@
+//! Batches of codes, one shape after the other with memory that is used again.
+
+use rayon::prelude::*;
+
+use super::atoms::Atoms;
+use super::code::{Signal, SparseCode};
+use crate::AnalysisError;
+use shapelex_numeric::dense::transpose_multiply_columns;
+use shapelex_numeric::kernels::{column, dot};
+
+/// Shapes whose correlations are formed in one product: few enough that small sets use all threads. Part of the
+/// definition of a code: changing it changes last bits.
+const BATCH: usize = 64;
+
+/// Codes one shape after the other with memory that is used again.
+pub(super) trait Encode: Sync {
+    /// What is kept from shape to shape; no result depends on what it held.
+    type Work: Default;
+
+    /// The code of one shape, from its `previous` one where there is one.
+    fn code(
+        &self,
+        atoms: &Atoms,
+        signal: &Signal<'_>,
+        previous: Option<&SparseCode>,
+        work: &mut Self::Work,
+    ) -> Result<SparseCode, AnalysisError>;
+
+    /// Codes of whitened `shapes` (`n` numbers each) in order; bits do not depend on the number of threads.
+    ///
+    /// # Errors
+    /// Of the first shape that has one, with its position.
+    fn encode(
+        &self,
+        atoms: &Atoms,
+        shapes: &[f64],
+        previous: Option<&[SparseCode]>,
+    ) -> Result<Vec<SparseCode>, AnalysisError> {
+        let length = atoms.matrix().nrows() * BATCH;
+        let batches: Vec<_> = shapes
+            .par_chunks(length.max(1))
+            .enumerate()
+            .map(|(i, batch)| self.encode_batch(atoms, batch, i * BATCH, previous))
+            .collect();
+        concatenated(batches, atoms, shapes)
+    }
+
+    /// The codes of a batch whose first shape is at position `first`.
+    fn encode_batch(
+        &self,
+        atoms: &Atoms,
+        batch: &[f64],
+        first: usize,
+        previous: Option<&[SparseCode]>,
+    ) -> Result<Vec<SparseCode>, AnalysisError> {
+        let correlations = transpose_multiply_columns(atoms.matrix(), batch);
+        let mut work = Self::Work::default();
+        let code = |(k, x): (usize, &[f64])| {
+            let signal = Signal { correlations: column(&correlations, k), energy: dot(x, x) };
+            let previous = previous.and_then(|codes| codes.get(first + k));
+            self.code(atoms, &signal, previous, &mut work).map_err(|error| error.at(first + k))
+        };
+        batch.chunks_exact(atoms.matrix().nrows()).enumerate().map(code).collect()
+    }
+}
+
+fn concatenated(
+    batches: impl IntoIterator<Item = Result<Vec<SparseCode>, AnalysisError>>,
+    atoms: &Atoms,
+    shapes: &[f64],
+) -> Result<Vec<SparseCode>, AnalysisError> {
+    let mut codes = Vec::with_capacity(shapes.len() / atoms.matrix().nrows().max(1));
+    for batch in batches {
+        codes.extend(batch?);
+    }
+    Ok(codes)
+}

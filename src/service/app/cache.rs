@@ -1,0 +1,156 @@
+//! One cache of values that take longer to compute than to look up: of any type, bounded in bytes, least recently used out first.
+
+use std::any::{Any, TypeId};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use hashlink::LinkedHashMap;
+use serde::Serialize;
+
+use super::metrics;
+
+/// Largest capacity of the cache in bytes.
+const MAX_BYTES: usize = 768 << 20;
+
+/// A type whose values are cached.
+pub trait Cached: Send + Sync + 'static {
+    /// Label of the type in the metrics.
+    const NAME: &'static str;
+
+    /// Memory that the value takes, estimated.
+    fn bytes(&self) -> usize;
+}
+
+/// Identifies a value: its type, the id of the stored object that it was computed from (empty if there is none), and a digest
+/// of everything else that it depends on.
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+struct Key {
+    kind: TypeId,
+    object: String,
+    digest: [u8; 32],
+}
+
+impl Key {
+    fn new<T: Cached>(object: &str, settings: &impl Serialize) -> Option<Self> {
+        let mut digest = blake3::Hasher::new();
+        serde_json::to_writer(&mut digest, settings).ok()?;
+        Some(Self { kind: TypeId::of::<T>(), object: object.into(), digest: *digest.finalize().as_bytes() })
+    }
+}
+
+#[derive(Debug)]
+struct Entry {
+    value: Arc<dyn Any + Send + Sync>,
+    bytes: usize,
+}
+
+#[derive(Debug, Default)]
+struct Entries {
+    /// From the least to the most recently used.
+    list: LinkedHashMap<Key, Entry>,
+    /// Sum over the list.
+    bytes: usize,
+}
+
+/// Values of any type, shared by all requests.
+#[derive(Debug)]
+pub struct Cache {
+    entries: Mutex<Entries>,
+    capacity: usize,
+}
+
+impl Cache {
+    /// A cache of at most a quarter of `memory` bytes, and at most 768 MiB.
+    pub(in crate::service) fn new(memory: usize) -> Self {
+        Self { entries: Mutex::default(), capacity: MAX_BYTES.min(memory / 4) }
+    }
+
+    fn locked(&self) -> MutexGuard<'_, Entries> {
+        self.entries.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The value computed from `object` with `settings`, counted as a hit or a miss.
+    pub fn find<T: Cached>(&self, object: &str, settings: &impl Serialize) -> Option<Arc<T>> {
+        metrics::looked_up(T::NAME, self.look(object, settings))
+    }
+
+    fn look<T: Cached>(&self, object: &str, settings: &impl Serialize) -> Option<Arc<T>> {
+        let key = Key::new::<T>(object, settings)?;
+        let mut entries = self.locked();
+        let value = Arc::clone(&entries.list.to_back(&key)?.value);
+        value.downcast().ok()
+    }
+
+    /// Whether a value is there; the metrics do not count this.
+    pub fn has<T: Cached>(&self, object: &str, settings: &impl Serialize) -> bool {
+        Key::new::<T>(object, settings).is_some_and(|key| self.locked().list.contains_key(&key))
+    }
+
+    /// Keeps a value, and evicts the least recently used ones that there is no room for beside it.
+    pub fn keep<T: Cached>(&self, object: &str, settings: &impl Serialize, value: &Arc<T>) {
+        let bytes = value.bytes();
+        let Some(key) = Key::new::<T>(object, settings).filter(|_| bytes <= self.capacity) else { return };
+        let entry = Entry { value: value.clone(), bytes };
+        let mut entries = self.locked();
+        let replaced = entries.list.insert(key, entry);
+        entries.bytes = entries.bytes + bytes - replaced.map_or(0, |entry| entry.bytes);
+        while entries.bytes > self.capacity {
+            let Some((_, evicted)) = entries.list.pop_front() else { return };
+            entries.bytes -= evicted.bytes;
+        }
+    }
+
+    /// Drops all values computed from an object that was deleted.
+    pub fn forget(&self, object: &str) {
+        let mut entries = self.locked();
+        entries.list.retain(|key, _| key.object != object);
+        entries.bytes = entries.list.values().map(|entry| entry.bytes).sum();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[derive(Debug, PartialEq)]
+    struct Text(usize);
+
+    impl Cached for Text {
+        const NAME: &'static str = "texts";
+
+        fn bytes(&self) -> usize {
+            self.0
+        }
+    }
+
+    #[derive(Debug, PartialEq)]
+    struct Number;
+
+    impl Cached for Number {
+        const NAME: &'static str = "numbers";
+
+        fn bytes(&self) -> usize {
+            1
+        }
+    }
+
+    #[test]
+    fn the_least_recently_used_value_is_evicted_first() {
+        let cache = Cache::new(400);
+        let has = |object: &str, revision: u64| cache.find::<Text>(object, &revision).is_some();
+        for object in ["a", "b", "c", "d"] {
+            cache.keep(object, &1_u64, &Arc::new(Text(25)));
+        }
+        assert!(has("a", 1) && has("c", 1) && has("d", 1));
+        cache.keep("e", &1_u64, &Arc::new(Text(1)));
+        assert!(!has("b", 1) && has("a", 1) && has("e", 1));
+        assert!(!has("a", 2), "settings are a part of the key");
+        assert!(cache.find::<Number>("a", &1_u64).is_none(), "so is the type");
+        cache.keep("a", &1_u64, &Arc::new(Text(2)));
+        cache.keep("f", &1_u64, &Arc::new(Text(101)));
+        assert!(!has("f", 1) && has("c", 1) && has("d", 1), "too large for the cache");
+        assert_eq!(cache.locked().bytes, 25 + 25 + 1 + 2);
+        cache.forget("c");
+        assert!(!has("c", 1) && has("e", 1));
+        assert_eq!(cache.locked().bytes, 25 + 1 + 2);
+    }
+}

@@ -1,0 +1,151 @@
+//! The context of a use case.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use tokio_util::sync::CancellationToken;
+
+use super::cache::Cache;
+use super::error::ServiceError;
+use super::idempotency::Retry;
+use super::limits::Limits;
+use super::memory::Memory;
+use super::pool::Pool;
+use super::state::State;
+use super::touched::Touched;
+use super::work::Work;
+use crate::domain::access::{DEFAULT_TENANT, Principal};
+use crate::domain::job::Priority;
+use crate::store::Store;
+
+/// Everything a use case needs; cheap to clone.
+#[derive(Debug, Clone)]
+pub struct App {
+    /// Where cohorts live.
+    pub store: Store,
+    /// Sizes that are accepted.
+    pub limits: Limits,
+    /// Where arithmetic runs.
+    pub pool: Pool,
+    /// Who asks.
+    pub principal: Arc<Principal>,
+    /// The idempotency key of the request, if it has one.
+    pub(in crate::service) retry: Option<Retry>,
+    /// Priority of the jobs that the request creates.
+    pub(in crate::service) priority: Priority,
+    /// Ids of the objects that the request is about, for the audit trail.
+    pub touched: Touched,
+    pub(super) draining: CancellationToken,
+    /// Accounts of the memory that requests and answers hold.
+    pub memory: Memory,
+    /// Results that are kept because they are asked for again and again.
+    pub cache: Arc<Cache>,
+    pub(super) state: State,
+}
+
+impl App {
+    /// From an open store; `threads` compute threads (0: one per core).
+    pub fn new(store: Store, limits: Limits, threads: usize) -> Self {
+        Self {
+            store,
+            limits,
+            pool: Pool::new(threads, &limits),
+            principal: Arc::new(Principal::system(DEFAULT_TENANT)),
+            retry: None,
+            priority: Priority::default(),
+            touched: Touched::default(),
+            draining: CancellationToken::new(),
+            memory: Memory::new(limits.quota()),
+            cache: Arc::new(Cache::new(limits.memory)),
+            state: State::default(),
+        }
+    }
+
+    /// The same service as `principal` sees it, for one request: its work stops when nobody waits for it any more.
+    pub fn of(&self, principal: Arc<Principal>) -> Self {
+        let store = self.store.of(Arc::clone(&principal));
+        let pool = self.pool.of_request(&principal);
+        Self { store, principal, pool, ..self.clone() }
+    }
+
+    /// The same request, at something that is predicted to take so much.
+    pub fn weighing(&self, work: Work) -> Self {
+        Self { pool: self.pool.weighing(work), ..self.clone() }
+    }
+
+    /// The same request, whose work shall have ended at `deadline`.
+    #[must_use]
+    pub fn until(&self, deadline: Instant) -> Self {
+        Self { pool: self.pool.until(deadline), ..self.clone() }
+    }
+
+    /// The same request, whose jobs are so urgent.
+    #[must_use]
+    pub fn with_priority(self, priority: Priority) -> Self {
+        Self { priority, ..self }
+    }
+
+    /// The same service, noting what it is asked about.
+    pub fn noting(self, touched: Touched) -> Self {
+        Self { touched, ..self }
+    }
+
+    /// State that the owner of `T` keeps for the life of the process, shared by all requests; its default at first use.
+    pub(in crate::service) fn state<T: Default + Send + Sync + 'static>(&self) -> Arc<T> {
+        self.state.get()
+    }
+
+    /// Replaces the state of the owner of `T`; before the service takes requests.
+    pub(in crate::service) fn put_state<T: Send + Sync + 'static>(&self, value: T) {
+        self.state.put(value);
+    }
+
+    /// Refuses a caller whose key is limited to some cohorts.
+    ///
+    /// # Errors
+    /// [`ServiceError::Forbidden`].
+    pub fn check_unlimited(&self, what: &str) -> Result<(), ServiceError> {
+        match self.principal.cohorts {
+            None => Ok(()),
+            Some(_) => {
+                Err(ServiceError::Forbidden(format!("{what} needs a key that is not limited to cohorts")))
+            }
+        }
+    }
+
+    /// From now on the service reports that it is going away, and what waits for news of a job ends.
+    pub fn drain(&self) {
+        self.draining.cancel();
+    }
+
+    /// Waits until the service is asked to stop.
+    pub async fn stopping(&self) {
+        self.draining.cancelled().await;
+    }
+
+    /// Whether the service was asked to stop.
+    pub fn is_stopping(&self) -> bool {
+        self.draining.is_cancelled()
+    }
+
+    /// Whether requests can be served: nobody asked to stop, the threads of the lanes take turns, and the store accepts a
+    /// write.
+    ///
+    /// # Errors
+    /// [`ServiceError::Unavailable`] with the reason.
+    pub async fn ready(&self) -> Result<(), ServiceError> {
+        if self.draining.is_cancelled() {
+            return Err(ServiceError::Unavailable("the service is stopping".into()));
+        }
+        if let Some(lane) = self.pool.stuck_lane() {
+            let detail =
+                format!("all threads of the lane '{lane}' have been at one computation beyond its time");
+            tracing::error!(lane, "all threads of a lane are stuck");
+            return Err(ServiceError::Unavailable(detail));
+        }
+        self.store.ready().await.map_err(|error| {
+            tracing::error!(%error, "the store does not accept writes");
+            ServiceError::Unavailable("the store does not accept writes".into())
+        })
+    }
+}

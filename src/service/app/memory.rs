@@ -1,0 +1,348 @@
+//! The memory of the process: what it may take, what it has, and who holds how much of it.
+//!
+//! Bodies and answers are held against accounts of their own, from before their memory is taken until it is given back. What is
+//! large is refused besides when the process as a whole would pass its quota, before the kernel ends it.
+
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Duration;
+
+use super::error::ServiceError;
+
+/// What memory is held for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Purpose {
+    /// Bodies of requests, and what is read from them.
+    Bodies,
+    /// Answers, until they are sent.
+    Answers,
+}
+
+/// How much the process may take, and of it each account.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Quota {
+    /// Resident bytes of the process.
+    pub process: usize,
+    /// Bytes of bodies.
+    pub bodies: usize,
+    /// Bytes of answers.
+    pub answers: usize,
+}
+
+/// What is smaller than this is never refused for the sake of the whole process: refusals need memory too, and what has few
+/// bytes is bounded by the number of connections.
+const SMALL: usize = 256 << 10;
+/// What is larger than this may not fill an account: a few who send or leave large things must not be in the way of all others.
+const LARGE: usize = 1 << 20;
+/// How often the resident memory is looked at: at a gigabyte a second it grows by 100 MB meanwhile.
+const SAMPLING: Duration = Duration::from_millis(100);
+
+#[derive(Debug)]
+struct Account {
+    most: usize,
+    held: AtomicUsize,
+}
+
+impl Account {
+    fn new(most: usize) -> Self {
+        Self { most, held: AtomicUsize::new(0) }
+    }
+
+    /// What may be held when a piece of so many bytes is among it: what is large leaves an eighth to what is not.
+    fn most_with(&self, whole: usize) -> usize {
+        if whole >= LARGE { self.most / 8 * 7 } else { self.most }
+    }
+
+    /// Holds `bytes` more for what then has `whole` bytes.
+    fn take(&self, bytes: usize, whole: usize) -> bool {
+        let most = self.most_with(whole);
+        let fits = |held: usize| held.checked_add(bytes).filter(|held| *held <= most);
+        self.held.fetch_update(Ordering::Relaxed, Ordering::Relaxed, fits).is_ok()
+    }
+}
+
+#[derive(Debug)]
+struct Accounts {
+    process: usize,
+    /// Resident bytes when they were last looked at; 0 before, and where nobody says.
+    resident: AtomicUsize,
+    bodies: Account,
+    answers: Account,
+}
+
+impl Accounts {
+    fn of(&self, purpose: Purpose) -> &Account {
+        match purpose {
+            Purpose::Bodies => &self.bodies,
+            Purpose::Answers => &self.answers,
+        }
+    }
+}
+
+/// The accountant; cheap to clone.
+#[derive(Debug, Clone)]
+pub struct Memory(Arc<Accounts>);
+
+impl Memory {
+    /// With these limits.
+    pub fn new(quota: Quota) -> Self {
+        Self(Arc::new(Accounts {
+            process: quota.process,
+            resident: AtomicUsize::new(0),
+            bodies: Account::new(quota.bodies),
+            answers: Account::new(quota.answers),
+        }))
+    }
+
+    /// Holds `bytes` until what is returned is dropped.
+    ///
+    /// # Errors
+    /// [`ServiceError::Overloaded`] when others hold what there is, [`ServiceError::Invalid`] when it would be too much alone.
+    pub fn hold(&self, purpose: Purpose, bytes: usize) -> Result<Held, ServiceError> {
+        let mut held = Held { memory: self.clone(), purpose, bytes: 0 };
+        held.grow(bytes)?;
+        Ok(held)
+    }
+
+    /// Bytes that are held for `purpose`.
+    pub fn held(&self, purpose: Purpose) -> usize {
+        self.0.of(purpose).held.load(Ordering::Relaxed)
+    }
+
+    /// Resident bytes of the process as last seen.
+    pub fn resident(&self) -> usize {
+        self.0.resident.load(Ordering::Relaxed)
+    }
+
+    /// Whether `bytes` more fit into the process, for what then has `whole` bytes.
+    fn fits(&self, bytes: usize, whole: usize) -> bool {
+        whole < SMALL || self.resident().saturating_add(bytes) <= self.0.process
+    }
+
+    /// Looks at the resident memory of the process from now on, as long as the service lives. Where the system does not say,
+    /// only what is held is bounded.
+    pub fn watch(&self) {
+        let accounts = Arc::downgrade(&self.0);
+        tokio::spawn(async move {
+            let mut ticks = tokio::time::interval(SAMPLING);
+            loop {
+                ticks.tick().await;
+                let Some(accounts) = accounts.upgrade() else { return };
+                accounts.resident.store(resident_bytes().unwrap_or(0), Ordering::Relaxed);
+            }
+        });
+    }
+}
+
+/// Bytes of a number in an answer.
+const NUMBER_BYTES: usize = 20;
+
+impl Memory {
+    /// Holds the memory of an answer of so many numbers, for as long as it is computed.
+    ///
+    /// # Errors
+    /// Those of [`Memory::hold`].
+    pub fn foresee(&self, numbers: usize) -> Result<Held, ServiceError> {
+        self.hold(Purpose::Answers, numbers.saturating_mul(NUMBER_BYTES))
+    }
+}
+
+/// Memory that is held for a purpose; given back when this is dropped.
+#[derive(Debug)]
+pub struct Held {
+    memory: Memory,
+    purpose: Purpose,
+    bytes: usize,
+}
+
+impl Held {
+    /// Holds so much more.
+    ///
+    /// # Errors
+    /// Those of [`Memory::hold`]; then it is as it was.
+    pub fn grow(&mut self, bytes: usize) -> Result<(), ServiceError> {
+        let account = self.memory.0.of(self.purpose);
+        let whole = self.bytes.saturating_add(bytes);
+        if whole > account.most_with(whole) {
+            return Err(too_much(self.purpose, whole, account.most_with(whole)));
+        }
+        if !self.memory.fits(bytes, whole) || !account.take(bytes, whole) {
+            return Err(ServiceError::Overloaded(full(self.purpose).into()));
+        }
+        self.bytes = whole;
+        Ok(())
+    }
+
+    /// Holds exactly so much from now on.
+    ///
+    /// # Errors
+    /// Those of [`Memory::hold`]; then it is as it was.
+    pub fn resize(&mut self, bytes: usize) -> Result<(), ServiceError> {
+        if bytes > self.bytes {
+            return self.grow(bytes - self.bytes);
+        }
+        self.memory.0.of(self.purpose).held.fetch_sub(self.bytes - bytes, Ordering::Relaxed);
+        self.bytes = bytes;
+        Ok(())
+    }
+
+    /// Bytes that are held.
+    pub fn bytes(&self) -> usize {
+        self.bytes
+    }
+}
+
+impl Drop for Held {
+    fn drop(&mut self) {
+        self.memory.0.of(self.purpose).held.fetch_sub(self.bytes, Ordering::Relaxed);
+    }
+}
+
+fn full(purpose: Purpose) -> &'static str {
+    match purpose {
+        Purpose::Bodies => "the memory for request bodies is full",
+        Purpose::Answers => "the memory for answers is full",
+    }
+}
+
+fn too_much(purpose: Purpose, bytes: usize, most: usize) -> ServiceError {
+    let what = match purpose {
+        Purpose::Bodies => "reading the body takes",
+        Purpose::Answers => "the answer has",
+    };
+    let detail =
+        format!("{what} about {bytes} bytes of memory, at most {most} are given: ask for less at a time");
+    ServiceError::invalid("", detail)
+}
+
+/// Resident bytes of this process, where the system says.
+pub fn resident_bytes() -> Option<usize> {
+    kib_of(&read("/proc/self/status"), "VmRSS:")
+}
+
+/// Memory of a machine that does not say how much it has.
+const UNKNOWN: usize = 4 << 30;
+
+/// How much memory this process may take: the smallest limit of its control groups, else what the machine has.
+pub fn available() -> usize {
+    let machine = kib_of(&read("/proc/meminfo"), "MemTotal:").unwrap_or(UNKNOWN);
+    group_bytes(&read("/proc/self/cgroup"), Path::new("/sys/fs/cgroup"))
+        .map_or(machine, |group| group.min(machine))
+}
+
+fn read(path: impl AsRef<Path>) -> String {
+    std::fs::read_to_string(path).unwrap_or_default()
+}
+
+/// The bytes that a line such as `MemTotal:  16384 kB` says.
+fn kib_of(text: &str, name: &str) -> Option<usize> {
+    let line = text.lines().find_map(|line| line.strip_prefix(name))?;
+    let kib: usize = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
+    Some(kib << 10)
+}
+
+/// The smallest limit of the groups that `text` (`/proc/self/cgroup`) names and of those above them, of both versions.
+fn group_bytes(text: &str, root: &Path) -> Option<usize> {
+    let limits = text.lines().flat_map(|line| {
+        let mut parts = line.splitn(3, ':').skip(1);
+        let (controllers, path) = (parts.next().unwrap_or_default(), parts.next().unwrap_or_default());
+        let (root, file) = match controllers {
+            "" => (root.to_owned(), "memory.max"),
+            _ if controllers.split(',').any(|name| name == "memory") => {
+                (root.join("memory"), "memory.limit_in_bytes")
+            }
+            _ => return Vec::new(),
+        };
+        let group = root.join(path.trim_start_matches('/'));
+        // In a container the path is that of the host, and its group is the root of what can be seen.
+        let groups = group.ancestors().take_while(|group| group.starts_with(&root));
+        groups.filter_map(|group| read(group.join(file)).trim().parse().ok()).collect()
+    });
+    limits.min()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn memory(process: usize) -> Memory {
+        Memory::new(Quota { process, bodies: 1000, answers: 10 << 20 })
+    }
+
+    #[test]
+    fn what_is_held_is_given_back() {
+        let memory = memory(usize::MAX);
+        let mut first = memory.hold(Purpose::Bodies, 600).unwrap();
+        let refused = memory.hold(Purpose::Bodies, 500);
+        assert!(matches!(refused, Err(ServiceError::Overloaded(_))), "{refused:?}");
+        let never = memory.hold(Purpose::Bodies, 1001);
+        assert!(matches!(never, Err(ServiceError::Invalid(_))), "{never:?}");
+        assert!(first.grow(401).is_err());
+        assert_eq!((first.bytes(), memory.held(Purpose::Bodies)), (600, 600));
+        first.resize(100).unwrap();
+        let second = memory.hold(Purpose::Bodies, 900).unwrap();
+        assert_eq!(memory.held(Purpose::Bodies), 1000);
+        drop((first, second));
+        assert_eq!(memory.held(Purpose::Bodies), 0);
+    }
+
+    #[test]
+    fn what_is_large_is_refused_when_the_process_is_full() {
+        let memory = memory(100 << 20);
+        memory.0.resident.store(99 << 20, Ordering::Relaxed);
+        assert!(memory.hold(Purpose::Answers, 2 << 20).is_err());
+        assert!(memory.hold(Purpose::Answers, SMALL - 1).is_ok());
+        memory.0.resident.store(90 << 20, Ordering::Relaxed);
+        assert!(memory.hold(Purpose::Answers, 2 << 20).is_ok());
+    }
+
+    #[test]
+    fn what_is_large_leaves_room_for_what_is_small() {
+        let memory = memory(usize::MAX);
+        let large = memory.hold(Purpose::Answers, 8 << 20).unwrap();
+        assert!(memory.hold(Purpose::Answers, 1 << 20).is_err());
+        let small = memory.hold(Purpose::Answers, (1 << 20) - 1).unwrap();
+        drop(large);
+        assert!(matches!(memory.hold(Purpose::Answers, 9 << 20), Err(ServiceError::Invalid(_))));
+        drop(small);
+        // Pieces of what has become large are refused too.
+        let memory = Memory::new(Quota { process: 1, bodies: 1 << 30, answers: 0 });
+        let mut body = memory.hold(Purpose::Bodies, 0).unwrap();
+        while body.bytes() < SMALL - 1024 {
+            body.grow(1024).unwrap();
+        }
+        assert!(body.grow(1024).is_err());
+    }
+
+    #[tokio::test]
+    async fn the_resident_memory_is_looked_at() {
+        let memory = memory(usize::MAX);
+        memory.watch();
+        tokio::time::sleep(3 * SAMPLING).await;
+        assert_eq!(memory.resident() > 1 << 20, cfg!(target_os = "linux"));
+    }
+
+    #[test]
+    fn limits_of_groups_are_found_in_both_versions() {
+        let folder = tempfile::tempdir().unwrap();
+        let root = folder.path();
+        let put = |path: &str, text: &str| {
+            let file = root.join(path);
+            std::fs::create_dir_all(file.parent().unwrap()).unwrap();
+            std::fs::write(file, text).unwrap();
+        };
+        assert_eq!(group_bytes("0::/\n", root), None);
+        put("memory.max", "max\n");
+        assert_eq!(group_bytes("0::/a/b\n", root), None);
+        put("a/memory.max", "2147483648\n");
+        put("a/b/memory.max", "max\n");
+        assert_eq!(group_bytes("0::/a/b\n", root), Some(2 << 30));
+        put("memory/docker/x/memory.limit_in_bytes", "1073741824\n");
+        put("memory/memory.limit_in_bytes", "9223372036854771712\n");
+        let text = "12:cpu,cpuacct:/docker/x\n7:memory:/docker/x\n";
+        assert_eq!(group_bytes(text, root), Some(1 << 30));
+        assert_eq!(kib_of("MemFree: 1 kB\nMemTotal:       16384 kB\n", "MemTotal:"), Some(16 << 20));
+        assert!(available() > 1 << 20);
+    }
+}

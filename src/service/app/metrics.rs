@@ -1,0 +1,293 @@
+//! What the service counts: one table of names and meanings, and the text that Prometheus reads.
+//!
+//! Names are stable, and `docs/observability.md` lists them all. Labels come from small fixed sets: route templates, kinds,
+//! outcomes; never what a client has sent.
+
+use std::sync::OnceLock;
+use std::time::Duration;
+
+use metrics::{counter, gauge, histogram};
+use metrics_exporter_prometheus::{PrometheusBuilder, PrometheusHandle};
+
+use super::pool::LANES;
+use crate::domain::job::JobKind;
+use crate::store::metrics as store;
+
+/// Answered requests.
+pub const HTTP_REQUESTS: &str = "shapelex_http_requests_total";
+/// Time until the head of the answer.
+pub const HTTP_DURATION: &str = "shapelex_http_request_duration_seconds";
+/// Requests that are not answered to the end.
+pub const HTTP_IN_FLIGHT: &str = "shapelex_http_requests_in_flight";
+/// Bytes of bodies that came in.
+pub const HTTP_BYTES_IN: &str = "shapelex_http_request_body_bytes_total";
+/// Bytes of bodies that went out.
+pub const HTTP_BYTES_OUT: &str = "shapelex_http_response_body_bytes_total";
+
+pub(super) const JOBS_QUEUED: &str = "shapelex_jobs_queued";
+pub(super) const JOBS_RUNNING: &str = "shapelex_jobs_running";
+pub(super) const JOBS_OLDEST: &str = "shapelex_jobs_oldest_queued_seconds";
+const JOB_ATTEMPTS: &str = "shapelex_job_attempts_total";
+const JOB_DURATION: &str = "shapelex_job_attempt_duration_seconds";
+pub(super) const JOBS_CANCELLED: &str = "shapelex_jobs_cancelled_total";
+pub(super) const JOBS_ABANDONED: &str = "shapelex_jobs_abandoned_total";
+const JOB_CLAIMS_LOST: &str = "shapelex_job_claims_lost_total";
+pub(super) const STORE_UP: &str = "shapelex_store_up";
+pub(super) const STORE_BYTES: &str = "shapelex_store_database_bytes";
+pub(super) const STORE_FREE: &str = "shapelex_store_disk_free_bytes";
+const COMPUTE_WAITING: &str = "shapelex_compute_waiting";
+const COMPUTE_RUNNING: &str = "shapelex_compute_running";
+const COMPUTE_WAIT: &str = "shapelex_compute_wait_seconds";
+const COMPUTE_REFUSED: &str = "shapelex_compute_refused_total";
+const COMPUTE_PREDICTED: &str = "shapelex_compute_predicted_microseconds_total";
+const COMPUTE_TAKEN: &str = "shapelex_compute_microseconds_total";
+pub(super) const COMPUTE_STUCK: &str = "shapelex_compute_stuck";
+const CACHE_LOOKUPS: &str = "shapelex_cache_lookups_total";
+const AUDIT_WAITING: &str = "shapelex_audit_waiting";
+const AUDIT_WRITTEN: &str = "shapelex_audit_entries_total";
+const AUDIT_FAILURES: &str = "shapelex_audit_write_failures_total";
+const AUDIT_LOST: &str = "shapelex_audit_entries_lost_total";
+const CLOCK: &str = "shapelex_clock_believed";
+pub(super) const BUILD_INFO: &str = "shapelex_build_info";
+
+/// What a metric is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// Only grows.
+    Counter,
+    /// Goes up and down.
+    Gauge,
+    /// How often which time was taken.
+    Histogram,
+}
+
+impl Kind {
+    /// The word for it in the text that Prometheus reads.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Counter => "counter",
+            Self::Gauge => "gauge",
+            Self::Histogram => "histogram",
+        }
+    }
+}
+
+/// All metrics: name, kind, meaning.
+pub const METRICS: &[(&str, Kind, &str)] = &[
+    (HTTP_REQUESTS, Kind::Counter, "Requests, by method, route and class of the status"),
+    (HTTP_DURATION, Kind::Histogram, "Time until the head of the answer"),
+    (HTTP_IN_FLIGHT, Kind::Gauge, "Requests whose answer is not sent to its end"),
+    (HTTP_BYTES_IN, Kind::Counter, "Bytes of request bodies, as they were sent"),
+    (HTTP_BYTES_OUT, Kind::Counter, "Bytes of response bodies, as they were sent"),
+    (JOBS_QUEUED, Kind::Gauge, "Jobs that wait"),
+    (JOBS_RUNNING, Kind::Gauge, "Jobs that run"),
+    (JOBS_OLDEST, Kind::Gauge, "Time since the job that waits longest could have begun"),
+    (JOB_ATTEMPTS, Kind::Counter, "Attempts at jobs that have ended, by kind and outcome"),
+    (JOB_DURATION, Kind::Histogram, "Time that attempts at jobs took, by kind"),
+    (JOBS_CANCELLED, Kind::Counter, "Jobs that were cancelled"),
+    (JOBS_ABANDONED, Kind::Counter, "Jobs that were given up because every attempt was interrupted"),
+    (JOB_CLAIMS_LOST, Kind::Counter, "Attempts that lost their job to another process"),
+    (STORE_UP, Kind::Gauge, "Whether the store could be read for this scrape, 1 or 0"),
+    (STORE_BYTES, Kind::Gauge, "Size of the database"),
+    (STORE_FREE, Kind::Gauge, "Free space where the data folder is"),
+    (store::WRITE_WAIT, Kind::Histogram, "Time that transactions waited for their turn to write"),
+    (store::WRITE, Kind::Histogram, "Time that transactions took to write"),
+    (store::ERRORS, Kind::Counter, "Failures of the database, by kind"),
+    (COMPUTE_WAITING, Kind::Gauge, "Computations that wait for a thread, by lane"),
+    (COMPUTE_RUNNING, Kind::Gauge, "Computations that run, by lane"),
+    (COMPUTE_WAIT, Kind::Histogram, "Time that computations waited for a thread, by lane"),
+    (
+        COMPUTE_REFUSED,
+        Kind::Counter,
+        "Computations that were turned away because the queue was full, by lane",
+    ),
+    (
+        COMPUTE_PREDICTED,
+        Kind::Counter,
+        "CPU time that computations that have ended were predicted to take, by lane",
+    ),
+    (COMPUTE_TAKEN, Kind::Counter, "Time that computations were on a thread, by lane"),
+    (
+        COMPUTE_STUCK,
+        Kind::Gauge,
+        "Whether all threads have been at one computation beyond its time, 1 or 0, by lane",
+    ),
+    (CACHE_LOOKUPS, Kind::Counter, "Look-ups in caches, by cache and outcome"),
+    (AUDIT_WAITING, Kind::Gauge, "Audit entries that are not on disk yet"),
+    (AUDIT_WRITTEN, Kind::Counter, "Audit entries that are on disk"),
+    (AUDIT_FAILURES, Kind::Counter, "Groups of audit entries that could not be written and are tried again"),
+    (AUDIT_LOST, Kind::Counter, "Reads that are not in the audit trail because it could not be written"),
+    (CLOCK, Kind::Gauge, "Whether the clock is believed: while it is 0, nothing is removed for its age"),
+    (BUILD_INFO, Kind::Gauge, "1, with the version, commit, compiler and database engine as labels"),
+];
+
+/// Upper bounds of the histograms, in seconds.
+const BUCKETS: [f64; 14] =
+    [0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 10.0, 30.0, 120.0];
+
+/// How often samples are folded into the histograms, so that memory stays small when nobody reads them.
+const UPKEEP: Duration = Duration::from_secs(5);
+
+static HANDLE: OnceLock<PrometheusHandle> = OnceLock::new();
+
+/// Starts counting in this process; what happened before is not counted, and a second call changes nothing.
+pub fn start() {
+    handle();
+}
+
+pub(super) fn handle() -> &'static PrometheusHandle {
+    HANDLE.get_or_init(|| {
+        let builder = PrometheusBuilder::new().set_buckets(&BUCKETS).expect("there are buckets");
+        let recorder = builder.build_recorder();
+        let handle = recorder.handle();
+        metrics::set_global_recorder(recorder).expect("nothing else in this program counts");
+        describe();
+        begin_at_zero();
+        handle
+    })
+}
+
+/// Keeps the histograms small; never ends.
+pub async fn upkeep() {
+    loop {
+        tokio::time::sleep(UPKEEP).await;
+        handle().run_upkeep();
+    }
+}
+
+fn describe() {
+    for &(name, kind, help) in METRICS {
+        match kind {
+            Kind::Counter => metrics::describe_counter!(name, help),
+            Kind::Gauge => metrics::describe_gauge!(name, help),
+            Kind::Histogram => metrics::describe_histogram!(name, help),
+        }
+    }
+}
+
+/// Counters of rare events stand at zero before the first one: an alert on their rise sees it.
+fn begin_at_zero() {
+    for name in [JOBS_CANCELLED, JOBS_ABANDONED, JOB_CLAIMS_LOST, AUDIT_WRITTEN, AUDIT_FAILURES, AUDIT_LOST] {
+        counter!(name).absolute(0);
+    }
+    for kind in store::ERROR_KINDS {
+        counter!(store::ERRORS, "kind" => kind).absolute(0);
+    }
+    for lane in LANES {
+        counter!(COMPUTE_REFUSED, "lane" => lane).absolute(0);
+        gauge!(COMPUTE_WAITING, "lane" => lane).set(0.0);
+        gauge!(COMPUTE_RUNNING, "lane" => lane).set(0.0);
+    }
+    for lane in LANES {
+        counter!(COMPUTE_PREDICTED, "lane" => lane).absolute(0);
+        counter!(COMPUTE_TAKEN, "lane" => lane).absolute(0);
+    }
+    gauge!(AUDIT_WAITING).set(0.0);
+    gauge!(HTTP_IN_FLIGHT).set(0.0);
+    gauge!(CLOCK).set(1.0);
+}
+
+/// A computation of a lane waits from now on.
+pub(crate) fn compute_waits(lane: &'static str) -> InQueue {
+    gauge!(COMPUTE_WAITING, "lane" => lane).increment(1);
+    InQueue { lane, since: std::time::Instant::now() }
+}
+
+/// A computation was turned away.
+pub(crate) fn compute_refused(lane: &'static str) {
+    counter!(COMPUTE_REFUSED, "lane" => lane).increment(1);
+}
+
+/// A computation has ended that was predicted to take `seconds` and was on a thread for `taken`.
+pub(crate) fn compute_ended(lane: &'static str, seconds: f64, taken: f64) {
+    // Counters hold whole numbers.
+    counter!(COMPUTE_PREDICTED, "lane" => lane).increment((1e6 * seconds) as u64);
+    counter!(COMPUTE_TAKEN, "lane" => lane).increment((1e6 * taken) as u64);
+}
+
+/// A computation that waits; dropped when it begins or is given up.
+#[derive(Debug)]
+pub(crate) struct InQueue {
+    lane: &'static str,
+    since: std::time::Instant,
+}
+
+impl InQueue {
+    /// It has a thread.
+    pub(crate) fn begin(self) -> InWork {
+        histogram!(COMPUTE_WAIT, "lane" => self.lane).record(self.since.elapsed());
+        gauge!(COMPUTE_RUNNING, "lane" => self.lane).increment(1);
+        InWork { lane: self.lane }
+    }
+}
+
+impl Drop for InQueue {
+    fn drop(&mut self) {
+        gauge!(COMPUTE_WAITING, "lane" => self.lane).decrement(1);
+    }
+}
+
+/// A computation that runs; dropped when it has ended.
+#[derive(Debug)]
+pub(crate) struct InWork {
+    lane: &'static str,
+}
+
+impl Drop for InWork {
+    fn drop(&mut self) {
+        gauge!(COMPUTE_RUNNING, "lane" => self.lane).decrement(1);
+    }
+}
+
+/// What was looked up in a cache; counted as hit or miss.
+pub(crate) fn looked_up<T>(cache: &'static str, found: Option<T>) -> Option<T> {
+    let outcome = if found.is_some() { "hit" } else { "miss" };
+    counter!(CACHE_LOOKUPS, "cache" => cache, "outcome" => outcome).increment(1);
+    found
+}
+
+/// An attempt at a job has ended.
+pub(crate) fn attempt_ended(kind: JobKind, outcome: &'static str, time: Duration) {
+    counter!(JOB_ATTEMPTS, "kind" => kind.as_str(), "outcome" => outcome).increment(1);
+    histogram!(JOB_DURATION, "kind" => kind.as_str()).record(time);
+}
+
+/// A job was cancelled.
+pub(crate) fn job_cancelled() {
+    counter!(JOBS_CANCELLED).increment(1);
+}
+
+/// Jobs were given up.
+pub(crate) fn jobs_abandoned(count: usize) {
+    counter!(JOBS_ABANDONED).increment(count as u64);
+}
+
+/// An attempt found that its job is not its own any more.
+pub(crate) fn claim_lost() {
+    counter!(JOB_CLAIMS_LOST).increment(1);
+}
+
+/// So many audit entries wait.
+pub(crate) fn audit_waits(count: usize) {
+    gauge!(AUDIT_WAITING).set(count as f64);
+}
+
+/// So many audit entries were written.
+pub(crate) fn audit_written(count: usize) {
+    counter!(AUDIT_WRITTEN).increment(count as u64);
+}
+
+/// A group of audit entries could not be written.
+pub(crate) fn audit_failed() {
+    counter!(AUDIT_FAILURES).increment(1);
+}
+
+/// A read is answered without an entry.
+pub(crate) fn audit_lost() {
+    counter!(AUDIT_LOST).increment(1);
+}
+
+/// Whether what the clock shows is believed.
+pub(crate) fn clock_is_believed(is_believed: bool) {
+    gauge!(CLOCK).set(if is_believed { 1.0 } else { 0.0 });
+}

@@ -1,0 +1,377 @@
+//! A lane: a fixed number of compute threads, and a bounded number of tasks that take turns on them.
+
+use std::num::NonZeroUsize;
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use tokio::sync::{Notify, oneshot};
+
+use super::turns::{Entry, Turns, Who};
+use super::{HEAVY, LIGHT};
+use crate::service::app::error::ServiceError;
+use crate::service::app::metrics;
+use crate::service::app::work::Work;
+
+/// Longest wait for a place where all are taken: a burst of clients is served, and who is turned away hears of it soon.
+const PATIENCE: Duration = Duration::from_secs(1);
+
+/// A fixed number of compute threads that take a bounded number of tasks.
+#[derive(Debug, Clone)]
+pub struct Lane(Arc<Inner>);
+
+#[derive(Debug)]
+struct Inner {
+    name: &'static str,
+    threads: Threads,
+    /// Tasks that run at once: as many as threads.
+    slots: usize,
+    /// Tasks that may wait or run.
+    places: usize,
+    state: Mutex<State>,
+    /// A place is free.
+    freed: Notify,
+}
+
+#[derive(Debug)]
+struct State {
+    turns: Turns<Waiting>,
+    running: Vec<Running>,
+    last_id: u64,
+}
+
+/// A task that runs.
+#[derive(Debug)]
+struct Running {
+    id: u64,
+    since: Instant,
+    /// Longest time that it should take.
+    time: Option<Duration>,
+}
+
+/// A task that waits for its turn.
+struct Waiting {
+    task: Task,
+    time: Option<Duration>,
+}
+
+impl std::fmt::Debug for Waiting {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Waiting").field("time", &self.time).finish_non_exhaustive()
+    }
+}
+
+/// What a task is told when it leaves the queue.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Call {
+    /// It has a thread.
+    Begin,
+    /// It gives its place to others.
+    GiveWay,
+}
+
+/// What becomes of a task; it returns how its outcome is delivered, which comes after the place is free.
+type Task = Box<dyn FnOnce(Call) -> Deliver + Send>;
+type Deliver = Box<dyn FnOnce() + Send>;
+
+/// What a thread does.
+type Job = Box<dyn FnOnce() + Send>;
+
+/// How a task that was queued ended.
+enum Fate<T, F> {
+    Done(std::thread::Result<Result<T, ServiceError>>),
+    GaveWay(F),
+}
+
+/// For whom a task runs, and what is known of it.
+#[derive(Debug, Clone)]
+pub(super) struct Ticket {
+    pub(super) who: Who,
+    pub(super) work: Work,
+    /// Whether the request has begun before: it waits for a place instead of being turned away.
+    pub(super) admitted: bool,
+    /// Longest time that the task should take.
+    pub(super) time: Option<Duration>,
+}
+
+/// How the threads of a lane share the work.
+#[derive(Debug)]
+enum Threads {
+    /// They share the loops of every task.
+    Together(rayon::ThreadPool),
+    /// Each takes a task for itself. Between tasks they sleep: the threads of a pool look for work first and yield, and the
+    /// system lets those that yield wait longest.
+    Apart(Sender<Job>),
+}
+
+impl Threads {
+    fn together(name: &'static str, count: usize) -> Self {
+        let threads = rayon::ThreadPoolBuilder::new()
+            .num_threads(count)
+            .thread_name(move |i| format!("{name}-{i}"))
+            .start_handler(move |_| give_way(niceness(name)))
+            .build()
+            .expect("the system can start threads");
+        Self::Together(threads)
+    }
+
+    fn apart(name: &'static str, count: usize) -> Self {
+        let (sender, tasks) = channel::<Job>();
+        let tasks = Arc::new(Mutex::new(tasks));
+        for i in 0..count {
+            let tasks = Arc::clone(&tasks);
+            let thread = std::thread::Builder::new().name(format!("{name}-{i}"));
+            thread.spawn(move || serve(name, &tasks)).expect("the system can start threads");
+        }
+        Self::Apart(sender)
+    }
+
+    fn spawn(&self, task: impl FnOnce() + Send + 'static) {
+        match self {
+            Self::Together(threads) => threads.spawn(task),
+            // The threads end when nobody can send any more, not before.
+            Self::Apart(tasks) => tasks.send(Box::new(task)).expect("the threads wait for tasks"),
+        }
+    }
+}
+
+/// Does tasks until there can be no more.
+fn serve(name: &str, tasks: &Mutex<Receiver<Job>>) {
+    give_way(niceness(name));
+    // Loops of a task would else be shared out to threads of all cores: here they run one after the other.
+    let _alone = rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread().build();
+    loop {
+        let task = locked(tasks).recv();
+        match task {
+            Ok(task) => task(),
+            Err(_) => return,
+        }
+    }
+}
+
+impl Lane {
+    /// Threads called `name` that share the loops of every task, 0 meaning one per core, and how many tasks for each may wait
+    /// or run.
+    pub fn new(name: &'static str, threads: usize, tasks_each: usize) -> Self {
+        let threads = thread_count(threads);
+        Self::together(name, threads, threads * tasks_each)
+    }
+
+    /// Threads that share the loops of every task.
+    pub(super) fn together(name: &'static str, threads: usize, places: usize) -> Self {
+        Self::with(name, Threads::together(name, threads), threads, places)
+    }
+
+    /// Threads that each do a task alone.
+    pub(super) fn apart(name: &'static str, threads: usize, places: usize) -> Self {
+        Self::with(name, Threads::apart(name, threads), threads, places)
+    }
+
+    fn with(name: &'static str, threads: Threads, slots: usize, places: usize) -> Self {
+        let state = State { turns: Turns::new(slots), running: Vec::new(), last_id: 0 };
+        let (state, freed) = (Mutex::new(state), Notify::new());
+        Self(Arc::new(Inner { name, threads, slots, places, state, freed }))
+    }
+
+    /// Runs `task` for the service itself and waits without blocking an async thread.
+    ///
+    /// # Errors
+    /// [`ServiceError::Overloaded`] when too many tasks wait; [`ServiceError::Internal`] when the task panicked (a bug: the
+    /// panic stays in the task).
+    pub async fn run<T: Send + 'static>(
+        &self,
+        task: impl FnOnce() -> Result<T, ServiceError> + Send + 'static,
+    ) -> Result<T, ServiceError> {
+        let ticket = Ticket { who: Who::service(), work: Work::UNKNOWN, admitted: false, time: None };
+        self.run_for(ticket, task).await
+    }
+
+    /// Runs `task` for whoever has the ticket, when its turn comes. When the wait is given up before, the task is dropped.
+    ///
+    /// Where all places are taken, the one of a caller with more of them is taken over; else the task waits for one, for
+    /// [`PATIENCE`] unless it is `admitted`.
+    ///
+    /// # Errors
+    /// Those of [`Lane::run`].
+    pub(super) async fn run_for<T: Send + 'static, F>(
+        &self,
+        ticket: Ticket,
+        task: F,
+    ) -> Result<T, ServiceError>
+    where
+        F: FnOnce() -> Result<T, ServiceError> + Send + 'static,
+    {
+        let (until, mut task) = (tokio::time::Instant::now() + PATIENCE, task);
+        loop {
+            let mut freed = std::pin::pin!(self.0.freed.notified());
+            freed.as_mut().enable();
+            match self.0.enter(&ticket, task) {
+                Ok(queued) => match queued.fate().await {
+                    Some(Fate::Done(Ok(outcome))) => return outcome,
+                    Some(Fate::Done(Err(_))) => {
+                        return Err(ServiceError::Internal("a compute task panicked".into()));
+                    }
+                    Some(Fate::GaveWay(again)) => task = again,
+                    None => return Err(ServiceError::Internal("a compute task was dropped".into())),
+                },
+                Err(again) => task = again,
+            }
+            if tokio::time::timeout_at(until, freed).await.is_err() {
+                metrics::compute_refused(self.0.name);
+                return Err(ServiceError::Overloaded("too many requests wait to be computed".into()));
+            }
+        }
+    }
+
+    /// Whether every thread has been at one task for `margin` longer than that should take.
+    pub(super) fn is_stuck(&self, margin: Duration) -> bool {
+        let state = locked(&self.0.state);
+        let late =
+            |running: &&Running| running.time.is_some_and(|time| running.since.elapsed() > time + margin);
+        state.running.iter().filter(late).count() == self.0.slots
+    }
+
+    /// Its name.
+    pub(super) fn name(&self) -> &'static str {
+        self.0.name
+    }
+
+    #[cfg(test)]
+    pub(super) fn held(&self) -> usize {
+        locked(&self.0.state).turns.held()
+    }
+}
+
+/// A task in the queue of a lane; dropped, the task is taken out of it.
+struct Queued<T, F> {
+    lane: Arc<Inner>,
+    who: Who,
+    id: u64,
+    fate: oneshot::Receiver<Fate<T, F>>,
+}
+
+impl<T, F> Queued<T, F> {
+    async fn fate(mut self) -> Option<Fate<T, F>> {
+        (&mut self.fate).await.ok()
+    }
+}
+
+impl<T, F> Drop for Queued<T, F> {
+    fn drop(&mut self) {
+        let gone = locked(&self.lane.state).turns.remove(&self.who, self.id);
+        if gone.is_some() {
+            self.lane.freed.notify_one();
+        }
+    }
+}
+
+impl Inner {
+    /// Queues a task, if there is a place for it.
+    fn enter<T: Send + 'static, F>(self: &Arc<Self>, ticket: &Ticket, task: F) -> Result<Queued<T, F>, F>
+    where
+        F: FnOnce() -> Result<T, ServiceError> + Send + 'static,
+    {
+        let mut state = locked(&self.state);
+        let mut evicted = None;
+        if !ticket.admitted && state.turns.held() >= self.places {
+            evicted = state.turns.evict_for(&ticket.who);
+            if evicted.is_none() {
+                return Err(task);
+            }
+        }
+        state.last_id += 1;
+        let (id, who) = (state.last_id, ticket.who.clone());
+        let (answer, fate) = oneshot::channel();
+        let entry = Entry {
+            id,
+            who: who.clone(),
+            seconds: ticket.work.seconds(),
+            evictable: !ticket.admitted,
+            task: Waiting { task: self.task(task, answer), time: ticket.time },
+        };
+        state.turns.push(entry, Instant::now());
+        self.begin(&mut state);
+        drop(state);
+        if let Some(evicted) = evicted {
+            (evicted.task.task)(Call::GiveWay)();
+        }
+        Ok(Queued { lane: Arc::clone(self), who, id, fate })
+    }
+
+    fn task<T: Send + 'static, F>(&self, task: F, answer: oneshot::Sender<Fate<T, F>>) -> Task
+    where
+        F: FnOnce() -> Result<T, ServiceError> + Send + 'static,
+    {
+        let waiting = metrics::compute_waits(self.name);
+        Box::new(move |call| {
+            let fate = match call {
+                Call::GiveWay => Fate::GaveWay(task),
+                Call::Begin => {
+                    let _working = waiting.begin();
+                    Fate::Done(std::panic::catch_unwind(std::panic::AssertUnwindSafe(task)))
+                }
+            };
+            // The receiver is gone when the client went away: nobody waits for the answer.
+            Box::new(move || drop(answer.send(fate)))
+        })
+    }
+
+    /// Gives free threads to those whose turn it is.
+    fn begin(self: &Arc<Self>, state: &mut State) {
+        while state.running.len() < self.slots {
+            let now = Instant::now();
+            let Some(entry) = state.turns.next(now) else { return };
+            state.running.push(Running { id: entry.id, since: now, time: entry.task.time });
+            let lane = Arc::clone(self);
+            self.threads.spawn(move || lane.work(entry));
+        }
+    }
+
+    /// Does a task, on a thread of the lane.
+    fn work(self: Arc<Self>, entry: Entry<Waiting>) {
+        let Entry { id, who, seconds, task, .. } = entry;
+        let begun = Instant::now();
+        let deliver = (task.task)(Call::Begin);
+        let taken = begun.elapsed().as_secs_f64();
+        metrics::compute_ended(self.name, seconds, taken);
+        let mut state = locked(&self.state);
+        state.turns.end(&who, seconds, taken);
+        state.running.retain(|running| running.id != id);
+        self.begin(&mut state);
+        drop(state);
+        // Before the answer: whoever has it may ask for the place at once.
+        self.freed.notify_one();
+        deliver();
+    }
+}
+
+/// `threads`, 0 meaning one per core.
+pub fn thread_count(threads: usize) -> usize {
+    let cores = || std::thread::available_parallelism().map_or(1, NonZeroUsize::get);
+    if threads == 0 { cores() } else { threads }
+}
+
+/// How much the threads of a lane give way to others (`nice`): jobs to all requests, and all to those of a moment.
+fn niceness(lane: &str) -> i32 {
+    match lane {
+        LIGHT => 0,
+        HEAVY => 5,
+        _ => 10,
+    }
+}
+
+/// Lowers the priority of this thread. Elsewhere than on Linux the priority would be that of the process.
+#[cfg(target_os = "linux")]
+fn give_way(niceness: i32) {
+    if let Err(error) = rustix::process::nice(niceness) {
+        tracing::debug!(%error, "the priority of a compute thread stays as it is");
+    }
+}
+
+#[cfg(not(target_os = "linux"))]
+fn give_way(_: i32) {}
+
+/// Nothing is left half done under these locks: a panic elsewhere does not spoil them.
+fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}

@@ -1,0 +1,471 @@
+//! The bounded pool where arithmetic leaves the async threads.
+//!
+//! It has two lanes with threads of their own: what is predicted to take a moment never waits behind what takes seconds. In each
+//! lane the tenants take turns by the work that is done for them, and inside of a tenant its keys do. Each lane takes a
+//! bounded number of tasks, those that wait included; where there is no place, the caller with most of them gives one. On Linux
+//! the threads of the other lanes have a lower priority: when cores are scarce, what takes a moment goes first.
+//!
+//! * [`Pool`] — the lanes, as one request sees them;
+//! * `lane` — the threads and the tasks that wait for them; `turns` — whose turn it is;
+//! * [`work`](crate::service::cost::requests) — what a request is predicted to take.
+
+mod lane;
+mod turns;
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use bytes::Bytes;
+
+use self::lane::Ticket;
+pub use self::lane::{Lane, thread_count};
+use self::turns::Who;
+use super::error::ServiceError;
+use super::limits::Limits;
+use super::progress::JobContext;
+use super::work::Work;
+use crate::domain::access::Principal;
+
+/// Name of the lane for what takes a moment.
+const LIGHT: &str = "light";
+/// Name of the lane for everything else that requests compute.
+const HEAVY: &str = "compute";
+/// Name of the lane of a place where jobs run.
+pub const JOB: &str = "job";
+/// All lanes.
+pub(crate) const LANES: [&str; 3] = [LIGHT, HEAVY, JOB];
+/// Those of requests.
+pub(crate) const REQUEST_LANES: [&str; 2] = [LIGHT, HEAVY];
+/// Tasks of the light lane that may wait or run at once.
+const LIGHT_QUEUE: usize = 256;
+/// Tasks of the heavy lane that may wait or run at once, for each thread.
+const HEAVY_QUEUE: usize = 4;
+/// Most bytes of a body that is read where it arrives: some 0.1 ms, on a busy machine less than the way to another thread and
+/// back.
+const TINY_BYTES: usize = 16 << 10;
+/// How much longer than its time a task may run before its thread counts as stuck: it looks at the time between two steps.
+const STUCK_MARGIN: Duration = Duration::from_secs(10);
+
+/// The two lanes, as one request sees them.
+#[derive(Debug, Clone)]
+pub struct Pool {
+    light: Lane,
+    heavy: Lane,
+    who: Who,
+    work: Work,
+    /// Most seconds that a request may be predicted to take.
+    most: f64,
+    /// Longest time of a request that computes.
+    time: Duration,
+    /// The request, unless it is the service itself that computes.
+    request: Option<Arc<Request>>,
+}
+
+/// What is known of a request that computes.
+#[derive(Debug, Default)]
+struct Request {
+    /// Whether it had a place of the light lane once: what has begun there is not turned away.
+    read: AtomicBool,
+    /// Whether it had one of the heavy lane: then it is not turned away at all.
+    admitted: AtomicBool,
+    context: JobContext,
+}
+
+/// Where a request stands when its body has been read.
+enum Step<T, F> {
+    Done(T),
+    Next(Work, F),
+}
+
+impl Pool {
+    /// Lanes of `threads` threads each, 0 meaning one per core.
+    pub fn new(threads: usize, limits: &Limits) -> Self {
+        let threads = thread_count(threads);
+        let places = if limits.heavy_requests == 0 { threads * HEAVY_QUEUE } else { limits.heavy_requests };
+        Self {
+            light: Lane::apart(LIGHT, threads, LIGHT_QUEUE),
+            heavy: Lane::together(HEAVY, threads, places),
+            who: Who::service(),
+            work: Work::UNKNOWN,
+            most: limits.request_work.as_secs_f64(),
+            time: limits.compute_time,
+            request: None,
+        }
+    }
+
+    /// The same lanes for a new request of `principal`.
+    pub(crate) fn of_request(&self, principal: &Principal) -> Self {
+        Self { who: Who::of(principal), request: Some(Arc::default()), work: Work::UNKNOWN, ..self.clone() }
+    }
+
+    /// The same request, whose work shall have ended at `deadline`.
+    #[must_use]
+    pub fn until(&self, deadline: Instant) -> Self {
+        let context = self.context().until(deadline);
+        let request = self.request.as_ref().map(|_| Arc::new(Request { context, ..Request::default() }));
+        Self { request, ..self.clone() }
+    }
+
+    /// The same request, at something that is predicted to take so much.
+    pub fn weighing(&self, work: Work) -> Self {
+        Self { work, ..self.clone() }
+    }
+
+    /// Says when the work of the request shall stop, because nobody waits for it any more or its time is over.
+    pub fn context(&self) -> JobContext {
+        self.request.as_ref().map_or_else(JobContext::default, |request| request.context.clone())
+    }
+
+    /// The lane in which all threads have been at one task for too long, if there is one.
+    pub fn stuck_lane(&self) -> Option<&'static str> {
+        let stuck = [&self.light, &self.heavy].into_iter().find(|lane| lane.is_stuck(STUCK_MARGIN));
+        stuck.map(Lane::name)
+    }
+
+    /// Reads a body: at once when it is tiny, else on the lane for its length.
+    ///
+    /// # Errors
+    /// Those of `read`, and of [`Pool::run`].
+    pub async fn read<T: Send + 'static>(
+        &self,
+        body: Bytes,
+        read: impl FnOnce(&[u8]) -> Result<T, ServiceError> + Send + 'static,
+    ) -> Result<T, ServiceError> {
+        if body.len() <= TINY_BYTES {
+            return read(&body);
+        }
+        self.weighing(Work::reading(body.len())).run(move || read(&body)).await
+    }
+
+    /// Reads a body, and does what is in it: `plan` says how much that is, and it is done on the lane for it.
+    ///
+    /// # Errors
+    /// Those of `plan`, of what it plans and of [`Pool::run`]; [`ServiceError::TooCostly`] when more is planned than a request
+    /// may take.
+    pub async fn run_planned<T: Send + 'static, F>(
+        &self,
+        body: Bytes,
+        plan: impl FnOnce(&[u8]) -> Result<(Work, F), ServiceError> + Send + 'static,
+    ) -> Result<T, ServiceError>
+    where
+        F: FnOnce() -> Result<T, ServiceError> + Send + 'static,
+    {
+        let most = self.most;
+        if body.len() <= TINY_BYTES {
+            let (work, task) = plan(&body)?;
+            work.check(most)?;
+            return self.weighing(work).run(holding(body, task)).await;
+        }
+        let reading = Work::reading(body.len());
+        let lane = self.weighing(reading);
+        let step = lane.run(move || {
+            let (work, task) = plan(&body)?;
+            work.check(most)?;
+            let task = holding(body, task);
+            // What was read here and belongs here is done here.
+            if work.is_moment() || !reading.is_moment() {
+                task().map(Step::Done)
+            } else {
+                Ok(Step::Next(work, task))
+            }
+        });
+        match step.await? {
+            Step::Done(outcome) => Ok(outcome),
+            Step::Next(work, task) => self.weighing(work).run(task).await,
+        }
+    }
+
+    /// Runs `task` and waits without blocking an async thread. When the wait is given up, the request is: a task that
+    /// has not begun is taken out of the queue, and one that runs hears of it by [`Pool::context`].
+    ///
+    /// # Errors
+    /// [`ServiceError::Overloaded`] when too many tasks wait; [`ServiceError::Internal`] when the task panicked (a bug: the
+    /// panic stays in the task).
+    pub async fn run<T: Send + 'static>(
+        &self,
+        task: impl FnOnce() -> Result<T, ServiceError> + Send + 'static,
+    ) -> Result<T, ServiceError> {
+        let light = self.work.is_moment();
+        let lane = if light { &self.light } else { &self.heavy };
+        let Some(request) = &self.request else { return lane.run(task).await };
+        let waiting = Waiting(Some(&request.context));
+        let had = |flag: &AtomicBool| flag.load(Ordering::Relaxed);
+        let admitted = had(&request.admitted) || (light && had(&request.read));
+        let ticket = Ticket { who: self.who.clone(), work: self.work, admitted, time: Some(self.time) };
+        let begun = Arc::clone(request);
+        let outcome = lane
+            .run_for(ticket, move || {
+                let begins = if light { &begun.read } else { &begun.admitted };
+                begins.store(true, Ordering::Relaxed);
+                begun.context.check().and_then(|()| task())
+            })
+            .await;
+        waiting.ended();
+        outcome
+    }
+}
+
+/// A task that keeps the memory that was reserved for a body, and for what was read from it, until its end.
+fn holding<T>(body: Bytes, task: impl FnOnce() -> T) -> impl FnOnce() -> T {
+    move || {
+        let outcome = task();
+        drop(body);
+        outcome
+    }
+}
+
+/// Somebody waits for an outcome; when this is dropped before, nobody does any more.
+struct Waiting<'a>(Option<&'a JobContext>);
+
+impl Waiting<'_> {
+    fn ended(mut self) {
+        self.0 = None;
+    }
+}
+
+impl Drop for Waiting<'_> {
+    fn drop(&mut self) {
+        if let Some(context) = self.0 {
+            context.interrupt();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::mpsc::channel;
+
+    use tokio::sync::oneshot;
+
+    use super::*;
+
+    const SOON: Duration = Duration::from_secs(20);
+
+    fn pool(threads: usize, heavy_requests: usize) -> Pool {
+        Pool::new(threads, &Limits { heavy_requests, ..Limits::default() })
+    }
+
+    fn of(pool: &Pool, tenant: &str) -> Pool {
+        pool.of_request(&Principal::system(tenant))
+    }
+
+    /// A task of the heavy lane that runs until what is returned is dropped; it runs when this returns.
+    async fn occupied(pool: &Pool) -> std::sync::mpsc::Sender<()> {
+        let (release, released) = channel::<()>();
+        let (begun, begins) = oneshot::channel();
+        let pool = of(pool, "a");
+        tokio::spawn(async move {
+            pool.run(move || {
+                let _ = begun.send(());
+                let _ = released.recv();
+                Ok(())
+            })
+            .await
+        });
+        begins.await.unwrap();
+        release
+    }
+
+    #[tokio::test]
+    async fn light_work_does_not_wait_behind_heavy_work_and_a_full_lane_says_so() {
+        let pool = self::pool(1, 2);
+        let _running = occupied(&pool).await;
+        let waiting = tokio::spawn({
+            let pool = of(&pool, "a");
+            async move { pool.run(|| Ok(())).await }
+        });
+        while pool.heavy.held() < 2 {
+            tokio::task::yield_now().await;
+        }
+        let refused = of(&pool, "a").run(|| Ok(())).await;
+        assert!(matches!(refused, Err(ServiceError::Overloaded(_))), "{refused:?}");
+        let light = of(&pool, "a").weighing(Work::MOMENT);
+        let answer = tokio::time::timeout(SOON, light.run(|| Ok(7))).await;
+        assert_eq!(answer.unwrap().unwrap(), 7);
+        assert!(!waiting.is_finished());
+    }
+
+    #[tokio::test]
+    async fn a_request_that_has_begun_waits_instead_of_being_turned_away() {
+        let pool = self::pool(1, 1);
+        let request = of(&pool, "a");
+        request.run(|| Ok(())).await.unwrap();
+        while pool.heavy.held() > 0 {
+            tokio::task::yield_now().await;
+        }
+        let running = occupied(&pool).await;
+        let next = tokio::spawn(async move { request.run(|| Ok(7)).await });
+        tokio::time::sleep(Duration::from_millis(20)).await;
+        assert!(!next.is_finished());
+        drop(running);
+        assert_eq!(tokio::time::timeout(SOON, next).await.unwrap().unwrap().unwrap(), 7);
+    }
+
+    #[tokio::test]
+    async fn a_place_is_free_when_the_answer_is_there() {
+        let lane = Lane::new(JOB, 1, 1);
+        for round in 0..2000 {
+            assert_eq!(lane.run(move || Ok(round)).await.unwrap(), round);
+        }
+    }
+
+    #[tokio::test]
+    async fn loops_of_light_work_stay_on_its_thread() {
+        use rayon::prelude::*;
+        let light = of(&pool(2, 1), "a").weighing(Work::MOMENT);
+        let task = || {
+            let names = (0..64).into_par_iter().map(|_| std::thread::current().name().map(str::to_owned));
+            Ok(names.collect::<Vec<_>>())
+        };
+        let names = light.run(task).await.unwrap();
+        assert!(names.iter().all(|name| *name == names[0]), "{names:?}");
+        assert!(names[0].as_ref().is_some_and(|name| name.starts_with(LIGHT)), "{names:?}");
+    }
+
+    #[tokio::test]
+    async fn work_that_nobody_waits_for_is_skipped_or_hears_of_it() {
+        let pool = self::pool(1, 2);
+        let running = occupied(&pool).await;
+        let (skipped, context) = (of(&pool, "a"), of(&pool, "a").context());
+        let (did, done) = channel();
+        let given_up = tokio::time::timeout(
+            Duration::from_millis(20),
+            skipped.run(move || {
+                let _ = did.send(());
+                Ok(())
+            }),
+        );
+        assert!(given_up.await.is_err());
+        assert!(skipped.context().is_cancelled() && !context.is_cancelled());
+        drop(running);
+        assert!(done.recv_timeout(SOON).is_err(), "the sender was dropped unused");
+        let other = of(&pool, "a");
+        let context = other.context();
+        let (stopped, stops) = channel();
+        let looping = other.run(move || {
+            while !context.is_cancelled() {
+                std::thread::yield_now();
+            }
+            let _ = stopped.send(());
+            Ok(())
+        });
+        assert!(tokio::time::timeout(Duration::from_millis(20), looping).await.is_err());
+        stops.recv_timeout(SOON).unwrap();
+    }
+
+    /// Sends a task that says its name when it runs.
+    fn send(
+        pool: &Pool,
+        tenant: &'static str,
+        said: &std::sync::mpsc::Sender<&'static str>,
+    ) -> tokio::task::JoinHandle<Result<(), ServiceError>> {
+        let (pool, said) = (of(pool, tenant), said.clone());
+        tokio::spawn(async move {
+            pool.run(move || {
+                let _ = said.send(tenant);
+                Ok(())
+            })
+            .await
+        })
+    }
+
+    /// Waits until so many tasks of the heavy lane wait or run.
+    async fn held(pool: &Pool, count: usize) {
+        while pool.heavy.held() != count {
+            tokio::task::yield_now().await;
+        }
+    }
+
+    #[tokio::test]
+    async fn the_queue_of_one_tenant_is_not_before_another() {
+        let pool = self::pool(1, 64);
+        let running = occupied(&pool).await;
+        let (said, heard) = channel();
+        let mut tasks: Vec<_> = (0..40).map(|_| send(&pool, "a", &said)).collect();
+        held(&pool, 41).await;
+        tasks.extend((0..3).map(|_| send(&pool, "b", &said)));
+        held(&pool, 44).await;
+        drop(running);
+        for task in tasks {
+            tokio::time::timeout(SOON, task).await.unwrap().unwrap().unwrap();
+        }
+        let order: Vec<&str> = heard.try_iter().collect();
+        let last = order.iter().rposition(|name| *name == "b").unwrap();
+        assert!(last < 8, "the tasks of b were done when {last} others were: {order:?}");
+    }
+
+    #[tokio::test]
+    async fn who_fills_all_places_gives_some_to_others_and_waits_for_them() {
+        let pool = self::pool(1, 8);
+        let running = occupied(&pool).await;
+        let (said, heard) = channel();
+        let many: Vec<_> = (0..64).map(|_| send(&pool, "a", &said)).collect();
+        held(&pool, 8).await;
+        let few: Vec<_> = (0..4).map(|_| send(&pool, "b", &said)).collect();
+        tokio::task::yield_now().await;
+        tokio::time::sleep(Duration::from_millis(20)).await;
+        drop(running);
+        for task in few {
+            let outcome = tokio::time::timeout(SOON, task).await.unwrap().unwrap();
+            assert!(outcome.is_ok(), "{outcome:?}");
+        }
+        // Those of a that found no place waited for one.
+        for task in many {
+            assert!(tokio::time::timeout(SOON, task).await.unwrap().unwrap().is_ok());
+        }
+        assert_eq!(heard.try_iter().filter(|name| *name == "a").count(), 64);
+    }
+
+    #[tokio::test]
+    async fn the_time_of_a_request_ends_its_work() {
+        let pool = of(&self::pool(1, 2), "a").until(Instant::now() + Duration::from_millis(50));
+        let context = pool.context();
+        let looping = pool.run(move || {
+            while !context.is_cancelled() {
+                std::thread::yield_now();
+            }
+            context.check()
+        });
+        let ended = tokio::time::timeout(SOON, looping).await.unwrap();
+        assert!(matches!(ended, Err(ServiceError::Cancelled)), "{ended:?}");
+    }
+
+    #[tokio::test]
+    async fn a_lane_is_stuck_when_all_its_threads_are_beyond_their_time() {
+        let mut pool = self::pool(2, 8);
+        pool.time = Duration::from_millis(1);
+        let first = occupied(&pool).await;
+        std::thread::sleep(Duration::from_millis(20));
+        assert!(!pool.heavy.is_stuck(Duration::ZERO), "one of two threads is free");
+        let second = occupied(&pool).await;
+        std::thread::sleep(Duration::from_millis(20));
+        assert!(pool.heavy.is_stuck(Duration::ZERO) && !pool.light.is_stuck(Duration::ZERO));
+        assert_eq!(pool.stuck_lane(), None, "not before the margin is over");
+        drop((first, second));
+        held(&pool, 0).await;
+        assert!(!pool.heavy.is_stuck(Duration::ZERO));
+    }
+
+    #[tokio::test]
+    async fn plans_go_where_their_work_belongs_and_too_much_is_refused() {
+        let pool = self::pool(1, 2);
+        let lane = |work: Work, body: usize| {
+            let plan = move |_: &[u8]| Ok((work, || Ok(std::thread::current().name().map(str::to_owned))));
+            let pool = of(&pool, "a");
+            async move { pool.run_planned(Bytes::from(vec![b' '; body]), plan).await }
+        };
+        for (work, body, thread) in [
+            (Work::MOMENT, 10, LIGHT),
+            (Work::UNKNOWN, 10, HEAVY),
+            (Work::MOMENT, 100_000, LIGHT),
+            (Work::UNKNOWN, 100_000, HEAVY),
+            (Work::MOMENT, 10_000_000, HEAVY),
+        ] {
+            let found = lane(work, body).await.unwrap().unwrap();
+            assert!(found.starts_with(thread), "{work:?} in {body} bytes ran on {found}");
+        }
+        let refused = lane(Work::of_seconds(35.0), 10).await;
+        assert!(matches!(refused, Err(ServiceError::TooCostly { .. })), "{refused:?}");
+    }
+}

@@ -1,0 +1,271 @@
+//! Problem documents (RFC 9457): every refusal has a stable type, a sentence that says what to do, the pointer
+//! of every bad field, and the index of the bad shape.
+//!
+//! A request answers with one, a failed job keeps one: both are written here.
+
+use http::StatusCode;
+use serde::Serialize;
+
+use super::error::{Fault, ServiceError};
+use crate::domain::job::Job;
+use crate::formats::{brief, brief_pointer};
+
+/// The problem types with their codes and statuses: one table, documented in `docs/problems.md`.
+macro_rules! problem_kinds {
+    ($($(#[$doc:meta])* $name:ident, $code:literal, $status:ident, $title:literal;)*) => {
+        /// A problem type.
+        #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+        pub enum ProblemKind {
+            $($(#[$doc])* $name,)*
+        }
+
+        impl ProblemKind {
+            /// All types.
+            pub const ALL: &[Self] = &[$(Self::$name),*];
+
+            /// Stable short name.
+            pub fn code(self) -> &'static str {
+                match self { $(Self::$name => $code,)* }
+            }
+
+            /// Status of the answer.
+            pub fn status(self) -> StatusCode {
+                match self { $(Self::$name => StatusCode::$status,)* }
+            }
+
+            /// Short title, the same for every occurrence.
+            pub fn title(self) -> &'static str {
+                match self { $(Self::$name => $title,)* }
+            }
+        }
+    };
+}
+
+problem_kinds! {
+    /// Not JSON, not UTF-8, a broken encoding.
+    MalformedBody, "malformed-body", BAD_REQUEST, "The body cannot be read";
+    /// A query parameter or path segment breaks a rule.
+    InvalidQuery, "invalid-query", BAD_REQUEST, "The query cannot be understood";
+    /// The body ended early or stalled.
+    InterruptedBody, "interrupted-body", REQUEST_TIMEOUT, "The body did not arrive";
+    /// No key or token, or one that is wrong, has ended or was revoked.
+    Unauthenticated, "unauthenticated", UNAUTHORIZED, "It is not known who asks";
+    /// The key or token is not for this.
+    Forbidden, "forbidden", FORBIDDEN, "This is not allowed";
+    /// Nothing at this path.
+    RouteNotFound, "route-not-found", NOT_FOUND, "There is no such route";
+    /// No such cohort, shape or job.
+    NotFound, "not-found", NOT_FOUND, "There is no such thing";
+    /// The path exists for other methods.
+    MethodNotAllowed, "method-not-allowed", METHOD_NOT_ALLOWED, "The method is not offered";
+    /// The answer does not exist in the wanted format.
+    NotAcceptable, "not-acceptable", NOT_ACCEPTABLE, "The format is not offered";
+    /// A cohort has this name.
+    NameTaken, "name-taken", CONFLICT, "The name is taken";
+    /// Another shape has this external id.
+    ExternalIdConflict, "external-id-conflict", CONFLICT, "The external id belongs to another shape";
+    /// What is finished cannot be cancelled.
+    JobFinished, "job-finished", CONFLICT, "The job is finished";
+    /// Body or line over the limit.
+    PayloadTooLarge, "payload-too-large", PAYLOAD_TOO_LARGE, "The body is too large";
+    /// The body is of a type that is not read here.
+    UnsupportedMediaType, "unsupported-media-type", UNSUPPORTED_MEDIA_TYPE, "The media type is not read here";
+    /// A field is missing, unknown or out of bounds.
+    InvalidInput, "invalid-input", UNPROCESSABLE_ENTITY, "The input breaks a rule";
+    /// A shape without a subspace under the class.
+    DegenerateShape, "degenerate-shape", UNPROCESSABLE_ENTITY, "A shape is degenerate for the class";
+    /// Statistics of too few shapes.
+    TooFewShapes, "too-few-shapes", UNPROCESSABLE_ENTITY, "There are too few shapes";
+    /// More work than a request or a job may be predicted to take.
+    TooCostly, "too-costly", UNPROCESSABLE_ENTITY, "The work is predicted to take too long";
+    /// The caller asks more often than it may.
+    TooManyRequests, "too-many-requests", TOO_MANY_REQUESTS, "There were too many requests";
+    /// A bug or a broken machine.
+    Internal, "internal", INTERNAL_SERVER_ERROR, "Something broke on our side";
+    /// Too many jobs wait, the service stops, or there is no storage.
+    Unavailable, "unavailable", SERVICE_UNAVAILABLE, "Try again later";
+    /// The Idempotency-Key belongs to another request.
+    IdempotencyKeyReused, "idempotency-key-reused", UNPROCESSABLE_ENTITY, "The key belongs to another request";
+    /// It is not as it was when the client looked.
+    PreconditionFailed, "precondition-failed", PRECONDITION_FAILED, "It was changed meanwhile";
+    /// Changes that old are not kept.
+    ChangesGone, "changes-gone", GONE, "The changes are not kept any more";
+    /// The disk is full.
+    InsufficientStorage, "insufficient-storage", INSUFFICIENT_STORAGE, "There is no room";
+    /// More requests than can be computed at once.
+    Overloaded, "overloaded", SERVICE_UNAVAILABLE, "There is too much to do at once";
+    /// The answer took longer than requests may.
+    TookTooLong, "took-too-long", SERVICE_UNAVAILABLE, "The answer took too long";
+}
+
+/// A refusal.
+#[derive(Debug, Clone)]
+pub struct Problem {
+    kind: ProblemKind,
+    detail: String,
+    errors: Vec<Fault>,
+}
+
+/// A problem document.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct ProblemDocument {
+    /// Stable type.
+    #[serde(rename = "type")]
+    #[schema(example = "urn:shapelex:problem:degenerate-shape")]
+    kind: String,
+    /// Title of the type.
+    #[schema(example = "A shape is degenerate for the class")]
+    title: &'static str,
+    /// Status of the answer.
+    #[schema(example = 422)]
+    status: u16,
+    /// The last part of the type.
+    #[schema(example = "degenerate-shape")]
+    code: &'static str,
+    /// What happened and what to do.
+    detail: String,
+    /// Everything that is wrong with the input, at most 100 entries.
+    errors: Vec<FaultDocument>,
+    /// Id of the request, as in the `x-request-id` header.
+    request_id: Option<String>,
+}
+
+/// One thing that is wrong with the input.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct FaultDocument {
+    /// JSON pointer into the body, or into the line of a stream.
+    #[schema(example = "/shapes/17")]
+    pointer: String,
+    /// What is wrong, with the numbers.
+    detail: String,
+    /// Position of the shape in the batch or stream, from 0.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(example = 17)]
+    index: Option<usize>,
+    /// Line of the stream, from 1.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    line: Option<u64>,
+}
+
+impl From<Fault> for FaultDocument {
+    fn from(fault: Fault) -> Self {
+        let Fault { pointer, detail, index, line } = fault;
+        Self { pointer: brief_pointer(pointer), detail: brief(detail), index, line }
+    }
+}
+
+impl Problem {
+    /// A problem with a sentence for the client, which repeats in short what the client has sent.
+    pub fn new(kind: ProblemKind, detail: impl Into<String>) -> Self {
+        Self { kind, detail: brief(detail.into()), errors: Vec::new() }
+    }
+
+    fn with(kind: ProblemKind, errors: Vec<Fault>) -> Self {
+        let detail = match errors.as_slice() {
+            [] => kind.title().into(),
+            [one] if one.pointer.is_empty() => one.detail.clone(),
+            [one] => format!("{} {}", one.pointer, one.detail),
+            [first, ..] => format!("{} errors, the first: {} {}", errors.len(), first.pointer, first.detail),
+        };
+        Self { kind, detail: brief(detail), errors }
+    }
+
+    /// The type.
+    pub fn kind(&self) -> ProblemKind {
+        self.kind
+    }
+
+    /// The problem of a job that has failed.
+    pub fn of_job(error: ServiceError, job: &str) -> Self {
+        match error {
+            ServiceError::Internal(cause) => {
+                tracing::error!(job, error = cause, "internal error");
+                Self::new(ProblemKind::Internal, "the cause is in the log under the id of the job")
+            }
+            error => error.into(),
+        }
+    }
+
+    /// What the client is told that waited for a job which has failed.
+    pub fn of_failed(job: &Job) -> Self {
+        let problem = job.problem.as_ref();
+        let text = |field: &str| problem.and_then(|problem| problem[field].as_str()).unwrap_or_default();
+        let kind = ProblemKind::ALL.iter().copied().find(|kind| kind.code() == text("code"));
+        let errors = problem.and_then(|problem| problem["errors"].as_array()).into_iter().flatten();
+        let fault = |error: &serde_json::Value| Fault {
+            index: error["index"].as_u64().and_then(|index| usize::try_from(index).ok()),
+            line: error["line"].as_u64(),
+            ..Fault::new(
+                error["pointer"].as_str().unwrap_or_default(),
+                error["detail"].as_str().unwrap_or_default(),
+            )
+        };
+        Self {
+            kind: kind.unwrap_or(ProblemKind::Internal),
+            detail: text("detail").to_owned(),
+            errors: errors.map(fault).collect(),
+        }
+    }
+
+    /// The document of something that is no request, as JSON.
+    pub fn to_json(self) -> serde_json::Value {
+        serde_json::to_value(self.document(None)).expect("texts and numbers are JSON")
+    }
+
+    /// The document, with the id of the request that was refused.
+    pub fn document(self, request_id: Option<String>) -> ProblemDocument {
+        ProblemDocument {
+            kind: format!("urn:shapelex:problem:{}", self.kind.code()),
+            title: self.kind.title(),
+            status: self.kind.status().as_u16(),
+            code: self.kind.code(),
+            detail: self.detail,
+            errors: self.errors.into_iter().map(Into::into).collect(),
+            request_id,
+        }
+    }
+}
+
+impl From<ServiceError> for Problem {
+    fn from(error: ServiceError) -> Self {
+        let detail = error.to_string();
+        match error {
+            ServiceError::Invalid(errors) => Self::with(ProblemKind::InvalidInput, errors),
+            ServiceError::InvalidOften { faults, found } => {
+                let first = faults.first().map(|fault| format!("{} {}", fault.pointer, fault.detail));
+                let detail = format!("{found} errors, the first: {}", first.unwrap_or_default());
+                Self { errors: faults, ..Self::new(ProblemKind::InvalidInput, detail) }
+            }
+            ServiceError::Malformed(errors) => Self::with(ProblemKind::MalformedBody, errors),
+            ServiceError::DegenerateShape(errors) => Self::with(ProblemKind::DegenerateShape, errors),
+            ServiceError::TooFewShapes { .. } => Self::new(ProblemKind::TooFewShapes, detail),
+            ServiceError::NotFound { .. } => Self::new(ProblemKind::NotFound, detail),
+            ServiceError::NameTaken { .. } => {
+                Self::with(ProblemKind::NameTaken, vec![Fault::new("/name", detail)])
+            }
+            ServiceError::ExternalIdConflict(fault) => {
+                Self::with(ProblemKind::ExternalIdConflict, vec![fault])
+            }
+            ServiceError::JobFinished { .. } => Self::new(ProblemKind::JobFinished, detail),
+            ServiceError::Unauthenticated => Self::new(ProblemKind::Unauthenticated, detail),
+            ServiceError::Forbidden(_) => Self::new(ProblemKind::Forbidden, detail),
+            ServiceError::TooLarge(fault) => Self::with(ProblemKind::PayloadTooLarge, vec![fault]),
+            ServiceError::Query(_) => Self::new(ProblemKind::InvalidQuery, detail),
+            ServiceError::Interrupted(_) => Self::new(ProblemKind::InterruptedBody, detail),
+            ServiceError::Unavailable(_) | ServiceError::Cancelled => {
+                Self::new(ProblemKind::Unavailable, detail)
+            }
+            ServiceError::KeyReused => Self::new(ProblemKind::IdempotencyKeyReused, detail),
+            ServiceError::Changed(_) => Self::new(ProblemKind::PreconditionFailed, detail),
+            ServiceError::ChangesGone { .. } => Self::new(ProblemKind::ChangesGone, detail),
+            ServiceError::NoSpace(_) => Self::new(ProblemKind::InsufficientStorage, detail),
+            ServiceError::Overloaded(_) => Self::new(ProblemKind::Overloaded, detail),
+            ServiceError::TookTooLong { .. } => Self::new(ProblemKind::TookTooLong, detail),
+            ServiceError::TooCostly { .. } => Self::new(ProblemKind::TooCostly, detail),
+            ServiceError::Internal(_) => {
+                tracing::error!(error = %detail, "internal error");
+                Self::new(ProblemKind::Internal, "the cause is in the log under the request id")
+            }
+        }
+    }
+}

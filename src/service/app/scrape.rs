@@ -1,0 +1,37 @@
+//! The metrics as text.
+
+use metrics::gauge;
+
+use super::build;
+use super::clock::now_ms;
+use super::context::App;
+use super::metrics::*;
+use super::pool::REQUEST_LANES;
+
+/// All metrics as text, those of the database as they are now.
+pub async fn scrape(app: &App) -> String {
+    let handle = handle();
+    let read = app.store.measure(now_ms()).await;
+    gauge!(STORE_UP).set(if read.is_ok() { 1.0 } else { 0.0 });
+    match read {
+        Ok(found) => {
+            gauge!(JOBS_QUEUED).set(found.jobs_queued as f64);
+            gauge!(JOBS_RUNNING).set(found.jobs_running as f64);
+            gauge!(JOBS_OLDEST).set(found.oldest_queued_ms as f64 / 1000.0);
+            gauge!(STORE_BYTES).set(found.database_bytes as f64);
+        }
+        Err(error) => tracing::warn!(%error, "the store could not be read for the metrics"),
+    }
+    let stuck = app.pool.stuck_lane();
+    for lane in REQUEST_LANES {
+        gauge!(COMPUTE_STUCK, "lane" => lane).set(if stuck == Some(lane) { 1.0 } else { 0.0 });
+    }
+    if let Some(bytes) = app.store.free_bytes() {
+        gauge!(STORE_FREE).set(bytes as f64);
+    }
+    let commit = build::COMMIT.unwrap_or_default();
+    gauge!(BUILD_INFO, "version" => build::VERSION, "commit" => commit, "rustc" => build::RUSTC,
+        "engine" => app.store.engine())
+    .set(1.0);
+    handle.render()
+}

@@ -1,0 +1,60 @@
+//! Ids of the objects that a request is about, for its entry in the audit trail.
+
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// Most objects that the entry of one request names beside those of its path.
+const MAX_TOUCHED: usize = 32;
+
+/// The objects that a request turns out to be about, whatever it called them: noted where they are found.
+#[derive(Debug, Clone, Default)]
+pub struct Touched(Arc<Mutex<BTreeMap<String, String>>>);
+
+impl Touched {
+    /// Notes the id of an object; a second one of the same kind as `kind.2`, and so on.
+    pub fn note(&self, kind: &str, id: &str) {
+        let mut ids = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let places = (1..=MAX_TOUCHED).map(|k| if k == 1 { kind.to_owned() } else { format!("{kind}.{k}") });
+        for place in places {
+            match ids.get(&place) {
+                Some(known) if known == id => return,
+                Some(_) => {}
+                None => {
+                    ids.insert(place, id.to_owned());
+                    return;
+                }
+            }
+        }
+    }
+
+    /// What was noted.
+    pub fn ids(&self) -> BTreeMap<String, String> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn objects_are_noted_once_each() {
+        let touched = Touched::default();
+        for id in ["coh_1", "coh_2", "coh_1", "coh_3"] {
+            touched.note("cohort_id", id);
+        }
+        touched.note("shape_id", "shp_1");
+        let found: Vec<(String, String)> = touched.ids().into_iter().collect();
+        let wanted = [
+            ("cohort_id", "coh_1"),
+            ("cohort_id.2", "coh_2"),
+            ("cohort_id.3", "coh_3"),
+            ("shape_id", "shp_1"),
+        ];
+        assert_eq!(found, wanted.map(|(kind, id)| (kind.to_owned(), id.to_owned())));
+        for k in 0..1000 {
+            touched.note("cohort_id", &k.to_string());
+        }
+        assert_eq!(touched.ids().len(), MAX_TOUCHED + 1);
+    }
+}

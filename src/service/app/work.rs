@@ -1,0 +1,82 @@
+//! Predicted work of requests and jobs, in seconds on one core.
+
+use std::ops::{Add, Mul};
+
+use super::error::ServiceError;
+
+/// Predicted seconds on one core.
+#[derive(Debug, Clone, Copy, PartialEq, PartialOrd)]
+pub struct Work(pub(in crate::service) f64);
+
+/// Longest work that is a matter of a moment: the light lane does a hundred of them in a second on every thread.
+const MOMENT: f64 = 0.010;
+
+/// Reading a byte of JSON: numbers of ten digits, checked.
+const BYTE: f64 = 1.2e-8;
+/// Writing a number of an answer as JSON, and computing it where it is a sum of a few products.
+pub(in crate::service) const NUMBER: f64 = 5e-8;
+/// A multiply-add of dense products.
+const MULTIPLY_ADD: f64 = 2e-10;
+/// The way of a request through a lane, and preparing its answer.
+pub(in crate::service) const REQUEST: f64 = 1e-4;
+
+impl Work {
+    /// What is known to take a moment: a drawing, an answer from what is ready.
+    pub const MOMENT: Self = Self(1e-3);
+    /// What nothing is known of.
+    pub const UNKNOWN: Self = Self(0.1);
+
+    /// So many seconds.
+    pub fn of_seconds(seconds: f64) -> Self {
+        Self(seconds.max(0.0))
+    }
+
+    /// So many multiply-adds.
+    pub fn of_multiply_adds(count: f64) -> Self {
+        Self(count * MULTIPLY_ADD)
+    }
+
+    /// Seconds.
+    pub fn seconds(self) -> f64 {
+        self.0
+    }
+
+    /// Whether it is a matter of a moment.
+    pub fn is_moment(self) -> bool {
+        self.0 <= MOMENT
+    }
+
+    /// That a request may take so much.
+    ///
+    /// # Errors
+    /// [`ServiceError::TooCostly`].
+    pub fn check(self, most: f64) -> Result<(), ServiceError> {
+        if self.0 <= most { Ok(()) } else { Err(ServiceError::TooCostly { seconds: self.0, most }) }
+    }
+
+    /// Reading a body of so many bytes, or writing a file.
+    pub fn reading(bytes: usize) -> Self {
+        Self(bytes as f64 * BYTE)
+    }
+
+    /// An answer of so many numbers.
+    pub fn numbers(count: f64) -> Self {
+        Self(REQUEST + count * NUMBER)
+    }
+}
+
+impl Add for Work {
+    type Output = Self;
+
+    fn add(self, other: Self) -> Self {
+        Self(self.0 + other.0)
+    }
+}
+
+impl Mul<Work> for f64 {
+    type Output = Work;
+
+    fn mul(self, work: Work) -> Work {
+        Work(self * work.0)
+    }
+}

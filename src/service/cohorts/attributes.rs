@@ -1,0 +1,137 @@
+//! Attributes of shapes by their names in requests: `subject`, `label`, `labels.<attribute>`.
+
+use std::collections::BTreeSet;
+
+use serde_json::Value;
+
+use crate::domain::cohort::Cohort;
+use crate::domain::shape::{ShapeDescription, ShapeFilter};
+use crate::service::app::{App, ServiceError};
+use crate::store::Revisions;
+
+/// Ids that a fault names: enough to look, few enough to read.
+const NAMED_IDS: usize = 5;
+
+/// Shapes that are looked through for the names of attributes.
+const LOOKED_THROUGH: usize = 10_000;
+
+/// Something that is known about shapes, by its name in requests.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) enum Attribute {
+    Subject,
+    Label,
+    Labels(String),
+}
+
+impl Attribute {
+    /// From `subject`, `label` or `labels.<attribute>`.
+    pub(crate) fn parse(text: &str) -> Option<Self> {
+        match text {
+            "subject" => Some(Self::Subject),
+            "label" => Some(Self::Label),
+            other => other
+                .strip_prefix("labels.")
+                .filter(|name| !name.is_empty())
+                .map(|name| Self::Labels(name.into())),
+        }
+    }
+
+    /// What [`Self::parse`] wants.
+    pub(crate) const WANTED: &str = "must be 'subject', 'label' or 'labels.<attribute>'";
+
+    /// The value as text, as filters see it.
+    pub(crate) fn text(&self, shape: &ShapeDescription) -> Option<String> {
+        match self {
+            Self::Subject => shape.subject.clone(),
+            Self::Label => shape.label.clone(),
+            Self::Labels(name) => match shape.labels.get(name)? {
+                Value::Null => None,
+                Value::String(text) => Some(text.clone()),
+                other => Some(other.to_string()),
+            },
+        }
+    }
+
+    /// The value, when it is a number.
+    pub(crate) fn number(&self, shape: &ShapeDescription) -> Option<f64> {
+        match self {
+            Self::Subject | Self::Label => None,
+            Self::Labels(name) => shape.labels.get(name)?.as_f64().filter(|value| value.is_finite()),
+        }
+    }
+}
+
+/// What is known about the shapes that pass a filter, in the order of the store.
+///
+/// # Errors
+/// More than a request may have, at `pointer`.
+pub(crate) async fn describe(
+    app: &App,
+    cohort: &Cohort,
+    filter: &ShapeFilter,
+    pointer: &str,
+) -> Result<Vec<ShapeDescription>, ServiceError> {
+    let (revisions, most) = (Revisions::until(cohort.revision), app.limits.shapes);
+    let found = app.store.describe_shapes(&cohort.id, revisions, filter, most + 1).await?;
+    if found.len() > most {
+        return Err(ServiceError::invalid(
+            pointer,
+            format!("selects more than {most} shapes, the most of a test"),
+        ));
+    }
+    Ok(found)
+}
+
+/// The names of the attributes that there are.
+pub(crate) struct KnownAttributes(BTreeSet<String>);
+
+impl KnownAttributes {
+    /// Of the shapes of `cohort`.
+    ///
+    /// # Errors
+    /// A failure of the store.
+    pub(crate) async fn of(app: &App, cohort: &Cohort) -> Result<Self, ServiceError> {
+        let (revisions, all) = (Revisions::until(cohort.revision), ShapeFilter::default());
+        let shapes = app.store.describe_shapes(&cohort.id, revisions, &all, LOOKED_THROUGH).await?;
+        let labels = |shape: &ShapeDescription| {
+            shape.labels.keys().map(|key| format!("labels.{key}")).collect::<Vec<_>>()
+        };
+        let mut names: BTreeSet<String> = shapes.iter().flat_map(labels).collect();
+        for attribute in ["label", "subject"] {
+            let known = Attribute::parse(attribute);
+            if shapes.iter().any(|shape| known.as_ref().is_some_and(|known| known.text(shape).is_some())) {
+                names.insert(attribute.into());
+            }
+        }
+        Ok(Self(names))
+    }
+
+    /// Whether there is an attribute with this name.
+    pub(crate) fn contains(&self, name: &str) -> bool {
+        self.0.contains(name)
+    }
+}
+
+impl std::fmt::Display for KnownAttributes {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        if self.0.is_empty() {
+            return f.write_str("the shapes of the cohort have no attributes");
+        }
+        let names: Vec<&str> = self.0.iter().map(String::as_str).collect();
+        write!(f, "the shapes of the cohort have {}", names.join(", "))
+    }
+}
+
+/// What a client calls a shape.
+pub(crate) fn name_of(shape: &ShapeDescription) -> &str {
+    shape.external_id.as_deref().unwrap_or(&shape.id)
+}
+
+/// The names of the first few shapes.
+pub(crate) fn first_names<'a>(shapes: impl Iterator<Item = &'a ShapeDescription>) -> String {
+    let mut names: Vec<&str> = shapes.take(NAMED_IDS + 1).map(name_of).collect();
+    if names.len() > NAMED_IDS {
+        names[NAMED_IDS] = "…";
+    }
+    names.join(", ")
+}

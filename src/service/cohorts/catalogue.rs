@@ -1,0 +1,256 @@
+//! Cohorts and their shapes: create, find, list, delete.
+
+use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
+use crate::domain::cohort::{Cohort, name_problem};
+use crate::domain::id;
+use crate::domain::shape::{Shape, ShapeFilter};
+use crate::geometry::representation::Representation;
+use crate::service::app::{App, Fault, Page, ServiceError, now_ms};
+use crate::service::shapes::read;
+
+/// What a client says about a new cohort.
+#[derive(Debug, Clone)]
+pub struct NewCohort {
+    /// Unique name.
+    pub name: String,
+    /// Free text.
+    pub description: Option<String>,
+    /// What its shapes are made of.
+    pub representation: Representation,
+    /// How points correspond.
+    pub correspondence: Correspondence,
+    /// Direction of contours.
+    pub direction: Direction,
+    /// Mirror images.
+    pub mirror: Mirror,
+    /// Unit of the coordinates.
+    pub length_unit: Option<String>,
+}
+
+/// Longest description.
+const MAX_DESCRIPTION_CHARS: usize = 10_000;
+/// Longest name of a unit.
+const MAX_UNIT_CHARS: usize = 50;
+
+/// What is wrong with the texts of a cohort; of those that are given.
+pub fn text_faults(name: Option<&str>, description: Option<&str>, length_unit: Option<&str>) -> Vec<Fault> {
+    let mut faults = Vec::new();
+    if let Some(problem) = name.and_then(|name| name_problem(name, id::COHORT)) {
+        faults.push(Fault::new("/name", problem));
+    }
+    if description.is_some_and(|text| text.chars().count() > MAX_DESCRIPTION_CHARS) {
+        faults.push(Fault::new(
+            "/description",
+            format!("must have at most {MAX_DESCRIPTION_CHARS} characters"),
+        ));
+    }
+    if description.is_some_and(|text| text.contains('\0')) {
+        faults.push(Fault::new("/description", "may not hold the character U+0000"));
+    }
+    if length_unit.is_some_and(|unit| unit.contains(char::is_control)) {
+        faults.push(Fault::new("/length_unit", "may not hold control characters"));
+    }
+    if length_unit.is_some_and(|unit| unit.is_empty() || unit.chars().count() > MAX_UNIT_CHARS) {
+        faults.push(Fault::new("/length_unit", format!("must have 1 to {MAX_UNIT_CHARS} characters")));
+    }
+    faults
+}
+
+/// Creates a cohort.
+///
+/// # Errors
+/// All fields that break a rule; a name that is taken; [`ServiceError::Forbidden`] to who is limited to others.
+pub async fn create(app: &App, new: NewCohort) -> Result<Cohort, ServiceError> {
+    app.check_unlimited("to create a cohort")?;
+    let mut faults = text_faults(Some(&new.name), new.description.as_deref(), new.length_unit.as_deref());
+    if let Err(errors) = read::check_representation(&new.representation, &app.limits) {
+        faults.extend(errors.into_iter().map(|error| Fault::from(error.below("/representation"))));
+    }
+    let places = read::check_correspondence(&new.representation, new.correspondence);
+    for checked in [places, read::check_mirror(&new.representation, new.mirror)] {
+        if let Err(ServiceError::Invalid(found)) = checked {
+            faults.extend(found);
+        }
+    }
+    ServiceError::unless_empty(faults)?;
+    if let Some(id) = app.done_before::<String>().await? {
+        return find(app, &id).await;
+    }
+    let now = now_ms();
+    let cohort = Cohort {
+        id: id::new_id(id::COHORT),
+        name: new.name,
+        description: new.description,
+        representation: new.representation,
+        correspondence: new.correspondence,
+        direction: new.direction,
+        mirror: new.mirror,
+        length_unit: new.length_unit,
+        revision: 0,
+        shapes: 0,
+        created_at_ms: now,
+        updated_at_ms: now,
+    };
+    app.store.create_cohort(&cohort, app.receipt(&cohort.id).as_ref()).await?;
+    Ok(cohort)
+}
+
+/// The cohort with this id or name.
+///
+/// # Errors
+/// [`ServiceError::NotFound`].
+pub async fn find(app: &App, key: &str) -> Result<Cohort, ServiceError> {
+    let found = app.store.find_cohort(key).await?;
+    let cohort = found.ok_or_else(|| ServiceError::NotFound { kind: "cohort", key: key.into() })?;
+    app.touched.note("cohort_id", &cohort.id);
+    Ok(cohort)
+}
+
+/// What is to be changed of a cohort; what is not given stays.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct CohortChanges {
+    /// Another name.
+    pub name: Option<String>,
+    /// Another text, or none.
+    pub description: Option<Option<String>>,
+    /// Another unit, or none.
+    pub length_unit: Option<Option<String>>,
+}
+
+/// Changes the name, description or unit of a cohort that is at the `expected` revision, if one is given.
+///
+/// # Errors
+/// [`ServiceError::NotFound`]; fields that break a rule; a name that is taken; [`ServiceError::Changed`].
+pub async fn update(
+    app: &App,
+    key: &str,
+    changes: CohortChanges,
+    expected: Option<Expected>,
+) -> Result<Cohort, ServiceError> {
+    let mut cohort = find_as_expected(app, key, expected.as_ref()).await?;
+    let CohortChanges { name, description, length_unit } = changes;
+    cohort.name = name.unwrap_or(cohort.name);
+    cohort.description = description.unwrap_or(cohort.description);
+    cohort.length_unit = length_unit.unwrap_or(cohort.length_unit);
+    ServiceError::unless_empty(text_faults(
+        Some(&cohort.name),
+        cohort.description.as_deref(),
+        cohort.length_unit.as_deref(),
+    ))?;
+    app.store.update_cohort(&cohort, now_ms()).await?;
+    find(app, &cohort.id).await
+}
+
+/// The tags that a client knows the present version under: any of them, or `*`.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Expected(pub Vec<String>);
+
+impl Expected {
+    /// Refuses what is not of one of the versions.
+    ///
+    /// # Errors
+    /// [`ServiceError::Changed`].
+    pub fn check(&self, tag: &str) -> Result<(), ServiceError> {
+        if self.0.iter().any(|known| known == "*" || known == tag) {
+            return Ok(());
+        }
+        Err(ServiceError::Changed(format!("the present version is {tag}: look again")))
+    }
+}
+
+/// The tag of a cohort at its revision.
+pub fn revision_tag(cohort: &Cohort) -> String {
+    format!("\"{}-{}\"", cohort.id, cohort.revision)
+}
+
+async fn find_as_expected(app: &App, key: &str, expected: Option<&Expected>) -> Result<Cohort, ServiceError> {
+    let cohort = find(app, key).await?;
+    if let Some(expected) = expected {
+        expected.check(&revision_tag(&cohort))?;
+    }
+    Ok(cohort)
+}
+
+/// Moves a cohort with all its shapes to the trash.
+///
+/// # Errors
+/// [`ServiceError::NotFound`], [`ServiceError::Changed`].
+pub async fn delete(app: &App, key: &str, expected: Option<Expected>) -> Result<(), ServiceError> {
+    let cohort = find_as_expected(app, key, expected.as_ref()).await?;
+    let revision = expected.map(|_| cohort.revision);
+    if app.store.trash_cohort(&cohort.id, revision, app.clock().stamp_ms()).await? {
+        app.cache.forget(&cohort.id);
+        return Ok(());
+    }
+    Err(ServiceError::NotFound { kind: "cohort", key: key.into() })
+}
+
+/// Cohorts in the order of their creation, after `cursor` (the id of the last one seen).
+///
+/// # Errors
+/// A failure of the store.
+pub async fn list(app: &App, cursor: Option<&str>, limit: usize) -> Result<Page<Cohort>, ServiceError> {
+    if cursor.is_some_and(|cursor| !cursor.starts_with(&format!("{}_", id::COHORT))) {
+        return Err(ServiceError::Query("cursor is not one of this list".into()));
+    }
+    let mut items = app.store.list_cohorts(cursor, limit + 1).await?;
+    let next = (items.len() > limit).then(|| items[limit - 1].id.clone());
+    items.truncate(limit);
+    Ok((items, next))
+}
+
+/// Shapes of a cohort that match `filter`, in the order they were added, after `cursor`.
+///
+/// # Errors
+/// [`ServiceError::NotFound`] for the cohort; a cursor that is not one.
+pub async fn list_shapes(
+    app: &App,
+    key: &str,
+    filter: &ShapeFilter,
+    cursor: Option<&str>,
+    limit: usize,
+) -> Result<(Cohort, Page<Shape>), ServiceError> {
+    let cohort = find(app, key).await?;
+    let after = cursor
+        .map(|cursor| {
+            cursor.parse().map_err(|_| ServiceError::Query("cursor is not one of this list".into()))
+        })
+        .transpose()?;
+    let limit = limit.min(most_of_a_page(&cohort));
+    let page = app.store.list_shapes(&cohort.id, filter, after, limit).await?;
+    Ok((cohort, (page.shapes, page.next.map(|cursor| cursor.to_string()))))
+}
+
+/// Text of the control points of a page.
+const PAGE_BYTES: usize = 8 << 20;
+/// Text of a number.
+const NUMBER_BYTES: usize = 20;
+
+/// How many shapes fit into a page.
+fn most_of_a_page(cohort: &Cohort) -> usize {
+    let representation = &cohort.representation;
+    let numbers = representation.size() * representation.dimension();
+    (PAGE_BYTES / (NUMBER_BYTES * numbers.max(1))).max(1)
+}
+
+/// A shape of a cohort by its id or external id.
+///
+/// # Errors
+/// [`ServiceError::NotFound`] for the cohort or the shape.
+pub async fn find_shape(app: &App, key: &str, shape: &str) -> Result<(Cohort, Shape), ServiceError> {
+    let cohort = find(app, key).await?;
+    let found = app.store.find_shape(&cohort.id, shape).await?;
+    let shape = found.ok_or_else(|| ServiceError::NotFound { kind: "shape", key: shape.into() })?;
+    app.touched.note("shape_id", &shape.id);
+    Ok((cohort, shape))
+}
+
+/// Deletes a shape.
+///
+/// # Errors
+/// [`ServiceError::NotFound`] for the cohort or the shape.
+pub async fn delete_shape(app: &App, key: &str, shape: &str) -> Result<(), ServiceError> {
+    let (cohort, found) = find_shape(app, key, shape).await?;
+    let deleted = app.store.delete_shape(&cohort.id, &found.id, now_ms()).await?;
+    deleted.map(|_| ()).ok_or_else(|| ServiceError::NotFound { kind: "shape", key: shape.into() })
+}

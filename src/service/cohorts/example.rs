@@ -1,0 +1,55 @@
+//! The example cohort: outlines of real cells, loaded into an empty store.
+
+use bytes::Bytes;
+use futures_util::stream;
+
+use super::catalogue::NewCohort;
+use super::{catalogue, upload};
+use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
+use crate::geometry::generator::GeneratorKind;
+use crate::geometry::representation::Representation;
+use crate::service::app::{App, ServiceError};
+
+/// Its name.
+pub const NAME: &str = "example-cells";
+
+/// 120 outlines of mouse osteosarcoma cells (MIT licence, see `examples/cells/`).
+const SHAPES: &str = include_str!("../../../examples/cells/cells.ndjson");
+
+/// Loads the example when the store has no cohort.
+///
+/// # Errors
+/// A failure of the store.
+pub async fn load_into_empty(app: &App) -> Result<(), ServiceError> {
+    let (cohorts, _) = catalogue::list(app, None, 2).await?;
+    let cohort = match cohorts.as_slice() {
+        [] => match catalogue::create(app, description()).await {
+            // Another process that starts at the same time loads it.
+            Err(ServiceError::NameTaken { .. }) => return Ok(()),
+            created => created?,
+        },
+        // A process that was killed between the two steps left it empty.
+        [only] if only.name == NAME && only.revision == 0 => only.clone(),
+        _ => return Ok(()),
+    };
+    let text = stream::iter([Ok::<_, ServiceError>(Bytes::from_static(SHAPES.as_bytes()))]);
+    let stored = upload::add_stream(app, cohort, text, upload::OnError::Abort, None).await?;
+    tracing::info!(shapes = stored.added, "loaded the example cohort into the empty store");
+    Ok(())
+}
+
+fn description() -> NewCohort {
+    NewCohort {
+        name: NAME.into(),
+        description: Some("Outlines of mouse osteosarcoma cells of two lines under three treatments".into()),
+        representation: Representation::ClosedCurve {
+            dimension: 2,
+            control_points: 100,
+            generator: GeneratorKind::Trigonometric {},
+        },
+        correspondence: Correspondence::Cyclic,
+        direction: Direction::Given,
+        mirror: Mirror::Forbid,
+        length_unit: Some("pixel".into()),
+    }
+}

@@ -1,0 +1,371 @@
+//! The shapes of a stored cohort as a source of statistics: they stream in bounded batches, at one revision.
+
+use std::collections::HashSet;
+
+use serde::{Deserialize, Serialize};
+use tokio::runtime::Handle;
+
+use crate::analysis::AnalysisError;
+use crate::analysis::accumulate::{BLOCK, MergePart, PART, ShapeSource, Shapes, ShapesInMemory, prepare};
+use crate::analysis::pass::Pass;
+use crate::domain::cohort::Cohort;
+use crate::domain::dictionary::Content;
+use crate::domain::shape::{Shape, ShapeFilter};
+use crate::service::app::{App, Fault, ServiceError};
+use crate::service::statistics::Setup;
+use crate::store::{Cursor, Ids, Revisions, ScanBatch, Start, Store};
+
+/// Shapes of one batch: enough for all threads, little enough for memory.
+const BATCH_SHAPES: usize = 16 * BLOCK;
+
+/// Takes control points and weights of a stored chunk; false ends the scan.
+type VisitChunk<'a> = dyn FnMut(&[f64], &[f64]) -> Result<bool, ServiceError> + 'a;
+
+/// Takes the names and prepared shapes of a stored batch.
+type VisitNamed<'a> = dyn FnMut(&ScanBatch) -> Result<(), AnalysisError> + 'a;
+
+/// What is done with the shapes of a part.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum Work {
+    /// They are summed.
+    Sum(Pass),
+    /// They are coded in what was learnt.
+    Codes(Box<Content>),
+}
+
+/// Makes the result of the shapes of one part.
+pub(crate) type MakePart<'a> = dyn Fn(&StoredShapes<'_>) -> Result<Vec<u8>, ServiceError> + 'a;
+
+/// Shares the parts of a pass with other processes.
+pub(crate) trait Distribute: Sync {
+    /// Makes a pass over `shapes` together with whoever is idle: `make` is what is done here, `work` says the same to the
+    /// others, and `merge` takes the results in the order of the parts. False, and nothing done, when it does not pay.
+    ///
+    /// # Errors
+    /// That of the first part that cannot be made; [`ServiceError::Cancelled`], also when the job is somebody else's by now.
+    fn run(
+        &self,
+        shapes: &StoredShapes<'_>,
+        work: &dyn Fn() -> Work,
+        make: &MakePart<'_>,
+        merge: &mut MergePart<'_>,
+    ) -> Result<bool, ServiceError>;
+}
+
+/// The shapes of a cohort with these ids or external ids, in their order.
+///
+/// # Errors
+/// All ids that do not exist, at `/ids/{index}`; more of them than a request may have.
+pub(crate) async fn find_all(
+    app: &App,
+    cohort: &Cohort,
+    keys: &[String],
+) -> Result<Vec<Shape>, ServiceError> {
+    if keys.len() > app.limits.shapes {
+        let detail = format!("has {} entries, at most {} are accepted", keys.len(), app.limits.shapes);
+        return Err(ServiceError::invalid("/ids", detail));
+    }
+    let found = app.store.find_shapes(&cohort.id, keys).await?;
+    let missing = found.iter().zip(keys).enumerate().filter(|(_, (shape, _))| shape.is_none());
+    let fault = |(index, (_, key)): (usize, (_, &String))| {
+        let detail = format!("there is no shape '{key}' in the cohort '{}'", cohort.name);
+        Fault { index: Some(index), ..Fault::new(format!("/ids/{index}"), detail) }
+    };
+    ServiceError::unless_empty(missing.map(fault).collect())?;
+    Ok(found.into_iter().flatten().collect())
+}
+
+/// Refuses ids that are given twice.
+///
+/// # Errors
+/// All repetitions, at `/ids/{index}`.
+pub(crate) fn refuse_repeated(keys: &[String]) -> Result<(), ServiceError> {
+    let mut seen = HashSet::new();
+    let repeated = keys.iter().enumerate().filter(|(_, key)| !seen.insert(key.as_str()));
+    let fault = |(index, key): (usize, &String)| {
+        let detail = format!("'{key}' is given twice");
+        Fault { index: Some(index), ..Fault::new(format!("/ids/{index}"), detail) }
+    };
+    ServiceError::unless_empty(repeated.map(fault).collect())
+}
+
+/// The shapes of a cohort at its revision, or a part of them, read again in every pass.
+#[derive(Clone, Copy)]
+pub(crate) struct StoredShapes<'a> {
+    store: &'a Store,
+    /// Of the runtime that reads: passes are made on compute threads.
+    handle: &'a Handle,
+    cohort: &'a Cohort,
+    filter: &'a ShapeFilter,
+    revisions: Revisions,
+    setup: &'a Setup,
+    range: Range,
+    /// Whether to stop: asked before every batch.
+    stop: &'a (dyn Fn() -> bool + Sync),
+    /// The job that may have others make parts of a pass.
+    distribute: Option<&'a dyn Distribute>,
+}
+
+/// Which of the shapes that pass the filter, in storage order.
+#[derive(Debug, Clone, Copy)]
+struct Range {
+    /// Position of the first one among all of them.
+    first: usize,
+    /// Where to begin to read, and how many shapes to leave out there.
+    after: Option<Cursor>,
+    skip: usize,
+    /// How many they are.
+    count: usize,
+}
+
+impl<'a> StoredShapes<'a> {
+    /// The shapes of `cohort` that came after the revision `since`, up to its own.
+    pub(crate) fn new(
+        app: &'a App,
+        handle: &'a Handle,
+        cohort: &'a Cohort,
+        filter: &'a ShapeFilter,
+        since: u64,
+        setup: &'a Setup,
+        stop: &'a (dyn Fn() -> bool + Sync),
+    ) -> Result<Self, ServiceError> {
+        let mut shapes = Self::counted(app, handle, cohort, filter, since, setup, stop, 0);
+        let count = handle.block_on(app.store.count(&cohort.id, shapes.revisions, filter))?;
+        shapes.range.count = usize::try_from(count)
+            .map_err(|_| ServiceError::Internal("too many shapes for this machine".into()))?;
+        Ok(shapes)
+    }
+
+    /// The same, when it is known that there are `count` of them.
+    #[expect(clippy::too_many_arguments, reason = "those of `new`, and one more")]
+    pub(crate) fn counted(
+        app: &'a App,
+        handle: &'a Handle,
+        cohort: &'a Cohort,
+        filter: &'a ShapeFilter,
+        since: u64,
+        setup: &'a Setup,
+        stop: &'a (dyn Fn() -> bool + Sync),
+        count: usize,
+    ) -> Self {
+        let revisions = Revisions { after: since, until: cohort.revision };
+        let range = Range { first: 0, after: None, skip: 0, count };
+        Self { store: &app.store, handle, cohort, filter, revisions, setup, range, stop, distribute: None }
+    }
+
+    /// The same shapes, whose passes are made in the name of a job.
+    pub(crate) fn distributed_by(self, distribute: &'a dyn Distribute) -> Self {
+        Self { distribute: Some(distribute), ..self }
+    }
+
+    /// The shapes of one part of [`PART`] shapes, which begins at `start`.
+    pub(crate) fn part(&self, part: usize, start: Start) -> Self {
+        let first = (part * PART).min(self.range.count);
+        let range = Range {
+            first,
+            after: Some(start.before()),
+            skip: start.skip,
+            count: PART.min(self.range.count - first),
+        };
+        Self { range, distribute: None, ..*self }
+    }
+
+    /// Makes a pass with the help of others, if that pays: see [`Distribute::run`].
+    pub(crate) fn spread_work(
+        &self,
+        work: &dyn Fn() -> Work,
+        make: &MakePart<'_>,
+        merge: &mut MergePart<'_>,
+    ) -> Result<bool, ServiceError> {
+        self.distribute.map_or(Ok(false), |others| others.run(self, work, make, merge))
+    }
+
+    /// Nothing, or that the work shall stop.
+    pub(crate) fn check(&self) -> Result<(), ServiceError> {
+        if (self.stop)() { Err(ServiceError::Cancelled) } else { Ok(()) }
+    }
+
+    /// The revisions between which the shapes came.
+    pub(crate) fn revisions(&self) -> Revisions {
+        self.revisions
+    }
+
+    /// Numbers of a shape.
+    pub(crate) fn width(&self) -> usize {
+        self.setup.metric.len()
+    }
+
+    /// Control points of the first `most` shapes.
+    pub(crate) fn first(&self, most: usize) -> Result<Vec<f64>, ServiceError> {
+        let mut control_points = Vec::new();
+        let wanted = most.min(self.range.count) * self.width();
+        self.scan(&mut |batch, _| {
+            control_points.extend_from_slice(batch);
+            Ok(control_points.len() < wanted)
+        })?;
+        control_points.truncate(wanted);
+        Ok(control_points)
+    }
+
+    /// At most `most` of the shapes, evenly spread over them, prepared.
+    pub(crate) fn spread_out(&self, most: usize) -> Result<ShapesInMemory, ServiceError> {
+        let (count, held) = (self.range.count, self.range.count.min(most));
+        let (mut whitened, mut weights) = (Vec::new(), Vec::new());
+        let mut wanted = (0..held).map(|i| i * count / held).peekable();
+        self.for_each_batch(&mut |batch| {
+            for (_, x, weight) in batch.iter().filter(|(k, ..)| wanted.next_if_eq(k).is_some()) {
+                whitened.extend_from_slice(x);
+                weights.push(weight);
+            }
+            Ok(())
+        })?;
+        Ok(ShapesInMemory::prepared(whitened, weights))
+    }
+
+    /// Calls `visit` with control points and weights of every stored chunk until it says false.
+    pub(crate) fn scan(&self, visit: &mut VisitChunk<'_>) -> Result<(), ServiceError> {
+        let Range { after: mut position, mut skip, count: mut left, .. } = self.range;
+        let width = self.width();
+        while left > 0 {
+            self.check()?;
+            let read = self.store.scan(&self.cohort.id, self.revisions, self.filter, position, Ids::Skip);
+            let Some(batch) = self.handle.block_on(read)? else { return Ok(()) };
+            position = Some(batch.position);
+            let from = skip.min(batch.weights.len());
+            let to = batch.weights.len().min(from + left);
+            (skip, left) = (skip - from, left - (to - from));
+            if from < to && !visit(&batch.control_points[from * width..to * width], &batch.weights[from..to])?
+            {
+                return Ok(());
+            }
+        }
+        Ok(())
+    }
+
+    /// Number of the shapes.
+    pub(crate) fn len(&self) -> usize {
+        self.range.count
+    }
+
+    /// Whether there are none.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.range.count == 0
+    }
+
+    /// Calls `visit` with every stored batch, its shapes prepared; errors of shapes name them.
+    pub(crate) fn for_each_named(&self, visit: &mut VisitNamed<'_>) -> Result<(), ServiceError> {
+        let (mut position, mut first) = (None, 0);
+        loop {
+            self.check()?;
+            let read = self.store.scan(&self.cohort.id, self.revisions, self.filter, position, Ids::Include);
+            let Some(mut batch) = self.handle.block_on(read)? else { return Ok(()) };
+            let centred = self.setup.method.translates();
+            let prepared = prepare(&self.setup.metric, centred, 0, &mut batch.control_points);
+            let visited = prepared.and_then(|()| visit(&batch));
+            visited.map_err(|error| self.named_in(error, first, &batch.ids))?;
+            (position, first) = (Some(batch.position), first + batch.ids.len());
+        }
+    }
+
+    /// The error of a batch whose first shape has the position `first`.
+    fn named_in(&self, error: AnalysisError, first: usize, ids: &[String]) -> ServiceError {
+        let id = error.position().and_then(|position| ids.get(position)).map_or("", String::as_str);
+        match error.after(first).into() {
+            ServiceError::DegenerateShape(faults) => ServiceError::DegenerateShape(
+                faults.into_iter().map(|fault| self.with_name(fault, id)).collect(),
+            ),
+            error => error,
+        }
+    }
+
+    /// The fault of the shape with this id: what stands in no request has no pointer.
+    fn with_name(&self, fault: Fault, id: &str) -> Fault {
+        let detail = format!("{} (shape '{id}' of the cohort '{}')", fault.detail, self.cohort.name);
+        Fault { index: fault.index, ..Fault::new("", detail) }
+    }
+
+    /// Errors of statistics name the shape: its id is what the client knows.
+    pub(crate) fn named(&self, error: impl Into<ServiceError>) -> ServiceError {
+        match error.into() {
+            ServiceError::DegenerateShape(faults) => ServiceError::DegenerateShape(
+                faults.into_iter().map(|fault| self.named_fault(fault)).collect(),
+            ),
+            error => error,
+        }
+    }
+
+    fn named_fault(&self, fault: Fault) -> Fault {
+        // What has no pointer is named already.
+        let Some(index) = fault.index.filter(|_| !fault.pointer.is_empty()) else { return fault };
+        let id = self.id_at(index).ok().flatten().unwrap_or_default();
+        self.with_name(fault, &id)
+    }
+
+    fn id_at(&self, index: usize) -> Result<Option<String>, ServiceError> {
+        let (mut position, mut left) = (None, index);
+        loop {
+            let read = self.store.scan(&self.cohort.id, self.revisions, self.filter, position, Ids::Include);
+            let Some(mut batch) = self.handle.block_on(read)? else { return Ok(None) };
+            if left < batch.ids.len() {
+                return Ok(Some(batch.ids.swap_remove(left)));
+            }
+            left -= batch.ids.len();
+            position = Some(batch.position);
+        }
+    }
+}
+
+impl ShapeSource for StoredShapes<'_> {
+    type Error = ServiceError;
+
+    fn count(&self) -> usize {
+        self.range.count
+    }
+
+    fn for_each_batch(
+        &self,
+        visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), ServiceError>,
+    ) -> Result<(), ServiceError> {
+        let (metric, centred) = (&self.setup.metric, self.setup.method.translates());
+        let length = metric.len();
+        let (mut rows, mut weights): (Vec<f64>, Vec<f64>) = (Vec::new(), Vec::new());
+        let mut first = self.range.first;
+        // Stored chunks have any length; batches are whole blocks, so that the result does not depend on how
+        // the cohort was uploaded.
+        let mut emit =
+            |rows: &mut Vec<f64>, weights: &mut Vec<f64>, count: usize| -> Result<(), ServiceError> {
+                prepare(metric, centred, first, &mut rows[..count * length])
+                    .map_err(|error| self.named(error))?;
+                visit(Shapes { first, whitened: &rows[..count * length], weights: &weights[..count] })?;
+                rows.drain(..count * length);
+                weights.drain(..count);
+                first += count;
+                Ok(())
+            };
+        self.scan(&mut |control_points, chunk_weights| {
+            rows.extend_from_slice(control_points);
+            weights.extend_from_slice(chunk_weights);
+            let whole = weights.len() / BLOCK * BLOCK;
+            if whole >= BATCH_SHAPES {
+                emit(&mut rows, &mut weights, whole)?;
+            }
+            Ok(true)
+        })?;
+        let rest = weights.len();
+        if rest > 0 {
+            emit(&mut rows, &mut weights, rest)?;
+        }
+        if first != self.range.first + self.range.count {
+            return Err(ServiceError::Internal(
+                "the shapes of a revision are not as many as they were".into(),
+            ));
+        }
+        Ok(())
+    }
+
+    fn spread(&self, pass: &Pass, merge: &mut MergePart<'_>) -> Result<bool, ServiceError> {
+        let make = |part: &StoredShapes<'_>| pass.make(part, self.setup.measured());
+        self.spread_work(&|| Work::Sum(pass.clone()), &make, merge)
+    }
+}

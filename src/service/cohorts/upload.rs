@@ -1,0 +1,415 @@
+//! Shapes into a cohort, from one body or from a stream: all or nothing, or the good ones.
+
+use bytes::Bytes;
+use futures_util::{Stream, StreamExt};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use std::time::Duration;
+use tokio::sync::mpsc;
+
+use super::catalogue::{Expected, revision_tag};
+use crate::domain::cohort::Cohort;
+use crate::domain::id;
+use crate::domain::shape::NewShape;
+use crate::formats::bounds::Census;
+use crate::formats::ndjson::{Line, LineTooLong, Lines};
+use crate::formats::shape::ShapeInput;
+use crate::geometry::representation::ShapeSpace;
+use crate::service::app::error::MAX_FAULTS;
+use crate::service::app::idempotency::Retry;
+use crate::service::app::memory::Purpose;
+use crate::service::app::{App, Fault, ServiceError, Work, idempotency, now_ms};
+use crate::service::cost::requests::{self, Counts};
+use crate::service::shapes::read::{Reading, check_extent, parse, read_shape};
+use crate::store::{Added, StoreError, Upload};
+
+/// Shapes written to the store at once.
+const CHUNK_SHAPES: usize = 4096;
+/// Bytes of lines read at once.
+const CHUNK_BYTES: usize = 8 << 20;
+/// Longest pause of a stream.
+const PAUSE: Duration = Duration::from_secs(30);
+/// How long a stream may still flow when the service is asked to stop.
+const STOPPING: Duration = Duration::from_secs(5);
+/// Ids answered at most; a stream of a million shapes is read back by listing.
+const MAX_IDS: usize = 100_000;
+
+/// What happens to bad shapes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Deserialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum OnError {
+    /// Nothing is stored.
+    #[default]
+    Abort,
+    /// The good shapes are stored, the bad ones are reported.
+    Skip,
+}
+
+/// What was stored.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Stored {
+    /// Shapes that are new.
+    pub added: usize,
+    /// Revision of the cohort afterwards.
+    pub revision: u64,
+    /// Ids in the order of the input, also of shapes that were there already; at most 100 000.
+    pub ids: Vec<String>,
+    /// Shapes that were not stored, under [`OnError::Skip`].
+    pub skipped: usize,
+    /// What was wrong with them, at most 100 entries.
+    pub faults: Vec<Fault>,
+}
+
+/// A shape on its way: its position, the line it came from, and what was read.
+struct Incoming {
+    index: usize,
+    line: Option<u64>,
+    text: Result<ShapeInput, ServiceError>,
+}
+
+/// A shape on its way to the store, with the line it came from.
+struct Arrived {
+    line: Option<u64>,
+    shape: NewShape,
+}
+
+/// Adds the shapes of one body.
+///
+/// # Errors
+/// Under [`OnError::Abort`] the faults of all bad shapes; conflicts of external ids.
+pub async fn add(
+    app: &App,
+    cohort: Cohort,
+    shapes: Vec<ShapeInput>,
+    on_error: OnError,
+    expected: Option<Expected>,
+) -> Result<Stored, ServiceError> {
+    if shapes.len() > app.limits.shapes {
+        let detail =
+            format!("has {} shapes, at most {} are accepted; stream NDJSON", shapes.len(), app.limits.shapes);
+        return Err(ServiceError::invalid("/shapes", detail));
+    }
+    if shapes.is_empty() {
+        return Err(ServiceError::TooFewShapes { found: 0, needed: 1 });
+    }
+    if let Some(stored) = app.done_before().await? {
+        return Ok(stored);
+    }
+    let mut writer = Writer::new(app, &cohort, on_error, "/shapes/", expected).await?;
+    let incoming = shapes.into_iter().enumerate();
+    let incoming = incoming.map(|(index, shape)| Incoming { index, line: None, text: Ok(shape) }).collect();
+    let taken = writer.take(app, incoming).await;
+    writer.end(app, taken).await
+}
+
+/// Adds the shapes of an NDJSON stream; memory does not depend on its length.
+///
+/// # Errors
+/// As [`add`], with line numbers; a line that is too long; a stream that breaks off or pauses.
+pub async fn add_stream(
+    app: &App,
+    cohort: Cohort,
+    stream: impl Stream<Item = Result<Bytes, ServiceError>>,
+    on_error: OnError,
+    expected: Option<Expected>,
+) -> Result<Stored, ServiceError> {
+    let mut writer = Writer::new(app, &cohort, on_error, "", expected).await?;
+    let taken = tokio::select! {
+        taken = take_stream(app, &mut writer, stream) => taken,
+        () = stopped(app) => Err(ServiceError::Unavailable(
+            "the service is stopping: nothing of the stream is stored; send it again".into(),
+        )),
+    };
+    writer.end(app, taken).await
+}
+
+/// The service was asked to stop, and streams have had their time.
+async fn stopped(app: &App) {
+    app.stopping().await;
+    tokio::time::sleep(STOPPING).await;
+}
+
+async fn take_stream(
+    app: &App,
+    writer: &mut Writer,
+    stream: impl Stream<Item = Result<Bytes, ServiceError>>,
+) -> Result<(), ServiceError> {
+    let mut lines = Lines::new(app.limits.line_bytes);
+    let mut pending: Vec<Line> = Vec::new();
+    let mut pending_bytes = 0;
+    let mut census = Census::default();
+    let mut room = app.memory.hold(Purpose::Bodies, 0)?;
+    let mut stream = std::pin::pin!(stream);
+    loop {
+        let chunk = tokio::time::timeout(PAUSE, stream.next())
+            .await
+            .map_err(|_| ServiceError::Interrupted(format!("no data for {} s", PAUSE.as_secs())))?;
+        let Some(chunk) = chunk.transpose()? else { break };
+        census = census.and(Census::of(&chunk));
+        room.resize(census.memory(CHUNK_SHAPES))?;
+        let keep = |line: Line| {
+            pending_bytes += line.text.len();
+            pending.push(line);
+        };
+        lines.push(&chunk, keep).map_err(too_long)?;
+        if pending.len() >= CHUNK_SHAPES || pending_bytes >= CHUNK_BYTES {
+            pending_bytes = 0;
+            writer.take_lines(app, std::mem::take(&mut pending)).await?;
+            // What is left is a part of a line.
+            census = Census { bytes: lines.pending(), ..Census::default() };
+            room.resize(census.memory(CHUNK_SHAPES))?;
+        }
+    }
+    lines.finish(|line| pending.push(line)).map_err(too_long)?;
+    writer.take_lines(app, pending).await?;
+    if writer.position == 0 {
+        return Err(ServiceError::TooFewShapes { found: 0, needed: 1 });
+    }
+    Ok(())
+}
+
+fn too_long(error: LineTooLong) -> ServiceError {
+    ServiceError::TooLarge(Fault { line: Some(error.number), ..Fault::new("", error.to_string()) })
+}
+
+/// Reads shapes on the pool while a task writes the ones before to the store.
+struct Writer {
+    space: ShapeSpace,
+    cohort: Cohort,
+    on_error: OnError,
+    prefix: &'static str,
+    position: usize,
+    expected: Option<Expected>,
+    /// The request as far as it has been read, when it may be sent again.
+    retry: Option<Retry>,
+    chunks: mpsc::Sender<Vec<Arrived>>,
+    task: tokio::task::JoinHandle<Result<(Upload, Stored), ServiceError>>,
+    skipped: usize,
+    faults: Vec<Fault>,
+    /// Faults there are, of which the first are kept.
+    found: usize,
+}
+
+impl Writer {
+    async fn new(
+        app: &App,
+        cohort: &Cohort,
+        on_error: OnError,
+        prefix: &'static str,
+        expected: Option<Expected>,
+    ) -> Result<Self, ServiceError> {
+        if let Some(expected) = &expected {
+            expected.check(&revision_tag(cohort))?;
+        }
+        let (space, _) = app.space(&cohort.representation, "/representation")?;
+        let upload = app.store.begin_upload(cohort);
+        let (chunks, received) = mpsc::channel(1);
+        let task = tokio::spawn(write(upload, received, prefix));
+        let cohort = cohort.clone();
+        Ok(Self {
+            space,
+            cohort,
+            on_error,
+            prefix,
+            position: 0,
+            expected,
+            retry: app.retry.clone(),
+            chunks,
+            task,
+            skipped: 0,
+            faults: Vec::new(),
+            found: 0,
+        })
+    }
+
+    async fn take_lines(&mut self, app: &App, lines: Vec<Line>) -> Result<(), ServiceError> {
+        if let Some(retry) = &mut self.retry {
+            for line in &lines {
+                retry.update(&line.text);
+                retry.update(b"\n");
+            }
+        }
+        let first = self.position;
+        let limits = app.limits;
+        let bytes = lines.iter().map(|line| line.text.len()).sum();
+        let incoming = app
+            .pool
+            .weighing(Work::reading(bytes))
+            .run(move || {
+                let read = |(offset, line): (usize, Line)| Incoming {
+                    index: first + offset,
+                    line: Some(line.number),
+                    text: parse(&limits, &line.text),
+                };
+                Ok(lines.into_par_iter().enumerate().map(read).collect())
+            })
+            .await?;
+        self.take(app, incoming).await
+    }
+
+    /// Takes shapes, some at a time: what is read of them takes more memory than their text.
+    async fn take(&mut self, app: &App, mut incoming: Vec<Incoming>) -> Result<(), ServiceError> {
+        while !incoming.is_empty() {
+            let rest = incoming.split_off(incoming.len().min(CHUNK_SHAPES));
+            self.take_some(app, std::mem::replace(&mut incoming, rest)).await?;
+        }
+        if self.refuses() {
+            return Err(ServiceError::of_faults(std::mem::take(&mut self.faults), self.found));
+        }
+        Ok(())
+    }
+
+    /// Whether nothing will be stored.
+    fn refuses(&self) -> bool {
+        self.on_error == OnError::Abort && self.skipped > 0
+    }
+
+    async fn take_some(&mut self, app: &App, incoming: Vec<Incoming>) -> Result<(), ServiceError> {
+        self.position += incoming.len();
+        let (space, cohort, limits, prefix) =
+            (self.space.clone(), self.cohort.clone(), app.limits, self.prefix);
+        let work = requests::store(
+            Counts::new(&cohort.representation, incoming.len(), &limits),
+            cohort.correspondence,
+        );
+        let results: Vec<Result<Arrived, Vec<Fault>>> = app
+            .pool
+            .weighing(work)
+            .run(move || {
+                let reading = Reading {
+                    space: &space,
+                    correspondence: cohort.correspondence,
+                    direction: cohort.direction,
+                    limits: &limits,
+                };
+                Ok(incoming.into_par_iter().map(|shape| read(&reading, shape, prefix)).collect())
+            })
+            .await?;
+        let mut good = Vec::with_capacity(results.len());
+        for result in results {
+            match result {
+                Ok(shape) => good.push(shape),
+                Err(faults) => {
+                    self.skipped += 1;
+                    self.found += faults.len();
+                    let room = MAX_FAULTS.saturating_sub(self.faults.len());
+                    self.faults.extend(faults.into_iter().take(room));
+                }
+            }
+        }
+        if self.refuses() {
+            return Ok(());
+        }
+        while !good.is_empty() {
+            let rest = good.split_off(good.len().min(CHUNK_SHAPES));
+            if self.chunks.send(good).await.is_err() {
+                // The task ended with an error, which `end` reports.
+                return Ok(());
+            }
+            good = rest;
+        }
+        Ok(())
+    }
+
+    /// Makes the shapes visible when all were taken. If not, nothing is left of them when this returns: a client that
+    /// corrects its input and sends the same external ids again at once must not meet its own first attempt.
+    async fn end(self, app: &App, taken: Result<(), ServiceError>) -> Result<Stored, ServiceError> {
+        let Self { chunks, task, skipped, faults, retry, cohort, expected, .. } = self;
+        drop(chunks);
+        let written =
+            task.await.map_err(|error| ServiceError::Internal(format!("the writing task: {error}")))?;
+        // What the task says comes first: a writer whose task has ended takes the rest without a word.
+        let (upload, stored) = written?;
+        if let Err(error) = taken {
+            upload.abort().await?;
+            return Err(error);
+        }
+        if let Some(retry) = &retry
+            && let Some(stored) = idempotency::done_before(app, retry).await?
+        {
+            // The same stream was stored before: this one leaves nothing.
+            upload.abort().await?;
+            return Ok(stored);
+        }
+        let mut stored = Stored { skipped, faults, ..stored };
+        let receipt = |revision| {
+            stored.revision = revision;
+            retry.as_ref().map(|retry| idempotency::receipt(retry, &stored))
+        };
+        let expected = expected.map(|_| cohort.revision);
+        stored.revision = upload.commit_once(now_ms(), expected, receipt).await?;
+        Ok(stored)
+    }
+}
+
+async fn write(
+    mut upload: Upload,
+    mut chunks: mpsc::Receiver<Vec<Arrived>>,
+    prefix: &'static str,
+) -> Result<(Upload, Stored), ServiceError> {
+    let mut stored = Stored::default();
+    let mut first = 0;
+    while let Some(chunk) = chunks.recv().await {
+        let (lines, shapes): (Vec<Option<u64>>, Vec<NewShape>) =
+            chunk.into_iter().map(|arrived| (arrived.line, arrived.shape)).unzip();
+        let added = match upload.add(shapes).await {
+            Ok(added) => added,
+            Err(error) => {
+                upload.abort().await?;
+                return Err(located(error, first, &lines, prefix));
+            }
+        };
+        first += lines.len();
+        for added in added {
+            let id = match added {
+                Added::New { id } => {
+                    stored.added += 1;
+                    id
+                }
+                Added::Existing { id } => id,
+            };
+            if stored.ids.len() < MAX_IDS {
+                stored.ids.push(id);
+            }
+        }
+    }
+    Ok((upload, stored))
+}
+
+/// A conflict with its place: the chunk that begins at shape `first` has these `lines`.
+fn located(error: StoreError, first: usize, lines: &[Option<u64>], prefix: &str) -> ServiceError {
+    let StoreError::ExternalIdConflict { position, external_id } = error else { return error.into() };
+    let index = usize::try_from(position).unwrap_or(usize::MAX);
+    let line = index.checked_sub(first).and_then(|offset| lines.get(offset).copied().flatten());
+    let pointer =
+        if prefix.is_empty() { "/external_id".into() } else { format!("{prefix}{index}/external_id") };
+    let detail = format!("'{external_id}' belongs to another shape of the cohort with other content");
+    ServiceError::ExternalIdConflict(Fault { pointer, detail, index: Some(index), line })
+}
+
+fn read(reading: &Reading<'_>, incoming: Incoming, prefix: &str) -> Result<Arrived, Vec<Fault>> {
+    let Incoming { index, line, text } = incoming;
+    // A line is a document of its own; a body has the shape under its position.
+    let prefix = if prefix.is_empty() { String::new() } else { format!("{prefix}{index}") };
+    let placed = |fault: Fault| Fault {
+        pointer: format!("{prefix}{}", fault.pointer),
+        index: Some(index),
+        line,
+        ..fault
+    };
+    let shape = text.map_err(|error| match error {
+        ServiceError::Malformed(faults) => faults.into_iter().map(placed).collect::<Vec<_>>(),
+        other => vec![placed(Fault::new("", other.to_string()))],
+    })?;
+    let shape = read_shape(reading, shape).and_then(|(control_points, attributes)| {
+        // Stored without an extent it would break every mean of the cohort from now on.
+        check_extent(&control_points, reading.space.representation().size())?;
+        Ok((control_points, attributes))
+    });
+    match shape {
+        Ok((control_points, attributes)) => {
+            Ok(Arrived { line, shape: NewShape { id: id::new_id(id::SHAPE), attributes, control_points } })
+        }
+        Err(errors) => Err(errors.into_iter().map(|error| placed(error.into())).collect()),
+    }
+}

@@ -1,0 +1,299 @@
+//! Which class and which subject every shape of a cohort belongs to.
+
+use std::collections::{BTreeMap, BTreeSet, HashMap};
+
+use crate::domain::classifier::{ClassifierKind, ClassifierSettings, Feature};
+use crate::domain::cohort::Cohort;
+use crate::domain::dictionary::Method;
+use crate::domain::shape::ShapeFilter;
+use crate::service::app::{App, Fault, ServiceError};
+use crate::service::cohorts::attributes::{Attribute, KnownAttributes, describe, first_names};
+
+/// Classes and subjects of shapes, in the order of the store.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Membership {
+    /// Names of the classes, in alphabetical order.
+    pub labels: Vec<String>,
+    /// The class of every shape.
+    pub classes: Vec<usize>,
+    /// What must not be divided: shapes of one subject have one number, others their own.
+    pub groups: Vec<usize>,
+    /// Number of subjects, when a shape has one.
+    pub subjects: Option<usize>,
+}
+
+/// Classes that a fault names.
+const NAMED: usize = 5;
+
+/// Most classes: a confusion matrix is to be read.
+const MOST_CLASSES: usize = 1000;
+
+/// Most numbers that a trained classifier keeps: some tens of megabytes in a file.
+pub(crate) const MOST_STORED: usize = 1 << 22;
+
+/// Most numbers of evidence that a validation keeps.
+const MOST_EVIDENCE: usize = 1 << 25;
+
+/// Parts of the cross-validation within the training shapes that `best` chooses by.
+pub(crate) const WITHIN: usize = 4;
+
+impl Membership {
+    /// Of the shapes of the cohort that pass the filter, at its revision.
+    ///
+    /// # Errors
+    /// At `/classifier/attribute`: an attribute that shapes do not have; at `/filter`: more shapes than a request may have.
+    pub async fn read(
+        app: &App,
+        cohort: &Cohort,
+        filter: &ShapeFilter,
+        attribute: &str,
+    ) -> Result<Self, ServiceError> {
+        let at = |detail: String| ServiceError::invalid("/classifier/attribute", detail);
+        let wanted = || at(format!("is '{attribute}', {}", Attribute::WANTED));
+        let parsed = Attribute::parse(attribute).ok_or_else(wanted)?;
+        let shapes = describe(app, cohort, filter, "/filter").await?;
+        let names: Vec<Option<String>> = shapes.iter().map(|shape| parsed.text(shape)).collect();
+        let without = || shapes.iter().zip(&names).filter(|(_, name)| name.is_none()).map(|(shape, _)| shape);
+        let missing = without().count();
+        if missing == shapes.len() && missing > 0 {
+            let known = KnownAttributes::of(app, cohort).await?;
+            return Err(at(format!("no shape has '{attribute}'; {known}")));
+        }
+        if missing > 0 {
+            let first = first_names(without());
+            let all = shapes.len();
+            let detail = format!(
+                "{missing} of {all} shapes have no '{attribute}' ({first}): give them one, or leave them out with a filter"
+            );
+            return Err(at(detail));
+        }
+        let subjects: Vec<Option<String>> = shapes.into_iter().map(|shape| shape.subject).collect();
+        Ok(Self::new(&names.into_iter().flatten().collect::<Vec<_>>(), &subjects))
+    }
+
+    fn new(names: &[String], subjects: &[Option<String>]) -> Self {
+        let sorted: BTreeSet<&String> = names.iter().collect();
+        let places: BTreeMap<&String, usize> =
+            sorted.iter().enumerate().map(|(c, name)| (*name, c)).collect();
+        let mut numbers: HashMap<&str, usize> = HashMap::new();
+        let mut next = 0;
+        let mut number = || {
+            next += 1;
+            next - 1
+        };
+        let groups = subjects
+            .iter()
+            .map(|subject| match subject {
+                Some(subject) => *numbers.entry(subject).or_insert_with(&mut number),
+                None => number(),
+            })
+            .collect();
+        Self {
+            classes: names.iter().map(|name| places[name]).collect(),
+            labels: sorted.into_iter().cloned().collect(),
+            groups,
+            subjects: Some(numbers.len()).filter(|&count| count > 0),
+        }
+    }
+
+    /// Shapes of every class.
+    pub fn sizes(&self) -> Vec<usize> {
+        let mut sizes = vec![0; self.labels.len()];
+        self.classes.iter().for_each(|&class| sizes[class] += 1);
+        sizes
+    }
+
+    /// Independent cases of every class: subjects, and shapes without one.
+    pub fn units(&self) -> Vec<usize> {
+        units(&self.classes, &self.groups, self.labels.len())
+    }
+
+    /// What keeps the classifier from being trained and validated on these shapes, of `length` numbers each and described
+    /// by `method`.
+    pub fn faults(&self, settings: &ClassifierSettings, method: &Method, length: usize) -> Vec<Fault> {
+        let mut faults = Vec::new();
+        let mut fault = |field: &str, detail: String| {
+            faults.push(Fault::new(format!("/classifier/{field}"), detail));
+        };
+        let (attribute, sizes, units) = (&settings.attribute, self.sizes(), self.units());
+        if self.labels.len() < 2 {
+            let only = self.labels.first().map_or("", String::as_str);
+            fault(
+                "attribute",
+                format!("all shapes have the same '{attribute}', '{only}': a classifier needs two classes"),
+            );
+            return faults;
+        }
+        if self.labels.len() > MOST_CLASSES {
+            let found = self.labels.len();
+            fault(
+                "attribute",
+                format!("'{attribute}' has {found} values, at most {MOST_CLASSES} classes are told apart"),
+            );
+            return faults;
+        }
+        let stored = stored(settings, method, self.classes.len(), self.labels.len(), length);
+        if stored > MOST_STORED {
+            let detail = format!(
+                "would keep {stored} numbers, at most {MOST_STORED} are kept: ask for fewer components, choose fewer shapes, or \
+                 another kind"
+            );
+            fault("kind", detail);
+        }
+        let smallest = (1..sizes.len()).fold(0, |best, c| if sizes[c] < sizes[best] { c } else { best });
+        let fewest = (1..units.len()).fold(0, |best, c| if units[c] < units[best] { c } else { best });
+        let alone: Vec<&str> =
+            (0..sizes.len()).filter(|&c| sizes[c] == 1).map(|c| self.labels[c].as_str()).collect();
+        if !alone.is_empty() {
+            let named = alone[..alone.len().min(NAMED)].join("', '");
+            let detail =
+                format!("{} classes have one shape ('{named}'), at least 2 are needed in each", alone.len());
+            fault("attribute", detail);
+        } else if settings.folds > units[fewest] {
+            let (label, shapes, units) = (&self.labels[fewest], sizes[fewest], units[fewest]);
+            let of = if self.subjects.is_some() {
+                format!("{shapes} shapes of {units} subjects")
+            } else {
+                format!("{shapes} shapes")
+            };
+            let detail = format!(
+                "is {}, but the class '{label}' has {of}, which cannot be in more parts",
+                settings.folds
+            );
+            fault("folds", detail);
+        } else if settings.kind == ClassifierKind::Best
+            && units[fewest] - units[fewest].div_ceil(settings.folds) < 2
+        {
+            let detail = format!(
+                "is best, which divides the training shapes once more, but the class '{}' has {} cases: choose a kind, or fewer \
+                 folds",
+                self.labels[fewest], units[fewest]
+            );
+            fault("kind", detail);
+        }
+        if let Some(neighbours) = settings.neighbours.filter(|&k| k > sizes[smallest]) {
+            let (label, size) = (&self.labels[smallest], sizes[smallest]);
+            let detail =
+                format!("is {neighbours}, but the class '{label}' has {size} shapes and could never win");
+            fault("neighbours", detail);
+        }
+        let evidence = self.classes.len().saturating_mul(self.labels.len()).saturating_mul(settings.repeats);
+        if evidence > MOST_EVIDENCE {
+            let detail = format!(
+                "makes {evidence} numbers ({} shapes, {} classes), at most {MOST_EVIDENCE} are kept",
+                self.classes.len(),
+                self.labels.len()
+            );
+            fault("repeats", detail);
+        }
+        faults
+    }
+}
+
+/// Numbers that a classifier keeps of `shapes` shapes of `classes` classes. `best` chooses what is small enough.
+fn stored(
+    settings: &ClassifierSettings,
+    method: &Method,
+    shapes: usize,
+    classes: usize,
+    length: usize,
+) -> usize {
+    let described = match method {
+        Method::FunctionalPca { components, .. } => (*components).min(length).min(shapes),
+        Method::Sparse { atoms, .. } => *atoms,
+    };
+    let features = settings.components.unwrap_or(described).min(described) + 1;
+    match settings.kind {
+        ClassifierKind::MeanSpace => classes.saturating_mul(length),
+        ClassifierKind::NearestNeighbours => shapes.saturating_mul(features),
+        ClassifierKind::Discriminant if settings.pooling.unwrap_or(1.0) < 1.0 => {
+            classes.saturating_mul(features * features)
+        }
+        ClassifierKind::Discriminant
+        | ClassifierKind::NearestAtom
+        | ClassifierKind::SparseResidual
+        | ClassifierKind::Best
+        | ClassifierKind::Ensemble => 0,
+    }
+}
+
+/// Groups with shapes of every one of `count` classes.
+pub(crate) fn units(classes: &[usize], groups: &[usize], count: usize) -> Vec<usize> {
+    let pairs: BTreeSet<(usize, usize)> = classes.iter().copied().zip(groups.iter().copied()).collect();
+    let mut units = vec![0; count];
+    pairs.iter().for_each(|(class, _)| units[*class] += 1);
+    units
+}
+
+/// What is wrong with a classifier whatever it is trained on.
+pub(crate) fn settings_faults(settings: &ClassifierSettings, method: &Method) -> Vec<Fault> {
+    use ClassifierKind::{Best, Discriminant, NearestAtom, NearestNeighbours, SparseResidual};
+    let atoms = method.atoms();
+    let mut faults = Vec::new();
+    let mut check = |ok: bool, field: &str, detail: String| {
+        if !ok {
+            faults.push(Fault::new(format!("/classifier/{field}"), detail));
+        }
+    };
+    let kind = settings.kind;
+    let detail = "is ensemble, which is what best may find: expected best, or one of the other kinds";
+    check(kind != ClassifierKind::Ensemble, "kind", detail.into());
+    let sparse = matches!(method, Method::Sparse { .. });
+    let detail = "is sparse_residual, which needs a sparse dictionary";
+    check(kind != SparseResidual || sparse, "kind", detail.into());
+    let centred = matches!(method, Method::FunctionalPca { centre: true, .. });
+    let detail = "is nearest_atom, but components about a centre are differences, not shapes: learn sparse atoms, or components \
+                  without centre";
+    check(kind != NearestAtom || !centred, "kind", detail.into());
+    let attribute = settings.attribute.as_str();
+    let classes = Attribute::parse(attribute).is_some_and(|attribute| attribute != Attribute::Subject);
+    check(classes, "attribute", format!("is '{attribute}', must be label or labels.<attribute>"));
+    let features = &settings.features;
+    check(features.contains(&Feature::Shape), "features", "must contain shape".into());
+    check(
+        features.len() <= 2 && (features.len() < 2 || features[0] != features[1]),
+        "features",
+        "repeats an entry".into(),
+    );
+    check(
+        !settings.sees_size() || matches!(kind, Discriminant | NearestNeighbours | Best),
+        "features",
+        "has size, which discriminant and nearest_neighbours can look at".into(),
+    );
+    let only = |given: bool, owner: ClassifierKind| !given || kind == owner;
+    let belongs = |owner: &str| format!("belongs to the kind {owner}");
+    check(only(settings.components.is_some(), Discriminant), "components", belongs("discriminant"));
+    check(only(settings.pooling.is_some(), Discriminant), "pooling", belongs("discriminant"));
+    check(only(settings.shrinkage.is_some(), Discriminant), "shrinkage", belongs("discriminant"));
+    check(
+        only(settings.neighbours.is_some(), NearestNeighbours),
+        "neighbours",
+        belongs("nearest_neighbours"),
+    );
+    if let Some(components) = settings.components {
+        check(
+            (1..=atoms).contains(&components),
+            "components",
+            format!("is {components}, must be between 1 and {atoms}"),
+        );
+    }
+    for (field, value) in [("pooling", settings.pooling), ("shrinkage", settings.shrinkage)] {
+        if let Some(value) = value {
+            check((0.0..=1.0).contains(&value), field, format!("is {value}, must be between 0 and 1"));
+        }
+    }
+    if let Some(neighbours) = settings.neighbours {
+        check(neighbours >= 1, "neighbours", "is 0, must be at least 1".into());
+    }
+    check(
+        (2..=100).contains(&settings.folds),
+        "folds",
+        format!("is {}, must be between 2 and 100", settings.folds),
+    );
+    check(
+        (1..=100).contains(&settings.repeats),
+        "repeats",
+        format!("is {}, must be between 1 and 100", settings.repeats),
+    );
+    faults
+}

@@ -1,0 +1,254 @@
+//! Passes over a stored cohort that the workers of all processes share.
+//!
+//! The job that learns cuts a pass into parts of [`PART`] shapes, makes them one after the other, and merges their
+//! results in the order of the parts. Meanwhile every idle worker of every process on the same database takes parts
+//! too. Who makes a part does not show in its result, so that the bits are those of one process alone; a part whose
+//! worker is gone is made again.
+
+use std::sync::LazyLock;
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+use tokio::runtime::Handle;
+
+use super::plan::{Plan, program};
+use super::ready;
+use crate::analysis::accumulate::{MergePart, PART};
+use crate::analysis::dictionary::learning::Watch;
+use crate::analysis::dictionary::model::Coded;
+use crate::analysis::dictionary::preparation::Posed;
+use crate::domain::job::Job;
+use crate::numeric::fingerprint::fingerprint;
+use crate::service::app::progress::JobContext;
+use crate::service::app::{App, ServiceError, now_ms};
+use crate::service::cohorts::source::{Distribute, MakePart, StoredShapes, Work};
+use crate::service::statistics::Setup;
+use crate::store::{PartClaim, PartEnd, PassOf};
+
+/// Passes of fewer parts are over before anybody has heard of them.
+const FEWEST_PARTS: usize = 3;
+
+/// Most numbers of a shape: the result of a part can have their square, here 64 MiB.
+const MOST_NUMBERS: usize = 2896;
+
+/// How long a claim holds without a sign of life, in milliseconds.
+const LEASE_MS: i64 = 30_000;
+
+/// Time between two looks for results when there is nothing left to do but wait for them.
+const WAIT: Duration = Duration::from_millis(20);
+
+/// All that another process has to know of a pass; it looks at nothing else but the stored shapes of that revision.
+#[derive(Debug, Serialize, Deserialize)]
+struct Description {
+    plan: Plan,
+    /// Shapes up to this revision are left out.
+    since: u64,
+    /// Number of the shapes.
+    shapes: usize,
+    work: Work,
+}
+
+/// The job in whose name passes are made.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Spreading<'a> {
+    pub(crate) app: &'a App,
+    pub(crate) handle: &'a Handle,
+    pub(crate) job: &'a Job,
+    pub(crate) plan: &'a Plan,
+}
+
+impl Distribute for Spreading<'_> {
+    fn run(
+        &self,
+        shapes: &StoredShapes<'_>,
+        work: &dyn Fn() -> Work,
+        make: &MakePart<'_>,
+        merge: &mut MergePart<'_>,
+    ) -> Result<bool, ServiceError> {
+        let Self { app, handle, job, plan } = *self;
+        let parts = shapes.len().div_ceil(PART);
+        if parts < FEWEST_PARTS || !app.store.is_shared() || shapes.width() > MOST_NUMBERS {
+            return Ok(false);
+        }
+        let since = shapes.revisions().after;
+        let description = Description { plan: plan.clone(), since, shapes: shapes.len(), work: work() };
+        let description = serde_json::to_string(&description)
+            .map_err(|error| ServiceError::Internal(format!("a pass is not JSON: {error}")))?;
+        let starts = app.store.part_starts(&plan.cohort, shapes.revisions(), &plan.filter, PART);
+        let starts = handle.block_on(starts)?;
+        if starts.len() != parts {
+            return Err(ServiceError::Internal(
+                "the parts of a pass are not as many as its shapes make".into(),
+            ));
+        }
+        let begin = app.store.begin_pass((&job.id, job.attempt), arithmetic(), &description, &starts);
+        let pass = handle.block_on(begin)?.ok_or(ServiceError::Cancelled)?;
+        let own = OwnPass { app, handle, shapes, pass, parts }.make(make, merge);
+        if let Err(error) = handle.block_on(app.store.end_pass(pass)) {
+            tracing::warn!(job = job.id, %error, "a pass could not be removed; it goes when the job ends");
+        }
+        tracing::info!(job = job.id, parts, own = own?, "a pass was made in parts");
+        Ok(true)
+    }
+}
+
+/// Processes that agree in this give the same bits.
+fn arithmetic() -> &'static str {
+    static ARITHMETIC: LazyLock<String> = LazyLock::new(|| format!("{} {}", program(), fingerprint()));
+    &ARITHMETIC
+}
+
+/// A pass, as its owner sees it.
+struct OwnPass<'a> {
+    app: &'a App,
+    handle: &'a Handle,
+    shapes: &'a StoredShapes<'a>,
+    pass: i64,
+    parts: usize,
+}
+
+impl OwnPass<'_> {
+    /// Makes what nobody else makes, and merges; how many parts were made here.
+    fn make(&self, make: &MakePart<'_>, merge: &mut MergePart<'_>) -> Result<usize, ServiceError> {
+        let Self { app, handle, pass, .. } = *self;
+        let (mut next, mut own) = (0, 0);
+        // The first part that is bad decides, not the one that is found first.
+        let mut failed: Option<(usize, ServiceError)> = None;
+        while next < self.parts {
+            self.shapes.check()?;
+            match failed {
+                Some((part, error)) if part == next => return Err(error),
+                other => failed = other,
+            }
+            if let Some(result) = handle.block_on(app.store.read_part(pass, next))? {
+                merge(&result)?;
+                next += 1;
+                continue;
+            }
+            let end = failed.as_ref().map_or(self.parts, |(part, _)| *part);
+            let Some(claim) = handle.block_on(app.store.claim_own_part(pass, end, now_ms()))? else {
+                std::thread::sleep(WAIT);
+                continue;
+            };
+            let result = match make(&self.shapes.part(claim.part, claim.start)) {
+                Ok(result) => result,
+                Err(ServiceError::Cancelled) => return Err(ServiceError::Cancelled),
+                Err(error) => {
+                    failed = Some((claim.part, error));
+                    continue;
+                }
+            };
+            own += 1;
+            let end = if claim.part == next {
+                merge(&result)?;
+                next += 1;
+                PartEnd::Done(None)
+            } else {
+                PartEnd::Done(Some(&result))
+            };
+            handle.block_on(app.store.settle_part(&claim, end))?;
+        }
+        Ok(own)
+    }
+}
+
+/// A part of the pass of another process, claimed by this one.
+#[derive(Debug, Clone)]
+pub struct Help {
+    claim: PartClaim,
+    of: PassOf,
+    context: JobContext,
+}
+
+/// The next part that wants to be made, if there is one.
+///
+/// # Errors
+/// A failure of the store.
+pub async fn claim(app: &App) -> Result<Option<Help>, ServiceError> {
+    if !app.store.is_shared() {
+        return Ok(None);
+    }
+    let now = now_ms();
+    let found = app.store.claim_any_part(now, now + LEASE_MS, arithmetic()).await?;
+    Ok(found.map(|(claim, of)| Help { claim, of, context: JobContext::default() }))
+}
+
+impl Help {
+    /// Id of the job.
+    pub fn job(&self) -> &str {
+        &self.of.job
+    }
+
+    /// Whose job it is.
+    pub fn tenant(&self) -> &str {
+        &self.of.tenant
+    }
+
+    /// Says when the work shall stop.
+    pub fn context(&self) -> &JobContext {
+        &self.context
+    }
+
+    /// A sign of life; the work is asked to stop when it is not wanted any more.
+    ///
+    /// # Errors
+    /// A failure of the store; the claim may still hold.
+    pub async fn renew(&self, app: &App) -> Result<(), ServiceError> {
+        if !app.store.renew_part(&self.claim, now_ms() + LEASE_MS).await? {
+            self.context.interrupt();
+        }
+        Ok(())
+    }
+
+    /// Makes the part, on a compute thread.
+    ///
+    /// # Errors
+    /// Whatever keeps it from being made; [`ServiceError::Cancelled`].
+    pub fn run(&self, app: &App, handle: &Handle) -> Result<Vec<u8>, ServiceError> {
+        let Description { plan, since, shapes, work } = serde_json::from_str(&self.of.description)
+            .map_err(|error| ServiceError::Internal(format!("the description of a pass: {error}")))?;
+        let cohort = plan.cohort(app, handle)?;
+        let setup = Setup::new(app, &plan.settings(&cohort))?;
+        let stop = || self.context.is_cancelled();
+        let shapes = StoredShapes::counted(app, handle, &cohort, &plan.filter, since, &setup, &stop, shapes);
+        let part = shapes.part(self.claim.part, self.claim.start);
+        match work {
+            Work::Sum(pass) => pass.make(&part, setup.measured()),
+            Work::Codes(content) => {
+                let (_, preparation, model) = ready::prepare(app, &content)?;
+                Ok(Coded::new(&model, &Posed { source: &part, preparation: &preparation }, self)?.to_bytes())
+            }
+        }
+    }
+
+    /// Hands the result over. What was interrupted is for whoever is free; what failed is left to the owner of the pass, who
+    /// finds the same error when there is one.
+    pub async fn settle(self, app: &App, outcome: Result<Vec<u8>, ServiceError>) {
+        let (job, part) = (&self.of.job, self.claim.part);
+        let end = match &outcome {
+            Ok(result) => PartEnd::Done(Some(result)),
+            Err(ServiceError::Cancelled) => PartEnd::Open,
+            Err(error) => {
+                tracing::warn!(job, part, error = error.cause(), "a part of a pass cannot be made here");
+                PartEnd::Refused
+            }
+        };
+        match app.store.settle_part(&self.claim, end).await {
+            Ok(true) if outcome.is_ok() => {
+                tracing::info!(job, part, "a part of a pass was made for its owner")
+            }
+            Ok(_) => {}
+            // The lease ends, and somebody else makes it.
+            Err(error) => tracing::warn!(job, part, %error, "a part of a pass could not be handed over"),
+        }
+    }
+}
+
+impl Watch for Help {
+    fn stop(&self) -> bool {
+        self.context.is_cancelled()
+    }
+
+    /// Codes have no epochs.
+    fn epoch(&self, _: usize, _: f64) {}
+}

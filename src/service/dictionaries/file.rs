@@ -1,0 +1,330 @@
+//! Dictionaries as files: export and import.
+
+use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
+
+use super::planning::method_faults;
+use super::ready::Ready;
+use super::{classifier_record, ready};
+use crate::analysis::dictionary::model::Model;
+use crate::analysis::metric::norm;
+use crate::domain::cohort::name_problem;
+use crate::domain::dictionary::{Content, HeldOutMeasure, Method, NewDictionary, Provenance, Row};
+use crate::domain::id;
+use crate::service::app::{App, Fault, Limits, ServiceError, now_ms};
+
+/// Name of the file format.
+const FORMAT: &str = "shapelex-dictionary";
+/// Its versions: the second has measures of shapes that were held out.
+const FORMAT_VERSIONS: [u32; 2] = [1, 2];
+
+/// The first version that can hold `content`: a file that is read and written again stays what it was.
+fn format_version(content: &Content) -> u32 {
+    if content.statistics.held_out.is_some() { 2 } else { 1 }
+}
+
+/// A dictionary as one file: JSON, described in `docs/dictionaries.md`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+#[serde(deny_unknown_fields)]
+#[schema(example = json!({
+    "format": "shapelex-dictionary", "format_version": 1, "name": "triangles",
+    "digest": "413c44869dc63e222ded850757e8b4340b291909bdb47967922e819c2703d2a6",
+    "provenance": {
+        "cohort": "coh_0198c0ffee00700080000000000000aa", "cohort_name": "triangles", "cohort_revision": 1, "filter": {},
+        "shapes_digest": "164dc5ab11f1b921e60dc8aeb3ee5c67d9b98c1d3c6a3a639ece41d00fd29cd0", "program": "shapelex 0.1.0"
+    },
+    "content": {
+        "representation": {"kind": "landmarks", "dimension": 2, "points": 3},
+        "correspondence": "landmarks",
+        "direction": "given",
+        "mirror": "forbid",
+        "length_unit": null,
+        "transformation": "scaled_rotation",
+        "alignment": "projection",
+        "frame": "training",
+        "method": {"kind": "functional_pca", "components": 1, "centre": false},
+        "mean": {
+            "control_points": [
+                [0.0, -4.696509065219267e-17],
+                [1.3785394880741388, 0.11260203829283884],
+                [0.11246197728816584, 1.036485390373171]
+            ],
+            "eigenvalues": [
+                2.986129160489358,
+                2.9861291604893574,
+                0.013870839510641882,
+                0.013870839510641709,
+                2.081668171172162e-16,
+                0.0
+            ],
+            "gap": 2.9722583209787157,
+            "unique": true,
+            "converged": true
+        },
+        "centre": [
+            [0.0, 0.0],
+            [1.372165654741419, 0.11208141002559517],
+            [0.11194199660882816, 1.0316930828715074]
+        ],
+        "atoms": [{
+            "control_points": [
+                [0.0, 0.0],
+                [1.3785427015357692, 0.11275314801433996],
+                [0.11265804953541397, 1.0364433952369017]
+            ],
+            "usage": 1.0,
+            "eigenvalue": 2.9723490620253963,
+            "explained": 0.9953852972449114
+        }],
+        "statistics": {
+            "shapes": 3,
+            "weight": 3.0,
+            "objective": 0.002296683077326716,
+            "history": [],
+            "converged": true,
+            "reseeded": 0,
+            "reconstruction_error": 0.004638873111863217,
+            "parameters": 1.0,
+            "residuals": [0.0009780410231705686, 0.0045713487969166935, 0.008230708643873035],
+            "total": 2.986129160489357,
+            "scores": {
+                "mean": [0.9953763763696422],
+                "covariance": [[0.00001333506055889444]],
+                "t_squared": [0.00003693173675102373, 0.9939044695641025, 1.0060585987038189]
+            }
+        }
+    }
+}))]
+pub struct DictionaryFile {
+    /// `shapelex-dictionary`.
+    pub format: String,
+    /// 1, or 2 with measures of shapes that were held out.
+    pub format_version: u32,
+    /// Name under which it was learnt.
+    pub name: String,
+    /// blake3 of the content as compact JSON in the order of this document.
+    pub digest: String,
+    /// From what it was learnt.
+    #[schema(value_type = Object)]
+    pub provenance: Provenance,
+    /// What was learnt.
+    pub content: Content,
+}
+
+impl DictionaryFile {
+    /// The file of a stored version.
+    pub fn new(ready: &Ready) -> Self {
+        let dictionary = &ready.dictionary;
+        Self {
+            format: FORMAT.into(),
+            format_version: format_version(&dictionary.content),
+            name: dictionary.name.clone(),
+            digest: dictionary.digest.clone(),
+            provenance: dictionary.provenance.clone(),
+            content: dictionary.content.clone(),
+        }
+    }
+}
+
+/// Stores a file as the next version of its name, or of another one.
+///
+/// # Errors
+/// A file of another format, one that was changed, or whose parts do not fit together; [`ServiceError::Forbidden`] to who
+/// is limited to cohorts, which a file may claim to be from.
+pub async fn import(
+    app: &App,
+    file: DictionaryFile,
+    name: Option<String>,
+) -> Result<Arc<Ready>, ServiceError> {
+    app.check_unlimited("to import a dictionary")?;
+    if let Some(id) = app.done_before::<String>().await? {
+        return ready::find(app, &id).await;
+    }
+    let task_app = app.clone();
+    let new = app.pool.run(move || checked_file(&task_app, file, name)).await?;
+    app.store.add_dictionary(&new, app.receipt(&new.id).as_ref()).await?;
+    ready::find(app, &new.id).await
+}
+
+fn checked_file(
+    app: &App,
+    file: DictionaryFile,
+    name: Option<String>,
+) -> Result<NewDictionary, ServiceError> {
+    if file.format != FORMAT || !FORMAT_VERSIONS.contains(&file.format_version) {
+        let [first, last] = FORMAT_VERSIONS;
+        let detail = format!(
+            "is '{}' version {}, read here is {FORMAT} version {first} or {last}",
+            file.format, file.format_version
+        );
+        return Err(ServiceError::invalid("/format", detail));
+    }
+    let name = name.unwrap_or(file.name);
+    if let Some(problem) = name_problem(&name, id::DICTIONARY) {
+        return Err(ServiceError::invalid("/name", problem));
+    }
+    let text = serde_json::to_vec(&file.content)
+        .map_err(|error| ServiceError::Internal(format!("a dictionary is not JSON: {error}")))?;
+    let digest = blake3::hash(&text).to_hex().to_string();
+    if digest != file.digest {
+        let detail = format!("is {}, but the content has {digest}: the file was changed", file.digest);
+        return Err(ServiceError::invalid("/digest", detail));
+    }
+    ServiceError::unless_empty(content_faults(&file.content, &app.limits))?;
+    ServiceError::unless_empty(classifier_record::classifier_faults(&file.content))?;
+    let prepared = ready::prepare(app, &file.content).map_err(|error| match error {
+        ServiceError::Invalid(mut faults) => {
+            faults.iter_mut().for_each(|fault| fault.pointer = format!("/content{}", fault.pointer));
+            ServiceError::Invalid(faults)
+        }
+        other => other,
+    });
+    let (_, preparation, model) = prepared?;
+    ServiceError::unless_empty(norm_faults(&preparation.mean, &model))?;
+    Ok(NewDictionary {
+        id: id::new_id(id::DICTIONARY),
+        name,
+        summary: file.content.summary(),
+        content: text,
+        state: None,
+        provenance: file.provenance,
+        digest,
+        created_at_ms: now_ms(),
+    })
+}
+
+/// What does not fit together in a file: sizes, and numbers that learning never makes.
+fn content_faults(content: &Content, limits: &Limits) -> Vec<Fault> {
+    let mut faults: Vec<Fault> = method_faults(&content.method, limits)
+        .into_iter()
+        .map(|fault| Fault { pointer: format!("/content{}", fault.pointer), ..fault })
+        .collect();
+    let representation = &content.representation;
+    if let Err(errors) = crate::service::shapes::read::check_representation(representation, limits) {
+        let below = errors.into_iter().map(|error| error.below("/content/representation").into());
+        faults.extend(below);
+        return faults;
+    }
+    let (size, dimension) = (representation.size(), representation.dimension());
+    let mut check = |ok: bool, field: String, detail: &str| {
+        if !ok {
+            faults.push(Fault::new(format!("/content/{field}"), detail));
+        }
+    };
+    let bounded = |row: &[f64]| row.iter().all(|value| value.abs() <= MOST_NUMBER);
+    let shape =
+        |rows: &[Row]| rows.len() == size && rows.iter().all(|row| row.len() == dimension && bounded(row));
+    let wrong = "does not have the size of the representation, or has numbers beyond 1e100";
+    check(shape(&content.mean.control_points), "mean/control_points".into(), wrong);
+    for (j, atom) in content.atoms.iter().enumerate() {
+        check(shape(&atom.control_points), format!("atoms/{j}/control_points"), wrong);
+    }
+    if let Some(centre) = &content.centre {
+        check(shape(centre), "centre".into(), wrong);
+    }
+    let scores = content.statistics.scores.as_ref();
+    let count = content.atoms.len();
+    match &content.method {
+        Method::FunctionalPca { .. } => {
+            check(content.centre.is_some(), "centre".into(), "is missing");
+            let complete = |atom: &crate::domain::dictionary::Atom| {
+                atom.eigenvalue.is_some_and(|value| value > 0.0) && atom.explained.is_some()
+            };
+            check(
+                content.atoms.iter().all(complete),
+                "atoms".into(),
+                "need a positive eigenvalue and the explained part",
+            );
+            let fits = scores.is_some_and(|scores| {
+                let rows = &scores.covariance;
+                scores.mean.len() == count
+                    && rows.len() == count
+                    && rows.iter().all(|row| row.len() == count && bounded(row))
+                    && bounded(&scores.mean)
+                    && (0..count).all(|i| rows[i][i] >= 0.0)
+            });
+            let detail = "is not mean and covariance of as many scores as there are components";
+            check(fits, "statistics/scores".into(), detail);
+        }
+        Method::Sparse { atoms, .. } => {
+            check(*atoms == count, "atoms".into(), "are not as many as the method says");
+        }
+    }
+    let quantiles = |values: &[f64]| !values.is_empty() && values.is_sorted();
+    let residuals = &content.statistics.residuals;
+    check(quantiles(residuals), "statistics/residuals".into(), "are not in ascending order");
+    check(
+        scores.is_none_or(|scores| quantiles(&scores.t_squared)),
+        "statistics/scores/t_squared".into(),
+        "are not in ascending order",
+    );
+    faults.extend(held_out_faults(content));
+    faults
+}
+
+/// What does not fit together in the measures of shapes that were held out.
+fn held_out_faults(content: &Content) -> Vec<Fault> {
+    let Some(held_out) = &content.statistics.held_out else { return Vec::new() };
+    let mut faults = Vec::new();
+    let mut check = |ok: bool, field: &str, detail: &str| {
+        if !ok {
+            faults.push(Fault::new(format!("/content/statistics/held_out/{field}"), detail));
+        }
+    };
+    let count = held_out.novelty.len();
+    let ascending = |values: &[f64]| {
+        values.len() == count && values.is_sorted() && values.iter().all(|value| value.abs() <= MOST_NUMBER)
+    };
+    let fits = |measure: &HeldOutMeasure| {
+        ascending(&measure.values)
+            && measure.log_mean.abs() <= MOST_NUMBER
+            && (1e-100..=MOST_NUMBER).contains(&measure.log_deviation)
+    };
+    let wrong = "are not as many numbers in ascending order as there are shapes held out, with mean and positive deviation";
+    check(
+        count >= 2 && ascending(&held_out.novelty),
+        "novelty",
+        "are fewer than two, or not in ascending order",
+    );
+    check(fits(&held_out.residuals), "residuals", wrong);
+    check(held_out.t_squared.as_ref().is_none_or(fits), "t_squared", wrong);
+    let components = matches!(content.method, Method::FunctionalPca { .. });
+    check(
+        held_out.t_squared.is_some() == components,
+        "t_squared",
+        "belongs to components, and to these alone",
+    );
+    faults
+}
+
+/// Largest number in a shape or a statistic of a file: its square is finite.
+const MOST_NUMBER: f64 = 1e100;
+
+/// Rounding of products of atoms in a file; of learnt ones it is near 1e-15.
+const ORTHONORMAL: f64 = 1e-6;
+
+/// What no shape can be compared with: a mean without extent, atoms that are not of unit norm or, of components and of
+/// atoms that are moved, not orthogonal.
+fn norm_faults(mean: &[f64], model: &Model) -> Vec<Fault> {
+    let mut faults = Vec::new();
+    if !(norm(mean) > 0.0) {
+        faults.push(Fault::new("/content/mean/control_points", "has no extent"));
+    }
+    // Components are orthogonal to each other, atoms to themselves when they are moved.
+    let (columns, block, group) = match model {
+        Model::Components { pca, .. } => (&pca.eigenshapes, 1, pca.eigenshapes.ncols()),
+        Model::Sparse { atoms, .. } => (atoms.matrix(), atoms.block(), atoms.block()),
+    };
+    for j in 0..model.len() {
+        let first = j * block / group.max(1) * group;
+        let products = columns.columns(first, group).tr_mul(&columns.columns(j * block, block));
+        let wanted = |i: usize, k: usize| if first + i == j * block + k { 1.0 } else { 0.0 };
+        let near = |i: usize, k: usize| (products[(i, k)] - wanted(i, k)).abs() <= ORTHONORMAL;
+        if !(0..group).all(|i| (0..block).all(|k| near(i, k))) {
+            let detail = "is not of unit norm, or not orthogonal to what it must be orthogonal to";
+            faults.push(Fault::new(format!("/content/atoms/{j}/control_points"), detail));
+        }
+    }
+    faults
+}

@@ -1,0 +1,75 @@
+//! What is to be learnt.
+
+use serde::{Deserialize, Serialize};
+use tokio::runtime::Handle;
+
+use crate::analysis::alignment::Alignment;
+use crate::analysis::correspondence::Mirror;
+use crate::analysis::frame::Frame;
+use crate::analysis::transformation::Transformation;
+use crate::domain::classifier::ClassifierSettings;
+use crate::domain::cohort::Cohort;
+use crate::domain::dictionary::Method;
+use crate::domain::shape::ShapeFilter;
+use crate::service::app::{App, ServiceError};
+use crate::service::statistics::Settings;
+
+/// What is to be learnt.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Plan {
+    /// Name of the dictionary.
+    pub name: String,
+    /// Id of the cohort.
+    pub cohort: String,
+    /// Its revision.
+    pub revision: u64,
+    /// Which of its shapes.
+    pub filter: ShapeFilter,
+    /// The class that is removed.
+    pub transformation: Transformation,
+    /// Projection on the class, or Procrustes fits.
+    pub alignment: Alignment,
+    /// Which member of the mean space is the mean shape.
+    pub frame: Frame,
+    /// Whether mirror images may be matched.
+    pub mirror: Mirror,
+    /// Components or sparse atoms.
+    pub method: Method,
+    /// What tells classes apart.
+    #[serde(default)]
+    pub classifier: Option<ClassifierSettings>,
+    /// Id of the version that learning goes on from.
+    pub continue_from: Option<String>,
+}
+
+/// The program and its version.
+pub fn program() -> String {
+    concat!("shapelex ", env!("CARGO_PKG_VERSION")).into()
+}
+
+impl Plan {
+    /// The cohort as it was when the plan was made.
+    pub(crate) fn cohort(&self, app: &App, handle: &Handle) -> Result<Cohort, ServiceError> {
+        let cohort = handle.block_on(app.store.find_cohort(&self.cohort))?;
+        let cohort =
+            cohort.ok_or_else(|| ServiceError::NotFound { kind: "cohort", key: self.cohort.clone() })?;
+        Ok(Cohort { revision: self.revision, mirror: self.mirror, ..cohort })
+    }
+
+    /// How the shapes of `cohort` are compared.
+    pub(crate) fn settings(&self, cohort: &Cohort) -> Settings {
+        Settings {
+            representation: cohort.representation.clone(),
+            correspondence: cohort.correspondence,
+            direction: cohort.direction,
+            mirror: self.mirror,
+            transformation: self.transformation.clone(),
+            alignment: self.alignment,
+            frame: self.frame,
+        }
+    }
+}
+
+/// Why a version cannot be continued.
+pub(crate) const NO_STATE: &str = "has no sums to go on from (it was imported, or they are larger than 64 MiB): learn \
+                                   anew from the whole cohort";

@@ -1,0 +1,380 @@
+//! Dictionaries: plan and learn, list, delete.
+
+use std::sync::Arc;
+
+use super::class_labels::{Membership, WITHIN, settings_faults};
+use super::learning::held_out_trainings;
+use super::plan::{NO_STATE, Plan};
+use super::ready;
+use crate::analysis::alignment::{Alignment, FEWEST_SHAPES};
+use crate::analysis::correspondence::Mirror;
+use crate::analysis::frame::Frame;
+use crate::analysis::transformation::Transformation;
+use crate::domain::access::Principal;
+use crate::domain::classifier::{ClassifierKind, ClassifierSettings};
+use crate::domain::cohort::{Cohort, name_problem};
+use crate::domain::dictionary::{Codes, Listed, Method};
+use crate::domain::id;
+use crate::domain::job::{Job, JobKind};
+use crate::domain::shape::ShapeFilter;
+use crate::service::app::{App, Fault, Limits, Page, ServiceError};
+use crate::service::cohorts::catalogue;
+use crate::service::cost::jobs::{Estimate, KEPT_BYTES};
+use crate::service::cost::requests;
+use crate::service::jobs;
+use crate::service::statistics::Setup;
+use crate::store::{DictionaryFilter, Revisions};
+
+/// What a client asks to be learnt.
+#[derive(Debug, Clone)]
+pub struct Learn {
+    /// Name of the dictionary; a name that exists gets a new version.
+    pub name: String,
+    /// Id or name of the cohort.
+    pub cohort: String,
+    /// From the beginning, or onwards from a version.
+    pub from: From,
+}
+
+/// Where learning begins.
+#[derive(Debug, Clone)]
+pub enum From {
+    /// All parameters are given.
+    Anew {
+        /// Which shapes.
+        filter: ShapeFilter,
+        /// The class that is removed.
+        transformation: Transformation,
+        /// Projection on the class, or Procrustes fits.
+        alignment: Alignment,
+        /// Which member of the mean space is the mean shape.
+        frame: Frame,
+        /// Whether mirror images may be matched; the rule of the cohort unless given.
+        mirror: Option<Mirror>,
+        /// Components or sparse atoms.
+        method: Method,
+        /// What tells classes apart.
+        classifier: Option<Box<ClassifierSettings>>,
+    },
+    /// With the parameters, the mean and the sums of the version with this key, and the shapes that came since.
+    Version(String),
+}
+
+/// A plan that can be carried out, and its cost.
+#[derive(Debug)]
+pub struct Planned {
+    /// The plan.
+    pub plan: Plan,
+    /// Its cost.
+    pub estimate: Estimate,
+}
+
+/// Checks what is asked for, as far as that can be told before it runs.
+///
+/// # Errors
+/// Everything that is wrong with it; too few shapes; a cohort or version that does not exist.
+pub async fn plan(app: &App, learn: Learn) -> Result<Planned, ServiceError> {
+    let mut faults: Vec<Fault> = Vec::new();
+    if let Some(problem) = name_problem(&learn.name, id::DICTIONARY) {
+        faults.push(Fault::new("/name", problem));
+    }
+    if let From::Anew { method, classifier, .. } = &learn.from {
+        faults.extend(method_faults(method, &app.limits));
+        if let Some(classifier) = classifier {
+            faults.extend(settings_faults(classifier, method));
+        }
+    }
+    ServiceError::unless_empty(faults)?;
+    let cohort = catalogue::find(app, &learn.cohort).await?;
+    check_name_is_open(app, &learn.name).await?;
+    let (plan, since) = match learn.from {
+        From::Anew { filter, transformation, alignment, frame, mirror, method, classifier } => {
+            let mirror = mirror.unwrap_or(cohort.mirror);
+            let plan = Plan {
+                name: learn.name,
+                cohort: cohort.id.clone(),
+                revision: cohort.revision,
+                filter,
+                transformation,
+                alignment,
+                frame,
+                mirror,
+                method,
+                classifier: classifier.map(|settings| *settings),
+                continue_from: None,
+            };
+            (plan, 0)
+        }
+        From::Version(key) => continued(app, learn.name, &cohort, &key).await?,
+    };
+    let revisions = Revisions { after: since, until: plan.revision };
+    let shapes = app.store.count(&cohort.id, revisions, &plan.filter).await?;
+    check_count(&plan, since, shapes)?;
+    if let Some(classifier) = &plan.classifier {
+        check_classifier(app, &cohort, &plan, classifier, shapes).await?;
+    }
+    let task_app = app.clone();
+    app.pool
+        .weighing(requests::space(&cohort.representation, &app.limits))
+        .run(move || {
+            let setup = Setup::new(&task_app, &plan.settings(&cohort))?;
+            if let Method::Sparse { .. } = plan.method {
+                ready::learning(&plan.method, &setup.method)?;
+            }
+            let searches = setup.matching.searches();
+            let anew = match plan.continue_from {
+                Some(_) => 0,
+                None => held_out_trainings(&plan.method, searches, usize::try_from(shapes).unwrap_or(usize::MAX)),
+            };
+            let trainings = plan.classifier.as_ref().map_or(0, |settings| settings.trainings(WITHIN));
+            let estimate = Estimate::new(&setup, &plan.method, shapes).times(anew + trainings);
+            let bytes = 8.0 * shapes as f64 * setup.metric.len() as f64;
+            if plan.classifier.is_some() && bytes > KEPT_BYTES as f64 {
+                let detail = format!(
+                    "keeps the shapes in memory, which takes {bytes:.1e} bytes, at most {KEPT_BYTES} are given: choose \
+                     some with a filter"
+                );
+                return Err(ServiceError::invalid("/classifier", detail));
+            }
+            let most = task_app.limits.job_bytes as f64;
+            if estimate.memory_bytes > most {
+                let detail = format!(
+                    "needs {:.1e} bytes of memory for {shapes} shapes, at most {most:.1e} are given to a job: ask for fewer \
+                     atoms or control points",
+                    estimate.memory_bytes
+                );
+                return Err(ServiceError::invalid("/method", detail));
+            }
+            Ok(Planned { plan, estimate })
+        })
+        .await
+}
+
+/// Refuses a caller that is limited to cohorts a new version of what was learnt from another one: who asks for the name
+/// would get it.
+async fn check_name_is_open(app: &App, name: &str) -> Result<(), ServiceError> {
+    if app.principal.cohorts.is_none() {
+        return Ok(());
+    }
+    let whole_tenant = app.store.of(Arc::new(Principal::system(&app.principal.tenant)));
+    if whole_tenant.find_dictionary_id(name).await? == app.store.find_dictionary_id(name).await? {
+        return Ok(());
+    }
+    let detail = format!("the name '{name}' is that of a dictionary of another cohort: choose another name");
+    Err(ServiceError::Forbidden(detail))
+}
+
+/// Checks that the shapes have classes that can be told apart, and that they fit into memory.
+async fn check_classifier(
+    app: &App,
+    cohort: &Cohort,
+    plan: &Plan,
+    settings: &ClassifierSettings,
+    shapes: u64,
+) -> Result<(), ServiceError> {
+    let attribute = &settings.attribute;
+    let membership = Membership::read(app, cohort, &plan.filter, attribute).await?;
+    let length = cohort.representation.size() * cohort.representation.dimension();
+    let mut faults = membership.faults(settings, &plan.method, length);
+    let found = usize::try_from(shapes).unwrap_or(usize::MAX);
+    // The smallest part of the shapes that something is learnt from.
+    let fewest = found - found.div_ceil(settings.folds);
+    let fewest = if settings.kind == ClassifierKind::Best { fewest - fewest.div_ceil(2) } else { fewest };
+    if let Method::Sparse { atoms, .. } = plan.method
+        && atoms > fewest
+    {
+        let detail = format!(
+            "is {atoms}, but the dictionaries of the validation are learnt from as few as {fewest} shapes, of which every \
+             atom starts as one"
+        );
+        faults.push(Fault::new("/method/atoms", detail));
+    }
+    ServiceError::unless_empty(faults)
+}
+
+/// The plan that goes on from a version, and the revision whose shapes that has seen.
+async fn continued(app: &App, name: String, cohort: &Cohort, key: &str) -> Result<(Plan, u64), ServiceError> {
+    let at = |detail: String| ServiceError::invalid("/continue_from", detail);
+    let ready = ready::find(app, key).await?;
+    let (content, provenance) = (&ready.dictionary.content, &ready.dictionary.provenance);
+    if provenance.cohort != cohort.id {
+        let from = &provenance.cohort_name;
+        return Err(at(format!("was learnt from the cohort '{from}', not from '{}'", cohort.name)));
+    }
+    if app.store.read_dictionary_state(&ready.dictionary.id).await?.is_none() {
+        return Err(at(NO_STATE.into()));
+    }
+    if content.classifier.is_some() {
+        let detail = "has a classifier, whose validation needs all shapes: learn anew";
+        return Err(at(detail.into()));
+    }
+    let since = provenance.cohort_revision;
+    let revisions = Revisions { after: since, until: cohort.revision };
+    let deleted = app.store.count_deleted(&cohort.id, revisions, &provenance.filter).await?;
+    if deleted > 0 {
+        let detail = format!(
+            "has learnt from {deleted} shapes that were deleted since, and sums do not forget: learn anew"
+        );
+        return Err(at(detail));
+    }
+    let plan = Plan {
+        name,
+        cohort: cohort.id.clone(),
+        revision: cohort.revision,
+        filter: provenance.filter.clone(),
+        transformation: content.transformation.clone(),
+        alignment: content.alignment,
+        frame: content.frame,
+        mirror: content.mirror,
+        method: content.method.clone(),
+        classifier: None,
+        continue_from: Some(ready.dictionary.id.clone()),
+    };
+    Ok((plan, since))
+}
+
+fn check_count(plan: &Plan, since: u64, shapes: u64) -> Result<(), ServiceError> {
+    let found = usize::try_from(shapes).unwrap_or(usize::MAX);
+    if since > 0 {
+        // Sums are there already: one new shape is enough.
+        return if found > 0 { Ok(()) } else { Err(ServiceError::TooFewShapes { found, needed: 1 }) };
+    }
+    if found < FEWEST_SHAPES {
+        if plan.filter != ShapeFilter::default() {
+            let detail = format!("selects {found} shapes, at least {FEWEST_SHAPES} are needed");
+            return Err(ServiceError::invalid("/filter", detail));
+        }
+        return Err(ServiceError::TooFewShapes { found, needed: FEWEST_SHAPES });
+    }
+    match plan.method {
+        Method::Sparse { atoms, .. } if atoms > found => {
+            let detail =
+                format!("is {atoms}, but there are {found} shapes, of which every atom starts as one");
+            Err(ServiceError::invalid("/method/atoms", detail))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// What is wrong with the parameters whatever they are applied to.
+pub(crate) fn method_faults(method: &Method, limits: &Limits) -> Vec<Fault> {
+    let mut faults = Vec::new();
+    let mut check = |ok: bool, field: &str, detail: String| {
+        if !ok {
+            faults.push(Fault::new(format!("/method/{field}"), detail));
+        }
+    };
+    let most = limits.atoms;
+    match method {
+        Method::FunctionalPca { components, .. } => {
+            let detail = format!("is {components}, must be between 1 and {most}");
+            check((1..=most).contains(components), "components", detail);
+        }
+        Method::Sparse {
+            atoms,
+            lambda,
+            nonzeros,
+            codes,
+            nonnegative,
+            normalise,
+            max_epochs,
+            tolerance,
+            ..
+        } => {
+            let detail = format!("is {atoms}, must be between 1 and {most}");
+            check((1..=most).contains(atoms), "atoms", detail);
+            check(
+                lambda.is_some() != nonzeros.is_some(),
+                if nonzeros.is_some() { "nonzeros" } else { "lambda" },
+                "give one of lambda (penalty) and nonzeros (atoms in a code)".into(),
+            );
+            if let Some(lambda) = lambda {
+                let detail = format!("is {lambda}, must be positive and at most 1e100");
+                check(*lambda > 0.0 && *lambda <= 1e100, "lambda", detail);
+            }
+            if let Some(count) = nonzeros {
+                let detail = format!("is {count}, must be between 1 and the number of atoms");
+                check((1..=(*atoms).max(1)).contains(count), "nonzeros", detail);
+            }
+            let signed = !*nonnegative || (lambda.is_some() && *codes == Codes::Aligned);
+            let detail = "needs lambda and aligned codes: a pursuit and moved atoms have no sign";
+            check(signed, "nonnegative", detail.into());
+            let detail = "is false, but invariant codes are those of shapes of unit norm";
+            check(*normalise || *codes == Codes::Aligned, "normalise", detail.into());
+            let detail = format!("is {max_epochs}, must be between 1 and 10000");
+            check((1..=10_000).contains(max_epochs), "max_epochs", detail);
+            let detail = format!("is {tolerance}, must be between 0 and 1");
+            check((0.0..1.0).contains(tolerance), "tolerance", detail);
+        }
+    }
+    faults
+}
+
+/// Stores the job that carries out a plan.
+///
+/// # Errors
+/// [`ServiceError::Unavailable`] when too many jobs wait.
+pub async fn submit(app: &App, plan: Plan, estimate: &Estimate) -> Result<Job, ServiceError> {
+    let parameters = serde_json::to_value(&plan)
+        .map_err(|error| ServiceError::Internal(format!("a plan is not JSON: {error}")))?;
+    jobs::submit(app, JobKind::LearnDictionary, parameters, estimate.seconds).await
+}
+
+/// Versions in the order of their creation, after `cursor` (the id of the last one seen).
+///
+/// # Errors
+/// A cursor that is not one; a cohort that does not exist.
+pub async fn list(
+    app: &App,
+    name: Option<String>,
+    cohort: Option<&str>,
+    cursor: Option<&str>,
+    limit: usize,
+) -> Result<Page<Listed>, ServiceError> {
+    if cursor.is_some_and(|cursor| !cursor.starts_with(&format!("{}_", id::DICTIONARY))) {
+        return Err(ServiceError::Query("cursor is not one of this list".into()));
+    }
+    let cohort = match cohort {
+        // Dictionaries outlive their cohort: its id still finds them.
+        Some(key) => {
+            Some(app.store.find_cohort(key).await?.map_or_else(|| key.to_owned(), |cohort| cohort.id))
+        }
+        None => None,
+    };
+    let filter = DictionaryFilter { name, cohort };
+    let mut items = app.store.list_dictionaries(&filter, cursor, limit + 1).await?;
+    let next = (items.len() > limit).then(|| items[limit - 1].id.clone());
+    items.truncate(limit);
+    Ok((items, next))
+}
+
+/// Deletes a version, or all versions of a name.
+///
+/// # Errors
+/// [`ServiceError::NotFound`].
+pub async fn delete(app: &App, key: &str) -> Result<(), ServiceError> {
+    let not_found = || ServiceError::NotFound { kind: "dictionary", key: key.into() };
+    let filter = DictionaryFilter { name: Some(key.into()), cohort: None };
+    let mut ids: Vec<String> = Vec::new();
+    loop {
+        let page = app.store.list_dictionaries(&filter, ids.last().map(String::as_str), PAGE).await?;
+        let full = page.len() == PAGE;
+        ids.extend(page.into_iter().map(|listed| listed.id));
+        if !full {
+            break;
+        }
+    }
+    if ids.is_empty() {
+        ids.push(app.store.find_dictionary_id(key).await?.ok_or_else(not_found)?);
+    }
+    let mut deleted = false;
+    for id in &ids {
+        app.touched.note("dictionary_id", id);
+        deleted |= app.store.trash_dictionary(id, app.clock().stamp_ms()).await?;
+        app.cache.forget(id);
+    }
+    if deleted { Ok(()) } else { Err(not_found()) }
+}
+
+/// Versions found at a time.
+const PAGE: usize = 1000;

@@ -1,0 +1,377 @@
+//! The distances of all pairs of a set of shapes: at once when there are few, as a job when there are many.
+
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
+use tokio::runtime::Handle;
+
+use crate::analysis::accumulate::prepare;
+use crate::analysis::alignment::Alignment;
+use crate::analysis::correspondence::Mirror;
+use crate::analysis::distance::{DistanceSpace, PreparedShapes};
+use crate::analysis::frame::Frame;
+use crate::analysis::transformation::Transformation;
+use crate::domain::cohort::Cohort;
+use crate::domain::job::{Job, JobKind, JobOutput};
+use crate::domain::shape::{Shape, ShapeFilter};
+use crate::formats::matrix::NamedMatrix;
+use crate::formats::shape::ShapeInput;
+use crate::service::app::progress::JobContext;
+use crate::service::app::{App, ServiceError, Work};
+use crate::service::cohorts::source::StoredShapes;
+use crate::service::cohorts::{catalogue, source};
+use crate::service::cost::requests::{self, Counts};
+use crate::service::jobs::{self, Outcome};
+use crate::service::shapes::read;
+use crate::service::statistics::{Settings, Setup};
+use crate::store::Revisions;
+
+/// How the shapes of a cohort are compared.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Comparison {
+    /// The class that is removed.
+    pub transformation: Transformation,
+    /// Projection on the class, or Procrustes fits.
+    pub alignment: Alignment,
+    /// Whether mirror images may be matched; the rule of the cohort unless given.
+    pub mirror: Option<Mirror>,
+}
+
+impl Comparison {
+    /// Settings for the shapes of `cohort`.
+    pub(crate) fn settings(&self, cohort: &Cohort) -> Settings {
+        Settings {
+            representation: cohort.representation.clone(),
+            correspondence: cohort.correspondence,
+            direction: cohort.direction,
+            mirror: self.mirror.unwrap_or(cohort.mirror),
+            transformation: self.transformation.clone(),
+            alignment: self.alignment,
+            frame: Frame::default(),
+        }
+    }
+}
+
+/// Which shapes of a cohort.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Chosen {
+    /// Those that pass a filter, in the order of the cohort.
+    Filter(ShapeFilter),
+    /// Those with these ids or external ids, in this order.
+    Ids(Vec<String>),
+}
+
+/// The matrix of a cohort that is asked for.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Plan {
+    /// Id of the cohort.
+    cohort: String,
+    /// Its revision.
+    revision: u64,
+    /// Which of its shapes.
+    chosen: Chosen,
+    /// How they are compared.
+    comparison: Comparison,
+}
+
+/// The answer to a request for the matrix of a cohort.
+#[derive(Debug)]
+pub enum Answer {
+    /// The matrix.
+    Matrix(NamedMatrix),
+    /// The job that computes it.
+    Job(Box<Job>),
+}
+
+/// Shapes with what their rows are called.
+struct Named {
+    ids: Vec<String>,
+    labels: Vec<Option<String>>,
+    control_points: Vec<f64>,
+    /// Where they stand in the request.
+    field: &'static str,
+}
+
+/// The distances of posted shapes; rows are called by external ids, or by positions where there are none.
+///
+/// # Errors
+/// Faults of the input; degenerate shapes; more than may be computed at once.
+pub async fn of_posted(
+    app: &App,
+    settings: Settings,
+    shapes: Vec<ShapeInput>,
+) -> Result<NamedMatrix, ServiceError> {
+    let counts = Counts::new(&settings.representation, shapes.len(), &app.limits);
+    let preparing = app.pool.weighing(requests::space(&settings.representation, &app.limits));
+    let (task_app, count) = (app.clone(), shapes.len());
+    let (setup, space) = preparing.run(move || checked_space(&task_app, &settings, count)).await?;
+    let work = requests::distances(counts, cost(&space, count));
+    work.check(app.limits.request_work.as_secs_f64())?;
+    let task_app = app.clone();
+    app.pool.weighing(work).run(move || matrix_of_posted(&task_app, &setup, &space, shapes)).await
+}
+
+/// The space in which posted shapes are compared, when they are few enough to be answered at once.
+fn checked_space(
+    app: &App,
+    settings: &Settings,
+    count: usize,
+) -> Result<(Setup, DistanceSpace), ServiceError> {
+    let setup = Setup::new(app, settings)?;
+    let space = DistanceSpace::new(&setup.method, &setup.matching)?;
+    check_size(app, &space, count, "/shapes")?;
+    let (found, most) = (cost(&space, count), app.limits.matrix_operations as f64);
+    if found > most {
+        let detail = format!(
+            "has {count} entries, whose distances take about {found:.1e} multiply-adds, at most {most:.1e} are done at once: \
+             store them in a cohort, whose distances are computed as a job"
+        );
+        return Err(ServiceError::invalid("/shapes", detail));
+    }
+    Ok((setup, space))
+}
+
+fn matrix_of_posted(
+    app: &App,
+    setup: &Setup,
+    space: &DistanceSpace,
+    shapes: Vec<ShapeInput>,
+) -> Result<NamedMatrix, ServiceError> {
+    let (ids, labels) = shapes.iter().enumerate().map(posted_names).unzip();
+    let control_points = read::read_batch(&setup.reading(&app.limits), shapes)?.control_points;
+    let context = app.pool.context();
+    let go_on = |_: f64| !context.is_cancelled();
+    matrix_of(setup, space, Named { ids, labels, control_points, field: "shapes" }, &go_on)
+}
+
+fn posted_names((position, shape): (usize, &ShapeInput)) -> (String, Option<String>) {
+    let external_id = shape.external_id.as_ref().and_then(|text| text.get().cloned().flatten());
+    let label = shape.label.as_ref().and_then(|text| text.get().cloned().flatten());
+    (external_id.unwrap_or_else(|| position.to_string()), label)
+}
+
+/// The distances of shapes of the cohort with this key at its present revision.
+///
+/// # Errors
+/// A cohort or shapes that do not exist; a filter that selects nothing; degenerate shapes; a matrix that is too large;
+/// [`ServiceError::Unavailable`] when too many jobs wait.
+pub async fn of_cohort(
+    app: &App,
+    key: &str,
+    chosen: Chosen,
+    comparison: Comparison,
+) -> Result<Answer, ServiceError> {
+    let cohort = catalogue::find(app, key).await?;
+    let count = count(app, &cohort, &chosen).await?;
+    let (task_app, settings, field) = (app.clone(), comparison.settings(&cohort), chosen.field());
+    let preparing = app.pool.weighing(requests::space(&cohort.representation, &app.limits));
+    let cost = preparing
+        .run(move || {
+            let setup = Setup::new(&task_app, &settings)?;
+            let space = DistanceSpace::new(&setup.method, &setup.matching)?;
+            check_size(&task_app, &space, count, field)?;
+            Ok(cost(&space, count))
+        })
+        .await?;
+    if let Chosen::Ids(keys) = &chosen {
+        source::find_all(app, &cohort, keys).await?;
+    }
+    let plan = Plan { cohort: cohort.id.clone(), revision: cohort.revision, chosen, comparison };
+    if cost > app.limits.matrix_operations as f64 {
+        let counts = Counts::of_cohort(&cohort, &app.limits).with_shapes(count);
+        let seconds = requests::distances(counts, cost).seconds();
+        let parameters = serde_json::to_value(&plan)
+            .map_err(|error| ServiceError::Internal(format!("a plan is not JSON: {error}")))?;
+        return Ok(Answer::Job(Box::new(jobs::submit(app, JobKind::Distances, parameters, seconds).await?)));
+    }
+    let counts = Counts::of_cohort(&cohort, &app.limits);
+    let (task_app, handle) = (app.clone(), Handle::current());
+    let compute = move || plan.matrix(&task_app, &handle, &cohort, &task_app.pool.context());
+    let work = requests::distances(counts.with_shapes(count), cost);
+    Ok(Answer::Matrix(app.pool.weighing(work).run(compute).await?))
+}
+
+impl Chosen {
+    fn field(&self) -> &'static str {
+        match self {
+            Self::Filter(filter) if *filter == ShapeFilter::default() => "/cohort",
+            Self::Filter(_) => "/filter",
+            Self::Ids(_) => "/ids",
+        }
+    }
+}
+
+/// Number of the chosen shapes.
+async fn count(app: &App, cohort: &Cohort, chosen: &Chosen) -> Result<usize, ServiceError> {
+    let count = match chosen {
+        Chosen::Ids(ids) => {
+            source::refuse_repeated(ids)?;
+            return Ok(ids.len());
+        }
+        Chosen::Filter(filter) => {
+            app.store.count(&cohort.id, Revisions::until(cohort.revision), filter).await?
+        }
+    };
+    if count == 0 && chosen.field() == "/filter" {
+        return Err(ServiceError::invalid("/filter", "selects no shapes"));
+    }
+    Ok(usize::try_from(count).unwrap_or(usize::MAX))
+}
+
+/// Checks what the matrix and the prepared shapes take, before it is taken.
+fn check_size(app: &App, space: &DistanceSpace, count: usize, field: &str) -> Result<(), ServiceError> {
+    if count == 0 {
+        return Err(ServiceError::TooFewShapes { found: 0, needed: 1 });
+    }
+    let bytes = count.saturating_mul(count).saturating_mul(8);
+    if bytes > app.limits.matrix_bytes {
+        let most = app.limits.matrix_bytes;
+        let detail =
+            format!("means {count} shapes, whose matrix has {bytes} bytes, at most {most} are given");
+        return Err(ServiceError::invalid(field, detail));
+    }
+    let (needed, most) = (bytes.saturating_add(count.saturating_mul(space.bytes())), app.limits.job_bytes);
+    if needed > most {
+        let detail =
+            format!("means {count} shapes, which need {needed} bytes of memory, at most {most} are given");
+        return Err(ServiceError::invalid(field, detail));
+    }
+    Ok(())
+}
+
+fn cost(space: &DistanceSpace, count: usize) -> f64 {
+    space.operations() * (count as f64).powi(2) / 2.0
+}
+
+/// Runs the job.
+///
+/// # Errors
+/// What keeps the matrix from being computed; [`ServiceError::Cancelled`].
+pub fn run(app: &App, handle: &Handle, job: &Job, context: &JobContext) -> Result<Outcome, ServiceError> {
+    let plan: Plan = serde_json::from_value(job.parameters.clone())
+        .map_err(|error| ServiceError::Internal(format!("the parameters of a job: {error}")))?;
+    let cohort = handle.block_on(app.store.find_cohort(&plan.cohort))?;
+    let cohort = cohort.ok_or_else(|| ServiceError::NotFound { kind: "cohort", key: plan.cohort.clone() })?;
+    let cohort = Cohort { revision: plan.revision, ..cohort };
+    let matrix = plan.matrix(app, handle, &cohort, context)?;
+    let result = serde_json::json!({"cohort": cohort.id, "cohort_revision": plan.revision, "shapes": matrix.ids.len(),
+        "output": format!("/v1/jobs/{}/output", job.id)});
+    Ok(Outcome { result, dictionary: None, output: Some(Box::new(to_output(matrix)?)) })
+}
+
+impl Plan {
+    /// The matrix of the cohort as it was at the revision of the plan.
+    fn matrix(
+        &self,
+        app: &App,
+        handle: &Handle,
+        cohort: &Cohort,
+        context: &JobContext,
+    ) -> Result<NamedMatrix, ServiceError> {
+        context.report("read", 0.0, None);
+        let setup = Setup::new(app, &self.comparison.settings(cohort))?;
+        let space = DistanceSpace::new(&setup.method, &setup.matching)?;
+        let go_on = |part: f64| {
+            context.report("compare", part, None);
+            !context.is_cancelled()
+        };
+        let mut matrix = match &self.chosen {
+            Chosen::Ids(keys) => {
+                let shapes = handle.block_on(source::find_all(app, cohort, keys))?;
+                matrix_of(&setup, &space, named(shapes), &go_on)?
+            }
+            Chosen::Filter(filter) => {
+                let stop = || context.is_cancelled();
+                let shapes = StoredShapes::new(app, handle, cohort, filter, 0, &setup, &stop)?;
+                matrix_of_stored(&space, &shapes, &go_on)?
+            }
+        };
+        matrix.fields.insert("cohort".into(), Value::from(cohort.id.clone()));
+        matrix.fields.insert("cohort_revision".into(), Value::from(self.revision));
+        Ok(matrix)
+    }
+}
+
+/// Hears the part that is done and says whether to go on.
+type GoOn<'a> = dyn Fn(f64) -> bool + Sync + 'a;
+
+fn matrix_of_stored(
+    space: &DistanceSpace,
+    shapes: &StoredShapes<'_>,
+    go_on: &GoOn<'_>,
+) -> Result<NamedMatrix, ServiceError> {
+    let mut prepared: Option<PreparedShapes> = None;
+    let (mut ids, mut labels) = (Vec::new(), Vec::new());
+    shapes.for_each_named(&mut |batch| {
+        let more = space.prepare(&batch.control_points)?;
+        match &mut prepared {
+            Some(prepared) => prepared.append(more),
+            None => prepared = Some(more),
+        }
+        let names = batch.ids.iter().zip(&batch.external_ids);
+        ids.extend(names.map(|(id, external_id)| external_id.as_ref().unwrap_or(id).clone()));
+        labels.extend_from_slice(&batch.labels);
+        Ok(())
+    })?;
+    let prepared = prepared.ok_or(ServiceError::TooFewShapes { found: 0, needed: 1 })?;
+    Ok(NamedMatrix { fields: Map::new(), ids, labels, values: space.matrix(&prepared, go_on)? })
+}
+
+fn matrix_of(
+    setup: &Setup,
+    space: &DistanceSpace,
+    shapes: Named,
+    go_on: &GoOn<'_>,
+) -> Result<NamedMatrix, ServiceError> {
+    let Named { ids, labels, mut control_points, field } = shapes;
+    let prepared = prepare(&setup.metric, setup.method.translates(), 0, &mut control_points)
+        .and_then(|()| space.prepare(&control_points));
+    let at = |index: usize| format!("/{field}/{index}");
+    let prepared = prepared.map_err(|error| ServiceError::of_analysis(error, at))?;
+    Ok(NamedMatrix { fields: Map::new(), ids, labels, values: space.matrix(&prepared, go_on)? })
+}
+
+fn named(shapes: Vec<Shape>) -> Named {
+    let mut named = Named { ids: Vec::new(), labels: Vec::new(), control_points: Vec::new(), field: "ids" };
+    for shape in shapes {
+        named.ids.push(shape.attributes.external_id.unwrap_or(shape.id));
+        named.labels.push(shape.attributes.label);
+        named.control_points.extend(shape.control_points);
+    }
+    named
+}
+
+/// What a matrix is called, as it is kept beside a job.
+#[derive(Debug, Serialize, Deserialize)]
+struct Head {
+    fields: Map<String, Value>,
+    ids: Vec<String>,
+    labels: Vec<Option<String>>,
+}
+
+fn to_output(matrix: NamedMatrix) -> Result<JobOutput, ServiceError> {
+    let NamedMatrix { fields, ids, labels, values } = matrix;
+    let head = serde_json::to_value(Head { fields, ids, labels })
+        .map_err(|error| ServiceError::Internal(format!("a list of names is not JSON: {error}")))?;
+    Ok(JobOutput { head, data: values.iter().flat_map(|value| value.to_le_bytes()).collect() })
+}
+
+/// The matrix that the job with this id has computed.
+///
+/// # Errors
+/// [`ServiceError::NotFound`] when there is no such job, or none that has a matrix.
+pub async fn output(app: &App, id: &str) -> Result<NamedMatrix, ServiceError> {
+    let output = jobs::output(app, id).await?;
+    app.pool.weighing(Work::reading(output.data.len())).run(move || of_output(output)).await
+}
+
+fn of_output(JobOutput { head, data }: JobOutput) -> Result<NamedMatrix, ServiceError> {
+    let Head { fields, ids, labels } = serde_json::from_value(head)
+        .map_err(|error| ServiceError::Internal(format!("the output of a job: {error}")))?;
+    let (numbers, _) = data.as_chunks();
+    let values: Vec<f64> = numbers.iter().map(|number| f64::from_le_bytes(*number)).collect();
+    if values.len() != ids.len() * ids.len() {
+        return Err(ServiceError::Internal("the output of a job is no square".into()));
+    }
+    Ok(NamedMatrix { fields, ids, labels, values })
+}

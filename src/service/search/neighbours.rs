@@ -1,0 +1,312 @@
+//! The nearest shapes of a stored cohort: its shapes stream by, and only the nearest are kept. Small cohorts that are searched
+//! again and again are kept ready.
+
+use std::collections::BTreeMap;
+
+use serde_json::Value;
+use std::sync::Arc;
+
+use serde::Serialize;
+use tokio::runtime::Handle;
+
+use super::distances::Comparison;
+use super::prepared::PreparedCohort;
+use crate::analysis::AnalysisError;
+use crate::analysis::accumulate::prepare;
+use crate::analysis::distance::{DistanceSpace, PreparedShapes};
+use crate::analysis::matching::Placement;
+use crate::analysis::neighbours::{Nearest, Neighbour};
+use crate::domain::cohort::Cohort;
+use crate::domain::shape::{ShapeAttributes, ShapeFilter};
+use crate::formats::shape::ShapeInput;
+use crate::service::app::{App, Fault, ServiceError, Work};
+use crate::service::cohorts::source::StoredShapes;
+use crate::service::cohorts::{catalogue, source};
+use crate::service::cost::requests::{self, Counts};
+use crate::service::shapes::read;
+use crate::service::statistics::Setup;
+
+/// Most neighbours of a shape.
+pub const MAX_NEIGHBOURS: usize = 1000;
+
+/// What is searched for.
+#[derive(Debug)]
+pub struct Search {
+    /// The shapes whose neighbours are wanted.
+    pub queries: Queries,
+    /// How many of each.
+    pub neighbours: usize,
+    /// How shapes are compared.
+    pub comparison: Comparison,
+    /// Among which shapes of the cohort.
+    pub filter: ShapeFilter,
+}
+
+/// Shapes whose neighbours are wanted.
+#[derive(Debug)]
+pub enum Queries {
+    /// Posted ones.
+    Posted(Vec<ShapeInput>),
+    /// Ids or external ids of shapes of the cohort, which are not neighbours of themselves.
+    Stored(Vec<String>),
+}
+
+/// The neighbours of all queries.
+#[derive(Debug)]
+pub struct Found {
+    /// Revision of the cohort that was searched.
+    pub cohort_revision: u64,
+    /// One list a query, ascending.
+    pub neighbours: Vec<Vec<FoundNeighbour>>,
+}
+
+/// A neighbour with what is known of it.
+#[derive(Debug)]
+pub struct FoundNeighbour {
+    /// `shp_…`.
+    pub id: String,
+    /// The client's own identifier.
+    pub external_id: Option<String>,
+    /// Class.
+    pub label: Option<String>,
+    /// Further attributes.
+    pub labels: BTreeMap<String, Value>,
+    /// Distance to the query.
+    pub distance: f64,
+    /// How it is laid on the query.
+    pub placement: Placement,
+}
+
+type Sorted = Vec<Neighbour<String>>;
+
+/// Takes shapes of the cohort with their ids.
+type Offer<'a> = dyn FnMut(&[String], &PreparedShapes) -> Result<(), AnalysisError> + 'a;
+
+/// The nearest shapes of the cohort with this key to every query, ascending; of equal ones those that were added first.
+///
+/// # Errors
+/// Everything that is wrong with the queries; ids that do not exist; a filter that selects nothing; degenerate shapes; a
+/// search that costs too much.
+pub async fn search(app: &App, key: &str, search: Search) -> Result<Found, ServiceError> {
+    let cohort = catalogue::find(app, key).await?;
+    check_sizes(app, &search)?;
+    let Search { queries, neighbours, comparison, filter } = search;
+    let (task_app, handle) = (app.clone(), Handle::current());
+    let queries = match queries {
+        Queries::Posted(shapes) => Given::Posted(shapes),
+        Queries::Stored(keys) => stored_queries(app, &cohort, &keys).await?,
+    };
+    let (settings, setup_app) = (comparison.settings(&cohort), app.clone());
+    let preparing = app.pool.weighing(requests::space(&cohort.representation, &app.limits));
+    let (setup, space) = preparing
+        .run(move || {
+            let setup = Setup::new(&setup_app, &settings)?;
+            let space = DistanceSpace::new(&setup.method, &setup.matching)?;
+            Ok((setup, space))
+        })
+        .await?;
+    let work = predicted(app, &cohort, &space, queries.count(), (&filter, &comparison));
+    let task_cohort = cohort.clone();
+    let sorted = app
+        .pool
+        .weighing(work)
+        .run(move || {
+            let (comparison, filter) = (&comparison, &filter);
+            let (app, handle, cohort) = (&task_app, &handle, &task_cohort);
+            let task = Task { app, handle, cohort, filter, comparison, neighbours };
+            task.run(&setup, &space, queries)
+        })
+        .await?;
+    let neighbours = with_attributes(app, &cohort, sorted).await?;
+    Ok(Found { cohort_revision: cohort.revision, neighbours })
+}
+
+fn check_sizes(app: &App, search: &Search) -> Result<(), ServiceError> {
+    let (field, count) = match &search.queries {
+        Queries::Posted(shapes) => ("/shapes", shapes.len()),
+        Queries::Stored(ids) => ("/ids", ids.len()),
+    };
+    let mut faults = Vec::new();
+    if !(1..=MAX_NEIGHBOURS).contains(&search.neighbours) {
+        let detail = format!("is {}, must be between 1 and {MAX_NEIGHBOURS}", search.neighbours);
+        faults.push(Fault::new("/neighbours", detail));
+    }
+    let most = app.limits.shapes;
+    if !(1..=most).contains(&count) {
+        let detail = format!("has {count} entries, between 1 and {most} are accepted");
+        faults.push(Fault::new(field, detail));
+    } else if faults.is_empty() && count.saturating_mul(search.neighbours) > most {
+        let detail =
+            format!("is {}: {count} shapes times that are more than {most} answers", search.neighbours);
+        faults.push(Fault::new("/neighbours", detail));
+    }
+    ServiceError::unless_empty(faults)
+}
+
+/// Queries as they were given.
+enum Given {
+    Posted(Vec<ShapeInput>),
+    Stored { ids: Vec<String>, control_points: Vec<f64> },
+}
+
+impl Given {
+    fn count(&self) -> usize {
+        match self {
+            Self::Posted(shapes) => shapes.len(),
+            Self::Stored { ids, .. } => ids.len(),
+        }
+    }
+}
+
+/// What a search is predicted to take: less when the cohort is kept ready.
+fn predicted(
+    app: &App,
+    cohort: &Cohort,
+    space: &DistanceSpace,
+    queries: usize,
+    (filter, comparison): (&ShapeFilter, &Comparison),
+) -> Work {
+    let kept = app.cache.has::<PreparedCohort>(&cohort.id, &(cohort.revision, filter, comparison));
+    let read = (!kept).then(|| Counts::of_cohort(cohort, &app.limits));
+    requests::search(read, queries as f64 * cohort.shapes as f64 * space.operations())
+}
+
+async fn stored_queries(app: &App, cohort: &Cohort, keys: &[String]) -> Result<Given, ServiceError> {
+    let shapes = source::find_all(app, cohort, keys).await?;
+    let (ids, control_points): (Vec<String>, Vec<Vec<f64>>) =
+        shapes.into_iter().map(|shape| (shape.id, shape.control_points)).unzip();
+    Ok(Given::Stored { ids, control_points: control_points.concat() })
+}
+
+/// One search, on the pool.
+struct Task<'a> {
+    app: &'a App,
+    handle: &'a Handle,
+    cohort: &'a Cohort,
+    filter: &'a ShapeFilter,
+    comparison: &'a Comparison,
+    neighbours: usize,
+}
+
+impl Task<'_> {
+    fn run(&self, setup: &Setup, space: &DistanceSpace, queries: Given) -> Result<Vec<Sorted>, ServiceError> {
+        let (queries, own) = self.prepared(setup, space, queries)?;
+        let mut nearest = vec![Nearest::new(self.neighbours); queries.count()];
+        let context = self.app.pool.context();
+        let mut offer = |ids: &[String], others: &PreparedShapes| {
+            for (query, nearest) in nearest.iter_mut().enumerate() {
+                if context.is_cancelled() {
+                    return Err(AnalysisError::Interrupted);
+                }
+                let own = own.get(query);
+                for (id, found) in ids.iter().zip(space.compare(&queries, query, others)) {
+                    if own != Some(id) {
+                        nearest.offer(found, || id.clone());
+                    }
+                }
+            }
+            Ok(())
+        };
+        match self.app.cache.find::<PreparedCohort>(&self.cohort.id, &self.key()) {
+            Some(known) => {
+                self.check_cost(space, queries.count(), known.ids.len())?;
+                known.shapes.iter().try_for_each(|shapes| offer(&known.ids, shapes))?;
+            }
+            None => self.read(setup, space, queries.count(), &mut offer)?,
+        }
+        Ok(nearest.into_iter().map(Nearest::into_sorted).collect())
+    }
+
+    /// What the prepared shapes of the cohort depend on.
+    fn key(&self) -> impl Serialize {
+        (self.cohort.revision, self.filter, self.comparison)
+    }
+
+    /// Offers the shapes of the cohort as they are read, and keeps them ready when they are few.
+    fn read(
+        &self,
+        setup: &Setup,
+        space: &DistanceSpace,
+        queries: usize,
+        offer: &mut Offer<'_>,
+    ) -> Result<(), ServiceError> {
+        let (app, handle, cohort, filter) = (self.app, self.handle, self.cohort, self.filter);
+        let context = app.pool.context();
+        let stop = || context.is_cancelled();
+        let shapes = StoredShapes::new(app, handle, cohort, filter, 0, setup, &stop)?;
+        if shapes.is_empty() && *filter != ShapeFilter::default() {
+            return Err(ServiceError::invalid("/filter", "selects no shapes"));
+        }
+        self.check_cost(space, queries, shapes.len())?;
+        let mut kept = PreparedCohort::for_count(space, shapes.len());
+        shapes.for_each_named(&mut |batch| {
+            let others = space.prepare(&batch.control_points)?;
+            offer(&batch.ids, &others)?;
+            if let Some(kept) = &mut kept {
+                kept.append(&batch.ids, others);
+            }
+            Ok(())
+        })?;
+        if let Some(kept) = kept {
+            app.cache.keep(&cohort.id, &self.key(), &Arc::new(kept));
+        }
+        Ok(())
+    }
+
+    /// The queries ready to be compared, and the ids of those that are stored.
+    fn prepared(
+        &self,
+        setup: &Setup,
+        space: &DistanceSpace,
+        queries: Given,
+    ) -> Result<(PreparedShapes, Vec<String>), ServiceError> {
+        let (field, own, mut control_points) = match queries {
+            Given::Stored { ids, control_points } => ("ids", ids, control_points),
+            Given::Posted(shapes) => {
+                let reading = setup.reading(&self.app.limits);
+                ("shapes", Vec::new(), read::read_batch(&reading, shapes)?.control_points)
+            }
+        };
+        let prepared = prepare(&setup.metric, setup.method.translates(), 0, &mut control_points)
+            .and_then(|()| space.prepare(&control_points));
+        let at = |index: usize| format!("/{field}/{index}");
+        Ok((prepared.map_err(|error| ServiceError::of_analysis(error, at))?, own))
+    }
+
+    fn check_cost(&self, space: &DistanceSpace, queries: usize, shapes: usize) -> Result<(), ServiceError> {
+        let (operations, most) =
+            (queries as f64 * shapes as f64 * space.operations(), self.app.limits.search_operations as f64);
+        if operations <= most {
+            return Ok(());
+        }
+        let detail = format!(
+            "comparing {queries} shapes with {shapes} takes about {operations:.1e} multiply-adds, at most {most:.1e} are \
+             done: ask for fewer at a time, or set a filter"
+        );
+        Err(ServiceError::invalid("", detail))
+    }
+}
+
+/// Adds what is known of the shapes, also of those that were deleted since the search began.
+async fn with_attributes(
+    app: &App,
+    cohort: &Cohort,
+    sorted: Vec<Sorted>,
+) -> Result<Vec<Vec<FoundNeighbour>>, ServiceError> {
+    let ids: Vec<String> = sorted.iter().flatten().map(|neighbour| neighbour.shape.clone()).collect();
+    let mut attributes = app.store.find_attributes(&cohort.id, &ids).await?.into_iter();
+    let mut found = |neighbour: Neighbour<String>| {
+        let ShapeAttributes { external_id, label, labels, .. } =
+            attributes.next().flatten().unwrap_or_default();
+        let Neighbour { shape: id, found } = neighbour;
+        FoundNeighbour {
+            id,
+            external_id,
+            label,
+            labels,
+            distance: found.distance,
+            placement: found.placement,
+        }
+    };
+    Ok(sorted.into_iter().map(|list| list.into_iter().map(&mut found).collect()).collect())
+}

@@ -1,0 +1,160 @@
+//! One shape, deformed. A plain function, to be run on the pool.
+
+use super::request::Posted;
+use super::surfaces::outside;
+use crate::formats::shape::{MAX_COORDINATE, ShapeInput};
+use crate::geometry::deformation::{self, Handle};
+use crate::geometry::representation::Representation;
+use crate::geometry::sampling::Places;
+use crate::numeric::dense::Matrix;
+use crate::service::app::{App, Fault, ServiceError};
+
+/// A control point that is moved.
+#[derive(Debug, Clone, PartialEq, serde::Deserialize, utoipa::ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ControlPointMove {
+    /// Its place among the control points as they are answered.
+    pub control_point: usize,
+    /// By how much, in the unit of the points.
+    pub by: Vec<f64>,
+}
+
+/// What a deformation did.
+#[derive(Debug)]
+pub struct Deformation {
+    /// Control points of the new shape.
+    pub control_points: Matrix,
+    /// Where each of the moved control points moves the shape.
+    pub supports: Vec<Support>,
+    /// `L₂` norm of the change.
+    pub l2_change: f64,
+    /// Largest change at the knots.
+    pub largest_change: f64,
+}
+
+/// Where a control point moves a shape.
+#[derive(Debug, Clone, PartialEq, serde::Serialize, utoipa::ToSchema)]
+pub struct Support {
+    /// The control point.
+    pub control_point: usize,
+    /// `[from, to]` for every direction, with `to` beyond 1 where it goes over the end of a closed one; none of subdivision
+    /// surfaces, which have no parameters.
+    pub parameters: Vec<[f64; 2]>,
+}
+
+/// Most handles, and most control points that are moved.
+const MOST: usize = 500;
+
+/// Moves control points of a shape, then changes it as little as possible in `L₂` so that it meets `handles`.
+///
+/// # Errors
+/// Faults of the shape at `/shape…`, of the moves and handles; handles that contradict one another.
+pub fn deform(
+    app: &App,
+    posted: &Posted,
+    shape: ShapeInput,
+    moves: &[ControlPointMove],
+    handles: &[Handle],
+) -> Result<Deformation, ServiceError> {
+    let faults = faults(posted, moves, handles);
+    let before = match posted.read_one(app, shape, "/shape") {
+        Err(ServiceError::Invalid(found)) => {
+            return Err(ServiceError::Invalid(found.into_iter().chain(faults).collect()));
+        }
+        other => other?,
+    };
+    ServiceError::unless_empty(faults)?;
+    let mut after = before.clone();
+    for ControlPointMove { control_point, by } in moves {
+        by.iter().enumerate().for_each(|(c, by)| after[(*control_point, c)] += by);
+    }
+    let context = app.pool.context();
+    context.check()?;
+    if !handles.is_empty() {
+        after += deformation::meet(&posted.space, &after, handles)
+            .map_err(|error| ServiceError::invalid("/handles", error.to_string()))?;
+    }
+    if !after.iter().all(|value| value.abs() <= MAX_COORDINATE) {
+        return Err(ServiceError::invalid("/handles", format!("pull the shape beyond ±{MAX_COORDINATE:e}")));
+    }
+    context.check()?;
+    let change = &after - &before;
+    let places = Places::along(&posted.space, posted.space.representation().point_count());
+    let points = places.points(&posted.space, &change);
+    let points = Matrix::from_vec(places.count(), change.ncols(), points);
+    let support = |moved: &ControlPointMove| Support {
+        control_point: moved.control_point,
+        parameters: deformation::support(&posted.space, moved.control_point),
+    };
+    Ok(Deformation {
+        supports: moves.iter().map(support).collect(),
+        l2_change: posted.metric.inner(change.as_slice(), change.as_slice()).max(0.0).sqrt(),
+        largest_change: points.row_iter().map(|row| row.norm()).fold(0.0, f64::max),
+        control_points: after,
+    })
+}
+
+fn faults(posted: &Posted, moves: &[ControlPointMove], handles: &[Handle]) -> Vec<Fault> {
+    let representation = posted.space.representation();
+    let (size, dimension) = (representation.size(), representation.dimension());
+    let mut faults = Vec::new();
+    if moves.is_empty() && handles.is_empty() {
+        faults.push(Fault::new("", "has neither moves nor handles: nothing would change"));
+    }
+    if moves.len() > MOST || handles.len() > MOST {
+        let detail =
+            format!("has {} moves and {} handles, at most {MOST} of each", moves.len(), handles.len());
+        return vec![Fault::new("", detail)];
+    }
+    let position = |values: &[f64], pointer: String| {
+        let wrong = values.len() != dimension || !values.iter().all(|value| value.abs() <= MAX_COORDINATE);
+        let detail = format!("must have {dimension} coordinates within ±{MAX_COORDINATE:e}");
+        wrong.then(|| Fault::new(pointer, detail))
+    };
+    for (i, ControlPointMove { control_point, by }) in moves.iter().enumerate() {
+        faults.extend(position(by, format!("/moves/{i}/by")));
+        if *control_point >= size {
+            let detail = format!("is {control_point}, the shape has {size} control points, the first is 0");
+            faults.push(Fault::new(format!("/moves/{i}/control_point"), detail));
+        }
+    }
+    for (i, Handle { parameters, position: to }) in handles.iter().enumerate() {
+        faults.extend(position(to, format!("/handles/{i}/position")));
+        let pointer = format!("/handles/{i}/parameters");
+        match parameters[..] {
+            [u, v] if posted.is_of_surfaces() => {
+                faults.extend(outside(&posted.space, &[[u, v]], "").into_iter().map(|fault| {
+                    let place = fault.pointer.strip_prefix("/0").unwrap_or_default();
+                    Fault { pointer: format!("{pointer}{place}"), ..fault }
+                }));
+            }
+            [vertex] if posted.space.subdivision().is_some() => {
+                let count = posted.steps().finest().vertices();
+                if vertex.fract() != 0.0 || !(0.0..count as f64).contains(&vertex) {
+                    let detail = format!("is {vertex}, the level has the vertices 0 to {}", count - 1);
+                    faults.push(Fault::new(format!("{pointer}/0"), detail));
+                }
+            }
+            [u] if !posted.is_of_surfaces() => {
+                if !representation.is_closed() && !(0.0..=1.0).contains(&u) {
+                    faults.push(Fault::new(
+                        pointer,
+                        format!("is {u}, an open curve has parameters from 0 to 1"),
+                    ));
+                }
+            }
+            _ => {
+                let wanted = match representation {
+                    Representation::Surface { .. } => "u and v",
+                    Representation::Subdivision(_) => "the number of a vertex",
+                    _ => "u",
+                };
+                faults.push(Fault::new(
+                    pointer,
+                    format!("has {} entries, must have {wanted}", parameters.len()),
+                ));
+            }
+        }
+    }
+    faults
+}

@@ -1,0 +1,101 @@
+//! One generator with all that is known of it, and its picture.
+
+use std::sync::Arc;
+
+use crate::formats::plot::{Graph, plot};
+use crate::formats::svg::colour;
+use crate::geometry::generator::{Built, GeneratorKind};
+use crate::service::app::ServiceError;
+
+/// A generator made for a number of control points.
+#[derive(Debug, Clone)]
+pub struct GeneratorDetails {
+    /// What was asked for.
+    pub kind: GeneratorKind,
+    /// Control points of a closed curve, or intervals of an open one.
+    pub count: usize,
+    /// The generator.
+    pub built: Arc<Built>,
+    /// `(A², B²)`.
+    pub riesz_squared: (f64, f64),
+    /// What a reader should know.
+    pub warnings: Vec<String>,
+}
+
+/// Control points unless given.
+const USUAL: usize = 8;
+
+/// Most control points that a generator is described for.
+const MOST: usize = 1_000_000_000;
+
+/// A system of weights beyond this condition number is worth a warning: the weights cancel.
+const WARN_CONDITION: f64 = 1e6;
+
+/// A lower Riesz bound below this part of the upper one is worth a warning: control points far from the curve.
+const WARN_RIESZ: f64 = 1e-4;
+
+/// Builds and describes a generator.
+///
+/// # Errors
+/// [`ServiceError::Query`] with everything that is wrong with the parameters.
+pub fn describe(kind: GeneratorKind, count: Option<usize>) -> Result<GeneratorDetails, ServiceError> {
+    let faults: Vec<String> =
+        kind.faults().into_iter().map(|(field, detail)| format!("{field} {detail}")).collect();
+    if !faults.is_empty() {
+        return Err(ServiceError::Query(faults.join("; ")));
+    }
+    let properties = kind.properties();
+    let fewest = properties.fewest_control_points.min(properties.fewest_intervals);
+    if fewest > MOST {
+        let detail = format!("domain_poles need at least {fewest} control points, {MOST} are described");
+        return Err(ServiceError::Query(detail));
+    }
+    let count = count.unwrap_or(USUAL.max(fewest));
+    if !(fewest..=MOST).contains(&count) {
+        let detail = format!("control_points is {count}, must be between {fewest} and {MOST}");
+        return Err(ServiceError::Query(detail));
+    }
+    let built = kind.build(count).map_err(|error| ServiceError::Query(error.to_string()))?;
+    let riesz_squared = built.generator.riesz_bounds_squared();
+    let mut warnings = Vec::new();
+    if let Some(condition) = built.condition.filter(|condition| *condition > WARN_CONDITION) {
+        warnings.push(format!("the weights cancel: their system has the condition number {condition:.1e}"));
+    }
+    if riesz_squared.0 < WARN_RIESZ * riesz_squared.1 {
+        warnings.push(format!(
+            "nearly dependent: A²/B² is {:.1e}, control points may lie far from the curve",
+            riesz_squared.0 / riesz_squared.1
+        ));
+    }
+    if !properties.partition_of_unity {
+        warnings
+            .push("does not reproduce constants: moving the control points does not move the shape".into());
+    }
+    Ok(GeneratorDetails { kind, count, built, riesz_squared, warnings })
+}
+
+/// Points of a graph per half-integer interval.
+const STEPS: usize = 24;
+
+/// The generator and its derivative.
+pub fn draw(details: &GeneratorDetails) -> String {
+    let generator = &details.built.generator;
+    let reach = generator.support() as f64 / 2.0;
+    let pieces = |derivative: usize| -> Vec<Vec<[f64; 2]>> {
+        (0..2 * generator.support())
+            .map(|p| {
+                let at = |i: usize| {
+                    let s = 2.0 * i as f64 / STEPS as f64 - 1.0;
+                    let t = -reach + 0.5 * p as f64 + 0.25 * (s + 1.0);
+                    [t, crate::geometry::generator::evaluate_taylor(generator.piece(p), s, derivative)]
+                };
+                (0..=STEPS).map(at).collect()
+            })
+            .collect()
+    };
+    let graphs = [
+        Graph { name: "φ′".into(), colour: colour::PLUS, pieces: pieces(1) },
+        Graph { name: "φ".into(), colour: colour::MAIN, pieces: pieces(0) },
+    ];
+    plot(&format!("{}, {} control points", details.kind.name(), details.count), "t", &graphs)
+}

@@ -1,0 +1,145 @@
+//! Paths between two posted. Plain functions, to be run on the pool.
+
+use super::curves::each;
+use super::request::Posted;
+use crate::analysis::path::Path;
+use crate::formats::shape::ShapeInput;
+use crate::formats::svg::{self, Layer, colour};
+use crate::numeric::dense::Matrix;
+use crate::service::app::{App, Fault, Limits, ServiceError};
+
+/// The kind of path between two shapes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Deserialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum PathKind {
+    /// The straight line `(1 − τ) r_1 + τ r_2`.
+    #[default]
+    Plane,
+    /// The great circle between the shapes scaled to unit `L₂` norm.
+    Sphere,
+}
+
+/// A path between two shapes.
+#[derive(Debug)]
+pub struct Morph {
+    /// `τ` and control points of every frame.
+    pub frames: Vec<(f64, Matrix)>,
+    /// Angle between the shapes in radians, on the sphere.
+    pub angle: Option<f64>,
+}
+
+/// Where on a path.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Positions {
+    /// Equally spaced from 0 to 1, at least two.
+    Steps(usize),
+    /// At these.
+    At(Vec<f64>),
+}
+
+impl Positions {
+    /// How many they are.
+    pub fn count(&self) -> usize {
+        match self {
+            Self::At(list) => list.len(),
+            Self::Steps(count) => *count,
+        }
+    }
+
+    /// All of them, for shapes of `size` control points.
+    ///
+    /// # Errors
+    /// Positions that are too many or too far.
+    pub(crate) fn list(&self, size: usize, limits: &Limits) -> Result<Vec<f64>, ServiceError> {
+        let mut faults = Vec::new();
+        let (positions, pointer) = match self {
+            Self::At(list) => (list.clone(), "/positions"),
+            Self::Steps(count) => {
+                ((0..*count).map(|i| i as f64 / (count - 1) as f64).collect::<Vec<f64>>(), "/steps")
+            }
+        };
+        let (total, most) = (positions.len().saturating_mul(size), limits.samples);
+        if positions.is_empty() || total > most {
+            let detail = format!(
+                "asks for {total} control points, between 1 and {most} are answered over all positions"
+            );
+            faults.push(Fault::new(pointer, detail));
+        }
+        let wild = positions.iter().enumerate().filter(|(_, tau)| !(tau.abs() <= MAX_POSITION));
+        faults.extend(wild.map(|(i, tau)| {
+            Fault::new(format!("/positions/{i}"), format!("is {tau}, must be within ±{MAX_POSITION}"))
+        }));
+        ServiceError::unless_empty(faults)?;
+        Ok(positions)
+    }
+}
+
+/// Most frames of an animation.
+const MAX_FRAMES: usize = 1000;
+/// Most bytes of an animation: no browser plays longer ones.
+const MOST_DRAWN: usize = 16 << 20;
+
+/// Largest extrapolation.
+const MAX_POSITION: f64 = 1000.0;
+
+/// Shapes at `positions` of the path from one shape to another.
+///
+/// # Errors
+/// Faults of the shapes at `/from…` and `/to…`, of the positions; opposite shapes.
+pub fn morph(
+    app: &App,
+    posted: &Posted,
+    kind: PathKind,
+    positions: &Positions,
+    from: ShapeInput,
+    to: ShapeInput,
+) -> Result<Morph, ServiceError> {
+    let (positions, mut faults) = match positions.list(posted.metric.size(), &app.limits) {
+        Ok(positions) => (positions, Vec::new()),
+        Err(ServiceError::Invalid(faults)) => (Vec::new(), faults),
+        Err(other) => return Err(other),
+    };
+    let mut read = |shape, pointer: &str| match posted.read_one(app, shape, pointer) {
+        Ok(matrix) => Some(matrix.as_slice().to_vec()),
+        Err(ServiceError::Invalid(found)) => {
+            faults.extend(found);
+            None
+        }
+        Err(_) => None,
+    };
+    let shapes = (read(from, "/from"), read(to, "/to"));
+    ServiceError::unless_empty(faults)?;
+    let (Some(first), Some(second)) = shapes else {
+        return Err(ServiceError::Internal("a shape without control points and faults".into()));
+    };
+    let path = match kind {
+        PathKind::Plane => Path::plane(first, second),
+        PathKind::Sphere => Path::sphere(&posted.metric, first, second).map_err(|error| {
+            let pointer = |index: usize| if index == 0 { "/from".to_owned() } else { "/to".to_owned() };
+            ServiceError::of_analysis(error, pointer).without_index()
+        })?,
+    };
+    let frames = each(&app.pool.context(), &positions, |&tau| (tau, posted.matrix(&path.at(tau))))?;
+    Ok(Morph { frames, angle: path.angle() })
+}
+
+/// Animated picture of a path, through its frames and back.
+///
+/// # Errors
+/// Too many frames.
+pub fn draw_morph(posted: &Posted, title: &str, morph: &Morph) -> Result<String, ServiceError> {
+    if morph.frames.len() > MAX_FRAMES {
+        let detail = format!("has {} entries, at most {MAX_FRAMES} are drawn", morph.frames.len());
+        return Err(ServiceError::invalid("/positions", detail));
+    }
+    let shapes = morph.frames.iter().map(|(_, shape)| shape.as_slice());
+    let layer = Layer::of(&posted.space, shapes, colour::MAIN, 2.5, 1.0);
+    let bytes = svg::animation_bytes(&layer);
+    if bytes > MOST_DRAWN {
+        let detail = format!(
+            "makes an animation of about {bytes} bytes, at most {MOST_DRAWN} are drawn: ask for fewer positions"
+        );
+        return Err(ServiceError::invalid("", detail));
+    }
+    Ok(svg::animate(title, &layer))
+}

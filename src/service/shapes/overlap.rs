@@ -1,0 +1,365 @@
+//! How two bodies overlap: Jaccard and Dice of the cells inside of both, distances of their surfaces. A plain function, to be run
+//! on the pool.
+
+use super::read::face_pointer;
+use super::surface_fitting::take_points;
+use crate::formats::InputError;
+use crate::formats::checked::{Checked, LARGE, document, take_given};
+use crate::formats::shape::{MAX_COORDINATE, PointList};
+use crate::geometry::curve::Curve;
+use crate::geometry::generator::GeneratorKind;
+use crate::geometry::intersection::self_intersects;
+use crate::geometry::mesh::TriangleMesh;
+use crate::geometry::raster::{self, Grid, Mask, Overlap, bounds};
+use crate::numeric::bounded::Stop;
+use crate::numeric::dense::Matrix;
+use crate::service::app::progress::JobContext;
+use crate::service::app::{App, Limits, ServiceError, warnings};
+
+document! {
+    /// A body: one of `contour`, `vertices` with `faces`, and `mask`.
+    pub struct BodyInput {
+        /// A closed contour in the plane.
+        #[schema(value_type = Option<Vec<[f64; 2]>>)]
+        contour: PointList;
+        /// Vertices of a closed triangle mesh.
+        #[schema(value_type = Option<Vec<[f64; 3]>>)]
+        vertices: PointList;
+        /// Its triangles.
+        #[schema(value_type = Option<Vec<[u32; 3]>>)]
+        faces: Checked<Vec<[u32; 3]>, LARGE>;
+        /// A mask.
+        #[schema(value_type = Option<MaskInput>)]
+        mask: Checked<MaskInput, LARGE>;
+    }
+}
+
+/// Cells of a regular grid, inside or outside.
+#[derive(Debug, Clone, serde::Deserialize, utoipa::ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct MaskInput {
+    /// Number of cells along the 2 or 3 axes.
+    pub size: Vec<usize>,
+    /// Distances of their centres along the axes.
+    pub spacing: Vec<f64>,
+    /// Where the centre of the first cell is.
+    pub first: Vec<f64>,
+    /// Lengths of runs of cells in order, the last axis fastest: outside, inside, outside, and so on; the first may be 0.
+    pub runs: Vec<usize>,
+}
+
+/// Cells of a grid at the most: some seconds.
+const MOST_CELLS: usize = 1 << 24;
+/// Cells along the longest side of the box of both bodies unless a spacing is given.
+const USUAL_CELLS: usize = 128;
+/// Cells along the longest side of the smaller body at the least: a thin one of them has some hundred inside.
+const LEAST_CELLS: usize = 32;
+/// Bodies of fewer cells have ratios of one digit.
+const FEW_CELLS: usize = 100;
+/// A contour whose triangles from its first point have less area, in squares of its extent, is a line or a point.
+const NO_AREA: f64 = 1e-12;
+
+/// A body that can be put on a grid.
+enum Body {
+    Contour(Vec<[f64; 2]>),
+    Mesh(TriangleMesh),
+    Mask(Mask),
+}
+
+impl Body {
+    fn read(input: BodyInput, limits: &Limits) -> Result<Self, Vec<InputError>> {
+        let mut errors = input.faults;
+        let contour = take_points::<2>(&input.contour, "/contour", &mut errors);
+        let vertices = take_points::<3>(&input.vertices, "/vertices", &mut errors);
+        let faces = take_given(input.faces, "/faces", &mut errors);
+        let mask = take_given(input.mask, "/mask", &mut errors);
+        if !errors.is_empty() {
+            return Err(errors);
+        }
+        let one = |pointer: &str, detail: String| Err(vec![InputError::new(pointer, detail)]);
+        match (contour, vertices, faces, mask) {
+            (Some(points), None, None, None) => match points.len() {
+                3.. if points.len() <= limits.points => match enclosing(&points) {
+                    Ok(()) => Ok(Self::Contour(points)),
+                    Err(detail) => one("/contour", detail),
+                },
+                found => {
+                    one("/contour", format!("has {found} points, must have between 3 and {}", limits.points))
+                }
+            },
+            (None, Some(vertices), Some(faces), None) => {
+                if vertices.len() > limits.vertices || faces.len() > 2 * limits.vertices {
+                    let detail =
+                        format!("has {} vertices, at most {} are accepted", vertices.len(), limits.vertices);
+                    return one("/vertices", detail);
+                }
+                let mesh = TriangleMesh { vertices, normals: None, faces };
+                match mesh.connectivity() {
+                    Ok(_) => Ok(Self::Mesh(mesh)),
+                    Err(fault) => one(&format!("/faces{}", face_pointer(&fault)), fault.to_string()),
+                }
+            }
+            (None, None, None, Some(mask)) => read_mask(mask).map(Self::Mask),
+            _ => one("", "must have a contour, or vertices and faces, or a mask: one of them".into()),
+        }
+    }
+
+    fn dimension(&self) -> usize {
+        match self {
+            Self::Contour(_) => 2,
+            Self::Mesh(_) => 3,
+            Self::Mask(mask) => {
+                if mask.grid.is_planar() {
+                    2
+                } else {
+                    3
+                }
+            }
+        }
+    }
+
+    fn bounds(&self) -> Option<[[f64; 3]; 2]> {
+        match self {
+            Self::Contour(points) => bounds(points.iter().map(|[x, y]| [*x, *y, 0.0])),
+            Self::Mesh(mesh) => bounds(mesh.vertices.iter().copied()),
+            Self::Mask(_) => None,
+        }
+    }
+
+    /// Longest side of its box; none of a mask.
+    fn extent(&self) -> Option<f64> {
+        let [low, high] = self.bounds()?;
+        Some((0..3).map(|c| high[c] - low[c]).fold(0.0, f64::max))
+    }
+
+    /// What its cells do not hold.
+    fn warnings(&self, stop: Stop<'_>) -> Vec<String> {
+        match self {
+            Self::Contour(points) if crosses_itself(points) => {
+                vec!["the contour crosses or touches itself: what it encloses twice counts as outside".into()]
+            }
+            Self::Mesh(mesh) => warnings::of_posted_mesh(mesh, stop),
+            Self::Contour(_) | Self::Mask(_) => Vec::new(),
+        }
+    }
+
+    fn on(self, grid: &Grid) -> Mask {
+        match self {
+            Self::Contour(points) => raster::of_contours(&[points], grid),
+            Self::Mesh(mesh) => raster::of_mesh(&mesh, grid),
+            Self::Mask(mask) => mask,
+        }
+    }
+}
+
+/// That a contour encloses something.
+fn enclosing(points: &[[f64; 2]]) -> Result<(), String> {
+    let [low, high] = bounds(points.iter().map(|[x, y]| [*x, *y, 0.0])).unwrap_or_default();
+    let extent = (0..2).map(|c| high[c] - low[c]).fold(0.0, f64::max);
+    let arm = |p: &[f64; 2]| [0, 1].map(|c| (p[c] - points[0][c]) / extent);
+    let triangles = points.windows(2).map(|pair| (arm(&pair[0]), arm(&pair[1])));
+    let area: f64 = triangles.map(|(p, q)| 0.5 * (p[0] * q[1] - p[1] * q[0]).abs()).sum();
+    if extent > 0.0 && area > NO_AREA {
+        return Ok(());
+    }
+    let what = if extent > 0.0 { "all of its points lie on a line" } else { "all of its points are one" };
+    Err(format!("encloses no area: {what}"))
+}
+
+/// Whether a polygon crosses or touches itself. Points that repeat their neighbour are no touch.
+fn crosses_itself(points: &[[f64; 2]]) -> bool {
+    let mut corners = points.to_vec();
+    corners.dedup();
+    if corners.len() > 1 && corners.first() == corners.last() {
+        corners.pop();
+    }
+    let Ok(hat) = (GeneratorKind::Bspline { degree: 1 }).build(corners.len()) else { return false };
+    let corners = Matrix::from_fn(corners.len(), 2, |row, c| corners[row][c]);
+    self_intersects(&Curve::closed(&hat.generator, &corners))
+}
+
+fn read_mask(input: MaskInput) -> Result<Mask, Vec<InputError>> {
+    let mut errors = Vec::new();
+    let mut error =
+        |pointer: &str, detail: String| errors.push(InputError::new(format!("/mask{pointer}"), detail));
+    let dimension = input.size.len();
+    if !(2..=3).contains(&dimension) {
+        error("/size", format!("has {dimension} entries, must have 2 or 3"));
+    }
+    for (list, pointer) in [(&input.spacing, "/spacing"), (&input.first, "/first")] {
+        if list.len() != dimension {
+            error(pointer, format!("has {} entries for {dimension} axes", list.len()));
+        } else if !list.iter().all(|value| value.abs() <= MAX_COORDINATE) {
+            error(pointer, format!("has numbers beyond ±{MAX_COORDINATE:e}"));
+        }
+    }
+    if !input.spacing.iter().all(|spacing| *spacing > 0.0) {
+        error("/spacing", "must be positive".into());
+    }
+    let cells = input.size.iter().fold(1_usize, |product, size| product.saturating_mul(*size));
+    if !(1..=MOST_CELLS).contains(&cells) {
+        error("/size", format!("makes {cells} cells, must make between 1 and {MOST_CELLS}"));
+    }
+    let covered = input.runs.iter().fold(0_usize, |sum, run| sum.saturating_add(*run));
+    if covered != cells {
+        error("/runs", format!("cover {covered} cells, the grid has {cells}"));
+    }
+    if !errors.is_empty() {
+        return Err(errors);
+    }
+    // A mask of the plane has one layer.
+    let axis = |list: &[f64], usual: f64| [0, 1, 2].map(|i| list.get(i).copied().unwrap_or(usual));
+    let grid = Grid {
+        first: axis(&input.first, 0.0),
+        spacing: axis(&input.spacing, 1.0),
+        size: [0, 1, 2].map(|i| input.size.get(i).copied().unwrap_or(1)),
+    };
+    let runs = input.runs.iter().enumerate();
+    let inside = runs.flat_map(|(i, run)| std::iter::repeat_n(i % 2 == 1, *run)).collect();
+    Ok(Mask { grid, inside })
+}
+
+/// How two bodies overlap, and on which grid that was counted.
+#[derive(Debug)]
+pub struct Overlapping {
+    /// The grid.
+    pub grid: Grid,
+    /// 2 or 3.
+    pub dimension: usize,
+    /// The counts and distances.
+    pub overlap: Overlap,
+    /// What these do not hold, with the pointer to the body.
+    pub warnings: Vec<String>,
+}
+
+/// Two bodies and the grid on which their cells are counted.
+pub struct Bodies {
+    both: [Body; 2],
+    grid: Grid,
+    dimension: usize,
+}
+
+impl Bodies {
+    /// Cells of the grid.
+    pub fn cells(&self) -> usize {
+        self.grid.size.iter().product()
+    }
+
+    /// How they overlap.
+    ///
+    /// # Errors
+    /// [`ServiceError::Cancelled`].
+    pub fn overlap(self, context: &JobContext) -> Result<Overlapping, ServiceError> {
+        let Self { both: [first, second], grid, dimension } = self;
+        let stop = || context.is_cancelled();
+        let [mut found, of_second] = [first.warnings(&stop), second.warnings(&stop)];
+        context.check()?;
+        let masks = [first.on(&grid), second.on(&grid)];
+        let overlap = raster::overlap_unless_stopped(&masks[0], &masks[1], &stop);
+        let overlap = overlap.ok_or(ServiceError::Cancelled)?;
+        found.iter_mut().for_each(|warning| *warning = format!("/first: {warning}"));
+        found.extend(of_second.into_iter().map(|warning| format!("/second: {warning}")));
+        for (body, cells) in ["first", "second"].iter().zip(overlap.cells) {
+            if cells < FEW_CELLS {
+                found.push(format!(
+                    "/{body}: has {cells} cells inside, too few to compare: take a smaller /spacing"
+                ));
+            }
+        }
+        Ok(Overlapping { grid, dimension, overlap, warnings: found })
+    }
+}
+
+/// Two bodies on the grid of a mask, or on one with cells of `spacing` around both; unless given 128 along the
+/// longest side of both, and 32 along that of the smaller one as far as there are cells.
+///
+/// # Errors
+/// Faults of the bodies at `/first…` and `/second…`; a plane body and one of space; masks on different grids; too many cells.
+pub fn read(
+    app: &App,
+    [first, second]: [BodyInput; 2],
+    spacing: Option<f64>,
+) -> Result<Bodies, ServiceError> {
+    let mut faults = Vec::new();
+    let mut read = |body, pointer: &str| match Body::read(body, &app.limits) {
+        Ok(body) => Some(body),
+        Err(errors) => {
+            faults.extend(errors.into_iter().map(|error| error.below(pointer).into()));
+            None
+        }
+    };
+    let bodies = (read(first, "/first"), read(second, "/second"));
+    ServiceError::unless_empty(faults)?;
+    let (Some(first), Some(second)) = bodies else {
+        return Err(ServiceError::Internal("a body that is neither read nor refused".into()));
+    };
+    let dimension = first.dimension();
+    let refused = |pointer: &str, detail: String| Err(ServiceError::invalid(pointer, detail));
+    if second.dimension() != dimension {
+        let detail = format!("has dimension {}, the first body has {dimension}", second.dimension());
+        return refused("/second", detail);
+    }
+    let grid = match (&first, &second) {
+        (Body::Mask(one), Body::Mask(other)) if one.grid != other.grid => {
+            return refused(
+                "/second/mask",
+                "has another grid than the first: masks are compared cell by cell".into(),
+            );
+        }
+        (Body::Mask(mask), _) | (_, Body::Mask(mask)) if spacing.is_none() => mask.grid,
+        (Body::Mask(_), _) | (_, Body::Mask(_)) => {
+            return refused("/spacing", "is that of the mask: leave it out".into());
+        }
+        _ => grid_around([&first, &second], dimension, spacing)?,
+    };
+    Ok(Bodies { both: [first, second], grid, dimension })
+}
+
+fn grid_around(bodies: [&Body; 2], dimension: usize, spacing: Option<f64>) -> Result<Grid, ServiceError> {
+    let corners = bodies.into_iter().filter_map(Body::bounds).flatten();
+    let Some([low, high]) = bounds(corners) else {
+        return Err(ServiceError::Internal("bodies without points".into()));
+    };
+    let flat = |point: [f64; 3]| [point[0], point[1]];
+    // The number of cells along the axes, before any of them is made.
+    let cells = |spacing: f64| (0..dimension).map(|c| (high[c] - low[c]) / spacing + 3.0).product::<f64>();
+    let spacing = match spacing {
+        Some(spacing) => given_spacing(spacing, cells(spacing))?,
+        None => usual_spacing(bodies, cells)?,
+    };
+    Ok(match dimension {
+        2 => Grid::around([flat(low), flat(high)], [spacing; 2]),
+        _ => Grid::around([low, high], [spacing; 3]),
+    })
+}
+
+fn given_spacing(spacing: f64, cells: f64) -> Result<f64, ServiceError> {
+    if !(spacing > 0.0 && spacing <= MAX_COORDINATE) {
+        return Err(ServiceError::invalid("/spacing", format!("is {spacing}, must be positive")));
+    }
+    if !(cells <= MOST_CELLS as f64) {
+        let detail = format!("is {spacing}, which makes {cells:.1e} cells, at most {MOST_CELLS} are counted");
+        return Err(ServiceError::invalid("/spacing", detail));
+    }
+    Ok(spacing)
+}
+
+/// As fine as both bodies ask for, or as there are cells.
+fn usual_spacing(bodies: [&Body; 2], cells: impl Fn(f64) -> f64) -> Result<f64, ServiceError> {
+    /// Coarser by so much, until the cells are few enough.
+    const COARSER: f64 = 1.02;
+    let extents = bodies.map(|body| body.extent().unwrap_or(0.0));
+    if let Some(body) = extents.iter().position(|extent| !(*extent > 0.0)) {
+        let detail = "all vertices are one point: it encloses nothing";
+        return Err(ServiceError::invalid(["/first", "/second"][body], detail));
+    }
+    let both = bounds(bodies.into_iter().filter_map(Body::bounds).flatten()).unwrap_or_default();
+    let longest = (0..3).map(|c| both[1][c] - both[0][c]).fold(0.0, f64::max);
+    let usual = longest / USUAL_CELLS as f64;
+    let mut spacing = usual.min(extents[0].min(extents[1]) / LEAST_CELLS as f64);
+    while spacing < usual && !(cells(spacing) <= MOST_CELLS as f64) {
+        // A box of no more than three axes has enough cells at a millionth of its length: the steps are less than 500.
+        spacing = (spacing * COARSER).max(1e-6 * longest);
+    }
+    Ok(spacing.min(usual))
+}

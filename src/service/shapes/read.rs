@@ -1,0 +1,694 @@
+//! Posted shapes to control points of a representation.
+//!
+//! Points lie on the shape, control points are its coefficients. Under `arc_length` and `cyclic` any number of
+//! points is resampled to the size of the representation; under `cyclic` from the canonical start of the
+//! contour, so that the stored shape does not depend on where the list of points begins.
+
+use std::borrow::Borrow;
+use std::collections::BTreeMap;
+
+use bytes::Bytes;
+use rayon::prelude::*;
+use serde::de::DeserializeOwned;
+
+use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
+use crate::domain::shape::ShapeAttributes;
+use crate::formats::checked::{Checked, LARGE, Metadata, SMALL, take_given};
+use crate::formats::shape::{MAX_COORDINATE, PointList, PoleInput, PolesInput, ShapeInput};
+use crate::formats::{InputError, bounds, json_pointer};
+use crate::geometry::GeometryError;
+use crate::geometry::generator::GeneratorKind;
+use crate::geometry::mesh::MeshError;
+use crate::geometry::representation::{Knots, Representation, ShapeSpace};
+use crate::geometry::resample::{Contour, NO_EXTENT, canonical_shift, rotate_start, without_closing_point};
+use crate::geometry::subdivision::stencil::check_valences;
+use crate::geometry::subdivision::{Scheme, Subdivision};
+use crate::geometry::surface::Topology;
+use crate::geometry::surface::basis::{self, SurfaceBasis, Tangents};
+use crate::numeric::dense::Matrix;
+use crate::service::app::error::MAX_FAULTS;
+use crate::service::app::{App, Fault, Limits, ServiceError};
+
+/// How posted points become control points.
+#[derive(Debug, Clone, Copy)]
+pub struct Reading<'a> {
+    /// The space of the shapes.
+    pub space: &'a ShapeSpace,
+    /// Resampling and start.
+    pub correspondence: Correspondence,
+    /// Direction of planar contours.
+    pub direction: Direction,
+    /// Sizes.
+    pub limits: &'a Limits,
+}
+
+/// Longest identifier or label.
+const MAX_TEXT: usize = 500;
+/// Why normals are refused.
+const NORMALS: &str = "belong to the subdivision scheme normal_based: leave them out";
+/// Most attributes of a shape.
+const MAX_LABELS: usize = 100;
+
+/// Checks the sizes of a representation against the limits.
+///
+/// # Errors
+/// All fields that are out of bounds.
+pub fn check_representation(representation: &Representation, limits: &Limits) -> Result<(), Vec<InputError>> {
+    if let Some(subdivision) = representation.subdivision() {
+        check_subdivision(subdivision, limits)?;
+        return match subdivision.scheme {
+            Scheme::NormalBased { .. } => {
+                Err(vec![InputError::new("/scheme", GeometryError::NotLinear.to_string())])
+            }
+            _ => Ok(()),
+        };
+    }
+    let mut errors = Vec::new();
+    if !(2..=3).contains(&representation.dimension()) {
+        errors.push(InputError::new(
+            "/dimension",
+            format!("is {}, must be 2 or 3", representation.dimension()),
+        ));
+    }
+    let knots = representation.knots();
+    for Knots { generator, generator_field, .. } in &knots {
+        let faults = generator.map(GeneratorKind::faults).unwrap_or_default();
+        errors.extend(
+            faults
+                .into_iter()
+                .map(|(field, detail)| InputError::new(format!("/{generator_field}/{field}"), detail)),
+        );
+    }
+    let admissible = errors.is_empty();
+    errors.extend(knots.iter().filter_map(|knots| count_fault(knots, limits.control_points, admissible)));
+    if let Representation::Surface { seam, generators, .. } = representation
+        && let Some(extent) = representation.extent()
+        && errors.is_empty()
+    {
+        let faults = basis::faults(extent, *seam, generators);
+        errors.extend(faults.into_iter().map(|(field, detail)| InputError::new(format!("/{field}"), detail)));
+        let (size, most) = (representation.size(), limits.control_points);
+        if size > most {
+            let detail = format!("make {size} control points, at most {most} are accepted");
+            errors.push(InputError::new("/control_points", detail));
+        }
+    }
+    if errors.is_empty() { Ok(()) } else { Err(errors) }
+}
+
+/// Checks the sizes of a subdivision surface against the limits, then its control mesh.
+///
+/// # Errors
+/// All numbers that are out of bounds, or the first face or vertex that is wrong.
+pub fn check_subdivision(subdivision: &Subdivision, limits: &Limits) -> Result<(), Vec<InputError>> {
+    let mut errors = Vec::new();
+    let (control, fine) = (subdivision.connectivity.size(), subdivision.size());
+    if control.vertices > limits.control_points {
+        let (found, most) = (control.vertices, limits.control_points);
+        let detail = format!("has {found} control points, at most {most} are accepted");
+        errors.push(InputError::new("/connectivity", detail));
+    }
+    if fine.vertices > limits.vertices {
+        let (level, most) = (subdivision.level, limits.vertices);
+        let error = GeometryError::TooFine { level, vertices: fine.vertices, most };
+        errors.push(InputError::new("/level", format!("is {level}: {error}")));
+    }
+    if !errors.is_empty() {
+        return Err(errors);
+    }
+    let refused = match subdivision.connectivity.connectivity() {
+        Err(fault) => Some((face_pointer(&fault), fault.to_string())),
+        Ok(mesh) => {
+            let fault = check_valences(subdivision.scheme, &mesh).err();
+            fault.map(|fault| (String::new(), fault.to_string()))
+        }
+    };
+    match refused {
+        Some((place, detail)) => Err(vec![InputError::new(format!("/connectivity{place}"), detail)]),
+        None => Ok(()),
+    }
+}
+
+/// Where the face that is wrong stands in the list of faces.
+pub(crate) fn face_pointer(fault: &MeshError) -> String {
+    fault.face().map_or_else(String::new, |face| format!("/{face}"))
+}
+
+/// Checks that shapes have mirror images when these are asked for.
+///
+/// # Errors
+/// A fault at `/mirror`.
+pub fn check_mirror(representation: &Representation, mirror: Mirror) -> Result<(), ServiceError> {
+    if mirror == Mirror::Allow && representation.subdivision().is_some() {
+        let detail = "is \"allow\": vertices of a control mesh are landmarks, which of them correspond in a mirror image is not known";
+        return Err(ServiceError::invalid("/mirror", detail));
+    }
+    Ok(())
+}
+
+/// What is wrong with a number of control points, when the generator is `admissible`.
+fn count_fault(knots: &Knots<'_>, most: usize, admissible: bool) -> Option<InputError> {
+    let Knots { field, count, fewest, generator, generator_field, closed } = *knots;
+    if fewest > most && admissible {
+        let detail = "need a finer grid than any that is accepted: |Im| below π and |Re| up to 10 after division by \
+                      their number of control points or intervals";
+        let pointer = format!("/{generator_field}/domain_poles");
+        return Some(InputError::new(pointer, format!("{detail}, at most {most}")));
+    }
+    if (fewest..=most).contains(&count) {
+        return None;
+    }
+    let reason = match generator {
+        Some(_) if count < fewest && closed && fewest > 3 => {
+            ": the domain poles divided by it must have |Im| < π and |Re| ≤ 10"
+        }
+        Some(_) if count < fewest && !closed => {
+            ": to continue beyond its ends it needs one interval less than there are poles, and domain poles divided \
+             by it must have |Im| < π and |Re| ≤ 10"
+        }
+        _ => "",
+    };
+    let detail = format!("is {count}, must be between {fewest} and {most}{reason}");
+    Some(InputError::new(format!("/{field}"), detail))
+}
+
+/// Checks that the correspondence makes sense for the representation.
+///
+/// # Errors
+/// A fault at `/correspondence`.
+pub fn check_correspondence(
+    representation: &Representation,
+    correspondence: Correspondence,
+) -> Result<(), ServiceError> {
+    let detail = match correspondence {
+        Correspondence::Landmarks => return Ok(()),
+        _ if representation.extent().is_some() => {
+            "points of a surface correspond by their place in the grid: only \"landmarks\" applies"
+        }
+        _ if representation.subdivision().is_some() => {
+            "vertices of a control mesh correspond by their place: only \"landmarks\" applies"
+        }
+        _ if representation.generator().is_none() => {
+            "landmarks are not a contour: only \"landmarks\" applies; use a closed_curve or open_curve to resample"
+        }
+        Correspondence::Cyclic if !representation.is_closed() => {
+            "an open curve has no start point to search: use \"arc_length\" or \"landmarks\""
+        }
+        _ => return Ok(()),
+    };
+    Err(ServiceError::invalid("/correspondence", detail))
+}
+
+impl Reading<'_> {
+    /// Control points of one shape, `d·N` coordinate-major numbers.
+    ///
+    /// # Errors
+    /// Everything wrong with it, with pointers relative to the shape.
+    pub fn control_points(&self, shape: &ShapeInput) -> Result<Vec<f64>, Vec<InputError>> {
+        let closed = shape.closed.as_ref().and_then(Checked::get).copied().flatten();
+        let representation = self.space.representation();
+        if let (Some(closed), Some(_)) = (closed, representation.generator())
+            && closed != representation.is_closed()
+        {
+            let kind = if closed { "open" } else { "closed" };
+            return Err(vec![InputError::new(
+                "/closed",
+                format!("is {closed}, but the representation is a curve that is {kind}"),
+            )]);
+        }
+        if given(&shape.normals).is_some() {
+            return Err(vec![InputError::new("/normals", NORMALS)]);
+        }
+        let poles = shape.poles.as_ref().and_then(|poles| poles.get()).copied();
+        if poles.is_some() && (given(&shape.points).is_none() || !self.takes_poles()) {
+            let detail = "belong to the points of a sphere: leave them out";
+            return Err(vec![InputError::new("/poles", detail)]);
+        }
+        let matrix = match (given(&shape.points), given(&shape.control_points)) {
+            (Some(points), None) => match self.space.surface() {
+                Some(surface) => self.interpolate_surface(surface, points, poles)?,
+                None => self.interpolate(points).map_err(|errors| below(errors, "/points"))?,
+            },
+            (None, Some(coefficients)) => {
+                self.take_coefficients(coefficients).map_err(|errors| below(errors, "/control_points"))?
+            }
+            (Some(_), Some(_)) => {
+                return Err(vec![InputError::new(
+                    "",
+                    "has both points and control_points: give one of them",
+                )]);
+            }
+            (None, None) => return Err(vec![InputError::new("", "has neither points nor control_points")]),
+        };
+        if !matrix.iter().all(|value| value.is_finite()) {
+            return Err(vec![InputError::new("", "leaves the range of numbers")]);
+        }
+        Ok(matrix.as_slice().to_vec())
+    }
+
+    fn takes_poles(&self) -> bool {
+        self.space.surface().is_some_and(|surface| surface.extent().topology == Topology::Sphere)
+    }
+
+    fn interpolate_surface(
+        &self,
+        surface: &SurfaceBasis,
+        list: &PointList,
+        poles: Option<PolesInput>,
+    ) -> Result<Matrix, Vec<InputError>> {
+        let points = self.matrix(list).map_err(|errors| below(errors, "/points"))?;
+        let extent = surface.extent();
+        let wanted = extent.grid();
+        if list.grid() != Some(wanted) {
+            let found = match list.grid() {
+                Some([u, v]) => format!("is a grid of {u} × {v} points"),
+                None => format!("is a list of {} points, not a grid [u][v]", list.len()),
+            };
+            let (name, [u, v]) = (extent.topology.name(), wanted);
+            let detail = format!("{found}: a {name} of this size has {u} × {v}");
+            return Err(vec![InputError::new("/points", detail)]);
+        }
+        let poles = poles.unwrap_or_default();
+        let mut errors = Vec::new();
+        if self.takes_poles() {
+            errors = open_poles(&points, wanted[1]);
+        }
+        for (pole, pointer) in [(poles.north, "/poles/north"), (poles.south, "/poles/south")] {
+            let wild = |value: &f64| !(value.abs() <= MAX_COORDINATE);
+            if pole.is_some_and(|pole| pole.tangents.iter().flatten().any(wild)) {
+                let detail = format!("has numbers beyond ±{MAX_COORDINATE:e}");
+                errors.push(InputError::new(format!("{pointer}/tangents"), detail));
+            }
+        }
+        if !errors.is_empty() {
+            return Err(errors);
+        }
+        let of = |pole: Option<PoleInput>| pole.map(|pole| pole.tangents);
+        Ok(surface.interpolate(&points, &Tangents { north: of(poles.north), south: of(poles.south) }))
+    }
+
+    fn interpolate(&self, list: &PointList) -> Result<Matrix, Vec<InputError>> {
+        let points = self.matrix(list)?;
+        if self.correspondence == Correspondence::Landmarks {
+            self.check_count(list, "points", self.space.representation().point_count())?;
+            return self
+                .space
+                .interpolate(points)
+                .map_err(|error| vec![InputError::new("", error.to_string())]);
+        }
+        let representation = self.space.representation();
+        // The first point stays first: the one that closes the ring would come second.
+        let points = if self.runs_backwards(&points) { without_closing_point(points) } else { points };
+        let contour = contour(self.directed(points), representation.is_closed())?;
+        let start =
+            if self.correspondence == Correspondence::Cyclic { contour.canonical_start() } else { 0.0 };
+        let sampled = contour.sample(representation.point_count(), start);
+        self.space.interpolate(sampled).map_err(|error| vec![InputError::new("", error.to_string())])
+    }
+
+    fn take_coefficients(&self, list: &PointList) -> Result<Matrix, Vec<InputError>> {
+        let coefficients = self.matrix(list)?;
+        self.check_count(list, "control points", self.space.representation().size())?;
+        if self.correspondence != Correspondence::Cyclic {
+            return Ok(coefficients);
+        }
+        let directed = self.directed(coefficients);
+        let shift = canonical_shift(&directed);
+        Ok(rotate_start(&directed, shift))
+    }
+
+    fn matrix(&self, list: &PointList) -> Result<Matrix, Vec<InputError>> {
+        if let (Some([u, v]), None) = (list.grid(), self.space.surface()) {
+            let detail = format!("is a grid of {u} × {v} points: only surfaces have grids");
+            return Err(vec![InputError::new("", detail)]);
+        }
+        let dimension = self.space.representation().dimension();
+        let coordinates = list.checked(dimension)?;
+        if list.len() > self.limits.points {
+            let detail = format!("has {} points, at most {} are accepted", list.len(), self.limits.points);
+            return Err(vec![InputError::new("", detail)]);
+        }
+        Ok(Matrix::from_row_slice(list.len(), dimension, coordinates))
+    }
+
+    fn check_count(&self, list: &PointList, what: &str, wanted: usize) -> Result<(), Vec<InputError>> {
+        if list.len() == wanted {
+            return Ok(());
+        }
+        let hint = if self.space.representation().generator().is_some() && what == "points" {
+            " (to resample a contour use the correspondence arc_length or cyclic)"
+        } else {
+            ""
+        };
+        Err(vec![InputError::new(
+            "",
+            format!("has {} {what}, the representation has {wanted}{hint}", list.len()),
+        )])
+    }
+
+    /// Planar closed contours whose direction has no meaning run counter-clockwise, keeping their first point.
+    fn directed(&self, points: Matrix) -> Matrix {
+        let (n, d) = points.shape();
+        if !self.runs_backwards(&points) {
+            return points;
+        }
+        Matrix::from_fn(n, d, |k, c| points[((n - k) % n, c)])
+    }
+
+    /// Whether a contour whose direction has no meaning runs clockwise.
+    fn runs_backwards(&self, points: &Matrix) -> bool {
+        // What has no points is refused where the contour is made.
+        points.ncols() == 2
+            && points.nrows() > 0
+            && self.space.representation().is_closed()
+            && self.direction == Direction::Either
+            && self.correspondence != Correspondence::Landmarks
+            && !(polygon_area(points) >= 0.0)
+    }
+}
+
+/// Points of a pole may differ by this part of the extent: they were written with some digits.
+const SAME_POLE: f64 = 1e-9;
+
+/// Poles of a grid with `columns` points from pole to pole that are not one point.
+fn open_poles(points: &Matrix, columns: usize) -> Vec<InputError> {
+    let extent = points.column_iter().map(|column| column.max() - column.min()).fold(0.0, f64::max);
+    let mut errors = Vec::new();
+    for (column, name) in [(0, "north"), (columns - 1, "south")] {
+        let apart = |k: usize| (points.row(k * columns + column) - points.row(column)).norm();
+        let wrong = (0..points.nrows() / columns).find(|&k| apart(k) > SAME_POLE * extent);
+        errors.extend(wrong.map(|k| {
+            let detail = format!(
+                "is {:.1e} away from /points/0/{column}: all meridians of a sphere start and end in the same points, this is \
+                 the {name} pole",
+                apart(k)
+            );
+            InputError::new(format!("/points/{k}/{column}"), detail)
+        }));
+    }
+    errors
+}
+
+/// Refuses a shape whose `size` points coincide (coordinate-major control points).
+///
+/// # Errors
+/// The extent and the size of the coordinates.
+pub fn check_extent(control_points: &[f64], size: usize) -> Result<(), Vec<InputError>> {
+    let range =
+        |c: &[f64]| c.iter().copied().fold(f64::MIN, f64::max) - c.iter().copied().fold(f64::MAX, f64::min);
+    let extent = control_points.chunks_exact(size).map(range).fold(0.0, f64::max);
+    let largest = control_points.iter().fold(0.0, |m: f64, v| m.max(v.abs()));
+    if extent > NO_EXTENT * largest {
+        return Ok(());
+    }
+    let detail =
+        format!("all {size} points coincide: extent {extent:.1e} at coordinates up to {largest:.1e}");
+    Err(vec![InputError::new("", detail)])
+}
+
+fn polygon_area(points: &Matrix) -> f64 {
+    let n = points.nrows();
+    let origin = points.row(0).into_owned();
+    let at = |k: usize, c: usize| points[(k % n, c)] - origin[c];
+    (0..n).map(|k| at(k, 0) * at(k + 1, 1) - at(k + 1, 0) * at(k, 1)).sum()
+}
+
+/// A list that is there; `null` is as good as nothing.
+pub(crate) fn given<L: Borrow<PointList>>(list: &Option<L>) -> Option<&PointList> {
+    let list: &PointList = list.as_ref()?.borrow();
+    (!list.is_null()).then_some(list)
+}
+
+fn below(errors: Vec<InputError>, pointer: &str) -> Vec<InputError> {
+    errors.into_iter().map(|error| error.below(pointer)).collect()
+}
+
+/// The contour of a list of points.
+///
+/// # Errors
+/// What is wrong with it, with a pointer relative to the list.
+pub(crate) fn contour(points: Matrix, closed: bool) -> Result<Contour, Vec<InputError>> {
+    let contour = if closed { Contour::closed(points) } else { Contour::open(points) };
+    contour.map_err(|error| vec![contour_error(&error)])
+}
+
+fn contour_error(error: &GeometryError) -> InputError {
+    let pointer = match error {
+        GeometryError::RepeatedPoint { second, .. } => format!("/{second}"),
+        _ => String::new(),
+    };
+    InputError::new(pointer, error.to_string())
+}
+
+/// Control points and attributes of a posted shape.
+///
+/// # Errors
+/// Everything that is wrong with it, with pointers relative to the shape.
+pub fn read_shape(
+    reading: &Reading<'_>,
+    shape: ShapeInput,
+) -> Result<(Vec<f64>, ShapeAttributes), Vec<InputError>> {
+    // What is no object at all has one fault, not a list of missing things.
+    if shape.faults.iter().any(|fault| fault.pointer.is_empty()) {
+        return Err(shape.faults);
+    }
+    match (reading.control_points(&shape), attributes(shape)) {
+        (Ok(control_points), Ok(attributes)) => Ok((control_points, attributes)),
+        (control_points, attributes) => {
+            Err(control_points.err().into_iter().chain(attributes.err()).flatten().collect())
+        }
+    }
+}
+
+/// Attributes of a posted shape.
+///
+/// # Errors
+/// Everything wrong with them and with the object itself, with pointers relative to the shape.
+pub fn attributes(shape: ShapeInput) -> Result<ShapeAttributes, Vec<InputError>> {
+    let mut errors = shape.faults;
+    let mut text = |field: Option<Checked<Option<String>>>, pointer: &str| {
+        let text = take_given(field, pointer, &mut errors).flatten()?;
+        if text.is_empty() || text.chars().count() > MAX_TEXT || text.chars().any(char::is_control) {
+            errors.push(InputError::new(pointer, format!("must have 1 to {MAX_TEXT} printable characters")));
+        }
+        Some(text)
+    };
+    let external_id = text(shape.external_id, "/external_id");
+    let subject = text(shape.subject, "/subject");
+    let label = text(shape.label, "/label");
+    let labels = shape.labels.filter(|labels| !labels.is_null());
+    let labels: Option<BTreeMap<String, serde_json::Value>> =
+        labels.and_then(|labels| labels.read(SMALL, "/labels", &mut errors));
+    let labels = labels.unwrap_or_default();
+    if labels.len() > MAX_LABELS {
+        errors
+            .push(InputError::new("/labels", format!("has {} entries, at most {MAX_LABELS}", labels.len())));
+    }
+    for (key, value) in labels.iter().take(MAX_LABELS) {
+        let is_control = |text: &str| text.chars().any(char::is_control);
+        if is_control(key) || value.as_str().is_some_and(is_control) {
+            errors.push(InputError::new("/labels", "may not hold control characters"));
+        }
+        if value.is_object() || value.is_array() {
+            let pointer = format!("/labels/{}", key.replace('~', "~0").replace('/', "~1"));
+            errors.push(InputError::new(pointer, "must be a text, a number, a truth value or null"));
+        }
+    }
+    let weight = take_given(shape.weight, "/weight", &mut errors).flatten().unwrap_or(1.0);
+    if !(1e-100..=1e100).contains(&weight) {
+        errors.push(InputError::new("/weight", format!("is {weight}, must be between 1e-100 and 1e100")));
+    }
+    take_given(shape.closed, "/closed", &mut errors);
+    take_given(shape.poles.map(|poles| *poles), "/poles", &mut errors);
+    let mut value = |field: Option<Metadata>, pointer: &str| {
+        field.and_then(|field| field.take(pointer, &mut errors)).filter(|value| !value.is_null())
+    };
+    let given = value(shape.metadata, "/metadata");
+    let (index, landmarks) =
+        (value(shape.landmark_index, "/landmark_index"), value(shape.landmarks, "/landmarks"));
+    if !errors.is_empty() {
+        return Err(errors);
+    }
+    let metadata = metadata(given, index, landmarks).map(|value| value.to_string());
+    Ok(ShapeAttributes { external_id, subject, label, labels, weight, metadata })
+}
+
+/// Reads `T`, whose own fields are not checked one by one, from JSON text: what is no `T` breaks a rule of the input, what is
+/// no JSON is malformed.
+///
+/// # Errors
+/// [`ServiceError::Invalid`], [`ServiceError::Malformed`].
+pub fn parse_whole<T: DeserializeOwned>(limits: &Limits, text: &[u8]) -> Result<T, ServiceError> {
+    let value: Checked<T, LARGE> = parse(limits, text)?;
+    let mut errors = Vec::new();
+    let value = value.take("", &mut errors);
+    ServiceError::unless_empty(errors.into_iter().map(Fault::from).collect())?;
+    value.ok_or_else(|| ServiceError::invalid("", "is not complete"))
+}
+
+/// Reads `T` from JSON text; run it on the pool, bodies can be large. What is wrong with the JSON itself is kept by
+/// the types of `formats`, which keep no more of it than the limits allow.
+///
+/// # Errors
+/// [`ServiceError::Malformed`] for text that is not JSON, with the pointer to the place.
+pub fn parse<T: DeserializeOwned>(limits: &Limits, text: &[u8]) -> Result<T, ServiceError> {
+    bounds::within(limits.bounds(), || parse_within(text))
+}
+
+fn parse_within<T: DeserializeOwned>(text: &[u8]) -> Result<T, ServiceError> {
+    // Tracking the path costs time: only what fails is read again with it.
+    serde_json::from_slice(text).or_else(|_| {
+        let mut deserializer = serde_json::Deserializer::from_slice(text);
+        let value: T = serde_path_to_error::deserialize(&mut deserializer).map_err(|error| {
+            let pointer = json_pointer(error.path());
+            let index =
+                pointer.strip_prefix("/shapes/").and_then(|rest| rest.split('/').next()?.parse().ok());
+            ServiceError::Malformed(vec![Fault { index, ..Fault::new(pointer, error.inner().to_string()) }])
+        })?;
+        deserializer
+            .end()
+            .map_err(|error| ServiceError::Malformed(vec![Fault::new("", error.to_string())]))?;
+        Ok(value)
+    })
+}
+
+impl App {
+    /// Reads `T` from a body: [`parse`].
+    ///
+    /// # Errors
+    /// [`ServiceError::Malformed`].
+    pub fn parse<T: DeserializeOwned>(&self, text: &[u8]) -> Result<T, ServiceError> {
+        parse(&self.limits, text)
+    }
+
+    /// Reads `T` from a body: [`parse_whole`].
+    ///
+    /// # Errors
+    /// [`ServiceError::Invalid`], [`ServiceError::Malformed`].
+    pub fn parse_whole<T: DeserializeOwned>(&self, text: &[u8]) -> Result<T, ServiceError> {
+        parse_whole(&self.limits, text)
+    }
+
+    /// Reads `T` from a body where it is due: [`Pool::read`](crate::service::app::pool::Pool::read).
+    ///
+    /// # Errors
+    /// [`ServiceError::Malformed`], and those of the pool.
+    pub async fn read<T: DeserializeOwned + Send + 'static>(&self, body: Bytes) -> Result<T, ServiceError> {
+        let limits = self.limits;
+        self.pool.read(body, move |text| parse(&limits, text)).await
+    }
+}
+
+/// What is wrong with a shape whatever it is made of, with pointers relative to it.
+pub fn own_faults(shape: ShapeInput) -> Vec<InputError> {
+    let lists = [
+        ("/points", shape.points.as_ref()),
+        ("/control_points", shape.control_points.as_deref()),
+        ("/normals", shape.normals.as_deref()),
+    ];
+    let mut errors: Vec<InputError> = lists
+        .into_iter()
+        .filter_map(|(name, list)| Some((name, list?)))
+        .filter_map(|(name, list)| Some(below(list.checked(list.width()).err()?, name)))
+        .flatten()
+        .collect();
+    errors.extend(attributes(shape).err().into_iter().flatten());
+    errors
+}
+
+/// What is wrong with shapes whatever they are made of, at `/shapes/{index}…`.
+pub fn shape_faults(shapes: Vec<ShapeInput>) -> Vec<Fault> {
+    let mut faults = Vec::new();
+    for (index, shape) in shapes.into_iter().enumerate() {
+        if faults.len() >= MAX_FAULTS {
+            break;
+        }
+        let errors = own_faults(shape);
+        let prefix = format!("/shapes/{index}");
+        faults.extend(
+            errors.into_iter().map(|error| Fault { index: Some(index), ..error.below(&prefix).into() }),
+        );
+    }
+    faults
+}
+
+/// Homologous points that came with a contour are kept beside the client's metadata.
+fn metadata(
+    metadata: Option<serde_json::Value>,
+    landmark_index: Option<serde_json::Value>,
+    landmarks: Option<serde_json::Value>,
+) -> Option<serde_json::Value> {
+    let extra = [("landmark_index", landmark_index), ("landmarks", landmarks)];
+    let extra: Vec<_> = extra.into_iter().filter_map(|(key, value)| Some((key.to_owned(), value?))).collect();
+    match metadata {
+        other if extra.is_empty() => other,
+        Some(serde_json::Value::Object(mut map)) => {
+            map.extend(extra);
+            Some(map.into())
+        }
+        Some(other) => Some([("metadata".to_owned(), other)].into_iter().chain(extra).collect()),
+        None => Some(extra.into_iter().collect()),
+    }
+}
+
+/// Shapes of a request that is answered from memory.
+#[derive(Debug, Clone)]
+pub struct Batch {
+    /// One shape of `d·N` coordinate-major numbers after the other.
+    pub control_points: Vec<f64>,
+    /// One weight a shape.
+    pub weights: Vec<f64>,
+}
+
+/// Control points and weight of one shape, or everything that is wrong with it.
+type ReadShape = Result<(Vec<f64>, f64), Vec<InputError>>;
+
+/// Reads all shapes in parallel.
+///
+/// # Errors
+/// The faults of all bad shapes, at `/shapes/{index}…`.
+pub fn read_batch(reading: &Reading<'_>, shapes: Vec<ShapeInput>) -> Result<Batch, ServiceError> {
+    check_sizes(reading, shapes.len())?;
+    let read = |shape: ShapeInput| {
+        read_shape(reading, shape).map(|(control_points, attributes)| (control_points, attributes.weight))
+    };
+    let results: Vec<ReadShape> = shapes.into_par_iter().map(read).collect();
+    let mut batch = Batch { control_points: Vec::new(), weights: Vec::with_capacity(results.len()) };
+    let (mut faults, mut found) = (Vec::new(), 0);
+    for (index, result) in results.into_iter().enumerate() {
+        found += result.as_ref().err().map_or(0, Vec::len);
+        match result {
+            Ok((control_points, weight)) => {
+                batch.control_points.extend(control_points);
+                batch.weights.push(weight);
+            }
+            Err(errors) if faults.len() < MAX_FAULTS => {
+                let prefix = format!("/shapes/{index}");
+                let with_index =
+                    |error: InputError| Fault { index: Some(index), ..error.below(&prefix).into() };
+                faults.extend(errors.into_iter().map(with_index));
+            }
+            Err(_) => {}
+        }
+    }
+    if found > 0 { Err(ServiceError::of_faults(faults, found)) } else { Ok(batch) }
+}
+
+/// That so many shapes are not too many, nor their control points: short contours become long lists of them.
+fn check_sizes(reading: &Reading<'_>, shapes: usize) -> Result<(), ServiceError> {
+    let (most, most_numbers) = (reading.limits.shapes, reading.limits.coordinates);
+    if shapes > most {
+        let detail = format!("has {shapes} shapes, at most {most} are accepted");
+        return Err(ServiceError::invalid("/shapes", detail));
+    }
+    let representation = reading.space.representation();
+    let numbers = representation.size() * representation.dimension() * shapes;
+    if numbers > most_numbers {
+        let detail = format!(
+            "has {shapes} shapes, whose control points are {numbers} numbers, at most {most_numbers} are kept in memory: send \
+             fewer, or use a cohort"
+        );
+        return Err(ServiceError::invalid("/shapes", detail));
+    }
+    Ok(())
+}

@@ -1,0 +1,161 @@
+//! The curves and surfaces of a request that is answered from memory.
+
+use super::read::{self, Reading};
+use crate::analysis::correspondence::{Correspondence, Direction};
+use crate::analysis::metric::Metric;
+use crate::formats::shape::ShapeInput;
+use crate::geometry::curve::Curve;
+use crate::geometry::representation::{Representation, ShapeSpace};
+use crate::geometry::subdivision::basis::SubdivisionBasis;
+use crate::geometry::surface::Surface;
+use crate::geometry::surface::basis::SurfaceBasis;
+use crate::numeric::dense::Matrix;
+use crate::service::app::{App, Limits, ServiceError};
+
+/// The space of posted shapes, prepared.
+#[derive(Debug)]
+pub struct Posted {
+    /// Their space.
+    pub space: ShapeSpace,
+    /// Its metric.
+    pub metric: Metric,
+    correspondence: Correspondence,
+}
+
+impl Posted {
+    /// Prepares a representation of curves or surfaces.
+    ///
+    /// # Errors
+    /// Faults of the representation and the correspondence; landmarks.
+    pub fn new(
+        app: &App,
+        representation: &Representation,
+        correspondence: Correspondence,
+    ) -> Result<Self, ServiceError> {
+        let (space, metric) = app.space(representation, "/representation")?;
+        if space.generator().is_none() && space.surface().is_none() && space.subdivision().is_none() {
+            let detail =
+                "landmarks are points without a curve: use closed_curve, open_curve, surface or subdivision";
+            return Err(ServiceError::invalid("/representation/kind", detail));
+        }
+        read::check_correspondence(representation, correspondence)?;
+        Ok(Self { space, metric, correspondence })
+    }
+
+    /// Prepares a representation of splines: curves or tensor-product surfaces.
+    ///
+    /// # Errors
+    /// Those of [`Self::new`]; subdivision surfaces.
+    pub fn of_splines(
+        app: &App,
+        representation: &Representation,
+        correspondence: Correspondence,
+    ) -> Result<Self, ServiceError> {
+        let posted = Self::new(app, representation, correspondence)?;
+        if posted.space.subdivision().is_some() {
+            let detail = "is \"subdivision\", here are closed_curve, open_curve and surface: control meshes are refined by subdivide";
+            return Err(ServiceError::invalid("/representation/kind", detail));
+        }
+        Ok(posted)
+    }
+
+    /// Prepares a representation of curves.
+    ///
+    /// # Errors
+    /// Those of [`Self::new`]; surfaces of both kinds.
+    pub fn of_curves(
+        app: &App,
+        representation: &Representation,
+        correspondence: Correspondence,
+    ) -> Result<Self, ServiceError> {
+        let posted = Self::new(app, representation, correspondence)?;
+        if posted.space.generator().is_none() {
+            let kind = if posted.is_of_surfaces() { "surface" } else { "subdivision" };
+            let detail = format!("is \"{kind}\", here are closed_curve and open_curve");
+            return Err(ServiceError::invalid("/representation/kind", detail));
+        }
+        Ok(posted)
+    }
+
+    fn reading<'a>(&'a self, limits: &'a Limits) -> Reading<'a> {
+        let (space, correspondence) = (&self.space, self.correspondence);
+        Reading { space, correspondence, direction: Direction::Given, limits }
+    }
+
+    /// Control points of every shape, at least one.
+    ///
+    /// # Errors
+    /// The faults of all bad shapes, at `/shapes/{index}…`.
+    pub fn read(&self, app: &App, shapes: Vec<ShapeInput>) -> Result<Vec<Matrix>, ServiceError> {
+        let batch = read::read_batch(&self.reading(&app.limits), shapes)?;
+        if batch.weights.is_empty() {
+            return Err(ServiceError::TooFewShapes { found: 0, needed: 1 });
+        }
+        let shapes = batch.control_points.chunks_exact(self.metric.len());
+        Ok(shapes.map(|control_points| self.matrix(control_points)).collect())
+    }
+
+    /// Control points of one shape.
+    ///
+    /// # Errors
+    /// Its faults below `pointer`.
+    pub(crate) fn read_one(
+        &self,
+        app: &App,
+        shape: ShapeInput,
+        pointer: &str,
+    ) -> Result<Matrix, ServiceError> {
+        read::read_shape(&self.reading(&app.limits), shape)
+            .map(|(control_points, _)| self.matrix(&control_points))
+            .map_err(|errors| ServiceError::below(errors, pointer))
+    }
+
+    /// Shapes, and one that they are compared with.
+    ///
+    /// # Errors
+    /// Faults of the shapes, and of the reference at `/reference…`.
+    pub(crate) fn read_with_reference(
+        &self,
+        app: &App,
+        shapes: Vec<ShapeInput>,
+        reference: Option<ShapeInput>,
+    ) -> Result<(Vec<Matrix>, Option<Matrix>), ServiceError> {
+        let reference = reference.map(|shape| self.read_one(app, shape, "/reference")).transpose();
+        match (self.read(app, shapes), reference) {
+            (Err(ServiceError::Invalid(mut faults)), Err(ServiceError::Invalid(more))) => {
+                faults.extend(more);
+                Err(ServiceError::Invalid(faults))
+            }
+            (shapes, reference) => Ok((shapes?, reference?)),
+        }
+    }
+
+    pub(crate) fn matrix(&self, control_points: &[f64]) -> Matrix {
+        Matrix::from_column_slice(self.metric.size(), self.metric.dimension(), control_points)
+    }
+
+    /// The curve of a shape; whether shapes are curves is for the caller to know.
+    pub(crate) fn curve(&self, control_points: &Matrix) -> Curve {
+        Curve::of(&self.space, control_points).expect("the space is one of curves")
+    }
+
+    /// The basis of surfaces; whether shapes are surfaces is for the caller to know.
+    pub(crate) fn basis(&self) -> &SurfaceBasis {
+        self.space.surface().expect("the space is one of surfaces")
+    }
+
+    /// The surface of a shape.
+    pub(crate) fn surface(&self, control_points: &Matrix) -> Surface {
+        self.basis().surface(control_points)
+    }
+
+    /// The steps of subdivision surfaces; whether shapes are such is for the caller to know.
+    pub(crate) fn steps(&self) -> &SubdivisionBasis {
+        self.space.subdivision().expect("the space is one of subdivision surfaces")
+    }
+
+    /// Whether shapes are tensor-product surfaces.
+    pub fn is_of_surfaces(&self) -> bool {
+        self.space.surface().is_some()
+    }
+}

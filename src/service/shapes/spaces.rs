@@ -1,0 +1,78 @@
+//! Shape spaces with their operators. Those of subdivision surfaces take far longer to make than a request to answer; they are
+//! cached.
+
+use std::sync::Arc;
+
+use super::read::check_representation;
+use crate::analysis::metric::Metric;
+use crate::geometry::GeometryError;
+use crate::geometry::representation::{Representation, ShapeSpace};
+use crate::geometry::subdivision::basis::SubdivisionBasis;
+use crate::service::app::cache::{Cache, Cached};
+use crate::service::app::{App, ServiceError};
+
+impl Cached for ShapeSpace {
+    const NAME: &'static str = "spaces";
+
+    fn bytes(&self) -> usize {
+        self.subdivision().map_or(0, SubdivisionBasis::bytes)
+    }
+}
+
+impl App {
+    /// The prepared space and metric of `representation`.
+    ///
+    /// # Errors
+    /// [`ServiceError::Invalid`] below `pointer` when its sizes are out of bounds.
+    pub fn space(
+        &self,
+        representation: &Representation,
+        pointer: &str,
+    ) -> Result<(ShapeSpace, Metric), ServiceError> {
+        check_representation(representation, &self.limits)
+            .map_err(|errors| ServiceError::below(errors, pointer))?;
+        let field = match representation {
+            Representation::Subdivision(_) => "level",
+            Representation::Surface { .. } => "generators",
+            _ => "generator",
+        };
+        let space = prepared(&self.cache, representation)
+            .map_err(|error| ServiceError::invalid(format!("{pointer}/{field}"), error.to_string()))?;
+        let metric = Metric::of(&space);
+        Ok((space, metric))
+    }
+}
+
+/// The space of `representation`, cached or new. Two requests at once may both make it; they make the same.
+fn prepared(cache: &Cache, representation: &Representation) -> Result<ShapeSpace, GeometryError> {
+    if representation.subdivision().is_none() {
+        return ShapeSpace::new(representation);
+    }
+    if let Some(known) = cache.find::<ShapeSpace>("", representation) {
+        return Ok(ShapeSpace::clone(&known));
+    }
+    let space = Arc::new(ShapeSpace::new(representation)?);
+    cache.keep("", representation, &space);
+    Ok(ShapeSpace::clone(&space))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_space_is_made_once() {
+        let read = |level: usize| -> Representation {
+            let text = format!(
+                r#"{{"kind":"subdivision","scheme":"loop","level":{level},"connectivity":"octahedron"}}"#
+            );
+            serde_json::from_str(&text).unwrap()
+        };
+        let cache = Cache::new(usize::MAX);
+        let first = prepared(&cache, &read(2)).unwrap();
+        prepared(&cache, &read(3)).unwrap();
+        let again = prepared(&cache, &read(2)).unwrap();
+        assert!(Arc::ptr_eq(first.gram(), again.gram()));
+        assert!(cache.has::<ShapeSpace>("", &read(3)));
+    }
+}

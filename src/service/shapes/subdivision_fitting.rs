@@ -1,0 +1,234 @@
+//! Fits of subdivision surfaces to triangle meshes and clouds of points. Plain functions, to be run on the pool.
+
+use std::f64::consts::{PI, TAU};
+
+use super::curves::{below_points, each_of, each_shape};
+use super::read;
+use super::request::Posted;
+use super::surface_fitting::{MeshInput, ParameterSource, PostedMesh, mesh_pointer};
+use crate::formats::InputError;
+use crate::formats::shape::ShapeInput;
+use crate::geometry::GeometryError;
+use crate::geometry::subdivision::Subdivision;
+use crate::geometry::subdivision::fit::{Fitting, SubdivisionFit, Target, mesh_targets, overshoot};
+use crate::geometry::surface::parameterisation::spherical_until;
+use crate::geometry::vector::{far_origin, minus, norm};
+use crate::numeric::bounded::Stop;
+use crate::numeric::dense::Matrix;
+use crate::service::app::{App, ServiceError, warnings};
+
+/// How control vertices are found.
+#[derive(Debug)]
+pub struct Search {
+    /// Turns of nearest places and control vertices.
+    pub turns: usize,
+    /// Control points to start from, of all fits.
+    pub start: Option<ShapeInput>,
+}
+
+/// Turns unless asked for.
+pub const USUAL_TURNS: usize = 20;
+/// Turns at the most.
+pub const MOST_TURNS: usize = 200;
+
+/// Multiply-adds of a request at the most: a minute of work.
+const MOST_OPERATIONS: f64 = 1e11;
+/// Targets of a mesh and products of each, about.
+const PER_FIT: f64 = 5e7;
+
+/// A surface whose vertices are farther from the box of its points than this part of the diagonal has run away.
+const MOST_OVERSHOOT: f64 = 0.25;
+
+/// A fitted surface.
+#[derive(Debug, Clone)]
+pub struct FittedMesh {
+    /// Its control vertices and residuals.
+    pub fit: SubdivisionFit,
+    /// What is wrong with the mesh that it was fitted to.
+    pub warnings: Vec<String>,
+}
+
+/// Fits of one request.
+struct Fits<'a> {
+    fitting: Fitting<'a>,
+    posted: &'a Posted,
+    start: Option<Matrix>,
+    turns: usize,
+}
+
+impl<'a> Fits<'a> {
+    fn new(
+        app: &App,
+        posted: &'a Posted,
+        subdivision: &Subdivision,
+        search: Search,
+        count: usize,
+        list: &str,
+    ) -> Result<Self, ServiceError> {
+        if count == 0 {
+            return Err(ServiceError::TooFewShapes { found: 0, needed: 1 });
+        }
+        let cube = (posted.metric.size() as f64).powi(3) / 3.0;
+        let operations = count as f64 * (search.turns + 1) as f64 * (cube + PER_FIT);
+        if operations > MOST_OPERATIONS {
+            let detail = format!(
+                "has {count} entries, whose fits take {operations:.0e} multiply-adds, at most {MOST_OPERATIONS:.0e}: send fewer, \
+                 or take fewer turns or control points"
+            );
+            return Err(ServiceError::invalid(list, detail));
+        }
+        let start = search.start.map(|shape| posted.read_one(app, shape, "/start")).transpose()?;
+        let fitting = Fitting::new(posted.steps(), &subdivision.connectivity, subdivision.level);
+        if start.is_none() && !fitting.has_start() {
+            let detail = "is missing: only control meshes named after a body have a start of their own";
+            return Err(ServiceError::invalid("/start", detail));
+        }
+        Ok(Self { fitting, posted, start, turns: search.turns })
+    }
+
+    /// The start of the request, or that of the ellipsoid of the targets, or of their directions where there are some.
+    fn start(&self, targets: &[Target], directions: &[[f64; 3]]) -> Result<Matrix, GeometryError> {
+        if let Some(start) = &self.start {
+            return Ok(start.clone());
+        }
+        let found = if directions.is_empty() {
+            self.fitting.ellipsoid(targets)?
+        } else {
+            self.fitting.at_directions(targets, directions)?
+        };
+        // A mesh without a start of its own was refused before.
+        found.ok_or(GeometryError::TooFewPoints { found: targets.len(), needed: self.posted.metric.size() })
+    }
+
+    /// About a point near the targets where these are far from the origin: the surface keeps the digits that they have.
+    fn fit(
+        &self,
+        targets: &[Target],
+        directions: &[[f64; 3]],
+        stop: Stop<'_>,
+    ) -> Result<SubdivisionFit, Vec<InputError>> {
+        let points: Vec<[f64; 3]> = targets.iter().map(|target| target.point).collect();
+        let Some(origin) = far_origin(points.iter()) else {
+            return self.fit_near(targets, directions, [0.0; 3], stop);
+        };
+        let about = |target: &Target| Target { point: minus(target.point, origin), ..*target };
+        let targets: Vec<Target> = targets.iter().map(about).collect();
+        let mut found = self.fit_near(&targets, directions, origin, stop)?;
+        found.rows.column_iter_mut().zip(origin).for_each(|(mut column, x)| column.add_scalar_mut(x));
+        Ok(found)
+    }
+
+    fn fit_near(
+        &self,
+        targets: &[Target],
+        directions: &[[f64; 3]],
+        origin: [f64; 3],
+        stop: Stop<'_>,
+    ) -> Result<SubdivisionFit, Vec<InputError>> {
+        let one = |error: GeometryError| vec![InputError::new("", error.to_string())];
+        let mut start = self.start(targets, directions).map_err(one)?;
+        if self.start.is_some() {
+            start.column_iter_mut().zip(origin).for_each(|(mut column, x)| column.add_scalar_mut(-x));
+        }
+        let found = self.fitting.fit_until(targets, start, self.turns, stop).map_err(one)?;
+        // What was stopped is thrown away.
+        let beyond = overshoot(&self.posted.steps().points(&found.rows), targets);
+        if !(beyond <= MOST_OVERSHOOT) {
+            let detail = format!(
+                "does not hold the surface: it runs {:.0} % of the extent beyond the points, where there are none; take fewer control \
+                 points or turns, or another start",
+                100.0 * beyond
+            );
+            return Err(vec![InputError::new("", detail)]);
+        }
+        Ok(found)
+    }
+}
+
+/// Fits surfaces to clouds of points, from the ellipsoid of their moments or the start given.
+///
+/// # Errors
+/// Faults of the shapes and of the start; clouds that do not hold a surface.
+pub fn fit_clouds(
+    app: &App,
+    posted: &Posted,
+    subdivision: &Subdivision,
+    search: Search,
+    shapes: Vec<ShapeInput>,
+) -> Result<Vec<FittedMesh>, ServiceError> {
+    let fits = Fits::new(app, posted, subdivision, search, shapes.len(), "/shapes")?;
+    let context = app.pool.context();
+    let stop = || context.is_cancelled();
+    each_shape(&context, shapes, |_, shape| {
+        let list = read::given(&shape.points).cloned();
+        read::attributes(shape)?;
+        let list = list.ok_or_else(|| vec![InputError::new("", "has no points")])?;
+        let coordinates = list.checked(3).map_err(below_points)?;
+        let (count, fewest) = (list.len(), posted.metric.size());
+        if !(fewest..=app.limits.points).contains(&count) {
+            let detail = format!(
+                "has {count} points, {fewest} to {} are fitted: as many as control points at least",
+                app.limits.points
+            );
+            return Err(vec![InputError::new("/points", detail)]);
+        }
+        let targets: Vec<Target> =
+            coordinates.as_chunks().0.iter().map(|&point| Target { point, weight: 1.0 }).collect();
+        let fit = fits.fit(&targets, &[], &stop).map_err(below_points)?;
+        Ok(FittedMesh { fit, warnings: Vec::new() })
+    })
+}
+
+/// Fits surfaces to triangle meshes, to their faces: from a spherical parameterisation, or from the start given.
+///
+/// # Errors
+/// Faults of the meshes and of the start; meshes that do not hold a surface.
+pub fn fit_meshes(
+    app: &App,
+    posted: &Posted,
+    subdivision: &Subdivision,
+    search: Search,
+    meshes: Vec<MeshInput>,
+) -> Result<Vec<FittedMesh>, ServiceError> {
+    let fits = Fits::new(app, posted, subdivision, search, meshes.len(), "/meshes")?;
+    let context = app.pool.context();
+    let stop = || context.is_cancelled();
+    each_of(&context, "meshes", meshes, |_, mesh| {
+        let PostedMesh { mesh, source } = PostedMesh::read(mesh, &app.limits)?;
+        if !(mesh.face_areas().iter().sum::<f64>() > 0.0) {
+            return Err(vec![InputError::new("/faces", "have no area")]);
+        }
+        let directions = match source {
+            _ if fits.start.is_some() => None,
+            ParameterSource::Given(parameters) => {
+                Some(parameters.into_iter().map(direction).collect::<Vec<_>>())
+            }
+            ParameterSource::Sphere(points) => Some(points.into_iter().map(unit).collect()),
+            ParameterSource::Computed { poles } => {
+                let parameters = spherical_until(&mesh, poles, &stop).map_err(|error| {
+                    let pointer = match &error {
+                        GeometryError::Mesh(fault) => mesh_pointer(fault),
+                        GeometryError::Poles { .. } if poles.is_some() => "/poles".into(),
+                        _ => "/vertices".into(),
+                    };
+                    vec![InputError::new(pointer, error.to_string())]
+                })?;
+                Some(parameters.into_iter().map(direction).collect())
+            }
+        };
+        let (targets, directions) = mesh_targets(&mesh, directions.as_deref());
+        let fit = fits.fit(&targets, &directions, &stop)?;
+        Ok(FittedMesh { fit, warnings: warnings::of_posted_mesh(&mesh, &stop) })
+    })
+}
+
+/// On the unit sphere, at a longitude and colatitude in whole and half turns.
+fn direction([u, v]: [f64; 2]) -> [f64; 3] {
+    let ((su, cu), (sv, cv)) = ((TAU * u).sin_cos(), (PI * v).sin_cos());
+    [sv * cu, sv * su, cv]
+}
+
+fn unit(point: [f64; 3]) -> [f64; 3] {
+    let length = norm(point);
+    point.map(|x| x / length)
+}

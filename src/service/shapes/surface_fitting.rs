@@ -1,0 +1,329 @@
+//! Fits of surfaces to grids, clouds with parameters and triangle meshes. Plain functions, to be run on the pool.
+
+use std::borrow::Borrow;
+
+use super::curves::{below_points, each_of, each_shape};
+use super::read;
+use super::request::Posted;
+use super::surfaces::outside;
+use crate::formats::InputError;
+use crate::formats::checked::{Checked, LARGE, document, take_given};
+use crate::formats::shape::{PointList, ShapeInput};
+use crate::geometry::GeometryError;
+use crate::geometry::mesh::{MeshError, TriangleMesh};
+use crate::geometry::surface::Topology;
+use crate::geometry::surface::fit::{SurfaceSample, fit, mesh_samples, spherical_parameters};
+use crate::geometry::surface::parameterisation::spherical_until;
+use crate::geometry::vector::{dot, norm};
+use crate::numeric::bounded::Stop;
+use crate::numeric::dense::Matrix;
+use crate::service::app::{App, Limits, ServiceError, warnings};
+
+document! {
+    /// A triangle mesh to which a surface is fitted.
+    pub struct MeshInput {
+        /// Positions.
+        #[schema(value_type = Vec<[f64; 3]>, required = true)]
+        vertices: PointList, required;
+        /// Triangles by the positions of their corners in that list, counter-clockwise seen from outside.
+        #[schema(value_type = Vec<[u32; 3]>, required = true)]
+        faces: Checked<Vec<[u32; 3]>, LARGE>, required;
+        /// `u` and `v` of every vertex.
+        #[schema(value_type = Option<Vec<[f64; 2]>>)]
+        parameters: PointList;
+        /// Every vertex on a sphere about the origin instead, z towards the north: a spherical parameterisation.
+        #[schema(value_type = Option<Vec<[f64; 3]>>)]
+        sphere: PointList;
+        /// The vertices at the north and the south, when parameters are computed; those at the ends of the longest principal
+        /// axis unless given.
+        #[schema(value_type = Option<[u32; 2]>)]
+        poles: Checked<[u32; 2]>;
+    }
+}
+
+/// A fitted surface.
+#[derive(Debug, Clone)]
+pub struct FittedSurface {
+    /// Its control points.
+    pub control_points: Matrix,
+    /// Root of the weighted mean squared distance at the parameters.
+    pub residual: f64,
+    /// Largest such distance.
+    pub largest: f64,
+    /// Parameters of the vertices of a mesh.
+    pub parameters: Option<Vec<[f64; 2]>>,
+    /// Part of the area of a mesh over which the surface is folded.
+    pub folded: Option<f64>,
+    /// What is wrong with the mesh.
+    pub warnings: Vec<String>,
+}
+
+/// A fit that is folded over more than this part of the area is refused: it is no surface any more.
+const MOST_FOLDED: f64 = 0.05;
+
+/// Multiply-adds of the normal equations of a request at the most: a minute of work.
+const MOST_OPERATIONS: f64 = 1e11;
+
+/// That `count` fits, of `N³/3` multiply-adds each, are not too many.
+fn check_work(posted: &Posted, count: usize, pointer: &str) -> Result<(), ServiceError> {
+    let operations = count as f64 * (posted.metric.size() as f64).powi(3) / 3.0;
+    if operations <= MOST_OPERATIONS {
+        return Ok(());
+    }
+    let detail = format!(
+        "has {count} entries, whose fits take {operations:.0e} multiply-adds, at most {MOST_OPERATIONS:.0e}: send fewer, or take \
+         fewer control points"
+    );
+    Err(ServiceError::invalid(pointer, detail))
+}
+
+/// Fits surfaces to points: those of a grid of any size at its equally spaced parameters, those of a list at `parameters`.
+///
+/// # Errors
+/// Faults of the shapes; points that leave gaps.
+pub fn fit_points(
+    app: &App,
+    posted: &Posted,
+    parameters: Option<&[Vec<[f64; 2]>]>,
+    shapes: Vec<ShapeInput>,
+) -> Result<Vec<FittedSurface>, ServiceError> {
+    if shapes.is_empty() {
+        return Err(ServiceError::TooFewShapes { found: 0, needed: 1 });
+    }
+    check_work(posted, shapes.len(), "/shapes")?;
+    if let Some(lists) = parameters {
+        if lists.len() != shapes.len() {
+            let detail = format!("has {} lists for {} shapes", lists.len(), shapes.len());
+            return Err(ServiceError::invalid("/parameters", detail));
+        }
+        let wild = lists.iter().enumerate();
+        let faults = wild.flat_map(|(i, list)| outside(&posted.space, list, &format!("/parameters/{i}")));
+        ServiceError::unless_empty(faults.collect())?;
+    }
+    each_shape(&app.pool.context(), shapes, |index, shape| {
+        let list = read::given(&shape.points).cloned();
+        read::attributes(shape)?;
+        let list = list.ok_or_else(|| vec![InputError::new("", "has no points")])?;
+        let coordinates = list.checked(3).map_err(below_points)?;
+        let refused = |detail: String| Err(vec![InputError::new("/points", detail)]);
+        if list.len() > app.limits.points {
+            return refused(format!("has {} points, at most {} are accepted", list.len(), app.limits.points));
+        }
+        let places = match (parameters.map(|lists| &lists[index]), list.grid()) {
+            (Some(places), _) if places.len() != list.len() => {
+                return refused(format!("has {} points for {} parameters", list.len(), places.len()));
+            }
+            (Some(places), _) => places.clone(),
+            (None, Some(grid)) => {
+                let surface = posted.surface(&Matrix::zeros(posted.metric.size(), 3));
+                let [u, v] = [0, 1].map(|i| surface.parameters(i, grid[i]));
+                u.iter().flat_map(|&u| v.iter().map(move |&v| [u, v])).collect()
+            }
+            (None, None) => {
+                return refused("are a list: give their parameters, a grid [u][v], or a mesh".into());
+            }
+        };
+        let sample = |(point, parameters): (&[f64], [f64; 2])| SurfaceSample {
+            parameters,
+            point: [point[0], point[1], point[2]],
+            weight: 1.0,
+        };
+        let samples: Vec<SurfaceSample> = coordinates.chunks_exact(3).zip(places).map(sample).collect();
+        let found = fit(posted.basis(), &samples)
+            .map_err(|error| vec![InputError::new("/points", error.to_string())])?;
+        Ok(FittedSurface {
+            control_points: found.rows,
+            residual: found.residual,
+            largest: found.largest,
+            parameters: None,
+            folded: None,
+            warnings: Vec::new(),
+        })
+    })
+}
+
+/// Fits surfaces to triangle meshes, to their faces and not only their vertices.
+///
+/// Parameters are given, or those of given positions on a sphere, or on a closed mesh without handles computed: see
+/// [`spherical_until`].
+///
+/// # Errors
+/// Faults of the meshes, at `/meshes/{index}…`; vertices that leave gaps; fits that are folded.
+pub fn fit_meshes(
+    app: &App,
+    posted: &Posted,
+    meshes: Vec<MeshInput>,
+) -> Result<Vec<FittedSurface>, ServiceError> {
+    if meshes.is_empty() {
+        return Err(ServiceError::TooFewShapes { found: 0, needed: 1 });
+    }
+    check_work(posted, meshes.len(), "/meshes")?;
+    let context = app.pool.context();
+    let stop = || context.is_cancelled();
+    each_of(&context, "meshes", meshes, |_, mesh| PostedMesh::read(mesh, &app.limits)?.fit(posted, &stop))
+}
+
+/// A mesh whose numbers are in order.
+pub(crate) struct PostedMesh {
+    pub(crate) mesh: TriangleMesh,
+    pub(crate) source: ParameterSource,
+}
+
+/// Where the parameters of a mesh come from.
+pub(crate) enum ParameterSource {
+    Given(Vec<[f64; 2]>),
+    Sphere(Vec<[f64; 3]>),
+    Computed { poles: Option<[u32; 2]> },
+}
+
+impl PostedMesh {
+    pub(crate) fn read(input: MeshInput, limits: &Limits) -> Result<Self, Vec<InputError>> {
+        let mut errors = input.faults;
+        let vertices = take_points(&input.vertices, "/vertices", &mut errors);
+        let faces = take_given(input.faces, "/faces", &mut errors);
+        let parameters = take_points(&input.parameters, "/parameters", &mut errors);
+        let sphere = take_points(&input.sphere, "/sphere", &mut errors);
+        let poles = take_given(input.poles, "/poles", &mut errors);
+        // A field that is there and null was not noted as missing.
+        if vertices.is_none() && errors.is_empty() {
+            errors.push(InputError::new("/vertices", "is missing"));
+        }
+        let (Some(vertices), Some(faces), true) = (vertices, faces, errors.is_empty()) else {
+            return Err(errors);
+        };
+        let mut error = |pointer: &str, detail: String| errors.push(InputError::new(pointer, detail));
+        let count = vertices.len();
+        if count > limits.points || faces.len() > 4 * limits.points {
+            error(
+                "",
+                format!(
+                    "has {count} vertices and {} faces, at most {} and {} are accepted",
+                    faces.len(),
+                    limits.points,
+                    4 * limits.points
+                ),
+            );
+        }
+        let lengths =
+            [(parameters.as_ref().map(Vec::len), "/parameters"), (sphere.as_ref().map(Vec::len), "/sphere")];
+        for (length, pointer) in lengths {
+            if let Some(length) = length.filter(|length| *length != count) {
+                error(pointer, format!("has {length} entries for {count} vertices"));
+            }
+        }
+        if let Some(index) =
+            sphere.as_ref().and_then(|list| list.iter().position(|point| norm(*point) == 0.0))
+        {
+            error(&format!("/sphere/{index}"), "is the origin, which is in no direction".into());
+        }
+        let mesh = TriangleMesh { vertices, normals: None, faces };
+        if let Err(fault) = mesh.check_faces() {
+            error(&mesh_pointer(&fault), fault.to_string());
+        }
+        let source = match (parameters, sphere, poles) {
+            (Some(parameters), None, None) => ParameterSource::Given(parameters),
+            (None, Some(sphere), None) => ParameterSource::Sphere(sphere),
+            (None, None, poles) => ParameterSource::Computed { poles },
+            _ => {
+                error("", "has more than one of parameters, sphere and poles: give one of them".into());
+                ParameterSource::Computed { poles: None }
+            }
+        };
+        if errors.is_empty() { Ok(Self { mesh, source }) } else { Err(errors) }
+    }
+
+    fn fit(self, posted: &Posted, stop: Stop<'_>) -> Result<FittedSurface, Vec<InputError>> {
+        let one = |pointer: &str, detail: String| vec![InputError::new(pointer, detail)];
+        let topology = posted.basis().extent().topology;
+        let parameters = match self.source {
+            ParameterSource::Given(parameters) => {
+                let faults = outside(&posted.space, &parameters, "/parameters");
+                if !faults.is_empty() {
+                    return Err(faults
+                        .into_iter()
+                        .map(|fault| InputError::new(fault.pointer, fault.detail))
+                        .collect());
+                }
+                parameters
+            }
+            _ if topology != Topology::Sphere => {
+                let detail = format!(
+                    "are missing: they are computed for the topology sphere only, this is a {}",
+                    topology.name()
+                );
+                return Err(one("/parameters", detail));
+            }
+            ParameterSource::Sphere(points) => points.into_iter().map(spherical_parameters).collect(),
+            ParameterSource::Computed { poles } => {
+                spherical_until(&self.mesh, poles, stop).map_err(|error| {
+                    let pointer = match &error {
+                        GeometryError::Mesh(fault) => mesh_pointer(fault),
+                        GeometryError::Poles { .. } if poles.is_some() => "/poles".into(),
+                        GeometryError::NotASphere { .. } => "/faces".into(),
+                        _ => "/vertices".into(),
+                    };
+                    one(&pointer, error.to_string())
+                })?
+            }
+        };
+        let (faces, samples): (Vec<usize>, Vec<SurfaceSample>) =
+            mesh_samples(posted.basis(), &self.mesh, &parameters).into_iter().unzip();
+        let found = fit(posted.basis(), &samples).map_err(|error| one("/vertices", error.to_string()))?;
+        let surface = posted.surface(&found.rows);
+        let normals = self.mesh.face_normals();
+        let (mut area, mut folded, mut first) = (0.0, 0.0, None);
+        for (face, SurfaceSample { parameters: [u, v], weight, .. }) in faces.iter().zip(&samples) {
+            let normal = surface.frame(*v, &surface.jet(*u, *v)).normal;
+            area += weight;
+            if normal.is_none_or(|normal| dot(normal, normals[*face]) < 0.0) && surface.is_orientable() {
+                folded += weight;
+                first = first.or(Some(*face));
+            }
+        }
+        let folded = folded / area;
+        if let Some(face) = first.filter(|_| folded > MOST_FOLDED) {
+            let detail = format!(
+                "folds the surface: over {:.1} % of the area its normal points against that of the mesh, first at face {face}. \
+                 Turn the faces if they are seen clockwise from outside; else take other parameters or poles, or other numbers \
+                 of control points",
+                100.0 * folded
+            );
+            return Err(one("", detail));
+        }
+        Ok(FittedSurface {
+            control_points: found.rows,
+            residual: found.residual,
+            largest: found.largest,
+            parameters: Some(parameters),
+            folded: Some(folded),
+            warnings: warnings::of_posted_mesh(&self.mesh, stop),
+        })
+    }
+}
+
+/// A list of points with `D` coordinates each.
+pub(crate) fn take_points<const D: usize>(
+    list: &Option<impl Borrow<PointList>>,
+    pointer: &str,
+    errors: &mut Vec<InputError>,
+) -> Option<Vec<[f64; D]>> {
+    let list = read::given(list)?;
+    match list.checked(D) {
+        Ok(coordinates) if list.grid().is_none() => Some(coordinates.as_chunks().0.to_vec()),
+        Ok(_) => {
+            errors.push(InputError::new(pointer, "is a grid, a list of points is wanted"));
+            None
+        }
+        Err(found) => {
+            errors.extend(found.into_iter().map(|error| error.below(pointer)));
+            None
+        }
+    }
+}
+
+pub(crate) fn mesh_pointer(fault: &MeshError) -> String {
+    match fault.face() {
+        Some(face) => format!("/faces/{face}"),
+        None => "/vertices".into(),
+    }
+}

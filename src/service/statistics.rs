@@ -1,0 +1,334 @@
+//! The stateless statistics: everything in the request, nothing stored. Plain functions, to be run on the pool.
+
+use crate::analysis::accumulate::{ShapesInMemory, Watched};
+use crate::analysis::alignment::{
+    AlignedShape, Alignment, MeanShape, Method, Projection, Projector, align_all_until, unwhitened,
+};
+use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
+use crate::analysis::frame::Frame;
+use crate::analysis::matching::Matching;
+use crate::analysis::metric::{Metric, norm};
+use crate::analysis::partial_sums::Measured;
+use crate::analysis::pca::FunctionalPca;
+use crate::analysis::transformation::Transformation;
+use crate::formats::shape::ShapeInput;
+use crate::formats::svg::{self, Layer, colour};
+use crate::geometry::representation::{Representation, ShapeSpace};
+use crate::service::app::{App, Fault, Limits, ServiceError};
+use crate::service::shapes::read::{self, Batch, Reading};
+
+/// How shapes are read and brought together.
+#[derive(Debug, Clone)]
+pub struct Settings {
+    /// What shapes are made of.
+    pub representation: Representation,
+    /// How points correspond.
+    pub correspondence: Correspondence,
+    /// Direction of contours.
+    pub direction: Direction,
+    /// Mirror images.
+    pub mirror: Mirror,
+    /// What is removed.
+    pub transformation: Transformation,
+    /// Projection or Procrustes.
+    pub alignment: Alignment,
+    /// Which member of the mean space is shown.
+    pub frame: Frame,
+}
+
+/// Settings made ready for arithmetic.
+#[derive(Debug, Clone)]
+pub struct Setup {
+    /// The space of the shapes.
+    pub space: ShapeSpace,
+    /// Its metric.
+    pub metric: Metric,
+    /// Projection or Procrustes.
+    pub method: Method,
+    /// Which member of the mean space is shown.
+    pub frame: Frame,
+    /// Start points, directions, mirror images.
+    pub matching: Matching,
+    correspondence: Correspondence,
+    direction: Direction,
+}
+
+impl Setup {
+    /// Checks and prepares `settings`.
+    ///
+    /// # Errors
+    /// [`ServiceError::Invalid`] with all fields that do not fit together.
+    pub fn new(app: &App, settings: &Settings) -> Result<Self, ServiceError> {
+        let Settings { representation, correspondence, direction, mirror, transformation, alignment, frame } =
+            settings;
+        let mut faults = Vec::new();
+        let mut keep = |error| match error {
+            ServiceError::Invalid(found) => {
+                faults.extend(found);
+                Ok(())
+            }
+            other => Err(other),
+        };
+        let space = match app.space(representation, "/representation") {
+            Ok(space) => Some(space),
+            Err(error) => keep(error).map(|()| None)?,
+        };
+        let places = read::check_correspondence(representation, *correspondence);
+        for checked in [places, read::check_mirror(representation, *mirror)] {
+            checked.or_else(&mut keep)?;
+        }
+        // Classes exist in two and three dimensions: another one is a fault of its own.
+        let method = match Method::new(transformation, *alignment, representation.dimension()) {
+            _ if !(2..=3).contains(&representation.dimension()) => None,
+            Ok(method) => Some(method),
+            Err(error) => keep(error.into()).map(|()| None)?,
+        };
+        if let (Some((space, _)), Some(method)) = (&space, &method)
+            && method.translates()
+            && !space.reproduces_constants()
+        {
+            let detail = "does not reproduce constants, so that its shapes cannot be moved: add the pole 0, or \
+                          choose a class without translation";
+            faults.push(Fault::new("/representation/generator", detail));
+        }
+        match (space, method) {
+            (Some((space, metric)), Some(method)) if faults.is_empty() => {
+                let matching = Matching::new(&space, *correspondence, *direction, *mirror);
+                Ok(Self {
+                    space,
+                    metric,
+                    method,
+                    frame: *frame,
+                    matching,
+                    correspondence: *correspondence,
+                    direction: *direction,
+                })
+            }
+            _ => Err(ServiceError::Invalid(faults)),
+        }
+    }
+
+    /// What shapes are measured by, and how they are brought together.
+    pub(crate) fn measured(&self) -> Measured<'_> {
+        Measured { metric: &self.metric, method: &self.method, matching: &self.matching }
+    }
+
+    /// How posted shapes are read.
+    pub(crate) fn reading<'a>(&'a self, limits: &'a Limits) -> Reading<'a> {
+        let Self { space, correspondence, direction, .. } = self;
+        Reading { space, correspondence: *correspondence, direction: *direction, limits }
+    }
+}
+
+/// A mean with its aligned shapes.
+#[derive(Debug)]
+pub struct Statistics {
+    /// What was asked for.
+    pub setup: Setup,
+    /// The mean.
+    pub mean: MeanShape,
+    /// One a shape, in order.
+    pub aligned: Vec<AlignedShape>,
+    /// `L₂` norm of every shape, about its mean position when the class translates.
+    pub sizes: Vec<f64>,
+    weights: Vec<f64>,
+}
+
+/// Mean and aligned shapes.
+///
+/// # Errors
+/// Faults of the input; degenerate or too few shapes.
+pub fn align(app: &App, settings: &Settings, shapes: Vec<ShapeInput>) -> Result<Statistics, ServiceError> {
+    let setup = Setup::new(app, settings)?;
+    let Batch { control_points, weights } = read::read_batch(&setup.reading(&app.limits), shapes)?;
+    let sizes = sizes(&setup, &control_points);
+    let Setup { metric, method, frame, matching, .. } = &setup;
+    let context = app.pool.context();
+    context.check()?;
+    let stop = || context.is_cancelled();
+    let (mean, aligned) =
+        align_all_until(metric, method, *frame, matching, control_points, weights.clone(), &stop)?;
+    Ok(Statistics { setup, mean, aligned, sizes, weights })
+}
+
+fn sizes(setup: &Setup, control_points: &[f64]) -> Vec<f64> {
+    let size = |shape: &[f64]| {
+        let mut shape = shape.to_vec();
+        if setup.method.translates() {
+            setup.metric.centre(&mut shape);
+        }
+        setup.metric.whiten(&mut shape);
+        norm(&shape)
+    };
+    control_points.chunks_exact(setup.metric.len()).map(size).collect()
+}
+
+/// Principal components of aligned shapes with the scores of every one.
+#[derive(Debug)]
+pub struct Components {
+    /// The components.
+    pub pca: FunctionalPca,
+    /// Scores, one list a shape.
+    pub scores: Vec<Vec<f64>>,
+    /// Reconstruction error of every shape from its scores.
+    pub errors: Vec<f64>,
+}
+
+/// Functional PCA of aligned shapes.
+///
+/// # Errors
+/// A failure of the eigenproblem; [`ServiceError::Cancelled`].
+pub fn pca(
+    app: &App,
+    statistics: &Statistics,
+    components: usize,
+    centre: bool,
+) -> Result<Components, ServiceError> {
+    let context = app.pool.context();
+    context.check()?;
+    let stop = || context.is_cancelled();
+    let metric = &statistics.setup.metric;
+    let whitened = statistics.aligned.iter().flat_map(|shape| shape.whitened.iter().copied()).collect();
+    let source = ShapesInMemory::prepared(whitened, statistics.weights.clone());
+    let source = Watched::new(&source, &stop);
+    let pca = FunctionalPca::new(&source, metric, &statistics.mean.whitened, centre, components)?;
+    let scores = pca.all_scores(&source)?;
+    let errors = statistics
+        .aligned
+        .iter()
+        .zip(&scores)
+        .map(|(shape, scores)| {
+            context.check()?;
+            Ok(crate::analysis::pca::reconstruction_error(&shape.whitened, &pca.reconstruct(scores)))
+        })
+        .collect::<Result<_, ServiceError>>()?;
+    Ok(Components { pca, scores, errors })
+}
+
+/// Projections of shapes and a reference onto each other's classes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Deserialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Onto {
+    /// The member of the reference's class nearest to each shape, `P_ref r_k = A r_ref + b`.
+    #[default]
+    Reference,
+    /// The member of each shape's class nearest to the reference, `P_k r_ref = A r_k + b`.
+    Shape,
+}
+
+/// Projects. Degenerate shapes are refused in both directions.
+///
+/// # Errors
+/// Faults of the input; degenerate shapes, or a degenerate reference at `/reference`.
+pub fn project(
+    app: &App,
+    settings: &Settings,
+    onto: Onto,
+    reference: ShapeInput,
+    shapes: Vec<ShapeInput>,
+) -> Result<(Setup, Vec<Projection>), ServiceError> {
+    let setup = Setup::new(app, settings)?;
+    let reading = setup.reading(&app.limits);
+    let batch = read::read_batch(&reading, shapes);
+    let reference = read::read_shape(&reading, reference)
+        .map(|(control_points, _)| control_points)
+        .map_err(|errors| ServiceError::below(errors, "/reference"));
+    let (reference, batch) = match (reference, batch) {
+        (Ok(reference), Ok(batch)) => (reference, batch),
+        (Err(ServiceError::Invalid(mut faults)), Err(ServiceError::Invalid(more))) => {
+            faults.extend(more);
+            return Err(ServiceError::Invalid(faults));
+        }
+        (Err(error), _) | (_, Err(error)) => return Err(error),
+    };
+    if batch.weights.is_empty() {
+        return Err(ServiceError::TooFewShapes { found: 0, needed: 1 });
+    }
+    let to_reference = Projector::new(&setup.metric, &setup.method, reference.clone());
+    to_reference
+        .project(reference.clone())
+        .map_err(|error| ServiceError::of_analysis(error, |_| "/reference".into()).without_index())?;
+    let context = app.pool.context();
+    let projections = batch
+        .control_points
+        .chunks_exact(setup.metric.len())
+        .enumerate()
+        .map(|(index, shape)| {
+            context.check()?;
+            let aligned = to_reference.project(shape.to_vec()).map_err(|error| error.at(index))?;
+            Ok(match onto {
+                Onto::Shape => aligned,
+                Onto::Reference => Projector::new(&setup.metric, &setup.method, shape.to_vec())
+                    .project(reference.clone())
+                    .map_err(|error| error.at(index))?,
+            })
+        })
+        .collect::<Result<_, ServiceError>>()?;
+    Ok((setup, projections))
+}
+
+/// Aligned shapes drawn behind a mean at the most: more would hide one another.
+pub const MAX_DRAWN: usize = 300;
+
+/// Picture of a mean with aligned shapes behind it.
+pub fn draw_mean(setup: &Setup, title: &str, mean: &MeanShape, aligned: &[AlignedShape]) -> String {
+    let behind: Vec<Vec<f64>> =
+        aligned.iter().take(MAX_DRAWN).map(|shape| unwhitened(&setup.metric, &shape.whitened)).collect();
+    let opacity = (8.0 / (behind.len() as f64 + 1.0)).clamp(0.08, 0.6);
+    let layers = [
+        Layer::of(&setup.space, behind.iter().map(Vec::as_slice), colour::BACK, 1.0, opacity)
+            .named(format!("{} aligned shapes", behind.len())),
+        Layer::of(&setup.space, [mean.control_points.as_slice()], colour::MAIN, 2.5, 1.0).named("mean"),
+    ];
+    svg::draw(title, &layers)
+}
+
+/// Picture of one mode: the mean and `mean ± sigma·√(λ/(K − 1)) ξ`.
+///
+/// # Errors
+/// A component that does not exist.
+pub fn draw_mode(
+    statistics: &Statistics,
+    components: &Components,
+    component: usize,
+    sigma: f64,
+) -> Result<String, ServiceError> {
+    let pca = &components.pca;
+    let found = pca.eigenvalues.len();
+    if !(1..=found).contains(&component) {
+        let detail = format!("is {component}, there are {found} components");
+        return Err(ServiceError::Query(format!("component {detail}")));
+    }
+    let setup = &statistics.setup;
+    let i = component - 1;
+    // Uncentred eigenvalues measure energy, not variation: the spread of the scores is what a mode shows.
+    let shapes = statistics.aligned.len() as f64;
+    let mean_score = components.scores.iter().map(|s| s[i]).sum::<f64>() / shapes;
+    let variance =
+        components.scores.iter().map(|s| (s[i] - mean_score).powi(2)).sum::<f64>() / (shapes - 1.0);
+    let moved = |sign: f64| {
+        let step = sign * sigma * variance.sqrt();
+        let x: Vec<f64> =
+            pca.mean.iter().zip(pca.eigenshapes.column(i).iter()).map(|(m, xi)| m + step * xi).collect();
+        unwhitened(&setup.metric, &x)
+    };
+    let (minus, mean, plus) = (moved(-1.0), moved(0.0), moved(1.0));
+    let layer = |shape: &[f64], colour, width| Layer::of(&setup.space, [shape], colour, width, 1.0);
+    let layers = [
+        layer(&minus, colour::MINUS, 2.0).named(format!("−{sigma} σ")),
+        layer(&plus, colour::PLUS, 2.0).named(format!("+{sigma} σ")),
+        layer(&mean, colour::MAIN, 2.5).named("mean"),
+    ];
+    let title = format!(
+        "mode {component}: {:.1} % of {}",
+        100.0 * pca.explained[i],
+        if pca.centred { "variance" } else { "energy" }
+    );
+    Ok(svg::draw(&title, &layers))
+}
+
+/// Picture of shapes as they are.
+pub fn draw_shapes(space: &ShapeSpace, title: &str, shapes: &[&[f64]]) -> String {
+    let opacity = if shapes.len() > 1 { 0.5 } else { 1.0 };
+    svg::draw(title, &[Layer::of(space, shapes.iter().copied().take(MAX_DRAWN), colour::MAIN, 2.0, opacity)])
+}

@@ -1,0 +1,140 @@
+//! Why the store refuses or fails.
+
+use std::path::PathBuf;
+
+/// Why the store did not do it. What it says ends in the log: never a text that a client has sent.
+#[derive(Debug, thiserror::Error)]
+pub enum StoreError {
+    /// Another cohort has the name.
+    #[error("the name is taken")]
+    NameTaken {
+        /// The name asked for.
+        name: String,
+    },
+    /// The external identifier belongs to a shape with other content.
+    #[error("the external id of shape {position} belongs to a shape with other content")]
+    ExternalIdConflict {
+        /// Position in the whole upload, from 0.
+        position: u64,
+        /// The identifier.
+        external_id: String,
+    },
+    /// A shape has more or fewer numbers than the representation of its cohort.
+    #[error("shape {position} has {found} numbers, expected {expected}")]
+    WrongWidth {
+        /// Position in the whole upload, from 0.
+        position: u64,
+        /// Its numbers.
+        found: usize,
+        /// `N·d` of the cohort.
+        expected: usize,
+    },
+    /// The cohort was deleted.
+    #[error("the cohort no longer exists")]
+    CohortGone,
+    /// The shape is part of an upload that is not finished; it may yet vanish.
+    #[error("shape {position}: the external id {external_id:?} is part of an unfinished upload")]
+    ExternalIdPending {
+        /// Position in the whole upload, from 0.
+        position: u64,
+        /// The identifier.
+        external_id: String,
+    },
+    /// Another process took this one for dead and removed what it had stored so far.
+    #[error("the upload was interrupted, send it again")]
+    UploadLost,
+    /// Stored control points do not have their checksum.
+    #[error("stored control points are damaged (chunk {chunk}): restore a backup")]
+    Corrupt {
+        /// Number of the chunk.
+        chunk: i64,
+    },
+    /// The database is not what this program wrote.
+    #[error("the database is damaged: restore a backup")]
+    Damaged {
+        /// What is wrong, for the log.
+        detail: String,
+    },
+    /// The newest part of it is missing.
+    #[error(
+        "the store is older than it was: its last {missing} audit entries are missing, and with them what was acknowledged then. \
+         The write-ahead log beside the database (shapelex.db-wal) is missing, cut off or damaged, or the database was replaced. \
+         Put the log back or restore a backup; `shapelex serve --accept-loss true` goes on with what is left"
+    )]
+    Older {
+        /// Audit entries that are missing.
+        missing: u64,
+    },
+    /// Another process uses the data folder.
+    #[error("the data folder {} is in use by another process", path.display())]
+    Locked {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// The SQLite library has a known fault.
+    #[error("SQLite {version} is too old, at least 3.51.3 is needed")]
+    TooOld {
+        /// Its version.
+        version: String,
+    },
+    /// The data folder cannot be used.
+    #[error("the data folder {} cannot be used: {source}", path.display())]
+    Folder {
+        /// The folder.
+        path: PathBuf,
+        /// What the system says.
+        source: std::io::Error,
+    },
+    /// The schema cannot be brought up to date, for example because a newer program wrote it.
+    #[error("the database schema does not fit this program")]
+    Schema(#[source] sqlx::migrate::MigrateError),
+    /// What was given as the place of the database is not one.
+    #[error("the address of the database cannot be read: {detail}")]
+    Url {
+        /// Why, without the address, which may hold a password.
+        detail: String,
+    },
+    /// It is not as it was when the client looked.
+    #[error("it was changed meanwhile")]
+    Changed,
+    /// A request with the same key was done before.
+    #[error("the request was done before")]
+    AlreadyDone,
+    /// Changes that old are not kept any more.
+    #[error("changes before number {first} are not kept any more")]
+    ChangesGone {
+        /// The first that is.
+        first: u64,
+    },
+    /// As many jobs wait as may.
+    #[error("{limit} jobs are waiting, no more are taken")]
+    TooManyJobs {
+        /// Jobs that may wait.
+        limit: u32,
+    },
+    /// The jobs of a tenant that wait, and a new one, are predicted to take too long together.
+    #[error(
+        "jobs of {waiting:.0} predicted seconds are waiting, at most {limit:.0} may wait together with a new one"
+    )]
+    TooMuchWork {
+        /// Of those that wait.
+        waiting: f64,
+        /// Of all.
+        limit: f64,
+    },
+    /// No connection became free in time, or the database is away for a moment.
+    #[error("the store is busy, try again")]
+    Busy,
+    /// The disk is full; reading goes on.
+    #[error("the disk of the store is full")]
+    Full,
+    /// The database may only be read.
+    #[error("the store can only be read now")]
+    ReadOnly,
+    /// A text holds the character U+0000.
+    #[error("a text holds the character U+0000, which is not stored")]
+    Text,
+    /// Any other failure of the database.
+    #[error("the database failed")]
+    Database(#[source] sqlx::Error),
+}

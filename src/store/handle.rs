@@ -1,0 +1,281 @@
+//! The store as a principal sees it: opened, closed, its connections and transactions.
+
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, OnceLock};
+
+use super::engine::{Link, Pools, Transaction, sql};
+use super::error::StoreError;
+use super::folder::{DATABASE_FILE, FolderLock};
+use super::mark::Mark;
+use super::replica::Replica;
+use super::{folder, mark, postgres, sqlite};
+use crate::domain::access::{DEFAULT_TENANT, Principal};
+
+/// Chunks removed in one transaction: some 8 MiB and 30 000 rows, a fraction of a second.
+pub(super) const CHUNKS_PER_PURGE: i64 = 8;
+
+/// The store as a principal sees it. Clones share their connections.
+#[derive(Debug, Clone)]
+pub struct Store {
+    pub(super) inner: Arc<Inner>,
+    pub(super) principal: Arc<Principal>,
+}
+
+#[derive(Debug)]
+pub(super) struct Inner {
+    pub(super) pools: Pools,
+    /// The folder of the embedded database, which is this process's own.
+    pub(super) lock: Option<FolderLock>,
+    /// How far the embedded database had come.
+    pub(super) mark: Option<Mark>,
+    pub(super) replica: Replica,
+    /// Where the folder is.
+    pub(super) folder: Option<PathBuf>,
+    /// What is wrong with a large file that was checked beside the service.
+    pub(super) damage: OnceLock<String>,
+}
+
+impl Store {
+    /// Opens the store in `data_dir`, creating folder and database when missing.
+    ///
+    /// Reads the whole file once to check it (a large one beside the service), brings the schema up to date, removes what interrupted uploads
+    /// and deletions left behind, and puts interrupted jobs back into the queue.
+    ///
+    /// # Errors
+    /// [`StoreError::Folder`], [`StoreError::Locked`], [`StoreError::TooOld`], [`StoreError::Older`],
+    /// [`StoreError::Damaged`] and [`StoreError::Schema`] when the folder cannot be used as it is.
+    pub async fn open(data_dir: &Path) -> Result<Self, StoreError> {
+        Self::open_locked(data_dir, false).await
+    }
+
+    /// The same, going on with what is left when the newest part of the store is missing.
+    ///
+    /// # Errors
+    /// Those of [`Store::open`] but [`StoreError::Older`].
+    pub async fn open_accepting_loss(data_dir: &Path) -> Result<Self, StoreError> {
+        Self::open_locked(data_dir, true).await
+    }
+
+    pub(super) async fn open_locked(data_dir: &Path, accepts_loss: bool) -> Result<Self, StoreError> {
+        let lock = FolderLock::take(data_dir)?;
+        match mark::require(data_dir).await {
+            Err(StoreError::Older { missing }) if accepts_loss => {
+                tracing::warn!(missing, "the newest part of the store is missing, which is accepted");
+            }
+            marked => marked?,
+        }
+        folder::protect(data_dir)?;
+        let file = data_dir.join(DATABASE_FILE);
+        let is_small = sqlite::is_small(&file);
+        let pools = sqlite::open(&file, is_small).await?;
+        let mark = begin_mark(&pools, data_dir).await?;
+        let store = Self::new(pools, Some(lock), mark, Some(data_dir.into()));
+        if !is_small {
+            store.check_beside();
+        }
+        store.purge(PURGE_PENDING, None).await?;
+        store.purge(PURGE_ORPHANS, None).await?;
+        store.requeue_interrupted_jobs().await?;
+        Ok(store)
+    }
+
+    /// Opens the store in `data_dir` beside the process that may be using it, for short work: nothing is checked or tidied
+    /// up, and its writes wait for their turn.
+    ///
+    /// # Errors
+    /// [`StoreError::Folder`] when there is no store, [`StoreError::TooOld`], [`StoreError::Older`], [`StoreError::Schema`].
+    pub async fn attach(data_dir: &Path) -> Result<Self, StoreError> {
+        let file = data_dir.join(DATABASE_FILE);
+        if let Err(source) = std::fs::metadata(&file) {
+            return Err(StoreError::Folder { path: data_dir.to_path_buf(), source });
+        }
+        mark::require(data_dir).await?;
+        Ok(Self::new(sqlite::attach(&file).await?, None, None, Some(data_dir.into())))
+    }
+
+    /// Opens the store in the database at `url` (`postgres://…`), whoever else uses it, with at most so many `connections`, and
+    /// brings the schema up to date.
+    ///
+    /// # Errors
+    /// [`StoreError::Url`], [`StoreError::Schema`]; [`StoreError::Busy`] while the database is not there.
+    pub async fn connect(url: &str, connections: u32) -> Result<Self, StoreError> {
+        let options = postgres::options(url)?;
+        let pool = postgres::connect(options.clone(), connections).await?;
+        let store = Self::new(Pools::Postgres(pool), None, None, None);
+        store.purge(PURGE_ORPHANS, None).await?;
+        store.live(options).await?;
+        Ok(store)
+    }
+
+    pub(super) fn new(
+        pools: Pools,
+        lock: Option<FolderLock>,
+        mark: Option<Mark>,
+        folder: Option<PathBuf>,
+    ) -> Self {
+        Self::around(Arc::new(Inner {
+            pools,
+            lock,
+            mark,
+            folder,
+            replica: Replica::new(),
+            damage: OnceLock::new(),
+        }))
+    }
+
+    pub(super) fn around(inner: Arc<Inner>) -> Self {
+        Self { inner, principal: Arc::new(Principal::system(DEFAULT_TENANT)) }
+    }
+
+    /// Checks the file while the service runs: whoever waits for readiness hears of damage then.
+    pub(super) fn check_beside(&self) {
+        let store = self.clone();
+        tokio::spawn(async move {
+            let found = sql(store.reader(), sqlite::QUICK_CHECK).scalar::<String>().await;
+            let detail = match found {
+                Ok(found) if found == sqlite::SOUND => return,
+                Ok(found) => found,
+                Err(error) => error.to_string(),
+            };
+            tracing::error!(detail, "the database is damaged: restore a backup");
+            // Checked once.
+            let _ = store.inner.damage.set(detail);
+        });
+    }
+
+    /// The same store as `principal` sees it.
+    pub fn of(&self, principal: Arc<Principal>) -> Self {
+        Self { inner: Arc::clone(&self.inner), principal }
+    }
+
+    /// Whether the store can write now.
+    ///
+    /// Waits for its turn behind other writers, so that the caller may want a timeout.
+    ///
+    /// # Errors
+    /// [`StoreError::Full`] or [`StoreError::ReadOnly`], for example; [`StoreError::Damaged`] when the check of a large file
+    /// has found something.
+    pub async fn ready(&self) -> Result<(), StoreError> {
+        if let Some(detail) = self.inner.damage.get() {
+            return Err(StoreError::Damaged { detail: detail.clone() });
+        }
+        const PROBE: &str = "INSERT INTO probe (id, count) VALUES (1, 1)
+            ON CONFLICT (id) DO UPDATE SET count = probe.count + 1";
+        sql(self.writer(), PROBE).execute().await?;
+        Ok(())
+    }
+
+    /// Waits for work in progress, closes all connections and frees the data folder. The file of the embedded database then holds
+    /// everything.
+    pub async fn close(&self) {
+        if self.inner.lock.is_some()
+            && let Err(error) = self.inner.pools.fold_log().await
+        {
+            // It stays where it is, and is read at the next start.
+            tracing::warn!(%error, "the write-ahead log could not be folded into the database");
+        }
+        self.inner.pools.close().await;
+        if let Some(mark) = &self.inner.mark {
+            mark.sync();
+        }
+        if let Some(lock) = &self.inner.lock {
+            lock.free();
+        }
+    }
+
+    /// So many audit entries have been committed.
+    pub(super) fn mark_entries(&self, count: usize) {
+        if let Some(mark) = &self.inner.mark {
+            mark.advance(count as u64);
+        }
+    }
+
+    /// Runs a statement that the store itself never runs.
+    #[cfg(test)]
+    pub(crate) async fn meddle(&self, statement: &'static str) {
+        sql(self.writer(), statement).execute().await.expect("a statement of a test");
+    }
+
+    pub(super) fn tenant(&self) -> &str {
+        &self.principal.tenant
+    }
+
+    /// What a name of this tenant is stored as where it must be unique.
+    pub(super) fn handle(&self, name: &str) -> String {
+        handle(self.tenant(), name)
+    }
+
+    /// Where statements that only read go.
+    pub(super) fn reader(&self) -> Link<'_> {
+        self.inner.pools.reader()
+    }
+
+    /// Where single statements that write go.
+    pub(super) fn writer(&self) -> Link<'_> {
+        self.inner.pools.writer()
+    }
+
+    /// Begins a transaction that reads one state of the database.
+    pub(super) async fn begin_read(&self) -> Result<Transaction, StoreError> {
+        Ok(self.inner.pools.begin_read().await?)
+    }
+
+    /// Begins a transaction that no other one of the same `scope`, such as the id of a cohort, overlaps.
+    pub(super) async fn begin_write(&self, scope: &str) -> Result<Transaction, StoreError> {
+        Ok(self.inner.pools.begin_write(scope).await?)
+    }
+
+    /// Runs one of the `PURGE_` statements until nothing is left, letting other writers in between.
+    pub(super) async fn purge(
+        &self,
+        statement: &'static str,
+        upload: Option<&str>,
+    ) -> Result<(), StoreError> {
+        loop {
+            let query = sql(self.writer(), statement).bind(CHUNKS_PER_PURGE);
+            let query = match upload {
+                Some(upload) => query.bind(upload.to_owned()),
+                None => query,
+            };
+            if query.execute().await? == 0 {
+                return Ok(());
+            }
+        }
+    }
+}
+
+/// What a name of a tenant is stored as where it must be unique.
+pub(super) fn handle(tenant: &str, name: &str) -> String {
+    format!("{tenant}/{name}")
+}
+
+/// Removes chunks of unfinished uploads: only at start, when no upload can be in progress.
+pub(super) const PURGE_PENDING: &str = "DELETE FROM chunk WHERE revision IS NULL AND id IN
+    (SELECT id FROM chunk WHERE revision IS NULL LIMIT $1)";
+/// Removes chunks of deleted cohorts.
+pub(super) const PURGE_ORPHANS: &str = "DELETE FROM chunk WHERE id IN
+    (SELECT id FROM chunk WHERE cohort IS NULL LIMIT $1)";
+/// Removes chunks of one unfinished upload.
+///
+/// What is pending is asked twice: PostgreSQL, when it has waited for the commit that makes a chunk visible, looks at the
+/// condition of the DELETE again, but not into the list, and would remove what was just acknowledged.
+pub(super) const PURGE_UPLOAD: &str = "DELETE FROM chunk WHERE revision IS NULL AND id IN
+    (SELECT id FROM chunk WHERE revision IS NULL AND upload = $2 LIMIT $1)";
+
+/// The mark of a store that has just been opened. None when there is no room for it: the store works without.
+pub(super) async fn begin_mark(pools: &Pools, data_dir: &Path) -> Result<Option<Mark>, StoreError> {
+    let entries = mark::entries(pools.reader()).await?;
+    let mark = Mark::begin(data_dir, entries);
+    if let Err(error) = &mark {
+        tracing::warn!(%error, "the mark of the store cannot be written: a missing write-ahead log will not be noticed");
+    }
+    Ok(mark.ok())
+}
+
+/// Runs arithmetic longer than a millisecond away from the threads that serve requests.
+pub(super) async fn blocking<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> T {
+    match tokio::task::spawn_blocking(work).await {
+        Ok(value) => value,
+        Err(error) => std::panic::resume_unwind(error.into_panic()),
+    }
+}
