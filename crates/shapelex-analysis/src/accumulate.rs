@@ -1,9 +1,8 @@
 //! Sums over many shapes that stream, split and merge.
 //!
-//! A set of shapes is walked in blocks of [`BLOCK`] shapes; every block makes one partial sum. The blocks of
-//! a part of [`PART`] shapes merge in their order, and the parts merge in theirs. The result therefore has
-//! the same bits on any number of threads, for any way the shapes were cut into batches, and wherever
-//! the sum of a part was made.
+//! A set of shapes is processed in blocks of [`BLOCK`] shapes, each with its own partial sum. The blocks of a part
+//! ([`PART`] shapes) merge in order, and so do the parts. The result therefore has the same bits for any number of
+//! threads, any division of the shapes into batches, and any process that computed the sum of a part.
 
 use rayon::prelude::*;
 
@@ -16,24 +15,24 @@ use shapelex_numeric::dense::{self, Eigenpairs, Matrix};
 /// Shapes per partial sum. Part of the definition of every result: changing it changes last bits.
 pub const BLOCK: usize = 128;
 
-/// Shapes whose blocks are merged before they are added to the rest: what one process does of a sum that several
-/// share. Part of the definition of every result over more shapes than that, as [`BLOCK`] is.
+/// Shapes per part: their blocks merge before they are added to the total. A part is the unit of work of a distributed
+/// sum. Part of the definition of every result over more shapes than that, as [`BLOCK`] is.
 pub const PART: usize = 64 * BLOCK;
 
-/// Shapes per task where nothing is summed: results do not depend on it.
+/// Shapes per task of a map. Results do not depend on it.
 const MAP_BLOCK: usize = 16;
 
-/// Partial sums in flight take at most about this many bytes together.
+/// Approximate limit on the memory of all partial sums in flight, in bytes.
 const PARTIAL_BYTES: usize = 256 << 20;
 
-/// Consecutive prepared shapes: whitened, centred when the class translates, `d·N` numbers each.
+/// A batch of consecutive prepared shapes: whitened, centred when the class translates, `d·N` numbers each.
 #[derive(Debug, Clone, Copy)]
 pub struct Shapes<'a> {
     /// Position of the first shape in the whole set.
     pub first: usize,
-    /// One shape after the other.
+    /// The shapes, one after the other.
     pub whitened: &'a [f64],
-    /// One positive weight a shape.
+    /// One positive weight per shape.
     pub weights: &'a [f64],
 }
 
@@ -46,7 +45,7 @@ impl<'a> Shapes<'a> {
         rows.enumerate().map(move |(i, (x, &weight))| (first + i, x, weight))
     }
 
-    /// The first `shapes` and the rest.
+    /// Splits off the first `shapes` shapes.
     pub(super) fn split_at(self, shapes: usize) -> (Self, Self) {
         let length = self.whitened.len() / self.weights.len().max(1);
         let (left, right) = self.whitened.split_at(shapes * length);
@@ -55,7 +54,7 @@ impl<'a> Shapes<'a> {
         (Shapes { first: self.first, whitened: left, weights: first_weights }, rest)
     }
 
-    /// Consecutive pieces of `size` shapes, the last one shorter.
+    /// Consecutive blocks of `size` shapes; the last one may be shorter.
     pub(super) fn blocks(self, size: usize) -> impl IndexedParallelIterator<Item = Shapes<'a>> {
         let length = self.whitened.len() / self.weights.len().max(1);
         let rows = self.whitened.par_chunks(size * length.max(1));
@@ -67,9 +66,9 @@ impl<'a> Shapes<'a> {
     }
 }
 
-/// A set of shapes that can be walked several times, always in the same order.
+/// A set of shapes that can be read several times, always in the same order.
 pub trait ShapeSource: Sync {
-    /// What can go wrong: a bad shape, or the medium the shapes come from.
+    /// Error of a read: a bad shape, or a failure of the storage that the shapes come from.
     type Error: From<AnalysisError> + Send;
 
     /// Number of shapes.
@@ -78,24 +77,24 @@ pub trait ShapeSource: Sync {
     /// Calls `visit` with consecutive batches; every batch but the last has a multiple of [`BLOCK`] shapes.
     ///
     /// # Errors
-    /// The first error of the medium or of `visit`.
+    /// The first error of the storage or of `visit`.
     fn for_each_batch(
         &self,
         visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), Self::Error>,
     ) -> Result<(), Self::Error>;
 
-    /// Has the sum of every part made by whoever is free, and gives them to `merge` in their order, as
-    /// [`Accumulator::to_bytes`] wrote them; false, and nothing done, when the pass is to be made here.
+    /// Distributes the parts to idle workers and passes their sums to `merge` in order, as
+    /// [`Accumulator::to_bytes`] wrote them. Returns `false`, doing nothing, if the sum should be computed locally.
     ///
     /// # Errors
-    /// The first error of the medium or of `merge`.
+    /// The first error of the storage or of `merge`.
     fn spread(&self, pass: &Pass, merge: &mut MergePart<'_>) -> Result<bool, Self::Error> {
         let _ = (pass, merge);
         Ok(false)
     }
 }
 
-/// Takes the bytes of the sum of a part.
+/// Receives the serialised sum of a part.
 pub type MergePart<'a> = dyn FnMut(&[u8]) -> Result<(), AnalysisError> + 'a;
 
 /// Shapes in memory, prepared once.
@@ -106,7 +105,7 @@ pub struct ShapesInMemory {
 }
 
 impl ShapesInMemory {
-    /// Prepares `control_points` (one shape of `d·N` coordinate-major numbers after the other).
+    /// Prepares `control_points`, `d·N` coordinate-major numbers per shape, one shape after the other.
     ///
     /// # Errors
     /// [`AnalysisError::NoExtent`] for the first shape without an extent.
@@ -120,7 +119,7 @@ impl ShapesInMemory {
         Ok(Self { whitened: control_points, weights })
     }
 
-    /// Shapes that are prepared already.
+    /// Wraps shapes that are already prepared.
     pub fn prepared(whitened: Vec<f64>, weights: Vec<f64>) -> Self {
         Self { whitened, weights }
     }
@@ -146,15 +145,14 @@ impl ShapeSource for ShapesInMemory {
     }
 }
 
-/// A source whose walks end when nobody waits for what they are for: `stop` is asked before every [`PART`] of shapes, so that
-/// iterations over a source end with it.
+/// A source that checks `stop` before every [`PART`] of shapes, so that an iteration over it can be cancelled.
 pub struct Watched<'a, S> {
     source: &'a S,
     stop: &'a (dyn Fn() -> bool + Sync),
 }
 
 impl<'a, S> Watched<'a, S> {
-    /// `source` as long as `stop` does not say so.
+    /// Wraps `source`; reading ends with [`AnalysisError::Interrupted`] once `stop` returns true.
     pub fn new(source: &'a S, stop: &'a (dyn Fn() -> bool + Sync)) -> Self {
         Self { source, stop }
     }
@@ -234,7 +232,7 @@ impl AnalysisError {
 }
 
 impl AnalysisError {
-    /// The same error where `first` shapes come before.
+    /// The same error with its position increased by `first`.
     pub fn after(self, first: usize) -> Self {
         match self.position() {
             Some(position) => self.at(first + position),
@@ -242,7 +240,7 @@ impl AnalysisError {
         }
     }
 
-    /// The position of the shape that is to blame.
+    /// Position of the shape that caused the error.
     pub fn position(&self) -> Option<usize> {
         match self {
             Self::Degenerate { index, .. }
@@ -253,28 +251,28 @@ impl AnalysisError {
     }
 }
 
-/// A sum over shapes that merges by addition: serves threads, chunks of jobs and machines alike.
+/// A sum over shapes that merges by addition: across threads, chunks of a job and machines.
 pub trait Accumulator: Sized + Send {
     /// Adds the shapes.
     ///
     /// # Errors
-    /// What is wrong with a shape, with its position.
+    /// The first error of a shape, with its position.
     fn update(&mut self, shapes: Shapes<'_>) -> Result<(), AnalysisError>;
 
-    /// Adds another sum of the same kind; the order of merges decides the last bits.
+    /// Adds another sum of the same kind. The order of merges affects the last bits.
     fn merge(&mut self, other: Self);
 
-    /// The sum as bytes: little-endian, self-delimiting, equal for equal sums.
+    /// Serialises the sum: little-endian, self-delimiting, equal bytes for equal sums.
     fn to_bytes(&self) -> Vec<u8>;
 
-    /// Replaces this sum by a stored one of the same kind and size.
+    /// Replaces this sum by a serialised one of the same kind and size.
     ///
     /// # Errors
-    /// [`AnalysisError::NotAnAccumulator`] when the bytes are something else.
+    /// [`AnalysisError::NotAnAccumulator`] for any other bytes.
     fn restore(&mut self, bytes: &[u8]) -> Result<(), AnalysisError>;
 }
 
-/// The sum of `empty`-made accumulators over all shapes of `source`; `partial_bytes` is the size of one.
+/// Sum over all shapes of `source`. `empty` creates an accumulator; `partial_bytes` is the size of one.
 ///
 /// # Errors
 /// The first error of the source or of an update.
@@ -306,7 +304,7 @@ pub fn accumulate<S: ShapeSource, A: Accumulator>(
     Ok(total)
 }
 
-/// The sum over all shapes of `source`: of parts made elsewhere when the source spreads them, else made `here`.
+/// Sum over all shapes of `source`: merged from distributed parts if the source distributes them, else made by `here`.
 ///
 /// # Errors
 /// Those of the source and of `here`.
@@ -346,8 +344,8 @@ pub fn map_shapes<S: ShapeSource, T: Send>(
     Ok(values)
 }
 
-/// Of the shapes at eligible positions the one with the smallest coordinates, compared one by one: a choice
-/// that does not depend on their order.
+/// The eligible shape with the lexicographically smallest coordinates: a choice that does not depend on the
+/// order of the shapes.
 ///
 /// # Errors
 /// [`AnalysisError::TooFewShapes`] when no position is eligible; errors of the source.
@@ -369,9 +367,8 @@ pub fn smallest_eligible<S: ShapeSource>(
 
 /// `S = Σ x xᵀ` of vectors `x ∈ R^n`, with its leading eigenpairs by the smaller of two routes.
 ///
-/// While fewer than `n/2` vectors have come they are kept (dual route, Theorem 2: the symmetric matrix
-/// `XᵀX`); from then on the `n × n` matrix is (primal route). The choice depends on the number of
-/// vectors alone.
+/// Up to about `n/2` vectors are kept as they are (dual route, Theorem 2: the symmetric matrix `XᵀX`); beyond that,
+/// they are folded into the `n × n` matrix (primal route). The choice depends on the number of vectors alone.
 #[derive(Debug, Clone, PartialEq)]
 pub struct OuterProductSum {
     n: usize,
@@ -380,8 +377,7 @@ pub struct OuterProductSum {
     matrix: Option<Matrix>,
 }
 
-/// Vectors are folded into the matrix in groups of at least this many: a product of thin matrices wastes
-/// the kernel.
+/// Minimum number of vectors per fold into the matrix: products of thinner matrices use the kernel badly.
 const FOLD: usize = 64;
 
 impl OuterProductSum {
@@ -415,7 +411,7 @@ impl OuterProductSum {
         self.add(&other.columns);
     }
 
-    /// Takes the vectors `leaving` out and `arriving` in; false, and nothing done, while vectors are kept.
+    /// Subtracts the vectors `leaving` and adds `arriving`. Returns `false`, doing nothing, while vectors are kept.
     pub(super) fn exchange(&mut self, leaving: &[f64], arriving: &[f64]) -> bool {
         let Some(matrix) = &mut self.matrix else { return false };
         dense::add_outer_products(matrix, leaving, -1.0);
@@ -423,7 +419,7 @@ impl OuterProductSum {
         true
     }
 
-    /// Makes the sum over `x` one over `x` and `J x`, `J` the quarter turn of planar shapes:
+    /// Extends the sum over `x` to a sum over `x` and `J x`, where `J` is the quarter turn of planar shapes:
     /// `S + J S Jᵀ = [[A + C, ·], [B − Bᵀ, A + C]]` for `S = [[A, ·], [B, C]]`.
     pub(super) fn close_under_quarter_turn(&mut self) {
         let turned: Vec<f64> = self.columns.chunks_exact(self.n).flat_map(|x| quarter_turn(x, 1.0)).collect();
@@ -439,8 +435,8 @@ impl OuterProductSum {
         }
     }
 
-    /// Orthonormal basis of the leading invariant subspace, iterated from the columns of `near`; nothing when
-    /// that does not converge quickly.
+    /// Orthonormal basis of the leading invariant subspace, iterated from the columns of `near`. `None` if the
+    /// iteration does not converge quickly.
     pub(super) fn leading_subspace(&mut self, near: &Matrix) -> Option<Matrix> {
         if self.matrix.is_none() && self.columns.len() < self.n * self.n {
             let x = Matrix::from_column_slice(self.n, self.columns.len() / self.n, &self.columns);
@@ -457,10 +453,10 @@ impl OuterProductSum {
         dot(&self.columns, &self.columns) + self.matrix.as_ref().map_or(0.0, Matrix::trace)
     }
 
-    /// The `count` leading eigenpairs of `S`, fewer when its rank is smaller (dual route).
+    /// The `count` leading eigenpairs of `S`; fewer if its rank is smaller (dual route).
     ///
     /// # Errors
-    /// [`NumericError::NoConvergence`](shapelex_numeric::NumericError::NoConvergence) of the eigenproblem.
+    /// [`NumericError::NoConvergence`](shapelex_numeric::NumericError::NoConvergence) if the eigenproblem fails.
     pub fn leading(mut self, count: usize) -> Result<Eigenpairs, AnalysisError> {
         if self.matrix.is_none() && self.columns.len() < self.n * self.n {
             return dual_eigenpairs(&self.columns, self.n, count);
@@ -487,13 +483,13 @@ impl OuterProductSum {
     }
 }
 
-/// Relative eigenvalue of `XᵀX` below which a direction is rounding.
+/// Relative eigenvalue of `XᵀX` below which a direction is rounding error.
 const RANK: f64 = 1e-14;
 
 /// Eigenpairs of `X Xᵀ` from those of `XᵀX`: `f_i = X v_i / √λ_i`.
 ///
-/// The division by a small `√λ` costs orthogonality, so the vectors are orthonormalised once more in the
-/// order of their eigenvalues.
+/// Division by a small `√λ` costs orthogonality, so the vectors are orthonormalised again in the order of their
+/// eigenvalues.
 fn dual_eigenpairs(columns: &[f64], n: usize, count: usize) -> Result<Eigenpairs, AnalysisError> {
     let x = Matrix::from_column_slice(n, columns.len() / n, columns);
     let pairs = dense::leading_eigenpairs(&dense::gram(columns, n), count)?;
@@ -538,8 +534,7 @@ impl ScatterSum {
 
     /// `tr S` and the leading eigenpairs of `S = Σ w x xᵀ`, or of `Σ w (x − x̄)(x − x̄)ᵀ`.
     ///
-    /// Centring happens at the end: subtract a fixed reference from every vector before, else digits
-    /// cancel.
+    /// Centring happens at the end. To avoid cancellation, subtract a fixed reference from every vector beforehand.
     ///
     /// # Errors
     /// As [`OuterProductSum::leading`].
@@ -605,7 +600,7 @@ pub(super) fn write_numbers(bytes: &mut Vec<u8>, numbers: &[f64]) {
     numbers.iter().for_each(|value| bytes.extend_from_slice(&value.to_le_bytes()));
 }
 
-/// Reads what [`write_numbers`] wrote and moves on.
+/// Reads the output of [`write_numbers`] and advances past it.
 pub(super) fn read_numbers(bytes: &mut &[u8]) -> Result<Vec<f64>, AnalysisError> {
     let (head, rest) = bytes.split_first_chunk::<8>().ok_or(AnalysisError::NotAnAccumulator)?;
     let length = usize::try_from(u64::from_le_bytes(*head)).map_err(|_| AnalysisError::NotAnAccumulator)?;

@@ -16,31 +16,31 @@ use super::subspace::{Projected, Subspace, check_extent, flatten};
 use super::transformation::{ClassName, Transformation, TransformationClass};
 use shapelex_numeric::dense::Matrix;
 
-/// Fewest shapes that have a mean.
+/// Minimum number of shapes for a mean.
 pub const FEWEST_SHAPES: usize = 2;
 
-/// Eigenvalues of the mean operator that are reported, where there are that many.
+/// Number of reported eigenvalues of the mean operator, where there are that many.
 const REPORTED_EIGENVALUES: usize = 10;
 
-/// The alternation of mean and placements ends after this many rounds at the latest.
+/// Maximum number of rounds in which the mean and the placements alternate.
 const MAX_ROUNDS: usize = 100;
 
-/// How shapes are brought together.
+/// Alignment method.
 #[derive(Debug, Clone)]
 pub enum Method {
-    /// Projection on the subspaces of a linear class.
+    /// Projection onto the subspaces of a linear class.
     Projection(TransformationClass),
     /// Generalised Procrustes fits.
     Procrustes(Fit),
 }
 
-/// `alignment` as it stands in requests.
+/// Alignment method.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 #[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
 pub enum Alignment {
-    /// Closed-form projection on the subspace of the class.
+    /// Closed-form projection onto the subspace of the transformation class.
     #[default]
     Projection,
     /// Iterated rotations and scales, without reflection.
@@ -48,11 +48,11 @@ pub enum Alignment {
 }
 
 impl Method {
-    /// The method for a class in dimension `d`. Pure translation is a fit without rotation and scale
-    /// whatever the alignment: its mean is the arithmetic mean of the centred shapes.
+    /// The method for a class in dimension `d`. Pure translation is always a fit without rotation and scale: its mean
+    /// is the arithmetic mean of the centred shapes.
     ///
     /// # Errors
-    /// [`AnalysisError::NotAProperClass`] when the alignment cannot be done with the class.
+    /// [`AnalysisError::NotAProperClass`] if the class does not support the alignment.
     pub fn new(
         transformation: &Transformation,
         alignment: Alignment,
@@ -72,7 +72,7 @@ impl Method {
         }
     }
 
-    /// Whether shapes are centred first.
+    /// Whether shapes are centred before alignment.
     pub fn translates(&self) -> bool {
         match self {
             Self::Projection(class) => class.translates(),
@@ -80,12 +80,12 @@ impl Method {
         }
     }
 
-    /// `b = −A r̄` when shapes are centred, else nothing.
+    /// `b = −A r̄` if shapes are centred, else zero.
     pub(super) fn offset(&self, matrix: &Matrix, centroid: &[f64]) -> Vec<f64> {
         if self.translates() { offset_of(matrix, centroid) } else { vec![0.0; centroid.len()] }
     }
 
-    /// The nearest member of the class of the whitened shape `x` to the whitened `mean`.
+    /// The member of the class of the whitened shape `x` nearest to the whitened `mean`.
     pub(super) fn bring(&self, x: &[f64], mean: &[f64]) -> Result<Projected, AnalysisError> {
         match self {
             Self::Projection(class) => Ok(Subspace::new(class, x)?.project(mean)),
@@ -100,9 +100,9 @@ impl Method {
 /// The mean shape with its certificate.
 #[derive(Debug, Clone)]
 pub struct MeanShape {
-    /// Whitened; of unit norm except under rigid motions and translations.
+    /// Whitened mean, of unit norm except under rigid motions and translations.
     pub whitened: Vec<f64>,
-    /// `d·N`, coordinate-major.
+    /// Control points of the mean: `d·N` numbers, coordinate-major.
     pub control_points: Vec<f64>,
     /// Leading eigenvalues of the mean operator; empty for Procrustes fits.
     pub eigenvalues: Vec<f64>,
@@ -118,7 +118,7 @@ pub struct MeanShape {
     pub rounds: usize,
     /// Whether the last round changed nothing.
     pub converged: bool,
-    /// How every shape lies.
+    /// Placement of every shape.
     pub placements: Vec<Placement>,
 }
 
@@ -153,7 +153,7 @@ fn projection_mean<S: ShapeSource>(
     let sum_of = |placements: &[Placement]| -> Result<ProjectorSum<'_>, S::Error> {
         ProjectorSum::of(&Placed { source, matching, placements }, class, metric.len())
     };
-    // A search needs the space alone; its certificate comes at the end.
+    // The search needs the space alone; its certificate is computed at the end.
     let report = if matching.searches() { 0 } else { REPORTED_EIGENVALUES };
     let mut space = MeanSpace::new(sum_of(&placements)?, report)?;
     if matching.mirrors() {
@@ -195,7 +195,7 @@ fn projection_mean<S: ShapeSource>(
     })
 }
 
-/// The sum of projectors after the shapes `changed` have moved, when that is less work than forming it anew.
+/// The sum of projectors after the shapes `changed` have moved. `None` if recomputing it from scratch costs less.
 fn exchanged<'a, S: ShapeSource>(
     source: &S,
     matching: &Matching,
@@ -220,8 +220,8 @@ fn exchanged<'a, S: ShapeSource>(
     Ok(sum.exchange(&moved)?.then_some(sum))
 }
 
-/// The shape nearest to the mean space. Mirror images are first decided against it: the mean of a set and of
-/// the mirror images of half of it is symmetric, and no side would be preferred.
+/// The shape nearest to the mean space. Mirror images are first decided against this shape: the mean of a set in
+/// which half of the shapes are mirrored is symmetric and would prefer neither side.
 fn best_matched<S: ShapeSource>(source: &S, space: &MeanSpace<'_>) -> Result<Vec<f64>, S::Error> {
     let cosine = |x: &[f64]| norm(&space.project(x)) / norm(x);
     let cosines = map_shapes(source, |_, x, _| Ok(cosine(x)))?;
@@ -279,20 +279,20 @@ pub struct AlignedShape {
     pub offset: Vec<f64>,
     /// `‖r_mean − r̃‖`.
     pub residual: f64,
-    /// Cosine between the aligned shape and the mean.
+    /// Cosine of the angle between the aligned shape and the mean.
     pub correlation: f64,
-    /// Start and direction that were chosen.
+    /// Chosen start point and direction.
     pub placement: Placement,
 }
 
 impl AlignedShape {
-    /// Whether the shape matched as a mirror image: `det A < 0`.
+    /// Whether the shape was matched as a mirror image: `det A < 0`.
     pub fn reflected(&self) -> bool {
         self.matrix.determinant() < 0.0
     }
 }
 
-/// Aligns the whitened shape `x`, with centroid `centroid` before it was prepared, to `mean`.
+/// Aligns the whitened shape `x` to `mean`; `centroid` is its centroid before it was prepared.
 ///
 /// # Errors
 /// [`AnalysisError::Degenerate`] with index 0.
@@ -325,7 +325,7 @@ fn cosine(a: &[f64], b: &[f64]) -> f64 {
     if product > 0.0 { (dot(a, b) / product).clamp(-1.0, 1.0) } else { 0.0 }
 }
 
-/// Mean and aligned shapes of `control_points` in memory, one shape of `d·N` numbers after the other.
+/// Mean and aligned shapes of `control_points` in memory, `d·N` numbers per shape.
 ///
 /// # Errors
 /// As [`mean_shape`].
@@ -340,10 +340,10 @@ pub fn align_all(
     align_all_until(metric, method, frame, matching, control_points, weights, &|| false)
 }
 
-/// As [`align_all`], until `stop` says so: it is asked before every walk over the shapes.
+/// As [`align_all`], with cancellation: `stop` is checked before every pass over the shapes.
 ///
 /// # Errors
-/// As [`mean_shape`]; [`AnalysisError::Interrupted`].
+/// As [`mean_shape`]; [`AnalysisError::Interrupted`] once `stop` returns true.
 pub fn align_all_until(
     metric: &Metric,
     method: &Method,
@@ -365,7 +365,7 @@ pub fn align_all_until(
     Ok((mean, aligned))
 }
 
-/// The projection of a reference shape on the class of another.
+/// Projection of a reference shape onto the class of another shape.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Projection {
     /// The nearest member `A r + b`, `d·N` coordinate-major control points.
@@ -376,11 +376,11 @@ pub struct Projection {
     pub offset: Vec<f64>,
     /// `‖r_ref − (A r + b)‖²`.
     pub squared_distance: f64,
-    /// Cosine between the two, about their mean positions when the class translates.
+    /// Cosine of the angle between the two, about their mean positions if the class translates.
     pub correlation: f64,
 }
 
-/// Projects references on the classes of shapes (Theorem 1): the reference is prepared once.
+/// Projects one reference onto the classes of many shapes (Theorem 1); the reference is prepared once.
 #[derive(Debug, Clone)]
 pub struct Projector<'a> {
     metric: &'a Metric,
@@ -390,7 +390,7 @@ pub struct Projector<'a> {
 }
 
 impl<'a> Projector<'a> {
-    /// For the reference with the given control points.
+    /// Prepares the reference with the given control points.
     pub fn new(metric: &'a Metric, method: &'a Method, mut reference: Vec<f64>) -> Self {
         let position = take_position(metric, method, &mut reference);
         metric.whiten(&mut reference);
@@ -422,7 +422,7 @@ impl<'a> Projector<'a> {
     }
 }
 
-/// Centres when the class translates; the position taken away.
+/// Centres the shape if the class translates, and returns the position that was subtracted.
 fn take_position(metric: &Metric, method: &Method, shape: &mut [f64]) -> Vec<f64> {
     if method.translates() { metric.centre(shape) } else { vec![0.0; metric.dimension()] }
 }

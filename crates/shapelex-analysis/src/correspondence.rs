@@ -1,18 +1,18 @@
-//! How parameter values of two shapes correspond.
+//! Correspondence between the parameter values of two shapes.
 
-/// The correspondence rule of a set of shapes.
+/// Rule by which the points of two shapes correspond.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 #[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
 pub enum Correspondence {
-    /// Points correspond as given; their number must be that of the representation.
+    /// Points correspond as given. Every shape must have the number of points of the representation.
     #[default]
     Landmarks,
     /// Contours are resampled at equal arc length from their first point.
     ArcLength,
-    /// Contours are resampled at equal arc length from a canonical start, and the start that best
-    /// matches the mean is searched.
+    /// Contours are resampled at equal arc length from a canonical start point; then the start point that best matches
+    /// the mean is searched.
     Cyclic,
 }
 
@@ -22,23 +22,23 @@ pub enum Correspondence {
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 #[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
 pub enum Mirror {
-    /// Shapes are taken as they are.
+    /// Shapes are used as given.
     #[default]
     Forbid,
-    /// A shape or its mirror image, whichever matches the mean better.
+    /// The shape or its mirror image is used, whichever matches the mean better.
     Allow,
 }
 
-/// The direction in which contours are traversed.
+/// Treatment of the direction in which contours are traversed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 #[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
 pub enum Direction {
-    /// As given.
+    /// The direction is kept as given.
     #[default]
     Given,
-    /// It has no meaning: planar contours are brought to counter-clockwise, for contours in space the
-    /// direction that best matches the mean is searched.
+    /// The direction is disregarded: planar contours are made counter-clockwise; for contours in space, the direction
+    /// that best matches the mean is searched.
     Either,
 }

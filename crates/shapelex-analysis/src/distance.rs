@@ -6,17 +6,17 @@
 //! rigid, translation         d² = ‖x‖² + ‖y‖² − 2 max_R tr(RᵀH)              the size-and-shape distance, a length
 //! ```
 //!
-//! `I` is the dimension of the subspaces, `H = Σ_n x[n] y[n]ᵀ`, `R` a rotation without reflection (the identity for
-//! translations); shapes are whitened and centred when the class translates. In the plane the chordal distance of
-//! `similarity` is the full Procrustes distance. Where start points, directions or mirror images are searched, the distance
-//! is the least one over all of them; nothing is left out that could be the least.
+//! `I` is the dimension of the subspaces, `H = Σ_n x[n] y[n]ᵀ`, and `R` a rotation without reflection (the identity for
+//! translations). Shapes are whitened, and centred when the class translates. In the plane the chordal distance of
+//! `similarity` is the full Procrustes distance. If start points, directions or mirror images are searched, the distance is
+//! the minimum over all of them; the search is exhaustive.
 //!
-//! All of them are made of a few inner products `p` of a pair: with `P = QQᵀ`, `tr(P₁P₂) = ‖Q₁ᵀQ₂‖²`, a sum of squares.
-//! Without a search of start points they come from one matrix product of stacked bases; with it, spectra are kept and one real
-//! inverse FFT a product gives all `N` start points at once.
+//! Every distance is computed from a few inner products `p` of a pair: with `P = QQᵀ`, `tr(P₁P₂) = ‖Q₁ᵀQ₂‖²`, a sum of
+//! squares. Without a search of start points the products come from one matrix product of stacked bases. With it, spectra are
+//! kept, and one real inverse FFT per product gives all `N` start points at once.
 //!
-//! Accuracy: the squares are exact to some `10⁻¹⁵` (of `‖x‖² + ‖y‖²`), so that distances are exact to `10⁻¹⁵/d`: two shapes of
-//! one class come out at up to some `3·10⁻⁸`, not at zero.
+//! Accuracy: squared distances are exact to some `10⁻¹⁵` (of `‖x‖² + ‖y‖²`), hence distances `d` to `10⁻¹⁵/d`. The distance
+//! of two shapes of one class is up to some `3·10⁻⁸` rather than zero.
 //!
 //! Source: Edelman, Arias and Smith 1998 (chordal distance on the Grassmannian); Dryden and Mardia 1998, chapters 4 and 5.
 
@@ -33,19 +33,19 @@ use super::transformation::{Structure, TransformationClass};
 use shapelex_numeric::circulant::{FftScratch, RealFft};
 use shapelex_numeric::dense::{Matrix, transpose_multiply_columns};
 
-/// Shapes of one side of a tile of the matrix, at most: two tiles of spectra fit in the cache.
+/// Maximum number of shapes per side of a tile of the matrix: two tiles of spectra fit in the cache.
 const TILE: usize = 32;
 
-/// Columns of one side of a matrix product, about: enough for its kernels, little enough for the cache.
+/// Approximate number of columns per side of a matrix product: enough for its kernels, few enough for the cache.
 const TILE_COLUMNS: usize = 256;
 
-/// Two placements whose scores differ by less than this part are equal: the first one is named.
+/// Relative difference below which the scores of two placements are equal; the first placement wins.
 const TIE: f64 = 1e-12;
 
-/// A matrix whose distance from the span of a class is above this part of its norm does not belong to it.
+/// Relative distance from the span of a class above which a matrix does not belong to the class.
 const IN_SPAN: f64 = 1e-9;
 
-/// One signed inner product of a column of the first shape and one of the second.
+/// A signed inner product of a column of the first shape with one of the second.
 #[derive(Debug, Clone, Copy)]
 struct Term {
     left: usize,
@@ -53,47 +53,46 @@ struct Term {
     sign: f64,
 }
 
-/// What is made of the products of a pair; more is nearer.
+/// Score of a pair, formed from its products. A larger score means a smaller distance.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Score {
     /// `Σ p²`.
     Squares,
-    /// The only product.
+    /// The single product itself.
     Single,
     /// `max tr(RᵀH)` of the `3 × 3` products.
     Rotation,
 }
 
-/// How a score becomes a distance.
+/// Conversion of a score into a distance.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Scale {
-    /// Of bases, or of shapes of unit norm; the largest score.
+    /// For bases, or shapes of unit norm; holds the largest possible score.
     Unit(f64),
-    /// Of shapes with their sizes.
+    /// For shapes that keep their sizes.
     Sizes,
 }
 
-/// The shapes of a class in one representation, with what is searched: prepares shapes and compares them.
+/// Prepares and compares the shapes of one representation under one class and one search.
 #[derive(Debug, Clone)]
 pub struct DistanceSpace {
     method: Method,
     matching: Matching,
     /// `N`.
     size: usize,
-    /// Columns of `N` numbers that stand for a shape.
+    /// Number of columns, of `N` numbers each, that represent a shape.
     columns: usize,
     products: Vec<Vec<Term>>,
     score: Score,
     scale: Scale,
 }
 
-/// Shapes that are ready to be compared: orthonormal bases or points, as they are or as spectra, once for every way to lay
-/// them.
+/// Shapes prepared for comparison: orthonormal bases or points, as signals or as spectra, one set per candidate placement.
 #[derive(Debug, Clone)]
 pub struct PreparedShapes {
     /// `‖x‖²`.
     squared_norms: Vec<f64>,
-    /// One entry a placement without start point; the first is the shape as given.
+    /// One entry per candidate placement (without start point); the first is the shape as given.
     laid: Vec<Columns>,
 }
 
@@ -103,16 +102,16 @@ enum Columns {
     Spectra(Vec<Complex64>),
 }
 
-/// The distance of a shape to another, and how the other one lies at it.
+/// Distance between two shapes, with the placement of the second that attains it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Match {
     /// The distance.
     pub distance: f64,
-    /// How the second shape is laid on the first.
+    /// Placement of the second shape on the first.
     pub placement: Placement,
 }
 
-/// The best score of a pair, and a placement that has it.
+/// The best score of a pair, and a placement that attains it.
 #[derive(Debug, Clone, Copy)]
 struct Best {
     score: f64,
@@ -127,7 +126,7 @@ impl Best {
         placement: Placement { shift: 0, reversed: false, mirrored: false },
     };
 
-    /// The score is the largest; the placement changes only for more than rounding.
+    /// Keeps the largest score. The placement changes only if the improvement exceeds rounding.
     fn offer(&mut self, score: f64, placement: Placement) {
         self.score = self.score.max(score);
         if score > self.placed_score + TIE * self.placed_score.abs() || self.placed_score == f64::NEG_INFINITY
@@ -137,22 +136,22 @@ impl Best {
     }
 }
 
-/// Memory for the products of one pair.
+/// Scratch memory for the products of one pair.
 struct Work {
     scratch: FftScratch,
     spectrum: Vec<Complex64>,
     correlation: Vec<f64>,
     scores: Vec<f64>,
-    /// All products of every start point, for [`Score::Rotation`].
+    /// All products of all start points, for [`Score::Rotation`].
     products: Vec<f64>,
 }
 
 impl DistanceSpace {
-    /// For shapes compared by `method` with what `matching` searches.
+    /// For shapes compared by `method`, with the search of `matching`.
     ///
     /// # Errors
-    /// [`AnalysisError::NotAProperClass`] when mirror images are searched and the mirror image of the class is another class:
-    /// the distance would depend on the order of the two shapes.
+    /// [`AnalysisError::NotAProperClass`] if mirror images are searched and the mirror image of the class is a different class:
+    /// the distance would not be symmetric.
     pub fn new(method: &Method, matching: &Matching) -> Result<Self, AnalysisError> {
         let d = matching.dimension();
         if let Method::Projection(class) = method
@@ -179,7 +178,7 @@ impl DistanceSpace {
         Ok(Self { method, matching, size, columns, products, score, scale })
     }
 
-    /// Multiply-adds of one pair, about.
+    /// Approximate number of multiply-adds per pair.
     pub fn operations(&self) -> f64 {
         let (n, products) = (self.size as f64, self.products.len() as f64);
         let of_placement = match self.matching.fft() {
@@ -193,12 +192,12 @@ impl DistanceSpace {
     }
 
     fn rotation_operations(&self) -> f64 {
-        /// Of a `3 × 3` singular value decomposition.
+        /// Cost of a `3 × 3` singular value decomposition.
         const DECOMPOSITION: f64 = 1000.0;
         if self.score == Score::Rotation { DECOMPOSITION } else { 0.0 }
     }
 
-    /// Bytes of one prepared shape.
+    /// Size of one prepared shape in bytes.
     pub fn bytes(&self) -> usize {
         let of_column = match self.matching.fft() {
             Some(fft) => 16 * fft.spectrum_len(),
@@ -209,10 +208,10 @@ impl DistanceSpace {
 
     /// Prepares whitened shapes, `d·N` numbers each, centred when the class translates.
     ///
-    /// Cost `O(dN I²)` a shape and placement; with a search of start points also one FFT a column.
+    /// Cost `O(dN I²)` per shape and placement; with a search of start points also one FFT per column.
     ///
     /// # Errors
-    /// [`AnalysisError::Degenerate`], [`AnalysisError::NoExtent`] for the first such shape, with its position.
+    /// [`AnalysisError::Degenerate`] or [`AnalysisError::NoExtent`] with the position of the first such shape.
     pub fn prepare(&self, whitened: &[f64]) -> Result<PreparedShapes, AnalysisError> {
         let length = self.size * self.matching.dimension();
         let candidates = self.matching.candidates();
@@ -233,7 +232,7 @@ impl DistanceSpace {
         Ok(PreparedShapes { squared_norms, laid: laid.collect() })
     }
 
-    /// The columns that stand for the whitened shape `x`.
+    /// The columns that represent the whitened shape `x`.
     fn columns_of(&self, x: &[f64]) -> Result<Vec<f64>, AnalysisError> {
         match &self.method {
             Method::Projection(class) => {
@@ -248,9 +247,9 @@ impl DistanceSpace {
         }
     }
 
-    /// The distances of shape `i` of `shapes` to every one of `others`, in their order.
+    /// Distances of shape `i` of `shapes` to all of `others`, in order.
     ///
-    /// Cost: the products of all pairs. A pair has the same bits whatever stands beside it.
+    /// Cost: the products of all pairs. The bits of a distance do not depend on the other shapes.
     pub fn compare(&self, shapes: &PreparedShapes, i: usize, others: &PreparedShapes) -> Vec<Match> {
         let compare = |work: &mut Work, j: usize| {
             let best = self.best(shapes, i, others, j, work);
@@ -260,13 +259,13 @@ impl DistanceSpace {
         (0..others.count()).into_par_iter().with_min_len(TILE).map_init(|| self.work(), compare).collect()
     }
 
-    /// The symmetric matrix of all distances, row by row, `K²` numbers with zeros on the diagonal.
+    /// The symmetric matrix of all distances, row by row: `K²` numbers with zeros on the diagonal.
     ///
-    /// `go_on` hears the part that is done and says whether to go on; it is called between tiles, from any thread. Each pair
-    /// is computed once, in tiles that do not depend on the number of threads: neither do the bits.
+    /// `go_on` receives the fraction that is done and returns whether to continue; it is called between tiles, from any thread.
+    /// Each pair is computed once, in tiles that do not depend on the number of threads, and neither do the bits.
     ///
     /// # Errors
-    /// [`AnalysisError::Interrupted`] when `go_on` says so.
+    /// [`AnalysisError::Interrupted`] once `go_on` returns false.
     pub fn matrix(
         &self,
         shapes: &PreparedShapes,
@@ -302,7 +301,7 @@ impl DistanceSpace {
         }
     }
 
-    /// The distances above the diagonal of one tile, into the `rows` of its band.
+    /// Writes the distances of one tile above the diagonal into the `rows` of its band.
     fn fill_tile(
         &self,
         shapes: &PreparedShapes,
@@ -355,7 +354,7 @@ impl DistanceSpace {
         }
     }
 
-    /// The largest score of shape `i` and shape `j` over all that is searched, by FFT.
+    /// The largest score of shapes `i` and `j` over all candidates, by FFT.
     fn largest_score(&self, shapes: &PreparedShapes, i: usize, j: usize, work: &mut Work) -> f64 {
         let mut largest = f64::NEG_INFINITY;
         for laid in &shapes.laid {
@@ -384,7 +383,7 @@ impl DistanceSpace {
         best
     }
 
-    /// `work.scores`: one score a start point of shape `j` in `laid`, or one where none is searched.
+    /// Fills `work.scores`: one score per start point of shape `j` in `laid`, or a single one if start points are not searched.
     fn scores(&self, shapes: &PreparedShapes, i: usize, laid: &Columns, j: usize, work: &mut Work) {
         match (&shapes.laid[0], laid, self.matching.fft()) {
             (Columns::Spectra(first), Columns::Spectra(second), Some(fft)) => {
@@ -406,7 +405,7 @@ impl DistanceSpace {
         }
     }
 
-    /// `p(s) = F⁻¹ Σ ± conj(x̂) ŷ`, the products for every start point `s` of the second shape.
+    /// `p(s) = F⁻¹ Σ ± conj(x̂) ŷ`: the products for every start point `s` of the second shape.
     fn scores_of_spectra(&self, fft: &RealFft, first: &[Complex64], second: &[Complex64], work: &mut Work) {
         let (n, length) = (fft.len(), fft.spectrum_len());
         let Work { scratch, spectrum, correlation, scores, products } = work;
@@ -469,12 +468,12 @@ impl DistanceSpace {
 }
 
 impl PreparedShapes {
-    /// Number of shapes.
+    /// Number of prepared shapes.
     pub fn count(&self) -> usize {
         self.squared_norms.len()
     }
 
-    /// Adds the shapes of `more`, which the same space has prepared, at the end.
+    /// Appends the shapes of `more`, prepared by the same space.
     pub fn append(&mut self, more: Self) {
         self.squared_norms.extend(more.squared_norms);
         for (laid, more) in self.laid.iter_mut().zip(more.laid) {
@@ -487,7 +486,7 @@ impl PreparedShapes {
     }
 }
 
-/// The columns of a class, the products whose squares make `tr(P₁P₂)` up to a factor, and the largest such sum.
+/// Number of columns of a class, the products whose squares sum to `tr(P₁P₂)` up to a factor, and the largest such sum.
 fn class_products(class: &TransformationClass) -> (usize, Vec<Vec<Term>>, f64) {
     let d = class.dimension();
     match class.structure {
@@ -528,7 +527,7 @@ fn complex_products() -> Vec<Vec<Term>> {
     vec![vec![plus(0, 0), plus(1, 1)], vec![plus(0, 1), Term { sign: -1.0, ..plus(1, 0) }]]
 }
 
-/// Whether `M B M` belongs to the class for all its matrices `B`, `M` the mirror of the first coordinate.
+/// Whether `M B M` belongs to the class for all its matrices `B`, where `M` mirrors the first coordinate.
 fn is_mirrored_into_itself(class: &TransformationClass) -> bool {
     let d = class.dimension();
     let stacked = |matrix: &Matrix| Matrix::from_column_slice(d * d, 1, matrix.as_slice());
@@ -544,16 +543,16 @@ fn is_mirrored_into_itself(class: &TransformationClass) -> bool {
     })
 }
 
-/// `max tr(RᵀH)` of the `3 × 3` matrix `H`, row by row.
+/// `max tr(RᵀH)` for the `3 × 3` matrix `H`, given row by row.
 fn rotation_score(products: &[f64]) -> f64 {
     let fit = Fit { dimension: 3, rotates: true, scales: false };
     best_correlation(&Matrix::from_row_slice(3, 3, products), fit)
 }
 
-/// The scores of all start points from their products, one list of start points a product.
+/// Scores of all start points from their products, which hold one list of start points per product.
 ///
-/// `tr(RᵀH) ≤ √3 ‖H‖`: a start point whose bound is below the best one found is not decomposed and scores its bound, which
-/// no start point is chosen for.
+/// `tr(RᵀH) ≤ √3 ‖H‖`: a start point with a bound below the best score so far is not decomposed. Its score is the bound, so
+/// it is never chosen.
 fn rotation_scores(products: &[f64], scores: &mut [f64]) {
     let n = scores.len();
     let at = |s: usize| products.iter().skip(s).step_by(n);
@@ -581,12 +580,12 @@ fn spectra(fft: &RealFft, signals: &[f64]) -> Vec<Complex64> {
     spectra
 }
 
-/// The piece `k` of a list that is made of pieces of `length`.
+/// Piece `k` of a list divided into pieces of `length`.
 fn chunk<T>(all: &[T], k: usize, length: usize) -> &[T] {
     &all[k * length..(k + 1) * length]
 }
 
-/// The largest of the numbers, in lanes that the compiler makes vectors of.
+/// The largest number, computed in lanes so that the compiler vectorises the loop.
 fn maximum(values: &[f64]) -> f64 {
     const LANES: usize = 8;
     let larger = |most: f64, value: f64| if value > most { value } else { most };
@@ -598,7 +597,7 @@ fn maximum(values: &[f64]) -> f64 {
     most.iter().chain(tail).fold(f64::NEG_INFINITY, |most, value| larger(most, *value))
 }
 
-/// Copies what stands above the diagonal below it, tile by tile.
+/// Copies the upper triangle to the lower one, tile by tile.
 fn mirror_upper(matrix: &mut [f64], count: usize) {
     for row in (0..count).step_by(TILE) {
         for column in (0..=row).step_by(TILE) {

@@ -1,9 +1,9 @@
-//! The representative of a mean space: which of its members is shown as the mean shape.
+//! The representative of a mean space: the member that is reported as the mean shape.
 //!
 //! * `training`: the unit member closest to the shapes as posed, the maximiser of
 //!   `Σ_k w_k ⟨r, r_k⟩² / ‖r_k‖²` over the mean space (an `I × I` eigenproblem), with the sign that makes
 //!   `Σ_k w_k ⟨r, r_k⟩ / ‖r_k‖` positive;
-//! * `canonical`: depends on the mean space alone, hence exactly invariant when every shape is moved by its
+//! * `canonical`: depends on the mean space alone, hence exactly invariant when every shape is transformed by its
 //!   own member of the class.
 
 use super::AnalysisError;
@@ -16,20 +16,20 @@ use super::pass::Sum;
 use super::transformation::{ClassName, Structure, TransformationClass};
 use shapelex_numeric::dense::{Matrix, fill_upper, leading_eigenpairs};
 
-/// The choice of the representative.
+/// Choice of the representative: which member of the mean space is the mean shape.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 #[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
 pub enum Frame {
-    /// Closest to the shapes as posed.
+    /// The member closest to the shapes as posed.
     #[default]
     Training,
-    /// From the mean space alone.
+    /// A member determined by the mean space alone; it does not change when shapes are transformed within the class.
     Canonical,
 }
 
-/// `Σ w y yᵀ` and `Σ w y` with `y = Eᵀx/‖x‖`, `E` a basis of the mean space.
+/// `Σ w y yᵀ` and `Σ w y` with `y = Eᵀx/‖x‖`, where `E` is a basis of the mean space.
 #[derive(Debug, Clone)]
 pub(super) struct FrameSum<'a> {
     elements: &'a Matrix,
@@ -82,7 +82,7 @@ impl Accumulator for FrameSum<'_> {
     }
 }
 
-/// The whitened unit representative of `space` in `frame`; the training frame takes one pass over `source`.
+/// Whitened unit representative of `space` in `frame`. The training frame takes one pass over `source`.
 ///
 /// # Errors
 /// [`AnalysisError::NoCanonicalFrame`] for classes given by matrices; errors of the source.
@@ -108,7 +108,7 @@ fn training<S: ShapeSource>(space: &MeanSpace<'_>, source: &S) -> Result<Vec<f64
     Ok((&elements * a * sign).as_slice().to_vec())
 }
 
-/// The sum that the training frame is found from; `elements` is a basis of the mean space, one element a column.
+/// The sum that determines the training frame; `elements` is a basis of the mean space, one element per column.
 pub(super) fn training_sum<'a, S: ShapeSource>(
     source: &S,
     elements: &'a Matrix,
@@ -148,7 +148,7 @@ fn diagonal_member(space: &MeanSpace<'_>) -> Vec<f64> {
     (0..d).flat_map(|c| function(c).iter().map(|v| v / (d as f64).sqrt()).collect::<Vec<_>>()).collect()
 }
 
-/// The planar shape turned so that its principal axis of inertia lies on x.
+/// The planar shape, rotated so that its principal axis of inertia lies on x.
 fn principal_axes(r: &[f64]) -> Vec<f64> {
     let (x, y) = r.split_at(r.len() / 2);
     let angle = 0.5 * (2.0 * dot(x, y)).atan2(dot(x, x) - dot(y, y));
@@ -158,8 +158,8 @@ fn principal_axes(r: &[f64]) -> Vec<f64> {
     turned_x.chain(turned_y).collect()
 }
 
-/// The unit member of a two-dimensional mean space with `⟨x, y⟩ = 0`; of the two, the one with the longer
-/// coordinate `keep` (the other one is the degenerate member without it).
+/// The unit member of a two-dimensional mean space with `⟨x, y⟩ = 0`. Of the two solutions, the one with the longer
+/// coordinate `keep`; the other is the degenerate member without that coordinate.
 fn uncorrelated_member(elements: &Matrix, keep: usize) -> Vec<f64> {
     let n = elements.nrows() / 2;
     let part = |e: usize, c: usize| elements.column(e).as_slice()[c * n..(c + 1) * n].to_vec();
@@ -176,8 +176,8 @@ fn uncorrelated_member(elements: &Matrix, keep: usize) -> Vec<f64> {
     if kept(&one) >= kept(&other) { one } else { other }
 }
 
-/// Largest control coordinate positive — of every basis function on its own where the class may flip
-/// them — then planar shapes counter-clockwise where the class may reflect.
+/// Fixes signs: the largest control coordinate is positive, for every basis function separately if the class may
+/// flip them; then planar shapes are counter-clockwise if the class may reflect.
 fn fix_signs(r: &mut [f64], class: &TransformationClass, metric: &Metric) {
     let n = metric.size();
     let separate = matches!(class.structure, Structure::PerCoordinate | Structure::PerAxis);
@@ -194,7 +194,7 @@ fn fix_signs(r: &mut [f64], class: &TransformationClass, metric: &Metric) {
     }
 }
 
-/// The entry of largest magnitude; of equal ones the first.
+/// The entry of largest magnitude; the first one in a tie.
 pub(super) fn largest(values: &[f64]) -> f64 {
     values.iter().fold(0.0, |best: f64, &value| if value.abs() > best.abs() { value } else { best })
 }

@@ -1,27 +1,29 @@
-//! Statistics of shapes. Every shape is an `N × d` matrix of control points, coordinate-major when
-//! flattened, and the metric is one Gram operator: nothing here knows what kind of shape it is.
+//! Shape statistics: alignment, means, principal components, sparse codes, classification and tests.
+//!
+//! A shape is an `N × d` matrix of control points (coordinate-major when flattened), and the metric is one Gram
+//! operator. The crate is therefore independent of the kind of shape: curve, surface or landmarks.
 //!
 //! * [`metric`] — inner product, whitening, centring;
-//! * [`transformation`] — the linear classes that are removed before shapes are compared;
+//! * [`transformation`] — linear transformation classes that are factored out before shapes are compared;
 //! * [`subspace`] — the subspace of a shape under a class, and its projector (Theorem 1);
-//! * [`accumulate`] — sums over many shapes that stream, split and merge; [`pass`] — the same, written down;
+//! * [`accumulate`] — sums over many shapes that stream, split and merge; [`pass`] — the same sums as serialisable values;
 //! * [`correspondence`], [`matching`] — start points, directions and mirror images;
 //! * [`mean`], [`frame`] — the mean space (mean of the subspaces) and its representative;
-//! * [`procrustes`] — the classical comparator;
+//! * [`procrustes`] — generalised Procrustes analysis, for comparison;
 //! * [`alignment`] — the mean of a set of shapes, and the shapes aligned to it;
-//! * [`mean_angle`] — the angle between two mean shapes, and what it is by chance;
+//! * [`mean_angle`] — the angle between two mean shapes, and the angle expected by chance;
 //! * [`pca`] — functional principal components;
 //! * [`sparse`] — sparse codes: lasso and group lasso with a certificate, matching pursuit;
-//! * [`dictionary`] — dictionaries learnt from shapes, and how shapes are prepared for them;
+//! * [`dictionary`] — dictionary learning, and the preparation of shapes for it;
 //! * [`classification`] — classifiers of labelled shapes, and their validation;
-//! * [`distance`] — distances modulo a class, of one pair, one against many, or all pairs;
-//! * [`neighbours`] — the nearest of many shapes that stream by;
-//! * [`inference`] — tests of differences between groups and of dependencies, by permutation;
+//! * [`distance`] — distances modulo a class: one pair, one against many, or all pairs;
+//! * [`neighbours`] — nearest neighbours in a stream of shapes;
+//! * [`inference`] — permutation tests for group differences and for regression;
 //! * [`path`] — paths between shapes.
 //!
 //! Source: Schmitter, *Spline Shape Processing*, chapters 2–5, with its misprints corrected.
 //!
-//! What ends each loop stands in one table for all layers of arithmetic, `docs/limits.md`.
+//! The termination bound of every loop is listed in `docs/limits.md`, in one table for all numerical layers.
 
 pub mod accumulate;
 pub mod alignment;
@@ -48,10 +50,10 @@ pub mod transformation;
 
 use shapelex_numeric::NumericError;
 
-/// What the analysis can refuse.
+/// Errors of the analysis layer.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum AnalysisError {
-    /// The subspace of a shape under the class loses rank.
+    /// The subspace of a shape under the class is rank-deficient.
     #[error(
         "shape {index} is degenerate under {class}: relative singular value {sigma:.1e}, at least {DEGENERATE:.0e} is needed"
     )]
@@ -63,7 +65,7 @@ pub enum AnalysisError {
         /// Smallest over largest singular value of the basis.
         sigma: f64,
     },
-    /// The shape is a point as far as the metric can tell.
+    /// The shape is a single point to within the precision of the metric.
     #[error("shape {index} has no extent: norm {norm:.1e} after centring, {size:.1e} before")]
     NoExtent {
         /// Position of the shape.
@@ -73,15 +75,15 @@ pub enum AnalysisError {
         /// Norm of the shape as given.
         size: f64,
     },
-    /// Too few shapes for the statistics asked for.
+    /// Too few shapes for the requested statistic.
     #[error("{found} shapes, at least {needed} are needed")]
     TooFewShapes {
-        /// Shapes given.
+        /// Number of shapes given.
         found: usize,
-        /// Shapes needed.
+        /// Number of shapes needed.
         needed: usize,
     },
-    /// The class cannot be projected on.
+    /// There is no projection onto the class.
     #[error("{0}")]
     NotAProperClass(String),
     /// The frame is not defined for the class.
@@ -90,43 +92,43 @@ pub enum AnalysisError {
         /// Name of the class.
         class: String,
     },
-    /// Bytes that are not an accumulator of this kind.
+    /// The bytes are not a serialised accumulator of this kind.
     #[error("these bytes are not a stored sum of this kind and size")]
     NotAnAccumulator,
-    /// The covariance of a class cannot be inverted.
+    /// The covariance of a class is singular.
     #[error("the covariance of class {class} has not full rank")]
     SingularCovariance {
-        /// Which class.
+        /// Position of the class.
         class: usize,
     },
-    /// The caller asked to stop.
+    /// The caller asked the computation to stop.
     #[error("interrupted")]
     Interrupted,
-    /// Two shapes are opposite on the sphere.
+    /// Two shapes are antipodal on the sphere.
     #[error("the shapes are opposite ({angle:.6} rad apart): the path between them is not determined")]
     Antipodal {
-        /// Angle between them.
+        /// Angle between them in radians.
         angle: f64,
     },
-    /// An iteration did not reach its certificate.
+    /// An iteration ended without its certificate.
     #[error(
         "shape {index}: no convergence after {iterations} iterations: duality gap {gap:.1e}, wanted {tolerance:.1e}"
     )]
     NoConvergence {
         /// Position of the shape.
         index: usize,
-        /// Iterations done.
+        /// Number of iterations.
         iterations: usize,
-        /// Gap reached.
+        /// Duality gap reached.
         gap: f64,
-        /// Gap wanted.
+        /// Duality gap required.
         tolerance: f64,
     },
-    /// A numerical failure.
+    /// An error of the numerical layer.
     #[error(transparent)]
     Numeric(#[from] NumericError),
 }
 
-/// Relative singular value below which the subspace of a shape has lost rank: the square root of the
-/// rounding of a projection, so that what passes is accurate to half of the digits at least.
+/// Relative singular value below which the subspace of a shape is rank-deficient: the square root of the
+/// rounding of a projection, so that every accepted subspace is accurate to at least half of the digits.
 pub const DEGENERATE: f64 = 1e-10;

@@ -1,12 +1,12 @@
-//! Which start point, direction and mirror image of a shape corresponds to the mean.
+//! Matching: the start point, direction and mirror image of a shape that correspond best to the mean.
 //!
 //! ```text
 //! score(s) = ‖P_{S̄} P_{k,s}‖² = Σ_ij (Σ_n f_j[n] q_i[n + s])²     all s at once by FFT
 //! ```
 //!
-//! The square root of a circulant Gram operator commutes with cyclic shifts, so a shifted shape has the
-//! shifted basis. The search alternates with the mean until nothing changes; every step raises the
-//! objective. Ties go to what stands, then to the smallest shift, so rounding decides nothing.
+//! The square root of a circulant Gram operator commutes with cyclic shifts, so a shifted shape has the shifted basis.
+//! The search alternates with the mean until nothing changes; every step raises the objective. In a tie the current
+//! placement wins, then the smallest shift, so rounding decides nothing.
 
 use std::borrow::Cow;
 
@@ -21,19 +21,19 @@ use shapelex_geometry::representation::ShapeSpace;
 use shapelex_numeric::circulant::{FftScratch, RealFft};
 use shapelex_numeric::dense::Matrix;
 
-/// How one shape is laid on the mean: mirrored (first coordinate negated), then reversed (`u → −u`, end to
-/// end when open), then started at row `shift`.
+/// Placement of one shape on the mean: mirrored (first coordinate negated), then reversed (`u → −u`, end to end
+/// for open curves), then started at row `shift`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Placement {
-    /// First row.
+    /// Row at which the shape starts.
     pub shift: u32,
-    /// Traversed backwards.
+    /// Whether the shape is traversed backwards.
     pub reversed: bool,
-    /// First coordinate negated.
+    /// Whether the first coordinate is negated.
     pub mirrored: bool,
 }
 
-/// What may be searched for a set of shapes.
+/// The placements to search for a set of shapes.
 #[derive(Debug, Clone)]
 pub struct Matching {
     size: usize,
@@ -45,15 +45,16 @@ pub struct Matching {
     candidates: Vec<Placement>,
 }
 
-/// Two scores that differ by less than this part are equal.
+/// Relative difference below which two scores are equal.
 const TIE: f64 = 1e-12;
 
 impl Matching {
     /// The search for shapes of `space`.
     ///
-    /// Mirroring a planar closed contour turns its direction round, so it is traversed backwards as well —
-    /// unless points correspond as landmarks. Mirroring a surface turns it inside out, so `u` is traversed backwards. Planar closed contours are brought to one direction before they
-    /// get here; open curves, and closed ones in space, are tried in both under [`Direction::Either`].
+    /// Mirroring a planar closed contour reverses its direction, so the contour is also traversed backwards, unless points
+    /// correspond as landmarks. Mirroring a surface turns it inside out, so `u` is traversed backwards. Planar closed contours
+    /// are brought to one direction beforehand. Open curves, and closed curves in space, are tried in both directions under
+    /// [`Direction::Either`].
     pub fn new(
         space: &ShapeSpace,
         correspondence: Correspondence,
@@ -94,12 +95,12 @@ impl Matching {
         self.dimension
     }
 
-    /// The transform that finds start points, when they are searched.
+    /// The transform that searches start points. `None` if they are not searched.
     pub(super) fn fft(&self) -> Option<&RealFft> {
         self.fft.as_ref()
     }
 
-    /// Directions and mirror images that are tried, the shape as it is first.
+    /// Directions and mirror images to try; the shape as given comes first.
     pub(super) fn candidates(&self) -> &[Placement] {
         &self.candidates
     }
@@ -114,8 +115,8 @@ impl Matching {
         self.fft.is_some()
     }
 
-    /// The whitened shape `x` started `offset` of a control point later, by trigonometric interpolation; as it is where no
-    /// start points are searched.
+    /// The whitened shape `x` started `offset` control points later, by trigonometric interpolation; unchanged if start
+    /// points are not searched.
     pub fn between(&self, x: &[f64], offset: f64) -> Vec<f64> {
         let Some(fft) = self.fft.as_ref().filter(|_| offset != 0.0) else { return x.to_vec() };
         let n = fft.len();
@@ -123,7 +124,7 @@ impl Matching {
         for (coordinate, mut spectrum) in moved.chunks_exact_mut(n).zip(spectra(fft, x)) {
             for (k, value) in spectrum.iter_mut().enumerate() {
                 let (sin, cos) = (std::f64::consts::TAU * k as f64 * offset / n as f64).sin_cos();
-                // The highest frequency of an even number has a cosine alone.
+                // At an even length, the highest frequency has a cosine only.
                 *value *= realfft::num_complex::Complex64::new(cos, if 2 * k == n { 0.0 } else { sin });
             }
             fft.inverse(&mut spectrum, coordinate, &mut scratch);
@@ -136,7 +137,7 @@ impl Matching {
         self.candidates.iter().any(|candidate| candidate.mirrored)
     }
 
-    /// The shape `x` (coordinate-major, `d·N`) laid as `placement` says.
+    /// The shape `x` (coordinate-major, `d·N`) in the given placement.
     pub fn place<'a>(&self, x: &'a [f64], placement: Placement) -> Cow<'a, [f64]> {
         if placement == Placement::default() {
             return Cow::Borrowed(x);
@@ -168,7 +169,7 @@ impl Matching {
         reflection
     }
 
-    /// The best placement of `x` for `target`, given where it stands.
+    /// The best placement of `x` for `target`, starting from its current placement.
     ///
     /// # Errors
     /// [`AnalysisError::Degenerate`] with index 0.
@@ -199,10 +200,10 @@ impl Matching {
         Ok(best.0)
     }
 
-    /// Places every shape anew; the positions whose placement changed, with the placement before.
+    /// Updates the placement of every shape. Returns the positions of the shapes that moved, with their previous placements.
     ///
     /// # Errors
-    /// Errors of the source, degenerate shapes.
+    /// Errors of the source; degenerate shapes.
     pub fn improve<S: ShapeSource>(
         &self,
         source: &S,
@@ -219,17 +220,17 @@ impl Matching {
     }
 }
 
-/// What shapes are matched to.
+/// Target to which shapes are matched.
 #[derive(Debug)]
 pub enum Target<'a> {
-    /// A mean space: the squared cosine between subspaces.
+    /// A mean space; the score is the squared cosine between subspaces.
     Subspace {
         /// The mean space.
         space: &'a MeanSpace<'a>,
-        /// Spectra of its basis functions per block, one per basis function and coordinate.
+        /// Spectra of its basis functions per block: one per basis function and coordinate.
         spectra: Vec<Vec<Spectrum>>,
     },
-    /// A mean shape: the correlation after the best fit.
+    /// A mean shape; the score is the correlation after the best fit.
     Shape {
         /// Whitened mean shape.
         mean: &'a [f64],
@@ -243,7 +244,7 @@ pub enum Target<'a> {
 type Spectrum = Vec<realfft::num_complex::Complex64>;
 
 impl<'a> Target<'a> {
-    /// To match subspaces with `space`.
+    /// A target that matches subspaces with `space`.
     pub fn subspace(space: &'a MeanSpace<'a>, matching: &Matching) -> Self {
         let spectra = match &matching.fft {
             None => Vec::new(),
@@ -252,13 +253,13 @@ impl<'a> Target<'a> {
         Self::Subspace { space, spectra }
     }
 
-    /// To match shapes with the whitened `mean` under `fit`.
+    /// A target that matches shapes with the whitened `mean` under `fit`.
     pub fn shape(mean: &'a [f64], fit: Fit, matching: &Matching) -> Self {
         let spectra = matching.fft.as_ref().map_or_else(Vec::new, |fft| spectra(fft, mean));
         Self::Shape { mean, fit, spectra }
     }
 
-    /// The score of `y` as it lies.
+    /// The score of `y` at its current start point.
     fn scores_without_shift(&self, y: &[f64]) -> Result<f64, AnalysisError> {
         match self {
             Self::Subspace { space, .. } => {
@@ -272,7 +273,7 @@ impl<'a> Target<'a> {
         }
     }
 
-    /// The score of `y` for every shift that is searched.
+    /// The score of `y` for every shift to search.
     fn scores(&self, y: &[f64], matching: &Matching) -> Result<Vec<f64>, AnalysisError> {
         let Some(fft) = &matching.fft else {
             return Ok(vec![self.scores_without_shift(y)?]);
@@ -334,13 +335,13 @@ fn correlate(fft: &RealFft, f: &[Spectrum], q: &[Spectrum], scratch: &mut FftScr
     correlation
 }
 
-/// A source seen through placements.
+/// A source whose shapes are read in their placements.
 pub struct Placed<'a, S> {
     /// The shapes as given.
     pub source: &'a S,
-    /// How they are laid.
+    /// The search that defines the placements.
     pub matching: &'a Matching,
-    /// One placement a shape.
+    /// One placement per shape.
     pub placements: &'a [Placement],
 }
 
@@ -373,7 +374,7 @@ impl<S: ShapeSource> ShapeSource for Placed<'_, S> {
         })
     }
 
-    /// Placements are known here alone.
+    /// Only this process knows the placements, so the pass is distributed only while all shapes stand as given.
     fn spread(&self, pass: &Pass, merge: &mut MergePart<'_>) -> Result<bool, Self::Error> {
         Ok(self.stand_as_given() && self.source.spread(pass, merge)?)
     }

@@ -4,9 +4,9 @@
 //! S̄ = argmax_{dim = I} tr(P_S̄ Σ_k w_k P_k)
 //! ```
 //!
-//! Every subspace is a point of a Grassmannian and `S̄` is the chordal mean: unbiased, without a
-//! template. The top eigenvector of `Σ P_k` alone, as printed in (4.1), is not a shape for classes whose
-//! eigenvalues are repeated (for `affine` it is a straight segment).
+//! Every subspace is a point of a Grassmannian, and `S̄` is the chordal mean: unbiased and free of templates.
+//! The top eigenvector of `Σ P_k` alone, as printed in (4.1), is not a shape for classes with repeated
+//! eigenvalues (for `affine` it is a straight segment).
 //!
 //! | class | mean space |
 //! |---|---|
@@ -25,15 +25,15 @@ use super::subspace::{Subspace, quarter_turn};
 use super::transformation::{Structure, TransformationClass};
 use shapelex_numeric::dense::{Eigenpairs, Matrix};
 
-/// A mean whose eigenvalue gap is below this part of the total weight is not unique.
+/// Relative eigenvalue gap, as a fraction of the total weight, below which a mean is not unique.
 pub const UNIQUE_GAP: f64 = 1e-6;
 
-/// A shape of a sum that has moved.
+/// A shape that has moved since it was added to a sum.
 #[derive(Debug, Clone)]
 pub struct Exchange {
-    /// Whitened, as it was added.
+    /// Whitened shape as it was added.
     pub leaving: Vec<f64>,
-    /// Whitened, as it is now.
+    /// Whitened shape as it is now.
     pub arriving: Vec<f64>,
     /// Its weight.
     pub weight: f64,
@@ -46,12 +46,12 @@ pub struct ProjectorSum<'a> {
     blocks: Vec<OuterProductSum>,
     weight: f64,
     shapes: usize,
-    /// Whether complex classes have both of their vectors in the sum; then it takes no more shapes.
+    /// Whether the sum already holds both vectors of complex classes; a closed sum takes no more shapes.
     closed: bool,
 }
 
 impl<'a> ProjectorSum<'a> {
-    /// The empty sum for shapes of `length = d·N` numbers.
+    /// An empty sum for shapes of `length = d·N` numbers.
     pub fn new(class: &'a TransformationClass, length: usize) -> Self {
         let n = length / class.dimension();
         let blocks = match class.structure {
@@ -62,7 +62,7 @@ impl<'a> ProjectorSum<'a> {
         Self { class, blocks, weight: 0.0, shapes: 0, closed: false }
     }
 
-    /// Bytes of the full sum.
+    /// Size of the full sum in bytes.
     pub fn size_bytes(class: &TransformationClass, length: usize) -> usize {
         let n = length / class.dimension();
         8 * match class.structure {
@@ -72,9 +72,8 @@ impl<'a> ProjectorSum<'a> {
         }
     }
 
-    /// Takes shapes out of the sum and puts others in their place: `(leaving, arriving, weight)`. For searches that
-    /// move a few shapes of many; rounding adds up, so the sum they end with is formed anew. False, and nothing
-    /// done, for sums so small that forming them anew is as good.
+    /// Replaces shapes in the sum, for searches that move a few shapes of many. Rounding errors accumulate, so a search
+    /// recomputes its final sum. Returns `false`, doing nothing, for sums so small that recomputing them is as cheap.
     ///
     /// # Errors
     /// [`AnalysisError::Degenerate`].
@@ -91,7 +90,7 @@ impl<'a> ProjectorSum<'a> {
         Ok(self.blocks.iter_mut().zip(changes).all(|(block, (out, new))| block.exchange(out, new)))
     }
 
-    /// The sum of the whole projectors: for complex classes one vector of two was added.
+    /// The sum of the full projectors: complex classes have added only one vector of two so far.
     fn closed(mut self) -> Self {
         if self.class.structure == Structure::Complex && !self.closed {
             self.blocks.iter_mut().for_each(OuterProductSum::close_under_quarter_turn);
@@ -100,7 +99,7 @@ impl<'a> ProjectorSum<'a> {
         self
     }
 
-    /// The sum over all shapes of `source`.
+    /// Sum over all shapes of `source`.
     ///
     /// # Errors
     /// [`AnalysisError::Degenerate`] for the first degenerate shape; errors of the source.
@@ -115,7 +114,7 @@ impl<'a> ProjectorSum<'a> {
     }
 }
 
-/// Appends `√w Q` of every block of the subspace of `x`.
+/// Appends the columns `√w Q` of every block of the subspace of `x`.
 fn add_columns(
     class: &TransformationClass,
     x: &[f64],
@@ -171,12 +170,12 @@ pub struct MeanSpace<'a> {
     pub(super) class: &'a TransformationClass,
     /// Orthonormal basis of every block, whitened.
     pub(super) bases: Vec<Matrix>,
-    /// Leading eigenvalues of `Σ w_k P_k` with their multiplicity, descending; divided by the total
-    /// weight they are mean squared cosines.
+    /// Leading eigenvalues of `Σ w_k P_k` with multiplicity, in descending order. Divided by the total weight, they
+    /// are mean squared cosines.
     pub eigenvalues: Vec<f64>,
-    /// Smallest difference between a kept eigenvalue and the next one of its block.
+    /// Smallest difference between a kept eigenvalue and the next one of the same block.
     pub gap: f64,
-    /// `tr(P_S̄ Σ w_k P_k)`: what the mean maximises.
+    /// `tr(P_S̄ Σ w_k P_k)`, the quantity that the mean maximises.
     pub objective: f64,
     /// `Σ w_k`.
     pub weight: f64,
@@ -185,7 +184,7 @@ pub struct MeanSpace<'a> {
 }
 
 impl<'a> MeanSpace<'a> {
-    /// The mean space of a sum, with at least `report` eigenvalues where there are that many.
+    /// The mean space of a sum, with at least `report` eigenvalues if there are that many.
     ///
     /// # Errors
     /// A failure of the eigenproblem.
@@ -215,7 +214,7 @@ impl<'a> MeanSpace<'a> {
         Ok(Self { class, bases, eigenvalues, gap, objective, weight: sum.weight, shapes: sum.shapes })
     }
 
-    /// The mean space of a sum, iterated from a mean space near it; without a certificate (no eigenvalues).
+    /// The mean space of a sum, iterated from a mean space close to it. It has no certificate (no eigenvalues).
     ///
     /// # Errors
     /// A failure of the eigenproblem.

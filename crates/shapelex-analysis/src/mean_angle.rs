@@ -1,15 +1,15 @@
-//! The angle between two mean shapes under a class, and what it is by chance.
+//! The angle between two mean shapes under a class, and the angle expected by chance.
 //!
 //! ```text
 //! cos θ = max_s ⟨m, A r(· + s)⟩/(‖m‖ ‖A r‖)        A r(· + s) the member of the class of r nearest to m
 //! ```
 //!
-//! `s` are the start points that are searched, here also those between two control points (of closed curves; by
-//! trigonometric interpolation): the mean of a set starts anywhere between the control points of another, and on the grid
-//! alone half a step of 64 is an angle of a degree.
+//! `s` runs over the start points of the search, here also those between two control points (for closed curves, by
+//! trigonometric interpolation). The mean of a set may start anywhere between the control points of another mean; on the
+//! grid alone, half a step of 64 is an angle of a degree.
 //!
-//! By chance: means of halves of a set. Each half searches start points of its own, so that their angle has all that a
-//! search adds to the spread of the shapes, jumps to other starts included.
+//! The angle by chance comes from the means of halves of a set. Each half searches its own start points, so that the
+//! angle includes everything that a search adds to the spread of the shapes, jumps to other start points included.
 
 use rand::SeedableRng;
 use rand::rngs::ChaCha12Rng;
@@ -23,17 +23,17 @@ use super::dictionary::preparation::{Pose, Posed, Preparation};
 use super::frame::Frame;
 use super::metric::{dot, norm};
 
-/// Fewest shapes of which halves have means worth comparing.
+/// Minimum number of shapes for comparing the means of halves.
 pub const FEWEST_TO_HALVE: usize = 8;
 
-/// Times that the shapes are halved. The mean of eight angles has a relative standard error of a tenth.
+/// Number of times the shapes are halved. The mean of eight angles has a relative standard error of a tenth.
 const HALVINGS: u64 = 8;
 
-/// Root mean square over mean of an angle that has five directions to go, `√5/E χ₅`. The mean is what is measured: one
-/// half in many finds other start points altogether, and the square of its angle would say that all do.
+/// Ratio of root mean square to mean for an angle with five degrees of freedom, `√5/E χ₅`. The mean is measured rather than
+/// the mean square: an occasional half finds different start points altogether, and the square of its angle would dominate.
 const ROOT_MEAN_SQUARE: f64 = 1.051;
 
-/// Starts between two control points that are tried before the best is refined, and steps of that.
+/// Start points tried between two control points, and steps of the refinement of the best one.
 const STARTS: usize = 8;
 const STEPS: usize = 24;
 
@@ -42,10 +42,10 @@ const GOLDEN: f64 = 0.618_033_988_749_894_9;
 
 /// The angle between the mean of `preparation` and the whitened mean shape `other`, in radians.
 ///
-/// Cost: 33 alignments of one shape, one where no start points are searched.
+/// Cost: 33 alignments of one shape; one alignment if start points are not searched.
 ///
 /// # Errors
-/// A mean that is degenerate under the class, with index 0.
+/// [`AnalysisError::Degenerate`] with index 0 if a mean is degenerate under the class.
 pub fn angle(preparation: &Preparation, other: &[f64]) -> Result<f64, AnalysisError> {
     let aligning = Preparation { pose: Pose::Aligned { normalise: false }, ..preparation.clone() };
     let at = |offset: f64| -> Result<f64, AnalysisError> {
@@ -54,7 +54,7 @@ pub fn angle(preparation: &Preparation, other: &[f64]) -> Result<f64, AnalysisEr
         let posed = Posed { source: &shape, preparation: &aligning };
         let aligned = map_shapes(&posed, |_, y, _| Ok(y.to_vec()))?.concat();
         let cosine = dot(&aligned, &aligning.mean) / (norm(&aligned) * norm(&aligning.mean));
-        // Near 1 the sine has the digits.
+        // For small angles the sine is more accurate.
         let away: f64 = aligned
             .iter()
             .zip(&aligning.mean)
@@ -95,14 +95,14 @@ pub fn angle(preparation: &Preparation, other: &[f64]) -> Result<f64, AnalysisEr
     Ok(best.1.min(at_left).min(at_right))
 }
 
-/// The angle in radians to be expected between means of as many shapes as `counts` say, all like `shapes` (as given,
-/// whitened, centred when the class translates): from halves of these, drawn by a fixed seed.
+/// Angle in radians to be expected between the means of two sets with `counts` shapes, all like `shapes` (as given,
+/// whitened, centred when the class translates). It is estimated from random halves of `shapes`, with a fixed seed.
 ///
-/// Cost: sixteen means of half of the shapes. `stop` is asked before each.
+/// Cost: sixteen means of half of the shapes. `stop` is checked before each of them.
 ///
 /// # Errors
-/// [`AnalysisError::Interrupted`]; degenerate shapes, without a position that means something; fewer than
-/// [`FEWEST_TO_HALVE`] shapes.
+/// [`AnalysisError::Interrupted`]; errors of degenerate shapes, in which the index has no meaning;
+/// [`AnalysisError::TooFewShapes`] for fewer than [`FEWEST_TO_HALVE`] shapes.
 pub fn expected(
     preparation: &Preparation,
     frame: Frame,
@@ -167,7 +167,7 @@ mod tests {
         }
     }
 
-    /// An outline with three unequal lobes and harmonics of its own, from the start `start`.
+    /// An outline with three unequal lobes and random harmonics, started at `start`.
     fn outline(start: f64, random: &mut ChaCha12Rng, spread: f64) -> Vec<f64> {
         let waves: Vec<(f64, f64)> = (2..8)
             .map(|_| (spread * random.random_range(-1.0..1.0), random.random_range(0.0..6.3)))
@@ -196,13 +196,13 @@ mod tests {
         preparation.mean = shapes.all().whitened[..length].to_vec();
         for other in shapes.all().whitened.chunks_exact(length) {
             let found = angle(&preparation, other).unwrap();
-            // On the grid it is 0.06; golden section ends at 1e-6 of a step.
+            // On the grid the angle is 0.06; the golden section ends at 1e-6 of a step.
             assert!(found < 1e-5, "{found}");
         }
     }
 
-    /// Over cohorts of like shapes, observed and expected angles agree. Sixteen pairs: the ratio has a standard error of
-    /// about a tenth.
+    /// Over cohorts of similar shapes, observed and expected angles agree. With sixteen pairs, the ratio has a standard
+    /// error of about a tenth.
     #[test]
     fn the_expected_angle_is_found_between_means() {
         let preparation = preparation();

@@ -14,12 +14,12 @@ use shapelex_numeric::operator::SymmetricOperator;
 pub struct Metric {
     gram: Arc<dyn SymmetricOperator>,
     dimension: usize,
-    /// `m`, sums to one.
+    /// `m`, which sums to one.
     centre: Vec<f64>,
 }
 
 impl Metric {
-    /// From the Gram operator `Φ` of the basis (a partition of unity) and the dimension `d`.
+    /// Metric from the Gram operator `Φ` of the basis (a partition of unity) and the dimension `d`.
     pub fn new(gram: Arc<dyn SymmetricOperator>, dimension: usize) -> Self {
         let mut centre = vec![1.0; gram.size()];
         gram.apply(&mut centre);
@@ -33,27 +33,27 @@ impl Metric {
         Self::new(space.gram().clone(), space.representation().dimension())
     }
 
-    /// `N`.
+    /// Number of control points, `N`.
     pub fn size(&self) -> usize {
         self.gram.size()
     }
 
-    /// `d`.
+    /// Number of coordinates, `d`.
     pub fn dimension(&self) -> usize {
         self.dimension
     }
 
-    /// `d·N`.
+    /// Length of a flattened shape, `d·N`.
     pub fn len(&self) -> usize {
         self.size() * self.dimension
     }
 
-    /// Whether shapes have no coordinates (never).
+    /// Whether shapes have no coordinates (always false).
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// `x = R c`, in place, for any number of shapes: plain dot products of `x` are `L₂` products.
+    /// `x = R c`, in place, for any number of shapes. Plain dot products of whitened shapes are `L₂` products.
     pub fn whiten(&self, shapes: &mut [f64]) {
         self.gram.whiten(shapes);
     }
@@ -63,12 +63,12 @@ impl Metric {
         self.gram.unwhiten(shapes);
     }
 
-    /// `Ψ c`, in place.
+    /// `Ψ c`, in place, for any number of shapes.
     pub fn apply(&self, shapes: &mut [f64]) {
         self.gram.apply(shapes);
     }
 
-    /// Mean position `r̄ = ∫ r` of one shape, `d` numbers.
+    /// Mean position `r̄ = ∫ r` of one shape: `d` numbers.
     pub fn centroid(&self, control_points: &[f64]) -> Vec<f64> {
         control_points.chunks_exact(self.size()).map(|coordinate| dot(coordinate, &self.centre)).collect()
     }
@@ -82,7 +82,7 @@ impl Metric {
         centroid
     }
 
-    /// `⟨a, b⟩` of two shapes given by control points.
+    /// `⟨a, b⟩` of two shapes given by their control points.
     pub fn inner(&self, a: &[f64], b: &[f64]) -> f64 {
         let mut applied = b.to_vec();
         self.gram.apply(&mut applied);

@@ -1,17 +1,17 @@
-//! The nearest of many shapes that stream by: the best so far are kept, and nothing else.
+//! The nearest neighbours in a stream of shapes: only the best so far are kept.
 
 use super::distance::Match;
 
-/// One of the nearest.
+/// One of the nearest shapes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Neighbour<T> {
-    /// What stands for the shape.
+    /// Identification of the shape.
     pub shape: T,
-    /// Its distance and how it lies at the query.
+    /// Its distance, and its placement on the query.
     pub found: Match,
 }
 
-/// The nearest shapes so far, ascending; of equal ones those that came first.
+/// The nearest shapes so far, in ascending order; in a tie, the earlier shape comes first.
 #[derive(Debug, Clone)]
 pub struct Nearest<T> {
     most: usize,
@@ -19,12 +19,12 @@ pub struct Nearest<T> {
 }
 
 impl<T> Nearest<T> {
-    /// Keeps at most `most`.
+    /// An empty list that keeps at most `most` shapes.
     pub fn new(most: usize) -> Self {
         Self { most, kept: Vec::new() }
     }
 
-    /// Offers the next shape; `shape` is made only when it is kept. Cost `O(log most)` for most, `O(most)` when kept.
+    /// Offers the next shape; `shape` is called only if it is kept. Cost: `O(log most)`, and `O(most)` if the shape is kept.
     pub fn offer(&mut self, found: Match, shape: impl FnOnce() -> T) {
         let position = self.kept.partition_point(|kept| kept.found.distance <= found.distance);
         if position < self.most {
@@ -33,7 +33,7 @@ impl<T> Nearest<T> {
         }
     }
 
-    /// The nearest ones, ascending.
+    /// The nearest shapes, in ascending order of distance.
     pub fn into_sorted(self) -> Vec<Neighbour<T>> {
         self.kept
     }

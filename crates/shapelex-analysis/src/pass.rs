@@ -1,4 +1,4 @@
-//! Passes over shapes that can be made somewhere else: what is summed, as a value that can be written down.
+//! Passes over shapes that another process can compute: the description of a sum, as a serialisable value.
 //!
 //! A sum over many shapes is made in parts of [`PART`](crate::accumulate::PART) shapes. Whoever has the shapes of a
 //! part, the metric and the class that is removed makes its sum from a [`Pass`], with the same bits as everybody
@@ -6,48 +6,48 @@
 
 use crate::fit::Fit;
 
-/// What is summed over which form of the shapes.
+/// One pass over the shapes: the sum, and the form of the shapes that it takes.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Pass {
-    /// The mean that shapes are aligned to first; none when they are summed as given.
+    /// The mean to which shapes are aligned first. `None` to sum the shapes as given.
     pub aligned: Option<Aligned>,
-    /// What is summed.
+    /// The sum.
     pub sum: Sum,
 }
 
-/// How shapes are brought into the form that is summed.
+/// Alignment of the shapes before they are summed.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Aligned {
     /// The whitened mean shape.
     pub mean: Vec<f64>,
-    /// Whether to divide by the norm.
+    /// Whether to divide every shape by its norm.
     pub normalise: bool,
 }
 
-/// What is summed.
+/// Kind of sum.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "snake_case", tag = "kind"))]
 pub enum Sum {
     /// [`ProjectorSum`].
     Projectors,
-    /// The sum that chooses the member of a mean space which is closest to the shapes.
+    /// The sum that determines the member of a mean space closest to the shapes.
     Frame {
         /// Whitened basis of the mean space, one element after the other.
         elements: Vec<f64>,
     },
-    /// The fitted shapes of an iteration of Procrustes.
+    /// Sum of the fitted shapes, in one iteration of Procrustes.
     Fits {
-        /// What is fitted.
+        /// The kind of fit.
         fit: Fit,
-        /// What they are fitted to, whitened.
+        /// Whitened mean to which the shapes are fitted.
         mean: Vec<f64>,
     },
     /// [`ScatterSum`](super::accumulate::ScatterSum).
     Scatter {
-        /// What is subtracted from every whitened shape.
+        /// Whitened shape that is subtracted from every shape.
         origin: Vec<f64>,
     },
 }

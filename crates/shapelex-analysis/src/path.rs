@@ -5,7 +5,7 @@
 //! sphere  r(τ) = sin((1 − τ)θ)/sin θ · r_1/‖r_1‖ + sin(τθ)/sin θ · r_2/‖r_2‖,   θ = arccos ⟨r_1, r_2⟩/(‖r_1‖‖r_2‖)
 //! ```
 //!
-//! `τ = 0` is the first shape, `τ = 1` the second, others extrapolate. Both are linear in the shapes, so they may
+//! `τ = 0` is the first shape, `τ = 1` the second; other values extrapolate. Both paths are linear in the shapes and can
 //! be formed from control points; only `θ` and the norms need the metric.
 //!
 //! Source: Schmitter 2017, (7.14)–(7.18); (7.17) presumes unit norms, and the directions of (7.16) and (7.18) differ.
@@ -13,10 +13,10 @@
 use super::AnalysisError;
 use super::metric::Metric;
 
-/// Angles below this are a straight line to working precision.
+/// Angle below which the path is straight to working precision.
 const FLAT: f64 = 1e-7;
 
-/// Between antipodes the great circle is not determined.
+/// Distance from `π` below which the great circle between two shapes is not determined.
 const ANTIPODAL: f64 = 1e-7;
 
 /// A path from `first` to `second`, both `d·N` coordinate-major control points.
@@ -24,7 +24,7 @@ const ANTIPODAL: f64 = 1e-7;
 pub struct Path {
     first: Vec<f64>,
     second: Vec<f64>,
-    /// `θ` on the sphere, none in the plane.
+    /// `θ` on the sphere, `None` in the plane.
     angle: Option<f64>,
 }
 
@@ -37,8 +37,8 @@ impl Path {
     /// The great circle between the unit-norm shapes.
     ///
     /// # Errors
-    /// [`AnalysisError::NoExtent`] for a shape of norm zero (0 the first, 1 the second),
-    /// [`AnalysisError::Antipodal`] when the shapes are opposite.
+    /// [`AnalysisError::NoExtent`] for a shape of norm zero (index 0 for the first, 1 for the second),
+    /// [`AnalysisError::Antipodal`] if the shapes are opposite.
     pub fn sphere(metric: &Metric, mut first: Vec<f64>, mut second: Vec<f64>) -> Result<Self, AnalysisError> {
         for (index, shape) in [&mut first, &mut second].into_iter().enumerate() {
             let norm = metric.inner(shape, shape).sqrt();
@@ -54,7 +54,7 @@ impl Path {
         Ok(Self { first, second, angle: Some(angle) })
     }
 
-    /// `θ` in radians, on the sphere.
+    /// `θ` in radians; `None` in the plane.
     pub fn angle(&self) -> Option<f64> {
         self.angle
     }

@@ -4,9 +4,9 @@
 //! S = Σ_k w_k y_k y_kᵀ,   S ξ_i = λ_i ξ_i,   ⟨ξ_i, ξ_j⟩ = δ_ij,   score_ik = ⟨ξ_i, y_k⟩
 //! ```
 //!
-//! with `y_k = r̃_k` (uncentred, as the thesis does: the first eigenshape then carries most of the energy)
-//! or `y_k = r̃_k − r̄` (centred on the arithmetic mean, the usual PCA). Eigenvalues are sums over
-//! the shapes, not divided by their number. Dual and primal route as in [`OuterProductSum`].
+//! with `y_k = r̃_k` (uncentred, as in the thesis: the first eigenshape then carries most of the energy) or
+//! `y_k = r̃_k − r̄` (centred on the arithmetic mean, the usual PCA). Eigenvalues are sums over the shapes, not
+//! divided by their number. Dual and primal route as in [`OuterProductSum`].
 //!
 //! [`OuterProductSum`]: super::accumulate::OuterProductSum
 
@@ -17,7 +17,7 @@ use super::metric::{Metric, dot, norm};
 use super::pass::Sum;
 use shapelex_numeric::dense::Matrix;
 
-/// Components whose eigenvalue is below this part of the first are rounding and dropped.
+/// Components with an eigenvalue below this fraction of the first are rounding error and are dropped.
 pub(super) const SMALLEST_COMPONENT: f64 = 1e-12;
 
 /// Functional principal components.
@@ -29,21 +29,20 @@ pub struct FunctionalPca {
     pub eigenvalues: Vec<f64>,
     /// `λ_i / Σ λ`.
     pub explained: Vec<f64>,
-    /// `ξ_i`, whitened, one a column; the control coordinate of largest magnitude is positive.
+    /// `ξ_i`, whitened, one per column; the control coordinate of largest magnitude is positive.
     pub eigenshapes: Matrix,
     /// Whether the mean was subtracted.
     pub centred: bool,
 }
 
 impl FunctionalPca {
-    /// The `components` leading components of the whitened shapes of `source`; fewer when the rank is
-    /// smaller.
+    /// The leading `components` components of the whitened shapes of `source`; fewer if the rank is smaller.
     ///
-    /// `reference` is a whitened shape near all of them: it is subtracted before sums are formed, so that
-    /// centring loses no digits. Cost: the smaller of `K (dN)²` and `K² dN`, and a partial eigenproblem.
+    /// `reference` is a whitened shape near all of them. It is subtracted before sums are formed, so that centring
+    /// loses no digits. Cost: the smaller of `K (dN)²` and `K² dN`, and a partial eigenproblem.
     ///
     /// # Errors
-    /// Errors of the source, a failure of the eigenproblem.
+    /// Errors of the source; a failure of the eigenproblem.
     pub fn new<S: ShapeSource>(
         source: &S,
         metric: &Metric,
@@ -56,12 +55,12 @@ impl FunctionalPca {
             .map_err(Into::into)
     }
 
-    /// What is subtracted from every shape before sums are formed: `reference` when centred, else nothing.
+    /// Shape to subtract from every shape before sums are formed: `reference` if centred, else zero.
     pub fn origin(reference: &[f64], centred: bool) -> Vec<f64> {
         if centred { reference.to_vec() } else { vec![0.0; reference.len()] }
     }
 
-    /// The scatter of the whitened shapes of `source` about `origin`.
+    /// Scatter of the whitened shapes of `source` about `origin`.
     ///
     /// # Errors
     /// Errors of the source.
@@ -72,7 +71,7 @@ impl FunctionalPca {
         accumulate_spread(source, Sum::Scatter { origin: origin.to_vec() }, empty, here)
     }
 
-    /// The components of a scatter about `origin`: for sums that were merged.
+    /// Components from a scatter about `origin`, for sums that were merged.
     ///
     /// # Errors
     /// A failure of the eigenproblem.

@@ -1,11 +1,11 @@
-//! Generalised Procrustes analysis: the classical comparator, and the mean under pure translation.
+//! Generalised Procrustes analysis, for comparison with projection; also gives the mean under pure translation.
 //!
 //! ```text
 //! min_{μ, A_k} Σ_k w_k ‖A_k x_k − μ‖²,   A_k = s_k R_k,  R_kᵀR_k = I, det R_k = 1
 //! ```
 //!
-//! With scaling `‖μ‖ = 1` and `s_k = ⟨R_k x_k, μ⟩/‖x_k‖²` (the full Procrustes fit, so in the plane and in
-//! the discrete metric the mean is Kent's); without, `s_k = 1` and `μ` is the mean of the fitted shapes.
+//! With scaling, `‖μ‖ = 1` and `s_k = ⟨R_k x_k, μ⟩/‖x_k‖²` (the full Procrustes fit, so that in the plane and in the
+//! discrete metric the mean is Kent's). Without scaling, `s_k = 1` and `μ` is the mean of the fitted shapes.
 //! Rotations come from the singular value decomposition of `H = Σ_n μ[n] x[n]ᵀ`, without reflection.
 
 use super::AnalysisError;
@@ -22,7 +22,7 @@ use shapelex_numeric::dense::Matrix;
 /// The iteration stops when the mean moves by less than this part of its norm.
 const CONVERGED: f64 = 1e-10;
 
-/// Most iterations.
+/// Maximum number of iterations.
 const MAX_ITERATIONS: usize = 1000;
 
 /// `Σ w A_k x_k` and `Σ w`.
@@ -77,20 +77,20 @@ pub(super) fn fitted_sum<'a, S: ShapeSource>(
     accumulate_spread(source, Sum::Fits { fit, mean: mean.to_vec() }, empty, here)
 }
 
-/// A mean shape of a Procrustes iteration.
+/// Mean shape of a Procrustes iteration.
 #[derive(Debug, Clone)]
 pub struct ProcrustesMean {
-    /// Whitened.
+    /// Whitened mean shape.
     pub mean: Vec<f64>,
-    /// Iterations done.
+    /// Number of iterations.
     pub iterations: usize,
-    /// Whether the last one moved the mean by less than `10⁻¹⁰`.
+    /// Whether the last iteration moved the mean by less than `10⁻¹⁰` of its norm.
     pub converged: bool,
 }
 
 /// The generalised Procrustes mean, iterated from `start` (whitened).
 ///
-/// Cost per iteration: one `d × d` singular value decomposition a shape.
+/// Cost per iteration: one `d × d` singular value decomposition per shape.
 ///
 /// # Errors
 /// Errors of the source.
@@ -110,8 +110,8 @@ pub fn iterate<S: ShapeSource>(source: &S, fit: Fit, start: Vec<f64>) -> Result<
     Ok(ProcrustesMean { mean, iterations: MAX_ITERATIONS, converged: false })
 }
 
-/// A start that does not depend on the order, position, orientation or size of the shapes: the shape whose
-/// profile `|x[n]|/‖x‖` is nearest to the mean profile; of equal ones the one with the smaller coordinates.
+/// A start shape that does not depend on the order, position, orientation or size of the shapes: the shape whose
+/// profile `|x[n]|/‖x‖` is nearest to the mean profile. In a tie, the shape with the smaller coordinates.
 ///
 /// # Errors
 /// Errors of the source.
@@ -137,11 +137,11 @@ fn profile(x: &[f64], d: usize) -> Vec<f64> {
     (0..n).map(|k| (0..d).map(|c| x[c * n + k].powi(2)).sum::<f64>().sqrt() / size).collect()
 }
 
-/// The mean turned into `frame`.
+/// Rotates the mean into `frame`.
 ///
-/// Training: the rotation that brings it closest to the shapes as posed. Canonical: principal axes of inertia
-/// on the coordinate axes, longest first, the largest control coordinate of every axis but the last
-/// positive, without reflection.
+/// Training: the rotation that brings the mean closest to the shapes as posed. Canonical: principal axes of inertia on
+/// the coordinate axes, longest first, with a positive largest control coordinate on every axis but the last, and
+/// without reflection.
 ///
 /// # Errors
 /// Errors of the source.
@@ -192,7 +192,7 @@ mod tests {
 
     #[test]
     fn an_iteration_that_nobody_waits_for_ends_with_its_walk_over_the_shapes() {
-        // Points that no rotation brings together: many iterations.
+        // Points that no rotation brings together need many iterations.
         let shape = |k: usize| (0..60).map(move |i| ((7 * k * k + 3 * i * i + i * k) as f64).sin());
         let whitened: Vec<f64> = (0..40).flat_map(shape).collect();
         let source = ShapesInMemory::prepared(whitened.clone(), vec![1.0; 40]);

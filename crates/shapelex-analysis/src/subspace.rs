@@ -4,25 +4,25 @@
 //! C = [vec(B_i r)],   C = Q R (thin QR in the whitened metric),   P = Q Qᵀ,   P m = Σ a_i B_i r,  a = R⁻¹ Qᵀ m
 //! ```
 //!
-//! The `dN × dN` matrix is never formed. For `linear` and `affine`, `Q` is `N × d` and serves every
-//! coordinate; for non-uniform scaling every axis has its own unit vector.
+//! The `dN × dN` matrix is never formed. For `linear` and `affine`, `Q` is `N × d` and shared by all coordinates; for
+//! non-uniform scaling, every axis has its own unit vector.
 
 use super::metric::{dot, norm};
 use super::transformation::{Structure, TransformationClass};
 use super::{AnalysisError, DEGENERATE};
 use shapelex_numeric::dense::Matrix;
 
-/// Diagonal ratio of `R` above which the singular values need not be computed: for at most 9 columns the
+/// Ratio of diagonal entries of `R` above which the singular values need not be computed: for at most 9 columns, the
 /// smallest singular value is at least `10⁻³` of the smallest diagonal entry.
 const WELL_CONDITIONED: f64 = 1e-6;
 
-/// A centred norm below this part of the shape's distance from the origin is rounding, not a shape.
+/// Norm after centring, as a fraction of the norm before, below which a shape is rounding error.
 const NO_EXTENT: f64 = 1e-13;
 
-/// Norms below this leave the range where products of two norms are exact.
+/// Norm below which products of two norms are no longer exact.
 const SMALLEST_NORM: f64 = 1e-100;
 
-/// Orthonormal basis of one block of a subspace: `C = Q R`, `Q` of `n × r`.
+/// Orthonormal basis of one block of a subspace: `C = Q R`, where `Q` is `n × r`.
 #[derive(Debug, Clone)]
 pub(super) struct Block {
     pub(super) q: Matrix,
@@ -41,14 +41,14 @@ pub struct Subspace<'a> {
 pub struct Projected {
     /// Its whitened coordinates, `d·N`.
     pub whitened: Vec<f64>,
-    /// `A`, `d × d`: the member is `A r` of the (centred) shape.
+    /// `A`, `d × d`: the member is `A r` for the (centred) shape `r`.
     pub matrix: Matrix,
 }
 
-/// Whether the shape with `control_norm` before and `centred_norm` after centring has an extent.
+/// Checks that a shape has an extent, from its norm before centring (`control_norm`) and after (`centred_norm`).
 ///
 /// # Errors
-/// [`AnalysisError::NoExtent`] when it has none, with index 0.
+/// [`AnalysisError::NoExtent`] with index 0 if it has none.
 pub fn check_extent(centred_norm: f64, control_norm: f64) -> Result<(), AnalysisError> {
     if centred_norm > SMALLEST_NORM && centred_norm > NO_EXTENT * control_norm {
         return Ok(());
@@ -56,12 +56,12 @@ pub fn check_extent(centred_norm: f64, control_norm: f64) -> Result<(), Analysis
     Err(AnalysisError::NoExtent { index: 0, norm: centred_norm, size: control_norm })
 }
 
-/// What reading, resampling and interpolating points leave of them, relative to their norm.
+/// Relative rounding error that reading, resampling and interpolation leave in the points.
 const ROUNDING: f64 = 4.0 * f64::EPSILON;
 
-/// Takes from a centred shape (`d·N`) what its distance from the origin lets no number hold: along directions in which it is
-/// thinner than the rounding of its coordinates before it was centred, of norm `control_norm`, it is flat. A straight line far
-/// away is then one as near by. Nothing is done where such a direction would pass as extent anyway.
+/// Removes rounding noise from a centred shape (`d·N`) that lay far from the origin: along directions in which the shape is
+/// thinner than the rounding of its original coordinates (of norm `control_norm`), it becomes flat. A straight line is then
+/// straight at any distance from the origin. Nothing changes if the noise is too small to count as extent.
 pub fn flatten(centred: &mut [f64], dimension: usize, control_norm: f64) {
     let noise = ROUNDING * control_norm;
     if noise <= DEGENERATE * norm(centred) {
@@ -80,13 +80,13 @@ pub fn flatten(centred: &mut [f64], dimension: usize, control_norm: f64) {
 }
 
 impl<'a> Subspace<'a> {
-    /// The subspace of the whitened shape `x` (`d·N`, centred when the class translates).
+    /// Subspace of the whitened shape `x` (`d·N`, centred when the class translates).
     ///
     /// Cost `O(dN I²)`.
     ///
     /// # Errors
-    /// [`AnalysisError::Degenerate`] with index 0 when the relative singular value of the basis is below
-    /// `10⁻¹⁰`, [`AnalysisError::NoExtent`] when the shape vanishes.
+    /// [`AnalysisError::Degenerate`] with index 0 if the relative singular value of the basis is below `10⁻¹⁰`,
+    /// [`AnalysisError::NoExtent`] if the shape vanishes.
     pub fn new(class: &'a TransformationClass, x: &[f64]) -> Result<Self, AnalysisError> {
         let n = x.len() / class.dimension();
         let size = norm(x);
@@ -106,7 +106,7 @@ impl<'a> Subspace<'a> {
         Ok(Self { class, blocks })
     }
 
-    /// `P m` and the transformation that makes it from the shape.
+    /// `P m`, and the transformation that maps the shape to it.
     pub fn project(&self, m: &[f64]) -> Projected {
         let d = self.class.dimension();
         let n = m.len() / d;
@@ -179,7 +179,7 @@ fn transformed(class: &TransformationClass, x: &[f64], n: usize, count: usize) -
 }
 
 impl Block {
-    /// Modified Gram–Schmidt, twice: orthonormal to rounding for every basis that is not degenerate.
+    /// Modified Gram–Schmidt, applied twice: orthonormal to rounding for every non-degenerate basis.
     fn new(mut q: Matrix) -> Self {
         let columns = q.ncols();
         let mut r = Matrix::zeros(columns, columns);

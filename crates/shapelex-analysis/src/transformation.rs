@@ -1,26 +1,26 @@
-//! Transformation classes: what is removed before shapes are compared.
+//! Transformation classes: the linear transformations that are factored out before shapes are compared.
 //!
 //! ```text
 //! 𝓑 = span{B_1 … B_I} ⊂ R^{d×d}   (+ translation)      S_k = { B r_k + b : B ∈ 𝓑 }
 //! ```
 //!
-//! The matrices generate what the names say; the printed Table 3.1 swaps entries of the shear and
-//! affine rows. Classes with translation act on centred shapes, which is the same and keeps constants
-//! out of the statistics. Rotations and similarities of space do not span a proper linear class (their
-//! span is all of `R^{3×3}`): they exist for generalised Procrustes only.
+//! The matrices generate what the names say; the printed Table 3.1 swaps entries of the shear and affine rows. Classes
+//! with translation act on centred shapes, which is equivalent and keeps constants out of the statistics. Rotations and
+//! similarities of space do not span a proper linear class (their span is all of `R^{3×3}`): they are available with
+//! generalised Procrustes alignment only.
 
 use super::AnalysisError;
 use shapelex_numeric::dense::Matrix;
 
-/// A class by name.
+/// Name of a transformation class.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 #[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
 pub enum ClassName {
-    /// Shift only; shapes keep their size, direction and orientation.
+    /// Translation only: shapes keep their size and orientation, and are not reflected.
     Translation,
-    /// One factor for all axes, also negative.
+    /// One factor for all axes; it may be negative.
     UniformScaling,
     /// Uniform scaling and translation.
     UniformScalingTranslation,
@@ -28,31 +28,31 @@ pub enum ClassName {
     NonUniformScaling,
     /// One factor per axis, and translation.
     NonUniformScalingTranslation,
-    /// Rotation and uniform scaling of the plane.
+    /// Rotation and uniform scaling, in the plane.
     ScaledRotation,
-    /// Rotation, uniform scaling and translation of the plane; of space with Procrustes alignment.
+    /// Rotation, uniform scaling and translation, in the plane. In space with Procrustes alignment only.
     Similarity,
-    /// All matrices.
+    /// All linear maps.
     Linear,
-    /// All matrices and translation.
+    /// All linear maps, and translation.
     Affine,
-    /// Shear along x and uniform scaling of the plane.
+    /// Shear along x and uniform scaling, in the plane.
     HorizontalShear,
-    /// Shear along x, uniform scaling and translation of the plane.
+    /// Shear along x, uniform scaling and translation, in the plane.
     HorizontalShearTranslation,
-    /// Shear along y and uniform scaling of the plane.
+    /// Shear along y and uniform scaling, in the plane.
     VerticalShear,
-    /// Shear along y, uniform scaling and translation of the plane.
+    /// Shear along y, uniform scaling and translation, in the plane.
     VerticalShearTranslation,
-    /// Reflections with rotation and scaling of the plane.
+    /// Reflection with rotation and scaling, in the plane.
     ReflectedScaledRotation,
-    /// Reflections with rotation, scaling and translation of the plane.
+    /// Reflection with rotation, scaling and translation, in the plane.
     ReflectedSimilarity,
-    /// Rotation and translation, size kept; with Procrustes alignment only.
+    /// Rotation and translation; shapes keep their size. With Procrustes alignment only.
     Rigid,
 }
 
-/// A class as it stands in a request: a name, or a list of matrices.
+/// Transformation class: the name of a class, or a list of matrices that span one.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
@@ -60,11 +60,11 @@ pub enum ClassName {
 pub enum Transformation {
     /// One of the named classes.
     Named(ClassName),
-    /// The span of the given `d × d` matrices.
+    /// The class spanned by the given `d × d` matrices.
     Custom(CustomClass),
 }
 
-/// By hand: the derived error of an untagged choice says neither where nor what.
+// Written by hand: the derived error for an untagged enum names neither the position nor the problem.
 #[cfg(feature = "serde")]
 impl<'de> serde::Deserialize<'de> for Transformation {
     fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
@@ -91,22 +91,22 @@ impl<'de> serde::Deserialize<'de> for Transformation {
     }
 }
 
-/// A class given by its matrices.
+/// Transformation class given by matrices that span it.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
 pub struct CustomClass {
-    /// Basis of the class, row by row; linearly independent.
+    /// Matrices that span the class: `d × d`, row by row, linearly independent.
     #[cfg_attr(feature = "schema", schema(example = json!([[[1.0, 0.0], [0.0, 1.0]], [[0.0, 1.0], [0.0, 0.0]]])))]
     pub matrices: Vec<Vec<Vec<f64>>>,
-    /// Whether translations belong to the class.
+    /// Whether the class includes translations.
     #[cfg_attr(feature = "serde", serde(default))]
     pub translation: bool,
 }
 
 impl ClassName {
-    /// All names, in the order of the catalogue.
+    /// All names, in catalogue order.
     pub const ALL: [Self; 16] = [
         Self::Translation,
         Self::UniformScaling,
@@ -126,7 +126,7 @@ impl ClassName {
         Self::Rigid,
     ];
 
-    /// The name as it is written in requests.
+    /// The name as written in requests.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Translation => "translation",
@@ -148,7 +148,7 @@ impl ClassName {
         }
     }
 
-    /// Whether translations belong to the class.
+    /// Whether the class includes translations.
     pub fn translates(self) -> bool {
         use ClassName::*;
         match self {
@@ -171,7 +171,7 @@ impl ClassName {
         }
     }
 
-    /// Dimensions in which the class can be projected on.
+    /// Dimensions in which shapes can be projected onto the class.
     pub fn projection_dimensions(self) -> &'static [usize] {
         use ClassName::*;
         match self {
@@ -194,26 +194,26 @@ impl ClassName {
         }
     }
 
-    /// Whether generalised Procrustes alignment is offered.
+    /// Whether the class supports generalised Procrustes alignment.
     pub fn procrustes(self) -> bool {
         matches!(self, Self::Similarity | Self::Rigid)
     }
 }
 
-/// How the projector of a class decomposes.
+/// Decomposition of the projector of a class.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Structure {
     /// `P = I_d ⊗ P'`: all coordinates share the span of the `d` coordinate functions.
     PerCoordinate,
-    /// Every axis is its own scalar problem.
+    /// Every axis is a scalar problem of its own.
     PerAxis,
-    /// `S = C·y` with `y = B_1 r` and `B_2 = J B_1`, `J` the quarter turn: one unit vector stands for both.
+    /// `S = C·y` with `y = B_1 r` and `B_2 = J B_1`, where `J` is the quarter turn: one unit vector represents both.
     Complex,
-    /// No structure used: the span of `vec(B_i r)`.
+    /// No structure: the span of `vec(B_i r)`.
     General,
 }
 
-/// A checked class in dimension `d`.
+/// A validated class in dimension `d`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TransformationClass {
     name: Option<ClassName>,
@@ -224,11 +224,11 @@ pub struct TransformationClass {
 }
 
 impl TransformationClass {
-    /// The class meant by `transformation` in dimension `d`, to be projected on.
+    /// The class given by `transformation` in dimension `d`, for projection.
     ///
     /// # Errors
-    /// [`AnalysisError::NotAProperClass`] when the class does not exist in this dimension, is not
-    /// linear, or its matrices have the wrong shape or are linearly dependent.
+    /// [`AnalysisError::NotAProperClass`] if the class does not exist in this dimension or is not linear, or if its
+    /// matrices have the wrong shape or are linearly dependent.
     pub fn new(transformation: &Transformation, dimension: usize) -> Result<Self, AnalysisError> {
         match transformation {
             Transformation::Named(name) => Self::named(*name, dimension),
@@ -291,32 +291,32 @@ impl TransformationClass {
         Ok(Self { name: None, dimension: d, matrices, translation, structure: Structure::General })
     }
 
-    /// The same class without the use of structure: the reference that tests compare with.
+    /// The same class without the use of structure: the reference for comparisons in tests.
     pub fn unstructured(&self) -> Self {
         Self { structure: Structure::General, ..self.clone() }
     }
 
-    /// Its name, unless it was given by matrices.
+    /// Name of the class. `None` if it was given by matrices.
     pub fn name(&self) -> Option<ClassName> {
         self.name
     }
 
-    /// For messages.
+    /// Label of the class for messages.
     pub fn label(&self) -> &'static str {
         self.name.map_or("the given matrices", ClassName::as_str)
     }
 
-    /// `d`.
+    /// Dimension of the points, `d`.
     pub fn dimension(&self) -> usize {
         self.dimension
     }
 
-    /// `B_1 … B_I`; empty for pure translation.
+    /// The matrices `B_1 … B_I`; empty for pure translation.
     pub fn matrices(&self) -> &[Matrix] {
         &self.matrices
     }
 
-    /// Whether translations belong to the class.
+    /// Whether the class includes translations.
     pub fn translates(&self) -> bool {
         self.translation
     }

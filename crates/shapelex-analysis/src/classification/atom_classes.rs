@@ -1,13 +1,13 @@
-//! Atoms that stand for classes.
+//! Classification by dictionary atoms: every atom is assigned to a class.
 //!
 //! ```text
 //! nearest atom       d_c = √(1 − max_{j ∈ c} ρ_j²),   ρ_j = ‖D_jᵀ y‖/‖y‖
 //! sparse residual    d_c = ‖y − Σ_{j ∈ c} D_j B_jᵀ‖/‖y‖
 //! ```
 //!
-//! An atom belongs to the class that votes for it most: the part of its shapes whose best atom it is, or the energy that
-//! its shapes give to the atom in their codes. Classes of different size have equal votes. A class without atoms is at
-//! distance 1.
+//! An atom belongs to the class with the most votes for it. A class votes with the fraction of its shapes for which the
+//! atom is the best one, or with the energy of the atom in the codes of its shapes. Classes of different size have equal
+//! votes. The distance to a class without atoms is 1.
 //!
 //! Source: Schmitter 2017, table 4.3; Wright, Yang, Ganesh, Sastry and Ma 2009.
 
@@ -18,15 +18,15 @@ use crate::dictionary::model::{Model, squared_distance};
 use crate::metric::{dot, norm};
 use crate::sparse::SparseCode;
 
-/// The atoms of every class.
+/// The atoms assigned to every class.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AtomClasses {
-    /// Ascending, one list a class; atoms that no training shape votes for are in none.
+    /// One ascending list per class; atoms without votes are in none.
     pub atoms: Vec<Vec<usize>>,
 }
 
 impl AtomClasses {
-    /// Shapes vote for the atom that correlates best with them.
+    /// Assigns atoms by correlation: every shape votes for its best correlated atom.
     pub(super) fn by_correlation(model: &Model, sample: Labelled<'_>) -> Self {
         Self::by_votes(model, sample, |k, vote| {
             let correlations = correlations(model, sample.observations.prepared(k));
@@ -36,7 +36,7 @@ impl AtomClasses {
         })
     }
 
-    /// Shapes vote for the atoms of their codes with the energy they give to them.
+    /// Assigns atoms by use: every shape votes for the atoms of its code, with their energy in the code.
     pub(super) fn by_use(model: &Model, sample: Labelled<'_>) -> Self {
         Self::by_votes(model, sample, |k, vote| {
             let code = &sample.observations.codes[k];
@@ -95,7 +95,7 @@ impl AtomClasses {
     }
 }
 
-/// The part of a code that uses these atoms.
+/// The entries of a code that belong to the given atoms.
 fn part(code: &SparseCode, atoms: &[usize]) -> SparseCode {
     let entries = code.indices.iter().zip(blocks(code));
     let (indices, values): (Vec<usize>, Vec<&[f64]>) =
@@ -103,12 +103,12 @@ fn part(code: &SparseCode, atoms: &[usize]) -> SparseCode {
     SparseCode { indices, values: values.concat(), ..code.clone() }
 }
 
-/// The coefficients of every atom of a code.
+/// Coefficients of every atom in a code.
 fn blocks(code: &SparseCode) -> impl Iterator<Item = &[f64]> {
     code.values.chunks_exact((code.values.len() / code.indices.len().max(1)).max(1))
 }
 
-/// `ρ_j` of every atom: the cosine between `y` and the nearest multiple, or moved copy, of the atom.
+/// `ρ_j` of every atom: cosine between `y` and the nearest multiple, or transformed copy, of the atom.
 fn correlations(model: &Model, y: &[f64]) -> Vec<f64> {
     let (columns, block) = match model {
         Model::Components { pca, .. } => (&pca.eigenshapes, 1),

@@ -1,10 +1,10 @@
-//! Distance to the mean space of every class: no template, and nothing learnt but the means.
+//! Classification by distance to the mean space of every class. Nothing is learnt but the class means.
 //!
 //! ```text
 //! d_c = ‖r − P_c r‖/‖r‖        P_c r the member of the class of the mean m_c nearest to r
 //! ```
 //!
-//! Start point, direction and mirror image of `r` are for every class those that match its mean best.
+//! For every class, `r` takes the start point, direction and mirror image that match the class mean best.
 //!
 //! Source: Schmitter 2017, section 4.6.
 
@@ -23,12 +23,12 @@ use crate::metric::norm;
 /// The mean shapes of the classes, whitened.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ClassMeans {
-    /// One a class.
+    /// One mean per class.
     pub means: Vec<Vec<f64>>,
 }
 
 impl ClassMeans {
-    /// The mean of every class; that of a single shape is the shape.
+    /// Computes the mean of every class; the mean of a single shape is the shape itself.
     pub(super) fn train(preparation: &Preparation, sample: Labelled<'_>) -> Result<Self, AnalysisError> {
         let shapes = sample.observations.shapes.to_vec();
         let all = ShapesInMemory::prepared(shapes, sample.weights.to_vec());

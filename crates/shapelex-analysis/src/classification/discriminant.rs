@@ -1,13 +1,13 @@
-//! Regularised discriminants: from linear (one covariance) to quadratic (one a class).
+//! Regularised discriminants: from linear (one covariance) to quadratic (one covariance per class).
 //!
 //! ```text
 //! δ_c(z) = −½ (z − μ_c)ᵀ Σ_c⁻¹ (z − μ_c) − ½ ln det Σ_c + ln(n_c/n)
 //! Σ_c = (1 − γ) S_c + γ (tr S_c/p) I,    S_c = ((1 − α) W_c + α W)/((1 − α)(n_c − 1) + α (n − C))
 //! ```
 //!
-//! `z` are features divided by their pooled standard deviation within classes, `W_c` the scatter of a class about its
-//! mean, `W = Σ W_c`; `α` is the pooling, `γ` the shrinkage. Without a given `γ` it is the one of Ledoit and Wolf for the
-//! pooled covariance: the minimiser of the expected squared error.
+//! `z` are features divided by their pooled standard deviation within classes, `W_c` is the scatter of a class about its
+//! mean, and `W = Σ W_c`; `α` is the pooling, `γ` the shrinkage. Default `γ`: the Ledoit–Wolf estimate for the pooled
+//! covariance, which minimises the expected squared error.
 //!
 //! Sources: Friedman 1989, *Regularized discriminant analysis*; Ledoit and Wolf 2004.
 
@@ -18,42 +18,42 @@ use crate::AnalysisError;
 use crate::dictionary::model::squared_distance;
 use shapelex_numeric::dense::{Matrix, multiply};
 
-/// How covariances are estimated.
+/// Regularisation of the covariance estimates.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Regularisation {
-    /// Leading features of the code that are used; all of them unless given.
+    /// Number of leading features of the code to use. Default: all.
     pub components: Option<usize>,
     /// `α`: 1 for linear discriminants, 0 for quadratic ones.
     pub pooling: f64,
-    /// `γ`; estimated unless given.
+    /// `γ`. Default: estimated.
     pub shrinkage: Option<f64>,
 }
 
 /// A trained discriminant.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Discriminant {
-    /// The features that are used, from 0.
+    /// Indices of the features in use, from 0.
     pub features: Vec<usize>,
-    /// Their pooled standard deviations within classes.
+    /// Pooled standard deviations of these features within classes.
     pub scales: Vec<f64>,
     /// Mean features of every class, divided by the scales.
     pub means: Vec<Vec<f64>>,
-    /// `L` with `Σ_c = L Lᵀ`: one for all classes, or one a class.
+    /// `L` with `Σ_c = L Lᵀ`: one for all classes, or one per class.
     pub factors: Vec<Matrix>,
     /// `ln(n_c/n)`.
     pub log_priors: Vec<f64>,
-    /// `γ` that was used.
+    /// The shrinkage `γ` in use.
     pub shrinkage: f64,
 }
 
-/// A standard deviation below this part of the largest is rounding: the feature does not vary.
+/// Relative standard deviation, as a fraction of the largest, below which a feature is constant up to rounding.
 const CONSTANT: f64 = 1e-12;
 
 impl Discriminant {
-    /// From features, one shape a column. Cost `O(n p² + C p³)`.
+    /// Trains on features, one shape per column. Cost `O(n p² + C p³)`.
     ///
     /// # Errors
-    /// [`AnalysisError::SingularCovariance`] when the covariance of a class has not full rank.
+    /// [`AnalysisError::SingularCovariance`] if the covariance of a class is rank-deficient.
     pub(super) fn train(
         features: &Matrix,
         size: bool,
@@ -104,7 +104,7 @@ impl Discriminant {
             let error = AnalysisError::SingularCovariance { class };
             let factor = Cholesky::new(s).ok_or(error.clone())?.unpack();
             let pivots = factor.diagonal();
-            // The squared ratio bounds the condition from below.
+            // The squared ratio is a lower bound on the condition number.
             if pivots.min() > WELL_CONDITIONED * pivots.max() { Ok(factor) } else { Err(error) }
         };
         let factors: Result<Vec<Matrix>, AnalysisError> = if alpha == 1.0 {
@@ -127,7 +127,7 @@ impl Discriminant {
         })
     }
 
-    /// Of features, one shape a column; distances are those of Mahalanobis. Cost `O(K C p²)`.
+    /// Evidence from features, one shape per column; distances are Mahalanobis distances. Cost `O(K C p²)`.
     pub(super) fn evidence(&self, features: &Matrix) -> Vec<Evidence> {
         let mut z = features.select_rows(&self.features);
         for (i, &scale) in self.scales.iter().enumerate() {
@@ -136,7 +136,7 @@ impl Discriminant {
         let count = self.means.len();
         let empty = Evidence { distances: vec![0.0; count], scores: vec![0.0; count] };
         let mut evidence = vec![empty; z.ncols()];
-        // ‖L⁻¹(z − μ)‖ = ‖L⁻¹z − L⁻¹μ‖: with one covariance the shapes are transformed once for all classes.
+        // ‖L⁻¹(z − μ)‖ = ‖L⁻¹z − L⁻¹μ‖: with a single covariance, the shapes are transformed once for all classes.
         let white: Vec<Matrix> = self.factors.iter().map(|factor| solved(factor, &z)).collect();
         for (c, mean) in self.means.iter().enumerate() {
             let own = c.min(self.factors.len() - 1);
@@ -155,13 +155,13 @@ impl Discriminant {
 /// `L⁻¹ z`.
 fn solved(factor: &Matrix, z: &Matrix) -> Matrix {
     let mut solved = z.clone();
-    // Fails for zero pivots alone: training and import refuse those.
+    // Fails only for zero pivots, which training and import reject.
     let positive = factor.solve_lower_triangular_mut(&mut solved);
     debug_assert!(positive, "pivots are positive");
     solved
 }
 
-/// Smallest over largest pivot of a covariance that can be inverted with half of the digits.
+/// Minimum ratio of smallest to largest pivot for which a covariance can be inverted with half of the digits.
 const WELL_CONDITIONED: f64 = 1e-7;
 
 /// `γ = min(b²/d², 1)`: `d² = ‖S − μI‖²`, `b² = (Σ_k ‖z_k z_kᵀ − S‖²)/n²`, for `S = (Σ z zᵀ)/n` and `μ = tr S/p`.
@@ -205,7 +205,7 @@ mod tests {
         let advantage = found[0].scores[0] - found[0].scores[1];
         assert!((advantage - 0.5 * (9.0 - 4.0) / 2.5).abs() < 1e-14, "{advantage}");
         assert!((found[1].scores[0] - found[1].scores[1]).abs() < 1e-14, "half-way between the means");
-        // Own variances 1 and 4: δ differ by ln 2 where the distances agree.
+        // Separate variances 1 and 4: the δ differ by ln 2 where the distances agree.
         let quadratic = Regularisation { pooling: 0.0, ..linear };
         let found = train(&features, &classes, quadratic).unwrap();
         let found = found.evidence(&Matrix::from_row_slice(1, 1, &[8.0 / 3.0]));
@@ -227,12 +227,12 @@ mod tests {
         assert_eq!(refused, Err(AnalysisError::SingularCovariance { class: 0 }));
     }
 
-    /// By hand: z = ±1 on each axis of the plane, S = I/2, so that nothing is left to shrink from.
+    /// By hand: z = ±1 on each axis of the plane gives S = I/2, which leaves nothing to shrink.
     #[test]
     fn estimated_shrinkage_is_within_its_bounds() {
         let isotropic = Matrix::from_row_slice(2, 4, &[1.0, -1.0, 0.0, 0.0, 0.0, 0.0, 1.0, -1.0]);
         assert_eq!(ledoit_wolf(&isotropic), 0.0);
-        // One direction alone, of eight equal steps: ‖S‖² = 1, spread 1/2, error (1 − 1)/8.
+        // One direction only, eight equal steps: ‖S‖² = 1, spread 1/2, error (1 − 1)/8.
         let line =
             Matrix::from_fn(2, 8, |i, k| if i == 0 { if k % 2 == 0 { 1.0 } else { -1.0 } } else { 0.0 });
         assert_eq!(ledoit_wolf(&line), 0.0);

@@ -1,14 +1,14 @@
-//! Several classifiers as one: the mean of what each holds likely.
+//! An ensemble of classifiers: the weighted mean of their class probabilities.
 //!
 //! ```text
 //! p_c = Σ_m w_m exp(β_m s_mc)/Σ_b exp(β_m s_mb),   score_c = ln p_c,   Σ w = 1
 //! ```
 //!
-//! Scores of different kinds have different units; probabilities have none, so that they can be averaged. Which members
-//! are in it, and how often, is found by adding, round by round, the one that makes the mean probability of shapes that
-//! were held out likeliest. One that is best by a hair on few shapes does then not decide alone.
+//! Scores of different kinds have different units; probabilities have none and can be averaged. Members and their weights
+//! are found by greedy selection: every round adds the candidate that maximises the likelihood of the mean probability on
+//! held-out shapes. A candidate that is slightly better on a few shapes therefore does not decide alone.
 //!
-//! Distances, by which shapes of no class are refused, are those of the first member.
+//! Distances, which serve to reject shapes of no class, are those of the first member.
 //!
 //! Source: Caruana, Niculescu-Mizil, Crew and Ksikes 2004 (selection with replacement).
 
@@ -17,34 +17,34 @@ use super::observations::{Description, Evidence, Observations};
 use super::quality::confidences;
 use crate::AnalysisError;
 
-/// Rounds of the selection: a member weighs a twelfth at the least.
+/// Rounds of the selection; the smallest weight of a member is therefore a twelfth.
 pub const ROUNDS: usize = 12;
 
-/// Classifiers with their weights, the heaviest first.
+/// Classifiers with their weights, in descending order of weight.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Ensemble {
-    /// At least one.
+    /// The members, at least one.
     pub members: Vec<Member>,
 }
 
-/// One of the classifiers.
+/// One member of an ensemble.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Member {
-    /// What kind it is.
+    /// Kind of the classifier.
     pub kind: Kind,
     /// The classifier.
     pub classifier: Classifier,
-    /// `β` of its probabilities.
+    /// `β` of its class probabilities.
     pub sharpness: f64,
-    /// `w`.
+    /// Weight `w`.
     pub weight: f64,
 }
 
 impl Ensemble {
-    /// Scores `ln p`, and the distances of the first member.
+    /// Scores `ln p` of the ensemble, with the distances of the first member.
     ///
     /// # Errors
-    /// Those of the members.
+    /// Errors of the members.
     pub(super) fn evidence(
         &self,
         description: Description<'_>,
@@ -72,13 +72,13 @@ impl Ensemble {
     }
 }
 
-/// Logarithm of a probability that may have been rounded to nothing.
+/// Logarithm of a probability that may have been rounded to zero.
 pub fn logarithm(p: f64) -> f64 {
     p.max(f64::MIN_POSITIVE).ln()
 }
 
-/// How often each candidate is chosen, given the probabilities that every one of them gave to the true class of shapes held
-/// out: `likelihoods[candidate][shape]`. Of equals the first. Cost `O(ROUNDS · candidates · shapes)`.
+/// Number of times each candidate is selected, from the probabilities that each of them gave to the true class of held-out
+/// shapes: `likelihoods[candidate][shape]`. The first candidate wins a tie. Cost `O(ROUNDS · candidates · shapes)`.
 pub fn selected(likelihoods: &[Vec<f64>]) -> Vec<usize> {
     let shapes = likelihoods.first().map_or(0, Vec::len);
     let mut chosen = vec![0; likelihoods.len()];
@@ -102,10 +102,10 @@ mod tests {
 
     #[test]
     fn candidates_that_help_each_other_are_chosen_together() {
-        // Each of the first two is sure of its own half of the shapes; the third is never sure.
+        // Each of the first two is certain on its own half of the shapes; the third is never certain.
         let likelihoods = vec![vec![0.9, 0.9, 0.1, 0.1], vec![0.1, 0.1, 0.9, 0.9], vec![0.3; 4]];
         assert_eq!(selected(&likelihoods), [6, 6, 0]);
-        // One that is better everywhere stands alone.
+        // A candidate that is better everywhere is selected alone.
         assert_eq!(selected(&[vec![0.5; 3], vec![0.8; 3]]), [0, ROUNDS]);
         assert_eq!(selected(&[vec![0.5; 3], vec![0.5; 3]]), [ROUNDS, 0], "of equals the first");
         assert!(selected(&[]).is_empty());

@@ -1,14 +1,14 @@
-//! Parts of a sample for cross-validation: every class is spread over all parts, every group stays together.
+//! Folds for cross-validation, stratified by class and grouped by subject.
 
 use rand::SeedableRng;
 use rand::rngs::ChaCha12Rng;
 use rand::seq::SliceRandom;
 
-/// The fold of every shape, from 0: shapes of one group (a subject) are in one fold, and the folds have nearly equal
-/// parts of every class.
+/// The fold of every shape, from 0. Shapes of one group (a subject) share a fold, and all folds have nearly equal
+/// fractions of every class.
 ///
-/// Groups come in an order that `seed` draws, those of many shapes first, and go to the fold that has least of their
-/// classes. The same for the same seed. Cost `O(n log n + groups·folds·classes of a group)`.
+/// Groups are taken in an order drawn from `seed`, largest first, and each goes to the fold that has least of its
+/// classes. Deterministic for a given seed. Cost `O(n log n + groups·folds·classes of a group)`.
 pub fn stratified(classes: &[usize], groups: &[usize], folds: usize, seed: u64) -> Vec<usize> {
     let count = classes.iter().max().map_or(0, |most| most + 1);
     let mut members: Vec<Vec<usize>> = vec![Vec::new(); groups.iter().max().map_or(0, |most| most + 1)];

@@ -1,15 +1,15 @@
-//! Classes of shapes: which of several labelled sets a shape belongs to.
+//! Classification of shapes: which of several labelled sets a shape belongs to.
 //!
 //! * [`class_means`] — distance to the mean space of every class;
-//! * [`atom_classes`] — the class of the best atom, and the class-wise residual of a code;
+//! * [`atom_classes`] — the class of the best atom, and the residual of a code restricted to one class;
 //! * [`discriminant`] — linear to quadratic discriminants of the features;
 //! * [`neighbours`] — votes of the nearest training shapes;
-//! * [`ensemble`] — several of these as one;
-//! * [`folds`] — parts of a sample for cross-validation;
-//! * [`quality`] — what a validation reports, and calibrated confidences.
+//! * [`ensemble`] — a weighted combination of these;
+//! * [`folds`] — folds for cross-validation;
+//! * [`quality`] — figures of a validation, and calibrated confidences.
 //!
-//! Every classifier answers an [`Evidence`] a shape: a distance to every class, for people, and a score, which ranks the
-//! classes and from which confidences are made.
+//! Every classifier gives an [`Evidence`] for each shape: a distance to every class, for interpretation, and a score, which
+//! ranks the classes and determines the confidences.
 //!
 //! Source: Schmitter 2017, sections 4.6 and 4.9; Hastie, Tibshirani and Friedman, *The Elements of Statistical Learning*,
 //! chapters 4, 7 and 13.

@@ -1,11 +1,11 @@
-//! Votes of the nearest training shapes, in the features of the dictionary.
+//! Classification by votes of the nearest training shapes, in the features of the dictionary.
 //!
 //! ```text
 //! score_c = ln((v_c + ½)/(k + C/2))        v_c of the k nearest training shapes are of class c
 //! ```
 //!
-//! Scores of aligned shapes are `L₂` coordinates, so that the distance is that between the aligned shapes, as far as the
-//! components describe them. With the size as a feature it is scaled to vary as much as all others together.
+//! Scores of aligned shapes are `L₂` coordinates, so the distance is the one between the aligned shapes, as far as the
+//! components describe them. If the size is a feature, it is scaled to the variance of all other features together.
 //!
 //! Source: Fix and Hodges 1951; Cover and Hart 1967.
 
@@ -15,18 +15,18 @@ use super::observations::{Evidence, Labelled};
 use crate::dictionary::model::squared_distance;
 use shapelex_numeric::dense::Matrix;
 
-/// Training shapes that vote.
+/// The training shapes, which vote.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NearestNeighbours {
-    /// How many vote.
+    /// Number of neighbours that vote.
     pub neighbours: usize,
-    /// Features, one training shape a column.
+    /// Features, one training shape per column.
     pub features: Matrix,
     /// Classes of the training shapes.
     pub classes: Vec<usize>,
     /// Number of classes.
     pub count: usize,
-    /// Factor of the size, when it is a feature: the last one.
+    /// Scale factor of the size, if it is a feature (the last one).
     pub size_factor: Option<f64>,
 }
 
@@ -42,7 +42,7 @@ impl NearestNeighbours {
         Self { neighbours, features, classes: sample.classes.to_vec(), count: sample.count, size_factor }
     }
 
-    /// Of features, one shape a column; distances are those to the nearest member. Cost `O(K n p)`.
+    /// Evidence from features, one shape per column; distances are to the nearest training shape of a class. Cost `O(K n p)`.
     pub(super) fn evidence(&self, features: &Matrix) -> Vec<Evidence> {
         let mut features = features.clone();
         scale_size(&mut features, self.size_factor);
@@ -91,11 +91,11 @@ mod tests {
         let found = nearest.evidence(&Matrix::from_row_slice(1, 2, &[0.5, 4.2]));
         assert_eq!(found[0].best(), 0);
         assert_eq!(found[0].distances, [0.5, 2.5]);
-        // Two of three votes, half a vote given to both.
+        // Two of three votes, with half a vote added to both classes.
         assert!((found[0].scores[0] - (2.5_f64 / 4.0).ln()).abs() < 1e-15);
         assert!((found[0].scores[1] - (1.5_f64 / 4.0).ln()).abs() < 1e-15);
         assert_eq!(found[1].best(), 1);
-        // With the size, scaled to the variance of the rest.
+        // With the size as a feature, scaled to the variance of the others.
         let features = Matrix::from_row_slice(2, 5, &[0.0, 1.0, 3.0, 4.0, 9.0, 0.0, 0.1, 0.3, 0.4, 0.9]);
         let nearest = NearestNeighbours::train(features, true, sample, 1);
         assert!((nearest.size_factor.unwrap() - 10.0).abs() < 1e-12);

@@ -1,4 +1,4 @@
-//! What a validation reports, and confidences that were calibrated on it.
+//! Figures of a validation, and confidences calibrated on it.
 //!
 //! ```text
 //! p_c = exp(β s_c)/Σ exp(β s)        β maximises Σ_k ln p_{c(k)}
@@ -11,37 +11,37 @@ use rayon::prelude::*;
 
 use super::observations::Evidence;
 
-/// A shape that was classified by a classifier that had not seen it.
+/// A held-out shape with its evidence from a classifier trained without it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Held {
     /// Position of the shape.
     pub shape: usize,
-    /// Its class.
+    /// True class of the shape.
     pub class: usize,
-    /// Which training it was held out of.
+    /// Fold in which the shape was held out.
     pub fold: usize,
-    /// What was said about it.
+    /// Evidence for the shape.
     pub evidence: Evidence,
 }
 
-/// `β` lies within these bounds: outside of them all confidences are equal, or all certain.
+/// Bounds of `β`. Outside of them all confidences are equal, or all certain.
 const SHARPNESS: (f64, f64) = (1e-6, 1e9);
 
-/// Exponents below this are those of weights that no sum sees: their exponential function would only take time.
+/// Exponents below this give weights that do not change a sum; their exponential function is skipped to save time.
 const NEGLIGIBLE: f64 = -50.0;
 
-/// Newton's steps at the most.
+/// Maximum number of Newton steps.
 const STEPS: usize = 200;
 
-/// Largest factor of a step.
+/// Largest factor by which a step changes `β`.
 const STRIDE: f64 = 4.0;
 
-/// Relative precision of `β`: confidences do not show more.
+/// Relative precision of `β`, beyond what confidences show.
 const PRECISION: f64 = 1e-10;
 
-/// `β` that maximises the likelihood of the classes; 1 without shapes. The likelihood is concave in `β`.
+/// `β` that maximises the likelihood of the true classes; 1 if there are no shapes. The likelihood is concave in `β`.
 ///
-/// `exp(β s)` of shapes that are all right grows without bound: the bounds end it.
+/// If all shapes are classified correctly, the maximum is at infinity and `β` ends at its bound.
 pub fn sharpness<'a>(held: impl Iterator<Item = &'a Held> + Clone) -> f64 {
     let variances = held.clone().map(|held| moments(&held.evidence.scores, 0.0).1);
     let (sum, count) = variances.fold((0.0, 0.0), |(sum, count), variance| (sum + variance, count + 1.0));
@@ -51,12 +51,12 @@ pub fn sharpness<'a>(held: impl Iterator<Item = &'a Held> + Clone) -> f64 {
     sharpness_near((sum / count).sqrt().recip().clamp(SHARPNESS.0, SHARPNESS.1), held)
 }
 
-/// The same from a `β` that is near. Newton's steps within a bracket.
+/// The same, started from a nearby `β`: Newton steps within a bracket.
 fn sharpness_near<'a>(start: f64, held: impl Iterator<Item = &'a Held> + Clone) -> f64 {
     let (mut low, mut high) = SHARPNESS;
     let mut beta = start;
     for _ in 0..STEPS {
-        // Σ (s_c(k) − E s) and Σ Var s, with E and Var under p.
+        // Slope Σ (s_c(k) − E s) and curvature Σ Var s, with E and Var under p.
         let derivatives = held.clone().map(|held| {
             let (mean, variance) = moments(&held.evidence.scores, beta);
             (held.evidence.scores[held.class] - mean, variance)
@@ -69,7 +69,7 @@ fn sharpness_near<'a>(start: f64, held: impl Iterator<Item = &'a Held> + Clone) 
             high = beta
         }
         let newton = beta + slope / curvature;
-        // Far away the likelihood is nearly straight, and a step would leave the neighbourhood.
+        // Far from the maximum the likelihood is nearly straight, and an unbounded step would overshoot.
         let (least, most) = (low.max(beta / STRIDE), high.min(beta * STRIDE));
         let next = if newton.is_nan() { (least * most).sqrt() } else { newton.clamp(least, most) };
         if (next - beta).abs() <= PRECISION * beta {
@@ -94,7 +94,7 @@ fn moments(scores: &[f64], beta: f64) -> (f64, f64) {
     (best + mean, (second / sum - mean * mean).max(0.0))
 }
 
-/// `p_c` of every class.
+/// Confidence `p_c` of every class.
 pub fn confidences(evidence: &Evidence, beta: f64) -> Vec<f64> {
     let best = evidence.scores.iter().copied().fold(f64::MIN, f64::max);
     let weights: Vec<f64> = evidence.scores.iter().map(|s| (beta * (s - best)).exp()).collect();
@@ -102,7 +102,7 @@ pub fn confidences(evidence: &Evidence, beta: f64) -> Vec<f64> {
     weights.iter().map(|weight| weight / sum).collect()
 }
 
-/// A part with its 95 % interval.
+/// A proportion with its 95 % interval.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Part {
     /// The estimate.
@@ -114,7 +114,7 @@ pub struct Part {
 }
 
 impl Part {
-    /// Wilson's score interval of a part `value` of `n` independent cases.
+    /// Wilson's score interval of the proportion `value` among `n` independent cases.
     pub fn of(value: f64, n: f64) -> Self {
         if !(n > 0.0) {
             return Self { value, low: 0.0, high: 1.0 };
@@ -129,54 +129,54 @@ impl Part {
 /// 97.5 % quantile of the standard normal distribution.
 const QUANTILE_975: f64 = 1.959_963_984_540_054;
 
-/// Shapes whose confidence in their best class lies in an interval.
+/// Shapes with a confidence in their best class that lies in one interval.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Bin {
-    /// How many there are, over all repeats.
+    /// Number of shapes, over all repeats.
     pub count: usize,
-    /// Their mean confidence.
+    /// Mean confidence.
     pub confidence: f64,
-    /// The part of them that is right.
+    /// Proportion that is classified correctly.
     pub accuracy: f64,
 }
 
-/// Equal intervals of confidence.
+/// Number of equal intervals of confidence.
 pub const BINS: usize = 10;
 
 /// Figures of a validation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Quality {
-    /// Part of the shapes whose best class is right.
+    /// Proportion of shapes that are classified correctly.
     pub accuracy: Part,
-    /// The same of every repeat.
+    /// Accuracy of every repeat.
     pub accuracies: Vec<f64>,
-    /// Mean recall of the classes.
+    /// Mean of the recalls of the classes.
     pub balanced_accuracy: Part,
-    /// Part of a class that is found.
+    /// Recall of every class: the proportion of its shapes that are assigned to it.
     pub recall: Vec<Part>,
-    /// Part of the shapes said to be of a class that are; null when none is said to be.
+    /// Precision of every class: the proportion of the shapes assigned to it that belong to it. Null if there are none.
     pub precision: Vec<Option<f64>>,
-    /// Row: the class; column: what was said. Over all repeats.
+    /// Counts over all repeats. Rows: true classes; columns: assigned classes.
     pub confusion: Vec<Vec<usize>>,
-    /// Mean of `Σ_c (p_c − [c = c(k)])²`, with `β` from the other folds.
+    /// Brier score: mean of `Σ_c (p_c − [c = c(k)])²`, with `β` from the other folds.
     pub brier: f64,
-    /// Mean of `−ln p_{c(k)}`.
+    /// Logarithmic loss: mean of `−ln p_{c(k)}`.
     pub log_loss: f64,
-    /// By confidence in the best class.
+    /// Reliability by confidence in the best class.
     pub reliability: Vec<Bin>,
 }
 
-/// Confidence below which a logarithm is cut off: one shape that was held to be impossible does not decide alone.
+/// Confidence below which the logarithm is cut off, so that one shape with a confidence near zero does not dominate.
 const LEAST: f64 = 1e-12;
 
 impl Quality {
-    /// Of shapes held out, `repeats` times each, of `classes` classes; `units` independent cases (subjects) in every
-    /// class.
+    /// Figures from shapes of `classes` classes, each held out `repeats` times. `units` is the number of independent cases
+    /// (subjects) in every class.
     pub fn new(held: &[Held], classes: usize, repeats: usize, units: &[usize], all_units: usize) -> Self {
         let mut confusion = vec![vec![0_usize; classes]; classes];
         let folds = held.iter().map(|held| held.fold + 1).max().unwrap_or(1);
         let per_repeat = folds.div_ceil(repeats.max(1));
-        // Every fold has its own: that of the shapes outside.
+        // Every fold has its own β, from the shapes outside of the fold.
         let all = sharpness(held.iter());
         let outside = |fold: usize| sharpness_near(all, held.iter().filter(move |held| held.fold != fold));
         let betas: Vec<f64> = (0..folds).into_par_iter().map(outside).collect();
@@ -229,8 +229,8 @@ impl Quality {
     }
 }
 
-/// The mean recall; its interval from the binomial variances of the recalls, with two cases added to every class so that
-/// a class without errors does not count as certain (Agresti and Coull 1998).
+/// The mean recall. Its interval comes from the binomial variances of the recalls, with two successes and two failures added
+/// to every class, so that a class without errors does not count as certain (Agresti and Coull 1998).
 fn balanced(recall: &[Part], units: &[usize]) -> Part {
     let count = recall.len() as f64;
     let value = recall.iter().map(|part| part.value).sum::<f64>() / count;
@@ -263,7 +263,7 @@ mod tests {
 
     #[test]
     fn scores_that_are_logarithms_of_frequencies_are_calibrated() {
-        // 0.8 of those held to be of class 0 with confidence 0.8 are: β undoes the factor.
+        // 0.8 of the shapes assigned to class 0 with confidence 0.8 belong to it: β undoes the factor.
         for factor in [0.01, 1.0, 30.0] {
             let shapes: Vec<Held> =
                 (0..10).map(|k| held(usize::from(k >= 8), 0, &[0.8, 0.2], factor)).collect();
@@ -275,7 +275,7 @@ mod tests {
 
     #[test]
     fn figures_by_hand() {
-        // Two folds of five; in both, four of class 0 (three found) and one of class 1 (not found).
+        // Two folds of five shapes each: four of class 0 (three found) and one of class 1 (not found).
         let part = |fold: usize| {
             let say = |class: usize, said: usize| {
                 held(class, fold, if said == 0 { &[0.6, 0.4] } else { &[0.4, 0.6] }, 1.0)
@@ -288,12 +288,12 @@ mod tests {
         assert!((quality.accuracy.value - 0.6).abs() < 1e-15);
         assert!((quality.balanced_accuracy.value - 0.375).abs() < 1e-15);
         assert_eq!(quality.precision, [Some(0.75), Some(0.0)]);
-        // Of five, three are right at 0.6 and two wrong at 0.6: β = 1 in both folds.
+        // Of five shapes, three are right at 0.6 and two wrong at 0.6: β = 1 in both folds.
         let brier = (3.0 * 2.0 * 0.16 + 2.0 * 2.0 * 0.36) / 5.0;
         assert!((quality.brier - brier).abs() < 1e-9, "{}", quality.brier);
         let bin = quality.reliability.iter().find(|bin| bin.count > 0).unwrap();
         assert!(bin.count == 10 && (bin.accuracy - 0.6).abs() < 1e-15 && (bin.confidence - 0.6).abs() < 1e-9);
-        // Wilson's interval of 6 of 10, from the formula.
+        // Wilson's interval for 6 of 10, from the formula.
         assert!((quality.accuracy.low - 0.312_673_8).abs() < 1e-6, "{}", quality.accuracy.low);
         assert!((quality.accuracy.high - 0.831_819_7).abs() < 1e-6, "{}", quality.accuracy.high);
     }

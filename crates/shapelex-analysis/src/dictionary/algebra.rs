@@ -1,16 +1,17 @@
-//! The matrices that atoms are moved by.
+//! The matrix algebra of the transformations that may act on atoms.
 //!
 //! ```text
 //! 𝓑 = span{E_1 … E_b} ⊂ R^{c×c},   I ∈ 𝓑,   A, B ∈ 𝓑 ⇒ AB, Aᵀ ∈ 𝓑,   tr(E_iᵀE_j) = c δ_ij
 //! ```
 //!
-//! Closed under products, so that the code of a moved shape is the moved code; closed under transposition, so that
-//! the nearest combination of moved atoms moves along. `uniform_scaling`, `non_uniform_scaling`, `scaled_rotation`,
-//! `linear` and the classes with translation on top are of this kind; shears and reflections are not.
+//! The class is closed under products, so that the code of a transformed shape is the transformed code. It is closed under
+//! transposition, so that the nearest combination of atoms transforms along with the shape. `uniform_scaling`,
+//! `non_uniform_scaling`, `scaled_rotation`, `linear` and their variants with translation are of this kind; shears and
+//! reflections are not.
 //!
-//! A shape is an `m × c` matrix `X` here, one column a coordinate; the shape moved by `B` is `X Bᵀ`. Its *normal
-//! form* is `X M` with `M = (c · P_𝓑(XᵀX))^{-1/2} ∈ 𝓑`: of unit norm, and the same, up to an orthogonal member of
-//! `𝓑`, for all shapes of a class. The columns `X E_iᵀ` of a normal form are orthonormal.
+//! Here a shape is an `m × c` matrix `X`, one column per coordinate; the shape transformed by `B` is `X Bᵀ`. Its *normal
+//! form* is `X M` with `M = (c · P_𝓑(XᵀX))^{-1/2} ∈ 𝓑`. It has unit norm and is the same for all shapes of a class, up to
+//! an orthogonal member of `𝓑`. The columns `X E_iᵀ` of a normal form are orthonormal.
 
 use std::borrow::Cow;
 
@@ -20,18 +21,18 @@ use crate::{AnalysisError, DEGENERATE};
 use shapelex_numeric::dense::Matrix;
 use shapelex_numeric::kernels::add_scaled;
 
-/// A closed class of matrices.
+/// A class of matrices that is closed under products and transposition.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Algebra {
     size: usize,
     basis: Vec<Matrix>,
 }
 
-/// Two members of a class that differ by less than this are the same: the matrices of a class are small numbers.
+/// Difference below which two matrices are equal: the entries of the matrices of a class are small numbers.
 const CLOSED: f64 = 1e-9;
 
 impl Algebra {
-    /// Numbers: atoms are multiplied with a coefficient, whatever their dimension (`c = 1`).
+    /// The scalars: atoms are multiplied by a coefficient, whatever their dimension (`c = 1`).
     pub fn numbers() -> Self {
         Self { size: 1, basis: vec![Matrix::identity(1, 1)] }
     }
@@ -39,13 +40,13 @@ impl Algebra {
     /// The matrices of `class`.
     ///
     /// # Errors
-    /// [`AnalysisError::NotAProperClass`] when they are not closed under products and transposition.
+    /// [`AnalysisError::NotAProperClass`] if they are not closed under products and transposition.
     pub fn of(class: &TransformationClass) -> Result<Self, AnalysisError> {
         let size = class.dimension();
         let mut basis: Vec<Matrix> = Vec::new();
         for matrix in class.matrices() {
             let mut rest = matrix / matrix.norm().max(f64::MIN_POSITIVE);
-            // Twice, so that matrices that are nearly dependent leave a basis that is orthonormal to rounding.
+            // Twice, so that the basis is orthonormal to rounding even if the matrices are nearly dependent.
             for _ in 0..2 {
                 for known in &basis {
                     rest -= known * known.dot(&rest);
@@ -77,24 +78,24 @@ impl Algebra {
         (self.project(matrix) - matrix).norm() <= CLOSED * matrix.norm()
     }
 
-    /// `c`.
+    /// Size of the matrices, `c`.
     pub fn size(&self) -> usize {
         self.size
     }
 
-    /// `b`: real numbers in a member.
+    /// Number of real parameters of a member, `b`.
     pub fn parameters(&self) -> usize {
         self.basis.len()
     }
 
-    /// `Σ a_i E_i`.
+    /// The member `Σ a_i E_i`.
     pub fn member(&self, coefficients: &[f64]) -> Matrix {
         let mut sum = Matrix::zeros(self.size, self.size);
         coefficients.iter().zip(&self.basis).for_each(|(a, e)| sum += e * *a);
         sum
     }
 
-    /// The entries of the members with these coefficients, column by column, one member after the other.
+    /// Entries of the members with these coefficients, column by column, one member after the other.
     pub(super) fn entries<'a>(&self, coefficients: &'a [f64]) -> Cow<'a, [f64]> {
         if self.size == 1 {
             return Cow::Borrowed(coefficients);
@@ -107,26 +108,26 @@ impl Algebra {
         Cow::Owned(entries)
     }
 
-    /// The coefficients of the nearest member.
+    /// Coefficients of the member nearest to `matrix`.
     pub fn coefficients(&self, matrix: &Matrix) -> Vec<f64> {
         self.basis.iter().map(|e| e.dot(matrix) / self.size as f64).collect()
     }
 
-    /// `P_𝓑 M`.
+    /// The nearest member, `P_𝓑 M`.
     pub fn project(&self, matrix: &Matrix) -> Matrix {
         self.member(&self.coefficients(matrix))
     }
 
-    /// `P_𝓑(XᵀX)`, symmetric, of the shape `x` (`m·c` numbers).
+    /// The symmetric matrix `P_𝓑(XᵀX)` of the shape `x` (`m·c` numbers).
     fn inertia(&self, x: &[f64]) -> Matrix {
         let columns = nalgebra::DMatrixView::from_slice(x, x.len() / self.size, self.size);
         self.project(&columns.tr_mul(&columns))
     }
 
-    /// Brings `x` to its normal form; `M`, symmetric.
+    /// Brings `x` to its normal form in place and returns the symmetric matrix `M`.
     ///
     /// # Errors
-    /// [`AnalysisError::Degenerate`] with index 0 when a relative singular value is below `10⁻¹⁰`.
+    /// [`AnalysisError::Degenerate`] with index 0 if a relative singular value is below `10⁻¹⁰`.
     pub fn normalise(&self, x: &mut [f64]) -> Result<Matrix, AnalysisError> {
         let c = self.size as f64;
         let inertia = self.inertia(x).symmetric_eigen();
@@ -140,7 +141,7 @@ impl Algebra {
         Ok(m)
     }
 
-    /// Takes the atom `x` to the nearest point of the ball `c · P_𝓑(XᵀX) ≼ I`.
+    /// Projects the atom `x` to the nearest point of the ball `c · P_𝓑(XᵀX) ≼ I`, in place.
     pub fn to_ball(&self, x: &mut [f64]) {
         if self.parameters() == 1 {
             let norm = norm(x);
@@ -157,8 +158,8 @@ impl Algebra {
         }
     }
 
-    /// Takes the atom `x = V R` inside of the ball to `V` on its border, `c · P_𝓑(VᵀV) = I`: a normal form. `R ≼ I`,
-    /// symmetric; nothing, and `x` as it was, when it loses rank.
+    /// Moves the atom `x = V R` from inside the ball to `V` on its border, `c · P_𝓑(VᵀV) = I`: a normal form. Returns `R ≼ I`,
+    /// symmetric. If `x` is rank-deficient, returns `None` and leaves `x` unchanged.
     pub fn to_border(&self, x: &mut [f64]) -> Option<Matrix> {
         if self.parameters() == 1 {
             let norm = norm(x);
@@ -196,8 +197,8 @@ impl Algebra {
         }
     }
 
-    /// The orthogonal member `O` that brings `x` nearest to `target`: `O = T (TᵀT)^{-1/2}`, `T = P_𝓑(Yᵀ X)`. The
-    /// identity when `T` loses rank.
+    /// The orthogonal member `O` that brings `x` nearest to `target`: `O = T (TᵀT)^{-1/2}`, `T = P_𝓑(Yᵀ X)`. The identity if
+    /// `T` is rank-deficient.
     pub fn rotation_to(&self, x: &[f64], target: &[f64]) -> Matrix {
         let view = |x| nalgebra::DMatrixView::from_slice(x, x.len() / self.size, self.size);
         let t = self.project(&view(target).tr_mul(&view(x)));
@@ -208,7 +209,7 @@ impl Algebra {
         t * function(&gram, |value| 1.0 / value.sqrt())
     }
 
-    /// The columns `vec(X E_iᵀ)` of an atom, one after the other: `m·c × b` numbers.
+    /// The columns `vec(X E_iᵀ)` of an atom, one after the other: `m·c × b`.
     pub fn block(&self, x: &[f64]) -> Vec<f64> {
         let mut columns = x.repeat(self.parameters());
         if self.parameters() > 1 {

@@ -1,4 +1,4 @@
-//! What components would say about the shapes they were learnt from, had each of them been left out.
+//! Leave-one-out statistics of principal components, by an exact downdate instead of new training.
 //!
 //! ```text
 //! S = Σ w (y − ȳ)(y − ȳ)ᵀ = U D Uᵀ,   ζ = Uᵀ(y_k − ȳ)
@@ -7,9 +7,9 @@
 //! eigenvectors        v_i = N_i⁻¹ (D − μ_i)⁻¹ ζ,   N_i² = Σ_j ζ_j²/(d_j − μ_i)²,   ⟨v_i, ζ⟩ = 1/(ρ N_i)
 //! ```
 //!
-//! (about the origin: `ρ = w`, nothing is centred). The downdate is exact: no component is learnt anew, and a shape costs
-//! a few passes over the spectrum. The mean shape, to which the shapes are aligned, stays as it is: on fourteen sets of
-//! outlines, mean shapes of their own moved the share of false alarms by less than half a point at 20 shapes.
+//! (About the origin, `ρ = w` and nothing is centred.) The downdate is exact: no component is learnt anew, and a shape
+//! costs a few passes over the spectrum. The mean shape to which the shapes are aligned is kept: on fourteen sets of
+//! outlines, separate mean shapes changed the rate of false alarms by less than half a percentage point at 20 shapes.
 //!
 //! Sources: Golub 1973 (modified eigenvalue problems); Bunch, Nielsen and Sorensen 1978.
 
@@ -22,33 +22,33 @@ use crate::metric::dot;
 use crate::pca::SMALLEST_COMPONENT;
 use shapelex_numeric::dense::Eigenpairs;
 
-/// Fewest shapes of which one can be left out: two are needed for the spread of a score.
+/// Minimum number of shapes for leaving one out: the variance of a score needs two.
 pub const FEWEST: usize = 3;
 
-/// Eigenpairs beyond twice the components that are kept one by one. What lies behind counts as one direction with their
-/// mean eigenvalue, which is far below those of the components: the error is of second order in the ratio.
+/// Number of eigenpairs beyond twice the components that are kept individually. The remaining directions count as one, with
+/// their mean eigenvalue. It is far below those of the components, and the error is of second order in the ratio.
 const FURTHER: usize = 32;
 
-/// Halvings of the bracket of an eigenvalue: to the last bit of the gap that it lies in.
+/// Number of bisections of the bracket of an eigenvalue: down to the last bit of the gap that contains it.
 const HALVINGS: usize = 54;
 
-/// Squared coordinates below this part of their sum are rounding; as zeros they would leave an eigenvalue without a root.
+/// Squared coordinates below this fraction of their sum are rounding. As zeros they would leave an eigenvalue without a root.
 const ROUNDING: f64 = 1e-30;
 
-/// Shapes as seen by components that were learnt from all others.
+/// Statistics of shapes under components learnt from all other shapes.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct HeldOut {
-    /// `T²` of every shape; none for sparse codes.
+    /// `T²` of every shape; `None` for sparse codes.
     pub distances: Option<Vec<f64>>,
     /// `‖y − ŷ‖²` of every shape.
     pub residuals: Vec<f64>,
 }
 
-/// The spectrum of a scatter, ready to have shapes taken out.
+/// The spectrum of a scatter, prepared for leaving shapes out.
 #[derive(Debug, Clone)]
 pub struct Downdate {
     pairs: Eigenpairs,
-    /// Mean eigenvalue of the directions that are not kept.
+    /// Mean eigenvalue of the directions that are not kept individually.
     rest: f64,
     mean: Vec<f64>,
     weight: f64,
@@ -58,7 +58,7 @@ pub struct Downdate {
 }
 
 impl Downdate {
-    /// Of the scatter `sum` of `shapes` shapes about `origin`, for that many components.
+    /// From the scatter `sum` of `shapes` shapes about `origin`, for `components` components.
     ///
     /// Cost: a partial eigenproblem for `2·components + 32` eigenpairs.
     ///
@@ -81,8 +81,8 @@ impl Downdate {
         Ok(Self { pairs, rest, mean, weight, shapes, centred, components })
     }
 
-    /// `T²` and residual of whitened aligned shapes, each by the components of all the others. The shapes are some of those
-    /// that were summed. Cost `O(components · (2 components + 32))` a shape, fifty times, and a product with the spectrum.
+    /// `T²` and residual of whitened aligned shapes, each under the components of all others. The shapes must be among those
+    /// that were summed. Cost per shape: about fifty times `O(components · (2 components + 32))`, and a product with the spectrum.
     pub fn leave_out(&self, some: Shapes<'_>) -> HeldOut {
         let shapes: Vec<(usize, &[f64], f64)> = some.iter().collect();
         let seen: Vec<(f64, f64)> = shapes.par_iter().map(|&(_, y, weight)| self.seen(y, weight)).collect();
@@ -126,9 +126,9 @@ impl Downdate {
     }
 }
 
-/// One shape in the coordinates of the spectrum.
+/// One left-out shape, in the coordinates of the spectrum.
 struct LeftOut {
-    /// `d_j`, descending; the last one stands for all that are not kept.
+    /// `d_j`, descending; the last one represents all directions that are not kept individually.
     poles: Vec<f64>,
     /// `ζ_j²`.
     squares: Vec<f64>,
@@ -138,7 +138,7 @@ struct LeftOut {
     rho: f64,
 }
 
-/// An eigenvalue `μ = d_origin + offset`: the differences to the poles keep their digits.
+/// An eigenvalue `μ = d_origin + offset`, stored so that the differences to the poles keep their digits.
 struct Root {
     value: f64,
     origin: f64,
@@ -168,8 +168,8 @@ impl LeftOut {
         terms.map(|(d, square)| square / ((d - origin) - offset).powi(power)).sum()
     }
 
-    /// The eigenvalue between the pole `i` and the next one (zero after the last), by halving from the nearer of the two:
-    /// `1 − ρ Σ ζ²/(d − μ)` falls from one pole to the next.
+    /// The eigenvalue between pole `i` and the next one (zero after the last), by bisection from the nearer of the two:
+    /// `1 − ρ Σ ζ²/(d − μ)` decreases from one pole to the next.
     fn root(&self, i: usize) -> Root {
         let (upper, lower) = (self.poles[i], self.poles.get(i + 1).copied().unwrap_or(0.0));
         let half = 0.5 * (upper - lower);
@@ -184,10 +184,10 @@ impl LeftOut {
         Root { value: origin + offset, origin, offset }
     }
 
-    /// `⟨v, ζ⟩` and `⟨v, ȳ⟩` of the eigenvector of an eigenvalue.
+    /// `⟨v, ζ⟩` and `⟨v, ȳ⟩` for the eigenvector `v` of an eigenvalue.
     fn scores(&self, root: &Root) -> (f64, f64) {
         let length = self.sum(root.origin, root.offset, 2).sqrt();
-        // Two poles at one place keep a root between them, to which the shape has no part.
+        // A root between two coincident poles has an eigenvector orthogonal to the shape.
         if !length.is_finite() {
             return (0.0, 0.0);
         }
@@ -225,7 +225,7 @@ mod tests {
         Metric::of(&ShapeSpace::new(&Representation::Landmarks { dimension: 2, points }).unwrap())
     }
 
-    /// `T²` and residual of shape `k` by components that are learnt anew from the others.
+    /// `T²` and residual of shape `k` under components that are learnt anew from the others.
     fn anew(all: &ShapesInMemory, k: usize, centred: bool, components: usize) -> (f64, f64) {
         let length = all.all().whitened.len() / all.count();
         let (mut whitened, mut weights) = (all.all().whitened.to_vec(), all.all().weights.to_vec());
@@ -246,8 +246,8 @@ mod tests {
         Downdate::new(sum, &origin, all.count(), centred, components).unwrap().leave_out(all.all())
     }
 
-    /// More shapes than numbers and fewer, centred and not, with and without weights: what the downdate says is what
-    /// components say that were learnt anew.
+    /// With more shapes than numbers and with fewer, centred and uncentred, weighted and unweighted: the downdate agrees with
+    /// components learnt anew.
     #[test]
     fn leaving_out_is_learning_anew() {
         for (count, points) in [(30, 6), (9, 20)] {
@@ -259,7 +259,7 @@ mod tests {
                     let pairs =
                         [(found.distances.as_ref().unwrap()[k], distance), (found.residuals[k], residual)];
                     for (found, wanted) in pairs {
-                        // Uncentred, `T²` is of variances that are small differences of second moments.
+                        // Uncentred, the variances in `T²` are small differences of second moments.
                         let tolerance = if centred { 1e-9 } else { 1e-6 };
                         let off = (found - wanted).abs() / wanted.max(1e-12);
                         assert!(off < tolerance, "{found} for {wanted}: {count} {centred} {weighted} {k}");
@@ -269,7 +269,7 @@ mod tests {
         }
     }
 
-    /// Directions that are not kept one by one count together: 80 numbers, of which 32 + 2 are kept.
+    /// Directions that are not kept individually count together: of 80 numbers, 32 + 2 are kept.
     #[test]
     fn what_is_not_kept_hardly_matters() {
         let all = shapes(120, 40, false);
@@ -281,7 +281,7 @@ mod tests {
         }
     }
 
-    /// Equal shapes, repeated eigenvalues, as many components as shapes: numbers all the same.
+    /// Equal shapes, repeated eigenvalues, as many components as shapes: all results are finite.
     #[test]
     fn degenerate_spectra_give_numbers() {
         let equal = ShapesInMemory::prepared([1.0, 2.0, 0.0, 1.0].repeat(5), vec![1.0; 5]);

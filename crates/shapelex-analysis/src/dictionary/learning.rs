@@ -4,15 +4,15 @@
 //! min_{D, B}  Σ_k w_k ( ½‖X_k − Σ_j D_j B_jkᵀ‖² + λ Σ_j ‖D_j B_jkᵀ‖ ),   c · P_𝓑(D_jᵀD_j) ≼ I,   B_jk ∈ 𝓑
 //! ```
 //!
-//! (or without penalty and with at most so many `B_jk ≠ 0` a shape). The shapes are cut into groups. Every shape of a
-//! group is coded, the statistics of the group replace those it had before, and one sweep of block coordinate descent
-//! moves the atoms. With one group this is batch alternation; with several it is online learning by the sufficient
-//! statistics of Mairal et al. 2009, which here never forget a group and never count it twice: the objective — every
-//! shape with its latest code, the atoms as they are — never rises under a penalty, for any number of groups. A pursuit
-//! does not minimise: with it the objective may rise, and the atoms of the best pass are what is learnt.
+//! (or without a penalty and with a limit on the number of `B_jk ≠ 0` per shape). The shapes are divided into groups. Every
+//! shape of a group is coded, the statistics of the group replace its previous ones, and one sweep of block coordinate
+//! descent updates the atoms. With one group this is batch alternation; with several it is online learning by the
+//! sufficient statistics of Mairal et al. 2009, except that no group is ever forgotten or counted twice. Under a penalty the
+//! objective (every shape with its latest code, the atoms as they are) never rises, for any number of groups. A pursuit does
+//! not minimise, so its objective may rise; the result is then the atoms of the best pass.
 //!
-//! Atoms start as shapes chosen by the seed. An atom that no shape uses is replaced by the shape that is coded worst.
-//! Results have the same bits on any number of threads.
+//! Atoms start as shapes drawn from the seed. An atom that no shape uses is replaced by the worst coded shape. Results have
+//! the same bits for any number of threads.
 
 use rand::rngs::ChaCha12Rng;
 use rand::{RngExt, SeedableRng};
@@ -26,112 +26,112 @@ use crate::metric::dot;
 use crate::sparse::{Atoms, Coder, SparseCode};
 use shapelex_numeric::dense::Matrix;
 
-/// How often atoms move.
+/// Schedule of the updates of the atoms.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 #[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
 pub enum Schedule {
-    /// After every group of shapes.
+    /// Atoms are updated after every group of shapes.
     #[default]
     Online,
-    /// After all of them.
+    /// Atoms are updated after each pass over all shapes.
     Batch,
 }
 
-/// What is learnt, and when it ends.
+/// Parameters of dictionary learning.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Learning {
-    /// `J`.
+    /// Number of atoms, `J`.
     pub atoms: usize,
-    /// How shapes are coded.
+    /// The coder of the shapes.
     pub coder: Coder,
-    /// What atoms are moved by.
+    /// The transformations that act on atoms.
     pub algebra: Algebra,
-    /// How often atoms move.
+    /// Schedule of the updates of the atoms.
     pub schedule: Schedule,
-    /// Draws the first atoms.
+    /// Seed for drawing the initial atoms.
     pub seed: u64,
-    /// Passes over the shapes at the most.
+    /// Maximum number of passes over the shapes.
     pub max_epochs: usize,
-    /// The passes end when the objective falls by less than this part of it; with a pursuit, in ten passes.
+    /// Learning ends when the relative decrease of the objective in a pass (with a pursuit: in ten passes) is below this.
     pub tolerance: f64,
 }
 
-/// Where learning goes on: atoms, and the statistics of shapes that are not seen again.
+/// State from which learning continues: atoms, and the statistics of earlier shapes that are not read again.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Start {
     /// `m × cJ`.
     pub atoms: Matrix,
-    /// Of the shapes seen before.
+    /// Statistics of the earlier shapes.
     pub statistics: Statistics,
 }
 
-/// How the caller follows and ends what takes long.
+/// Progress reports and cancellation for long computations.
 pub trait Watch: Sync {
-    /// Whether to stop: asked every few shapes.
+    /// Whether to stop; called every few shapes.
     fn stop(&self) -> bool {
         false
     }
 
-    /// After every pass: how many there were, and the objective.
+    /// Called after every pass with the number of passes so far and the objective.
     fn epoch(&self, _epochs: usize, _objective: f64) {}
 }
 
-/// Nobody watches.
+/// A watch that ignores progress and never stops.
 #[derive(Debug, Clone, Copy)]
 pub struct Unwatched;
 impl Watch for Unwatched {}
 
-/// Learnt atoms with the record of learning.
+/// Learnt atoms with the record of the learning process.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Learnt {
-    /// `m × cJ`, normal forms.
+    /// `m × cJ`; every atom is a normal form.
     pub atoms: Matrix,
-    /// Of all shapes that went in.
+    /// Statistics of all shapes that were used.
     pub statistics: Statistics,
-    /// The objective over the weight, after every pass.
+    /// The objective divided by the total weight, after every pass.
     pub history: Vec<f64>,
-    /// Whether the tolerance ended learning.
+    /// Whether learning ended by the tolerance.
     pub converged: bool,
-    /// Atoms that were replaced.
+    /// Number of atoms that were replaced.
     pub reseeded: usize,
 }
 
-/// Most groups of shapes.
+/// Maximum number of groups of shapes.
 const MOST_GROUPS: usize = 64;
 
-/// Memory for the statistics of all groups.
+/// Memory limit for the statistics of all groups, in bytes.
 const GROUP_BYTES: usize = 256 << 20;
 
-/// Shapes between two looks at the watch.
+/// Number of shapes between two calls of the watch.
 const STEP: usize = 512;
 
-/// An atom whose mean squared coefficient is below this is not used.
+/// Mean squared coefficient below which an atom is unused.
 const UNUSED: f64 = 1e-12;
 
-/// Passes that are added because new atoms came in: where more atoms than are worth their penalty were asked for, some
+/// Number of extra passes after atoms were replaced. If more atoms are requested than are worth their penalty, some
 /// stay unused.
 const CHANCES: usize = 10;
 
-/// Passes without progress that end learning with a pursuit: its codes are no minimisers, so that the objective rises at
-/// times before it falls on.
+/// Number of passes without progress that end learning with a pursuit. Its codes are not minimisers, so the objective
+/// may rise at times before it falls further.
 const PURSUIT_PATIENCE: usize = 10;
 
-/// Memory for the sums of blocks that are formed side by side.
+/// Memory limit for sums of blocks that are formed in parallel, in bytes.
 const BLOCK_BYTES: usize = 64 << 20;
 
-/// An atom this near to the border of its ball is on it.
+/// Distance from the border of its ball below which an atom is on the border.
 const ON_BORDER: f64 = 1e-14;
 
 impl Learning {
-    /// Learns from prepared shapes in their normal form.
+    /// Learns atoms from prepared shapes in normal form.
     ///
-    /// Cost of a pass: `K` codes, and `O(groups · m c² J²)` for the atoms.
+    /// Cost per pass: `K` codes, and `O(groups · m c² J²)` for the atoms.
     ///
     /// # Errors
-    /// [`AnalysisError::TooFewShapes`] below `J` shapes, [`AnalysisError::Interrupted`] when the watch says so,
-    /// errors of the codes and of the source.
+    /// [`AnalysisError::TooFewShapes`] below `J` shapes, [`AnalysisError::Interrupted`] when the watch stops,
+    /// errors of the coder and of the source.
     pub fn learn<S: ShapeSource>(
         &self,
         source: &S,
@@ -170,7 +170,7 @@ impl Learning {
         Ok(learnt)
     }
 
-    /// Codes of the shapes in the learnt atoms.
+    /// The learnt atoms, ready for coding.
     pub fn atoms_of(&self, atoms: &Matrix) -> Atoms {
         let length = atoms.nrows() * self.algebra.size();
         let blocks: Vec<_> =
@@ -179,7 +179,7 @@ impl Learning {
         Atoms::blocks(Matrix::from_vec(length, self.atoms * b, blocks.concat()), b)
     }
 
-    /// Normal forms of shapes that the seed chooses, in the order of the draw.
+    /// Normal forms of shapes drawn from the seed, in the order of the draw.
     fn first_atoms<S: ShapeSource>(&self, source: &S) -> Result<Matrix, S::Error> {
         let found = source.count();
         if found < self.atoms {
@@ -194,13 +194,13 @@ impl Learning {
         let mut shapes = pick(source, &order)?;
         let length = shapes.len() / self.atoms;
         for shape in shapes.chunks_exact_mut(length) {
-            // A normal form is there already, as far as rounding lets it.
+            // The shapes are already normal forms, up to rounding.
             self.algebra.to_border(shape);
         }
         Ok(Matrix::from_vec(length / self.algebra.size(), self.algebra.size() * self.atoms, shapes))
     }
 
-    /// Shapes in a group whose statistics take `bytes`.
+    /// Number of shapes per group, if the statistics of a group take `bytes`.
     fn group_size(&self, shapes: usize, bytes: usize) -> usize {
         let groups = match self.schedule {
             Schedule::Batch => 1,
@@ -209,7 +209,7 @@ impl Learning {
         shapes.div_ceil(groups).next_multiple_of(BLOCK)
     }
 
-    /// One pass; the squared distance of every shape from its code.
+    /// Makes one pass and returns the squared distance of every shape from its reconstruction.
     fn epoch<S: ShapeSource>(
         &self,
         source: &S,
@@ -241,7 +241,7 @@ impl Learning {
         Ok(residuals)
     }
 
-    /// Codes shapes of a group and adds their statistics, in the order of the shapes.
+    /// Codes the shapes of a part and adds their statistics to the group, in order.
     fn code_part(
         &self,
         atoms: &Atoms,
@@ -270,11 +270,11 @@ impl Learning {
         Ok(())
     }
 
-    /// Codes prepared shapes, starting from the codes of the pass before, where they stand in `known`, and writes the
-    /// new codes there: from pass to pass few atoms come and go.
+    /// Codes prepared shapes, starting from the codes of the previous pass in `known`, and stores the new codes there. Few
+    /// atoms enter or leave a code from pass to pass.
     ///
     /// # Errors
-    /// [`AnalysisError::Interrupted`], errors of the codes.
+    /// [`AnalysisError::Interrupted`], errors of the coder.
     fn codes(
         &self,
         atoms: &Atoms,
@@ -302,8 +302,8 @@ impl Learning {
 }
 
 impl Learnt {
-    /// Turns every atom by the orthogonal member of the class that brings it nearest to `target`: of all equally good
-    /// atoms the one that is seen beside the mean shape.
+    /// Transforms every atom by the orthogonal member of the class that brings it nearest to `target`. Among equivalent
+    /// atoms, this is the one that is comparable with the mean shape.
     pub fn turn_to(&mut self, algebra: &Algebra, target: &[f64]) {
         for (j, atom) in self.atoms.as_mut_slice().chunks_exact_mut(target.len()).enumerate() {
             let turn = algebra.rotation_to(atom, target);
@@ -313,7 +313,7 @@ impl Learnt {
     }
 }
 
-/// The shapes at `positions`, in the order of these.
+/// The shapes at `positions`, in that order.
 fn pick<S: ShapeSource>(source: &S, positions: &[usize]) -> Result<Vec<f64>, S::Error> {
     let mut picked: Vec<Vec<f64>> = vec![Vec::new(); positions.len()];
     source.for_each_batch(&mut |batch| {
@@ -333,7 +333,7 @@ struct State<'a> {
     learning: &'a Learning,
     length: usize,
     atoms: Matrix,
-    /// Of shapes that are not seen again.
+    /// Statistics of shapes that are not read again.
     base: Option<Statistics>,
     groups: Vec<Statistics>,
     total: Statistics,
@@ -354,7 +354,7 @@ impl<'a> State<'a> {
         self.total.emptied()
     }
 
-    /// Puts the new statistics of a group in the place of those it had.
+    /// Replaces the statistics of a group by new ones.
     fn replace(&mut self, number: usize, group: Statistics) {
         self.total.merge(&group);
         match self.groups.get_mut(number) {
@@ -366,14 +366,14 @@ impl<'a> State<'a> {
         }
     }
 
-    /// The total anew: what was added and taken out again leaves rounding behind.
+    /// Recomputes the total: additions and subtractions leave rounding errors.
     fn gather(&mut self) {
         self.total = self.base.clone().unwrap_or_else(|| self.empty());
         self.groups.iter().for_each(|group| self.total.merge(group));
     }
 
-    /// Moves every atom once, and takes them to the border of their balls: what an atom gains its codes lose, and the
-    /// penalty with them.
+    /// Updates every atom once and scales it to the border of its ball. Its codes shrink accordingly, and so does the
+    /// penalty.
     fn improve(&mut self) {
         let algebra = &self.learning.algebra;
         self.total.sweep(algebra, &mut self.atoms, UNUSED * self.total.weight());
@@ -386,8 +386,7 @@ impl<'a> State<'a> {
         }
     }
 
-    /// Replaces atoms that no shape uses by the shapes that are coded worst, which cannot raise the objective; whether
-    /// there were any.
+    /// Replaces unused atoms by the worst coded shapes, which cannot raise the objective. Returns whether there were any.
     fn reseed<S: ShapeSource>(&mut self, residuals: &[f64], source: &S) -> Result<bool, S::Error> {
         let least = UNUSED * self.total.weight();
         let unused: Vec<usize> =

@@ -1,21 +1,21 @@
-//! Dictionaries: atoms that are learnt from shapes, and codes of shapes in them.
+//! Dictionaries: atoms learnt from shapes, and the codes of shapes in these atoms.
 //!
 //! ```text
 //! X_k ≈ Σ_j D_j B_jkᵀ,   B_jk ∈ 𝓑,   few B_jk ≠ 0
 //! ```
 //!
-//! With *aligned* codes the shapes are aligned to their mean and `B_jk = α_jk` is a number; with *invariant* codes every
-//! atom is moved by its own member of the transformation class, and no alignment is needed (for similarities of the
-//! plane these are the complex weights of Song, Uhlmann, Fageot and Unser).
+//! With *aligned* codes, the shapes are aligned to their mean and `B_jk = α_jk` is a number. With *invariant* codes, every
+//! atom is transformed by a member of the transformation class of its own and no alignment is needed (for similarities of
+//! the plane these are the complex weights of Song, Uhlmann, Fageot and Unser).
 //!
-//! * [`algebra`] — what atoms may be moved by;
-//! * [`preparation`] — how a shape is brought into the form that is coded;
+//! * [`algebra`] — the transformations that may act on atoms;
+//! * [`preparation`] — the form of shapes for coding;
 //! * [`statistics`] — sufficient statistics of codes;
-//! * [`learning`] — learning, online and in batches;
-//! * [`model`] — the dictionary in use;
-//! * [`held_out`] — what components say about shapes that are left out;
-//! * [`novelty`] — from where on a shape is an outlier;
-//! * [`prior`] — the energy of a shape outside of it.
+//! * [`learning`] — online and batch learning;
+//! * [`model`] — a learnt dictionary in use;
+//! * [`held_out`] — leave-one-out statistics of principal components;
+//! * [`novelty`] — the limit beyond which a shape is an outlier;
+//! * [`prior`] — the shape prior: the energy of a shape outside of a span.
 //!
 //! Source: Schmitter 2017, (4.27); Mairal, Bach, Ponce, Sapiro 2009 for the statistics.
 

@@ -1,4 +1,4 @@
-//! A learnt dictionary in use: codes, reconstructions, scores.
+//! A learnt dictionary in use: codes, reconstructions, scores and outlier measures.
 //!
 //! ```text
 //! components   ŷ = ȳ + Σ_i s_i ξ_i,   s_i = ⟨ξ_i, y − ȳ⟩      T² = (s − s̄)ᵀ C⁺ (s − s̄)
@@ -16,23 +16,23 @@ use crate::pca::{FunctionalPca, reconstruction_error};
 use crate::sparse::{Atoms, Coder, SparseCode};
 use shapelex_numeric::dense::Matrix;
 
-/// What shapes are described by.
+/// Model of shapes.
 #[derive(Debug, Clone)]
 pub enum Model {
     /// Principal components.
     Components {
         /// The components.
         pca: FunctionalPca,
-        /// How the scores of the training shapes spread.
+        /// Mean and covariance of the scores of the training shapes.
         spread: Spread,
     },
     /// Atoms with sparse codes.
     Sparse {
-        /// What atoms are moved by.
+        /// The transformations that act on atoms.
         algebra: Algebra,
-        /// How shapes are coded.
+        /// The coder.
         coder: Coder,
-        /// The moved atoms, a block of columns each.
+        /// The transformed atoms, one block of columns each.
         atoms: Atoms,
     },
 }
@@ -48,18 +48,18 @@ pub struct Spread {
     inverse: Matrix,
 }
 
-/// Relative eigenvalue of a covariance below which scores do not vary: uncentred components of few shapes depend on
-/// each other.
+/// Relative eigenvalue of a covariance below which scores do not vary: uncentred components of few shapes are linearly
+/// dependent.
 const RANK: f64 = 1e-10;
 
-/// A variance below this part of the second moment that it is the rest of is rounding.
+/// Ratio of variance to second moment below which the variance is rounding error.
 const CANCELLED: f64 = 1e-13;
 
 impl Spread {
     /// From mean and covariance.
     pub fn new(mean: Vec<f64>, covariance: Matrix) -> Self {
         if covariance.is_empty() {
-            // Shapes that are all the same have no components about their mean.
+            // If all shapes are equal, there are no components about their mean.
             return Self { mean, inverse: covariance.clone(), covariance };
         }
         let eigen = covariance.clone().symmetric_eigen();
@@ -72,8 +72,8 @@ impl Spread {
         Self { mean, covariance, inverse: scaled * vectors.transpose() }
     }
 
-    /// Of the scores of the `shapes` shapes with total weight `weight` that the components were learnt from: their
-    /// second moments are `diag(λ)`, so that `C = (diag(λ) − W s̄ s̄ᵀ)/(W − W/K)`.
+    /// From the components learnt from `shapes` shapes with total weight `weight`. The second moments of their scores are
+    /// `diag(λ)`, hence `C = (diag(λ) − W s̄ s̄ᵀ)/(W − W/K)`.
     pub fn of(pca: &FunctionalPca, shapes: usize, weight: f64) -> Self {
         let mean = if pca.centred { vec![0.0; pca.eigenvalues.len()] } else { pca.scores(&pca.mean) };
         Self::of_moments(&pca.eigenvalues, mean, shapes, weight)
@@ -93,7 +93,7 @@ impl Spread {
         Self::new(mean, covariance)
     }
 
-    /// A root of the covariance: `C = Z Zᵀ`.
+    /// A square root of the covariance: `C = Z Zᵀ`.
     pub fn root(&self) -> Matrix {
         if self.covariance.is_empty() {
             return self.covariance.clone();
@@ -113,10 +113,10 @@ impl Spread {
 }
 
 impl Model {
-    /// Codes of whitened prepared shapes, one after the other. Scores are codes in which every component is used.
+    /// Codes of whitened prepared shapes, given one after the other. The scores of a component model are a dense code.
     ///
     /// # Errors
-    /// [`AnalysisError::NoConvergence`] of a lasso.
+    /// [`AnalysisError::NoConvergence`] for a lasso.
     pub fn codes(&self, whitened: &[f64], length: usize) -> Result<Vec<SparseCode>, AnalysisError> {
         match self {
             Self::Sparse { coder, atoms, .. } => coder.codes(atoms, whitened),
@@ -137,7 +137,7 @@ impl Model {
         }
     }
 
-    /// `ŷ` of a code.
+    /// The reconstruction `ŷ` of a code.
     pub fn reconstruct(&self, code: &SparseCode) -> Vec<f64> {
         match self {
             Self::Components { pca, .. } => pca.reconstruct(&code.dense(pca.eigenvalues.len())),
@@ -155,7 +155,7 @@ impl Model {
         }
     }
 
-    /// Atoms, or components.
+    /// Number of atoms or components.
     pub fn len(&self) -> usize {
         match self {
             Self::Components { pca, .. } => pca.eigenvalues.len(),
@@ -163,13 +163,13 @@ impl Model {
         }
     }
 
-    /// Whether there are none.
+    /// Whether the model has no atoms or components.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 }
 
-/// How well shapes are described.
+/// Quality of the description of a set of shapes.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Certificate {
     /// Sum of the weights.
@@ -180,7 +180,7 @@ pub struct Certificate {
     pub reconstruction_error: f64,
     /// Mean number of real numbers in a code.
     pub parameters: f64,
-    /// Part of the shapes that use each atom.
+    /// Fraction of the shapes that use each atom.
     pub usage: Vec<f64>,
     /// `‖y − ŷ‖²` of every shape.
     pub residuals: Vec<f64>,
@@ -188,21 +188,21 @@ pub struct Certificate {
     pub distances: Vec<f64>,
 }
 
-/// Shapes between two looks at the watch.
+/// Number of shapes between two calls of the watch.
 const STEP: usize = 512;
 
 impl Certificate {
     /// Codes every prepared shape of `source`.
     ///
     /// # Errors
-    /// [`AnalysisError::Interrupted`], errors of the codes and of the source.
+    /// [`AnalysisError::Interrupted`], errors of the coder and of the source.
     pub fn new<S: ShapeSource>(model: &Model, source: &S, watch: &dyn Watch) -> Result<Self, S::Error> {
         Ok(Coded::new(model, source, watch)?.certificate())
     }
 }
 
-/// How well each of some shapes is described, in their order. Those of parts are joined in the order of the parts, so
-/// that the certificate has the same bits wherever they were made.
+/// Quality of the description of each of some shapes, in order. Parts are joined in order, so that the certificate has
+/// the same bits whichever process computed them.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Coded {
     weights: Vec<f64>,
@@ -210,9 +210,9 @@ pub struct Coded {
     errors: Vec<f64>,
     residuals: Vec<f64>,
     distances: Vec<f64>,
-    /// Real numbers in all codes.
+    /// Total number of real numbers in all codes.
     parameters: f64,
-    /// Shapes that use each atom.
+    /// Number of shapes that use each atom.
     usage: Vec<f64>,
 }
 
@@ -220,7 +220,7 @@ impl Coded {
     /// Codes every prepared shape of `source`.
     ///
     /// # Errors
-    /// As [`Certificate::new`].
+    /// As for [`Certificate::new`].
     pub fn new<S: ShapeSource>(model: &Model, source: &S, watch: &dyn Watch) -> Result<Self, S::Error> {
         let mut coded = Self { usage: vec![0.0; model.len()], ..Self::default() };
         source.for_each_batch(&mut |batch| {
@@ -255,7 +255,7 @@ impl Coded {
         }
     }
 
-    /// The sums and means over all shapes.
+    /// Sums and means over all shapes.
     pub fn certificate(self) -> Certificate {
         let shapes = self.residuals.len() as f64;
         let weight = self.weights.iter().sum();
@@ -273,7 +273,7 @@ impl Coded {
         }
     }
 
-    /// As bytes: little-endian, equal for equal values.
+    /// Serialises the values: little-endian, equal bytes for equal values.
     pub fn to_bytes(&self) -> Vec<u8> {
         let mut bytes = Vec::new();
         let Self { weights, objectives, errors, residuals, distances, parameters, usage } = self;
@@ -284,10 +284,10 @@ impl Coded {
         bytes
     }
 
-    /// Appends the shapes that [`Coded::to_bytes`] wrote.
+    /// Appends the shapes serialised by [`Coded::to_bytes`].
     ///
     /// # Errors
-    /// [`AnalysisError::NotAnAccumulator`] when the bytes are something else.
+    /// [`AnalysisError::NotAnAccumulator`] for any other bytes.
     pub fn append(&mut self, mut bytes: &[u8]) -> Result<(), AnalysisError> {
         let mut next = || read_numbers(&mut bytes);
         let (weights, objectives, errors) = (next()?, next()?, next()?);
@@ -312,7 +312,7 @@ impl Coded {
     }
 }
 
-/// [`reconstruction_error`], and 1 for the reconstruction that is zero.
+/// [`reconstruction_error`], or 1 if the reconstruction is zero.
 pub fn error_of(y: &[f64], reconstructed: &[f64]) -> f64 {
     let error = reconstruction_error(y, reconstructed);
     if error.is_finite() { error } else { 1.0 }
@@ -325,7 +325,7 @@ pub fn squared_distance(a: &[f64], b: &[f64]) -> f64 {
 }
 
 impl Learning {
-    /// The learnt atoms in use.
+    /// The model with the learnt atoms.
     pub fn model(&self, atoms: &Matrix) -> Model {
         Model::Sparse { algebra: self.algebra.clone(), coder: self.coder, atoms: self.atoms_of(atoms) }
     }

@@ -1,37 +1,38 @@
-//! How far from what was learnt a shape has to be to count as new, by shapes that were held out.
+//! Novelty detection: how far from the training shapes a shape must be to count as an outlier, calibrated on held-out shapes.
 //!
 //! ```text
-//! m = max( (ln T² − a)/b, (ln Q − c)/e )      a, c means and b, e standard deviations of the n logarithms held out
+//! m = max( (ln T² − a)/b, (ln Q − c)/e )      a, c means and b, e standard deviations of the n held-out logarithms
 //! ```
 //!
-//! A shape is an outlier at the level `q` when its `m` exceeds a limit that one of `n + 1` exchangeable values exceeds with
-//! probability `1 − q`: with five or more values beyond it, one of them in order (`(n + 1) q`, between them linear); with fewer, the
-//! `k` largest distances `x` to the value before them are taken for exponential, whose predictive distribution is
+//! A shape is an outlier at level `q` if its `m` exceeds a limit that one of `n + 1` exchangeable values exceeds with
+//! probability `1 − q`. If five or more values lie beyond the limit, it is an order statistic (`(n + 1) q`, with linear
+//! interpolation). With fewer, the distances `x` of the `k` largest values from the value before them are modelled as
+//! exponential. Their predictive distribution is
 //!
 //! ```text
 //! P(x > s) = (1 + s/Σx)^−k,      so that      limit = m₍ₙ₋ₖ₎ + Σx (((k + 1)/((n + 1)(1 − q)))^(1/k) − 1)
 //! ```
 //!
-//! One limit for both measures: each at the level `q` on its own would give up to twice as many false alarms. Logarithms,
-//! because `T²` and `Q` of few shapes have tails like powers.
+//! One limit serves both measures: separate limits at level `q` would give up to twice as many false alarms. Logarithms are
+//! used because `T²` and `Q` of few shapes have power-law tails.
 //!
 //! Sources: Vovk, Gammerman and Shafer 2005 (ranks); Weissman 1978 (exponential spacings of the largest values); the
 //! predictive distribution is Lomax's, exact for exponential distances.
 
-/// Fewest and most of the largest values that a tail is fitted to, and the part of all that it is between. Measured on
-/// random halves of fourteen sets of outlines (`docs/evaluation.md`): with more of 20 values the limit at 0.99 gives half
-/// of the alarms it should, with the square root of their number as many as one and a half times at 0.95.
+/// Minimum and maximum number of largest values to which a tail is fitted; between them, one value in `PART_IN_TAIL`.
+/// Measured on random halves of fourteen sets of outlines (`docs/evaluation.md`): a longer tail of 20 values gives half of
+/// the expected alarms at 0.99; a tail of the square root of their number gives up to one and a half times as many at 0.95.
 const IN_TAIL: (usize, usize) = (5, 20);
 const PART_IN_TAIL: usize = 5;
 
-/// With at least so many values beyond the limit it is one of them in order, which is calibrated whatever their distribution. A
-/// fitted tail is not: of 150 uniform values it gave 6.4 % of alarms instead of 5.
+/// Minimum number of values beyond the limit for which the limit is an order statistic, which is calibrated for every
+/// distribution. A fitted tail is not: with 150 uniform values it gave 6.4 % of alarms instead of 5.
 const ENOUGH_BEYOND: f64 = 5.0;
 
-/// Least standard deviation of a logarithm: of shapes that are all described to rounding nothing is to be standardised.
+/// Minimum standard deviation of a logarithm: shapes that are all described to rounding are not standardised.
 const LEAST_DEVIATION: f64 = 1e-6;
 
-/// Least value of a measure, for its logarithm.
+/// Smallest value of a measure, so that its logarithm is finite.
 const LEAST: f64 = 1e-300;
 
 /// Mean and standard deviation of logarithms.
@@ -44,7 +45,7 @@ pub struct Logarithms {
 }
 
 impl Logarithms {
-    /// Of positive values; zeros count as the least number.
+    /// From positive values; zeros count as the smallest value.
     pub fn of(values: &[f64]) -> Self {
         let logarithms: Vec<f64> = values.iter().map(|value| value.max(LEAST).ln()).collect();
         let n = logarithms.len() as f64;
@@ -58,17 +59,17 @@ impl Logarithms {
     }
 }
 
-/// The two measures in one unit.
+/// Standardises the two outlier measures so that they can be compared.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Novelty {
-    /// Of `T²`; none for sparse codes.
+    /// Logarithms of `T²`; `None` for sparse codes.
     pub distances: Option<Logarithms>,
-    /// Of `Q = ‖y − ŷ‖²`.
+    /// Logarithms of `Q = ‖y − ŷ‖²`.
     pub residuals: Logarithms,
 }
 
 impl Novelty {
-    /// `m`.
+    /// The combined measure `m`.
     pub fn measure(&self, distance: Option<f64>, residual: f64) -> f64 {
         let by_residual = self.residuals.standardise(residual);
         match self.distances.zip(distance) {
@@ -78,8 +79,8 @@ impl Novelty {
     }
 }
 
-/// What a new value exceeds with probability `1 − quantile`, given exchangeable values in ascending order; infinite when
-/// there are none.
+/// The limit that a new value exceeds with probability `1 − quantile`, given exchangeable values in ascending order.
+/// Infinite for fewer than two values.
 pub fn limit(ascending: &[f64], quantile: f64) -> f64 {
     let n = ascending.len();
     if n < 2 {
@@ -87,7 +88,7 @@ pub fn limit(ascending: &[f64], quantile: f64) -> f64 {
     }
     let in_tail = n.div_ceil(PART_IN_TAIL).clamp(IN_TAIL.0, IN_TAIL.1).min(n - 1);
     let (start, beyond) = (n - in_tail - 1, (n + 1) as f64 * (1.0 - quantile));
-    // Of n + 1 values as many are beyond the first of the tail as the tail has, and the new one.
+    // A new value lies beyond the start of the tail with probability (in_tail + 1)/(n + 1).
     let ratio = (in_tail + 1) as f64 / beyond;
     if beyond < ENOUGH_BEYOND && ratio > 1.0 {
         let threshold = ascending[start];
@@ -106,7 +107,7 @@ mod tests {
 
     use super::*;
 
-    /// Part of new values beyond the limit of `n` others, for values that `draw` makes of numbers in (0, 1).
+    /// Fraction of new values beyond the limit of `n` others; `draw` maps uniform numbers in (0, 1) to values.
     fn false_alarms(n: usize, quantile: f64, draw: impl Fn(f64) -> f64) -> f64 {
         let mut random = ChaCha12Rng::seed_from_u64(n as u64);
         let trials = 10_000;
@@ -121,7 +122,7 @@ mod tests {
         alarms as f64 / f64::from(trials)
     }
 
-    /// Exponential values are exceeded as often as they should be, whatever their number. The standard error of a part of
+    /// Exponential values give the nominal rate of alarms, for any number of values. The standard error of a fraction of
     /// 10 000 is at most 0.003.
     #[test]
     fn false_alarms_of_exponential_values_are_nominal() {
@@ -133,8 +134,8 @@ mod tests {
         }
     }
 
-    /// Values with shorter tails give fewer alarms than they should, never more: logistic ones a few, uniform ones, which
-    /// end, half of them.
+    /// Values with shorter tails give fewer alarms than nominal, never more: logistic values a few, uniform values, which
+    /// are bounded, half of them.
     #[test]
     fn shorter_tails_give_no_more_false_alarms() {
         for n in [20, 55, 150] {
@@ -152,11 +153,11 @@ mod tests {
         // The 70th of 99 values is exceeded by 30 of 100.
         let values: Vec<f64> = (1..100).map(f64::from).collect();
         assert!((limit(&values, 0.7) - 70.0).abs() < 1e-12);
-        // The tail of twenty begins at 79 and has 1 + … + 20 = 210 in it: 21 of 100 are beyond.
+        // The tail of twenty begins at 79 and sums to 1 + … + 20 = 210: 21 of 100 are beyond.
         let expected = 79.0 + 210.0 * (21.0_f64.powf(0.05) - 1.0);
         assert!((limit(&values, 0.99) - expected).abs() < 1e-9);
         assert_eq!(limit(&[1.0], 0.9), f64::INFINITY);
-        // Equal values: whatever is larger is new.
+        // Equal values: any larger value is new.
         assert_eq!(limit(&[2.0; 7], 0.99), 2.0);
     }
 

@@ -1,13 +1,12 @@
-//! How a shape is brought into the form that is coded.
+//! Preparation of shapes for coding.
 //!
 //! ```text
 //! aligned      y = s·r̃,  r̃ = A r + b the member of the class of r nearest to the mean,  s = 1 or 1/‖r̃‖
 //! invariant    y = M (r − r̄),  M ∈ 𝓑 such that y is the normal form of r
 //! ```
 //!
-//! Start point, direction and mirror image are those that match the mean best. The same function prepares the shapes
-//! that a dictionary learns from and those that it is asked about later, so that a training shape gets its training
-//! code back.
+//! Start point, direction and mirror image are those that match the mean best. The same function prepares the shapes for
+//! learning and for later queries, so that a training shape gets its training code again.
 
 use rayon::prelude::*;
 
@@ -21,7 +20,7 @@ use crate::pass::{Aligned, Pass};
 use crate::{AnalysisError, DEGENERATE};
 use shapelex_numeric::dense::Matrix;
 
-/// What is coded.
+/// Form of shapes for coding.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Pose {
     /// Shapes aligned to the mean, of unit norm when `normalise`.
@@ -29,7 +28,7 @@ pub enum Pose {
         /// Whether to divide by the norm.
         normalise: bool,
     },
-    /// Normal forms: the code follows the shape.
+    /// Normal forms; the code transforms along with the shape.
     Invariant(Algebra),
 }
 
@@ -38,17 +37,17 @@ pub enum Pose {
 pub struct Preparation {
     /// The metric of the representation.
     pub metric: Metric,
-    /// The class, and how it is removed.
+    /// The class, and the method that removes it.
     pub method: Method,
-    /// Start points, directions, mirror images.
+    /// The search of start points, directions and mirror images.
     pub matching: Matching,
     /// The whitened mean shape.
     pub mean: Vec<f64>,
-    /// What is coded.
+    /// Form of the shapes for coding.
     pub pose: Pose,
 }
 
-/// A shape in the form that is coded: `y = A r + b`, after start and direction.
+/// A shape prepared for coding: `y = A r + b`, after start point and direction.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Prepared {
     /// `y`, whitened.
@@ -57,15 +56,15 @@ pub struct Prepared {
     pub matrix: Matrix,
     /// `b`.
     pub offset: Vec<f64>,
-    /// Start, direction, mirror image.
+    /// Start point, direction and mirror image.
     pub placement: Placement,
 }
 
 impl Preparation {
-    /// Prepares shapes given by control points, one after the other.
+    /// Prepares shapes given by their control points, one after the other.
     ///
     /// # Errors
-    /// [`AnalysisError::Degenerate`], [`AnalysisError::NoExtent`] with the position of the shape.
+    /// [`AnalysisError::Degenerate`] or [`AnalysisError::NoExtent`] with the position of the shape.
     pub fn prepare(&self, control_points: &[f64]) -> Result<Vec<Prepared>, AnalysisError> {
         let length = self.metric.len();
         let mut whitened = control_points.to_vec();
@@ -79,7 +78,7 @@ impl Preparation {
         })
     }
 
-    /// Calls `f` with what start points, directions and mirror images are matched to, when they are.
+    /// Calls `f` with the target of the search for start points, directions and mirror images, or with `None` without a search.
     fn with_target<T, E: From<AnalysisError>>(
         &self,
         f: impl FnOnce(Option<&Target<'_>>) -> Result<T, E>,
@@ -96,7 +95,7 @@ impl Preparation {
         }
     }
 
-    /// Brings a whitened (and centred, when the class translates) shape into pose.
+    /// Brings a whitened shape (centred when the class translates) into pose.
     fn pose(
         &self,
         x: &[f64],
@@ -140,10 +139,10 @@ impl Prepared {
         self.whitened.iter_mut().chain(&mut self.offset).for_each(|value| *value *= factor);
     }
 
-    /// The transformation back from the pose to the shape as it was given, `r = A⁻¹ (y − b)`, as matrix and offset.
+    /// The transformation from the pose back to the shape as given, `r = A⁻¹ (y − b)`: matrix and offset.
     ///
     /// # Errors
-    /// [`AnalysisError::Degenerate`] with index 0 when `A` has no inverse.
+    /// [`AnalysisError::Degenerate`] with index 0 if `A` has no inverse.
     pub fn back(&self) -> Result<(Matrix, Vec<f64>), AnalysisError> {
         let singular = self.matrix.singular_values();
         let sigma = singular.min() / singular.max();
@@ -156,11 +155,11 @@ impl Prepared {
     }
 }
 
-/// The shapes of a source in the form that is coded.
+/// A source whose shapes are prepared for coding.
 pub struct Posed<'a, S> {
     /// Whitened shapes, centred when the class translates.
     pub source: &'a S,
-    /// How they are prepared.
+    /// The preparation.
     pub preparation: &'a Preparation,
 }
 
@@ -191,7 +190,7 @@ impl<S: ShapeSource> ShapeSource for Posed<'_, S> {
         })
     }
 
-    /// Normal forms stay here: what they are found by is not written down.
+    /// Passes over normal forms are not distributed: a pass cannot describe how they are computed.
     fn spread(&self, pass: &Pass, merge: &mut MergePart<'_>) -> Result<bool, S::Error> {
         let Pose::Aligned { normalise } = self.preparation.pose else { return Ok(false) };
         if pass.aligned.is_some() {

@@ -1,11 +1,11 @@
 //! The shape prior: the squared distance of a curve from a space of shapes, with its gradient.
 //!
 //! ```text
-//! E(c) = γ ‖r − P r‖² = γ cᵀ Ψ (I − P) c,   ∇E = 2γ Ψ (I − P) c          ∂E/∂c, one number a control coordinate
+//! E(c) = γ ‖r − P r‖² = γ cᵀ Ψ (I − P) c,   ∇E = 2γ Ψ (I − P) c          ∂E/∂c, one number per control coordinate
 //! ```
 //!
-//! `P` projects on the span of reference shapes moved by all members of a class (and by translations, when the class has
-//! them). Zero for every member of the span; the energy of a snake adds it to its image energy.
+//! `P` projects onto the span of reference shapes transformed by all members of a class (and by translations, if the class
+//! has them). The energy is zero for every member of the span; a snake adds it to its image energy.
 //!
 //! Source: Schmitter 2017, (3.4)–(3.6) and (3.12).
 
@@ -13,7 +13,7 @@ use crate::metric::{Metric, dot};
 use crate::transformation::TransformationClass;
 use shapelex_numeric::dense::{Matrix, multiply, transpose_multiply};
 
-/// A prior.
+/// A shape prior.
 #[derive(Debug, Clone)]
 pub struct Prior<'a> {
     metric: &'a Metric,
@@ -23,21 +23,21 @@ pub struct Prior<'a> {
     gamma: f64,
 }
 
-/// The prior at a shape.
+/// Energy and gradient of the prior at a shape.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Energy {
     /// `E`, in squared units of length times `γ`.
     pub energy: f64,
-    /// `∇E`, coordinate-major like the control points.
+    /// `∇E`, in the coordinate-major order of the control points.
     pub gradient: Vec<f64>,
 }
 
-/// Part of its length that a direction must keep when those before it are taken out: what is left of a dependent one is
-/// rounding.
+/// Minimum fraction of its length that a direction must keep after orthogonalisation; the remainder of a dependent
+/// direction is rounding error.
 const INDEPENDENT: f64 = 1e-8;
 
 impl<'a> Prior<'a> {
-    /// For the whitened reference `shapes` (centred, when the class translates). Cost `O(n (I J)²)`.
+    /// From the whitened reference `shapes` (centred, if the class translates). Cost `O(n (I J)²)`.
     pub fn new(metric: &'a Metric, class: &TransformationClass, shapes: &[Vec<f64>], gamma: f64) -> Self {
         let (n, d) = (metric.size(), metric.dimension());
         let mut basis: Vec<Vec<f64>> = Vec::new();
@@ -75,7 +75,7 @@ impl<'a> Prior<'a> {
     }
 }
 
-/// Adds what is new in `direction`, orthonormalised twice.
+/// Adds the component of `direction` outside of the basis, orthonormalised twice.
 fn add_direction(basis: &mut Vec<Vec<f64>>, mut direction: Vec<f64>) {
     let length = dot(&direction, &direction).sqrt();
     if basis.len() == direction.len() {

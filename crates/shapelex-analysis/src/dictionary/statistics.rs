@@ -1,4 +1,4 @@
-//! What dictionary learning keeps of the codes: sufficient statistics of the fit.
+//! Sufficient statistics of codes for dictionary learning.
 //!
 //! ```text
 //! X_k ≈ Σ_j D_j B_jkᵀ     A_jl = Σ_k w_k B_jkᵀ B_lk     F_j = Σ_k w_k X_k B_jk     E = Σ_k w_k ‖X_k‖²
@@ -26,17 +26,17 @@ pub struct Statistics {
     cross: Matrix,
     /// `E`.
     energy: f64,
-    /// `Σ_k w_k ‖D_j B_jkᵀ‖` of every atom; an upper bound where an atom was rescaled since.
+    /// `Σ_k w_k ‖D_j B_jkᵀ‖` of every atom; an upper bound once an atom was rescaled.
     magnitudes: Vec<f64>,
     /// `Σ w_k`.
     weight: f64,
 }
 
-/// Atoms whose steps are passed on to the others in one product.
+/// Number of atoms whose steps are propagated to the others in one product.
 const RUN: usize = 16;
 
 impl Statistics {
-    /// The empty sum for shapes of `length = m·c` numbers and `atoms` atoms.
+    /// An empty sum for shapes of `length = m·c` numbers and `atoms` atoms.
     pub fn new(length: usize, size: usize, atoms: usize) -> Self {
         let columns = size * atoms;
         Self {
@@ -49,26 +49,26 @@ impl Statistics {
         }
     }
 
-    /// The empty sum of the same sizes.
+    /// An empty sum of the same sizes.
     pub fn emptied(&self) -> Self {
         Self::new(self.cross.nrows() * self.size, self.size, self.magnitudes.len())
     }
 
-    /// Bytes it takes.
+    /// Size in bytes.
     pub fn bytes(&self) -> usize {
         8 * (self.second.len() + self.cross.len() + self.magnitudes.len() + 2)
     }
 
-    /// `Σ w_k`.
+    /// Total weight, `Σ w_k`.
     pub fn weight(&self) -> f64 {
         self.weight
     }
 
-    /// Adds shapes with their codes. Cost a product `O(K n c J)` for `K` shapes, and `O(k² c³)` for each with `k` atoms in
-    /// use.
+    /// Adds shapes with their codes. Cost: a product `O(K n c J)` for `K` shapes, and `O(k² c³)` for each shape with `k` atoms
+    /// in use.
     pub fn add(&mut self, algebra: &Algebra, shapes: Shapes<'_>, codes: &[SparseCode]) {
         let c = self.size;
-        // `w_k B_jk`, a row of blocks each shape.
+        // `w_k B_jk`: one row of blocks per shape.
         let mut weighted = Matrix::zeros(c * codes.len(), self.second.nrows());
         for ((row, (_, x, weight)), code) in (0..).step_by(c).zip(shapes.iter()).zip(codes) {
             self.weight += weight;
@@ -92,7 +92,7 @@ impl Statistics {
                 }
             }
         }
-        // The columns of a shape are its coordinates: those of all shapes are one matrix.
+        // The columns of a shape are its coordinates, so the columns of all shapes form one matrix.
         add_product(&mut self.cross, shapes.whitened, &weighted);
     }
 
@@ -105,7 +105,7 @@ impl Statistics {
         self.magnitudes.iter_mut().zip(&other.magnitudes).for_each(|(a, b)| *a += b);
     }
 
-    /// Takes a sum out that was added.
+    /// Subtracts a sum that was added before.
     pub fn remove(&mut self, other: &Self) {
         self.second -= &other.second;
         self.cross -= &other.cross;
@@ -114,14 +114,14 @@ impl Statistics {
         self.magnitudes.iter_mut().zip(&other.magnitudes).for_each(|(a, b)| *a -= b);
     }
 
-    /// What the codes cost in the atoms `D`: the fit and `lambda` times the magnitudes, over the weight.
+    /// Objective of the codes in the atoms `D`, divided by the weight: the fit, and `lambda` times the magnitudes.
     pub fn objective(&self, atoms: &Matrix, lambda: f64) -> f64 {
         let image = multiply(atoms, &self.second);
         let fit = 0.5 * self.energy - atoms.dot(&self.cross) + 0.5 * atoms.dot(&image);
         (fit + lambda * self.magnitudes.iter().sum::<f64>()) / self.weight
     }
 
-    /// `λ_max(A_jj)`: the mean squared coefficient of an atom, times the weight.
+    /// `λ_max(A_jj)`: the weighted sum of squared coefficients of an atom.
     pub fn use_of(&self, j: usize) -> f64 {
         let c = self.size;
         match c {
@@ -130,9 +130,9 @@ impl Statistics {
         }
     }
 
-    /// One sweep of block coordinate descent over the atoms `D`, `m × cJ`: each goes the step `(F_j − D A_j)/λ_max(A_jj)`
-    /// and back into its ball, which is the minimiser where `A_jj` is a number. Atoms with a curvature up to `unused`
-    /// stay. Cost one product `O(m (cJ)²)`: what the steps of a run of atoms change is passed on in one product.
+    /// One sweep of block coordinate descent over the atoms `D`, `m × cJ`. Each atom takes the step `(F_j − D A_j)/λ_max(A_jj)`
+    /// and is projected back into its ball, which is the minimiser if `A_jj` is a number. Atoms with a curvature of at most
+    /// `unused` stay. Cost: one product `O(m (cJ)²)`, because the steps of a run of atoms are propagated in one product.
     pub fn sweep(&self, algebra: &Algebra, atoms: &mut Matrix, unused: f64) {
         let (c, m, total) = (self.size, atoms.nrows(), atoms.ncols());
         let mut image = multiply(atoms, &self.second);
@@ -169,7 +169,7 @@ impl Statistics {
         }
     }
 
-    /// Follows atom `D_j = D_j' R` to `D_j'`: its matrices become `B_jk Rᵀ`.
+    /// Substitutes `D_j'` for atom `D_j = D_j' R`: its matrices become `B_jk Rᵀ`.
     pub fn substitute(&mut self, j: usize, r: &Matrix) {
         let (c, first) = (self.size, j * self.size);
         let columns = self.cross.columns(first, c) * r.transpose();
@@ -181,7 +181,7 @@ impl Statistics {
         self.magnitudes[j] *= r.singular_values().max();
     }
 
-    /// Little-endian, self-delimiting.
+    /// Serialises the sum: little-endian, self-delimiting.
     pub fn to_bytes(&self) -> Vec<u8> {
         let mut bytes = Vec::new();
         write_numbers(&mut bytes, &[self.energy, self.weight]);
@@ -191,10 +191,10 @@ impl Statistics {
         bytes
     }
 
-    /// Replaces this sum by a stored one of the same sizes.
+    /// Replaces this sum by a serialised one of the same sizes.
     ///
     /// # Errors
-    /// [`AnalysisError::NotAnAccumulator`] when the bytes are something else.
+    /// [`AnalysisError::NotAnAccumulator`] for any other bytes.
     pub fn restore(&mut self, mut bytes: &[u8]) -> Result<(), AnalysisError> {
         let (head, magnitudes) = (read_numbers(&mut bytes)?, read_numbers(&mut bytes)?);
         let (second, cross) = (read_numbers(&mut bytes)?, read_numbers(&mut bytes)?);
