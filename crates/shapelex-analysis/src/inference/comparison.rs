@@ -5,10 +5,10 @@
 //! distance ‖Δ‖      R² = c ‖Δ‖²/tr T      F = (n − 2) R²/(1 − R²)      T² = (n − 2) v/(1 − v),  v = c Δᵀ T⁺ Δ
 //! ```
 //!
-//! Relabelling leaves `T` as it is, so that every statistic of a relabelling costs the weighted sums of one group: a
-//! column of one matrix product. `R²` and `v` lie within 0 and 1 and grow with `F` and `T²`: they are what is compared.
-//! Hotelling's statistic is taken of the leading principal coordinates (there are fewer shapes than coordinates), and of
-//! every point along the shape, where the largest over all points corrects for their number.
+//! Relabelling does not change `T`, so every statistic of a relabelling is computed from the weighted sums of one group: a
+//! column of one matrix product. `R²` and `v` lie between 0 and 1 and grow with `F` and `T²`, so they are compared instead.
+//! Hotelling's statistic is computed from the leading principal coordinates (there are fewer shapes than coordinates), and
+//! at every point along the shape, where the maximum over all points corrects for their number.
 //!
 //! Sources: Anderson 2001 (F, which is that of squared distances); Hotelling 1931; the maximum over points: Nichols and
 //! Holmes 2002.
@@ -21,86 +21,86 @@ use super::reaches;
 use super::span::{Span, centre_rows};
 use shapelex_numeric::dense::{self, Matrix};
 
-/// Columns of one product: enough for the kernel, few enough for the cache.
+/// Number of columns per product: enough for the kernel, few enough for the cache.
 const COLUMNS: usize = 64;
 
-/// Leading principal coordinates of Hotelling's statistic hold this part of the variance …
+/// Fraction of the variance in the leading principal coordinates of Hotelling's statistic …
 const LEADING_VARIANCE: f64 = 0.95;
 
-/// … and there are at most this part of the number of shapes, so that the scatter within groups is well determined.
+/// … whose number is at most the number of shapes over this, so that the scatter within groups is well determined.
 const LEADING_PART: usize = 4;
 
-/// Variance of a point in a direction, over the largest of all points, below which it is rounding.
+/// Relative variance of a point in a direction, as a fraction of the largest of all points, below which it is rounding.
 const POINT_RANK: f64 = 1e-10;
 
-/// `1 − v` below this is rounding: the groups are apart without any scatter within them.
+/// Value of `1 − v` below which the groups differ without any scatter within them.
 const NO_SCATTER: f64 = 1e-12;
 
-/// What is known of the shapes of a comparison; one column a shape everywhere.
+/// Data of a comparison; every matrix has one column per shape.
 #[derive(Debug, Clone)]
 pub struct Sample {
-    /// Aligned shapes, in coordinates in which the metric is the plain one.
+    /// Aligned shapes, in coordinates in which the metric is Euclidean.
     pub coordinates: Matrix,
     /// Aligned shapes at points along them, coordinate-major: `d·S` rows.
     pub points: Matrix,
-    /// `d`.
+    /// Dimension of the points, `d`.
     pub dimension: usize,
-    /// Sizes before they were aligned, a measure a row.
+    /// Sizes before alignment, one measure per row.
     pub sizes: Matrix,
     /// Positive weights.
     pub weights: Vec<f64>,
 }
 
-/// A statistic with its tally.
+/// A statistic with the tally of its permutation test.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Tested {
-    /// Its value; nothing where it would be infinite.
+    /// Value of the statistic; `None` if it is infinite.
     pub value: Option<f64>,
-    /// The relabellings that reach it.
+    /// Tally of the relabellings that reach it.
     pub tally: Tally,
 }
 
-/// The effect at the points along the shape.
+/// The effect at points along the shape.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Effect {
     /// `Δ`, coordinate-major, `d·S` numbers.
     pub difference: Vec<f64>,
-    /// `T²` of every point; nothing where it would be infinite.
+    /// `T²` of every point; `None` if it is infinite.
     pub t_squared: Vec<Option<f64>>,
-    /// Relabellings whose largest `T²` reaches that of the point.
+    /// For every point, the tally of the relabellings whose largest `T²` reaches that of the point.
     pub tallies: Vec<Tally>,
 }
 
-/// The comparison of two groups: the second less the first.
+/// Comparison of two groups; differences are the second minus the first.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PairTests {
-    /// `‖Δ‖`.
+    /// Distance of the means, `‖Δ‖`.
     pub distance: Tested,
-    /// `F`.
+    /// Pseudo-F, `F`.
     pub pseudo_f: Tested,
-    /// `R²`: the part of the squared distances that the groups explain.
+    /// `R²`: the fraction of the squared distances that the groups explain.
     pub r_squared: f64,
     /// `T²` of the leading principal coordinates.
     pub hotelling: Tested,
-    /// How many these are.
+    /// Number of these coordinates.
     pub components: usize,
-    /// Along the shape.
+    /// The effect along the shape.
     pub effect: Effect,
-    /// Difference of the mean of every size; compared without its sign.
+    /// Difference of the means of every size; the test ignores its sign.
     pub sizes: Vec<Tested>,
 }
 
-/// All groups at once.
+/// Comparison of all groups at once.
 #[derive(Debug, Clone, PartialEq)]
 pub struct OverallTest {
     /// `F = ((n − G) Σ_g W_g ‖ȳ_g − ȳ‖²)/((G − 1) Σ_g Σ_{k∈g} w_k ‖y_k − ȳ_g‖²)`.
     pub pseudo_f: Tested,
-    /// The part of the squared distances that the groups explain.
+    /// The fraction of the squared distances that the groups explain.
     pub r_squared: f64,
 }
 
 impl Sample {
-    /// The shapes at `members`, in this order.
+    /// The shapes at `members`, in that order.
     pub fn select(&self, members: &[usize]) -> Self {
         Self {
             coordinates: self.coordinates.select_columns(members),
@@ -111,14 +111,14 @@ impl Sample {
         }
     }
 
-    /// Compares the two groups of `relabellings`, which are of all shapes of the sample. `stop` is asked before every
+    /// Compares the two groups of `relabellings`, which cover all shapes of the sample. `stop` is checked before every
     /// product.
     ///
-    /// Cost: `n (m + d·S)` multiply-adds a relabelling, for `m` coordinates and `S` points, and a singular value
+    /// Cost: `n (m + d·S)` multiply-adds per relabelling, for `m` coordinates and `S` points, and a singular value
     /// decomposition.
     ///
     /// # Errors
-    /// [`AnalysisError::Interrupted`]; a failure of an eigenproblem.
+    /// [`AnalysisError::Interrupted`] once `stop` returns true; a failure of an eigenproblem.
     pub fn compare_pair(
         &self,
         relabellings: &Relabellings,
@@ -138,10 +138,10 @@ impl Sample {
 
     /// Compares all groups of `relabellings` at once.
     ///
-    /// Cost: `G n m` multiply-adds a relabelling.
+    /// Cost: `G n m` multiply-adds per relabelling.
     ///
     /// # Errors
-    /// As [`Self::compare_pair`].
+    /// As for [`Self::compare_pair`].
     pub fn compare_all(
         &self,
         relabellings: &Relabellings,
@@ -184,13 +184,13 @@ impl Sample {
     }
 }
 
-/// `v/(1 − v)`, unless nothing is left of one.
+/// `v/(1 − v)`; `None` if `1 − v` is rounding.
 fn odds(v: f64) -> Option<f64> {
     (1.0 - v > NO_SCATTER).then(|| v / (1.0 - v))
 }
 
-/// Sums over all relabellings of what `count` answers for batches of at most `together`, in parallel: whole numbers,
-/// whose sum does not depend on the order.
+/// Sums the results of `count` over all relabellings, in parallel batches of at most `together`. The sum of integers does
+/// not depend on the order.
 fn count_reaching(
     relabellings: &Relabellings,
     together: usize,
@@ -236,7 +236,7 @@ impl Outcome {
         3 + self.points.len() + self.sizes.len()
     }
 
-    /// Counts what this one reaches of `observed`.
+    /// Counts the statistics of `observed` that this outcome reaches.
     fn count(&self, observed: &Self, counts: &mut [usize]) {
         let largest = self.points.iter().copied().fold(0.0, f64::max);
         let statistics = [
@@ -253,9 +253,9 @@ impl Outcome {
     }
 }
 
-/// Rows whose weighted sums over a group give all statistics of two groups; each has the mean zero.
+/// Rows, each with mean zero, whose weighted sums over a group determine all statistics of two groups.
 struct PairFeatures {
-    /// Principal coordinates; then points, each in coordinates in which its scatter is one; then sizes.
+    /// Principal coordinates; then points, each in coordinates with unit scatter; then sizes.
     rows: Matrix,
     eigenvalues: Vec<f64>,
     components: usize,
@@ -308,7 +308,7 @@ impl PairFeatures {
             .collect()
     }
 
-    /// Statistics from the sums `c Δ` of all rows: those over the second group, as the mean is zero.
+    /// Statistics from the sums `c Δ` of all rows. These are the sums over the second group, because every row has mean zero.
     fn outcome(&self, sums: &[f64], c: f64) -> Outcome {
         let (scores, rest) = sums.split_at(self.eigenvalues.len());
         let (points, sizes) = rest.split_at(self.points * self.dimension);
@@ -353,7 +353,7 @@ impl PairFeatures {
     }
 }
 
-/// How many leading coordinates Hotelling's statistic is taken of.
+/// Number of leading coordinates for Hotelling's statistic.
 fn leading(eigenvalues: &[f64], shapes: usize) -> usize {
     let total: f64 = eigenvalues.iter().sum();
     let mut sum = 0.0;
@@ -366,7 +366,7 @@ fn leading(eigenvalues: &[f64], shapes: usize) -> usize {
 }
 
 /// The points along the shapes, each in coordinates in which its scatter is the identity: `Λ^{−1/2} Uᵀ p` for
-/// `Σ w p pᵀ = U Λ Uᵀ`; directions in which it does not vary become zero.
+/// `Σ w p pᵀ = U Λ Uᵀ`. Directions without variation become zero.
 fn whitened_points(sample: &Sample) -> Matrix {
     let mut points = sample.points.clone();
     centre_rows(&mut points, &sample.weights);
@@ -397,7 +397,7 @@ fn whitened_points(sample: &Sample) -> Matrix {
     whitened
 }
 
-/// Mean of the second group less that of the first, at the points.
+/// Mean of the second group minus that of the first, at the points.
 fn difference(sample: &Sample, labels: &[usize]) -> Vec<f64> {
     let mut sums = [vec![0.0; sample.points.nrows()], vec![0.0; sample.points.nrows()]];
     let mut weights = [0.0; 2];
@@ -455,7 +455,7 @@ mod tests {
         assert!((tests.distance.value.unwrap() - 5.0).abs() < 1e-14);
         assert!((tests.sizes[0].value.unwrap() - 5.0).abs() < 1e-14);
         assert_eq!(tests.effect.difference, [5.0, 0.0]);
-        // Of the 20 choices of three numbers, these and their complement are farthest apart.
+        // Of the 20 choices of three numbers, this one and its complement are farthest apart.
         let tally = Tally { exceeding: 1, permutations: 19, exact: true };
         let found =
             [tests.distance.tally, tests.hotelling.tally, tests.effect.tallies[0], tests.sizes[0].tally];
@@ -487,7 +487,7 @@ mod tests {
         assert!((tests.distance.value.unwrap() - observed).abs() < 1e-12);
         let wanted = Tally { exceeding: reaching - 1, permutations: 19, exact: true };
         assert_eq!((tests.distance.tally, tests.pseudo_f.tally), (wanted, wanted));
-        // Two groups at once are one pair.
+        // An overall test of two groups is the test of the pair.
         let overall = sample.compare_all(&relabellings, &go_on).unwrap();
         assert_eq!(overall.pseudo_f.tally, wanted);
         assert!((overall.r_squared - tests.r_squared).abs() < 1e-12);

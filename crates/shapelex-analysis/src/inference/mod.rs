@@ -1,16 +1,16 @@
-//! Tests of differences and dependencies of aligned shapes, by permutation.
+//! Permutation tests for group differences and regressions of aligned shapes.
 //!
-//! Shapes that are aligned to one mean, which knows nothing of groups or covariates, are vectors of one space. Whatever
-//! statistic is taken of them, its distribution under "the labels mean nothing" is that over the relabellings:
+//! Shapes aligned to one mean, which does not depend on groups or covariates, are vectors of one space. For any statistic,
+//! the distribution under the null hypothesis (the labels are exchangeable) is the one over the relabellings:
 //!
 //! ```text
 //! p = (1 + #{relabellings with a statistic ≥ the observed one}) / (1 + relabellings)
 //! ```
 //!
-//! * [`permutation`] — relabellings within strata, all of them or drawn; p values, Holm's correction;
-//! * [`span`] — the same shapes in as few coordinates as they span;
-//! * [`comparison`] — groups: distance of the averages, pseudo-F, Hotelling's statistic, the effect along the shape;
-//! * [`regression`] — the linear dependence of shapes on an attribute, after covariates.
+//! * [`permutation`] — relabellings within strata, enumerated or drawn; p values; Holm's correction;
+//! * [`span`] — coordinates in the span of the shapes, the fewest possible;
+//! * [`comparison`] — groups: distance of the means, pseudo-F, Hotelling's statistic, the effect along the shape;
+//! * [`regression`] — linear regression of shapes on an attribute, adjusted for covariates.
 //!
 //! Sources: Anderson 2001 (pseudo-F), Freedman and Lane 1983 (residuals are permuted), Holm 1979, Phipson and Smyth
 //! 2010 (the observed labelling counts as one).
@@ -20,10 +20,10 @@ pub mod permutation;
 pub mod regression;
 pub mod span;
 
-/// Statistics that differ by less than this part are equal: sums of the same numbers in another order.
+/// Relative difference below which two statistics are equal: they are sums of the same numbers in different order.
 const TIE: f64 = 1e-9;
 
-/// Whether a relabelling reaches the observed statistic (neither is negative).
+/// Whether the statistic of a relabelling reaches the observed one (both are non-negative).
 fn reaches(statistic: f64, observed: f64) -> bool {
     statistic >= observed * (1.0 - TIE)
 }

@@ -1,13 +1,13 @@
-//! Relabellings: which group every shape might as well have been of.
+//! Relabellings: alternative assignments of shapes to groups, for permutation tests.
 //!
-//! Labels are exchanged within strata alone, so that every stratum keeps how many shapes it has of every group. When
-//! there are no more relabellings than were asked for, all of them are gone through, and the p value is exact; else they
-//! are drawn, each from a stream of random numbers of its own, so that they do not depend on the number of threads.
+//! Labels are exchanged within strata only, so that the number of shapes of every group in a stratum does not change. If
+//! there are no more relabellings than requested, all of them are enumerated and the p value is exact. Otherwise they are
+//! drawn, each from a random stream of its own, so that they do not depend on the number of threads.
 
 use rand::rngs::ChaCha12Rng;
 use rand::{RngExt, SeedableRng};
 
-/// Positions whose labels may be exchanged with one another, and how many there are of every group.
+/// Positions whose labels are exchangeable, and the number of shapes of every group among them.
 #[derive(Debug, Clone)]
 struct Stratum {
     members: Vec<usize>,
@@ -25,29 +25,29 @@ pub struct Relabellings {
     exact: bool,
 }
 
-/// How many relabellings reach an observed statistic.
+/// Number of relabellings that reach an observed statistic.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Tally {
-    /// Those that reach it, without the observed labelling.
+    /// Relabellings that reach it, without the observed labelling.
     pub exceeding: usize,
-    /// All that were looked at, without the observed labelling.
+    /// All relabellings that were evaluated, without the observed labelling.
     pub permutations: usize,
-    /// Whether these are all there are.
+    /// Whether all relabellings were enumerated.
     pub exact: bool,
 }
 
 impl Tally {
-    /// `(1 + exceeding)/(1 + permutations)`; nothing when nothing was permuted.
+    /// The p value, `(1 + exceeding)/(1 + permutations)`; `None` without permutations.
     ///
-    /// Source: Phipson and Smyth 2010: a p value of a permutation test is never zero.
+    /// Source: Phipson and Smyth 2010: the p value of a permutation test is never zero.
     pub fn p(&self) -> Option<f64> {
         (self.permutations > 0).then(|| (1 + self.exceeding) as f64 / (1 + self.permutations) as f64)
     }
 }
 
 impl Relabellings {
-    /// Of shapes with the group `observed[k] < groups` in the stratum `strata[k]`: all of them when there are at most
-    /// `permutations` besides the observed one, else `permutations` draws.
+    /// Relabellings of shapes, where shape `k` has the group `observed[k] < groups` and the stratum `strata[k]`. All of them if
+    /// there are at most `permutations` besides the observed one, else `permutations` draws.
     pub fn new(
         observed: Vec<usize>,
         groups: usize,
@@ -65,7 +65,7 @@ impl Relabellings {
         Self { observed, groups, strata, seed, draws, exact }
     }
 
-    /// Number of shapes whose stratum has shapes of several groups: no relabelling changes the others.
+    /// Number of shapes in strata with more than one group. Relabelling does not affect the other shapes.
     pub fn exchangeable(&self) -> usize {
         let mixed = |stratum: &&Stratum| stratum.counts.iter().all(|&count| count < stratum.members.len());
         self.strata.iter().filter(mixed).map(|stratum| stratum.members.len()).sum()
@@ -81,12 +81,12 @@ impl Relabellings {
         self.groups
     }
 
-    /// Number of relabellings that [`Self::relabel`] makes; when they are all, the observed one is among them.
+    /// Number of relabellings that [`Self::relabel`] makes. If these are all, the observed one is among them.
     pub fn draws(&self) -> usize {
         self.draws
     }
 
-    /// Writes the labels of relabelling `index < draws`.
+    /// Writes the labels of relabelling `index`, which must be below `draws`.
     pub fn relabel(&self, index: usize, labels: &mut [usize]) {
         if self.exact {
             return self.arrange(index as u64, labels);
@@ -98,9 +98,9 @@ impl Relabellings {
         }
     }
 
-    /// The tally of a statistic that `reaching` relabellings reach.
+    /// The tally of a statistic that is reached by `reaching` relabellings.
     pub fn tally(&self, reaching: usize) -> Tally {
-        // Among all relabellings the observed one reaches itself.
+        // If all relabellings are enumerated, the observed one is among them and reaches itself.
         let own = usize::from(self.exact && self.draws > 0);
         Tally {
             exceeding: reaching.saturating_sub(own),
@@ -109,8 +109,8 @@ impl Relabellings {
         }
     }
 
-    /// The relabelling with this number: a digit for every stratum and group, in mixed radix, says which of the places
-    /// that are left the group takes.
+    /// Writes the relabelling with this number. In mixed radix, it has one digit per stratum and group, which selects the
+    /// places of the group among those that are left.
     fn arrange(&self, mut index: u64, labels: &mut [usize]) {
         for stratum in &self.strata {
             let mut places = stratum.members.clone();
@@ -142,21 +142,21 @@ fn strata_of(observed: &[usize], groups: usize, strata: &[usize]) -> Vec<Stratum
     found
 }
 
-/// The stream of random numbers of the draw `index`.
+/// The random stream of draw `index`.
 pub(super) fn stream(seed: u64, index: usize) -> ChaCha12Rng {
     let mut random = ChaCha12Rng::seed_from_u64(seed);
     random.set_stream(index as u64);
     random
 }
 
-/// Shuffles the values at the positions `members`; every order is equally likely.
+/// Shuffles the values at the positions `members`; all orders are equally likely.
 pub(super) fn shuffle(random: &mut ChaCha12Rng, members: &[usize], values: &mut [usize]) {
     for i in (1..members.len()).rev() {
         values.swap(members[i], members[random.random_range(0..=i)]);
     }
 }
 
-/// Number of relabellings, when there are at most `most`.
+/// Number of relabellings; `None` if there are more than `most`.
 fn arrangements(strata: &[Stratum], most: u64) -> Option<u64> {
     let mut all = 1_u64;
     for stratum in strata {
@@ -169,12 +169,12 @@ fn arrangements(strata: &[Stratum], most: u64) -> Option<u64> {
     Some(all)
 }
 
-/// `n` over `k`, when it is at most `most`.
+/// The binomial coefficient `n` over `k`; `None` if it is larger than `most`.
 fn binomial(n: usize, k: usize, most: u64) -> Option<u64> {
     let k = k.min(n - k);
     let mut value = 1_u128;
     for i in 1..=k {
-        // Every partial product is a binomial coefficient, and they grow.
+        // Every partial product is a binomial coefficient, and the sequence increases.
         value = value * (n - k + i) as u128 / i as u128;
         if value > u128::from(most) {
             return None;
@@ -183,7 +183,7 @@ fn binomial(n: usize, k: usize, most: u64) -> Option<u64> {
     u64::try_from(value).ok()
 }
 
-/// The subset number `index` of `k` among `n` places, in lexicographic order.
+/// The subset with number `index` of `k` among `n` places, in lexicographic order.
 fn combination(mut index: u64, n: usize, mut k: usize) -> Vec<bool> {
     let mut taken = vec![false; n];
     for (place, taken) in taken.iter_mut().enumerate() {
@@ -202,7 +202,7 @@ fn combination(mut index: u64, n: usize, mut k: usize) -> Vec<bool> {
 }
 
 /// Holm's step-down correction: `p̃_(i) = max_{j ≤ i} min(1, (m − j + 1) p_(j))` for the ascending `p_(1) … p_(m)`, in the
-/// order of `p`. No assumption about their dependence is made.
+/// order of `p`. It is valid for any dependence between the tests.
 ///
 /// Source: Holm 1979.
 pub fn holm(p: &[f64]) -> Vec<f64> {
@@ -225,7 +225,7 @@ mod tests {
 
     #[test]
     fn holm_as_worked_by_hand() {
-        // Sorted 0.005, 0.01, 0.03, 0.04 times 4, 3, 2, 1: 0.02, 0.03, 0.06, and 0.04 raised to the one before.
+        // Sorted: 0.005, 0.01, 0.03, 0.04 times 4, 3, 2, 1 gives 0.02, 0.03, 0.06, and 0.04 raised to the previous 0.06.
         let corrected = holm(&[0.01, 0.04, 0.03, 0.005]);
         for (found, wanted) in corrected.iter().zip([0.03, 0.06, 0.06, 0.02]) {
             assert!((found - wanted).abs() < 1e-15, "{corrected:?}");
@@ -277,7 +277,7 @@ mod tests {
             assert_eq!(labels[..20].iter().sum::<usize>(), 5);
             ones.iter_mut().zip(&labels).for_each(|(ones, label)| *ones += label);
         }
-        // 1000 wanted, of standard deviation 27.
+        // Expected value 1000, standard deviation 27.
         assert!(ones.iter().all(|ones| (850..1150).contains(ones)), "{ones:?}");
     }
 

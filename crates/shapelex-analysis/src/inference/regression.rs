@@ -1,20 +1,21 @@
-//! Linear regression of aligned shapes on one attribute, after covariates.
+//! Linear regression of aligned shapes on one attribute, adjusted for covariates.
 //!
 //! ```text
 //! y_k = β_0 + Σ_j z_kj γ_j + a_k b + e_k       weighted least squares
-//! b = Σ_k w_k ã_k y_k / Σ_k w_k ã_k²,          ã the attribute less its regression on the covariates
+//! b = Σ_k w_k ã_k y_k / Σ_k w_k ã_k²,          ã the attribute minus its regression on the covariates
 //! F = (n − p − 2) S_a / S_full,   S_a = ‖b‖² Σ w ã²,   S_full = S_reduced − S_a
 //! ```
 //!
-//! `S_reduced` is what the covariates leave of the squared distances. Freedman and Lane: residuals of the regression on
-//! the covariates alone are exchanged, each with the root of its weight. With `Q` the orthonormal basis of intercept and
-//! covariates, `q` the attribute beside it and `R` the residuals, a relabelling `π` costs the product `R π[Q q]`:
+//! `S_reduced` is the sum of squared distances that the covariates do not explain. The permutations follow Freedman and
+//! Lane: residuals of the regression on the covariates are exchanged, each with the root of its weight. With `Q` the
+//! orthonormal basis of intercept and covariates, `q` the attribute orthogonal to it, and `R` the residuals, a relabelling
+//! `π` costs the product `R π[Q q]`:
 //!
 //! ```text
 //! S_a^π = ‖R π q‖²,   S_reduced^π = ‖R‖² − ‖R π Q‖²
 //! ```
 //!
-//! Without covariates and with equal weights this is the exact test that exchanges the attribute.
+//! Without covariates and with equal weights, this is the exact test that permutes the attribute.
 //!
 //! Sources: Freedman and Lane 1983; Anderson and Robinson 2001; the score of a shape: Drake and Klingenberg 2008.
 
@@ -26,24 +27,24 @@ use super::reaches;
 use super::span::Span;
 use shapelex_numeric::dense::{self, Matrix};
 
-/// Part of a column's norm that must be left beside the columns before it.
+/// Minimum fraction of its norm that a column must keep after orthogonalisation against the previous columns.
 const COLLINEAR: f64 = 1e-9;
 
-/// Columns of one product, about.
+/// Approximate number of columns per product.
 const COLUMNS: usize = 64;
 
-/// Which draws are made.
+/// Parameters of the permutation draws.
 #[derive(Debug, Clone, Copy)]
 pub struct Draws<'a> {
-    /// The stratum of every shape: residuals are exchanged within strata alone.
+    /// The stratum of every shape: residuals are exchanged within strata only.
     pub strata: &'a [usize],
-    /// Seed.
+    /// Seed of the random numbers.
     pub seed: u64,
-    /// How many.
+    /// Number of draws.
     pub permutations: usize,
 }
 
-/// Orthonormal columns for intercept, covariates and attribute, each with the root of the weights.
+/// Design of the regression: orthonormal columns for intercept, covariates and attribute, each scaled by the root weights.
 #[derive(Debug, Clone)]
 pub struct Design {
     /// `Q`: intercept and covariates.
@@ -55,7 +56,7 @@ pub struct Design {
     roots: Vec<f64>,
 }
 
-/// Why a design has no regression: which of the columns says nothing beside those before it.
+/// The column of a design that is linearly dependent on the columns before it, so that there is no regression.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Collinear {
     /// The covariate column with this index.
@@ -64,30 +65,30 @@ pub enum Collinear {
     Attribute,
 }
 
-/// The dependence on the attribute.
+/// Linear regression on the attribute.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Regression {
-    /// `b`: change for one unit of the attribute, one number a row of the vectors.
+    /// `b`: change per unit of the attribute, one number per row of the vectors.
     pub slope: Vec<f64>,
-    /// `S_a` over the squared distances from the mean: what the attribute explains after the covariates.
+    /// `R²` of the attribute after the covariates: `S_a` over the total of squared distances from the mean.
     pub r_squared: f64,
-    /// `S_a/S_reduced`: the part of what the covariates leave.
+    /// Partial `R²`, `S_a/S_reduced`: the fraction explained of what the covariates leave.
     pub partial_r_squared: f64,
-    /// What attribute and covariates explain together.
+    /// `R²` of attribute and covariates together.
     pub model_r_squared: f64,
-    /// `F`; nothing where it would be infinite.
+    /// `F`; `None` if it is infinite.
     pub pseudo_f: Option<f64>,
-    /// Degrees of freedom that are left, `n − p − 2`.
+    /// Residual degrees of freedom, `n − p − 2`.
     pub degrees: usize,
-    /// Draws whose `F` reaches the observed one.
+    /// Tally of the draws whose `F` reaches the observed one.
     pub tally: Tally,
 }
 
 impl Design {
-    /// From covariate columns and the attribute, one number a shape each, and weights.
+    /// Builds the design from covariate columns, the attribute and the weights, with one number per shape each.
     ///
     /// # Errors
-    /// The first column that depends on those before it, or is constant.
+    /// The first column that is constant or depends linearly on the columns before it.
     pub fn new(covariates: &[Vec<f64>], attribute: &[f64], weights: &[f64]) -> Result<Self, Collinear> {
         let roots: Vec<f64> = weights.iter().map(|weight| weight.sqrt()).collect();
         let mut basis = vec![normalised(&roots)];
@@ -99,17 +100,17 @@ impl Design {
         Ok(Self { covariates: basis, attribute, length, roots })
     }
 
-    /// Degrees of freedom that are left to the residuals.
+    /// Residual degrees of freedom.
     pub fn degrees(&self) -> usize {
         self.roots.len().saturating_sub(self.covariates.len() + 1)
     }
 
-    /// The regression of the columns of `vectors`. `stop` is asked before every product.
+    /// Regression of the columns of `vectors`. `stop` is checked before every product.
     ///
-    /// Cost: a singular value decomposition, and `n m (p + 2)` multiply-adds a draw for vectors that span `m`.
+    /// Cost: a singular value decomposition, and `n m (p + 2)` multiply-adds per draw for vectors with a span of dimension `m`.
     ///
     /// # Errors
-    /// [`AnalysisError::Interrupted`]; a failure of an eigenproblem.
+    /// [`AnalysisError::Interrupted`] once `stop` returns true; a failure of an eigenproblem.
     pub fn regress(
         &self,
         vectors: &Matrix,
@@ -137,7 +138,7 @@ impl Design {
         })
     }
 
-    /// `b = Σ w ã y / Σ w ã²`, about the first vector so that no digits cancel.
+    /// `b = Σ w ã y / Σ w ã²`, computed about the first vector to avoid cancellation.
     fn slope(&self, vectors: &Matrix) -> Vec<f64> {
         let first = vectors.column(0).into_owned();
         let mut slope = vec![0.0; vectors.nrows()];
@@ -148,7 +149,7 @@ impl Design {
         slope
     }
 
-    /// What the covariates leave of the rows, with the roots of the weights.
+    /// Residuals of the rows after the covariates, scaled by the root weights.
     fn residuals(&self, mut rows: Matrix) -> Matrix {
         for (mut column, &root) in rows.column_iter_mut().zip(&self.roots) {
             column.scale_mut(root);
@@ -161,7 +162,7 @@ impl Design {
         rows
     }
 
-    /// `(S_a, S_reduced)` when the residual of shape `order[k]` stands in the place of that of shape `k`.
+    /// `(S_a, S_reduced)` with the residual of shape `order[k]` in the place of the residual of shape `k`.
     fn sums(&self, residuals: &Matrix, orders: &[Vec<usize>]) -> Vec<(f64, f64)> {
         let columns: Vec<&Vec<f64>> = self.covariates.iter().chain([&self.attribute]).collect();
         let mut permuted = Matrix::zeros(self.roots.len(), orders.len() * columns.len());
@@ -229,10 +230,10 @@ fn normalised(x: &[f64]) -> Vec<f64> {
     x.iter().map(|value| value / length).collect()
 }
 
-/// The part of a column, with the roots of the weights, that is orthogonal to `basis`: its direction and its length.
-/// Nothing when there is none.
+/// Direction and length of the component of a column, scaled by the root weights, that is orthogonal to `basis`. `None` if
+/// there is none.
 fn beside(basis: &[Vec<f64>], column: &[f64], roots: &[f64]) -> Option<(Vec<f64>, f64)> {
-    // About the middle value, so that a column far from zero keeps its digits.
+    // Centred on the middle value, so that a column far from zero keeps its digits.
     let middle = column.iter().copied().fold(f64::MAX, f64::min) * 0.5
         + column.iter().copied().fold(f64::MIN, f64::max) * 0.5;
     let spread = column.iter().map(|value| (value - middle).abs()).fold(0.0, f64::max);
@@ -243,7 +244,7 @@ fn beside(basis: &[Vec<f64>], column: &[f64], roots: &[f64]) -> Option<(Vec<f64>
     let mut unit: Vec<f64> =
         column.iter().zip(roots).map(|(value, root)| (value - middle) / spread * root).collect();
     let before = norm(&unit);
-    // Twice is enough.
+    // Two rounds of Gram–Schmidt suffice.
     for _ in 0..2 {
         for q in basis {
             let product: f64 = unit.iter().zip(q).map(|(u, q)| u * q).sum();
@@ -296,7 +297,7 @@ mod tests {
         }
         assert!((found.model_r_squared - 1.0).abs() < 1e-9 && found.pseudo_f.is_none());
 
-        // A shape of weight two is a shape twice, as far as the line goes.
+        // For the fitted line, a shape of weight two is equivalent to the shape given twice.
         let noisy = Matrix::from_fn(3, 5, |i, k| noise(i, k + 40));
         let doubled = noisy.select_columns(&[0, 1, 2, 2, 3, 4]);
         let a = [1.0, 2.5, 3.0, 4.0, 6.0];

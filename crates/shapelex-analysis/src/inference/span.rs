@@ -1,28 +1,28 @@
-//! Shapes in the coordinates of what they span.
+//! Coordinates of shapes in their span.
 //!
 //! ```text
 //! y_k = x_k − x̄,   YᵀY = V Λ Vᵀ,   coordinates Λ^{1/2} Vᵀ      (isometric: ‖Y z‖ = ‖Λ^{1/2} Vᵀ z‖ for all z)
 //! ```
 //!
-//! Statistics that depend on distances alone are the same in these coordinates, of which there are fewer than shapes.
+//! Statistics that depend on distances alone are the same in these coordinates, which are fewer than the shapes.
 
 use super::super::AnalysisError;
 use shapelex_numeric::dense::{self, Matrix};
 
-/// Relative eigenvalue below which a direction is rounding.
+/// Relative eigenvalue below which a direction is rounding error.
 const RANK: f64 = 1e-14;
 
 /// Principal coordinates of vectors about their mean.
 #[derive(Debug, Clone)]
 pub struct Span {
-    /// One column a vector: their scores along the principal directions, `m × n`.
+    /// Scores along the principal directions, one column per vector: `m × n`.
     pub scores: Matrix,
-    /// `λ_i = Σ_k w_k score_ik²`, descending, all positive; empty when all vectors are equal.
+    /// `λ_i = Σ_k w_k score_ik²`, descending, all positive; empty if all vectors are equal.
     pub eigenvalues: Vec<f64>,
 }
 
 impl Span {
-    /// Of the columns of `vectors` (`n` of them) with positive `weights`: principal directions of `Σ w (x − x̄)(x − x̄)ᵀ`.
+    /// Span of the `n` columns of `vectors` with positive `weights`: principal directions of `Σ w (x − x̄)(x − x̄)ᵀ`.
     ///
     /// Cost: `n² r` or `n r²` for vectors of length `r`, and an eigenproblem of the smaller of the two sizes.
     ///
@@ -66,11 +66,11 @@ fn rank(values: &[f64]) -> usize {
     values.iter().take_while(|&&value| value > 0.0 && value > RANK * largest).count()
 }
 
-/// Subtracts from every row its weighted mean; a row that does not vary becomes zero exactly.
+/// Subtracts the weighted mean from every row. A row without variation becomes exactly zero.
 pub(super) fn centre_rows(rows: &mut Matrix, weights: &[f64]) {
     let total: f64 = weights.iter().sum();
     for mut row in rows.row_iter_mut() {
-        // About the first value, so that a constant row leaves no rounding.
+        // Computed about the first value, so that a constant row leaves no rounding error.
         let first = row[0];
         let mean =
             row.iter().zip(weights).map(|(value, weight)| weight * (value - first)).sum::<f64>() / total;

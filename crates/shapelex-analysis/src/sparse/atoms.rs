@@ -1,12 +1,12 @@
-//! The atoms of a dictionary.
+//! Atoms of a dictionary with their Gram matrix.
 
 use shapelex_numeric::dense::{Matrix, transpose_multiply};
 use shapelex_numeric::kernels::{add_columns, column, dot};
 
-/// Atoms, each a block `U_j` of `b` columns of `n` whitened numbers, with their Gram matrix.
+/// Atoms, each a block `U_j` of `b` columns with `n` whitened numbers, with their Gram matrix.
 ///
 /// The columns of a block are orthonormal up to a common factor, `U_jᵀU_j = s_j I` with `0 ≤ s_j ≤ 1`: dictionary atoms
-/// lie in the unit ball, and `s_j = 0` is an atom that is dead. A single column (`b = 1`) always is such a block.
+/// lie in the unit ball, and an atom with `s_j = 0` is dead. A single column (`b = 1`) is always such a block.
 #[derive(Debug, Clone)]
 pub struct Atoms {
     matrix: Matrix,
@@ -17,18 +17,18 @@ pub struct Atoms {
 }
 
 impl Atoms {
-    /// From whitened atoms of one column (`n × J`). Cost `O(nJ²)`.
+    /// Wraps whitened atoms of one column each (`n × J`). Cost `O(nJ²)`.
     pub fn new(matrix: Matrix) -> Self {
         Self::blocks(matrix, 1)
     }
 
-    /// From whitened atoms of `block ≥ 1` consecutive columns (`n × Jb`), orthonormal up to a factor within each.
+    /// Wraps whitened atoms of `block ≥ 1` consecutive columns each (`n × Jb`), orthonormal up to a factor within each block.
     /// Cost `O(nJ²b²)`.
     ///
-    /// Certificates hold for any columns; that codes are reached, and the choices of a pursuit, rest on the orthogonality.
+    /// Certificates hold for any columns. Convergence of the codes, and the choices of a pursuit, rely on the orthogonality.
     ///
     /// # Panics
-    /// When the columns are no whole number of blocks.
+    /// If the number of columns is not a multiple of `block`.
     pub fn blocks(matrix: Matrix, block: usize) -> Self {
         assert!(block > 0 && matrix.ncols().is_multiple_of(block), "columns of whole blocks");
         let gram = transpose_multiply(&matrix, &matrix);
@@ -38,22 +38,22 @@ impl Atoms {
         Self { matrix, gram, block, energies }
     }
 
-    /// `n × Jb`.
+    /// The atoms as a matrix, `n × Jb`.
     pub fn matrix(&self) -> &Matrix {
         &self.matrix
     }
 
-    /// `DᵀD`.
+    /// The Gram matrix `DᵀD`.
     pub fn gram(&self) -> &Matrix {
         &self.gram
     }
 
-    /// `J`.
+    /// Number of atoms, `J`.
     pub fn len(&self) -> usize {
         self.energies.len()
     }
 
-    /// `b`: columns of an atom.
+    /// Number of columns of an atom, `b`.
     pub fn block(&self) -> usize {
         self.block
     }
@@ -63,7 +63,7 @@ impl Atoms {
         self.energies.is_empty()
     }
 
-    /// `max_j ‖U_jᵀx‖`: from this penalty on the group lasso code of `x` is zero, and so is the lasso code.
+    /// `max_j ‖U_jᵀx‖`: for penalties from this value on, the group lasso code of `x` is zero, and so is the lasso code.
     pub fn lambda_max(&self, x: &[f64]) -> f64 {
         let correlation = |i: usize| dot(column(&self.matrix, i), x);
         let squared = |j: usize| (j * self.block..(j + 1) * self.block).map(|i| correlation(i).powi(2)).sum();
@@ -80,13 +80,13 @@ impl Atoms {
         &self.energies
     }
 
-    /// `residual ← Dᵀx − DᵀD code`, with one number a column in `code`.
+    /// `residual ← Dᵀx − DᵀD code`, where `code` has one number per column.
     pub(super) fn residual(&self, correlations: &[f64], code: &[f64], residual: &mut Vec<f64>) {
         residual.clear();
         residual.extend_from_slice(correlations);
         let mut used = code.iter().enumerate().filter(|(_, value)| **value != 0.0);
         loop {
-            // Four columns at a time, as many as one pass over the residual takes.
+            // Four columns at a time: the number that one pass over the residual handles.
             let (mut columns, mut factors, mut count) = ([0; 4], [0.0; 4], 0);
             for (j, value) in used.by_ref().take(4) {
                 (columns[count], factors[count]) = (j, -value);

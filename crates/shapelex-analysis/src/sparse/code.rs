@@ -1,4 +1,4 @@
-//! A sparse code and its certificate.
+//! Sparse codes and their certificates.
 
 use super::atoms::Atoms;
 use shapelex_numeric::kernels::dot;
@@ -9,32 +9,32 @@ pub(super) const DEFAULT_TOLERANCE: f64 = 1e-10;
 /// A sparse code with its certificate.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SparseCode {
-    /// Atoms that are used, ascending.
+    /// Atoms in use, ascending.
     pub indices: Vec<usize>,
-    /// Their coefficients: `b` numbers for every index, `b` the columns of an atom.
+    /// Their coefficients: `b` numbers for every index, where `b` is the number of columns of an atom.
     pub values: Vec<f64>,
-    /// `½‖x − Dα‖²` plus the penalty, which a pursuit has not.
+    /// `½‖x − Dα‖²` plus the penalty (a pursuit has none).
     pub objective: f64,
-    /// Primal minus dual value of the lasso: the objective is at most this far above the minimum.
+    /// Primal minus dual value of the lasso: an upper bound on the distance of the objective from the minimum.
     pub duality_gap: Option<f64>,
     /// `‖x − Dα‖/‖x‖`.
     pub relative_error: f64,
 }
 
 impl SparseCode {
-    /// The coefficients of all `columns` columns of the atoms.
+    /// The code as a dense vector over all `columns` columns of the atoms.
     pub fn dense(&self, columns: usize) -> Vec<f64> {
         let mut dense = vec![0.0; columns];
         self.scatter(&mut dense);
         dense
     }
 
-    /// Real numbers that the code consists of.
+    /// Number of real numbers in the code.
     pub fn parameters(&self) -> usize {
         self.values.len()
     }
 
-    /// Writes the coefficients to their columns.
+    /// Writes the coefficients into their columns.
     fn scatter(&self, dense: &mut [f64]) {
         let block = self.values.len() / self.indices.len().max(1);
         for (&j, values) in self.indices.iter().zip(self.values.chunks_exact(block.max(1))) {
@@ -42,7 +42,7 @@ impl SparseCode {
         }
     }
 
-    /// Writes the coefficients to the columns of `atoms`; whether there are some and they fit.
+    /// Writes the coefficients into the columns of `atoms`. Returns whether there are any and they fit.
     pub(super) fn start(&self, atoms: &Atoms, dense: &mut [f64]) -> bool {
         let fits = self.values.len() == self.indices.len() * atoms.block()
             && self.indices.iter().all(|&j| j < atoms.len())
@@ -54,7 +54,7 @@ impl SparseCode {
     }
 }
 
-/// What a code depends on.
+/// The data of a shape that its code depends on.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Signal<'a> {
     /// `Dᵀx`.
@@ -63,7 +63,7 @@ pub(super) struct Signal<'a> {
     pub(super) energy: f64,
 }
 
-/// How well a code of all columns fits.
+/// Fit of a dense code.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Fit {
     /// `‖r‖²`, `r = x − Dα`.
@@ -73,14 +73,14 @@ pub(super) struct Fit {
 }
 
 impl Fit {
-    /// Of a dense code with its `residual` `Dᵀr`: `‖r‖² = ‖x‖² − αᵀ(Dᵀx + Dᵀr)`.
+    /// Fit of a dense code from its `residual` `Dᵀr`: `‖r‖² = ‖x‖² − αᵀ(Dᵀx + Dᵀr)`.
     pub(super) fn of(signal: &Signal<'_>, code: &[f64], residual: &[f64]) -> Self {
         let fitted = dot(code, residual);
         let error = (signal.energy - dot(code, signal.correlations) - fitted).max(0.0);
         Self { error, fitted }
     }
 
-    /// The duality gap of a code with `penalty = λ Ω(α)` when the dual norm of `Dᵀr` is `strongest`.
+    /// The duality gap of a code with `penalty = λ Ω(α)`, where `strongest` is the dual norm of `Dᵀr`.
     ///
     /// ```text
     /// gap = λΩ(α) − θ αᵀDᵀr + ½(1 − θ)²‖r‖²,   θ = min(1, λ/Ω*(Dᵀr))
@@ -90,7 +90,7 @@ impl Fit {
         (penalty - theta * self.fitted + 0.5 * (1.0 - theta).powi(2) * self.error).max(0.0)
     }
 
-    /// The code with these measures.
+    /// The sparse code with its objective, gap and relative error.
     pub(super) fn measured(
         &self,
         atoms: &Atoms,
@@ -110,7 +110,7 @@ impl Fit {
     }
 }
 
-/// The blocks of a dense code that are not zero, with their values.
+/// Indices of the non-zero blocks of a dense code, with their values.
 pub(super) fn used(code: &[f64], block: usize) -> (Vec<usize>, Vec<f64>) {
     let blocks = code.chunks_exact(block).enumerate();
     let used = blocks.filter(|(_, values)| values.iter().any(|value| *value != 0.0));

@@ -8,14 +8,14 @@ use super::lasso::Lasso;
 use super::pursuit::Pursuit;
 use crate::AnalysisError;
 
-/// A way to code shapes.
+/// A sparse coder.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Coder {
-    /// One penalised coefficient a column.
+    /// Lasso: one penalised coefficient per column.
     Lasso(Lasso),
-    /// One penalised member of the class an atom.
+    /// Group lasso: one penalised member of the class per atom.
     GroupLasso(GroupLasso),
-    /// A given number of atoms.
+    /// Matching pursuit with a given number of atoms.
     Pursuit(Pursuit),
 }
 
@@ -23,16 +23,16 @@ impl Coder {
     /// The codes of whitened `shapes` (`n` numbers each), in order.
     ///
     /// # Errors
-    /// Of the first shape that has one, as those of the coder.
+    /// The first error of a shape, as for the respective coder.
     pub fn codes(&self, atoms: &Atoms, shapes: &[f64]) -> Result<Vec<SparseCode>, AnalysisError> {
         self.encode(atoms, shapes, None)
     }
 
-    /// [`Self::codes`] when the codes are near `previous` ones (by position): a penalised code starts there, with the
-    /// same certificate. A pursuit starts afresh.
+    /// As [`Self::codes`], for codes near the `previous` ones (by position). A penalised code starts from the previous one,
+    /// with the same certificate; a pursuit starts afresh.
     ///
     /// # Errors
-    /// As [`Self::codes`].
+    /// As for [`Self::codes`].
     pub fn codes_from(
         &self,
         atoms: &Atoms,
@@ -42,7 +42,7 @@ impl Coder {
         self.encode(atoms, shapes, Some(previous))
     }
 
-    /// The penalty on magnitudes, 0 for a pursuit.
+    /// The penalty `λ` on magnitudes; 0 for a pursuit.
     pub fn lambda(&self) -> f64 {
         match self {
             Self::Lasso(lasso) => lasso.lambda,
@@ -51,7 +51,7 @@ impl Coder {
         }
     }
 
-    /// What the objective counts besides half of the squared error, for atoms of `block` columns.
+    /// The penalty term of the objective, for atoms of `block` columns.
     pub fn penalty(&self, code: &SparseCode, block: usize) -> f64 {
         match self {
             Self::Lasso(lasso) => lasso.penalty(&code.values),

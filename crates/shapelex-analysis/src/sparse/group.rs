@@ -1,18 +1,19 @@
-//! The group lasso by Newton steps on the blocks in use.
+//! The group lasso, by Newton steps on the active blocks.
 //!
 //! ```text
 //! min_a f(a),   f(a) = ½‖x − Σ_j U_j a_j‖² + λ Σ_j ‖a_j‖
-//! g_j = λ a_j/‖a_j‖ − U_jᵀr,   H = DᵀD + λ diag_j((I − n_j n_jᵀ)/‖a_j‖),   n_j = a_j/‖a_j‖      (blocks in use)
+//! g_j = λ a_j/‖a_j‖ − U_jᵀr,   H = DᵀD + λ diag_j((I − n_j n_jᵀ)/‖a_j‖),   n_j = a_j/‖a_j‖      (active blocks)
 //! a_j ← (1 − λ/‖t‖)₊ t/s_j,   t = U_jᵀr + s_j a_j                                          (one block, others fixed)
 //! gap = λ Σ‖a_j‖ − θ aᵀDᵀr + ½(1 − θ)²‖r‖²,   θ = min(1, λ/max_j ‖U_jᵀr‖)
 //! ```
 //!
-//! A round lets the block whose correlation exceeds `λ` most join by its closed-form update, then makes one Newton step on
-//! all blocks in use; the first block whose length reaches zero on the way leaves. Every move lowers the objective, and
-//! descent over all blocks stands in for a step that would not. The gap, in a form free of cancellation, proves the end.
+//! In every round, the block whose correlation exceeds `λ` most joins by its closed-form update, and one Newton step is made
+//! on all active blocks; the first block whose length reaches zero on the way leaves. Every move lowers the objective. If a
+//! Newton step does not, a sweep of descent over all blocks replaces it. The gap, in a form free of cancellation, certifies
+//! convergence.
 //!
 //! Source: Yuan and Lin 2006 for the problem; the active set is that of Lee et al. 2007 (feature-sign search), with norms
-//! for absolute values.
+//! in place of absolute values.
 
 use super::atoms::Atoms;
 use super::code::DEFAULT_TOLERANCE;
@@ -23,44 +24,44 @@ use crate::AnalysisError;
 use shapelex_numeric::cholesky::ActiveCholesky;
 use shapelex_numeric::kernels::{add_columns, add_scaled, column, dot};
 
-/// Block-sparse codes to a certificate: every atom in use is moved by a member `a_j` of the class.
+/// Group lasso coder with a certificate: every active atom is transformed by a member `a_j` of the class.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GroupLasso {
     /// The penalty `λ > 0`.
     pub lambda: f64,
-    /// Gap that is reached, relative to `½‖x‖²`.
+    /// Duality gap to reach, relative to `½‖x‖²`.
     pub tolerance: f64,
 }
 
-/// Rounds at the most: some for each block that joins or leaves, and few to converge.
+/// Maximum number of rounds: some for each block that joins or leaves, and a few to converge.
 const MAX_ROUNDS: usize = 1000;
 
-/// Halvings of a step that does not lower the objective; behind them it is rounding.
+/// Maximum number of halvings of a step that does not lower the objective; smaller steps are rounding.
 const HALVINGS: i32 = 30;
 
-/// What is added to the diagonal of `H`, relative to it: blocks that depend on each other leave it singular, and the way
-/// along which nothing curves then ends where a block reaches zero. Far above the pivots that are rounding.
+/// Relative ridge added to the diagonal of `H`. Dependent blocks leave `H` singular; with the ridge, a direction without
+/// curvature ends where a block reaches zero. The ridge is far above the pivots that are rounding.
 const RIDGE: f64 = 1e-10;
 
-/// What the group lasso keeps from shape to shape.
+/// Scratch memory of the group lasso.
 #[derive(Debug, Default)]
 pub(super) struct GroupWork {
     /// The factor of `H`.
     factor: ActiveCholesky,
-    /// Blocks in use, ascending, and their columns.
+    /// Active blocks, ascending, and their columns.
     active: Vec<usize>,
     columns: Vec<usize>,
-    /// `a`, `b` numbers a block, as all that follow.
+    /// `a`, with `b` numbers per block, as in all vectors below.
     code: Vec<f64>,
     /// `Dᵀr`.
     residual: Vec<f64>,
-    /// `n_j` of blocks in use.
+    /// `n_j` of active blocks.
     normals: Vec<f64>,
-    /// `1/‖a_j‖` of blocks in use.
+    /// `1/‖a_j‖` of active blocks.
     curvatures: Vec<f64>,
-    /// Minus the gradient on the columns of the factor, then the step there; or the values of one block.
+    /// The negative gradient on the columns of the factor, then the step there; or the values of one block.
     packed: Vec<f64>,
-    /// A step, and its values on the columns of blocks in use.
+    /// A step, and its values on the columns of active blocks.
     step: Vec<f64>,
     values: Vec<f64>,
     /// `DᵀD step`.
@@ -68,25 +69,25 @@ pub(super) struct GroupWork {
 }
 
 impl GroupLasso {
-    /// Codes with the default tolerance.
+    /// A coder with the default tolerance.
     pub fn new(lambda: f64) -> Self {
         Self { lambda, tolerance: DEFAULT_TOLERANCE }
     }
 
-    /// The codes of whitened `shapes` (`n` numbers each). Cost `O(nJb)` for the correlations of a shape and
-    /// `O(Jb·kb + (kb)³)` for every round, with `k` atoms in use; a shape takes few rounds more than `k`.
+    /// The codes of whitened `shapes` (`n` numbers each). Cost: `O(nJb)` per shape for the correlations and
+    /// `O(Jb·kb + (kb)³)` per round, with `k` active atoms; a shape takes few rounds more than `k`.
     ///
     /// # Errors
-    /// [`AnalysisError::NoConvergence`] when the gap of a shape is not reached, with the one that is.
+    /// [`AnalysisError::NoConvergence`] with the gap that was reached, if a shape does not reach the tolerance.
     pub fn codes(&self, atoms: &Atoms, shapes: &[f64]) -> Result<Vec<SparseCode>, AnalysisError> {
         self.encode(atoms, shapes, None)
     }
 
-    /// [`Self::codes`] when they are near `previous` ones (by position), as between epochs of learning: two or three
+    /// As [`Self::codes`], for codes near the `previous` ones (by position), as between epochs of learning: two or three
     /// Newton steps replace the search, with the same certificate.
     ///
     /// # Errors
-    /// As [`Self::codes`].
+    /// As for [`Self::codes`].
     pub fn codes_from(
         &self,
         atoms: &Atoms,
@@ -96,7 +97,7 @@ impl GroupLasso {
         self.encode(atoms, shapes, Some(previous))
     }
 
-    /// `λ Σ_j ‖a_j‖` of values in blocks.
+    /// `λ Σ_j ‖a_j‖` for values given in blocks.
     pub(super) fn penalty(&self, values: &[f64], block: usize) -> f64 {
         self.lambda * values.chunks_exact(block).map(norm).sum::<f64>()
     }
@@ -119,7 +120,7 @@ impl Encode for GroupLasso {
         for _ in 0..MAX_ROUNDS {
             let (mut fit, mut gap) = at.certificate();
             if gap <= wanted {
-                // The residual carries the rounding of its updates: the proof is made of a new one.
+                // The residual carries the rounding of its updates, so the certificate is computed from a fresh one.
                 at.refresh();
                 (fit, gap) = at.certificate();
             }
@@ -156,7 +157,7 @@ struct Search<'a> {
 }
 
 impl Search<'_> {
-    /// At the previous code, or at zero.
+    /// Starts from the previous code, or from zero.
     fn begin(&mut self, previous: Option<&SparseCode>) {
         let columns = self.atoms.columns();
         let GroupWork { code, normals, curvatures, step, image, .. } = &mut *self.work;
@@ -171,7 +172,7 @@ impl Search<'_> {
         self.find_active();
     }
 
-    /// The residual anew.
+    /// Recomputes the residual.
     fn refresh(&mut self) {
         self.atoms.residual(self.signal.correlations, &self.work.code, &mut self.work.residual);
     }
@@ -185,7 +186,7 @@ impl Search<'_> {
         columns.extend(active.iter().flat_map(|&j| j * self.block..(j + 1) * self.block));
     }
 
-    /// Fit and gap of the present code.
+    /// Fit and gap of the current code.
     fn certificate(&self) -> (Fit, f64) {
         let GroupWork { code, residual, .. } = &*self.work;
         let fit = Fit::of(self.signal, code, residual);
@@ -194,7 +195,7 @@ impl Search<'_> {
         (fit, fit.gap(penalty, self.lambda, strongest))
     }
 
-    /// Lets the free block with the largest correlation above `λ` join; whether there is one.
+    /// Adds the inactive block with the largest correlation above `λ`. Returns whether there is one.
     fn join(&mut self) -> bool {
         let mut best = (self.lambda * self.lambda, None);
         for (j, residual) in self.work.residual.chunks_exact(self.block).enumerate() {
@@ -209,7 +210,7 @@ impl Search<'_> {
         joined
     }
 
-    /// Takes out blocks in use that are better at zero, as rounding leaves them; whether there are some.
+    /// Removes active blocks that are better at zero, which rounding may leave. Returns whether there were any.
     fn trim(&mut self) -> bool {
         let mut trimmed = false;
         while let Some(idle) = self.idle() {
@@ -220,7 +221,7 @@ impl Search<'_> {
         trimmed
     }
 
-    /// The first block in use that its update makes zero: `‖U_jᵀr + s_j a_j‖ ≤ λ`.
+    /// The first active block that its own update sets to zero: `‖U_jᵀr + s_j a_j‖ ≤ λ`.
     fn idle(&self) -> Option<usize> {
         let GroupWork { active, residual, code, .. } = &*self.work;
         let strength = |j: usize| {
@@ -231,7 +232,7 @@ impl Search<'_> {
         active.iter().copied().find(|&j| strength(j) <= self.lambda)
     }
 
-    /// The best values of one block with the others fixed; whether they change.
+    /// Sets one block to its optimum with the others fixed. Returns whether it changed.
     fn update(&mut self, j: usize) -> bool {
         let (first, energy) = (j * self.block, self.atoms.energies()[j]);
         let GroupWork { code, residual, packed, .. } = &mut *self.work;
@@ -251,14 +252,15 @@ impl Search<'_> {
         changed
     }
 
-    /// One pass of descent over all blocks; whether anything changed.
+    /// One pass of descent over all blocks. Returns whether anything changed.
     fn sweep(&mut self) -> bool {
         let changed = (0..self.atoms.len()).fold(false, |changed, j| self.update(j) | changed);
         self.find_active();
         changed
     }
 
-    /// A Newton step on the blocks in use, after shorter ones to where blocks reach zero; whether the objective falls.
+    /// Makes a Newton step on the active blocks, after shorter ones to where blocks reach zero. Returns whether the objective
+    /// falls.
     fn newton(&mut self) -> bool {
         let mut moved = false;
         self.find_direction();
@@ -277,7 +279,7 @@ impl Search<'_> {
         true
     }
 
-    /// Takes the step with block `j` at zero behind it, if the objective falls so.
+    /// Takes the step that ends with block `j` at zero, if it lowers the objective.
     fn leave(&mut self, j: usize) -> bool {
         let range = j * self.block..(j + 1) * self.block;
         let GroupWork { code, step, packed, .. } = &mut *self.work;
@@ -296,7 +298,7 @@ impl Search<'_> {
         falls
     }
 
-    /// `step ← −H⁻¹g` on the columns of blocks in use.
+    /// `step ← −H⁻¹g` on the columns of active blocks.
     fn find_direction(&mut self) {
         let (lambda, block, gram) = (self.lambda, self.block, self.atoms.gram());
         let GroupWork { factor, active, code, residual, normals, curvatures, packed, step, .. } =
@@ -322,7 +324,7 @@ impl Search<'_> {
         factor.indices().iter().zip(packed.iter()).for_each(|(&i, &value)| step[i] = value);
     }
 
-    /// The part of the step at which the first block has no length left along its normal, with the block.
+    /// The fraction of the step at which the first block reaches length zero along its normal, with that block.
     fn first_crossing(&self) -> Option<(f64, usize)> {
         let mut first: Option<(f64, usize)> = None;
         for &j in &self.work.active {
@@ -345,7 +347,7 @@ impl Search<'_> {
         add_columns(image, self.atoms.gram().as_slice(), columns, values);
     }
 
-    /// `f(a + part·step) − f(a)`, every term by itself free of cancellation:
+    /// `f(a + part·step) − f(a)`, with every term free of cancellation:
     ///
     /// ```text
     /// gᵀδ + ½ δᵀDᵀDδ + λ Σ_j (‖a_j + δ_j‖ − ‖a_j‖ − n_jᵀδ_j)
@@ -369,7 +371,7 @@ impl Search<'_> {
     }
 }
 
-/// `‖a + δ‖ − ‖a‖ − nᵀδ` with `δ = part·step`, `n = a/‖a‖`: what the norm rises above its tangent,
+/// `‖a + δ‖ − ‖a‖ − nᵀδ` with `δ = part·step`, `n = a/‖a‖`: the rise of the norm above its tangent, computed as
 /// `(‖δ‖² − (nᵀδ)²)/(‖a + δ‖ + ‖a‖ + nᵀδ)` where the tangent is positive.
 fn bend(a: &[f64], normal: &[f64], step: &[f64], part: f64) -> f64 {
     let along = part * inner(normal, step);

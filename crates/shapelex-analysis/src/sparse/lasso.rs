@@ -1,12 +1,12 @@
-//! The lasso by its regularisation path, or from a code nearby.
+//! The lasso, by its regularisation path or from a nearby code.
 //!
 //! ```text
 //! gap = λ‖α‖₁ − θ αᵀDᵀr + ½(1 − θ)²‖r‖²,   r = x − Dα,   θ = min(1, λ/‖Dᵀr‖_∞)
 //! ```
 //!
-//! The path ends at the wanted `λ` with the exact code; the gap, in a form free of cancellation, proves it. Where ties
-//! and dependent columns break the path, coordinate descent and exact steps on its support finish. A previous code
-//! that is near has the support and signs already: one exact step on it replaces the path.
+//! The path ends at the requested `λ` with the exact code; the gap, in a form free of cancellation, certifies it. If ties
+//! or dependent columns break the path, coordinate descent and exact steps on its support complete it. A nearby previous
+//! code already has the right support and signs: one exact step on it replaces the path.
 
 use super::atoms::Atoms;
 use super::code::DEFAULT_TOLERANCE;
@@ -18,43 +18,43 @@ use crate::AnalysisError;
 use shapelex_numeric::cholesky::ActiveCholesky;
 use shapelex_numeric::kernels::{add_scaled, column, dot};
 
-/// Lasso codes to a certificate. On atoms of several columns every column has a coefficient of its own.
+/// Lasso coder with a certificate. On atoms of several columns, every column has a coefficient of its own.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Lasso {
     /// The penalty `λ > 0`.
     pub lambda: f64,
-    /// Whether coefficients must not be negative.
+    /// Whether coefficients must be non-negative.
     pub nonnegative: bool,
-    /// Gap that is reached, relative to `½‖x‖²`.
+    /// Duality gap to reach, relative to `½‖x‖²`.
     pub tolerance: f64,
 }
 
-/// A knot of the regularisation path: the code is linear in `λ` between two of them.
+/// A knot of the regularisation path. Between two knots the code is linear in `λ`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Knot {
     /// The penalty.
     pub lambda: f64,
-    /// Atoms that are used, ascending.
+    /// Atoms in use, ascending.
     pub indices: Vec<usize>,
-    /// Their coefficients, `b` for each.
+    /// Their coefficients, `b` per atom.
     pub values: Vec<f64>,
 }
 
-/// Rounds of coordinate descent and polishing at the most.
+/// Maximum number of rounds of coordinate descent and polishing.
 const MAX_ROUNDS: usize = 1000;
 
-/// Sweeps of coordinate descent in a round: they find the support, polishing the values on it.
+/// Sweeps of coordinate descent per round: sweeps find the support, and polishing finds the values on it.
 const SWEEPS: usize = 20;
 
-/// Rounds of one sweep from a previous code. What is further away is found faster by the path.
+/// Rounds of one sweep from a previous code. If the code is further away, the path is faster.
 const WARM_ROUNDS: usize = 3;
 
-/// What the lasso keeps from shape to shape.
+/// Scratch memory of the lasso.
 #[derive(Debug, Default)]
 pub(super) struct LassoWork {
     path: Path,
     factor: ActiveCholesky,
-    /// `α`, one number a column.
+    /// `α`, one number per column.
     code: Vec<f64>,
     /// `Dᵀr`.
     residual: Vec<f64>,
@@ -63,25 +63,25 @@ pub(super) struct LassoWork {
 }
 
 impl Lasso {
-    /// Signed or non-negative codes with the default tolerance.
+    /// A coder of signed or non-negative codes with the default tolerance.
     pub fn new(lambda: f64, nonnegative: bool) -> Self {
         Self { lambda, nonnegative, tolerance: DEFAULT_TOLERANCE }
     }
 
-    /// The codes of whitened `shapes` (`n` numbers each). Cost `O(nJ)` for the correlations of a shape and `O(Jk)` for
-    /// every step of its path, with `k` atoms in use.
+    /// The codes of whitened `shapes` (`n` numbers each). Cost: `O(nJ)` per shape for the correlations and `O(Jk)` per step of
+    /// its path, with `k` atoms in use.
     ///
     /// # Errors
-    /// [`AnalysisError::NoConvergence`] when the gap of a shape is not reached, with the one that is.
+    /// [`AnalysisError::NoConvergence`] with the gap that was reached, if a shape does not reach the tolerance.
     pub fn codes(&self, atoms: &Atoms, shapes: &[f64]) -> Result<Vec<SparseCode>, AnalysisError> {
         self.encode(atoms, shapes, None)
     }
 
-    /// [`Self::codes`] when they are near `previous` ones (by position), as between epochs of learning. Cost
-    /// `O(Jk + k³)` behind the correlations where support and signs are kept; the certificate is the same.
+    /// As [`Self::codes`], for codes near the `previous` ones (by position), as between epochs of learning. Cost after the
+    /// correlations: `O(Jk + k³)` if support and signs do not change. The certificate is the same.
     ///
     /// # Errors
-    /// As [`Self::codes`].
+    /// As for [`Self::codes`].
     pub fn codes_from(
         &self,
         atoms: &Atoms,
@@ -91,7 +91,7 @@ impl Lasso {
         self.encode(atoms, shapes, Some(previous))
     }
 
-    /// The knots of the path of one whitened shape from `λ_max` to `self.lambda`.
+    /// The knots of the path of one whitened shape, from `λ_max` to `self.lambda`.
     pub fn path(&self, atoms: &Atoms, shape: &[f64]) -> Vec<Knot> {
         let correlation = |j: usize| dot(column(atoms.matrix(), j), shape);
         let correlations: Vec<f64> = (0..atoms.columns()).map(correlation).collect();
@@ -110,7 +110,7 @@ impl Lasso {
         self.lambda * values.iter().map(|value| value.abs()).sum::<f64>()
     }
 
-    /// What a correlation counts towards the penalty.
+    /// Strength of a correlation against the penalty.
     pub(super) fn strength(&self, correlation: f64) -> f64 {
         if self.nonnegative { correlation } else { correlation.abs() }
     }
@@ -153,12 +153,12 @@ impl Search<'_> {
         self.work.code.resize(self.atoms.columns(), 0.0);
     }
 
-    /// The gap that is good enough.
+    /// The duality gap to reach.
     fn wanted(&self) -> f64 {
         self.lasso.tolerance * 0.5 * self.signal.energy
     }
 
-    /// The code from a previous one, where that is near.
+    /// The code found from a previous one; `None` if that is too far away.
     fn resumed(&mut self, previous: &SparseCode) -> Option<SparseCode> {
         self.clear();
         if !previous.start(self.atoms, &mut self.work.code) {
@@ -180,7 +180,7 @@ impl Search<'_> {
         None
     }
 
-    /// The code from the end of its path.
+    /// The code found from the end of its path.
     fn solved(&mut self) -> Result<SparseCode, AnalysisError> {
         self.clear();
         self.work.path.follow(self.lasso, self.atoms, self.signal.correlations, |_, _, _| ());
@@ -207,7 +207,7 @@ impl Search<'_> {
         })
     }
 
-    /// Fit, penalty and gap of the present code.
+    /// Fit, penalty and gap of the current code.
     fn certificate(&mut self) -> (Fit, f64, f64) {
         let LassoWork { code, residual, .. } = &mut *self.work;
         self.atoms.residual(self.signal.correlations, code, residual);
@@ -216,7 +216,7 @@ impl Search<'_> {
         (fit, penalty, fit.gap(penalty, self.lasso.lambda, self.lasso.strongest(residual)))
     }
 
-    /// Moves towards the exact code of the present support and signs, leaving out what crosses zero on the way: the
+    /// Moves towards the exact code for the current support and signs, and drops coefficients that cross zero on the way. The
     /// objective never rises.
     fn polish(&mut self) {
         let LassoWork { code, factor, target, .. } = &mut *self.work;
@@ -241,7 +241,7 @@ impl Search<'_> {
         }
     }
 
-    /// One pass of coordinate descent over all columns, from a code whose residual is known; whether anything changed.
+    /// One pass of coordinate descent over all columns, with the residual up to date. Returns whether anything changed.
     fn sweep(&mut self) -> bool {
         let LassoWork { code, residual, .. } = &mut *self.work;
         let mut changed = false;
@@ -263,7 +263,7 @@ impl Search<'_> {
     }
 }
 
-/// The part of the way to `target` at which the first coefficient reaches zero, with its position.
+/// The fraction of the way to `target` at which the first coefficient reaches zero, with its position.
 fn first_crossing(code: &[f64], columns: &[usize], target: &[f64]) -> Option<(f64, usize)> {
     let mut first: Option<(f64, usize)> = None;
     for (position, (&j, &t)) in columns.iter().zip(target).enumerate() {

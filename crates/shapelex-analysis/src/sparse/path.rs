@@ -5,9 +5,9 @@
 //! Dᵀr(λ − γ) = Dᵀr(λ) − γ q,   q = G_{·A} v
 //! ```
 //!
-//! From `λ_max` down the code is linear between knots where a column joins (its correlation with the residual reaches
-//! the penalty) or leaves (its coefficient reaches zero): a step costs one solution and one product with `k` columns of
-//! the Gram matrix, nothing is allocated.
+//! From `λ_max` downwards the code is linear between knots. At a knot a column joins (its correlation with the residual
+//! reaches the penalty) or leaves (its coefficient reaches zero). A step costs one solve and one product with `k` columns
+//! of the Gram matrix, without allocation.
 //!
 //! Source: Osborne, Presnell, Turlach 2000 and Efron et al. 2004.
 
@@ -16,10 +16,11 @@ use super::lasso::Lasso;
 use shapelex_numeric::cholesky::ActiveCholesky;
 use shapelex_numeric::kernels::{add_columns, add_scaled};
 
-/// A step below this part of the present penalty is none: a coefficient that joins at zero does not leave there.
+/// Relative step, as a fraction of the current penalty, below which nothing happens: a coefficient that has just joined at
+/// zero does not leave there.
 const SAME: f64 = 1e-12;
 
-/// Columns that are looked at together for one that joins.
+/// Number of columns that are checked together for joining.
 const GLANCE: usize = 8;
 
 /// The state of the path at the penalty `lambda`.
@@ -40,16 +41,16 @@ pub(super) struct Path {
     residual: Vec<f64>,
     /// `q`, exactly `s` on the active set.
     slope: Vec<f64>,
-    /// Columns that depend on active ones, until one of these leaves.
+    /// Columns that depend on active ones, until one of those leaves.
     dependent: Vec<usize>,
-    /// What has just left, with its sign: its correlation and the penalty cross once between knots.
+    /// The column that has just left, with its sign: its correlation and the penalty cross once between knots.
     dropped: Option<(usize, f64)>,
 }
 
-/// What ends a step.
+/// Event that ends a step.
 #[derive(Debug, Clone, Copy)]
 enum Event {
-    /// The wanted penalty.
+    /// The requested penalty is reached.
     End,
     /// This column joins with this sign.
     Join(usize, f64),
@@ -58,7 +59,7 @@ enum Event {
 }
 
 impl Path {
-    /// Active columns, in no order.
+    /// Active columns, in arbitrary order.
     pub(super) fn columns(&self) -> &[usize] {
         self.factor.indices()
     }
@@ -68,8 +69,8 @@ impl Path {
         &self.values
     }
 
-    /// Follows the path of a shape with `correlations = Dᵀx` from `λ_max` to the penalty of `lasso`; `visit` sees every
-    /// knot and the end.
+    /// Follows the path of a shape with `correlations = Dᵀx` from `λ_max` to the penalty of `lasso`. `visit` is called at
+    /// every knot and at the end.
     pub(super) fn follow(
         &mut self,
         lasso: &Lasso,
@@ -81,7 +82,7 @@ impl Path {
         if !(self.lambda > lasso.lambda) {
             return;
         }
-        // A path has few knots more than columns; a limit for those that rounding makes go round in circles.
+        // A path has few more knots than columns. The limit is for paths that rounding sends round in circles.
         for _ in 0..8 * atoms.columns() + 8 {
             self.turn(atoms);
             let (step, event) = self.next_event(lasso);
@@ -106,7 +107,7 @@ impl Path {
         }
     }
 
-    /// At `λ_max` with nothing active.
+    /// Starts at `λ_max` without active columns.
     fn reset(&mut self, lasso: &Lasso, correlations: &[f64]) {
         self.factor.clear();
         self.signs.clear();
@@ -119,7 +120,7 @@ impl Path {
         self.lambda = lasso.strongest(correlations);
     }
 
-    /// The direction from here and what it does to the correlations.
+    /// Computes the direction from here, and the resulting slope of the correlations.
     fn turn(&mut self, atoms: &Atoms) {
         self.direction.clear();
         self.direction.extend_from_slice(&self.half);
@@ -132,8 +133,8 @@ impl Path {
         }
     }
 
-    /// The first event below the present penalty, and the way to it. An active column has no way to its own sign, and the
-    /// other is below zero: no column needs to be told apart.
+    /// The first event below the current penalty, and the step to it. Active columns need no special treatment: their step to
+    /// their own sign does not exist, and the one to the other sign is below zero.
     fn next_event(&self, lasso: &Lasso) -> (f64, Event) {
         let mut first = (self.lambda - lasso.lambda, Event::End);
         let (residuals, last_residuals) = self.residual.as_chunks::<GLANCE>();
@@ -155,8 +156,8 @@ impl Path {
         first
     }
 
-    /// Takes note when one of the columns from `base` on joins before what is known to be `first`:
-    /// `sign (r − γ q) = λ − γ`, with the sign of the correlation that is above the penalty behind the step.
+    /// Updates `first` if one of the columns from `base` on joins earlier: `sign (r − γ q) = λ − γ`, with the sign of the
+    /// correlation that exceeds the penalty after the step.
     fn consider(
         &self,
         lasso: &Lasso,
@@ -213,7 +214,7 @@ impl Path {
         self.dependent.clear();
     }
 
-    /// The coefficients at the present penalty anew, `G_AA⁻¹(c_A − λ s_A)`: rounding of the steps is left behind.
+    /// Recomputes the coefficients at the current penalty, `G_AA⁻¹(c_A − λ s_A)`, to remove the rounding of the steps.
     fn settle(&mut self, correlations: &[f64]) {
         for ((value, &j), sign) in self.values.iter_mut().zip(self.factor.indices()).zip(&self.signs) {
             *value = correlations[j] - self.lambda * sign;
@@ -222,7 +223,7 @@ impl Path {
     }
 }
 
-/// Whether a correlation `r − step·q` is above the penalty left behind the step: without branches, as few columns are.
+/// Whether any correlation `r − step·q` exceeds the penalty left after the step. Branch-free, because few columns do.
 fn outgrows(lasso: &Lasso, r: &[f64; GLANCE], q: &[f64; GLANCE], step: f64, penalty: f64) -> bool {
     let mut any = false;
     for (r, q) in r.iter().zip(q) {

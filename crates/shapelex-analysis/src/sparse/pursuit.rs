@@ -7,35 +7,35 @@ use super::encode::Encode;
 use crate::AnalysisError;
 use shapelex_numeric::kernels::{add_columns, add_scaled, column, dot, largest};
 
-/// Codes with a fixed number of atoms: the atom whose joining leaves least of the shape joins with all of its columns,
-/// and all coefficients are fitted anew.
+/// Coder with a fixed number of atoms. In every step, the atom that leaves the smallest residual joins with all of its
+/// columns, and all coefficients are fitted anew.
 ///
-/// With `Q` an orthonormal basis of what is in use, `r = (I − QQᵀ)x` and `S_j = U_jᵀ(I − QQᵀ)U_j`, atom `j` captures
-/// `rᵀU_j S_j⁻¹ U_jᵀr` of `‖r‖²`. Plain orthogonal matching pursuit compares `‖U_jᵀr‖²/s_j` instead, and passes atoms
-/// over that are like those in use, as learnt atoms are. Source: Chen, Billings and Luo 1989.
+/// With `Q` an orthonormal basis of the columns in use, `r = (I − QQᵀ)x` and `S_j = U_jᵀ(I − QQᵀ)U_j`, atom `j` captures
+/// `rᵀU_j S_j⁻¹ U_jᵀr` of `‖r‖²`. Plain orthogonal matching pursuit compares `‖U_jᵀr‖²/s_j` instead, and passes over atoms
+/// that are similar to those in use, as learnt atoms are. Source: Chen, Billings and Luo 1989.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pursuit {
-    /// Most atoms of a code; fewer when the shape is reproduced before.
+    /// Maximum number of atoms in a code; fewer if the shape is reproduced earlier.
     pub nonzeros: usize,
 }
 
-/// Correlations below this part of the norms are rounding.
+/// Relative correlation below which a correlation is rounding error.
 const NOTHING_LEFT: f64 = 1e-12;
 
-/// A column of which less than this part of the squared norm is left depends on those in use: Gram matrices square the
-/// condition number, and eight digits of what is left shall be right.
+/// Remaining fraction of its squared norm below which a column depends on those in use. Gram matrices square the
+/// condition number, and eight digits of the remainder should be right.
 const INDEPENDENT: f64 = 1e-8;
 
-/// What a pursuit keeps from shape to shape.
+/// Scratch memory of a pursuit.
 #[derive(Debug, Default)]
 pub(super) struct PursuitWork {
     /// Columns in use.
     columns: Vec<usize>,
-    /// `DᵀQ`, a column for each, one after the other.
+    /// `DᵀQ`: one column for each column in use, one after the other.
     basis: Vec<f64>,
     /// `Dᵀr`, exactly zero on the columns in use.
     residual: Vec<f64>,
-    /// `S_j`, `b × b` numbers an atom.
+    /// `S_j`: `b × b` numbers per atom.
     rest: Vec<f64>,
     /// `rᵀU_j S_j⁻¹ U_jᵀr`.
     captured: Vec<f64>,
@@ -49,11 +49,11 @@ pub(super) struct PursuitWork {
 }
 
 impl Pursuit {
-    /// The codes of whitened `shapes` (`n` numbers each). Cost `O(nJb)` for the correlations of a shape and
+    /// The codes of whitened `shapes` (`n` numbers each). Cost: `O(nJb)` per shape for the correlations and
     /// `O(J b² k (k + b))` for `k` atoms. A column that depends on those in use has coefficient zero.
     ///
     /// # Errors
-    /// None today; the signature is that of the other coders.
+    /// Never fails; the signature matches the other coders.
     pub fn codes(&self, atoms: &Atoms, shapes: &[f64]) -> Result<Vec<SparseCode>, AnalysisError> {
         self.encode(atoms, shapes, None)
     }
@@ -103,14 +103,14 @@ impl PursuitWork {
         self.code.resize(all, 0.0);
     }
 
-    /// The atom that captures most; of equal ones the first. None where no atom is independent of those in use and
-    /// correlated with what is left: the shape is reproduced as far as it can be.
+    /// The atom that captures most; the first one in a tie. `None` if no atom is both independent of those in use and
+    /// correlated with the residual: the shape is then reproduced as far as possible.
     fn best(&mut self, atoms: &Atoms, signal: &Signal<'_>) -> Option<usize> {
         let (block, noise) = (atoms.block(), NOTHING_LEFT.powi(2) * signal.energy);
         let parts = self.captured.iter_mut().zip(atoms.energies());
         if block == 1 {
             for ((captured, energy), (r, rest)) in parts.zip(self.residual.iter().zip(&self.rest)) {
-                // Everything is computed for every column: that makes vectors of the loop.
+                // Everything is computed for every column, so that the compiler vectorises the loop.
                 let counts = (*rest > INDEPENDENT * energy) & (r * r > noise * energy);
                 let part = r * r / if counts { *rest } else { 1.0 };
                 *captured = if counts { part } else { 0.0 };
@@ -128,7 +128,7 @@ impl PursuitWork {
         if most > 0.0 { self.captured.iter().position(|&part| part == most) } else { None }
     }
 
-    /// Adds a column when it is independent of those in use.
+    /// Adds a column if it is independent of those in use.
     fn join(&mut self, atoms: &Atoms, index: usize) {
         let (block, used) = (atoms.block(), self.columns.len());
         let (atom, place) = (index / block, index % block);
@@ -137,7 +137,7 @@ impl PursuitWork {
             self.residual[index] = 0.0;
             return;
         }
-        // The direction that is new, q = (u − QQᵀu)/√pivot, by its products with all columns.
+        // The new direction, q = (u − QQᵀu)/√pivot, in terms of its products with all columns.
         let all = self.residual.len();
         let (known, new) = self.basis.split_at_mut(used * all);
         let direction = &mut new[..all];
@@ -167,7 +167,7 @@ impl PursuitWork {
         }
     }
 
-    /// The coefficients: `U = Q Lᵀ` with `L` the rows of the basis that are in use, so `α = L⁻ᵀ L⁻¹ Uᵀx`.
+    /// The coefficients: `U = Q Lᵀ`, where `L` consists of the rows of the basis in use, so `α = L⁻ᵀ L⁻¹ Uᵀx`.
     fn fit(&mut self, signal: &Signal<'_>) {
         let all = self.residual.len();
         let entry = |row: usize, k: usize| self.basis[k * all + self.columns[row]];
@@ -184,8 +184,8 @@ impl PursuitWork {
     }
 }
 
-/// `xᵀS⁻¹x` of a symmetric positive semidefinite matrix by elimination; directions of which up to `least` is left stay
-/// out.
+/// `xᵀS⁻¹x` for a symmetric positive semidefinite matrix, by elimination. Directions with a remainder of at most `least`
+/// are skipped.
 fn inverse_form(s: &[f64], x: &[f64], least: f64, work: &mut Vec<f64>) -> f64 {
     let n = x.len();
     work.clear();
