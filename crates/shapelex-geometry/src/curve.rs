@@ -4,9 +4,9 @@
 //! r(u) = Σ_m p_h[m] s^m,   h = ⌊2Mu⌋,   s = 4(Mu − ⌊Mu⌋) − 2(h mod 2) − 1 ∈ [−1, 1]
 //! ```
 //!
-//! Control point `k` contributes piece `p = N + 2(i − k) + q` of the generator to half `q` of segment
-//! `i` (`N` the support): sums of Taylor vectors, so bounds, roots and integrals of the curve are those
-//! of short polynomials.
+//! Control point `k` contributes piece `p = N + 2(i − k) + q` of the generator to half `q` of segment `i` (`N` is the
+//! support). The polynomials are sums of Taylor vectors, so bounds, roots and integrals of the curve are those of short
+//! polynomials.
 
 use super::generator::{Generator, evaluate_taylor};
 use super::line::locate;
@@ -14,13 +14,13 @@ use super::open::{covering, phantoms};
 use super::representation::ShapeSpace;
 use shapelex_numeric::dense::Matrix;
 
-/// Highest derivative that is offered to users: the third jumps at every knot.
+/// Highest derivative that clients can request; the third one jumps at every knot.
 pub const MAX_DERIVATIVE: usize = 2;
 
-/// What evaluation loses at most, relative to the largest coordinate.
+/// Maximum rounding error of an evaluation, relative to the largest coordinate.
 const ROUNDING: f64 = 64.0 * f64::EPSILON;
 
-/// Powers of two up to this one have a reciprocal among the numbers.
+/// Exponent up to which a power of two has a finite normal reciprocal.
 const MOST_BINARY: f64 = 1000.0;
 
 /// A curve `r: [0, 1] → R^d`, with `r(0) = r(1)` when closed.
@@ -36,8 +36,8 @@ pub struct Curve {
 }
 
 impl Curve {
-    /// The closed curve with `control_points` (`M × d`). Cost `O(M d N n)` with `N` the support and `n` the
-    /// terms of a piece.
+    /// The closed curve with `control_points` (`M × d`). Cost `O(M d N n)`, where `N` is the support and `n` the number of
+    /// terms per piece.
     pub fn closed(generator: &Generator, control_points: &Matrix) -> Self {
         let segments = control_points.nrows();
         let row = |k: isize| k.rem_euclid(segments as isize) as usize;
@@ -76,15 +76,15 @@ impl Curve {
         Self { segments, closed, dimension, smoothness, terms, coefficients }
     }
 
-    /// Smallest and largest coordinates that half-segment may have: a box around it.
+    /// Minimum and maximum that a coordinate may have on a half-segment: one side of a bounding box.
     pub fn half_box(&self, half: usize, coordinate: usize) -> [f64; 2] {
         let piece = self.polynomial(half, coordinate);
         let reach: f64 = piece.iter().skip(1).map(|value| value.abs()).sum();
         [piece[0] - reach, piece[0] + reach]
     }
 
-    /// A power of two near the extent of all `curves` together, but not below what rounding leaves of their largest coordinate;
-    /// 1 when they have neither. Divided by it they are measured in numbers near 1, to the same digits.
+    /// A power of two near the extent of all `curves` together, but not below the rounding error of their largest coordinate;
+    /// 1 if both vanish. Scaled by its reciprocal, the curves have coordinates near 1 with the same digits.
     pub fn unit(curves: &[&Self]) -> f64 {
         let (mut extent, mut largest) = (0.0_f64, 0.0_f64);
         for c in 0..curves.iter().map(|curve| curve.dimension).max().unwrap_or(0) {
@@ -103,12 +103,12 @@ impl Curve {
         }
     }
 
-    /// The same curve times `factor`.
+    /// The same curve scaled by `factor`.
     pub fn scaled(&self, factor: f64) -> Self {
         Self { coefficients: self.coefficients.iter().map(|value| value * factor).collect(), ..*self }
     }
 
-    /// The curve of a shape of `space`, when its shapes are curves.
+    /// The curve of a shape of `space`; `None` if its shapes are not curves.
     pub fn of(space: &ShapeSpace, control_points: &Matrix) -> Option<Self> {
         let generator = space.generator()?;
         Some(if space.representation().is_closed() {
@@ -118,12 +118,12 @@ impl Curve {
         })
     }
 
-    /// `d`.
+    /// Dimension of the points, `d`.
     pub fn dimension(&self) -> usize {
         self.dimension
     }
 
-    /// Whether the end is the start.
+    /// Whether the curve is closed.
     pub fn is_closed(&self) -> bool {
         self.closed
     }
@@ -133,7 +133,7 @@ impl Curve {
         self.smoothness
     }
 
-    /// `M`.
+    /// Number of segments, `M`.
     pub fn segments(&self) -> usize {
         self.segments
     }
@@ -149,19 +149,20 @@ impl Curve {
         &self.coefficients[start..start + self.terms]
     }
 
-    /// Half-segment and `s` of a parameter: modulo 1 on closed curves, within `[0, 1]` on open ones.
+    /// Half-segment and local coordinate `s` of a parameter, which is reduced modulo 1 on closed curves and clamped to `[0, 1]`
+    /// on open ones.
     pub fn locate(&self, u: f64) -> (usize, f64) {
         locate(u, self.segments, self.closed)
     }
 
-    /// `d^j r/du^j` at `u`; the right limit where it jumps, the left one at the end of an open curve.
+    /// `d^j r/du^j` at `u`: the right limit where it jumps, the left limit at the end of an open curve.
     pub fn evaluate(&self, u: f64, derivative: usize) -> Vec<f64> {
         let mut value = vec![0.0; self.dimension];
         self.evaluate_into(u, derivative, &mut value);
         value
     }
 
-    /// As [`Self::evaluate`], into `value` (`d` numbers).
+    /// As [`Self::evaluate`], written to `value` (`d` numbers).
     pub fn evaluate_into(&self, u: f64, derivative: usize, value: &mut [f64]) {
         let (half, s) = self.locate(u);
         let scale = (self.segments as f64).powi(derivative as i32);
@@ -190,18 +191,18 @@ impl Curve {
         values
     }
 
-    /// Derivative with respect to the cardinal parameter `t = Mu` at `s` of one half-segment.
+    /// Derivative with respect to the cardinal parameter `t = Mu`, at `s` of one half-segment.
     pub fn derivative_at(&self, half: usize, coordinate: usize, s: f64, derivative: usize) -> f64 {
         evaluate_taylor(self.polynomial(half, coordinate), s, derivative)
     }
 
-    /// Parameter `u` at `s` of a half-segment.
+    /// Parameter `u` at local coordinate `s` of a half-segment.
     pub fn parameter(&self, half: usize, s: f64) -> f64 {
         (half as f64 + 0.5 * (s + 1.0)) / self.halves() as f64
     }
 
-    /// `count` points equally spaced in the parameter from `u = 0`: `u = i/count` on closed curves, and on open
-    /// ones, which end with a point, `u = i/(count − 1)`.
+    /// `count` equally spaced parameters from `u = 0`: `u = i/count` on closed curves, `u = i/(count − 1)` on open ones, which
+    /// include their end point.
     pub fn parameters(&self, count: usize) -> Vec<f64> {
         let steps = if self.closed { count } else { count.saturating_sub(1).max(1) };
         (0..count).map(|i| i as f64 / steps as f64).collect()

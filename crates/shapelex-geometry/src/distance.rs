@@ -6,10 +6,12 @@
 //! Hausdorff    max(sup_u d(r(u), S), sup_u d(s(u), R))                as sets: largest distance
 //! ```
 //!
-//! `d(p, S)` is the distance from a point to the nearest point of a curve, found by bounding boxes of half-segments,
-//! then on each that may hold it by branch and bound. The curves are brought to numbers near 1 before, by a power of two.
-//! Every search ends: its tolerance is never below rounding, and grows when a share of steps is spent (points that are
-//! almost equally far from long stretches of a curve, as the centre of a circle is). The largest tolerance that was needed is stated.
+//! `d(p, S)` is the distance from a point to the nearest point of a curve. It is found by bounding boxes of half-segments,
+//! then by branch and bound on each candidate. The curves are first scaled to numbers near 1, by a power of two.
+//!
+//! Every search ends: its tolerance is never below rounding, and it grows once a share of steps is spent. This happens for
+//! points that are almost equally far from long stretches of a curve, such as the centre of a circle. The largest tolerance
+//! that was needed is reported.
 
 use rayon::prelude::*;
 
@@ -17,43 +19,43 @@ use super::curve::Curve;
 use shapelex_numeric::bounded::{Patience, Stop, never};
 use shapelex_numeric::quadrature::GaussLegendre;
 
-/// The distances of two curves of one dimension, in the unit of their points.
+/// Distances between two curves of equal dimension, in the unit of their points.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Distances {
     /// `L₂` distance as functions of the parameter.
     pub l2: f64,
-    /// Root mean square distance to the other curve, over both.
+    /// Root mean square distance to the other curve, over both directions.
     pub symmetric: f64,
-    /// Largest distance to the other curve, over both.
+    /// Largest distance to the other curve, over both directions.
     pub hausdorff: f64,
-    /// What a nearest point may be too far, and a farthest one too near.
+    /// Maximum error: by how much a nearest point may be too far, and a farthest one too near.
     pub accuracy: f64,
-    /// Stretches of the curves that were looked at: what it cost beyond the tests of boxes.
+    /// Number of stretches of the curves that were examined: the cost beyond the box tests.
     pub stretches: usize,
 }
 
 /// Gauss nodes per interval between knots: exact for products of two generators.
 const NODES: usize = 12;
 
-/// Starts per half-segment for farthest points.
+/// Start points per half-segment in the search for farthest points.
 const STARTS: usize = 8;
 
-/// Stretches of curves that the distances of two curves look at, together, before less accuracy will do: a second of
-/// one thread. Curves that are not made for it need some thirty for each point, a hundredth of it.
+/// Total number of stretches that the distances of two curves may examine before the accuracy is reduced: about a second
+/// on one thread. Except for adversarial curves, some thirty per point suffice, a hundredth of this.
 pub const STRETCHES: usize = 2_000_000;
 
-/// Fewest and most stretches for one point at its own tolerance.
+/// Minimum and maximum number of stretches for one point at its own tolerance.
 const SHARE: [usize; 2] = [256, 20_000];
 
 impl Distances {
-    /// Of two curves. `l2` to rounding, `symmetric` to about 1e-6 relative (its integrand has kinks where the nearest
-    /// point jumps), `hausdorff` to about 1e-9 of the extent
-    /// from 8 starts per half-segment (a peak narrower than their distance is missed). Cost `O(M_r M_s)` box tests.
+    /// Distances of two curves. `l2` is exact to rounding, `symmetric` to about 1e-6 relative (its integrand has kinks where the
+    /// nearest point jumps), `hausdorff` to about 1e-9 of the extent from 8 start points per half-segment (a peak narrower than
+    /// their distance is missed). Cost: `O(M_r M_s)` box tests.
     pub fn of(r: &Curve, s: &Curve) -> Self {
         Self::in_range(r, s, STRETCHES, &never)
     }
 
-    /// As [`Self::of`] within about `stretches` steps, unless the caller wants to stop.
+    /// As [`Self::of`] within about `stretches` steps, with cancellation; `None` if `stop` returns true.
     pub fn unless_stopped(r: &Curve, s: &Curve, stretches: usize, stop: Stop<'_>) -> Option<Self> {
         let distances = Self::in_range(r, s, stretches, stop);
         (!stop()).then_some(distances)
@@ -78,7 +80,7 @@ impl Distances {
     }
 }
 
-/// The square of a distance, and how far the distance may be off.
+/// A squared distance, with the possible error of the distance.
 #[derive(Debug, Clone, Copy, Default)]
 struct Found {
     square: f64,
@@ -87,7 +89,7 @@ struct Found {
 }
 
 impl Found {
-    /// The same square, with what finding another one took.
+    /// The same square, with the error and cost of another search included.
     fn after(self, other: Self) -> Self {
         let accuracy = self.accuracy.max(other.accuracy);
         Self { accuracy, stretches: self.stretches + other.stretches, ..self }
@@ -105,7 +107,7 @@ fn mean_square(from: &Curve, to: &Nearest<'_>) -> Found {
             (Found { square, ..sum }.after(found), length + piece)
         })
     };
-    // Added in order, so that threads change nothing.
+    // Summed in order, so that the result does not depend on threads.
     let halves: Vec<(Found, f64)> = (0..from.halves()).into_par_iter().map(on_half).collect();
     let (sum, length) = halves.into_iter().fold((Found::default(), 0.0), |(sum, length), (half, piece)| {
         (Found { square: sum.square + half.square, ..sum }.after(half), length + piece)
@@ -117,7 +119,7 @@ fn mean_square(from: &Curve, to: &Nearest<'_>) -> Found {
     }
 }
 
-/// `(∫₀¹ |r − s|² du)^½`, exact to rounding: Gauss rules between the knots of both curves.
+/// `(∫₀¹ |r − s|² du)^½`, exact to rounding, by Gauss rules between the knots of both curves.
 pub fn l2(r: &Curve, s: &Curve) -> f64 {
     let grid = |curve: &Curve| {
         let n = curve.halves();
@@ -149,12 +151,12 @@ fn norm(v: &[f64]) -> f64 {
     v.iter().map(|x| x * x).sum::<f64>().sqrt()
 }
 
-/// Local maxima between starts that are looked at: those that may be larger than the best so far, in order. Distances that are
-/// not almost constant have some ten of them.
+/// Maximum number of local maxima between start points that are refined: those that may exceed the best so far, in order.
+/// Distances that are not almost constant have some ten.
 const MAXIMA: usize = 256;
 
-/// `sup_u d(r(u), S)²`: the best of equally spaced starts, and the local maxima between them that may be larger still, by
-/// the parabola through their neighbours with twice its rise.
+/// `sup_u d(r(u), S)²`: the maximum over equally spaced start points, and over the local maxima between them that may be
+/// larger, judged by the parabola through their neighbours with twice its rise.
 fn farthest(r: &Curve, to: &Nearest<'_>) -> Found {
     let step = 2.0 / STARTS as f64;
     let place = |i: usize| -1.0 + i as f64 * step;
@@ -173,7 +175,7 @@ fn farthest(r: &Curve, to: &Nearest<'_>) -> Found {
             }
             searches += 1;
             if searches > MAXIMA {
-                // The distance changes by no more than the curve moves.
+                // The distance changes by at most the length that the curve moves.
                 let slope = length(&sums(r, half, 1, |m| m));
                 best.accuracy = best.accuracy.max(values[i].sqrt() + slope * step - best.square.sqrt());
                 continue;
@@ -192,7 +194,7 @@ fn farthest(r: &Curve, to: &Nearest<'_>) -> Found {
     best
 }
 
-/// Whether near start `i` there may be a maximum above `best`.
+/// Whether there may be a maximum above `best` near start point `i`.
 fn may_be_larger(values: &[f64; STARTS + 1], i: usize, best: f64) -> bool {
     let (before, after) = (i.saturating_sub(1), (i + 1).min(STARTS));
     let inner = i.clamp(1, STARTS - 1);
@@ -203,7 +205,7 @@ fn may_be_larger(values: &[f64; STARTS + 1], i: usize, best: f64) -> bool {
     is_maximum && values[i] + 2.0 * rise.max(0.0) > best * (1.0 + 1e-12)
 }
 
-/// `(x, f(x))` at a minimum of `f` on `[low, high]`, to half the digits in `x` and all in `f`.
+/// `(x, f(x))` at a minimum of `f` on `[low, high]`, with half of the digits in `x` and all in `f`.
 fn golden(f: impl Fn(f64) -> f64, mut low: f64, mut high: f64) -> (f64, f64) {
     const RATIO: f64 = 0.618_033_988_749_894_9;
     let (mut a, mut b) = (high - RATIO * (high - low), low + RATIO * (high - low));
@@ -238,27 +240,27 @@ fn length(a: &Vector) -> f64 {
     dot(a, a).sqrt()
 }
 
-/// Smallest and largest coordinates.
+/// Minimum and maximum coordinates.
 type Bounds = (Vector, Vector);
 
-/// Nearest points of one curve.
+/// Nearest-point search on one curve.
 struct Nearest<'a> {
     curve: &'a Curve,
-    /// Of every half-segment.
+    /// Bounding box of every half-segment.
     boxes: Vec<Bounds>,
-    /// Of every [`BLOCK`] of them.
+    /// Bounding box of every [`BLOCK`] half-segments.
     blocks: Vec<Bounds>,
     /// Bounds of `|d²r/ds²|` on every half-segment.
     bends: Vec<f64>,
-    /// Stretches for one point at its own tolerance.
+    /// Maximum number of stretches for one point at its own tolerance.
     share: usize,
     stop: Stop<'a>,
 }
 
-/// Half-segments that are ruled out together.
+/// Number of half-segments that are excluded together.
 const BLOCK: usize = 16;
 
-/// The search for the nearest point of a curve.
+/// State of one nearest-point search.
 struct Search<'a> {
     patience: Patience<'a>,
     best: f64,
@@ -268,14 +270,14 @@ struct Search<'a> {
 /// Error of a nearest distance, relative to the diagonal of the box of its half-segment.
 const NEAREST: f64 = 1e-11;
 
-/// What evaluation and difference lose, relative to the largest coordinate of curve and point.
+/// Rounding error of evaluation and difference, relative to the largest coordinate of curve and point.
 const ROUNDING: f64 = 16.0 * f64::EPSILON;
 
-/// Stretches of a half-segment after which its points are taken to be almost equally far, as those of a circle are from
-/// its centre. Searches that end otherwise need a tenth of it.
+/// Number of stretches of a half-segment from which its points count as almost equally far, as those of a circle from its
+/// centre. Other searches need a tenth of it.
 const MANY: usize = 200;
 
-/// `Σ_m factor(m) |c[m]|` of every coordinate of a half-segment, from term `first` on.
+/// `Σ_m factor(m) |c[m]|` for every coordinate of a half-segment, from term `first` on.
 fn sums(curve: &Curve, half: usize, first: usize, factor: fn(usize) -> usize) -> Vector {
     let mut sums = [0.0; 3];
     for (c, sum) in sums.iter_mut().enumerate().take(curve.dimension()) {
@@ -346,7 +348,7 @@ impl<'a> Nearest<'a> {
         block * BLOCK..self.boxes.len().min((block + 1) * BLOCK)
     }
 
-    /// The first half-segment with the nearest box.
+    /// The half-segment with the nearest box; the first one in a tie.
     fn nearest_box(&self, target: &Vector) -> usize {
         let (mut nearest, mut least) = (0, f64::MAX);
         for (block, bounds) in self.blocks.iter().enumerate() {
@@ -363,7 +365,7 @@ impl<'a> Nearest<'a> {
         nearest
     }
 
-    /// The error that a search on a half-segment allows itself, never below rounding.
+    /// Tolerance of a search on a half-segment, never below rounding.
     fn tolerance(&self, half: usize, target: &Vector) -> f64 {
         let (low, high) = &self.boxes[half];
         let most = largest(low).max(largest(high)).max(largest(target));
@@ -371,9 +373,9 @@ impl<'a> Nearest<'a> {
         wanted.max(ROUNDING * most).max(f64::MIN_POSITIVE)
     }
 
-    /// The smaller of the best so far and the distance to a half-segment, by branch and bound: on `|s − m| ≤ h` the curve is
-    /// within `½ B h²` of its tangent at `m`. Where the squared distance is convex Newton's method ends the search. Where it
-    /// hardly changes, no stretch is ruled out by its tangent before it is tiny: then by the squared distance itself.
+    /// Minimum of the best distance so far and the distance to a half-segment, by branch and bound: on `|s − m| ≤ h` the curve
+    /// is within `½ B h²` of its tangent at `m`. Where the squared distance is convex, Newton's method completes the search.
+    /// Where it hardly changes, the tangent excludes only tiny stretches, so the squared distance itself is bounded instead.
     fn on_half(&self, half: usize, target: &Vector, search: &mut Search<'_>) {
         let (bend, own) = (self.bends[half], self.tolerance(half, target));
         let (mut pending, mut stretches, mut square_bend) = (vec![(0.0, 1.0)], 0, f64::INFINITY);
@@ -407,7 +409,7 @@ impl<'a> Nearest<'a> {
             }
             let [there, ..] = self.taylor(half, middle + step);
             search.best = search.best.min(length(&combine(&there, -1.0, target)));
-            // ends where 2 · slack falls below the tolerance
+            // Ends where 2 · slack falls below the tolerance.
             if least < search.best - tolerance {
                 let quarter = 0.5 * radius;
                 pending.extend([(middle - quarter, quarter), (middle + quarter, quarter)]);
@@ -416,7 +418,7 @@ impl<'a> Nearest<'a> {
         search.accuracy = search.accuracy.max(own * search.patience.factor());
     }
 
-    /// A bound of `|d²/ds² |r − p|²|` on a half-segment: from the coefficients of that polynomial.
+    /// An upper bound of `|d²/ds² |r − p|²|` on a half-segment, from the coefficients of that polynomial.
     fn square_bend(&self, half: usize, target: &Vector) -> f64 {
         let terms = self.curve.polynomial(half, 0).len();
         let mut square = vec![0.0; 2 * terms];
@@ -432,9 +434,9 @@ impl<'a> Nearest<'a> {
         square.iter().enumerate().skip(2).map(|(m, value)| (m * (m - 1)) as f64 * value.abs()).sum()
     }
 
-    /// The least distance on `[low, high]`, where its square is convex, from `s` on.
+    /// The minimum distance on `[low, high]`, where its square is convex, by Newton's method from `s`.
     fn newton(&self, half: usize, target: &Vector, mut s: f64, low: f64, high: f64) -> f64 {
-        // Four or five steps reach rounding; a limit in case they alternate between two neighbours.
+        // Four or five steps reach rounding. The limit is for steps that alternate between two neighbouring numbers.
         const STEPS: usize = 12;
         let mut best = f64::MAX;
         for _ in 0..STEPS {
@@ -444,7 +446,7 @@ impl<'a> Nearest<'a> {
             let next = s - dot(&away, &tangent) / (dot(&tangent, &tangent) + dot(&away, &bend));
             let next = next.clamp(low, high);
             if (next - s).abs() <= 1e-9 {
-                // The square is flat here: what is left in s does not show.
+                // The square is flat here: the remaining error in s has no effect.
                 let [position, ..] = self.taylor(half, next);
                 return best.min(length(&combine(&position, -1.0, target)));
             }

@@ -1,4 +1,4 @@
-//! Idealised curves, and the poles that a generator needs to contain them.
+//! Idealised curves, and the poles with which a generator contains them.
 //!
 //! ```text
 //! circle, ellipse    (a cos 2πu, b sin 2πu)                     0, ±2πj
@@ -8,15 +8,15 @@
 //! Lissajous          (a sin(2πmu + δ), b sin 2πnu)              ±2πmj, ±2πnj  (and 0 away from the origin)
 //! ```
 //!
-//! A curve in the null space of `L_α` is reproduced from its samples at the knots: the control points are those that
-//! interpolate them.
+//! A curve in the null space of `L_α` is reproduced from its samples at the knots: its control points interpolate the
+//! samples.
 
 use std::f64::consts::TAU;
 
 use super::representation::ShapeSpace;
 use shapelex_numeric::dense::Matrix;
 
-/// An idealised plane curve about the origin.
+/// Idealised plane curve about the origin.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
@@ -24,60 +24,60 @@ use shapelex_numeric::dense::Matrix;
 pub enum IdealCurve {
     /// A circle, counter-clockwise from `(radius, 0)`.
     Circle {
-        /// Radius.
+        /// Radius of the circle.
         radius: f64,
     },
     /// An ellipse, counter-clockwise from `(a, 0)`.
     Ellipse {
-        /// `a` along x and `b` along y.
+        /// Semi-axes: `a` along x and `b` along y.
         semi_axes: [f64; 2],
     },
     /// A straight line.
     Line {
-        /// Its start.
+        /// Start point.
         from: [f64; 2],
-        /// Its end.
+        /// End point.
         to: [f64; 2],
     },
     /// The parabola `y = x²/(4f)` with its vertex at the origin, from `−extent` to `extent`.
     Parabola {
-        /// `f`, distance of the focus from the vertex.
+        /// Focal length `f`: distance of the focus from the vertex.
         focal_length: f64,
         /// Largest `x`.
         extent: f64,
     },
     /// The branch `(a cosh s, b sinh s)` of a hyperbola, `s` from `−extent` to `extent`.
     Hyperbola {
-        /// `a` along x and `b` along y.
+        /// Semi-axes: `a` along x and `b` along y.
         semi_axes: [f64; 2],
         /// Largest `s`.
         extent: f64,
     },
     /// The Lissajous figure `(a sin(2πmu + δ), b sin 2πnu)`.
     Lissajous {
-        /// `a` and `b`.
+        /// Amplitudes `a` and `b`.
         amplitudes: [f64; 2],
-        /// `m` and `n`, periods per turn.
+        /// Frequencies `m` and `n`: periods per turn.
         frequencies: [u16; 2],
-        /// `δ` in radians.
+        /// Phase `δ` in radians.
         phase: f64,
     },
 }
 
-/// Where an idealised curve lies: turned by `angle` about the origin, then moved.
+/// Placement of an idealised curve: rotation by `angle` about the origin, then translation.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Position {
-    /// Where the origin goes.
+    /// New position of the origin.
     pub centre: [f64; 2],
-    /// In radians, counter-clockwise.
+    /// Angle in radians, counter-clockwise.
     pub angle: f64,
 }
 
-/// Two poles of the grid that differ by less than this part are equal: the curve errs by as much.
+/// Relative difference below which two poles on the grid are equal; the error of the curve is of the same size.
 const SAME_POLE: f64 = 1e-12;
 
 impl IdealCurve {
-    /// One of each, for the catalogue.
+    /// One curve of each kind, for the catalogue.
     pub fn catalogue() -> Vec<Self> {
         vec![
             Self::Circle { radius: 1.0 },
@@ -89,12 +89,12 @@ impl IdealCurve {
         ]
     }
 
-    /// Whether it closes, and so fits on a closed curve.
+    /// Whether the curve is closed, so that a closed curve can represent it.
     pub fn is_closed(&self) -> bool {
         matches!(self, Self::Circle { .. } | Self::Ellipse { .. } | Self::Lissajous { .. })
     }
 
-    /// What is wrong with the parameters.
+    /// Error in the parameters, if any.
     pub fn fault(&self) -> Option<&'static str> {
         let positive = |values: &[f64]| values.iter().all(|value| *value > 0.0 && *value <= 1e100);
         let finite = |values: &[f64]| values.iter().all(|value| value.abs() <= 1e100);
@@ -123,9 +123,9 @@ impl IdealCurve {
         }
     }
 
-    /// The point at `u`.
+    /// Point at parameter `u`.
     pub fn at(&self, u: f64) -> [f64; 2] {
-        // At multiples of a quarter turn exactly, elsewhere to an ulp of the angle.
+        // Exact at multiples of a quarter turn; elsewhere to an ulp of the angle.
         let turn = |turns: f64| (TAU * (turns - turns.floor())).sin_cos();
         match *self {
             Self::Circle { radius } => {
@@ -152,7 +152,7 @@ impl IdealCurve {
         }
     }
 
-    /// Poles of the domain `u ∈ [0, 1]` whose functions it is made of, one of every pair.
+    /// Poles on the domain `u ∈ [0, 1]` of the functions that make up the curve, one of every pair, with multiplicity.
     fn needed(&self, position: &Position) -> Vec<([f64; 2], usize)> {
         let mut needed = match *self {
             Self::Circle { .. } | Self::Ellipse { .. } => vec![([0.0, TAU], 1)],
@@ -170,7 +170,7 @@ impl IdealCurve {
         needed
     }
 
-    /// The poles of the domain that a generator needs to contain the curve.
+    /// Poles on the domain that a generator needs in order to contain the curve.
     pub fn domain_poles(&self, position: &Position) -> Vec<[f64; 2]> {
         let pair = |(pole, times): ([f64; 2], usize)| match pole {
             [0.0, 0.0] => vec![pole; times],
@@ -179,8 +179,8 @@ impl IdealCurve {
         self.needed(position).into_iter().flat_map(pair).collect()
     }
 
-    /// Poles of the domain that the generator of `space` lacks, each with the multiplicity that is needed; empty when
-    /// the curve is reproduced.
+    /// Poles on the domain that the generator of `space` lacks, each with the required multiplicity; empty if the curve is
+    /// reproduced exactly.
     pub fn missing(&self, position: &Position, space: &ShapeSpace) -> Vec<([f64; 2], usize)> {
         let intervals = space.representation().count() as f64;
         let present = space.line().expect("curves have a line").poles().list();
@@ -194,7 +194,7 @@ impl IdealCurve {
         self.needed(position).into_iter().filter(|(pole, times)| count(*pole) < *times).collect()
     }
 
-    /// Control points in `space`, `N × d`; exact when nothing is [`Self::missing`]. In space the curve lies in `z = 0`.
+    /// Control points in `space`, `N × d`; exact if no pole is [`Self::missing`]. In space, the curve lies in `z = 0`.
     pub fn control_points(&self, position: &Position, space: &ShapeSpace) -> Matrix {
         let representation = space.representation();
         let (count, intervals) = (representation.point_count(), representation.count());

@@ -1,27 +1,28 @@
-//! Continuous shapes: generators, curves, the Gram operators of their bases, measures and sampling.
+//! Shape geometry: generators, spline curves, surfaces and meshes, with their inner products, measures and sampling.
 //!
 //! * [`generator`] — compactly supported functions whose integer shifts span a shape space;
-//! * [`mod@line`] — their shifts along one direction, closed or open: inner products, interpolation;
-//! * [`representation`] — what a shape is made of, and the prepared [`ShapeSpace`](representation::ShapeSpace) it lives in;
+//! * [`mod@line`] — these shifts along one direction, closed or open: inner products, interpolation;
+//! * [`representation`] — the kind and size of a shape, and the prepared [`ShapeSpace`](representation::ShapeSpace);
 //! * [`curve`] — a spline curve, closed or open, as polynomials per half-segment: values, derivatives;
-//! * [`open`] — the basis of open curves: points beyond the ends, banded inner products;
+//! * [`open`] — the basis of open curves: phantom control points beyond the ends, banded inner products;
 //! * [`measures`] — area, moments, length, curvature, energies, bounding box, orientation;
 //! * [`distance`] — distances of two curves, as functions and as sets;
 //! * [`frame`] — tangent, normal and curvature at a parameter;
 //! * [`intersection`] — the self-intersection test;
 //! * [`resample`] — arc-length sampling of polygons and the canonical start point of a contour;
-//! * [`sampling`] — places along shapes, where they are compared;
-//! * [`turning`] — how much a curve turns;
+//! * [`sampling`] — points along shapes for comparisons;
+//! * [`turning`] — total curvature of a curve;
 //! * [`fit`] — least-squares fits of raw contours;
 //! * [`refine`] — the same curve on a finer grid;
-//! * [`deformation`] — control points moved, handles met;
+//! * [`deformation`] — edits by moved control points or handles;
 //! * [`surface`] — tensor-product surfaces;
 //! * [`subdivision`] — subdivision surfaces;
-//! * [`mesh`] — triangle meshes; [`quality`] — what may be wrong with them; [`nearest`] — the nearest point on one; [`vector`] — vectors of space;
-//! * [`raster`] — which cells of a grid are inside of a shape, and how two such sets overlap;
+//! * [`mesh`] — triangle meshes; [`quality`] — defects of meshes; [`nearest`] — nearest points on a mesh;
+//!   [`vector`] — vectors in space;
+//! * [`raster`] — the cells of a grid inside a shape, and the overlap of two such sets;
 //! * [`ideal`] — idealised curves, reproduced exactly where the poles allow.
 //!
-//! What ends each loop stands in one table for all layers of arithmetic, `docs/limits.md`.
+//! The termination bound of every loop is listed in `docs/limits.md`, in one table for all numerical layers.
 
 pub mod curve;
 pub mod deformation;
@@ -49,7 +50,7 @@ pub mod vector;
 
 use shapelex_numeric::NumericError;
 
-/// What the geometry can refuse.
+/// Errors of the geometry layer.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum GeometryError {
     /// The poles of a generator leave the admissible domain.
@@ -67,7 +68,7 @@ pub enum GeometryError {
         index: usize,
         /// The pole.
         pole: (f64, f64),
-        /// What is missing.
+        /// The missing partner.
         missing: (f64, f64),
     },
     /// The interpolation conditions have no stable solution.
@@ -81,7 +82,7 @@ pub enum GeometryError {
         /// Imaginary part.
         im: f64,
     },
-    /// A parameter is out of range, or not larger than the one before.
+    /// A parameter is out of range, or not larger than the previous one.
     #[error("is {value}: parameters must increase strictly within [0, 1], without 1 on closed curves")]
     Parameter {
         /// Position.
@@ -89,14 +90,14 @@ pub enum GeometryError {
         /// The parameter.
         value: f64,
     },
-    /// The points leave gaps in which nothing determines the curve.
+    /// The points leave gaps in which the curve is not determined.
     #[error(
         "{points} points do not determine {needed} control points: they leave gaps longer than the distance of the knots; take fewer control points, or more points"
     )]
     Undetermined {
-        /// Points given.
+        /// Number of points given.
         points: usize,
-        /// Control points.
+        /// Number of control points.
         needed: usize,
     },
     /// No number of control points reaches the tolerance.
@@ -105,16 +106,16 @@ pub enum GeometryError {
         number(*tolerance)
     )]
     Tolerance {
-        /// Wanted.
+        /// Requested tolerance.
         tolerance: f64,
         /// Best residual.
         residual: f64,
-        /// Where it was reached.
+        /// Number of control points or intervals that reached it.
         count: usize,
         /// Largest number tried.
         most: usize,
     },
-    /// Landmarks have no curve.
+    /// The operation needs a curve, and landmarks have none.
     #[error("landmarks are points without a curve")]
     NotACurve,
     /// The shifts of a generator are dependent to working precision.
@@ -124,21 +125,21 @@ pub enum GeometryError {
     Dependent {
         /// Number of shifts.
         size: usize,
-        /// What should be positive.
+        /// The smallest eigenvalue or pivot, which should be positive.
         smallest: f64,
     },
     /// Too few points for the operation.
     #[error("{found} points, at least {needed} are needed")]
     TooFewPoints {
-        /// Points given.
+        /// Number of points given.
         found: usize,
-        /// Points needed.
+        /// Number of points needed.
         needed: usize,
     },
     /// The contour has no extent.
     #[error("all {points} points coincide (extent {extent:.1e}): the contour has no length")]
     NoLength {
-        /// Points given.
+        /// Number of points given.
         points: usize,
         /// Largest coordinate range.
         extent: f64,
@@ -151,109 +152,109 @@ pub enum GeometryError {
         /// Position of the second.
         second: usize,
     },
-    /// The parts of a surface do not fit together.
+    /// The parts of a surface are inconsistent.
     #[error("{field} {detail}")]
     Surface {
-        /// Which part.
+        /// The part.
         field: &'static str,
-        /// Why.
+        /// The reason.
         detail: String,
     },
-    /// Handles contradict one another.
+    /// The handles contradict each other.
     #[error(
         "the {count} handles do not determine a deformation: two of them are at one place, or there are more than control points near them"
     )]
     Handles {
-        /// How many there are.
+        /// Number of handles.
         count: usize,
     },
-    /// A mesh is no closed surface.
+    /// A mesh is not a closed surface.
     #[error(transparent)]
     Mesh(#[from] mesh::MeshError),
-    /// A mesh has handles.
+    /// A mesh has a positive genus.
     #[error("the mesh has {genus} handles: longitude and colatitude need a surface like a sphere")]
     NotASphere {
-        /// Their number.
+        /// Number of handles.
         genus: usize,
     },
-    /// Two vertices cannot be poles.
+    /// Two vertices cannot serve as poles.
     #[error("the poles are vertices {} and {} of {count}: they must be different and not neighbours", poles[0], poles[1])]
     Poles {
-        /// What was asked for.
+        /// The requested poles.
         poles: [u32; 2],
-        /// Vertices that there are.
+        /// Number of vertices.
         count: usize,
     },
-    /// A scheme has no rules for a vertex.
+    /// A subdivision scheme has no rule for a vertex.
     #[error(
         "vertex {vertex} has {valence} neighbours: BLOB has rules for four and six; split the mesh so, or use the scheme loop"
     )]
     Valence {
         /// The vertex.
         vertex: u32,
-        /// Its neighbours.
+        /// Number of its neighbours.
         valence: usize,
     },
-    /// A scheme that is no linear map.
+    /// A subdivision scheme is not linear.
     #[error(
         "the scheme normal_based is not linear: shapes made of its points and normals have no mean, no inner product and no \
          components. Take blob, loop or butterfly for statistics; the shapes can be evaluated, drawn and morphed"
     )]
     NotLinear,
-    /// Positions at control vertices that do not determine these.
+    /// Positions at the control vertices do not determine the control points.
     #[error(
         "the positions of the {size} control vertices at this level do not determine them: give control_points instead"
     )]
     NoInterpolation {
-        /// Control vertices.
+        /// Number of control vertices.
         size: usize,
     },
-    /// An edge that the normal-based scheme cannot split.
+    /// The normal-based scheme cannot split an edge.
     #[error("the edge from vertex {} to vertex {} of level {level} has no point between: {fault}", edge[0], edge[1])]
     Edge {
         /// The level.
         level: usize,
-        /// Its ends.
+        /// The ends of the edge.
         edge: [u32; 2],
-        /// Why.
+        /// The reason.
         fault: subdivision::normal_based::EdgeFault,
     },
-    /// A mesh with more vertices than are accepted.
+    /// A refined mesh has more vertices than the limit.
     #[error("level {level} has {} vertices, at most {most} are accepted", count(*vertices))]
     TooFine {
         /// The level.
         level: usize,
-        /// Vertices there.
+        /// Number of vertices at that level.
         vertices: usize,
         /// The limit.
         most: usize,
     },
-    /// No level within the limits is near enough to its limit.
+    /// No level within the limit on vertices is close enough to the limit surface.
     #[error("no level with at most {most} vertices reaches the tolerance {}: level {level} still moves by {change:.3e}", number(*tolerance))]
     Coarse {
-        /// Wanted.
+        /// Requested tolerance.
         tolerance: f64,
         /// The last level.
         level: usize,
-        /// How far its vertices are from the edges of the level before.
+        /// Largest distance of its vertices from the edges of the previous level.
         change: f64,
-        /// The limit.
+        /// Maximum number of vertices.
         most: usize,
     },
-    /// An iteration did not end.
+    /// An iteration did not converge.
     #[error("no convergence after {iterations} iterations: relative residual {residual:.1e}")]
     NoConvergence {
-        /// Iterations done.
+        /// Number of iterations.
         iterations: usize,
         /// Relative residual.
         residual: f64,
     },
-    /// A numerical failure.
+    /// An error of the numerical layer.
     #[error(transparent)]
     Numeric(#[from] NumericError),
 }
 
-/// `a + bi`, without a part that is zero.
+/// `a + bi`, without zero parts.
 fn complex((re, im): (f64, f64)) -> String {
     match (re, im) {
         (re, 0.0) => number(re),
@@ -262,12 +263,12 @@ fn complex((re, im): (f64, f64)) -> String {
     }
 }
 
-/// A number of things; what nobody counts any more with one digit behind the point.
+/// A number of things, with two significant digits from 10⁹ on.
 fn count(value: usize) -> String {
     if value < 1_000_000_000 { value.to_string() } else { format!("{:.1e}", value as f64) }
 }
 
-/// The shorter of `1000` and `1e3`, plain ones first.
+/// The shorter of the plain and the scientific form; plain in doubt.
 fn number(value: f64) -> String {
     let (plain, scientific) = (format!("{value}"), format!("{value:e}"));
     if plain.len() > scientific.len() + 5 { scientific } else { plain }

@@ -1,4 +1,4 @@
-//! One direction of a shape: the integer shifts of a generator along a closed or an open line of knots.
+//! One direction of a shape: the integer shifts of a generator along a closed or open line of knots.
 //!
 //! ```text
 //! closed   r(u) = Σ_{k<M} c[k] φ_per(M u − k),   φ_per(t) = Σ_n φ(t − nM)
@@ -16,7 +16,7 @@ use shapelex_numeric::circulant::Circulant;
 use shapelex_numeric::dense::Matrix;
 use shapelex_numeric::operator::SymmetricOperator;
 
-/// A line of `M` intervals made ready: the generator, the Gram operator and the interpolation at the knots.
+/// A prepared line of `M` intervals: generator, Gram operator and interpolation at the knots.
 #[derive(Debug, Clone)]
 pub struct Line {
     intervals: usize,
@@ -27,31 +27,31 @@ pub struct Line {
     interpolation: Interpolation,
 }
 
-/// From points at the knots to control points.
+/// Conversion of points at the knots to control points.
 #[derive(Debug, Clone)]
 enum Interpolation {
-    /// They are equal.
+    /// The control points are the points.
     Equal,
-    /// The samples are a circulant operator on the control points.
+    /// The samples are a circulant operator applied to the control points.
     Circulant(Circulant),
-    /// Open lines.
+    /// Interpolation on an open line.
     Open(Arc<OpenInterpolation>),
 }
 
 impl Line {
-    /// Prepares a line. Cost: one generator, once, and two FFTs of length `M` (closed) or a banded
-    /// factorisation (open).
+    /// Prepares a line. Cost: one generator (cached), and two FFTs of length `M` (closed) or a banded factorisation
+    /// (open).
     ///
     /// # Errors
-    /// Errors of the generator; [`GeometryError::Dependent`].
+    /// Errors of the generator; [`GeometryError::Dependent`] if the shifts are dependent.
     pub fn new(kind: &GeneratorKind, intervals: usize, closed: bool) -> Result<Self, GeometryError> {
         Self::over(kind, intervals, intervals, closed)
     }
 
-    /// An open line of `intervals` from pole to pole, half of a great circle: generators whose poles follow the number of
-    /// intervals take that of the whole circle.
+    /// An open line of `intervals` from pole to pole, half of a great circle. If the poles of the generator depend on the
+    /// number of intervals, they are those for the whole circle.
     ///
-    /// Its interpolation is that of the surface: conditions at the poles take the place of those beyond the ends.
+    /// Its interpolation is done by the surface: conditions at the poles replace those beyond the ends.
     pub(super) fn meridian(kind: &GeneratorKind, intervals: usize) -> Result<Self, GeometryError> {
         let built = kind.build(2 * intervals)?;
         let gram = Banded::new(open_gram(&built.generator, intervals, 0)).map_err(dependent)?;
@@ -65,8 +65,8 @@ impl Line {
         })
     }
 
-    /// A closed line of `2 · intervals`, for functions of `u` that need two rounds to come back: with the generator of one.
-    /// Its Gram operator is that of the average over both.
+    /// A closed line of `2 · intervals` with the generator for `intervals`, for functions of `u` with a period of two turns. Its
+    /// Gram operator is that of the average over both turns.
     pub(super) fn twice_round(kind: &GeneratorKind, intervals: usize) -> Result<Self, GeometryError> {
         Self::over(kind, intervals, 2 * intervals, true)
     }
@@ -96,12 +96,12 @@ impl Line {
         Ok(Self { intervals, closed, generator, poles: built.poles.clone(), gram, interpolation })
     }
 
-    /// `M`.
+    /// Number of intervals, `M`.
     pub fn intervals(&self) -> usize {
         self.intervals
     }
 
-    /// Whether the end is the start.
+    /// Whether the line is closed.
     pub fn is_closed(&self) -> bool {
         self.closed
     }
@@ -111,12 +111,12 @@ impl Line {
         &self.generator
     }
 
-    /// The poles of the functions that the generator reproduces, on the grid of the knots.
+    /// Poles of the functions that the generator reproduces, on the grid of the knots.
     pub fn poles(&self) -> &Poles {
         &self.poles
     }
 
-    /// Whether moving all control points moves the line: constants are reproduced.
+    /// Whether constants are reproduced, so that moving all control points moves the line.
     pub fn reproduces_constants(&self) -> bool {
         self.poles.zeros > 0
     }
@@ -126,13 +126,13 @@ impl Line {
         &self.gram
     }
 
-    /// The half-interval of a parameter and the place in it: see [`locate`].
+    /// Half-interval of a parameter, and the local coordinate in it: see [`locate`].
     pub fn locate(&self, u: f64) -> (usize, f64) {
         locate(u, self.intervals, self.closed)
     }
 
-    /// The control points that matter on a half-interval, counted from the first one beyond the end (`−K`), and the
-    /// `derivative` with respect to `u` of their basis functions at `s ∈ [−1, 1]` there.
+    /// The control points with an influence on a half-interval: the index of the first, counted from the first phantom (`−K`),
+    /// and the `derivative` with respect to `u` of their basis functions at `s ∈ [−1, 1]`.
     pub fn weights(&self, half: usize, s: f64, derivative: usize) -> (usize, impl Iterator<Item = f64> + '_) {
         let beyond = phantoms(self.generator.support()) as isize;
         let scale = (self.intervals as f64).powi(derivative as i32);
@@ -142,11 +142,10 @@ impl Line {
         (first, pieces.map(weight))
     }
 
-    /// Control points of the line that passes through `points` (`M × d`, `(M + 1) × d` when open) at the
-    /// knots `u = k/M`.
+    /// Control points of the line that interpolates `points` (`M × d`, or `(M + 1) × d` if open) at the knots `u = k/M`.
     ///
-    /// The points themselves for interpolating generators, a circulant solve otherwise; open lines extend by
-    /// annihilation beyond their ends.
+    /// These are the points themselves for interpolating generators, otherwise the solution of a circulant system. Open lines
+    /// are extended by annihilation beyond their ends.
     pub fn interpolate(&self, mut points: Matrix) -> Matrix {
         match &self.interpolation {
             Interpolation::Equal => points,
@@ -159,7 +158,7 @@ impl Line {
     }
 }
 
-/// The half-interval of a parameter and `s ∈ [−1, 1]` there: modulo 1 on closed lines, within `[0, 1]` on open ones.
+/// Half-interval of a parameter and `s ∈ [−1, 1]` in it. Closed lines reduce `u` modulo 1, open ones clamp it to `[0, 1]`.
 pub fn locate(u: f64, intervals: usize, closed: bool) -> (usize, f64) {
     let u = if closed { u - u.floor() } else { u.clamp(0.0, 1.0) };
     let halves = 2 * intervals;
@@ -168,7 +167,7 @@ pub fn locate(u: f64, intervals: usize, closed: bool) -> (usize, f64) {
     (half, 2.0 * (position - half as f64) - 1.0)
 }
 
-/// An operator that is not definite to working precision means dependent shifts.
+/// Maps an operator that is not positive definite to dependent shifts.
 pub(super) fn dependent(error: NumericError) -> GeometryError {
     match error {
         NumericError::NotPositiveDefinite { size, smallest } => GeometryError::Dependent { size, smallest },
@@ -178,7 +177,7 @@ pub(super) fn dependent(error: NumericError) -> GeometryError {
 
 /// First row of the circulant `∫₀¹ φ_0^(d₁)(u) φ_k^(d₂)(u) du = N^{d₁+d₂−1} Σ_n a_{d₁d₂}[k + nN]`.
 ///
-/// `d₁ + d₂` must be even, else the row belongs to an antisymmetric matrix.
+/// `d₁ + d₂` must be even; otherwise the row belongs to an antisymmetric matrix.
 pub fn gram_row(generator: &Generator, n: usize, d1: usize, d2: usize) -> Vec<f64> {
     let reach = generator.support() as isize - 1;
     let factor = (n as f64).powi((d1 + d2) as i32 - 1);
@@ -192,7 +191,7 @@ pub fn gram_row(generator: &Generator, n: usize, d1: usize, d2: usize) -> Vec<f6
 /// Eigenvalues of the circulant of [`gram_row`], by harmonic.
 ///
 /// # Errors
-/// [`GeometryError::Dependent`].
+/// [`GeometryError::Dependent`] if the shifts are dependent.
 pub(super) fn gram_eigenvalues(generator: &Generator, n: usize) -> Result<Vec<f64>, GeometryError> {
     let gram = Circulant::new(&gram_row(generator, n, 0, 0)).map_err(dependent)?;
     Ok(gram.eigenvalues().to_vec())

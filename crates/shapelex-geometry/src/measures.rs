@@ -1,4 +1,4 @@
-//! Measures of curves: exact where the integrand is polynomial, adaptive for the length.
+//! Measures of curves: exact for polynomial integrands, adaptive for the length.
 //!
 //! ```text
 //! area = ½ ∮ x dy − y dx     centroid = (∮ x²/2 dy, −∮ y²/2 dx) / area     length = ∫ |r'| du
@@ -12,86 +12,86 @@ use super::turning::Turning;
 use shapelex_numeric::bounded::{Patience, Stop, never};
 use shapelex_numeric::quadrature::{GaussLegendre, Panels};
 
-/// Direction in which a planar curve encloses its area.
+/// Orientation of a closed planar curve.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 #[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
 pub enum Orientation {
-    /// Positive area (y axis up).
+    /// Counter-clockwise: the signed area is positive (y axis up).
     CounterClockwise,
-    /// Negative area.
+    /// Clockwise: the signed area is negative.
     Clockwise,
-    /// The signed area vanishes against the squared perimeter.
+    /// None: the signed area vanishes relative to the squared perimeter.
     None,
 }
 
 /// Measures of one curve, in the unit of its control points.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CurveMeasures {
-    /// Whether the end is the start.
+    /// Whether the curve is closed.
     pub closed: bool,
-    /// What a closed planar curve encloses.
+    /// Measures of the enclosed area, for closed planar curves.
     pub enclosed: Option<Enclosed>,
     /// Mean position along the parameter, `∫ r du`.
     pub mean_position: Vec<f64>,
-    /// Length of the curve, to `10⁻¹⁰` relative.
+    /// Length of the curve, to a relative accuracy of `10⁻¹⁰`.
     pub length: f64,
-    /// What the length may be off in addition, when its integral was ended before; else 0.
+    /// Additional error bound of the length if its integration was cut short; else 0.
     pub length_error: f64,
-    /// Smallest and largest coordinates.
+    /// Minimum and maximum coordinates.
     pub bounding_box: (Vec<f64>, Vec<f64>),
     /// `∫ |r'|² du`.
     pub stretching_energy: f64,
-    /// `∫ |r''|² du`; none for curves with corners, where it is infinite.
+    /// `∫ |r''|² du`; `None` for curves with corners, where it is infinite.
     pub bending_energy: Option<f64>,
-    /// `∫ |κ| dℓ` in radians; none for curves with corners or cusps.
+    /// `∫ |κ| dℓ` in radians; `None` for curves with corners or cusps.
     pub total_curvature: Option<f64>,
-    /// `∫ κ dℓ` in radians, counter-clockwise positive: `2π` times the turning number of a closed curve. Planar curves
+    /// `∫ κ dℓ` in radians, counter-clockwise positive: `2π` times the turning number of a closed curve. For planar curves
     /// only.
     pub turning: Option<f64>,
-    /// Panels and stretches that its iterations looked at: what it cost beyond `O(M)`.
+    /// Number of panels and stretches examined: the cost beyond `O(M)`.
     pub steps: usize,
 }
 
-/// What a closed planar curve encloses.
+/// Measures of the area that a closed planar curve encloses.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Enclosed {
     /// Signed area, counter-clockwise positive.
     pub signed_area: f64,
-    /// Sign of the area.
+    /// Orientation, the sign of the area.
     pub orientation: Orientation,
-    /// Centroid, when there is an orientation.
+    /// Centroid, if the curve has an orientation.
     pub centroid: Option<[f64; 2]>,
-    /// `∬ (x − x̄)(x − x̄)ᵀ dA` about the centroid, positive for either orientation of a simple curve (parts that the
-    /// curve encloses the other way count negative, as in the area); when there is one.
+    /// `∬ (x − x̄)(x − x̄)ᵀ dA` about the centroid, if the curve has one. Positive for a simple curve of either orientation;
+    /// parts that the curve encloses in the other direction count as negative, as in the area.
     pub second_moments: Option<[[f64; 2]; 2]>,
 }
 
-/// Relative to the squared perimeter: a circle has `1/(4π) ≈ 0.08`; below this the sign is rounding.
+/// Ratio of area to squared perimeter below which the sign is rounding. A circle has `1/(4π) ≈ 0.08`.
 const NO_AREA: f64 = 1e-12;
 
 /// Gauss nodes per half-segment: exact to `2·10⁻¹⁵` for products of three generators.
 const NODES: usize = 12;
 
-/// Panels that the length of a curve halves at most beyond those for its half-segments. A cusp takes 40.
+/// Maximum number of panel bisections for the length of a curve, besides those per half-segment. A cusp takes 40.
 const PANELS: usize = 4096;
-/// Panels for every half-segment.
+/// Panels per half-segment.
 const PANELS_PER_HALF: usize = 64;
 
 impl CurveMeasures {
-    /// Measures `curve`. Cost `O(M)` quadratures; length and curvature add panels near cusps, of a bounded number.
+    /// Measures `curve`. Cost: `O(M)` quadratures; length and curvature add a bounded number of panels near cusps.
     pub fn of(curve: &Curve) -> Self {
         Self::in_range(curve, &never)
     }
 
-    /// As [`Self::of`], unless the caller wants to stop.
+    /// As [`Self::of`], with cancellation; `None` if `stop` returns true.
     pub fn unless_stopped(curve: &Curve, stop: Stop<'_>) -> Option<Self> {
         let measures = Self::in_range(curve, stop);
         (!stop()).then_some(measures)
     }
 
-    /// In numbers near 1: squares and fourth powers of coordinates leave the range of numbers long before measures do.
+    /// Measures the curve scaled to numbers near 1: squares and fourth powers of coordinates overflow long before the measures.
     fn in_range(curve: &Curve, stop: Stop<'_>) -> Self {
         let unit = Curve::unit(&[curve]);
         Self::near_one(&curve.scaled(unit.recip()), stop).scaled(unit)
@@ -138,8 +138,8 @@ impl CurveMeasures {
     }
 }
 
-/// Area that a closed planar curve encloses, without sign, and length of a curve of any kind; in numbers near 1, as
-/// [`CurveMeasures`], but without the rest of them.
+/// Unsigned area of a closed planar curve (else 0), and length of any curve. Computed on numbers near 1, as in
+/// [`CurveMeasures`], without the other measures.
 pub fn area_and_length(curve: &Curve, stop: Stop<'_>) -> (f64, f64) {
     let (rule, unit) = (GaussLegendre::new(NODES), Curve::unit(&[curve]));
     let near_one = curve.scaled(unit.recip());
@@ -150,7 +150,7 @@ pub fn area_and_length(curve: &Curve, stop: Stop<'_>) -> (f64, f64) {
 
 impl Enclosed {
     fn of(curve: &Curve, rule: &GaussLegendre, length: f64) -> Self {
-        // About the first point of the curve, so that a shape far from the origin keeps its digits.
+        // Relative to the first point of the curve, so that a shape far from the origin keeps its digits.
         let origin = curve.evaluate(0.0, 0);
         let signed_area = signed_area(curve, rule);
         let orientation = orientation(signed_area, length);
@@ -175,7 +175,7 @@ impl Enclosed {
 
     fn scaled(self, unit: f64) -> Self {
         let power = |value: f64, power: usize| (0..power).fold(value, |value, _| value * unit);
-        // Fourth powers leave the range of numbers first.
+        // Fourth powers overflow first.
         let moments = self.second_moments.map(|m| m.map(|row| row.map(|value| power(value, 4))));
         Self {
             signed_area: power(self.signed_area, 2),
@@ -199,7 +199,7 @@ fn energy(curve: &Curve, derivative: usize) -> f64 {
     HALF_PIECE * sum * segments(curve).powi(2 * derivative as i32 - 1)
 }
 
-/// `v × a`: signed in the plane, the length of the product in space.
+/// `v × a`: signed in the plane; in space, the length of the vector product.
 pub fn cross(v: &[f64], a: &[f64]) -> f64 {
     let minor = |i: usize, j: usize| v[i] * a[j] - v[j] * a[i];
     match v.len() {
@@ -218,8 +218,7 @@ fn integrate(curve: &Curve, rule: &GaussLegendre, f: impl Fn(usize, f64) -> f64)
     HALF_PIECE * panels.sum::<f64>()
 }
 
-/// `½ ∮ x dy − y dx`, about the first point of the curve so that a shape far from the origin keeps
-/// its digits.
+/// `½ ∮ x dy − y dx`, relative to the first point of the curve, so that a shape far from the origin keeps its digits.
 pub fn signed_area(curve: &Curve, rule: &GaussLegendre) -> f64 {
     let origin = curve.evaluate(0.0, 0);
     let arm = |half, s, c| curve.derivative_at(half, c, s, 0) - origin[c];
@@ -239,7 +238,7 @@ fn orientation(area: f64, perimeter: f64) -> Orientation {
     }
 }
 
-/// Length of a curve, to `10⁻¹⁰` relative, and the panels that it took.
+/// Length of a curve, to a relative accuracy of `10⁻¹⁰`, and the panels used.
 fn length<'a>(curve: &Curve, rule: &GaussLegendre, stop: Stop<'a>) -> (f64, Panels<'a>) {
     let speed = |half: usize, s: f64| {
         (0..curve.dimension()).map(|c| curve.derivative_at(half, c, s, 1).powi(2)).sum::<f64>().sqrt()
@@ -253,8 +252,8 @@ fn length<'a>(curve: &Curve, rule: &GaussLegendre, stop: Stop<'a>) -> (f64, Pane
     (HALF_PIECE * sum, panels)
 }
 
-/// Smallest and largest coordinates, to `10⁻¹³` of the coordinate's range or to rounding, and the stretches that were
-/// looked at.
+/// Minimum and maximum coordinates, to `10⁻¹³` of the range of the coordinate or to rounding, and the number of stretches
+/// examined.
 fn bounding_box(curve: &Curve, stop: Stop<'_>) -> ((Vec<f64>, Vec<f64>), usize) {
     let mut steps = 0;
     let mut upper = |sign: f64| -> Vec<f64> {
@@ -265,8 +264,8 @@ fn bounding_box(curve: &Curve, stop: Stop<'_>) -> ((Vec<f64>, Vec<f64>), usize) 
     (corners, steps)
 }
 
-/// Stretches over which a half-segment is searched for its largest coordinate before less accuracy will do. One round
-/// maximum takes some 60.
+/// Maximum number of stretches in the search of a half-segment for its largest coordinate before the accuracy is reduced.
+/// One smooth maximum takes some 60.
 const STRETCHES: usize = 20_000;
 
 /// `max_t sign·r_c(t)` by branch and bound: on `|s − m| ≤ h`, `f ≤ f(m) + |f'(m)| h + ½ B h²` with

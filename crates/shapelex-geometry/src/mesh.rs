@@ -1,32 +1,32 @@
-//! Triangle meshes: what they are made of, whether they close, what they enclose.
+//! Triangle meshes: vertices and faces, connectivity of closed meshes, volume and area.
 
 use super::vector::{cross, dot, minus, norm};
 
-/// Vertices, and triangles between them that are seen counter-clockwise from outside.
+/// A triangle mesh; faces are counter-clockwise as seen from outside.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct TriangleMesh {
-    /// Positions.
+    /// Positions of the vertices.
     pub vertices: Vec<[f64; 3]>,
-    /// Unit normals of the vertices, outwards; zero where there is none. None when the surface has one side only.
+    /// Outward unit normals of the vertices; zero where a normal is undefined. `None` for a one-sided surface.
     pub normals: Option<Vec<[f64; 3]>>,
-    /// Positions of the vertices in their list.
+    /// Indices of the three vertices of every face.
     pub faces: Vec<[u32; 3]>,
 }
 
-/// Why a mesh is not a closed surface with an outside.
+/// Reason why a mesh is not a closed surface with an outside.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum MeshError {
-    /// There is nothing.
+    /// The mesh has no faces.
     #[error("the mesh has no faces")]
     Empty,
-    /// A corner of a face is no vertex.
+    /// A corner of a face is not a vertex.
     #[error("face {face} has vertex {vertex}, of {count}")]
     NoVertex {
         /// Position of the face.
         face: usize,
-        /// What it asks for.
+        /// The index of the corner.
         vertex: u32,
-        /// Vertices that there are.
+        /// Number of vertices.
         count: usize,
     },
     /// A face has a vertex twice.
@@ -37,17 +37,17 @@ pub enum MeshError {
         /// The vertex.
         vertex: u32,
     },
-    /// Two faces run along an edge in the same direction.
+    /// Two faces traverse an edge in the same direction.
     #[error(
         "faces {first} and {second} both run from vertex {} to vertex {}: one of them is flipped, or a third one meets them there",
         edge[0], edge[1]
     )]
     Twice {
-        /// The one.
+        /// The first face.
         first: usize,
-        /// The other.
+        /// The second face.
         second: usize,
-        /// From where to where.
+        /// Start and end of the edge.
         edge: [u32; 2],
     },
     /// An edge has a face on one side only.
@@ -55,33 +55,33 @@ pub enum MeshError {
     Open {
         /// The face.
         face: usize,
-        /// From where to where.
+        /// Start and end of the edge.
         edge: [u32; 2],
     },
-    /// No face has the vertex.
+    /// A vertex belongs to no face.
     #[error("vertex {vertex} belongs to no face")]
     Unused {
         /// Position of the vertex.
         vertex: u32,
     },
-    /// The faces round a vertex are several fans.
+    /// The faces around a vertex form several fans.
     #[error("the faces round vertex {vertex} meet there only: it is several vertices in one place")]
     Pinched {
         /// Position of the vertex.
         vertex: u32,
     },
-    /// Several surfaces in one mesh.
+    /// The mesh is not connected.
     #[error("the mesh falls apart: {reached} of {count} vertices hang together with the first")]
     Apart {
-        /// Vertices that hang together.
+        /// Number of vertices connected to the first.
         reached: usize,
-        /// All vertices.
+        /// Number of all vertices.
         count: usize,
     },
 }
 
 impl MeshError {
-    /// The face that is wrong, when it is one.
+    /// The faulty face, if the fault is that of a face.
     pub fn face(&self) -> Option<usize> {
         match self {
             Self::NoVertex { face, .. } | Self::Degenerate { face, .. } | Self::Open { face, .. } => {
@@ -93,24 +93,24 @@ impl MeshError {
     }
 }
 
-/// The edges of a closed mesh in one piece, and which faces and vertices meet there.
+/// Edges of a closed connected mesh, with the faces and vertices that meet there.
 ///
-/// Half-edge `3f + i` runs from corner `i` of face `f` to the next one. Edges are pairs `(least, greatest)` of vertices, numbered
-/// in lexicographic order.
+/// Half-edge `3f + i` runs from corner `i` of face `f` to the next corner. Edges are pairs `(least, greatest)` of vertices,
+/// numbered in lexicographic order.
 #[derive(Debug, Clone)]
 pub struct Connectivity {
     faces: Vec<[u32; 3]>,
     edges: Vec<[u32; 2]>,
-    /// Of every half-edge the one that runs back.
+    /// For every half-edge, the opposite one.
     twins: Vec<u32>,
-    /// Of every half-edge its edge.
+    /// For every half-edge, its edge.
     edge_of: Vec<u32>,
-    /// Of every vertex a half-edge that starts there.
+    /// For every vertex, a half-edge that starts there.
     first: Vec<u32>,
 }
 
 impl TriangleMesh {
-    /// Checks that the corners of every face are three vertices.
+    /// Checks that the corners of every face are three different vertices.
     ///
     /// # Errors
     /// [`MeshError::NoVertex`], [`MeshError::Degenerate`].
@@ -118,7 +118,7 @@ impl TriangleMesh {
         check_faces(self.vertices.len(), &self.faces)
     }
 
-    /// `(b − a) × (c − a)` of the faces: outwards, twice as long as their areas.
+    /// `(b − a) × (c − a)` for every face: an outward normal of twice the area as length.
     pub fn face_normals(&self) -> Vec<[f64; 3]> {
         let normal = |face: &[u32; 3]| {
             let [a, b, c] = face.map(|vertex| self.vertices[vertex as usize]);
@@ -127,16 +127,16 @@ impl TriangleMesh {
         self.faces.iter().map(normal).collect()
     }
 
-    /// The edges of a closed mesh in one piece: see [`Connectivity::new`].
+    /// Connectivity of a closed connected mesh: see [`Connectivity::new`].
     ///
     /// # Errors
-    /// The first reason why it is not one.
+    /// The first reason why the mesh is not closed and connected.
     pub fn connectivity(&self) -> Result<Connectivity, MeshError> {
         Connectivity::new(self.vertices.len(), self.faces.clone())
     }
 
-    /// Volume within a closed mesh, positive when its faces are seen counter-clockwise from outside: `⅙ Σ det(a, b, c)` about
-    /// its first vertex. Cost: one pass over the faces.
+    /// Volume enclosed by a closed mesh: `⅙ Σ det(a, b, c)` about its first vertex. Positive if its faces are counter-clockwise
+    /// as seen from outside. Cost: one pass over the faces.
     pub fn signed_volume(&self) -> f64 {
         let Some(origin) = self.vertices.first() else { return 0.0 };
         let six_fold = |face: &[u32; 3]| {
@@ -169,14 +169,14 @@ fn check_faces(count: usize, faces: &[[u32; 3]]) -> Result<(), MeshError> {
 /// No half-edge.
 const NONE: u32 = u32::MAX;
 
-/// From where to where a half-edge runs.
+/// Start and end of a half-edge.
 fn ends(faces: &[[u32; 3]], half_edge: usize) -> [u32; 2] {
     let (face, corner) = (faces[half_edge / 3], half_edge % 3);
     [face[corner], face[(corner + 1) % 3]]
 }
 
-/// Half-edges of every edge as `greatest << 32 | half-edge`, those with the same least vertex together and sorted, and where
-/// those of a vertex begin.
+/// Half-edges of every edge as `greatest << 32 | half-edge`, grouped by their least vertex and sorted within a group, with
+/// the starts of the groups.
 fn by_edge(count: usize, faces: &[[u32; 3]]) -> (Vec<u64>, Vec<usize>) {
     let mut starts = vec![0; count + 1];
     let half_edges = 0..3 * faces.len();
@@ -199,10 +199,10 @@ fn by_edge(count: usize, faces: &[[u32; 3]]) -> (Vec<u64>, Vec<usize>) {
 }
 
 impl Connectivity {
-    /// The edges of `count` vertices and `faces`, which must be a closed surface in one piece. Cost `O(faces)`.
+    /// Connectivity of `count` vertices and `faces`, which must form a closed connected surface. Cost `O(faces)`.
     ///
     /// # Errors
-    /// The first reason why it is not one, in the order of [`MeshError`] and of the faces.
+    /// The first reason why they do not, in the order of [`MeshError`] and of the faces.
     pub fn new(count: usize, faces: Vec<[u32; 3]>) -> Result<Self, MeshError> {
         check_faces(count, &faces)?;
         if faces.is_empty() {
@@ -213,7 +213,7 @@ impl Connectivity {
         Ok(connectivity)
     }
 
-    /// Joins the half-edges of faces whose corners are vertices.
+    /// Pairs the half-edges of faces whose corners are vertices.
     fn joined(count: usize, faces: Vec<[u32; 3]>) -> Result<Self, MeshError> {
         let (sorted, starts) = by_edge(count, &faces);
         let (mut twins, mut edge_of) = (vec![0; sorted.len()], vec![0; sorted.len()]);
@@ -235,7 +235,7 @@ impl Connectivity {
                 }
                 let (up, down): (Vec<usize>, Vec<usize>) =
                     edge.iter().copied().map(half_edge).partition(runs_up);
-                // The first pair in the order of the faces, so that the same mesh always gets the same answer.
+                // The first pair in the order of the faces, so that the error is deterministic.
                 for same in [&up, &down] {
                     if let [first, second, ..] = same[..] {
                         twice = Some(twice.map_or([second, first], |found| found.min([second, first])));
@@ -260,7 +260,7 @@ impl Connectivity {
         Ok(Self { faces, edges, twins, edge_of, first })
     }
 
-    /// That every vertex has one fan of faces, and that all hang together.
+    /// Checks that every vertex has a single fan of faces, and that the mesh is connected.
     fn check_vertices(&self) -> Result<(), MeshError> {
         let count = self.vertices();
         let mut degree = vec![0_usize; count];
@@ -290,7 +290,7 @@ impl Connectivity {
         &self.edges
     }
 
-    /// The half-edges that start at a vertex, counter-clockwise seen from outside.
+    /// The half-edges that start at a vertex, counter-clockwise as seen from outside.
     pub fn around(&self, vertex: u32) -> impl Iterator<Item = u32> + '_ {
         self.around_from(self.first[vertex as usize])
     }
@@ -300,22 +300,22 @@ impl Connectivity {
         std::iter::successors(Some(half_edge), after)
     }
 
-    /// Neighbours of a vertex, counter-clockwise seen from outside.
+    /// The neighbours of a vertex, counter-clockwise as seen from outside.
     pub fn ring(&self, vertex: u32) -> impl Iterator<Item = u32> + '_ {
         self.ring_from(self.first[vertex as usize])
     }
 
-    /// The neighbours of the vertex where a half-edge starts, from its other end on.
+    /// The neighbours of the vertex where a half-edge starts, beginning with its other end.
     pub fn ring_from(&self, half_edge: u32) -> impl Iterator<Item = u32> + '_ {
         self.around_from(half_edge).map(|h| self.end(h))
     }
 
-    /// The half-edge that runs back.
+    /// The opposite half-edge.
     pub fn twin(&self, half_edge: u32) -> u32 {
         self.twins[half_edge as usize]
     }
 
-    /// Where a half-edge ends.
+    /// The vertex where a half-edge ends.
     pub fn end(&self, half_edge: u32) -> u32 {
         ends(&self.faces, half_edge as usize)[1]
     }
@@ -325,7 +325,7 @@ impl Connectivity {
         self.ring(vertex).count()
     }
 
-    /// The half-edges of an edge, that from its least vertex first.
+    /// The half-edges of an edge; the one from its least vertex comes first.
     pub fn sides(&self, edge: usize) -> [u32; 2] {
         let [least, greatest] = self.edges[edge];
         let forth = self.around(least).find(|half_edge| self.end(*half_edge) == greatest);
@@ -342,8 +342,8 @@ impl Connectivity {
         pairs
     }
 
-    /// The faces of the mesh with a new vertex on every edge: edge `e` of `n` vertices gets vertex `n + e`, and face `(a, b, c)`
-    /// becomes `(a, ab, ca)`, `(ab, b, bc)`, `(ca, bc, c)`, `(ab, bc, ca)`.
+    /// The faces after a split with a new vertex on every edge. In a mesh of `n` vertices, edge `e` gets vertex `n + e`, and face
+    /// `(a, b, c)` becomes `(a, ab, ca)`, `(ab, b, bc)`, `(ca, bc, c)`, `(ab, bc, ca)`.
     pub fn split_faces(&self) -> Vec<[u32; 3]> {
         let mut faces = Vec::with_capacity(4 * self.faces.len());
         for (face, &[a, b, c]) in self.faces.iter().enumerate() {
@@ -359,13 +359,13 @@ impl Connectivity {
             .expect("the parts of the faces of a closed surface close it")
     }
 
-    /// Number of handles: 0 for a sphere, 1 for a torus.
+    /// Genus, the number of handles: 0 for a sphere, 1 for a torus.
     pub fn genus(&self) -> usize {
         // V − E + F = 2 − 2g, and E = 3F/2.
         (2 + self.faces.len() / 2).saturating_sub(self.vertices()) / 2
     }
 
-    /// Edges from `start` to every vertex; none for those that cannot be reached.
+    /// Number of edges from `start` to every vertex; `None` for vertices that cannot be reached.
     pub fn distances(&self, start: u32) -> Vec<Option<u32>> {
         let mut distances = vec![None; self.vertices()];
         let mut front = Vec::new();
@@ -390,7 +390,7 @@ impl Connectivity {
     }
 }
 
-/// The half-edge before one in its face.
+/// The previous half-edge of the same face.
 fn before(half_edge: u32) -> u32 {
     if half_edge.is_multiple_of(3) { half_edge + 2 } else { half_edge - 1 }
 }

@@ -1,10 +1,10 @@
-//! The nearest point of a triangle mesh.
+//! Nearest points on a triangle mesh, by a tree of bounding boxes.
 //!
 //! ```text
 //! q = argmin |p − q|   over all triangles   { w₀ a + w₁ b + w₂ c : w ≥ 0, w₀ + w₁ + w₂ = 1 }
 //! ```
 //!
-//! Boxes around halves of the faces, halved in turn, leave out all that is farther than what is known.
+//! Faces are halved recursively; the bounding boxes of the halves exclude everything farther than the best point so far.
 
 use super::vector::{cross, dot, minus};
 use shapelex_numeric::bounded::Allowance;
@@ -14,20 +14,20 @@ use shapelex_numeric::bounded::Allowance;
 pub struct NearestTriangles<'a> {
     vertices: &'a [[f64; 3]],
     faces: &'a [[u32; 3]],
-    /// A node, its first child and what is below it, its second child and what is below that.
+    /// Preorder: a node, its first child with all below it, its second child with all below it.
     nodes: Vec<Node>,
 }
 
 /// The nearest point of a mesh.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Foot {
-    /// Position of the face it lies on.
+    /// Index of the face that contains the point.
     pub face: usize,
-    /// Its barycentric coordinates there: not negative, sum 1.
+    /// Barycentric coordinates on that face: non-negative, with sum 1.
     pub weights: [f64; 3],
-    /// Where it is.
+    /// The nearest point.
     pub point: [f64; 3],
-    /// How far it is, in the unit of the vertices.
+    /// Distance in the unit of the vertices.
     pub distance: f64,
 }
 
@@ -41,19 +41,19 @@ struct Node {
 #[derive(Debug, Clone, Copy)]
 enum Content {
     Face(usize),
-    /// The second child; the first one follows its parent.
+    /// Index of the second child; the first child follows its parent.
     Children(usize),
 }
 
-/// Boxes are wider by this part of their largest coordinate: a foot that is rounded stays within, so no box is left out
-/// for a distance that only rounding made shorter.
+/// Relative padding of boxes, as a fraction of their largest coordinate. A rounded foot stays within its box, so no box is
+/// excluded because of a distance that is too short only by rounding.
 const ROUNDING: f64 = 16.0 * f64::EPSILON;
 
-/// Below this sine of its angle at the first corner a triangle is looked at along its edges too: the direction of its
+/// Sine of the angle at the first corner below which a triangle is also searched along its edges: the direction of its
 /// normal has lost half of its digits or more.
 const SLIVER: f64 = 1e-8;
 
-/// A place on a triangle.
+/// A point on a triangle.
 #[derive(Clone, Copy)]
 struct Place {
     weights: [f64; 3],
@@ -62,8 +62,8 @@ struct Place {
 }
 
 impl<'a> NearestTriangles<'a> {
-    /// Of faces whose corners are vertices. Halves the faces at the median of their centroids, along the longest
-    /// direction, down to single ones: `O(F log F)`, `⌈log₂ F⌉` halvings deep.
+    /// Builds the tree for faces whose corners are vertices. Faces are halved at the median of their centroids along the
+    /// longest direction, down to single faces: `O(F log F)`, depth `⌈log₂ F⌉`.
     pub fn new(vertices: &'a [[f64; 3]], faces: &'a [[u32; 3]]) -> Self {
         let mut tree = Self { vertices, faces, nodes: Vec::with_capacity(2 * faces.len()) };
         let centroid = |face: usize| {
@@ -76,12 +76,12 @@ impl<'a> NearestTriangles<'a> {
         tree
     }
 
-    /// The point of the mesh that is nearest to `point`; the lowest face when it is as near on several. None without
-    /// faces, and none for a point that is not finite.
+    /// The point of the mesh nearest to `point`; on several equally near faces, the one with the lowest index. `None` for a
+    /// mesh without faces and for a point that is not finite.
     ///
-    /// Feet on a common edge or vertex are the same bits on all of its faces, so the choice does not depend on
-    /// rounding there. Squares of the coordinates must be normal numbers. Cost `O(log F)` for points near the surface,
-    /// all faces at worst (the centre of a sphere).
+    /// Feet on a common edge or vertex have the same bits on all of its faces, so the choice does not depend on rounding.
+    /// Squares of the coordinates must be normal numbers. Cost `O(log F)` for points near the surface; all faces in the
+    /// worst case (the centre of a sphere).
     pub fn nearest(&self, point: [f64; 3]) -> Option<Foot> {
         let mut best = None;
         if !self.nodes.is_empty() {
@@ -95,8 +95,8 @@ impl<'a> NearestTriangles<'a> {
         })
     }
 
-    /// Whether any pair of faces whose boxes meet, the second not before the first in the tree, is one that `holds`; none when there
-    /// are more pairs of boxes to look at than are allowed.
+    /// Whether `holds` is true for any pair of faces with overlapping boxes, where the second face is not before the first in the
+    /// tree. `None` if the allowance of box pairs is used up.
     pub fn any_pair(
         &self,
         allowance: &mut Allowance<'_>,
@@ -125,7 +125,7 @@ impl<'a> NearestTriangles<'a> {
                 (Content::Children(second), Content::Children(_)) if one == other => {
                     pending.extend([(one + 1, one + 1), (second, second), (one + 1, second)]);
                 }
-                // The larger box is divided.
+                // Split the larger box.
                 (Content::Children(first), Content::Children(second)) => {
                     let first_is_larger = self.nodes[one].size() >= self.nodes[other].size();
                     let pairs = if first_is_larger {
@@ -144,7 +144,7 @@ impl<'a> NearestTriangles<'a> {
         self.faces[face].map(|vertex| self.vertices[vertex as usize])
     }
 
-    /// Adds the node of some faces, and those below.
+    /// Adds the node of some faces and all nodes below it.
     fn divide(&mut self, faces: &mut [usize], centroids: &[[f64; 3]]) {
         let Some(&face) = faces.first() else { return };
         let [lower, upper] = around(faces.iter().flat_map(|face| self.corners(*face)));
@@ -160,7 +160,7 @@ impl<'a> NearestTriangles<'a> {
         }
     }
 
-    /// Improves `best` by what is below a node, the nearer child first.
+    /// Improves `best` from the faces below a node, the nearer child first.
     fn visit(&self, node: usize, point: [f64; 3], best: &mut Option<(usize, Place)>) {
         match self.nodes[node].content {
             Content::Face(face) => {
@@ -182,7 +182,7 @@ impl<'a> NearestTriangles<'a> {
                     children.swap(0, 1);
                 }
                 for (square, child) in children {
-                    // Not `<`: an equal distance may belong to an earlier face.
+                    // `<=` rather than `<`: an equal distance may belong to a face with a lower index.
                     if best.is_none_or(|(_, place)| square <= place.square) {
                         self.visit(child, point, best);
                     }
@@ -202,7 +202,7 @@ impl Node {
         (0..3).map(|axis| self.upper[axis] - self.lower[axis]).fold(0.0, f64::max)
     }
 
-    /// Square of the distance from a point to the box; 0 inside.
+    /// Squared distance from a point to the box; 0 inside.
     fn square_distance(&self, point: [f64; 3]) -> f64 {
         let beyond =
             |axis: usize| (self.lower[axis] - point[axis]).max(point[axis] - self.upper[axis]).max(0.0);
@@ -211,7 +211,7 @@ impl Node {
     }
 }
 
-/// The least box around points, lower and upper corner.
+/// Bounding box of points, lower and upper corner.
 fn around(points: impl Iterator<Item = [f64; 3]>) -> [[f64; 3]; 2] {
     points.fold([[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]], |[lower, upper], point| {
         [
@@ -221,7 +221,7 @@ fn around(points: impl Iterator<Item = [f64; 3]>) -> [[f64; 3]; 2] {
     })
 }
 
-/// The faces below and above the median along the longest direction of their centroids; equal ones by position.
+/// The faces below and above the median along the longest direction of their centroids; ties by index.
 fn halves<'f>(faces: &'f mut [usize], centroids: &[[f64; 3]]) -> (&'f mut [usize], &'f mut [usize]) {
     let [lower, upper] = around(faces.iter().map(|face| centroids[*face]));
     let extent = minus(upper, lower);
@@ -233,14 +233,14 @@ fn halves<'f>(faces: &'f mut [usize], centroids: &[[f64; 3]]) -> (&'f mut [usize
     faces.split_at_mut(middle)
 }
 
-/// The place of a triangle nearest to a point: under the point where that is inside, else on an edge that the point is
-/// beyond. Triangles may be segments or points.
+/// The point of a triangle nearest to a given point: its foot on the plane if that is inside, else a point on an edge that
+/// it lies beyond. Triangles may be degenerate (segments or points).
 ///
 /// # Source
-/// The regions of Ericson 2005, Real-Time Collision Detection, section 5.1.5. Its weights are differences of products
-/// of two scalar products, which lose digits with the square of the distance over the size of the triangle; those
-/// here lose them with the distance alone. Its quotients along the edges are 0/0 on some segments; here the nearest
-/// place of every edge in question is taken.
+/// The regions of Ericson 2005, Real-Time Collision Detection, section 5.1.5. Ericson's weights are differences of products
+/// of two scalar products, which lose digits with the square of the ratio of distance to triangle size; the weights here
+/// lose them with the ratio itself. Ericson's quotients along the edges are 0/0 on some segments; here the nearest point
+/// of every candidate edge is used.
 fn on_triangle(point: [f64; 3], corners: [[f64; 3]; 3]) -> Place {
     let (weights, thin) = under(point, corners);
     let [a, b, c] = corners;
@@ -248,7 +248,7 @@ fn on_triangle(point: [f64; 3], corners: [[f64; 3]; 3]) -> Place {
         let at = |axis: usize| a[axis] + weights[1] * (b[axis] - a[axis]) + weights[2] * (c[axis] - a[axis]);
         Place::new(point, [at(0), at(1), at(2)], weights)
     });
-    // The nearest place of a convex shape is on a side that is seen from the point: opposite to a negative weight.
+    // The nearest point of a convex shape lies on a side facing the given point: opposite to a negative weight.
     let edges = (0..3)
         .filter(|opposite| thin || weights[*opposite] < 0.0)
         .map(|opposite| on_edge(point, corners, (opposite + 1) % 3, (opposite + 2) % 3));
@@ -257,14 +257,14 @@ fn on_triangle(point: [f64; 3], corners: [[f64; 3]; 3]) -> Place {
 }
 
 /// Barycentric coordinates of the foot on the plane of a triangle, and whether the triangle is so thin that they are
-/// doubtful or not numbers.
+/// unreliable or not finite.
 ///
 /// ```text
 /// n = u × v,   w₁ = ⟨n, x × v⟩ / |n|²,   w₂ = ⟨n, u × x⟩ / |n|²      u = b − a, v = c − a, x = p − a
 /// ```
 fn under(point: [f64; 3], [a, b, c]: [[f64; 3]; 3]) -> ([f64; 3], bool) {
     let (u, v) = (minus(b, a), minus(c, a));
-    // In units of the triangle nothing overflows.
+    // In units of the triangle size nothing overflows.
     let unit = 1.0 / u.iter().chain(&v).fold(0.0_f64, |size, x| size.max(x.abs()));
     let scaled = |[x, y, z]: [f64; 3]| [unit * x, unit * y, unit * z];
     let (u, v, x) = (scaled(u), scaled(v), scaled(minus(point, a)));
@@ -275,15 +275,15 @@ fn under(point: [f64; 3], [a, b, c]: [[f64; 3]; 3]) -> ([f64; 3], bool) {
     ([1.0 - second - third, second, third], !thick)
 }
 
-/// The nearest place of the edge between two corners of a triangle. The edge runs from its lesser to its greater end,
-/// so both faces at it get the same bits.
+/// The nearest point on the edge between two corners of a triangle. The edge always runs from its lesser to its greater
+/// end, so both of its faces get the same bits.
 fn on_edge(point: [f64; 3], corners: [[f64; 3]; 3], from: usize, to: usize) -> Place {
     let (from, to) = if corners[from] <= corners[to] { (from, to) } else { (to, from) };
     let (a, b) = (corners[from], corners[to]);
     let along = minus(b, a);
     let t = dot(minus(point, a), along) / dot(along, along);
     let mut weights = [0.0; 3];
-    // An edge that is a point has t = 0/0 and ends up at its first corner.
+    // An edge of length zero has t = 0/0 and yields its first corner.
     let foot = if t >= 1.0 {
         weights[to] = 1.0;
         b
@@ -309,7 +309,7 @@ mod tests {
     use super::*;
     use crate::vector::norm;
 
-    /// Uniform numbers in [0, 1), the same at every run (splitmix64).
+    /// Deterministic uniform numbers in [0, 1) (splitmix64).
     fn uniform(state: &mut u64) -> f64 {
         *state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let z = (*state ^ (*state >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -321,7 +321,7 @@ mod tests {
         [0; 3].map(|_| 2.0 * uniform(state) - 1.0)
     }
 
-    /// Every face in turn, the first of the nearest.
+    /// Brute force over all faces; the first of the nearest.
     fn brute(vertices: &[[f64; 3]], faces: &[[u32; 3]], point: [f64; 3]) -> (usize, f64) {
         let square = |face: &[u32; 3]| on_triangle(point, face.map(|v| vertices[v as usize])).square;
         faces.iter().map(square).enumerate().fold((0, f64::INFINITY), |best, (face, square)| {
@@ -329,7 +329,7 @@ mod tests {
         })
     }
 
-    /// Faces of all kinds: ordinary, with a corner twice, three times, three corners in line, the same face again.
+    /// Faces of all kinds: ordinary, with a corner twice or three times, with collinear corners, duplicated.
     fn soup(state: &mut u64) -> (Vec<[f64; 3]>, Vec<[u32; 3]>) {
         let mut vertices: Vec<[f64; 3]> = (0..60).map(|_| random(state)).collect();
         vertices.extend((0..20).map(|i| [0.0, 0.1 * f64::from(i), 0.0]));
@@ -372,7 +372,7 @@ mod tests {
         }
     }
 
-    /// The weights give the point, the point the distance.
+    /// Checks that the weights give the point, and the point the distance.
     fn check(vertices: &[[f64; 3]], faces: &[[u32; 3]], point: [f64; 3], foot: &Foot) {
         let corners = faces[foot.face].map(|v| vertices[v as usize]);
         let made: [f64; 3] =
@@ -383,7 +383,7 @@ mod tests {
         assert!(foot.weights.iter().all(|w| *w >= 0.0) && (sum - 1.0).abs() < 4e-16, "{foot:?}");
     }
 
-    /// Nothing on the triangle is nearer: neither on a fine lattice over it nor, to first order, along the way to any
+    /// No point of the triangle is nearer: neither on a fine lattice over it nor, to first order, in the direction of any
     /// corner, `⟨p − q, corner − q⟩ ≤ 0`.
     #[test]
     fn the_foot_on_a_triangle_is_the_nearest_place() {
@@ -391,7 +391,7 @@ mod tests {
         for trial in 0..2000 {
             let mut corners = [0; 3].map(|_| random(&mut state));
             if trial % 4 == 0 {
-                // Nearly or exactly in line.
+                // Nearly or exactly collinear.
                 let [t, off] = [3.0 * uniform(&mut state) - 1.0, [0.0, 1e-16, 1e-12, 1e-5][trial / 4 % 4]];
                 let shift = random(&mut state);
                 corners[2] = std::array::from_fn(|axis| {
@@ -464,7 +464,7 @@ mod tests {
             assert!(norm(minus(foot.weights, [0.5, 0.25, 0.25])) < 1e-15, "{foot:?}");
             assert_eq!(tree.nearest([f64::NAN, 0.0, 0.0]), None);
         }
-        // Far away the weights stay good.
+        // Far away the weights stay accurate.
         let foot = NearestTriangles::new(&corners, &[[0, 1, 2]]).nearest([1.0, 0.5, 1e12]).unwrap();
         assert!(norm(minus(foot.weights, [0.5, 0.25, 0.25])) < 1e-15, "{foot:?}");
     }

@@ -4,8 +4,8 @@
 //! r(u) = Σ_{k=−K}^{M+K} c[k] φ(M u − k),   u ∈ [0, 1],   K = ⌈N/2⌉ − 1
 //! ```
 //!
-//! The `2K` phantoms lie outside `[0, M]`. Where they are not given they follow from the annihilation rule
-//! `Σ_i d_i c[k − i] = 0`, exact for every function that the generator reproduces.
+//! The `2K` phantoms lie outside `[0, M]`. If they are not given, they follow from the annihilation rule
+//! `Σ_i d_i c[k − i] = 0`, which is exact for every function that the generator reproduces.
 
 use super::generator::{Generator, Poles};
 use shapelex_numeric::NumericError;
@@ -13,14 +13,14 @@ use shapelex_numeric::banded::{Band, Banded};
 use shapelex_numeric::dense::Matrix;
 use shapelex_numeric::operator::SymmetricOperator;
 
-/// `K`, the phantoms beyond each end for a support of `support`.
+/// Number of phantom control points beyond each end, `K`, for a support of `support`.
 pub fn phantoms(support: usize) -> usize {
     support.saturating_sub(1) / 2
 }
 
 /// `∫₀¹ φ_k^(d) φ_l^(d) du = M^{2d−1} ∫₀^M φ^(d)(t − k) φ^(d)(t − l) dt` for `k, l = −K … M + K`.
 ///
-/// Interior entries are those of the line; rows near the ends see a part of their generators. Cost `O(M N²)`.
+/// Interior entries are those of an infinite line; rows near the ends integrate part of their generators. Cost `O(M N²)`.
 pub fn open_gram(generator: &Generator, intervals: usize, derivative: usize) -> Band {
     let support = generator.support();
     let first = phantoms(support) as isize;
@@ -33,7 +33,7 @@ pub fn open_gram(generator: &Generator, intervals: usize, derivative: usize) -> 
     let mut gram = Band::zeros(size, support - 1);
     for half in 0..2 * intervals {
         for (k, p) in covering(support, half) {
-            // the control point m knots further has piece p − 2m
+            // The control point m knots further on has piece p − 2m.
             for (m, value) in table[p].iter().enumerate() {
                 let (row, column) = ((k + first) as usize, (k + first) as usize + m);
                 gram.add(row, column, *value);
@@ -43,7 +43,7 @@ pub fn open_gram(generator: &Generator, intervals: usize, derivative: usize) -> 
     gram
 }
 
-/// Control points `k` that matter on a half-segment, with the piece of their generator there.
+/// Control points `k` with an influence on a half-segment, with the piece of their generator there.
 pub(super) fn covering(support: usize, half: usize) -> impl Iterator<Item = (isize, usize)> {
     let (n, i, q) = (support as isize, (half / 2) as isize, (half % 2) as isize);
     // 0 ≤ N + 2(i − k) + q < 2N
@@ -52,25 +52,25 @@ pub(super) fn covering(support: usize, half: usize) -> impl Iterator<Item = (isi
     (first..=last).map(move |k| (k, (n + 2 * (i - k) + q) as usize))
 }
 
-/// From points at the knots `u = k/M` to control points.
+/// Conversion of points at the knots `u = k/M` to control points.
 #[derive(Debug, Clone)]
 pub(super) enum OpenInterpolation {
-    /// The control points are the points, and phantoms by annihilation.
+    /// The control points are the points; phantoms follow by annihilation.
     Annihilation {
         /// `d_0 … d_n`.
         annihilator: Vec<f64>,
         /// `K`.
         phantoms: usize,
     },
-    /// Interpolation at the knots with annihilation at the ends (for B-splines: not-a-knot).
+    /// Interpolation at the knots, with annihilation at the ends (not-a-knot for B-splines).
     NotAKnot(Box<NotAKnot>),
 }
 
 impl OpenInterpolation {
-    /// For a generator of `poles` with `intervals ≥ |α| − 1`.
+    /// Prepares interpolation for a generator of `poles` with `intervals ≥ |α| − 1`.
     ///
     /// # Errors
-    /// [`NumericError::NotPositiveDefinite`] when the system is singular to working precision.
+    /// [`NumericError::NotPositiveDefinite`] if the system is singular to working precision.
     pub(super) fn new(
         generator: &Generator,
         poles: &Poles,
@@ -85,7 +85,7 @@ impl OpenInterpolation {
         Ok(Self::NotAKnot(Box::new(NotAKnot::new(generator, &annihilator, intervals)?)))
     }
 
-    /// `M + 1 + 2K` control points of the curve through `M + 1` points.
+    /// The `M + 1 + 2K` control points of the curve through `M + 1` points.
     pub(super) fn interpolate(&self, points: &Matrix) -> Matrix {
         match self {
             Self::Annihilation { annihilator, phantoms } => extend(points, annihilator, *phantoms),
@@ -94,7 +94,7 @@ impl OpenInterpolation {
     }
 }
 
-/// `points` with `phantoms` rows before and after: `Σ_{i=0}^{n} d_i c[k − i] = 0` for every window that holds one.
+/// Adds `phantoms` rows before and after `points`: `Σ_{i=0}^{n} d_i c[k − i] = 0` for every window that contains one.
 fn extend(points: &Matrix, d: &[f64], phantoms: usize) -> Matrix {
     let (rows, dimension) = points.shape();
     let order = d.len() - 1;
@@ -113,16 +113,16 @@ fn extend(points: &Matrix, d: &[f64], phantoms: usize) -> Matrix {
     c
 }
 
-/// The square banded system `S c = (0, p, 0)`: `K` annihilation windows at each end, samples at the knots between.
+/// The square banded system `S c = (0, p, 0)`: `K` annihilation windows at each end, samples at the knots in between.
 #[derive(Debug, Clone)]
 pub(super) struct NotAKnot {
-    /// First column and entries of every row.
+    /// First column and entries of each row.
     rows: Vec<(usize, Vec<f64>)>,
     phantoms: usize,
     normal: Banded,
 }
 
-/// Rounds of refinement: the normal equations square the condition number (up to 10⁴), one round restores it.
+/// Rounds of iterative refinement: the normal equations square the condition number (up to 10⁴), one round restores it.
 const REFINEMENTS: usize = 2;
 
 impl NotAKnot {

@@ -1,4 +1,4 @@
-//! What is wrong with a closed triangle mesh though its faces fit together.
+//! Quality checks of closed triangle meshes: defects that are possible although the faces fit together.
 //!
 //! ```text
 //! collapsed   an edge without length                    flat      thinner than 10⁻⁹ of its extent in some direction
@@ -7,8 +7,8 @@
 //! coarse      a rounding of the largest coordinate is more than 10⁻⁹ of the extent
 //! ```
 //!
-//! Pairs of faces come from the tree of boxes of [`NearestTriangles`]; their number is bounded, so that the question of whether a
-//! mesh meets itself may be left open.
+//! Candidate pairs of faces come from the box tree of [`NearestTriangles`]. Their number is bounded, so the test for
+//! self-intersection may remain undecided.
 
 use super::mesh::TriangleMesh;
 use super::nearest::NearestTriangles;
@@ -16,40 +16,40 @@ use super::raster::bounds;
 use super::vector::{cross, dot, minus, norm};
 use shapelex_numeric::bounded::{Allowance, Stop};
 
-/// What is wrong with a mesh.
+/// Defects of a mesh.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct MeshQuality {
-    /// Edges without length.
+    /// Number of edges without length.
     pub collapsed_edges: usize,
     /// Whether all vertices are one point.
     pub is_point: bool,
-    /// Whether it lies in a plane or on a line.
+    /// Whether the mesh lies in a plane or on a line.
     pub is_flat: bool,
-    /// Whether it encloses nothing though it is not flat: sheets coincide or cancel.
+    /// Whether the mesh encloses no volume although it is not flat: its sheets coincide or cancel.
     pub has_no_volume: bool,
-    /// Whether its faces are seen counter-clockwise from inside.
+    /// Whether the faces are counter-clockwise as seen from inside.
     pub is_inside_out: bool,
-    /// Whether it crosses itself or lies on itself, of faces up to the limit; none when that was not decided.
+    /// Whether the mesh crosses or touches itself; `None` if it has too many faces or the test was not decided.
     pub self_intersecting: Option<bool>,
-    /// Size of a rounding of the largest coordinate, when it is a large part of the extent.
+    /// Rounding unit of the largest coordinate, if it is a significant fraction of the extent.
     pub rounding: Option<f64>,
 }
 
-/// Roundings up to this part of the extent are not worth a word: nine digits are more than measured surfaces have.
+/// Rounding unit, relative to the extent, that is not reported: nine digits exceed the accuracy of measured surfaces.
 const COARSE: f64 = 1e-9;
-/// A mesh thinner than this part of its extent is flat: coordinates with nine digits hold no more.
+/// Relative thickness below which a mesh is flat: coordinates with nine digits hold no more.
 const FLAT: f64 = 1e-9;
-/// Volumes below this part of the power 3/2 of the area are rounding: a ball has 0.09.
+/// Ratio of the volume to the power 3/2 of the area below which the volume is rounding: a ball has 0.09.
 const NO_VOLUME: f64 = 1e-12;
-/// Lengths below this part of the largest coordinate are rounding.
+/// Length, relative to the largest coordinate, below which a length is rounding.
 const NOTHING: f64 = 4.0 * f64::EPSILON;
-/// Faces of a mesh that is looked at for intersections: some hundredths of a second.
+/// Maximum number of faces for the self-intersection test, which takes some hundredths of a second.
 pub const MOST_FACES: usize = 20_000;
-/// Pairs of boxes and faces that are looked at, for every face. A sphere needs some thirty.
+/// Maximum number of pairs of boxes and faces to examine per face. A sphere needs some thirty.
 const PAIRS_PER_FACE: usize = 1_000;
 
 impl MeshQuality {
-    /// In words.
+    /// The defects in words.
     pub fn warnings(&self) -> Vec<String> {
         let edges = format!("{} of its edges have no length: vertices coincide", self.collapsed_edges);
         let rounding = format!(
@@ -75,8 +75,8 @@ impl MeshQuality {
         found.into_iter().filter_map(|(holds, text)| holds.then_some(text)).collect()
     }
 
-    /// Looks at a mesh of which the signed volume, none of a sheet, and the area are known, and for intersections at `faces` of it.
-    /// Cost: linear but for the intersections, `O(F log F)` and at most 1000 pairs for each of the faces.
+    /// Checks a mesh with known signed volume (`None` for a sheet) and area, and tests `faces` of it for intersections. Cost:
+    /// linear, and for the intersections `O(F log F)` with at most 1000 pairs per face.
     pub fn of(
         mesh: &TriangleMesh,
         (signed_volume, area): (Option<f64>, f64),
@@ -90,11 +90,11 @@ impl MeshQuality {
         let is_point = !(extent > nothing);
         let near: Vec<[f64; 3]> = mesh.vertices.iter().map(|v| near_one(*v, low, extent)).collect();
         let is_thin = !is_point && thickness(&near) <= FLAT.max(nothing / extent);
-        // A sheet may be flat.
+        // A sheet may legitimately be flat.
         let is_flat = is_thin && signed_volume.is_some();
         let has_volume = signed_volume.is_none_or(|volume| volume.abs() > NO_VOLUME * area.powf(1.5));
         let rounding = Some(rounding).filter(|rounding| *rounding > COARSE * extent && !is_point);
-        // What rounding makes of coordinates is no intersection.
+        // Intersections caused by the rounding of coordinates do not count.
         let decided = !is_point && !is_thin && rounding.is_none() && faces.len() <= MOST_FACES;
         Self {
             collapsed_edges: collapsed_edges(mesh, largest),
@@ -111,13 +111,13 @@ impl MeshQuality {
     }
 }
 
-/// In parts of the extent from the lower corner of the box.
+/// The point relative to the lower corner of the box, in units of the extent.
 fn near_one(point: [f64; 3], low: [f64; 3], extent: f64) -> [f64; 3] {
     minus(point, low).map(|x| if extent > 0.0 { x / extent } else { 0.0 })
 }
 
-/// Edges without length but for rounding at the `largest` coordinate; each is in two faces. The mesh need not be checked: an edge
-/// to a vertex that does not exist has no length to speak of and is not counted.
+/// Number of edges without length, up to rounding at the `largest` coordinate; each edge is in two faces. The mesh may be
+/// unchecked: an edge to a missing vertex is not counted.
 pub fn collapsed_edges(mesh: &TriangleMesh, largest: f64) -> usize {
     let nothing = NOTHING * largest;
     let is_collapsed = |[a, b]: [u32; 2]| {
@@ -132,7 +132,7 @@ pub fn collapsed_edges(mesh: &TriangleMesh, largest: f64) -> usize {
 fn thickness(points: &[[f64; 3]]) -> f64 {
     let count = points.len().max(1) as f64;
     let mean = [0, 1, 2].map(|c| points.iter().map(|point| point[c]).sum::<f64>() / count);
-    // Directions of the three longest that are across one another: squares of moments would lose half of the digits.
+    // Three longest mutually orthogonal directions: squares of moments would lose half of the digits.
     let farthest = |from: [f64; 3], across: &[[f64; 3]]| {
         let rest = |point: &[f64; 3]| without(minus(*point, from), across);
         points.iter().map(rest).fold([0.0; 3], |a, b| if dot(b, b) > dot(a, a) { b } else { a })
@@ -155,8 +155,8 @@ fn without(mut vector: [f64; 3], axes: &[[f64; 3]]) -> [f64; 3] {
     vector
 }
 
-/// Whether faces of a mesh with an extent of 1 cross or lie on one another; none when that takes too many pairs, or the caller
-/// wants to stop.
+/// Whether faces of a mesh with extent 1 cross or lie on one another. `None` if that takes too many pairs, or `stop` returns
+/// true.
 fn self_intersects(vertices: &[[f64; 3]], faces: &[[u32; 3]], stop: Stop<'_>) -> Option<bool> {
     let tree = NearestTriangles::new(vertices, faces);
     let mut allowance = Allowance::new(10_000 + PAIRS_PER_FACE * faces.len(), stop);
@@ -167,18 +167,18 @@ fn self_intersects(vertices: &[[f64; 3]], faces: &[[u32; 3]], stop: Stop<'_>) ->
     })
 }
 
-/// A face with an area.
+/// A face with positive area.
 struct Triangle {
     corners: [[f64; 3]; 3],
     normal: [f64; 3],
     size: f64,
 }
 
-/// Faces thinner than this part of their longest edge have no plane.
+/// Thickness of a face, relative to its longest edge, below which it has no plane.
 const THIN: f64 = 1e-7;
-/// Corners nearer to the plane of another face than this part of the size of both are in it.
+/// Distance of a corner from the plane of another face, relative to the size of both, below which it is in the plane.
 const IN_PLANE: f64 = 1e-9;
-/// Faces that share less than this part of their size touch.
+/// Length of an intersection, relative to the size of the faces, below which they only touch.
 const TOUCH: f64 = 1e-5;
 
 impl Triangle {
@@ -197,7 +197,7 @@ impl Triangle {
         })
     }
 
-    /// Whether two faces with so many common corners share more than these, and more than a touch.
+    /// Whether two faces with `shared` common corners have more than these, and more than a touch, in common.
     fn meets(&self, other: &Self, shared: usize) -> bool {
         let size = self.size.max(other.size);
         let (mine, theirs) = (other.heights(self, IN_PLANE * size), self.heights(other, IN_PLANE * size));
@@ -210,7 +210,7 @@ impl Triangle {
         if mine == [0.0; 3] || theirs == [0.0; 3] {
             return self.overlaps(other);
         }
-        // Two planes through a common edge have nothing else in common.
+        // Two planes through a common edge intersect nowhere else.
         if shared >= 2 {
             return false;
         }

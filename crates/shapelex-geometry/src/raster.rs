@@ -1,18 +1,18 @@
-//! Shapes as cells of a grid, and how much two of them overlap.
+//! Rasterisation of shapes to grid cells, and overlap measures of two rasterised shapes.
 //!
 //! ```text
 //! Jaccard  J = |A ∩ B| / |A ∪ B|          Dice  2 |A ∩ B| / (|A| + |B|)
 //! Hausdorff  max(max_{a ∈ ∂A} d(a, ∂B), max_{b ∈ ∂B} d(b, ∂A))
 //! ```
 //!
-//! A cell belongs to a shape when its centre is inside by the parity of the crossings on a ray (even-odd). On
-//! surfaces and contours that cross themselves this differs from the winding number: what is enclosed twice is
+//! A cell belongs to a shape if its centre is inside by the even-odd rule: the parity of the crossings on a ray. On
+//! surfaces and contours that cross themselves this differs from the winding number: regions enclosed twice are
 //! outside.
 //!
 //! # Ties
-//! Every comparison is half-open, `lower ≤ centre < upper` in each coordinate, so shapes that tile space or the
-//! plane share out the centres: each goes to exactly one of them, also on common faces, edges and vertices. Common
-//! sides that lie across an axis may be cut into different triangles; oblique ones must be the same triangles.
+//! Every comparison is half-open, `lower ≤ centre < upper` in each coordinate. If shapes tile space or the plane, each
+//! centre therefore belongs to exactly one of them, even on common faces, edges and vertices. Common sides that lie across
+//! an axis may be cut into different triangles; oblique ones must have the same triangles.
 
 use rayon::prelude::*;
 
@@ -21,60 +21,60 @@ use shapelex_numeric::bounded::{Stop, never};
 
 /// A regular grid of pixel or voxel centres `first + spacing · (i, j, k)`.
 ///
-/// A grid of one layer, `size[2] == 1`, lies in the plane: its third coordinate is ignored and its third spacing is
+/// A grid of one layer, `size[2] == 1`, lies in the plane. Its third coordinate is ignored, and its third spacing is
 /// 1, so that the product of the spacings is an area.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Grid {
     /// The first centre.
     pub first: [f64; 3],
-    /// Distances of neighbouring centres along the axes, positive.
+    /// Distances between neighbouring centres along the axes; positive.
     pub spacing: [f64; 3],
-    /// Numbers of centres along the axes.
+    /// Number of centres along each axis.
     pub size: [usize; 3],
 }
 
-/// The cells of a grid that belong to a shape.
+/// The grid cells that belong to a shape.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Mask {
-    /// Where the cells are.
+    /// The grid.
     pub grid: Grid,
-    /// Which cells belong to the shape; the last axis is the fastest.
+    /// For every cell, whether it belongs to the shape; the last axis is the fastest.
     pub inside: Vec<bool>,
 }
 
-/// How much two masks overlap, and how far their surfaces are apart.
+/// Overlap of two masks, and distances between their surfaces.
 ///
-/// The surface of a mask is its cells with a neighbour across a face (across an edge, in the plane) that is outside or
-/// beyond the grid. Distances are between centres, in the unit of the spacing; there are none when a mask is empty.
+/// The surface of a mask consists of its cells with a neighbour across a face (in the plane, across an edge) that is outside
+/// of the mask or beyond the grid. Distances are between centres, in the unit of the spacing; `None` if a mask is empty.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Overlap {
-    /// Cells of the two masks.
+    /// Number of cells in each mask.
     pub cells: [usize; 2],
-    /// Cells in both.
+    /// Number of cells in both masks.
     pub intersection: usize,
-    /// Cells in one at least.
+    /// Number of cells in at least one mask.
     pub union: usize,
-    /// `|A ∩ B| / |A ∪ B|`; 1 when both are empty.
+    /// `|A ∩ B| / |A ∪ B|`; 1 if both are empty.
     pub jaccard: f64,
-    /// `2 |A ∩ B| / (|A| + |B|)`; 1 when both are empty.
+    /// `2 |A ∩ B| / (|A| + |B|)`; 1 if both are empty.
     pub dice: f64,
-    /// Largest distance from a surface to the other, over both.
+    /// Largest distance from one surface to the other, over both directions.
     pub hausdorff: Option<f64>,
-    /// 95th percentile of the distances of both directions together, linear between neighbours.
+    /// 95th percentile of the distances in both directions together, with linear interpolation.
     pub hausdorff_95: Option<f64>,
-    /// Mean of the distances of both directions together.
+    /// Mean of the distances in both directions together.
     pub mean_surface_distance: Option<f64>,
 }
 
-/// A box that is a whole number of cells but for this part of a cell gets no further one: the quotient of a length by
-/// its own part is rounded twice.
+/// Fraction of a cell by which a box may exceed a whole number of cells without getting another cell: the quotient of a
+/// length and a fraction of itself is rounded twice.
 const WHOLE: f64 = 1e-9;
 
-/// Up to this many minima on a line are looked for one by one. Most lines meet a surface twice; without their envelopes
-/// the overlap of two balls takes three quarters of the time.
+/// Maximum number of minima on a line that are searched one by one. Most lines meet a surface twice; skipping their
+/// envelopes reduces the time for the overlap of two balls to three quarters.
 const FEW: usize = 4;
 
-/// The least box around points, lower and upper corner; none without points.
+/// Bounding box of points, lower and upper corner; `None` without points.
 pub fn bounds<const D: usize>(points: impl IntoIterator<Item = [f64; D]>) -> Option<[[f64; D]; 2]> {
     points.into_iter().map(|point| [point; 2]).reduce(|[lower, upper], [point, _]| {
         [
@@ -85,10 +85,10 @@ pub fn bounds<const D: usize>(points: impl IntoIterator<Item = [f64; D]>) -> Opt
 }
 
 impl Grid {
-    /// The grid of a given spacing that covers a box and one cell more on every side. It has the middle of the box for
-    /// its own, so it depends on the box and the spacing alone. `D` is 2 or 3.
+    /// The grid of a given spacing that covers a box and one more cell on every side. Its centre is that of the box, so it
+    /// depends on the box and the spacing alone. `D` is 2 or 3.
     ///
-    /// Sizes saturate; look at [`Grid::count`] before making a mask.
+    /// Sizes saturate; check [`Grid::count`] before making a mask.
     pub fn around<const D: usize>([lower, upper]: [[f64; D]; 2], spacing: [f64; D]) -> Self {
         const { assert!(D == 2 || D == 3) };
         let mut grid = Self { first: [0.0; 3], spacing: [1.0; 3], size: [1; 3] };
@@ -103,20 +103,20 @@ impl Grid {
         grid
     }
 
-    /// The grid of square or cubic cells around a box, as [`Grid::around`] makes it, with `cells` along the longest
-    /// side of the box. A box of one point gets cells of size 1.
+    /// The grid of square or cubic cells around a box, as in [`Grid::around`], with `cells` along the longest side of the
+    /// box. For a box of one point, cells have size 1.
     pub fn with_cells<const D: usize>([lower, upper]: [[f64; D]; 2], cells: usize) -> Self {
         let longest = (0..D).map(|axis| upper[axis] - lower[axis]).fold(0.0, f64::max);
         let spacing = if longest > 0.0 { longest / cells.max(1) as f64 } else { 1.0 };
         Self::around([lower, upper], [spacing; D])
     }
 
-    /// Number of cells, `usize::MAX` when it is larger.
+    /// Number of cells; saturates at `usize::MAX`.
     pub fn count(&self) -> usize {
         self.size.iter().fold(1, |count, size| count.saturating_mul(*size))
     }
 
-    /// Volume of a cell; its area in the plane.
+    /// Volume of a cell; area in the plane.
     pub fn cell_measure(&self) -> f64 {
         self.spacing.iter().product()
     }
@@ -137,17 +137,17 @@ impl Grid {
 }
 
 impl Mask {
-    /// Number of cells of the shape.
+    /// Number of cells in the mask.
     pub fn count(&self) -> usize {
         self.inside.iter().filter(|inside| **inside).count()
     }
 
-    /// Volume of the cells of the shape; their area in the plane.
+    /// Volume of the mask; area in the plane.
     pub fn measure(&self) -> f64 {
         self.count() as f64 * self.grid.cell_measure()
     }
 
-    /// Whether a cell of the shape has a neighbour that is none.
+    /// Whether a cell of the mask has a neighbour outside of the mask.
     fn is_surface(&self, cell: [usize; 3]) -> bool {
         let size = self.grid.size;
         let strides = [size[1] * size[2], size[2], 1];
@@ -161,15 +161,15 @@ impl Mask {
     }
 }
 
-/// The cells with centres inside a closed mesh: rays run along the third axis, even-odd.
+/// Cells with centres inside a closed mesh, by the even-odd rule on rays along the third axis.
 ///
 /// The corners of the faces must be vertices ([`TriangleMesh::check_faces`]); the orientation of the faces does not
-/// matter. On a mesh that is not closed the cells beyond a hole, as seen along the ray, get the wrong side.
+/// matter. If the mesh is not closed, the cells beyond a hole, as seen along the ray, are misclassified.
 ///
-/// Every face marks the cells where rays enter or leave through it; the sums of the marks modulo 2 along the rays are
-/// the answer. A ray meets the projection of a face between two of its edges, and each edge gives the same crossing to
-/// both of its faces, bit for bit, so rounding cannot open a gap or count an edge twice: on a closed mesh the marks of
-/// a ray are always even in number.
+/// Every face marks the cells where rays enter or leave through it, and the result is the sum of the marks modulo 2
+/// along the rays. A ray meets the projection of a face between two of its edges. Each edge gives the same crossing to
+/// both of its faces, bit for bit, so rounding can neither open a gap nor count an edge twice: on a closed mesh, the
+/// number of marks on a ray is always even.
 ///
 /// Cost `O(faces + rows met by the faces + crossings + cells)`.
 pub fn of_mesh(mesh: &TriangleMesh, grid: &Grid) -> Mask {
@@ -193,8 +193,8 @@ pub fn of_mesh(mesh: &TriangleMesh, grid: &Grid) -> Mask {
     Mask { grid: *grid, inside }
 }
 
-/// The cells with centres inside closed polygons in the plane, even-odd over all of them: a contour within another is
-/// the border of a hole. The last point of a polygon is joined to its first.
+/// Cells with centres inside closed polygons in the plane, by the even-odd rule over all of them: a contour within another
+/// bounds a hole. The last point of a polygon is joined to its first.
 ///
 /// `grid` has one layer. Cost `O(edges + crossings + cells)`.
 pub fn of_contours(polygons: &[Vec<[f64; 2]>], grid: &Grid) -> Mask {
@@ -217,13 +217,13 @@ pub fn of_contours(polygons: &[Vec<[f64; 2]>], grid: &Grid) -> Mask {
     Mask { grid: *grid, inside }
 }
 
-/// Least and largest of three numbers.
+/// Minimum and maximum of three numbers.
 fn extent([a, b, c]: [f64; 3]) -> [f64; 2] {
     [a.min(b).min(c), a.max(b).max(c)]
 }
 
-/// Position of the first centre that is not less than `value`; their number when all are. Compares with the centres
-/// themselves, so nothing depends on how a quotient is rounded or overflows.
+/// Position of the first centre that is not less than `value`; the number of centres if all are. It compares with the
+/// centres themselves, so the result does not depend on the rounding or overflow of a quotient.
 fn reached(centres: &[f64], value: f64) -> usize {
     centres.partition_point(|centre| *centre < value)
 }
@@ -233,23 +233,23 @@ fn between(a: f64, b: f64, t: f64) -> f64 {
     a + (b - a) * t
 }
 
-/// Where an edge has the first coordinate `x`, lower end included, upper end not. The edge runs from its lower to its
-/// upper end whichever way it is given, so both faces at it get the same bits.
+/// Point of an edge with first coordinate `x`; the lower end is included, the upper end is not. The edge always runs from its
+/// lower to its upper end, so both of its faces get the same bits.
 fn cut<const D: usize>(a: [f64; D], b: [f64; D], x: f64) -> Option<[f64; D]> {
     let (a, b) = if a[0] <= b[0] { (a, b) } else { (b, a) };
     let t = (x - a[0]) / (b[0] - a[0]);
     (a[0] <= x && x < b[0]).then(|| std::array::from_fn(|axis| between(a[axis], b[axis], t)))
 }
 
-/// The segment in which a triangle meets the plane of the first coordinate `x`, by increasing second coordinate.
-/// With half-open edges it is two of them that are cut, or none.
+/// Segment in which a triangle meets the plane of first coordinate `x`, ordered by the second coordinate. With half-open
+/// edges, either two edges are cut or none.
 fn chord([a, b, c]: [[f64; 3]; 3], x: f64) -> Option<[[f64; 3]; 2]> {
     let mut cuts = [(a, b), (b, c), (c, a)].into_iter().filter_map(|(from, to)| cut(from, to, x));
     let (p, q) = (cuts.next()?, cuts.next()?);
     Some(if p[1] <= q[1] { [p, q] } else { [q, p] })
 }
 
-/// Sums modulo 2 along rays of `length` cells.
+/// Running sums modulo 2 along rays of `length` cells.
 fn accumulate(marks: &mut [bool], length: usize) {
     for ray in marks.chunks_mut(length.max(1)) {
         let mut parity = false;
@@ -260,16 +260,16 @@ fn accumulate(marks: &mut [bool], length: usize) {
     }
 }
 
-/// How much two masks of one grid overlap.
+/// Overlap of two masks of one grid.
 ///
-/// Distances come from an exact distance transform of each surface, read at the cells of the other, all within the
-/// box around both masks. Cost `O(cells)`, and 10 bytes for every cell of that box. The result is the same on any number
-/// of threads.
+/// Distances come from an exact distance transform of each surface, read at the cells of the other, within the
+/// bounding box of both masks. Cost `O(cells)`, and 10 bytes per cell of that box. The result does not depend on the
+/// number of threads.
 pub fn overlap(a: &Mask, b: &Mask) -> Overlap {
     compared(a, b, &never)
 }
 
-/// As [`overlap`], unless the caller wants to stop: asked at every line of cells.
+/// As [`overlap`], with cancellation: `stop` is checked at every line of cells.
 pub fn overlap_unless_stopped(a: &Mask, b: &Mask, stop: Stop<'_>) -> Option<Overlap> {
     let overlap = compared(a, b, stop);
     (!stop()).then_some(overlap)
@@ -298,7 +298,7 @@ fn mean(values: &[f64]) -> Option<f64> {
     (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
 }
 
-/// The value at position `part · (n − 1)` of the values in order, linear between neighbours. Reorders them. Cost `O(n)`.
+/// Value at position `part · (n − 1)` of the sorted values, with linear interpolation. Reorders them. Cost `O(n)`.
 fn percentile(values: &mut [f64], part: f64) -> Option<f64> {
     let position = part * values.len().checked_sub(1)? as f64;
     let below = position as usize;
@@ -307,7 +307,7 @@ fn percentile(values: &mut [f64], part: f64) -> Option<f64> {
     Some(between(value, next, position - below as f64))
 }
 
-/// Distances from the surface cells of `a` to the surface of `b`, then those from `b` to `a`; none when one is empty.
+/// Distances from the surface cells of `a` to the surface of `b`, then from `b` to `a`; empty if one surface is empty.
 fn surface_distances(a: &Mask, b: &Mask, stop: Stop<'_>) -> Vec<f64> {
     let Some(window) = Window::around(a, b) else { return Vec::new() };
     let [of_a, of_b] = [a, b].map(|mask| window.surface(mask));
@@ -327,7 +327,7 @@ struct Window {
 }
 
 impl Window {
-    /// The cells of two masks; none when both are empty.
+    /// Bounding box of the cells of two masks; `None` if both are empty.
     fn around(a: &Mask, b: &Mask) -> Option<Self> {
         let [rows, columns, length] = a.grid.size;
         let (mut first, mut last) = ([usize::MAX; 3], [0; 3]);
@@ -348,7 +348,7 @@ impl Window {
         })
     }
 
-    /// The surface cells of a mask that has none outside of the window.
+    /// The surface cells of a mask that lies within the window.
     fn surface(&self, mask: &Mask) -> Vec<bool> {
         let ([i, j, k], [rows, columns, length]) = (self.first, self.size);
         let ray = |row: usize| {
@@ -358,26 +358,26 @@ impl Window {
         (0..rows * columns).into_par_iter().flat_map_iter(ray).collect()
     }
 
-    /// Distances from the cells in `from` to the nearest in `to`, which is not empty.
+    /// Distances from the cells in `from` to the nearest cell in `to`, which must not be empty.
     ///
     /// ```text
     /// D²(i, j, k) = min_{i'} s₀²(i − i')² + min_{j'} s₁²(j − j')² + min_{k'} s₂²(k − k')² + 0 if (i', j', k') ∈ to, else ∞
     /// ```
     ///
-    /// Exact Euclidean distance transform one axis after the other, `O(cells)`. The last step is taken only where
-    /// `from` asks.
+    /// Exact Euclidean distance transform, one axis after the other, `O(cells)`. The last step is only done for the cells
+    /// in `from`.
     ///
     /// # Source
     /// Felzenszwalb, Huttenlocher 2012, Distance transforms of sampled functions, sections 2 and 2.1.
     fn distances(&self, from: &[bool], to: &[bool], stop: Stop<'_>) -> Vec<f64> {
         let [rows, columns, length] = self.size;
         let slab = columns * length;
-        // In units of the largest spacing squares cannot overflow.
+        // In units of the largest spacing, squares cannot overflow.
         let unit = self.spacing.into_iter().fold(0.0, f64::max);
         let weights = self.spacing.map(|spacing| (spacing / unit).powi(2).max(f64::MIN_POSITIVE));
         let mut field: Vec<f64> = to.iter().map(|to| if *to { 0.0 } else { f64::INFINITY }).collect();
         field.par_chunks_mut(slab).for_each_init(Envelope::default, |envelope, slab| {
-            // What is left out then is thrown away.
+            // The incomplete result is discarded.
             if stop() {
                 return;
             }
@@ -403,7 +403,7 @@ impl Window {
             };
             squares.into_iter().map(|square| unit * square.sqrt()).collect()
         };
-        // Collected in the order of the lines, so that threads change nothing.
+        // Collected in the order of the lines, so that the result does not depend on threads.
         (0..slab).into_par_iter().map_init(Envelope::default, on_line).flatten_iter().collect()
     }
 }
@@ -424,13 +424,13 @@ fn lowest(line: &[f64], p: usize, weight: f64) -> f64 {
     least
 }
 
-/// The lower envelope of parabolas of one width, kept between lines for its memory.
+/// The lower envelope of parabolas of one width. It is reused between lines to save allocations.
 #[derive(Default)]
 struct Envelope {
     parabolas: Vec<Parabola>,
 }
 
-/// `height + weight · (x − apex)²`, lowest from `from` to where the next one begins.
+/// `height + weight · (x − apex)²`, the lowest parabola from `from` to the start of the next one.
 struct Parabola {
     apex: f64,
     height: f64,
@@ -438,8 +438,8 @@ struct Parabola {
 }
 
 impl Envelope {
-    /// Replaces `f` by `min_q f(q) + weight · (p − q)²`, in place. Cost: each parabola is put on once and taken off once
-    /// at most.
+    /// Replaces `f` by `min_q f(q) + weight · (p − q)²`, in place. Cost: each parabola is added once and removed at most
+    /// once.
     fn lower(&mut self, line: &mut [f64], weight: f64) {
         self.parabolas.clear();
         for (q, height) in line.iter().copied().enumerate().filter(|(_, height)| height.is_finite()) {
@@ -456,7 +456,7 @@ impl Envelope {
         }
     }
 
-    /// Puts on a parabola to the right of all others.
+    /// Adds a parabola to the right of all others.
     fn add(&mut self, apex: f64, height: f64, weight: f64) {
         let mut from = f64::NEG_INFINITY;
         while let Some(last) = self.parabolas.last() {
@@ -480,7 +480,7 @@ mod tests {
     use super::*;
     use crate::vector::{cross, dot, minus, norm};
 
-    /// Uniform numbers in [0, 1), the same at every run (splitmix64).
+    /// Deterministic uniform numbers in [0, 1) (splitmix64).
     fn uniform(state: &mut u64) -> f64 {
         *state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let z = (*state ^ (*state >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -492,7 +492,7 @@ mod tests {
         TriangleMesh { vertices, normals: None, faces }
     }
 
-    /// A box; `flip` takes the other diagonals of its sides.
+    /// A box; `flip` selects the other diagonals of its sides.
     fn cuboid(lower: [f64; 3], upper: [f64; 3], flip: bool) -> TriangleMesh {
         let corner =
             |v: usize| [0, 1, 2].map(|axis| if v >> axis & 1 == 0 { lower[axis] } else { upper[axis] });
@@ -582,7 +582,7 @@ mod tests {
             assert!((found.jaccard - common / (2.0 - common)).abs() < 1e-15, "{found:?}");
             assert!((found.dice - common).abs() < 1e-15, "{found:?}");
             assert!((a.measure() - 1.0).abs() < 1e-12 && found.cells == [(cells as usize).pow(3); 2]);
-            // The corner cells are the farthest ones.
+            // The corner cells are the farthest.
             assert!((found.hausdorff.unwrap() - 0.25 * 3.0_f64.sqrt()).abs() < 1e-12, "{found:?}");
         }
     }
@@ -597,7 +597,7 @@ mod tests {
         let exact = lens / (2.0 * ball - lens);
         for (cells, tolerance) in [(32_u32, 1e-3), (64, 5e-4)] {
             let spacing = 1.0 / f64::from(cells);
-            // The middle of the first sphere is a corner of cells.
+            // The centre of the first sphere is a corner of cells.
             let size = [cells as usize * 2; 3];
             let grid = Grid { first: [0.5 * spacing - 1.0; 3], spacing: [spacing; 3], size };
             let found = overlap(&of_mesh(&a, &grid), &of_mesh(&b, &grid));
@@ -623,7 +623,7 @@ mod tests {
         assert!(mask.count() > 1000);
     }
 
-    /// Boxes with corners, edges and sides on centres, cut differently.
+    /// Boxes with corners, edges and sides on cell centres, cut differently.
     #[test]
     fn boxes_that_tile_share_out_the_centres() {
         let grid = Grid { first: [-1.0; 3], spacing: [0.5; 3], size: [9, 8, 7] };
@@ -661,7 +661,7 @@ mod tests {
                 let faces = vec![[a, b, c], [d, b, a], [a, c, d], [c, b, d]];
                 of_mesh(&mesh(solid.vertices.clone(), faces), &grid)
             });
-            // Faces of the hull that the tetrahedra have: the diagonals from the least to the largest corner.
+            // Hull faces that match the tetrahedra: the diagonals from the smallest to the largest corner.
             let hull = orders.iter().flat_map(|[x, y, _]| [[0, *x, x + y], [7, *x, x + y]]).collect();
             let whole = of_mesh(&mesh(solid.vertices, hull), &grid);
             assert!(trial > 0 || whole.count() == 512);
@@ -699,7 +699,7 @@ mod tests {
         assert_eq!(of_mesh(&cuboid([0.0; 3], [1.0; 3], false), &none).count(), 0);
     }
 
-    /// A star with a hole, against crossings on rays along the other axis.
+    /// A star with a hole, compared with crossings on rays along the other axis.
     #[test]
     fn contours_are_filled_as_a_point_in_polygon_test_does() {
         let mut state = 3;
@@ -747,7 +747,7 @@ mod tests {
         assert_eq!(overlap(&masks[0], &masks[1]).intersection, 0);
         assert_eq!(overlap(&masks[0], &masks[2]).intersection, 0);
         assert_eq!(masks[0].measure(), 1.0);
-        // In the plane the inner cells of a 2 × 4 block of pixels are on its border too, those of a 4 × 4 are not.
+        // In the plane, the inner cells of a 2 × 4 block of pixels are on its border too; those of a 4 × 4 block are not.
         let block = Mask { grid, inside: (0..54).map(|at| at / 9 < 4 && at % 9 < 4).collect() };
         let border = (0..54).filter(|at| block.is_surface([at / 9, at % 9, 0])).count();
         assert_eq!(border, 12);

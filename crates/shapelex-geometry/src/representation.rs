@@ -1,4 +1,4 @@
-//! What a shape is made of, and the space it lives in.
+//! Representations of shapes, and the shape spaces prepared from them.
 //!
 //! ```text
 //! closed   r(u) = Σ_{k<M} c[k] φ_per(M u − k),   φ_per(t) = Σ_n φ(t − nM)
@@ -7,8 +7,8 @@
 //! subdivision  X = S_{K−1} ⋯ S_0 c
 //! ```
 //!
-//! A shape is an `N × d` matrix of control points `c`. Its space brings one Gram operator `Φ`
-//! (`N × N`), `⟨r, s⟩ = tr(cᵣᵀ Φ c_s)`; nothing above this layer knows how `Φ` is made.
+//! A shape is an `N × d` matrix of control points `c`. Its space provides one Gram operator `Φ` (`N × N`),
+//! `⟨r, s⟩ = tr(cᵣᵀ Φ c_s)`; the layers above do not depend on how `Φ` is made.
 
 use std::sync::Arc;
 
@@ -24,7 +24,7 @@ use super::surface::{Topology, sphere};
 use shapelex_numeric::dense::Matrix;
 use shapelex_numeric::operator::{ScaledIdentity, SymmetricOperator};
 
-/// Kind, dimension, size and generator: everything needed to read control points.
+/// Representation of a shape: kind, dimension, size and generator.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
@@ -32,19 +32,19 @@ use shapelex_numeric::operator::{ScaledIdentity, SymmetricOperator};
 pub enum Representation {
     /// A closed spline curve in the plane or in space.
     ClosedCurve {
-        /// 2 or 3.
+        /// Dimension of the points: 2 or 3.
         #[cfg_attr(feature = "schema", schema(minimum = 2, maximum = 3))]
         dimension: usize,
-        /// Number of control points `N`, at least 3.
+        /// Number of control points `N`. Minimum: 3.
         #[cfg_attr(feature = "schema", schema(minimum = 3))]
         control_points: usize,
         /// The generator of the curve.
         generator: GeneratorKind,
     },
-    /// An open spline curve in the plane or in space, on `u ∈ [0, 1]`. A shape is `M + 1` points on the curve, or all
-    /// `M + 1 + 2K` control points with those beyond its ends.
+    /// An open spline curve in the plane or in space, on `u ∈ [0, 1]`. A shape is given by `M + 1` points on the curve, or by
+    /// all `M + 1 + 2K` control points, including the `K = ⌈support/2⌉ − 1` beyond each end.
     OpenCurve {
-        /// 2 or 3.
+        /// Dimension of the points: 2 or 3.
         #[cfg_attr(feature = "schema", schema(minimum = 2, maximum = 3))]
         dimension: usize,
         /// Number of intervals `M` between knots.
@@ -53,38 +53,38 @@ pub enum Representation {
         /// The generator of the curve.
         generator: GeneratorKind,
     },
-    /// A tensor-product surface in space. A shape is a grid of points on it, `[u][v][x, y, z]`: `M_u × M_v` on a torus,
-    /// `M_u × (M_v + 1)` on a cylinder, and on a sphere with its poles at both ends of every `v`, `(M_u + 1) × (M_v + 1)` on a
-    /// plane. Its control points are rows with `v` fastest, those beyond open edges included; on a sphere
-    /// `M_u × (M_v − 1)`, then the poles, and the handles of the north and of the south.
+    /// A tensor-product surface in space. A shape is given by a grid of points on it, `[u][v][x, y, z]`: `M_u × M_v` on a
+    /// torus, `M_u × (M_v + 1)` on a cylinder or a sphere (there with the poles at both ends of every list along `v`), and
+    /// `(M_u + 1) × (M_v + 1)` on a plane. Control points are rows with `v` fastest and include those beyond open edges. On a
+    /// sphere they are `M_u × (M_v − 1)` rows, then the poles, then the handles of the north and the south pole.
     Surface {
-        /// How it closes.
+        /// Topology of the surface: the directions in which it closes.
         topology: Topology,
-        /// How a torus is glued along `u`; `straight` unless given.
+        /// How a torus is glued along `u`. Default: `straight`.
         #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Seam::is_straight"))]
         seam: Seam,
-        /// `M_u` and `M_v`: control points along closed directions, intervals between knots along open ones.
+        /// `M_u` and `M_v`: number of control points along closed directions, number of intervals between knots along open ones.
         control_points: [usize; 2],
-        /// The generators along `u` and `v`; `trigonometric` along closed directions and from pole to pole, `keys` along open
-        /// ones unless given.
+        /// Generators along `u` and `v`. Default: `trigonometric` along closed directions and from pole to pole, `keys` along
+        /// open ones.
         generators: [GeneratorKind; 2],
     },
-    /// A closed triangle mesh in space whose faces are refined by a subdivision scheme. A shape is its control vertices, or where
-    /// these are on the refined mesh.
+    /// A closed triangle mesh in space whose faces are refined by a subdivision scheme. A shape is given by its control
+    /// vertices, or by their positions on the refined mesh.
     Subdivision(Subdivision),
     /// Points without interpolation, in the discrete metric `Φ = I/N`.
     Landmarks {
-        /// 2 or 3.
+        /// Dimension of the points: 2 or 3.
         #[cfg_attr(feature = "schema", schema(minimum = 2, maximum = 3))]
         dimension: usize,
-        /// Number of landmarks, at least 2.
+        /// Number of landmarks. Minimum: 2.
         #[cfg_attr(feature = "schema", schema(minimum = 2))]
         points: usize,
     },
 }
 
 impl Representation {
-    /// `d`.
+    /// Dimension of the points, `d`.
     pub fn dimension(&self) -> usize {
         match self {
             Self::ClosedCurve { dimension, .. }
@@ -94,7 +94,7 @@ impl Representation {
         }
     }
 
-    /// `N`, the rows of the matrix of control points.
+    /// Number of rows of the matrix of control points, `N`.
     pub fn size(&self) -> usize {
         match self {
             Self::ClosedCurve { control_points, .. } => *control_points,
@@ -120,7 +120,7 @@ impl Representation {
         }
     }
 
-    /// The numbers that the client chose, one a direction.
+    /// The numbers that the client chose, one per direction.
     pub fn knots(&self) -> Vec<Knots<'_>> {
         let closed = |field, count, generator: &'_ GeneratorKind| {
             (field, count, generator.properties().fewest_control_points)
@@ -155,7 +155,7 @@ impl Representation {
                     let field = ["control_points/0", "control_points/1"][i];
                     let (count, generator) = (control_points[i], &generators[i]);
                     let found = match topology {
-                        // Half a great circle, with conditions of its own at its ends.
+                        // Half of a great circle, with special conditions at its ends.
                         Topology::Sphere if i == 1 => {
                             let (field, count, around) = closed(field, count, generator);
                             (field, count, around.div_ceil(2).max(sphere::FEWEST_ALONG_MERIDIAN))
@@ -170,17 +170,17 @@ impl Representation {
         }
     }
 
-    /// The number of the first direction.
+    /// Number of control points, intervals or landmarks along the first direction.
     pub fn count(&self) -> usize {
         self.knots()[0].count
     }
 
-    /// The fewest that the first direction takes.
+    /// Smallest valid number along the first direction.
     pub fn fewest(&self) -> usize {
         self.knots()[0].fewest
     }
 
-    /// The same kind of curve with another number; other shapes stay as they are.
+    /// The same kind of curve with `count` control points or intervals; other shapes are unchanged.
     pub fn with_count(&self, count: usize) -> Self {
         let mut other = self.clone();
         match &mut other {
@@ -191,7 +191,7 @@ impl Representation {
         other
     }
 
-    /// The same kind of curve with another generator; other shapes stay as they are.
+    /// The same kind of curve with another generator; other shapes are unchanged.
     pub fn with_generator(&self, kind: GeneratorKind) -> Self {
         let mut other = self.clone();
         match &mut other {
@@ -201,7 +201,7 @@ impl Representation {
         other
     }
 
-    /// The generator, when the shape is a curve with a parameter: to be evaluated, measured and resampled.
+    /// The generator, if the shape is a curve with a parameter that can be evaluated, measured and resampled.
     pub fn generator(&self) -> Option<&GeneratorKind> {
         match self {
             Self::ClosedCurve { generator, .. } | Self::OpenCurve { generator, .. } => Some(generator),
@@ -209,7 +209,7 @@ impl Representation {
         }
     }
 
-    /// The numbers of a surface.
+    /// Topology and size, if the shape is a tensor-product surface.
     pub fn extent(&self) -> Option<Extent> {
         match self {
             Self::Surface { topology, control_points, .. } => {
@@ -219,7 +219,7 @@ impl Representation {
         }
     }
 
-    /// The control mesh and its scheme.
+    /// The control mesh with its scheme, if the shape is a subdivision surface.
     pub fn subdivision(&self) -> Option<&Subdivision> {
         match self {
             Self::Subdivision(subdivision) => Some(subdivision),
@@ -233,27 +233,27 @@ impl Representation {
     }
 }
 
-/// Vertices of the smallest closed mesh.
+/// Number of vertices of the smallest closed mesh.
 const FEWEST_VERTICES: usize = 4;
 
-/// A number that the client chose, and what depends on it.
+/// A number that the client chose, with its limits.
 #[derive(Debug, Clone, Copy)]
 pub struct Knots<'a> {
-    /// Where it stands.
+    /// Path of the field.
     pub field: &'static str,
-    /// Control points, intervals or landmarks.
+    /// Number of control points, intervals or landmarks.
     pub count: usize,
-    /// The smallest such number.
+    /// The smallest valid number.
     pub fewest: usize,
-    /// The generator of the direction; landmarks have none.
+    /// The generator of the direction; `None` for landmarks.
     pub generator: Option<&'a GeneratorKind>,
-    /// Where it stands.
+    /// Path of the field of the generator.
     pub generator_field: &'static str,
-    /// Whether the end is the start.
+    /// Whether the direction is closed.
     pub closed: bool,
 }
 
-/// A representation made ready: its basis and the Gram operator.
+/// A prepared representation: its basis and its Gram operator.
 #[derive(Debug, Clone)]
 pub struct ShapeSpace {
     representation: Representation,
@@ -261,24 +261,24 @@ pub struct ShapeSpace {
     gram: Arc<dyn SymmetricOperator>,
 }
 
-/// What control points are the coefficients of.
+/// Basis whose coefficients are the control points.
 #[derive(Debug, Clone)]
 enum Basis {
-    /// Nothing: they are the shape.
+    /// No basis: the control points are the shape.
     Points,
-    /// One direction.
+    /// Basis along one direction.
     Curve(Line),
-    /// Two directions.
+    /// Basis along two directions.
     Surface(Arc<SurfaceBasis>),
-    /// The steps of a scheme.
+    /// Refinement steps of a subdivision scheme.
     Subdivision(Arc<SubdivisionBasis>),
 }
 
 impl ShapeSpace {
-    /// Prepares `representation`. Cost: that of its [`Line`], [`SurfaceBasis`] or [`SubdivisionBasis`].
+    /// Prepares `representation`. Cost: as for its [`Line`], [`SurfaceBasis`] or [`SubdivisionBasis`].
     ///
     /// # Errors
-    /// [`GeometryError::TooFewPoints`] below the fewest points of the kind; errors of the generator or the control mesh.
+    /// [`GeometryError::TooFewPoints`] below the minimum of the kind; errors of the generator or the control mesh.
     pub fn new(representation: &Representation) -> Result<Self, GeometryError> {
         for Knots { count: found, fewest: needed, .. } in representation.knots() {
             if found < needed {
@@ -309,12 +309,12 @@ impl ShapeSpace {
         Ok(Self { representation: representation.clone(), basis, gram })
     }
 
-    /// What was prepared.
+    /// The representation of the space.
     pub fn representation(&self) -> &Representation {
         &self.representation
     }
 
-    /// The basis, when the shapes are curves.
+    /// The basis, if the shapes are curves.
     pub fn line(&self) -> Option<&Line> {
         match &self.basis {
             Basis::Curve(line) => Some(line),
@@ -322,7 +322,7 @@ impl ShapeSpace {
         }
     }
 
-    /// The basis, when the shapes are surfaces.
+    /// The basis, if the shapes are surfaces.
     pub fn surface(&self) -> Option<&SurfaceBasis> {
         match &self.basis {
             Basis::Surface(basis) => Some(basis),
@@ -330,7 +330,7 @@ impl ShapeSpace {
         }
     }
 
-    /// The steps of the scheme, when the shapes are subdivision surfaces.
+    /// The refinement steps, if the shapes are subdivision surfaces.
     pub fn subdivision(&self) -> Option<&SubdivisionBasis> {
         match &self.basis {
             Basis::Subdivision(basis) => Some(basis),
@@ -338,12 +338,12 @@ impl ShapeSpace {
         }
     }
 
-    /// The generator, when the shapes are curves.
+    /// The generator, if the shapes are curves.
     pub fn generator(&self) -> Option<&Generator> {
         self.line().map(Line::generator)
     }
 
-    /// Whether moving all control points moves the shape: constants are reproduced.
+    /// Whether constants are reproduced, so that moving all control points moves the shape.
     pub fn reproduces_constants(&self) -> bool {
         match &self.basis {
             // The rows of every step sum to one.
@@ -353,12 +353,12 @@ impl ShapeSpace {
         }
     }
 
-    /// Runs through `u` backwards: `r(u)` becomes `r(−u)`, along open directions `r(1 − u)`. Of one coordinate of control
-    /// points; landmarks and control meshes, which have no direction, stay as they are.
+    /// Reverses `u` in one coordinate of the control points: `r(u)` becomes `r(−u)`, along open directions `r(1 − u)`.
+    /// Landmarks and control meshes have no direction and are unchanged.
     pub fn reverse(&self, column: &mut [f64]) {
         match &self.basis {
             Basis::Points | Basis::Subdivision(_) => {}
-            // −n keeps row 0.
+            // u → −u keeps row 0.
             Basis::Curve(line) if line.is_closed() => column[1..].reverse(),
             Basis::Curve(_) => column.reverse(),
             Basis::Surface(basis) => basis.reverse(column),
@@ -370,11 +370,11 @@ impl ShapeSpace {
         &self.gram
     }
 
-    /// Control points of the shape that passes through `points` at the knots: see [`Line::interpolate`],
+    /// Control points of the shape that interpolates `points` at the knots: see [`Line::interpolate`],
     /// [`SurfaceBasis::interpolate`] and [`SubdivisionBasis::interpolate`].
     ///
     /// # Errors
-    /// Only of subdivision surfaces: [`GeometryError::NoInterpolation`].
+    /// [`GeometryError::NoInterpolation`], for subdivision surfaces only.
     pub fn interpolate(&self, points: Matrix) -> Result<Matrix, GeometryError> {
         match &self.basis {
             Basis::Points => Ok(points),

@@ -4,9 +4,9 @@
 //! L(s) = Π (s − α_n),   Δ(z) = Π (1 − e^{α_n} z⁻¹) = Σ d_k z^{−k},   β⁺ = Σ_k d_k ρ(t − k),   L(D) ρ = δ
 //! ```
 //!
-//! On each interval between knots `β` solves `L(D)β = 0`; at knot `k` its `(N−1)`-th derivative jumps
-//! by `d_k`. The Taylor vector at a left end is continued by the differential equation, shifted to the
-//! midpoint and to the right end, and so on; the second half is the mirror image.
+//! On each interval between knots, `β` solves `L(D)β = 0`; at knot `k` its `(N−1)`-th derivative jumps by `d_k`. The Taylor
+//! vector at a left end is continued by the differential equation, shifted to the midpoint and to the right end, and so on
+//! from piece to piece; the second half is the mirror image.
 //!
 //! Source: Schmitter, *Spline Shape Processing*, §6.2 (definitions); the propagation is ours.
 
@@ -17,12 +17,12 @@ use shapelex_numeric::real::Real;
 
 /// The centred B-spline `β_α`, not normalised: `∫ β_α` is [`Poles::integral`].
 ///
-/// Accuracy `2·10⁻¹⁵` of the maximum in value, first and second derivative. Cost `O(N n²)` with `N` the
-/// order and `n ≈ 7–27` the terms a piece needs.
+/// Accuracy: `2·10⁻¹⁵` of the maximum in value, first and second derivative. Cost `O(N n²)`, where `N` is the order and
+/// `n ≈ 7–27` the number of terms per piece.
 ///
 /// # Errors
-/// [`GeometryError::Pole`] when a pole leaves the admissible domain; [`GeometryError::TooFewPoints`]
-/// for an empty list.
+/// [`GeometryError::Pole`] if a pole is outside the admissible domain; [`GeometryError::TooFewPoints`] for an empty
+/// list.
 pub fn exponential_bspline(poles: &Poles) -> Result<Generator, GeometryError> {
     poles.check()?;
     if poles.order() == 0 {
@@ -31,7 +31,7 @@ pub fn exponential_bspline(poles: &Poles) -> Result<Generator, GeometryError> {
     Ok(pieces::<f64>(poles).into())
 }
 
-/// The pieces of `β_α` in the precision `T`; of any list that is not empty, also beyond the admissible domain.
+/// The pieces of `β_α` in the precision `T`, for any non-empty list, even outside the admissible domain.
 pub(super) fn pieces<T: Real>(poles: &Poles) -> Pieces<T> {
     let order = poles.order();
     let d = poles.annihilator::<T>();
@@ -56,10 +56,10 @@ pub(super) fn pieces<T: Real>(poles: &Poles) -> Pieces<T> {
     Pieces { support: order, terms, smoothness: order.saturating_sub(2), coefficients }
 }
 
-/// `b_α = β_α / ∫β_α`: the partition of unity when 0 is a pole.
+/// `b_α = β_α / ∫β_α`: a partition of unity if 0 is a pole.
 ///
 /// # Errors
-/// As [`exponential_bspline`].
+/// As for [`exponential_bspline`].
 pub fn normalised_bspline(poles: &Poles) -> Result<Generator, GeometryError> {
     Ok(exponential_bspline(poles)?.scaled(1.0 / poles.integral()))
 }
@@ -122,10 +122,10 @@ fn factorial(n: usize) -> f64 {
     (1..=n).map(|k| k as f64).product()
 }
 
-/// Factorials beyond this are no numbers; admissible poles need less than 60 terms.
+/// Maximum number of terms: larger factorials overflow. Admissible poles need fewer than 60.
 const MOST_TERMS: usize = 170;
 
-/// Taylor terms for a truncation error of `tolerance` in the second derivative.
+/// Number of Taylor terms for a truncation error of `tolerance` in the second derivative.
 fn terms_needed(order: usize, radius: f64, tolerance: f64) -> usize {
     let ratio = (radius * HALF_PIECE).max(1e-6);
     let mut terms = order + 1;

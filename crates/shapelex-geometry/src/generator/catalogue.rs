@@ -1,4 +1,4 @@
-//! The generators that users choose from, with their properties.
+//! The catalogue of generators with their properties.
 
 use std::f64::consts::{PI, TAU};
 use std::sync::{Arc, LazyLock, Mutex};
@@ -11,14 +11,14 @@ use super::piecewise::Generator;
 use super::poles::{MAX_POLES, MAX_REAL_PART, Poles};
 use crate::GeometryError;
 
-/// A number that is compared and hashed by its bits.
+/// A number that is compared and hashed by its bits, so that it can be part of a key.
 #[derive(Debug, Clone, Copy)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(transparent))]
 pub struct Exact(f64);
 
 impl Exact {
-    /// From a number; −0 becomes 0.
+    /// Wraps a number; −0 becomes 0.
     pub const fn new(value: f64) -> Self {
         Self(value + 0.0)
     }
@@ -43,17 +43,17 @@ impl std::hash::Hash for Exact {
     }
 }
 
-/// The poles of a generator: complex numbers `[re, im]`, symmetric (`α = −α`) and closed under conjugation.
+/// Poles of a generator: complex numbers `[re, im]`. The list must be symmetric (`α = −α`) and closed under conjugation.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 #[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
 pub enum PoleList {
-    /// On the integer grid of the knots, `|Im α| < π`: a function `e^{αt}` of the knot number `t`.
+    /// Poles on the integer grid of the knots, `|Im α| < π`: functions `e^{αt}` of the knot number `t`.
     #[cfg_attr(feature = "schema", schema(value_type = Vec<Vec<f64>>, example = json!([[0.0, 0.0], [0.0, 0.5], [0.0, -0.5]])))]
     Poles(Vec<[Exact; 2]>),
-    /// Of the whole domain: functions of `u ∈ [0, 1]`, divided by the number of control points (closed) or
-    /// intervals (open).
+    /// Poles on the whole domain: functions of `u ∈ [0, 1]`. They are divided by the number of control points (closed curves)
+    /// or intervals (open curves).
     #[cfg_attr(feature = "schema", schema(value_type = Vec<Vec<f64>>, example = json!([[0.0, 0.0], [0.0, TAU], [0.0, -TAU]])))]
     DomainPoles(Vec<[Exact; 2]>),
 }
@@ -64,12 +64,12 @@ impl PoleList {
         Self::Poles(exact(list))
     }
 
-    /// Poles of the whole domain.
+    /// Poles on the whole domain.
     pub fn of_domain(list: &[[f64; 2]]) -> Self {
         Self::DomainPoles(exact(list))
     }
 
-    /// The name of the field.
+    /// Name of the field in a request.
     pub fn field(&self) -> &'static str {
         match self {
             Self::Poles(_) => "poles",
@@ -87,7 +87,7 @@ impl PoleList {
         list.len()
     }
 
-    /// The poles on a grid of `intervals`.
+    /// The poles on a grid of `intervals` intervals.
     ///
     /// # Errors
     /// [`GeometryError::Unpaired`].
@@ -99,7 +99,7 @@ impl PoleList {
         })
     }
 
-    /// The same functions of `u` on a grid `factor` times as fine.
+    /// The poles of the same functions of `u` on a grid `factor` times as fine.
     fn refined(&self, factor: usize) -> Self {
         match self {
             Self::Poles(list) => Self::Poles(
@@ -109,7 +109,7 @@ impl PoleList {
         }
     }
 
-    /// Fewest intervals on which the poles are admissible.
+    /// Smallest number of intervals for which the poles are admissible.
     fn fewest_intervals(&self) -> usize {
         match self {
             Self::Poles(_) => 1,
@@ -127,95 +127,94 @@ fn exact(list: &[[f64; 2]]) -> Vec<[Exact; 2]> {
     list.iter().map(|pole| pole.map(Exact::new)).collect()
 }
 
-/// How the B-splines of an interpolator are combined.
+/// Family of interpolators: how B-splines are combined.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 #[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
 pub enum Family {
-    /// B-splines of increasing order, for even supports at integer knots; support `2(n − 1)` with `n` poles unless
-    /// given.
+    /// B-splines of increasing order, with even supports and integer knots. Default support: `2(n − 1)` with `n` poles.
     IntegerShifts,
-    /// One B-spline at half-integer shifts; support `2(n − 1)` with `n` poles; refinable.
+    /// One B-spline at half-integer shifts. Support `2(n − 1)` with `n` poles; can be refined.
     HalfIntegerShifts,
 }
 
-/// A generator by name, as it stands in a representation.
+/// Generator: the function whose integer shifts span the curves.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 #[cfg_attr(feature = "serde", serde(tag = "name", rename_all = "snake_case"))]
 pub enum GeneratorKind {
-    /// The interpolator that reproduces circles and ellipses of a closed curve with `M ≥ 3` control
-    /// points; support 4, C¹; tends to `keys` as `M` grows.
+    /// The interpolator that reproduces circles and ellipses on a closed curve with `M ≥ 3` control points. Support 4, C¹;
+    /// approaches `keys` as `M` grows.
     Trigonometric {},
-    /// The cubic interpolator of Keys; support 4, C¹, reproduces polynomials of degree 2.
+    /// The cubic interpolator of Keys. Support 4, C¹; reproduces polynomials of degree 2.
     Keys {},
-    /// The polynomial B-spline of degree 1 to 5: not interpolating above degree 1, smoothest for its support.
+    /// The polynomial B-spline of degree 1 to 5. Interpolating for degree 1 only; the smoothest generator for its support.
     Bspline {
         /// Degree, 1 to 5.
         #[cfg_attr(feature = "schema", schema(minimum = 1, maximum = 5))]
         degree: u8,
     },
-    /// The exponential B-spline of 2 to 10 poles, normalised to `∫φ = 1`: not interpolating, smoothest for its
-    /// support, a partition of unity iff 0 is a pole. With the poles `0, ±2πj` of the domain it contains the ellipses.
+    /// The exponential B-spline with 2 to 10 poles, normalised to `∫φ = 1`. Not interpolating; the smoothest generator for its
+    /// support; a partition of unity if and only if 0 is a pole. With the domain poles `0, ±2πj` it contains all ellipses.
     Exponential {
-        /// Its poles.
+        /// Poles of the B-spline.
         #[cfg_attr(feature = "serde", serde(flatten))]
         poles: PoleList,
     },
-    /// An interpolator made of exponential B-splines, of 3 to 10 poles.
+    /// An interpolator built from exponential B-splines, with 3 to 10 poles.
     Interpolator {
-        /// How it is made.
+        /// Family of the interpolator.
         family: Family,
-        /// The poles `α` whose functions are reproduced from samples.
+        /// Poles `α` of the functions that are reproduced from samples.
         #[cfg_attr(feature = "serde", serde(flatten))]
         poles: PoleList,
-        /// Length of the support, for `integer_shifts`; `2(n − 1)` with `n` poles unless given.
+        /// Length of the support, for `integer_shifts`. Default: `2(n − 1)` with `n` poles.
         #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none", default))]
         support: Option<usize>,
-        /// The weights of the lowest orders where a long support leaves them free; 0 unless given.
+        /// Weights of the lowest orders, where a longer support leaves them free. Default: 0.
         #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Vec::is_empty", default))]
         #[cfg_attr(feature = "schema", schema(value_type = Option<Vec<f64>>))]
         weights: Vec<Exact>,
     },
 }
 
-/// What is known of a generator before it is built.
+/// Properties of a generator.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 pub struct GeneratorProperties {
-    /// Length of the support in units of the knot distance.
+    /// Length of the support, in units of the knot distance.
     #[cfg_attr(feature = "schema", schema(example = 4))]
     pub support: usize,
     /// Number of continuous derivatives.
     #[cfg_attr(feature = "schema", schema(example = 1))]
     pub smoothness: usize,
-    /// Whether control points lie on the shape.
+    /// Whether the control points lie on the shape.
     pub interpolating: bool,
-    /// Whether the shifts sum to one, so that moving the control points moves the shape.
+    /// Whether the shifts sum to one, so that moving all control points moves the shape.
     pub partition_of_unity: bool,
-    /// Functions reproduced exactly: of the parameter `u ∈ [0, 1]` for poles of the domain, else of the knot
-    /// number `t`.
+    /// Functions that are reproduced exactly: of the parameter `u ∈ [0, 1]` for domain poles, otherwise of the knot number
+    /// `t`.
     #[cfg_attr(feature = "schema", schema(example = json!(["constants", "circles and ellipses"])))]
     pub reproduces: Vec<String>,
-    /// Fewest control points of a closed curve.
+    /// Minimum number of control points of a closed curve.
     #[cfg_attr(feature = "schema", schema(example = 3))]
     pub fewest_control_points: usize,
-    /// Fewest intervals of an open curve.
+    /// Minimum number of intervals of an open curve.
     #[cfg_attr(feature = "schema", schema(example = 3))]
     pub fewest_intervals: usize,
 }
 
-/// Highest degree of the B-splines offered by degree.
+/// Maximum degree of polynomial B-splines.
 const MAX_DEGREE: u8 = 5;
 
-/// Fewest control points of a closed curve.
+/// Minimum number of control points of a closed curve.
 const FEWEST_CLOSED: usize = 3;
 
 impl GeneratorKind {
-    /// One of each kind, in the order of the catalogue; those with poles as they reproduce ellipses.
+    /// One generator of each kind, in catalogue order; those with poles are set up to reproduce ellipses.
     pub fn catalogue() -> Vec<Self> {
         let ellipses = || PoleList::of_domain(&[[0.0, 0.0], [0.0, TAU], [0.0, -TAU]]);
         let interpolator =
@@ -229,7 +228,7 @@ impl GeneratorKind {
             .collect()
     }
 
-    /// Its name in a representation.
+    /// Name of the generator in a representation.
     pub fn name(&self) -> &'static str {
         match self {
             Self::Trigonometric {} => "trigonometric",
@@ -240,7 +239,7 @@ impl GeneratorKind {
         }
     }
 
-    /// Checks the parameters: everything that is wrong, by the name of the field (below it, for a pole).
+    /// All errors in the parameters: path of the field (for a pole, within the list) and detail.
     pub fn faults(&self) -> Vec<(String, String)> {
         let mut faults = Vec::new();
         match self {
@@ -260,11 +259,11 @@ impl GeneratorKind {
         faults
     }
 
-    /// Poles whose functions are reproduced, and the variable they are functions of.
+    /// Poles of the reproduced functions, and the variable of these functions.
     fn reproduced(&self) -> (Poles, char) {
         let listed = |poles: &PoleList| {
             let variable = if matches!(poles, PoleList::Poles(_)) { 't' } else { 'u' };
-            // Pairing is quadratic: lists that are refused for their length are not paired.
+            // Pairing is quadratic: lists that are rejected for their length are not paired.
             let numbers = if poles.len() <= MAX_POLES { poles.numbers() } else { Vec::new() };
             (Poles::from_list(&numbers).unwrap_or_default(), variable)
         };
@@ -276,7 +275,7 @@ impl GeneratorKind {
         }
     }
 
-    /// Length of the support; of a checked kind.
+    /// Length of the support. The parameters must be valid.
     pub fn support(&self) -> usize {
         let order = self.reproduced().0.order();
         match self {
@@ -286,12 +285,12 @@ impl GeneratorKind {
         }
     }
 
-    /// Properties that need no construction; of a checked kind.
+    /// Properties that follow without building the generator. The parameters must be valid.
     pub fn properties(&self) -> GeneratorProperties {
         let (poles, variable) = self.reproduced();
         let interpolating = match self {
             Self::Bspline { degree } => *degree == 1,
-            // The hat; of other pairs `φ(0) ≠ 1`, as `∫φ = 1`.
+            // Only the hat function is interpolating: for other pairs of poles `φ(0) ≠ 1`, because `∫φ = 1`.
             Self::Exponential { .. } => poles.order() == 2 && poles.zeros == 2,
             _ => true,
         };
@@ -311,7 +310,7 @@ impl GeneratorKind {
         }
     }
 
-    /// How the generator is made for a curve of `intervals` (the number of control points of a closed one).
+    /// Construction of the generator for a curve of `intervals` intervals (closed: number of control points).
     ///
     /// # Errors
     /// [`GeometryError::Unpaired`].
@@ -340,20 +339,20 @@ impl GeneratorKind {
         })
     }
 
-    /// The generator for a curve of `intervals`; a built one is kept and shared.
+    /// The generator for a curve of `intervals` intervals. Built generators are cached and shared.
     ///
     /// # Errors
-    /// As [`Recipe::build`].
+    /// As for [`Recipe::build`].
     pub fn build(&self, intervals: usize) -> Result<Arc<Built>, GeometryError> {
         self.recipe(intervals)?.build_once()
     }
 
-    /// Whether it is refined by even factors alone.
+    /// Whether refinement is possible by even factors only.
     pub fn needs_even_factors(&self) -> bool {
         matches!(self, Self::Interpolator { family: Family::HalfIntegerShifts, .. })
     }
 
-    /// The generator of the same functions of `u` on a grid `factor` times as fine, in the same family.
+    /// The generator of the same family for the same functions of `u` on a grid `factor` times as fine.
     pub fn refined(&self, factor: usize) -> Self {
         match self {
             Self::Exponential { poles } => Self::Exponential { poles: poles.refined(factor) },
@@ -400,7 +399,7 @@ fn support_faults(
             .map(|(field, _)| (field.into(), "belongs to the family integer_shifts alone".into()))
             .collect();
     }
-    // What is wrong with the poles is said already.
+    // Faults of the poles are already reported.
     if !(MIN_POLES..=MAX_POLES).contains(&order) {
         return Vec::new();
     }
@@ -426,10 +425,10 @@ fn support_faults(
     faults
 }
 
-/// Largest free weight: beyond, the generator is a difference of large numbers.
+/// Maximum free weight; with larger ones the generator is a difference of large numbers.
 const MAX_WEIGHT: f64 = 1e3;
 
-/// The functions `tᵏ e^{αt}` of a pole list in words.
+/// Describes the functions `tᵏ e^{αt}` of a pole list in words.
 fn describe(poles: &Poles, variable: char) -> Vec<String> {
     let mut words = Vec::new();
     match poles.zeros {
@@ -466,43 +465,43 @@ fn describe(poles: &Poles, variable: char) -> Vec<String> {
     words
 }
 
-/// What a generator is made of, on the integer grid.
+/// Construction of a generator on the integer grid.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Recipe {
     /// The normalised B-spline.
     Bspline(Poles),
-    /// B-splines of increasing order.
+    /// An interpolator of B-splines of increasing order.
     IntegerShifts {
         /// The poles of the lowest order.
         poles: Poles,
         /// Length of the support.
         support: usize,
-        /// Weights of the lowest orders, where free.
+        /// Free weights of the lowest orders.
         weights: Vec<f64>,
     },
-    /// One B-spline at half-integer shifts.
+    /// An interpolator of one B-spline at half-integer shifts.
     HalfIntegerShifts(Poles),
 }
 
-/// A generator with what its construction found.
+/// A generator with the results of its construction.
 #[derive(Debug, Clone)]
 pub struct Built {
-    /// The generator.
+    /// The generator itself.
     pub generator: Arc<Generator>,
-    /// The poles whose functions it reproduces, on the integer grid.
+    /// Poles of the reproduced functions, on the integer grid.
     pub poles: Poles,
-    /// The weights of an interpolator: `λ_{n₀} … λ_N` of increasing orders, or `λ[0] …` of half-integer shifts.
+    /// Weights of an interpolator: `λ_{n₀} … λ_N` for increasing orders, or `λ[0] …` for half-integer shifts.
     pub weights: Option<Vec<f64>>,
-    /// Condition number (1-norm) of the system of the weights.
+    /// Condition number (1-norm) of the linear system for the weights.
     pub condition: Option<f64>,
 }
 
-/// Built generators that are kept; the least recently used goes first.
+/// Cache of built generators; evicts the least recently used one.
 static BUILT: LazyLock<Mutex<LruCache<String, Arc<Built>>>> =
     LazyLock::new(|| Mutex::new(LruCache::new(256)));
 
 impl Recipe {
-    /// The poles whose functions are reproduced.
+    /// Poles of the reproduced functions.
     pub fn poles(&self) -> &Poles {
         match self {
             Self::Bspline(poles) | Self::IntegerShifts { poles, .. } | Self::HalfIntegerShifts(poles) => {
@@ -515,7 +514,7 @@ impl Recipe {
     /// arithmetic is needed.
     ///
     /// # Errors
-    /// [`GeometryError::Pole`] outside the admissible domain, [`GeometryError::Unsolvable`] when the interpolation
+    /// [`GeometryError::Pole`] outside the admissible domain, [`GeometryError::Unsolvable`] if the interpolation
     /// conditions have no stable solution.
     pub fn build(&self) -> Result<Built, GeometryError> {
         let interpolator = match self {
@@ -537,9 +536,9 @@ impl Recipe {
         })
     }
 
-    /// As [`Self::build`], keeping what was built.
+    /// As [`Self::build`], with a cache.
     fn build_once(&self) -> Result<Arc<Built>, GeometryError> {
-        // Numbers are written so that they read back bit by bit: equal texts are equal recipes.
+        // Numbers are formatted so that they parse back to the same bits: equal texts are equal recipes.
         let key = format!("{self:?}");
         let kept = || BUILT.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
         if let Some(built) = kept().get(&key) {

@@ -1,4 +1,4 @@
-//! Interpolators `φ(k) = δ_k` made of exponential B-splines, in two families.
+//! Interpolators `φ(k) = δ_k` built from exponential B-splines, in two families.
 //!
 //! ```text
 //! integer shifts        φ(t) = λ_N β_{α_N}(t) + Σ_{n=n₀}^{N−1} λ_n [β_{α_n}(t + (N−n)/2) + β_{α_n}(t − (N−n)/2)],
@@ -6,12 +6,12 @@
 //! half-integer shifts   φ(t) = λ[0] β_α(t) + Σ_{n=1}^{n₀−2} λ[n] [β_α(t − n/2) + β_α(t + n/2)],   N = 2(n₀ − 1)
 //! ```
 //!
-//! `β` centred, `n₀ = |α| ≥ 3`. Both are `C^{n₀−2}`, reproduce the null space of `L_α` from samples, and sum to one
-//! iff `0 ∈ α`. The first has `⌊N/2⌋ − n₀ + 1` free weights, those of the lowest orders; without a given support it is
-//! square, `N = 2(n₀ − 1)`. The second is refinable and better conditioned.
+//! Here `β` is centred and `n₀ = |α| ≥ 3`. Both families are `C^{n₀−2}`, reproduce the null space of `L_α` from samples, and
+//! sum to one if and only if `0 ∈ α`. The first has `⌊N/2⌋ − n₀ + 1` free weights, those of the lowest orders; with the
+//! default support, its system is square, `N = 2(n₀ − 1)`. The second is refinable and better conditioned.
 //!
-//! The weights grow with the order and cancel in the sum: up to 870 at `n₀ = 6`. Where their system has a large condition
-//! number the construction is carried out in double-double arithmetic and rounded once.
+//! The weights grow with the order and cancel in the sum: up to 870 at `n₀ = 6`. If their system has a large condition
+//! number, the construction is carried out in double-double arithmetic and rounded once.
 //!
 //! Source: Schmitter, *Spline Shape Processing*, §6.2 and §6.3, with the counts of equations corrected.
 
@@ -22,33 +22,33 @@ use crate::GeometryError;
 use shapelex_numeric::dense::Matrix;
 use shapelex_numeric::real::{DoubleDouble, Real, solve_small};
 
-/// Fewest poles of an interpolator: with fewer it is not `C¹`.
+/// Minimum number of poles of an interpolator: with fewer it is not `C¹`.
 pub const MIN_POLES: usize = 3;
 
-/// What `φ(k) − δ_k` may be after rounding: the weights of a system that has no stable solution leave far more.
+/// Maximum of `|φ(k) − δ_k|` after rounding. The weights of a system without a stable solution leave far more.
 const RESIDUAL: f64 = 1e-11;
 
-/// An interpolator with what its construction found.
+/// An interpolator with the results of its construction.
 #[derive(Debug, Clone)]
 pub(super) struct Interpolator {
     /// The generator.
     pub(super) generator: Generator,
     /// `λ_{n₀} … λ_N`, or `λ[0] … λ[n₀ − 2]`.
     pub(super) weights: Vec<f64>,
-    /// Condition number (1-norm) of the system that determines them.
+    /// Condition number (1-norm) of the system for the weights.
     pub(super) condition: f64,
 }
 
-/// Number of free weights with `order` poles on a support of `support`; none when there are too many equations.
+/// Number of free weights with `order` poles on a support of `support`; `None` if there are too many equations.
 pub fn free_weights(order: usize, support: usize) -> Option<usize> {
     (support / 2 + 1).checked_sub(order)
 }
 
-/// The interpolator of integer shifts on `support`, with the weights of the lowest orders given (0 otherwise).
+/// The interpolator of integer shifts on `support`, with the given weights of the lowest orders (default: 0).
 ///
 /// # Errors
-/// [`GeometryError::Pole`] outside the admissible domain; [`GeometryError::Unsolvable`] naming the pole nearest to
-/// its border.
+/// [`GeometryError::Pole`] outside the admissible domain; [`GeometryError::Unsolvable`] with the pole nearest to its
+/// border.
 pub(super) fn integer_shifts(
     poles: &Poles,
     support: usize,
@@ -64,7 +64,7 @@ pub(super) fn integer_shifts(
 /// The interpolator of half-integer shifts.
 ///
 /// # Errors
-/// As [`integer_shifts`].
+/// As for [`integer_shifts`].
 pub(super) fn half_integer_shifts(poles: &Poles) -> Result<Interpolator, GeometryError> {
     poles.check()?;
     let found = accurate(solve_half_integer_shifts::<f64>(poles), || {
@@ -73,10 +73,10 @@ pub(super) fn half_integer_shifts(poles: &Poles) -> Result<Interpolator, Geometr
     certified(found, poles)
 }
 
-/// Weights of a system beyond this condition number cancel more digits than may be lost: errors of `2·10⁻¹⁴` below it.
+/// Condition number beyond which the weights lose too many digits by cancellation; errors are `2·10⁻¹⁴` below it.
 const CANCELLING: f64 = 3e4;
 
-/// What was found in double precision, or the same in double-double where its weights cancel.
+/// The result in double precision, or in double-double precision if the weights cancel.
 fn accurate(
     found: Option<Interpolator>,
     wider: impl FnOnce() -> Option<Interpolator>,
@@ -99,12 +99,12 @@ fn certified(found: Option<Interpolator>, poles: &Poles) -> Result<Interpolator,
 
 fn solve_integer_shifts<T: Real>(poles: &Poles, support: usize, given: &[f64]) -> Option<Interpolator> {
     let order = poles.order();
-    // Each has one more zero than the one before: its moving average.
+    // Each spline has one more zero than the previous one: it is the moving average.
     let splines: Vec<Pieces<T>> =
         std::iter::successors(Some(pieces(poles)), |spline| Some(spline.smoothed()))
             .take(support + 1 - order)
             .collect();
-    // The basis of λ_n: β_N itself, two shifts of the others by (N − n)/2.
+    // The basis of λ_n: β_N itself; for the others, two shifts by (N − n)/2.
     let shifts = |j: usize| shifted_pair((support - order - j) as isize);
     let value = |j: usize, k: usize| evaluate_shifts(&splines[j], &shifts(j), k);
     let free = free_weights(order, support)?;
@@ -144,7 +144,7 @@ fn solve_half_integer_shifts<T: Real>(poles: &Poles) -> Option<Interpolator> {
     Some(finish(2 * (order - 1), &weights, &parts, condition))
 }
 
-/// Shifts in half-integers: 0 once, others to both sides.
+/// Shifts in half-integers: 0 once, others in both directions.
 fn shifted_pair(halves: isize) -> Vec<isize> {
     if halves == 0 { vec![0] } else { vec![-halves, halves] }
 }
@@ -190,7 +190,7 @@ fn finish<T: Real>(
 mod tests {
     use super::*;
 
-    /// `tan x = x` at `ω* = 2x`: the list satisfies the Riesz condition, and yet no interpolator exists.
+    /// `tan x = x` at `ω* = 2x`: the list satisfies the Riesz condition, but no interpolator exists.
     const SINGULAR: f64 = 8.986818915818128;
 
     #[test]
@@ -207,7 +207,7 @@ mod tests {
         };
         assert!(conditions(&first).0 > 1e13, "{:?}", conditions(&first));
         assert!(conditions(&second).1 > 1e13, "{:?}", conditions(&second));
-        // nearby lists do have one
+        // Nearby lists do have one.
         assert!(conditions(&Poles::trigonometric(1, SINGULAR + 0.1)).0 < 1e4);
         for poles in [first, second] {
             let error = integer_shifts(&poles, 2 * (poles.order() - 1), &[]).unwrap_err();

@@ -2,16 +2,16 @@
 
 use shapelex_numeric::real::Real;
 
-/// Half of the length of a piece: pieces are half-integer intervals.
+/// Half the length of a piece; pieces are half-integer intervals.
 pub const HALF_PIECE: f64 = 0.25;
 
-/// Powers whose part in the second derivative is below this part of the function are not stored.
+/// Contribution to the second derivative, relative to the function, below which powers are not stored.
 const NEGLIGIBLE: f64 = 1e-19;
 
 /// The Taylor vectors of a centred function in the precision `T`.
 #[derive(Debug, Clone)]
 pub(super) struct Pieces<T> {
-    /// `N`: zero outside `[−N/2, N/2]`.
+    /// `N`: the function is zero outside `[−N/2, N/2]`.
     pub(super) support: usize,
     /// Length of the Taylor vectors.
     pub(super) terms: usize,
@@ -22,7 +22,7 @@ pub(super) struct Pieces<T> {
 }
 
 impl<T: Real> Pieces<T> {
-    /// `Σ_i w_i φ_i(t − h_i/2)`, with `(w_i, h_i, φ_i)` in `parts`, on a support of `support`.
+    /// `Σ_i w_i φ_i(t − h_i/2)` with `(w_i, h_i, φ_i)` from `parts`, on a support of length `support`.
     pub(super) fn combine(support: usize, parts: &[(T, isize, &Self)]) -> Self {
         let terms = parts.iter().map(|(_, _, part)| part.terms).max().unwrap_or(1);
         let smoothness = parts.iter().map(|(_, _, part)| part.smoothness).min().unwrap_or(0);
@@ -43,14 +43,14 @@ impl<T: Real> Pieces<T> {
         &self.coefficients[p * self.terms..(p + 1) * self.terms]
     }
 
-    /// `∫_{t−1/2}^{t+1/2} φ`, of an even `φ`: convolution with a box, which adds a pole at 0.
+    /// `∫_{t−1/2}^{t+1/2} φ` for an even `φ`: convolution with a box, which adds a pole at 0.
     ///
     /// The antiderivative of piece `q` minus that of piece `q − 2`, in the local variable; the second half is the mirror
     /// image.
     pub(super) fn smoothed(&self) -> Self {
         let (support, terms) = (self.support + 1, self.terms + 1);
         let zero = T::from(0.0);
-        // Antiderivatives F_q of the first pieces, F = 0 at the left end of the support.
+        // Antiderivatives F_q of the first pieces, with F = 0 at the left end of the support.
         let mut antiderivatives = vec![zero; support * terms];
         let mut left = zero;
         for q in 0..support.min(2 * self.support) {
@@ -78,7 +78,7 @@ impl<T: Real> Pieces<T> {
         Self { support, terms, smoothness: self.smoothness + 1, coefficients }
     }
 
-    /// `φ(h/2)`, the right limit: the left end `s = −1` of a piece.
+    /// `φ(h/2)`, the right limit: the value at the left end `s = −1` of a piece.
     pub(super) fn at_half(&self, h: isize) -> T {
         let p = h + self.support as isize;
         if !(0..2 * self.support as isize).contains(&p) {
@@ -93,7 +93,7 @@ impl<T: Real> From<Pieces<T>> for Generator {
     fn from(pieces: Pieces<T>) -> Self {
         let Pieces { support, terms, smoothness, coefficients } = pieces;
         let rounded: Vec<f64> = coefficients.into_iter().map(Into::into).collect();
-        // The powers that only the wider precision needed are dropped.
+        // Drop the powers that only the higher precision needed.
         let largest = |m: usize| rounded.iter().skip(m).step_by(terms).fold(0.0, |x: f64, c| x.max(c.abs()));
         let scale = (0..terms).map(largest).fold(0.0, f64::max);
         let matters = |m: &usize| largest(*m) * (m * m) as f64 > NEGLIGIBLE * scale;
@@ -124,7 +124,7 @@ impl Generator {
         self
     }
 
-    /// `N`: the generator vanishes outside `[−N/2, N/2]`.
+    /// Length of the support, `N`: the generator vanishes outside `[−N/2, N/2]`.
     pub fn support(&self) -> usize {
         self.support
     }
@@ -144,7 +144,7 @@ impl Generator {
         &self.coefficients[p * self.terms..(p + 1) * self.terms]
     }
 
-    /// `φ^(derivative)(t)`; the right limit where the derivative jumps, zero outside the support.
+    /// `φ^(derivative)(t)`: the right limit where the derivative jumps, zero outside the support.
     pub fn evaluate(&self, t: f64, derivative: usize) -> f64 {
         let position = 2.0 * t + self.support as f64;
         if !(0.0..2.0 * self.support as f64).contains(&position) {
@@ -156,8 +156,7 @@ impl Generator {
 
     /// `a_{d₁d₂}[m] = ∫ φ^(d₁)(t) φ^(d₂)(t − m) dt`, exact up to rounding; zero for `|m| ≥ N`.
     ///
-    /// Products of the Taylor vectors are integrated term by term: `∫_{−1}^{1} s^k ds = 2/(k+1)` for
-    /// even `k`.
+    /// Products of the Taylor vectors are integrated term by term: `∫_{−1}^{1} s^k ds = 2/(k+1)` for even `k`.
     pub fn correlation(&self, d1: usize, d2: usize, m: isize) -> f64 {
         let pieces = 2 * self.support as isize;
         let overlap = (2 * m).max(0)..pieces.min(pieces + 2 * m);
@@ -175,14 +174,14 @@ impl Generator {
         values.fold((f64::MAX, f64::MIN), |(low, high), value| (low.min(value), high.max(value)))
     }
 
-    /// `∫ φ^(d₁) φ^(d₂)` over one half-integer interval, that of piece `p` of the first and piece `q` of the second.
+    /// `∫ φ^(d₁) φ^(d₂)` over one half-integer interval, with piece `p` of the first factor and piece `q` of the second.
     pub fn piece_product(&self, d1: usize, p: usize, d2: usize, q: usize) -> f64 {
         let (a, b) = (differentiate(self.piece(p), d1), differentiate(self.piece(q), d2));
         HALF_PIECE * integrate_product(&a, &b)
     }
 }
 
-/// Value of the `derivative`-th derivative (in `t`) of `Σ c[m] s^m` at `s`, `dt = H ds`.
+/// Value at `s` of the `derivative`-th derivative (in `t`) of `Σ c[m] s^m`, with `dt = H ds`.
 pub fn evaluate_taylor(c: &[f64], s: f64, derivative: usize) -> f64 {
     let mut value = 0.0;
     for m in (derivative..c.len()).rev() {

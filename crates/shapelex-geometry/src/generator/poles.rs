@@ -5,24 +5,24 @@ use std::f64::consts::PI;
 use crate::GeometryError;
 use shapelex_numeric::real::Real;
 
-/// The poles of an exponential B-spline on the integer grid: symmetric (`α = −α`) and closed under
-/// conjugation, so given by its zeros and pairs.
+/// Poles of an exponential B-spline on the integer grid. The list is symmetric (`α = −α`) and closed under conjugation, so
+/// it is stored as zeros, pairs and quadruples.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Poles {
     /// Multiplicity of the pole 0.
     pub zeros: usize,
-    /// `ω` for every pair `±jω`.
+    /// `ω` of every pair `±jω`.
     pub trigonometric: Vec<f64>,
-    /// `a` for every pair `±a`.
+    /// `a` of every pair `±a`.
     pub hyperbolic: Vec<f64>,
-    /// `(a, b)` for every quadruple `±a ± jb`.
+    /// `(a, b)` of every quadruple `±a ± jb`.
     pub quadruples: Vec<(f64, f64)>,
 }
 
-/// Largest real part for which the construction keeps its accuracy (two digits less beyond 5).
+/// Maximum real part for which the construction keeps its accuracy (two digits less beyond 5).
 pub const MAX_REAL_PART: f64 = 10.0;
 
-/// Most poles of a generator: double-double arithmetic carries the interpolation systems this far.
+/// Maximum number of poles of a generator, up to which double-double arithmetic solves the interpolation systems.
 pub const MAX_POLES: usize = 10;
 
 impl Poles {
@@ -36,7 +36,7 @@ impl Poles {
         Self { zeros, trigonometric: vec![omega], ..Self::default() }
     }
 
-    /// From complex numbers `[re, im]` in any order.
+    /// Groups complex numbers `[re, im]`, in any order.
     ///
     /// # Errors
     /// [`GeometryError::Unpaired`] for the first number whose conjugate or negative is missing.
@@ -61,7 +61,7 @@ impl Poles {
         Ok(poles)
     }
 
-    /// One number of every pair and quadruple, `(Re, Im) ≥ 0`, without the zeros.
+    /// One representative of every pair and quadruple, `(Re, Im) ≥ 0`, without the zeros.
     fn representatives(&self) -> impl Iterator<Item = (f64, f64)> {
         let imaginary = self.trigonometric.iter().map(|&w| (0.0, w));
         let real = self.hyperbolic.iter().map(|&a| (a, 0.0));
@@ -79,7 +79,7 @@ impl Poles {
         }
     }
 
-    /// Number of poles, the order of the B-spline.
+    /// Number of poles, which is the order of the B-spline.
     pub fn order(&self) -> usize {
         self.zeros + 2 * (self.trigonometric.len() + self.hyperbolic.len()) + 4 * self.quadruples.len()
     }
@@ -89,20 +89,20 @@ impl Poles {
         self.representatives().map(|(re, im)| re.hypot(im)).fold(0.0, f64::max)
     }
 
-    /// The pole nearest to the border of the admissible domain; 0 when there are only zeros.
+    /// The pole nearest to the border of the admissible domain; 0 if all poles are zero.
     pub fn outermost(&self) -> (f64, f64) {
         self.representatives()
             .fold((0.0, 0.0), |worst, pole| if pole.1.abs() > worst.1.abs() { pole } else { worst })
     }
 
-    /// `|Im α| < π`, where the shifts form a Riesz basis and every interpolation system tested is solvable, and
-    /// `|Re α|` within [`MAX_REAL_PART`].
+    /// Checks that `|Im α| < π`, where the shifts form a Riesz basis and every tested interpolation system is solvable, and
+    /// that `|Re α|` is within [`MAX_REAL_PART`].
     ///
     /// Outside, `α_m − α_n` may be a multiple of `2πj` (no Riesz basis), and the interpolators of `(0, ±jω*)` with
-    /// `ω* = 8.98681891…`, `tan(ω*/2) = ω*/2`, do not exist although the Riesz condition holds.
+    /// `ω* = 8.98681891…`, `tan(ω*/2) = ω*/2`, do not exist even though the Riesz condition holds.
     ///
     /// # Errors
-    /// [`GeometryError::Pole`] with the pole that is outside.
+    /// [`GeometryError::Pole`] with a pole that is outside.
     pub fn check(&self) -> Result<(), GeometryError> {
         let outside = |&(re, im): &(f64, f64)| !(im.abs() < PI && re.abs() <= MAX_REAL_PART);
         match self.representatives().find(outside) {
@@ -111,7 +111,7 @@ impl Poles {
         }
     }
 
-    /// `a_0 … a_N`, coefficients of `L(s)` in ascending powers, `a_N = 1`.
+    /// Coefficients `a_0 … a_N` of `L(s)` in ascending powers, with `a_N = 1`.
     pub fn characteristic_polynomial<T: Real>(&self) -> Vec<T> {
         let (one, zero) = (T::from(1.0), T::from(0.0));
         let square = |x: f64| T::from(x) * T::from(x);
@@ -132,7 +132,7 @@ impl Poles {
         a
     }
 
-    /// `d_0 … d_N`, coefficients of the annihilating filter `Δ(z) = Π (1 − e^{α_n} z⁻¹)`.
+    /// Coefficients `d_0 … d_N` of the annihilating filter `Δ(z) = Π (1 − e^{α_n} z⁻¹)`.
     pub fn annihilator<T: Real>(&self) -> Vec<T> {
         let (one, two) = (T::from(1.0), T::from(2.0));
         let mut d = vec![one];

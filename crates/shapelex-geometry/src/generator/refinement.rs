@@ -1,19 +1,19 @@
-//! Two-scale relations: a generator as a combination of B-splines on a finer grid.
+//! Two-scale relations: generators as combinations of B-splines on a finer grid.
 //!
 //! ```text
 //! β_α(t) = Σ_k h[k] β_{α/m}(m t − k + n(m−1)/2),     Σ h[k] z^{−k} = m^{1−n} Π_i Σ_{k<m} (e^{α_i/m} z⁻¹)^k
 //! φ(t)   = Σ_l g[l] β_{α/m}(m t − l + …),            g[l] = Σ_ν λ[|ν|] h[l − m(n − 2 + ν)/2],  |ν| ≤ n − 2, m even
 //! ```
 //!
-//! `φ` the interpolator of half-integer shifts, `n = |α|`. The interpolators of increasing orders are no combination of
-//! one B-spline and have no such relation.
+//! Here `φ` is the interpolator of half-integer shifts and `n = |α|`. The interpolators of increasing orders are not
+//! combinations of a single B-spline and have no such relation.
 //!
 //! Source: Schmitter, *Spline Shape Processing*, (6.53)–(6.57), with one division of the poles and centred shifts.
 
 use super::catalogue::{Built, Recipe};
 use super::poles::{Poles, multiply};
 
-/// `h[0 … n(m−1)]` of the B-spline of `poles`, not normalised.
+/// Filter `h[0 … n(m−1)]` of the B-spline of `poles`, not normalised.
 pub fn two_scale_filter(poles: &Poles, factor: usize) -> Vec<f64> {
     let m = factor as f64;
     // Σ_i Σ_i' f(i, i') z^{−(i+i')}
@@ -44,7 +44,8 @@ pub fn two_scale_filter(poles: &Poles, factor: usize) -> Vec<f64> {
     h
 }
 
-/// `g[0 … m(2n − 2) − n]` of the interpolator of half-integer shifts with `weights` `λ`, not normalised; `factor` even.
+/// Filter `g[0 … m(2n − 2) − n]` of the interpolator of half-integer shifts with `weights` `λ`, not normalised. `factor`
+/// must be even.
 pub fn prefilter(poles: &Poles, weights: &[f64], factor: usize) -> Vec<f64> {
     let h = two_scale_filter(poles, factor);
     let reach = poles.order() - 2;
@@ -57,20 +58,20 @@ pub fn prefilter(poles: &Poles, weights: &[f64], factor: usize) -> Vec<f64> {
     g
 }
 
-/// A generator by the normalised B-splines of the finer grid.
+/// A generator in terms of the normalised B-splines on the finer grid.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FineFilter {
     /// Fine index of the first tap, relative to `factor` times the coarse index.
     pub first: isize,
-    /// The taps; those of one residue modulo `factor` sum to one when 0 is a pole.
+    /// The taps; those of one residue modulo `factor` sum to one if 0 is a pole.
     pub taps: Vec<f64>,
-    /// Whether the fine B-splines sit half a fine interval before their index: an odd order whose knots are split
+    /// Whether the fine B-splines are centred half a fine interval before their index: for an odd order whose knots are split
     /// evenly.
     pub half_step: bool,
 }
 
 impl FineFilter {
-    /// The filter of `built`, made by `recipe`; none when the generator has no two-scale relation with this factor.
+    /// The filter of `built`, made by `recipe`; `None` if the generator has no two-scale relation with this factor.
     pub fn new(recipe: &Recipe, built: &Built, factor: usize) -> Option<Self> {
         let poles = recipe.poles();
         let order = poles.order();
