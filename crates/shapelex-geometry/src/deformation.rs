@@ -1,11 +1,11 @@
-//! Deformations of one shape: control points that are moved, and the least change that meets handles.
+//! Deformation of a shape by moved control points, or by the smallest change that satisfies handles.
 //!
 //! ```text
 //! min ⟨δ, δ⟩ = tr(δᵀ Φ δ)   subject to   B (c + δ) = p:     δ = Φ⁻¹Bᵀ (B Φ⁻¹ Bᵀ)⁻¹ (p − B c)
 //! ```
 //!
-//! The rows of `B` are the weights of the control points at the parameters of the handles, `p` is where these places go. The
-//! change is the smallest in `L₂`; it decays from the handles as `Φ⁻¹` does.
+//! The rows of `B` are the weights of the control points at the parameters of the handles, and `p` are the target positions.
+//! The change is the smallest one in `L₂`; it decays away from the handles as `Φ⁻¹` does.
 
 use super::GeometryError;
 use super::line::Line;
@@ -13,25 +13,25 @@ use super::open::phantoms;
 use super::representation::ShapeSpace;
 use shapelex_numeric::dense::{Definite, Matrix};
 
-/// A place on a shape that goes to a position.
+/// Handle: a point of a shape with its target position.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Deserialize))]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
 pub struct Handle {
-    /// `u` on curves, `u` and `v` on surfaces, the number of a vertex of the level on subdivision surfaces.
+    /// Parameters of the point: `u` on curves, `u` and `v` on surfaces, the index of a vertex at the level on subdivision surfaces.
     pub parameters: Vec<f64>,
-    /// Where it goes.
+    /// Target position of the point.
     pub position: Vec<f64>,
 }
 
-/// Handles whose places are nearer to one another than this part of what a control point does determine nothing apart.
+/// Relative distance, in terms of the influence of the control points, below which two handles are not independent.
 const APART: f64 = 1e-9;
 
-/// The change `δ` (`N × d`) of `control_points` that meets `handles`. Cost: a solution with `Φ` for each handle, and `k³/3`.
+/// The change `δ` (`N × d`) of `control_points` that satisfies `handles`. Cost: a solve with `Φ` per handle, and `k³/3`.
 ///
 /// # Errors
-/// [`GeometryError::Handles`] for handles at one place.
+/// [`GeometryError::Handles`] for handles at the same place.
 pub fn meet(
     space: &ShapeSpace,
     control_points: &Matrix,
@@ -53,8 +53,8 @@ pub fn meet(
     Ok(influence * coupling.solve(&missing))
 }
 
-/// The control points that matter at a parameter of a curve, two of a surface or a vertex of a subdivision surface at its level,
-/// and their weights there; none of landmarks.
+/// The control points with an influence at the parameter of a curve, the two parameters of a surface, or the vertex of a
+/// subdivision surface at its level, with their weights there; empty for landmarks.
 pub fn weights(space: &ShapeSpace, parameters: &[f64]) -> Vec<(usize, f64)> {
     match (space.line(), space.surface(), space.subdivision(), parameters) {
         (Some(line), _, _, [u]) => line_weights(line, *u),
@@ -78,15 +78,15 @@ fn line_weights(line: &Line, u: f64) -> Vec<(usize, f64)> {
     weights.enumerate().map(|(k, weight)| (row(first + k), weight)).collect()
 }
 
-/// Where a control point moves a shape: an interval of parameters for every direction, `[from, to]`, with `to > 1` where it
-/// goes over the end of a closed direction. Nothing for shapes without parameters. Cost: the weights at every pair of half-intervals.
+/// Region in which a control point moves a shape: an interval of parameters `[from, to]` per direction, with `to > 1` if it
+/// crosses the end of a closed direction. Empty for shapes without parameters. Cost: the weights at every pair of half-intervals.
 pub fn support(space: &ShapeSpace, control_point: usize) -> Vec<[f64; 2]> {
     let lines: Vec<&Line> = match (space.line(), space.surface()) {
         (Some(line), _) => vec![line],
         (_, Some(basis)) => basis.lines().iter().collect(),
         _ => Vec::new(),
     };
-    // Basis functions are not zero on half-intervals inside of their support.
+    // Basis functions do not vanish on half-intervals inside their support.
     let places: Vec<Vec<f64>> = lines
         .iter()
         .map(|line| {
@@ -115,7 +115,7 @@ pub fn support(space: &ShapeSpace, control_point: usize) -> Vec<[f64; 2]> {
     touched.iter().zip(lines).map(|(touched, line)| interval(touched, line.is_closed())).collect()
 }
 
-/// The shortest interval over all that is touched, of `[0, 1]` in equal parts.
+/// The shortest interval that contains everything touched, for `[0, 1]` in equal parts.
 fn interval(touched: &[bool], closed: bool) -> [f64; 2] {
     let count = touched.len();
     let at = |i: usize| i as f64 / count as f64;
@@ -123,7 +123,7 @@ fn interval(touched: &[bool], closed: bool) -> [f64; 2] {
     let last = touched.iter().rposition(|touched| *touched).unwrap_or(0);
     let whole = touched.iter().all(|touched| *touched);
     if closed && !whole && touched[0] && touched[count - 1] {
-        // Over the end: from behind the last gap to before the first one.
+        // Across the end: from behind the last gap to the start of the first.
         let gap_ends = touched.iter().rposition(|touched| !touched).map_or(0, |i| i + 1);
         let gap_starts = touched.iter().position(|touched| !touched).unwrap_or(0);
         return [at(gap_ends), 1.0 + at(gap_starts)];
@@ -144,7 +144,7 @@ mod tests {
         ShapeSpace::new(&Representation::ClosedCurve { dimension: 2, control_points, generator }).unwrap()
     }
 
-    /// Of all changes that meet the handle, those that a row more or less would make are larger in `L₂`.
+    /// Among all changes that satisfy the handles, this one is the smallest in `L₂`.
     #[test]
     fn the_change_meets_its_handles_and_is_the_smallest() {
         let space = closed(9);
@@ -161,7 +161,7 @@ mod tests {
                 assert!((met - handle.position[c]).abs() < 1e-13, "{met}");
             }
         }
-        // Orthogonal to every change that vanishes at the handles: made from any by taking off the one that meets its values.
+        // Orthogonal to every change that vanishes at the handles: any change minus the one that matches its values there.
         let other = Matrix::from_fn(9, 2, |k, c| (k as f64 + 0.3 * c as f64).cos());
         let still: Vec<Handle> = handles
             .iter()
@@ -180,7 +180,7 @@ mod tests {
 
     #[test]
     fn the_support_of_a_control_point_goes_over_the_end() {
-        // The cubic B-spline reaches two knots to each side.
+        // The cubic B-spline extends two knots to each side.
         assert_eq!(support(&closed(10), 5), [[0.3, 0.7]]);
         assert_eq!(support(&closed(10), 1), [[0.9, 1.3]]);
         assert_eq!(support(&closed(4), 0), [[0.0, 1.0]]);
@@ -188,7 +188,7 @@ mod tests {
         let (topology, seam) = (Topology::Sphere, Seam::Straight);
         let sphere = Representation::Surface { topology, seam, control_points: [8, 5], generators };
         let sphere = ShapeSpace::new(&sphere).unwrap();
-        // The north pole moves its surroundings all round, and no more.
+        // The north pole moves its surroundings in all directions, and nothing else.
         assert_eq!(support(&sphere, 8 * 4), [[0.0, 1.0], [0.0, 0.4]]);
     }
 }

@@ -1,12 +1,12 @@
-//! Least-squares fits of raw contours.
+//! Least-squares fits of spline curves to raw contours.
 //!
 //! ```text
 //! min_c Σ_i w_i |r_c(u_i) − p_i|²,   Σ w_i = 1,   w_i ∝ half the distance of u_{i−1} and u_{i+1}
 //! ```
 //!
-//! The weights make the sum the trapezoidal value of `∫ |r − p|² du`, whatever the density of the points. The normal
-//! equations `(BᵀWB) c = BᵀWp` are banded; those of closed curves become so by taking the control points alternately
-//! from both ends. Points of a curve of the space, at their parameters, give back its control points.
+//! With these weights, the sum is the trapezoidal value of `∫ |r − p|² du`, whatever the density of the points. The normal
+//! equations `(BᵀWB) c = BᵀWp` are banded; for closed curves, they become banded when the control points are taken
+//! alternately from both ends. Points of a curve of the space, at their parameters, reproduce its control points.
 
 use super::GeometryError;
 use super::curve::Curve;
@@ -26,13 +26,13 @@ pub struct Samples {
     weights: Vec<f64>,
 }
 
-/// A control point that moves the points by less than this (squared, against its own size) is not determined by them.
+/// Relative squared influence on the points below which a control point is not determined by them.
 const DETERMINED: f64 = 1e-9;
 
 /// A fitted curve.
 #[derive(Debug, Clone)]
 pub struct Fit {
-    /// What it is made of.
+    /// Representation of the curve.
     pub representation: Representation,
     /// Its control points.
     pub control_points: Matrix,
@@ -43,10 +43,10 @@ pub struct Fit {
 }
 
 impl Samples {
-    /// From points (`P × d`) and strictly increasing parameters.
+    /// Wraps points (`P × d`) and their strictly increasing parameters.
     ///
     /// # Errors
-    /// [`GeometryError::Parameter`] for the first parameter out of range or order.
+    /// [`GeometryError::Parameter`] for the first parameter that is out of range or not increasing.
     pub fn new(points: Matrix, parameters: Vec<f64>, closed: bool) -> Result<Self, GeometryError> {
         let count = parameters.len();
         let inside = |u: f64| u >= 0.0 && if closed { u < 1.0 } else { u <= 1.0 };
@@ -71,11 +71,11 @@ impl Samples {
         Ok(Self { points, parameters, weights })
     }
 
-    /// Fits a curve of `space`. Cost `O(P N² + M N²)` with `N` the support.
+    /// Fits a curve of `space`. Cost `O(P N² + M N²)`, where `N` is the support.
     ///
     /// # Errors
-    /// [`GeometryError::TooFewPoints`] for fewer points than control points, [`GeometryError::Undetermined`] when they
-    /// leave gaps that no point determines, [`GeometryError::NotACurve`] for landmarks.
+    /// [`GeometryError::TooFewPoints`] if there are fewer points than control points, [`GeometryError::Undetermined`] if they
+    /// leave gaps in which the curve is not determined, [`GeometryError::NotACurve`] for landmarks.
     pub fn fit(&self, space: &ShapeSpace) -> Result<Fit, GeometryError> {
         let representation = space.representation();
         let generator = space.generator().ok_or(GeometryError::NotACurve)?;
@@ -108,11 +108,11 @@ impl Samples {
         Ok(Fit { representation: representation.clone(), control_points, residual, largest })
     }
 
-    /// The fit with the fewest control points (or intervals), up to `most`, whose residual is at most `tolerance`, as
-    /// doubling and bisection find it: fits of different sizes are not nested, so that fewer may by chance do.
+    /// The fit with the fewest control points (or intervals), up to `most`, and a residual of at most `tolerance`. The search
+    /// is by doubling and bisection; fits of different sizes are not nested, so a smaller one may exist by chance.
     ///
     /// # Errors
-    /// [`GeometryError::Tolerance`] with the best residual when none is good enough, [`GeometryError::Undetermined`] when
+    /// [`GeometryError::Tolerance`] with the best residual if no fit reaches the tolerance, [`GeometryError::Undetermined`] if
     /// the points leave gaps at every size; errors of the generator.
     pub fn fit_within(
         &self,
@@ -123,10 +123,10 @@ impl Samples {
         self.fit_within_until(representation, tolerance, most, &never)
     }
 
-    /// As [`Self::fit_within`]; a caller who wants to stop gets the fit that there is.
+    /// As [`Self::fit_within`], with cancellation: once `stop` returns true, the best fit so far is returned.
     ///
     /// # Errors
-    /// Those of [`Self::fit_within`].
+    /// As for [`Self::fit_within`].
     pub fn fit_within_until(
         &self,
         representation: &Representation,
@@ -183,7 +183,7 @@ impl Samples {
     }
 }
 
-/// The basis functions of a curve, by their rows in the normal equations.
+/// The basis functions of a curve, with their rows in the normal equations.
 struct Basis<'a> {
     generator: &'a Generator,
     closed: bool,
@@ -197,7 +197,7 @@ impl<'a> Basis<'a> {
         Self { generator, closed: representation.is_closed(), intervals, size }
     }
 
-    /// Row of control point `k`: as it is, or 0, 1, N−1, 2, N−2, … so that neighbours stay near on the circle.
+    /// Row of control point `k`: `k` itself if open; 0, 1, N−1, 2, N−2, … if closed, so that cyclic neighbours stay close.
     fn position(&self, k: usize) -> usize {
         match k {
             _ if !self.closed => k,
@@ -207,7 +207,7 @@ impl<'a> Basis<'a> {
         }
     }
 
-    /// `(row, φ_k(u))` of every function that does not vanish at `u`, each row once.
+    /// `(row, φ_k(u))` of every basis function that does not vanish at `u`; each row occurs once.
     fn at(&self, u: f64) -> Vec<(usize, f64)> {
         let t = u * self.intervals as f64;
         let reach = self.generator.support() as f64 / 2.0;

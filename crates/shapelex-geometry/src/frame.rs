@@ -1,28 +1,28 @@
 //! Tangent, normal and curvature of a curve at a parameter.
 //!
 //! ```text
-//! T = r'/|r'|     plane: N = T turned by +90°, κ = r' × r''/|r'|³ (positive where the curve turns left)
+//! T = r'/|r'|     plane: N = T rotated by +90°, κ = r' × r''/|r'|³ (positive where the curve turns left)
 //!                 space: N = (r'' − (r''·T) T)/|…|, κ = |r' × r''|/|r'|³ ≥ 0
 //! ```
 
 use super::curve::Curve;
 use super::measures::cross;
 
-/// What a curve does at one point.
+/// Frame of a curve at one point.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Frame {
-    /// Unit tangent; none where the curve stops.
+    /// Unit tangent; `None` where the speed vanishes.
     pub tangent: Option<Vec<f64>>,
-    /// Unit normal; none where it is not determined: without a tangent, and in space where the curve is straight.
+    /// Unit normal; `None` where it is undefined: without a tangent, and in space where the curve is straight.
     pub normal: Option<Vec<f64>>,
-    /// Curvature in 1/length, signed in the plane; none without a tangent.
+    /// Curvature in 1/length, signed in the plane; `None` without a tangent.
     pub curvature: Option<f64>,
 }
 
-/// A speed or bend below this part of the size of the control polygon per knot counts as none.
+/// Speed or bend, relative to the size of the control polygon per knot, that counts as zero.
 const NOTHING: f64 = 1e-12;
 
-/// As does a speed that rounding of the position explains: the control points coincide.
+/// Relative rounding error of a position; a speed below it counts as zero as well: the control points coincide.
 pub(super) const ROUNDING: f64 = 64.0 * f64::EPSILON;
 
 impl Frame {
@@ -32,7 +32,7 @@ impl Frame {
         let derivative = |order: usize| -> Vec<f64> {
             (0..curve.dimension()).map(|c| curve.derivative_at(half, c, s, order)).collect()
         };
-        // The coefficients of the piece say what rounding is.
+        // The coefficients of the piece set the scale of rounding.
         let size: f64 = (0..curve.dimension())
             .flat_map(|c| curve.polynomial(half, c).iter().skip(1))
             .fold(0.0, |size, value| size.max(value.abs()));
@@ -43,7 +43,7 @@ impl Frame {
             return Self::default();
         }
         let tangent: Vec<f64> = v.iter().map(|x| x / speed).collect();
-        // dT/dℓ without the powers of M, which cancel but for the unit of length; no third power leaves the range
+        // dT/dℓ without the powers of M, which cancel up to the unit of length, and without third powers, which could overflow.
         let turn: Vec<f64> = a.iter().map(|x| x / speed).collect();
         let curvature = cross(&tangent, &turn) / speed;
         let normal = match tangent.as_slice() {

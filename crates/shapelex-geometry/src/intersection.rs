@@ -1,27 +1,26 @@
-//! Does a planar curve meet itself?
+//! Self-intersection test of planar curves.
 //!
-//! A binary tree over the parameter carries a bounding box and a cone of tangents for every stretch. A
-//! stretch whose tangents stay within a half-plane cannot meet itself; two stretches with disjoint
-//! boxes cannot meet; two neighbours whose tangents together stay within a half-plane meet only at
-//! their common point. What remains is split down to stretches of `10⁻⁹` of the extent, straight but
-//! for rounding, and decided by their chords.
+//! A binary tree over the parameter holds a bounding box and a cone of tangents for every stretch. A stretch whose
+//! tangents stay within a half-plane cannot meet itself; two stretches with disjoint boxes cannot meet; two neighbours
+//! whose tangents together stay within a half-plane meet only at their common point. The remaining pairs are split down
+//! to stretches of `10⁻⁹` of the extent, which are straight up to rounding, and decided by their chords.
 
 use super::curve::Curve;
 use super::generator::{evaluate_taylor, recentre};
 
-/// Points closer than this part of the extent touch: far above what evaluation loses.
+/// Distance, relative to the extent, below which points touch: far above the rounding error of evaluation.
 const TOUCH: f64 = 1e-12;
 
-/// What evaluation loses in a coordinate, relative to the distance from the origin.
+/// Rounding error of a coordinate, relative to the distance from the origin.
 const ROUNDING: f64 = 16.0 * f64::EPSILON;
 
-/// A stretch shorter than this multiple of the touching distance counts as a straight chord: it
-/// departs from it by `(10⁻⁹)²` of the extent, and the next chord but one does not touch it.
+/// Length of a stretch, as a multiple of the touching distance, below which it counts as a straight chord: it departs from
+/// the chord by `(10⁻⁹)²` of the extent, and the next chord but one does not touch it.
 const CHORD: f64 = 1e3;
 
-/// Work limit: pairs of stretches looked at before the curve is called self-intersecting, plus
-/// [`PAIRS_PER_HALF`] for every half-segment. Only curves with long stretches that (nearly) coincide, which do
-/// meet themselves, come close to it.
+/// Work limit: number of pairs of stretches that are examined before the curve is reported as self-intersecting, in
+/// addition to [`PAIRS_PER_HALF`] per half-segment. Only curves with long stretches that (nearly) coincide, which do
+/// intersect themselves, come close to it.
 const PAIRS: usize = 500_000;
 const PAIRS_PER_HALF: usize = 1_000;
 
@@ -32,18 +31,17 @@ struct Stretch {
     end: f64,
     low: [f64; 2],
     high: [f64; 2],
-    /// Mean direction of the tangents and the half-angle around it; `π` when unbounded.
+    /// Mean direction of the tangents, and the half-angle around it; `π` if unbounded.
     direction: f64,
     spread: f64,
 }
 
-/// Whether the planar `curve` crosses or touches itself. Landmarks that are visited twice, cusps that
-/// fold back, stretches traced twice, and the ends of an open curve that coincide count; consecutive stretches of a
-/// smooth curve do not.
+/// Whether the planar `curve` crosses or touches itself. Points that are visited twice, cusps that fold back,
+/// stretches traced twice, and coinciding ends of an open curve count; consecutive stretches of a smooth curve do not.
 ///
 /// Cost `O(N log N)` for curves without near-contacts.
 pub fn self_intersects(curve: &Curve) -> bool {
-    // Products of coordinates leave the range of numbers long before curves do; a power of two changes no digits.
+    // Products of coordinates overflow long before the curve does; a power of two changes no digits.
     let curve = &curve.scaled(Curve::unit(&[curve]).recip());
     let halves: Vec<[&[f64]; 2]> =
         (0..curve.halves()).map(|half| [curve.polynomial(half, 0), curve.polynomial(half, 1)]).collect();
@@ -58,7 +56,7 @@ pub fn self_intersects(curve: &Curve) -> bool {
 struct Search<'a> {
     halves: Vec<[&'a [f64]; 2]>,
     count: usize,
-    /// Whether the end is the start.
+    /// Whether the curve is closed.
     closed: bool,
     pairs: usize,
     /// Distance below which points touch.
@@ -165,7 +163,7 @@ impl Search<'_> {
         [0, 1].map(|c| evaluate_taylor(self.halves[half][c], s, 0))
     }
 
-    /// Chords that cross, or come as close as touching at one of their ends.
+    /// Whether two chords cross, or an end of one touches the other.
     fn chords_meet(&self, first: &Stretch, second: &Stretch) -> bool {
         let (a, b) = (self.point(first.start), self.point(first.end));
         let (c, d) = (self.point(second.start), self.point(second.end));
@@ -191,7 +189,7 @@ fn distance(p: [f64; 2], from: [f64; 2], to: [f64; 2]) -> f64 {
     f64::hypot(arm[0] - along * edge[0], arm[1] - along * edge[1])
 }
 
-/// Bounds of two consecutive stretches together.
+/// Joint bounds of two consecutive stretches.
 fn join(first: &Stretch, second: &Stretch) -> Stretch {
     let turn = (second.direction - first.direction + std::f64::consts::PI).rem_euclid(std::f64::consts::TAU)
         - std::f64::consts::PI;

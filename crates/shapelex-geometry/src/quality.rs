@@ -227,7 +227,7 @@ impl Triangle {
         common > TOUCH * self.size.min(other.size)
     }
 
-    /// Where a face with these heights over a plane meets it, along a line from `origin`.
+    /// Interval in which a face, given its corners' heights over a plane, meets that plane, along a line from `origin`.
     fn cut(&self, heights: [f64; 3], line: [f64; 3], origin: [f64; 3]) -> Option<[f64; 2]> {
         let along = self.corners.map(|corner| dot(line, minus(corner, origin)));
         let mut cut: Option<[f64; 2]> = None;
@@ -247,7 +247,7 @@ impl Triangle {
         cut
     }
 
-    /// Whether two faces in one plane share an area: no edge of either has the other beyond it.
+    /// Whether two coplanar faces share an area: no edge of either separates it from the other.
     fn overlaps(&self, other: &Self) -> bool {
         let least = TOUCH * self.size.min(other.size);
         let separates = |from: &Self, to: &Self| {
@@ -317,12 +317,12 @@ mod tests {
 
     #[test]
     fn meshes_that_cross_or_lie_on_themselves_are_told() {
-        // A spike from the top that comes out at the bottom.
+        // A spike from the top that emerges at the bottom.
         let mut spike = sphere("octahedron/3");
         let top = spike.vertices.iter().position(|v| v[2] > 0.999).unwrap();
         spike.vertices[top] = [0.03, 0.02, -3.0];
         assert_eq!(quality(&spike).self_intersecting, Some(true));
-        // Both halves on the same side: no volume, and every face on another.
+        // Both halves on the same side: no volume, and every face lies on another.
         let folded = mapped("octahedron/3", |[x, y, z]| [x, y, z.abs()]);
         let found = quality(&folded);
         assert!(found.has_no_volume && found.self_intersecting == Some(true), "{found:?}");
@@ -346,7 +346,7 @@ mod tests {
         let tree = NearestTriangles::new(&mesh.vertices, &mesh.faces);
         let mut few = Allowance::new(1000, &never);
         assert_eq!(tree.any_pair(&mut few, |_, _| false), None);
-        // Some thirty pairs of boxes for each face.
+        // Some thirty pairs of boxes per face.
         let mut enough = Allowance::new(60 * mesh.faces.len(), &never);
         assert_eq!(tree.any_pair(&mut enough, |_, _| false), Some(false));
     }

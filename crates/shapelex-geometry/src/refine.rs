@@ -1,11 +1,12 @@
-//! The same curve on a finer grid of knots.
+//! Refinement: the same curve on a finer grid of knots.
 //!
 //! B-splines, and interpolators of half-integer shifts with an even factor, are combinations of B-splines on the finer
 //! grid: their curves are refined exactly. Other curves are sampled at the finer knots and interpolated again, which
 //! changes them by `O(M^{−n})`; the change is measured.
 //!
-//! An odd order has its knots at half-integers. Split evenly, they fall between those of the finer basis: the refined
-//! closed curve then starts half a fine interval earlier. An open curve cannot do so and is sampled.
+//! Generators of odd order have their knots at half-integers. If these are split evenly, they fall between the knots of the
+//! finer basis: the refined closed curve then starts half a fine interval earlier. Open curves cannot be shifted and are
+//! sampled.
 
 use super::GeometryError;
 use super::curve::Curve;
@@ -15,7 +16,7 @@ use super::open::phantoms;
 use super::representation::{Representation, ShapeSpace};
 use shapelex_numeric::dense::Matrix;
 
-/// A refinement made ready for the shapes of a space.
+/// A refinement, prepared for the shapes of one space.
 #[derive(Debug, Clone)]
 pub struct Refinement {
     coarse: ShapeSpace,
@@ -25,7 +26,7 @@ pub struct Refinement {
 }
 
 impl Refinement {
-    /// From curves of `coarse` to a grid `factor ≥ 2` times as fine.
+    /// Prepares the refinement from curves of `coarse` to a grid `factor ≥ 2` times as fine.
     ///
     /// # Errors
     /// [`GeometryError::NotACurve`] for landmarks; errors of the finer generator.
@@ -56,12 +57,12 @@ impl Refinement {
         &self.fine
     }
 
-    /// Whether the refined curve is the same function (but for the start).
+    /// Whether the refined curve is the same function (except for its start point).
     pub fn is_exact(&self) -> bool {
         self.filter.is_some()
     }
 
-    /// `δ` with `r(u) = r_fine(u + δ)`.
+    /// The shift `δ` with `r(u) = r_fine(u + δ)`.
     pub fn parameter_shift(&self) -> f64 {
         let half_step = self.filter.as_ref().is_some_and(|filter| filter.half_step);
         if half_step { 0.5 / self.fine.representation().count() as f64 } else { 0.0 }

@@ -1,4 +1,4 @@
-//! Arc-length sampling of polygonal contours, and the start point that a contour has by itself.
+//! Arc-length sampling of polygonal contours, and the canonical start point of a contour.
 
 use super::GeometryError;
 use shapelex_numeric::dense::Matrix;
@@ -8,26 +8,26 @@ use shapelex_numeric::dense::Matrix;
 pub struct Contour {
     points: Matrix,
     closed: bool,
-    /// `s_0 = 0, …, L`: one more than there are edges.
+    /// `s_0 = 0, …, L`: one entry more than edges.
     arc: Vec<f64>,
 }
 
-/// The vertices of a ring without a last one that repeats the first.
+/// The vertices of a ring, without a last vertex that repeats the first.
 pub fn without_closing_point(points: Matrix) -> Matrix {
     let count = points.nrows();
     let repeated = count > 1 && points.row(0) == points.row(count - 1);
     if repeated { points.remove_row(count - 1) } else { points }
 }
 
-/// An extent below this part of the distance from the origin is rounding, not a shape.
+/// Extent, relative to the distance from the origin, below which a shape is rounding error.
 pub const NO_EXTENT: f64 = 1e-13;
 
 impl Contour {
     /// The closed polygon of the vertices `points` (`n × d`, `n ≥ 3`); a last vertex equal to the first is dropped.
     ///
     /// # Errors
-    /// [`GeometryError::TooFewPoints`] below three distinct positions, [`GeometryError::NoLength`] when
-    /// all points coincide, [`GeometryError::RepeatedPoint`] for equal consecutive vertices.
+    /// [`GeometryError::TooFewPoints`] below three distinct positions, [`GeometryError::NoLength`] if all points coincide,
+    /// [`GeometryError::RepeatedPoint`] for equal consecutive vertices.
     pub fn closed(points: Matrix) -> Result<Self, GeometryError> {
         check_extent(&points)?;
         Self::new(without_closing_point(points), true)
@@ -36,7 +36,7 @@ impl Contour {
     /// The open polygon of the vertices `points` (`n × d`, `n ≥ 2`).
     ///
     /// # Errors
-    /// As [`Self::closed`], below two positions.
+    /// As for [`Self::closed`], with a minimum of two positions.
     pub fn open(points: Matrix) -> Result<Self, GeometryError> {
         check_extent(&points)?;
         Self::new(points, false)
@@ -54,7 +54,7 @@ impl Contour {
         arc.push(length);
         for i in 0..edges {
             let chord = (points.row((i + 1) % n) - points.row(i)).norm();
-            // Also a step that is lost in the length so far: the interpolation would divide by zero.
+            // This includes steps that are lost in the accumulated length: the interpolation would divide by zero.
             if !(length + chord > length) {
                 return Err(GeometryError::RepeatedPoint { first: i, second: (i + 1) % n });
             }
@@ -69,18 +69,18 @@ impl Contour {
         *self.arc.last().expect("never empty")
     }
 
-    /// The vertices, without the closing one.
+    /// The vertices, without a repeated closing vertex.
     pub fn points(&self) -> &Matrix {
         &self.points
     }
 
-    /// Arc length of every vertex over the whole length.
+    /// Arc length of every vertex as a fraction of the total length.
     pub fn parameters(&self) -> Vec<f64> {
         let length = self.length();
         self.arc[..self.points.nrows()].iter().map(|s| s / length).collect()
     }
 
-    /// Position at arc length `s`: modulo the perimeter when closed, within the length when open.
+    /// Position at arc length `s`, which is reduced modulo the perimeter (closed) or clamped to the length (open).
     fn position(&self, s: f64) -> Vec<f64> {
         let s = if self.closed { s.rem_euclid(self.length()) } else { s.clamp(0.0, self.length()) };
         let edge = self.arc.partition_point(|&a| a <= s).clamp(1, self.arc.len() - 1) - 1;
@@ -95,10 +95,10 @@ impl Contour {
             .collect()
     }
 
-    /// `n` points of equal distance along the edges, by linear interpolation: `n × d`. Closed contours at
-    /// `start + L i/n`, open ones from end to end at `L i/(n − 1)`, whatever the start.
+    /// `n` points at equal distances along the edges, by linear interpolation: `n × d`. Closed contours are sampled at
+    /// `start + L i/n`, open ones from end to end at `L i/(n − 1)`, where `start` has no effect.
     ///
-    /// Independent of further vertices on the edges. With `start = 0` the first vertex is kept.
+    /// Additional vertices on the edges do not change the result. With `start = 0` the first vertex is kept.
     pub fn sample(&self, n: usize, start: f64) -> Matrix {
         let mut samples = Matrix::zeros(n, self.points.ncols());
         for i in 0..n {
@@ -113,15 +113,15 @@ impl Contour {
         samples
     }
 
-    /// Arc length of the canonical start point: an end of the major axis of the first elliptic Fourier
-    /// harmonic, of its two ends the one farther from the centroid of the contour. Of closed contours.
+    /// Arc length of the canonical start point of a closed contour: an end of the major axis of the first elliptic Fourier
+    /// harmonic. Of its two ends, the one farther from the centroid of the contour.
     ///
     /// ```text
     /// A = ∮ r cos(2πs/L) ds,  B = ∮ r sin(2πs/L) ds,   θ = ½ atan2(2A·B, |A|² − |B|²),   s = θL/2π
     /// ```
     ///
-    /// Depends on the contour alone, not on where its list of points begins. A contour with three-fold
-    /// or higher symmetry has several such points that rounding decides between.
+    /// It depends on the contour alone, not on the start of its list of points. A contour with three-fold or higher symmetry
+    /// has several such points, between which rounding decides.
     pub fn canonical_start(&self) -> f64 {
         let (cosine, sine) = self.first_harmonic();
         let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>();
@@ -151,8 +151,8 @@ impl Contour {
             .collect()
     }
 
-    /// `∮ r(s) e^{2πjs/L} ds` up to a common factor. On a polygon `r` is linear on every edge; by parts,
-    /// `∮ r e^{jws} ds = −(1/jw) ∮ r' e^{jws} ds` and `r'` is constant on an edge.
+    /// `∮ r(s) e^{2πjs/L} ds` up to a common factor. On a polygon `r` is linear on every edge; integration by parts gives
+    /// `∮ r e^{jws} ds = −(1/jw) ∮ r' e^{jws} ds`, and `r'` is constant on an edge.
     fn first_harmonic(&self) -> (Vec<f64>, Vec<f64>) {
         let (n, d) = self.points.shape();
         let w = std::f64::consts::TAU / self.length();
@@ -160,7 +160,7 @@ impl Contour {
         for i in 0..n {
             let (a, b) = (self.arc[i], self.arc[i + 1]);
             let step = |c| (self.points[((i + 1) % n, c)] - self.points[(i, c)]) / (b - a);
-            // ∫_a^b cos ws, sin ws with the difference of sines as a product, free of cancellation
+            // ∫_a^b cos ws and ∫_a^b sin ws, with the difference as a product, which is free of cancellation.
             let (middle, half) = (0.5 * w * (a + b), 0.5 * w * (b - a));
             let (along_cosine, along_sine) =
                 (2.0 * middle.cos() * half.sin(), 2.0 * middle.sin() * half.sin());
@@ -183,9 +183,9 @@ fn check_extent(points: &Matrix) -> Result<(), GeometryError> {
     Ok(())
 }
 
-/// The start of a curve given by control points, as a cyclic shift: the control point nearest to the
-/// canonical start in the parameter of the curve (see [`Contour::canonical_start`], with the
-/// parameter for the arc length and control points for the contour).
+/// The start of a curve given by control points, as a cyclic shift: the control point nearest to the canonical start in
+/// the parameter of the curve (see [`Contour::canonical_start`], with the parameter in place of the arc length and
+/// control points in place of the contour).
 pub fn canonical_shift(control_points: &Matrix) -> usize {
     let (n, d) = control_points.shape();
     let (mut cosine, mut sine) = (vec![0.0; d], vec![0.0; d]);
@@ -231,7 +231,7 @@ mod tests {
         let two = Contour::closed(rotated).unwrap();
         let (a, b) = (one.sample(40, one.canonical_start()), two.sample(40, two.canonical_start()));
         assert!((&a - &b).amax() < 1e-12, "{}", (&a - &b).amax());
-        // the end of the major axis, on the side that bulges
+        // The end of the major axis, on the side that bulges.
         assert!((a[(0, 0)] - 2.3).abs() < 0.05, "{}", a[(0, 0)]);
     }
 

@@ -1,26 +1,26 @@
-//! Places along the shapes of a space, the same on each of them: to compare shapes point by point.
+//! Corresponding points along the shapes of a space, for comparing shapes point by point.
 
 use super::curve::Curve;
 use super::representation::ShapeSpace;
 use shapelex_numeric::dense::Matrix;
 use shapelex_numeric::sparse::SparseRows;
 
-/// Places along a shape.
+/// A set of places along a shape.
 #[derive(Debug, Clone)]
 pub enum Places {
-    /// Every landmark, as many as there are.
+    /// All landmarks; holds their number.
     Landmarks(usize),
     /// Parameters on a curve.
     Curve(Vec<f64>),
     /// A grid of parameters on a surface.
     Surface([Vec<f64>; 2]),
-    /// Vertices of a subdivision surface at its level, by their weights of the control vertices.
+    /// Vertices of a subdivision surface at its level, as weights of the control vertices.
     Vertices(SparseRows),
 }
 
 impl Places {
-    /// `count` equally spaced places on curves: from `u = 0`, to `u = 1` on open ones. Landmarks, the knots of surfaces and
-    /// the control vertices of subdivision surfaces are what they are, whatever `count` is.
+    /// `count` equally spaced places on curves, from `u = 0` (on open curves to `u = 1`). For landmarks, surfaces (their knots)
+    /// and subdivision surfaces (their control vertices) `count` has no effect.
     pub fn along(space: &ShapeSpace, count: usize) -> Self {
         let size = space.representation().size();
         let zero = Matrix::zeros(size, space.representation().dimension());
@@ -37,7 +37,7 @@ impl Places {
         }
     }
 
-    /// How many there are.
+    /// Number of places.
     pub fn count(&self) -> usize {
         match self {
             Self::Landmarks(count) => *count,
@@ -47,7 +47,7 @@ impl Places {
         }
     }
 
-    /// The parameter of a place on a curve, the index of any other: `k n_v + l` on the grid of a surface.
+    /// Parameter of a place on a curve; for other shapes its index, which is `k n_v + l` on the grid of a surface.
     pub fn parameter(&self, index: usize) -> f64 {
         match self {
             Self::Curve(parameters) => parameters[index],
@@ -63,7 +63,7 @@ impl Places {
         }
     }
 
-    /// Where they are on a shape of the space, coordinate-major.
+    /// Positions of the places on a shape of the space, coordinate-major.
     pub fn points(&self, space: &ShapeSpace, control_points: &Matrix) -> Vec<f64> {
         match self {
             Self::Landmarks(_) => control_points.as_slice().to_vec(),

@@ -1,12 +1,13 @@
-//! How much a curve turns.
+//! Total curvature and turning of a curve.
 //!
 //! ```text
 //! turning ∫ κ dℓ = ∫ dθ        total curvature ∫ |κ| dℓ = ∫ |dθ|        θ direction of the tangent
 //! ```
 //!
-//! Half-segments are split until the tangents of a stretch lie in a narrow cone. In the plane the angle between the
-//! tangents at its ends is then the integral itself, once the stretch bends to one side; in space Gauss' rule gives it.
-//! A cusp has tangents in no cone, however short the stretch: such a curve has no total curvature.
+//! Half-segments are split until the tangents of a stretch lie in a narrow cone. In the plane, the angle between the
+//! tangents at the ends of a stretch is then the integral itself, provided that it bends to one side only; in space, a
+//! Gauss rule gives the integral. At a cusp, the tangents lie in no cone, however short the stretch: the curve has no total
+//! curvature.
 
 use super::curve::Curve;
 use super::frame::ROUNDING;
@@ -15,43 +16,43 @@ use super::measures::cross;
 use shapelex_numeric::bounded::{Allowance, Stop};
 use shapelex_numeric::quadrature::{GaussLegendre, Panels};
 
-/// What a curve turns, in radians.
+/// Total curvature and turning of a curve, in radians.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Turning {
     /// `∫ |κ| dℓ`.
     pub total: f64,
-    /// `∫ κ dℓ`, counter-clockwise positive; zero in space, where it has no sign.
+    /// `∫ κ dℓ`, counter-clockwise positive; zero in space, where curvature has no sign.
     pub signed: f64,
 }
 
-/// Tangents within this sine of their middle one are in a cone.
+/// Sine of the largest angle to the middle tangent for which tangents lie in a cone.
 const CONE: f64 = 0.25;
 
-/// A stretch of `2⁻⁴⁰` of a half-segment without a cone holds a cusp.
+/// Length, as a fraction of a half-segment (`2⁻⁴⁰`), at which a stretch without a cone contains a cusp.
 const CUSP: f64 = 1e-12;
 
-/// Around an inflection the two sides of a stretch of this length cancel in the angle: an error of `10⁻¹²` of the bend.
+/// Length of a stretch around an inflection below which its two sides may cancel in the angle: an error of `10⁻¹²` of the bend.
 const INFLECTION: f64 = 1e-6;
 
-/// Error of a cone in space: where a curve is nearly straight `|r' × r''|` has a kink that a fixed rule misses.
+/// Tolerance for a cone in space: where a curve is nearly straight, `|r' × r''|` has a kink that a fixed rule misses.
 const SPACE: f64 = 1e-12;
 
 /// Gauss nodes per cone in space.
 const NODES: usize = 12;
 
-/// Stretches and panels of a curve beyond those that follow from its half-segments. A cusp takes 40 of them, an inflection 20.
+/// Maximum number of stretches and panels of a curve, besides those per half-segment. A cusp takes 40, an inflection 20.
 const STRETCHES: usize = 4096;
-/// Stretches and panels for every half-segment.
+/// Stretches and panels per half-segment.
 const STRETCHES_PER_HALF: usize = 256;
 
 impl Turning {
-    /// Of a curve with continuous tangents; none for one with corners or a cusp, or when the caller wants to stop. Cost
-    /// `O(M n²)`, more near inflections and sharp bends; at most some thousand stretches more than 512 for each half-segment.
+    /// Turning of a curve with continuous tangents; `None` for a curve with corners or a cusp, or if `stop` returns true. Cost
+    /// `O(M n²)`, more near inflections and sharp bends: at most some thousand stretches besides 512 per half-segment.
     pub fn of(curve: &Curve, stop: Stop<'_>) -> Option<Self> {
         Self::counted(curve, stop).0
     }
 
-    /// As [`Self::of`], with the number of stretches that were split and panels that were halved.
+    /// As [`Self::of`], with the number of stretches that were split and panels that were bisected.
     pub fn counted(curve: &Curve, stop: Stop<'_>) -> (Option<Self>, usize) {
         if curve.smoothness() < 1 {
             return (None, 0);
@@ -84,7 +85,7 @@ impl Turning {
     }
 }
 
-/// Part of a half-segment by its Taylor vectors about the middle, on `[−1, 1]`.
+/// Part of a half-segment, by its Taylor vectors about the middle, on `[−1, 1]`.
 struct Stretch {
     local: Vec<Vec<f64>>,
     radius: f64,
@@ -95,18 +96,18 @@ impl Stretch {
         Self { local: pieces.iter().map(|piece| recentre(piece, middle, radius)).collect(), radius }
     }
 
-    /// Whether all tangents are near the one in the middle.
+    /// Whether all tangents are close to the middle one.
     fn is_cone(&self) -> bool {
         let slope = norm(self.local.iter().map(|c| c.get(1).copied().unwrap_or(0.0)));
         let bend = norm(
             self.local.iter().map(|c| c.iter().enumerate().skip(2).map(|(m, v)| m as f64 * v.abs()).sum()),
         );
-        // A slope that rounding of the position explains is none.
+        // A slope that the rounding of the position can explain counts as zero.
         let away = self.local.iter().fold(0.0, |m: f64, c| m.max(c[0].abs()));
         bend <= CONE * slope && slope > ROUNDING * away * self.radius
     }
 
-    /// Whether `r' × r''` may change its sign; never in space, where curvature has none.
+    /// Whether `r' × r''` may change its sign; never in space, where curvature has no sign.
     fn has_inflection(&self) -> bool {
         let [x, y] = self.local.as_slice() else { return false };
         let derivative = |c: &[f64]| -> Vec<f64> { (1..c.len()).map(|m| m as f64 * c[m]).collect() };

@@ -1,10 +1,10 @@
-//! Vectors of space.
+//! Vectors in space.
 
-/// Coordinates beyond so many extents have lost three digits of the shape: below that nothing is moved, and no bit changes.
+/// Ratio of coordinates to extent beyond which a shape is moved to its own origin: it has lost three digits. Below, no bit changes.
 const FAR: f64 = 1024.0;
 
-/// The first point of a shape that is far from the origin for its extent: about it the shape keeps the digits it has. Differences
-/// to it are exact where coordinates are within a factor of two of its own.
+/// The first point of a shape that is far from the origin relative to its extent, as a local origin that preserves the digits
+/// of the shape. Differences from it are exact for coordinates within a factor of two of its own.
 pub fn far_origin<'a>(points: impl Iterator<Item = &'a [f64; 3]> + Clone) -> Option<[f64; 3]> {
     let first = *points.clone().next()?;
     let extent = points.flat_map(|point| minus(*point, first)).fold(0.0_f64, |most, x| most.max(x.abs()));

@@ -4,7 +4,7 @@
 //! Φ_ij = 0 for |i − j| > b,   Φ = RᵀR,  R upper triangular with the same band
 //! ```
 //!
-//! The operator of an open spline basis. Factoring costs `O(n b²)`, everything else `O(n b)` a column.
+//! The Gram operator of an open spline basis. Factorisation costs `O(n b²)`, everything else `O(n b)` per column.
 
 use super::NumericError;
 use super::operator::SymmetricOperator;
@@ -16,7 +16,7 @@ pub struct Banded {
     factor: Band,
 }
 
-/// The upper part of a band matrix by rows: entry `(i, i + k)` at `i·(b + 1) + k`.
+/// The upper part of a band matrix, row by row: entry `(i, i + k)` at index `i·(b + 1) + k`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Band {
     size: usize,
@@ -25,7 +25,7 @@ pub struct Band {
 }
 
 impl Band {
-    /// The zero matrix of `size` rows with `width` superdiagonals (fewer when the matrix is small).
+    /// The zero matrix of `size` rows with `width` superdiagonals (fewer if the matrix is small).
     pub fn zeros(size: usize, width: usize) -> Self {
         let width = width.min(size.saturating_sub(1));
         Self { size, width, entries: vec![0.0; size * (width + 1)] }
@@ -37,26 +37,26 @@ impl Band {
         if k > self.width { 0.0 } else { self.entries[i * (self.width + 1) + k] }
     }
 
-    /// Adds to the entry `(i, j)` with `i ≤ j ≤ i + width`, and so to `(j, i)`.
+    /// Adds to entry `(i, j)`, `i ≤ j ≤ i + width`, and thereby to `(j, i)`.
     pub fn add(&mut self, i: usize, j: usize, value: f64) {
         self.entries[i * (self.width + 1) + (j - i)] += value;
     }
 
-    /// Row `i` from the diagonal on, within the matrix.
+    /// Row `i` from the diagonal on, up to the end of the matrix.
     fn row(&self, i: usize) -> &[f64] {
         let start = i * (self.width + 1);
         &self.entries[start..start + (self.width + 1).min(self.size - i)]
     }
 }
 
-/// A pivot below this part of its diagonal entry is rounding: the basis is not independent to working precision.
+/// Ratio of a pivot to its diagonal entry below which the basis is linearly dependent to working precision.
 const INDEPENDENT: f64 = 1e-13;
 
 impl Banded {
     /// Factors `matrix`.
     ///
     /// # Errors
-    /// [`NumericError::NotPositiveDefinite`] when a pivot vanishes against its diagonal entry.
+    /// [`NumericError::NotPositiveDefinite`] if a pivot vanishes relative to its diagonal entry.
     pub fn new(matrix: Band) -> Result<Self, NumericError> {
         let Band { size, width, .. } = matrix;
         let mut factor = matrix.clone();
@@ -81,8 +81,8 @@ impl Banded {
         Ok(Self { matrix, factor })
     }
 
-    /// The least pivot over its diagonal entry: the squared sine of the angle between a basis function and those before
-    /// it, so that a small one says that something is hardly determined.
+    /// Smallest ratio of a pivot to its diagonal entry: the squared sine of the angle between a basis function and the span of
+    /// those before it. If it is small, something is hardly determined.
     pub fn independence(&self) -> f64 {
         let stride = self.matrix.width + 1;
         let pairs =
@@ -95,7 +95,7 @@ impl Banded {
         data.chunks_exact_mut(self.matrix.size)
     }
 
-    /// `x ← R⁻ᵀ x`, forwards.
+    /// `x ← R⁻ᵀ x`, by forward substitution.
     fn solve_transposed(&self, x: &mut [f64]) {
         for i in 0..x.len() {
             let row = self.factor.row(i);
@@ -107,7 +107,7 @@ impl Banded {
         }
     }
 
-    /// `x ← R⁻¹ x`, backwards.
+    /// `x ← R⁻¹ x`, by back substitution.
     fn solve_factor(&self, x: &mut [f64]) {
         for i in (0..x.len()).rev() {
             let row = self.factor.row(i);

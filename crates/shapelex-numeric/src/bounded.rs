@@ -1,26 +1,26 @@
-//! What makes every search end: shares of steps, tolerances that grow when a share is spent, and callers who want to stop.
+//! Termination of searches: budgets of steps, tolerances that grow once a budget is spent, and cancellation by the caller.
 
-/// Says whether the caller wants the work to stop; looked at within long iterations.
+/// Returns whether the caller wants the work to stop. Checked within long iterations.
 pub type Stop<'a> = &'a (dyn Fn() -> bool + Sync);
 
-/// The caller waits to the end.
+/// A [`Stop`] that never asks to stop.
 pub fn never() -> bool {
     false
 }
 
-/// Growth of a tolerance whenever a share of steps is spent: two steps lead from 10⁻¹¹ past 10⁻¹⁰.
+/// Growth of a tolerance each time a share of steps is spent: two increases lead from 10⁻¹¹ past 10⁻¹⁰.
 const GROWTH: f64 = 4.0;
 
-/// Later shares are this part of the first: the tolerance is known to be too small for the case.
+/// Ratio of the first share to later ones: by then the tolerance is known to be too small for the case.
 const LATER: usize = 8;
 
-/// Steps or parts between two looks at the caller's wish: some microseconds.
+/// Number of steps or parts between two checks of `stop`: some microseconds.
 const LOOK: usize = 64;
 
-/// The factor on the tolerance of a branch and bound search. It is 1 for a share of steps, then it grows geometrically, so
-/// that every search with a positive tolerance ends: after at most `share · (1 + 64/8)` steps the factor is 4⁶⁴ > 10³⁸.
+/// Factor on the tolerance of a branch and bound search. It is 1 for a share of steps and then grows geometrically, so that
+/// every search with a positive tolerance ends: after at most `share · (1 + 64/8)` steps the factor is 4⁶⁴ > 10³⁸.
 ///
-/// When the caller wants to stop the factor is infinite: everything is ruled out, and the result is to be thrown away.
+/// When the caller wants to stop, the factor is infinite: everything is excluded, and the result must be discarded.
 pub struct Patience<'a> {
     stop: Stop<'a>,
     factor: f64,
@@ -30,7 +30,7 @@ pub struct Patience<'a> {
 }
 
 impl<'a> Patience<'a> {
-    /// Of a search that may take `share` steps at its own tolerance.
+    /// For a search that may take `share` steps at its own tolerance.
     pub fn new(share: usize, stop: Stop<'a>) -> Self {
         Self { stop, factor: 1.0, left: share.max(1), later: (share / LATER).max(1), steps: 0 }
     }
@@ -48,18 +48,18 @@ impl<'a> Patience<'a> {
         }
     }
 
-    /// Steps until now.
+    /// Number of steps so far.
     pub fn steps(&self) -> usize {
         self.steps
     }
 
-    /// What the tolerance is to be multiplied by.
+    /// Factor by which to multiply the tolerance.
     pub fn factor(&self) -> f64 {
         self.factor
     }
 }
 
-/// A number of panels, terms or stretches that may still be looked at.
+/// A budget of panels, terms or stretches.
 pub struct Allowance<'a> {
     stop: Stop<'a>,
     left: usize,
@@ -67,12 +67,12 @@ pub struct Allowance<'a> {
 }
 
 impl<'a> Allowance<'a> {
-    /// Of `most` parts.
+    /// A budget of `most` parts.
     pub fn new(most: usize, stop: Stop<'a>) -> Self {
         Self { stop, left: most, taken: 0 }
     }
 
-    /// Takes one, when there is one and the caller does not want to stop.
+    /// Takes one part. Returns false if the budget is spent or the caller wants to stop.
     pub fn take(&mut self) -> bool {
         if self.left.is_multiple_of(LOOK) && (self.stop)() {
             self.left = 0;
@@ -83,7 +83,7 @@ impl<'a> Allowance<'a> {
         taken
     }
 
-    /// How many were taken.
+    /// Number of parts taken.
     pub fn taken(&self) -> usize {
         self.taken
     }
@@ -120,7 +120,7 @@ mod tests {
         let looks = AtomicUsize::new(0);
         let stop = || looks.fetch_add(1, Ordering::Relaxed) >= 2;
         let mut allowance = Allowance::new(64 * 100, &stop);
-        // The first look is at 6400, then one each 64 parts: the third ends it.
+        // The first check is at 6400, then one every 64 parts: the third one ends it.
         assert_eq!((0..5000).filter(|_| allowance.take()).count(), 128);
     }
 }

@@ -1,32 +1,33 @@
-//! The Cholesky factor of a matrix that grows and shrinks by rows.
+//! Cholesky factor of a submatrix whose index set grows and shrinks.
 //!
 //! ```text
 //! G_AA = L Lᵀ,   A an ordered set of indices of a symmetric matrix G
 //! ```
 //!
-//! Adding or removing an index costs `O(k²)` for `k` indices. Nothing is allocated once the factor has had its size.
+//! Adding or removing an index costs `O(k²)` for `k` indices. Memory is allocated only when the factor exceeds its
+//! previous size.
 
 use super::dense::Matrix;
 use super::kernels::{add_scaled, column};
 
-/// The factor of the rows and columns of a symmetric matrix that are in a set.
+/// Factor of those rows and columns of a symmetric matrix that are in a set of indices.
 #[derive(Debug, Clone, Default)]
 pub struct ActiveCholesky {
     indices: Vec<usize>,
-    /// `L` by rows; row `i` has `i + 1` entries, the last of which is `1/Lᵢᵢ`.
+    /// `L` by rows; row `i` has `i + 1` entries, of which the last one is `1/Lᵢᵢ`.
     rows: Vec<f64>,
 }
 
-/// A pivot below this part of the diagonal entry is rounding: the column depends on those before.
+/// Ratio of a pivot to its diagonal entry below which a column depends on the previous ones.
 const INDEPENDENT: f64 = 1e-12;
 
-/// Where row `i` of a packed triangle starts.
+/// Start of row `i` of a packed triangle.
 fn start(i: usize) -> usize {
     i * (i + 1) / 2
 }
 
 impl ActiveCholesky {
-    /// The set, in the order of the factor.
+    /// The indices, in the order of the factor.
     pub fn indices(&self) -> &[usize] {
         &self.indices
     }
@@ -37,13 +38,13 @@ impl ActiveCholesky {
         self.rows.clear();
     }
 
-    /// Adds an index; whether its column is independent of those before (else nothing changes).
+    /// Adds an index. Returns whether its column is independent of the previous ones; if not, nothing changes.
     pub fn push(&mut self, gram: &Matrix, index: usize) -> bool {
         let column = column(gram, index);
         self.push_by(|other| column[other], index)
     }
 
-    /// Adds an index of the matrix with `entry(other)` in row `other` of its column; else as [`Self::push`].
+    /// As [`Self::push`], for a matrix given by `entry(other)`, the entry in row `other` of the column of `index`.
     pub fn push_by(&mut self, entry: impl Fn(usize) -> f64, index: usize) -> bool {
         let packed = self.rows.len();
         self.rows.extend(self.indices.iter().map(|&other| entry(other)));
@@ -60,11 +61,11 @@ impl ActiveCholesky {
         true
     }
 
-    /// Removes the index at `position`: the rows behind it lose a column to rotations.
+    /// Removes the index at `position`: the rows behind it lose a column by rotations.
     pub fn remove(&mut self, position: usize) {
         self.indices.remove(position);
         let kept = self.indices.len();
-        // Row `i` of the new factor is what row `i + 1` becomes.
+        // Row `i + 1` becomes row `i` of the new factor.
         for turned in position..kept {
             let head = start(turned + 1) + turned;
             let (a, b) = (self.rows[head], 1.0 / self.rows[head + 1]);
@@ -91,12 +92,12 @@ impl ActiveCholesky {
         self.solve_upper(x);
     }
 
-    /// `x ← L⁻¹ x`. The solution of a set begins with that of the indices added before.
+    /// `x ← L⁻¹ x`. The solution for the first indices is a prefix of the solution for all.
     pub fn solve_lower(&self, x: &mut [f64]) {
         solve_lower(&self.rows, x);
     }
 
-    /// The last entry of `L⁻¹y` from those before it and the last entry of `y`.
+    /// The last entry of `L⁻¹y`, from the entries before it and the last entry of `y`.
     pub fn last_of_lower(&self, before: &[f64], last: f64) -> f64 {
         let row = &self.rows[start(before.len())..];
         (last - product(row, before)) * row[before.len()]
@@ -113,7 +114,7 @@ impl ActiveCholesky {
     }
 }
 
-/// `x ← L⁻¹ x` with the first rows of the packed `L`.
+/// `x ← L⁻¹ x`, with the first rows of the packed `L`.
 fn solve_lower(rows: &[f64], x: &mut [f64]) {
     for i in 0..x.len() {
         let row = &rows[start(i)..start(i + 1)];
@@ -121,7 +122,7 @@ fn solve_lower(rows: &[f64], x: &mut [f64]) {
     }
 }
 
-/// The product of the head of a row with numbers, in two partial sums: rows are short.
+/// Product of the head of a row with `x`, in two partial sums, because rows are short.
 fn product(row: &[f64], x: &[f64]) -> f64 {
     let pairs = row.chunks_exact(2).zip(x.chunks_exact(2));
     let (even, odd) = pairs.fold((0.0, 0.0), |(even, odd), (l, v)| (even + l[0] * v[0], odd + l[1] * v[1]));

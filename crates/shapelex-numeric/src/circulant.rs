@@ -4,8 +4,8 @@
 //! Φ_kl = f[(l − k) mod n],  f even     Φ = F* diag(f̂) F,   f̂[q] = f[0] + Σ_m f[m] cos(2πqm/n)
 //! ```
 //!
-//! The real FFT diagonalises `Φ`; its symmetric square root is circulant too, so it commutes with
-//! cyclic shifts and with reversal. Cost of every operation: one FFT pair per column, `O(n log n)`.
+//! The real FFT diagonalises `Φ`. Its symmetric square root is circulant too, so it commutes with cyclic shifts and with
+//! reversal. Cost of every operation: one FFT pair per column, `O(n log n)`.
 
 use std::sync::Arc;
 
@@ -15,14 +15,14 @@ use realfft::{ComplexToReal, RealFftPlanner, RealToComplex};
 use super::NumericError;
 use super::operator::SymmetricOperator;
 
-/// The pair of real transforms of one length. The inverse carries the factor `1/n`.
+/// The forward and inverse real transforms of one length. The inverse includes the factor `1/n`.
 #[derive(Clone)]
 pub struct RealFft {
     forward: Arc<dyn RealToComplex<f64>>,
     inverse: Arc<dyn ComplexToReal<f64>>,
 }
 
-/// Memory that repeated transforms share.
+/// Scratch memory for repeated transforms.
 pub struct FftScratch {
     signal: Vec<f64>,
     spectrum: Vec<Complex64>,
@@ -47,7 +47,7 @@ impl RealFft {
         self.forward.len()
     }
 
-    /// Whether the transform is empty (it never is).
+    /// Whether the length is zero (always false).
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -57,7 +57,7 @@ impl RealFft {
         self.len() / 2 + 1
     }
 
-    /// Working memory for [`Self::forward`] and [`Self::inverse`].
+    /// Scratch memory for [`Self::forward`] and [`Self::inverse`].
     pub fn scratch(&self) -> FftScratch {
         let work = self.forward.get_scratch_len().max(self.inverse.get_scratch_len());
         FftScratch {
@@ -75,7 +75,7 @@ impl RealFft {
             .expect("lengths are those of the plan");
     }
 
-    /// `signal ← F⁻¹ spectrum`; destroys `spectrum`.
+    /// `signal ← F⁻¹ spectrum`; overwrites `spectrum`.
     pub fn inverse(&self, spectrum: &mut [Complex64], signal: &mut [f64], scratch: &mut FftScratch) {
         let n = self.len();
         spectrum[0].im = 0.0;
@@ -99,11 +99,11 @@ pub struct Circulant {
 }
 
 impl Circulant {
-    /// The operator whose first row is `f[0], f[1], …, f[n−1]` with `f[n−m] = f[m]`.
+    /// The operator with first row `f[0], f[1], …, f[n−1]`, where `f[n−m] = f[m]`.
     ///
     /// # Errors
-    /// [`NumericError::NotPositiveDefinite`] when an eigenvalue is below `1e-14` of the largest: the
-    /// basis is then not a Riesz basis to working precision.
+    /// [`NumericError::NotPositiveDefinite`] if an eigenvalue is below `1e-14` of the largest: the basis is then not a
+    /// Riesz basis to working precision.
     pub fn new(first_row: &[f64]) -> Result<Self, NumericError> {
         let fft = RealFft::new(first_row.len());
         let mut spectrum = vec![Complex64::ZERO; fft.spectrum_len()];

@@ -1,8 +1,7 @@
 //! Dense kernels: symmetric rank-k update, matrix products, symmetric eigenproblems.
 //!
-//! The one place that knows which library does the work. Kernels run on one thread; callers go
-//! parallel over chunks outside, which stays fast on a busy machine and makes results independent of
-//! the number of threads.
+//! This is the only module that depends on the linear algebra library. Kernels run on one thread. Callers run chunks in
+//! parallel instead, which stays fast on a busy machine and makes results independent of the number of threads.
 
 use dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::matmul::triangular::{self, BlockStructure};
@@ -34,7 +33,7 @@ fn view_mut(m: &mut Matrix) -> MatMut<'_, f64> {
 
 /// Lower triangle of `s ← s + factor X Xᵀ`; `columns` holds `X` (`n × k`, column-major), `s` is `n × n`.
 ///
-/// Cost `n² k` multiply-adds. The strict upper triangle of `s` is left as it is.
+/// Cost: `n² k` multiply-adds. The strict upper triangle of `s` is not touched.
 pub fn add_outer_products(s: &mut Matrix, columns: &[f64], factor: f64) {
     let n = s.nrows();
     let x = MatRef::from_column_major_slice(columns, n, columns.len() / n.max(1));
@@ -51,7 +50,7 @@ pub fn add_outer_products(s: &mut Matrix, columns: &[f64], factor: f64) {
     );
 }
 
-/// `XᵀX` of the `n × k` matrix stored in `columns`, both triangles filled.
+/// `XᵀX` of the `n × k` matrix stored in `columns`, with both triangles filled.
 pub fn gram(columns: &[f64], n: usize) -> Matrix {
     let k = columns.len() / n.max(1);
     let x = MatRef::from_column_major_slice(columns, n, k);
@@ -119,7 +118,7 @@ impl Definite {
     /// Factors the matrix in the lower triangle of `s`. Cost `n³/3`.
     ///
     /// # Errors
-    /// [`NumericError::NotPositiveDefinite`].
+    /// [`NumericError::NotPositiveDefinite`] if the factorisation fails.
     pub fn new(s: &Matrix) -> Result<Self, NumericError> {
         // The library's high-level call takes its parallelism from a global setting.
         faer::set_global_parallelism(Par::Seq);
@@ -127,11 +126,11 @@ impl Definite {
         let factor = view(s).llt(Side::Lower).map_err(|_| failure(0.0))?;
         let pivot = |i: usize| factor.L()[(i, i)].powi(2) / s[(i, i)];
         let independence = (0..s.nrows()).map(pivot).fold(1.0, f64::min);
-        // A pivot that is no number is no pivot.
+        // A pivot that is not a number counts as a failure.
         if independence > 0.0 { Ok(Self { factor, independence }) } else { Err(failure(independence)) }
     }
 
-    /// The least pivot over its diagonal entry, as [`super::banded::Banded::independence`].
+    /// Smallest ratio of a pivot to its diagonal entry, as in [`super::banded::Banded::independence`].
     pub fn independence(&self) -> f64 {
         self.independence
     }
@@ -154,7 +153,7 @@ impl DenseOperator {
     /// Factors `matrix`. Cost `n³/3`.
     ///
     /// # Errors
-    /// [`NumericError::NotPositiveDefinite`].
+    /// [`NumericError::NotPositiveDefinite`] if the factorisation fails.
     pub fn new(matrix: Matrix) -> Result<Self, NumericError> {
         let Definite { factor, .. } = Definite::new(&matrix)?;
         Ok(Self { matrix, factor })
@@ -209,17 +208,17 @@ impl SymmetricOperator for DenseOperator {
     }
 }
 
-/// The factors of a square matrix that need not be symmetric.
+/// LU factors of a square matrix that need not be symmetric.
 #[derive(Debug)]
 pub struct Square {
     factors: PartialPivLu<f64>,
 }
 
-/// A pivot below this part of the largest one is zero.
+/// Ratio of a pivot to the largest one below which the matrix is singular.
 const SINGULAR: f64 = 1e-12;
 
 impl Square {
-    /// Factors the matrix, unless it is singular to working precision. Cost `2n³/3`.
+    /// Factors the matrix; `None` if it is singular to working precision. Cost `2n³/3`.
     pub fn new(matrix: &Matrix) -> Option<Self> {
         faer::set_global_parallelism(Par::Seq);
         let factors = view(matrix).partial_piv_lu();
@@ -235,24 +234,24 @@ impl Square {
     }
 }
 
-/// Eigenpairs of a symmetric matrix, eigenvalues in descending order, orthonormal columns.
+/// Eigenpairs of a symmetric matrix: eigenvalues in descending order, orthonormal eigenvectors.
 #[derive(Debug, Clone)]
 pub struct Eigenpairs {
     /// `λ_1 ≥ λ_2 ≥ …`.
     pub values: Vec<f64>,
-    /// One eigenvector a column, in the order of `values`.
+    /// One eigenvector per column, in the order of `values`.
     pub vectors: Matrix,
 }
 
-/// Steps of [`iterate_subspace`]: enough for eigenvalues that fall by a tenth behind the subspace.
+/// Maximum number of steps of [`iterate_subspace`]: enough for eigenvalues that fall by a tenth behind the subspace.
 const SUBSPACE_STEPS: usize = 100;
 
-/// Relative residual at which an invariant subspace is found: it guides a search, the mean itself is computed anew.
+/// Relative residual at which a subspace counts as invariant. It guides a search; the mean itself is computed anew.
 const SUBSPACE_RESIDUAL: f64 = 1e-11;
 
 /// Orthonormal basis of the leading invariant subspace of a symmetric positive semi-definite operator, by subspace
-/// iteration from the columns of `near`. For repeated solutions of problems that change little: a few products.
-/// Nothing when the residual stays above `10⁻¹¹`.
+/// iteration from the columns of `near`. For repeated problems that change little, this takes a few products.
+/// `None` if the residual stays above `10⁻¹¹`.
 pub fn iterate_subspace(apply: impl Fn(&Matrix) -> Matrix, near: &Matrix) -> Option<Matrix> {
     let mut basis = near.clone();
     for _ in 0..SUBSPACE_STEPS {
@@ -270,17 +269,17 @@ pub fn iterate_subspace(apply: impl Fn(&Matrix) -> Matrix, near: &Matrix) -> Opt
     None
 }
 
-/// Up to this size the full solver is faster than, or close to, the partial one.
+/// Size up to which the full solver is faster than, or close to, the partial one.
 const FULL_SOLVER_SIZE: usize = 96;
 
 /// The `count` leading eigenpairs of the symmetric matrix in the lower triangle of `s`.
 ///
-/// Small matrices, and requests for more than a quarter of the spectrum, go to the full solver
-/// (`~10 n³`); large ones to a restarted Krylov iteration from a fixed start vector (`~n²` per
-/// step), which falls back to the full solver when it does not converge.
+/// Small matrices, and requests for more than a quarter of the spectrum, use the full solver (`~10 n³`). Large ones use
+/// a restarted Krylov iteration from a fixed start vector (`~n²` per step), with the full solver as the fallback if it
+/// does not converge.
 ///
 /// # Errors
-/// [`NumericError::NoConvergence`] when the full solver fails (entries that are not finite).
+/// [`NumericError::NoConvergence`] if the full solver fails (entries that are not finite).
 pub fn leading_eigenpairs(s: &Matrix, count: usize) -> Result<Eigenpairs, NumericError> {
     let n = s.nrows();
     let count = count.min(n);
@@ -313,7 +312,7 @@ fn krylov_eigenpairs(s: &Matrix, count: usize) -> Option<Eigenpairs> {
     let mut full = s.clone();
     fill_upper(&mut full);
     let operator = view(&full);
-    // One more than asked for, so that a cluster is not cut at its last member.
+    // Two more than requested, so that a cluster is not cut at its last member.
     let wanted = count + 2;
     let params = PartialEigenParams::default();
     let mut vectors = Mat::<f64>::zeros(n, wanted);
@@ -335,7 +334,7 @@ fn krylov_eigenpairs(s: &Matrix, count: usize) -> Option<Eigenpairs> {
     }
     let mut order: Vec<usize> = (0..wanted).collect();
     order.sort_by(|&i, &j| values[j].total_cmp(&values[i]));
-    // The iteration ranks by magnitude; of a positive semi-definite matrix that is by value.
+    // The iteration ranks by magnitude, which for a positive semi-definite matrix is the order of the values.
     let negative = values.iter().any(|&value| value < -1e-8 * values[order[0]].abs());
     (!negative).then(|| Eigenpairs {
         values: order[..count].iter().map(|&i| values[i]).collect(),
@@ -343,8 +342,8 @@ fn krylov_eigenpairs(s: &Matrix, count: usize) -> Option<Eigenpairs> {
     })
 }
 
-/// A fixed, structureless unit vector: results must not depend on ambient randomness, and a constant
-/// vector is an eigenvector of every circulant matrix.
+/// A fixed, structureless unit vector. Results must not depend on ambient randomness, and a constant vector would be an
+/// eigenvector of every circulant matrix.
 fn start_vector(n: usize) -> faer::Col<f64> {
     let mut state = 0x9e37_79b9_7f4a_7c15_u64;
     let raw: Vec<f64> = (0..n)

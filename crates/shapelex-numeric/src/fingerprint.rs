@@ -1,26 +1,26 @@
-//! Whether two processes compute alike.
+//! Numerical fingerprint of a process, for checking whether two processes compute the same bits.
 //!
-//! Products of matrices choose their instructions and block sizes by the processor, and elementary functions come
-//! from the system: on machines of different kinds the last bits of a sum can differ.
+//! Matrix products choose their instructions and block sizes by the processor, and elementary functions come from the
+//! system. On machines of different kinds, the last bits of a sum can therefore differ.
 
 use std::sync::LazyLock;
 
 use super::dense::{Matrix, add_outer_products, multiply};
 
-/// Rows of the products: some more than a register tile, and no multiple of one.
+/// Number of rows of the products: more than a register tile, and not a multiple of one.
 const ROWS: usize = 37;
 
-/// Length of their sums: longer than the blocks that products are cut into.
+/// Length of the sums in the products: longer than the blocks into which products are cut.
 const COLUMNS: usize = 1500;
 
-/// A digest of fixed products and functions, equal where they have the same bits.
+/// Digest of fixed products and functions, equal for processes that compute the same bits.
 pub fn fingerprint() -> &'static str {
     static FINGERPRINT: LazyLock<String> = LazyLock::new(compute);
     &FINGERPRINT
 }
 
 fn compute() -> String {
-    // Fractions of multiples of the golden ratio: no function of the system has a part in them.
+    // Fractional parts of multiples of the golden ratio, which involve no function of the system.
     let x: Vec<f64> =
         (0..ROWS * COLUMNS).map(|k| (0.618_033_988_749_894_9 * k as f64).fract() - 0.4).collect();
     let mut outer = Matrix::zeros(ROWS, ROWS);

@@ -1,10 +1,10 @@
-//! Loops over short contiguous slices, where the call of a library costs more than the work.
+//! Loops over short contiguous slices, for which a library call costs more than the work.
 //!
-//! Sums run in a fixed number of lanes: the compiler makes vectors of them, and their order never changes.
+//! Sums run in a fixed number of lanes: the compiler vectorises them, and their order never changes.
 
 use super::dense::Matrix;
 
-/// Partial sums of a dot product: enough to hide the latency of additions on vectors of two to eight numbers.
+/// Number of partial sums of a dot product: enough to hide the latency of additions on vectors of two to eight numbers.
 const LANES: usize = 8;
 
 /// `Σ aᵢ bᵢ`.
@@ -20,7 +20,7 @@ pub fn dot(a: &[f64], b: &[f64]) -> f64 {
     sums.iter().sum::<f64>() + tail
 }
 
-/// `maxᵢ aᵢ`, at least zero.
+/// `maxᵢ aᵢ`, but at least zero.
 pub fn largest(a: &[f64]) -> f64 {
     let (lanes, tail) = a.as_chunks::<LANES>();
     let larger = |most: f64, value: f64| if value > most { value } else { most };
@@ -38,8 +38,7 @@ pub fn add_scaled(out: &mut [f64], factor: f64, x: &[f64]) {
     out.iter_mut().zip(x).for_each(|(out, x)| *out += factor * x);
 }
 
-/// `out ← out + Σᵢ factorsᵢ M_{:,columnsᵢ}`, four columns in one pass over `out`; `matrix` holds the columns of `M` one after
-/// the other.
+/// `out ← out + Σᵢ factorsᵢ M_{:,columnsᵢ}`, with four columns per pass over `out`; `matrix` holds `M` column by column.
 pub fn add_columns(out: &mut [f64], matrix: &[f64], columns: &[usize], factors: &[f64]) {
     let rows = out.len();
     let column = |index: usize| &matrix[index * rows..(index + 1) * rows];

@@ -1,17 +1,17 @@
-//! Tensor products of symmetric operators, never formed.
+//! Tensor products of symmetric operators, which are never formed.
 //!
 //! ```text
 //! (Φ_u ⊗ Φ_v) x,   x[k·n_v + l] at (k, l):   X ← Φ_u X Φ_v for the n_u × n_v matrix X
 //! ```
 //!
-//! The operator of tensor-product surfaces; its square root is the product of those of the factors. Every operation costs
-//! those of the factors, on `n_u` columns and on `n_v`.
+//! The Gram operator of tensor-product surfaces. Its square root is the product of the roots of the factors. Every operation
+//! costs those of the factors, on `n_u` columns and on `n_v` columns.
 
 use std::sync::Arc;
 
 use super::operator::SymmetricOperator;
 
-/// `Φ_u ⊗ Φ_v`, the second index fastest.
+/// `Φ_u ⊗ Φ_v`, with the second index fastest.
 #[derive(Debug, Clone)]
 pub struct Kronecker {
     outer: Arc<dyn SymmetricOperator>,

@@ -1,17 +1,17 @@
-//! Numerical tools without knowledge of shapes: structured operators, dense kernels, quadrature.
+//! Numerical tools that are independent of shapes: structured operators, dense kernels, quadrature.
 //!
-//! * [`operator`] — symmetric positive definite operators and their square roots (what a Gram matrix is to its users);
-//! * [`cholesky`] — the factor of a matrix that grows and shrinks by rows;
+//! * [`operator`] — symmetric positive definite operators and their square roots: the interface of a Gram matrix;
+//! * [`cholesky`] — Cholesky factor of a submatrix whose index set grows and shrinks;
 //! * [`circulant`] — the operator of a periodic shift-invariant basis, diagonal under the real FFT;
-//! * [`bounded`] — what makes searches end: shares of steps and callers who want to stop;
+//! * [`bounded`] — termination of searches: budgets of steps, and cancellation by the caller;
 //! * [`banded`] — symmetric positive definite band matrices and their Cholesky factor;
 //! * [`kronecker`] — tensor products of operators;
 //! * [`sparse`] — sparse matrices by rows;
 //! * [`kernels`] — loops over short slices;
-//! * [`dense`] — the only module that knows the dense linear algebra library: rank-k updates and eigenproblems;
-//! * [`fingerprint`] — whether two processes compute alike;
+//! * [`dense`] — dense kernels and eigenproblems; the only module that depends on the linear algebra library;
+//! * [`fingerprint`] — a digest that tells whether two processes compute the same bits;
 //! * [`quadrature`] — Gauss–Legendre rules and an adaptive integral;
-//! * [`real`] — double and double-double numbers under one name, small systems over them.
+//! * [`real`] — double and double-double arithmetic under one trait, and small systems over it.
 
 pub mod banded;
 pub mod bounded;
@@ -26,7 +26,7 @@ pub mod quadrature;
 pub mod real;
 pub mod sparse;
 
-/// What the numerical layer can refuse.
+/// Errors of the numerical layer.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum NumericError {
     /// An operator that must be positive definite is not.
@@ -37,7 +37,7 @@ pub enum NumericError {
         /// Its smallest eigenvalue.
         smallest: f64,
     },
-    /// An eigenvalue iteration did not finish.
+    /// An eigenvalue iteration did not converge.
     #[error("no convergence of the eigenproblem of size {size}")]
     NoConvergence {
         /// Number of rows.

@@ -4,10 +4,10 @@ use std::fmt::Debug;
 
 /// A symmetric positive definite `n × n` operator `Φ` with a square root `R`, `RᵀR = Φ`.
 ///
-/// Every method works in place on `data`, which holds any number of columns of length `n` one after
-/// the other; `data.len()` must be a multiple of `n`.
+/// Every method works in place on `data`, which holds any number of columns of length `n`, one after the other.
+/// `data.len()` must be a multiple of `n`.
 pub trait SymmetricOperator: Debug + Send + Sync {
-    /// `n`.
+    /// Number of rows, `n`.
     fn size(&self) -> usize;
 
     /// `x ← Φ x` for every column.
@@ -16,7 +16,7 @@ pub trait SymmetricOperator: Debug + Send + Sync {
     /// `x ← Φ⁻¹ x` for every column.
     fn solve(&self, data: &mut [f64]);
 
-    /// `x ← R x` for every column: afterwards plain dot products are `Φ`-products.
+    /// `x ← R x` for every column. Plain dot products of the results are `Φ`-products.
     fn whiten(&self, data: &mut [f64]);
 
     /// `x ← R⁻¹ x` for every column.
@@ -31,7 +31,7 @@ pub struct ScaledIdentity {
 }
 
 impl ScaledIdentity {
-    /// `scale · I` of `size` rows; `scale` must be positive.
+    /// `scale · I` with `size` rows; `scale` must be positive.
     pub fn new(size: usize, scale: f64) -> Self {
         Self { size, scale }
     }
@@ -63,8 +63,8 @@ impl SymmetricOperator for ScaledIdentity {
     }
 }
 
-/// What every operator must do: `operator` is the matrix of `entry`, and its root, its inverse and the inverse of its root
-/// belong to it.
+/// Checks the laws of an operator: it agrees with the matrix of `entry`, and its root, its inverse and the inverse of its
+/// root are consistent with it.
 #[cfg(test)]
 pub(crate) fn assert_operator_of(
     operator: &dyn SymmetricOperator,

@@ -4,8 +4,8 @@ use super::bounded::{Allowance, Stop};
 
 /// Nodes and weights of the `n`-point Gauss–Legendre rule on `[−1, 1]`, exact for degree `2n − 1`.
 ///
-/// Newton's iteration on the Legendre polynomial from the usual cosine guess; accurate to a few ulp
-/// for the `n` used here (`n ≤ 64`).
+/// Computed by Newton's iteration on the Legendre polynomial from the usual cosine guess; accurate to a few ulp for the
+/// `n` used here (`n ≤ 64`).
 #[derive(Debug, Clone)]
 pub struct GaussLegendre {
     nodes: Vec<f64>,
@@ -45,11 +45,11 @@ impl GaussLegendre {
         half * self.points().map(|(node, weight)| weight * f(centre + half * node)).sum::<f64>()
     }
 
-    /// `∫_a^b f` by halving until two levels agree to `tolerance` (absolute), or to rounding, or 40 levels are spent, or the
-    /// allowance for panels is.
+    /// `∫_a^b f` by bisection until two levels agree to `tolerance` (absolute) or to rounding, or until 40 levels or the
+    /// budget of panels are spent.
     ///
-    /// For integrands that are analytic but for isolated kinks, such as the speed `|r'|` of a curve
-    /// near a cusp, where a fixed rule converges slowly.
+    /// For integrands that are analytic except for isolated kinks, such as the speed `|r'|` of a curve near a cusp, where a
+    /// fixed rule converges slowly.
     pub fn integrate_adaptive(
         &self,
         (a, b): (f64, f64),
@@ -73,7 +73,7 @@ impl GaussLegendre {
         let middle = 0.5 * (a + b);
         let (left, right) = (self.integrate(a, middle, f), self.integrate(middle, b, f));
         let difference = (left + right - whole).abs();
-        // No rule agrees better with another than sums of its terms are rounded.
+        // Two rules cannot agree better than the rounding of their sums.
         let met = !(difference > tolerance.max(ROUNDING * (left.abs() + right.abs())));
         if met || depth == 0 || !panels.allowance.take() {
             panels.missed += if met { 0.0 } else { difference };
@@ -85,30 +85,30 @@ impl GaussLegendre {
     }
 }
 
-/// Halvings of a panel at most: its length is then a rounding of that of the first.
+/// Maximum number of bisections of a panel: its length is then a rounding error of the first.
 const MOST_LEVELS: u32 = 40;
 
-/// What a sum of some twenty terms of one sign loses.
+/// Relative rounding error of a sum of some twenty terms of one sign.
 const ROUNDING: f64 = 4.0 * f64::EPSILON;
 
-/// The panels that the adaptive integrals of one shape may halve, together.
+/// Budget of panels that all adaptive integrals of one shape may bisect together.
 pub struct Panels<'a> {
     allowance: Allowance<'a>,
     missed: f64,
 }
 
 impl<'a> Panels<'a> {
-    /// `most` panels.
+    /// A budget of `most` panels.
     pub fn new(most: usize, stop: Stop<'a>) -> Self {
         Self { allowance: Allowance::new(most, stop), missed: 0.0 }
     }
 
-    /// Panels that were halved.
+    /// Number of panels that were bisected.
     pub fn halved(&self) -> usize {
         self.allowance.taken()
     }
 
-    /// By how much the last two levels of the panels differed whose tolerance was not met: an estimate of the error.
+    /// Sum of the differences of the last two levels over panels that missed their tolerance: an estimate of the error.
     pub fn missed(&self) -> f64 {
         self.missed
     }
@@ -151,7 +151,7 @@ mod tests {
         assert!((value - exact).abs() < 1e-11, "{value} for {exact}");
     }
 
-    /// Noise has no limit that two levels could agree on: the allowance ends the integral, and the error is stated.
+    /// Noise has no limit on which two levels could agree: the budget ends the integral, and the error is reported.
     #[test]
     fn noise_ends_within_the_allowance() {
         let rule = GaussLegendre::new(10);

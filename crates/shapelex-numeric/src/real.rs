@@ -1,7 +1,7 @@
-//! Real numbers of two precisions, and small dense systems over them.
+//! Real numbers in two precisions, and small dense systems over them.
 //!
-//! Few constructions need more than `f64`: where intermediate results cancel by a known factor they are carried
-//! out in double-double arithmetic (32 digits) once, and rounded at the end.
+//! A few constructions need more than `f64`: their intermediate results cancel by a known factor. They are carried out
+//! in double-double arithmetic (32 digits) once, and rounded at the end.
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
@@ -16,20 +16,20 @@ pub trait Real:
     + Mul<Output = Self>
     + Div<Output = Self>
 {
-    /// Unit of rounding.
+    /// Unit roundoff.
     const ROUNDING: f64;
-    /// A sum to full precision, where terms cancel by few digits.
+    /// A sum to full precision, for terms that cancel by few digits.
     fn accurate_sum(terms: impl Iterator<Item = Self>) -> Self;
-    /// `cos x`, `|x| ≤ 4`.
+    /// `cos x` for `|x| ≤ 4`.
     fn cosine(self) -> Self;
-    /// `eˣ`, `|x| ≤ 16`.
+    /// `eˣ` for `|x| ≤ 16`.
     fn exponential(self) -> Self;
 }
 
 impl Real for f64 {
     const ROUNDING: f64 = f64::EPSILON;
 
-    /// The error of every addition is kept (Knuth's two-sum).
+    /// Accumulates the error of every addition (Knuth's two-sum).
     fn accurate_sum(terms: impl Iterator<Item = Self>) -> Self {
         let (sum, lost) = terms.fold((0.0, 0.0), |(sum, lost), term| {
             let (next, error) = two_sum(sum, term);
@@ -47,24 +47,24 @@ impl Real for f64 {
     }
 }
 
-/// The sum of two doubles, the second at most half an ulp of the first: 32 digits.
+/// The sum of two doubles, of which the second is at most half an ulp of the first: 32 digits.
 ///
-/// Errors of a few `10⁻³²` relative. Source of the operations: Joldes, Muller, Popescu, *Tight and rigorous error bounds
-/// for basic building blocks of double-word arithmetic*, 2017, algorithms 6 and 10; the quotient by long division.
+/// Relative errors are a few `10⁻³²`. Source of the operations: Joldes, Muller, Popescu, *Tight and rigorous error bounds
+/// for basic building blocks of double-word arithmetic*, 2017, algorithms 6 and 10; the quotient is by long division.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DoubleDouble {
     high: f64,
     low: f64,
 }
 
-/// `a + b` and what rounding lost (Knuth).
+/// `a + b` and its rounding error (Knuth).
 fn two_sum(a: f64, b: f64) -> (f64, f64) {
     let sum = a + b;
     let seen = sum - a;
     (sum, (a - (sum - seen)) + (b - seen))
 }
 
-/// `a b` and what rounding lost (Dekker): without a fused instruction in the target this is faster than asking for one.
+/// `a b` and its rounding error (Dekker). Without a fused instruction in the target, this is faster than requesting one.
 fn two_product(a: f64, b: f64) -> (f64, f64) {
     let halves = |x: f64| {
         let shifted = 134_217_729.0 * x; // 2²⁷ + 1
@@ -147,7 +147,7 @@ impl Div for DoubleDouble {
 impl Real for DoubleDouble {
     const ROUNDING: f64 = f64::EPSILON * f64::EPSILON;
 
-    /// A plain sum: it is used where 20 of the 32 digits are wanted.
+    /// A plain sum, which suffices because 20 of the 32 digits are needed.
     fn accurate_sum(terms: impl Iterator<Item = Self>) -> Self {
         terms.fold(Self::from(0.0), |sum, term| sum + term)
     }
@@ -174,7 +174,7 @@ fn series(x: DoubleDouble, terms: usize, ratio: impl Fn(usize) -> usize) -> Doub
     (1..terms).rev().fold(one, |sum, n| one + x / DoubleDouble::from(ratio(n) as f64) * sum)
 }
 
-/// Solves `A x = b` by elimination with partial pivoting; none when a pivot is rounding against the largest entry of its
+/// Solves `A x = b` by elimination with partial pivoting; `None` if a pivot is rounding relative to the largest entry of its
 /// column. `rows` are the rows of `A`, each followed by its entry of `b`.
 pub fn solve_small<T: Real>(mut rows: Vec<Vec<T>>) -> Option<Vec<T>> {
     let n = rows.len();
@@ -212,7 +212,7 @@ mod tests {
         assert!(error.abs() < 1e-30, "{found:?} for {wanted:?}: {error:e}");
     }
 
-    /// Values of 50 digits, as the nearest double and what it lacks.
+    /// Reference values of 50 digits, as the nearest double and the remainder.
     #[test]
     #[allow(clippy::excessive_precision)] // the digits as they were computed
     fn operations_keep_their_digits() {

@@ -1,21 +1,21 @@
 //! Sparse matrices by rows.
 
-/// A sparse matrix: of every row the columns that are not zero, and the numbers there.
+/// A sparse matrix: for every row, the columns of its non-zero entries and their values.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct SparseRows {
     columns: usize,
-    /// Where the entries of every row end.
+    /// End of the entries of every row.
     ends: Vec<usize>,
     entries: Vec<(u32, f64)>,
 }
 
 impl SparseRows {
-    /// No rows yet, of so many columns; `rows` and `entries` are what is expected.
+    /// An empty matrix with `columns` columns; `rows` and `entries` are expected numbers, for allocation.
     pub fn new(columns: usize, rows: usize, entries: usize) -> Self {
         Self { columns, ends: Vec::with_capacity(rows), entries: Vec::with_capacity(entries) }
     }
 
-    /// Adds a row. Entries in one column are added up, in the order given; columns stay in the order of their first entry.
+    /// Appends a row. Entries of the same column are added in the given order; columns stay in the order of their first entry.
     pub fn push(&mut self, row: &[(u32, f64)]) {
         let start = self.entries.len();
         for &(column, value) in row {
@@ -38,12 +38,12 @@ impl SparseRows {
         self.columns
     }
 
-    /// Number of entries.
+    /// Number of stored entries.
     pub fn len(&self) -> usize {
         self.entries.len()
     }
 
-    /// Whether there are no entries.
+    /// Whether there are no stored entries.
     pub fn is_empty(&self) -> bool {
         self.entries.is_empty()
     }
@@ -59,17 +59,17 @@ impl SparseRows {
         (0..self.rows()).map(|index| self.row(index))
     }
 
-    /// `A x` of rows of `D` numbers. Cost: one product an entry and number.
+    /// `A x` for rows `x` of `D` numbers. Cost: `D` products per entry.
     pub fn apply<const D: usize>(&self, x: &[[f64; D]]) -> Vec<[f64; D]> {
         let mut product = Vec::new();
         self.apply_into(x, &mut product);
         product
     }
 
-    /// [`Self::apply`] into a list that is used again.
+    /// As [`Self::apply`], written to a vector that can be reused.
     pub fn apply_into<const D: usize>(&self, x: &[[f64; D]], product: &mut Vec<[f64; D]>) {
         product.resize(self.rows(), [0.0; D]);
-        // With the widest vectors of the machine; products and sums stay apart, so that the bits are the same on all.
+        // Uses the widest vectors of the machine. Products and sums are not fused, so that the bits are the same on all machines.
         pulp::Arch::new().dispatch(
             #[inline(always)]
             || {
@@ -89,12 +89,12 @@ impl SparseRows {
         );
     }
 
-    /// `A x` of one column.
+    /// `A x` for a single column.
     pub fn apply_column(&self, x: &[f64]) -> Vec<f64> {
         self.iter().map(|row| row.iter().map(|(column, value)| value * x[*column as usize]).sum()).collect()
     }
 
-    /// `A B`. Cost: one product an entry of `A` and entry in the row of `B` it meets.
+    /// `A B`. Cost: one product per pair of an entry of `A` and an entry in the matching row of `B`.
     pub fn multiply(&self, right: &Self) -> Self {
         let mut product = Self::new(right.columns, self.rows(), 2 * self.len());
         let mut sums = vec![0.0; right.columns];

@@ -1,11 +1,11 @@
-//! The surfaces of one control mesh under a linear scheme, as a shape space.
+//! The surfaces of one control mesh under a linear scheme, as a shape space with its Gram operator.
 //!
 //! ```text
 //! X = T_K C,   ⟨C, D⟩ = tr(Cᵀ Φ D),   Φ = T_Kᵀ M T_K,   M = Σ_f 1/(12F) (2 1 1; 1 2 1; 1 1 2)
 //! ```
 //!
-//! Every face of the level has the same share of the parameters, `1/F`, whatever its area is, so `Φ` is the same for all shapes
-//! and the product is the `L₂` product of two meshes as piecewise linear functions, exactly. `1ᵀΦ1 = 1`.
+//! Every face at the level has the same share `1/F` of the parameter domain, whatever its area. `Φ` is therefore the same for all
+//! shapes, and the product is exactly the `L₂` product of two meshes as piecewise linear functions. `1ᵀΦ1 = 1`.
 //!
 //! Source: Badoual, Schmitter, Uhlmann, Unser, *A non-stationary subdivision scheme*, the operator view of section 4.
 
@@ -21,25 +21,25 @@ use shapelex_numeric::dense::{DenseOperator, Matrix, Square, fill_upper};
 use shapelex_numeric::operator::SymmetricOperator;
 use shapelex_numeric::sparse::SparseRows;
 
-/// A control mesh with its steps.
+/// A prepared control mesh with its refinement steps.
 #[derive(Debug)]
 pub struct SubdivisionBasis {
     scheme: Scheme,
-    /// The control mesh first.
+    /// Connectivity of all levels, from the control mesh on.
     levels: Vec<Connectivity>,
     steps: Vec<SparseRows>,
-    /// `v` of the step that would come next.
+    /// Level parameter `v` of the step after the last one.
     parameter: f64,
     gram: Arc<DenseOperator>,
-    /// From control vertices to where these are at the level.
+    /// Operator from control vertices to their positions at the level.
     at_vertices: OnceLock<Option<Square>>,
 }
 
 /// The matrices `S_0 … S_{K−1}` of `level` steps, the meshes between them, and the parameter of the next step. Cost: some
-/// hundred operations a vertex of all levels together.
+/// hundred operations per vertex of all levels.
 ///
 /// # Errors
-/// [`GeometryError::Valence`], and [`GeometryError::NotLinear`] for the scheme that has no matrices.
+/// [`GeometryError::Valence`]; [`GeometryError::NotLinear`] for the normal-based scheme, which has no matrices.
 pub fn steps(
     scheme: Scheme,
     control: &Connectivity,
@@ -60,10 +60,10 @@ pub fn steps(
 }
 
 impl SubdivisionBasis {
-    /// Prepares the control mesh. Cost: that of the steps, and `729` products a vertex of the level for the Gram operator.
+    /// Prepares the control mesh. Cost: the steps, and `729` products per vertex of the level for the Gram operator.
     ///
     /// # Errors
-    /// Those of [`steps`]; faces that are no closed mesh; control vertices that depend on one another at this level.
+    /// As for [`steps`]; faces that do not form a closed mesh; control vertices that are linearly dependent at this level.
     pub fn new(subdivision: &Subdivision) -> Result<Self, GeometryError> {
         let scheme = subdivision.scheme;
         let control = subdivision.connectivity.connectivity()?;
@@ -83,22 +83,22 @@ impl SubdivisionBasis {
         &self.levels[0]
     }
 
-    /// `K`.
+    /// The level, `K`.
     pub fn level(&self) -> usize {
         self.steps.len()
     }
 
-    /// The mesh of the level.
+    /// Connectivity of the mesh at the level.
     pub fn finest(&self) -> &Connectivity {
         &self.levels[self.levels.len() - 1]
     }
 
-    /// Where the vertices of the level are: `T_K C` of control vertices, `N × 3`.
+    /// Positions `T_K C` of the vertices at the level, for control vertices `N × 3`.
     pub fn points(&self, rows: &Matrix) -> Vec<[f64; 3]> {
         self.points_of_levels(rows).pop().unwrap_or_default()
     }
 
-    /// Where the vertices of every level are, the control vertices first.
+    /// Positions of the vertices at every level, beginning with the control vertices.
     pub fn points_of_levels(&self, rows: &Matrix) -> Vec<Vec<[f64; 3]>> {
         let control = (0..rows.nrows()).map(|i| [0, 1, 2].map(|c| rows[(i, c)])).collect();
         let mut levels: Vec<Vec<[f64; 3]>> = vec![control];
@@ -109,22 +109,22 @@ impl SubdivisionBasis {
         levels
     }
 
-    /// The mesh of the level.
+    /// The mesh at the level.
     pub fn mesh(&self, rows: &Matrix) -> TriangleMesh {
         TriangleMesh { vertices: self.points(rows), normals: None, faces: self.finest().faces().to_vec() }
     }
 
-    /// Where the vertices of the level lead: see [`limit`].
+    /// Limit positions and normals of the vertices at the level: see [`limit`].
     pub fn limit(&self, rows: &Matrix) -> Limit {
         limit(self.scheme, self.parameter, self.finest(), &self.points(rows))
     }
 
-    /// `T_K`, a row for every vertex of the level.
+    /// `T_K`, one row per vertex of the level.
     pub fn operator(&self) -> SparseRows {
         operator(&self.steps, self.control().vertices())
     }
 
-    /// The control vertices that a vertex of the level is made of, and their weights: its row of `T_K`.
+    /// The control vertices with an influence on a vertex of the level, with their weights: its row of `T_K`.
     pub fn weights(&self, vertex: u32) -> Vec<(usize, f64)> {
         let mut weights = vec![(vertex, 1.0)];
         for step in self.steps.iter().rev() {
@@ -141,11 +141,11 @@ impl SubdivisionBasis {
         weights.into_iter().map(|(i, weight)| (i as usize, weight)).collect()
     }
 
-    /// Control vertices of the surface whose control vertices are at `points` at the level: interpolation. Cost `N³/3` for the
-    /// first surface, `N²` for more.
+    /// Interpolation: control vertices of the surface whose control vertices are at `points` at the level. Cost: `N³/3` for the
+    /// first surface, `N²` for each further one.
     ///
     /// # Errors
-    /// [`GeometryError::NoInterpolation`] when the positions do not determine the control vertices.
+    /// [`GeometryError::NoInterpolation`] if the positions do not determine the control vertices.
     pub fn interpolate(&self, points: &Matrix) -> Result<Matrix, GeometryError> {
         let size = self.control().vertices();
         let factor = self.at_vertices.get_or_init(|| {
@@ -158,7 +158,7 @@ impl SubdivisionBasis {
         factor.as_ref().map(|factor| factor.solve(points)).ok_or(GeometryError::NoInterpolation { size })
     }
 
-    /// Rows of `T_K` of the control vertices: where these are at the level.
+    /// The rows of `T_K` for the control vertices, which give their positions at the level.
     pub fn at_control_vertices(&self) -> SparseRows {
         let size = self.control().vertices();
         let mut rows = SparseRows::new(size, size, 16 * size);
@@ -170,12 +170,12 @@ impl SubdivisionBasis {
         rows
     }
 
-    /// The finest level with at most so many faces, or the control mesh.
+    /// The finest level with at most `faces` faces, or else the control mesh.
     pub fn level_with(&self, faces: usize) -> usize {
         self.levels.iter().rposition(|level| level.faces().len() <= faces).unwrap_or(0)
     }
 
-    /// The mesh of a level, its vertices where they are at the last one.
+    /// The mesh of a level, with its vertices at their positions at the last level.
     pub fn drawn(&self, rows: &Matrix, level: usize) -> TriangleMesh {
         let connectivity = &self.levels[level];
         let mut vertices = self.points(rows);
@@ -183,7 +183,7 @@ impl SubdivisionBasis {
         TriangleMesh { vertices, normals: None, faces: connectivity.faces().to_vec() }
     }
 
-    /// Places on the flat faces of the control mesh of the vertices of a level: their shares of its corners, three at the most.
+    /// The vertices of a level as points on the flat faces of the control mesh: barycentric weights of at most three corners.
     pub fn flat(&self, level: usize) -> SparseRows {
         let middles = Scheme::NormalBased { balance: Exact::new(0.0) };
         let halves: Vec<SparseRows> =
@@ -191,7 +191,7 @@ impl SubdivisionBasis {
         operator(&halves, self.control().vertices())
     }
 
-    /// Bytes that the basis takes, about.
+    /// Approximate size of the basis in bytes.
     pub fn bytes(&self) -> usize {
         let entries: usize = self.steps.iter().map(SparseRows::len).sum();
         16 * entries + 200 * self.finest().vertices() + 16 * self.gram.size().pow(2)
@@ -205,13 +205,14 @@ fn operator(steps: &[SparseRows], size: usize) -> SparseRows {
     steps.iter().fold(identity, |product, step| step.multiply(&product))
 }
 
-/// `Φ`: of a face with corners `a`, `b`, `c` and `s = T_a + T_b + T_c`, `(s sᵀ + T_a T_aᵀ + T_b T_bᵀ + T_c T_cᵀ)/(12F)`.
+/// Gram matrix `Φ`. A face with corners `a`, `b`, `c` and `s = T_a + T_b + T_c` contributes
+/// `(s sᵀ + T_a T_aᵀ + T_b T_bᵀ + T_c T_cᵀ)/(12F)`.
 fn gram(steps: &[SparseRows], finest: &Connectivity, size: usize) -> Matrix {
     let operator = operator(steps, size);
     let mut gram = Matrix::zeros(size, size);
     let mut add_square = |row: &[(u32, f64)], factor: f64| {
         for (k, &(j, b)) in row.iter().enumerate() {
-            // Columns ascend: this is the lower triangle.
+            // Columns ascend, so this is the lower triangle.
             let (b, column) = (factor * b, &mut gram.as_mut_slice()[j as usize * size..][..size]);
             row[k..].iter().for_each(|&(i, a)| column[i as usize] += a * b);
         }

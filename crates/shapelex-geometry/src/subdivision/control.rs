@@ -1,4 +1,4 @@
-//! Control meshes: which vertices are joined by which faces.
+//! Control meshes of subdivision surfaces: named meshes and lists of faces.
 
 use std::fmt;
 use std::str::FromStr;
@@ -7,22 +7,22 @@ use super::MeshSize;
 use crate::mesh::{Connectivity, MeshError, TriangleMesh};
 use crate::vector::norm;
 
-/// The faces of a control mesh, by name or as a list.
+/// Control mesh, by name or as a list of faces.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 #[cfg_attr(feature = "serde", serde(untagged))]
 pub enum ControlMesh {
-    /// A starting mesh: `tetrahedron`, `octahedron`, `icosahedron` or `pole_grid`, split as often as a number behind a slash
-    /// says: `octahedron/2` has 66 vertices.
+    /// A starting mesh: `tetrahedron`, `octahedron`, `icosahedron` or `pole_grid`, optionally followed by a slash and the
+    /// number of splits: `octahedron/2` has 66 vertices.
     #[cfg_attr(feature = "schema", schema(value_type = String, example = "octahedron/2"))]
     Named(StartMesh),
-    /// Triangles by the positions of their corners among the control points, counter-clockwise seen from outside.
+    /// Triangles by the indices of their corners among the control points, counter-clockwise as seen from outside.
     Faces(Vec<[u32; 3]>),
 }
 
 impl ControlMesh {
-    /// Numbers of vertices and faces. A list of faces has as many vertices as its largest corner says.
+    /// Number of vertices and faces. The number of vertices of a list of faces follows from its largest corner.
     pub fn size(&self) -> MeshSize {
         match self {
             Self::Named(start) => start.size(),
@@ -33,10 +33,10 @@ impl ControlMesh {
         }
     }
 
-    /// Its edges.
+    /// Connectivity of the mesh.
     ///
     /// # Errors
-    /// The first reason why the faces are no closed surface in one piece.
+    /// The first reason why the faces do not form a closed connected surface.
     pub fn connectivity(&self) -> Result<Connectivity, MeshError> {
         match self {
             Self::Named(start) => start.mesh().connectivity(),
@@ -44,7 +44,7 @@ impl ControlMesh {
         }
     }
 
-    /// Positions on the unit sphere, of meshes that are named after a body inscribed in it.
+    /// Positions on the unit sphere, for meshes named after an inscribed body.
     pub fn sphere(&self) -> Option<TriangleMesh> {
         match self {
             Self::Named(start) if start.body != Body::PoleGrid => Some(start.mesh()),
@@ -53,7 +53,7 @@ impl ControlMesh {
     }
 }
 
-/// What a starting mesh is split from.
+/// Body from which a starting mesh is split.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Body {
     /// 4 vertices of valence 3.
@@ -67,10 +67,10 @@ pub enum Body {
 }
 
 impl Body {
-    /// All of them.
+    /// All bodies.
     pub const ALL: [Self; 4] = [Self::Tetrahedron, Self::Octahedron, Self::Icosahedron, Self::PoleGrid];
 
-    /// Its name in documents.
+    /// Name in requests and responses.
     pub fn name(self) -> &'static str {
         match self {
             Self::Tetrahedron => "tetrahedron",
@@ -90,7 +90,7 @@ impl Body {
         MeshSize { vertices, faces }
     }
 
-    /// Vertices on the unit sphere, seen from outside counter-clockwise.
+    /// The mesh on the unit sphere, with faces counter-clockwise as seen from outside.
     fn mesh(self) -> TriangleMesh {
         let (vertices, faces) = match self {
             Self::Tetrahedron => tetrahedron(),
@@ -117,7 +117,7 @@ fn octahedron() -> Solid {
     (vertices, [north, south].concat())
 }
 
-/// Three golden rectangles.
+/// The corners of three golden rectangles.
 fn icosahedron() -> Solid {
     let golden = 0.5 * (1.0 + 5.0_f64.sqrt());
     let signs = [[-1.0, 1.0], [1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]];
@@ -152,11 +152,11 @@ fn icosahedron() -> Solid {
     (vertices, faces.to_vec())
 }
 
-/// Steps of the grid with poles: `s_i = −π/2 + iπ/3` along the meridians and on over the pole, `t_j = jπ/3` around.
+/// Grid steps of the mesh with poles: `s_i = −π/2 + iπ/3` along the meridians and on over the pole, `t_j = jπ/3` around.
 const STEPS: u32 = 6;
 
-/// The doubly periodic grid of step π/3 whose rows 0 to 3, with the first column again at the end, are the 28 points of the
-/// sphere grid; diagonals run in the direction (1, 1). Outwards as far as the rows run north.
+/// The doubly periodic grid with step π/3. Its rows 0 to 3, with the first column repeated at the end, are the 28 points of the
+/// sphere grid; diagonals run in the direction (1, 1). Faces point outwards where the rows run north.
 fn pole_grid() -> Solid {
     let angle = |i: u32| f64::from(i) * std::f64::consts::FRAC_PI_3;
     let point = |i: u32, j: u32| {
@@ -178,27 +178,27 @@ fn on_sphere(point: [f64; 3]) -> [f64; 3] {
     point.map(|x| x / length)
 }
 
-/// A starting mesh: a body whose faces are split so often.
+/// A starting mesh: a body with a number of splits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(try_from = "String", into = "String"))]
 pub struct StartMesh {
-    /// What is split.
+    /// The body.
     pub body: Body,
-    /// How often, at most [`MOST_SPLITS`].
+    /// Number of splits, at most [`MOST_SPLITS`].
     pub splits: usize,
 }
 
-/// More splits than any memory holds are refused with the name.
+/// Maximum number of splits: more than any memory holds is rejected with the name.
 pub const MOST_SPLITS: usize = 15;
 
 impl StartMesh {
-    /// Numbers of vertices and faces.
+    /// Number of vertices and faces.
     pub fn size(self) -> MeshSize {
         self.body.size().split(self.splits)
     }
 
-    /// The mesh, all its vertices on the unit sphere; those of the grid with poles that come by splits lie between others.
+    /// The mesh with vertices on the unit sphere; for the pole grid, vertices added by splits are midpoints of edges.
     pub fn mesh(self) -> TriangleMesh {
         let mut mesh = self.body.mesh();
         for _ in 0..self.splits {
@@ -208,7 +208,7 @@ impl StartMesh {
     }
 }
 
-/// The mesh with a new vertex in the middle of every edge, lifted to the unit sphere if asked for.
+/// The mesh with a new vertex in the middle of every edge, projected to the unit sphere if `lifted`.
 fn split_on_sphere(mesh: &TriangleMesh, lifted: bool) -> TriangleMesh {
     let connectivity = mesh.connectivity().expect("the starting meshes are closed");
     let middle = |&[a, b]: &[u32; 2]| {

@@ -1,11 +1,11 @@
-//! Least-squares fits of control vertices to triangle meshes and clouds of points.
+//! Least-squares fits of control vertices to triangle meshes and point clouds.
 //!
 //! ```text
-//! min_C Σ_i w_i |σ_C(x_i) − q_i|²,   x_i the place of the surface that is nearest to q_i
+//! min_C Σ_i w_i |σ_C(x_i) − q_i|²,   x_i the point of the surface nearest to q_i
 //! ```
 //!
-//! Places and control vertices are found in turns, from a start: every turn lowers the sum. What the points do not see stays
-//! where it was, by a term `ε ‖C − C_before‖²` in `L₂` that vanishes at the end.
+//! Nearest points and control vertices are updated alternately from a start; every round lowers the sum. A term
+//! `ε ‖C − C_before‖²` in `L₂`, which vanishes at convergence, keeps the parts that the points do not determine in place.
 
 use super::basis::SubdivisionBasis;
 use super::control::ControlMesh;
@@ -19,12 +19,12 @@ use shapelex_numeric::dense::{Definite, Matrix, leading_eigenpairs};
 use shapelex_numeric::operator::SymmetricOperator;
 use shapelex_numeric::sparse::SparseRows;
 
-/// A point that the surface shall meet.
+/// A point to be fitted.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Target {
-    /// Where it is.
+    /// Position of the point.
     pub point: [f64; 3],
-    /// Its share of the sum, not negative.
+    /// Weight in the sum; non-negative.
     pub weight: f64,
 }
 
@@ -33,27 +33,26 @@ pub struct Target {
 pub struct SubdivisionFit {
     /// Control vertices, `N × 3`.
     pub rows: Matrix,
-    /// `√(Σ w_i d_i²)` of the distances `d_i` to the surface, `Σ w_i = 1`.
+    /// `√(Σ w_i d_i²)` for the distances `d_i` from the surface, with `Σ w_i = 1`.
     pub residual: f64,
-    /// The largest of them.
+    /// Largest distance from the surface.
     pub largest: f64,
 }
 
-/// Weight of the control vertices before: below what the points see of any of them, above rounding.
+/// Weight of the previous control vertices: below their determination by the points, above rounding.
 const PROXIMITY: f64 = 1e-6;
 
-/// Fits of surfaces of one basis.
+/// Prepared fits of surfaces of one basis.
 #[derive(Debug)]
 pub struct Fitting<'a> {
     basis: &'a SubdivisionBasis,
     operator: SparseRows,
-    /// Control vertices of a surface like a sphere, and the directions of the vertices of its level.
+    /// Control vertices of a sphere-like surface, and the mesh on the unit sphere with the vertices of its level.
     sphere: Option<(Matrix, TriangleMesh)>,
 }
 
 impl<'a> Fitting<'a> {
-    /// Prepares fits of surfaces of `basis`, whose control mesh and level are given. Cost: that of
-    /// [`SubdivisionBasis::operator`].
+    /// Prepares fits of surfaces of `basis`, with its control mesh and level. Cost: that of [`SubdivisionBasis::operator`].
     pub fn new(basis: &'a SubdivisionBasis, control: &ControlMesh, level: usize) -> Self {
         let sphere = match control {
             ControlMesh::Named(start) => control.sphere().map(|mesh| {
@@ -65,16 +64,16 @@ impl<'a> Fitting<'a> {
         Self { basis, operator: basis.operator(), sphere }
     }
 
-    /// Whether the control mesh has a start of its own.
+    /// Whether the control mesh provides a start.
     pub fn has_start(&self) -> bool {
         self.sphere.is_some()
     }
 
-    /// Control vertices of the ellipsoid with the mean and the second moments of the targets, when the control mesh is one of a
-    /// sphere.
+    /// Control vertices of the ellipsoid with the mean and the second moments of the targets; `None` if the control mesh is not
+    /// named after a sphere-like body.
     ///
     /// # Errors
-    /// [`GeometryError::NoLength`] for targets that all coincide.
+    /// [`GeometryError::NoLength`] if all targets coincide.
     pub fn ellipsoid(&self, targets: &[Target]) -> Result<Option<Matrix>, GeometryError> {
         let Some((sphere, _)) = &self.sphere else { return Ok(None) };
         let of_sphere: Vec<Target> =
@@ -103,11 +102,11 @@ impl<'a> Fitting<'a> {
         Ok(Some(Matrix::from_fn(sphere.nrows(), 3, place)))
     }
 
-    /// One fit with the targets at given directions from the centre of a sphere: where the surface starts. `None` when the control
-    /// mesh is not one of a sphere.
+    /// A start for the fit: one solve with the targets assigned to given directions from the centre of a sphere. `None` if the
+    /// control mesh is not named after a sphere-like body.
     ///
     /// # Errors
-    /// Those of [`Self::ellipsoid`].
+    /// As for [`Self::ellipsoid`].
     pub fn at_directions(
         &self,
         targets: &[Target],
@@ -120,10 +119,10 @@ impl<'a> Fitting<'a> {
         self.solve(targets, &feet, &start).map(Some)
     }
 
-    /// Fits from a start, in so many turns. Cost of a turn: a search and `750` products a target, and `N³/3`.
+    /// Fits from `start` in `turns` rounds. Cost per round: a search and `750` products per target, and `N³/3`.
     ///
     /// # Errors
-    /// Normal equations without solution.
+    /// An error of the normal equations if they have no solution.
     pub fn fit(
         &self,
         targets: &[Target],
@@ -133,10 +132,10 @@ impl<'a> Fitting<'a> {
         self.fit_until(targets, start, turns, &never)
     }
 
-    /// As [`Self::fit`]; a caller who wants to stop is asked at every turn and within the search, and gets what there is.
+    /// As [`Self::fit`], with cancellation: `stop` is checked at every round and within the search; the current result is returned.
     ///
     /// # Errors
-    /// Those of [`Self::fit`].
+    /// As for [`Self::fit`].
     pub fn fit_until(
         &self,
         targets: &[Target],
@@ -160,7 +159,7 @@ impl<'a> Fitting<'a> {
         Ok(SubdivisionFit { rows, residual: (squares / total).sqrt(), largest })
     }
 
-    /// The places of the surface that are nearest to the targets.
+    /// The points of the surface nearest to the targets.
     fn feet(&self, targets: &[Target], rows: &Matrix, stop: Stop<'_>) -> Vec<Foot> {
         let points = self.basis.points(rows);
         let index = NearestTriangles::new(&points, self.basis.finest().faces());
@@ -169,7 +168,7 @@ impl<'a> Fitting<'a> {
         asked.filter_map(|target| index.nearest(target.point)).collect()
     }
 
-    /// The control vertices for which the places `feet` are nearest to the targets.
+    /// The control vertices for which the surface points `feet` are closest to the targets.
     fn solve(&self, targets: &[Target], feet: &[Foot], before: &Matrix) -> Result<Matrix, GeometryError> {
         let size = before.nrows();
         let total: f64 = targets.iter().map(|target| target.weight).sum();
@@ -192,7 +191,7 @@ impl<'a> Fitting<'a> {
             for (k, &j) in met.iter().enumerate() {
                 let factor = share * row[j];
                 (0..3).for_each(|c| right[(j, c)] += factor * target.point[c]);
-                // Columns ascend: this is the lower triangle.
+                // Columns ascend, so this is the lower triangle.
                 let column = &mut normal.as_mut_slice()[j * size..][..size];
                 met[k..].iter().for_each(|&i| column[i] += factor * row[i]);
             }
@@ -202,7 +201,7 @@ impl<'a> Fitting<'a> {
     }
 }
 
-/// Weighted mean and second moments about it.
+/// Weighted mean, and second moments about it.
 fn moments(targets: &[Target]) -> ([f64; 3], Matrix) {
     let total: f64 = targets.iter().map(|target| target.weight).sum();
     let weighted = |of: &dyn Fn(&Target) -> f64| -> f64 {
@@ -215,12 +214,12 @@ fn moments(targets: &[Target]) -> ([f64; 3], Matrix) {
     (mean, scatter)
 }
 
-/// Targets of a mesh at the least: fewer faces are divided.
+/// Minimum number of targets for a mesh: if it has fewer faces, they are divided.
 const FEWEST_TARGETS: usize = 20_000;
-/// Parts of an edge of a face at the most.
+/// Maximum number of parts per edge of a face.
 const MOST_PARTS: usize = 16;
 
-/// Targets on the faces of a mesh, which weigh as much as the area round them, with the directions between those of the corners.
+/// Targets on the faces of a mesh, weighted by the area they represent, with directions interpolated from the corners.
 pub fn mesh_targets(mesh: &TriangleMesh, directions: Option<&[[f64; 3]]>) -> (Vec<Target>, Vec<[f64; 3]>) {
     let parts = FEWEST_TARGETS.div_ceil(mesh.faces.len().max(1)).isqrt().clamp(1, MOST_PARTS);
     let (mut targets, mut mixed) = (Vec::new(), Vec::new());
@@ -241,8 +240,8 @@ pub fn mesh_targets(mesh: &TriangleMesh, directions: Option<&[[f64; 3]]>) -> (Ve
     (targets, mixed)
 }
 
-/// Largest distance of the vertices of a fitted surface from the box of what it was fitted to, in parts of the diagonal of that:
-/// how far it runs away where there are no points.
+/// Largest distance of the vertices of a fitted surface from the bounding box of the targets, relative to its diagonal: a
+/// measure of how far the surface departs where there are no points.
 pub fn overshoot(points: &[[f64; 3]], targets: &[Target]) -> f64 {
     let Some([low, high]) = bounds(targets.iter().map(|target| target.point)) else { return 0.0 };
     let beyond =
@@ -255,7 +254,7 @@ mod tests {
     use super::*;
     use crate::subdivision::{LoopWeights, Scheme, Subdivision};
 
-    /// A bean: no symmetry that could hide a wrong place.
+    /// A bean: it has no symmetry that could hide an error.
     fn bean(point: &[f64; 3]) -> [f64; 3] {
         let [x, y, z] = *point;
         [3.0 * x + 0.4 * z * z, 1.5 * y + 0.2 * x * z, z + 0.5 * x * x]
@@ -272,12 +271,12 @@ mod tests {
         let fitting = Fitting::new(&basis, &subdivision.connectivity, 3);
         let (targets, _) = mesh_targets(&mesh, None);
         let start = fitting.ellipsoid(&targets).unwrap().unwrap();
-        // Every turn lowers the sum, which the ellipsoid leaves at a 40th of the length.
+        // Every round lowers the sum; the ellipsoid leaves a 40th of the length.
         let residuals = [0, 1, 2, 4, 8, 16, 32]
             .map(|turns| fitting.fit(&targets, start.clone(), turns).unwrap().residual);
         assert!(residuals.is_sorted_by(|before, after| before > after), "{residuals:?}");
         assert!(residuals[6] < 1e-3 * 6.0, "{residuals:?}");
-        // Given the places, one turn finds the control vertices.
+        // With given surface points, one round finds the control vertices.
         let directions: Vec<[f64; 3]> = fitting.sphere.as_ref().unwrap().1.vertices.clone();
         let at_vertices: Vec<Target> =
             mesh.vertices.iter().map(|&point| Target { point, weight: 1.0 }).collect();

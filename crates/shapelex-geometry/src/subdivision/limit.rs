@@ -1,12 +1,12 @@
-//! Where the vertices of a level lead: positions and normals on the limit surface.
+//! Limit positions and normals of the vertices of a level.
 //!
-//! A vertex and its surroundings go to the surroundings of the same vertex one level on, by a matrix that depends on its valence
-//! only. What it does to constants gives the limit position, what it does to the first harmonic around the vertex the two
-//! tangents.
+//! One step maps the surroundings of a vertex to the surroundings of the same vertex at the next level, by a matrix that
+//! depends only on its valence. Its action on constants gives the limit position; its action on the first harmonic around the
+//! vertex gives the two tangents.
 //!
 //! * Loop, with `χ = 1/(n + 3/(8β_n))`: `p_∞ = (1 − nχ) p + χ Σ r_j`, tangents `Σ cos(2πj/n) r_j` and `Σ sin(2πj/n) r_j`.
 //! * BLOB changes from level to level: its functionals are those of `v = 1`, carried back through all levels.
-//! * The butterfly keeps its vertices. Its limit is C¹, but its tangents take two rings: no normals are given.
+//! * The butterfly keeps its vertices. Its limit is C¹, but its tangents involve two rings: normals are not given.
 
 use std::f64::consts::{PI, TAU};
 
@@ -15,17 +15,17 @@ use super::{LoopWeights, Scheme};
 use crate::mesh::Connectivity;
 use crate::vector::{cross, norm};
 
-/// Limit of the vertices of a level.
+/// Limit positions and normals of the vertices of a level.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Limit {
-    /// Positions.
+    /// Limit positions.
     pub points: Vec<[f64; 3]>,
-    /// Unit normals, outwards, zero where the tangents span no plane; none of the butterfly.
+    /// Outward unit normals, zero where the tangents do not span a plane; `None` for the butterfly.
     pub normals: Option<Vec<[f64; 3]>>,
 }
 
-/// The limit of `points` at the vertices of a level whose parameter is `v`, under a linear scheme. Cost: linear in the
-/// vertices; of BLOB that of one more step.
+/// The limit of `points` at the vertices of a level with parameter `v`, under a linear scheme. Cost: linear in the number of
+/// vertices; for BLOB, that of one more step.
 pub fn limit(scheme: Scheme, v: f64, connectivity: &Connectivity, points: &[[f64; 3]]) -> Limit {
     match scheme {
         Scheme::Blob(_) => blob(scheme, v, connectivity, points),
@@ -36,7 +36,7 @@ pub fn limit(scheme: Scheme, v: f64, connectivity: &Connectivity, points: &[[f64
     }
 }
 
-/// Sums of neighbours in the two phases of the first harmonic.
+/// Sums over neighbours in the two phases of the first harmonic.
 #[derive(Default)]
 struct Tangents([[f64; 3]; 2]);
 
@@ -50,7 +50,7 @@ impl Tangents {
 
     fn normal(&self) -> [f64; 3] {
         let [first, second] = self.0;
-        // Scaled, so that small and large shapes have normals.
+        // Scaled, so that very small and very large shapes have normals too.
         let size = norm(first).max(norm(second));
         let normal = cross(first.map(|x| x / size), second.map(|x| x / size));
         let length = norm(normal);
@@ -75,18 +75,18 @@ fn of_loop(weights: LoopWeights, connectivity: &Connectivity, points: &[[f64; 3]
     Limit { points, normals: Some(normals) }
 }
 
-/// A functional on the surroundings of a vertex: on itself, its neighbours, those behind them in the same direction, and those
-/// between two directions.
+/// A functional on the surroundings of a vertex: weights of the vertex, its neighbours, the vertices behind them in the same
+/// direction, and those between two directions.
 type Functional = [f64; 4];
 
-/// What a step makes of the surroundings of a vertex of valence 4 or 6 whose values are the `harmonic`-th wave around it: values
-/// `(p, r, s, t)` stand for `p`, `r cos jθ`, `s cos jθ` and `t cos (j + ½)θ`, `θ = 2π harmonic/n`.
+/// Action of a step on the surroundings of a vertex of valence 4 or 6 with the values of a wave of the given `harmonic` around
+/// it: `(p, r, s, t)` stand for the values `p`, `r cos jθ`, `s cos jθ` and `t cos (j + ½)θ`, `θ = 2π harmonic/n`.
 fn surroundings(valence: usize, harmonic: f64, weights: &BlobWeights) -> [Functional; 4] {
     let BlobWeights { a, b, c, d, e, f, aa, bb, dd, ee, ff, .. } = *weights;
     let theta = TAU * harmonic / valence as f64;
     let around = |steps: f64| 2.0 * (steps * theta).cos();
     let half = around(0.5);
-    // A wave around the vertex has no value at it.
+    // A wave around the vertex vanishes at the vertex.
     let constant = if harmonic == 0.0 { 1.0 } else { 0.0 };
     let (own, ring) = if valence == 4 { (aa, bb) } else { (a, b) };
     let neighbour = if valence == 4 {
@@ -103,10 +103,10 @@ fn surroundings(valence: usize, harmonic: f64, weights: &BlobWeights) -> [Functi
     ]
 }
 
-/// Levels after which `v` is 1 to the last bit.
+/// Number of levels after which `v` is 1 to the last bit.
 const LEVELS: usize = 60;
 
-/// The functional of a harmonic at a level with parameter `v`, from that far down where it does not change any more.
+/// The functional of a harmonic at a level with parameter `v`, carried back from the level at which it no longer changes.
 fn functional(valence: usize, harmonic: f64, v: f64) -> Functional {
     let later: Vec<f64> =
         std::iter::successors(Some(v), |v| Some((0.5 * (1.0 + v)).sqrt())).take(LEVELS).collect();
@@ -114,7 +114,7 @@ fn functional(valence: usize, harmonic: f64, v: f64) -> Functional {
     for v in later.into_iter().rev() {
         let step = surroundings(valence, harmonic, &BlobWeights::new(v));
         functional = [0, 1, 2, 3].map(|j| (0..4).map(|i| functional[i] * step[i][j]).sum());
-        // Constants are kept; of tangents the direction counts.
+        // Constants are preserved; for tangents only the direction matters.
         let size: f64 = if harmonic == 0.0 { functional.iter().sum() } else { functional[1] };
         functional = functional.map(|value| value / size);
     }
@@ -122,7 +122,7 @@ fn functional(valence: usize, harmonic: f64, v: f64) -> Functional {
 }
 
 fn blob(scheme: Scheme, v: f64, connectivity: &Connectivity, points: &[[f64; 3]]) -> Limit {
-    // One step on, all neighbours of the vertices are regular.
+    // After one more step, all neighbours of the vertices are regular.
     let (finer, next) = (connectivity.split(), (0.5 * (1.0 + v)).sqrt());
     let finer_points = refined(scheme, v, connectivity, points);
     let at = |vertex: u32| finer_points[vertex as usize];
@@ -134,7 +134,7 @@ fn blob(scheme: Scheme, v: f64, connectivity: &Connectivity, points: &[[f64; 3]]
         let mut tangents = Tangents::default();
         for (j, out) in finer.around(vertex).enumerate() {
             let angle = TAU * j as f64 / valence as f64;
-            // The ring of a neighbour from the vertex on: the one before it, between, behind, between, the one after it.
+            // The ring of a neighbour, from the vertex on: the neighbour before, between, behind, between, the neighbour after.
             let mut ring = finer.ring_from(finer.twin(out)).skip(3);
             let neighbours = [Some(finer.end(out)), ring.next(), ring.next()];
             for (kind, neighbour) in neighbours.into_iter().enumerate() {

@@ -5,24 +5,24 @@
 //! K_i = (2π − Σ angles)/A_i   2 H_i n_i = Σ_j ½ (cot α_ij + cot β_ij)(p_i − p_j)/A_i   κ = H ± √(H² − K)
 //! ```
 //!
-//! `A_i` is the part of the area that is nearest to vertex `i` (Meyer, Desbrun, Schröder, Barr, *Discrete differential-geometry
-//! operators for triangulated 2-manifolds*, 2003). Volumes, areas and centroids are exact for the mesh.
+//! `A_i` is the area closest to vertex `i` (Meyer, Desbrun, Schröder, Barr, *Discrete differential-geometry operators for
+//! triangulated 2-manifolds*, 2003). Volumes, areas and centroids are exact for the mesh.
 
 use crate::mesh::TriangleMesh;
 use crate::raster::bounds;
 use crate::surface::measures::{EnclosedVolume, SurfaceMeasures};
 use crate::vector::{cross, dot, minus, norm};
 
-/// A volume below this part of that of the bounding box is rounding.
+/// Ratio of the volume to that of the bounding box below which the volume is rounding.
 const NO_VOLUME: f64 = 1e-12;
 
-/// Measures a closed mesh. The mean position is that over the parameters, of which every face has the same share. Of a mesh that
-/// was split the error of its area is estimated: a third of what the last split added, as areas converge by four.
-/// Cost: linear.
+/// Measures a closed mesh. The mean position is taken over the parameters, of which every face has the same share. If the mesh
+/// was split, the error of its area is estimated as a third of what the last split added, because areas converge by a factor
+/// of four. Cost: linear.
 pub fn measure(mesh: &TriangleMesh, was_split: bool) -> SurfaceMeasures {
     let bounding_box = bounds(mesh.vertices.iter().copied()).unwrap_or_default();
     let extent = (0..3).map(|c| bounding_box[1][c] - bounding_box[0][c]).fold(0.0, f64::max);
-    // Cubes of coordinates leave the range of numbers long before volumes do; a power of two changes no digits.
+    // Cubes of coordinates overflow long before volumes do; a power of two changes no digits.
     let unit = if extent > 0.0 { 2.0_f64.powi(extent.log2().round() as i32) } else { 1.0 };
     let origin = mesh.vertices.first().copied().unwrap_or_default();
     let (mut volume, mut area) = (0.0, 0.0);
@@ -57,7 +57,7 @@ pub fn measure(mesh: &TriangleMesh, was_split: bool) -> SurfaceMeasures {
     }
 }
 
-/// The mesh before its last splits, as far as these are needed for at most `faces` faces; vertices stay where they are.
+/// The mesh before some of its last `splits` splits, as many as needed for at most `faces` faces; vertices keep their positions.
 pub fn coarsened(mesh: &TriangleMesh, splits: usize, faces: usize) -> TriangleMesh {
     let coarse = coarse_faces(mesh, splits, faces);
     let count = coarse.iter().flatten().max().map_or(0, |most| *most as usize + 1);
@@ -65,7 +65,7 @@ pub fn coarsened(mesh: &TriangleMesh, splits: usize, faces: usize) -> TriangleMe
     TriangleMesh { vertices: kept(&mesh.vertices), normals: mesh.normals.as_ref().map(kept), faces: coarse }
 }
 
-/// The faces of a mesh before so many of its last splits that there are at most `faces`; of at most `splits`.
+/// The faces of a mesh before some of its last `splits` splits, as many as needed for at most `faces` faces.
 pub fn coarse_faces(mesh: &TriangleMesh, splits: usize, faces: usize) -> Vec<[u32; 3]> {
     let mut coarse = mesh.faces.clone();
     for _ in 0..splits {
@@ -76,12 +76,12 @@ pub fn coarse_faces(mesh: &TriangleMesh, splits: usize, faces: usize) -> Vec<[u3
     coarse
 }
 
-/// The faces from which those of a mesh were split.
+/// The faces before the last split.
 fn unsplit(faces: &[[u32; 3]]) -> Vec<[u32; 3]> {
     faces.chunks_exact(4).map(|parts| [parts[0][0], parts[1][1], parts[2][2]]).collect()
 }
 
-/// In squares of `unit`.
+/// Area in units of `unit²`.
 fn surface_area(vertices: &[[f64; 3]], faces: &[[u32; 3]], unit: f64) -> f64 {
     let of = |face: &[u32; 3]| {
         let [a, b, c] = face.map(|vertex| vertices[vertex as usize]);
@@ -94,9 +94,10 @@ fn surface_area(vertices: &[[f64; 3]], faces: &[[u32; 3]], unit: f64) -> f64 {
 /// Normal and principal curvatures at a vertex.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct VertexFrame {
-    /// Unit normal outwards, the mean of the normals of the faces by their angles; none where these cancel.
+    /// Outward unit normal: the angle-weighted mean of the normals of the faces; `None` where these cancel.
     pub normal: Option<[f64; 3]>,
-    /// The larger one first, in 1/length, negative where the surface bends away from its normal; none where there is no area.
+    /// Principal curvatures in 1/length, the larger first; negative where the surface bends away from its normal. `None` if the
+    /// area is zero.
     pub curvatures: Option<[f64; 2]>,
 }
 
@@ -110,7 +111,7 @@ struct Corner {
     gradient: [f64; 3],
 }
 
-/// Normals and principal curvatures at the vertices of a closed mesh. Cost: linear.
+/// Normals and principal curvatures at all vertices of a closed mesh. Cost: linear.
 pub fn frames(mesh: &TriangleMesh) -> Vec<VertexFrame> {
     let mut corners = vec![Corner::default(); mesh.vertices.len()];
     for face in &mesh.faces {
@@ -121,7 +122,7 @@ pub fn frames(mesh: &TriangleMesh) -> Vec<VertexFrame> {
             continue;
         }
         let sides = [0, 1, 2].map(|i| minus(points[(i + 2) % 3], points[(i + 1) % 3]));
-        // Of corner `i`, between the sides that leave it.
+        // At corner `i`, between its two sides.
         let angles = [0, 1, 2].map(|i| {
             let (p, q) = (sides[(i + 2) % 3], sides[(i + 1) % 3].map(|x| -x));
             (twice_area.atan2(dot(p, q)), dot(p, q) / twice_area)
@@ -151,7 +152,7 @@ fn frame(corner: &Corner) -> VertexFrame {
     let length = norm(corner.normal);
     let normal = (length > 0.0).then(|| corner.normal.map(|x| x / length));
     let curvatures = normal.filter(|_| corner.area > 0.0).map(|normal| {
-        // Against the outward normal, as on tensor-product surfaces: a sphere has −1/R.
+        // The sign is relative to the outward normal, as on tensor-product surfaces: a sphere has −1/R.
         let mean = -0.5 * dot(corner.gradient, normal) / corner.area;
         let gauss = (std::f64::consts::TAU - corner.angle) / corner.area;
         let spread = (mean * mean - gauss).max(0.0).sqrt();
@@ -171,7 +172,7 @@ mod tests {
         mesh
     }
 
-    /// Errors of the geodesic octahedron as noted with the sources: 2.3e-2, 5.9e-3, 1.5e-3 of the volume, 1.3e-2, 3.2e-3, 8.0e-4
+    /// Errors of the geodesic octahedron as noted in the sources: 2.3e-2, 5.9e-3, 1.5e-3 of the volume, 1.3e-2, 3.2e-3, 8.0e-4
     /// of the area.
     #[test]
     fn volumes_and_areas_of_geodesic_spheres_converge() {
@@ -186,7 +187,7 @@ mod tests {
             assert!((found - volume).abs() < 0.03 * volume, "{text} {found}");
             let found = part(measures.area, 4.0 * std::f64::consts::PI);
             assert!((found - area).abs() < 0.04 * area, "{text} {found}");
-            // The estimate is the error, to second order.
+            // The estimate agrees with the error to second order.
             let missing = 4.0 * std::f64::consts::PI - measures.area;
             assert!((measures.area_error / missing - 1.0).abs() < 0.1, "{text} {}", measures.area_error);
         }
@@ -216,7 +217,7 @@ mod tests {
             // 1.2 degrees, the angle between neighbouring faces.
             assert!(norm(minus(frame.normal.unwrap(), outwards)) < 0.02);
             let [larger, smaller] = frame.curvatures.unwrap();
-            // The mean is to second order in the edge, the spread the root of a difference of that order.
+            // The mean is accurate to second order in the edge length; the spread is the root of a difference of that order.
             assert!((0.5 * (larger + smaller) + 0.5).abs() < 3e-3, "{larger} {smaller}");
             assert!(larger - smaller < 0.15, "{larger} {smaller}");
         }

@@ -1,20 +1,21 @@
-//! Subdivision surfaces: triangle meshes that are refined again and again.
+//! Subdivision surfaces: triangle meshes refined repeatedly by a scheme.
 //!
 //! ```text
 //! X_{k+1} = S_k X_k,    X_K = T_K C,    T_K = S_{K−1} ⋯ S_0
 //! ```
 //!
-//! `C` are the control vertices, one a row. BLOB, Loop and the modified butterfly are linear: `S_k` depends on the faces, the
-//! scheme and the level only, so the surfaces of one control mesh are a linear space. The normal-based scheme is not.
+//! `C` are the control vertices, one per row. BLOB, Loop and the modified butterfly are linear: `S_k` depends only on the
+//! faces, the scheme and the level, so the surfaces of one control mesh form a linear space. The normal-based scheme is not
+//! linear.
 //!
-//! * [`stencil`] — the rules of the linear schemes; [`limit`] — where they lead;
-//! * [`normal_based`] — the interpolating scheme of points with normals;
+//! * [`stencil`] — the rules of the linear schemes; [`limit`] — their limit positions and normals;
+//! * [`normal_based`] — the interpolating scheme for points with normals;
 //! * [`control`] — control meshes: named ones and lists of faces;
-//! * [`basis`] — the linear schemes as a shape space; [`fit`] — control vertices that fit a mesh or a cloud;
-//! * [`refinement`] — one mesh or polyline, refined;
-//! * [`measures`] — volume, area and curvature of what comes out.
+//! * [`basis`] — the linear schemes as a shape space; [`fit`] — fits to a mesh or a point cloud;
+//! * [`refinement`] — refinement of one mesh or polyline;
+//! * [`measures`] — volume, area and curvature of the refined mesh.
 //!
-//! New vertices are numbered behind the old ones, in the lexicographic order of the edges they stand on: see
+//! New vertices are numbered after the old ones, in the lexicographic order of their edges: see
 //! [`Connectivity::split_faces`](super::mesh::Connectivity::split_faces).
 
 pub mod basis;
@@ -31,26 +32,26 @@ use std::f64::consts::PI;
 use self::control::ControlMesh;
 use super::generator::Exact;
 
-/// A scheme with its parameters.
+/// A subdivision scheme with its parameters.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Scheme {
-    /// The non-stationary scheme for shapes like spheres and tori.
+    /// BLOB, the non-stationary scheme for shapes of sphere or torus type.
     Blob(Frequency),
     /// The approximating scheme of Loop.
     Loop(LoopWeights),
-    /// The modified butterfly, interpolating.
+    /// The modified butterfly scheme, which is interpolating.
     Butterfly {
-        /// `w`: 0 is the rule of eight points.
+        /// Tension `w`; 0 is the rule of eight points.
         tension: Exact,
     },
-    /// The interpolating scheme of points with normals.
+    /// The interpolating scheme for points with normals.
     NormalBased {
-        /// `κ`: how far the weights of the two ends are brought together, 0 as published.
+        /// Balance `κ`: how far the weights of the two ends are equalised; 0 as published.
         balance: Exact,
     },
 }
 
-/// What BLOB is exact for: `v⁽ᵏ⁾ = cos(λ/2ᵏ⁺¹)`.
+/// Frequency for which BLOB is exact: `v⁽ᵏ⁾ = cos(λ/2ᵏ⁺¹)`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Frequency {
     /// `λ`, `|λ| < π`.
@@ -72,7 +73,7 @@ impl Frequency {
     }
 }
 
-/// `β_n` of the scheme of Loop.
+/// Vertex weights `β_n` of the Loop scheme.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
@@ -86,24 +87,24 @@ pub enum LoopWeights {
     Simplified,
 }
 
-/// The names of the schemes.
+/// Name of a subdivision scheme.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 #[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
 pub enum SchemeName {
-    /// Non-stationary, approximating, for meshes whose vertices have four or six neighbours.
+    /// Non-stationary and approximating; every vertex must have four or six neighbours.
     Blob,
-    /// Approximating.
+    /// The approximating scheme of Loop.
     Loop,
-    /// Interpolating.
+    /// The interpolating modified butterfly scheme.
     Butterfly,
-    /// Interpolating, of points with normals; not linear.
+    /// An interpolating scheme for points with normals; not linear.
     NormalBased,
 }
 
 impl SchemeName {
-    /// The name as it is written in requests.
+    /// The name as written in requests.
     pub fn name(self) -> &'static str {
         match self {
             Self::Blob => "blob",
@@ -114,45 +115,45 @@ impl SchemeName {
     }
 }
 
-/// A scheme as it stands in a document.
+/// Subdivision scheme with its parameters.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 pub struct SchemeFields {
-    /// Which scheme.
+    /// Name of the scheme.
     pub scheme: SchemeName,
-    /// BLOB: `λ` between −π and π; one of `lambda`, `lambda_imaginary` and `v0` must be given.
+    /// BLOB: frequency `λ` between −π and π. Exactly one of `lambda`, `lambda_imaginary` and `v0` is required.
     #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
     pub lambda: Option<f64>,
-    /// BLOB: `μ` of an imaginary `λ = iμ`, within ±13.8.
+    /// BLOB: `μ` of an imaginary frequency `λ = iμ`, within ±13.8.
     #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
     pub lambda_imaginary: Option<f64>,
     /// BLOB: the first level parameter `v⁽⁰⁾ = cos(λ/2)`, between 0 and 500.
     #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
     #[cfg_attr(feature = "schema", schema(exclusive_minimum = 0.0, exclusive_maximum = 500.0))]
     pub v0: Option<f64>,
-    /// Loop: the weights of vertices; `original` unless given.
+    /// Loop: weights of the vertices. Default: `original`.
     #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
     pub weights: Option<LoopWeights>,
-    /// Butterfly: the tension `w`, within ±0.125; 0 unless given.
+    /// Butterfly: tension `w`, within ±0.125. Default: 0.
     #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
     #[cfg_attr(feature = "schema", schema(minimum = -0.125, maximum = 0.125))]
     pub tension: Option<f64>,
-    /// Normal-based: how far the weights of the ends of an edge are brought together, 0 to 1000; 0 unless given, as published.
+    /// Normal-based: how far the weights of the ends of an edge are equalised, 0 to 1000. Default: 0, as published.
     #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
     #[cfg_attr(feature = "schema", schema(minimum = 0.0, maximum = 1000.0))]
     pub balance: Option<f64>,
 }
 
-/// `v⁽⁰⁾` stays below this.
+/// Upper limit of `v⁽⁰⁾`.
 const LARGEST_START: f64 = 500.0;
-/// Largest tension: beyond it the butterfly oscillates.
+/// Maximum tension; beyond it the butterfly oscillates.
 const LARGEST_TENSION: f64 = 0.125;
-/// Beyond it the weights are equal to three digits.
+/// Maximum balance; beyond it the weights are equal to three digits.
 const LARGEST_BALANCE: f64 = 1000.0;
 
 impl SchemeFields {
-    /// Of a scheme, without parameters yet.
+    /// The named scheme, without parameters.
     pub fn named(scheme: SchemeName) -> Self {
         let none = None;
         Self {
@@ -166,10 +167,10 @@ impl SchemeFields {
         }
     }
 
-    /// The scheme, or every field that is wrong and why.
+    /// Validates the fields and returns the scheme, or every invalid field with the reason.
     ///
     /// # Errors
-    /// Fields that are missing, out of range, or of another scheme.
+    /// Fields that are missing, out of range, or belong to another scheme.
     pub fn scheme(&self) -> Result<Scheme, Vec<(&'static str, String)>> {
         let given = [
             ("lambda", self.lambda.is_some(), SchemeName::Blob),
@@ -245,7 +246,7 @@ fn within(
 
 impl From<Scheme> for SchemeFields {
     fn from(scheme: Scheme) -> Self {
-        // What is the default is not written.
+        // Default values are not written.
         let unless_zero = |value: Exact| Some(value.get()).filter(|value| *value != 0.0);
         match scheme {
             Scheme::Blob(frequency) => {
@@ -271,7 +272,7 @@ impl From<Scheme> for SchemeFields {
 }
 
 impl Scheme {
-    /// `v⁽ᵏ⁾` of all levels, one after the other: `v⁽ᵏ⁺¹⁾ = √((1 + v⁽ᵏ⁾)/2)`; 1 for stationary schemes.
+    /// `v⁽ᵏ⁾` of all levels in order: `v⁽ᵏ⁺¹⁾ = √((1 + v⁽ᵏ⁾)/2)`; 1 for stationary schemes.
     pub fn parameters(self) -> impl Iterator<Item = f64> {
         let first = match self {
             Self::Blob(frequency) => frequency.start(),
@@ -280,33 +281,33 @@ impl Scheme {
         std::iter::successors(Some(first), |v| Some((0.5 * (1.0 + v)).sqrt()))
     }
 
-    /// Whether control vertices stay where they are.
+    /// Whether control vertices keep their positions.
     pub fn interpolates(self) -> bool {
         matches!(self, Self::Butterfly { .. } | Self::NormalBased { .. })
     }
 }
 
-/// Subdivision surfaces of one control mesh, up to a level.
+/// The subdivision surfaces of one control mesh, up to a level.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(try_from = "SubdivisionFields", into = "SubdivisionFields"))]
 pub struct Subdivision {
-    /// How they are refined.
+    /// The scheme.
     pub scheme: Scheme,
-    /// How often.
+    /// Number of refinement steps.
     pub level: usize,
-    /// What is refined.
+    /// The control mesh.
     pub connectivity: ControlMesh,
 }
 
 impl Subdivision {
-    /// Vertices and faces at its level: what is asked for before any memory is taken.
+    /// Number of vertices and faces at its level, computed without building the mesh.
     pub fn size(&self) -> MeshSize {
         self.connectivity.size().split(self.level)
     }
 }
 
-/// A control mesh and how it is refined.
+/// A control mesh with its subdivision scheme and level.
 #[derive(Debug, Clone)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
@@ -315,7 +316,7 @@ pub struct SubdivisionFields {
     /// The scheme with its parameters.
     #[cfg_attr(feature = "serde", serde(flatten))]
     pub scheme: SchemeFields,
-    /// How often the control mesh is refined: shapes are measured, drawn and compared at this level; 3 or 4 is usual.
+    /// Number of refinements of the control mesh. Shapes are measured, drawn and compared at this level; 3 or 4 is usual.
     #[cfg_attr(feature = "schema", schema(maximum = 15))]
     pub level: usize,
     /// The control mesh.
@@ -358,18 +359,18 @@ impl utoipa::ToSchema for Subdivision {
     }
 }
 
-/// Numbers of vertices and faces of a closed mesh.
+/// Number of vertices and faces of a closed mesh.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct MeshSize {
-    /// Vertices.
+    /// Number of vertices.
     pub vertices: usize,
-    /// Faces.
+    /// Number of faces.
     pub faces: usize,
 }
 
 impl MeshSize {
-    /// After `level` splits: `F_k = 4ᵏF`, and an edge is half of three corners, `V_{k+1} = V_k + 3F_k/2`. Never overflows:
-    /// numbers that are too large are the largest.
+    /// Size after `level` splits: `F_k = 4ᵏF`, and every face has three half-edges, `V_{k+1} = V_k + 3F_k/2`. Saturates instead
+    /// of overflowing.
     pub fn split(self, level: usize) -> Self {
         let (mut size, huge) = (self, usize::MAX);
         for _ in 0..level {
@@ -391,7 +392,7 @@ impl MeshSize {
 mod tests {
     use super::*;
 
-    /// Table 1 of the paper on BLOB.
+    /// Table 1 of the BLOB paper.
     #[test]
     fn counts_of_the_octahedron_and_of_levels_that_no_memory_holds() {
         let octahedron = MeshSize { vertices: 6, faces: 8 };

@@ -1,4 +1,4 @@
-//! Interpolating subdivision of points with normals: every edge gets a point and a normal between those of its ends.
+//! Interpolating subdivision of points with normals: every edge gets a new point and normal between those at its ends.
 //!
 //! ```text
 //! u = (p₁ − p₀)/L,   L = |p₁ − p₀|,   sin αⱼ = |nⱼ·u|,   cos αⱼ = |u × nⱼ|
@@ -7,18 +7,18 @@
 //! p = ½(p₀ + p₁) + ⅛L (h₀τ₀ − h₁τ₁),   t = 3/2 u − ¼(h₀τ₀ + h₁τ₁),   n ∝ f × t
 //! ```
 //!
-//! `p` and `t` are the middle and its direction of the cubic segment with the end tangents `L h₀τ₀`, `L h₁τ₁`. Old points and
-//! normals stay what they are. Points of a circle or a sphere with radial normals get more of the same, exactly; similarities,
-//! reflections too, and the change of sign of all normals commute with a step.
+//! `p` and `t` are the midpoint, and the direction there, of the cubic segment with the end tangents `L h₀τ₀` and `L h₁τ₁`. Old
+//! points and normals do not change. Points of a circle or a sphere with radial normals give further such points, exactly. A
+//! step commutes with similarities, including reflections, and with a change of sign of all normals.
 //!
-//! `u·t` is in `[1, 3/2]`, and the foot of `p` on the edge between a quarter and three quarters of it. Limits in the plane have
-//! continuous tangents, but for edges with exactly one normal orthogonal to them: these get `p` at a quarter of the edge, step
-//! after step, and a corner at the other end, unless the balance `κ` is positive. Limits of meshes are smooth for spheres;
-//! others have creases that show after three or four steps. Limits in space have continuous normals, not tangents.
+//! `u·t` is in `[1, 3/2]`, and the foot of `p` on the edge is between one and three quarters of it. Limits in the plane have
+//! continuous tangents, except for edges with exactly one normal orthogonal to them: these get `p` at a quarter of the edge,
+//! step after step, and a corner at the other end, unless the balance `κ` is positive. Limits of meshes are smooth for
+//! spheres; others have creases that show after three or four steps. Limits in space have continuous normals, not tangents.
 //!
 //! Source: *Normal-based interpolating subdivision for the geometric representation of deformable models*. Its factors
-//! `L cos αⱼ` and `1/cos αⱼ` cancel, and its `sin α = √(1 − cos² α)` has no digits left where an edge is nearly flat: here
-//! the sines come from the normals.
+//! `L cos αⱼ` and `1/cos αⱼ` cancel, and its `sin α = √(1 − cos² α)` loses all digits where an edge is nearly flat; here
+//! the sines are computed from the normals.
 
 use crate::mesh::TriangleMesh;
 use crate::vector::{cross, dot, minus, norm};
@@ -26,49 +26,49 @@ use crate::vector::{cross, dot, minus, norm};
 /// Points with unit normals.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Oriented {
-    /// Positions.
+    /// Positions of the points.
     pub points: Vec<[f64; 3]>,
-    /// Of length 1, as many as points.
+    /// Unit normals, one per point.
     pub normals: Vec<[f64; 3]>,
 }
 
-/// Why an edge cannot be split.
+/// Reason why an edge cannot be split.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum EdgeFault {
-    /// Its ends are one point.
+    /// The ends of the edge coincide.
     #[error("its ends are one point")]
     NoLength,
-    /// A normal at its ends is no unit vector.
+    /// A normal at one end is not a unit vector.
     #[error("a normal at its ends is not of length 1")]
     NotUnit,
-    /// No normal at its ends tells the plane in which to bend it.
+    /// Both normals are parallel to the edge, so the plane in which it bends is undefined.
     #[error("the normals at both of its ends are parallel to it")]
     AlongBoth,
-    /// Normals on opposite sides.
+    /// The normals are on opposite sides of the edge.
     #[error("the normals at its ends are on opposite sides of it")]
     Opposite,
 }
 
-/// Sum of sines up to which an edge is flat: sines so small have four digits at most, and their ratio has no limit.
+/// Sum of sines up to which an edge is flat: such small sines have at most four digits, and their ratio has no limit.
 const FLAT: f64 = 1e-12;
 
-/// Cosine up to which a normal is along an edge: the direction of `u × n` has no more than four digits there.
+/// Cosine up to which a normal is parallel to an edge: the direction of `u × n` has at most four digits there.
 const ALONG: f64 = 1e-12;
 
-/// Length up to which a sum of unit vectors has no direction: as many digits are lost as are kept.
+/// Length up to which a sum of unit vectors has no direction: as many digits are lost as kept.
 const OPPOSITE: f64 = 1e-9;
 
-/// How far from 1 the length of a unit normal may be: an error of this size goes on to the new point.
+/// Tolerance for the length of a unit normal; an error of this size propagates to the new point.
 const UNIT: f64 = 1e-9;
 
-/// Part of the size of its terms up to which a sum that makes a default normal is zero.
+/// Relative size, compared with its terms, up to which the sum for a default normal is zero.
 const CANCELLED: f64 = 1e-12;
 
 impl Oriented {
-    /// Points, and normals of any length.
+    /// Points with normals of any length, which are normalised.
     ///
     /// # Errors
-    /// The first position where there is no point, or no normal, or one that has no direction: zero or not finite.
+    /// The first position where the point or the normal is missing, or the normal is zero or not finite.
     pub fn new(points: Vec<[f64; 3]>, normals: &[[f64; 3]]) -> Result<Self, usize> {
         let units: Vec<[f64; 3]> = normals.iter().map_while(|normal| direction(*normal, 0.0)).collect();
         if units.len() == normals.len() && units.len() == points.len() {
@@ -88,18 +88,18 @@ impl Oriented {
     }
 }
 
-/// The new point and unit normal between `p0` and `p1` with the unit normals `n0` and `n1`: `p` and `n` of the module.
+/// The new point and unit normal between `p0` and `p1` with unit normals `n0` and `n1`: `p` and `n` of the module head.
 ///
-/// `balance`: `κ ≥ 0`. `binormal`: `f`, of any length, where the normals define none; what it has along the edge is left out.
-/// The normal of the result is on the side `f × u`. Both ends changed over, and `binormal` turned, give the same bits.
+/// `balance`: `κ ≥ 0`. `binormal`: `f`, of any length, used if the normals define none; its component along the edge is
+/// ignored. The resulting normal is on the side `f × u`. Swapping both ends and negating `binormal` gives the same bits.
 ///
-/// * Flat edges have `ω₀ = ω₁ = ½`, as every symmetric approach does.
-/// * One normal along the edge takes the binormal of the other: `τ₀ = n₀ × f₁` is the limit of the formula.
-/// * Both along the edge: `τⱼ = nⱼ × f` with the `binormal`; half a circle when they point away from one another.
+/// * Flat edges have `ω₀ = ω₁ = ½`, the limit of every symmetric approach.
+/// * If one normal is parallel to the edge, it takes the binormal of the other: `τ₀ = n₀ × f₁` is the limit of the formula.
+/// * If both are parallel: `τⱼ = nⱼ × f` with the `binormal`; half a circle if they point away from each other.
 ///
 /// # Errors
-/// [`EdgeFault::NoLength`]; [`EdgeFault::NotUnit`]; [`EdgeFault::AlongBoth`] and [`EdgeFault::Opposite`] without `binormal`, or
-/// with one along the edge.
+/// [`EdgeFault::NoLength`]; [`EdgeFault::NotUnit`]; [`EdgeFault::AlongBoth`] and [`EdgeFault::Opposite`] without `binormal`,
+/// or with one parallel to the edge.
 pub fn split(
     p0: [f64; 3],
     n0: [f64; 3],
@@ -112,11 +112,11 @@ pub fn split(
     Ok(middle([p0, p1], [n0, n1], balance, |_| binormal)?.oriented())
 }
 
-/// One step of a polyline: `2i` is the old `i`, `2i + 1` the point between `i` and `i + 1`; the last edge of closed ones ends
-/// at 0. `n` points become `2n`, or `2n − 1` of an open one. `balance`: `κ ≥ 0`.
+/// One step on a polyline: point `2i` is the old point `i`, and `2i + 1` is the new one between `i` and `i + 1`. The last edge
+/// of a closed polyline ends at 0. `n` points become `2n`, or `2n − 1` if open. `balance`: `κ ≥ 0`.
 ///
 /// # Errors
-/// The first edge that cannot be split, and why.
+/// The first edge that cannot be split, with the reason.
 pub fn refine_polyline(shape: &Oriented, closed: bool, balance: f64) -> Result<Oriented, (usize, EdgeFault)> {
     let count = shape.points.len();
     let edges = if closed { count } else { count.saturating_sub(1) };
@@ -132,13 +132,13 @@ pub fn refine_polyline(shape: &Oriented, closed: bool, balance: f64) -> Result<O
     Ok(refined)
 }
 
-/// One step over the edges of a mesh: the old vertices, then one for every edge, in the order of `edges`.
+/// One step on the edges of a mesh: the old vertices, then one new vertex per edge, in the order of `edges`.
 ///
-/// `sides(e)`: sum of the unit normals `N₁ + N₂` of the faces at edge `e`. Asked for where the normals at the ends define no
-/// binormal, which then is `f ∝ u × (N₁ + N₂)`. `balance`: `κ ≥ 0`. The ends of the edges are vertices.
+/// `sides(e)`: sum `N₁ + N₂` of the unit normals of the faces at edge `e`. It is called where the normals at the ends define no
+/// binormal, which then is `f ∝ u × (N₁ + N₂)`. `balance`: `κ ≥ 0`. The ends of the edges must be vertices.
 ///
 /// # Errors
-/// The first edge that cannot be split, and why: with nothing from its faces too.
+/// The first edge that cannot be split even with the normals of its faces, with the reason.
 pub fn refine_edges(
     shape: &Oriented,
     edges: &[[u32; 2]],
@@ -156,17 +156,17 @@ pub fn refine_edges(
     Ok(refined)
 }
 
-/// Normals of a plane polygon: of the circle through each point and its neighbours, to the right of the way along the polygon.
+/// Normals of a plane polygon: those of the circle through each point and its neighbours, to the right of the direction of travel.
 ///
 /// ```text
 /// τᵢ ∝ |eᵢ| êᵢ₋₁ + |eᵢ₋₁| êᵢ,   nᵢ = (τ_y, −τ_x, 0),   eᵢ = pᵢ₊₁ − pᵢ
 /// ```
 ///
-/// Outwards on counter-clockwise polygons, inwards on clockwise ones; [`refine_polyline`] makes the same points of both.
-/// Exact for points of a circle, evenly spaced or not. The ends of an open polygon take the circle through the three points at
-/// the end, a single edge its own direction. The plane is `z = 0`.
+/// The normals point outwards on counter-clockwise polygons and inwards on clockwise ones; [`refine_polyline`] makes the same
+/// points from both. Exact for points of a circle, evenly spaced or not. At an end of an open polygon, the circle goes through
+/// the last three points; a single edge has the normal of its own direction. The plane is `z = 0`.
 ///
-/// Zero where there is none: two of the three points coincide, or there are no three.
+/// Zero where the normal is undefined: two of the three points coincide, or there are fewer than three.
 pub fn circle_normals(points: &[[f64; 3]], closed: bool) -> Vec<[f64; 3]> {
     let count = points.len();
     let normal = |i: usize| {
@@ -183,15 +183,15 @@ pub fn circle_normals(points: &[[f64; 3]], closed: bool) -> Vec<[f64; 3]> {
     (0..count).map(normal).collect()
 }
 
-/// Normals of the vertices of a mesh that are those of the sphere when it is inscribed in one: outwards when faces are seen
-/// counter-clockwise from outside.
+/// Vertex normals of a mesh that are exact for meshes inscribed in a sphere; outwards if faces are counter-clockwise as seen
+/// from outside.
 ///
 /// ```text
 /// Nᵢ ∝ Σ (a × b)/(|a|²|b|²),   a = pⱼ − pᵢ,   b = pₗ − pᵢ      over the faces (i, j, l) at i
 /// ```
 ///
-/// Zero where there is none: no face, or faces that cancel. Corners at which a face has an edge without length count for
-/// nothing. The corners of faces are vertices. Cost: one pass over the faces.
+/// Zero where the normal is undefined: the vertex has no face, or its faces cancel. Corners of faces with an edge of length
+/// zero at the vertex are ignored. The corners of faces must be vertices. Cost: one pass over the faces.
 ///
 /// # Source
 /// N. Max, *Weights for computing vertex normals from facet normals*.
@@ -210,10 +210,10 @@ pub fn sphere_normals(mesh: &TriangleMesh) -> Vec<[f64; 3]> {
     sums.into_iter().map(|(sum, size)| direction(sum, CANCELLED * size).unwrap_or_default()).collect()
 }
 
-/// The first vertex of a plane polygon whose normal lies on the other side of an edge than most do at the ends of edges. None
-/// when they all lie on one side. Normals along an edge, and edges without length, have no side.
+/// The first vertex of a plane polygon whose normal lies on the other side of an edge than the majority of normals. `None` if
+/// all lie on one side. Normals parallel to an edge, and edges of length zero, have no side.
 ///
-/// Where it changes at a vertex only, from edge to edge, no edge fails but the curve has a cusp there.
+/// If the side changes only at a vertex, from edge to edge, no edge fails, but the curve has a cusp there.
 pub fn inconsistent(points: &[[f64; 3]], normals: &[[f64; 3]], closed: bool) -> Option<usize> {
     let count = points.len();
     let edges = if closed { count } else { count.saturating_sub(1) };
@@ -225,13 +225,13 @@ pub fn inconsistent(points: &[[f64; 3]], normals: &[[f64; 3]], closed: bool) -> 
     let sides: Vec<(usize, f64)> =
         (0..edges).flat_map(|i| [i, (i + 1) % count].map(|end| (end, side(i, end)))).collect();
     let surplus: f64 = sides.iter().map(|(_, side)| side).sum();
-    // As many on one side as on the other: the first one is right.
+    // In a tie, the first normal decides.
     let first = || sides.iter().map(|(_, side)| *side).find(|side| *side != 0.0);
     let most = if surplus != 0.0 { surplus.signum() } else { first()? };
     sides.iter().find(|(_, side)| side * most < 0.0).map(|(end, _)| *end)
 }
 
-/// The middle of an edge: `p`, `t` and `f`.
+/// Result for the middle of an edge: `p`, `t` and `f`.
 struct Middle {
     point: [f64; 3],
     tangent: [f64; 3],
@@ -239,7 +239,7 @@ struct Middle {
 }
 
 impl Middle {
-    /// `p` and `n`. Since `f` is orthogonal to `u`, `|f × t| ≥ t·u ≥ 1`.
+    /// The new point and normal, `p` and `n`. Since `f` is orthogonal to `u`, `|f × t| ≥ t·u ≥ 1`.
     fn oriented(&self) -> ([f64; 3], [f64; 3]) {
         let normal = cross(self.binormal, self.tangent);
         let length = norm(normal);
@@ -247,8 +247,8 @@ impl Middle {
     }
 }
 
-/// `fallback(u)`: a binormal where the normals define none; zero for none. Every sum is one of two terms, so that the ends
-/// changed over give the same bits.
+/// Computes the middle of an edge. `fallback(u)` is a binormal for normals that define none; zero if there is none. Every sum
+/// has two terms, so that swapping the ends gives the same bits.
 fn middle(
     points: [[f64; 3]; 2],
     normals: [[f64; 3]; 2],
@@ -263,7 +263,7 @@ fn middle(
     }
     let ([f0, f1], f) = binormals(u, normals, fallback)?;
     let [w0, w1] = weights(normals.map(|normal| dot(normal, u).abs()), balance);
-    // hⱼ τⱼ, where cos αⱼ is exact to rounding also when it is next to nothing.
+    // hⱼ τⱼ, with cos αⱼ exact to rounding even if it is nearly zero.
     let bend = |w: f64, normal: [f64; 3], binormal: [f64; 3]| {
         scaled(4.0 * w / (1.0 + norm(cross(u, normal))), cross(normal, binormal))
     };
@@ -298,7 +298,7 @@ fn binormals(
     }
 }
 
-/// `[w₀, w₁]`: each has the sine of the other end.
+/// The weights `[w₀, w₁]`: each is based on the sine at the other end.
 fn weights([alpha, beta]: [f64; 2], balance: f64) -> [f64; 2] {
     let sum = alpha + beta;
     if sum <= FLAT {
@@ -323,18 +323,18 @@ fn circle_tangent(before: [f64; 3], p: [f64; 3], after: [f64; 3]) -> [f64; 3] {
     }
 }
 
-/// The unit normal to the right of a direction of the plane; zero when that is no longer than `least`.
+/// Unit normal to the right of a direction in the plane; zero if the direction is not longer than `least`.
 fn right_of(tangent: [f64; 3], least: f64) -> [f64; 3] {
     direction([tangent[1], -tangent[0], 0.0], least).unwrap_or_default()
 }
 
-/// `v/|v|²`, zero for zero.
+/// `v/|v|²`; zero for the zero vector.
 fn inverse(v: [f64; 3]) -> [f64; 3] {
     let length = norm(v);
     direction(v, 0.0).map_or([0.0; 3], |unit| unit.map(|x| x / length))
 }
 
-/// `v/|v|` when `|v|` is finite and larger than `least`.
+/// `v/|v|` if `|v|` is finite and larger than `least`.
 fn direction(v: [f64; 3], least: f64) -> Option<[f64; 3]> {
     let length = norm(v);
     (length > least && length.is_finite()).then(|| v.map(|x| x / length))
@@ -359,7 +359,7 @@ mod tests {
     const EY: [f64; 3] = [0.0, 1.0, 0.0];
     const EZ: [f64; 3] = [0.0, 0.0, 1.0];
 
-    /// Numbers of `(−1, 1)`, always the same ones.
+    /// Deterministic numbers in `(−1, 1)`.
     struct Random(u64);
 
     impl Random {
@@ -385,7 +385,7 @@ mod tests {
         v.map(|x| -x)
     }
 
-    /// In the plane, at an angle to the axis `x`.
+    /// Unit vector in the plane at an angle to the `x` axis.
     fn at_angle(angle: f64) -> [f64; 3] {
         [angle.cos(), angle.sin(), 0.0]
     }
@@ -405,7 +405,7 @@ mod tests {
         (position, pairs.map(|(p, n)| distance(unit(*p), *n)).fold(0.0, f64::max))
     }
 
-    /// Points of the unit sphere with their normals.
+    /// Points of the unit sphere with radial normals.
     fn radial(points: Vec<[f64; 3]>) -> Oriented {
         Oriented::new(points.clone(), &points).unwrap()
     }
@@ -437,7 +437,7 @@ mod tests {
         refine_edges(shape, &edges, |_| [0.0; 3], balance).unwrap()
     }
 
-    /// The octahedron moved about, with normals that are not quite radial.
+    /// A perturbed octahedron with normals that are not quite radial.
     fn irregular(random: &mut Random) -> Oriented {
         let vary = |p: [f64; 3], random: &mut Random| plus(p, scaled(0.3, random.vector()));
         let points: Vec<[f64; 3]> = octahedron().vertices.iter().map(|p| vary(*p, random)).collect();
@@ -457,7 +457,7 @@ mod tests {
                 shape = finer;
                 let (position, normal) = off_sphere(&shape);
                 assert!(position < 1e-15, "{n} points, level {level}: {position:e}");
-                // An edge of length L has a direction to ε/L.
+                // The direction of an edge of length L is accurate to ε/L.
                 let tolerance = 1e-15 * f64::from(1 << level);
                 assert!(normal < tolerance, "{n} points, level {level}: {normal:e}");
             }
@@ -501,7 +501,7 @@ mod tests {
                 shape = refine_mesh(&shape, &mut faces, 0.1);
             }
             let wanted = moved(&shape);
-            // Coordinates are rounded to ε |shift|, which is ε |shift|/scale of the shape.
+            // Coordinates are rounded to ε |shift|, which is ε |shift|/scale relative to the shape.
             let relative = 1e-13 * (1.0 + 1.0 / scale);
             for i in 0..wanted.points.len() {
                 close(image.points[i], wanted.points[i], relative * scale);
@@ -548,7 +548,7 @@ mod tests {
         for i in 0..3000 {
             let [p0, p1] = [random.vector(), random.vector()];
             let u = unit(minus(p1, p0));
-            // From normals all over to such that are along the edge, or orthogonal to it, to many digits.
+            // From arbitrary normals to normals that are parallel or orthogonal to the edge to many digits.
             let small = 10.0_f64.powi(-(i % 14));
             let normal = |along: bool, random: &mut Random| {
                 let any = random.unit();
@@ -561,14 +561,14 @@ mod tests {
             let share = dot(minus(middle.point, p0), u) / distance(p0, p1);
             assert!((0.25 - ALONG..=0.75 + ALONG).contains(&share), "{share}");
             let forward = dot(middle.tangent, u);
-            // A normal that counts as one along the edge may have a tangent that points back by so much.
+            // A normal that counts as parallel to the edge may have a tangent that points back by this much.
             assert!((1.0 - 1e-14..=1.5 + ALONG).contains(&forward), "{forward}");
             let (_, n) = middle.oriented();
             assert!((norm(n) - 1.0).abs() < 1e-15, "{n:?}");
         }
     }
 
-    /// Plane edges along `x` of length 2, with normals that lean by `α`, `β` away from one another.
+    /// Plane edges of length 2 along `x`, with normals that lean away from each other by `α` and `β`.
     fn leaning(alpha: f64, beta: f64) -> [[f64; 3]; 2] {
         [at_angle(TAU / 4.0 + alpha), at_angle(TAU / 4.0 - beta)]
     }
@@ -620,7 +620,7 @@ mod tests {
         assert_eq!(refine_polyline(&shape, true, 0.0), Err((0, EdgeFault::NoLength)));
         assert_eq!(refine_polyline(&shape, false, 0.0).as_ref(), Ok(&shape));
         assert_eq!(refine_polyline(&Oriented::default(), true, 0.0), Ok(Oriented::default()));
-        // A short edge has a length, and so has a long one.
+        // Very short and very long edges are valid.
         let wanted = split([0.0; 3], EY, EX, EX, 0.0, None).unwrap().0;
         for size in [1e-160, 1e160] {
             let (p, n) = split([0.0; 3], EY, scaled(size, EX), EX, 0.0, None).unwrap();
@@ -632,7 +632,7 @@ mod tests {
     #[test]
     fn flat_edges_have_their_midpoint() {
         assert_eq!(split([0.0; 3], EY, [2.0, 0.0, 0.0], EY, 0.0, None), Ok((EX, EY)));
-        // With the formula, sines of 3e-13 and 1e-13 would take the point to 3/4 of the edge, or 5/8.
+        // By the formula, sines of 3e-13 and 1e-13 would put the point at 3/4 of the edge, or 5/8.
         let (p, n) = plane_split(3e-13, -1e-13, 0.0);
         close(p, EX, 1e-12);
         close(n, EY, 1e-12);
@@ -640,7 +640,7 @@ mod tests {
         close(p, [0.75, 7.5e-7, 0.0], 1e-10);
     }
 
-    /// Angle at the corner after twelve steps, of what follows the first point.
+    /// Angle at the corner of the edge after the first point, after twelve steps.
     fn corner(alpha: f64, beta: f64, balance: f64) -> f64 {
         let normals = leaning(alpha, beta);
         let [p0, mut p1] = [[0.0; 3], [2.0, 0.0, 0.0]];
@@ -668,7 +668,7 @@ mod tests {
         let at = |lean: f64| plane_split(TAU / 4.0 - lean, 0.5, 0.0);
         let n1 = leaning(0.0, 0.5)[1];
         let (p, n) = split([0.0; 3], negated(EX), [2.0, 0.0, 0.0], n1, 0.0, None).unwrap();
-        // The limit of the formula; beyond the edge the normal would be on its opposite side.
+        // The limit of the formula. Beyond the edge, the normal would be on its opposite side.
         for lean in [1e-9, 1e-11] {
             close(at(lean).0, p, 10.0 * lean);
             close(at(lean).1, n, 10.0 * lean);
@@ -688,7 +688,7 @@ mod tests {
         assert_eq!(split(None), Err(EdgeFault::AlongBoth));
         assert_eq!(split(Some([5.0, 0.0, 0.0])), Err(EdgeFault::AlongBoth));
         assert_eq!(split(Some([0.0; 3])), Err(EdgeFault::AlongBoth));
-        // The top of the half circle, whatever the binormal has along the edge.
+        // The top of the half circle, whatever the component of the binormal along the edge.
         for binormal in [EZ, [7.0, 0.0, 1e-3], [0.0, 0.0, 1e-200]] {
             let (p, n) = split(Some(binormal)).unwrap();
             close(p, [1.0, 1.0, 0.0], 1e-15);
@@ -708,7 +708,7 @@ mod tests {
         let [n0, n1] = [at_angle(TAU / 3.0), negated(at_angle(TAU / 5.0))];
         let shape = Oriented { points: vec![[0.0; 3], [2.0, 0.0, 0.0]], normals: vec![n0, n1] };
         assert_eq!(refine_polyline(&shape, false, 0.0), Err((0, EdgeFault::Opposite)));
-        // The faces tell: the normal is in the plane of the edge and their sum.
+        // The faces decide: the normal is in the plane of the edge and their sum.
         let sides = [0.0, 0.6, 0.8];
         let refined = refine_edges(&shape, &[[0, 1]], |_| sides, 0.0).unwrap();
         let n = refined.normals[2];
@@ -764,7 +764,7 @@ mod tests {
         assert_eq!(circle_normals(&line[..1], false), [[0.0; 3]]);
         assert_eq!(circle_normals(&line[..2], true), [[0.0; 3]; 2]);
         assert_eq!(circle_normals(&[], true), [[0.0; 3]; 0]);
-        // There and back, and a point twice.
+        // Back along the same edge, and a repeated point.
         assert_eq!(circle_normals(&[line[0], line[1], line[0]], false)[1], [0.0; 3]);
         assert_eq!(circle_normals(&[line[0], line[1], line[1], line[2]], false)[1], [0.0; 3]);
     }
@@ -784,7 +784,7 @@ mod tests {
         }
         let vertices = mesh.vertices.iter().map(|p| plus(scaled(2.0, *p), centre)).collect();
         let mut elsewhere = TriangleMesh { vertices, ..mesh.clone() };
-        // A vertex of no face, and one of a face without area.
+        // A vertex without faces, and a vertex of a face without area.
         elsewhere.vertices.push(centre);
         elsewhere.vertices.push(elsewhere.vertices[0]);
         elsewhere.faces.push([0, 7, 7]);
@@ -810,22 +810,22 @@ mod tests {
             assert_eq!(inconsistent(&points, &normals, true), Some(wrong));
             assert_eq!(inconsistent(&points, &normals, false), Some(wrong));
         }
-        // More than the bisector ± ½(π − 60°) allows.
+        // More than the range of ±½(π − 60°) about the bisector.
         normals[2] = at_angle(TAU / 3.0 + 1.1);
         let shape = Oriented { points: points.clone(), normals: normals.clone() };
         assert_eq!(inconsistent(&points, &normals, true), Some(2));
         assert_eq!(refine_polyline(&shape, true, 0.0), Err((1, EdgeFault::Opposite)));
-        // A cusp: the side changes at vertex 1, no edge fails.
+        // A cusp: the side changes at vertex 1, but no edge fails.
         let points = vec![[0.0; 3], EX, [0.2, 0.3, 0.0]];
         let cusp = Oriented::new(points, &[EY, EY, [0.3, 0.8, 0.0]]).unwrap();
         assert!(refine_polyline(&cusp, false, 0.0).is_ok());
         assert_eq!(inconsistent(&cusp.points, &cusp.normals, false), Some(1));
-        // Along an edge is on no side of it.
+        // A normal parallel to an edge is on neither side.
         let points = [EX, EY];
         let along = [unit(minus(points[0], points[1])), points[1]];
         assert_eq!(inconsistent(&points[..2], &along, false), None);
         assert_eq!(inconsistent(&[], &[], true), None);
-        // One to each side: the first is right.
+        // One on each side: the first decides.
         assert_eq!(inconsistent(&[[0.0; 3], EX], &[EY, negated(EY)], false), Some(1));
     }
 }

@@ -1,7 +1,7 @@
-//! One mesh or polyline, refined to a level or a tolerance.
+//! Refinement of one mesh or polyline to a level or a tolerance.
 //!
-//! A level is near its limit when its new vertices are near the edges of the level before: the distance falls by four with
-//! every level of a smooth shape, so what is left is about a third of it.
+//! A level is close to its limit if its new vertices are close to the edges of the previous level. For smooth shapes this
+//! distance falls by a factor of four per level, so the remaining distance is about a third of it.
 
 use super::limit::{Limit, limit};
 use super::normal_based::{EdgeFault, Oriented, refine_edges, refine_polyline};
@@ -12,28 +12,28 @@ use crate::mesh::{Connectivity, TriangleMesh};
 use crate::vector::{cross, minus, norm};
 use shapelex_numeric::bounded::{Stop, never};
 
-/// How far a shape is refined.
+/// Depth of a refinement.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Depth {
-    /// So many steps.
+    /// A fixed number of steps.
     Level(usize),
-    /// Until the vertices of a level are not farther from the edges of the level before, at least one step.
+    /// Until the distance of the vertices of a level from the edges of the previous level is within this; at least one step.
     Tolerance(f64),
 }
 
 /// A refined shape.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Refined<T> {
-    /// What came out.
+    /// The refined shape.
     pub shape: T,
-    /// Steps that were made.
+    /// Number of steps.
     pub level: usize,
-    /// Largest distance of its vertices from where they would be on the edges of the level before; none at level 0.
+    /// Largest distance of its vertices from their places on the edges of the previous level; `None` at level 0.
     pub change: Option<f64>,
 }
 
 impl Depth {
-    /// Whether no step is to be made any more.
+    /// Whether the requested depth is reached.
     fn reached(self, level: usize, change: Option<f64>) -> bool {
         match self {
             Self::Level(wanted) => level >= wanted,
@@ -41,7 +41,7 @@ impl Depth {
         }
     }
 
-    /// Whether a shape of so many vertices may be made at a level.
+    /// Checks the number of vertices of a shape at a level against the limit `most`.
     fn check(
         self,
         level: usize,
@@ -60,10 +60,10 @@ impl Depth {
     }
 }
 
-/// As [`refine_mesh_until`], for a caller who waits.
+/// As [`refine_mesh_until`], without cancellation.
 ///
 /// # Errors
-/// Those of [`refine_mesh_until`].
+/// As for [`refine_mesh_until`].
 pub fn refine_mesh(
     scheme: Scheme,
     mesh: TriangleMesh,
@@ -74,12 +74,12 @@ pub fn refine_mesh(
     refine_mesh_until(scheme, mesh, depth, most, wanted_limit, &never)
 }
 
-/// Refines a closed mesh with at most `most` vertices in the end; with its normals under the normal-based scheme. The numbers of
-/// vertices are checked before any step is made. With `wanted_limit` the limit of the last level as well. A caller who wants to
-/// stop gets the level that there is.
+/// Refines a closed mesh to at most `most` vertices; under the normal-based scheme, together with its normals. The number of
+/// vertices is checked before any step. With `wanted_limit`, also returns the limit of the last level. Once `stop` returns
+/// true, the current level is returned.
 ///
 /// # Errors
-/// Faces that are no closed mesh; vertices and edges without rule; sizes and tolerances that are not reached.
+/// Faces that do not form a closed mesh; vertices and edges without a rule; limits and tolerances that cannot be met.
 pub fn refine_mesh_until(
     scheme: Scheme,
     mesh: TriangleMesh,
@@ -90,7 +90,7 @@ pub fn refine_mesh_until(
 ) -> Result<(Refined<TriangleMesh>, Option<Limit>), GeometryError> {
     let mut size = MeshSize { vertices: mesh.vertices.len(), faces: mesh.faces.len() };
     if let Depth::Level(level) = depth {
-        // A limit of BLOB is read off one level on.
+        // The limit of BLOB is computed one level further on.
         let last = size.split(level.saturating_add(usize::from(wanted_limit)));
         depth.check(level, last.vertices, most, None)?;
     }
@@ -119,7 +119,7 @@ pub fn refine_mesh_until(
         (shape, level, v) = (finer, level + 1, parameters.next().unwrap_or(1.0));
         size = size.split(1);
         if !wanted_limit && matches!(depth, Depth::Level(last) if last == level) {
-            // Of the last mesh nothing but the faces is asked.
+            // Only the faces of the last mesh are needed.
             last_faces = Some(connectivity.split_faces());
         } else {
             connectivity = connectivity.split();
@@ -137,10 +137,10 @@ pub fn refine_mesh_until(
     Ok((Refined { shape: TriangleMesh { vertices: shape.points, normals, faces }, level, change }, limit))
 }
 
-/// Refines a polyline by the normal-based scheme, with at most `most` points in the end.
+/// Refines a polyline by the normal-based scheme, to at most `most` points.
 ///
 /// # Errors
-/// Edges without point between; sizes and tolerances that are not reached.
+/// Edges that cannot be split; limits and tolerances that cannot be met.
 pub fn refine_curve(
     mut shape: Oriented,
     closed: bool,
@@ -183,7 +183,7 @@ fn middle(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     [0, 1, 2].map(|c| 0.5 * (a[c] + b[c]))
 }
 
-/// Sum of the unit normals of the faces at an edge.
+/// Sum of the unit normals of the two faces at an edge.
 fn face_normals(points: &[[f64; 3]], connectivity: &Connectivity, edge: usize) -> [f64; 3] {
     let normal = |half_edge: u32| {
         let [a, b, c] = connectivity.faces()[half_edge as usize / 3].map(|vertex| points[vertex as usize]);

@@ -1,7 +1,7 @@
-//! The rules of the linear schemes: which old vertices a new one is made of.
+//! Stencils of the linear schemes: new vertices as weighted sums of old ones.
 //!
-//! A step keeps or moves the old vertices, at their places in the list, and adds one vertex for every edge. The stencil of a
-//! vertex depends on its valence only, that of an edge on the valences of its two ends.
+//! A step keeps or moves the old vertices, which keep their indices, and adds one vertex per edge. The stencil of a vertex
+//! depends only on its valence, that of an edge on the valences of its two ends.
 //!
 //! Sources: Badoual, Schmitter, Uhlmann, Unser, *A non-stationary subdivision scheme for the construction of deformable models
 //! with sphere-like topology* (the rules of BLOB, with the weights corrected); Loop, *Smooth subdivision surfaces based on
@@ -16,14 +16,14 @@ use crate::GeometryError;
 use crate::mesh::Connectivity;
 use shapelex_numeric::sparse::SparseRows;
 
-/// The weights of BLOB at one level, `v = v⁽ᵏ⁾`. Those with a name of two letters belong to vertices of valence 4.
+/// The weights of BLOB at one level, `v = v⁽ᵏ⁾`. Two-letter names belong to vertices of valence 4.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BlobWeights {
-    /// Vertex of valence 6: itself and its neighbours.
+    /// Weight of a vertex of valence 6 itself; `b` is that of its neighbours.
     pub a: f64,
     /// See `a`.
     pub b: f64,
-    /// Edge of two vertices of valence 6: wings, opposite vertices, far vertices, ends.
+    /// Edge between two vertices of valence 6: `c` wings, `d` opposite vertices, `e` far vertices, `f` ends.
     pub c: f64,
     /// See `c`.
     pub d: f64,
@@ -31,24 +31,24 @@ pub struct BlobWeights {
     pub e: f64,
     /// See `c`.
     pub f: f64,
-    /// Vertex of valence 4: itself and its neighbours.
+    /// Weight of a vertex of valence 4 itself; `bb` is that of its neighbours.
     pub aa: f64,
     /// See `aa`.
     pub bb: f64,
-    /// Edge of vertices of valence 4 and 6: opposite vertices, the far one and the end on the side of valence 4.
+    /// Edge between vertices of valence 4 and 6: `dd` opposite vertices, `ee` far vertex and `ff` end on the side of valence 4.
     pub dd: f64,
     /// See `dd`.
     pub ee: f64,
     /// See `dd`.
     pub ff: f64,
-    /// Edge of two vertices of valence 4: ends, and the far vertices on its straight line.
+    /// Edge between two vertices of valence 4: `g` ends, `h` far vertices on its straight line.
     pub g: f64,
     /// See `g`.
     pub h: f64,
 }
 
 impl BlobWeights {
-    /// Of the level parameter `v > 0`. Every stencil sums to 1, identically in `v`.
+    /// The weights for the level parameter `v > 0`. Every stencil sums to 1, identically in `v`.
     pub fn new(v: f64) -> Self {
         let (w, square) = (v + 1.0, (v + 1.0) * (v + 1.0));
         let cube = square * w;
@@ -74,7 +74,7 @@ impl BlobWeights {
     }
 }
 
-/// `β_n` of Loop: the weight of every neighbour of a vertex of valence `n`.
+/// `β_n` of Loop: the weight of each neighbour of a vertex of valence `n`.
 pub fn loop_beta(weights: LoopWeights, valence: usize) -> f64 {
     let n = valence as f64;
     match weights {
@@ -84,10 +84,10 @@ pub fn loop_beta(weights: LoopWeights, valence: usize) -> f64 {
     }
 }
 
-/// Whether a scheme has rules for all vertices.
+/// Checks that a scheme has rules for all vertices.
 ///
 /// # Errors
-/// [`GeometryError::Valence`] for the first vertex without rules; of BLOB these are all but those of valence 4 and 6.
+/// [`GeometryError::Valence`] for the first vertex without rules. BLOB has rules for valence 4 and 6 only.
 pub fn check_valences(scheme: Scheme, connectivity: &Connectivity) -> Result<(), GeometryError> {
     if !matches!(scheme, Scheme::Blob(_)) {
         return Ok(());
@@ -98,8 +98,8 @@ pub fn check_valences(scheme: Scheme, connectivity: &Connectivity) -> Result<(),
     other.map_or(Ok(()), |(vertex, valence)| Err(GeometryError::Valence { vertex, valence }))
 }
 
-/// The matrix `S_k` from the vertices of a mesh to those of the mesh that is split once, `v` being the parameter of the level.
-/// Valences are those of [`check_valences`]. Cost: up to ten entries a vertex.
+/// The matrix `S_k` from the vertices of a mesh to those of the mesh split once, where `v` is the parameter of the level. The
+/// valences must pass [`check_valences`]. Cost: up to ten entries per vertex.
 pub fn step(scheme: Scheme, v: f64, connectivity: &Connectivity) -> SparseRows {
     let (vertices, edges) = (connectivity.vertices(), connectivity.edges().len());
     let mut rows = SparseRows::new(vertices, vertices + edges, 10 * edges + 7 * vertices);
@@ -114,7 +114,7 @@ pub fn step(scheme: Scheme, v: f64, connectivity: &Connectivity) -> SparseRows {
     rows
 }
 
-/// `S_k X` without the matrix: where the vertices go. The same for any number of threads.
+/// `S_k X`, the new positions, without forming the matrix. The result does not depend on the number of threads.
 pub fn refined(scheme: Scheme, v: f64, connectivity: &Connectivity, points: &[[f64; 3]]) -> Vec<[f64; 3]> {
     let rules = Rules { scheme, blob: BlobWeights::new(v), connectivity };
     let half_edges = connectivity.half_edges();
@@ -130,10 +130,10 @@ pub fn refined(scheme: Scheme, v: f64, connectivity: &Connectivity, points: &[[f
     all.into_par_iter().with_min_len(TOGETHER).map_init(Rings::default, place).collect()
 }
 
-/// New vertices that one thread places at the least: fewer take longer to hand over than to place.
+/// Minimum number of new vertices per thread: for fewer, handing over the work takes longer than the work.
 const TOGETHER: usize = 4096;
 
-/// The rings of a vertex, or of both ends of an edge.
+/// Neighbours of a vertex, or of both ends of an edge.
 type Rings = [Vec<u32>; 2];
 
 struct Rules<'a> {
@@ -143,7 +143,7 @@ struct Rules<'a> {
 }
 
 impl Rules<'_> {
-    /// What a new vertex is made of: old ones first, then those of the edges.
+    /// Stencil of a new vertex. Moved old vertices come first, then the vertices of the edges.
     fn stencil(
         &self,
         new: usize,
@@ -177,7 +177,7 @@ impl Rules<'_> {
         ring.iter().for_each(|neighbour| add(*neighbour, other));
     }
 
-    /// `rings[i]` is that of end `i`, from the other end on. Its second and its last vertex are opposite to the edge.
+    /// `rings[i]` is the ring of end `i`, starting at the other end. Its second and its last vertex are opposite to the edge.
     fn edge(&self, ends: [u32; 2], rings: [&[u32]; 2], add: &mut impl FnMut(u32, f64)) {
         match self.scheme {
             Scheme::Blob(_) => self.blob_edge(ends, rings, add),
@@ -219,7 +219,7 @@ fn butterfly_edge(w: f64, ends: [u32; 2], rings: [&[u32]; 2], add: &mut impl FnM
         }
         return;
     }
-    // The rule of the irregular end, the mean of both if there are two.
+    // The rule of the irregular end; the mean of both if there are two.
     let share = 1.0 / irregular as f64;
     for (end, ring) in ends.into_iter().zip(rings).filter(|(_, ring)| ring.len() != 6) {
         add(end, 0.75 * share);
@@ -228,7 +228,7 @@ fn butterfly_edge(w: f64, ends: [u32; 2], rings: [&[u32]; 2], add: &mut impl FnM
     }
 }
 
-/// `s_j` of a vertex of valence `n ≠ 6`; `j = 0` is the other end of the edge.
+/// `s_j` of a vertex of valence `n ≠ 6`, where `j = 0` is the other end of the edge.
 fn butterfly_ring(valence: usize, j: usize) -> f64 {
     let turn = TAU * j as f64 / valence as f64;
     match (valence, j) {

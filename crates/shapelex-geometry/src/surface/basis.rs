@@ -1,4 +1,4 @@
-//! The space of tensor-product surfaces of one size.
+//! The space of tensor-product surfaces of one topology and size.
 
 use std::sync::Arc;
 
@@ -13,23 +13,23 @@ use shapelex_numeric::dense::Matrix;
 use shapelex_numeric::kronecker::{Kronecker, transpose};
 use shapelex_numeric::operator::SymmetricOperator;
 
-/// The numbers of a surface that its client chooses.
+/// Topology and size of a surface, as chosen by the client.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Extent {
-    /// How it closes.
+    /// Topology of the surface.
     pub topology: Topology,
-    /// `M_u` and `M_v`.
+    /// Number of intervals, `M_u` and `M_v`.
     pub intervals: [usize; 2],
 }
 
 impl Extent {
-    /// Points of a shape as it is posted: `M` along closed directions, `M + 1` along open ones.
+    /// Size of the grid of points of a posted shape: `M` along closed directions, `M + 1` along open ones.
     pub fn grid(self) -> [usize; 2] {
         let closed = self.topology.closed();
         [0, 1].map(|i| self.intervals[i].saturating_add(usize::from(!closed[i])))
     }
 
-    /// `N`, the rows of a shape, for generators of these supports.
+    /// Number of rows of a shape, `N`, for generators with these supports.
     pub fn size(self, supports: [usize; 2]) -> usize {
         match self.topology {
             Topology::Sphere => self.intervals[0]
@@ -42,14 +42,14 @@ impl Extent {
         }
     }
 
-    /// Control points along `u` and `v`, those beyond open edges included.
+    /// Number of control points along `u` and `v`, including those beyond open edges.
     fn control_grid(self, supports: [usize; 2]) -> [usize; 2] {
         let (grid, closed) = (self.grid(), self.topology.closed());
         [0, 1].map(|i| if closed[i] { grid[i] } else { grid[i].saturating_add(2 * phantoms(supports[i])) })
     }
 }
 
-/// What does not fit together in a surface whose generators are admissible: fields and what is wrong with them.
+/// Inconsistencies of a surface with admissible generators: fields and details.
 pub fn faults(extent: Extent, seam: Seam, kinds: &[GeneratorKind; 2]) -> Vec<(&'static str, String)> {
     let mut faults = Vec::new();
     if !seam.is_straight() && extent.topology != Topology::Torus {
@@ -77,7 +77,7 @@ pub fn faults(extent: Extent, seam: Seam, kinds: &[GeneratorKind; 2]) -> Vec<(&'
     faults
 }
 
-/// Directions of the tangents at the poles, `σ_v(u, 0) = T_1N cos 2πu + T_2N sin 2πu`; the same at the south.
+/// Tangents at the poles, `σ_v(u, 0) = T_1N cos 2πu + T_2N sin 2πu`, and likewise at the south pole.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Tangents {
     /// `T_1N`, `T_2N`.
@@ -86,24 +86,24 @@ pub struct Tangents {
     pub south: Option<[[f64; 3]; 2]>,
 }
 
-/// The basis of surfaces, made ready.
+/// A prepared basis of surfaces.
 #[derive(Debug, Clone)]
 pub struct SurfaceBasis {
     extent: Extent,
     seam: Seam,
     lines: [Line; 2],
-    /// `u` twice round, on twisted tori.
+    /// Line along two turns of `u`, for twisted tori.
     cover: Option<Line>,
-    /// The conditions at the poles, on spheres.
+    /// Conditions at the poles, for spheres.
     sphere: Option<SphereBasis>,
     gram: Arc<dyn SymmetricOperator>,
 }
 
 impl SurfaceBasis {
-    /// Prepares surfaces. Cost: two generators, once, their Gram operators, and on spheres three banded factorisations.
+    /// Prepares the basis. Cost: two generators (cached), their Gram operators, and on spheres three banded factorisations.
     ///
     /// # Errors
-    /// Errors of the generators; [`GeometryError::Dependent`]; [`GeometryError::Surface`] for what [`faults`] finds.
+    /// Errors of the generators; [`GeometryError::Dependent`]; [`GeometryError::Surface`] for the first of [`faults`].
     pub fn new(extent: Extent, seam: Seam, kinds: &[GeneratorKind; 2]) -> Result<Self, GeometryError> {
         if let Some((field, detail)) = faults(extent, seam, kinds).into_iter().next() {
             return Err(GeometryError::Surface { field, detail });
@@ -138,17 +138,17 @@ impl SurfaceBasis {
         Ok(Self { extent, seam, lines, cover, sphere, gram })
     }
 
-    /// The numbers of the surfaces.
+    /// Topology and size of the surfaces.
     pub fn extent(&self) -> Extent {
         self.extent
     }
 
-    /// How a torus is glued.
+    /// The seam of a torus.
     pub fn seam(&self) -> Seam {
         self.seam
     }
 
-    /// The directions.
+    /// The lines along `u` and `v`.
     pub fn lines(&self) -> &[Line; 2] {
         &self.lines
     }
@@ -158,12 +158,12 @@ impl SurfaceBasis {
         &self.gram
     }
 
-    /// Whether moving all rows moves the surface.
+    /// Whether constants are reproduced, so that moving all rows moves the surface.
     pub fn reproduces_constants(&self) -> bool {
         self.lines.iter().all(Line::reproduces_constants)
     }
 
-    /// Moves the surface of `rows` by `by`; constants must be reproduced. Its rows are those of the constant 1, whole numbers.
+    /// Moves the surface of `rows` by `by`. Constants must be reproduced; the rows of the constant 1 are whole numbers.
     pub fn translate(&self, rows: &mut Matrix, by: [f64; 3]) {
         let ones = self.interpolate_function(|_, _| [1.0; 3]);
         for (c, by) in by.iter().enumerate() {
@@ -172,12 +172,12 @@ impl SurfaceBasis {
         }
     }
 
-    /// Rows of the surface through `points` (`[u][v]` at `(k/M_u, l/M_v)`, three columns), on spheres with the poles at both
-    /// ends of every meridian.
+    /// Rows of the surface that interpolates `points` (`[u][v]` at `(k/M_u, l/M_v)`, three columns). On spheres, every list along
+    /// `v` includes both poles.
     ///
     /// The poles of a sphere are taken from its first meridian. Tangents that are not given are estimated: two vectors in
-    /// the plane of the first harmonic of the ring next to the pole, orthogonal to one another where the ring is round, with
-    /// the length that makes a round sphere round.
+    /// the plane of the first harmonic of the ring next to the pole, orthogonal if the ring is round, with the length
+    /// that is exact for a round sphere.
     pub fn interpolate(&self, points: &Matrix, tangents: &Tangents) -> Matrix {
         let columns = points.column_iter().enumerate().map(|(c, points)| {
             let points = points.as_slice();
@@ -193,7 +193,7 @@ impl SurfaceBasis {
         Matrix::from_vec(self.gram.size(), points.ncols(), rows)
     }
 
-    /// Rows of the surface through the points of a function of `u` and `v` at the knots.
+    /// Rows of the surface that interpolates a function of `u` and `v` at the knots.
     pub fn interpolate_function(&self, at: impl Fn(f64, f64) -> [f64; 3]) -> Matrix {
         let [count_u, count_v] = self.extent.grid();
         let mut points = Matrix::zeros(count_u * count_v, 3);
@@ -207,7 +207,7 @@ impl SurfaceBasis {
         self.interpolate(&points, &Tangents::default())
     }
 
-    /// Runs through `u` backwards, `σ(u, v)` becomes `σ(−u, v)`, along open `u` `σ(1 − u, v)`: one coordinate of rows.
+    /// Reverses `u` in one coordinate of the rows: `σ(u, v)` becomes `σ(−u, v)`, or `σ(1 − u, v)` if `u` is open.
     pub fn reverse(&self, column: &mut [f64]) {
         let closed = self.extent.topology.closed()[0];
         let (columns, polar) = match self.sphere {
@@ -220,19 +220,19 @@ impl SurfaceBasis {
         for (k, row) in grid.chunks_exact_mut(columns).enumerate() {
             let from = if closed { (count - k) % count } else { count - 1 - k };
             for (l, value) in row.iter_mut().enumerate() {
-                // From −k to M − k is over the seam.
+                // From −k to M − k crosses the seam.
                 let l = if closed && k > 0 { self.seam.across(l, columns) } else { l };
                 *value = before[from * columns + l];
             }
         }
-        // The tangent of sin 2πu turns round.
+        // The tangent that belongs to sin 2πu changes its sign.
         if let [north, south, _, north_handle, _, south_handle] = polar {
             *north_handle = 2.0 * *north - *north_handle;
             *south_handle = 2.0 * *south - *south_handle;
         }
     }
 
-    /// Tangents at the poles of the sphere with these `rows`; none of other surfaces.
+    /// Tangents at the poles of the sphere with these `rows`; none for other topologies.
     pub fn tangents_of(&self, rows: &Matrix) -> Tangents {
         if self.sphere.is_none() {
             return Tangents::default();
@@ -309,7 +309,7 @@ impl SurfaceBasis {
         }
     }
 
-    /// The rows that matter at `(u, v)` and their weights there: `σ(u, v) = Σ w_i c_i`, each row once or more.
+    /// The rows with an influence at `(u, v)`, with their weights: `σ(u, v) = Σ w_i c_i`. A row may occur several times.
     pub fn weights(&self, u: f64, v: f64) -> Vec<(usize, f64)> {
         let columns = match self.sphere {
             Some(_) => self.extent.intervals[1] + 3,
@@ -345,7 +345,7 @@ impl SurfaceBasis {
         weights
     }
 
-    /// Control points along `u` that are stored.
+    /// Number of stored control points along `u`.
     fn lines_stored(&self) -> usize {
         self.extent.control_grid([0, 1].map(|i| self.lines[i].generator().support()))[0]
     }
@@ -355,7 +355,7 @@ impl SurfaceBasis {
         self.sphere.as_ref().map_or_else(|| rows.to_vec(), |sphere| sphere.expand(rows))
     }
 
-    /// Where control point `k` of a direction is stored, and whether the seam lies between.
+    /// Stored index of control point `k` of a direction, and whether the seam lies in between.
     fn stored(&self, direction: usize, k: isize, beyond: usize) -> (usize, bool) {
         if !self.extent.topology.closed()[direction] {
             return ((k + beyond as isize) as usize, false);

@@ -4,7 +4,8 @@
 //! min_c Σ_i w_i |σ_c(u_i, v_i) − p_i|²,   Σ w_i = 1
 //! ```
 //!
-//! The normal equations of all rows at once. Points of a surface of the space, at their parameters, give back its rows.
+//! The normal equations are solved for all rows at once. Points of a surface of the space, at their parameters, reproduce
+//! its rows.
 
 use std::f64::consts::{PI, TAU};
 
@@ -18,7 +19,7 @@ use shapelex_numeric::dense::{Definite, Matrix};
 /// A fitted surface.
 #[derive(Debug, Clone)]
 pub struct SurfaceFit {
-    /// Its rows, `N × 3`.
+    /// Rows of the surface, `N × 3`.
     pub rows: Matrix,
     /// `√(Σ w_i |σ(u_i, v_i) − p_i|²)`.
     pub residual: f64,
@@ -26,25 +27,25 @@ pub struct SurfaceFit {
     pub largest: f64,
 }
 
-/// A point of a cloud with its parameters and its weight, not negative.
+/// A point with its parameters and weight.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SurfaceSample {
-    /// `u` and `v`.
+    /// Parameters `u` and `v`.
     pub parameters: [f64; 2],
-    /// Where the surface shall pass.
+    /// Target position.
     pub point: [f64; 3],
-    /// Its share of the sum.
+    /// Weight in the sum; non-negative.
     pub weight: f64,
 }
 
-/// Surfaces may be so many times as large in `L₂` (squared) as the points see them, and not more: what the points hardly see they
-/// do not determine, and it would run away between them.
+/// Maximum ratio of the squared `L₂` norm of a surface to that of its samples. Beyond it the fit is ill-posed: the surface is
+/// hardly determined between the points and would run away there.
 const MOST_UNSEEN: f64 = 1e4;
 
-/// Fits a surface of `basis`. Cost `N³/3` for the equations and 256 products a point.
+/// Fits a surface of `basis`. Cost: `N³/3` for the equations, and 256 products per point.
 ///
 /// # Errors
-/// [`GeometryError::Undetermined`] for points that are too few or leave gaps.
+/// [`GeometryError::Undetermined`] if the points are too few or leave gaps.
 pub fn fit(basis: &SurfaceBasis, samples: &[SurfaceSample]) -> Result<SurfaceFit, GeometryError> {
     let points: Vec<[f64; 3]> = samples.iter().map(|sample| sample.point).collect();
     let origin = far_origin(points.iter()).filter(|_| basis.reproduces_constants());
@@ -68,7 +69,7 @@ fn fit_near(basis: &SurfaceBasis, samples: &[SurfaceSample]) -> Result<SurfaceFi
         let (share, place) = (sample.weight / total, place(sample));
         for (position, &(i, a)) in place.iter().enumerate() {
             (0..3).for_each(|c| right[(i, c)] += share * a * sample.point[c]);
-            // Rows ascend: this is the lower triangle.
+            // Rows ascend, so this is the lower triangle.
             for &(j, b) in &place[position..] {
                 normal[(j, i)] += share * a * b;
             }
@@ -87,12 +88,12 @@ fn fit_near(basis: &SurfaceBasis, samples: &[SurfaceSample]) -> Result<SurfaceFi
     Ok(SurfaceFit { rows, residual: squares.sqrt(), largest })
 }
 
-/// Steps of the power iteration of [`most_unseen`]: it finds the order of magnitude.
+/// Number of steps of the power iteration of [`most_unseen`], which needs the order of magnitude only.
 const STEPS: usize = 12;
 
-/// `max_x ⟨x, Φx⟩/⟨x, Sx⟩` of the normal matrix `S`: how much larger in `L₂` a surface can be than at the points, squared.
+/// `max_x ⟨x, Φx⟩/⟨x, Sx⟩` for the normal matrix `S`: the largest ratio of the squared `L₂` norm to that at the points.
 fn most_unseen(basis: &SurfaceBasis, normal: &Definite) -> f64 {
-    // Waves of all lengths, none of them orthogonal to what the points do not see.
+    // Waves of all lengths, so that the start is not orthogonal to what the points leave undetermined.
     let mut x = Matrix::from_fn(basis.gram().size(), 1, |i, _| (1.7 * (i * i) as f64).sin());
     let mut ratio = 0.0;
     for _ in 0..STEPS {
@@ -107,15 +108,16 @@ fn most_unseen(basis: &SurfaceBasis, normal: &Definite) -> f64 {
     ratio
 }
 
-/// Parts of a triangle along its edges, at least and at most.
+/// Minimum and maximum number of parts of a triangle along its edges.
 const PARTS: [usize; 2] = [2, 64];
-/// Samples of a mesh, about: larger meshes have triangles that are small enough as they are.
+/// Approximate maximum number of samples of a mesh: the triangles of larger meshes are small enough undivided.
 const MOST_SAMPLES: usize = 1_000_000;
 
-/// Places on the faces of a mesh, two for every interval between knots along an edge, that weigh as much as the area round them:
-/// with their face. The surface that is fitted is the whole mesh, not its vertices alone, so nothing runs away between these.
+/// Samples on the faces of a mesh, two per knot interval along an edge, with the index of their face and weighted by the area
+/// they represent. The fit thus covers the whole mesh, not its vertices alone, and does not run away between them.
 ///
-/// `parameters` are those of the vertices. Within a triangle they are linear, on spheres along the directions from the centre.
+/// `parameters` are those of the vertices. Within a triangle they are interpolated linearly; on spheres, along the directions
+/// from the centre.
 pub fn mesh_samples(
     basis: &SurfaceBasis,
     mesh: &TriangleMesh,
@@ -138,7 +140,7 @@ pub fn mesh_samples(
     samples
 }
 
-/// Barycentric coordinates of the centroids of `parts²` equal triangles.
+/// Barycentric coordinates of the centroids of `parts²` equal parts of a triangle.
 pub fn centroids(parts: usize) -> impl Iterator<Item = [f64; 3]> {
     let at = move |i: usize, j: usize, third: f64| {
         let [a, b] = [i, j].map(|k| (k as f64 + third) / parts as f64);
@@ -150,7 +152,7 @@ pub fn centroids(parts: usize) -> impl Iterator<Item = [f64; 3]> {
     upright.chain(reversed)
 }
 
-/// The corners of a triangle near its first one: over the ends of closed directions, and through a seam.
+/// The corners of a triangle, moved next to its first one across the ends of closed directions and through a seam.
 fn unwrapped(basis: &SurfaceBasis, mut corners: [[f64; 2]; 3]) -> [[f64; 2]; 3] {
     let closed = basis.extent().topology.closed();
     let [u, v] = corners[0];
@@ -167,7 +169,7 @@ fn unwrapped(basis: &SurfaceBasis, mut corners: [[f64; 2]; 3]) -> [[f64; 2]; 3] 
     corners
 }
 
-/// Into how many parts an edge is divided.
+/// Number of parts into which an edge is divided.
 fn parts(basis: &SurfaceBasis, corners: &[[f64; 2]; 3]) -> usize {
     let spread = |i: usize| {
         let values = corners.map(|corner| corner[i]);
@@ -178,7 +180,7 @@ fn parts(basis: &SurfaceBasis, corners: &[[f64; 2]; 3]) -> usize {
     spread(0).max(spread(1)).ceil() as usize
 }
 
-/// Parameters between those of corners that are [`unwrapped`].
+/// Interpolates the parameters of corners that are [`unwrapped`].
 fn between(basis: &SurfaceBasis, corners: &[[f64; 2]; 3], shares: [f64; 3]) -> [f64; 2] {
     if basis.extent().topology == Topology::Sphere {
         let directions = corners.map(|[u, v]| {
@@ -200,7 +202,7 @@ fn between(basis: &SurfaceBasis, corners: &[[f64; 2]; 3], shares: [f64; 3]) -> [
     [u, v]
 }
 
-/// Every row once, ascending.
+/// Sorts by row and merges repeated rows.
 fn merged(mut weights: Vec<(usize, f64)>) -> Vec<(usize, f64)> {
     weights.sort_unstable_by_key(|(row, _)| *row);
     weights.dedup_by(|next, kept| {
@@ -213,11 +215,11 @@ fn merged(mut weights: Vec<(usize, f64)>) -> Vec<(usize, f64)> {
     weights
 }
 
-/// Parameters on a sphere in the direction of `point` from its centre: longitude `u ∈ [0, 1)` from the x axis towards y, and
-/// colatitude `v ∈ [0, 1]` from the z axis.
+/// Parameters on a sphere for the direction of `point` from its centre: longitude `u ∈ [0, 1)`, from the x axis towards y, and
+/// colatitude `v ∈ [0, 1]`, from the z axis.
 pub fn spherical_parameters([x, y, z]: [f64; 3]) -> [f64; 2] {
     let u = y.atan2(x) / TAU;
-    // What rounds up to a whole turn begins anew.
+    // A value that rounds up to a whole turn becomes 0.
     let u = if u < 0.0 { (u + 1.0) % 1.0 } else { u };
     [u, x.hypot(y).atan2(z) / PI]
 }

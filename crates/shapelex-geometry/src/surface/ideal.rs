@@ -1,4 +1,4 @@
-//! Idealised surfaces, and the generators that contain them.
+//! Idealised surfaces, and generators that contain them.
 //!
 //! ```text
 //! sphere, ellipsoid       (a cos 2πu sin πv, b sin 2πu sin πv, c cos πv)                  0, ±2πj   ×   0, ±2πj (of the great circle)
@@ -13,10 +13,10 @@
 //!                         (ρ cos 2πu, ρ sin 2πu, r cos πu sin 2πv)                        0, ±πj, ±2πj, ±3πj   ×   0, ±2πj
 //! ```
 //!
-//! Their control points are their samples at the knots, phantoms and tangents following from them; every generator contains
-//! the constants, so that a surface can be moved by its control points.
+//! The control points are the samples at the knots, from which phantoms and tangents follow. Every generator contains the
+//! constants, so that a surface can be moved by its control points.
 //!
-//! Source: Schmitter, *Spline Shape Processing*, 6.2.4, 6.3.4 and 7.1–7.3; pole lists completed with 0 where they lack it.
+//! Source: Schmitter, *Spline Shape Processing*, 6.2.4, 6.3.4 and 7.1–7.3; pole lists completed with 0 where it is missing.
 
 use std::f64::consts::{PI, TAU};
 
@@ -27,7 +27,7 @@ use crate::GeometryError;
 use crate::generator::{Family, GeneratorKind, PoleList};
 use shapelex_numeric::dense::Matrix;
 
-/// An idealised surface about the origin.
+/// Idealised surface about the origin.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
@@ -35,63 +35,63 @@ use shapelex_numeric::dense::Matrix;
 pub enum IdealSurface {
     /// A sphere.
     Sphere {
-        /// Radius.
+        /// Radius of the sphere.
         radius: f64,
     },
-    /// An ellipsoid along the axes.
+    /// An ellipsoid with its axes along x, y and z.
     Ellipsoid {
-        /// Along x, y and z.
+        /// Semi-axes along x, y and z.
         semi_axes: [f64; 3],
     },
-    /// The tube of a cylinder, from `z = 0` on.
+    /// The lateral surface of a cylinder, starting at `z = 0`.
     Cylinder {
-        /// Radius.
+        /// Radius of the cylinder.
         radius: f64,
-        /// Height.
+        /// Height of the cylinder.
         height: f64,
     },
-    /// A torus round the z axis.
+    /// A torus around the z axis.
     Torus {
-        /// `R`, of the circle that the tube follows.
+        /// Radius `R` of the centre line of the tube.
         major_radius: f64,
-        /// `r`, of the tube.
+        /// Radius `r` of the tube.
         minor_radius: f64,
     },
-    /// The Roman surface of Steiner: one side, three double lines, six pinch points.
+    /// Steiner's Roman surface: one-sided, with three double lines and six pinch points.
     Roman {
-        /// `r`; the surface has this size squared.
+        /// Parameter `r`; the size of the surface is its square.
         radius: f64,
     },
     /// A part of the hyperbolic paraboloid `x²/a² − y²/b² = z/h`.
     HyperbolicParaboloid {
-        /// `a` and `b`.
+        /// Parameters `a` and `b`.
         semi_axes: [f64; 2],
-        /// `h`.
+        /// Parameter `h`.
         height: f64,
     },
-    /// The figure-8 immersion of the Klein bottle: one side.
+    /// The figure-8 immersion of the Klein bottle, which is one-sided.
     FigureEight {
-        /// `R`, of the circle that the eight follows; the eight has the size 1.
+        /// Radius `R` of the circle that the figure 8 follows; the figure 8 has size 1.
         radius: f64,
     },
-    /// One turn of a helicoid round the z axis.
+    /// One turn of a helicoid around the z axis.
     Helicoid {
-        /// Half its width.
+        /// Half of the width.
         radius: f64,
-        /// Height of the turn.
+        /// Height of one turn.
         height: f64,
     },
-    /// A torus whose tube is pinched to a point at one place, and turned inside out there.
+    /// A torus whose tube is pinched to a point at one place and turned inside out there.
     PinchedTorus {
-        /// `R`.
+        /// Radius `R` of the centre line of the tube.
         major_radius: f64,
-        /// `r`.
+        /// Radius `r` of the tube.
         minor_radius: f64,
     },
 }
 
 impl IdealSurface {
-    /// One of each, for the catalogue.
+    /// One surface of each kind, for the catalogue.
     pub fn catalogue() -> Vec<Self> {
         vec![
             Self::Sphere { radius: 1.0 },
@@ -106,7 +106,7 @@ impl IdealSurface {
         ]
     }
 
-    /// What is wrong with the parameters.
+    /// Error in the parameters, if any.
     pub fn fault(&self) -> Option<&'static str> {
         let (values, which): (&[f64], _) = match self {
             Self::Sphere { radius } | Self::Roman { radius } | Self::FigureEight { radius } => {
@@ -128,7 +128,7 @@ impl IdealSurface {
         (!positive).then_some(which)
     }
 
-    /// How it closes.
+    /// Topology and seam of the surface.
     pub fn topology(&self) -> (Topology, Seam) {
         match self {
             Self::Sphere { .. } | Self::Ellipsoid { .. } => (Topology::Sphere, Seam::Straight),
@@ -140,7 +140,7 @@ impl IdealSurface {
         }
     }
 
-    /// Generators that contain it.
+    /// Generators that contain the surface.
     pub fn generators(&self) -> [GeneratorKind; 2] {
         let circle = GeneratorKind::Trigonometric {};
         let quadratic = GeneratorKind::Keys {};
@@ -160,7 +160,7 @@ impl IdealSurface {
         }
     }
 
-    /// The fewest `M_u` and `M_v` that these generators take, an even `M_v` for the pinched torus.
+    /// Minimum `M_u` and `M_v` for these generators; `M_v` is even for the pinched torus.
     pub fn fewest_intervals(&self) -> [usize; 2] {
         match self {
             Self::Sphere { .. } | Self::Ellipsoid { .. } => [3, 2],
@@ -174,7 +174,7 @@ impl IdealSurface {
         }
     }
 
-    /// The space of surfaces of this size that contains it.
+    /// The space of surfaces of this size that contains the surface.
     ///
     /// # Errors
     /// Errors of the generators.
@@ -183,12 +183,12 @@ impl IdealSurface {
         SurfaceBasis::new(Extent { topology, intervals }, seam, &self.generators())
     }
 
-    /// Its rows in [`Self::basis`], or in any space that contains it.
+    /// Rows of the surface in [`Self::basis`], or in any other space that contains it.
     pub fn rows(&self, basis: &SurfaceBasis) -> Matrix {
         basis.interpolate_function(|u, v| self.at(u, v))
     }
 
-    /// The point at `(u, v)`.
+    /// Point at `(u, v)`.
     pub fn at(&self, u: f64, v: f64) -> [f64; 3] {
         let (sine, cosine) = (TAU * u).sin_cos();
         let (half_sine, half_cosine) = (PI * u).sin_cos();
@@ -231,7 +231,7 @@ impl IdealSurface {
     }
 }
 
-/// The interpolator of these poles of the domain with half-integer shifts.
+/// The interpolator of half-integer shifts with these poles on the domain.
 fn interpolator(poles: &[[f64; 2]]) -> GeneratorKind {
     GeneratorKind::Interpolator {
         family: Family::HalfIntegerShifts,
@@ -241,7 +241,7 @@ fn interpolator(poles: &[[f64; 2]]) -> GeneratorKind {
     }
 }
 
-/// That of constants and of waves with these angular frequencies.
+/// The interpolator that contains constants and waves of these angular frequencies.
 fn harmonics(frequencies: &[f64]) -> GeneratorKind {
     let pairs = frequencies.iter().flat_map(|&f| [[0.0, f], [0.0, -f]]);
     let poles: Vec<[f64; 2]> = std::iter::once([0.0, 0.0]).chain(pairs).collect();

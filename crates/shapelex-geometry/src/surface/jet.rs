@@ -1,4 +1,4 @@
-//! What a surface does at a point: value, derivatives, normal, curvatures.
+//! Jets of a surface: value, derivatives, normal and curvatures at a point.
 //!
 //! ```text
 //! n = ± σ_u × σ_v / |…|, outwards     E, F, G = ⟨σ_u, σ_u⟩, ⟨σ_u, σ_v⟩, ⟨σ_v, σ_v⟩     L, M, N = ⟨n, σ_uu⟩, ⟨n, σ_uv⟩, ⟨n, σ_vv⟩
@@ -9,7 +9,7 @@ use super::{Surface, Topology, combine};
 use crate::line::Line;
 use crate::vector::{cross, dot, norm};
 
-/// Derivatives that are evaluated, as orders along `u` and `v`.
+/// Orders of the evaluated derivatives along `u` and `v`.
 pub const ORDERS: [[usize; 2]; 6] = [[0, 0], [1, 0], [0, 1], [2, 0], [1, 1], [0, 2]];
 
 /// Value and derivatives at one point, in the order of [`ORDERS`].
@@ -18,19 +18,19 @@ pub type Jet = [[f64; 3]; 6];
 /// Normal and curvatures at one point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SurfaceFrame {
-    /// Unit normal, outwards; none where the surface is pinched or folded.
+    /// Outward unit normal; `None` where the surface is pinched or folded.
     pub normal: Option<[f64; 3]>,
     /// Principal curvatures `κ₁ ≥ κ₂` in 1/length, negative where the surface bends away from the normal, as a sphere does
-    /// everywhere; none where there is no normal, and at the poles of a sphere, where second derivatives have no limit.
+    /// everywhere. `None` without a normal, and at the poles of a sphere, where second derivatives have no limit.
     pub curvatures: Option<[f64; 2]>,
 }
 
-/// `|σ_u × σ_v|` below this part of `|σ_u|·|σ_v|` determines no plane.
+/// Ratio of `|σ_u × σ_v|` to `|σ_u|·|σ_v|` below which the tangent plane is undetermined.
 const NO_PLANE: f64 = 1e-10;
 
 /// The basis functions of one direction at some parameters.
 struct Samples {
-    /// For every parameter the first control point, for every derivative up to the second its weights.
+    /// For every parameter, the first control point and the weights of every derivative up to the second.
     places: Vec<(usize, [Vec<f64>; 3])>,
 }
 
@@ -46,8 +46,8 @@ impl Samples {
 }
 
 impl Surface {
-    /// Jets on the grid of these parameters, `[u][v]`: modulo 1 along closed directions (`u ∈ [0, 1)` when twisted), within
-    /// `[0, 1]` along open ones; right limits where derivatives jump. Cost: the supports of both generators, for every point.
+    /// Jets on a grid of parameters, `[u][v]`, which are reduced modulo 1 along closed directions (`u ∈ [0, 1)` if twisted) and
+    /// clamped to `[0, 1]` along open ones; right limits where derivatives jump. Cost per point: the supports of both generators.
     pub fn jets(&self, u: &[f64], v: &[f64]) -> Vec<Jet> {
         let (along_u, along_v) = (Samples::new(&self.lines[0], u), Samples::new(&self.lines[1], v));
         let mut jets = Vec::with_capacity(u.len() * v.len());
@@ -59,7 +59,7 @@ impl Surface {
         jets
     }
 
-    /// Points on the grid of these parameters, `[u][v]`.
+    /// Points on a grid of parameters, `[u][v]`.
     pub fn points(&self, u: &[f64], v: &[f64]) -> Vec<[f64; 3]> {
         let (along_u, along_v) = (Samples::new(&self.lines[0], u), Samples::new(&self.lines[1], v));
         let mut points = Vec::with_capacity(u.len() * v.len());
@@ -75,7 +75,7 @@ impl Surface {
         self.jets(&[u], &[v])[0]
     }
 
-    /// Equally spaced parameters along a direction: `i/count` when closed, `i/(count − 1)` when open.
+    /// Equally spaced parameters along a direction: `i/count` if closed, `i/(count − 1)` if open.
     pub fn parameters(&self, direction: usize, count: usize) -> Vec<f64> {
         let steps = if self.topology.closed()[direction] { count } else { count.saturating_sub(1).max(1) };
         (0..count).map(|i| i as f64 / steps as f64).collect()
@@ -84,7 +84,7 @@ impl Surface {
     /// Normal and curvatures from the jet at `(u, v)`.
     pub fn frame(&self, v: f64, jet: &Jet) -> SurfaceFrame {
         let [_, du, dv, duu, duv, dvv] = *jet;
-        // σ_u vanishes at a pole like σ_uv times the distance to it.
+        // At a pole, σ_u vanishes like σ_uv times the distance to the pole.
         let pole = match self.topology {
             Topology::Sphere if v <= 0.0 => Some(duv),
             Topology::Sphere if v >= 1.0 => Some(duv.map(|value| -value)),

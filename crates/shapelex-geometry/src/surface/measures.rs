@@ -1,15 +1,15 @@
-//! Measures of surfaces: volume, centroid and flux by Gauss–Legendre rules that are exact to rounding, area adaptively with
-//! its error.
+//! Measures of surfaces: volume, centroid and flux by Gauss–Legendre rules that are exact to rounding; area by adaptive
+//! quadrature with an error estimate.
 //!
 //! ```text
 //! V = ⅓ ∯ ⟨r, n⟩ dA     centroid = ¼ ∯ r ⟨r, n⟩ dA / V     flux of F = ∯ ⟨F, n⟩ dA     area = ∬ |σ_u × σ_v| du dv
 //! ```
 //!
-//! The integrals of the first line are those of `± σ_u × σ_v du dv` with the sign of the topology. A cylinder is closed by the
-//! cones over its two edges with their mean points as tips: for plane edges these are the flat lids.
+//! The integrals of the first line use `± σ_u × σ_v du dv`, with the sign of the topology. A cylinder is closed by cones over
+//! its two edges with their mean points as apexes; for plane edges these are flat lids.
 //!
-//! Source: Schmitter, *Spline Shape Processing*, (7.19)–(7.21), (7.38), (7.48), with signs corrected; by quadrature instead of
-//! precomputed triple products, which is as exact and takes fewer operations.
+//! Source: Schmitter, *Spline Shape Processing*, (7.19)–(7.21), (7.38), (7.48), with signs corrected, and with quadrature in
+//! place of precomputed triple products, which is equally exact and takes fewer operations.
 
 use super::{Surface, Topology, combine};
 use crate::vector::{cross, dot, minus, plus};
@@ -18,77 +18,77 @@ use shapelex_numeric::quadrature::GaussLegendre;
 /// Measures of one surface, in the unit of its control points.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SurfaceMeasures {
-    /// What it encloses: of spheres and tori, and of cylinders with lids. None for sheets, and for surfaces with one side.
+    /// The enclosed volume, for spheres, tori and cylinders with lids. `None` for sheets and one-sided surfaces.
     pub enclosed: Option<EnclosedVolume>,
     /// Area, without lids.
     pub area: f64,
     /// Estimated error of the area.
     pub area_error: f64,
-    /// Area of the lids that close a cylinder; 0 of other surfaces.
+    /// Area of the lids that close a cylinder; 0 for other topologies.
     pub lid_area: f64,
-    /// Centroid of the sheet by area; the mean position where there is no area.
+    /// Centroid of the sheet by area; the mean position if the area is zero.
     pub sheet_centroid: [f64; 3],
     /// Mean position over the parameters, `∬ σ du dv`.
     pub mean_position: [f64; 3],
-    /// Smallest and largest coordinates among the nodes of the quadrature, the knots and the points halfway between.
+    /// Minimum and maximum coordinates among the nodes of the quadrature, the knots and the midpoints between knots.
     pub bounding_box: [[f64; 3]; 2],
 }
 
-/// What a surface encloses.
+/// Measures of the enclosed volume.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EnclosedVolume {
-    /// Positive when the normal of the topology points outwards.
+    /// Volume, positive if the normal of the topology points outwards.
     pub signed_volume: f64,
-    /// Centroid of the body; none when the volume vanishes.
+    /// Centroid of the body; `None` if the volume vanishes.
     pub centroid: Option<[f64; 3]>,
 }
 
-/// An affine field `F(r) = A r + b`.
+/// Affine vector field `F(r) = A r + b`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Deserialize))]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
 pub struct AffineField {
-    /// `A`, row by row.
+    /// Matrix `A`, row by row.
     pub matrix: [[f64; 3]; 3],
-    /// `b`.
+    /// Offset `b`.
     pub offset: [f64; 3],
 }
 
 /// Gauss nodes per half-interval and direction: products of four generators are integrated to rounding.
 const NODES: usize = 10;
-/// Nodes of the rule that the area is compared with.
+/// Nodes of the coarser rule for the error estimate of the area.
 const FEWER_NODES: usize = 7;
-/// Parts of the area that may be uncertain.
+/// Relative tolerance of the area.
 const AREA_TOLERANCE: f64 = 1e-11;
-/// Halvings of a piece of the area at most.
+/// Maximum depth of subdivision of a piece of the area.
 const MOST_HALVINGS: usize = 12;
-/// Pieces that may be halved in all, in units of the pieces of the surface.
+/// Maximum total number of subdivided pieces, relative to the number of pieces of the surface.
 const MOST_PIECES: usize = 16;
-/// A volume below this part of that of the bounding box is rounding.
+/// Ratio of the volume to that of the bounding box below which the volume is rounding.
 const NO_VOLUME: f64 = 1e-12;
 
 impl SurfaceMeasures {
-    /// `36πV²/A³` of the whole border of the body, lids included: 1 for a ball, less for any other; none without volume.
+    /// `36πV²/A³` with the area `A` of the body including lids: 1 for a ball, less for any other body. `None` without a volume.
     pub fn sphericity(&self) -> Option<f64> {
         let volume = self.enclosed?.signed_volume;
         let ratio = volume / (self.area + self.lid_area).powf(1.5);
         Some(36.0 * std::f64::consts::PI * ratio * ratio).filter(|value| value.is_finite())
     }
 
-    /// Measures `surface`. Cost: 400 jets per pair of intervals, more where the normal nearly vanishes.
+    /// Measures `surface`. Cost: 400 jets per pair of intervals, more where the normal almost vanishes.
     pub fn of(surface: &Surface) -> Self {
         let Some(origin) = surface.far_origin() else { return Self::near(surface) };
         Self::near(&surface.about(origin)).moved(origin)
     }
 
     fn near(surface: &Surface) -> Self {
-        // Fourth powers of coordinates leave the range of numbers long before volumes do.
+        // Fourth powers of coordinates overflow long before volumes do.
         let unit = surface.power_of_two();
         Self::in_range(&surface.scaled(unit.recip())).scaled(unit)
     }
 
-    /// Of the same surface moved by `by`.
+    /// Measures of the same surface moved by `by`.
     pub fn moved(self, by: [f64; 3]) -> Self {
         let point = |point: [f64; 3]| plus(point, by);
         Self {
@@ -124,7 +124,7 @@ impl SurfaceMeasures {
         surface.each_node(&rule, |weight, point, [du, dv]| {
             sums.add(weight, point, cross(du, dv).map(|value| surface.topology.orientation() * value));
         });
-        // Edges are no nodes.
+        // The edges are not nodes of the quadrature.
         let knots = |direction: usize| {
             let halves = 2 * surface.intervals(direction);
             (0..=halves).map(|i| i as f64 / halves as f64).collect::<Vec<_>>()
@@ -154,7 +154,7 @@ impl SurfaceMeasures {
     }
 }
 
-/// `∯ ⟨F, n⟩ dA` through the sheet (without lids), outwards.
+/// Outward flux `∯ ⟨F, n⟩ dA` through the sheet, without lids.
 pub fn flux(surface: &Surface, field: &AffineField) -> f64 {
     let Some(origin) = surface.far_origin() else { return flux_near(surface, field) };
     let offset = [0, 1, 2].map(|c| dot(field.matrix[c], origin) + field.offset[c]);
@@ -170,8 +170,8 @@ fn flux_near(surface: &Surface, field: &AffineField) -> f64 {
     sum
 }
 
-/// `(∬ |σ − τ|² du dv)^½` of two surfaces, exact to rounding: Gauss rules between the knots of both. Cost: 100 points of each
-/// for every pair of pieces.
+/// `(∬ |σ − τ|² du dv)^½` of two surfaces, exact to rounding, by Gauss rules between the knots of both. Cost: 100 points of
+/// each surface per pair of pieces.
 pub fn l2(a: &Surface, b: &Surface) -> f64 {
     let rule = GaussLegendre::new(NODES);
     let [us, vs] = [0, 1].map(|direction| common_nodes(a, b, direction, &rule));
@@ -199,12 +199,12 @@ fn common_nodes(a: &Surface, b: &Surface, direction: usize, rule: &GaussLegendre
     nodes.collect()
 }
 
-/// `|a|` without the care for overflow, which a surface near 1 does not need.
+/// `|a|` without protection against overflow, which is not needed for coordinates near 1.
 fn length(a: [f64; 3]) -> f64 {
     dot(a, a).sqrt()
 }
 
-/// Integrals about a point of the surface, so that a shape far from the origin keeps its digits.
+/// Integrals relative to a point of the surface, so that a shape far from the origin keeps its digits.
 struct Sums {
     origin: [f64; 3],
     volume: f64,
@@ -256,9 +256,9 @@ impl Sums {
         (0..3).for_each(|c| self.moment[c] += 0.25 * flux * r[c]);
     }
 
-    /// Adds the lids of a cylinder: cones over its edges, `½ ∮ |arm × tangent|` large.
+    /// Adds the lids of a cylinder: cones over its edges, of area `½ ∮ |arm × tangent|`.
     fn close(&mut self, surface: &Surface, rule: &GaussLegendre) {
-        // At v = 0 the edge runs round the outward normal of the lid the other way.
+        // At v = 0 the edge runs around the outward normal of the lid in the opposite direction.
         for (v, direction) in [(0.0, -1.0), (1.0, 1.0)] {
             let edge = surface.edge(v, rule);
             let mut tip = [0.0; 3];
@@ -269,7 +269,7 @@ impl Sums {
                 let arm = [0, 1, 2].map(|c| point[c] - self.origin[c] - tip[c]);
                 let normal = cross(arm, *tangent).map(|value| direction * value);
                 self.lids += 0.5 * weight * length(normal);
-                // ∫₀¹ s (tip + s·arm) ds and its second moment, by the rule: a polynomial of degree 3
+                // ∫₀¹ s (tip + s·arm) ds and its second moment, by the Gauss rule: a polynomial of degree 3.
                 for (node, share) in rule.points() {
                     let s = 0.5 * (1.0 + node);
                     let r = [0, 1, 2].map(|c| tip[c] + s * arm[c]);
@@ -339,7 +339,7 @@ struct Node {
     slopes: Vec<f64>,
 }
 
-/// A rectangle within one pair of half-intervals, in `s ∈ [−1, 1]` of each.
+/// A rectangle within one pair of half-intervals, in local coordinates `s ∈ [−1, 1]`.
 #[derive(Clone, Copy)]
 struct Piece {
     halves: [usize; 2],
@@ -348,7 +348,7 @@ struct Piece {
     depth: usize,
 }
 
-/// Area and its estimated error: pieces are quartered until two rules agree.
+/// Area with its estimated error: pieces are quartered until two rules agree.
 fn area(surface: &Surface, about: f64) -> (f64, f64) {
     let rules = [GaussLegendre::new(NODES), GaussLegendre::new(FEWER_NODES)];
     let halves = [0, 1].map(|direction| 2 * surface.intervals(direction));
@@ -396,7 +396,7 @@ impl Piece {
             };
             rule.points().map(node).collect::<Vec<_>>()
         });
-        // One half-interval along v: all its nodes have the same control points.
+        // Within one half-interval along v, all nodes have the same control points.
         let first = nodes[1][0].first;
         let columns = first..first + nodes[1][0].values.len();
         let mut sum = 0.0;

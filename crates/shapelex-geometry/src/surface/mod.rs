@@ -1,18 +1,18 @@
-//! Tensor-product surfaces: two lines of knots, and how the sheet between them closes.
+//! Tensor-product surfaces: two lines of knots, and a topology that says how the sheet between them closes.
 //!
 //! ```text
 //! σ(u, v) = Σ_{k,l} c[k, l] φ_u(M_u u − k) φ_v(M_v v − l),   (u, v) ∈ [0, 1]²,   c[k, l] ∈ R³
 //! ```
 //!
-//! * [`basis`] — the space of such surfaces: its Gram operator, interpolation, and the control points of a shape;
+//! * [`basis`] — the space of such surfaces: Gram operator, interpolation, and control points of a shape;
 //! * [`sphere`] — the conditions at two poles;
-//! * [`seam`] — tori that are glued with a twist;
+//! * [`seam`] — tori glued with a twist;
 //! * [`jet`] — values, derivatives, normals and curvatures;
 //! * [`measures`] — volume, area, centroid, flux;
 //! * [`fit`] — least-squares fits of points with parameters;
 //! * [`parameterisation`] — parameters on a mesh;
-//! * [`tessellation`] — triangles on a surface;
-//! * [`ideal`] — idealised surfaces, and the generators that contain them.
+//! * [`tessellation`] — triangle meshes of surfaces;
+//! * [`ideal`] — idealised surfaces, and generators that contain them.
 //!
 //! Source: Schmitter, *Spline Shape Processing*, 2.2, 6.2.4, 6.3.4 and 7, with the misprints corrected.
 
@@ -34,27 +34,27 @@ use super::open::phantoms;
 use super::vector::{far_origin, minus};
 use seam::Seam;
 
-/// How a surface closes.
+/// Topology of a surface: the directions in which it closes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 #[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
 pub enum Topology {
-    /// Closed along `u`; the edges `v = 0` and `v = 1` are the poles.
+    /// Closed along `u`; the edges `v = 0` and `v = 1` shrink to the poles.
     Sphere,
     /// Closed along `u`, open along `v`.
     Cylinder,
-    /// Closed along both.
+    /// Closed along `u` and `v`.
     Torus,
-    /// Open along both.
+    /// Open along `u` and `v`.
     Plane,
 }
 
 impl Topology {
-    /// All of them.
+    /// All topologies.
     pub const ALL: [Self; 4] = [Self::Sphere, Self::Cylinder, Self::Torus, Self::Plane];
 
-    /// The name that stands in JSON.
+    /// Name in JSON.
     pub fn name(self) -> &'static str {
         match self {
             Self::Sphere => "sphere",
@@ -73,64 +73,64 @@ impl Topology {
         }
     }
 
-    /// The generators that are taken unless others are asked for: circles where it closes, from pole to pole half of one.
+    /// Default generators: circles along closed directions, half of one from pole to pole.
     pub fn usual_generators(self) -> [GeneratorKind; 2] {
         let round = [self.closed()[0], self.closed()[1] || self == Self::Sphere];
         round.map(|round| if round { GeneratorKind::Trigonometric {} } else { GeneratorKind::Keys {} })
     }
 
-    /// The sign of `σ_u × σ_v` in the outward normal: that of the usual parameterisation, longitude and colatitude on the
-    /// sphere, longitude and height on the cylinder.
+    /// The sign of `σ_u × σ_v` in the outward normal, for the usual parameterisation: longitude and colatitude on the sphere,
+    /// longitude and height on the cylinder.
     pub fn orientation(self) -> f64 {
         if self == Self::Sphere { -1.0 } else { 1.0 }
     }
 }
 
-/// A surface: all control points that matter on `[0, 1]²`, with those beyond its edges.
+/// A surface with all control points that have an influence on `[0, 1]²`, including those beyond its edges.
 #[derive(Debug, Clone)]
 pub struct Surface {
     topology: Topology,
     seam: Seam,
     lines: [Line; 2],
-    /// Rows along `u` and `v`, from `−K` on.
+    /// Number of rows along `u` and `v`, counted from `−K`.
     size: [usize; 2],
-    /// `[k][l]`.
+    /// Control points, `[k][l]`.
     control_points: Vec<[f64; 3]>,
 }
 
 impl Surface {
-    /// How it closes.
+    /// Topology of the surface.
     pub fn topology(&self) -> Topology {
         self.topology
     }
 
-    /// Whether it has two sides.
+    /// Whether the surface has two sides.
     pub fn is_orientable(&self) -> bool {
         self.seam != Seam::Reflected
     }
 
-    /// Whether it encloses a volume: spheres, tori, and cylinders with lids.
+    /// Whether the surface encloses a volume: spheres, tori, and cylinders with lids.
     pub fn encloses(&self) -> bool {
         self.topology != Topology::Plane && self.is_orientable()
     }
 
-    /// Its directions.
+    /// The lines along `u` and `v`.
     pub fn lines(&self) -> &[Line; 2] {
         &self.lines
     }
 
-    /// Intervals of a direction within `[0, 1]`.
+    /// Number of intervals along a direction within `[0, 1]`.
     pub fn intervals(&self, direction: usize) -> usize {
         self.size[direction] - 1 - 2 * phantoms(self.lines[direction].generator().support())
     }
 
-    /// A power of two near the largest coordinate, 1 when all are 0.
+    /// A power of two near the largest coordinate; 1 if all coordinates are 0.
     fn power_of_two(&self) -> f64 {
         let largest = self.control_points.iter().flatten().fold(0.0_f64, |most, value| most.max(value.abs()));
         if largest > f64::MIN_POSITIVE && largest.is_finite() { largest.log2().floor().exp2() } else { 1.0 }
     }
 
-    /// A point near a surface that is far from the origin for its extent, when moving its control points moves it.
+    /// A point near the surface if it is far from the origin relative to its extent, and moving its control points moves it.
     pub fn far_origin(&self) -> Option<[f64; 3]> {
         far_origin(self.control_points.iter())
             .filter(|_| self.lines.iter().all(Line::reproduces_constants) && self.seam.is_straight())
@@ -142,14 +142,14 @@ impl Surface {
         Self { control_points, ..self.clone() }
     }
 
-    /// The same surface times `factor`.
+    /// The same surface scaled by `factor`.
     fn scaled(&self, factor: f64) -> Self {
         let control_points =
             self.control_points.iter().map(|point| point.map(|value| value * factor)).collect();
         Self { control_points, ..self.clone() }
     }
 
-    /// `Σ_k w_k c[k, l]` for the `columns` `l`, with `k` from `first` on.
+    /// `Σ_k w_k c[k, l]` for all `l` in `columns`, with `k` from `first` on.
     fn combine_rows(&self, first: usize, weights: &[f64], columns: Range<usize>) -> Vec<[f64; 3]> {
         let mut sums = vec![[0.0; 3]; columns.len()];
         for (i, weight) in weights.iter().enumerate() {

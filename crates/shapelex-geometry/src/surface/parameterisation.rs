@@ -1,15 +1,15 @@
-//! Longitude and colatitude on a closed mesh without handles.
+//! Spherical parameterisation: longitude and colatitude on a closed mesh of genus 0.
 //!
 //! ```text
 //! Σ_j w_ij (h_i − h_j) = δ_iS − δ_iN          h grows from the north pole N to the south pole S
-//! Σ_j w_ij (φ_i − φ_j ± 2π) = 0               away from the poles; 2π on the edges that cross a path from N to S
-//! cos πv = 1 − 2 A(h),   u = φ/2π             A(h): part of the area where the first function is smaller
+//! Σ_j w_ij (φ_i − φ_j ± 2π) = 0               except at the poles; 2π on the edges that cross a path from N to S
+//! cos πv = 1 − 2 A(h),   u = φ/2π             A(h): fraction of the area where the first function is smaller
 //! ```
 //!
-//! `h` and `φ` are the coordinates of a conformal map onto a cylinder when the weights `w` are cotangents. A conformal map
-//! onto the sphere would shrink the ends of a long shape to nothing, so the colatitude follows the area instead: on a round
-//! sphere nothing changes, and on any other every ring of latitude holds its share. Weights that are not positive are raised
-//! to a small positive one: then both functions have no extremum but at the poles.
+//! If the weights `w` are cotangents, `h` and `φ` are the coordinates of a conformal map onto a cylinder. A conformal map onto
+//! the sphere would shrink the ends of a long shape to nothing, so the colatitude follows the area instead: on a round sphere
+//! nothing changes, and on any other shape every ring of latitude holds its share of the area. Weights that are not positive
+//! are raised to a small positive one, so that both functions have extrema at the poles only.
 //!
 //! Sources: Angenent, Haker, Tannenbaum and Kikinis 1999 (the map by a source and a sink), Brechbühler, Gerig and Kübler 1995
 //! (colatitude and longitude as solutions with a jump along a path between the poles).
@@ -22,31 +22,31 @@ use crate::vector::{cross, dot, minus, norm};
 use shapelex_numeric::bounded::{Stop, never};
 use shapelex_numeric::dense::{Matrix, leading_eigenpairs};
 
-/// Least weight of an edge, in units of the mean.
+/// Minimum weight of an edge, relative to the mean.
 const LEAST_WEIGHT: f64 = 1e-2;
-/// Iterations of the two systems at the most: meshes of 100 000 vertices take a thousand.
+/// Maximum number of iterations for the two systems: meshes of 100 000 vertices take a thousand.
 const MOST_ITERATIONS: usize = 20_000;
 /// Relative residual of the two systems.
 const RESIDUAL: f64 = 1e-12;
 
 /// `u ∈ [0, 1)` and `v ∈ [0, 1]` of every vertex of a closed `mesh` of genus 0.
 ///
-/// `poles` are two vertices; if there are none, those that are farthest apart along the longest principal axis of the vertices,
-/// the north where the coordinate of largest magnitude of that axis grows. `u` is 0 at the path between the poles and grows
-/// counter-clockwise seen from outside above the north pole. Cost: two solutions by conjugate gradients, some
-/// `√vertices` products each.
+/// `poles` are two vertices. Default: the two that are farthest apart along the longest principal axis of the vertices; the
+/// north pole is the one where the coordinate of largest magnitude of that axis is larger. `u` is 0 at the path between the
+/// poles and grows counter-clockwise as seen from outside above the north pole. Cost: two solves by conjugate gradients,
+/// some `√vertices` products each.
 ///
 /// # Errors
-/// [`GeometryError::Mesh`], [`GeometryError::NotASphere`], [`GeometryError::NoLength`] without extent, and
-/// [`GeometryError::Poles`] for poles that are the same or neighbours.
+/// [`GeometryError::Mesh`], [`GeometryError::NotASphere`], [`GeometryError::NoLength`] for a mesh without extent, and
+/// [`GeometryError::Poles`] for poles that are equal or neighbours.
 pub fn spherical(mesh: &TriangleMesh, poles: Option<[u32; 2]>) -> Result<Vec<[f64; 2]>, GeometryError> {
     spherical_until(mesh, poles, &never)
 }
 
-/// As [`spherical`]; what a caller who wants to stop gets is of no use.
+/// As [`spherical`], with cancellation: once `stop` returns true, the result must be discarded.
 ///
 /// # Errors
-/// Those of [`spherical`].
+/// As for [`spherical`].
 pub fn spherical_until(
     mesh: &TriangleMesh,
     poles: Option<[u32; 2]>,
@@ -75,7 +75,7 @@ pub fn spherical_until(
     Ok(longitude.into_iter().zip(colatitude).map(|(phi, v)| [turn(phi), v]).collect())
 }
 
-/// The two ends of the longest principal axis.
+/// The two vertices at the ends of the longest principal axis.
 fn farthest(mesh: &TriangleMesh) -> Result<[u32; 2], GeometryError> {
     let count = mesh.vertices.len() as f64;
     let mean = [0, 1, 2].map(|c| mesh.vertices.iter().map(|vertex| vertex[c]).sum::<f64>() / count);
@@ -97,7 +97,7 @@ fn farthest(mesh: &TriangleMesh) -> Result<[u32; 2], GeometryError> {
     Ok([north as u32, south as u32])
 }
 
-/// A shortest path, so that no two of its vertices are neighbours but those that follow each other.
+/// A shortest path from pole to pole, so that only consecutive vertices are neighbours.
 fn path(connectivity: &Connectivity, [north, south]: [u32; 2]) -> Option<Vec<u32>> {
     let distances = connectivity.distances(south);
     let mut path = vec![north];
@@ -111,7 +111,7 @@ fn path(connectivity: &Connectivity, [north, south]: [u32; 2]) -> Option<Vec<u32
     Some(path)
 }
 
-/// Half the sum of the cotangents opposite to each edge, in the order of the rings, at least [`LEAST_WEIGHT`] of their mean.
+/// Half the sum of the cotangents opposite to each edge, in the order of the rings; at least [`LEAST_WEIGHT`] of their mean.
 fn weights(mesh: &TriangleMesh, connectivity: &Connectivity) -> Vec<Vec<f64>> {
     let cotangent = |a: u32, b: u32, at: u32| {
         let [a, b, at] = [a, b, at].map(|vertex| mesh.vertices[vertex as usize]);
@@ -151,14 +151,14 @@ impl Graph<'_> {
         ring.zip(self.weights[vertex].iter().copied())
     }
 
-    /// `h`, 0 at the north pole.
+    /// `h`, which is 0 at the north pole.
     fn height(&self, [north, south]: [u32; 2]) -> Result<Vec<f64>, GeometryError> {
         let mut right = vec![0.0; self.count()];
         right[south as usize] = 1.0;
         self.solve(&[north], right)
     }
 
-    /// `φ`, 0 at the second vertex of the path.
+    /// `φ`, which is 0 at the second vertex of the path.
     fn longitude(&self, poles: [u32; 2], path: &[u32]) -> Result<Vec<f64>, GeometryError> {
         let mut right = vec![0.0; self.count()];
         for step in path.windows(3) {
@@ -166,7 +166,7 @@ impl Graph<'_> {
             let ring: Vec<u32> = self.connectivity.ring(vertex).collect();
             let place = |of: u32| ring.iter().position(|neighbour| *neighbour == of);
             let (Some(begin), Some(end)) = (place(before), place(after)) else { continue };
-            // Counter-clockwise from where it comes to where it goes: the west, where the longitude ends.
+            // Counter-clockwise from the previous to the next vertex of the path: the west side, where the longitude ends.
             let between = (1..ring.len()).map(|k| (begin + k) % ring.len()).take_while(|k| *k != end);
             for k in between {
                 if poles.contains(&ring[k]) {
@@ -180,13 +180,13 @@ impl Graph<'_> {
         self.solve(&[poles[0], poles[1], path[1]], right)
     }
 
-    /// `Σ_j w_ij (x_i − x_j) = right_i` with `x = 0` at the `pinned` vertices, of which the poles of a longitude are left out:
-    /// by conjugate gradients, scaled by the diagonal.
+    /// Solves `Σ_j w_ij (x_i − x_j) = right_i` with `x = 0` at the `pinned` vertices, by conjugate gradients with diagonal
+    /// scaling. For a longitude, the poles are left out.
     fn solve(&self, pinned: &[u32], mut right: Vec<f64>) -> Result<Vec<f64>, GeometryError> {
         let count = self.count();
         let mut free = vec![true; count];
         pinned.iter().for_each(|vertex| free[*vertex as usize] = false);
-        // With one vertex pinned its edges count; of three, two are poles, whose edges do not.
+        // A single pinned vertex keeps its edges. Of three, two are the poles, whose edges do not count.
         let outside: &[u32] = if pinned.len() > 1 { &pinned[..2] } else { &[] };
         let counts = |vertex: usize| !outside.contains(&(vertex as u32));
         let diagonal: Vec<f64> = (0..count)
@@ -227,7 +227,7 @@ impl Graph<'_> {
     }
 }
 
-/// `v` from the part of the area where the height is smaller: a third of every face belongs to each of its vertices.
+/// `v` from the fraction of the area with a smaller height. A third of every face belongs to each of its vertices.
 fn colatitudes(mesh: &TriangleMesh, height: &[f64], poles: [u32; 2]) -> Vec<f64> {
     let mut shares = vec![0.0; height.len()];
     for (face, area) in mesh.faces.iter().zip(mesh.face_areas()) {
@@ -238,7 +238,7 @@ fn colatitudes(mesh: &TriangleMesh, height: &[f64], poles: [u32; 2]) -> Vec<f64>
     let total: f64 = shares.iter().sum();
     let (mut before, mut colatitudes) = (0.0, vec![0.0; height.len()]);
     for vertex in order {
-        // The middle of its own share.
+        // The middle of the vertex's own share.
         let part = ((before + 0.5 * shares[vertex]) / total).clamp(0.0, 1.0);
         before += shares[vertex];
         colatitudes[vertex] = (1.0 - 2.0 * part).clamp(-1.0, 1.0).acos() / PI;

@@ -1,39 +1,39 @@
-//! Tori whose `u` direction is glued with a twist.
+//! Seams: tori whose `u` direction is glued with a twist.
 //!
 //! ```text
 //! σ(u + 1, v) = σ(u, π(v)),   c[k + M_u, l] = c[k, π(l)]
 //! ```
 //!
-//! Twice round the seam is a torus of `2M_u × M_v` control points (the *double cover*), on which the shifts by `M_u` with `π`
-//! commute with the Gram operator and its root. So every operation on the twisted torus is that on the double cover, of
-//! which half is kept.
+//! Two turns of `u` form a torus of `2M_u × M_v` control points (the *double cover*), on which the shift by `M_u` combined
+//! with `π` commutes with the Gram operator and its root. Every operation on the twisted torus is therefore done on the
+//! double cover, of which half is kept.
 
 use std::sync::Arc;
 
 use shapelex_numeric::operator::SymmetricOperator;
 
-/// What happens to `v` at the seam of `u`.
+/// Seam of a torus: the map of `v` after one turn of `u`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 #[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
 pub enum Seam {
-    /// Nothing.
+    /// No twist.
     #[default]
     Straight,
-    /// `π(v) = −v`, as on the figure-8 immersion of the Klein bottle, which has one side only.
+    /// `π(v) = −v`, as on the figure-8 immersion of the Klein bottle. The surface is one-sided.
     Reflected,
-    /// `π(v) = v + ½`, for an even number of control points along `v`.
+    /// `π(v) = v + ½`. Needs an even number of control points along `v`.
     HalfTurn,
 }
 
 impl Seam {
-    /// Whether nothing is twisted.
+    /// Whether there is no twist.
     pub fn is_straight(&self) -> bool {
         *self == Self::Straight
     }
 
-    /// `π(l)` among `count`.
+    /// `π(l)` for the control point `l` of `count`.
     pub fn across(self, l: usize, count: usize) -> usize {
         match self {
             Self::Straight => l,
@@ -51,7 +51,7 @@ impl Seam {
         }
     }
 
-    /// `x` (`[k][l]`, `count` along `v`) and after it what is seen on the second round.
+    /// `x` (`[k][l]`, `count` along `v`), followed by its values on the second turn.
     pub(super) fn unfold(self, x: &[f64], count: usize) -> Vec<f64> {
         let mut both = x.to_vec();
         for row in x.chunks_exact(count) {
@@ -65,7 +65,7 @@ impl Seam {
 #[derive(Debug)]
 pub(super) struct TwistedGram {
     pub(super) seam: Seam,
-    /// `Φ_{2M_u} ⊗ Φ_v`, of functions of `u ∈ [0, 2]` on average.
+    /// `Φ_{2M_u} ⊗ Φ_v`, averaged over functions of `u ∈ [0, 2]`.
     pub(super) cover: Arc<dyn SymmetricOperator>,
     /// `M_v`.
     pub(super) count: usize,
@@ -87,7 +87,7 @@ impl TwistedGram {
     }
 }
 
-/// `Φ = EᵀΦ̂E = 2 (Φ̂E)₁` with `E = (1, π)ᵀ`, `(·)₁` the first half: `Φ̂E` is the same on both.
+// `Φ = EᵀΦ̂E = 2 (Φ̂E)₁` with `E = (1, π)ᵀ`, where `(·)₁` is the first half: `Φ̂E` is the same on both halves.
 impl SymmetricOperator for TwistedGram {
     fn size(&self) -> usize {
         self.cover.size() / 2

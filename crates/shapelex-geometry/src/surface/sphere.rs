@@ -1,18 +1,18 @@
-//! Surfaces that close at two poles, and stay smooth there however they are deformed.
+//! Spheres: surfaces that close at two poles and stay smooth there under any deformation.
 //!
 //! ```text
 //! σ(u, v) = Σ_{k<M_u} Σ_{l=−1}^{M_v+1} c[k, l] φ_u(M_u u − k) φ_v(M_v v − l)
-//! σ(u, 0) = c_N,   σ_v(u, 0) = T_1N cos 2πu + T_2N sin 2πu,   the same at v = 1 with c_S, T_1S, T_2S
+//! σ(u, 0) = c_N,   σ_v(u, 0) = T_1N cos 2πu + T_2N sin 2πu,   likewise at v = 1 with c_S, T_1S, T_2S
 //! ```
 //!
-//! What is free are the `M_u (M_v − 1)` control points between the poles, the two poles, and the four tangents. A tangent is
-//! kept as a point: the *handle* `c_N + κ T`, `κ = sin(π/M_v)/π`, which lies on the first ring of a round sphere. So all
-//! `N = M_u (M_v − 1) + 6` rows of a shape are points, an affine map of the rows is that of the surface, and equal rows are
-//! a constant.
+//! The degrees of freedom are the `M_u (M_v − 1)` control points between the poles, the two poles, and four tangents. A
+//! tangent is stored as a point: the *handle* `c_N + κ T`, `κ = sin(π/M_v)/π`, which lies on the first ring of a round
+//! sphere. All `N = M_u (M_v − 1) + 6` rows of a shape are therefore points: an affine map of the rows is that of the
+//! surface, and equal rows give a constant.
 //!
-//! Along `u` a pole is constant and tangents are of the first harmonic. The real Fourier transform along `u` therefore cuts
-//! the Gram operator into banded blocks along `v`: one with the poles, two with a pair of tangents each, and one and the same
-//! for all other harmonics, times the eigenvalue of `Φ_u`.
+//! Along `u`, a pole is constant and tangents are first harmonics. The real Fourier transform along `u` therefore splits the
+//! Gram operator into banded blocks along `v`: one with the poles, two with a pair of tangents each, and a common one for
+//! all other harmonics, times the eigenvalue of `Φ_u`.
 //!
 //! Source: Schmitter, *Spline Shape Processing*, (7.11)–(7.13), with the lengths of the tangents corrected.
 
@@ -29,33 +29,33 @@ use shapelex_numeric::dense::Matrix;
 use shapelex_numeric::kronecker::transpose;
 use shapelex_numeric::operator::SymmetricOperator;
 
-/// Rows after those between the poles: poles, handles of the north, handles of the south.
+/// Number of rows after those between the poles: the poles, the handles of the north, the handles of the south.
 pub const POLAR_ROWS: usize = 6;
-/// Fewest intervals from pole to pole: one ring of points between.
+/// Minimum number of intervals from pole to pole, with one ring of points in between.
 pub const FEWEST_ALONG_MERIDIAN: usize = 2;
 const NORTH: usize = 0;
 const SOUTH: usize = 1;
-/// The first handle of each pole.
+/// Index of the first handle of each pole.
 const HANDLES: [usize; 2] = [2, 4];
 
-/// `κ`: a handle is the pole plus `κ` times the tangent.
+/// `κ`, the length of handles: a handle is the pole plus `κ` times the tangent.
 pub fn handle_length(meridian_intervals: usize) -> f64 {
     (PI / meridian_intervals as f64).sin() / PI
 }
 
-/// What the conditions at the poles are made of.
+/// Coefficients of the conditions at the poles.
 #[derive(Debug, Clone, Copy)]
 struct PoleRule {
     /// `φ_v(0)`, `φ_v(1)`.
     values: [f64; 2],
     /// `M_v φ_v'(1)`.
     slope: f64,
-    /// Control values of `cos 2πu` over its samples at the knots.
+    /// Ratio of the control values of `cos 2πu` to its samples at the knots.
     harmonic: f64,
 }
 
 impl PoleRule {
-    /// For a closed line along `u` and an open one along `v` with one phantom beyond each end.
+    /// For a closed line along `u`, and an open one along `v` with one phantom beyond each end.
     fn new(around: &Line, meridian: &Line) -> Self {
         let [phi, psi] = [around.generator(), meridian.generator()];
         let reach = (phi.support() / 2) as isize;
@@ -68,7 +68,7 @@ impl PoleRule {
         }
     }
 
-    /// The two control points at and beyond a pole, from the one before it, the pole and `σ_v` there towards the inside.
+    /// The two control points at and beyond a pole, from the one before it, the pole, and the inward derivative `σ_v` there.
     ///
     /// ```text
     /// c[−1] = c[1] + τ/(M_v φ'(1)),    c[0] = (c_N − φ(1)(c[−1] + c[1]))/φ(0)
@@ -79,19 +79,19 @@ impl PoleRule {
     }
 }
 
-/// The shapes of a sphere as coefficients of its `M_u × (M_v + 3)` tensor-product control points.
+/// Map from the rows of a sphere to its `M_u × (M_v + 3)` tensor-product control points.
 #[derive(Debug, Clone)]
 pub(super) struct SphereBasis {
     /// `M_u`, `M_v`.
     intervals: [usize; 2],
     rule: PoleRule,
-    /// From points along a meridian to its control points, once the first and the last row are halved.
+    /// Map from points along a meridian to its control points, with the first and the last row halved.
     meridians: Arc<Banded>,
 }
 
 impl SphereBasis {
     /// # Errors
-    /// [`GeometryError::Dependent`] for generators whose samples along a meridian determine nothing.
+    /// [`GeometryError::Dependent`] if the samples along a meridian do not determine the control points.
     pub(super) fn new(around: &Line, meridian: &Line) -> Result<Self, GeometryError> {
         let (rule, last) = (PoleRule::new(around, meridian), meridian.intervals());
         let [middle, side] = rule.values;
@@ -106,17 +106,17 @@ impl SphereBasis {
         Ok(Self { intervals: [around.intervals(), last], rule, meridians })
     }
 
-    /// `M_v − 1`.
+    /// Number of rings between the poles, `M_v − 1`.
     fn between(&self) -> usize {
         self.intervals[1] - 1
     }
 
-    /// `M_u (M_v − 1)`.
+    /// Number of control points between the poles, `M_u (M_v − 1)`.
     fn free(&self) -> usize {
         self.intervals[0] * self.between()
     }
 
-    /// `c[k, l]`, `l = −1 … M_v + 1` fastest, of one coordinate of a shape.
+    /// `c[k, l]` for one coordinate of a shape, `l = −1 … M_v + 1` fastest.
     pub(super) fn expand(&self, rows: &[f64]) -> Vec<f64> {
         let [count, intervals] = self.intervals;
         let value =
@@ -134,7 +134,7 @@ impl SphereBasis {
     pub(super) fn combination(&self, k: usize, l: usize) -> Vec<(usize, f64)> {
         let [count, intervals] = self.intervals;
         let row = |l: usize| k * self.between() + l - 1;
-        // Towards the inside is against v at the south.
+        // At the south, inwards is against the direction of v.
         let (pole, inner, which, direction) = match l {
             0 | 1 => (NORTH, row(1), 1 - l, 1.0),
             _ if l > intervals => (SOUTH, row(self.between()), l - intervals - 1, -1.0),
@@ -152,10 +152,10 @@ impl SphereBasis {
         ]
     }
 
-    /// Rows of one coordinate of the surface through `points` (`[k][l]`, `l = 0 … M_v`) with these tangents.
+    /// Rows, for one coordinate, of the surface that interpolates `points` (`[k][l]`, `l = 0 … M_v`) with the given tangents.
     ///
-    /// Along `u` a solve on the closed line. Along `v`, with `c[−1]` and `c[M_v + 1]` from the conditions at the poles,
-    /// `φ(1) c[l−1] + φ(0) c[l] + φ(1) c[l+1] = p[l]`: a symmetric band matrix once the first and the last row are halved.
+    /// Along `u` this is a solve on the closed line. Along `v`, with `c[−1]` and `c[M_v + 1]` from the conditions at the poles,
+    /// `φ(1) c[l−1] + φ(0) c[l] + φ(1) c[l+1] = p[l]`: a symmetric band matrix if the first and the last row are halved.
     pub(super) fn interpolate(
         &self,
         points: &[f64],
@@ -187,8 +187,8 @@ impl SphereBasis {
         rows
     }
 
-    /// Coefficients over the control points `l = −1 … M_v + 1` of a meridian: of the pole (`order` 0) or the tangent
-    /// (`order` 1) of the north, of the points between the poles, of the south.
+    /// Coefficients over the control points `l = −1 … M_v + 1` of a meridian: for the pole (`order` 0) or the tangent
+    /// (`order` 1) at the north, for the points between the poles, then for the south.
     fn columns(&self, order: Option<usize>) -> Vec<Vec<(usize, f64)>> {
         let last = self.intervals[1] + 2;
         let ends = |pole: f64, tangent: f64| self.rule.close(0.0, pole, tangent);
@@ -217,7 +217,7 @@ impl SphereBasis {
         columns
     }
 
-    /// `EᵀΦ_vE` of such columns.
+    /// The block `EᵀΦ_vE` for these columns.
     fn block(&self, meridian: &Band, support: usize, order: Option<usize>) -> Result<Banded, GeometryError> {
         let columns = self.columns(order);
         let width = (support - 1).max(2);
@@ -237,9 +237,9 @@ impl SphereBasis {
 pub(super) struct SphereGram {
     basis: SphereBasis,
     fft: RealFft,
-    /// Of `Φ_u`, by harmonic.
+    /// Eigenvalues of `Φ_u`, by harmonic.
     eigenvalues: Vec<f64>,
-    /// With the poles, with tangents, of the points between alone.
+    /// Blocks with the poles, with tangents, and for the points in between alone.
     blocks: [Banded; 3],
 }
 
@@ -251,10 +251,10 @@ enum Power {
 }
 
 impl SphereGram {
-    /// From the first row of `Φ_u` and the matrix `Φ_v`.
+    /// From the eigenvalues of `Φ_u` and the matrix `Φ_v`.
     ///
     /// # Errors
-    /// [`GeometryError::Dependent`].
+    /// [`GeometryError::Dependent`] if a block is not positive definite.
     pub(super) fn new(
         basis: SphereBasis,
         eigenvalues: Vec<f64>,
@@ -266,8 +266,8 @@ impl SphereGram {
         Ok(Self { fft: RealFft::new(basis.intervals[0]), basis, eigenvalues, blocks })
     }
 
-    /// The harmonics one after the other (`1`, `cos`, `sin`, `cos 2·`, …), with the polar unknown of the north before and
-    /// that of the south after the first three: where each begins, and its block.
+    /// The harmonics in order (`1`, `cos`, `sin`, `cos 2·`, …): the start of each, its block, and its eigenvalue. The first three
+    /// have the polar unknown of the north before them and that of the south after them.
     fn harmonics(&self) -> impl Iterator<Item = (usize, usize, f64)> + '_ {
         let (count, between) = (self.basis.intervals[0], self.basis.between());
         (0..count).map(move |q| {
@@ -276,7 +276,7 @@ impl SphereGram {
         })
     }
 
-    /// Unitary real Fourier transform along `u` of the points between the poles (`k` slow in, harmonics slow out).
+    /// Unitary real Fourier transform along `u` of the points between the poles (input `k` slow, output harmonics slow).
     fn transform(&self, x: &[f64], y: &mut [f64]) {
         let (count, between) = (self.basis.intervals[0], self.basis.between());
         let mut scratch = self.fft.scratch();
@@ -319,12 +319,12 @@ impl SphereGram {
         }
     }
 
-    /// Where the points between the poles begin in every harmonic.
+    /// Start of the points between the poles in every harmonic.
     fn starts(&self) -> impl Iterator<Item = usize> + '_ {
         self.harmonics().map(|(start, block, _)| start + usize::from(block < 2))
     }
 
-    /// Positions of the polar unknowns among the harmonics, in the order of the rows, with what a unit of each is there.
+    /// Positions of the polar unknowns among the harmonics, in the order of the rows, with the value of one unit of each.
     fn polar(&self) -> [(usize, f64); POLAR_ROWS] {
         let (count, length) = (self.basis.intervals[0] as f64, self.basis.between() + 2);
         let tangent = self.basis.rule.harmonic * count.sqrt() * FRAC_1_SQRT_2;
@@ -340,7 +340,7 @@ impl SphereGram {
         ]
     }
 
-    /// The points between the poles into harmonics, and the polar unknowns, each times its unit to the `power`.
+    /// Transforms the points between the poles to harmonics, and inserts the polar unknowns, each times its unit to the `power`.
     fn enter(&self, free: &[f64], unknowns: [f64; POLAR_ROWS], power: i32, y: &mut [f64]) {
         self.transform(free, y);
         for ((place, unit), value) in self.polar().into_iter().zip(unknowns) {
@@ -348,13 +348,13 @@ impl SphereGram {
         }
     }
 
-    /// Out of harmonics again: the points between the poles, and the polar unknowns, each times its unit to the `power`.
+    /// The reverse of [`Self::enter`]: the points between the poles, and the polar unknowns, each times its unit to the `power`.
     fn leave(&self, y: &[f64], power: i32, free: &mut [f64]) -> [f64; POLAR_ROWS] {
         self.transform_back(y, free);
         self.polar().map(|(place, unit)| y[place] * unit.powi(power))
     }
 
-    /// The points between the poles, and the six rows after them.
+    /// Splits a shape into the points between the poles and the six polar rows.
     fn split<'a>(&self, x: &'a [f64]) -> (&'a [f64], [f64; POLAR_ROWS]) {
         let (free, polar) = x.split_at(self.basis.free());
         (free, polar.try_into().expect("there are six"))
@@ -364,7 +364,7 @@ impl SphereGram {
         handle_length(self.basis.intervals[1])
     }
 
-    /// `y = V x`: from rows to harmonics, handles to tangents `(handle − pole)/κ`.
+    /// `y = V x`: rows to harmonics, handles to tangents `(handle − pole)/κ`.
     fn analyse(&self, x: &[f64], y: &mut [f64]) {
         let (free, mut polar) = self.split(x);
         for (pole, first) in HANDLES.into_iter().enumerate() {
@@ -406,7 +406,7 @@ impl SphereGram {
         self.enter(free, polar, -1, y);
     }
 
-    /// Applies `operation` to the block of every harmonic, and multiplies with its eigenvalue to the `power`.
+    /// Applies `operation` to the block of every harmonic, and multiplies by its eigenvalue to the `power`.
     fn each_block(
         &self,
         y: &mut [f64],
@@ -427,7 +427,7 @@ impl SphereGram {
         }
     }
 
-    /// Into another basis, through `blocks`, and into a basis again, for every column.
+    /// For every column: a change of basis, an operation on `blocks`, and another change of basis.
     fn through(&self, data: &mut [f64], enter: Change, blocks: impl Fn(&mut [f64]), leave: Change) {
         assert_eq!(data.len() % self.size(), 0, "columns of length {}", self.size());
         let mut y = vec![0.0; self.size()];
@@ -438,16 +438,16 @@ impl SphereGram {
         }
     }
 
-    /// The basis as it is.
+    /// No change of basis.
     fn stay(&self, x: &[f64], y: &mut [f64]) {
         y.copy_from_slice(x);
     }
 }
 
-/// From one basis to another.
+/// A change of basis.
 type Change = fn(&SphereGram, &[f64], &mut [f64]);
 
-/// `Φ = VᵀGV` and `R = G^½V` with the blocks `G`.
+// `Φ = VᵀGV` and `R = G^½V` with the blocks `G`.
 impl SymmetricOperator for SphereGram {
     fn size(&self) -> usize {
         self.basis.free() + POLAR_ROWS

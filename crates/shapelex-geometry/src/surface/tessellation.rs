@@ -1,14 +1,14 @@
-//! Triangles on a surface, without cracks: what is glued shares its vertices, a pole is one vertex.
+//! Triangle meshes of surfaces without cracks: glued edges share their vertices, and a pole is a single vertex.
 
 use super::{Surface, Topology};
 use crate::mesh::TriangleMesh;
 
 impl Surface {
-    /// The mesh of a grid with `count` places along `u` and `v`: at `i/count` along closed directions, at `i/(count − 1)` along
-    /// open ones. Two triangles for every cell, one at the poles. The positions are exact, the normals those of the surface.
+    /// Triangle mesh over a grid of `count` parameters along `u` and `v`: `i/count` along closed directions, `i/(count − 1)` along
+    /// open ones. Two triangles per cell, one at the poles. Positions are exact, and normals are those of the surface.
     ///
-    /// `count` must be at least 3 along closed directions and 2 along open ones, on spheres 3 from pole to pole; a half-turned
-    /// seam needs an even number along `v`. Cost: one jet for every vertex.
+    /// `count` must be at least 3 along closed directions, 2 along open ones, and 3 from pole to pole on spheres; a half-turn
+    /// seam needs an even number along `v`. Cost: one jet per vertex.
     pub fn tessellate(&self, count: [usize; 2]) -> TriangleMesh {
         let (u, v) = (self.parameters(0, count[0]), self.parameters(1, count[1]));
         let sphere = self.topology == Topology::Sphere;
