@@ -34,7 +34,8 @@ pub enum Method {
     Procrustes(Fit),
 }
 
-/// Alignment method.
+/// Alignment method: `projection` onto the subspace of the transformation class, in closed form; `procrustes` iterates
+/// rotations and scales, without reflection.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]

@@ -1,6 +1,7 @@
 //! Correspondence between the parameter values of two shapes.
 
-/// Rule by which the points of two shapes correspond.
+/// Rule by which the points of two shapes correspond. `landmarks`: as given. `arc_length`: contours are resampled at equal
+/// arc length from their first point. `cyclic`: as `arc_length`, and the start point that best matches the mean is searched.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
@@ -16,7 +17,8 @@ pub enum Correspondence {
     Cyclic,
 }
 
-/// Whether a shape may be matched as its mirror image.
+/// Mirror images: `forbid` uses shapes as given; `allow` uses the shape or its mirror image, whichever matches the mean
+/// better.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
@@ -29,7 +31,8 @@ pub enum Mirror {
     Allow,
 }
 
-/// Treatment of the direction in which contours are traversed.
+/// Treatment of the direction in which contours are traversed: `given` keeps it as posted; `either` disregards it. Then planar
+/// contours are made counter-clockwise, and for contours in space the direction that best matches the mean is searched.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]

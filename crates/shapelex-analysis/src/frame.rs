@@ -16,7 +16,8 @@ use super::pass::Sum;
 use super::transformation::{ClassName, Structure, TransformationClass};
 use shapelex_numeric::dense::{Matrix, fill_upper, leading_eigenpairs};
 
-/// Choice of the representative: which member of the mean space is the mean shape.
+/// Choice of the representative: which member of the mean space is the mean shape. `training`: the one closest to the shapes
+/// as posed. `canonical`: one that does not change when shapes are transformed within the class.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]

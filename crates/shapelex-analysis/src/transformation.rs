@@ -100,7 +100,7 @@ pub struct CustomClass {
     /// Matrices that span the class: `d × d`, row by row, linearly independent.
     #[cfg_attr(feature = "schema", schema(example = json!([[[1.0, 0.0], [0.0, 1.0]], [[0.0, 1.0], [0.0, 0.0]]])))]
     pub matrices: Vec<Vec<Vec<f64>>>,
-    /// Whether the class includes translations.
+    /// Whether the class includes translations. Default: false.
     #[cfg_attr(feature = "serde", serde(default))]
     pub translation: bool,
 }

@@ -12,7 +12,8 @@ use super::turning::Turning;
 use shapelex_numeric::bounded::{Patience, Stop, never};
 use shapelex_numeric::quadrature::{GaussLegendre, Panels};
 
-/// Orientation of a closed planar curve.
+/// Orientation of a closed planar curve (y axis up), the sign of its area; `none` if the area vanishes relative to the squared
+/// perimeter.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]

@@ -26,7 +26,7 @@ use crate::metric::dot;
 use crate::sparse::{Atoms, Coder, SparseCode};
 use shapelex_numeric::dense::Matrix;
 
-/// Schedule of the updates of the atoms.
+/// Schedule of the updates of the atoms: `online` after every group of shapes, `batch` after each pass over all shapes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
@@ -110,8 +110,8 @@ const STEP: usize = 512;
 /// Mean squared coefficient below which an atom is unused.
 const UNUSED: f64 = 1e-12;
 
-/// Number of extra passes after atoms were replaced. If more atoms are requested than are worth their penalty, some
-/// stay unused.
+/// Maximum number of times that replacing atoms prolongs learning. If more atoms are requested than are worth their penalty,
+/// some stay unused.
 const CHANCES: usize = 10;
 
 /// Number of passes without progress that end learning with a pursuit. Its codes are not minimisers, so the objective

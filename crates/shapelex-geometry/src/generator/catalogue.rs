@@ -127,7 +127,8 @@ fn exact(list: &[[f64; 2]]) -> Vec<[Exact; 2]> {
     list.iter().map(|pole| pole.map(Exact::new)).collect()
 }
 
-/// Family of interpolators: how B-splines are combined.
+/// Family of interpolators. `integer_shifts`: B-splines of increasing order. `half_integer_shifts`: one B-spline at
+/// half-integer shifts; can be refined.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]

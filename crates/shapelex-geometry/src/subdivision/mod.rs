@@ -73,7 +73,8 @@ impl Frequency {
     }
 }
 
-/// Vertex weights `β_n` of the Loop scheme.
+/// Vertex weights `β_n` of the Loop scheme for `n` neighbours. `original`: `(5/8 − (3/8 + cos(2π/n)/4)²)/n`.
+/// `simplified_3_over_8n`: `3/(8n)`, and `3/16` for `n = 3`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
@@ -87,7 +88,8 @@ pub enum LoopWeights {
     Simplified,
 }
 
-/// Name of a subdivision scheme.
+/// Subdivision scheme. `blob`: non-stationary and approximating; every vertex must have four or six neighbours. `loop`:
+/// approximating. `butterfly`: interpolating. `normal_based`: interpolating, for points with normals; not linear.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]

@@ -34,7 +34,8 @@ use super::open::phantoms;
 use super::vector::{far_origin, minus};
 use seam::Seam;
 
-/// Topology of a surface: the directions in which it closes.
+/// Topology of a surface. `sphere`: closed along `u`, with a pole at each end of `v`. `cylinder`: closed along `u`. `torus`:
+/// closed along `u` and `v`. `plane`: open along both.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]

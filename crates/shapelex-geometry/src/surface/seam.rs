@@ -12,7 +12,8 @@ use std::sync::Arc;
 
 use shapelex_numeric::operator::SymmetricOperator;
 
-/// Seam of a torus: the map of `v` after one turn of `u`.
+/// Seam of a torus: the map of `v` after one turn of `u`. `straight`: no twist. `reflected`: `v → −v`, a one-sided surface.
+/// `half_turn`: `v → v + ½`, for an even number of control points along `v`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
