@@ -448,7 +448,7 @@ impl OuterProductSum {
         dense::iterate_subspace(|v| dense::multiply(s, v), near)
     }
 
-    /// `tr S`.
+    /// Trace of the sum, `tr S`.
     pub fn trace(&self) -> f64 {
         dot(&self.columns, &self.columns) + self.matrix.as_ref().map_or(0.0, Matrix::trace)
     }
@@ -522,12 +522,12 @@ impl ScatterSum {
         Self { outer: OuterProductSum::new(n), sum: vec![0.0; n], weight: 0.0 }
     }
 
-    /// `Σ w`.
+    /// Total weight, `Σ w`.
     pub fn weight(&self) -> f64 {
         self.weight
     }
 
-    /// `Σ w x / Σ w`.
+    /// Weighted mean, `Σ w x / Σ w`.
     pub fn mean(&self) -> Vec<f64> {
         self.sum.iter().map(|value| value / self.weight).collect()
     }

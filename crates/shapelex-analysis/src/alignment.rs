@@ -274,11 +274,11 @@ fn procrustes_mean<S: ShapeSource>(
 pub struct AlignedShape {
     /// Whitened coordinates.
     pub whitened: Vec<f64>,
-    /// `A`, `d × d`.
+    /// Linear part `A` of the alignment, `d × d`.
     pub matrix: Matrix,
-    /// `b`, `d` numbers: the aligned shape is `A r + b` (after shift and direction).
+    /// Translation `b`, `d` numbers: the aligned shape is `A r + b` (after shift and direction).
     pub offset: Vec<f64>,
-    /// `‖r_mean − r̃‖`.
+    /// Residual `‖r_mean − r̃‖`.
     pub residual: f64,
     /// Cosine of the angle between the aligned shape and the mean.
     pub correlation: f64,
@@ -371,11 +371,11 @@ pub fn align_all_until(
 pub struct Projection {
     /// The nearest member `A r + b`, `d·N` coordinate-major control points.
     pub control_points: Vec<f64>,
-    /// `A`.
+    /// Linear part `A`, `d × d`.
     pub matrix: Matrix,
-    /// `b`.
+    /// Translation `b`, `d` numbers.
     pub offset: Vec<f64>,
-    /// `‖r_ref − (A r + b)‖²`.
+    /// Squared distance `‖r_ref − (A r + b)‖²`.
     pub squared_distance: f64,
     /// Cosine of the angle between the two, about their mean positions if the class translates.
     pub correlation: f64,

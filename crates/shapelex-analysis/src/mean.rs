@@ -177,7 +177,7 @@ pub struct MeanSpace<'a> {
     pub gap: f64,
     /// `tr(P_S̄ Σ w_k P_k)`, the quantity that the mean maximises.
     pub objective: f64,
-    /// `Σ w_k`.
+    /// Total weight, `Σ w_k`.
     pub weight: f64,
     /// Number of shapes.
     pub shapes: usize,

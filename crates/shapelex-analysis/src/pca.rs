@@ -25,11 +25,11 @@ pub(super) const SMALLEST_COMPONENT: f64 = 1e-12;
 pub struct FunctionalPca {
     /// Arithmetic mean of the aligned shapes, whitened.
     pub mean: Vec<f64>,
-    /// `λ_i`, descending.
+    /// Eigenvalues `λ_i`, descending.
     pub eigenvalues: Vec<f64>,
-    /// `λ_i / Σ λ`.
+    /// Explained fractions, `λ_i / Σ λ`.
     pub explained: Vec<f64>,
-    /// `ξ_i`, whitened, one per column; the control coordinate of largest magnitude is positive.
+    /// Eigenshapes `ξ_i`, whitened, one per column; the control coordinate of largest magnitude is positive.
     pub eigenshapes: Matrix,
     /// Whether the mean was subtracted.
     pub centred: bool,

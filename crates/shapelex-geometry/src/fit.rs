@@ -36,9 +36,9 @@ pub struct Fit {
     pub representation: Representation,
     /// Its control points.
     pub control_points: Matrix,
-    /// `√(Σ w_i |r(u_i) − p_i|²)`, the `L₂` residual.
+    /// `L₂` residual, `√(Σ w_i |r(u_i) − p_i|²)`.
     pub residual: f64,
-    /// `max_i |r(u_i) − p_i|`.
+    /// Largest residual, `max_i |r(u_i) − p_i|`.
     pub largest: f64,
 }
 

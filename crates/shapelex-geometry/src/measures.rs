@@ -42,11 +42,11 @@ pub struct CurveMeasures {
     pub length_error: f64,
     /// Minimum and maximum coordinates.
     pub bounding_box: (Vec<f64>, Vec<f64>),
-    /// `∫ |r'|² du`.
+    /// Stretching energy, `∫ |r'|² du`.
     pub stretching_energy: f64,
-    /// `∫ |r''|² du`; `None` for curves with corners, where it is infinite.
+    /// Bending energy, `∫ |r''|² du`; `None` for curves with corners, where it is infinite.
     pub bending_energy: Option<f64>,
-    /// `∫ |κ| dℓ` in radians; `None` for curves with corners or cusps.
+    /// Total curvature, `∫ |κ| dℓ` in radians; `None` for curves with corners or cusps.
     pub total_curvature: Option<f64>,
     /// `∫ κ dℓ` in radians, counter-clockwise positive: `2π` times the turning number of a closed curve. For planar curves
     /// only.

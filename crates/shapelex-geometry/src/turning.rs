@@ -19,9 +19,9 @@ use shapelex_numeric::quadrature::{GaussLegendre, Panels};
 /// Total curvature and turning of a curve, in radians.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Turning {
-    /// `∫ |κ| dℓ`.
+    /// Total curvature, `∫ |κ| dℓ`.
     pub total: f64,
-    /// `∫ κ dℓ`, counter-clockwise positive; zero in space, where curvature has no sign.
+    /// Turning, `∫ κ dℓ`, counter-clockwise positive; zero in space, where curvature has no sign.
     pub signed: f64,
 }
 

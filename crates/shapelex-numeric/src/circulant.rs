@@ -67,7 +67,7 @@ impl RealFft {
         }
     }
 
-    /// `spectrum ← F signal`.
+    /// Forward transform, `spectrum ← F signal`.
     pub fn forward(&self, signal: &[f64], spectrum: &mut [Complex64], scratch: &mut FftScratch) {
         scratch.signal.copy_from_slice(signal);
         self.forward
@@ -75,7 +75,7 @@ impl RealFft {
             .expect("lengths are those of the plan");
     }
 
-    /// `signal ← F⁻¹ spectrum`; overwrites `spectrum`.
+    /// Inverse transform, `signal ← F⁻¹ spectrum`; overwrites `spectrum`.
     pub fn inverse(&self, spectrum: &mut [Complex64], signal: &mut [f64], scratch: &mut FftScratch) {
         let n = self.len();
         spectrum[0].im = 0.0;

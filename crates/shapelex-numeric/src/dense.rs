@@ -237,7 +237,7 @@ impl Square {
 /// Eigenpairs of a symmetric matrix: eigenvalues in descending order, orthonormal eigenvectors.
 #[derive(Debug, Clone)]
 pub struct Eigenpairs {
-    /// `λ_1 ≥ λ_2 ≥ …`.
+    /// Eigenvalues, `λ_1 ≥ λ_2 ≥ …`.
     pub values: Vec<f64>,
     /// One eigenvector per column, in the order of `values`.
     pub vectors: Matrix,

@@ -7,7 +7,7 @@ use super::dense::Matrix;
 /// Number of partial sums of a dot product: enough to hide the latency of additions on vectors of two to eight numbers.
 const LANES: usize = 8;
 
-/// `Σ aᵢ bᵢ`.
+/// Dot product, `Σ aᵢ bᵢ`.
 pub fn dot(a: &[f64], b: &[f64]) -> f64 {
     let (a_lanes, b_lanes) = (a.chunks_exact(LANES), b.chunks_exact(LANES));
     let tail = a_lanes.remainder().iter().zip(b_lanes.remainder()).map(|(x, y)| x * y).sum::<f64>();

@@ -37,7 +37,7 @@ impl Kronecker {
     }
 }
 
-/// `to[j·rows + i] ← from[i·columns + j]`.
+/// Transposes a matrix stored by rows: `to[j·rows + i] ← from[i·columns + j]`.
 pub fn transpose(from: &[f64], columns: usize, to: &mut [f64]) {
     let rows = from.len() / columns;
     for (i, row) in from.chunks_exact(columns).enumerate() {

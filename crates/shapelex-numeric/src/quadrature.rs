@@ -39,7 +39,7 @@ impl GaussLegendre {
         self.nodes.iter().copied().zip(self.weights.iter().copied())
     }
 
-    /// `∫_a^b f`.
+    /// `∫_a^b f` by the rule.
     pub fn integrate(&self, a: f64, b: f64, f: impl Fn(f64) -> f64) -> f64 {
         let (centre, half) = (0.5 * (a + b), 0.5 * (b - a));
         half * self.points().map(|(node, weight)| weight * f(centre + half * node)).sum::<f64>()

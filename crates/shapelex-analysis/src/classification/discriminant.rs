@@ -40,7 +40,7 @@ pub struct Discriminant {
     pub means: Vec<Vec<f64>>,
     /// `L` with `Σ_c = L Lᵀ`: one for all classes, or one per class.
     pub factors: Vec<Matrix>,
-    /// `ln(n_c/n)`.
+    /// Logarithms of the prior probabilities, `ln(n_c/n)`.
     pub log_priors: Vec<f64>,
     /// The shrinkage `γ` in use.
     pub shrinkage: f64,

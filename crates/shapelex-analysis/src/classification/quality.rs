@@ -171,7 +171,7 @@ const LEAST: f64 = 1e-12;
 
 impl Quality {
     /// Figures from shapes of `classes` classes, each held out `repeats` times. `units` is the number of independent cases
-    /// (subjects) in every class.
+    /// (subjects) in every class, `all_units` the number in all classes.
     pub fn new(held: &[Held], classes: usize, repeats: usize, units: &[usize], all_units: usize) -> Self {
         let mut confusion = vec![vec![0_usize; classes]; classes];
         let folds = held.iter().map(|held| held.fold + 1).max().unwrap_or(1);

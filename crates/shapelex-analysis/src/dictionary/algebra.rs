@@ -180,7 +180,7 @@ impl Algebra {
         Some(function(&inertia, |value| (c * value).sqrt()))
     }
 
-    /// `X ← X Bᵀ`.
+    /// Transforms a shape in place: `X ← X Bᵀ`.
     pub fn act(&self, x: &mut [f64], b: &Matrix) {
         self.multiply(x, &b.transpose());
     }

@@ -61,7 +61,7 @@ pub struct Learning {
 /// State from which learning continues: atoms, and the statistics of earlier shapes that are not read again.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Start {
-    /// `m × cJ`.
+    /// Atoms, `m × cJ`.
     pub atoms: Matrix,
     /// Statistics of the earlier shapes.
     pub statistics: Statistics,

@@ -40,9 +40,9 @@ pub enum Model {
 /// Mean and covariance of scores.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Spread {
-    /// `s̄`.
+    /// Mean scores, `s̄`.
     pub mean: Vec<f64>,
-    /// `C`.
+    /// Covariance of the scores, `C`.
     pub covariance: Matrix,
     /// `C⁺`.
     inverse: Matrix,
@@ -318,7 +318,7 @@ pub fn error_of(y: &[f64], reconstructed: &[f64]) -> f64 {
     if error.is_finite() { error } else { 1.0 }
 }
 
-/// `‖a − b‖²`.
+/// Squared distance `‖a − b‖²`.
 pub fn squared_distance(a: &[f64], b: &[f64]) -> f64 {
     let difference: Vec<f64> = a.iter().zip(b).map(|(a, b)| a - b).collect();
     dot(&difference, &difference)

@@ -20,7 +20,7 @@
 //! predictive distribution is Lomax's, exact for exponential distances.
 
 /// Minimum and maximum number of largest values to which a tail is fitted; between them, one value in `PART_IN_TAIL`.
-/// Measured on random halves of fourteen sets of outlines (`docs/evaluation.md`): a longer tail of 20 values gives half of
+/// Measured on random halves of fourteen sets of outlines (`docs/evaluation.md`): with 20 values, a longer tail gives half of
 /// the expected alarms at 0.99; a tail of the square root of their number gives up to one and a half times as many at 0.95.
 const IN_TAIL: (usize, usize) = (5, 20);
 const PART_IN_TAIL: usize = 5;

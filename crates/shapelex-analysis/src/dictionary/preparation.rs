@@ -52,9 +52,9 @@ pub struct Preparation {
 pub struct Prepared {
     /// `y`, whitened.
     pub whitened: Vec<f64>,
-    /// `A`, `d × d`.
+    /// Linear part `A`, `d × d`.
     pub matrix: Matrix,
-    /// `b`.
+    /// Translation `b`.
     pub offset: Vec<f64>,
     /// Start point, direction and mirror image.
     pub placement: Placement,

@@ -93,7 +93,7 @@ pub struct PairTests {
 /// Comparison of all groups at once.
 #[derive(Debug, Clone, PartialEq)]
 pub struct OverallTest {
-    /// `F = ((n − G) Σ_g W_g ‖ȳ_g − ȳ‖²)/((G − 1) Σ_g Σ_{k∈g} w_k ‖y_k − ȳ_g‖²)`.
+    /// Pseudo-F, `F = ((n − G) Σ_g W_g ‖ȳ_g − ȳ‖²)/((G − 1) Σ_g Σ_{k∈g} w_k ‖y_k − ȳ_g‖²)`.
     pub pseudo_f: Tested,
     /// The fraction of the squared distances that the groups explain.
     pub r_squared: f64,

@@ -17,7 +17,7 @@ pub struct SparseCode {
     pub objective: f64,
     /// Primal minus dual value of the lasso: an upper bound on the distance of the objective from the minimum.
     pub duality_gap: Option<f64>,
-    /// `‖x − Dα‖/‖x‖`.
+    /// Relative error of the reconstruction, `‖x − Dα‖/‖x‖`.
     pub relative_error: f64,
 }
 

@@ -155,7 +155,7 @@ impl Poles {
         d
     }
 
-    /// `∫ β_α = Π sinc²(ω/2) · Π (sinh(a/2)/(a/2))² · Π |(e^z − 1)/z|² |(e^{−z} − 1)/z|²`.
+    /// Integral of the B-spline, `∫ β_α = Π sinc²(ω/2) · Π (sinh(a/2)/(a/2))² · Π |(e^z − 1)/z|² |(e^{−z} − 1)/z|²`.
     pub fn integral(&self) -> f64 {
         let trigonometric: f64 = self.trigonometric.iter().map(|w| sinc(w / 2.0).powi(2)).product();
         let hyperbolic: f64 = self.hyperbolic.iter().map(|a| sinhc(a / 2.0).powi(2)).product();

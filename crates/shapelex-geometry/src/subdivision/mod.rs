@@ -63,7 +63,7 @@ pub enum Frequency {
 }
 
 impl Frequency {
-    /// `v⁽⁰⁾`.
+    /// The first level parameter, `v⁽⁰⁾`.
     pub fn start(self) -> f64 {
         match self {
             Self::Real(lambda) => (0.5 * lambda.get()).cos(),

@@ -80,9 +80,9 @@ pub fn faults(extent: Extent, seam: Seam, kinds: &[GeneratorKind; 2]) -> Vec<(&'
 /// Tangents at the poles, `σ_v(u, 0) = T_1N cos 2πu + T_2N sin 2πu`, and likewise at the south pole.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Tangents {
-    /// `T_1N`, `T_2N`.
+    /// `T_1N` and `T_2N` at the north pole. Default: estimated from the points.
     pub north: Option<[[f64; 3]; 2]>,
-    /// `T_1S`, `T_2S`.
+    /// `T_1S` and `T_2S` at the south pole. Default: estimated from the points.
     pub south: Option<[[f64; 3]; 2]>,
 }
 

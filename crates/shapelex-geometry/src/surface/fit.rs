@@ -21,9 +21,9 @@ use shapelex_numeric::dense::{Definite, Matrix};
 pub struct SurfaceFit {
     /// Rows of the surface, `N × 3`.
     pub rows: Matrix,
-    /// `√(Σ w_i |σ(u_i, v_i) − p_i|²)`.
+    /// Root mean square residual, `√(Σ w_i |σ(u_i, v_i) − p_i|²)`.
     pub residual: f64,
-    /// `max_i |σ(u_i, v_i) − p_i|`.
+    /// Largest residual, `max_i |σ(u_i, v_i) − p_i|`.
     pub largest: f64,
 }
 

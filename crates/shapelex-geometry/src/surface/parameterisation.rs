@@ -31,8 +31,8 @@ const RESIDUAL: f64 = 1e-12;
 
 /// `u ∈ [0, 1)` and `v ∈ [0, 1]` of every vertex of a closed `mesh` of genus 0.
 ///
-/// `poles` are two vertices. Default: the two that are farthest apart along the longest principal axis of the vertices; the
-/// north pole is the one where the coordinate of largest magnitude of that axis is larger. `u` is 0 at the path between the
+/// `poles` are two vertices. Default: the two that are farthest apart along the longest principal axis of the vertices, with
+/// the north pole at the end towards which the dominant coordinate of the axis grows. `u` is 0 at the path between the
 /// poles and grows counter-clockwise as seen from outside above the north pole. Cost: two solves by conjugate gradients,
 /// some `√vertices` products each.
 ///
