@@ -11,7 +11,7 @@
 //! points and normals do not change. Points of a circle or a sphere with radial normals give further such points, exactly. A
 //! step commutes with similarities, including reflections, and with a change of sign of all normals.
 //!
-//! `u·t` is in `[1, 3/2]`, and the foot of `p` on the edge is between one and three quarters of it. Limits in the plane have
+//! `u·t` is in `[1, 3/2]`, and the foot of `p` is between 1/4 and 3/4 of the edge. Limits in the plane have
 //! continuous tangents, except for edges with exactly one normal orthogonal to them: these get `p` at a quarter of the edge,
 //! step after step, and a corner at the other end, unless the balance `κ` is positive. Limits of meshes are smooth for
 //! spheres; others have creases that show after three or four steps. Limits in space have continuous normals, not tangents.
