@@ -20,41 +20,42 @@ use crate::service::audit::trail;
 /// Entries that an export reads at a time.
 const PIECE: usize = 1000;
 
-/// An entry of the audit trail.
+/// Entry of the audit trail.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct AuditEntry {
-    /// Its place in the trail of the tenant, from 1 without gaps.
+    /// Position in the tenant's audit trail, from 1 without gaps.
     #[schema(example = 17)]
     sequence: u64,
-    /// When the request was answered, RFC 3339 UTC.
+    /// Time at which the request was answered, RFC 3339 in UTC.
     at: String,
-    /// The tenant.
+    /// Name of the tenant.
     tenant: String,
-    /// Id of the key; `oidc` for a bearer token of the identity provider, `local` without access control, null for nobody.
+    /// Id of the key; `oidc` for a bearer token of the identity provider, `local` without access control, null for an
+    /// unauthenticated request.
     key: Option<String>,
-    /// Who stood behind a bearer token.
+    /// Subject of the bearer token.
     subject: Option<String>,
-    /// Id of the operation in this document; null when the request asked for none.
+    /// Operation id in this document; null if the request matched no operation.
     #[schema(example = "find_cohort")]
     operation: Option<String>,
     /// HTTP method.
     #[schema(example = "GET")]
     method: String,
-    /// Template of the path; null when nothing is there.
+    /// Path template of the route; null if none matched.
     #[schema(example = "/v1/cohorts/{cohort}")]
     route: Option<String>,
-    /// The objects that the path names, as the caller named them, and the ids of the cohorts, dictionaries and shapes that
-    /// were used (`cohort_id`, `dictionary_id`, `shape_id`) and of what was `created`.
+    /// Objects named in the path, as the caller named them, the ids of the cohorts, dictionaries and shapes used
+    /// (`cohort_id`, `dictionary_id`, `shape_id`), and the id of the object `created`.
     #[schema(example = json!({"cohort": "cells", "cohort_id": "coh_0198c0ffee00700080000000000000aa"}))]
     objects: BTreeMap<String, String>,
-    /// Status of the answer; null when the client went away before there was one.
+    /// Status code of the response; null if the client disconnected before it was sent.
     #[schema(example = 200)]
     status: Option<u16>,
-    /// Id of the request, as in the log.
+    /// Request id, as in the log.
     request_id: String,
     /// Address of the client.
     remote: Option<String>,
-    /// BLAKE3 of the digest of the entry before and of this entry, in hexadecimal.
+    /// BLAKE3 digest, in hexadecimal, of the previous entry's digest and this entry.
     digest: String,
 }
 
@@ -79,39 +80,39 @@ impl From<Recorded> for AuditEntry {
     }
 }
 
-/// How the entries are written.
+/// Format of the entries.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 enum AuditFormat {
-    /// A page.
+    /// One page.
     #[default]
     Json,
-    /// All entries that match, one a line.
+    /// All matching entries, one per line.
     Ndjson,
 }
 
-/// Which entries are listed.
+/// Filter and page of the audit trail.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct AuditQuery {
-    /// Not before this time, RFC 3339.
+    /// Entries at or after this time, RFC 3339.
     since: Option<String>,
-    /// Before this time, RFC 3339.
+    /// Entries before this time, RFC 3339.
     until: Option<String>,
-    /// Only of this key.
+    /// Entries of this key only.
     key: Option<String>,
-    /// Only this operation, by its id in this document.
+    /// Entries of this operation only, by operation id.
     operation: Option<String>,
-    /// Only requests that used this object, by its id or by what the path called it, or that created it.
+    /// Entries of requests that used or created this object, given by id or as named in the path.
     object: Option<String>,
-    /// Only with this status.
+    /// Entries with this status code only.
     status: Option<u16>,
-    /// Cursor from the page before; an export begins behind it.
+    /// Cursor from the previous page; an export starts after it.
     cursor: Option<String>,
-    /// Entries per page, 1 to 1000; 100 unless given. An export has all of them.
+    /// Entries per page, 1 to 1000. Default: 100. An export contains all entries.
     limit: Option<usize>,
-    /// `json` for a page, `ndjson` for all entries, one a line; `json` unless given.
+    /// Response format: `json` for one page, `ndjson` for all entries, one per line. Default: `json`.
     #[param(inline)]
     format: Option<AuditFormat>,
 }
@@ -137,10 +138,11 @@ fn milliseconds(name: &str, text: &str) -> Result<i64, Problem> {
     Ok(time.as_millisecond())
 }
 
-/// Lists the audit trail: who asked for what, and what came of it.
+/// Lists the audit trail: requests with their callers and outcomes.
 ///
-/// Every request of the tenant under `/v1` in the order in which they were answered, also those that only read and those
-/// that were refused. Entries are chained by their digests and never change; they are removed from the beginning alone, for their age or by an administrator.
+/// Contains every request of the tenant under `/v1` in the order in which they were answered, including reads and refused
+/// requests. Entries are chained by their digests and never change. They are only removed from the beginning, by age or by
+/// an administrator.
 #[utoipa::path(get, path = "/audit", tag = "operation", params(AuditQuery),
     responses(
         (status = 200, description = "A page of entries, or all of them one a line", content((Page<AuditEntry> = "application/json"), (String = "application/x-ndjson"))),
@@ -164,33 +166,33 @@ pub(super) async fn list_audit(
     Ok(json(StatusCode::OK, &Page { items, next })?)
 }
 
-/// Which entries are removed.
+/// Entries to remove.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct AuditRemoval {
-    /// Entries before this time go, RFC 3339; at least 24 hours ago.
+    /// Entries before this time are removed, RFC 3339; at least 24 hours ago.
     #[param(example = "2026-01-31T12:00:00Z")]
     before: String,
 }
 
-/// Where the audit trail begins after entries were removed.
+/// Beginning of the audit trail after the removal.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct AuditBeginning {
-    /// Entries that were removed now.
+    /// Number of entries removed by this request.
     #[schema(example = 1200)]
     removed: u64,
-    /// Place of the last entry that was ever removed, 0 when none was: the trail begins with the next.
+    /// Position of the last entry ever removed, 0 if none: the trail begins with the next one.
     #[schema(example = 1200)]
     sequence: u64,
-    /// Digest of that entry, in hexadecimal: what the digest of the next one covers.
+    /// Digest of that entry, in hexadecimal; it is covered by the digest of the next entry.
     digest: String,
 }
 
 /// Removes old entries of the audit trail.
 ///
-/// From the beginning of the trail of the tenant, those before a time that is at least 24 hours ago; all others stay. The trail can
-/// be followed from the digest that is answered, which the entry of this request keeps as `removed_digest`.
+/// Removes the tenant's entries before a given time, which must be at least 24 hours ago; later entries stay. The returned
+/// digest lets the trail still be verified from there; the entry of this request records it as `removed_digest`.
 #[utoipa::path(delete, path = "/audit", tag = "operation", params(AuditRemoval),
     responses(
         (status = 200, description = "The entries are gone", body = AuditBeginning),
@@ -207,7 +209,7 @@ pub(super) async fn prune_audit(
     Ok(json(StatusCode::OK, &AuditBeginning { removed, sequence, digest })?)
 }
 
-/// All entries behind a place, read piece by piece.
+/// All entries after a position, read in pieces.
 fn lines(app: App, filter: AuditFilter, after: u64) -> impl Stream<Item = Result<Bytes, ServiceError>> {
     stream::try_unfold(Some(after), move |after| {
         let (app, filter) = (app.clone(), filter.clone());

@@ -1,4 +1,4 @@
-//! The catalogue: generators and transformation classes with their properties.
+//! Catalogue of generators and transformation classes with their properties.
 
 use axum::Json;
 use axum::http::StatusCode;
@@ -17,19 +17,19 @@ use crate::geometry::generator::{GeneratorKind, GeneratorProperties};
 use crate::service::app::ServiceError;
 use crate::service::shapes::generators::{self, GeneratorDetails};
 
-/// A generator of the catalogue.
+/// Generator of the catalogue.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct GeneratorEntry {
-    /// How it stands in a representation.
+    /// The generator, as written in a representation.
     generator: GeneratorKind,
     #[serde(flatten)]
     properties: GeneratorProperties,
 }
 
-/// The generators.
+/// The generators of the catalogue.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct Generators {
-    /// All of them.
+    /// All generators.
     items: Vec<GeneratorEntry>,
 }
 
@@ -41,37 +41,38 @@ pub(super) async fn list_generators(_: NoQuery) -> Json<Generators> {
     Json(Generators { items: GeneratorKind::catalogue().into_iter().map(entry).collect() })
 }
 
-/// A generator made for a number of control points.
+/// A generator, instantiated for a number of control points.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct GeneratorPage {
     #[serde(flatten)]
     entry: GeneratorEntry,
-    /// Number of control points of the closed curve, or intervals of the open one, that it is made for.
+    /// Number of control points of a closed curve, or of intervals of an open one, that the generator is instantiated for.
     control_points: usize,
-    /// The poles of the functions that it reproduces, `[re, im]` on the integer grid of the knots.
+    /// Poles of the functions it reproduces, `[re, im]` on the integer grid of the knots.
     poles: Vec<[f64; 2]>,
-    /// The Riesz bounds.
+    /// Riesz bounds of its integer shifts.
     riesz_bounds: RieszBounds,
     /// Weights of an interpolator: of its B-splines in increasing order, or of the half-integer shifts 0, 1, ….
     weights: Option<Vec<f64>>,
     /// Condition number (1-norm) of the system that determines the weights.
     condition: Option<f64>,
-    /// What a reader should know.
+    /// Warnings about the generator.
     warnings: Vec<String>,
 }
 
-/// `A² Σ|c|² ≤ ‖Σ c[k] φ(· − k)‖² ≤ B² Σ|c|²`: the extremes of `Σ_k |φ̂(ω + 2πk)|²`.
+/// Riesz bounds: `A² Σ|c|² ≤ ‖Σ c[k] φ(· − k)‖² ≤ B² Σ|c|²`, the extremes of `Σ_k |φ̂(ω + 2πk)|²`.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct RieszBounds {
-    /// `A²`.
+    /// Lower bound `A²`.
     lower_squared: f64,
-    /// `B²`.
+    /// Upper bound `B²`.
     upper_squared: f64,
 }
 
-/// One generator made for a number of control points: support, smoothness, reproduced functions, Riesz bounds.
+/// Describes a generator for a number of control points: support, smoothness, reproduced functions, Riesz bounds.
 ///
-/// Parameters of the generator as in a representation, lists as JSON. As SVG: the generator and its derivative.
+/// Query parameters are those of the generator in a representation, with lists written as JSON. As SVG: the generator and
+/// its derivative.
 #[utoipa::path(get, path = "/generators/{name}", tag = "catalogue",
     params(
         ("name" = String, Path, description = "`trigonometric`, `keys`, `bspline`, `exponential` or `interpolator`"),
@@ -100,7 +101,7 @@ pub(super) async fn find_generator(
     Ok(json(StatusCode::OK, &GeneratorPage::from(details))?)
 }
 
-/// A generator and a number of control points from a query: each value is JSON, or a text.
+/// Reads a generator and a number of control points from a query; each value is JSON or plain text.
 fn read_query(
     name: String,
     parameters: Vec<(String, String)>,
@@ -154,26 +155,26 @@ impl From<GeneratorDetails> for GeneratorPage {
     }
 }
 
-/// A transformation class of the catalogue.
+/// Transformation class of the catalogue.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct TransformationEntry {
-    /// Its name.
+    /// Name of the class.
     name: ClassName,
-    /// Whether translations belong to it.
+    /// Whether the class includes translations.
     translation: bool,
-    /// Dimensions in which it can be projected on.
+    /// Dimensions in which shapes can be projected onto the class.
     #[schema(example = json!([2, 3]))]
     projection_dimensions: Vec<usize>,
-    /// Whether Procrustes alignment is offered.
+    /// Whether Procrustes alignment is available.
     procrustes: bool,
-    /// Its basis in the plane, where it has one.
+    /// Basis of the class in the plane; null if it has none.
     planar_basis: Option<Vec<Vec<Vec<f64>>>>,
 }
 
-/// The transformation classes.
+/// The transformation classes of the catalogue.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct Transformations {
-    /// All of them.
+    /// All transformation classes.
     items: Vec<TransformationEntry>,
 }
 

@@ -1,4 +1,4 @@
-//! What has changed, and what was deleted and can come back.
+//! Change feed, and the trash of deleted objects that can be restored.
 
 use axum::http::StatusCode;
 use axum::response::Response;
@@ -12,34 +12,34 @@ use crate::domain::change::{Change, ChangeKind};
 use crate::domain::trash::{Trashed, TrashedKind};
 use crate::service::cohorts::{changes, trash};
 
-/// Where to go on.
+/// Position in the change feed.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct ChangesQuery {
-    /// Number of the last change that was seen; 0 unless given.
+    /// Number of the last change already seen. Default: 0.
     #[serde(default)]
     since: u64,
-    /// Changes per answer, 1 to 1000; 100 unless given.
+    /// Changes per response, 1 to 1000. Default: 100.
     limit: Option<usize>,
 }
 
-/// A change.
+/// Entry of the change feed.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct ChangeOutput {
-    /// Its number, from 1; changes of a tenant are numbered in their order.
+    /// Number of the change, from 1; changes of a tenant are numbered in order.
     sequence: u64,
-    /// RFC 3339 UTC.
+    /// Time of the change, RFC 3339 in UTC.
     at: String,
-    /// What happened.
+    /// Kind of change.
     kind: ChangeKind,
-    /// Id of what it happened to.
+    /// Id of the changed object.
     object: String,
-    /// Id of its cohort.
+    /// Id of the cohort that the object belongs to.
     cohort: Option<String>,
-    /// Revision of the cohort that it brought about.
+    /// Revision of the cohort after the change.
     revision: Option<u64>,
-    /// Shapes that were added.
+    /// Number of shapes added.
     shapes: Option<u64>,
 }
 
@@ -50,20 +50,20 @@ impl From<Change> for ChangeOutput {
     }
 }
 
-/// Some changes.
+/// One page of the change feed.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct ChangesAnswer {
-    /// In their order.
+    /// Changes, in order.
     changes: Vec<ChangeOutput>,
-    /// `since` of the next question.
+    /// Value of `since` for the next request.
     last: u64,
-    /// Whether there was no later change.
+    /// Whether there were no later changes.
     done: bool,
 }
 
-/// Lists what has changed, in the order of the changes, so that a pipeline can go on where it stopped.
+/// Lists changes in order, so that a pipeline can resume where it stopped.
 ///
-/// Whoever has seen a number has seen all before it. The newest million changes are kept.
+/// A client that has seen a number has seen all changes before it. The newest million changes are kept.
 #[utoipa::path(get, path = "/changes", tag = "changes", params(ChangesQuery),
     responses(
         (status = 200, description = "The changes after `since`", body = ChangesAnswer),
@@ -80,18 +80,18 @@ pub(super) async fn list_changes(
     Ok(json(StatusCode::OK, &ChangesAnswer { changes, last: found.last, done: found.done })?)
 }
 
-/// A thing in the trash.
+/// Object in the trash.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct TrashedOutput {
-    /// What it is.
+    /// Kind of object.
     kind: TrashedKind,
-    /// Its id.
+    /// Id of the object.
     id: String,
-    /// Its name, which may belong to another one by now.
+    /// Name of the object, which another object may be using by now.
     name: String,
-    /// Version of a dictionary.
+    /// Version, for a dictionary.
     version: Option<u64>,
-    /// RFC 3339 UTC.
+    /// Time of deletion, RFC 3339 in UTC.
     deleted_at: String,
 }
 
@@ -102,7 +102,7 @@ impl From<Trashed> for TrashedOutput {
     }
 }
 
-/// Lists what was deleted and can come back.
+/// Lists deleted objects that can be restored.
 #[utoipa::path(get, path = "/trash", tag = "changes", params(PageQuery),
     responses(
         (status = 200, description = "A page of the trash", body = Page<TrashedOutput>),
@@ -117,7 +117,7 @@ pub(super) async fn list_trash(
     Ok(json(StatusCode::OK, &Page { items, next })?)
 }
 
-/// Takes a cohort or a version of a dictionary out of the trash.
+/// Restores a cohort or a dictionary version from the trash.
 #[utoipa::path(post, path = "/trash/{id}/restore", tag = "changes",
     params(("id" = String, Path, description = "Id of the cohort or of the version")),
     responses(
@@ -135,7 +135,7 @@ pub(super) async fn restore_trashed(
     Ok(StatusCode::NO_CONTENT)
 }
 
-/// Removes a thing from the trash for good.
+/// Permanently deletes an object in the trash.
 #[utoipa::path(delete, path = "/trash/{id}", tag = "changes",
     params(("id" = String, Path, description = "Id of the cohort or of the version")),
     responses(

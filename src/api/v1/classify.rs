@@ -90,7 +90,7 @@ pub(super) struct ClassOutput {
     /// Whether the distance to the class is within the quantile of its own shapes when they were held out; if not, the
     /// shape is of none of these classes.
     accepted: bool,
-    /// How the shape compares with all that were learnt from.
+    /// Comparison of the shape with all training shapes.
     outlier: ScoreOutput,
 }
 
@@ -124,9 +124,9 @@ impl ClassOutput {
 /// Classes, one a shape, in order.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct ClassifyAnswer {
-    /// One a shape.
+    /// One entry per shape.
     classes: Vec<ClassOutput>,
-    /// What to know about outliers; absent when there is nothing.
+    /// Warnings about outlier detection; absent if there are none.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     warnings: Vec<String>,
 }
@@ -177,7 +177,7 @@ pub(super) struct AssessmentOutput {
     code: CodeOutput,
     /// Its class; null when the dictionary has no classifier.
     class: Option<ClassOutput>,
-    /// How it compares with the shapes that were learnt from.
+    /// Comparison of the shape with the training shapes.
     outlier: ScoreOutput,
     /// `‖y − ŷ‖²/(‖y‖‖ŷ‖)` in the pose of the dictionary.
     relative_error: f64,
@@ -202,9 +202,9 @@ impl AssessmentOutput {
 /// Assessments, one a shape, in order.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct AssessAnswer {
-    /// One a shape.
+    /// One entry per shape.
     assessments: Vec<AssessmentOutput>,
-    /// What to know about outliers; absent when there is nothing.
+    /// Warnings about outlier detection; absent if there are none.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     warnings: Vec<String>,
 }

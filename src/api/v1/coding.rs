@@ -102,15 +102,15 @@ asking_request! {
 /// The transformation that brings a shape into the pose of the dictionary: `y = A r + b`.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct TransformationOutput {
-    /// `A`, row by row.
+    /// Matrix `A`, row by row.
     matrix: Vec<Vec<f64>>,
     /// `b`.
     offset: Vec<f64>,
     /// Row of the control points that becomes the first.
     start: u32,
-    /// Whether the shape is traversed backwards.
+    /// Whether the shape is traversed in reverse.
     reversed: bool,
-    /// Whether it matched as a mirror image.
+    /// Whether the match is a mirror image.
     mirrored: bool,
 }
 
@@ -167,7 +167,7 @@ impl CodeOutput {
 /// Codes, one a shape, in order.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct EncodeAnswer {
-    /// One a shape.
+    /// One entry per shape.
     codes: Vec<CodeOutput>,
 }
 
@@ -215,7 +215,7 @@ asking_request! {
 /// A reconstructed shape.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct ReconstructionOutput {
-    /// Coefficients in the representation.
+    /// Control points in the representation.
     control_points: Points,
     /// `‖y − ŷ‖²/(‖y‖‖ŷ‖)` in the pose of the dictionary; null for codes.
     relative_error: Option<f64>,
@@ -227,7 +227,7 @@ pub(super) struct ReconstructionOutput {
 /// Reconstructions, one a shape or code, in order.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct ReconstructAnswer {
-    /// One a shape or code.
+    /// One entry per shape or code.
     shapes: Vec<ReconstructionOutput>,
 }
 
@@ -329,7 +329,7 @@ impl ScoreOutput {
 /// Scores, one a shape, in order.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct ScoreAnswer {
-    /// One a shape.
+    /// One entry per shape.
     scores: Vec<ScoreOutput>,
     /// What to know about them; absent when there is nothing.
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -391,7 +391,7 @@ pub(super) struct EnergyOutput {
 /// Priors, one a shape, in order.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct PriorAnswer {
-    /// One a shape.
+    /// One entry per shape.
     priors: Vec<EnergyOutput>,
 }
 
@@ -457,7 +457,7 @@ pub(super) struct SampleOutput {
 /// Drawn shapes, in the pose of the dictionary.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct SampleAnswer {
-    /// The shapes.
+    /// Shapes.
     shapes: Vec<SampleOutput>,
 }
 

@@ -1,4 +1,4 @@
-//! Cohorts and their mean.
+//! Cohorts and their mean shapes.
 
 use std::collections::BTreeMap;
 
@@ -28,28 +28,28 @@ use crate::service::cohorts::{catalogue, live_mean};
 use crate::service::statistics::draw_mean;
 
 document! {
-    /// A cohort to be created.
+    /// A cohort to create.
     #[schema(example = json!({
         "name": "nuclei-2026", "length_unit": "mm", "correspondence": "cyclic",
         "representation": {"kind": "closed_curve", "dimension": 2, "control_points": 24, "generator": {"name": "keys"}}
     }))]
     pub(super) struct CohortRequest {
-        /// Unique name: letters, digits, '.', '_' and '-', at most 100.
+        /// Unique name: letters, digits, '.', '_' and '-', at most 100 characters.
         #[schema(value_type = String, required = true)]
         name: Checked<String>, required;
-        /// Free text.
+        /// Free-text description.
         #[schema(value_type = Option<String>)]
         description: Checked<Option<String>>;
-        /// What its shapes are made of.
+        /// Representation of the cohort's shapes.
         #[schema(value_type = Representation, required = true)]
         representation: Read<Representation>, required;
-        /// How points correspond; `landmarks` unless given.
+        /// How points correspond between shapes. Default: `landmarks`.
         #[schema(value_type = Option<Correspondence>)]
         correspondence: Checked<Correspondence>;
-        /// Whether the direction of contours means something; `given` unless given.
+        /// How to treat contour direction. Default: `given` (keep the direction as posted).
         #[schema(value_type = Option<Direction>)]
         direction: Checked<Direction>;
-        /// Whether mirror images may be matched; `forbid` unless given.
+        /// Whether shapes may be matched to mirror images. Default: `forbid`.
         #[schema(value_type = Option<Mirror>)]
         mirror: Checked<Mirror>;
         /// Unit of the coordinates.
@@ -58,33 +58,33 @@ document! {
     }
 }
 
-/// A cohort.
+/// A named set of shapes in one representation.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct CohortOutput {
     /// Identifier.
     #[schema(example = "coh_0198c0ffee00700080000000000000aa")]
     id: String,
-    /// Name, usable in place of the identifier.
+    /// Name; can be used in place of the identifier.
     name: String,
-    /// Free text.
+    /// Free-text description.
     description: Option<String>,
-    /// What its shapes are made of.
+    /// Representation of the cohort's shapes.
     representation: Representation,
-    /// How points correspond.
+    /// How points correspond between shapes.
     correspondence: Correspondence,
-    /// Whether the direction of contours means something.
+    /// How contour direction is treated.
     direction: Direction,
-    /// Whether mirror images may be matched.
+    /// Whether shapes may be matched to mirror images.
     mirror: Mirror,
     /// Unit of the coordinates.
     length_unit: Option<String>,
-    /// Number of changes so far.
+    /// Revision number, which grows with every change.
     revision: u64,
     /// Number of shapes.
     shapes: u64,
-    /// RFC 3339 UTC.
+    /// Time of creation, RFC 3339 in UTC.
     created_at: String,
-    /// RFC 3339 UTC.
+    /// Time of the last change, RFC 3339 in UTC.
     updated_at: String,
 }
 
@@ -159,7 +159,7 @@ fn new_cohort(request: CohortRequest) -> Result<NewCohort, ServiceError> {
     }
 }
 
-/// Lists cohorts in the order of their creation.
+/// Lists cohorts in order of creation.
 #[utoipa::path(get, path = "/cohorts", tag = "cohorts", params(PageQuery),
     responses(
         (status = 200, description = "A page of cohorts", body = Page<CohortOutput>),
@@ -174,7 +174,7 @@ pub(super) async fn list_cohorts(
     Ok(json(StatusCode::OK, &Page { items, next })?)
 }
 
-/// Reads a cohort by id or name.
+/// Returns a cohort by id or name.
 #[utoipa::path(get, path = "/cohorts/{cohort}", tag = "cohorts", params(("cohort" = String, Path, description = "Id or name")),
     responses(
         (status = 200, description = "The cohort; its ETag changes with its revision", body = CohortOutput),
@@ -196,31 +196,31 @@ pub(super) async fn find_cohort(
     Ok(tagged(json(StatusCode::OK, &CohortOutput::from(cohort))?, &tag))
 }
 
-/// What is to be changed of a cohort; what is not given stays.
+/// Fields of a cohort to change; absent fields keep their values.
 #[derive(Debug, Default, Deserialize, utoipa::ToSchema)]
 #[serde(default, deny_unknown_fields)]
 #[schema(example = json!({"description": "left hands, second scanner"}))]
 pub(super) struct CohortPatch {
-    /// Another name.
+    /// New name.
     name: Option<String>,
-    /// Another text; null for none.
+    /// New description; null to remove it.
     #[serde(deserialize_with = "given")]
     #[schema(value_type = Option<String>)]
     description: Option<Option<String>>,
-    /// Another unit; null for none.
+    /// New unit; null to remove it.
     #[serde(deserialize_with = "given")]
     #[schema(value_type = Option<String>)]
     length_unit: Option<Option<String>>,
 }
 
-/// A field that is given, as null or as a value.
+/// Deserialises a present field, either null or a value.
 fn given<'de, D: serde::Deserializer<'de>>(field: D) -> Result<Option<Option<String>>, D::Error> {
     Option::deserialize(field).map(Some)
 }
 
 /// Changes the name, description or unit of a cohort.
 ///
-/// The revision grows by one. With `If-Match` only when the cohort still is the version that the client has seen.
+/// The revision grows by one. With `If-Match`, the change is made only if the cohort is still at that version.
 #[utoipa::path(patch, path = "/cohorts/{cohort}", tag = "cohorts", request_body = CohortPatch,
     params(("cohort" = String, Path, description = "Id or name"), IfMatchHeader),
     responses(
@@ -244,7 +244,7 @@ pub(super) async fn update_cohort(
     Ok(tagged(json(StatusCode::OK, &CohortOutput::from(cohort))?, &tag))
 }
 
-/// Moves a cohort with all its shapes to the trash; its name is free at once.
+/// Moves a cohort with all its shapes to the trash; its name can be reused at once.
 #[utoipa::path(delete, path = "/cohorts/{cohort}", tag = "cohorts",
     params(("cohort" = String, Path, description = "Id or name"), IfMatchHeader),
     responses(
@@ -263,13 +263,13 @@ pub(super) async fn delete_cohort(
     Ok(StatusCode::NO_CONTENT)
 }
 
-/// The parameters of a query by name, each at most once.
+/// Query parameters by name, each at most once.
 pub(super) type Parameters = BTreeMap<String, String>;
 
-/// The parameters by name.
+/// Collects the parameters by name.
 ///
 /// # Errors
-/// A parameter that is given twice: neither of the two is meant more.
+/// A parameter given twice: neither value takes precedence.
 pub(super) fn once_each(pairs: Vec<(String, String)>) -> Result<Parameters, Problem> {
     let mut parameters = Parameters::new();
     for (key, value) in pairs {
@@ -293,7 +293,7 @@ pub(super) fn take_filter(parameters: &mut Parameters) -> ShapeFilter {
     ShapeFilter { label: parameters.remove("label"), subject: parameters.remove("subject"), labels }
 }
 
-/// Takes one parameter that is one of a list of words.
+/// Takes one parameter whose value is one of a list of words.
 fn take_word<T: serde::de::DeserializeOwned>(
     parameters: &mut Parameters,
     name: &str,
@@ -304,7 +304,7 @@ fn take_word<T: serde::de::DeserializeOwned>(
         .map_err(|error| Problem::new(ProblemKind::InvalidQuery, format!("{name}: {error}")))
 }
 
-/// Refuses parameters that nobody took: a misspelt filter must not be passed over.
+/// Refuses unknown parameters: a misspelt filter must not be ignored.
 pub(super) fn refuse_rest(parameters: &Parameters) -> Result<(), Problem> {
     match parameters.keys().next() {
         None => Ok(()),
@@ -314,7 +314,7 @@ pub(super) fn refuse_rest(parameters: &Parameters) -> Result<(), Problem> {
     }
 }
 
-/// The mean of a cohort.
+/// Mean shape of a cohort.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct CohortMeanOutput {
     #[serde(flatten)]
@@ -323,10 +323,10 @@ pub(super) struct CohortMeanOutput {
     revision: u64,
 }
 
-/// The mean of a cohort's shapes at its present revision.
+/// Computes the mean of a cohort's shapes at its current revision.
 ///
-/// The ETag changes with the revision and the query: `If-None-Match` saves the work. As SVG: the mean with some of the
-/// aligned shapes behind it. As OBJ, PLY, STL or glTF: the mesh of a mean surface.
+/// The ETag changes with the revision and the query; a request with a matching `If-None-Match` is not computed again. As SVG:
+/// the mean in front of some of the aligned shapes. As OBJ, PLY, STL or glTF: the mesh of a mean surface.
 #[utoipa::path(get, path = "/cohorts/{cohort}/mean", tag = "cohorts",
     params(
         ("cohort" = String, Path, description = "Id or name"),

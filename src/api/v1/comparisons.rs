@@ -39,16 +39,16 @@ document! {
         /// In place of groups, `label` or `labels.<attribute>`: every value makes a group.
         #[schema(value_type = Option<String>)]
         by: Checked<String>;
-        /// With `by`: which shapes; all unless given.
+        /// With `by`: filter that selects shapes. Default: all shapes.
         #[schema(value_type = Option<ShapeFilter>)]
         filter: Checked<ShapeFilter>;
-        /// The class that is removed; `similarity` unless given.
+        /// Transformation class to remove. Default: `similarity`.
         #[schema(value_type = Option<Transformation>)]
         transformation: Checked<Transformation>;
-        /// Projection on the class, or Procrustes fits; `projection` unless given.
+        /// Alignment method: projection onto the class, or Procrustes. Default: `projection`.
         #[schema(value_type = Option<Alignment>)]
         alignment: Checked<Alignment>;
-        /// Whether mirror images may be matched; the rule of the cohort unless given.
+        /// Whether shapes may be matched to mirror images. Default: the cohort's setting.
         #[schema(value_type = Option<Mirror>)]
         mirror: Checked<Mirror>;
         /// Relabellings, 0 to 100000; 1000 unless given. When there are no more, all are gone through.
@@ -63,7 +63,7 @@ document! {
         /// Points along the shape at which the effect is answered; as many as control points unless given.
         #[schema(value_type = Option<usize>, minimum = 1)]
         samples: Checked<usize>;
-        /// Which of the waiting jobs of the tenant comes first, when this becomes one; `normal` unless given.
+        /// Priority among the tenant's queued jobs if the request becomes a job. Default: `normal`.
         #[schema(value_type = Option<Priority>)]
         priority: Checked<Priority>;
     }

@@ -1,4 +1,4 @@
-//! Evaluation, measures and resampling of curves.
+//! Evaluation, measures and resampling of curves and surfaces.
 
 use axum::http::StatusCode;
 use axum::response::Response;
@@ -34,88 +34,89 @@ use crate::service::shapes::{curves, subdivisions, surfaces};
 use crate::service::statistics::{MAX_DRAWN, draw_shapes};
 
 shapes_request! {
-    /// Curves or surfaces to be evaluated.
+    /// Curves or surfaces to evaluate.
     #[schema(example = json!({
         "representation": {"kind": "closed_curve", "dimension": 2, "control_points": 4, "generator": {"name": "trigonometric"}},
         "shapes": [{"points": [[2, 0], [0, 1], [-2, 0], [0, -1]]}], "samples": 8, "derivatives": 1
     }))]
     EvaluateRequest {
-        /// Number of equally spaced parameters of curves from `u = 0`, to `u = 1` on open ones; 100 unless `parameters` is
-        /// given.
+        /// Number of equally spaced parameters of curves, from `u = 0`; on open curves up to `u = 1`. Default: 100, unless
+        /// `parameters` is given.
         #[schema(value_type = Option<usize>, minimum = 1)]
         samples: Checked<usize>;
-        /// Numbers of equally spaced parameters of surfaces along `u` and `v`: from 0, to 1 along open directions; two for
-        /// every interval between knots unless given.
+        /// Numbers of equally spaced parameters of surfaces along `u` and `v`, from 0; along open directions up to 1. Default:
+        /// two per interval between knots.
         #[schema(value_type = Option<[usize; 2]>)]
         grid: Checked<[usize; 2]>;
-        /// Parameters `u` instead, of surfaces pairs of `u` and `v`: modulo 1 along closed directions, from 0 to 1 along open
-        /// ones.
+        /// Explicit parameters in place of `samples` or `grid`: values `u` for curves, pairs `[u, v]` for surfaces. Closed
+        /// directions take them modulo 1, open ones from 0 to 1.
         #[schema(value_type = Option<ParameterList>)]
         parameters: Raw;
-        /// Highest derivative, 0 to 2; 0 unless given.
+        /// Highest order of derivatives to return, 0 to 2. Default: 0.
         #[schema(value_type = Option<usize>, maximum = 2)]
         derivatives: Checked<usize>;
-        /// Whether tangents, normals and curvatures are answered; not unless given.
+        /// Whether to return tangents, normals and curvatures. Default: false.
         #[schema(value_type = Option<bool>)]
         frames: Checked<bool>;
     }
 }
 
-/// Parameters of curves, or of surfaces.
+/// Parameters at which curves or surfaces are evaluated.
 #[derive(utoipa::ToSchema)]
 #[serde(untagged)]
 #[allow(dead_code, reason = "only for the document")]
 pub(super) enum ParameterList {
-    /// `u`.
+    /// Values `u` on curves.
     Curve(Vec<f64>),
-    /// `u` and `v`.
+    /// Pairs `[u, v]` on surfaces.
     Surface(Vec<[f64; 2]>),
 }
 
 /// Values of one curve or surface.
 #[derive(Debug, Default, Serialize, utoipa::ToSchema)]
 pub(super) struct EvaluationOutput {
-    /// Points on the shape; of surfaces on a grid as lists `[u][v]` of points.
+    /// Points on the shape; for surfaces on a grid, nested lists `[u][v]` of points.
     #[schema(value_type = Vec<Vec<serde_json::Value>>)]
     points: Option<Points>,
-    /// `dr/du`, when asked for.
+    /// `dr/du`; present if `derivatives` is at least 1.
     #[serde(skip_serializing_if = "Option::is_none")]
     first: Option<Points>,
-    /// `d²r/du²`, when asked for; the right limit at knots, the left one at the end of an open curve.
+    /// `d²r/du²`; present if `derivatives` is 2. At knots the right limit, at the end of an open curve the left one.
     #[serde(skip_serializing_if = "Option::is_none")]
     second: Option<Points>,
-    /// `∂σ/∂u` of a surface, when asked for.
+    /// `∂σ/∂u` of a surface; present if `derivatives` is at least 1.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<Vec<Vec<serde_json::Value>>>)]
     u: Option<Points>,
-    /// `∂σ/∂v`.
+    /// `∂σ/∂v` of a surface; present if `derivatives` is at least 1.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<Vec<Vec<serde_json::Value>>>)]
     v: Option<Points>,
-    /// `∂²σ/∂u²`.
+    /// `∂²σ/∂u²` of a surface; present if `derivatives` is 2.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<Vec<Vec<serde_json::Value>>>)]
     uu: Option<Points>,
-    /// `∂²σ/∂u∂v`.
+    /// `∂²σ/∂u∂v` of a surface; present if `derivatives` is 2.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<Vec<Vec<serde_json::Value>>>)]
     uv: Option<Points>,
-    /// `∂²σ/∂v²`.
+    /// `∂²σ/∂v²` of a surface; present if `derivatives` is 2.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<Vec<Vec<serde_json::Value>>>)]
     vv: Option<Points>,
-    /// Unit tangents of curves, when frames are asked for; null where the curve stops.
+    /// Unit tangents of curves, if `frames` is set; null where the curve has no direction.
     #[serde(skip_serializing_if = "Option::is_none")]
     tangents: Option<Vec<Option<Vec<f64>>>>,
-    /// Unit normals: of curves to the left of the tangent in the plane; towards the centre of curvature in space, null where
-    /// the curve is straight. Of surfaces outwards, in the order of the points with `v` fastest; null where there is no plane.
+    /// Unit normals, if `frames` is set. Planar curves: to the left of the tangent. Curves in space: towards the centre of
+    /// curvature, null where the curve is straight. Surfaces: outwards, in the order of the points with `v` fastest; null
+    /// where there is no tangent plane.
     #[serde(skip_serializing_if = "Option::is_none")]
     normals: Option<Vec<Option<Vec<f64>>>>,
-    /// Curvatures in 1/length: positive to the left in the plane, never negative in space.
+    /// Curvatures in 1/length: positive for left turns in the plane, never negative in space.
     #[serde(skip_serializing_if = "Option::is_none")]
     curvatures: Option<Vec<Option<f64>>>,
-    /// Principal curvatures of surfaces in 1/length, the larger one first, negative where the surface bends away from its
-    /// normal; null at poles and where there is no plane.
+    /// Principal curvatures of surfaces in 1/length, the larger one first; negative where the surface bends away from its
+    /// normal; null at poles and where there is no tangent plane.
     #[serde(skip_serializing_if = "Option::is_none")]
     principal_curvatures: Option<Vec<Option<[f64; 2]>>>,
 }
@@ -157,17 +158,18 @@ impl EvaluationOutput {
     }
 }
 
-/// Values, one entry a shape, in order.
+/// Evaluations, one entry per shape, in request order.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct EvaluateAnswer {
-    /// One a curve or surface.
+    /// One entry per curve or surface.
     evaluations: Vec<EvaluationOutput>,
-    /// Of subdivision surfaces the triangles between the points, the same for all of them.
+    /// Triangles between the points of subdivision surfaces, the same for all of them.
     #[serde(skip_serializing_if = "Option::is_none")]
     faces: Option<Vec<[u32; 3]>>,
 }
 
-/// Evaluates curves or surfaces and their derivatives; of subdivision surfaces the mesh of their level.
+/// Evaluates curves or surfaces and their derivatives; for subdivision surfaces, the mesh at their level.
+///
 ///
 /// As SVG: a drawing of the shapes. As OBJ, PLY, STL or glTF: the mesh of one surface at its `grid` or level.
 #[utoipa::path(post, path = "/evaluate", tag = "curves", request_body = EvaluateRequest,
@@ -249,7 +251,7 @@ pub(super) async fn evaluate(
     .await
 }
 
-/// The meshes of the level of subdivision surfaces.
+/// Evaluates subdivision surfaces at the vertices of their level.
 fn evaluate_meshes(
     app: &App,
     representation: &Representation,
@@ -292,16 +294,16 @@ fn evaluate_meshes(
     json(StatusCode::OK, &EvaluateAnswer { evaluations: meshes.iter().map(output).collect(), faces })
 }
 
-/// Where shapes are evaluated.
+/// Parameters at which shapes are evaluated.
 enum Places {
     Curve(Parameters),
     Surface(SurfaceParameters),
-    /// At the vertices of the level.
+    /// The mesh vertices of the level.
     Vertices,
 }
 
 impl Places {
-    /// What it takes to evaluate so many shapes there, with derivatives up to an order and frames.
+    /// Predicted work of evaluating `shapes` shapes with derivatives up to `order` and frames.
     fn work(
         &self,
         representation: &Representation,
@@ -310,7 +312,7 @@ impl Places {
         format: ShapeFormat,
         limits: &Limits,
     ) -> Work {
-        /// Numbers that a frame costs, over the coordinates of a point.
+        /// Cost of a frame, as a multiple of the coordinates of a point.
         const FRAME: usize = 5;
         let counts = Counts::new(representation, shapes, limits);
         let order = order.min(2);
@@ -332,7 +334,7 @@ impl Places {
     }
 }
 
-/// The fields that say where, for curves or for surfaces.
+/// Takes `samples`, `grid` and `parameters`, whichever apply to the representation.
 fn take_places(
     representation: Option<&Representation>,
     samples: Option<Checked<usize>>,
@@ -385,7 +387,7 @@ fn take_places(
 }
 
 shapes_request! {
-    /// Curves or surfaces to be measured.
+    /// Curves or surfaces to measure.
     #[schema(example = json!({
         "representation": {"kind": "closed_curve", "dimension": 2, "control_points": 4, "generator": {"name": "trigonometric"}},
         "length_unit": "mm",
@@ -393,24 +395,24 @@ shapes_request! {
         "shapes": [{"points": [[2, 0], [0, 1], [-2, 0], [0, -1]]}]
     }))]
     MeasureRequest {
-        /// Unit of the coordinates; carried to the answer.
+        /// Unit of the coordinates, copied to the response.
         #[schema(value_type = Option<String>)]
         length_unit: Checked<Option<String>>;
-        /// A shape in the same representation, to which distances are measured.
+        /// Shape in the same representation to which distances are measured.
         #[schema(value_type = Option<ShapeInput>)]
         reference: ShapeInput;
-        /// A field `F(r) = A r + b` whose flux through surfaces is measured.
+        /// Affine field `F(r) = A r + b` whose flux through surfaces is measured.
         #[schema(value_type = Option<AffineField>)]
         field: Checked<AffineField>;
     }
 }
 
-/// Smallest and largest coordinates.
+/// Axis-aligned bounding box.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct BoundingBox {
-    /// Smallest coordinates.
+    /// Smallest coordinates, one per axis.
     min: Vec<f64>,
-    /// Largest coordinates.
+    /// Largest coordinates, one per axis.
     max: Vec<f64>,
 }
 
@@ -418,49 +420,49 @@ pub(super) struct BoundingBox {
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 #[serde(untagged)]
 pub(super) enum MeasureOutput {
-    /// Of a curve.
+    /// Measures of a curve.
     Curve(Box<CurveMeasureOutput>),
-    /// Of a surface.
+    /// Measures of a surface.
     Surface(Box<SurfaceMeasureOutput>),
 }
 
-/// Measures of one surface. Parts that need an enclosed volume are null on sheets and on surfaces with one side.
+/// Measures of one surface. Fields that need an enclosed volume are null on sheets and on one-sided surfaces.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct SurfaceMeasureOutput {
-    /// Enclosed volume, exact: of spheres and tori, of cylinders with flat lids.
+    /// Enclosed volume, exact: of spheres, tori, and cylinders with flat lids.
     volume: Option<f64>,
-    /// The same, positive when the normals point outwards.
+    /// Enclosed volume, positive when the normals point outwards.
     signed_volume: Option<f64>,
-    /// Area without lids.
+    /// Surface area, without lids.
     area: f64,
-    /// Estimated error of the area; of subdivision surfaces what is missing to that of the limit.
+    /// Estimated error of the area; for subdivision surfaces, the difference from the area of the limit surface.
     area_error: f64,
-    /// Centroid of the enclosed volume; of sheets that of the area.
+    /// Centroid of the enclosed volume; for sheets, of the area.
     centroid: [f64; 3],
-    /// Centroid of the area.
+    /// Centroid of the surface area.
     sheet_centroid: [f64; 3],
     /// Mean position over the parameters.
     mean_position: [f64; 3],
-    /// Smallest and largest coordinates, at the knots and the nodes of the quadrature.
+    /// Bounding box of the points at the knots and the quadrature nodes.
     bounding_box: BoundingBox,
-    /// `36πV²/A³` with the area of the whole border, of cylinders with their lids: 1 for a ball, less for any other body;
+    /// `36πV²/A³`, with the area of the whole boundary (cylinders: including lids). 1 for a ball, less for any other body;
     /// null without volume.
     sphericity: Option<f64>,
-    /// Whether the surface crosses or lies on itself: looked for on the mesh of one cell for every interval between knots, at least 8
-    /// and at most 48 along each direction, or on the finest level with at most 20 000 faces; null when that was not decided.
+    /// Whether the surface intersects or overlaps itself. Checked on a mesh with one cell per interval between knots, at
+    /// least 8 and at most 48 along each direction, or on the finest level with at most 20 000 faces. Null if undecided.
     self_intersecting: Option<bool>,
-    /// `∯ ⟨F, n⟩ dA` of the field through the sheet, when there is one.
+    /// `∯ ⟨F, n⟩ dA`, the flux of `field` through the surface, if a field is given.
     #[serde(skip_serializing_if = "Option::is_none")]
     flux: Option<f64>,
-    /// Distance to the reference, when there is one.
+    /// Distance to the reference, if one is given.
     #[serde(skip_serializing_if = "Option::is_none")]
     distances: Option<SurfaceDistancesOutput>,
 }
 
-/// Distance of two surfaces, in the unit of their points.
+/// Distance between two surfaces, in the unit of their points.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct SurfaceDistancesOutput {
-    /// `(∬ |σ − σ_ref|² du dv)^½`, exact: as functions of the parameters.
+    /// `(∬ |σ − σ_ref|² du dv)^½`, exact: the distance as functions of the parameters.
     l2: f64,
 }
 
@@ -488,26 +490,26 @@ impl From<MeasuredSurface> for MeasureOutput {
     }
 }
 
-/// Measures of one curve. Parts that need a closed planar curve, or a smooth one, are null on others.
+/// Measures of one curve. Fields that need a closed planar curve, or a smooth one, are null on others.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct CurveMeasureOutput {
-    /// Enclosed area, exact; closed planar curves.
+    /// Enclosed area of a closed planar curve, exact.
     area: Option<f64>,
-    /// Enclosed area, counter-clockwise positive (y up).
+    /// Enclosed area, positive for counter-clockwise curves (y up).
     signed_area: Option<f64>,
-    /// Centroid of the enclosed area; null when there is none.
+    /// Centroid of the enclosed area; null if the curve encloses none.
     centroid: Option<[f64; 2]>,
     /// Second moments of the enclosed area about its centroid, `∬ (x − x̄)(x − x̄)ᵀ dA`.
     second_moments: Option<[[f64; 2]; 2]>,
     /// Mean position along the parameter.
     mean_position: Vec<f64>,
-    /// Length of the curve, to 1e-10 relative.
+    /// Length of the curve, with a relative error of 1e-10.
     length: f64,
-    /// Length of a closed curve.
+    /// Length of a closed curve; null for open ones.
     perimeter: Option<f64>,
     /// Bounding box of the curve, not of its control points.
     bounding_box: BoundingBox,
-    /// Direction of a closed planar curve.
+    /// Orientation of a closed planar curve.
     orientation: Option<Orientation>,
     /// Whether a planar curve crosses or touches itself.
     self_intersecting: Option<bool>,
@@ -515,23 +517,23 @@ pub(super) struct CurveMeasureOutput {
     stretching_energy: f64,
     /// `∫ |r''|² du`, exact; null for curves with corners.
     bending_energy: Option<f64>,
-    /// `∫ |κ| dl` in radians; null for curves with corners or points without direction.
+    /// `∫ |κ| dl` in radians; null for curves with corners or with points without direction.
     total_curvature: Option<f64>,
-    /// `∫ κ dl` in radians, counter-clockwise positive; planar curves.
+    /// `∫ κ dl` in radians, counter-clockwise positive; planar curves only.
     turning: Option<f64>,
-    /// Distances to the reference, when there is one.
+    /// Distances to the reference, if one is given.
     #[serde(skip_serializing_if = "Option::is_none")]
     distances: Option<DistancesOutput>,
 }
 
-/// Distances of two curves, in the unit of their points.
+/// Distances between two curves, in the unit of their points.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct DistancesOutput {
-    /// `(∫ |r − s|² du)^½`, exact: as functions of the parameter.
+    /// `(∫ |r − s|² du)^½`, exact: the distance as functions of the parameter.
     l2: f64,
-    /// Root mean square distance to the nearest point of the other curve, over both.
+    /// Root mean square distance to the nearest point of the other curve, over both curves.
     symmetric_l2: f64,
-    /// Largest distance to the nearest point of the other curve, over both.
+    /// Largest distance to the nearest point of the other curve, over both curves.
     hausdorff: f64,
 }
 
@@ -541,14 +543,14 @@ impl From<Distances> for DistancesOutput {
     }
 }
 
-/// Measures, one entry a curve, in order.
+/// Measures, one entry per shape, in request order.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct MeasureAnswer {
-    /// One a curve.
+    /// One entry per shape.
     measures: Vec<MeasureOutput>,
     /// Unit of lengths; areas are in its square.
     length_unit: Option<String>,
-    /// What the numbers do not hold, with the pointer to the shape.
+    /// Limitations of the measures, each with a JSON pointer to its shape.
     warnings: Vec<String>,
 }
 
@@ -590,9 +592,8 @@ impl From<Measured> for MeasureOutput {
 
 /// Measures curves or surfaces.
 ///
-/// Curves: area, moments, length, curvature, energies, bounding box, orientation, self-intersection; and their
-/// distances to a reference. Surfaces: volume, area, centroids, bounding box, the flux of a field, and the distance to a
-/// reference.
+/// Curves: area, moments, length, curvature, energies, bounding box, orientation, self-intersection, and the distances to a
+/// reference. Surfaces: volume, area, centroids, bounding box, the flux of a field, and the distance to a reference.
 #[utoipa::path(post, path = "/measure", tag = "curves", request_body = MeasureRequest,
     responses(
         (status = 200, description = "One entry a curve", body = MeasureAnswer),
@@ -649,19 +650,19 @@ pub(super) async fn measure(
 }
 
 document! {
-    /// Contours to be resampled.
+    /// Contours to resample.
     #[schema(example = json!({"count": 6, "start": "canonical", "shapes": [{"points": [[0, 0], [4, 0], [4, 1], [0, 1]]}]}))]
     pub(super) struct ResampleRequest {
         /// Number of points, at least 3 for closed contours and 2 for open ones.
         #[schema(value_type = usize, required = true, minimum = 2)]
         count: Checked<usize>, required;
-        /// Where to start; `first` unless given.
+        /// Start point of the resampled contour. Default: `first`.
         #[schema(value_type = Option<Start>)]
         start: Checked<Start>;
-        /// Whether the contours are closed; they are unless given.
+        /// Whether the contours are closed. Default: true.
         #[schema(value_type = Option<bool>)]
         closed: Checked<bool>;
-        /// The contours.
+        /// Contours to resample.
         #[schema(value_type = Vec<ShapeInput>, required = true)]
         shapes: List<ShapeInput>, required;
     }
@@ -670,20 +671,20 @@ document! {
 /// One resampled contour.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct ResampledOutput {
-    /// Points of equal distance along the polygon.
+    /// Points at equal distances along the polygon.
     points: Points,
-    /// Length of the polygon that was posted.
+    /// Length of the posted polygon.
     polygon_length: f64,
 }
 
-/// Resampled contours, in order.
+/// Resampled contours, in request order.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct ResampleAnswer {
-    /// One a contour.
+    /// One entry per contour.
     shapes: Vec<ResampledOutput>,
 }
 
-/// Resamples contours to points of equal arc length; open ones keep both ends.
+/// Resamples contours to points at equal arc length; open contours keep both ends.
 #[utoipa::path(post, path = "/resample", tag = "curves", request_body = ResampleRequest,
     responses(
         (status = 200, description = "The contours", body = ResampleAnswer),

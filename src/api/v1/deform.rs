@@ -1,4 +1,4 @@
-//! One shape, deformed.
+//! Deformation of a single shape.
 
 use axum::http::StatusCode;
 use axum::response::Response;
@@ -20,23 +20,23 @@ use crate::service::shapes::read::own_faults;
 use crate::service::shapes::request::Posted;
 
 document! {
-    /// A shape, and what pulls at it.
+    /// A shape with moves and handles that deform it.
     #[schema(example = json!({
         "representation": {"kind": "closed_curve", "dimension": 2, "control_points": 6, "generator": {"name": "keys"}},
         "shape": {"points": [[2, 0], [1, 1.7], [-1, 1.7], [-2, 0], [-1, -1.7], [1, -1.7]]},
         "handles": [{"parameters": [0.0], "position": [3, 0]}, {"parameters": [0.5], "position": [-2, 0]}]
     }))]
     pub(super) struct DeformRequest {
-        /// What the shape is made of; a curve or a surface.
+        /// Representation of the shape: a curve or a surface.
         #[schema(value_type = Representation, required = true)]
         representation: Read<Representation>, required;
-        /// The shape.
+        /// Shape to deform.
         #[schema(value_type = ShapeInput, required = true)]
         shape: ShapeInput, required;
-        /// Control points that are moved, before the handles pull.
+        /// Control points to move, before the handles are applied.
         #[schema(value_type = Option<Vec<ControlPointMove>>)]
         moves: Checked<Vec<ControlPointMove>, LARGE>;
-        /// Places on the shape and where they go: the shape changes as little as possible in `L₂`.
+        /// Places on the shape and their target positions. The change of the shape is the smallest possible in `L₂`.
         #[schema(value_type = Option<Vec<Handle>>)]
         handles: Checked<Vec<Handle>, LARGE>;
     }
@@ -47,7 +47,7 @@ document! {
 pub(super) struct DeformAnswer {
     #[serde(flatten)]
     shape: ShapeOutput,
-    /// Where the control points that were moved move the shape, one entry each.
+    /// Part of the shape that each moved control point changes, one entry per move.
     supports: Vec<Support>,
     /// `L₂` norm of the change.
     l2_change: f64,
@@ -55,7 +55,7 @@ pub(super) struct DeformAnswer {
     largest_change: f64,
 }
 
-/// Moves control points of a curve or surface, and pulls it to handle positions with the least change.
+/// Deforms a curve or surface: moves control points, then moves handles to their targets with the least change.
 #[utoipa::path(post, path = "/deform", tag = "curves", request_body = DeformRequest,
     responses(
         (status = 200, description = "The deformed shape", body = DeformAnswer),

@@ -42,22 +42,22 @@ document! {
         /// Id or name of the cohort.
         #[schema(value_type = String, required = true)]
         cohort: Checked<String>, required;
-        /// Which of its shapes; all unless given.
+        /// Filter that selects shapes of the cohort. Default: all shapes.
         #[schema(value_type = Option<ShapeFilter>)]
         filter: Checked<ShapeFilter>;
-        /// The class that is removed; needed unless learning goes on from a version.
+        /// Transformation class to remove. Required unless `continue_from` is given.
         #[schema(value_type = Option<Transformation>)]
         transformation: Checked<Transformation>;
-        /// Projection on the class, or Procrustes fits; `projection` unless given.
+        /// Alignment method: projection onto the class, or Procrustes. Default: `projection`.
         #[schema(value_type = Option<Alignment>)]
         alignment: Checked<Alignment>;
-        /// Which member of the mean space is the mean shape; `training` unless given.
+        /// Representative of the mean space used as the mean shape. Default: `training`.
         #[schema(value_type = Option<Frame>)]
         frame: Checked<Frame>;
-        /// Whether mirror images may be matched; the rule of the cohort unless given.
+        /// Whether shapes may be matched to mirror images. Default: the cohort's setting.
         #[schema(value_type = Option<Mirror>)]
         mirror: Checked<Mirror>;
-        /// What is learnt; needed unless learning goes on from a version.
+        /// Learning method and its parameters. Required unless `continue_from` is given.
         #[schema(value_type = Option<Method>)]
         method: Checked<Method>;
         /// What tells classes apart; nothing unless given. It is trained on all shapes, and validated on shapes that
@@ -71,7 +71,7 @@ document! {
         /// Whether only the cost is answered; false unless given.
         #[schema(value_type = Option<bool>)]
         dry_run: Checked<bool>;
-        /// Which of the waiting jobs of the tenant comes first, when this becomes one; `normal` unless given.
+        /// Priority among the tenant's queued jobs if the request becomes a job. Default: `normal`.
         #[schema(value_type = Option<Priority>)]
         priority: Checked<Priority>;
     }
@@ -103,7 +103,7 @@ pub(super) struct ProvenanceOutput {
     continued_from: Option<String>,
     /// The program and its version.
     program: String,
-    /// RFC 3339 UTC.
+    /// Time of creation, RFC 3339 in UTC.
     created_at: String,
 }
 
@@ -131,21 +131,21 @@ pub(super) struct DictionaryEntry {
     /// Identifier of the version.
     #[schema(example = "dic_0198c0ffee00700080000000000000aa")]
     id: String,
-    /// Name, shared by all versions; stands for the latest.
+    /// Name shared by all versions; on its own it addresses the latest version.
     name: String,
-    /// From 1; `name@version` stands for it.
+    /// Version, from 1; addressed as `name@version`.
     version: u64,
     /// Id of the cohort.
     cohort: String,
-    /// Its name when the dictionary was learnt.
+    /// Name of the cohort when the dictionary was learnt.
     cohort_name: String,
-    /// Its revision then.
+    /// Revision of the cohort when the dictionary was learnt.
     cohort_revision: u64,
-    /// What shapes are made of.
+    /// Representation of the shapes.
     representation: Representation,
-    /// The class that is removed.
+    /// Transformation class removed before comparison.
     transformation: Transformation,
-    /// What was learnt, with all parameters.
+    /// Learning method with all its parameters.
     method: Method,
     /// Atoms or components there are.
     atoms: usize,
@@ -159,7 +159,7 @@ pub(super) struct DictionaryEntry {
     classifier: Option<ClassifierKind>,
     /// Part of the shapes that it got right in cross-validation.
     accuracy: Option<f64>,
-    /// From what, and by what.
+    /// Training data, seed and program behind the dictionary.
     provenance: ProvenanceOutput,
 }
 
@@ -194,33 +194,33 @@ pub(super) struct DictionaryOutput<'a> {
     /// Identifier of the version.
     #[schema(example = "dic_0198c0ffee00700080000000000000aa")]
     id: &'a str,
-    /// Name, shared by all versions; stands for the latest.
+    /// Name shared by all versions; on its own it addresses the latest version.
     name: &'a str,
-    /// From 1; `name@version` stands for it.
+    /// Version, from 1; addressed as `name@version`.
     version: u64,
     /// Id of the cohort.
     cohort: &'a str,
-    /// Its name when the dictionary was learnt.
+    /// Name of the cohort when the dictionary was learnt.
     cohort_name: &'a str,
-    /// Its revision then.
+    /// Revision of the cohort when the dictionary was learnt.
     cohort_revision: u64,
-    /// What shapes are made of.
+    /// Representation of the shapes.
     representation: &'a Representation,
-    /// How points correspond.
+    /// How points correspond between shapes.
     correspondence: Correspondence,
-    /// Whether the direction of contours means something.
+    /// How contour direction is treated.
     direction: Direction,
-    /// Whether mirror images may be matched.
+    /// Whether shapes may be matched to mirror images.
     mirror: Mirror,
     /// Unit of the coordinates of the cohort.
     length_unit: Option<&'a str>,
-    /// The class that is removed.
+    /// Transformation class removed before comparison.
     transformation: &'a Transformation,
-    /// Projection on the class, or Procrustes fits.
+    /// Alignment method: projection onto the class, or Procrustes.
     alignment: Alignment,
-    /// Which member of the mean space is the mean shape.
+    /// Representative of the mean space used as the mean shape.
     frame: Frame,
-    /// What was learnt, with all parameters.
+    /// Learning method with all its parameters.
     method: &'a Method,
     /// The mean shape.
     mean: &'a MeanRecord,
@@ -232,7 +232,7 @@ pub(super) struct DictionaryOutput<'a> {
     statistics: &'a Statistics,
     /// What tells classes apart, and how well; null when none was asked for.
     classifier: Option<ClassifierOutput<'a>>,
-    /// From what, and by what.
+    /// Training data, seed and program behind the dictionary.
     provenance: ProvenanceOutput,
 }
 
@@ -380,9 +380,9 @@ pub(super) struct DictionariesQuery {
     name: Option<String>,
     /// Only those learnt from the cohort with this id or name.
     cohort: Option<String>,
-    /// Cursor from the page before.
+    /// Cursor from the previous page.
     cursor: Option<String>,
-    /// Entries per page, 1 to 1000; 100 unless given.
+    /// Entries per page, 1 to 1000. Default: 100.
     limit: Option<usize>,
 }
 
@@ -455,7 +455,7 @@ pub(super) async fn delete_dictionary(
 /// The atoms of a dictionary.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct AtomsAnswer<'a> {
-    /// One an atom.
+    /// One entry per atom.
     atoms: &'a [Atom],
 }
 

@@ -1,4 +1,4 @@
-//! How new shapes differ from those that a dictionary was learnt from.
+//! Drift: how new shapes differ from those that a dictionary was learnt from.
 
 use axum::http::StatusCode;
 use axum::response::Response;
@@ -11,63 +11,64 @@ use crate::service::dictionaries::coding::outlier_warnings;
 use crate::service::dictionaries::drift::{ClassDrift, Drift, MeanDrift, MeasureDrift, ScoreDrift, Since};
 use crate::service::dictionaries::{drift, ready};
 
-/// Which shapes are new, and which are outliers.
+/// Selects new shapes and sets the outlier quantile.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct DriftQuery {
-    /// A revision of the cohort or a time (RFC 3339) after which shapes are new; the revision that the dictionary was
-    /// learnt from unless given.
+    /// A revision of the cohort or a time (RFC 3339); shapes added after it are new. Default: the revision that the dictionary
+    /// was learnt from.
     since: Option<String>,
-    /// Part of shapes like the training shapes that shall not be called outliers, from 0.5; 0.99 unless given.
+    /// Fraction of shapes, from 0.5, that should not count as outliers if they resemble the training shapes. Default: 0.99.
     quantile: Option<f64>,
 }
 
 /// Outliers among the new shapes.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct OutlierRate {
-    /// How many there are.
+    /// Number of outliers.
     count: usize,
-    /// Part of the new shapes; null without new shapes.
+    /// Fraction of the new shapes; null without new shapes.
     rate: Option<f64>,
-    /// The quantile.
+    /// Quantile that defines the outliers.
     quantile: f64,
 }
 
-/// What has changed since a dictionary was learnt.
+/// Differences between new shapes and the training shapes of a dictionary.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct DriftAnswer {
     /// Id of the dictionary.
     dictionary: String,
-    /// Id of its cohort.
+    /// Id of the cohort.
     cohort: String,
-    /// Shapes that came after this revision are new.
+    /// Shapes added after this revision are new.
     since_revision: u64,
-    /// Revision up to which they were looked at.
+    /// Revision up to which new shapes were examined.
     cohort_revision: u64,
-    /// New shapes that pass the filter of the dictionary.
+    /// Number of new shapes that pass the filter of the dictionary.
     shapes: usize,
-    /// Those beyond the limit that the quantile sets for `T²` and squared prediction error together.
+    /// New shapes beyond the limit that the quantile sets for `T²` and squared prediction error together.
     outliers: OutlierRate,
-    /// Squared Mahalanobis distances of the scores; null for sparse dictionaries.
+    /// Squared Mahalanobis distances (`T²`) of the scores; null for sparse dictionaries.
     t_squared: Option<MeasureDrift>,
     /// Squared prediction errors.
     squared_prediction_error: Option<MeasureDrift>,
     /// Scores, component by component; null for sparse dictionaries.
     scores: Option<Vec<ScoreDrift>>,
-    /// The mean shape; null with fewer than two new shapes.
+    /// Drift of the mean shape; null with fewer than two new shapes.
     mean: Option<MeanDrift>,
-    /// Classes, as the classifier sees the new shapes; null without one.
+    /// Predicted classes of the new shapes; null without a classifier.
     classes: Option<Vec<ClassDrift>>,
-    /// What to know about outliers; absent when there is nothing.
+    /// Warnings about outlier detection; absent if there are none.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     warnings: Vec<String>,
 }
 
-/// Compares the shapes that were added since with those that the dictionary was learnt from.
+/// Compares newly added shapes with those that a dictionary was learnt from.
 ///
-/// The training shapes are taken as they looked when they were held out, so that the figures of new shapes like them are
-/// alike; dictionaries from before there was such a record take them as they were learnt from, and say so in `warnings`.
+/// Reference figures are those of the training shapes when they were held out, so that similar new shapes have similar
+/// figures. Older dictionaries without such a record use the figures of the shapes they were learnt from, and say so in
+/// `warnings`.
 #[utoipa::path(get, path = "/dictionaries/{dictionary}/drift", tag = "dictionaries",
     params(("dictionary" = String, Path, description = "Id, `name@version` or name"), DriftQuery),
     responses(

@@ -1,4 +1,4 @@
-//! Fits of raw contours, grids and meshes, refinement, and idealised shapes.
+//! Fits to raw contours, grids and meshes, refinement of representations, and idealised shapes.
 
 use axum::http::StatusCode;
 use axum::response::Response;
@@ -35,33 +35,34 @@ fn output(control_points: &Matrix) -> ShapeOutput {
 }
 
 document! {
-    /// Contours, points of surfaces or meshes to be fitted.
+    /// Contours, points of surfaces or meshes to fit.
     #[schema(example = json!({
         "representation": {"kind": "closed_curve", "dimension": 2, "tolerance": 0.1, "generator": {"name": "keys"}},
         "shapes": [{"points": [[2, 0], [1.7, 0.5], [1, 0.87], [0, 1], [-1, 0.87], [-1.7, 0.5], [-2, 0], [-1.7, -0.5], [-1, -0.87], [0, -1], [1, -0.87], [1.7, -0.5]]}]
     }))]
     pub(super) struct FitRequest {
-        /// What is fitted: surfaces, or curves, closed or open, with `control_points` or `intervals`, or instead a
-        /// bound of the root mean square distance `residual` (`tolerance`, in the unit of the points) for which their number is
-        /// chosen; single points may be farther.
+        /// Representation to fit: closed or open curves, or surfaces. It has `control_points` or `intervals`, or in their place
+        /// `tolerance`, a bound on the root mean square distance `residual` (in the unit of the points), for which their number
+        /// is
+        /// chosen. Single points may be farther away.
         #[schema(value_type = Object, required = true)]
         representation: Read<FitTarget>, required;
-        /// Parameters of the points, one list a shape: of curves `u`, strictly increasing from 0 to 1, the arc length of the
-        /// polygon unless given; of surfaces pairs of `u` and `v`, equally spaced on a grid of points unless given.
+        /// Parameters of the points, one list per shape. Curves: `u`, strictly increasing from 0 to 1. Default: arc length of
+        /// the polygon. Surfaces: pairs `[u, v]`. Default: equal spacing, for a grid of points.
         #[schema(value_type = Option<Vec<ParameterList>>)]
         parameters: Raw;
-        /// The contours, grids or lists of points: at least as many as control points.
+        /// Contours, grids or lists of points, each with at least as many points as control points.
         #[schema(value_type = Option<Vec<ShapeInput>>)]
         shapes: List<ShapeInput>;
-        /// Triangle meshes instead, for surfaces.
+        /// Triangle meshes in place of `shapes`, for surfaces.
         #[schema(value_type = Option<Vec<MeshInput>>)]
         meshes: List<MeshInput>;
-        /// Of subdivision surfaces: how often the places nearest to the points and the control points are found in turns; 20
-        /// unless given.
+        /// Subdivision surfaces: number of alternations between finding the nearest places to the points and solving for the
+        /// control points. Default: 20.
         #[schema(value_type = Option<usize>, maximum = 200)]
         turns: Checked<usize>;
-        /// Of subdivision surfaces: the shape to start from, of all fits; on control meshes named after a body unless given a
-        /// spherical parameterisation of a mesh, or the ellipsoid of the moments of a cloud.
+        /// Subdivision surfaces: initial shape of all fits. Default, on control meshes named after a body: a spherical
+        /// parameterisation of a mesh, or the ellipsoid of the moments of a point cloud.
         #[schema(value_type = Option<ShapeInput>)]
         start: ShapeInput;
     }
@@ -70,39 +71,39 @@ document! {
 /// A fitted curve or surface.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct FitOutput {
-    /// What it is made of.
+    /// Representation of the fitted shape.
     representation: Representation,
     #[serde(flatten)]
     shape: ShapeOutput,
-    /// Root mean square distance of the points from the shape at their parameters: the `L₂` residual, which `tolerance` bounds.
-    /// Of a mesh it is taken over places on its faces, weighted by area, not over its vertices.
+    /// Root mean square distance of the points from the shape at their parameters: the `L₂` residual, which `tolerance`
+    /// bounds. For a mesh it is taken over places on its faces, weighted by area, not over its vertices.
     residual: f64,
     /// Largest such distance; `tolerance` does not bound it.
     largest_residual: f64,
-    /// `u` and `v` of the vertices of a mesh: for another mesh with the same vertices they can be given.
+    /// Parameters `[u, v]` of the vertices of a mesh; they can be reused for another mesh with the same vertices.
     #[serde(skip_serializing_if = "Option::is_none")]
     parameters: Option<Vec<[f64; 2]>>,
-    /// Part of the area of a mesh over which the normal of the surface points against that of the mesh.
+    /// Fraction of the area of a mesh where the normal of the surface points against that of the mesh.
     #[serde(skip_serializing_if = "Option::is_none")]
     folded: Option<f64>,
 }
 
-/// Fitted shapes, in order.
+/// Fitted shapes, in request order.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct FitAnswer {
-    /// One a contour, grid, list or mesh.
+    /// One entry per contour, grid, list or mesh.
     fits: Vec<FitOutput>,
-    /// What is wrong with meshes that surfaces were fitted to, with the pointer to the mesh.
+    /// Defects of the fitted meshes, each with a JSON pointer to its mesh.
     warnings: Vec<String>,
 }
 
 /// Fits curves or surfaces by least squares in `L₂`.
 ///
-/// Points of a shape of the representation, at their parameters, give back its control points. Meshes of spheres need no
-/// parameters: on a closed mesh without handles longitude and colatitude are computed, as harmonic functions between two
-/// poles, the colatitude such that every ring holds its share of the area.
+/// Points sampled from a shape of the representation, at their parameters, give back its control points. Spherical meshes
+/// need no parameters: on a closed mesh without handles, longitude and colatitude are computed as harmonic functions between
+/// two poles, with the colatitude adjusted so that every ring holds its share of the area.
 ///
-/// Subdivision surfaces are fitted to the places nearest to the points; residuals are the distances there.
+/// Subdivision surfaces are fitted to the places nearest to the points; residuals are distances at those places.
 #[utoipa::path(post, path = "/fit", tag = "curves", request_body = FitRequest,
     responses(
         (status = 200, description = "One entry a contour, grid, list or mesh", body = FitAnswer),
@@ -234,7 +235,7 @@ pub(super) async fn fit(
     .await
 }
 
-/// What it takes to fit shapes or meshes.
+/// Predicted work of fitting shapes or meshes.
 fn fit_work(
     representation: &Representation,
     tolerance: bool,
@@ -254,7 +255,7 @@ fn fit_work(
     }
 }
 
-/// Parameters of points that are fitted.
+/// Parameters of the points to fit.
 enum FitParameters {
     None,
     Curves(Vec<Vec<f64>>),
@@ -262,7 +263,7 @@ enum FitParameters {
 }
 
 shapes_request! {
-    /// Curves or surfaces to be refined.
+    /// Curves or surfaces to refine.
     #[schema(example = json!({
         "representation": {"kind": "closed_curve", "dimension": 2, "control_points": 3, "generator": {
             "name": "interpolator", "family": "half_integer_shifts",
@@ -270,37 +271,37 @@ shapes_request! {
         "shapes": [{"points": [[1, 0], [-0.5, 0.8660254037844386], [-0.5, -0.8660254037844386]]}], "factor": 2
     }))]
     RefineRequest {
-        /// How many times as many knots, along both directions of surfaces; 2 unless given.
+        /// Factor by which the number of knots grows, along both directions of surfaces. Default: 2.
         #[schema(value_type = Option<usize>, minimum = 2)]
         factor: Checked<usize>;
-        /// `M_u` and `M_v` of surfaces instead, more or fewer.
+        /// Numbers of control points `[M_u, M_v]` of surfaces in place of `factor`; they may grow or shrink.
         #[schema(value_type = Option<[usize; 2]>)]
         control_points: Checked<[usize; 2]>;
     }
 }
 
-/// A shape on the finer grid.
+/// A shape on the refined grid of knots.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct RefinedOutput {
     #[serde(flatten)]
     shape: ShapeOutput,
-    /// `L₂` distance to the shape before, where it is not the same one.
+    /// `L₂` distance to the original shape; absent if the two are the same function.
     #[serde(skip_serializing_if = "Option::is_none")]
     l2_change: Option<f64>,
 }
 
-/// Refined shapes, in order.
+/// Refined shapes, in request order.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct RefineAnswer {
-    /// The finer representation.
+    /// Refined representation.
     representation: Representation,
-    /// Whether the shapes are the same functions: B-splines, and interpolators of half-integer shifts. Others are
-    /// sampled at the finer knots. Of surfaces: whether all changes are rounding.
+    /// Whether the refined shapes are the same functions as the originals. True for B-splines and interpolators of
+    /// half-integer shifts; others are sampled at the finer knots. For surfaces: whether all changes are rounding errors.
     exact: bool,
-    /// `δ`: the curve before at `u` is the refined one at `u + δ`. Half a fine interval where the knots of an odd order
-    /// are split evenly, else 0.
+    /// `δ`: the original curve at `u` equals the refined curve at `u + δ`. Half a fine interval if knots of an odd order are
+    /// split by an even factor, else 0.
     parameter_shift: f64,
-    /// One a curve.
+    /// One entry per shape.
     shapes: Vec<RefinedOutput>,
 }
 
@@ -374,30 +375,30 @@ pub(super) async fn refine(
     .await
 }
 
-/// An idealised curve of the catalogue.
+/// Idealised curve of the catalogue.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct IdealEntry {
-    /// How it stands in a request.
+    /// The curve, as written in a request.
     curve: IdealCurve,
-    /// Whether it fits on a closed curve.
+    /// Whether a closed curve can represent it.
     closed: bool,
-    /// `domain_poles` that a generator needs to contain it, about the origin.
+    /// `domain_poles` that a generator needs to represent the curve about the origin.
     domain_poles: Vec<[f64; 2]>,
 }
 
-/// An idealised surface of the catalogue.
+/// Idealised surface of the catalogue.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct IdealSurfaceEntry {
-    /// How it stands in a request.
+    /// The surface, as written in a request.
     surface: IdealSurface,
-    /// The smallest representation that contains it.
+    /// Smallest representation that contains the surface.
     representation: Representation,
-    /// Its control points there.
+    /// Control points of the surface in that representation.
     #[serde(flatten)]
     shape: ShapeOutput,
 }
 
-/// The idealised curves and surfaces.
+/// Idealised curves and surfaces.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct IdealShapes {
     /// One curve of each kind.
@@ -432,18 +433,19 @@ fn surface_entry(surface: IdealSurface) -> Result<IdealSurfaceEntry, ServiceErro
 }
 
 document! {
-    /// An idealised curve or surface in its place.
+    /// An idealised curve or surface with its position.
     pub(super) struct IdealInput {
-        /// The curve about the origin.
+        /// Curve about the origin.
         #[schema(value_type = Option<IdealCurve>)]
         curve: Checked<IdealCurve>;
-        /// The surface about the origin.
+        /// Surface about the origin.
         #[schema(value_type = Option<IdealSurface>)]
         surface: Checked<IdealSurface>;
-        /// Where the origin goes; it stays unless given.
+        /// Position of the shape's origin. Default: the origin.
         #[schema(value_type = Option<Vec<f64>>)]
         centre: Checked<Vec<f64>>;
-        /// Angle in radians by which the shape is turned about the origin before, counter-clockwise; of surfaces about the z
+        /// Angle in radians by which the shape is first rotated about the origin, counter-clockwise; surfaces rotate about the
+        /// z
         /// axis.
         #[schema(value_type = Option<f64>)]
         angle: Checked<f64>;
@@ -451,32 +453,34 @@ document! {
 }
 
 document! {
-    /// Idealised shapes in a representation.
+    /// Idealised shapes to represent.
     #[schema(example = json!({
         "representation": {"kind": "closed_curve", "dimension": 2, "control_points": 5, "generator": {"name": "trigonometric"}},
         "curves": [{"curve": {"name": "ellipse", "semi_axes": [2, 1]}, "centre": [3, 1], "angle": 0.5}]
     }))]
     pub(super) struct IdealRequest {
-        /// What the shapes are made of; curves or surfaces.
+        /// Representation of the shapes: curves or surfaces.
         #[schema(value_type = Representation, required = true)]
         representation: Read<Representation>, required;
-        /// The curves.
+        /// Curves to represent.
         #[schema(value_type = Option<Vec<IdealInput>>)]
         curves: List<IdealInput>;
-        /// The surfaces.
+        /// Surfaces to represent.
         #[schema(value_type = Option<Vec<IdealInput>>)]
         surfaces: List<IdealInput>;
     }
 }
 
-/// Exact control points, in order.
+/// Exact control points, in request order.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct IdealAnswer {
-    /// One a curve or surface.
+    /// One entry per curve or surface.
     shapes: Vec<ShapeOutput>,
 }
 
-/// Exact control points of idealised curves or surfaces; refused with the missing poles when the generator does not contain them.
+/// Returns exact control points of idealised curves or surfaces.
+///
+/// If the generator does not contain a shape, the request is refused and the missing poles are named.
 #[utoipa::path(post, path = "/idealised", tag = "curves", request_body = IdealRequest,
     responses(
         (status = 200, description = "Control points", body = IdealAnswer),
@@ -520,7 +524,7 @@ pub(super) async fn idealise(
     .await
 }
 
-/// An idealised shape, a surface or else a curve, at its place.
+/// Takes an idealised surface, or else a curve, with its position.
 fn take_ideal(
     input: IdealInput,
     surfaces: Option<bool>,

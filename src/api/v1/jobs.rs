@@ -1,4 +1,4 @@
-//! Jobs: list, read, cancel, and their events.
+//! Jobs: list, read, cancel, and follow their events.
 
 use std::convert::Infallible;
 use std::time::Duration;
@@ -19,38 +19,38 @@ use crate::service::app::ServiceError;
 use crate::service::jobs;
 use crate::service::jobs::watch::Watch;
 
-/// Longest silence on a stream of events: proxies close connections that look dead.
+/// Longest silence on an event stream: proxies close connections that look dead.
 const KEEP_ALIVE: Duration = Duration::from_secs(15);
 
-/// A job.
+/// A long-running computation.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct JobOutput {
     /// Identifier.
     #[schema(example = "job_0198c0ffee00700080000000000000aa")]
     id: String,
-    /// What is to be done.
+    /// Kind of work.
     kind: JobKind,
-    /// Where it is.
+    /// Current status.
     status: JobStatus,
-    /// Fraction that is done, 0 to 1.
+    /// Fraction completed, 0 to 1.
     #[schema(minimum = 0, maximum = 1)]
     progress: f64,
-    /// What it is at.
+    /// Current phase of the work.
     phase: Option<String>,
-    /// What is minimised or maximised, so far.
+    /// Current value of the quantity that is minimised or maximised.
     objective: Option<f64>,
-    /// Attempts so far: a job that the end of a process has interrupted is begun again, five times at most.
+    /// Number of attempts so far: a job interrupted by the end of its process is restarted, at most five times.
     attempt: u32,
-    /// RFC 3339 UTC.
+    /// Time of creation, RFC 3339 in UTC.
     created_at: String,
-    /// When the present or last attempt began, RFC 3339 UTC.
+    /// Time at which the current or last attempt began, RFC 3339 in UTC.
     started_at: Option<String>,
-    /// RFC 3339 UTC.
+    /// Time at which the job finished, RFC 3339 in UTC.
     finished_at: Option<String>,
-    /// What came out; null unless it succeeded.
+    /// Result of the job; null unless it succeeded.
     #[schema(value_type = Option<Object>)]
     result: Option<Value>,
-    /// Why it failed; null unless it failed.
+    /// Problem document of the failure; null unless it failed.
     #[schema(value_type = Option<ProblemDocument>)]
     problem: Option<Value>,
 }
@@ -74,32 +74,32 @@ impl From<Job> for JobOutput {
     }
 }
 
-/// The answer of a request that has become a job: where to ask for it, and the job as it is now.
+/// Response to a request that has become a job: the location of the job, and its current state.
 ///
 /// # Errors
-/// [`ServiceError::Internal`] when it cannot be written (a bug).
+/// [`ServiceError::Internal`] if the job cannot be serialised (a bug).
 pub fn accepted(job: Job) -> Result<Response, ServiceError> {
     let location = format!("/v1/jobs/{}", job.id);
     let response = json(StatusCode::ACCEPTED, &JobOutput::from(job))?;
     Ok(([(header::LOCATION, location)], response).into_response())
 }
 
-/// Which jobs are listed.
+/// Filter and page of the list of jobs.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct JobsQuery {
-    /// Only jobs with this status.
+    /// Jobs with this status only.
     status: Option<JobStatus>,
-    /// Cursor from the page before.
+    /// Cursor from the previous page.
     cursor: Option<String>,
-    /// Entries per page, 1 to 1000; 100 unless given.
+    /// Entries per page, 1 to 1000. Default: 100.
     limit: Option<usize>,
 }
 
-/// Lists jobs in the order of their creation.
+/// Lists jobs in order of creation.
 ///
-/// All that wait and run, and the last 1000 that are finished.
+/// Includes all queued and running jobs, and the last 1000 finished ones.
 #[utoipa::path(get, path = "/jobs", tag = "jobs", params(JobsQuery),
     responses(
         (status = 200, description = "A page of jobs", body = Page<JobOutput>),
@@ -115,7 +115,7 @@ pub(super) async fn list_jobs(
     Ok(json(StatusCode::OK, &Page { items, next })?)
 }
 
-/// Reads a job.
+/// Returns a job.
 #[utoipa::path(get, path = "/jobs/{job}", tag = "jobs", params(("job" = String, Path, description = "Id")),
     responses(
         (status = 200, description = "The job", body = JobOutput),
@@ -132,7 +132,7 @@ pub(super) async fn find_job(
 
 /// Cancels a job.
 ///
-/// It is cancelled when this is answered. A job that is cancelled already is answered as it is.
+/// The job is cancelled by the time the response is sent. Cancelling a cancelled job returns it unchanged.
 #[utoipa::path(post, path = "/jobs/{job}/cancel", tag = "jobs", params(("job" = String, Path, description = "Id")),
     responses(
         (status = 200, description = "The cancelled job", body = JobOutput),
@@ -148,13 +148,13 @@ pub(super) async fn cancel_job(
     Ok(json(StatusCode::OK, &JobOutput::from(jobs::cancel(&app, &id).await?))?)
 }
 
-/// An event: what stands in its fields on the stream.
+/// A server-sent event, as the fields on the stream.
 #[derive(Debug, utoipa::ToSchema)]
 pub(super) struct JobEvent {
-    /// `progress`, or the final state.
+    /// Event name: `progress`, or the final status.
     #[schema(example = "progress")]
     event: &'static str,
-    /// What stands for the state that it tells.
+    /// Event id, which identifies the state that the event reports.
     id: String,
     /// The job, as JSON.
     #[schema(content_media_type = "application/json")]
@@ -179,10 +179,10 @@ impl From<JobEvent> for Event {
 
 /// Follows a job by server-sent events.
 ///
-/// Each event has the job as data. Events named `progress` tell what is new, at most some five a second; the last one
-/// is named `succeeded`, `failed` or `cancelled`, and the stream ends. The stream also ends when the service stops:
-/// clients connect again. The id of an event stands for the state it tells: what `Last-Event-ID` names is not told
-/// again, and when it is the final state the answer is 204, which ends an `EventSource`.
+/// Each event carries the job as data. Events named `progress` report changes, about five per second at most. The last event
+/// is named `succeeded`, `failed` or `cancelled`, and ends the stream. The stream also ends when the service stops; clients
+/// should reconnect. The event id identifies the state it reports: the state named by `Last-Event-ID` is not sent again, and
+/// if it is the final one the response is 204, which stops an `EventSource`.
 #[utoipa::path(get, path = "/jobs/{job}/events", tag = "jobs",
     params(
         ("job" = String, Path, description = "Id"),
@@ -210,7 +210,7 @@ pub(super) async fn job_events(
     Ok(Sse::new(events).keep_alive(KeepAlive::new().interval(KEEP_ALIVE)).into_response())
 }
 
-/// The events of a job from its present state to the final one.
+/// Events of a job from its current state to the final one.
 fn events(watch: Watch) -> impl Stream<Item = Result<Event, Infallible>> {
     stream::unfold(watch, |mut watch| async move {
         let event = match watch.next().await {
@@ -220,7 +220,7 @@ fn events(watch: Watch) -> impl Stream<Item = Result<Event, Infallible>> {
         match event {
             Ok(event) => Some((Ok(event.into()), watch)),
             Err(error) => {
-                // The head is sent: the client connects again, and is then told what is wrong.
+                // The response head is already sent: the client reconnects, and then gets the error.
                 tracing::warn!(error = error.cause(), "the events of a job break off");
                 None
             }

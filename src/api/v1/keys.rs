@@ -1,4 +1,4 @@
-//! Keys of programs, for administrators: create, list, read, revoke.
+//! API keys of programs, for administrators: create, list, read, revoke.
 
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
@@ -15,19 +15,20 @@ use crate::service::access::keys::{self, NewKey, faults};
 use crate::service::app::{Fault, ServiceError};
 
 document! {
-    /// A key to be created.
+    /// A key to create.
     #[schema(example = json!({"name": "segmentation pipeline", "role": "writer", "expires_in_days": 365}))]
     pub(super) struct KeyRequest {
-        /// What people call it; at most 100 characters.
+        /// Display name, at most 100 characters.
         #[schema(value_type = String, required = true)]
         name: Checked<String>, required;
-        /// What its bearer may do.
+        /// Role, which determines what the bearer may do.
         #[schema(value_type = Role, required = true)]
         role: Checked<Role>, required;
-        /// Ids or names of the only cohorts that it opens, at most 100; all of the tenant unless given. Not for admins.
+        /// Ids or names of the only cohorts the key gives access to, at most 100. Default: all cohorts of the tenant. Not for
+        /// admins.
         #[schema(value_type = Option<Vec<String>>)]
         cohorts: Checked<Option<Vec<String>>>;
-        /// Days until it ends, 1 to 3653; it does not end unless given.
+        /// Days until the key expires, 1 to 3653. Default: it never expires.
         #[schema(value_type = Option<u32>)]
         expires_in_days: Checked<Option<u32>>;
     }
@@ -36,22 +37,22 @@ document! {
 /// A key, without its secret.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct KeyOutput {
-    /// Identifier; it is in the log and in the audit trail.
+    /// Identifier, as used in the log and the audit trail.
     #[schema(example = "key_0198c0ffee00700080000000000000aa")]
     id: String,
-    /// What people call it.
+    /// Display name.
     name: String,
-    /// What its bearer may do.
+    /// Role, which determines what the bearer may do.
     role: Role,
-    /// Ids of the only cohorts that it opens; null for all.
+    /// Ids of the only cohorts the key gives access to; null for all.
     cohorts: Option<Vec<String>>,
-    /// RFC 3339 UTC.
+    /// Time of creation, RFC 3339 in UTC.
     created_at: String,
-    /// When it ends, RFC 3339 UTC; null when it does not.
+    /// Time of expiry, RFC 3339 in UTC; null if the key never expires.
     expires_at: Option<String>,
-    /// When it was revoked, RFC 3339 UTC; null while it is not.
+    /// Time of revocation, RFC 3339 in UTC; null if the key is not revoked.
     revoked_at: Option<String>,
-    /// When it was last used, to the minute, RFC 3339 UTC.
+    /// Time of last use, to the minute, RFC 3339 in UTC.
     last_used_at: Option<String>,
 }
 
@@ -75,15 +76,15 @@ impl From<Key> for KeyOutput {
 pub(super) struct IssuedOutput {
     #[serde(flatten)]
     key: KeyOutput,
-    /// What is sent with every request, as `Authorization: Bearer …`. It is shown this one time.
+    /// Secret to send with every request as `Authorization: Bearer …`. It is shown only once.
     #[schema(example = "shk_0198c0ffee00700080000000000000aa_<64 hexadecimal digits>")]
     secret: String,
 }
 
-/// Creates a key of the caller's tenant.
+/// Creates a key for the caller's tenant.
 ///
-/// Its secret is in this answer and nowhere else: only a digest is stored. With the first key of a service that had none,
-/// requests without a key are no longer let in.
+/// This response is the only place where the secret appears: only a digest is stored. Once a service without keys gets its
+/// first one, requests without a key are refused.
 #[utoipa::path(post, path = "/keys", tag = "access", request_body = KeyRequest,
     responses(
         (status = 201, description = "Created", body = IssuedOutput, headers(("Location" = String))),
@@ -120,7 +121,7 @@ fn new_key(request: KeyRequest) -> Result<NewKey, ServiceError> {
     }
 }
 
-/// Lists the keys of the caller's tenant in the order of their creation, also those that have ended.
+/// Lists the keys of the caller's tenant in order of creation, including expired and revoked ones.
 #[utoipa::path(get, path = "/keys", tag = "access", params(PageQuery),
     responses(
         (status = 200, description = "A page of keys", body = Page<KeyOutput>),
@@ -135,7 +136,7 @@ pub(super) async fn list_keys(
     Ok(json(StatusCode::OK, &Page { items, next })?)
 }
 
-/// Reads a key.
+/// Returns a key.
 #[utoipa::path(get, path = "/keys/{key}", tag = "access", params(("key" = String, Path, description = "Id")),
     responses(
         (status = 200, description = "The key", body = KeyOutput),
@@ -150,10 +151,10 @@ pub(super) async fn find_key(
     Ok(json(StatusCode::OK, &KeyOutput::from(keys::find(&app, &id).await?))?)
 }
 
-/// Revokes a key for good.
+/// Revokes a key permanently.
 ///
-/// It ends at once in the process that answers, and within five seconds in others of the same service. It stays in the
-/// list. A key that is revoked already is answered the same.
+/// The revocation takes effect at once on the replica that answers, and within five seconds on all others. The key stays in
+/// the list. Revoking a revoked key gives the same response.
 #[utoipa::path(delete, path = "/keys/{key}", tag = "access", params(("key" = String, Path, description = "Id")),
     responses(
         (status = 204, description = "Revoked"),

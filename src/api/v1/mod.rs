@@ -1,4 +1,4 @@
-//! Version 1 of the interface: one file per resource.
+//! Version 1 of the HTTP interface: one file per resource.
 
 mod audit;
 mod catalogue;
@@ -31,7 +31,7 @@ use utoipa_axum::routes;
 
 use crate::service::app::App;
 
-/// What reads or changes what is stored, in a moment.
+/// Routes that read or change stored objects and answer quickly.
 pub(super) fn light_routes() -> OpenApiRouter<App> {
     OpenApiRouter::new()
         .routes(routes!(audit::list_audit, audit::prune_audit))
@@ -54,7 +54,7 @@ pub(super) fn light_routes() -> OpenApiRouter<App> {
         .routes(routes!(jobs::cancel_job))
 }
 
-/// What computes, or may wait for a job.
+/// Routes that compute, or that may wait for a job.
 pub(super) fn computing_routes() -> OpenApiRouter<App> {
     OpenApiRouter::new()
         .routes(routes!(statistics::project))
@@ -92,14 +92,14 @@ pub(super) fn computing_routes() -> OpenApiRouter<App> {
         .routes(routes!(keys::find_key, keys::revoke_key))
 }
 
-/// What lasts as long as its stream flows: uploads, and the events of jobs.
+/// Routes that last as long as their stream: uploads and job events.
 pub(super) fn streamed_routes() -> OpenApiRouter<App> {
     OpenApiRouter::new()
         .routes(routes!(shapes::list_shapes, shapes::add_shapes))
         .routes(routes!(jobs::job_events))
 }
 
-/// The root leads to the reference.
+/// Redirects the root to the API reference.
 pub(super) async fn index() -> Redirect {
     Redirect::temporary("/docs/")
 }

@@ -1,4 +1,4 @@
-//! Paths between two shapes.
+//! Paths between two shapes (morphing).
 
 use axum::http::StatusCode;
 use axum::response::Response;
@@ -26,32 +26,32 @@ use crate::service::shapes::request::Posted;
 use crate::service::shapes::{morph, subdivisions};
 
 document! {
-    /// Two shapes and a path between them.
+    /// Two shapes and the kind of path between them.
     #[schema(example = json!({
         "representation": {"kind": "closed_curve", "dimension": 2, "control_points": 4, "generator": {"name": "trigonometric"}},
         "from": {"points": [[2, 0], [0, 1], [-2, 0], [0, -1]]}, "to": {"points": [[1, 0], [0, 2], [-1, 0], [0, -2]]},
         "path": "sphere", "positions": [0, 0.5, 1, 1.25]
     }))]
     pub(super) struct MorphRequest {
-        /// What the shapes are made of; curves or surfaces.
+        /// Representation of the shapes: curves or surfaces.
         #[schema(value_type = Representation, required = true)]
         representation: Read<Representation>, required;
-        /// How points become control points; `landmarks` unless given.
+        /// How posted points become control points. Default: `landmarks`.
         #[schema(value_type = Option<Correspondence>)]
         correspondence: Checked<Correspondence>;
-        /// Where the path starts.
+        /// Shape at the start of the path.
         #[schema(value_type = ShapeInput, required = true)]
         from: ShapeInput, required;
-        /// Where it ends.
+        /// Shape at the end of the path.
         #[schema(value_type = ShapeInput, required = true)]
         to: ShapeInput, required;
-        /// The straight line, or the great circle between the shapes scaled to unit norm; `plane` unless given.
+        /// Kind of path: the straight line, or the great circle between the shapes scaled to unit norm. Default: `plane`.
         #[schema(value_type = Option<PathKind>)]
         path: Checked<PathKind>;
-        /// Positions on the path: 0 is `from`, 1 is `to`, others extrapolate, within ±1000.
+        /// Positions on the path: 0 is `from`, 1 is `to`; other values extrapolate. Between −1000 and 1000.
         #[schema(value_type = Option<Vec<f64>>)]
         positions: Checked<Vec<f64>, LARGE>;
-        /// Number of equally spaced positions from 0 to 1 instead; 11 unless given.
+        /// Number of equally spaced positions from 0 to 1, in place of `positions`. Default: 11.
         #[schema(value_type = Option<usize>, minimum = 2)]
         steps: Checked<usize>;
     }
@@ -60,11 +60,11 @@ document! {
 /// A shape on the path.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct MorphFrame {
-    /// Where on the path.
+    /// Position on the path.
     position: f64,
     #[serde(flatten)]
     shape: ShapeOutput,
-    /// Unit normals of the subdivision scheme `normal_based`.
+    /// Unit normals; only for the subdivision scheme `normal_based`.
     #[serde(skip_serializing_if = "Option::is_none")]
     normals: Option<Vec<[f64; 3]>>,
 }
@@ -72,18 +72,18 @@ pub(super) struct MorphFrame {
 /// A path between two shapes.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct MorphAnswer {
-    /// One a position, in order.
+    /// One shape per position, in order.
     frames: Vec<MorphFrame>,
-    /// Angle between the shapes in radians; null on the straight line.
+    /// Angle between the two shapes in radians; null on the straight line.
     angle: Option<f64>,
 }
 
-/// Most equally spaced positions.
+/// Largest number of equally spaced positions.
 const MAX_STEPS: usize = 1000;
 
-/// Shapes on a path between two curves or surfaces, with extrapolation.
+/// Computes shapes on a path between two curves or surfaces, with extrapolation.
 ///
-/// As SVG: an animation through the curves and back, surfaces side by side.
+/// As SVG: an animation through the curves and back; surfaces are drawn side by side.
 #[utoipa::path(post, path = "/morph", tag = "curves", request_body = MorphRequest,
     params(("format" = Option<String>, Query, description = "`json` or `svg`")),
     responses(
@@ -124,7 +124,7 @@ pub(super) async fn morph(
         let wanted = representation.zip(correspondence).zip(kind.zip(positions));
         let (from, to) = (request.from.unwrap_or_default(), request.to.unwrap_or_default());
         if !errors.is_empty() {
-            // What is wrong with the shapes whatever they are made of; a missing one is noted already.
+            // Faults of the shapes that do not depend on the representation; a missing shape is already reported.
             for (shape, pointer) in [(&from, "/from"), (&to, "/to")] {
                 let found = own_faults(shape.clone());
                 errors.extend(found.into_iter().map(|error| error.below(pointer)));
@@ -162,7 +162,7 @@ pub(super) async fn morph(
     .await
 }
 
-/// The straight path between two shapes of points and normals.
+/// Straight path between two shapes of points and normals.
 fn morph_oriented(
     app: &App,
     representation: &Representation,

@@ -1,4 +1,4 @@
-//! The overlap of two bodies.
+//! Overlap of two bodies.
 
 use axum::http::StatusCode;
 use axum::response::Response;
@@ -13,66 +13,69 @@ use crate::service::cost::requests;
 use crate::service::shapes::overlap::{self, BodyInput};
 
 document! {
-    /// Two bodies, both of the plane or both of space.
+    /// Two bodies, both in the plane or both in space.
     #[schema(example = json!({
         "first": {"contour": [[0, 0], [4, 0], [4, 4], [0, 4]]}, "second": {"contour": [[1, 1], [5, 1], [5, 5], [1, 5]]}, "spacing": 0.05
     }))]
     pub(super) struct OverlapRequest {
-        /// The one.
+        /// First body.
         #[schema(value_type = BodyInput, required = true)]
         first: BodyInput, required;
-        /// The other.
+        /// Second body.
         #[schema(value_type = BodyInput, required = true)]
         second: BodyInput, required;
-        /// Side of a cell, in the unit of the coordinates. Unless given a 128th of the longest side of the box of both, or a 32nd of
-        /// that of the smaller body where this is less, as far as there are cells for it. With a mask its grid is taken.
+        /// Side of a grid cell, in the unit of the coordinates. Default: 1/128 of the longest side of the common bounding box,
+        /// or
+        /// 1/32 of the longest side of the smaller body if this is less, as far as the limit of cells allows. A mask brings its
+        /// own grid.
         #[schema(value_type = Option<f64>)]
         spacing: Checked<f64>;
     }
 }
 
-/// The grid on which cells were counted.
+/// Grid on which cells are counted.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct GridOutput {
-    /// Number of cells along the axes.
+    /// Number of cells along each axis.
     size: Vec<usize>,
-    /// Distances of their centres.
+    /// Distance between cell centres along each axis.
     spacing: Vec<f64>,
-    /// Where the centre of the first cell is.
+    /// Position of the centre of the first cell.
     first: Vec<f64>,
 }
 
-/// How two bodies overlap, counted in cells whose centres are inside.
+/// Overlap of two bodies, counted in cells whose centres are inside.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct OverlapAnswer {
     /// `|A ∩ B|/|A ∪ B|`; 1 for two empty bodies.
     jaccard: f64,
     /// `2|A ∩ B|/(|A| + |B|)`; 1 for two empty bodies.
     dice: f64,
-    /// Largest distance of a cell at the surface of one body from that of the other, over both; null when one is empty.
+    /// Largest distance from a surface cell of one body to the surface of the other, over both; null if one is empty.
     hausdorff: Option<f64>,
     /// 95th percentile of these distances.
     hausdorff_95: Option<f64>,
     /// Mean of these distances.
     mean_surface_distance: Option<f64>,
-    /// Cells inside of the first and of the second body.
+    /// Number of cells inside the first and the second body.
     cells: [usize; 2],
-    /// Cells inside of both.
+    /// Number of cells inside both bodies.
     intersection: usize,
-    /// Cells inside of any.
+    /// Number of cells inside either body.
     union: usize,
-    /// Areas in the plane, volumes in space, counted in cells.
+    /// Areas (in the plane) or volumes (in space) of the two bodies, counted in cells.
     measures: [f64; 2],
-    /// The grid.
+    /// Grid on which cells were counted.
     grid: GridOutput,
-    /// What the numbers do not hold, with the pointer to the body: few cells, contours and meshes that cross themselves or enclose
-    /// nothing.
+    /// Limitations of the numbers, each with a JSON pointer to its body: few cells, contours or meshes that intersect
+    /// themselves or enclose nothing.
     warnings: Vec<String>,
 }
 
-/// How two closed contours, meshes or masks overlap: Jaccard, Dice, Hausdorff.
+/// Measures the overlap of two closed contours, meshes or masks: Jaccard, Dice and Hausdorff.
 ///
-/// A cell is inside when its centre is, by the number of crossings of a ray: exact, and the same for all of them on one grid.
+/// A cell is inside a body if its centre is, decided by the number of crossings of a ray. The test is exact and the same
+/// for all bodies on one grid.
 #[utoipa::path(post, path = "/overlap", tag = "curves", request_body = OverlapRequest,
     responses(
         (status = 200, description = "Counts and distances", body = OverlapAnswer),

@@ -1,4 +1,4 @@
-//! Tests of stored shapes, answered at once or by a job.
+//! Tests of stored shapes, answered inline or by a job.
 
 use axum::http::StatusCode;
 use axum::response::Response;
@@ -13,7 +13,7 @@ use crate::service::app::{App, ServiceError, Work};
 use crate::service::jobs;
 use crate::service::jobs::inline_or_job::{PlannedTest, submit};
 
-/// The answer of a test when it is small, or when its job is ready in the time that the client waits; else the job.
+/// Answers small tests inline. Others become a job: returns its result if it is ready within the client's `wait`, else the job.
 pub(super) async fn answered<T: PlannedTest>(
     app: App,
     test: T,
@@ -32,7 +32,7 @@ pub(super) async fn answered<T: PlannedTest>(
         .await;
     }
     let job = submit(&app, &test).await?;
-    // Who does not wait is told of the job, also when the same request has been answered before and the job is over.
+    // Without `wait`, the client gets the job, even if a replayed request finds it finished.
     let Some(time) = prefer.wait else { return Ok(accepted(job)?) };
     let mut job = jobs::wait(&app, &job.id, time).await?;
     match (job.status, job.result.take()) {

@@ -28,7 +28,7 @@ document! {
         /// Id or name of the cohort.
         #[schema(value_type = String, required = true)]
         cohort: Checked<String>, required;
-        /// Which of its shapes; all unless given.
+        /// Filter that selects shapes of the cohort. Default: all shapes.
         #[schema(value_type = Option<ShapeFilter>)]
         filter: Checked<ShapeFilter>;
         /// `labels.<attribute>` with numbers, or `log_centroid_size`.
@@ -41,13 +41,13 @@ document! {
         /// What happens to shapes without a value; `refuse` unless given.
         #[schema(value_type = Option<Missing>)]
         missing: Checked<Missing>;
-        /// The class that is removed; `similarity` unless given.
+        /// Transformation class to remove. Default: `similarity`.
         #[schema(value_type = Option<Transformation>)]
         transformation: Checked<Transformation>;
-        /// Projection on the class, or Procrustes fits; `projection` unless given.
+        /// Alignment method: projection onto the class, or Procrustes. Default: `projection`.
         #[schema(value_type = Option<Alignment>)]
         alignment: Checked<Alignment>;
-        /// Whether mirror images may be matched; the rule of the cohort unless given.
+        /// Whether shapes may be matched to mirror images. Default: the cohort's setting.
         #[schema(value_type = Option<Mirror>)]
         mirror: Checked<Mirror>;
         /// Permutations, 0 to 100000; 1000 unless given.
@@ -59,7 +59,7 @@ document! {
         /// Attributes within whose values residuals are exchanged: `subject`, `label`, `labels.<attribute>`, or a list.
         #[schema(value_type = Option<Vec<String>>)]
         strata: Checked<Names>;
-        /// Which of the waiting jobs of the tenant comes first, when this becomes one; `normal` unless given.
+        /// Priority among the tenant's queued jobs if the request becomes a job. Default: `normal`.
         #[schema(value_type = Option<Priority>)]
         priority: Checked<Priority>;
     }

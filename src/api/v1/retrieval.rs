@@ -47,16 +47,16 @@ document! {
         /// Neighbours of every shape, 1 to 1000; 10 unless given.
         #[schema(value_type = Option<usize>, minimum = 1, maximum = 1000)]
         neighbours: Checked<usize>;
-        /// The class that is removed; `similarity` unless given.
+        /// Transformation class to remove. Default: `similarity`.
         #[schema(value_type = Option<Transformation>)]
         transformation: Checked<Transformation>;
-        /// Projection on the class, or Procrustes fits; `projection` unless given.
+        /// Alignment method: projection onto the class, or Procrustes. Default: `projection`.
         #[schema(value_type = Option<Alignment>)]
         alignment: Checked<Alignment>;
-        /// Whether mirror images may be matched; the rule of the cohort unless given.
+        /// Whether shapes may be matched to mirror images. Default: the cohort's setting.
         #[schema(value_type = Option<Mirror>)]
         mirror: Checked<Mirror>;
-        /// Among which shapes of the cohort; all unless given.
+        /// Filter that selects the shapes to search. Default: all shapes.
         #[schema(value_type = Option<ShapeFilter>)]
         filter: Checked<ShapeFilter>;
     }
@@ -68,19 +68,19 @@ pub(super) struct NeighbourOutput {
     /// Identifier.
     #[schema(example = "shp_0198c0ffee00700080000000000000aa")]
     id: String,
-    /// The client's own identifier.
+    /// Identifier assigned by the client.
     external_id: Option<String>,
-    /// Class.
+    /// Class label.
     label: Option<String>,
-    /// Further attributes.
+    /// Additional attributes.
     labels: BTreeMap<String, Value>,
     /// Distance to the query: in [0, 1], or a length under `rigid` and `translation`.
     distance: f64,
     /// Control point of the neighbour that lies at the first one of the query.
     start: u32,
-    /// Whether the neighbour is traversed backwards.
+    /// Whether the neighbour is traversed in reverse.
     reversed: bool,
-    /// Whether it matched as a mirror image.
+    /// Whether the match is a mirror image.
     mirrored: bool,
 }
 
@@ -104,7 +104,7 @@ pub(super) struct SearchResult {
 pub(super) struct SearchAnswer {
     /// Revision of the cohort that was searched.
     cohort_revision: u64,
-    /// One a shape.
+    /// One entry per shape.
     results: Vec<SearchResult>,
 }
 
@@ -174,34 +174,34 @@ document! {
         /// The shapes; not together with `cohort`.
         #[schema(value_type = Option<Vec<ShapeInput>>)]
         shapes: List<ShapeInput>;
-        /// What posted shapes are made of.
+        /// Representation of posted shapes.
         #[schema(value_type = Option<Representation>)]
         representation: Read<Representation>;
         /// How the points of posted shapes become control points; `landmarks` unless given.
         #[schema(value_type = Option<Correspondence>)]
         correspondence: Checked<Correspondence>;
-        /// Whether the direction of posted contours means something; `given` unless given.
+        /// How to treat the direction of posted contours. Default: `given` (keep the direction as posted).
         #[schema(value_type = Option<Direction>)]
         direction: Checked<Direction>;
         /// Id or name of a cohort.
         #[schema(value_type = Option<String>)]
         cohort: Checked<String>;
-        /// Which of its shapes; all unless given.
+        /// Filter that selects shapes of the cohort. Default: all shapes.
         #[schema(value_type = Option<ShapeFilter>)]
         filter: Checked<ShapeFilter>;
         /// Ids or external ids of its shapes, each once; not together with `filter`.
         #[schema(value_type = Option<Vec<String>>)]
         ids: Many<String>;
-        /// Whether mirror images may be matched; the rule of the cohort unless given, `forbid` for posted shapes.
+        /// Whether shapes may be matched to mirror images. Default: the cohort's setting; `forbid` for posted shapes.
         #[schema(value_type = Option<Mirror>)]
         mirror: Checked<Mirror>;
-        /// The class that is removed before shapes are compared.
+        /// Transformation class removed before shapes are compared.
         #[schema(value_type = Transformation, required = true)]
         transformation: Checked<Transformation>, required;
-        /// Projection on the class, or Procrustes fits; `projection` unless given.
+        /// Alignment method: projection onto the class, or Procrustes. Default: `projection`.
         #[schema(value_type = Option<Alignment>)]
         alignment: Checked<Alignment>;
-        /// Which of the waiting jobs of the tenant comes first, when this becomes one; `normal` unless given.
+        /// Priority among the tenant's queued jobs if the request becomes a job. Default: `normal`.
         #[schema(value_type = Option<Priority>)]
         priority: Checked<Priority>;
     }
@@ -267,7 +267,7 @@ pub(super) async fn compute_distances(
         Answer::Matrix(matrix) => return Ok(respond::matrix(&app, matrix, format)?),
         Answer::Job(job) => *job,
     };
-    // Who does not wait is told of the job, also when the same request has been answered before and the job is over.
+    // Without `wait`, the client gets the job, even if a replayed request finds it finished.
     let Some(time) = prefer.wait else { return Ok(accepted(job)?) };
     let job = jobs::wait(&app, &job.id, time).await?;
     match job.status {

@@ -1,4 +1,4 @@
-//! Request fields that the statistics share, and small answers that several resources give.
+//! Request fields shared by the statistics endpoints, and small response types used by several resources.
 
 use axum::http::{HeaderMap, HeaderValue, header};
 use axum::response::Response;
@@ -20,13 +20,13 @@ macro_rules! shapes_request {
         crate::formats::checked::document! {
             $(#[$meta])*
             pub(super) struct $name {
-                /// What the shapes are made of.
+                /// Representation of the shapes.
                 #[schema(value_type = crate::geometry::representation::Representation, required = true)]
                 representation: crate::formats::representation::Read<crate::geometry::representation::Representation>, required;
-                /// How points become control points; `landmarks` unless given.
+                /// How posted points become control points. Default: `landmarks`.
                 #[schema(value_type = Option<crate::analysis::correspondence::Correspondence>)]
                 correspondence: crate::formats::checked::Checked<crate::analysis::correspondence::Correspondence>;
-                /// The shapes.
+                /// Shapes.
                 #[schema(value_type = Vec<crate::formats::shape::ShapeInput>, required = true)]
                 shapes: crate::formats::checked::List<crate::formats::shape::ShapeInput>, required;
                 $($further)*
@@ -34,7 +34,7 @@ macro_rules! shapes_request {
         }
 
         impl $name {
-            /// Takes what all such requests share; what is wrong goes to `errors`.
+            /// Takes the fields that all such requests share; faults go to `errors`.
             fn take_shapes(
                 &mut self,
                 errors: &mut Vec<crate::formats::InputError>,
@@ -64,19 +64,19 @@ macro_rules! settings_request {
         crate::api::v1::settings::shapes_request! {
             $(#[$meta])*
             $name {
-                /// Whether the direction of contours means something; `given` unless given.
+                /// How to treat contour direction. Default: `given` (keep the direction as posted).
                 #[schema(value_type = Option<crate::analysis::correspondence::Direction>)]
                 direction: crate::formats::checked::Checked<crate::analysis::correspondence::Direction>;
-                /// Whether mirror images may be matched; `forbid` unless given.
+                /// Whether shapes may be matched to mirror images. Default: `forbid`.
                 #[schema(value_type = Option<crate::analysis::correspondence::Mirror>)]
                 mirror: crate::formats::checked::Checked<crate::analysis::correspondence::Mirror>;
-                /// The class that is removed before shapes are compared.
+                /// Transformation class removed before shapes are compared.
                 #[schema(value_type = crate::analysis::transformation::Transformation, required = true)]
                 transformation: crate::formats::checked::Checked<crate::analysis::transformation::Transformation>, required;
-                /// Projection on the class, or Procrustes fits; `projection` unless given.
+                /// Alignment method: projection onto the class, or Procrustes. Default: `projection`.
                 #[schema(value_type = Option<crate::analysis::alignment::Alignment>)]
                 alignment: crate::formats::checked::Checked<crate::analysis::alignment::Alignment>;
-                /// Which member of the mean space is answered; `training` unless given.
+                /// Representative of the mean space to return. Default: `training`.
                 #[schema(value_type = Option<crate::analysis::frame::Frame>)]
                 frame: crate::formats::checked::Checked<crate::analysis::frame::Frame>;
                 $($further)*
@@ -84,7 +84,7 @@ macro_rules! settings_request {
         }
 
         impl $name {
-            /// Takes the settings and the shapes; what is wrong goes to `errors`.
+            /// Takes the settings and the shapes; faults go to `errors`.
             fn take_settings(
                 &mut self,
                 errors: &mut Vec<crate::formats::InputError>,
@@ -116,8 +116,8 @@ macro_rules! settings_request {
 }
 pub(super) use settings_request;
 
-/// The checked parts of a request, or everything that is wrong with it: its fields, and what is wrong with its shapes
-/// whatever they are made of.
+/// The checked parts of a request, or all of its faults: those of its fields, and those of its shapes that do not
+/// depend on the representation.
 ///
 /// # Errors
 /// [`ServiceError::Invalid`].
@@ -137,7 +137,7 @@ pub(super) fn checked<T>(
     }
 }
 
-/// How urgent the job of a request is.
+/// Priority of the job that a request may become.
 ///
 /// # Errors
 /// [`ServiceError::Invalid`] at `/priority`.
@@ -148,44 +148,42 @@ pub(super) fn priority_of(field: Option<Checked<Priority>>) -> Result<Priority, 
     Ok(priority.unwrap_or_default())
 }
 
-/// Rows of a matrix.
 pub(super) fn rows(matrix: &Matrix) -> Vec<Vec<f64>> {
     matrix.row_iter().map(|row| row.iter().copied().collect()).collect()
 }
 
-/// A shape by its control points.
+/// A shape given by its control points.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct ShapeOutput {
-    /// Coefficients in the representation.
+    /// Control points in the representation.
     pub(super) control_points: Points,
 }
 
 /// A mean shape with its certificate.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct MeanOutput {
-    /// The mean shape; of unit `L₂` norm except under `rigid` and `translation`.
+    /// Mean shape; of unit `L₂` norm except under `rigid` and `translation`.
     pub(super) mean: ShapeOutput,
-    /// Leading eigenvalues of the weighted sum of projectors, with multiplicity; over the total weight they are
-    /// mean squared cosines between the mean space and the shapes. Empty for Procrustes fits.
+    /// Leading eigenvalues of the weighted sum of projectors, with multiplicity. Divided by the total weight they are
+    /// mean squared cosines between the mean space and the shapes. Empty for Procrustes alignment.
     pub(super) eigenvalues: Vec<f64>,
-    /// Gap between the eigenvalues of the mean space and the next; null for Procrustes fits.
+    /// Gap between the eigenvalues of the mean space and the next one; null for Procrustes alignment.
     pub(super) gap: Option<f64>,
-    /// Whether the mean is unique (gap at least 1e-6 of the total weight); null for Procrustes fits.
+    /// Whether the mean is unique (gap at least 1e-6 of the total weight); null for Procrustes alignment.
     pub(super) unique: Option<bool>,
     /// Number of shapes.
     pub(super) shapes: usize,
-    /// What the mean maximises: the sum of squared cosines; null for Procrustes fits.
+    /// Objective that the mean maximises, the sum of squared cosines; null for Procrustes alignment.
     pub(super) objective: Option<f64>,
-    /// Rounds of the start point search, or iterations of the Procrustes fit.
+    /// Number of rounds of the start point search, or of iterations of the Procrustes alignment.
     pub(super) rounds: usize,
-    /// Whether the last round changed nothing.
+    /// Whether the last round left the result unchanged.
     pub(super) converged: bool,
-    /// What a reader of the result should know.
+    /// Warnings about the result.
     pub(super) warnings: Vec<String>,
 }
 
 impl MeanOutput {
-    /// The answer for `mean` in dimension `d`.
     pub(super) fn new(mean: &MeanShape, dimension: usize) -> Self {
         let mut warnings = Vec::new();
         if mean.unique == Some(false) {
@@ -214,23 +212,23 @@ impl MeanOutput {
     }
 }
 
-/// A page of a list.
+/// One page of a list.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct Page<T> {
-    /// The entries.
+    /// Entries of the page.
     pub(super) items: Vec<T>,
-    /// Cursor of the next page; null on the last.
+    /// Cursor of the next page; null on the last page.
     pub(super) next: Option<String>,
 }
 
-/// A page of a list: where it starts and how long it is.
+/// Pagination: where the page starts and its length.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct PageQuery {
-    /// Cursor from the page before.
+    /// Cursor from the previous page.
     pub(super) cursor: Option<String>,
-    /// Entries per page, 1 to 1000; 100 unless given.
+    /// Entries per page, 1 to 1000. Default: 100.
     pub(super) limit: Option<usize>,
 }
 
@@ -238,7 +236,7 @@ pub(super) struct PageQuery {
 const MAX_PAGE: usize = 1000;
 
 impl PageQuery {
-    /// The length of the page.
+    /// Length of the page.
     ///
     /// # Errors
     /// A limit out of bounds.
@@ -252,7 +250,7 @@ impl PageQuery {
     }
 }
 
-/// The response with its entity tag.
+/// Adds the entity tag to a response.
 pub(super) fn tagged(mut response: Response, tag: &str) -> Response {
     if let Ok(value) = HeaderValue::from_str(tag) {
         response.headers_mut().insert(header::ETAG, value);
@@ -260,7 +258,7 @@ pub(super) fn tagged(mut response: Response, tag: &str) -> Response {
     response
 }
 
-/// Whether the client has this version already.
+/// Whether the client already has this version (`If-None-Match`).
 pub(super) fn known(headers: &HeaderMap, tag: &str) -> bool {
     let values = headers.get_all(header::IF_NONE_MATCH).iter().filter_map(|value| value.to_str().ok());
     values
@@ -273,26 +271,26 @@ pub(super) fn time(ms: i64) -> String {
     jiff::Timestamp::from_millisecond(ms).map_or_else(|_| String::new(), |time| time.to_string())
 }
 
-/// The class names, for the catalogue.
+/// Class names, for the catalogue.
 pub(super) fn class_names() -> impl Iterator<Item = ClassName> {
     ClassName::ALL.into_iter()
 }
 
-/// A request that may be sent again.
+/// Header of a request that may safely be repeated.
 #[derive(utoipa::IntoParams)]
 #[into_params(parameter_in = Header)]
 pub(super) struct RetryHeader {
-    /// What the client calls this request: the same request with the same key is done once, for seven days.
+    /// Key chosen by the client: a request repeated with the same key within seven days is executed only once.
     #[allow(dead_code, reason = "only for the document; the extractor of the caller reads it")]
     #[param(rename = "Idempotency-Key")]
     idempotency_key: Option<String>,
 }
 
-/// A change of what the client has seen.
+/// Header of a conditional change.
 #[derive(utoipa::IntoParams)]
 #[into_params(parameter_in = Header)]
 pub(super) struct IfMatchHeader {
-    /// The ETag of the version that the client has seen; another present version is left as it is.
+    /// ETag of the version that the client last saw. If the current version differs, nothing is changed.
     #[allow(dead_code, reason = "only for the document; an extractor reads it")]
     #[param(rename = "If-Match")]
     if_match: Option<String>,

@@ -27,31 +27,31 @@ use crate::service::cohorts::{catalogue, upload};
 use crate::service::statistics::draw_shapes;
 
 document! {
-    /// Shapes to be added.
+    /// Shapes to add.
     #[schema(example = json!({"shapes": [
         {"external_id": "scan-17", "label": "control", "points": [[0, 0], [4, 0], [4, 1], [0, 1]]},
         {"external_id": "scan-18", "label": "treated", "points": [[0, 0], [3, 0], [4, 2], [1, 3]]}
     ]}))]
     pub(super) struct AddRequest {
-        /// The shapes.
+        /// Shapes.
         #[schema(value_type = Vec<ShapeInput>, required = true)]
         shapes: List<ShapeInput>, required;
     }
 }
 
-/// What was stored.
+/// Result of adding shapes.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct AddAnswer {
-    /// Shapes that are new; repeated ones with the same content are not counted again.
+    /// Number of new shapes; repeated ones with the same content are not counted.
     added: usize,
-    /// Revision of the cohort afterwards.
+    /// Revision of the cohort after the request.
     revision: u64,
     /// Ids in the order of the input, at most 100 000.
     ids: Vec<String>,
-    /// Shapes left out, under `on_error=skip`.
+    /// Number of shapes skipped under `on_error=skip`.
     #[serde(skip_serializing_if = "is_zero")]
     skipped: usize,
-    /// Why, at most 100 entries.
+    /// Reasons for skipping, at most 100 entries.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     errors: Vec<FaultDocument>,
 }
@@ -67,12 +67,12 @@ impl From<Stored> for AddAnswer {
     }
 }
 
-/// What happens to bad shapes.
+/// Handling of invalid shapes.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct AddQuery {
-    /// `abort` (nothing is stored) unless given, or `skip` (the good shapes are stored).
+    /// Handling of invalid shapes: `abort` stores nothing, `skip` stores the valid ones. Default: `abort`.
     #[serde(default)]
     #[param(inline)]
     on_error: OnError,
@@ -80,8 +80,9 @@ pub(super) struct AddQuery {
 
 /// Adds shapes, all or none.
 ///
-/// JSON for one body, NDJSON (`application/x-ndjson`, one shape a line) for a stream of any length. A repeated
-/// `external_id` with the same content is a safe retry, with other content a conflict. What was answered 201 is on disk.
+/// Send JSON for one body, or NDJSON (`application/x-ndjson`, one shape per line) for a stream of any length. Repeating an
+/// `external_id` with the same content is a safe retry; with other content it is a conflict. Once the response is 201, the
+/// shapes are on disk.
 #[utoipa::path(post, path = "/cohorts/{cohort}/shapes", tag = "cohorts",
     params(("cohort" = String, Path, description = "Id or name"), AddQuery, RetryHeader, IfMatchHeader),
     request_body(content((AddRequest = "application/json"), (ShapeInput = "application/x-ndjson", example = json!("{\"external_id\": \"scan-19\", \"points\": [[0, 0], [5, 1], [1, 3]]}\n")))),
@@ -128,23 +129,23 @@ pub(super) async fn add_shapes(
 pub(super) struct StoredShape {
     /// Identifier.
     id: String,
-    /// The client's own identifier.
+    /// Identifier assigned by the client.
     external_id: Option<String>,
     /// Opaque identifier of the subject.
     subject: Option<String>,
-    /// Class.
+    /// Class label.
     label: Option<String>,
-    /// Further attributes.
+    /// Additional attributes.
     #[schema(value_type = Object)]
     labels: BTreeMap<String, serde_json::Value>,
     /// Weight in means.
     weight: f64,
-    /// As given.
+    /// Metadata, as posted.
     #[schema(value_type = Option<Object>)]
     metadata: Option<Box<RawValue>>,
-    /// Coefficients in the representation of the cohort.
+    /// Control points in the representation of the cohort.
     control_points: Points,
-    /// RFC 3339 UTC.
+    /// Time of creation, RFC 3339 in UTC.
     created_at: String,
 }
 
@@ -165,7 +166,7 @@ impl StoredShape {
     }
 }
 
-/// Lists shapes in the order they were added.
+/// Lists shapes in the order in which they were added.
 #[utoipa::path(get, path = "/cohorts/{cohort}/shapes", tag = "cohorts",
     params(
         ("cohort" = String, Path, description = "Id or name"),
@@ -201,7 +202,9 @@ pub(super) async fn list_shapes(
     .await
 }
 
-/// Reads a shape by its id or external id; as SVG its drawing, as OBJ, PLY, STL or glTF the mesh of a surface.
+/// Returns a shape by id or external id.
+///
+/// As SVG: a drawing. As OBJ, PLY, STL or glTF: the mesh of a surface.
 #[utoipa::path(get, path = "/cohorts/{cohort}/shapes/{shape}", tag = "cohorts",
     params(
         ("cohort" = String, Path, description = "Id or name"),

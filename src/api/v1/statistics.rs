@@ -1,4 +1,4 @@
-//! Stateless statistics: project, mean, align, functional PCA.
+//! Stateless statistics: projection, mean shape, alignment, functional PCA.
 
 use axum::body::Bytes;
 use axum::http::StatusCode;
@@ -20,7 +20,7 @@ use crate::service::cost::requests::{self, Counts};
 use crate::service::statistics::{self, Components, Onto, Setup, Statistics};
 
 settings_request! {
-    /// Shapes to be projected.
+    /// Shapes to project.
     #[schema(example = json!({
         "representation": {"kind": "closed_curve", "dimension": 2, "control_points": 6, "generator": {"name": "trigonometric"}},
         "transformation": "similarity",
@@ -28,17 +28,17 @@ settings_request! {
         "shapes": [{"points": [[5, 9], [3, 7], [3, 3], [5, 1], [7, 3], [7, 6]]}]
     }))]
     ProjectRequest {
-        /// The shape that the others are compared with.
+        /// Shape that the others are compared with.
         #[schema(value_type = ShapeInput, required = true)]
         reference: ShapeInput, required;
-        /// Whose class is projected on; `reference` unless given.
+        /// Whose class is projected onto: the reference's or the shapes'. Default: `reference`.
         #[schema(value_type = Option<Onto>)]
         onto: Checked<Onto>;
     }
 }
 
 settings_request! {
-    /// Shapes to be averaged.
+    /// Shapes to average.
     #[schema(example = json!({
         "representation": {"kind": "closed_curve", "dimension": 2, "control_points": 6, "generator": {"name": "trigonometric"}},
         "transformation": "similarity",
@@ -48,7 +48,7 @@ settings_request! {
 }
 
 settings_request! {
-    /// Shapes to be analysed.
+    /// Shapes to analyse.
     #[schema(example = json!({
         "representation": {"kind": "closed_curve", "dimension": 2, "control_points": 6, "generator": {"name": "trigonometric"}},
         "transformation": "similarity",
@@ -56,30 +56,30 @@ settings_request! {
         "shapes": [{"points": [[2, 0], [1, 1], [-1, 1], [-2, 0], [-1, -1], [1, -1]]}, {"points": [[5, 9], [3, 7], [3, 3], [5, 1], [7, 3], [7, 6]]}, {"points": [[2, 1], [1, 2], [-1, 2], [-2, 1], [-1, -2], [1, -1]]}]
     }))]
     PcaRequest {
-        /// Number of components, 10 unless given.
+        /// Number of components. Default: 10.
         #[schema(value_type = Option<usize>, minimum = 1)]
         components: Checked<usize>;
-        /// Whether the arithmetic mean of the aligned shapes is subtracted; false unless given.
+        /// Whether to subtract the arithmetic mean of the aligned shapes. Default: false.
         #[schema(value_type = Option<bool>)]
         centre: Checked<bool>;
-        /// Whether the aligned shapes are answered too; true unless given.
+        /// Whether to return the aligned shapes too. Default: true.
         #[schema(value_type = Option<bool>)]
         aligned: Checked<bool>;
     }
 }
 
-/// One projection.
+/// Projection of one shape.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct ProjectionOutput {
-    /// The nearest member of the class.
+    /// Nearest member of the class.
     control_points: Points,
-    /// `A`, row by row.
+    /// Matrix `A`, row by row.
     matrix: Vec<Vec<f64>>,
-    /// `b`: the member is `A r + b`.
+    /// Offset `b`: the nearest member is `A r + b`.
     offset: Vec<f64>,
-    /// Squared `L₂` distance to it.
+    /// Squared `L₂` distance to the nearest member.
     squared_distance: f64,
-    /// Cosine of the two, about their mean positions when the class translates.
+    /// Cosine between the two, about their mean positions if the class includes translations.
     correlation: f64,
 }
 
@@ -95,14 +95,14 @@ impl ProjectionOutput {
     }
 }
 
-/// Projections, one a shape, in order.
+/// Projections, one entry per shape, in request order.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct ProjectAnswer {
-    /// One a shape.
+    /// One entry per shape.
     projections: Vec<ProjectionOutput>,
 }
 
-/// Projects shapes on the class of a reference, or the reference on the classes of the shapes.
+/// Projects shapes onto the class of a reference, or the reference onto the classes of the shapes.
 ///
 /// Exact, in closed form: the nearest member in the `L₂` sense over the whole curve.
 #[utoipa::path(post, path = "/project", tag = "statistics", request_body = ProjectRequest,
@@ -134,8 +134,8 @@ pub(super) async fn project(
 
 /// Computes the mean shape.
 ///
-/// Unbiased and without a template: the mean of the subspaces of the shapes under the class. As SVG: the mean with
-/// the aligned shapes behind it. As OBJ, PLY, STL or glTF: the mesh of a mean surface.
+/// The estimate is unbiased and needs no template: it is the mean of the subspaces of the shapes under the class. As
+/// SVG: the mean in front of the aligned shapes. As OBJ, PLY, STL or glTF: the mesh of a mean surface.
 #[utoipa::path(post, path = "/mean", tag = "statistics", request_body = StatisticsRequest,
     params(ShapeFormatQuery),
     responses(
@@ -159,7 +159,7 @@ pub(super) async fn mean(
     }
 }
 
-/// Aligns the shapes of a request and answers with a drawing, or with what `write` makes.
+/// Aligns the shapes of a request and returns a drawing, or the response that `write` makes.
 async fn answer(
     app: App,
     format: Format,
@@ -192,11 +192,11 @@ fn draw(statistics: &Statistics) -> Response {
 /// A shape aligned to the mean.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct AlignedOutput {
-    /// The aligned shape.
+    /// Control points of the aligned shape.
     control_points: Points,
-    /// `A`, row by row.
+    /// Matrix `A`, row by row.
     matrix: Vec<Vec<f64>>,
-    /// `b`: the aligned shape is `A r + b` of the shape as read, started at `shift`.
+    /// Offset `b`: the aligned shape is `A r + b`, where `r` is the shape as read, started at `shift`.
     offset: Vec<f64>,
     /// `L₂` distance to the mean.
     residual: f64,
@@ -204,11 +204,11 @@ pub(super) struct AlignedOutput {
     correlation: f64,
     /// Whether the match is a mirror image: the determinant of `A` is negative.
     reflected: bool,
-    /// Control point at which the aligned shape starts; under `cyclic` counted from the canonical start.
+    /// Index of the control point at which the aligned shape starts; under `cyclic` counted from the canonical start.
     shift: u32,
-    /// Whether the aligned shape runs backwards.
+    /// Whether the aligned shape is traversed in reverse.
     reversed: bool,
-    /// `L₂` norm of the shape as posted, about its mean position when the class translates.
+    /// `L₂` norm of the posted shape, about its mean position if the class includes translations.
     size: f64,
 }
 
@@ -229,12 +229,12 @@ impl AlignedOutput {
     }
 }
 
-/// The mean with the aligned shapes.
+/// Mean and aligned shapes.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct AlignAnswer {
     #[serde(flatten)]
     mean: MeanOutput,
-    /// One a shape, in order.
+    /// One entry per shape, in request order.
     aligned: Vec<AlignedOutput>,
 }
 
@@ -267,28 +267,28 @@ pub(super) async fn align(
 pub(super) struct PcaOutput {
     /// Arithmetic mean of the aligned shapes.
     mean: ShapeOutput,
-    /// `λ_i`, descending: sums over the shapes of squared scores.
+    /// Eigenvalues `λ_i`, descending: sums of squared scores over the shapes.
     eigenvalues: Vec<f64>,
-    /// `λ_i / Σ λ` over all components.
+    /// Explained fractions `λ_i / Σ λ`, where the sum is over all components.
     explained: Vec<f64>,
-    /// Orthonormal in `L₂`; the control coordinate of largest magnitude is positive.
+    /// Eigenshapes, orthonormal in `L₂`; the control coordinate of largest magnitude is positive.
     eigenshapes: Vec<ShapeOutput>,
-    /// One list a shape, one score a component.
+    /// Scores: one list per shape, one number per component.
     scores: Vec<Vec<f64>>,
-    /// `‖r − r̂‖²/(‖r‖‖r̂‖)` of every aligned shape and its reconstruction from these components.
+    /// `‖r − r̂‖²/(‖r‖‖r̂‖)` for every aligned shape and its reconstruction from these components.
     reconstruction_errors: Vec<f64>,
-    /// Whether the mean was subtracted.
+    /// Whether the arithmetic mean was subtracted.
     centre: bool,
 }
 
-/// The mean with principal components.
+/// Mean shape and principal components.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct PcaAnswer {
     #[serde(flatten)]
     mean: MeanOutput,
-    /// The components.
+    /// Functional principal components.
     pca: PcaOutput,
-    /// One a shape, in order, unless left out.
+    /// One entry per shape, in request order; absent if `aligned` is false.
     #[serde(skip_serializing_if = "Option::is_none")]
     aligned: Option<Vec<AlignedOutput>>,
 }
@@ -312,23 +312,23 @@ impl PcaOutput {
     }
 }
 
-/// Which mode is drawn.
+/// Selects the mode to draw.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct ModeQuery {
-    /// `json` or `svg`.
+    /// Response format: `json` or `svg`.
     #[allow(dead_code, reason = "read by the format extractor, listed here for the document")]
     format: Option<String>,
-    /// Component of the drawing, from 1; 1 unless given.
+    /// Component to draw, from 1. Default: 1.
     component: Option<usize>,
-    /// Standard deviations of the drawing, up to 10; 2 unless given.
+    /// Number of standard deviations to draw, at most 10. Default: 2.
     sigma: Option<f64>,
 }
 
 /// Aligns shapes and computes functional principal components.
 ///
-/// As SVG: one mode, the mean plus and minus `sigma` standard deviations of the scores.
+/// As SVG: one mode, drawn as the mean plus and minus `sigma` standard deviations of the scores.
 #[utoipa::path(post, path = "/pca", tag = "statistics", request_body = PcaRequest, params(ModeQuery),
     responses(
         (status = 200, description = "Mean and components", content((PcaAnswer = "application/json"), (String = "image/svg+xml"))),

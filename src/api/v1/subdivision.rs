@@ -1,4 +1,4 @@
-//! Refinement of meshes and polylines.
+//! Subdivision of closed meshes and polylines.
 
 use axum::http::StatusCode;
 use axum::response::Response;
@@ -25,47 +25,47 @@ use crate::service::shapes::subdivisions::{
 };
 
 document! {
-    /// A closed mesh or a polyline to be refined.
+    /// A closed mesh or a polyline to refine.
     #[schema(example = json!({"scheme": "blob", "lambda": 1.5, "level": 2, "start": "octahedron"}))]
     pub(super) struct SubdivideRequest {
-        /// Which scheme.
+        /// Subdivision scheme.
         #[schema(value_type = SchemeName, required = true)]
         scheme: Checked<SchemeName>, required;
-        /// BLOB: `λ` between −π and π; one of `lambda`, `lambda_imaginary` and `v0`.
+        /// BLOB: `λ` between −π and π. Give exactly one of `lambda`, `lambda_imaginary` and `v0`.
         #[schema(value_type = Option<f64>)]
         lambda: Checked<f64>;
-        /// BLOB: `μ` of an imaginary `λ = iμ`, within ±13.8.
+        /// BLOB: `μ` of an imaginary `λ = iμ`, between −13.8 and 13.8.
         #[schema(value_type = Option<f64>)]
         lambda_imaginary: Checked<f64>;
-        /// BLOB: the first level parameter, between 0 and 500.
+        /// BLOB: first level parameter, between 0 and 500.
         #[schema(value_type = Option<f64>)]
         v0: Checked<f64>;
-        /// Loop: the weights of vertices; `original` unless given.
+        /// Loop: vertex weights. Default: `original`.
         #[schema(value_type = Option<LoopWeights>)]
         weights: Checked<LoopWeights>;
-        /// Butterfly: the tension `w`; 0 unless given.
+        /// Butterfly: tension `w`. Default: 0.
         #[schema(value_type = Option<f64>)]
         tension: Checked<f64>;
-        /// Normal-based: how far the weights of the ends of an edge are brought together; 0 unless given.
+        /// Normal-based: how strongly the weights of the two ends of an edge are balanced. Default: 0.
         #[schema(value_type = Option<f64>)]
         balance: Checked<f64>;
-        /// Number of steps.
+        /// Number of subdivision steps. Give `level` or `tolerance`.
         #[schema(value_type = Option<usize>)]
         level: Checked<usize>;
-        /// Steps until a level is not farther than this from the edges of the level before, instead.
+        /// Subdivides until no vertex of a level is farther than this from the edges of the level before.
         #[schema(value_type = Option<f64>)]
         tolerance: Checked<f64>;
-        /// A closed mesh.
+        /// Closed mesh to refine. Give one of `mesh`, `start` and `polyline`.
         #[schema(value_type = Option<ControlMeshInput>)]
         mesh: ControlMeshInput;
-        /// A starting mesh instead, on the unit sphere: `tetrahedron`, `octahedron`, `icosahedron` or `pole_grid`, split as often
-        /// as a number behind a slash says.
+        /// Named starting mesh on the unit sphere: `tetrahedron`, `octahedron`, `icosahedron` or `pole_grid`. A number after a
+        /// slash says how often it is split first.
         #[schema(value_type = Option<String>)]
         start: Checked<String>;
-        /// A polyline instead, for `normal_based`.
+        /// Polyline to refine, for the scheme `normal_based`.
         #[schema(value_type = Option<PolylineInput>)]
         polyline: PolylineInput;
-        /// Whether the limit of the vertices of the level is answered; not unless given.
+        /// Whether to return the limit positions of the vertices of the level. Default: false.
         #[schema(value_type = Option<bool>)]
         limit: Checked<bool>;
     }
@@ -74,11 +74,11 @@ document! {
 /// A refined mesh.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct RefinedMeshOutput {
-    /// Old vertices first, then one for every edge, edges in the lexicographic order of their ends; level by level.
+    /// Vertices, level by level: old ones first, then one per edge, edges in the lexicographic order of their ends.
     vertices: Vec<[f64; 3]>,
-    /// Face `(a, b, c)` becomes `(a, ab, ca)`, `(ab, b, bc)`, `(ca, bc, c)`, `(ab, bc, ca)`.
+    /// Triangles. Face `(a, b, c)` becomes `(a, ab, ca)`, `(ab, b, bc)`, `(ca, bc, c)`, `(ab, bc, ca)`.
     faces: Vec<[u32; 3]>,
-    /// Unit normals of the scheme `normal_based`.
+    /// Unit normals; only for the scheme `normal_based`.
     #[serde(skip_serializing_if = "Option::is_none")]
     normals: Option<Vec<[f64; 3]>>,
 }
@@ -86,15 +86,15 @@ pub(super) struct RefinedMeshOutput {
 /// A refined polyline.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct RefinedPolylineOutput {
-    /// Old points at even places, new ones between.
+    /// Points: old ones at even indices, new ones between them.
     #[schema(value_type = Vec<Vec<f64>>)]
     points: Points,
-    /// Unit normals.
+    /// Unit normals, one per point.
     #[schema(value_type = Vec<Vec<f64>>)]
     normals: Points,
 }
 
-/// Where the vertices of a level lead.
+/// Limit of the vertices of a level.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct LimitOutput {
     /// Positions on the limit surface.
@@ -103,38 +103,38 @@ pub(super) struct LimitOutput {
     normals: Option<Vec<[f64; 3]>>,
 }
 
-/// What came out: a mesh or a polyline.
+/// The refined mesh or polyline.
 #[derive(Debug, Default, Serialize, utoipa::ToSchema)]
 pub(super) struct SubdivideAnswer {
-    /// The mesh.
+    /// The refined mesh, if a mesh was refined.
     #[serde(skip_serializing_if = "Option::is_none")]
     mesh: Option<RefinedMeshOutput>,
-    /// The polyline.
+    /// The refined polyline, if a polyline was refined.
     #[serde(skip_serializing_if = "Option::is_none")]
     polyline: Option<RefinedPolylineOutput>,
-    /// Steps that were made.
+    /// Number of subdivision steps made.
     level: usize,
-    /// Largest distance of its vertices from the edges of the level before; null at level 0. About a third of it is left to the
-    /// limit.
+    /// Largest distance of the vertices from the edges of the level before; null at level 0. About a third of it remains
+    /// between this level and the limit.
     change: Option<f64>,
-    /// Volume within the mesh, positive when its faces are seen counter-clockwise from outside.
+    /// Volume enclosed by the mesh, positive if its faces are counter-clockwise seen from outside.
     #[serde(skip_serializing_if = "Option::is_none")]
     volume: Option<f64>,
     /// Area of the mesh.
     #[serde(skip_serializing_if = "Option::is_none")]
     area: Option<f64>,
-    /// Whether the mesh crosses or lies on itself, looked for at its finest level with at most 20 000 faces; left out when that was
-    /// not decided.
+    /// Whether the mesh intersects or overlaps itself, checked on its finest level with at most 20 000 faces; absent if
+    /// undecided.
     #[serde(skip_serializing_if = "Option::is_none")]
     self_intersecting: Option<bool>,
-    /// Where its vertices lead, when asked for.
+    /// Limit of the vertices, if `limit` is set.
     #[serde(skip_serializing_if = "Option::is_none")]
     limit: Option<LimitOutput>,
-    /// What was put right, and what looks wrong.
+    /// Corrections made to the input, and suspicious properties of it.
     warnings: Vec<String>,
 }
 
-/// What is refined.
+/// The input to refine.
 enum Given {
     Mesh(ControlMeshInput),
     Start(StartMesh),
@@ -143,7 +143,7 @@ enum Given {
 
 /// Refines a closed triangle mesh or a polyline by a subdivision scheme.
 ///
-/// As SVG: a drawing. As OBJ, PLY, STL or glTF: the mesh, or its limit when that is asked for, with normals.
+/// As SVG: a drawing. As OBJ, PLY, STL or glTF: the mesh with normals, or its limit if `limit` is set.
 #[utoipa::path(post, path = "/subdivide", tag = "curves", request_body = SubdivideRequest,
     params(ShapeFormatQuery),
     responses(

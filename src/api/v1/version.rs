@@ -1,4 +1,4 @@
-//! What runs here.
+//! Version of the program and its database.
 
 use axum::extract::State;
 use axum::http::StatusCode;
@@ -10,33 +10,33 @@ use crate::api::problem::{Problem, ProblemDocument};
 use crate::api::respond::json;
 use crate::service::app::{App, ServiceError, build};
 
-/// Program and database.
+/// Versions of the program and its database.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct VersionOutput {
     /// Version of the program.
     #[schema(example = "0.1.0")]
     version: &'static str,
-    /// The commit it was built from; null when the build did not know.
+    /// Commit it was built from; null if unknown at build time.
     commit: Option<&'static str>,
-    /// The compiler.
+    /// Compiler version.
     rustc: &'static str,
-    /// Optional parts that were built in.
+    /// Optional features compiled in.
     features: &'static [&'static str],
-    /// The database.
+    /// Database behind the program.
     database: DatabaseOutput,
 }
 
-/// The database behind the program.
+/// Database behind the program.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct DatabaseOutput {
-    /// `sqlite` or `postgres`.
+    /// Database engine: `sqlite` or `postgres`.
     #[schema(example = "sqlite")]
     engine: &'static str,
-    /// Number of the last step of its schema.
+    /// Version of the schema: number of its last migration.
     schema_version: i64,
 }
 
-/// Says which program and database answer.
+/// Returns the versions of the program and its database.
 #[utoipa::path(get, path = "/version", tag = "operation", responses(
     (status = 200, description = "Program and database", body = VersionOutput),
     (status = 400, description = "An unknown parameter", body = ProblemDocument, content_type = "application/problem+json"),
