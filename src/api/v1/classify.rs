@@ -1,4 +1,4 @@
-//! Classes: classify, and assess everything about a shape at once.
+//! Classification of shapes, and assessment of a shape in one call.
 
 use axum::http::StatusCode;
 use axum::response::Response;
@@ -20,28 +20,28 @@ use crate::service::dictionaries::coding::outlier_warnings;
 use crate::service::dictionaries::ready::Ready;
 use crate::service::dictionaries::{classify, ready};
 
-/// Training quantile beyond which a shape is an outlier or of no class, unless given.
+/// Default training quantile beyond which a shape is an outlier or of no class.
 const QUANTILE: f64 = 0.99;
 
-/// A classifier; the numbers it was trained to are part of the exported file.
+/// Classifier of a dictionary; its trained numbers are in the exported file.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct ClassifierOutput<'a> {
-    /// What was asked for, with all defaults.
+    /// Requested settings, with all defaults filled in.
     settings: &'a ClassifierSettings,
-    /// What was trained: another kind than asked for under `best`.
+    /// Kind of classifier that was trained; under `best` it is the kind selected.
     kind: ClassifierKind,
-    /// The classes, in alphabetical order.
+    /// Classes, in alphabetical order.
     classes: Vec<ClassSize<'a>>,
-    /// How it does on shapes that neither it nor the dictionary had seen.
+    /// Performance on shapes that neither the classifier nor the dictionary had seen.
     validation: &'a Validation,
 }
 
 /// A class of the training shapes.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct ClassSize<'a> {
-    /// Its name.
+    /// Name of the class.
     label: &'a str,
-    /// Training shapes of it.
+    /// Number of its training shapes.
     shapes: usize,
 }
 
@@ -58,37 +58,37 @@ impl<'a> ClassifierOutput<'a> {
 }
 
 asking_request! {
-    /// Shapes to be classified.
+    /// Shapes to classify.
     #[schema(example = json!({"cohort": "example-cells", "ids": ["cell0004"], "quantile": 0.99}))]
     ClassifyRequest {
-        /// Training quantile beyond which a shape is of none of the classes, from 0.5; 0.99 unless given.
+        /// Training quantile, from 0.5, beyond which a shape belongs to none of the classes. Default: 0.99.
         #[schema(value_type = Option<f64>)]
         quantile: Checked<f64>;
     }
 }
 
-/// A class with what speaks for it.
+/// A class with its distance and confidence.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct RankedOutput {
     /// Name of the class.
     label: String,
-    /// Distance to it: relative residual, Mahalanobis distance, or distance to its nearest member.
+    /// Distance to the class: relative residual, Mahalanobis distance, or distance to the nearest member.
     distance: f64,
-    /// Calibrated on shapes that were held out; those of all classes sum to 1.
+    /// Confidence, calibrated on held-out shapes; the confidences of all classes sum to 1.
     confidence: f64,
 }
 
-/// The class of a shape.
+/// Class of a shape.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct ClassOutput {
-    /// The likeliest class.
+    /// Most likely class.
     label: String,
-    /// All classes, the likeliest first.
+    /// All classes, most likely first.
     ranking: Vec<RankedOutput>,
-    /// Confidence of the first minus that of the second.
+    /// Confidence of the first class minus that of the second.
     margin: f64,
-    /// Whether the distance to the class is within the quantile of its own shapes when they were held out; if not, the
-    /// shape is of none of these classes.
+    /// Whether the distance to the class is within the quantile of the class's own shapes when held out. If not, the shape
+    /// belongs to none of these classes.
     accepted: bool,
     /// Comparison of the shape with all training shapes.
     outlier: ScoreOutput,
@@ -121,7 +121,7 @@ impl ClassOutput {
     }
 }
 
-/// Classes, one a shape, in order.
+/// Classes, one entry per shape, in request order.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct ClassifyAnswer {
     /// One entry per shape.
@@ -158,31 +158,31 @@ pub(super) async fn classify(
 }
 
 asking_request! {
-    /// Shapes to be assessed.
+    /// Shapes to assess.
     #[schema(example = json!({"cohort": "example-cells", "ids": ["cell0004"], "samples": 8}))]
     AssessRequest {
-        /// Training quantile beyond which a shape is an outlier or of none of the classes, from 0.5; 0.99 unless given.
+        /// Training quantile, from 0.5, beyond which a shape is an outlier or of none of the classes. Default: 0.99.
         #[schema(value_type = Option<f64>)]
         quantile: Checked<f64>;
-        /// Parameters at which the residual is answered; as many as control points unless given.
+        /// Number of parameters at which the residual is returned. Default: the number of control points.
         #[schema(value_type = Option<usize>)]
         samples: Checked<usize>;
     }
 }
 
-/// Everything about a shape.
+/// Code, class, outlier status and residual of a shape.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct AssessmentOutput {
-    /// Its sparse code, or the scores of components, and the transformation into the pose of the dictionary.
+    /// Sparse code or component scores, and the transformation into the pose of the dictionary.
     code: CodeOutput,
-    /// Its class; null when the dictionary has no classifier.
+    /// Class of the shape; null if the dictionary has no classifier.
     class: Option<ClassOutput>,
     /// Comparison of the shape with the training shapes.
     outlier: ScoreOutput,
     /// `‖y − ŷ‖²/(‖y‖‖ŷ‖)` in the pose of the dictionary.
     relative_error: f64,
-    /// Distances between the shape and its reconstruction at equally spaced parameters: `i/samples` of closed curves,
-    /// `i/(samples − 1)` of open ones, every landmark. In the units of the shape.
+    /// Distances between the shape and its reconstruction at equally spaced parameters: `i/samples` on closed curves,
+    /// `i/(samples − 1)` on open ones, every point of landmarks. In the unit of the shape.
     residual: Vec<f64>,
 }
 
@@ -199,7 +199,7 @@ impl AssessmentOutput {
     }
 }
 
-/// Assessments, one a shape, in order.
+/// Assessments, one entry per shape, in request order.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct AssessAnswer {
     /// One entry per shape.
@@ -209,7 +209,7 @@ pub(super) struct AssessAnswer {
     warnings: Vec<String>,
 }
 
-/// Assesses shapes: pose, code, class, outlier, and the residual along the contour, in one call.
+/// Assesses shapes in one call: pose, code, class, outlier status, and the residual along the contour.
 #[utoipa::path(post, path = "/dictionaries/{dictionary}/assess", tag = "dictionaries", request_body = AssessRequest,
     params(("dictionary" = String, Path, description = "Id, `name@version` or name")),
     responses(

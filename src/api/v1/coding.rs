@@ -1,4 +1,4 @@
-//! Dictionaries in use: encode, reconstruct, score, prior, sample.
+//! Use of dictionaries: encode, reconstruct, score, prior, sample.
 
 use axum::http::StatusCode;
 use axum::response::Response;
@@ -22,13 +22,13 @@ macro_rules! asking_request {
         document! {
             $(#[$meta])*
             pub(super) struct $name {
-                /// Shapes, as for the cohorts of the dictionary; or `cohort` and `ids`.
+                /// Shapes, in the form used for the dictionary's cohort. Give `shapes`, or `cohort` and `ids`.
                 #[schema(value_type = Option<Vec<ShapeInput>>)]
                 shapes: List<ShapeInput>;
-                /// Id or name of a cohort in the representation of the dictionary.
+                /// Id or name of a cohort in the dictionary's representation.
                 #[schema(value_type = Option<String>)]
                 cohort: Checked<String>;
-                /// Ids or external ids of its shapes.
+                /// Ids or external ids of shapes of that cohort.
                 #[schema(value_type = Option<Vec<String>>)]
                 ids: Many<String>;
                 $($further)*
@@ -36,7 +36,7 @@ macro_rules! asking_request {
         }
 
         impl $name {
-            /// The dictionary that is asked, the request without its shapes, these, and what is wrong so far.
+            /// Reads a request: the dictionary, the request without its shapes, the shapes, and the faults found so far.
             async fn receive(
                 app: &App,
                 key: &str,
@@ -58,7 +58,7 @@ macro_rules! asking_request {
 
 pub(super) use asking_request;
 
-/// The shapes of a request, as they stand there.
+/// Shapes of a request: posted ones, or references to stored ones.
 pub(super) struct Shapes {
     pub(super) posted: Option<Vec<ShapeInput>>,
     pub(super) cohort: Option<String>,
@@ -66,7 +66,7 @@ pub(super) struct Shapes {
 }
 
 impl Shapes {
-    /// The shapes, when nothing is wrong with the request.
+    /// Resolves the shapes if the request has no faults.
     pub(super) async fn ask<T>(
         self,
         app: &App,
@@ -94,19 +94,19 @@ impl Shapes {
 }
 
 asking_request! {
-    /// Shapes to be coded.
+    /// Shapes to encode.
     #[schema(example = json!({"cohort": "example-cells", "ids": ["cell0004"]}))]
     EncodeRequest {}
 }
 
-/// The transformation that brings a shape into the pose of the dictionary: `y = A r + b`.
+/// Transformation of a shape into the pose of the dictionary: `y = A r + b`.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct TransformationOutput {
     /// Matrix `A`, row by row.
     matrix: Vec<Vec<f64>>,
-    /// `b`.
+    /// Offset `b`.
     offset: Vec<f64>,
-    /// Row of the control points that becomes the first.
+    /// Index of the control point that becomes the first.
     start: u32,
     /// Whether the shape is traversed in reverse.
     reversed: bool,
@@ -114,29 +114,29 @@ pub(super) struct TransformationOutput {
     mirrored: bool,
 }
 
-/// A code with its certificate.
+/// Code of a shape with its optimality certificate.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct CodeOutput {
-    /// Atoms in use, from 0, ascending.
+    /// Indices of the atoms in use, from 0, ascending.
     indices: Vec<usize>,
-    /// Their coefficients, or scores; for moved atoms the norms `‖B_j d_j‖` in the pose of the dictionary, which do not
-    /// depend on the pose of the shape.
+    /// Coefficients of these atoms, or scores. For invariant codes, the norms `‖B_j d_j‖` in the pose of the dictionary, which
+    /// do not depend on the pose of the shape.
     values: Vec<f64>,
-    /// For invariant codes: `B_j`, row by row, in the pose of the shape, `r ≈ Σ B_j d_j + offset`.
+    /// Invariant codes only: matrices `B_j`, row by row, in the pose of the shape, with `r ≈ Σ B_j d_j + offset`.
     #[serde(skip_serializing_if = "Option::is_none")]
     matrices: Option<Vec<Vec<Vec<f64>>>>,
-    /// For invariant codes: what is added.
+    /// Invariant codes only: the offset that is added.
     #[serde(skip_serializing_if = "Option::is_none")]
     offset: Option<Vec<f64>>,
-    /// Real numbers in the code.
+    /// Number of real numbers in the code.
     parameters: usize,
-    /// `½‖y − ŷ‖²` plus the penalty.
+    /// Objective: `½‖y − ŷ‖²` plus the penalty.
     objective: f64,
-    /// The objective is at most this far above the minimum; null without a penalty.
+    /// Upper bound on how far the objective is above its minimum; null without a penalty.
     duality_gap: Option<f64>,
-    /// `‖y − ŷ‖/‖y‖`.
+    /// Relative error `‖y − ŷ‖/‖y‖`.
     relative_error: f64,
-    /// How the shape comes into the pose of the dictionary.
+    /// Transformation of the shape into the pose of the dictionary.
     transformation: TransformationOutput,
 }
 
@@ -164,14 +164,14 @@ impl CodeOutput {
     }
 }
 
-/// Codes, one a shape, in order.
+/// Codes, one entry per shape, in request order.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct EncodeAnswer {
     /// One entry per shape.
     codes: Vec<CodeOutput>,
 }
 
-/// Codes shapes in a dictionary: sparse codes with their certificate, or the scores of components.
+/// Encodes shapes in a dictionary: sparse codes with their certificates, or scores of components.
 #[utoipa::path(post, path = "/dictionaries/{dictionary}/encode", tag = "dictionaries", request_body = EncodeRequest,
     params(("dictionary" = String, Path, description = "Id, `name@version` or name")),
     responses(
@@ -197,34 +197,34 @@ pub(super) async fn encode(
 }
 
 asking_request! {
-    /// Shapes, or codes, to be reconstructed.
+    /// Shapes or codes to reconstruct.
     #[schema(example = json!({"cohort": "example-cells", "ids": ["cell0004"], "samples": 8}))]
     ReconstructRequest {
-        /// Codes instead of shapes: `indices` with `values`, or with the `matrices` and the `offset` of invariant codes.
+        /// Codes in place of shapes: `indices` with `values`, or with the `matrices` and the `offset` of invariant codes.
         #[schema(value_type = Option<Vec<PostedCode>>)]
         codes: Many<PostedCode>;
-        /// `input` (the pose of the shape) unless given, or `model` (that of the dictionary).
+        /// Pose of the result: `input` (that of the shape) or `model` (that of the dictionary). Default: `input`.
         #[schema(value_type = Option<AnswerPose>)]
         pose: Checked<AnswerPose>;
-        /// Parameters at which the distance to the shape is answered; as many as control points unless given.
+        /// Number of parameters at which the distance to the shape is returned. Default: the number of control points.
         #[schema(value_type = Option<usize>)]
         samples: Checked<usize>;
     }
 }
 
-/// A reconstructed shape.
+/// Shape reconstructed from its code.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct ReconstructionOutput {
     /// Control points in the representation.
     control_points: Points,
-    /// `‖y − ŷ‖²/(‖y‖‖ŷ‖)` in the pose of the dictionary; null for codes.
+    /// `‖y − ŷ‖²/(‖y‖‖ŷ‖)` in the pose of the dictionary; null for posted codes.
     relative_error: Option<f64>,
-    /// Distances between the shape and its reconstruction at equally spaced parameters: `i/samples` of closed curves,
-    /// `i/(samples − 1)` of open ones, every landmark; null for codes.
+    /// Distances between the shape and its reconstruction at equally spaced parameters: `i/samples` on closed curves,
+    /// `i/(samples − 1)` on open ones, every point of landmarks. Null for posted codes.
     residual: Option<Vec<f64>>,
 }
 
-/// Reconstructions, one a shape or code, in order.
+/// Reconstructions, one entry per shape or code, in request order.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct ReconstructAnswer {
     /// One entry per shape or code.
@@ -287,27 +287,27 @@ pub(super) async fn reconstruct(
 }
 
 asking_request! {
-    /// Shapes to be compared with those that were learnt from.
+    /// Shapes to compare with the training shapes.
     #[schema(example = json!({"cohort": "example-cells", "ids": ["cell0004"], "quantile": 0.99}))]
     ScoreRequest {
-        /// Part of shapes like those that were learnt from that shall not be called outliers, from 0.5; 0.99 unless given.
+        /// Fraction of shapes, from 0.5, that should not count as outliers if they resemble the training shapes. Default: 0.99.
         #[schema(value_type = Option<f64>)]
         quantile: Checked<f64>;
     }
 }
 
-/// How a shape compares with those that were learnt from.
+/// Comparison of a shape with the training shapes.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct ScoreOutput {
     /// Scores of the components; null for sparse dictionaries.
     scores: Option<Vec<f64>>,
     /// `T²`: squared Mahalanobis distance of the scores; null for sparse dictionaries.
     t_squared: Option<f64>,
-    /// Part of the training shapes with a smaller or equal one when they were held out.
+    /// Fraction of the held-out training shapes with a smaller or equal `T²`.
     t_squared_rank: Option<f64>,
     /// Squared prediction error `‖y − ŷ‖²`.
     squared_prediction_error: f64,
-    /// Part of the training shapes with a smaller or equal one when they were held out.
+    /// Fraction of the held-out training shapes with a smaller or equal squared prediction error.
     squared_prediction_error_rank: f64,
     /// Whether one of the two exceeds the limit that the quantile sets for both together.
     outlier: bool,
@@ -326,21 +326,21 @@ impl ScoreOutput {
     }
 }
 
-/// Scores, one a shape, in order.
+/// Scores, one entry per shape, in request order.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct ScoreAnswer {
     /// One entry per shape.
     scores: Vec<ScoreOutput>,
-    /// What to know about them; absent when there is nothing.
+    /// Warnings about the scores; absent if there are none.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     warnings: Vec<String>,
 }
 
-/// Scores shapes: component scores, `T²`, squared prediction error, and whether they are outliers.
+/// Scores shapes: component scores, `T²`, squared prediction error, and outlier status.
 ///
-/// A shape is compared with the training shapes as they looked when they were held out, so that of new shapes like them
-/// as many are called outliers as the quantile says. Dictionaries from before there was such a record compare with the
-/// shapes they were learnt from, and say so in `warnings`.
+/// Shapes are compared with the training shapes as they scored when held out, so that among similar new shapes the fraction
+/// called outliers matches the quantile. Older dictionaries without such a record compare with the shapes they were learnt
+/// from, and say so in `warnings`.
 #[utoipa::path(post, path = "/dictionaries/{dictionary}/score", tag = "dictionaries", request_body = ScoreRequest,
     params(("dictionary" = String, Path, description = "Id, `name@version` or name")),
     responses(
@@ -367,38 +367,38 @@ pub(super) async fn score(
 }
 
 asking_request! {
-    /// Shapes at which a prior is evaluated.
+    /// Shapes at which to evaluate the prior.
     #[schema(example = json!({"cohort": "example-cells", "ids": ["cell0004"], "reference": "mean", "gamma": 1.0}))]
     PriorRequest {
-        /// `mean` (the mean shape under the class) unless given, or `atoms` (the span of all atoms under the class).
+        /// Subspace of the prior: `mean` (the mean shape under the class) or `atoms` (the span of all atoms under the class).
+        /// Default: `mean`.
         #[schema(value_type = Option<Reference>)]
         reference: Checked<Reference>;
-        /// Weight of the prior; 1 unless given.
+        /// Weight `γ` of the prior. Default: 1.
         #[schema(value_type = Option<f64>)]
         gamma: Checked<f64>;
     }
 }
 
-/// The prior at a shape.
+/// Prior energy at a shape.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct EnergyOutput {
-    /// `γ‖r − P r‖²`.
+    /// Energy `γ‖r − P r‖²`.
     energy: f64,
-    /// Its derivatives by the control points, one row a point.
+    /// Gradient of the energy with respect to the control points, one row per point.
     gradient: Points,
 }
 
-/// Priors, one a shape, in order.
+/// Priors, one entry per shape, in request order.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct PriorAnswer {
     /// One entry per shape.
     priors: Vec<EnergyOutput>,
 }
 
-/// Energy and gradient of the shape prior at shapes, for curves that are being fitted to an image.
+/// Computes the energy and gradient of the shape prior, for curves being fitted to an image.
 ///
-/// Points correspond as they stand: a curve that started from the mean shape keeps its parameters, and no start point is
-/// searched.
+/// Points correspond as given, and no start point is searched: a curve initialised with the mean shape keeps its parameters.
 #[utoipa::path(post, path = "/dictionaries/{dictionary}/prior", tag = "dictionaries", request_body = PriorRequest,
     params(("dictionary" = String, Path, description = "Id, `name@version` or name")),
     responses(
@@ -430,38 +430,38 @@ pub(super) async fn prior(
 }
 
 document! {
-    /// Shapes to be drawn.
+    /// Parameters of the random draw.
     #[schema(example = json!({"count": 2, "seed": 7}))]
     pub(super) struct SampleRequest {
-        /// Number of shapes, 1 unless given.
+        /// Number of shapes. Default: 1.
         #[schema(value_type = Option<usize>, minimum = 1)]
         count: Checked<usize>;
-        /// The same seed draws the same shapes; 0 unless given.
+        /// Seed: the same seed draws the same shapes. Default: 0.
         #[schema(value_type = Option<u64>)]
         seed: Checked<u64>;
-        /// Scale of the deviations from the mean; 1 unless given.
+        /// Scale of the deviations from the mean. Default: 1.
         #[schema(value_type = Option<f64>)]
         sigma: Checked<f64>;
     }
 }
 
-/// A drawn shape.
+/// Random shape.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct SampleOutput {
-    /// Its scores.
+    /// Scores of the shape.
     scores: Vec<f64>,
     #[serde(flatten)]
     shape: ShapeOutput,
 }
 
-/// Drawn shapes, in the pose of the dictionary.
+/// Random shapes, in the pose of the dictionary.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct SampleAnswer {
-    /// Shapes.
+    /// Random shapes.
     shapes: Vec<SampleOutput>,
 }
 
-/// Draws plausible shapes: scores from a normal distribution with the mean and covariance of the training scores.
+/// Draws plausible shapes, with scores from a normal distribution with the mean and covariance of the training scores.
 #[utoipa::path(post, path = "/dictionaries/{dictionary}/sample", tag = "dictionaries", request_body = SampleRequest,
     params(("dictionary" = String, Path, description = "Id, `name@version` or name")),
     responses(

@@ -21,7 +21,7 @@ use crate::service::inference::comparisons::{self, Compare, Grouping, NamedGroup
 use crate::service::inference::test_sample::DEFAULT_PERMUTATIONS;
 
 document! {
-    /// Groups to be compared: `groups`, or `by` an attribute.
+    /// Groups to compare, given as `groups` or by an attribute.
     #[schema(example = json!({
         "cohort": "example-cells", "permutations": 200,
         "groups": [
@@ -33,10 +33,10 @@ document! {
         /// Id or name of the cohort.
         #[schema(value_type = String, required = true)]
         cohort: Checked<String>, required;
-        /// 2 to 50 groups, which share no shape.
+        /// Groups, 2 to 50, which share no shape. Give `groups` or `by`.
         #[schema(value_type = Option<Vec<NamedGroup>>)]
         groups: Checked<Vec<NamedGroup>>;
-        /// In place of groups, `label` or `labels.<attribute>`: every value makes a group.
+        /// Attribute that defines the groups, `label` or `labels.<attribute>`: each value forms a group.
         #[schema(value_type = Option<String>)]
         by: Checked<String>;
         /// With `by`: filter that selects shapes. Default: all shapes.
@@ -51,16 +51,16 @@ document! {
         /// Whether shapes may be matched to mirror images. Default: the cohort's setting.
         #[schema(value_type = Option<Mirror>)]
         mirror: Checked<Mirror>;
-        /// Relabellings, 0 to 100000; 1000 unless given. When there are no more, all are gone through.
+        /// Number of relabellings, 0 to 100000. Default: 1000. If no more than that exist, all of them are used.
         #[schema(value_type = Option<usize>, maximum = 100000)]
         permutations: Checked<usize>;
-        /// Seed of the relabellings that are drawn; 0 unless given.
+        /// Seed of the random relabellings. Default: 0.
         #[schema(value_type = Option<u64>)]
         seed: Checked<u64>;
         /// Attributes within whose values labels are exchanged: `subject`, `label`, `labels.<attribute>`, or a list.
         #[schema(value_type = Option<Vec<String>>)]
         strata: Checked<Names>;
-        /// Points along the shape at which the effect is answered; as many as control points unless given.
+        /// Number of points along the shape at which the effect is returned. Default: the number of control points.
         #[schema(value_type = Option<usize>, minimum = 1)]
         samples: Checked<usize>;
         /// Priority among the tenant's queued jobs if the request becomes a job. Default: `normal`.
@@ -69,11 +69,11 @@ document! {
     }
 }
 
-/// One name or a list of them.
+/// One name or a list of names.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Names(pub(super) Vec<String>);
 
-/// By hand: the derived error of an untagged choice says neither where nor what.
+/// Written by hand: the derived error of an untagged enum names neither the place nor the fault.
 impl<'de> Deserialize<'de> for Names {
     fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         struct NamesVisitor;
@@ -98,11 +98,11 @@ impl<'de> Deserialize<'de> for Names {
 
 /// Compares groups of shapes of a cohort.
 ///
-/// All shapes are aligned to one mean that knows nothing of the groups. Every two groups: chordal distance of their mean
-/// spaces, distance of their averages, pseudo-F, Hotelling's statistic, the effect along the shape, and sizes, each with
-/// the p value of a permutation test. The answer comes at once when the work is small; else it is a job (202) whose
-/// result it is, and with `Prefer: wait=N` the answer of the job when it ends within `N` seconds, at most 60. As SVG: the
-/// averages over one another, and the effect as colour and width.
+/// All shapes are aligned to one mean, computed without knowledge of the groups. For every two groups the result has the
+/// chordal distance of their mean spaces, the distance of their averages, pseudo-F, Hotelling's statistic, the effect along
+/// the shape, and sizes, each with the p value of a permutation test. Small tests are answered at once; others become a job
+/// (202) with this result. With `Prefer: wait=N` the response is the result if the job ends within `N` seconds, at most 60.
+/// As SVG: the averages overlaid, with the effect as colour and width.
 #[utoipa::path(post, path = "/comparisons", tag = "tests", request_body = CompareRequest,
     params(
         ("format" = Option<String>, Query, description = "`json` or `svg`"),

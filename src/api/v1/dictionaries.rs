@@ -30,13 +30,13 @@ use crate::service::dictionaries::{file, modes, planning, ready};
 use crate::service::jobs;
 
 document! {
-    /// A dictionary to be learnt.
+    /// A dictionary to learn.
     #[schema(example = json!({
         "name": "cells-modes", "cohort": "example-cells", "transformation": "similarity",
         "method": {"kind": "functional_pca", "components": 10, "centre": true}
     }))]
     pub(super) struct LearnRequest {
-        /// Name: letters, digits, '.', '_' and '-', at most 100. A name that exists gets a new version.
+        /// Name: letters, digits, '.', '_' and '-', at most 100 characters. An existing name gets a new version.
         #[schema(value_type = String, required = true)]
         name: Checked<String>, required;
         /// Id or name of the cohort.
@@ -60,15 +60,16 @@ document! {
         /// Learning method and its parameters. Required unless `continue_from` is given.
         #[schema(value_type = Option<Method>)]
         method: Checked<Method>;
-        /// What tells classes apart; nothing unless given. It is trained on all shapes, and validated on shapes that
-        /// neither it nor the dictionary has seen.
+        /// Classifier to train. Default: none. It is trained on all shapes, and validated on shapes that neither it nor the
+        /// dictionary has seen.
         #[schema(value_type = Option<ClassifierSettings>)]
         classifier: Checked<ClassifierSettings>;
-        /// Id, `name@version` or name of the version that learning goes on from, with its parameters, its mean shape and
-        /// its sums: only the shapes that came since are learnt from. Not together with the parameters.
+        /// Id, `name@version` or name of the version to continue from, with its parameters, mean shape and accumulated sums:
+        /// only
+        /// shapes added since then are learnt from. Cannot be combined with the parameters.
         #[schema(value_type = Option<String>)]
         continue_from: Checked<String>;
-        /// Whether only the cost is answered; false unless given.
+        /// Whether to return only the predicted cost. Default: false.
         #[schema(value_type = Option<bool>)]
         dry_run: Checked<bool>;
         /// Priority among the tenant's queued jobs if the request becomes a job. Default: `normal`.
@@ -77,31 +78,31 @@ document! {
     }
 }
 
-/// The predicted cost of learning.
+/// Predicted cost of learning.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct EstimateAnswer {
-    /// The prediction.
+    /// Predicted cost.
     estimate: Estimate,
     /// Revision of the cohort that would be learnt from.
     cohort_revision: u64,
-    /// The method with all defaults.
+    /// Learning method with all defaults filled in.
     method: Method,
 }
 
-/// From what a dictionary was learnt, and by what.
+/// Training data, seed and program behind a dictionary.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct ProvenanceOutput {
-    /// Which shapes of the cohort.
+    /// Filter that selected the shapes of the cohort.
     filter: ShapeFilter,
-    /// blake3 of their control points and weights, in the order of the cohort.
+    /// BLAKE3 digest of the control points and weights of the shapes, in the order of the cohort.
     shapes_digest: String,
-    /// blake3 of what was learnt: equal for equal shapes and parameters.
+    /// BLAKE3 digest of the learnt dictionary: equal shapes and parameters give equal digests.
     digest: String,
-    /// Seed of all random choices; null where there are none.
+    /// Seed of all random choices; null if there are none.
     seed: Option<u64>,
-    /// Id of the version that learning went on from.
+    /// Id of the version that learning continued from.
     continued_from: Option<String>,
-    /// The program and its version.
+    /// Program and its version.
     program: String,
     /// Time of creation, RFC 3339 in UTC.
     created_at: String,
@@ -125,7 +126,7 @@ impl ProvenanceOutput {
     }
 }
 
-/// An entry of the list of dictionaries.
+/// Entry of the list of dictionaries.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct DictionaryEntry {
     /// Identifier of the version.
@@ -147,17 +148,17 @@ pub(super) struct DictionaryEntry {
     transformation: Transformation,
     /// Learning method with all its parameters.
     method: Method,
-    /// Atoms or components there are.
+    /// Number of atoms or components.
     atoms: usize,
-    /// Shapes it was learnt from.
+    /// Number of training shapes.
     shapes: usize,
-    /// Mean objective over them.
+    /// Mean objective over the training shapes.
     objective: f64,
-    /// Mean reconstruction error over them.
+    /// Mean reconstruction error over the training shapes.
     reconstruction_error: f64,
-    /// Kind of the classifier; null without one.
+    /// Kind of classifier; null without one.
     classifier: Option<ClassifierKind>,
-    /// Part of the shapes that it got right in cross-validation.
+    /// Fraction of the shapes classified correctly in cross-validation.
     accuracy: Option<f64>,
     /// Training data, seed and program behind the dictionary.
     provenance: ProvenanceOutput,
@@ -188,7 +189,7 @@ impl From<Listed> for DictionaryEntry {
     }
 }
 
-/// A dictionary.
+/// A dictionary: mean shape, atoms, statistics and classifier.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct DictionaryOutput<'a> {
     /// Identifier of the version.
@@ -222,15 +223,15 @@ pub(super) struct DictionaryOutput<'a> {
     frame: Frame,
     /// Learning method with all its parameters.
     method: &'a Method,
-    /// The mean shape.
+    /// Mean shape.
     mean: &'a MeanRecord,
     /// Arithmetic mean of the aligned shapes; null for sparse atoms.
     centre: Option<&'a [Row]>,
     /// Eigenshapes, orthonormal in `L₂`; or atoms of unit norm.
     atoms: &'a [Atom],
-    /// How learning went, and how well the shapes are described.
+    /// Convergence of the learning, and quality of the description of the shapes.
     statistics: &'a Statistics,
-    /// What tells classes apart, and how well; null when none was asked for.
+    /// Classifier and its validation; null if none was requested.
     classifier: Option<ClassifierOutput<'a>>,
     /// Training data, seed and program behind the dictionary.
     provenance: ProvenanceOutput,
@@ -277,9 +278,9 @@ impl<'a> DictionaryOutput<'a> {
 
 /// Learns a dictionary from a cohort.
 ///
-/// The answer is the job (202), or with `Prefer: wait=N` the dictionary (201) when it is ready within `N` seconds, at most
-/// 60. With `dry_run` the cost (200), and nothing runs. The cohort is learnt from as it is now, whatever is added
-/// meanwhile; learning again with the same shapes and parameters gives the same digest.
+/// The response is a job (202). With `Prefer: wait=N` it is the dictionary (201) if that is ready within `N` seconds, at most
+/// 60. With `dry_run` it is the predicted cost (200), and nothing runs. The cohort is used as it is now, even if shapes are
+/// added meanwhile. Learning again from the same shapes with the same parameters gives the same digest.
 #[utoipa::path(post, path = "/dictionaries", tag = "dictionaries", request_body = LearnRequest,
     params(("prefer" = Option<String>, Header, description = "`wait=10` waits up to ten seconds for the dictionary"), RetryHeader),
     responses(
@@ -371,14 +372,14 @@ fn learn_of(request: LearnRequest) -> Result<(Learn, bool), ServiceError> {
     Ok((learn, dry_run.unwrap_or(false)))
 }
 
-/// Which dictionaries are listed.
+/// Filter and page of the list of dictionaries.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct DictionariesQuery {
-    /// Only versions of this name.
+    /// Versions of this name only.
     name: Option<String>,
-    /// Only those learnt from the cohort with this id or name.
+    /// Dictionaries learnt from this cohort only, by id or name.
     cohort: Option<String>,
     /// Cursor from the previous page.
     cursor: Option<String>,
@@ -386,7 +387,7 @@ pub(super) struct DictionariesQuery {
     limit: Option<usize>,
 }
 
-/// Lists dictionaries, every version an entry, in the order of their creation.
+/// Lists dictionaries in order of creation, one entry per version.
 #[utoipa::path(get, path = "/dictionaries", tag = "dictionaries", params(DictionariesQuery),
     responses(
         (status = 200, description = "A page of dictionaries", body = Page<DictionaryEntry>),
@@ -404,12 +405,12 @@ pub(super) async fn list_dictionaries(
     Ok(json(StatusCode::OK, &Page { items, next })?)
 }
 
-/// The tag of a version: it never changes.
+/// Entity tag of a version, which never changes.
 fn digest_tag(ready: &Ready) -> String {
     format!("\"{}\"", ready.dictionary.id)
 }
 
-/// Reads a dictionary by id, by `name@version`, or by name (the latest version).
+/// Returns a dictionary by id, by `name@version`, or by name (the latest version).
 #[utoipa::path(get, path = "/dictionaries/{dictionary}", tag = "dictionaries",
     params(("dictionary" = String, Path, description = "Id, `name@version` or name")),
     responses(
@@ -435,7 +436,7 @@ pub(super) async fn find_dictionary(
     Ok(tagged(response, &tag))
 }
 
-/// Moves a version by id or `name@version`, or all versions of a name, to the trash.
+/// Moves a version (by id or `name@version`) or all versions of a name to the trash.
 #[utoipa::path(delete, path = "/dictionaries/{dictionary}", tag = "dictionaries",
     params(("dictionary" = String, Path, description = "Id, `name@version` or name")),
     responses(
@@ -452,14 +453,16 @@ pub(super) async fn delete_dictionary(
     Ok(StatusCode::NO_CONTENT)
 }
 
-/// The atoms of a dictionary.
+/// Atoms of a dictionary.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct AtomsAnswer<'a> {
     /// One entry per atom.
     atoms: &'a [Atom],
 }
 
-/// The atoms or components of a dictionary; as SVG side by side.
+/// Returns the atoms or components of a dictionary.
+///
+/// As SVG: the atoms side by side.
 #[utoipa::path(get, path = "/dictionaries/{dictionary}/atoms", tag = "dictionaries",
     params(
         ("dictionary" = String, Path, description = "Id, `name@version` or name"),
@@ -483,19 +486,19 @@ pub(super) async fn dictionary_atoms(
     .await
 }
 
-/// Which mode is shown, and how far.
+/// Selects a mode and its amplitude.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct ModeQuery {
-    /// The component, from 1; 1 unless given.
+    /// Component, from 1. Default: 1.
     component: Option<usize>,
-    /// How many standard deviations; 2 unless given.
+    /// Number of standard deviations. Default: 2.
     sigma: Option<f64>,
-    /// `json`, `svg`, or for surfaces `obj`, `ply`, `stl`, `gltf`.
+    /// Response format: `json`, `svg`, or for surfaces `obj`, `ply`, `stl`, `gltf`.
     #[serde(rename = "format")]
     _format: Option<String>,
-    /// Places along `u` and `v` of a mesh, such as `48,33`.
+    /// Numbers of mesh points along `u` and `v`, such as `48,33`.
     #[serde(rename = "grid")]
     _grid: Option<String>,
 }
@@ -503,24 +506,26 @@ pub(super) struct ModeQuery {
 /// A mode of variation.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct ModeAnswer {
-    /// The component, from 1.
+    /// Component, from 1.
     component: usize,
-    /// How many standard deviations.
+    /// Number of standard deviations.
     sigma: f64,
-    /// Part of the variance or energy.
+    /// Fraction of the variance or energy explained.
     explained: f64,
     /// Standard deviation of the scores.
     deviation: f64,
-    /// The mean less `sigma` standard deviations.
+    /// Mean minus `sigma` standard deviations.
     minus: ShapeOutput,
-    /// The arithmetic mean of the aligned shapes.
+    /// Arithmetic mean of the aligned shapes.
     mean: ShapeOutput,
-    /// The mean plus `sigma` standard deviations.
+    /// Mean plus `sigma` standard deviations.
     plus: ShapeOutput,
 }
 
-/// The mean and the two sides of a mode of variation; as SVG in one picture. As OBJ, PLY, STL or glTF: the mesh of the surface
-/// at the mean plus `sigma` standard deviations, which may be negative.
+/// Returns the mean and the two sides of a mode of variation.
+///
+/// As SVG: all three in one picture. As OBJ, PLY, STL or glTF: the mesh of the surface at the mean plus `sigma` standard
+/// deviations; `sigma` may be negative.
 #[utoipa::path(get, path = "/dictionaries/{dictionary}/modes", tag = "dictionaries",
     params(("dictionary" = String, Path, description = "Id, `name@version` or name"), ModeQuery),
     responses(
@@ -556,9 +561,9 @@ pub(super) async fn dictionary_mode(
     .await
 }
 
-/// A dictionary as one file.
+/// Exports a dictionary as one file.
 ///
-/// JSON in the format of `docs/dictionaries.md`; another service imports it with the same digest.
+/// The file is JSON in the format of `docs/dictionaries.md`; another service imports it with the same digest.
 #[utoipa::path(get, path = "/dictionaries/{dictionary}/export", tag = "dictionaries",
     params(("dictionary" = String, Path, description = "Id, `name@version` or name")),
     responses(
@@ -580,16 +585,16 @@ pub(super) async fn export_dictionary(
     Ok(([(header::CONTENT_DISPOSITION, disposition)], response).into_response())
 }
 
-/// Under which name a file is imported.
+/// Name of the imported dictionary.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct ImportQuery {
-    /// The name in the file unless given.
+    /// Name to import under. Default: the name in the file.
     name: Option<String>,
 }
 
-/// Imports a dictionary that was exported, as the next version of its name.
+/// Imports an exported dictionary as the next version of its name.
 #[utoipa::path(post, path = "/dictionaries/import", tag = "dictionaries", params(ImportQuery, RetryHeader), request_body = DictionaryFile,
     responses(
         (status = 201, description = "Imported", body = DictionaryOutput, headers(("Location" = String))),

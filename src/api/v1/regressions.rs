@@ -20,7 +20,7 @@ use crate::service::inference::regressions::{self, Missing, Regress};
 use crate::service::inference::test_sample::DEFAULT_PERMUTATIONS;
 
 document! {
-    /// Shapes to be regressed on an attribute.
+    /// Shapes to regress on an attribute.
     #[schema(example = json!({
         "cohort": "example-cells", "attribute": "log_centroid_size", "covariates": ["labels.cell_line"], "permutations": 200
     }))]
@@ -31,14 +31,15 @@ document! {
         /// Filter that selects shapes of the cohort. Default: all shapes.
         #[schema(value_type = Option<ShapeFilter>)]
         filter: Checked<ShapeFilter>;
-        /// `labels.<attribute>` with numbers, or `log_centroid_size`.
+        /// Attribute to regress on: `labels.<attribute>` with numeric values, or `log_centroid_size`.
         #[schema(value_type = String, required = true)]
         attribute: Checked<String>, required;
-        /// What is taken out first: `subject`, `label`, `labels.<attribute>` or `log_centroid_size`, at most 20. Numbers
-        /// are one column, categories one for every value but the first.
+        /// Covariates, removed first: `subject`, `label`, `labels.<attribute>` or `log_centroid_size`, at most 20. A number
+        /// takes
+        /// one column, a category one column for every value but the first.
         #[schema(value_type = Option<Vec<String>>)]
         covariates: Checked<Vec<String>>;
-        /// What happens to shapes without a value; `refuse` unless given.
+        /// Handling of shapes without a value. Default: `refuse`.
         #[schema(value_type = Option<Missing>)]
         missing: Checked<Missing>;
         /// Transformation class to remove. Default: `similarity`.
@@ -50,10 +51,10 @@ document! {
         /// Whether shapes may be matched to mirror images. Default: the cohort's setting.
         #[schema(value_type = Option<Mirror>)]
         mirror: Checked<Mirror>;
-        /// Permutations, 0 to 100000; 1000 unless given.
+        /// Number of permutations, 0 to 100000. Default: 1000.
         #[schema(value_type = Option<usize>, maximum = 100000)]
         permutations: Checked<usize>;
-        /// Their seed; 0 unless given.
+        /// Seed of the permutations. Default: 0.
         #[schema(value_type = Option<u64>)]
         seed: Checked<u64>;
         /// Attributes within whose values residuals are exchanged: `subject`, `label`, `labels.<attribute>`, or a list.
@@ -67,10 +68,10 @@ document! {
 
 /// Regresses the shapes of a cohort on an attribute.
 ///
-/// All shapes are aligned to their mean; multivariate linear regression on the attribute after the covariates, with the
-/// p value of a permutation test (with covariates that of Freedman and Lane). The answer comes at once when the work is
-/// small; else it is a job (202) whose result it is, and with `Prefer: wait=N` the answer of the job when it ends within
-/// `N` seconds, at most 60. As SVG: the predicted shapes from low to high values.
+/// All shapes are aligned to their mean, followed by multivariate linear regression on the attribute after the covariates,
+/// with the p value of a permutation test (with covariates, that of Freedman and Lane). Small tests are answered at once;
+/// others become a job (202) with this result. With `Prefer: wait=N` the response is the result if the job ends within `N`
+/// seconds, at most 60. As SVG: the predicted shapes from low to high values.
 #[utoipa::path(post, path = "/regressions", tag = "tests", request_body = RegressRequest,
     params(
         ("format" = Option<String>, Query, description = "`json` or `svg`"),

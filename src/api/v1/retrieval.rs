@@ -1,4 +1,4 @@
-//! Nearest shapes of a cohort, and distances of all pairs.
+//! Nearest-neighbour search in a cohort, and pairwise distances.
 
 use std::collections::BTreeMap;
 
@@ -31,20 +31,20 @@ use crate::service::search::neighbours::{FoundNeighbour, MAX_NEIGHBOURS, Queries
 use crate::service::search::{distances, neighbours};
 use crate::service::statistics::Settings;
 
-/// Neighbours of a shape unless their number is given.
+/// Default number of neighbours of a shape.
 const NEIGHBOURS: usize = 10;
 
 document! {
     /// Shapes whose nearest neighbours in a cohort are wanted.
     #[schema(example = json!({"shapes": [{"points": [[0, 0], [4, 0], [4, 1], [0, 1]]}], "neighbours": 5}))]
     pub(super) struct SearchRequest {
-        /// Shapes, as for the cohort; or `ids`.
+        /// Query shapes, in the form used for the cohort. Give `shapes` or `ids`.
         #[schema(value_type = Option<Vec<ShapeInput>>)]
         shapes: List<ShapeInput>;
-        /// Ids or external ids of shapes of the cohort, which are not neighbours of themselves.
+        /// Ids or external ids of query shapes in the cohort; a shape is not its own neighbour.
         #[schema(value_type = Option<Vec<String>>)]
         ids: Many<String>;
-        /// Neighbours of every shape, 1 to 1000; 10 unless given.
+        /// Number of neighbours per shape, 1 to 1000. Default: 10.
         #[schema(value_type = Option<usize>, minimum = 1, maximum = 1000)]
         neighbours: Checked<usize>;
         /// Transformation class to remove. Default: `similarity`.
@@ -62,7 +62,7 @@ document! {
     }
 }
 
-/// A neighbour.
+/// Neighbour of a query shape.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct NeighbourOutput {
     /// Identifier.
@@ -76,7 +76,7 @@ pub(super) struct NeighbourOutput {
     labels: BTreeMap<String, Value>,
     /// Distance to the query: in [0, 1], or a length under `rigid` and `translation`.
     distance: f64,
-    /// Control point of the neighbour that lies at the first one of the query.
+    /// Index of the neighbour's control point that corresponds to the first one of the query.
     start: u32,
     /// Whether the neighbour is traversed in reverse.
     reversed: bool,
@@ -92,14 +92,14 @@ impl From<FoundNeighbour> for NeighbourOutput {
     }
 }
 
-/// The neighbours of one shape.
+/// Neighbours of one query shape.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct SearchResult {
-    /// The nearest first; of equal ones the one that was added first.
+    /// Neighbours, nearest first; among equal distances the one added first comes first.
     neighbours: Vec<NeighbourOutput>,
 }
 
-/// The neighbours of all shapes, in order.
+/// Neighbours of all query shapes, in request order.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct SearchAnswer {
     /// Revision of the cohort that was searched.
@@ -110,8 +110,8 @@ pub(super) struct SearchAnswer {
 
 /// Finds the nearest shapes of a cohort.
 ///
-/// Exact: every shape of the cohort that passes the filter is compared, at all start points, directions and mirror images
-/// that the cohort allows.
+/// The search is exact: every shape of the cohort that passes the filter is compared, at all start points, directions and
+/// mirror images that the cohort allows.
 #[utoipa::path(post, path = "/cohorts/{cohort}/search", tag = "retrieval", request_body = SearchRequest,
     params(("cohort" = String, Path, description = "Id or name")),
     responses(
@@ -165,13 +165,13 @@ fn search_of(request: SearchRequest) -> Result<Search, ServiceError> {
 }
 
 document! {
-    /// Shapes whose distances are wanted: posted ones, with what they are made of and how they correspond, or those of a
-    /// cohort.
+    /// Shapes whose pairwise distances are wanted: posted shapes with their representation and correspondence, or shapes of
+    /// a cohort.
     #[schema(example = json!({
         "cohort": "example-cells", "filter": {"labels": {"cell_line": "dlm8"}}, "transformation": "similarity"
     }))]
     pub(super) struct DistancesRequest {
-        /// The shapes; not together with `cohort`.
+        /// Posted shapes; cannot be combined with `cohort`.
         #[schema(value_type = Option<Vec<ShapeInput>>)]
         shapes: List<ShapeInput>;
         /// Representation of posted shapes.
@@ -189,7 +189,7 @@ document! {
         /// Filter that selects shapes of the cohort. Default: all shapes.
         #[schema(value_type = Option<ShapeFilter>)]
         filter: Checked<ShapeFilter>;
-        /// Ids or external ids of its shapes, each once; not together with `filter`.
+        /// Ids or external ids of shapes of the cohort, each once; cannot be combined with `filter`.
         #[schema(value_type = Option<Vec<String>>)]
         ids: Many<String>;
         /// Whether shapes may be matched to mirror images. Default: the cohort's setting; `forbid` for posted shapes.
@@ -207,25 +207,25 @@ document! {
     }
 }
 
-/// Distances of all pairs.
+/// Pairwise distances.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct DistancesAnswer {
-    /// Id of the cohort, unless the shapes were posted.
+    /// Id of the cohort; null for posted shapes.
     cohort: Option<String>,
-    /// Its revision.
+    /// Revision of the cohort; null for posted shapes.
     cohort_revision: Option<u64>,
-    /// One a row and column: the external id, or where there is none the id, or of posted shapes the position.
+    /// Names of the rows and columns: the external id, else the id; for posted shapes the position.
     ids: Vec<String>,
-    /// One a row and column.
+    /// Class labels of the rows and columns.
     labels: Vec<Option<String>>,
-    /// Symmetric, zero on the diagonal: in [0, 1], or lengths under `rigid` and `translation`.
+    /// Distance matrix, symmetric with a zero diagonal: values in [0, 1], or lengths under `rigid` and `translation`.
     distances: Vec<Vec<f64>>,
 }
 
-/// Computes the distances of all pairs of shapes.
+/// Computes the distances between all pairs of shapes.
 ///
-/// At once (200) when they are few. Of many shapes of a cohort the answer is a job (202), whose matrix is read from
-/// `/v1/jobs/{job}/output`; with `Prefer: wait=N` the matrix, when it is ready within `N` seconds, at most 60.
+/// Few shapes are answered at once (200). For many shapes of a cohort the response is a job (202), whose matrix is available
+/// at `/v1/jobs/{job}/output`; with `Prefer: wait=N` it is the matrix if that is ready within `N` seconds, at most 60.
 #[utoipa::path(post, path = "/distances", tag = "retrieval", request_body = DistancesRequest,
     params(
         ("format" = Option<String>, Query, description = "`json`, `csv` or `npy`"),
@@ -282,7 +282,7 @@ async fn output(app: &App, job: &str, format: MatrixFormat) -> Result<Response, 
     respond::matrix(app, matrix, format)
 }
 
-/// A request for a matrix whose fields are in order.
+/// A validated request for a distance matrix.
 enum MatrixRequest {
     Posted(Box<Settings>, Vec<ShapeInput>),
     Cohort(String, Chosen, Comparison),
@@ -327,7 +327,7 @@ fn matrix_request(mut request: DistancesRequest) -> Result<MatrixRequest, Servic
     }
 }
 
-/// Fields that are missing, or do not belong to the way in which shapes are given.
+/// Fields that are missing, or that do not apply to the way in which shapes are given.
 fn misplaced(request: &DistancesRequest) -> Vec<InputError> {
     let (posted, stored) = (request.shapes.is_some(), request.cohort.is_some());
     if posted == stored {
@@ -355,9 +355,9 @@ fn misplaced(request: &DistancesRequest) -> Vec<InputError> {
     errors
 }
 
-/// Reads the matrix that a job has computed.
+/// Returns the matrix that a job has computed.
 ///
-/// Outputs are kept as long as their job; when together they are larger than 2 GiB, the newest.
+/// Outputs are kept as long as their job; if together they exceed 2 GiB, only the newest are kept.
 #[utoipa::path(get, path = "/jobs/{job}/output", tag = "jobs",
     params(
         ("job" = String, Path, description = "Id"),
