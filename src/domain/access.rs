@@ -1,4 +1,4 @@
-//! Who asks: a tenant, a role, and the cohorts that are open to them.
+//! Callers: tenant, role, and the cohorts they may access.
 
 use std::net::{IpAddr, Ipv6Addr};
 
@@ -6,26 +6,26 @@ use serde::{Deserialize, Serialize};
 
 use super::cohort::name_problem;
 
-/// The tenant of those who ask without a key, and of everything that was stored before there were tenants.
+/// Tenant of callers without a key, and of everything stored before there were tenants.
 pub const DEFAULT_TENANT: &str = "default";
 
-/// What stands for the key of those who ask without one.
+/// Stands for the key of callers without one.
 const LOCAL: &str = "local";
 
-/// What a caller may do; each role may do what those before it may.
+/// Role of a caller; each role includes the ones before it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Role {
-    /// Reads, and computes what is not stored.
+    /// Reads, and computes without storing.
     Reader,
-    /// Stores, learns, deletes.
+    /// Stores, learns and deletes.
     Writer,
-    /// Gives keys and reads the audit trail.
+    /// Manages keys and reads the audit trail.
     Admin,
 }
 
 impl Role {
-    /// The word for it.
+    /// Name used in JSON and the database.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Reader => "reader",
@@ -34,7 +34,7 @@ impl Role {
         }
     }
 
-    /// The role with this word.
+    /// Role with this name.
     pub fn of_word(word: &str) -> Option<Self> {
         [Self::Reader, Self::Writer, Self::Admin].into_iter().find(|role| role.as_str() == word)
     }
@@ -43,31 +43,31 @@ impl Role {
 /// An authenticated caller.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Principal {
-    /// Whose things it sees; nobody sees those of another tenant.
+    /// Tenant whose objects the caller can access; no other tenant's are visible.
     pub tenant: String,
-    /// Id of its key, `oidc` for a bearer token of the identity provider, `local` without access control, `system` for the
+    /// Id of the key, `oidc` for a bearer token of the identity provider, `local` without access control, `system` for the
     /// service itself.
     pub key: String,
-    /// Who stands behind a bearer token.
+    /// Subject of the bearer token.
     pub subject: Option<String>,
-    /// What it may do.
+    /// Role of the caller.
     pub role: Role,
-    /// Ids of the only cohorts it may touch; all of the tenant when none.
+    /// Ids of the only cohorts it may access; `None` for all of the tenant.
     pub cohorts: Option<Vec<String>>,
 }
 
 impl Principal {
-    /// Who asks on a machine's own address as long as there are no keys.
+    /// Caller on the loopback interface while no keys exist.
     pub fn local() -> Self {
         Self::admin(DEFAULT_TENANT, LOCAL)
     }
 
-    /// Whether nobody has shown who it is.
+    /// Whether the caller is unauthenticated.
     pub fn is_local(&self) -> bool {
         self.key == LOCAL
     }
 
-    /// The service itself, at work for a tenant.
+    /// The service itself, working for a tenant.
     pub fn system(tenant: &str) -> Self {
         Self::admin(tenant, "system")
     }
@@ -76,19 +76,19 @@ impl Principal {
         Self { tenant: tenant.into(), key: key.into(), subject: None, role: Role::Admin, cohorts: None }
     }
 
-    /// Whether the cohort with this id is open to it.
+    /// Whether the caller may access the cohort with this id.
     pub fn may_use(&self, cohort: &str) -> bool {
         self.cohorts.as_ref().is_none_or(|cohorts| cohorts.iter().any(|open| open == cohort))
     }
 }
 
-/// Why `name` cannot name a tenant, or nothing: a name as those of cohorts.
+/// Reason why `name` is not a valid tenant name, if any; the rules are those of cohort names.
 pub fn tenant_problem(name: &str) -> Option<String> {
     name_problem(name, "tenant")
 }
 
-/// Whether `host`, without a port, names this machine: `localhost` and what lies below it, or a loopback address, an IPv6
-/// one in brackets.
+/// Whether `host`, without a port, names this machine: `localhost` and its subdomains, or a loopback address (IPv6 in
+/// brackets).
 pub fn is_loopback(host: &str) -> bool {
     let host = host.strip_suffix('.').unwrap_or(host).to_ascii_lowercase();
     let bare = host.strip_prefix('[').and_then(|host| host.strip_suffix(']')).unwrap_or(&host);
@@ -97,7 +97,7 @@ pub fn is_loopback(host: &str) -> bool {
         || bare.parse::<IpAddr>().is_ok_and(|address| address.is_loopback())
 }
 
-/// Whose addresses are counted together: of IPv6 the network of 64 bits, as whoever has one address of it has all of them.
+/// Network whose requests are counted together: for IPv6 the /64 network, since its owner controls all addresses in it.
 pub fn network(address: IpAddr) -> IpAddr {
     match address.to_canonical() {
         IpAddr::V6(address) => Ipv6Addr::from_bits(address.to_bits() >> 64 << 64).into(),
@@ -105,7 +105,7 @@ pub fn network(address: IpAddr) -> IpAddr {
     }
 }
 
-/// A network of [`network`] for people.
+/// Text form of a [`network`].
 pub fn network_text(network: IpAddr) -> String {
     if network.is_ipv6() { format!("{network}/64") } else { network.to_string() }
 }

@@ -1,7 +1,7 @@
-//! The audit trail: who did what to which object, when, and what came of it.
+//! Audit trail: who did what to which object, when, and with what outcome.
 //!
-//! The entries of a tenant are a chain: the digest of each covers that of the one before, so that nobody can change, remove
-//! or insert one without all later digests changing too.
+//! The entries of a tenant form a hash chain: each digest covers the previous one, so that changing, removing or inserting
+//! an entry changes all later digests.
 //!
 //! ```text
 //! digest₀ = 32 zero bytes,   digestₙ = blake3(digestₙ₋₁ ‖ textₙ)
@@ -14,64 +14,64 @@ use serde_json::json;
 /// Length of a digest in bytes.
 pub const DIGEST_BYTES: usize = 32;
 
-/// Links an entry to those before it.
+/// Digest that links an entry to those before it.
 pub type Digest = [u8; DIGEST_BYTES];
 
-/// The link of the first entry of a tenant.
+/// Link before the first entry of a tenant.
 pub const FIRST_LINK: Digest = [0; DIGEST_BYTES];
 
 /// One request.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Entry {
-    /// When it came, milliseconds since 1970 UTC.
+    /// Time of arrival, milliseconds since 1970 UTC.
     pub at_ms: i64,
-    /// Whose things it was about; empty when nobody knows who asked.
+    /// Tenant whose objects it concerned; empty if the caller is unknown.
     pub tenant: String,
     /// Id of the key.
     pub key: Option<String>,
-    /// Who stood behind a bearer token.
+    /// Subject of the bearer token.
     pub subject: Option<String>,
-    /// Id of the operation in the OpenAPI document.
+    /// Operation id in the OpenAPI document.
     pub operation: Option<String>,
     /// HTTP method.
     pub method: String,
-    /// Template of the path; none when nothing is there.
+    /// Path template of the route; `None` if none matched.
     pub route: Option<String>,
-    /// The objects by the name of their place in the path, as the caller named them, and the ids of what it used and created.
+    /// Objects by path parameter, as the caller named them, and the ids of the objects it used and created.
     pub objects: BTreeMap<String, String>,
-    /// Status of the answer; none when the caller went away before there was one.
+    /// Status code of the response; `None` if the caller disconnected before it was sent.
     pub status: Option<u16>,
-    /// Id of the request, as in the log.
+    /// Request id, as in the log.
     pub request_id: String,
     /// Address of the caller.
     pub remote: Option<String>,
 }
 
-/// An entry at its place in the trail.
+/// An entry with its position in the trail.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Recorded {
-    /// Its place, from 1.
+    /// Position, from 1.
     pub sequence: u64,
-    /// What happened.
+    /// The recorded request.
     pub entry: Entry,
-    /// Its link.
+    /// Digest of the entry, which links it to the previous one.
     pub digest: Digest,
 }
 
 impl Recorded {
-    /// `entry` behind the one whose place and link are given.
+    /// Appends `entry` after the entry with the given position and digest.
     pub fn after(sequence: u64, link: &Digest, entry: Entry) -> Self {
         let mut recorded = Self { sequence: sequence + 1, entry, digest: FIRST_LINK };
         recorded.digest = recorded.expected_digest(link);
         recorded
     }
 
-    /// The digest that it has unless it was changed, behind the entry with this link.
+    /// Digest the entry should have after the entry with digest `link`; it differs if the entry was altered.
     pub fn expected_digest(&self, link: &Digest) -> Digest {
         *blake3::Hasher::new().update(link).update(self.text().as_bytes()).finalize().as_bytes()
     }
 
-    /// What the digest covers: a JSON array without spaces.
+    /// Text covered by the digest: a JSON array without spaces.
     fn text(&self) -> String {
         let Entry {
             at_ms,
@@ -104,20 +104,20 @@ impl Recorded {
     }
 }
 
-/// Which entries are asked for.
+/// Filter of the audit trail.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct AuditFilter {
-    /// Not before, milliseconds since 1970 UTC.
+    /// Entries at or after this time, milliseconds since 1970 UTC.
     pub since_ms: Option<i64>,
-    /// Before, milliseconds since 1970 UTC.
+    /// Entries before this time, milliseconds since 1970 UTC.
     pub until_ms: Option<i64>,
-    /// Id of the key.
+    /// Id of the key used.
     pub key: Option<String>,
-    /// Id of the operation.
+    /// Operation id.
     pub operation: Option<String>,
-    /// An object.
+    /// Id of an object, or its name in the path.
     pub object: Option<String>,
-    /// Status of the answer.
+    /// Status code of the response.
     pub status: Option<u16>,
 }
 

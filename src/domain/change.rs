@@ -1,8 +1,8 @@
-//! What has changed: an entry for every change of what a tenant has, so that a pipeline can go on where it stopped.
+//! Change feed: an entry for every change of a tenant's objects, so that a pipeline can resume where it stopped.
 
 use serde::{Deserialize, Serialize};
 
-/// What happened.
+/// Kind of change.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ChangeKind {
@@ -12,9 +12,9 @@ pub enum ChangeKind {
     CohortUpdated,
     /// A cohort was moved to the trash.
     CohortDeleted,
-    /// A cohort came back from the trash.
+    /// A cohort was restored from the trash.
     CohortRestored,
-    /// Shapes were added; `revision` is the one they came with.
+    /// Shapes were added; `revision` is the resulting revision.
     ShapesAdded,
     /// A shape was deleted.
     ShapeDeleted,
@@ -22,22 +22,22 @@ pub enum ChangeKind {
     DictionaryAdded,
     /// A version of a dictionary was moved to the trash.
     DictionaryDeleted,
-    /// A version of a dictionary came back from the trash.
+    /// A version of a dictionary was restored from the trash.
     DictionaryRestored,
 }
 
-/// A change that is to be recorded.
+/// A change to be recorded.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct NewChange<'a> {
-    /// What happened.
+    /// Kind of change.
     pub kind: ChangeKind,
-    /// Id of what it happened to.
+    /// Id of the changed object.
     pub object: &'a str,
-    /// Id of its cohort.
+    /// Id of the cohort it belongs to.
     pub cohort: Option<&'a str>,
-    /// Revision of the cohort that it brought about.
+    /// Revision of the cohort after the change.
     pub revision: Option<u64>,
-    /// Shapes that were added.
+    /// Number of shapes added.
     pub shapes: Option<u64>,
 }
 
@@ -47,7 +47,7 @@ impl<'a> NewChange<'a> {
         Self { kind, object: cohort, cohort: Some(cohort), revision: Some(revision), shapes: None }
     }
 
-    /// A change of a dictionary, which was learnt from the cohort.
+    /// A change of a dictionary that was learnt from the cohort.
     pub fn of_dictionary(kind: ChangeKind, dictionary: &'a str, cohort: &'a str) -> Self {
         Self { kind, object: dictionary, cohort: Some(cohort), revision: None, shapes: None }
     }
@@ -56,18 +56,18 @@ impl<'a> NewChange<'a> {
 /// A recorded change.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Change {
-    /// Its number, from 1; changes of a tenant are numbered in their order.
+    /// Number of the change, from 1; changes of a tenant are numbered in order.
     pub sequence: u64,
-    /// When, milliseconds since 1970 UTC.
+    /// Time of the change, milliseconds since 1970 UTC.
     pub at_ms: i64,
-    /// What happened.
+    /// Kind of change.
     pub kind: ChangeKind,
-    /// Id of what it happened to.
+    /// Id of the changed object.
     pub object: String,
-    /// Id of its cohort.
+    /// Id of the cohort it belongs to.
     pub cohort: Option<String>,
-    /// Revision of the cohort that it brought about.
+    /// Revision of the cohort after the change.
     pub revision: Option<u64>,
-    /// Shapes that were added.
+    /// Number of shapes added.
     pub shapes: Option<u64>,
 }

@@ -1,74 +1,75 @@
-//! The classifier of a dictionary: what is asked for, what was trained, and how well it does.
+//! Classifiers of dictionaries: requested settings, trained numbers, and validation.
 
 use serde::{Deserialize, Serialize};
 
 use super::dictionary::Row;
 
-/// Kinds of classifiers.
+/// Kind of classifier.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ClassifierKind {
-    /// Distance to the mean space of every class.
+    /// Distance to the mean space of each class.
     MeanSpace,
-    /// Class of the atom that correlates best.
+    /// Class of the atom with the largest correlation.
     NearestAtom,
-    /// Class whose atoms leave least of the shape; for sparse dictionaries.
+    /// Class whose atoms leave the smallest residual; for sparse dictionaries.
     SparseResidual,
     /// Regularised discriminant of the code, from linear to quadratic.
     Discriminant,
-    /// Votes of the nearest training shapes, by their codes.
+    /// Vote of the nearest training shapes, compared by their codes.
     NearestNeighbours,
-    /// Those of all these, one or several together, that do best in cross-validation within the training shapes.
+    /// The best of the other kinds, alone or combined, in cross-validation within the training shapes.
     Best,
-    /// Several of these together: what `best` may train; not to be asked for.
+    /// Combination of several kinds, which `best` may train; cannot be requested.
     Ensemble,
 }
 
-/// What a classifier looks at.
+/// Feature that a classifier uses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Feature {
-    /// The shape, as the dictionary describes it.
+    /// Shape, as described by the dictionary.
     Shape,
-    /// Its size `ln ‖r − r̄‖`, which the class of transformations may have removed.
+    /// Size `ln ‖r − r̄‖`, which the transformation class may have removed.
     Size,
 }
 
-/// A classifier that is asked for.
+/// Settings of a classifier.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ClassifierSettings {
-    /// How classes are told apart.
+    /// Kind of classifier to train.
     pub kind: ClassifierKind,
-    /// What names the class of a shape: `label` unless given, or `labels.` and the name of an attribute.
+    /// Attribute that names the class of a shape: `label`, or `labels.` and the name of an attribute. Default: `label`.
     #[serde(default = "default_attribute")]
     #[schema(default = "label")]
     pub attribute: String,
-    /// What is looked at; `["shape"]` unless given.
+    /// Features to use. Default: `["shape"]`.
     #[serde(default = "default_features")]
     #[schema(default = json!(["shape"]))]
     pub features: Vec<Feature>,
-    /// For `discriminant`: leading components of the code that are used; all unless given.
+    /// For `discriminant`: number of leading components of the code to use. Default: all.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub components: Option<usize>,
-    /// For `discriminant`: 1 (one covariance for all classes: linear) unless given, down to 0 (one a class: quadratic).
+    /// For `discriminant`: pooling of covariances, from 0 (one per class: quadratic) to 1 (one for all classes: linear).
+    /// Default: 1.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pooling: Option<f64>,
-    /// For `discriminant`: how far covariances are drawn to a multiple of the identity, 0 to 1; estimated unless given.
+    /// For `discriminant`: shrinkage of covariances towards a multiple of the identity, 0 to 1. Default: estimated.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub shrinkage: Option<f64>,
-    /// For `nearest_neighbours`: how many vote; 5 unless given.
+    /// For `nearest_neighbours`: number of neighbours that vote. Default: 5.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub neighbours: Option<usize>,
-    /// Parts of the cross-validation; 5 unless given.
+    /// Number of parts (folds) of the cross-validation. Default: 5.
     #[serde(default = "default_folds")]
     #[schema(default = 5)]
     pub folds: usize,
-    /// How often it is repeated with other parts; 3 unless given.
+    /// Number of repeats of the cross-validation with different parts. Default: 3.
     #[serde(default = "default_repeats")]
     #[schema(default = 3)]
     pub repeats: usize,
-    /// Draws the parts; 0 unless given.
+    /// Seed of the random parts. Default: 0.
     #[serde(default)]
     pub seed: u64,
 }
@@ -90,13 +91,13 @@ fn default_repeats() -> usize {
 }
 
 impl ClassifierSettings {
-    /// Whether the size is looked at.
+    /// Whether the size is one of the features.
     pub fn sees_size(&self) -> bool {
         self.features.contains(&Feature::Size)
     }
 
-    /// Trainings of the whole validation, each with all that is learnt; `within` for the choice of `best`, whose result is
-    /// validated once more.
+    /// Number of trainings of the whole validation, each of which learns everything anew; `within` are those for the choice of
+    /// `best`, whose result is validated once more.
     pub fn trainings(&self, within: usize) -> usize {
         let parts = self.folds * self.repeats;
         match self.kind {
@@ -106,103 +107,103 @@ impl ClassifierSettings {
     }
 }
 
-/// A trained classifier with its validation.
+/// Trained classifier with its validation.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ClassifierRecord {
-    /// What was asked for.
+    /// Requested settings.
     pub settings: ClassifierSettings,
-    /// The classes, in alphabetical order.
+    /// Classes, in alphabetical order.
     pub classes: Vec<ClassRecord>,
-    /// What was trained on all shapes.
+    /// Classifier trained on all shapes.
     pub trained: Trained,
-    /// `β` of the confidences `∝ exp(β score)`.
+    /// `β` of the confidences, which are proportional to `exp(β score)`.
     pub sharpness: f64,
-    /// How it does on shapes that it has not seen.
+    /// Performance on shapes that it has not seen.
     pub validation: Validation,
 }
 
-/// A class.
+/// A class of the training shapes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ClassRecord {
-    /// Its name: the value of the attribute.
+    /// Name of the class: the value of the attribute.
     pub label: String,
-    /// Training shapes.
+    /// Number of training shapes.
     pub shapes: usize,
-    /// Distances of its shapes to it when they were held out, ascending; of more than 1001 that many quantiles.
+    /// Distances of the class's own shapes to it when held out, ascending; for more than 1001 shapes, 1001 quantiles.
     pub distances: Vec<f64>,
 }
 
-/// The numbers of a trained classifier.
+/// Numbers of a trained classifier.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
 pub enum Trained {
-    /// Distance to the mean space of every class.
+    /// Distance to the mean space of each class.
     MeanSpace {
-        /// Control points of the mean shape of every class.
+        /// Control points of the mean shape of each class.
         means: Vec<Vec<Row>>,
     },
-    /// Class of the atom that correlates best.
+    /// Class of the atom with the largest correlation.
     NearestAtom {
-        /// The atoms of every class, from 0; those that no shape votes for are of none.
+        /// Atoms of each class, from 0; atoms that no shape votes for belong to none.
         atoms: Vec<Vec<usize>>,
     },
-    /// Class whose atoms leave least of the shape.
+    /// Class whose atoms leave the smallest residual.
     SparseResidual {
-        /// The atoms of every class, from 0; those that no shape uses are of none.
+        /// Atoms of each class, from 0; atoms that no shape uses belong to none.
         atoms: Vec<Vec<usize>>,
     },
     /// Regularised discriminant.
     Discriminant {
-        /// Features that are used, from 0: entries of the code, then the size.
+        /// Features used, from 0: entries of the code, then the size.
         features: Vec<usize>,
-        /// What they are divided by: pooled standard deviations within classes.
+        /// Divisors of the features: pooled standard deviations within classes.
         scales: Vec<f64>,
-        /// Mean features of every class.
+        /// Mean features of each class.
         means: Vec<Vec<f64>>,
-        /// Lower triangles, row by row, of the Cholesky factors of the covariances: one for all, or one a class.
+        /// Lower triangles, row by row, of the Cholesky factors of the covariances: one for all classes, or one per class.
         factors: Vec<Vec<f64>>,
-        /// `ln(n_c/n)`.
+        /// Log priors `ln(n_c/n)`.
         log_priors: Vec<f64>,
-        /// Pooling that was asked for or chosen.
+        /// Pooling, requested or chosen.
         pooling: f64,
-        /// Shrinkage that was given, chosen or estimated.
+        /// Shrinkage, requested, chosen or estimated.
         shrinkage: f64,
     },
-    /// Votes of the nearest training shapes.
+    /// Vote of the nearest training shapes.
     NearestNeighbours {
-        /// How many vote.
+        /// Number of neighbours that vote.
         neighbours: usize,
         /// Features of the training shapes.
         features: Vec<Vec<f64>>,
-        /// Their classes, from 0.
+        /// Classes of the training shapes, from 0.
         classes: Vec<usize>,
-        /// What the size is multiplied by, when it is a feature.
+        /// Factor applied to the size, if it is a feature.
         size_factor: Option<f64>,
     },
-    /// The mean of what several hold likely.
+    /// Mean of the probabilities of several classifiers.
     Ensemble {
-        /// At most twelve, the heaviest first; its distances are those of the whole.
+        /// Members, at most twelve, largest weight first; distances are those of the whole ensemble.
         members: Vec<TrainedMember>,
     },
 }
 
-/// One classifier of several.
+/// Member of an ensemble.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct TrainedMember {
-    /// Its numbers.
+    /// Numbers of the trained classifier.
     #[schema(no_recursion)]
     pub trained: Trained,
-    /// `β` of its probabilities `∝ exp(β score)`.
+    /// `β` of its probabilities, which are proportional to `exp(β score)`.
     pub sharpness: f64,
-    /// Its part of the mean; those of all sum to 1.
+    /// Weight in the mean; the weights of all members sum to 1.
     pub weight: f64,
 }
 
 impl Trained {
-    /// What was trained.
+    /// Kind of the trained classifier.
     pub fn kind(&self) -> ClassifierKind {
         match self {
             Self::MeanSpace { .. } => ClassifierKind::MeanSpace,
@@ -215,81 +216,81 @@ impl Trained {
     }
 }
 
-/// A part with its 95 % interval.
+/// A proportion with its 95 % confidence interval.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PartRecord {
-    /// The estimate.
+    /// Estimated proportion.
     pub value: f64,
     /// Lower end of the interval.
     pub low: f64,
-    /// Upper end.
+    /// Upper end of the interval.
     pub high: f64,
 }
 
-/// Shapes by their confidence in the likeliest class.
+/// Calibration bin: shapes grouped by their confidence in the most likely class.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ReliabilityBin {
-    /// Confidences from here; of the width of a tenth.
+    /// Lower end of the bin, which is a tenth wide.
     pub from: f64,
-    /// Shapes, over all repeats.
+    /// Number of shapes, over all repeats.
     pub count: usize,
-    /// Their mean confidence.
+    /// Mean confidence of these shapes.
     pub confidence: f64,
-    /// Part of them that is right.
+    /// Fraction of them classified correctly.
     pub accuracy: f64,
 }
 
-/// How a class is found.
+/// Recall and precision of a class.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ClassQuality {
     /// Name of the class.
     pub label: String,
-    /// Part of its shapes that is found.
+    /// Fraction of the class's shapes that are assigned to it.
     pub recall: PartRecord,
-    /// Part of the shapes said to be of it that are; null when none is.
+    /// Fraction of the shapes assigned to the class that belong to it; null if none is assigned.
     pub precision: Option<f64>,
 }
 
-/// A classifier that `best` has tried.
+/// A classifier tried by `best`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Candidate {
-    /// Its kind.
+    /// Kind of classifier.
     pub kind: ClassifierKind,
-    /// Components of a discriminant.
+    /// Number of components of a discriminant.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub components: Option<usize>,
     /// Pooling of a discriminant.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pooling: Option<f64>,
-    /// Shrinkage of a discriminant; none when it is estimated.
+    /// Shrinkage of a discriminant; absent if it is estimated.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub shrinkage: Option<f64>,
-    /// Votes of nearest neighbours.
+    /// Number of neighbours that vote.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub neighbours: Option<usize>,
-    /// Part of the shapes that it got right in the cross-validation that chose. Too high for the one that was chosen:
-    /// the figures of the validation are those to be trusted.
+    /// Fraction classified correctly in the cross-validation used for the choice. It is too high for the candidate that was
+    /// chosen: rely on the figures of the validation instead.
     pub accuracy: f64,
-    /// Its part in what was chosen; absent when it has none.
+    /// Weight in the chosen classifier; absent if it has none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub weight: Option<f64>,
 }
 
-/// What `best` has chosen for all shapes, on the shapes of the same parts when they were held out. Confidences and limits
-/// come from these. A little too good, because all shapes had a say in the choice: the figures of the validation, whose
-/// choices were made without the shapes they are judged by, are those to be trusted.
+/// Quality of the choice made by `best` for all shapes, measured on held-out shapes of the same parts. Confidences and
+/// limits are derived from it. It is slightly optimistic, because all shapes influenced the choice. Rely on the figures of
+/// the validation, in which choices are made without the shapes they are tested on.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ChosenQuality {
-    /// Part of the shapes that is right.
+    /// Fraction of the shapes classified correctly.
     pub accuracy: f64,
-    /// Mean of `Σ_c (p_c − [c is the class])²`.
+    /// Brier score, the mean of `Σ_c (p_c − [c is the class])²`.
     pub brier: f64,
-    /// Mean of `−ln p` of the class.
+    /// Log loss, the mean of `−ln p` of the true class.
     pub log_loss: f64,
 }
 
@@ -298,38 +299,38 @@ pub struct ChosenQuality {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Validation {
-    /// Parts.
+    /// Number of parts (folds).
     pub folds: usize,
-    /// Repeats with other parts.
+    /// Number of repeats with different parts.
     pub repeats: usize,
-    /// Draws the parts.
+    /// Seed of the random parts.
     pub seed: u64,
-    /// Shapes that were classified in every repeat.
+    /// Number of shapes classified in every repeat.
     pub shapes: usize,
-    /// Subjects, whose shapes stay in one part; null when no shape has one.
+    /// Number of subjects, each of whose shapes stay in one part; null if no shape has a subject.
     pub subjects: Option<usize>,
-    /// Part of the shapes that is right.
+    /// Fraction of the shapes classified correctly.
     pub accuracy: PartRecord,
-    /// The same of every repeat.
+    /// The same fraction for each repeat.
     pub accuracies: Vec<f64>,
-    /// Part of the shapes that is in the largest class: what is right without looking.
+    /// Fraction of the shapes in the largest class: the accuracy of always guessing that class.
     pub majority: f64,
-    /// Mean recall of the classes.
+    /// Mean recall over the classes.
     pub balanced_accuracy: PartRecord,
-    /// Class by class.
+    /// Recall and precision, class by class.
     pub classes: Vec<ClassQuality>,
-    /// Row: the class; column: what was said. Over all repeats.
+    /// Confusion matrix over all repeats: rows are true classes, columns predicted ones.
     pub confusion: Vec<Vec<usize>>,
-    /// Mean of `Σ_c (p_c − [c is the class])²`; 0 is perfect.
+    /// Brier score, the mean of `Σ_c (p_c − [c is the class])²`; 0 is perfect.
     pub brier: f64,
-    /// Mean of `−ln p` of the class.
+    /// Log loss, the mean of `−ln p` of the true class.
     pub log_loss: f64,
-    /// Confidences against what is right.
+    /// Calibration: confidence compared with accuracy.
     pub reliability: Vec<ReliabilityBin>,
-    /// What `best` chose from for all shapes, the best first; null without a choice.
+    /// Candidates of `best` for all shapes, best first; null without a choice.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub candidates: Option<Vec<Candidate>>,
-    /// The choice itself; null without one, and in dictionaries that were learnt before it was validated.
+    /// Quality of the choice; null without a choice, and in dictionaries learnt before it was validated.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub chosen: Option<ChosenQuality>,
 }

@@ -1,4 +1,4 @@
-//! A cohort: a named set of shapes that can be compared.
+//! Cohorts: named sets of comparable shapes.
 
 use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
 use crate::geometry::representation::Representation;
@@ -8,39 +8,39 @@ use crate::geometry::representation::Representation;
 /// The revision starts at 0 and grows by one with every change of the set.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Cohort {
-    /// `coh_…`.
+    /// Identifier, `coh_…`.
     pub id: String,
-    /// Unique name, usable in place of the id.
+    /// Unique name; can be used in place of the id.
     pub name: String,
-    /// Free text.
+    /// Free-text description.
     pub description: Option<String>,
-    /// What its shapes are made of.
+    /// Representation of the cohort's shapes.
     pub representation: Representation,
-    /// How parameter values of two shapes correspond.
+    /// How parameter values correspond between shapes.
     pub correspondence: Correspondence,
-    /// Whether the direction of contours means something.
+    /// How contour direction is treated.
     pub direction: Direction,
-    /// Whether mirror images may be matched.
+    /// Whether shapes may be matched to mirror images.
     pub mirror: Mirror,
     /// Unit of the coordinates, such as `mm`.
     pub length_unit: Option<String>,
-    /// Number of changes so far.
+    /// Revision number: number of changes so far.
     pub revision: u64,
     /// Number of shapes at this revision.
     pub shapes: u64,
     /// Creation time, milliseconds since 1970 UTC.
     pub created_at_ms: i64,
-    /// Time of the last change.
+    /// Time of the last change, milliseconds since 1970 UTC.
     pub updated_at_ms: i64,
 }
 
-/// Longest name.
+/// Maximum length of a name in characters.
 pub const MAX_NAME_CHARS: usize = 100;
 
-/// Why `name` cannot name something whose ids begin with `prefix`, or nothing.
+/// Reason why `name` is not a valid name for objects whose ids begin with `prefix`, if any.
 ///
-/// A name is a path segment: letters, digits, `.`, `_`, `-`, at most [`MAX_NAME_CHARS`], not starting
-/// with a dot, and not of the form of an id.
+/// A name is a path segment: letters, digits, `.`, `_`, `-`, at most [`MAX_NAME_CHARS`] characters, not starting
+/// with a dot, and not in the form of an id.
 pub fn name_problem(name: &str, prefix: &str) -> Option<String> {
     let allowed = |c: char| c.is_ascii_alphanumeric() || matches!(c, '.' | '_' | '-');
     if name.is_empty() || name.chars().count() > MAX_NAME_CHARS {

@@ -1,4 +1,4 @@
-//! What the comparison of groups of shapes has found.
+//! Result of comparing groups of shapes.
 
 use serde::{Deserialize, Serialize};
 
@@ -7,81 +7,81 @@ use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::Mirror;
 use crate::analysis::transformation::Transformation;
 
-/// The comparison of groups of shapes of a cohort.
+/// Comparison of groups of shapes of a cohort.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct Comparison {
     /// Id of the cohort.
     pub cohort: String,
-    /// The revision that was looked at.
+    /// Revision of the cohort that was analysed.
     pub cohort_revision: u64,
     /// Unit of the sizes.
     pub length_unit: Option<String>,
-    /// The class that was removed.
+    /// Transformation class that was removed.
     pub transformation: Transformation,
-    /// Projection on the class, or Procrustes fits.
+    /// Alignment method: projection onto the class, or Procrustes.
     pub alignment: Alignment,
-    /// Whether mirror images were matched.
+    /// Whether shapes were matched to mirror images.
     pub mirror: Mirror,
-    /// Seed of the relabellings that were drawn.
+    /// Seed of the random relabellings.
     pub seed: u64,
     /// Attributes within whose values labels were exchanged.
     pub strata: Vec<String>,
-    /// Shapes of all groups.
+    /// Number of shapes in all groups.
     pub shapes: usize,
-    /// Shapes that have no value of the attribute that makes the groups.
+    /// Number of shapes without a value of the attribute that defines the groups.
     pub left_out: usize,
-    /// Shapes whose stratum has shapes of several groups: no relabelling changes the others.
+    /// Number of shapes whose stratum contains several groups; relabelling does not affect the others.
     pub exchangeable: usize,
-    /// The mean of all shapes, which knows nothing of the groups: everything is aligned to it.
+    /// Mean of all shapes, computed without knowledge of the groups; everything is aligned to it.
     pub pooled: MeanRecord,
-    /// The groups, in the order of the request, or of their values.
+    /// Groups, in the order of the request, or of their values.
     pub groups: Vec<GroupRecord>,
-    /// Every two groups.
+    /// Comparison of every two groups.
     pub pairs: Vec<PairRecord>,
-    /// All groups at once; null for two, which are one pair.
+    /// Comparison of all groups at once; null for two groups, which form one pair.
     pub overall: Option<OverallRecord>,
-    /// What a reader of the result should know.
+    /// Warnings about the result.
     pub warnings: Vec<String>,
 }
 
-/// One group.
+/// One of the groups.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct GroupRecord {
-    /// Its name, or the value of the attribute.
+    /// Name of the group, or the value of the attribute.
     pub name: String,
-    /// Its shapes.
+    /// Number of shapes in the group.
     pub shapes: usize,
-    /// Sum of their weights.
+    /// Sum of the weights of its shapes.
     pub weight: f64,
-    /// The member of the mean space of the group that is nearest to the pooled mean, with the certificate of the space.
-    /// For Procrustes fits the same as `average`.
+    /// Member of the group's mean space that is nearest to the pooled mean, with the certificate of the space. For Procrustes
+    /// alignment it equals `average`.
     pub mean: MeanRecord,
-    /// Weighted arithmetic mean of the aligned shapes: what the tests compare.
+    /// Weighted arithmetic mean of the aligned shapes, which the tests compare.
     pub average: Vec<Row>,
     /// Root of the weighted mean squared distance of the aligned shapes from `average`.
     pub spread: f64,
-    /// Sizes before the class was removed; those that the representation has.
+    /// Sizes before the class was removed, as far as the representation has them.
     pub sizes: Vec<SizeSummary>,
 }
 
-/// A measure of size.
+/// Measure of size.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum SizeMeasure {
-    /// Volume that a surface encloses, without its sign.
+    /// Volume that a surface encloses, unsigned.
     Volume,
-    /// Enclosed area of closed planar curves, without its sign; area of surfaces.
+    /// Enclosed area of closed planar curves, unsigned; area of surfaces.
     Area,
     /// Length of curves: the perimeter of closed ones.
     Length,
-    /// `L₂` norm about the mean position: root of the mean squared distance from it.
+    /// Centroid size: `L₂` norm about the mean position, the root of the mean squared distance from it.
     CentroidSize,
 }
 
-/// A size of the shapes of a group.
+/// Size of the shapes of a group.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct SizeSummary {
-    /// What is measured.
+    /// Measure of size.
     pub measure: SizeMeasure,
     /// Weighted mean.
     pub mean: f64,
@@ -89,93 +89,93 @@ pub struct SizeSummary {
     pub deviation: f64,
 }
 
-/// How often the relabellings reach an observed statistic.
+/// Permutation test of a statistic.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct TestRecord {
-    /// `(1 + exceeding)/(1 + permutations)`; null when nothing was permuted.
+    /// p value `(1 + exceeding)/(1 + permutations)`; null without permutations.
     pub p: Option<f64>,
-    /// Corrected by Holm for the number of pairs; null where `p` is, and where there is one test.
+    /// p value corrected by Holm for the number of pairs; null if `p` is, and if there is only one test.
     pub p_holm: Option<f64>,
-    /// Relabellings, without the observed labelling, whose statistic reaches the observed one.
+    /// Number of relabellings, without the observed labelling, whose statistic reaches the observed one.
     pub exceeding: usize,
-    /// Relabellings without the observed labelling.
+    /// Number of relabellings, without the observed labelling.
     pub permutations: usize,
-    /// Whether these are all there are: then the p value is exact.
+    /// Whether all possible relabellings were used, which makes the p value exact.
     pub exact: bool,
 }
 
 /// A statistic with its test.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct StatisticRecord {
-    /// Its value; null where it is infinite.
+    /// Value of the statistic; null if infinite.
     pub value: Option<f64>,
-    /// Its test.
+    /// Permutation test of the statistic.
     pub test: TestRecord,
 }
 
-/// Two groups, the second less the first.
+/// Comparison of two groups; differences are the second minus the first.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct PairRecord {
     /// Name of the first group.
     pub first: String,
     /// Name of the second group.
     pub second: String,
-    /// Shapes of the two whose labels can be exchanged.
+    /// Number of shapes of the two groups whose labels can be exchanged.
     pub exchangeable: usize,
-    /// Chordal distance of the mean spaces, `√(1 − tr(P₁P₂)/I)`, 0 to 1; null for Procrustes fits.
+    /// Chordal distance between the mean spaces, `√(1 − tr(P₁P₂)/I)`, 0 to 1; null for Procrustes alignment.
     pub chordal_distance: Option<f64>,
-    /// `L₂` distance of the averages.
+    /// `L₂` distance between the averages.
     pub distance: StatisticRecord,
     /// Pseudo-F of the squared distances.
     pub pseudo_f: StatisticRecord,
-    /// Part of the squared distances that the two groups explain.
+    /// Fraction of the squared distances explained by the two groups.
     pub r_squared: f64,
     /// Hotelling's `T²` of the leading principal coordinates.
     pub hotelling: StatisticRecord,
-    /// How many coordinates these are.
+    /// Number of these coordinates.
     pub components: usize,
-    /// The difference along the shape.
+    /// Difference along the shape.
     pub effect: Vec<EffectPoint>,
-    /// Differences of the sizes.
+    /// Differences in size.
     pub sizes: Vec<SizeDifference>,
 }
 
-/// The difference of two groups at a point along the shape.
+/// Difference between two groups at a point along the shape.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct EffectPoint {
-    /// Parameter `u` on curves; the index of a landmark, or of a place `k n_v + l` on the grid of the knots of a surface.
+    /// Parameter `u` on curves; index of a landmark; on surfaces the index `k n_v + l` on the grid of knots.
     pub parameter: f64,
-    /// `u` and `v` on surfaces.
+    /// Parameters `u` and `v` on surfaces.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub surface_parameters: Option<[f64; 2]>,
-    /// The point on the average of the first group.
+    /// Point on the average of the first group.
     pub point: Vec<f64>,
-    /// The average of the second group less that.
+    /// Average of the second group minus that point.
     pub difference: Vec<f64>,
-    /// Its length.
+    /// Length of the difference.
     pub length: f64,
-    /// Hotelling's `T²` of the point; null where it is infinite.
+    /// Hotelling's `T²` at the point; null if infinite.
     pub t_squared: Option<f64>,
     /// p value of the largest `T²` over all points: corrected for their number.
     pub p: Option<f64>,
 }
 
-/// The difference of a size between two groups.
+/// Difference in size between two groups.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct SizeDifference {
-    /// What is measured.
+    /// Measure of size.
     pub measure: SizeMeasure,
-    /// Mean of the second group less that of the first.
+    /// Mean of the second group minus mean of the first.
     pub difference: f64,
-    /// The test of its magnitude, by the relabellings of the shapes.
+    /// Test of its magnitude, using the relabellings of the shapes.
     pub test: TestRecord,
 }
 
-/// All groups at once.
+/// Comparison of all groups at once.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct OverallRecord {
-    /// Pseudo-F: between over within sum of squares, each over its degrees of freedom.
+    /// Pseudo-F: between-group over within-group sum of squares, each divided by its degrees of freedom.
     pub pseudo_f: StatisticRecord,
-    /// Part of the squared distances that the groups explain.
+    /// Fraction of the squared distances explained by the groups.
     pub r_squared: f64,
 }

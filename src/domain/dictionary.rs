@@ -1,8 +1,8 @@
-//! A dictionary: what is learnt from a cohort and kept.
+//! Dictionaries: statistics learnt from a cohort and stored.
 //!
-//! Immutable. Learning again under the same name makes the next version. Its [`Content`] depends on the shapes and the
-//! parameters alone, so that equal inputs have equal digests; when, under which name and from which cohort it was
-//! learnt stands in its [`Provenance`].
+//! A dictionary is immutable; learning again under the same name creates the next version. Its [`Content`] depends on the
+//! shapes and the parameters alone, so that equal inputs give equal digests. Time, name and cohort are recorded outside the
+//! content, the cohort in its [`Provenance`].
 
 use serde::{Deserialize, Serialize};
 
@@ -15,76 +15,76 @@ use crate::analysis::frame::Frame;
 use crate::analysis::transformation::Transformation;
 use crate::geometry::representation::Representation;
 
-/// A stored version.
+/// A stored version of a dictionary.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Dictionary {
-    /// `dic_…`.
+    /// Identifier, `dic_…`.
     pub id: String,
-    /// Name, shared by all versions.
+    /// Name shared by all versions.
     pub name: String,
-    /// From 1.
+    /// Version number, from 1.
     pub version: u64,
-    /// What was learnt.
+    /// Learnt content and its parameters.
     pub content: Content,
-    /// From what.
+    /// Training data of the dictionary.
     pub provenance: Provenance,
-    /// blake3 of the content.
+    /// BLAKE3 digest of the content.
     pub digest: String,
-    /// Milliseconds since 1970 UTC.
+    /// Time of creation, milliseconds since 1970 UTC.
     pub created_at_ms: i64,
 }
 
 /// A row of control points.
 pub type Row = Vec<f64>;
 
-/// What was learnt, and the parameters of learning.
+/// Learnt statistics and the parameters of learning.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Content {
-    /// What shapes are made of.
+    /// Representation of the shapes.
     pub representation: Representation,
-    /// How points correspond.
+    /// How points correspond between shapes.
     pub correspondence: Correspondence,
-    /// Whether the direction of contours means something.
+    /// How contour direction is treated.
     pub direction: Direction,
-    /// Whether mirror images may be matched.
+    /// Whether shapes may be matched to mirror images.
     pub mirror: Mirror,
-    /// Unit of the coordinates of the cohort; the dictionary itself has no unit where shapes are normalised.
+    /// Unit of the coordinates of the cohort; the dictionary itself has no unit if shapes are normalised.
     pub length_unit: Option<String>,
-    /// The class that is removed.
+    /// Transformation class removed before comparison.
     pub transformation: Transformation,
-    /// Projection on the class, or Procrustes fits.
+    /// Alignment method: projection onto the class, or Procrustes.
     pub alignment: Alignment,
-    /// Which member of the mean space is the mean shape.
+    /// Representative of the mean space used as the mean shape.
     pub frame: Frame,
-    /// What was learnt, with all parameters.
+    /// Learning method with all its parameters.
     pub method: Method,
-    /// The mean shape that shapes are aligned to, or that start points are matched to.
+    /// Mean shape to which shapes are aligned, or start points are matched.
     pub mean: MeanRecord,
     /// Arithmetic mean of the aligned shapes; null for sparse atoms.
     pub centre: Option<Vec<Row>>,
-    /// Eigenshapes, or atoms; orthonormal in `L₂`, or of unit norm.
+    /// Eigenshapes, orthonormal in `L₂`, or atoms of unit norm.
     pub atoms: Vec<Atom>,
-    /// How learning went and how well the shapes are described.
+    /// Convergence of the learning, and quality of the description of the shapes.
     pub statistics: Statistics,
-    /// Tells classes apart; null when none was asked for.
+    /// Classifier; null if none was requested.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub classifier: Option<ClassifierRecord>,
 }
 
-/// The mean shape with its certificate.
+/// Mean shape with its certificate.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MeanRecord {
-    /// Of unit `L₂` norm except under `rigid` and `translation`.
+    /// Control points, of unit `L₂` norm except under `rigid` and `translation`.
     pub control_points: Vec<Row>,
-    /// Leading eigenvalues of the sum of projectors; empty for Procrustes fits.
+    /// Leading eigenvalues of the sum of projectors; empty for Procrustes alignment.
     pub eigenvalues: Vec<f64>,
-    /// Gap behind the mean space; null for Procrustes fits.
+    /// Gap between the eigenvalues of the mean space and the next one; null for Procrustes alignment.
     pub gap: Option<f64>,
-    /// Whether the mean is unique; null for Procrustes fits.
+    /// Whether the mean is unique; null for Procrustes alignment.
     pub unique: Option<bool>,
-    /// Whether the search of start points, or the fit, ended.
+    /// Whether the search for start points, or the Procrustes alignment, converged.
     pub converged: bool,
 }
 
@@ -105,76 +105,76 @@ impl MeanRecord {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Atom {
-    /// Coefficients in the representation.
+    /// Control points in the representation.
     pub control_points: Vec<Row>,
-    /// Part of the shapes whose code uses the atom; 1 for components.
+    /// Fraction of the shapes whose code uses the atom; 1 for components.
     pub usage: f64,
-    /// `λ_i`, sums of squared scores over the shapes; null for sparse atoms.
+    /// Eigenvalue `λ_i`, the sum of squared scores over the shapes; null for sparse atoms.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub eigenvalue: Option<f64>,
-    /// `λ_i/Σλ`; null for sparse atoms.
+    /// Explained fraction `λ_i/Σλ`; null for sparse atoms.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub explained: Option<f64>,
 }
 
-/// How codes treat the class.
+/// How codes handle the transformation class.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Codes {
-    /// Shapes are aligned to the mean, then coded with numbers.
+    /// Shapes are aligned to the mean, then coded with one number per atom.
     #[default]
     Aligned,
-    /// Every atom is moved by its own member of the class; no alignment.
+    /// Every atom is transformed by its own member of the class; no alignment.
     Invariant,
 }
 
-/// What is learnt.
+/// Learning method.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
 pub enum Method {
     /// Functional principal components of the aligned shapes.
     FunctionalPca {
-        /// Number of components; 10 unless given.
+        /// Number of components. Default: 10.
         #[serde(default = "default_components")]
         #[schema(default = 10)]
         components: usize,
-        /// Whether they are about the arithmetic mean of the aligned shapes; false unless given.
+        /// Whether components are centred on the arithmetic mean of the aligned shapes. Default: false.
         #[serde(default)]
         centre: bool,
     },
-    /// Atoms in which every shape has a code with few of them.
+    /// Sparse dictionary: every shape is coded with few atoms.
     Sparse {
         /// Number of atoms.
         atoms: usize,
         /// Penalty `λ` on the magnitudes of a code (lasso); null with `nonzeros`.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         lambda: Option<f64>,
-        /// Atoms in a code (optimised orthogonal matching pursuit); null with `lambda`.
+        /// Number of atoms in a code (optimised orthogonal matching pursuit); null with `lambda`.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         nonzeros: Option<usize>,
-        /// Aligned or invariant codes; `aligned` unless given.
+        /// Aligned or invariant codes. Default: `aligned`.
         #[serde(default)]
         codes: Codes,
-        /// Whether coefficients must not be negative; false unless given.
+        /// Whether coefficients must be non-negative. Default: false.
         #[serde(default)]
         nonnegative: bool,
-        /// Whether aligned shapes are divided by their norm, as invariant codes always are; true unless given.
+        /// Whether aligned shapes are divided by their norm, as invariant codes always are. Default: true.
         #[serde(default = "default_normalise")]
         #[schema(default = true)]
         normalise: bool,
-        /// Draws the first atoms; 0 unless given.
+        /// Seed of the random initial atoms. Default: 0.
         #[serde(default)]
         seed: u64,
-        /// Passes over the shapes at the most, up to 10 000; 200 unless given.
+        /// Maximum number of passes over the shapes, up to 10 000. Default: 200.
         #[serde(default = "default_max_epochs")]
         #[schema(default = 200)]
         max_epochs: usize,
-        /// Learning ends when a pass (with `nonzeros`: ten passes) lowers the objective by less than this part of it; 1e-4
-        /// unless given.
+        /// Relative decrease of the objective in one pass (with `nonzeros`: ten passes) below which learning stops. Default:
+        /// 1e-4.
         #[serde(default = "default_tolerance")]
         #[schema(default = 1e-4)]
         tolerance: f64,
-        /// How often atoms move; `online` (after every group of shapes) unless given.
+        /// Update schedule of the atoms. Default: `online` (after every group of shapes).
         #[serde(default)]
         schedule: Schedule,
     },
@@ -197,7 +197,7 @@ fn default_tolerance() -> f64 {
 }
 
 impl Method {
-    /// `functional_pca` or `sparse`.
+    /// Name of the method: `functional_pca` or `sparse`.
     pub fn kind(&self) -> &'static str {
         match self {
             Self::FunctionalPca { .. } => "functional_pca",
@@ -205,12 +205,12 @@ impl Method {
         }
     }
 
-    /// Whether coefficients must not be negative.
+    /// Whether coefficients must be non-negative.
     pub fn is_nonnegative(&self) -> bool {
         matches!(self, Self::Sparse { nonnegative: true, .. })
     }
 
-    /// Atoms or components asked for.
+    /// Number of atoms or components requested.
     pub fn atoms(&self) -> usize {
         match self {
             Self::FunctionalPca { components, .. } => *components,
@@ -219,7 +219,7 @@ impl Method {
     }
 }
 
-/// How learning went, and how well the shapes are described.
+/// Convergence of the learning, and quality of the description of the shapes.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Statistics {
@@ -229,27 +229,27 @@ pub struct Statistics {
     pub weight: f64,
     /// Weighted mean of `½‖y − ŷ‖²` plus the penalty over the shapes, with their codes in the final atoms.
     pub objective: f64,
-    /// The objective after every pass: each shape with its latest code then; never rises under a penalty.
+    /// Objective after every pass, each shape with its latest code then; it never rises under a penalty.
     pub history: Vec<f64>,
-    /// Whether the tolerance ended learning.
+    /// Whether learning stopped because it reached the tolerance.
     pub converged: bool,
-    /// Atoms that no shape used and that were replaced.
+    /// Number of atoms replaced because no shape used them.
     pub reseeded: usize,
     /// Weighted mean of `‖y − ŷ‖²/(‖y‖‖ŷ‖)` over the shapes.
     pub reconstruction_error: f64,
-    /// Real numbers in a code, mean over the shapes.
+    /// Mean number of real numbers in a code.
     pub parameters: f64,
-    /// `‖y − ŷ‖²` of the shapes, ascending; of more than 1001 shapes that many quantiles.
+    /// `‖y − ŷ‖²` of the shapes, ascending; for more than 1001 shapes, 1001 quantiles.
     pub residuals: Vec<f64>,
-    /// `Σλ`, all of it; null for sparse atoms.
+    /// Total variance `Σλ`, over all components; null for sparse atoms.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub total: Option<f64>,
     /// Distribution of the scores; null for sparse atoms.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub scores: Option<ScoreStatistics>,
-    /// What shapes look like that were not learnt from: outliers are told by it. Null in dictionaries that were learnt
-    /// before there was such a record, and where nothing could be held out: their outliers are told by the shapes that
-    /// were learnt from, which are described better than new ones.
+    /// Statistics of held-out shapes, which set the limit of outliers. Null in dictionaries learnt before this was recorded,
+    /// and where nothing could be held out. Outliers are then judged against the training shapes, which are described better
+    /// than new ones.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub held_out: Option<HeldOutStatistics>,
 }
@@ -258,32 +258,32 @@ pub struct Statistics {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum HoldOut {
-    /// Each by the components of all others, by an exact downdate; aligned to the mean of all.
+    /// Each shape in turn, by an exact downdate of the components; aligned to the mean of all.
     LeaveOneOut,
-    /// In parts; mean, alignment and atoms were learnt anew from the others.
+    /// Groups of shapes; mean, alignment and atoms were learnt anew from the other groups.
     Parts,
 }
 
-/// Measures of shapes that were held out, and what they say about new ones.
+/// Measures of held-out shapes, which predict those of new shapes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct HeldOutStatistics {
-    /// How they were held out.
+    /// How the shapes were held out.
     pub method: HoldOut,
     /// Squared Mahalanobis distances; null for sparse atoms.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub t_squared: Option<HeldOutMeasure>,
-    /// `‖y − ŷ‖²`.
+    /// Squared prediction errors `‖y − ŷ‖²`.
     pub residuals: HeldOutMeasure,
-    /// The larger of the two standardised logarithms of every shape, ascending: what the limit of outliers is made from.
+    /// Larger of the two standardised logarithms for every shape, ascending; the outlier limit is derived from it.
     pub novelty: Vec<f64>,
 }
 
-/// A measure of shapes that were held out.
+/// A measure of the held-out shapes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct HeldOutMeasure {
-    /// Ascending, one a shape.
+    /// Values, ascending, one per shape.
     pub values: Vec<f64>,
     /// Mean of the logarithms.
     pub log_mean: f64,
@@ -295,103 +295,103 @@ pub struct HeldOutMeasure {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ScoreStatistics {
-    /// Weighted mean score of every component; zero when they are about the mean.
+    /// Weighted mean score of every component; zero for centred components.
     pub mean: Vec<f64>,
-    /// Covariance of the scores, divided by the weight minus its mean.
+    /// Covariance of the scores, divided by the total weight minus its mean.
     pub covariance: Vec<Row>,
-    /// Squared Mahalanobis distances of the shapes, ascending; of more than 1001 shapes that many quantiles.
+    /// Squared Mahalanobis distances of the shapes, ascending; for more than 1001 shapes, 1001 quantiles.
     pub t_squared: Vec<f64>,
 }
 
-/// From what a dictionary was learnt.
+/// Training data of a dictionary.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Provenance {
     /// Id of the cohort.
     pub cohort: String,
-    /// Its name then.
+    /// Name of the cohort at that time.
     pub cohort_name: String,
-    /// Its revision then.
+    /// Revision of the cohort at that time.
     pub cohort_revision: u64,
-    /// Which of its shapes.
+    /// Filter that selected its shapes.
     pub filter: ShapeFilter,
-    /// blake3 of their control points and weights.
+    /// BLAKE3 digest of their control points and weights.
     pub shapes_digest: String,
-    /// Id of the version that learning went on from.
+    /// Id of the version that learning continued from.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub continued_from: Option<String>,
-    /// The program and its version.
+    /// Program and its version.
     pub program: String,
 }
 
-/// What a list says about a version.
+/// List entry of a version.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Listed {
-    /// `dic_…`.
+    /// Identifier, `dic_…`.
     pub id: String,
-    /// Name, shared by all versions.
+    /// Name shared by all versions.
     pub name: String,
-    /// From 1.
+    /// Version number, from 1.
     pub version: u64,
-    /// The parts of the content that a list shows.
+    /// Parts of the content shown in lists.
     pub summary: Summary,
-    /// From what.
+    /// Training data of the dictionary.
     pub provenance: Provenance,
-    /// blake3 of the content.
+    /// BLAKE3 digest of the content.
     pub digest: String,
-    /// Milliseconds since 1970 UTC.
+    /// Time of creation, milliseconds since 1970 UTC.
     pub created_at_ms: i64,
 }
 
-/// The parts of a [`Content`] that a list shows.
+/// Parts of a [`Content`] shown in lists.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Summary {
-    /// What shapes are made of.
+    /// Representation of the shapes.
     pub representation: Representation,
-    /// The class that is removed.
+    /// Transformation class removed before comparison.
     pub transformation: Transformation,
-    /// What was learnt, with all parameters.
+    /// Learning method with all its parameters.
     pub method: Method,
-    /// Atoms there are; fewer components than asked for when the rank is smaller.
+    /// Number of atoms; fewer components than requested if the rank is smaller.
     pub atoms: usize,
-    /// Shapes it was learnt from.
+    /// Number of training shapes.
     pub shapes: usize,
-    /// Mean objective over them.
+    /// Mean objective over the training shapes.
     pub objective: f64,
-    /// Mean reconstruction error over them.
+    /// Mean reconstruction error over the training shapes.
     pub reconstruction_error: f64,
-    /// Kind of the classifier, when there is one.
+    /// Kind of classifier, if there is one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub classifier: Option<ClassifierKind>,
-    /// Part of the shapes that it got right in cross-validation.
+    /// Fraction of the shapes classified correctly in cross-validation.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub accuracy: Option<f64>,
 }
 
-/// A version that is about to be stored; its number is given by the store.
+/// A version about to be stored; the store assigns its number.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NewDictionary {
-    /// `dic_…`.
+    /// Identifier, `dic_…`.
     pub id: String,
-    /// Name.
+    /// Name shared by all versions.
     pub name: String,
-    /// For lists.
+    /// Parts of the content shown in lists.
     pub summary: Summary,
     /// The content as JSON.
     pub content: Vec<u8>,
-    /// Sums that learning can go on from.
+    /// Accumulated sums from which learning can continue.
     pub state: Option<Vec<u8>>,
-    /// From what.
+    /// Training data of the dictionary.
     pub provenance: Provenance,
-    /// blake3 of the content.
+    /// BLAKE3 digest of the content.
     pub digest: String,
-    /// Milliseconds since 1970 UTC.
+    /// Time of creation, milliseconds since 1970 UTC.
     pub created_at_ms: i64,
 }
 
 impl Content {
-    /// What a list shows.
+    /// Parts shown in lists.
     pub fn summary(&self) -> Summary {
         Summary {
             representation: self.representation.clone(),

@@ -1,4 +1,4 @@
-//! Identifiers: a prefix that names the kind, then a time-ordered random number.
+//! Identifiers: a prefix for the kind, then a time-ordered random number.
 
 use std::time::{SystemTime, UNIX_EPOCH};
 
@@ -9,8 +9,8 @@ pub fn new_id(prefix: &str) -> String {
     format!("{prefix}_{}", unique())
 }
 
-/// 32 hexadecimal digits that nobody else draws, ordered by the time. A clock that shows a time before 1970, which has no number
-/// here, counts as 1970.
+/// 32 unique hexadecimal digits, ordered by time. A clock that shows a time before 1970, which cannot be encoded, counts
+/// as 1970.
 pub fn unique() -> String {
     let after_1970 = SystemTime::now().duration_since(UNIX_EPOCH).is_ok();
     let id = if after_1970 { Uuid::now_v7() } else { Uuid::new_v7(Timestamp::from_unix(NoContext, 0, 0)) };

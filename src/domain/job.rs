@@ -1,24 +1,24 @@
-//! A job: long work that survives a restart, with its progress and its outcome.
+//! Jobs: long work that survives a restart, with its progress and its outcome.
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-/// What is to be done.
+/// Kind of work.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum JobKind {
-    /// A dictionary is learnt from a cohort.
+    /// Learns a dictionary from a cohort.
     LearnDictionary,
-    /// The distances of all pairs of shapes of a cohort are computed.
+    /// Computes the distances between all pairs of shapes of a cohort.
     Distances,
-    /// Groups of shapes are compared.
+    /// Compares groups of shapes.
     Compare,
-    /// Shapes are regressed on an attribute.
+    /// Regresses shapes on an attribute.
     Regress,
 }
 
 impl JobKind {
-    /// The word for it.
+    /// Name used in JSON and the database.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::LearnDictionary => "learn_dictionary",
@@ -29,24 +29,24 @@ impl JobKind {
     }
 }
 
-/// Where a job is: `queued ⇄ running → succeeded | failed | cancelled`, and `queued → failed | cancelled`.
+/// Status of a job: `queued ⇄ running → succeeded | failed | cancelled`, and `queued → failed | cancelled`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum JobStatus {
-    /// Waits for its turn, or for the next attempt.
+    /// Waiting for its turn, or for the next attempt.
     Queued,
-    /// Somebody works on it.
+    /// Being processed by a worker.
     Running,
-    /// Done; there is a result.
+    /// Finished, with a result.
     Succeeded,
-    /// Given up; there is a problem.
+    /// Failed, with a problem document.
     Failed,
-    /// Stopped because somebody asked for it.
+    /// Cancelled on request.
     Cancelled,
 }
 
 impl JobStatus {
-    /// The word for it.
+    /// Name used in JSON and the database.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Queued => "queued",
@@ -57,40 +57,40 @@ impl JobStatus {
         }
     }
 
-    /// Whether it stays so for ever.
+    /// Whether the status is final.
     pub fn is_finished(self) -> bool {
         matches!(self, Self::Succeeded | Self::Failed | Self::Cancelled)
     }
 }
 
-/// How far an attempt is.
+/// Progress of an attempt.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Progress {
-    /// Fraction that is done, 0 to 1.
+    /// Fraction completed, 0 to 1.
     pub fraction: f64,
-    /// What it is at.
+    /// Current phase of the work.
     pub phase: Option<&'static str>,
-    /// What is minimised or maximised, so far.
+    /// Current value of the quantity that is minimised or maximised.
     pub objective: Option<f64>,
 }
 
-/// Which of the jobs of a tenant comes first.
+/// Priority among the jobs of a tenant.
 #[derive(
     Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, Serialize, Deserialize, utoipa::ToSchema,
 )]
 #[serde(rename_all = "snake_case")]
 pub enum Priority {
-    /// When nothing else waits.
+    /// Runs when nothing else is waiting.
     Low,
-    /// In the order in which they came.
+    /// Runs in order of creation.
     #[default]
     Normal,
-    /// Before all others.
+    /// Runs before all others.
     High,
 }
 
 impl Priority {
-    /// As a number, larger for what comes first; that of [`Priority::Normal`] is 0.
+    /// Rank, larger for jobs that run earlier; the rank of [`Priority::Normal`] is 0.
     pub fn rank(self) -> i64 {
         match self {
             Self::Low => -1,
@@ -100,48 +100,48 @@ impl Priority {
     }
 }
 
-/// What a job has brought about that is too large for its result: kept beside it.
+/// Output of a job that is too large for its result and is stored beside it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct JobOutput {
-    /// What the bytes are.
+    /// Description of the data.
     pub head: Value,
-    /// The bytes.
+    /// The data.
     pub data: Vec<u8>,
 }
 
-/// A job.
+/// A long-running computation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Job {
-    /// `job_…`.
+    /// Identifier, `job_…`.
     pub id: String,
-    /// What is to be done.
+    /// Kind of work.
     pub kind: JobKind,
-    /// What it is to be done with; of the kind.
+    /// Parameters, in the form that the kind requires.
     pub parameters: Value,
-    /// Where it is.
+    /// Current status.
     pub status: JobStatus,
-    /// Fraction that is done, 0 to 1.
+    /// Fraction completed, 0 to 1.
     pub progress: f64,
-    /// What it is at.
+    /// Current phase of the work.
     pub phase: Option<String>,
-    /// What is minimised or maximised, so far.
+    /// Current value of the quantity that is minimised or maximised.
     pub objective: Option<f64>,
-    /// Attempts that were begun, without those that a stop of the service ended.
+    /// Number of attempts begun, not counting those that ended because the service stopped.
     pub attempt: u32,
     /// Creation time, milliseconds since 1970 UTC.
     pub created_at_ms: i64,
-    /// When the present or last attempt began.
+    /// Start of the current or last attempt, milliseconds since 1970 UTC.
     pub started_at_ms: Option<i64>,
-    /// When it was finished.
+    /// Time at which the job finished, milliseconds since 1970 UTC.
     pub finished_at_ms: Option<i64>,
-    /// What came out, when it succeeded.
+    /// Result, if it succeeded.
     pub result: Option<Value>,
-    /// Why it failed: a problem document.
+    /// Problem document, if it failed.
     pub problem: Option<Value>,
 }
 
 impl Job {
-    /// A job that waits for its first attempt.
+    /// A new job that waits for its first attempt.
     pub fn new(kind: JobKind, parameters: Value, now_ms: i64) -> Self {
         Self {
             id: super::id::new_id(super::id::JOB),
@@ -160,7 +160,7 @@ impl Job {
         }
     }
 
-    /// The same job with what it is predicted to take and how urgent it is, which stand beside its parameters.
+    /// Adds the predicted duration and the priority, which are stored among the parameters.
     #[must_use]
     pub fn weighing(mut self, seconds: f64, priority: Priority) -> Self {
         if let Some(parameters) = self.parameters.as_object_mut() {
@@ -172,12 +172,12 @@ impl Job {
         self
     }
 
-    /// What it is predicted to take, 0 where that is not known.
+    /// Predicted duration in seconds, 0 if unknown.
     pub fn predicted_seconds(&self) -> f64 {
         self.parameters["predicted_seconds"].as_f64().unwrap_or(0.0)
     }
 
-    /// The same job as far as `progress` says.
+    /// Updates the job with the `progress` of its attempt.
     pub fn with_progress(mut self, progress: &Progress) -> Self {
         self.progress = progress.fraction;
         self.phase = progress.phase.map(str::to_owned);

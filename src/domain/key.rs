@@ -1,4 +1,4 @@
-//! A key: what a program shows to be let in, and what is kept of it.
+//! API keys: the text that a program presents, and what is stored of it.
 //!
 //! ```text
 //! shk_<32 hexadecimal digits of the id>_<64 of the secret>
@@ -11,40 +11,40 @@ use std::fmt;
 use super::access::{Principal, Role};
 use super::id;
 
-/// What the text of every key begins with.
+/// Prefix of the text of every key.
 pub const MARK: &str = "shk_";
-/// Digits of an id without its prefix.
+/// Number of hexadecimal digits of an id without its prefix.
 const ID_DIGITS: usize = 32;
-/// Digits of the secret part.
+/// Number of hexadecimal digits of the secret part.
 const SECRET_DIGITS: usize = 64;
 
 /// A key without its secret.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Key {
-    /// `key_…`.
+    /// Identifier, `key_…`.
     pub id: String,
-    /// Whose things it opens.
+    /// Tenant that the key gives access to.
     pub tenant: String,
-    /// What people call it; need not be unique.
+    /// Display name; need not be unique.
     pub name: String,
-    /// What its bearer may do.
+    /// Role, which determines what the bearer may do.
     pub role: Role,
-    /// Ids of the only cohorts that it opens; all of the tenant when none.
+    /// Ids of the only cohorts the key gives access to; `None` for all of the tenant.
     pub cohorts: Option<Vec<String>>,
-    /// blake3 of its text; compared in constant time.
+    /// BLAKE3 digest of the text of the key; compared in constant time.
     pub digest: blake3::Hash,
     /// Creation time, milliseconds since 1970 UTC.
     pub created_at_ms: i64,
-    /// When it ends, unless it does not.
+    /// Time of expiry, milliseconds since 1970 UTC, if it expires.
     pub expires_at_ms: Option<i64>,
-    /// When it was revoked.
+    /// Time of revocation, milliseconds since 1970 UTC.
     pub revoked_at_ms: Option<i64>,
-    /// When it was last used, to the minute.
+    /// Time of last use, to the minute, milliseconds since 1970 UTC.
     pub used_at_ms: Option<i64>,
 }
 
 impl Key {
-    /// Why `text` does not open what the key stands for at this time, in the words of the log; nothing when it does.
+    /// Reason for the log why `text` is not accepted for this key at this time; `None` if it is accepted.
     pub fn refusal(&self, text: &str, now_ms: i64) -> Option<&'static str> {
         if self.digest != digest_of(text) {
             return Some("wrong secret");
@@ -55,7 +55,7 @@ impl Key {
         self.expires_at_ms.is_some_and(|end| end <= now_ms).then_some("expired key")
     }
 
-    /// Who presents it.
+    /// Caller that the key authenticates.
     pub fn principal(&self) -> Principal {
         Principal {
             tenant: self.tenant.clone(),
@@ -67,29 +67,29 @@ impl Key {
     }
 }
 
-/// The text of a key. It is shown once, and neither printed nor logged by accident.
+/// Full text of a key. It is shown once; the `Debug` form hides it.
 #[derive(Clone)]
 pub struct Secret(String);
 
 impl Secret {
-    /// The text of the key with this id.
+    /// Text of the key with this id.
     pub fn new(id: &str, random: [u8; SECRET_DIGITS / 2]) -> Self {
         let digits = blake3::Hash::from_bytes(random).to_hex();
         let id = id.trim_start_matches(id::KEY).trim_start_matches('_');
         Self(format!("{MARK}{id}_{digits}"))
     }
 
-    /// A text that somebody else has drawn, with the id of its key; none when it has not the form of a key.
+    /// Text generated elsewhere, with the id of its key; `None` if it is not in the form of a key.
     pub fn given(text: &str) -> Option<(String, Self)> {
         Some((claimed_id(text)?, Self(text.to_owned())))
     }
 
-    /// To be shown once.
+    /// The text itself, to be shown once.
     pub fn reveal(&self) -> &str {
         &self.0
     }
 
-    /// What is stored of it.
+    /// Digest to store.
     pub fn digest(&self) -> blake3::Hash {
         digest_of(&self.0)
     }
@@ -105,14 +105,14 @@ fn digest_of(text: &str) -> blake3::Hash {
     blake3::hash(text.as_bytes())
 }
 
-/// Id of the key that `text` claims to be; nothing when it has not the form of a key.
+/// Id of the key that `text` claims to be; `None` if it is not in the form of a key.
 pub fn claimed_id(text: &str) -> Option<String> {
     let (id, secret) = text.strip_prefix(MARK)?.split_once('_')?;
     (has_digits(id, ID_DIGITS) && has_digits(secret, SECRET_DIGITS)).then(|| format!("{}_{id}", id::KEY))
 }
 
-/// Whether the character changes how what stands around it is shown, or is not shown at all: controls (C0, C1), the marks and
-/// overrides of the direction of writing, breaks of lines and paragraphs, and characters without width. A name with one can look
+/// Whether the character is invisible or changes how its surroundings are displayed: controls (C0, C1), marks and
+/// overrides of the writing direction, line and paragraph separators, and zero-width characters. With it, a name can look
 /// like another name.
 pub fn is_deceptive(c: char) -> bool {
     let is_format = matches!(c,
@@ -120,7 +120,7 @@ pub fn is_deceptive(c: char) -> bool {
     c.is_control() || is_format
 }
 
-/// Whether `text` has the form of an id of a key.
+/// Whether `text` is in the form of a key id.
 pub fn is_id(text: &str) -> bool {
     text.split_once('_').is_some_and(|(prefix, id)| prefix == id::KEY && has_digits(id, ID_DIGITS))
 }

@@ -1,13 +1,13 @@
-//! Cohorts, shapes and jobs as things with an identity: names, invariants, no input or output.
+//! Domain values with an identity (cohorts, shapes, dictionaries, jobs): names and invariants, no input or output.
 //!
-//! * [`access`] — who asks, and what they may; [`key`] — how programs show it;
-//! * [`audit`] — what was asked of the service, and what came of it;
+//! * [`access`] — callers and their permissions; [`key`] — API keys of programs;
+//! * [`audit`] — requests to the service and their outcomes;
 //! * [`cohort`] — a named set of shapes in one representation, with its revision;
-//! * [`comparison`], [`regression`] — what tests of a cohort's shapes have found;
-//! * [`dictionary`] — what is learnt from a cohort;
-//! * [`shape`] — one member: control points and what is known about it;
+//! * [`comparison`], [`regression`] — results of tests on a cohort's shapes;
+//! * [`dictionary`] — statistics learnt from a cohort;
+//! * [`shape`] — one member: control points and attributes;
 //! * [`job`] — long work, its progress and its outcome;
-//! * [`change`] — the feed of what has changed; [`retry`] — requests that may be sent again; [`trash`] — what can come back;
+//! * [`change`] — the change feed; [`retry`] — requests that may be repeated; [`trash`] — deleted objects that can be restored;
 //! * [`id`] — prefixed, sortable, opaque identifiers.
 
 pub mod access;

@@ -1,4 +1,4 @@
-//! What the regression of shapes on an attribute has found.
+//! Result of regressing shapes on an attribute.
 
 use serde::{Deserialize, Serialize};
 
@@ -8,63 +8,63 @@ use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::Mirror;
 use crate::analysis::transformation::Transformation;
 
-/// The regression of the shapes of a cohort on an attribute.
+/// Regression of the shapes of a cohort on an attribute.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct ShapeRegression {
     /// Id of the cohort.
     pub cohort: String,
-    /// The revision that was looked at.
+    /// Revision of the cohort that was analysed.
     pub cohort_revision: u64,
-    /// The class that was removed.
+    /// Transformation class that was removed.
     pub transformation: Transformation,
-    /// Projection on the class, or Procrustes fits.
+    /// Alignment method: projection onto the class, or Procrustes.
     pub alignment: Alignment,
-    /// Whether mirror images were matched.
+    /// Whether shapes were matched to mirror images.
     pub mirror: Mirror,
     /// Seed of the permutations.
     pub seed: u64,
     /// Attributes within whose values residuals were exchanged.
     pub strata: Vec<String>,
-    /// Shapes that were used.
+    /// Number of shapes used.
     pub shapes: usize,
-    /// Shapes that were left out because a value is missing or no number.
+    /// Number of shapes left out because a value is missing or not a number.
     pub left_out: usize,
-    /// The mean of all shapes: everything is aligned to it.
+    /// Mean of all shapes; everything is aligned to it.
     pub pooled: MeanRecord,
-    /// The attribute.
+    /// Values of the attribute.
     pub attribute: AttributeSummary,
-    /// The covariates, as they came into the regression.
+    /// Covariates, as used in the regression.
     pub covariates: Vec<CovariateRecord>,
-    /// Degrees of freedom that are left to the residuals.
+    /// Degrees of freedom of the residuals.
     pub degrees: usize,
-    /// Part of the squared distances from the average that the attribute explains after the covariates (type III).
+    /// Fraction of the squared distances from the average explained by the attribute after the covariates (type III).
     pub r_squared: f64,
-    /// The same part of what the covariates leave.
+    /// Fraction of what the covariates leave unexplained that the attribute explains.
     pub partial_r_squared: f64,
-    /// Part that attribute and covariates explain together.
+    /// Fraction explained by attribute and covariates together.
     pub model_r_squared: f64,
-    /// Pseudo-F of the attribute after the covariates; null where it is infinite.
+    /// Pseudo-F of the attribute after the covariates; null if infinite.
     pub pseudo_f: Option<f64>,
-    /// Its test; with covariates by the permutation of residuals (Freedman and Lane).
+    /// Permutation test of the pseudo-F; with covariates, by permutation of residuals (Freedman and Lane).
     pub test: TestRecord,
     /// Weighted arithmetic mean of the aligned shapes: the prediction at the mean of attribute and covariates.
     pub average: Vec<Row>,
-    /// Change of the shape for one unit of the attribute.
+    /// Change of the shape per unit of the attribute.
     pub change_per_unit: Vec<Row>,
-    /// Change of the shape for one standard deviation of the attribute.
+    /// Change of the shape per standard deviation of the attribute.
     pub change_per_deviation: Vec<Row>,
-    /// Shapes predicted at quantiles of the attribute, the covariates at their mean.
+    /// Shapes predicted at quantiles of the attribute, with the covariates at their mean.
     pub predictions: Vec<Prediction>,
-    /// One a shape, in the order of the cohort.
+    /// Regression scores, one entry per shape, in the order of the cohort.
     pub scores: Vec<RegressionScore>,
-    /// What a reader of the result should know.
+    /// Warnings about the result.
     pub warnings: Vec<String>,
 }
 
-/// The values of an attribute.
+/// Summary of the values of an attribute.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct AttributeSummary {
-    /// Its name.
+    /// Name of the attribute.
     pub name: String,
     /// Weighted mean.
     pub mean: f64,
@@ -76,36 +76,36 @@ pub struct AttributeSummary {
     pub largest: f64,
 }
 
-/// A covariate.
+/// Covariate of a regression.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct CovariateRecord {
-    /// Its name.
+    /// Name of the covariate.
     pub name: String,
-    /// The values of a categorical one, in their order; the first is the reference, every other one a column. Null for
+    /// Values of a categorical covariate, in order; the first is the reference, each other one takes a column. Null for
     /// numbers.
     pub levels: Option<Vec<String>>,
 }
 
-/// A predicted shape.
+/// Shape predicted at a value of the attribute.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct Prediction {
-    /// Which quantile of the attribute.
+    /// Quantile of the attribute.
     pub quantile: f64,
-    /// Its value.
+    /// Value of the attribute.
     pub attribute: f64,
-    /// The shape.
+    /// Control points of the predicted shape.
     pub control_points: Vec<Row>,
 }
 
-/// The place of a shape along the dependence.
+/// Position of a shape along the regression.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct RegressionScore {
     /// Id of the shape.
     pub id: String,
-    /// The client's own id.
+    /// Identifier assigned by the client.
     pub external_id: Option<String>,
-    /// The attribute.
+    /// Value of the attribute.
     pub attribute: f64,
-    /// `⟨y − ȳ, b⟩/‖b‖`: how far the shape has gone in the direction of the change.
+    /// `⟨y − ȳ, b⟩/‖b‖`: distance that the shape has moved in the direction of the change.
     pub score: f64,
 }

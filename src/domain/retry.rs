@@ -1,29 +1,29 @@
-//! Requests that a client may send again: what they have brought about is kept under the key that the client gives.
+//! Idempotent requests: the outcome of a request is stored under the key that the client gave.
 
 use serde_json::Value;
 
-/// What a client calls a request that it may send again.
+/// Idempotency key of a request, with the request's fingerprint.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct RetryKey {
-    /// `Idempotency-Key`.
+    /// Value of `Idempotency-Key`.
     pub key: String,
-    /// Digest of the request: the same key for another one is a mistake.
+    /// Digest of the request; the same key with a different request is an error.
     pub fingerprint: [u8; 32],
 }
 
-/// What a request has brought about.
+/// Stored outcome of a request.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Receipt {
-    /// The request.
+    /// Key and fingerprint of the request.
     pub request: RetryKey,
-    /// What is needed to answer it again.
+    /// Data needed to repeat the response.
     pub outcome: Value,
 }
 
-/// Longest key.
+/// Maximum length of a key in characters.
 pub const MAX_KEY_CHARS: usize = 255;
 
-/// Whether `key` can be one: 1 to [`MAX_KEY_CHARS`] printable ASCII characters.
+/// Whether `key` is valid: 1 to [`MAX_KEY_CHARS`] printable ASCII characters.
 pub fn is_key(key: &str) -> bool {
     (1..=MAX_KEY_CHARS).contains(&key.len())
         && key.bytes().all(|byte| byte.is_ascii_graphic() || byte == b' ')

@@ -1,32 +1,32 @@
-//! A shape of a cohort.
+//! Shapes of a cohort.
 
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-/// What is known about a shape besides its geometry.
+/// Attributes of a shape besides its geometry.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct ShapeAttributes {
-    /// The client's own identifier, unique in the cohort.
+    /// Identifier assigned by the client, unique in the cohort.
     pub external_id: Option<String>,
     /// Opaque identifier of the subject it belongs to.
     pub subject: Option<String>,
-    /// Class.
+    /// Class label.
     pub label: Option<String>,
-    /// Further attributes, each a string, a number or a truth value.
+    /// Additional attributes, each a string, a number or a Boolean.
     pub labels: BTreeMap<String, serde_json::Value>,
-    /// Positive weight in means; 1 unless given.
+    /// Positive weight in means. Default: 1.
     pub weight: f64,
-    /// Anything the client wants to find again, as compact JSON with the names of fields in order.
+    /// Arbitrary client data, as compact JSON with sorted field names.
     pub metadata: Option<String>,
 }
 
-/// A shape that is about to be stored.
+/// A shape about to be stored.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NewShape {
-    /// `shp_…`.
+    /// Identifier, `shp_…`.
     pub id: String,
-    /// Attributes.
+    /// Attributes besides the geometry.
     pub attributes: ShapeAttributes,
     /// Control points, coordinate-major, `N·d` numbers.
     pub control_points: Vec<f64>,
@@ -35,9 +35,9 @@ pub struct NewShape {
 /// A stored shape.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Shape {
-    /// `shp_…`.
+    /// Identifier, `shp_…`.
     pub id: String,
-    /// Attributes.
+    /// Attributes besides the geometry.
     pub attributes: ShapeAttributes,
     /// Control points, coordinate-major, `N·d` numbers.
     pub control_points: Vec<f64>,
@@ -45,22 +45,22 @@ pub struct Shape {
     pub created_at_ms: i64,
 }
 
-/// What is known about a stored shape, without its geometry.
+/// Attributes of a stored shape, without its geometry.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ShapeDescription {
-    /// `shp_…`.
+    /// Identifier, `shp_…`.
     pub id: String,
-    /// The client's own identifier.
+    /// Identifier assigned by the client.
     pub external_id: Option<String>,
     /// Opaque identifier of the subject it belongs to.
     pub subject: Option<String>,
-    /// Class.
+    /// Class label.
     pub label: Option<String>,
-    /// Further attributes, each a string, a number or a truth value.
+    /// Additional attributes, each a string, a number or a Boolean.
     pub labels: BTreeMap<String, serde_json::Value>,
 }
 
-/// Which shapes of a cohort are meant: all conditions must hold.
+/// Filter that selects shapes of a cohort; all conditions must hold.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Hash, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ShapeFilter {
@@ -70,7 +70,7 @@ pub struct ShapeFilter {
     /// Shapes of this subject.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub subject: Option<String>,
-    /// Shapes whose attribute has this value, written as text.
+    /// Shapes whose attributes have these values, compared as text.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub labels: BTreeMap<String, String>,
 }

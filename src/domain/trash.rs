@@ -1,8 +1,8 @@
-//! What was deleted and can still come back.
+//! Trash: deleted objects that can still be restored.
 
 use serde::Serialize;
 
-/// What it is.
+/// Kind of object in the trash.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum TrashedKind {
@@ -12,17 +12,17 @@ pub enum TrashedKind {
     Dictionary,
 }
 
-/// A thing in the trash.
+/// An object in the trash.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Trashed {
-    /// What it is.
+    /// Kind of object.
     pub kind: TrashedKind,
-    /// Its id.
+    /// Id of the object.
     pub id: String,
-    /// Its name, which may belong to another one by now.
+    /// Name of the object, which another object may be using by now.
     pub name: String,
-    /// Version of a dictionary.
+    /// Version, for a dictionary.
     pub version: Option<u64>,
-    /// When it was deleted, milliseconds since 1970 UTC.
+    /// Time of deletion, milliseconds since 1970 UTC.
     pub deleted_at_ms: i64,
 }
