@@ -1,6 +1,6 @@
-//! Who calls, and what they may: found out once a request, before its handler.
+//! Access control: identifies the caller once per request, before its handler, and checks the caller's role.
 //!
-//! Every operation needs a role; `OPERATIONS` says which. What is not in the table needs an administrator.
+//! Every operation needs a role, listed in `OPERATIONS`. Operations not in the table need an administrator.
 
 use std::collections::HashMap;
 use std::sync::{Arc, LazyLock};
@@ -25,17 +25,17 @@ use crate::domain::access::{Principal, Role, is_loopback};
 use crate::service::access::{Shown, identify};
 use crate::service::app::App;
 
-/// What an operation needs.
+/// Access that an operation requires.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Needs {
-    /// Nothing: nobody is asked.
+    /// None: open to everyone.
     Nothing,
-    /// Somebody with at least this role.
+    /// At least this role.
     Role(Role),
 }
 
 impl Needs {
-    /// The word in the interface document.
+    /// Word used in the OpenAPI document.
     fn as_str(self) -> &'static str {
         match self {
             Self::Nothing => "none",
@@ -44,8 +44,8 @@ impl Needs {
     }
 }
 
-/// What every operation needs: a reader what reads or computes and stores nothing, a writer what stores or may submit a
-/// job, an administrator what is about keys or cannot be undone.
+/// Access that every operation requires: a reader for reading or computing without storing, a writer for storing or
+/// submitting jobs, an administrator for managing keys and for what cannot be undone.
 const OPERATIONS: &[(Needs, &[&str])] = &[
     (Needs::Nothing, &["GET /livez", "GET /readyz"]),
     (
@@ -135,18 +135,18 @@ static TABLE: LazyLock<HashMap<(&str, &str), Needs>> = LazyLock::new(|| {
     rows.filter_map(|(name, needs)| Some((name.split_once(' ')?, needs))).collect()
 });
 
-/// What `method` on the route with this template needs, when it is in the table.
+/// Access required by `method` on the route template, if it is in the table.
 pub fn listed(method: &str, route: &str) -> Option<Needs> {
     TABLE.get(&(method, route)).copied()
 }
 
-/// What `method` on the route with this template needs.
+/// Access required by `method` on the route template.
 fn needed(method: &Method, route: &str) -> Needs {
     let method = if method == Method::HEAD { &Method::GET } else { method };
     listed(method.as_str(), route).unwrap_or(Needs::Role(Role::Admin))
 }
 
-/// Lets those through to the handler who may call it, and tells it who they are, in the extensions of the request.
+/// Passes authorised requests to the handler, with their caller in the request extensions.
 pub async fn admit(Extension(app): Extension<App>, mut request: Request, next: Next) -> Response {
     let route = request.extensions().get::<MatchedPath>().map_or("", MatchedPath::as_str);
     let needs = match needed(request.method(), route) {
@@ -171,7 +171,7 @@ pub async fn admit(Extension(app): Extension<App>, mut request: Request, next: N
     }
 }
 
-/// What a request shows of who sends it.
+/// Credentials that a request presents.
 fn shown(headers: &HeaderMap) -> Shown<'_> {
     let mut values = headers.get_all(AUTHORIZATION).iter();
     let Some(value) = values.next() else { return Shown::Nothing };
@@ -184,7 +184,7 @@ fn shown(headers: &HeaderMap) -> Shown<'_> {
     }
 }
 
-/// Whether a caller may do what needs `role`.
+/// Checks that a caller may use an operation that needs `role`.
 fn check(principal: &Principal, role: Role, request: &Request) -> Result<(), Problem> {
     let refuse = |detail: String| Err(Problem::new(ProblemKind::Forbidden, detail));
     if principal.is_local() && !names_this_machine(request) {
@@ -208,8 +208,8 @@ fn check(principal: &Principal, role: Role, request: &Request) -> Result<(), Pro
     Ok(())
 }
 
-/// Whether a request is addressed to this machine by a name that nobody else can give: a page of another site can have
-/// its own name resolve to a loopback address, and would then read what only this machine's users may.
+/// Whether the request names this machine as its host. A page of another site can make its own host name resolve to a
+/// loopback address; accepting it would give the page access reserved for users of this machine.
 fn names_this_machine(request: &Request) -> bool {
     let header = || {
         let mut values = request.headers().get_all(HOST).iter();
@@ -220,11 +220,11 @@ fn names_this_machine(request: &Request) -> bool {
     authority.is_some_and(|authority| is_loopback(authority.host()))
 }
 
-/// Name of the security scheme in the interface document.
+/// Name of the security scheme in the OpenAPI document.
 const SCHEME: &str = "bearer";
 
-/// Writes into the interface document who may call what: the scheme, the role of every operation (`x-role`), and how
-/// others are refused.
+/// Adds access control to the OpenAPI document: the scheme, the role of every operation (`x-role`), and the responses to
+/// unauthorised requests.
 pub fn describe(document: &mut OpenApi) {
     let scheme = HttpBuilder::new().scheme(HttpAuthScheme::Bearer).description(Some(
         "A key (`shk_…`), or a token of the identity provider. A service on a loopback address without keys and identity \

@@ -1,5 +1,4 @@
-//! Answers in memory: those that are written as a whole are held against an account until they are sent, or the connection is
-//! gone.
+//! Response memory: responses written as a whole are charged to a quota until they are sent or the connection is closed.
 
 use std::pin::Pin;
 use std::sync::Arc;
@@ -14,10 +13,10 @@ use http_body::{Frame, SizeHint};
 use super::problem::Problem;
 use crate::service::app::memory::{Held, Memory, Purpose};
 
-/// Shorter answers are not counted: connections bound how many there are.
+/// Shorter responses are not counted; the limit on connections bounds their number.
 const SMALL: u64 = 4 << 10;
 
-/// Holds the memory of an answer; refuses it when too many others have not been read.
+/// Reserves memory for a response; refuses it if too many responses are still unread.
 pub async fn hold(State(memory): State<Memory>, request: Request, next: Next) -> Response {
     let response = next.run(request).await;
     let Some(bytes) = response.body().size_hint().exact().filter(|bytes| *bytes > SMALL) else {
@@ -29,27 +28,27 @@ pub async fn hold(State(memory): State<Memory>, request: Request, next: Next) ->
     }
 }
 
-/// An answer whose bytes hold their memory wherever they are, and leave in pieces: a connection keeps some of them until they
-/// are written, or copies them, and asks for more when its client reads.
+/// Response body that holds its memory for as long as any of its bytes exist. It is sent in pieces: the connection keeps or
+/// copies some until they are written, and asks for more as its client reads.
 struct Answer {
     body: Body,
-    /// What is left of a frame of the body.
+    /// Unsent rest of the current frame.
     rest: Bytes,
     held: Arc<Held>,
 }
 
-/// Bytes of an answer that leave at once.
+/// Number of bytes passed on at a time.
 const PIECE: usize = 64 << 10;
 
 impl Answer {
-    /// The next piece of what is left.
+    /// Next piece of the rest.
     fn piece(&mut self) -> Frame<Bytes> {
         let bytes = self.rest.split_to(self.rest.len().min(PIECE));
         Frame::data(Bytes::from_owner(Piece { bytes, _held: Arc::clone(&self.held) }))
     }
 }
 
-/// Bytes of an answer.
+/// Bytes of a response that hold its memory.
 struct Piece {
     bytes: Bytes,
     _held: Arc<Held>,

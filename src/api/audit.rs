@@ -1,8 +1,8 @@
-//! Every request under `/v1` is entered in the audit trail, also one that reads and one that is refused.
+//! Audit middleware: records every request under `/v1`, including reads and refused requests.
 //!
-//! This stands outside of access control: who was refused is recorded, too. What may change something is answered when its
-//! entry is on disk, and is not begun while entries cannot be written. Requests without a known caller are counted by
-//! address and minute, and the first of them has an entry.
+//! It wraps access control, so that refused callers are recorded too. Responses to requests that may change something are
+//! sent once their entry is on disk, and such requests are not started while entries cannot be written. Requests without a
+//! known caller are counted per address and minute; the first of them gets an entry.
 
 use std::collections::{BTreeMap, HashMap};
 use std::net::{IpAddr, SocketAddr};
@@ -23,27 +23,27 @@ use crate::domain::audit::Entry;
 use crate::service::app::now_ms;
 use crate::service::audit::trail::{Recording, Trail};
 
-/// What is recorded.
+/// Path prefix of the recorded requests.
 const RECORDED: &str = "/v1/";
-/// Longest name of an object that is kept.
+/// Object names are truncated to this length.
 const MAX_OBJECT_CHARS: usize = 256;
-/// Longest method that is kept: clients may invent some.
+/// Methods are truncated to this length: clients may invent some.
 const MAX_METHOD_CHARS: usize = 32;
-/// What stands in place of a path parameter for the id of what a request has created.
+/// Name under which an entry lists the id of a created object, in place of a path parameter.
 const CREATED: &str = "created";
-/// The header of an answer that is not in the trail, and what it says.
+/// Header of a response that is not in the trail, and its value.
 const AUDIT: HeaderName = HeaderName::from_static("shapelex-audit");
 const UNRECORDED: HeaderValue = HeaderValue::from_static("unrecorded");
-/// What the middleware needs.
+/// State of the middleware.
 #[derive(Debug, Clone)]
 pub struct Recorder {
     trail: Arc<Trail>,
-    /// Ids of the operations by route template and method.
+    /// Operation ids by route template and method.
     operations: Arc<HashMap<(String, Method), String>>,
 }
 
 impl Recorder {
-    /// Records the operations of `document` in `trail`.
+    /// Records requests in `trail`, with the operation ids of `document`.
     pub fn new(trail: Arc<Trail>, document: &OpenApi) -> Self {
         let mut operations = HashMap::new();
         for (path, item) in &document.paths.paths {
@@ -63,13 +63,13 @@ impl Recorder {
     }
 
     fn operation(&self, method: &Method, route: Option<&str>) -> Option<String> {
-        // A HEAD is answered by the handler of the GET.
+        // A HEAD request is answered by the GET handler.
         let method = if method == Method::HEAD { &Method::GET } else { method };
         self.operations.get(&(route?.to_owned(), method.clone())).cloned()
     }
 }
 
-/// Records the request.
+/// Middleware that records the request.
 pub async fn record(State(recorder): State<Recorder>, request: Request, next: Next) -> Response {
     let asker = request.extensions().get::<Asker>().cloned().unwrap_or_default();
     let is_probe = observe::route(&request).is_some_and(observe::is_probe);
@@ -99,7 +99,7 @@ pub async fn record(State(recorder): State<Recorder>, request: Request, next: Ne
     }
 }
 
-/// Counts a request without a known caller; whether it is the first of its address in a minute.
+/// Counts a request without a known caller; returns whether it is the first of its address in this minute.
 fn count(
     trail: &Trail,
     asker: &Asker,
@@ -114,7 +114,7 @@ fn count(
     trail.refusals().count(network, reason, id, has_entry, now_ms())
 }
 
-/// Why a request was refused, in the words of its problem document.
+/// Problem code of a refused request.
 fn reason(response: &Response) -> &'static str {
     match response.extensions().get::<Problem>() {
         Some(problem) => problem.kind().code(),
@@ -124,7 +124,7 @@ fn reason(response: &Response) -> &'static str {
 }
 
 impl Recorder {
-    /// The answer, once its entry is where it must be.
+    /// Records the entry as durably as required, then returns the response.
     async fn answer(&self, entry: Entry, mut response: Response) -> Response {
         let recorded = if may_have_changed_something(&entry) {
             self.trail.record_surely(entry).await.map(|()| Recording::Kept)
@@ -158,16 +158,16 @@ impl Recorder {
     }
 }
 
-/// The objects that the path names.
+/// Objects named in the path.
 async fn objects(parts: &mut Parts) -> BTreeMap<String, String> {
-    // A name that is not UTF-8 names nothing; the handler refuses it.
+    // A name that is not UTF-8 identifies nothing; the handler refuses it.
     let Ok(path) = RawPathParams::from_request_parts(parts, &()).await else { return BTreeMap::new() };
     path.iter()
         .map(|(name, value)| (name.to_owned(), value.chars().take(MAX_OBJECT_CHARS).collect()))
         .collect()
 }
 
-/// An entry whose request is not answered yet. When the client goes away before it is, that is recorded.
+/// Entry of an unanswered request. If the client disconnects first, dropping it records that.
 struct Open<'a> {
     entry: Option<Entry>,
     asker: Asker,
@@ -176,7 +176,7 @@ struct Open<'a> {
 }
 
 impl Open<'_> {
-    /// The entry of the answered request; none when it was only counted.
+    /// Entry of the answered request; `None` if the request was only counted.
     fn close(&mut self, response: &Response) -> Option<Entry> {
         let mut entry = self.take(reason(response))?;
         entry.status = Some(response.status().as_u16());
@@ -189,8 +189,8 @@ impl Open<'_> {
         Some(entry)
     }
 
-    /// The entry of a request with a known caller; others are counted, with the `reason` why they ended, and the first of an
-    /// address has an entry. Whose objects they would be is not known, and nobody else shall read their names.
+    /// Entry of a request with a known caller. Other requests are counted by their `reason`, and the first of an address gets
+    /// an entry without objects: their tenant is unknown, and no tenant may read the names of another.
     fn take(&mut self, reason: &'static str) -> Option<Entry> {
         let mut entry = self.entry.take()?;
         entry.at_ms = now_ms();
@@ -223,17 +223,17 @@ impl Drop for Open<'_> {
     }
 }
 
-/// Whether the answer has to wait for the entry: what only computes, and what was refused, has changed nothing.
+/// Whether the response must wait for the entry; computations and refused requests have changed nothing.
 fn may_have_changed_something(entry: &Entry) -> bool {
     let refused = entry.status.is_some_and(|status| (400..500).contains(&status));
     !refused && may_change_something(entry)
 }
 
-/// Whether a request of this kind changes something.
+/// Whether a request of this kind may change something.
 fn may_change_something(entry: &Entry) -> bool {
     let reads = matches!(entry.method.as_str(), "GET" | "HEAD" | "OPTIONS");
     let needs = entry.route.as_deref().and_then(|route| access::listed(&entry.method, route));
-    // What a reader may ask stores nothing.
+    // Operations open to readers store nothing.
     let computes = needs == Some(Needs::Role(Role::Reader));
     !(reads || computes || entry.route.is_none())
 }

@@ -1,4 +1,4 @@
-//! Bodies in memory: bounded each, before and after decompression, and bounded together.
+//! Request bodies in memory: each is bounded before and after decompression, and all are bounded together.
 
 use std::future::ready;
 use std::sync::Arc;
@@ -19,7 +19,7 @@ use crate::formats::bounds::Census;
 use crate::service::app::memory::{Held, Purpose};
 use crate::service::app::{App, Fault, ServiceError};
 
-/// Whether a body is a stream of lines, which is never in memory as a whole.
+/// Whether a body is a stream of lines, which is never held in memory as a whole.
 pub fn is_stream(media_type: &str) -> bool {
     matches!(
         media_type,
@@ -27,8 +27,8 @@ pub fn is_stream(media_type: &str) -> bool {
     )
 }
 
-/// Refuses bodies that say they are too long before a byte of them is read, and ends those that are on their way. Outside of
-/// decompression.
+/// Refuses bodies whose declared length is too long before reading them, and cuts off longer ones while they arrive. Runs
+/// outside of decompression.
 pub async fn bound(mut request: Request, next: Next) -> Response {
     let Some(edge) = Edge::of(&request) else { return next.run(request).await };
     if request.headers().contains_key(header::CONTENT_ENCODING) {
@@ -46,7 +46,7 @@ pub async fn bound(mut request: Request, next: Next) -> Response {
     next.run(request.map(|body| Body::new(Limited::new(body, limit)))).await
 }
 
-/// Ends bodies that expand beyond what text does. Inside of decompression.
+/// Cuts off bodies whose compression ratio is implausible for text. Runs inside of decompression.
 pub async fn bound_expansion(mut request: Request, next: Next) -> Response {
     let Some(wire) = request.extensions_mut().remove::<Wire>() else { return next.run(request).await };
     let Some(edge) = Edge::of(&request) else { return next.run(request).await };
@@ -54,12 +54,12 @@ pub async fn bound_expansion(mut request: Request, next: Next) -> Response {
     next.run(request.map(|body| Body::from_stream(expanding(body, wire, ratio)))).await
 }
 
-/// Bytes that the decompression has taken so far.
+/// Number of compressed bytes consumed so far.
 #[derive(Debug, Clone, Default)]
 struct Wire(Arc<AtomicU64>);
 
 impl Wire {
-    /// A body before decompression, whose bytes are counted.
+    /// Counts the bytes of a body before decompression.
     fn counting(self, body: Body) -> impl HttpBody<Data = Bytes, Error = axum::Error> {
         body.map_frame(move |frame| {
             let bytes = frame.data_ref().map_or(0, Bytes::len);
@@ -69,17 +69,17 @@ impl Wire {
     }
 }
 
-/// Bytes of a body that may come from any number on the wire: short texts of one character compress a thousandfold.
+/// Decompressed bytes that are allowed at any ratio: short texts of one repeated character compress a thousandfold.
 const EXPANDS_FREELY: u64 = 1 << 20;
 
-/// A body that expands more than text does.
+/// Error of a body with too large a compression ratio.
 #[derive(Debug, thiserror::Error)]
 #[error("the body becomes more than {ratio} times as long by decompression: send it plain, or in parts")]
 struct Expands {
     ratio: u64,
 }
 
-/// The pieces of a body after decompression, which ends when it has become too much longer than on the wire.
+/// Decompressed body, which fails once it exceeds the allowed ratio to the bytes on the wire.
 fn expanding(body: Body, wire: Wire, ratio: u64) -> impl Stream<Item = Result<Bytes, axum::Error>> {
     let mut bytes = 0;
     body.into_data_stream().and_then(move |piece| {
@@ -99,7 +99,7 @@ fn too_long(limit: usize) -> Problem {
     Problem::new(ProblemKind::PayloadTooLarge, detail)
 }
 
-/// A body with the room that it takes.
+/// A body with the memory reserved for it.
 struct HeldBody {
     bytes: Vec<u8>,
     _room: Held,
@@ -111,10 +111,11 @@ impl AsRef<[u8]> for HeldBody {
     }
 }
 
-/// Reads a body of JSON to its end; its room, and that of what is read from it, is free again when the bytes are dropped.
+/// Reads a JSON body to its end. The memory reserved for it and for what is parsed from it is released when the bytes are
+/// dropped.
 ///
 /// # Errors
-/// A body that is too long, has too many values, is broken or cut off; [`ProblemKind::Overloaded`] when there is no room.
+/// A body that is too long, has too many values, is broken or cut off; [`ProblemKind::Overloaded`] if memory is short.
 pub async fn read(app: &App, mut body: Body) -> Result<Bytes, Problem> {
     let limits = app.limits;
     let (mut bytes, mut census) = (Vec::new(), Census::default());
@@ -140,7 +141,7 @@ fn too_many_values(most: usize) -> Problem {
     Problem::new(ProblemKind::PayloadTooLarge, detail)
 }
 
-/// A body as a stream of pieces.
+/// A body as a stream of chunks.
 pub fn pieces(body: Body) -> impl Stream<Item = Result<Bytes, ServiceError>> {
     TryStreamExt::map_err(body.into_data_stream(), |error| {
         let detail = match cause::<Expands>(&error) {
@@ -151,12 +152,12 @@ pub fn pieces(body: Body) -> impl Stream<Item = Result<Bytes, ServiceError>> {
     })
 }
 
-/// The cause of this type.
+/// First error of this type in the chain of causes.
 fn cause<'a, E: std::error::Error + 'static>(error: &'a (dyn std::error::Error + 'static)) -> Option<&'a E> {
     std::iter::successors(Some(error), |error| error.source()).find_map(|error| error.downcast_ref())
 }
 
-/// Why a body could not be read.
+/// Problem that describes why a body could not be read.
 fn unreadable(error: axum::Error, limit: usize) -> Problem {
     if cause::<LengthLimitError>(&error).is_some() {
         return too_long(limit);

@@ -1,15 +1,15 @@
-//! What every resource may answer, added to the interface document once.
+//! Responses and headers common to all resources, added to the OpenAPI document in one place.
 
 use utoipa::openapi::path::Operation;
 use utoipa::openapi::{ContentBuilder, HeaderBuilder, ObjectBuilder, OpenApi, Ref, ResponseBuilder, Type};
 
-/// Statuses of the limits that hold for every resource, where an operation does not describe them itself.
+/// Status codes of limits that apply to every resource, added where an operation does not describe them itself.
 const LIMITS: [(&str, &str); 2] = [
     ("429", "The caller asks more often than it may"),
     ("503", "Overloaded, stopping, or the answer took too long"),
 ];
 
-/// Completes the operations of the resources.
+/// Adds the common parts to all operations under `/v1`.
 pub(super) fn complete(document: &mut OpenApi) {
     let resources = document.paths.paths.iter_mut().filter(|(path, _)| path.starts_with("/v1/"));
     for (_, item) in resources {

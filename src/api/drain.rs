@@ -1,7 +1,7 @@
-//! Refusals reach clients that are still sending.
+//! Draining of refused request bodies.
 //!
-//! A client that writes a large body before it reads sees a broken connection instead of the answer when the server
-//! closes early. What is left of a refused body is therefore read and thrown away, within bounds.
+//! If the server closes early, a client that writes a large body before reading sees a broken connection instead of the
+//! response. The rest of a refused body is therefore read and discarded, within bounds.
 
 use std::pin::Pin;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -16,12 +16,12 @@ use axum::response::Response;
 use http_body::{Frame, SizeHint};
 use http_body_util::BodyExt;
 
-/// Most bytes thrown away.
+/// Maximum number of bytes to discard.
 const BYTES: usize = 64 << 20;
-/// Longest time for it.
+/// Maximum time to spend on it.
 const TIME: Duration = Duration::from_secs(2);
 
-/// A body that the middleware keeps a hand on.
+/// A request body that the middleware can still read after the handler.
 #[derive(Clone)]
 struct Shared(Arc<Mutex<Body>>);
 
@@ -51,9 +51,9 @@ impl HttpBody for Shared {
     }
 }
 
-/// Reads what is left of the body of a refused request.
+/// Reads the rest of the body of a refused request.
 pub async fn drain(request: Request, next: Next) -> Response {
-    // A client that asked first is told before it sends.
+    // A client that sends `Expect` waits for the response before sending its body.
     if request.headers().contains_key(header::EXPECT) {
         return next.run(request).await;
     }
@@ -70,7 +70,7 @@ pub async fn drain(request: Request, next: Next) -> Response {
                 }
             }
         };
-        // Past its time the client sees the connection close, which is what it would have seen at once.
+        // After the time limit the connection closes, as it would have done at once.
         let _ = tokio::time::timeout(TIME, drained).await;
     }
     response

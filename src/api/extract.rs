@@ -1,4 +1,4 @@
-//! Extractors whose rejections are problem documents.
+//! Extractors for request parts and response formats; their rejections are problem documents.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -21,7 +21,7 @@ use crate::service::app::App;
 use crate::service::app::idempotency::Retry;
 use crate::service::cohorts::catalogue::Expected;
 
-/// The service as the caller sees it: what one tenant has, as far as its key reaches.
+/// The service restricted to the caller's tenant and to the cohorts of the caller's key.
 #[derive(Debug)]
 pub struct Caller(pub App);
 
@@ -45,17 +45,17 @@ impl FromRequestParts<App> for Caller {
     }
 }
 
-/// The request as one that may be sent again, when the client says so and it is not safe anyway.
+/// Idempotency key and fingerprint of a request, if it has the header and its method is POST.
 fn retry_of(parts: &Parts) -> Result<Option<Retry>, Problem> {
     let Some(key) = parts.headers.get("idempotency-key").filter(|_| parts.method == Method::POST) else {
         return Ok(None);
     };
     let target = format!("{} {}", parts.method, parts.uri);
-    // What is no text does not consist of printable characters: it is refused as a key.
+    // A value that is not text has unprintable characters, so it is refused as a key.
     Ok(Some(Retry::new(key.to_str().unwrap_or_default(), &target)?))
 }
 
-/// The versions that the client expects: `If-Match`.
+/// Versions that the client expects: `If-Match`.
 #[derive(Debug)]
 pub struct IfMatch(pub Option<Expected>);
 
@@ -70,11 +70,11 @@ impl<S: Send + Sync> FromRequestParts<S> for IfMatch {
     }
 }
 
-/// A JSON body within the limit.
+/// A JSON body within the size limit.
 #[derive(Debug)]
 pub struct JsonBody(pub Bytes);
 
-/// The media type of a body, without parameters, lower case.
+/// Media type of a body in lower case, without parameters.
 pub fn media_type(headers: &HeaderMap) -> String {
     let value = headers.get(header::CONTENT_TYPE).and_then(|value| value.to_str().ok()).unwrap_or_default();
     value.split(';').next().unwrap_or_default().trim().to_ascii_lowercase()
@@ -99,7 +99,7 @@ impl FromRequest<App> for JsonBody {
     }
 }
 
-/// A query string as `T`.
+/// Query string, parsed as `T`.
 #[derive(Debug)]
 pub struct Query<T>(pub T);
 
@@ -113,7 +113,7 @@ impl<T: DeserializeOwned, S: Send + Sync> FromRequestParts<S> for Query<T> {
     }
 }
 
-/// A route without query parameters: a misspelt one must not be passed over.
+/// No query parameters: rejects any, since a misspelt one must not be ignored.
 #[derive(Debug)]
 pub struct NoQuery;
 
@@ -137,7 +137,7 @@ fn only(parts: &Parts, known: &[&str]) -> Result<(), Problem> {
     }
 }
 
-/// The format of the answer, on a route without other query parameters.
+/// Response format, on a route without other query parameters.
 #[derive(Debug)]
 pub struct OnlyFormat(pub Format);
 
@@ -150,7 +150,7 @@ impl<S: Send + Sync> FromRequestParts<S> for OnlyFormat {
     }
 }
 
-/// Path segments as `T`.
+/// Path segments, parsed as `T`.
 #[derive(Debug)]
 pub struct Path<T>(pub T);
 
@@ -165,7 +165,7 @@ impl<T: DeserializeOwned + Send, S: Send + Sync> FromRequestParts<S> for Path<T>
     }
 }
 
-/// The format of the answer: `?format=json|svg`, else the `Accept` header, else JSON.
+/// Response format: `?format=json|svg`, else the `Accept` header, else JSON.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Format {
     /// Numbers.
@@ -202,11 +202,11 @@ impl<S: Send + Sync> FromRequestParts<S> for Format {
     }
 }
 
-/// The format of a shape: that of [`Format`], or of surfaces a mesh (`?format=obj|ply|stl|gltf`), with as many places along
-/// `u` and `v` as `?grid=u,v` says.
+/// Response format of a shape: a [`Format`], or for surfaces a mesh (`?format=obj|ply|stl|gltf`), with as many points along
+/// `u` and `v` as `?grid=u,v` specifies.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ShapeFormat {
-    /// Numbers or a drawing.
+    /// JSON or a drawing.
     Plain(Format),
     /// A mesh with this grid.
     Mesh(MeshFormat, Option<[usize; 2]>),
@@ -239,7 +239,7 @@ impl<S: Send + Sync> FromRequestParts<S> for ShapeFormat {
         let mesh = match format.as_deref() {
             Some(name) => MeshFormat::ALL.into_iter().find(|format| format.name() == name),
             None => preferred(accepted(parts), |range| {
-                // Numbers and pictures come first where anything is welcome.
+                // JSON and SVG take precedence for wildcards in `Accept`.
                 let mesh = MeshFormat::ALL.into_iter().find(|format| format.media_type() == range).map(Some);
                 mesh.or_else(|| picture_or_numbers(range).map(|_| None))
             })
@@ -275,14 +275,14 @@ impl<S: Send + Sync> FromRequestParts<S> for OnlyShapeFormat {
     }
 }
 
-/// The query of [`ShapeFormat`], for the document.
+/// Query parameters of [`ShapeFormat`], for the OpenAPI document.
 #[derive(utoipa::IntoParams)]
 #[into_params(parameter_in = Query)]
 pub struct ShapeFormatQuery {
-    /// `json`, `svg`, or for surfaces `obj`, `ply`, `stl`, `gltf`.
+    /// Response format: `json`, `svg`, or for surfaces `obj`, `ply`, `stl`, `gltf`.
     #[allow(dead_code, reason = "only for the document; the extractor reads it")]
     format: Option<String>,
-    /// Places along `u` and `v` of a mesh, such as `48,33`; two for every interval between knots unless given.
+    /// Numbers of mesh points along `u` and `v`, such as `48,33`. Default: two per interval between knots.
     #[allow(dead_code, reason = "only for the document; the extractor reads it")]
     grid: Option<String>,
 }
@@ -299,8 +299,8 @@ fn picture_or_numbers(media_range: &str) -> Option<Format> {
     }
 }
 
-/// The format of a matrix, on a route without other query parameters: `?format=json|csv|npy`, else the `Accept` header,
-/// else JSON.
+/// Response format of a matrix, on a route without other query parameters: `?format=json|csv|npy`, else the `Accept`
+/// header, else JSON.
 #[derive(Debug)]
 pub struct OnlyMatrixFormat(pub MatrixFormat);
 
@@ -341,7 +341,7 @@ fn matrix_format(media_range: &str) -> Option<MatrixFormat> {
     }
 }
 
-/// The offered format with the highest quality; of equal ones the first in the header.
+/// Offered format with the highest quality; the first in the header wins ties.
 fn preferred<T>(accept: &str, offered: fn(&str) -> Option<T>) -> Option<T> {
     let mut best: Option<(f64, T)> = None;
     for range in accept.split(',') {
@@ -356,10 +356,10 @@ fn preferred<T>(accept: &str, offered: fn(&str) -> Option<T>) -> Option<T> {
     best.map(|(_, format)| format)
 }
 
-/// Says in `Accept-Encoding` what the answer will be, gzip or nothing.
+/// Normalises `Accept-Encoding` to the encoding of the response: gzip or none.
 ///
-/// Where neither is acceptable the header is passed over, as RFC 9110 §12.5 allows: the layer that compresses would turn the
-/// answer into a 406 after the work is done, and what was stored would look refused.
+/// If neither is acceptable the header is ignored, as RFC 9110 §12.5 allows: otherwise the compression layer would turn the
+/// response into a 406 after the work is done, and stored data would seem to have been refused.
 pub async fn settle_encoding(mut request: Request, next: Next) -> Response {
     let headers = request.headers_mut();
     let zipped = {
@@ -373,7 +373,7 @@ pub async fn settle_encoding(mut request: Request, next: Next) -> Response {
     next.run(request).await
 }
 
-/// Whether gzip is acceptable, and no worse than the answer as it is.
+/// Whether gzip is acceptable, and at least as welcome as no encoding.
 fn gzip_wanted(accept_encoding: &str) -> bool {
     let quality = |coding: &str| {
         let entry = accept_encoding.split(',').find_map(|entry| {
@@ -390,10 +390,10 @@ fn gzip_wanted(accept_encoding: &str) -> bool {
 /// Longest time that a request may wait for a job.
 const MAX_WAIT: Duration = Duration::from_secs(60);
 
-/// What the client would like (RFC 7240); preferences that are unknown or not understood are passed over.
+/// Preferences of the client (RFC 7240); unknown or malformed ones are ignored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Prefer {
-    /// `wait=SECONDS`: how long the client would wait for the outcome, at most a minute.
+    /// `wait=SECONDS`: time that the client is willing to wait for the outcome, at most a minute.
     pub wait: Option<Duration>,
 }
 
@@ -407,11 +407,11 @@ impl<S: Send + Sync> FromRequestParts<S> for Prefer {
 }
 
 impl Prefer {
-    /// From the values of the header; of a preference that is given twice the first counts.
+    /// Reads the values of the header; of repeated preferences the first counts.
     fn read<'a>(values: impl Iterator<Item = &'a str>) -> Self {
         let mut preferences = values.flat_map(|value| split_unquoted(value, ','));
         let wait = preferences.find_map(|preference| {
-            // Parameters of the preference, of which `wait` has none.
+            // Drops the parameters of the preference; `wait` has none.
             let preference = split_unquoted(preference, ';').next()?;
             let (name, value) = preference.split_once('=').unwrap_or((preference, ""));
             name.trim().eq_ignore_ascii_case("wait").then(|| value.trim().trim_matches('"').to_owned())
@@ -423,7 +423,7 @@ impl Prefer {
 /// Whole seconds, at most [`MAX_WAIT`].
 fn read_seconds(text: &str) -> Option<Duration> {
     let digits = !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
-    // More digits than a number holds are more than the most.
+    // A number too large to parse exceeds the maximum anyway.
     digits.then(|| text.parse().map_or(MAX_WAIT, Duration::from_secs).min(MAX_WAIT))
 }
 

@@ -1,22 +1,22 @@
-//! What every answer tells browsers: that it is data, for its own page, and not to be kept.
+//! Security and caching headers, which tell browsers that responses are data, same-origin only, and not to be stored.
 
 use axum::extract::Request;
 use axum::http::{HeaderMap, HeaderName, HeaderValue, header};
 use axum::middleware::Next;
 use axum::response::Response;
 
-/// Where the answers are that carry shapes and ids.
+/// Path prefix of responses with shapes and ids.
 const API: &str = "/v1/";
-/// Where the reference page is.
+/// Path prefix of the API reference page.
 const DOCS: &str = "/docs";
-/// The media type of drawings.
+/// Media type of drawings.
 const SVG: &str = "image/svg+xml";
 
-/// Data: a browser that is led to it runs, loads and frames nothing.
+/// Policy for data: a browser that opens it runs, loads and frames nothing.
 const DATA_POLICY: &str = "default-src 'none'; frame-ancestors 'none'";
-/// Drawings bring a style sheet of their own.
+/// Policy for drawings, which contain a style sheet.
 const SVG_POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; frame-ancestors 'none'";
-/// The reference page: its own scripts; style attributes and pictures in the page are made by these scripts.
+/// Policy for the reference page: its own scripts, which create style attributes and images in the page.
 const DOCS_POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; \
      img-src 'self' data:; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 
@@ -26,7 +26,7 @@ const ALWAYS: [(HeaderName, HeaderValue); 3] = [
     (HeaderName::from_static("cross-origin-resource-policy"), HeaderValue::from_static("same-origin")),
 ];
 
-/// Writes the headers of every answer.
+/// Adds the headers to every response.
 pub async fn secure(request: Request, next: Next) -> Response {
     let (is_api, is_docs) = {
         let path = request.uri().path();
@@ -54,7 +54,7 @@ fn policy(headers: &HeaderMap, is_docs: bool) -> &'static str {
     }
 }
 
-/// What has a tag may stay in the cache of its reader, who asks each time whether it still holds; all else is not kept.
+/// Responses with an entity tag may be cached privately but must be revalidated; others must not be stored.
 fn caching(headers: &HeaderMap) -> &'static str {
     if headers.contains_key(header::ETAG) { "private, no-cache" } else { "no-store" }
 }

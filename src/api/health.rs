@@ -1,4 +1,4 @@
-//! Probes, open to everyone.
+//! Health probes, open without authentication.
 
 use axum::extract::State;
 use axum::http::StatusCode;
@@ -8,18 +8,18 @@ use utoipa_axum::routes;
 use super::problem::{Problem, ProblemDocument};
 use crate::service::app::App;
 
-/// The probes.
+/// Routes of the probes.
 pub fn routes() -> OpenApiRouter<App> {
     OpenApiRouter::new().routes(routes!(live)).routes(routes!(ready))
 }
 
-/// The process answers.
+/// Liveness: the process responds.
 #[utoipa::path(get, path = "/livez", tag = "health", responses((status = 204, description = "Alive")))]
 async fn live() -> StatusCode {
     StatusCode::NO_CONTENT
 }
 
-/// The service can take requests: nobody asked it to stop, its compute threads take turns, and the store accepts a write.
+/// Readiness: the service is not stopping, its compute threads make progress, and the store accepts a write.
 #[utoipa::path(get, path = "/readyz", tag = "health", responses(
     (status = 204, description = "Ready"),
     (status = 503, description = "Not ready", body = ProblemDocument, content_type = "application/problem+json")

@@ -1,4 +1,4 @@
-//! What Prometheus reads.
+//! Metrics endpoint for Prometheus.
 
 use axum::extract::State;
 use axum::http::header;
@@ -8,12 +8,12 @@ use utoipa_axum::routes;
 
 use crate::service::app::{App, scrape};
 
-/// The metrics.
+/// Route of the metrics.
 pub fn routes() -> OpenApiRouter<App> {
     OpenApiRouter::new().routes(routes!(read_metrics))
 }
 
-/// Metrics as Prometheus reads them.
+/// Returns metrics in the Prometheus text format.
 ///
 /// Names and labels are listed in `docs/observability.md`.
 #[utoipa::path(get, path = "/metrics", tag = "operation",

@@ -1,13 +1,13 @@
-//! The HTTP door: translates requests to use cases and their outcome to answers.
+//! HTTP interface: translates requests to use cases and their outcomes to responses.
 //!
 //! * [`v1`] — the resources;
 //! * [`problem`] — every refusal as a problem document (RFC 9457);
-//! * [`access`] — who calls, and what they may; [`origin`] — pages of other sites; [`headers`] — what browsers are told;
-//! * [`overload`] — how long requests may take, and how often callers may ask;
-//! * [`body`] — bodies in memory; [`answers`] — answers in memory; [`drain`] — refused bodies are read to their end;
-//! * [`observe`], [`audit`] — every request is counted, logged and recorded; [`metrics`] — what was counted;
-//! * [`extract`] — bodies, queries, the wanted format; rejections are problem documents too;
-//! * [`respond`] — answers computed and written on the pool;
+//! * [`access`] — callers and permissions; [`origin`] — cross-site requests; [`headers`] — browser security headers;
+//! * [`overload`] — time limits of requests, and rate limits of callers;
+//! * [`body`] — request memory; [`answers`] — response memory; [`drain`] — draining of refused bodies;
+//! * [`observe`], [`audit`] — metrics, log and audit trail of every request; [`metrics`] — the metrics endpoint;
+//! * [`extract`] — bodies, queries and formats, with problem documents as rejections;
+//! * [`respond`] — responses computed and serialised on the thread pool;
 //! * [`health`] — liveness and readiness.
 
 pub mod access;
@@ -76,7 +76,7 @@ fn routes() -> (Router<App>, utoipa::openapi::OpenApi) {
         .layer(from_fn(overload::light));
     let computing =
         OpenApiRouter::new().nest("/v1", v1::computing_routes()).layer(from_fn(overload::computing));
-    // An upload lasts as long as its stream flows, and watches its own pauses; events last as long as their job.
+    // Streamed routes have no time limit: an upload watches its own pauses, and events last as long as their job.
     let streamed = OpenApiRouter::new().nest("/v1", v1::streamed_routes());
     let (router, mut document) = light
         .merge(computing)
@@ -85,7 +85,7 @@ fn routes() -> (Router<App>, utoipa::openapi::OpenApi) {
         .layer(from_fn(access::admit))
         .layer(from_fn(overload::count_refused))
         .layer(from_fn(overload::stopping))
-        // Whoever looks after the service is not counted, and needs no key.
+        // Probes are not rate-limited, and need no key.
         .merge(health::routes().layer(from_fn(overload::light)))
         .split_for_parts();
     document::complete(&mut document);
@@ -93,12 +93,12 @@ fn routes() -> (Router<App>, utoipa::openapi::OpenApi) {
     (router, document)
 }
 
-/// The OpenAPI document of the service.
+/// OpenAPI document of the service.
 pub fn openapi() -> utoipa::openapi::OpenApi {
     routes().1
 }
 
-/// The whole service.
+/// The complete service as a router.
 pub fn router(app: App) -> Router {
     let (router, document) = routes();
     let recorder = audit::Recorder::new(app.trail(), &document);

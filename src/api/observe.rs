@@ -1,5 +1,5 @@
-//! Every request is counted and has a line in the log: id, method, route template, status, time and key. Never its path,
-//! query or body.
+//! Metrics and request log: each request gets a log line with id, method, route template, status, duration and key. Path,
+//! query and body are never logged.
 
 use std::net::{IpAddr, SocketAddr};
 use std::pin::Pin;
@@ -23,42 +23,42 @@ use crate::service::app::metrics::{
 };
 use crate::service::app::touched::Touched;
 
-/// The header with the id of a request.
+/// Header with the request id.
 pub const REQUEST_ID: &str = "x-request-id";
-/// Longest id that a client may give its request.
+/// Maximum length of a request id set by the client.
 const MAX_REQUEST_ID: usize = 64;
-/// What stands in place of the route where there is none.
+/// Route label for requests without a matching route.
 const UNMATCHED: &str = "unmatched";
-/// What is asked again and again by machines: the log has it at level debug.
+/// Routes polled by monitoring, which are logged at level debug.
 const PROBES: [&str; 3] = ["/livez", "/readyz", "/metrics"];
 
-/// Whether machines ask for the route with this template again and again.
+/// Whether the route template is polled by monitoring.
 pub fn is_probe(route: &str) -> bool {
     PROBES.contains(&route)
 }
 
-/// Where the layers inside leave who calls, and for what, for those around them.
+/// Request-scoped record in which inner layers leave the caller and the objects for the outer ones.
 #[derive(Debug, Clone, Default)]
 pub struct Asker {
     principal: Arc<OnceLock<Arc<Principal>>>,
     touched: Touched,
-    /// Whether the request has no line of its own in the log.
+    /// Whether the request is logged only at level debug.
     hushed: Arc<AtomicBool>,
 }
 
 impl Asker {
-    /// Leaves who calls; also when the request is then refused.
+    /// Records the caller, even if the request is then refused.
     pub fn is(&self, principal: &Arc<Principal>) {
-        // A request is admitted once.
+        // Ignored if already set: a request is admitted once.
         let _ = self.principal.set(Arc::clone(principal));
     }
 
-    /// The objects it is about.
+    /// Objects that the request touches.
     pub fn touched(&self) -> &Touched {
         &self.touched
     }
 
-    /// The log has the request only at level debug: it is one of many of nobody.
+    /// Logs the request only at level debug, as one of many without a known caller.
     pub fn hush(&self) {
         self.hushed.store(true, Ordering::Relaxed);
     }
@@ -67,13 +67,13 @@ impl Asker {
         self.hushed.load(Ordering::Relaxed)
     }
 
-    /// Who calls, once that is known.
+    /// Caller, once known.
     pub fn principal(&self) -> Option<&Arc<Principal>> {
         self.principal.get()
     }
 }
 
-/// Takes away a request id that is long or has other characters than `A-Z a-z 0-9 . _ : -`; the request gets a new one.
+/// Removes a request id that is too long or has characters other than `A-Z a-z 0-9 . _ : -`; a new one is generated.
 pub async fn plain_request_id(mut request: Request, next: Next) -> Response {
     let is_plain = |id: &HeaderValue| {
         let is_plain = |c: &u8| c.is_ascii_alphanumeric() || b"._:-".contains(c);
@@ -85,23 +85,23 @@ pub async fn plain_request_id(mut request: Request, next: Next) -> Response {
     next.run(request).await
 }
 
-/// The id of the request.
+/// Request id.
 pub fn request_id(request: &Request) -> &str {
     request.headers().get(REQUEST_ID).and_then(|id| id.to_str().ok()).unwrap_or_default()
 }
 
-/// Whose requests are counted with this one.
+/// Network of the client, for counting.
 pub fn network(request: &Request) -> Option<IpAddr> {
     let peer = request.extensions().get::<ConnectInfo<SocketAddr>>();
     peer.map(|ConnectInfo(peer)| access::network(peer.ip()))
 }
 
-/// The template of the path.
+/// Path template of the matched route.
 pub fn route(request: &Request) -> Option<&str> {
     request.extensions().get::<MatchedPath>().map(MatchedPath::as_str)
 }
 
-/// Counts the request and writes its line.
+/// Middleware that counts and logs the request.
 pub async fn observe(mut request: Request, next: Next) -> Response {
     let asker = Asker::default();
     request.extensions_mut().insert(asker.clone());
@@ -117,7 +117,7 @@ pub async fn observe(mut request: Request, next: Next) -> Response {
     response.map(|body| Body::new(Counted { body, bytes, _held: Some(exchange) }))
 }
 
-/// The method as a label: clients may invent others.
+/// Label of the method: clients may invent others.
 fn method_label(method: &Method) -> &'static str {
     const KNOWN: [Method; 7] = [
         Method::GET,
@@ -142,7 +142,7 @@ fn status_class(status: StatusCode) -> &'static str {
     }
 }
 
-/// A request until its answer is sent, or until the client is gone.
+/// A request until its response is sent, or until the client disconnects.
 struct Exchange {
     begun: Instant,
     method: &'static str,
@@ -201,7 +201,7 @@ fn milliseconds(time: Duration) -> f64 {
     (time.as_secs_f64() * 1e6).round() / 1e3
 }
 
-/// A body whose bytes are counted; that of an answer holds the exchange until it is sent.
+/// A body whose bytes are counted; a response body also holds its exchange until it is sent.
 struct Counted {
     body: Body,
     bytes: Counter,

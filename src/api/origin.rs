@@ -1,19 +1,20 @@
-//! Requests that a page of another site has made.
+//! Cross-site requests, made by pages of other sites in a browser.
 //!
-//! As long as nobody is asked for a key, being on the machine is all that a caller shows, and every page in a browser on it
-//! shows that too. Browsers say which page asks (`Origin`, `Sec-Fetch-Site`); programs say nothing. With keys this is not needed:
-//! a browser adds no `Authorization` by itself, and a page of another site that does is asked beforehand, which is not answered.
+//! As long as no keys exist, being on the machine is a caller's only credential, and every page in a browser on it has that
+//! too. Browsers declare the origin of a request (`Origin`, `Sec-Fetch-Site`); other programs do not. With keys the check is
+//! unnecessary: a browser does not add `Authorization` by itself, and a cross-site page that adds it triggers a preflight,
+//! which the service does not answer.
 
 use axum::http::header::{HOST, ORIGIN};
 use axum::http::uri::Authority;
 use axum::http::{HeaderMap, Uri};
 
-/// The header in which browsers say how the page that asks is related to what it asks.
+/// Header in which browsers describe the relation between the requesting page and the target.
 const FETCH_SITE: &str = "sec-fetch-site";
-/// Of the same origin, or by the hand of the user. `same-site` is another port of this machine: another program.
+/// Same origin, or started by the user. `same-site` includes other ports of this machine, hence other programs.
 const OWN: [&str; 2] = ["same-origin", "none"];
 
-/// What is foreign about a request, with the name of the header that says it.
+/// Name of the header that shows a request to be cross-site, or `None`.
 pub fn foreign(uri: &Uri, headers: &HeaderMap) -> Option<&'static str> {
     let is_own_site = |value: &str| OWN.contains(&value);
     if !headers.get_all(FETCH_SITE).iter().all(|value| value.to_str().is_ok_and(is_own_site)) {
@@ -25,14 +26,13 @@ pub fn foreign(uri: &Uri, headers: &HeaderMap) -> Option<&'static str> {
     (!all_own).then_some("Origin")
 }
 
-/// What the request calls this service.
+/// Authority that the request addresses.
 fn own_authority(uri: &Uri, headers: &HeaderMap) -> Option<Authority> {
     let named = || headers.get(HOST)?.to_str().ok()?.parse().ok();
     uri.authority().cloned().or_else(named)
 }
 
-/// Whether a page with this origin was loaded from here. What ends TLS in between is not known here: a page that was loaded by
-/// HTTPS is its own page too.
+/// Whether `origin` is this service. A proxy may terminate TLS, so an HTTPS page with the same authority counts too.
 fn is_origin_of(origin: &str, own: &Authority) -> bool {
     let Some((scheme, rest)) = origin.split_once("://") else { return false };
     let usual_port = match scheme {
@@ -72,7 +72,7 @@ mod tests {
         usual.append(HOST, "localhost".parse().unwrap());
         usual.append(ORIGIN, "http://localhost:80".parse().unwrap());
         assert_eq!(foreign(&Uri::from_static("/v1/x"), &usual), None);
-        // HTTP/2 names the service in the address.
+        // HTTP/2 has the authority in the URI.
         usual.remove(HOST);
         assert_eq!(foreign(&Uri::from_static("http://localhost/v1/x"), &usual), None);
         assert_eq!(foreign(&Uri::from_static("/v1/x"), &usual), Some("Origin"));

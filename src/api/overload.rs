@@ -1,4 +1,4 @@
-//! What holds when there is too much: how long a request may take, and how often a caller may ask.
+//! Overload protection: time limits of requests, and rate limits of callers.
 
 use std::net::IpAddr;
 use std::num::NonZeroU32;
@@ -18,15 +18,15 @@ use super::problem::{Problem, ProblemKind};
 use crate::domain::access::Principal;
 use crate::service::app::{App, Limits};
 
-/// Callers are forgotten that did not ask lately, every so many requests.
+/// Number of requests after which inactive callers are removed.
 const SWEEP: u32 = 1024;
 
-/// The limits that middleware keeps; every request carries them.
+/// Limits enforced by middleware, attached to every request.
 #[derive(Debug)]
 pub struct Edge {
-    /// Bytes of a body on the wire, unless it is a stream of lines.
+    /// Maximum number of body bytes on the wire, except for streams of lines.
     pub body_bytes: usize,
-    /// How many times as long a body may become by decompression.
+    /// Maximum ratio of decompressed to compressed size.
     pub compression_ratio: u64,
     light: Duration,
     compute: Duration,
@@ -35,7 +35,7 @@ pub struct Edge {
 }
 
 impl Edge {
-    /// The limits of the service.
+    /// Limits of the service.
     pub fn new(limits: &Limits) -> Arc<Self> {
         Arc::new(Self {
             body_bytes: limits.body_bytes,
@@ -47,24 +47,24 @@ impl Edge {
         })
     }
 
-    /// Counts a request that access control has refused; the answer to one too many.
+    /// Counts a request refused by access control; returns a 429 response if it is over the limit.
     fn refuse_unknown(&self, caller: &Caller) -> Option<Response> {
         [&self.rates, &self.refusals].into_iter().flatten().find_map(|rates| rates.refuse(caller))
     }
 
-    /// Those that the request carries.
+    /// Limits attached to the request.
     pub fn of(request: &Request) -> Option<Arc<Self>> {
         request.extensions().get::<Arc<Self>>().cloned()
     }
 }
 
-/// Gives a request that reads what is stored its time.
+/// Applies the time limit of light requests.
 pub async fn light(request: Request, next: Next) -> Response {
     let time = Edge::of(&request).map(|edge| edge.light);
     within(time, request, next).await
 }
 
-/// Refuses new requests of a service that was asked to stop; probes are answered.
+/// Refuses new requests while the service is stopping; probes are still answered.
 pub async fn stopping(request: Request, next: Next) -> Response {
     if !request.extensions().get::<App>().is_some_and(App::is_stopping) {
         return next.run(request).await;
@@ -72,11 +72,11 @@ pub async fn stopping(request: Request, next: Next) -> Response {
     Problem::new(ProblemKind::Unavailable, "the service is stopping; send the request again").into_response()
 }
 
-/// When the time of a request that computes is over: its work hears of it too.
+/// Deadline of a computing request, which its work also observes.
 #[derive(Debug, Clone, Copy)]
 pub struct Deadline(pub Instant);
 
-/// Gives a request that computes its time.
+/// Applies the time limit of computing requests.
 pub async fn computing(mut request: Request, next: Next) -> Response {
     let time = Edge::of(&request).map(|edge| edge.compute);
     if let Some(time) = time {
@@ -95,12 +95,12 @@ async fn within(time: Option<Duration>, request: Request, next: Next) -> Respons
     })
 }
 
-/// Whose requests are counted together.
+/// Callers whose requests are counted together.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 enum Caller {
-    /// Those of this tenant with this key, or with a token of this subject.
+    /// Tenant and key, or tenant and subject of a token.
     Key(String, String),
-    /// Those without one, from this address.
+    /// Address of an unauthenticated client.
     Address(IpAddr),
 }
 
@@ -108,7 +108,7 @@ impl Caller {
     fn of(request: &Request) -> Option<Self> {
         match request.extensions().get::<Arc<Principal>>() {
             Some(principal) => {
-                // All tokens of the identity provider have one key: who stands behind it counts.
+                // All tokens of the identity provider share one key, so their subject is counted.
                 let caller = principal.subject.as_ref().unwrap_or(&principal.key);
                 Some(Self::Key(principal.tenant.clone(), caller.clone()))
             }
@@ -121,17 +121,17 @@ impl Caller {
     }
 }
 
-/// How often callers ask.
+/// Rate limiter of callers.
 #[derive(Debug)]
 struct Rates {
     limiter: DefaultKeyedRateLimiter<Caller>,
-    /// In words: so many of what in which time.
+    /// Description of the rate for the client.
     rate: String,
     checks: AtomicU32,
 }
 
 impl Rates {
-    /// None when `per_second` is 0; a `burst` of 0 is twice that.
+    /// `None` if `per_second` is 0; a `burst` of 0 means twice `per_second`.
     fn new(per_second: u32, burst: u32) -> Option<Self> {
         let rate = NonZeroU32::new(per_second)?;
         let burst = NonZeroU32::new(burst).unwrap_or(rate.saturating_add(per_second));
@@ -139,7 +139,7 @@ impl Rates {
         Some(Self::of_quota(quota, format!("{per_second} requests a second")))
     }
 
-    /// Of requests that access control refuses; none when `per_minute` is 0.
+    /// Limiter for requests refused by access control; `None` if `per_minute` is 0.
     fn of_refusals(per_minute: u32) -> Option<Self> {
         let quota = Quota::per_minute(NonZeroU32::new(per_minute)?);
         let rate =
@@ -151,7 +151,7 @@ impl Rates {
         Self { limiter: RateLimiter::keyed(quota), rate, checks: AtomicU32::new(0) }
     }
 
-    /// Counts a request; the answer to one too many.
+    /// Counts a request; returns a 429 response if it is over the limit.
     fn refuse(&self, caller: &Caller) -> Option<Response> {
         if self.checks.fetch_add(1, Ordering::Relaxed) % SWEEP == SWEEP - 1 {
             self.limiter.retain_recent();
@@ -170,7 +170,7 @@ fn refusal(rate: &str, seconds: u64) -> Response {
     response
 }
 
-/// Counts the requests of callers that are known, inside of access control.
+/// Rate limit of known callers. Runs inside access control.
 pub async fn count(request: Request, next: Next) -> Response {
     let counted = Edge::of(&request).zip(Caller::of(&request));
     let refused = counted.and_then(|(edge, caller)| edge.rates.as_ref()?.refuse(&caller));
@@ -180,8 +180,8 @@ pub async fn count(request: Request, next: Next) -> Response {
     }
 }
 
-/// Counts the requests that access control refuses, outside of it, for the address they come from: who tries keys is
-/// told no more than that. A valid key is never refused for what others of its address have sent.
+/// Rate limit, per address, of requests refused by access control, so that keys cannot be tried at will. Runs outside
+/// access control; a valid key is never refused because of other requests from its address.
 pub async fn count_refused(request: Request, next: Next) -> Response {
     let counted = Edge::of(&request).zip(Caller::at(&request));
     let response = next.run(request).await;

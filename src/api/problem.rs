@@ -1,4 +1,4 @@
-//! Problem documents (RFC 9457) in HTTP: the answer of every refusal, with the request id.
+//! Problem documents (RFC 9457) in HTTP: the body of every refusal, with the request id.
 //!
 //! The types and their documents are those of [`service::problem`](crate::service::app::problem).
 
@@ -12,7 +12,7 @@ use tower_http::request_id::RequestId;
 pub use crate::service::app::problem::{FaultDocument, Problem, ProblemDocument, ProblemKind};
 
 impl IntoResponse for Problem {
-    /// The body is written by [`render`], which knows the request id.
+    /// Sets the status; [`render`], which knows the request id, writes the body.
     fn into_response(self) -> Response {
         let mut response = self.kind().status().into_response();
         let headers = response.headers_mut();
@@ -27,7 +27,7 @@ impl IntoResponse for Problem {
     }
 }
 
-/// Writes the problem document of every refusal, also of those that middleware makes without a body.
+/// Middleware that writes the problem document of every refusal, including those of other middleware without a body.
 pub async fn render(request: Request, next: Next) -> Response {
     let request_id = request
         .extensions()
@@ -62,7 +62,7 @@ fn kind_of_status(status: StatusCode) -> ProblemKind {
         .unwrap_or(if status.is_server_error() { ProblemKind::Internal } else { ProblemKind::InvalidQuery })
 }
 
-/// The answer of a request whose handler panicked.
+/// Response to a request whose handler panicked.
 pub fn of_panic(_: Box<dyn std::any::Any + Send>) -> Response {
     tracing::error!("a request handler panicked");
     Problem::new(ProblemKind::Internal, "the cause is in the log under the request id").into_response()

@@ -1,4 +1,4 @@
-//! Answers: computed and written on the pool, so that a large body never holds up an async thread.
+//! Responses, computed and serialised on the thread pool so that a large body never blocks an async thread.
 
 use axum::body::{Body, Bytes};
 use axum::http::{StatusCode, header};
@@ -15,7 +15,7 @@ use crate::service::app::memory::Purpose;
 use crate::service::app::{App, ServiceError, Work};
 use crate::service::shapes::surfaces;
 
-/// Runs `work` on the pool and answers with what it wrote.
+/// Runs `work` on the pool and returns its response.
 ///
 /// # Errors
 /// The problem of the use case.
@@ -27,10 +27,10 @@ pub async fn compute(
     Ok(pool.run(move || work(&app)).await?)
 }
 
-/// What a body asks for: how much that is, and how it is answered.
+/// Planned work of a request, and the function that does it and writes the response.
 pub type Planned = (Work, Box<dyn FnOnce(&App) -> Result<Response, ServiceError> + Send>);
 
-/// `work`, which `answer` does.
+/// Pairs `work` with the function `answer` that does it.
 ///
 /// # Errors
 /// None: it is the last step of a plan.
@@ -41,10 +41,10 @@ pub fn planned(
     Ok((work, Box::new(answer)))
 }
 
-/// Reads `body` by `plan`, and answers with what it plans, on the lane for that much work.
+/// Parses `body` with `plan`, then computes the response on the lane that suits the planned work.
 ///
 /// # Errors
-/// The problem of the use case; more work than a request may be predicted to take.
+/// The problem of the use case; work beyond the limit for a request.
 pub async fn compute_planned(
     app: App,
     body: Bytes,
@@ -58,24 +58,24 @@ pub async fn compute_planned(
     Ok(pool.run_planned(body, plan).await?)
 }
 
-/// A JSON answer.
+/// JSON response.
 ///
 /// # Errors
-/// [`ServiceError::Internal`] when a value cannot be written (a bug).
+/// [`ServiceError::Internal`] if a value cannot be serialised (a bug).
 pub fn json(status: StatusCode, value: &impl Serialize) -> Result<Response, ServiceError> {
     let body = serde_json::to_vec(value).map_err(|error| ServiceError::Internal(error.to_string()))?;
     Ok((status, [(header::CONTENT_TYPE, "application/json")], body).into_response())
 }
 
-/// An SVG answer.
+/// SVG response.
 pub fn svg(drawing: String) -> Response {
     ([(header::CONTENT_TYPE, "image/svg+xml")], Body::from(drawing)).into_response()
 }
 
-/// The mesh of a shape: see [`surfaces::mesh`].
+/// Mesh of a shape; see [`surfaces::mesh`].
 ///
 /// # Errors
-/// Shapes that are no surfaces, grids that make no mesh.
+/// Shapes that are not surfaces, grids that form no mesh.
 pub fn mesh(
     space: &ShapeSpace,
     control_points: &[f64],
@@ -85,15 +85,15 @@ pub fn mesh(
     Ok(mesh_file(format, &surfaces::mesh(space, control_points, grid)?))
 }
 
-/// A mesh as a file.
+/// Mesh file as a response.
 pub fn mesh_file(format: MeshFormat, mesh: &TriangleMesh) -> Response {
     ([(header::CONTENT_TYPE, format.media_type())], Body::from(format.write(mesh))).into_response()
 }
 
-/// A matrix, written while it is sent, which holds its memory until then.
+/// Matrix, written while it is sent, which holds its memory until then.
 ///
 /// # Errors
-/// [`ServiceError::Overloaded`] when too many answers have not been read.
+/// [`ServiceError::Overloaded`] if too many responses are still unread.
 pub fn matrix(app: &App, matrix: NamedMatrix, format: MatrixFormat) -> Result<Response, ServiceError> {
     let held = app.memory.hold(Purpose::Answers, size_of_val(matrix.values.as_slice()))?;
     let pieces = matrix.pieces(format).map(move |piece| {

@@ -170,7 +170,6 @@ pub(super) struct EvaluateAnswer {
 
 /// Evaluates curves or surfaces and their derivatives; for subdivision surfaces, the mesh at their level.
 ///
-///
 /// As SVG: a drawing of the shapes. As OBJ, PLY, STL or glTF: the mesh of one surface at its `grid` or level.
 #[utoipa::path(post, path = "/evaluate", tag = "curves", request_body = EvaluateRequest,
     params(ShapeFormatQuery),
