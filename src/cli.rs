@@ -1,4 +1,4 @@
-//! The command line: the service, its interface document, and beside it `keys` and the `maintenance` of its store.
+//! Command line: the service, its OpenAPI document, a health check, API keys, and maintenance of the store.
 
 mod keys;
 mod maintenance;
@@ -12,7 +12,7 @@ use crate::config::{ServeArgs, ServeConfig};
 use crate::service::app::build;
 use crate::{api, health, server, telemetry};
 
-/// Shape statistics as a service.
+/// Shape statistics as a network service.
 #[derive(Debug, Parser)]
 #[command(name = "shapelex", version = build::LINE, about)]
 struct Cli {
@@ -26,13 +26,13 @@ enum Command {
     Serve(Box<ServeArgs>),
     /// Print the OpenAPI document.
     Openapi,
-    /// Ask a running service whether it is well: ends with 0 when it is.
+    /// Check the health of a running service; exits with 0 if it is healthy.
     Health {
-        /// Address that must answer with success
+        /// Address that must return a success status
         #[arg(long, default_value = "http://127.0.0.1:8080/readyz")]
         url: String,
     },
-    /// Make, list and revoke keys, also while the service runs.
+    /// Create, list and revoke API keys, even while the service runs.
     Key {
         #[command(subcommand)]
         command: keys::KeyCommand,
@@ -41,7 +41,7 @@ enum Command {
     Maintenance(maintenance::Maintenance),
 }
 
-/// Runs the program; errors go to standard error in one sentence.
+/// Runs the program; errors are written to standard error in one sentence.
 pub fn run() -> ExitCode {
     let outcome = match Cli::parse().command {
         Command::Serve(args) => serve(*args),
@@ -59,7 +59,7 @@ pub fn run() -> ExitCode {
     }
 }
 
-/// Says why the program does not go on.
+/// Prints why the program cannot continue.
 fn complain(message: &str) {
     #[allow(clippy::print_stderr, reason = "the last word of a program that cannot go on")]
     {
@@ -67,7 +67,7 @@ fn complain(message: &str) {
     }
 }
 
-/// 0 when it was done, 1 when it was done and something was found, 2 when it was not done.
+/// Exit code 0 if done, 1 if done with findings, 2 if it failed.
 fn maintain(command: maintenance::Maintenance) -> ExitCode {
     match runtime().and_then(|runtime| runtime.block_on(maintenance::run(command))) {
         Ok(maintenance::Outcome::Done) => ExitCode::SUCCESS,
@@ -100,13 +100,13 @@ fn runtime() -> Result<tokio::runtime::Runtime, String> {
     Ok(runtime)
 }
 
-/// A file that has reached the limit of its size (`ulimit -f`) cannot be written any more, which is answered; without this the
-/// signal that comes with it ends the process.
+/// Ignores SIGXFSZ. Writing to a file at the size limit (`ulimit -f`) then returns an error that can be handled, where the
+/// signal would end the process.
 #[cfg(unix)]
 fn outlive_file_limit() -> Result<(), String> {
     use tokio::signal::unix::{SignalKind, signal};
     let kind = SignalKind::from_raw(rustix::process::Signal::XFSZ.as_raw());
-    // Once it is heard it stays so, whoever listens.
+    // The handler stays installed after the listener is dropped.
     signal(kind).map(drop).map_err(|error| format!("signals cannot be heard: {error}"))
 }
 
@@ -124,7 +124,7 @@ fn openapi() -> Result<(), String> {
     say(&format!("{document}\n"))
 }
 
-/// Writes what was asked for to standard output; a reader that has seen enough is no failure.
+/// Writes output to standard output; a closed pipe is not an error.
 fn say(text: &str) -> Result<(), String> {
     match std::io::stdout().write_all(text.as_bytes()) {
         Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(format!("standard output: {error}")),

@@ -1,4 +1,4 @@
-//! Configuration: a flag, else its environment variable, else the config file, else the default.
+//! Configuration of the service. Flags take precedence over environment variables, these over the config file, then defaults.
 
 use std::net::SocketAddr;
 use std::num::NonZeroUsize;
@@ -15,21 +15,21 @@ use crate::service::app::{Limits, memory};
 use crate::worker::Places;
 use crate::worker::tidy::Terms;
 
-/// Most jobs at once: each has threads of its own.
+/// Maximum number of concurrent jobs: each has its own threads.
 const MAX_JOBS: usize = 64;
-/// Memory for bodies when there is plenty: what is read from four of the longest.
+/// Maximum of the default memory for bodies: enough to parse four bodies of maximum size.
 const MOST_BUFFERED: usize = 2 << 30;
-/// Fewer connections could wait for each other: a job reads while it writes.
+/// With fewer connections, jobs could deadlock: a job reads while it writes.
 const MIN_CONNECTIONS: u32 = 4;
-/// Most bytes of a matrix: what is stored as one piece must stay below a billion.
+/// Maximum size of a matrix in bytes: a value stored as one piece must stay below a billion.
 const MOST_MATRIX_BYTES: usize = 900_000_000;
-/// Most seconds that clocks may differ: more would keep tokens alive that have ended.
+/// Maximum clock difference in seconds: a larger one would accept expired tokens for too long.
 const MOST_LEEWAY_SECONDS: u64 = 300;
 
-/// Least bytes of a head that the connections can be held to.
+/// Smallest limit on request heads, in bytes, that connections can enforce.
 const LEAST_HEAD_BYTES: usize = 8192;
 
-/// A default of at least one.
+/// A default that is at least one.
 fn most(count: usize) -> NonZeroUsize {
     NonZeroUsize::new(count).unwrap_or(NonZeroUsize::MIN)
 }
@@ -38,10 +38,10 @@ fn seconds(count: NonZeroUsize) -> Duration {
     Duration::from_secs(u64::try_from(count.get()).unwrap_or(u64::MAX))
 }
 
-/// Declares the settings once: flags, environment, file and defaults are made from one list.
+/// Declares all settings in one list: flags, environment variables, config file and defaults.
 macro_rules! serve_settings {
     ($($(#[doc = $doc:literal])* $field:ident: $type:ty = $env:literal, $default:expr;)*) => {
-        /// Flags of `shapelex serve`; the same names, in snake case, in the config file.
+        /// Flags of `shapelex serve`; the config file uses the same names in snake case.
         #[derive(Debug, Default, Clone, Args, Deserialize)]
         #[serde(default, deny_unknown_fields)]
         pub struct ServeArgs {
@@ -84,7 +84,7 @@ impl ServeConfig {
             /// Flags over environment over file over defaults.
             ///
             /// # Errors
-            /// A file that cannot be read, with its name; values that make no sense.
+            /// A file that cannot be read, with its name; invalid values.
             pub fn load(args: ServeArgs) -> Result<Self, String> {
                 let file = args.config.as_deref().map_or_else(|| Ok(ServeArgs::default()), read_file)?;
                 let config = Self {
@@ -98,115 +98,118 @@ impl ServeConfig {
 }
 
 serve_settings! {
-    /// Address to listen on; port 0 takes a free one and prints it
+    /// Address to listen on; port 0 selects a free port and prints it
     listen: SocketAddr = "SHAPELEX_LISTEN", SocketAddr::from(([127, 0, 0, 1], 8080));
-    /// Folder of the embedded store, made when missing
+    /// Folder of the embedded store, created if missing
     data_dir: PathBuf = "SHAPELEX_DATA_DIR", PathBuf::from("shapelex-data");
-    /// Start although the newest part of the embedded store is missing, and go on with what is left
+    /// Start even if the newest part of the embedded store is missing, and continue with the rest
     accept_loss: bool = "SHAPELEX_ACCEPT_LOSS", false;
-    /// Address of a PostgreSQL database (`postgres://…`) to use instead of the embedded one; any number of processes may share it
+    /// Address of a PostgreSQL database (`postgres://…`) in place of the embedded one; any number of replicas may share it
     database_url: String = "DATABASE_URL", String::new();
     /// File with the address of the PostgreSQL database, in place of the address itself
     database_url_file: PathBuf = "SHAPELEX_DATABASE_URL_FILE", PathBuf::new();
-    /// Most connections of this process to PostgreSQL
+    /// Maximum number of PostgreSQL connections of this process
     database_connections: u32 = "SHAPELEX_DATABASE_CONNECTIONS", 16;
-    /// Compute threads; 0 takes one per core
+    /// Number of compute threads; 0 means one per core
     threads: usize = "SHAPELEX_THREADS", 0;
-    /// Jobs that run at once, on compute threads of their own, as many as those of the requests
+    /// Number of jobs that run at once, at most 64; they share compute threads of their own, as many as those of the requests
     jobs: NonZeroUsize = "SHAPELEX_JOBS", NonZeroUsize::MIN;
-    /// Longest request body in bytes, after decompression (streams are bounded by their lines instead)
+    /// Maximum size of a request body in bytes, after decompression (for streams, the line limit applies instead)
     max_body_bytes: usize = "SHAPELEX_MAX_BODY_BYTES", Limits::default().body_bytes;
-    /// Longest line of an NDJSON stream in bytes
+    /// Maximum length of a line of an NDJSON stream in bytes
     max_line_bytes: usize = "SHAPELEX_MAX_LINE_BYTES", Limits::default().line_bytes;
-    /// Most values of a JSON body, counted by its commas and brackets
+    /// Maximum number of values in a JSON body, counted by its commas and brackets
     max_json_values: usize = "SHAPELEX_MAX_JSON_VALUES", Limits::default().json_values;
-    /// How many times as long as on the wire a compressed body may become, beyond its first MiB
+    /// Maximum ratio of decompressed to compressed size of a body, beyond its first MiB
     max_compression_ratio: usize = "SHAPELEX_MAX_COMPRESSION_RATIO", Limits::default().compression_ratio;
-    /// Most bytes of the metadata of a shape, as JSON
+    /// Maximum size of the metadata of a shape in bytes, as JSON
     max_metadata_bytes: usize = "SHAPELEX_MAX_METADATA_BYTES", Limits::default().metadata_bytes;
-    /// Most shapes of a request that is answered from memory
+    /// Maximum number of shapes in a request that is answered from memory
     max_shapes: usize = "SHAPELEX_MAX_SHAPES", Limits::default().shapes;
-    /// Most points of a posted contour
+    /// Maximum number of points of a posted contour
     max_points: usize = "SHAPELEX_MAX_POINTS", Limits::default().points;
-    /// Most vertices of a refined mesh
+    /// Maximum number of vertices of a refined mesh
     max_mesh_vertices: usize = "SHAPELEX_MAX_MESH_VERTICES", Limits::default().vertices;
-    /// Most control points of a representation
+    /// Maximum number of control points of a representation
     max_control_points: usize = "SHAPELEX_MAX_CONTROL_POINTS", Limits::default().control_points;
-    /// Most atoms or components of a dictionary
+    /// Maximum number of atoms or components of a dictionary
     max_atoms: usize = "SHAPELEX_MAX_ATOMS", Limits::default().atoms;
-    /// Most bytes of memory that a job may be predicted to take; more are refused before it runs; 0 takes 4 GiB, at most three
+    /// Maximum predicted memory of a job in bytes; larger jobs are refused before they run; 0 means 4 GiB, but at most three
     /// eighths of the memory
     max_job_bytes: usize = "SHAPELEX_MAX_JOB_BYTES", 0;
-    /// Most bytes of a distance matrix, at most 900 million
+    /// Maximum size of a distance matrix in bytes, at most 900 million
     max_matrix_bytes: usize = "SHAPELEX_MAX_MATRIX_BYTES", Limits::default().matrix_bytes;
-    /// Most multiply-adds that a distance matrix may be predicted to take to be answered at once; larger ones become a job
+    /// Maximum predicted multiply-adds of a distance matrix that is answered at once; larger ones become a job
     max_matrix_operations: usize = "SHAPELEX_MAX_MATRIX_OPERATIONS", Limits::default().matrix_operations;
-    /// Most multiply-adds that a search may be predicted to take
+    /// Maximum predicted multiply-adds of a search
     max_search_operations: usize = "SHAPELEX_MAX_SEARCH_OPERATIONS", Limits::default().search_operations;
-    /// Days that deleted cohorts and dictionaries stay in the trash before they are removed for good
+    /// Days that deleted cohorts and dictionaries stay in the trash before they are permanently removed
     trash_days: u32 = "SHAPELEX_TRASH_DAYS", 30;
-    /// PEM file with the certificate chain; plain HTTP unless given, together with the key
+    /// PEM file with the certificate chain, given together with the key. Default: none, which means plain HTTP
     tls_cert: PathBuf = "SHAPELEX_TLS_CERT", PathBuf::new();
-    /// PEM file with the key of the certificate; both files are read again when they change, and on SIGHUP
+    /// PEM file with the private key of the certificate; both files are reloaded when they change, and on SIGHUP
     tls_key: PathBuf = "SHAPELEX_TLS_KEY", PathBuf::new();
-    /// Most open connections; beyond it the one that waits for its client for longest is closed
+    /// Maximum number of open connections; beyond it the one that has been idle longest is closed
     max_connections: NonZeroUsize = "SHAPELEX_MAX_CONNECTIONS", most(4096);
-    /// Most bytes of the head of a request, at least 8192
+    /// Maximum size of a request head in bytes, at least 8192
     max_head_bytes: usize = "SHAPELEX_MAX_HEAD_BYTES", 64 << 10;
-    /// Most requests at once on one connection of HTTP/2
+    /// Maximum number of concurrent requests on one HTTP/2 connection
     max_streams: u32 = "SHAPELEX_MAX_STREAMS", 100;
-    /// Longest time in seconds from a connection to the end of the head of its first request
+    /// Timeout in seconds from a connection to the end of its first request head
     first_request_seconds: NonZeroUsize = "SHAPELEX_FIRST_REQUEST_SECONDS", most(10);
-    /// Longest time in seconds from one answer to the end of the head of the next request of a connection
+    /// Timeout in seconds from a response to the end of the next request head on the connection
     idle_seconds: NonZeroUsize = "SHAPELEX_IDLE_SECONDS", most(75);
-    /// Longest time in seconds in which a client takes less than 16 KiB of an answer that is ready
+    /// Timeout in seconds of a client that takes less than 16 KiB of a response that is ready
     reader_seconds: NonZeroUsize = "SHAPELEX_READER_SECONDS", most(30);
-    /// Longest time in seconds for a request that only reads what is stored
+    /// Timeout in seconds of a request that only reads stored data
     light_seconds: NonZeroUsize = "SHAPELEX_LIGHT_SECONDS", most(30);
-    /// Longest time in seconds for a request that computes; streams are bounded by their pauses instead
+    /// Timeout in seconds of a request that computes; streams are bounded by their pauses instead
     compute_seconds: NonZeroUsize = "SHAPELEX_COMPUTE_SECONDS", most(120);
-    /// Most heavy requests that compute or wait for it, besides jobs; 0 takes four per compute thread
+    /// Maximum number of heavy requests that compute or wait to compute, besides jobs; 0 means four per compute thread
     max_heavy_requests: usize = "SHAPELEX_MAX_HEAVY_REQUESTS", Limits::default().heavy_requests;
-    /// Most seconds that a job may be predicted to take; more are refused, and one that takes three times as long is ended
+    /// Maximum predicted duration of a job in seconds; longer jobs are refused, and a job that takes three times as long is
+    /// stopped
     max_job_seconds: NonZeroUsize = "SHAPELEX_MAX_JOB_SECONDS", most(6 * 3600);
-    /// Most jobs of a tenant that wait, up to 1000
+    /// Maximum number of queued jobs of a tenant, up to 1000
     max_queued_jobs: u32 = "SHAPELEX_MAX_QUEUED_JOBS", Limits::default().queued_jobs;
-    /// Most seconds that the waiting jobs of a tenant may be predicted to take together
+    /// Maximum predicted duration of all queued jobs of a tenant together, in seconds
     max_queued_seconds: NonZeroUsize = "SHAPELEX_MAX_QUEUED_SECONDS", most(24 * 3600);
-    /// Most seconds of compute time that a request may be predicted to take; more are refused before they begin
+    /// Maximum predicted compute time of a request in seconds; longer requests are refused before they start
     max_request_seconds: NonZeroUsize = "SHAPELEX_MAX_REQUEST_SECONDS", most(10);
-    /// Most resident bytes of the process, beyond which what is large is refused; 0 takes those of its control group, else of the machine
+    /// Maximum resident memory of the process in bytes, beyond which large requests are refused; 0 means the limit of its
+    /// control group, else the memory of the machine
     max_memory: usize = "SHAPELEX_MAX_MEMORY", 0;
-    /// Most bytes of memory for request bodies and what is read from them, of all requests together; at least those of one body; 0
-    /// takes a quarter of the memory
+    /// Maximum memory in bytes for all request bodies and the values read from them, at least the size of one body; 0 means a
+    /// quarter of the memory
     max_buffered_bytes: usize = "SHAPELEX_MAX_BUFFERED_BYTES", 0;
-    /// Most bytes of memory for answers that are not sent yet, of all requests together; 0 takes an eighth of the memory
+    /// Maximum memory in bytes for all responses that are not yet sent; 0 means an eighth of the memory
     max_answer_bytes: usize = "SHAPELEX_MAX_ANSWER_BYTES", 0;
-    /// Requests that a caller may make in a second, on average; 0 does not count them
+    /// Maximum average number of requests per second and caller; 0 disables the limit
     rate_per_second: u32 = "SHAPELEX_RATE_PER_SECOND", Limits::default().rate_per_second;
-    /// Requests that a caller may make at once; 0 takes twice those of a second
+    /// Maximum number of requests in a burst per caller; 0 means twice the number per second
     rate_burst: u32 = "SHAPELEX_RATE_BURST", Limits::default().rate_burst;
-    /// Requests without a valid key from one address in a minute that are answered 401, more are answered 429; 0 does not count them
+    /// Number of requests per minute and address without a valid key that get status 401; further ones get 429; 0 disables the
+    /// limit
     refusals_per_minute: u32 = "SHAPELEX_REFUSALS_PER_MINUTE", Limits::default().refusals_per_minute;
     /// Days that entries of the audit trail are kept
     audit_days: u32 = "SHAPELEX_AUDIT_DAYS", 365;
-    /// Whether also requests that only read are refused while the audit trail cannot be written
+    /// Refuse even read requests while the audit trail cannot be written
     audit_required: bool = "SHAPELEX_AUDIT_REQUIRED", false;
-    /// Address of the identity provider whose bearer tokens are accepted: their claim `iss`; empty for none
+    /// Address of the identity provider whose bearer tokens are accepted (claim `iss`); empty for none
     oidc_issuer: String = "SHAPELEX_OIDC_ISSUER", String::new();
-    /// Who the tokens must be for: their claim `aud`
+    /// Audience that tokens must have (claim `aud`)
     oidc_audience: String = "SHAPELEX_OIDC_AUDIENCE", String::new();
-    /// Address of the provider's public keys (JWKS); empty to ask the provider for it
+    /// Address of the provider's public keys (JWKS); empty to discover it from the provider
     oidc_jwks_url: String = "SHAPELEX_OIDC_JWKS_URL", String::new();
-    /// Claim with the roles `reader`, `writer`, `admin`; with dots, inside of objects
+    /// Claim with the roles `reader`, `writer`, `admin`; dots address nested objects
     oidc_role_claim: String = "SHAPELEX_OIDC_ROLE_CLAIM", "roles".into();
-    /// Claim with the tenant; empty when all are of the default one
+    /// Claim with the tenant; empty if all callers belong to the default tenant
     oidc_tenant_claim: String = "SHAPELEX_OIDC_TENANT_CLAIM", String::new();
-    /// Whether only tokens are accepted that say they are access tokens (`typ: at+jwt`, RFC 9068)
+    /// Accept only tokens declared as access tokens (`typ: at+jwt`, RFC 9068)
     oidc_require_at_jwt: bool = "SHAPELEX_OIDC_REQUIRE_AT_JWT", false;
-    /// Seconds by which the clocks of the provider and the service may differ, at most 300
+    /// Allowed difference in seconds between the clocks of provider and service, at most 300
     oidc_leeway_seconds: u64 = "SHAPELEX_OIDC_LEEWAY_SECONDS", 30;
-    /// Whether /metrics is shown to everyone
+    /// Serve /metrics without authentication
     metrics_open: bool = "SHAPELEX_METRICS_OPEN", false;
     /// Log filter, such as `info` or `shapelex=debug`
     log: String = "SHAPELEX_LOG", "info".into();
@@ -214,24 +217,24 @@ serve_settings! {
     log_format: LogFormat = "SHAPELEX_LOG_FORMAT", LogFormat::Text;
 }
 
-/// How log lines are written.
+/// Format of log lines.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum LogFormat {
-    /// For people.
+    /// Text for people.
     Text,
-    /// One JSON object a line.
+    /// One JSON object per line.
     Json,
 }
 
 impl ServeConfig {
-    /// Sizes that requests are checked against.
+    /// Limits that requests are checked against.
     pub fn limits(&self) -> Limits {
         let memory = self.memory();
         let share = |given: usize, part: usize, least: usize, most: usize| {
             if given == 0 { (memory / 8 * part).min(most).max(least) } else { given }
         };
-        // Seven eighths of the account are for what is large: a matrix must fit.
+        // Seven eighths of the quota are for large responses, and a matrix must fit into them.
         let matrix = self.max_matrix_bytes / 7 * 8 + 8;
         Limits {
             control_points: self.max_control_points,
@@ -265,12 +268,12 @@ impl ServeConfig {
         }
     }
 
-    /// What the process may take.
+    /// Memory available to the process in bytes.
     fn memory(&self) -> usize {
         if self.max_memory == 0 { memory::available() } else { self.max_memory }
     }
 
-    /// Where the store is.
+    /// Location of the store.
     pub(crate) fn place(&self) -> Place {
         Place {
             database_url: self.database_url.clone(),
@@ -280,7 +283,7 @@ impl ServeConfig {
         }
     }
 
-    /// What clients are allowed before their requests are looked at.
+    /// Limits on connections, which apply before requests are read.
     pub(crate) fn connections(&self) -> ConnectionLimits {
         ConnectionLimits {
             connections: self.max_connections.get(),
@@ -292,12 +295,12 @@ impl ServeConfig {
         }
     }
 
-    /// How long things are kept.
+    /// Retention periods.
     pub fn terms(&self) -> Terms {
         Terms { trash_days: self.trash_days, audit_days: self.audit_days }
     }
 
-    /// Where jobs run.
+    /// Number of job slots and compute threads.
     pub fn places(&self) -> Places {
         Places { jobs: self.jobs, threads: self.threads }
     }
@@ -330,13 +333,13 @@ impl ServeConfig {
             return Err(format!("oidc_leeway_seconds is {found}, must be at most {MOST_LEEWAY_SECONDS}"));
         }
         if self.oidc_issuer.is_empty() != self.oidc_audience.is_empty() {
-            // Without an audience a token that was made for any other service would do.
+            // Without an audience, a token issued for any other service would be accepted.
             return Err("oidc_issuer and oidc_audience are only useful together: set both or none".into());
         }
         Ok(self)
     }
 
-    /// Who is let in.
+    /// Access control settings.
     pub fn access(&self) -> AccessSettings {
         let given = |text: &String| (!text.is_empty()).then(|| text.clone());
         let tokens = given(&self.oidc_issuer).map(|issuer| TokenSettings {

@@ -1,24 +1,24 @@
-//! Asks a running service whether it is well, for containers that have nothing else to ask with.
+//! Health check of a running service, for containers without an HTTP client.
 
 use std::net::IpAddr;
 use std::time::Duration;
 
 use reqwest::{Client, Url};
 
-/// Longest time for the answer.
+/// Longest time to wait for the response.
 const PATIENCE: Duration = Duration::from_secs(3);
 
-/// Succeeds when the address answers with success in time.
+/// Succeeds if the address returns a success status in time.
 ///
 /// # Errors
-/// What it did instead, in one sentence.
+/// The actual outcome, in one sentence.
 pub(crate) async fn ask(address: &str) -> Result<(), String> {
     let url: Url = address.parse().map_err(|error| format!("'{address}' is no address: {error}"))?;
     let client = Client::builder()
         .no_proxy()
         .redirect(reqwest::redirect::Policy::none())
         .timeout(PATIENCE)
-        // A certificate is made for the public name. Nobody else answers on a loopback address, and nothing is told.
+        // The certificate names the public host. On a loopback address no other host can answer, and no secret is sent.
         .tls_danger_accept_invalid_certs(is_loopback(&url))
         .build()
         .map_err(|error| error.to_string())?;

@@ -1,6 +1,6 @@
 //! Shapelex: shape statistics as a network service.
 //!
-//! Layers, each using only those below it (a test reads the imports):
+//! Layers, each using only those below it (enforced by a test):
 //!
 //! | layer | modules |
 //! |---|---|

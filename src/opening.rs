@@ -1,33 +1,33 @@
-//! The store that the settings name, for the service and for the commands beside it.
+//! Opens the store that the settings name, for the service and for command-line tools.
 
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use crate::store::{Store, StoreError};
 
-/// How long a start waits for its database.
+/// Longest time that a start waits for its database.
 const PATIENCE: Duration = Duration::from_secs(60);
-/// How often it looks.
+/// Interval between connection attempts.
 const PAUSE: Duration = Duration::from_millis(500);
 
-/// Where the store is.
+/// Location of the store.
 #[derive(Debug, Clone)]
 pub(crate) struct Place {
-    /// `postgres://…`, or empty for the embedded database.
+    /// Address `postgres://…`, or empty for the embedded database.
     pub(crate) database_url: String,
-    /// Connections to PostgreSQL.
+    /// Maximum number of connections to PostgreSQL.
     pub(crate) database_connections: u32,
     /// Folder of the embedded database.
     pub(crate) data_dir: PathBuf,
-    /// Whether to go on with what is left of an embedded store whose newest part is missing.
+    /// Whether to continue with an embedded store whose newest part is missing.
     pub(crate) accepts_loss: bool,
 }
 
-/// The address of the database: as it is given, or what stands in the file that is given instead. A file is read by its owner
-/// alone; a flag stands in the list of processes.
+/// Address of the database, given directly or read from a file. A file can be readable by its owner alone, whereas a flag
+/// is visible in the list of processes.
 ///
 /// # Errors
-/// A file that cannot be read, or that is given besides the address.
+/// A file that cannot be read, or that is given together with an address.
 pub(crate) fn database_url(given: &str, file: Option<&Path>) -> Result<String, String> {
     match (given.is_empty(), file.filter(|file| !file.as_os_str().is_empty())) {
         (_, None) => Ok(given.to_owned()),
@@ -36,7 +36,7 @@ pub(crate) fn database_url(given: &str, file: Option<&Path>) -> Result<String, S
             let text =
                 std::fs::read_to_string(file).map_err(|error| format!("{}: {error}", file.display()))?;
             let text = text.trim();
-            // Nothing would mean the embedded database.
+            // An empty address would select the embedded database.
             if text.is_empty() {
                 return Err(format!("{}: expected the address of a database, got nothing", file.display()));
             }
@@ -46,26 +46,26 @@ pub(crate) fn database_url(given: &str, file: Option<&Path>) -> Result<String, S
 }
 
 impl Place {
-    /// Opens the store for a command beside the service, which may be running.
+    /// Opens the store for a command, while the service may be running.
     ///
     /// # Errors
-    /// Why it does not open.
+    /// Reason why it does not open.
     pub(crate) async fn attach(&self) -> Result<Store, String> {
         if !self.database_url.is_empty() {
             return self.open().await;
         }
         let failed = |error| format!("the store in {} does not open: {error}", self.data_dir.display());
         match Store::attach(&self.data_dir).await {
-            // There is none yet: made as the service would make it.
+            // There is no store yet: create it as the service would.
             Err(StoreError::Folder { .. }) => Store::open(&self.data_dir).await.map_err(failed),
             attached => attached.map_err(failed),
         }
     }
 
-    /// Opens the store; waits up to a minute for a database that is not there yet.
+    /// Opens the store; waits up to a minute for a database that is not yet available.
     ///
     /// # Errors
-    /// Why it does not open, without the address, which may hold a password.
+    /// Reason why it does not open, without the address, which may contain a password.
     pub(crate) async fn open(&self) -> Result<Store, String> {
         if self.database_url.is_empty() {
             let failed = |error| format!("the store in {} does not open: {error}", self.data_dir.display());
@@ -91,7 +91,7 @@ impl Place {
     }
 }
 
-/// The error with what lies behind it.
+/// The error with its source.
 fn cause(error: &StoreError) -> String {
     match std::error::Error::source(error) {
         Some(source) => format!("{error}: {source}"),

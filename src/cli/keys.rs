@@ -1,4 +1,4 @@
-//! `shapelex key`: make, list and revoke keys, beside a running service or before its first start.
+//! `shapelex key`: creates, lists and revokes API keys, beside a running service or before its first start.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -11,37 +11,37 @@ use crate::opening::{self, Place};
 use crate::service::access::keys::{self, NewKey};
 use crate::service::app::{App, Limits, ServiceError, now_ms};
 
-/// Connections that a command takes.
+/// Number of database connections of a command.
 const CONNECTIONS: u32 = 2;
-/// Keys read at a time.
+/// Number of keys read at a time.
 const PAGE: usize = 1000;
 
-/// What is done with keys.
+/// Subcommands of `shapelex key`.
 #[derive(Debug, Subcommand)]
 pub(super) enum KeyCommand {
-    /// Make a key; its secret is printed this one time
+    /// Create a key; its secret is printed only once
     Create(CreateArgs),
-    /// List the keys of a tenant, also those that have ended
+    /// List the keys of a tenant, including expired and revoked ones
     List(WhereArgs),
-    /// End a key for good
+    /// Revoke a key permanently
     Revoke(RevokeArgs),
 }
 
 #[derive(Debug, Args)]
 pub(super) struct CreateArgs {
-    /// What people call it
+    /// Display name
     #[arg(long)]
     name: String,
-    /// `reader`, `writer` or `admin`
+    /// Role: `reader`, `writer` or `admin`
     #[arg(long, value_parser = role)]
     role: Role,
-    /// Id or name of the only cohort that it opens; may be given several times
+    /// Id or name of the only cohort the key gives access to; may be repeated
     #[arg(long = "cohort", value_name = "COHORT")]
     cohorts: Vec<String>,
-    /// Days until it ends; it does not end unless given
+    /// Days until the key expires. Default: never
     #[arg(long, value_name = "N")]
     expires_in_days: Option<u32>,
-    /// File with the text of the key, drawn elsewhere (`shk_`, 32 hexadecimal digits, `_`, 64 more): then only its id is printed
+    /// File with the text of a key generated elsewhere (`shk_`, 32 hexadecimal digits, `_`, 64 more); only its id is printed
     #[arg(long, value_name = "FILE")]
     secret_file: Option<PathBuf>,
     #[command(flatten)]
@@ -50,7 +50,7 @@ pub(super) struct CreateArgs {
 
 #[derive(Debug, Args)]
 pub(super) struct RevokeArgs {
-    /// Its id: `key_…`
+    /// Id of the key: `key_…`
     id: String,
     #[command(flatten)]
     at: WhereArgs,
@@ -58,16 +58,16 @@ pub(super) struct RevokeArgs {
 
 #[derive(Debug, Args)]
 pub(super) struct WhereArgs {
-    /// Whose keys
+    /// Tenant that owns the keys
     #[arg(long, default_value = DEFAULT_TENANT)]
     tenant: String,
     /// Folder of the embedded store
     #[arg(long, env = "SHAPELEX_DATA_DIR", default_value = "shapelex-data")]
     data_dir: PathBuf,
-    /// Address of the PostgreSQL database, when it is not the embedded one
+    /// Address of the PostgreSQL database, if the store is not embedded
     #[arg(long, env = "DATABASE_URL", hide_env_values = true, default_value = "")]
     database_url: String,
-    /// File with that address, in place of the address itself
+    /// File with the address of the PostgreSQL database, in place of the address itself
     #[arg(long, env = "SHAPELEX_DATABASE_URL_FILE", value_name = "FILE")]
     database_url_file: Option<PathBuf>,
 }
@@ -76,10 +76,10 @@ fn role(word: &str) -> Result<Role, String> {
     Role::of_word(word).ok_or_else(|| "must be reader, writer or admin".into())
 }
 
-/// Does it; what it answers is for standard output.
+/// Executes the command; returns its output.
 ///
 /// # Errors
-/// Why not, in one sentence.
+/// Reason for the failure, in one sentence.
 pub(super) async fn run(command: KeyCommand) -> Result<String, String> {
     let at = match &command {
         KeyCommand::Create(args) => &args.at,
@@ -99,7 +99,7 @@ pub(super) async fn run(command: KeyCommand) -> Result<String, String> {
 }
 
 impl WhereArgs {
-    /// The service as the tenant's administrator sees it.
+    /// The service as seen by an administrator of the tenant.
     async fn open(&self) -> Result<App, String> {
         if let Some(problem) = tenant_problem(&self.tenant) {
             return Err(format!("the tenant '{}' {problem}", self.tenant));
@@ -115,7 +115,7 @@ impl WhereArgs {
     }
 }
 
-/// The secret alone: `KEY=$(shapelex key create …)`; of a secret that was given, the id.
+/// Returns the secret alone, for `KEY=$(shapelex key create …)`; for a given secret, the id.
 async fn create(app: &App, args: CreateArgs) -> Result<String, ServiceError> {
     let cohorts = (!args.cohorts.is_empty()).then_some(args.cohorts);
     let new = NewKey { name: args.name, role: args.role, cohorts, expires_in_days: args.expires_in_days };
@@ -129,7 +129,7 @@ async fn create(app: &App, args: CreateArgs) -> Result<String, ServiceError> {
     Ok(format!("{}\n", key.id))
 }
 
-/// A line a key, its parts separated by tabs.
+/// One line per key, with fields separated by tabs.
 async fn list(app: &App) -> Result<String, ServiceError> {
     let mut lines = String::from("id\trole\tstate\tlast use\tcohorts\tname\n");
     let mut cursor = None;

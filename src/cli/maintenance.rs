@@ -1,4 +1,4 @@
-//! Commands for the operator of a store: check, back up, restore, migrate, export, import.
+//! Maintenance commands for operators: check, back up, restore, migrate, export, import.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{BufReader, BufWriter, Write};
@@ -11,67 +11,67 @@ use crate::service::app::clock;
 use crate::store::maintenance::{self, Checked, MaintenanceError, Site};
 use crate::store::{Store, StoreError};
 
-/// Connections to PostgreSQL that an import takes.
+/// Number of PostgreSQL connections of an import.
 const CONNECTIONS: u32 = 4;
-/// Bytes on their way to or from a file.
+/// Buffer size in bytes for reading and writing files.
 const BUFFER: usize = 1 << 20;
 
-/// What is done with a store.
+/// Maintenance commands of a store.
 #[derive(Debug, Subcommand)]
 pub(super) enum Maintenance {
-    /// Read the whole store, also beside the running service; ends with 1 when something is not as it should be
+    /// Verify the whole store, even while the service runs; exits with 1 if there are findings
     Check(At),
-    /// Copy the embedded store to a new file, also beside the running service
+    /// Copy the embedded store to a new file, even while the service runs
     Backup {
         /// File to write; it must not exist
         file: PathBuf,
         #[command(flatten)]
         at: At,
     },
-    /// Make an embedded store of a backup, in an empty folder
+    /// Create an embedded store from a backup, in an empty folder
     Restore {
-        /// File that `backup` wrote
+        /// File written by `backup`
         file: PathBuf,
-        /// Folder of the embedded store, made when missing
+        /// Folder of the embedded store, created if missing
         #[arg(long, env = "SHAPELEX_DATA_DIR", default_value = "shapelex-data")]
         data_dir: PathBuf,
     },
-    /// Bring the schema of the store up to date, as the start of the service does
+    /// Upgrade the schema of the store, as the start of the service does
     Migrate {
-        /// Only say whether it is; ends with 1 when it is not
+        /// Only report whether the schema is up to date; exits with 1 if it is not
         #[arg(long)]
         check: bool,
         #[command(flatten)]
         at: At,
     },
-    /// Write everything as lines that any store can import, also beside the running service
+    /// Write everything as lines that any store can import, even while the service runs
     Export {
         /// File to write, which must not exist; `-` is standard output
         file: PathBuf,
         #[command(flatten)]
         at: At,
     },
-    /// Believe the clock of this machine as it is, also beside the running service: what is due by it may be removed again
+    /// Accept the clock of this machine as correct, even while the service runs, so that expired data may be removed again
     ConfirmClock(At),
-    /// Read an export into an empty store; all or nothing
+    /// Read an export into an empty store, all or nothing
     Import {
-        /// File that `export` wrote; `-` is standard input
+        /// File written by `export`; `-` is standard input
         file: PathBuf,
         #[command(flatten)]
         at: At,
     },
 }
 
-/// Where the store is.
+/// Location of the store.
 #[derive(Debug, Args)]
 pub(super) struct At {
     /// Folder of the embedded store
     #[arg(long, env = "SHAPELEX_DATA_DIR", default_value = "shapelex-data")]
     data_dir: PathBuf,
-    /// Address of the PostgreSQL database, when it is not the embedded one
+    /// Address of the PostgreSQL database, if the store is not embedded
     #[arg(long, env = "DATABASE_URL", hide_env_values = true, default_value = "")]
     database_url: String,
-    /// File with that address, in place of the address itself
+    /// File with the address of the PostgreSQL database, in place of the address itself
     #[arg(long, env = "SHAPELEX_DATABASE_URL_FILE", value_name = "FILE")]
     database_url_file: Option<PathBuf>,
 }
@@ -83,18 +83,18 @@ impl At {
     }
 }
 
-/// How a command ended that was done.
+/// Outcome of a completed command.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Outcome {
     Done,
-    /// There is something that the operator should see to.
+    /// There are findings that need the operator's attention.
     Findings,
 }
 
-/// Does it, and says on standard output what was done.
+/// Executes the command, and reports on standard output.
 ///
 /// # Errors
-/// Why not, in one sentence.
+/// Reason for the failure, in one sentence.
 pub(super) async fn run(command: Maintenance) -> Result<Outcome, String> {
     let done = match command {
         Maintenance::Check(at) => check(&at.site()?).await,
@@ -116,7 +116,7 @@ async fn check(site: &Site) -> Result<Outcome, MaintenanceError> {
             say("the store was not read any further: 1 finding");
             return Ok(Outcome::Findings);
         }
-        // So badly damaged that it does not open.
+        // The store is too damaged to open.
         Err(MaintenanceError::Store(StoreError::Damaged { detail })) => {
             say(&detail);
             say("the store cannot be read any further: 1 finding");
@@ -195,7 +195,7 @@ async fn export(file: &Path, site: &Site) -> Result<Outcome, MaintenanceError> {
     let rows = match exported {
         Ok(rows) => rows,
         Err(error) => {
-            // The name of what is left says what it is.
+            // If removal fails, the name of the remaining file marks it as partial.
             let _ = fs::remove_file(&partial);
             return Err(error);
         }
@@ -206,12 +206,12 @@ async fn export(file: &Path, site: &Site) -> Result<Outcome, MaintenanceError> {
     Ok(Outcome::Done)
 }
 
-/// Writes the export through to the disk.
+/// Writes the export and syncs it to disk.
 async fn export_to(store: &Store, file: &Path) -> Result<u64, MaintenanceError> {
     let failed = |source| MaintenanceError::File { path: file.to_path_buf(), source };
     let mut options = OpenOptions::new();
     options.write(true).create(true).truncate(true);
-    // It holds everything, for its owner alone.
+    // The export contains all data, so only its owner may read it.
     #[cfg(unix)]
     std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
     let mut out = BufWriter::with_capacity(BUFFER, options.open(file).map_err(failed)?);
@@ -223,7 +223,7 @@ async fn export_to(store: &Store, file: &Path) -> Result<u64, MaintenanceError> 
 
 async fn import(file: &Path, site: &Site) -> Result<Outcome, MaintenanceError> {
     let failed = |source| MaintenanceError::File { path: file.to_path_buf(), source };
-    // Before the store is made: a wrong name leaves nothing behind.
+    // Opened before the store is created, so that a wrong name leaves nothing behind.
     let input = if is_standard(file) { None } else { Some(File::open(file).map_err(failed)?) };
     let store = match site {
         Site::Folder(folder) => Store::open(folder).await?,
@@ -250,10 +250,10 @@ fn is_standard(file: &Path) -> bool {
     file == Path::new("-")
 }
 
-/// The error with what lies behind it.
+/// The error with its source.
 fn sentence(error: &MaintenanceError) -> String {
     match std::error::Error::source(error) {
-        // An error of the system stands in the sentence already.
+        // The message of a system error is already part of the sentence.
         Some(source) if !source.is::<std::io::Error>() => format!("{error}: {source}"),
         _ => error.to_string(),
     }

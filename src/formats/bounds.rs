@@ -1,18 +1,18 @@
-//! What a document may become in memory: how much of it is kept while it is read, and what its text foretells.
+//! Memory bounds of JSON documents: how much is kept while reading, and how much memory a text may need.
 //!
-//! Lists are cut at their limit while they are read, the rest is counted and passed over. The limits are those of the
-//! thread that reads, for as long as [`within`] runs: readers of `serde` have no other way to hear of them.
+//! Lists are cut at their limit while they are read; further entries are counted and skipped. The limits are
+//! thread-local for as long as [`within`] runs, because `serde` offers readers no other way to receive them.
 
 use std::cell::Cell;
 
-/// Limits of what is kept.
+/// Limits on what is kept in memory.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Bounds {
-    /// Entries of a list of shapes, meshes, ids or codes.
+    /// Maximum number of entries of a list of shapes, meshes, ids or codes.
     pub items: usize,
-    /// Points of one shape.
+    /// Maximum number of points of one shape.
     pub points: usize,
-    /// Bytes of the metadata of a shape.
+    /// Maximum size of the metadata of a shape in bytes.
     pub metadata_bytes: usize,
 }
 
@@ -22,11 +22,11 @@ impl Default for Bounds {
     }
 }
 
-/// Faults of a document that are kept in full: later ones only as the first of their object or list, so that no shape with a
-/// fault passes for one without.
+/// Number of faults of a document that are all kept. Beyond it, each object or list keeps only its first one, so that no
+/// faulty shape passes for a valid one.
 const FAULTS_IN_FULL: usize = 1000;
 
-/// The limits of a thread, and the faults that it has kept since they hold.
+/// Limits of a thread, and the number of faults kept since they were set.
 #[derive(Clone, Copy)]
 struct State {
     bounds: Bounds,
@@ -37,7 +37,7 @@ thread_local! {
     static STATE: Cell<State> = Cell::new(State { bounds: Bounds::default(), faults: 0 });
 }
 
-/// Puts the former limits back, also when the reader panics.
+/// Restores the previous limits on drop, even if the reader panics.
 struct Former(State);
 
 impl Drop for Former {
@@ -46,18 +46,18 @@ impl Drop for Former {
     }
 }
 
-/// Reads a document of its own within `bounds`.
+/// Reads a document within `bounds`.
 pub fn within<T>(bounds: Bounds, read: impl FnOnce() -> T) -> T {
     let _former = Former(STATE.replace(State { bounds, faults: 0 }));
     read()
 }
 
-/// The limits that hold.
+/// Limits in force.
 pub(super) fn current() -> Bounds {
     STATE.get().bounds
 }
 
-/// Whether one more fault is kept by an object or list that has kept `of_its_own` and keeps `most` at most.
+/// Whether an object or list that has kept `of_its_own` faults, of at most `most`, keeps one more; counts it if so.
 pub(super) fn keeps_fault(of_its_own: usize, most: usize) -> bool {
     let state = STATE.get();
     let keeps = of_its_own < most && (of_its_own == 0 || state.faults < FAULTS_IN_FULL);
@@ -67,31 +67,31 @@ pub(super) fn keeps_fault(of_its_own: usize, most: usize) -> bool {
     keeps
 }
 
-/// What stands in JSON text, counted in its bytes: an upper bound, because commas in texts count too.
+/// Counts over the bytes of a JSON text. They are upper bounds, because commas inside strings count too.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Census {
-    /// Bytes.
+    /// Number of bytes.
     pub bytes: usize,
-    /// Values: one after every comma, and one in every list and object.
+    /// Number of values: one for every comma, list and object.
     pub values: usize,
-    /// Lists and objects.
+    /// Number of lists and objects.
     pub openings: usize,
 }
 
-/// Memory of a number in a list, with the half that a growing list is ahead.
+/// Memory per number in a list, including half as much again for the spare capacity of a growing list.
 const VALUE_BYTES: usize = 12;
-/// Memory of an entry of a list of shapes (measured by `tests/memory.rs`): its own and that of one small field.
+/// Memory per entry of a list of shapes (measured by `tests/memory.rs`), with one small field.
 const ITEM_BYTES: usize = 640;
 
 impl Census {
-    /// Of one piece of a text; pieces add up.
+    /// Counts one piece of a text; the counts of pieces add up.
     pub fn of(piece: &[u8]) -> Self {
         let openings = count(piece, |byte| byte == b'[' || byte == b'{');
         let commas = count(piece, |byte| byte == b',');
         Self { bytes: piece.len(), values: commas + openings, openings }
     }
 
-    /// With another piece.
+    /// Sum with the counts of another piece.
     #[must_use]
     pub fn and(self, other: Self) -> Self {
         Self {
@@ -101,7 +101,7 @@ impl Census {
         }
     }
 
-    /// Most memory that the text and what is read from it take together, when lists keep at most `items` entries.
+    /// Upper bound on the memory of the text and the values read from it, if lists keep at most `items` entries.
     pub fn memory(self, items: usize) -> usize {
         let entries = self.openings.min(items);
         self.bytes
@@ -110,10 +110,10 @@ impl Census {
     }
 }
 
-/// How many bytes are counted in one lane of a vector register before it could overflow.
+/// Number of bytes counted in one lane of a vector register before it could overflow.
 const LANE: usize = 255;
 
-/// Written so that the compiler counts many bytes at a time.
+/// Counts matching bytes, written so that the compiler vectorises it.
 fn count(piece: &[u8], counts: impl Fn(u8) -> bool) -> usize {
     let of = |part: &[u8]| part.iter().fold(0_u8, |sum, &byte| sum + u8::from(counts(byte)));
     piece.chunks(LANE).map(|part| usize::from(of(part))).sum()

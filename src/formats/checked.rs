@@ -1,10 +1,10 @@
-//! JSON that keeps its own errors: one bad field does not hide the others.
+//! JSON values that keep their own errors, so that one bad field does not hide the others.
 //!
-//! * [`Checked`] — a value, or what is wrong with it; [`Raw`] — one whose type follows from other fields;
-//! * [`List`] — a list, or what is there instead; [`Limited`] — a list of small entries;
-//! * `document!` — objects that note every field that is missing, unknown or given twice.
+//! * [`Checked`] — a value, or its fault; [`Raw`] — a value whose type depends on other fields;
+//! * [`List`] — a list, or what was found in its place; [`Limited`] — a list of small entries;
+//! * `document!` — objects that record every field that is missing, unknown or repeated.
 //!
-//! Reading such a document fails for text that is not JSON, and for nothing else.
+//! Reading such a document fails only for text that is not JSON.
 
 use std::borrow::Cow;
 use std::fmt;
@@ -15,24 +15,24 @@ use serde_json::value::RawValue;
 
 use super::{InputError, bounds, json_pointer};
 
-/// Longest text of a small value, such as a name, a filter or a class: its memory is some tens of times that.
+/// Maximum length of a small value in bytes, such as a name, a filter or a class; in memory it takes some tens of times that.
 pub const SMALL: usize = 256 << 10;
-/// For values that are lists of numbers or of texts: the limit of the body is theirs.
+/// For lists of numbers or strings, which only the limit of the body bounds.
 pub const LARGE: usize = usize::MAX;
 
-/// A value, or what is wrong with it, when its text is not longer than `MOST` bytes.
+/// A value, or its fault; texts longer than `MOST` bytes are refused.
 ///
-/// The text is passed over first, then read as `T` without anything between: what it becomes in memory is a `T`.
+/// The text is skipped first and then read directly as `T`, without an intermediate value in memory.
 #[derive(Debug, Clone)]
 pub struct Checked<T, const MOST: usize = SMALL>(Result<T, Box<InputError>>);
 
 impl<T, const MOST: usize> Checked<T, MOST> {
-    /// The value, unless it is wrong.
+    /// The value, unless it is faulty.
     pub fn get(&self) -> Option<&T> {
         self.0.as_ref().ok()
     }
 
-    /// The value; an error goes to `errors` below `pointer`.
+    /// Takes the value; a fault goes to `errors` below `pointer`.
     pub fn take(self, pointer: &str, errors: &mut Vec<InputError>) -> Option<T> {
         match self.0 {
             Ok(value) => Some(value),
@@ -51,10 +51,10 @@ impl<'de, T: DeserializeOwned, const MOST: usize> Deserialize<'de> for Checked<T
     }
 }
 
-/// `T` from the text of a value that stands in a document, or what is wrong with it.
+/// Reads `T` from the text of a value within a document; the inner result is the value or its fault.
 ///
 /// # Errors
-/// Numbers and texts that are not JSON, which are found out only here.
+/// Numbers and strings that are not valid JSON, which are only detected here.
 fn read_text<T: DeserializeOwned>(
     text: &str,
     most: usize,
@@ -65,7 +65,7 @@ fn read_text<T: DeserializeOwned>(
     }
     match serde_json::from_str(text) {
         Ok(value) => Ok(Ok(value)),
-        // Read again with the path to what is wrong; through a value where that is small, whose errors say more.
+        // Read again to find the path of the fault; small texts through a `Value`, whose errors are more specific.
         Err(_) if text.len() <= SMALL => serde_json::from_str(text).map(value_as),
         Err(_) => Ok(with_path(&mut serde_json::Deserializer::from_str(text))),
     }
@@ -82,17 +82,17 @@ fn with_path<'de, T: DeserializeOwned, D: Deserializer<'de, Error = serde_json::
     parsed.map_err(|error| InputError::new(json_pointer(error.path()), plain(error.inner())))
 }
 
-/// A value whose type follows from other fields: kept as text.
+/// A value whose type depends on other fields, kept as text.
 #[derive(Debug, Clone)]
 pub struct Raw(Box<RawValue>);
 
 impl Raw {
-    /// Bytes of its text.
+    /// Length of its text in bytes.
     pub fn len(&self) -> usize {
         self.0.get().len()
     }
 
-    /// Whether it has no text, which no value is without.
+    /// Whether its text is empty, which no value's is.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -102,7 +102,7 @@ impl Raw {
         self.0.get() == "null"
     }
 
-    /// The value as `T`, when its text is not longer than `most` bytes; an error goes to `errors` below `pointer`.
+    /// Reads the value as `T` if its text has at most `most` bytes; a fault goes to `errors` below `pointer`.
     pub fn read<T: DeserializeOwned>(
         &self,
         most: usize,
@@ -121,12 +121,12 @@ impl<'de> Deserialize<'de> for Raw {
     }
 }
 
-/// What a client wants to find again: kept as text, unless it is longer than that of a shape may be.
+/// Arbitrary client data, kept as text unless it exceeds the metadata limit of a shape.
 #[derive(Debug, Clone)]
 pub struct Metadata(Result<Raw, Box<InputError>>);
 
 impl Metadata {
-    /// The value; an error goes to `errors` below `pointer`.
+    /// Takes the value; a fault goes to `errors` below `pointer`.
     pub fn take(self, pointer: &str, errors: &mut Vec<InputError>) -> Option<serde_json::Value> {
         match self.0 {
             Ok(text) => text.read(LARGE, pointer, errors),
@@ -150,7 +150,7 @@ impl<'de> Deserialize<'de> for Metadata {
     }
 }
 
-/// A list of small entries that is refused as soon as it has more than a request may have.
+/// A list of small entries, refused as soon as it exceeds the limit of a request.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Limited<T>(pub Vec<T>);
 
@@ -179,10 +179,10 @@ impl<'de, T: Deserialize<'de>> Deserialize<'de> for Limited<T> {
     }
 }
 
-/// A list of texts or small objects, or what is wrong with it.
+/// A list of strings or small objects, or its fault.
 pub type Many<T> = Checked<Limited<T>, LARGE>;
 
-/// The sentence of an error without the names of types that only the program knows.
+/// Message of an error without Rust type names, which mean nothing to clients.
 fn plain(error: &serde_json::Error) -> String {
     let text = error.to_string();
     let place = format!(" at line {} column {}", error.line(), error.column());
@@ -196,14 +196,14 @@ fn plain(error: &serde_json::Error) -> String {
     format!("is wrong: {}", without_type(&text, "struct ", "an object"))
 }
 
-/// The text with the first name of a type, after `what`, replaced by something that clients know.
+/// Replaces the first type name after `what` by a term that clients know.
 fn without_type(text: &str, what: &str, known: &str) -> String {
     let Some((before, rest)) = text.split_once(what) else { return text.to_owned() };
     let name = rest.find(|c: char| !c.is_alphanumeric()).unwrap_or(rest.len());
     format!("{before}{known}{}", &rest[name..])
 }
 
-/// The value of an optional field: what is not given is the default.
+/// Value of an optional field, or its default if absent.
 pub fn take_or_default<T: Default, const MOST: usize>(
     field: Option<Checked<T, MOST>>,
     pointer: &str,
@@ -215,7 +215,7 @@ pub fn take_or_default<T: Default, const MOST: usize>(
     }
 }
 
-/// A value of a small field; an error goes to `errors` below `pointer`.
+/// Reads the value of a small field; a fault goes to `errors` below `pointer`.
 pub fn take_value<T: DeserializeOwned>(
     value: serde_json::Value,
     pointer: &str,
@@ -224,7 +224,7 @@ pub fn take_value<T: DeserializeOwned>(
     value_as(value).map_err(|error| errors.push(error.below(pointer))).ok()
 }
 
-/// The value of an optional field, or nothing when it is not given or wrong.
+/// Value of an optional field; `None` if absent or faulty.
 pub fn take_given<T, const MOST: usize>(
     field: Option<Checked<T, MOST>>,
     pointer: &str,
@@ -233,12 +233,12 @@ pub fn take_given<T, const MOST: usize>(
     field.and_then(|checked| checked.take(pointer, errors))
 }
 
-/// The entries of an optional list.
+/// Entries of an optional list.
 pub fn take_many<T>(field: Option<Many<T>>, pointer: &str, errors: &mut Vec<InputError>) -> Option<Vec<T>> {
     take_given(field, pointer, errors).map(|Limited(items)| items)
 }
 
-/// Implements the visits of everything that is not wanted: `$keep(self, "a text")` makes the value.
+/// Implements the visitor methods for unexpected types: `$keep(self, "a text")` makes the value.
 macro_rules! visit_others {
     (@visit $keep:path, $value:ty, $($name:ident: $type:ty, $what:literal;)*) => {
         $(fn $name<E>(self, _: $type) -> Result<$value, E> { Ok($keep(self, $what)) })*
@@ -269,11 +269,11 @@ macro_rules! visit_others {
 }
 pub(crate) use visit_others;
 
-/// A list, or what is there instead. More entries than a request may have are counted, not kept.
+/// A list, or what was found in its place. Entries beyond the limit of a request are counted, not kept.
 #[derive(Debug, Clone)]
 pub struct List<T> {
     items: Vec<T>,
-    /// Entries there are.
+    /// Number of entries in the document.
     count: usize,
     fault: Option<&'static str>,
 }
@@ -285,7 +285,7 @@ impl<T> Default for List<T> {
 }
 
 impl<T> List<T> {
-    /// The items; an error goes to `errors` at `pointer`, and then there are none when there are too many.
+    /// Takes the items; a fault goes to `errors` at `pointer`. Returns no items if there are too many.
     pub fn take(self, pointer: &str, errors: &mut Vec<InputError>) -> Vec<T> {
         if let Some(what) = self.fault {
             errors.push(InputError::new(pointer, format!("is {what}, not a list")));
@@ -335,11 +335,11 @@ impl<'de, T: Deserialize<'de>> Deserialize<'de> for List<T> {
     }
 }
 
-/// The name of a field, without a copy of its own where the text has none to undo.
+/// Field name, borrowed from the text unless it contains escapes.
 pub struct Key<'de>(Cow<'de, str>);
 
 impl Key<'_> {
-    /// The name.
+    /// Text of the name.
     pub fn text(&self) -> &str {
         &self.0
     }
@@ -367,7 +367,7 @@ impl<'de> Deserialize<'de> for Key<'de> {
     }
 }
 
-/// The value of a field: of one that need not be given, `null` is as good as nothing.
+/// Reads the value of a field; for optional fields `null` counts as absent.
 macro_rules! field_value {
     ($map:ident, required) => {
         Some($map.next_value()?)
@@ -380,8 +380,8 @@ pub(crate) use field_value;
 
 /// Declares an object whose fields keep their own errors.
 ///
-/// Every field becomes an `Option`; its type must read any JSON. `required` fields that are missing, unknown
-/// fields, and fields given twice are noted in `faults`, with pointers relative to the object.
+/// Every field becomes an `Option`; its type must accept any JSON. Missing `required` fields, unknown fields and
+/// repeated fields are recorded in `faults`, with pointers relative to the object.
 macro_rules! document {
     ($(#[$meta:meta])* $vis:vis struct $name:ident {
         $($(#[$field_meta:meta])* $field:ident $(or $alias:literal)?: $type:ty $(, $required:ident)?;)*
@@ -390,7 +390,7 @@ macro_rules! document {
         $(#[$meta])*
         $vis struct $name {
             $($(#[$field_meta])* $vis $field: Option<$type>,)*
-            /// What is wrong with the object itself.
+            /// Faults of the object itself.
             #[schema(ignore)]
             $vis faults: Vec<$crate::formats::InputError>,
         }
@@ -461,10 +461,10 @@ macro_rules! document {
 }
 pub(crate) use document;
 
-/// Faults noted per object or list.
+/// Maximum number of faults recorded per object or list.
 pub const MAX_FAULTS: usize = 20;
 
-/// Whether an object or list that has noted so many faults notes one more.
+/// Whether an object or list with `noted` faults records one more.
 pub fn keeps_fault(noted: usize) -> bool {
     bounds::keeps_fault(noted, MAX_FAULTS)
 }

@@ -1,4 +1,4 @@
-//! Drawings of shapes over one another, with an effect along one of them as colour and width.
+//! Drawings of overlaid shapes, with an effect along one of them as colour and width.
 
 use std::fmt::Write;
 
@@ -12,34 +12,34 @@ use crate::geometry::surface::basis::SurfaceBasis;
 
 /// An effect along a shape.
 pub struct Effect {
-    /// Points in their order along the shape.
+    /// Points in order along the shape.
     pub points: Vec<EffectPoint>,
-    /// How the points hang together.
+    /// How the points are connected.
     pub connection: Connection,
-    /// Colours of no effect and of the largest one, red, green and blue.
+    /// RGB colours of no effect and of the largest effect.
     pub colours: ([u8; 3], [u8; 3]),
 }
 
-/// How places along a shape hang together.
+/// Connection between the points along a shape.
 pub enum Connection {
-    /// Not at all: they are drawn as dots.
+    /// None: points are drawn as dots.
     Apart,
-    /// Along a line, which may close.
+    /// Points form a line, open or closed.
     Line {
-        /// Whether the last point goes on to the first.
+        /// Whether the last point connects to the first.
         closed: bool,
     },
-    /// Over a sheet.
+    /// Points lie on a surface.
     Sheet {
-        /// The surface through them.
+        /// Surface through the points.
         facets: Facets,
-        /// Of every facet the points near it, with their shares.
+        /// For every facet, the nearby points with their interpolation weights.
         shares: Vec<Vec<(usize, f64)>>,
     },
 }
 
 impl Connection {
-    /// Of the places along a shape of `space`.
+    /// Connection between the points along a shape of `space`.
     pub fn of(space: &ShapeSpace, shape: &[f64]) -> Self {
         match (space.surface(), space.subdivision()) {
             (Some(basis), _) => Self::of_surface(basis, shape),
@@ -49,11 +49,11 @@ impl Connection {
         }
     }
 
-    /// Between the knots of a grid.
+    /// Connection between the knots of a grid.
     fn of_surface(basis: &SurfaceBasis, shape: &[f64]) -> Self {
         let (extent, straight) = (basis.extent(), basis.seam().is_straight());
         let [u, v] = extent.topology.closed();
-        // Over a twisted seam the neighbours are others.
+        // Across a twisted seam the neighbours are different ones.
         let (count, closed) = (extent.grid(), [u && straight, v]);
         let (facets, cells) = (Facets::of(basis, shape, false), cells_of(basis, false));
         let shares = facets.cells.iter().map(|cell| {
@@ -65,7 +65,7 @@ impl Connection {
         Self::Sheet { shares: shares.collect(), facets }
     }
 
-    /// Between the corners of the control mesh.
+    /// Connection between the vertices of the control mesh.
     fn of_subdivision(basis: &SubdivisionBasis, shape: &[f64]) -> Self {
         let level = drawn_level(basis, false);
         let (mesh, flat) = (basis.drawn(&rows_of(shape), level), basis.flat(level));
@@ -85,31 +85,30 @@ impl Connection {
     }
 }
 
-/// The effect at a point.
+/// Effect at one point.
 #[derive(Debug, Clone)]
 pub struct EffectPoint {
-    /// Where it is, in the plane or in space.
+    /// Position in the plane or in space.
     pub point: Vec<f64>,
-    /// How large it is.
+    /// Size of the effect.
     pub length: f64,
-    /// Whether it is drawn wide.
+    /// Whether the effect is significant, which draws it wide.
     pub significant: bool,
 }
 
 /// Height of a line of the legend.
 const LINE: f64 = 20.0;
-/// Lines of the legend at the most: more would not be told apart.
+/// Maximum number of lines of the legend: more could not be told apart.
 const MOST_LINES: usize = 60;
-/// Widths of what is significant and what is not.
+/// Stroke widths of significant and other points.
 const WIDTHS: (f64, f64) = (9.0, 4.0);
 
-/// The drawing: the effect, the layers over it, and a legend with a line for every named layer, the scale of the effect
-/// and the captions.
+/// Draws the effect, the layers over it, and a legend with the named layers, the scale of the effect and the captions.
 pub fn draw(title: &str, layers: &[Layer], effect: Option<&Effect>, captions: &[String]) -> String {
     let along: Vec<[f64; 2]> =
         effect.iter().flat_map(|effect| &effect.points).map(|point| flatten(&point.point)).collect();
     let lines = layers.iter().flat_map(|layer| layer.lines.iter().flatten());
-    // Surfaces would hide the effect on them: they are the sheet that it is drawn on.
+    // Surface layers would hide the effect, so they are replaced by the sheet that carries it.
     let over: &[Layer] = if layers.iter().any(Layer::hides) { &[] } else { layers };
     let page = Page::around(lines.chain(&along));
     let named = layers.iter().filter(|layer| layer.name.is_some()).count().min(MOST_LINES);
@@ -131,7 +130,7 @@ fn largest(effect: &Effect) -> f64 {
     effect.points.iter().map(|point| point.length).fold(0.0, f64::max)
 }
 
-/// The colour of `part` (0 to 1) of the largest effect, pale where it is not significant, in this light (0 to 1).
+/// Colour of an effect of `part` (0 to 1) times the largest, paler if not significant, under `light` (0 to 1).
 fn shade(effect: &Effect, part: f64, significant: bool, light: f64) -> String {
     let (none, most) = effect.colours;
     let part = if significant { part } else { PALE * part };
@@ -181,10 +180,10 @@ fn draw_effect(
     svg.push_str("</g>\n");
 }
 
-/// How much of the colour is left where nothing is significant.
+/// Factor applied to the colour where the effect is not significant.
 const PALE: f64 = 0.35;
 
-/// The facets of the surface, with the effect between its places; pale where the nearest of these is not significant.
+/// Draws the facets with the effect interpolated between the points; pale where the nearest of them is not significant.
 fn draw_sheet(
     svg: &mut String,
     effect: &Effect,
@@ -212,7 +211,7 @@ fn draw_sheet(
     svg.push_str("</g>\n");
 }
 
-/// The places before and after a parameter, with their parts.
+/// Points before and after a parameter, with their interpolation weights.
 fn neighbours(parameter: f64, count: usize, closed: bool) -> [(usize, f64); 2] {
     let steps = if closed { count } else { (count - 1).max(1) };
     let position = parameter * steps as f64;

@@ -1,39 +1,39 @@
-//! Square matrices of numbers as JSON, CSV and NPY, written row by row: no text of a whole matrix is ever in memory.
+//! Square matrices as JSON, CSV and NPY, written row by row, so that the text of a whole matrix is never in memory.
 //!
-//! * JSON — `{"ids": […], "labels": […], "distances": [[…], …]}`, further fields first;
-//! * CSV (RFC 4180) — a line of ids, then one line of numbers a row;
-//! * NPY (version 1.0) — little-endian `f64` in C order, `numpy.load` reads it.
+//! * JSON — `{"ids": […], "labels": […], "distances": [[…], …]}`, preceded by further fields;
+//! * CSV (RFC 4180) — a line of ids, then one line of numbers per row;
+//! * NPY (version 1.0) — little-endian `f64` in C order, readable by `numpy.load`.
 //!
-//! Numbers are written with as many digits as it takes to read back the same bits.
+//! Numbers in text formats have as many digits as needed to read back the same bits.
 
 use serde_json::{Map, Value};
 
-/// How a matrix is written.
+/// File format of a matrix.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum MatrixFormat {
-    /// An object.
+    /// JSON object.
     Json,
-    /// Lines of numbers.
+    /// Comma-separated values.
     Csv,
-    /// Bytes.
+    /// NumPy binary format.
     Npy,
 }
 
-/// A square matrix with what its rows are called.
+/// A square matrix with row names.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NamedMatrix {
-    /// Further fields of the JSON object.
+    /// Additional fields of the JSON object.
     pub fields: Map<String, Value>,
-    /// One name a row and column.
+    /// Name of each row and column.
     pub ids: Vec<String>,
-    /// One label a row and column, where there is one.
+    /// Label of each row and column, if it has one.
     pub labels: Vec<Option<String>>,
-    /// Row by row.
+    /// Values, row by row.
     pub values: Vec<f64>,
 }
 
 impl MatrixFormat {
-    /// Its media type.
+    /// Media type of the format.
     pub fn media_type(self) -> &'static str {
         match self {
             Self::Json => "application/json",
@@ -44,7 +44,7 @@ impl MatrixFormat {
 }
 
 impl NamedMatrix {
-    /// The text or bytes in pieces, about a row each.
+    /// Writes the file in pieces of about one row each.
     pub fn pieces(self, format: MatrixFormat) -> impl Iterator<Item = Vec<u8>> + Send + 'static {
         let size = self.ids.len();
         (0..size + 2).map(move |piece| match piece {
@@ -87,7 +87,7 @@ fn write_row(format: MatrixFormat, first: bool, row: &[f64]) -> Vec<u8> {
         MatrixFormat::Json if first => list(),
         MatrixFormat::Json => [b",".as_slice(), &list()].concat(),
         MatrixFormat::Csv => {
-            // A JSON list without its brackets is a line of numbers.
+            // A CSV line is the JSON list without its brackets.
             let list = list();
             [&list[1..list.len() - 1], b"\r\n"].concat()
         }
@@ -95,7 +95,7 @@ fn write_row(format: MatrixFormat, first: bool, row: &[f64]) -> Vec<u8> {
     }
 }
 
-/// A field as RFC 4180 wants it.
+/// Quotes a field as RFC 4180 requires.
 fn quoted(text: &str) -> String {
     if text.contains([',', '"', '\r', '\n']) {
         return format!("\"{}\"", text.replace('"', "\"\""));
@@ -103,7 +103,7 @@ fn quoted(text: &str) -> String {
     text.to_owned()
 }
 
-/// The header of version 1.0: magic, version, its length, a Python literal, padded to a multiple of 64.
+/// NPY header of version 1.0: magic, version, length, and a Python literal, padded to a multiple of 64 bytes.
 fn npy_head(size: usize) -> Vec<u8> {
     const ALIGNMENT: usize = 64;
     const BEFORE: usize = 10;

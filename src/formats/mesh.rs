@@ -1,4 +1,4 @@
-//! Triangle meshes for other programs.
+//! Triangle mesh files for other programs.
 //!
 //! | format | what | numbers |
 //! |---|---|---|
@@ -7,7 +7,7 @@
 //! | STL | binary, without shared vertices | single precision |
 //! | glTF | one binary file (GLB 2.0) with one mesh, with normals | single precision |
 //!
-//! Single precision cannot hold positions far from the origin: STL and glTF are pictures, OBJ and PLY data.
+//! Single precision is inaccurate far from the origin: use STL and glTF for display, OBJ and PLY for data.
 
 use std::fmt::Write;
 
@@ -16,24 +16,24 @@ use serde_json::json;
 use crate::geometry::mesh::TriangleMesh;
 use crate::geometry::vector::{cross, minus, norm};
 
-/// How a mesh is written.
+/// File format of a mesh.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum MeshFormat {
-    /// Wavefront.
+    /// Wavefront OBJ.
     Obj,
-    /// Stanford polygons.
+    /// Stanford PLY.
     Ply,
-    /// Stereolithography.
+    /// Stereolithography (STL).
     Stl,
-    /// glTF 2.0 in one file.
+    /// Binary glTF 2.0 in one file.
     Gltf,
 }
 
 impl MeshFormat {
-    /// All of them.
+    /// All formats.
     pub const ALL: [Self; 4] = [Self::Obj, Self::Ply, Self::Stl, Self::Gltf];
 
-    /// The name that stands in a query.
+    /// Name used in queries.
     pub fn name(self) -> &'static str {
         match self {
             Self::Obj => "obj",
@@ -43,7 +43,7 @@ impl MeshFormat {
         }
     }
 
-    /// The media type of the file.
+    /// Media type of the file.
     pub fn media_type(self) -> &'static str {
         match self {
             Self::Obj => "model/obj",
@@ -53,7 +53,7 @@ impl MeshFormat {
         }
     }
 
-    /// The file.
+    /// Writes the mesh as a file.
     pub fn write(self, mesh: &TriangleMesh) -> Vec<u8> {
         match self {
             Self::Obj => obj(mesh).into_bytes(),
@@ -126,14 +126,14 @@ fn single(point: [f64; 3]) -> impl Iterator<Item = u8> {
     point.into_iter().flat_map(|value| (value as f32).to_le_bytes())
 }
 
-/// Unit normal of a triangle, zero when it has no area.
+/// Unit normal of a triangle; zero if it has no area.
 fn normal([a, b, c]: [[f64; 3]; 3]) -> [f64; 3] {
     let n = cross(minus(b, a), minus(c, a));
     let length = norm(n);
     if length > 0.0 { n.map(|value| value / length) } else { [0.0; 3] }
 }
 
-/// A header, a chunk of JSON and a chunk of numbers, each padded to four bytes.
+/// GLB file: a header, a JSON chunk and a binary chunk, each padded to four bytes.
 fn gltf(mesh: &TriangleMesh) -> Vec<u8> {
     const FLOAT: u32 = 5126;
     const UNSIGNED: u32 = 5125;

@@ -1,13 +1,13 @@
-//! Bytes and text to shapes and pictures, and back: no network, no storage.
+//! Conversion between bytes or text and shapes or drawings; no network, no storage.
 //!
-//! * [`shape`] — a shape as JSON, one object or one line of NDJSON;
-//! * [`bounds`] — how much of a document is kept while it is read;
+//! * [`shape`] — shapes as JSON, one object or one line of NDJSON;
+//! * [`bounds`] — memory bounds of documents while they are read;
 //! * [`checked`] — JSON values that keep their own error, so that a request reports all of them;
-//! * [`ndjson`] — lines out of a byte stream;
-//! * [`representation`] — a representation as JSON;
+//! * [`ndjson`] — lines of a byte stream;
+//! * [`representation`] — representations as JSON;
 //! * [`matrix`] — square matrices as JSON, CSV and NPY;
 //! * [`mesh`] — triangle meshes as OBJ, PLY, STL and glTF;
-//! * [`svg`] — drawings and animations of curves and landmarks;
+//! * [`svg`] — drawings and animations of shapes;
 //! * [`effect`] — drawings of shapes with an effect along one of them;
 //! * [`plot`] — graphs of functions.
 
@@ -22,44 +22,44 @@ pub mod representation;
 pub mod shape;
 pub mod svg;
 
-/// One thing wrong with an input: where, and what to do.
+/// A fault of an input: its place, and what was expected.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct InputError {
     /// JSON pointer (RFC 6901) into the document.
     pub pointer: String,
-    /// What is wrong, with the numbers, and what is expected.
+    /// Description of the fault, with the numbers found and expected.
     pub detail: String,
 }
 
 impl InputError {
-    /// From a pointer and a sentence, in which what the client has sent is repeated in short.
+    /// An error at a pointer; client input repeated in it is shortened.
     pub fn new(pointer: impl Into<String>, detail: impl Into<String>) -> Self {
         Self { pointer: brief_pointer(pointer.into()), detail: brief(detail.into()) }
     }
 
-    /// The same error below `prefix`.
+    /// The same error with `prefix` before its pointer.
     pub fn below(mut self, prefix: &str) -> Self {
         self.pointer.insert_str(0, prefix);
         self
     }
 }
 
-/// Longest sentence: the longest of our own lists the fields of an object.
+/// Maximum length of a sentence; the longest of our own lists the fields of an object.
 const LONGEST: usize = 600;
-/// Longest word of a sentence: no word of our own has as many characters.
+/// Maximum length of a word; none of our own is as long.
 const LONGEST_WORD: usize = 80;
-/// What is left of a longer one.
+/// Number of characters kept of a longer word.
 const WORD_KEPT: usize = 60;
-/// A number with more digits is written with an exponent.
+/// Numbers with more digits are written with an exponent.
 const LONGEST_NUMBER: usize = 30;
 
-/// The same sentence without the length of what it repeats: long words are cut, numbers with many digits written with an
-/// exponent, and what is then still long is cut in its middle.
+/// Shortens a sentence that repeats client input: long words are cut, numbers with many digits get an exponent, and the
+/// middle of a sentence that is still too long is removed.
 pub fn brief(text: String) -> String {
     if text.len() <= LONGEST_NUMBER {
         return text;
     }
-    // What is cut away anyway need not be looked at.
+    // Text that will be cut anyway is not examined.
     let text = cut_middle(text, 4 * LONGEST);
     let longest = text.split(' ').map(str::len).max().unwrap_or(0);
     if longest <= LONGEST_NUMBER {
@@ -85,10 +85,10 @@ fn brief_word(word: &str) -> String {
     format!("{kept}…")
 }
 
-/// Longest pointer: the names of fields are ours, others can be as long as a client likes.
+/// Maximum length of a pointer: it may contain field names chosen by the client.
 const LONGEST_POINTER: usize = 200;
 
-/// The same pointer, or the beginning of a long one.
+/// The pointer, truncated if it is long.
 pub fn brief_pointer(mut pointer: String) -> String {
     if pointer.len() > LONGEST_POINTER {
         pointer.truncate(pointer.floor_char_boundary(LONGEST_POINTER));
@@ -97,7 +97,7 @@ pub fn brief_pointer(mut pointer: String) -> String {
     pointer
 }
 
-/// The beginning and the end of a text of more than `most` characters.
+/// Beginning and end of a text that is longer than `most` characters.
 fn cut_middle(text: String, most: usize) -> String {
     if text.len() <= most {
         return text;
@@ -108,7 +108,7 @@ fn cut_middle(text: String, most: usize) -> String {
     format!("{} … {}", &text[..head], &text[tail..])
 }
 
-/// The JSON pointer of a path that serde tracked.
+/// JSON pointer of a path tracked by `serde_path_to_error`.
 pub fn json_pointer(path: &serde_path_to_error::Path) -> String {
     use serde_path_to_error::Segment;
     let escape = |key: &str| key.replace('~', "~0").replace('/', "~1");

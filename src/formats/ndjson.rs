@@ -1,27 +1,27 @@
-//! Newline-delimited text out of a stream of byte chunks, with bounded lines.
+//! Splits a stream of byte chunks into lines of bounded length.
 
 use bytes::{Bytes, BytesMut};
 
-/// A line of a stream.
+/// One line of a stream.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Line {
-    /// Its number, from 1; blank lines count.
+    /// Line number, from 1; blank lines count.
     pub number: u64,
-    /// Its bytes, without the line break.
+    /// Bytes of the line, without the line break.
     pub text: Bytes,
 }
 
-/// A line longer than the limit.
+/// Error: a line is longer than the limit.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("line {number} is longer than {limit} bytes")]
 pub struct LineTooLong {
-    /// Its number, from 1.
+    /// Line number, from 1.
     pub number: u64,
-    /// The limit.
+    /// Limit in bytes.
     pub limit: usize,
 }
 
-/// Cuts chunks into lines; blank lines are passed over. Holds at most one line and one chunk.
+/// Splits chunks into lines and skips blank ones. Holds at most one line and one chunk.
 #[derive(Debug)]
 pub struct Lines {
     buffer: BytesMut,
@@ -31,12 +31,12 @@ pub struct Lines {
 }
 
 impl Lines {
-    /// Lines of at most `limit` bytes.
+    /// Splitter for lines of at most `limit` bytes.
     pub fn new(limit: usize) -> Self {
         Self { buffer: BytesMut::new(), scanned: 0, number: 0, limit }
     }
 
-    /// Takes a chunk and gives the lines that it completes to `keep`.
+    /// Adds a chunk, and passes the lines it completes to `keep`.
     ///
     /// # Errors
     /// [`LineTooLong`].
@@ -51,12 +51,12 @@ impl Lines {
         if self.scanned > self.limit { Err(self.too_long()) } else { Ok(()) }
     }
 
-    /// Bytes of a line that has not ended yet.
+    /// Number of bytes of the unfinished line.
     pub fn pending(&self) -> usize {
         self.buffer.len()
     }
 
-    /// The last line, when it does not end in a line break.
+    /// Passes on the last line if it does not end in a line break.
     ///
     /// # Errors
     /// [`LineTooLong`].

@@ -4,22 +4,22 @@ use std::fmt::Write;
 
 use super::svg::{CAPTION, MARGIN, SIZE, escape, open};
 
-/// One function: a name, a colour, and its graph in pieces, so that jumps stay open.
+/// One function: name, colour, and its graph in pieces, which leaves gaps at jumps.
 #[derive(Debug, Clone)]
 pub struct Graph {
     /// Entry of the legend.
     pub name: String,
     /// Stroke colour.
     pub colour: &'static str,
-    /// Pieces of the graph, `[x, y]` each.
+    /// Pieces of the graph, each a list of `[x, y]`.
     pub pieces: Vec<Vec<[f64; 2]>>,
 }
 
 const HEIGHT: f64 = 400.0;
-/// Room for the labels of the vertical axis.
+/// Width reserved for the labels of the vertical axis.
 const LABELS: f64 = 24.0;
 
-/// The graphs in one frame with both axes labelled.
+/// Draws the graphs in one frame with both axes labelled.
 pub fn plot(title: &str, variable: &str, graphs: &[Graph]) -> String {
     let points = || graphs.iter().flat_map(|graph| graph.pieces.iter().flatten());
     let range = |c: usize| {

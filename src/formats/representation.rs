@@ -1,4 +1,4 @@
-//! A representation as JSON, with the pointer of every field that is wrong.
+//! Representations as JSON, with a pointer to every faulty field.
 
 use serde::de::Error;
 use serde::{Deserialize, Deserializer};
@@ -14,24 +14,24 @@ use crate::geometry::subdivision::{SchemeFields, SchemeName, Subdivision};
 use crate::geometry::surface::Topology;
 use crate::geometry::surface::seam::Seam;
 
-/// A value that is read from JSON with all of its errors.
+/// Types read from JSON with all errors collected.
 pub trait Readable: Sized {
-    /// The value.
+    /// Reads the value.
     ///
     /// # Errors
-    /// All fields that are missing, wrong or unknown.
+    /// All fields that are missing, faulty or unknown.
     fn read(value: Value) -> Result<Self, Vec<InputError>>;
 }
 
-/// Longest text of such a value, which is a small one, or the faces of a control mesh.
+/// Maximum length of the text: such values are small, or the faces of a control mesh.
 const MOST_BYTES: usize = 1 << 20;
 
-/// A value, or everything that is wrong with it.
+/// A value, or all of its faults.
 #[derive(Debug, Clone)]
 pub struct Read<T>(Result<T, Vec<InputError>>);
 
 impl<T> Read<T> {
-    /// The value; errors go to `errors` below `pointer`.
+    /// Takes the value; faults go to `errors` below `pointer`.
     pub fn take(self, pointer: &str, errors: &mut Vec<InputError>) -> Option<T> {
         match self.0 {
             Ok(value) => Some(value),
@@ -55,13 +55,12 @@ impl<'de, T: Readable> Deserialize<'de> for Read<T> {
     }
 }
 
-/// What curves are fitted to a contour: a representation, or one without its number of control points and with a
-/// tolerance instead.
+/// Target of a curve fit: a representation, or one with a tolerance in place of the number of control points.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FitTarget {
-    /// With its smallest number of control points when there is a tolerance.
+    /// Representation; with a tolerance, it has the smallest number of control points.
     pub representation: Representation,
-    /// Largest residual.
+    /// Largest residual allowed.
     pub tolerance: Option<f64>,
 }
 
@@ -79,7 +78,7 @@ impl Readable for FitTarget {
 }
 
 fn read_target(mut value: Value) -> Result<(Representation, Option<f64>), Vec<InputError>> {
-    // Landmarks are not fitted, surfaces only at a given size: to them a tolerance is an unknown field.
+    // Landmarks are not fitted, and surfaces only at a given size: for them a tolerance is an unknown field.
     let sized = ["landmarks", "surface", "subdivision"];
     let curve = value
         .as_object_mut()
@@ -110,7 +109,7 @@ fn read_target(mut value: Value) -> Result<(Representation, Option<f64>), Vec<In
     }
 }
 
-/// The fields of one object, taken one by one.
+/// Fields of one object, taken one by one.
 struct Fields {
     map: Map<String, Value>,
     errors: Vec<InputError>,
@@ -159,7 +158,7 @@ impl Fields {
         self.map.contains_key(name)
     }
 
-    /// A small value of a type that names its own faults.
+    /// Takes a small value whose type reports its own faults.
     fn value<T: serde::de::DeserializeOwned>(&mut self, name: &str) -> Option<T> {
         let value = self.take(name)?;
         take_value(value, &format!("/{name}"), &mut self.errors)
@@ -180,7 +179,7 @@ impl Fields {
         }
     }
 
-    /// One a direction.
+    /// Takes the generators, one per direction.
     fn generators(&mut self) -> Option<[GeneratorKind; 2]> {
         match self.take("generators")? {
             Value::Array(values) if values.len() == 2 => {
@@ -216,7 +215,7 @@ impl Fields {
         })
     }
 
-    /// A number that need not be given.
+    /// Takes an optional number.
     fn number(&mut self, name: &str) -> Option<f64> {
         self.given(name).then(|| self.value(name)).flatten()
     }
@@ -267,7 +266,7 @@ impl Fields {
         }
     }
 
-    /// `poles` or `domain_poles`.
+    /// Takes `poles` or `domain_poles`.
     fn poles(&mut self) -> Option<PoleList> {
         match (self.given("poles"), self.given("domain_poles")) {
             (true, true) => {
@@ -283,7 +282,7 @@ impl Fields {
         }
     }
 
-    /// Whatever is left over is unknown.
+    /// Reports remaining fields as unknown.
     fn finish<T>(mut self, value: Option<T>) -> Result<T, Vec<InputError>> {
         let unknown: Vec<String> =
             self.map.keys().map(|key| key.replace('~', "~0").replace('/', "~1")).collect();
@@ -297,13 +296,13 @@ impl Fields {
     }
 }
 
-/// What `kind` may be.
+/// Accepted values of `kind`.
 const KINDS: &str = "\"closed_curve\", \"open_curve\", \"surface\", \"subdivision\" or \"landmarks\"";
 
 /// Reads a representation.
 ///
 /// # Errors
-/// All fields that are missing, wrong or unknown.
+/// All fields that are missing, faulty or unknown.
 pub fn read(value: Value) -> Result<Representation, Vec<InputError>> {
     let mut fields = Fields::new(value)?;
     let kind = fields.text("kind");
@@ -341,7 +340,7 @@ pub fn read(value: Value) -> Result<Representation, Vec<InputError>> {
 /// Reads a generator.
 ///
 /// # Errors
-/// All fields that are missing, wrong or unknown.
+/// All fields that are missing, faulty or unknown.
 pub fn read_generator(value: Value) -> Result<GeneratorKind, Vec<InputError>> {
     let mut fields = Fields::new(value)?;
     let kind = match fields.text("name").as_deref() {

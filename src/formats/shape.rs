@@ -1,11 +1,11 @@
-//! A shape as JSON.
+//! Shapes as JSON.
 //!
 //! ```json
 //! {"points": [[0, 0], [2, 0], [2, 1]], "external_id": "scan-17", "label": "control", "labels": {"age": 61}}
 //! ```
 //!
-//! Lists of points are read into one flat array; what is wrong in them is collected, not only the first
-//! fault, and nothing but finite numbers gets through.
+//! Lists of points are read into one flat array. All faults in them are collected, not only the first one, and only
+//! finite numbers are accepted.
 
 use std::fmt;
 
@@ -16,26 +16,26 @@ use super::InputError;
 use super::bounds::{self, keeps_fault};
 use super::checked::{Checked, Metadata, Raw, document, visit_others};
 
-/// Largest coordinate in magnitude: squares, areas and their sums stay finite.
+/// Largest magnitude of a coordinate, chosen so that squares, areas and their sums stay finite.
 pub const MAX_COORDINATE: f64 = 1e100;
 
-/// Faults kept per list of points.
+/// Maximum number of faults kept per list of points.
 const MAX_FAULTS: usize = 20;
-/// Coordinates of a point that are kept: no representation has more, further ones are counted.
+/// Number of coordinates kept per point: no representation has more; further ones are only counted.
 const MAX_WIDTH: usize = 3;
 
-/// Points as rows of coordinates, or as a grid of them, read leniently: faults are kept beside. Points beyond those of a shape
-/// are counted, not kept.
+/// Points as rows of coordinates or as a grid, read leniently: faults are recorded, and points beyond the limit of a shape
+/// are counted but not kept.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct PointList {
     coordinates: Vec<f64>,
-    /// Coordinates of the first point.
+    /// Number of coordinates of the first point.
     width: usize,
     rows: usize,
-    /// Points of the first entry, when the entries are lists of points.
+    /// Number of points of the first entry, if the entries are lists of points.
     columns: Option<usize>,
     null: bool,
-    /// How many points are kept, when there are more; else 0.
+    /// Limit of the points kept, if it was exceeded; else 0.
     most: usize,
     faults: Vec<InputError>,
 }
@@ -51,22 +51,22 @@ impl PointList {
         self.len() == 0
     }
 
-    /// Whether there is a `null` instead of a list.
+    /// Whether the document has `null` in place of a list.
     pub fn is_null(&self) -> bool {
         self.null
     }
 
-    /// Coordinates of the first point.
+    /// Number of coordinates of the first point.
     pub fn width(&self) -> usize {
         self.width
     }
 
-    /// Rows and columns, when the points are a grid.
+    /// Numbers of rows and columns, if the points form a grid.
     pub fn grid(&self) -> Option<[usize; 2]> {
         self.columns.map(|columns| [self.rows, columns])
     }
 
-    /// Row-major coordinates, when every point has `dimension` finite numbers.
+    /// Row-major coordinates, if every point has `dimension` finite numbers.
     ///
     /// # Errors
     /// All faults (at most 20) with pointers relative to the list.
@@ -95,7 +95,7 @@ impl PointList {
         }
     }
 
-    /// What the entries are, once there is one.
+    /// Kind of the entries, known once there is one.
     fn kind(&self) -> Option<Kind> {
         (self.rows > 0).then_some(if self.columns.is_some() { Kind::Points } else { Kind::Point })
     }
@@ -116,7 +116,7 @@ impl PointList {
             self.width = entry.width;
         }
         match (self.columns, entry.points) {
-            // What is in it instead is noted already.
+            // The fault of its content is already recorded.
             (Some(_), None) if !entry.faults.is_empty() => {}
             (Some(_), None) => self.fault(format!("/{position}"), "has no points".into()),
             (Some(first), Some(found)) if first != found => {
@@ -178,20 +178,20 @@ impl<'de> Deserialize<'de> for PointList {
     }
 }
 
-/// What the entries of a list are: its first one says.
+/// Kind of the entries of a list, set by the first one.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Kind {
     Point,
     Points,
 }
 
-/// A point or a list of points, reused: a list of a thousand points allocates a few times, not a thousand.
+/// Buffer for a point or a list of points. It is reused, so that a thousand points need only a few allocations.
 #[derive(Default)]
 struct Entry {
     values: Vec<f64>,
-    /// Coordinates of its first point.
+    /// Number of coordinates of its first point.
     width: usize,
-    /// How many points it has, when it is a list of them.
+    /// Number of points, if it is a list of points.
     points: Option<usize>,
     faults: Vec<(String, String)>,
     not_a_list: Option<String>,
@@ -212,7 +212,7 @@ impl Entry {
         }
     }
 
-    /// Takes the coordinate in this place of a point.
+    /// Adds the coordinate at index `place` of a point.
     fn coordinate(&mut self, place: usize, pointer: impl Fn() -> String, value: Value) {
         if self.cut || place >= MAX_WIDTH {
             return;
@@ -228,7 +228,7 @@ impl Entry {
         }
     }
 
-    /// The point that was read after those that there are, of `width` coordinates.
+    /// Adds the point just read, which has `width` coordinates.
     fn point(&mut self, width: usize) {
         let position = self.points.unwrap_or(0);
         self.points = Some(position + 1);
@@ -242,7 +242,7 @@ impl Entry {
     }
 }
 
-/// Reads an entry, of this kind when it is known.
+/// Reads an entry, of a given kind if that is known.
 struct EntrySeed<'a>(&'a mut Entry, Option<Kind>);
 
 impl<'de> serde::de::DeserializeSeed<'de> for EntrySeed<'_> {
@@ -290,14 +290,14 @@ impl<'de> Visitor<'de> for EntrySeed<'_> {
     visit_others!(@map not_a_list, ());
 }
 
-/// What stands in an entry.
+/// Element of an entry.
 enum Element {
     Coordinate(Value),
-    /// A point, which is in the entry already.
+    /// A point, which is already in the entry.
     Point,
 }
 
-/// Reads a coordinate of an entry, or one of its points, at this place.
+/// Reads a coordinate of an entry, or one of its points, at an index.
 struct ElementSeed<'a> {
     entry: &'a mut Entry,
     kind: Option<Kind>,
@@ -337,7 +337,7 @@ impl<'de> Visitor<'de> for ElementSeed<'_> {
 
     fn visit_seq<A: SeqAccess<'de>>(self, mut coordinates: A) -> Result<Element, A::Error> {
         let Self { entry, kind, column } = self;
-        // Among numbers a list is no point.
+        // Among numbers, a list is not a point.
         if kind == Some(Kind::Point) {
             while coordinates.next_element::<serde::de::IgnoredAny>()?.is_some() {}
             return Ok(Element::Coordinate(Value::Other("a list")));
@@ -400,56 +400,56 @@ impl<'de> Deserialize<'de> for Value {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PolesInput {
-    /// At `v = 0`.
+    /// Tangents at the pole `v = 0`.
     #[serde(default)]
     pub north: Option<PoleInput>,
-    /// At `v = 1`.
+    /// Tangents at the pole `v = 1`.
     #[serde(default)]
     pub south: Option<PoleInput>,
 }
 
-/// Tangents at a pole.
+/// Tangents at one pole.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PoleInput {
-    /// `T_1`, `T_2` of `σ_v = T_1 cos 2πu + T_2 sin 2πu`.
+    /// Vectors `T_1`, `T_2` of `σ_v = T_1 cos 2πu + T_2 sin 2πu`.
     pub tangents: [[f64; 3]; 2],
 }
 
 document! {
-    /// A shape as it is posted.
+    /// A shape with its attributes.
     pub struct ShapeInput {
-        /// Points on the shape, one list of coordinates each; on surfaces a grid `[u][v]` of them.
+        /// Points on the shape, one list of coordinates each; for surfaces a grid `[u][v]` of points.
         #[schema(value_type = Option<Vec<Vec<f64>>>, example = json!([[0.0, 0.0], [2.0, 0.0], [2.0, 1.0]]))]
         points: PointList;
-        /// Coefficients of the representation, instead of points.
+        /// Control points in the representation, in place of `points`.
         #[schema(value_type = Option<Vec<Vec<f64>>>)]
         control_points: Box<PointList>;
         /// Normals at the points, of any length, for the subdivision scheme `normal_based`.
         #[schema(value_type = Option<Vec<[f64; 3]>>)]
         normals: Box<PointList>;
-        /// Tangents at the poles of a sphere that is given by `points`; estimated unless given.
+        /// Tangents at the poles of a sphere given by `points`. Default: estimated.
         #[schema(value_type = Option<PolesInput>)]
         poles: Box<Checked<PolesInput>>;
-        /// The client's own identifier, unique in a cohort; `id` is read too.
+        /// Identifier assigned by the client, unique in a cohort; also accepted as `id`.
         #[schema(value_type = Option<String>)]
         external_id or "id": Checked<Option<String>>;
         /// Opaque identifier of the subject; never a name.
         #[schema(value_type = Option<String>)]
         subject: Checked<Option<String>>;
-        /// Class.
+        /// Class label.
         #[schema(value_type = Option<String>)]
         label: Checked<Option<String>>;
-        /// Further attributes: texts, numbers or truth values.
+        /// Additional attributes: strings, numbers or Booleans.
         #[schema(value_type = Option<Object>)]
         labels: Raw;
-        /// Positive weight in means, 1 unless given.
+        /// Positive weight in means. Default: 1.
         #[schema(value_type = Option<f64>)]
         weight: Checked<Option<f64>>;
-        /// Anything to be found again.
+        /// Arbitrary client data, stored with the shape.
         #[schema(value_type = Option<Object>)]
         metadata: Metadata;
-        /// Whether the points go round; must agree with the representation.
+        /// Whether the contour is closed; must agree with the representation.
         #[schema(value_type = Option<bool>)]
         closed: Checked<Option<bool>>;
         /// Positions of homologous points, kept with the metadata.
@@ -461,12 +461,12 @@ document! {
     }
 }
 
-/// Points as they are answered: one list of coordinates each, or a grid of them.
+/// Points in a response: one list of coordinates each, or a grid of them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Points {
     dimension: usize,
     coordinates: Vec<f64>,
-    /// Points of a list of the grid, when it is one.
+    /// Number of points per list, if it is a grid.
     columns: Option<usize>,
 }
 
@@ -479,12 +479,12 @@ impl utoipa::PartialSchema for Points {
 impl utoipa::ToSchema for Points {}
 
 impl Points {
-    /// From `d·N` coordinate-major numbers.
+    /// Points from `d·N` coordinate-major numbers.
     pub fn from_columns(coordinates: Vec<f64>, dimension: usize) -> Self {
         Self { dimension, coordinates, columns: None }
     }
 
-    /// The same points as a grid with so many in each list; one list when nothing is given.
+    /// The same points as a grid with `columns` points per list, or as one list without `columns`.
     pub fn in_grid(self, columns: Option<usize>) -> Self {
         Self { columns: columns.filter(|columns| *columns > 0), ..self }
     }
@@ -499,7 +499,7 @@ impl Points {
         self.coordinates.is_empty()
     }
 
-    /// Coordinates of one point.
+    /// Coordinates of point `k`.
     pub fn row(&self, k: usize) -> Vec<f64> {
         let n = self.len();
         (0..self.dimension).map(|c| self.coordinates[c * n + k]).collect()

@@ -1,8 +1,8 @@
 //! Drawings as SVG: curves, landmarks and surfaces, several layers on one scale.
 //!
 //! Spline curves are drawn through samples (8 per control point, at least 128), not through their control
-//! points. Shapes of space are drawn along the direction (1, −1, 1)/√3 in parallel projection. The y axis points up, as
-//! in the data. Surfaces are shaded, and as they hide one another they are drawn side by side, the front layer first.
+//! points. Shapes in space are drawn in parallel projection along the direction (1, −1, 1)/√3. The y axis points up, as
+//! in the data. Surfaces are shaded; since they hide one another, they are drawn side by side, the front layer first.
 
 use std::fmt::Write;
 
@@ -18,11 +18,11 @@ use crate::numeric::dense::Matrix;
 /// One layer of a drawing.
 #[derive(Debug, Clone)]
 pub struct Layer {
-    /// One a shape, as points of the plane: a polyline, or the facets of a surface one after the other.
+    /// Shapes as points in the plane: a polyline each, or the corners of a surface's facets one after the other.
     pub lines: Vec<Vec<[f64; 2]>>,
-    /// How light the facets of every surface are, from 0 to 1; of other shapes nothing.
+    /// Brightness of the facets of every surface, from 0 to 1; empty for other shapes.
     pub light: Vec<Vec<f64>>,
-    /// How the points are drawn.
+    /// Drawing style of the points.
     pub mark: Mark,
     /// Stroke colour.
     pub colour: &'static str,
@@ -30,36 +30,36 @@ pub struct Layer {
     pub width: f64,
     /// Opacity of the stroke.
     pub opacity: f64,
-    /// Entry of the legend; none without.
+    /// Entry of the legend, if any.
     pub name: Option<String>,
 }
 
-/// How the points of a layer are drawn.
+/// Drawing style of the points of a layer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Mark {
-    /// A line back to its start.
+    /// Closed line.
     Closed,
-    /// A line from end to end.
+    /// Open line.
     Open,
     /// Dots.
     Dots,
-    /// Four-sided facets, far ones first.
+    /// Four-sided facets, farthest first.
     Facets,
 }
 
-/// Colours for a mean, its shapes and the two sides of a mode (colour-blind safe).
+/// Colours of a mean, its shapes and the two sides of a mode (colour-blind safe).
 pub mod colour {
-    /// The main line.
+    /// Main line.
     pub const MAIN: &str = "#1b1b1b";
-    /// Many thin lines behind it.
+    /// Many thin lines in the background.
     pub const BACK: &str = "#4477aa";
-    /// The negative side of a mode.
+    /// Negative side of a mode.
     pub const MINUS: &str = "#4477aa";
-    /// The positive side of a mode.
+    /// Positive side of a mode.
     pub const PLUS: &str = "#cc3311";
-    /// Where there is no effect, red, green and blue.
+    /// RGB colour of no effect.
     pub const EFFECT_NONE: [u8; 3] = [0xdd, 0xdd, 0xdd];
-    /// Where the effect is largest.
+    /// RGB colour of the largest effect.
     pub const EFFECT_MOST: [u8; 3] = [0x88, 0x00, 0x55];
 }
 
@@ -118,7 +118,7 @@ impl Layer {
         self.mark == Mark::Facets
     }
 
-    /// Layers of one shape each, the first one with the name.
+    /// Layers of one shape each; only the first keeps the name.
     fn apart(&self) -> impl Iterator<Item = Self> + '_ {
         (0..self.lines.len()).map(|i| Self {
             lines: vec![self.lines[i].clone()],
@@ -145,7 +145,7 @@ fn outline(space: &ShapeSpace, control_points: &[f64]) -> Vec<[f64; 2]> {
     }
 }
 
-/// Parallel projection along (1, −1, 1): the usual isometric view, z up.
+/// Parallel projection along (1, −1, 1): the usual isometric view with z up.
 pub(super) fn flatten(point: &[f64]) -> [f64; 2] {
     match *point {
         [x, y, z] => [(x + y) * 0.5_f64.sqrt(), (y - x) / 6.0_f64.sqrt() + z * (2.0_f64 / 3.0).sqrt()],
@@ -154,7 +154,7 @@ pub(super) fn flatten(point: &[f64]) -> [f64; 2] {
     }
 }
 
-/// Nearness to the viewer of a point of space.
+/// Nearness of a point in space to the viewer.
 pub(super) fn depth(point: &[f64]) -> f64 {
     match *point {
         [x, y, z] => (x - y + z) / 3.0_f64.sqrt(),
@@ -162,54 +162,54 @@ pub(super) fn depth(point: &[f64]) -> f64 {
     }
 }
 
-/// Surfaces of a drawing at the most.
+/// Maximum number of surfaces in a drawing.
 const MOST_SURFACES: usize = 12;
-/// Facets along each direction of a surface: alone about two for every interval between knots, and among others.
+/// Facets along each direction of a surface: the range for one alone (about two per interval between knots), and among others.
 const CELLS: [usize; 2] = [48, 88];
 const CELLS_AMONG_OTHERS: usize = 36;
-/// Where the light comes from, about: over the left shoulder of the viewer.
+/// Approximate direction of the light: over the viewer's left shoulder.
 const LIGHT: [f64; 3] = [-0.02, -0.73, 0.68];
-/// Light on what is turned away from it.
+/// Brightness of faces turned away from the light.
 const AMBIENT: f64 = 0.25;
 
-/// Faces of a mesh that is drawn, alone and among others.
+/// Maximum number of faces of a drawn mesh, alone and among others.
 pub const MOST_FACES: usize = 10_000;
 const MOST_FACES_AMONG_OTHERS: usize = 2_600;
 
-/// The level at which the shapes of a basis are drawn.
+/// Subdivision level at which shapes are drawn.
 pub(super) fn drawn_level(basis: &SubdivisionBasis, among_others: bool) -> usize {
     basis.level_with(if among_others { MOST_FACES_AMONG_OTHERS } else { MOST_FACES })
 }
 
-/// Control points of space, one a row.
+/// Control points in space, one per row.
 pub(super) fn rows_of(shape: &[f64]) -> Matrix {
     Matrix::from_column_slice(shape.len() / 3, 3, shape)
 }
 
-/// A surface as it is seen.
+/// A surface as seen by the viewer.
 #[derive(Debug)]
 pub struct Facets {
-    /// Four corners each, far ones first; the last two of a triangle are one.
+    /// Four corners per facet, farthest facet first; a triangle repeats its last corner.
     pub(super) corners: Vec<[f64; 2]>,
-    /// How light they are.
+    /// Brightness of each facet.
     pub(super) light: Vec<f64>,
-    /// Which cell of a grid or face of a mesh they are.
+    /// Grid cell or mesh face of each facet.
     pub(super) cells: Vec<usize>,
 }
 
-/// A facet before it has its place among the others: depth, corners, light and cell.
+/// A facet before sorting: depth, corners, brightness and cell.
 type Facet = (f64, [[f64; 2]; 4], f64, usize);
 
-/// How light a facet with a unit normal is.
+/// Brightness of a facet with a unit normal.
 fn light(normal: [f64; 3]) -> f64 {
     AMBIENT + (1.0 - AMBIENT) * (0.5 + 0.5 * dot(normal, LIGHT)).powi(2)
 }
 
-/// Facets of a closed surface that are turned away by more than this sine are not drawn among others. Alone all are: between the
-/// folds of a cortex they fill what coarse facets before them leave open.
+/// Facets of a closed surface turned away by more than this sine are omitted among others. Alone, all are drawn: between
+/// the folds of a cortex they fill gaps that coarse facets in front leave open.
 const HIDDEN: f64 = -0.25;
 
-/// Cells along each direction of a surface.
+/// Number of cells along each direction of a surface.
 pub(super) fn cells_of(basis: &SurfaceBasis, among_others: bool) -> usize {
     let knots = basis.extent().intervals.into_iter().max().unwrap_or_default();
     if among_others { CELLS_AMONG_OTHERS } else { (2 * knots).clamp(CELLS[0], CELLS[1]) }
@@ -225,7 +225,7 @@ impl Facets {
         }
     }
 
-    /// The faces of a closed mesh. Those without area are not seen.
+    /// Faces of a closed mesh; faces without area are omitted.
     pub(super) fn of_mesh(mesh: &TriangleMesh, among_others: bool) -> Self {
         let mut seen = Vec::new();
         for (cell, (face, normal)) in mesh.faces.iter().zip(mesh.face_normals()).enumerate() {
@@ -245,7 +245,7 @@ impl Facets {
     pub(super) fn of(basis: &SurfaceBasis, shape: &[f64], among_others: bool) -> Self {
         let cells = cells_of(basis, among_others);
         let surface = basis.surface(&Matrix::from_column_slice(basis.gram().size(), 3, shape));
-        // The end from within: behind a twisted seam v is another.
+        // The end parameter approached from below: beyond a twisted seam, v differs.
         let edges: Vec<f64> =
             (0..=cells).map(|i| (i as f64 / cells as f64).min(1.0_f64.next_down())).collect();
         let middles: Vec<f64> = (0..cells).map(|i| (i as f64 + 0.5) / cells as f64).collect();
@@ -272,7 +272,7 @@ pub(super) const SIZE: f64 = 640.0;
 pub(super) const MARGIN: f64 = 32.0;
 pub(super) const CAPTION: f64 = 28.0;
 
-/// A page that holds some points: its height, and where a point goes.
+/// Page that fits a set of points: its height, and the map from points to the page.
 pub(super) struct Page {
     pub(super) height: f64,
     scale: f64,
@@ -298,7 +298,7 @@ impl Page {
     }
 }
 
-/// The beginning of a picture of `height` under a title.
+/// Opens a picture of `height` with a title.
 pub(super) fn open(title: &str, height: f64) -> String {
     format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {SIZE} {height}\" width=\"{SIZE}\" height=\"{height}\" \
@@ -308,7 +308,7 @@ pub(super) fn open(title: &str, height: f64) -> String {
     )
 }
 
-/// The drawing of `layers`, back to front, under a title. Cost linear in the points drawn.
+/// Draws `layers`, back to front, under a title. The cost is linear in the number of points drawn.
 pub fn draw(title: &str, layers: &[Layer]) -> String {
     if layers.iter().any(Layer::hides) {
         return side_by_side(title, layers);
@@ -323,13 +323,13 @@ pub fn draw(title: &str, layers: &[Layer]) -> String {
     svg
 }
 
-/// One shape a cell, those of the front layer first.
+/// Draws one shape per cell, those of the front layer first.
 fn side_by_side(title: &str, layers: &[Layer]) -> String {
     let mut cells: Vec<(String, Vec<Layer>)> = Vec::new();
     for layer in layers.iter().rev() {
         let (before, room) = (cells.len(), MOST_SURFACES - cells.len());
         cells.extend(layer.apart().take(room).map(|one| (one.name.clone().unwrap_or_default(), vec![one])));
-        // Of many, what is drawn is the beginning.
+        // Only the first of many surfaces are drawn, so the caption says so.
         let many = layer.lines.len() > 1 && layer.name.is_some();
         if let (true, Some((caption, _))) = (many, cells.get_mut(before)) {
             *caption = format!("some of {caption}");
@@ -339,18 +339,18 @@ fn side_by_side(title: &str, layers: &[Layer]) -> String {
     draw_cells(title, &cells, columns)
 }
 
-/// So many surfaces stand in one row.
+/// Up to this many surfaces are drawn in one row.
 const MOST_IN_A_ROW: usize = 7;
 
-/// Columns of a grid that is about as wide as high.
+/// Number of columns of a grid that is about as wide as high.
 fn columns_of(cells: usize) -> usize {
     (cells as f64).sqrt().ceil().clamp(1.0, MOST_COLUMNS as f64) as usize
 }
 
-/// Most cells in a row of a grid.
+/// Maximum number of cells per row of a grid.
 const MOST_COLUMNS: usize = 10;
 
-/// Cells with captions, side by side on one scale: every cell has its own centre.
+/// Draws cells with captions side by side on one scale, each centred on its own shapes.
 pub fn grid(title: &str, cells: &[(String, Vec<Layer>)]) -> String {
     draw_cells(title, cells, columns_of(cells.len()))
 }
@@ -387,11 +387,11 @@ fn draw_cells(title: &str, cells: &[(String, Vec<Layer>)], columns: usize) -> St
     svg
 }
 
-/// Seconds that an animation shows one frame.
+/// Seconds per frame of an animation.
 const FRAME_SECONDS: f64 = 0.4;
 
-/// An animation through the lines of a layer and back, over and over; the first and last stay behind as thin lines.
-/// Programs that do not animate show the first.
+/// Animation through the lines of a layer and back, in a loop; the first and last line stay visible as thin lines. Viewers
+/// without animation show the first.
 pub fn animate(title: &str, layer: &Layer) -> String {
     if layer.hides() {
         return draw(title, std::slice::from_ref(layer));
@@ -424,15 +424,15 @@ pub fn animate(title: &str, layer: &Layer) -> String {
     svg
 }
 
-/// Bytes of the text of a point, such as `L123.45 678.90`.
+/// Length of the text of a point, such as `L123.45 678.90`, in bytes.
 const POINT_BYTES: usize = 14;
 
-/// About how long the text of [`animate`] is: every line stands there and back.
+/// Approximate length of the text of [`animate`], in which every line appears twice.
 pub fn animation_bytes(layer: &Layer) -> usize {
     2 * POINT_BYTES * layer.lines.iter().map(Vec::len).sum::<usize>()
 }
 
-/// The path of a line.
+/// SVG path of a line.
 pub(super) fn path(line: &[[f64; 2]], mark: Mark, place: impl Fn(&[f64; 2]) -> [f64; 2]) -> String {
     let mut path = String::with_capacity(POINT_BYTES * line.len());
     for (i, [x, y]) in line.iter().map(place).enumerate() {
@@ -475,7 +475,7 @@ pub(super) fn draw_layer(svg: &mut String, layer: &Layer, place: impl Fn(&[f64; 
     svg.push_str("</g>\n");
 }
 
-/// A colour, made pale, in this light.
+/// A pale version of a colour under the given light.
 fn lit(colour: &str, light: f64) -> String {
     let channel = |i: usize| {
         let value = colour.get(1 + 2 * i..3 + 2 * i).and_then(|hex| u8::from_str_radix(hex, 16).ok());

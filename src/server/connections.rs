@@ -1,4 +1,4 @@
-//! Connections: accepted as long as there are places, with TLS or without, and held no longer than they are of use.
+//! Connections: accepts them while slots are free, with or without TLS, and closes those that idle too long.
 
 use std::convert::Infallible;
 use std::io;
@@ -28,15 +28,15 @@ use tower::Service;
 use super::places::{End, Part, Patience, Place, Places, Request as Guard};
 use crate::config::ConnectionLimits;
 
-/// How often a client of HTTP/2 is asked whether it is still there, and how long its answer may take.
+/// Interval of HTTP/2 keep-alive pings, and timeout of their answers.
 const PING: Duration = Duration::from_secs(20);
-/// Most bytes of an answer that wait in memory for a client of HTTP/2, for each stream.
+/// Maximum number of response bytes buffered per HTTP/2 stream.
 const SEND_BUFFER: usize = 128 << 10;
-/// Longest time that a connection takes to say goodbye.
+/// Longest time that a graceful close may take.
 const GOODBYE: Duration = Duration::from_secs(1);
-/// Pause after a connection could not be accepted, as when there are no more file descriptors.
+/// Pause after a connection could not be accepted, for instance for lack of file descriptors.
 const PAUSE: Duration = Duration::from_millis(20);
-/// Time between two lines of the log about connections that were turned away.
+/// Minimum time between log lines about rejected connections.
 const QUIET: Duration = Duration::from_secs(10);
 
 /// Serves connections until it is stopped.
@@ -63,7 +63,7 @@ impl Connections {
         Self { router, tls, http: http(limits), patience, places, stop }
     }
 
-    /// Accepts connections; after the stop until the last of those before it has ended, for the probes that ask meanwhile.
+    /// Accepts connections. After the stop it continues until the earlier ones have ended, so that probes are still answered.
     pub(super) async fn serve(self, listener: TcpListener) {
         let (tasks, late) = (TaskTracker::new(), TaskTracker::new());
         let mut complaint = Complaint(None);
@@ -95,7 +95,7 @@ impl Connections {
     }
 
     async fn answer(self, stream: TcpStream, peer: SocketAddr, place: Arc<Place>) {
-        // Small answers must not wait for more; without the option they are only slower.
+        // Small responses must not be delayed; without the option they are merely slower.
         let _ = stream.set_nodelay(true);
         let late = self.stop.is_cancelled();
         let Some(tls) = &self.tls else { return self.speak(stream, peer, &place).await };
@@ -110,7 +110,7 @@ impl Connections {
         }
     }
 
-    /// Answers what comes on a connection, until its end.
+    /// Serves HTTP on a connection until it ends.
     async fn speak<S>(&self, stream: S, peer: SocketAddr, place: &Arc<Place>)
     where
         S: AsyncRead + AsyncWrite + Unpin + Send + 'static,
@@ -119,11 +119,11 @@ impl Connections {
         let stream = TokioIo::new(Watching { stream, place: Arc::clone(place) });
         let connection = self.http.serve_connection(stream, TowerToHyperService::new(service));
         let mut connection = std::pin::pin!(connection);
-        // One that came after the stop has one answer, which says that it is the last.
+        // A connection accepted after the stop gets one response, which announces the close.
         let mut stopping = self.stop.is_cancelled();
         loop {
             tokio::select! {
-                // A connection that breaks is the business of its client.
+                // A broken connection is the client's concern.
                 _ = connection.as_mut() => return,
                 end = place.end(&self.patience) => {
                     if end == End::Idle {
@@ -141,7 +141,7 @@ impl Connections {
     }
 }
 
-/// HTTP as it is spoken here. The time for heads is that of the places, which also bounds what comes before them.
+/// HTTP settings. Timeouts of request heads are enforced by the connection slots, which also bound what precedes a head.
 fn http(limits: &ConnectionLimits) -> Builder<TokioExecutor> {
     let mut builder = Builder::new(TokioExecutor::new());
     builder.http1().timer(TokioTimer::new()).header_read_timeout(None).max_buf_size(limits.head_bytes);
@@ -156,7 +156,7 @@ fn http(limits: &ConnectionLimits) -> Builder<TokioExecutor> {
     builder
 }
 
-/// Warnings that do not flood the log.
+/// Warnings limited in frequency, so that they do not flood the log.
 struct Complaint(Option<Instant>);
 
 impl Complaint {
@@ -168,7 +168,7 @@ impl Complaint {
     }
 }
 
-/// The service of one connection: its place knows of every request.
+/// Service of one connection, which reports every request to the connection's slot.
 #[derive(Clone)]
 struct Watched {
     router: Router,
@@ -200,7 +200,7 @@ where
     }
 }
 
-/// The body of a request: when it has nothing more yet, the client does not send. How long it may take is up to the route.
+/// Request body. While no data is available, the client is not sending; the route bounds how long that may last.
 struct Arriving<B> {
     body: Pin<Box<B>>,
     part: Part,
@@ -228,7 +228,7 @@ impl<B: HttpBody<Data = Bytes>> HttpBody for Arriving<B> {
     }
 }
 
-/// The body of an answer: when it gives a piece and is not asked for more, the client does not read.
+/// Response body. While a chunk is ready and the next one is not requested, the client is not reading.
 struct Leaving {
     body: Body,
     part: Part,
@@ -260,7 +260,7 @@ impl HttpBody for Leaving {
     }
 }
 
-/// A stream that tells its place when bytes do not go out.
+/// Stream that reports to the slot when written bytes are not accepted.
 struct Watching<S> {
     stream: S,
     place: Arc<Place>,
@@ -311,7 +311,7 @@ impl<S: AsyncWrite + Unpin> AsyncWrite for Watching<S> {
     }
 
     fn poll_flush(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
-        // What was written has gone out when this is ready, and not before.
+        // The flush is ready only once all written bytes have left.
         let polled = Pin::new(&mut self.stream).poll_flush(context);
         self.place.waits(polled.is_pending());
         polled

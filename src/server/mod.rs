@@ -1,7 +1,7 @@
-//! Starts the service, prints where it is, and stops it in order.
+//! Server: starts the service, announces its address, and shuts it down in order.
 //!
-//! * [`connections`] — who is let in, and for how long;
-//! * [`places`] — most connections, and which one goes when there are too many;
+//! * [`connections`] — accepting connections, and their time limits;
+//! * [`places`] — a fixed number of connection slots with idle eviction;
 //! * [`tls`] — the certificate.
 
 mod connections;
@@ -26,18 +26,18 @@ use crate::service::cohorts::example;
 use crate::service::{access, dispatch};
 use crate::worker::{Worker, tidy};
 
-/// Longest time for requests to finish after a stop was asked for.
+/// Longest time for requests to finish after a stop was requested.
 const DRAIN: Duration = Duration::from_secs(20);
 
-/// Browsers that were here by TLS come by nothing else for a year.
+/// HSTS: browsers that connected over TLS use only TLS for a year.
 const TLS_ONLY: HeaderValue = HeaderValue::from_static("max-age=31536000");
-/// Longest time for the store to put everything into one file.
+/// Longest time for the store to merge its data into one file.
 const CLOSE: Duration = Duration::from_secs(5);
 
 /// Runs until the process is asked to stop.
 ///
 /// # Errors
-/// What keeps the service from starting, in one sentence.
+/// Reason why the service cannot start, in one sentence.
 pub(crate) async fn serve(config: ServeConfig) -> Result<(), String> {
     clock::check()?;
     let store = config.place().open().await?;
@@ -54,7 +54,7 @@ pub(crate) async fn serve(config: ServeConfig) -> Result<(), String> {
         example::load_into_empty(&app).await.map_err(|error| format!("the example cohort: {error}"))?;
     }
     tokio::spawn(tidy::keep_tidy(app.clone(), config.terms()));
-    // Before anyone can know that the service is there: a signal that nobody hears ends the process at once.
+    // Installed before the address is announced: an unhandled signal would end the process at once.
     let asked_to_stop = stop_signal().map_err(|error| format!("signals cannot be heard: {error}"))?;
     let listener = TcpListener::bind(config.listen)
         .await
@@ -62,7 +62,7 @@ pub(crate) async fn serve(config: ServeConfig) -> Result<(), String> {
     let address = listener.local_addr().map_err(|error| error.to_string())?;
     let certificate = certificate(&config).await?;
     let scheme = if certificate.is_some() { "https" } else { "http" };
-    // Who reads the address finds the log complete.
+    // Logged before the address is announced, so that readers of the address find it in the log.
     if is_open {
         tracing::warn!(
             "access is open: without keys and identity provider, all users of this machine are administrators"
@@ -83,12 +83,12 @@ pub(crate) async fn serve(config: ServeConfig) -> Result<(), String> {
     let connections = Connections::new(router, tls, &config.connections(), stop.clone());
     let mut served = tokio::spawn(connections.serve(listener));
     tokio::select! {
-        // It ends when it is stopped, or by a bug.
+        // Ends after a stop, or because of a bug.
         ended = &mut served => return ended.map_err(|error| error.to_string()),
         () = asked_to_stop => {}
     }
     tracing::info!("stopping: no new requests");
-    // Uploads hear of it, new requests are refused, and probes are told, until the last answer has gone out.
+    // Until the last response is sent, uploads are told to end, new requests are refused, and probes report it.
     stopping.drain();
     stop.cancel();
     let worker = worker.stop();
@@ -107,7 +107,7 @@ pub(crate) async fn serve(config: ServeConfig) -> Result<(), String> {
     outcome
 }
 
-/// The certificate, when the service is to speak TLS.
+/// Certificate, if the service uses TLS.
 async fn certificate(config: &ServeConfig) -> Result<Option<Certificate>, String> {
     let (chain, key) = (config.tls_cert.clone(), config.tls_key.clone());
     if chain.as_os_str().is_empty() {
@@ -116,7 +116,7 @@ async fn certificate(config: &ServeConfig) -> Result<Option<Certificate>, String
     Certificate::read(chain, key).await.map(Some)
 }
 
-/// The one line on standard output that programs wait for, one to try, and whether anyone may.
+/// Prints the address line that programs wait for, an example request, and a warning if access is open.
 fn announce(address: &str, is_open: bool) {
     #[allow(clippy::print_stdout, reason = "programs read the address from here")]
     {
@@ -130,7 +130,7 @@ fn announce(address: &str, is_open: bool) {
     }
 }
 
-/// From now on the signals that ask for a stop are heard; the future ends with the first one.
+/// Installs handlers for the stop signals; the future resolves at the first one.
 #[cfg(unix)]
 fn stop_signal() -> std::io::Result<impl Future<Output = ()>> {
     use tokio::signal::unix::{SignalKind, signal};
@@ -140,7 +140,7 @@ fn stop_signal() -> std::io::Result<impl Future<Output = ()>> {
     })
 }
 
-/// The future ends when a stop is asked for at the terminal.
+/// Future that resolves when a stop is requested at the terminal.
 #[cfg(not(unix))]
 fn stop_signal() -> std::io::Result<impl Future<Output = ()>> {
     Ok(async {

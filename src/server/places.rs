@@ -1,6 +1,6 @@
-//! Places for connections: bounded, and never held for nothing. When all are taken, who comes gets the place of the
-//! connection that has waited for its client for longest: for a request, the rest of one, or that an answer is read. Only
-//! when the service is at work for every one of them, nobody does.
+//! A fixed number of connection slots. When all are in use, a new connection evicts the one that has been idle longest,
+//! waiting for its client to send a request, send the rest of one, or read a response. If every connection is being
+//! served, the new one is refused.
 
 use std::collections::{BTreeMap, HashMap};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -9,21 +9,21 @@ use std::time::Duration;
 use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 
-/// How often a connection is looked at.
+/// Longest interval between checks of a connection.
 const GLANCE: Duration = Duration::from_secs(5);
 
-/// How long connections may keep their places.
+/// Timeouts of connections.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Patience {
-    /// From the connection to the end of the head of its first request.
+    /// From the connection to the end of its first request head.
     pub(super) first: Duration,
-    /// From one answer to the end of the head of the next request.
+    /// From a response to the end of the next request head.
     pub(super) idle: Duration,
-    /// With bytes of an answer ready that the client does not take.
+    /// While response bytes are ready that the client does not take.
     pub(super) reader: Duration,
 }
 
-/// All places.
+/// All connection slots.
 #[derive(Debug)]
 pub(super) struct Places {
     most: usize,
@@ -33,9 +33,9 @@ pub(super) struct Places {
 #[derive(Debug, Default)]
 struct State {
     taken: usize,
-    /// Number of the next connection that becomes idle.
+    /// Sequence number of the last connection that became idle.
     next: u64,
-    /// Connections that wait for their clients, the longest first.
+    /// Idle connections, longest idle first.
     idle: BTreeMap<u64, CancellationToken>,
 }
 
@@ -44,7 +44,7 @@ impl Places {
         Arc::new(Self { most, state: Mutex::default() })
     }
 
-    /// A place, if need be that of a connection that waits for its client.
+    /// Takes a slot, evicting the longest idle connection if necessary; `None` if all connections are being served.
     pub(super) fn enter(self: &Arc<Self>) -> Option<Arc<Place>> {
         let mut state = locked(&self.state);
         if state.taken >= self.most && !state.close_longest_idle() {
@@ -67,7 +67,7 @@ impl Places {
         Some(Arc::new(Place { places: Arc::clone(self), closing, usage: Mutex::new(usage) }))
     }
 
-    /// Closes the connection that has waited for its client for longest.
+    /// Evicts the longest idle connection.
     pub(super) fn close_one(&self) {
         locked(&self.state).close_longest_idle();
     }
@@ -85,7 +85,7 @@ impl State {
     }
 }
 
-/// The place of one connection.
+/// Slot of one connection.
 #[derive(Debug)]
 pub(super) struct Place {
     places: Arc<Places>,
@@ -95,33 +95,33 @@ pub(super) struct Place {
 
 #[derive(Debug)]
 struct Usage {
-    /// Since when there is no request.
+    /// Time since which there has been no request.
     since: Instant,
-    /// Whether there has been one.
+    /// Whether there has been a request.
     served: bool,
     requests: usize,
-    /// Requests less those that wait for the client.
+    /// Number of requests minus those waiting for the client.
     working: isize,
-    /// Its number among those that wait for their clients.
+    /// Sequence number among the idle connections, if idle.
     idle: Option<u64>,
     next: u64,
-    /// What waits for the client to read, since when.
+    /// Bodies waiting for the client to read, with the start of the wait.
     unread: HashMap<u64, Instant>,
-    /// Bytes that went out since then.
+    /// Number of bytes written since then.
     written: usize,
 }
 
-/// Number of the connection itself among what waits to be read; answers count from one.
+/// Number of the connection itself in `unread`; bodies count from one.
 const WIRE: u64 = 0;
-/// Fewest bytes that a client takes in the time it has; a ping is no reading.
+/// Number of bytes that a client must take within the timeout; a ping does not count as reading.
 const LEAST: usize = 16 << 10;
 
-/// What is to become of a connection.
+/// How to close a connection.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum End {
-    /// Nobody waits for anything: it may say goodbye.
+    /// Gracefully: it is idle.
     Idle,
-    /// Its client does not read, or another one needs the place.
+    /// Immediately: its client does not read, or another connection needs the slot.
     AtOnce,
 }
 
@@ -137,7 +137,7 @@ impl Usage {
         self.unread.entry(number).or_insert_with(Instant::now);
     }
 
-    /// Makes the place one to be given away, or not.
+    /// Marks the connection as idle or busy, as its requests require.
     fn settle(&mut self, place: &Place) {
         match (self.working > 0, self.idle) {
             (true, Some(number)) => {
@@ -151,7 +151,7 @@ impl Usage {
 }
 
 impl Place {
-    /// A request begins; it ends when what is returned is dropped.
+    /// Registers a request, which ends when the returned value is dropped.
     pub(super) fn begin(self: &Arc<Self>) -> Arc<Request> {
         let mut usage = locked(&self.usage);
         usage.requests += 1;
@@ -161,12 +161,12 @@ impl Place {
         Arc::new(Request { place: Arc::clone(self) })
     }
 
-    /// Bytes wait on the connection, or do no longer.
+    /// Records whether bytes wait to be written on the connection.
     pub(super) fn waits(&self, waits: bool) {
         locked(&self.usage).unread(WIRE, waits);
     }
 
-    /// So many bytes went out.
+    /// Records that `bytes` were written.
     pub(super) fn wrote(&self, bytes: usize) {
         let mut usage = locked(&self.usage);
         usage.written = usage.written.saturating_add(bytes);
@@ -176,7 +176,7 @@ impl Place {
         }
     }
 
-    /// Waits until the connection has to go.
+    /// Waits until the connection must be closed.
     pub(super) async fn end(&self, patience: &Patience) -> End {
         let overdue = async {
             loop {
@@ -192,7 +192,7 @@ impl Place {
         }
     }
 
-    /// When to look again, or that it has to go.
+    /// Time of the next check, or how the connection must be closed now.
     fn look(&self, patience: &Patience) -> Result<Instant, End> {
         let (usage, now) = (locked(&self.usage), Instant::now());
         let soon = now + GLANCE.min(patience.idle).min(patience.reader);
@@ -216,14 +216,14 @@ impl Drop for Place {
     }
 }
 
-/// A request on a connection, until its answer is written.
+/// A request on a connection, until its response is written.
 #[derive(Debug)]
 pub(super) struct Request {
     place: Arc<Place>,
 }
 
 impl Request {
-    /// Something that the request does, which may have to wait for the client; whether that is bounded in time.
+    /// Registers a body of the request, which may have to wait for the client; `bounded` applies the reader timeout to it.
     pub(super) fn part(self: &Arc<Self>, bounded: bool) -> Part {
         let mut usage = locked(&self.place.usage);
         usage.next += 1;
@@ -243,7 +243,7 @@ impl Drop for Request {
     }
 }
 
-/// A body, which is sent or read as fast as the client does.
+/// A body that is sent or read at the client's pace.
 #[derive(Debug)]
 pub(super) struct Part {
     request: Arc<Request>,
@@ -253,7 +253,7 @@ pub(super) struct Part {
 }
 
 impl Part {
-    /// It waits for the client, or does no longer.
+    /// Records whether the body is waiting for the client.
     pub(super) fn waits(&mut self, waits: bool) {
         if self.waits == waits {
             return;
@@ -275,7 +275,7 @@ impl Drop for Part {
     }
 }
 
-/// Nothing is left half done under these locks.
+/// A poisoned lock is safe to use: no update is left half done.
 fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -1,5 +1,5 @@
-//! The certificate of the service: read again when its files change or the process is told to (SIGHUP), without a
-//! connection being cut. A pair that cannot be used is refused, and the one in use stays.
+//! TLS certificate of the service. It is reloaded when its files change or on SIGHUP, without closing connections. An
+//! unusable pair is refused, and the current one stays in use.
 
 use std::fs::Metadata;
 use std::io;
@@ -8,13 +8,13 @@ use std::time::{Duration, SystemTime};
 
 use axum_server::tls_rustls::RustlsConfig;
 
-/// How often the files are looked at.
+/// Interval between checks of the files.
 const GLANCE: Duration = Duration::from_secs(2);
 
-/// What changes when a file is replaced.
+/// Modification time and size, which change when a file is replaced.
 type Look = (Option<SystemTime>, u64);
 
-/// A certificate chain and its key, in PEM files.
+/// Certificate chain and private key, in PEM files.
 #[derive(Debug)]
 pub(super) struct Certificate {
     chain: PathBuf,
@@ -24,10 +24,10 @@ pub(super) struct Certificate {
 }
 
 impl Certificate {
-    /// Reads the files.
+    /// Loads the files.
     ///
     /// # Errors
-    /// Files that cannot be read, or do not belong together, in one sentence.
+    /// Files that cannot be read or do not match, in one sentence.
     pub(super) async fn read(chain: PathBuf, key: PathBuf) -> Result<Self, String> {
         let seen = look(&chain, &key).await.ok();
         let config = RustlsConfig::from_pem_file(&chain, &key).await;
@@ -37,12 +37,12 @@ impl Certificate {
         Ok(Self { chain, key, config, seen })
     }
 
-    /// What connections use, always the newest.
+    /// TLS configuration for connections, always with the latest certificate.
     pub(super) fn config(&self) -> RustlsConfig {
         self.config.clone()
     }
 
-    /// Keeps the certificate new for ever.
+    /// Reloads the certificate whenever needed, forever.
     pub(super) async fn watch(mut self) {
         let mut told = Told::new();
         loop {
@@ -50,7 +50,7 @@ impl Certificate {
                 () = told.wait() => self.reload().await,
                 () = tokio::time::sleep(GLANCE) => match look(&self.chain, &self.key).await {
                     Ok(found) if self.seen == Some(found) => {}
-                    // While a file is being replaced there may be none.
+                    // The files may be missing while they are being replaced.
                     Err(_) => {}
                     Ok(found) => {
                         self.seen = Some(found);
@@ -76,7 +76,7 @@ async fn look(chain: &std::path::Path, key: &std::path::Path) -> io::Result<[Loo
     tokio::task::spawn_blocking(both).await.map_err(io::Error::other)?
 }
 
-/// Hears the signal by which an operator asks for a reload.
+/// Listens for the signal that requests a reload (SIGHUP).
 struct Told {
     #[cfg(unix)]
     signal: Option<tokio::signal::unix::Signal>,

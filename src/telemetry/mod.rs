@@ -1,6 +1,6 @@
-//! Logs: structured lines on standard error, filtered, as text or JSON. Never a body, never a coordinate.
+//! Logs: structured lines on standard error, filtered, as text or JSON. Bodies and coordinates are never logged.
 //!
-//! With the feature `otel`, and when an endpoint is set in the environment, spans are also sent there as traces.
+//! With the feature `otel` and an endpoint set in the environment, spans are also exported as traces.
 
 #[cfg(feature = "otel")]
 mod traces;
@@ -14,7 +14,7 @@ use tracing_subscriber::{EnvFilter, Layer};
 
 use crate::config::LogFormat;
 
-/// What has to be brought to an end with the program.
+/// Telemetry to shut down at the end of the program.
 #[must_use]
 #[derive(Debug)]
 pub struct Telemetry {
@@ -22,15 +22,15 @@ pub struct Telemetry {
     traces: Option<traces::Traces>,
 }
 
-/// Starts logging, and tracing when it is asked for; traces are sent on the runtime of `handle`.
+/// Starts logging, and tracing if configured; traces are exported on the runtime of `handle`.
 ///
 /// # Errors
-/// A filter that cannot be read; an endpoint for traces that is none.
+/// An invalid filter; an invalid endpoint for traces.
 pub fn start(filter: &str, format: LogFormat, handle: &Handle) -> Result<Telemetry, String> {
     let filter = EnvFilter::try_new(filter).map_err(|error| format!("log filter '{filter}': {error}"))?;
     let colours = std::io::stderr().is_terminal();
     let lines = tracing_subscriber::fmt::layer().with_ansi(colours).with_writer(std::io::stderr);
-    // A log on a full disk cannot be told there that it is full; trying to would end the request.
+    // A full disk cannot be reported in a log on that disk; attempting to would end the request.
     let lines = lines.log_internal_errors(false);
     let lines = match format {
         LogFormat::Text => lines.boxed(),
@@ -46,7 +46,7 @@ pub fn start(filter: &str, format: LogFormat, handle: &Handle) -> Result<Telemet
     }
     #[cfg(not(feature = "otel"))]
     {
-        // Only traces are sent.
+        // Used for traces only.
         let _ = handle;
         subscriber.try_init().map_err(|error| error.to_string())?;
         Ok(Telemetry {})
@@ -54,7 +54,7 @@ pub fn start(filter: &str, format: LogFormat, handle: &Handle) -> Result<Telemet
 }
 
 impl Telemetry {
-    /// Sends what was not sent yet.
+    /// Exports pending spans.
     pub fn stop(self) {
         #[cfg(feature = "otel")]
         if let Some(traces) = self.traces {

@@ -1,6 +1,6 @@
-//! Traces by OpenTelemetry: the spans of this program, sent by OTLP over HTTP.
+//! OpenTelemetry traces: spans of this program, exported by OTLP over HTTP.
 //!
-//! Everything is set by the standard environment variables (`OTEL_EXPORTER_OTLP_ENDPOINT`, `OTEL_SERVICE_NAME`,
+//! Configured by the standard environment variables (`OTEL_EXPORTER_OTLP_ENDPOINT`, `OTEL_SERVICE_NAME`,
 //! `OTEL_TRACES_SAMPLER`, …); without an endpoint nothing is started.
 
 use std::sync::Arc;
@@ -18,24 +18,24 @@ use tracing_subscriber::registry::LookupSpan;
 
 use crate::service::app::build;
 
-/// Any of these starts the traces.
+/// Setting any of these variables enables traces.
 const ENDPOINTS: [&str; 2] = ["OTEL_EXPORTER_OTLP_TRACES_ENDPOINT", "OTEL_EXPORTER_OTLP_ENDPOINT"];
-/// Longest time for the last spans.
+/// Longest time for exporting the last spans.
 const LAST: Duration = Duration::from_secs(5);
-/// Name of the program in its traces.
+/// Service name in the traces.
 const NAME: &str = "shapelex";
 
-/// The traces of this process.
+/// Trace exporter of this process.
 #[derive(Debug)]
 pub(super) struct Traces {
     provider: SdkTracerProvider,
 }
 
 impl Traces {
-    /// Starts to send traces when there is an endpoint.
+    /// Starts exporting traces if there is an endpoint.
     ///
     /// # Errors
-    /// An endpoint that is none.
+    /// An invalid endpoint.
     pub(super) fn start(handle: &Handle) -> Result<Option<Self>, String> {
         let is_set = |name: &&str| std::env::var(name).is_ok_and(|value| !value.is_empty());
         let is_disabled =
@@ -53,14 +53,14 @@ impl Traces {
         Ok(Some(Self { provider }))
     }
 
-    /// What hands over the spans of this program, and not those of its libraries.
+    /// Layer that exports the spans of this program, but not those of its libraries.
     pub(super) fn layer<S: Subscriber + for<'span> LookupSpan<'span>>(&self) -> impl Layer<S> {
         tracing_opentelemetry::layer()
             .with_tracer(self.provider.tracer(NAME))
             .with_filter(Targets::new().with_target(NAME, Level::INFO))
     }
 
-    /// Sends what was not sent yet.
+    /// Exports pending spans.
     pub(super) fn stop(self) {
         if let Err(error) = self.provider.shutdown_with_timeout(LAST) {
             tracing::warn!(%error, "the last traces were not sent");
@@ -77,7 +77,7 @@ fn resource() -> Resource {
     resource.with_attribute(opentelemetry::KeyValue::new("service.version", build::VERSION)).build()
 }
 
-/// An exporter whose client needs the async runtime; it is called from a thread outside of it.
+/// Exporter whose client needs the async runtime, called from a thread outside of it.
 #[derive(Debug)]
 struct OnRuntime {
     exporter: Arc<opentelemetry_otlp::SpanExporter>,
@@ -92,7 +92,7 @@ impl SpanExporter for OnRuntime {
     }
 
     fn set_resource(&mut self, resource: &Resource) {
-        // Called before the first batch: nobody else holds it then.
+        // Called before the first batch, so there is no other reference yet.
         if let Some(exporter) = Arc::get_mut(&mut self.exporter) {
             exporter.set_resource(resource);
         }

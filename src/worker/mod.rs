@@ -1,7 +1,7 @@
-//! The door through which queued jobs come in: each place takes the next job, computes it on threads of its own, and
-//! keeps its claim alive meanwhile. A place without a job takes parts of those that run, here or in other processes.
+//! Worker: runs queued jobs. Each slot takes the next job, computes it on its own threads, and sends heartbeats for its
+//! lease meanwhile. A slot without a job computes partial sums of running jobs, here or of other replicas.
 //!
-//! Requests compute on the pool of the [`App`], jobs on those of their places: none waits behind the other.
+//! Requests compute on the pool of the [`App`], jobs on the threads of their slots, so neither delays the other.
 
 pub mod tidy;
 
@@ -23,37 +23,37 @@ use crate::service::dictionaries::distributed::{self, Help};
 use crate::service::jobs::attempt::Attempt;
 use crate::service::jobs::{Outcome, attempt};
 
-/// How often the queue is looked at when nobody says that there is something: retries and ended leases.
+/// Polling interval of the queue, for retries and expired leases; new jobs wake a slot at once.
 const POLL: Duration = Duration::from_secs(1);
-/// How often it is looked at by who made a part of a job lately: the next pass often follows.
+/// Polling interval of a slot that recently computed a part of a job: the next parts often follow.
 const POLL_HELPING: Duration = Duration::from_millis(50);
-/// How long that counts as lately.
+/// How long a computed part counts as recent.
 const LATELY: Duration = Duration::from_secs(5);
-/// A job that takes so many times what one may be predicted to take is ended: predictions are upper bounds, good to a factor of
-/// three.
+/// A job is stopped after this multiple of the longest duration that may be predicted: predictions are upper bounds,
+/// accurate to a factor of three.
 const OVERRUN: u32 = 3;
-/// How often progress is written.
+/// Interval at which progress is written.
 const TICK: Duration = Duration::from_secs(1);
-/// Longest time for interrupted jobs to end. One that does not is put back into the queue at the next start.
+/// Longest time for interrupted jobs to end. Those that do not are requeued at the next start.
 const STOP: Duration = Duration::from_secs(5);
 
-/// How many jobs run at once, and on how many threads.
+/// Number of job slots and compute threads.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Places {
-    /// Jobs that run at once.
+    /// Number of jobs that run at once.
     pub jobs: NonZeroUsize,
-    /// Compute threads, shared out evenly, at least one for each; 0 means one per core.
+    /// Number of compute threads, divided evenly among the slots, at least one each; 0 means one per core.
     pub threads: usize,
 }
 
 impl Places {
-    /// Threads of each place.
+    /// Number of threads of each slot.
     fn threads_each(self) -> usize {
         (thread_count(self.threads) / self.jobs).max(1)
     }
 }
 
-/// The function that does a job.
+/// Function that executes a job.
 type Run = dyn Fn(&App, &Handle, &Job, &JobContext) -> Result<Outcome, ServiceError> + Send + Sync;
 
 /// Takes jobs from the queue until it is stopped.
@@ -64,7 +64,7 @@ pub struct Worker {
 }
 
 impl Worker {
-    /// Starts to take jobs and to `run` each: on a compute thread, with a handle for what has to be awaited.
+    /// Starts to take jobs. Each is executed by `run` on a compute thread, with a runtime handle for async calls.
     ///
     /// Must be called on an async runtime.
     pub fn start(
@@ -77,7 +77,7 @@ impl Worker {
         for _ in 0..places.jobs.get() {
             let place = Place {
                 app: app.clone(),
-                // A pool each: a thread that waits for its part of one job would else begin another one inside.
+                // One pool per slot: otherwise a thread waiting for its part of one job could start another job.
                 lane: Lane::new(JOB, places.threads_each(), 1),
                 run: Arc::clone(&run),
                 stop: stop.clone(),
@@ -88,7 +88,7 @@ impl Worker {
         Self { stop, places: tasks }
     }
 
-    /// Takes no more jobs, interrupts those that run, and puts them back into the queue.
+    /// Takes no more jobs, interrupts the running ones, and returns them to the queue.
     pub async fn stop(mut self) {
         self.stop.cancel();
         let ended = async { while self.places.join_next().await.is_some() {} };
@@ -98,13 +98,13 @@ impl Worker {
     }
 }
 
-/// Where one job runs at a time.
+/// Slot that runs one job at a time.
 struct Place {
     app: App,
     lane: Lane,
     run: Arc<Run>,
     stop: CancellationToken,
-    /// When it made a part of a job last.
+    /// Time at which it last computed a part of a job.
     helped: Option<Instant>,
 }
 
@@ -122,7 +122,7 @@ impl Place {
         }
     }
 
-    /// Does what is to be done next; false when there is nothing.
+    /// Does the next piece of work; `false` if there is none.
     async fn turn(&mut self) -> Result<bool, ServiceError> {
         if let Some(attempt) = attempt::claim(&self.app).await? {
             self.work(attempt).await;
@@ -134,7 +134,7 @@ impl Place {
         Ok(true)
     }
 
-    /// Waits for the next look into the queue.
+    /// Waits until the queue should be polled again.
     async fn idle(&self, submitted: impl Future<Output = ()>) {
         let lately = self.helped.is_some_and(|helped| helped.elapsed() < LATELY);
         let pause = if lately { POLL_HELPING } else { POLL };
@@ -151,7 +151,7 @@ impl Place {
         attempt.settle(&self.app, outcome, self.stop.is_cancelled()).await;
     }
 
-    /// Runs the job on the pool, and keeps its claim alive until it has ended.
+    /// Executes the job on the pool, sending heartbeats until it has ended.
     async fn compute(&self, attempt: &mut Attempt) -> Result<Outcome, ServiceError> {
         let most = self.app.limits.job_time.saturating_mul(OVERRUN);
         let end = Instant::now() + most;
@@ -180,7 +180,7 @@ impl Place {
         }
     }
 
-    /// Makes a part of a job on the pool, and keeps its claim alive until it is made.
+    /// Computes a part of a job on the pool, sending heartbeats until it is done.
     async fn help(&self, help: Help) {
         let app = self.app.of(Arc::new(Principal::system(help.tenant())));
         let (task, handle) = (help.clone(), Handle::current());
@@ -209,7 +209,7 @@ impl Place {
         let (app, run, handle) = (self.app.of(principal), Arc::clone(&self.run), Handle::current());
         let (job, context) = (attempt.job().clone(), attempt.context().clone());
         move || {
-            // The service may have been asked to stop while the job was claimed.
+            // The service may have been stopped while the job was claimed.
             context.check()?;
             run(&app, &handle, &job, &context)
         }

@@ -1,4 +1,4 @@
-//! What is due by the clock: the trash past its term, receipts past their time, entries of the audit trail that are too old.
+//! Periodic clean-up: expired objects in the trash, expired receipts, and old entries of the audit trail.
 
 use std::time::Duration;
 
@@ -6,19 +6,19 @@ use crate::service::app::{App, ServiceError, clock};
 use crate::service::audit::trail;
 use crate::service::cohorts::trash;
 
-/// How often it is looked at.
+/// Interval between clean-ups.
 const EVERY: Duration = Duration::from_secs(600);
 
-/// How long things are kept.
+/// Retention periods.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Terms {
-    /// Days that deleted things can come back.
+    /// Days for which deleted objects can be restored.
     pub trash_days: u32,
-    /// Days that entries of the audit trail are kept.
+    /// Days for which entries of the audit trail are kept.
     pub audit_days: u32,
 }
 
-/// Removes what is due until the service is asked to stop.
+/// Removes expired data periodically until the service stops.
 pub async fn keep_tidy(app: App, terms: Terms) {
     let mut ticks = tokio::time::interval(EVERY);
     loop {
@@ -32,7 +32,7 @@ pub async fn keep_tidy(app: App, terms: Terms) {
     }
 }
 
-/// Removes what is due, unless the clock cannot be believed.
+/// Removes expired data, unless the clock is implausible.
 ///
 /// # Errors
 /// Those of the store.
@@ -60,7 +60,7 @@ mod tests {
         let app = App::new(store, Limits::default(), 1);
         let days = |count: i64| now_ms() - count * 86_400_000;
         let count = async || app.store.list_audit("a", &AuditFilter::default(), 0, 9).await.unwrap().len();
-        // A store of 400 days ago.
+        // A store last used 400 days ago.
         let old = Entry { at_ms: days(400), tenant: "a".into(), ..Entry::default() };
         app.store.append_audit(&[old]).await.unwrap();
         tidy(&app, TERMS).await.unwrap();
