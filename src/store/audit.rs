@@ -1,7 +1,7 @@
-//! The audit trail: entries are added and grow old, nothing changes them.
+//! Audit trail: entries are appended and expire, but never change.
 //!
-//! `audit_head` has, for each tenant, place and link of the last entry and of the last one that was removed for its age:
-//! what is between them is a whole chain.
+//! `audit_head` stores, for each tenant, position and digest of the last entry and of the last removed one; the entries
+//! between them form a complete chain.
 
 use std::collections::BTreeMap;
 
@@ -11,25 +11,25 @@ use super::error::StoreError;
 use super::handle::Store;
 use crate::domain::audit::{AuditFilter, DIGEST_BYTES, Digest, Entry, FIRST_LINK, Recorded};
 
-/// What those who write the trail take turns for.
+/// Lock scope of writers of the trail.
 const SCOPE: &str = "audit";
 
-/// Entries that are read or removed at a time.
+/// Number of entries read or removed at a time.
 const PIECE: u64 = 2000;
 
-/// Beginning and end of the trail of a tenant.
+/// Beginning and end of a tenant's trail.
 const HEAD: &str = "SELECT * FROM audit_head WHERE tenant = $1";
 
-/// How much the order of the entries may differ from that of their times: they wait in groups, and the clocks of several
+/// Maximum deviation between the order of entries and that of their times: entries wait in groups, and the clocks of
 /// machines differ.
 const DISORDER_MS: i64 = 60_000;
 
-/// What a look through the whole trail has found.
+/// Result of verifying all trails.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct AuditCheck {
-    /// Tenants that have a trail.
+    /// Number of tenants that have a trail.
     pub tenants: u64,
-    /// Entries whose links hold.
+    /// Number of entries with valid digests.
     pub entries: u64,
 }
 
@@ -41,10 +41,10 @@ struct Chain {
 }
 
 impl Store {
-    /// Adds entries at the end of the trails of their tenants, in one transaction.
+    /// Appends entries to the trails of their tenants, in one transaction.
     ///
     /// # Errors
-    /// Those of the database; then none of them is stored.
+    /// Those of the database; then none of the entries is stored.
     pub async fn append_audit(&self, entries: &[Entry]) -> Result<(), StoreError> {
         if entries.is_empty() {
             return Ok(());
@@ -62,7 +62,7 @@ impl Store {
         Ok(())
     }
 
-    /// At most `limit` entries of a tenant in their order, behind the place `after`.
+    /// At most `limit` entries of a tenant in order, after the position `after`.
     ///
     /// # Errors
     /// Those of the database.
@@ -86,7 +86,7 @@ impl Store {
             let Some(first) = first else { return Ok(Vec::new()) };
             after = after.max(first - 1);
         }
-        // As it stands behind the name of its place.
+        // Matches the value after a parameter name in the stored JSON.
         let object = filter.object.as_ref().map(|object| format!(":{}", text_of(object)));
         let rows = sql(self.reader(), LIST)
             .bind(tenant)
@@ -103,10 +103,10 @@ impl Store {
         rows.iter().map(read_entry).collect()
     }
 
-    /// Removes the entries before `before_ms` from the beginning of all trails; how many they were.
+    /// Removes the entries before `before_ms` from the beginning of all trails; returns their number.
     ///
     /// # Errors
-    /// Those of the database; what is removed then stays removed, and every trail stays whole.
+    /// Those of the database; entries already removed stay removed, and every trail remains valid.
     pub async fn prune_audit(&self, before_ms: i64) -> Result<u64, StoreError> {
         let mut removed = 0;
         for Chain { tenant, .. } in self.audit_chains().await? {
@@ -115,10 +115,10 @@ impl Store {
         Ok(removed)
     }
 
-    /// Removes the entries before `before_ms` from the beginning of the trail of a tenant; how many they were.
+    /// Removes the entries before `before_ms` from the beginning of a tenant's trail; returns their number.
     ///
     /// # Errors
-    /// Those of the database; what is removed then stays removed, and the trail stays whole.
+    /// Those of the database; entries already removed stay removed, and the trail remains valid.
     pub async fn prune_audit_of(&self, tenant: &str, before_ms: i64) -> Result<u64, StoreError> {
         let mut removed = 0;
         loop {
@@ -132,7 +132,7 @@ impl Store {
         }
     }
 
-    /// Place and link of the last entry that was removed from the trail of a tenant; 0 and [`FIRST_LINK`] when none was.
+    /// Position and digest of the last entry removed from a tenant's trail; 0 and [`FIRST_LINK`] if none was.
     ///
     /// # Errors
     /// Those of the database.
@@ -141,10 +141,10 @@ impl Store {
         head.map_or(Ok((0, FIRST_LINK)), |head| Ok(read_chain(&head)?.from))
     }
 
-    /// Follows every trail from its beginning to its head.
+    /// Verifies every trail from its beginning to its head.
     ///
     /// # Errors
-    /// [`StoreError::Damaged`] with the place where a chain is broken.
+    /// [`StoreError::Damaged`] with the position at which a chain is broken.
     pub async fn check_audit(&self) -> Result<AuditCheck, StoreError> {
         let mut found = AuditCheck::default();
         for chain in self.audit_chains().await? {
@@ -160,7 +160,7 @@ impl Store {
         rows.iter().map(read_chain).collect()
     }
 
-    /// Follows one trail; how many entries it has.
+    /// Verifies one trail; returns its number of entries.
     async fn check_chain(&self, chain: &Chain) -> Result<u64, StoreError> {
         const PIECE_OF: &str = "SELECT * FROM audit WHERE tenant = $1 AND sequence > $2 AND sequence <= $3
             ORDER BY sequence LIMIT $4";
@@ -195,9 +195,9 @@ fn broken(tenant: &str, place: u64) -> StoreError {
     StoreError::Damaged { detail: format!("the audit trail of tenant {tenant:?} is broken at entry {place}") }
 }
 
-/// Inside a transaction: adds entries of one tenant.
+/// Appends entries of one tenant within a transaction.
 async fn append(transaction: &mut Transaction, tenant: &str, entries: &[&Entry]) -> Result<(), StoreError> {
-    // Also locks the head until the end of the transaction: nobody else adds meanwhile.
+    // Also locks the head until the end of the transaction, which excludes other writers.
     const ADVANCE: &str =
         "INSERT INTO audit_head (tenant, sequence, digest, removed_sequence, removed_digest)
         VALUES ($1, $2, $3, 0, $3)
@@ -238,7 +238,7 @@ async fn append(transaction: &mut Transaction, tenant: &str, entries: &[&Entry])
     Ok(())
 }
 
-/// Inside a transaction: removes the oldest entries of a tenant, at most [`PIECE`]; how many they were.
+/// Removes the oldest entries of a tenant, at most [`PIECE`], within a transaction; returns their number.
 async fn prune(transaction: &mut Transaction, tenant: &str, before_ms: i64) -> Result<u64, StoreError> {
     const YOUNG: &str =
         "SELECT sequence FROM audit WHERE tenant = $1 AND at_ms >= $2 ORDER BY sequence LIMIT 1";
@@ -299,7 +299,7 @@ fn unreadable() -> StoreError {
     StoreError::Damaged { detail: "an entry of the audit trail cannot be read".into() }
 }
 
-/// JSON of texts.
+/// JSON of strings.
 fn text_of(value: &impl serde::Serialize) -> String {
     serde_json::to_string(value).expect("texts are JSON")
 }

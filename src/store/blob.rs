@@ -1,16 +1,16 @@
-//! Chunks as bytes: control points and weights as little-endian `f64`, with a blake3 checksum.
+//! Chunks as bytes: control points and weights as little-endian `f64`, with a BLAKE3 checksum.
 
 use super::engine::{Row, Transaction, sql};
 use super::error::StoreError;
 
-/// Most shapes in a chunk.
+/// Maximum number of shapes in a chunk.
 pub(super) const ROWS_PER_CHUNK: usize = 4096;
-/// Most bytes of control points in a chunk, unless one shape has more: one shape is read by reading
-/// its chunk, which should take a millisecond.
+/// Maximum size of the control points in a chunk, unless a single shape is larger. A single shape is read by reading its
+/// whole chunk, which should take a millisecond.
 pub(super) const BYTES_PER_CHUNK: usize = 1 << 20;
 const BYTES_PER_NUMBER: usize = 8;
 
-/// Shapes that fit a chunk.
+/// Number of shapes that fit in a chunk.
 pub(super) fn rows_per_chunk(width: usize) -> usize {
     (BYTES_PER_CHUNK / (width * BYTES_PER_NUMBER).max(1)).clamp(1, ROWS_PER_CHUNK)
 }
@@ -19,7 +19,7 @@ pub(super) fn rows_per_chunk(width: usize) -> usize {
 #[derive(Debug)]
 pub(super) struct Encoded {
     pub(super) checksum: Vec<u8>,
-    /// Nothing when all are 1.
+    /// `None` if all weights are 1.
     pub(super) weights: Option<Vec<u8>>,
     pub(super) points: Vec<u8>,
 }
@@ -38,7 +38,7 @@ impl Encoded {
     }
 }
 
-/// Numbers as stored.
+/// Bytes of the numbers, as stored.
 pub(super) fn bytes_of(numbers: &[f64]) -> Vec<u8> {
     let mut bytes = vec![0; numbers.len() * BYTES_PER_NUMBER];
     let (slots, _) = bytes.as_chunks_mut();
@@ -54,7 +54,7 @@ fn checksum(points: &[u8], weights: &[u8]) -> Vec<u8> {
     hasher.finalize().as_bytes().to_vec()
 }
 
-/// Reads the chunks with these numbers, in any order; a missing one is left out.
+/// Reads the chunks with these ids, in any order; missing ones are left out.
 pub(super) async fn load(connection: &mut Transaction, chunks: &[i64]) -> Result<Vec<Row>, StoreError> {
     const LOAD: &str = "SELECT c.id, c.rows, c.width, d.checksum, d.weights, d.points
         FROM json_each($1) AS asked
@@ -64,7 +64,7 @@ pub(super) async fn load(connection: &mut Transaction, chunks: &[i64]) -> Result
     Ok(sql(connection, LOAD).bind(asked).all().await?)
 }
 
-/// A stored chunk whose checksum was verified; borrows the row's bytes.
+/// A stored chunk with verified checksum; it borrows the row's bytes.
 #[derive(Debug)]
 pub(super) struct Chunk<'a> {
     pub(super) id: i64,
@@ -78,7 +78,7 @@ impl<'a> Chunk<'a> {
     /// Verifies a row of [`load`]. Cost: one pass over its bytes.
     ///
     /// # Errors
-    /// [`StoreError::Corrupt`] when checksum or sizes do not fit.
+    /// [`StoreError::Corrupt`] if checksum or sizes do not match.
     pub(super) fn verified(row: &'a Row) -> Result<Self, StoreError> {
         let chunk = Self {
             id: row.get("id")?,
@@ -101,7 +101,7 @@ impl<'a> Chunk<'a> {
         self.rows
     }
 
-    /// Number of coordinates of all shapes.
+    /// Number of coordinates of all shapes together.
     pub(super) fn numbers(&self) -> usize {
         self.points.len() / BYTES_PER_NUMBER
     }
@@ -109,7 +109,7 @@ impl<'a> Chunk<'a> {
     /// Appends weights and control points of the shapes `rows`.
     ///
     /// # Errors
-    /// [`StoreError::Corrupt`] when the chunk does not have them.
+    /// [`StoreError::Corrupt`] if the chunk does not contain them.
     pub(super) fn append_to(
         &self,
         rows: std::ops::Range<usize>,
@@ -128,7 +128,7 @@ impl<'a> Chunk<'a> {
     /// Weight and control points of one shape.
     ///
     /// # Errors
-    /// [`StoreError::Corrupt`] when the chunk does not have it.
+    /// [`StoreError::Corrupt`] if the chunk does not contain it.
     pub(super) fn shape(&self, position: usize) -> Result<(f64, Vec<f64>), StoreError> {
         if position >= self.rows() {
             return Err(StoreError::Corrupt { chunk: self.id });
@@ -139,7 +139,7 @@ impl<'a> Chunk<'a> {
     }
 }
 
-/// The numbers of some rows, each `width` numbers.
+/// Numbers of a range of rows with `width` numbers each.
 fn numbers<'a>(
     bytes: &'a [u8],
     rows: &std::ops::Range<usize>,

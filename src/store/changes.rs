@@ -1,4 +1,4 @@
-//! The feed of changes: numbered in the order of the commits, without gaps that could be filled later.
+//! Change feed, numbered in commit order, without gaps that could be filled later.
 
 use super::engine::{Row, Transaction, sql};
 use super::engine::{from_sql, to_sql};
@@ -7,14 +7,14 @@ use super::handle::Store;
 use super::text::{from_text, to_text};
 use crate::domain::change::{Change, NewChange};
 
-/// Changes of a tenant that are kept, the newest.
+/// Number of changes kept per tenant; older ones are removed.
 pub const MAX_CHANGES: u64 = 1_000_000;
 
 impl Store {
-    /// At most `limit` changes after the one with the number `since`, in their order, of what the caller may see.
+    /// At most `limit` changes after number `since`, in order, restricted to what the caller may see.
     ///
     /// # Errors
-    /// [`StoreError::ChangesGone`] when some of them are not kept any more.
+    /// [`StoreError::ChangesGone`] if some of them are no longer kept.
     pub async fn list_changes(&self, since: u64, limit: usize) -> Result<Vec<Change>, StoreError> {
         const FIRST: &str = "SELECT coalesce(min(sequence), 0) FROM change WHERE tenant = $1";
         let mut read = self.begin_read().await?;
@@ -29,7 +29,7 @@ impl Store {
         query.all().await?.iter().map(read_change).collect()
     }
 
-    /// The number of the last change, 0 when there is none.
+    /// Number of the last change, 0 if there is none.
     ///
     /// # Errors
     /// Those of the database.
@@ -40,8 +40,8 @@ impl Store {
     }
 }
 
-/// Records a change, as the last statement of the transaction that makes it: the number is drawn under a lock that lasts
-/// until the commit, so that whoever has seen a number has seen all before it.
+/// Records a change as the last statement of its transaction. The number is drawn under a lock held until the commit, so
+/// that a reader that has seen a number has seen all before it.
 pub(super) async fn record(
     write: &mut Transaction,
     tenant: &str,

@@ -1,37 +1,37 @@
-//! What is known of the clock, beside the data: in the rows of `probe` behind that of the readiness.
+//! Notes about the clock, stored in the rows of `probe` after the row of the readiness probe.
 //!
-//! They concern one database only and are in no export. Where there are none yet, the newest time among the data stands for
-//! what was believed.
+//! They concern one database only and are not exported. If there are none yet, the newest time among the data is taken as
+//! the last trusted time.
 
 use super::engine::sql;
 use super::error::StoreError;
 use super::handle::Store;
 
-/// Rows of `probe`.
+/// Ids of rows in `probe`.
 const BELIEVED: i64 = 2;
 const CANDIDATE: i64 = 3;
 const PROVEN: i64 = 4;
 
-/// Times in milliseconds since 1970 UTC.
+/// Notes about the clock; times in milliseconds since 1970 UTC.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct ClockNotes {
-    /// The newest time that was believed.
+    /// Newest trusted time.
     pub believed_ms: Option<i64>,
-    /// What a clock that is not believed has shown last.
+    /// Last time shown by a clock that is not trusted.
     pub candidate_ms: Option<i64>,
-    /// How long that clock has advanced as it should.
+    /// Time for which that clock has advanced plausibly.
     pub proven_ms: i64,
 }
 
 impl ClockNotes {
-    /// A clock that is believed.
+    /// Notes of a trusted clock.
     pub fn believing(now_ms: i64) -> Self {
         Self { believed_ms: Some(now_ms), ..Self::default() }
     }
 }
 
 impl Store {
-    /// What was noted of the clock.
+    /// Reads the notes about the clock.
     ///
     /// # Errors
     /// Those of the database.
@@ -53,7 +53,7 @@ impl Store {
         Ok(notes)
     }
 
-    /// Notes what is known of the clock.
+    /// Stores the notes about the clock.
     ///
     /// # Errors
     /// Those of the database.
@@ -77,7 +77,7 @@ impl Store {
         Ok(())
     }
 
-    /// The newest time among the data of all tenants; none in an empty store.
+    /// Newest time among the data of all tenants; `None` in an empty store.
     async fn newest_ms(&self) -> Result<Option<i64>, StoreError> {
         const NEWEST: &str = "SELECT max(newest) FROM (
             SELECT max(updated_at_ms) AS newest FROM cohort

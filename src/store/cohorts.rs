@@ -11,7 +11,7 @@ use crate::domain::cohort::Cohort;
 use crate::domain::retry::Receipt;
 
 impl Store {
-    /// Stores a new cohort as it is.
+    /// Stores a new cohort.
     ///
     /// # Errors
     /// [`StoreError::NameTaken`], [`StoreError::AlreadyDone`].
@@ -45,7 +45,7 @@ impl Store {
         Ok(write.commit().await?)
     }
 
-    /// Writes the name, description and unit of `cohort` as its next revision, if it still is at `cohort.revision`.
+    /// Updates name, description and unit as the next revision, if the cohort is still at `cohort.revision`.
     ///
     /// # Errors
     /// [`StoreError::NameTaken`], [`StoreError::Changed`], [`StoreError::CohortGone`].
@@ -69,10 +69,10 @@ impl Store {
         Ok(write.commit().await?)
     }
 
-    /// The cohort with this id or name.
+    /// Finds the cohort with this id or name.
     ///
     /// # Errors
-    /// None of its own, only those of the database; the same holds for the other readers.
+    /// Those of the database, as for the other readers.
     pub async fn find_cohort(&self, key: &str) -> Result<Option<Cohort>, StoreError> {
         const FIND: &str = "SELECT * FROM cohort
             WHERE (id = $1 OR handle = $2) AND tenant = $3 AND deleted_at_ms IS NULL";
@@ -81,7 +81,7 @@ impl Store {
         Ok(found.filter(|cohort| self.principal.may_use(&cohort.id)))
     }
 
-    /// At most `limit` cohorts in the order of their ids, from the one after the id `after`.
+    /// At most `limit` cohorts in id order, starting after the id `after`.
     ///
     /// # Errors
     /// Those of the database.
@@ -96,10 +96,10 @@ impl Store {
         rows.iter().map(read_cohort).collect()
     }
 
-    /// Removes the cohort with this id and all its shapes for good; false when there is none.
+    /// Permanently removes the cohort with this id and all its shapes; `false` if there is none.
     ///
-    /// The cohort vanishes at once. Its chunks are then removed in steps, so that others can write
-    /// meanwhile; what a crash leaves is removed at the next start.
+    /// The cohort disappears at once. Its chunks are then removed in steps, so that others can write in between; what a crash
+    /// leaves behind is removed at the next start.
     ///
     /// # Errors
     /// Those of the database.
@@ -110,16 +110,16 @@ impl Store {
             return Ok(false);
         }
         let store = self.clone();
-        // A task of its own: it goes on when the caller stops waiting.
+        // A task of its own continues if the caller stops waiting.
         let purge = tokio::spawn(async move { store.purge(PURGE_ORPHANS, None).await });
-        // The cohort is gone in any case; what could not be removed is tried again at the next start.
+        // The cohort is gone in any case; a failed removal is retried at the next start.
         let _ = purge.await;
         Ok(true)
     }
 }
 
 impl Store {
-    /// Appends the condition that the cohort in `column` is open to the caller.
+    /// Appends the condition that the caller may access the cohort in `column`.
     pub(super) fn push_scope(&self, query: &mut Query<'_>, column: &str) {
         let Some(cohorts) = &self.principal.cohorts else { return };
         query.push(" AND ").push(column).push(" IN (NULL");
@@ -129,7 +129,7 @@ impl Store {
         query.push(")");
     }
 
-    /// The same for a cohort that must be at this revision.
+    /// Internal number of a cohort that must be at the `expected` revision.
     ///
     /// # Errors
     /// [`StoreError::CohortGone`], [`StoreError::Changed`].
@@ -149,7 +149,7 @@ impl Store {
         Ok(number)
     }
 
-    /// Number of the cohort with this id.
+    /// Internal number of the cohort with this id.
     ///
     /// # Errors
     /// [`StoreError::CohortGone`].
@@ -161,7 +161,7 @@ impl Store {
     }
 }
 
-/// The error of a statement that gives a name.
+/// Maps the error of a statement that sets a name.
 fn name_taken(error: sqlx::Error, name: &str) -> StoreError {
     if engine::is_duplicate(&error, "cohort", "handle") {
         return StoreError::NameTaken { name: name.into() };

@@ -11,20 +11,20 @@ use crate::domain::change::{ChangeKind, NewChange};
 use crate::domain::dictionary::{Dictionary, Listed, NewDictionary};
 use crate::domain::retry::Receipt;
 
-/// Which versions a list shows: all conditions must hold.
+/// Filter for lists of versions; all conditions must hold.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct DictionaryFilter {
     /// Versions of this name.
     pub name: Option<String>,
-    /// Learnt from the cohort with this id.
+    /// Versions learnt from the cohort with this id.
     pub cohort: Option<String>,
 }
 
-/// Columns of a list.
+/// Columns read for a list.
 const LISTED: &str = "id, name, version, summary, provenance, digest, created_at_ms";
 
 impl Store {
-    /// Stores a dictionary as the next version of its name, and answers the number of the version.
+    /// Stores a dictionary as the next version of its name; returns the version number.
     ///
     /// # Errors
     /// [`StoreError::AlreadyDone`].
@@ -40,7 +40,7 @@ impl Store {
         Ok(version)
     }
 
-    /// Id of the version with this id, of this `name@version`, or of the latest version of this name.
+    /// Id of the version with this id, this `name@version`, or the latest version of this name.
     ///
     /// # Errors
     /// Those of the database.
@@ -57,14 +57,14 @@ impl Store {
             }
             None => {
                 query.push(" AND (id = ").push_bind(key).push(" OR handle = ").push_bind(self.handle(key));
-                // A name is never of the form of an id: one of the two conditions finds nothing.
+                // Names never have the form of an id, so at most one of the conditions matches.
                 query.push(") ORDER BY version DESC LIMIT 1");
             }
         }
         Ok(query.optional_scalar().await?)
     }
 
-    /// The version with this id; its content is verified against its digest.
+    /// Reads the version with this id and verifies its content against its digest.
     ///
     /// # Errors
     /// [`StoreError::Damaged`].
@@ -84,7 +84,7 @@ impl Store {
         Ok(Some(Dictionary { id, name, version, content, provenance, digest, created_at_ms }))
     }
 
-    /// The sums that learning can go on from, when the version has them.
+    /// Accumulated sums from which learning can continue, if the version has them.
     ///
     /// # Errors
     /// [`StoreError::Damaged`].
@@ -100,7 +100,7 @@ impl Store {
         Err(StoreError::Damaged { detail: format!("the state of dictionary {id} is not what was written") })
     }
 
-    /// At most `limit` versions in the order of their ids, from the one after the id `after`.
+    /// At most `limit` versions in id order, starting after the id `after`.
     ///
     /// # Errors
     /// Those of the database.
@@ -166,7 +166,7 @@ pub(super) async fn insert(
     Ok(from_sql(version))
 }
 
-/// The checksum that is kept with the state of a dictionary.
+/// Checksum stored with the state of a dictionary.
 pub(super) fn checksum_of(bytes: &[u8]) -> Vec<u8> {
     blake3::hash(bytes).as_bytes().to_vec()
 }

@@ -1,7 +1,7 @@
-//! One way to speak to both databases.
+//! Common interface to both databases.
 //!
-//! The store writes its SQL once, with `$1` placeholders and the types that both have: 64-bit integers, doubles, text,
-//! bytes. What differs is translated here, by [`translated`]; where a statement cannot be the same, it asks
+//! The store writes its SQL once, with `$1` placeholders and types that both have: 64-bit integers, doubles, text,
+//! bytes. Differences are translated by [`translated`]; where a statement cannot be the same, the code asks
 //! [`Transaction::is_postgres`].
 
 use std::borrow::Cow;
@@ -17,7 +17,7 @@ use sqlx::{
 use super::error::StoreError;
 use super::{metrics, postgres, sqlite};
 
-/// The connections of a store.
+/// Connections of a store.
 #[derive(Debug, Clone)]
 pub(super) enum Pools {
     /// One connection writes, several read.
@@ -29,7 +29,7 @@ pub(super) enum Pools {
 }
 
 impl Pools {
-    /// Where statements that only read go.
+    /// Link for read-only statements.
     pub(super) fn reader(&self) -> Link<'_> {
         match self {
             Self::Sqlite { reader, .. } => Link::SqlitePool(reader),
@@ -37,7 +37,7 @@ impl Pools {
         }
     }
 
-    /// Where single statements that write go.
+    /// Link for single write statements.
     pub(super) fn writer(&self) -> Link<'_> {
         match self {
             Self::Sqlite { writer, .. } => Link::SqlitePool(writer),
@@ -45,7 +45,7 @@ impl Pools {
         }
     }
 
-    /// Begins a transaction that reads one state of the database.
+    /// Begins a read transaction on a consistent snapshot.
     pub(super) async fn begin_read(&self) -> Result<Transaction, sqlx::Error> {
         const SNAPSHOT: &str = "BEGIN ISOLATION LEVEL REPEATABLE READ READ ONLY";
         match self {
@@ -55,7 +55,7 @@ impl Pools {
         .map(|connection| Transaction { connection, writes_since: None })
     }
 
-    /// Begins a transaction that no other one of the same `scope` overlaps: on SQLite none at all.
+    /// Begins a write transaction that excludes others with the same `scope`; on SQLite it excludes all others.
     pub(super) async fn begin_write(&self, scope: &str) -> Result<Transaction, sqlx::Error> {
         const LOCK: &str = "SELECT pg_advisory_xact_lock(hashtextextended($1, 0))";
         let asked = Instant::now();
@@ -83,7 +83,7 @@ impl Pools {
         }
     }
 
-    /// Folds the write-ahead log of an embedded database into its file and empties it: who then copies the file has everything.
+    /// Merges the write-ahead log of an embedded database into its file and empties it, so that a copy of the file is complete.
     pub(super) async fn fold_log(&self) -> Result<(), sqlx::Error> {
         const FOLD: &str = "PRAGMA wal_checkpoint(TRUNCATE)";
         if matches!(self, Self::Sqlite { .. }) {
@@ -97,7 +97,7 @@ impl Pools {
         match self {
             Self::Sqlite { writer, reader } => {
                 reader.close().await;
-                // The writer last: the last connection to leave folds the write-ahead log into the file.
+                // Writer last: the last connection to close merges the write-ahead log into the file.
                 writer.close().await;
             }
             Self::Postgres(pool) => pool.close().await,
@@ -105,11 +105,11 @@ impl Pools {
     }
 }
 
-/// A transaction; dropped without [`Transaction::commit`] it is rolled back.
+/// A transaction; rolled back if dropped without [`Transaction::commit`].
 #[derive(Debug)]
 pub(super) struct Transaction {
     connection: Connection,
-    /// When it began, if it writes.
+    /// Time at which it began, if it writes.
     writes_since: Option<Instant>,
 }
 
@@ -136,7 +136,7 @@ impl Transaction {
     }
 }
 
-/// Where a statement runs.
+/// Connection, pool or transaction in which a statement runs.
 #[derive(Debug)]
 pub(super) enum Link<'c> {
     SqlitePool(&'c SqlitePool),
@@ -154,7 +154,7 @@ impl<'c> From<&'c mut Transaction> for Link<'c> {
     }
 }
 
-/// A value that both databases take.
+/// Types that both databases accept as values.
 pub(super) trait Bindable<'q>:
     Encode<'q, Sqlite> + Type<Sqlite> + Encode<'q, Postgres> + Type<Postgres>
 {
@@ -165,7 +165,7 @@ impl<'q, T> Bindable<'q> for T where
 {
 }
 
-/// A value that both databases give.
+/// Types that both databases return as values.
 pub(super) trait Readable<'r>:
     Decode<'r, Sqlite> + Type<Sqlite> + Decode<'r, Postgres> + Type<Postgres>
 {
@@ -198,18 +198,18 @@ impl Arguments {
     }
 }
 
-/// A statement with its values and the place where it runs.
+/// A statement with its values and its link.
 #[derive(Debug)]
 pub(super) struct Query<'c> {
     link: Link<'c>,
     text: Cow<'static, str>,
     arguments: Arguments,
-    /// The first value that could not be encoded.
+    /// First value that could not be encoded.
     error: Option<sqlx::Error>,
     persistent: bool,
 }
 
-/// The statement `text` at `link`.
+/// Statement `text` to be run at `link`.
 pub(super) fn sql<'c>(link: impl Into<Link<'c>>, text: &'static str) -> Query<'c> {
     let link = link.into();
     let arguments = match &link {
@@ -220,7 +220,7 @@ pub(super) fn sql<'c>(link: impl Into<Link<'c>>, text: &'static str) -> Query<'c
 }
 
 impl Query<'_> {
-    /// The value of the next placeholder.
+    /// Binds the value of the next placeholder.
     pub(super) fn bind<'q>(mut self, value: impl Bindable<'q>) -> Self {
         self.add(value);
         self
@@ -232,7 +232,7 @@ impl Query<'_> {
         }
     }
 
-    /// Appends to the text.
+    /// Appends to the statement text.
     pub(super) fn push(&mut self, text: &str) -> &mut Self {
         self.text.to_mut().push_str(text);
         self
@@ -245,13 +245,13 @@ impl Query<'_> {
         self.push(&place)
     }
 
-    /// Whether the prepared statement is kept; statements that are seldom seen twice are not worth it.
+    /// Sets whether the prepared statement is cached; rarely repeated statements are not worth it.
     pub(super) fn persistent(mut self, persistent: bool) -> Self {
         self.persistent = persistent;
         self
     }
 
-    /// Runs it; the number of rows it changed.
+    /// Executes it; returns the number of rows changed.
     pub(super) async fn execute(self) -> Result<u64, sqlx::Error> {
         match self.ready()? {
             Ready::Sqlite(query, OnSqlite::Pool(pool)) => Ok(query.execute(pool).await?.rows_affected()),
@@ -263,7 +263,7 @@ impl Query<'_> {
         }
     }
 
-    /// All rows.
+    /// Returns all rows.
     pub(super) async fn all(self) -> Result<Vec<Row>, sqlx::Error> {
         Ok(match self.ready()? {
             Ready::Sqlite(query, OnSqlite::Pool(pool)) => rows(query.fetch_all(pool).await?, Row::Sqlite),
@@ -277,7 +277,7 @@ impl Query<'_> {
         })
     }
 
-    /// The first row, if there is one.
+    /// Returns the first row, if any.
     pub(super) async fn optional(self) -> Result<Option<Row>, sqlx::Error> {
         Ok(match self.ready()? {
             Ready::Sqlite(query, OnSqlite::Pool(pool)) => query.fetch_optional(pool).await?.map(Row::Sqlite),
@@ -293,17 +293,17 @@ impl Query<'_> {
         })
     }
 
-    /// The first row.
+    /// Returns the first row.
     pub(super) async fn one(self) -> Result<Row, sqlx::Error> {
         self.optional().await?.ok_or(sqlx::Error::RowNotFound)
     }
 
-    /// The first column of the first row.
+    /// Returns the first column of the first row.
     pub(super) async fn scalar<T: for<'r> Readable<'r>>(self) -> Result<T, sqlx::Error> {
         self.one().await?.at(0)
     }
 
-    /// The first column of the first row, if there is one.
+    /// Returns the first column of the first row, if any.
     pub(super) async fn optional_scalar<T: for<'r> Readable<'r>>(self) -> Result<Option<T>, sqlx::Error> {
         self.optional().await?.map(|row| row.at(0)).transpose()
     }
@@ -370,11 +370,11 @@ fn on_postgres(
     sqlx::query_with(AssertSqlSafe(translated(&text)), arguments).persistent(persistent)
 }
 
-/// The text for PostgreSQL of what is written for SQLite.
+/// Translates a statement written for SQLite to PostgreSQL.
 fn translated(text: &str) -> String {
-    // In SQLite the words fix the order of the loops; PostgreSQL plans for itself.
+    // In SQLite these words fix the order of the loops; PostgreSQL plans for itself.
     let text = text.replace("CROSS JOIN", "JOIN");
-    // A list that is bound as a JSON array: `key` is the place from 0, `value` the text.
+    // A list bound as a JSON array: `key` is the index from 0, `value` the text.
     text.replace(
         "json_each($2) AS asked",
         "(SELECT t.value, t.place - 1 AS key FROM
@@ -391,14 +391,14 @@ fn rows<T>(found: Vec<T>, row: fn(T) -> Row) -> Vec<Row> {
     found.into_iter().map(row).collect()
 }
 
-/// A row of an answer.
+/// Row of a result.
 pub(super) enum Row {
     Sqlite(SqliteRow),
     Postgres(PgRow),
 }
 
 impl Row {
-    /// The value of a column.
+    /// Value of a column by name.
     pub(super) fn get<'r, T: Readable<'r>>(&'r self, column: &str) -> Result<T, sqlx::Error> {
         match self {
             Self::Sqlite(row) => row.try_get(column),
@@ -406,7 +406,7 @@ impl Row {
         }
     }
 
-    /// The value of the column at a place.
+    /// Value of a column by index.
     pub(super) fn at<'r, T: Readable<'r>>(&'r self, index: usize) -> Result<T, sqlx::Error> {
         match self {
             Self::Sqlite(row) => row.try_get(index),
@@ -415,19 +415,19 @@ impl Row {
     }
 }
 
-/// What an error of a database means, as far as it is not a bug.
+/// Meaning of a database error that is not a bug.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Failure {
-    /// The database is away, restarts, or had to choose between two transactions: the same may succeed the next time.
+    /// The database is unavailable, restarting, or rolled back one of two transactions: a retry may succeed.
     Passing,
     Damaged,
     Full,
     ReadOnly,
-    /// A text cannot be stored.
+    /// A text that cannot be stored.
     Text,
 }
 
-/// What the error means.
+/// Meaning of the error.
 pub(super) fn failure(error: &sqlx::Error) -> Option<Failure> {
     let error = match error {
         sqlx::Error::PoolTimedOut
@@ -444,22 +444,22 @@ pub(super) fn failure(error: &sqlx::Error) -> Option<Failure> {
     sqlite::failure(&code)
 }
 
-/// Whether the error is a broken unique constraint on the column of the table.
+/// Whether the error is a violated unique constraint on the column of the table.
 pub(super) fn is_duplicate(error: &sqlx::Error, table: &str, column: &str) -> bool {
     error.as_database_error().is_some_and(|error| {
-        // One database names the column, the other its index.
+        // One database names the column in the message, the other its index.
         error.is_unique_violation()
             && (error.message().contains(&format!("{table}.{column}"))
                 || error.constraint().is_some_and(|name| name.starts_with(&format!("{table}_{column}"))))
     })
 }
 
-/// Whether the error of SQLite is that there is no such table.
+/// Whether the error is SQLite's error for a missing table.
 pub(super) fn is_missing_table(error: &sqlx::Error) -> bool {
     error.as_database_error().is_some_and(|error| error.message().starts_with("no such table"))
 }
 
-/// Whether the error is a reference to a row that does not exist.
+/// Whether the error is a reference to a missing row.
 pub(super) fn is_missing_reference(error: &sqlx::Error) -> bool {
     error.as_database_error().is_some_and(|error| error.is_foreign_key_violation())
 }

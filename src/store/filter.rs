@@ -1,53 +1,53 @@
-//! Conditions on shapes as SQL.
+//! Shape filters as SQL.
 
 use super::engine::to_sql;
 use super::engine::{Query, Transaction, sql};
 use crate::domain::shape::ShapeFilter;
 
-/// Whether every shape passes.
+/// Whether the filter accepts every shape.
 pub(super) fn is_empty(filter: &ShapeFilter) -> bool {
     filter.label.is_none() && filter.subject.is_none() && filter.labels.is_empty()
 }
 
-/// Shapes that were added after one revision of a cohort, as they were at another.
+/// Range of revisions: shapes added after one revision, as they were at another.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Revisions {
-    /// Shapes of this revision are left out.
+    /// Shapes up to this revision are excluded.
     pub after: u64,
-    /// Changes after this one are not seen.
+    /// Changes after this revision are ignored.
     pub until: u64,
 }
 
 impl Revisions {
-    /// All shapes of a revision.
+    /// All shapes at a revision.
     pub fn until(until: u64) -> Self {
         Self { after: 0, until }
     }
 
-    /// The current revision, whichever it is.
+    /// All shapes at the current revision.
     pub(super) fn latest() -> Self {
         Self::until(u64::MAX)
     }
 }
 
-/// Which shapes, in storage order.
+/// Selection of shapes, in storage order.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Selection<'a> {
-    /// Number of the cohort.
+    /// Internal number of the cohort.
     pub(super) cohort: i64,
     pub(super) revisions: Revisions,
     pub(super) filter: &'a ShapeFilter,
-    /// Chunk and position of the shape before the first.
+    /// Chunk and position of the shape before the first one.
     pub(super) after: (i64, i64),
 }
 
 impl Selection<'_> {
-    /// `SELECT columns` of the shapes (`s`) and their chunks (`c`), without an order.
+    /// `SELECT columns` from the shapes (`s`) and their chunks (`c`), unordered.
     pub(super) fn select<'c>(&self, read: &'c mut Transaction, columns: &str) -> Query<'c> {
         let is_postgres = read.is_postgres();
         let mut query = sql(read, "SELECT ").persistent(false);
-        // CROSS JOIN fixes the order of the loops: an index on an attribute brings the shapes in
-        // storage order, without one the chunks of the cohort do.
+        // CROSS JOIN fixes the order of the loops: storage order comes from an index on an attribute, or without one from
+        // the chunks of the cohort.
         query.push(columns).push(if self.is_indexed() {
             " FROM shape AS s CROSS JOIN chunk AS c ON c.id = s.chunk_id WHERE s.cohort = "
         } else {
@@ -59,7 +59,7 @@ impl Selection<'_> {
         query
     }
 
-    /// The same in storage order, at most `limit`.
+    /// The same in storage order, limited to `limit` rows.
     pub(super) fn page<'c>(&self, read: &'c mut Transaction, columns: &str, limit: usize) -> Query<'c> {
         let mut query = self.select(read, columns);
         query.push(if self.is_indexed() {
@@ -105,7 +105,7 @@ impl Selection<'_> {
     }
 }
 
-/// The attribute as text: itself when it is text, the JSON of anything else: true, 1.5.
+/// Attribute as text: strings as they are, other values as JSON (true, 1.5).
 fn push_attribute_sqlite(query: &mut Query<'_>, path: &str) {
     query.push(" AND CASE json_type(s.labels, ").push_bind(path);
     query.push(") WHEN 'text' THEN json_extract(s.labels, ").push_bind(path);

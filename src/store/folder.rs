@@ -1,4 +1,4 @@
-//! The data folder: it belongs to one process, and to one user.
+//! Data folder, which belongs to one process and one user.
 
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io;
@@ -9,22 +9,22 @@ use super::error::StoreError;
 /// Name of the database file in the data folder.
 pub(super) const DATABASE_FILE: &str = "shapelex.db";
 
-/// Name of the file whose lock says that a process uses the folder.
+/// Name of the lock file that shows that a process uses the folder.
 pub(super) const LOCK_FILE: &str = "shapelex.lock";
-/// Files of the database, which hold what patients have given.
+/// Database files, which contain patient data.
 const PRIVATE: [&str; 3] = [DATABASE_FILE, "shapelex.db-wal", "shapelex.db-shm"];
 
-/// A folder that this process alone uses. It ends with the process.
+/// Exclusive lock on a folder, released when the process ends.
 #[derive(Debug)]
 pub(super) struct FolderLock {
-    /// Programs without the other lock look at this one.
+    /// Lock file, for programs that do not check the lock on the folder.
     file: File,
-    /// The folder itself: who removes the file does not let a second process in.
+    /// Lock on the folder itself: removing the lock file does not let a second process in.
     folder: Option<File>,
 }
 
 impl FolderLock {
-    /// Makes the folder, for its owner alone, and locks it.
+    /// Creates the folder, accessible only to its owner, and locks it.
     ///
     /// # Errors
     /// [`StoreError::Locked`], [`StoreError::Folder`].
@@ -41,7 +41,7 @@ impl FolderLock {
         Ok(Self { file, folder })
     }
 
-    /// Frees the folder; nothing is lost when that fails, as the lock ends with the process.
+    /// Releases the folder; errors are harmless, as the locks end with the process.
     pub(super) fn free(&self) {
         for lock in std::iter::once(&self.file).chain(&self.folder) {
             let _ = lock.unlock();
@@ -53,13 +53,13 @@ fn lock(file: &File, path: &Path) -> Result<(), StoreError> {
     match file.try_lock() {
         Ok(()) => Ok(()),
         Err(TryLockError::WouldBlock) => Err(StoreError::Locked { path: path.to_path_buf() }),
-        // Some network file systems lock no folders; the lock of the file is held by now.
+        // Some network file systems cannot lock folders; the file lock is already held.
         Err(TryLockError::Error(_)) if file.metadata().is_ok_and(|about| about.is_dir()) => Ok(()),
         Err(TryLockError::Error(source)) => Err(StoreError::Folder { path: path.to_path_buf(), source }),
     }
 }
 
-/// A file of the folder that only its owner reads, made when missing.
+/// Opens a file of the folder that only its owner can read, creating it if missing.
 pub(super) fn private_file(path: &Path) -> io::Result<File> {
     let mut options = OpenOptions::new();
     options.read(true).write(true).create(true).truncate(false);
@@ -68,8 +68,8 @@ pub(super) fn private_file(path: &Path) -> io::Result<File> {
     options.open(path)
 }
 
-/// Sees to it that only the owner reads the files of the database: a new one is made so, and what the database then makes beside
-/// it takes its rights over; older ones are changed.
+/// Makes the database files readable only by their owner. A new file is created that way, and the files that the database
+/// then creates beside it inherit its permissions; those of existing files are changed.
 ///
 /// # Errors
 /// [`StoreError::Folder`].
@@ -101,13 +101,13 @@ fn open_folder(path: &Path) -> Option<File> {
     File::open(path).ok()
 }
 
-/// Elsewhere a folder cannot be opened, and a file that is open cannot be removed.
+/// On other systems a folder cannot be opened, and an open file cannot be removed.
 #[cfg(not(unix))]
 fn open_folder(_: &Path) -> Option<File> {
     None
 }
 
-/// Rights of others than the owner.
+/// Permission bits of users other than the owner.
 #[cfg(unix)]
 const OTHERS: u32 = 0o077;
 

@@ -1,8 +1,8 @@
 //! Jobs: the table is the queue.
 //!
-//! A claim is a lease: an owner that nobody else has, until a time that the claimant keeps moving on. Every write of
-//! a claimant is fenced: it applies to the running job with that owner and attempt, and says whether it did. Who
-//! was cancelled or taken over therefore changes nothing any more.
+//! A claim is a lease: it has a unique owner and an end, which the claimant's heartbeats extend. Every write of a claimant is
+//! fenced: it applies only to the running job with that owner and attempt, and reports whether it did. A claimant whose job
+//! was cancelled or taken over therefore cannot change anything.
 
 use std::collections::HashMap;
 
@@ -18,47 +18,47 @@ use crate::domain::job::{Job, JobOutput, JobStatus, Progress};
 use crate::domain::retry::Receipt;
 use serde_json::Value;
 
-/// Jobs of a tenant that may wait; more are refused.
+/// Upper limit on the queued jobs of a tenant; more are refused.
 pub const MAX_QUEUED: u32 = 1000;
-/// Attempts of a job, without those that a stop of the service ended.
+/// Maximum number of attempts at a job, not counting those that ended because the service stopped.
 pub const MAX_ATTEMPTS: u32 = 5;
-/// Finished jobs of a tenant that are kept, the newest.
+/// Number of finished jobs kept per tenant; older ones are removed.
 pub const MAX_FINISHED: u32 = 1000;
 
-/// The right to work on a job, until its lease ends or the job is cancelled.
+/// The right to work on a job until the lease ends or the job is cancelled.
 #[derive(Debug, Clone)]
 pub struct Claim {
-    /// The job as it was when it was claimed.
+    /// The job at the time of the claim.
     pub job: Job,
-    /// Whose it is.
+    /// Tenant of the job.
     pub tenant: String,
     owner: String,
 }
 
-/// What a look into the queue found.
+/// Result of polling the queue.
 #[derive(Debug)]
 pub struct Claimed {
-    /// The job whose turn it is.
+    /// Claim on the next job, if any.
     pub claim: Option<Claim>,
-    /// Ids of jobs that were given up meanwhile, because they had all their attempts.
+    /// Ids of jobs that failed because they had used all their attempts.
     pub abandoned: Vec<String>,
 }
 
-/// How a claimed job goes back into the queue.
+/// How a claimed job returns to the queue.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Release {
-    /// At its old place; the attempt does not count.
+    /// At its previous position; the attempt does not count.
     Uncounted,
     /// For another attempt, not before this time.
     RetryAt(i64),
 }
 
-/// How much of the queue one tenant may take.
+/// Share of the queue that one tenant may use.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Quota {
-    /// Jobs that wait, at most [`MAX_QUEUED`].
+    /// Maximum number of queued jobs, at most [`MAX_QUEUED`].
     pub jobs: u32,
-    /// Predicted seconds of those that wait, together.
+    /// Maximum total of their predicted seconds.
     pub seconds: f64,
 }
 
@@ -68,10 +68,10 @@ impl Default for Quota {
     }
 }
 
-/// Jobs that may be claimed at the time `$3`.
+/// Condition for jobs that may be claimed at the time `$3`.
 const CLAIMABLE: &str =
     "((status = 'queued' AND run_at_ms <= $3) OR (status = 'running' AND lease_until_ms < $3))";
-/// Finished jobs that are looked at to know who was served lately.
+/// Number of recently finished jobs that determine which tenants were served last.
 const LATELY: i64 = 16;
 
 impl Store {
@@ -83,7 +83,7 @@ impl Store {
         self.create_job_within(Quota::default(), job, receipt).await
     }
 
-    /// Stores a new job at the end of the queue, when its tenant has room for it.
+    /// Stores a new job at the end of the queue, if its tenant's quota allows it.
     ///
     /// # Errors
     /// [`StoreError::TooManyJobs`], [`StoreError::TooMuchWork`], [`StoreError::AlreadyDone`].
@@ -120,7 +120,7 @@ impl Store {
         Ok(write.commit().await?)
     }
 
-    /// The job with this id.
+    /// Finds the job with this id.
     ///
     /// # Errors
     /// Those of the database.
@@ -129,7 +129,7 @@ impl Store {
         row.as_ref().map(read_job).transpose()
     }
 
-    /// The job with this id, if the caller may see it.
+    /// Selects the job with this id, if the caller may see it.
     fn select_job<'c>(&self, link: impl Into<Link<'c>>, id: &str) -> Query<'c> {
         let mut query = sql(link, "SELECT * FROM job WHERE id = ");
         query.push_bind(id).push(" AND tenant = ").push_bind(self.tenant());
@@ -137,7 +137,7 @@ impl Store {
         query
     }
 
-    /// At most `limit` jobs in the order of their ids, from the one after the id `after`.
+    /// At most `limit` jobs in id order, starting after the id `after`.
     ///
     /// # Errors
     /// Those of the database.
@@ -157,11 +157,11 @@ impl Store {
         query.all().await?.iter().map(read_job).collect()
     }
 
-    /// Claims the job whose turn it is until `lease_until_ms`: one that waits, or whose lease has ended. Tenants take turns:
-    /// first who has fewest jobs running, of these who was served least lately. Of the jobs of a tenant the one of highest
-    /// priority comes first, of these the one that waits longest.
+    /// Claims the next job until `lease_until_ms`: a queued one, or one whose lease has expired. Tenants take turns: first
+    /// those with the fewest running jobs, then those served least recently. Among the jobs of a tenant the highest priority
+    /// comes first, then the longest waiting.
     ///
-    /// Jobs that had all their attempts and were interrupted again fail with the problem document `abandoned`.
+    /// Jobs that were interrupted in their last attempt fail with the problem document `abandoned`.
     ///
     /// # Errors
     /// Those of the database.
@@ -171,7 +171,7 @@ impl Store {
         lease_until_ms: i64,
         abandoned: &Value,
     ) -> Result<Claimed, StoreError> {
-        // Who claims at the same time takes the next one.
+        // Concurrent claimants skip locked rows and take the next one.
         const SKIP: &str = " FOR UPDATE SKIP LOCKED";
         const CLAIM: &str = "UPDATE job SET status = 'running', lease_owner = $1, lease_until_ms = $2,
             attempt = attempt + 1, started_at_ms = $3, progress = 0, phase = NULL, objective = NULL
@@ -187,7 +187,7 @@ impl Store {
                 sql(&mut transaction, CLAIM).bind(&owner).bind(lease_until_ms).bind(now_ms).bind(&tenant);
             query.push(CLAIMABLE).push(" ORDER BY ").push(priority).push(" DESC, run_at_ms, id LIMIT 1");
             query.push(skip).push(") RETURNING *");
-            // Others may have taken all that one of the tenants has.
+            // Other claimants may have taken all jobs of this tenant.
             let Some(row) = query.optional().await? else { continue };
             claim = Some(Claim { job: read_job(&row)?, tenant, owner });
             break;
@@ -196,7 +196,7 @@ impl Store {
         Ok(Claimed { claim, abandoned })
     }
 
-    /// Moves the end of the lease and writes the progress; whether the claim still holds.
+    /// Extends the lease and writes the progress; returns whether the claim still holds.
     ///
     /// # Errors
     /// Those of the database.
@@ -218,8 +218,8 @@ impl Store {
         Ok(renewed == 1)
     }
 
-    /// The job is done, and what it has learnt or brought about is stored with it; whether the claim still held. Otherwise
-    /// nothing is written.
+    /// Marks the job as succeeded and stores its result with it; returns whether the claim still held. If not, nothing is
+    /// written.
     ///
     /// # Errors
     /// Those of the database.
@@ -243,7 +243,7 @@ impl Store {
         Ok(applied)
     }
 
-    /// The job is given up with a problem document; whether the claim still held.
+    /// Marks the job as failed with a problem document; returns whether the claim still held.
     ///
     /// # Errors
     /// Those of the database.
@@ -259,7 +259,7 @@ impl Store {
         Ok(failed == 1)
     }
 
-    /// Puts the job back into the queue; whether the claim still held.
+    /// Returns the job to the queue; returns whether the claim still held.
     ///
     /// # Errors
     /// Those of the database.
@@ -276,7 +276,7 @@ impl Store {
         Ok(query.execute().await? == 1)
     }
 
-    /// Cancels the job unless it is finished, and returns it as it then is; none when there is no such job.
+    /// Cancels the job unless it is finished; returns its resulting state, or `None` if there is no such job.
     ///
     /// # Errors
     /// Those of the database.
@@ -295,9 +295,9 @@ impl Store {
         row.as_ref().map(read_job).transpose()
     }
 
-    /// Puts the job of an owner that is gone back at its old place.
+    /// Requeues the job of a dead owner at its previous position.
     ///
-    /// The attempt counts: it may have been the job that ended the process.
+    /// The attempt counts, because the job may have caused the crash.
     pub(super) async fn requeue_job_of(&self, owner: &str) -> Result<(), StoreError> {
         const REQUEUE: &str = "UPDATE job SET status = 'queued', lease_owner = NULL, lease_until_ms = NULL,
             started_at_ms = NULL, progress = 0, phase = NULL, objective = NULL
@@ -306,9 +306,9 @@ impl Store {
         Ok(())
     }
 
-    /// Puts running jobs back at their old places: only at start, when nobody can be at work.
+    /// Requeues running jobs at their previous positions; used only at start, when no worker can be active.
     ///
-    /// The attempt counts: it may have been the job that ended the process.
+    /// The attempt counts, because the job may have caused the crash.
     pub(super) async fn requeue_interrupted_jobs(&self) -> Result<(), StoreError> {
         const REQUEUE: &str = "UPDATE job SET status = 'queued', lease_owner = NULL, lease_until_ms = NULL,
             started_at_ms = NULL, progress = 0, phase = NULL, objective = NULL WHERE status = 'running'";
@@ -317,8 +317,8 @@ impl Store {
     }
 }
 
-/// Inside a transaction: the job is done; whether the claim still held. When not, the caller rolls back what it has
-/// written for the job.
+/// Marks the job as succeeded within a transaction; returns whether the claim still held. If not, the caller rolls back
+/// what it has written for the job.
 ///
 /// # Errors
 /// Those of the database.
@@ -338,12 +338,12 @@ pub(super) async fn finish_succeeded(
     Ok(done == 1)
 }
 
-/// A statement of a claimant, with what identifies its claim as the first three arguments.
+/// A claimant's statement, with the identification of its claim as the first three arguments.
 fn fenced<'c>(link: impl Into<Link<'c>>, statement: &'static str, claim: &Claim) -> Query<'c> {
     sql(link, statement).bind(&claim.job.id).bind(&claim.owner).bind(i64::from(claim.job.attempt))
 }
 
-/// A number in the parameters of a job, 0 where there is none.
+/// SQL for a number in the parameters of a job, 0 if absent.
 fn number_in_parameters(transaction: &Transaction, name: &'static str) -> &'static str {
     match (name, transaction.is_postgres()) {
         ("priority", true) => "coalesce((parameters::json ->> 'priority')::float8, 0)",
@@ -353,7 +353,7 @@ fn number_in_parameters(transaction: &Transaction, name: &'static str) -> &'stat
     }
 }
 
-/// Predicted seconds of all jobs of a tenant that wait.
+/// Total predicted seconds of the queued jobs of a tenant.
 async fn queued_seconds(transaction: &mut Transaction, tenant: &str) -> Result<f64, StoreError> {
     let seconds = number_in_parameters(transaction, "predicted_seconds");
     let mut query = sql(&mut *transaction, "SELECT coalesce(sum(0.0 + ");
@@ -365,7 +365,7 @@ async fn queued_seconds(transaction: &mut Transaction, tenant: &str) -> Result<f
     Ok(row.map(|row| row.get("seconds")).transpose()?.unwrap_or(0.0))
 }
 
-/// Tenants with jobs that may be claimed, in the order of their turns.
+/// Tenants with claimable jobs, in the order of their turns.
 async fn in_turn(transaction: &mut Transaction, now_ms: i64) -> Result<Vec<String>, StoreError> {
     const RUNNING: &str = "SELECT tenant, count(*) AS jobs FROM job
         WHERE status = 'running' AND lease_until_ms >= $1 GROUP BY tenant";
@@ -396,7 +396,7 @@ async fn in_turn(transaction: &mut Transaction, now_ms: i64) -> Result<Vec<Strin
     Ok(waiting.into_iter().map(|(tenant, _)| tenant).collect())
 }
 
-/// Fails the jobs that had all their attempts without an outcome; their ids.
+/// Fails the jobs that used all their attempts without an outcome; returns their ids.
 async fn abandon(
     connection: &mut Transaction,
     now_ms: i64,
@@ -418,7 +418,7 @@ async fn abandon(
     rows.iter().map(|row| Ok(row.get("id")?)).collect()
 }
 
-/// Removes the oldest of too many finished jobs, and passes that nobody makes any more.
+/// Removes the oldest finished jobs beyond the limit, and passes without an active job.
 async fn prune(connection: &mut Transaction, tenant: &str) -> Result<(), StoreError> {
     const PRUNE: &str = "DELETE FROM job WHERE id IN (SELECT id FROM job WHERE finished_at_ms IS NOT NULL
         AND tenant = $1 ORDER BY finished_at_ms DESC, id DESC LIMIT $2 OFFSET $3)";

@@ -1,4 +1,4 @@
-//! Keys of programs: create, find, list, revoke.
+//! API keys: create, find, list, revoke.
 
 use super::engine::to_sql;
 use super::engine::{Row, sql};
@@ -8,7 +8,7 @@ use super::text::{from_text, to_text};
 use crate::domain::key::Key;
 
 impl Store {
-    /// Stores a new key as it is.
+    /// Stores a new key.
     ///
     /// # Errors
     /// Those of the database, as for all functions here.
@@ -30,7 +30,7 @@ impl Store {
         Ok(())
     }
 
-    /// The key with this id, of whatever tenant.
+    /// Finds the key with this id, of any tenant.
     ///
     /// # Errors
     /// [`StoreError::Damaged`].
@@ -40,7 +40,7 @@ impl Store {
         row.as_ref().map(read_key).transpose()
     }
 
-    /// At most `limit` keys of a tenant in the order of their ids, from the one after the id `after`.
+    /// At most `limit` keys of a tenant in id order, starting after the id `after`.
     ///
     /// # Errors
     /// [`StoreError::Damaged`].
@@ -55,7 +55,7 @@ impl Store {
         query.bind(to_sql(limit as u64)).all().await?.iter().map(read_key).collect()
     }
 
-    /// Whether there is a key, of whatever tenant and state.
+    /// Whether there is any key, of any tenant and in any state.
     ///
     /// # Errors
     /// Those of the database.
@@ -65,7 +65,7 @@ impl Store {
         Ok(count > 0)
     }
 
-    /// Ends the key with this id, unless it was revoked before.
+    /// Revokes the key with this id, unless it was revoked before.
     ///
     /// # Errors
     /// Those of the database.
@@ -75,7 +75,7 @@ impl Store {
         Ok(())
     }
 
-    /// Notes that the key with this id is in use.
+    /// Records the use of the key with this id.
     ///
     /// # Errors
     /// Those of the database.

@@ -1,13 +1,13 @@
-//! How far the store had come, written down outside of the database: so that a missing or damaged write-ahead log is noticed.
+//! Mark of how far the store had come, kept outside the database to detect a missing or damaged write-ahead log.
 //!
-//! The newest commits of SQLite lie in its write-ahead log alone. When that file is missing, cut off or damaged, the database
-//! opens without a word as it was some time ago. The mark is the number of audit entries that all tenants have had, which never
-//! falls; every acknowledged change has an entry that was committed after it, so that a store which has lost an acknowledged
-//! change has fewer entries than the mark says.
+//! The newest commits of SQLite exist only in its write-ahead log. If that file is missing, truncated or damaged, the database
+//! silently opens in an older state. The mark is the number of audit entries that all tenants have had, which never
+//! decreases. Every acknowledged change has an entry committed after it, so a store that has lost an acknowledged change has
+//! fewer entries than the mark says.
 //!
-//! It is written after the commit that it tells of, and is therefore never ahead of the store, also after `kill -9` or a power
-//! cut: what the disk has of it is an older mark, or one that cannot be read, which says nothing. It reaches the disk at most
-//! every [`SYNCED_EVERY`]: no commit waits for it.
+//! The mark is written after the commit it records and is therefore never ahead of the store, even after `kill -9` or a power
+//! cut: the disk then has an older mark, or an unreadable one, which is ignored. It is synced at most every
+//! [`SYNCED_EVERY`]; no commit waits for it.
 
 use std::fs::File;
 use std::io::{self, Read as _, Seek as _, SeekFrom, Write as _};
@@ -24,14 +24,14 @@ use super::{folder, sqlite};
 
 /// Name of the file in the data folder.
 pub(super) const MARK_FILE: &str = "shapelex.mark";
-/// Longest time that the disk does not have the newest mark.
+/// Longest time until the newest mark is synced to disk.
 const SYNCED_EVERY: Duration = Duration::from_secs(5);
-/// What a mark begins with.
+/// Beginning of a mark.
 const HEAD: &str = "shapelex-mark 1";
-/// Hexadecimal digits of the checksum.
+/// Number of hexadecimal digits of the checksum.
 const CHECK_DIGITS: usize = 16;
 
-/// The mark of a store that is open.
+/// Mark of an open store.
 #[derive(Debug)]
 pub(super) struct Mark {
     file: Mutex<Written>,
@@ -46,7 +46,7 @@ struct Written {
 }
 
 impl Mark {
-    /// The mark in the folder, from now on at `entries`.
+    /// Starts the mark in the folder at `entries`.
     pub(super) fn begin(path: &Path, entries: u64) -> io::Result<Self> {
         let file = Arc::new(folder::private_file(&path.join(MARK_FILE))?);
         write(&file, entries)?;
@@ -55,7 +55,7 @@ impl Mark {
         Ok(Self { file: Mutex::new(written), entries: AtomicU64::new(entries) })
     }
 
-    /// So many more entries are on disk. That the mark cannot be written loses nothing but the warning.
+    /// Records `count` more entries on disk. If the mark cannot be written, only the warning is lost.
     pub(super) fn advance(&self, count: u64) {
         let entries = self.entries.fetch_add(count, Ordering::Relaxed) + count;
         let mut written = self.file.lock().unwrap_or_else(PoisonError::into_inner);
@@ -70,12 +70,12 @@ impl Mark {
         if written.synced.elapsed() >= SYNCED_EVERY {
             written.synced = Instant::now();
             let file = Arc::clone(&written.file);
-            // An older mark on disk is a mark.
+            // If the sync fails, the disk has an older mark, which is still valid.
             tokio::task::spawn_blocking(move || drop(file.sync_data()));
         }
     }
 
-    /// Lets the disk have it.
+    /// Syncs the mark to disk.
     pub(super) fn sync(&self) {
         let written = self.file.lock().unwrap_or_else(PoisonError::into_inner);
         if let Err(error) = written.file.sync_data() {
@@ -84,7 +84,7 @@ impl Mark {
     }
 }
 
-/// All in one write of one sector.
+/// Writes the mark in one write of one sector.
 fn write(mut file: &File, entries: u64) -> io::Result<()> {
     file.seek(SeekFrom::Start(0))?;
     file.write_all(text(entries).as_bytes())
@@ -96,7 +96,7 @@ fn text(entries: u64) -> String {
     format!("{said} {}\n", &check[..CHECK_DIGITS])
 }
 
-/// The entries that the mark of the folder tells of; none when there is no mark that can be read.
+/// Number of entries in the mark of the folder; `None` if there is no readable mark.
 pub(super) fn read(path: &Path) -> Option<u64> {
     let mut found = String::new();
     // A mark has fewer than 100 bytes.
@@ -105,13 +105,13 @@ pub(super) fn read(path: &Path) -> Option<u64> {
     (found == text(entries)).then_some(entries)
 }
 
-/// Refuses the database in the folder when it has had fewer entries than the mark says. It is opened for reading alone, so
-/// that what is left of a damaged log stays as it is.
+/// Refuses the database in the folder if it has had fewer entries than the mark says. The database is opened read-only, so
+/// that the remains of a damaged log are preserved.
 ///
 /// # Errors
 /// [`StoreError::Older`].
 pub(super) async fn require(path: &Path) -> Result<(), StoreError> {
-    // Before the database is asked: beside a running service both grow.
+    // Read before the database is queried: while the service runs, both numbers grow.
     let Some(marked) = read(path) else { return Ok(()) };
     let file = path.join(DATABASE_FILE);
     let is_empty = std::fs::metadata(&file).map_or(true, |about| about.len() == 0);
@@ -129,9 +129,9 @@ async fn in_file(file: &Path) -> Result<u64, StoreError> {
     found
 }
 
-/// The audit entries that all tenants of an embedded database have had.
+/// Number of audit entries that all tenants of an embedded database have had.
 pub(super) async fn entries(link: Link<'_>) -> Result<u64, StoreError> {
-    // Without tables there are none.
+    // A database without tables has none.
     const ENTRIES: &str = "SELECT CAST(coalesce(sum(sequence), 0) AS INTEGER) FROM audit_head";
     match sql(link, ENTRIES).scalar().await {
         Ok(found) => Ok(from_sql(found)),

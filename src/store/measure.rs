@@ -1,24 +1,24 @@
-//! What operators ask of the store: its engine, its size, the length of the queue.
+//! Operational figures of the store: engine, size, length of the queue.
 
 use super::engine::sql;
 use super::error::StoreError;
 use super::handle::Store;
 
-/// The state of the store at a moment.
+/// State of the store at one moment.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Measures {
-    /// Jobs that wait.
+    /// Number of queued jobs.
     pub jobs_queued: u64,
-    /// Jobs that run.
+    /// Number of running jobs.
     pub jobs_running: u64,
-    /// Time since the job that waits longest could have begun.
+    /// Time since the longest waiting job became ready to run.
     pub oldest_queued_ms: u64,
-    /// Size of the database.
+    /// Size of the database in bytes.
     pub database_bytes: u64,
 }
 
 impl Store {
-    /// The state now.
+    /// Current state of the store.
     ///
     /// # Errors
     /// Those of the database.
@@ -34,13 +34,13 @@ impl Store {
         Ok(Measures {
             jobs_queued: count("queued").await?.unsigned_abs(),
             jobs_running: count("running").await?.unsigned_abs(),
-            // Retries wait for their time first.
+            // Jobs to be retried first wait for their time, so this can be negative.
             oldest_queued_ms: u64::try_from(now_ms - oldest).unwrap_or(0),
             database_bytes: bytes.unsigned_abs(),
         })
     }
 
-    /// Number of the last step of the schema that was taken.
+    /// Number of the last migration applied.
     ///
     /// # Errors
     /// Those of the database.
@@ -49,12 +49,12 @@ impl Store {
         Ok(sql(self.reader(), LAST).scalar().await?)
     }
 
-    /// The database engine.
+    /// Database engine.
     pub fn engine(&self) -> &'static str {
         if self.inner.pools.is_postgres() { "postgres" } else { "sqlite" }
     }
 
-    /// Free space where the data folder is; none when there is no folder, or the system does not say.
+    /// Free bytes on the disk of the data folder; `None` without a folder, or if the system does not report it.
     pub fn free_bytes(&self) -> Option<u64> {
         free_bytes(self.inner.folder.as_deref()?)
     }

@@ -1,20 +1,20 @@
-//! Names of what the store counts; what they mean stands in the table of the service's metrics.
+//! Names of the store's metrics; the metrics table of the service describes them.
 
 use std::time::Duration;
 
 use super::engine::Failure;
 
-/// Waiting for the turn to write.
+/// Time spent waiting for the turn to write.
 pub const WRITE_WAIT: &str = "shapelex_store_write_wait_seconds";
-/// Writing, from the begin of a transaction to its commit.
+/// Duration of write transactions, from begin to commit.
 pub const WRITE: &str = "shapelex_store_write_seconds";
-/// Failures, by kind.
+/// Number of failures, by kind.
 pub const ERRORS: &str = "shapelex_store_errors_total";
 
-/// The kinds of failures.
+/// Kinds of failures.
 pub const ERROR_KINDS: [&str; 5] = ["busy", "damaged", "full", "read_only", "other"];
 
-/// The database did not do it; texts that it refuses are the client's fault.
+/// Counts a failure of the database; texts it refuses are the client's fault and not counted.
 pub(super) fn failed(failure: Option<Failure>) {
     let [busy, damaged, full, read_only, other] = ERROR_KINDS;
     let kind = match failure {

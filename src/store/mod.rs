@@ -1,24 +1,30 @@
-//! Cohorts, shapes, jobs and dictionaries in SQLite or PostgreSQL.
+//! Storage of cohorts, shapes, jobs and dictionaries in SQLite or PostgreSQL.
 //!
 //! ```text
 //! cohort ─< chunk ── chunk_data     up to 4096 shapes: points (little-endian f64), weights, checksum
-//!              └──< shape           what is known about each, and when it was deleted
-//! job ── job_output                   the queue, the history of what is finished, and what came out
-//!  └── pass ─< task                  what a job has cut into parts, and the parts
-//! dictionary ── dictionary_data     versions that are written once
+//!              └──< shape           attributes of each shape, and when it was deleted
+//! job ── job_output                   the queue, the history of finished jobs, and their outputs
+//!  └── pass ─< task                  the distributed passes of a job, and their parts
+//! dictionary ── dictionary_data     versions, each written once
 //! ```
 //!
-//! A chunk carries the revision of its cohort that brought it, a shape the revision that removed it;
-//! the set at revision `r` is therefore fixed for ever:
+//! A chunk records the revision of its cohort that added it, a shape the revision that deleted it;
+//! the set at revision `r` therefore never changes:
 //! `chunk.revision ≤ r and not (deleted_revision ≤ r)`.
 //!
 //! A [`Store`] shows what one [`Principal`](crate::domain::access::Principal) may see: the things of its tenant, and of these the cohorts that are open to it.
 //!
 //! SQLite: one connection writes, in short transactions; four read; the folder belongs to one process. PostgreSQL: any
-//! number of processes; writers of one cohort wait for each other, all others do not. The SQL is the same (`engine`).
-//! Parts: [`cohorts`], [`upload`] (storing shapes), [`shapes`] (finding, listing, deleting), [`scan`] (reading control points
-//! in bulk), [`changes`] (the feed), [`receipts`] (what was done once), `trash`, [`jobs`] (the queue), [`outputs`] (what jobs bring about),
-//! [`passes`] (parts of jobs), [`dictionaries`], [`audit`] (who asked for what), [`metrics`] (what is counted), [`maintenance`] (checks, backups, exports of all of it); `blob` turns numbers into bytes and back; `sqlite`, `postgres` (connections, checks, schema), `replica` (which processes live), `clock` (what was believed of it).
+//! number of processes; only writers of the same cohort wait for each other. The SQL is the same (`engine`).
+//!
+//! * [`cohorts`], [`shapes`], [`dictionaries`] — finding, listing and deleting; [`upload`] — storing shapes;
+//! * [`scan`] — reading control points in bulk;
+//! * [`jobs`] — the queue; [`passes`] — distributed parts of jobs; [`outputs`] — large results of jobs;
+//! * [`changes`] — the change feed; `trash` — deleted objects; [`receipts`] — outcomes of idempotent requests;
+//! * [`audit`] — the audit trail; [`metrics`] — metric names;
+//! * [`maintenance`] — checks, backups and exports of the whole store;
+//! * `blob` — conversion between numbers and bytes; `sqlite`, `postgres` — connections, checks, schema;
+//! * `replica` — which processes are alive; `clock` — notes about the clock.
 
 pub mod audit;
 mod blob;

@@ -1,4 +1,4 @@
-//! What jobs bring about that is too large for their row.
+//! Outputs of jobs that are too large for their row.
 
 use super::engine::to_sql;
 use super::engine::{Transaction, sql};
@@ -6,14 +6,14 @@ use super::error::StoreError;
 use super::handle::Store;
 use crate::domain::job::JobOutput;
 
-/// Bytes of outputs that are kept, the newest; the last one is kept whatever its size.
+/// Maximum total size of the outputs kept; the oldest are removed first, and the last one is always kept.
 pub const MAX_OUTPUT_BYTES: u64 = 2 << 30;
 
 impl Store {
-    /// What the job with this id has brought about, as long as it is kept.
+    /// Output of the job with this id, if it is still kept.
     ///
     /// # Errors
-    /// [`StoreError::Damaged`] when it is not what was written.
+    /// [`StoreError::Damaged`] if it does not match its checksum.
     pub async fn read_job_output(&self, job: &str) -> Result<Option<JobOutput>, StoreError> {
         const READ: &str = "SELECT checksum, head, data FROM job_output WHERE job = $1";
         let Some(row) = sql(self.reader(), READ).bind(job).optional().await? else {
@@ -30,7 +30,7 @@ impl Store {
     }
 }
 
-/// Inserts the output of a job, as part of the transaction that ends it, and removes the oldest of too many.
+/// Inserts the output of a job, within the transaction that ends it, and removes the oldest outputs beyond the limit.
 pub(super) async fn insert(
     write: &mut Transaction,
     job: &str,
@@ -55,7 +55,7 @@ pub(super) async fn insert(
     Ok(())
 }
 
-/// The checksum that is kept with an output.
+/// Checksum stored with an output.
 pub(super) fn checksum_of(head: &str, data: &[u8]) -> Vec<u8> {
     blake3::Hasher::new().update(head.as_bytes()).update(data).finalize().as_bytes().to_vec()
 }

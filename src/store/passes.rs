@@ -1,8 +1,8 @@
-//! Passes over a cohort, cut into parts that any process may take.
+//! Passes over a cohort, divided into parts that any replica may compute.
 //!
-//! The job that makes a pass owns it, by the claim it holds: when the job ends, is cancelled or taken over, no part is given
-//! out any more and no result is taken. A part is claimed with a lease, as a job is, and every write of a claimant is
-//! fenced by it.
+//! The job that starts a pass owns it through its claim. When the job ends, is cancelled or taken over, no more parts are
+//! handed out and no results accepted. A part is claimed with a lease, as a job is, and every write of a claimant is fenced
+//! by it.
 
 use super::engine::to_sql;
 use super::engine::{Pools, Query, sql};
@@ -12,53 +12,53 @@ use super::handle::Store;
 use super::shapes::Cursor;
 use crate::domain::shape::ShapeFilter;
 
-/// Where a part begins.
+/// Start of a part.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Start {
-    /// Its first chunk.
+    /// Id of its first chunk.
     pub chunk: i64,
-    /// How many shapes of that chunk, of those that pass the filter, belong to the part before.
+    /// Number of shapes of that chunk, among those that pass the filter, that belong to the previous part.
     pub skip: usize,
 }
 
 impl Start {
-    /// The position after which a scan reads its first chunk.
+    /// Position after which a scan reads the first chunk.
     pub fn before(self) -> Cursor {
         Cursor { chunk: self.chunk - 1, position: i64::MAX }
     }
 }
 
-/// The right to make a part, until its lease ends or the pass does.
+/// The right to compute a part until its lease or the pass ends.
 #[derive(Debug, Clone)]
 pub struct PartClaim {
     number: i64,
     owner: String,
     pass: i64,
-    /// Which part, from 0.
+    /// Index of the part, from 0.
     pub part: usize,
-    /// Where it begins.
+    /// Start of the part.
     pub start: Start,
 }
 
-/// What a part is a part of.
+/// Pass that a part belongs to.
 #[derive(Debug, Clone)]
 pub struct PassOf {
     /// Id of the job.
     pub job: String,
-    /// Whose job it is.
+    /// Tenant of the job.
     pub tenant: String,
-    /// What is to be done.
+    /// Description of the work.
     pub description: String,
 }
 
-/// How a claimed part ends.
+/// Outcome of a claimed part.
 #[derive(Debug, Clone, Copy)]
 pub enum PartEnd<'a> {
-    /// Made; without bytes when its owner has used them already.
+    /// Computed; without bytes if the owner of the pass has already used them.
     Done(Option<&'a [u8]>),
-    /// It cannot be made here: the owner of the pass makes it.
+    /// Cannot be computed here; the owner of the pass computes it.
     Refused,
-    /// Whoever is free takes it.
+    /// Available to any idle worker.
     Open,
 }
 
@@ -68,7 +68,7 @@ impl Store {
         matches!(self.inner.pools, Pools::Postgres(_))
     }
 
-    /// Where the parts of `size` shapes begin, in storage order.
+    /// Starts of parts of `size` shapes each, in storage order.
     ///
     /// # Errors
     /// [`StoreError::CohortGone`].
@@ -105,8 +105,9 @@ impl Store {
         Ok(starts)
     }
 
-    /// Begins a pass of the attempt at a job, with a part for each of `starts`, for processes of this `arithmetic`; its number.
-    /// None when the attempt has lost its claim.
+    /// Begins a pass for an attempt at a job, with a part for each of `starts`, for replicas with the same `arithmetic`.
+    /// Returns
+    /// its number, or `None` if the attempt has lost its claim.
     ///
     /// # Errors
     /// Those of the database.
@@ -125,7 +126,7 @@ impl Store {
         const PART: &str =
             "INSERT INTO task (pass, part, chunk, skip, status) VALUES ($1, $2, $3, $4, 'open')";
         let mut write = self.begin_write(job).await?;
-        // Only who holds the claim touches the pass before: rows that a lost claim had locked, others would skip.
+        // Only the holder of the claim deletes the previous pass: other claimants would skip rows locked by a lost claim.
         sql(&mut write, FORGET).bind(job).bind(i64::from(attempt)).execute().await?;
         let begin = sql(&mut write, BEGIN).bind(job).bind(i64::from(attempt));
         let number = begin.bind(arithmetic).bind(description).optional_scalar::<i64>().await?;
@@ -138,7 +139,7 @@ impl Store {
         Ok(Some(number))
     }
 
-    /// Removes a pass with what is left of it.
+    /// Removes a pass with its remaining parts.
     ///
     /// # Errors
     /// Those of the database.
@@ -148,7 +149,7 @@ impl Store {
         Ok(())
     }
 
-    /// For the owner of a pass: its first part before `end` that nobody has.
+    /// Claims the first unclaimed part before `end`, for the owner of the pass.
     ///
     /// # Errors
     /// Those of the database.
@@ -158,7 +159,7 @@ impl Store {
         end: usize,
         now_ms: i64,
     ) -> Result<Option<PartClaim>, StoreError> {
-        // It holds as long as the claim on the job does.
+        // The lease holds as long as the claim on the job.
         self.claim_part(i64::MAX, now_ms, |query| {
             query.push(" AND t.status <> 'done' AND t.pass = ").push_bind(pass);
             query.push(" AND t.part < ").push_bind(to_sql(end as u64));
@@ -166,7 +167,7 @@ impl Store {
         .await
     }
 
-    /// For everybody whose `arithmetic` gives the same bits: the first part that nobody makes.
+    /// Claims the first unclaimed part of any pass, for a replica whose `arithmetic` gives the same bits.
     ///
     /// # Errors
     /// Those of the database.
@@ -182,7 +183,7 @@ impl Store {
             query.push(" AND t.status = 'open' AND p.arithmetic = ").push_bind(arithmetic);
         });
         let Some(claim) = claim.await? else { return Ok(None) };
-        // A pass that has ended meanwhile is nobody's.
+        // The pass may have ended in the meantime.
         let Some(row) = sql(self.writer(), OF).bind(claim.pass).optional().await? else { return Ok(None) };
         let of =
             PassOf { job: row.get("job")?, tenant: row.get("tenant")?, description: row.get("description")? };
@@ -200,7 +201,7 @@ impl Store {
                 JOIN pass AS p ON p.number = t.pass JOIN job AS j ON j.id = p.job
                 WHERE j.status = 'running' AND j.lease_owner = p.owner
                 AND (t.lease_until_ms IS NULL OR t.lease_until_ms < $3)";
-        // Who claims at the same time takes the next one.
+        // Concurrent claimants skip locked rows and take the next one.
         const SKIP: &str = " FOR UPDATE OF t SKIP LOCKED";
         let owner = self.inner.replica.owned_id();
         let mut query = sql(self.writer(), CLAIM).bind(&owner).bind(lease_until_ms).bind(now_ms);
@@ -219,7 +220,7 @@ impl Store {
         }))
     }
 
-    /// Moves the end of the lease; whether the claim still holds.
+    /// Extends the lease; returns whether the claim still holds.
     ///
     /// # Errors
     /// Those of the database.
@@ -231,7 +232,7 @@ impl Store {
         Ok(renew.execute().await? == 1)
     }
 
-    /// Ends a claim; whether it still held. Otherwise nothing is written.
+    /// Ends a claim; returns whether it still held. If not, nothing is written.
     ///
     /// # Errors
     /// Those of the database.
@@ -248,10 +249,10 @@ impl Store {
         Ok(settle.bind(result).bind(checksum).execute().await? == 1)
     }
 
-    /// What came out of a part of a pass, as soon as it is there.
+    /// Result of a part of a pass, if available.
     ///
     /// # Errors
-    /// [`StoreError::Damaged`] when it is not what was written.
+    /// [`StoreError::Damaged`] if it does not match its checksum.
     pub async fn read_part(&self, pass: i64, part: usize) -> Result<Option<Vec<u8>>, StoreError> {
         const READ: &str = "SELECT result, checksum FROM task
             WHERE pass = $1 AND part = $2 AND status = 'done' AND result IS NOT NULL";
@@ -265,7 +266,7 @@ impl Store {
         Ok(Some(result))
     }
 
-    /// Gives the parts of an owner that is gone to whoever is free.
+    /// Returns the parts of a dead owner to the queue.
     pub(super) async fn release_part_of(&self, owner: &str) -> Result<(), StoreError> {
         const RELEASE: &str =
             "UPDATE task SET lease_owner = NULL, lease_until_ms = NULL WHERE lease_owner = $1";

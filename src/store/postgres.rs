@@ -1,4 +1,4 @@
-//! Connections to PostgreSQL, which any number of processes share.
+//! PostgreSQL: connections and schema. Any number of replicas may share a database.
 
 use std::str::FromStr;
 use std::time::Duration;
@@ -12,7 +12,7 @@ use super::sqlite::migrator;
 
 /// How long a request waits for a connection.
 const PATIENCE: Duration = Duration::from_secs(10);
-/// The steps of the schema, numbered as those of the embedded database.
+/// Schema migrations, numbered as those of the embedded database.
 const MIGRATIONS: &[(i64, &str, &str)] = &[
     (5, "schema", include_str!("migrations/postgres/0005_schema.sql")),
     (6, "retries and changes", include_str!("migrations/postgres/0006_retries_and_changes.sql")),
@@ -21,14 +21,14 @@ const MIGRATIONS: &[(i64, &str, &str)] = &[
     (10, "passes", include_str!("migrations/postgres/0010_passes.sql")),
 ];
 
-/// How to connect to the database at `url`.
+/// Connection options for the database at `url`.
 pub(super) fn options(url: &str) -> Result<PgConnectOptions, StoreError> {
     PgConnectOptions::from_str(url)
         .map(|options| options.application_name("shapelex").disable_statement_logging())
         .map_err(|error| StoreError::Url { detail: error.to_string() })
 }
 
-/// Connects, and brings the schema up to date; processes that start together wait for each other.
+/// Connects and upgrades the schema; processes that start together wait for each other.
 pub(super) async fn connect(options: PgConnectOptions, connections: u32) -> Result<PgPool, StoreError> {
     let pool = pool(options, connections).await?;
     migrate(&pool).await?;
@@ -41,24 +41,24 @@ pub(super) async fn pool(options: PgConnectOptions, connections: u32) -> Result<
     Ok(pool.connect_with(options).await?)
 }
 
-/// The version of the schema that this program needs.
+/// Schema version that this program needs.
 pub(super) fn latest() -> i64 {
     MIGRATIONS.last().map_or(0, |(version, _, _)| *version)
 }
 
-/// Brings the schema up to date.
+/// Upgrades the schema.
 pub(super) async fn migrate(pool: &PgPool) -> Result<(), StoreError> {
     migrator(MIGRATIONS).run(pool).await.map_err(StoreError::Schema)
 }
 
-/// What an SQLSTATE says.
+/// Meaning of an SQLSTATE.
 pub(super) fn failure(code: &str) -> Option<Failure> {
-    /// Classes: connection, rollback of one of two transactions, operator intervention.
+    /// Transient classes: connection errors, rollback of one of two transactions, operator intervention.
     const PASSING: [&str; 3] = ["08", "40", "57"];
     match code {
         "53100" => Some(Failure::Full),
         "25006" => Some(Failure::ReadOnly),
-        // A byte or an escape sequence that text cannot hold.
+        // A byte or an escape sequence that text cannot contain.
         "22021" | "22P05" => Some(Failure::Text),
         // Damaged data, damaged index.
         "XX001" | "XX002" => Some(Failure::Damaged),

@@ -1,15 +1,15 @@
-//! Receipts: what requests that may be sent again have brought about.
+//! Receipts: stored outcomes of idempotent requests.
 
 use super::engine::{self, Transaction, sql};
 use super::error::StoreError;
 use super::handle::Store;
 use crate::domain::retry::{Receipt, RetryKey};
 
-/// How long a request may be sent again.
+/// Retention period of receipts in milliseconds.
 pub const KEPT_MS: i64 = 7 * 24 * 3_600_000;
 
 impl Store {
-    /// What the request with this key has brought about.
+    /// Outcome of the request with this key.
     ///
     /// # Errors
     /// [`StoreError::Damaged`].
@@ -24,7 +24,7 @@ impl Store {
         Ok(Some(Receipt { request: RetryKey { key: key.into(), fingerprint }, outcome }))
     }
 
-    /// Forgets receipts that are older than [`KEPT_MS`].
+    /// Removes receipts older than [`KEPT_MS`].
     ///
     /// # Errors
     /// Those of the database.
@@ -34,10 +34,10 @@ impl Store {
     }
 }
 
-/// Keeps a receipt, if there is one, as part of the transaction that does what the request asks for.
+/// Stores a receipt, if there is one, within the transaction that executes the request.
 ///
 /// # Errors
-/// [`StoreError::AlreadyDone`] when a request with this key was done before: the transaction must not be committed.
+/// [`StoreError::AlreadyDone`] if a request with this key was already done: the transaction must not be committed.
 pub(super) async fn keep(
     write: &mut Transaction,
     tenant: &str,

@@ -1,10 +1,10 @@
-//! Which processes live: each holds a lock that ends with it.
+//! Liveness of replicas: each holds a lock that ends with its process.
 //!
-//! On SQLite the folder's lock says it; on PostgreSQL a connection of its own holds an advisory lock on the process's id,
-//! which the database frees as soon as the connection ends. Whoever takes the lock of another process knows that it is
-//! gone, removes what its uploads left behind, gives its parts of jobs to others, and puts its jobs back into the queue. A
-//! process that is only cut off from the database for a moment may be taken for dead: its uploads then fail when they are
-//! committed, its claims do not hold any more, and nothing half is ever seen.
+//! On SQLite this is the folder's lock. On PostgreSQL a dedicated connection holds an advisory lock on the replica's id, which
+//! the database frees as soon as the connection ends. A replica that can take the lock of another knows that it has died: it
+//! removes the remains of its uploads, releases its parts of jobs, and requeues its jobs. A replica that is only cut off from
+//! the database for a moment may be considered dead. Its uploads then fail at commit and its claims no longer hold, but no
+//! partial state becomes visible.
 
 use std::sync::{Arc, Weak};
 use std::time::Duration;
@@ -17,19 +17,19 @@ use super::error::StoreError;
 use super::handle::{Inner, PURGE_UPLOAD, Store};
 use crate::domain::id;
 
-/// How often the connection is tried, and uploads of the dead are looked for.
+/// Interval at which the connection is tested and the remains of dead replicas are looked for.
 const PULSE: Duration = Duration::from_secs(5);
 /// Pause before the lock is taken again.
 const PAUSE: Duration = Duration::from_millis(200);
-/// Between the id of a process and that of what is its own.
+/// Separator between the id of a replica and that of what it owns.
 const SEPARATOR: char = '.';
 
-/// An identifier of a process, or of an upload.
+/// Identifier of a replica or an upload.
 fn new_id() -> String {
     id::unique()
 }
 
-/// The identifier of this process, as long as it lives.
+/// Identifier of this replica for its lifetime.
 #[derive(Debug)]
 pub(super) struct Replica(String);
 
@@ -38,14 +38,14 @@ impl Replica {
         Self(new_id())
     }
 
-    /// An identifier of something that ends with this process: an upload, a claim.
+    /// Identifier of something that ends with this process: an upload or a claim.
     pub(super) fn owned_id(&self) -> String {
         format!("{}{SEPARATOR}{}", self.0, new_id())
     }
 }
 
 impl Store {
-    /// Says that this process lives, until the store is closed or dropped, and tidies up behind others.
+    /// Signals that this replica is alive, until the store is closed or dropped, and cleans up after dead replicas.
     ///
     /// # Errors
     /// Those of the database.
@@ -69,7 +69,7 @@ impl Store {
         Ok(())
     }
 
-    /// Removes what the unfinished uploads of processes that are gone left behind, and puts their jobs back into the queue.
+    /// Removes pending rows of unfinished uploads of dead replicas, releases their parts, and requeues their jobs.
     ///
     /// # Errors
     /// Those of the database.
@@ -94,11 +94,11 @@ impl Store {
         Ok(())
     }
 
-    /// Whether the process that gave this identifier lives.
+    /// Whether the replica that created this identifier is alive.
     async fn is_owner_alive(&self, id: &str) -> Result<bool, StoreError> {
         const IS_DEAD: &str = "SELECT pg_try_advisory_xact_lock(hashtextextended($1, 0))";
         let replica = id.split(SEPARATOR).next().unwrap_or_default();
-        // A single statement is a transaction of its own: the lock ends with it.
+        // A single statement is its own transaction: the lock ends with it.
         Ok(replica == self.inner.replica.0
             || !sql(self.writer(), IS_DEAD).bind(replica).scalar::<bool>().await?)
     }
@@ -108,7 +108,7 @@ fn alive(inner: &Weak<Inner>) -> bool {
     inner.upgrade().is_some_and(|inner| !inner.pools.is_closed())
 }
 
-/// A connection that holds the lock of the process `id`.
+/// Opens a connection that holds the lock of the replica `id`.
 async fn lock(options: &PgConnectOptions, id: &str) -> Result<PgConnection, sqlx::Error> {
     const LOCK: &str = "SELECT pg_advisory_lock(hashtextextended($1, 0))";
     let mut connection: PgConnection = options.connect().await?;
@@ -116,7 +116,7 @@ async fn lock(options: &PgConnectOptions, id: &str) -> Result<PgConnection, sqlx
     Ok(connection)
 }
 
-/// Tries the connection again and again, until it ends (an error) or the store is gone.
+/// Tests the connection repeatedly, until it fails (an error) or the store is closed.
 async fn watch(inner: &Weak<Inner>, held: &mut PgConnection) -> Result<(), sqlx::Error> {
     loop {
         let Some(inner) = inner.upgrade().filter(|inner| !inner.pools.is_closed()) else {

@@ -1,4 +1,4 @@
-//! Reading the control points of a cohort in bulk, at a fixed revision.
+//! Bulk reading of a cohort's control points at a fixed revision.
 
 use super::blob::{self, Chunk};
 use super::engine::to_sql;
@@ -9,35 +9,35 @@ use super::handle::{Store, blocking};
 use super::shapes::Cursor;
 use crate::domain::shape::ShapeFilter;
 
-/// Most bytes of control points in a batch, and of chunks in memory at once, unless one has more.
+/// Maximum size of the control points in a batch, and of the chunks in memory at once, unless a single one is larger.
 const BYTES_PER_BATCH: i64 = 4 << 20;
-/// Most bytes read for one batch: where few shapes pass a filter, most of what is read is dropped.
+/// Maximum number of bytes read for one batch: when few shapes pass a filter, most of what is read is discarded.
 const READ_BYTES_PER_BATCH: i64 = 64 << 20;
 const BYTES_PER_NUMBER: i64 = size_of::<f64>() as i64;
-/// Most shapes in a batch that is put together from single rows.
+/// Maximum number of shapes in a batch assembled from single rows.
 const ROWS_PER_BATCH: usize = 4096;
-/// Most chunks in a batch: shapes that came one by one fill a chunk each.
+/// Maximum number of chunks in a batch: shapes added one by one have a chunk each.
 const CHUNKS_PER_BATCH: i64 = 1024;
 
-/// Whether a scan reads the ids, which costs more than the control points.
+/// Whether a scan reads ids, which costs more than the control points.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Ids {
-    /// [`ScanBatch::ids`] stays empty.
+    /// Leave [`ScanBatch::ids`] empty.
     Skip,
-    /// One id per shape, with its external id and its label.
+    /// Read the id, external id and label of every shape.
     Include,
 }
 
-/// Some shapes in storage order.
+/// Batch of shapes in storage order.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ScanBatch {
-    /// Where the next batch starts.
+    /// Position at which the next batch starts.
     pub position: Cursor,
-    /// Ids, when asked for.
+    /// Ids, if requested.
     pub ids: Vec<String>,
-    /// External ids, when ids are asked for.
+    /// External ids, if ids are requested.
     pub external_ids: Vec<Option<String>>,
-    /// Labels, when ids are asked for.
+    /// Labels, if ids are requested.
     pub labels: Vec<Option<String>>,
     /// One weight per shape.
     pub weights: Vec<f64>,
@@ -46,13 +46,13 @@ pub struct ScanBatch {
 }
 
 impl Store {
-    /// The next shapes of the cohort between the revisions, or nothing when there are no more.
+    /// Reads the next batch of shapes between the revisions; `None` if there are no more.
     ///
-    /// `after` is the position of the batch before, from a scan with the same arguments. The batches
-    /// are the same whenever they are read, a few megabytes each, and every byte is verified.
+    /// `after` is the position of the previous batch, from a scan with the same arguments. Batches are the same whenever they
+    /// are read, take a few megabytes each, and are fully verified.
     ///
     /// # Errors
-    /// [`StoreError::CohortGone`], also when it is deleted during the scan; [`StoreError::Corrupt`].
+    /// [`StoreError::CohortGone`], even if it is deleted during the scan; [`StoreError::Corrupt`].
     pub async fn scan(
         &self,
         cohort_id: &str,
@@ -81,7 +81,7 @@ impl Store {
     }
 }
 
-/// What to read for one batch.
+/// Plan of what to read for one batch.
 #[derive(Default)]
 struct Plan {
     groups: Vec<Group>,
@@ -101,13 +101,13 @@ struct Group {
 }
 
 enum Choice {
-    /// All shapes but the deleted ones, given in storage order.
+    /// All shapes except these deleted ones, in storage order.
     AllBut(Vec<Cursor>),
-    /// These shapes with their names, in storage order.
+    /// Only these shapes, with their names, in storage order.
     Only(Vec<(Cursor, Names)>),
 }
 
-/// What a shape is called.
+/// Id, external id and label of a shape.
 struct Names {
     id: String,
     external_id: Option<String>,
@@ -127,7 +127,7 @@ impl Default for Choice {
     }
 }
 
-/// Whole chunks: reads no row of a shape that is not deleted.
+/// Plans whole chunks; reads only the rows of deleted shapes.
 async fn plan_chunks(
     connection: &mut Transaction,
     selection: &Selection<'_>,
@@ -150,7 +150,7 @@ async fn plan_chunks(
         }
         plan.end = Some(Cursor { chunk: size.chunk, position: i64::MAX });
     }
-    // Taking all of every chunk, the plan is full when its first group is.
+    // All of every chunk is taken, so the plan has a single group.
     let Some(group) = plan.groups.last_mut() else {
         return Ok(None);
     };
@@ -159,7 +159,7 @@ async fn plan_chunks(
     Ok(Some(plan))
 }
 
-/// Shapes in the chunks from `first` to `last` that were deleted by the revision.
+/// Shapes in the chunks from `first` to `last` that were deleted up to the revision.
 async fn list_deleted(
     connection: &mut Transaction,
     selection: &Selection<'_>,
@@ -179,7 +179,7 @@ async fn list_deleted(
     rows.iter().map(place).collect()
 }
 
-/// Single shapes: those that pass the filter, with their ids.
+/// Plans single shapes that pass the filter, with their ids.
 async fn plan_rows(
     connection: &mut Transaction,
     selection: &Selection<'_>,
@@ -201,7 +201,7 @@ fn place(row: &Row) -> Result<Cursor, StoreError> {
     Ok(Cursor { chunk: row.get("chunk_id")?, position: row.get("position")? })
 }
 
-/// A chunk and its size.
+/// Size of a chunk.
 #[derive(Clone, Copy)]
 struct ChunkSize {
     chunk: i64,
@@ -220,8 +220,7 @@ impl ChunkSize {
 }
 
 impl Plan {
-    /// Makes room for `taken` bytes out of a chunk; false when the batch is full. The first always
-    /// fits.
+    /// Reserves `taken` bytes of a chunk; `false` if the batch is full. The first chunk always fits.
     fn admit(&mut self, size: ChunkSize, taken: i64) -> bool {
         let last = self.groups.last().and_then(|group| group.chunks.last());
         let more = if last == Some(&size.chunk) { 0 } else { size.bytes() };
@@ -249,7 +248,7 @@ impl Plan {
         }
     }
 
-    /// Takes a shape of the chunk admitted last.
+    /// Adds a shape of the last admitted chunk.
     fn choose(&mut self, place: Cursor, names: Names) {
         self.end = Some(place);
         if let Some(Choice::Only(chosen)) = self.groups.last_mut().map(|group| &mut group.choice) {
@@ -286,7 +285,7 @@ impl Group {
     }
 }
 
-/// The first planned chunk that was not found.
+/// First planned chunk that was not found.
 fn missing<'a>(planned: &'a [i64], found: &[Chunk<'_>]) -> Option<&'a i64> {
     planned
         .iter()
@@ -311,7 +310,7 @@ impl ScanBatch {
         chunk.append_to(rows, &mut self.weights, &mut self.control_points)
     }
 
-    /// Takes the runs between deleted shapes.
+    /// Appends the runs between deleted shapes.
     fn take_all_but(&mut self, chunks: &[Chunk<'_>], mut deleted: &[Cursor]) -> Result<(), StoreError> {
         self.control_points.reserve(chunks.iter().map(Chunk::numbers).sum());
         for chunk in chunks {
@@ -354,7 +353,7 @@ impl ScanBatch {
     }
 }
 
-/// Row in its chunk; never negative in the schema, and one out of range is found damaged.
+/// Row within its chunk; never negative in the schema, and detected as damage if out of range.
 fn row_of(place: &Cursor) -> usize {
     usize::try_from(place.position).unwrap_or_default()
 }

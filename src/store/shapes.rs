@@ -1,4 +1,4 @@
-//! Single shapes: find, list, count, delete.
+//! Shapes of a cohort: find, list, count, delete.
 
 use std::fmt;
 use std::str::FromStr;
@@ -15,14 +15,14 @@ use super::handle::{Store, blocking};
 use crate::domain::change::{ChangeKind, NewChange};
 use crate::domain::shape::{Shape, ShapeAttributes, ShapeDescription, ShapeFilter};
 
-/// A place in the storage order of a cohort: just behind a shape. Opaque to clients.
+/// Position in the storage order of a cohort, just after a shape. Opaque to clients.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Cursor {
     pub(super) chunk: i64,
     pub(super) position: i64,
 }
 
-/// A cursor that this store did not write.
+/// Error: a cursor that this store did not write.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("not a cursor of this service")]
 pub struct CursorError;
@@ -47,21 +47,21 @@ impl FromStr for Cursor {
     }
 }
 
-/// Some shapes in storage order.
+/// Page of shapes in storage order.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ShapePage {
-    /// The shapes.
+    /// Shapes of the page.
     pub shapes: Vec<Shape>,
-    /// Where the next page starts, when there is one.
+    /// Start of the next page, if there is one.
     pub next: Option<Cursor>,
 }
 
-/// What [`read_entry`] reads.
+/// Columns that [`read_entry`] reads.
 const ENTRY: &str = "s.chunk_id, s.position, s.id, s.external_id, s.subject, s.label, s.labels,
     s.metadata, c.created_at_ms";
 
 impl Store {
-    /// The shape with this id, or else with this external id.
+    /// Finds the shape with this id, or else with this external id.
     ///
     /// # Errors
     /// [`StoreError::Corrupt`].
@@ -88,7 +88,7 @@ impl Store {
         Ok(None)
     }
 
-    /// The shapes with these ids, or else with these external ids, in the order of the keys.
+    /// Finds the shapes with these ids, or else with these external ids, in the order of the keys.
     ///
     /// # Errors
     /// [`StoreError::Corrupt`].
@@ -121,7 +121,7 @@ impl Store {
                 }
             }
         }
-        // By chunk, so that each is read and verified once.
+        // In chunk order, so that each chunk is read and verified once.
         let mut places: Vec<usize> = (0..found.len()).filter(|&i| found[i].is_some()).collect();
         places.sort_by_key(|&i| found[i].as_ref().map(|entry| (entry.place.chunk, entry.place.position)));
         let entries = places.iter().filter_map(|&i| found[i].take()).collect();
@@ -132,8 +132,8 @@ impl Store {
         Ok(shapes)
     }
 
-    /// Attributes of the shapes with these ids, in their order, also of shapes that were deleted; without weights. None
-    /// for what was never a shape of the cohort.
+    /// Attributes, without weights, of the shapes with these ids, in their order, including deleted shapes. `None` for ids
+    /// that were never in the cohort.
     ///
     /// # Errors
     /// Those of the database.
@@ -160,13 +160,13 @@ impl Store {
         Ok(found)
     }
 
-    /// At most `limit` current shapes that pass the filter, in storage order; fewer when what is known about them has some
+    /// At most `limit` current shapes that pass the filter, in storage order; fewer if their attributes take some
     /// megabytes.
     ///
-    /// Control points come along; memory grows with the page alone.
+    /// Includes control points; memory grows only with the page.
     ///
     /// # Errors
-    /// [`StoreError::CohortGone`] when there is no such cohort, [`StoreError::Corrupt`].
+    /// [`StoreError::CohortGone`] if there is no such cohort, [`StoreError::Corrupt`].
     pub async fn list_shapes(
         &self,
         cohort_id: &str,
@@ -181,7 +181,7 @@ impl Store {
             filter,
             after: after.map_or((0, -1), |c| (c.chunk, c.position)),
         };
-        // A filter may look at every shape of the cohort: it is asked once.
+        // A filter may scan every shape of the cohort, so it is applied in a single query.
         let rows_at_once = if filter::is_empty(filter) { ROWS } else { limit };
         let (mut entries, mut bytes, mut more) = (Vec::new(), 0, true);
         while more && entries.len() < limit && bytes < PAGE_BYTES {
@@ -203,7 +203,7 @@ impl Store {
         Ok(ShapePage { next, shapes: fill(&mut read, entries).await? })
     }
 
-    /// The last revision of the cohort that only holds shapes that were added by the time `ms`.
+    /// Last revision of the cohort that only contains shapes added by the time `ms`.
     ///
     /// # Errors
     /// [`StoreError::CohortGone`].
@@ -217,7 +217,7 @@ impl Store {
         Ok(from_sql(after.map_or(last, |revision| revision - 1)))
     }
 
-    /// What is known about at most `limit` shapes between the revisions that pass the filter, in storage order.
+    /// Attributes of at most `limit` shapes between the revisions that pass the filter, in storage order.
     ///
     /// # Errors
     /// [`StoreError::CohortGone`].
@@ -278,7 +278,7 @@ impl Store {
         Ok((before + self.count(cohort_id, revisions, filter).await?).saturating_sub(still))
     }
 
-    /// Deletes a shape by its id: the new revision, or nothing when there is no such shape.
+    /// Deletes a shape by its id; returns the new revision, or `None` if there is no such shape.
     ///
     /// Scans at earlier revisions still see it.
     ///
@@ -310,7 +310,7 @@ impl Store {
     }
 }
 
-/// Marks a visible shape as deleted by the next revision of its cohort, and returns that.
+/// Marks a visible shape as deleted by the next revision of its cohort, and returns that revision.
 async fn mark_deleted(
     write: &mut Transaction,
     cohort_id: &str,
@@ -327,17 +327,17 @@ async fn mark_deleted(
 
 /// Bytes of attributes after which a page ends.
 const PAGE_BYTES: usize = 4 << 20;
-/// Rows of a page that are in memory at once.
+/// Number of rows of a page held in memory at once.
 const ROWS: usize = 100;
 
-/// A shape whose weight and control points are still to be read.
+/// A shape whose weight and control points have not been read yet.
 struct Entry {
     place: Cursor,
     shape: Shape,
 }
 
 impl Entry {
-    /// Of the attributes without bound.
+    /// Size of its unbounded attributes.
     fn bytes(&self) -> usize {
         self.shape.attributes.metadata.as_ref().map_or(0, String::len)
     }
@@ -354,7 +354,7 @@ fn read_attributes(row: &Row) -> Result<ShapeAttributes, StoreError> {
     })
 }
 
-/// JSON that stays as it is stored, when it is JSON.
+/// Stored text, if it is valid JSON.
 fn json_text(text: Option<&str>) -> Result<Option<String>, StoreError> {
     from_json::<IgnoredAny>(text).map(|_| text.map(str::to_owned))
 }
@@ -389,7 +389,7 @@ fn from_json<T: serde::de::DeserializeOwned>(text: Option<&str>) -> Result<Optio
     Ok(Some(value))
 }
 
-/// Reads weights and control points, one chunk in memory at a time.
+/// Reads weights and control points, with one chunk in memory at a time.
 async fn fill(connection: &mut Transaction, mut entries: Vec<Entry>) -> Result<Vec<Shape>, StoreError> {
     let mut filled = Vec::with_capacity(entries.len());
     while let Some(first) = entries.first() {

@@ -1,4 +1,4 @@
-//! Connections: settings, checks at start, schema.
+//! SQLite: connection settings, checks at start, schema.
 
 use std::path::Path;
 use std::time::Duration;
@@ -10,19 +10,19 @@ use sqlx::{ConnectOptions, Connection, SqlSafeStr, SqlitePool};
 use super::engine::{Failure, Pools};
 use super::error::StoreError;
 
-/// The first version whose write-ahead log does not lose pages with several connections.
+/// First version whose write-ahead log does not lose pages with several connections.
 const OLDEST_SQLITE: [u32; 3] = [3, 51, 3];
-/// Reads the whole file, but for the order of indexes.
+/// Checks the whole file except the order of indexes.
 pub(super) const QUICK_CHECK: &str = "PRAGMA quick_check(1)";
-/// What a check says of a file that is as it should be.
+/// Result of the check for a sound file.
 pub(super) const SOUND: &str = "ok";
-/// Most bytes of a file that is checked before anything else: a tenth of a second.
+/// Largest file, in bytes, that is checked before anything else: the check takes a tenth of a second.
 const SMALL_BYTES: u64 = 64 << 20;
-/// How long a connection waits for another one's lock.
+/// How long a connection waits for a lock.
 const BUSY_TIMEOUT: Duration = Duration::from_secs(10);
-/// Connections that read: more only compete for the cores.
+/// Number of reading connections: more would only compete for the cores.
 const READERS: u32 = 4;
-/// The steps of the schema. Listed by hand: the macro that reads a folder would bring in the compile-time half of sqlx.
+/// Schema migrations. Listed by hand: the macro that reads a folder would pull in the compile-time half of sqlx.
 const MIGRATIONS: &[(i64, &str, &str)] = &[
     (1, "cohorts and shapes", include_str!("migrations/sqlite/0001_cohorts_and_shapes.sql")),
     (2, "jobs", include_str!("migrations/sqlite/0002_jobs.sql")),
@@ -39,25 +39,25 @@ fn options(file: &Path) -> SqliteConnectOptions {
     SqliteConnectOptions::new()
         .filename(file)
         .journal_mode(SqliteJournalMode::Wal)
-        // What was acknowledged survives a power cut.
+        // Acknowledged writes survive a power cut.
         .synchronous(SqliteSynchronous::Full)
         .foreign_keys(true)
         .busy_timeout(BUSY_TIMEOUT)
         // 16 MiB per connection, for the indexes; chunks are read once and gain nothing.
         .pragma("cache_size", "-16384")
-        // A chunk is a megabyte: at the default of 4 MiB every few would be written twice at once.
+        // A chunk is a megabyte: with the default of 4 MiB, every few chunks would be written twice at once.
         .pragma("wal_autocheckpoint", "8192")
         .pragma("journal_size_limit", "67108864")
-        // Statements that insert thousands of rows are pages long.
+        // Statements that insert thousands of rows are several pages long.
         .disable_statement_logging()
 }
 
-/// Whether the file, if there is one, is checked in no time.
+/// Whether the file is absent, or small enough to be checked at once.
 pub(super) fn is_small(file: &Path) -> bool {
     std::fs::metadata(file).is_ok_and(|about| about.len() <= SMALL_BYTES) || !file.exists()
 }
 
-/// Opens the connections of the database in `file` as it is, or of a new one when it may `create` it.
+/// Opens the connections of the database in `file` as it is; may `create` a new one.
 pub(super) async fn connect(file: &Path, create: bool) -> Result<Pools, StoreError> {
     let writer = writer(file, create).await?;
     check_version(&writer).await?;
@@ -65,15 +65,15 @@ pub(super) async fn connect(file: &Path, create: bool) -> Result<Pools, StoreErr
     Ok(Pools::Sqlite { writer, reader })
 }
 
-/// A connection to the database in `file` that leaves it, and its write-ahead log, as they are.
+/// Opens a connection that leaves the database in `file` and its write-ahead log unchanged.
 pub(super) async fn look(file: &Path) -> Result<SqlitePool, StoreError> {
-    // Not those of `options`: to ask for a journal is to write when the file has another one, as a backup has.
+    // Does not use `options`: requesting a journal mode writes to a file that has another one, as a backup does.
     let options = SqliteConnectOptions::new().filename(file).read_only(true).busy_timeout(BUSY_TIMEOUT);
     let pool = SqlitePoolOptions::new().max_connections(1);
     Ok(pool.connect_with(options.disable_statement_logging()).await?)
 }
 
-/// Migrates the database in `file` and opens its connections without reading all of it.
+/// Migrates the database in `file` and opens its connections without checking the whole file.
 pub(super) async fn attach(file: &Path) -> Result<Pools, StoreError> {
     let writer = writer(file, true).await?;
     check_version(&writer).await?;
@@ -82,24 +82,24 @@ pub(super) async fn attach(file: &Path) -> Result<Pools, StoreError> {
     Ok(Pools::Sqlite { writer, reader })
 }
 
-/// Brings a schema to an old version.
+/// Migrates a schema to an old version.
 #[cfg(test)]
 pub(super) async fn migrate_to(writer: &SqlitePool, version: i64) -> Result<(), StoreError> {
     migrator(MIGRATIONS).run_to(version, writer).await.map_err(StoreError::Schema)
 }
 
-/// The version of the schema that this program needs.
+/// Schema version that this program needs.
 pub(super) fn latest() -> i64 {
     MIGRATIONS.last().map_or(0, |(version, _, _)| *version)
 }
 
-/// Checks the file, and brings its schema up to date.
+/// Checks the file and upgrades its schema.
 pub(super) async fn migrate(writer: &SqlitePool) -> Result<(), StoreError> {
     check_file(writer).await?;
     migrator(MIGRATIONS).run(writer).await.map_err(StoreError::Schema)
 }
 
-/// Checks (if asked to) and migrates the database in `file`, and opens its connections.
+/// Migrates the database in `file`, after a check if requested, and opens its connections.
 pub(super) async fn open(file: &Path, check: bool) -> Result<Pools, StoreError> {
     let writer = writer(file, true).await?;
     check_version(&writer).await?;
@@ -111,7 +111,7 @@ pub(super) async fn open(file: &Path, check: bool) -> Result<Pools, StoreError> 
     Ok(Pools::Sqlite { writer, reader })
 }
 
-/// The one connection that writes: its pool is a fair queue.
+/// The single writing connection; its pool is a fair queue.
 async fn writer(file: &Path, create: bool) -> Result<SqlitePool, StoreError> {
     let pool = SqlitePoolOptions::new()
         .max_connections(1)
@@ -119,30 +119,30 @@ async fn writer(file: &Path, create: bool) -> Result<SqlitePool, StoreError> {
         .idle_timeout(None)
         .max_lifetime(None)
         .test_before_acquire(false)
-        // On a full disk SQLite ends the transaction by itself; sqlx then believes for ever to be
-        // inside one. Such a connection is replaced.
+        // On a full disk SQLite ends the transaction by itself, but sqlx still believes to be inside one. Such a connection is
+        // replaced.
         .before_acquire(|connection, _| Box::pin(async { Ok(!connection.is_in_transaction()) }))
         .connect_with(options(file).create_if_missing(create))
         .await?;
     Ok(pool)
 }
 
-/// Connections that only read. All are opened at once: each has a thread, which has the priority of who opens it, and later that
-/// may be a job.
+/// Read-only connections. All are opened at once, because each has a thread that inherits the priority of its opener, which
+/// later may be a job.
 async fn reader(file: &Path) -> Result<SqlitePool, StoreError> {
     let pool = SqlitePoolOptions::new()
         .max_connections(READERS)
         .min_connections(READERS)
         .idle_timeout(None)
         .max_lifetime(None)
-        // There is no network to fail.
+        // A local file has no network that could fail.
         .test_before_acquire(false)
         .connect_with(options(file).read_only(true))
         .await?;
     Ok(pool)
 }
 
-/// Refuses a library with the known fault.
+/// Refuses an SQLite library with the known bug.
 async fn check_version(pool: &SqlitePool) -> Result<(), StoreError> {
     let version: String = sqlx::query_scalar("SELECT sqlite_version()").fetch_one(pool).await?;
     if is_recent(&version) {
@@ -165,7 +165,7 @@ async fn check_file(pool: &SqlitePool) -> Result<(), StoreError> {
     Err(StoreError::Damaged { detail })
 }
 
-/// The steps of a schema, ready to run.
+/// Migrations of a schema, ready to run.
 pub(super) fn migrator(steps: &[(i64, &'static str, &'static str)]) -> Migrator {
     let migrations = steps.iter().map(|(version, name, text)| {
         Migration::new(*version, (*name).into(), MigrationType::Simple, text.into_sql_str(), false)
@@ -173,11 +173,11 @@ pub(super) fn migrator(steps: &[(i64, &'static str, &'static str)]) -> Migrator 
     Migrator::with_migrations(migrations.collect())
 }
 
-/// What an error code, extended or plain, says.
+/// Meaning of an error code, extended or plain.
 pub(super) fn failure(code: &str) -> Option<Failure> {
-    /// Writing, syncing the file or its folder, and cutting it off fail: a limit, a quota, a disk that is going.
+    /// Writing, syncing or truncating the file or its folder failed, because of a limit, a quota or a failing disk.
     const WRITING_FAILS: [i32; 4] = [778, 1034, 1290, 1546];
-    /// There is no room for the index of the write-ahead log.
+    /// No room for the index of the write-ahead log.
     const NO_ROOM_FOR_INDEX: i32 = 4874;
     let code = code.parse::<i32>().ok()?;
     if WRITING_FAILS.contains(&code) {
@@ -186,13 +186,13 @@ pub(super) fn failure(code: &str) -> Option<Failure> {
     if code == NO_ROOM_FOR_INDEX {
         return Some(Failure::Full);
     }
-    // The low byte of an extended code is the plain one.
+    // The low byte of an extended code is the plain code.
     match code & 0xff {
         // SQLITE_CORRUPT and SQLITE_NOTADB
         11 | 26 => Some(Failure::Damaged),
         13 => Some(Failure::Full),
         8 => Some(Failure::ReadOnly),
-        // SQLITE_BUSY: another process holds the lock longer than is waited for.
+        // SQLITE_BUSY: another process holds the lock for longer than the timeout.
         5 => Some(Failure::Passing),
         _ => None,
     }

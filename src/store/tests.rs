@@ -1,4 +1,4 @@
-//! The store as its users see it, on a fresh folder each.
+//! Tests of the store through its public interface, each on a fresh folder.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -25,10 +25,10 @@ mod opening;
 mod passes;
 mod sharing;
 
-/// Numbers a shape of [`cohort`] has.
+/// Number of coordinates of a shape of [`cohort`].
 const WIDTH: usize = 6;
 
-/// Where the tests find PostgreSQL; without it they run on the embedded database.
+/// Address of PostgreSQL for the tests; without it they run on the embedded database.
 pub(super) const DATABASE_URL: &str = "SHAPELEX_TEST_DATABASE_URL";
 
 pub(super) async fn fresh() -> (TempDir, Store) {
@@ -40,14 +40,14 @@ pub(super) async fn fresh() -> (TempDir, Store) {
     (folder, store)
 }
 
-/// A store that is embedded in any case.
+/// A store that is always embedded.
 pub(super) async fn embedded() -> (TempDir, Store) {
     let folder = tempfile::tempdir().unwrap();
     let store = Store::open(folder.path()).await.unwrap();
     (folder, store)
 }
 
-/// The address of a schema of its own, which is a database for everybody who uses it.
+/// Address of a new schema, which acts as a separate database.
 pub(super) async fn fresh_schema(url: &str) -> String {
     let schema = format!("test_{}", uuid::Uuid::now_v7().simple());
     let pool = sqlx::PgPool::connect(url).await.unwrap();
@@ -113,7 +113,7 @@ async fn list_all(store: &Store, cohort: &Cohort, filter: &ShapeFilter) -> Vec<S
     page.unwrap().shapes
 }
 
-/// Control points of a scan, and the ids when asked for.
+/// Control points of a scan, and the ids if requested.
 async fn scan_all(
     store: &Store,
     cohort: &Cohort,
@@ -273,7 +273,7 @@ async fn a_restart_removes_unfinished_uploads() {
     store_all(&store, &cohort, vec![shape(1)]).await;
     let mut upload = store.begin_upload(&cohort);
     upload.add(vec![shape(2)]).await.unwrap();
-    // Like a crash: nobody tidies up.
+    // Simulates a crash: no clean-up.
     std::mem::forget(upload);
     store.close().await;
 
@@ -303,7 +303,7 @@ async fn the_same_content_again_is_a_retry() {
     assert_eq!(upload.commit(1).await.unwrap(), revision + 1);
     assert_eq!(list_all(&store, &cohort, &EVERYTHING).await.len(), 3);
 
-    // Nothing new: nothing changes.
+    // Nothing new, so nothing changes.
     let mut upload = store.begin_upload(&cohort);
     upload.add(vec![again]).await.unwrap();
     assert_eq!(upload.commit(99).await.unwrap(), revision + 1);
@@ -326,7 +326,7 @@ async fn other_content_under_an_external_id_is_a_conflict() {
     let mut upload = store.begin_upload(&cohort);
     conflict_at(upload.add(vec![shape(0), named(2, "a")]).await, 1, "a");
     upload.add(vec![shape(0), named(3, "b")]).await.unwrap();
-    // In the upload itself: across calls, and in one call.
+    // Within the upload itself: across calls, and in one call.
     conflict_at(upload.add(vec![named(4, "b")]).await, 2, "b");
     let twins = vec![named(5, "c"), named(6, "c")];
     conflict_at(upload.add(twins).await, 3, "c");
@@ -334,7 +334,7 @@ async fn other_content_under_an_external_id_is_a_conflict() {
     let mut heavier = named(1, "a");
     heavier.attributes.weight = 2.0;
     conflict_at(upload.add(vec![heavier]).await, 2, "a");
-    // What another upload has not committed may vanish: not even the same content is there.
+    // Uncommitted shapes of another upload may vanish, so even the same content does not count as existing.
     let mut other = store.begin_upload(&cohort);
     let error = other.add(vec![named(3, "b")]).await.unwrap_err();
     assert!(matches!(&error, StoreError::ExternalIdPending { position: 0, .. }), "{error:?}");

@@ -1,4 +1,4 @@
-//! The trash: what was deleted and can come back, until it is removed for good.
+//! Trash: deleted objects that can be restored until they are permanently removed.
 
 use super::engine::to_sql;
 use super::engine::{Row, Transaction, sql};
@@ -8,12 +8,12 @@ use super::{changes, engine};
 use crate::domain::change::{ChangeKind, NewChange};
 use crate::domain::trash::{Trashed, TrashedKind};
 
-/// Most things removed for good between two looks at the clock.
+/// Maximum number of objects removed between two checks of the clock.
 const PURGED_AT_ONCE: i64 = 100;
 
 impl Store {
-    /// Moves the cohort with this id to the trash, if it is at the `expected` revision; false when there is none. Its name
-    /// is free at once.
+    /// Moves the cohort with this id to the trash, if it is at the `expected` revision; `false` if there is none. Its name can
+    /// be reused at once.
     ///
     /// # Errors
     /// [`StoreError::Changed`].
@@ -37,7 +37,7 @@ impl Store {
         Ok(true)
     }
 
-    /// Moves the version of a dictionary with this id to the trash; false when there is none.
+    /// Moves the dictionary version with this id to the trash; `false` if there is none.
     ///
     /// # Errors
     /// Those of the database.
@@ -53,7 +53,7 @@ impl Store {
         Ok(true)
     }
 
-    /// At most `limit` things in the trash in the order of their ids, from the one after the id `after`.
+    /// At most `limit` objects in the trash in id order, starting after the id `after`.
     ///
     /// # Errors
     /// Those of the database.
@@ -76,10 +76,10 @@ impl Store {
         query.all().await?.iter().map(read_trashed).collect()
     }
 
-    /// Takes the thing with this id out of the trash; none when it is not there.
+    /// Restores the object with this id from the trash; `None` if it is not there.
     ///
     /// # Errors
-    /// [`StoreError::NameTaken`] when another cohort has taken its name meanwhile.
+    /// [`StoreError::NameTaken`] if another cohort has taken its name in the meantime.
     pub async fn restore(&self, id: &str, now_ms: i64) -> Result<Option<TrashedKind>, StoreError> {
         let mut write = self.begin_write(id).await?;
         let kind = if self.restore_cohort(&mut write, id, now_ms).await? {
@@ -136,7 +136,7 @@ impl Store {
         Ok(true)
     }
 
-    /// Removes the thing with this id from the trash for good; false when it is not there.
+    /// Permanently removes the object with this id from the trash; `false` if it is not there.
     ///
     /// # Errors
     /// Those of the database.
@@ -154,7 +154,7 @@ impl Store {
         Ok(trashed > 0 && self.principal.may_use(id) && self.remove_cohort(id).await?)
     }
 
-    /// Removes what all tenants moved to the trash before a time; the number of things.
+    /// Permanently removes what any tenant moved to the trash before a time; returns the number of objects.
     ///
     /// # Errors
     /// Those of the database.

@@ -1,7 +1,7 @@
-//! Storing shapes: any number, all or none, in bounded memory.
+//! Storing any number of shapes, all or none, in bounded memory.
 //!
-//! An [`Upload`] writes pending chunks that no reader sees, in one short transaction per call, and
-//! gives them a revision at the end. A slow client therefore blocks nobody.
+//! An [`Upload`] writes pending chunks, invisible to readers, in one short transaction per call, and assigns them a revision
+//! at the end. A slow client therefore does not block others.
 
 use std::collections::HashMap;
 use std::ops::Range;
@@ -20,45 +20,45 @@ use crate::domain::shape::NewShape;
 
 mod digest;
 
-/// Shapes in one INSERT: more bring little, and SQLite allows 32766 placeholders in a statement.
+/// Number of shapes per INSERT: more bring little, and SQLite allows 32766 placeholders in a statement.
 const ROWS_PER_INSERT: usize = 512;
-/// External ids in one question.
+/// Number of external ids per query.
 const IDS_PER_QUERY: usize = 1024;
-/// How often to look again when another upload stores the same external id at the same time.
+/// Number of retries when another upload stores the same external id at the same time.
 const ATTEMPTS: usize = 3;
 
-/// What became of a shape.
+/// Outcome for one shape.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Added {
     /// It was stored.
     New {
-        /// Its id.
+        /// Id of the new shape.
         id: String,
     },
-    /// It was there already, the same in everything but its id.
+    /// It already exists, equal in everything except its id.
     Existing {
-        /// The id of the shape that is there.
+        /// Id of the existing shape.
         id: String,
     },
 }
 
-/// Shapes on their way into a cohort. Dropped without [`Upload::commit`], it leaves nothing behind.
+/// Shapes being added to a cohort. Dropped without [`Upload::commit`], it leaves nothing behind.
 #[derive(Debug)]
 pub struct Upload {
     store: Store,
     cohort_id: String,
     width: usize,
     id: String,
-    /// Shapes given so far.
+    /// Number of shapes received so far.
     received: u64,
-    /// Shapes in pending chunks.
+    /// Number of shapes in pending chunks.
     stored: i64,
     /// Whether there may be pending rows.
     dirty: bool,
 }
 
 impl Store {
-    /// Starts storing shapes in a cohort. Does not touch the database yet.
+    /// Starts an upload to a cohort. Does not access the database yet.
     pub fn begin_upload(&self, cohort: &Cohort) -> Upload {
         let representation = &cohort.representation;
         Upload {
@@ -74,14 +74,14 @@ impl Store {
 }
 
 impl Upload {
-    /// Stores some shapes, not visible yet; the answers are in their order.
+    /// Stores a batch of shapes, not yet visible; returns their outcomes in order.
     ///
-    /// A call is one transaction and holds its shapes in memory twice: pass some thousands. After an
-    /// error the upload is as it was before the call.
+    /// A call is one transaction and holds its shapes in memory twice: pass some thousands. After an error the upload is as it
+    /// was before the call.
     ///
     /// # Errors
-    /// [`StoreError::ExternalIdConflict`] when a shape with other content has the external id,
-    /// [`StoreError::ExternalIdPending`] when another unfinished upload has it, [`StoreError::WrongWidth`],
+    /// [`StoreError::ExternalIdConflict`] if a shape with different content has the external id,
+    /// [`StoreError::ExternalIdPending`] if another unfinished upload has it, [`StoreError::WrongWidth`],
     /// [`StoreError::CohortGone`].
     pub async fn add(&mut self, shapes: Vec<NewShape>) -> Result<Vec<Added>, StoreError> {
         if shapes.is_empty() {
@@ -93,9 +93,9 @@ impl Upload {
         let mut attempt = 1;
         let added = loop {
             match self.try_add(&batch).await {
-                // Someone stored the id after we had looked: look again, the answer is there now.
+                // Another upload stored the id after the lookup; the next lookup will find it.
                 Err(StoreError::Database(e)) if is_race(&e) && attempt < ATTEMPTS => attempt += 1,
-                // Of an upload of a process that is gone nothing comes any more.
+                // The process that owned the other upload may have died; reclaim its rows.
                 Err(StoreError::ExternalIdPending { .. }) if attempt < ATTEMPTS => {
                     self.store.tidy_behind_the_dead().await?;
                     attempt += 1;
@@ -107,19 +107,18 @@ impl Upload {
         Ok(added)
     }
 
-    /// Makes all shapes visible at once and returns the new revision of the cohort, or the present
-    /// one when nothing was new.
+    /// Makes all shapes visible at once; returns the new revision of the cohort, or the current one if nothing was new.
     ///
     /// # Errors
-    /// [`StoreError::CohortGone`] when the cohort was deleted meanwhile, [`StoreError::UploadLost`].
+    /// [`StoreError::CohortGone`] if the cohort was deleted in the meantime, [`StoreError::UploadLost`].
     pub async fn commit(self, now_ms: i64) -> Result<u64, StoreError> {
         self.commit_once(now_ms, None, |_| None).await
     }
 
-    /// The same for a cohort that must be at the `expected` revision, with a receipt of the new one.
+    /// Like [`Upload::commit`] for a cohort that must be at the `expected` revision, with a receipt for the new one.
     ///
     /// # Errors
-    /// Also [`StoreError::Changed`] and [`StoreError::AlreadyDone`]: nothing is stored then.
+    /// Also [`StoreError::Changed`] and [`StoreError::AlreadyDone`]; nothing is stored then.
     pub async fn commit_once(
         mut self,
         now_ms: i64,
@@ -168,7 +167,7 @@ impl Upload {
         Ok(())
     }
 
-    /// Gives the pending chunks the next revision.
+    /// Assigns the next revision to the pending chunks.
     async fn publish(
         &self,
         write: &mut Transaction,
@@ -184,14 +183,14 @@ impl Upload {
         let revision: i64 = sql(&mut *write, GROW).bind(cohort).bind(count).bind(now_ms).scalar().await?;
         let shown = sql(&mut *write, SHOW).bind(&self.id).bind(revision).bind(now_ms).all().await?;
         let rows = shown.iter().map(|chunk| chunk.get::<i64>("rows")).sum::<Result<i64, _>>()?;
-        // Whoever takes this process for dead may remove chunks after they were counted.
+        // A replica that considers this one dead may remove chunks after they were counted.
         if rows != count {
             return Err(StoreError::UploadLost);
         }
         Ok(revision)
     }
 
-    /// Looks up, then writes. Looking up needs no write lock: the unique index has the last word.
+    /// Looks up external ids, then writes. The lookup needs no write lock: the unique index decides in the end.
     async fn try_add(&mut self, batch: &Arc<Batch>) -> Result<Vec<Added>, StoreError> {
         let mut read = self.store.begin_read().await?;
         let cohort = self.store.number(&mut read, &self.cohort_id).await?;
@@ -203,7 +202,7 @@ impl Upload {
         }
         let (shared, width) = (Arc::clone(batch), self.width);
         let chunks = blocking(move || shared.encode(&fresh, width)).await;
-        // Before the write: it may succeed without our hearing of it.
+        // Set before the write, which may succeed even if its confirmation is lost.
         self.dirty = true;
         self.write(cohort, &chunks).await?;
         self.stored += chunks.iter().map(|chunk| chunk.rows.len() as i64).sum::<i64>();
@@ -283,7 +282,7 @@ async fn insert_rows(
 ) -> Result<(), StoreError> {
     const INSERT: &str = "INSERT INTO shape (chunk_id, position, cohort, id, external_id, subject,
         label, digest, labels, metadata) ";
-    // Statements of other lengths are seldom seen twice, and long: not worth keeping.
+    // Statements of other lengths are long and rarely repeated: not worth caching.
     let mut query = sql(write, INSERT).persistent(range.len() == ROWS_PER_INSERT);
     let first = range.start;
     for position in range {
@@ -302,21 +301,21 @@ async fn insert_rows(
     Ok(())
 }
 
-/// Shapes of one call with what tells them apart.
+/// Shapes of one call, with the digests that identify their content.
 #[derive(Debug)]
 struct Batch {
     shapes: Vec<NewShape>,
     /// Digests of the shapes that have an external id.
     digests: Vec<Option<[u8; 32]>>,
-    /// Position of the first in the upload.
+    /// Position of the first shape in the upload.
     first: u64,
 }
 
-/// A shape that is in the way.
+/// An existing shape with the same external id.
 #[derive(Debug, Clone)]
 struct Held {
     id: String,
-    /// Nothing when an unfinished upload has it: that may yet vanish, so it is no answer.
+    /// `None` if an unfinished upload holds it, which may still be rolled back.
     digest: Option<Vec<u8>>,
 }
 
@@ -327,7 +326,7 @@ struct NewChunk {
     rows: Vec<NewRow>,
 }
 
-/// What is known about a shape, as stored.
+/// Attributes of a shape, as stored.
 #[derive(Debug)]
 struct NewRow {
     id: String,
@@ -355,7 +354,7 @@ impl Batch {
         Ok(Self { shapes, digests, first })
     }
 
-    /// The answers, and which shapes are to be stored.
+    /// Determines the outcomes, and the shapes to be stored.
     fn sort_out(&self, held: &HashMap<String, Held>) -> Result<(Vec<Added>, Vec<usize>), StoreError> {
         let mut seen: HashMap<&str, usize> = HashMap::new();
         let (mut added, mut fresh) = (Vec::with_capacity(self.shapes.len()), Vec::new());
@@ -432,7 +431,7 @@ impl Batch {
     }
 }
 
-/// Shapes of the cohort that have one of the external ids of the batch.
+/// Shapes of the cohort that have one of the batch's external ids.
 async fn find_held(
     read: &mut Transaction,
     cohort: i64,

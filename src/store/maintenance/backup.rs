@@ -1,7 +1,7 @@
-//! The file of the embedded database, copied while it is in use, and brought back.
+//! Backup of the embedded database while it is in use, and its restoration.
 //!
-//! A copy gets its name only when it is whole and on disk: a killed command leaves a file whose name tells it, and nothing
-//! else.
+//! A copy gets its final name only when it is complete and on disk: a killed command leaves only a file whose name marks it
+//! as partial.
 
 use std::ffi::OsString;
 use std::fs::{self, File, OpenOptions};
@@ -19,12 +19,12 @@ use super::super::sqlite;
 use super::{Checked, MaintenanceError, schema};
 use crate::domain::id;
 
-/// What the name of a copy that is not finished ends with.
+/// Suffix of the name of an unfinished copy.
 const PARTIAL: &str = ".partial";
 
 impl Store {
-    /// Copies the embedded store as it is at one moment to `file`, which must not exist; its size in bytes. Others go on
-    /// reading and writing.
+    /// Copies the embedded store, as it is at one moment, to `file`, which must not exist; returns its size in bytes. Readers
+    /// and writers are not blocked.
     ///
     /// # Errors
     /// [`MaintenanceError::Exists`], [`MaintenanceError::NotEmbedded`], [`MaintenanceError::File`].
@@ -44,8 +44,8 @@ impl Store {
     }
 }
 
-/// Makes a store of the backup in `file`, in the folder `data_dir`, which must be empty or not exist. Everything in it is checked
-/// first; each finding is reported.
+/// Creates a store from the backup in `file`, in the folder `data_dir`, which must be empty or absent. Its content is
+/// checked first; each finding is reported.
 ///
 /// A backup of an older version keeps its schema, and only its file is checked.
 ///
@@ -63,7 +63,7 @@ pub async fn restore(
     require_empty(data_dir)?;
     let copy = Partial { path: data_dir.join(format!("restore{PARTIAL}")) };
     let (from, to) = (file.to_path_buf(), copy.path.clone());
-    // What exists keeps its rights, whatever those of the backup are.
+    // An existing file keeps its permissions, whatever those of the backup are.
     private_file(&to).map_err(|source| file_error(&to, source))?;
     blocking(move || copy_content(&from, &to)).await.map_err(|source| file_error(file, source))?;
     check_file(&copy.path).await?;
@@ -74,12 +74,12 @@ pub async fn restore(
     Ok(checked)
 }
 
-/// Copies what is in a file: `fs::copy` would copy its rights too.
+/// Copies the content of a file; `fs::copy` would also copy its permissions.
 fn copy_content(from: &Path, to: &Path) -> std::io::Result<u64> {
     std::io::copy(&mut File::open(from)?, &mut OpenOptions::new().write(true).open(to)?)
 }
 
-/// Checks all that is in a copy, unless its schema is older.
+/// Checks the content of a copy, unless its schema is older.
 async fn check_content(
     copy: &Path,
     report: &mut (dyn FnMut(&str) + Send),
@@ -93,7 +93,7 @@ async fn check_content(
         Err(error) => Err(error),
         Ok(_) => store.check(report).await.map(Some).map_err(MaintenanceError::from),
     };
-    // Who has folded the write-ahead log into the file removes it at the end; a connection that never read would leave it.
+    // The connection that merges the write-ahead log removes it when it closes; one that never read would leave it.
     let folded = sql(store.writer(), "PRAGMA wal_checkpoint(TRUNCATE)").execute().await;
     store.close().await;
     folded?;
@@ -105,7 +105,7 @@ async fn check_content(
     }
 }
 
-/// Refuses a folder that holds anything but what an interrupted command left.
+/// Refuses a folder that contains anything other than the remains of an interrupted command.
 fn require_empty(folder: &Path) -> Result<(), MaintenanceError> {
     let read = || -> std::io::Result<Vec<PathBuf>> {
         fs::read_dir(folder)?.map(|entry| Ok(entry?.path())).collect()
@@ -124,13 +124,13 @@ fn require_empty(folder: &Path) -> Result<(), MaintenanceError> {
     Ok(())
 }
 
-/// A file on its way; removed when dropped.
+/// An unfinished file; removed when dropped.
 struct Partial {
     path: PathBuf,
 }
 
 impl Partial {
-    /// A new empty file beside the one that it will become, for its owner alone.
+    /// Creates an empty file beside the final one, accessible only to its owner.
     fn beside(file: &Path) -> Result<Self, MaintenanceError> {
         let mut name = file.file_name().map(OsString::from).ok_or_else(|| wrong_name(file))?;
         name.push(format!(".{}{PARTIAL}", id::unique()));
@@ -143,7 +143,7 @@ impl Partial {
         Ok(Self { path })
     }
 
-    /// Writes it through to the disk and gives it its name; its size in bytes.
+    /// Syncs it to disk and gives it its final name; returns its size in bytes.
     fn finish(&self, file: &Path) -> Result<u64, MaintenanceError> {
         if file.exists() {
             return Err(MaintenanceError::Exists(file.to_path_buf()));
@@ -161,18 +161,18 @@ impl Partial {
 
 impl Drop for Partial {
     fn drop(&mut self) {
-        // After a rename there is nothing left; what cannot be removed says by its name what it is.
+        // After the rename nothing is left; if removal fails, the name marks the file as partial.
         let _ = fs::remove_file(&self.path);
     }
 }
 
-/// Lets a new name survive a power cut.
+/// Makes a new name survive a power cut.
 fn sync_folder_of(file: &Path) -> std::io::Result<()> {
     let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     if cfg!(unix) { File::open(folder)?.sync_all() } else { Ok(()) }
 }
 
-/// Reads the whole file of a copy that nobody else uses.
+/// Checks the whole file of a copy that no other process uses.
 async fn check_file(file: &Path) -> Result<(), MaintenanceError> {
     let options = SqliteConnectOptions::new().filename(file).read_only(true).immutable(true);
     let damaged = |error: sqlx::Error| match StoreError::from(error) {

@@ -1,5 +1,5 @@
-//! Is everything whole? Reads all of a store, a few megabytes at a time, also beside the service that uses it: every part reads
-//! one state of the database.
+//! Integrity check of a whole store, a few megabytes at a time, even while the service uses it: every part reads
+//! a consistent snapshot.
 
 use serde_json::Value;
 
@@ -11,26 +11,26 @@ use super::super::error::StoreError;
 use super::super::handle::{Store, blocking};
 use super::super::{dictionaries, jobs, outputs};
 
-/// Most things that one rule names.
+/// Maximum number of objects named per rule.
 const MOST_NAMED: i64 = 100;
-/// Chunks, and small rows, read at once.
+/// Number of chunks, and of small rows, read at once.
 const CHUNKS: i64 = 4;
 const ROWS: i64 = 512;
 
-/// What was looked at, and how much of it is not as it should be.
+/// Numbers of objects checked, and of findings.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Checked {
-    /// Cohorts, also those in the trash.
+    /// Cohorts, including those in the trash.
     pub cohorts: u64,
     /// Chunks of control points.
     pub chunks: u64,
-    /// Shapes in them, also deleted ones.
+    /// Shapes in them, including deleted ones.
     pub shapes: u64,
     /// Versions of dictionaries.
     pub dictionaries: u64,
     /// Jobs.
     pub jobs: u64,
-    /// What jobs brought about.
+    /// Outputs of jobs.
     pub outputs: u64,
     /// Receipts.
     pub receipts: u64,
@@ -40,7 +40,7 @@ pub struct Checked {
     pub findings: u64,
 }
 
-/// What must not be found: a sentence about `{}`, and the statement that names what breaks it.
+/// Rules: a sentence about `{}`, and the statement that lists what violates it.
 const RULES: &[(&str, &str)] = &[
     (
         "shape {} belongs to no chunk",
@@ -119,12 +119,12 @@ const RULES: &[(&str, &str)] = &[
 ];
 
 impl Store {
-    /// Reads everything, reports every finding in one sentence, and answers what was looked at.
+    /// Checks everything, reports every finding in one sentence, and returns the numbers of objects checked.
     ///
-    /// Unfinished uploads, and cohorts that are being removed, are no findings.
+    /// Unfinished uploads, and cohorts being removed, are not findings.
     ///
     /// # Errors
-    /// Those of the database, but damage is a finding.
+    /// Those of the database, except damage, which is a finding.
     pub async fn check(&self, report: &mut (dyn FnMut(&str) + Send)) -> Result<Checked, StoreError> {
         let mut check = Check { store: self, report, seen: Checked::default() };
         let file = check.file().await;
@@ -165,7 +165,7 @@ impl Check<'_> {
         (self.report)(finding);
     }
 
-    /// A part that damage has stopped is a finding.
+    /// Turns damage that stopped a part of the check into a finding.
     fn settle(&mut self, part: Result<(), StoreError>) -> Result<(), StoreError> {
         match part {
             Err(StoreError::Damaged { detail }) => self.find(&detail),
@@ -177,7 +177,7 @@ impl Check<'_> {
         Ok(())
     }
 
-    /// The file of the embedded database, page by page.
+    /// Checks the file of the embedded database, page by page.
     async fn file(&mut self) -> Result<(), StoreError> {
         if !self.store.is_embedded() {
             return Ok(());
@@ -250,7 +250,7 @@ impl Check<'_> {
         }
     }
 
-    /// What is known about the shapes, where it is more than a word.
+    /// Checks the JSON attributes of shapes.
     async fn shapes(&mut self) -> Result<(), StoreError> {
         const PAGE: &str = "SELECT chunk_id, position, id, labels, metadata FROM shape
             WHERE (chunk_id, position) > ($1, $2) AND (labels IS NOT NULL OR metadata IS NOT NULL)
@@ -339,7 +339,7 @@ impl Check<'_> {
 
     async fn audit(&mut self) -> Result<(), StoreError> {
         let found = match self.store.check_audit().await {
-            // Entries may have grown too old meanwhile; a broken link is found again.
+            // Entries may have expired in the meantime; a broken link is found again.
             Err(StoreError::Damaged { .. }) => self.store.check_audit().await,
             found => found,
         };
@@ -348,7 +348,7 @@ impl Check<'_> {
     }
 }
 
-/// The number of shapes of a chunk, and what is wrong with it.
+/// Number of shapes in a chunk, and its fault, if any.
 fn look_at_chunk(row: &Row) -> Result<(u64, Option<String>), StoreError> {
     let (id, rows): (i64, i64) = (row.get("id")?, row.get("rows")?);
     let (described, last): (i64, i64) = (row.get("described")?, row.get("last")?);
@@ -364,7 +364,7 @@ fn look_at_chunk(row: &Row) -> Result<(u64, Option<String>), StoreError> {
     Ok((from_sql(rows), finding))
 }
 
-/// The part of a dictionary that does not have its checksum.
+/// Part of a dictionary that does not match its checksum.
 fn damaged_part(row: &Row) -> Result<Option<&'static str>, StoreError> {
     let (content, digest): (&[u8], &str) = (row.get("content")?, row.get("digest")?);
     let (state, checksum): (Option<&[u8]>, Option<&[u8]>) = (row.get("state")?, row.get("state_checksum")?);

@@ -1,4 +1,4 @@
-//! The whole store as lines of JSON, which both databases write and read.
+//! Export of the whole store as lines of JSON, in a format common to both databases.
 //!
 //! ```text
 //! {"format": "shapelex-export", "version": 1, "schema": …, "program": …, "tables": {"cohort": ["number", …], …}}
@@ -6,7 +6,7 @@
 //! {"rows": {"cohort": 1, …}, "counters": {"cohort": 1, …}, "digest": "…"}
 //! ```
 //!
-//! The digest is the blake3 of all lines before the last, each with its line break.
+//! The digest is the BLAKE3 of all lines before the last, each with its line break.
 
 use std::io::Write;
 
@@ -17,12 +17,12 @@ use super::super::handle::Store;
 use super::tables::{Cell, TABLES, Table};
 use super::{MaintenanceError, schema};
 
-/// What the first line says it is.
+/// Format name in the first line.
 pub(super) const FORMAT: &str = "shapelex-export";
 /// Version of the format.
 pub(super) const VERSION: i64 = 1;
 
-/// The first line of an export of the schema.
+/// First line of an export of the schema.
 pub(super) fn head(schema: i64) -> Value {
     let tables: Map<String, Value> = TABLES
         .iter()
@@ -35,7 +35,7 @@ pub(super) fn head(schema: i64) -> Value {
         "program": env!("CARGO_PKG_VERSION"), "tables": tables})
 }
 
-/// Lines on their way out, with their digest.
+/// Output lines with their running digest.
 struct Lines<W> {
     out: W,
     digest: blake3::Hasher,
@@ -51,10 +51,11 @@ impl<W: Write> Lines<W> {
 }
 
 impl Store {
-    /// Writes everything that is kept, of all tenants, as it is at one moment, and answers the number of rows. Others go on
-    /// reading and writing. In memory are a few rows at a time, the largest of which may be a distance matrix.
+    /// Writes everything that is kept, of all tenants, from one snapshot; returns the number of rows. Readers and writers are
+    /// not blocked. A few rows are in memory at a time, the largest of which may be a distance matrix.
     ///
     /// # Errors
+    /// [`MaintenanceError::Stream`]; those of the database.
     /// [`MaintenanceError::Stream`]; those of the database.
     pub async fn export(&self, out: impl Write) -> Result<u64, MaintenanceError> {
         let schema = schema::require_present(&self.inner.pools).await?;
@@ -78,13 +79,13 @@ impl Store {
         Ok(total)
     }
 
-    /// Whether the store is the embedded one.
+    /// Whether the store is embedded.
     pub(super) fn is_embedded(&self) -> bool {
         !self.inner.pools.is_postgres()
     }
 }
 
-/// Writes the rows of a table in the order of its key; their number.
+/// Writes the rows of a table in key order; returns their number.
 async fn export_table<W: Write>(
     read: &mut Transaction,
     table: &Table,
@@ -104,7 +105,7 @@ async fn export_table<W: Write>(
     }
 }
 
-/// The next rows of a table behind the key `after`.
+/// Next rows of a table after the key `after`.
 async fn page(
     read: &mut Transaction,
     table: &Table,
@@ -131,7 +132,7 @@ async fn page(
     Ok(cells.collect::<Result<_, _>>()?)
 }
 
-/// The last number that the database gave to a row of the table.
+/// Last number that the database assigned to a row of the table.
 async fn counter(read: &mut Transaction, table: &Table) -> Result<i64, MaintenanceError> {
     const IN_SQLITE: &str = "SELECT seq FROM sqlite_sequence WHERE name = $1";
     const IN_POSTGRES: &str =

@@ -1,4 +1,4 @@
-//! Reads what `export` wrote into an empty store, in one transaction: all or nothing.
+//! Import of an export into an empty store, in one transaction.
 
 use std::io::{BufRead, Read as _};
 
@@ -9,17 +9,17 @@ use super::super::handle::Store;
 use super::tables::{Cell, TABLES, Table};
 use super::{MaintenanceError, export, schema};
 
-/// Longest line: the largest value that a database keeps, in base64, has 1.4 billion characters.
+/// Maximum length of a line: the largest value a database stores has 1.4 billion characters in base64.
 const MAX_LINE_BYTES: u64 = 1_500_000_000;
-/// Rows and bytes in one INSERT.
+/// Maximum numbers of rows and bytes per INSERT.
 const ROWS_PER_INSERT: usize = 512;
 const BYTES_PER_INSERT: usize = 4 << 20;
 const END_OF_LINE: u8 = b'\n';
 
 impl Store {
-    /// Reads an export into this store, which must be empty, and answers the number of rows.
+    /// Reads an export into this store, which must be empty; returns the number of rows.
     ///
-    /// Nothing is seen of it before the last line has proved that it is whole, and nothing is left of it otherwise.
+    /// Nothing becomes visible before the last line has proved the export complete; otherwise nothing remains.
     ///
     /// # Errors
     /// [`MaintenanceError::StoreInUse`], [`MaintenanceError::Format`].
@@ -55,10 +55,10 @@ impl Store {
     }
 }
 
-/// Lines on their way in.
+/// Input lines with their running digest.
 struct Lines<R> {
     input: R,
-    /// Of all lines before the one in `text`.
+    /// Digest of all lines before the one in `text`.
     digest: blake3::Hasher,
     number: u64,
     text: Vec<u8>,
@@ -76,12 +76,12 @@ impl<R: BufRead> Lines<R> {
         serde_json::from_slice(&self.text).map_err(|error| self.wrong(format!("not JSON: {error}")))
     }
 
-    /// The digest of all lines before the last one read.
+    /// Digest of all lines before the last one read.
     fn digest(&self) -> String {
         self.digest.finalize().to_hex().to_string()
     }
 
-    /// Nothing may follow.
+    /// Refuses anything after the last line.
     fn expect_end(&mut self) -> Result<(), MaintenanceError> {
         if self.input.fill_buf()?.is_empty() {
             return Ok(());
@@ -124,20 +124,20 @@ fn check_end(end: &Value, rows: &Rows, digest: &str) -> Result<(), String> {
     Ok(())
 }
 
-/// Rows of one table that wait to be inserted together.
+/// Rows of one table, collected for a joint insert.
 #[derive(Default)]
 struct Rows {
-    /// Place in [`TABLES`] of the table.
+    /// Index of the table in [`TABLES`].
     table: usize,
     waiting: Vec<Vec<Cell>>,
     bytes: usize,
-    /// Rows of a table before that are still to be inserted.
+    /// Rows of the previous table that are still to be inserted.
     before: Option<(usize, Vec<Vec<Cell>>)>,
     counts: [u64; TABLES.len()],
 }
 
 impl Rows {
-    /// Takes a line.
+    /// Adds the row in a line.
     fn take(&mut self, line: Vec<Value>) -> Result<(), String> {
         let mut values = line.into_iter();
         let name = values.next();
@@ -164,7 +164,7 @@ impl Rows {
         Ok(())
     }
 
-    /// Inserts what is due; everything when it is the `last` time.
+    /// Inserts full batches; if `last`, everything.
     async fn store(&mut self, write: &mut Transaction, last: bool) -> Result<(), MaintenanceError> {
         if let Some((table, rows)) = self.before.take() {
             insert(write, &TABLES[table], &rows).await?;
@@ -196,7 +196,7 @@ async fn insert(write: &mut Transaction, table: &Table, rows: &[Vec<Cell>]) -> R
     Ok(())
 }
 
-/// Keeps others from writing, and refuses a store that holds something.
+/// Locks out other writers, and refuses a store that is not empty.
 async fn hold(write: &mut Transaction) -> Result<(), MaintenanceError> {
     if write.is_postgres() {
         let mut lock = sql(&mut *write, "LOCK TABLE ");
@@ -214,7 +214,7 @@ async fn hold(write: &mut Transaction) -> Result<(), MaintenanceError> {
     Ok(())
 }
 
-/// Lets the database go on numbering the rows of the table after `last`.
+/// Makes the database continue numbering the rows of the table after `last`.
 async fn set_counter(write: &mut Transaction, table: &Table, last: i64) -> Result<(), MaintenanceError> {
     const FORGET: &str = "DELETE FROM sqlite_sequence WHERE name = $1";
     const SET: &str = "INSERT INTO sqlite_sequence (name, seq) VALUES ($1, $2)";

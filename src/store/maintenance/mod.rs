@@ -1,8 +1,8 @@
-//! Work on a whole store, of all tenants, for its operator.
+//! Operator's work on a whole store, of all tenants.
 //!
-//! Parts: `tables` (everything that is kept, in one list), `schema` (versions and migration), `check` (is all of it whole?),
-//! `backup` (the file of the embedded database, copied and brought back), `export` and `import` (a stream of lines that both
-//! databases write and read).
+//! * `tables` — list of all stored tables; `schema` — versions and migration;
+//! * `check` — integrity check; `backup` — copy and restoration of the embedded database's file;
+//! * `export`, `import` — a stream of lines that both databases write and read.
 
 mod backup;
 mod check;
@@ -23,25 +23,25 @@ pub use backup::restore;
 pub use check::Checked;
 pub use schema::{Versions, migrate, versions};
 
-/// Connections to PostgreSQL that a command takes.
+/// Number of PostgreSQL connections of a command.
 const CONNECTIONS: u32 = 2;
 
-/// Where a store is.
+/// Location of a store.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Site {
-    /// The folder of the embedded database.
+    /// Folder of the embedded database.
     Folder(PathBuf),
-    /// The address of a PostgreSQL database.
+    /// Address of a PostgreSQL database.
     Url(String),
 }
 
-/// Why the work was not done.
+/// Reason why a command failed.
 #[derive(Debug, thiserror::Error)]
 pub enum MaintenanceError {
     /// The store failed.
     #[error(transparent)]
     Store(#[from] StoreError),
-    /// There is nothing to work on.
+    /// There is no store.
     #[error("there is no store in {}", .0.display())]
     NoStore(PathBuf),
     /// A newer program wrote the schema.
@@ -49,53 +49,53 @@ pub enum MaintenanceError {
         "the schema of the store has version {found}, this program knows {known}: use the program that wrote it, or a newer one"
     )]
     Newer {
-        /// Version of the store.
+        /// Schema version of the store.
         found: i64,
-        /// Version of this program.
+        /// Schema version of this program.
         known: i64,
     },
-    /// The schema is to be brought up to date first.
+    /// The schema must be upgraded first.
     #[error(
         "the schema of the store has version {found}, this program needs {known}: run `shapelex migrate` first"
     )]
     Older {
-        /// Version of the store.
+        /// Schema version of the store.
         found: i64,
-        /// Version of this program.
+        /// Schema version of this program.
         known: i64,
     },
-    /// The file would be overwritten.
+    /// The file already exists.
     #[error("{} exists already", .0.display())]
     Exists(PathBuf),
-    /// The folder holds something.
+    /// The folder is not empty.
     #[error("{} is not empty: a backup is restored into an empty folder", .0.display())]
     FolderInUse(PathBuf),
-    /// The store holds something.
+    /// The store is not empty.
     #[error("the store is not empty (table {0}): an export is imported into an empty store")]
     StoreInUse(&'static str),
     /// A file cannot be read or written.
     #[error("{}: {source}", path.display())]
     File {
-        /// Which one.
+        /// Path of the file.
         path: PathBuf,
-        /// What the system says.
+        /// Error of the operating system.
         source: std::io::Error,
     },
     /// The export cannot be read or written.
     #[error("the export cannot be read or written: {0}")]
     Stream(#[from] std::io::Error),
-    /// A line of an export is not what it should be.
+    /// A line of an export is invalid.
     #[error("line {line} of the export: {detail}")]
     Format {
-        /// Its number, from 1.
+        /// Line number, from 1.
         line: u64,
-        /// What is wrong.
+        /// Description of the fault.
         detail: String,
     },
-    /// The backup is not what was written.
+    /// The backup is damaged.
     #[error("the backup is not restored: {0}")]
     BadBackup(String),
-    /// The database has tools of its own for this.
+    /// PostgreSQL has its own backup tools.
     #[error(
         "PostgreSQL is backed up with `pg_dump`; `shapelex export` writes a file that any store can import"
     )]
@@ -109,7 +109,7 @@ impl From<sqlx::Error> for MaintenanceError {
 }
 
 impl Store {
-    /// Opens the store at `site` as it is, also beside the service that uses it: nothing is migrated or tidied up.
+    /// Opens the store at `site` as it is, even while the service uses it: nothing is migrated or cleaned up.
     ///
     /// # Errors
     /// [`MaintenanceError::NoStore`], [`MaintenanceError::Older`] and [`MaintenanceError::Newer`].
@@ -120,7 +120,7 @@ impl Store {
     }
 }
 
-/// The connections of a store that exists, whatever its schema.
+/// Connections to an existing store, whatever its schema.
 async fn existing(site: &Site) -> Result<Pools, MaintenanceError> {
     match site {
         Site::Folder(folder) => {

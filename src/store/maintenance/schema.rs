@@ -1,4 +1,4 @@
-//! The version of the schema, and how it is brought up to date.
+//! Schema versions and migration.
 
 use super::super::engine::{Pools, sql};
 use super::super::error::StoreError;
@@ -7,12 +7,12 @@ use super::super::folder::{FolderLock, protect};
 use super::super::{mark, postgres, sqlite};
 use super::{CONNECTIONS, MaintenanceError, Site, existing};
 
-/// Versions of a schema.
+/// Schema versions of a store and of this program.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Versions {
-    /// The one of the store; 0 for an empty database.
+    /// Version of the store; 0 for an empty database.
     pub found: i64,
-    /// The one of this program.
+    /// Version of this program.
     pub known: i64,
 }
 
@@ -30,7 +30,7 @@ impl Versions {
     }
 }
 
-/// The versions of the store at `site`, which is left as it is.
+/// Versions of the store at `site`, which is not changed.
 ///
 /// # Errors
 /// [`MaintenanceError::NoStore`], [`MaintenanceError::Newer`].
@@ -41,8 +41,8 @@ pub async fn versions(site: &Site) -> Result<Versions, MaintenanceError> {
     versions
 }
 
-/// Brings the schema of the store at `site` up to date, and answers the versions before. An embedded store must not be in use,
-/// and is made when there is none.
+/// Upgrades the schema of the store at `site`; returns the versions before. An embedded store must not be in use, and is
+/// created if missing.
 ///
 /// # Errors
 /// [`MaintenanceError::Newer`]; [`StoreError::Locked`], [`StoreError::Damaged`], [`StoreError::Schema`].
@@ -68,7 +68,7 @@ pub async fn migrate(site: &Site) -> Result<Versions, MaintenanceError> {
     Ok(versions)
 }
 
-/// Refuses a schema that is not the one of this program.
+/// Refuses a schema other than this program's.
 pub(super) async fn require_present(pools: &Pools) -> Result<i64, MaintenanceError> {
     let Versions { found, known } = Versions::of(pools).await?;
     if found < known {
@@ -77,7 +77,7 @@ pub(super) async fn require_present(pools: &Pools) -> Result<i64, MaintenanceErr
     Ok(known)
 }
 
-/// The last step that was applied.
+/// Last migration applied.
 async fn version(pools: &Pools) -> Result<i64, StoreError> {
     const IN_SQLITE: &str = "SELECT count(*) FROM sqlite_master WHERE name = '_sqlx_migrations'";
     const IN_POSTGRES: &str = "SELECT count(*) FROM pg_tables

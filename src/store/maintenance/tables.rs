@@ -1,4 +1,4 @@
-//! Everything that a store keeps: one list of the tables, which a test compares with the schema.
+//! List of all tables that a store keeps, which a test compares with the schema.
 
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD as BASE64;
@@ -16,38 +16,38 @@ pub(super) enum Kind {
     Bytes,
 }
 
-/// A table that is kept.
+/// A stored table.
 #[derive(Debug)]
 pub(super) struct Table {
     pub(super) name: &'static str,
-    /// The first columns, so many, are the primary key, by which rows are read in order.
+    /// Number of leading columns that form the primary key, by which rows are read in order.
     pub(super) key: usize,
     pub(super) columns: &'static [(&'static str, Kind)],
-    /// Whether the database numbers the rows: the counter is kept too, so that no number is given twice.
+    /// Whether the database numbers the rows; the counter is kept too, so that no number is assigned twice.
     pub(super) counted: bool,
-    /// Rows read at once; large ones one by one.
+    /// Number of rows read at once; 1 for large rows.
     pub(super) page: i64,
-    /// Which rows are kept, when not all are.
+    /// Condition for the rows that are kept, if not all are.
     pub(super) condition: Option<&'static str>,
 }
 
-/// Small rows read at once.
+/// Page size for small rows.
 const MANY: i64 = 512;
-/// Rows of about a megabyte read at once.
+/// Page size for rows of about a megabyte.
 const FEW: i64 = 4;
 
-/// Chunks of unfinished uploads and of cohorts that were removed are nobody's.
+/// Excludes chunks of unfinished uploads and of removed cohorts.
 const CHUNK_LIVES: &str = "cohort IS NOT NULL AND revision IS NOT NULL";
 const OF_LIVING_CHUNK: &str =
     "chunk_id IN (SELECT id FROM chunk WHERE cohort IS NOT NULL AND revision IS NOT NULL)";
 
-/// Tables that are not kept: what they hold concerns one database only.
+/// Tables that are not kept, because their content concerns one database only.
 #[cfg(test)]
 pub(super) const PASSING: &[&str] = &["probe", "_sqlx_migrations", "sqlite_sequence", "pass", "task"];
 
 use Kind::{Bytes, Integer, Real, Text};
 
-/// All that is kept; a table comes after those it refers to.
+/// All tables that are kept, each after those it refers to.
 pub(super) const TABLES: &[Table] = &[
     Table {
         name: "cohort",
@@ -293,14 +293,14 @@ pub(super) const TABLES: &[Table] = &[
 ];
 
 impl Table {
-    /// Names of the first `count` columns, as a list in SQL.
+    /// Names of the first `count` columns as an SQL list.
     pub(super) fn names(&self, count: usize) -> String {
         let names: Vec<&str> = self.columns[..count].iter().map(|(name, _)| *name).collect();
         names.join(", ")
     }
 }
 
-/// A value of a row.
+/// Value in a row.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Cell {
     Null,
@@ -311,7 +311,7 @@ pub(super) enum Cell {
 }
 
 impl Cell {
-    /// The value of the column of a row.
+    /// Reads the value of a column.
     pub(super) fn read(row: &Row, name: &str, kind: Kind) -> Result<Self, StoreError> {
         let cell = match kind {
             Integer => row.get::<Option<i64>>(name)?.map(Self::Integer),
@@ -322,7 +322,7 @@ impl Cell {
         Ok(cell.unwrap_or(Self::Null))
     }
 
-    /// Appends it to a statement, as a value of the kind.
+    /// Appends the value to a statement, as a value of the kind.
     pub(super) fn push_to(&self, query: &mut Query<'_>, kind: Kind) {
         match (self, kind) {
             (Self::Integer(number), _) => query.push_bind(*number),
@@ -336,7 +336,7 @@ impl Cell {
         };
     }
 
-    /// As it stands in an export: bytes in base64.
+    /// Value as written in an export, with bytes in base64.
     pub(super) fn to_json(&self) -> Value {
         match self {
             Self::Null => Value::Null,
@@ -347,7 +347,7 @@ impl Cell {
         }
     }
 
-    /// What [`Cell::to_json`] wrote of a value of the kind; nothing when it is of another one.
+    /// Reads a value of the kind written by [`Cell::to_json`]; `None` if it is of another kind.
     pub(super) fn from_json(value: Value, kind: Kind) -> Option<Self> {
         match (value, kind) {
             (Value::Null, _) => Some(Self::Null),
@@ -359,7 +359,7 @@ impl Cell {
         }
     }
 
-    /// Bytes that it takes, about.
+    /// Approximate size in bytes.
     pub(super) fn size(&self) -> usize {
         match self {
             Self::Null | Self::Integer(_) | Self::Real(_) => size_of::<i64>(),

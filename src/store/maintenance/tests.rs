@@ -1,4 +1,4 @@
-//! Checks, backups, exports and migrations of stores with something of everything.
+//! Checks, backups, exports and migrations of stores that contain objects of every kind.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -20,7 +20,7 @@ use crate::domain::cohort::Cohort;
 use crate::domain::job::{Job, JobKind, JobOutput};
 use crate::domain::retry::{Receipt, RetryKey};
 
-/// A store with something in every table but the audit trail.
+/// A store with rows in every table except the audit trail.
 async fn fill(store: &Store) -> Cohort {
     let hands = cohort("hands");
     let request = RetryKey { key: "k".into(), fingerprint: [7; 32] };
@@ -48,7 +48,7 @@ async fn claimed(store: &Store) -> Claim {
     store.claim_job(8, 100, &json!({})).await.unwrap().claim.unwrap()
 }
 
-/// A dictionary as its rows: what it says does not matter here.
+/// Inserts a dictionary as plain rows; its content does not matter here.
 async fn add_dictionary(store: &Store, cohort: &Cohort) {
     const NAME: &str = "INSERT INTO dictionary_name (handle, versions) VALUES ('default/modes', 1)";
     const ROW: &str = "INSERT INTO dictionary (id, handle, tenant, name, version, cohort, summary, provenance,
@@ -76,7 +76,7 @@ async fn exported(store: &Store) -> Vec<u8> {
     out
 }
 
-/// Columns of a table with their types, those of the key first.
+/// Columns of a table with their types, key columns first.
 type Columns = BTreeSet<(String, String)>;
 
 fn listed() -> BTreeMap<String, Columns> {
@@ -154,7 +154,7 @@ async fn a_whole_store_has_no_findings() {
     let (_folder, store) = fresh().await;
     assert_eq!(findings(&store).await, [""; 0]);
     let hands = fill(&store).await;
-    // An upload in progress, and a cohort that is being removed.
+    // An upload in progress, and a cohort being removed.
     let mut upload = store.begin_upload(&hands);
     upload.add(vec![shape(1)]).await.unwrap();
     assert_eq!(findings(&store).await, [""; 0]);
@@ -234,7 +234,7 @@ async fn every_kind_of_damage_is_found() {
 async fn an_export_makes_the_same_store() {
     let (_one, store) = fresh().await;
     let hands = fill(&store).await;
-    // Numbers that were given to what is gone are not given again.
+    // Numbers of removed rows are not assigned again.
     let gone = cohort("gone");
     store.create_cohort(&gone, None).await.unwrap();
     store.remove_cohort(&gone.id).await.unwrap();
@@ -351,7 +351,7 @@ async fn a_backup_makes_the_same_store() {
     upload.abort().await.unwrap();
 }
 
-/// Restores a file that must not be restored; why not.
+/// Tries to restore a file that must be refused; returns the reason.
 async fn refused(file: &Path) -> String {
     let target = tempfile::tempdir().unwrap();
     let error = restore(file, target.path(), &mut |_: &str| ()).await.unwrap_err();
@@ -374,14 +374,14 @@ async fn a_bad_backup_is_not_restored() {
     assert!(refused(&file).await.contains("not restored"));
     write(b"");
     assert!(refused(&file).await.contains("not a backup"));
-    // Control points that only their checksum protects.
+    // Control points protected only by their checksum.
     let mut bytes = good.clone();
     let points = 21.0_f64.to_le_bytes();
     let place = bytes.windows(8).position(|window| window == points).expect("stored as they are");
     bytes[place] ^= 1;
     write(&bytes);
     assert!(refused(&file).await.contains("findings: 1"));
-    // A folder with something in it, even after an interrupted command.
+    // A non-empty folder, even after an interrupted command.
     write(&good);
     let target = tempfile::tempdir().unwrap();
     fs::write(target.path().join("restore.partial"), "x").unwrap();
@@ -402,7 +402,7 @@ async fn schemas_are_migrated_and_newer_ones_left_alone() {
     let store = Store::open(folder.path()).await.unwrap();
     let error = migrate(&site).await.unwrap_err();
     assert!(matches!(error, MaintenanceError::Store(StoreError::Locked { .. })), "{error}");
-    // As if the last step had never been.
+    // As if the last migration had never been applied.
     meddle(&store, "DELETE FROM _sqlx_migrations WHERE version > 4").await;
     assert_eq!(versions(&site).await.unwrap(), Versions { found: 4, known });
     let error = Store::inspect(&site).await.unwrap_err();

@@ -1,4 +1,4 @@
-//! The audit trail: chains, filters, age, and what tampering shows.
+//! Audit trail: chains, filters, expiry, and detection of tampering.
 
 use super::*;
 use crate::domain::audit::{AuditFilter, Entry};

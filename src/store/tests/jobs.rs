@@ -1,10 +1,10 @@
-//! The queue: order, leases, fencing, what a restart does, what is kept.
+//! Queue: order, leases, fencing, restarts, retention.
 
 use super::*;
 use crate::domain::job::{Job, JobKind, JobOutput, JobStatus, Priority, Progress};
 use crate::store::jobs::{MAX_ATTEMPTS, MAX_FINISHED, MAX_QUEUED, Quota};
 
-/// The lease of the claims of these tests.
+/// Lease of the claims in these tests.
 const LEASE: i64 = 100;
 
 async fn submitted(store: &Store, now: i64) -> Job {
@@ -25,7 +25,7 @@ async fn found(store: &Store, id: &str) -> Job {
     store.find_job(id).await.unwrap().expect("the job is there")
 }
 
-/// Puts jobs into the table as they are: a thousand transactions would take seconds.
+/// Inserts jobs directly into the table: a thousand transactions would take seconds.
 async fn insert_many(store: &Store, count: u32, status: &'static str, finished_at_ms: Option<i64>) {
     const INSERT: &str = "WITH RECURSIVE n (i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n WHERE i < $1)
         INSERT INTO job (id, kind, parameters, status, progress, attempt, run_at_ms, created_at_ms, finished_at_ms,
@@ -63,7 +63,7 @@ async fn the_job_that_waits_longest_is_claimed_first() {
     assert!(looked(&store, 9).await.claim.is_none(), "before its time");
     let first = claimed(&store, 40).await;
     assert_eq!(first.job.id, early.id);
-    // Back for another attempt, behind the others.
+    // Requeued for another attempt, behind the others.
     assert!(store.release_job(&first, Release::RetryAt(35)).await.unwrap());
     let mut order = Vec::new();
     while let Some(claim) = looked(&store, 41).await.claim {
@@ -84,7 +84,7 @@ async fn a_lease_that_ends_gives_the_job_to_the_next() {
     assert_eq!((&second.job.id, second.job.attempt), (&job.id, 2));
 }
 
-/// Everything that a claimant can write; whether any of it applied.
+/// Tries every write of a claimant; returns whether any of them applied.
 async fn write_everything(store: &Store, claim: &Claim) -> bool {
     let problem = json!({"code": "internal"});
     store.renew_job(claim, &Progress { fraction: 0.9, ..Progress::default() }, 5000).await.unwrap()
@@ -104,7 +104,7 @@ async fn a_stale_claim_writes_nothing() {
     assert!(!write_everything(&store, &overtaken).await, "overtaken");
     assert_eq!(found(&store, &job.id).await, before);
 
-    // Released without being counted, the next claim has the same attempt; it is another one nevertheless.
+    // After an uncounted release, the next claim has the same attempt number but is a different claim.
     assert!(store.release_job(&present, Release::Uncounted).await.unwrap());
     assert!(!write_everything(&store, &present).await, "released");
     let again = claimed(&store, 12 + LEASE).await;
@@ -125,7 +125,7 @@ async fn a_restart_puts_running_jobs_back_at_once() {
     assert!(store.renew_job(&stale, &progress, i64::MAX).await.unwrap());
     store.close().await;
     let store = Store::open(folder.path()).await.unwrap();
-    // As it was before, but for the attempt.
+    // Unchanged except for the attempt.
     assert_eq!(found(&store, &running.id).await, Job { attempt: 1, ..running.clone() });
     assert!(!write_everything(&store, &stale).await);
     let claim = claimed(&store, 11).await;
@@ -176,7 +176,7 @@ async fn jobs_of_every_status_are_cancelled_or_left_as_they_are() {
     let queued = submitted(&store, 1).await;
     let cancelled = Job { status: JobStatus::Cancelled, finished_at_ms: Some(9), ..queued.clone() };
     for now in [9, 10] {
-        // The second time changes nothing.
+        // Cancelling again changes nothing.
         assert_eq!(store.cancel_job(&queued.id, now).await.unwrap().as_ref(), Some(&cancelled));
     }
     assert!(looked(&store, 10).await.claim.is_none(), "a cancelled job is not claimed");
@@ -254,7 +254,7 @@ async fn jobs_are_listed_by_id_and_status() {
     assert_eq!(list(Some(JobStatus::Failed), None, 10).await, [""; 0]);
 }
 
-/// A job that has succeeded with an output of so many bytes.
+/// A job that succeeded with an output of `bytes` bytes.
 async fn with_output(store: &Store, bytes: usize) -> (String, JobOutput) {
     submitted(store, 1).await;
     let claim = claimed(store, 10).await;
@@ -273,7 +273,7 @@ async fn outputs_come_back_as_they_were_and_end_with_their_job() {
     meddle(&store, "UPDATE job_output SET data = checksum").await;
     let error = store.read_job_output(&id).await.unwrap_err();
     assert!(matches!(error, StoreError::Damaged { .. }), "{error:?}");
-    // The claim is lost: nothing is written.
+    // The claim is lost, so nothing is written.
     submitted(&store, 1).await;
     let claim = claimed(&store, 30).await;
     store.cancel_job(&claim.job.id, 31).await.unwrap();
@@ -312,12 +312,12 @@ async fn the_newest_outputs_are_kept_as_far_as_there_is_room() {
     assert_eq!(kept().await, [false, true, true, true]);
     insert(300, 200).await;
     assert_eq!(kept().await, [false, false, false, true]);
-    // The last one is kept whatever its size.
+    // The last output is kept whatever its size.
     insert(300, 5000).await;
     assert_eq!(kept().await, [false, false, false, true]);
 }
 
-/// Claims and settles jobs one after the other; whose they were.
+/// Claims and settles jobs one after the other; returns their tenants.
 async fn served(store: &Store, count: usize) -> String {
     let mut order = String::new();
     for k in 0..count as i64 {
@@ -340,7 +340,7 @@ async fn tenants_take_turns() {
         of("b").create_job(&Job::new(JobKind::Compare, json!({}), k), None).await.unwrap();
     }
     assert_eq!(served(&store, 9).await, "abababaaa");
-    // While a job of one tenant runs, the next is one of the other.
+    // While a job of one tenant runs, the next one comes from the other.
     for k in 0..3 {
         of("a").create_job(&Job::new(JobKind::Compare, json!({}), k), None).await.unwrap();
         of("b").create_job(&Job::new(JobKind::Compare, json!({}), 100 + k), None).await.unwrap();

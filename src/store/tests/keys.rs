@@ -1,4 +1,4 @@
-//! Keys, and what comes to the store beside its service.
+//! Keys, and access to the store beside its service.
 
 use super::*;
 use crate::domain::access::Role;
@@ -49,7 +49,7 @@ async fn keys_come_back_as_they_were_stored() {
 async fn a_command_writes_beside_the_service_and_before_its_first_start() {
     let folder = tempfile::tempdir().unwrap();
     let (first, second) = (key("a"), key("a"));
-    // Before the first start there is nothing to attach to.
+    // Before the first start there is no store to attach to.
     assert!(matches!(Store::attach(folder.path()).await, Err(StoreError::Folder { .. })));
     let command = Store::open(folder.path()).await.unwrap();
     command.create_key(&first).await.unwrap();

@@ -1,4 +1,4 @@
-//! Opening a folder, and what the disk can do to it.
+//! Opening of a folder, and faults of its disk.
 
 use super::*;
 
@@ -27,7 +27,7 @@ async fn a_damaged_page_is_noticed_at_start() {
     store.close().await;
     let file = folder.path().join(DATABASE_FILE);
     let mut bytes = std::fs::read(&file).unwrap();
-    // The last page belongs to an index or a table that has just been written.
+    // The last page belongs to an index or a recently written table.
     let page = bytes.len() - 4096;
     bytes[page..page + 64].fill(0xa5);
     std::fs::write(&file, bytes).unwrap();
@@ -113,7 +113,7 @@ async fn the_folder_and_its_files_are_for_their_owner_alone() {
         assert_eq!(mode(&folder.join(name)), 0o600, "{name}");
     }
     store.close().await;
-    // One that an older program has made.
+    // A file created by an older program.
     std::fs::set_permissions(folder.join(DATABASE_FILE), std::fs::Permissions::from_mode(0o644)).unwrap();
     let store = Store::open(&folder).await.unwrap();
     assert_eq!(mode(&folder.join(DATABASE_FILE)), 0o600);
@@ -132,7 +132,7 @@ async fn without_the_file_of_the_lock_the_folder_still_belongs_to_one_store() {
     Store::open(folder.path()).await.unwrap();
 }
 
-/// A store as `kill -9` leaves it: what was acknowledged lies in its log.
+/// A store as `kill -9` leaves it: acknowledged changes are in its log.
 async fn killed() -> TempDir {
     let (folder, store) = embedded().await;
     for k in 0..5 {

@@ -1,10 +1,10 @@
-//! Parts of jobs: where they begin, who has them, when they are nobody's any more.
+//! Parts of jobs: their starts, their claims, and when these end.
 
 use super::*;
 use crate::domain::job::{Job, JobKind};
 use crate::store::{PartClaim, PartEnd, Release};
 
-/// What this process computes with.
+/// Arithmetic of this process.
 const HERE: &str = "here";
 
 async fn running(store: &Store) -> Claim {
@@ -50,7 +50,7 @@ async fn parts_are_the_shapes_one_after_the_other() {
     }
 }
 
-/// Reads every part from where it begins.
+/// Reads every part from its start.
 async fn assert_parts(
     store: &Store,
     cohort: &Cohort,
@@ -93,7 +93,7 @@ async fn a_part_belongs_to_one_claim_at_a_time() {
     assert_eq!(third.start, Start { chunk: 7, skip: 2 });
     assert!(taken(&store, 120).await.is_none(), "all have their owners");
 
-    // The lease of the first ends, not that of the owner of the pass.
+    // The lease of the first part ends, not that of the owner of the pass.
     assert!(store.renew_part(&third, 500).await.unwrap());
     let again = taken(&store, 121).await.expect("its lease has ended");
     assert_eq!(again.part, 0);
@@ -103,7 +103,7 @@ async fn a_part_belongs_to_one_claim_at_a_time() {
     assert!(store.settle_part(&again, PartEnd::Done(Some(b"result"))).await.unwrap());
     assert_eq!(store.read_part(pass, 0).await.unwrap().as_deref(), Some(&b"result"[..]));
 
-    // What is refused is for the owner of the pass.
+    // Refused parts are left to the owner of the pass.
     assert!(store.settle_part(&third, PartEnd::Refused).await.unwrap());
     assert!(taken(&store, 1000).await.is_none());
     assert!(store.claim_own_part(pass, 2, 20).await.unwrap().is_none(), "only before the end");

@@ -1,4 +1,4 @@
-//! What several tenants, several callers and several processes have of one store.
+//! One store shared by several tenants, callers and processes.
 
 use super::*;
 use crate::domain::change::ChangeKind;
@@ -9,7 +9,7 @@ fn of_tenant(store: &Store, tenant: &str) -> Store {
     store.of(Arc::new(Principal::system(tenant)))
 }
 
-/// The same tenant through a key for some cohorts only.
+/// The same tenant through a key restricted to some cohorts.
 fn scoped(store: &Store, cohorts: &[&str]) -> Store {
     let cohorts = Some(cohorts.iter().map(ToString::to_string).collect());
     store.of(Arc::new(Principal { cohorts, ..Principal::system(store.tenant()) }))
@@ -45,11 +45,11 @@ async fn tenants_do_not_see_each_other() {
     let error = theirs.list_shapes(&cohort.id, &EVERYTHING, None, 9).await.unwrap_err();
     assert!(matches!(error, StoreError::CohortGone), "{error:?}");
 
-    // A name, a request key, a number of a change: each has its own.
+    // Each tenant has its own names, request keys and change numbers.
     theirs.create_cohort(&self::cohort("hands"), Some(&receipt("k", 1))).await.unwrap();
     ours.create_cohort(&self::cohort("feet"), Some(&receipt("k", 2))).await.unwrap();
     assert_eq!(theirs.list_changes(0, 9).await.unwrap()[0].sequence, 1);
-    // Whoever works, works for all.
+    // A worker serves all tenants.
     let claimed = theirs.claim_job(5, 10, &json!({})).await.unwrap().claim.unwrap();
     assert_eq!((claimed.job.id.as_str(), claimed.tenant.as_str()), (job.id.as_str(), "default"));
 }
@@ -119,7 +119,7 @@ async fn changes_are_numbered_without_gaps_in_the_order_of_their_commits() {
             })
         })
         .collect();
-    // A reader that goes on from what it has seen sees every change once.
+    // A reader that continues from the last change seen sees every change once.
     let mut seen = Vec::new();
     let mut last = 0;
     while seen.len() < 32 {
@@ -152,7 +152,7 @@ async fn what_a_process_that_is_gone_left_behind_is_removed_and_its_jobs_are_tak
     let stale = gone.claim_job(5, i64::MAX, &json!({})).await.unwrap().claim.unwrap();
     other.tidy_behind_the_dead().await.unwrap();
     assert_eq!(rows(&other, "shape").await, 1, "the other process lives");
-    // Like a crash: the connections end, nobody tidies up.
+    // Simulates a crash: the connections end without clean-up.
     std::mem::forget(upload);
     gone.close().await;
     for _ in 0..100 {

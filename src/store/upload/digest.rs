@@ -1,4 +1,4 @@
-//! The content of a shape as one number: equal exactly when everything but the id is equal.
+//! Digest of a shape's content: equal exactly if everything except the id is equal.
 
 use blake3::Hasher;
 use serde_json::Value;
@@ -6,8 +6,8 @@ use serde_json::Value;
 use super::super::blob;
 use crate::domain::shape::NewShape;
 
-/// blake3 of control points and attributes, every part preceded by its kind or length so that no
-/// two contents give the same bytes.
+/// BLAKE3 of control points and attributes. Every part is preceded by its kind or length, so that different contents never
+/// give the same bytes.
 pub(super) fn of(shape: &NewShape) -> [u8; 32] {
     let attributes = &shape.attributes;
     let mut hasher = Hasher::new();
@@ -25,7 +25,7 @@ pub(super) fn of(shape: &NewShape) -> [u8; 32] {
     *hasher.finalize().as_bytes()
 }
 
-/// What is no JSON, which nobody stores, counts as a text.
+/// Parses stored JSON; invalid JSON, which is never stored, counts as a string.
 fn value_of(text: &str) -> Value {
     serde_json::from_str(text).unwrap_or_else(|_| Value::from(text))
 }
@@ -66,7 +66,7 @@ fn put_value(hasher: &mut Hasher, value: &Value) {
     }
 }
 
-/// Members in the order of their keys, whatever order the map keeps.
+/// Hashes members in the order of their keys, whatever order the map keeps.
 fn put_object(hasher: &mut Hasher, mut members: Vec<(&String, &Value)>) {
     members.sort_by_key(|(key, _)| *key);
     hasher.update(b"{");
