@@ -16,9 +16,9 @@ pub struct Cohort {
     pub description: Option<String>,
     /// Representation of the cohort's shapes.
     pub representation: Representation,
-    /// How parameter values correspond between shapes.
+    /// Correspondence of parameter values between shapes.
     pub correspondence: Correspondence,
-    /// How contour direction is treated.
+    /// Treatment of contour direction.
     pub direction: Direction,
     /// Whether shapes may be matched to mirror images.
     pub mirror: Mirror,

@@ -43,9 +43,9 @@ pub type Row = Vec<f64>;
 pub struct Content {
     /// Representation of the shapes.
     pub representation: Representation,
-    /// How points correspond between shapes.
+    /// Point correspondence between shapes.
     pub correspondence: Correspondence,
-    /// How contour direction is treated.
+    /// Treatment of contour direction.
     pub direction: Direction,
     /// Whether shapes may be matched to mirror images.
     pub mirror: Mirror,
@@ -254,7 +254,7 @@ pub struct Statistics {
     pub held_out: Option<HeldOutStatistics>,
 }
 
-/// How shapes were held out.
+/// Method of holding out shapes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum HoldOut {
@@ -268,7 +268,7 @@ pub enum HoldOut {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct HeldOutStatistics {
-    /// How the shapes were held out.
+    /// Method of holding out shapes.
     pub method: HoldOut,
     /// Squared Mahalanobis distances; null for sparse atoms.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -44,7 +44,7 @@ impl Store {
     /// Appends entries to the trails of their tenants, in one transaction.
     ///
     /// # Errors
-    /// Those of the database; then none of the entries is stored.
+    /// Database errors; then none of the entries is stored.
     pub async fn append_audit(&self, entries: &[Entry]) -> Result<(), StoreError> {
         if entries.is_empty() {
             return Ok(());
@@ -65,7 +65,7 @@ impl Store {
     /// At most `limit` entries of a tenant in order, after the position `after`.
     ///
     /// # Errors
-    /// Those of the database.
+    /// Database errors.
     pub async fn list_audit(
         &self,
         tenant: &str,
@@ -106,7 +106,7 @@ impl Store {
     /// Removes the entries before `before_ms` from the beginning of all trails; returns their number.
     ///
     /// # Errors
-    /// Those of the database; entries already removed stay removed, and every trail remains valid.
+    /// Database errors; entries already removed stay removed, and every trail remains valid.
     pub async fn prune_audit(&self, before_ms: i64) -> Result<u64, StoreError> {
         let mut removed = 0;
         for Chain { tenant, .. } in self.audit_chains().await? {
@@ -118,7 +118,7 @@ impl Store {
     /// Removes the entries before `before_ms` from the beginning of a tenant's trail; returns their number.
     ///
     /// # Errors
-    /// Those of the database; entries already removed stay removed, and the trail remains valid.
+    /// Database errors; entries already removed stay removed, and the trail remains valid.
     pub async fn prune_audit_of(&self, tenant: &str, before_ms: i64) -> Result<u64, StoreError> {
         let mut removed = 0;
         loop {
@@ -135,7 +135,7 @@ impl Store {
     /// Position and digest of the last entry removed from a tenant's trail; 0 and [`FIRST_LINK`] if none was.
     ///
     /// # Errors
-    /// Those of the database.
+    /// Database errors.
     pub async fn audit_beginning(&self, tenant: &str) -> Result<(u64, Digest), StoreError> {
         let head = sql(self.reader(), HEAD).bind(tenant).optional().await?;
         head.map_or(Ok((0, FIRST_LINK)), |head| Ok(read_chain(&head)?.from))

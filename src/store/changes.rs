@@ -32,7 +32,7 @@ impl Store {
     /// Number of the last change, 0 if there is none.
     ///
     /// # Errors
-    /// Those of the database.
+    /// Database errors.
     pub async fn last_change(&self) -> Result<u64, StoreError> {
         const LAST: &str = "SELECT last FROM change_sequence WHERE tenant = $1";
         let last: Option<i64> = sql(self.reader(), LAST).bind(self.tenant()).optional_scalar().await?;

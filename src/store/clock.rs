@@ -34,7 +34,7 @@ impl Store {
     /// Reads the notes about the clock.
     ///
     /// # Errors
-    /// Those of the database.
+    /// Database errors.
     pub async fn clock_notes(&self) -> Result<ClockNotes, StoreError> {
         const READ: &str = "SELECT id, count FROM probe WHERE id > 1";
         let mut notes = ClockNotes::default();
@@ -56,7 +56,7 @@ impl Store {
     /// Stores the notes about the clock.
     ///
     /// # Errors
-    /// Those of the database.
+    /// Database errors.
     pub async fn note_clock(&self, notes: ClockNotes) -> Result<(), StoreError> {
         const NOTE: &str = "INSERT INTO probe (id, count) VALUES ($1, $2), ($3, $4), ($5, $6)
             ON CONFLICT (id) DO UPDATE SET count = excluded.count";

@@ -72,7 +72,7 @@ impl Store {
     /// Finds the cohort with this id or name.
     ///
     /// # Errors
-    /// Those of the database, as for the other readers.
+    /// Database errors, as for the other readers.
     pub async fn find_cohort(&self, key: &str) -> Result<Option<Cohort>, StoreError> {
         const FIND: &str = "SELECT * FROM cohort
             WHERE (id = $1 OR handle = $2) AND tenant = $3 AND deleted_at_ms IS NULL";
@@ -84,7 +84,7 @@ impl Store {
     /// At most `limit` cohorts in id order, starting after the id `after`.
     ///
     /// # Errors
-    /// Those of the database.
+    /// Database errors.
     pub async fn list_cohorts(&self, after: Option<&str>, limit: usize) -> Result<Vec<Cohort>, StoreError> {
         const LIST: &str = "SELECT * FROM cohort WHERE deleted_at_ms IS NULL AND tenant = ";
         let mut query = sql(self.reader(), LIST);
@@ -102,7 +102,7 @@ impl Store {
     /// leaves behind is removed at the next start.
     ///
     /// # Errors
-    /// Those of the database.
+    /// Database errors.
     pub async fn remove_cohort(&self, id: &str) -> Result<bool, StoreError> {
         const DELETE: &str = "DELETE FROM cohort WHERE id = $1 AND tenant = $2";
         let deleted = sql(self.writer(), DELETE).bind(id).bind(self.tenant()).execute().await?;

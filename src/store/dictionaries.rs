@@ -43,7 +43,7 @@ impl Store {
     /// Id of the version with this id, this `name@version`, or the latest version of this name.
     ///
     /// # Errors
-    /// Those of the database.
+    /// Database errors.
     pub async fn find_dictionary_id(&self, key: &str) -> Result<Option<String>, StoreError> {
         let mut query =
             sql(self.reader(), "SELECT id FROM dictionary WHERE deleted_at_ms IS NULL AND tenant = ");
@@ -103,7 +103,7 @@ impl Store {
     /// At most `limit` versions in id order, starting after the id `after`.
     ///
     /// # Errors
-    /// Those of the database.
+    /// Database errors.
     pub async fn list_dictionaries(
         &self,
         filter: &DictionaryFilter,

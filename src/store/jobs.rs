@@ -123,7 +123,7 @@ impl Store {
     /// Finds the job with this id.
     ///
     /// # Errors
-    /// Those of the database.
+    /// Database errors.
     pub async fn find_job(&self, id: &str) -> Result<Option<Job>, StoreError> {
         let row = self.select_job(self.reader(), id).optional().await?;
         row.as_ref().map(read_job).transpose()
@@ -140,7 +140,7 @@ impl Store {
     /// At most `limit` jobs in id order, starting after the id `after`.
     ///
     /// # Errors
-    /// Those of the database.
+    /// Database errors.
     pub async fn list_jobs(
         &self,
         status: Option<JobStatus>,
@@ -164,7 +164,7 @@ impl Store {
     /// Jobs that were interrupted in their last attempt fail with the problem document `abandoned`.
     ///
     /// # Errors
-    /// Those of the database.
+    /// Database errors.
     pub async fn claim_job(
         &self,
         now_ms: i64,
@@ -199,7 +199,7 @@ impl Store {
     /// Extends the lease and writes the progress; returns whether the claim still holds.
     ///
     /// # Errors
-    /// Those of the database.
+    /// Database errors.
     pub async fn renew_job(
         &self,
         claim: &Claim,
@@ -222,7 +222,7 @@ impl Store {
     /// written.
     ///
     /// # Errors
-    /// Those of the database.
+    /// Database errors.
     pub async fn succeed_job(
         &self,
         claim: &Claim,
@@ -246,7 +246,7 @@ impl Store {
     /// Marks the job as failed with a problem document; returns whether the claim still held.
     ///
     /// # Errors
-    /// Those of the database.
+    /// Database errors.
     pub async fn fail_job(&self, claim: &Claim, problem: &Value, now_ms: i64) -> Result<bool, StoreError> {
         const FAIL: &str = "UPDATE job SET status = 'failed', finished_at_ms = $4, problem = $5,
             lease_owner = NULL, lease_until_ms = NULL
@@ -262,7 +262,7 @@ impl Store {
     /// Returns the job to the queue; returns whether the claim still held.
     ///
     /// # Errors
-    /// Those of the database.
+    /// Database errors.
     pub async fn release_job(&self, claim: &Claim, release: Release) -> Result<bool, StoreError> {
         const RELEASE: &str = "UPDATE job SET status = 'queued', lease_owner = NULL, lease_until_ms = NULL,
             attempt = attempt - $4, run_at_ms = coalesce($5, run_at_ms),
@@ -279,7 +279,7 @@ impl Store {
     /// Cancels the job unless it is finished; returns its resulting state, or `None` if there is no such job.
     ///
     /// # Errors
-    /// Those of the database.
+    /// Database errors.
     pub async fn cancel_job(&self, id: &str, now_ms: i64) -> Result<Option<Job>, StoreError> {
         const CANCEL: &str = "UPDATE job SET status = 'cancelled', finished_at_ms = $2,
             lease_owner = NULL, lease_until_ms = NULL
@@ -321,7 +321,7 @@ impl Store {
 /// what it has written for the job.
 ///
 /// # Errors
-/// Those of the database.
+/// Database errors.
 pub(super) async fn finish_succeeded(
     connection: &mut Transaction,
     claim: &Claim,

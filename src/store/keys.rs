@@ -11,7 +11,7 @@ impl Store {
     /// Stores a new key.
     ///
     /// # Errors
-    /// Those of the database, as for all functions here.
+    /// Database errors, as for all functions here.
     pub async fn create_key(&self, key: &Key) -> Result<(), StoreError> {
         const CREATE: &str =
             "INSERT INTO api_key (id, tenant, name, role, cohorts, digest, created_at_ms, expires_at_ms)
@@ -58,7 +58,7 @@ impl Store {
     /// Whether there is any key, of any tenant and in any state.
     ///
     /// # Errors
-    /// Those of the database.
+    /// Database errors.
     pub async fn has_keys(&self) -> Result<bool, StoreError> {
         const ANY: &str = "SELECT COUNT(*) FROM (SELECT id FROM api_key LIMIT 1) AS first_key";
         let count: i64 = sql(self.reader(), ANY).scalar().await?;
@@ -68,7 +68,7 @@ impl Store {
     /// Revokes the key with this id, unless it was revoked before.
     ///
     /// # Errors
-    /// Those of the database.
+    /// Database errors.
     pub async fn revoke_key(&self, id: &str, now_ms: i64) -> Result<(), StoreError> {
         const REVOKE: &str = "UPDATE api_key SET revoked_at_ms = $2 WHERE id = $1 AND revoked_at_ms IS NULL";
         sql(self.writer(), REVOKE).bind(id).bind(now_ms).execute().await?;
@@ -78,7 +78,7 @@ impl Store {
     /// Records the use of the key with this id.
     ///
     /// # Errors
-    /// Those of the database.
+    /// Database errors.
     pub async fn note_key_use(&self, id: &str, now_ms: i64) -> Result<(), StoreError> {
         const NOTE: &str = "UPDATE api_key SET used_at_ms = $2 WHERE id = $1";
         sql(self.writer(), NOTE).bind(id).bind(now_ms).execute().await?;

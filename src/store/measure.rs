@@ -21,7 +21,7 @@ impl Store {
     /// Current state of the store.
     ///
     /// # Errors
-    /// Those of the database.
+    /// Database errors.
     pub async fn measure(&self, now_ms: i64) -> Result<Measures, StoreError> {
         const COUNT: &str = "SELECT count(*) FROM job WHERE status = $1";
         const OLDEST: &str = "SELECT coalesce(min(run_at_ms), $1) FROM job WHERE status = 'queued'";
@@ -43,7 +43,7 @@ impl Store {
     /// Number of the last migration applied.
     ///
     /// # Errors
-    /// Those of the database.
+    /// Database errors.
     pub async fn schema_version(&self) -> Result<i64, StoreError> {
         const LAST: &str = "SELECT max(version) FROM _sqlx_migrations";
         Ok(sql(self.reader(), LAST).scalar().await?)

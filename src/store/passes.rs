@@ -110,7 +110,7 @@ impl Store {
     /// its number, or `None` if the attempt has lost its claim.
     ///
     /// # Errors
-    /// Those of the database.
+    /// Database errors.
     pub async fn begin_pass(
         &self,
         (job, attempt): (&str, u32),
@@ -142,7 +142,7 @@ impl Store {
     /// Removes a pass with its remaining parts.
     ///
     /// # Errors
-    /// Those of the database.
+    /// Database errors.
     pub async fn end_pass(&self, pass: i64) -> Result<(), StoreError> {
         const END: &str = "DELETE FROM pass WHERE number = $1";
         sql(self.writer(), END).bind(pass).execute().await?;
@@ -152,7 +152,7 @@ impl Store {
     /// Claims the first unclaimed part before `end`, for the owner of the pass.
     ///
     /// # Errors
-    /// Those of the database.
+    /// Database errors.
     pub async fn claim_own_part(
         &self,
         pass: i64,
@@ -170,7 +170,7 @@ impl Store {
     /// Claims the first unclaimed part of any pass, for a replica whose `arithmetic` gives the same bits.
     ///
     /// # Errors
-    /// Those of the database.
+    /// Database errors.
     pub async fn claim_any_part(
         &self,
         now_ms: i64,
@@ -223,7 +223,7 @@ impl Store {
     /// Extends the lease; returns whether the claim still holds.
     ///
     /// # Errors
-    /// Those of the database.
+    /// Database errors.
     pub async fn renew_part(&self, claim: &PartClaim, lease_until_ms: i64) -> Result<bool, StoreError> {
         const RENEW: &str = "UPDATE task SET lease_until_ms = $3 WHERE number = $1 AND lease_owner = $2
             AND EXISTS (SELECT 1 FROM pass AS p JOIN job AS j ON j.id = p.job
@@ -235,7 +235,7 @@ impl Store {
     /// Ends a claim; returns whether it still held. If not, nothing is written.
     ///
     /// # Errors
-    /// Those of the database.
+    /// Database errors.
     pub async fn settle_part(&self, claim: &PartClaim, end: PartEnd<'_>) -> Result<bool, StoreError> {
         const SETTLE: &str = "UPDATE task SET status = $3, result = $4, checksum = $5,
             lease_owner = NULL, lease_until_ms = NULL WHERE number = $1 AND lease_owner = $2";

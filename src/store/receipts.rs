@@ -27,7 +27,7 @@ impl Store {
     /// Removes receipts older than [`KEPT_MS`].
     ///
     /// # Errors
-    /// Those of the database.
+    /// Database errors.
     pub async fn prune_receipts(&self, now_ms: i64) -> Result<u64, StoreError> {
         const PRUNE: &str = "DELETE FROM receipt WHERE created_at_ms < $1";
         Ok(sql(self.writer(), PRUNE).bind(now_ms - KEPT_MS).execute().await?)

@@ -48,7 +48,7 @@ impl Store {
     /// Signals that this replica is alive, until the store is closed or dropped, and cleans up after dead replicas.
     ///
     /// # Errors
-    /// Those of the database.
+    /// Database errors.
     pub(super) async fn live(&self, options: PgConnectOptions) -> Result<(), StoreError> {
         let (inner, id) = (Arc::downgrade(&self.inner), self.inner.replica.0.clone());
         let mut held = lock(&options, &id).await?;
@@ -72,7 +72,7 @@ impl Store {
     /// Removes pending rows of unfinished uploads of dead replicas, releases their parts, and requeues their jobs.
     ///
     /// # Errors
-    /// Those of the database.
+    /// Database errors.
     pub(super) async fn tidy_behind_the_dead(&self) -> Result<(), StoreError> {
         const OWNED: &str = "SELECT DISTINCT upload AS id, 0 AS kind FROM chunk WHERE revision IS NULL
             UNION ALL SELECT lease_owner, 1 FROM job WHERE status = 'running' AND lease_owner IS NOT NULL

@@ -136,7 +136,7 @@ impl Store {
     /// that were never in the cohort.
     ///
     /// # Errors
-    /// Those of the database.
+    /// Database errors.
     pub async fn find_attributes(
         &self,
         cohort_id: &str,
@@ -283,7 +283,7 @@ impl Store {
     /// Scans at earlier revisions still see it.
     ///
     /// # Errors
-    /// Those of the database.
+    /// Database errors.
     pub async fn delete_shape(
         &self,
         cohort_id: &str,

@@ -40,7 +40,7 @@ impl Store {
     /// Moves the dictionary version with this id to the trash; `false` if there is none.
     ///
     /// # Errors
-    /// Those of the database.
+    /// Database errors.
     pub async fn trash_dictionary(&self, id: &str, now_ms: i64) -> Result<bool, StoreError> {
         const TRASH: &str = "UPDATE dictionary SET deleted_at_ms = $3
             WHERE id = $1 AND tenant = $2 AND deleted_at_ms IS NULL RETURNING cohort";
@@ -56,7 +56,7 @@ impl Store {
     /// At most `limit` objects in the trash in id order, starting after the id `after`.
     ///
     /// # Errors
-    /// Those of the database.
+    /// Database errors.
     pub async fn list_trash(&self, after: Option<&str>, limit: usize) -> Result<Vec<Trashed>, StoreError> {
         let mut query = sql(
             self.reader(),
@@ -139,7 +139,7 @@ impl Store {
     /// Permanently removes the object with this id from the trash; `false` if it is not there.
     ///
     /// # Errors
-    /// Those of the database.
+    /// Database errors.
     pub async fn remove_trashed(&self, id: &str) -> Result<bool, StoreError> {
         let mut query =
             sql(self.writer(), "DELETE FROM dictionary WHERE deleted_at_ms IS NOT NULL AND tenant = ");
@@ -157,7 +157,7 @@ impl Store {
     /// Permanently removes what any tenant moved to the trash before a time; returns the number of objects.
     ///
     /// # Errors
-    /// Those of the database.
+    /// Database errors.
     pub async fn purge_trash(&self, before_ms: i64) -> Result<u64, StoreError> {
         const COHORTS: &str = "DELETE FROM cohort WHERE id IN
             (SELECT id FROM cohort WHERE deleted_at_ms < $1 LIMIT $2)";

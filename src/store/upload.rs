@@ -160,7 +160,7 @@ impl Upload {
     /// Removes what was stored so far.
     ///
     /// # Errors
-    /// Those of the database; the rest is then removed at the next start.
+    /// Database errors; the rest is then removed at the next start.
     pub async fn abort(mut self) -> Result<(), StoreError> {
         self.store.purge(PURGE_UPLOAD, Some(&self.id)).await?;
         self.dirty = false;

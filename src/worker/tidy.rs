@@ -35,7 +35,7 @@ pub async fn keep_tidy(app: App, terms: Terms) {
 /// Removes expired data, unless the clock is implausible.
 ///
 /// # Errors
-/// Those of the store.
+/// Store errors.
 pub async fn tidy(app: &App, terms: Terms) -> Result<(), ServiceError> {
     if !clock::look(app).await? {
         return Ok(());

@@ -43,7 +43,7 @@ document! {
         /// Representation of the cohort's shapes.
         #[schema(value_type = Representation, required = true)]
         representation: Read<Representation>, required;
-        /// How points correspond between shapes. Default: `landmarks`.
+        /// Point correspondence between shapes. Default: `landmarks`.
         #[schema(value_type = Option<Correspondence>)]
         correspondence: Checked<Correspondence>;
         /// How to treat contour direction. Default: `given` (keep the direction as posted).
@@ -70,9 +70,9 @@ pub(super) struct CohortOutput {
     description: Option<String>,
     /// Representation of the cohort's shapes.
     representation: Representation,
-    /// How points correspond between shapes.
+    /// Point correspondence between shapes.
     correspondence: Correspondence,
-    /// How contour direction is treated.
+    /// Treatment of contour direction.
     direction: Direction,
     /// Whether shapes may be matched to mirror images.
     mirror: Mirror,

@@ -207,9 +207,9 @@ pub(super) struct DictionaryOutput<'a> {
     cohort_revision: u64,
     /// Representation of the shapes.
     representation: &'a Representation,
-    /// How points correspond between shapes.
+    /// Point correspondence between shapes.
     correspondence: Correspondence,
-    /// How contour direction is treated.
+    /// Treatment of contour direction.
     direction: Direction,
     /// Whether shapes may be matched to mirror images.
     mirror: Mirror,

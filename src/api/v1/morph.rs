@@ -36,7 +36,7 @@ document! {
         /// Representation of the shapes: curves or surfaces.
         #[schema(value_type = Representation, required = true)]
         representation: Read<Representation>, required;
-        /// How posted points become control points. Default: `landmarks`.
+        /// Conversion of posted points to control points. Default: `landmarks`.
         #[schema(value_type = Option<Correspondence>)]
         correspondence: Checked<Correspondence>;
         /// Shape at the start of the path.

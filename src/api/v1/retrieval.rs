@@ -177,7 +177,7 @@ document! {
         /// Representation of posted shapes.
         #[schema(value_type = Option<Representation>)]
         representation: Read<Representation>;
-        /// How posted points become control points. Default: `landmarks`.
+        /// Conversion of posted points to control points. Default: `landmarks`.
         #[schema(value_type = Option<Correspondence>)]
         correspondence: Checked<Correspondence>;
         /// How to treat the direction of posted contours. Default: `given` (keep the direction as posted).

@@ -23,7 +23,7 @@ macro_rules! shapes_request {
                 /// Representation of the shapes.
                 #[schema(value_type = crate::geometry::representation::Representation, required = true)]
                 representation: crate::formats::representation::Read<crate::geometry::representation::Representation>, required;
-                /// How posted points become control points. Default: `landmarks`.
+                /// Conversion of posted points to control points. Default: `landmarks`.
                 #[schema(value_type = Option<crate::analysis::correspondence::Correspondence>)]
                 correspondence: crate::formats::checked::Checked<crate::analysis::correspondence::Correspondence>;
                 /// Shapes.

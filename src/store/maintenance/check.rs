@@ -124,7 +124,7 @@ impl Store {
     /// Unfinished uploads, and cohorts being removed, are not findings.
     ///
     /// # Errors
-    /// Those of the database, except damage, which is a finding.
+    /// Database errors, except damage, which is a finding.
     pub async fn check(&self, report: &mut (dyn FnMut(&str) + Send)) -> Result<Checked, StoreError> {
         let mut check = Check { store: self, report, seen: Checked::default() };
         let file = check.file().await;
