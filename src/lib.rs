@@ -5,11 +5,11 @@
 //! | layer | modules |
 //! |---|---|
 //! | wiring | `cli`, `server`, `config`, `health`, `opening`, `telemetry` |
-//! | the doors | [`api`], [`worker`] |
+//! | entry points | [`api`], [`worker`] |
 //! | use cases | [`service`] |
 //! | storage | [`store`] |
-//! | identities | [`domain`] |
-//! | bytes ⇄ shapes | [`formats`] |
+//! | domain values | [`domain`] |
+//! | conversion between bytes and shapes | [`formats`] |
 //! | statistics | [`analysis`], a crate |
 //! | shapes | [`geometry`], a crate |
 //! | arithmetic | [`numeric`], a crate |

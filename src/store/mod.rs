@@ -8,9 +8,8 @@
 //! dictionary ── dictionary_data     versions, each written once
 //! ```
 //!
-//! A chunk records the revision of its cohort that added it, a shape the revision that deleted it;
-//! the set at revision `r` therefore never changes:
-//! `chunk.revision ≤ r and not (deleted_revision ≤ r)`.
+//! A chunk records the revision of its cohort that added it, a shape the revision that deleted it; the set at revision `r`
+//! therefore never changes: `chunk.revision ≤ r and not (deleted_revision ≤ r)`.
 //!
 //! A [`Store`] shows what one [`Principal`](crate::domain::access::Principal) may see: the things of its tenant, and of these the cohorts that are open to it.
 //!

@@ -106,8 +106,7 @@ impl Store {
     }
 
     /// Begins a pass for an attempt at a job, with a part for each of `starts`, for replicas with the same `arithmetic`.
-    /// Returns
-    /// its number, or `None` if the attempt has lost its claim.
+    /// Returns its number, or `None` if the attempt has lost its claim.
     ///
     /// # Errors
     /// Database errors.

@@ -65,8 +65,7 @@ document! {
         #[schema(value_type = Option<ClassifierSettings>)]
         classifier: Checked<ClassifierSettings>;
         /// Id, `name@version` or name of the version to continue from, with its parameters, mean shape and accumulated sums:
-        /// only
-        /// shapes added since then are learnt from. Cannot be combined with the parameters.
+        /// only shapes added since then are learnt from. Cannot be combined with the parameters.
         #[schema(value_type = Option<String>)]
         continue_from: Checked<String>;
         /// Whether to return only the predicted cost. Default: false.

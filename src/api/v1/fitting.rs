@@ -43,8 +43,7 @@ document! {
     pub(super) struct FitRequest {
         /// Representation to fit: closed or open curves, or surfaces. It has `control_points` or `intervals`, or in their place
         /// `tolerance`, a bound on the root mean square distance `residual` (in the unit of the points), for which their number
-        /// is
-        /// chosen. Single points may be farther away.
+        /// is chosen. Single points may be farther away.
         #[schema(value_type = Object, required = true)]
         representation: Read<FitTarget>, required;
         /// Parameters of the points, one list per shape. Curves: `u`, strictly increasing from 0 to 1. Default: arc length of
@@ -445,8 +444,7 @@ document! {
         #[schema(value_type = Option<Vec<f64>>)]
         centre: Checked<Vec<f64>>;
         /// Angle in radians by which the shape is first rotated about the origin, counter-clockwise; surfaces rotate about the
-        /// z
-        /// axis.
+        /// z axis.
         #[schema(value_type = Option<f64>)]
         angle: Checked<f64>;
     }

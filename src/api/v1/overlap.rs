@@ -25,9 +25,8 @@ document! {
         #[schema(value_type = BodyInput, required = true)]
         second: BodyInput, required;
         /// Side of a grid cell, in the unit of the coordinates. Default: 1/128 of the longest side of the common bounding box,
-        /// or
-        /// 1/32 of the longest side of the smaller body if this is less, as far as the limit of cells allows. A mask brings its
-        /// own grid.
+        /// or 1/32 of the longest side of the smaller body if this is less, as far as the limit of cells allows. A mask brings
+        /// its own grid.
         #[schema(value_type = Option<f64>)]
         spacing: Checked<f64>;
     }

@@ -35,8 +35,7 @@ document! {
         #[schema(value_type = String, required = true)]
         attribute: Checked<String>, required;
         /// Covariates, removed first: `subject`, `label`, `labels.<attribute>` or `log_centroid_size`, at most 20. A number
-        /// takes
-        /// one column, a category one column for every value but the first.
+        /// takes one column, a category one column for every value but the first.
         #[schema(value_type = Option<Vec<String>>)]
         covariates: Checked<Vec<String>>;
         /// Handling of shapes without a value. Default: `refuse`.

@@ -56,7 +56,6 @@ impl Store {
     ///
     /// # Errors
     /// [`MaintenanceError::Stream`]; those of the database.
-    /// [`MaintenanceError::Stream`]; those of the database.
     pub async fn export(&self, out: impl Write) -> Result<u64, MaintenanceError> {
         let schema = schema::require_present(&self.inner.pools).await?;
         let mut lines = Lines { out, digest: blake3::Hasher::new() };
