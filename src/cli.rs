@@ -100,7 +100,7 @@ fn runtime() -> Result<tokio::runtime::Runtime, String> {
     Ok(runtime)
 }
 
-/// Ignores SIGXFSZ. Writing to a file at the size limit (`ulimit -f`) then returns an error that can be handled, where the
+/// Catches SIGXFSZ. Writing to a file at the size limit (`ulimit -f`) then returns an error that can be handled, where the
 /// signal would end the process.
 #[cfg(unix)]
 fn outlive_file_limit() -> Result<(), String> {

@@ -1,4 +1,5 @@
-//! Configuration of the service. Flags take precedence over environment variables, these over the config file, then defaults.
+//! Configuration of the service. A flag takes precedence over its environment variable, that over the config file, and the
+//! file over the default.
 
 use std::net::SocketAddr;
 use std::num::NonZeroUsize;

@@ -23,7 +23,7 @@ pub const FIRST_LINK: Digest = [0; DIGEST_BYTES];
 /// One request.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Entry {
-    /// Time of arrival, milliseconds since 1970 UTC.
+    /// Time at which it was answered, milliseconds since 1970 UTC.
     pub at_ms: i64,
     /// Tenant whose objects it concerned; empty if the caller is unknown.
     pub tenant: String,

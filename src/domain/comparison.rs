@@ -1,4 +1,4 @@
-//! Result of comparing groups of shapes.
+//! Result of comparing groups of shapes: permutation tests of mean shapes, of the effect along the shape, and of sizes.
 
 use serde::{Deserialize, Serialize};
 

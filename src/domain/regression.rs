@@ -1,4 +1,4 @@
-//! Result of regressing shapes on an attribute.
+//! Result of regressing shapes on an attribute: change of the shape, explained variation, and a permutation test.
 
 use serde::{Deserialize, Serialize};
 

@@ -1,5 +1,5 @@
 //! Worker: runs queued jobs. Each slot takes the next job, computes it on its own threads, and sends heartbeats for its
-//! lease meanwhile. A slot without a job computes partial sums of running jobs, here or of other replicas.
+//! lease meanwhile. A slot without a job computes parts of running jobs, of this or other replicas.
 //!
 //! Requests compute on the pool of the [`App`], jobs on the threads of their slots, so neither delays the other.
 

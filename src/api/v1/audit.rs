@@ -1,4 +1,4 @@
-//! The audit trail, for administrators.
+//! Audit trail, for administrators: list, export and prune.
 
 use std::collections::BTreeMap;
 
@@ -17,7 +17,7 @@ use crate::domain::audit::{AuditFilter, Recorded};
 use crate::service::app::{App, ServiceError};
 use crate::service::audit::trail;
 
-/// Entries that an export reads at a time.
+/// Number of entries that an export reads at a time.
 const PIECE: usize = 1000;
 
 /// Entry of the audit trail.

@@ -1,4 +1,4 @@
-//! Classification of shapes, and assessment of a shape in one call.
+//! Classification with the classifier of a dictionary, and assessment: code, class, outlier status and residual in one call.
 
 use axum::http::StatusCode;
 use axum::response::Response;

@@ -1,4 +1,5 @@
-//! Use of dictionaries: encode, reconstruct, score, prior, sample.
+//! Use of dictionaries on posted or stored shapes: encode, reconstruct and score them, evaluate the shape prior, draw
+//! samples.
 
 use axum::http::StatusCode;
 use axum::response::Response;
@@ -290,7 +291,7 @@ asking_request! {
     /// Shapes to compare with the training shapes.
     #[schema(example = json!({"cohort": "example-cells", "ids": ["cell0004"], "quantile": 0.99}))]
     ScoreRequest {
-        /// Fraction of shapes, from 0.5, that should not count as outliers if they resemble the training shapes. Default: 0.99.
+        /// Fraction of shapes like the training shapes that should not count as outliers, at least 0.5. Default: 0.99.
         #[schema(value_type = Option<f64>)]
         quantile: Checked<f64>;
     }

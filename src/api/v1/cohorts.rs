@@ -1,4 +1,4 @@
-//! Cohorts and their mean shapes.
+//! Cohorts: create, list, read, update, delete; and their mean shapes.
 
 use std::collections::BTreeMap;
 

@@ -1,4 +1,4 @@
-//! Comparison of groups of shapes.
+//! Comparison of groups of shapes of a cohort by permutation tests.
 
 use axum::response::Response;
 use serde::Deserialize;

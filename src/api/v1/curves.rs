@@ -1,4 +1,6 @@
-//! Evaluation, measures and resampling of curves and surfaces.
+//! Evaluation, measures and resampling of posted curves and surfaces. Evaluation returns points, derivatives and frames at
+//! given parameters; measures are lengths, areas, volumes, energies and distances; resampling spaces the points of raw
+//! contours equally. Nothing is stored.
 
 use axum::http::StatusCode;
 use axum::response::Response;

@@ -1,4 +1,4 @@
-//! Deformation of a single shape.
+//! Deformation of one shape by moved control points and by handles.
 
 use axum::http::StatusCode;
 use axum::response::Response;
@@ -55,7 +55,7 @@ pub(super) struct DeformAnswer {
     largest_change: f64,
 }
 
-/// Deforms a curve or surface: moves control points, then moves handles to their targets with the least change.
+/// Deforms a curve or surface: moves control points, then pulls the shape to handle targets with the least change.
 #[utoipa::path(post, path = "/deform", tag = "curves", request_body = DeformRequest,
     responses(
         (status = 200, description = "The deformed shape", body = DeformAnswer),

@@ -1,4 +1,4 @@
-//! Dictionaries: learn, list, read, draw, export, import, delete.
+//! Dictionaries, which jobs learn from cohorts: learn, list, read, draw, export, import, delete.
 
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};

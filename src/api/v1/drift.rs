@@ -1,4 +1,4 @@
-//! Drift: how new shapes differ from those that a dictionary was learnt from.
+//! Drift: comparison of newly added shapes with those that a dictionary was learnt from.
 
 use axum::http::StatusCode;
 use axum::response::Response;
@@ -19,7 +19,7 @@ pub(super) struct DriftQuery {
     /// A revision of the cohort or a time (RFC 3339); shapes added after it are new. Default: the revision that the dictionary
     /// was learnt from.
     since: Option<String>,
-    /// Fraction of shapes, from 0.5, that should not count as outliers if they resemble the training shapes. Default: 0.99.
+    /// Fraction of shapes like the training shapes that should not count as outliers, at least 0.5. Default: 0.99.
     quantile: Option<f64>,
 }
 

@@ -1,4 +1,5 @@
-//! Fits to raw contours, grids and meshes, refinement of representations, and idealised shapes.
+//! Least-squares fits of curves and surfaces to raw contours, grids and meshes; refinement to another grid of knots; exact
+//! control points of idealised shapes.
 
 use axum::http::StatusCode;
 use axum::response::Response;

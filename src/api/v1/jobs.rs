@@ -39,7 +39,7 @@ pub struct JobOutput {
     phase: Option<String>,
     /// Current value of the quantity that is minimised or maximised.
     objective: Option<f64>,
-    /// Number of attempts so far: a job interrupted by the end of its process is restarted, at most five times.
+    /// Number of attempts so far: a job interrupted by the end of its process is attempted again, five times in total.
     attempt: u32,
     /// Time of creation, RFC 3339 in UTC.
     created_at: String,

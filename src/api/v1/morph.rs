@@ -1,4 +1,4 @@
-//! Paths between two shapes (morphing).
+//! Morphing: shapes on a path between two shapes.
 
 use axum::http::StatusCode;
 use axum::response::Response;

@@ -1,4 +1,4 @@
-//! Overlap of two bodies.
+//! Overlap of two bodies (contours, meshes or masks), counted on a grid of cells.
 
 use axum::http::StatusCode;
 use axum::response::Response;

@@ -1,4 +1,4 @@
-//! Regression of shapes on an attribute.
+//! Multivariate linear regression of the shapes of a cohort on an attribute, with a permutation test.
 
 use axum::response::Response;
 

@@ -1,4 +1,4 @@
-//! Nearest-neighbour search in a cohort, and pairwise distances.
+//! Exact nearest-neighbour search in a cohort, and matrices of pairwise distances; jobs compute the large ones.
 
 use std::collections::BTreeMap;
 

@@ -26,7 +26,7 @@ macro_rules! shapes_request {
                 /// Conversion of posted points to control points. Default: `landmarks`.
                 #[schema(value_type = Option<crate::analysis::correspondence::Correspondence>)]
                 correspondence: crate::formats::checked::Checked<crate::analysis::correspondence::Correspondence>;
-                /// Shapes.
+                /// Shapes in the given representation.
                 #[schema(value_type = Vec<crate::formats::shape::ShapeInput>, required = true)]
                 shapes: crate::formats::checked::List<crate::formats::shape::ShapeInput>, required;
                 $($further)*
@@ -232,7 +232,7 @@ pub(super) struct PageQuery {
     pub(super) limit: Option<usize>,
 }
 
-/// Most entries of a page.
+/// Maximum number of entries per page.
 const MAX_PAGE: usize = 1000;
 
 impl PageQuery {

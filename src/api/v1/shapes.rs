@@ -1,4 +1,4 @@
-//! Shapes of a cohort.
+//! Shapes of a cohort: add (as one body or as a stream), list, read, delete.
 
 use std::collections::BTreeMap;
 
@@ -33,7 +33,7 @@ document! {
         {"external_id": "scan-18", "label": "treated", "points": [[0, 0], [3, 0], [4, 2], [1, 3]]}
     ]}))]
     pub(super) struct AddRequest {
-        /// Shapes.
+        /// Shapes to add.
         #[schema(value_type = Vec<ShapeInput>, required = true)]
         shapes: List<ShapeInput>, required;
     }

@@ -1,4 +1,4 @@
-//! Stateless statistics: projection, mean shape, alignment, functional PCA.
+//! Statistics of posted shapes: projection onto a class, mean shape, alignment, functional PCA. Nothing is stored.
 
 use axum::body::Bytes;
 use axum::http::StatusCode;
@@ -31,7 +31,7 @@ settings_request! {
         /// Shape that the others are compared with.
         #[schema(value_type = ShapeInput, required = true)]
         reference: ShapeInput, required;
-        /// Whose class is projected onto: the reference's or the shapes'. Default: `reference`.
+        /// Class to project onto: that of the reference, or that of each shape. Default: `reference`.
         #[schema(value_type = Option<Onto>)]
         onto: Checked<Onto>;
     }

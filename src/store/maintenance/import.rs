@@ -1,4 +1,4 @@
-//! Import of an export into an empty store, in one transaction.
+//! Import of an exported store into an empty one, in one transaction: all or nothing.
 
 use std::io::{BufRead, Read as _};
 
