@@ -1,10 +1,10 @@
-# make run   build and start the service on 127.0.0.1:8080 with the example cohort
-# make test  everything that CI runs; installs what the tests need when it is missing
-# make contract  the OpenAPI document against the running service for six minutes, as `make test` does outside of CI
-# make attack  the requests that once stopped the service, in their full sizes, then an hour of a search for new ones
-# make fuzz  every fuzz target for ten minutes
-# make sbom  what the program is made of, as CycloneDX, in target/sbom.cdx.json
-# make bench the benchmarks behind the figures of docs/benchmarks.md
+# make run       build and start the service on 127.0.0.1:8080 with the example cohort
+# make test      all checks of CI; installs missing tools
+# make contract  the OpenAPI document against the running service for six minutes, as `make test` does outside CI
+# make attack    the known attack requests in full size, then an hour of search for new ones
+# make fuzz      every fuzz target for ten minutes
+# make sbom      the components of the program, as CycloneDX, in target/sbom.cdx.json
+# make bench     the benchmarks behind the figures of docs/benchmarks.md
 
 .PHONY: run test contract attack fuzz sbom bench tools
 
@@ -17,11 +17,11 @@ test: tools
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps --document-private-items --quiet
 	cargo test --locked --doc
 	cargo test --locked --lib --test suite --no-run
-	@if command -v python3 >/dev/null; then python3 deploy/lint.py; else echo "deploy: skipped: no python3 here"; fi
+	@if command -v python3 >/dev/null; then python3 deploy/lint.py; else echo "SKIPPED: the lint of deploy, there is no python3"; fi
 	@if command -v python3 >/dev/null; then python3 tests/contract/run.py $(if $(CI),short,long); \
 	else echo "SKIPPED: the contract test, there is no python3"; fi
 	@if command -v python3 >/dev/null; then python3 tests/attack/run.py small; \
-	else echo "SKIPPED: the requests of an attack, there is no python3"; fi
+	else echo "SKIPPED: the attack requests, there is no python3"; fi
 	tests/with_postgres.sh cargo test --locked --lib --test suite -- store:: commands http_ kill worker
 	cargo test --locked --lib --test suite
 
@@ -34,7 +34,7 @@ attack:
 	python3 tests/attack/run.py full --binary target/release/shapelex
 	python3 benches/attack/run.py --binary target/release/shapelex --minutes 60 --report target/attack.json
 
-# Without a sanitizer: there is no unsafe code here. Each target leaves what it found in fuzz/artifacts.
+# No sanitizer: the project has no unsafe code. Each target writes its findings to fuzz/artifacts.
 fuzz:
 	@cargo fuzz --version >/dev/null 2>&1 || cargo install --locked cargo-fuzz@0.13.2
 	for target in $$(cargo fuzz list); do fuzz/run.sh $$target 600 || exit 1; done
@@ -47,7 +47,7 @@ sbom:
 bench:
 	cargo bench --locked
 
-# A C compiler builds SQLite and the cryptography, curl runs the commands of the README, rustfmt and clippy check the code.
+# The C compiler builds SQLite and the cryptography; curl runs the commands of the README; rustfmt and clippy check the code.
 tools:
 	@command -v cc >/dev/null || { apt-get update -qq && apt-get install -y -qq gcc libc6-dev; }
 	@command -v curl >/dev/null || { apt-get update -qq && apt-get install -y -qq curl; }
