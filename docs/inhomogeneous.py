@@ -2,8 +2,8 @@
 
     python docs/inhomogeneous.py http://127.0.0.1:8080 curves.ndjson FOLDER
 
-`curves.ndjson`: the MPEG-7 contours, one JSON object a line with `label` and `points`. Prints the tables and writes the
-pictures of the atoms into FOLDER. Needs nothing but Python.
+`curves.ndjson`: the MPEG-7 contours, one JSON object per line with `label` and `points`. Prints the tables and writes the
+pictures of the atoms into FOLDER. Needs only Python.
 """
 
 import cmath
