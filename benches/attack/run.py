@@ -62,7 +62,7 @@ PROMISED_SECONDS = 10
 SETTLE = 6
 # A body that is refused takes at most so many times its decompressed size, and what a busy process takes besides.
 PROMISED_TIMES = 12
-SLACK_MB = 32
+SLACK_MB = 40
 # Smaller bodies can ask for work before they are refused, which is bounded by the promise for one request.
 LARGE_BODY = 1_000_000
 

@@ -3,14 +3,15 @@
 //! This is the only module that depends on the linear algebra library. Kernels run on one thread. Callers run chunks in
 //! parallel instead, which stays fast on a busy machine and makes results independent of the number of threads.
 
-use dyn_stack::{MemBuffer, MemStack};
+use dyn_stack::{MemBuffer, MemStack, StackReq};
 use faer::linalg::matmul::triangular::{self, BlockStructure};
 use faer::linalg::solvers::{Llt, PartialPivLu};
 use faer::linalg::triangular_solve::solve_upper_triangular_in_place;
+use faer::matrix_free::LinOp;
 use faer::matrix_free::eigen::{
     PartialEigenParams, partial_self_adjoint_eigen, partial_self_adjoint_eigen_scratch,
 };
-use faer::prelude::Solve;
+use faer::prelude::{Reborrow, ReborrowMut, Solve};
 use faer::{Accum, Mat, MatMut, MatRef, Par, Side};
 use nalgebra::{DMatrix, DVector};
 
@@ -307,17 +308,22 @@ fn full_eigenpairs(s: &Matrix, count: usize) -> Result<Eigenpairs, NumericError>
     Ok(Eigenpairs { values, vectors })
 }
 
+/// `None` if the iteration does not converge.
 fn krylov_eigenpairs(s: &Matrix, count: usize) -> Option<Eigenpairs> {
     let n = s.nrows();
     let mut full = s.clone();
     fill_upper(&mut full);
-    let operator = view(&full);
+    // A power of two changes no digit, and keeps residuals far from underflow.
+    let unit = power_of_two(full.amax())?;
+    full /= unit;
+    let start = start_vector(n);
+    let noise = start_vector(2 * n);
+    let operator = NeverInvariant { matrix: view(&full), noise: noise.as_ref().subrows(n, n) };
     // Two more than requested, so that a cluster is not cut at its last member.
     let wanted = count + 2;
     let params = PartialEigenParams::default();
     let mut vectors = Mat::<f64>::zeros(n, wanted);
     let mut values = vec![0.0; wanted];
-    let start = start_vector(n);
     let mut memory = MemBuffer::new(partial_self_adjoint_eigen_scratch(&operator, wanted, Par::Seq, params));
     let info = partial_self_adjoint_eigen(
         vectors.as_mut(),
@@ -337,9 +343,57 @@ fn krylov_eigenpairs(s: &Matrix, count: usize) -> Option<Eigenpairs> {
     // The iteration ranks by magnitude, which for a positive semi-definite matrix is the order of the values.
     let negative = values.iter().any(|&value| value < -1e-8 * values[order[0]].abs());
     (!negative).then(|| Eigenpairs {
-        values: order[..count].iter().map(|&i| values[i]).collect(),
+        values: order[..count].iter().map(|&i| unit * values[i]).collect(),
         vectors: Matrix::from_fn(n, count, |row, i| vectors[(row, order[i])]),
     })
+}
+
+/// The largest power of two up to `value`; none for zero, subnormal numbers and what is not finite.
+fn power_of_two(value: f64) -> Option<f64> {
+    value.is_normal().then(|| f64::from_bits(value.abs().to_bits() & (0x7ff << 52)))
+}
+
+/// A matrix with entries up to 1, that maps no vector to a multiple of itself: where it does so to rounding, noise of the size
+/// of the rounding is added. The library's iteration would not end there: it orthogonalises the image until its products with
+/// the basis are small beside its norm, which is zero then. All other images keep their bits.
+#[derive(Debug)]
+struct NeverInvariant<'a> {
+    matrix: MatRef<'a, f64>,
+    /// Structureless, of a norm near 1.
+    noise: faer::ColRef<'a, f64>,
+}
+
+/// Largest norm of `Sv − ρv`, over `ε`, at which `v` counts as an eigenvector.
+const INVARIANT: f64 = 64.0;
+
+impl LinOp<f64> for NeverInvariant<'_> {
+    fn apply_scratch(&self, columns: usize, par: Par) -> StackReq {
+        self.matrix.apply_scratch(columns, par)
+    }
+
+    fn nrows(&self) -> usize {
+        self.matrix.nrows()
+    }
+
+    fn ncols(&self) -> usize {
+        self.matrix.ncols()
+    }
+
+    fn apply(&self, mut out: MatMut<'_, f64>, v: MatRef<'_, f64>, par: Par, stack: &mut MemStack) {
+        self.matrix.apply(out.rb_mut(), v, par, stack);
+        for (mut image, v) in out.col_iter_mut().zip(v.col_iter()) {
+            let ratio = v.transpose() * image.rb();
+            let residual = (image.rb() - v * faer::Scale(ratio)).norm_l2();
+            if residual <= INVARIANT * f64::EPSILON * image.norm_l2() {
+                let size = f64::EPSILON * image.norm_l2().max(f64::EPSILON);
+                image += self.noise * faer::Scale(size);
+            }
+        }
+    }
+
+    fn conj_apply(&self, out: MatMut<'_, f64>, v: MatRef<'_, f64>, par: Par, stack: &mut MemStack) {
+        self.apply(out, v, par, stack);
+    }
 }
 
 /// A fixed, structureless unit vector. Results must not depend on ambient randomness, and a constant vector would be an
@@ -386,6 +440,55 @@ mod tests {
             let p = multiply(&partial.vectors, &partial.vectors.transpose());
             let f = multiply(&full.vectors, &full.vectors.transpose());
             assert!((p - f).norm() < 1e-8, "n = {n}");
+        }
+    }
+
+    /// Matrices on which the library's iteration may never end; the result is compared where there is one.
+    #[test]
+    fn the_iteration_ends_on_every_matrix() {
+        let n = 130;
+        let first = |i: usize, j: usize| f64::from(u8::from(i == 0 && j == 0));
+        let same = |i: usize, j: usize| f64::from(u8::from(i == j));
+        let wave = |i: usize| (0.3 * i as f64).sin();
+        type Entry = Box<dyn Fn(usize, usize) -> f64>;
+        let cases: Vec<(&str, Entry)> = vec![
+            ("zero", Box::new(|_, _| 0.0)),
+            ("identity", Box::new(same)),
+            ("multiple", Box::new(move |i, j| 0.3 * same(i, j))),
+            ("one entry", Box::new(first)),
+            ("ones", Box::new(|_, _| 1.0)),
+            ("projector", Box::new(move |i, j| if i < n / 2 { same(i, j) } else { 0.0 })),
+            ("near identity", Box::new(move |i, j| same(i, j) + 1e-17 * wave(i) * wave(j))),
+            ("small block", Box::new(move |i, j| if i.max(j) < 5 { 1.0 / (1 + i + j) as f64 } else { 0.0 })),
+            (
+                "small block apart",
+                Box::new(move |i, j| if i.min(j) > 126 { 1.0 / (1 + i + j) as f64 } else { 0.0 }),
+            ),
+            ("two values", Box::new(move |i, j| same(i, j) * if i < 3 { 1.0 } else { 0.5 })),
+            ("spike", Box::new(move |i, j| if i == j && i % 40 == 7 { 1e-9 } else { 0.0 })),
+            ("rank one", Box::new(move |i, j| wave(i) * wave(j))),
+            ("tiny", Box::new(move |i, j| 1e-300 * wave(i) * wave(j))),
+            ("subnormal", Box::new(move |i, j| 1e-310 * wave(i) * wave(j))),
+            ("huge", Box::new(move |i, j| 1e300 * wave(i) * wave(j))),
+            ("wide", Box::new(move |i, j| 1e-150_f64.powi((i + j) as i32 / 130) * wave(i) * wave(j))),
+            ("not a number", Box::new(move |i, j| if i + j == 9 { f64::NAN } else { same(i, j) })),
+            ("infinite", Box::new(move |i, j| if i + j == 8 { f64::INFINITY } else { same(i, j) })),
+        ];
+        for (name, entry) in cases {
+            let s = Matrix::from_fn(n, n, entry);
+            let (send, receive) = std::sync::mpsc::channel();
+            let (largest, full) = (s.amax(), full_eigenpairs(&s, 3).ok());
+            let finite = s.iter().all(|entry| entry.is_finite());
+            std::thread::spawn(move || send.send(leading_eigenpairs(&s, 3).ok()));
+            let found = receive.recv_timeout(std::time::Duration::from_secs(60));
+            let found = found.unwrap_or_else(|_| panic!("{name}: no end"));
+            // The full solver fails where squares underflow.
+            assert!(found.is_some() || full.is_none(), "{name}");
+            assert!(found.is_none() || finite, "{name}");
+            if let (Some(found), Some(full)) = (found, full) {
+                let far = found.values.iter().zip(&full.values).map(|(a, b)| (a - b).abs());
+                assert!(far.fold(0.0, f64::max) <= 1e-11 * n as f64 * largest, "{name}");
+            }
         }
     }
 
