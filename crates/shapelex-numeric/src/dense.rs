@@ -313,6 +313,9 @@ fn krylov_eigenpairs(s: &Matrix, count: usize) -> Option<Eigenpairs> {
     let n = s.nrows();
     let mut full = s.clone();
     fill_upper(&mut full);
+    if !full.iter().all(|entry| entry.is_finite()) {
+        return None;
+    }
     // A power of two changes no digit, and keeps residuals far from underflow.
     let unit = power_of_two(full.amax())?;
     full /= unit;
@@ -348,7 +351,7 @@ fn krylov_eigenpairs(s: &Matrix, count: usize) -> Option<Eigenpairs> {
     })
 }
 
-/// The largest power of two up to `value`; none for zero, subnormal numbers and what is not finite.
+/// The largest power of two up to `value`; `None` for zero and subnormal numbers.
 fn power_of_two(value: f64) -> Option<f64> {
     value.is_normal().then(|| f64::from_bits(value.abs().to_bits() & (0x7ff << 52)))
 }
