@@ -1,22 +1,39 @@
+# make help      this list
 # make run       build and start the service on 127.0.0.1:8080 with the example cohort
+# make check     before every commit: format, lints and unit tests of the libraries
 # make test      all checks of CI; installs missing tools
+# make spell     spelling of all files
 # make contract  the OpenAPI document against the running service for six minutes, as `make test` does outside CI
 # make attack    the known attack requests in full size, then an hour of search for new ones
 # make fuzz      every fuzz target for ten minutes
 # make sbom      the components of the program, as CycloneDX, in target/sbom.cdx.json
 # make bench     the benchmarks behind the figures of docs/benchmarks.md
 
-.PHONY: run test contract attack fuzz sbom bench tools
+.PHONY: run help check test spell contract attack fuzz sbom bench tools
+
+CODESPELL = 2.4.3
 
 run:
 	cargo run --release --locked -- serve
 
-test: tools
+# Prints the first comment block of this file.
+help:
+	@sed -n '/^#/!q;s/^# //p' $(firstword $(MAKEFILE_LIST))
+
+check:
+	cargo fmt --all --check
+	cargo clippy --locked --workspace --lib -- -D warnings
+	cargo test --locked --workspace --lib
+
+# Cheap checks first. `--all-features` compiles `otel`; `fuzz` is a workspace of its own, and compiles without nightly.
+test: tools spell
 	cargo fmt --all --check
 	cargo clippy --locked --all-targets -- -D warnings
+	cargo check --locked --all-features
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps --document-private-items --quiet
 	cargo test --locked --doc
 	cargo test --locked --lib --test suite --no-run
+	cargo check --locked --manifest-path fuzz/Cargo.toml
 	@if command -v python3 >/dev/null; then python3 deploy/lint.py; else echo "SKIPPED: the lint of deploy, there is no python3"; fi
 	@if command -v python3 >/dev/null; then python3 tests/contract/run.py $(if $(CI),short,long); \
 	else echo "SKIPPED: the contract test, there is no python3"; fi
@@ -24,6 +41,15 @@ test: tools
 	else echo "SKIPPED: the attack requests, there is no python3"; fi
 	tests/with_postgres.sh cargo test --locked --lib --test suite -- store:: commands http_ kill worker
 	cargo test --locked --lib --test suite
+
+# The pinned version in target/spell, else the one of the machine. `.codespellrc` lists exceptions.
+spell:
+	@if target/spell/bin/codespell --version 2>/dev/null | grep -qx '$(CODESPELL)' \
+	|| { python3 -m venv --clear target/spell \
+	&& target/spell/bin/python -m pip install --quiet codespell==$(CODESPELL); } >/dev/null 2>&1; \
+	then target/spell/bin/codespell; \
+	elif command -v codespell >/dev/null; then codespell; \
+	else echo "SKIPPED: the spell check, codespell cannot be installed"; fi
 
 contract:
 	cargo build --locked
@@ -47,9 +73,11 @@ sbom:
 bench:
 	cargo bench --locked
 
-# The C compiler builds SQLite and the cryptography; curl runs the commands of the README; rustfmt and clippy check the code.
+# The C compiler builds SQLite and the cryptography, the C++ compiler libFuzzer; curl runs the commands of the README;
+# rustfmt and clippy check the code.
 tools:
 	@command -v cc >/dev/null || { apt-get update -qq && apt-get install -y -qq gcc libc6-dev; }
+	@command -v c++ >/dev/null || { apt-get update -qq && apt-get install -y -qq g++; }
 	@command -v curl >/dev/null || { apt-get update -qq && apt-get install -y -qq curl; }
 	@cargo fmt --version >/dev/null 2>&1 || rustup component add rustfmt
 	@cargo clippy --version >/dev/null 2>&1 || rustup component add clippy
