@@ -6,6 +6,7 @@ use super::dictionary::{MeanRecord, Row};
 use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::Mirror;
 use crate::analysis::transformation::Transformation;
+use crate::geometry::size::SizeMeasure;
 
 /// Comparison of groups of shapes of a cohort.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
@@ -62,20 +63,6 @@ pub struct GroupRecord {
     pub spread: f64,
     /// Sizes before the class was removed, as far as the representation has them.
     pub sizes: Vec<SizeSummary>,
-}
-
-/// Measure of size.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum SizeMeasure {
-    /// Volume that a surface encloses, unsigned.
-    Volume,
-    /// Enclosed area of closed planar curves, unsigned; area of surfaces.
-    Area,
-    /// Length of curves: the perimeter of closed ones.
-    Length,
-    /// Centroid size: `L₂` norm about the mean position, the root of the mean squared distance from it.
-    CentroidSize,
 }
 
 /// Size of the shapes of a group.

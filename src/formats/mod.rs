@@ -1,4 +1,4 @@
-//! Conversion between bytes or text and shapes or drawings; no network, no storage.
+//! Conversion between bytes or text and shapes; no network, no storage.
 //!
 //! * [`shape`] — shapes as JSON, one object or one line of NDJSON;
 //! * [`bounds`] — memory bounds of documents while they are read;
@@ -6,21 +6,15 @@
 //! * [`ndjson`] — lines of a byte stream;
 //! * [`representation`] — representations as JSON;
 //! * [`matrix`] — square matrices as JSON, CSV and NPY;
-//! * [`mesh`] — triangle meshes as OBJ, PLY, STL and glTF;
-//! * [`svg`] — drawings and animations of shapes;
-//! * [`effect`] — drawings of shapes with an effect along one of them;
-//! * [`plot`] — graphs of functions.
+//! * [`mesh`] — triangle meshes as OBJ, PLY, STL and glTF.
 
 pub mod bounds;
 pub mod checked;
-pub mod effect;
 pub mod matrix;
 pub mod mesh;
 pub mod ndjson;
-pub mod plot;
 pub mod representation;
 pub mod shape;
-pub mod svg;
 
 /// A fault of an input: its place, and what was expected.
 #[derive(Debug, Clone, PartialEq, Eq)]

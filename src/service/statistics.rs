@@ -12,7 +12,7 @@ use crate::analysis::partial_sums::Measured;
 use crate::analysis::pca::FunctionalPca;
 use crate::analysis::transformation::Transformation;
 use crate::formats::shape::ShapeInput;
-use crate::formats::svg::{self, Layer, colour};
+use crate::geometry::drawing::svg::{self, Layer, colour};
 use crate::geometry::representation::{Representation, ShapeSpace};
 use crate::service::app::{App, Fault, Limits, ServiceError};
 use crate::service::shapes::read::{self, Batch, Reading};

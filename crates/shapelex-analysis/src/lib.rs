@@ -19,6 +19,7 @@
 //! * [`distance`] — distances modulo a class: one pair, one against many, or all pairs;
 //! * [`neighbours`] — nearest neighbours in a stream of shapes;
 //! * [`inference`] — permutation tests for group differences and for regression;
+//! * [`size`] — sizes of many shapes;
 //! * [`path`] — paths between shapes.
 //!
 //! Source: Schmitter, *Spline Shape Processing*, chapters 2–5, with its misprints corrected.
@@ -44,6 +45,7 @@ pub mod pass;
 pub mod path;
 pub mod pca;
 pub mod procrustes;
+pub mod size;
 pub mod sparse;
 pub mod subspace;
 pub mod transformation;

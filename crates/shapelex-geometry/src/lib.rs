@@ -20,6 +20,7 @@
 //! * [`mesh`] — triangle meshes; [`quality`] — defects of meshes; [`nearest`] — nearest points on a mesh;
 //!   [`vector`] — vectors in space;
 //! * [`raster`] — the cells of a grid inside a shape, and the overlap of two such sets;
+//! * [`size`] — volume, area, length of any shape; [`drawing`] — drawings as SVG;
 //! * [`ideal`] — idealised curves, reproduced exactly where the poles allow.
 //!
 //! The termination bound of every loop is listed in `docs/limits.md`, in one table for all numerical layers.
@@ -27,6 +28,7 @@
 pub mod curve;
 pub mod deformation;
 pub mod distance;
+pub mod drawing;
 pub mod fit;
 pub mod frame;
 pub mod generator;
@@ -43,6 +45,7 @@ pub mod refine;
 pub mod representation;
 pub mod resample;
 pub mod sampling;
+pub mod size;
 pub mod subdivision;
 pub mod surface;
 pub mod turning;

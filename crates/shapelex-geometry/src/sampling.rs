@@ -37,6 +37,16 @@ impl Places {
         }
     }
 
+    /// The places of shapes of `space` in words, as they complete "… are compared".
+    pub fn kind(space: &ShapeSpace) -> &'static str {
+        match (space.surface(), space.subdivision()) {
+            (Some(_), _) => "surfaces at their knots",
+            (_, Some(_)) => "subdivision surfaces at their control vertices",
+            _ if space.generator().is_some() => "curves at equally spaced places",
+            _ => "landmarks as they are",
+        }
+    }
+
     /// Number of places.
     pub fn count(&self) -> usize {
         match self {

@@ -11,7 +11,7 @@ use crate::api::respond::{compute_planned, json, mesh_file, planned, svg};
 use crate::formats::InputError;
 use crate::formats::checked::{Checked, document, take_given};
 use crate::formats::shape::Points;
-use crate::formats::svg::{self as drawing, Layer, MOST_FACES, colour};
+use crate::geometry::drawing::svg::{self as drawing, Layer, MOST_FACES, colour};
 use crate::geometry::mesh::TriangleMesh;
 use crate::geometry::subdivision::control::StartMesh;
 use crate::geometry::subdivision::measures::coarsened;

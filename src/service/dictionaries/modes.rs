@@ -3,7 +3,7 @@
 use super::ready::Ready;
 use crate::analysis::dictionary::model::Model;
 use crate::domain::dictionary::columns_of;
-use crate::formats::svg::{self, Layer, colour};
+use crate::geometry::drawing::svg::{self, Layer, colour};
 use crate::service::app::ServiceError;
 
 /// Picture of the atoms, each in its own frame on a common scale.

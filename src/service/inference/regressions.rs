@@ -15,14 +15,14 @@ use crate::analysis::inference::regression::{Collinear, Design, Draws, Regressio
 use crate::analysis::metric::{dot, norm};
 use crate::analysis::transformation::Transformation;
 use crate::domain::cohort::Cohort;
-use crate::domain::comparison::SizeMeasure;
 use crate::domain::dictionary::{MeanRecord, Row, columns_of, rows_of};
 use crate::domain::job::JobKind;
 use crate::domain::regression::{
     AttributeSummary, CovariateRecord, Prediction, RegressionScore, ShapeRegression,
 };
 use crate::domain::shape::{ShapeDescription, ShapeFilter};
-use crate::formats::svg::{self, Layer};
+use crate::geometry::drawing::svg::{self, Layer};
+use crate::geometry::size::SizeMeasure;
 use crate::service::app::error::MAX_FAULTS;
 use crate::service::app::progress::JobContext;
 use crate::service::app::{App, Fault, ServiceError};
@@ -418,10 +418,10 @@ impl Prepared {
         if !self.variables.iter().any(|variable| variable.values == Values::LogCentroidSize) {
             return Ok(None);
         }
-        let row = aligned.measures.iter().position(|&measure| measure == SizeMeasure::CentroidSize);
+        let row = aligned.sizes.measures.iter().position(|&measure| measure == SizeMeasure::CentroidSize);
         let row =
             row.ok_or_else(|| ServiceError::invalid("/cohort", "has shapes too large to be measured"))?;
-        Ok(Some(aligned.sizes.row(row).iter().map(|size| size.ln()).collect()))
+        Ok(Some(aligned.sizes.values.row(row).iter().map(|size| size.ln()).collect()))
     }
 
     fn attribute(&self, sizes: Option<&[f64]>) -> Result<Vec<f64>, ServiceError> {

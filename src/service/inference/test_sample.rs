@@ -9,18 +9,11 @@ use crate::analysis::accumulate::{ShapesInMemory, map_shapes};
 use crate::analysis::alignment::{Alignment, MeanShape, align, mean_shape, unwhitened};
 use crate::analysis::correspondence::Mirror;
 use crate::analysis::frame::Frame;
-use crate::analysis::metric::norm;
+use crate::analysis::size::{LARGEST_SIZE, SizeTable};
 use crate::analysis::transformation::Transformation;
 use crate::domain::cohort::Cohort;
-use crate::domain::comparison::SizeMeasure;
 use crate::domain::shape::{ShapeDescription, ShapeFilter};
-use crate::geometry::curve::Curve;
-use crate::geometry::measures::area_and_length;
 use crate::geometry::sampling::Places;
-use crate::geometry::subdivision::measures::measure;
-use crate::geometry::surface::Surface;
-use crate::geometry::surface::measures::SurfaceMeasures;
-use crate::numeric::bounded::Stop;
 use crate::numeric::dense::Matrix;
 use crate::service::app::{App, Fault, ServiceError};
 use crate::service::cohorts::attributes::{Attribute, first_names, name_of};
@@ -35,9 +28,6 @@ pub const DEFAULT_PERMUTATIONS: usize = 1000;
 
 /// Weights of one test differ by at most this factor: beyond it one shape is all that counts, and digits are lost.
 const WEIGHT_RATIO: f64 = 1e9;
-
-/// Sizes beyond this leave the range in which squares of them are exact.
-const LARGEST_SIZE: f64 = 1e100;
 
 /// The stratum of every shape: shapes with equal values of all attributes share one.
 ///
@@ -114,10 +104,8 @@ pub(crate) struct Aligned {
     pub(crate) aligned: Matrix,
     /// Positive weights.
     pub(crate) weights: Vec<f64>,
-    /// What sizes there are.
-    pub(crate) measures: Vec<SizeMeasure>,
-    /// Sizes, a measure a row.
-    pub(crate) sizes: Matrix,
+    /// Sizes as posted.
+    pub(crate) sizes: SizeTable,
     /// Sizes that were left out.
     pub(crate) warnings: Vec<String>,
 }
@@ -136,7 +124,8 @@ pub(crate) fn read_and_align(
 ) -> Result<Aligned, ServiceError> {
     let (control_points, weights) = read(app, handle, (cohort, filters), shapes, setup.metric.len(), stop)?;
     check_weights(&weights)?;
-    let (measures, sizes, warnings) = sizes_of(setup, &control_points, stop)?;
+    let sizes = SizeTable::of(&setup.space, &setup.metric, &control_points, stop)?;
+    let cut = sizes.is_cut.then(|| format!("sizes beyond {LARGEST_SIZE:.0e} are not compared"));
     let named = |error| named(error, shapes, &cohort.name);
     let Setup { metric, method, frame, matching, .. } = setup;
     let source = ShapesInMemory::new(metric, method.translates(), control_points, weights.clone())
@@ -158,7 +147,7 @@ pub(crate) fn read_and_align(
         placed.column_mut(k).copy_from_slice(&laid);
         aligned.column_mut(k).copy_from_slice(&moved);
     }
-    Ok(Aligned { mean, placed, aligned, weights, measures, sizes, warnings })
+    Ok(Aligned { mean, placed, aligned, weights, sizes, warnings: cut.into_iter().collect() })
 }
 
 /// Control points and weights of the shapes, in their order.
@@ -220,75 +209,6 @@ fn named(error: ServiceError, shapes: &[ShapeDescription], cohort: &str) -> Serv
         Fault { pointer: String::new(), detail, ..fault }
     };
     ServiceError::DegenerateShape(faults.into_iter().map(named).collect())
-}
-
-/// The sizes that the shapes of a space have, a measure a row, and what was left out.
-fn sizes_of(
-    setup: &Setup,
-    control_points: &[f64],
-    stop: Stop<'_>,
-) -> Result<(Vec<SizeMeasure>, Matrix, Vec<String>), ServiceError> {
-    let representation = setup.space.representation();
-    let curves = setup.space.generator().is_some();
-    let encloses = curves && representation.is_closed() && representation.dimension() == 2;
-    let zero = Matrix::zeros(setup.metric.size(), setup.metric.dimension());
-    let sheet = setup.space.surface().map(|basis| basis.surface(&zero));
-    let mesh = setup.space.subdivision();
-    let encloses_volume = sheet.as_ref().is_some_and(Surface::encloses) || mesh.is_some();
-    let mut measures: Vec<SizeMeasure> = [
-        (SizeMeasure::Volume, encloses_volume),
-        (SizeMeasure::Area, encloses || sheet.is_some() || mesh.is_some()),
-        (SizeMeasure::Length, curves),
-        (SizeMeasure::CentroidSize, true),
-    ]
-    .into_iter()
-    .filter_map(|(measure, exists)| exists.then_some(measure))
-    .collect();
-    let of_shape = |shape: &[f64]| -> Result<Vec<f64>, ServiceError> {
-        if stop() {
-            return Err(ServiceError::Cancelled);
-        }
-        let matrix = Matrix::from_column_slice(setup.metric.size(), setup.metric.dimension(), shape);
-        let curve = Curve::of(&setup.space, &matrix).map(|curve| area_and_length(&curve, stop));
-        let surface = match (setup.space.surface(), mesh) {
-            (Some(basis), _) => Some(SurfaceMeasures::of(&basis.surface(&matrix))),
-            (_, Some(basis)) => Some(measure(&basis.mesh(&matrix), basis.level() > 0)),
-            _ => None,
-        };
-        let size = |measure: &SizeMeasure| match (measure, &curve, &surface) {
-            (SizeMeasure::Area, Some((area, _)), _) => *area,
-            (SizeMeasure::Length, Some((_, length)), _) => *length,
-            (SizeMeasure::Area, _, Some(surface)) => surface.area,
-            (SizeMeasure::Volume, _, Some(SurfaceMeasures { enclosed: Some(enclosed), .. })) => {
-                enclosed.signed_volume.abs()
-            }
-            _ => centroid_size(setup, shape),
-        };
-        Ok(measures.iter().map(size).collect())
-    };
-    let shapes = control_points.par_chunks_exact(setup.metric.len());
-    let values: Vec<Vec<f64>> = shapes.map(of_shape).collect::<Result<_, _>>()?;
-    let fits = |m: usize| values.iter().all(|sizes| sizes[m].abs() <= LARGEST_SIZE);
-    let kept: Vec<usize> = (0..measures.len()).filter(|&m| fits(m)).collect();
-    let sizes = Matrix::from_fn(kept.len(), values.len(), |m, k| values[k][kept[m]]);
-    let mut warnings = Vec::new();
-    if kept.len() < measures.len() {
-        warnings.push(format!("sizes beyond {LARGEST_SIZE:.0e} are not compared"));
-    }
-    measures = kept.into_iter().map(|m| measures[m]).collect();
-    Ok((measures, sizes, warnings))
-}
-
-/// `L₂` norm about the mean position.
-fn centroid_size(setup: &Setup, shape: &[f64]) -> f64 {
-    let mut shape = shape.to_vec();
-    setup.metric.centre(&mut shape);
-    setup.metric.whiten(&mut shape);
-    // Squares leave the range of numbers long before sizes do; a power of two changes no digits.
-    let largest = shape.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
-    let unit = if largest > f64::MIN_POSITIVE { largest.log2().floor().exp2() } else { 1.0 };
-    shape.iter_mut().for_each(|value| *value /= unit);
-    unit * norm(&shape)
 }
 
 /// Whitened shapes at places along them, coordinate-major, one a column.

@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 
-use crate::formats::plot::{Graph, plot};
-use crate::formats::svg::colour;
+use crate::geometry::drawing::plot::{Graph, plot};
+use crate::geometry::drawing::svg::colour;
 use crate::geometry::generator::{Built, GeneratorKind};
 use crate::service::app::ServiceError;
 

@@ -4,7 +4,7 @@ use super::curves::each;
 use super::request::Posted;
 use crate::analysis::path::Path;
 use crate::formats::shape::ShapeInput;
-use crate::formats::svg::{self, Layer, colour};
+use crate::geometry::drawing::svg::{self, Layer, colour};
 use crate::numeric::dense::Matrix;
 use crate::service::app::{App, Fault, Limits, ServiceError};
 

@@ -41,7 +41,7 @@ impl Prepared {
             coordinates: Span::new(&aligned.aligned, &aligned.weights)?.scores,
             points: test_sample::points_of(setup, &aligned.aligned, &places),
             dimension: setup.metric.dimension(),
-            sizes: aligned.sizes.clone(),
+            sizes: aligned.sizes.values.clone(),
             weights: aligned.weights.clone(),
         };
         let mut warnings = members.warnings(plan);
@@ -122,7 +122,7 @@ impl Prepared {
             }
         };
         let summary = |(m, &measure): (usize, _)| {
-            let values: Vec<f64> = members.iter().map(|&k| aligned.sizes[(m, k)]).collect();
+            let values: Vec<f64> = members.iter().map(|&k| aligned.sizes.values[(m, k)]).collect();
             let (mean, deviation) = test_sample::mean_and_deviation(&values, &weights);
             SizeSummary { measure, mean, deviation }
         };
@@ -133,7 +133,7 @@ impl Prepared {
             mean,
             average: average_rows,
             spread: spread.sqrt(),
-            sizes: aligned.measures.iter().enumerate().map(summary).collect(),
+            sizes: aligned.sizes.measures.iter().enumerate().map(summary).collect(),
         };
         Ok(Group { record, average, elements })
     }
@@ -150,10 +150,8 @@ impl Prepared {
             let cosines = transpose_multiply(a, b).norm_squared() / a.ncols() as f64;
             (1.0 - cosines).max(0.0).sqrt()
         };
-        let sizes = tests.sizes.iter().zip(&aligned.measures).map(|(tested, &measure)| SizeDifference {
-            measure,
-            difference: tested.value.unwrap_or_default(),
-            test: test(tested.tally),
+        let sizes = tests.sizes.iter().zip(&aligned.sizes.measures).map(|(tested, &measure)| {
+            SizeDifference { measure, difference: tested.value.unwrap_or_default(), test: test(tested.tally) }
         });
         PairRecord {
             first: first.record.name.clone(),

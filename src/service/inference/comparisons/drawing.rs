@@ -3,8 +3,8 @@
 use super::Prepared;
 use crate::domain::comparison::{Comparison, PairRecord, TestRecord};
 use crate::domain::dictionary::columns_of;
-use crate::formats::effect::{self, Connection, Effect, EffectPoint as DrawnPoint};
-use crate::formats::svg::{Layer, colour};
+use crate::geometry::drawing::effect::{self, Connection, Effect, EffectPoint as DrawnPoint};
+use crate::geometry::drawing::svg::{Layer, colour};
 
 /// Colours of the groups of a drawing, over and over (colour-blind safe).
 const GROUP_COLOURS: [&str; 6] = ["#4477aa", "#cc3311", "#228833", "#aa3377", "#ccbb44", "#66ccee"];

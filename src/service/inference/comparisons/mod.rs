@@ -24,6 +24,7 @@ use crate::domain::comparison::Comparison;
 use crate::domain::job::JobKind;
 use crate::domain::shape::{ShapeDescription, ShapeFilter};
 use crate::geometry::representation::Representation;
+use crate::geometry::sampling::Places;
 use crate::service::app::progress::JobContext;
 use crate::service::app::{App, Fault, ServiceError};
 use crate::service::cohorts::attributes::{self, Attribute, KnownAttributes};
@@ -174,11 +175,7 @@ async fn prepare_plan(app: &App, cohort: Cohort, plan: Plan) -> Result<Prepared,
         .await?;
     let usual = usual_samples(setup.space.representation());
     if setup.space.generator().is_none() && plan.samples != usual {
-        let what = match (setup.space.surface(), setup.space.subdivision()) {
-            (Some(_), _) => "surfaces at their knots",
-            (_, Some(_)) => "subdivision surfaces at their control vertices",
-            _ => "landmarks as they are",
-        };
+        let what = Places::kind(&setup.space);
         let detail = format!("is {}: {what} are compared, leave it out or give {usual}", plan.samples);
         return Err(ServiceError::invalid("/samples", detail));
     }

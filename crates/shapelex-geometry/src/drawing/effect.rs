@@ -6,9 +6,9 @@ use super::svg::{
     CAPTION, Facets, Layer, MARGIN, Mark, Page, cells_of, draw_layer, drawn_level, escape, flatten, open,
     path, rows_of,
 };
-use crate::geometry::representation::ShapeSpace;
-use crate::geometry::subdivision::basis::SubdivisionBasis;
-use crate::geometry::surface::basis::SurfaceBasis;
+use crate::representation::ShapeSpace;
+use crate::subdivision::basis::SubdivisionBasis;
+use crate::surface::basis::SurfaceBasis;
 
 /// An effect along a shape.
 pub struct Effect {
@@ -267,7 +267,7 @@ fn draw_legend(svg: &mut String, layers: &[Layer], effect: Option<&Effect>, capt
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::formats::svg::colour;
+    use crate::drawing::svg::colour;
 
     #[test]
     fn the_largest_effect_has_the_darkest_colour_and_names_are_escaped() {

@@ -6,14 +6,14 @@
 
 use std::fmt::Write;
 
-use crate::geometry::curve::Curve;
-use crate::geometry::mesh::TriangleMesh;
-use crate::geometry::representation::ShapeSpace;
-use crate::geometry::subdivision::basis::SubdivisionBasis;
-use crate::geometry::surface::Topology;
-use crate::geometry::surface::basis::SurfaceBasis;
-use crate::geometry::vector::{dot, norm};
-use crate::numeric::dense::Matrix;
+use crate::curve::Curve;
+use crate::mesh::TriangleMesh;
+use crate::representation::ShapeSpace;
+use crate::subdivision::basis::SubdivisionBasis;
+use crate::surface::Topology;
+use crate::surface::basis::SurfaceBasis;
+use crate::vector::{dot, norm};
+use shapelex_numeric::dense::Matrix;
 
 /// One layer of a drawing.
 #[derive(Debug, Clone)]
@@ -510,8 +510,8 @@ pub(super) fn escape(text: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::generator::GeneratorKind;
-    use crate::geometry::representation::Representation;
+    use crate::generator::GeneratorKind;
+    use crate::representation::Representation;
 
     #[test]
     fn a_circle_fills_the_picture_and_text_is_escaped() {

@@ -1,0 +1,70 @@
+//! Sizes of many shapes, to be compared.
+
+use rayon::prelude::*;
+
+use crate::AnalysisError;
+use crate::metric::{Metric, norm};
+use shapelex_geometry::representation::ShapeSpace;
+use shapelex_geometry::size::{SizeMeasure, Sizes};
+use shapelex_numeric::bounded::Stop;
+use shapelex_numeric::dense::Matrix;
+
+/// Sizes beyond this leave the range in which their squares are exact.
+pub const LARGEST_SIZE: f64 = 1e100;
+
+/// Sizes of shapes.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SizeTable {
+    /// Measures, one per row.
+    pub measures: Vec<SizeMeasure>,
+    /// One column per shape.
+    pub values: Matrix,
+    /// Whether a measure is left out because a size is beyond [`LARGEST_SIZE`].
+    pub is_cut: bool,
+}
+
+impl SizeTable {
+    /// Sizes of the shapes with these control points (`d·N` coordinate-major numbers each), by all measures that shapes of
+    /// `space` have. Cost: one quadrature per shape.
+    ///
+    /// # Errors
+    /// [`AnalysisError::Interrupted`] once `stop` says so.
+    pub fn of(
+        space: &ShapeSpace,
+        metric: &Metric,
+        control_points: &[f64],
+        stop: Stop<'_>,
+    ) -> Result<Self, AnalysisError> {
+        let measures = SizeMeasure::of(space);
+        let of_shape = |shape: &[f64]| -> Result<Vec<f64>, AnalysisError> {
+            if stop() {
+                return Err(AnalysisError::Interrupted);
+            }
+            let matrix = Matrix::from_column_slice(metric.size(), metric.dimension(), shape);
+            let sizes = Sizes::of(space, &matrix, stop);
+            let size = |&measure| sizes.get(measure).unwrap_or_else(|| centroid_size(metric, shape));
+            Ok(measures.iter().map(size).collect())
+        };
+        let shapes = control_points.par_chunks_exact(metric.len());
+        let values: Vec<Vec<f64>> = shapes.map(of_shape).collect::<Result<_, _>>()?;
+        let fits = |m: usize| values.iter().all(|sizes| sizes[m].abs() <= LARGEST_SIZE);
+        let kept: Vec<usize> = (0..measures.len()).filter(|&m| fits(m)).collect();
+        Ok(Self {
+            values: Matrix::from_fn(kept.len(), values.len(), |m, k| values[k][kept[m]]),
+            is_cut: kept.len() < measures.len(),
+            measures: kept.into_iter().map(|m| measures[m]).collect(),
+        })
+    }
+}
+
+/// `L₂` norm about the mean position.
+pub fn centroid_size(metric: &Metric, shape: &[f64]) -> f64 {
+    let mut shape = shape.to_vec();
+    metric.centre(&mut shape);
+    metric.whiten(&mut shape);
+    // Squares leave the range of numbers long before sizes do; a power of two changes no digits.
+    let largest = shape.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
+    let unit = if largest > f64::MIN_POSITIVE { largest.log2().floor().exp2() } else { 1.0 };
+    shape.iter_mut().for_each(|value| *value /= unit);
+    unit * norm(&shape)
+}

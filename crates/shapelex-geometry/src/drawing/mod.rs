@@ -1,0 +1,9 @@
+//! Drawings as SVG.
+//!
+//! * [`svg`] — drawings and animations of shapes;
+//! * [`effect`] — drawings of shapes with an effect along one of them;
+//! * [`plot`] — graphs of functions.
+
+pub mod effect;
+pub mod plot;
+pub mod svg;
