@@ -1,4 +1,4 @@
-//! What each kind of job does.
+//! Dispatch of jobs: calls the use case that belongs to the kind of a job.
 
 use tokio::runtime::Handle;
 
@@ -10,12 +10,12 @@ use crate::service::inference::{comparisons, regressions};
 use crate::service::jobs::{Outcome, inline_or_job};
 use crate::service::search::distances;
 
-/// Does what the job is for, on a compute thread; `handle` is for what has to be awaited.
+/// Runs a job on a compute thread; `handle` runs its async parts.
 ///
-/// May be called twice for a job: nothing but the outcome must stay. Long loops call [`JobContext::check`].
+/// A job may run more than once: only its outcome may have lasting effects. Long loops call [`JobContext::check`].
 ///
 /// # Errors
-/// What keeps it from succeeding: [`ServiceError::Unavailable`] is tried again, everything else is final.
+/// The reason why the job failed: [`ServiceError::Unavailable`] is retried, all others are final.
 pub fn run(app: &App, handle: &Handle, job: &Job, context: &JobContext) -> Result<Outcome, ServiceError> {
     match job.kind {
         JobKind::LearnDictionary => learning::run(app, handle, job, context),

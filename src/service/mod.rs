@@ -1,16 +1,16 @@
-//! What the product does: one function per use case, values in, values or a [`ServiceError`] out.
+//! Use cases of the product: one function each, with values as arguments and values or a [`ServiceError`] as result.
 //!
-//! A folder uses only those before it:
+//! Each folder uses only those listed before it:
 //!
-//! * [`app`] — what all use cases share: context, limits, threads, cache, errors;
+//! * [`app`] — shared by all use cases: context, limits, threads, cache, errors;
 //! * [`audit`], [`jobs`] — the audit trail; work that outlives its request;
 //! * [`shapes`] — shapes of a request: read, evaluate, measure, fit, deform, morph;
 //! * [`statistics`] — projections, means, alignments and components of posted shapes;
-//! * [`cost`] — predictions of what requests and jobs take;
-//! * [`cohorts`] — stored shapes; [`access`] — who asks;
+//! * [`cost`] — predicted cost of requests and jobs;
+//! * [`cohorts`] — stored shapes; [`access`] — authentication of callers;
 //! * [`search`] — distances and neighbours;
 //! * [`dictionaries`] — dictionaries and classifiers; [`inference`] — hypothesis tests;
-//! * [`dispatch`] — what each kind of job does.
+//! * [`dispatch`] — the use case of each kind of job.
 
 pub mod access;
 pub mod app;

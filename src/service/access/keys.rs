@@ -1,7 +1,7 @@
-//! Keys of programs: create, list, revoke, check.
+//! API keys of programs: create, list, revoke and check them.
 //!
-//! A key that was looked up is believed for `FRESH`; then it is looked up again, so that a revocation reaches every
-//! process of the service. In the process that revokes it, it ends at once.
+//! A looked-up key is cached for `FRESH` and then read again, so that a revocation reaches every replica. On the
+//! replica that revokes a key, the revocation takes effect at once.
 
 use std::sync::{Mutex, MutexGuard};
 use std::time::{Duration, Instant};
@@ -17,44 +17,43 @@ use crate::domain::key::{Key, Secret, claimed_id, is_deceptive, is_id};
 use crate::service::app::{App, Fault, Page, ServiceError, now_ms};
 use crate::service::cohorts::catalogue;
 
-/// How long the answer of the store is believed.
+/// Time for which a key read from the store is cached.
 const FRESH: Duration = Duration::from_secs(2);
-/// Keys that are remembered.
+/// Capacity of each key cache.
 const REMEMBERED: usize = 4096;
-/// Time between two notes that a key is in use.
+/// Minimum time between two updates of a key's last use.
 const NOTED_EVERY_MS: i64 = 60_000;
-/// Longest name of a key.
+/// Maximum length of a key's name.
 const MAX_NAME_CHARS: usize = 100;
-/// Most cohorts that a key is limited to.
+/// Maximum number of cohorts to which a key can be limited.
 const MAX_COHORTS: usize = 100;
-/// Longest life of a key that ends: ten years.
+/// Maximum lifetime of an expiring key: ten years.
 const MAX_DAYS: u32 = 3653;
-/// Milliseconds of a day.
 const DAY_MS: i64 = 86_400_000;
 
-/// What is asked of a new key.
+/// Settings of a new key.
 #[derive(Debug, Clone)]
 pub struct NewKey {
-    /// What people call it.
+    /// Display name.
     pub name: String,
-    /// What its bearer may do.
+    /// Role of its bearer.
     pub role: Role,
-    /// Ids or names of the only cohorts that it opens.
+    /// Ids or names of the cohorts to which the key is limited; `None` for all cohorts.
     pub cohorts: Option<Vec<String>>,
-    /// Days until it ends.
+    /// Days until the key expires; `None` if it never does.
     pub expires_in_days: Option<u32>,
 }
 
-/// A new key, with its text.
+/// A new key together with its text.
 #[derive(Debug)]
 pub struct Issued {
-    /// What is stored.
+    /// The stored record.
     pub key: Key,
-    /// What is shown once.
+    /// The text, shown only once.
     pub secret: Secret,
 }
 
-/// What is wrong with a new key whatever cohorts there are.
+/// Faults of a new key that can be found without looking up cohorts.
 pub fn faults(new: &NewKey) -> Vec<Fault> {
     let mut faults = Vec::new();
     let mut check = |ok: bool, pointer: &str, detail: String| {
@@ -81,10 +80,10 @@ pub fn faults(new: &NewKey) -> Vec<Fault> {
     faults
 }
 
-/// Makes a key of the caller's tenant, whose text is drawn here.
+/// Creates a key of the caller's tenant with a random text.
 ///
 /// # Errors
-/// All fields that break a rule; cohorts that do not exist.
+/// All invalid fields; cohorts that do not exist.
 pub async fn create(app: &App, new: NewKey) -> Result<Issued, ServiceError> {
     let mut random = [0; 32];
     let failed = |error| ServiceError::Internal(format!("the system has no random numbers: {error}"));
@@ -94,10 +93,10 @@ pub async fn create(app: &App, new: NewKey) -> Result<Issued, ServiceError> {
     create_with(app, new, id, secret).await
 }
 
-/// Makes a key of the caller's tenant whose text was drawn elsewhere; when there is one with this text already, it stays as it is.
+/// Creates a key of the caller's tenant with a given text. If a key with this text exists, it is returned unchanged.
 ///
 /// # Errors
-/// A text without the form of a key; those of [`create`].
+/// A text that does not have the form of a key; those of [`create`].
 pub async fn create_given(app: &App, new: NewKey, text: &str) -> Result<Key, ServiceError> {
     let (id, secret) = Secret::given(text).ok_or_else(|| {
         let form = "shk_, 32 lower-case hexadecimal digits, _ and 64 more";
@@ -155,11 +154,11 @@ async fn cohort_ids(app: &App, keys: &[String]) -> Result<Vec<String>, ServiceEr
     Ok(ids)
 }
 
-/// Keys of the caller's tenant in the order of their creation, after `cursor` (the id of the last one seen); also those
-/// that have ended.
+/// Keys of the caller's tenant in order of creation, after `cursor` (the id of the last key of the previous page),
+/// including expired and revoked ones.
 ///
 /// # Errors
-/// A cursor that is not one.
+/// An invalid cursor.
 pub async fn list(app: &App, cursor: Option<&str>, limit: usize) -> Result<Page<Key>, ServiceError> {
     if cursor.is_some_and(|cursor| !is_id(cursor)) {
         return Err(ServiceError::Query("cursor is not one of this list".into()));
@@ -180,7 +179,7 @@ pub async fn find(app: &App, id: &str) -> Result<Key, ServiceError> {
     own.ok_or_else(|| ServiceError::NotFound { kind: "key", key: id.into() })
 }
 
-/// Ends a key for good; one that is revoked stays so.
+/// Revokes a key permanently; a key that is already revoked stays so.
 ///
 /// # Errors
 /// [`ServiceError::NotFound`].
@@ -195,7 +194,8 @@ pub async fn revoke(app: &App, id: &str) -> Result<(), ServiceError> {
     Ok(())
 }
 
-/// Whether there is a key, of whatever tenant: also one that has ended, so that revoking the last one opens nothing.
+/// Whether any tenant has a key. Expired and revoked keys count, so that revoking the last key does not open the
+/// service.
 pub(super) async fn exist(app: &App) -> Result<bool, ServiceError> {
     if let Some(known) = app.access().keys.are_there() {
         return Ok(known);
@@ -209,7 +209,7 @@ pub(super) async fn exist(app: &App) -> Result<bool, ServiceError> {
     Ok(found)
 }
 
-/// Who shows the key `text`.
+/// Authenticates the bearer of the key `text`.
 pub(super) async fn check(app: &App, text: &str) -> Result<Principal, Refusal> {
     let id = claimed_id(text).ok_or("not the form of a key")?;
     let known = app.access().keys.recall(&id);
@@ -233,7 +233,7 @@ pub(super) async fn check(app: &App, text: &str) -> Result<Principal, Refusal> {
     Ok(key.principal())
 }
 
-/// Writes down that the key is in use, at most once a minute, beside the request.
+/// Records the use of the key in the background, at most once a minute.
 fn note_use(app: &App, key: &Key, now: i64) {
     if key.used_at_ms.is_some_and(|used| now - used < NOTED_EVERY_MS) {
         return;
@@ -251,13 +251,13 @@ fn note_use(app: &App, key: &Key, now: i64) {
     });
 }
 
-/// Keys that were looked up lately.
+/// Cache of recently looked-up keys.
 #[derive(Debug)]
 pub(super) struct KeyCache {
     found: Mutex<LruCache<String, (Key, Instant)>>,
-    /// Ids that no key had, and when that was found out: who goes on to show one does not go on to ask the store.
+    /// Ids that no key has, with the time of the lookup: repeated requests with an unknown id do not reach the store.
     unknown: Mutex<LruCache<String, Instant>>,
-    /// Whether there are any, and when that was found out; that there are some stays so.
+    /// Whether any key exists, with the time of the lookup; `true` never expires.
     any: Mutex<Option<(bool, Instant)>>,
 }
 
@@ -275,8 +275,8 @@ impl KeyCache {
         (since.elapsed() < FRESH).then(|| key.clone())
     }
 
-    /// Keeps what the store says of a key, and answers what is known of it now: what has been revoked here stays so,
-    /// whatever was read meanwhile.
+    /// Caches a key read from the store and returns the merged record: a revocation made by this replica persists even
+    /// if an older record is read afterwards.
     fn remember(&self, mut key: Key) -> Key {
         let mut found = locked(&self.found);
         if let Some((known, _)) = found.peek(&key.id) {
@@ -295,7 +295,7 @@ impl KeyCache {
         locked(&self.unknown).insert(id.to_owned(), Instant::now());
     }
 
-    /// Notes the use of a key; what else is known of it gets no younger.
+    /// Records the use of a cached key; the age of the cache entry does not change.
     fn used(&self, id: &str, now: i64) {
         if let Some((key, _)) = locked(&self.found).get_mut(id) {
             key.used_at_ms = Some(now);
@@ -313,7 +313,7 @@ impl KeyCache {
 
     fn there_are_none(&self) {
         let mut any = locked(&self.any);
-        // Who has made one meanwhile knows better.
+        // A key created in the meantime takes precedence.
         if !matches!(*any, Some((true, _))) {
             *any = Some((false, Instant::now()));
         }
@@ -363,7 +363,7 @@ mod tests {
         assert!(!cache.is_unknown("key_1"));
         cache.there_is_none("key_1");
         assert!(cache.is_unknown("key_1") && !cache.is_unknown("key_2"));
-        // Others push it out: memory is bounded.
+        // Other ids evict it: memory is bounded.
         (0..REMEMBERED).for_each(|k| cache.there_is_none(&k.to_string()));
         assert!(!cache.is_unknown("key_1"));
     }

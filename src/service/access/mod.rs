@@ -1,14 +1,14 @@
-//! Access: who asks, found out from what a request shows.
+//! Access control: identifies the caller of a request from its credentials.
 //!
 //! ```text
-//! shown            open service                 closed service
-//! nothing          admin of the default tenant  refused
+//! credential       open service                 closed service
+//! none             admin of the default tenant  refused
 //! shk_…            the key's tenant and role    the same
-//! another token    refused                      that of the identity provider, when there is one
+//! another token    refused                      per identity provider, if one is configured
 //! ```
 //!
-//! A service is open as long as it listens on a loopback address, has no key and knows no identity provider. What is shown
-//! and wrong is refused in both: clients hear one sentence, the log says which check failed, and of which key.
+//! A service is open while it listens on a loopback address, has no key and no identity provider. Invalid credentials
+//! are refused in both cases: clients get one fixed sentence; the log says which check failed, and for which key.
 //!
 //! * [`keys`] — keys of programs: create, list, revoke, check;
 //! * [`tokens`] — bearer tokens of an identity provider; `provider` — its public keys.
@@ -27,18 +27,18 @@ use crate::service::access::provider::Provider;
 use crate::service::access::tokens::Verifier;
 use crate::service::app::{App, ServiceError};
 
-/// Who is let in without asking, and which identity provider is trusted.
+/// Settings of access control.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct AccessSettings {
-    /// Whether nobody but this machine's users can reach the service.
+    /// Whether only users of this machine can reach the service.
     pub loopback: bool,
-    /// Whether the metrics are shown to everyone.
+    /// Whether the metrics are readable without credentials.
     pub metrics_open: bool,
-    /// The identity provider.
+    /// The identity provider, if one is trusted.
     pub tokens: Option<tokens::TokenSettings>,
 }
 
-/// What is needed to find out who asks.
+/// State of access control.
 #[derive(Debug)]
 pub struct Access {
     loopback: bool,
@@ -48,17 +48,17 @@ pub struct Access {
 }
 
 impl Default for Access {
-    /// That of a service which only this machine's users reach.
+    /// Access control of a service on a loopback address.
     fn default() -> Self {
         Self { loopback: true, metrics_open: false, keys: KeyCache::default(), tokens: None }
     }
 }
 
 impl Access {
-    /// As set; the keys of the identity provider are fetched when they are needed.
+    /// Access control with these settings; the keys of the identity provider are fetched on demand.
     ///
     /// # Errors
-    /// Settings that make no sense, in one sentence.
+    /// Invalid settings, described in one sentence.
     pub fn new(settings: AccessSettings) -> Result<Self, String> {
         let AccessSettings { loopback, metrics_open, tokens } = settings;
         let verifier = |settings: tokens::TokenSettings| {
@@ -70,25 +70,25 @@ impl Access {
     }
 }
 
-/// What a request shows of who sends it.
+/// Credential of a request.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Shown<'a> {
-    /// Nothing.
+    /// No credential.
     Nothing,
-    /// A bearer token: a key, or one of the identity provider.
+    /// A bearer token: a key, or a token of the identity provider.
     Bearer(&'a str),
-    /// Something else, or more than one thing.
+    /// Another credential, or more than one.
     Unreadable,
 }
 
-/// Why something shown was refused.
+/// Reason for refusing a credential.
 #[derive(Debug)]
 enum Refusal {
-    /// A check failed: of this key, when it is known, at this check.
+    /// A check failed: the id of the key, if known, and the name of the check.
     Check(Option<String>, &'static str),
-    /// It is known who asks, and that they may do nothing here.
+    /// The caller is authenticated but has no role or tenant here.
     Nobody(&'static str),
-    /// It cannot be said now.
+    /// The credential cannot be checked at the moment.
     Later(ServiceError),
 }
 
@@ -98,12 +98,13 @@ impl From<&'static str> for Refusal {
     }
 }
 
-/// Who sends a request. `quiet`: the log has what is refused only at level debug, as there was much
-/// from the same address.
+/// Identifies the caller of a request. `quiet`: refusals are logged at level debug only, because the same address has
+/// caused many.
 ///
 /// # Errors
 /// [`ServiceError::Unauthenticated`] for everything that is not a valid key or token; [`ServiceError::Forbidden`] for
-/// tokens without a role; [`ServiceError::Unavailable`] when the store or the identity provider is away.
+/// tokens without a role or tenant; [`ServiceError::Unavailable`] if the store or the identity provider cannot be
+/// reached.
 pub async fn identify(app: &App, shown: Shown<'_>, quiet: bool) -> Result<Principal, ServiceError> {
     let found = match shown {
         Shown::Nothing if is_open(app).await? => return Ok(Principal::local()),
@@ -136,7 +137,7 @@ pub async fn identify(app: &App, shown: Shown<'_>, quiet: bool) -> Result<Princi
     })
 }
 
-/// Whether whoever reaches the service is let in.
+/// Whether the service accepts requests without credentials.
 ///
 /// # Errors
 /// A failure of the store.
@@ -144,10 +145,11 @@ pub async fn is_open(app: &App) -> Result<bool, ServiceError> {
     Ok(app.access().loopback && app.access().tokens.is_none() && !keys::exist(app).await?)
 }
 
-/// Refuses to serve strangers: without keys and identity provider, only this machine's users may reach the service.
+/// Checks that the service is not open to the network: without keys and identity provider, it may only listen on a
+/// loopback address.
 ///
 /// # Errors
-/// Why it must not start on `address`, and what to do, in one sentence.
+/// The reason why it must not start on `address`, and the remedy, in one sentence.
 pub async fn check_start(app: &App, address: SocketAddr) -> Result<(), String> {
     if app.access().loopback || app.access().tokens.is_some() {
         return Ok(());
@@ -163,7 +165,7 @@ pub async fn check_start(app: &App, address: SocketAddr) -> Result<(), String> {
 }
 
 impl App {
-    /// The same service with this access; before it takes requests.
+    /// Replaces the access control; called before the service takes requests.
     #[must_use]
     pub fn with_access(self, access: Access) -> Self {
         self.put_state(access);
@@ -174,7 +176,7 @@ impl App {
         self.state()
     }
 
-    /// Whether the metrics are shown to everyone.
+    /// Whether the metrics are readable without credentials.
     pub fn metrics_are_open(&self) -> bool {
         self.access().metrics_open
     }

@@ -1,9 +1,9 @@
-//! The public keys of an identity provider: fetched when they are needed, and kept while it is away.
+//! Public keys of an identity provider: fetched on demand, and kept while the provider cannot be reached.
 //!
-//! * A key id that is not known is asked for, at most once in [`MISS_PAUSE`]: so a new key of the provider is found at once,
-//!   and invented ids do not lead to a flood of requests.
-//! * Keys older than [`OLD`] are fetched anew beside the requests: so a key that was withdrawn is forgotten.
-//! * When that fails, the last good set stays.
+//! * An unknown key id triggers a request to the provider, at most once per [`MISS_PAUSE`]: new keys are found at once,
+//!   and invented ids do not flood the provider.
+//! * Keys older than [`OLD`] are refreshed in the background, so that withdrawn keys are forgotten.
+//! * If a refresh fails, the last valid set stays.
 
 use std::collections::HashMap;
 use std::sync::{Arc, RwLock};
@@ -16,20 +16,20 @@ use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
-/// Shortest time between two requests because of unknown key ids.
+/// Minimum time between two requests caused by unknown key ids.
 const MISS_PAUSE: Duration = Duration::from_secs(60);
-/// Shortest time between two requests as long as there is no set at all.
+/// Minimum time between two requests while no set of keys is known.
 const FIRST_PAUSE: Duration = Duration::from_secs(5);
-/// Age at which the keys are fetched anew.
+/// Age at which the keys are refreshed.
 const OLD: Duration = Duration::from_secs(900);
-/// Longest time of a request to the provider.
+/// Timeout of a request to the provider.
 const TIMEOUT: Duration = Duration::from_secs(5);
-/// Longest answer of the provider.
+/// Maximum size of a response of the provider.
 const MOST_BYTES: usize = 1 << 20;
-/// Most keys of a set.
+/// Maximum number of keys in a set.
 const MOST_KEYS: usize = 256;
 
-/// A public key, and the one algorithm it is for, when the provider says so.
+/// A public key and, if the provider declares it, its algorithm.
 #[derive(Debug)]
 pub(super) struct ProviderKey {
     pub(super) key: DecodingKey,
@@ -38,7 +38,7 @@ pub(super) struct ProviderKey {
 
 type Keys = HashMap<String, Arc<ProviderKey>>;
 
-/// The identity provider. Clones share what is known of it.
+/// The identity provider. Clones share its keys.
 #[derive(Debug, Clone)]
 pub(super) struct Provider(Arc<Inner>);
 
@@ -46,10 +46,10 @@ pub(super) struct Provider(Arc<Inner>);
 struct Inner {
     client: Client,
     issuer: String,
-    /// Where the keys are, when it is set rather than discovered.
+    /// Address of the keys, if configured; otherwise it is discovered.
     jwks_url: Option<Url>,
     known: RwLock<Known>,
-    /// Held while the provider is asked.
+    /// Held during a request to the provider.
     asking: tokio::sync::Mutex<Asked>,
 }
 
@@ -61,17 +61,17 @@ struct Known {
 
 #[derive(Debug, Default)]
 struct Asked {
-    /// When it was last asked at all.
+    /// Time of the last request.
     last: Option<Instant>,
-    /// When it was last asked because of an unknown key id.
+    /// Time of the last request caused by an unknown key id.
     miss: Option<Instant>,
 }
 
-/// The provider has not answered since the start.
+/// No keys are known: the provider has not answered since the start.
 #[derive(Debug)]
 pub(super) struct Away;
 
-/// The part of OpenID Connect discovery that is needed.
+/// Fields of the OpenID Connect discovery document that are used.
 #[derive(Debug, Deserialize)]
 struct Discovery {
     issuer: String,
@@ -84,10 +84,10 @@ struct KeySet {
 }
 
 impl Provider {
-    /// Asks nothing yet.
+    /// An identity provider; sends no request yet.
     ///
     /// # Errors
-    /// Addresses that are none, or that others could answer for.
+    /// Addresses that are not valid URLs, or that use unencrypted HTTP to another machine.
     pub(super) fn new(issuer: &str, jwks_url: Option<&str>) -> Result<Self, String> {
         address(issuer)?;
         let jwks_url = jwks_url.map(address).transpose()?;
@@ -101,10 +101,10 @@ impl Provider {
         Ok(Self(Arc::new(Inner { client, issuer: issuer.into(), jwks_url, known, asking })))
     }
 
-    /// The key with this id.
+    /// Finds the key with this id.
     ///
     /// # Errors
-    /// [`Away`] when no key at all is known.
+    /// [`Away`] if no keys are known.
     pub(super) async fn find(&self, id: &str) -> Result<Option<Arc<ProviderKey>>, Away> {
         let (key, since) = self.known(id);
         if key.is_none() {
@@ -124,10 +124,10 @@ impl Provider {
         (known.keys.get(id).cloned(), known.since)
     }
 
-    /// Asks the provider because of an unknown key id, unless it was asked lately.
+    /// Fetches the keys because of an unknown key id, unless they were requested recently.
     async fn ask_for(&self, id: &str) {
         let mut asked = self.0.asking.lock().await;
-        // Who waited for its turn may find the key now.
+        // A task that waited for the lock may find the key now.
         let (key, since) = self.known(id);
         if key.is_some() {
             return;
@@ -142,7 +142,7 @@ impl Provider {
         self.fetch().await;
     }
 
-    /// Asks the provider because its keys are old, unless it was asked lately.
+    /// Refreshes old keys, unless they were requested recently.
     async fn renew(&self) {
         let Ok(mut asked) = self.0.asking.try_lock() else { return };
         if asked.last.is_some_and(|last| last.elapsed() < MISS_PAUSE) {
@@ -152,7 +152,7 @@ impl Provider {
         self.fetch().await;
     }
 
-    /// Takes over the keys of the provider; those that were known stay when it does not answer well.
+    /// Replaces the keys with those of the provider; if the request fails, the known keys stay.
     async fn fetch(&self) {
         match self.fetched().await {
             Ok(keys) => {
@@ -174,7 +174,7 @@ impl Provider {
         if keys.is_empty() { Err("no key of its set can be used".into()) } else { Ok(keys) }
     }
 
-    /// Where the provider says that its keys are.
+    /// Address of the keys according to the discovery document.
     async fn discovered(&self) -> Result<Url, String> {
         let issuer = &self.0.issuer;
         let url = format!("{}/.well-known/openid-configuration", issuer.trim_end_matches('/'));
@@ -210,7 +210,7 @@ fn kind_of(error: &reqwest::Error) -> &'static str {
     }
 }
 
-/// An address of which the network cannot forge the answers: by TLS, or on this machine.
+/// Parses an address whose responses cannot be forged on the network: HTTPS, or a loopback address.
 fn address(text: &str) -> Result<Url, String> {
     let url = Url::parse(text).map_err(|error| format!("'{text}' is not a URL: {error}"))?;
     let host = url.host_str().unwrap_or_default();
@@ -221,7 +221,7 @@ fn address(text: &str) -> Result<Url, String> {
     }
 }
 
-/// A key of the set with its id, when it verifies signatures by an algorithm that is known here.
+/// A key of the set with its id, if it verifies signatures with a supported algorithm.
 fn usable(value: Value) -> Option<(String, Arc<ProviderKey>)> {
     let jwk: Jwk = serde_json::from_value(value).ok()?;
     if jwk.common.public_key_use.as_ref().is_some_and(|purpose| *purpose != PublicKeyUse::Signature) {

@@ -1,7 +1,7 @@
-//! Bearer tokens of an identity provider: JSON Web Tokens (RFC 7519) that are used for access (RFC 9068).
+//! Bearer tokens of an identity provider: JSON Web Tokens (RFC 7519) used as access tokens (RFC 9068).
 //!
-//! Checked are, in this order: the form, the algorithm (of a fixed list of asymmetric ones), the key it was signed with, the
-//! signature, issuer, audience, the time, and what the token says about role and tenant.
+//! Checks, in this order: form, algorithm (one of a fixed list of asymmetric algorithms), signing key, signature,
+//! issuer, audience, time, and the claims for role and tenant.
 
 use jsonwebtoken::errors::ErrorKind;
 use jsonwebtoken::{Algorithm, Header, Validation, decode, decode_header};
@@ -12,7 +12,7 @@ use super::provider::{Away, Provider};
 use crate::domain::access::{DEFAULT_TENANT, Principal, Role, tenant_problem};
 use crate::service::app::{ServiceError, now_ms};
 
-/// The algorithms that are accepted: never one with a shared secret, never none.
+/// Accepted algorithms; those with a shared secret and `none` are never accepted.
 const ALGORITHMS: [Algorithm; 6] = [
     Algorithm::RS256,
     Algorithm::RS384,
@@ -21,31 +21,32 @@ const ALGORITHMS: [Algorithm; 6] = [
     Algorithm::ES384,
     Algorithm::EdDSA,
 ];
-/// Longest subject that is told in logs and in the audit trail.
+/// Maximum length of a subject in logs and in the audit trail.
 const MAX_SUBJECT_CHARS: usize = 255;
-/// What stands for the key of those who show a token.
+/// Key id that stands for all bearers of tokens.
 const KEY: &str = "oidc";
 
-/// The identity provider, and what its tokens say.
+/// The identity provider and the meaning of its tokens.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct TokenSettings {
-    /// Its address: the claim `iss`.
+    /// Issuer: the expected claim `iss`.
     pub issuer: String,
-    /// Who the tokens are for: the claim `aud`, or one of its values.
+    /// Audience: the claim `aud`, or one of its values.
     pub audience: String,
-    /// Where its keys are; discovered when none.
+    /// Address of its keys; `None` to discover it.
     pub jwks_url: Option<String>,
-    /// The claim with the role; with dots, inside of objects.
+    /// Claim with the role; dots address fields of nested objects.
     pub role_claim: String,
-    /// The claim with the tenant; all are of the default one when none.
+    /// Claim with the tenant; `None` to assign the default tenant to all tokens.
     pub tenant_claim: Option<String>,
-    /// Seconds by which clocks may differ.
+    /// Tolerated clock difference in seconds.
     pub leeway_s: u64,
-    /// Whether a token must say that it is one for access: ID tokens, which are for the client alone, do not.
+    /// Whether tokens must declare themselves as access tokens (`at+jwt`). ID tokens, which are meant for the client
+    /// alone, do not.
     pub access_only: bool,
 }
 
-/// What checks tokens.
+/// Verifies tokens.
 #[derive(Debug)]
 pub(super) struct Verifier {
     settings: TokenSettings,
@@ -57,7 +58,7 @@ impl Verifier {
         Self { settings, provider }
     }
 
-    /// Who shows the token.
+    /// Authenticates the bearer of the token.
     pub(super) async fn check(&self, token: &str) -> Result<Principal, Refusal> {
         let header = decode_header(token).map_err(|error| failed_check(error.kind()))?;
         let key_id = known_form(&header)?;
@@ -92,7 +93,7 @@ impl Verifier {
         validation
     }
 
-    /// Who the claims speak of.
+    /// Principal described by the claims.
     fn principal(&self, claims: &Map<String, Value>) -> Result<Principal, Refusal> {
         let role = claim(claims, &self.settings.role_claim).and_then(highest_role);
         let role = role.ok_or(Refusal::Nobody("the token has none of the roles reader, writer, admin"))?;
@@ -114,7 +115,7 @@ impl Verifier {
     }
 }
 
-/// The key id of a token that may be looked at further.
+/// Key id of a token with an accepted header.
 fn known_form(header: &Header) -> Result<&str, &'static str> {
     if !ALGORITHMS.contains(&header.alg) {
         return Err("algorithm of a token that is not accepted");
@@ -125,20 +126,20 @@ fn known_form(header: &Header) -> Result<&str, &'static str> {
     header.kid.as_deref().ok_or("a token without key id")
 }
 
-/// Whether a type names tokens for access (RFC 9068): the media type, with or without what stands before the slash.
+/// Whether a type names access tokens (RFC 9068): the media type, with or without the prefix `application/`.
 fn is_access_type(text: &str) -> bool {
     let text = text.to_ascii_lowercase();
     text.strip_prefix("application/").unwrap_or(&text) == "at+jwt"
 }
 
-/// Whether the claims say that they were made later than now: the clock of one of the two is wrong. One that is no number says
-/// nothing that can be believed.
+/// Whether the token claims to be issued in the future, which means that one of the two clocks is wrong. A claim that
+/// is not a number is treated the same way, because it proves nothing.
 fn is_from_the_future(claims: &Map<String, Value>, now_ms: i64, leeway_s: u64) -> bool {
     let Some(issued) = claims.get("iat") else { return false };
     issued.as_f64().is_none_or(|issued_s| issued_s > now_ms as f64 / 1000.0 + leeway_s as f64)
 }
 
-/// The failed check in the words of the log; the library's own may repeat parts of the token.
+/// Name of the failed check for the log; messages of the library may repeat parts of the token.
 fn failed_check(error: &ErrorKind) -> Refusal {
     let check = match error {
         ErrorKind::InvalidSignature => "bad signature of a token",
@@ -153,7 +154,7 @@ fn failed_check(error: &ErrorKind) -> Refusal {
     check.into()
 }
 
-/// The claim with this name, or, when there is none, what lies at it as a path with dots.
+/// The claim with this name; if there is none, the value at `name` read as a path with dots.
 fn claim<'a>(claims: &'a Map<String, Value>, name: &str) -> Option<&'a Value> {
     claims.get(name).or_else(|| {
         let (first, rest) = name.split_once('.')?;
@@ -161,7 +162,7 @@ fn claim<'a>(claims: &'a Map<String, Value>, name: &str) -> Option<&'a Value> {
     })
 }
 
-/// The highest of the roles in a list, or in a text with spaces.
+/// Highest role in a list, or in a string with spaces.
 fn highest_role(value: &Value) -> Option<Role> {
     match value {
         Value::String(text) => text.split_whitespace().filter_map(Role::of_word).max(),

@@ -1,12 +1,12 @@
-//! What the program was made from.
+//! Build information of the program.
 
 /// Version of the program.
 pub const VERSION: &str = env!("CARGO_PKG_VERSION");
-/// The commit, when it was known to the build.
+/// Commit, if known at build time.
 pub const COMMIT: Option<&str> = option_env!("SHAPELEX_BUILD_COMMIT");
-/// The compiler.
+/// Compiler version.
 pub const RUSTC: &str = env!("SHAPELEX_BUILD_RUSTC");
-/// Version and, when it is known, commit in one line.
+/// Version and, if known, commit, in one line.
 pub const LINE: &str = env!("SHAPELEX_BUILD_LINE");
-/// The optional parts that were built in.
+/// Optional features that were built in.
 pub const FEATURES: &[&str] = if cfg!(feature = "otel") { &["otel"] } else { &[] };

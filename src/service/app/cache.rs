@@ -1,4 +1,4 @@
-//! One cache of values that take longer to compute than to look up: of any type, bounded in bytes, least recently used out first.
+//! A single cache for expensive results of any type: bounded in bytes, evicts the least recently used.
 
 use std::any::{Any, TypeId};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use super::metrics;
 
-/// Largest capacity of the cache in bytes.
+/// Maximum capacity of the cache in bytes.
 const MAX_BYTES: usize = 768 << 20;
 
 /// A type whose values are cached.
@@ -16,12 +16,12 @@ pub trait Cached: Send + Sync + 'static {
     /// Label of the type in the metrics.
     const NAME: &'static str;
 
-    /// Memory that the value takes, estimated.
+    /// Estimated memory of the value in bytes.
     fn bytes(&self) -> usize;
 }
 
-/// Identifies a value: its type, the id of the stored object that it was computed from (empty if there is none), and a digest
-/// of everything else that it depends on.
+/// Identifies a value: its type, the id of the stored object it was computed from (empty if there is none), and a
+/// digest of everything else it depends on.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 struct Key {
     kind: TypeId,
@@ -45,9 +45,9 @@ struct Entry {
 
 #[derive(Debug, Default)]
 struct Entries {
-    /// From the least to the most recently used.
+    /// Ordered from the least to the most recently used.
     list: LinkedHashMap<Key, Entry>,
-    /// Sum over the list.
+    /// Total size of the list.
     bytes: usize,
 }
 
@@ -80,12 +80,12 @@ impl Cache {
         value.downcast().ok()
     }
 
-    /// Whether a value is there; the metrics do not count this.
+    /// Whether a value is cached; does not affect the metrics.
     pub fn has<T: Cached>(&self, object: &str, settings: &impl Serialize) -> bool {
         Key::new::<T>(object, settings).is_some_and(|key| self.locked().list.contains_key(&key))
     }
 
-    /// Keeps a value, and evicts the least recently used ones that there is no room for beside it.
+    /// Caches a value and evicts the least recently used ones until it fits.
     pub fn keep<T: Cached>(&self, object: &str, settings: &impl Serialize, value: &Arc<T>) {
         let bytes = value.bytes();
         let Some(key) = Key::new::<T>(object, settings).filter(|_| bytes <= self.capacity) else { return };
@@ -99,7 +99,7 @@ impl Cache {
         }
     }
 
-    /// Drops all values computed from an object that was deleted.
+    /// Evicts all values computed from a deleted object.
     pub fn forget(&self, object: &str) {
         let mut entries = self.locked();
         entries.list.retain(|key, _| key.object != object);

@@ -1,14 +1,14 @@
-//! Whether the clock of the machine can be believed: what is removed for its age comes back for no one.
+//! Plausibility of the machine's clock: data removed by age cannot be recovered.
 //!
-//! The store keeps the newest time that was believed. A clock that is more than `SLACK_MS` away from it (a machine that starts
-//! with another year, one that was off for long, a jump while it runs) is not believed at once: nothing is removed for its age
-//! until the clock is back, until an administrator confirms it (`shapelex confirm-clock`), or until it has advanced in step with
-//! the time that really passes for `PROOF_MS`, over restarts too, while no other process believes another time.
+//! The store keeps the newest trusted time. A clock more than `SLACK_MS` away from it (a machine that starts with a
+//! wrong year, one that was off for long, a jump while it runs) is not trusted at once. Nothing is removed by age until
+//! the clock is back, until an administrator confirms it (`shapelex confirm-clock`), or until it has advanced in step
+//! with elapsed time for `PROOF_MS`, across restarts too, while no other process trusts a different time.
 //!
 //! ```text
-//! believed, at its last look + time passed ≈ now  → believed
-//! else candidate + time passed ≈ now              → proven += time passed; believed from PROOF_MS on
-//! else                                            → candidate = now, proven = 0
+//! trusted time at the last check + time passed ≈ now  → trusted
+//! else candidate + time passed ≈ now                  → proven += time passed; trusted from PROOF_MS on
+//! else                                                → candidate = now, proven = 0
 //! ```
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -19,32 +19,31 @@ use super::error::ServiceError;
 use super::metrics;
 use crate::store::{ClockNotes, Store, StoreError};
 
-/// Milliseconds of a day.
 const DAY_MS: i64 = 24 * 3600 * 1000;
-/// Largest step that is believed: a night or a day off, a change of the time zone that was written as local time.
+/// Largest trusted step: a night or a day off, or a time zone change stored as local time.
 const SLACK_MS: i64 = DAY_MS;
-/// Time in which a clock must advance as time does to be believed: a day for somebody to read the log.
+/// Time for which a clock must advance plausibly before it is trusted: a day in which an operator can read the log.
 const PROOF_MS: i64 = DAY_MS;
-/// The earliest time that can be true, 2020-01-01: this program is younger.
+/// Earliest plausible time, 2020-01-01: this program is younger.
 const EARLIEST_MS: i64 = 1_577_836_800_000;
 
-/// What this process knows of the clock.
+/// State of the clock check in this process.
 #[derive(Debug, Default)]
 pub struct Clock {
     last: Mutex<Option<Look>>,
 }
 
-/// A look at the clock.
+/// One check of the clock.
 #[derive(Debug, Clone, Copy)]
 struct Look {
     at: Instant,
-    /// The time that the store believed then.
+    /// Time trusted by the store at that moment.
     believed_ms: Option<i64>,
-    /// The time that it was then, if what was believed is true.
+    /// Actual time at that moment, provided that the trusted time is right.
     expected_ms: Option<i64>,
 }
 
-/// What a look has brought.
+/// Result of a check.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Finding {
     is_believed: bool,
@@ -58,12 +57,12 @@ impl Finding {
     }
 }
 
-/// Whether the clock, which shows `now_ms`, is to be believed; what the store keeps of it from now on.
+/// Decides whether a clock that shows `now_ms` is trusted, and what the store notes about it.
 ///
-/// `last`: the last look of this process, and the time that has really passed since.
+/// `last`: the last check of this process and the time elapsed since.
 fn judge(notes: ClockNotes, last: Option<(Look, Duration)>, now_ms: i64) -> Finding {
     let passed = last.map_or(0, |(_, passed)| i64::try_from(passed.as_millis()).unwrap_or(i64::MAX));
-    // What another process has noted since is no older than the last look of this one.
+    // Notes of another process since then are no older than the last check of this one.
     let own = last.filter(|(look, _)| look.believed_ms == notes.believed_ms);
     let expected_ms = own.map_or(notes.believed_ms, |(look, _)| Some(look.expected_ms? + passed));
     if expected_ms.is_none_or(|expected| (now_ms - expected).abs() <= SLACK_MS) {
@@ -85,8 +84,8 @@ impl Clock {
         self.last.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The time for what is kept for a term from now on: what the clock shows, but no earlier than what is believed, so that a
-    /// clock that was behind and is set right does not end the term.
+    /// Current time for records that expire. It is the clock's time, but never earlier than the trusted time, so that
+    /// correcting a slow clock does not expire them early.
     pub fn stamp_ms(&self) -> i64 {
         let last = *self.last();
         last.and_then(|look| look.expected_ms).map_or_else(now_ms, |expected| expected.max(now_ms()))
@@ -94,7 +93,7 @@ impl Clock {
 }
 
 impl App {
-    /// What this process knows of the machine's clock.
+    /// State of the clock check in this process.
     pub(in crate::service) fn clock(&self) -> Arc<Clock> {
         self.state()
     }
@@ -105,7 +104,7 @@ pub fn now_ms() -> i64 {
     jiff::Timestamp::now().as_millisecond()
 }
 
-/// Looks at the clock: whether what is removed for its age may be removed now.
+/// Checks the clock; returns whether data may now be removed by age.
 ///
 /// # Errors
 /// Those of the store.
@@ -133,7 +132,7 @@ fn warn(now_ms: i64, expected_ms: i64) {
     );
 }
 
-/// Believes the clock as it is now; what it shows.
+/// Trusts the clock as it is now; returns the time it shows.
 ///
 /// # Errors
 /// Those of the store.
@@ -143,10 +142,10 @@ pub async fn confirm(store: &Store) -> Result<String, StoreError> {
     Ok(time(now))
 }
 
-/// Refuses a clock that shows a time before this program.
+/// Refuses a clock that shows a time before this program existed.
 ///
 /// # Errors
-/// What it shows, and what to do.
+/// The time it shows, and the remedy.
 pub fn check() -> Result<(), String> {
     check_time(now_ms())
 }
@@ -173,7 +172,7 @@ mod tests {
     const NOW: i64 = 1_800_000_000_000;
     const HOUR_MS: i64 = 3_600_000;
 
-    /// Looks of one process, so many hours of real time after each other, at a clock that shows so many hours after `NOW`.
+    /// Checks by one process, at the given hours of elapsed time, of a clock that shows the given hours after `NOW`.
     fn looks(mut notes: ClockNotes, steps: &[(u64, i64)]) -> (Vec<bool>, ClockNotes) {
         let (mut last, mut found) = (None, Vec::new());
         for (hours, shown) in steps {
@@ -234,7 +233,7 @@ mod tests {
     fn who_stands_against_another_process_is_not_believed() {
         let year = 400 * 24;
         let (_, mut notes) = looks(believed(), &[(0, year), (20, year + 20)]);
-        // The other process has believed its own clock meanwhile.
+        // The other process has trusted its own clock in between.
         notes.believed_ms = Some(NOW + 25 * HOUR_MS);
         let look = Look { at: Instant::now(), believed_ms: Some(NOW), expected_ms: Some(NOW + 20 * HOUR_MS) };
         let passed = Duration::from_secs(5 * 3600);

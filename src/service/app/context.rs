@@ -1,4 +1,4 @@
-//! The context of a use case.
+//! Context of a use case.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -21,30 +21,30 @@ use crate::store::Store;
 /// Everything a use case needs; cheap to clone.
 #[derive(Debug, Clone)]
 pub struct App {
-    /// Where cohorts live.
+    /// The store.
     pub store: Store,
-    /// Sizes that are accepted.
+    /// Limits on sizes and times.
     pub limits: Limits,
-    /// Where arithmetic runs.
+    /// Threads for computations.
     pub pool: Pool,
-    /// Who asks.
+    /// The caller.
     pub principal: Arc<Principal>,
-    /// The idempotency key of the request, if it has one.
+    /// Idempotency key of the request, if it has one.
     pub(in crate::service) retry: Option<Retry>,
     /// Priority of the jobs that the request creates.
     pub(in crate::service) priority: Priority,
-    /// Ids of the objects that the request is about, for the audit trail.
+    /// Ids of the objects that the request concerns, for the audit trail.
     pub touched: Touched,
     pub(super) draining: CancellationToken,
-    /// Accounts of the memory that requests and answers hold.
+    /// Memory accounts of requests and answers.
     pub memory: Memory,
-    /// Results that are kept because they are asked for again and again.
+    /// Cache of expensive results.
     pub cache: Arc<Cache>,
     pub(super) state: State,
 }
 
 impl App {
-    /// From an open store; `threads` compute threads (0: one per core).
+    /// A context with an open store and `threads` compute threads (0: one per core).
     pub fn new(store: Store, limits: Limits, threads: usize) -> Self {
         Self {
             store,
@@ -61,46 +61,46 @@ impl App {
         }
     }
 
-    /// The same service as `principal` sees it, for one request: its work stops when nobody waits for it any more.
+    /// The context of one request of `principal`: its work stops when the client stops waiting.
     pub fn of(&self, principal: Arc<Principal>) -> Self {
         let store = self.store.of(Arc::clone(&principal));
         let pool = self.pool.of_request(&principal);
         Self { store, principal, pool, ..self.clone() }
     }
 
-    /// The same request, at something that is predicted to take so much.
+    /// The same request with a prediction of its work.
     pub fn weighing(&self, work: Work) -> Self {
         Self { pool: self.pool.weighing(work), ..self.clone() }
     }
 
-    /// The same request, whose work shall have ended at `deadline`.
+    /// The same request with a `deadline` for its work.
     #[must_use]
     pub fn until(&self, deadline: Instant) -> Self {
         Self { pool: self.pool.until(deadline), ..self.clone() }
     }
 
-    /// The same request, whose jobs are so urgent.
+    /// The same request with this priority for its jobs.
     #[must_use]
     pub fn with_priority(self, priority: Priority) -> Self {
         Self { priority, ..self }
     }
 
-    /// The same service, noting what it is asked about.
+    /// The same context, recording the objects that the request concerns.
     pub fn noting(self, touched: Touched) -> Self {
         Self { touched, ..self }
     }
 
-    /// State that the owner of `T` keeps for the life of the process, shared by all requests; its default at first use.
+    /// State of type `T` kept for the life of the process and shared by all requests; created by default on first use.
     pub(in crate::service) fn state<T: Default + Send + Sync + 'static>(&self) -> Arc<T> {
         self.state.get()
     }
 
-    /// Replaces the state of the owner of `T`; before the service takes requests.
+    /// Replaces the state of type `T`; called before the service takes requests.
     pub(in crate::service) fn put_state<T: Send + Sync + 'static>(&self, value: T) {
         self.state.put(value);
     }
 
-    /// Refuses a caller whose key is limited to some cohorts.
+    /// Refuses a caller whose key is limited to certain cohorts.
     ///
     /// # Errors
     /// [`ServiceError::Forbidden`].
@@ -113,7 +113,7 @@ impl App {
         }
     }
 
-    /// From now on the service reports that it is going away, and what waits for news of a job ends.
+    /// Begins the shutdown: the service reports that it is stopping, and requests that wait for news of a job end.
     pub fn drain(&self) {
         self.draining.cancel();
     }
@@ -128,7 +128,7 @@ impl App {
         self.draining.is_cancelled()
     }
 
-    /// Whether requests can be served: nobody asked to stop, the threads of the lanes take turns, and the store accepts a
+    /// Checks that requests can be served: the service is not stopping, no lane is stuck, and the store accepts a
     /// write.
     ///
     /// # Errors

@@ -1,4 +1,4 @@
-//! What a use case can refuse. No status codes: [`problem`](super::problem) translates.
+//! Errors of use cases. They carry no status codes; [`problem`](super::problem) translates them.
 
 use serde::{Deserialize, Serialize};
 
@@ -6,21 +6,21 @@ use crate::analysis::AnalysisError;
 use crate::formats::{InputError, brief, brief_pointer};
 use crate::store::StoreError;
 
-/// One thing wrong with an input.
+/// A single fault of an input.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Fault {
-    /// JSON pointer into the body; for a stream, into its line.
+    /// JSON pointer into the body or, for a stream, into its line.
     pub pointer: String,
-    /// What is wrong and what to do.
+    /// Description of the fault and its remedy.
     pub detail: String,
     /// Position of the shape in the batch or stream.
     pub index: Option<usize>,
-    /// Line of a stream, from 1.
+    /// Line of a stream, counted from 1.
     pub line: Option<u64>,
 }
 
 impl Fault {
-    /// A fault of the request as a whole, which repeats in short what the client has sent.
+    /// A fault of the request as a whole; input quoted in it is shortened.
     pub fn new(pointer: impl Into<String>, detail: impl Into<String>) -> Self {
         let (pointer, detail) = (brief_pointer(pointer.into()), brief(detail.into()));
         Self { pointer, detail, index: None, line: None }
@@ -33,126 +33,126 @@ impl From<InputError> for Fault {
     }
 }
 
-/// A page of entries and the cursor of the next one.
+/// A page of entries and the cursor of the next page.
 pub type Page<T> = (Vec<T>, Option<String>);
 
-/// Most faults in one answer: a broken export of a million shapes breaks every one of them.
+/// Maximum number of faults in an answer: a broken export of a million shapes has a fault in each of them.
 pub const MAX_FAULTS: usize = 100;
 
-/// Why a use case did not happen.
+/// Reason why a use case failed.
 #[derive(Debug, thiserror::Error)]
 pub enum ServiceError {
     /// The input breaks a rule.
     #[error("invalid input: {}", faults_text(.0))]
     Invalid(Vec<Fault>),
-    /// The input breaks rules in more places than are named.
+    /// The input breaks rules in more places than are listed.
     #[error("invalid input: {}", faults_text(.faults))]
     InvalidOften {
-        /// The first of them.
+        /// The first faults.
         faults: Vec<Fault>,
-        /// How many there are.
+        /// Total number of faults.
         found: usize,
     },
-    /// The text is not JSON, or not UTF-8.
+    /// The input is not JSON, or not UTF-8.
     #[error("malformed input: {}", faults_text(.0))]
     Malformed(Vec<Fault>),
-    /// Shapes have no subspace under the class.
+    /// Shapes that have no subspace under the class.
     #[error("degenerate shapes: {}", faults_text(.0))]
     DegenerateShape(Vec<Fault>),
     /// Too few shapes for statistics.
     #[error("{found} shapes, at least {needed} are needed")]
     TooFewShapes {
-        /// Shapes there are.
+        /// Number of shapes given.
         found: usize,
-        /// Shapes needed.
+        /// Number of shapes needed.
         needed: usize,
     },
     /// A query parameter breaks a rule.
     #[error("{0}")]
     Query(String),
-    /// Nothing has this name or id.
+    /// No object has this name or id.
     #[error("there is no {kind} '{key}'")]
     NotFound {
-        /// `cohort`, `shape`, `job`.
+        /// Kind of object: `cohort`, `shape`, `job`.
         kind: &'static str,
-        /// What was asked for.
+        /// Requested name or id.
         key: String,
     },
-    /// A cohort has this name already.
+    /// Another cohort has this name.
     #[error("a cohort named '{name}' exists already")]
     NameTaken {
-        /// The name.
+        /// Requested name.
         name: String,
     },
     /// Another shape has this external id.
     #[error("{} {}", .0.pointer, .0.detail)]
     ExternalIdConflict(Fault),
-    /// A line or body is longer than allowed.
+    /// A line or body exceeds its maximum length.
     #[error("{}", .0.detail)]
     TooLarge(Fault),
     /// The body ended early or stalled.
     #[error("{0}")]
     Interrupted(String),
-    /// A job that is finished cannot be cancelled.
+    /// A finished job cannot be cancelled.
     #[error("the job '{id}' has {status} already")]
     JobFinished {
-        /// Its id.
+        /// Id of the job.
         id: String,
-        /// How it ended.
+        /// Final status of the job.
         status: &'static str,
     },
-    /// The work was asked to stop before it was done.
+    /// The work was interrupted before its end.
     #[error("the work was cancelled before it was done")]
     Cancelled,
-    /// It is not known who asks.
+    /// The request has no valid credential.
     #[error("a valid key or token is needed, in the header 'Authorization: Bearer …'")]
     Unauthenticated,
-    /// It is known who asks, and that they may not.
+    /// The caller is authenticated but not authorised.
     #[error("{0}")]
     Forbidden(String),
-    /// Try again later.
+    /// Temporarily impossible; the request can be retried later.
     #[error("{0}")]
     Unavailable(String),
-    /// The key of a request that may be sent again belongs to another request.
+    /// The idempotency key belongs to another request.
     #[error("the Idempotency-Key was given to another request before; take a new one")]
     KeyReused,
-    /// It is not as it was when the client looked.
+    /// The object has changed since the client read it.
     #[error("{0}")]
     Changed(String),
-    /// Changes that old are not kept any more.
+    /// Changes of that age are no longer kept.
     #[error(
         "changes before number {first} are not kept any more: read everything again, then go on from the last"
     )]
     ChangesGone {
-        /// The first that is kept.
+        /// Number of the first change that is kept.
         first: u64,
     },
-    /// There is no room to store anything; reading goes on.
+    /// No storage space is left; reads continue.
     #[error("{0}")]
     NoSpace(String),
-    /// More is asked for than can be done at once.
+    /// The service is overloaded.
     #[error("{0}; try again in a moment")]
     Overloaded(String),
-    /// The work took longer than any may.
+    /// The work exceeded the maximum time.
     #[error(
         "the work was ended after {seconds} s, which is longer than any may take: ask for less at a time"
     )]
     TookTooLong {
-        /// After how many.
+        /// That time.
         seconds: u64,
     },
-    /// The work that is asked for is predicted to take longer than a request may.
+    /// The predicted work exceeds the maximum for a request.
     #[error(
         "this is predicted to take {seconds:.1} s of compute time, at most {most} s are given: ask for fewer or smaller \
          shapes at a time, or for less of each"
     )]
     TooCostly {
-        /// Predicted.
+        /// Predicted compute time.
         seconds: f64,
-        /// Allowed.
+        /// Maximum compute time.
         most: f64,
     },
-    /// A bug or a broken machine; the cause is for the log only.
+    /// A bug or a hardware failure; the cause goes to the log only.
     #[error("internal error: {0}")]
     Internal(String),
 }
@@ -162,7 +162,7 @@ fn faults_text(faults: &[Fault]) -> String {
 }
 
 impl ServiceError {
-    /// What the log says of it: the cause where something broke, and nothing that a client has sent.
+    /// Text for the log: the cause if something is broken, and never data sent by a client.
     pub fn cause(&self) -> &str {
         match self {
             Self::Unavailable(cause) | Self::NoSpace(cause) | Self::Internal(cause) => cause,
@@ -172,32 +172,32 @@ impl ServiceError {
         }
     }
 
-    /// One fault.
+    /// An error with a single fault.
     pub fn invalid(pointer: impl Into<String>, detail: impl Into<String>) -> Self {
         Self::Invalid(vec![Fault::new(pointer, detail)])
     }
 
-    /// Input errors below a pointer.
+    /// Input errors, located below a pointer.
     pub fn below(errors: Vec<InputError>, pointer: &str) -> Self {
         Self::Invalid(errors.into_iter().map(|error| error.below(pointer).into()).collect())
     }
 
-    /// Nothing, or all faults (at most [`MAX_FAULTS`]).
+    /// Succeeds if there are no faults; otherwise fails with all of them (at most [`MAX_FAULTS`]).
     ///
     /// # Errors
-    /// [`ServiceError::Invalid`] when there are faults.
+    /// [`ServiceError::Invalid`] if there are faults; [`ServiceError::InvalidOften`] if there are more than fit.
     pub fn unless_empty(faults: Vec<Fault>) -> Result<(), Self> {
         let found = faults.len();
         if found == 0 { Ok(()) } else { Err(Self::of_faults(faults, found)) }
     }
 
-    /// The first faults (at most [`MAX_FAULTS`]) of those that were `found`.
+    /// An error with the first faults (at most [`MAX_FAULTS`]) out of `found`.
     pub fn of_faults(mut faults: Vec<Fault>, found: usize) -> Self {
         faults.truncate(MAX_FAULTS);
         if found > faults.len() { Self::InvalidOften { faults, found } } else { Self::Invalid(faults) }
     }
 
-    /// The same error about a single shape that is not part of a list.
+    /// The same error for a single shape that is not part of a list.
     pub fn without_index(mut self) -> Self {
         if let Self::DegenerateShape(faults) = &mut self {
             faults.iter_mut().for_each(|fault| fault.index = None);
@@ -205,12 +205,12 @@ impl ServiceError {
         self
     }
 
-    /// An analysis error of a request whose shapes stand at `/shapes/{index}`.
+    /// Converts an analysis error of a request whose shapes are at `/shapes/{index}`.
     pub fn of_request(error: AnalysisError) -> Self {
         Self::of_analysis(error, |index| format!("/shapes/{index}"))
     }
 
-    /// An analysis error, with the pointer to a shape.
+    /// Converts an analysis error; `pointer` locates a shape by its index.
     pub fn of_analysis(error: AnalysisError, pointer: impl Fn(usize) -> String) -> Self {
         match error {
             AnalysisError::Degenerate { index, .. } | AnalysisError::NoExtent { index, .. } => {

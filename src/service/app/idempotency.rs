@@ -1,8 +1,8 @@
-//! Requests that are sent again: done once, answered as often as asked.
+//! Idempotent requests: executed once, answered as often as they are sent.
 //!
-//! What a request with an `Idempotency-Key` brings about is written together with a receipt, in one transaction. The same
-//! request again finds the receipt and is answered from it; another request with the same key is refused. There is no
-//! moment at which a process that ends leaves one without the other.
+//! The effect of a request with an `Idempotency-Key` and its receipt are written in one transaction. A repetition of
+//! the request finds the receipt and is answered from it; a different request with the same key is refused. A crash
+//! never leaves the effect without its receipt, nor the receipt without the effect.
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -12,19 +12,19 @@ use super::context::App;
 use super::error::ServiceError;
 use crate::domain::retry::{MAX_KEY_CHARS, Receipt, RetryKey, is_key};
 
-/// A request that may be sent again, as far as it has been read.
+/// An idempotent request, as far as it has been read.
 #[derive(Debug, Clone)]
 pub struct Retry {
     key: String,
-    /// Digest of the target and of what has been read of the body.
+    /// Digest of the target and the part of the body read so far.
     read: blake3::Hasher,
 }
 
 impl Retry {
-    /// A request to `target` (method and address) that the client calls `key`.
+    /// A request to `target` (method and address) with the idempotency key `key`.
     ///
     /// # Errors
-    /// [`ServiceError::Query`] when `key` cannot be one.
+    /// [`ServiceError::Query`] if `key` is not a valid key.
     pub fn new(key: &str, target: &str) -> Result<Self, ServiceError> {
         if !is_key(key) {
             let detail = format!("Idempotency-Key must have 1 to {MAX_KEY_CHARS} printable ASCII characters");
@@ -35,7 +35,7 @@ impl Retry {
         Ok(Self { key: key.into(), read })
     }
 
-    /// Reads on.
+    /// Adds a part of the body to the digest.
     pub(crate) fn update(&mut self, body: &[u8]) {
         self.read.update(body);
     }
@@ -46,12 +46,12 @@ impl Retry {
 }
 
 impl App {
-    /// The same service for a request that may be sent again.
+    /// The same context for a request with an idempotency key.
     pub fn with_retry(self, retry: Option<Retry>) -> Self {
         Self { retry, ..self }
     }
 
-    /// The same service for a request with this body.
+    /// The same context after reading this body.
     pub fn with_body(mut self, body: &[u8]) -> Self {
         if let Some(retry) = &mut self.retry {
             retry.update(body);
@@ -59,12 +59,12 @@ impl App {
         self
     }
 
-    /// The receipt of the present request, if it may be sent again.
+    /// Receipt of the current request, if it has an idempotency key.
     pub(crate) fn receipt(&self, outcome: impl Serialize) -> Option<Receipt> {
         self.retry.as_ref().map(|retry| receipt(retry, outcome))
     }
 
-    /// What the present request has brought about already.
+    /// Stored outcome of the current request, if it was executed before.
     ///
     /// # Errors
     /// [`ServiceError::KeyReused`].
@@ -76,13 +76,13 @@ impl App {
     }
 }
 
-/// The receipt of a request that has been read.
+/// Receipt of a request that has been read completely.
 pub(crate) fn receipt(retry: &Retry, outcome: impl Serialize) -> Receipt {
     let outcome = serde_json::to_value(outcome).unwrap_or(Value::Null);
     Receipt { request: retry.key(), outcome }
 }
 
-/// What a request that has been read has brought about already.
+/// Stored outcome of a request that has been read completely, if it was executed before.
 ///
 /// # Errors
 /// [`ServiceError::KeyReused`].

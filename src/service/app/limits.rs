@@ -1,73 +1,73 @@
-//! Limits of the service, checked before memory is taken or work begins.
+//! Limits of the service, checked before memory is allocated or work begins.
 
 use std::time::Duration;
 
 use super::memory::Quota;
 use crate::formats::bounds::Bounds;
 
-/// Sizes that are checked before memory is taken.
+/// Limits on sizes, rates and times.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Limits {
-    /// Control points of a representation.
+    /// Control points per representation.
     pub control_points: usize,
-    /// Points of a posted contour.
+    /// Points per posted contour.
     pub points: usize,
-    /// Shapes of a request that is answered from memory.
+    /// Shapes per request that is answered from memory.
     pub shapes: usize,
-    /// Numbers of the control points of all shapes of a request that is answered from memory.
+    /// Coordinates of all control points per request that is answered from memory.
     pub coordinates: usize,
-    /// Vertices of a refined mesh.
+    /// Vertices per refined mesh.
     pub vertices: usize,
-    /// Points that are answered, over all shapes.
+    /// Sample points per answer, over all shapes.
     pub samples: usize,
-    /// Numbers that an evaluation answers, over all shapes; each takes some 20 bytes of text.
+    /// Numbers per answer of an evaluation, over all shapes; each takes about 20 bytes of text.
     pub answer_numbers: usize,
-    /// Bytes of a request body, after decompression.
+    /// Bytes per request body, after decompression.
     pub body_bytes: usize,
-    /// Bytes of a line of an NDJSON stream.
+    /// Bytes per line of an NDJSON stream.
     pub line_bytes: usize,
-    /// Values of a JSON body, counted by its commas and brackets.
+    /// Values per JSON body, counted by its commas and brackets.
     pub json_values: usize,
-    /// How many times as long as on the wire a body may become, beyond its first MiB.
+    /// Maximum ratio of decompressed to transmitted size of a body, beyond its first MiB.
     pub compression_ratio: usize,
-    /// Bytes of the metadata of a shape, as JSON.
+    /// Bytes of JSON metadata per shape.
     pub metadata_bytes: usize,
-    /// Atoms or components of a dictionary.
+    /// Atoms or components per dictionary.
     pub atoms: usize,
-    /// Bytes of memory that a job may be predicted to take.
+    /// Predicted memory of a job in bytes.
     pub job_bytes: usize,
-    /// Bytes of a distance matrix.
+    /// Bytes per distance matrix.
     pub matrix_bytes: usize,
-    /// Multiply-adds that a distance matrix may be predicted to take to be answered at once; more become a job.
+    /// Predicted multiply-adds of a distance matrix that is answered at once; larger ones become a job.
     pub matrix_operations: usize,
-    /// Multiply-adds that a search may be predicted to take.
+    /// Predicted multiply-adds of a search.
     pub search_operations: usize,
-    /// Heavy requests that compute or wait for it; 0 means four per compute thread.
+    /// Heavy requests that run or wait at the same time; 0 means four per compute thread.
     pub heavy_requests: usize,
-    /// Time that a job may be predicted to take; one that takes three times as long is ended.
+    /// Predicted time of a job; a job that takes three times as long is ended.
     pub job_time: Duration,
-    /// Jobs of a tenant that may wait.
+    /// Queued jobs per tenant.
     pub queued_jobs: u32,
-    /// Time that the jobs of a tenant that wait may be predicted to take together.
+    /// Total predicted time of the queued jobs of a tenant.
     pub queued_work: Duration,
-    /// Compute time that a request may be predicted to take.
+    /// Predicted compute time of a request.
     pub request_work: Duration,
-    /// Resident bytes of the process, beyond which what is large is refused.
+    /// Resident bytes of the process beyond which large requests and answers are refused.
     pub memory: usize,
-    /// Bytes of request bodies in memory and of what is read from them, of all requests together.
+    /// Bytes of request bodies and of data parsed from them, over all requests.
     pub buffered_bytes: usize,
-    /// Bytes of answers in memory, of all requests together.
+    /// Bytes of answers in memory, over all requests.
     pub answer_bytes: usize,
-    /// Requests of a caller in a second, on average; 0 does not count them.
+    /// Average requests per second of a caller; 0 disables the rate limit.
     pub rate_per_second: u32,
-    /// Requests of a caller at once; 0 means twice those of a second.
+    /// Burst size of the rate limit of a caller; 0 means twice the rate per second.
     pub rate_burst: u32,
-    /// Requests from an address in a minute that access control refuses with 401 before it refuses with 429; 0 does not count
-    /// them.
+    /// Requests per minute from an address that access control refuses with 401 before it refuses with 429; 0 disables
+    /// this limit.
     pub refusals_per_minute: u32,
-    /// Time for a request that only reads what is stored.
+    /// Timeout of a request that only reads stored data.
     pub light_time: Duration,
-    /// Time for a request that computes.
+    /// Timeout of a request that computes.
     pub compute_time: Duration,
 }
 
@@ -101,8 +101,8 @@ impl Default for Limits {
             answer_bytes: 160 << 20,
             rate_per_second: 0,
             rate_burst: 0,
-            // Whoever is let in is never counted: this only tells those who are not to slow down. A client with a wrong key that
-            // tries five times a second still hears what is wrong.
+            // Authenticated requests never count: this limit only slows down clients that are refused. A client with a
+            // wrong key that retries five times a second still learns what is wrong.
             refusals_per_minute: 300,
             light_time: Duration::from_secs(30),
             compute_time: Duration::from_secs(120),
@@ -111,12 +111,12 @@ impl Default for Limits {
 }
 
 impl Limits {
-    /// How much memory there is for what.
+    /// Division of the memory between its uses.
     pub fn quota(&self) -> Quota {
         Quota { process: self.memory, bodies: self.buffered_bytes, answers: self.answer_bytes }
     }
 
-    /// How much of a document is kept while it is read.
+    /// Bounds on the parts of a document that are kept while it is read.
     pub fn bounds(&self) -> Bounds {
         // Vertices of a posted mesh are points too.
         let points = self.points.max(self.vertices);

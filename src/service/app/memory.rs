@@ -1,7 +1,8 @@
-//! The memory of the process: what it may take, what it has, and who holds how much of it.
+//! Memory of the process: its quota, its current use, and accounts of what holds it.
 //!
-//! Bodies and answers are held against accounts of their own, from before their memory is taken until it is given back. What is
-//! large is refused besides when the process as a whole would pass its quota, before the kernel ends it.
+//! Bodies and answers are charged to separate accounts, from before their memory is allocated until it is released. In
+//! addition, large requests and answers are refused if the whole process would exceed its quota, before the kernel ends
+//! it.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -10,16 +11,16 @@ use std::time::Duration;
 
 use super::error::ServiceError;
 
-/// What memory is held for.
+/// Purpose for which memory is held.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Purpose {
-    /// Bodies of requests, and what is read from them.
+    /// Request bodies and data parsed from them.
     Bodies,
     /// Answers, until they are sent.
     Answers,
 }
 
-/// How much the process may take, and of it each account.
+/// Memory quota of the process and of each account.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Quota {
     /// Resident bytes of the process.
@@ -30,12 +31,12 @@ pub struct Quota {
     pub answers: usize,
 }
 
-/// What is smaller than this is never refused for the sake of the whole process: refusals need memory too, and what has few
-/// bytes is bounded by the number of connections.
+/// Objects below this size are never refused because of the whole process: refusals need memory too, and small objects
+/// are bounded by the number of connections.
 const SMALL: usize = 256 << 10;
-/// What is larger than this may not fill an account: a few who send or leave large things must not be in the way of all others.
+/// Objects of at least this size cannot fill an account: a few clients with large requests must not block all others.
 const LARGE: usize = 1 << 20;
-/// How often the resident memory is looked at: at a gigabyte a second it grows by 100 MB meanwhile.
+/// Sampling interval of the resident memory: at a gigabyte per second it grows by 100 MB in between.
 const SAMPLING: Duration = Duration::from_millis(100);
 
 #[derive(Debug)]
@@ -49,12 +50,12 @@ impl Account {
         Self { most, held: AtomicUsize::new(0) }
     }
 
-    /// What may be held when a piece of so many bytes is among it: what is large leaves an eighth to what is not.
+    /// Limit that applies to an object of `whole` bytes: large objects leave an eighth of the account to small ones.
     fn most_with(&self, whole: usize) -> usize {
         if whole >= LARGE { self.most / 8 * 7 } else { self.most }
     }
 
-    /// Holds `bytes` more for what then has `whole` bytes.
+    /// Reserves `bytes` more for an object that then has `whole` bytes; returns whether they fit.
     fn take(&self, bytes: usize, whole: usize) -> bool {
         let most = self.most_with(whole);
         let fits = |held: usize| held.checked_add(bytes).filter(|held| *held <= most);
@@ -65,7 +66,7 @@ impl Account {
 #[derive(Debug)]
 struct Accounts {
     process: usize,
-    /// Resident bytes when they were last looked at; 0 before, and where nobody says.
+    /// Resident bytes at the last sample; 0 before the first, and where the system does not report them.
     resident: AtomicUsize,
     bodies: Account,
     answers: Account,
@@ -80,12 +81,12 @@ impl Accounts {
     }
 }
 
-/// The accountant; cheap to clone.
+/// Memory accounting; cheap to clone.
 #[derive(Debug, Clone)]
 pub struct Memory(Arc<Accounts>);
 
 impl Memory {
-    /// With these limits.
+    /// Accounts with this quota.
     pub fn new(quota: Quota) -> Self {
         Self(Arc::new(Accounts {
             process: quota.process,
@@ -95,33 +96,34 @@ impl Memory {
         }))
     }
 
-    /// Holds `bytes` until what is returned is dropped.
+    /// Reserves `bytes` until the returned value is dropped.
     ///
     /// # Errors
-    /// [`ServiceError::Overloaded`] when others hold what there is, [`ServiceError::Invalid`] when it would be too much alone.
+    /// [`ServiceError::Overloaded`] if the memory is held by others; [`ServiceError::Invalid`] if the object is too
+    /// large by itself.
     pub fn hold(&self, purpose: Purpose, bytes: usize) -> Result<Held, ServiceError> {
         let mut held = Held { memory: self.clone(), purpose, bytes: 0 };
         held.grow(bytes)?;
         Ok(held)
     }
 
-    /// Bytes that are held for `purpose`.
+    /// Bytes currently held for `purpose`.
     pub fn held(&self, purpose: Purpose) -> usize {
         self.0.of(purpose).held.load(Ordering::Relaxed)
     }
 
-    /// Resident bytes of the process as last seen.
+    /// Resident bytes of the process at the last sample.
     pub fn resident(&self) -> usize {
         self.0.resident.load(Ordering::Relaxed)
     }
 
-    /// Whether `bytes` more fit into the process, for what then has `whole` bytes.
+    /// Whether `bytes` more fit in the process, for an object that then has `whole` bytes.
     fn fits(&self, bytes: usize, whole: usize) -> bool {
         whole < SMALL || self.resident().saturating_add(bytes) <= self.0.process
     }
 
-    /// Looks at the resident memory of the process from now on, as long as the service lives. Where the system does not say,
-    /// only what is held is bounded.
+    /// Starts sampling the resident memory of the process, for the life of the service. Where the system does not
+    /// report it, only the accounts are bounded.
     pub fn watch(&self) {
         let accounts = Arc::downgrade(&self.0);
         tokio::spawn(async move {
@@ -135,11 +137,11 @@ impl Memory {
     }
 }
 
-/// Bytes of a number in an answer.
+/// Bytes per number in an answer.
 const NUMBER_BYTES: usize = 20;
 
 impl Memory {
-    /// Holds the memory of an answer of so many numbers, for as long as it is computed.
+    /// Reserves the memory of an answer with this count of numbers while it is computed.
     ///
     /// # Errors
     /// Those of [`Memory::hold`].
@@ -148,7 +150,7 @@ impl Memory {
     }
 }
 
-/// Memory that is held for a purpose; given back when this is dropped.
+/// Memory held for a purpose, released on drop.
 #[derive(Debug)]
 pub struct Held {
     memory: Memory,
@@ -157,10 +159,10 @@ pub struct Held {
 }
 
 impl Held {
-    /// Holds so much more.
+    /// Reserves further bytes.
     ///
     /// # Errors
-    /// Those of [`Memory::hold`]; then it is as it was.
+    /// Those of [`Memory::hold`]; the reservation is then unchanged.
     pub fn grow(&mut self, bytes: usize) -> Result<(), ServiceError> {
         let account = self.memory.0.of(self.purpose);
         let whole = self.bytes.saturating_add(bytes);
@@ -174,10 +176,10 @@ impl Held {
         Ok(())
     }
 
-    /// Holds exactly so much from now on.
+    /// Changes the reservation to exactly `bytes`.
     ///
     /// # Errors
-    /// Those of [`Memory::hold`]; then it is as it was.
+    /// Those of [`Memory::hold`]; the reservation is then unchanged.
     pub fn resize(&mut self, bytes: usize) -> Result<(), ServiceError> {
         if bytes > self.bytes {
             return self.grow(bytes - self.bytes);
@@ -187,7 +189,7 @@ impl Held {
         Ok(())
     }
 
-    /// Bytes that are held.
+    /// Reserved bytes.
     pub fn bytes(&self) -> usize {
         self.bytes
     }
@@ -216,15 +218,15 @@ fn too_much(purpose: Purpose, bytes: usize, most: usize) -> ServiceError {
     ServiceError::invalid("", detail)
 }
 
-/// Resident bytes of this process, where the system says.
+/// Resident bytes of this process, if the system reports them.
 pub fn resident_bytes() -> Option<usize> {
     kib_of(&read("/proc/self/status"), "VmRSS:")
 }
 
-/// Memory of a machine that does not say how much it has.
+/// Assumed memory of a machine that does not report it.
 const UNKNOWN: usize = 4 << 30;
 
-/// How much memory this process may take: the smallest limit of its control groups, else what the machine has.
+/// Memory available to this process: the smallest limit of its control groups, and at most the memory of the machine.
 pub fn available() -> usize {
     let machine = kib_of(&read("/proc/meminfo"), "MemTotal:").unwrap_or(UNKNOWN);
     group_bytes(&read("/proc/self/cgroup"), Path::new("/sys/fs/cgroup"))
@@ -235,14 +237,15 @@ fn read(path: impl AsRef<Path>) -> String {
     std::fs::read_to_string(path).unwrap_or_default()
 }
 
-/// The bytes that a line such as `MemTotal:  16384 kB` says.
+/// Bytes given by a line such as `MemTotal:  16384 kB`.
 fn kib_of(text: &str, name: &str) -> Option<usize> {
     let line = text.lines().find_map(|line| line.strip_prefix(name))?;
     let kib: usize = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
     Some(kib << 10)
 }
 
-/// The smallest limit of the groups that `text` (`/proc/self/cgroup`) names and of those above them, of both versions.
+/// Smallest limit of the control groups named in `text` (`/proc/self/cgroup`) and their ancestors, for both versions of
+/// control groups.
 fn group_bytes(text: &str, root: &Path) -> Option<usize> {
     let limits = text.lines().flat_map(|line| {
         let mut parts = line.splitn(3, ':').skip(1);
@@ -255,7 +258,7 @@ fn group_bytes(text: &str, root: &Path) -> Option<usize> {
             _ => return Vec::new(),
         };
         let group = root.join(path.trim_start_matches('/'));
-        // In a container the path is that of the host, and its group is the root of what can be seen.
+        // In a container the path is that of the host, and the visible root is the container's own group.
         let groups = group.ancestors().take_while(|group| group.starts_with(&root));
         groups.filter_map(|group| read(group.join(file)).trim().parse().ok()).collect()
     });
@@ -306,7 +309,7 @@ mod tests {
         drop(large);
         assert!(matches!(memory.hold(Purpose::Answers, 9 << 20), Err(ServiceError::Invalid(_))));
         drop(small);
-        // Pieces of what has become large are refused too.
+        // Further pieces of an object that has become large are refused too.
         let memory = Memory::new(Quota { process: 1, bodies: 1 << 30, answers: 0 });
         let mut body = memory.hold(Purpose::Bodies, 0).unwrap();
         while body.bytes() < SMALL - 1024 {

@@ -1,7 +1,7 @@
-//! What the service counts: one table of names and meanings, and the text that Prometheus reads.
+//! Metrics of the service: one table of names and meanings, and recording functions.
 //!
-//! Names are stable, and `docs/observability.md` lists them all. Labels come from small fixed sets: route templates, kinds,
-//! outcomes; never what a client has sent.
+//! Names are stable and listed in `docs/observability.md`. Labels come from small fixed sets (route templates, kinds,
+//! outcomes) and never contain data sent by a client.
 
 use std::sync::OnceLock;
 use std::time::Duration;
@@ -15,13 +15,13 @@ use crate::store::metrics as store;
 
 /// Answered requests.
 pub const HTTP_REQUESTS: &str = "shapelex_http_requests_total";
-/// Time until the head of the answer.
+/// Time until the head of the answer is sent.
 pub const HTTP_DURATION: &str = "shapelex_http_request_duration_seconds";
-/// Requests that are not answered to the end.
+/// Requests whose answer is not complete.
 pub const HTTP_IN_FLIGHT: &str = "shapelex_http_requests_in_flight";
-/// Bytes of bodies that came in.
+/// Bytes of received bodies.
 pub const HTTP_BYTES_IN: &str = "shapelex_http_request_body_bytes_total";
-/// Bytes of bodies that went out.
+/// Bytes of sent bodies.
 pub const HTTP_BYTES_OUT: &str = "shapelex_http_response_body_bytes_total";
 
 pub(super) const JOBS_QUEUED: &str = "shapelex_jobs_queued";
@@ -50,19 +50,19 @@ const AUDIT_LOST: &str = "shapelex_audit_entries_lost_total";
 const CLOCK: &str = "shapelex_clock_believed";
 pub(super) const BUILD_INFO: &str = "shapelex_build_info";
 
-/// What a metric is.
+/// Type of a metric.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
-    /// Only grows.
+    /// A value that only grows.
     Counter,
-    /// Goes up and down.
+    /// A value that goes up and down.
     Gauge,
-    /// How often which time was taken.
+    /// A distribution of durations.
     Histogram,
 }
 
 impl Kind {
-    /// The word for it in the text that Prometheus reads.
+    /// Name of the type in the Prometheus text format.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Counter => "counter",
@@ -72,7 +72,7 @@ impl Kind {
     }
 }
 
-/// All metrics: name, kind, meaning.
+/// All metrics: name, type, meaning.
 pub const METRICS: &[(&str, Kind, &str)] = &[
     (HTTP_REQUESTS, Kind::Counter, "Requests, by method, route and class of the status"),
     (HTTP_DURATION, Kind::Histogram, "Time until the head of the answer"),
@@ -125,12 +125,12 @@ pub const METRICS: &[(&str, Kind, &str)] = &[
 const BUCKETS: [f64; 14] =
     [0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 10.0, 30.0, 120.0];
 
-/// How often samples are folded into the histograms, so that memory stays small when nobody reads them.
+/// Interval at which samples are merged into the histograms, so that memory stays small even if nothing scrapes them.
 const UPKEEP: Duration = Duration::from_secs(5);
 
 static HANDLE: OnceLock<PrometheusHandle> = OnceLock::new();
 
-/// Starts counting in this process; what happened before is not counted, and a second call changes nothing.
+/// Starts recording in this process; earlier events are not counted, and a second call has no effect.
 pub fn start() {
     handle();
 }
@@ -147,7 +147,7 @@ pub(super) fn handle() -> &'static PrometheusHandle {
     })
 }
 
-/// Keeps the histograms small; never ends.
+/// Keeps the histograms small; never returns.
 pub async fn upkeep() {
     loop {
         tokio::time::sleep(UPKEEP).await;
@@ -165,7 +165,7 @@ fn describe() {
     }
 }
 
-/// Counters of rare events stand at zero before the first one: an alert on their rise sees it.
+/// Sets counters of rare events to zero, so that alerts notice the first event.
 fn begin_at_zero() {
     for name in [JOBS_CANCELLED, JOBS_ABANDONED, JOB_CLAIMS_LOST, AUDIT_WRITTEN, AUDIT_FAILURES, AUDIT_LOST] {
         counter!(name).absolute(0);
@@ -187,25 +187,25 @@ fn begin_at_zero() {
     gauge!(CLOCK).set(1.0);
 }
 
-/// A computation of a lane waits from now on.
+/// Records that a computation begins to wait in a lane.
 pub(crate) fn compute_waits(lane: &'static str) -> InQueue {
     gauge!(COMPUTE_WAITING, "lane" => lane).increment(1);
     InQueue { lane, since: std::time::Instant::now() }
 }
 
-/// A computation was turned away.
+/// Records that a computation was refused.
 pub(crate) fn compute_refused(lane: &'static str) {
     counter!(COMPUTE_REFUSED, "lane" => lane).increment(1);
 }
 
-/// A computation has ended that was predicted to take `seconds` and was on a thread for `taken`.
+/// Records the end of a computation, with predicted and actual time in seconds.
 pub(crate) fn compute_ended(lane: &'static str, seconds: f64, taken: f64) {
-    // Counters hold whole numbers.
+    // Counters hold integers.
     counter!(COMPUTE_PREDICTED, "lane" => lane).increment((1e6 * seconds) as u64);
     counter!(COMPUTE_TAKEN, "lane" => lane).increment((1e6 * taken) as u64);
 }
 
-/// A computation that waits; dropped when it begins or is given up.
+/// A waiting computation; dropped when it begins or is given up.
 #[derive(Debug)]
 pub(crate) struct InQueue {
     lane: &'static str,
@@ -213,7 +213,7 @@ pub(crate) struct InQueue {
 }
 
 impl InQueue {
-    /// It has a thread.
+    /// Records that the computation begins.
     pub(crate) fn begin(self) -> InWork {
         histogram!(COMPUTE_WAIT, "lane" => self.lane).record(self.since.elapsed());
         gauge!(COMPUTE_RUNNING, "lane" => self.lane).increment(1);
@@ -227,7 +227,7 @@ impl Drop for InQueue {
     }
 }
 
-/// A computation that runs; dropped when it has ended.
+/// A running computation; dropped when it ends.
 #[derive(Debug)]
 pub(crate) struct InWork {
     lane: &'static str,
@@ -239,55 +239,55 @@ impl Drop for InWork {
     }
 }
 
-/// What was looked up in a cache; counted as hit or miss.
+/// Passes on the result of a cache lookup, counted as hit or miss.
 pub(crate) fn looked_up<T>(cache: &'static str, found: Option<T>) -> Option<T> {
     let outcome = if found.is_some() { "hit" } else { "miss" };
     counter!(CACHE_LOOKUPS, "cache" => cache, "outcome" => outcome).increment(1);
     found
 }
 
-/// An attempt at a job has ended.
+/// Records the end of an attempt at a job.
 pub(crate) fn attempt_ended(kind: JobKind, outcome: &'static str, time: Duration) {
     counter!(JOB_ATTEMPTS, "kind" => kind.as_str(), "outcome" => outcome).increment(1);
     histogram!(JOB_DURATION, "kind" => kind.as_str()).record(time);
 }
 
-/// A job was cancelled.
+/// Records that a job was cancelled.
 pub(crate) fn job_cancelled() {
     counter!(JOBS_CANCELLED).increment(1);
 }
 
-/// Jobs were given up.
+/// Records that jobs were given up.
 pub(crate) fn jobs_abandoned(count: usize) {
     counter!(JOBS_ABANDONED).increment(count as u64);
 }
 
-/// An attempt found that its job is not its own any more.
+/// Records that an attempt has lost its job to another process.
 pub(crate) fn claim_lost() {
     counter!(JOB_CLAIMS_LOST).increment(1);
 }
 
-/// So many audit entries wait.
+/// Sets the number of waiting audit entries.
 pub(crate) fn audit_waits(count: usize) {
     gauge!(AUDIT_WAITING).set(count as f64);
 }
 
-/// So many audit entries were written.
+/// Records that audit entries were written.
 pub(crate) fn audit_written(count: usize) {
     counter!(AUDIT_WRITTEN).increment(count as u64);
 }
 
-/// A group of audit entries could not be written.
+/// Records that a group of audit entries could not be written.
 pub(crate) fn audit_failed() {
     counter!(AUDIT_FAILURES).increment(1);
 }
 
-/// A read is answered without an entry.
+/// Records a read answered without an audit entry.
 pub(crate) fn audit_lost() {
     counter!(AUDIT_LOST).increment(1);
 }
 
-/// Whether what the clock shows is believed.
+/// Sets whether the clock is trusted.
 pub(crate) fn clock_is_believed(is_believed: bool) {
     gauge!(CLOCK).set(if is_believed { 1.0 } else { 0.0 });
 }

@@ -1,12 +1,12 @@
-//! What all use cases share.
+//! Foundations shared by all use cases.
 //!
-//! * [`App`] — the context of a use case; [`Limits`] — sizes and times that are accepted;
-//! * [`pool`] — the threads that compute, shared fairly between tenants; [`work`] — predicted cost; [`progress`] — progress and
-//!   cancellation of one computation;
-//! * [`cache`] — results that are asked for again and again; `state` — what one use case keeps for the life of the process;
-//! * [`memory`] — accounts of memory; [`clock`] — whether the clock of the machine can be trusted;
-//! * [`idempotency`] — requests that are sent again; [`touched`] — objects that a request is about;
-//! * [`error`], [`problem`] — why a use case did not happen, and how clients are told; [`warnings`] — what a result does not show;
+//! * [`App`] — the context of a use case; [`Limits`] — limits on sizes and times;
+//! * [`pool`] — compute threads, shared fairly between tenants; [`work`] — predicted cost; [`progress`] — progress and
+//!   cancellation of a computation;
+//! * [`cache`] — results that are expensive to compute; `state` — state of a use case for the life of the process;
+//! * [`memory`] — accounts of memory; [`clock`] — plausibility of the machine's clock;
+//! * [`idempotency`] — requests that are sent again; [`touched`] — objects that a request concerns;
+//! * [`error`], [`problem`] — errors of use cases and their documents for clients; [`warnings`] — caveats of results;
 //! * [`metrics`], [`scrape`] — counters and gauges, and their text; [`build`] — version, commit and compiler.
 
 pub mod build;

@@ -1,7 +1,7 @@
-//! Problem documents (RFC 9457): every refusal has a stable type, a sentence that says what to do, the pointer
-//! of every bad field, and the index of the bad shape.
+//! Problem documents (RFC 9457): every refusal has a stable type, a sentence with the remedy, the pointer of every
+//! invalid field, and the index of the affected shape.
 //!
-//! A request answers with one, a failed job keeps one: both are written here.
+//! Requests are answered with such a document, and failed jobs store one; both are built here.
 
 use http::StatusCode;
 use serde::Serialize;
@@ -10,7 +10,7 @@ use super::error::{Fault, ServiceError};
 use crate::domain::job::Job;
 use crate::formats::{brief, brief_pointer};
 
-/// The problem types with their codes and statuses: one table, documented in `docs/problems.md`.
+/// Defines the problem types with their codes and statuses: one table, documented in `docs/problems.md`.
 macro_rules! problem_kinds {
     ($($(#[$doc:meta])* $name:ident, $code:literal, $status:ident, $title:literal;)*) => {
         /// A problem type.
@@ -28,7 +28,7 @@ macro_rules! problem_kinds {
                 match self { $(Self::$name => $code,)* }
             }
 
-            /// Status of the answer.
+            /// Status code of the answer.
             pub fn status(self) -> StatusCode {
                 match self { $(Self::$name => StatusCode::$status,)* }
             }
@@ -42,59 +42,59 @@ macro_rules! problem_kinds {
 }
 
 problem_kinds! {
-    /// Not JSON, not UTF-8, a broken encoding.
+    /// The body is not JSON, not UTF-8, or has a broken encoding.
     MalformedBody, "malformed-body", BAD_REQUEST, "The body cannot be read";
     /// A query parameter or path segment breaks a rule.
     InvalidQuery, "invalid-query", BAD_REQUEST, "The query cannot be understood";
     /// The body ended early or stalled.
     InterruptedBody, "interrupted-body", REQUEST_TIMEOUT, "The body did not arrive";
-    /// No key or token, or one that is wrong, has ended or was revoked.
+    /// The key or token is missing, wrong, expired or revoked.
     Unauthenticated, "unauthenticated", UNAUTHORIZED, "It is not known who asks";
-    /// The key or token is not for this.
+    /// The key or token does not permit this.
     Forbidden, "forbidden", FORBIDDEN, "This is not allowed";
-    /// Nothing at this path.
+    /// No route has this path.
     RouteNotFound, "route-not-found", NOT_FOUND, "There is no such route";
-    /// No such cohort, shape or job.
+    /// No cohort, shape or job has this name or id.
     NotFound, "not-found", NOT_FOUND, "There is no such thing";
-    /// The path exists for other methods.
+    /// The path exists for other methods only.
     MethodNotAllowed, "method-not-allowed", METHOD_NOT_ALLOWED, "The method is not offered";
-    /// The answer does not exist in the wanted format.
+    /// The answer is not available in the requested format.
     NotAcceptable, "not-acceptable", NOT_ACCEPTABLE, "The format is not offered";
-    /// A cohort has this name.
+    /// Another cohort has this name.
     NameTaken, "name-taken", CONFLICT, "The name is taken";
     /// Another shape has this external id.
     ExternalIdConflict, "external-id-conflict", CONFLICT, "The external id belongs to another shape";
-    /// What is finished cannot be cancelled.
+    /// A finished job cannot be cancelled.
     JobFinished, "job-finished", CONFLICT, "The job is finished";
-    /// Body or line over the limit.
+    /// The body or a line exceeds its limit.
     PayloadTooLarge, "payload-too-large", PAYLOAD_TOO_LARGE, "The body is too large";
-    /// The body is of a type that is not read here.
+    /// The media type of the body is not supported.
     UnsupportedMediaType, "unsupported-media-type", UNSUPPORTED_MEDIA_TYPE, "The media type is not read here";
     /// A field is missing, unknown or out of bounds.
     InvalidInput, "invalid-input", UNPROCESSABLE_ENTITY, "The input breaks a rule";
-    /// A shape without a subspace under the class.
+    /// A shape has no subspace under the class.
     DegenerateShape, "degenerate-shape", UNPROCESSABLE_ENTITY, "A shape is degenerate for the class";
-    /// Statistics of too few shapes.
+    /// Too few shapes for the statistics.
     TooFewShapes, "too-few-shapes", UNPROCESSABLE_ENTITY, "There are too few shapes";
-    /// More work than a request or a job may be predicted to take.
+    /// The predicted work exceeds the maximum for a request or a job.
     TooCostly, "too-costly", UNPROCESSABLE_ENTITY, "The work is predicted to take too long";
-    /// The caller asks more often than it may.
+    /// The caller has exceeded its rate limit.
     TooManyRequests, "too-many-requests", TOO_MANY_REQUESTS, "There were too many requests";
-    /// A bug or a broken machine.
+    /// A bug or a hardware failure.
     Internal, "internal", INTERNAL_SERVER_ERROR, "Something broke on our side";
-    /// Too many jobs wait, the service stops, or there is no storage.
+    /// Too many jobs wait, the service is stopping, or the store is unavailable.
     Unavailable, "unavailable", SERVICE_UNAVAILABLE, "Try again later";
-    /// The Idempotency-Key belongs to another request.
+    /// The `Idempotency-Key` belongs to another request.
     IdempotencyKeyReused, "idempotency-key-reused", UNPROCESSABLE_ENTITY, "The key belongs to another request";
-    /// It is not as it was when the client looked.
+    /// The object has changed since the client read it.
     PreconditionFailed, "precondition-failed", PRECONDITION_FAILED, "It was changed meanwhile";
-    /// Changes that old are not kept.
+    /// Changes of that age are no longer kept.
     ChangesGone, "changes-gone", GONE, "The changes are not kept any more";
     /// The disk is full.
     InsufficientStorage, "insufficient-storage", INSUFFICIENT_STORAGE, "There is no room";
-    /// More requests than can be computed at once.
+    /// More requests than can be computed at the same time.
     Overloaded, "overloaded", SERVICE_UNAVAILABLE, "There is too much to do at once";
-    /// The answer took longer than requests may.
+    /// The answer took longer than the maximum time of a request.
     TookTooLong, "took-too-long", SERVICE_UNAVAILABLE, "The answer took too long";
 }
 
@@ -109,40 +109,40 @@ pub struct Problem {
 /// A problem document.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct ProblemDocument {
-    /// Stable type.
+    /// Stable URI of the problem type.
     #[serde(rename = "type")]
     #[schema(example = "urn:shapelex:problem:degenerate-shape")]
     kind: String,
-    /// Title of the type.
+    /// Title of the problem type.
     #[schema(example = "A shape is degenerate for the class")]
     title: &'static str,
-    /// Status of the answer.
+    /// Status code of the answer.
     #[schema(example = 422)]
     status: u16,
-    /// The last part of the type.
+    /// Short name: the last part of `type`.
     #[schema(example = "degenerate-shape")]
     code: &'static str,
-    /// What happened and what to do.
+    /// Description of this occurrence and its remedy.
     detail: String,
-    /// Everything that is wrong with the input, at most 100 entries.
+    /// All faults of the input, at most 100 entries.
     errors: Vec<FaultDocument>,
     /// Id of the request, as in the `x-request-id` header.
     request_id: Option<String>,
 }
 
-/// One thing that is wrong with the input.
+/// A single fault of the input.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct FaultDocument {
     /// JSON pointer into the body, or into the line of a stream.
     #[schema(example = "/shapes/17")]
     pointer: String,
-    /// What is wrong, with the numbers.
+    /// Description of the fault, with the offending numbers.
     detail: String,
-    /// Position of the shape in the batch or stream, from 0.
+    /// Position of the shape in the batch or stream, counted from 0.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(example = 17)]
     index: Option<usize>,
-    /// Line of the stream, from 1.
+    /// Line of the stream, counted from 1.
     #[serde(skip_serializing_if = "Option::is_none")]
     line: Option<u64>,
 }
@@ -155,7 +155,7 @@ impl From<Fault> for FaultDocument {
 }
 
 impl Problem {
-    /// A problem with a sentence for the client, which repeats in short what the client has sent.
+    /// A problem with a sentence for the client; input quoted in it is shortened.
     pub fn new(kind: ProblemKind, detail: impl Into<String>) -> Self {
         Self { kind, detail: brief(detail.into()), errors: Vec::new() }
     }
@@ -170,12 +170,12 @@ impl Problem {
         Self { kind, detail: brief(detail), errors }
     }
 
-    /// The type.
+    /// Type of the problem.
     pub fn kind(&self) -> ProblemKind {
         self.kind
     }
 
-    /// The problem of a job that has failed.
+    /// Problem of a failed job.
     pub fn of_job(error: ServiceError, job: &str) -> Self {
         match error {
             ServiceError::Internal(cause) => {
@@ -186,7 +186,7 @@ impl Problem {
         }
     }
 
-    /// What the client is told that waited for a job which has failed.
+    /// Problem for a client that waited for a job which has failed.
     pub fn of_failed(job: &Job) -> Self {
         let problem = job.problem.as_ref();
         let text = |field: &str| problem.and_then(|problem| problem[field].as_str()).unwrap_or_default();
@@ -207,12 +207,12 @@ impl Problem {
         }
     }
 
-    /// The document of something that is no request, as JSON.
+    /// JSON document of a problem outside a request.
     pub fn to_json(self) -> serde_json::Value {
         serde_json::to_value(self.document(None)).expect("texts and numbers are JSON")
     }
 
-    /// The document, with the id of the request that was refused.
+    /// Document with the id of the refused request.
     pub fn document(self, request_id: Option<String>) -> ProblemDocument {
         ProblemDocument {
             kind: format!("urn:shapelex:problem:{}", self.kind.code()),

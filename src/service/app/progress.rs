@@ -1,4 +1,4 @@
-//! Progress and cancellation of one computation, shared by the thread that runs it and those that watch it.
+//! Progress and cancellation of one computation, shared by the thread that runs it and its watchers.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
@@ -9,39 +9,39 @@ use tokio::sync::watch;
 use super::error::ServiceError;
 use crate::domain::job::Progress;
 
-/// The channel of a job, between who runs it and who watches it.
+/// Channel between the attempt that runs a job and its watchers.
 #[derive(Debug, Default)]
 pub(in crate::service) struct Channel {
-    /// Says that the row has changed.
+    /// Signals that the stored row has changed.
     pub(in crate::service) states: watch::Sender<()>,
     pub(in crate::service) progress: watch::Sender<Progress>,
-    /// Says the present attempt that it shall stop.
+    /// Tells the current attempt to stop.
     pub(in crate::service) interrupted: Mutex<Arc<AtomicBool>>,
 }
 
 impl Channel {
-    /// Changes of the row from now on.
+    /// Subscribes to changes of the stored row.
     pub(in crate::service) fn states(&self) -> watch::Receiver<()> {
         self.states.subscribe()
     }
 
-    /// Progress from now on.
+    /// Subscribes to progress.
     pub(in crate::service) fn progress(&self) -> watch::Receiver<Progress> {
         self.progress.subscribe()
     }
 }
 
-/// What an attempt says and hears while it runs. The default belongs to no job: nobody listens.
+/// Reports progress of an attempt and receives its cancellation. The default belongs to no job and has no watchers.
 #[derive(Debug, Clone, Default)]
 pub struct JobContext {
     pub(in crate::service) interrupted: Arc<AtomicBool>,
-    /// When its time is over.
+    /// Deadline of the work.
     pub(in crate::service) deadline: Option<Instant>,
     pub(in crate::service) channel: Arc<Channel>,
 }
 
 impl JobContext {
-    /// Nothing, or that the work shall stop; cheap enough for inner loops.
+    /// Fails if the work must stop; cheap enough for inner loops.
     ///
     /// # Errors
     /// [`ServiceError::Cancelled`].
@@ -49,30 +49,30 @@ impl JobContext {
         if self.is_cancelled() { Err(ServiceError::Cancelled) } else { Ok(()) }
     }
 
-    /// The same work without a voice: parts of it are done that do not count as its progress.
+    /// The same work without reporting: for parts that do not count as its progress.
     pub(crate) fn silent(&self) -> Self {
         Self { channel: Arc::default(), ..self.clone() }
     }
 
-    /// The same work, whose time is over at `deadline`.
+    /// The same work with a `deadline`.
     pub(crate) fn until(&self, deadline: Instant) -> Self {
         Self { deadline: Some(deadline), ..self.clone() }
     }
 
-    /// Whether the work shall stop: the job was cancelled, the client has gone, the service stops, another attempt has taken
-    /// over, or the time is over.
+    /// Whether the work must stop: the job was cancelled, the client has disconnected, the service is stopping, another
+    /// attempt has taken over, or the deadline has passed.
     pub fn is_cancelled(&self) -> bool {
         self.interrupted.load(Ordering::Relaxed)
             || self.deadline.is_some_and(|deadline| Instant::now() >= deadline)
     }
 
-    /// Says how far the work is; cheap, nothing is written here.
+    /// Reports progress; cheap, nothing is stored here.
     ///
-    /// `fraction` is held within 0 to 1; an objective that is not finite is none.
+    /// `fraction` is clamped to 0 to 1; an objective that is not finite is dropped.
     pub fn report(&self, phase: &'static str, fraction: f64, objective: Option<f64>) {
         let fraction = if fraction.is_nan() { 0.0 } else { fraction.clamp(0.0, 1.0) };
         let objective = objective.filter(|objective| objective.is_finite());
-        // An attempt that has lost its claim must not speak for the one that has it.
+        // An attempt that has lost its claim must not report for the one that holds it.
         if !self.is_cancelled() {
             self.channel.progress.send_replace(Progress { fraction, phase: Some(phase), objective });
         }
@@ -83,7 +83,7 @@ impl JobContext {
         self.interrupted.store(true, Ordering::Relaxed);
     }
 
-    /// What was reported last.
+    /// Last reported progress.
     pub fn progress(&self) -> Progress {
         *self.channel.progress.borrow()
     }

@@ -1,4 +1,4 @@
-//! The metrics as text.
+//! Text form of the metrics.
 
 use metrics::gauge;
 
@@ -8,7 +8,7 @@ use super::context::App;
 use super::metrics::*;
 use super::pool::REQUEST_LANES;
 
-/// All metrics as text, those of the database as they are now.
+/// All metrics in the Prometheus text format, with current values for those of the database.
 pub async fn scrape(app: &App) -> String {
     let handle = handle();
     let read = app.store.measure(now_ms()).await;

@@ -1,4 +1,4 @@
-//! State that a use case keeps for the life of the process, found by its type.
+//! State that a use case keeps for the life of the process, looked up by its type.
 
 use std::any::{Any, TypeId};
 use std::collections::HashMap;
@@ -6,12 +6,12 @@ use std::sync::{Arc, PoisonError, RwLock};
 
 type Entries = HashMap<TypeId, Arc<dyn Any + Send + Sync>>;
 
-/// One value of each type. The owner of a type knows it; the map knows none.
+/// At most one value per type; only the owner of a type can name it.
 #[derive(Debug, Clone, Default)]
 pub(super) struct State(Arc<RwLock<Entries>>);
 
 impl State {
-    /// The value of this type; its default at first use.
+    /// Value of this type; created by default on first use.
     pub(super) fn get<T: Default + Send + Sync + 'static>(&self) -> Arc<T> {
         self.find().unwrap_or_else(|| {
             let mut entries = self.0.write().unwrap_or_else(PoisonError::into_inner);

@@ -1,17 +1,17 @@
-//! Ids of the objects that a request is about, for its entry in the audit trail.
+//! Ids of the objects that a request concerns, for its entry in the audit trail.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Most objects that the entry of one request names beside those of its path.
+/// Maximum number of objects of a kind that an entry names in addition to those of the path.
 const MAX_TOUCHED: usize = 32;
 
-/// The objects that a request turns out to be about, whatever it called them: noted where they are found.
+/// Objects that a request concerns, whatever name it used for them; recorded where they are looked up.
 #[derive(Debug, Clone, Default)]
 pub struct Touched(Arc<Mutex<BTreeMap<String, String>>>);
 
 impl Touched {
-    /// Notes the id of an object; a second one of the same kind as `kind.2`, and so on.
+    /// Records the id of an object; a second one of the same kind becomes `kind.2`, and so on.
     pub fn note(&self, kind: &str, id: &str) {
         let mut ids = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let places = (1..=MAX_TOUCHED).map(|k| if k == 1 { kind.to_owned() } else { format!("{kind}.{k}") });
@@ -27,7 +27,7 @@ impl Touched {
         }
     }
 
-    /// What was noted.
+    /// Recorded ids by kind.
     pub fn ids(&self) -> BTreeMap<String, String> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }

@@ -1,4 +1,4 @@
-//! What an answer says beside its numbers when these do not hold what they seem to.
+//! Warnings that accompany a result whose numbers are less accurate or less meaningful than they seem.
 
 use super::error::MAX_FAULTS;
 use crate::geometry::distance::Distances;
@@ -10,10 +10,10 @@ use crate::geometry::surface::Surface;
 use crate::geometry::surface::measures::SurfaceMeasures;
 use crate::numeric::bounded::Stop;
 
-/// Accuracy that lengths and distances of curves have, relative to the extent; less is said.
+/// Usual relative accuracy of lengths and distances of curves; only a lower accuracy causes a warning.
 const USUAL_ACCURACY: f64 = 1e-8;
 
-/// Of a curve that was measured.
+/// Warnings of a measured curve.
 pub(crate) fn of_curve(measures: &CurveMeasures, distances: Option<&Distances>) -> Vec<String> {
     let (low, high) = &measures.bounding_box;
     let extent = low.iter().zip(high).map(|(low, high)| high - low).fold(0.0, f64::max);
@@ -31,7 +31,8 @@ pub(crate) fn of_curve(measures: &CurveMeasures, distances: Option<&Distances>) 
     warnings
 }
 
-/// Of a mesh that was split so many times; for intersections at its finest level with at most [`MOST_FACES`] faces.
+/// Quality of a mesh that was split `splits` times; intersections are searched at its finest level with at most
+/// [`MOST_FACES`] faces.
 pub(crate) fn of_split_mesh(
     mesh: &TriangleMesh,
     splits: usize,
@@ -42,19 +43,20 @@ pub(crate) fn of_split_mesh(
     MeshQuality::of(mesh, (volume_of(measures), measures.area), &faces, stop)
 }
 
-/// Of a closed mesh as it was posted.
+/// Warnings of a closed mesh as posted.
 pub(crate) fn of_posted_mesh(mesh: &TriangleMesh, stop: Stop<'_>) -> Vec<String> {
     of_split_mesh(mesh, 0, &measure(mesh, false), stop).warnings()
 }
 
-/// Cells along a direction of the mesh on which a surface is looked at.
+/// Minimum and maximum number of cells along each direction of the mesh that represents a surface.
 const CELLS: [usize; 2] = [8, 48];
 
-/// Of a surface, for what is wrong with the mesh of one cell for every interval between knots, at least 8 and at most 48.
+/// Quality of a surface, checked on a mesh with one cell per interval between knots, at least 8 and at most 48 per
+/// direction.
 pub(crate) fn of_surface(surface: &Surface, measures: &SurfaceMeasures, stop: Stop<'_>) -> MeshQuality {
     let closed = surface.topology().closed();
     let count = [0, 1].map(|i| {
-        // Behind a half turn there must be an even number.
+        // The number of cells must be even if the direction closes with a half turn.
         let cells = surface.intervals(i).clamp(CELLS[0], CELLS[1]).next_multiple_of(2);
         cells + usize::from(!closed[i])
     });
@@ -62,7 +64,7 @@ pub(crate) fn of_surface(surface: &Surface, measures: &SurfaceMeasures, stop: St
     mesh.normals = None;
     let faces = if surface.is_orientable() { mesh.faces.clone() } else { Vec::new() };
     let quality = MeshQuality::of(&mesh, (volume_of(measures), measures.area), &faces, stop);
-    // A surface with one side meets itself in space, or nothing is known of it.
+    // A one-sided surface intersects itself in space, or the result is undecided.
     let decided = quality.self_intersecting.filter(|_| surface.is_orientable());
     MeshQuality { self_intersecting: decided, ..quality }
 }
@@ -71,7 +73,7 @@ fn volume_of(measures: &SurfaceMeasures) -> Option<f64> {
     measures.enclosed.map(|enclosed| enclosed.signed_volume)
 }
 
-/// The warnings of the shapes of a request, with the index of each; at most [`MAX_FAULTS`].
+/// Warnings of the shapes of a request, each with the index of its shape; at most [`MAX_FAULTS`].
 pub fn by_shape<'a>(list: &str, shapes: impl Iterator<Item = &'a Vec<String>>) -> Vec<String> {
     let numbered = shapes.enumerate().flat_map(|(index, warnings)| {
         warnings.iter().map(move |warning| format!("/{list}/{index}: {warning}"))

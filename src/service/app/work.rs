@@ -8,45 +8,45 @@ use super::error::ServiceError;
 #[derive(Debug, Clone, Copy, PartialEq, PartialOrd)]
 pub struct Work(pub(in crate::service) f64);
 
-/// Longest work that is a matter of a moment: the light lane does a hundred of them in a second on every thread.
+/// Maximum work of a light request: each thread of the light lane completes a hundred of them per second.
 const MOMENT: f64 = 0.010;
 
-/// Reading a byte of JSON: numbers of ten digits, checked.
+/// Parsing a byte of JSON: numbers of ten digits, with checks.
 const BYTE: f64 = 1.2e-8;
-/// Writing a number of an answer as JSON, and computing it where it is a sum of a few products.
+/// Writing a number of an answer as JSON, including its computation as a sum of a few products.
 pub(in crate::service) const NUMBER: f64 = 5e-8;
 /// A multiply-add of dense products.
 const MULTIPLY_ADD: f64 = 2e-10;
-/// The way of a request through a lane, and preparing its answer.
+/// Passing a request through a lane and preparing its answer.
 pub(in crate::service) const REQUEST: f64 = 1e-4;
 
 impl Work {
-    /// What is known to take a moment: a drawing, an answer from what is ready.
+    /// Work known to be light: a drawing, or an answer from prepared data.
     pub const MOMENT: Self = Self(1e-3);
-    /// What nothing is known of.
+    /// Assumed work if nothing is known.
     pub const UNKNOWN: Self = Self(0.1);
 
-    /// So many seconds.
+    /// Work of this many seconds.
     pub fn of_seconds(seconds: f64) -> Self {
         Self(seconds.max(0.0))
     }
 
-    /// So many multiply-adds.
+    /// Work of this many multiply-adds.
     pub fn of_multiply_adds(count: f64) -> Self {
         Self(count * MULTIPLY_ADD)
     }
 
-    /// Seconds.
+    /// Predicted seconds.
     pub fn seconds(self) -> f64 {
         self.0
     }
 
-    /// Whether it is a matter of a moment.
+    /// Whether it belongs in the light lane.
     pub fn is_moment(self) -> bool {
         self.0 <= MOMENT
     }
 
-    /// That a request may take so much.
+    /// Checks that a request may take this much work.
     ///
     /// # Errors
     /// [`ServiceError::TooCostly`].
@@ -54,12 +54,12 @@ impl Work {
         if self.0 <= most { Ok(()) } else { Err(ServiceError::TooCostly { seconds: self.0, most }) }
     }
 
-    /// Reading a body of so many bytes, or writing a file.
+    /// Parsing a body of this many bytes, or writing a file.
     pub fn reading(bytes: usize) -> Self {
         Self(bytes as f64 * BYTE)
     }
 
-    /// An answer of so many numbers.
+    /// An answer of this many numbers.
     pub fn numbers(count: f64) -> Self {
         Self(REQUEST + count * NUMBER)
     }

@@ -1,4 +1,4 @@
-//! The audit trail: every request, one entry each, chained by digests.
+//! Audit trail: one entry per request, chained by digests.
 //!
 //! * [`trail`] — entries in order, written in groups;
 //! * [`refusals`] — requests without a valid credential, counted by address and minute.

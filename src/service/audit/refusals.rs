@@ -1,8 +1,8 @@
-//! Requests of nobody: refused, or answered, without a known caller, counted by address and minute.
+//! Requests without a known caller, refused or answered, counted by address and minute.
 //!
-//! Whoever has no key can send thousands of requests a second. Of an address (of IPv6 the network of 64 bits) the first of a minute
-//! has an audit entry of its own, and one more stands for all of them when the minute is over; so that disk and log grow with
-//! the number of addresses and not with that of requests.
+//! A client without a key can send thousands of requests a second. For each address (for IPv6, each /64 network), the
+//! first request of a minute has its own audit entry, and one further entry summarises all of them at the end of the
+//! minute. Disk and log therefore grow with the number of addresses, not with the number of requests.
 
 use std::collections::{BTreeMap, HashMap};
 use std::net::IpAddr;
@@ -12,25 +12,25 @@ use std::time::{Duration, Instant};
 use crate::domain::access::network_text;
 use crate::domain::audit::Entry;
 
-/// Time that one entry stands for.
+/// Time covered by one summary entry.
 const WINDOW: Duration = Duration::from_secs(60);
-/// Requests of an address and minute that have lines of their own in the log.
+/// Number of requests per address and minute that are logged individually.
 const LOUD: u64 = 5;
-/// Addresses that are told apart in a minute; what others send is counted together. At two entries of some 300 bytes this is 0.9 GB
-/// a day from an attacker who has that many networks.
+/// Maximum number of addresses counted separately in a minute; requests of further addresses are counted together. At
+/// two entries of about 300 bytes this is 0.9 GB a day for an attacker with that many networks.
 const MOST_NETWORKS: usize = 1024;
-/// What stands for the method of an entry that counts.
+/// Method in entries that summarise many requests.
 pub const MANY: &str = "*";
-/// What stands for the address of those that are not told apart.
+/// Address in entries for networks that are not counted separately.
 const OTHERS: &str = "others";
 
-/// The counts of the present minute.
+/// Counts of the current minute.
 #[derive(Debug, Default)]
 pub struct Refusals {
     windows: Mutex<HashMap<Option<IpAddr>, Window>>,
 }
 
-/// What one network has sent.
+/// Counts of one network.
 #[derive(Debug)]
 struct Window {
     begun: Instant,
@@ -39,13 +39,13 @@ struct Window {
     count: u64,
     reasons: BTreeMap<&'static str, u64>,
     request_id: String,
-    /// Whether the first has an entry of its own.
+    /// Whether the first request has its own entry.
     has_entry: bool,
 }
 
 impl Refusals {
-    /// Counts a request from `network` that ended for `reason`; whether it is the first of a minute. `has_entry`: then it gets an
-    /// entry of its own.
+    /// Counts a request from `network` refused for `reason`; returns whether it is the first of a minute. `has_entry`:
+    /// the request gets its own entry in that case.
     pub fn count(
         &self,
         network: Option<IpAddr>,
@@ -63,19 +63,19 @@ impl Refusals {
         window.count == 1
     }
 
-    /// Whether `network` has sent so many of them in this minute that the next have no lines of their own.
+    /// Whether `network` has sent so many requests in this minute that further ones are not logged individually.
     pub fn is_loud(&self, network: Option<IpAddr>) -> bool {
         let windows = self.windows();
         let window = windows.get(&network).or_else(|| windows.get(&None));
         window.is_some_and(|window| window.count >= LOUD)
     }
 
-    /// The entries of the minutes that are over.
+    /// Summary entries of the minutes that are over.
     pub fn due(&self) -> Vec<Entry> {
         self.take(|window| window.begun.elapsed() >= WINDOW)
     }
 
-    /// The entries of all that was counted.
+    /// Summary entries of everything counted so far.
     pub fn all(&self) -> Vec<Entry> {
         self.take(|_| true)
     }
@@ -128,7 +128,7 @@ impl Window {
     }
 }
 
-/// The objects of an entry that stands for many requests.
+/// Objects of an entry that summarises many requests.
 pub fn counted(
     count: u64,
     first_ms: i64,

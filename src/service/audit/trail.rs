@@ -1,11 +1,12 @@
-//! The audit trail of all requests: written behind them in groups, read by administrators.
+//! Audit trail of all requests: written in groups in the background, read by administrators.
 //!
-//! Entries go through a bounded channel to the one task that writes them, and a full channel makes requests wait. What waits
-//! for nobody lies at most `GROUP_TIME` in memory; who must know that the entry is on disk has its group written at once.
+//! Entries pass through a bounded channel to a single writer task; a full channel makes requests wait. Entries are
+//! flushed at least every `GROUP_TIME`. A caller that needs durability triggers an immediate flush.
 //!
-//! While the store takes no entries, as on a full disk, nothing is changed ([`Trail::check`]) and reading goes on: when the
-//! channel is full, reads are answered without an entry, counted by tenant, and one entry for each tenant says how many they
-//! were as soon as the store takes it. Where every read must be recorded (`Terms::required`), reads are refused instead.
+//! While the store accepts no entries, for example on a full disk, changes are refused ([`Trail::check`]) and reads
+//! continue. Once the channel is full, reads are answered without an entry and counted by tenant; when the store
+//! accepts entries again, one entry per tenant records that count. Where every read must be recorded
+//! (`Terms::required`), reads are refused instead.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -21,25 +22,25 @@ use crate::domain::audit::{AuditFilter, Entry, Recorded};
 use crate::service::app::{App, Page, ServiceError, metrics, now_ms};
 use crate::store::Store;
 
-/// Entries that may wait to be written.
+/// Capacity of the channel to the writer.
 const CHANNEL: usize = 4096;
-/// Most entries of a transaction.
+/// Maximum number of entries per transaction.
 const GROUP: usize = 512;
-/// Longest time until a group is written.
+/// Maximum time until a group is written.
 const GROUP_TIME: Duration = Duration::from_millis(100);
-/// Time between attempts to write a group that the store did not take.
+/// Time between attempts to write a group that the store has refused.
 const PAUSE: Duration = Duration::from_secs(1);
-/// Longest time that a request waits for its entry; an answer later than this helps nobody.
+/// Maximum time for which a request waits for its entry; a later answer is of no use to the client.
 const PATIENCE: Duration = Duration::from_secs(10);
-/// Longest time for the last entries when the service stops.
+/// Maximum time for writing the last entries at shutdown.
 const CLOSE: Duration = Duration::from_secs(5);
-/// How often it is looked for counted requests whose minute is over.
+/// Interval at which summaries of completed minutes are collected.
 const SUM_UP: Duration = Duration::from_secs(5);
-/// Time between two lines of the log about a trail that cannot be written.
+/// Minimum time between two log lines about a trail that cannot be written.
 const QUIET: Duration = Duration::from_secs(10);
-/// Least age in milliseconds of an entry that an administrator removes: who has come by such a key today cannot hide today.
+/// Minimum age in milliseconds of entries that an administrator can remove: an intruder with a stolen key cannot erase
+/// the traces of the same day.
 pub const LEAST_AGE_MS: i64 = DAY_MS;
-/// Milliseconds of a day.
 const DAY_MS: i64 = 24 * 3600 * 1000;
 
 enum Message {
@@ -47,16 +48,16 @@ enum Message {
     Close(oneshot::Sender<()>),
 }
 
-/// What becomes of the entry of a request.
+/// Outcome of recording a request.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Recording {
-    /// It is written, or will be.
+    /// The entry is written, or will be.
     Kept,
     /// The trail cannot be written: the request is only counted.
     Counted,
 }
 
-/// The way into the audit trail. Nothing is recorded before [`Trail::start`].
+/// Entrance of the audit trail. Nothing is recorded before [`Trail::start`].
 #[derive(Debug, Default)]
 pub struct Trail {
     channel: OnceLock<mpsc::Sender<Message>>,
@@ -64,10 +65,10 @@ pub struct Trail {
     state: Arc<State>,
 }
 
-/// What the writer and those who give it entries know of the trail.
+/// State of the trail, shared by the writer and its callers.
 #[derive(Debug, Default)]
 struct State {
-    /// Whether the last attempt to write has failed.
+    /// Whether the last attempt to write failed.
     failing: AtomicBool,
     /// Whether reads that cannot be recorded are refused.
     required: AtomicBool,
@@ -75,7 +76,7 @@ struct State {
     gaps: Mutex<BTreeMap<String, Gap>>,
 }
 
-/// Requests of a tenant that have no entry.
+/// Requests of one tenant without an entry.
 #[derive(Debug, Clone, Copy)]
 struct Gap {
     count: u64,
@@ -95,7 +96,7 @@ impl State {
     /// Counts a request instead of recording it.
     ///
     /// # Errors
-    /// [`ServiceError::Unavailable`] when every request must be recorded.
+    /// [`ServiceError::Unavailable`] if every request must be recorded.
     fn count(&self, entry: &Entry) -> Result<Recording, ServiceError> {
         if self.required.load(Ordering::Relaxed) {
             return Err(unavailable());
@@ -108,7 +109,7 @@ impl State {
         Ok(Recording::Counted)
     }
 
-    /// The entries that say what was only counted.
+    /// Entries for the requests that were only counted.
     fn of_gaps(&self) -> Vec<Entry> {
         let gaps = std::mem::take(&mut *self.gaps());
         let entry = |(tenant, gap): (String, Gap)| {
@@ -141,9 +142,9 @@ impl App {
 }
 
 impl Trail {
-    /// Starts to write what is recorded. `required`: a request that cannot be recorded is refused, also one that only reads.
+    /// Starts the writer. `required`: requests that cannot be recorded are refused, including those that only read.
     ///
-    /// Must be called on an async runtime; a second call changes nothing.
+    /// Must be called on an async runtime; a second call has no effect.
     pub fn start(self: &Arc<Self>, store: &Store, required: bool) {
         self.channel.get_or_init(|| {
             let (sender, messages) = mpsc::channel(CHANNEL);
@@ -154,12 +155,12 @@ impl Trail {
         });
     }
 
-    /// Where requests without a known caller are counted.
+    /// Counts of requests without a known caller.
     pub fn refusals(&self) -> &Refusals {
         &self.refusals
     }
 
-    /// Whether what changes something may be begun: its entry can be written, as far as is known.
+    /// Checks that a change may begin: its entry can be written, as far as is known.
     ///
     /// # Errors
     /// [`ServiceError::Unavailable`] while the trail cannot be written.
@@ -171,10 +172,10 @@ impl Trail {
         Ok(())
     }
 
-    /// Records a request that has changed nothing; waits while too many wait to be written.
+    /// Records a request that has changed nothing; waits while the channel is full.
     ///
     /// # Errors
-    /// [`ServiceError::Unavailable`] when the trail cannot be written and every request must be recorded.
+    /// [`ServiceError::Unavailable`] if the trail cannot be written and every request must be recorded.
     pub async fn record(&self, entry: Entry) -> Result<Recording, ServiceError> {
         let Some(channel) = self.channel.get() else { return Ok(Recording::Kept) };
         let message = match channel.try_send(Message::Entry(Box::new(clean(entry)), None)) {
@@ -189,7 +190,7 @@ impl Trail {
             Ok(()) => Ok(Recording::Kept),
             Err(SendTimeoutError::Closed(_)) => Err(unavailable()),
             Err(SendTimeoutError::Timeout(message)) => {
-                // Until something is written again nobody else waits in vain.
+                // Further requests do not wait until a write succeeds again.
                 self.state.failing.store(true, Ordering::Relaxed);
                 self.count(&message)
             }
@@ -206,7 +207,7 @@ impl Trail {
     /// Records a request and waits until the entry is on disk.
     ///
     /// # Errors
-    /// [`ServiceError::Unavailable`] when the trail cannot be written.
+    /// [`ServiceError::Unavailable`] if the trail cannot be written.
     pub async fn record_surely(&self, entry: Entry) -> Result<(), ServiceError> {
         let Some(channel) = self.channel.get() else { return Ok(()) };
         let (written, on_disk) = oneshot::channel();
@@ -218,17 +219,17 @@ impl Trail {
         }
     }
 
-    /// Writes what was recorded so far; later entries are refused.
+    /// Writes everything recorded so far; later entries are refused.
     pub async fn close(&self) {
         let Some(channel) = self.channel.get() else { return };
         let (closed, done) = oneshot::channel();
         let closing = async {
             for entry in self.refusals.all() {
-                // Refused only when it is closed already.
+                // Fails only if the channel is already closed.
                 let _ = channel.send(Message::Entry(Box::new(entry), None)).await;
             }
             if channel.send(Message::Close(closed)).await.is_ok() {
-                // Also ends when the writer does.
+                // Also ends if the writer does.
                 let _ = done.await;
             }
         };
@@ -238,7 +239,7 @@ impl Trail {
     }
 }
 
-/// The entry in characters that both databases store: a group that is never taken would hold up all others.
+/// Replaces characters that one of the databases does not store: a group that is always refused would block all others.
 fn clean(mut entry: Entry) -> Entry {
     for text in [&mut entry.key, &mut entry.subject].into_iter().flatten() {
         *text = text.replace('\0', "\u{fffd}");
@@ -246,7 +247,7 @@ fn clean(mut entry: Entry) -> Entry {
     entry
 }
 
-/// Records the counts of the minutes that are over, until the trail is closed.
+/// Records the summaries of completed minutes until the trail is closed.
 async fn sum_up(trail: Arc<Trail>, channel: mpsc::Sender<Message>) {
     loop {
         tokio::select! {
@@ -254,7 +255,7 @@ async fn sum_up(trail: Arc<Trail>, channel: mpsc::Sender<Message>) {
             () = channel.closed() => return,
         }
         for entry in trail.refusals.due() {
-            // It is closed: the counts of the last minute are written at the end.
+            // The trail is closed: the counts of the last minute are written at the end.
             let Ok(_) = trail.record(entry).await else { return };
         }
     }
@@ -273,7 +274,7 @@ struct Writer {
     state: Arc<State>,
 }
 
-/// Entries that are written together.
+/// Entries that are written in one transaction.
 #[derive(Default)]
 struct Group {
     entries: Vec<Entry>,
@@ -303,7 +304,7 @@ impl Writer {
             let group = self.group().await;
             self.write(&group.entries).await;
             for waiting in group.waiting {
-                // Whoever waited may have gone away.
+                // The waiting request may have been dropped.
                 let _ = waiting.send(());
             }
             if let Some(closing) = group.closing {
@@ -314,7 +315,8 @@ impl Writer {
         }
     }
 
-    /// What is there when the first entry has lain for its time, or when somebody waits for one.
+    /// Collects entries until the first has waited for `GROUP_TIME`, a caller waits for durability, or the group is
+    /// full.
     async fn group(&mut self) -> Group {
         let mut group = Group::default();
         let Some(first) = self.messages.recv().await else {
@@ -337,7 +339,7 @@ impl Writer {
         group
     }
 
-    /// Writes until it is written; then what was only counted meanwhile.
+    /// Writes the entries, retrying until it succeeds; then records the requests that were only counted in between.
     async fn write(&self, entries: &[Entry]) {
         let mut said: Option<Instant> = None;
         while let Err(error) = self.store.append_audit(entries).await {
@@ -361,13 +363,13 @@ impl Writer {
         }
     }
 
-    /// Says in the trail what is missing there.
+    /// Records the missing requests in the trail.
     async fn write_gaps(&self) {
         let gaps = self.state.of_gaps();
         tracing::info!("the audit trail is written again");
         match self.store.append_audit(&gaps).await {
             Ok(()) => metrics::audit_written(gaps.len()),
-            // The log has the numbers.
+            // The log has the counts.
             Err(error) => tracing::error!(
                 error = ServiceError::from(error).cause(),
                 "what is missing is not in the trail"
@@ -376,7 +378,7 @@ impl Writer {
     }
 }
 
-/// Removes from all trails what is older than `days`.
+/// Removes entries older than `days` from all trails.
 ///
 /// # Errors
 /// Those of the store.
@@ -388,10 +390,11 @@ pub async fn prune(app: &App, days: u32) -> Result<(), ServiceError> {
     Ok(())
 }
 
-/// Removes the entries of the caller's tenant before a time, from the beginning of its trail; where it begins now.
+/// Removes the entries of the caller's tenant before a time, from the beginning of its trail; returns the new
+/// beginning.
 ///
 /// # Errors
-/// [`ServiceError::Query`] for a time that is less than [`LEAST_AGE_MS`] ago.
+/// [`ServiceError::Query`] if the time is less than [`LEAST_AGE_MS`] ago.
 pub async fn remove(app: &App, before_ms: i64) -> Result<Beginning, ServiceError> {
     if before_ms > now_ms() - LEAST_AGE_MS {
         let detail = "before must be at least 24 hours ago: entries of the last day are not removed";
@@ -411,22 +414,22 @@ pub async fn remove(app: &App, before_ms: i64) -> Result<Beginning, ServiceError
     Ok(anchor)
 }
 
-/// Where a trail begins after older entries were removed: its first entry follows the link of the last one that was removed.
+/// Beginning of a trail after removals: its first entry is chained to the digest of the last removed entry.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Beginning {
-    /// Entries that were removed now.
+    /// Number of entries removed by this call.
     pub removed: u64,
-    /// Place of the last entry that was ever removed, 0 when none was.
+    /// Position of the last entry ever removed; 0 if none was.
     pub sequence: u64,
-    /// Its link, in hexadecimal.
+    /// Digest of that entry, in hexadecimal.
     pub digest: String,
 }
 
-/// Entries of the trail of the caller's tenant that match `filter`, in their order, behind `cursor` (the place of the last
-/// one seen).
+/// Entries of the caller's tenant that match `filter`, in order, after `cursor` (the position of the last entry of the
+/// previous page).
 ///
 /// # Errors
-/// A cursor that is not one.
+/// An invalid cursor.
 pub async fn list(
     app: &App,
     filter: &AuditFilter,
@@ -439,17 +442,17 @@ pub async fn list(
     Ok((items, next))
 }
 
-/// The place that a cursor stands for.
+/// Position encoded by a cursor; 0 without one.
 ///
 /// # Errors
-/// A cursor that is not one.
+/// An invalid cursor.
 pub fn place(cursor: Option<&str>) -> Result<u64, ServiceError> {
     let place = cursor.map(str::parse).transpose();
     let place = place.map_err(|_| ServiceError::Query("cursor is not one of this list".into()))?;
     Ok(place.unwrap_or(0))
 }
 
-/// At most `limit` entries behind a place.
+/// At most `limit` entries after a position.
 ///
 /// # Errors
 /// Those of the store.
@@ -540,7 +543,7 @@ mod tests {
         assert_eq!(recorded(&app).await, ["1", "2"]);
     }
 
-    /// Lets the store take no entries, or again.
+    /// Makes the store refuse entries, or accept them again.
     async fn read_only(app: &App, on: bool) {
         let statement = if on { "PRAGMA query_only = 1" } else { "PRAGMA query_only = 0" };
         app.store.meddle(statement).await;
@@ -567,7 +570,7 @@ mod tests {
         for number in 1..2 * CHANNEL {
             counted += u64::from(app.trail().record(entry(number)).await.unwrap() == Recording::Counted);
         }
-        // One group is in the hands of the writer.
+        // The writer holds one group.
         assert!((1..=CHANNEL as u64).contains(&counted), "{counted}");
         read_only(&app, false).await;
         until(|| !app.trail().state.is_failing()).await;

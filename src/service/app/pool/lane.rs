@@ -1,4 +1,4 @@
-//! A lane: a fixed number of compute threads, and a bounded number of tasks that take turns on them.
+//! A lane: a fixed number of compute threads and a bounded queue of tasks that take turns on them.
 
 use std::num::NonZeroUsize;
 use std::sync::mpsc::{Receiver, Sender, channel};
@@ -13,10 +13,10 @@ use crate::service::app::error::ServiceError;
 use crate::service::app::metrics;
 use crate::service::app::work::Work;
 
-/// Longest wait for a place where all are taken: a burst of clients is served, and who is turned away hears of it soon.
+/// Maximum wait for a place in a full queue: short bursts are served, and refused clients learn of it soon.
 const PATIENCE: Duration = Duration::from_secs(1);
 
-/// A fixed number of compute threads that take a bounded number of tasks.
+/// A fixed number of compute threads with a bounded queue of tasks.
 #[derive(Debug, Clone)]
 pub struct Lane(Arc<Inner>);
 
@@ -24,12 +24,12 @@ pub struct Lane(Arc<Inner>);
 struct Inner {
     name: &'static str,
     threads: Threads,
-    /// Tasks that run at once: as many as threads.
+    /// Number of tasks that run at the same time; equals the number of threads.
     slots: usize,
-    /// Tasks that may wait or run.
+    /// Maximum number of tasks that wait or run.
     places: usize,
     state: Mutex<State>,
-    /// A place is free.
+    /// Signals that a place is free.
     freed: Notify,
 }
 
@@ -40,12 +40,12 @@ struct State {
     last_id: u64,
 }
 
-/// A task that runs.
+/// A running task.
 #[derive(Debug)]
 struct Running {
     id: u64,
     since: Instant,
-    /// Longest time that it should take.
+    /// Expected maximum duration.
     time: Option<Duration>,
 }
 
@@ -61,46 +61,46 @@ impl std::fmt::Debug for Waiting {
     }
 }
 
-/// What a task is told when it leaves the queue.
+/// Instruction to a task that leaves the queue.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Call {
-    /// It has a thread.
+    /// Run on this thread.
     Begin,
-    /// It gives its place to others.
+    /// Give up the place in the queue.
     GiveWay,
 }
 
-/// What becomes of a task; it returns how its outcome is delivered, which comes after the place is free.
+/// Consumes the call and returns the delivery of the outcome, which happens after the place is free.
 type Task = Box<dyn FnOnce(Call) -> Deliver + Send>;
 type Deliver = Box<dyn FnOnce() + Send>;
 
-/// What a thread does.
+/// A unit of work for a thread.
 type Job = Box<dyn FnOnce() + Send>;
 
-/// How a task that was queued ended.
+/// End of a queued task.
 enum Fate<T, F> {
     Done(std::thread::Result<Result<T, ServiceError>>),
     GaveWay(F),
 }
 
-/// For whom a task runs, and what is known of it.
+/// Owner of a task and the known facts about it.
 #[derive(Debug, Clone)]
 pub(super) struct Ticket {
     pub(super) who: Who,
     pub(super) work: Work,
-    /// Whether the request has begun before: it waits for a place instead of being turned away.
+    /// Whether the request has begun before: it is then queued even if all places are taken.
     pub(super) admitted: bool,
-    /// Longest time that the task should take.
+    /// Expected maximum duration of the task.
     pub(super) time: Option<Duration>,
 }
 
-/// How the threads of a lane share the work.
+/// Distribution of work over the threads of a lane.
 #[derive(Debug)]
 enum Threads {
-    /// They share the loops of every task.
+    /// All threads share the loops of every task.
     Together(rayon::ThreadPool),
-    /// Each takes a task for itself. Between tasks they sleep: the threads of a pool look for work first and yield, and the
-    /// system lets those that yield wait longest.
+    /// Each thread takes a task for itself. Idle threads sleep; those of a thread pool would poll for work and yield,
+    /// and the operating system makes yielding threads wait longest.
     Apart(Sender<Job>),
 }
 
@@ -129,16 +129,16 @@ impl Threads {
     fn spawn(&self, task: impl FnOnce() + Send + 'static) {
         match self {
             Self::Together(threads) => threads.spawn(task),
-            // The threads end when nobody can send any more, not before.
+            // The threads end only when the sender is gone.
             Self::Apart(tasks) => tasks.send(Box::new(task)).expect("the threads wait for tasks"),
         }
     }
 }
 
-/// Does tasks until there can be no more.
+/// Runs tasks until the channel is closed.
 fn serve(name: &str, tasks: &Mutex<Receiver<Job>>) {
     give_way(niceness(name));
-    // Loops of a task would else be shared out to threads of all cores: here they run one after the other.
+    // Runs loops of a task sequentially; otherwise they would be distributed over threads on all cores.
     let _alone = rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread().build();
     loop {
         let task = locked(tasks).recv();
@@ -150,8 +150,8 @@ fn serve(name: &str, tasks: &Mutex<Receiver<Job>>) {
 }
 
 impl Lane {
-    /// Threads called `name` that share the loops of every task, 0 meaning one per core, and how many tasks for each may wait
-    /// or run.
+    /// Threads called `name` that share the loops of every task (0: one per core), with a maximum of `tasks_each`
+    /// waiting or running tasks per thread.
     pub fn new(name: &'static str, threads: usize, tasks_each: usize) -> Self {
         let threads = thread_count(threads);
         Self::together(name, threads, threads * tasks_each)
@@ -162,7 +162,7 @@ impl Lane {
         Self::with(name, Threads::together(name, threads), threads, places)
     }
 
-    /// Threads that each do a task alone.
+    /// Threads that each run a task alone.
     pub(super) fn apart(name: &'static str, threads: usize, places: usize) -> Self {
         Self::with(name, Threads::apart(name, threads), threads, places)
     }
@@ -176,7 +176,7 @@ impl Lane {
     /// Runs `task` for the service itself and waits without blocking an async thread.
     ///
     /// # Errors
-    /// [`ServiceError::Overloaded`] when too many tasks wait; [`ServiceError::Internal`] when the task panicked (a bug: the
+    /// [`ServiceError::Overloaded`] if too many tasks wait; [`ServiceError::Internal`] if the task panicked (a bug: the
     /// panic stays in the task).
     pub async fn run<T: Send + 'static>(
         &self,
@@ -186,10 +186,11 @@ impl Lane {
         self.run_for(ticket, task).await
     }
 
-    /// Runs `task` for whoever has the ticket, when its turn comes. When the wait is given up before, the task is dropped.
+    /// Runs `task` for the owner of the ticket when its turn comes. If the caller stops waiting before that, the task
+    /// is dropped.
     ///
-    /// Where all places are taken, the one of a caller with more of them is taken over; else the task waits for one, for
-    /// [`PATIENCE`] unless it is `admitted`.
+    /// If all places are taken, a task of a caller with more places is evicted; otherwise the task waits for a place
+    /// for at most [`PATIENCE`]. Tasks of `admitted` requests are queued in any case.
     ///
     /// # Errors
     /// Those of [`Lane::run`].
@@ -223,7 +224,7 @@ impl Lane {
         }
     }
 
-    /// Whether every thread has been at one task for `margin` longer than that should take.
+    /// Whether every thread has exceeded the expected duration of its task by more than `margin`.
     pub(super) fn is_stuck(&self, margin: Duration) -> bool {
         let state = locked(&self.0.state);
         let late =
@@ -231,7 +232,7 @@ impl Lane {
         state.running.iter().filter(late).count() == self.0.slots
     }
 
-    /// Its name.
+    /// Name of the lane.
     pub(super) fn name(&self) -> &'static str {
         self.0.name
     }
@@ -242,7 +243,7 @@ impl Lane {
     }
 }
 
-/// A task in the queue of a lane; dropped, the task is taken out of it.
+/// A task in the queue of a lane; dropping it removes the task.
 struct Queued<T, F> {
     lane: Arc<Inner>,
     who: Who,
@@ -266,7 +267,7 @@ impl<T, F> Drop for Queued<T, F> {
 }
 
 impl Inner {
-    /// Queues a task, if there is a place for it.
+    /// Queues a task if there is a place for it.
     fn enter<T: Send + 'static, F>(self: &Arc<Self>, ticket: &Ticket, task: F) -> Result<Queued<T, F>, F>
     where
         F: FnOnce() -> Result<T, ServiceError> + Send + 'static,
@@ -311,12 +312,12 @@ impl Inner {
                     Fate::Done(std::panic::catch_unwind(std::panic::AssertUnwindSafe(task)))
                 }
             };
-            // The receiver is gone when the client went away: nobody waits for the answer.
+            // The receiver is gone if the client has disconnected.
             Box::new(move || drop(answer.send(fate)))
         })
     }
 
-    /// Gives free threads to those whose turn it is.
+    /// Starts the next tasks on free threads.
     fn begin(self: &Arc<Self>, state: &mut State) {
         while state.running.len() < self.slots {
             let now = Instant::now();
@@ -327,7 +328,7 @@ impl Inner {
         }
     }
 
-    /// Does a task, on a thread of the lane.
+    /// Runs a task on a thread of the lane.
     fn work(self: Arc<Self>, entry: Entry<Waiting>) {
         let Entry { id, who, seconds, task, .. } = entry;
         let begun = Instant::now();
@@ -339,19 +340,19 @@ impl Inner {
         state.running.retain(|running| running.id != id);
         self.begin(&mut state);
         drop(state);
-        // Before the answer: whoever has it may ask for the place at once.
+        // Before the answer: its receiver may request the place at once.
         self.freed.notify_one();
         deliver();
     }
 }
 
-/// `threads`, 0 meaning one per core.
+/// Number of threads; 0 means one per core.
 pub fn thread_count(threads: usize) -> usize {
     let cores = || std::thread::available_parallelism().map_or(1, NonZeroUsize::get);
     if threads == 0 { cores() } else { threads }
 }
 
-/// How much the threads of a lane give way to others (`nice`): jobs to all requests, and all to those of a moment.
+/// Niceness of the threads of a lane: jobs yield to all requests, and heavy requests yield to light ones.
 fn niceness(lane: &str) -> i32 {
     match lane {
         LIGHT => 0,
@@ -360,7 +361,7 @@ fn niceness(lane: &str) -> i32 {
     }
 }
 
-/// Lowers the priority of this thread. Elsewhere than on Linux the priority would be that of the process.
+/// Lowers the priority of this thread. On systems other than Linux it would affect the whole process.
 #[cfg(target_os = "linux")]
 fn give_way(niceness: i32) {
     if let Err(error) = rustix::process::nice(niceness) {
@@ -371,7 +372,7 @@ fn give_way(niceness: i32) {
 #[cfg(not(target_os = "linux"))]
 fn give_way(_: i32) {}
 
-/// Nothing is left half done under these locks: a panic elsewhere does not spoil them.
+/// Locks a mutex, ignoring poison: no critical section leaves a partial change.
 fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

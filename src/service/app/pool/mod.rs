@@ -1,13 +1,13 @@
-//! The bounded pool where arithmetic leaves the async threads.
+//! Bounded pool of threads for computations, which must not run on async threads.
 //!
-//! It has two lanes with threads of their own: what is predicted to take a moment never waits behind what takes seconds. In each
-//! lane the tenants take turns by the work that is done for them, and inside of a tenant its keys do. Each lane takes a
-//! bounded number of tasks, those that wait included; where there is no place, the caller with most of them gives one. On Linux
-//! the threads of the other lanes have a lower priority: when cores are scarce, what takes a moment goes first.
+//! The pool has two lanes with separate threads, so that light requests never wait behind heavy ones. In each lane,
+//! tenants take turns by the work done for them, and so do the keys within a tenant. Each lane holds a bounded number
+//! of tasks, including those that wait; when it is full, the caller with most tasks loses one. On Linux the threads of
+//! the other lanes have a lower priority: when cores are scarce, light requests run first.
 //!
-//! * [`Pool`] — the lanes, as one request sees them;
-//! * `lane` — the threads and the tasks that wait for them; `turns` — whose turn it is;
-//! * [`work`](crate::service::cost::requests) — what a request is predicted to take.
+//! * [`Pool`] — the lanes as seen by one request;
+//! * `lane` — threads and the tasks that wait for them; `turns` — order of tasks;
+//! * [`work`](crate::service::cost::requests) — predicted cost of a request.
 
 mod lane;
 mod turns;
@@ -27,59 +27,59 @@ use super::progress::JobContext;
 use super::work::Work;
 use crate::domain::access::Principal;
 
-/// Name of the lane for what takes a moment.
+/// Name of the lane for light requests.
 const LIGHT: &str = "light";
-/// Name of the lane for everything else that requests compute.
+/// Name of the lane for heavy requests.
 const HEAVY: &str = "compute";
-/// Name of the lane of a place where jobs run.
+/// Name of the lanes of job workers.
 pub const JOB: &str = "job";
-/// All lanes.
 pub(crate) const LANES: [&str; 3] = [LIGHT, HEAVY, JOB];
-/// Those of requests.
+/// Lanes of requests.
 pub(crate) const REQUEST_LANES: [&str; 2] = [LIGHT, HEAVY];
-/// Tasks of the light lane that may wait or run at once.
+/// Maximum number of waiting or running tasks in the light lane.
 const LIGHT_QUEUE: usize = 256;
-/// Tasks of the heavy lane that may wait or run at once, for each thread.
+/// Maximum number of waiting or running tasks in the heavy lane, per thread.
 const HEAVY_QUEUE: usize = 4;
-/// Most bytes of a body that is read where it arrives: some 0.1 ms, on a busy machine less than the way to another thread and
-/// back.
+/// Maximum size of a body that is parsed on the async thread: about 0.1 ms, on a busy machine less than a round trip to
+/// another thread.
 const TINY_BYTES: usize = 16 << 10;
-/// How much longer than its time a task may run before its thread counts as stuck: it looks at the time between two steps.
+/// Time by which a task may exceed its duration before its thread counts as stuck: a task checks the time only between
+/// two steps.
 const STUCK_MARGIN: Duration = Duration::from_secs(10);
 
-/// The two lanes, as one request sees them.
+/// The two lanes as seen by one request.
 #[derive(Debug, Clone)]
 pub struct Pool {
     light: Lane,
     heavy: Lane,
     who: Who,
     work: Work,
-    /// Most seconds that a request may be predicted to take.
+    /// Maximum predicted seconds of a request.
     most: f64,
-    /// Longest time of a request that computes.
+    /// Maximum time of a request that computes.
     time: Duration,
-    /// The request, unless it is the service itself that computes.
+    /// The request; `None` if the service itself computes.
     request: Option<Arc<Request>>,
 }
 
-/// What is known of a request that computes.
+/// State of a request that computes.
 #[derive(Debug, Default)]
 struct Request {
-    /// Whether it had a place of the light lane once: what has begun there is not turned away.
+    /// Whether the request has had a place in the light lane; its further light tasks are not refused.
     read: AtomicBool,
-    /// Whether it had one of the heavy lane: then it is not turned away at all.
+    /// Whether the request has had a place in the heavy lane; none of its further tasks is refused.
     admitted: AtomicBool,
     context: JobContext,
 }
 
-/// Where a request stands when its body has been read.
+/// Next step of a request after reading its body.
 enum Step<T, F> {
     Done(T),
     Next(Work, F),
 }
 
 impl Pool {
-    /// Lanes of `threads` threads each, 0 meaning one per core.
+    /// Lanes of `threads` threads each; 0 means one per core.
     pub fn new(threads: usize, limits: &Limits) -> Self {
         let threads = thread_count(threads);
         let places = if limits.heavy_requests == 0 { threads * HEAVY_QUEUE } else { limits.heavy_requests };
@@ -99,7 +99,7 @@ impl Pool {
         Self { who: Who::of(principal), request: Some(Arc::default()), work: Work::UNKNOWN, ..self.clone() }
     }
 
-    /// The same request, whose work shall have ended at `deadline`.
+    /// The same request with a `deadline` for its work.
     #[must_use]
     pub fn until(&self, deadline: Instant) -> Self {
         let context = self.context().until(deadline);
@@ -107,23 +107,23 @@ impl Pool {
         Self { request, ..self.clone() }
     }
 
-    /// The same request, at something that is predicted to take so much.
+    /// The same request with a prediction of its work.
     pub fn weighing(&self, work: Work) -> Self {
         Self { work, ..self.clone() }
     }
 
-    /// Says when the work of the request shall stop, because nobody waits for it any more or its time is over.
+    /// Signals the work of the request to stop when the client stops waiting or its time is over.
     pub fn context(&self) -> JobContext {
         self.request.as_ref().map_or_else(JobContext::default, |request| request.context.clone())
     }
 
-    /// The lane in which all threads have been at one task for too long, if there is one.
+    /// Name of a lane in which all threads have been at one task for too long, if there is one.
     pub fn stuck_lane(&self) -> Option<&'static str> {
         let stuck = [&self.light, &self.heavy].into_iter().find(|lane| lane.is_stuck(STUCK_MARGIN));
         stuck.map(Lane::name)
     }
 
-    /// Reads a body: at once when it is tiny, else on the lane for its length.
+    /// Parses a body: at once if it is tiny, otherwise in the lane for its length.
     ///
     /// # Errors
     /// Those of `read`, and of [`Pool::run`].
@@ -138,11 +138,11 @@ impl Pool {
         self.weighing(Work::reading(body.len())).run(move || read(&body)).await
     }
 
-    /// Reads a body, and does what is in it: `plan` says how much that is, and it is done on the lane for it.
+    /// Parses a body and executes the request in it: `plan` predicts its work and thereby chooses the lane.
     ///
     /// # Errors
-    /// Those of `plan`, of what it plans and of [`Pool::run`]; [`ServiceError::TooCostly`] when more is planned than a request
-    /// may take.
+    /// Those of `plan`, of the planned task and of [`Pool::run`]; [`ServiceError::TooCostly`] if the predicted work
+    /// exceeds the maximum for a request.
     pub async fn run_planned<T: Send + 'static, F>(
         &self,
         body: Bytes,
@@ -163,7 +163,7 @@ impl Pool {
             let (work, task) = plan(&body)?;
             work.check(most)?;
             let task = holding(body, task);
-            // What was read here and belongs here is done here.
+            // The task belongs to the lane that has parsed the body: run it here.
             if work.is_moment() || !reading.is_moment() {
                 task().map(Step::Done)
             } else {
@@ -176,11 +176,11 @@ impl Pool {
         }
     }
 
-    /// Runs `task` and waits without blocking an async thread. When the wait is given up, the request is: a task that
-    /// has not begun is taken out of the queue, and one that runs hears of it by [`Pool::context`].
+    /// Runs `task` and waits without blocking an async thread. If the caller stops waiting, the request is cancelled: a
+    /// queued task is removed, and a running one is notified through [`Pool::context`].
     ///
     /// # Errors
-    /// [`ServiceError::Overloaded`] when too many tasks wait; [`ServiceError::Internal`] when the task panicked (a bug: the
+    /// [`ServiceError::Overloaded`] if too many tasks wait; [`ServiceError::Internal`] if the task panicked (a bug: the
     /// panic stays in the task).
     pub async fn run<T: Send + 'static>(
         &self,
@@ -206,7 +206,7 @@ impl Pool {
     }
 }
 
-/// A task that keeps the memory that was reserved for a body, and for what was read from it, until its end.
+/// A task that holds the memory reserved for a body, and for data parsed from it, until it ends.
 fn holding<T>(body: Bytes, task: impl FnOnce() -> T) -> impl FnOnce() -> T {
     move || {
         let outcome = task();
@@ -215,7 +215,7 @@ fn holding<T>(body: Bytes, task: impl FnOnce() -> T) -> impl FnOnce() -> T {
     }
 }
 
-/// Somebody waits for an outcome; when this is dropped before, nobody does any more.
+/// A caller that waits for an outcome; dropping it early interrupts the work.
 struct Waiting<'a>(Option<&'a JobContext>);
 
 impl Waiting<'_> {
@@ -250,7 +250,7 @@ mod tests {
         pool.of_request(&Principal::system(tenant))
     }
 
-    /// A task of the heavy lane that runs until what is returned is dropped; it runs when this returns.
+    /// A task of the heavy lane that runs until the returned value is dropped; it runs when this function returns.
     async fn occupied(pool: &Pool) -> std::sync::mpsc::Sender<()> {
         let (release, released) = channel::<()>();
         let (begun, begins) = oneshot::channel();
@@ -354,7 +354,7 @@ mod tests {
         stops.recv_timeout(SOON).unwrap();
     }
 
-    /// Sends a task that says its name when it runs.
+    /// Sends a task that reports its name when it runs.
     fn send(
         pool: &Pool,
         tenant: &'static str,
@@ -370,7 +370,7 @@ mod tests {
         })
     }
 
-    /// Waits until so many tasks of the heavy lane wait or run.
+    /// Waits until the given number of tasks of the heavy lane wait or run.
     async fn held(pool: &Pool, count: usize) {
         while pool.heavy.held() != count {
             tokio::task::yield_now().await;
@@ -410,7 +410,7 @@ mod tests {
             let outcome = tokio::time::timeout(SOON, task).await.unwrap().unwrap();
             assert!(outcome.is_ok(), "{outcome:?}");
         }
-        // Those of a that found no place waited for one.
+        // Tasks of caller a that found no place waited for one.
         for task in many {
             assert!(tokio::time::timeout(SOON, task).await.unwrap().unwrap().is_ok());
         }

@@ -1,15 +1,16 @@
-//! Whose turn it is: tenants take turns by the work that was done for them, and inside a tenant its keys do.
+//! Order of tasks: tenants take turns by the work done for them, and so do the keys within a tenant.
 //!
-//! Start-time fair queueing. A share that waits has a virtual start `v`; the next task is that of the smallest one, and
+//! Start-time fair queueing. A waiting share has a virtual start `v`; the next task is that of the share with the
+//! smallest start, and
 //!
 //! ```text
 //! v ← v + predicted seconds     when a task begins
 //! v ← v + taken − predicted     when it has ended
-//! v ← max(v, clock)             when a share that had nothing comes back; the clock is the v of the task that began last
+//! v ← max(v, clock)             when an idle share returns; the clock is the v of the task that began last
 //! ```
 //!
-//! so a tenant that comes back has no credit for the time in which it asked for nothing, and one that sends long tasks waits
-//! as many turns longer.
+//! A returning tenant therefore has no credit for its idle time, and a tenant with long tasks waits correspondingly
+//! longer between them.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
@@ -17,11 +18,11 @@ use std::time::{Duration, Instant};
 
 use crate::domain::access::Principal;
 
-/// How long a tenant counts as one that asks, after its last task came: a client that works on the answer before it asks again
-/// is still there.
+/// Time for which a tenant counts as active after its last task arrived: a client that processes the answer before its
+/// next request is still active.
 const ASKS: Duration = Duration::from_secs(10);
 
-/// Who waits: a tenant, and one of its keys.
+/// Owner of a task: a tenant and one of its keys.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Who {
     tenant: Arc<str>,
@@ -29,7 +30,8 @@ pub(super) struct Who {
 }
 
 impl Who {
-    /// Who stands behind a principal: all tokens of an identity provider have one key, so that their subject counts.
+    /// Owner of the tasks of a principal. All tokens of an identity provider have one key, so their subject counts
+    /// instead.
     pub(super) fn of(principal: &Principal) -> Self {
         let key = principal.subject.as_ref().unwrap_or(&principal.key);
         Self { tenant: principal.tenant.as_str().into(), key: key.as_str().into() }
@@ -41,25 +43,25 @@ impl Who {
     }
 }
 
-/// A task that waits.
+/// A waiting task.
 #[derive(Debug)]
 pub(super) struct Entry<T> {
     pub(super) id: u64,
     pub(super) who: Who,
     /// Predicted seconds.
     pub(super) seconds: f64,
-    /// Whether it may be sent away for others.
+    /// Whether it may be evicted for other tasks.
     pub(super) evictable: bool,
     pub(super) task: T,
 }
 
-/// One of those that share: a tenant, or a key of one.
+/// Share of a tenant, or of a key within a tenant.
 #[derive(Debug)]
 struct Share<Q> {
     start: f64,
     waiting: usize,
     running: usize,
-    /// When its last task came.
+    /// Arrival time of its last task.
     asked: Instant,
     queue: Q,
 }
@@ -70,7 +72,7 @@ impl<Q> Share<Q> {
     }
 }
 
-/// Those that share.
+/// Shares of one level: all tenants, or all keys of a tenant.
 #[derive(Debug)]
 struct Level<Q> {
     clock: f64,
@@ -84,7 +86,7 @@ impl<Q> Default for Level<Q> {
 }
 
 impl<Q: Default> Level<Q> {
-    /// A task comes.
+    /// Registers an arriving task.
     fn enter(&mut self, name: &Arc<str>, now: Instant) -> &mut Q {
         let clock = self.clock;
         let fresh = || Share { start: clock, waiting: 0, running: 0, asked: now, queue: Q::default() };
@@ -97,14 +99,15 @@ impl<Q: Default> Level<Q> {
         &mut share.queue
     }
 
-    /// The share with a task that waits whose start is smallest, of those that `may` begin.
+    /// The share with the smallest start among those with a waiting task that `may` begin.
     fn next(&self, may: impl Fn(&Share<Q>) -> bool) -> Option<Arc<str>> {
         let waiting = self.shares.iter().filter(|(_, share)| share.waiting > 0 && may(share));
         let first = waiting.min_by(|(_, a), (_, b)| a.start.total_cmp(&b.start));
         first.map(|(name, _)| Arc::clone(name))
     }
 
-    /// The share with most tasks, of those that `can` give one, when it has more than `own` would have with another one.
+    /// The share with most tasks among those that `can` lose one, if it has more tasks than `own` would have with one
+    /// more.
     fn largest(&self, own: &str, can: impl Fn(&Q) -> bool) -> Option<Arc<str>> {
         let held = self.shares.get(own).map_or(0, Share::held);
         let giving = self.shares.iter().filter(|(_, share)| can(&share.queue));
@@ -112,7 +115,7 @@ impl<Q: Default> Level<Q> {
         (most.held() > held + 1).then(|| Arc::clone(name))
     }
 
-    /// A task that waited begins.
+    /// Registers that a waiting task begins.
     fn begin(&mut self, name: &str, seconds: f64) {
         let Some(share) = self.shares.get_mut(name) else { return };
         self.clock = share.start;
@@ -121,7 +124,7 @@ impl<Q: Default> Level<Q> {
         share.running += 1;
     }
 
-    /// A task that ran has ended, `more` seconds later than predicted.
+    /// Registers that a running task has ended; `more`: actual minus predicted seconds.
     fn end(&mut self, name: &str, more: f64) {
         let Some(share) = self.shares.get_mut(name) else { return };
         share.start += more;
@@ -129,7 +132,7 @@ impl<Q: Default> Level<Q> {
         self.forget();
     }
 
-    /// A task that waited goes.
+    /// Registers that a waiting task leaves.
     fn leave(&mut self, name: &str) {
         if let Some(share) = self.shares.get_mut(name) {
             share.waiting -= 1;
@@ -137,10 +140,10 @@ impl<Q: Default> Level<Q> {
         self.forget();
     }
 
-    /// Drops those with nothing to do whom it makes no difference, and the account with the last task.
+    /// Drops idle shares that no longer affect the order; resets the accounts when no task is left.
     fn forget(&mut self) {
         if self.shares.values().all(|share| share.held() == 0) {
-            // Sums that only grow would lose their digits in the end.
+            // Sums that only grow would lose precision in the end.
             self.shares.values_mut().for_each(|share| share.start = 0.0);
             self.clock = 0.0;
         }
@@ -156,34 +159,35 @@ fn evictable<T>(queue: &VecDeque<Entry<T>>) -> bool {
     queue.iter().any(|entry| entry.evictable)
 }
 
-/// All tasks of a lane that wait, and how many run for whom.
+/// All waiting tasks of a lane, and the number of running tasks per owner.
 #[derive(Debug)]
 pub(super) struct Turns<T> {
     tenants: Level<Keys<T>>,
-    /// Threads that the tasks take turns on.
+    /// Number of threads.
     slots: usize,
 }
 
 impl<T> Turns<T> {
-    /// Turns on so many threads.
+    /// An empty queue for this number of threads.
     pub(super) fn new(slots: usize) -> Self {
         Self { tenants: Level::default(), slots }
     }
 
-    /// Tasks that wait or run.
+    /// Number of tasks that wait or run.
     pub(super) fn held(&self) -> usize {
         self.tenants.shares.values().map(Share::held).sum()
     }
 
-    /// A task waits from now on.
+    /// Adds a waiting task.
     pub(super) fn push(&mut self, entry: Entry<T>, now: Instant) {
         let Who { tenant, key } = entry.who.clone();
         self.tenants.enter(&tenant, now).enter(&key, now).push_back(entry);
     }
 
-    /// The task whose turn it is: it runs from now on, until [`Turns::end`].
+    /// Next task in order; it counts as running until [`Turns::end`].
     ///
-    /// While others ask, a tenant runs on at most half of the threads: their next task finds a free one.
+    /// While other tenants are active, a tenant runs on at most half of the threads, so that their next task finds a
+    /// free one.
     pub(super) fn next(&mut self, now: Instant) -> Option<Entry<T>> {
         let half = self.slots.div_ceil(2);
         let asking =
@@ -197,7 +201,7 @@ impl<T> Turns<T> {
         Some(entry)
     }
 
-    /// A task that ran for `who` has taken so long.
+    /// Registers the end of a task of `who`, with predicted and actual seconds.
     pub(super) fn end(&mut self, who: &Who, predicted: f64, taken: f64) {
         if let Some(share) = self.tenants.shares.get_mut(&who.tenant) {
             share.queue.end(&who.key, taken - predicted);
@@ -205,15 +209,15 @@ impl<T> Turns<T> {
         self.tenants.end(&who.tenant, taken - predicted);
     }
 
-    /// Takes out the newest task of the tenant that has most, when that is more than `who` has with another one; else, of
-    /// the keys of its own tenant.
+    /// Removes the newest task of the tenant with most tasks, if it has more than the tenant of `who` would have with
+    /// one more; otherwise, by the same rule, that of a key of the tenant of `who`.
     pub(super) fn evict_for(&mut self, who: &Who) -> Option<Entry<T>> {
         let tenant = self
             .tenants
             .largest(&who.tenant, |keys| keys.shares.values().any(|share| evictable(&share.queue)));
         let tenant = tenant.unwrap_or_else(|| Arc::clone(&who.tenant));
         let keys = &self.tenants.shares.get(&tenant)?.queue;
-        // A key of another tenant has none here: any that has two tasks may give one.
+        // The owner has no key in another tenant, where any key with two tasks may lose one.
         let own: &str = if tenant == who.tenant { &who.key } else { "" };
         let key = match keys.largest(own, evictable) {
             Some(key) => key,
@@ -226,7 +230,7 @@ impl<T> Turns<T> {
         self.remove(&Who { tenant, key }, newest)
     }
 
-    /// Takes out a task that waits.
+    /// Removes a waiting task.
     pub(super) fn remove(&mut self, who: &Who, id: u64) -> Option<Entry<T>> {
         let keys = &mut self.tenants.shares.get_mut(&who.tenant)?.queue;
         let queue = &mut keys.shares.get_mut(&who.key)?.queue;
@@ -250,7 +254,7 @@ mod tests {
         turns.push(Entry { id, who, seconds, evictable: true, task }, Instant::now());
     }
 
-    /// Runs the next task for as long as was predicted.
+    /// Runs the next task for exactly its predicted time.
     fn run(turns: &mut Turns<&'static str>) -> Option<&'static str> {
         let entry = turns.next(Instant::now())?;
         turns.end(&entry.who, entry.seconds, entry.seconds);
@@ -329,7 +333,7 @@ mod tests {
         let now = Instant::now();
         let begun: String = std::iter::from_fn(|| turns.next(now)).map(|entry| entry.task).collect();
         assert_eq!(begun, "aba");
-        // Nobody else has asked for a while.
+        // No other tenant has been active for a while.
         let later: String =
             std::iter::from_fn(|| turns.next(now + 2 * ASKS)).map(|entry| entry.task).collect();
         assert_eq!(later, "aaaaaa", "the lane itself counts its threads");
