@@ -1,4 +1,5 @@
-//! The stateless statistics: everything in the request, nothing stored. Plain functions, to be run on the pool.
+//! Stateless statistics: the request carries all data, and nothing is stored. The functions are synchronous and run on
+//! the pool.
 
 use crate::analysis::accumulate::{ShapesInMemory, Watched};
 use crate::analysis::alignment::{
@@ -17,37 +18,37 @@ use crate::geometry::representation::{Representation, ShapeSpace};
 use crate::service::app::{App, Fault, Limits, ServiceError};
 use crate::service::shapes::read::{self, Batch, Reading};
 
-/// How shapes are read and brought together.
+/// Settings for reading and aligning shapes.
 #[derive(Debug, Clone)]
 pub struct Settings {
-    /// What shapes are made of.
+    /// Representation of the shapes.
     pub representation: Representation,
-    /// How points correspond.
+    /// Correspondence of points between shapes.
     pub correspondence: Correspondence,
-    /// Direction of contours.
+    /// Treatment of contour direction.
     pub direction: Direction,
-    /// Mirror images.
+    /// Treatment of mirror images.
     pub mirror: Mirror,
-    /// What is removed.
+    /// Transformations removed before comparison.
     pub transformation: Transformation,
-    /// Projection or Procrustes.
+    /// Projection or Procrustes alignment.
     pub alignment: Alignment,
-    /// Which member of the mean space is shown.
+    /// Frame: selects the representative of the mean space.
     pub frame: Frame,
 }
 
-/// Settings made ready for arithmetic.
+/// Settings prepared for computation.
 #[derive(Debug, Clone)]
 pub struct Setup {
-    /// The space of the shapes.
+    /// Space of the shapes.
     pub space: ShapeSpace,
-    /// Its metric.
+    /// Metric of the space.
     pub metric: Metric,
-    /// Projection or Procrustes.
+    /// Projection or Procrustes alignment.
     pub method: Method,
-    /// Which member of the mean space is shown.
+    /// Frame: selects the representative of the mean space.
     pub frame: Frame,
-    /// Start points, directions, mirror images.
+    /// Search over start points, directions and mirror images.
     pub matching: Matching,
     correspondence: Correspondence,
     direction: Direction,
@@ -57,7 +58,7 @@ impl Setup {
     /// Checks and prepares `settings`.
     ///
     /// # Errors
-    /// [`ServiceError::Invalid`] with all fields that do not fit together.
+    /// [`ServiceError::Invalid`] with all fields that are invalid or do not fit together.
     pub fn new(app: &App, settings: &Settings) -> Result<Self, ServiceError> {
         let Settings { representation, correspondence, direction, mirror, transformation, alignment, frame } =
             settings;
@@ -77,7 +78,7 @@ impl Setup {
         for checked in [places, read::check_mirror(representation, *mirror)] {
             checked.or_else(&mut keep)?;
         }
-        // Classes exist in two and three dimensions: another one is a fault of its own.
+        // Classes exist in two and three dimensions only; any other dimension is reported separately.
         let method = match Method::new(transformation, *alignment, representation.dimension()) {
             _ if !(2..=3).contains(&representation.dimension()) => None,
             Ok(method) => Some(method),
@@ -108,12 +109,12 @@ impl Setup {
         }
     }
 
-    /// What shapes are measured by, and how they are brought together.
+    /// Metric, alignment method and matching of the shapes.
     pub(crate) fn measured(&self) -> Measured<'_> {
         Measured { metric: &self.metric, method: &self.method, matching: &self.matching }
     }
 
-    /// How posted shapes are read.
+    /// Conversion of posted shapes to control points.
     pub(crate) fn reading<'a>(&'a self, limits: &'a Limits) -> Reading<'a> {
         let Self { space, correspondence, direction, .. } = self;
         Reading { space, correspondence: *correspondence, direction: *direction, limits }
@@ -123,18 +124,18 @@ impl Setup {
 /// A mean with its aligned shapes.
 #[derive(Debug)]
 pub struct Statistics {
-    /// What was asked for.
+    /// Prepared settings.
     pub setup: Setup,
     /// The mean.
     pub mean: MeanShape,
-    /// One a shape, in order.
+    /// Aligned shapes, in input order.
     pub aligned: Vec<AlignedShape>,
-    /// `L₂` norm of every shape, about its mean position when the class translates.
+    /// `L₂` norm of every shape, about its mean position if the class translates.
     pub sizes: Vec<f64>,
     weights: Vec<f64>,
 }
 
-/// Mean and aligned shapes.
+/// Computes the mean and the aligned shapes.
 ///
 /// # Errors
 /// Faults of the input; degenerate or too few shapes.
@@ -163,14 +164,14 @@ fn sizes(setup: &Setup, control_points: &[f64]) -> Vec<f64> {
     control_points.chunks_exact(setup.metric.len()).map(size).collect()
 }
 
-/// Principal components of aligned shapes with the scores of every one.
+/// Principal components of aligned shapes, with the scores of each shape.
 #[derive(Debug)]
 pub struct Components {
     /// The components.
     pub pca: FunctionalPca,
-    /// Scores, one list a shape.
+    /// Scores, one list per shape.
     pub scores: Vec<Vec<f64>>,
-    /// Reconstruction error of every shape from its scores.
+    /// Reconstruction error of each shape from its scores.
     pub errors: Vec<f64>,
 }
 
@@ -205,18 +206,18 @@ pub fn pca(
     Ok(Components { pca, scores, errors })
 }
 
-/// Projections of shapes and a reference onto each other's classes.
+/// Direction of a projection between shapes and a reference.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Onto {
-    /// The member of the reference's class nearest to each shape, `P_ref r_k = A r_ref + b`.
+    /// Nearest member of the reference's class to each shape, `P_ref r_k = A r_ref + b`.
     #[default]
     Reference,
-    /// The member of each shape's class nearest to the reference, `P_k r_ref = A r_k + b`.
+    /// Nearest member of each shape's class to the reference, `P_k r_ref = A r_k + b`.
     Shape,
 }
 
-/// Projects. Degenerate shapes are refused in both directions.
+/// Projects shapes on a reference, or the reference on each shape. Degenerate shapes are refused in both directions.
 ///
 /// # Errors
 /// Faults of the input; degenerate shapes, or a degenerate reference at `/reference`.
@@ -267,10 +268,10 @@ pub fn project(
     Ok((setup, projections))
 }
 
-/// Aligned shapes drawn behind a mean at the most: more would hide one another.
+/// Maximum number of aligned shapes drawn behind a mean: more would hide one another.
 pub const MAX_DRAWN: usize = 300;
 
-/// Picture of a mean with aligned shapes behind it.
+/// Drawing of a mean with aligned shapes behind it.
 pub fn draw_mean(setup: &Setup, title: &str, mean: &MeanShape, aligned: &[AlignedShape]) -> String {
     let behind: Vec<Vec<f64>> =
         aligned.iter().take(MAX_DRAWN).map(|shape| unwhitened(&setup.metric, &shape.whitened)).collect();
@@ -283,7 +284,7 @@ pub fn draw_mean(setup: &Setup, title: &str, mean: &MeanShape, aligned: &[Aligne
     svg::draw(title, &layers)
 }
 
-/// Picture of one mode: the mean and `mean ± sigma·√(λ/(K − 1)) ξ`.
+/// Drawing of one mode: the mean and `mean ± sigma·√(λ/(K − 1)) ξ`.
 ///
 /// # Errors
 /// A component that does not exist.
@@ -301,7 +302,7 @@ pub fn draw_mode(
     }
     let setup = &statistics.setup;
     let i = component - 1;
-    // Uncentred eigenvalues measure energy, not variation: the spread of the scores is what a mode shows.
+    // Uncentred eigenvalues measure energy, not variation: a mode shows the spread of the scores.
     let shapes = statistics.aligned.len() as f64;
     let mean_score = components.scores.iter().map(|s| s[i]).sum::<f64>() / shapes;
     let variance =
@@ -327,7 +328,7 @@ pub fn draw_mode(
     Ok(svg::draw(&title, &layers))
 }
 
-/// Picture of shapes as they are.
+/// Drawing of shapes in their own position.
 pub fn draw_shapes(space: &ShapeSpace, title: &str, shapes: &[&[f64]]) -> String {
     let opacity = if shapes.len() > 1 { 0.5 } else { 1.0 };
     svg::draw(title, &[Layer::of(space, shapes.iter().copied().take(MAX_DRAWN), colour::MAIN, 2.0, opacity)])

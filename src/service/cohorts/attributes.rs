@@ -1,4 +1,4 @@
-//! Attributes of shapes by their names in requests: `subject`, `label`, `labels.<attribute>`.
+//! Attributes of shapes, addressed by their names in requests: `subject`, `label`, `labels.<attribute>`.
 
 use std::collections::BTreeSet;
 
@@ -9,13 +9,13 @@ use crate::domain::shape::{ShapeDescription, ShapeFilter};
 use crate::service::app::{App, ServiceError};
 use crate::store::Revisions;
 
-/// Ids that a fault names: enough to look, few enough to read.
+/// Maximum number of ids named in a fault.
 const NAMED_IDS: usize = 5;
 
-/// Shapes that are looked through for the names of attributes.
+/// Number of shapes searched for names of attributes.
 const LOOKED_THROUGH: usize = 10_000;
 
-/// Something that is known about shapes, by its name in requests.
+/// An attribute of shapes.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) enum Attribute {
     Subject,
@@ -24,7 +24,7 @@ pub(crate) enum Attribute {
 }
 
 impl Attribute {
-    /// From `subject`, `label` or `labels.<attribute>`.
+    /// Parses `subject`, `label` or `labels.<attribute>`.
     pub(crate) fn parse(text: &str) -> Option<Self> {
         match text {
             "subject" => Some(Self::Subject),
@@ -36,10 +36,10 @@ impl Attribute {
         }
     }
 
-    /// What [`Self::parse`] wants.
+    /// Form expected by [`Self::parse`].
     pub(crate) const WANTED: &str = "must be 'subject', 'label' or 'labels.<attribute>'";
 
-    /// The value as text, as filters see it.
+    /// Value as text, as filters compare it.
     pub(crate) fn text(&self, shape: &ShapeDescription) -> Option<String> {
         match self {
             Self::Subject => shape.subject.clone(),
@@ -52,7 +52,7 @@ impl Attribute {
         }
     }
 
-    /// The value, when it is a number.
+    /// Value, if it is a finite number.
     pub(crate) fn number(&self, shape: &ShapeDescription) -> Option<f64> {
         match self {
             Self::Subject | Self::Label => None,
@@ -61,10 +61,10 @@ impl Attribute {
     }
 }
 
-/// What is known about the shapes that pass a filter, in the order of the store.
+/// Descriptions of the shapes that pass a filter, in storage order.
 ///
 /// # Errors
-/// More than a request may have, at `pointer`.
+/// A fault at `pointer` if there are more shapes than the limit of a request.
 pub(crate) async fn describe(
     app: &App,
     cohort: &Cohort,
@@ -82,11 +82,11 @@ pub(crate) async fn describe(
     Ok(found)
 }
 
-/// The names of the attributes that there are.
+/// Names of the attributes that exist in a cohort.
 pub(crate) struct KnownAttributes(BTreeSet<String>);
 
 impl KnownAttributes {
-    /// Of the shapes of `cohort`.
+    /// Collects the names from the first shapes of `cohort`.
     ///
     /// # Errors
     /// A failure of the store.
@@ -106,7 +106,7 @@ impl KnownAttributes {
         Ok(Self(names))
     }
 
-    /// Whether there is an attribute with this name.
+    /// Whether an attribute with this name exists.
     pub(crate) fn contains(&self, name: &str) -> bool {
         self.0.contains(name)
     }
@@ -122,12 +122,12 @@ impl std::fmt::Display for KnownAttributes {
     }
 }
 
-/// What a client calls a shape.
+/// Name of a shape for clients: its external id, or else its id.
 pub(crate) fn name_of(shape: &ShapeDescription) -> &str {
     shape.external_id.as_deref().unwrap_or(&shape.id)
 }
 
-/// The names of the first few shapes.
+/// Names of the first few shapes.
 pub(crate) fn first_names<'a>(shapes: impl Iterator<Item = &'a ShapeDescription>) -> String {
     let mut names: Vec<&str> = shapes.take(NAMED_IDS + 1).map(name_of).collect();
     if names.len() > NAMED_IDS {

@@ -8,31 +8,31 @@ use crate::geometry::representation::Representation;
 use crate::service::app::{App, Fault, Page, ServiceError, now_ms};
 use crate::service::shapes::read;
 
-/// What a client says about a new cohort.
+/// Properties of a new cohort.
 #[derive(Debug, Clone)]
 pub struct NewCohort {
     /// Unique name.
     pub name: String,
     /// Free text.
     pub description: Option<String>,
-    /// What its shapes are made of.
+    /// Representation of its shapes.
     pub representation: Representation,
-    /// How points correspond.
+    /// Correspondence of points between shapes.
     pub correspondence: Correspondence,
-    /// Direction of contours.
+    /// Treatment of contour direction.
     pub direction: Direction,
-    /// Mirror images.
+    /// Treatment of mirror images.
     pub mirror: Mirror,
     /// Unit of the coordinates.
     pub length_unit: Option<String>,
 }
 
-/// Longest description.
+/// Maximum length of a description.
 const MAX_DESCRIPTION_CHARS: usize = 10_000;
-/// Longest name of a unit.
+/// Maximum length of the name of a unit.
 const MAX_UNIT_CHARS: usize = 50;
 
-/// What is wrong with the texts of a cohort; of those that are given.
+/// Faults of the texts of a cohort; absent texts are not checked.
 pub fn text_faults(name: Option<&str>, description: Option<&str>, length_unit: Option<&str>) -> Vec<Fault> {
     let mut faults = Vec::new();
     if let Some(problem) = name.and_then(|name| name_problem(name, id::COHORT)) {
@@ -59,7 +59,7 @@ pub fn text_faults(name: Option<&str>, description: Option<&str>, length_unit: O
 /// Creates a cohort.
 ///
 /// # Errors
-/// All fields that break a rule; a name that is taken; [`ServiceError::Forbidden`] to who is limited to others.
+/// All invalid fields; a name that is taken; [`ServiceError::Forbidden`] for keys limited to certain cohorts.
 pub async fn create(app: &App, new: NewCohort) -> Result<Cohort, ServiceError> {
     app.check_unlimited("to create a cohort")?;
     let mut faults = text_faults(Some(&new.name), new.description.as_deref(), new.length_unit.as_deref());
@@ -95,7 +95,7 @@ pub async fn create(app: &App, new: NewCohort) -> Result<Cohort, ServiceError> {
     Ok(cohort)
 }
 
-/// The cohort with this id or name.
+/// Finds the cohort with this id or name.
 ///
 /// # Errors
 /// [`ServiceError::NotFound`].
@@ -106,21 +106,21 @@ pub async fn find(app: &App, key: &str) -> Result<Cohort, ServiceError> {
     Ok(cohort)
 }
 
-/// What is to be changed of a cohort; what is not given stays.
+/// Changes to a cohort; fields that are `None` stay as they are.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct CohortChanges {
-    /// Another name.
+    /// New name.
     pub name: Option<String>,
-    /// Another text, or none.
+    /// New description, or `Some(None)` to remove it.
     pub description: Option<Option<String>>,
-    /// Another unit, or none.
+    /// New unit, or `Some(None)` to remove it.
     pub length_unit: Option<Option<String>>,
 }
 
-/// Changes the name, description or unit of a cohort that is at the `expected` revision, if one is given.
+/// Updates name, description or unit of a cohort, provided that it is at the `expected` revision, if given.
 ///
 /// # Errors
-/// [`ServiceError::NotFound`]; fields that break a rule; a name that is taken; [`ServiceError::Changed`].
+/// [`ServiceError::NotFound`]; invalid fields; a name that is taken; [`ServiceError::Changed`].
 pub async fn update(
     app: &App,
     key: &str,
@@ -141,12 +141,12 @@ pub async fn update(
     find(app, &cohort.id).await
 }
 
-/// The tags that a client knows the present version under: any of them, or `*`.
+/// Entity tags of which the current version must match one, or `*`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Expected(pub Vec<String>);
 
 impl Expected {
-    /// Refuses what is not of one of the versions.
+    /// Checks that the current version is expected.
     ///
     /// # Errors
     /// [`ServiceError::Changed`].
@@ -158,7 +158,7 @@ impl Expected {
     }
 }
 
-/// The tag of a cohort at its revision.
+/// Entity tag of a cohort at its revision.
 pub fn revision_tag(cohort: &Cohort) -> String {
     format!("\"{}-{}\"", cohort.id, cohort.revision)
 }
@@ -185,10 +185,10 @@ pub async fn delete(app: &App, key: &str, expected: Option<Expected>) -> Result<
     Err(ServiceError::NotFound { kind: "cohort", key: key.into() })
 }
 
-/// Cohorts in the order of their creation, after `cursor` (the id of the last one seen).
+/// Cohorts in order of creation, after `cursor` (the id of the last cohort of the previous page).
 ///
 /// # Errors
-/// A failure of the store.
+/// An invalid cursor; a failure of the store.
 pub async fn list(app: &App, cursor: Option<&str>, limit: usize) -> Result<Page<Cohort>, ServiceError> {
     if cursor.is_some_and(|cursor| !cursor.starts_with(&format!("{}_", id::COHORT))) {
         return Err(ServiceError::Query("cursor is not one of this list".into()));
@@ -199,10 +199,10 @@ pub async fn list(app: &App, cursor: Option<&str>, limit: usize) -> Result<Page<
     Ok((items, next))
 }
 
-/// Shapes of a cohort that match `filter`, in the order they were added, after `cursor`.
+/// Shapes of a cohort that match `filter`, in order of insertion, after `cursor`.
 ///
 /// # Errors
-/// [`ServiceError::NotFound`] for the cohort; a cursor that is not one.
+/// [`ServiceError::NotFound`] for the cohort; an invalid cursor.
 pub async fn list_shapes(
     app: &App,
     key: &str,
@@ -221,19 +221,19 @@ pub async fn list_shapes(
     Ok((cohort, (page.shapes, page.next.map(|cursor| cursor.to_string()))))
 }
 
-/// Text of the control points of a page.
+/// Maximum size of the control points of a page as text.
 const PAGE_BYTES: usize = 8 << 20;
-/// Text of a number.
+/// Size of a number as text.
 const NUMBER_BYTES: usize = 20;
 
-/// How many shapes fit into a page.
+/// Maximum number of shapes on a page.
 fn most_of_a_page(cohort: &Cohort) -> usize {
     let representation = &cohort.representation;
     let numbers = representation.size() * representation.dimension();
     (PAGE_BYTES / (NUMBER_BYTES * numbers.max(1))).max(1)
 }
 
-/// A shape of a cohort by its id or external id.
+/// Finds a shape of a cohort by id or external id.
 ///
 /// # Errors
 /// [`ServiceError::NotFound`] for the cohort or the shape.

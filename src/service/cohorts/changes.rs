@@ -1,31 +1,31 @@
-//! The feed of changes.
+//! Feed of changes.
 
 use crate::domain::change::Change;
 use crate::service::app::{App, ServiceError};
 
-/// Some changes.
+/// A page of changes.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Changes {
-    /// In their order.
+    /// The changes, in order.
     pub changes: Vec<Change>,
-    /// Where to go on: the number of the last change that was looked at.
+    /// Number of the last change examined, from which to continue.
     pub last: u64,
-    /// Whether there was no later one.
+    /// Whether no later change exists.
     pub done: bool,
 }
 
-/// At most `limit` changes after the one with the number `since`.
+/// At most `limit` changes after number `since`.
 ///
 /// # Errors
 /// [`ServiceError::ChangesGone`].
 pub async fn list(app: &App, since: u64, limit: usize) -> Result<Changes, ServiceError> {
-    // Before the list: what is added between the two is seen the next time.
+    // Read before the list: changes added in between are seen by the next call.
     let newest = app.store.last_change().await?;
     let mut changes = app.store.list_changes(since, limit + 1).await?;
     let done = changes.len() <= limit;
     changes.truncate(limit);
     let seen = changes.last().map_or(since, |change| change.sequence);
-    // With nothing more to see, changes that are not open to the caller need not be looked at again.
+    // At the end of the feed, changes that the caller may not see need not be examined again.
     let last = if done { seen.max(newest) } else { seen };
     Ok(Changes { changes, last, done })
 }

@@ -1,4 +1,4 @@
-//! The example cohort: outlines of real cells, loaded into an empty store.
+//! Example cohort: outlines of real cells, loaded into an empty store.
 
 use bytes::Bytes;
 use futures_util::stream;
@@ -10,13 +10,13 @@ use crate::geometry::generator::GeneratorKind;
 use crate::geometry::representation::Representation;
 use crate::service::app::{App, ServiceError};
 
-/// Its name.
+/// Name of the example cohort.
 pub const NAME: &str = "example-cells";
 
 /// 120 outlines of mouse osteosarcoma cells (MIT licence, see `examples/cells/`).
 const SHAPES: &str = include_str!("../../../examples/cells/cells.ndjson");
 
-/// Loads the example when the store has no cohort.
+/// Loads the example if the store has no cohort.
 ///
 /// # Errors
 /// A failure of the store.
@@ -24,11 +24,11 @@ pub async fn load_into_empty(app: &App) -> Result<(), ServiceError> {
     let (cohorts, _) = catalogue::list(app, None, 2).await?;
     let cohort = match cohorts.as_slice() {
         [] => match catalogue::create(app, description()).await {
-            // Another process that starts at the same time loads it.
+            // Another replica that starts at the same time loads it.
             Err(ServiceError::NameTaken { .. }) => return Ok(()),
             created => created?,
         },
-        // A process that was killed between the two steps left it empty.
+        // A process killed between the two steps has left the cohort empty.
         [only] if only.name == NAME && only.revision == 0 => only.clone(),
         _ => return Ok(()),
     };

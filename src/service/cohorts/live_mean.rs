@@ -1,4 +1,4 @@
-//! The mean of a stored cohort at one revision.
+//! Mean of a stored cohort at one revision.
 
 use std::sync::Arc;
 
@@ -17,29 +17,29 @@ use crate::service::app::{App, ServiceError};
 use crate::service::cost::requests::{self, Counts};
 use crate::service::statistics::{MAX_DRAWN, Settings, Setup};
 
-/// What mean of a cohort is asked for.
+/// Parameters of a cohort mean.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct MeanQuery {
-    /// The class.
+    /// Transformation class.
     pub transformation: ClassName,
-    /// Projection or Procrustes.
+    /// Projection or Procrustes alignment.
     pub alignment: Alignment,
-    /// Which member of the mean space.
+    /// Frame: selects the representative of the mean space.
     pub frame: Frame,
-    /// Which shapes.
+    /// Filter that selects the shapes.
     pub filter: ShapeFilter,
 }
 
-/// The mean of a cohort at a revision.
+/// Mean of a cohort at a revision.
 #[derive(Debug)]
 pub struct LiveMean {
-    /// The cohort as it was.
+    /// The cohort at that revision.
     pub cohort: Cohort,
-    /// What it was computed with.
+    /// Setup of the computation.
     pub setup: Setup,
-    /// The mean; its placements are dropped.
+    /// The mean, without placements.
     pub mean: MeanShape,
-    /// Some aligned shapes, for the drawing.
+    /// Some aligned shapes, for drawings.
     pub drawn: Vec<AlignedShape>,
 }
 
@@ -47,13 +47,13 @@ impl Cached for LiveMean {
     const NAME: &'static str = "means";
 
     fn bytes(&self) -> usize {
-        // Control points, whitened and as they are, of the mean and of every drawn shape; a few vectors beside.
+        // Control points, plain and whitened, of the mean and of every drawn shape, plus a few vectors.
         let vectors = 8 + 3 * self.drawn.len();
         8 * vectors * self.setup.metric.len() + self.setup.space.bytes()
     }
 }
 
-/// The mean of the shapes of a cohort that match the filter, at its present revision.
+/// Mean of the shapes of a cohort that match the filter, at its current revision; cached.
 ///
 /// # Errors
 /// [`ServiceError::NotFound`]; too few or degenerate shapes.

@@ -1,10 +1,11 @@
 //! Cohorts and their stored shapes.
 //!
-//! * [`catalogue`] — create, list, find and delete cohorts and shapes; [`trash`] — what can be restored; [`changes`] — the feed;
+//! * [`catalogue`] — create, list, find and delete cohorts and shapes; [`trash`] — deleted objects that can be
+//!   restored; [`changes`] — the feed;
 //! * [`upload`] — streams of shapes into a cohort; [`example`] — the example cohort of an empty store;
-//! * [`source`] — the shapes of a cohort at one revision, as a source of statistics;
-//! * [`attributes`] — labels of shapes by their names in requests;
-//! * [`live_mean`] — the mean of a cohort at its present revision.
+//! * [`source`] — shapes of a cohort at one revision, as a source for statistics;
+//! * [`attributes`] — labels of shapes, addressed by their names in requests;
+//! * [`live_mean`] — mean of a cohort at its current revision.
 
 pub mod attributes;
 pub mod catalogue;

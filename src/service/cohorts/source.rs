@@ -1,4 +1,4 @@
-//! The shapes of a stored cohort as a source of statistics: they stream in bounded batches, at one revision.
+//! Shapes of a stored cohort as a source for statistics: they are streamed in bounded batches, at one revision.
 
 use std::collections::HashSet;
 
@@ -15,35 +15,37 @@ use crate::service::app::{App, Fault, ServiceError};
 use crate::service::statistics::Setup;
 use crate::store::{Cursor, Ids, Revisions, ScanBatch, Start, Store};
 
-/// Shapes of one batch: enough for all threads, little enough for memory.
+/// Number of shapes per batch: enough for all threads, small enough for memory.
 const BATCH_SHAPES: usize = 16 * BLOCK;
 
-/// Takes control points and weights of a stored chunk; false ends the scan.
+/// Receives control points and weights of a stored chunk; returns `false` to end the scan.
 type VisitChunk<'a> = dyn FnMut(&[f64], &[f64]) -> Result<bool, ServiceError> + 'a;
 
-/// Takes the names and prepared shapes of a stored batch.
+/// Receives the ids and prepared shapes of a stored batch.
 type VisitNamed<'a> = dyn FnMut(&ScanBatch) -> Result<(), AnalysisError> + 'a;
 
-/// What is done with the shapes of a part.
+/// Computation over the shapes of a part.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Work {
-    /// They are summed.
+    /// Sum them.
     Sum(Pass),
-    /// They are coded in what was learnt.
+    /// Encode them in a dictionary.
     Codes(Box<Content>),
 }
 
-/// Makes the result of the shapes of one part.
+/// Computes the result of one part.
 pub(crate) type MakePart<'a> = dyn Fn(&StoredShapes<'_>) -> Result<Vec<u8>, ServiceError> + 'a;
 
-/// Shares the parts of a pass with other processes.
+/// Distributes the parts of a pass to other processes.
 pub(crate) trait Distribute: Sync {
-    /// Makes a pass over `shapes` together with whoever is idle: `make` is what is done here, `work` says the same to the
-    /// others, and `merge` takes the results in the order of the parts. False, and nothing done, when it does not pay.
+    /// Distributes a pass over `shapes` to idle workers. `make` computes a part in this process, `work` describes the
+    /// same computation to the others, and `merge` receives the results in the order of the parts. Returns `false`,
+    /// doing nothing, if distribution does not pay.
     ///
     /// # Errors
-    /// That of the first part that cannot be made; [`ServiceError::Cancelled`], also when the job is somebody else's by now.
+    /// The error of the first part that fails; [`ServiceError::Cancelled`], also if another worker has taken over the
+    /// job.
     fn run(
         &self,
         shapes: &StoredShapes<'_>,
@@ -53,10 +55,10 @@ pub(crate) trait Distribute: Sync {
     ) -> Result<bool, ServiceError>;
 }
 
-/// The shapes of a cohort with these ids or external ids, in their order.
+/// Shapes of a cohort with these ids or external ids, in the given order.
 ///
 /// # Errors
-/// All ids that do not exist, at `/ids/{index}`; more of them than a request may have.
+/// All unknown ids, at `/ids/{index}`; more ids than the limit of a request.
 pub(crate) async fn find_all(
     app: &App,
     cohort: &Cohort,
@@ -76,7 +78,7 @@ pub(crate) async fn find_all(
     Ok(found.into_iter().flatten().collect())
 }
 
-/// Refuses ids that are given twice.
+/// Refuses duplicate ids.
 ///
 /// # Errors
 /// All repetitions, at `/ids/{index}`.
@@ -90,37 +92,37 @@ pub(crate) fn refuse_repeated(keys: &[String]) -> Result<(), ServiceError> {
     ServiceError::unless_empty(repeated.map(fault).collect())
 }
 
-/// The shapes of a cohort at its revision, or a part of them, read again in every pass.
+/// Shapes of a cohort at its revision, or a part of them, read again in every pass.
 #[derive(Clone, Copy)]
 pub(crate) struct StoredShapes<'a> {
     store: &'a Store,
-    /// Of the runtime that reads: passes are made on compute threads.
+    /// Runtime for reading: passes run on compute threads.
     handle: &'a Handle,
     cohort: &'a Cohort,
     filter: &'a ShapeFilter,
     revisions: Revisions,
     setup: &'a Setup,
     range: Range,
-    /// Whether to stop: asked before every batch.
+    /// Whether to stop; queried before every batch.
     stop: &'a (dyn Fn() -> bool + Sync),
-    /// The job that may have others make parts of a pass.
+    /// The job that may distribute parts of a pass to other workers.
     distribute: Option<&'a dyn Distribute>,
 }
 
-/// Which of the shapes that pass the filter, in storage order.
+/// Range of the shapes that pass the filter, in storage order.
 #[derive(Debug, Clone, Copy)]
 struct Range {
-    /// Position of the first one among all of them.
+    /// Position of the first shape among all of them.
     first: usize,
-    /// Where to begin to read, and how many shapes to leave out there.
+    /// Cursor at which reading starts, and number of shapes skipped there.
     after: Option<Cursor>,
     skip: usize,
-    /// How many they are.
+    /// Number of shapes in the range.
     count: usize,
 }
 
 impl<'a> StoredShapes<'a> {
-    /// The shapes of `cohort` that came after the revision `since`, up to its own.
+    /// Shapes of `cohort` added after the revision `since`, up to its own revision.
     pub(crate) fn new(
         app: &'a App,
         handle: &'a Handle,
@@ -137,7 +139,7 @@ impl<'a> StoredShapes<'a> {
         Ok(shapes)
     }
 
-    /// The same, when it is known that there are `count` of them.
+    /// The same, for a known number of shapes, `count`.
     #[expect(clippy::too_many_arguments, reason = "those of `new`, and one more")]
     pub(crate) fn counted(
         app: &'a App,
@@ -154,12 +156,12 @@ impl<'a> StoredShapes<'a> {
         Self { store: &app.store, handle, cohort, filter, revisions, setup, range, stop, distribute: None }
     }
 
-    /// The same shapes, whose passes are made in the name of a job.
+    /// The same shapes, with passes distributed by a job.
     pub(crate) fn distributed_by(self, distribute: &'a dyn Distribute) -> Self {
         Self { distribute: Some(distribute), ..self }
     }
 
-    /// The shapes of one part of [`PART`] shapes, which begins at `start`.
+    /// Shapes of one part of [`PART`] shapes, which begins at `start`.
     pub(crate) fn part(&self, part: usize, start: Start) -> Self {
         let first = (part * PART).min(self.range.count);
         let range = Range {
@@ -171,7 +173,7 @@ impl<'a> StoredShapes<'a> {
         Self { range, distribute: None, ..*self }
     }
 
-    /// Makes a pass with the help of others, if that pays: see [`Distribute::run`].
+    /// Runs a pass with the help of other workers, if that pays: see [`Distribute::run`].
     pub(crate) fn spread_work(
         &self,
         work: &dyn Fn() -> Work,
@@ -181,17 +183,17 @@ impl<'a> StoredShapes<'a> {
         self.distribute.map_or(Ok(false), |others| others.run(self, work, make, merge))
     }
 
-    /// Nothing, or that the work shall stop.
+    /// Fails if the work must stop.
     pub(crate) fn check(&self) -> Result<(), ServiceError> {
         if (self.stop)() { Err(ServiceError::Cancelled) } else { Ok(()) }
     }
 
-    /// The revisions between which the shapes came.
+    /// Range of revisions in which the shapes were added.
     pub(crate) fn revisions(&self) -> Revisions {
         self.revisions
     }
 
-    /// Numbers of a shape.
+    /// Number of coordinates of a shape.
     pub(crate) fn width(&self) -> usize {
         self.setup.metric.len()
     }
@@ -208,7 +210,7 @@ impl<'a> StoredShapes<'a> {
         Ok(control_points)
     }
 
-    /// At most `most` of the shapes, evenly spread over them, prepared.
+    /// At most `most` of the shapes, evenly spread over the range, prepared.
     pub(crate) fn spread_out(&self, most: usize) -> Result<ShapesInMemory, ServiceError> {
         let (count, held) = (self.range.count, self.range.count.min(most));
         let (mut whitened, mut weights) = (Vec::new(), Vec::new());
@@ -223,7 +225,7 @@ impl<'a> StoredShapes<'a> {
         Ok(ShapesInMemory::prepared(whitened, weights))
     }
 
-    /// Calls `visit` with control points and weights of every stored chunk until it says false.
+    /// Calls `visit` with control points and weights of every stored chunk until it returns `false`.
     pub(crate) fn scan(&self, visit: &mut VisitChunk<'_>) -> Result<(), ServiceError> {
         let Range { after: mut position, mut skip, count: mut left, .. } = self.range;
         let width = self.width();
@@ -243,17 +245,17 @@ impl<'a> StoredShapes<'a> {
         Ok(())
     }
 
-    /// Number of the shapes.
+    /// Number of shapes.
     pub(crate) fn len(&self) -> usize {
         self.range.count
     }
 
-    /// Whether there are none.
+    /// Whether there are no shapes.
     pub(crate) fn is_empty(&self) -> bool {
         self.range.count == 0
     }
 
-    /// Calls `visit` with every stored batch, its shapes prepared; errors of shapes name them.
+    /// Calls `visit` with every stored batch, its shapes prepared; errors name the affected shapes.
     pub(crate) fn for_each_named(&self, visit: &mut VisitNamed<'_>) -> Result<(), ServiceError> {
         let (mut position, mut first) = (None, 0);
         loop {
@@ -268,7 +270,7 @@ impl<'a> StoredShapes<'a> {
         }
     }
 
-    /// The error of a batch whose first shape has the position `first`.
+    /// Converts the error of a batch whose first shape has position `first`.
     fn named_in(&self, error: AnalysisError, first: usize, ids: &[String]) -> ServiceError {
         let id = error.position().and_then(|position| ids.get(position)).map_or("", String::as_str);
         match error.after(first).into() {
@@ -279,13 +281,13 @@ impl<'a> StoredShapes<'a> {
         }
     }
 
-    /// The fault of the shape with this id: what stands in no request has no pointer.
+    /// Names the shape with this id in a fault, without pointer because the shape is not part of a request.
     fn with_name(&self, fault: Fault, id: &str) -> Fault {
         let detail = format!("{} (shape '{id}' of the cohort '{}')", fault.detail, self.cohort.name);
         Fault { index: fault.index, ..Fault::new("", detail) }
     }
 
-    /// Errors of statistics name the shape: its id is what the client knows.
+    /// Replaces positions in errors of statistics by shape ids, which clients know.
     pub(crate) fn named(&self, error: impl Into<ServiceError>) -> ServiceError {
         match error.into() {
             ServiceError::DegenerateShape(faults) => ServiceError::DegenerateShape(
@@ -296,7 +298,7 @@ impl<'a> StoredShapes<'a> {
     }
 
     fn named_fault(&self, fault: Fault) -> Fault {
-        // What has no pointer is named already.
+        // Faults without pointer already name their shape.
         let Some(index) = fault.index.filter(|_| !fault.pointer.is_empty()) else { return fault };
         let id = self.id_at(index).ok().flatten().unwrap_or_default();
         self.with_name(fault, &id)
@@ -331,8 +333,8 @@ impl ShapeSource for StoredShapes<'_> {
         let length = metric.len();
         let (mut rows, mut weights): (Vec<f64>, Vec<f64>) = (Vec::new(), Vec::new());
         let mut first = self.range.first;
-        // Stored chunks have any length; batches are whole blocks, so that the result does not depend on how
-        // the cohort was uploaded.
+        // Stored chunks have any length; batches are whole blocks, so that the result does not depend on how the cohort
+        // was uploaded.
         let mut emit =
             |rows: &mut Vec<f64>, weights: &mut Vec<f64>, count: usize| -> Result<(), ServiceError> {
                 prepare(metric, centred, first, &mut rows[..count * length])

@@ -1,9 +1,9 @@
-//! The trash: what was deleted, until its term ends.
+//! Trash: deleted objects, until their retention period ends.
 
 use crate::domain::trash::{Trashed, TrashedKind};
 use crate::service::app::{App, Page, ServiceError, now_ms};
 
-/// Things in the trash in the order of their ids, after `cursor` (the id of the last one seen).
+/// Objects in the trash in id order, after `cursor` (the id of the last object of the previous page).
 ///
 /// # Errors
 /// Those of the store.
@@ -14,15 +14,15 @@ pub async fn list(app: &App, cursor: Option<&str>, limit: usize) -> Result<Page<
     Ok((items, next))
 }
 
-/// Takes the thing with this id out of the trash.
+/// Restores the object with this id from the trash.
 ///
 /// # Errors
-/// [`ServiceError::NotFound`]; [`ServiceError::NameTaken`] when another cohort has taken the name meanwhile.
+/// [`ServiceError::NotFound`]; [`ServiceError::NameTaken`] if another cohort has taken the name in the meantime.
 pub async fn restore(app: &App, id: &str) -> Result<TrashedKind, ServiceError> {
     app.store.restore(id, now_ms()).await?.ok_or_else(|| not_found(id))
 }
 
-/// Removes the thing with this id from the trash for good.
+/// Permanently removes the object with this id from the trash.
 ///
 /// # Errors
 /// [`ServiceError::NotFound`].
@@ -37,7 +37,7 @@ fn not_found(id: &str) -> ServiceError {
     ServiceError::NotFound { kind: "thing in the trash", key: id.into() }
 }
 
-/// Removes for good what lies in the trash longer than `days`, and forgets receipts past their time.
+/// Permanently removes objects that have been in the trash for more than `days`, and expired receipts.
 ///
 /// # Errors
 /// Those of the store.

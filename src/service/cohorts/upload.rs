@@ -1,4 +1,4 @@
-//! Shapes into a cohort, from one body or from a stream: all or nothing, or the good ones.
+//! Upload of shapes into a cohort, from one body or a stream: all or nothing, or only the valid ones.
 
 use bytes::Bytes;
 use futures_util::{Stream, StreamExt};
@@ -23,51 +23,51 @@ use crate::service::cost::requests::{self, Counts};
 use crate::service::shapes::read::{Reading, check_extent, parse, read_shape};
 use crate::store::{Added, StoreError, Upload};
 
-/// Shapes written to the store at once.
+/// Number of shapes written to the store at once.
 const CHUNK_SHAPES: usize = 4096;
-/// Bytes of lines read at once.
+/// Bytes of lines parsed at once.
 const CHUNK_BYTES: usize = 8 << 20;
-/// Longest pause of a stream.
+/// Maximum pause of a stream.
 const PAUSE: Duration = Duration::from_secs(30);
-/// How long a stream may still flow when the service is asked to stop.
+/// Time for which streams may continue when the service is stopping.
 const STOPPING: Duration = Duration::from_secs(5);
-/// Ids answered at most; a stream of a million shapes is read back by listing.
+/// Maximum number of ids in an answer; those of longer streams can be listed afterwards.
 const MAX_IDS: usize = 100_000;
 
-/// What happens to bad shapes.
+/// Treatment of invalid shapes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum OnError {
-    /// Nothing is stored.
+    /// Nothing is stored if any shape is invalid.
     #[default]
     Abort,
-    /// The good shapes are stored, the bad ones are reported.
+    /// Valid shapes are stored, invalid ones are reported.
     Skip,
 }
 
-/// What was stored.
+/// Result of an upload.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Stored {
-    /// Shapes that are new.
+    /// Number of new shapes.
     pub added: usize,
-    /// Revision of the cohort afterwards.
+    /// Revision of the cohort after the upload.
     pub revision: u64,
-    /// Ids in the order of the input, also of shapes that were there already; at most 100 000.
+    /// Ids in input order, including those of shapes that already existed; at most 100 000.
     pub ids: Vec<String>,
-    /// Shapes that were not stored, under [`OnError::Skip`].
+    /// Number of invalid shapes, which were not stored, under [`OnError::Skip`].
     pub skipped: usize,
-    /// What was wrong with them, at most 100 entries.
+    /// Faults of the invalid shapes, at most 100 entries.
     pub faults: Vec<Fault>,
 }
 
-/// A shape on its way: its position, the line it came from, and what was read.
+/// A shape as received: its position, its line, and the parsed input.
 struct Incoming {
     index: usize,
     line: Option<u64>,
     text: Result<ShapeInput, ServiceError>,
 }
 
-/// A shape on its way to the store, with the line it came from.
+/// A shape on its way to the store, with its line.
 struct Arrived {
     line: Option<u64>,
     shape: NewShape,
@@ -76,7 +76,7 @@ struct Arrived {
 /// Adds the shapes of one body.
 ///
 /// # Errors
-/// Under [`OnError::Abort`] the faults of all bad shapes; conflicts of external ids.
+/// Under [`OnError::Abort`] the faults of all invalid shapes; conflicts of external ids.
 pub async fn add(
     app: &App,
     cohort: Cohort,
@@ -105,7 +105,7 @@ pub async fn add(
 /// Adds the shapes of an NDJSON stream; memory does not depend on its length.
 ///
 /// # Errors
-/// As [`add`], with line numbers; a line that is too long; a stream that breaks off or pauses.
+/// As [`add`], with line numbers; a line that is too long; a stream that breaks off or stalls.
 pub async fn add_stream(
     app: &App,
     cohort: Cohort,
@@ -123,7 +123,7 @@ pub async fn add_stream(
     writer.end(app, taken).await
 }
 
-/// The service was asked to stop, and streams have had their time.
+/// Completes when the service is stopping and the grace period of streams is over.
 async fn stopped(app: &App) {
     app.stopping().await;
     tokio::time::sleep(STOPPING).await;
@@ -155,7 +155,7 @@ async fn take_stream(
         if pending.len() >= CHUNK_SHAPES || pending_bytes >= CHUNK_BYTES {
             pending_bytes = 0;
             writer.take_lines(app, std::mem::take(&mut pending)).await?;
-            // What is left is a part of a line.
+            // A partial line remains.
             census = Census { bytes: lines.pending(), ..Census::default() };
             room.resize(census.memory(CHUNK_SHAPES))?;
         }
@@ -172,7 +172,7 @@ fn too_long(error: LineTooLong) -> ServiceError {
     ServiceError::TooLarge(Fault { line: Some(error.number), ..Fault::new("", error.to_string()) })
 }
 
-/// Reads shapes on the pool while a task writes the ones before to the store.
+/// Parses shapes on the pool while a task writes the previous ones to the store.
 struct Writer {
     space: ShapeSpace,
     cohort: Cohort,
@@ -180,13 +180,13 @@ struct Writer {
     prefix: &'static str,
     position: usize,
     expected: Option<Expected>,
-    /// The request as far as it has been read, when it may be sent again.
+    /// The request as far as it has been read, if it has an idempotency key.
     retry: Option<Retry>,
     chunks: mpsc::Sender<Vec<Arrived>>,
     task: tokio::task::JoinHandle<Result<(Upload, Stored), ServiceError>>,
     skipped: usize,
     faults: Vec<Fault>,
-    /// Faults there are, of which the first are kept.
+    /// Total number of faults, of which the first are kept.
     found: usize,
 }
 
@@ -247,7 +247,7 @@ impl Writer {
         self.take(app, incoming).await
     }
 
-    /// Takes shapes, some at a time: what is read of them takes more memory than their text.
+    /// Takes shapes in groups, because parsed shapes need more memory than their text.
     async fn take(&mut self, app: &App, mut incoming: Vec<Incoming>) -> Result<(), ServiceError> {
         while !incoming.is_empty() {
             let rest = incoming.split_off(incoming.len().min(CHUNK_SHAPES));
@@ -311,14 +311,15 @@ impl Writer {
         Ok(())
     }
 
-    /// Makes the shapes visible when all were taken. If not, nothing is left of them when this returns: a client that
-    /// corrects its input and sends the same external ids again at once must not meet its own first attempt.
+    /// Makes the shapes visible if all were accepted. Otherwise nothing of them remains when this function returns, so
+    /// that a client that corrects its input and resends the same external ids at once does not conflict with its own
+    /// first attempt.
     async fn end(self, app: &App, taken: Result<(), ServiceError>) -> Result<Stored, ServiceError> {
         let Self { chunks, task, skipped, faults, retry, cohort, expected, .. } = self;
         drop(chunks);
         let written =
             task.await.map_err(|error| ServiceError::Internal(format!("the writing task: {error}")))?;
-        // What the task says comes first: a writer whose task has ended takes the rest without a word.
+        // Errors of the task come first: after it has ended, the writer silently drops further shapes.
         let (upload, stored) = written?;
         if let Err(error) = taken {
             upload.abort().await?;
@@ -327,7 +328,7 @@ impl Writer {
         if let Some(retry) = &retry
             && let Some(stored) = idempotency::done_before(app, retry).await?
         {
-            // The same stream was stored before: this one leaves nothing.
+            // The same stream was stored before: discard this one.
             upload.abort().await?;
             return Ok(stored);
         }
@@ -376,7 +377,7 @@ async fn write(
     Ok((upload, stored))
 }
 
-/// A conflict with its place: the chunk that begins at shape `first` has these `lines`.
+/// Locates a conflict in the input; `lines` are those of the chunk that begins at shape `first`.
 fn located(error: StoreError, first: usize, lines: &[Option<u64>], prefix: &str) -> ServiceError {
     let StoreError::ExternalIdConflict { position, external_id } = error else { return error.into() };
     let index = usize::try_from(position).unwrap_or(usize::MAX);
@@ -389,7 +390,7 @@ fn located(error: StoreError, first: usize, lines: &[Option<u64>], prefix: &str)
 
 fn read(reading: &Reading<'_>, incoming: Incoming, prefix: &str) -> Result<Arrived, Vec<Fault>> {
     let Incoming { index, line, text } = incoming;
-    // A line is a document of its own; a body has the shape under its position.
+    // Each line is a document of its own; in a body, pointers include the position of the shape.
     let prefix = if prefix.is_empty() { String::new() } else { format!("{prefix}{index}") };
     let placed = |fault: Fault| Fault {
         pointer: format!("{prefix}{}", fault.pointer),
@@ -402,7 +403,7 @@ fn read(reading: &Reading<'_>, incoming: Incoming, prefix: &str) -> Result<Arriv
         other => vec![placed(Fault::new("", other.to_string()))],
     })?;
     let shape = read_shape(reading, shape).and_then(|(control_points, attributes)| {
-        // Stored without an extent it would break every mean of the cohort from now on.
+        // Once stored, a shape without extent would break every mean of the cohort.
         check_extent(&control_points, reading.space.representation().size())?;
         Ok((control_points, attributes))
     });

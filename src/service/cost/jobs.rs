@@ -1,40 +1,40 @@
-//! What learning a dictionary, or comparing shapes, will cost, before anything runs.
+//! Predicted cost of learning a dictionary or testing shapes, before anything runs.
 
 use crate::analysis::alignment::Method as Alignment;
 use crate::domain::dictionary::{Codes, Method};
 use crate::service::statistics::Setup;
 
-/// Prepared shapes are kept in memory up to this many bytes; more are read from the store in every pass.
+/// Maximum size of prepared shapes kept in memory; larger sets are read from the store in every pass.
 pub(crate) const KEPT_BYTES: usize = 1 << 30;
 
-/// The predicted cost of a plan.
+/// Predicted cost of a job.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, utoipa::ToSchema)]
 pub struct Estimate {
-    /// Shapes that are learnt from.
+    /// Number of shapes used.
     pub shapes: u64,
-    /// Multiply-adds, when learning takes all of its passes.
+    /// Number of multiply-adds if learning runs all of its passes.
     pub multiply_adds: f64,
-    /// Bytes of memory at the peak.
+    /// Peak memory in bytes.
     pub memory_bytes: f64,
-    /// Seconds at one thread of an ordinary core, when learning takes all of its passes: an upper bound, good to a
+    /// Seconds on one thread of an ordinary core if learning runs all of its passes: an upper bound, accurate to a
     /// factor of three.
     pub seconds: f64,
 }
 
-/// Multiply-adds of a second: measured over whole jobs, in which sparse codes, FFTs and reading take their part.
+/// Multiply-adds per second, measured over whole jobs, including sparse coding, FFTs and reading.
 const RATE: f64 = 1.0e9;
 
-/// Rounds of a search for start points: few cohorts need more.
+/// Rounds of a search for start points; few cohorts need more.
 const ROUNDS: f64 = 10.0;
 
-/// Part of the atoms that a code uses, for the length of a regularisation path.
+/// Fraction of the atoms that a code uses, which determines the length of a regularisation path.
 const USED: f64 = 0.3;
 
-/// Multiply-adds of an eigenproblem, over the cube of its size.
+/// Multiply-adds of an eigenproblem, divided by the cube of its size.
 const EIGENPROBLEM: f64 = 10.0;
 
 impl Estimate {
-    /// For learning by `method` from `shapes` shapes.
+    /// Cost of learning by `method` from `shapes` shapes.
     pub fn new(setup: &Setup, method: &Method, shapes: u64) -> Self {
         let (k, n) = (shapes as f64, setup.metric.len() as f64);
         let d = setup.metric.dimension() as f64;
@@ -66,13 +66,13 @@ impl Estimate {
         Self { shapes, multiply_adds, memory_bytes, seconds: multiply_adds / RATE }
     }
 
-    /// With as many further trainings on nearly all shapes, two at a time.
+    /// Adds further trainings, each on nearly all shapes and two at a time.
     pub fn times(self, trainings: usize) -> Self {
         let multiply_adds = self.multiply_adds * (1 + trainings) as f64;
         let memory_bytes = self.memory_bytes * if trainings > 0 { 3.0 } else { 1.0 };
         Self { multiply_adds, memory_bytes, seconds: multiply_adds / RATE, ..self }
     }
-    /// For tests of shapes that are aligned to one mean.
+    /// Cost of tests of shapes aligned to one mean.
     pub fn of_tests(setup: &Setup, work: &TestWork) -> Self {
         let (k, n) = (work.shapes as f64, setup.metric.len() as f64);
         let rows = n + work.samples as f64 * setup.metric.dimension() as f64;
@@ -82,30 +82,30 @@ impl Estimate {
         let spans = (1.0 + work.pairs as f64) * (smaller * k * n + EIGENPROBLEM * smaller.powi(3));
         let measures = k * MEASURES * setup.metric.size() as f64;
         let multiply_adds = mean_work(setup, k) + measures + products + spans;
-        // The shapes as given, prepared, aligned, in coordinates, at points; sums of projectors; the products.
+        // Shapes as given, prepared, aligned, in coordinates and at points; sums of projectors; the products.
         let memory = k * (4.0 * n + 3.0 * rows) + 4.0 * n * n + 3.0 * smaller * smaller + 256.0 * (k + rows);
         Self::of(work.shapes as u64, multiply_adds, 8.0 * memory)
     }
 }
 
-/// How much a test of shapes looks at.
+/// Size of a test of shapes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct TestWork {
-    /// Shapes.
+    /// Number of shapes.
     pub shapes: usize,
-    /// Points along the shape.
+    /// Number of points along each shape.
     pub samples: usize,
-    /// Relabellings.
+    /// Number of permutations of the group labels.
     pub permutations: usize,
-    /// Columns that a relabelling of all shapes takes in a product.
+    /// Number of columns that a permutation of all shapes contributes to a matrix product.
     pub columns: usize,
-    /// Pairs of groups.
+    /// Number of pairs of groups.
     pub pairs: usize,
-    /// Shapes of all pairs together.
+    /// Number of shapes summed over all pairs.
     pub pair_shapes: usize,
 }
 
-/// Work for the sizes of a shape, over its control points.
+/// Multiply-adds for measuring the sizes of a shape, per control point.
 const MEASURES: f64 = 2_000.0;
 
 fn class_size(setup: &Setup) -> f64 {
@@ -115,7 +115,7 @@ fn class_size(setup: &Setup) -> f64 {
     }
 }
 
-/// Multiply-adds of the mean of `k` shapes and of their alignment.
+/// Multiply-adds for the mean of `k` shapes and their alignment to it.
 fn mean_work(setup: &Setup, k: f64) -> f64 {
     let (n, points, class) = (setup.metric.len() as f64, setup.metric.size() as f64, class_size(setup));
     let spectrum = if setup.matching.searches() { 4.0 * class * n * points.log2() } else { 0.0 };

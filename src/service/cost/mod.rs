@@ -1,4 +1,4 @@
-//! Predicted cost: of requests, in seconds ([`requests`]); of jobs, in multiply-adds and bytes ([`jobs`]).
+//! Predicted cost of requests, in seconds ([`requests`]), and of jobs, in multiply-adds and bytes ([`jobs`]).
 
 pub mod jobs;
 pub mod requests;

@@ -1,11 +1,11 @@
-//! What a request will cost, before it starts: seconds on one core, from the counts of the request and constants that were
-//! measured.
+//! Predicted cost of requests in seconds on one core, computed before they start from the counts of the request and
+//! measured constants.
 //!
-//! Predictions decide the lane of a request, the turns of its tenant, and whether it is done at all. They are good to a factor
-//! of three of the CPU time of the release build on a core of 2023 (`benches/load/costs.py` compares them, request by request);
-//! what a search, an iteration or a neighbourhood of curves really takes is known only afterwards, and corrects the account of
-//! the tenant. Counts are taken as the request states them, up to the limits: what lies beyond is refused before it costs
-//! anything.
+//! Predictions decide the lane of a request, the turns of its tenant, and whether it is executed at all. They are
+//! accurate to a factor of three of the CPU time of the release build on a core of 2023 (`benches/load/costs.py`
+//! compares them, request by request). The actual time of a search, an iteration or a neighbourhood of curves is known
+//! only afterwards; it then corrects the account of the tenant. Counts are used as stated in the request, up to the
+//! limits: anything larger is refused before it costs anything.
 
 use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::Correspondence;
@@ -20,7 +20,7 @@ use crate::service::shapes::read::check_representation;
 use crate::service::shapes::surface_fitting::MeshInput;
 use crate::service::statistics::Settings;
 
-/// The shapes of a request: how many, of how many control points and coordinates each.
+/// Sizes of the shapes of a request: their number, control points and dimension.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Counts {
     /// `K`.
@@ -32,14 +32,15 @@ pub struct Counts {
 }
 
 impl Counts {
-    /// Of the shapes of a cohort.
+    /// Counts of the shapes of a cohort.
     pub fn of_cohort(cohort: &Cohort, limits: &Limits) -> Self {
         Self { shapes: cohort.shapes as f64, ..Self::new(&cohort.representation, 0, limits) }
     }
 
-    /// Of so many shapes of a representation, within the limits: one that is refused for its sizes costs nothing.
+    /// Counts of `shapes` shapes of a representation, within the limits; a representation that is refused for its size
+    /// costs nothing.
     pub fn new(representation: &Representation, shapes: usize, limits: &Limits) -> Self {
-        // The control mesh of a subdivision surface is looked at when it is refined, its size alone here.
+        // The control mesh of a subdivision surface is checked when it is refined; only its size matters here.
         let refused =
             representation.subdivision().is_none() && check_representation(representation, limits).is_err();
         let points = if refused { 0 } else { representation.size().min(limits.control_points) };
@@ -50,12 +51,12 @@ impl Counts {
         }
     }
 
-    /// `N`, as far as it is accepted.
+    /// `N`, within the limits.
     pub fn points(self) -> usize {
         self.points as usize
     }
 
-    /// The same with another number of shapes.
+    /// The same counts with a different number of shapes.
     pub fn with_shapes(self, shapes: usize) -> Self {
         Self { shapes: shapes as f64, ..self }
     }
@@ -65,13 +66,13 @@ impl Counts {
         self.points * self.dimension
     }
 
-    /// All coordinates of all shapes.
+    /// Number of coordinates of all shapes.
     fn values(self) -> f64 {
         self.shapes * self.length()
     }
 }
 
-/// Points of all shapes as they were posted.
+/// Number of points of all posted shapes.
 pub fn posted_points(shapes: &[ShapeInput]) -> f64 {
     let count = |shape: &ShapeInput| {
         crate::service::shapes::read::given(&shape.points).map_or(0, |points| points.len())
@@ -79,7 +80,7 @@ pub fn posted_points(shapes: &[ShapeInput]) -> f64 {
     shapes.iter().map(count).sum::<usize>() as f64
 }
 
-/// Vertices of all meshes as they were posted.
+/// Number of vertices of all posted meshes.
 pub fn posted_vertices(meshes: &[MeshInput]) -> f64 {
     let count = |mesh: &MeshInput| {
         crate::service::shapes::read::given(&mesh.vertices).map_or(0, |points| points.len())
@@ -87,24 +88,25 @@ pub fn posted_vertices(meshes: &[MeshInput]) -> f64 {
     meshes.iter().map(count).sum::<usize>() as f64
 }
 
-/// Preparing the space of a representation, where it is not kept.
+/// Preparing the space of a representation that is not cached.
 pub fn space(representation: &Representation, limits: &Limits) -> Work {
-    /// A control point: a row of the interpolation and of the Gram operator.
+    /// Per control point: a row of the interpolation and of the Gram operator.
     const ROW: f64 = 5e-7;
-    /// A vertex of the level of a subdivision surface: a row of its steps.
+    /// Per vertex of the level of a subdivision surface: a row of its refinement steps.
     const VERTEX: f64 = 2e-6;
     let one = Counts::new(representation, 1, limits);
     Work(one.points * ROW + vertices(representation, one, limits) * VERTEX)
 }
 
-/// Projections of shapes on a reference, one way or the other.
+/// Projections of shapes on a reference, in either direction.
 pub fn project(counts: Counts) -> Work {
-    /// Reading, whitening, two thin bases and the answer, per coordinate.
+    /// Per coordinate: reading, whitening, two thin bases and the answer.
     const COORDINATE: f64 = 8e-8;
     Work(REQUEST + counts.values() * COORDINATE)
 }
 
-/// Columns that a shape brings to the mean operator, and rows of it: see the table of `analysis::mean`.
+/// Number of columns that a shape contributes to the mean operator, and number of its rows: see the table of
+/// `analysis::mean`.
 fn operator(settings: &Settings, counts: Counts) -> (f64, f64) {
     let d = counts.dimension;
     match &settings.transformation {
@@ -114,23 +116,23 @@ fn operator(settings: &Settings, counts: Counts) -> (f64, f64) {
     }
 }
 
-/// Sums of `columns` outer products of `rows` numbers by the smaller of the two routes, and their leading eigenpairs.
+/// Sum of `columns` outer products of `rows` numbers by the cheaper of the two methods, with its leading eigenpairs.
 fn scatter(columns: f64, rows: f64) -> Work {
-    /// Multiply-adds of the leading eigenpairs, over the cube of the smaller side: few of them are asked for.
+    /// Multiply-adds of the leading eigenpairs, divided by the cube of the smaller side: only a few are needed.
     const EIGENPAIRS: f64 = 0.5;
     let (less, more) = (columns.min(rows), columns.max(rows));
     Work::of_multiply_adds(0.5 * more * less * less + EIGENPAIRS * less.powi(3))
 }
 
-/// The mean of shapes and their alignment to it.
+/// Mean of shapes and their alignment to it.
 pub fn align(settings: &Settings, counts: Counts) -> Work {
-    /// Reading, whitening, the basis of its subspace, its projection and the answer, per coordinate.
+    /// Per coordinate: reading, whitening, the basis of the subspace, its projection and the answer.
     const COORDINATE: f64 = 1e-7;
-    /// The rounds of a search for start points, per coordinate and factor of two of `N`: a spectrum a round.
+    /// Per coordinate and factor of two of `N`: the rounds of a search for start points, with one spectrum each.
     const SEARCH: f64 = 5e-8;
-    /// An iteration of Procrustes fits, per coordinate and dimension.
+    /// Per coordinate and dimension: one iteration of Procrustes fits.
     const FIT: f64 = 3e-9;
-    /// Iterations that most sets of shapes need.
+    /// Iterations sufficient for most sets of shapes.
     const ITERATIONS: f64 = 12.0;
     let values = counts.values();
     let each = Work(REQUEST + values * COORDINATE);
@@ -148,7 +150,7 @@ pub fn align(settings: &Settings, counts: Counts) -> Work {
     each + searching + mean
 }
 
-/// Components of aligned shapes, and their scores.
+/// Principal components of aligned shapes, and their scores.
 pub fn components(counts: Counts, components: usize) -> Work {
     let kept = (components as f64).min(counts.shapes).min(counts.length());
     scatter(counts.shapes, counts.length())
@@ -158,9 +160,9 @@ pub fn components(counts: Counts, components: usize) -> Work {
 
 /// Measures of curves, and their distances to a reference.
 pub fn measure_curves(counts: Counts, reference: bool) -> Work {
-    /// Quadratures and self-intersections of an interval between knots, per dimension.
+    /// Per dimension: quadratures and self-intersections of an interval between knots.
     const INTERVAL: f64 = 3e-6;
-    /// Nearest points of two intervals, both ways.
+    /// Nearest points of two intervals, in both directions.
     const PAIR: f64 = 3e-6;
     let pairs = if reference { counts.shapes * counts.points * counts.points } else { 0.0 };
     Work(REQUEST + counts.values() * INTERVAL + pairs * PAIR)
@@ -177,7 +179,7 @@ pub fn measure_surfaces(representation: &Representation, counts: Counts) -> Work
     Work(REQUEST + counts.shapes * cells * CELL)
 }
 
-/// Vertices of all meshes of the level of subdivision surfaces.
+/// Number of vertices of all refined meshes of subdivision surfaces.
 fn vertices(representation: &Representation, counts: Counts, limits: &Limits) -> f64 {
     let each = representation.subdivision().map_or(0, |subdivision| subdivision.size().vertices);
     counts.shapes * each.min(limits.vertices) as f64
@@ -185,39 +187,39 @@ fn vertices(representation: &Representation, counts: Counts, limits: &Limits) ->
 
 /// Measures of subdivision surfaces.
 pub fn measure_subdivision(representation: &Representation, counts: Counts, limits: &Limits) -> Work {
-    /// Refining and measuring, per vertex of the level.
+    /// Per vertex of the level: refining and measuring.
     const VERTEX: f64 = 2e-7;
     Work(REQUEST + vertices(representation, counts, limits) * VERTEX)
 }
 
-/// Values of curves or surfaces at so many places of each, with their derivatives and frames: `numbers` an answered place.
+/// Values of curves or surfaces at `places` places of each, with derivatives and frames: `numbers` per place.
 pub fn evaluate(counts: Counts, places: usize, numbers: usize, limits: &Limits) -> Work {
     let places = places.saturating_mul(numbers).min(limits.samples) as f64;
-    // Preparing a curve: its coefficients once more.
+    // Preparing a curve processes its coefficients once more.
     Work::numbers(counts.shapes * places * counts.dimension) + Work(counts.values() * NUMBER)
 }
 
-/// Meshes of the level of subdivision surfaces, with frames.
+/// Refined meshes of subdivision surfaces, with frames.
 pub fn evaluate_meshes(representation: &Representation, counts: Counts, limits: &Limits) -> Work {
-    /// Refining and writing, per vertex of the level.
+    /// Per vertex of the level: refining and writing.
     const VERTEX: f64 = 4e-7;
     Work(REQUEST + vertices(representation, counts, limits) * VERTEX)
 }
 
-/// A picture of so many shapes.
+/// A drawing of `shapes` shapes.
 pub fn draw(counts: Counts, shapes: usize) -> Work {
-    /// Samples of a drawn curve, or lines of a surface.
+    /// Samples of a drawn curve, or of the lines of a surface.
     const SAMPLES: f64 = 800.0;
-    /// Evaluating and writing one.
+    /// Evaluating and writing one sample.
     const SAMPLE: f64 = 2.2e-7;
     Work(REQUEST + shapes as f64 * SAMPLES.max(4.0 * counts.points) * SAMPLE)
 }
 
 /// A mesh of a surface at `grid`.
 pub fn mesh(grid: [usize; 2]) -> Work {
-    /// A vertex with its normal, and its faces.
+    /// Per vertex: its normal and its faces.
     const VERTEX: f64 = 5e-7;
-    /// Vertices at the most.
+    /// Maximum number of vertices.
     const MOST: f64 = 250_000.0;
     Work(REQUEST + (grid[0] as f64 * grid[1] as f64).min(MOST) * VERTEX)
 }
@@ -228,19 +230,19 @@ pub fn resample(shapes: &[ShapeInput], count: usize, limits: &Limits) -> Work {
     Work::numbers(2.0 * answered + posted_points(shapes))
 }
 
-/// Curves fitted to contours of so many points in all; for a `tolerance` at many sizes.
+/// Curves fitted to contours of `points` points in total; a `tolerance` requires several sizes.
 pub fn fit_curves(counts: Counts, points: f64, tolerance: bool) -> Work {
-    /// A point in the normal equations of one size.
+    /// Per point: its part of the normal equations of one size.
     const POINT: f64 = 1e-7;
-    /// Sizes that are tried for a tolerance.
+    /// Number of sizes tried for a tolerance.
     const SIZES: f64 = 15.0;
     let sizes = if tolerance { SIZES } else { 1.0 };
     Work::numbers(counts.values()) + Work(sizes * points * POINT)
 }
 
-/// Tensor-product surfaces fitted to so many points, or meshes of so many vertices, in all.
+/// Tensor-product surfaces fitted to `points` points, or to meshes with as many vertices, in total.
 pub fn fit_surfaces(counts: Counts, points: f64, meshes: bool) -> Work {
-    /// A point, or a vertex: parameters of a mesh are harmonic functions on it, and its faces are samples.
+    /// Per point, or per vertex: the parameters of a mesh are harmonic functions on it, and its faces are samples.
     const POINT: f64 = 1e-6;
     const VERTEX: f64 = 4.5e-5;
     let each = if meshes { VERTEX } else { POINT };
@@ -248,7 +250,7 @@ pub fn fit_surfaces(counts: Counts, points: f64, meshes: bool) -> Work {
     Work::numbers(counts.values()) + Work(points * each) + solving
 }
 
-/// Subdivision surfaces fitted to so many points in all, in turns.
+/// Subdivision surfaces fitted to `points` points in total, in alternating rounds.
 pub fn fit_subdivision(
     representation: &Representation,
     counts: Counts,
@@ -256,33 +258,33 @@ pub fn fit_subdivision(
     turns: usize,
     limits: &Limits,
 ) -> Work {
-    /// The nearest place of a point, and its rows in the normal equations.
+    /// Per point: its nearest place, and its rows in the normal equations.
     const POINT: f64 = 8e-7;
-    /// A vertex of the level and its box.
+    /// Per vertex of the level, with its bounding box.
     const VERTEX: f64 = 1e-6;
     let solving = Work::of_multiply_adds(counts.shapes * counts.points.powi(3) / 3.0);
-    // Faces of a mesh, two for every vertex, are what its surface is fitted to, and it begins as one of splines does.
+    // A surface is fitted to the faces of a mesh, two per vertex, and starts from a fitted spline surface.
     let (targets, start) =
         if meshes { (2.0 * points, fit_surfaces(counts, points, true)) } else { (points, Work(0.0)) };
     let turn = Work(targets * POINT + vertices(representation, counts, limits) * VERTEX) + solving;
     start + Work(REQUEST) + (turns as f64 + 1.0) * turn
 }
 
-/// Shapes on a grid with so many control points.
+/// Shapes on a finer grid with `size` control points.
 pub fn refine(counts: Counts, size: usize, limits: &Limits) -> Work {
     let finer = size.min(limits.control_points) as f64;
     Work::numbers(counts.shapes * counts.dimension * (finer + counts.points))
 }
 
-/// Shapes at so many positions of a path, as numbers or as a picture.
+/// Shapes at `positions` positions of a path, as numbers or as a drawing.
 pub fn morph(counts: Counts, positions: usize, drawn: bool, limits: &Limits) -> Work {
     let positions = positions.min(limits.samples);
     if drawn { draw(counts, positions) } else { Work::numbers(positions as f64 * counts.length()) }
 }
 
-/// A shape pulled at so many handles.
+/// A shape deformed by `handles` handles.
 pub fn deform(counts: Counts, handles: usize) -> Work {
-    /// The Gram operator of the shape applied to the row of a handle, per control point.
+    /// Per control point: the Gram operator of the shape applied to the row of a handle.
     const ROW: f64 = 2e-8;
     let handles = (handles as f64).min(500.0);
     Work::numbers(counts.length())
@@ -290,9 +292,9 @@ pub fn deform(counts: Counts, handles: usize) -> Work {
         + Work::of_multiply_adds(handles.powi(3))
 }
 
-/// A mesh or polyline with so many vertices, of which every level has `factor` times as many.
+/// A mesh or polyline whose number of vertices grows by `factor` with every level.
 pub fn subdivide(vertices: usize, factor: f64, depth: &Depth, limit: bool, limits: &Limits) -> Work {
-    /// A vertex of the finest level, of all levels before it, and in the answer.
+    /// Per vertex of the finest level, including all previous levels and the answer.
     const VERTEX: f64 = 6e-7;
     let found = match depth {
         Depth::Level(level) => vertices as f64 * factor.powi((*level).min(30) as i32),
@@ -302,26 +304,26 @@ pub fn subdivide(vertices: usize, factor: f64, depth: &Depth, limit: bool, limit
     Work(REQUEST + parts * found.min(limits.vertices as f64) * VERTEX)
 }
 
-/// Two bodies on a grid with so many cells.
+/// Overlap of two bodies on a grid of `cells` cells.
 pub fn overlap(cells: usize) -> Work {
-    /// A cell of two bodies: inside or not, and its distances to the surfaces.
+    /// Per cell of two bodies: the inside test and its distances to the surfaces.
     const CELL: f64 = 5e-8;
     Work(REQUEST + cells as f64 * CELL)
 }
 
-/// Posted shapes of a cohort, which have been read, as they are stored.
+/// Storing posted shapes of a cohort that have been parsed.
 pub fn store(counts: Counts, correspondence: Correspondence) -> Work {
-    /// Control points by the arc length of a contour, per coordinate.
+    /// Per coordinate: control points by the arc length of a contour.
     const COORDINATE: f64 = 1e-7;
-    /// Of its canonical start.
+    /// Per coordinate: its canonical start.
     const START: f64 = 3e-7;
     let start = if correspondence == Correspondence::Cyclic { START } else { 0.0 };
     Work(REQUEST + counts.values() * (COORDINATE + start))
 }
 
-/// A matrix of `shapes²` distances whose pairs take so many multiply-adds together.
+/// A matrix of `shapes²` distances whose pairs take `multiply_adds` in total.
 pub fn distances(counts: Counts, multiply_adds: f64) -> Work {
-    /// Preparing a shape to be compared, per coordinate.
+    /// Per coordinate: preparing a shape for comparison.
     const COORDINATE: f64 = 8e-8;
     /// Writing a distance.
     const DISTANCE: f64 = 2e-8;
@@ -329,17 +331,17 @@ pub fn distances(counts: Counts, multiply_adds: f64) -> Work {
         + Work::of_multiply_adds(multiply_adds)
 }
 
-/// Shapes compared with those of a cohort, which are `counts` when they have to be read.
+/// Comparing shapes with those of a cohort; `counts` is given if the cohort must be read.
 pub fn search(counts: Option<Counts>, multiply_adds: f64) -> Work {
     let reading = counts.map_or(Work(0.0), |counts| 2.0 * project(counts));
     Work(REQUEST) + reading + Work::of_multiply_adds(multiply_adds)
 }
 
-/// Codes of shapes in a dictionary of `atoms` atoms whose codes cost `multiply_adds` each, and answers of `numbers` numbers each.
+/// Codes of shapes in a dictionary, at `multiply_adds` per code, and answers of `numbers` numbers each.
 pub fn encode(counts: Counts, multiply_adds: f64, numbers: f64, searches: bool) -> Work {
-    /// Aligning a shape to the mean, per coordinate.
+    /// Per coordinate: aligning a shape to the mean.
     const COORDINATE: f64 = 2e-7;
-    /// Of a start point that is searched for: a spectrum, per coordinate and factor of two of `N`.
+    /// Per coordinate and factor of two of `N`: the spectrum of a search for the start point.
     const SEARCH: f64 = 2e-8;
     let spectrum = if searches { SEARCH * counts.points.max(2.0).log2() } else { 0.0 };
     Work(counts.values() * (COORDINATE + spectrum))

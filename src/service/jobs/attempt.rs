@@ -1,4 +1,4 @@
-//! An attempt at a job: claimed from the queue, kept alive, and settled.
+//! Attempt at a job: claimed from the queue, kept alive by heartbeats, and settled.
 
 use std::time::Duration;
 
@@ -13,27 +13,27 @@ use crate::service::app::{App, ServiceError, metrics, now_ms};
 use crate::store::jobs::MAX_ATTEMPTS;
 use crate::store::{Claim, Release, StoreError};
 
-/// How long a claim holds without a sign of life, in milliseconds.
+/// Duration of a lease without heartbeat, in milliseconds.
 const LEASE_MS: i64 = 30_000;
-/// Longest time between two signs of life.
+/// Maximum time between two heartbeats.
 const SIGN_OF_LIFE: Duration = Duration::from_secs(10);
-/// How often an outcome is written when the store does not take it; later the lease ends, and the job runs again.
+/// Number of attempts to write an outcome; after that the lease expires, and the job runs again.
 const WRITES: u32 = 4;
 
-/// An attempt at a job. Dropped without being settled, its work is asked to stop, and the job runs again when the
-/// lease ends.
+/// An attempt at a job. If it is dropped without being settled, its work is asked to stop, and the job runs again when
+/// the lease expires.
 #[derive(Debug)]
 pub struct Attempt {
     claim: Claim,
     context: JobContext,
-    /// None until the first sign of life, which comes at once: a job that was cancelled between its claim and its
-    /// context has no other way to hear of it.
+    /// Progress written last; `None` until the first heartbeat, which is sent at once, because a job cancelled between
+    /// its claim and its context has no other way to learn of it.
     written: Option<Progress>,
     renewed: Instant,
     begun: Instant,
 }
 
-/// How an attempt ends.
+/// End of an attempt.
 #[derive(Debug)]
 enum End {
     Succeeded(Outcome),
@@ -41,7 +41,7 @@ enum End {
     Released(Release),
 }
 
-/// The next job of the queue, if it is somebody's turn.
+/// Claims the next job of the queue, if one is due.
 ///
 /// # Errors
 /// A failure of the store.
@@ -56,13 +56,13 @@ pub async fn claim(app: &App) -> Result<Option<Attempt>, ServiceError> {
     let Some(claim) = claimed.claim else { return Ok(None) };
     let context = app.registry().begin(&claim.job.id);
     app.registry().announce(&claim.job.id);
-    // There may be more: another worker looks.
+    // There may be more jobs: let another worker look.
     app.registry().wake();
     let begun = Instant::now();
     Ok(Some(Attempt { claim, context, written: None, renewed: begun, begun }))
 }
 
-/// The problem of jobs that were interrupted at every attempt.
+/// Problem of jobs that were interrupted at every attempt.
 fn abandoned() -> Value {
     let detail = format!(
         "the service ended {MAX_ATTEMPTS} times while it worked on the job, which is not tried again; \
@@ -71,7 +71,7 @@ fn abandoned() -> Value {
     Problem::new(ProblemKind::Internal, detail).to_json()
 }
 
-/// Waits until the queue is worth a look, because a job was submitted or could be taken by more workers.
+/// Waits until the queue may have work: a job was submitted, or more workers could take jobs.
 pub async fn submitted(app: &App) {
     app.registry().woken().await;
 }
@@ -82,19 +82,19 @@ impl Attempt {
         &self.claim.job
     }
 
-    /// Whose it is.
+    /// Tenant of the job.
     pub fn tenant(&self) -> &str {
         &self.claim.tenant
     }
 
-    /// What the work says and hears.
+    /// Context through which the work reports progress and learns of cancellation.
     pub fn context(&self) -> &JobContext {
         &self.context
     }
 
-    /// Writes progress and a sign of life when there is need; who calls this once a second writes no more often.
+    /// Writes progress and a heartbeat if needed; the write rate is bounded by that of the calls, about once a second.
     ///
-    /// The work is asked to stop when the claim does not hold any more.
+    /// The work is asked to stop if the claim is lost.
     ///
     /// # Errors
     /// A failure of the store; the claim may still hold.
@@ -111,15 +111,15 @@ impl Attempt {
         Ok(())
     }
 
-    /// Counts that the claim does not hold any more, unless the work was asked to stop here: then it is known why.
+    /// Counts a lost claim, unless the work was asked to stop by this process, in which case the reason is known.
     fn lost(&self) {
         if !self.context.is_cancelled() {
             metrics::claim_lost();
         }
     }
 
-    /// Writes what came out, unless the job was cancelled or taken over meanwhile. A `stopping` service puts back what
-    /// it has interrupted.
+    /// Writes the outcome, unless the job was cancelled or taken over in the meantime. A `stopping` service returns
+    /// interrupted jobs to the queue.
     pub async fn settle(self, app: &App, outcome: Result<Outcome, ServiceError>, stopping: bool) {
         let mut end = self.end(outcome, stopping);
         for write in 0..WRITES {
@@ -132,7 +132,7 @@ impl Attempt {
                 error = error.cause(),
                 "the outcome of a job could not be written"
             );
-            // What cannot be stored for a reason of its own will not be stored the next time.
+            // An outcome that is refused for a permanent reason would be refused again.
             if matches!(end, End::Succeeded(_)) && !is_passing(&error) {
                 end = self.failed(error);
             }
@@ -191,18 +191,18 @@ impl Attempt {
 }
 
 impl Drop for Attempt {
-    /// Nobody hears any more what the work would say.
+    /// Stops the work, because its outcome can no longer be reported.
     fn drop(&mut self) {
         self.context.interrupt();
     }
 }
 
-/// Whether the error is one of the machinery that may be gone the next time.
+/// Whether the error is a temporary one of the infrastructure.
 fn is_passing(error: &ServiceError) -> bool {
     matches!(error, ServiceError::Unavailable(_) | ServiceError::NoSpace(_))
 }
 
-/// Time before the attempt after `attempt`: none, then one second, doubled every time.
+/// Delay before the attempt that follows `attempt`: none at first, then one second, doubled every time.
 fn back_off_ms(attempt: u32) -> i64 {
     match attempt {
         0 | 1 => 0,

@@ -1,4 +1,4 @@
-//! Tests of stored shapes: answered at once when they are small, by a job when they are not.
+//! Tests of stored shapes: answered at once if they are small, otherwise by a job.
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -10,37 +10,37 @@ use crate::service::app::progress::JobContext;
 use crate::service::app::{App, ServiceError};
 use crate::service::jobs;
 
-/// Tests of at most this predicted time are answered at once; longer ones become jobs.
+/// Maximum predicted time of a test that is answered at once; longer ones become jobs.
 const AT_ONCE_SECONDS: f64 = 3.0;
 
-/// A test whose parameters were checked and whose shapes are known.
+/// A test with checked parameters and known shapes.
 pub trait PlannedTest: Sized + Send + 'static {
-    /// What the answer depends on, as it is stored with a job.
+    /// Parameters that determine the answer, as stored with a job.
     type Plan: Serialize + DeserializeOwned;
-    /// What is answered.
+    /// Answer of the test.
     type Answer: Serialize + DeserializeOwned + Send;
-    /// The job that answers.
+    /// Kind of the job that answers it.
     const KIND: JobKind;
 
     /// The plan.
     fn plan(&self) -> &Self::Plan;
 
-    /// The test of a stored plan.
+    /// Restores a test from a stored plan.
     ///
     /// # Errors
-    /// A cohort that was deleted meanwhile.
+    /// A cohort that was deleted in the meantime.
     fn of_plan(app: &App, handle: &Handle, plan: Self::Plan) -> Result<Self, ServiceError>;
 
-    /// Predicted time.
+    /// Predicted time in seconds.
     fn seconds(&self) -> f64;
 
-    /// Does it, on a compute thread; `handle` is for what has to be awaited.
+    /// Computes the answer on a compute thread; `handle` runs async parts.
     ///
     /// # Errors
     /// Degenerate shapes; [`ServiceError::Cancelled`].
     fn answer(&self, app: &App, handle: &Handle, context: &JobContext) -> Result<Self::Answer, ServiceError>;
 
-    /// A picture of the answer.
+    /// Drawing of the answer.
     fn draw(&self, answer: &Self::Answer) -> String;
 
     /// Whether it is answered at once.
@@ -49,10 +49,10 @@ pub trait PlannedTest: Sized + Send + 'static {
     }
 }
 
-/// Stores the job that answers a test.
+/// Submits the job that answers a test.
 ///
 /// # Errors
-/// [`ServiceError::Unavailable`] when too many jobs wait.
+/// [`ServiceError::Unavailable`] if too many jobs wait.
 pub async fn submit<T: PlannedTest>(app: &App, test: &T) -> Result<Job, ServiceError> {
     let parameters = serde_json::to_value(test.plan())
         .map_err(|error| ServiceError::Internal(format!("a plan is not JSON: {error}")))?;
@@ -62,7 +62,7 @@ pub async fn submit<T: PlannedTest>(app: &App, test: &T) -> Result<Job, ServiceE
 /// Runs the job of a test.
 ///
 /// # Errors
-/// What keeps it from being answered; [`ServiceError::Cancelled`].
+/// The reason why it cannot be answered; [`ServiceError::Cancelled`].
 pub(crate) fn run<T: PlannedTest>(
     app: &App,
     handle: &Handle,

@@ -1,10 +1,10 @@
-//! Jobs: long work that is stored before it is answered, runs beside the requests, and survives a restart.
+//! Jobs: long computations that are stored before they are answered, run in the background, and survive a restart.
 //!
-//! * this file — what clients do: submit, find, list, cancel, wait;
-//! * [`registry`] — what is known of a job while it runs: its progress, whether it shall stop, who wants to hear of it;
-//! * [`attempt`] — what the worker does: claim, renew, settle;
-//! * [`inline_or_job`] — answered at once when it is predicted to be quick, else by a job;
-//! * [`watch`] — the changes of a job, one after the other.
+//! * this file — operations for clients: submit, find, list, cancel, wait;
+//! * [`registry`] — volatile state of running jobs: progress, cancellation, watchers;
+//! * [`attempt`] — operations for workers: claim, renew, settle;
+//! * [`inline_or_job`] — answers at once if the predicted time is short, otherwise by a job;
+//! * [`watch`] — successive changes of a job.
 
 pub mod attempt;
 pub mod inline_or_job;
@@ -22,23 +22,23 @@ use crate::domain::job::{Job, JobKind, JobOutput, JobStatus};
 use crate::service::app::{App, Page, ServiceError, Work, metrics, now_ms};
 use crate::store::jobs::Quota;
 
-/// What an attempt brought about.
+/// Outcome of an attempt.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Outcome {
-    /// What the job answers.
+    /// Result of the job.
     pub result: Value,
-    /// What it has learnt: stored when, and only when, the job succeeds.
+    /// Learnt dictionary; stored if and only if the job succeeds.
     pub dictionary: Option<Box<NewDictionary>>,
-    /// What is kept beside the job, as long as there is room.
+    /// Output kept with the job while there is room.
     pub output: Option<Box<JobOutput>>,
 }
 
-/// Stores a new job that is predicted to take so many seconds; a worker takes it when its turn comes. The same request again
-/// finds the job it has made.
+/// Stores a new job with its predicted time in seconds; a worker takes it when its turn comes. A repetition of the same
+/// request returns the job it created.
 ///
 /// # Errors
-/// [`ServiceError::KeyReused`]; [`ServiceError::TooCostly`] when it is predicted to take longer than a job may;
-/// [`ServiceError::Unavailable`] when too many of the tenant wait, or too much.
+/// [`ServiceError::KeyReused`]; [`ServiceError::TooCostly`] if the predicted time exceeds the maximum for a job;
+/// [`ServiceError::Unavailable`] if the tenant has too many waiting jobs, or too much waiting work.
 pub async fn submit(app: &App, kind: JobKind, parameters: Value, seconds: f64) -> Result<Job, ServiceError> {
     if let Some(id) = app.done_before::<String>().await? {
         return find(app, &id).await;
@@ -51,7 +51,7 @@ pub async fn submit(app: &App, kind: JobKind, parameters: Value, seconds: f64) -
     Ok(job)
 }
 
-/// The job with this id, with its progress of this moment.
+/// Finds the job with this id, with its current progress.
 ///
 /// # Errors
 /// [`ServiceError::NotFound`].
@@ -60,10 +60,10 @@ pub async fn find(app: &App, id: &str) -> Result<Job, ServiceError> {
     found.map(|job| app.registry().up_to_date(job)).ok_or_else(|| not_found(id))
 }
 
-/// What the job with this id has brought about.
+/// Output of the job with this id.
 ///
 /// # Errors
-/// [`ServiceError::NotFound`] for the job; for its output when there is none: not yet, not for ever, or not any more.
+/// [`ServiceError::NotFound`] for the job, and for its output if it has none: not yet, never, or no longer.
 pub async fn output(app: &App, id: &str) -> Result<JobOutput, ServiceError> {
     let job = find(app, id).await?;
     let output = app.store.read_job_output(&job.id).await?;
@@ -74,10 +74,10 @@ fn not_found(id: &str) -> ServiceError {
     ServiceError::NotFound { kind: "job", key: id.into() }
 }
 
-/// Jobs in the order of their creation, after `cursor` (the id of the last one seen).
+/// Jobs in order of creation, after `cursor` (the id of the last job of the previous page).
 ///
 /// # Errors
-/// A cursor that is not one.
+/// An invalid cursor.
 pub async fn list(
     app: &App,
     status: Option<JobStatus>,
@@ -93,12 +93,12 @@ pub async fn list(
     Ok((items.into_iter().map(|job| app.registry().up_to_date(job)).collect(), next))
 }
 
-/// Cancels a job that is not finished; one that is cancelled stays so.
+/// Cancels an unfinished job; a job that is already cancelled stays so.
 ///
-/// The job is cancelled when this returns; its thread stops at its next [`JobContext::check`].
+/// The job is cancelled when this function returns; its thread stops at its next [`JobContext::check`].
 ///
 /// # Errors
-/// [`ServiceError::NotFound`]; [`ServiceError::JobFinished`] when it succeeded or failed before.
+/// [`ServiceError::NotFound`]; [`ServiceError::JobFinished`] if it has succeeded or failed before.
 pub async fn cancel(app: &App, id: &str) -> Result<Job, ServiceError> {
     let job = app.store.cancel_job(id, now_ms()).await?.ok_or_else(|| not_found(id))?;
     if job.status != JobStatus::Cancelled {
@@ -110,7 +110,7 @@ pub async fn cancel(app: &App, id: &str) -> Result<Job, ServiceError> {
     Ok(job)
 }
 
-/// The job as soon as it is finished, or as it is after `time`, or when the service is asked to stop.
+/// Returns the job as soon as it is finished, after `time`, or when the service is stopping.
 ///
 /// # Errors
 /// [`ServiceError::NotFound`].
@@ -124,9 +124,9 @@ pub async fn wait(app: &App, id: &str, time: Duration) -> Result<Job, ServiceErr
             return Ok(job);
         }
         tokio::select! {
-            // The channel, which is held here, is what sends.
+            // Cannot fail: the channel held here owns the sender.
             _ = states.changed() => {}
-            // Another process may work on it.
+            // Another replica may be running it.
             () = tokio::time::sleep(watch::LOOK) => {}
             () = tokio::time::sleep_until(end) => return find(app, id).await,
             () = app.stopping() => return Ok(job),

@@ -1,4 +1,4 @@
-//! What is known of jobs beyond their rows: progress of this moment, who shall stop, who wants to hear of changes.
+//! Volatile state of jobs, beyond their rows: current progress, cancellation requests and watchers.
 
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -10,7 +10,7 @@ use crate::domain::job::{Job, JobStatus, Progress};
 use crate::service::app::App;
 use crate::service::app::progress::{Channel, JobContext};
 
-/// The channels of all jobs that somebody runs or watches.
+/// Channels of all jobs that are running or watched.
 #[derive(Debug, Default)]
 pub struct Registry {
     channels: Mutex<HashMap<String, Weak<Channel>>>,
@@ -18,14 +18,14 @@ pub struct Registry {
 }
 
 impl App {
-    /// The channels of jobs in this process.
+    /// Channels of the jobs in this process.
     pub(super) fn registry(&self) -> Arc<Registry> {
         self.state()
     }
 }
 
 impl Registry {
-    /// The channel of a job; it lasts as long as somebody holds it.
+    /// Channel of a job; it lives as long as a holder exists.
     pub(super) fn channel(&self, id: &str) -> Arc<Channel> {
         let mut channels = locked(&self.channels);
         if let Some(channel) = channels.get(id).and_then(Weak::upgrade) {
@@ -41,7 +41,7 @@ impl Registry {
         locked(&self.channels).get(id).and_then(Weak::upgrade)
     }
 
-    /// The context of a new attempt. An older one of the same job has lost its claim, and stops.
+    /// Context of a new attempt. An older attempt at the same job has lost its claim and is stopped.
     pub(super) fn begin(&self, id: &str) -> JobContext {
         let channel = self.channel(id);
         let interrupted: Arc<AtomicBool> = Arc::default();
@@ -51,21 +51,21 @@ impl Registry {
         JobContext { interrupted, deadline: None, channel }
     }
 
-    /// Asks the attempt that runs, if one does, to stop.
+    /// Asks the running attempt, if any, to stop.
     pub(super) fn interrupt(&self, id: &str) {
         if let Some(channel) = self.existing(id) {
             locked(&channel.interrupted).store(true, Ordering::Relaxed);
         }
     }
 
-    /// Tells who watches the job that its row has changed.
+    /// Notifies the watchers of the job that its row has changed.
     pub(super) fn announce(&self, id: &str) {
         if let Some(channel) = self.existing(id) {
             channel.states.send_replace(());
         }
     }
 
-    /// The job with the progress of this moment: the row is written at most once a second.
+    /// The job with its current progress; the stored progress may be up to a second old.
     pub(super) fn up_to_date(&self, job: Job) -> Job {
         match self.existing(&job.id) {
             Some(channel) if job.status == JobStatus::Running => {
@@ -75,18 +75,18 @@ impl Registry {
         }
     }
 
-    /// Tells a worker to look into the queue.
+    /// Wakes a worker to look into the queue.
     pub(super) fn wake(&self) {
         self.submitted.notify_one();
     }
 
-    /// Waits for [`Registry::wake`]; one that came before counts.
+    /// Waits for [`Registry::wake`]; an earlier call counts.
     pub(super) async fn woken(&self) {
         self.submitted.notified().await;
     }
 }
 
-/// Nothing is left half done under these locks: a panic elsewhere does not spoil them.
+/// Locks a mutex, ignoring poison: no critical section leaves a partial change.
 fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

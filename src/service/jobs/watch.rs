@@ -1,4 +1,4 @@
-//! The changes of a job, one after the other.
+//! Successive changes of a job.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -11,13 +11,13 @@ use crate::domain::job::{Job, Progress};
 use crate::service::app::progress::Channel;
 use crate::service::app::{App, ServiceError};
 
-/// Shortest time between two reports of progress; changes of the status are told at once.
+/// Minimum time between two reports of progress; changes of the status are reported at once.
 const PACE: Duration = Duration::from_millis(200);
 
-/// How often the row is looked at when nobody says that it has changed.
+/// Polling interval of the row, for changes by other replicas.
 pub(super) const LOOK: Duration = Duration::from_secs(1);
 
-/// The states of a job from the present one to the final one.
+/// States of a job from the current to the final one.
 #[derive(Debug)]
 pub struct Watch {
     app: App,
@@ -26,14 +26,14 @@ pub struct Watch {
     progress: Receiver<Progress>,
     told: Option<Job>,
     begun: bool,
-    /// When progress may be told again.
+    /// Earliest time of the next report of progress.
     next: Instant,
-    /// The sender of both receivers.
+    /// Keeps the sender of both receivers alive.
     _channel: Arc<Channel>,
 }
 
 impl Watch {
-    /// Watches the job with this id. When the client says what it knows already, that is not told again.
+    /// Watches the job with this id. The state that the client already knows is not reported again.
     pub fn new(app: &App, id: &str, known: Option<Job>) -> Self {
         let channel = app.registry().channel(id);
         Self {
@@ -48,14 +48,14 @@ impl Watch {
         }
     }
 
-    /// The job when it is another than was told last, at first at once; none after the final state, or when the
-    /// service is asked to stop.
+    /// Next state that differs from the last reported one; the first is available at once. `None` after the final
+    /// state, or when the service is stopping.
     ///
     /// # Errors
-    /// [`ServiceError::NotFound`], also when the job has left the history meanwhile.
+    /// [`ServiceError::NotFound`], also if the job has been removed from the history in the meantime.
     pub async fn next(&mut self) -> Result<Option<Job>, ServiceError> {
         loop {
-            // Without waiting for a change what is reported all the time would be told all the time.
+            // Without waiting for a change, continuous progress would be reported continuously.
             if self.begun && (self.is_over() || !self.changed().await) {
                 return Ok(None);
             }
@@ -73,16 +73,16 @@ impl Watch {
         self.told.as_ref().is_some_and(|job| job.status.is_finished())
     }
 
-    /// Waits until there may be news; false when the service is asked to stop.
+    /// Waits until there may be news; `false` when the service is stopping.
     async fn changed(&mut self) -> bool {
         let paced = async {
             tokio::time::sleep_until(self.next).await;
             self.progress.changed().await
         };
         tokio::select! {
-            // The channel, which is held here, is what sends: there is always a sender.
+            // The channel held here owns the sender, so there always is one.
             _ = self.states.changed() => true,
-            // Another process may work on it.
+            // Another replica may be running it.
             () = tokio::time::sleep(LOOK) => true,
             _ = paced => true,
             () = self.app.stopping() => false,

@@ -1,10 +1,11 @@
-//! Shapes of a request, each by itself.
+//! Use cases that treat each shape of a request by itself.
 //!
-//! * [`read`] — posted shapes become control points; [`request`] — the shapes of a request in their space; [`spaces`] — prepared spaces;
+//! * [`read`] — control points of posted shapes; [`request`] — shapes of a request in their space; [`spaces`] —
+//!   prepared spaces;
 //! * [`curves`], [`surfaces`], [`subdivisions`] — evaluate, measure, refine;
 //! * [`fitting`], [`surface_fitting`], [`subdivision_fitting`] — fit;
-//! * [`morph`], [`deform`] — paths between two shapes; handles that pull at one; [`overlap`] — overlap of two bodies;
-//! * [`generators`] — one generator with its properties.
+//! * [`morph`], [`deform`] — paths between two shapes; deformation by handles; [`overlap`] — overlap of two bodies;
+//! * [`generators`] — properties of a generator.
 
 pub mod curves;
 pub mod deform;

@@ -1,8 +1,8 @@
-//! Posted shapes to control points of a representation.
+//! Converts posted shapes to control points of a representation.
 //!
-//! Points lie on the shape, control points are its coefficients. Under `arc_length` and `cyclic` any number of
-//! points is resampled to the size of the representation; under `cyclic` from the canonical start of the
-//! contour, so that the stored shape does not depend on where the list of points begins.
+//! Points lie on the shape, control points are its coefficients. Under `arc_length` and `cyclic`, any number of points
+//! is resampled to the size of the representation. Under `cyclic`, resampling begins at the canonical start of the
+//! contour, so that the stored shape does not depend on the first point of the list.
 
 use std::borrow::Borrow;
 use std::collections::BTreeMap;
@@ -29,24 +29,24 @@ use crate::numeric::dense::Matrix;
 use crate::service::app::error::MAX_FAULTS;
 use crate::service::app::{App, Fault, Limits, ServiceError};
 
-/// How posted points become control points.
+/// Conversion of posted points to control points.
 #[derive(Debug, Clone, Copy)]
 pub struct Reading<'a> {
     /// The space of the shapes.
     pub space: &'a ShapeSpace,
-    /// Resampling and start.
+    /// Correspondence: resampling and start.
     pub correspondence: Correspondence,
     /// Direction of planar contours.
     pub direction: Direction,
-    /// Sizes.
+    /// Limits on sizes.
     pub limits: &'a Limits,
 }
 
-/// Longest identifier or label.
+/// Maximum length of an identifier or label.
 const MAX_TEXT: usize = 500;
-/// Why normals are refused.
+/// Reason for refusing normals.
 const NORMALS: &str = "belong to the subdivision scheme normal_based: leave them out";
-/// Most attributes of a shape.
+/// Maximum number of attributes per shape.
 const MAX_LABELS: usize = 100;
 
 /// Checks the sizes of a representation against the limits.
@@ -99,7 +99,7 @@ pub fn check_representation(representation: &Representation, limits: &Limits) ->
 /// Checks the sizes of a subdivision surface against the limits, then its control mesh.
 ///
 /// # Errors
-/// All numbers that are out of bounds, or the first face or vertex that is wrong.
+/// All numbers that are out of bounds, or the first invalid face or vertex.
 pub fn check_subdivision(subdivision: &Subdivision, limits: &Limits) -> Result<(), Vec<InputError>> {
     let mut errors = Vec::new();
     let (control, fine) = (subdivision.connectivity.size(), subdivision.size());
@@ -129,12 +129,12 @@ pub fn check_subdivision(subdivision: &Subdivision, limits: &Limits) -> Result<(
     }
 }
 
-/// Where the face that is wrong stands in the list of faces.
+/// Pointer to the invalid face in the list of faces.
 pub(crate) fn face_pointer(fault: &MeshError) -> String {
     fault.face().map_or_else(String::new, |face| format!("/{face}"))
 }
 
-/// Checks that shapes have mirror images when these are asked for.
+/// Checks that mirror images exist if they are requested.
 ///
 /// # Errors
 /// A fault at `/mirror`.
@@ -146,7 +146,7 @@ pub fn check_mirror(representation: &Representation, mirror: Mirror) -> Result<(
     Ok(())
 }
 
-/// What is wrong with a number of control points, when the generator is `admissible`.
+/// Fault of a number of control points; `admissible`: the generators have no faults.
 fn count_fault(knots: &Knots<'_>, most: usize, admissible: bool) -> Option<InputError> {
     let Knots { field, count, fewest, generator, generator_field, closed } = *knots;
     if fewest > most && admissible {
@@ -172,7 +172,7 @@ fn count_fault(knots: &Knots<'_>, most: usize, admissible: bool) -> Option<Input
     Some(InputError::new(format!("/{field}"), detail))
 }
 
-/// Checks that the correspondence makes sense for the representation.
+/// Checks that the correspondence applies to the representation.
 ///
 /// # Errors
 /// A fault at `/correspondence`.
@@ -203,7 +203,7 @@ impl Reading<'_> {
     /// Control points of one shape, `d·N` coordinate-major numbers.
     ///
     /// # Errors
-    /// Everything wrong with it, with pointers relative to the shape.
+    /// All faults of the shape, with pointers relative to it.
     pub fn control_points(&self, shape: &ShapeInput) -> Result<Vec<f64>, Vec<InputError>> {
         let closed = shape.closed.as_ref().and_then(Checked::get).copied().flatten();
         let representation = self.space.representation();
@@ -297,7 +297,7 @@ impl Reading<'_> {
                 .map_err(|error| vec![InputError::new("", error.to_string())]);
         }
         let representation = self.space.representation();
-        // The first point stays first: the one that closes the ring would come second.
+        // The first point stays first; the point that closes the ring would otherwise come second.
         let points = if self.runs_backwards(&points) { without_closing_point(points) } else { points };
         let contour = contour(self.directed(points), representation.is_closed())?;
         let start =
@@ -346,7 +346,7 @@ impl Reading<'_> {
         )])
     }
 
-    /// Planar closed contours whose direction has no meaning run counter-clockwise, keeping their first point.
+    /// Orients planar closed contours without a meaningful direction counter-clockwise, keeping their first point.
     fn directed(&self, points: Matrix) -> Matrix {
         let (n, d) = points.shape();
         if !self.runs_backwards(&points) {
@@ -355,9 +355,9 @@ impl Reading<'_> {
         Matrix::from_fn(n, d, |k, c| points[((n - k) % n, c)])
     }
 
-    /// Whether a contour whose direction has no meaning runs clockwise.
+    /// Whether a contour without a meaningful direction runs clockwise.
     fn runs_backwards(&self, points: &Matrix) -> bool {
-        // What has no points is refused where the contour is made.
+        // Empty lists are refused when the contour is built.
         points.ncols() == 2
             && points.nrows() > 0
             && self.space.representation().is_closed()
@@ -367,10 +367,10 @@ impl Reading<'_> {
     }
 }
 
-/// Points of a pole may differ by this part of the extent: they were written with some digits.
+/// Maximum relative distance between the points of a pole; they may differ by rounding to decimal digits.
 const SAME_POLE: f64 = 1e-9;
 
-/// Poles of a grid with `columns` points from pole to pole that are not one point.
+/// Faults of the poles of a grid with `columns` points from pole to pole, if their points do not coincide.
 fn open_poles(points: &Matrix, columns: usize) -> Vec<InputError> {
     let extent = points.column_iter().map(|column| column.max() - column.min()).fold(0.0, f64::max);
     let mut errors = Vec::new();
@@ -413,7 +413,7 @@ fn polygon_area(points: &Matrix) -> f64 {
     (0..n).map(|k| at(k, 0) * at(k + 1, 1) - at(k + 1, 0) * at(k, 1)).sum()
 }
 
-/// A list that is there; `null` is as good as nothing.
+/// The list, if present; `null` counts as absent.
 pub(crate) fn given<L: Borrow<PointList>>(list: &Option<L>) -> Option<&PointList> {
     let list: &PointList = list.as_ref()?.borrow();
     (!list.is_null()).then_some(list)
@@ -423,10 +423,10 @@ fn below(errors: Vec<InputError>, pointer: &str) -> Vec<InputError> {
     errors.into_iter().map(|error| error.below(pointer)).collect()
 }
 
-/// The contour of a list of points.
+/// Contour through a list of points.
 ///
 /// # Errors
-/// What is wrong with it, with a pointer relative to the list.
+/// The fault of the list, with a pointer relative to it.
 pub(crate) fn contour(points: Matrix, closed: bool) -> Result<Contour, Vec<InputError>> {
     let contour = if closed { Contour::closed(points) } else { Contour::open(points) };
     contour.map_err(|error| vec![contour_error(&error)])
@@ -443,12 +443,12 @@ fn contour_error(error: &GeometryError) -> InputError {
 /// Control points and attributes of a posted shape.
 ///
 /// # Errors
-/// Everything that is wrong with it, with pointers relative to the shape.
+/// All faults of the shape, with pointers relative to it.
 pub fn read_shape(
     reading: &Reading<'_>,
     shape: ShapeInput,
 ) -> Result<(Vec<f64>, ShapeAttributes), Vec<InputError>> {
-    // What is no object at all has one fault, not a list of missing things.
+    // A value that is not an object has one fault, rather than a list of missing fields.
     if shape.faults.iter().any(|fault| fault.pointer.is_empty()) {
         return Err(shape.faults);
     }
@@ -463,7 +463,7 @@ pub fn read_shape(
 /// Attributes of a posted shape.
 ///
 /// # Errors
-/// Everything wrong with them and with the object itself, with pointers relative to the shape.
+/// All faults of the attributes and of the object itself, with pointers relative to the shape.
 pub fn attributes(shape: ShapeInput) -> Result<ShapeAttributes, Vec<InputError>> {
     let mut errors = shape.faults;
     let mut text = |field: Option<Checked<Option<String>>>, pointer: &str| {
@@ -513,8 +513,8 @@ pub fn attributes(shape: ShapeInput) -> Result<ShapeAttributes, Vec<InputError>>
     Ok(ShapeAttributes { external_id, subject, label, labels, weight, metadata })
 }
 
-/// Reads `T`, whose own fields are not checked one by one, from JSON text: what is no `T` breaks a rule of the input, what is
-/// no JSON is malformed.
+/// Parses a `T` whose fields are not checked individually from JSON text. JSON that is not a `T` is invalid input; text
+/// that is not JSON is malformed.
 ///
 /// # Errors
 /// [`ServiceError::Invalid`], [`ServiceError::Malformed`].
@@ -526,17 +526,17 @@ pub fn parse_whole<T: DeserializeOwned>(limits: &Limits, text: &[u8]) -> Result<
     value.ok_or_else(|| ServiceError::invalid("", "is not complete"))
 }
 
-/// Reads `T` from JSON text; run it on the pool, bodies can be large. What is wrong with the JSON itself is kept by
-/// the types of `formats`, which keep no more of it than the limits allow.
+/// Parses `T` from JSON text; run it on the pool, because bodies can be large. The types of `formats` collect their own
+/// faults and keep no more data than the limits allow.
 ///
 /// # Errors
-/// [`ServiceError::Malformed`] for text that is not JSON, with the pointer to the place.
+/// [`ServiceError::Malformed`] for text that is not JSON, with a pointer to the place.
 pub fn parse<T: DeserializeOwned>(limits: &Limits, text: &[u8]) -> Result<T, ServiceError> {
     bounds::within(limits.bounds(), || parse_within(text))
 }
 
 fn parse_within<T: DeserializeOwned>(text: &[u8]) -> Result<T, ServiceError> {
-    // Tracking the path costs time: only what fails is read again with it.
+    // Tracking the path costs time: only failed text is parsed again with it.
     serde_json::from_slice(text).or_else(|_| {
         let mut deserializer = serde_json::Deserializer::from_slice(text);
         let value: T = serde_path_to_error::deserialize(&mut deserializer).map_err(|error| {
@@ -553,7 +553,7 @@ fn parse_within<T: DeserializeOwned>(text: &[u8]) -> Result<T, ServiceError> {
 }
 
 impl App {
-    /// Reads `T` from a body: [`parse`].
+    /// Parses `T` from a body: [`parse`].
     ///
     /// # Errors
     /// [`ServiceError::Malformed`].
@@ -561,7 +561,7 @@ impl App {
         parse(&self.limits, text)
     }
 
-    /// Reads `T` from a body: [`parse_whole`].
+    /// Parses `T` from a body: [`parse_whole`].
     ///
     /// # Errors
     /// [`ServiceError::Invalid`], [`ServiceError::Malformed`].
@@ -569,7 +569,7 @@ impl App {
         parse_whole(&self.limits, text)
     }
 
-    /// Reads `T` from a body where it is due: [`Pool::read`](crate::service::app::pool::Pool::read).
+    /// Parses `T` from a body in the lane for its length: [`Pool::read`](crate::service::app::pool::Pool::read).
     ///
     /// # Errors
     /// [`ServiceError::Malformed`], and those of the pool.
@@ -579,7 +579,7 @@ impl App {
     }
 }
 
-/// What is wrong with a shape whatever it is made of, with pointers relative to it.
+/// Faults of a shape that do not depend on its representation, with pointers relative to it.
 pub fn own_faults(shape: ShapeInput) -> Vec<InputError> {
     let lists = [
         ("/points", shape.points.as_ref()),
@@ -596,7 +596,7 @@ pub fn own_faults(shape: ShapeInput) -> Vec<InputError> {
     errors
 }
 
-/// What is wrong with shapes whatever they are made of, at `/shapes/{index}…`.
+/// Faults of shapes that do not depend on their representation, at `/shapes/{index}…`.
 pub fn shape_faults(shapes: Vec<ShapeInput>) -> Vec<Fault> {
     let mut faults = Vec::new();
     for (index, shape) in shapes.into_iter().enumerate() {
@@ -612,7 +612,7 @@ pub fn shape_faults(shapes: Vec<ShapeInput>) -> Vec<Fault> {
     faults
 }
 
-/// Homologous points that came with a contour are kept beside the client's metadata.
+/// Merges landmarks posted with a contour into the client's metadata.
 fn metadata(
     metadata: Option<serde_json::Value>,
     landmark_index: Option<serde_json::Value>,
@@ -634,19 +634,19 @@ fn metadata(
 /// Shapes of a request that is answered from memory.
 #[derive(Debug, Clone)]
 pub struct Batch {
-    /// One shape of `d·N` coordinate-major numbers after the other.
+    /// Control points of one shape after the other, `d·N` coordinate-major numbers each.
     pub control_points: Vec<f64>,
-    /// One weight a shape.
+    /// One weight per shape.
     pub weights: Vec<f64>,
 }
 
-/// Control points and weight of one shape, or everything that is wrong with it.
+/// Control points and weight of one shape, or all of its faults.
 type ReadShape = Result<(Vec<f64>, f64), Vec<InputError>>;
 
 /// Reads all shapes in parallel.
 ///
 /// # Errors
-/// The faults of all bad shapes, at `/shapes/{index}…`.
+/// The faults of all invalid shapes, at `/shapes/{index}…`.
 pub fn read_batch(reading: &Reading<'_>, shapes: Vec<ShapeInput>) -> Result<Batch, ServiceError> {
     check_sizes(reading, shapes.len())?;
     let read = |shape: ShapeInput| {
@@ -674,7 +674,7 @@ pub fn read_batch(reading: &Reading<'_>, shapes: Vec<ShapeInput>) -> Result<Batc
     if found > 0 { Err(ServiceError::of_faults(faults, found)) } else { Ok(batch) }
 }
 
-/// That so many shapes are not too many, nor their control points: short contours become long lists of them.
+/// Checks the number of shapes and of their coordinates: resampling can turn short contours into many control points.
 fn check_sizes(reading: &Reading<'_>, shapes: usize) -> Result<(), ServiceError> {
     let (most, most_numbers) = (reading.limits.shapes, reading.limits.coordinates);
     if shapes > most {

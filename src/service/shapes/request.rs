@@ -1,4 +1,4 @@
-//! The curves and surfaces of a request that is answered from memory.
+//! Curves and surfaces of a request that is answered from memory.
 
 use super::read::{self, Reading};
 use crate::analysis::correspondence::{Correspondence, Direction};
@@ -12,12 +12,12 @@ use crate::geometry::surface::basis::SurfaceBasis;
 use crate::numeric::dense::Matrix;
 use crate::service::app::{App, Limits, ServiceError};
 
-/// The space of posted shapes, prepared.
+/// Prepared space of posted shapes.
 #[derive(Debug)]
 pub struct Posted {
-    /// Their space.
+    /// Space of the shapes.
     pub space: ShapeSpace,
-    /// Its metric.
+    /// Metric of the space.
     pub metric: Metric,
     correspondence: Correspondence,
 }
@@ -82,10 +82,10 @@ impl Posted {
         Reading { space, correspondence, direction: Direction::Given, limits }
     }
 
-    /// Control points of every shape, at least one.
+    /// Control points of every shape; at least one shape is required.
     ///
     /// # Errors
-    /// The faults of all bad shapes, at `/shapes/{index}…`.
+    /// The faults of all invalid shapes, at `/shapes/{index}…`.
     pub fn read(&self, app: &App, shapes: Vec<ShapeInput>) -> Result<Vec<Matrix>, ServiceError> {
         let batch = read::read_batch(&self.reading(&app.limits), shapes)?;
         if batch.weights.is_empty() {
@@ -98,7 +98,7 @@ impl Posted {
     /// Control points of one shape.
     ///
     /// # Errors
-    /// Its faults below `pointer`.
+    /// Its faults, below `pointer`.
     pub(crate) fn read_one(
         &self,
         app: &App,
@@ -110,7 +110,7 @@ impl Posted {
             .map_err(|errors| ServiceError::below(errors, pointer))
     }
 
-    /// Shapes, and one that they are compared with.
+    /// Control points of shapes and of a reference shape, if given.
     ///
     /// # Errors
     /// Faults of the shapes, and of the reference at `/reference…`.
@@ -134,22 +134,22 @@ impl Posted {
         Matrix::from_column_slice(self.metric.size(), self.metric.dimension(), control_points)
     }
 
-    /// The curve of a shape; whether shapes are curves is for the caller to know.
+    /// Curve with these control points; panics unless the space is one of curves.
     pub(crate) fn curve(&self, control_points: &Matrix) -> Curve {
         Curve::of(&self.space, control_points).expect("the space is one of curves")
     }
 
-    /// The basis of surfaces; whether shapes are surfaces is for the caller to know.
+    /// Basis of the surfaces; panics unless the space is one of tensor-product surfaces.
     pub(crate) fn basis(&self) -> &SurfaceBasis {
         self.space.surface().expect("the space is one of surfaces")
     }
 
-    /// The surface of a shape.
+    /// Surface with these control points; panics like [`Self::basis`].
     pub(crate) fn surface(&self, control_points: &Matrix) -> Surface {
         self.basis().surface(control_points)
     }
 
-    /// The steps of subdivision surfaces; whether shapes are such is for the caller to know.
+    /// Refinement steps of subdivision surfaces; panics unless the space is one of them.
     pub(crate) fn steps(&self) -> &SubdivisionBasis {
         self.space.subdivision().expect("the space is one of subdivision surfaces")
     }
