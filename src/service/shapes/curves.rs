@@ -1,5 +1,5 @@
-//! The stateless use cases of single curves: everything in the request, nothing stored. Plain functions, to be run on
-//! the pool.
+//! Stateless use cases of single curves: the request carries all data, and nothing is stored. The functions are
+//! synchronous and run on the pool.
 
 use rayon::prelude::*;
 
@@ -16,12 +16,12 @@ use crate::numeric::dense::Matrix;
 use crate::service::app::progress::JobContext;
 use crate::service::app::{App, Fault, Limits, ServiceError, warnings};
 
-/// Where curves are evaluated.
+/// Parameters at which curves are evaluated.
 #[derive(Debug, Clone)]
 pub enum Parameters {
     /// Equally spaced: at `u = i/count`, on open curves at `u = i/(count − 1)`.
     Equidistant(usize),
-    /// At these `u`: modulo 1 on closed curves, within `[0, 1]` on open ones.
+    /// The given `u`: modulo 1 on closed curves, within `[0, 1]` on open ones.
     At(Vec<f64>),
 }
 
@@ -30,7 +30,7 @@ pub enum Parameters {
 pub struct Evaluation {
     /// `d^j r/du^j` for `j = 0, 1, …`: coordinate-major.
     pub derivatives: Vec<Vec<f64>>,
-    /// Tangent, normal and curvature, when asked for.
+    /// Tangent, normal and curvature, if requested.
     pub frames: Option<Vec<Frame>>,
 }
 
@@ -75,7 +75,7 @@ pub fn evaluate(
         faults.extend(outside.map(fault));
     }
     ServiceError::unless_empty(faults)?;
-    // Before anything is computed: what nobody can be given is not worth it.
+    // Reserved before the computation, so that no work is done for an answer that does not fit in memory.
     let _room = app.memory.foresee(total)?;
     each(&app.pool.context(), shapes, |shape| {
         let curve = curves.curve(shape);
@@ -93,17 +93,17 @@ pub fn evaluate(
 /// Measures of one curve.
 #[derive(Debug, Clone)]
 pub struct Measured {
-    /// Area, centroid, length, curvature, box.
+    /// Area, centroid, length, curvature, bounding box.
     pub measures: CurveMeasures,
-    /// Planar curves only.
+    /// Whether the curve intersects itself; planar curves only.
     pub self_intersecting: Option<bool>,
-    /// To the reference, when there is one.
+    /// Distances to the reference, if there is one.
     pub distances: Option<Distances>,
-    /// What the numbers do not hold.
+    /// Caveats about the numbers.
     pub warnings: Vec<String>,
 }
 
-/// Pairs of intervals over which distances are measured in one request: a minute of work.
+/// Maximum number of pairs of intervals over which distances are measured in one request: a minute of work.
 const MAX_PAIRS: usize = 10_000_000;
 
 /// Measures curves, and their distances to a reference.
@@ -144,23 +144,23 @@ pub fn measure(
     shapes.par_iter().map(measured).collect()
 }
 
-/// Where resampling starts.
+/// Start of resampling.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Start {
-    /// At the first point.
+    /// The first point.
     #[default]
     First,
-    /// At the canonical start point of the contour.
+    /// The canonical start point of the contour.
     Canonical,
 }
 
 /// A resampled contour.
 #[derive(Debug, Clone)]
 pub struct Resampled {
-    /// `d`.
+    /// Dimension `d`.
     pub dimension: usize,
-    /// Coordinate-major points.
+    /// Points, coordinate-major.
     pub points: Vec<f64>,
     /// Length of the polygon.
     pub length: f64,
@@ -204,7 +204,7 @@ pub fn resample(
     })
 }
 
-/// Applies `work` to every item, until nobody waits for it any more.
+/// Applies `work` to every item in parallel, until the request is cancelled.
 pub(crate) fn each<I: Sync, T: Send>(
     context: &JobContext,
     items: &[I],
@@ -213,7 +213,7 @@ pub(crate) fn each<I: Sync, T: Send>(
     items.par_iter().map(|item| context.check().map(|()| work(item))).collect()
 }
 
-/// Applies `work` to every shape; the faults of all of them at `/shapes/{index}…`.
+/// Applies `work` to every shape in parallel; collects all faults at `/shapes/{index}…`.
 pub(crate) fn each_shape<T: Send>(
     context: &JobContext,
     shapes: Vec<ShapeInput>,
@@ -222,7 +222,7 @@ pub(crate) fn each_shape<T: Send>(
     each_of(context, "shapes", shapes, work)
 }
 
-/// Applies `work` to every entry of a list, until nobody waits for it any more; the faults of all of them at
+/// Applies `work` to every entry of a list in parallel, until the request is cancelled; collects all faults at
 /// `/{list}/{index}…`.
 pub(crate) fn each_of<I: Send, T: Send>(
     context: &JobContext,
@@ -230,7 +230,7 @@ pub(crate) fn each_of<I: Send, T: Send>(
     items: Vec<I>,
     work: impl Fn(usize, I) -> Result<T, Vec<InputError>> + Sync,
 ) -> Result<Vec<T>, ServiceError> {
-    // What is skipped has no faults: after this the request ends.
+    // Skipped entries have no faults: the request then ends as cancelled.
     let unless_cancelled =
         |(index, item)| if context.is_cancelled() { Err(Vec::new()) } else { work(index, item) };
     let results: Vec<Result<T, Vec<InputError>>> =
@@ -254,7 +254,7 @@ pub(crate) fn below_points(errors: Vec<InputError>) -> Vec<InputError> {
     errors.into_iter().map(|error| error.below("/points")).collect()
 }
 
-/// The points of a shape as they were posted, of `dimension` or of 2 or 3.
+/// Points of a shape as posted, of `dimension` coordinates or, without one, 2 or 3.
 pub(crate) fn raw_points(
     shape: ShapeInput,
     dimension: Option<usize>,

@@ -1,4 +1,4 @@
-//! One shape, deformed. A plain function, to be run on the pool.
+//! Deformation of one shape. The function is synchronous and runs on the pool.
 
 use super::request::Posted;
 use super::surfaces::outside;
@@ -9,22 +9,22 @@ use crate::geometry::sampling::Places;
 use crate::numeric::dense::Matrix;
 use crate::service::app::{App, Fault, ServiceError};
 
-/// A control point that is moved.
+/// Displacement of a control point.
 #[derive(Debug, Clone, PartialEq, serde::Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ControlPointMove {
-    /// Its place among the control points as they are answered.
+    /// Index of the control point, from 0, in the order of responses.
     pub control_point: usize,
-    /// By how much, in the unit of the points.
+    /// Displacement vector, in the unit of the points.
     pub by: Vec<f64>,
 }
 
-/// What a deformation did.
+/// Result of a deformation.
 #[derive(Debug)]
 pub struct Deformation {
-    /// Control points of the new shape.
+    /// Control points of the deformed shape.
     pub control_points: Matrix,
-    /// Where each of the moved control points moves the shape.
+    /// Support of each moved control point.
     pub supports: Vec<Support>,
     /// `L₂` norm of the change.
     pub l2_change: f64,
@@ -32,20 +32,20 @@ pub struct Deformation {
     pub largest_change: f64,
 }
 
-/// Where a control point moves a shape.
+/// Part of a shape that a control point affects.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, utoipa::ToSchema)]
 pub struct Support {
-    /// The control point.
+    /// Index of the control point, from 0.
     pub control_point: usize,
-    /// `[from, to]` for every direction, with `to` beyond 1 where it goes over the end of a closed one; none of subdivision
-    /// surfaces, which have no parameters.
+    /// Interval `[from, to]` for every direction; `to` exceeds 1 where it extends past the end of a closed direction.
+    /// Empty for subdivision surfaces, which have no parameters.
     pub parameters: Vec<[f64; 2]>,
 }
 
-/// Most handles, and most control points that are moved.
+/// Maximum number of handles, and of displacements.
 const MOST: usize = 500;
 
-/// Moves control points of a shape, then changes it as little as possible in `L₂` so that it meets `handles`.
+/// Moves control points of a shape, then applies the smallest change in `L₂` with which it meets `handles`.
 ///
 /// # Errors
 /// Faults of the shape at `/shape…`, of the moves and handles; handles that contradict one another.

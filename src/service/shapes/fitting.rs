@@ -1,4 +1,4 @@
-//! Fits of raw contours, refinement, and idealised curves. Plain functions, to be run on the pool.
+//! Fits of raw contours, refinement, and idealised shapes. The functions are synchronous and run on the pool.
 
 use super::curves::{below_points, each, each_shape, raw_points};
 use super::request::Posted;
@@ -17,16 +17,17 @@ use crate::geometry::representation::Representation;
 use crate::numeric::dense::Matrix;
 use crate::service::app::{App, Fault, ServiceError};
 
-/// How large fitted curves are.
+/// Size of fitted curves.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Size {
-    /// As the representation says.
+    /// The size of the representation.
     Given,
-    /// As few control points as keep the `L₂` residual (the root mean square distance) within this.
+    /// The smallest number of control points whose `L₂` residual (the root mean square distance) is within this
+    /// tolerance.
     Tolerance(f64),
 }
 
-/// Fits curves to raw contours, in the parameter given (one list a shape) or the arc length.
+/// Fits curves to raw contours, in given parameters (one list per shape) or in arc length.
 ///
 /// # Errors
 /// Faults of the input: contours that leave gaps, tolerances that are not reached.
@@ -110,22 +111,22 @@ fn given_samples(points: Matrix, parameters: &[f64], closed: bool) -> Result<Sam
     Samples::new(points, parameters.to_vec(), closed).map_err(of_contour)
 }
 
-/// Largest factor of a refinement.
+/// Maximum factor of a refinement.
 const MAX_FACTOR: usize = 1024;
 
 /// Refined curves.
 #[derive(Debug)]
 pub struct Refined {
-    /// How it was done, and the finer space.
+    /// The refinement: its method and the finer space.
     pub refinement: Refinement,
-    /// Control points and, where the curve is not the same, the `L₂` distance to the one before.
+    /// Control points and, if the refinement is not exact, the `L₂` distance to the original curve.
     pub shapes: Vec<(Matrix, Option<f64>)>,
 }
 
 /// Refines curves to `factor` times as many knots.
 ///
 /// # Errors
-/// A factor that does not fit, too many control points.
+/// A factor that does not fit; too many control points.
 pub fn refine(app: &App, curves: &Posted, factor: usize, shapes: &[Matrix]) -> Result<Refined, ServiceError> {
     let representation = curves.space.representation();
     if !(2..=MAX_FACTOR).contains(&factor) {
@@ -163,7 +164,7 @@ pub fn refine(app: &App, curves: &Posted, factor: usize, shapes: &[Matrix]) -> R
     Ok(Refined { refinement, shapes })
 }
 
-/// An idealised shape in its place.
+/// An idealised shape with its position.
 #[derive(Debug, Clone, Copy)]
 pub enum Placed {
     /// A curve.
@@ -172,19 +173,19 @@ pub enum Placed {
     Surface(PlacedSurface),
 }
 
-/// An idealised curve in its place.
+/// An idealised curve with its position.
 #[derive(Debug, Clone, Copy)]
 pub struct PlacedCurve {
     /// The curve.
     pub curve: IdealCurve,
-    /// Where it lies.
+    /// Position of the curve.
     pub position: Position,
 }
 
-/// Exact control points of idealised curves, or of surfaces.
+/// Exact control points of idealised curves or surfaces.
 ///
 /// # Errors
-/// Shapes that the generators do not reproduce, of curves with the poles that are missing.
+/// Shapes that the generators do not reproduce; for curves, with the missing poles.
 pub fn idealise(app: &App, posted: &Posted, wanted: &[Placed]) -> Result<Vec<Matrix>, ServiceError> {
     let (list, name) = if posted.is_of_surfaces() { ("surfaces", "surface") } else { ("curves", "curve") };
     let refused = |detail: String| Err(ServiceError::invalid(format!("/{list}"), detail));

@@ -1,4 +1,4 @@
-//! One generator with all that is known of it, and its picture.
+//! Properties of a generator, and its graph.
 
 use std::sync::Arc;
 
@@ -7,37 +7,38 @@ use crate::geometry::drawing::svg::colour;
 use crate::geometry::generator::{Built, GeneratorKind};
 use crate::service::app::ServiceError;
 
-/// A generator made for a number of control points.
+/// A generator built for a number of control points.
 #[derive(Debug, Clone)]
 pub struct GeneratorDetails {
-    /// What was asked for.
+    /// Requested kind and parameters.
     pub kind: GeneratorKind,
-    /// Control points of a closed curve, or intervals of an open one.
+    /// Number of control points of a closed curve, or of intervals of an open one.
     pub count: usize,
     /// The generator.
     pub built: Arc<Built>,
-    /// `(A², B²)`.
+    /// Squared Riesz bounds `(A², B²)`.
     pub riesz_squared: (f64, f64),
-    /// What a reader should know.
+    /// Warnings about numerical properties.
     pub warnings: Vec<String>,
 }
 
-/// Control points unless given.
+/// Default number of control points.
 const USUAL: usize = 8;
 
-/// Most control points that a generator is described for.
+/// Maximum number of control points for which a generator is described.
 const MOST: usize = 1_000_000_000;
 
-/// A system of weights beyond this condition number is worth a warning: the weights cancel.
+/// Condition number of the system of the weights above which a warning is given: the weights cancel.
 const WARN_CONDITION: f64 = 1e6;
 
-/// A lower Riesz bound below this part of the upper one is worth a warning: control points far from the curve.
+/// Ratio of the lower to the upper Riesz bound (squared) below which a warning is given: control points can lie far
+/// from the curve.
 const WARN_RIESZ: f64 = 1e-4;
 
 /// Builds and describes a generator.
 ///
 /// # Errors
-/// [`ServiceError::Query`] with everything that is wrong with the parameters.
+/// [`ServiceError::Query`] with all faults of the parameters.
 pub fn describe(kind: GeneratorKind, count: Option<usize>) -> Result<GeneratorDetails, ServiceError> {
     let faults: Vec<String> =
         kind.faults().into_iter().map(|(field, detail)| format!("{field} {detail}")).collect();
@@ -74,10 +75,10 @@ pub fn describe(kind: GeneratorKind, count: Option<usize>) -> Result<GeneratorDe
     Ok(GeneratorDetails { kind, count, built, riesz_squared, warnings })
 }
 
-/// Points of a graph per half-integer interval.
+/// Number of steps per half-integer interval of a graph.
 const STEPS: usize = 24;
 
-/// The generator and its derivative.
+/// Graph of the generator and its derivative.
 pub fn draw(details: &GeneratorDetails) -> String {
     let generator = &details.built.generator;
     let reach = generator.support() as f64 / 2.0;

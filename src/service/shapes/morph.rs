@@ -1,4 +1,4 @@
-//! Paths between two posted. Plain functions, to be run on the pool.
+//! Paths between two posted shapes. The functions are synchronous and run on the pool.
 
 use super::curves::each;
 use super::request::Posted;
@@ -8,37 +8,37 @@ use crate::geometry::drawing::svg::{self, Layer, colour};
 use crate::numeric::dense::Matrix;
 use crate::service::app::{App, Fault, Limits, ServiceError};
 
-/// The kind of path between two shapes.
+/// Kind of path between two shapes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum PathKind {
-    /// The straight line `(1 − τ) r_1 + τ r_2`.
+    /// Straight line `(1 − τ) r_1 + τ r_2`.
     #[default]
     Plane,
-    /// The great circle between the shapes scaled to unit `L₂` norm.
+    /// Great circle between the shapes scaled to unit `L₂` norm.
     Sphere,
 }
 
 /// A path between two shapes.
 #[derive(Debug)]
 pub struct Morph {
-    /// `τ` and control points of every frame.
+    /// Position `τ` and control points of every frame.
     pub frames: Vec<(f64, Matrix)>,
-    /// Angle between the shapes in radians, on the sphere.
+    /// Angle between the shapes in radians, for paths on the sphere.
     pub angle: Option<f64>,
 }
 
-/// Where on a path.
+/// Positions on a path.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Positions {
     /// Equally spaced from 0 to 1, at least two.
     Steps(usize),
-    /// At these.
+    /// The given positions.
     At(Vec<f64>),
 }
 
 impl Positions {
-    /// How many they are.
+    /// Number of positions.
     pub fn count(&self) -> usize {
         match self {
             Self::At(list) => list.len(),
@@ -46,10 +46,10 @@ impl Positions {
         }
     }
 
-    /// All of them, for shapes of `size` control points.
+    /// List of all positions, for shapes of `size` control points.
     ///
     /// # Errors
-    /// Positions that are too many or too far.
+    /// Too many positions, or positions out of range.
     pub(crate) fn list(&self, size: usize, limits: &Limits) -> Result<Vec<f64>, ServiceError> {
         let mut faults = Vec::new();
         let (positions, pointer) = match self {
@@ -74,18 +74,18 @@ impl Positions {
     }
 }
 
-/// Most frames of an animation.
+/// Maximum number of frames of an animation.
 const MAX_FRAMES: usize = 1000;
-/// Most bytes of an animation: no browser plays longer ones.
+/// Maximum size of an animation in bytes: no browser plays longer ones.
 const MOST_DRAWN: usize = 16 << 20;
 
-/// Largest extrapolation.
+/// Maximum extrapolation.
 const MAX_POSITION: f64 = 1000.0;
 
 /// Shapes at `positions` of the path from one shape to another.
 ///
 /// # Errors
-/// Faults of the shapes at `/from…` and `/to…`, of the positions; opposite shapes.
+/// Faults of the shapes at `/from…` and `/to…`, and of the positions; opposite shapes.
 pub fn morph(
     app: &App,
     posted: &Posted,
@@ -123,7 +123,7 @@ pub fn morph(
     Ok(Morph { frames, angle: path.angle() })
 }
 
-/// Animated picture of a path, through its frames and back.
+/// Animated drawing of a path, through its frames and back.
 ///
 /// # Errors
 /// Too many frames.

@@ -1,5 +1,5 @@
-//! How two bodies overlap: Jaccard and Dice of the cells inside of both, distances of their surfaces. A plain function, to be run
-//! on the pool.
+//! Overlap of two bodies: Jaccard and Dice coefficients of their interior cells, and distances of their surfaces. The
+//! functions are synchronous and run on the pool.
 
 use super::read::face_pointer;
 use super::surface_fitting::take_points;
@@ -17,49 +17,51 @@ use crate::service::app::progress::JobContext;
 use crate::service::app::{App, Limits, ServiceError, warnings};
 
 document! {
-    /// A body: one of `contour`, `vertices` with `faces`, and `mask`.
+    /// A body. Expects exactly one of `contour`, `vertices` with `faces`, and `mask`.
     pub struct BodyInput {
-        /// A closed contour in the plane.
+        /// Points of a closed contour in the plane.
         #[schema(value_type = Option<Vec<[f64; 2]>>)]
         contour: PointList;
         /// Vertices of a closed triangle mesh.
         #[schema(value_type = Option<Vec<[f64; 3]>>)]
         vertices: PointList;
-        /// Its triangles.
+        /// Triangles of the mesh, as indices of their vertices.
         #[schema(value_type = Option<Vec<[u32; 3]>>)]
         faces: Checked<Vec<[u32; 3]>, LARGE>;
-        /// A mask.
+        /// Mask on a regular grid.
         #[schema(value_type = Option<MaskInput>)]
         mask: Checked<MaskInput, LARGE>;
     }
 }
 
-/// Cells of a regular grid, inside or outside.
+/// Mask on a regular grid whose cells lie inside or outside of the body.
 #[derive(Debug, Clone, serde::Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MaskInput {
     /// Number of cells along the 2 or 3 axes.
     pub size: Vec<usize>,
-    /// Distances of their centres along the axes.
+    /// Distance between cell centres along each axis.
     pub spacing: Vec<f64>,
-    /// Where the centre of the first cell is.
+    /// Position of the centre of the first cell.
     pub first: Vec<f64>,
-    /// Lengths of runs of cells in order, the last axis fastest: outside, inside, outside, and so on; the first may be 0.
+    /// Run lengths of cells, the last axis varying fastest: outside, inside, outside, and so on; the first may be 0.
     pub runs: Vec<usize>,
 }
 
-/// Cells of a grid at the most: some seconds.
+/// Maximum number of cells of a grid: some seconds of work.
 const MOST_CELLS: usize = 1 << 24;
-/// Cells along the longest side of the box of both bodies unless a spacing is given.
+/// Default number of cells along the longest side of the bounding box of both bodies.
 const USUAL_CELLS: usize = 128;
-/// Cells along the longest side of the smaller body at the least: a thin one of them has some hundred inside.
+/// Minimum number of cells along the longest side of the smaller body: even a thin body then has about a hundred cells
+/// inside.
 const LEAST_CELLS: usize = 32;
-/// Bodies of fewer cells have ratios of one digit.
+/// Number of interior cells below which ratios have only one significant digit.
 const FEW_CELLS: usize = 100;
-/// A contour whose triangles from its first point have less area, in squares of its extent, is a line or a point.
+/// Relative area below which a contour counts as a line or a point: area of the triangles from its first point, divided
+/// by its squared extent.
 const NO_AREA: f64 = 1e-12;
 
-/// A body that can be put on a grid.
+/// A body that can be rasterised.
 enum Body {
     Contour(Vec<[f64; 2]>),
     Mesh(TriangleMesh),
@@ -126,13 +128,13 @@ impl Body {
         }
     }
 
-    /// Longest side of its box; none of a mask.
+    /// Longest side of its bounding box; `None` for a mask.
     fn extent(&self) -> Option<f64> {
         let [low, high] = self.bounds()?;
         Some((0..3).map(|c| high[c] - low[c]).fold(0.0, f64::max))
     }
 
-    /// What its cells do not hold.
+    /// Caveats about its cells.
     fn warnings(&self, stop: Stop<'_>) -> Vec<String> {
         match self {
             Self::Contour(points) if crosses_itself(points) => {
@@ -152,7 +154,7 @@ impl Body {
     }
 }
 
-/// That a contour encloses something.
+/// Checks that a contour encloses an area.
 fn enclosing(points: &[[f64; 2]]) -> Result<(), String> {
     let [low, high] = bounds(points.iter().map(|[x, y]| [*x, *y, 0.0])).unwrap_or_default();
     let extent = (0..2).map(|c| high[c] - low[c]).fold(0.0, f64::max);
@@ -166,7 +168,7 @@ fn enclosing(points: &[[f64; 2]]) -> Result<(), String> {
     Err(format!("encloses no area: {what}"))
 }
 
-/// Whether a polygon crosses or touches itself. Points that repeat their neighbour are no touch.
+/// Whether a polygon crosses or touches itself. Points that repeat their neighbour do not count.
 fn crosses_itself(points: &[[f64; 2]]) -> bool {
     let mut corners = points.to_vec();
     corners.dedup();
@@ -207,7 +209,7 @@ fn read_mask(input: MaskInput) -> Result<Mask, Vec<InputError>> {
     if !errors.is_empty() {
         return Err(errors);
     }
-    // A mask of the plane has one layer.
+    // A mask in the plane has one layer.
     let axis = |list: &[f64], usual: f64| [0, 1, 2].map(|i| list.get(i).copied().unwrap_or(usual));
     let grid = Grid {
         first: axis(&input.first, 0.0),
@@ -219,16 +221,16 @@ fn read_mask(input: MaskInput) -> Result<Mask, Vec<InputError>> {
     Ok(Mask { grid, inside })
 }
 
-/// How two bodies overlap, and on which grid that was counted.
+/// Overlap of two bodies, and the grid on which it was counted.
 #[derive(Debug)]
 pub struct Overlapping {
     /// The grid.
     pub grid: Grid,
-    /// 2 or 3.
+    /// Dimension of the bodies: 2 or 3.
     pub dimension: usize,
-    /// The counts and distances.
+    /// Counts and distances.
     pub overlap: Overlap,
-    /// What these do not hold, with the pointer to the body.
+    /// Caveats about the numbers, with the pointer to the body.
     pub warnings: Vec<String>,
 }
 
@@ -240,12 +242,12 @@ pub struct Bodies {
 }
 
 impl Bodies {
-    /// Cells of the grid.
+    /// Number of cells of the grid.
     pub fn cells(&self) -> usize {
         self.grid.size.iter().product()
     }
 
-    /// How they overlap.
+    /// Computes the overlap.
     ///
     /// # Errors
     /// [`ServiceError::Cancelled`].
@@ -270,11 +272,12 @@ impl Bodies {
     }
 }
 
-/// Two bodies on the grid of a mask, or on one with cells of `spacing` around both; unless given 128 along the
-/// longest side of both, and 32 along that of the smaller one as far as there are cells.
+/// Reads two bodies and chooses their grid: that of a mask, or one around both bodies with cells of `spacing`. Default:
+/// 128 cells along the longest side of both, and at least 32 along that of the smaller body, within the limit on cells.
 ///
 /// # Errors
-/// Faults of the bodies at `/first…` and `/second…`; a plane body and one of space; masks on different grids; too many cells.
+/// Faults of the bodies at `/first…` and `/second…`; a planar and a spatial body; masks on different grids; too many
+/// cells.
 pub fn read(
     app: &App,
     [first, second]: [BodyInput; 2],
@@ -321,7 +324,7 @@ fn grid_around(bodies: [&Body; 2], dimension: usize, spacing: Option<f64>) -> Re
         return Err(ServiceError::Internal("bodies without points".into()));
     };
     let flat = |point: [f64; 3]| [point[0], point[1]];
-    // The number of cells along the axes, before any of them is made.
+    // Number of cells, computed before any of them is allocated.
     let cells = |spacing: f64| (0..dimension).map(|c| (high[c] - low[c]) / spacing + 3.0).product::<f64>();
     let spacing = match spacing {
         Some(spacing) => given_spacing(spacing, cells(spacing))?,
@@ -344,9 +347,9 @@ fn given_spacing(spacing: f64, cells: f64) -> Result<f64, ServiceError> {
     Ok(spacing)
 }
 
-/// As fine as both bodies ask for, or as there are cells.
+/// The finer of the spacings that both bodies require, within the limit on cells.
 fn usual_spacing(bodies: [&Body; 2], cells: impl Fn(f64) -> f64) -> Result<f64, ServiceError> {
-    /// Coarser by so much, until the cells are few enough.
+    /// Factor by which the spacing grows until the number of cells is within the limit.
     const COARSER: f64 = 1.02;
     let extents = bodies.map(|body| body.extent().unwrap_or(0.0));
     if let Some(body) = extents.iter().position(|extent| !(*extent > 0.0)) {
@@ -358,7 +361,7 @@ fn usual_spacing(bodies: [&Body; 2], cells: impl Fn(f64) -> f64) -> Result<f64, 
     let usual = longest / USUAL_CELLS as f64;
     let mut spacing = usual.min(extents[0].min(extents[1]) / LEAST_CELLS as f64);
     while spacing < usual && !(cells(spacing) <= MOST_CELLS as f64) {
-        // A box of no more than three axes has enough cells at a millionth of its length: the steps are less than 500.
+        // A box of at most three axes has too many cells at a millionth of its length: fewer than 500 steps remain.
         spacing = (spacing * COARSER).max(1e-6 * longest);
     }
     Ok(spacing.min(usual))

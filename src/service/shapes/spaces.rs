@@ -1,5 +1,5 @@
-//! Shape spaces with their operators. Those of subdivision surfaces take far longer to make than a request to answer; they are
-//! cached.
+//! Shape spaces with their operators. Spaces of subdivision surfaces are cached, because preparing them takes far
+//! longer than answering a request.
 
 use std::sync::Arc;
 
@@ -20,10 +20,10 @@ impl Cached for ShapeSpace {
 }
 
 impl App {
-    /// The prepared space and metric of `representation`.
+    /// Prepared space and metric of `representation`.
     ///
     /// # Errors
-    /// [`ServiceError::Invalid`] below `pointer` when its sizes are out of bounds.
+    /// [`ServiceError::Invalid`] below `pointer` if its sizes are out of bounds.
     pub fn space(
         &self,
         representation: &Representation,
@@ -43,7 +43,7 @@ impl App {
     }
 }
 
-/// The space of `representation`, cached or new. Two requests at once may both make it; they make the same.
+/// Space of `representation`, cached or new. Two concurrent requests may both compute it, with the same result.
 fn prepared(cache: &Cache, representation: &Representation) -> Result<ShapeSpace, GeometryError> {
     if representation.subdivision().is_none() {
         return ShapeSpace::new(representation);

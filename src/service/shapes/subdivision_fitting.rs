@@ -1,4 +1,4 @@
-//! Fits of subdivision surfaces to triangle meshes and clouds of points. Plain functions, to be run on the pool.
+//! Fits of subdivision surfaces to triangle meshes and point clouds. The functions are synchronous and run on the pool.
 
 use std::f64::consts::{PI, TAU};
 
@@ -17,34 +17,35 @@ use crate::numeric::bounded::Stop;
 use crate::numeric::dense::Matrix;
 use crate::service::app::{App, ServiceError, warnings};
 
-/// How control vertices are found.
+/// Search for control vertices.
 #[derive(Debug)]
 pub struct Search {
-    /// Turns of nearest places and control vertices.
+    /// Number of rounds, which alternate between nearest places and control vertices.
     pub turns: usize,
-    /// Control points to start from, of all fits.
+    /// Initial control points of all fits.
     pub start: Option<ShapeInput>,
 }
 
-/// Turns unless asked for.
+/// Default number of rounds.
 pub const USUAL_TURNS: usize = 20;
-/// Turns at the most.
+/// Maximum number of rounds.
 pub const MOST_TURNS: usize = 200;
 
-/// Multiply-adds of a request at the most: a minute of work.
+/// Maximum number of multiply-adds of a request: a minute of work.
 const MOST_OPERATIONS: f64 = 1e11;
-/// Targets of a mesh and products of each, about.
+/// Approximate multiply-adds per round for the targets of a mesh.
 const PER_FIT: f64 = 5e7;
 
-/// A surface whose vertices are farther from the box of its points than this part of the diagonal has run away.
+/// Maximum distance of the surface's vertices from the bounding box of its points, relative to the diagonal. Beyond it,
+/// the fit has diverged.
 const MOST_OVERSHOOT: f64 = 0.25;
 
 /// A fitted surface.
 #[derive(Debug, Clone)]
 pub struct FittedMesh {
-    /// Its control vertices and residuals.
+    /// Control vertices and residuals.
     pub fit: SubdivisionFit,
-    /// What is wrong with the mesh that it was fitted to.
+    /// Warnings about the mesh to which it was fitted.
     pub warnings: Vec<String>,
 }
 
@@ -86,7 +87,8 @@ impl<'a> Fits<'a> {
         Ok(Self { fitting, posted, start, turns: search.turns })
     }
 
-    /// The start of the request, or that of the ellipsoid of the targets, or of their directions where there are some.
+    /// Start given in the request; otherwise the start on the ellipsoid of the targets, or at their directions if these
+    /// are known.
     fn start(&self, targets: &[Target], directions: &[[f64; 3]]) -> Result<Matrix, GeometryError> {
         if let Some(start) = &self.start {
             return Ok(start.clone());
@@ -100,7 +102,8 @@ impl<'a> Fits<'a> {
         found.ok_or(GeometryError::TooFewPoints { found: targets.len(), needed: self.posted.metric.size() })
     }
 
-    /// About a point near the targets where these are far from the origin: the surface keeps the digits that they have.
+    /// Fits around a point near the targets if these are far from the origin, to preserve the precision of their
+    /// coordinates.
     fn fit(
         &self,
         targets: &[Target],
@@ -131,7 +134,7 @@ impl<'a> Fits<'a> {
             start.column_iter_mut().zip(origin).for_each(|(mut column, x)| column.add_scalar_mut(-x));
         }
         let found = self.fitting.fit_until(targets, start, self.turns, stop).map_err(one)?;
-        // What was stopped is thrown away.
+        // A stopped fit is discarded.
         let beyond = overshoot(&self.posted.steps().points(&found.rows), targets);
         if !(beyond <= MOST_OVERSHOOT) {
             let detail = format!(
@@ -145,10 +148,10 @@ impl<'a> Fits<'a> {
     }
 }
 
-/// Fits surfaces to clouds of points, from the ellipsoid of their moments or the start given.
+/// Fits surfaces to point clouds, starting from the ellipsoid of their moments or from the given start.
 ///
 /// # Errors
-/// Faults of the shapes and of the start; clouds that do not hold a surface.
+/// Faults of the shapes and of the start; clouds that do not determine a surface.
 pub fn fit_clouds(
     app: &App,
     posted: &Posted,
@@ -179,10 +182,10 @@ pub fn fit_clouds(
     })
 }
 
-/// Fits surfaces to triangle meshes, to their faces: from a spherical parameterisation, or from the start given.
+/// Fits surfaces to the faces of triangle meshes, starting from a spherical parameterisation or from the given start.
 ///
 /// # Errors
-/// Faults of the meshes and of the start; meshes that do not hold a surface.
+/// Faults of the meshes and of the start; meshes that do not determine a surface.
 pub fn fit_meshes(
     app: &App,
     posted: &Posted,
@@ -222,7 +225,7 @@ pub fn fit_meshes(
     })
 }
 
-/// On the unit sphere, at a longitude and colatitude in whole and half turns.
+/// Point of the unit sphere with a longitude in whole turns and a colatitude in half turns.
 fn direction([u, v]: [f64; 2]) -> [f64; 3] {
     let ((su, cu), (sv, cv)) = ((TAU * u).sin_cos(), (PI * v).sin_cos());
     [sv * cu, sv * su, cv]

@@ -1,4 +1,5 @@
-//! The stateless use cases of subdivision surfaces: refine, evaluate, measure, morph. Plain functions, to be run on the pool.
+//! Stateless use cases of subdivision surfaces: refine, evaluate, measure, morph. The functions are synchronous and run
+//! on the pool.
 
 use rayon::prelude::*;
 
@@ -32,46 +33,46 @@ use crate::service::app::progress::JobContext;
 use crate::service::app::{App, Fault, Limits, ServiceError, warnings};
 
 document! {
-    /// A closed triangle mesh that is refined.
+    /// A closed triangle mesh to be refined.
     pub struct ControlMeshInput {
-        /// Positions.
+        /// Positions of the vertices.
         #[schema(value_type = Vec<[f64; 3]>, required = true)]
         vertices: PointList, required;
-        /// Triangles by the positions of their corners in that list, counter-clockwise seen from outside.
+        /// Triangles as indices of their vertices, counter-clockwise as seen from outside.
         #[schema(value_type = Vec<[u32; 3]>, required = true)]
         faces: Checked<Vec<[u32; 3]>, LARGE>, required;
-        /// Normals at the vertices, of any length, for the scheme `normal_based`; those of a sphere through the neighbours
-        /// unless given.
+        /// Normals at the vertices, of any length, for the scheme `normal_based`. Default: the normals of a sphere
+        /// through the neighbours.
         #[schema(value_type = Option<Vec<[f64; 3]>>)]
         normals: PointList;
     }
 }
 
 document! {
-    /// A polyline in the plane or in space that is refined by the scheme `normal_based`.
+    /// A polyline in the plane or in space, to be refined by the scheme `normal_based`.
     pub struct PolylineInput {
-        /// Its points.
+        /// Points of the polyline.
         #[schema(value_type = Vec<Vec<f64>>, required = true)]
         points: PointList, required;
-        /// Normals at the points, of any length; in the plane those of the circle through the neighbours unless given, outwards
-        /// where the polyline runs counter-clockwise.
+        /// Normals at the points, of any length. Default in the plane: those of the circle through the neighbours,
+        /// outward if the polyline runs counter-clockwise. Required in space.
         #[schema(value_type = Option<Vec<Vec<f64>>>)]
         normals: PointList;
-        /// Whether the last point is joined with the first; it is unless given.
+        /// Whether the last point is connected to the first. Default: true.
         #[schema(value_type = Option<bool>)]
         closed: Checked<bool>;
     }
 }
 
 impl ControlMeshInput {
-    /// Its vertices, as many as are given.
+    /// Number of vertices given.
     pub fn vertex_count(&self) -> usize {
         read::given(&self.vertices).map_or(0, |points| points.len())
     }
 }
 
 impl PolylineInput {
-    /// Its points, as many as are given.
+    /// Number of points given.
     pub fn point_count(&self) -> usize {
         read::given(&self.points).map_or(0, |points| points.len())
     }
@@ -80,19 +81,19 @@ impl PolylineInput {
 /// A refined mesh.
 #[derive(Debug)]
 pub struct RefinedMesh {
-    /// The mesh, its level, and how far the last step moved it.
+    /// The mesh, its level, and the displacement of its vertices by the last step.
     pub refined: Refined<TriangleMesh>,
-    /// Where its vertices lead, when asked for.
+    /// Limit positions of its vertices, if requested.
     pub limit: Option<Limit>,
     /// Volume and area.
     pub measures: SurfaceMeasures,
-    /// What is wrong with the mesh.
+    /// Quality of the mesh.
     pub quality: MeshQuality,
-    /// What was put right.
+    /// Corrections made to the input, and defects of the mesh.
     pub warnings: Vec<String>,
 }
 
-/// Refines a posted mesh, or a starting mesh.
+/// Refines a posted mesh.
 ///
 /// # Errors
 /// Faults of the mesh, at `/mesh…`; sizes and tolerances that are not reached.
@@ -108,10 +109,10 @@ pub fn subdivide(
     refine(app, scheme, (mesh, "/mesh"), depth, wanted_limit, warnings)
 }
 
-/// Refines a starting mesh, all its vertices on the unit sphere.
+/// Refines a starting mesh, whose vertices all lie on the unit sphere.
 ///
 /// # Errors
-/// Sizes and tolerances that are not reached; vertices without rules.
+/// Sizes and tolerances that are not reached; vertices without subdivision rules.
 pub fn subdivide_named(
     app: &App,
     scheme: Scheme,
@@ -163,13 +164,13 @@ fn refine(
     Ok(RefinedMesh { refined, limit, measures, quality, warnings })
 }
 
-/// The same mesh moved.
+/// The same mesh, translated.
 fn moved(mesh: TriangleMesh, by: [f64; 3]) -> TriangleMesh {
     let vertices = mesh.vertices.into_iter().map(|vertex| plus(vertex, by)).collect();
     TriangleMesh { vertices, ..mesh }
 }
 
-/// Where an error of a refinement belongs.
+/// Locates an error of a refinement in the request.
 fn refused(error: &GeometryError, shape: &str) -> ServiceError {
     let pointer = match error {
         GeometryError::Mesh(fault) => format!("{shape}/faces{}", face_pointer(fault)),
@@ -220,10 +221,10 @@ fn read_mesh(
     Ok((TriangleMesh { vertices: shape.points, normals: Some(shape.normals), faces: mesh.faces }, warnings))
 }
 
-/// Lengths of normals within this of 1 are unit lengths written with some digits.
+/// Maximum deviation from 1 of the length of a normal that counts as a unit normal, written with few digits.
 const UNIT: f64 = 1e-6;
 
-/// Points with unit normals, those of `usual` unless given.
+/// Points with unit normals. Default of the normals: those of `usual`.
 fn orient(
     points: Vec<[f64; 3]>,
     normals: Option<Vec<[f64; 3]>>,
@@ -248,18 +249,18 @@ fn orient(
 /// A refined polyline.
 #[derive(Debug)]
 pub struct RefinedCurve {
-    /// Points and normals, the level, and how far the last step moved them.
+    /// Points and normals, the level, and their displacement by the last step.
     pub refined: Refined<Oriented>,
-    /// 2 or 3.
+    /// Dimension: 2 or 3.
     pub dimension: usize,
-    /// What was put right, and what looks wrong.
+    /// Corrections made to the input, and suspicious features.
     pub warnings: Vec<String>,
 }
 
 /// Refines a posted polyline.
 ///
 /// # Errors
-/// Faults of the polyline, at `/polyline…`; schemes of meshes; sizes and tolerances that are not reached.
+/// Faults of the polyline, at `/polyline…`; schemes for meshes; sizes and tolerances that are not reached.
 pub fn subdivide_polyline(
     app: &App,
     scheme: Scheme,
@@ -320,26 +321,26 @@ fn read_polyline(input: PolylineInput, limits: &Limits) -> Result<ReadPolyline, 
     Ok((shape, closed, dimension, warnings))
 }
 
-/// The same mesh with the normals of its vertices, for programs that shade it.
+/// The same mesh with vertex normals, for programs that shade it.
 pub fn with_normals(mesh: TriangleMesh) -> TriangleMesh {
     let normals = mesh.normals.clone();
     let of_faces = || frames(&mesh).iter().map(|frame| frame.normal.unwrap_or_default()).collect();
     TriangleMesh { normals: Some(normals.unwrap_or_else(of_faces)), ..mesh }
 }
 
-/// Which mesh of a shape is wanted.
+/// Requested mesh of a shape.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Wanted {
-    /// That of its level.
+    /// The mesh of its level.
     Whole,
-    /// One with few faces, to be drawn.
+    /// A mesh with few faces, for drawings.
     Drawn,
 }
 
-/// Refined meshes of posted shapes, in order; those of the normal-based scheme with normals.
+/// Refined meshes of posted shapes, in order; those of the normal-based scheme have normals.
 ///
 /// # Errors
-/// Faults of the representation and of the shapes; too many vertices in all.
+/// Faults of the representation and of the shapes; too many vertices in total.
 pub fn meshes(
     app: &App,
     representation: &Representation,
@@ -386,14 +387,14 @@ pub fn meshes(
     each(&app.pool.context(), &shapes, mesh)
 }
 
-/// Shapes of points and normals on one control mesh.
+/// Reader of shapes with points and normals on one control mesh.
 struct OrientedMeshes<'a> {
     subdivision: &'a Subdivision,
     control: Connectivity,
 }
 
 impl<'a> OrientedMeshes<'a> {
-    /// Of the normal-based scheme.
+    /// Succeeds for the normal-based scheme; `None` for all others.
     fn new(subdivision: &'a Subdivision) -> Result<Option<Self>, ServiceError> {
         let Scheme::NormalBased { .. } = subdivision.scheme else { return Ok(None) };
         let control = subdivision
@@ -410,7 +411,7 @@ impl<'a> OrientedMeshes<'a> {
         each_shape(context, shapes, |_, shape| self.read(shape))
     }
 
-    /// Points (which are control points: the scheme interpolates) and normals; usual ones unless given.
+    /// Points (which are control points, because the scheme interpolates) and normals, with defaults.
     fn read(&self, shape: ShapeInput) -> Result<Oriented, Vec<InputError>> {
         let (points, normals) = match (&shape.points, &shape.control_points) {
             (Some(_), Some(_)) => {
@@ -463,7 +464,7 @@ impl<'a> OrientedMeshes<'a> {
 /// Measures of refined meshes of posted shapes, with the `L₂` distance to a reference.
 ///
 /// # Errors
-/// Those of [`meshes`]; a reference or a field where there is none.
+/// Those of [`meshes`]; a reference for shapes without `L₂` distance.
 pub fn measure_all(
     app: &App,
     representation: &Representation,
@@ -506,7 +507,7 @@ pub fn measure_all(
     meshes.par_iter().zip(&distances).map(measured).collect()
 }
 
-/// `Σ_f ⟨F(centroid), S_f⟩`: exact for affine fields.
+/// Flux `Σ_f ⟨F(centroid), S_f⟩`: exact for affine fields.
 fn flux(mesh: &TriangleMesh, field: &AffineField) -> f64 {
     let through = |(face, normal): (&[u32; 3], [f64; 3])| {
         let corners = face.map(|vertex| mesh.vertices[vertex as usize]);
@@ -517,7 +518,7 @@ fn flux(mesh: &TriangleMesh, field: &AffineField) -> f64 {
     mesh.faces.iter().zip(mesh.face_normals()).map(through).sum()
 }
 
-/// Normals and principal curvatures of refined meshes; normals of the scheme where it has them.
+/// Normals and principal curvatures of refined meshes; normals are those of the scheme if it defines them.
 pub fn vertex_frames(mesh: &TriangleMesh) -> Vec<VertexFrame> {
     let mut frames = frames(mesh);
     for (frame, normal) in frames.iter_mut().zip(mesh.normals.iter().flatten()) {
@@ -526,20 +527,20 @@ pub fn vertex_frames(mesh: &TriangleMesh) -> Vec<VertexFrame> {
     frames
 }
 
-/// A path between two shapes of points and normals.
+/// A path between two shapes with points and normals.
 #[derive(Debug)]
 pub struct OrientedMorph {
-    /// `τ`, and points and unit normals of every frame.
+    /// Position `τ`, points and unit normals of every frame.
     pub frames: Vec<(f64, Oriented)>,
-    /// Their meshes, to be drawn.
+    /// Meshes of the frames, for drawings.
     pub meshes: Vec<TriangleMesh>,
 }
 
-/// Shapes on the straight line between two shapes of the normal-based scheme; their normals turn on great circles. None for
-/// other representations.
+/// Shapes on the straight line between two shapes of the normal-based scheme; their normals rotate along great circles.
+/// Other representations are internal errors.
 ///
 /// # Errors
-/// Faults of the representation, of the shapes at `/from…` and `/to…`, of the positions; opposite normals.
+/// Faults of the representation, of the shapes at `/from…` and `/to…`, and of the positions; opposite normals.
 pub fn morph(
     app: &App,
     representation: &Representation,
@@ -580,7 +581,7 @@ pub fn morph(
     Ok(OrientedMorph { frames, meshes })
 }
 
-/// The value, or none and its faults among the others.
+/// The value; otherwise `None`, with its faults added to the others.
 fn keep<T>(result: Result<T, ServiceError>, faults: &mut Vec<Fault>) -> Result<Option<T>, ServiceError> {
     match result {
         Ok(value) => Ok(Some(value)),
@@ -592,7 +593,7 @@ fn keep<T>(result: Result<T, ServiceError>, faults: &mut Vec<Fault>) -> Result<O
     }
 }
 
-/// Unit normals nearer to opposite than this have no great circle between them.
+/// Distance in radians from opposite directions below which two unit normals define no great circle.
 const OPPOSITE: f64 = 1e-9;
 
 fn between(from: &Oriented, to: &Oriented, tau: f64) -> Result<Oriented, ServiceError> {

@@ -1,4 +1,5 @@
-//! Fits of surfaces to grids, clouds with parameters and triangle meshes. Plain functions, to be run on the pool.
+//! Fits of surfaces to grids, point clouds with parameters and triangle meshes. The functions are synchronous and run
+//! on the pool.
 
 use std::borrow::Borrow;
 
@@ -22,20 +23,21 @@ use crate::service::app::{App, Limits, ServiceError, warnings};
 document! {
     /// A triangle mesh to which a surface is fitted.
     pub struct MeshInput {
-        /// Positions.
+        /// Positions of the vertices.
         #[schema(value_type = Vec<[f64; 3]>, required = true)]
         vertices: PointList, required;
-        /// Triangles by the positions of their corners in that list, counter-clockwise seen from outside.
+        /// Triangles as indices of their vertices, counter-clockwise as seen from outside.
         #[schema(value_type = Vec<[u32; 3]>, required = true)]
         faces: Checked<Vec<[u32; 3]>, LARGE>, required;
-        /// `u` and `v` of every vertex.
+        /// Parameters `u` and `v` of every vertex.
         #[schema(value_type = Option<Vec<[f64; 2]>>)]
         parameters: PointList;
-        /// Every vertex on a sphere about the origin instead, z towards the north: a spherical parameterisation.
+        /// Spherical parameterisation as an alternative to `parameters`: the position of every vertex on a sphere about
+        /// the origin, with the north in direction z.
         #[schema(value_type = Option<Vec<[f64; 3]>>)]
         sphere: PointList;
-        /// The vertices at the north and the south, when parameters are computed; those at the ends of the longest principal
-        /// axis unless given.
+        /// Indices of the vertices at the north and the south pole, used when parameters are computed. Default: those
+        /// at the ends of the longest principal axis.
         #[schema(value_type = Option<[u32; 2]>)]
         poles: Checked<[u32; 2]>;
     }
@@ -44,27 +46,27 @@ document! {
 /// A fitted surface.
 #[derive(Debug, Clone)]
 pub struct FittedSurface {
-    /// Its control points.
+    /// Control points of the surface.
     pub control_points: Matrix,
     /// Root of the weighted mean squared distance at the parameters.
     pub residual: f64,
-    /// Largest such distance.
+    /// Largest distance at the parameters.
     pub largest: f64,
     /// Parameters of the vertices of a mesh.
     pub parameters: Option<Vec<[f64; 2]>>,
-    /// Part of the area of a mesh over which the surface is folded.
+    /// Fraction of the area of a mesh over which the surface is folded.
     pub folded: Option<f64>,
-    /// What is wrong with the mesh.
+    /// Warnings about the mesh.
     pub warnings: Vec<String>,
 }
 
-/// A fit that is folded over more than this part of the area is refused: it is no surface any more.
+/// Maximum fraction of the area over which a fit may be folded; beyond it, the result is not a valid surface.
 const MOST_FOLDED: f64 = 0.05;
 
-/// Multiply-adds of the normal equations of a request at the most: a minute of work.
+/// Maximum number of multiply-adds for the normal equations of a request: a minute of work.
 const MOST_OPERATIONS: f64 = 1e11;
 
-/// That `count` fits, of `N³/3` multiply-adds each, are not too many.
+/// Checks the total work of `count` fits, of `N³/3` multiply-adds each.
 fn check_work(posted: &Posted, count: usize, pointer: &str) -> Result<(), ServiceError> {
     let operations = count as f64 * (posted.metric.size() as f64).powi(3) / 3.0;
     if operations <= MOST_OPERATIONS {
@@ -77,7 +79,7 @@ fn check_work(posted: &Posted, count: usize, pointer: &str) -> Result<(), Servic
     Err(ServiceError::invalid(pointer, detail))
 }
 
-/// Fits surfaces to points: those of a grid of any size at its equally spaced parameters, those of a list at `parameters`.
+/// Fits surfaces to points: of a grid of any size at its equally spaced parameters, or of a list at `parameters`.
 ///
 /// # Errors
 /// Faults of the shapes; points that leave gaps.
@@ -142,9 +144,9 @@ pub fn fit_points(
     })
 }
 
-/// Fits surfaces to triangle meshes, to their faces and not only their vertices.
+/// Fits surfaces to triangle meshes, using their faces and not only their vertices.
 ///
-/// Parameters are given, or those of given positions on a sphere, or on a closed mesh without handles computed: see
+/// Parameters are given, derived from given positions on a sphere, or, for a closed mesh without handles, computed: see
 /// [`spherical_until`].
 ///
 /// # Errors
@@ -163,13 +165,13 @@ pub fn fit_meshes(
     each_of(&context, "meshes", meshes, |_, mesh| PostedMesh::read(mesh, &app.limits)?.fit(posted, &stop))
 }
 
-/// A mesh whose numbers are in order.
+/// A validated mesh.
 pub(crate) struct PostedMesh {
     pub(crate) mesh: TriangleMesh,
     pub(crate) source: ParameterSource,
 }
 
-/// Where the parameters of a mesh come from.
+/// Source of the parameters of a mesh.
 pub(crate) enum ParameterSource {
     Given(Vec<[f64; 2]>),
     Sphere(Vec<[f64; 3]>),
@@ -184,7 +186,7 @@ impl PostedMesh {
         let parameters = take_points(&input.parameters, "/parameters", &mut errors);
         let sphere = take_points(&input.sphere, "/sphere", &mut errors);
         let poles = take_given(input.poles, "/poles", &mut errors);
-        // A field that is there and null was not noted as missing.
+        // A field that is present but null has not been reported as missing.
         if vertices.is_none() && errors.is_empty() {
             errors.push(InputError::new("/vertices", "is missing"));
         }
@@ -301,7 +303,7 @@ impl PostedMesh {
     }
 }
 
-/// A list of points with `D` coordinates each.
+/// Reads a list of points with `D` coordinates each.
 pub(crate) fn take_points<const D: usize>(
     list: &Option<impl Borrow<PointList>>,
     pointer: &str,

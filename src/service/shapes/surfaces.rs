@@ -1,5 +1,5 @@
-//! The stateless use cases of single surfaces: everything in the request, nothing stored. Plain functions, to be run on the
-//! pool.
+//! Stateless use cases of single surfaces: the request carries all data, and nothing is stored. The functions are
+//! synchronous and run on the pool.
 
 use super::curves::each;
 use super::request::Posted;
@@ -19,17 +19,17 @@ use crate::geometry::vector::{minus, norm};
 use crate::numeric::dense::Matrix;
 use crate::service::app::{App, Fault, ServiceError, warnings};
 
-/// Where surfaces are evaluated.
+/// Parameters at which surfaces are evaluated.
 #[derive(Debug, Clone)]
 pub enum SurfaceParameters {
-    /// On a grid of equally spaced parameters: at `i/count` along closed directions, at `i/(count − 1)` along open ones.
+    /// A grid of equally spaced parameters: at `i/count` along closed directions, at `i/(count − 1)` along open ones.
     Grid([usize; 2]),
-    /// At these `u` and `v`.
+    /// The given pairs of `u` and `v`.
     At(Vec<[f64; 2]>),
 }
 
 impl SurfaceParameters {
-    /// How many places these are.
+    /// Number of places.
     pub fn count(&self) -> usize {
         match self {
             Self::Grid([u, v]) => u.saturating_mul(*v),
@@ -41,11 +41,11 @@ impl SurfaceParameters {
 /// Values of one surface.
 #[derive(Debug, Clone)]
 pub struct SurfaceEvaluation {
-    /// Places along `v`, when they are a grid; `v` is fastest.
+    /// Number of places along `v` if they form a grid; `v` varies fastest.
     pub columns: Option<usize>,
-    /// Value and derivatives as far as they were asked for, coordinate-major, in the order of [`ORDERS`].
+    /// Value and requested derivatives, coordinate-major, in the order of [`ORDERS`].
     pub derivatives: Vec<Vec<f64>>,
-    /// Normals and curvatures, when asked for.
+    /// Normals and curvatures, if requested.
     pub frames: Option<Vec<SurfaceFrame>>,
 }
 
@@ -82,7 +82,7 @@ pub fn evaluate(
         faults.extend(outside(&posted.space, list, "/parameters"));
     }
     ServiceError::unless_empty(faults)?;
-    // Before anything is computed: what nobody can be given is not worth it.
+    // Reserved before the computation, so that no work is done for an answer that does not fit in memory.
     let _room = app.memory.foresee(total)?;
     let evaluated = |shape: &Matrix| {
         let surface = posted.surface(shape);
@@ -128,7 +128,7 @@ fn columns<T>(items: &[T], point: impl Fn(&T) -> [f64; 3]) -> Vec<f64> {
     (0..3).flat_map(|c| items.iter().map(move |item| point(item)[c])).collect()
 }
 
-/// Parameters that the surfaces of a space do not have.
+/// Faults of parameters outside of the domain of the surfaces of a space.
 pub(crate) fn outside(space: &ShapeSpace, list: &[[f64; 2]], pointer: &str) -> Vec<Fault> {
     let Some(basis) = space.surface() else { return Vec::new() };
     let (closed, straight) = (basis.extent().topology.closed(), basis.seam().is_straight());
@@ -148,19 +148,19 @@ pub(crate) fn outside(space: &ShapeSpace, list: &[[f64; 2]], pointer: &str) -> V
 /// Measures of one surface.
 #[derive(Debug, Clone)]
 pub struct MeasuredSurface {
-    /// Volume, area, centroids, box.
+    /// Volume, area, centroids, bounding box.
     pub measures: SurfaceMeasures,
-    /// Flux of the field, when there is one and it is in the range of numbers.
+    /// Flux of the field, if one is given and the result is finite.
     pub flux: Option<f64>,
-    /// `(∬ |σ − σ_ref|² du dv)^½`, when there is a reference.
+    /// `(∬ |σ − σ_ref|² du dv)^½`, if a reference is given.
     pub l2: Option<f64>,
-    /// What is wrong with it.
+    /// Quality of its mesh.
     pub quality: MeshQuality,
-    /// The same in words.
+    /// The same, as text.
     pub warnings: Vec<String>,
 }
 
-/// Cells between knots over which surfaces are measured in one request: a minute of work.
+/// Maximum number of cells between knots measured in one request: a minute of work.
 const MAX_CELLS: usize = 2_000_000;
 
 /// Measures surfaces.
@@ -203,10 +203,10 @@ pub fn measure(
     each(&context, &shapes, measured)
 }
 
-/// Fewest and most places along a direction of a mesh unless asked for.
+/// Minimum and maximum number of places along a direction of a default grid.
 const USUAL_CELLS: [usize; 2] = [24, 256];
 
-/// Places along `u` and `v` unless asked for: two for every interval between knots, on the whole at least 24 and at most 256.
+/// Default number of places along `u` and `v`: two for every interval between knots, at least 24 and at most 256.
 pub fn usual_grid(Extent { topology, intervals }: Extent) -> [usize; 2] {
     let closed = topology.closed();
     [0, 1].map(|i| {
@@ -214,14 +214,14 @@ pub fn usual_grid(Extent { topology, intervals }: Extent) -> [usize; 2] {
     })
 }
 
-/// Vertices of a mesh at the most: a tenth of a second.
+/// Maximum number of vertices of a mesh: a tenth of a second.
 const MOST_VERTICES: usize = 250_000;
 
-/// Triangles on a shape, at `grid` places along `u` and `v`: two for every interval between knots unless given. A subdivision
-/// surface has those of its level.
+/// Triangle mesh of a shape at `grid` places along `u` and `v`. Default: two for every interval between knots, within
+/// bounds. A subdivision surface has the mesh of its level.
 ///
 /// # Errors
-/// [`ServiceError::Query`] for shapes that are no surfaces and grids that make no mesh.
+/// [`ServiceError::Query`] for shapes that are not surfaces and for invalid grids.
 pub fn mesh(
     space: &ShapeSpace,
     control_points: &[f64],
@@ -267,18 +267,18 @@ pub fn mesh(
 /// Surfaces with other numbers of control points.
 #[derive(Debug)]
 pub struct Resized {
-    /// What they are made of.
+    /// Representation of the new surfaces.
     pub representation: Representation,
-    /// Control points, and the `L₂` distance to the surface before.
+    /// Control points, and the `L₂` distance to the original surface.
     pub shapes: Vec<(Matrix, f64)>,
-    /// Whether no distance is more than rounding.
+    /// Whether all distances are within rounding.
     pub exact: bool,
 }
 
-/// Distances below this part of the extent are rounding.
+/// Distance relative to the extent below which it counts as rounding.
 const ROUNDING: f64 = 1e-12;
 
-/// Surfaces through the points of `shapes` at the knots of another grid, with their tangents at the poles.
+/// Interpolates `shapes` at the knots of another grid, keeping their tangents at the poles.
 ///
 /// # Errors
 /// Sizes that do not fit, at `pointer`; too many control points.
@@ -322,14 +322,14 @@ pub fn resize(
     Ok(Resized { representation, shapes, exact: exact.into_iter().all(|exact| exact) })
 }
 
-/// An idealised surface in its place.
+/// An idealised surface with its position.
 #[derive(Debug, Clone, Copy)]
 pub struct PlacedSurface {
     /// The surface.
     pub surface: IdealSurface,
-    /// Where its centre goes.
+    /// Position of its centre.
     pub centre: [f64; 3],
-    /// Angle about the z axis by which it is turned before.
+    /// Angle of a rotation about the z axis, applied before the translation.
     pub angle: f64,
 }
 
@@ -341,13 +341,13 @@ impl PlacedSurface {
     }
 }
 
-/// An idealised surface that is farther off than this part of its extent is not in the space.
+/// Maximum relative distance at which an idealised surface counts as contained in the space.
 const CONTAINED: f64 = 1e-9;
 
 /// Exact control points of an idealised surface.
 ///
 /// # Errors
-/// What does not fit: the parameters, the topology, generators that do not contain it.
+/// Parameters or a topology that do not fit, or generators that do not reproduce it.
 pub fn idealise(posted: &Posted, placed: &PlacedSurface) -> Result<Matrix, String> {
     let surface = &placed.surface;
     if let Some(fault) = surface.fault() {
