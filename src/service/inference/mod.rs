@@ -1,7 +1,7 @@
-//! Hypothesis tests on the shapes of a cohort, by permutation.
+//! Permutation tests on the shapes of a cohort.
 //!
-//! * [`comparisons`] — differences between groups; [`regressions`] — dependence on a number;
-//! * [`test_sample`] — the shapes of a test, aligned to one mean.
+//! * [`comparisons`] — differences between groups; [`regressions`] — dependence on a numeric attribute;
+//! * [`test_sample`] — shapes of a test, aligned to one mean.
 
 pub mod comparisons;
 pub mod regressions;

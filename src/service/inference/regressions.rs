@@ -1,6 +1,6 @@
-//! Shapes of a cohort regressed on an attribute: at once when that is quick, else as a job.
+//! Regression of the shapes of a cohort on an attribute: at once if it is quick, otherwise as a job.
 //!
-//! A plan fixes everything that the result depends on, among it the revision of the cohort.
+//! A plan fixes everything that the result depends on, including the revision of the cohort.
 
 use std::collections::BTreeSet;
 
@@ -33,63 +33,63 @@ use crate::service::cost::requests;
 use crate::service::jobs::inline_or_job::PlannedTest;
 use crate::service::statistics::Setup;
 
-/// The attribute that is the natural logarithm of the centroid size: its regression is allometry.
+/// Name of the natural logarithm of the centroid size as an attribute; a regression on it measures allometry.
 const LOG_CENTROID_SIZE: &str = "log_centroid_size";
 
-/// Most covariates.
+/// Maximum number of covariates.
 const MOST_COVARIATES: usize = 20;
 
-/// Most values of a categorical covariate.
+/// Maximum number of values of a categorical covariate.
 const MOST_LEVELS: usize = 50;
 
-/// Values of attributes lie within this: squares of them, and their inverses, are numbers.
+/// Maximum absolute value of an attribute: its square, and the inverse of that, stay finite.
 const LARGEST_VALUE: f64 = 1e100;
 
-/// Standard deviations of the attribute are at least this, so that the change for one unit is a number.
+/// Minimum standard deviation of the attribute: the change per unit stays finite.
 const SMALLEST_DEVIATION: f64 = 1e-100;
 
 /// Quantiles of the attribute at which shapes are predicted.
 const QUANTILES: [f64; 3] = [0.05, 0.5, 0.95];
 
-/// What happens to shapes without a value.
+/// Treatment of shapes without a value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Missing {
-    /// The request is refused, and they are named.
+    /// The request is refused, and these shapes are named.
     #[default]
     Refuse,
-    /// They are left out.
+    /// These shapes are left out.
     Skip,
 }
 
-/// What a client asks to be regressed.
+/// Request for a regression.
 #[derive(Debug, Clone)]
 pub struct Regress {
     /// Id or name of the cohort.
     pub cohort: String,
-    /// Which of its shapes.
+    /// Filter that selects the shapes.
     pub filter: ShapeFilter,
-    /// `labels.<attribute>` with numbers, or `log_centroid_size`.
+    /// `labels.<attribute>` with numeric values, or `log_centroid_size`.
     pub attribute: String,
-    /// Attributes that are taken out first.
+    /// Attributes whose effect is removed first.
     pub covariates: Vec<String>,
-    /// What happens to shapes without a value.
+    /// Treatment of shapes without a value.
     pub missing: Missing,
-    /// The class that is removed.
+    /// Transformations removed before comparison.
     pub transformation: Transformation,
     /// Projection on the class, or Procrustes fits.
     pub alignment: Alignment,
-    /// Whether mirror images may be matched; the rule of the cohort unless given.
+    /// Whether mirror images may be matched. Default: the rule of the cohort.
     pub mirror: Option<Mirror>,
-    /// Permutations.
+    /// Number of permutations.
     pub permutations: usize,
-    /// Their seed.
+    /// Seed of the permutations.
     pub seed: u64,
-    /// Attributes within whose values residuals are exchanged.
+    /// Attributes that define strata: residuals are exchanged only between shapes with equal values.
     pub strata: Vec<String>,
 }
 
-/// What is regressed, and at which revision.
+/// Checked parameters of a regression, with the revision of the cohort.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Plan {
     cohort: String,
@@ -106,43 +106,43 @@ pub struct Plan {
     strata: Vec<String>,
 }
 
-/// A plan that can be carried out.
+/// A plan that is ready to run.
 #[derive(Debug)]
 pub struct Prepared {
     plan: Plan,
     cohort: Cohort,
     setup: Setup,
     shapes: Vec<ShapeDescription>,
-    /// Covariates and attribute of the shapes.
+    /// Covariates of the shapes, then the attribute.
     variables: Vec<Variable>,
     strata: Vec<usize>,
     left_out: usize,
-    /// Its cost.
+    /// Predicted cost.
     pub estimate: Estimate,
 }
 
-/// Where the values of a variable come from; the last one is the attribute.
+/// A variable with its values; the last variable is the attribute.
 #[derive(Debug, Clone, PartialEq)]
 struct Variable {
     name: String,
-    /// Pointer to it in the request.
+    /// Pointer to the variable in the request.
     pointer: String,
     values: Values,
 }
 
 #[derive(Debug, Clone, PartialEq)]
 enum Values {
-    /// Known when the shapes are read.
+    /// Computed when the shapes are read.
     LogCentroidSize,
     Numbers(Vec<f64>),
-    /// Ascending levels, and the level of every shape.
+    /// Ascending levels, and the level of each shape.
     Levels(Vec<String>, Vec<usize>),
 }
 
-/// Checks what is asked for.
+/// Checks and plans a regression.
 ///
 /// # Errors
-/// Everything that is wrong with it; a cohort that does not exist.
+/// All faults of the request; a cohort that does not exist.
 pub async fn prepare(app: &App, regress: Regress) -> Result<Prepared, ServiceError> {
     ServiceError::unless_empty(own_faults(&regress))?;
     let cohort = catalogue::find(app, &regress.cohort).await?;
@@ -163,7 +163,7 @@ pub async fn prepare(app: &App, regress: Regress) -> Result<Prepared, ServiceErr
     prepare_plan(app, cohort, plan).await
 }
 
-/// What is wrong whatever the cohort is.
+/// Faults of the request that do not depend on the cohort.
 fn own_faults(regress: &Regress) -> Vec<Fault> {
     let mut faults = Vec::new();
     let attribute = &regress.attribute;
@@ -244,7 +244,7 @@ async fn prepare_plan(app: &App, cohort: Cohort, plan: Plan) -> Result<Prepared,
         );
         return Err(ServiceError::invalid("/filter", detail));
     }
-    // What is known before the shapes are read is refused before.
+    // Refuse a singular design before reading the shapes, if all values are already known.
     if variables.iter().all(|variable| variable.values != Values::LogCentroidSize) {
         design(&variables, None, &vec![1.0; shapes.len()])?;
     }
@@ -253,7 +253,7 @@ async fn prepare_plan(app: &App, cohort: Cohort, plan: Plan) -> Result<Prepared,
 }
 
 impl Plan {
-    /// The shapes that have all values; the others are refused, or left out.
+    /// Shapes that have all values; the others are refused or left out.
     async fn complete(
         &self,
         app: &App,
@@ -303,7 +303,7 @@ impl Plan {
         covariates.chain([(self.attribute.as_str(), "/attribute".to_owned())])
     }
 
-    /// The values of covariates and attribute.
+    /// Values of covariates and attribute.
     fn variables(&self, shapes: &[ShapeDescription]) -> Result<Vec<Variable>, ServiceError> {
         let (mut variables, mut faults) = (Vec::new(), Vec::new());
         for (name, pointer) in self.names() {
@@ -330,7 +330,7 @@ impl Plan {
 }
 
 impl Values {
-    /// Numbers when all values are; else levels.
+    /// Numbers if all values are numeric; otherwise levels.
     fn of(attribute: &Attribute, shapes: &[ShapeDescription]) -> Self {
         let numbers: Option<Vec<f64>> = shapes.iter().map(|shape| attribute.number(shape)).collect();
         if let Some(numbers) = numbers {
@@ -345,7 +345,7 @@ impl Values {
 }
 
 impl Variable {
-    /// Columns of the design.
+    /// Number of columns in the design.
     fn columns(&self) -> usize {
         match &self.values {
             Values::Levels(levels, _) => levels.len().saturating_sub(1).max(1),
@@ -353,13 +353,13 @@ impl Variable {
         }
     }
 
-    /// The columns; those of sizes only when these are given.
+    /// Columns of the variable; those of sizes only if these are given.
     fn design(&self, sizes: Option<&[f64]>) -> Vec<Vec<f64>> {
         match &self.values {
             Values::LogCentroidSize => sizes.map(<[f64]>::to_vec).into_iter().collect(),
             Values::Numbers(numbers) => vec![numbers.clone()],
             Values::Levels(levels, of_shapes) => {
-                // A category with one value is a constant column, and is refused as such.
+                // A category with a single value is a constant column, and is refused as such.
                 let first = usize::from(levels.len() > 1);
                 let indicator =
                     |level: usize| of_shapes.iter().map(move |&own| f64::from(u8::from(own == level)));
@@ -369,10 +369,10 @@ impl Variable {
     }
 }
 
-/// Why a column says nothing.
+/// Reason for refusing a collinear column.
 const SAYS_NOTHING: &str = "is constant, or a linear combination of the covariates before it: leave it out";
 
-/// The design of `variables`, the last of which is the attribute.
+/// Design of `variables`, the last of which is the attribute.
 fn design(variables: &[Variable], sizes: Option<&[f64]>, weights: &[f64]) -> Result<Design, ServiceError> {
     let (mut columns, mut pointers) = (Vec::new(), Vec::new());
     for variable in variables {
@@ -413,7 +413,7 @@ impl Prepared {
         Ok(self.record(&aligned, &attribute, summary, found))
     }
 
-    /// Logarithms of the centroid sizes, when they are asked for.
+    /// Logarithms of the centroid sizes, if requested.
     fn log_sizes(&self, aligned: &Aligned) -> Result<Option<Vec<f64>>, ServiceError> {
         if !self.variables.iter().any(|variable| variable.values == Values::LogCentroidSize) {
             return Ok(None);
@@ -527,7 +527,7 @@ impl Prepared {
     }
 }
 
-/// The quantile of ascending values, linear between them.
+/// Quantile of ascending values, with linear interpolation.
 fn quantile(sorted: &[f64], q: f64) -> f64 {
     let position = q * (sorted.len() - 1) as f64;
     let below = position.floor() as usize;
@@ -570,7 +570,7 @@ impl PlannedTest for Prepared {
 /// Colours from low to high values of the attribute (colour-blind safe).
 const SHADES: [&str; 7] = ["#2166ac", "#5a8fc4", "#92b7d8", "#8c8c8c", "#e2a184", "#cf6a53", "#b2182b"];
 
-/// Picture: shapes predicted from the 5 % to the 95 % quantile of the attribute.
+/// Drawing of the predicted shapes from the 5 % to the 95 % quantile of the attribute.
 fn draw(prepared: &Prepared, regression: &ShapeRegression) -> String {
     let (space, d) = (&prepared.setup.space, prepared.setup.metric.dimension());
     let [Some(low), Some(high)] = [regression.predictions.first(), regression.predictions.last()] else {

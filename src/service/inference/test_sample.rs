@@ -1,4 +1,5 @@
-//! Shapes of a stored cohort that take part in a test: what is known about them, and their geometry, aligned to one mean.
+//! Sample of a test: attributes of the selected shapes of a stored cohort, and their control points aligned to one
+//! mean.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
@@ -20,13 +21,13 @@ use crate::service::cohorts::attributes::{Attribute, first_names, name_of};
 use crate::service::statistics::{Settings, Setup};
 use crate::store::{Ids, Revisions};
 
-/// Most relabellings of a test.
+/// Maximum number of permutations of a test.
 pub const MOST_PERMUTATIONS: usize = 100_000;
 
-/// Relabellings unless told otherwise.
+/// Default number of permutations.
 pub const DEFAULT_PERMUTATIONS: usize = 1000;
 
-/// Weights of one test differ by at most this factor: beyond it one shape is all that counts, and digits are lost.
+/// Maximum ratio of the weights of one test: beyond it a single shape dominates, and precision is lost.
 const WEIGHT_RATIO: f64 = 1e9;
 
 /// The stratum of every shape: shapes with equal values of all attributes share one.
@@ -62,8 +63,8 @@ pub(crate) fn strata(names: &[String], shapes: &[ShapeDescription]) -> Result<Ve
         .collect())
 }
 
-/// How the shapes of `cohort` are aligned for a test: the mean depends on the subspaces alone where the class allows it,
-/// so that no statistic changes when shapes are moved by members of the class.
+/// Settings for aligning the shapes of `cohort` in a test. Where the class allows it, the mean depends on the subspaces
+/// alone, so that no statistic changes when shapes are moved by members of the class.
 pub(crate) fn settings(
     cohort: &Cohort,
     transformation: &Transformation,
@@ -84,7 +85,7 @@ pub(crate) fn settings(
     }
 }
 
-/// The cohort as it was when a test was asked for.
+/// The cohort at the revision of a requested test.
 ///
 /// # Errors
 /// [`ServiceError::NotFound`].
@@ -98,9 +99,9 @@ pub(crate) fn cohort_at(app: &App, handle: &Handle, id: &str, revision: u64) -> 
 pub(crate) struct Aligned {
     /// The mean; its placements are those of the shapes.
     pub(crate) mean: MeanShape,
-    /// Prepared shapes as they were laid on the mean, one a column, whitened.
+    /// Prepared shapes placed on the mean, one per column, whitened.
     pub(crate) placed: Matrix,
-    /// Aligned shapes, one a column, whitened.
+    /// Aligned shapes, one per column, whitened.
     pub(crate) aligned: Matrix,
     /// Positive weights.
     pub(crate) weights: Vec<f64>,
@@ -110,7 +111,7 @@ pub(crate) struct Aligned {
     pub(crate) warnings: Vec<String>,
 }
 
-/// Reads `shapes` through `filters`, which together select them all, and aligns them.
+/// Reads `shapes` through `filters`, which together select all of them, and aligns them.
 ///
 /// # Errors
 /// Degenerate shapes by their ids; [`ServiceError::Cancelled`].
@@ -150,7 +151,7 @@ pub(crate) fn read_and_align(
     Ok(Aligned { mean, placed, aligned, weights, sizes, warnings: cut.into_iter().collect() })
 }
 
-/// Control points and weights of the shapes, in their order.
+/// Control points and weights of the shapes, in order.
 fn read(
     app: &App,
     handle: &Handle,
@@ -200,7 +201,7 @@ fn check_weights(weights: &[f64]) -> Result<(), ServiceError> {
     Err(ServiceError::invalid("/cohort", detail))
 }
 
-/// Errors of statistics name the shape: its id is what the client knows.
+/// Replaces positions in errors of statistics by shape ids, which clients know.
 fn named(error: ServiceError, shapes: &[ShapeDescription], cohort: &str) -> ServiceError {
     let ServiceError::DegenerateShape(faults) = error else { return error };
     let named = |fault: Fault| {
@@ -227,7 +228,7 @@ pub(crate) fn points_of(setup: &Setup, whitened: &Matrix, places: &Places) -> Ma
     Matrix::from_iterator(rows, points.len(), points.into_iter().flatten())
 }
 
-/// Weighted mean of columns, about the first one so that no digits cancel.
+/// Weighted mean of columns, computed relative to the first one to avoid cancellation.
 pub(crate) fn average(columns: &Matrix, weights: &[f64], members: &[usize]) -> Vec<f64> {
     let first = columns.column(members[0]);
     let total: f64 = members.iter().map(|&k| weights[k]).sum();
@@ -250,7 +251,7 @@ pub(crate) fn mean_and_deviation(values: &[f64], weights: &[f64]) -> (f64, f64) 
     (mean, (squares / total * n / (n - 1.0)).sqrt())
 }
 
-/// What a reader should know of the mean of all shapes.
+/// Warnings about the mean of all shapes.
 pub(crate) fn mean_warnings(mean: &MeanShape) -> Vec<String> {
     let mut warnings = Vec::new();
     if mean.unique == Some(false) {
@@ -264,7 +265,7 @@ pub(crate) fn mean_warnings(mean: &MeanShape) -> Vec<String> {
     warnings
 }
 
-/// Warns when shapes of one subject are counted as if they knew nothing of one another; strata may say otherwise.
+/// Warning about shapes of one subject that are treated as independent; none if `strata` contains the subject.
 pub(crate) fn subject_warning(shapes: &[ShapeDescription], strata: &[String]) -> Option<String> {
     if strata.iter().any(|name| name == "subject") {
         return None;

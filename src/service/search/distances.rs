@@ -1,4 +1,4 @@
-//! The distances of all pairs of a set of shapes: at once when there are few, as a job when there are many.
+//! Matrix of all pairwise distances of a set of shapes: at once if there are few, as a job if there are many.
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
@@ -25,19 +25,19 @@ use crate::service::shapes::read;
 use crate::service::statistics::{Settings, Setup};
 use crate::store::Revisions;
 
-/// How the shapes of a cohort are compared.
+/// Settings for comparing shapes of a cohort.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Comparison {
-    /// The class that is removed.
+    /// Transformations removed before comparison.
     pub transformation: Transformation,
     /// Projection on the class, or Procrustes fits.
     pub alignment: Alignment,
-    /// Whether mirror images may be matched; the rule of the cohort unless given.
+    /// Whether mirror images may be matched. Default: the rule of the cohort.
     pub mirror: Option<Mirror>,
 }
 
 impl Comparison {
-    /// Settings for the shapes of `cohort`.
+    /// Complete settings for the shapes of `cohort`.
     pub(crate) fn settings(&self, cohort: &Cohort) -> Settings {
         Settings {
             representation: cohort.representation.clone(),
@@ -51,30 +51,30 @@ impl Comparison {
     }
 }
 
-/// Which shapes of a cohort.
+/// Selection of shapes of a cohort.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Chosen {
-    /// Those that pass a filter, in the order of the cohort.
+    /// Shapes that pass a filter, in the order of the cohort.
     Filter(ShapeFilter),
-    /// Those with these ids or external ids, in this order.
+    /// Shapes with these ids or external ids, in this order.
     Ids(Vec<String>),
 }
 
-/// The matrix of a cohort that is asked for.
+/// Checked request for the matrix of a cohort.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Plan {
     /// Id of the cohort.
     cohort: String,
-    /// Its revision.
+    /// Revision of the cohort.
     revision: u64,
-    /// Which of its shapes.
+    /// Selected shapes.
     chosen: Chosen,
-    /// How they are compared.
+    /// Settings of the comparison.
     comparison: Comparison,
 }
 
-/// The answer to a request for the matrix of a cohort.
+/// Answer to a request for the matrix of a cohort.
 #[derive(Debug)]
 pub enum Answer {
     /// The matrix.
@@ -83,19 +83,19 @@ pub enum Answer {
     Job(Box<Job>),
 }
 
-/// Shapes with what their rows are called.
+/// Shapes with the names of their rows.
 struct Named {
     ids: Vec<String>,
     labels: Vec<Option<String>>,
     control_points: Vec<f64>,
-    /// Where they stand in the request.
+    /// Field of the request that contains them.
     field: &'static str,
 }
 
-/// The distances of posted shapes; rows are called by external ids, or by positions where there are none.
+/// Distances of posted shapes; rows are named by external ids, or by positions where there are none.
 ///
 /// # Errors
-/// Faults of the input; degenerate shapes; more than may be computed at once.
+/// Faults of the input; degenerate shapes; more work than a request may take.
 pub async fn of_posted(
     app: &App,
     settings: Settings,
@@ -111,7 +111,7 @@ pub async fn of_posted(
     app.pool.weighing(work).run(move || matrix_of_posted(&task_app, &setup, &space, shapes)).await
 }
 
-/// The space in which posted shapes are compared, when they are few enough to be answered at once.
+/// Space in which posted shapes are compared, provided that they are few enough to be answered at once.
 fn checked_space(
     app: &App,
     settings: &Settings,
@@ -150,11 +150,11 @@ fn posted_names((position, shape): (usize, &ShapeInput)) -> (String, Option<Stri
     (external_id.unwrap_or_else(|| position.to_string()), label)
 }
 
-/// The distances of shapes of the cohort with this key at its present revision.
+/// Distances of shapes of the cohort with this key, at its current revision.
 ///
 /// # Errors
 /// A cohort or shapes that do not exist; a filter that selects nothing; degenerate shapes; a matrix that is too large;
-/// [`ServiceError::Unavailable`] when too many jobs wait.
+/// [`ServiceError::Unavailable`] if too many jobs wait.
 pub async fn of_cohort(
     app: &App,
     key: &str,
@@ -201,7 +201,7 @@ impl Chosen {
     }
 }
 
-/// Number of the chosen shapes.
+/// Number of selected shapes.
 async fn count(app: &App, cohort: &Cohort, chosen: &Chosen) -> Result<usize, ServiceError> {
     let count = match chosen {
         Chosen::Ids(ids) => {
@@ -218,7 +218,7 @@ async fn count(app: &App, cohort: &Cohort, chosen: &Chosen) -> Result<usize, Ser
     Ok(usize::try_from(count).unwrap_or(usize::MAX))
 }
 
-/// Checks what the matrix and the prepared shapes take, before it is taken.
+/// Checks the memory of the matrix and the prepared shapes before it is allocated.
 fn check_size(app: &App, space: &DistanceSpace, count: usize, field: &str) -> Result<(), ServiceError> {
     if count == 0 {
         return Err(ServiceError::TooFewShapes { found: 0, needed: 1 });
@@ -246,7 +246,7 @@ fn cost(space: &DistanceSpace, count: usize) -> f64 {
 /// Runs the job.
 ///
 /// # Errors
-/// What keeps the matrix from being computed; [`ServiceError::Cancelled`].
+/// The reason why the matrix cannot be computed; [`ServiceError::Cancelled`].
 pub fn run(app: &App, handle: &Handle, job: &Job, context: &JobContext) -> Result<Outcome, ServiceError> {
     let plan: Plan = serde_json::from_value(job.parameters.clone())
         .map_err(|error| ServiceError::Internal(format!("the parameters of a job: {error}")))?;
@@ -260,7 +260,7 @@ pub fn run(app: &App, handle: &Handle, job: &Job, context: &JobContext) -> Resul
 }
 
 impl Plan {
-    /// The matrix of the cohort as it was at the revision of the plan.
+    /// Matrix of the cohort at the revision of the plan.
     fn matrix(
         &self,
         app: &App,
@@ -292,7 +292,7 @@ impl Plan {
     }
 }
 
-/// Hears the part that is done and says whether to go on.
+/// Receives the completed fraction and returns whether to continue.
 type GoOn<'a> = dyn Fn(f64) -> bool + Sync + 'a;
 
 fn matrix_of_stored(
@@ -341,7 +341,7 @@ fn named(shapes: Vec<Shape>) -> Named {
     named
 }
 
-/// What a matrix is called, as it is kept beside a job.
+/// Names of the rows of a matrix, as stored with a job.
 #[derive(Debug, Serialize, Deserialize)]
 struct Head {
     fields: Map<String, Value>,
@@ -356,10 +356,10 @@ fn to_output(matrix: NamedMatrix) -> Result<JobOutput, ServiceError> {
     Ok(JobOutput { head, data: values.iter().flat_map(|value| value.to_le_bytes()).collect() })
 }
 
-/// The matrix that the job with this id has computed.
+/// Matrix computed by the job with this id.
 ///
 /// # Errors
-/// [`ServiceError::NotFound`] when there is no such job, or none that has a matrix.
+/// [`ServiceError::NotFound`] if there is no such job, or if it has no matrix.
 pub async fn output(app: &App, id: &str) -> Result<NamedMatrix, ServiceError> {
     let output = jobs::output(app, id).await?;
     app.pool.weighing(Work::reading(output.data.len())).run(move || of_output(output)).await

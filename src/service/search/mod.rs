@@ -1,6 +1,7 @@
 //! Distances between shapes.
 //!
-//! * [`distances`] — all pairs of a set; [`neighbours`] — the nearest shapes of a cohort; `prepared` — cohorts prepared for that.
+//! * [`distances`] — all pairs of a set; [`neighbours`] — nearest shapes of a cohort; `prepared` — cached cohorts,
+//!   prepared for searches.
 
 pub mod distances;
 pub mod neighbours;

@@ -1,5 +1,5 @@
-//! The nearest shapes of a stored cohort: its shapes stream by, and only the nearest are kept. Small cohorts that are searched
-//! again and again are kept ready.
+//! Search for the nearest shapes of a stored cohort: its shapes are streamed, and only the nearest are kept. Small
+//! cohorts are cached in prepared form for repeated searches.
 
 use std::collections::BTreeMap;
 
@@ -26,67 +26,68 @@ use crate::service::cost::requests::{self, Counts};
 use crate::service::shapes::read;
 use crate::service::statistics::Setup;
 
-/// Most neighbours of a shape.
+/// Maximum number of neighbours per query.
 pub const MAX_NEIGHBOURS: usize = 1000;
 
-/// What is searched for.
+/// Request for a search.
 #[derive(Debug)]
 pub struct Search {
-    /// The shapes whose neighbours are wanted.
+    /// Query shapes.
     pub queries: Queries,
-    /// How many of each.
+    /// Number of neighbours per query.
     pub neighbours: usize,
-    /// How shapes are compared.
+    /// Settings of the comparison.
     pub comparison: Comparison,
-    /// Among which shapes of the cohort.
+    /// Filter that selects the shapes to search.
     pub filter: ShapeFilter,
 }
 
-/// Shapes whose neighbours are wanted.
+/// Query shapes.
 #[derive(Debug)]
 pub enum Queries {
-    /// Posted ones.
+    /// Posted shapes.
     Posted(Vec<ShapeInput>),
-    /// Ids or external ids of shapes of the cohort, which are not neighbours of themselves.
+    /// Ids or external ids of shapes of the cohort; a shape is not its own neighbour.
     Stored(Vec<String>),
 }
 
-/// The neighbours of all queries.
+/// Neighbours of all queries.
 #[derive(Debug)]
 pub struct Found {
     /// Revision of the cohort that was searched.
     pub cohort_revision: u64,
-    /// One list a query, ascending.
+    /// One list per query, by ascending distance.
     pub neighbours: Vec<Vec<FoundNeighbour>>,
 }
 
-/// A neighbour with what is known of it.
+/// A neighbour with its attributes.
 #[derive(Debug)]
 pub struct FoundNeighbour {
-    /// `shp_…`.
+    /// Id, `shp_…`.
     pub id: String,
     /// The client's own identifier.
     pub external_id: Option<String>,
-    /// Class.
+    /// Class label.
     pub label: Option<String>,
     /// Further attributes.
     pub labels: BTreeMap<String, Value>,
     /// Distance to the query.
     pub distance: f64,
-    /// How it is laid on the query.
+    /// Placement of the neighbour on the query.
     pub placement: Placement,
 }
 
 type Sorted = Vec<Neighbour<String>>;
 
-/// Takes shapes of the cohort with their ids.
+/// Receives shapes of the cohort with their ids.
 type Offer<'a> = dyn FnMut(&[String], &PreparedShapes) -> Result<(), AnalysisError> + 'a;
 
-/// The nearest shapes of the cohort with this key to every query, ascending; of equal ones those that were added first.
+/// Nearest shapes of the cohort with this key to every query, by ascending distance; of equally distant shapes, those
+/// added first.
 ///
 /// # Errors
-/// Everything that is wrong with the queries; ids that do not exist; a filter that selects nothing; degenerate shapes; a
-/// search that costs too much.
+/// All faults of the queries; ids that do not exist; a filter that selects nothing; degenerate shapes; a search that
+/// costs too much.
 pub async fn search(app: &App, key: &str, search: Search) -> Result<Found, ServiceError> {
     let cohort = catalogue::find(app, key).await?;
     check_sizes(app, &search)?;
@@ -143,7 +144,7 @@ fn check_sizes(app: &App, search: &Search) -> Result<(), ServiceError> {
     ServiceError::unless_empty(faults)
 }
 
-/// Queries as they were given.
+/// Queries, with control points if they are stored.
 enum Given {
     Posted(Vec<ShapeInput>),
     Stored { ids: Vec<String>, control_points: Vec<f64> },
@@ -158,7 +159,7 @@ impl Given {
     }
 }
 
-/// What a search is predicted to take: less when the cohort is kept ready.
+/// Predicted work of a search: less if the cohort is cached.
 fn predicted(
     app: &App,
     cohort: &Cohort,
@@ -178,7 +179,7 @@ async fn stored_queries(app: &App, cohort: &Cohort, keys: &[String]) -> Result<G
     Ok(Given::Stored { ids, control_points: control_points.concat() })
 }
 
-/// One search, on the pool.
+/// A search that runs on the pool.
 struct Task<'a> {
     app: &'a App,
     handle: &'a Handle,
@@ -217,12 +218,12 @@ impl Task<'_> {
         Ok(nearest.into_iter().map(Nearest::into_sorted).collect())
     }
 
-    /// What the prepared shapes of the cohort depend on.
+    /// Cache key: everything that the prepared shapes of the cohort depend on.
     fn key(&self) -> impl Serialize {
         (self.cohort.revision, self.filter, self.comparison)
     }
 
-    /// Offers the shapes of the cohort as they are read, and keeps them ready when they are few.
+    /// Offers the shapes of the cohort as they are read, and caches them if they are few.
     fn read(
         &self,
         setup: &Setup,
@@ -253,7 +254,7 @@ impl Task<'_> {
         Ok(())
     }
 
-    /// The queries ready to be compared, and the ids of those that are stored.
+    /// Prepared queries, and the ids of those that are stored.
     fn prepared(
         &self,
         setup: &Setup,
@@ -287,7 +288,7 @@ impl Task<'_> {
     }
 }
 
-/// Adds what is known of the shapes, also of those that were deleted since the search began.
+/// Adds the attributes of the shapes, including those deleted since the search began.
 async fn with_attributes(
     app: &App,
     cohort: &Cohort,

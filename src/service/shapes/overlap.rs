@@ -361,7 +361,7 @@ fn usual_spacing(bodies: [&Body; 2], cells: impl Fn(f64) -> f64) -> Result<f64, 
     let usual = longest / USUAL_CELLS as f64;
     let mut spacing = usual.min(extents[0].min(extents[1]) / LEAST_CELLS as f64);
     while spacing < usual && !(cells(spacing) <= MOST_CELLS as f64) {
-        // A box of at most three axes has too many cells at a millionth of its length: fewer than 500 steps remain.
+        // Even a flat box has enough cells at a millionth of its length, so that fewer than 500 steps remain.
         spacing = (spacing * COARSER).max(1e-6 * longest);
     }
     Ok(spacing.min(usual))

@@ -1,4 +1,4 @@
-//! What is answered about groups: means, distances, tests, effects, sizes.
+//! Results of a comparison of groups: means, distances, tests, effects, sizes.
 
 use tokio::runtime::Handle;
 
@@ -190,10 +190,10 @@ impl Prepared {
     }
 }
 
-/// Part of the progress when the shapes are aligned.
+/// Progress when the shapes are aligned.
 const ALIGNED: f64 = 0.2;
 
-/// A group with what its pairs need.
+/// Result of a group, with data needed for its pairs.
 struct Group {
     record: GroupRecord,
     /// Arithmetic mean of the aligned shapes, whitened.
@@ -202,7 +202,7 @@ struct Group {
     elements: Option<Matrix>,
 }
 
-/// The member of the mean space of shapes (whitened, one a column) that is nearest to `pooled`, and a basis of the space.
+/// Nearest member to `pooled` of the mean space of shapes (whitened, one per column), and a basis of the space.
 fn mean_of_space(
     class: &TransformationClass,
     shapes: Matrix,
@@ -219,7 +219,7 @@ fn mean_of_space(
     Ok((record, elements))
 }
 
-/// Eigenvalues of a mean space that are answered.
+/// Number of reported eigenvalues of a mean space.
 const REPORTED_EIGENVALUES: usize = 10;
 
 pub(crate) fn test(tally: Tally) -> TestRecord {
@@ -231,7 +231,7 @@ fn statistic(tested: &Tested) -> StatisticRecord {
     StatisticRecord { value: tested.value, test: test(tested.tally) }
 }
 
-/// Corrects the p values of every statistic, and of every size, for the number of pairs.
+/// Applies Holm's correction for the number of pairs to the p values of every statistic and every size.
 fn correct(pairs: &mut [PairRecord]) {
     let sizes = pairs.first().map_or(0, |pair| pair.sizes.len());
     let statistics: [fn(&mut PairRecord) -> &mut TestRecord; 3] =

@@ -1,4 +1,4 @@
-//! The picture of a comparison.
+//! Drawing of a comparison.
 
 use super::Prepared;
 use crate::domain::comparison::{Comparison, PairRecord, TestRecord};
@@ -6,11 +6,11 @@ use crate::domain::dictionary::columns_of;
 use crate::geometry::drawing::effect::{self, Connection, Effect, EffectPoint as DrawnPoint};
 use crate::geometry::drawing::svg::{Layer, colour};
 
-/// Colours of the groups of a drawing, over and over (colour-blind safe).
+/// Colours of the groups, used cyclically (colour-blind safe).
 const GROUP_COLOURS: [&str; 6] = ["#4477aa", "#cc3311", "#228833", "#aa3377", "#ccbb44", "#66ccee"];
 
-/// Picture: the averages of the groups over one another, and the effect along the first group of the pair that is
-/// farthest apart.
+/// Drawing of the averages of all groups on top of one another, with the effect along the first group of the pair with
+/// the largest distance.
 pub(super) fn draw(prepared: &Prepared, comparison: &Comparison) -> String {
     let (space, d) = (&prepared.setup.space, prepared.setup.metric.dimension());
     let layers: Vec<Layer> = comparison
@@ -58,5 +58,5 @@ pub(super) fn draw(prepared: &Prepared, comparison: &Comparison) -> String {
     effect::draw(&title, &layers, Some(&effect), &captions)
 }
 
-/// p values at most this are drawn wide.
+/// Maximum p value of points drawn as wide.
 const SIGNIFICANT: f64 = 0.05;

@@ -1,9 +1,9 @@
-//! Groups of shapes of a cohort, compared: at once when that is quick, else as a job.
+//! Comparison of groups of shapes of a cohort: at once if it is quick, otherwise as a job.
 //!
-//! * this file — what is asked for, and which shapes are in which group. A plan fixes everything that the result depends
-//!   on, among it the revision of the cohort;
+//! * this file — the request, and the assignment of shapes to groups. A plan fixes everything that the result depends
+//!   on, including the revision of the cohort;
 //! * `answer` — the comparison;
-//! * `drawing` — its picture.
+//! * `drawing` — its drawing.
 
 mod answer;
 mod drawing;
@@ -34,69 +34,69 @@ use crate::service::cost::requests;
 use crate::service::jobs::inline_or_job::PlannedTest;
 use crate::service::statistics::Setup;
 
-/// Most groups of a comparison.
+/// Maximum number of groups of a comparison.
 const MOST_GROUPS: usize = 50;
 
-/// Fewest shapes of a group: one has no scatter.
+/// Minimum number of shapes of a group: a single shape has no scatter.
 const FEWEST_MEMBERS: usize = 2;
 
-/// Longest name of a group.
+/// Maximum length of a group's name.
 const MAX_NAME_CHARS: usize = 100;
 
-/// Most points along the shape that are answered, over all pairs.
+/// Maximum number of points along the shape in an answer, over all pairs.
 const MOST_EFFECT_POINTS: usize = 100_000;
 
-/// Values that a fault lists.
+/// Maximum number of values listed in a fault.
 const NAMED_VALUES: usize = 10;
 
-/// A group by its name.
+/// A named group of shapes.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct NamedGroup {
-    /// Its name, 1 to 100 characters, unlike those of the others.
+    /// Name of the group, 1 to 100 characters, unique among the groups.
     pub name: String,
-    /// Which shapes of the cohort.
+    /// Filter that selects the shapes of the group.
     pub filter: ShapeFilter,
 }
 
-/// Which groups are compared.
+/// Definition of the groups.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Grouping {
-    /// These.
+    /// Explicit groups.
     Named(Vec<NamedGroup>),
-    /// One for every value of an attribute.
+    /// One group for every value of an attribute.
     By {
         /// `label` or `labels.<attribute>`.
         attribute: String,
-        /// Which shapes.
+        /// Filter that selects the shapes.
         filter: ShapeFilter,
     },
 }
 
-/// What a client asks to be compared.
+/// Request for a comparison.
 #[derive(Debug, Clone)]
 pub struct Compare {
     /// Id or name of the cohort.
     pub cohort: String,
     /// The groups.
     pub grouping: Grouping,
-    /// The class that is removed.
+    /// Transformations removed before comparison.
     pub transformation: Transformation,
     /// Projection on the class, or Procrustes fits.
     pub alignment: Alignment,
-    /// Whether mirror images may be matched; the rule of the cohort unless given.
+    /// Whether mirror images may be matched. Default: the rule of the cohort.
     pub mirror: Option<Mirror>,
-    /// Relabellings.
+    /// Number of permutations.
     pub permutations: usize,
-    /// Seed of those that are drawn.
+    /// Seed of random permutations.
     pub seed: u64,
-    /// Attributes within whose values labels are exchanged.
+    /// Attributes that define strata: labels are exchanged only between shapes with equal values.
     pub strata: Vec<String>,
-    /// Points along the shape; as many as control points unless given.
+    /// Number of points along the shape. Default: the number of control points.
     pub samples: Option<usize>,
 }
 
-/// What is compared, and at which revision.
+/// Checked parameters of a comparison, with the revision of the cohort.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Plan {
     cohort: String,
@@ -111,14 +111,14 @@ pub struct Plan {
     samples: usize,
 }
 
-/// A plan that can be carried out.
+/// A plan that is ready to run.
 #[derive(Debug)]
 pub struct Prepared {
     plan: Plan,
     cohort: Cohort,
     setup: Setup,
     members: Members,
-    /// Its cost.
+    /// Predicted cost.
     pub estimate: Estimate,
 }
 
@@ -126,19 +126,19 @@ pub struct Prepared {
 #[derive(Debug)]
 struct Members {
     shapes: Vec<ShapeDescription>,
-    /// The filters through which they are read.
+    /// Filters through which they are read.
     filters: Vec<ShapeFilter>,
     names: Vec<String>,
-    /// Group of every shape.
+    /// Group of each shape.
     groups: Vec<usize>,
     strata: Vec<usize>,
     left_out: usize,
 }
 
-/// Checks what is asked for.
+/// Checks and plans a comparison.
 ///
 /// # Errors
-/// Everything that is wrong with it; a cohort that does not exist.
+/// All faults of the request; a cohort that does not exist.
 pub async fn prepare(app: &App, compare: Compare) -> Result<Prepared, ServiceError> {
     ServiceError::unless_empty(own_faults(&compare, app.limits.samples))?;
     let cohort = catalogue::find(app, &compare.cohort).await?;
@@ -200,7 +200,7 @@ async fn prepare_plan(app: &App, cohort: Cohort, plan: Plan) -> Result<Prepared,
     Ok(Prepared { plan, cohort, setup, members, estimate })
 }
 
-/// Places at which shapes are compared unless another number is given.
+/// Default number of points at which shapes are compared.
 fn usual_samples(representation: &Representation) -> usize {
     match representation.extent() {
         Some(_) => representation.point_count(),
@@ -208,7 +208,7 @@ fn usual_samples(representation: &Representation) -> usize {
     }
 }
 
-/// What is wrong whatever the cohort is.
+/// Faults of the request that do not depend on the cohort.
 fn own_faults(compare: &Compare, most_samples: usize) -> Vec<Fault> {
     let mut faults = Vec::new();
     if compare.permutations > MOST_PERMUTATIONS {
@@ -296,7 +296,7 @@ async fn named_members(app: &App, cohort: &Cohort, groups: &[NamedGroup]) -> Res
     })
 }
 
-/// Why group `i` has so few shapes: an attribute that no shape has, or too narrow a filter.
+/// Reason why group `i` has too few shapes: an attribute that no shape has, or too narrow a filter.
 async fn too_few(
     app: &App,
     cohort: &Cohort,
@@ -322,7 +322,7 @@ async fn too_few(
     Ok(vec![Fault::new(format!("/groups/{i}/filter"), detail)])
 }
 
-/// Shapes that are in several groups.
+/// Faults for shapes that belong to several groups.
 fn overlap_faults(groups: &[NamedGroup], described: &[Vec<ShapeDescription>]) -> Vec<Fault> {
     let mut first: HashMap<&str, usize> = HashMap::new();
     let mut shared: BTreeMap<(usize, usize), Vec<&ShapeDescription>> = BTreeMap::new();
@@ -404,8 +404,7 @@ impl Members {
         (0..self.groups.len()).filter(|&k| self.groups[k] == group).collect()
     }
 
-    /// Relabellings of all shapes, or of the two groups of a pair (whose shapes come in the order of
-    /// [`Self::of_pair`]).
+    /// Permutations of all shapes, or of the two groups of a pair (whose shapes are in the order of [`Self::of_pair`]).
     fn relabellings(&self, plan: &Plan, pair: Option<(usize, usize)>) -> Relabellings {
         let (members, groups) = match pair {
             Some(pair) => (self.of_pair(pair), 2),
@@ -450,7 +449,7 @@ impl Members {
     }
 }
 
-/// Every two of `groups`.
+/// All pairs of `groups`.
 fn pairs_of(groups: usize) -> Vec<(usize, usize)> {
     (0..groups).flat_map(|first| (first + 1..groups).map(move |second| (first, second))).collect()
 }
