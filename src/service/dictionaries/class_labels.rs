@@ -1,4 +1,4 @@
-//! Which class and which subject every shape of a cohort belongs to.
+//! Classes and subjects of the shapes of a cohort.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
@@ -9,39 +9,40 @@ use crate::domain::shape::ShapeFilter;
 use crate::service::app::{App, Fault, ServiceError};
 use crate::service::cohorts::attributes::{Attribute, KnownAttributes, describe, first_names};
 
-/// Classes and subjects of shapes, in the order of the store.
+/// Classes and subjects of shapes, in storage order.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Membership {
     /// Names of the classes, in alphabetical order.
     pub labels: Vec<String>,
-    /// The class of every shape.
+    /// Class of each shape.
     pub classes: Vec<usize>,
-    /// What must not be divided: shapes of one subject have one number, others their own.
+    /// Groups that must not be divided: shapes of one subject share a number, all others have one of their own.
     pub groups: Vec<usize>,
-    /// Number of subjects, when a shape has one.
+    /// Number of subjects; `None` if no shape has one.
     pub subjects: Option<usize>,
 }
 
-/// Classes that a fault names.
+/// Maximum number of classes named in a fault.
 const NAMED: usize = 5;
 
-/// Most classes: a confusion matrix is to be read.
+/// Maximum number of classes: a confusion matrix must stay readable.
 const MOST_CLASSES: usize = 1000;
 
-/// Most numbers that a trained classifier keeps: some tens of megabytes in a file.
+/// Maximum count of numbers stored in a trained classifier: some tens of megabytes in a file.
 pub(crate) const MOST_STORED: usize = 1 << 22;
 
-/// Most numbers of evidence that a validation keeps.
+/// Maximum count of numbers of evidence kept by a validation.
 const MOST_EVIDENCE: usize = 1 << 25;
 
-/// Parts of the cross-validation within the training shapes that `best` chooses by.
+/// Number of folds of the inner cross-validation, within the training shapes, that `best` uses for its choice.
 pub(crate) const WITHIN: usize = 4;
 
 impl Membership {
-    /// Of the shapes of the cohort that pass the filter, at its revision.
+    /// Reads the classes of the shapes that pass the filter, at the revision of the cohort.
     ///
     /// # Errors
-    /// At `/classifier/attribute`: an attribute that shapes do not have; at `/filter`: more shapes than a request may have.
+    /// At `/classifier/attribute`: an attribute that shapes lack; at `/filter`: more shapes than the limit of a
+    /// request.
     pub async fn read(
         app: &App,
         cohort: &Cohort,
@@ -96,20 +97,20 @@ impl Membership {
         }
     }
 
-    /// Shapes of every class.
+    /// Number of shapes per class.
     pub fn sizes(&self) -> Vec<usize> {
         let mut sizes = vec![0; self.labels.len()];
         self.classes.iter().for_each(|&class| sizes[class] += 1);
         sizes
     }
 
-    /// Independent cases of every class: subjects, and shapes without one.
+    /// Number of independent cases per class: subjects, and shapes without one.
     pub fn units(&self) -> Vec<usize> {
         units(&self.classes, &self.groups, self.labels.len())
     }
 
-    /// What keeps the classifier from being trained and validated on these shapes, of `length` numbers each and described
-    /// by `method`.
+    /// Reasons why the classifier cannot be trained and validated on these shapes, which have `length` numbers each and
+    /// are described by `method`.
     pub fn faults(&self, settings: &ClassifierSettings, method: &Method, length: usize) -> Vec<Fault> {
         let mut faults = Vec::new();
         let mut fault = |field: &str, detail: String| {
@@ -190,7 +191,8 @@ impl Membership {
     }
 }
 
-/// Numbers that a classifier keeps of `shapes` shapes of `classes` classes. `best` chooses what is small enough.
+/// Count of numbers stored in a classifier of `shapes` shapes and `classes` classes. `best` chooses only kinds that are
+/// small enough.
 fn stored(
     settings: &ClassifierSettings,
     method: &Method,
@@ -217,7 +219,7 @@ fn stored(
     }
 }
 
-/// Groups with shapes of every one of `count` classes.
+/// Number of groups with shapes of each of `count` classes.
 pub(crate) fn units(classes: &[usize], groups: &[usize], count: usize) -> Vec<usize> {
     let pairs: BTreeSet<(usize, usize)> = classes.iter().copied().zip(groups.iter().copied()).collect();
     let mut units = vec![0; count];
@@ -225,7 +227,7 @@ pub(crate) fn units(classes: &[usize], groups: &[usize], count: usize) -> Vec<us
     units
 }
 
-/// What is wrong with a classifier whatever it is trained on.
+/// Faults of the settings of a classifier that do not depend on the shapes.
 pub(crate) fn settings_faults(settings: &ClassifierSettings, method: &Method) -> Vec<Fault> {
     use ClassifierKind::{Best, Discriminant, NearestAtom, NearestNeighbours, SparseResidual};
     let atoms = method.atoms();

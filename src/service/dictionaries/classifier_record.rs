@@ -1,4 +1,4 @@
-//! Trained classifiers as they are stored: written, checked, and made ready for arithmetic.
+//! Stored form of trained classifiers: conversion, validation, and preparation for use.
 
 use crate::analysis::classification::atom_classes::AtomClasses;
 use crate::analysis::classification::class_means::ClassMeans;
@@ -12,7 +12,7 @@ use crate::domain::dictionary::{Content, Row, columns_of, rows_of};
 use crate::numeric::dense::Matrix;
 use crate::service::app::Fault;
 
-/// The numbers of a trained classifier, to be stored.
+/// Stored form of a trained classifier.
 pub(crate) fn trained_of(classifier: &Classifier, kind: Kind, metric: &Metric) -> Trained {
     match classifier {
         Classifier::MeanSpace(ClassMeans { means }) => {
@@ -59,7 +59,7 @@ pub(crate) fn trained_of(classifier: &Classifier, kind: Kind, metric: &Metric) -
     }
 }
 
-/// What kind the numbers are of.
+/// Kind of a stored classifier.
 fn kind_of(trained: &Trained) -> Kind {
     match trained {
         Trained::MeanSpace { .. } | Trained::Ensemble { .. } => Kind::MeanSpace,
@@ -74,8 +74,8 @@ fn kind_of(trained: &Trained) -> Kind {
     }
 }
 
-/// A stored classifier made ready for arithmetic. Its parts fit together: learning made it, or
-/// [`classifier_faults`] found nothing.
+/// Prepares a stored classifier for use. Its parts are consistent: it was trained here, or [`classifier_faults`] has
+/// found nothing.
 pub(crate) fn classifier_of(record: &ClassifierRecord, metric: &Metric) -> Classifier {
     ready(record.trained.clone(), record.classes.len(), metric)
 }
@@ -122,8 +122,8 @@ fn ready(trained: Trained, count: usize, metric: &Metric) -> Classifier {
 /// Largest number in a file whose square is finite.
 const MOST_NUMBER: f64 = 1e100;
 
-/// What does not fit together in the classifier of a file whose dictionary does: sizes, and numbers that training never
-/// makes.
+/// Inconsistencies in the classifier of a file whose dictionary is valid: wrong sizes, and values that training never
+/// produces.
 pub(crate) fn classifier_faults(content: &Content) -> Vec<Fault> {
     let Some(record) = &content.classifier else { return Vec::new() };
     let mut faults = Vec::new();
@@ -146,10 +146,10 @@ fn is_sharpness(value: f64) -> bool {
     value > 0.0 && value <= 1e9
 }
 
-/// Sum of weights that were rounded.
+/// Tolerance of the sum of rounded weights.
 const SUM_OF_WEIGHTS: f64 = 1e-9;
 
-/// What does not fit together in several classifiers.
+/// Inconsistencies in an ensemble of classifiers.
 fn member_faults(
     content: &Content,
     record: &ClassifierRecord,
@@ -181,7 +181,7 @@ fn member_faults(
     faults
 }
 
-/// What does not fit together in the numbers of a classifier, or of one of several, at `at`.
+/// Inconsistencies in the numbers of a classifier, or of an ensemble member, at `at`.
 fn trained_faults(content: &Content, record: &ClassifierRecord, trained: &Trained, at: &str) -> Vec<Fault> {
     if let Trained::Ensemble { members } = trained {
         return member_faults(content, record, members, at);

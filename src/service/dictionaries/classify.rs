@@ -1,4 +1,4 @@
-//! Classes of shapes, and everything else that is known of a shape. Plain functions, to be run on the pool.
+//! Classification of shapes, and complete assessments. The functions are synchronous and run on the pool.
 
 use super::coding::{self, Asked, Coded, Score};
 use super::ready::Ready;
@@ -8,34 +8,35 @@ use crate::analysis::dictionary::model::error_of;
 use crate::analysis::sparse::SparseCode;
 use crate::service::app::{App, ServiceError};
 
-/// A class in the order of likelihood.
+/// A class in a ranking by likelihood.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Ranked {
-    /// Position of the class.
+    /// Index of the class.
     pub class: usize,
-    /// Distance to it.
+    /// Distance to the class.
     pub distance: f64,
-    /// Calibrated confidence; those of all classes sum to 1.
+    /// Calibrated confidence; the confidences of all classes sum to 1.
     pub confidence: f64,
 }
 
-/// What class a shape is of.
+/// Result of classifying a shape.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Classified {
-    /// All classes, the likeliest first.
+    /// All classes, the most likely first.
     pub ranking: Vec<Ranked>,
-    /// Confidence of the first minus that of the second.
+    /// Confidence of the first class minus that of the second.
     pub margin: f64,
-    /// Whether the distance is within the training quantile of the class; else the shape is none of these.
+    /// Whether the distance is within the training quantile of the class; otherwise the shape belongs to none of the
+    /// classes.
     pub accepted: bool,
-    /// How the shape compares with all that were learnt from.
+    /// Comparison of the shape with all training shapes.
     pub outlier: Score,
 }
 
 /// Classifies shapes; those beyond the training quantile `quantile` of their class are not accepted.
 ///
 /// # Errors
-/// A dictionary without classifier; faults of the shapes, of the quantile; degenerate shapes.
+/// A dictionary without classifier; faults of the shapes or of the quantile; degenerate shapes.
 pub fn classify(
     app: &App,
     ready: &Ready,
@@ -51,7 +52,7 @@ pub fn classify(
     Ok(of_coded(ready, &coded, quantile)?.into_iter().flatten().collect())
 }
 
-/// The classes of shapes that were coded; none without a classifier.
+/// Classes of encoded shapes; `None` without a classifier.
 fn of_coded(ready: &Ready, coded: &[Coded], quantile: f64) -> Result<Vec<Option<Classified>>, ServiceError> {
     let record = ready.dictionary.content.classifier.as_ref();
     let (Some(classifier), Some(record)) = (&ready.classifier, record) else {
@@ -85,25 +86,25 @@ fn of_coded(ready: &Ready, coded: &[Coded], quantile: f64) -> Result<Vec<Option<
     Ok(classified.collect())
 }
 
-/// Everything that is known of a shape.
+/// Complete assessment of a shape.
 #[derive(Debug)]
 pub struct Assessment {
-    /// Its code and its pose.
+    /// Code and pose.
     pub coded: Coded,
-    /// Its class, when the dictionary has a classifier.
+    /// Class, if the dictionary has a classifier.
     pub classified: Option<Classified>,
-    /// How it compares with the shapes that were learnt from.
+    /// Comparison with the training shapes.
     pub score: Score,
-    /// `‖y − ŷ‖²/(‖y‖‖ŷ‖)`.
+    /// Relative error `‖y − ŷ‖²/(‖y‖‖ŷ‖)`.
     pub relative_error: f64,
-    /// Distances between the shape and its reconstruction in its own pose.
+    /// Distances between the shape and its reconstruction, in the pose of the shape.
     pub residual: Vec<f64>,
 }
 
-/// Assesses shapes: pose, code, class, outlier, and the residual at `samples` parameters.
+/// Assesses shapes: pose, code, class, outlier test, and the residual at `samples` parameters.
 ///
 /// # Errors
-/// As [`classify`]; shapes that the alignment flattens; too many samples.
+/// As [`classify`]; shapes that the alignment makes degenerate; too many samples.
 pub fn assess(
     app: &App,
     ready: &Ready,

@@ -1,4 +1,5 @@
-//! Dictionaries in use: codes, reconstructions, scores, priors, samples. Plain functions, to be run on the pool.
+//! Use of dictionaries: codes, reconstructions, scores, priors, samples. The functions are synchronous and run on the
+//! pool.
 
 use rand::SeedableRng;
 use rand::rngs::ChaCha12Rng;
@@ -22,17 +23,17 @@ use crate::service::cohorts::catalogue;
 use crate::service::cost::requests::{self, Counts};
 use crate::service::shapes::read::{self, Reading};
 
-/// Shapes that a dictionary is asked about.
+/// Shapes to which a dictionary is applied.
 #[derive(Debug)]
 pub enum Asked {
-    /// Posted ones.
+    /// Posted shapes.
     Posted(Vec<ShapeInput>),
-    /// Control points of stored ones.
+    /// Control points of stored shapes.
     Stored(Vec<f64>),
 }
 
 impl Asked {
-    /// What it takes to code them in a dictionary, and to answer `numbers` numbers for each.
+    /// Predicted work of encoding the shapes and answering `numbers` numbers for each.
     pub fn work(&self, ready: &Ready, numbers: usize, limits: &Limits) -> Work {
         let count = match self {
             Self::Posted(shapes) => shapes.len(),
@@ -42,10 +43,10 @@ impl Asked {
     }
 }
 
-/// The control points of stored shapes, by their ids or external ids.
+/// Control points of stored shapes with these ids or external ids.
 ///
 /// # Errors
-/// A cohort that does not exist, or of another representation or correspondence; shapes that do not exist.
+/// A cohort that does not exist, or that has another representation or correspondence; shapes that do not exist.
 pub async fn stored(app: &App, ready: &Ready, cohort: &str, ids: &[String]) -> Result<Asked, ServiceError> {
     let cohort = catalogue::find(app, cohort).await?;
     let content = &ready.dictionary.content;
@@ -59,7 +60,7 @@ pub async fn stored(app: &App, ready: &Ready, cohort: &str, ids: &[String]) -> R
 }
 
 impl Asked {
-    /// Control points, one shape after the other, read as `correspondence` says.
+    /// Control points, one shape after the other, read under `correspondence`.
     fn control_points(
         self,
         app: &App,
@@ -81,28 +82,28 @@ impl Asked {
     }
 }
 
-/// Atoms moved onto a shape: `r ≈ Σ_j B_j d_j + b`.
+/// Transformed atoms that approximate a shape: `r ≈ Σ_j B_j d_j + b`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Moves {
-    /// `B_j`, one an atom in use, `d × d`.
+    /// Matrices `B_j`, `d × d`, one per atom in use.
     pub matrices: Vec<Matrix>,
-    /// `b`, of length `d`.
+    /// Offset `b`, of length `d`.
     pub offset: Vec<f64>,
 }
 
 /// A shape with its code.
 #[derive(Debug)]
 pub struct Coded {
-    /// As it was given, `d·N` coordinate-major control points.
+    /// The given shape, `d·N` coordinate-major control points.
     pub control_points: Vec<f64>,
-    /// In the form that is coded.
+    /// The prepared shape that is encoded.
     pub prepared: Prepared,
-    /// The code.
+    /// Code of the shape.
     pub code: SparseCode,
 }
 
 impl Ready {
-    /// What it takes to code so many shapes, and to answer `numbers` numbers for each besides its code.
+    /// Predicted work of encoding `shapes` shapes, and of answering `numbers` numbers for each in addition to its code.
     pub fn work(&self, shapes: usize, numbers: usize, limits: &Limits) -> Work {
         let (n, atoms) = (self.setup.metric.len() as f64, self.model.len() as f64);
         let multiply_adds = match &self.model {
@@ -120,10 +121,10 @@ impl Ready {
     }
 }
 
-/// Shapes that are coded between two looks at whether somebody still waits for them.
+/// Number of shapes encoded between two checks for cancellation.
 const TOGETHER: usize = 1024;
 
-/// Codes shapes.
+/// Encodes shapes.
 ///
 /// # Errors
 /// Faults of the shapes; degenerate shapes; [`ServiceError::Cancelled`].
@@ -132,7 +133,7 @@ pub fn encode(app: &App, ready: &Ready, asked: Asked) -> Result<Vec<Coded>, Serv
     let control_points = asked.control_points(app, ready, correspondence)?;
     let length = ready.setup.metric.len();
     let context = app.pool.context();
-    // What is wrong with any shape is found before the first one is coded.
+    // All shapes are checked before the first one is encoded.
     let mut prepared = Vec::with_capacity(control_points.len() / length);
     for (part, shapes) in control_points.chunks(TOGETHER * length).enumerate() {
         context.check()?;
@@ -156,10 +157,10 @@ pub fn encode(app: &App, ready: &Ready, asked: Asked) -> Result<Vec<Coded>, Serv
 }
 
 impl Coded {
-    /// For codes of moved atoms: how the atoms are moved in the pose of the shape.
+    /// Transformations of the atoms in the pose of the shape; `None` unless codes are invariant.
     ///
     /// # Errors
-    /// A shape whose normal form cannot be undone (it is degenerate).
+    /// A degenerate shape, whose normal form cannot be inverted.
     pub fn moves(&self, ready: &Ready) -> Result<Option<Moves>, ServiceError> {
         let Model::Sparse { algebra, .. } = &ready.model else { return Ok(None) };
         if !ready.is_invariant() {
@@ -171,7 +172,7 @@ impl Coded {
         Ok(Some(Moves { matrices, offset }))
     }
 
-    /// Coefficients, one an atom in use: for moved atoms the norms `‖D_j B_jᵀ‖`, which do not depend on the pose.
+    /// Coefficients, one per atom in use; for invariant codes the norms `‖D_j B_jᵀ‖`, which do not depend on the pose.
     pub fn magnitudes(&self, ready: &Ready) -> Vec<f64> {
         match &ready.model {
             Model::Sparse { algebra, .. } if ready.is_invariant() => {
@@ -184,38 +185,38 @@ impl Coded {
 }
 
 impl Ready {
-    /// Whether atoms are moved by members of the class.
+    /// Whether codes are invariant: atoms are transformed by members of the class.
     pub fn is_invariant(&self) -> bool {
         matches!(self.preparation.pose, crate::analysis::dictionary::preparation::Pose::Invariant(_))
     }
 }
 
-/// In which pose reconstructions are answered.
+/// Pose of reconstructions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum AnswerPose {
-    /// That of the shape.
+    /// Pose of the shape.
     #[default]
     Input,
-    /// That of the dictionary: aligned, normalised.
+    /// Pose of the dictionary: aligned, normalised.
     Model,
 }
 
 /// A reconstructed shape.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Reconstruction {
-    /// `d·N` coordinate-major control points.
+    /// Control points, `d·N` coordinate-major numbers.
     pub control_points: Vec<f64>,
-    /// `‖y − ŷ‖²/(‖y‖‖ŷ‖)` in the pose of the dictionary; for shapes.
+    /// Relative error `‖y − ŷ‖²/(‖y‖‖ŷ‖)` in the pose of the dictionary; only for shapes.
     pub relative_error: Option<f64>,
-    /// Distance between shape and reconstruction at equally spaced parameters; for shapes.
+    /// Distances between shape and reconstruction at equally spaced parameters; only for shapes.
     pub residual: Vec<f64>,
 }
 
 /// Reconstructs shapes from their codes, with the distances at `samples` parameters.
 ///
 /// # Errors
-/// Faults of the shapes; degenerate shapes, and such that the alignment flattens.
+/// Faults of the shapes; degenerate shapes, including those that the alignment makes degenerate.
 pub fn reconstruct_shapes(
     app: &App,
     ready: &Ready,
@@ -235,7 +236,7 @@ pub fn reconstruct_shapes(
     coded.iter().enumerate().map(reconstruct).collect()
 }
 
-/// A shape and its reconstruction `y`, both in the pose that is asked for.
+/// A shape and its reconstruction `y`, both in the requested pose.
 fn posed(
     ready: &Ready,
     coded: &Coded,
@@ -254,7 +255,7 @@ fn posed(
 /// Distances between a shape and its reconstruction `y` in the pose of the shape, at `samples` parameters.
 ///
 /// # Errors
-/// A shape that the alignment flattens.
+/// A shape that the alignment makes degenerate.
 pub(crate) fn residual(
     ready: &Ready,
     coded: &Coded,
@@ -265,7 +266,7 @@ pub(crate) fn residual(
     Ok(distances(ready, &shape, &answer, samples))
 }
 
-/// That the distances asked for are not too many.
+/// Checks the total number of requested distances.
 pub(crate) fn check_samples(app: &App, samples: usize, shapes: usize) -> Result<(), ServiceError> {
     let (total, most) = (samples.saturating_mul(shapes), app.limits.samples);
     if total > most {
@@ -275,7 +276,7 @@ pub(crate) fn check_samples(app: &App, samples: usize, shapes: usize) -> Result<
     Ok(())
 }
 
-/// `r ← M r + b`, point by point.
+/// Transforms each point: `r ← M r + b`.
 fn transform(control_points: &mut [f64], matrix: &Matrix, offset: &[f64]) {
     let d = offset.len();
     let n = control_points.len() / d;
@@ -287,8 +288,8 @@ fn transform(control_points: &mut [f64], matrix: &Matrix, offset: &[f64]) {
     }
 }
 
-/// `|r(u_i) − s(u_i)|` at `u_i = i/samples` of closed curves, `i/(samples − 1)` of open ones; of landmarks and at the knots of
-/// surfaces at every one.
+/// Distances `|r(u_i) − s(u_i)|` at `u_i = i/samples` of closed curves and `i/(samples − 1)` of open ones; at every
+/// point of landmarks, and at all knots of surfaces.
 fn distances(ready: &Ready, r: &[f64], s: &[f64], samples: usize) -> Vec<f64> {
     let (metric, difference) = (&ready.setup.metric, r.iter().zip(s).map(|(r, s)| r - s));
     let difference = Matrix::from_iterator(metric.size(), metric.dimension(), difference);
@@ -301,30 +302,30 @@ fn distances(ready: &Ready, r: &[f64], s: &[f64], samples: usize) -> Vec<f64> {
     points.row_iter().map(|row| row.norm()).collect()
 }
 
-/// A code that a client posts.
+/// A code of a shape.
 #[derive(Debug, Clone, PartialEq, serde::Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PostedCode {
-    /// Atoms in use, from 0.
+    /// Indices of the atoms in use, from 0.
     pub indices: Vec<usize>,
-    /// Their coefficients; not with `matrices`.
+    /// Coefficients, one per index. Excludes `matrices`.
     #[serde(default)]
     pub values: Option<Vec<f64>>,
-    /// Their matrices, row by row, for invariant codes.
+    /// Matrices of the atoms, row by row, one per index; for invariant codes.
     #[serde(default)]
     pub matrices: Option<Vec<Vec<Vec<f64>>>>,
-    /// What is added, for invariant codes; nothing unless given.
+    /// Translation of the result, for invariant codes. Default: zero.
     #[serde(default)]
     pub offset: Option<Vec<f64>>,
 }
 
-/// Largest number in a posted code.
+/// Maximum absolute value of a number in a posted code.
 const MOST: f64 = 1e100;
 
-/// Reconstructs shapes from posted codes: in the pose of the dictionary, or where matrices and offset put them.
+/// Reconstructs shapes from posted codes: in the pose of the dictionary, or as given by matrices and offset.
 ///
 /// # Errors
-/// Everything that is wrong with the codes, at `/codes/{index}…`.
+/// All faults of the codes, at `/codes/{index}…`.
 pub fn reconstruct_codes(
     app: &App,
     ready: &Ready,
@@ -426,27 +427,27 @@ impl Ready {
     }
 }
 
-/// How a shape compares with those that were learnt from.
+/// Comparison of a shape with the training shapes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Score {
-    /// Scores; none for sparse dictionaries.
+    /// Scores; `None` for sparse dictionaries.
     pub scores: Option<Vec<f64>>,
     /// Squared Mahalanobis distance of the scores.
     pub t_squared: Option<f64>,
-    /// Part of the training shapes with a smaller or equal one when they were held out.
+    /// Fraction of the training shapes, held out if possible, with a smaller or equal distance.
     pub t_squared_rank: Option<f64>,
     /// Squared prediction error `‖y − ŷ‖²`.
     pub residual: f64,
-    /// Part of the training shapes with a smaller or equal one when they were held out.
+    /// Fraction of the training shapes, held out if possible, with a smaller or equal error.
     pub residual_rank: f64,
-    /// Whether the larger of the two is beyond the limit for both.
+    /// Whether the larger of the two measures exceeds their common limit.
     pub outlier: bool,
 }
 
-/// Scores shapes. Of shapes like those that were learnt from the part `1 − quantile` are called outliers.
+/// Scores shapes. Among shapes like those of the training, the fraction `1 − quantile` counts as outliers.
 ///
 /// # Errors
-/// Faults of the shapes, of the quantile; degenerate shapes.
+/// Faults of the shapes or of the quantile; degenerate shapes.
 pub fn score(app: &App, ready: &Ready, asked: Asked, quantile: f64) -> Result<Vec<Score>, ServiceError> {
     check_quantile(quantile)?;
     Ok(encode(app, ready, asked)?
@@ -455,7 +456,7 @@ pub fn score(app: &App, ready: &Ready, asked: Asked, quantile: f64) -> Result<Ve
         .collect())
 }
 
-/// That a training quantile can be one.
+/// Checks the range of a training quantile.
 pub(crate) fn check_quantile(quantile: f64) -> Result<(), ServiceError> {
     if (0.5..1.0).contains(&quantile) {
         return Ok(());
@@ -463,7 +464,7 @@ pub(crate) fn check_quantile(quantile: f64) -> Result<(), ServiceError> {
     Err(ServiceError::invalid("/quantile", format!("is {quantile}, must be at least 0.5 and below 1")))
 }
 
-/// The score of the prepared shape `y` with this code.
+/// Score of the prepared shape `y` with this code.
 pub(crate) fn score_of(ready: &Ready, y: &[f64], code: &SparseCode, quantile: f64) -> Score {
     let statistics = &ready.dictionary.content.statistics;
     let known = Known::of(statistics);
@@ -491,12 +492,12 @@ pub(crate) fn score_of(ready: &Ready, y: &[f64], code: &SparseCode, quantile: f6
     }
 }
 
-/// Both measures of the shapes that new ones are compared with, ascending: held out when that was done, else as they
-/// were learnt from.
+/// Reference values of both measures, ascending: of held-out training shapes if available, otherwise of the training
+/// shapes themselves.
 pub(crate) struct Known<'a> {
-    /// `T²`; empty for sparse dictionaries.
+    /// Distances `T²`; empty for sparse dictionaries.
     pub(crate) t_squared: &'a [f64],
-    /// `‖y − ŷ‖²`.
+    /// Squared prediction errors `‖y − ŷ‖²`.
     pub(crate) residuals: &'a [f64],
 }
 
@@ -520,7 +521,7 @@ fn novelty_of(held_out: &HeldOutStatistics) -> Novelty {
     }
 }
 
-/// What a client should know about the outliers that a dictionary tells.
+/// Caveats about the outliers that a dictionary reports.
 pub fn outlier_warnings(ready: &Ready) -> Vec<String> {
     match ready.dictionary.content.statistics.held_out {
         Some(_) => Vec::new(),
@@ -532,12 +533,12 @@ const IN_SAMPLE: &str = "this dictionary has no measures of shapes that were hel
                          shapes it was learnt from, which it describes better than new ones, so that more of these are \
                          called outliers than the quantile says; learn it anew";
 
-/// Part of the ascending `values` that are at most `value`.
+/// Fraction of the ascending `values` that are at most `value`.
 pub(crate) fn rank(values: &[f64], value: f64) -> f64 {
     values.partition_point(|known| *known <= value) as f64 / values.len().max(1) as f64
 }
 
-/// The quantile of ascending values, linear between them.
+/// Quantile of ascending values, with linear interpolation.
 pub(crate) fn value_at(values: &[f64], quantile: f64) -> f64 {
     let Some(last) = values.len().checked_sub(1) else { return f64::INFINITY };
     let place = quantile * last as f64;
@@ -546,7 +547,7 @@ pub(crate) fn value_at(values: &[f64], quantile: f64) -> f64 {
     values[below] + (place - below as f64) * (values[above] - values[below])
 }
 
-/// What a prior compares shapes with.
+/// Reference of a shape prior.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Reference {
@@ -557,7 +558,7 @@ pub enum Reference {
     Atoms,
 }
 
-/// Energy and gradient of the shape prior at shapes. Points correspond as they stand: no start point is searched.
+/// Energy and gradient of the shape prior. Points correspond as given: no start point is searched.
 ///
 /// # Errors
 /// Faults of the shapes and of `gamma`; a dictionary whose class is not linear.
@@ -599,16 +600,17 @@ pub fn prior(
     shapes.map(|shape| context.check().map(|()| prior.energy(shape))).collect()
 }
 
-/// A drawn shape.
+/// A random shape.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sample {
-    /// Its scores.
+    /// Scores of the shape.
     pub scores: Vec<f64>,
-    /// `d·N` coordinate-major control points, in the pose of the dictionary.
+    /// Control points, `d·N` coordinate-major numbers in the pose of the dictionary.
     pub control_points: Vec<f64>,
 }
 
-/// Draws shapes from the normal distribution of the training scores, scaled by `sigma`: the same ones for the same seed.
+/// Draws shapes from the normal distribution of the training scores, scaled by `sigma`; the same seed gives the same
+/// shapes.
 ///
 /// # Errors
 /// A sparse dictionary; a count or sigma out of bounds.
@@ -647,5 +649,5 @@ pub fn sample(
     (0..count).map(|_| context.check().map(|()| draw())).collect()
 }
 
-/// Largest scale of a sample.
+/// Maximum `sigma`.
 const MOST_SIGMA: f64 = 1e6;

@@ -1,9 +1,9 @@
-//! Passes over a stored cohort that the workers of all processes share.
+//! Passes over a stored cohort that are distributed to the workers of all replicas.
 //!
-//! The job that learns cuts a pass into parts of [`PART`] shapes, makes them one after the other, and merges their
-//! results in the order of the parts. Meanwhile every idle worker of every process on the same database takes parts
-//! too. Who makes a part does not show in its result, so that the bits are those of one process alone; a part whose
-//! worker is gone is made again.
+//! The learning job divides a pass into parts of [`PART`] shapes, computes them one after the other, and merges their
+//! results in the order of the parts. At the same time, every idle worker of every process on the same database takes
+//! parts too. The result of a part does not depend on the worker, so that the bits are those of a single process. If a
+//! worker dies, its part is computed again.
 
 use std::sync::LazyLock;
 use std::time::Duration;
@@ -25,30 +25,30 @@ use crate::service::cohorts::source::{Distribute, MakePart, StoredShapes, Work};
 use crate::service::statistics::Setup;
 use crate::store::{PartClaim, PartEnd, PassOf};
 
-/// Passes of fewer parts are over before anybody has heard of them.
+/// Below this many parts, distributing the work costs more than it saves.
 const FEWEST_PARTS: usize = 3;
 
-/// Most numbers of a shape: the result of a part can have their square, here 64 MiB.
+/// Maximum number of coordinates of a shape: the result of a part can contain their square, here 64 MiB.
 const MOST_NUMBERS: usize = 2896;
 
-/// How long a claim holds without a sign of life, in milliseconds.
+/// Duration of a lease without heartbeat, in milliseconds.
 const LEASE_MS: i64 = 30_000;
 
-/// Time between two looks for results when there is nothing left to do but wait for them.
+/// Polling interval for results when no other work is left.
 const WAIT: Duration = Duration::from_millis(20);
 
-/// All that another process has to know of a pass; it looks at nothing else but the stored shapes of that revision.
+/// Complete description of a pass for other processes, which otherwise read only the stored shapes of that revision.
 #[derive(Debug, Serialize, Deserialize)]
 struct Description {
     plan: Plan,
-    /// Shapes up to this revision are left out.
+    /// Shapes added up to this revision are excluded.
     since: u64,
-    /// Number of the shapes.
+    /// Number of shapes.
     shapes: usize,
     work: Work,
 }
 
-/// The job in whose name passes are made.
+/// The job whose passes are distributed.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Spreading<'a> {
     pub(crate) app: &'a App,
@@ -92,13 +92,13 @@ impl Distribute for Spreading<'_> {
     }
 }
 
-/// Processes that agree in this give the same bits.
+/// Identifies the arithmetic: processes with the same value compute the same bits.
 fn arithmetic() -> &'static str {
     static ARITHMETIC: LazyLock<String> = LazyLock::new(|| format!("{} {}", program(), fingerprint()));
     &ARITHMETIC
 }
 
-/// A pass, as its owner sees it.
+/// A pass as seen by its owner.
 struct OwnPass<'a> {
     app: &'a App,
     handle: &'a Handle,
@@ -108,11 +108,11 @@ struct OwnPass<'a> {
 }
 
 impl OwnPass<'_> {
-    /// Makes what nobody else makes, and merges; how many parts were made here.
+    /// Computes the parts that no other worker takes, and merges all; returns the number of parts computed here.
     fn make(&self, make: &MakePart<'_>, merge: &mut MergePart<'_>) -> Result<usize, ServiceError> {
         let Self { app, handle, pass, .. } = *self;
         let (mut next, mut own) = (0, 0);
-        // The first part that is bad decides, not the one that is found first.
+        // The failed part with the lowest position determines the error, not the one that fails first.
         let mut failed: Option<(usize, ServiceError)> = None;
         while next < self.parts {
             self.shapes.check()?;
@@ -152,7 +152,7 @@ impl OwnPass<'_> {
     }
 }
 
-/// A part of the pass of another process, claimed by this one.
+/// A part of another job's pass, claimed by this process.
 #[derive(Debug, Clone)]
 pub struct Help {
     claim: PartClaim,
@@ -160,7 +160,7 @@ pub struct Help {
     context: JobContext,
 }
 
-/// The next part that wants to be made, if there is one.
+/// Claims the next open part, if there is one.
 ///
 /// # Errors
 /// A failure of the store.
@@ -179,17 +179,17 @@ impl Help {
         &self.of.job
     }
 
-    /// Whose job it is.
+    /// Tenant of the job.
     pub fn tenant(&self) -> &str {
         &self.of.tenant
     }
 
-    /// Says when the work shall stop.
+    /// Context that tells the work to stop.
     pub fn context(&self) -> &JobContext {
         &self.context
     }
 
-    /// A sign of life; the work is asked to stop when it is not wanted any more.
+    /// Sends a heartbeat; the work is asked to stop if its result is no longer needed.
     ///
     /// # Errors
     /// A failure of the store; the claim may still hold.
@@ -200,10 +200,10 @@ impl Help {
         Ok(())
     }
 
-    /// Makes the part, on a compute thread.
+    /// Computes the part on a compute thread.
     ///
     /// # Errors
-    /// Whatever keeps it from being made; [`ServiceError::Cancelled`].
+    /// The reason why it cannot be computed; [`ServiceError::Cancelled`].
     pub fn run(&self, app: &App, handle: &Handle) -> Result<Vec<u8>, ServiceError> {
         let Description { plan, since, shapes, work } = serde_json::from_str(&self.of.description)
             .map_err(|error| ServiceError::Internal(format!("the description of a pass: {error}")))?;
@@ -221,8 +221,8 @@ impl Help {
         }
     }
 
-    /// Hands the result over. What was interrupted is for whoever is free; what failed is left to the owner of the pass, who
-    /// finds the same error when there is one.
+    /// Delivers the result. Interrupted parts return to the queue. Failed parts are retried by the owner of the pass,
+    /// which reports the error if it is reproducible.
     pub async fn settle(self, app: &App, outcome: Result<Vec<u8>, ServiceError>) {
         let (job, part) = (&self.of.job, self.claim.part);
         let end = match &outcome {
@@ -238,7 +238,7 @@ impl Help {
                 tracing::info!(job, part, "a part of a pass was made for its owner")
             }
             Ok(_) => {}
-            // The lease ends, and somebody else makes it.
+            // The lease expires, and another worker computes the part.
             Err(error) => tracing::warn!(job, part, %error, "a part of a pass could not be handed over"),
         }
     }
@@ -249,6 +249,6 @@ impl Watch for Help {
         self.context.is_cancelled()
     }
 
-    /// Codes have no epochs.
+    /// Encoding has no epochs.
     fn epoch(&self, _: usize, _: f64) {}
 }

@@ -1,4 +1,4 @@
-//! How the shapes that came since a dictionary was learnt differ from those it was learnt from.
+//! Drift: differences between shapes added since a dictionary was learnt and its training shapes.
 
 use tokio::runtime::Handle;
 
@@ -17,10 +17,10 @@ use crate::service::app::{App, ServiceError};
 use crate::service::cohorts::source::StoredShapes;
 use crate::store::Revisions;
 
-/// From where on shapes count as new.
+/// Start of the new shapes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Since {
-    /// The revision that the dictionary was learnt from.
+    /// The revision from which the dictionary was learnt.
     Training,
     /// Shapes added after this revision of the cohort.
     Revision(u64),
@@ -28,81 +28,82 @@ pub enum Since {
     Time(i64),
 }
 
-/// A measure of the new shapes beside the same of the training shapes.
+/// Distribution of a measure over the new shapes, compared with the training shapes.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, utoipa::ToSchema)]
 pub struct MeasureDrift {
     /// Quantiles of the training shapes: 10 %, 50 %, 90 %, 99 %.
     pub training: [f64; 4],
     /// The same quantiles of the new shapes.
     pub new: [f64; 4],
-    /// Largest difference of the two distribution functions (Kolmogorov and Smirnov).
+    /// Largest difference between the two distribution functions (Kolmogorov–Smirnov statistic).
     pub largest_difference: f64,
 }
 
-/// Scores of a component.
+/// Drift of the scores of one component.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, utoipa::ToSchema)]
 pub struct ScoreDrift {
-    /// The component, from 1.
+    /// Number of the component, counted from 1.
     pub component: usize,
-    /// Mean score of the new shapes less that of the training shapes, in standard deviations of the training scores.
+    /// Mean score of the new shapes minus that of the training shapes, in standard deviations of the training scores.
     pub shift: f64,
-    /// Standard deviation of the new scores over that of the training scores.
+    /// Standard deviation of the new scores divided by that of the training scores.
     pub spread: f64,
 }
 
-/// The mean of the new shapes beside the mean of the dictionary.
+/// Drift of the mean shape: the mean of the new shapes compared with the mean of the dictionary.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, utoipa::ToSchema)]
 pub struct MeanDrift {
-    /// Angle between the two under the class, in degrees; of closed curves whose start points are searched the least over
-    /// all starts, also between control points.
+    /// Angle between the two means under the class, in degrees. For closed curves whose start points are searched, the
+    /// minimum over all starts, including those between control points.
     pub angle_deg: f64,
-    /// Root mean square of the angle to be expected when nothing has changed, from the two numbers of shapes and the spread of the training
-    /// shapes. Where start points, directions or mirror images are searched it comes from means of halves of the training
-    /// shapes, each with a search of its own. Null for sparse dictionaries without a search.
+    /// Root mean square of the angle expected without any change, in degrees, from the two numbers of shapes and the
+    /// spread of the training shapes. If start points, directions or mirror images are searched, it is estimated from
+    /// the means of halves of the training shapes, each with its own search. Null for sparse dictionaries without a
+    /// search.
     pub expected_deg: Option<f64>,
 }
 
-/// A class among training and new shapes.
+/// Frequency of a class among training and new shapes.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, utoipa::ToSchema)]
 pub struct ClassDrift {
-    /// Its name.
+    /// Name of the class.
     pub label: String,
-    /// Part of the training shapes that are of it.
+    /// Fraction of the training shapes that belong to the class.
     pub training: f64,
-    /// Part of the new shapes that are said to be of it.
+    /// Fraction of the new shapes that are assigned to the class.
     pub new: f64,
 }
 
-/// What has changed.
+/// Drift since a dictionary was learnt.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Drift {
     /// Id of the cohort.
     pub cohort: String,
-    /// Shapes after this revision are new; for a time the revision before it.
+    /// Shapes added after this revision are new; for a time, the revision before it.
     pub since: u64,
-    /// Revision up to which they were looked at.
+    /// Last revision considered.
     pub until: u64,
-    /// New shapes.
+    /// Number of new shapes.
     pub shapes: usize,
-    /// Those beyond the training quantile.
+    /// Number of new shapes beyond the training quantile.
     pub outliers: usize,
-    /// Squared Mahalanobis distances; none for sparse dictionaries or without new shapes.
+    /// Squared Mahalanobis distances; `None` for sparse dictionaries or without new shapes.
     pub t_squared: Option<MeasureDrift>,
-    /// Squared prediction errors; none without new shapes.
+    /// Squared prediction errors; `None` without new shapes.
     pub residuals: Option<MeasureDrift>,
-    /// Scores; none for sparse dictionaries or without two new shapes.
+    /// Scores; `None` for sparse dictionaries or with fewer than two new shapes.
     pub scores: Option<Vec<ScoreDrift>>,
-    /// The mean; none without two new shapes.
+    /// Mean shape; `None` with fewer than two new shapes.
     pub mean: Option<MeanDrift>,
-    /// Classes; none without a classifier or new shapes.
+    /// Classes; `None` without a classifier or without new shapes.
     pub classes: Option<Vec<ClassDrift>>,
 }
 
-/// Compares the shapes of the cohort of a dictionary that came since then, and pass its filter, with those it was learnt
-/// from. Cost: as coding the new shapes, and their mean.
+/// Compares the training shapes of a dictionary with shapes of its cohort that were added since then and pass its
+/// filter. Cost: encoding the new shapes, and computing their mean.
 ///
 /// # Errors
-/// A cohort that was deleted; a revision that is not there yet; degenerate shapes, by name.
+/// A cohort that was deleted; a future revision; degenerate shapes, by name.
 pub async fn drift(
     app: &App,
     ready: std::sync::Arc<Ready>,
@@ -246,14 +247,14 @@ fn score_drift(ready: &Ready, sums: &Sums) -> Option<Vec<ScoreDrift>> {
         let deviation = spread.covariance[(i, i)].sqrt();
         let mean = sums.first[i] / n;
         let variance = (sums.second[i] - n * mean * mean).max(0.0) / (n - 1.0).max(1.0);
-        // Scores that did not vary cannot be a measure.
+        // Scores without variation cannot serve as a unit.
         let over = |value: f64| if deviation > 0.0 { value / deviation } else { 0.0 };
         ScoreDrift { component: i + 1, shift: over(mean), spread: over(variance.sqrt()) }
     };
     Some((0..spread.mean.len()).map(of_component).collect())
 }
 
-/// The angle between the mean of the new shapes and the mean of the dictionary.
+/// Angle between the mean of the new shapes and the mean of the dictionary.
 fn mean_drift(
     known: &KnownShapes<'_>,
     ready: &Ready,
@@ -271,7 +272,7 @@ fn mean_drift(
     Ok(MeanDrift { angle_deg, expected_deg: by_search.or_else(|| expected_by_spread(ready, counts)) })
 }
 
-/// From the spread of the training shapes about their mean: what holds when nothing is searched.
+/// Expected angle from the spread of the training shapes about their mean; valid if nothing is searched.
 fn expected_by_spread(ready: &Ready, counts: [usize; 2]) -> Option<f64> {
     let statistics = &ready.dictionary.content.statistics;
     let Model::Components { pca, .. } = &ready.model else { return None };
@@ -282,10 +283,10 @@ fn expected_by_spread(ready: &Ready, counts: [usize; 2]) -> Option<f64> {
     Some((variance * numbers).sqrt().atan().to_degrees())
 }
 
-/// Training shapes that are halved at the most: what their means spread by does not depend on their number.
+/// Maximum number of training shapes that are halved: the spread of their means does not depend on their number.
 const MOST_HALVED: usize = 400;
 
-/// The shapes that a dictionary was learnt from, as far as they are still there.
+/// Training shapes of a dictionary, as far as they still exist.
 struct KnownShapes<'a> {
     app: &'a App,
     handle: &'a Handle,
@@ -293,7 +294,7 @@ struct KnownShapes<'a> {
 }
 
 impl KnownShapes<'_> {
-    /// The expected angle between means that each search start points of their own; none when too few training shapes are
+    /// Expected angle between means that each search their own start points; `None` if too few training shapes are
     /// left.
     fn expected_by_halves(&self, ready: &Ready, counts: [usize; 2]) -> Result<Option<f64>, ServiceError> {
         let context = self.app.pool.context();
@@ -309,7 +310,7 @@ impl KnownShapes<'_> {
         let angle = mean_angle::expected(&ready.preparation, ready.setup.frame, &some, counts, &stop);
         match angle {
             Err(AnalysisError::Interrupted) => Err(ServiceError::Cancelled),
-            // A half may be degenerate where the whole is not: nothing is said then.
+            // A half can be degenerate although the whole is not: no angle is reported then.
             other => Ok(other.ok().map(f64::to_degrees)),
         }
     }

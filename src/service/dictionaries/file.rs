@@ -16,15 +16,15 @@ use crate::service::app::{App, Fault, Limits, ServiceError, now_ms};
 
 /// Name of the file format.
 const FORMAT: &str = "shapelex-dictionary";
-/// Its versions: the second has measures of shapes that were held out.
+/// Versions of the format: the second adds measures of held-out shapes.
 const FORMAT_VERSIONS: [u32; 2] = [1, 2];
 
-/// The first version that can hold `content`: a file that is read and written again stays what it was.
+/// Lowest version that can represent `content`, so that a file stays the same when it is imported and exported again.
 fn format_version(content: &Content) -> u32 {
     if content.statistics.held_out.is_some() { 2 } else { 1 }
 }
 
-/// A dictionary as one file: JSON, described in `docs/dictionaries.md`.
+/// A dictionary as a single file in JSON, described in `docs/dictionaries.md`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
 #[schema(example = json!({
@@ -97,23 +97,23 @@ fn format_version(content: &Content) -> u32 {
     }
 }))]
 pub struct DictionaryFile {
-    /// `shapelex-dictionary`.
+    /// Name of the format: `shapelex-dictionary`.
     pub format: String,
-    /// 1, or 2 with measures of shapes that were held out.
+    /// Version of the format: 1, or 2 with measures of held-out shapes.
     pub format_version: u32,
-    /// Name under which it was learnt.
+    /// Name under which the dictionary was learnt.
     pub name: String,
-    /// blake3 of the content as compact JSON in the order of this document.
+    /// BLAKE3 digest of `content` as compact JSON, with its fields in the order of this document.
     pub digest: String,
-    /// From what it was learnt.
+    /// Origin of the dictionary: cohort, revision, filter and program.
     #[schema(value_type = Object)]
     pub provenance: Provenance,
-    /// What was learnt.
+    /// The learnt content.
     pub content: Content,
 }
 
 impl DictionaryFile {
-    /// The file of a stored version.
+    /// File of a stored version.
     pub fn new(ready: &Ready) -> Self {
         let dictionary = &ready.dictionary;
         Self {
@@ -127,11 +127,11 @@ impl DictionaryFile {
     }
 }
 
-/// Stores a file as the next version of its name, or of another one.
+/// Stores a file as the next version of its name, or of another name.
 ///
 /// # Errors
-/// A file of another format, one that was changed, or whose parts do not fit together; [`ServiceError::Forbidden`] to who
-/// is limited to cohorts, which a file may claim to be from.
+/// A file of another format, one that was modified, or one with inconsistent parts; [`ServiceError::Forbidden`] for
+/// keys limited to cohorts, because a file may claim to come from any of them.
 pub async fn import(
     app: &App,
     file: DictionaryFile,
@@ -194,7 +194,7 @@ fn checked_file(
     })
 }
 
-/// What does not fit together in a file: sizes, and numbers that learning never makes.
+/// Inconsistencies in a file: wrong sizes, and values that learning never produces.
 fn content_faults(content: &Content, limits: &Limits) -> Vec<Fault> {
     let mut faults: Vec<Fault> = method_faults(&content.method, limits)
         .into_iter()
@@ -263,7 +263,7 @@ fn content_faults(content: &Content, limits: &Limits) -> Vec<Fault> {
     faults
 }
 
-/// What does not fit together in the measures of shapes that were held out.
+/// Inconsistencies in the measures of held-out shapes.
 fn held_out_faults(content: &Content) -> Vec<Fault> {
     let Some(held_out) = &content.statistics.held_out else { return Vec::new() };
     let mut faults = Vec::new();
@@ -301,17 +301,17 @@ fn held_out_faults(content: &Content) -> Vec<Fault> {
 /// Largest number in a shape or a statistic of a file: its square is finite.
 const MOST_NUMBER: f64 = 1e100;
 
-/// Rounding of products of atoms in a file; of learnt ones it is near 1e-15.
+/// Tolerance for products of atoms in a file; for learnt atoms the deviation is about 1e-15.
 const ORTHONORMAL: f64 = 1e-6;
 
-/// What no shape can be compared with: a mean without extent, atoms that are not of unit norm or, of components and of
-/// atoms that are moved, not orthogonal.
+/// Faults that make comparisons impossible: a mean without extent, and atoms that are not of unit norm or not
+/// orthogonal where they must be (components, and the blocks of invariant codes).
 fn norm_faults(mean: &[f64], model: &Model) -> Vec<Fault> {
     let mut faults = Vec::new();
     if !(norm(mean) > 0.0) {
         faults.push(Fault::new("/content/mean/control_points", "has no extent"));
     }
-    // Components are orthogonal to each other, atoms to themselves when they are moved.
+    // Components are mutually orthogonal; the atoms of invariant codes have orthogonal blocks.
     let (columns, block, group) = match model {
         Model::Components { pca, .. } => (&pca.eigenshapes, 1, pca.eigenshapes.ncols()),
         Model::Sparse { atoms, .. } => (atoms.matrix(), atoms.block(), atoms.block()),

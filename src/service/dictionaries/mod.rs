@@ -1,11 +1,12 @@
-//! Dictionaries: learnt, stored, and used.
+//! Dictionaries: learning, storage and use.
 //!
-//! * [`planning`] — what learning was asked for is checked and becomes a [`plan`]; list, find and delete;
-//! * [`learning`] — the job that learns; [`validation`] — its classifier, validated; [`distributed`] — its passes, shared with idle workers;
+//! * [`planning`] — checks a request to learn and makes a [`plan`] of it; list, find and delete;
+//! * [`learning`] — the job that learns; [`validation`] — validation of its classifier; [`distributed`] — its passes,
+//!   distributed to idle workers;
 //! * [`class_labels`] — classes and subjects of the shapes of a cohort;
-//! * [`ready`] — a stored dictionary prepared for use, cached; [`file`](mod@file) — export and import;
-//! * [`coding`] — codes, reconstructions, scores; [`classify`] — classes; [`modes`] — drawn components; [`drift`] — new shapes beside the
-//!   learnt ones.
+//! * [`ready`] — stored dictionaries prepared for use, cached; [`file`](mod@file) — export and import;
+//! * [`coding`] — codes, reconstructions, scores; [`classify`] — classes; [`modes`] — drawings of components; [`drift`]
+//!   — new shapes compared with the training shapes.
 
 pub mod class_labels;
 mod classifier_record;

@@ -1,4 +1,4 @@
-//! Pictures and modes of dictionaries.
+//! Drawings of atoms, and modes of components.
 
 use super::ready::Ready;
 use crate::analysis::dictionary::model::Model;
@@ -6,7 +6,7 @@ use crate::domain::dictionary::columns_of;
 use crate::geometry::drawing::svg::{self, Layer, colour};
 use crate::service::app::ServiceError;
 
-/// Picture of the atoms, each in its own frame on a common scale.
+/// Drawing of the atoms, each in its own frame on a common scale.
 pub fn draw_atoms(ready: &Ready) -> String {
     let (content, setup) = (&ready.dictionary.content, &ready.setup);
     let cells: Vec<(String, Vec<Layer>)> = content
@@ -26,10 +26,10 @@ pub fn draw_atoms(ready: &Ready) -> String {
     svg::grid(&format!("atoms of {} version {}", ready.dictionary.name, ready.dictionary.version), &cells)
 }
 
-/// The mean and the two sides of a mode.
+/// The mean and both sides of a mode.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Mode {
-    /// `λ_i/Σλ`.
+    /// Explained fraction `λ_i/Σλ`.
     pub explained: f64,
     /// Standard deviation of the scores.
     pub deviation: f64,
@@ -37,7 +37,7 @@ pub struct Mode {
     pub shapes: [Vec<f64>; 3],
 }
 
-/// The mode `component` (from 1): `ȳ ± sigma·√C_ii ξ_i`.
+/// The mode of `component` (from 1): `ȳ ± sigma·√C_ii ξ_i`.
 ///
 /// # Errors
 /// A component that does not exist, a sparse dictionary, a sigma out of bounds.
@@ -64,10 +64,10 @@ pub fn mode(ready: &Ready, component: usize, sigma: f64) -> Result<Mode, Service
     Ok(Mode { explained: pca.explained[i], deviation, shapes })
 }
 
-/// Largest step along a mode, in standard deviations.
+/// Maximum step along a mode, in standard deviations.
 const MOST_SIGMA: f64 = 1e6;
 
-/// Picture of a mode.
+/// Drawing of a mode.
 pub fn draw_mode(ready: &Ready, component: usize, sigma: f64, mode: &Mode) -> String {
     let layer = |shape: &[f64], colour, width| Layer::of(&ready.setup.space, [shape], colour, width, 1.0);
     let [minus, mean, plus] = &mode.shapes;

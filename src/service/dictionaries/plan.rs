@@ -1,4 +1,4 @@
-//! What is to be learnt.
+//! Plan of a dictionary, as stored with its job.
 
 use serde::{Deserialize, Serialize};
 use tokio::runtime::Handle;
@@ -14,41 +14,41 @@ use crate::domain::shape::ShapeFilter;
 use crate::service::app::{App, ServiceError};
 use crate::service::statistics::Settings;
 
-/// What is to be learnt.
+/// Checked parameters of learning.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Plan {
     /// Name of the dictionary.
     pub name: String,
     /// Id of the cohort.
     pub cohort: String,
-    /// Its revision.
+    /// Revision of the cohort.
     pub revision: u64,
-    /// Which of its shapes.
+    /// Filter that selects the shapes.
     pub filter: ShapeFilter,
-    /// The class that is removed.
+    /// Transformations removed before comparison.
     pub transformation: Transformation,
     /// Projection on the class, or Procrustes fits.
     pub alignment: Alignment,
-    /// Which member of the mean space is the mean shape.
+    /// Frame: selects the representative of the mean space that is the mean shape.
     pub frame: Frame,
     /// Whether mirror images may be matched.
     pub mirror: Mirror,
     /// Components or sparse atoms.
     pub method: Method,
-    /// What tells classes apart.
+    /// Settings of the classifier, if one is wanted.
     #[serde(default)]
     pub classifier: Option<ClassifierSettings>,
-    /// Id of the version that learning goes on from.
+    /// Id of the version from which learning continues.
     pub continue_from: Option<String>,
 }
 
-/// The program and its version.
+/// Name and version of the program.
 pub fn program() -> String {
     concat!("shapelex ", env!("CARGO_PKG_VERSION")).into()
 }
 
 impl Plan {
-    /// The cohort as it was when the plan was made.
+    /// The cohort at the revision of the plan.
     pub(crate) fn cohort(&self, app: &App, handle: &Handle) -> Result<Cohort, ServiceError> {
         let cohort = handle.block_on(app.store.find_cohort(&self.cohort))?;
         let cohort =
@@ -56,7 +56,7 @@ impl Plan {
         Ok(Cohort { revision: self.revision, mirror: self.mirror, ..cohort })
     }
 
-    /// How the shapes of `cohort` are compared.
+    /// Settings for comparing the shapes of `cohort`.
     pub(crate) fn settings(&self, cohort: &Cohort) -> Settings {
         Settings {
             representation: cohort.representation.clone(),
@@ -70,6 +70,6 @@ impl Plan {
     }
 }
 
-/// Why a version cannot be continued.
+/// Reason why a version cannot be continued.
 pub(crate) const NO_STATE: &str = "has no sums to go on from (it was imported, or they are larger than 64 MiB): learn \
                                    anew from the whole cohort";

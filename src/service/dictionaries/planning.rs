@@ -1,4 +1,4 @@
-//! Dictionaries: plan and learn, list, delete.
+//! Planning, submission, listing and deletion of dictionaries.
 
 use std::sync::Arc;
 
@@ -25,54 +25,54 @@ use crate::service::jobs;
 use crate::service::statistics::Setup;
 use crate::store::{DictionaryFilter, Revisions};
 
-/// What a client asks to be learnt.
+/// Request to learn a dictionary.
 #[derive(Debug, Clone)]
 pub struct Learn {
-    /// Name of the dictionary; a name that exists gets a new version.
+    /// Name of the dictionary; an existing name gets a new version.
     pub name: String,
     /// Id or name of the cohort.
     pub cohort: String,
-    /// From the beginning, or onwards from a version.
+    /// Start of learning: from scratch, or from a version.
     pub from: From,
 }
 
-/// Where learning begins.
+/// Start of learning.
 #[derive(Debug, Clone)]
 pub enum From {
-    /// All parameters are given.
+    /// From scratch, with all parameters.
     Anew {
-        /// Which shapes.
+        /// Filter that selects the shapes.
         filter: ShapeFilter,
-        /// The class that is removed.
+        /// Transformations removed before comparison.
         transformation: Transformation,
         /// Projection on the class, or Procrustes fits.
         alignment: Alignment,
-        /// Which member of the mean space is the mean shape.
+        /// Frame: selects the representative of the mean space that is the mean shape.
         frame: Frame,
-        /// Whether mirror images may be matched; the rule of the cohort unless given.
+        /// Whether mirror images may be matched. Default: the rule of the cohort.
         mirror: Option<Mirror>,
         /// Components or sparse atoms.
         method: Method,
-        /// What tells classes apart.
+        /// Settings of the classifier, if one is wanted.
         classifier: Option<Box<ClassifierSettings>>,
     },
-    /// With the parameters, the mean and the sums of the version with this key, and the shapes that came since.
+    /// From the parameters, the mean and the sums of the version with this key, with the shapes added since.
     Version(String),
 }
 
-/// A plan that can be carried out, and its cost.
+/// A plan that is ready to run, with its cost.
 #[derive(Debug)]
 pub struct Planned {
     /// The plan.
     pub plan: Plan,
-    /// Its cost.
+    /// Predicted cost.
     pub estimate: Estimate,
 }
 
-/// Checks what is asked for, as far as that can be told before it runs.
+/// Checks a request as far as possible before it runs, and plans it.
 ///
 /// # Errors
-/// Everything that is wrong with it; too few shapes; a cohort or version that does not exist.
+/// All faults of the request; too few shapes; a cohort or version that does not exist.
 pub async fn plan(app: &App, learn: Learn) -> Result<Planned, ServiceError> {
     let mut faults: Vec<Fault> = Vec::new();
     if let Some(problem) = name_problem(&learn.name, id::DICTIONARY) {
@@ -150,8 +150,8 @@ pub async fn plan(app: &App, learn: Learn) -> Result<Planned, ServiceError> {
         .await
 }
 
-/// Refuses a caller that is limited to cohorts a new version of what was learnt from another one: who asks for the name
-/// would get it.
+/// Refuses a caller limited to certain cohorts a name that a dictionary of another cohort uses: requests for the name
+/// would then return the new version.
 async fn check_name_is_open(app: &App, name: &str) -> Result<(), ServiceError> {
     if app.principal.cohorts.is_none() {
         return Ok(());
@@ -164,7 +164,7 @@ async fn check_name_is_open(app: &App, name: &str) -> Result<(), ServiceError> {
     Err(ServiceError::Forbidden(detail))
 }
 
-/// Checks that the shapes have classes that can be told apart, and that they fit into memory.
+/// Checks that the shapes have classes that can be distinguished.
 async fn check_classifier(
     app: &App,
     cohort: &Cohort,
@@ -177,7 +177,7 @@ async fn check_classifier(
     let length = cohort.representation.size() * cohort.representation.dimension();
     let mut faults = membership.faults(settings, &plan.method, length);
     let found = usize::try_from(shapes).unwrap_or(usize::MAX);
-    // The smallest part of the shapes that something is learnt from.
+    // Size of the smallest training set of the validation.
     let fewest = found - found.div_ceil(settings.folds);
     let fewest = if settings.kind == ClassifierKind::Best { fewest - fewest.div_ceil(2) } else { fewest };
     if let Method::Sparse { atoms, .. } = plan.method
@@ -192,7 +192,7 @@ async fn check_classifier(
     ServiceError::unless_empty(faults)
 }
 
-/// The plan that goes on from a version, and the revision whose shapes that has seen.
+/// Plan that continues a version, and the revision up to which that version has seen the shapes.
 async fn continued(app: &App, name: String, cohort: &Cohort, key: &str) -> Result<(Plan, u64), ServiceError> {
     let at = |detail: String| ServiceError::invalid("/continue_from", detail);
     let ready = ready::find(app, key).await?;
@@ -236,7 +236,7 @@ async fn continued(app: &App, name: String, cohort: &Cohort, key: &str) -> Resul
 fn check_count(plan: &Plan, since: u64, shapes: u64) -> Result<(), ServiceError> {
     let found = usize::try_from(shapes).unwrap_or(usize::MAX);
     if since > 0 {
-        // Sums are there already: one new shape is enough.
+        // The sums exist already: one new shape is enough.
         return if found > 0 { Ok(()) } else { Err(ServiceError::TooFewShapes { found, needed: 1 }) };
     }
     if found < FEWEST_SHAPES {
@@ -256,7 +256,7 @@ fn check_count(plan: &Plan, since: u64, shapes: u64) -> Result<(), ServiceError>
     }
 }
 
-/// What is wrong with the parameters whatever they are applied to.
+/// Faults of the parameters that do not depend on the shapes.
 pub(crate) fn method_faults(method: &Method, limits: &Limits) -> Vec<Fault> {
     let mut faults = Vec::new();
     let mut check = |ok: bool, field: &str, detail: String| {
@@ -310,20 +310,20 @@ pub(crate) fn method_faults(method: &Method, limits: &Limits) -> Vec<Fault> {
     faults
 }
 
-/// Stores the job that carries out a plan.
+/// Submits the job that carries out a plan.
 ///
 /// # Errors
-/// [`ServiceError::Unavailable`] when too many jobs wait.
+/// [`ServiceError::Unavailable`] if too many jobs wait.
 pub async fn submit(app: &App, plan: Plan, estimate: &Estimate) -> Result<Job, ServiceError> {
     let parameters = serde_json::to_value(&plan)
         .map_err(|error| ServiceError::Internal(format!("a plan is not JSON: {error}")))?;
     jobs::submit(app, JobKind::LearnDictionary, parameters, estimate.seconds).await
 }
 
-/// Versions in the order of their creation, after `cursor` (the id of the last one seen).
+/// Versions in order of creation, after `cursor` (the id of the last version of the previous page).
 ///
 /// # Errors
-/// A cursor that is not one; a cohort that does not exist.
+/// An invalid cursor; a failure of the store.
 pub async fn list(
     app: &App,
     name: Option<String>,
@@ -348,7 +348,7 @@ pub async fn list(
     Ok((items, next))
 }
 
-/// Deletes a version, or all versions of a name.
+/// Moves a version, or all versions of a name, to the trash.
 ///
 /// # Errors
 /// [`ServiceError::NotFound`].
@@ -376,5 +376,5 @@ pub async fn delete(app: &App, key: &str) -> Result<(), ServiceError> {
     if deleted { Ok(()) } else { Err(not_found()) }
 }
 
-/// Versions found at a time.
+/// Number of versions listed at a time.
 const PAGE: usize = 1000;

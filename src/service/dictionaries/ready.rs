@@ -1,4 +1,4 @@
-//! Dictionaries made ready for arithmetic, and kept ready.
+//! Dictionaries prepared for use, and cached.
 
 use std::sync::Arc;
 
@@ -18,18 +18,18 @@ use crate::service::app::{App, ServiceError};
 use crate::service::cost::requests::{self, Counts};
 use crate::service::statistics::{Settings, Setup};
 
-/// A dictionary ready for use.
+/// A dictionary prepared for use.
 #[derive(Debug)]
 pub struct Ready {
-    /// What is stored.
+    /// The stored dictionary.
     pub dictionary: Dictionary,
-    /// Its space, metric and class.
+    /// Space, metric and class.
     pub setup: Setup,
-    /// How shapes are prepared for it.
+    /// Preparation of shapes for the dictionary.
     pub preparation: Preparation,
     /// Atoms or components.
     pub model: Model,
-    /// What tells classes apart, when there is one.
+    /// Classifier, if there is one.
     pub classifier: Option<Classifier>,
 }
 
@@ -37,13 +37,14 @@ impl Cached for Ready {
     const NAME: &'static str = "dictionaries";
 
     fn bytes(&self) -> usize {
-        // Atoms as they are stored, whitened and in the model, and their products; the shapes of a classifier are no more.
+        // Atoms as stored, whitened and in the model, and their products; the shapes of a classifier need no more than
+        // that.
         let (length, atoms) = (self.setup.metric.len(), self.dictionary.content.atoms.len());
         8 * (6 * length * (atoms + 2) + atoms * atoms) + self.setup.space.bytes()
     }
 }
 
-/// The dictionary with this id, `name@version`, or name (the latest version), ready for use.
+/// Finds a dictionary by id, `name@version`, or name (the latest version), and prepares it for use.
 ///
 /// # Errors
 /// [`ServiceError::NotFound`].
@@ -72,7 +73,7 @@ pub async fn find(app: &App, key: &str) -> Result<Arc<Ready>, ServiceError> {
     Ok(ready)
 }
 
-/// The settings of a dictionary.
+/// Settings of a dictionary.
 pub fn settings(content: &Content) -> Settings {
     Settings {
         representation: content.representation.clone(),
@@ -85,10 +86,10 @@ pub fn settings(content: &Content) -> Settings {
     }
 }
 
-/// Makes a content ready: training and use start from the same numbers, those that are stored.
+/// Prepares a content for use. Training and use start from the same stored numbers.
 ///
 /// # Errors
-/// [`ServiceError::Invalid`] when the parts do not fit together (an imported file).
+/// [`ServiceError::Invalid`] if the parts are inconsistent (in an imported file).
 pub fn prepare(app: &App, content: &Content) -> Result<(Setup, Preparation, Model), ServiceError> {
     let setup = Setup::new(app, &settings(content))?;
     let whitened = |rows: &[Row]| {
@@ -138,7 +139,7 @@ pub fn prepare(app: &App, content: &Content) -> Result<(Setup, Preparation, Mode
     Ok((setup, preparation, model))
 }
 
-/// The parameters of sparse learning.
+/// Parameters of sparse learning.
 ///
 /// # Errors
 /// [`ServiceError::Invalid`] for invariant codes under a class that is not closed.

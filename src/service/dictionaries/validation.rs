@@ -1,13 +1,13 @@
 //! Training and validation of the classifier of a dictionary.
 //!
-//! In every part of the cross-validation the mean shape, the alignment, the dictionary and the classifier are learnt
-//! anew from the other parts alone: what is classified has had no influence on anything. A choice by `best` is made
-//! within the training shapes, by a cross-validation of their own.
+//! In every fold of the cross-validation, the mean shape, the alignment, the dictionary and the classifier are learnt
+//! anew from the other folds alone, so that held-out shapes influence nothing. A choice by `best` is made within the
+//! training shapes, by an inner cross-validation.
 //!
-//! Such choices differ from part to part, and so do the units of what is chosen. Scores of a part are therefore turned
-//! into logarithms of probabilities, calibrated within the training shapes of that part, before those of different parts
-//! are put together. Confidences and limits of the classifier that is kept come from one more cross-validation, of the
-//! choice that was made on all shapes: of its scores and its distances alone.
+//! Such choices differ between folds, and so do the units of the chosen kinds. The scores of a fold are therefore
+//! converted to log probabilities, calibrated within the training shapes of that fold, before folds are combined.
+//! Confidences and limits of the final classifier come from one more cross-validation of the choice made on all shapes:
+//! from its own scores and distances.
 
 use rayon::prelude::*;
 
@@ -33,24 +33,25 @@ use crate::domain::classifier::{
 use crate::domain::dictionary::Content;
 use crate::service::app::{Fault, ServiceError};
 
-/// Components that `best` tries, as far as there are as many.
+/// Numbers of components that `best` tries, as far as available.
 const COMPONENTS: [usize; 8] = [5, 8, 10, 15, 20, 30, 40, 60];
 /// Poolings that `best` tries.
 const POOLINGS: [f64; 4] = [1.0, 0.5, 0.25, 0.0];
 /// Shrinkages that `best` tries.
 const SHRINKAGES: [Option<f64>; 4] = [None, Some(0.01), Some(0.1), Some(0.3)];
-/// Votes that `best` tries.
+/// Numbers of neighbours that `best` tries.
 const NEIGHBOURS: [usize; 4] = [1, 3, 5, 9];
-/// Candidates that are written down.
+/// Number of reported candidates.
 const REPORTED: usize = 10;
 
-/// Most probabilities that the candidates of one choice keep, 32 MB: of more, every second candidate is left out, or more.
+/// Maximum count of probabilities kept for the candidates of one choice, 32 MB; beyond it, only every second candidate
+/// is tried, or fewer.
 const MOST_TRIED: usize = 1 << 22;
 
-/// Says what to train on some shapes, by them and the number of the part.
+/// Chooses what to train, given the training shapes and the number of the fold.
 type Chooser<'a> = dyn Fn(&[usize], usize) -> Result<Choice, ServiceError> + Sync + 'a;
 
-/// What is trained: a kind, or several with the sharpness and weight of their probabilities, the heaviest first.
+/// A kind of classifier to train, or several with the sharpness and weight of their probabilities, the heaviest first.
 #[derive(Debug, Clone, PartialEq)]
 struct Choice {
     ballots: Vec<Ballot>,
@@ -64,7 +65,7 @@ struct Ballot {
 }
 
 impl Choice {
-    /// One kind, of its own scores.
+    /// A single kind with its own scores.
     fn of(kind: Kind) -> Self {
         Self { ballots: vec![Ballot { kind, sharpness: 1.0, weight: 1.0 }] }
     }
@@ -73,7 +74,7 @@ impl Choice {
         self.ballots[0].kind
     }
 
-    /// Turns scores of the kind that was chosen into logarithms of probabilities; those of several are that already.
+    /// Converts scores of a single kind to log probabilities; those of several kinds are log probabilities already.
     fn standardise(&self, evidence: &mut [Evidence]) {
         let [only] = self.ballots.as_slice() else { return };
         for evidence in evidence {
@@ -83,21 +84,21 @@ impl Choice {
     }
 }
 
-/// Whether scores stay in the units of what made them.
+/// Whether scores keep the units of their classifier.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Scores {
     AsTheyAre,
     Standardised,
 }
 
-/// A candidate on shapes that it was not trained on.
+/// Results of a candidate on shapes on which it was not trained.
 struct Trial {
     kind: Kind,
-    /// Shapes that it gets right.
+    /// Number of correctly classified shapes.
     right: usize,
-    /// `β` of its probabilities.
+    /// Sharpness `β` of its probabilities.
     sharpness: f64,
-    /// Probability of the true class of every shape.
+    /// Probability of the true class of each shape.
     likelihoods: Vec<f64>,
 }
 
@@ -118,25 +119,25 @@ impl Trial {
     }
 }
 
-/// Labelled shapes that a classifier is trained and validated on.
+/// Labelled shapes on which a classifier is trained and validated.
 pub(crate) struct Study<'a> {
-    /// How dictionaries are learnt.
+    /// Learning task of the dictionary.
     pub(crate) task: &'a Task<'a>,
-    /// Whitened shapes as given, centred when the class translates.
+    /// Whitened shapes as given, centred if the class translates.
     pub(crate) shapes: &'a ShapesInMemory,
-    /// Their classes and subjects.
+    /// Classes and subjects of the shapes.
     pub(crate) membership: &'a Membership,
-    /// What is asked for.
+    /// Settings of the classifier.
     pub(crate) settings: &'a ClassifierSettings,
 }
 
-/// A dictionary that was learnt from some of the shapes.
+/// A dictionary learnt from some of the shapes.
 struct Learnt {
     preparation: Preparation,
     model: Model,
 }
 
-/// Some of the shapes, as a dictionary describes them.
+/// Some of the shapes, as described by a dictionary.
 struct Described {
     shapes: ShapesInMemory,
     prepared: Vec<f64>,
@@ -152,10 +153,10 @@ impl Described {
 }
 
 impl Study<'_> {
-    /// Validates, then trains on all shapes in the dictionary of `content`. `report` hears of the part that is done.
+    /// Validates, then trains on all shapes in the dictionary of `content`. `report` receives the completed fraction.
     ///
     /// # Errors
-    /// Degenerate shapes by their position; covariances that cannot be inverted; [`ServiceError::Cancelled`].
+    /// Degenerate shapes by their position; singular covariances; [`ServiceError::Cancelled`].
     pub(crate) fn record(
         &self,
         content: &Content,
@@ -164,7 +165,7 @@ impl Study<'_> {
         let everything: Vec<usize> = (0..self.membership.classes.len()).collect();
         let seed = self.settings.seed;
         let choosing = self.kind().is_none();
-        // Of a choice the validation is the larger part by far.
+        // If there is a choice, the validation takes by far the larger part of the time.
         let first = if choosing { (1 + WITHIN) as f64 / (2 + WITHIN) as f64 } else { 1.0 };
         let choose = |inside: &[usize], number: usize| self.chosen(inside, seed.wrapping_add(number as u64));
         let held = self.cross_validate(
@@ -190,7 +191,7 @@ impl Study<'_> {
         Ok(ClassifierRecord { settings, classes, trained, sharpness, validation })
     }
 
-    /// The kind that is asked for, unless it is to be chosen.
+    /// The requested kind; `None` if it is to be chosen.
     fn kind(&self) -> Option<Kind> {
         let settings = self.settings;
         Some(match settings.kind {
@@ -209,7 +210,7 @@ impl Study<'_> {
         })
     }
 
-    /// What is trained on the shapes `chosen`; with the candidates when there was a choice.
+    /// Determines what to train on the shapes `chosen`, with the candidates if there was a choice.
     fn chosen(&self, chosen: &[usize], seed: u64) -> Result<(Choice, Option<Vec<Candidate>>), ServiceError> {
         match self.kind() {
             Some(kind) => Ok((Choice::of(kind), None)),
@@ -217,7 +218,7 @@ impl Study<'_> {
         }
     }
 
-    /// Every shape, classified once a repeat by what was learnt without it; `choose` says what to train.
+    /// Classifies each shape once per repeat with a classifier learnt without it; `choose` determines what to train.
     fn cross_validate(
         &self,
         choose: &Chooser<'_>,
@@ -253,15 +254,16 @@ impl Study<'_> {
             .enumerate()
             .flat_map(|(repeat, fold_of)| (0..folds).map(move |fold| (repeat * folds + fold, fold_of, fold)))
             .collect();
-        // A fold at a time would leave threads idle in the small problems of a fold.
+        // Folds run in parallel, because the small problems within a fold would leave threads idle.
         let held: Result<Vec<Vec<Held>>, ServiceError> = parts.into_par_iter().map(hold_out).collect();
         Ok(held?.concat())
     }
 
-    /// What to train on the shapes `chosen`, by a cross-validation within them, and the candidates, the best first.
+    /// Chooses what to train on the shapes `chosen` by a cross-validation within them; returns the candidates too, the
+    /// best first.
     fn choose(&self, chosen: &[usize], seed: u64) -> Result<(Choice, Vec<Candidate>), ServiceError> {
         let (mut trials, shapes) = self.trials(chosen, seed)?;
-        // Of equal counts the more confident one, then the first.
+        // Among equal counts, the more confident candidate comes first; ties keep their order.
         trials.sort_by(|a, b| b.right.cmp(&a.right).then(a.loss().total_cmp(&b.loss())));
         let likelihoods: Vec<Vec<f64>> = trials.iter().map(|trial| trial.likelihoods.clone()).collect();
         let counts = selected(&likelihoods);
@@ -287,8 +289,7 @@ impl Study<'_> {
         Ok((Choice { ballots }, candidates.collect()))
     }
 
-    /// How every candidate does on parts of the shapes `chosen` when it is trained on the others, and how many shapes there
-    /// were.
+    /// Results of all candidates in a cross-validation within the shapes `chosen`, and the number of shapes classified.
     fn trials(&self, chosen: &[usize], seed: u64) -> Result<(Vec<Trial>, usize), ServiceError> {
         let classes: Vec<usize> = chosen.iter().map(|&k| self.membership.classes[k]).collect();
         let groups: Vec<usize> = chosen.iter().map(|&k| self.membership.groups[k]).collect();
@@ -319,7 +320,7 @@ impl Study<'_> {
                     self.tried(*kind, &learnt, &training, &test, &outside)
                 })
                 .collect::<Result<_, ServiceError>>()?;
-            // What cannot be trained on a part is out of the question.
+            // Candidates that cannot be trained on a fold are discarded.
             let pairs = std::mem::take(&mut tried).into_iter().zip(found);
             tried = pairs
                 .filter_map(|((kind, held), more)| more.map(|more| (kind, [held, more].concat())))
@@ -328,7 +329,7 @@ impl Study<'_> {
         Ok((tried.into_par_iter().map(|(kind, held)| Trial::new(kind, &held)).collect(), shapes))
     }
 
-    /// What a candidate says about shapes that it was not trained on; none when it cannot be trained.
+    /// Results of a candidate on shapes on which it was not trained; `None` if it cannot be trained.
     fn tried(
         &self,
         kind: Kind,
@@ -413,7 +414,7 @@ impl Study<'_> {
         Ok(Classifier::Ensemble(Ensemble { members }))
     }
 
-    /// An error with the position of the shape among all, and the name of the class.
+    /// Adds the position of the shape among all, and the name of the class, to an error.
     fn located(&self, error: AnalysisError, chosen: &[usize]) -> ServiceError {
         match error {
             AnalysisError::SingularCovariance { class } => {
@@ -428,7 +429,7 @@ impl Study<'_> {
         }
     }
 
-    /// That every class has a shape among the chosen ones.
+    /// Checks that every class has a shape among the chosen ones.
     fn check_classes(&self, chosen: &[usize]) -> Result<(), ServiceError> {
         let mut found = vec![false; self.membership.labels.len()];
         chosen.iter().for_each(|&k| found[self.membership.classes[k]] = true);
@@ -454,7 +455,7 @@ impl Study<'_> {
         self.membership.labels.iter().enumerate().map(record).collect()
     }
 
-    /// Figures of shapes that were held out.
+    /// Quality measures from held-out shapes.
     fn quality(&self, held: &[Held]) -> Quality {
         let cases = self.membership.groups.iter().max().map_or(0, |most| most + 1);
         let (labels, units) = (self.membership.labels.len(), self.membership.units());
@@ -515,10 +516,10 @@ fn divided(fold_of: &[usize], fold: usize) -> (Vec<usize>, Vec<usize>) {
     (0..fold_of.len()).partition(|&k| fold_of[k] != fold)
 }
 
-/// Most numbers that one of the classifiers that `best` keeps may have.
+/// Maximum count of numbers in each classifier that `best` keeps.
 const MOST_OF_MEMBER: usize = MOST_STORED / ROUNDS;
 
-/// What `best` chooses from, as far as it is small enough to be kept.
+/// Candidates for `best` that are small enough to be kept.
 fn candidates(model: &Model, membership: &Membership) -> Vec<Kind> {
     let (shapes, classes) = (membership.classes.len(), membership.labels.len());
     let mut kinds = Vec::new();
@@ -528,7 +529,7 @@ fn candidates(model: &Model, membership: &Membership) -> Vec<Kind> {
     match model {
         Model::Sparse { .. } => kinds.extend([Kind::NearestAtom, Kind::SparseResidual]),
         Model::Components { pca, .. } if !pca.centred => kinds.push(Kind::NearestAtom),
-        // Differences from a centre are no shapes that another could be near to.
+        // Differences from a centre are not shapes, so distances to them are meaningless.
         Model::Components { .. } => {}
     }
     if shapes * (model.len() + 1) <= MOST_OF_MEMBER {
@@ -552,7 +553,7 @@ fn candidates(model: &Model, membership: &Membership) -> Vec<Kind> {
     kinds.into_iter().step_by(step.max(1)).collect()
 }
 
-/// Numbers of a shape.
+/// Number of coordinates of a shape.
 fn model_length(model: &Model) -> usize {
     match model {
         Model::Components { pca, .. } => pca.mean.len(),
@@ -583,7 +584,7 @@ fn candidate(kind: Kind, accuracy: f64) -> Candidate {
     }
 }
 
-/// The error about a shape of a part, with its position among all.
+/// Renumbers an error about a shape of a subset by its position among all shapes.
 fn renumbered(error: ServiceError, chosen: &[usize]) -> ServiceError {
     match error {
         ServiceError::DegenerateShape(faults) => {

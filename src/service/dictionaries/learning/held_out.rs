@@ -1,9 +1,10 @@
-//! The shapes that a dictionary is learnt from, as it would have described them had they been left out.
+//! Measures of the training shapes of a dictionary, as it would describe them had they been held out.
 //!
-//! Components take out one shape after the other, exactly and without learning anew
-//! ([`held_out`](crate::analysis::dictionary::held_out)), where nothing is searched, and where there are many. Few shapes
-//! whose start points are searched pull the mean to themselves, and it pulls their starts: there, and for sparse atoms,
-//! which have no downdate, all is learnt anew without a part of the shapes, and describes that part.
+//! For components, shapes are left out one by one, exactly and without learning anew
+//! ([`held_out`](crate::analysis::dictionary::held_out)), if nothing is searched or if there are many shapes. A small
+//! number of shapes with searched start points influences the mean, which in turn influences the start points. In that
+//! case, and for sparse atoms, which have no downdate, everything is learnt anew without one part of the shapes, and
+//! then describes that part.
 
 use super::{Task, in_memory, phase};
 use crate::analysis::accumulate::{Accumulator, ScatterSum, ShapeSource, ShapesInMemory};
@@ -20,32 +21,33 @@ use crate::service::cost::jobs::KEPT_BYTES;
 use crate::service::dictionaries::plan::Plan;
 use crate::service::dictionaries::ready;
 
-/// Shapes that are held out: of 400 the limit at 0.99 has a standard error of a quarter of a point of false alarms, half of
-/// what the choice of the cohort makes.
+/// Maximum number of held-out shapes: with 400, the limit at 0.99 has a standard error of a quarter of a percentage
+/// point of false alarms, half of the effect of the choice of the cohort.
 const MOST_HELD: usize = 400;
 
-/// Below this many shapes there are ten parts, of more five: what is learnt from 16 of 20 shapes describes visibly worse.
+/// Below this number of shapes there are ten parts, above it five: a dictionary learnt from 16 of 20 shapes describes
+/// the others visibly worse.
 const FEW_SHAPES: usize = 100;
 const PARTS: (usize, usize) = (10, 5);
 
-/// Parts in which is learnt anew for `shapes` shapes, and how many of the parts that is done for: of more shapes than are
-/// held out, for one.
+/// Number of parts for `shapes` shapes, and number of parts for which a dictionary is learnt anew: one if there are
+/// more shapes than are held out.
 fn parts(shapes: usize) -> (usize, usize) {
     let parts = if shapes < FEW_SHAPES { PARTS.0.min(shapes) } else { PARTS.1 };
     if shapes > MOST_HELD { (parts, 1) } else { (parts, parts) }
 }
 
-/// Fewest shapes that are left to learn from without a part.
+/// Minimum number of shapes left to learn from without a part.
 fn inside(shapes: usize) -> usize {
     shapes - shapes.div_ceil(parts(shapes).0.max(1))
 }
 
-/// Whether components are learnt anew without parts of so many shapes.
+/// Whether components are learnt anew without parts of this many shapes.
 fn relearns(searches: bool, shapes: usize) -> bool {
     searches && shapes <= MOST_HELD
 }
 
-/// How often is learnt anew to hold out some of `shapes` shapes.
+/// Number of additional trainings needed to hold out some of `shapes` shapes.
 pub(crate) fn trainings(method: &Method, searches: bool, shapes: usize) -> usize {
     match method {
         _ if shapes < FEWEST_IN_PARTS => 0,
@@ -55,10 +57,10 @@ pub(crate) fn trainings(method: &Method, searches: bool, shapes: usize) -> usize
     }
 }
 
-/// Fewest shapes that are divided into parts.
+/// Minimum number of shapes that are divided into parts.
 const FEWEST_IN_PARTS: usize = 4;
 
-/// The same for a plan, whatever the number of its shapes: for progress.
+/// The same for a plan, independent of the number of its shapes; used for progress.
 pub(super) fn usual_trainings(plan: &Plan) -> usize {
     match plan.method {
         Method::Sparse { .. } if plan.continue_from.is_none() => PARTS.1,
@@ -73,8 +75,8 @@ fn spread(positions: &[usize]) -> Vec<usize> {
 }
 
 impl Task<'_> {
-    /// Measures of shapes that were held out; none of fewer than three, and of sparse atoms when the shapes do not fit into
-    /// memory or others came before them. `state` are the sums that components were made from.
+    /// Measures of held-out shapes. `None` for fewer than three shapes; for sparse atoms also if the shapes do not fit
+    /// in memory or if learning was continued. `state`: the sums from which components were computed.
     pub(super) fn held_out(
         &self,
         shapes: &StoredShapes<'_>,
@@ -94,12 +96,13 @@ impl Task<'_> {
                 let components = (*centre, content.atoms.len());
                 (HoldOut::LeaveOneOut, self.left_out(shapes, components, preparation, state)?)
             }
-            // Every atom starts as a shape of its own.
+            // Each atom starts as a shape of its own.
             Method::Sparse { atoms, .. } if !anew || *atoms > inside(shapes.count()) => return Ok(None),
             _ => match self.held_in_parts(&in_memory(shapes)?) {
                 Ok(found) => (HoldOut::Parts, found),
                 Err(ServiceError::Cancelled) => return Err(ServiceError::Cancelled),
-                // The whole could be learnt, a part of it not: a shape may be degenerate for the mean of the others.
+                // The whole set could be learnt, but not a part of it: a shape may be degenerate for the mean of the
+                // others.
                 Err(error) => {
                     tracing::warn!(job = self.others.job.id, %error, "no shapes could be held out");
                     return Ok(None);
@@ -131,7 +134,7 @@ impl Task<'_> {
         let (mut distances, mut residuals) = (Vec::new(), Vec::new());
         for part in 0..learnt {
             self.context.check()?;
-            // One after the other goes to another part: cohorts often stand in the order of their classes.
+            // Consecutive shapes go to different parts, because cohorts are often ordered by class.
             let (outside, inside): (Vec<usize>, Vec<usize>) =
                 (0..shapes.count()).partition(|k| k % parts == part);
             let found = self.told(&subset(shapes, &inside), &subset(shapes, &spread(&outside)))?;
@@ -144,7 +147,7 @@ impl Task<'_> {
         Ok(HeldOut { distances: (!distances.is_empty()).then_some(distances), residuals })
     }
 
-    /// What a dictionary learnt from some shapes says about others.
+    /// Measures that a dictionary learnt from some shapes assigns to others.
     fn told(&self, inside: &ShapesInMemory, outside: &ShapesInMemory) -> Result<HeldOut, ServiceError> {
         let context = self.context.silent();
         let content = Task { context: &context, ..*self }.content_of(inside)?;
@@ -162,7 +165,7 @@ impl Task<'_> {
     }
 }
 
-/// Largest value that is written down: beyond, everything is new.
+/// Largest stored value; every shape beyond it is new.
 const MOST: f64 = 1e100;
 
 fn record(method: HoldOut, mut found: HeldOut) -> HeldOutStatistics {
@@ -210,7 +213,7 @@ mod tests {
         assert_eq!(trainings(&components, false, 20), 0);
     }
 
-    /// What is stored says again what it was made from.
+    /// The stored values match the measures from which they were computed.
     #[test]
     fn the_record_is_in_order() {
         let found = HeldOut { distances: Some(vec![3.0, 1.0, 1e300]), residuals: vec![0.1, 0.3, 0.2] };

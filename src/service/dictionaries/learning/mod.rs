@@ -1,7 +1,7 @@
-//! The job that learns a dictionary from a stored cohort.
+//! Job that learns a dictionary from a stored cohort.
 //!
-//! A plan fixes everything that the result depends on, among it the revision of the cohort: a job that runs again after
-//! a crash learns the same dictionary, bit by bit, whatever was added meanwhile.
+//! A plan fixes everything that the result depends on, including the revision of the cohort: a job that runs again
+//! after a crash learns the same dictionary, bit by bit, whatever was added in the meantime.
 
 mod held_out;
 
@@ -37,16 +37,16 @@ use crate::service::cost::jobs::KEPT_BYTES;
 use crate::service::jobs::Outcome;
 use crate::service::statistics::Setup;
 
-/// Sums that learning can go on from are stored up to this many bytes.
+/// Maximum size of stored sums from which learning can continue.
 const STATE_BYTES: usize = 64 << 20;
 
-/// Values of a distribution that are stored.
+/// Maximum number of stored values of a distribution.
 const QUANTILES: usize = 1001;
 
 /// Runs the job.
 ///
 /// # Errors
-/// What keeps the dictionary from being learnt; [`ServiceError::Cancelled`].
+/// The reason why the dictionary cannot be learnt; [`ServiceError::Cancelled`].
 pub fn run(app: &App, handle: &Handle, job: &Job, context: &JobContext) -> Result<Outcome, ServiceError> {
     let plan: Plan = serde_json::from_value(job.parameters.clone())
         .map_err(|error| ServiceError::Internal(format!("the parameters of a job: {error}")))?;
@@ -99,7 +99,7 @@ pub fn learn(
     })
 }
 
-/// The version that learning goes on from.
+/// The version from which learning continues.
 struct Previous {
     content: Content,
     revision: u64,
@@ -124,23 +124,23 @@ pub(crate) struct Task<'a> {
     cohort: &'a Cohort,
     setup: &'a Setup,
     pub(crate) context: &'a JobContext,
-    /// Workers that may make parts of a pass.
+    /// Workers to which parts of a pass can be distributed.
     others: Spreading<'a>,
 }
 
-/// Parts of the progress, in the order they are reached.
+/// Phases of the progress with the fraction at which they begin, in order.
 mod phase {
-    /// Mean shape, and the search of start points.
+    /// Computation of the mean shape, including the search of start points.
     pub(crate) const MEAN: (&str, f64) = ("mean", 0.0);
-    /// Shapes are aligned.
+    /// Alignment of the shapes.
     pub(crate) const ALIGN: (&str, f64) = ("align", 0.1);
-    /// Atoms or components.
+    /// Learning of atoms or components.
     pub(crate) const LEARN: (&str, f64) = ("learn", 0.2);
-    /// All shapes are coded in what was learnt.
+    /// Encoding of all shapes in the learnt dictionary.
     pub(crate) const CERTIFY: (&str, f64) = ("certify", 0.9);
-    /// Shapes are held out, to know new ones from them.
+    /// Holding out shapes, to calibrate the detection of new ones.
     pub(crate) const HOLD_OUT: (&str, f64) = ("hold_out", 0.92);
-    /// The classifier is validated and trained.
+    /// Validation and training of the classifier.
     pub(crate) const VALIDATE: (&str, f64) = ("validate", 0.95);
 }
 
@@ -167,18 +167,18 @@ impl Task<'_> {
         Ok(())
     }
 
-    /// Part of the progress that is learning; then shapes are held out, and the rest is validation.
+    /// Fraction of the progress for learning; the remainder is holding out shapes, then validation.
     fn share(&self) -> f64 {
         let validation = self.plan.classifier.as_ref().map_or(0, |settings| settings.trainings(WITHIN));
         1.0 / (1 + held_out::usual_trainings(self.plan) + validation) as f64
     }
 
-    /// Part of the progress after which validation begins.
+    /// Progress at which validation begins.
     fn validation_start(&self) -> f64 {
         self.share() * (1 + held_out::usual_trainings(self.plan)) as f64
     }
 
-    /// What is learnt, and the sums to go on from.
+    /// The learnt content, and the sums from which learning can continue.
     fn content(&self, previous: Option<Previous>) -> Result<(Content, Vec<u8>), ServiceError> {
         let stop = || self.context.is_cancelled();
         let shapes = self.shapes(0, &stop)?;
@@ -222,7 +222,7 @@ impl Task<'_> {
         Ok((content, state))
     }
 
-    /// How well `shapes` are described by what was learnt.
+    /// Certificate: quality of the description of `shapes` by the learnt dictionary.
     fn certificate(
         &self,
         shapes: &StoredShapes<'_>,
@@ -260,7 +260,7 @@ impl Task<'_> {
         })
     }
 
-    /// What is learnt from shapes in memory; not certified.
+    /// Content learnt from shapes in memory, without certificate.
     pub(crate) fn content_of(&self, shapes: &ShapesInMemory) -> Result<Content, ServiceError> {
         let Setup { metric, method, frame, matching, .. } = self.setup;
         let mean = mean_shape(shapes, metric, method, *frame, matching)?;
@@ -272,7 +272,7 @@ impl Task<'_> {
         Ok(content)
     }
 
-    /// The shapes of the cohort that came after the revision `since`.
+    /// Shapes of the cohort added after the revision `since`.
     fn shapes<'a>(
         &'a self,
         since: u64,
@@ -283,7 +283,7 @@ impl Task<'_> {
         Ok(shapes.distributed_by(&self.others))
     }
 
-    /// Prepared shapes in memory, when they fit. The sum of components takes one pass, and reads them from the store.
+    /// Prepared shapes in memory, if they fit. Components take a single pass and read the shapes from the store.
     fn kept(
         &self,
         shapes: &StoredShapes<'_>,
@@ -332,7 +332,7 @@ impl Task<'_> {
         })
     }
 
-    /// Learns from prepared shapes; the sums to go on from.
+    /// Learns from prepared shapes; returns the sums from which learning can continue.
     fn learn_from<S: ShapeSource>(
         &self,
         shapes: &S,
@@ -441,7 +441,7 @@ impl Task<'_> {
         columns
     }
 
-    /// blake3 of the control points and weights, in the order of the store.
+    /// BLAKE3 digest of control points and weights, in storage order.
     fn shapes_digest(&self) -> Result<String, ServiceError> {
         let mut hasher = blake3::Hasher::new();
         let stop = || self.context.is_cancelled();
@@ -457,7 +457,7 @@ impl Task<'_> {
     }
 }
 
-/// All shapes of a source.
+/// Loads all shapes of a source into memory.
 fn in_memory<S: ShapeSource>(source: &S) -> Result<ShapesInMemory, S::Error> {
     let (mut whitened, mut weights) = (Vec::new(), Vec::new());
     source.for_each_batch(&mut |batch: Shapes<'_>| {
@@ -468,7 +468,7 @@ fn in_memory<S: ShapeSource>(source: &S) -> Result<ShapesInMemory, S::Error> {
     Ok(ShapesInMemory::prepared(whitened, weights))
 }
 
-/// Writes down how well the shapes are described.
+/// Stores the certificate in the statistics.
 fn certify(content: &mut Content, certificate: Certificate, model: &Model) {
     let statistics = &mut content.statistics;
     statistics.shapes = certificate.residuals.len();
@@ -490,7 +490,7 @@ fn certify(content: &mut Content, certificate: Certificate, model: &Model) {
     }
 }
 
-/// The values in ascending order; of more than [`QUANTILES`] that many, evenly spaced by rank.
+/// The values in ascending order; if there are more than [`QUANTILES`], that many of them, evenly spaced by rank.
 pub(crate) fn quantiles(mut values: Vec<f64>) -> Vec<f64> {
     values.sort_by(f64::total_cmp);
     if values.len() <= QUANTILES {
