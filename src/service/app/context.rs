@@ -36,7 +36,7 @@ pub struct App {
     /// Ids of the objects that the request concerns, for the audit trail.
     pub touched: Touched,
     pub(super) draining: CancellationToken,
-    /// Memory accounts of requests and answers.
+    /// Memory accounts of requests and responses.
     pub memory: Memory,
     /// Cache of expensive results.
     pub cache: Arc<Cache>,

@@ -36,7 +36,7 @@ impl From<InputError> for Fault {
 /// A page of entries and the cursor of the next page.
 pub type Page<T> = (Vec<T>, Option<String>);
 
-/// Maximum number of faults in an answer: a broken export of a million shapes has a fault in each of them.
+/// Maximum number of faults in a response: a broken export of a million shapes has a fault in each of them.
 pub const MAX_FAULTS: usize = 100;
 
 /// Reason why a use case failed.

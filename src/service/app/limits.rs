@@ -18,9 +18,9 @@ pub struct Limits {
     pub coordinates: usize,
     /// Vertices per refined mesh.
     pub vertices: usize,
-    /// Sample points per answer, over all shapes.
+    /// Sample points per response, over all shapes.
     pub samples: usize,
-    /// Numbers per answer of an evaluation, over all shapes; each takes about 20 bytes of text.
+    /// Numbers per response of an evaluation, over all shapes; each takes about 20 bytes of text.
     pub answer_numbers: usize,
     /// Bytes per request body, after decompression.
     pub body_bytes: usize,
@@ -52,11 +52,11 @@ pub struct Limits {
     pub queued_work: Duration,
     /// Predicted compute time of a request.
     pub request_work: Duration,
-    /// Resident bytes of the process beyond which large requests and answers are refused.
+    /// Resident bytes of the process beyond which large requests and responses are refused.
     pub memory: usize,
     /// Bytes of request bodies and of data parsed from them, over all requests.
     pub buffered_bytes: usize,
-    /// Bytes of answers in memory, over all requests.
+    /// Bytes of responses in memory, over all requests.
     pub answer_bytes: usize,
     /// Average requests per second of a caller; 0 disables the rate limit.
     pub rate_per_second: u32,

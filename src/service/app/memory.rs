@@ -1,8 +1,8 @@
 //! Memory of the process: its quota, its current use, and accounts of what holds it.
 //!
-//! Bodies and answers are charged to separate accounts, from before their memory is allocated until it is released. In
-//! addition, large requests and answers are refused if the whole process would exceed its quota, before the kernel ends
-//! it.
+//! Bodies and responses are charged to separate accounts, from before their memory is allocated until it is released.
+//! In addition, large requests and responses are refused if the whole process would exceed its quota, before the kernel
+//! ends it.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -16,7 +16,7 @@ use super::error::ServiceError;
 pub enum Purpose {
     /// Request bodies and data parsed from them.
     Bodies,
-    /// Answers, until they are sent.
+    /// Responses, until they are sent.
     Answers,
 }
 
@@ -27,7 +27,7 @@ pub struct Quota {
     pub process: usize,
     /// Bytes of bodies.
     pub bodies: usize,
-    /// Bytes of answers.
+    /// Bytes of responses.
     pub answers: usize,
 }
 
@@ -137,11 +137,11 @@ impl Memory {
     }
 }
 
-/// Bytes per number in an answer.
+/// Bytes per number in a response.
 const NUMBER_BYTES: usize = 20;
 
 impl Memory {
-    /// Reserves the memory of an answer with this count of numbers while it is computed.
+    /// Reserves the memory of a response with this count of numbers while it is computed.
     ///
     /// # Errors
     /// Those of [`Memory::hold`].

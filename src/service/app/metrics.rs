@@ -15,9 +15,9 @@ use crate::store::metrics as store;
 
 /// Answered requests.
 pub const HTTP_REQUESTS: &str = "shapelex_http_requests_total";
-/// Time until the head of the answer is sent.
+/// Time until the head of the response is sent.
 pub const HTTP_DURATION: &str = "shapelex_http_request_duration_seconds";
-/// Requests whose answer is not complete.
+/// Requests whose response is not complete.
 pub const HTTP_IN_FLIGHT: &str = "shapelex_http_requests_in_flight";
 /// Bytes of received bodies.
 pub const HTTP_BYTES_IN: &str = "shapelex_http_request_body_bytes_total";

@@ -28,7 +28,7 @@ macro_rules! problem_kinds {
                 match self { $(Self::$name => $code,)* }
             }
 
-            /// Status code of the answer.
+            /// Status code of the response.
             pub fn status(self) -> StatusCode {
                 match self { $(Self::$name => StatusCode::$status,)* }
             }
@@ -58,7 +58,7 @@ problem_kinds! {
     NotFound, "not-found", NOT_FOUND, "There is no such thing";
     /// The path exists for other methods only.
     MethodNotAllowed, "method-not-allowed", METHOD_NOT_ALLOWED, "The method is not offered";
-    /// The answer is not available in the requested format.
+    /// The response is not available in the requested format.
     NotAcceptable, "not-acceptable", NOT_ACCEPTABLE, "The format is not offered";
     /// Another cohort has this name.
     NameTaken, "name-taken", CONFLICT, "The name is taken";
@@ -94,7 +94,7 @@ problem_kinds! {
     InsufficientStorage, "insufficient-storage", INSUFFICIENT_STORAGE, "There is no room";
     /// More requests than can be computed at the same time.
     Overloaded, "overloaded", SERVICE_UNAVAILABLE, "There is too much to do at once";
-    /// The answer took longer than the maximum time of a request.
+    /// The response took longer than the maximum time of a request.
     TookTooLong, "took-too-long", SERVICE_UNAVAILABLE, "The answer took too long";
 }
 
@@ -116,7 +116,7 @@ pub struct ProblemDocument {
     /// Title of the problem type.
     #[schema(example = "A shape is degenerate for the class")]
     title: &'static str,
-    /// Status code of the answer.
+    /// Status code of the response.
     #[schema(example = 422)]
     status: u16,
     /// Short name: the last part of `type`.

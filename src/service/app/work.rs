@@ -13,15 +13,15 @@ const MOMENT: f64 = 0.010;
 
 /// Parsing a byte of JSON: numbers of ten digits, with checks.
 const BYTE: f64 = 1.2e-8;
-/// Writing a number of an answer as JSON, including its computation as a sum of a few products.
+/// Writing a number of a response as JSON, including its computation as a sum of a few products.
 pub(in crate::service) const NUMBER: f64 = 5e-8;
 /// A multiply-add of dense products.
 const MULTIPLY_ADD: f64 = 2e-10;
-/// Passing a request through a lane and preparing its answer.
+/// Passing a request through a lane and preparing its response.
 pub(in crate::service) const REQUEST: f64 = 1e-4;
 
 impl Work {
-    /// Work known to be light: a drawing, or an answer from prepared data.
+    /// Work known to be light: a drawing, or a response from prepared data.
     pub const MOMENT: Self = Self(1e-3);
     /// Assumed work if nothing is known.
     pub const UNKNOWN: Self = Self(0.1);
@@ -59,7 +59,7 @@ impl Work {
         Self(bytes as f64 * BYTE)
     }
 
-    /// An answer of this many numbers.
+    /// A response of this many numbers.
     pub fn numbers(count: f64) -> Self {
         Self(REQUEST + count * NUMBER)
     }

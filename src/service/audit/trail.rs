@@ -5,8 +5,8 @@
 //!
 //! While the store accepts no entries, for example on a full disk, changes are refused ([`Trail::check`]) and reads
 //! continue. Once the channel is full, reads are answered without an entry and counted by tenant; when the store
-//! accepts entries again, one entry per tenant records that count. Where every read must be recorded
-//! (`Terms::required`), reads are refused instead.
+//! accepts entries again, one entry per tenant records that count. Where every read must be recorded (`required` of
+//! [`Trail::start`]), reads are refused instead.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -30,7 +30,7 @@ const GROUP: usize = 512;
 const GROUP_TIME: Duration = Duration::from_millis(100);
 /// Time between attempts to write a group that the store has refused.
 const PAUSE: Duration = Duration::from_secs(1);
-/// Maximum time for which a request waits for its entry; a later answer is of no use to the client.
+/// Maximum time for which a request waits for its entry; a later response is of no use to the client.
 const PATIENCE: Duration = Duration::from_secs(10);
 /// Maximum time for writing the last entries at shutdown.
 const CLOSE: Duration = Duration::from_secs(5);

@@ -31,7 +31,7 @@ const CHUNK_BYTES: usize = 8 << 20;
 const PAUSE: Duration = Duration::from_secs(30);
 /// Time for which streams may continue when the service is stopping.
 const STOPPING: Duration = Duration::from_secs(5);
-/// Maximum number of ids in an answer; those of longer streams can be listed afterwards.
+/// Maximum number of ids in a response; those of longer streams can be listed afterwards.
 const MAX_IDS: usize = 100_000;
 
 /// Treatment of invalid shapes.

@@ -100,7 +100,7 @@ pub fn space(representation: &Representation, limits: &Limits) -> Work {
 
 /// Projections of shapes on a reference, in either direction.
 pub fn project(counts: Counts) -> Work {
-    /// Per coordinate: reading, whitening, two thin bases and the answer.
+    /// Per coordinate: reading, whitening, two thin bases and the response.
     const COORDINATE: f64 = 8e-8;
     Work(REQUEST + counts.values() * COORDINATE)
 }
@@ -126,7 +126,7 @@ fn scatter(columns: f64, rows: f64) -> Work {
 
 /// Mean of shapes and their alignment to it.
 pub fn align(settings: &Settings, counts: Counts) -> Work {
-    /// Per coordinate: reading, whitening, the basis of the subspace, its projection and the answer.
+    /// Per coordinate: reading, whitening, the basis of the subspace, its projection and the response.
     const COORDINATE: f64 = 1e-7;
     /// Per coordinate and factor of two of `N`: the rounds of a search for start points, with one spectrum each.
     const SEARCH: f64 = 5e-8;
@@ -294,7 +294,7 @@ pub fn deform(counts: Counts, handles: usize) -> Work {
 
 /// A mesh or polyline whose number of vertices grows by `factor` with every level.
 pub fn subdivide(vertices: usize, factor: f64, depth: &Depth, limit: bool, limits: &Limits) -> Work {
-    /// Per vertex of the finest level, including all previous levels and the answer.
+    /// Per vertex of the finest level, including all previous levels and the response.
     const VERTEX: f64 = 6e-7;
     let found = match depth {
         Depth::Level(level) => vertices as f64 * factor.powi((*level).min(30) as i32),
@@ -337,7 +337,7 @@ pub fn search(counts: Option<Counts>, multiply_adds: f64) -> Work {
     Work(REQUEST) + reading + Work::of_multiply_adds(multiply_adds)
 }
 
-/// Codes of shapes in a dictionary, at `multiply_adds` per code, and answers of `numbers` numbers each.
+/// Codes of shapes in a dictionary, at `multiply_adds` per code, and responses of `numbers` numbers each.
 pub fn encode(counts: Counts, multiply_adds: f64, numbers: f64, searches: bool) -> Work {
     /// Per coordinate: aligning a shape to the mean.
     const COORDINATE: f64 = 2e-7;

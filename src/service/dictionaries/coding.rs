@@ -109,7 +109,7 @@ impl Ready {
         let multiply_adds = match &self.model {
             Model::Components { .. } => n * atoms,
             Model::Sparse { algebra, .. } => {
-                // As for the path of a code in `estimate`: a third of the columns is in use at its end.
+                // As for the path of a code in `cost::jobs`: a third of the columns is in use at its end.
                 let columns = atoms * algebra.parameters().max(1) as f64;
                 let used = (0.3 * columns).min(n);
                 n * columns + used * columns * used.sqrt() + used * n

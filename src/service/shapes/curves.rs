@@ -75,7 +75,7 @@ pub fn evaluate(
         faults.extend(outside.map(fault));
     }
     ServiceError::unless_empty(faults)?;
-    // Reserved before the computation, so that no work is done for an answer that does not fit in memory.
+    // Reserved before the computation, so that no work is done for a response that does not fit in memory.
     let _room = app.memory.foresee(total)?;
     each(&app.pool.context(), shapes, |shape| {
         let curve = curves.curve(shape);

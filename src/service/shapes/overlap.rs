@@ -17,7 +17,7 @@ use crate::service::app::progress::JobContext;
 use crate::service::app::{App, Limits, ServiceError, warnings};
 
 document! {
-    /// A body. Expects exactly one of `contour`, `vertices` with `faces`, and `mask`.
+    /// A body, given by exactly one of `contour`, `vertices` with `faces`, and `mask`.
     pub struct BodyInput {
         /// Points of a closed contour in the plane.
         #[schema(value_type = Option<Vec<[f64; 2]>>)]
@@ -40,7 +40,7 @@ document! {
 pub struct MaskInput {
     /// Number of cells along the 2 or 3 axes.
     pub size: Vec<usize>,
-    /// Distance between cell centres along each axis.
+    /// Distance between cell centres along each axis, in the unit of the coordinates.
     pub spacing: Vec<f64>,
     /// Position of the centre of the first cell.
     pub first: Vec<f64>,

@@ -82,7 +82,7 @@ pub fn evaluate(
         faults.extend(outside(&posted.space, list, "/parameters"));
     }
     ServiceError::unless_empty(faults)?;
-    // Reserved before the computation, so that no work is done for an answer that does not fit in memory.
+    // Reserved before the computation, so that no work is done for a response that does not fit in memory.
     let _room = app.memory.foresee(total)?;
     let evaluated = |shape: &Matrix| {
         let surface = posted.surface(shape);

@@ -340,7 +340,7 @@ impl Inner {
         state.running.retain(|running| running.id != id);
         self.begin(&mut state);
         drop(state);
-        // Before the answer: its receiver may request the place at once.
+        // Before delivery: the receiver of the outcome may request the place at once.
         self.freed.notify_one();
         deliver();
     }
