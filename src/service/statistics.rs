@@ -1,5 +1,6 @@
-//! Stateless statistics: the request carries all data, and nothing is stored. The functions are synchronous and run on
-//! the pool.
+//! Stateless statistics: projection, mean and alignment, functional PCA, with their drawings.
+//!
+//! The request carries all data, and nothing is stored. The functions are synchronous and run on the pool.
 
 use crate::analysis::accumulate::{ShapesInMemory, Watched};
 use crate::analysis::alignment::{

@@ -1,4 +1,7 @@
-//! Context of a use case.
+//! Context of a use case: store, limits, threads, memory accounts and cache.
+//!
+//! One context lives as long as the process. Every request works on a clone of it that carries its caller, its
+//! idempotency key and its predicted work.
 
 use std::sync::Arc;
 use std::time::Instant;

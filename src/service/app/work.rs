@@ -1,4 +1,7 @@
 //! Predicted work of requests and jobs, in seconds on one core.
+//!
+//! [`cost`](crate::service::cost) predicts it from the sizes in a request; the [`pool`](super::pool) chooses the lane
+//! by it.
 
 use std::ops::{Add, Mul};
 

@@ -1,4 +1,6 @@
 //! Attributes of shapes, addressed by their names in requests: `subject`, `label`, `labels.<attribute>`.
+//!
+//! They define the groups, strata and covariates of tests and the classes of classifiers.
 
 use std::collections::BTreeSet;
 

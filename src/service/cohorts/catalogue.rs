@@ -1,4 +1,6 @@
-//! Cohorts and their shapes: create, find, list, delete.
+//! Cohorts and their shapes: create, find, list, update, delete.
+//!
+//! A cohort is found by id or name. Changes can be made conditional on its revision; deleted cohorts go to the trash.
 
 use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
 use crate::domain::cohort::{Cohort, name_problem};

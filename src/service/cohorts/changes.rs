@@ -1,4 +1,4 @@
-//! Feed of changes.
+//! Feed of changes. A client continues from the number of the last change it has examined; old changes are not kept.
 
 use crate::domain::change::Change;
 use crate::service::app::{App, ServiceError};

@@ -1,4 +1,6 @@
-//! Mean of a stored cohort at one revision.
+//! Mean of a stored cohort at its current revision, with some aligned shapes for drawings.
+//!
+//! It is computed on demand, and cached by revision and parameters.
 
 use std::sync::Arc;
 

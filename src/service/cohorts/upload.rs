@@ -1,4 +1,7 @@
 //! Upload of shapes into a cohort, from one body or a stream: all or nothing, or only the valid ones.
+//!
+//! The pool parses shapes and converts them to control points while a task writes the previous ones to the store. All
+//! shapes of an upload become visible together.
 
 use bytes::Bytes;
 use futures_util::{Stream, StreamExt};

@@ -1,4 +1,7 @@
-//! Classes and subjects of the shapes of a cohort.
+//! Classes and subjects of the shapes of a cohort, for training a classifier.
+//!
+//! Classes are the values of an attribute; shapes of one subject stay together in cross-validation. Whether the classes
+//! are sufficient for the requested classifier is checked before a job is stored.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 

@@ -1,4 +1,7 @@
 //! Classification of shapes, and complete assessments. The functions are synchronous and run on the pool.
+//!
+//! Classes are ranked by likelihood, with calibrated confidences. A shape beyond the training quantile of its most
+//! likely class is not accepted.
 
 use super::coding::{self, Asked, Coded, Score};
 use super::ready::Ready;

@@ -1,5 +1,7 @@
 //! Use of dictionaries: codes, reconstructions, scores, priors, samples. The functions are synchronous and run on the
 //! pool.
+//!
+//! Shapes are prepared as in learning, then encoded in the components or sparse atoms of the dictionary.
 
 use rand::SeedableRng;
 use rand::rngs::ChaCha12Rng;

@@ -1,4 +1,6 @@
 //! Drift: differences between shapes added since a dictionary was learnt and its training shapes.
+//!
+//! Compared are the distributions of both distance measures, the scores, the mean shape and the frequencies of classes.
 
 use tokio::runtime::Handle;
 

@@ -1,4 +1,7 @@
 //! Dictionaries as files: export and import.
+//!
+//! A file is a JSON document with a digest of its content. An import checks the digest and the consistency of all parts
+//! before it stores a new version.
 
 use std::sync::Arc;
 

@@ -1,4 +1,7 @@
 //! Planning, submission, listing and deletion of dictionaries.
+//!
+//! A request is checked and its cost predicted before a job is stored. Learning starts from scratch, or continues from
+//! the sums of an earlier version.
 
 use std::sync::Arc;
 

@@ -1,4 +1,4 @@
-//! Dictionaries prepared for use, and cached.
+//! Dictionaries prepared for use, and cached: stored content with its space, metric, model and classifier.
 
 use std::sync::Arc;
 

@@ -1,4 +1,7 @@
 //! Attempt at a job: claimed from the queue, kept alive by heartbeats, and settled.
+//!
+//! A worker owns a job for the duration of a lease, which heartbeats extend. After a temporary error the job is tried
+//! again, up to a maximum number of attempts; all other errors are final.
 
 use std::time::Duration;
 

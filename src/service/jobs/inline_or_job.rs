@@ -1,4 +1,4 @@
-//! Tests of stored shapes: answered at once if they are small, otherwise by a job.
+//! Tests of stored shapes ([`PlannedTest`]): answered at once if they are small, otherwise by a job.
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;

@@ -1,5 +1,6 @@
-//! Stateless use cases of single curves: the request carries all data, and nothing is stored. The functions are
-//! synchronous and run on the pool.
+//! Stateless use cases of single curves: evaluation, measures and distances, resampling of polygons.
+//!
+//! The request carries all data, and nothing is stored. The functions are synchronous and run on the pool.
 
 use rayon::prelude::*;
 

@@ -1,4 +1,6 @@
-//! Deformation of one shape. The function is synchronous and runs on the pool.
+//! Deformation of one shape by displaced control points and by handles, points through which it must pass.
+//!
+//! The function is synchronous and runs on the pool.
 
 use super::request::Posted;
 use super::surfaces::outside;

@@ -1,4 +1,7 @@
 //! Fits of raw contours, refinement, and idealised shapes. The functions are synchronous and run on the pool.
+//!
+//! Curves are fitted at the size of their representation, or at the smallest size that meets a tolerance. Refinement
+//! multiplies the number of knots, exactly where the generator allows it.
 
 use super::curves::{below_points, each, each_shape, raw_points};
 use super::request::Posted;

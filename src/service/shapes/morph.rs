@@ -1,4 +1,6 @@
-//! Paths between two posted shapes. The functions are synchronous and run on the pool.
+//! Paths between two posted shapes: straight lines, or great circles between shapes of unit norm.
+//!
+//! The functions are synchronous and run on the pool.
 
 use super::curves::each;
 use super::request::Posted;

@@ -1,5 +1,7 @@
-//! Overlap of two bodies: Jaccard and Dice coefficients of their interior cells, and distances of their surfaces. The
-//! functions are synchronous and run on the pool.
+//! Overlap of two bodies: Jaccard and Dice coefficients of their interior cells, and distances of their surfaces.
+//!
+//! Contours, closed meshes and masks are compared on one common grid. The functions are synchronous and run on the
+//! pool.
 
 use super::read::face_pointer;
 use super::surface_fitting::take_points;

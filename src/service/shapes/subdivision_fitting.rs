@@ -1,4 +1,7 @@
 //! Fits of subdivision surfaces to triangle meshes and point clouds. The functions are synchronous and run on the pool.
+//!
+//! A fit alternates between the nearest places of its targets and the control vertices, for a given number of rounds. A
+//! surface that diverges from its points is refused.
 
 use std::f64::consts::{PI, TAU};
 

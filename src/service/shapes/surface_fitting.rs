@@ -1,5 +1,7 @@
 //! Fits of surfaces to grids, point clouds with parameters and triangle meshes. The functions are synchronous and run
 //! on the pool.
+//!
+//! Parameters are given or, for closed meshes without handles, computed. A fit that is folded is refused.
 
 use std::borrow::Borrow;
 

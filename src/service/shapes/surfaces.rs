@@ -1,5 +1,6 @@
-//! Stateless use cases of single surfaces: the request carries all data, and nothing is stored. The functions are
-//! synchronous and run on the pool.
+//! Stateless use cases of single surfaces: evaluation, measures, meshes, resizing, idealised surfaces.
+//!
+//! The request carries all data, and nothing is stored. The functions are synchronous and run on the pool.
 
 use super::curves::each;
 use super::request::Posted;
