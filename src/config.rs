@@ -9,10 +9,10 @@ use std::time::Duration;
 use clap::{Args, ValueEnum};
 use serde::Deserialize;
 
-use crate::opening::{self, Place};
 use crate::service::access::AccessSettings;
 use crate::service::access::tokens::TokenSettings;
 use crate::service::app::{Limits, memory};
+use crate::store_location::{self, StoreLocation};
 use crate::worker::Places;
 use crate::worker::tidy::Terms;
 
@@ -275,8 +275,8 @@ impl ServeConfig {
     }
 
     /// Location of the store.
-    pub(crate) fn place(&self) -> Place {
-        Place {
+    pub(crate) fn place(&self) -> StoreLocation {
+        StoreLocation {
             database_url: self.database_url.clone(),
             database_connections: self.database_connections.max(MIN_CONNECTIONS),
             data_dir: self.data_dir.clone(),
@@ -307,7 +307,7 @@ impl ServeConfig {
     }
 
     fn check(mut self) -> Result<Self, String> {
-        self.database_url = opening::database_url(&self.database_url, Some(&self.database_url_file))?;
+        self.database_url = store_location::database_url(&self.database_url, Some(&self.database_url_file))?;
         if self.jobs.get() > MAX_JOBS {
             return Err(format!("jobs is {}, must be at most {MAX_JOBS}", self.jobs));
         }

@@ -4,7 +4,7 @@
 //!
 //! | layer | modules |
 //! |---|---|
-//! | wiring | `cli`, `server`, `config`, `health`, `opening`, `telemetry` |
+//! | wiring | `cli`, `server`, `config`, `health`, `store_location`, `telemetry` |
 //! | entry points | [`api`], [`worker`] |
 //! | use cases | [`service`] |
 //! | storage | [`store`] |
@@ -22,10 +22,10 @@ pub mod config;
 pub mod domain;
 pub mod formats;
 mod health;
-mod opening;
 mod server;
 pub mod service;
 pub mod store;
+mod store_location;
 pub mod telemetry;
 pub mod worker;
 

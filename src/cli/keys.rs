@@ -7,9 +7,9 @@ use clap::{Args, Subcommand};
 
 use crate::domain::access::{DEFAULT_TENANT, Principal, Role, tenant_problem};
 use crate::domain::key::Key;
-use crate::opening::{self, Place};
 use crate::service::access::keys::{self, NewKey};
 use crate::service::app::{App, Limits, ServiceError, now_ms};
+use crate::store_location::{self, StoreLocation};
 
 /// Number of database connections of a command.
 const CONNECTIONS: u32 = 2;
@@ -104,8 +104,11 @@ impl WhereArgs {
         if let Some(problem) = tenant_problem(&self.tenant) {
             return Err(format!("the tenant '{}' {problem}", self.tenant));
         }
-        let place = Place {
-            database_url: opening::database_url(&self.database_url, self.database_url_file.as_deref())?,
+        let place = StoreLocation {
+            database_url: store_location::database_url(
+                &self.database_url,
+                self.database_url_file.as_deref(),
+            )?,
             database_connections: CONNECTIONS,
             data_dir: self.data_dir.clone(),
             accepts_loss: false,

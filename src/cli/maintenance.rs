@@ -6,10 +6,10 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
 
-use crate::opening;
 use crate::service::app::clock;
 use crate::store::maintenance::{self, Checked, MaintenanceError, Site};
 use crate::store::{Store, StoreError};
+use crate::store_location;
 
 /// Number of PostgreSQL connections of an import.
 const CONNECTIONS: u32 = 4;
@@ -78,7 +78,7 @@ pub(super) struct At {
 
 impl At {
     fn site(self) -> Result<Site, String> {
-        let url = opening::database_url(&self.database_url, self.database_url_file.as_deref())?;
+        let url = store_location::database_url(&self.database_url, self.database_url_file.as_deref())?;
         Ok(if url.is_empty() { Site::Folder(self.data_dir) } else { Site::Url(url) })
     }
 }

@@ -25,7 +25,7 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 use tower::Service;
 
-use super::places::{End, Part, Patience, Place, Places, Request as Guard};
+use super::connection_slots::{CloseReason, Part, Request as Guard, Slot, Slots, Timeouts};
 use crate::config::ConnectionLimits;
 
 /// Interval of HTTP/2 keep-alive pings, and timeout of their answers.
@@ -45,8 +45,8 @@ pub(super) struct Connections {
     router: Router,
     tls: Option<RustlsConfig>,
     http: Builder<TokioExecutor>,
-    patience: Patience,
-    places: Arc<Places>,
+    patience: Timeouts,
+    slots: Arc<Slots>,
     stop: CancellationToken,
 }
 
@@ -58,9 +58,9 @@ impl Connections {
         stop: CancellationToken,
     ) -> Self {
         let ConnectionLimits { first_request: first, idle, reader, .. } = *limits;
-        let patience = Patience { first, idle, reader };
-        let places = Places::new(limits.connections);
-        Self { router, tls, http: http(limits), patience, places, stop }
+        let patience = Timeouts { first, idle, reader };
+        let slots = Slots::new(limits.connections);
+        Self { router, tls, http: http(limits), patience, slots, stop }
     }
 
     /// Accepts connections. After the stop it continues until the earlier ones have ended, so that probes are still answered.
@@ -78,45 +78,45 @@ impl Connections {
                 accepted = listener.accept() => accepted,
             };
             match accepted {
-                Ok((stream, peer)) => match self.places.enter() {
-                    Some(place) => {
+                Ok((stream, peer)) => match self.slots.enter() {
+                    Some(slot) => {
                         let tasks = if tasks.is_closed() { &late } else { &tasks };
-                        tasks.spawn(self.clone().answer(stream, peer, place));
+                        tasks.spawn(self.clone().answer(stream, peer, slot));
                     }
                     None => complaint.say("every connection is being answered, new ones are closed"),
                 },
                 Err(error) => {
                     complaint.say(&format!("a connection could not be accepted: {error}"));
-                    self.places.close_one();
+                    self.slots.close_one();
                     tokio::time::sleep(PAUSE).await;
                 }
             }
         }
     }
 
-    async fn answer(self, stream: TcpStream, peer: SocketAddr, place: Arc<Place>) {
+    async fn answer(self, stream: TcpStream, peer: SocketAddr, slot: Arc<Slot>) {
         // Small responses must not be delayed; without the option they are merely slower.
         let _ = stream.set_nodelay(true);
         let late = self.stop.is_cancelled();
-        let Some(tls) = &self.tls else { return self.speak(stream, peer, &place).await };
+        let Some(tls) = &self.tls else { return self.speak(stream, peer, &slot).await };
         let handshake = RustlsAcceptor::new(tls.clone()).handshake_timeout(self.patience.first);
         tokio::select! {
             accepted = handshake.accept(stream, ()) => match accepted {
-                Ok((stream, ())) => self.speak(stream, peer, &place).await,
+                Ok((stream, ())) => self.speak(stream, peer, &slot).await,
                 Err(error) => tracing::debug!(%error, "a TLS handshake failed"),
             },
-            _ = place.end(&self.patience) => {}
+            _ = slot.end(&self.patience) => {}
             () = self.stop.cancelled(), if !late => {}
         }
     }
 
     /// Serves HTTP on a connection until it ends.
-    async fn speak<S>(&self, stream: S, peer: SocketAddr, place: &Arc<Place>)
+    async fn speak<S>(&self, stream: S, peer: SocketAddr, slot: &Arc<Slot>)
     where
         S: AsyncRead + AsyncWrite + Unpin + Send + 'static,
     {
-        let service = Watched { router: self.router.clone(), place: Arc::clone(place), peer };
-        let stream = TokioIo::new(Watching { stream, place: Arc::clone(place) });
+        let service = Watched { router: self.router.clone(), slot: Arc::clone(slot), peer };
+        let stream = TokioIo::new(Watching { stream, slot: Arc::clone(slot) });
         let connection = self.http.serve_connection(stream, TowerToHyperService::new(service));
         let mut connection = std::pin::pin!(connection);
         // A connection accepted after the stop gets one response, which announces the close.
@@ -125,8 +125,8 @@ impl Connections {
             tokio::select! {
                 // A broken connection is the client's concern.
                 _ = connection.as_mut() => return,
-                end = place.end(&self.patience) => {
-                    if end == End::Idle {
+                end = slot.end(&self.patience) => {
+                    if end == CloseReason::Idle {
                         connection.as_mut().graceful_shutdown();
                         let _ = tokio::time::timeout(GOODBYE, connection).await;
                     }
@@ -172,7 +172,7 @@ impl Complaint {
 #[derive(Clone)]
 struct Watched {
     router: Router,
-    place: Arc<Place>,
+    slot: Arc<Slot>,
     peer: SocketAddr,
 }
 
@@ -190,7 +190,7 @@ where
     }
 
     fn call(&mut self, mut request: Request<B>) -> Self::Future {
-        let guard = self.place.begin();
+        let guard = self.slot.begin();
         request.extensions_mut().insert(ConnectInfo(self.peer));
         let part = guard.part(false);
         let answer = self.router.call(request.map(|body| Arriving { body: Box::pin(body), part }));
@@ -263,14 +263,14 @@ impl HttpBody for Leaving {
 /// Stream that reports to the slot when written bytes are not accepted.
 struct Watching<S> {
     stream: S,
-    place: Arc<Place>,
+    slot: Arc<Slot>,
 }
 
 impl<S> Watching<S> {
     fn told(&self, polled: Poll<io::Result<usize>>) -> Poll<io::Result<usize>> {
         match &polled {
-            Poll::Pending => self.place.waits(true),
-            Poll::Ready(Ok(bytes)) => self.place.wrote(*bytes),
+            Poll::Pending => self.slot.waits(true),
+            Poll::Ready(Ok(bytes)) => self.slot.wrote(*bytes),
             Poll::Ready(Err(_)) => {}
         }
         polled
@@ -313,7 +313,7 @@ impl<S: AsyncWrite + Unpin> AsyncWrite for Watching<S> {
     fn poll_flush(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
         // The flush is ready only once all written bytes have left.
         let polled = Pin::new(&mut self.stream).poll_flush(context);
-        self.place.waits(polled.is_pending());
+        self.slot.waits(polled.is_pending());
         polled
     }
 

@@ -1,11 +1,11 @@
 //! Server: starts the service, announces its address, and shuts it down in order.
 //!
 //! * [`connections`] — accepting connections, and their time limits;
-//! * [`places`] — a fixed number of connection slots with idle eviction;
+//! * [`slots`] — a fixed number of connection slots with idle eviction;
 //! * [`tls`] — the certificate.
 
+mod connection_slots;
 mod connections;
-mod places;
 mod tls;
 
 use std::time::Duration;

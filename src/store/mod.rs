@@ -18,7 +18,7 @@
 //!
 //! * [`cohorts`], [`shapes`], [`dictionaries`] — finding, listing and deleting; [`upload`] — storing shapes;
 //! * [`scan`] — reading control points in bulk;
-//! * [`jobs`] — the queue; [`passes`] — distributed parts of jobs; [`outputs`] — large results of jobs;
+//! * [`jobs`] — the queue; [`tasks`] — distributed parts of jobs; [`outputs`] — large results of jobs;
 //! * [`changes`] — the change feed; `trash` — deleted objects; [`receipts`] — outcomes of idempotent requests;
 //! * [`audit`] — the audit trail; [`metrics`] — metric names;
 //! * [`maintenance`] — checks, backups and exports of the whole store;
@@ -43,13 +43,13 @@ mod mark;
 mod measure;
 pub mod metrics;
 pub mod outputs;
-pub mod passes;
 mod postgres;
 pub mod receipts;
 mod replica;
 pub mod scan;
 pub mod shapes;
 mod sqlite;
+pub mod tasks;
 mod text;
 mod trash;
 pub mod upload;
@@ -62,9 +62,9 @@ pub use filter::Revisions;
 pub use handle::Store;
 pub use jobs::{Claim, Claimed, Release};
 pub use measure::Measures;
-pub use passes::{PartClaim, PartEnd, PassOf, Start};
 pub use scan::{Ids, ScanBatch};
 pub use shapes::{Cursor, CursorError, ShapePage};
+pub use tasks::{PartClaim, PartEnd, PassOf, Start};
 pub use upload::{Added, Upload};
 
 #[cfg(test)]

@@ -22,8 +22,8 @@ mod audit;
 mod jobs;
 mod keys;
 mod opening;
-mod passes;
 mod sharing;
+mod tasks;
 
 /// Number of coordinates of a shape of [`cohort`].
 const WIDTH: usize = 6;

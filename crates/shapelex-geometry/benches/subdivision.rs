@@ -11,7 +11,7 @@ use criterion::{Criterion, criterion_group, criterion_main};
 use rayon::prelude::*;
 use shapelex_geometry::generator::Exact;
 use shapelex_geometry::mesh::TriangleMesh;
-use shapelex_geometry::nearest::NearestTriangles;
+use shapelex_geometry::mesh_tree::NearestTriangles;
 use shapelex_geometry::raster::{self, Grid};
 use shapelex_geometry::representation::{Representation, ShapeSpace};
 use shapelex_geometry::subdivision::control::{ControlMesh, StartMesh};

@@ -9,7 +9,7 @@
 //! polynomials.
 
 use super::generator::{Generator, evaluate_taylor};
-use super::line::locate;
+use super::knot_line::locate;
 use super::open::{covering, phantoms};
 use super::representation::ShapeSpace;
 use shapelex_numeric::dense::Matrix;

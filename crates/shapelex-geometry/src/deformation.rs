@@ -8,7 +8,7 @@
 //! The change is the smallest one in `L₂`; it decays away from the handles as `Φ⁻¹` does.
 
 use super::GeometryError;
-use super::line::Line;
+use super::knot_line::Line;
 use super::open::phantoms;
 use super::representation::ShapeSpace;
 use shapelex_numeric::dense::{Definite, Matrix};

@@ -1,7 +1,7 @@
 //! Shape geometry: generators, spline curves, surfaces and meshes, with their inner products, measures and sampling.
 //!
 //! * [`generator`] — compactly supported functions whose integer shifts span a shape space;
-//! * [`mod@line`] — these shifts along one direction, closed or open: inner products, interpolation;
+//! * [`knot_line`] — these shifts along one direction, closed or open: inner products, interpolation;
 //! * [`representation`] — the kind and size of a shape, and the prepared [`ShapeSpace`](representation::ShapeSpace);
 //! * [`curve`] — a spline curve, closed or open, as polynomials per half-segment: values, derivatives;
 //! * [`open`] — the basis of open curves: phantom control points beyond the ends, banded inner products;
@@ -11,13 +11,13 @@
 //! * [`intersection`] — the self-intersection test;
 //! * [`resample`] — arc-length sampling of polygons and the canonical start point of a contour;
 //! * [`sampling`] — points along shapes for comparisons;
-//! * [`turning`] — total curvature of a curve;
+//! * [`total_curvature`] — total curvature of a curve;
 //! * [`fit`] — least-squares fits of raw contours;
 //! * [`refine`] — the same curve on a finer grid;
 //! * [`deformation`] — edits by moved control points or handles;
 //! * [`surface`] — tensor-product surfaces;
 //! * [`subdivision`] — subdivision surfaces;
-//! * [`mesh`] — triangle meshes; [`quality`] — defects of meshes; [`nearest`] — nearest points on a mesh;
+//! * [`mesh`] — triangle meshes; [`quality`] — defects of meshes; [`mesh_tree`] — nearest points on a mesh;
 //!   [`vector`] — vectors in space;
 //! * [`raster`] — the cells of a grid inside a shape, and the overlap of two such sets;
 //! * [`size`] — volume, area, length of any shape; [`drawing`] — drawings as SVG;
@@ -34,10 +34,10 @@ pub mod frame;
 pub mod generator;
 pub mod ideal;
 pub mod intersection;
-pub mod line;
+pub mod knot_line;
 pub mod measures;
 pub mod mesh;
-pub mod nearest;
+pub mod mesh_tree;
 pub mod open;
 pub mod quality;
 pub mod raster;
@@ -48,7 +48,7 @@ pub mod sampling;
 pub mod size;
 pub mod subdivision;
 pub mod surface;
-pub mod turning;
+pub mod total_curvature;
 pub mod vector;
 
 use shapelex_numeric::NumericError;

@@ -8,7 +8,7 @@
 
 use super::curve::Curve;
 use super::generator::{HALF_PIECE, differentiate, integrate_product};
-use super::turning::Turning;
+use super::total_curvature::Turning;
 use shapelex_numeric::bounded::{Patience, Stop, never};
 use shapelex_numeric::quadrature::{GaussLegendre, Panels};
 

@@ -11,7 +11,7 @@
 //! self-intersection may remain undecided.
 
 use super::mesh::TriangleMesh;
-use super::nearest::NearestTriangles;
+use super::mesh_tree::NearestTriangles;
 use super::raster::bounds;
 use super::vector::{cross, dot, minus, norm};
 use shapelex_numeric::bounded::{Allowance, Stop};

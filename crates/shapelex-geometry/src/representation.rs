@@ -14,7 +14,7 @@ use std::sync::Arc;
 
 use super::GeometryError;
 use super::generator::{Generator, GeneratorKind};
-use super::line::Line;
+use super::knot_line::Line;
 use super::open::phantoms;
 use super::subdivision::Subdivision;
 use super::subdivision::basis::SubdivisionBasis;

@@ -11,19 +11,19 @@
 //! * [`dense`] — dense kernels and eigenproblems; the only module that depends on the linear algebra library;
 //! * [`fingerprint`] — a digest that tells whether two processes compute the same bits;
 //! * [`quadrature`] — Gauss–Legendre rules and an adaptive integral;
-//! * [`real`] — double and double-double arithmetic under one trait, and small systems over it.
+//! * [`double_double`] — double and double-double arithmetic under one trait, and small systems over it.
 
 pub mod banded;
 pub mod bounded;
 pub mod cholesky;
 pub mod circulant;
 pub mod dense;
+pub mod double_double;
 pub mod fingerprint;
 pub mod kernels;
 pub mod kronecker;
 pub mod operator;
 pub mod quadrature;
-pub mod real;
 pub mod sparse;
 
 /// Errors of the numerical layer.

@@ -9,7 +9,7 @@ use bytes::Bytes;
 use futures_util::stream::{self, Stream};
 use serde::{Deserialize, Serialize};
 
-use super::settings::{Page, PageQuery, time};
+use super::request_macros::{Page, PageQuery, time};
 use crate::api::extract::{Caller, Query};
 use crate::api::problem::{Problem, ProblemDocument, ProblemKind};
 use crate::api::respond::json;

@@ -6,7 +6,7 @@ use axum::response::Response;
 use serde::Serialize;
 use serde_json::{Map, Value};
 
-use super::settings::{class_names, rows};
+use super::request_macros::{class_names, rows};
 use crate::analysis::transformation::{ClassName, TransformationClass};
 use crate::api::extract::{Format, NoQuery, Path, Query};
 use crate::api::problem::{Problem, ProblemDocument};

@@ -4,7 +4,7 @@ use axum::http::StatusCode;
 use axum::response::Response;
 use serde::{Deserialize, Serialize};
 
-use super::settings::{Page, PageQuery, time};
+use super::request_macros::{Page, PageQuery, time};
 use crate::api::extract::{Caller, NoQuery, Path, Query};
 use crate::api::problem::{Problem, ProblemDocument};
 use crate::api::respond::json;

@@ -5,7 +5,7 @@ use axum::http::StatusCode;
 use axum::response::Response;
 use serde::Serialize;
 
-use super::settings::{ShapeOutput, checked, rows};
+use super::request_macros::{ShapeOutput, checked, rows};
 use crate::api::extract::{Caller, JsonBody, NoQuery, Path};
 use crate::api::problem::{Problem, ProblemDocument};
 use crate::api::respond::{compute, json};

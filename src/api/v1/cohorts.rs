@@ -6,7 +6,7 @@ use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::{Deserialize, Serialize};
 
-use super::settings::{IfMatchHeader, MeanOutput, Page, PageQuery, RetryHeader, known, tagged, time};
+use super::request_macros::{IfMatchHeader, MeanOutput, Page, PageQuery, RetryHeader, known, tagged, time};
 use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
 use crate::analysis::frame::Frame;

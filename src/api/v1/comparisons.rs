@@ -5,7 +5,7 @@ use serde::Deserialize;
 
 use super::jobs::JobOutput;
 use super::planned::answered;
-use super::settings::{RetryHeader, priority_of};
+use super::request_macros::{RetryHeader, priority_of};
 use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::Mirror;
 use crate::analysis::transformation::{ClassName, Transformation};

@@ -6,7 +6,7 @@ use axum::http::StatusCode;
 use axum::response::Response;
 use serde::Serialize;
 
-use super::settings::{checked, shapes_request};
+use super::request_macros::{checked, shapes_request};
 use crate::analysis::correspondence::Correspondence;
 use crate::api::extract::{
     Caller, Format, JsonBody, NoQuery, OnlyShapeFormat, ShapeFormat, ShapeFormatQuery,

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::classify::ClassifierOutput;
 use super::jobs::{JobOutput, accepted};
-use super::settings::{Page, PageQuery, RetryHeader, ShapeOutput, known, priority_of, tagged, time};
+use super::request_macros::{Page, PageQuery, RetryHeader, ShapeOutput, known, priority_of, tagged, time};
 use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
 use crate::analysis::frame::Frame;

@@ -6,7 +6,7 @@ use axum::response::Response;
 use serde::Serialize;
 
 use super::curves::ParameterList;
-use super::settings::{ShapeOutput, checked, shapes_request};
+use super::request_macros::{ShapeOutput, checked, shapes_request};
 use crate::analysis::correspondence::Correspondence;
 use crate::api::extract::{Caller, JsonBody, NoQuery};
 use crate::api::problem::{Problem, ProblemDocument};

@@ -10,7 +10,7 @@ use futures_util::stream::{self, Stream};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::settings::{Page, PageQuery, time};
+use super::request_macros::{Page, PageQuery, time};
 use crate::api::extract::{Caller, NoQuery, Path, Query};
 use crate::api::problem::{Problem, ProblemDocument};
 use crate::api::respond::json;

@@ -4,7 +4,7 @@ use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 
-use super::settings::{Page, PageQuery, time};
+use super::request_macros::{Page, PageQuery, time};
 use crate::api::extract::{Caller, JsonBody, NoQuery, Path, Query};
 use crate::api::problem::{Problem, ProblemDocument};
 use crate::api::respond::json;

@@ -8,7 +8,7 @@ use serde::Serialize;
 use serde_json::Value;
 
 use super::jobs::{JobOutput, accepted};
-use super::settings::{RetryHeader, checked, priority_of};
+use super::request_macros::{RetryHeader, checked, priority_of};
 use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
 use crate::analysis::frame::Frame;

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::value::RawValue;
 
 use super::cohorts::{once_each, refuse_rest, take_filter};
-use super::settings::{IfMatchHeader, Page, PageQuery, RetryHeader, checked, time};
+use super::request_macros::{IfMatchHeader, Page, PageQuery, RetryHeader, checked, time};
 use crate::api::body::{self, is_stream};
 use crate::api::extract::{
     Caller, Format, IfMatch, NoQuery, OnlyShapeFormat, Path, Query, ShapeFormat, ShapeFormatQuery, is_json,

@@ -5,7 +5,7 @@ use axum::http::StatusCode;
 use axum::response::Response;
 use serde::{Deserialize, Serialize};
 
-use super::settings::{MeanOutput, ShapeOutput, checked, rows, settings_request};
+use super::request_macros::{MeanOutput, ShapeOutput, checked, rows, settings_request};
 use crate::analysis::alignment::{AlignedShape, Projection, unwhitened};
 use crate::api::extract::{
     Caller, Format, JsonBody, NoQuery, OnlyFormat, OnlyShapeFormat, Query, ShapeFormat, ShapeFormatQuery,

@@ -4,7 +4,7 @@ use axum::http::StatusCode;
 use axum::response::Response;
 use serde::Serialize;
 
-use super::settings::checked;
+use super::request_macros::checked;
 use crate::api::extract::{Caller, Format, JsonBody, OnlyShapeFormat, ShapeFormat, ShapeFormatQuery};
 use crate::api::problem::{Problem, ProblemDocument};
 use crate::api::respond::{compute_planned, json, mesh_file, planned, svg};

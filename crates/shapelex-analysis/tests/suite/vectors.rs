@@ -13,7 +13,7 @@ use shapelex_analysis::metric::Metric;
 use shapelex_analysis::pca::FunctionalPca;
 use shapelex_analysis::transformation::Transformation;
 use shapelex_geometry::generator::GeneratorKind;
-use shapelex_geometry::line::gram_row;
+use shapelex_geometry::knot_line::gram_row;
 use shapelex_geometry::representation::{Representation, ShapeSpace};
 
 const TOLERANCE: f64 = 1e-9;

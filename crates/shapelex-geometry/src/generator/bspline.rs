@@ -13,7 +13,7 @@
 use super::piecewise::{Generator, HALF_PIECE, Pieces};
 use super::poles::Poles;
 use crate::GeometryError;
-use shapelex_numeric::real::Real;
+use shapelex_numeric::double_double::Real;
 
 /// The centred B-spline `β_α`, not normalised: `∫ β_α` is [`Poles::integral`].
 ///

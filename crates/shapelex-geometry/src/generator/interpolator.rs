@@ -20,7 +20,7 @@ use super::piecewise::{Generator, Pieces};
 use super::poles::Poles;
 use crate::GeometryError;
 use shapelex_numeric::dense::Matrix;
-use shapelex_numeric::real::{DoubleDouble, Real, solve_small};
+use shapelex_numeric::double_double::{DoubleDouble, Real, solve_small};
 
 /// Minimum number of poles of an interpolator: with fewer it is not `C¹`.
 pub const MIN_POLES: usize = 3;

@@ -1,6 +1,6 @@
 //! The piecewise Taylor form of a generator.
 
-use shapelex_numeric::real::Real;
+use shapelex_numeric::double_double::Real;
 
 /// Half the length of a piece; pieces are half-integer intervals.
 pub const HALF_PIECE: f64 = 0.25;

@@ -3,7 +3,7 @@
 use std::f64::consts::PI;
 
 use crate::GeometryError;
-use shapelex_numeric::real::Real;
+use shapelex_numeric::double_double::Real;
 
 /// Poles of an exponential B-spline on the integer grid. The list is symmetric (`α = −α`) and closed under conjugation, so
 /// it is stored as zeros, pairs and quadruples.

@@ -11,7 +11,7 @@ use super::basis::SubdivisionBasis;
 use super::control::ControlMesh;
 use crate::GeometryError;
 use crate::mesh::TriangleMesh;
-use crate::nearest::{Foot, NearestTriangles};
+use crate::mesh_tree::{Foot, NearestTriangles};
 use crate::raster::bounds;
 use crate::vector::{minus, norm};
 use shapelex_numeric::bounded::{Allowance, Stop, never};

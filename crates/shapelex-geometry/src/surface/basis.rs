@@ -7,7 +7,7 @@ use super::sphere::{POLAR_ROWS, SphereBasis, SphereGram, handle_length};
 use super::{Surface, Topology};
 use crate::GeometryError;
 use crate::generator::GeneratorKind;
-use crate::line::{Line, gram_eigenvalues};
+use crate::knot_line::{Line, gram_eigenvalues};
 use crate::open::{open_gram, phantoms};
 use shapelex_numeric::dense::Matrix;
 use shapelex_numeric::kronecker::{Kronecker, transpose};

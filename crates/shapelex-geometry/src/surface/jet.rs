@@ -6,7 +6,7 @@
 //! ```
 
 use super::{Surface, Topology, combine};
-use crate::line::Line;
+use crate::knot_line::Line;
 use crate::vector::{cross, dot, norm};
 
 /// Orders of the evaluated derivatives along `u` and `v`.

@@ -29,7 +29,7 @@ pub mod tessellation;
 use std::ops::Range;
 
 use super::generator::GeneratorKind;
-use super::line::Line;
+use super::knot_line::Line;
 use super::open::phantoms;
 use super::vector::{far_origin, minus};
 use seam::Seam;

@@ -22,7 +22,7 @@ use std::sync::Arc;
 use realfft::num_complex::Complex64;
 
 use super::super::GeometryError;
-use super::super::line::{Line, dependent};
+use super::super::knot_line::{Line, dependent};
 use shapelex_numeric::banded::{Band, Banded};
 use shapelex_numeric::circulant::RealFft;
 use shapelex_numeric::dense::Matrix;

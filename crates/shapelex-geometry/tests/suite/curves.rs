@@ -10,7 +10,7 @@ use shapelex_geometry::GeometryError;
 use shapelex_geometry::curve::Curve;
 use shapelex_geometry::generator::{Family, Generator, GeneratorKind, PoleList};
 use shapelex_geometry::intersection::self_intersects;
-use shapelex_geometry::line::gram_row;
+use shapelex_geometry::knot_line::gram_row;
 use shapelex_geometry::measures::{CurveMeasures, Orientation, signed_area};
 use shapelex_geometry::open::{open_gram, phantoms};
 use shapelex_geometry::representation::{Representation, ShapeSpace};

@@ -7,7 +7,7 @@ use serde_json::Value;
 use shapelex_geometry::GeometryError;
 use shapelex_geometry::generator::bspline::{exponential_bspline, normalised_bspline};
 use shapelex_geometry::generator::{Generator, GeneratorKind, Poles, Recipe, evaluate_taylor};
-use shapelex_geometry::line::gram_row;
+use shapelex_geometry::knot_line::gram_row;
 use shapelex_geometry::open::open_gram;
 use shapelex_numeric::circulant::Circulant;
 use shapelex_numeric::quadrature::GaussLegendre;

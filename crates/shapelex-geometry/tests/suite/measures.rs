@@ -9,7 +9,7 @@ use shapelex_geometry::distance::{Distances, l2};
 use shapelex_geometry::frame::Frame;
 use shapelex_geometry::generator::{GeneratorKind, PoleList};
 use shapelex_geometry::measures::CurveMeasures;
-use shapelex_geometry::turning::Turning;
+use shapelex_geometry::total_curvature::Turning;
 use shapelex_numeric::bounded::never;
 use shapelex_numeric::dense::Matrix;
 

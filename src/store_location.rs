@@ -6,13 +6,13 @@ use std::time::{Duration, Instant};
 use crate::store::{Store, StoreError};
 
 /// Longest time that a start waits for its database.
-const PATIENCE: Duration = Duration::from_secs(60);
+const CONNECT_TIMEOUT: Duration = Duration::from_secs(60);
 /// Interval between connection attempts.
 const PAUSE: Duration = Duration::from_millis(500);
 
 /// Location of the store.
 #[derive(Debug, Clone)]
-pub(crate) struct Place {
+pub(crate) struct StoreLocation {
     /// Address `postgres://…`, or empty for the embedded database.
     pub(crate) database_url: String,
     /// Maximum number of connections to PostgreSQL.
@@ -45,7 +45,7 @@ pub(crate) fn database_url(given: &str, file: Option<&Path>) -> Result<String, S
     }
 }
 
-impl Place {
+impl StoreLocation {
     /// Opens the store for a command, while the service may be running.
     ///
     /// # Errors
@@ -79,7 +79,7 @@ impl Place {
         let begun = Instant::now();
         loop {
             match Store::connect(&self.database_url, self.database_connections).await {
-                Err(StoreError::Busy) if begun.elapsed() < PATIENCE => {
+                Err(StoreError::Busy) if begun.elapsed() < CONNECT_TIMEOUT => {
                     tracing::warn!("the database does not answer yet");
                     tokio::time::sleep(PAUSE).await;
                 }

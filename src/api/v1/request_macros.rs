@@ -61,7 +61,7 @@ pub(super) use shapes_request;
 /// Declares a request with the settings of the statistics and further fields.
 macro_rules! settings_request {
     ($(#[$meta:meta])* $name:ident { $($further:tt)* }) => {
-        crate::api::v1::settings::shapes_request! {
+        crate::api::v1::request_macros::shapes_request! {
             $(#[$meta])*
             $name {
                 /// How to treat contour direction. Default: `given` (keep the direction as posted).

@@ -10,11 +10,11 @@ use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 
 /// Longest interval between checks of a connection.
-const GLANCE: Duration = Duration::from_secs(5);
+const MAX_CHECK_INTERVAL: Duration = Duration::from_secs(5);
 
 /// Timeouts of connections.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Patience {
+pub(super) struct Timeouts {
     /// From the connection to the end of its first request head.
     pub(super) first: Duration,
     /// From a response to the end of the next request head.
@@ -25,7 +25,7 @@ pub(super) struct Patience {
 
 /// All connection slots.
 #[derive(Debug)]
-pub(super) struct Places {
+pub(super) struct Slots {
     most: usize,
     state: Mutex<State>,
 }
@@ -39,13 +39,13 @@ struct State {
     idle: BTreeMap<u64, CancellationToken>,
 }
 
-impl Places {
+impl Slots {
     pub(super) fn new(most: usize) -> Arc<Self> {
         Arc::new(Self { most, state: Mutex::default() })
     }
 
     /// Takes a slot, evicting the longest idle connection if necessary; `None` if all connections are being served.
-    pub(super) fn enter(self: &Arc<Self>) -> Option<Arc<Place>> {
+    pub(super) fn enter(self: &Arc<Self>) -> Option<Arc<Slot>> {
         let mut state = locked(&self.state);
         if state.taken >= self.most && !state.close_longest_idle() {
             return None;
@@ -64,7 +64,7 @@ impl Places {
             unread: HashMap::new(),
             written: 0,
         };
-        Some(Arc::new(Place { places: Arc::clone(self), closing, usage: Mutex::new(usage) }))
+        Some(Arc::new(Slot { slots: Arc::clone(self), closing, usage: Mutex::new(usage) }))
     }
 
     /// Evicts the longest idle connection.
@@ -87,8 +87,8 @@ impl State {
 
 /// Slot of one connection.
 #[derive(Debug)]
-pub(super) struct Place {
-    places: Arc<Places>,
+pub(super) struct Slot {
+    slots: Arc<Slots>,
     closing: CancellationToken,
     usage: Mutex<Usage>,
 }
@@ -118,7 +118,7 @@ const LEAST: usize = 16 << 10;
 
 /// How to close a connection.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum End {
+pub(super) enum CloseReason {
     /// Gracefully: it is idle.
     Idle,
     /// Immediately: its client does not read, or another connection needs the slot.
@@ -138,19 +138,19 @@ impl Usage {
     }
 
     /// Marks the connection as idle or busy, as its requests require.
-    fn settle(&mut self, place: &Place) {
+    fn settle(&mut self, place: &Slot) {
         match (self.working > 0, self.idle) {
             (true, Some(number)) => {
-                locked(&place.places.state).idle.remove(&number);
+                locked(&place.slots.state).idle.remove(&number);
                 self.idle = None;
             }
-            (false, None) => self.idle = Some(locked(&place.places.state).rest(&place.closing)),
+            (false, None) => self.idle = Some(locked(&place.slots.state).rest(&place.closing)),
             _ => {}
         }
     }
 }
 
-impl Place {
+impl Slot {
     /// Registers a request, which ends when the returned value is dropped.
     pub(super) fn begin(self: &Arc<Self>) -> Arc<Request> {
         let mut usage = locked(&self.usage);
@@ -177,7 +177,7 @@ impl Place {
     }
 
     /// Waits until the connection must be closed.
-    pub(super) async fn end(&self, patience: &Patience) -> End {
+    pub(super) async fn end(&self, patience: &Timeouts) -> CloseReason {
         let overdue = async {
             loop {
                 match self.look(patience) {
@@ -187,28 +187,28 @@ impl Place {
             }
         };
         tokio::select! {
-            () = self.closing.cancelled() => End::AtOnce,
+            () = self.closing.cancelled() => CloseReason::AtOnce,
             end = overdue => end,
         }
     }
 
     /// Time of the next check, or how the connection must be closed now.
-    fn look(&self, patience: &Patience) -> Result<Instant, End> {
+    fn look(&self, patience: &Timeouts) -> Result<Instant, CloseReason> {
         let (usage, now) = (locked(&self.usage), Instant::now());
-        let soon = now + GLANCE.min(patience.idle).min(patience.reader);
+        let soon = now + MAX_CHECK_INTERVAL.min(patience.idle).min(patience.reader);
         let (end, due) = match (usage.unread.values().min(), usage.requests) {
-            (Some(since), _) => (End::AtOnce, *since + patience.reader),
-            (None, 0) if usage.served => (End::Idle, usage.since + patience.idle),
-            (None, 0) => (End::Idle, usage.since + patience.first),
+            (Some(since), _) => (CloseReason::AtOnce, *since + patience.reader),
+            (None, 0) if usage.served => (CloseReason::Idle, usage.since + patience.idle),
+            (None, 0) => (CloseReason::Idle, usage.since + patience.first),
             (None, _) => return Ok(soon),
         };
         if due <= now { Err(end) } else { Ok(due.min(soon)) }
     }
 }
 
-impl Drop for Place {
+impl Drop for Slot {
     fn drop(&mut self) {
-        let mut state = locked(&self.places.state);
+        let mut state = locked(&self.slots.state);
         state.taken -= 1;
         if let Some(number) = locked(&self.usage).idle {
             state.idle.remove(&number);
@@ -219,7 +219,7 @@ impl Drop for Place {
 /// A request on a connection, until its response is written.
 #[derive(Debug)]
 pub(super) struct Request {
-    place: Arc<Place>,
+    place: Arc<Slot>,
 }
 
 impl Request {
@@ -284,7 +284,7 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 mod tests {
     use super::*;
 
-    const PATIENCE: Patience = Patience {
+    const PATIENCE: Timeouts = Timeouts {
         first: Duration::from_millis(60),
         idle: Duration::from_millis(120),
         reader: Duration::from_millis(200),
@@ -292,39 +292,39 @@ mod tests {
 
     #[test]
     fn who_waits_for_its_client_gives_its_place_and_who_is_at_work_never_does() {
-        let places = Places::new(2);
-        let (first, second) = (places.enter().unwrap(), places.enter().unwrap());
+        let slots = Slots::new(2);
+        let (first, second) = (slots.enter().unwrap(), slots.enter().unwrap());
         let answering = first.begin();
-        let third = places.enter().unwrap();
+        let third = slots.enter().unwrap();
         assert!(!first.closing.is_cancelled() && second.closing.is_cancelled());
         drop(second);
         let busy = third.begin();
-        assert!(places.enter().is_none(), "both are being answered");
+        assert!(slots.enter().is_none(), "both are being answered");
         drop(answering);
-        assert!(places.enter().is_some());
+        assert!(slots.enter().is_some());
         assert!(first.closing.is_cancelled() && !third.closing.is_cancelled());
         drop((busy, first, third));
-        let slow = places.enter().unwrap();
+        let slow = slots.enter().unwrap();
         let (_request, mut body) = {
             let request = slow.begin();
             (Arc::clone(&request), request.part(false))
         };
-        let _other = places.enter().unwrap().begin();
-        assert!(places.enter().is_none(), "both are at work");
+        let _other = slots.enter().unwrap().begin();
+        assert!(slots.enter().is_none(), "both are at work");
         body.waits(true);
-        drop(places.enter().unwrap());
+        drop(slots.enter().unwrap());
         assert!(slow.closing.is_cancelled(), "a client that does not send gives its place");
         drop((body, _request, slow, _other));
-        let state = locked(&places.state);
+        let state = locked(&slots.state);
         assert_eq!((state.taken, state.idle.len()), (0, 0), "nothing is left of closed connections");
     }
 
     #[tokio::test]
     async fn a_connection_goes_when_it_is_idle_or_not_read_and_not_while_it_is_answered() {
-        let places = Places::new(1);
-        let place = places.enter().unwrap();
+        let slots = Slots::new(1);
+        let place = slots.enter().unwrap();
         let begin = Instant::now();
-        assert_eq!(place.end(&PATIENCE).await, End::Idle);
+        assert_eq!(place.end(&PATIENCE).await, CloseReason::Idle);
         assert!(
             (60..120).contains(&begin.elapsed().as_millis()),
             "before the first request: {:?}",
@@ -338,12 +338,12 @@ mod tests {
         let begin = Instant::now();
         tokio::time::sleep(Duration::from_millis(100)).await;
         place.wrote(LEAST);
-        assert_eq!(place.end(&PATIENCE).await, End::AtOnce);
+        assert_eq!(place.end(&PATIENCE).await, CloseReason::AtOnce);
         assert!(begin.elapsed() >= Duration::from_millis(299), "what was read counts: {:?}", begin.elapsed());
         answer.waits(false);
         drop((answer, request));
         let begin = Instant::now();
-        assert_eq!(place.end(&PATIENCE).await, End::Idle);
+        assert_eq!(place.end(&PATIENCE).await, CloseReason::Idle);
         assert!(begin.elapsed() >= Duration::from_millis(119), "after a request: {:?}", begin.elapsed());
     }
 }
