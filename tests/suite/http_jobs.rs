@@ -145,7 +145,7 @@ async fn unknown_jobs_are_not_found() {
     for path in ["/v1/jobs/job_none", "/v1/jobs/job_none/events"] {
         let (status, problem) = service.get(path).await;
         assert_eq!((status, &problem["code"]), (404, &json!("not-found")), "{path}");
-        assert_eq!(problem["detail"], "there is no job 'job_none'");
+        assert_eq!(problem["detail"], "job 'job_none' not found");
     }
     assert_eq!(service.cancel("job_none").await.0, 404);
     for path in ["/v1/jobs/job_none?a=1", "/v1/jobs/job_none/events?a=1"] {
@@ -198,7 +198,7 @@ async fn what_runs_is_cancelled_and_what_is_finished_is_not() {
     until("the success", async || service.get(&path).await.1["status"] == "succeeded").await;
     let (status, problem) = service.cancel(&done.id).await;
     assert_eq!((status, &problem["code"]), (409, &json!("job-finished")));
-    assert_eq!(problem["detail"], format!("the job '{}' has succeeded already", done.id));
+    assert_eq!(problem["detail"], format!("the job '{}' has already succeeded", done.id));
     assert_eq!(service.get(&path).await.1["result"], json!({"done": true}));
 
     let long = submit(&service.app, json!("spin")).await;

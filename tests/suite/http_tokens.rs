@@ -158,7 +158,10 @@ fn with(claims: &Value, name: &str, value: Value) -> Value {
 fn assert_refused(server: &Server, token: &str, check: &str) {
     let reply = get_with(server, "/v1/cohorts", token);
     let problem = reply.expect_problem(401, "unauthenticated", &[]);
-    assert_eq!(problem["detail"], "a valid key or token is needed, in the header 'Authorization: Bearer …'");
+    assert_eq!(
+        problem["detail"],
+        "authentication required: send a valid key or token in the header 'Authorization: Bearer …'"
+    );
     assert_eq!(reply.header("www-authenticate"), Some("Bearer"));
     let log = server.log();
     let last = log.lines().rfind(|line| line.contains("a credential was refused")).unwrap_or_default();

@@ -109,13 +109,13 @@ async fn failures_are_kept_as_problems_and_the_worker_goes_on() {
         Some("panic") => panic!("the secret cause"),
         _ => Ok(Outcome { result: json!(null), dictionary: None, output: None }),
     });
-    let detail = "the cause is in the log under the id of the job";
+    let detail = "internal error: see the log under the id of the job";
     for (parameters, status, code, detail, errors) in [
         (
             "invalid",
             422,
             "invalid-input",
-            "/atoms must be at least 1",
+            "/atoms: must be at least 1",
             json!([{"pointer": "/atoms", "detail": "must be at least 1"}]),
         ),
         ("internal", 500, "internal", detail, json!([])),

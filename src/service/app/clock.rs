@@ -127,8 +127,8 @@ fn warn(now_ms: i64, expected_ms: i64) {
     tracing::warn!(
         shows,
         expected,
-        "the clock is more than a day away from the newest time of the store: nothing is removed for its age until the clock \
-         is set, has run for a day, or is confirmed by `shapelex confirm-clock`"
+        "the clock differs by more than a day from the newest time in the store: nothing is removed for its \
+         age until the clock is set, has run for a day, or is confirmed by `shapelex confirm-clock`"
     );
 }
 
@@ -155,7 +155,8 @@ fn check_time(now_ms: i64) -> Result<(), String> {
         return Ok(());
     }
     Err(format!(
-        "the clock of this machine shows {}, expected a time after {}: set it first, as its times are stored with everything",
+        "the clock of this machine shows {}, expected a time after {}: set the clock first, because its times \
+         are stored with all data",
         time(now_ms),
         time(EARLIEST_MS)
     ))

@@ -111,7 +111,7 @@ impl App {
         match self.principal.cohorts {
             None => Ok(()),
             Some(_) => {
-                Err(ServiceError::Forbidden(format!("{what} needs a key that is not limited to cohorts")))
+                Err(ServiceError::Forbidden(format!("{what} requires a key that is not limited to cohorts")))
             }
         }
     }
@@ -141,8 +141,9 @@ impl App {
             return Err(ServiceError::Unavailable("the service is stopping".into()));
         }
         if let Some(lane) = self.pool.stuck_lane() {
-            let detail =
-                format!("all threads of the lane '{lane}' have been at one computation beyond its time");
+            let detail = format!(
+                "all threads of the lane '{lane}' have been busy with one computation past its time limit"
+            );
             tracing::error!(lane, "all threads of a lane are stuck");
             return Err(ServiceError::Unavailable(detail));
         }

@@ -60,7 +60,7 @@ pub enum ServiceError {
     #[error("degenerate shapes: {}", faults_text(.0))]
     DegenerateShape(Vec<Fault>),
     /// Too few shapes for statistics.
-    #[error("{found} shapes, at least {needed} are needed")]
+    #[error("expected at least {needed} shapes, got {found}")]
     TooFewShapes {
         /// Number of shapes given.
         found: usize,
@@ -70,22 +70,22 @@ pub enum ServiceError {
     /// A query parameter breaks a rule.
     #[error("{0}")]
     Query(String),
-    /// No object has this name or id.
-    #[error("there is no {kind} '{key}'")]
+    /// Nothing has this name or id.
+    #[error("{kind} '{key}' not found")]
     NotFound {
         /// Kind of object: `cohort`, `shape`, `job`.
         kind: &'static str,
         /// Requested name or id.
         key: String,
     },
-    /// Another cohort has this name.
-    #[error("a cohort named '{name}' exists already")]
+    /// A cohort has this name already.
+    #[error("a cohort named '{name}' already exists")]
     NameTaken {
         /// Requested name.
         name: String,
     },
     /// Another shape has this external id.
-    #[error("{} {}", .0.pointer, .0.detail)]
+    #[error("{}: {}", .0.pointer, .0.detail)]
     ExternalIdConflict(Fault),
     /// A line or body exceeds its maximum length.
     #[error("{}", .0.detail)]
@@ -93,19 +93,19 @@ pub enum ServiceError {
     /// The body ended early or stalled.
     #[error("{0}")]
     Interrupted(String),
-    /// A finished job cannot be cancelled.
-    #[error("the job '{id}' has {status} already")]
+    /// A job that is finished cannot be cancelled.
+    #[error("the job '{id}' has already {status}")]
     JobFinished {
         /// Id of the job.
         id: String,
         /// Final status of the job.
         status: &'static str,
     },
-    /// The work was interrupted before its end.
-    #[error("the work was cancelled before it was done")]
+    /// The work was asked to stop before it was done.
+    #[error("the work was cancelled before it finished")]
     Cancelled,
-    /// The request has no valid credential.
-    #[error("a valid key or token is needed, in the header 'Authorization: Bearer …'")]
+    /// It is not known who asks.
+    #[error("authentication required: send a valid key or token in the header 'Authorization: Bearer …'")]
     Unauthenticated,
     /// The caller is authenticated but not authorised.
     #[error("{0}")]
@@ -113,15 +113,16 @@ pub enum ServiceError {
     /// Temporarily impossible; the request can be retried later.
     #[error("{0}")]
     Unavailable(String),
-    /// The idempotency key belongs to another request.
-    #[error("the Idempotency-Key was given to another request before; take a new one")]
+    /// The key of a request that may be sent again belongs to another request.
+    #[error("the Idempotency-Key was used for another request: choose a new key")]
     KeyReused,
     /// The object has changed since the client read it.
     #[error("{0}")]
     Changed(String),
     /// Changes of that age are no longer kept.
     #[error(
-        "changes before number {first} are not kept any more: read everything again, then go on from the last"
+        "changes before number {first} are no longer available: read everything again, then continue from the \
+         last change"
     )]
     ChangesGone {
         /// Number of the first change that is kept.
@@ -130,21 +131,19 @@ pub enum ServiceError {
     /// No storage space is left; reads continue.
     #[error("{0}")]
     NoSpace(String),
-    /// The service is overloaded.
-    #[error("{0}; try again in a moment")]
+    /// More is asked for than can be done at once.
+    #[error("{0}: try again in a moment")]
     Overloaded(String),
-    /// The work exceeded the maximum time.
-    #[error(
-        "the work was ended after {seconds} s, which is longer than any may take: ask for less at a time"
-    )]
+    /// The work took longer than any may.
+    #[error("the work was stopped at the time limit of {seconds} s: ask for less at a time")]
     TookTooLong {
         /// That time.
         seconds: u64,
     },
     /// The predicted work exceeds the maximum for a request.
     #[error(
-        "this is predicted to take {seconds:.1} s of compute time, at most {most} s are given: ask for fewer or smaller \
-         shapes at a time, or for less of each"
+        "predicted compute time {seconds:.1} s, limit {most} s: ask for fewer or smaller shapes at a time, or \
+         for less of each"
     )]
     TooCostly {
         /// Predicted compute time.
@@ -158,7 +157,7 @@ pub enum ServiceError {
 }
 
 fn faults_text(faults: &[Fault]) -> String {
-    faults.first().map_or_else(String::new, |fault| format!("{} {}", fault.pointer, fault.detail))
+    faults.first().map_or_else(String::new, |fault| format!("{}: {}", fault.pointer, fault.detail))
 }
 
 impl ServiceError {
@@ -244,16 +243,18 @@ impl From<StoreError> for ServiceError {
             StoreError::TooManyJobs { .. } | StoreError::TooMuchWork { .. } => {
                 Self::Unavailable(error.to_string())
             }
-            StoreError::ExternalIdPending { .. } => {
-                Self::Unavailable("another unfinished upload holds one of the external ids".into())
-            }
+            StoreError::ExternalIdPending { .. } => Self::Unavailable(
+                "an unfinished upload uses one of the external ids: try again when it has ended".into(),
+            ),
             StoreError::UploadLost | StoreError::Busy | StoreError::ReadOnly => {
                 Self::Unavailable(error.to_string())
             }
             StoreError::AlreadyDone => {
-                Self::Unavailable("the same request was answered at this moment, send it again".into())
+                Self::Unavailable("the same request has just been answered: send it again".into())
             }
-            StoreError::Changed => Self::Changed("it was changed meanwhile, look again".into()),
+            StoreError::Changed => {
+                Self::Changed("the resource has changed since it was read: read it again".into())
+            }
             StoreError::ChangesGone { first } => Self::ChangesGone { first },
             StoreError::Full => Self::NoSpace(error.to_string()),
             StoreError::Text => Self::Query(error.to_string()),

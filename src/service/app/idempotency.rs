@@ -27,7 +27,7 @@ impl Retry {
     /// [`ServiceError::Query`] if `key` is not a valid key.
     pub fn new(key: &str, target: &str) -> Result<Self, ServiceError> {
         if !is_key(key) {
-            let detail = format!("Idempotency-Key must have 1 to {MAX_KEY_CHARS} printable ASCII characters");
+            let detail = format!("Idempotency-Key: expected 1 to {MAX_KEY_CHARS} printable ASCII characters");
             return Err(ServiceError::Query(detail));
         }
         let mut read = blake3::Hasher::new();
@@ -96,5 +96,7 @@ pub(crate) async fn done_before<T: DeserializeOwned>(
         return Err(ServiceError::KeyReused);
     }
     let outcome = serde_json::from_value(found.outcome);
-    outcome.map(Some).map_err(|error| ServiceError::Internal(format!("an unreadable receipt: {error}")))
+    outcome
+        .map(Some)
+        .map_err(|error| ServiceError::Internal(format!("unreadable idempotency record: {error}")))
 }

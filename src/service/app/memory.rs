@@ -210,11 +210,11 @@ fn full(purpose: Purpose) -> &'static str {
 
 fn too_much(purpose: Purpose, bytes: usize, most: usize) -> ServiceError {
     let what = match purpose {
-        Purpose::Bodies => "reading the body takes",
-        Purpose::Answers => "the answer has",
+        Purpose::Bodies => "reading the body would take",
+        Purpose::Answers => "the answer would take",
     };
     let detail =
-        format!("{what} about {bytes} bytes of memory, at most {most} are given: ask for less at a time");
+        format!("{what} about {bytes} bytes of memory, at most {most} are available: ask for less at a time");
     ServiceError::invalid("", detail)
 }
 

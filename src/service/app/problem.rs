@@ -42,60 +42,60 @@ macro_rules! problem_kinds {
 }
 
 problem_kinds! {
-    /// The body is not JSON, not UTF-8, or has a broken encoding.
-    MalformedBody, "malformed-body", BAD_REQUEST, "The body cannot be read";
+    /// Not JSON, not UTF-8, a broken encoding.
+    MalformedBody, "malformed-body", BAD_REQUEST, "Malformed body";
     /// A query parameter or path segment breaks a rule.
-    InvalidQuery, "invalid-query", BAD_REQUEST, "The query cannot be understood";
+    InvalidQuery, "invalid-query", BAD_REQUEST, "Invalid query parameter";
     /// The body ended early or stalled.
-    InterruptedBody, "interrupted-body", REQUEST_TIMEOUT, "The body did not arrive";
-    /// The key or token is missing, wrong, expired or revoked.
-    Unauthenticated, "unauthenticated", UNAUTHORIZED, "It is not known who asks";
-    /// The key or token does not permit this.
-    Forbidden, "forbidden", FORBIDDEN, "This is not allowed";
-    /// No route has this path.
-    RouteNotFound, "route-not-found", NOT_FOUND, "There is no such route";
-    /// No cohort, shape or job has this name or id.
-    NotFound, "not-found", NOT_FOUND, "There is no such thing";
-    /// The path exists for other methods only.
-    MethodNotAllowed, "method-not-allowed", METHOD_NOT_ALLOWED, "The method is not offered";
-    /// The response is not available in the requested format.
-    NotAcceptable, "not-acceptable", NOT_ACCEPTABLE, "The format is not offered";
-    /// Another cohort has this name.
-    NameTaken, "name-taken", CONFLICT, "The name is taken";
+    InterruptedBody, "interrupted-body", REQUEST_TIMEOUT, "Incomplete body";
+    /// No key or token, or one that is wrong, has ended or was revoked.
+    Unauthenticated, "unauthenticated", UNAUTHORIZED, "Authentication required";
+    /// The key or token is not for this.
+    Forbidden, "forbidden", FORBIDDEN, "Access denied";
+    /// Nothing at this path.
+    RouteNotFound, "route-not-found", NOT_FOUND, "Route not found";
+    /// No such cohort, shape or job.
+    NotFound, "not-found", NOT_FOUND, "Not found";
+    /// The path exists for other methods.
+    MethodNotAllowed, "method-not-allowed", METHOD_NOT_ALLOWED, "Method not allowed";
+    /// The answer does not exist in the wanted format.
+    NotAcceptable, "not-acceptable", NOT_ACCEPTABLE, "Format not available";
+    /// A cohort has this name.
+    NameTaken, "name-taken", CONFLICT, "Name already in use";
     /// Another shape has this external id.
-    ExternalIdConflict, "external-id-conflict", CONFLICT, "The external id belongs to another shape";
-    /// A finished job cannot be cancelled.
-    JobFinished, "job-finished", CONFLICT, "The job is finished";
-    /// The body or a line exceeds its limit.
-    PayloadTooLarge, "payload-too-large", PAYLOAD_TOO_LARGE, "The body is too large";
-    /// The media type of the body is not supported.
-    UnsupportedMediaType, "unsupported-media-type", UNSUPPORTED_MEDIA_TYPE, "The media type is not read here";
+    ExternalIdConflict, "external-id-conflict", CONFLICT, "External id already in use";
+    /// What is finished cannot be cancelled.
+    JobFinished, "job-finished", CONFLICT, "Job already finished";
+    /// Body or line over the limit.
+    PayloadTooLarge, "payload-too-large", PAYLOAD_TOO_LARGE, "Body too large";
+    /// The body is of a type that is not read here.
+    UnsupportedMediaType, "unsupported-media-type", UNSUPPORTED_MEDIA_TYPE, "Unsupported media type";
     /// A field is missing, unknown or out of bounds.
-    InvalidInput, "invalid-input", UNPROCESSABLE_ENTITY, "The input breaks a rule";
-    /// A shape has no subspace under the class.
-    DegenerateShape, "degenerate-shape", UNPROCESSABLE_ENTITY, "A shape is degenerate for the class";
-    /// Too few shapes for the statistics.
-    TooFewShapes, "too-few-shapes", UNPROCESSABLE_ENTITY, "There are too few shapes";
-    /// The predicted work exceeds the maximum for a request or a job.
-    TooCostly, "too-costly", UNPROCESSABLE_ENTITY, "The work is predicted to take too long";
-    /// The caller has exceeded its rate limit.
-    TooManyRequests, "too-many-requests", TOO_MANY_REQUESTS, "There were too many requests";
-    /// A bug or a hardware failure.
-    Internal, "internal", INTERNAL_SERVER_ERROR, "Something broke on our side";
-    /// Too many jobs wait, the service is stopping, or the store is unavailable.
-    Unavailable, "unavailable", SERVICE_UNAVAILABLE, "Try again later";
-    /// The `Idempotency-Key` belongs to another request.
-    IdempotencyKeyReused, "idempotency-key-reused", UNPROCESSABLE_ENTITY, "The key belongs to another request";
-    /// The object has changed since the client read it.
-    PreconditionFailed, "precondition-failed", PRECONDITION_FAILED, "It was changed meanwhile";
-    /// Changes of that age are no longer kept.
-    ChangesGone, "changes-gone", GONE, "The changes are not kept any more";
+    InvalidInput, "invalid-input", UNPROCESSABLE_ENTITY, "Invalid input";
+    /// A shape without a subspace under the class.
+    DegenerateShape, "degenerate-shape", UNPROCESSABLE_ENTITY, "Degenerate shape";
+    /// Statistics of too few shapes.
+    TooFewShapes, "too-few-shapes", UNPROCESSABLE_ENTITY, "Too few shapes";
+    /// More work than a request or a job may be predicted to take.
+    TooCostly, "too-costly", UNPROCESSABLE_ENTITY, "Predicted time too long";
+    /// The caller asks more often than it may.
+    TooManyRequests, "too-many-requests", TOO_MANY_REQUESTS, "Too many requests";
+    /// A bug or a broken machine.
+    Internal, "internal", INTERNAL_SERVER_ERROR, "Internal error";
+    /// Too many jobs wait, the service stops, or there is no storage.
+    Unavailable, "unavailable", SERVICE_UNAVAILABLE, "Service temporarily unavailable";
+    /// The Idempotency-Key belongs to another request.
+    IdempotencyKeyReused, "idempotency-key-reused", UNPROCESSABLE_ENTITY, "Idempotency key already in use";
+    /// It is not as it was when the client looked.
+    PreconditionFailed, "precondition-failed", PRECONDITION_FAILED, "Precondition failed";
+    /// Changes that old are not kept.
+    ChangesGone, "changes-gone", GONE, "Changes no longer available";
     /// The disk is full.
-    InsufficientStorage, "insufficient-storage", INSUFFICIENT_STORAGE, "There is no room";
-    /// More requests than can be computed at the same time.
-    Overloaded, "overloaded", SERVICE_UNAVAILABLE, "There is too much to do at once";
-    /// The response took longer than the maximum time of a request.
-    TookTooLong, "took-too-long", SERVICE_UNAVAILABLE, "The answer took too long";
+    InsufficientStorage, "insufficient-storage", INSUFFICIENT_STORAGE, "Insufficient storage";
+    /// More requests than can be computed at once.
+    Overloaded, "overloaded", SERVICE_UNAVAILABLE, "Service overloaded";
+    /// The answer took longer than requests may.
+    TookTooLong, "took-too-long", SERVICE_UNAVAILABLE, "Request took too long";
 }
 
 /// A refusal.
@@ -113,8 +113,8 @@ pub struct ProblemDocument {
     #[serde(rename = "type")]
     #[schema(example = "urn:shapelex:problem:degenerate-shape")]
     kind: String,
-    /// Title of the problem type.
-    #[schema(example = "A shape is degenerate for the class")]
+    /// Title of the type.
+    #[schema(example = "Degenerate shape")]
     title: &'static str,
     /// Status code of the response.
     #[schema(example = 422)]
@@ -164,8 +164,10 @@ impl Problem {
         let detail = match errors.as_slice() {
             [] => kind.title().into(),
             [one] if one.pointer.is_empty() => one.detail.clone(),
-            [one] => format!("{} {}", one.pointer, one.detail),
-            [first, ..] => format!("{} errors, the first: {} {}", errors.len(), first.pointer, first.detail),
+            [one] => format!("{}: {}", one.pointer, one.detail),
+            [first, ..] => {
+                format!("{} errors, the first at '{}': {}", errors.len(), first.pointer, first.detail)
+            }
         };
         Self { kind, detail: brief(detail), errors }
     }
@@ -180,7 +182,7 @@ impl Problem {
         match error {
             ServiceError::Internal(cause) => {
                 tracing::error!(job, error = cause, "internal error");
-                Self::new(ProblemKind::Internal, "the cause is in the log under the id of the job")
+                Self::new(ProblemKind::Internal, "internal error: see the log under the id of the job")
             }
             error => error.into(),
         }
@@ -232,8 +234,8 @@ impl From<ServiceError> for Problem {
         match error {
             ServiceError::Invalid(errors) => Self::with(ProblemKind::InvalidInput, errors),
             ServiceError::InvalidOften { faults, found } => {
-                let first = faults.first().map(|fault| format!("{} {}", fault.pointer, fault.detail));
-                let detail = format!("{found} errors, the first: {}", first.unwrap_or_default());
+                let first = faults.first().map(|fault| format!("'{}': {}", fault.pointer, fault.detail));
+                let detail = format!("{found} errors, the first at {}", first.unwrap_or_default());
                 Self { errors: faults, ..Self::new(ProblemKind::InvalidInput, detail) }
             }
             ServiceError::Malformed(errors) => Self::with(ProblemKind::MalformedBody, errors),
@@ -264,7 +266,7 @@ impl From<ServiceError> for Problem {
             ServiceError::TooCostly { .. } => Self::new(ProblemKind::TooCostly, detail),
             ServiceError::Internal(_) => {
                 tracing::error!(error = %detail, "internal error");
-                Self::new(ProblemKind::Internal, "the cause is in the log under the request id")
+                Self::new(ProblemKind::Internal, "internal error: see the log under the request id")
             }
         }
     }

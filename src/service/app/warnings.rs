@@ -24,7 +24,8 @@ pub(crate) fn of_curve(measures: &CurveMeasures, distances: Option<&Distances>) 
     if let Some(distances) = distances
         && distances.accuracy > USUAL_ACCURACY * extent.max(distances.hausdorff)
     {
-        let detail = "points are almost equally far from long stretches, or coordinates have no more digits";
+        let detail =
+            "the points are almost equally far from long stretches, or the coordinates have no more digits";
         let accuracy = distances.accuracy;
         warnings.push(format!("symmetric_l2 and hausdorff are accurate to {accuracy:.1e} only: {detail}"));
     }

@@ -219,7 +219,7 @@ impl Lane {
             }
             if tokio::time::timeout_at(until, freed).await.is_err() {
                 metrics::compute_refused(self.0.name);
-                return Err(ServiceError::Overloaded("too many requests wait to be computed".into()));
+                return Err(ServiceError::Overloaded("too many computations are waiting".into()));
             }
         }
     }
@@ -365,7 +365,7 @@ fn niceness(lane: &str) -> i32 {
 #[cfg(target_os = "linux")]
 fn give_way(niceness: i32) {
     if let Err(error) = rustix::process::nice(niceness) {
-        tracing::debug!(%error, "the priority of a compute thread stays as it is");
+        tracing::debug!(%error, "the priority of a compute thread could not be changed");
     }
 }
 
