@@ -60,7 +60,7 @@ fn read_text<T: DeserializeOwned>(
     most: usize,
 ) -> Result<Result<T, InputError>, serde_json::Error> {
     if text.len() > most {
-        let detail = format!("is a value of {} bytes, at most {most} are accepted", text.len());
+        let detail = format!("expected at most {most} bytes, got {}", text.len());
         return Ok(Err(InputError::new("", detail)));
     }
     match serde_json::from_str(text) {
@@ -143,7 +143,7 @@ impl<'de> Deserialize<'de> for Metadata {
         let text = <&RawValue>::deserialize(deserializer)?;
         let (found, most) = (text.get().len(), bounds::current().metadata_bytes);
         if found > most {
-            let detail = format!("has {found} bytes, at most {most} are accepted");
+            let detail = format!("expected at most {most} bytes, got {found}");
             return Ok(Self(Err(Box::new(InputError::new("", detail)))));
         }
         Ok(Self(Ok(Raw(text.to_owned()))))
@@ -168,7 +168,7 @@ impl<'de, T: Deserialize<'de>> Deserialize<'de> for Limited<T> {
                 let (mut items, most) = (Vec::new(), bounds::current().items);
                 while let Some(item) = list.next_element()? {
                     if items.len() == most {
-                        return Err(A::Error::custom(format!("it has more than {most} entries")));
+                        return Err(A::Error::custom(format!("expected at most {most} entries, got more")));
                     }
                     items.push(item);
                 }
@@ -182,25 +182,82 @@ impl<'de, T: Deserialize<'de>> Deserialize<'de> for Limited<T> {
 /// A list of strings or small objects, or its fault.
 pub type Many<T> = Checked<Limited<T>, LARGE>;
 
-/// Message of an error without Rust type names, which mean nothing to clients.
+/// Message of an error in words that clients know, without the place in the text.
 fn plain(error: &serde_json::Error) -> String {
     let text = error.to_string();
     let place = format!(" at line {} column {}", error.line(), error.column());
-    let text = text.strip_suffix(&place).unwrap_or(&text).to_owned();
-    let text = ["usize", "u64", "u32", "u16", "u8"]
-        .iter()
-        .fold(text, |text, name| text.replace(name, "a whole number"));
-    let text = text.replace("expected f64", "expected a number");
-    let text = text.replace("struct CustomClass", "a class name or {\"matrices\": …}");
-    let text = without_type(&text, "internally tagged enum ", "an object with a name");
-    format!("is wrong: {}", without_type(&text, "struct ", "an object"))
+    plain_sentence(text.strip_suffix(&place).unwrap_or(&text))
 }
 
-/// Replaces the first type name after `what` by a term that clients know.
-fn without_type(text: &str, what: &str, known: &str) -> String {
-    let Some((before, rest)) = text.split_once(what) else { return text.to_owned() };
-    let name = rest.find(|c: char| !c.is_alphanumeric()).unwrap_or(rest.len());
-    format!("{before}{known}{}", &rest[name..])
+/// Translates a message of serde: Rust type names and backticks mean nothing to clients. Other texts stay as they are.
+pub fn plain_sentence(text: &str) -> String {
+    let quoted = |text: &str| text.replace('`', "\"");
+    if let Some(rest) = text.strip_prefix("invalid type: ").or_else(|| text.strip_prefix("invalid value: "))
+        && let Some((found, wanted)) = rest.rsplit_once(", expected ")
+    {
+        return format!("expected {}, got {}", plain_wanted(wanted), plain_found(found));
+    }
+    if let Some((found, wanted)) =
+        text.strip_prefix("invalid length ").and_then(|rest| rest.split_once(", expected "))
+    {
+        return format!("expected {}, got length {found}", plain_wanted(wanted));
+    }
+    if let Some((found, wanted)) =
+        text.strip_prefix("unknown variant `").and_then(|rest| rest.rsplit_once("`, expected "))
+    {
+        return format!("expected {}, got \"{found}\"", quoted(wanted));
+    }
+    if let Some((found, wanted)) =
+        text.strip_prefix("unknown field `").and_then(|rest| rest.rsplit_once("`, expected "))
+    {
+        return format!("unknown field \"{found}\": expected {}", quoted(wanted));
+    }
+    if let Some(name) = text.strip_prefix("missing field ") {
+        return format!("required field {} is missing", quoted(name));
+    }
+    if let Some(name) = text.strip_prefix("duplicate field ") {
+        return format!("the field {} is given twice", quoted(name));
+    }
+    if text.starts_with("data did not match any variant of untagged enum") {
+        return "expected another form of this value".into();
+    }
+    text.to_owned()
+}
+
+/// The type that serde expected.
+fn plain_wanted(wanted: &str) -> String {
+    match wanted {
+        "usize" | "u64" => "a non-negative whole number".into(),
+        "u32" => format!("a whole number from 0 to {}", u32::MAX),
+        "u16" => format!("a whole number from 0 to {}", u16::MAX),
+        "u8" => format!("a whole number from 0 to {}", u8::MAX),
+        "isize" | "i64" | "i32" | "i16" | "i8" => "a whole number".into(),
+        "f64" | "f32" => "a number".into(),
+        "a sequence" => "a list".into(),
+        "a map" => "an object".into(),
+        "fewer elements in array" => "a shorter list".into(),
+        "string or map" | "variant identifier" => "a name".into(),
+        _ if wanted.starts_with("struct CustomClass") => "a class name or {\"matrices\": …}".into(),
+        _ if wanted.starts_with("struct ") || wanted.starts_with("internally tagged enum ") => {
+            "an object".into()
+        }
+        _ if wanted.starts_with("enum ") => "a name".into(),
+        _ => wanted.replace("an array of length", "a list of length").replace('`', "\""),
+    }
+}
+
+/// The value that serde found.
+fn plain_found(found: &str) -> String {
+    let quoted = ["boolean `", "integer `", "floating point `"]
+        .iter()
+        .find_map(|kind| found.strip_prefix(kind)?.strip_suffix('`'));
+    match (quoted, found) {
+        (Some(value), _) => value.into(),
+        (None, "sequence") => "a list".into(),
+        (None, "map") => "an object".into(),
+        (None, "unit value") => "null".into(),
+        (None, _) => found.strip_prefix("string ").unwrap_or(found).into(),
+    }
 }
 
 /// Value of an optional field, or its default if absent.
@@ -257,7 +314,7 @@ macro_rules! visit_others {
     };
     (@text $keep:path, $value:ty) => {
         $crate::formats::checked::visit_others!(@visit $keep, $value,
-            visit_bool: bool, "a truth value"; visit_str: &str, "a text";);
+            visit_bool: bool, "a boolean"; visit_str: &str, "a string";);
     };
     (@null $keep:path, $value:ty) => {
         fn visit_unit<E>(self) -> Result<$value, E> { Ok($keep(self, "null")) }
@@ -288,12 +345,12 @@ impl<T> List<T> {
     /// Takes the items; a fault goes to `errors` at `pointer`. Returns no items if there are too many.
     pub fn take(self, pointer: &str, errors: &mut Vec<InputError>) -> Vec<T> {
         if let Some(what) = self.fault {
-            errors.push(InputError::new(pointer, format!("is {what}, not a list")));
+            errors.push(InputError::new(pointer, format!("expected a list, got {what}")));
         }
         let (found, kept) = (self.count, self.items.len());
         if found > kept {
             let what = pointer.rsplit('/').next().unwrap_or("entries");
-            errors.push(InputError::new(pointer, format!("has {found} {what}, at most {kept} are accepted")));
+            errors.push(InputError::new(pointer, format!("expected at most {kept} {what}, got {found}")));
             return Vec::new();
         }
         self.items
@@ -401,7 +458,7 @@ macro_rules! document {
 
                 fn other(_: DocumentVisitor, what: &'static str) -> $name {
                     let _ = $crate::formats::checked::keeps_fault(0);
-                    let fault = $crate::formats::InputError::new("", format!("is {what}, not an object"));
+                    let fault = $crate::formats::InputError::new("", format!("expected an object, got {what}"));
                     $name { faults: vec![fault], ..$name::default() }
                 }
 
@@ -418,14 +475,14 @@ macro_rules! document {
                             match key.text() {
                                 $(stringify!($field) $(| $alias)? => {
                                     if document.$field.is_some() {
-                                        document.fault(key.text(), "is given twice");
+                                        document.fault(key.text(), "the field is given twice");
                                     }
                                     document.$field =
                                         $crate::formats::checked::field_value!(map, $($required)?);
                                 })*
                                 unknown => {
                                     let known = [$(stringify!($field)),*].join(", ");
-                                    document.fault(unknown, &format!("is not a field; the fields are {known}"));
+                                    document.fault(unknown, &format!("unknown field: expected one of {known}"));
                                     map.next_value::<serde::de::IgnoredAny>()?;
                                 }
                             }
@@ -433,7 +490,7 @@ macro_rules! document {
                         $($(
                             debug_assert_eq!(stringify!($required), "required");
                             if document.$field.is_none() {
-                                document.fault(stringify!($field), "is missing");
+                                document.fault(stringify!($field), "required field is missing");
                             }
                         )?)*
                         Ok(document)

@@ -121,7 +121,7 @@ mod tests {
 
     #[test]
     fn sentences_stay_and_what_they_repeat_is_cut() {
-        let own = "is not a field; the fields are representation, correspondence, shapes".to_owned();
+        let own = "unknown field: expected one of representation, correspondence, shapes".to_owned();
         assert_eq!(brief(own.clone()), own);
         assert!(brief(format!("is \"{}\", must be 2", "a".repeat(1 << 20))).len() < 200);
         let word = brief(format!("is \"{}\", must be 2", "ä".repeat(300)));

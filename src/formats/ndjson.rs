@@ -13,7 +13,7 @@ pub struct Line {
 
 /// Error: a line is longer than the limit.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("line {number} is longer than {limit} bytes")]
+#[error("expected lines of at most {limit} bytes, line {number} is longer")]
 pub struct LineTooLong {
     /// Line number, from 1.
     pub number: u64,

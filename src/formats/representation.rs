@@ -47,7 +47,7 @@ impl<'de, T: Readable> Deserialize<'de> for Read<T> {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         let text = <&RawValue>::deserialize(deserializer)?.get();
         if text.len() > MOST_BYTES {
-            let detail = format!("has {} bytes, at most {MOST_BYTES} are accepted", text.len());
+            let detail = format!("expected at most {MOST_BYTES} bytes, got {}", text.len());
             return Ok(Self(Err(vec![InputError::new("", detail)])));
         }
         let value = serde_json::from_str(text).map_err(D::Error::custom)?;
@@ -90,11 +90,11 @@ fn read_target(mut value: Value) -> Result<(Representation, Option<f64>), Vec<In
     let field =
         if map.get("kind").is_some_and(|kind| kind == "open_curve") { "intervals" } else { "control_points" };
     if map.contains_key(field) {
-        let detail = format!("is given together with {field}: give one of them");
+        let detail = format!("expected either tolerance or {field}, got both");
         return Err(vec![InputError::new("/tolerance", detail)]);
     }
     map.insert(field.to_owned(), Value::from(1));
-    let wrong = || InputError::new("/tolerance", format!("is {tolerance}, not a number"));
+    let wrong = || InputError::new("/tolerance", format!("expected a number, got {tolerance}"));
     match (read(value), tolerance.as_f64()) {
         (Ok(found), Some(tolerance)) => {
             let fewest = found.fewest();
@@ -119,7 +119,7 @@ impl Fields {
     fn new(value: Value) -> Result<Self, Vec<InputError>> {
         match value {
             Value::Object(map) => Ok(Self { map, errors: Vec::new() }),
-            other => Err(vec![InputError::new("", format!("is {other}, not an object"))]),
+            other => Err(vec![InputError::new("", format!("expected an object, got {other}"))]),
         }
     }
 
@@ -130,7 +130,7 @@ impl Fields {
     fn take(&mut self, name: &str) -> Option<Value> {
         let value = self.map.remove(name);
         if value.is_none() {
-            self.error(name, "is missing");
+            self.error(name, "required field is missing");
         }
         value
     }
@@ -139,7 +139,7 @@ impl Fields {
         let value = self.take(name)?;
         let count = value.as_u64().and_then(|count| usize::try_from(count).ok());
         if count.is_none() {
-            self.error(name, format!("is {value}, not a count"));
+            self.error(name, format!("expected a non-negative whole number, got {value}"));
         }
         count
     }
@@ -148,7 +148,7 @@ impl Fields {
         match self.take(name)? {
             Value::String(text) => Some(text),
             other => {
-                self.error(name, format!("is {other}, not a text"));
+                self.error(name, format!("expected a string, got {other}"));
                 None
             }
         }
@@ -189,10 +189,12 @@ impl Fields {
                 Some([u?, v?])
             }
             other => {
-                let found = other
-                    .as_array()
-                    .map_or("is not a list".into(), |list| format!("has {} entries", list.len()));
-                self.error("generators", format!("{found}: a surface has two, along u and v"));
+                let found =
+                    other.as_array().map_or("another value".into(), |list| format!("{} entries", list.len()));
+                self.error(
+                    "generators",
+                    format!("expected a list of two generators (along u and v), got {found}"),
+                );
                 None
             }
         }
@@ -252,7 +254,7 @@ impl Fields {
             Value::String(text) => match text.parse() {
                 Ok(start) => Some(ControlMesh::Named(start)),
                 Err(detail) => {
-                    self.error("connectivity", format!("is {detail}"));
+                    self.error("connectivity", format!("unknown mesh: {detail}"));
                     None
                 }
             },
@@ -260,7 +262,10 @@ impl Fields {
                 take_value(value, "/connectivity", &mut self.errors).map(ControlMesh::Faces)
             }
             other => {
-                self.error("connectivity", format!("is {other}, not the name of a mesh or a list of faces"));
+                self.error(
+                    "connectivity",
+                    format!("expected the name of a mesh or a list of faces, got {other}"),
+                );
                 None
             }
         }
@@ -272,7 +277,7 @@ impl Fields {
             (true, true) => {
                 self.map.remove("poles");
                 self.map.remove("domain_poles");
-                self.error("domain_poles", "is given together with poles: give one of them");
+                self.error("domain_poles", "expected either poles or domain_poles, got both");
                 None
             }
             (false, true) => {
@@ -287,7 +292,7 @@ impl Fields {
         let unknown: Vec<String> =
             self.map.keys().map(|key| key.replace('~', "~0").replace('/', "~1")).collect();
         for key in unknown {
-            self.error(&key, "is not a field of this object");
+            self.error(&key, "unknown field");
         }
         match value {
             Some(value) if self.errors.is_empty() => Ok(value),
@@ -329,7 +334,7 @@ pub fn read(value: Value) -> Result<Representation, Vec<InputError>> {
             dimension.zip(points).map(|(dimension, points)| Representation::Landmarks { dimension, points })
         }
         Some(other) => {
-            let detail = format!("is \"{other}\", must be {KINDS}");
+            let detail = format!("expected {KINDS}, got \"{other}\"");
             return Err(vec![InputError::new("/kind", detail)]);
         }
         None => return Err(fields.errors),
@@ -365,7 +370,7 @@ pub fn read_generator(value: Value) -> Result<GeneratorKind, Vec<InputError>> {
         }
         Some(other) => {
             let known = "\"trigonometric\", \"keys\", \"bspline\", \"exponential\" or \"interpolator\"";
-            return Err(vec![InputError::new("/name", format!("is \"{other}\", must be {known}"))]);
+            return Err(vec![InputError::new("/name", format!("expected {known}, got \"{other}\""))]);
         }
         None => None,
     };

@@ -75,12 +75,12 @@ impl PointList {
             return Err(self.faults.clone());
         }
         if self.most > 0 {
-            let detail = format!("has {} points, at most {} are accepted", self.len(), self.most);
+            let detail = format!("expected at most {1} points, got {0}", self.len(), self.most);
             return Err(vec![InputError::new("", detail)]);
         }
         if !self.is_empty() && self.width != dimension {
             let detail = format!(
-                "points have {} coordinates, the representation has dimension {dimension}",
+                "expected {dimension} coordinates per point (the dimension of the representation), got {}",
                 self.width
             );
             let first = if self.columns.is_some() { "/0/0" } else { "/0" };
@@ -118,16 +118,21 @@ impl PointList {
         match (self.columns, entry.points) {
             // The fault of its content is already recorded.
             (Some(_), None) if !entry.faults.is_empty() => {}
-            (Some(_), None) => self.fault(format!("/{position}"), "has no points".into()),
+            (Some(_), None) => self.fault(
+                format!("/{position}"),
+                "expected a list of points like the first entry, got no points".into(),
+            ),
             (Some(first), Some(found)) if first != found => {
                 self.fault(
                     format!("/{position}"),
-                    format!("has {found} points where the first list has {first}"),
+                    format!("expected {first} points, as in the first list, got {found}"),
                 );
             }
             _ if entry.width != self.width => {
-                let detail =
-                    format!("has {} coordinates where the first point has {}", entry.width, self.width);
+                let detail = format!(
+                    "expected {1} coordinates, as in the first point, got {0}",
+                    entry.width, self.width
+                );
                 self.fault(format!("/{position}"), detail);
             }
             _ => {}
@@ -171,7 +176,7 @@ impl<'de> Deserialize<'de> for PointList {
         }
         fn not_a_list(_: ListVisitor, what: &'static str) -> PointList {
             let mut list = PointList::default();
-            list.fault(String::new(), format!("is {what}, not a list of points"));
+            list.fault(String::new(), format!("expected a list of points, got {what}"));
             list
         }
         deserializer.deserialize_any(ListVisitor)
@@ -219,8 +224,10 @@ impl Entry {
         }
         let found = match value {
             Value::Number(value) if value.is_finite() && value.abs() <= MAX_COORDINATE => Ok(value),
-            Value::Number(value) => Err(format!("is {value:e}, beyond ±{MAX_COORDINATE:e}")),
-            Value::Other(what) => Err(format!("is {what}, not a number")),
+            Value::Number(value) => {
+                Err(format!("expected a number within ±{MAX_COORDINATE:e}, got {value:e}"))
+            }
+            Value::Other(what) => Err(format!("expected a number, got {what}")),
         };
         self.values.push(*found.as_ref().unwrap_or(&0.0));
         if let Err(detail) = found {
@@ -236,7 +243,7 @@ impl Entry {
         if position == 0 {
             self.width = width;
         } else if width != self.width {
-            let detail = format!("has {width} coordinates where the first point has {}", self.width);
+            let detail = format!("expected {} coordinates, as in the first point, got {width}", self.width);
             self.fault(format!("/{position}"), detail);
         }
     }
@@ -255,7 +262,7 @@ impl<'de> serde::de::DeserializeSeed<'de> for EntrySeed<'_> {
 }
 
 fn not_a_list(seed: EntrySeed<'_>, what: &'static str) {
-    seed.0.not_a_list = Some(format!("is {what}, not a list of coordinates"));
+    seed.0.not_a_list = Some(format!("expected a list of coordinates, got {what}"));
 }
 
 impl<'de> Visitor<'de> for EntrySeed<'_> {
@@ -271,7 +278,7 @@ impl<'de> Visitor<'de> for EntrySeed<'_> {
             match element {
                 Element::Point => kind = Some(Kind::Points),
                 Element::Coordinate(_) if kind == Some(Kind::Points) => {
-                    entry.fault(format!("/{column}"), "is not a point".into());
+                    entry.fault(format!("/{column}"), "expected a point, as in the entries before".into());
                 }
                 Element::Coordinate(value) => {
                     kind = Some(Kind::Point);

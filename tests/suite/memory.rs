@@ -174,7 +174,7 @@ fn a_body_of_too_many_values_or_shapes_names_the_limit() {
     let fault = &reply.json()["errors"][0];
     assert_eq!(
         (&fault["pointer"], &fault["detail"]),
-        (&json!("/shapes"), &json!("has 101 shapes, at most 100 are accepted"))
+        (&json!("/shapes"), &json!("expected at most 100 shapes, got 101"))
     );
     // All faults are counted, a hundred are named.
     let server = Setting::fresh().start();
