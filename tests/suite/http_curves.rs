@@ -930,25 +930,25 @@ fn bad_open_curves_are_refused() {
         "/shapes/1/points",
         json!(arc(9, 1)),
         &["/shapes/1/points"],
-        "has 9 points, the representation has 8",
+        "expected 8 points for this representation, got 9",
     );
     evaluate.invalid("/shapes/1/points", json!([]), &["/shapes/1/points"], "got 0");
     evaluate.invalid(
         "/shapes/1",
         json!({"control_points": arc(8, 1)}),
         &["/shapes/1/control_points"],
-        "has 10",
+        "expected 10",
     );
     evaluate.invalid(
         "/parameters",
         json!([0, -1e-9, 1.0, 1.000_001, 1e300]),
         &["/parameters/1", "/parameters/3", "/parameters/4"],
-        "from 0 to 1",
+        "between 0 and 1",
     );
     evaluate.invalid("/parameters", json!([]), &["/parameters"], "between 1");
     evaluate.invalid("/samples", json!(0), &["/samples"], "between 1");
     evaluate.invalid("/frames", json!("yes"), &["/frames"], "");
-    evaluate.case(&[("/shapes", json!([]))], "too-few-shapes", &[], "0 shapes");
+    evaluate.case(&[("/shapes", json!([]))], "too-few-shapes", &[], "got 0");
     evaluate.case(
         &[
             ("/correspondence", json!("x")),
@@ -1039,18 +1039,18 @@ fn bad_fits_and_refinements_are_refused() {
     );
     let mut parameters: Vec<f64> = (0..20).map(|k| f64::from(k) / 20.0).collect();
     server.post("/v1/fit", &with(&good, "parameters", json!([parameters]))).expect(200);
-    fit.invalid("/parameters", json!([parameters[..19]]), &["/shapes/0/points"], "19 parameters");
-    fit.invalid("/parameters", json!([]), &["/parameters"], "0 lists");
-    fit.invalid("/parameters", json!([parameters, parameters]), &["/parameters"], "2 lists");
+    fit.invalid("/parameters", json!([parameters[..19]]), &["/shapes/0/points"], "(19), got 20");
+    fit.invalid("/parameters", json!([]), &["/parameters"], "got 0");
+    fit.invalid("/parameters", json!([parameters, parameters]), &["/parameters"], "got 2");
     fit.invalid("/parameters", json!(parameters), &["/parameters/0"], "");
     parameters[7] = parameters[6];
     fit.invalid("/parameters", json!([parameters]), &["/parameters/0/7"], "increase strictly");
     parameters[7] = -1.0;
     fit.invalid("/parameters", json!([parameters]), &["/parameters/0/7"], "increase strictly");
-    fit.invalid("/shapes/0/points", json!([]), &["/shapes/0/points"], "0 points");
+    fit.invalid("/shapes/0/points", json!([]), &["/shapes/0/points"], "got 0");
     fit.invalid("/shapes/0/closed", json!(false), &["/shapes/0/closed"], "closed");
-    fit.invalid("/shapes/0", json!({"control_points": circle(8, 1.0)}), &["/shapes/0"], "no points");
-    fit.case(&[("/shapes", json!([]))], "too-few-shapes", &[], "0 shapes");
+    fit.invalid("/shapes/0", json!({"control_points": circle(8, 1.0)}), &["/shapes/0"], "expected points");
+    fit.case(&[("/shapes", json!([]))], "too-few-shapes", &[], "got 0");
     fit.case(
         &[
             ("/representation/tolerance", json!("x")),

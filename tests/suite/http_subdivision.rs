@@ -219,7 +219,7 @@ fn what_cannot_be_refined_is_refused_with_the_place() {
         json!({"points": square, "normals": [[1, 0], [0, 0], [-1, 0], [0, -1]]}),
         &["/polyline/normals/1"],
     );
-    assert!(said.contains("is zero"), "{said}");
+    assert!(said.contains("got zero"), "{said}");
     problem(json!({"points": square, "normals": [[1, 0]]}), &["/polyline/normals"]);
     problem(json!({"points": [[0, 0], [1, 1]]}), &["/polyline/points"]);
     problem(json!({"points": [[0, 0, 0], [1, 1, 0], [2, 0, 0]]}), &["/polyline/normals"]);
@@ -567,7 +567,7 @@ fn small_bodies_overlap(overlap: &dyn Fn(Value) -> crate::server::Reply) {
     // So far away that no grid has cells for both.
     let far = json!({"contour": [[9e6, 9e6], [9e6 + 1.0, 9e6], [9e6, 9e6 + 1.0]]});
     let answer = overlap(json!({"first": square, "second": far})).expect(200);
-    assert!(warnings(&answer).iter().any(|warning| warning.starts_with("/second: has 0 cells")), "{answer}");
+    assert!(warnings(&answer).iter().any(|warning| warning.starts_with("/second: only 0 cells")), "{answer}");
     let coarse = overlap(json!({"first": square, "second": square, "spacing": 1e9})).expect(200);
     assert_eq!(warnings(&coarse).len(), 2, "{coarse}");
     let eight = json!({"contour": [[0, 0], [1, 1], [1, 0], [0, 1]]});
@@ -577,7 +577,7 @@ fn small_bodies_overlap(overlap: &dyn Fn(Value) -> crate::server::Reply) {
     let repeated = json!({"contour": [[0, 0], [1, 0], [1, 0], [1, 1], [0, 1], [0, 0]]});
     assert!(warnings(&overlap(json!({"first": repeated, "second": square})).expect(200)).is_empty());
     for (body, reason) in [
-        (json!({"contour": [[1, 1], [1, 1], [1, 1]]}), "points are one"),
+        (json!({"contour": [[1, 1], [1, 1], [1, 1]]}), "points coincide"),
         (json!({"contour": [[0, 0], [1, 2], [2, 4], [3, 6]]}), "on a line"),
     ] {
         let problem = overlap(json!({"first": body, "second": body})).expect_problem(

@@ -537,7 +537,10 @@ fn what_is_no_surface_is_refused_with_the_place() {
     assert!(problem.to_string().contains("1.0e-1 away"), "{problem}");
     let problem =
         good(&sphere, on_sphere([5, 3], &round)).expect_problem(422, "invalid-input", &["/shapes/0/points"]);
-    assert!(problem.to_string().contains("5 × 4 points: a sphere of this size has 4 × 4"), "{problem}");
+    assert!(
+        problem.to_string().contains("4 × 4 points for a sphere of this size, got a grid of 5 × 4"),
+        "{problem}"
+    );
     good(&sphere, json!([[0, 0, 1], [1, 0, 0]])).expect_problem(422, "invalid-input", &["/shapes/0/points"]);
     good(&sphere, json!([[[0, 0, 1], [1, 0, 0]], [[0, 0, 1]]])).expect_problem(
         422,

@@ -60,7 +60,7 @@ pub enum ServiceError {
     #[error("degenerate shapes: {}", faults_text(.0))]
     DegenerateShape(Vec<Fault>),
     /// Too few shapes for statistics.
-    #[error("expected at least {needed} shapes, got {found}")]
+    #[error("too few shapes: expected at least {needed}, got {found}")]
     TooFewShapes {
         /// Number of shapes given.
         found: usize,

@@ -49,7 +49,7 @@ pub fn evaluate(
 ) -> Result<Vec<Evaluation>, ServiceError> {
     let mut faults = Vec::new();
     if order > MAX_DERIVATIVE {
-        faults.push(Fault::new("/derivatives", format!("is {order}, must be 0, 1 or {MAX_DERIVATIVE}")));
+        faults.push(Fault::new("/derivatives", format!("expected 0, 1 or {MAX_DERIVATIVE}, got {order}")));
     }
     let (count, pointer) = match parameters {
         Parameters::Equidistant(count) => (*count, "/samples"),
@@ -60,7 +60,7 @@ pub fn evaluate(
     let total = count.saturating_mul(shapes.len()).saturating_mul(values);
     if count == 0 || total > app.limits.answer_numbers {
         let most = app.limits.answer_numbers;
-        let detail = format!("asks for {total} numbers, between 1 and {most} are answered");
+        let detail = format!("expected a request for between 1 and {most} numbers, got {total}");
         faults.push(Fault::new(pointer, detail));
     }
     if let Parameters::At(list) = parameters
@@ -70,7 +70,7 @@ pub fn evaluate(
         let fault = |(i, u): (usize, &f64)| {
             Fault::new(
                 format!("/parameters/{i}"),
-                format!("is {u}, an open curve has parameters from 0 to 1"),
+                format!("expected a number between 0 and 1 on an open curve, got {u}"),
             )
         };
         faults.extend(outside.map(fault));
@@ -122,9 +122,7 @@ pub fn measure(
     let intervals = curves.space.representation().count();
     let pairs = shapes.len().saturating_mul(intervals * intervals);
     if reference.is_some() && pairs > MAX_PAIRS {
-        let detail = format!(
-            "asks for distances over {pairs} pairs of intervals, at most {MAX_PAIRS} are compared in one request"
-        );
+        let detail = format!("expected at most {MAX_PAIRS} pairs of intervals in one request, got {pairs}");
         return Err(ServiceError::invalid("/reference", detail));
     }
     let context = app.pool.context();
@@ -181,17 +179,17 @@ pub fn resample(
     let mut faults = Vec::new();
     let fewest = if closed { 3 } else { 2 };
     if !(fewest..=app.limits.points).contains(&count) {
-        let detail = format!("is {count}, must be between {fewest} and {}", app.limits.points);
+        let detail = format!("expected a number between {fewest} and {}, got {count}", app.limits.points);
         faults.push(Fault::new("/count", detail));
     }
     if !closed && start == Start::Canonical {
-        faults.push(Fault::new("/start", "an open contour starts at its first point"));
+        faults.push(Fault::new("/start", "expected \"first\": an open contour starts at its first point"));
     }
     if shapes.is_empty() {
         return Err(ServiceError::TooFewShapes { found: 0, needed: 1 });
     }
     if count.saturating_mul(shapes.len()) > app.limits.samples {
-        let detail = format!("at most {} points are answered over all shapes", app.limits.samples);
+        let detail = format!("expected at most {} points over all shapes", app.limits.samples);
         faults.push(Fault::new("/count", detail));
     }
     ServiceError::unless_empty(faults)?;
@@ -265,17 +263,17 @@ pub(crate) fn raw_points(
     let points = read::given(&shape.points).cloned();
     let stated = shape.closed.as_ref().and_then(|field| field.get().copied().flatten());
     read::attributes(shape)?;
-    let points = points.ok_or_else(|| vec![InputError::new("", "has no points")])?;
+    let points = points.ok_or_else(|| vec![InputError::new("", "expected points, got none")])?;
     if stated.is_some_and(|stated| stated != closed) {
         let detail = format!(
-            "is {}, but contours of this request are {}",
+            "expected the value of this request, whose contours are {1}, got {0}",
             !closed,
             if closed { "closed" } else { "open" }
         );
         return Err(vec![InputError::new("/closed", detail)]);
     }
     if points.len() > limits.points {
-        let detail = format!("has {} points, at most {} are accepted", points.len(), limits.points);
+        let detail = format!("expected at most {1} points, got {0}", points.len(), limits.points);
         return Err(vec![InputError::new("/points", detail)]);
     }
     let dimension = dimension.unwrap_or_else(|| points.width().clamp(2, 3));

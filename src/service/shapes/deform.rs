@@ -77,7 +77,10 @@ pub fn deform(
             .map_err(|error| ServiceError::invalid("/handles", error.to_string()))?;
     }
     if !after.iter().all(|value| value.abs() <= MAX_COORDINATE) {
-        return Err(ServiceError::invalid("/handles", format!("pull the shape beyond ±{MAX_COORDINATE:e}")));
+        return Err(ServiceError::invalid(
+            "/handles",
+            format!("expected positions that keep the shape within ±{MAX_COORDINATE:e}"),
+        ));
     }
     context.check()?;
     let change = &after - &before;
@@ -101,22 +104,25 @@ fn faults(posted: &Posted, moves: &[ControlPointMove], handles: &[Handle]) -> Ve
     let (size, dimension) = (representation.size(), representation.dimension());
     let mut faults = Vec::new();
     if moves.is_empty() && handles.is_empty() {
-        faults.push(Fault::new("", "has neither moves nor handles: nothing would change"));
+        faults.push(Fault::new("", "expected moves or handles, got neither"));
     }
     if moves.len() > MOST || handles.len() > MOST {
-        let detail =
-            format!("has {} moves and {} handles, at most {MOST} of each", moves.len(), handles.len());
+        let detail = format!(
+            "expected at most {MOST} moves and as many handles, got {} moves and {} handles",
+            moves.len(),
+            handles.len()
+        );
         return vec![Fault::new("", detail)];
     }
     let position = |values: &[f64], pointer: String| {
         let wrong = values.len() != dimension || !values.iter().all(|value| value.abs() <= MAX_COORDINATE);
-        let detail = format!("must have {dimension} coordinates within ±{MAX_COORDINATE:e}");
+        let detail = format!("expected {dimension} coordinates within ±{MAX_COORDINATE:e}");
         wrong.then(|| Fault::new(pointer, detail))
     };
     for (i, ControlPointMove { control_point, by }) in moves.iter().enumerate() {
         faults.extend(position(by, format!("/moves/{i}/by")));
         if *control_point >= size {
-            let detail = format!("is {control_point}, the shape has {size} control points, the first is 0");
+            let detail = format!("expected a control point from 0 and below {size}, got {control_point}");
             faults.push(Fault::new(format!("/moves/{i}/control_point"), detail));
         }
     }
@@ -133,7 +139,8 @@ fn faults(posted: &Posted, moves: &[ControlPointMove], handles: &[Handle]) -> Ve
             [vertex] if posted.space.subdivision().is_some() => {
                 let count = posted.steps().finest().vertices();
                 if vertex.fract() != 0.0 || !(0.0..count as f64).contains(&vertex) {
-                    let detail = format!("is {vertex}, the level has the vertices 0 to {}", count - 1);
+                    let detail =
+                        format!("expected a vertex of the level, from 0 to {}, got {vertex}", count - 1);
                     faults.push(Fault::new(format!("{pointer}/0"), detail));
                 }
             }
@@ -141,7 +148,7 @@ fn faults(posted: &Posted, moves: &[ControlPointMove], handles: &[Handle]) -> Ve
                 if !representation.is_closed() && !(0.0..=1.0).contains(&u) {
                     faults.push(Fault::new(
                         pointer,
-                        format!("is {u}, an open curve has parameters from 0 to 1"),
+                        format!("expected a number between 0 and 1 on an open curve, got {u}"),
                     ));
                 }
             }
@@ -153,7 +160,7 @@ fn faults(posted: &Posted, moves: &[ControlPointMove], handles: &[Handle]) -> Ve
                 };
                 faults.push(Fault::new(
                     pointer,
-                    format!("has {} entries, must have {wanted}", parameters.len()),
+                    format!("expected {wanted}, got {} entries", parameters.len()),
                 ));
             }
         }

@@ -48,7 +48,7 @@ pub fn fit(
     if let Some(lists) = parameters
         && lists.len() != shapes.len()
     {
-        let detail = format!("has {} lists for {} shapes", lists.len(), shapes.len());
+        let detail = format!("expected one list per shape ({1}), got {0}", lists.len(), shapes.len());
         return Err(ServiceError::invalid("/parameters", detail));
     }
     let mut faults = Vec::new();
@@ -65,7 +65,8 @@ pub fn fit(
         && !(tolerance > 0.0)
     {
         let detail = format!(
-            "is {tolerance}, must be positive: a bound of the root mean square distance, in the unit of the points"
+            "expected a positive number (a bound of the root mean square distance, in the unit of the \
+             points), got {tolerance}"
         );
         return Err(ServiceError::invalid("/representation/tolerance", detail));
     }
@@ -108,7 +109,8 @@ fn of_contour(error: GeometryError) -> Vec<InputError> {
 
 fn given_samples(points: Matrix, parameters: &[f64], closed: bool) -> Result<Samples, Vec<InputError>> {
     if parameters.len() != points.nrows() {
-        let detail = format!("has {} points for {} parameters", points.nrows(), parameters.len());
+        let detail =
+            format!("expected one point per parameter ({1}), got {0}", points.nrows(), parameters.len());
         return Err(vec![InputError::new("/points", detail)]);
     }
     Samples::new(points, parameters.to_vec(), closed).map_err(of_contour)
@@ -133,26 +135,28 @@ pub struct Refined {
 pub fn refine(app: &App, curves: &Posted, factor: usize, shapes: &[Matrix]) -> Result<Refined, ServiceError> {
     let representation = curves.space.representation();
     if !(2..=MAX_FACTOR).contains(&factor) {
-        let detail = format!("is {factor}, must be between 2 and {MAX_FACTOR}");
+        let detail = format!("expected a number between 2 and {MAX_FACTOR}, got {factor}");
         return Err(ServiceError::invalid("/factor", detail));
     }
     let generator = representation.generator();
     if generator.is_some_and(|generator| generator.needs_even_factors()) && factor % 2 == 1 {
-        let detail =
-            format!("is {factor}, must be even: half-integer shifts fall between the knots of an odd split");
+        let detail = format!(
+            "expected an even number, got {factor}: half-integer shifts fall between the knots of an odd \
+             split"
+        );
         return Err(ServiceError::invalid("/factor", detail));
     }
     let count = representation.count().saturating_mul(factor);
     if count > app.limits.control_points {
         let detail = format!(
-            "asks for {count} {}, at most {} are accepted",
+            "expected at most {1} {0} after refinement, got {count}",
             representation.knots()[0].field,
             app.limits.control_points
         );
         return Err(ServiceError::invalid("/factor", detail));
     }
     if count.saturating_mul(shapes.len()) > app.limits.samples {
-        let detail = format!("at most {} control points are answered over all shapes", app.limits.samples);
+        let detail = format!("expected at most {} control points over all shapes", app.limits.samples);
         return Err(ServiceError::invalid("/factor", detail));
     }
     let refinement = Refinement::new(&curves.space, factor)
@@ -193,13 +197,10 @@ pub fn idealise(app: &App, posted: &Posted, wanted: &[Placed]) -> Result<Vec<Mat
     let (list, name) = if posted.is_of_surfaces() { ("surfaces", "surface") } else { ("curves", "curve") };
     let refused = |detail: String| Err(ServiceError::invalid(format!("/{list}"), detail));
     if wanted.is_empty() {
-        return refused("has no entries, at least 1 is needed".into());
+        return refused("expected at least 1 entry, got none".into());
     }
     if wanted.len().saturating_mul(posted.metric.size()) > app.limits.samples {
-        return refused(format!(
-            "at most {} control points are answered over all of them",
-            app.limits.samples
-        ));
+        return refused(format!("expected at most {} control points over all entries", app.limits.samples));
     }
     let (mut shapes, mut faults) = (Vec::with_capacity(wanted.len()), Vec::new());
     for (index, placed) in wanted.iter().enumerate() {
@@ -210,9 +211,9 @@ pub fn idealise(app: &App, posted: &Posted, wanted: &[Placed]) -> Result<Vec<Mat
         let made =
             made.map_err(|detail| (format!("/{list}/{index}/{name}"), detail)).and_then(|shape: Matrix| {
                 let inside = shape.iter().all(|value| value.abs() <= MAX_COORDINATE);
-                inside
-                    .then_some(shape)
-                    .ok_or_else(|| (format!("/{list}/{index}"), format!("leaves ±{MAX_COORDINATE:e}")))
+                inside.then_some(shape).ok_or_else(|| {
+                    (format!("/{list}/{index}"), format!("expected coordinates within ±{MAX_COORDINATE:e}"))
+                })
             });
         match made {
             Ok(shape) => shapes.push(shape),
@@ -230,11 +231,11 @@ fn idealise_curve(posted: &Posted, PlacedCurve { curve, position }: &PlacedCurve
         return Err(detail.into());
     }
     if posted.space.representation().is_closed() && !curve.is_closed() {
-        return Err("does not close: use an open_curve".into());
+        return Err("the curve does not close: use an open_curve".into());
     }
     let missing = curve.missing(position, &posted.space);
     if !missing.is_empty() {
-        return Err(format!("is not reproduced by the generator: {}", missing_poles(&missing)));
+        return Err(format!("the generator does not reproduce this curve: {}", missing_poles(&missing)));
     }
     Ok(curve.control_points(position, &posted.space))
 }
@@ -247,5 +248,5 @@ fn missing_poles(missing: &[([f64; 2], usize)]) -> String {
         ([re, _], _) => format!("±{re}"),
     };
     let list: Vec<String> = missing.iter().map(name).collect();
-    format!("among its domain_poles must be {}", list.join(", "))
+    format!("expected {} among its domain_poles", list.join(", "))
 }

@@ -41,19 +41,21 @@ const WARN_RIESZ: f64 = 1e-4;
 /// [`ServiceError::Query`] with all faults of the parameters.
 pub fn describe(kind: GeneratorKind, count: Option<usize>) -> Result<GeneratorDetails, ServiceError> {
     let faults: Vec<String> =
-        kind.faults().into_iter().map(|(field, detail)| format!("{field} {detail}")).collect();
+        kind.faults().into_iter().map(|(field, detail)| format!("{field}: {detail}")).collect();
     if !faults.is_empty() {
         return Err(ServiceError::Query(faults.join("; ")));
     }
     let properties = kind.properties();
     let fewest = properties.fewest_control_points.min(properties.fewest_intervals);
     if fewest > MOST {
-        let detail = format!("domain_poles need at least {fewest} control points, {MOST} are described");
+        let detail = format!(
+            "domain_poles: expected poles that need at most {MOST} control points, got poles that need {fewest}"
+        );
         return Err(ServiceError::Query(detail));
     }
     let count = count.unwrap_or(USUAL.max(fewest));
     if !(fewest..=MOST).contains(&count) {
-        let detail = format!("control_points is {count}, must be between {fewest} and {MOST}");
+        let detail = format!("control_points: expected a number between {fewest} and {MOST}, got {count}");
         return Err(ServiceError::Query(detail));
     }
     let built = kind.build(count).map_err(|error| ServiceError::Query(error.to_string()))?;
@@ -64,13 +66,15 @@ pub fn describe(kind: GeneratorKind, count: Option<usize>) -> Result<GeneratorDe
     }
     if riesz_squared.0 < WARN_RIESZ * riesz_squared.1 {
         warnings.push(format!(
-            "nearly dependent: A²/B² is {:.1e}, control points may lie far from the curve",
+            "the shifts are nearly dependent: A²/B² is {:.1e}, control points may lie far from the curve",
             riesz_squared.0 / riesz_squared.1
         ));
     }
     if !properties.partition_of_unity {
-        warnings
-            .push("does not reproduce constants: moving the control points does not move the shape".into());
+        warnings.push(
+            "the generator does not reproduce constants: moving the control points does not move the shape"
+                .into(),
+        );
     }
     Ok(GeneratorDetails { kind, count, built, riesz_squared, warnings })
 }

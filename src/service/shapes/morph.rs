@@ -62,14 +62,16 @@ impl Positions {
         };
         let (total, most) = (positions.len().saturating_mul(size), limits.samples);
         if positions.is_empty() || total > most {
-            let detail = format!(
-                "asks for {total} control points, between 1 and {most} are answered over all positions"
-            );
+            let detail =
+                format!("expected between 1 and {most} control points over all positions, got {total}");
             faults.push(Fault::new(pointer, detail));
         }
         let wild = positions.iter().enumerate().filter(|(_, tau)| !(tau.abs() <= MAX_POSITION));
         faults.extend(wild.map(|(i, tau)| {
-            Fault::new(format!("/positions/{i}"), format!("is {tau}, must be within ±{MAX_POSITION}"))
+            Fault::new(
+                format!("/positions/{i}"),
+                format!("expected a number within ±{MAX_POSITION}, got {tau}"),
+            )
         }));
         ServiceError::unless_empty(faults)?;
         Ok(positions)
@@ -131,7 +133,8 @@ pub fn morph(
 /// Too many frames.
 pub fn draw_morph(posted: &Posted, title: &str, morph: &Morph) -> Result<String, ServiceError> {
     if morph.frames.len() > MAX_FRAMES {
-        let detail = format!("has {} entries, at most {MAX_FRAMES} are drawn", morph.frames.len());
+        let detail =
+            format!("expected at most {MAX_FRAMES} positions in a drawing, got {}", morph.frames.len());
         return Err(ServiceError::invalid("/positions", detail));
     }
     let shapes = morph.frames.iter().map(|(_, shape)| shape.as_slice());
@@ -139,7 +142,7 @@ pub fn draw_morph(posted: &Posted, title: &str, morph: &Morph) -> Result<String,
     let bytes = svg::animation_bytes(&layer);
     if bytes > MOST_DRAWN {
         let detail = format!(
-            "makes an animation of about {bytes} bytes, at most {MOST_DRAWN} are drawn: ask for fewer positions"
+            "expected an animation of at most {MOST_DRAWN} bytes, got about {bytes}: ask for fewer positions"
         );
         return Err(ServiceError::invalid("", detail));
     }

@@ -88,13 +88,16 @@ impl Body {
                     Err(detail) => one("/contour", detail),
                 },
                 found => {
-                    one("/contour", format!("has {found} points, must have between 3 and {}", limits.points))
+                    one("/contour", format!("expected between 3 and {} points, got {found}", limits.points))
                 }
             },
             (None, Some(vertices), Some(faces), None) => {
                 if vertices.len() > limits.vertices || faces.len() > 2 * limits.vertices {
-                    let detail =
-                        format!("has {} vertices, at most {} are accepted", vertices.len(), limits.vertices);
+                    let detail = format!(
+                        "expected at most {1} vertices (and twice as many faces), got {0}",
+                        vertices.len(),
+                        limits.vertices
+                    );
                     return one("/vertices", detail);
                 }
                 let mesh = TriangleMesh { vertices, normals: None, faces };
@@ -104,7 +107,7 @@ impl Body {
                 }
             }
             (None, None, None, Some(mask)) => read_mask(mask).map(Self::Mask),
-            _ => one("", "must have a contour, or vertices and faces, or a mask: one of them".into()),
+            _ => one("", "expected one of a contour, vertices and faces, or a mask".into()),
         }
     }
 
@@ -140,7 +143,10 @@ impl Body {
     fn warnings(&self, stop: Stop<'_>) -> Vec<String> {
         match self {
             Self::Contour(points) if crosses_itself(points) => {
-                vec!["the contour crosses or touches itself: what it encloses twice counts as outside".into()]
+                vec![
+                    "the contour crosses or touches itself: areas that it encloses twice count as outside"
+                        .into(),
+                ]
             }
             Self::Mesh(mesh) => warnings::of_posted_mesh(mesh, stop),
             Self::Contour(_) | Self::Mask(_) => Vec::new(),
@@ -166,8 +172,8 @@ fn enclosing(points: &[[f64; 2]]) -> Result<(), String> {
     if extent > 0.0 && area > NO_AREA {
         return Ok(());
     }
-    let what = if extent > 0.0 { "all of its points lie on a line" } else { "all of its points are one" };
-    Err(format!("encloses no area: {what}"))
+    let what = if extent > 0.0 { "all of its points lie on a line" } else { "all of its points coincide" };
+    Err(format!("expected a contour that encloses an area: {what}"))
 }
 
 /// Whether a polygon crosses or touches itself. Points that repeat their neighbour do not count.
@@ -188,25 +194,25 @@ fn read_mask(input: MaskInput) -> Result<Mask, Vec<InputError>> {
         |pointer: &str, detail: String| errors.push(InputError::new(format!("/mask{pointer}"), detail));
     let dimension = input.size.len();
     if !(2..=3).contains(&dimension) {
-        error("/size", format!("has {dimension} entries, must have 2 or 3"));
+        error("/size", format!("expected 2 or 3 entries, got {dimension}"));
     }
     for (list, pointer) in [(&input.spacing, "/spacing"), (&input.first, "/first")] {
         if list.len() != dimension {
-            error(pointer, format!("has {} entries for {dimension} axes", list.len()));
+            error(pointer, format!("expected {dimension} entries, one per axis, got {}", list.len()));
         } else if !list.iter().all(|value| value.abs() <= MAX_COORDINATE) {
-            error(pointer, format!("has numbers beyond ±{MAX_COORDINATE:e}"));
+            error(pointer, format!("expected numbers within ±{MAX_COORDINATE:e}"));
         }
     }
     if !input.spacing.iter().all(|spacing| *spacing > 0.0) {
-        error("/spacing", "must be positive".into());
+        error("/spacing", "expected positive numbers".into());
     }
     let cells = input.size.iter().fold(1_usize, |product, size| product.saturating_mul(*size));
     if !(1..=MOST_CELLS).contains(&cells) {
-        error("/size", format!("makes {cells} cells, must make between 1 and {MOST_CELLS}"));
+        error("/size", format!("expected between 1 and {MOST_CELLS} cells, got {cells}"));
     }
     let covered = input.runs.iter().fold(0_usize, |sum, run| sum.saturating_add(*run));
     if covered != cells {
-        error("/runs", format!("cover {covered} cells, the grid has {cells}"));
+        error("/runs", format!("expected runs over all {cells} cells of the grid, got {covered}"));
     }
     if !errors.is_empty() {
         return Err(errors);
@@ -266,7 +272,7 @@ impl Bodies {
         for (body, cells) in ["first", "second"].iter().zip(overlap.cells) {
             if cells < FEW_CELLS {
                 found.push(format!(
-                    "/{body}: has {cells} cells inside, too few to compare: take a smaller /spacing"
+                    "/{body}: only {cells} cells inside, too few to compare: use a smaller /spacing"
                 ));
             }
         }
@@ -301,19 +307,20 @@ pub fn read(
     let dimension = first.dimension();
     let refused = |pointer: &str, detail: String| Err(ServiceError::invalid(pointer, detail));
     if second.dimension() != dimension {
-        let detail = format!("has dimension {}, the first body has {dimension}", second.dimension());
+        let detail =
+            format!("expected dimension {dimension}, as in the first body, got {}", second.dimension());
         return refused("/second", detail);
     }
     let grid = match (&first, &second) {
         (Body::Mask(one), Body::Mask(other)) if one.grid != other.grid => {
             return refused(
                 "/second/mask",
-                "has another grid than the first: masks are compared cell by cell".into(),
+                "expected the grid of the first mask: masks are compared cell by cell".into(),
             );
         }
         (Body::Mask(mask), _) | (_, Body::Mask(mask)) if spacing.is_none() => mask.grid,
         (Body::Mask(_), _) | (_, Body::Mask(_)) => {
-            return refused("/spacing", "is that of the mask: leave it out".into());
+            return refused("/spacing", "expected no spacing: it is that of the mask".into());
         }
         _ => grid_around([&first, &second], dimension, spacing)?,
     };
@@ -340,10 +347,12 @@ fn grid_around(bodies: [&Body; 2], dimension: usize, spacing: Option<f64>) -> Re
 
 fn given_spacing(spacing: f64, cells: f64) -> Result<f64, ServiceError> {
     if !(spacing > 0.0 && spacing <= MAX_COORDINATE) {
-        return Err(ServiceError::invalid("/spacing", format!("is {spacing}, must be positive")));
+        return Err(ServiceError::invalid("/spacing", format!("expected a positive number, got {spacing}")));
     }
     if !(cells <= MOST_CELLS as f64) {
-        let detail = format!("is {spacing}, which makes {cells:.1e} cells, at most {MOST_CELLS} are counted");
+        let detail = format!(
+            "expected a spacing that makes at most {MOST_CELLS} cells, got {spacing}, which makes {cells:.1e}"
+        );
         return Err(ServiceError::invalid("/spacing", detail));
     }
     Ok(spacing)
@@ -355,7 +364,7 @@ fn usual_spacing(bodies: [&Body; 2], cells: impl Fn(f64) -> f64) -> Result<f64, 
     const COARSER: f64 = 1.02;
     let extents = bodies.map(|body| body.extent().unwrap_or(0.0));
     if let Some(body) = extents.iter().position(|extent| !(*extent > 0.0)) {
-        let detail = "all vertices are one point: it encloses nothing";
+        let detail = "all vertices coincide: the body encloses nothing";
         return Err(ServiceError::invalid(["/first", "/second"][body], detail));
     }
     let both = bounds(bodies.into_iter().filter_map(Body::bounds).flatten()).unwrap_or_default();

@@ -44,9 +44,9 @@ pub struct Reading<'a> {
 
 /// Maximum length of an identifier or label.
 const MAX_TEXT: usize = 500;
-/// Reason for refusing normals.
-const NORMALS: &str = "belong to the subdivision scheme normal_based: leave them out";
-/// Maximum number of attributes per shape.
+/// Why normals are refused.
+const NORMALS: &str = "expected no normals: they belong to the subdivision scheme normal_based";
+/// Most attributes of a shape.
 const MAX_LABELS: usize = 100;
 
 /// Checks the sizes of a representation against the limits.
@@ -67,7 +67,7 @@ pub fn check_representation(representation: &Representation, limits: &Limits) ->
     if !(2..=3).contains(&representation.dimension()) {
         errors.push(InputError::new(
             "/dimension",
-            format!("is {}, must be 2 or 3", representation.dimension()),
+            format!("expected 2 or 3, got {}", representation.dimension()),
         ));
     }
     let knots = representation.knots();
@@ -89,7 +89,7 @@ pub fn check_representation(representation: &Representation, limits: &Limits) ->
         errors.extend(faults.into_iter().map(|(field, detail)| InputError::new(format!("/{field}"), detail)));
         let (size, most) = (representation.size(), limits.control_points);
         if size > most {
-            let detail = format!("make {size} control points, at most {most} are accepted");
+            let detail = format!("expected at most {most} control points, got {size}");
             errors.push(InputError::new("/control_points", detail));
         }
     }
@@ -105,13 +105,13 @@ pub fn check_subdivision(subdivision: &Subdivision, limits: &Limits) -> Result<(
     let (control, fine) = (subdivision.connectivity.size(), subdivision.size());
     if control.vertices > limits.control_points {
         let (found, most) = (control.vertices, limits.control_points);
-        let detail = format!("has {found} control points, at most {most} are accepted");
+        let detail = format!("expected at most {most} control points, got {found}");
         errors.push(InputError::new("/connectivity", detail));
     }
     if fine.vertices > limits.vertices {
         let (level, most) = (subdivision.level, limits.vertices);
         let error = GeometryError::TooFine { level, vertices: fine.vertices, most };
-        errors.push(InputError::new("/level", format!("is {level}: {error}")));
+        errors.push(InputError::new("/level", format!("expected a level below {level}: {error}")));
     }
     if !errors.is_empty() {
         return Err(errors);
@@ -140,7 +140,8 @@ pub(crate) fn face_pointer(fault: &MeshError) -> String {
 /// A fault at `/mirror`.
 pub fn check_mirror(representation: &Representation, mirror: Mirror) -> Result<(), ServiceError> {
     if mirror == Mirror::Allow && representation.subdivision().is_some() {
-        let detail = "is \"allow\": vertices of a control mesh are landmarks, which of them correspond in a mirror image is not known";
+        let detail = "expected \"forbid\" for subdivision surfaces, got \"allow\": the correspondence between a control \
+         mesh and its mirror image is unknown";
         return Err(ServiceError::invalid("/mirror", detail));
     }
     Ok(())
@@ -150,25 +151,27 @@ pub fn check_mirror(representation: &Representation, mirror: Mirror) -> Result<(
 fn count_fault(knots: &Knots<'_>, most: usize, admissible: bool) -> Option<InputError> {
     let Knots { field, count, fewest, generator, generator_field, closed } = *knots;
     if fewest > most && admissible {
-        let detail = "need a finer grid than any that is accepted: |Im| below π and |Re| up to 10 after division by \
-                      their number of control points or intervals";
+        let detail = "expected |Im| below π and |Re| up to 10 after division by the number of control points or intervals";
         let pointer = format!("/{generator_field}/domain_poles");
-        return Some(InputError::new(pointer, format!("{detail}, at most {most}")));
+        return Some(InputError::new(
+            pointer,
+            format!("{detail} (at most {most}): these poles need a finer grid"),
+        ));
     }
     if (fewest..=most).contains(&count) {
         return None;
     }
     let reason = match generator {
         Some(_) if count < fewest && closed && fewest > 3 => {
-            ": the domain poles divided by it must have |Im| < π and |Re| ≤ 10"
+            ": the domain poles divided by this number must have |Im| < π and |Re| ≤ 10"
         }
         Some(_) if count < fewest && !closed => {
-            ": to continue beyond its ends it needs one interval less than there are poles, and domain poles divided \
-             by it must have |Im| < π and |Re| ≤ 10"
+            ": to continue beyond its ends, the curve needs at least one interval less than it has poles, and \
+             the domain poles divided by this number must have |Im| < π and |Re| ≤ 10"
         }
         _ => "",
     };
-    let detail = format!("is {count}, must be between {fewest} and {most}{reason}");
+    let detail = format!("expected a number between {fewest} and {most}, got {count}{reason}");
     Some(InputError::new(format!("/{field}"), detail))
 }
 
@@ -183,16 +186,17 @@ pub fn check_correspondence(
     let detail = match correspondence {
         Correspondence::Landmarks => return Ok(()),
         _ if representation.extent().is_some() => {
-            "points of a surface correspond by their place in the grid: only \"landmarks\" applies"
+            "expected \"landmarks\": the points of a surface correspond by their place in the grid"
         }
         _ if representation.subdivision().is_some() => {
-            "vertices of a control mesh correspond by their place: only \"landmarks\" applies"
+            "expected \"landmarks\": the vertices of a control mesh correspond by their place"
         }
         _ if representation.generator().is_none() => {
-            "landmarks are not a contour: only \"landmarks\" applies; use a closed_curve or open_curve to resample"
+            "expected \"landmarks\": landmarks are not a contour (to resample, use a closed_curve or \
+             open_curve)"
         }
         Correspondence::Cyclic if !representation.is_closed() => {
-            "an open curve has no start point to search: use \"arc_length\" or \"landmarks\""
+            "expected \"arc_length\" or \"landmarks\": an open curve has no start point to search"
         }
         _ => return Ok(()),
     };
@@ -213,7 +217,7 @@ impl Reading<'_> {
             let kind = if closed { "open" } else { "closed" };
             return Err(vec![InputError::new(
                 "/closed",
-                format!("is {closed}, but the representation is a curve that is {kind}"),
+                format!("expected the value of the representation, whose curves are {kind}, got {closed}"),
             )]);
         }
         if given(&shape.normals).is_some() {
@@ -221,7 +225,7 @@ impl Reading<'_> {
         }
         let poles = shape.poles.as_ref().and_then(|poles| poles.get()).copied();
         if poles.is_some() && (given(&shape.points).is_none() || !self.takes_poles()) {
-            let detail = "belong to the points of a sphere: leave them out";
+            let detail = "expected no poles: they belong to the points of a sphere";
             return Err(vec![InputError::new("/poles", detail)]);
         }
         let matrix = match (given(&shape.points), given(&shape.control_points)) {
@@ -233,15 +237,20 @@ impl Reading<'_> {
                 self.take_coefficients(coefficients).map_err(|errors| below(errors, "/control_points"))?
             }
             (Some(_), Some(_)) => {
+                return Err(vec![InputError::new("", "expected either points or control_points, got both")]);
+            }
+            (None, None) => {
                 return Err(vec![InputError::new(
                     "",
-                    "has both points and control_points: give one of them",
+                    "expected either points or control_points, got neither",
                 )]);
             }
-            (None, None) => return Err(vec![InputError::new("", "has neither points nor control_points")]),
         };
         if !matrix.iter().all(|value| value.is_finite()) {
-            return Err(vec![InputError::new("", "leaves the range of numbers")]);
+            return Err(vec![InputError::new(
+                "",
+                "the control points of this shape exceed the range of numbers",
+            )]);
         }
         Ok(matrix.as_slice().to_vec())
     }
@@ -261,11 +270,12 @@ impl Reading<'_> {
         let wanted = extent.grid();
         if list.grid() != Some(wanted) {
             let found = match list.grid() {
-                Some([u, v]) => format!("is a grid of {u} × {v} points"),
-                None => format!("is a list of {} points, not a grid [u][v]", list.len()),
+                Some([u, v]) => format!("a grid of {u} × {v} points"),
+                None => format!("a list of {} points, not a grid [u][v]", list.len()),
             };
             let (name, [u, v]) = (extent.topology.name(), wanted);
-            let detail = format!("{found}: a {name} of this size has {u} × {v}");
+            let detail =
+                format!("expected a grid of {u} × {v} points for a {name} of this size, got {found}");
             return Err(vec![InputError::new("/points", detail)]);
         }
         let poles = poles.unwrap_or_default();
@@ -276,7 +286,7 @@ impl Reading<'_> {
         for (pole, pointer) in [(poles.north, "/poles/north"), (poles.south, "/poles/south")] {
             let wild = |value: &f64| !(value.abs() <= MAX_COORDINATE);
             if pole.is_some_and(|pole| pole.tangents.iter().flatten().any(wild)) {
-                let detail = format!("has numbers beyond ±{MAX_COORDINATE:e}");
+                let detail = format!("expected numbers within ±{MAX_COORDINATE:e}");
                 errors.push(InputError::new(format!("{pointer}/tangents"), detail));
             }
         }
@@ -319,13 +329,15 @@ impl Reading<'_> {
 
     fn matrix(&self, list: &PointList) -> Result<Matrix, Vec<InputError>> {
         if let (Some([u, v]), None) = (list.grid(), self.space.surface()) {
-            let detail = format!("is a grid of {u} × {v} points: only surfaces have grids");
+            let detail = format!(
+                "expected a list of points, got a grid of {u} × {v} points: only surfaces have grids"
+            );
             return Err(vec![InputError::new("", detail)]);
         }
         let dimension = self.space.representation().dimension();
         let coordinates = list.checked(dimension)?;
         if list.len() > self.limits.points {
-            let detail = format!("has {} points, at most {} are accepted", list.len(), self.limits.points);
+            let detail = format!("expected at most {1} points, got {0}", list.len(), self.limits.points);
             return Err(vec![InputError::new("", detail)]);
         }
         Ok(Matrix::from_row_slice(list.len(), dimension, coordinates))
@@ -336,13 +348,13 @@ impl Reading<'_> {
             return Ok(());
         }
         let hint = if self.space.representation().generator().is_some() && what == "points" {
-            " (to resample a contour use the correspondence arc_length or cyclic)"
+            " (to resample a contour, use the correspondence arc_length or cyclic)"
         } else {
             ""
         };
         Err(vec![InputError::new(
             "",
-            format!("has {} {what}, the representation has {wanted}{hint}", list.len()),
+            format!("expected {wanted} {what} for this representation, got {}{hint}", list.len()),
         )])
     }
 
@@ -379,8 +391,8 @@ fn open_poles(points: &Matrix, columns: usize) -> Vec<InputError> {
         let wrong = (0..points.nrows() / columns).find(|&k| apart(k) > SAME_POLE * extent);
         errors.extend(wrong.map(|k| {
             let detail = format!(
-                "is {:.1e} away from /points/0/{column}: all meridians of a sphere start and end in the same points, this is \
-                 the {name} pole",
+                "expected the {name} pole at /points/0/{column}, got a point that is {:.1e} away: all \
+                 meridians of a sphere start and end in the same points",
                 apart(k)
             );
             InputError::new(format!("/points/{k}/{column}"), detail)
@@ -469,7 +481,7 @@ pub fn attributes(shape: ShapeInput) -> Result<ShapeAttributes, Vec<InputError>>
     let mut text = |field: Option<Checked<Option<String>>>, pointer: &str| {
         let text = take_given(field, pointer, &mut errors).flatten()?;
         if text.is_empty() || text.chars().count() > MAX_TEXT || text.chars().any(char::is_control) {
-            errors.push(InputError::new(pointer, format!("must have 1 to {MAX_TEXT} printable characters")));
+            errors.push(InputError::new(pointer, format!("expected 1 to {MAX_TEXT} printable characters")));
         }
         Some(text)
     };
@@ -481,22 +493,27 @@ pub fn attributes(shape: ShapeInput) -> Result<ShapeAttributes, Vec<InputError>>
         labels.and_then(|labels| labels.read(SMALL, "/labels", &mut errors));
     let labels = labels.unwrap_or_default();
     if labels.len() > MAX_LABELS {
-        errors
-            .push(InputError::new("/labels", format!("has {} entries, at most {MAX_LABELS}", labels.len())));
+        errors.push(InputError::new(
+            "/labels",
+            format!("expected at most {MAX_LABELS} entries, got {}", labels.len()),
+        ));
     }
     for (key, value) in labels.iter().take(MAX_LABELS) {
         let is_control = |text: &str| text.chars().any(char::is_control);
         if is_control(key) || value.as_str().is_some_and(is_control) {
-            errors.push(InputError::new("/labels", "may not hold control characters"));
+            errors.push(InputError::new("/labels", "expected text without control characters"));
         }
         if value.is_object() || value.is_array() {
             let pointer = format!("/labels/{}", key.replace('~', "~0").replace('/', "~1"));
-            errors.push(InputError::new(pointer, "must be a text, a number, a truth value or null"));
+            errors.push(InputError::new(pointer, "expected a string, a number, a boolean or null"));
         }
     }
     let weight = take_given(shape.weight, "/weight", &mut errors).flatten().unwrap_or(1.0);
     if !(1e-100..=1e100).contains(&weight) {
-        errors.push(InputError::new("/weight", format!("is {weight}, must be between 1e-100 and 1e100")));
+        errors.push(InputError::new(
+            "/weight",
+            format!("expected a number between 1e-100 and 1e100, got {weight}"),
+        ));
     }
     take_given(shape.closed, "/closed", &mut errors);
     take_given(shape.poles.map(|poles| *poles), "/poles", &mut errors);
@@ -523,7 +540,7 @@ pub fn parse_whole<T: DeserializeOwned>(limits: &Limits, text: &[u8]) -> Result<
     let mut errors = Vec::new();
     let value = value.take("", &mut errors);
     ServiceError::unless_empty(errors.into_iter().map(Fault::from).collect())?;
-    value.ok_or_else(|| ServiceError::invalid("", "is not complete"))
+    value.ok_or_else(|| ServiceError::invalid("", "the value is incomplete"))
 }
 
 /// Parses `T` from JSON text; run it on the pool, because bodies can be large. The types of `formats` collect their own
@@ -678,15 +695,15 @@ pub fn read_batch(reading: &Reading<'_>, shapes: Vec<ShapeInput>) -> Result<Batc
 fn check_sizes(reading: &Reading<'_>, shapes: usize) -> Result<(), ServiceError> {
     let (most, most_numbers) = (reading.limits.shapes, reading.limits.coordinates);
     if shapes > most {
-        let detail = format!("has {shapes} shapes, at most {most} are accepted");
+        let detail = format!("expected at most {most} shapes, got {shapes}");
         return Err(ServiceError::invalid("/shapes", detail));
     }
     let representation = reading.space.representation();
     let numbers = representation.size() * representation.dimension() * shapes;
     if numbers > most_numbers {
         let detail = format!(
-            "has {shapes} shapes, whose control points are {numbers} numbers, at most {most_numbers} are kept in memory: send \
-             fewer, or use a cohort"
+            "expected at most {most_numbers} numbers in the control points of all shapes, got {numbers} \
+             ({shapes} shapes): send fewer shapes, or use a cohort"
         );
         return Err(ServiceError::invalid("/shapes", detail));
     }

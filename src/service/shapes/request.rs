@@ -34,8 +34,8 @@ impl Posted {
     ) -> Result<Self, ServiceError> {
         let (space, metric) = app.space(representation, "/representation")?;
         if space.generator().is_none() && space.surface().is_none() && space.subdivision().is_none() {
-            let detail =
-                "landmarks are points without a curve: use closed_curve, open_curve, surface or subdivision";
+            let detail = "expected closed_curve, open_curve, surface or subdivision: landmarks are points without a \
+                 curve";
             return Err(ServiceError::invalid("/representation/kind", detail));
         }
         read::check_correspondence(representation, correspondence)?;
@@ -53,7 +53,8 @@ impl Posted {
     ) -> Result<Self, ServiceError> {
         let posted = Self::new(app, representation, correspondence)?;
         if posted.space.subdivision().is_some() {
-            let detail = "is \"subdivision\", here are closed_curve, open_curve and surface: control meshes are refined by subdivide";
+            let detail = "expected closed_curve, open_curve or surface, got \"subdivision\": control meshes are refined by \
+             subdivide";
             return Err(ServiceError::invalid("/representation/kind", detail));
         }
         Ok(posted)
@@ -71,7 +72,7 @@ impl Posted {
         let posted = Self::new(app, representation, correspondence)?;
         if posted.space.generator().is_none() {
             let kind = if posted.is_of_surfaces() { "surface" } else { "subdivision" };
-            let detail = format!("is \"{kind}\", here are closed_curve and open_curve");
+            let detail = format!("expected closed_curve or open_curve, got \"{kind}\"");
             return Err(ServiceError::invalid("/representation/kind", detail));
         }
         Ok(posted)

@@ -76,15 +76,16 @@ impl<'a> Fits<'a> {
         let operations = count as f64 * (search.turns + 1) as f64 * (cube + PER_FIT);
         if operations > MOST_OPERATIONS {
             let detail = format!(
-                "has {count} entries, whose fits take {operations:.0e} multiply-adds, at most {MOST_OPERATIONS:.0e}: send fewer, \
-                 or take fewer turns or control points"
+                "expected at most {MOST_OPERATIONS:.0e} multiply-adds for all fits, got {operations:.0e} \
+                 ({count} entries): send fewer entries, or use fewer turns or control points"
             );
             return Err(ServiceError::invalid(list, detail));
         }
         let start = search.start.map(|shape| posted.read_one(app, shape, "/start")).transpose()?;
         let fitting = Fitting::new(posted.steps(), &subdivision.connectivity, subdivision.level);
         if start.is_none() && !fitting.has_start() {
-            let detail = "is missing: only control meshes named after a body have a start of their own";
+            let detail =
+                "required field is missing: only control meshes named after a body have a start of their own";
             return Err(ServiceError::invalid("/start", detail));
         }
         Ok(Self { fitting, posted, start, turns: search.turns })
@@ -141,8 +142,8 @@ impl<'a> Fits<'a> {
         let beyond = overshoot(&self.posted.steps().points(&found.rows), targets);
         if !(beyond <= MOST_OVERSHOOT) {
             let detail = format!(
-                "does not hold the surface: it runs {:.0} % of the extent beyond the points, where there are none; take fewer control \
-                 points or turns, or another start",
+                "the points do not constrain the surface: it runs {:.0} % of the extent beyond them. Use \
+                 fewer control points or turns, or another start",
                 100.0 * beyond
             );
             return Err(vec![InputError::new("", detail)]);
@@ -168,12 +169,12 @@ pub fn fit_clouds(
     each_shape(&context, shapes, |_, shape| {
         let list = read::given(&shape.points).cloned();
         read::attributes(shape)?;
-        let list = list.ok_or_else(|| vec![InputError::new("", "has no points")])?;
+        let list = list.ok_or_else(|| vec![InputError::new("", "expected points, got none")])?;
         let coordinates = list.checked(3).map_err(below_points)?;
         let (count, fewest) = (list.len(), posted.metric.size());
         if !(fewest..=app.limits.points).contains(&count) {
             let detail = format!(
-                "has {count} points, {fewest} to {} are fitted: as many as control points at least",
+                "expected between {fewest} and {} points (at least as many as control points), got {count}",
                 app.limits.points
             );
             return Err(vec![InputError::new("/points", detail)]);
@@ -202,7 +203,7 @@ pub fn fit_meshes(
     each_of(&context, "meshes", meshes, |_, mesh| {
         let PostedMesh { mesh, source } = PostedMesh::read(mesh, &app.limits)?;
         if !(mesh.face_areas().iter().sum::<f64>() > 0.0) {
-            return Err(vec![InputError::new("/faces", "have no area")]);
+            return Err(vec![InputError::new("/faces", "expected faces with an area")]);
         }
         let directions = match source {
             _ if fits.start.is_some() => None,

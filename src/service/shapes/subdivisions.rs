@@ -122,7 +122,8 @@ pub fn subdivide_named(
 ) -> Result<RefinedMesh, ServiceError> {
     let (vertices, most) = (start.size().vertices, app.limits.points);
     if vertices > most {
-        let detail = format!("is \"{start}\" with {vertices} vertices, at most {most} are accepted");
+        let detail =
+            format!("expected a start with at most {most} vertices, got \"{start}\" with {vertices}");
         return Err(ServiceError::invalid("/start", detail));
     }
     let mesh = start.mesh();
@@ -192,11 +193,12 @@ fn read_mesh(
     let faces = take_given(input.faces, "/faces", &mut errors);
     let normals = take_points::<3>(&input.normals, "/normals", &mut errors);
     if vertices.is_none() && errors.is_empty() {
-        errors.push(InputError::new("/vertices", "is missing"));
+        errors.push(InputError::new("/vertices", "required field is missing"));
     }
     let oriented = matches!(scheme, Scheme::NormalBased { .. });
     if normals.is_some() && !oriented {
-        errors.push(InputError::new("/normals", "belong to the scheme normal_based: leave them out"));
+        errors
+            .push(InputError::new("/normals", "expected no normals: they belong to the scheme normal_based"));
     }
     let (Some(vertices), Some(faces), true) = (vertices, faces, errors.is_empty()) else {
         return Err(errors);
@@ -204,7 +206,7 @@ fn read_mesh(
     let (count, most) = (vertices.len(), limits.points);
     if count > most || faces.len() > 2 * most {
         let detail = format!(
-            "has {count} vertices and {} faces, at most {most} and {} are accepted",
+            "expected at most {most} vertices and {1} faces, got {count} and {0}",
             faces.len(),
             2 * most
         );
@@ -233,16 +235,19 @@ fn orient(
     let (given, count) = (normals.is_some(), points.len());
     let normals = normals.unwrap_or_else(usual);
     if normals.len() != count {
-        let detail = format!("has {} entries for {count} points", normals.len());
+        let detail = format!("expected {count} entries, one per point, got {}", normals.len());
         return Err(vec![InputError::new("/normals", detail)]);
     }
     let off = normals.iter().filter(|normal| (norm(**normal) - 1.0).abs() > UNIT).count();
     let shape = Oriented::new(points, &normals).map_err(|index| {
-        let detail =
-            if given { "is zero: it has no direction" } else { "is missing: the neighbours define none" };
+        let detail = if given {
+            "expected a normal with a direction, got zero"
+        } else {
+            "required normal is missing: the neighbouring points define none"
+        };
         vec![InputError::new(format!("/normals/{index}"), detail)]
     })?;
-    let warning = format!("{off} of {count} normals were not of unit length and were made so");
+    let warning = format!("{off} of {count} normals were not of unit length and were normalised");
     Ok((shape, if given && off > 0 { vec![warning] } else { Vec::new() }))
 }
 
@@ -268,7 +273,7 @@ pub fn subdivide_polyline(
     depth: Depth,
 ) -> Result<RefinedCurve, ServiceError> {
     let Scheme::NormalBased { balance } = scheme else {
-        let detail = "is refined by normal_based only: the other schemes are for meshes";
+        let detail = "polylines are refined by normal_based only: the other schemes are for meshes";
         return Err(ServiceError::invalid("/polyline", detail));
     };
     let (shape, closed, dimension, warnings) =
@@ -298,16 +303,16 @@ fn read_polyline(input: PolylineInput, limits: &Limits) -> Result<ReadPolyline, 
     };
     let (points, normals) = (take(&input.points, "/points"), take(&input.normals, "/normals"));
     if points.is_none() && errors.is_empty() {
-        errors.push(InputError::new("/points", "is missing"));
+        errors.push(InputError::new("/points", "required field is missing"));
     }
     let (Some(points), Some(closed), true) = (points, closed, errors.is_empty()) else { return Err(errors) };
     let (count, fewest) = (points.len(), if closed { 3 } else { 2 });
     if !(fewest..=limits.points).contains(&count) {
-        let detail = format!("has {count} points, must have between {fewest} and {}", limits.points);
+        let detail = format!("expected between {fewest} and {} points, got {count}", limits.points);
         return Err(vec![InputError::new("/points", detail)]);
     }
     if normals.is_none() && dimension == 3 {
-        let detail = "are missing: only in the plane do neighbours define a normal";
+        let detail = "required field is missing: neighbouring points define normals in the plane only";
         return Err(vec![InputError::new("/normals", detail)]);
     }
     let (shape, mut warnings) = orient(points.clone(), normals, || circle_normals(&points, closed))?;
@@ -355,7 +360,8 @@ pub fn meshes(
         .map_err(|errors| ServiceError::below(errors, "/representation"))?;
     let vertices = subdivision.size().vertices.saturating_mul(shapes.len());
     if vertices > app.limits.samples {
-        let detail = format!("have {vertices} vertices in all, at most {} are answered", app.limits.samples);
+        let detail =
+            format!("expected at most {} vertices over all shapes, got {vertices}", app.limits.samples);
         return Err(ServiceError::invalid("/shapes", detail));
     }
     if let Some(refinery) = OrientedMeshes::new(subdivision)? {
@@ -415,16 +421,16 @@ impl<'a> OrientedMeshes<'a> {
     fn read(&self, shape: ShapeInput) -> Result<Oriented, Vec<InputError>> {
         let (points, normals) = match (&shape.points, &shape.control_points) {
             (Some(_), Some(_)) => {
-                return Err(vec![InputError::new(
-                    "",
-                    "has both points and control_points: give one of them",
-                )]);
+                return Err(vec![InputError::new("", "expected either points or control_points, got both")]);
             }
             (None, Some(_)) => (shape.control_points.as_deref().cloned(), shape.normals.as_deref().cloned()),
             _ => (shape.points.clone(), shape.normals.as_deref().cloned()),
         };
         if shape.poles.is_some() {
-            return Err(vec![InputError::new("/poles", "belong to the points of a sphere: leave them out")]);
+            return Err(vec![InputError::new(
+                "/poles",
+                "expected no poles: they belong to the points of a sphere",
+            )]);
         }
         let pointer = if shape.control_points.is_some() { "/control_points" } else { "/points" };
         read::attributes(shape)?;
@@ -433,13 +439,14 @@ impl<'a> OrientedMeshes<'a> {
         let normals = take_points::<3>(&normals, "/normals", &mut errors);
         let (Some(points), true) = (points, errors.is_empty()) else {
             if errors.is_empty() {
-                errors.push(InputError::new("", "has neither points nor control_points"));
+                errors.push(InputError::new("", "expected either points or control_points, got neither"));
             }
             return Err(errors);
         };
         let count = self.control.vertices();
         if points.len() != count {
-            let detail = format!("has {} control points, the representation has {count}", points.len());
+            let detail =
+                format!("expected {count} control points for this representation, got {}", points.len());
             return Err(vec![InputError::new(pointer, detail)]);
         }
         let mesh =
@@ -479,7 +486,10 @@ pub fn measure_all(
     let distances = match reference {
         None => vec![None; shapes.len()],
         Some(_) if !linear => {
-            let detail = format!("has no distance: {}", GeometryError::NotLinear);
+            let detail = format!(
+                "expected no reference, because these shapes have no distance: {}",
+                GeometryError::NotLinear
+            );
             return Err(ServiceError::invalid("/reference", detail));
         }
         Some(reference) => {
@@ -604,8 +614,8 @@ fn between(from: &Oriented, to: &Oriented, tau: f64) -> Result<Oriented, Service
     for (vertex, (a, b)) in from.normals.iter().zip(&to.normals).enumerate() {
         let angle = norm(minus(*a, *b)).atan2(norm(mix(*a, *b, [1.0, 1.0]))) * 2.0;
         if std::f64::consts::PI - angle < OPPOSITE {
-            let detail =
-                "is opposite to that of the other shape: no way between them is shorter than all others";
+            let detail = "expected a normal that is not opposite to that of the other shape: no shortest path between \
+                 opposite normals is unique";
             return Err(ServiceError::invalid(format!("/to/normals/{vertex}"), detail));
         }
         let sine = angle.sin();
@@ -616,6 +626,7 @@ fn between(from: &Oriented, to: &Oriented, tau: f64) -> Result<Oriented, Service
         };
         normals.push(mix(*a, *b, shares));
     }
-    Oriented::new(points, &normals)
-        .map_err(|vertex| ServiceError::invalid(format!("/to/normals/{vertex}"), "has no direction there"))
+    Oriented::new(points, &normals).map_err(|vertex| {
+        ServiceError::invalid(format!("/to/normals/{vertex}"), "the interpolated normal has no direction")
+    })
 }

@@ -75,8 +75,8 @@ fn check_work(posted: &Posted, count: usize, pointer: &str) -> Result<(), Servic
         return Ok(());
     }
     let detail = format!(
-        "has {count} entries, whose fits take {operations:.0e} multiply-adds, at most {MOST_OPERATIONS:.0e}: send fewer, or take \
-         fewer control points"
+        "expected at most {MOST_OPERATIONS:.0e} multiply-adds for all fits, got {operations:.0e} ({count} \
+         entries): send fewer entries, or use fewer control points"
     );
     Err(ServiceError::invalid(pointer, detail))
 }
@@ -97,7 +97,7 @@ pub fn fit_points(
     check_work(posted, shapes.len(), "/shapes")?;
     if let Some(lists) = parameters {
         if lists.len() != shapes.len() {
-            let detail = format!("has {} lists for {} shapes", lists.len(), shapes.len());
+            let detail = format!("expected one list per shape ({1}), got {0}", lists.len(), shapes.len());
             return Err(ServiceError::invalid("/parameters", detail));
         }
         let wild = lists.iter().enumerate();
@@ -107,15 +107,19 @@ pub fn fit_points(
     each_shape(&app.pool.context(), shapes, |index, shape| {
         let list = read::given(&shape.points).cloned();
         read::attributes(shape)?;
-        let list = list.ok_or_else(|| vec![InputError::new("", "has no points")])?;
+        let list = list.ok_or_else(|| vec![InputError::new("", "expected points, got none")])?;
         let coordinates = list.checked(3).map_err(below_points)?;
         let refused = |detail: String| Err(vec![InputError::new("/points", detail)]);
         if list.len() > app.limits.points {
-            return refused(format!("has {} points, at most {} are accepted", list.len(), app.limits.points));
+            return refused(format!("expected at most {1} points, got {0}", list.len(), app.limits.points));
         }
         let places = match (parameters.map(|lists| &lists[index]), list.grid()) {
             (Some(places), _) if places.len() != list.len() => {
-                return refused(format!("has {} points for {} parameters", list.len(), places.len()));
+                return refused(format!(
+                    "expected one point per entry of the parameters ({1}), got {0}",
+                    list.len(),
+                    places.len()
+                ));
             }
             (Some(places), _) => places.clone(),
             (None, Some(grid)) => {
@@ -124,7 +128,9 @@ pub fn fit_points(
                 u.iter().flat_map(|&u| v.iter().map(move |&v| [u, v])).collect()
             }
             (None, None) => {
-                return refused("are a list: give their parameters, a grid [u][v], or a mesh".into());
+                return refused(
+                    "expected a grid [u][v], a list of points with their parameters, or a mesh".into(),
+                );
             }
         };
         let sample = |(point, parameters): (&[f64], [f64; 2])| SurfaceSample {
@@ -190,7 +196,7 @@ impl PostedMesh {
         let poles = take_given(input.poles, "/poles", &mut errors);
         // A field that is present but null has not been reported as missing.
         if vertices.is_none() && errors.is_empty() {
-            errors.push(InputError::new("/vertices", "is missing"));
+            errors.push(InputError::new("/vertices", "required field is missing"));
         }
         let (Some(vertices), Some(faces), true) = (vertices, faces, errors.is_empty()) else {
             return Err(errors);
@@ -201,7 +207,7 @@ impl PostedMesh {
             error(
                 "",
                 format!(
-                    "has {count} vertices and {} faces, at most {} and {} are accepted",
+                    "expected at most {1} vertices and {2} faces, got {count} and {0}",
                     faces.len(),
                     limits.points,
                     4 * limits.points
@@ -212,13 +218,16 @@ impl PostedMesh {
             [(parameters.as_ref().map(Vec::len), "/parameters"), (sphere.as_ref().map(Vec::len), "/sphere")];
         for (length, pointer) in lengths {
             if let Some(length) = length.filter(|length| *length != count) {
-                error(pointer, format!("has {length} entries for {count} vertices"));
+                error(pointer, format!("expected {count} entries, one per vertex, got {length}"));
             }
         }
         if let Some(index) =
             sphere.as_ref().and_then(|list| list.iter().position(|point| norm(*point) == 0.0))
         {
-            error(&format!("/sphere/{index}"), "is the origin, which is in no direction".into());
+            error(
+                &format!("/sphere/{index}"),
+                "expected a point other than the origin, which has no direction".into(),
+            );
         }
         let mesh = TriangleMesh { vertices, normals: None, faces };
         if let Err(fault) = mesh.check_faces() {
@@ -229,7 +238,7 @@ impl PostedMesh {
             (None, Some(sphere), None) => ParameterSource::Sphere(sphere),
             (None, None, poles) => ParameterSource::Computed { poles },
             _ => {
-                error("", "has more than one of parameters, sphere and poles: give one of them".into());
+                error("", "expected only one of parameters, sphere and poles".into());
                 ParameterSource::Computed { poles: None }
             }
         };
@@ -252,7 +261,7 @@ impl PostedMesh {
             }
             _ if topology != Topology::Sphere => {
                 let detail = format!(
-                    "are missing: they are computed for the topology sphere only, this is a {}",
+                    "required for a {}: parameters are computed for the topology sphere only",
                     topology.name()
                 );
                 return Err(one("/parameters", detail));
@@ -287,9 +296,9 @@ impl PostedMesh {
         let folded = folded / area;
         if let Some(face) = first.filter(|_| folded > MOST_FOLDED) {
             let detail = format!(
-                "folds the surface: over {:.1} % of the area its normal points against that of the mesh, first at face {face}. \
-                 Turn the faces if they are seen clockwise from outside; else take other parameters or poles, or other numbers \
-                 of control points",
+                "the fitted surface folds: over {:.1} % of the area its normal points against that of the \
+                 mesh, first at face {face}. Turn the faces if they are clockwise seen from outside. Otherwise \
+                 use other parameters or poles, or other numbers of control points",
                 100.0 * folded
             );
             return Err(one("", detail));
@@ -315,7 +324,7 @@ pub(crate) fn take_points<const D: usize>(
     match list.checked(D) {
         Ok(coordinates) if list.grid().is_none() => Some(coordinates.as_chunks().0.to_vec()),
         Ok(_) => {
-            errors.push(InputError::new(pointer, "is a grid, a list of points is wanted"));
+            errors.push(InputError::new(pointer, "expected a list of points, got a grid"));
             None
         }
         Err(found) => {

@@ -64,7 +64,7 @@ pub fn evaluate(
 ) -> Result<Vec<SurfaceEvaluation>, ServiceError> {
     let mut faults = Vec::new();
     if order > MAX_DERIVATIVE {
-        faults.push(Fault::new("/derivatives", format!("is {order}, must be 0, 1 or {MAX_DERIVATIVE}")));
+        faults.push(Fault::new("/derivatives", format!("expected 0, 1 or {MAX_DERIVATIVE}, got {order}")));
     }
     let orders = [1, 3, 6][order.min(MAX_DERIVATIVE)];
     let (places, pointer) = match parameters {
@@ -76,7 +76,7 @@ pub fn evaluate(
     let (total, most) =
         (places.saturating_mul(shapes.len()).saturating_mul(values), app.limits.answer_numbers);
     if places == 0 || total > most {
-        let detail = format!("asks for {total} numbers, between 1 and {most} are answered");
+        let detail = format!("expected a request for between 1 and {most} numbers, got {total}");
         faults.push(Fault::new(pointer, detail));
     }
     if let SurfaceParameters::At(list) = parameters {
@@ -140,7 +140,7 @@ pub(crate) fn outside(space: &ShapeSpace, list: &[[f64; 2]], pointer: &str) -> V
     };
     let faults = list.iter().enumerate().filter_map(|(k, parameters)| {
         let i = (0..2).find(|&i| wrong(i, parameters[i]))?;
-        let detail = format!("is {}, the surface has parameters from 0 to 1 there", parameters[i]);
+        let detail = format!("expected a number between 0 and 1, got {}", parameters[i]);
         Some(Fault::new(format!("{pointer}/{k}/{i}"), detail))
     });
     faults.collect()
@@ -179,9 +179,7 @@ pub fn measure(
     let cells = posted.space.representation().knots().iter().map(|knots| knots.count).product::<usize>();
     let total = cells.saturating_mul(shapes.len());
     if total > MAX_CELLS {
-        let detail = format!(
-            "have {total} cells between knots in all, at most {MAX_CELLS} are measured in one request"
-        );
+        let detail = format!("expected at most {MAX_CELLS} cells between knots in one request, got {total}");
         return Err(ServiceError::invalid("/shapes", detail));
     }
     let distance = |shape: &Matrix, reference: &Matrix| {
@@ -247,19 +245,16 @@ pub fn mesh(
     let fewest = [0, 1].map(|i| if closed[i] || topology == Topology::Sphere { 3 } else { 2 });
     if grid[0] < fewest[0] || grid[1] < fewest[1] {
         return refused(format!(
-            "grid is {},{}, a mesh needs at least {},{}",
+            "grid: expected at least {2},{3}, got {0},{1}",
             grid[0], grid[1], fewest[0], fewest[1]
         ));
     }
     let vertices = grid[0].saturating_mul(grid[1]);
     if vertices > MOST_VERTICES {
-        return refused(format!("grid asks for {vertices} vertices, at most {MOST_VERTICES} are answered"));
+        return refused(format!("grid: expected at most {MOST_VERTICES} vertices, got {vertices}"));
     }
     if basis.seam() == Seam::HalfTurn && grid[1] % 2 == 1 {
-        return refused(format!(
-            "grid has {} places along v, behind a half turn an even number is needed",
-            grid[1]
-        ));
+        return refused(format!("grid: expected an even number along v behind a half turn, got {}", grid[1]));
     }
     let rows = Matrix::from_column_slice(basis.gram().size(), 3, control_points);
     Ok(basis.surface(&rows).tessellate(grid))
@@ -302,7 +297,7 @@ pub fn resize(
     })?;
     let size = representation.size();
     if size.saturating_mul(shapes.len()) > app.limits.samples {
-        let detail = format!("at most {} control points are answered over all shapes", app.limits.samples);
+        let detail = format!("expected at most {} control points over all shapes", app.limits.samples);
         return Err(ServiceError::invalid(pointer, detail));
     }
     let (from, to) = (posted.basis(), space.surface().expect("a surface of another size is a surface"));
@@ -357,7 +352,10 @@ pub fn idealise(posted: &Posted, placed: &PlacedSurface) -> Result<Matrix, Strin
     let ((topology, seam), basis) = (surface.topology(), posted.basis());
     if (topology, seam) != (basis.extent().topology, basis.seam()) {
         let seam = serde_json::to_string(&seam).unwrap_or_default();
-        return Err(format!("is a {} with the seam {seam}, the representation is another", topology.name()));
+        return Err(format!(
+            "expected a surface with the topology and seam of the representation, got a {} with the seam {seam}",
+            topology.name()
+        ));
     }
     let rows = basis.interpolate_function(|u, v| placed.at(u, v));
     let made = basis.surface(&rows);
@@ -373,7 +371,7 @@ pub fn idealise(posted: &Posted, placed: &PlacedSurface) -> Result<Matrix, Strin
     let kinds = serde_json::to_string(&surface.generators()).unwrap_or_default();
     let [least_u, least_v] = surface.fewest_intervals();
     Err(format!(
-        "is not reproduced by the generators, the nearest surface is {worst:.1e} away: take {kinds} with at least \
-         {least_u} × {least_v} control points"
+        "the generators do not reproduce this surface (the nearest is {worst:.1e} away): use {kinds} with at \
+         least {least_u} × {least_v} control points"
     ))
 }
