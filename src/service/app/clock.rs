@@ -127,8 +127,8 @@ fn warn(now_ms: i64, expected_ms: i64) {
     tracing::warn!(
         shows,
         expected,
-        "the clock differs by more than a day from the newest time in the store: nothing is removed for its \
-         age until the clock is set, has run for a day, or is confirmed by `shapelex confirm-clock`"
+        "the clock differs by more than a day from the newest time in the store: nothing is removed for its age \
+         until the clock is set, has run for a day, or is confirmed by `shapelex confirm-clock`"
     );
 }
 

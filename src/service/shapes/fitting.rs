@@ -65,8 +65,8 @@ pub fn fit(
         && !(tolerance > 0.0)
     {
         let detail = format!(
-            "expected a positive number (a bound of the root mean square distance, in the unit of the \
-             points), got {tolerance}"
+            "expected a positive number (a bound of the root mean square distance, in the unit of the points), \
+             got {tolerance}"
         );
         return Err(ServiceError::invalid("/representation/tolerance", detail));
     }
@@ -141,8 +141,7 @@ pub fn refine(app: &App, curves: &Posted, factor: usize, shapes: &[Matrix]) -> R
     let generator = representation.generator();
     if generator.is_some_and(|generator| generator.needs_even_factors()) && factor % 2 == 1 {
         let detail = format!(
-            "expected an even number, got {factor}: half-integer shifts fall between the knots of an odd \
-             split"
+            "expected an even number, got {factor}: half-integer shifts fall between the knots of an odd split"
         );
         return Err(ServiceError::invalid("/factor", detail));
     }

@@ -140,8 +140,8 @@ pub(crate) fn face_pointer(fault: &MeshError) -> String {
 /// A fault at `/mirror`.
 pub fn check_mirror(representation: &Representation, mirror: Mirror) -> Result<(), ServiceError> {
     if mirror == Mirror::Allow && representation.subdivision().is_some() {
-        let detail = "expected \"forbid\" for subdivision surfaces, got \"allow\": the correspondence between a control \
-         mesh and its mirror image is unknown";
+        let detail = "expected \"forbid\" for subdivision surfaces, got \"allow\": the correspondence between a \
+                      control mesh and its mirror image is unknown";
         return Err(ServiceError::invalid("/mirror", detail));
     }
     Ok(())
@@ -391,8 +391,8 @@ fn open_poles(points: &Matrix, columns: usize) -> Vec<InputError> {
         let wrong = (0..points.nrows() / columns).find(|&k| apart(k) > SAME_POLE * extent);
         errors.extend(wrong.map(|k| {
             let detail = format!(
-                "expected the {name} pole at /points/0/{column}, got a point that is {:.1e} away: all \
-                 meridians of a sphere start and end in the same points",
+                "expected the {name} pole at /points/0/{column}, got a point that is {:.1e} away: all meridians \
+                 of a sphere start and end in the same points",
                 apart(k)
             );
             InputError::new(format!("/points/{k}/{column}"), detail)

@@ -34,8 +34,8 @@ impl Posted {
     ) -> Result<Self, ServiceError> {
         let (space, metric) = app.space(representation, "/representation")?;
         if space.generator().is_none() && space.surface().is_none() && space.subdivision().is_none() {
-            let detail = "expected closed_curve, open_curve, surface or subdivision: landmarks are points without a \
-                 curve";
+            let detail = "expected closed_curve, open_curve, surface or subdivision: landmarks are points \
+                          without a curve";
             return Err(ServiceError::invalid("/representation/kind", detail));
         }
         read::check_correspondence(representation, correspondence)?;
@@ -53,8 +53,8 @@ impl Posted {
     ) -> Result<Self, ServiceError> {
         let posted = Self::new(app, representation, correspondence)?;
         if posted.space.subdivision().is_some() {
-            let detail = "expected closed_curve, open_curve or surface, got \"subdivision\": control meshes are refined by \
-             subdivide";
+            let detail = "expected closed_curve, open_curve or surface, got \"subdivision\": control meshes are \
+                          refined by subdivide";
             return Err(ServiceError::invalid("/representation/kind", detail));
         }
         Ok(posted)

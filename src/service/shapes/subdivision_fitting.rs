@@ -142,8 +142,8 @@ impl<'a> Fits<'a> {
         let beyond = overshoot(&self.posted.steps().points(&found.rows), targets);
         if !(beyond <= MOST_OVERSHOOT) {
             let detail = format!(
-                "the points do not constrain the surface: it runs {:.0} % of the extent beyond them. Use \
-                 fewer control points or turns, or another start",
+                "the points do not constrain the surface: it runs {:.0} % of the extent beyond them. Use fewer \
+                 control points or turns, or another start",
                 100.0 * beyond
             );
             return Err(vec![InputError::new("", detail)]);

@@ -614,8 +614,8 @@ fn between(from: &Oriented, to: &Oriented, tau: f64) -> Result<Oriented, Service
     for (vertex, (a, b)) in from.normals.iter().zip(&to.normals).enumerate() {
         let angle = norm(minus(*a, *b)).atan2(norm(mix(*a, *b, [1.0, 1.0]))) * 2.0;
         if std::f64::consts::PI - angle < OPPOSITE {
-            let detail = "expected a normal that is not opposite to that of the other shape: no shortest path between \
-                 opposite normals is unique";
+            let detail = "expected a normal that is not opposite to that of the other shape: no shortest path \
+                          between opposite normals is unique";
             return Err(ServiceError::invalid(format!("/to/normals/{vertex}"), detail));
         }
         let sine = angle.sin();

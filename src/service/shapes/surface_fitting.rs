@@ -296,9 +296,9 @@ impl PostedMesh {
         let folded = folded / area;
         if let Some(face) = first.filter(|_| folded > MOST_FOLDED) {
             let detail = format!(
-                "the fitted surface folds: over {:.1} % of the area its normal points against that of the \
-                 mesh, first at face {face}. Turn the faces if they are clockwise seen from outside. Otherwise \
-                 use other parameters or poles, or other numbers of control points",
+                "the fitted surface folds: over {:.1} % of the area its normal points against that of the mesh, \
+                 first at face {face}. Turn the faces if they are clockwise seen from outside. Otherwise use \
+                 other parameters or poles, or other numbers of control points",
                 100.0 * folded
             );
             return Err(one("", detail));
