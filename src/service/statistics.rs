@@ -89,8 +89,8 @@ impl Setup {
             && method.translates()
             && !space.reproduces_constants()
         {
-            let detail = "does not reproduce constants, so that its shapes cannot be moved: add the pole 0, or \
-                          choose a class without translation";
+            let detail = "the generator does not reproduce constants, so that its shapes cannot be moved: add \
+                          the pole 0, or choose a class without translation";
             faults.push(Fault::new("/representation/generator", detail));
         }
         match (space, method) {
@@ -298,8 +298,8 @@ pub fn draw_mode(
     let pca = &components.pca;
     let found = pca.eigenvalues.len();
     if !(1..=found).contains(&component) {
-        let detail = format!("is {component}, there are {found} components");
-        return Err(ServiceError::Query(format!("component {detail}")));
+        let detail = format!("expected a number between 1 and {found}, got {component}");
+        return Err(ServiceError::Query(format!("component: {detail}")));
     }
     let setup = &statistics.setup;
     let i = component - 1;

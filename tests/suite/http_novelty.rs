@@ -179,7 +179,7 @@ fn dictionaries_without_shapes_held_out_say_so() {
     let question = json!({"shapes": circles(3, 2)});
     for what in ["score", "assess"] {
         let warnings = ask(&server, "old", what, &question)["warnings"].clone();
-        assert!(warnings[0].as_str().unwrap().contains("learn it anew"), "{what}: {warnings}");
+        assert!(warnings[0].as_str().unwrap().contains("Learn it again"), "{what}: {warnings}");
         assert_eq!(ask(&server, "circles", what, &question)["warnings"], Value::Null);
     }
     // Numbers that learning does not make are refused, under a digest of their own.

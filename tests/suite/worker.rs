@@ -104,7 +104,7 @@ async fn a_job_runs_and_its_result_is_kept() {
 async fn failures_are_kept_as_problems_and_the_worker_goes_on() {
     let (_folder, app) = app().await;
     let _worker = worker(&app, 1, |_, _, job, _| match job.parameters.as_str() {
-        Some("invalid") => Err(ServiceError::invalid("/atoms", "must be at least 1")),
+        Some("invalid") => Err(ServiceError::invalid("/atoms", "expected at least 1, got 0")),
         Some("internal") => Err(ServiceError::Internal("the secret cause".into())),
         Some("panic") => panic!("the secret cause"),
         _ => Ok(Outcome { result: json!(null), dictionary: None, output: None }),
@@ -115,8 +115,8 @@ async fn failures_are_kept_as_problems_and_the_worker_goes_on() {
             "invalid",
             422,
             "invalid-input",
-            "/atoms: must be at least 1",
-            json!([{"pointer": "/atoms", "detail": "must be at least 1"}]),
+            "/atoms: expected at least 1, got 0",
+            json!([{"pointer": "/atoms", "detail": "expected at least 1, got 0"}]),
         ),
         ("internal", 500, "internal", detail, json!([])),
         ("panic", 500, "internal", detail, json!([])),

@@ -65,18 +65,22 @@ pub fn faults(new: &NewKey) -> Vec<Fault> {
         && !new.name.chars().any(is_deceptive)
         && new.name.trim() == new.name;
     let detail = format!(
-        "must have 1 to {MAX_NAME_CHARS} characters, no spaces around them, and none that is invisible or turns the direction of \
-         writing"
+        "expected 1 to {MAX_NAME_CHARS} characters, without spaces around them, and without characters that are \
+         invisible or change the direction of writing"
     );
     check(readable, "/name", detail);
     if let Some(cohorts) = &new.cohorts {
         let count = (1..=MAX_COHORTS).contains(&cohorts.len());
-        check(count, "/cohorts", format!("must name 1 to {MAX_COHORTS} cohorts, or be left out for all"));
-        let detail = "cannot limit an admin, who gives keys: ask for a reader or a writer";
+        check(count, "/cohorts", format!("expected 1 to {MAX_COHORTS} cohorts, or no value for all cohorts"));
+        let detail = "an admin key cannot be limited to cohorts, because it creates keys: ask for a reader or a writer";
         check(new.role < Role::Admin, "/cohorts", detail.into());
     }
     let days = new.expires_in_days.is_none_or(|days| (1..=MAX_DAYS).contains(&days));
-    check(days, "/expires_in_days", format!("must be between 1 and {MAX_DAYS}, or be left out for no end"));
+    check(
+        days,
+        "/expires_in_days",
+        format!("expected a number between 1 and {MAX_DAYS}, or no value for a key without end"),
+    );
     faults
 }
 
@@ -104,15 +108,15 @@ pub async fn create_given(app: &App, new: NewKey, text: &str) -> Result<Key, Ser
     })?;
     match app.store.find_key(&id).await? {
         Some(key) if key.digest == secret.digest() => Ok(key),
-        Some(_) => {
-            Err(ServiceError::Query(format!("the key {id} exists with another text: draw other digits")))
-        }
+        Some(_) => Err(ServiceError::Query(format!(
+            "the key {id} already exists with another text: use other digits"
+        ))),
         None => Ok(create_with(app, new, id, secret).await?.key),
     }
 }
 
 async fn create_with(app: &App, new: NewKey, id: String, secret: Secret) -> Result<Issued, ServiceError> {
-    app.check_unlimited("to create a key")?;
+    app.check_unlimited("creating a key")?;
     ServiceError::unless_empty(faults(&new))?;
     let cohorts = match &new.cohorts {
         Some(keys) => Some(cohort_ids(app, keys).await?),
@@ -161,7 +165,7 @@ async fn cohort_ids(app: &App, keys: &[String]) -> Result<Vec<String>, ServiceEr
 /// An invalid cursor.
 pub async fn list(app: &App, cursor: Option<&str>, limit: usize) -> Result<Page<Key>, ServiceError> {
     if cursor.is_some_and(|cursor| !is_id(cursor)) {
-        return Err(ServiceError::Query("cursor is not one of this list".into()));
+        return Err(ServiceError::Query("cursor: expected a cursor of this list".into()));
     }
     let mut items = app.store.list_keys(&app.principal.tenant, cursor, limit + 1).await?;
     let next = (items.len() > limit).then(|| items[limit - 1].id.clone());

@@ -166,7 +166,8 @@ impl Trail {
     /// [`ServiceError::Unavailable`] while the trail cannot be written.
     pub fn check(&self) -> Result<(), ServiceError> {
         if self.state.is_failing() {
-            let detail = "the audit trail cannot be written, so nothing is changed; nothing was done";
+            let detail =
+                "the audit trail cannot be written: nothing was changed, send the request again later";
             return Err(ServiceError::Unavailable(detail.into()));
         }
         Ok(())
@@ -263,7 +264,7 @@ async fn sum_up(trail: Arc<Trail>, channel: mpsc::Sender<Message>) {
 
 fn unavailable() -> ServiceError {
     ServiceError::Unavailable(
-        "the audit trail cannot be written; what was asked for may have been done all the same".into(),
+        "the audit trail cannot be written: the request may have been carried out all the same".into(),
     )
 }
 
@@ -397,7 +398,8 @@ pub async fn prune(app: &App, days: u32) -> Result<(), ServiceError> {
 /// [`ServiceError::Query`] if the time is less than [`LEAST_AGE_MS`] ago.
 pub async fn remove(app: &App, before_ms: i64) -> Result<Beginning, ServiceError> {
     if before_ms > now_ms() - LEAST_AGE_MS {
-        let detail = "before must be at least 24 hours ago: entries of the last day are not removed";
+        let detail =
+            "before: expected a time at least 24 hours ago, because entries of the last day are not removed";
         return Err(ServiceError::Query(detail.into()));
     }
     let tenant = &app.principal.tenant;
@@ -448,7 +450,7 @@ pub async fn list(
 /// An invalid cursor.
 pub fn place(cursor: Option<&str>) -> Result<u64, ServiceError> {
     let place = cursor.map(str::parse).transpose();
-    let place = place.map_err(|_| ServiceError::Query("cursor is not one of this list".into()))?;
+    let place = place.map_err(|_| ServiceError::Query("cursor: expected a cursor of this list".into()))?;
     Ok(place.unwrap_or(0))
 }
 

@@ -38,8 +38,8 @@ impl Attribute {
         }
     }
 
-    /// Form expected by [`Self::parse`].
-    pub(crate) const WANTED: &str = "must be 'subject', 'label' or 'labels.<attribute>'";
+    /// What [`Self::parse`] wants.
+    pub(crate) const WANTED: &str = "expected 'subject', 'label' or 'labels.<attribute>'";
 
     /// Value as text, as filters compare it.
     pub(crate) fn text(&self, shape: &ShapeDescription) -> Option<String> {
@@ -78,7 +78,7 @@ pub(crate) async fn describe(
     if found.len() > most {
         return Err(ServiceError::invalid(
             pointer,
-            format!("selects more than {most} shapes, the most of a test"),
+            format!("expected a filter that selects at most {most} shapes, the limit of a test"),
         ));
     }
     Ok(found)

@@ -41,19 +41,17 @@ pub fn text_faults(name: Option<&str>, description: Option<&str>, length_unit: O
         faults.push(Fault::new("/name", problem));
     }
     if description.is_some_and(|text| text.chars().count() > MAX_DESCRIPTION_CHARS) {
-        faults.push(Fault::new(
-            "/description",
-            format!("must have at most {MAX_DESCRIPTION_CHARS} characters"),
-        ));
+        faults
+            .push(Fault::new("/description", format!("expected at most {MAX_DESCRIPTION_CHARS} characters")));
     }
     if description.is_some_and(|text| text.contains('\0')) {
-        faults.push(Fault::new("/description", "may not hold the character U+0000"));
+        faults.push(Fault::new("/description", "expected text without the character U+0000"));
     }
     if length_unit.is_some_and(|unit| unit.contains(char::is_control)) {
-        faults.push(Fault::new("/length_unit", "may not hold control characters"));
+        faults.push(Fault::new("/length_unit", "expected text without control characters"));
     }
     if length_unit.is_some_and(|unit| unit.is_empty() || unit.chars().count() > MAX_UNIT_CHARS) {
-        faults.push(Fault::new("/length_unit", format!("must have 1 to {MAX_UNIT_CHARS} characters")));
+        faults.push(Fault::new("/length_unit", format!("expected 1 to {MAX_UNIT_CHARS} characters")));
     }
     faults
 }
@@ -63,7 +61,7 @@ pub fn text_faults(name: Option<&str>, description: Option<&str>, length_unit: O
 /// # Errors
 /// All invalid fields; a name that is taken; [`ServiceError::Forbidden`] for keys limited to certain cohorts.
 pub async fn create(app: &App, new: NewCohort) -> Result<Cohort, ServiceError> {
-    app.check_unlimited("to create a cohort")?;
+    app.check_unlimited("creating a cohort")?;
     let mut faults = text_faults(Some(&new.name), new.description.as_deref(), new.length_unit.as_deref());
     if let Err(errors) = read::check_representation(&new.representation, &app.limits) {
         faults.extend(errors.into_iter().map(|error| Fault::from(error.below("/representation"))));
@@ -156,7 +154,7 @@ impl Expected {
         if self.0.iter().any(|known| known == "*" || known == tag) {
             return Ok(());
         }
-        Err(ServiceError::Changed(format!("the present version is {tag}: look again")))
+        Err(ServiceError::Changed(format!("the current version is {tag}: read the cohort again")))
     }
 }
 
@@ -193,7 +191,7 @@ pub async fn delete(app: &App, key: &str, expected: Option<Expected>) -> Result<
 /// An invalid cursor; a failure of the store.
 pub async fn list(app: &App, cursor: Option<&str>, limit: usize) -> Result<Page<Cohort>, ServiceError> {
     if cursor.is_some_and(|cursor| !cursor.starts_with(&format!("{}_", id::COHORT))) {
-        return Err(ServiceError::Query("cursor is not one of this list".into()));
+        return Err(ServiceError::Query("cursor: expected a cursor of this list".into()));
     }
     let mut items = app.store.list_cohorts(cursor, limit + 1).await?;
     let next = (items.len() > limit).then(|| items[limit - 1].id.clone());
@@ -215,7 +213,7 @@ pub async fn list_shapes(
     let cohort = find(app, key).await?;
     let after = cursor
         .map(|cursor| {
-            cursor.parse().map_err(|_| ServiceError::Query("cursor is not one of this list".into()))
+            cursor.parse().map_err(|_| ServiceError::Query("cursor: expected a cursor of this list".into()))
         })
         .transpose()?;
     let limit = limit.min(most_of_a_page(&cohort));

@@ -65,13 +65,13 @@ pub(crate) async fn find_all(
     keys: &[String],
 ) -> Result<Vec<Shape>, ServiceError> {
     if keys.len() > app.limits.shapes {
-        let detail = format!("has {} entries, at most {} are accepted", keys.len(), app.limits.shapes);
+        let detail = format!("expected at most {1} entries, got {0}", keys.len(), app.limits.shapes);
         return Err(ServiceError::invalid("/ids", detail));
     }
     let found = app.store.find_shapes(&cohort.id, keys).await?;
     let missing = found.iter().zip(keys).enumerate().filter(|(_, (shape, _))| shape.is_none());
     let fault = |(index, (_, key)): (usize, (_, &String))| {
-        let detail = format!("there is no shape '{key}' in the cohort '{}'", cohort.name);
+        let detail = format!("shape '{key}' not found in the cohort '{}'", cohort.name);
         Fault { index: Some(index), ..Fault::new(format!("/ids/{index}"), detail) }
     };
     ServiceError::unless_empty(missing.map(fault).collect())?;
@@ -359,9 +359,7 @@ impl ShapeSource for StoredShapes<'_> {
             emit(&mut rows, &mut weights, rest)?;
         }
         if first != self.range.first + self.range.count {
-            return Err(ServiceError::Internal(
-                "the shapes of a revision are not as many as they were".into(),
-            ));
+            return Err(ServiceError::Internal("the number of shapes of a revision has changed".into()));
         }
         Ok(())
     }

@@ -34,7 +34,7 @@ pub async fn remove(app: &App, id: &str) -> Result<(), ServiceError> {
 }
 
 fn not_found(id: &str) -> ServiceError {
-    ServiceError::NotFound { kind: "thing in the trash", key: id.into() }
+    ServiceError::NotFound { kind: "trash entry", key: id.into() }
 }
 
 /// Permanently removes objects that have been in the trash for more than `days`, and expired receipts.
@@ -46,7 +46,7 @@ pub async fn tidy(app: &App, days: u32) -> Result<(), ServiceError> {
     let now = now_ms();
     let removed = app.store.purge_trash(now - i64::from(days) * DAY_MS).await?;
     if removed > 0 {
-        tracing::info!(removed, "removed for good what lay in the trash past its term");
+        tracing::info!(removed, "removed expired entries of the trash");
     }
     app.store.prune_receipts(now).await?;
     Ok(())

@@ -88,8 +88,11 @@ pub async fn add(
     expected: Option<Expected>,
 ) -> Result<Stored, ServiceError> {
     if shapes.len() > app.limits.shapes {
-        let detail =
-            format!("has {} shapes, at most {} are accepted; stream NDJSON", shapes.len(), app.limits.shapes);
+        let detail = format!(
+            "expected at most {1} shapes, got {0}: send more as a stream of NDJSON",
+            shapes.len(),
+            app.limits.shapes
+        );
         return Err(ServiceError::invalid("/shapes", detail));
     }
     if shapes.is_empty() {
@@ -120,7 +123,7 @@ pub async fn add_stream(
     let taken = tokio::select! {
         taken = take_stream(app, &mut writer, stream) => taken,
         () = stopped(app) => Err(ServiceError::Unavailable(
-            "the service is stopping: nothing of the stream is stored; send it again".into(),
+            "the service is stopping: nothing of the stream is stored, send it again".into(),
         )),
     };
     writer.end(app, taken).await
@@ -387,7 +390,8 @@ fn located(error: StoreError, first: usize, lines: &[Option<u64>], prefix: &str)
     let line = index.checked_sub(first).and_then(|offset| lines.get(offset).copied().flatten());
     let pointer =
         if prefix.is_empty() { "/external_id".into() } else { format!("{prefix}{index}/external_id") };
-    let detail = format!("'{external_id}' belongs to another shape of the cohort with other content");
+    let detail =
+        format!("the external id '{external_id}' belongs to another shape of the cohort, with other content");
     ServiceError::ExternalIdConflict(Fault { pointer, detail, index: Some(index), line })
 }
 

@@ -53,7 +53,7 @@ impl Membership {
         attribute: &str,
     ) -> Result<Self, ServiceError> {
         let at = |detail: String| ServiceError::invalid("/classifier/attribute", detail);
-        let wanted = || at(format!("is '{attribute}', {}", Attribute::WANTED));
+        let wanted = || at(format!("{}, got '{attribute}'", Attribute::WANTED));
         let parsed = Attribute::parse(attribute).ok_or_else(wanted)?;
         let shapes = describe(app, cohort, filter, "/filter").await?;
         let names: Vec<Option<String>> = shapes.iter().map(|shape| parsed.text(shape)).collect();
@@ -61,13 +61,14 @@ impl Membership {
         let missing = without().count();
         if missing == shapes.len() && missing > 0 {
             let known = KnownAttributes::of(app, cohort).await?;
-            return Err(at(format!("no shape has '{attribute}'; {known}")));
+            return Err(at(format!("no shape has the attribute '{attribute}': {known}")));
         }
         if missing > 0 {
             let first = first_names(without());
             let all = shapes.len();
             let detail = format!(
-                "{missing} of {all} shapes have no '{attribute}' ({first}): give them one, or leave them out with a filter"
+                "{missing} of {all} shapes lack '{attribute}' ({first}): set it, or exclude these shapes with a \
+                 filter"
             );
             return Err(at(detail));
         }
@@ -124,7 +125,9 @@ impl Membership {
             let only = self.labels.first().map_or("", String::as_str);
             fault(
                 "attribute",
-                format!("all shapes have the same '{attribute}', '{only}': a classifier needs two classes"),
+                format!(
+                    "expected at least two classes, but all shapes have the same '{attribute}', '{only}'"
+                ),
             );
             return faults;
         }
@@ -132,15 +135,15 @@ impl Membership {
             let found = self.labels.len();
             fault(
                 "attribute",
-                format!("'{attribute}' has {found} values, at most {MOST_CLASSES} classes are told apart"),
+                format!("expected at most {MOST_CLASSES} classes, got {found} values of '{attribute}'"),
             );
             return faults;
         }
         let stored = stored(settings, method, self.classes.len(), self.labels.len(), length);
         if stored > MOST_STORED {
             let detail = format!(
-                "would keep {stored} numbers, at most {MOST_STORED} are kept: ask for fewer components, choose fewer shapes, or \
-                 another kind"
+                "expected a classifier of at most {MOST_STORED} numbers, got {stored}: ask for fewer components, \
+                 choose fewer shapes, or another kind"
             );
             fault("kind", detail);
         }
@@ -150,8 +153,10 @@ impl Membership {
             (0..sizes.len()).filter(|&c| sizes[c] == 1).map(|c| self.labels[c].as_str()).collect();
         if !alone.is_empty() {
             let named = alone[..alone.len().min(NAMED)].join("', '");
-            let detail =
-                format!("{} classes have one shape ('{named}'), at least 2 are needed in each", alone.len());
+            let detail = format!(
+                "expected at least 2 shapes in each class, but {} classes have only one ('{named}')",
+                alone.len()
+            );
             fault("attribute", detail);
         } else if settings.folds > units[fewest] {
             let (label, shapes, units) = (&self.labels[fewest], sizes[fewest], units[fewest]);
@@ -161,7 +166,8 @@ impl Membership {
                 format!("{shapes} shapes")
             };
             let detail = format!(
-                "is {}, but the class '{label}' has {of}, which cannot be in more parts",
+                "expected at most as many folds as the smallest class can be divided into, got {}: the class \
+                 '{label}' has {of}",
                 settings.folds
             );
             fault("folds", detail);
@@ -169,22 +175,25 @@ impl Membership {
             && units[fewest] - units[fewest].div_ceil(settings.folds) < 2
         {
             let detail = format!(
-                "is best, which divides the training shapes once more, but the class '{}' has {} cases: choose a kind, or fewer \
-                 folds",
+                "best divides the training shapes once more, but the class '{}' has only {} cases: choose \
+                 another kind, or fewer folds",
                 self.labels[fewest], units[fewest]
             );
             fault("kind", detail);
         }
         if let Some(neighbours) = settings.neighbours.filter(|&k| k > sizes[smallest]) {
             let (label, size) = (&self.labels[smallest], sizes[smallest]);
-            let detail =
-                format!("is {neighbours}, but the class '{label}' has {size} shapes and could never win");
+            let detail = format!(
+                "expected at most {size}, the number of shapes of the class '{label}' (which could never win \
+                 otherwise), got {neighbours}"
+            );
             fault("neighbours", detail);
         }
         let evidence = self.classes.len().saturating_mul(self.labels.len()).saturating_mul(settings.repeats);
         if evidence > MOST_EVIDENCE {
             let detail = format!(
-                "makes {evidence} numbers ({} shapes, {} classes), at most {MOST_EVIDENCE} are kept",
+                "expected at most {MOST_EVIDENCE} numbers of evidence, got {evidence} ({} shapes, {} classes): \
+                 choose fewer repeats",
                 self.classes.len(),
                 self.labels.len()
             );
@@ -241,32 +250,32 @@ pub(crate) fn settings_faults(settings: &ClassifierSettings, method: &Method) ->
         }
     };
     let kind = settings.kind;
-    let detail = "is ensemble, which is what best may find: expected best, or one of the other kinds";
+    let detail = "expected best or one of the other kinds, got ensemble: only best makes ensembles";
     check(kind != ClassifierKind::Ensemble, "kind", detail.into());
     let sparse = matches!(method, Method::Sparse { .. });
-    let detail = "is sparse_residual, which needs a sparse dictionary";
+    let detail = "sparse_residual requires a sparse dictionary";
     check(kind != SparseResidual || sparse, "kind", detail.into());
     let centred = matches!(method, Method::FunctionalPca { centre: true, .. });
-    let detail = "is nearest_atom, but components about a centre are differences, not shapes: learn sparse atoms, or components \
-                  without centre";
+    let detail = "nearest_atom requires atoms that are shapes, but components about a centre are differences: \
+                  learn sparse atoms, or components without centre";
     check(kind != NearestAtom || !centred, "kind", detail.into());
     let attribute = settings.attribute.as_str();
     let classes = Attribute::parse(attribute).is_some_and(|attribute| attribute != Attribute::Subject);
-    check(classes, "attribute", format!("is '{attribute}', must be label or labels.<attribute>"));
+    check(classes, "attribute", format!("expected label or labels.<attribute>, got '{attribute}'"));
     let features = &settings.features;
-    check(features.contains(&Feature::Shape), "features", "must contain shape".into());
+    check(features.contains(&Feature::Shape), "features", "expected shape among the features".into());
     check(
         features.len() <= 2 && (features.len() < 2 || features[0] != features[1]),
         "features",
-        "repeats an entry".into(),
+        "expected different entries, got one twice".into(),
     );
     check(
         !settings.sees_size() || matches!(kind, Discriminant | NearestNeighbours | Best),
         "features",
-        "has size, which discriminant and nearest_neighbours can look at".into(),
+        "the feature size requires the kind discriminant or nearest_neighbours".into(),
     );
     let only = |given: bool, owner: ClassifierKind| !given || kind == owner;
-    let belongs = |owner: &str| format!("belongs to the kind {owner}");
+    let belongs = |owner: &str| format!("this field belongs to the kind {owner}");
     check(only(settings.components.is_some(), Discriminant), "components", belongs("discriminant"));
     check(only(settings.pooling.is_some(), Discriminant), "pooling", belongs("discriminant"));
     check(only(settings.shrinkage.is_some(), Discriminant), "shrinkage", belongs("discriminant"));
@@ -279,26 +288,30 @@ pub(crate) fn settings_faults(settings: &ClassifierSettings, method: &Method) ->
         check(
             (1..=atoms).contains(&components),
             "components",
-            format!("is {components}, must be between 1 and {atoms}"),
+            format!("expected a number between 1 and {atoms}, got {components}"),
         );
     }
     for (field, value) in [("pooling", settings.pooling), ("shrinkage", settings.shrinkage)] {
         if let Some(value) = value {
-            check((0.0..=1.0).contains(&value), field, format!("is {value}, must be between 0 and 1"));
+            check(
+                (0.0..=1.0).contains(&value),
+                field,
+                format!("expected a number between 0 and 1, got {value}"),
+            );
         }
     }
     if let Some(neighbours) = settings.neighbours {
-        check(neighbours >= 1, "neighbours", "is 0, must be at least 1".into());
+        check(neighbours >= 1, "neighbours", "expected at least 1, got 0".into());
     }
     check(
         (2..=100).contains(&settings.folds),
         "folds",
-        format!("is {}, must be between 2 and 100", settings.folds),
+        format!("expected a number between 2 and 100, got {}", settings.folds),
     );
     check(
         (1..=100).contains(&settings.repeats),
         "repeats",
-        format!("is {}, must be between 1 and 100", settings.repeats),
+        format!("expected a number between 1 and 100, got {}", settings.repeats),
     );
     faults
 }

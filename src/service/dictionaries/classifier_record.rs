@@ -132,12 +132,12 @@ pub(crate) fn classifier_faults(content: &Content) -> Vec<Fault> {
             faults.push(Fault::new(format!("/content/classifier/{field}"), detail));
         }
     };
-    check(record.classes.len() >= 2, "classes", "are fewer than two");
+    check(record.classes.len() >= 2, "classes", "expected at least two classes");
     for (c, class) in record.classes.iter().enumerate() {
         let sorted = !class.distances.is_empty() && class.distances.is_sorted();
-        check(sorted, &format!("classes/{c}/distances"), "are not in ascending order");
+        check(sorted, &format!("classes/{c}/distances"), "expected numbers in ascending order");
     }
-    check(is_sharpness(record.sharpness), "sharpness", "is not positive and at most 1e9");
+    check(is_sharpness(record.sharpness), "sharpness", "expected a positive number up to 1e9");
     faults.extend(trained_faults(content, record, &record.trained, "trained"));
     faults
 }
@@ -162,18 +162,18 @@ fn member_faults(
             faults.push(Fault::new(format!("/content/classifier/{at}/{field}"), detail));
         }
     };
-    check((1..=ROUNDS).contains(&members.len()), "members", "are none, or more than twelve");
+    check((1..=ROUNDS).contains(&members.len()), "members", "expected between one and twelve members");
     let weights: f64 = members.iter().map(|member| member.weight).sum();
     let positive = members.iter().all(|member| member.weight > 0.0);
     check(
         positive && (weights - 1.0).abs() <= SUM_OF_WEIGHTS,
         "members",
-        "have weights that do not sum to 1",
+        "expected positive weights that sum to 1",
     );
     let sharp = members.iter().all(|member| is_sharpness(member.sharpness));
-    check(sharp, "members", "have a sharpness that is not positive and at most 1e9");
+    check(sharp, "members", "expected a positive sharpness up to 1e9 for every member");
     let single = |member: &TrainedMember| !matches!(member.trained, Trained::Ensemble { .. });
-    check(members.iter().all(single), "members", "are ensembles themselves");
+    check(members.iter().all(single), "members", "expected single classifiers, got ensembles");
     for (i, member) in members.iter().enumerate().filter(|(_, member)| single(member)) {
         let at = format!("{at}/members/{i}/trained");
         faults.extend(trained_faults(content, record, &member.trained, &at));
@@ -205,43 +205,47 @@ fn trained_faults(content: &Content, record: &ClassifierRecord, trained: &Traine
                     && rows.iter().flatten().any(|value| *value != 0.0)
             };
             let fits = means.len() == classes && means.iter().all(shape);
-            check(fits, "means", "are not one shape of the representation a class");
+            check(fits, "means", "expected one shape of the representation per class");
         }
         Trained::NearestAtom { atoms: of } | Trained::SparseResidual { atoms: of } => {
             let own = |of: &Vec<usize>| of.is_sorted_by(|a, b| a < b) && of.iter().all(|&j| j < atoms);
             let fits = of.len() == classes && of.iter().all(own);
-            check(fits, "atoms", "are not the atoms of every class in ascending order");
+            check(fits, "atoms", "expected the atoms of every class in ascending order");
         }
         Trained::Discriminant { features, scales, means, factors, log_priors, .. } => {
             let p = features.len();
             let fits =
                 p > 0 && features.iter().all(|&i| i < described) && features.is_sorted_by(|a, b| a < b);
-            check(fits, "features", "are not positions of features in ascending order");
+            check(fits, "features", "expected positions of features in ascending order");
             let fits = scales.len() == p && scales.iter().all(|scale| *scale > 0.0 && *scale <= MOST_NUMBER);
-            check(fits, "scales", "are not one positive number a feature");
+            check(fits, "scales", "expected one positive number per feature");
             let fits = means.len() == classes && means.iter().all(|mean| mean.len() == p && finite(mean));
-            check(fits, "means", "are not the features of every class");
+            check(fits, "means", "expected the features of every class");
             let triangle = |factor: &Vec<f64>| {
                 factor.len() == p * (p + 1) / 2
                     && finite(factor)
                     && (0..p).all(|i| factor[i * (i + 3) / 2] > 1e-100)
             };
             let fits = (factors.len() == 1 || factors.len() == classes) && factors.iter().all(triangle);
-            check(fits, "factors", "are not lower triangles with a positive diagonal");
+            check(fits, "factors", "expected lower triangles with a positive diagonal");
             let fits = log_priors.len() == classes && finite(log_priors);
-            check(fits, "log_priors", "are not one number a class");
+            check(fits, "log_priors", "expected one number per class");
         }
         Trained::NearestNeighbours { neighbours, features, classes: of, size_factor } => {
-            check((1..=of.len()).contains(neighbours), "neighbours", "are none, or more than shapes");
+            check(
+                (1..=of.len()).contains(neighbours),
+                "neighbours",
+                "expected at least one neighbour, and at most as many as there are shapes",
+            );
             let fits = features.len() == of.len()
                 && features.iter().all(|features| features.len() == described && finite(features));
-            check(fits, "features", "are not the features of every shape");
+            check(fits, "features", "expected the features of every shape");
             let all =
                 (0..classes).all(|class| of.contains(&class)) && of.iter().all(|&class| class < classes);
-            check(all, "classes", "are not classes, or leave one out");
+            check(all, "classes", "expected positions of classes, every class at least once");
             let fits = size_factor.is_some() == record.settings.sees_size()
                 && size_factor.is_none_or(|factor| (0.0..=MOST_NUMBER).contains(&factor));
-            check(fits, "size_factor", "does not fit the features");
+            check(fits, "size_factor", "expected a factor exactly when size is one of the features");
         }
         Trained::Ensemble { .. } => {}
     }

@@ -53,8 +53,11 @@ pub async fn stored(app: &App, ready: &Ready, cohort: &str, ids: &[String]) -> R
     let cohort = catalogue::find(app, cohort).await?;
     let content = &ready.dictionary.content;
     if cohort.representation != content.representation || cohort.correspondence != content.correspondence {
-        let detail =
-            format!("'{}' has another representation or correspondence than the dictionary", cohort.name);
+        let detail = format!(
+            "expected a cohort with the representation and correspondence of the dictionary, those of '{}' \
+             differ",
+            cohort.name
+        );
         return Err(ServiceError::invalid("/cohort", detail));
     }
     let shapes = crate::service::cohorts::source::find_all(app, &cohort, ids).await?;
@@ -272,7 +275,7 @@ pub(crate) fn residual(
 pub(crate) fn check_samples(app: &App, samples: usize, shapes: usize) -> Result<(), ServiceError> {
     let (total, most) = (samples.saturating_mul(shapes), app.limits.samples);
     if total > most {
-        let detail = format!("asks for {total} distances over all shapes, at most {most} are answered");
+        let detail = format!("expected at most {most} distances over all shapes, got {total}");
         return Err(ServiceError::invalid("/samples", detail));
     }
     Ok(())
@@ -334,7 +337,7 @@ pub fn reconstruct_codes(
     codes: &[PostedCode],
 ) -> Result<Vec<Reconstruction>, ServiceError> {
     if codes.is_empty() || codes.len() > app.limits.shapes {
-        let detail = format!("has {} codes, between 1 and {} are accepted", codes.len(), app.limits.shapes);
+        let detail = format!("expected between 1 and {1} codes, got {0}", codes.len(), app.limits.shapes);
         return Err(ServiceError::invalid("/codes", detail));
     }
     let mut faults = Vec::new();
@@ -355,10 +358,13 @@ fn code_faults(ready: &Ready, code: &PostedCode) -> Vec<(String, String)> {
     let (atoms, d) = (ready.model.len(), ready.setup.metric.dimension());
     for (position, &index) in code.indices.iter().enumerate() {
         if index >= atoms {
-            faults.push((format!("/indices/{position}"), format!("is {index}, there are {atoms} atoms")));
+            faults.push((
+                format!("/indices/{position}"),
+                format!("expected an index below {atoms}, the number of atoms, got {index}"),
+            ));
         }
         if code.indices[..position].contains(&index) {
-            faults.push((format!("/indices/{position}"), format!("repeats {index}")));
+            faults.push((format!("/indices/{position}"), format!("the index {index} is given twice")));
             break;
         }
     }
@@ -379,13 +385,13 @@ fn code_faults(ready: &Ready, code: &PostedCode) -> Vec<(String, String)> {
     };
     if !fits {
         let detail = match given {
-            "values" => format!("must be {wanted} numbers, one an index, without matrices and offset"),
-            _ => format!("must be {wanted} matrices of {d} × {d} numbers, one an index, without values"),
+            "values" => format!("expected {wanted} numbers, one per index, without matrices and offset"),
+            _ => format!("expected {wanted} matrices of {d} × {d} numbers, one per index, without values"),
         };
         faults.push((format!("/{given}"), detail));
     }
     if code.offset.as_ref().is_some_and(|offset| offset.len() != d || !offset.iter().all(bounded)) {
-        faults.push(("/offset".into(), format!("must be {d} numbers")));
+        faults.push(("/offset".into(), format!("expected {d} numbers")));
     }
     faults
 }
@@ -463,7 +469,10 @@ pub(crate) fn check_quantile(quantile: f64) -> Result<(), ServiceError> {
     if (0.5..1.0).contains(&quantile) {
         return Ok(());
     }
-    Err(ServiceError::invalid("/quantile", format!("is {quantile}, must be at least 0.5 and below 1")))
+    Err(ServiceError::invalid(
+        "/quantile",
+        format!("expected a number of at least 0.5 and below 1, got {quantile}"),
+    ))
 }
 
 /// Score of the prepared shape `y` with this code.
@@ -531,9 +540,9 @@ pub fn outlier_warnings(ready: &Ready) -> Vec<String> {
     }
 }
 
-const IN_SAMPLE: &str = "this dictionary has no measures of shapes that were held out: outliers and ranks are by the \
-                         shapes it was learnt from, which it describes better than new ones, so that more of these are \
-                         called outliers than the quantile says; learn it anew";
+const IN_SAMPLE: &str = "this dictionary has no measures of held-out shapes: outliers and ranks are relative to \
+                         the shapes it was learnt from, which it describes better than new shapes, so that more \
+                         new shapes are called outliers than the quantile says. Learn it again";
 
 /// Fraction of the ascending `values` that are at most `value`.
 pub(crate) fn rank(values: &[f64], value: f64) -> f64 {
@@ -574,11 +583,11 @@ pub fn prior(
     if !(gamma > 0.0 && gamma <= MOST) {
         return Err(ServiceError::invalid(
             "/gamma",
-            format!("is {gamma}, must be positive and at most 1e100"),
+            format!("expected a positive number up to 1e100, got {gamma}"),
         ));
     }
     let Alignment::Projection(class) = &ready.setup.method else {
-        let detail = "needs a dictionary whose class is linear: Procrustes fits have no projector";
+        let detail = "expected a dictionary with a linear class: Procrustes fits have no projector";
         return Err(ServiceError::invalid("/reference", detail));
     };
     let shapes: Vec<Vec<f64>> = match (reference, &ready.model) {
@@ -624,17 +633,18 @@ pub fn sample(
     sigma: f64,
 ) -> Result<Vec<Sample>, ServiceError> {
     let Model::Components { pca, spread } = &ready.model else {
-        let detail = "is sparse: only functional_pca says how shapes spread";
+        let detail = "is sparse: only functional_pca describes how shapes spread";
         return Err(ServiceError::invalid("", format!("the dictionary {detail}")));
     };
     let mut faults = Vec::new();
     let total = count.saturating_mul(ready.setup.metric.size());
     if count == 0 || total > app.limits.samples {
         let most = app.limits.samples / ready.setup.metric.size().max(1);
-        faults.push(Fault::new("/count", format!("is {count}, must be between 1 and {most}")));
+        faults.push(Fault::new("/count", format!("expected a number between 1 and {most}, got {count}")));
     }
     if !(0.0..=MOST_SIGMA).contains(&sigma) {
-        faults.push(Fault::new("/sigma", format!("is {sigma}, must be between 0 and {MOST_SIGMA}")));
+        faults
+            .push(Fault::new("/sigma", format!("expected a number between 0 and {MOST_SIGMA}, got {sigma}")));
     }
     ServiceError::unless_empty(faults)?;
     let root = spread.root();

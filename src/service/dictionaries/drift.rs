@@ -113,7 +113,9 @@ pub async fn drift(
     quantile: f64,
 ) -> Result<Drift, ServiceError> {
     super::coding::check_quantile(quantile).map_err(|_| {
-        ServiceError::Query(format!("quantile is {quantile}, must be at least 0.5 and below 1"))
+        ServiceError::Query(format!(
+            "quantile: expected a number of at least 0.5 and below 1, got {quantile}"
+        ))
     })?;
     let provenance = &ready.dictionary.provenance;
     let cohort = app.store.find_cohort(&provenance.cohort).await?;
@@ -124,7 +126,10 @@ pub async fn drift(
         Since::Training => provenance.cohort_revision,
         Since::Revision(revision) if revision <= cohort.revision => revision,
         Since::Revision(revision) => {
-            let detail = format!("since is {revision}, but the cohort is at revision {}", cohort.revision);
+            let detail = format!(
+                "since: expected at most {}, the revision of the cohort, got {revision}",
+                cohort.revision
+            );
             return Err(ServiceError::Query(detail));
         }
         Since::Time(ms) => app.store.revision_before(&cohort.id, ms).await?,

@@ -140,7 +140,7 @@ pub async fn import(
     file: DictionaryFile,
     name: Option<String>,
 ) -> Result<Arc<Ready>, ServiceError> {
-    app.check_unlimited("to import a dictionary")?;
+    app.check_unlimited("importing a dictionary")?;
     if let Some(id) = app.done_before::<String>().await? {
         return ready::find(app, &id).await;
     }
@@ -158,7 +158,7 @@ fn checked_file(
     if file.format != FORMAT || !FORMAT_VERSIONS.contains(&file.format_version) {
         let [first, last] = FORMAT_VERSIONS;
         let detail = format!(
-            "is '{}' version {}, read here is {FORMAT} version {first} or {last}",
+            "expected {FORMAT} version {first} or {last}, got '{}' version {}",
             file.format, file.format_version
         );
         return Err(ServiceError::invalid("/format", detail));
@@ -171,7 +171,10 @@ fn checked_file(
         .map_err(|error| ServiceError::Internal(format!("a dictionary is not JSON: {error}")))?;
     let digest = blake3::hash(&text).to_hex().to_string();
     if digest != file.digest {
-        let detail = format!("is {}, but the content has {digest}: the file was changed", file.digest);
+        let detail = format!(
+            "expected {digest}, the digest of the content, got {}: the file was changed",
+            file.digest
+        );
         return Err(ServiceError::invalid("/digest", detail));
     }
     ServiceError::unless_empty(content_faults(&file.content, &app.limits))?;
@@ -218,7 +221,7 @@ fn content_faults(content: &Content, limits: &Limits) -> Vec<Fault> {
     let bounded = |row: &[f64]| row.iter().all(|value| value.abs() <= MOST_NUMBER);
     let shape =
         |rows: &[Row]| rows.len() == size && rows.iter().all(|row| row.len() == dimension && bounded(row));
-    let wrong = "does not have the size of the representation, or has numbers beyond 1e100";
+    let wrong = "expected the size of the representation, and numbers within ±1e100";
     check(shape(&content.mean.control_points), "mean/control_points".into(), wrong);
     for (j, atom) in content.atoms.iter().enumerate() {
         check(shape(&atom.control_points), format!("atoms/{j}/control_points"), wrong);
@@ -230,14 +233,14 @@ fn content_faults(content: &Content, limits: &Limits) -> Vec<Fault> {
     let count = content.atoms.len();
     match &content.method {
         Method::FunctionalPca { .. } => {
-            check(content.centre.is_some(), "centre".into(), "is missing");
+            check(content.centre.is_some(), "centre".into(), "required field is missing");
             let complete = |atom: &crate::domain::dictionary::Atom| {
                 atom.eigenvalue.is_some_and(|value| value > 0.0) && atom.explained.is_some()
             };
             check(
                 content.atoms.iter().all(complete),
                 "atoms".into(),
-                "need a positive eigenvalue and the explained part",
+                "expected a positive eigenvalue and the explained part for every atom",
             );
             let fits = scores.is_some_and(|scores| {
                 let rows = &scores.covariance;
@@ -247,20 +250,20 @@ fn content_faults(content: &Content, limits: &Limits) -> Vec<Fault> {
                     && bounded(&scores.mean)
                     && (0..count).all(|i| rows[i][i] >= 0.0)
             });
-            let detail = "is not mean and covariance of as many scores as there are components";
+            let detail = "expected mean and covariance of one score per component";
             check(fits, "statistics/scores".into(), detail);
         }
         Method::Sparse { atoms, .. } => {
-            check(*atoms == count, "atoms".into(), "are not as many as the method says");
+            check(*atoms == count, "atoms".into(), "expected as many atoms as the method says");
         }
     }
     let quantiles = |values: &[f64]| !values.is_empty() && values.is_sorted();
     let residuals = &content.statistics.residuals;
-    check(quantiles(residuals), "statistics/residuals".into(), "are not in ascending order");
+    check(quantiles(residuals), "statistics/residuals".into(), "expected numbers in ascending order");
     check(
         scores.is_none_or(|scores| quantiles(&scores.t_squared)),
         "statistics/scores/t_squared".into(),
-        "are not in ascending order",
+        "expected numbers in ascending order",
     );
     faults.extend(held_out_faults(content));
     faults
@@ -284,11 +287,11 @@ fn held_out_faults(content: &Content) -> Vec<Fault> {
             && measure.log_mean.abs() <= MOST_NUMBER
             && (1e-100..=MOST_NUMBER).contains(&measure.log_deviation)
     };
-    let wrong = "are not as many numbers in ascending order as there are shapes held out, with mean and positive deviation";
+    let wrong = "expected one number per held-out shape in ascending order, with mean and positive deviation";
     check(
         count >= 2 && ascending(&held_out.novelty),
         "novelty",
-        "are fewer than two, or not in ascending order",
+        "expected at least two numbers in ascending order",
     );
     check(fits(&held_out.residuals), "residuals", wrong);
     check(held_out.t_squared.as_ref().is_none_or(fits), "t_squared", wrong);
@@ -296,7 +299,7 @@ fn held_out_faults(content: &Content) -> Vec<Fault> {
     check(
         held_out.t_squared.is_some() == components,
         "t_squared",
-        "belongs to components, and to these alone",
+        "expected for components, and only for them",
     );
     faults
 }
@@ -312,7 +315,7 @@ const ORTHONORMAL: f64 = 1e-6;
 fn norm_faults(mean: &[f64], model: &Model) -> Vec<Fault> {
     let mut faults = Vec::new();
     if !(norm(mean) > 0.0) {
-        faults.push(Fault::new("/content/mean/control_points", "has no extent"));
+        faults.push(Fault::new("/content/mean/control_points", "expected a shape with an extent"));
     }
     // Components are mutually orthogonal; the atoms of invariant codes have orthogonal blocks.
     let (columns, block, group) = match model {
@@ -325,7 +328,7 @@ fn norm_faults(mean: &[f64], model: &Model) -> Vec<Fault> {
         let wanted = |i: usize, k: usize| if first + i == j * block + k { 1.0 } else { 0.0 };
         let near = |i: usize, k: usize| (products[(i, k)] - wanted(i, k)).abs() <= ORTHONORMAL;
         if !(0..group).all(|i| (0..block).all(|k| near(i, k))) {
-            let detail = "is not of unit norm, or not orthogonal to what it must be orthogonal to";
+            let detail = "expected unit norm, and orthogonality where the method requires it";
             faults.push(Fault::new(format!("/content/atoms/{j}/control_points"), detail));
         }
     }

@@ -47,10 +47,14 @@ pub fn mode(ready: &Ready, component: usize, sigma: f64) -> Result<Mode, Service
     };
     let found = pca.eigenvalues.len();
     if !(1..=found).contains(&component) {
-        return Err(ServiceError::Query(format!("component is {component}, there are {found} components")));
+        return Err(ServiceError::Query(format!(
+            "component: expected a number between 1 and {found}, got {component}"
+        )));
     }
     if !(sigma.is_finite() && sigma.abs() <= MOST_SIGMA) {
-        return Err(ServiceError::Query(format!("sigma is {sigma}, must be within ±{MOST_SIGMA}")));
+        return Err(ServiceError::Query(format!(
+            "sigma: expected a number within ±{MOST_SIGMA}, got {sigma}"
+        )));
     }
     let i = component - 1;
     let deviation = spread.covariance[(i, i)].max(0.0).sqrt();

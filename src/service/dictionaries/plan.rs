@@ -70,6 +70,6 @@ impl Plan {
     }
 }
 
-/// Reason why a version cannot be continued.
-pub(crate) const NO_STATE: &str = "has no sums to go on from (it was imported, or they are larger than 64 MiB): learn \
-                                   anew from the whole cohort";
+/// Why a version cannot be continued.
+pub(crate) const NO_STATE: &str = "the version has no sums to continue from (it was imported, or they are larger \
+                                   than 64 MiB): learn again from the whole cohort";

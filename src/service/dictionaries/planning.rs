@@ -127,14 +127,16 @@ pub async fn plan(app: &App, learn: Learn) -> Result<Planned, ServiceError> {
             let searches = setup.matching.searches();
             let anew = match plan.continue_from {
                 Some(_) => 0,
-                None => held_out_trainings(&plan.method, searches, usize::try_from(shapes).unwrap_or(usize::MAX)),
+                None => {
+                    held_out_trainings(&plan.method, searches, usize::try_from(shapes).unwrap_or(usize::MAX))
+                }
             };
             let trainings = plan.classifier.as_ref().map_or(0, |settings| settings.trainings(WITHIN));
             let estimate = Estimate::new(&setup, &plan.method, shapes).times(anew + trainings);
             let bytes = 8.0 * shapes as f64 * setup.metric.len() as f64;
             if plan.classifier.is_some() && bytes > KEPT_BYTES as f64 {
                 let detail = format!(
-                    "keeps the shapes in memory, which takes {bytes:.1e} bytes, at most {KEPT_BYTES} are given: choose \
+                    "expected shapes that take at most {KEPT_BYTES} bytes in memory, got {bytes:.1e}: choose \
                      some with a filter"
                 );
                 return Err(ServiceError::invalid("/classifier", detail));
@@ -142,8 +144,8 @@ pub async fn plan(app: &App, learn: Learn) -> Result<Planned, ServiceError> {
             let most = task_app.limits.job_bytes as f64;
             if estimate.memory_bytes > most {
                 let detail = format!(
-                    "needs {:.1e} bytes of memory for {shapes} shapes, at most {most:.1e} are given to a job: ask for fewer \
-                     atoms or control points",
+                    "expected a job that takes at most {most:.1e} bytes of memory, got {:.1e} for {shapes} \
+                     shapes: ask for fewer atoms or control points",
                     estimate.memory_bytes
                 );
                 return Err(ServiceError::invalid("/method", detail));
@@ -163,7 +165,7 @@ async fn check_name_is_open(app: &App, name: &str) -> Result<(), ServiceError> {
     if whole_tenant.find_dictionary_id(name).await? == app.store.find_dictionary_id(name).await? {
         return Ok(());
     }
-    let detail = format!("the name '{name}' is that of a dictionary of another cohort: choose another name");
+    let detail = format!("the name '{name}' belongs to a dictionary of another cohort: choose another name");
     Err(ServiceError::Forbidden(detail))
 }
 
@@ -187,8 +189,7 @@ async fn check_classifier(
         && atoms > fewest
     {
         let detail = format!(
-            "is {atoms}, but the dictionaries of the validation are learnt from as few as {fewest} shapes, of which every \
-             atom starts as one"
+            "expected at most {fewest} atoms (one per training shape of the validation), got {atoms}"
         );
         faults.push(Fault::new("/method/atoms", detail));
     }
@@ -202,13 +203,16 @@ async fn continued(app: &App, name: String, cohort: &Cohort, key: &str) -> Resul
     let (content, provenance) = (&ready.dictionary.content, &ready.dictionary.provenance);
     if provenance.cohort != cohort.id {
         let from = &provenance.cohort_name;
-        return Err(at(format!("was learnt from the cohort '{from}', not from '{}'", cohort.name)));
+        return Err(at(format!(
+            "expected a dictionary learnt from the cohort '{}', got one from '{from}'",
+            cohort.name
+        )));
     }
     if app.store.read_dictionary_state(&ready.dictionary.id).await?.is_none() {
         return Err(at(NO_STATE.into()));
     }
     if content.classifier.is_some() {
-        let detail = "has a classifier, whose validation needs all shapes: learn anew";
+        let detail = "the version has a classifier, whose validation needs all shapes: learn again from the whole cohort";
         return Err(at(detail.into()));
     }
     let since = provenance.cohort_revision;
@@ -216,7 +220,8 @@ async fn continued(app: &App, name: String, cohort: &Cohort, key: &str) -> Resul
     let deleted = app.store.count_deleted(&cohort.id, revisions, &provenance.filter).await?;
     if deleted > 0 {
         let detail = format!(
-            "has learnt from {deleted} shapes that were deleted since, and sums do not forget: learn anew"
+            "{deleted} of the shapes that the version was learnt from were deleted, and sums cannot forget them: \
+             learn again from the whole cohort"
         );
         return Err(at(detail));
     }
@@ -244,15 +249,15 @@ fn check_count(plan: &Plan, since: u64, shapes: u64) -> Result<(), ServiceError>
     }
     if found < FEWEST_SHAPES {
         if plan.filter != ShapeFilter::default() {
-            let detail = format!("selects {found} shapes, at least {FEWEST_SHAPES} are needed");
+            let detail =
+                format!("expected a filter that selects at least {FEWEST_SHAPES} shapes, got {found}");
             return Err(ServiceError::invalid("/filter", detail));
         }
         return Err(ServiceError::TooFewShapes { found, needed: FEWEST_SHAPES });
     }
     match plan.method {
         Method::Sparse { atoms, .. } if atoms > found => {
-            let detail =
-                format!("is {atoms}, but there are {found} shapes, of which every atom starts as one");
+            let detail = format!("expected at most {found} atoms (one per training shape), got {atoms}");
             Err(ServiceError::invalid("/method/atoms", detail))
         }
         _ => Ok(()),
@@ -270,7 +275,7 @@ pub(crate) fn method_faults(method: &Method, limits: &Limits) -> Vec<Fault> {
     let most = limits.atoms;
     match method {
         Method::FunctionalPca { components, .. } => {
-            let detail = format!("is {components}, must be between 1 and {most}");
+            let detail = format!("expected a number between 1 and {most}, got {components}");
             check((1..=most).contains(components), "components", detail);
         }
         Method::Sparse {
@@ -284,29 +289,30 @@ pub(crate) fn method_faults(method: &Method, limits: &Limits) -> Vec<Fault> {
             tolerance,
             ..
         } => {
-            let detail = format!("is {atoms}, must be between 1 and {most}");
+            let detail = format!("expected a number between 1 and {most}, got {atoms}");
             check((1..=most).contains(atoms), "atoms", detail);
             check(
                 lambda.is_some() != nonzeros.is_some(),
                 if nonzeros.is_some() { "nonzeros" } else { "lambda" },
-                "give one of lambda (penalty) and nonzeros (atoms in a code)".into(),
+                "expected either lambda (penalty) or nonzeros (atoms in a code)".into(),
             );
             if let Some(lambda) = lambda {
-                let detail = format!("is {lambda}, must be positive and at most 1e100");
+                let detail = format!("expected a positive number up to 1e100, got {lambda}");
                 check(*lambda > 0.0 && *lambda <= 1e100, "lambda", detail);
             }
             if let Some(count) = nonzeros {
-                let detail = format!("is {count}, must be between 1 and the number of atoms");
+                let detail = format!("expected a number between 1 and the number of atoms, got {count}");
                 check((1..=(*atoms).max(1)).contains(count), "nonzeros", detail);
             }
             let signed = !*nonnegative || (lambda.is_some() && *codes == Codes::Aligned);
-            let detail = "needs lambda and aligned codes: a pursuit and moved atoms have no sign";
+            let detail =
+                "nonnegative codes require lambda and aligned codes: a pursuit and moved atoms have no sign";
             check(signed, "nonnegative", detail.into());
-            let detail = "is false, but invariant codes are those of shapes of unit norm";
+            let detail = "expected true: invariant codes are those of shapes of unit norm";
             check(*normalise || *codes == Codes::Aligned, "normalise", detail.into());
-            let detail = format!("is {max_epochs}, must be between 1 and 10000");
+            let detail = format!("expected a number between 1 and 10000, got {max_epochs}");
             check((1..=10_000).contains(max_epochs), "max_epochs", detail);
-            let detail = format!("is {tolerance}, must be between 0 and 1");
+            let detail = format!("expected a number between 0 and 1, got {tolerance}");
             check((0.0..1.0).contains(tolerance), "tolerance", detail);
         }
     }
@@ -335,7 +341,7 @@ pub async fn list(
     limit: usize,
 ) -> Result<Page<Listed>, ServiceError> {
     if cursor.is_some_and(|cursor| !cursor.starts_with(&format!("{}_", id::DICTIONARY))) {
-        return Err(ServiceError::Query("cursor is not one of this list".into()));
+        return Err(ServiceError::Query("cursor: expected a cursor of this list".into()));
     }
     let cohort = match cohort {
         // Dictionaries outlive their cohort: its id still finds them.

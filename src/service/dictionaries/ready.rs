@@ -167,7 +167,7 @@ pub fn learning(method: &Method, alignment: &Alignment) -> Result<(Pose, Learnin
             (Pose::Invariant(algebra.clone()), algebra)
         }
         (Codes::Invariant, Alignment::Procrustes(_)) => {
-            let detail = "invariant codes need a linear class and \"alignment\": \"projection\"";
+            let detail = "invariant codes require a linear class and \"alignment\": \"projection\"";
             return Err(ServiceError::invalid("/method/codes", detail));
         }
     };

@@ -420,8 +420,8 @@ impl Study<'_> {
             AnalysisError::SingularCovariance { class } => {
                 let label = self.membership.labels.get(class).map_or("", String::as_str);
                 let detail = format!(
-                    "the covariance of the class '{label}' cannot be inverted: fewer components, more pooling or more \
-                     shrinkage are needed"
+                    "the covariance of the class '{label}' cannot be inverted: use fewer components, more \
+                     pooling or more shrinkage"
                 );
                 ServiceError::invalid("/classifier/shrinkage", detail)
             }
@@ -435,8 +435,8 @@ impl Study<'_> {
         chosen.iter().for_each(|&k| found[self.membership.classes[k]] = true);
         let Some(absent) = found.iter().position(|found| !found) else { return Ok(()) };
         let detail = format!(
-            "leave no shape of the class '{}' to be trained on, because its subjects have shapes of other classes too: \
-             choose fewer or another seed",
+            "the folds leave no training shape of the class '{}', because its subjects have shapes of other \
+             classes too: choose fewer folds or another seed",
             self.membership.labels[absent]
         );
         Err(ServiceError::invalid("/classifier/folds", detail))

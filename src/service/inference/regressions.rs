@@ -168,28 +168,29 @@ fn own_faults(regress: &Regress) -> Vec<Fault> {
     let mut faults = Vec::new();
     let attribute = &regress.attribute;
     if attribute != LOG_CENTROID_SIZE && !matches!(Attribute::parse(attribute), Some(Attribute::Labels(_))) {
-        let detail = format!("is '{attribute}', must be 'labels.<attribute>' or '{LOG_CENTROID_SIZE}'");
+        let detail = format!("expected 'labels.<attribute>' or '{LOG_CENTROID_SIZE}', got '{attribute}'");
         faults.push(Fault::new("/attribute", detail));
     }
     if regress.covariates.len() > MOST_COVARIATES {
-        let detail = format!("has {} entries, at most {MOST_COVARIATES}", regress.covariates.len());
+        let detail = format!("expected at most {MOST_COVARIATES} entries, got {}", regress.covariates.len());
         faults.push(Fault::new("/covariates", detail));
     }
     for (i, name) in regress.covariates.iter().enumerate().take(MOST_COVARIATES) {
         let pointer = format!("/covariates/{i}");
         if name != LOG_CENTROID_SIZE && Attribute::parse(name).is_none() {
-            let detail = format!("'{name}' {}, or '{LOG_CENTROID_SIZE}'", Attribute::WANTED);
+            let detail = format!("{}, or '{LOG_CENTROID_SIZE}', got '{name}'", Attribute::WANTED);
             faults.push(Fault::new(pointer, detail));
         } else if name == attribute || regress.covariates[..i].contains(name) {
             faults.push(Fault::new(pointer, format!("'{name}' is given twice")));
         }
     }
     if regress.permutations > MOST_PERMUTATIONS {
-        let detail = format!("is {}, must be between 0 and {MOST_PERMUTATIONS}", regress.permutations);
+        let detail =
+            format!("expected a number between 0 and {MOST_PERMUTATIONS}, got {}", regress.permutations);
         faults.push(Fault::new("/permutations", detail));
     }
     for name in regress.strata.iter().filter(|name| Attribute::parse(name).is_none()) {
-        faults.push(Fault::new("/strata", format!("'{name}' {}", Attribute::WANTED)));
+        faults.push(Fault::new("/strata", format!("{}, got '{name}'", Attribute::WANTED)));
     }
     faults
 }
@@ -199,14 +200,14 @@ async fn prepare_plan(app: &App, cohort: Cohort, plan: Plan) -> Result<Prepared,
     let all = described.len();
     if all == 0 {
         let known = KnownAttributes::of(app, &cohort).await?;
-        return Err(ServiceError::invalid("/filter", format!("selects no shape: {known}")));
+        return Err(ServiceError::invalid("/filter", format!("the filter selects no shapes: {known}")));
     }
     let shapes = plan.complete(app, &cohort, described).await?;
     let variables = plan.variables(&shapes)?;
     let needed = 2 + variables.iter().map(Variable::columns).sum::<usize>();
     if shapes.len() < needed {
         let detail = format!(
-            "leave no degree of freedom: {} shapes have all values, at least {needed} are needed",
+            "expected at least {needed} shapes that have all values, got {}: no degree of freedom is left",
             shapes.len()
         );
         let pointer = if plan.covariates.is_empty() { "/attribute" } else { "/covariates" };
@@ -239,7 +240,8 @@ async fn prepare_plan(app: &App, cohort: Cohort, plan: Plan) -> Result<Prepared,
     let most = app.limits.job_bytes as f64;
     if estimate.memory_bytes > most {
         let detail = format!(
-            "needs {:.1e} bytes of memory for {} shapes, at most {most:.1e} are given: choose fewer shapes",
+            "expected a job that takes at most {most:.1e} bytes of memory, got {:.1e} for {} shapes: choose \
+             fewer shapes",
             estimate.memory_bytes, work.shapes
         );
         return Err(ServiceError::invalid("/filter", detail));
@@ -313,11 +315,12 @@ impl Plan {
             };
             match &values {
                 Values::Numbers(numbers) if numbers.iter().any(|x| x.abs() > LARGEST_VALUE) => {
-                    let detail = format!("has values beyond {LARGEST_VALUE:.0e}");
+                    let detail = format!("expected values within ±{LARGEST_VALUE:.0e}");
                     faults.push(Fault::new(pointer.clone(), detail));
                 }
                 Values::Levels(levels, _) if levels.len() > MOST_LEVELS => {
-                    let detail = format!("has {} values, a category has at most {MOST_LEVELS}", levels.len());
+                    let detail =
+                        format!("expected at most {MOST_LEVELS} values of a category, got {}", levels.len());
                     faults.push(Fault::new(pointer.clone(), detail));
                 }
                 _ => {}
@@ -369,8 +372,9 @@ impl Variable {
     }
 }
 
-/// Reason for refusing a collinear column.
-const SAYS_NOTHING: &str = "is constant, or a linear combination of the covariates before it: leave it out";
+/// Why a column says nothing.
+const SAYS_NOTHING: &str =
+    "the covariate is constant, or a linear combination of the covariates before it: leave it out";
 
 /// Design of `variables`, the last of which is the attribute.
 fn design(variables: &[Variable], sizes: Option<&[f64]>, weights: &[f64]) -> Result<Design, ServiceError> {
@@ -384,7 +388,8 @@ fn design(variables: &[Variable], sizes: Option<&[f64]>, weights: &[f64]) -> Res
     Design::new(&columns, &attribute, weights).map_err(|collinear| match collinear {
         Collinear::Attribute => {
             let detail =
-                "is constant, or a linear combination of the covariates: there is no regression on it";
+                "the attribute is constant, or a linear combination of the covariates: there is no regression on \
+                 it";
             ServiceError::invalid("/attribute", detail)
         }
         Collinear::Covariate(i) => ServiceError::invalid(pointers[i].clone(), SAYS_NOTHING),
@@ -418,10 +423,11 @@ impl Prepared {
         if !self.variables.iter().any(|variable| variable.values == Values::LogCentroidSize) {
             return Ok(None);
         }
-        let row = aligned.sizes.measures.iter().position(|&measure| measure == SizeMeasure::CentroidSize);
-        let row =
-            row.ok_or_else(|| ServiceError::invalid("/cohort", "has shapes too large to be measured"))?;
-        Ok(Some(aligned.sizes.values.row(row).iter().map(|size| size.ln()).collect()))
+        let row = aligned.measures.iter().position(|&measure| measure == SizeMeasure::CentroidSize);
+        let row = row.ok_or_else(|| {
+            ServiceError::invalid("/cohort", "the cohort has shapes too large to be measured")
+        })?;
+        Ok(Some(aligned.sizes.row(row).iter().map(|size| size.ln()).collect()))
     }
 
     fn attribute(&self, sizes: Option<&[f64]>) -> Result<Vec<f64>, ServiceError> {
@@ -432,8 +438,9 @@ impl Prepared {
     fn summary(&self, attribute: &[f64], weights: &[f64]) -> Result<AttributeSummary, ServiceError> {
         let (mean, deviation) = test_sample::mean_and_deviation(attribute, weights);
         if deviation < SMALLEST_DEVIATION {
-            let detail =
-                format!("has a standard deviation below {SMALLEST_DEVIATION:.0e}: use a smaller unit");
+            let detail = format!(
+                "expected a standard deviation of at least {SMALLEST_DEVIATION:.0e}: use a smaller unit"
+            );
             return Err(ServiceError::invalid("/attribute", detail));
         }
         let smallest = attribute.iter().copied().fold(f64::MAX, f64::min);

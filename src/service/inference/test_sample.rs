@@ -39,7 +39,7 @@ pub(crate) fn strata(names: &[String], shapes: &[ShapeDescription]) -> Result<Ve
     let mut keys = vec![Vec::new(); shapes.len()];
     for name in names {
         let Some(attribute) = Attribute::parse(name) else {
-            faults.push(Fault::new("/strata", format!("'{name}' {}", Attribute::WANTED)));
+            faults.push(Fault::new("/strata", format!("{}, got '{name}'", Attribute::WANTED)));
             continue;
         };
         let without: Vec<_> = shapes.iter().filter(|shape| attribute.text(shape).is_none()).collect();
@@ -196,7 +196,8 @@ fn check_weights(weights: &[f64]) -> Result<(), ServiceError> {
         return Ok(());
     }
     let detail = format!(
-        "has weights from {smallest:.1e} to {largest:.1e}: those of one test may differ by a factor of {WEIGHT_RATIO:.0e}"
+        "expected weights that differ by a factor of at most {WEIGHT_RATIO:.0e}, got {smallest:.1e} to \
+         {largest:.1e}"
     );
     Err(ServiceError::invalid("/cohort", detail))
 }

@@ -68,8 +68,8 @@ pub async fn claim(app: &App) -> Result<Option<Attempt>, ServiceError> {
 /// Problem of jobs that were interrupted at every attempt.
 fn abandoned() -> Value {
     let detail = format!(
-        "the service ended {MAX_ATTEMPTS} times while it worked on the job, which is not tried again; \
-         too little memory is a common cause"
+        "the service stopped {MAX_ATTEMPTS} times while it worked on the job, which is not retried: a common \
+         cause is too little memory"
     );
     Problem::new(ProblemKind::Internal, detail).to_json()
 }

@@ -123,8 +123,8 @@ fn checked_space(
     let (found, most) = (cost(&space, count), app.limits.matrix_operations as f64);
     if found > most {
         let detail = format!(
-            "has {count} entries, whose distances take about {found:.1e} multiply-adds, at most {most:.1e} are done at once: \
-             store them in a cohort, whose distances are computed as a job"
+            "expected at most {most:.1e} multiply-adds for all distances, got about {found:.1e} ({count} \
+             entries): store the shapes in a cohort, whose distances are computed as a job"
         );
         return Err(ServiceError::invalid("/shapes", detail));
     }
@@ -213,7 +213,7 @@ async fn count(app: &App, cohort: &Cohort, chosen: &Chosen) -> Result<usize, Ser
         }
     };
     if count == 0 && chosen.field() == "/filter" {
-        return Err(ServiceError::invalid("/filter", "selects no shapes"));
+        return Err(ServiceError::invalid("/filter", "the filter selects no shapes"));
     }
     Ok(usize::try_from(count).unwrap_or(usize::MAX))
 }
@@ -226,14 +226,12 @@ fn check_size(app: &App, space: &DistanceSpace, count: usize, field: &str) -> Re
     let bytes = count.saturating_mul(count).saturating_mul(8);
     if bytes > app.limits.matrix_bytes {
         let most = app.limits.matrix_bytes;
-        let detail =
-            format!("means {count} shapes, whose matrix has {bytes} bytes, at most {most} are given");
+        let detail = format!("expected a matrix of at most {most} bytes, got {bytes} for {count} shapes");
         return Err(ServiceError::invalid(field, detail));
     }
     let (needed, most) = (bytes.saturating_add(count.saturating_mul(space.bytes())), app.limits.job_bytes);
     if needed > most {
-        let detail =
-            format!("means {count} shapes, which need {needed} bytes of memory, at most {most} are given");
+        let detail = format!("expected at most {most} bytes of memory, got {needed} for {count} shapes");
         return Err(ServiceError::invalid(field, detail));
     }
     Ok(())

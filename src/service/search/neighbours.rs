@@ -129,16 +129,18 @@ fn check_sizes(app: &App, search: &Search) -> Result<(), ServiceError> {
     };
     let mut faults = Vec::new();
     if !(1..=MAX_NEIGHBOURS).contains(&search.neighbours) {
-        let detail = format!("is {}, must be between 1 and {MAX_NEIGHBOURS}", search.neighbours);
+        let detail = format!("expected a number between 1 and {MAX_NEIGHBOURS}, got {}", search.neighbours);
         faults.push(Fault::new("/neighbours", detail));
     }
     let most = app.limits.shapes;
     if !(1..=most).contains(&count) {
-        let detail = format!("has {count} entries, between 1 and {most} are accepted");
+        let detail = format!("expected between 1 and {most} entries, got {count}");
         faults.push(Fault::new(field, detail));
     } else if faults.is_empty() && count.saturating_mul(search.neighbours) > most {
-        let detail =
-            format!("is {}: {count} shapes times that are more than {most} answers", search.neighbours);
+        let detail = format!(
+            "expected at most {most} neighbours in all, got {} for each of {count} shapes",
+            search.neighbours
+        );
         faults.push(Fault::new("/neighbours", detail));
     }
     ServiceError::unless_empty(faults)
@@ -236,7 +238,7 @@ impl Task<'_> {
         let stop = || context.is_cancelled();
         let shapes = StoredShapes::new(app, handle, cohort, filter, 0, setup, &stop)?;
         if shapes.is_empty() && *filter != ShapeFilter::default() {
-            return Err(ServiceError::invalid("/filter", "selects no shapes"));
+            return Err(ServiceError::invalid("/filter", "the filter selects no shapes"));
         }
         self.check_cost(space, queries, shapes.len())?;
         let mut kept = PreparedCohort::for_count(space, shapes.len());
@@ -281,8 +283,8 @@ impl Task<'_> {
             return Ok(());
         }
         let detail = format!(
-            "comparing {queries} shapes with {shapes} takes about {operations:.1e} multiply-adds, at most {most:.1e} are \
-             done: ask for fewer at a time, or set a filter"
+            "expected at most {most:.1e} multiply-adds, got about {operations:.1e} for {queries} and {shapes} \
+             shapes: ask for fewer at a time, or set a filter"
         );
         Err(ServiceError::invalid("", detail))
     }

@@ -162,7 +162,8 @@ async fn prepare_plan(app: &App, cohort: Cohort, plan: Plan) -> Result<Prepared,
     let (pairs, points) = (pairs_of(members.names.len()).len(), plan.samples);
     if pairs.saturating_mul(points) > MOST_EFFECT_POINTS {
         let detail = format!(
-            "{points} points for each of {pairs} pairs are too many, at most {MOST_EFFECT_POINTS} are answered"
+            "expected at most {MOST_EFFECT_POINTS} points over all pairs, got {points} for each of {pairs} \
+             pairs"
         );
         return Err(ServiceError::invalid("/samples", detail));
     }
@@ -175,8 +176,12 @@ async fn prepare_plan(app: &App, cohort: Cohort, plan: Plan) -> Result<Prepared,
         .await?;
     let usual = usual_samples(setup.space.representation());
     if setup.space.generator().is_none() && plan.samples != usual {
-        let what = Places::kind(&setup.space);
-        let detail = format!("is {}: {what} are compared, leave it out or give {usual}", plan.samples);
+        let what = match (setup.space.surface(), setup.space.subdivision()) {
+            (Some(_), _) => "surfaces are compared at their knots",
+            (_, Some(_)) => "subdivision surfaces are compared at their control vertices",
+            _ => "landmarks are compared as they are",
+        };
+        let detail = format!("expected {usual} or no value, got {}: {what}", plan.samples);
         return Err(ServiceError::invalid("/samples", detail));
     }
     let groups = members.names.len();
@@ -192,7 +197,8 @@ async fn prepare_plan(app: &App, cohort: Cohort, plan: Plan) -> Result<Prepared,
     let most = app.limits.job_bytes as f64;
     if estimate.memory_bytes > most {
         let detail = format!(
-            "needs {:.1e} bytes of memory for {} shapes, at most {most:.1e} are given: choose fewer shapes",
+            "expected a job that takes at most {most:.1e} bytes of memory, got {:.1e} for {} shapes: choose \
+             fewer shapes",
             estimate.memory_bytes, work.shapes
         );
         return Err(ServiceError::invalid("/cohort", detail));
@@ -212,21 +218,25 @@ fn usual_samples(representation: &Representation) -> usize {
 fn own_faults(compare: &Compare, most_samples: usize) -> Vec<Fault> {
     let mut faults = Vec::new();
     if compare.permutations > MOST_PERMUTATIONS {
-        let detail = format!("is {}, must be between 0 and {MOST_PERMUTATIONS}", compare.permutations);
+        let detail =
+            format!("expected a number between 0 and {MOST_PERMUTATIONS}, got {}", compare.permutations);
         faults.push(Fault::new("/permutations", detail));
     }
     if let Some(samples) = compare.samples.filter(|samples| !(1..=most_samples).contains(samples)) {
-        faults.push(Fault::new("/samples", format!("is {samples}, must be between 1 and {most_samples}")));
+        faults.push(Fault::new(
+            "/samples",
+            format!("expected a number between 1 and {most_samples}, got {samples}"),
+        ));
     }
     for name in compare.strata.iter().filter(|name| Attribute::parse(name).is_none()) {
-        faults.push(Fault::new("/strata", format!("'{name}' {}", Attribute::WANTED)));
+        faults.push(Fault::new("/strata", format!("{}, got '{name}'", Attribute::WANTED)));
     }
     match &compare.grouping {
         Grouping::By { attribute, .. } => {
             if !matches!(Attribute::parse(attribute), Some(Attribute::Label | Attribute::Labels(_))) {
                 faults.push(Fault::new(
                     "/by",
-                    format!("is '{attribute}', must be 'label' or 'labels.<attribute>'"),
+                    format!("expected 'label' or 'labels.<attribute>', got '{attribute}'"),
                 ));
             }
         }
@@ -238,15 +248,15 @@ fn own_faults(compare: &Compare, most_samples: usize) -> Vec<Fault> {
 fn group_faults(groups: &[NamedGroup]) -> Vec<Fault> {
     let mut faults = Vec::new();
     if !(2..=MOST_GROUPS).contains(&groups.len()) {
-        let detail = format!("has {} groups, there must be 2 to {MOST_GROUPS}", groups.len());
+        let detail = format!("expected 2 to {MOST_GROUPS} groups, got {}", groups.len());
         faults.push(Fault::new("/groups", detail));
     }
     for (i, group) in groups.iter().enumerate().take(MOST_GROUPS) {
         let pointer = format!("/groups/{i}/name");
         if group.name.is_empty() || group.name.chars().count() > MAX_NAME_CHARS {
-            faults.push(Fault::new(pointer, format!("must have 1 to {MAX_NAME_CHARS} characters")));
+            faults.push(Fault::new(pointer, format!("expected 1 to {MAX_NAME_CHARS} characters")));
         } else if groups[..i].iter().any(|other| other.name == group.name) {
-            faults.push(Fault::new(pointer, format!("'{}' is the name of another group too", group.name)));
+            faults.push(Fault::new(pointer, format!("expected different names, got '{}' twice", group.name)));
         }
     }
     faults
@@ -275,7 +285,7 @@ async fn named_members(app: &App, cohort: &Cohort, groups: &[NamedGroup]) -> Res
     }
     let total: usize = described.iter().map(Vec::len).sum();
     if total > app.limits.shapes {
-        let detail = format!("select {total} shapes, at most {} are compared", app.limits.shapes);
+        let detail = format!("expected groups of at most {} shapes in all, got {total}", app.limits.shapes);
         return Err(ServiceError::invalid("/groups", detail));
     }
     let mut faults = overlap_faults(groups, &described);
@@ -318,7 +328,7 @@ async fn too_few(
             .collect());
     }
     let detail =
-        format!("selects {found} shapes for '{}', at least {FEWEST_MEMBERS} are needed: {known}", group.name);
+        format!("expected at least {FEWEST_MEMBERS} shapes for '{}', got {found}: {known}", group.name);
     Ok(vec![Fault::new(format!("/groups/{i}/filter"), detail)])
 }
 
@@ -339,7 +349,7 @@ fn overlap_faults(groups: &[NamedGroup], described: &[Vec<ShapeDescription>]) ->
     let fault = |((g, other), shapes): ((usize, usize), Vec<&ShapeDescription>)| {
         let (count, ids) = (shapes.len(), attributes::first_names(shapes.into_iter()));
         let detail = format!(
-            "'{}' and '{}' share {count} shapes, but no shape may be of two groups: {ids}",
+            "expected disjoint groups, but '{}' and '{}' share {count} shapes: {ids}",
             groups[g].name, groups[other].name
         );
         Fault::new(format!("/groups/{g}/filter"), detail)
@@ -359,7 +369,7 @@ async fn members_by(
     let all = described.len();
     if all == 0 {
         let known = KnownAttributes::of(app, cohort).await?;
-        return Err(ServiceError::invalid("/filter", format!("selects no shape: {known}")));
+        return Err(ServiceError::invalid("/filter", format!("the filter selects no shapes: {known}")));
     }
     let values: BTreeMap<String, usize> = described.iter().filter_map(|shape| attribute.text(shape)).fold(
         BTreeMap::new(),
@@ -372,8 +382,8 @@ async fn members_by(
         let known = KnownAttributes::of(app, cohort).await?;
         let detail = match values.len() {
             0 => format!("none of {all} shapes has {by}: {known}"),
-            1 => format!("all shapes that have {by} have the same value: there is one group"),
-            count => format!("{by} has {count} values, at most {MOST_GROUPS} groups are compared"),
+            1 => format!("expected at least two groups, but all shapes that have {by} have the same value"),
+            count => format!("expected at most {MOST_GROUPS} groups, got {count} values of {by}"),
         };
         return Err(at(detail));
     }
@@ -385,7 +395,8 @@ async fn members_by(
     if !lonely.is_empty() {
         let named = lonely.iter().take(NAMED_VALUES).copied().collect::<Vec<_>>().join(", ");
         let detail = format!(
-            "{} values of {by} have 1 shape, every group needs at least {FEWEST_MEMBERS}: {named}",
+            "expected at least {FEWEST_MEMBERS} shapes in every group, but {} values of {by} have only 1: \
+             {named}",
             lonely.len()
         );
         return Err(at(detail));
