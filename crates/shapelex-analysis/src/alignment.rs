@@ -65,7 +65,7 @@ impl Method {
             (Transformation::Named(ClassName::Similarity), Alignment::Procrustes) => fit(true, true),
             (Transformation::Named(ClassName::Rigid), Alignment::Procrustes) => fit(true, false),
             (_, Alignment::Procrustes) => Err(AnalysisError::NotAProperClass(
-                "Procrustes alignment exists for similarity, rigid and translation".into(),
+                "Procrustes alignment requires similarity, rigid or translation".into(),
             )),
             (other, Alignment::Projection) => {
                 Ok(Self::Projection(TransformationClass::new(other, dimension)?))

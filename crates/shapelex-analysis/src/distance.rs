@@ -159,8 +159,8 @@ impl DistanceSpace {
             && !is_mirrored_into_itself(class)
         {
             return Err(AnalysisError::NotAProperClass(
-                "the mirror images of its matrices do not belong to the class, so that distances modulo both are \
-                 not symmetric: use \"mirror\": \"forbid\""
+                "mirror images of matrices of the class do not belong to it, so distances modulo both are not \
+                 symmetric: use \"mirror\": \"forbid\""
                     .into(),
             ));
         }

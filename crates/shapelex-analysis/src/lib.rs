@@ -57,7 +57,8 @@ use shapelex_numeric::NumericError;
 pub enum AnalysisError {
     /// The subspace of a shape under the class is rank-deficient.
     #[error(
-        "shape {index} is degenerate under {class}: relative singular value {sigma:.1e}, at least {DEGENERATE:.0e} is needed"
+        "shape {index} is degenerate under {class}: expected a relative singular value of at least \
+         {DEGENERATE:.0e}, got {sigma:.1e}"
     )]
     Degenerate {
         /// Position of the shape.
@@ -78,7 +79,7 @@ pub enum AnalysisError {
         size: f64,
     },
     /// Too few shapes for the requested statistic.
-    #[error("{found} shapes, at least {needed} are needed")]
+    #[error("too few shapes: expected at least {needed}, got {found}")]
     TooFewShapes {
         /// Number of shapes given.
         found: usize,
@@ -89,7 +90,7 @@ pub enum AnalysisError {
     #[error("{0}")]
     NotAProperClass(String),
     /// The frame is not defined for the class.
-    #[error("the canonical frame is not defined for {class}: ask for the training frame")]
+    #[error("the canonical frame is not defined for {class}: use the training frame")]
     NoCanonicalFrame {
         /// Name of the class.
         class: String,
@@ -98,7 +99,7 @@ pub enum AnalysisError {
     #[error("these bytes are not a stored sum of this kind and size")]
     NotAnAccumulator,
     /// The covariance of a class is singular.
-    #[error("the covariance of class {class} has not full rank")]
+    #[error("the covariance of class {class} does not have full rank")]
     SingularCovariance {
         /// Position of the class.
         class: usize,
@@ -107,14 +108,15 @@ pub enum AnalysisError {
     #[error("interrupted")]
     Interrupted,
     /// Two shapes are antipodal on the sphere.
-    #[error("the shapes are opposite ({angle:.6} rad apart): the path between them is not determined")]
+    #[error("the shapes are opposite ({angle:.6} rad apart): the path between them is not unique")]
     Antipodal {
         /// Angle between them in radians.
         angle: f64,
     },
     /// An iteration ended without its certificate.
     #[error(
-        "shape {index}: no convergence after {iterations} iterations: duality gap {gap:.1e}, wanted {tolerance:.1e}"
+        "shape {index}: no convergence after {iterations} iterations: duality gap {gap:.1e}, expected at most \
+         {tolerance:.1e}"
     )]
     NoConvergence {
         /// Position of the shape.

@@ -261,7 +261,7 @@ impl TransformationClass {
         let refuse = |why: String| Err(AnalysisError::NotAProperClass(why));
         if custom.matrices.is_empty() || custom.matrices.len() > d * d {
             return refuse(format!(
-                "{} matrices given, between 1 and {} are needed",
+                "expected between 1 and {1} matrices, got {0}",
                 custom.matrices.len(),
                 d * d
             ));
@@ -269,13 +269,13 @@ impl TransformationClass {
         if let Some(bad) =
             custom.matrices.iter().position(|m| m.len() != d || m.iter().any(|row| row.len() != d))
         {
-            return refuse(format!("matrix {bad} is not {d} × {d}"));
+            return refuse(format!("expected matrices of {d} × {d} numbers, matrix {bad} is not"));
         }
         let matrices: Vec<Matrix> =
             custom.matrices.iter().map(|rows| Matrix::from_fn(d, d, |i, j| rows[i][j])).collect();
         if let Some(bad) = matrices.iter().position(|m| !m.iter().all(|v| v.is_finite() && v.abs() <= 1e100))
         {
-            return refuse(format!("matrix {bad} has an entry beyond ±1e100"));
+            return refuse(format!("expected entries within ±1e100, matrix {bad} has one beyond"));
         }
         let columns = Matrix::from_fn(d * d, matrices.len(), |i, j| {
             matrices[j].as_slice()[i] / matrices[j].norm().max(f64::MIN_POSITIVE)

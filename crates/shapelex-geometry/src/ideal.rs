@@ -99,25 +99,29 @@ impl IdealCurve {
         let positive = |values: &[f64]| values.iter().all(|value| *value > 0.0 && *value <= 1e100);
         let finite = |values: &[f64]| values.iter().all(|value| value.abs() <= 1e100);
         match self {
-            Self::Circle { radius } if !positive(&[*radius]) => Some("needs a positive radius up to 1e100"),
+            Self::Circle { radius } if !positive(&[*radius]) => {
+                Some("expected a positive radius up to 1e100")
+            }
             Self::Ellipse { semi_axes } if !positive(semi_axes) => {
-                Some("needs positive semi-axes up to 1e100")
+                Some("expected positive semi-axes up to 1e100")
             }
             Self::Line { from, to } if from == to || !finite(from) || !finite(to) => {
-                Some("needs two different points within ±1e100")
+                Some("expected two different points within ±1e100")
             }
             Self::Parabola { focal_length, extent } if !positive(&[*focal_length, *extent]) => {
-                Some("needs a positive focal length and extent up to 1e100")
+                Some("expected a positive focal length and extent up to 1e100")
             }
             Self::Hyperbola { semi_axes, extent }
                 if !positive(semi_axes) || !positive(&[*extent]) || *extent > 100.0 =>
             {
-                Some("needs positive semi-axes up to 1e100 and a positive extent up to 100")
+                Some("expected positive semi-axes up to 1e100 and a positive extent up to 100")
             }
             Self::Lissajous { amplitudes, frequencies, phase }
                 if !positive(amplitudes) || frequencies.contains(&0) || !finite(&[*phase]) =>
             {
-                Some("needs positive amplitudes up to 1e100, positive frequencies, and a phase within ±1e100")
+                Some(
+                    "expected positive amplitudes up to 1e100, positive frequencies, and a phase within ±1e100",
+                )
             }
             _ => None,
         }

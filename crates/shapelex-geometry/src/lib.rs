@@ -57,7 +57,8 @@ use shapelex_numeric::NumericError;
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum GeometryError {
     /// The poles of a generator leave the admissible domain.
-    #[error("the pair of poles ±({}) is outside the admissible domain |Re| ≤ 10, |Im| < π, where the shifts are a Riesz basis and interpolators exist", complex((*re, *im)))]
+    #[error("the poles ±({}) are outside the admissible domain |Re| ≤ 10, |Im| < π, where the shifts are a Riesz \
+             basis and interpolators exist", complex((*re, *im)))]
     Pole {
         /// Real part.
         re: f64,
@@ -86,7 +87,9 @@ pub enum GeometryError {
         im: f64,
     },
     /// A parameter is out of range, or not larger than the previous one.
-    #[error("is {value}: parameters must increase strictly within [0, 1], without 1 on closed curves")]
+    #[error(
+        "expected parameters that increase strictly within [0, 1], without 1 on closed curves, got {value}"
+    )]
     Parameter {
         /// Position.
         index: usize,
@@ -95,7 +98,8 @@ pub enum GeometryError {
     },
     /// The points leave gaps in which the curve is not determined.
     #[error(
-        "{points} points do not determine {needed} control points: they leave gaps longer than the distance of the knots; take fewer control points, or more points"
+        "{points} points do not determine {needed} control points, because gaps between them are longer than the \
+         distance of the knots: use fewer control points, or more points"
     )]
     Undetermined {
         /// Number of points given.
@@ -123,7 +127,8 @@ pub enum GeometryError {
     NotACurve,
     /// The shifts of a generator are dependent to working precision.
     #[error(
-        "the {size} shifts of the generator are dependent to working precision (smallest eigenvalue or pivot {smallest:.1e}): take fewer poles, or poles nearer to 0"
+        "the {size} shifts of the generator are dependent to working precision (smallest eigenvalue or pivot \
+         {smallest:.1e}): use fewer poles, or poles nearer to 0"
     )]
     Dependent {
         /// Number of shifts.
@@ -132,7 +137,7 @@ pub enum GeometryError {
         smallest: f64,
     },
     /// Too few points for the operation.
-    #[error("{found} points, at least {needed} are needed")]
+    #[error("too few points: expected at least {needed}, got {found}")]
     TooFewPoints {
         /// Number of points given.
         found: usize,
@@ -148,7 +153,7 @@ pub enum GeometryError {
         extent: f64,
     },
     /// Two consecutive points are equal.
-    #[error("points {first} and {second} are equal: arc length does not tell them apart")]
+    #[error("points {first} and {second} are equal: arc length cannot tell them apart")]
     RepeatedPoint {
         /// Position of the first.
         first: usize,
@@ -156,7 +161,7 @@ pub enum GeometryError {
         second: usize,
     },
     /// The parts of a surface are inconsistent.
-    #[error("{field} {detail}")]
+    #[error("{field}: {detail}")]
     Surface {
         /// The part.
         field: &'static str,
@@ -165,7 +170,8 @@ pub enum GeometryError {
     },
     /// The handles contradict each other.
     #[error(
-        "the {count} handles do not determine a deformation: two of them are at one place, or there are more than control points near them"
+        "the {count} handles do not determine a deformation: two of them are at the same place, or there are \
+         more handles than control points near them"
     )]
     Handles {
         /// Number of handles.
@@ -175,13 +181,16 @@ pub enum GeometryError {
     #[error(transparent)]
     Mesh(#[from] mesh::MeshError),
     /// A mesh has a positive genus.
-    #[error("the mesh has {genus} handles: longitude and colatitude need a surface like a sphere")]
+    #[error(
+        "expected a mesh with the topology of a sphere, for longitude and colatitude, got one with {genus} \
+         handles"
+    )]
     NotASphere {
         /// Number of handles.
         genus: usize,
     },
     /// Two vertices cannot serve as poles.
-    #[error("the poles are vertices {} and {} of {count}: they must be different and not neighbours", poles[0], poles[1])]
+    #[error("expected poles at two different vertices that are not neighbours, got {} and {} of {count}", poles[0], poles[1])]
     Poles {
         /// The requested poles.
         poles: [u32; 2],
@@ -190,7 +199,8 @@ pub enum GeometryError {
     },
     /// A subdivision scheme has no rule for a vertex.
     #[error(
-        "vertex {vertex} has {valence} neighbours: BLOB has rules for four and six; split the mesh so, or use the scheme loop"
+        "vertex {vertex} has {valence} neighbours: BLOB has rules for four and six only. Split the mesh \
+         accordingly, or use the scheme loop"
     )]
     Valence {
         /// The vertex.
@@ -200,20 +210,22 @@ pub enum GeometryError {
     },
     /// A subdivision scheme is not linear.
     #[error(
-        "the scheme normal_based is not linear: shapes made of its points and normals have no mean, no inner product and no \
-         components. Take blob, loop or butterfly for statistics; the shapes can be evaluated, drawn and morphed"
+        "the scheme normal_based is not linear: shapes made of its points and normals have no mean, no inner \
+         product and no components. Use blob, loop or butterfly for statistics. Shapes of normal_based can be \
+         evaluated, drawn and morphed"
     )]
     NotLinear,
     /// Positions at the control vertices do not determine the control points.
     #[error(
-        "the positions of the {size} control vertices at this level do not determine them: give control_points instead"
+        "the positions of the {size} control vertices at this level do not determine the control points: give \
+         control_points instead"
     )]
     NoInterpolation {
         /// Number of control vertices.
         size: usize,
     },
     /// The normal-based scheme cannot split an edge.
-    #[error("the edge from vertex {} to vertex {} of level {level} has no point between: {fault}", edge[0], edge[1])]
+    #[error("the edge from vertex {} to vertex {} of level {level} cannot be split: {fault}", edge[0], edge[1])]
     Edge {
         /// The level.
         level: usize,
@@ -223,7 +235,7 @@ pub enum GeometryError {
         fault: subdivision::normal_based::EdgeFault,
     },
     /// A refined mesh has more vertices than the limit.
-    #[error("level {level} has {} vertices, at most {most} are accepted", count(*vertices))]
+    #[error("level {level} has {} vertices, expected at most {most}", count(*vertices))]
     TooFine {
         /// The level.
         level: usize,
@@ -233,7 +245,8 @@ pub enum GeometryError {
         most: usize,
     },
     /// No level within the limit on vertices is close enough to the limit surface.
-    #[error("no level with at most {most} vertices reaches the tolerance {}: level {level} still moves by {change:.3e}", number(*tolerance))]
+    #[error("no level with at most {most} vertices reaches the tolerance {}: level {level} still changes by \
+             {change:.3e}", number(*tolerance))]
     Coarse {
         /// Requested tolerance.
         tolerance: f64,

@@ -20,7 +20,7 @@ pub enum MeshError {
     #[error("the mesh has no faces")]
     Empty,
     /// A corner of a face is not a vertex.
-    #[error("face {face} has vertex {vertex}, of {count}")]
+    #[error("expected vertices below {count}, face {face} has vertex {vertex}")]
     NoVertex {
         /// Position of the face.
         face: usize,
@@ -39,7 +39,8 @@ pub enum MeshError {
     },
     /// Two faces traverse an edge in the same direction.
     #[error(
-        "faces {first} and {second} both run from vertex {} to vertex {}: one of them is flipped, or a third one meets them there",
+        "faces {first} and {second} both run from vertex {} to vertex {}: one of them is flipped, or more than \
+         two faces meet at this edge",
         edge[0], edge[1]
     )]
     Twice {
@@ -65,13 +66,13 @@ pub enum MeshError {
         vertex: u32,
     },
     /// The faces around a vertex form several fans.
-    #[error("the faces round vertex {vertex} meet there only: it is several vertices in one place")]
+    #[error("the faces around vertex {vertex} meet only there: several vertices share one place")]
     Pinched {
         /// Position of the vertex.
         vertex: u32,
     },
     /// The mesh is not connected.
-    #[error("the mesh falls apart: {reached} of {count} vertices hang together with the first")]
+    #[error("the mesh is not connected: only {reached} of {count} vertices can be reached from vertex 0")]
     Apart {
         /// Number of vertices connected to the first.
         reached: usize,

@@ -53,22 +53,22 @@ impl MeshQuality {
     pub fn warnings(&self) -> Vec<String> {
         let edges = format!("{} of its edges have no length: vertices coincide", self.collapsed_edges);
         let rounding = format!(
-            "it is so far from the origin that coordinates are rounded to {:.1e}: the digits behind that are lost",
+            "it is so far from the origin that coordinates are rounded to {:.1e}: smaller details are lost",
             self.rounding.unwrap_or_default()
         );
         let found = [
             (self.is_point, "all of its vertices are one point".to_owned()),
             (self.collapsed_edges > 0 && !self.is_point, edges),
-            (self.is_flat, "it is flat: it lies in a plane and encloses nothing".to_owned()),
+            (self.is_flat, "it is flat: it lies in a plane and encloses no volume".to_owned()),
             (self.has_no_volume, "it encloses no volume: its sheets coincide or cancel".to_owned()),
             (
                 self.is_inside_out,
-                "it is inside out: its volume is negative, its faces run clockwise seen from outside"
+                "it is inside out: its volume is negative, because its faces run clockwise seen from outside"
                     .to_owned(),
             ),
             (
                 self.self_intersecting == Some(true),
-                "it crosses or lies on itself: volumes count parts twice or not".to_owned(),
+                "it crosses or lies on itself: volumes count some parts twice or not at all".to_owned(),
             ),
             (self.rounding.is_some(), rounding),
         ];

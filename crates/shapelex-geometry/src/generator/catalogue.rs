@@ -247,8 +247,10 @@ impl GeneratorKind {
             Self::Trigonometric {} | Self::Keys {} => {}
             Self::Bspline { degree } => {
                 if !(1..=MAX_DEGREE).contains(degree) {
-                    faults
-                        .push(("degree".into(), format!("is {degree}, must be between 1 and {MAX_DEGREE}")));
+                    faults.push((
+                        "degree".into(),
+                        format!("expected a degree between 1 and {MAX_DEGREE}, got {degree}"),
+                    ));
                 }
             }
             Self::Exponential { poles } => faults.extend(pole_faults(poles, 2)),
@@ -371,7 +373,7 @@ impl GeneratorKind {
 fn pole_faults(poles: &PoleList, fewest: usize) -> Vec<(String, String)> {
     let (field, count) = (poles.field(), poles.len());
     if !(fewest..=MAX_POLES).contains(&count) {
-        return vec![(field.into(), format!("has {count} poles, must have {fewest} to {MAX_POLES}"))];
+        return vec![(field.into(), format!("expected {fewest} to {MAX_POLES} poles, got {count}"))];
     }
     let checked = Poles::from_list(&poles.numbers()).and_then(|found| match poles {
         PoleList::Poles(_) => found.check(),
@@ -397,7 +399,7 @@ fn support_faults(
         let given = [("support", support.is_some()), ("weights", !weights.is_empty())];
         let wrong = given.into_iter().filter(|(_, given)| *given);
         return wrong
-            .map(|(field, _)| (field.into(), "belongs to the family integer_shifts alone".into()))
+            .map(|(field, _)| (field.into(), "this field belongs to the family integer_shifts".into()))
             .collect();
     }
     // Faults of the poles are already reported.
@@ -408,7 +410,8 @@ fn support_faults(
     let longest = 2 * (MAX_POLES - 1);
     if !(shortest..=longest).contains(&support) {
         let detail = format!(
-            "is {support}, must be between {shortest} and {longest}: below, {order} poles leave more equations than weights"
+            "expected a support between {shortest} and {longest}, got {support}: on a shorter one, {order} poles \
+             leave more equations than weights"
         );
         return vec![("support".into(), detail)];
     }
@@ -416,13 +419,13 @@ fn support_faults(
     let mut faults = Vec::new();
     if weights.len() > free {
         let detail = format!(
-            "has {} entries; {order} poles on a support of {support} leave {free} free",
+            "expected at most {free} weights for {order} poles on a support of {support}, got {}",
             weights.len()
         );
         faults.push(("weights".into(), detail));
     }
     let wild = weights.iter().position(|weight| !(weight.get().abs() <= MAX_WEIGHT));
-    faults.extend(wild.map(|i| (format!("weights/{i}"), format!("is beyond ±{MAX_WEIGHT}"))));
+    faults.extend(wild.map(|i| (format!("weights/{i}"), format!("expected a number within ±{MAX_WEIGHT}"))));
     faults
 }
 

@@ -236,7 +236,10 @@ impl FromStr for StartMesh {
         let splits = splits.parse().ok().filter(|splits| *splits <= MOST_SPLITS);
         body.zip(splits).map(|(body, splits)| Self { body, splits }).ok_or_else(|| {
             let names = Body::ALL.map(|body| format!("\"{}\"", body.name())).join(", ");
-            format!("\"{text}\" is no starting mesh: these are {names}, with up to {MOST_SPLITS} splits behind a slash, such as \"octahedron/2\"")
+            format!(
+                "expected one of {names}, with up to {MOST_SPLITS} splits after a slash (such as \
+                 \"octahedron/2\"), got \"{text}\""
+            )
         })
     }
 }

@@ -185,7 +185,9 @@ impl SchemeFields {
         let mut faults: Vec<(&'static str, String)> = given
             .iter()
             .filter(|(_, given, owner)| *given && *owner != self.scheme)
-            .map(|(field, _, owner)| (*field, format!("belongs to the scheme \"{}\"", owner.name())))
+            .map(|(field, _, owner)| {
+                (*field, format!("this field belongs to the scheme \"{}\"", owner.name()))
+            })
             .collect();
         let found = match self.scheme {
             SchemeName::Blob => self.frequency().map(Scheme::Blob),
@@ -209,26 +211,29 @@ impl SchemeFields {
         let refused = |field, detail: String| Err((field, detail));
         match (self.lambda, self.lambda_imaginary, self.v0) {
             (Some(lambda), None, None) if lambda.abs() < PI => Ok(Frequency::Real(Exact::new(lambda))),
-            (Some(lambda), None, None) => refused("lambda", format!("is {lambda}, must be between −π and π")),
+            (Some(lambda), None, None) => {
+                refused("lambda", format!("expected a number between −π and π, got {lambda}"))
+            }
             (None, Some(mu), None) if (0.5 * mu).cosh() < LARGEST_START => {
                 Ok(Frequency::Imaginary(Exact::new(mu)))
             }
             (None, Some(mu), None) => {
                 let most = 2.0 * LARGEST_START.acosh();
-                refused("lambda_imaginary", format!("is {mu}, must be within ±{most:.4}"))
+                refused("lambda_imaginary", format!("expected a number within ±{most:.4}, got {mu}"))
             }
             (None, None, Some(v)) if v > 0.0 && v < LARGEST_START => Ok(Frequency::Start(Exact::new(v))),
-            (None, None, Some(v)) => refused("v0", format!("is {v}, must be between 0 and {LARGEST_START}")),
-            (None, None, None) => {
-                refused("lambda", "is missing: BLOB needs lambda, lambda_imaginary or v0".into())
+            (None, None, Some(v)) => {
+                refused("v0", format!("expected a number between 0 and {LARGEST_START}, got {v}"))
             }
-            (None, _, _) => refused("v0", "is given together with lambda_imaginary: give one of them".into()),
+            (None, None, None) => refused(
+                "lambda",
+                "required field is missing: BLOB needs lambda, lambda_imaginary or v0".into(),
+            ),
+            (None, _, _) => refused("v0", "expected either lambda_imaginary or v0, got both".into()),
             (Some(_), Some(_), _) => {
-                refused("lambda_imaginary", "is given together with lambda: give one of them".into())
+                refused("lambda_imaginary", "expected either lambda or lambda_imaginary, got both".into())
             }
-            (Some(_), None, Some(_)) => {
-                refused("v0", "is given together with lambda: give one of them".into())
-            }
+            (Some(_), None, Some(_)) => refused("v0", "expected either lambda or v0, got both".into()),
         }
     }
 }
@@ -243,7 +248,7 @@ fn within(
     if (least..=most).contains(&value) {
         return Ok(Exact::new(value));
     }
-    Err((field, format!("is {value}, must be between {least} and {most}")))
+    Err((field, format!("expected a number between {least} and {most}, got {value}")))
 }
 
 impl From<Scheme> for SchemeFields {

@@ -53,12 +53,13 @@ impl Extent {
 pub fn faults(extent: Extent, seam: Seam, kinds: &[GeneratorKind; 2]) -> Vec<(&'static str, String)> {
     let mut faults = Vec::new();
     if !seam.is_straight() && extent.topology != Topology::Torus {
-        faults
-            .push(("seam", format!("a {} has no seam to be twisted: leave it out", extent.topology.name())));
+        faults.push(("seam", format!("expected no twisted seam: a {} has no seam", extent.topology.name())));
     }
     if seam == Seam::HalfTurn && extent.intervals[1] % 2 == 1 {
-        let detail =
-            format!("is {}, must be even: a half turn goes from knots to knots", extent.intervals[1]);
+        let detail = format!(
+            "expected an even number, got {}: a half turn goes from knots to knots",
+            extent.intervals[1]
+        );
         faults.push(("control_points/1", detail));
     }
     if extent.topology == Topology::Sphere {
@@ -66,11 +67,12 @@ pub fn faults(extent: Extent, seam: Seam, kinds: &[GeneratorKind; 2]) -> Vec<(&'
             let support = kinds[1].support();
             faults.push((
                 "generators/1",
-                format!("has support {support}, the conditions at two poles take 3 or 4"),
+                format!("expected a support of 3 or 4 for the conditions at two poles, got {support}"),
             ));
         }
         if !kinds[0].properties().partition_of_unity {
-            let detail = "does not reproduce constants, so that it cannot close at a pole: add the pole 0";
+            let detail =
+                "expected a generator that reproduces constants, to close at the pole: add the pole 0";
             faults.push(("generators/0", detail.into()));
         }
     }

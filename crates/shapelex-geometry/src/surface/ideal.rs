@@ -110,18 +110,18 @@ impl IdealSurface {
     pub fn fault(&self) -> Option<&'static str> {
         let (values, which): (&[f64], _) = match self {
             Self::Sphere { radius } | Self::Roman { radius } | Self::FigureEight { radius } => {
-                (&[*radius], "needs a positive radius up to 1e30")
+                (&[*radius], "expected a positive radius up to 1e30")
             }
-            Self::Ellipsoid { semi_axes } => (semi_axes, "needs positive semi-axes up to 1e30"),
+            Self::Ellipsoid { semi_axes } => (semi_axes, "expected positive semi-axes up to 1e30"),
             Self::Cylinder { radius, height } | Self::Helicoid { radius, height } => {
-                (&[*radius, *height], "needs a positive radius and height up to 1e30")
+                (&[*radius, *height], "expected a positive radius and height up to 1e30")
             }
             Self::Torus { major_radius, minor_radius }
             | Self::PinchedTorus { major_radius, minor_radius } => {
-                (&[*major_radius, *minor_radius], "needs positive radii up to 1e30")
+                (&[*major_radius, *minor_radius], "expected positive radii up to 1e30")
             }
             Self::HyperbolicParaboloid { semi_axes: [a, b], height } => {
-                (&[*a, *b, *height], "needs positive semi-axes and a positive height up to 1e30")
+                (&[*a, *b, *height], "expected positive semi-axes and a positive height up to 1e30")
             }
         };
         let positive = values.iter().all(|value| *value > 0.0 && *value <= 1e30);
