@@ -189,21 +189,21 @@ fn check(principal: &Principal, role: Role, request: &Request) -> Result<(), Pro
     let refuse = |detail: String| Err(Problem::new(ProblemKind::Forbidden, detail));
     if principal.is_local() && !names_this_machine(request) {
         return refuse(
-            "without keys the service answers only to requests whose Host header is a loopback name or address".into(),
+            "expected a loopback name or address in the Host header, because the service has no keys".into(),
         );
     }
     if principal.is_local()
         && let Some(header) = origin::foreign(request.uri(), request.headers())
     {
         return refuse(format!(
-            "without keys the service answers no page of another site or port: expected the own origin in {header}; \
-             make a key, and the page may show it"
+            "expected the service's own origin in {header}, because the service has no keys: create a key to \
+             answer pages of other sites or ports"
         ));
     }
     if principal.role < role {
         let (key, found, needed) = (&principal.key, principal.role.as_str(), role.as_str());
         tracing::info!(key, role = found, needed, "a request needs a higher role");
-        return refuse(format!("needs the role {needed}, the caller has the role {found}"));
+        return refuse(format!("expected the role {needed}, the caller has the role {found}"));
     }
     Ok(())
 }
@@ -227,8 +227,8 @@ const SCHEME: &str = "bearer";
 /// unauthorised requests.
 pub fn describe(document: &mut OpenApi) {
     let scheme = HttpBuilder::new().scheme(HttpAuthScheme::Bearer).description(Some(
-        "A key (`shk_…`), or a token of the identity provider. A service on a loopback address without keys and identity \
-         provider asks for none.",
+        "A key (`shk_…`) or a token of the identity provider. Not required on a loopback address without keys \
+         and identity provider.",
     ));
     let components = document.components.get_or_insert_default();
     components.security_schemes.insert(SCHEME.into(), SecurityScheme::Http(scheme.build()).into());
@@ -262,10 +262,10 @@ fn describe_operation(operation: &mut Operation, needs: Needs) {
         let body = ContentBuilder::new().schema(Some(Ref::from_schema_name("ProblemDocument"))).build();
         ResponseBuilder::new().description(description).content("application/problem+json", body)
     };
-    let unknown = refusal("No key or token, or one that is not valid".into());
+    let unknown = refusal("No valid key or token".into());
     let unknown = unknown.header("WWW-Authenticate", Header::default());
     let forbidden =
-        refusal(format!("The caller has not the role {}, or its key is not for this", role.as_str()));
+        refusal(format!("The caller lacks the role {}, or its key does not cover this", role.as_str()));
     let responses = &mut operation.responses.responses;
     responses.entry("401".into()).or_insert_with(|| unknown.build().into());
     responses.entry("403".into()).or_insert_with(|| forbidden.build().into());

@@ -74,7 +74,9 @@ const EXPANDS_FREELY: u64 = 1 << 20;
 
 /// Error of a body with too large a compression ratio.
 #[derive(Debug, thiserror::Error)]
-#[error("the body becomes more than {ratio} times as long by decompression: send it plain, or in parts")]
+#[error(
+    "decompression expands the body to more than {ratio} times its size: send it uncompressed, or in parts"
+)]
 struct Expands {
     ratio: u64,
 }
@@ -95,7 +97,7 @@ fn length(headers: &HeaderMap) -> Option<u64> {
 }
 
 fn too_long(limit: usize) -> Problem {
-    let detail = format!("the body is longer than {limit} bytes, which holds before and after decompression");
+    let detail = format!("the body is longer than {limit} bytes, the limit before and after decompression");
     Problem::new(ProblemKind::PayloadTooLarge, detail)
 }
 
@@ -137,7 +139,7 @@ pub async fn read(app: &App, mut body: Body) -> Result<Bytes, Problem> {
 }
 
 fn too_many_values(most: usize) -> Problem {
-    let detail = format!("the body has more than {most} values, counted by commas and brackets");
+    let detail = format!("the body has more than {most} values (commas and brackets are counted)");
     Problem::new(ProblemKind::PayloadTooLarge, detail)
 }
 
@@ -146,7 +148,7 @@ pub fn pieces(body: Body) -> impl Stream<Item = Result<Bytes, ServiceError>> {
     TryStreamExt::map_err(body.into_data_stream(), |error| {
         let detail = match cause::<Expands>(&error) {
             Some(expands) => return ServiceError::TooLarge(Fault::new("", expands.to_string())),
-            None => format!("the stream broke off or its encoding is broken: {error}"),
+            None => format!("the stream ended early or its encoding is invalid: {error}"),
         };
         ServiceError::Malformed(vec![Fault::new("", detail)])
     })
@@ -165,6 +167,6 @@ fn unreadable(error: axum::Error, limit: usize) -> Problem {
     if let Some(expands) = cause::<Expands>(&error) {
         return Problem::new(ProblemKind::PayloadTooLarge, expands.to_string());
     }
-    let detail = format!("the body ended early or its encoding is broken: {}", error.into_inner());
+    let detail = format!("the body ended early or its encoding is invalid: {}", error.into_inner());
     Problem::new(ProblemKind::MalformedBody, detail)
 }

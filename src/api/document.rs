@@ -4,10 +4,8 @@ use utoipa::openapi::path::Operation;
 use utoipa::openapi::{ContentBuilder, HeaderBuilder, ObjectBuilder, OpenApi, Ref, ResponseBuilder, Type};
 
 /// Status codes of limits that apply to every resource, added where an operation does not describe them itself.
-const LIMITS: [(&str, &str); 2] = [
-    ("429", "The caller asks more often than it may"),
-    ("503", "Overloaded, stopping, or the answer took too long"),
-];
+const LIMITS: [(&str, &str); 2] =
+    [("429", "Rate limit exceeded"), ("503", "Overloaded, stopping, or over the time limit")];
 
 /// Adds the common parts to all operations under `/v1`.
 pub(super) fn complete(document: &mut OpenApi) {

@@ -15,6 +15,7 @@ use super::observe::Asker;
 use super::overload::Deadline;
 use super::problem::{Problem, ProblemKind};
 use crate::domain::access::Principal;
+use crate::formats::checked::plain_sentence;
 use crate::formats::matrix::MatrixFormat;
 use crate::formats::mesh::MeshFormat;
 use crate::service::app::App;
@@ -92,7 +93,7 @@ impl FromRequest<App> for JsonBody {
     async fn from_request(request: Request, app: &App) -> Result<Self, Problem> {
         let found = media_type(request.headers());
         if !is_json(&found) {
-            let detail = format!("the body is '{found}', application/json is read here");
+            let detail = format!("expected application/json, got '{found}'");
             return Err(Problem::new(ProblemKind::UnsupportedMediaType, detail));
         }
         super::body::read(app, request.into_body()).await.map(Self)
@@ -109,7 +110,7 @@ impl<T: DeserializeOwned, S: Send + Sync> FromRequestParts<S> for Query<T> {
     async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Problem> {
         axum::extract::Query::<T>::try_from_uri(&parts.uri)
             .map(|query| Self(query.0))
-            .map_err(|rejection| Problem::new(ProblemKind::InvalidQuery, rejection.body_text()))
+            .map_err(|rejection| unreadable_query(&rejection.body_text()))
     }
 }
 
@@ -125,15 +126,32 @@ impl<S: Send + Sync> FromRequestParts<S> for NoQuery {
     }
 }
 
+/// Problem of a query that could not be parsed, from the text of the rejection.
+fn unreadable_query(text: &str) -> Problem {
+    let text = text.strip_prefix("Failed to deserialize query string: ").unwrap_or(text);
+    let (name, fault) = match text.split_once(": ") {
+        Some((name, fault)) if !name.contains(' ') => (format!("{name}: "), fault),
+        _ => (String::new(), text),
+    };
+    let fault: String = match fault {
+        "invalid digit found in string" | "cannot parse integer from empty string" => {
+            "expected a non-negative whole number".into()
+        }
+        "number too large to fit in target type" => "expected a smaller number".into(),
+        "invalid float literal" | "cannot parse float from empty string" => "expected a number".into(),
+        "provided string was not `true` or `false`" => "expected true or false".into(),
+        other => plain_sentence(other).replacen("field \"", "parameter \"", 1),
+    };
+    Problem::new(ProblemKind::InvalidQuery, format!("{name}{fault}"))
+}
+
 /// Refuses query parameters that are not in `known`.
 fn only(parts: &Parts, known: &[&str]) -> Result<(), Problem> {
     let query = axum::extract::Query::<Vec<(String, String)>>::try_from_uri(&parts.uri)
-        .map_err(|rejection| Problem::new(ProblemKind::InvalidQuery, rejection.body_text()))?;
+        .map_err(|rejection| unreadable_query(&rejection.body_text()))?;
     match query.0.iter().find(|(key, _)| !known.contains(&key.as_str())) {
         None => Ok(()),
-        Some((key, _)) => {
-            Err(Problem::new(ProblemKind::InvalidQuery, format!("'{key}' is not a parameter of this route")))
-        }
+        Some((key, _)) => Err(Problem::new(ProblemKind::InvalidQuery, format!("unknown parameter '{key}'"))),
     }
 }
 
@@ -189,14 +207,14 @@ impl<S: Send + Sync> FromRequestParts<S> for Format {
                 "json" => Ok(Self::Json),
                 "svg" => Ok(Self::Svg),
                 other => {
-                    let detail = format!("format is '{other}', must be 'json' or 'svg'");
+                    let detail = format!("format: expected 'json' or 'svg', got '{other}'");
                     Err(Problem::new(ProblemKind::InvalidQuery, detail))
                 }
             };
         }
         let accept = accepted(parts);
         preferred(accept, picture_or_numbers).ok_or_else(|| {
-            let detail = format!("'{accept}' is wanted, application/json and image/svg+xml are offered");
+            let detail = format!("expected application/json or image/svg+xml to be accepted, got '{accept}'");
             Problem::new(ProblemKind::NotAcceptable, detail)
         })
     }
@@ -232,7 +250,11 @@ impl<S: Send + Sync> FromRequestParts<S> for ShapeFormat {
                     text.split(',').map(|number| number.trim().parse().ok()).collect();
                 match numbers[..] {
                     [Some(u), Some(v)] => Some([u, v]),
-                    _ => return Err(refused(format!("grid is '{text}', must be two numbers such as 48,33"))),
+                    _ => {
+                        return Err(refused(format!(
+                            "grid: expected two numbers such as 48,33, got '{text}'"
+                        )));
+                    }
                 }
             }
         };
@@ -256,7 +278,7 @@ impl<S: Send + Sync> FromRequestParts<S> for ShapeFormat {
             if known {
                 problem
             } else {
-                refused("format must be 'json', 'svg', 'obj', 'ply', 'stl' or 'gltf'".into())
+                refused("format: expected 'json', 'svg', 'obj', 'ply', 'stl' or 'gltf'".into())
             }
         })
     }
@@ -315,14 +337,15 @@ impl<S: Send + Sync> FromRequestParts<S> for OnlyMatrixFormat {
             Some("csv") => MatrixFormat::Csv,
             Some("npy") => MatrixFormat::Npy,
             Some(other) => {
-                let detail = format!("format is '{other}', must be 'json', 'csv' or 'npy'");
+                let detail = format!("format: expected 'json', 'csv' or 'npy', got '{other}'");
                 return Err(Problem::new(ProblemKind::InvalidQuery, detail));
             }
             None => {
                 let accept = accepted(parts);
                 preferred(accept, matrix_format).ok_or_else(|| {
                     let detail = format!(
-                        "'{accept}' is wanted, application/json, text/csv and application/x-npy are offered"
+                        "expected application/json, text/csv or application/x-npy to be accepted, got \
+                         '{accept}'"
                     );
                     Problem::new(ProblemKind::NotAcceptable, detail)
                 })?

@@ -56,14 +56,14 @@ use problem::{Problem, ProblemKind};
         (name = "catalogue", description = "Generators and transformation classes"),
         (name = "statistics", description = "Stateless: everything in the request, nothing stored"),
         (name = "curves", description = "Curves and surfaces: evaluation, measures, fits, paths, deformation"),
-        (name = "cohorts", description = "Named sets of shapes, their shapes and their mean"),
+        (name = "cohorts", description = "Named sets of shapes and their mean"),
         (name = "retrieval", description = "Nearest shapes, and distances of all pairs"),
-        (name = "jobs", description = "Long work: progress, events, cancellation"),
-        (name = "dictionaries", description = "What is learnt from cohorts: components and sparse atoms, and their use"),
-        (name = "tests", description = "Comparison of groups and regression, by permutation"),
-        (name = "changes", description = "What has changed, and what was deleted and can come back"),
+        (name = "jobs", description = "Long-running work: progress, events, cancellation"),
+        (name = "dictionaries", description = "Components and sparse atoms learnt from cohorts, and their use"),
+        (name = "tests", description = "Permutation tests: comparison of groups and regression"),
+        (name = "changes", description = "Changes since a revision, and the trash"),
         (name = "operation", description = "Version, metrics and the audit trail"),
-        (name = "access", description = "Keys, for administrators"),
+        (name = "access", description = "Keys (for administrators)"),
         (name = "health", description = "Probes")
     )
 )]
@@ -126,12 +126,12 @@ pub fn router(app: App) -> Router {
         .route("/", get(v1::index))
         .merge(utoipa_swagger_ui::SwaggerUi::new("/docs").url("/openapi.json", document))
         .fallback(|uri: axum::http::Uri| async move {
-            Problem::new(ProblemKind::RouteNotFound, format!("there is nothing at {}", uri.path()))
+            Problem::new(ProblemKind::RouteNotFound, format!("no route at {}", uri.path()))
         })
         .method_not_allowed_fallback(|method: axum::http::Method| async move {
             Problem::new(
                 ProblemKind::MethodNotAllowed,
-                format!("{method} is not offered here; see the Allow header"),
+                format!("the method {method} is not available here: see the Allow header"),
             )
         })
         .layer(middleware)

@@ -69,7 +69,7 @@ pub async fn stopping(request: Request, next: Next) -> Response {
     if !request.extensions().get::<App>().is_some_and(App::is_stopping) {
         return next.run(request).await;
     }
-    Problem::new(ProblemKind::Unavailable, "the service is stopping; send the request again").into_response()
+    Problem::new(ProblemKind::Unavailable, "the service is stopping: send the request again").into_response()
 }
 
 /// Deadline of a computing request, which its work also observes.
@@ -90,7 +90,7 @@ async fn within(time: Option<Duration>, request: Request, next: Next) -> Respons
     tokio::time::timeout(time, next.run(request)).await.unwrap_or_else(|_| {
         let seconds = time.as_secs();
         let detail =
-            format!("the request took longer than {seconds} s and was given up: ask for less at a time");
+            format!("the request was stopped after {seconds} s, the time limit: ask for less at a time");
         Problem::new(ProblemKind::TookTooLong, detail).into_response()
     })
 }
@@ -136,14 +136,13 @@ impl Rates {
         let rate = NonZeroU32::new(per_second)?;
         let burst = NonZeroU32::new(burst).unwrap_or(rate.saturating_add(per_second));
         let quota = Quota::per_second(rate).allow_burst(burst);
-        Some(Self::of_quota(quota, format!("{per_second} requests a second")))
+        Some(Self::of_quota(quota, format!("{per_second} requests per second")))
     }
 
     /// Limiter for requests refused by access control; `None` if `per_minute` is 0.
     fn of_refusals(per_minute: u32) -> Option<Self> {
         let quota = Quota::per_minute(NonZeroU32::new(per_minute)?);
-        let rate =
-            format!("{per_minute} requests a minute from this address were refused for want of a valid key");
+        let rate = format!("{per_minute} requests per minute without a valid key from this address");
         Some(Self::of_quota(quota, rate))
     }
 
@@ -164,7 +163,7 @@ impl Rates {
 }
 
 fn refusal(rate: &str, seconds: u64) -> Response {
-    let detail = format!("more than {rate}; the next is looked at in {seconds} s");
+    let detail = format!("more than {rate}: send the next request in {seconds} s");
     let mut response = Problem::new(ProblemKind::TooManyRequests, detail).into_response();
     response.headers_mut().insert(header::RETRY_AFTER, HeaderValue::from(seconds));
     response

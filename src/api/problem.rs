@@ -65,5 +65,5 @@ fn kind_of_status(status: StatusCode) -> ProblemKind {
 /// Response to a request whose handler panicked.
 pub fn of_panic(_: Box<dyn std::any::Any + Send>) -> Response {
     tracing::error!("a request handler panicked");
-    Problem::new(ProblemKind::Internal, "the cause is in the log under the request id").into_response()
+    Problem::new(ProblemKind::Internal, "internal error: see the log under the request id").into_response()
 }

@@ -235,7 +235,7 @@ fn keys_are_made_and_revoked_beside_the_running_service() {
     assert_eq!(get(&server, &reader, "/v1/cohorts").status, 200);
     let problem =
         post(&server, &reader, "/v1/cohorts", &triangles("a")).expect_problem(403, "forbidden", &[]);
-    assert_eq!(problem["detail"], "needs the role writer, the caller has the role reader");
+    assert_eq!(problem["detail"], "expected the role writer, the caller has the role reader");
 
     let listed = get(&server, &admin, "/v1/keys").expect(200);
     let roles: Vec<&str> =

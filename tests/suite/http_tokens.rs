@@ -200,7 +200,7 @@ fn good_tokens_of_every_algorithm_open_the_service() {
     let token = signers[3].sign(&provider.claims());
     let reply = get_with(&server, "/v1/keys", &token);
     let problem = reply.expect_problem(403, "forbidden", &[]);
-    assert_eq!(problem["detail"], "needs the role admin, the caller has the role writer");
+    assert_eq!(problem["detail"], "expected the role admin, the caller has the role writer");
     let admin = signers[3].sign(&with(&provider.claims(), "roles", json!("reader admin")));
     assert_eq!(get_with(&server, "/v1/keys", &admin).status, 200);
 }

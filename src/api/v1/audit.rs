@@ -132,7 +132,7 @@ impl AuditQuery {
 
 fn milliseconds(name: &str, text: &str) -> Result<i64, Problem> {
     let time = text.parse::<jiff::Timestamp>().map_err(|_| {
-        let detail = format!("{name} must be a time such as 2026-01-31T12:00:00Z");
+        let detail = format!("{name}: expected a time such as 2026-01-31T12:00:00Z");
         Problem::new(ProblemKind::InvalidQuery, detail)
     })?;
     Ok(time.as_millisecond())
@@ -145,7 +145,7 @@ fn milliseconds(name: &str, text: &str) -> Result<i64, Problem> {
 /// an administrator.
 #[utoipa::path(get, path = "/audit", tag = "operation", params(AuditQuery),
     responses(
-        (status = 200, description = "A page of entries, or all of them one a line", content((Page<AuditEntry> = "application/json"), (String = "application/x-ndjson"))),
+        (status = 200, description = "A page of entries, or all entries as one line each", content((Page<AuditEntry> = "application/json"), (String = "application/x-ndjson"))),
         (status = 400, description = "The query was refused", body = ProblemDocument, content_type = "application/problem+json"),
         (status = 503, description = "The store cannot be read", body = ProblemDocument, content_type = "application/problem+json")
     ))]
@@ -195,7 +195,7 @@ pub(super) struct AuditBeginning {
 /// digest lets the trail still be verified from there; the entry of this request records it as `removed_digest`.
 #[utoipa::path(delete, path = "/audit", tag = "operation", params(AuditRemoval),
     responses(
-        (status = 200, description = "The entries are gone", body = AuditBeginning),
+        (status = 200, description = "Entries removed", body = AuditBeginning),
         (status = 400, description = "The query was refused", body = ProblemDocument, content_type = "application/problem+json"),
         (status = 503, description = "The store cannot be written", body = ProblemDocument, content_type = "application/problem+json"),
         (status = 507, description = "The disk of the store is full", body = ProblemDocument, content_type = "application/problem+json")

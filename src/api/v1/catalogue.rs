@@ -76,13 +76,14 @@ pub(super) struct RieszBounds {
 #[utoipa::path(get, path = "/generators/{name}", tag = "catalogue",
     params(
         ("name" = String, Path, description = "`trigonometric`, `keys`, `bspline`, `exponential` or `interpolator`"),
-        ("control_points" = Option<usize>, Query, description = "Control points (closed) or intervals (open), 8 or the fewest unless given"),
+        ("control_points" = Option<usize>, Query, description = "Control points (closed) or intervals (open). \
+                                                                 Default: 8, or the fewest if these are more"),
         ("degree" = Option<u8>, Query, description = "Of `bspline`"),
         ("family" = Option<String>, Query, description = "Of `interpolator`: `integer_shifts` or `half_integer_shifts`"),
-        ("poles" = Option<String>, Query, description = "Such as `[[0,0],[0,0.5],[0,-0.5]]`", example = "[[0,0],[0,0.5],[0,-0.5]]"),
-        ("domain_poles" = Option<String>, Query, description = "Instead of `poles`"),
+        ("poles" = Option<String>, Query, description = "Poles such as `[[0,0],[0,0.5],[0,-0.5]]`", example = "[[0,0],[0,0.5],[0,-0.5]]"),
+        ("domain_poles" = Option<String>, Query, description = "Poles of the domain, instead of `poles`"),
         ("support" = Option<usize>, Query, description = "Of `interpolator`"),
-        ("weights" = Option<String>, Query, description = "Of `interpolator`, such as `[-0.5]`"),
+        ("weights" = Option<String>, Query, description = "Weights of `interpolator`, such as `[-0.5]`"),
         ("format" = Option<String>, Query, description = "`json` or `svg`")
     ),
     responses(
@@ -113,8 +114,11 @@ fn read_query(
     for (key, text) in parameters.into_iter().filter(|(key, _)| key != "format") {
         if key == "control_points" {
             let parsed = text.parse::<usize>();
-            let number = parsed
-                .map_err(|_| ServiceError::Query(format!("control_points is '{text}', not a count")))?;
+            let number = parsed.map_err(|_| {
+                ServiceError::Query(format!(
+                    "control_points: expected a non-negative whole number, got '{text}'"
+                ))
+            })?;
             if count.replace(number).is_some() {
                 return Err(ServiceError::Query("control_points is given twice".into()));
             }
@@ -133,7 +137,7 @@ fn read_query(
     let as_query = |errors: Vec<InputError>| {
         let text: Vec<String> = errors
             .iter()
-            .map(|error| format!("{} {}", error.pointer.trim_start_matches('/'), error.detail))
+            .map(|error| format!("{}: {}", error.pointer.trim_start_matches('/'), error.detail))
             .collect();
         ServiceError::Query(text.join("; "))
     };

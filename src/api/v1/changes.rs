@@ -66,8 +66,8 @@ pub(super) struct ChangesAnswer {
 /// A client that has seen a number has seen all changes before it. The newest million changes are kept.
 #[utoipa::path(get, path = "/changes", tag = "changes", params(ChangesQuery),
     responses(
-        (status = 200, description = "The changes after `since`", body = ChangesAnswer),
-        (status = 410, description = "Changes that old are not kept any more", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = 200, description = "Changes after `since`", body = ChangesAnswer),
+        (status = 410, description = "Changes that old are no longer available", body = ProblemDocument, content_type = "application/problem+json"),
         (status = "4XX", description = "The query was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn list_changes(
@@ -119,11 +119,11 @@ pub(super) async fn list_trash(
 
 /// Restores a cohort or a dictionary version from the trash.
 #[utoipa::path(post, path = "/trash/{id}/restore", tag = "changes",
-    params(("id" = String, Path, description = "Id of the cohort or of the version")),
+    params(("id" = String, Path, description = "Id of the cohort or of the dictionary version")),
     responses(
-        (status = 204, description = "It is back"),
-        (status = 404, description = "It is not in the trash", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = 409, description = "Its name is taken by now", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = 204, description = "Restored"),
+        (status = 404, description = "Not in the trash", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = 409, description = "The name is now used by another", body = ProblemDocument, content_type = "application/problem+json"),
         (status = "4XX", description = "The request was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn restore_trashed(
@@ -137,10 +137,10 @@ pub(super) async fn restore_trashed(
 
 /// Permanently deletes an object in the trash.
 #[utoipa::path(delete, path = "/trash/{id}", tag = "changes",
-    params(("id" = String, Path, description = "Id of the cohort or of the version")),
+    params(("id" = String, Path, description = "Id of the cohort or of the dictionary version")),
     responses(
         (status = 204, description = "Gone"),
-        (status = 404, description = "It is not in the trash", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = 404, description = "Not in the trash", body = ProblemDocument, content_type = "application/problem+json"),
         (status = "4XX", description = "The request was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn remove_trashed(

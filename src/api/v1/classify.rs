@@ -135,7 +135,7 @@ pub(super) struct ClassifyAnswer {
 #[utoipa::path(post, path = "/dictionaries/{dictionary}/classify", tag = "dictionaries", request_body = ClassifyRequest,
     params(("dictionary" = String, Path, description = "Id, `name@version` or name")),
     responses(
-        (status = 200, description = "One class a shape, in order", body = ClassifyAnswer),
+        (status = 200, description = "One class per shape, in order", body = ClassifyAnswer),
         (status = 404, description = "No such dictionary or cohort", body = ProblemDocument, content_type = "application/problem+json"),
         (status = "4XX", description = "The input was refused, or the dictionary has no classifier", body = ProblemDocument, content_type = "application/problem+json")
     ))]
@@ -213,7 +213,7 @@ pub(super) struct AssessAnswer {
 #[utoipa::path(post, path = "/dictionaries/{dictionary}/assess", tag = "dictionaries", request_body = AssessRequest,
     params(("dictionary" = String, Path, description = "Id, `name@version` or name")),
     responses(
-        (status = 200, description = "One assessment a shape, in order", body = AssessAnswer),
+        (status = 200, description = "One assessment per shape, in order", body = AssessAnswer),
         (status = 404, description = "No such dictionary or cohort", body = ProblemDocument, content_type = "application/problem+json"),
         (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]

@@ -75,7 +75,7 @@ impl Shapes {
         value: Option<T>,
         mut errors: Vec<InputError>,
     ) -> Result<(T, Asked), ServiceError> {
-        let one_way = "give either shapes, or cohort and ids";
+        let one_way = "expected either shapes, or cohort and ids";
         let stored = match (&self.posted, self.cohort, self.ids) {
             (Some(_), None, None) => None,
             (None, Some(cohort), Some(ids)) => Some((cohort, ids)),
@@ -176,7 +176,7 @@ pub(super) struct EncodeAnswer {
 #[utoipa::path(post, path = "/dictionaries/{dictionary}/encode", tag = "dictionaries", request_body = EncodeRequest,
     params(("dictionary" = String, Path, description = "Id, `name@version` or name")),
     responses(
-        (status = 200, description = "One code a shape, in order", body = EncodeAnswer),
+        (status = 200, description = "One code per shape, in order", body = EncodeAnswer),
         (status = 404, description = "No such dictionary or cohort", body = ProblemDocument, content_type = "application/problem+json"),
         (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
@@ -247,7 +247,7 @@ impl ReconstructAnswer {
 #[utoipa::path(post, path = "/dictionaries/{dictionary}/reconstruct", tag = "dictionaries", request_body = ReconstructRequest,
     params(("dictionary" = String, Path, description = "Id, `name@version` or name")),
     responses(
-        (status = 200, description = "One reconstruction a shape or code, in order", body = ReconstructAnswer),
+        (status = 200, description = "One reconstruction per shape or code, in order", body = ReconstructAnswer),
         (status = 404, description = "No such dictionary or cohort", body = ProblemDocument, content_type = "application/problem+json"),
         (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
@@ -267,7 +267,7 @@ pub(super) async fn reconstruct(
     let dimension = ready.setup.metric.dimension();
     if with_codes {
         if shapes.posted.is_some() || shapes.cohort.is_some() || shapes.ids.is_some() || with_settings {
-            let detail = "codes stand alone: without shapes, cohort, ids, pose and samples";
+            let detail = "expected codes alone, without shapes, cohort, ids, pose and samples";
             errors.push(InputError::new("/codes", detail));
         }
         let (codes, _) = checked(codes, errors, shapes.posted.unwrap_or_default())?;
@@ -345,7 +345,7 @@ pub(super) struct ScoreAnswer {
 #[utoipa::path(post, path = "/dictionaries/{dictionary}/score", tag = "dictionaries", request_body = ScoreRequest,
     params(("dictionary" = String, Path, description = "Id, `name@version` or name")),
     responses(
-        (status = 200, description = "One score a shape, in order", body = ScoreAnswer),
+        (status = 200, description = "One score per shape, in order", body = ScoreAnswer),
         (status = 404, description = "No such dictionary or cohort", body = ProblemDocument, content_type = "application/problem+json"),
         (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
@@ -403,7 +403,7 @@ pub(super) struct PriorAnswer {
 #[utoipa::path(post, path = "/dictionaries/{dictionary}/prior", tag = "dictionaries", request_body = PriorRequest,
     params(("dictionary" = String, Path, description = "Id, `name@version` or name")),
     responses(
-        (status = 200, description = "One energy a shape, in order", body = PriorAnswer),
+        (status = 200, description = "One energy per shape, in order", body = PriorAnswer),
         (status = 404, description = "No such dictionary or cohort", body = ProblemDocument, content_type = "application/problem+json"),
         (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]

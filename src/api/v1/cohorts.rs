@@ -18,7 +18,7 @@ use crate::api::problem::{Problem, ProblemDocument, ProblemKind};
 use crate::api::respond::{compute, json, mesh, svg};
 use crate::domain::cohort::Cohort;
 use crate::domain::shape::ShapeFilter;
-use crate::formats::checked::{Checked, document, take_given, take_or_default};
+use crate::formats::checked::{Checked, document, plain_sentence, take_given, take_or_default};
 use crate::formats::representation::Read;
 use crate::geometry::representation::Representation;
 use crate::service::app::{Fault, ServiceError, Work};
@@ -111,7 +111,7 @@ impl From<Cohort> for CohortOutput {
 #[utoipa::path(post, path = "/cohorts", tag = "cohorts", params(RetryHeader), request_body = CohortRequest,
     responses(
         (status = 201, description = "Created", body = CohortOutput, headers(("Location" = String))),
-        (status = 409, description = "The name is taken", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = 409, description = "The name is already in use", body = ProblemDocument, content_type = "application/problem+json"),
         (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn create_cohort(
@@ -226,8 +226,8 @@ fn given<'de, D: serde::Deserializer<'de>>(field: D) -> Result<Option<Option<Str
     responses(
         (status = 200, description = "The cohort as it is now", body = CohortOutput),
         (status = 404, description = "No such cohort", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = 409, description = "The name is taken", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = 412, description = "It was changed meanwhile", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = 409, description = "The name is already in use", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = 412, description = "The cohort has changed meanwhile", body = ProblemDocument, content_type = "application/problem+json"),
         (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn update_cohort(
@@ -248,8 +248,8 @@ pub(super) async fn update_cohort(
 #[utoipa::path(delete, path = "/cohorts/{cohort}", tag = "cohorts",
     params(("cohort" = String, Path, description = "Id or name"), IfMatchHeader),
     responses(
-        (status = 204, description = "In the trash"),
-        (status = 412, description = "It was changed meanwhile", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = 204, description = "Moved to the trash"),
+        (status = 412, description = "The cohort has changed meanwhile", body = ProblemDocument, content_type = "application/problem+json"),
         (status = 404, description = "No such cohort", body = ProblemDocument, content_type = "application/problem+json"),
         (status = "4XX", description = "The request was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
@@ -299,18 +299,17 @@ fn take_word<T: serde::de::DeserializeOwned>(
     name: &str,
 ) -> Result<Option<T>, Problem> {
     let Some(word) = parameters.remove(name) else { return Ok(None) };
-    serde_json::from_value(word.into())
-        .map(Some)
-        .map_err(|error| Problem::new(ProblemKind::InvalidQuery, format!("{name}: {error}")))
+    serde_json::from_value(word.into()).map(Some).map_err(|error| {
+        let detail = format!("{name}: {}", plain_sentence(&error.to_string()));
+        Problem::new(ProblemKind::InvalidQuery, detail)
+    })
 }
 
 /// Refuses unknown parameters: a misspelt filter must not be ignored.
 pub(super) fn refuse_rest(parameters: &Parameters) -> Result<(), Problem> {
     match parameters.keys().next() {
         None => Ok(()),
-        Some(key) => {
-            Err(Problem::new(ProblemKind::InvalidQuery, format!("'{key}' is not a parameter of this route")))
-        }
+        Some(key) => Err(Problem::new(ProblemKind::InvalidQuery, format!("unknown parameter '{key}'"))),
     }
 }
 
@@ -330,9 +329,9 @@ pub(super) struct CohortMeanOutput {
 #[utoipa::path(get, path = "/cohorts/{cohort}/mean", tag = "cohorts",
     params(
         ("cohort" = String, Path, description = "Id or name"),
-        ("transformation" = ClassName, Query, description = "The class that is removed"),
-        ("alignment" = Option<Alignment>, Query, description = "`projection` unless given"),
-        ("frame" = Option<Frame>, Query, description = "`training` unless given"),
+        ("transformation" = ClassName, Query, description = "Class of transformations that is removed"),
+        ("alignment" = Option<Alignment>, Query, description = "Default: `projection`"),
+        ("frame" = Option<Frame>, Query, description = "Default: `training`"),
         ("label" = Option<String>, Query, description = "Only shapes with this label"),
         ("subject" = Option<String>, Query, description = "Only shapes of this subject"),
         ("labels.{attribute}" = Option<String>, Query, description = "Only shapes whose attribute has this value"),
@@ -355,7 +354,10 @@ pub(super) async fn cohort_mean(
     parameters.remove("format");
     parameters.remove("grid");
     let transformation = take_word::<ClassName>(&mut parameters, "transformation")?.ok_or_else(|| {
-        Problem::new(ProblemKind::InvalidQuery, "transformation is missing, such as similarity or affine")
+        Problem::new(
+            ProblemKind::InvalidQuery,
+            "transformation: required parameter is missing, such as similarity or affine",
+        )
     })?;
     let query = MeanQuery {
         transformation,

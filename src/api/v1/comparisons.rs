@@ -106,14 +106,14 @@ impl<'de> Deserialize<'de> for Names {
 #[utoipa::path(post, path = "/comparisons", tag = "tests", request_body = CompareRequest,
     params(
         ("format" = Option<String>, Query, description = "`json` or `svg`"),
-        ("prefer" = Option<String>, Header, description = "`wait=10` waits up to ten seconds for the job"), RetryHeader
+        ("prefer" = Option<String>, Header, description = "`wait=10`: wait up to ten seconds for the job"), RetryHeader
     ),
     responses(
         (status = 200, description = "The comparison", content((Comparison = "application/json"), (String = "image/svg+xml"))),
-        (status = 202, description = "The job that compares", body = JobOutput, headers(("Location" = String))),
+        (status = 202, description = "The job that computes the comparison", body = JobOutput, headers(("Location" = String))),
         (status = 404, description = "No such cohort", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = "4XX", description = "The input was refused, or the job failed in time", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = 503, description = "Too many jobs wait", body = ProblemDocument, content_type = "application/problem+json")
+        (status = "4XX", description = "The input was refused, or the job failed within the wait", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = 503, description = "Too many jobs are waiting", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn compare(
     Caller(app): Caller,
@@ -131,10 +131,10 @@ pub(super) async fn compare(
 fn compare_of(request: CompareRequest) -> Result<Compare, ServiceError> {
     let mut errors = request.faults;
     if request.groups.is_some() == request.by.is_some() {
-        errors.push(InputError::new("", "give one of groups and by"));
+        errors.push(InputError::new("", "expected either groups or by"));
     }
     if request.groups.is_some() && request.filter.is_some() {
-        errors.push(InputError::new("/filter", "goes with by: every group has its own"));
+        errors.push(InputError::new("/filter", "expected with by only: every group has its own filter"));
     }
     let cohort = take_given(request.cohort, "/cohort", &mut errors);
     let groups = take_given(request.groups, "/groups", &mut errors).map(Grouping::Named);
@@ -150,7 +150,7 @@ fn compare_of(request: CompareRequest) -> Result<Compare, ServiceError> {
     let strata = take_or_default(request.strata, "/strata", &mut errors);
     let samples = take_given(request.samples, "/samples", &mut errors);
     ServiceError::unless_empty(errors.into_iter().map(Fault::from).collect())?;
-    let incomplete = || ServiceError::invalid("", "is not complete");
+    let incomplete = || ServiceError::invalid("", "the request is incomplete");
     Ok(Compare {
         cohort: cohort.ok_or_else(incomplete)?,
         grouping: groups.or(by).ok_or_else(incomplete)?,

@@ -203,8 +203,9 @@ pub(super) async fn evaluate(
         planned(work, move |app| {
             if matches!(parameters, Places::Vertices) {
                 if order > 0 {
-                    let detail =
-                        format!("is {order}, must be 0: the mesh of a level has no derivatives, but frames");
+                    let detail = format!(
+                        "expected 0, got {order}: the mesh of a level has frames, but no derivatives"
+                    );
                     return Err(ServiceError::invalid("/derivatives", detail));
                 }
                 return evaluate_meshes(app, &representation, correspondence, shapes, frames, format);
@@ -223,7 +224,7 @@ pub(super) async fn evaluate(
                 }
                 ShapeFormat::Mesh(format, grid) => {
                     let [shape] = &shapes[..] else {
-                        let detail = format!("has {} entries, a mesh is of one surface", shapes.len());
+                        let detail = format!("expected one surface in a mesh file, got {}", shapes.len());
                         return Err(ServiceError::invalid("/shapes", detail));
                     };
                     let grid = grid.or(match parameters {
@@ -277,7 +278,12 @@ fn evaluate_meshes(
         }
         ShapeFormat::Mesh(format, None) => match (meshes.pop(), meshes.is_empty()) {
             (Some(mesh), true) => return Ok(mesh_file(format, &subdivisions::with_normals(mesh))),
-            _ => return Err(ServiceError::invalid("/shapes", "has more entries than one, a mesh is of one")),
+            _ => {
+                return Err(ServiceError::invalid(
+                    "/shapes",
+                    "expected one surface in a mesh file, got more",
+                ));
+            }
         },
     }
     let faces = meshes.first().map(|mesh| mesh.faces.clone());
@@ -358,20 +364,23 @@ fn take_places(
         for (_, pointer) in given.iter().filter(|(given, _)| *given) {
             refuse(
                 pointer,
-                "belongs to shapes with parameters: a subdivision surface has the vertices of its level",
+                "this field belongs to shapes with parameters: a subdivision surface has the vertices of its \
+                 level",
             );
         }
         return Some(Places::Vertices);
     }
     let surface: Option<Extent> = representation.and_then(Representation::extent);
     match (surface, samples, grid) {
-        (Some(_), Some(_), _) => return refuse("/samples", "belongs to curves: surfaces have a grid"),
-        (None, _, Some(_)) => return refuse("/grid", "belongs to surfaces: curves have samples"),
+        (Some(_), Some(_), _) => {
+            return refuse("/samples", "this field belongs to curves: surfaces have a grid");
+        }
+        (None, _, Some(_)) => return refuse("/grid", "this field belongs to surfaces: curves have samples"),
         (_, Some(_), _) if parameters.is_some() => {
-            return refuse("/parameters", "is given together with samples: give one of them");
+            return refuse("/parameters", "expected either parameters or samples, got both");
         }
         (_, _, Some(_)) if parameters.is_some() => {
-            return refuse("/parameters", "is given together with grid: give one of them");
+            return refuse("/parameters", "expected either parameters or grid, got both");
         }
         _ => {}
     }
@@ -597,7 +606,7 @@ impl From<Measured> for MeasureOutput {
 /// reference. Surfaces: volume, area, centroids, bounding box, the flux of a field, and the distance to a reference.
 #[utoipa::path(post, path = "/measure", tag = "curves", request_body = MeasureRequest,
     responses(
-        (status = 200, description = "One entry a curve", body = MeasureAnswer),
+        (status = 200, description = "One entry per curve", body = MeasureAnswer),
         (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn measure(
@@ -616,7 +625,7 @@ pub(super) async fn measure(
             && representation.extent().is_none()
             && representation.subdivision().is_none()
         {
-            errors.push(InputError::new("/field", "flows through surfaces only"));
+            errors.push(InputError::new("/field", "flow is computed for surfaces only"));
         }
         let ((representation, correspondence), shapes) = checked(settings, errors, shapes)?;
         let counts = Counts::new(&representation, shapes.len(), &app.limits);

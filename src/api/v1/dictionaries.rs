@@ -281,14 +281,14 @@ impl<'a> DictionaryOutput<'a> {
 /// 60. With `dry_run` it is the predicted cost (200), and nothing runs. The cohort is used as it is now, even if shapes are
 /// added meanwhile. Learning again from the same shapes with the same parameters gives the same digest.
 #[utoipa::path(post, path = "/dictionaries", tag = "dictionaries", request_body = LearnRequest,
-    params(("prefer" = Option<String>, Header, description = "`wait=10` waits up to ten seconds for the dictionary"), RetryHeader),
+    params(("prefer" = Option<String>, Header, description = "`wait=10`: wait up to ten seconds for the dictionary"), RetryHeader),
     responses(
-        (status = 200, description = "The cost, for a dry run", body = EstimateAnswer),
-        (status = 201, description = "Learnt in time", body = DictionaryOutput, headers(("Location" = String))),
-        (status = 202, description = "The job that learns", body = JobOutput, headers(("Location" = String))),
+        (status = 200, description = "Predicted cost (dry run)", body = EstimateAnswer),
+        (status = 201, description = "The dictionary, if it was learnt within the wait", body = DictionaryOutput, headers(("Location" = String))),
+        (status = 202, description = "The job that learns the dictionary", body = JobOutput, headers(("Location" = String))),
         (status = 404, description = "No such cohort", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = "4XX", description = "The input was refused, or learning failed in time", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = 503, description = "Too many jobs wait", body = ProblemDocument, content_type = "application/problem+json")
+        (status = "4XX", description = "The input was refused, or learning failed within the wait", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = 503, description = "Too many jobs are waiting", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn learn_dictionary(
     Caller(app): Caller,
@@ -336,9 +336,12 @@ fn learn_of(request: LearnRequest) -> Result<(Learn, bool), ServiceError> {
     for (field, given) in given {
         let needed = matches!(field, "transformation" | "method");
         if continues && given {
-            faults.push(Fault::new(format!("/{field}"), "is that of the version that learning goes on from"));
+            faults.push(Fault::new(
+                format!("/{field}"),
+                "expected no value with continue_from: the field is that of the continued version",
+            ));
         } else if !continues && !given && needed {
-            faults.push(Fault::new(format!("/{field}"), "is missing"));
+            faults.push(Fault::new(format!("/{field}"), "required field is missing"));
         }
     }
     let name = take_given(request.name, "/name", &mut errors);
@@ -354,7 +357,7 @@ fn learn_of(request: LearnRequest) -> Result<(Learn, bool), ServiceError> {
     let dry_run = take_or_default(request.dry_run, "/dry_run", &mut errors);
     faults.extend(errors.into_iter().map(Fault::from));
     ServiceError::unless_empty(faults)?;
-    let incomplete = || ServiceError::invalid("", "is not complete");
+    let incomplete = || ServiceError::invalid("", "the request is incomplete");
     let from = match version {
         Some(version) => LearnFrom::Version(version),
         None => LearnFrom::Anew {
@@ -439,7 +442,7 @@ pub(super) async fn find_dictionary(
 #[utoipa::path(delete, path = "/dictionaries/{dictionary}", tag = "dictionaries",
     params(("dictionary" = String, Path, description = "Id, `name@version` or name")),
     responses(
-        (status = 204, description = "In the trash"),
+        (status = 204, description = "Moved to the trash"),
         (status = 404, description = "No such dictionary", body = ProblemDocument, content_type = "application/problem+json"),
         (status = "4XX", description = "The request was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]

@@ -72,7 +72,7 @@ pub(super) struct DriftAnswer {
 #[utoipa::path(get, path = "/dictionaries/{dictionary}/drift", tag = "dictionaries",
     params(("dictionary" = String, Path, description = "Id, `name@version` or name"), DriftQuery),
     responses(
-        (status = 200, description = "What has changed", body = DriftAnswer),
+        (status = 200, description = "Drift of the cohort", body = DriftAnswer),
         (status = 404, description = "No such dictionary, or its cohort was deleted", body = ProblemDocument, content_type = "application/problem+json"),
         (status = "4XX", description = "The query was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
@@ -114,7 +114,8 @@ fn since_of(text: &str) -> Result<Since, Problem> {
     }
     let time: Result<jiff::Timestamp, _> = text.parse();
     time.map(|time| Since::Time(time.as_millisecond())).map_err(|_| {
-        let detail = format!("since is '{text}', must be a revision or a time such as 2026-01-31T12:00:00Z");
+        let detail =
+            format!("since: expected a revision or a time such as 2026-01-31T12:00:00Z, got '{text}'");
         Problem::new(ProblemKind::InvalidQuery, detail)
     })
 }

@@ -106,7 +106,7 @@ pub(super) struct FitAnswer {
 /// Subdivision surfaces are fitted to the places nearest to the points; residuals are distances at those places.
 #[utoipa::path(post, path = "/fit", tag = "curves", request_body = FitRequest,
     responses(
-        (status = 200, description = "One entry a contour, grid, list or mesh", body = FitAnswer),
+        (status = 200, description = "One entry per contour, grid, list or mesh", body = FitAnswer),
         (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn fit(
@@ -127,16 +127,16 @@ pub(super) async fn fit(
                 .into_iter()
                 .filter(|(given, _)| *given)
             {
-                errors.push(InputError::new(pointer, "belongs to subdivision surfaces"));
+                errors.push(InputError::new(pointer, "this field belongs to subdivision surfaces"));
             }
         }
         if let Some(turns) = turns.filter(|turns| *turns > MOST_TURNS) {
-            errors.push(InputError::new("/turns", format!("is {turns}, must be at most {MOST_TURNS}")));
+            errors.push(InputError::new("/turns", format!("expected at most {MOST_TURNS}, got {turns}")));
         }
         if refined.is_some() && parameters.is_some() {
             errors.push(InputError::new(
                 "/parameters",
-                "belongs to splines: a subdivision surface has no parameters, give a start",
+                "this field belongs to splines: a subdivision surface has no parameters, use start",
             ));
         }
         let parameters = match parameters {
@@ -152,17 +152,22 @@ pub(super) async fn fit(
         };
         match (&request.shapes, &request.meshes) {
             (Some(_), Some(_)) => {
-                errors.push(InputError::new("/meshes", "is given together with shapes: give one of them"));
+                errors.push(InputError::new("/meshes", "expected either meshes or shapes, got both"));
             }
             (None, Some(_)) if target.is_some() && !surfaces && refined.is_none() => {
-                errors.push(InputError::new("/meshes", "belongs to surfaces: curves are fitted to shapes"));
+                errors.push(InputError::new(
+                    "/meshes",
+                    "this field belongs to surfaces: curves are fitted to shapes",
+                ));
             }
-            (None, None) => errors.push(InputError::new("/shapes", "is missing")),
+            (None, None) => errors.push(InputError::new("/shapes", "required field is missing")),
             _ => {}
         }
         if request.meshes.is_some() && !matches!(parameters, Some(FitParameters::None)) {
-            errors
-                .push(InputError::new("/parameters", "belongs to shapes: a mesh has parameters of its own"));
+            errors.push(InputError::new(
+                "/parameters",
+                "this field belongs to shapes: a mesh has its own parameters",
+            ));
         }
         let meshes = request.meshes.map(|meshes| meshes.take("/meshes", &mut errors));
         let shapes = request.shapes.unwrap_or_default().take("/shapes", &mut errors);
@@ -324,7 +329,7 @@ pub(super) async fn refine(
         let control_points = take_given(request.control_points, "/control_points", &mut errors);
         let extent = settings.as_ref().and_then(|(representation, _)| representation.extent());
         if control_points.is_some() && (given || (settings.is_some() && extent.is_none())) {
-            let detail = "belongs to surfaces, instead of a factor";
+            let detail = "this field belongs to surfaces, instead of a factor";
             errors.push(InputError::new("/control_points", detail));
         }
         let (((representation, correspondence), factor), shapes) =
@@ -409,7 +414,7 @@ pub(super) struct IdealShapes {
 
 /// Lists the idealised curves and surfaces.
 #[utoipa::path(get, path = "/idealised", tag = "catalogue",
-    responses((status = 200, description = "The curves with the poles they need, the surfaces with their control points", body = IdealShapes), (status = 400, description = "An unknown parameter", body = ProblemDocument, content_type = "application/problem+json")))]
+    responses((status = 200, description = "The curves with the poles that they need, the surfaces with their control points", body = IdealShapes), (status = 400, description = "An unknown parameter", body = ProblemDocument, content_type = "application/problem+json")))]
 pub(super) async fn list_idealised(Caller(app): Caller, _: NoQuery) -> Result<Response, Problem> {
     compute(app.weighing(Work::MOMENT), |_| {
         let surfaces = IdealSurface::catalogue().into_iter().map(surface_entry).collect::<Result<_, _>>()?;
@@ -501,10 +506,10 @@ pub(super) async fn idealise(
             _ => ("curves", request.curves, request.surfaces.is_some()),
         };
         if other && surfaces.is_some() {
-            let detail = format!("the representation has {field}: give these only");
+            let detail = format!("expected {field} only, as in the representation");
             errors.push(InputError::new("", detail));
         } else if list.is_none() && surfaces.is_some() {
-            errors.push(InputError::new(format!("/{field}"), "is missing"));
+            errors.push(InputError::new(format!("/{field}"), "required field is missing"));
         }
         let mut wanted = Vec::new();
         for (index, input) in
@@ -537,7 +542,11 @@ fn take_ideal(
         false => ("/curve", input.curve.is_none(), input.surface.is_some()),
     };
     if input.faults.is_empty() && (missing || other) {
-        let detail = if missing { "is missing" } else { "is the only one that fits the representation" };
+        let detail = if missing {
+            "required field is missing"
+        } else {
+            "expected this field only, as in the representation"
+        };
         errors.push(InputError::new(below(name), detail));
     }
     let curve = take_given(input.curve, &below("/curve"), errors);
@@ -547,7 +556,7 @@ fn take_ideal(
     let mut centre_of = |dimension: usize| {
         let centre = centre.clone().unwrap_or_else(|| vec![0.0; dimension]);
         if centre.len() != dimension {
-            let detail = format!("has {} coordinates, must have {dimension}", centre.len());
+            let detail = format!("expected {dimension} coordinates, got {}", centre.len());
             errors.push(InputError::new(below("/centre"), detail));
         }
         centre

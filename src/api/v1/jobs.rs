@@ -137,7 +137,7 @@ pub(super) async fn find_job(
     responses(
         (status = 200, description = "The cancelled job", body = JobOutput),
         (status = 404, description = "No such job", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = 409, description = "The job has succeeded or failed", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = 409, description = "The job has already succeeded or failed", body = ProblemDocument, content_type = "application/problem+json"),
         (status = "4XX", description = "The request was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn cancel_job(
@@ -190,7 +190,7 @@ impl From<JobEvent> for Event {
     ),
     responses(
         (status = 200, description = "The events", body = JobEvent, content_type = "text/event-stream"),
-        (status = 204, description = "Last-Event-ID names the final state: there is nothing more to tell"),
+        (status = 204, description = "Last-Event-ID names the final state: no further events"),
         (status = 404, description = "No such job", body = ProblemDocument, content_type = "application/problem+json"),
         (status = "4XX", description = "The request was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]

@@ -106,7 +106,7 @@ pub(super) async fn morph(
         let positions = take_given(request.positions, "/positions", &mut errors);
         let positions = match (positions, steps) {
             (Some(_), Some(_)) => {
-                errors.push(InputError::new("/steps", "is given together with positions: give one of them"));
+                errors.push(InputError::new("/steps", "expected either positions or steps, got both"));
                 None
             }
             (Some(positions), None) => Some(Positions::At(positions)),
@@ -115,7 +115,7 @@ pub(super) async fn morph(
                 if !(2..=MAX_STEPS).contains(&steps) {
                     errors.push(InputError::new(
                         "/steps",
-                        format!("is {steps}, must be between 2 and {MAX_STEPS}"),
+                        format!("expected a number between 2 and {MAX_STEPS}, got {steps}"),
                     ));
                 }
                 Some(Positions::Steps(steps.clamp(2, MAX_STEPS)))
@@ -137,7 +137,10 @@ pub(super) async fn morph(
             if let Some(Subdivision { scheme: Scheme::NormalBased { .. }, .. }) = representation.subdivision()
             {
                 if kind == PathKind::Sphere {
-                    let detail = format!("is \"sphere\", which needs norms: {}", GeometryError::NotLinear);
+                    let detail = format!(
+                        "expected another path than \"sphere\", which requires norms: {}",
+                        GeometryError::NotLinear
+                    );
                     return Err(ServiceError::invalid("/path", detail));
                 }
                 check_correspondence(&representation, correspondence)?;

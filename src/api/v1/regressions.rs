@@ -74,14 +74,14 @@ document! {
 #[utoipa::path(post, path = "/regressions", tag = "tests", request_body = RegressRequest,
     params(
         ("format" = Option<String>, Query, description = "`json` or `svg`"),
-        ("prefer" = Option<String>, Header, description = "`wait=10` waits up to ten seconds for the job"), RetryHeader
+        ("prefer" = Option<String>, Header, description = "`wait=10`: wait up to ten seconds for the job"), RetryHeader
     ),
     responses(
         (status = 200, description = "The regression", content((ShapeRegression = "application/json"), (String = "image/svg+xml"))),
-        (status = 202, description = "The job that regresses", body = JobOutput, headers(("Location" = String))),
+        (status = 202, description = "The job that computes the regression", body = JobOutput, headers(("Location" = String))),
         (status = 404, description = "No such cohort", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = "4XX", description = "The input was refused, or the job failed in time", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = 503, description = "Too many jobs wait", body = ProblemDocument, content_type = "application/problem+json")
+        (status = "4XX", description = "The input was refused, or the job failed within the wait", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = 503, description = "Too many jobs are waiting", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn regress(
     Caller(app): Caller,
@@ -110,7 +110,7 @@ fn regress_of(request: RegressRequest) -> Result<Regress, ServiceError> {
     let seed = take_or_default(request.seed, "/seed", &mut errors);
     let strata = take_or_default(request.strata, "/strata", &mut errors);
     ServiceError::unless_empty(errors.into_iter().map(Fault::from).collect())?;
-    let incomplete = || ServiceError::invalid("", "is not complete");
+    let incomplete = || ServiceError::invalid("", "the request is incomplete");
     Ok(Regress {
         cohort: cohort.ok_or_else(incomplete)?,
         filter: filter.ok_or_else(incomplete)?,

@@ -132,7 +132,7 @@ pub(super) fn checked<T>(
             let mut faults: Vec<Fault> = errors.into_iter().map(Fault::from).collect();
             faults.extend(read::shape_faults(shapes));
             ServiceError::unless_empty(faults)?;
-            Err(ServiceError::invalid("", "is not complete"))
+            Err(ServiceError::invalid("", "the request is incomplete"))
         }
     }
 }
@@ -192,7 +192,7 @@ impl MeanOutput {
         }
         if !mean.converged {
             warnings.push(format!(
-                "no convergence after {} rounds: the last ones still changed the mean",
+                "no convergence after {} rounds: the mean still changed in the last ones",
                 mean.rounds
             ));
         }
@@ -245,7 +245,7 @@ impl PageQuery {
         if (1..=MAX_PAGE).contains(&limit) {
             return Ok(limit);
         }
-        let detail = format!("limit is {limit}, must be between 1 and {MAX_PAGE}");
+        let detail = format!("limit: expected a number between 1 and {MAX_PAGE}, got {limit}");
         Err(crate::api::problem::Problem::new(crate::api::problem::ProblemKind::InvalidQuery, detail))
     }
 }

@@ -115,7 +115,7 @@ pub(super) struct SearchAnswer {
 #[utoipa::path(post, path = "/cohorts/{cohort}/search", tag = "retrieval", request_body = SearchRequest,
     params(("cohort" = String, Path, description = "Id or name")),
     responses(
-        (status = 200, description = "The neighbours of every shape", body = SearchAnswer),
+        (status = 200, description = "The neighbours of each shape", body = SearchAnswer),
         (status = 404, description = "No such cohort", body = ProblemDocument, content_type = "application/problem+json"),
         (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
@@ -143,12 +143,12 @@ fn search_of(request: SearchRequest) -> Result<Search, ServiceError> {
     let mut errors = request.faults;
     let posted = request.shapes.map(|shapes| shapes.take("/shapes", &mut errors));
     if posted.is_some() == request.ids.is_some() {
-        errors.push(InputError::new("", "give either shapes or ids"));
+        errors.push(InputError::new("", "expected either shapes or ids"));
     }
     let ids = take_many(request.ids, "/ids", &mut errors);
     let neighbours = take_given(request.neighbours, "/neighbours", &mut errors).unwrap_or(NEIGHBOURS);
     if !(1..=MAX_NEIGHBOURS).contains(&neighbours) {
-        let detail = format!("is {neighbours}, must be between 1 and {MAX_NEIGHBOURS}");
+        let detail = format!("expected a number between 1 and {MAX_NEIGHBOURS}, got {neighbours}");
         errors.push(InputError::new("/neighbours", detail));
     }
     let similarity = Transformation::Named(ClassName::Similarity);
@@ -229,14 +229,14 @@ pub(super) struct DistancesAnswer {
 #[utoipa::path(post, path = "/distances", tag = "retrieval", request_body = DistancesRequest,
     params(
         ("format" = Option<String>, Query, description = "`json`, `csv` or `npy`"),
-        ("prefer" = Option<String>, Header, description = "`wait=10` waits up to ten seconds for the matrix of a job"), RetryHeader
+        ("prefer" = Option<String>, Header, description = "`wait=10`: wait up to ten seconds for the matrix of the job"), RetryHeader
     ),
     responses(
         (status = 200, description = "The matrix", content((DistancesAnswer = "application/json"), (String = "text/csv"), (Vec<u8> = "application/x-npy"))),
         (status = 202, description = "The job that computes it", body = JobOutput, headers(("Location" = String))),
         (status = 404, description = "No such cohort", body = ProblemDocument, content_type = "application/problem+json"),
         (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = 503, description = "Too many jobs wait", body = ProblemDocument, content_type = "application/problem+json")
+        (status = 503, description = "Too many jobs are waiting", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn compute_distances(
     Caller(app): Caller,
@@ -323,7 +323,7 @@ fn matrix_request(mut request: DistancesRequest) -> Result<MatrixRequest, Servic
             };
             Ok(MatrixRequest::Posted(Box::new(settings), shapes))
         }
-        _ => Err(ServiceError::invalid("", "is not complete")),
+        _ => Err(ServiceError::invalid("", "the request is incomplete")),
     }
 }
 
@@ -331,7 +331,7 @@ fn matrix_request(mut request: DistancesRequest) -> Result<MatrixRequest, Servic
 fn misplaced(request: &DistancesRequest) -> Vec<InputError> {
     let (posted, stored) = (request.shapes.is_some(), request.cohort.is_some());
     if posted == stored {
-        return vec![InputError::new("", "give either shapes with their representation, or a cohort")];
+        return vec![InputError::new("", "expected either shapes with their representation, or a cohort")];
     }
     let of_posted = [
         ("/representation", request.representation.is_some()),
@@ -342,15 +342,19 @@ fn misplaced(request: &DistancesRequest) -> Vec<InputError> {
     let mut errors = Vec::new();
     for (field, given) in if stored { of_posted.as_slice() } else { &of_cohort } {
         if *given {
-            let detail = if stored { "is that of the cohort" } else { "belongs to a cohort" };
+            let detail = if stored {
+                "expected no value with a cohort, which has its own"
+            } else {
+                "this field belongs to a cohort"
+            };
             errors.push(InputError::new(*field, detail));
         }
     }
     if posted && request.representation.is_none() {
-        errors.push(InputError::new("/representation", "is missing"));
+        errors.push(InputError::new("/representation", "required field is missing"));
     }
     if stored && request.filter.is_some() && request.ids.is_some() {
-        errors.push(InputError::new("/ids", "stands alone, without filter"));
+        errors.push(InputError::new("/ids", "expected either ids or filter, got both"));
     }
     errors
 }
@@ -365,7 +369,7 @@ fn misplaced(request: &DistancesRequest) -> Vec<InputError> {
     ),
     responses(
         (status = 200, description = "The matrix", content((DistancesAnswer = "application/json"), (String = "text/csv"), (Vec<u8> = "application/x-npy"))),
-        (status = 404, description = "No such job, or it has no output: not yet, not for ever, or not any more", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = 404, description = "No such job, or the job has no output (not yet, none at all, or no longer)", body = ProblemDocument, content_type = "application/problem+json"),
         (status = "4XX", description = "The request was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn job_output(

@@ -89,7 +89,7 @@ pub(super) struct AddQuery {
     responses(
         (status = 201, description = "Stored", body = AddAnswer),
         (status = 404, description = "No such cohort", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = 412, description = "The cohort was changed meanwhile", body = ProblemDocument, content_type = "application/problem+json"),
+        (status = 412, description = "The cohort has changed meanwhile", body = ProblemDocument, content_type = "application/problem+json"),
         (status = 409, description = "An external id belongs to another shape", body = ProblemDocument, content_type = "application/problem+json"),
         (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
@@ -116,8 +116,7 @@ pub(super) async fn add_shapes(
             upload::add(&app, cohort, shapes, query.on_error, expected).await?
         }
         other => {
-            let detail =
-                format!("the body is '{other}', application/json and application/x-ndjson are read here");
+            let detail = format!("expected application/json or application/x-ndjson, got '{other}'");
             return Err(Problem::new(ProblemKind::UnsupportedMediaType, detail));
         }
     };
@@ -188,7 +187,7 @@ pub(super) async fn list_shapes(
     let mut parameters = once_each(pairs)?;
     let filter = take_filter(&mut parameters);
     let limit = parameters.remove("limit").map(|text| text.parse()).transpose();
-    let limit = limit.map_err(|_| Problem::new(ProblemKind::InvalidQuery, "limit must be a number"))?;
+    let limit = limit.map_err(|_| Problem::new(ProblemKind::InvalidQuery, "limit: expected a number"))?;
     let page = PageQuery { cursor: parameters.remove("cursor"), limit };
     refuse_rest(&parameters)?;
     let limit = page.limit()?;

@@ -107,7 +107,7 @@ pub(super) struct ProjectAnswer {
 /// Exact, in closed form: the nearest member in the `L₂` sense over the whole curve.
 #[utoipa::path(post, path = "/project", tag = "statistics", request_body = ProjectRequest,
     responses(
-        (status = 200, description = "One projection a shape", body = ProjectAnswer),
+        (status = 200, description = "One projection per shape", body = ProjectAnswer),
         (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]
 pub(super) async fn project(
@@ -343,7 +343,9 @@ pub(super) async fn pca(
     compute_planned(app, body, move |app, body| {
         let sigma = mode.sigma.unwrap_or(2.0);
         if !(0.0..=10.0).contains(&sigma) {
-            return Err(ServiceError::Query(format!("sigma is {sigma}, must be between 0 and 10")));
+            return Err(ServiceError::Query(format!(
+                "sigma: expected a number between 0 and 10, got {sigma}"
+            )));
         }
         let (mut request, mut errors) = (app.parse::<PcaRequest>(body)?, Vec::new());
         let (settings, shapes) = request.take_settings(&mut errors);
@@ -351,7 +353,7 @@ pub(super) async fn pca(
         let centre = take_or_default(request.centre, "/centre", &mut errors).unwrap_or_default();
         let with_aligned = take_given(request.aligned, "/aligned", &mut errors).unwrap_or(true);
         if count == 0 {
-            errors.push(InputError::new("/components", "is 0, must be at least 1"));
+            errors.push(InputError::new("/components", "expected at least 1, got 0"));
         }
         let (settings, shapes) = checked(settings, errors, shapes)?;
         let counts = Counts::new(&settings.representation, shapes.len(), &app.limits);

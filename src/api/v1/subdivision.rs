@@ -217,17 +217,20 @@ impl SubdivideRequest {
     fn take_depth(&mut self, errors: &mut Vec<InputError>) -> Option<Depth> {
         let (level, tolerance) = (self.level.take(), self.tolerance.take());
         if level.is_none() && tolerance.is_none() {
-            errors.push(InputError::new("/level", "is missing: give a level or a tolerance"));
+            errors.push(InputError::new("/level", "required field is missing: give a level or a tolerance"));
         }
         let both = level.is_some() && tolerance.is_some();
         let (level, tolerance) =
             (take_given(level, "/level", errors), take_given(tolerance, "/tolerance", errors));
         if both {
-            errors.push(InputError::new("/tolerance", "is given together with level: give one of them"));
+            errors.push(InputError::new("/tolerance", "expected either level or tolerance, got both"));
         }
         match tolerance {
             Some(tolerance) if !(tolerance > 0.0) => {
-                errors.push(InputError::new("/tolerance", format!("is {tolerance}, must be positive")));
+                errors.push(InputError::new(
+                    "/tolerance",
+                    format!("expected a positive number, got {tolerance}"),
+                ));
                 None
             }
             Some(tolerance) => Some(Depth::Tolerance(tolerance)),
@@ -243,19 +246,19 @@ impl SubdivideRequest {
             (None, Some(text), None) => match text.parse() {
                 Ok(start) => Some(Given::Start(start)),
                 Err(detail) => {
-                    errors.push(InputError::new("/start", format!("is {detail}")));
+                    errors.push(InputError::new("/start", format!("unknown mesh: {detail}")));
                     None
                 }
             },
             (None, None, None) => {
-                errors.push(InputError::new("/mesh", "is missing: give a mesh, a start or a polyline"));
+                errors.push(InputError::new(
+                    "/mesh",
+                    "required field is missing: give a mesh, a start or a polyline",
+                ));
                 None
             }
             _ => {
-                errors.push(InputError::new(
-                    "",
-                    "has more than one of mesh, start and polyline: give one of them",
-                ));
+                errors.push(InputError::new("", "expected only one of mesh, start and polyline"));
                 None
             }
         }

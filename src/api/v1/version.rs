@@ -38,7 +38,7 @@ pub(super) struct DatabaseOutput {
 
 /// Returns the versions of the program and its database.
 #[utoipa::path(get, path = "/version", tag = "operation", responses(
-    (status = 200, description = "Program and database", body = VersionOutput),
+    (status = 200, description = "Versions of the program and the database", body = VersionOutput),
     (status = 400, description = "An unknown parameter", body = ProblemDocument, content_type = "application/problem+json"),
     (status = 503, description = "The store cannot be read", body = ProblemDocument, content_type = "application/problem+json")
 ))]
