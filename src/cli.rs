@@ -92,7 +92,7 @@ fn runtime() -> Result<tokio::runtime::Runtime, String> {
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .enable_all()
         .build()
-        .map_err(|error| format!("the async runtime does not start: {error}"))?;
+        .map_err(|error| format!("the async runtime cannot start: {error}"))?;
     {
         let _inside = runtime.enter();
         outlive_file_limit()?;
@@ -107,7 +107,7 @@ fn outlive_file_limit() -> Result<(), String> {
     use tokio::signal::unix::{SignalKind, signal};
     let kind = SignalKind::from_raw(rustix::process::Signal::XFSZ.as_raw());
     // The handler stays installed after the listener is dropped.
-    signal(kind).map(drop).map_err(|error| format!("signals cannot be heard: {error}"))
+    signal(kind).map(drop).map_err(|error| format!("signals cannot be handled: {error}"))
 }
 
 #[cfg(not(unix))]

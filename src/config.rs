@@ -309,33 +309,35 @@ impl ServeConfig {
     fn check(mut self) -> Result<Self, String> {
         self.database_url = store_location::database_url(&self.database_url, Some(&self.database_url_file))?;
         if self.jobs.get() > MAX_JOBS {
-            return Err(format!("jobs is {}, must be at most {MAX_JOBS}", self.jobs));
+            return Err(format!("jobs: expected at most {MAX_JOBS}, got {}", self.jobs));
         }
         if self.max_matrix_bytes > MOST_MATRIX_BYTES {
             let found = self.max_matrix_bytes;
-            return Err(format!("max_matrix_bytes is {found}, must be at most {MOST_MATRIX_BYTES}"));
+            return Err(format!("max_matrix_bytes: expected at most {MOST_MATRIX_BYTES}, got {found}"));
         }
         if self.tls_cert.as_os_str().is_empty() != self.tls_key.as_os_str().is_empty() {
-            return Err("tls_cert and tls_key belong together: give both, or none".into());
+            return Err("expected both tls_cert and tls_key, or neither".into());
         }
         if self.max_head_bytes < LEAST_HEAD_BYTES {
             let found = self.max_head_bytes;
-            return Err(format!("max_head_bytes is {found}, must be at least {LEAST_HEAD_BYTES}"));
+            return Err(format!("max_head_bytes: expected at least {LEAST_HEAD_BYTES}, got {found}"));
         }
         if self.max_streams == 0 {
-            return Err("max_streams is 0, must be at least 1".into());
+            return Err("max_streams: expected at least 1, got 0".into());
         }
         if self.max_buffered_bytes > 0 && self.max_buffered_bytes < self.max_body_bytes {
             let (found, body) = (self.max_buffered_bytes, self.max_body_bytes);
-            return Err(format!("max_buffered_bytes is {found}, less than max_body_bytes, which is {body}"));
+            return Err(format!(
+                "max_buffered_bytes: expected at least max_body_bytes, which is {body}, got {found}"
+            ));
         }
         if self.oidc_leeway_seconds > MOST_LEEWAY_SECONDS {
             let found = self.oidc_leeway_seconds;
-            return Err(format!("oidc_leeway_seconds is {found}, must be at most {MOST_LEEWAY_SECONDS}"));
+            return Err(format!("oidc_leeway_seconds: expected at most {MOST_LEEWAY_SECONDS}, got {found}"));
         }
         if self.oidc_issuer.is_empty() != self.oidc_audience.is_empty() {
             // Without an audience, a token issued for any other service would be accepted.
-            return Err("oidc_issuer and oidc_audience are only useful together: set both or none".into());
+            return Err("expected both oidc_issuer and oidc_audience, or neither".into());
         }
         Ok(self)
     }
@@ -391,11 +393,11 @@ mod tests {
         let args = ServeArgs { jobs: NonZeroUsize::new(65), ..ServeArgs::default() };
         assert!(ServeConfig::load(args).unwrap_err().contains("at most 64"));
         let args = ServeArgs { tls_cert: Some("chain.pem".into()), ..ServeArgs::default() };
-        assert!(ServeConfig::load(args).unwrap_err().contains("belong together"));
+        assert!(ServeConfig::load(args).unwrap_err().contains("both tls_cert and tls_key"));
         let args = ServeArgs { max_head_bytes: Some(100), ..ServeArgs::default() };
         assert!(ServeConfig::load(args).unwrap_err().contains("at least 8192"));
         let args = ServeArgs { max_buffered_bytes: Some(1 << 20), ..ServeArgs::default() };
-        assert!(ServeConfig::load(args).unwrap_err().contains("less than max_body_bytes"));
+        assert!(ServeConfig::load(args).unwrap_err().contains("at least max_body_bytes"));
         let path = folder.path().join("none.toml");
         std::fs::write(&path, "jobs = 0\n").unwrap();
         let args = ServeArgs { config: Some(path), ..ServeArgs::default() };

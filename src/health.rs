@@ -13,7 +13,7 @@ const PATIENCE: Duration = Duration::from_secs(3);
 /// # Errors
 /// The actual outcome, in one sentence.
 pub(crate) async fn ask(address: &str) -> Result<(), String> {
-    let url: Url = address.parse().map_err(|error| format!("'{address}' is no address: {error}"))?;
+    let url: Url = address.parse().map_err(|error| format!("expected a URL, got '{address}': {error}"))?;
     let client = Client::builder()
         .no_proxy()
         .redirect(reqwest::redirect::Policy::none())

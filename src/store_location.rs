@@ -54,7 +54,7 @@ impl StoreLocation {
         if !self.database_url.is_empty() {
             return self.open().await;
         }
-        let failed = |error| format!("the store in {} does not open: {error}", self.data_dir.display());
+        let failed = |error| format!("the store in {} cannot be opened: {error}", self.data_dir.display());
         match Store::attach(&self.data_dir).await {
             // There is no store yet: create it as the service would.
             Err(StoreError::Folder { .. }) => Store::open(&self.data_dir).await.map_err(failed),
@@ -68,7 +68,8 @@ impl StoreLocation {
     /// Reason why it does not open, without the address, which may contain a password.
     pub(crate) async fn open(&self) -> Result<Store, String> {
         if self.database_url.is_empty() {
-            let failed = |error| format!("the store in {} does not open: {error}", self.data_dir.display());
+            let failed =
+                |error| format!("the store in {} cannot be opened: {error}", self.data_dir.display());
             let opened = if self.accepts_loss {
                 Store::open_accepting_loss(&self.data_dir).await
             } else {
@@ -84,7 +85,8 @@ impl StoreLocation {
                     tokio::time::sleep(PAUSE).await;
                 }
                 opened => {
-                    return opened.map_err(|error| format!("the database does not open: {}", cause(&error)));
+                    return opened
+                        .map_err(|error| format!("the database cannot be opened: {}", cause(&error)));
                 }
             }
         }

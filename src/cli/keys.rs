@@ -73,7 +73,7 @@ pub(super) struct WhereArgs {
 }
 
 fn role(word: &str) -> Result<Role, String> {
-    Role::of_word(word).ok_or_else(|| "must be reader, writer or admin".into())
+    Role::of_word(word).ok_or_else(|| "expected reader, writer or admin".into())
 }
 
 /// Executes the command; returns its output.
@@ -102,7 +102,7 @@ impl WhereArgs {
     /// The service as seen by an administrator of the tenant.
     async fn open(&self) -> Result<App, String> {
         if let Some(problem) = tenant_problem(&self.tenant) {
-            return Err(format!("the tenant '{}' {problem}", self.tenant));
+            return Err(format!("tenant '{}': {problem}", self.tenant));
         }
         let place = StoreLocation {
             database_url: store_location::database_url(

@@ -113,13 +113,13 @@ async fn check(site: &Site) -> Result<Outcome, MaintenanceError> {
     let store = match Store::inspect(site).await {
         Err(MaintenanceError::Store(error @ StoreError::Older { .. })) => {
             say(&error.to_string());
-            say("the store was not read any further: 1 finding");
+            say("stopped reading the store: 1 finding");
             return Ok(Outcome::Findings);
         }
         // The store is too damaged to open.
         Err(MaintenanceError::Store(StoreError::Damaged { detail })) => {
             say(&detail);
-            say("the store cannot be read any further: 1 finding");
+            say("the rest of the store cannot be read: 1 finding");
             return Ok(Outcome::Findings);
         }
         store => store?,
@@ -242,7 +242,7 @@ async fn confirm_clock(site: &Site) -> Result<Outcome, MaintenanceError> {
     let store = Store::inspect(site).await?;
     let shows = clock::confirm(&store).await?;
     store.close().await;
-    say(&format!("the clock is believed: it shows {shows}"));
+    say(&format!("the clock is trusted: it shows {shows}"));
     Ok(Outcome::Done)
 }
 

@@ -44,10 +44,11 @@ pub const MAX_NAME_CHARS: usize = 100;
 pub fn name_problem(name: &str, prefix: &str) -> Option<String> {
     let allowed = |c: char| c.is_ascii_alphanumeric() || matches!(c, '.' | '_' | '-');
     if name.is_empty() || name.chars().count() > MAX_NAME_CHARS {
-        return Some(format!("must have 1 to {MAX_NAME_CHARS} characters"));
+        return Some(format!("expected 1 to {MAX_NAME_CHARS} characters"));
     }
     if !name.chars().all(allowed) || name.starts_with('.') {
-        return Some("may hold letters, digits, '.', '_' and '-', and not start with '.'".into());
+        return Some("expected letters, digits, '.', '_' and '-', without '.' at the start".into());
     }
-    name.starts_with(&format!("{prefix}_")).then(|| format!("must not look like an id ({prefix}_…)"))
+    name.starts_with(&format!("{prefix}_"))
+        .then(|| format!("expected a name that does not look like an id ({prefix}_…)"))
 }

@@ -51,11 +51,13 @@ pub(crate) async fn serve(config: ServeConfig) -> Result<(), String> {
     app.trail().start(&app.store, config.audit_required);
     let trail = app.trail();
     if !config.no_example {
-        example::load_into_empty(&app).await.map_err(|error| format!("the example cohort: {error}"))?;
+        example::load_into_empty(&app)
+            .await
+            .map_err(|error| format!("the example cohort cannot be loaded: {error}"))?;
     }
     tokio::spawn(tidy::keep_tidy(app.clone(), config.terms()));
     // Installed before the address is announced: an unhandled signal would end the process at once.
-    let asked_to_stop = stop_signal().map_err(|error| format!("signals cannot be heard: {error}"))?;
+    let asked_to_stop = stop_signal().map_err(|error| format!("signals cannot be handled: {error}"))?;
     let listener = TcpListener::bind(config.listen)
         .await
         .map_err(|error| format!("cannot listen on {}: {error}", config.listen))?;

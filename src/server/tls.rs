@@ -63,8 +63,10 @@ impl Certificate {
 
     async fn reload(&self) {
         match self.config.reload_from_pem_file(&self.chain, &self.key).await {
-            Ok(()) => tracing::info!("the certificate was read again"),
-            Err(error) => tracing::warn!(%error, "the new certificate cannot be used, the old one stays"),
+            Ok(()) => tracing::info!("the certificate was reloaded"),
+            Err(error) => {
+                tracing::warn!(%error, "the new certificate cannot be used, the old one stays in use")
+            }
         }
     }
 }

@@ -97,7 +97,9 @@ impl Store {
         if state.as_deref().map(checksum_of) == checksum {
             return Ok(state);
         }
-        Err(StoreError::Damaged { detail: format!("the state of dictionary {id} is not what was written") })
+        Err(StoreError::Damaged {
+            detail: format!("the state of dictionary {id} does not match its checksum"),
+        })
     }
 
     /// At most `limit` versions in id order, starting after the id `after`.

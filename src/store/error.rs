@@ -6,7 +6,7 @@ use std::path::PathBuf;
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {
     /// Another cohort has the name.
-    #[error("the name is taken")]
+    #[error("the name is already in use")]
     NameTaken {
         /// The name asked for.
         name: String,
@@ -41,7 +41,7 @@ pub enum StoreError {
         external_id: String,
     },
     /// Another process took this one for dead and removed what it had stored so far.
-    #[error("the upload was interrupted, send it again")]
+    #[error("the upload was interrupted: send it again")]
     UploadLost,
     /// Stored control points do not have their checksum.
     #[error("stored control points are damaged (chunk {chunk}): restore a backup")]
@@ -57,9 +57,10 @@ pub enum StoreError {
     },
     /// The newest part of it is missing.
     #[error(
-        "the store is older than it was: its last {missing} audit entries are missing, and with them what was acknowledged then. \
-         The write-ahead log beside the database (shapelex.db-wal) is missing, cut off or damaged, or the database was replaced. \
-         Put the log back or restore a backup; `shapelex serve --accept-loss true` goes on with what is left"
+        "the store is older than it was: its last {missing} audit entries are missing, and with them everything \
+         that was acknowledged then. The write-ahead log beside the database (shapelex.db-wal) is missing, \
+         truncated or damaged, or the database was replaced. Put the log back, restore a backup, or continue \
+         with what is left: `shapelex serve --accept-loss true`"
     )]
     Older {
         /// Audit entries that are missing.
@@ -95,26 +96,27 @@ pub enum StoreError {
         detail: String,
     },
     /// It is not as it was when the client looked.
-    #[error("it was changed meanwhile")]
+    #[error("the object has changed meanwhile")]
     Changed,
     /// A request with the same key was done before.
-    #[error("the request was done before")]
+    #[error("the request has already been carried out")]
     AlreadyDone,
     /// Changes that old are not kept any more.
-    #[error("changes before number {first} are not kept any more")]
+    #[error("changes before number {first} are no longer available")]
     ChangesGone {
         /// The first that is.
         first: u64,
     },
     /// As many jobs wait as may.
-    #[error("{limit} jobs are waiting, no more are taken")]
+    #[error("too many jobs are waiting: the limit is {limit}")]
     TooManyJobs {
         /// Jobs that may wait.
         limit: u32,
     },
     /// The jobs of a tenant that wait, and a new one, are predicted to take too long together.
     #[error(
-        "jobs of {waiting:.0} predicted seconds are waiting, at most {limit:.0} may wait together with a new one"
+        "too much work is waiting: jobs of {waiting:.0} predicted seconds, the limit with a new one is \
+         {limit:.0}"
     )]
     TooMuchWork {
         /// Of those that wait.
@@ -123,16 +125,16 @@ pub enum StoreError {
         limit: f64,
     },
     /// No connection became free in time, or the database is away for a moment.
-    #[error("the store is busy, try again")]
+    #[error("the store is busy: try again")]
     Busy,
     /// The disk is full; reading goes on.
     #[error("the disk of the store is full")]
     Full,
     /// The database may only be read.
-    #[error("the store can only be read now")]
+    #[error("the store is read-only at the moment")]
     ReadOnly,
     /// A text holds the character U+0000.
-    #[error("a text holds the character U+0000, which is not stored")]
+    #[error("expected text without the character U+0000")]
     Text,
     /// Any other failure of the database.
     #[error("the database failed")]

@@ -20,7 +20,7 @@ impl Store {
             return Ok(None);
         };
         let damaged =
-            || StoreError::Damaged { detail: format!("the output of {job} is not what was written") };
+            || StoreError::Damaged { detail: format!("the output of {job} does not match its checksum") };
         let (checksum, head, data): (&[u8], &str, Vec<u8>) =
             (row.get("checksum")?, row.get("head")?, row.get("data")?);
         if checksum_of(head, &data).as_slice() != checksum {

@@ -54,7 +54,7 @@ impl Store {
         let mut held = lock(&options, &id).await?;
         tokio::spawn(async move {
             while let Err(error) = watch(&inner, &mut held).await {
-                tracing::warn!(%error, "the connection that says that this process lives has ended");
+                tracing::warn!(%error, "the liveness connection of this process has ended");
                 held = loop {
                     tokio::time::sleep(PAUSE).await;
                     if !alive(&inner) {
@@ -124,7 +124,7 @@ async fn watch(inner: &Weak<Inner>, held: &mut PgConnection) -> Result<(), sqlx:
         };
         let store = Store::around(inner);
         if let Err(error) = store.tidy_behind_the_dead().await {
-            tracing::warn!(%error, "what dead processes left behind could not be removed");
+            tracing::warn!(%error, "leftovers of dead processes could not be removed");
         }
         drop(store);
         held.ping().await?;

@@ -24,7 +24,7 @@ pub struct Cursor {
 
 /// Error: a cursor that this store did not write.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-#[error("not a cursor of this service")]
+#[error("expected a cursor of this service")]
 pub struct CursorError;
 
 impl fmt::Display for Cursor {

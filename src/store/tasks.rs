@@ -259,7 +259,7 @@ impl Store {
         let Some(row) = read.optional().await? else { return Ok(None) };
         let (result, checksum): (Vec<u8>, &[u8]) = (row.get("result")?, row.get("checksum")?);
         if blake3::hash(&result).as_bytes() != checksum {
-            let detail = format!("the result of part {part} of a pass is not what was written");
+            let detail = format!("the result of part {part} of a pass does not match its checksum");
             return Err(StoreError::Damaged { detail });
         }
         Ok(Some(result))

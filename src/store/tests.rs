@@ -176,7 +176,7 @@ async fn a_name_is_given_once() {
     let (_folder, store, first) = with_cohort().await;
     let error = store.create_cohort(&cohort("hands"), None).await.unwrap_err();
     assert!(matches!(&error, StoreError::NameTaken { name } if name == "hands"));
-    assert_eq!(error.to_string(), "the name is taken");
+    assert_eq!(error.to_string(), "the name is already in use");
     assert_eq!(store.list_cohorts(None, 9).await.unwrap(), [first]);
 }
 

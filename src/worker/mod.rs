@@ -196,7 +196,7 @@ impl Place {
                 () = self.stop.cancelled(), if !help.context().is_cancelled() => help.context().interrupt(),
                 _ = ticks.tick() => {
                     if let Err(error) = help.renew(&self.app).await {
-                        tracing::warn!(job = help.job(), error = error.cause(), "a sign of life could not be written");
+                        tracing::warn!(job = help.job(), error = error.cause(), "a heartbeat could not be written");
                     }
                 }
             }

@@ -27,7 +27,7 @@ pub async fn keep_tidy(app: App, terms: Terms) {
             () = app.stopping() => return,
         }
         if let Err(error) = tidy(&app, terms).await {
-            tracing::warn!(error = error.cause(), "what is due to be removed could not be removed");
+            tracing::warn!(error = error.cause(), "expired data could not be removed");
         }
     }
 }

@@ -103,7 +103,7 @@ fn a_backup_beside_the_running_service_comes_back() {
     server.post("/v1/cohorts/c/shapes", &shapes(100..105)).expect(201);
     assert_clean(&mut server.command("check"));
     let (code, said) = run(server.command("backup").arg(&file));
-    assert_eq!((code, said.contains("exists already")), (2, true), "{said}");
+    assert_eq!((code, said.contains("already exists")), (2, true), "{said}");
     let (code, said) = run(server.command("restore").arg(&file));
     assert!(code == 2 && said.contains("in use by another process"), "{said}");
 
@@ -146,7 +146,7 @@ fn an_export_moves_between_databases() {
     let (first, second) = (folder.join("first"), folder.join("second"));
     done(source.command("export").arg(&first));
     let (code, said) = run(source.command("export").arg(&first));
-    assert_eq!((code, said.contains("exists already")), (2, true), "{said}");
+    assert_eq!((code, said.contains("already exists")), (2, true), "{said}");
 
     // PostgreSQL, where the tests have one.
     let middle = Setting::fresh();
@@ -254,9 +254,9 @@ fn damage_is_found_and_not_copied_into_a_new_store() {
     let other = Setting::fresh().embedded();
     let (code, said) = run(other.command("restore").arg(&backup));
     assert_eq!(code, 2, "{said}");
-    assert!(said.contains("are not what was written") && said.contains("findings: 1"), "{said}");
+    assert!(said.contains("do not match their checksum") && said.contains("findings: 1"), "{said}");
     let (code, said) = run(&mut other.command("check"));
-    assert_eq!((code, said.contains("there is no store")), (2, true), "{said}");
+    assert_eq!((code, said.contains("no store in")), (2, true), "{said}");
 
     let damaged = server.folder().join("damaged");
     std::fs::create_dir(&damaged).unwrap();
@@ -264,7 +264,7 @@ fn damage_is_found_and_not_copied_into_a_new_store() {
     let mut check = Command::new(env!("CARGO_BIN_EXE_shapelex"));
     let (code, said) = run(check.arg("check").arg("--data-dir").arg(&damaged).env_remove("DATABASE_URL"));
     assert_eq!(code, 1, "{said}");
-    assert!(said.contains("the points of chunk 1 are not what was written"), "{said}");
+    assert!(said.contains("the points of chunk 1 do not match their checksum"), "{said}");
     assert!(said.ends_with(": 1 finding\n"), "{said}");
 }
 
@@ -365,5 +365,5 @@ fn after_an_orderly_stop_the_file_alone_is_the_store() {
 #[test]
 fn the_clock_is_confirmed_beside_the_service() {
     let server = Setting::fresh().start();
-    assert!(done(&mut server.command("confirm-clock")).contains("the clock is believed: it shows 20"));
+    assert!(done(&mut server.command("confirm-clock")).contains("the clock is trusted: it shows 20"));
 }

@@ -24,7 +24,7 @@ fn health_is_what_the_service_answers() {
         let said = String::from_utf8(output.stderr).unwrap();
         assert_eq!(output.status.code(), Some(1), "{said}");
         assert!(
-            said.starts_with(&format!("shapelex: {address}")) || said.contains("is no address"),
+            said.starts_with(&format!("shapelex: {address}")) || said.contains("expected a URL"),
             "{said}"
         );
     }

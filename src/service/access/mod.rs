@@ -127,9 +127,9 @@ pub async fn identify(app: &App, shown: Shown<'_>, quiet: bool) -> Result<Princi
         }
         Refusal::Nobody(lack) => {
             if quiet {
-                tracing::debug!(check = lack, "a token opens nothing here");
+                tracing::debug!(check = lack, "a token gives no access here");
             } else {
-                tracing::warn!(check = lack, "a token opens nothing here");
+                tracing::warn!(check = lack, "a token gives no access here");
             }
             ServiceError::Forbidden(lack.into())
         }

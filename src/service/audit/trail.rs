@@ -115,7 +115,7 @@ impl State {
         let entry = |(tenant, gap): (String, Gap)| {
             tracing::error!(
                 count = gap.count,
-                "reads are missing in the audit trail, which could not be written"
+                "reads are missing from the audit trail because it could not be written"
             );
             Entry {
                 at_ms: gap.last_ms,
@@ -351,7 +351,8 @@ impl Writer {
                 tracing::error!(
                     error = error.cause(),
                     entries = entries.len(),
-                    "the audit trail cannot be written: changes are refused until it can; it is tried again"
+                    "the audit trail cannot be written: changes are refused until it can, and writing is \
+                     retried"
                 );
             }
             metrics::audit_failed();
@@ -373,7 +374,7 @@ impl Writer {
             // The log has the counts.
             Err(error) => tracing::error!(
                 error = ServiceError::from(error).cause(),
-                "what is missing is not in the trail"
+                "the gaps could not be recorded in the audit trail"
             ),
         }
     }

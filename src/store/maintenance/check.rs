@@ -47,11 +47,11 @@ const RULES: &[(&str, &str)] = &[
         "SELECT s.id FROM shape AS s LEFT JOIN chunk AS c ON c.id = s.chunk_id WHERE c.id IS NULL",
     ),
     (
-        "shape {} is filed under another cohort than its chunk",
+        "shape {} is recorded under another cohort than its chunk",
         "SELECT s.id FROM shape AS s JOIN chunk AS c ON c.id = s.chunk_id WHERE s.cohort <> c.cohort",
     ),
     (
-        "shape {} was deleted by a revision that cannot have done it",
+        "shape {} was deleted by an impossible revision",
         "SELECT s.id FROM shape AS s JOIN chunk AS c ON c.id = s.chunk_id JOIN cohort AS h ON h.number = c.cohort
         WHERE s.deleted_revision <= coalesce(c.revision, s.deleted_revision) OR s.deleted_revision > h.revision",
     ),
@@ -71,22 +71,22 @@ const RULES: &[(&str, &str)] = &[
         WHERE c.id IS NULL",
     ),
     (
-        "cohort {} does not have the number of shapes that it says",
+        "cohort {} does not have the number of shapes that it states",
         "SELECT h.id FROM cohort AS h WHERE h.shapes <>
             (SELECT coalesce(sum(c.rows), 0) FROM chunk AS c WHERE c.cohort = h.number AND c.revision IS NOT NULL)
             - (SELECT count(*) FROM shape AS s WHERE s.cohort = h.number AND s.deleted_revision IS NOT NULL)",
     ),
     (
-        "cohort {} is not found by its name",
+        "cohort {} cannot be found by its name",
         "SELECT id FROM cohort
         WHERE handle <> CASE WHEN deleted_at_ms IS NULL THEN tenant || '/' || name ELSE id END",
     ),
     (
-        "dictionary {} is not found by its name",
+        "dictionary {} cannot be found by its name",
         "SELECT id FROM dictionary WHERE handle <> tenant || '/' || name",
     ),
     (
-        "dictionary {} has a version that its name never gave",
+        "dictionary {} has a version that its name never had",
         "SELECT d.id FROM dictionary AS d LEFT JOIN dictionary_name AS n ON n.handle = d.handle
         WHERE n.handle IS NULL OR d.version < 1 OR d.version > n.versions",
     ),
@@ -112,7 +112,7 @@ const RULES: &[(&str, &str)] = &[
         WHERE f.n <> f.last - f.first + 1 OR q.last IS NULL OR q.last <> f.last",
     ),
     (
-        "the feed of tenant {} is empty, though it has given numbers",
+        "the feed of tenant {} is empty, although numbers were assigned",
         "SELECT q.tenant FROM change_sequence AS q
         WHERE q.last > 0 AND NOT EXISTS (SELECT 1 FROM change AS c WHERE c.tenant = q.tenant)",
     ),
@@ -265,7 +265,7 @@ impl Check<'_> {
                     (row.get("labels")?, row.get("metadata")?);
                 if [labels, metadata].into_iter().flatten().any(|text| !is_json(text)) {
                     let id: &str = row.get("id")?;
-                    self.find(&format!("what is known about shape {id} cannot be read"));
+                    self.find(&format!("the attributes of shape {id} cannot be read"));
                 }
             }
         }
@@ -280,7 +280,7 @@ impl Check<'_> {
             last = row.get("id")?;
             self.seen.dictionaries += 1;
             if let Some(part) = blocking(move || damaged_part(&row)).await? {
-                self.find(&format!("the {part} of dictionary {last} is not what was written"));
+                self.find(&format!("the {part} of dictionary {last} does not match its checksum"));
             }
         }
         Ok(())
@@ -312,7 +312,7 @@ impl Check<'_> {
             self.seen.outputs += 1;
             let job: String = row.get("job")?;
             if !blocking(move || is_output_whole(&row)).await? {
-                self.find(&format!("the output of job {job} is not what was written"));
+                self.find(&format!("the output of job {job} does not match its checksum"));
             }
         }
         Ok(())
@@ -355,9 +355,9 @@ fn look_at_chunk(row: &Row) -> Result<(u64, Option<String>), StoreError> {
     let finding = if row.get::<Option<&[u8]>>("points")?.is_none() {
         Some(format!("chunk {id} has no points"))
     } else if (described, last) != (rows, rows - 1) {
-        Some(format!("chunk {id} has {rows} shapes, {described} are described"))
+        Some(format!("chunk {id} has {rows} shapes, but descriptions of {described}"))
     } else if Chunk::verified(row).is_err() {
-        Some(format!("the points of chunk {id} are not what was written"))
+        Some(format!("the points of chunk {id} do not match their checksum"))
     } else {
         None
     };

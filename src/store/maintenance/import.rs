@@ -71,7 +71,7 @@ impl<R: BufRead> Lines<R> {
         self.text.clear();
         (&mut self.input).take(MAX_LINE_BYTES).read_until(END_OF_LINE, &mut self.text)?;
         if self.text.last() != Some(&END_OF_LINE) {
-            return Err(self.wrong("the export ends here, it is not whole".into()));
+            return Err(self.wrong("the export is incomplete: it ends here".into()));
         }
         serde_json::from_slice(&self.text).map_err(|error| self.wrong(format!("not JSON: {error}")))
     }
@@ -86,7 +86,7 @@ impl<R: BufRead> Lines<R> {
         if self.input.fill_buf()?.is_empty() {
             return Ok(());
         }
-        Err(self.wrong("something follows the last line".into()))
+        Err(self.wrong("expected nothing after the last line".into()))
     }
 
     fn wrong(&self, detail: String) -> MaintenanceError {
@@ -97,7 +97,11 @@ impl<R: BufRead> Lines<R> {
 fn check_head(head: &Value, schema: i64) -> Result<(), String> {
     let expected = export::head(schema);
     if head["format"] != expected["format"] || head["version"] != expected["version"] {
-        return Err(format!("not the beginning of a {} of version {}", export::FORMAT, export::VERSION));
+        return Err(format!(
+            "expected the first line of a {} of version {}",
+            export::FORMAT,
+            export::VERSION
+        ));
     }
     if head["schema"] != expected["schema"] || head["tables"] != expected["tables"] {
         return Err(format!(
@@ -114,11 +118,11 @@ fn check_end(end: &Value, rows: &Rows, digest: &str) -> Result<(), String> {
     let counts: Map<String, Value> =
         TABLES.iter().zip(rows.counts).map(|(table, count)| (table.name.into(), count.into())).collect();
     if end["rows"] != Value::Object(counts) {
-        return Err("the export has other numbers of rows than it says at its end".into());
+        return Err("the export does not have the numbers of rows stated at its end".into());
     }
     if end["digest"] != digest {
         return Err(
-            "the export does not have the digest that stands at its end: it was changed or damaged".into()
+            "the export does not match the digest stated at its end: it was changed or damaged".into()
         );
     }
     Ok(())
@@ -144,14 +148,18 @@ impl Rows {
         let name = name.as_ref().and_then(Value::as_str).unwrap_or_default();
         let place = TABLES.iter().position(|table| table.name == name);
         let place = place.filter(|place| *place >= self.table);
-        let place = place.ok_or_else(|| format!("no row of the table {name:?} can stand here"))?;
+        let place = place.ok_or_else(|| format!("unexpected row of the table {name:?}"))?;
         let columns = TABLES[place].columns;
         if values.len() != columns.len() {
-            return Err(format!("a row of {name} has {} values, not {}", columns.len(), values.len()));
+            return Err(format!(
+                "expected {} values in a row of {name}, got {}",
+                columns.len(),
+                values.len()
+            ));
         }
         let cells = values.zip(columns).map(|(value, (column, kind))| {
             Cell::from_json(value, *kind)
-                .ok_or_else(|| format!("the value of {name}.{column} is of another type"))
+                .ok_or_else(|| format!("the value of {name}.{column} has another type"))
         });
         let cells: Vec<Cell> = cells.collect::<Result<_, _>>()?;
         if place != self.table {

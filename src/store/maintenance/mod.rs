@@ -42,7 +42,7 @@ pub enum MaintenanceError {
     #[error(transparent)]
     Store(#[from] StoreError),
     /// There is no store.
-    #[error("there is no store in {}", .0.display())]
+    #[error("no store in {}", .0.display())]
     NoStore(PathBuf),
     /// A newer program wrote the schema.
     #[error(
@@ -65,13 +65,13 @@ pub enum MaintenanceError {
         known: i64,
     },
     /// The file already exists.
-    #[error("{} exists already", .0.display())]
+    #[error("{} already exists", .0.display())]
     Exists(PathBuf),
     /// The folder is not empty.
-    #[error("{} is not empty: a backup is restored into an empty folder", .0.display())]
+    #[error("{} is not empty: a backup can only be restored into an empty folder", .0.display())]
     FolderInUse(PathBuf),
     /// The store is not empty.
-    #[error("the store is not empty (table {0}): an export is imported into an empty store")]
+    #[error("the store is not empty (table {0}): an export can only be imported into an empty store")]
     StoreInUse(&'static str),
     /// A file cannot be read or written.
     #[error("{}: {source}", path.display())]

@@ -189,26 +189,29 @@ async fn every_kind_of_damage_is_found() {
     let damages: &[(&str, &str)] = &[
         (
             "UPDATE chunk_data SET points = zeroblob(length(points)) WHERE chunk_id = 1",
-            "points of chunk 1 are not",
+            "points of chunk 1 do not",
         ),
-        ("UPDATE chunk_data SET weights = NULL WHERE chunk_id = 1", "points of chunk 1 are not"),
+        ("UPDATE chunk_data SET weights = NULL WHERE chunk_id = 1", "points of chunk 1 do not"),
         ("UPDATE chunk SET width = 4 WHERE id = 2", "another representation"),
         ("UPDATE chunk SET revision = 99 WHERE id = 2", "chunk 2 has a revision"),
         ("DELETE FROM chunk_data WHERE chunk_id = 2", "chunk 2 has no points"),
-        ("DELETE FROM shape WHERE external_id = 'e5'", "chunk 1 has 6 shapes, 5 are described"),
-        ("UPDATE shape SET deleted_revision = 1 WHERE external_id = 'e0'", "was deleted by a revision"),
+        ("DELETE FROM shape WHERE external_id = 'e5'", "chunk 1 has 6 shapes, but descriptions of 5"),
+        (
+            "UPDATE shape SET deleted_revision = 1 WHERE external_id = 'e0'",
+            "was deleted by an impossible revision",
+        ),
         ("UPDATE shape SET cohort = 77 WHERE external_id = 'e3'", "under another cohort"),
-        ("UPDATE shape SET metadata = '{' WHERE external_id = 'e2'", "what is known about shape"),
-        ("UPDATE cohort SET shapes = shapes + 1 WHERE name = 'hands'", "the number of shapes that it says"),
-        ("UPDATE cohort SET handle = 'default/' || name", "is not found by its name"),
+        ("UPDATE shape SET metadata = '{' WHERE external_id = 'e2'", "the attributes of shape"),
+        ("UPDATE cohort SET shapes = shapes + 1 WHERE name = 'hands'", "the number of shapes that it states"),
+        ("UPDATE cohort SET handle = 'default/' || name", "cannot be found by its name"),
         ("UPDATE cohort SET representation = '{'", "cannot be read"),
         ("UPDATE dictionary_data SET content = x'7b'", "content of dictionary dic_1"),
         ("UPDATE dictionary_data SET state = NULL", "state of dictionary dic_1"),
         ("DELETE FROM dictionary_data", "dictionary dic_1 has no content"),
-        ("UPDATE dictionary_name SET versions = 0", "a version that its name never gave"),
-        ("UPDATE dictionary SET handle = 'x'", "dictionary dic_1 is not found"),
+        ("UPDATE dictionary_name SET versions = 0", "a version that its name never had"),
+        ("UPDATE dictionary SET handle = 'x'", "dictionary dic_1 cannot be found"),
         ("UPDATE job SET parameters = '{'", "unreadable"),
-        ("UPDATE job_output SET data = x'00'", "is not what was written"),
+        ("UPDATE job_output SET data = x'00'", "does not match its checksum"),
         ("UPDATE receipt SET outcome = '{'", "a receipt of tenant default"),
         ("UPDATE receipt SET fingerprint = x'00'", "a receipt of tenant default"),
         ("DELETE FROM change WHERE sequence = 2", "feed of tenant default has a gap"),
@@ -282,16 +285,16 @@ async fn what_is_not_a_whole_export_leaves_nothing() {
     let last = export.lines().count() - 1;
     let cut = |end: usize| export[..end].to_owned();
     let bad = [
-        (String::new(), "line 1 ", "not whole"),
-        ("{}\n".into(), "line 1 ", "not the beginning"),
+        (String::new(), "line 1 ", "incomplete"),
+        ("{}\n".into(), "line 1 ", "expected the first line"),
         ("x\n".into(), "line 1 ", "not JSON"),
         (
             with_line(&export, 0, |line| line.replace("\"schema\":", "\"schema\":1")),
             "line 1 ",
             "shapelex migrate",
         ),
-        (cut(export.len() / 2), "", "not whole"),
-        (cut(export.len() - 1), "", "not whole"),
+        (cut(export.len() / 2), "", "incomplete"),
+        (cut(export.len() - 1), "", "incomplete"),
         (with_line(&export, 1, |line| line.replace("hands", "bands")), "", "changed or damaged"),
         (
             with_line(&export, 1, |line| line.replace("\"cohort\",1", "\"cohort\",\"1\"")),
@@ -301,12 +304,16 @@ async fn what_is_not_a_whole_export_leaves_nothing() {
         (
             with_line(&export, 1, |line| line.replace("\"cohort\",", "\"probe\",")),
             "line 2 ",
-            "no row of the table",
+            "unexpected row of the table",
         ),
         (with_line(&export, 1, |_| "[\"job\"]".into()), "line 2 ", "values"),
         (with_line(&export, 1, |_| String::new()), "line 2 ", "not JSON"),
-        (with_line(&export, last, |line| line.replace("\"cohort\":2", "\"cohort\":3")), "", "other numbers"),
-        (export.clone() + "\n", "", "follows"),
+        (
+            with_line(&export, last, |line| line.replace("\"cohort\":2", "\"cohort\":3")),
+            "",
+            "numbers of rows",
+        ),
+        (export.clone() + "\n", "", "after the last line"),
     ];
     let (_two, empty) = fresh().await;
     let nothing = exported(&empty).await;

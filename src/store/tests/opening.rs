@@ -71,7 +71,7 @@ async fn readiness_means_writing_works() {
     };
     meddle(&store, query_only(true)).await;
     let error = store.ready().await.unwrap_err();
-    assert_eq!(error.to_string(), "the store can only be read now");
+    assert_eq!(error.to_string(), "the store is read-only at the moment");
     meddle(&store, query_only(false)).await;
     store.ready().await.unwrap();
 }
