@@ -560,11 +560,12 @@ fn parse_within<T: DeserializeOwned>(text: &[u8]) -> Result<T, ServiceError> {
             let pointer = json_pointer(error.path());
             let index =
                 pointer.strip_prefix("/shapes/").and_then(|rest| rest.split('/').next()?.parse().ok());
-            ServiceError::Malformed(vec![Fault { index, ..Fault::new(pointer, error.inner().to_string()) }])
+            let detail = format!("not valid JSON: {}", error.inner());
+            ServiceError::Malformed(vec![Fault { index, ..Fault::new(pointer, detail) }])
         })?;
-        deserializer
-            .end()
-            .map_err(|error| ServiceError::Malformed(vec![Fault::new("", error.to_string())]))?;
+        deserializer.end().map_err(|error| {
+            ServiceError::Malformed(vec![Fault::new("", format!("not valid JSON: {error}"))])
+        })?;
         Ok(value)
     })
 }
