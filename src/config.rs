@@ -19,16 +19,16 @@ use crate::worker::tidy::Terms;
 /// Maximum number of concurrent jobs: each has its own threads.
 const MAX_JOBS: usize = 64;
 /// Maximum of the default memory for bodies: enough to parse four bodies of maximum size.
-const MOST_BUFFERED: usize = 2 << 30;
+const MAX_BUFFERED: usize = 2 << 30;
 /// With fewer connections, jobs could deadlock: a job reads while it writes.
 const MIN_CONNECTIONS: u32 = 4;
 /// Maximum size of a matrix in bytes: a value stored as one piece must stay below a billion.
-const MOST_MATRIX_BYTES: usize = 900_000_000;
+const MAX_MATRIX_BYTES: usize = 900_000_000;
 /// Maximum clock difference in seconds: a larger one would accept expired tokens for too long.
-const MOST_LEEWAY_SECONDS: u64 = 300;
+const MAX_LEEWAY_SECONDS: u64 = 300;
 
 /// Smallest limit on request heads, in bytes, that connections can enforce.
-const LEAST_HEAD_BYTES: usize = 8192;
+const MIN_HEAD_BYTES: usize = 8192;
 
 /// A default that is at least one.
 fn most(count: usize) -> NonZeroUsize {
@@ -258,7 +258,7 @@ impl ServeConfig {
             queued_jobs: self.max_queued_jobs,
             queued_work: seconds(self.max_queued_seconds),
             memory: memory / 16 * 15,
-            buffered_bytes: share(self.max_buffered_bytes, 2, self.max_body_bytes, MOST_BUFFERED),
+            buffered_bytes: share(self.max_buffered_bytes, 2, self.max_body_bytes, MAX_BUFFERED),
             answer_bytes: share(self.max_answer_bytes, 1, matrix, Limits::default().answer_bytes),
             rate_per_second: self.rate_per_second,
             rate_burst: self.rate_burst,
@@ -311,16 +311,16 @@ impl ServeConfig {
         if self.jobs.get() > MAX_JOBS {
             return Err(format!("jobs: expected at most {MAX_JOBS}, got {}", self.jobs));
         }
-        if self.max_matrix_bytes > MOST_MATRIX_BYTES {
+        if self.max_matrix_bytes > MAX_MATRIX_BYTES {
             let found = self.max_matrix_bytes;
-            return Err(format!("max_matrix_bytes: expected at most {MOST_MATRIX_BYTES}, got {found}"));
+            return Err(format!("max_matrix_bytes: expected at most {MAX_MATRIX_BYTES}, got {found}"));
         }
         if self.tls_cert.as_os_str().is_empty() != self.tls_key.as_os_str().is_empty() {
             return Err("expected both tls_cert and tls_key, or neither".into());
         }
-        if self.max_head_bytes < LEAST_HEAD_BYTES {
+        if self.max_head_bytes < MIN_HEAD_BYTES {
             let found = self.max_head_bytes;
-            return Err(format!("max_head_bytes: expected at least {LEAST_HEAD_BYTES}, got {found}"));
+            return Err(format!("max_head_bytes: expected at least {MIN_HEAD_BYTES}, got {found}"));
         }
         if self.max_streams == 0 {
             return Err("max_streams: expected at least 1, got 0".into());
@@ -331,9 +331,9 @@ impl ServeConfig {
                 "max_buffered_bytes: expected at least max_body_bytes, which is {body}, got {found}"
             ));
         }
-        if self.oidc_leeway_seconds > MOST_LEEWAY_SECONDS {
+        if self.oidc_leeway_seconds > MAX_LEEWAY_SECONDS {
             let found = self.oidc_leeway_seconds;
-            return Err(format!("oidc_leeway_seconds: expected at most {MOST_LEEWAY_SECONDS}, got {found}"));
+            return Err(format!("oidc_leeway_seconds: expected at most {MAX_LEEWAY_SECONDS}, got {found}"));
         }
         if self.oidc_issuer.is_empty() != self.oidc_audience.is_empty() {
             // Without an audience, a token issued for any other service would be accepted.

@@ -24,7 +24,7 @@ pub trait Readable: Sized {
 }
 
 /// Maximum length of the text: such values are small, or the faces of a control mesh.
-const MOST_BYTES: usize = 1 << 20;
+const MAX_BYTES: usize = 1 << 20;
 
 /// A value, or all of its faults.
 #[derive(Debug, Clone)]
@@ -46,8 +46,8 @@ impl<T> Read<T> {
 impl<'de, T: Readable> Deserialize<'de> for Read<T> {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         let text = <&RawValue>::deserialize(deserializer)?.get();
-        if text.len() > MOST_BYTES {
-            let detail = format!("expected at most {MOST_BYTES} bytes, got {}", text.len());
+        if text.len() > MAX_BYTES {
+            let detail = format!("expected at most {MAX_BYTES} bytes, got {}", text.len());
             return Ok(Self(Err(vec![InputError::new("", detail)])));
         }
         let value = serde_json::from_str(text).map_err(D::Error::custom)?;

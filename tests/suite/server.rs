@@ -282,7 +282,7 @@ impl Server {
     fn remember(&self, request: &reqwest::Request) {
         let mut sent = self.sent.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
         let body = request.body().and_then(reqwest::Body::as_bytes).unwrap_or_default();
-        if sent.len() < MOST_MARKS && body.len() < MOST_MARKED_BYTES {
+        if sent.len() < MAX_MARKS && body.len() < MAX_MARKED_BYTES {
             sent.extend(
                 request.url().query_pairs().map(|(_, value)| value.into_owned()).filter(|v| is_mark(v)),
             );
@@ -363,9 +363,9 @@ impl Drop for Server {
 }
 
 /// Most texts and numbers that are looked for in a log.
-const MOST_MARKS: usize = 300;
+const MAX_MARKS: usize = 300;
 /// Longest body that is looked through for them.
-const MOST_MARKED_BYTES: usize = 1 << 18;
+const MAX_MARKED_BYTES: usize = 1 << 18;
 /// Fields whose texts belong to the client.
 const PRIVATE_FIELDS: [&str; 7] =
     ["name", "description", "external_id", "subject", "label", "labels", "metadata"];

@@ -17,7 +17,7 @@ use super::transformation::{ClassName, Transformation, TransformationClass};
 use shapelex_numeric::dense::Matrix;
 
 /// Minimum number of shapes for a mean.
-pub const FEWEST_SHAPES: usize = 2;
+pub const MIN_SHAPES: usize = 2;
 
 /// Number of reported eigenvalues of the mean operator, where there are that many.
 const REPORTED_EIGENVALUES: usize = 10;
@@ -134,8 +134,8 @@ pub fn mean_shape<S: ShapeSource>(
     frame: Frame,
     matching: &Matching,
 ) -> Result<MeanShape, S::Error> {
-    if source.count() < FEWEST_SHAPES {
-        return Err(AnalysisError::TooFewShapes { found: source.count(), needed: FEWEST_SHAPES }.into());
+    if source.count() < MIN_SHAPES {
+        return Err(AnalysisError::TooFewShapes { found: source.count(), needed: MIN_SHAPES }.into());
     }
     match method {
         Method::Projection(class) => projection_mean(source, metric, class, frame, matching),

@@ -24,7 +24,7 @@ use super::frame::Frame;
 use super::metric::{dot, norm};
 
 /// Minimum number of shapes for comparing the means of halves.
-pub const FEWEST_TO_HALVE: usize = 8;
+pub const MIN_TO_HALVE: usize = 8;
 
 /// Number of times the shapes are halved. The mean of eight angles has a relative standard error of a tenth.
 const HALVINGS: u64 = 8;
@@ -102,7 +102,7 @@ pub fn angle(preparation: &Preparation, other: &[f64]) -> Result<f64, AnalysisEr
 ///
 /// # Errors
 /// [`AnalysisError::Interrupted`]; errors of degenerate shapes, in which the index has no meaning;
-/// [`AnalysisError::TooFewShapes`] for fewer than [`FEWEST_TO_HALVE`] shapes.
+/// [`AnalysisError::TooFewShapes`] for fewer than [`MIN_TO_HALVE`] shapes.
 pub fn expected(
     preparation: &Preparation,
     frame: Frame,
@@ -111,8 +111,8 @@ pub fn expected(
     stop: &dyn Fn() -> bool,
 ) -> Result<f64, AnalysisError> {
     let found = shapes.count();
-    if found < FEWEST_TO_HALVE {
-        return Err(AnalysisError::TooFewShapes { found, needed: FEWEST_TO_HALVE });
+    if found < MIN_TO_HALVE {
+        return Err(AnalysisError::TooFewShapes { found, needed: MIN_TO_HALVE });
     }
     let mean = |chosen: &[usize]| {
         if stop() {

@@ -21,7 +21,7 @@ pub const MAX_DERIVATIVE: usize = 2;
 const ROUNDING: f64 = 64.0 * f64::EPSILON;
 
 /// Exponent up to which a power of two has a finite normal reciprocal.
-const MOST_BINARY: f64 = 1000.0;
+const MAX_BINARY: f64 = 1000.0;
 
 /// A curve `r: [0, 1] → R^d`, with `r(0) = r(1)` when closed.
 #[derive(Debug, Clone)]
@@ -97,7 +97,7 @@ impl Curve {
         }
         let size = extent.max(ROUNDING * largest);
         if size > 0.0 && size.is_finite() {
-            size.log2().round().clamp(-MOST_BINARY, MOST_BINARY).exp2()
+            size.log2().round().clamp(-MAX_BINARY, MAX_BINARY).exp2()
         } else {
             1.0
         }

@@ -44,7 +44,7 @@ const NO_VOLUME: f64 = 1e-12;
 /// Length, relative to the largest coordinate, below which a length is rounding.
 const NOTHING: f64 = 4.0 * f64::EPSILON;
 /// Maximum number of faces for the self-intersection test, which takes some hundredths of a second.
-pub const MOST_FACES: usize = 20_000;
+pub const MAX_FACES: usize = 20_000;
 /// Maximum number of pairs of boxes and faces to examine per face. A sphere needs some thirty.
 const PAIRS_PER_FACE: usize = 1_000;
 
@@ -95,7 +95,7 @@ impl MeshQuality {
         let has_volume = signed_volume.is_none_or(|volume| volume.abs() > NO_VOLUME * area.powf(1.5));
         let rounding = Some(rounding).filter(|rounding| *rounding > COARSE * extent && !is_point);
         // Intersections caused by the rounding of coordinates do not count.
-        let decided = !is_point && !is_thin && rounding.is_none() && faces.len() <= MOST_FACES;
+        let decided = !is_point && !is_thin && rounding.is_none() && faces.len() <= MAX_FACES;
         Self {
             collapsed_edges: collapsed_edges(mesh, largest),
             is_point,

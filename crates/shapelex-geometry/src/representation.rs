@@ -148,7 +148,7 @@ impl Representation {
             }
             Self::Landmarks { points, .. } => vec![one(("points", *points, 2), None, "", false)],
             Self::Subdivision(_) => {
-                vec![one(("connectivity", self.size(), FEWEST_VERTICES), None, "", false)]
+                vec![one(("connectivity", self.size(), MIN_VERTICES), None, "", false)]
             }
             Self::Surface { topology, control_points, generators, .. } => [0, 1]
                 .map(|i| {
@@ -158,7 +158,7 @@ impl Representation {
                         // Half of a great circle, with special conditions at its ends.
                         Topology::Sphere if i == 1 => {
                             let (field, count, around) = closed(field, count, generator);
-                            (field, count, around.div_ceil(2).max(sphere::FEWEST_ALONG_MERIDIAN))
+                            (field, count, around.div_ceil(2).max(sphere::MIN_ALONG_MERIDIAN))
                         }
                         _ if topology.closed()[i] => closed(field, count, generator),
                         _ => open(field, count, generator),
@@ -234,7 +234,7 @@ impl Representation {
 }
 
 /// Number of vertices of the smallest closed mesh.
-const FEWEST_VERTICES: usize = 4;
+const MIN_VERTICES: usize = 4;
 
 /// A number that the client chose, with its limits.
 #[derive(Debug, Clone, Copy)]

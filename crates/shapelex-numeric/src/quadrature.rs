@@ -58,7 +58,7 @@ impl GaussLegendre {
         panels: &mut Panels<'_>,
     ) -> f64 {
         let whole = self.integrate(a, b, f);
-        self.refine((a, b), whole, tolerance, f, MOST_LEVELS, panels)
+        self.refine((a, b), whole, tolerance, f, MAX_LEVELS, panels)
     }
 
     fn refine(
@@ -86,7 +86,7 @@ impl GaussLegendre {
 }
 
 /// Maximum number of bisections of a panel: its length is then a rounding error of the first.
-const MOST_LEVELS: u32 = 40;
+const MAX_LEVELS: u32 = 40;
 
 /// Relative rounding error of a sum of some twenty terms of one sign.
 const ROUNDING: f64 = 4.0 * f64::EPSILON;

@@ -25,7 +25,7 @@ use crate::service::app::{Limits, ServiceError, Work};
 use crate::service::cost::requests::{self, Counts};
 use crate::service::shapes::fitting::{Placed, PlacedCurve, Size};
 use crate::service::shapes::request::Posted;
-use crate::service::shapes::subdivision_fitting::{FittedMesh, MOST_TURNS, Search, USUAL_TURNS};
+use crate::service::shapes::subdivision_fitting::{FittedMesh, MAX_TURNS, Search, USUAL_TURNS};
 use crate::service::shapes::surface_fitting::{FittedSurface, MeshInput};
 use crate::service::shapes::surfaces::PlacedSurface;
 use crate::service::shapes::{fitting, subdivision_fitting, surface_fitting, surfaces};
@@ -130,8 +130,8 @@ pub(super) async fn fit(
                 errors.push(InputError::new(pointer, "this field belongs to subdivision surfaces"));
             }
         }
-        if let Some(turns) = turns.filter(|turns| *turns > MOST_TURNS) {
-            errors.push(InputError::new("/turns", format!("expected at most {MOST_TURNS}, got {turns}")));
+        if let Some(turns) = turns.filter(|turns| *turns > MAX_TURNS) {
+            errors.push(InputError::new("/turns", format!("expected at most {MAX_TURNS}, got {turns}")));
         }
         if refined.is_some() && parameters.is_some() {
             errors.push(InputError::new(

@@ -11,7 +11,7 @@ use crate::api::respond::{compute_planned, json, mesh_file, planned, svg};
 use crate::formats::InputError;
 use crate::formats::checked::{Checked, document, take_given};
 use crate::formats::shape::Points;
-use crate::geometry::drawing::svg::{self as drawing, Layer, MOST_FACES, colour};
+use crate::geometry::drawing::svg::{self as drawing, Layer, MAX_FACES, colour};
 use crate::geometry::mesh::TriangleMesh;
 use crate::geometry::subdivision::control::StartMesh;
 use crate::geometry::subdivision::measures::coarsened;
@@ -270,7 +270,7 @@ fn answer_mesh(refined: RefinedMesh, format: ShapeFormat) -> Result<Response, Se
     match format {
         ShapeFormat::Plain(Format::Json) => {}
         ShapeFormat::Plain(Format::Svg) => {
-            let drawn = coarsened(&refined.shape, refined.level, MOST_FACES);
+            let drawn = coarsened(&refined.shape, refined.level, MAX_FACES);
             let layer = Layer::of_meshes(&[drawn], colour::BACK);
             return Ok(svg(drawing::draw("a refined mesh", &[layer])));
         }

@@ -25,9 +25,9 @@ const OLD: Duration = Duration::from_secs(900);
 /// Timeout of a request to the provider.
 const TIMEOUT: Duration = Duration::from_secs(5);
 /// Maximum size of a response of the provider.
-const MOST_BYTES: usize = 1 << 20;
+const MAX_BYTES: usize = 1 << 20;
 /// Maximum number of keys in a set.
-const MOST_KEYS: usize = 256;
+const MAX_KEYS: usize = 256;
 
 /// A public key and, if the provider declares it, its algorithm.
 #[derive(Debug)]
@@ -170,7 +170,7 @@ impl Provider {
             None => self.discovered().await?,
         };
         let set: KeySet = self.get(url).await?;
-        let keys: Keys = set.keys.into_iter().take(MOST_KEYS).filter_map(usable).collect();
+        let keys: Keys = set.keys.into_iter().take(MAX_KEYS).filter_map(usable).collect();
         if keys.is_empty() { Err("no key of its set can be used".into()) } else { Ok(keys) }
     }
 
@@ -194,8 +194,8 @@ impl Provider {
         let mut body = Vec::new();
         while let Some(part) = response.chunk().await.map_err(failed)? {
             body.extend_from_slice(&part);
-            if body.len() > MOST_BYTES {
-                return Err(format!("its answer is longer than {MOST_BYTES} bytes"));
+            if body.len() > MAX_BYTES {
+                return Err(format!("its answer is longer than {MAX_BYTES} bytes"));
             }
         }
         serde_json::from_slice(&body).map_err(|error| format!("its answer is not what was expected: {error}"))

@@ -4,7 +4,7 @@ use super::error::MAX_FAULTS;
 use crate::geometry::distance::Distances;
 use crate::geometry::measures::CurveMeasures;
 use crate::geometry::mesh::TriangleMesh;
-use crate::geometry::quality::{MOST_FACES, MeshQuality};
+use crate::geometry::quality::{MAX_FACES, MeshQuality};
 use crate::geometry::subdivision::measures::{coarse_faces, measure};
 use crate::geometry::surface::Surface;
 use crate::geometry::surface::measures::SurfaceMeasures;
@@ -33,14 +33,14 @@ pub(crate) fn of_curve(measures: &CurveMeasures, distances: Option<&Distances>) 
 }
 
 /// Quality of a mesh that was split `splits` times; intersections are searched at its finest level with at most
-/// [`MOST_FACES`] faces.
+/// [`MAX_FACES`] faces.
 pub(crate) fn of_split_mesh(
     mesh: &TriangleMesh,
     splits: usize,
     measures: &SurfaceMeasures,
     stop: Stop<'_>,
 ) -> MeshQuality {
-    let faces = coarse_faces(mesh, splits, MOST_FACES);
+    let faces = coarse_faces(mesh, splits, MAX_FACES);
     MeshQuality::of(mesh, (volume_of(measures), measures.area), &faces, stop)
 }
 

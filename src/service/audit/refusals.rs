@@ -18,7 +18,7 @@ const WINDOW: Duration = Duration::from_secs(60);
 const LOUD: u64 = 5;
 /// Maximum number of addresses counted separately in a minute; requests of further addresses are counted together. At
 /// two entries of about 300 bytes this is 0.9 GB a day for an attacker with that many networks.
-const MOST_NETWORKS: usize = 1024;
+const MAX_NETWORKS: usize = 1024;
 /// Method in entries that summarise many requests.
 pub const MANY: &str = "*";
 /// Address in entries for networks that are not counted separately.
@@ -55,7 +55,7 @@ impl Refusals {
         now_ms: i64,
     ) -> bool {
         let mut windows = self.windows();
-        let place = network.filter(|_| windows.len() < MOST_NETWORKS || windows.contains_key(&network));
+        let place = network.filter(|_| windows.len() < MAX_NETWORKS || windows.contains_key(&network));
         let window = windows.entry(place).or_insert_with(|| Window::begin(request_id, has_entry, now_ms));
         window.last_ms = window.last_ms.max(now_ms);
         window.count += 1;
@@ -186,14 +186,14 @@ mod tests {
     #[test]
     fn many_addresses_take_no_more_than_so_many_entries() {
         let refusals = Refusals::default();
-        for k in 0..10 * MOST_NETWORKS as u32 {
+        for k in 0..10 * MAX_NETWORKS as u32 {
             refusals.count(network(k), "unauthenticated", "r", false, 0);
         }
         assert!(refusals.is_loud(network(u32::MAX)), "those who are not told apart are one");
         refusals.count(network(0), "unauthenticated", "r", false, 0);
         let entries = refusals.all();
-        assert_eq!(entries.len(), MOST_NETWORKS + 1);
+        assert_eq!(entries.len(), MAX_NETWORKS + 1);
         let counts: u64 = entries.iter().map(|entry| entry.objects["count"].parse::<u64>().unwrap()).sum();
-        assert_eq!(counts, 10 * MOST_NETWORKS as u64 + 1);
+        assert_eq!(counts, 10 * MAX_NETWORKS as u64 + 1);
     }
 }

@@ -40,7 +40,7 @@ const SUM_UP: Duration = Duration::from_secs(5);
 const QUIET: Duration = Duration::from_secs(10);
 /// Minimum age in milliseconds of entries that an administrator can remove: an intruder with a stolen key cannot erase
 /// the traces of the same day.
-pub const LEAST_AGE_MS: i64 = DAY_MS;
+pub const MIN_AGE_MS: i64 = DAY_MS;
 const DAY_MS: i64 = 24 * 3600 * 1000;
 
 enum Message {
@@ -396,9 +396,9 @@ pub async fn prune(app: &App, days: u32) -> Result<(), ServiceError> {
 /// beginning.
 ///
 /// # Errors
-/// [`ServiceError::Query`] if the time is less than [`LEAST_AGE_MS`] ago.
+/// [`ServiceError::Query`] if the time is less than [`MIN_AGE_MS`] ago.
 pub async fn remove(app: &App, before_ms: i64) -> Result<Beginning, ServiceError> {
-    if before_ms > now_ms() - LEAST_AGE_MS {
+    if before_ms > now_ms() - MIN_AGE_MS {
         let detail =
             "before: expected a time at least 24 hours ago, because entries of the last day are not removed";
         return Err(ServiceError::Query(detail.into()));
@@ -622,7 +622,7 @@ mod tests {
         let aged = |days: i64| Entry { at_ms: now_ms() - days * DAY_MS, ..entry(0) };
         app.store.append_audit(&[aged(9), aged(8), aged(2), aged(0)]).await.unwrap();
         let all = list_after(&app, &AuditFilter::default(), 0, 10).await.unwrap();
-        for before in [now_ms(), now_ms() - LEAST_AGE_MS + 60_000] {
+        for before in [now_ms(), now_ms() - MIN_AGE_MS + 60_000] {
             assert!(matches!(remove(&app, before).await, Err(ServiceError::Query(_))));
         }
         let beginning = remove(&app, now_ms() - 3 * DAY_MS).await.unwrap();

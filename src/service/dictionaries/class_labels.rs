@@ -29,13 +29,13 @@ pub struct Membership {
 const NAMED: usize = 5;
 
 /// Maximum number of classes: a confusion matrix must stay readable.
-const MOST_CLASSES: usize = 1000;
+const MAX_CLASSES: usize = 1000;
 
 /// Maximum count of numbers stored in a trained classifier: some tens of megabytes in a file.
-pub(crate) const MOST_STORED: usize = 1 << 22;
+pub(crate) const MAX_STORED: usize = 1 << 22;
 
 /// Maximum count of numbers of evidence kept by a validation.
-const MOST_EVIDENCE: usize = 1 << 25;
+const MAX_EVIDENCE: usize = 1 << 25;
 
 /// Number of folds of the inner cross-validation, within the training shapes, that `best` uses for its choice.
 pub(crate) const WITHIN: usize = 4;
@@ -131,18 +131,18 @@ impl Membership {
             );
             return faults;
         }
-        if self.labels.len() > MOST_CLASSES {
+        if self.labels.len() > MAX_CLASSES {
             let found = self.labels.len();
             fault(
                 "attribute",
-                format!("expected at most {MOST_CLASSES} classes, got {found} values of '{attribute}'"),
+                format!("expected at most {MAX_CLASSES} classes, got {found} values of '{attribute}'"),
             );
             return faults;
         }
         let stored = stored(settings, method, self.classes.len(), self.labels.len(), length);
-        if stored > MOST_STORED {
+        if stored > MAX_STORED {
             let detail = format!(
-                "expected a classifier of at most {MOST_STORED} numbers, got {stored}: ask for fewer components, \
+                "expected a classifier of at most {MAX_STORED} numbers, got {stored}: ask for fewer components, \
                  choose fewer shapes, or another kind"
             );
             fault("kind", detail);
@@ -190,9 +190,9 @@ impl Membership {
             fault("neighbours", detail);
         }
         let evidence = self.classes.len().saturating_mul(self.labels.len()).saturating_mul(settings.repeats);
-        if evidence > MOST_EVIDENCE {
+        if evidence > MAX_EVIDENCE {
             let detail = format!(
-                "expected at most {MOST_EVIDENCE} numbers of evidence, got {evidence} ({} shapes, {} classes): \
+                "expected at most {MAX_EVIDENCE} numbers of evidence, got {evidence} ({} shapes, {} classes): \
                  choose fewer repeats",
                 self.classes.len(),
                 self.labels.len()

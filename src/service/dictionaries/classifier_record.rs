@@ -120,7 +120,7 @@ fn ready(trained: Trained, count: usize, metric: &Metric) -> Classifier {
 }
 
 /// Largest number in a file whose square is finite.
-const MOST_NUMBER: f64 = 1e100;
+const MAX_NUMBER: f64 = 1e100;
 
 /// Inconsistencies in the classifier of a file whose dictionary is valid: wrong sizes, and values that training never
 /// produces.
@@ -196,7 +196,7 @@ fn trained_faults(content: &Content, record: &ClassifierRecord, trained: &Traine
     let atoms = content.atoms.len();
     let described = atoms + usize::from(record.settings.sees_size());
     let (size, dimension) = (content.representation.size(), content.representation.dimension());
-    let finite = |values: &[f64]| values.iter().all(|value| value.abs() <= MOST_NUMBER);
+    let finite = |values: &[f64]| values.iter().all(|value| value.abs() <= MAX_NUMBER);
     match trained {
         Trained::MeanSpace { means } => {
             let shape = |rows: &Vec<Row>| {
@@ -217,7 +217,7 @@ fn trained_faults(content: &Content, record: &ClassifierRecord, trained: &Traine
             let fits =
                 p > 0 && features.iter().all(|&i| i < described) && features.is_sorted_by(|a, b| a < b);
             check(fits, "features", "expected positions of features in ascending order");
-            let fits = scales.len() == p && scales.iter().all(|scale| *scale > 0.0 && *scale <= MOST_NUMBER);
+            let fits = scales.len() == p && scales.iter().all(|scale| *scale > 0.0 && *scale <= MAX_NUMBER);
             check(fits, "scales", "expected one positive number per feature");
             let fits = means.len() == classes && means.iter().all(|mean| mean.len() == p && finite(mean));
             check(fits, "means", "expected the features of every class");
@@ -244,7 +244,7 @@ fn trained_faults(content: &Content, record: &ClassifierRecord, trained: &Traine
                 (0..classes).all(|class| of.contains(&class)) && of.iter().all(|&class| class < classes);
             check(all, "classes", "expected positions of classes, every class at least once");
             let fits = size_factor.is_some() == record.settings.sees_size()
-                && size_factor.is_none_or(|factor| (0.0..=MOST_NUMBER).contains(&factor));
+                && size_factor.is_none_or(|factor| (0.0..=MAX_NUMBER).contains(&factor));
             check(fits, "size_factor", "expected a factor exactly when size is one of the features");
         }
         Trained::Ensemble { .. } => {}

@@ -642,9 +642,9 @@ pub fn sample(
         let most = app.limits.samples / ready.setup.metric.size().max(1);
         faults.push(Fault::new("/count", format!("expected a number between 1 and {most}, got {count}")));
     }
-    if !(0.0..=MOST_SIGMA).contains(&sigma) {
+    if !(0.0..=MAX_SIGMA).contains(&sigma) {
         faults
-            .push(Fault::new("/sigma", format!("expected a number between 0 and {MOST_SIGMA}, got {sigma}")));
+            .push(Fault::new("/sigma", format!("expected a number between 0 and {MAX_SIGMA}, got {sigma}")));
     }
     ServiceError::unless_empty(faults)?;
     let root = spread.root();
@@ -662,4 +662,4 @@ pub fn sample(
 }
 
 /// Maximum `sigma`.
-const MOST_SIGMA: f64 = 1e6;
+const MAX_SIGMA: f64 = 1e6;

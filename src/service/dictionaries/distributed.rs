@@ -26,10 +26,10 @@ use crate::service::statistics::Setup;
 use crate::store::{PartClaim, PartEnd, PassOf};
 
 /// Below this many parts, distributing the work costs more than it saves.
-const FEWEST_PARTS: usize = 3;
+const MIN_PARTS: usize = 3;
 
 /// Maximum number of coordinates of a shape: the result of a part can contain their square, here 64 MiB.
-const MOST_NUMBERS: usize = 2896;
+const MAX_NUMBERS: usize = 2896;
 
 /// Duration of a lease without heartbeat, in milliseconds.
 const LEASE_MS: i64 = 30_000;
@@ -67,7 +67,7 @@ impl Distribute for Spreading<'_> {
     ) -> Result<bool, ServiceError> {
         let Self { app, handle, job, plan } = *self;
         let parts = shapes.len().div_ceil(PART);
-        if parts < FEWEST_PARTS || !app.store.is_shared() || shapes.width() > MOST_NUMBERS {
+        if parts < MIN_PARTS || !app.store.is_shared() || shapes.width() > MAX_NUMBERS {
             return Ok(false);
         }
         let since = shapes.revisions().after;

@@ -8,11 +8,11 @@ use super::coding::{Known, rank, score_of, value_at};
 use super::ready::Ready;
 use crate::analysis::AnalysisError;
 use crate::analysis::accumulate::{ShapeSource, Shapes, ShapesInMemory};
-use crate::analysis::alignment::{FEWEST_SHAPES, mean_shape};
+use crate::analysis::alignment::{MIN_SHAPES, mean_shape};
 use crate::analysis::classification::{Description, Observations, described};
 use crate::analysis::dictionary::model::Model;
 use crate::analysis::dictionary::preparation::Preparation;
-use crate::analysis::mean_angle::{self, FEWEST_TO_HALVE};
+use crate::analysis::mean_angle::{self, MIN_TO_HALVE};
 use crate::analysis::metric::norm;
 use crate::domain::cohort::Cohort;
 use crate::service::app::{App, ServiceError};
@@ -189,7 +189,7 @@ fn compared(
     let statistics = &ready.dictionary.content.statistics;
     let shapes = sums.residuals.len();
     let training = KnownShapes { app, handle, cohort };
-    let mean = (shapes >= FEWEST_SHAPES).then(|| mean_drift(&training, ready, &source)).transpose()?;
+    let mean = (shapes >= MIN_SHAPES).then(|| mean_drift(&training, ready, &source)).transpose()?;
     let known = Known::of(statistics);
     let t_squared = Some(known.t_squared).filter(|_| !sums.distances.is_empty());
     Ok(Drift {
@@ -200,7 +200,7 @@ fn compared(
         outliers: sums.outliers,
         t_squared: t_squared.map(|trained| MeasureDrift::new(trained, sums.distances.clone())),
         residuals: Some(MeasureDrift::new(known.residuals, sums.residuals.clone())),
-        scores: score_drift(ready, &sums).filter(|_| shapes >= FEWEST_SHAPES),
+        scores: score_drift(ready, &sums).filter(|_| shapes >= MIN_SHAPES),
         mean,
         classes: class_drift(ready, &sums),
     })
@@ -291,7 +291,7 @@ fn expected_by_spread(ready: &Ready, counts: [usize; 2]) -> Option<f64> {
 }
 
 /// Maximum number of training shapes that are halved: the spread of their means does not depend on their number.
-const MOST_HALVED: usize = 400;
+const MAX_HALVED: usize = 400;
 
 /// Training shapes of a dictionary, as far as they still exist.
 struct KnownShapes<'a> {
@@ -310,8 +310,8 @@ impl KnownShapes<'_> {
         let cohort = Cohort { revision: provenance.cohort_revision, ..self.cohort.clone() };
         let shapes =
             StoredShapes::new(self.app, self.handle, &cohort, &provenance.filter, 0, &ready.setup, &stop)?;
-        let some = shapes.spread_out(MOST_HALVED)?;
-        if some.count() < FEWEST_TO_HALVE {
+        let some = shapes.spread_out(MAX_HALVED)?;
+        if some.count() < MIN_TO_HALVE {
             return Ok(None);
         }
         let angle = mean_angle::expected(&ready.preparation, ready.setup.frame, &some, counts, &stop);

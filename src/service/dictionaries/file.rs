@@ -218,7 +218,7 @@ fn content_faults(content: &Content, limits: &Limits) -> Vec<Fault> {
             faults.push(Fault::new(format!("/content/{field}"), detail));
         }
     };
-    let bounded = |row: &[f64]| row.iter().all(|value| value.abs() <= MOST_NUMBER);
+    let bounded = |row: &[f64]| row.iter().all(|value| value.abs() <= MAX_NUMBER);
     let shape =
         |rows: &[Row]| rows.len() == size && rows.iter().all(|row| row.len() == dimension && bounded(row));
     let wrong = "expected the size of the representation, and numbers within ±1e100";
@@ -280,12 +280,12 @@ fn held_out_faults(content: &Content) -> Vec<Fault> {
     };
     let count = held_out.novelty.len();
     let ascending = |values: &[f64]| {
-        values.len() == count && values.is_sorted() && values.iter().all(|value| value.abs() <= MOST_NUMBER)
+        values.len() == count && values.is_sorted() && values.iter().all(|value| value.abs() <= MAX_NUMBER)
     };
     let fits = |measure: &HeldOutMeasure| {
         ascending(&measure.values)
-            && measure.log_mean.abs() <= MOST_NUMBER
-            && (1e-100..=MOST_NUMBER).contains(&measure.log_deviation)
+            && measure.log_mean.abs() <= MAX_NUMBER
+            && (1e-100..=MAX_NUMBER).contains(&measure.log_deviation)
     };
     let wrong = "expected one number per held-out shape in ascending order, with mean and positive deviation";
     check(
@@ -305,7 +305,7 @@ fn held_out_faults(content: &Content) -> Vec<Fault> {
 }
 
 /// Largest number in a shape or a statistic of a file: its square is finite.
-const MOST_NUMBER: f64 = 1e100;
+const MAX_NUMBER: f64 = 1e100;
 
 /// Tolerance for products of atoms in a file; for learnt atoms the deviation is about 1e-15.
 const ORTHONORMAL: f64 = 1e-6;

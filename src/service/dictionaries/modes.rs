@@ -51,9 +51,9 @@ pub fn mode(ready: &Ready, component: usize, sigma: f64) -> Result<Mode, Service
             "component: expected a number between 1 and {found}, got {component}"
         )));
     }
-    if !(sigma.is_finite() && sigma.abs() <= MOST_SIGMA) {
+    if !(sigma.is_finite() && sigma.abs() <= MAX_SIGMA) {
         return Err(ServiceError::Query(format!(
-            "sigma: expected a number within ±{MOST_SIGMA}, got {sigma}"
+            "sigma: expected a number within ±{MAX_SIGMA}, got {sigma}"
         )));
     }
     let i = component - 1;
@@ -69,7 +69,7 @@ pub fn mode(ready: &Ready, component: usize, sigma: f64) -> Result<Mode, Service
 }
 
 /// Maximum step along a mode, in standard deviations.
-const MOST_SIGMA: f64 = 1e6;
+const MAX_SIGMA: f64 = 1e6;
 
 /// Drawing of a mode.
 pub fn draw_mode(ready: &Ready, component: usize, sigma: f64, mode: &Mode) -> String {

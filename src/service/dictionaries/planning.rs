@@ -9,7 +9,7 @@ use super::class_labels::{Membership, WITHIN, settings_faults};
 use super::learning::held_out_trainings;
 use super::plan::{NO_STATE, Plan};
 use super::ready;
-use crate::analysis::alignment::{Alignment, FEWEST_SHAPES};
+use crate::analysis::alignment::{Alignment, MIN_SHAPES};
 use crate::analysis::correspondence::Mirror;
 use crate::analysis::frame::Frame;
 use crate::analysis::transformation::Transformation;
@@ -247,13 +247,12 @@ fn check_count(plan: &Plan, since: u64, shapes: u64) -> Result<(), ServiceError>
         // The sums exist already: one new shape is enough.
         return if found > 0 { Ok(()) } else { Err(ServiceError::TooFewShapes { found, needed: 1 }) };
     }
-    if found < FEWEST_SHAPES {
+    if found < MIN_SHAPES {
         if plan.filter != ShapeFilter::default() {
-            let detail =
-                format!("expected a filter that selects at least {FEWEST_SHAPES} shapes, got {found}");
+            let detail = format!("expected a filter that selects at least {MIN_SHAPES} shapes, got {found}");
             return Err(ServiceError::invalid("/filter", detail));
         }
-        return Err(ServiceError::TooFewShapes { found, needed: FEWEST_SHAPES });
+        return Err(ServiceError::TooFewShapes { found, needed: MIN_SHAPES });
     }
     match plan.method {
         Method::Sparse { atoms, .. } if atoms > found => {

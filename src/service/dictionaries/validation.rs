@@ -11,7 +11,7 @@
 
 use rayon::prelude::*;
 
-use super::class_labels::{MOST_STORED, Membership, WITHIN, units};
+use super::class_labels::{MAX_STORED, Membership, WITHIN, units};
 use super::learning::{Task, quantiles};
 use super::{classifier_record, ready};
 use crate::analysis::AnalysisError;
@@ -46,7 +46,7 @@ const REPORTED: usize = 10;
 
 /// Maximum count of probabilities kept for the candidates of one choice, 32 MB; beyond it, only every second candidate
 /// is tried, or fewer.
-const MOST_TRIED: usize = 1 << 22;
+const MAX_TRIED: usize = 1 << 22;
 
 /// Chooses what to train, given the training shapes and the number of the fold.
 type Chooser<'a> = dyn Fn(&[usize], usize) -> Result<Choice, ServiceError> + Sync + 'a;
@@ -517,13 +517,13 @@ fn divided(fold_of: &[usize], fold: usize) -> (Vec<usize>, Vec<usize>) {
 }
 
 /// Maximum count of numbers in each classifier that `best` keeps.
-const MOST_OF_MEMBER: usize = MOST_STORED / ROUNDS;
+const MAX_OF_MEMBER: usize = MAX_STORED / ROUNDS;
 
 /// Candidates for `best` that are small enough to be kept.
 fn candidates(model: &Model, membership: &Membership) -> Vec<Kind> {
     let (shapes, classes) = (membership.classes.len(), membership.labels.len());
     let mut kinds = Vec::new();
-    if classes * model_length(model) <= MOST_OF_MEMBER {
+    if classes * model_length(model) <= MAX_OF_MEMBER {
         kinds.push(Kind::MeanSpace);
     }
     match model {
@@ -532,14 +532,14 @@ fn candidates(model: &Model, membership: &Membership) -> Vec<Kind> {
         // Differences from a centre are not shapes, so distances to them are meaningless.
         Model::Components { .. } => {}
     }
-    if shapes * (model.len() + 1) <= MOST_OF_MEMBER {
+    if shapes * (model.len() + 1) <= MAX_OF_MEMBER {
         kinds.extend(NEIGHBOURS.map(|neighbours| Kind::NearestNeighbours { neighbours }));
     }
     let mut sizes: Vec<usize> = COMPONENTS.iter().copied().filter(|&count| count < model.len()).collect();
     sizes.push(model.len());
     for count in sizes {
         for pooling in POOLINGS {
-            if pooling < 1.0 && classes * (count + 1) * (count + 1) > MOST_OF_MEMBER {
+            if pooling < 1.0 && classes * (count + 1) * (count + 1) > MAX_OF_MEMBER {
                 continue;
             }
             for shrinkage in SHRINKAGES {
@@ -548,7 +548,7 @@ fn candidates(model: &Model, membership: &Membership) -> Vec<Kind> {
             }
         }
     }
-    let most = (MOST_TRIED / (shapes * classes).max(1)).max(REPORTED);
+    let most = (MAX_TRIED / (shapes * classes).max(1)).max(REPORTED);
     let step = kinds.len().div_ceil(most);
     kinds.into_iter().step_by(step.max(1)).collect()
 }

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use tokio::runtime::Handle;
 
 use super::comparisons::test;
-use super::test_sample::{self, Aligned, MOST_PERMUTATIONS};
+use super::test_sample::{self, Aligned, MAX_PERMUTATIONS};
 use crate::analysis::alignment::{Alignment, unwhitened};
 use crate::analysis::correspondence::Mirror;
 use crate::analysis::inference::regression::{Collinear, Design, Draws, Regression};
@@ -37,10 +37,10 @@ use crate::service::statistics::Setup;
 const LOG_CENTROID_SIZE: &str = "log_centroid_size";
 
 /// Maximum number of covariates.
-const MOST_COVARIATES: usize = 20;
+const MAX_COVARIATES: usize = 20;
 
 /// Maximum number of values of a categorical covariate.
-const MOST_LEVELS: usize = 50;
+const MAX_LEVELS: usize = 50;
 
 /// Maximum absolute value of an attribute: its square, and the inverse of that, stay finite.
 const LARGEST_VALUE: f64 = 1e100;
@@ -171,11 +171,11 @@ fn own_faults(regress: &Regress) -> Vec<Fault> {
         let detail = format!("expected 'labels.<attribute>' or '{LOG_CENTROID_SIZE}', got '{attribute}'");
         faults.push(Fault::new("/attribute", detail));
     }
-    if regress.covariates.len() > MOST_COVARIATES {
-        let detail = format!("expected at most {MOST_COVARIATES} entries, got {}", regress.covariates.len());
+    if regress.covariates.len() > MAX_COVARIATES {
+        let detail = format!("expected at most {MAX_COVARIATES} entries, got {}", regress.covariates.len());
         faults.push(Fault::new("/covariates", detail));
     }
-    for (i, name) in regress.covariates.iter().enumerate().take(MOST_COVARIATES) {
+    for (i, name) in regress.covariates.iter().enumerate().take(MAX_COVARIATES) {
         let pointer = format!("/covariates/{i}");
         if name != LOG_CENTROID_SIZE && Attribute::parse(name).is_none() {
             let detail = format!("{}, or '{LOG_CENTROID_SIZE}', got '{name}'", Attribute::WANTED);
@@ -184,9 +184,9 @@ fn own_faults(regress: &Regress) -> Vec<Fault> {
             faults.push(Fault::new(pointer, format!("'{name}' is given twice")));
         }
     }
-    if regress.permutations > MOST_PERMUTATIONS {
+    if regress.permutations > MAX_PERMUTATIONS {
         let detail =
-            format!("expected a number between 0 and {MOST_PERMUTATIONS}, got {}", regress.permutations);
+            format!("expected a number between 0 and {MAX_PERMUTATIONS}, got {}", regress.permutations);
         faults.push(Fault::new("/permutations", detail));
     }
     for name in regress.strata.iter().filter(|name| Attribute::parse(name).is_none()) {
@@ -318,9 +318,9 @@ impl Plan {
                     let detail = format!("expected values within ±{LARGEST_VALUE:.0e}");
                     faults.push(Fault::new(pointer.clone(), detail));
                 }
-                Values::Levels(levels, _) if levels.len() > MOST_LEVELS => {
+                Values::Levels(levels, _) if levels.len() > MAX_LEVELS => {
                     let detail =
-                        format!("expected at most {MOST_LEVELS} values of a category, got {}", levels.len());
+                        format!("expected at most {MAX_LEVELS} values of a category, got {}", levels.len());
                     faults.push(Fault::new(pointer.clone(), detail));
                 }
                 _ => {}
@@ -423,11 +423,11 @@ impl Prepared {
         if !self.variables.iter().any(|variable| variable.values == Values::LogCentroidSize) {
             return Ok(None);
         }
-        let row = aligned.measures.iter().position(|&measure| measure == SizeMeasure::CentroidSize);
+        let row = aligned.sizes.measures.iter().position(|&measure| measure == SizeMeasure::CentroidSize);
         let row = row.ok_or_else(|| {
             ServiceError::invalid("/cohort", "the cohort has shapes too large to be measured")
         })?;
-        Ok(Some(aligned.sizes.row(row).iter().map(|size| size.ln()).collect()))
+        Ok(Some(aligned.sizes.values.row(row).iter().map(|size| size.ln()).collect()))
     }
 
     fn attribute(&self, sizes: Option<&[f64]>) -> Result<Vec<f64>, ServiceError> {

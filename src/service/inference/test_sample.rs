@@ -22,7 +22,7 @@ use crate::service::statistics::{Settings, Setup};
 use crate::store::{Ids, Revisions};
 
 /// Maximum number of permutations of a test.
-pub const MOST_PERMUTATIONS: usize = 100_000;
+pub const MAX_PERMUTATIONS: usize = 100_000;
 
 /// Default number of permutations.
 pub const DEFAULT_PERMUTATIONS: usize = 1000;

@@ -5,7 +5,7 @@ use crate::analysis::distance::{DistanceSpace, PreparedShapes};
 use crate::service::app::cache::Cached;
 
 /// Maximum size of a cached cohort; larger ones are read again by every search.
-const MOST_BYTES_OF_ONE: usize = 64 << 20;
+const MAX_BYTES_OF_ONE: usize = 64 << 20;
 
 /// Estimated size of an id in its list.
 const ID_BYTES: usize = 64;
@@ -23,7 +23,7 @@ impl PreparedCohort {
     /// An empty value for `count` shapes; `None` if they are too many to be cached.
     pub(crate) fn for_count(space: &DistanceSpace, count: usize) -> Option<Self> {
         let bytes = count.saturating_mul(space.bytes() + ID_BYTES);
-        (bytes <= MOST_BYTES_OF_ONE).then(|| Self { bytes, ..Self::default() })
+        (bytes <= MAX_BYTES_OF_ONE).then(|| Self { bytes, ..Self::default() })
     }
 
     /// Appends further shapes.

@@ -81,7 +81,7 @@ impl Positions {
 /// Maximum number of frames of an animation.
 const MAX_FRAMES: usize = 1000;
 /// Maximum size of an animation in bytes: no browser plays longer ones.
-const MOST_DRAWN: usize = 16 << 20;
+const MAX_DRAWN: usize = 16 << 20;
 
 /// Maximum extrapolation.
 const MAX_POSITION: f64 = 1000.0;
@@ -140,9 +140,9 @@ pub fn draw_morph(posted: &Posted, title: &str, morph: &Morph) -> Result<String,
     let shapes = morph.frames.iter().map(|(_, shape)| shape.as_slice());
     let layer = Layer::of(&posted.space, shapes, colour::MAIN, 2.5, 1.0);
     let bytes = svg::animation_bytes(&layer);
-    if bytes > MOST_DRAWN {
+    if bytes > MAX_DRAWN {
         let detail = format!(
-            "expected an animation of at most {MOST_DRAWN} bytes, got about {bytes}: ask for fewer positions"
+            "expected an animation of at most {MAX_DRAWN} bytes, got about {bytes}: ask for fewer positions"
         );
         return Err(ServiceError::invalid("", detail));
     }

@@ -51,12 +51,12 @@ pub struct MaskInput {
 }
 
 /// Maximum number of cells of a grid: some seconds of work.
-const MOST_CELLS: usize = 1 << 24;
+const MAX_CELLS: usize = 1 << 24;
 /// Default number of cells along the longest side of the bounding box of both bodies.
 const USUAL_CELLS: usize = 128;
 /// Minimum number of cells along the longest side of the smaller body: even a thin body then has about a hundred cells
 /// inside.
-const LEAST_CELLS: usize = 32;
+const MIN_CELLS: usize = 32;
 /// Number of interior cells below which ratios have only one significant digit.
 const FEW_CELLS: usize = 100;
 /// Relative area below which a contour counts as a line or a point: area of the triangles from its first point, divided
@@ -207,8 +207,8 @@ fn read_mask(input: MaskInput) -> Result<Mask, Vec<InputError>> {
         error("/spacing", "expected positive numbers".into());
     }
     let cells = input.size.iter().fold(1_usize, |product, size| product.saturating_mul(*size));
-    if !(1..=MOST_CELLS).contains(&cells) {
-        error("/size", format!("expected between 1 and {MOST_CELLS} cells, got {cells}"));
+    if !(1..=MAX_CELLS).contains(&cells) {
+        error("/size", format!("expected between 1 and {MAX_CELLS} cells, got {cells}"));
     }
     let covered = input.runs.iter().fold(0_usize, |sum, run| sum.saturating_add(*run));
     if covered != cells {
@@ -349,9 +349,9 @@ fn given_spacing(spacing: f64, cells: f64) -> Result<f64, ServiceError> {
     if !(spacing > 0.0 && spacing <= MAX_COORDINATE) {
         return Err(ServiceError::invalid("/spacing", format!("expected a positive number, got {spacing}")));
     }
-    if !(cells <= MOST_CELLS as f64) {
+    if !(cells <= MAX_CELLS as f64) {
         let detail = format!(
-            "expected a spacing that makes at most {MOST_CELLS} cells, got {spacing}, which makes {cells:.1e}"
+            "expected a spacing that makes at most {MAX_CELLS} cells, got {spacing}, which makes {cells:.1e}"
         );
         return Err(ServiceError::invalid("/spacing", detail));
     }
@@ -370,8 +370,8 @@ fn usual_spacing(bodies: [&Body; 2], cells: impl Fn(f64) -> f64) -> Result<f64, 
     let both = bounds(bodies.into_iter().filter_map(Body::bounds).flatten()).unwrap_or_default();
     let longest = (0..3).map(|c| both[1][c] - both[0][c]).fold(0.0, f64::max);
     let usual = longest / USUAL_CELLS as f64;
-    let mut spacing = usual.min(extents[0].min(extents[1]) / LEAST_CELLS as f64);
-    while spacing < usual && !(cells(spacing) <= MOST_CELLS as f64) {
+    let mut spacing = usual.min(extents[0].min(extents[1]) / MIN_CELLS as f64);
+    while spacing < usual && !(cells(spacing) <= MAX_CELLS as f64) {
         // Even a flat box has enough cells at a millionth of its length, so that fewer than 500 steps remain.
         spacing = (spacing * COARSER).max(1e-6 * longest);
     }

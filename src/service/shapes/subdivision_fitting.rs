@@ -32,16 +32,16 @@ pub struct Search {
 /// Default number of rounds.
 pub const USUAL_TURNS: usize = 20;
 /// Maximum number of rounds.
-pub const MOST_TURNS: usize = 200;
+pub const MAX_TURNS: usize = 200;
 
 /// Maximum number of multiply-adds of a request: a minute of work.
-const MOST_OPERATIONS: f64 = 1e11;
+const MAX_OPERATIONS: f64 = 1e11;
 /// Approximate multiply-adds per round for the targets of a mesh.
 const PER_FIT: f64 = 5e7;
 
 /// Maximum distance of the surface's vertices from the bounding box of its points, relative to the diagonal. Beyond it,
 /// the fit has diverged.
-const MOST_OVERSHOOT: f64 = 0.25;
+const MAX_OVERSHOOT: f64 = 0.25;
 
 /// A fitted surface.
 #[derive(Debug, Clone)]
@@ -74,9 +74,9 @@ impl<'a> Fits<'a> {
         }
         let cube = (posted.metric.size() as f64).powi(3) / 3.0;
         let operations = count as f64 * (search.turns + 1) as f64 * (cube + PER_FIT);
-        if operations > MOST_OPERATIONS {
+        if operations > MAX_OPERATIONS {
             let detail = format!(
-                "expected at most {MOST_OPERATIONS:.0e} multiply-adds for all fits, got {operations:.0e} \
+                "expected at most {MAX_OPERATIONS:.0e} multiply-adds for all fits, got {operations:.0e} \
                  ({count} entries): send fewer entries, or use fewer turns or control points"
             );
             return Err(ServiceError::invalid(list, detail));
@@ -140,7 +140,7 @@ impl<'a> Fits<'a> {
         let found = self.fitting.fit_until(targets, start, self.turns, stop).map_err(one)?;
         // A stopped fit is discarded.
         let beyond = overshoot(&self.posted.steps().points(&found.rows), targets);
-        if !(beyond <= MOST_OVERSHOOT) {
+        if !(beyond <= MAX_OVERSHOOT) {
             let detail = format!(
                 "the points do not constrain the surface: it runs {:.0} % of the extent beyond them. Use fewer \
                  control points or turns, or another start",

@@ -14,7 +14,7 @@ use crate::formats::InputError;
 use crate::formats::checked::{Checked, LARGE, document, take_given};
 use crate::formats::shape::{PointList, ShapeInput};
 use crate::geometry::GeometryError;
-use crate::geometry::drawing::svg::MOST_FACES;
+use crate::geometry::drawing::svg::MAX_FACES;
 use crate::geometry::mesh::{Connectivity, TriangleMesh};
 use crate::geometry::quality::{MeshQuality, collapsed_edges};
 use crate::geometry::representation::Representation;
@@ -382,7 +382,7 @@ pub fn meshes(
     let basis = posted.steps();
     let near = |rows: &Matrix| match wanted {
         Wanted::Whole => basis.mesh(rows),
-        Wanted::Drawn => basis.drawn(rows, basis.level_with(MOST_FACES)),
+        Wanted::Drawn => basis.drawn(rows, basis.level_with(MAX_FACES)),
     };
     let mesh = |rows: &Matrix| {
         let points: Vec<[f64; 3]> = (0..rows.nrows()).map(|i| [0, 1, 2].map(|c| rows[(i, c)])).collect();
@@ -461,7 +461,7 @@ impl<'a> OrientedMeshes<'a> {
             faces: self.control.faces().to_vec(),
         };
         let size = self.subdivision.connectivity.size();
-        let drawn = (0..=self.subdivision.level).rev().find(|level| size.split(*level).faces <= MOST_FACES);
+        let drawn = (0..=self.subdivision.level).rev().find(|level| size.split(*level).faces <= MAX_FACES);
         let level = if wanted == Wanted::Drawn { drawn.unwrap_or(0) } else { self.subdivision.level };
         let refined = refine_mesh(self.subdivision.scheme, mesh, Depth::Level(level), usize::MAX, false);
         refined.map(|(refined, _)| refined.shape)

@@ -63,19 +63,19 @@ pub struct FittedSurface {
 }
 
 /// Maximum fraction of the area over which a fit may be folded; beyond it, the result is not a valid surface.
-const MOST_FOLDED: f64 = 0.05;
+const MAX_FOLDED: f64 = 0.05;
 
 /// Maximum number of multiply-adds for the normal equations of a request: a minute of work.
-const MOST_OPERATIONS: f64 = 1e11;
+const MAX_OPERATIONS: f64 = 1e11;
 
 /// Checks the total work of `count` fits, of `N³/3` multiply-adds each.
 fn check_work(posted: &Posted, count: usize, pointer: &str) -> Result<(), ServiceError> {
     let operations = count as f64 * (posted.metric.size() as f64).powi(3) / 3.0;
-    if operations <= MOST_OPERATIONS {
+    if operations <= MAX_OPERATIONS {
         return Ok(());
     }
     let detail = format!(
-        "expected at most {MOST_OPERATIONS:.0e} multiply-adds for all fits, got {operations:.0e} ({count} \
+        "expected at most {MAX_OPERATIONS:.0e} multiply-adds for all fits, got {operations:.0e} ({count} \
          entries): send fewer entries, or use fewer control points"
     );
     Err(ServiceError::invalid(pointer, detail))
@@ -294,7 +294,7 @@ impl PostedMesh {
             }
         }
         let folded = folded / area;
-        if let Some(face) = first.filter(|_| folded > MOST_FOLDED) {
+        if let Some(face) = first.filter(|_| folded > MAX_FOLDED) {
             let detail = format!(
                 "the fitted surface folds: over {:.1} % of the area its normal points against that of the mesh, \
                  first at face {face}. Turn the faces if they are clockwise seen from outside. Otherwise use \

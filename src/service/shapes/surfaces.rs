@@ -214,7 +214,7 @@ pub fn usual_grid(Extent { topology, intervals }: Extent) -> [usize; 2] {
 }
 
 /// Maximum number of vertices of a mesh: a tenth of a second.
-const MOST_VERTICES: usize = 250_000;
+const MAX_VERTICES: usize = 250_000;
 
 /// Triangle mesh of a shape at `grid` places along `u` and `v`. Default: two for every interval between knots, within
 /// bounds. A subdivision surface has the mesh of its level.
@@ -250,8 +250,8 @@ pub fn mesh(
         ));
     }
     let vertices = grid[0].saturating_mul(grid[1]);
-    if vertices > MOST_VERTICES {
-        return refused(format!("grid: expected at most {MOST_VERTICES} vertices, got {vertices}"));
+    if vertices > MAX_VERTICES {
+        return refused(format!("grid: expected at most {MAX_VERTICES} vertices, got {vertices}"));
     }
     if basis.seam() == Seam::HalfTurn && grid[1] % 2 == 1 {
         return refused(format!("grid: expected an even number along v behind a half turn, got {}", grid[1]));

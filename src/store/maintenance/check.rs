@@ -12,7 +12,7 @@ use super::super::handle::{Store, blocking};
 use super::super::{dictionaries, jobs, outputs};
 
 /// Maximum number of objects named per rule.
-const MOST_NAMED: i64 = 100;
+const MAX_NAMED: i64 = 100;
 /// Number of chunks, and of small rows, read at once.
 const CHUNKS: i64 = 4;
 const ROWS: i64 = 512;
@@ -193,7 +193,7 @@ impl Check<'_> {
 
     async fn rule(&mut self, sentence: &str, statement: &'static str) -> Result<(), StoreError> {
         let mut query = sql(self.store.reader(), statement).persistent(false);
-        query.push(" LIMIT ").push_bind(MOST_NAMED);
+        query.push(" LIMIT ").push_bind(MAX_NAMED);
         for row in query.all().await? {
             let name: &str = row.at(0)?;
             self.find(&sentence.replace("{}", name));

@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use super::observations::{Evidence, Labelled, Observations, subset};
 use crate::AnalysisError;
 use crate::accumulate::ShapesInMemory;
-use crate::alignment::{FEWEST_SHAPES, Method, mean_shape};
+use crate::alignment::{MIN_SHAPES, Method, mean_shape};
 use crate::dictionary::preparation::Preparation;
 use crate::frame::Frame;
 use crate::matching::{Placement, Target};
@@ -36,7 +36,7 @@ impl ClassMeans {
             let members: Vec<usize> =
                 (0..sample.classes.len()).filter(|&k| sample.classes[k] == class).collect();
             let chosen = subset(&all, &members);
-            if members.len() < FEWEST_SHAPES {
+            if members.len() < MIN_SHAPES {
                 return Ok(chosen.all().whitened.to_vec());
             }
             let Preparation { metric, method, matching, .. } = preparation;

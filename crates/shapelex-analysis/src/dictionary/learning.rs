@@ -99,7 +99,7 @@ pub struct Learnt {
 }
 
 /// Maximum number of groups of shapes.
-const MOST_GROUPS: usize = 64;
+const MAX_GROUPS: usize = 64;
 
 /// Memory limit for the statistics of all groups, in bytes.
 const GROUP_BYTES: usize = 256 << 20;
@@ -204,7 +204,7 @@ impl Learning {
     fn group_size(&self, shapes: usize, bytes: usize) -> usize {
         let groups = match self.schedule {
             Schedule::Batch => 1,
-            Schedule::Online => (GROUP_BYTES / bytes).clamp(1, MOST_GROUPS),
+            Schedule::Online => (GROUP_BYTES / bytes).clamp(1, MAX_GROUPS),
         };
         shapes.div_ceil(groups).next_multiple_of(BLOCK)
     }
@@ -259,7 +259,7 @@ impl Learning {
             sum.add(&self.algebra, block, &codes[first..first + block.weights.len()]);
             sum
         };
-        let together = (BLOCK_BYTES / group.bytes()).clamp(1, MOST_GROUPS);
+        let together = (BLOCK_BYTES / group.bytes()).clamp(1, MAX_GROUPS);
         let mut rest = part;
         while !rest.weights.is_empty() {
             let several;

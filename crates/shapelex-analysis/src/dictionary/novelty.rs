@@ -30,7 +30,7 @@ const PART_IN_TAIL: usize = 5;
 const ENOUGH_BEYOND: f64 = 5.0;
 
 /// Minimum standard deviation of a logarithm: shapes that are all described to rounding are not standardised.
-const LEAST_DEVIATION: f64 = 1e-6;
+const MIN_DEVIATION: f64 = 1e-6;
 
 /// Smallest value of a measure, so that its logarithm is finite.
 const LEAST: f64 = 1e-300;
@@ -51,7 +51,7 @@ impl Logarithms {
         let n = logarithms.len() as f64;
         let mean = logarithms.iter().sum::<f64>() / n.max(1.0);
         let squares: f64 = logarithms.iter().map(|l| (l - mean) * (l - mean)).sum();
-        Self { mean, deviation: (squares / (n - 1.0).max(1.0)).sqrt().max(LEAST_DEVIATION) }
+        Self { mean, deviation: (squares / (n - 1.0).max(1.0)).sqrt().max(MIN_DEVIATION) }
     }
 
     fn standardise(self, value: f64) -> f64 {

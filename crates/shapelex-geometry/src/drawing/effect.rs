@@ -99,7 +99,7 @@ pub struct EffectPoint {
 /// Height of a line of the legend.
 const LINE: f64 = 20.0;
 /// Maximum number of lines of the legend: more could not be told apart.
-const MOST_LINES: usize = 60;
+const MAX_LINES: usize = 60;
 /// Stroke widths of significant and other points.
 const WIDTHS: (f64, f64) = (9.0, 4.0);
 
@@ -111,7 +111,7 @@ pub fn draw(title: &str, layers: &[Layer], effect: Option<&Effect>, captions: &[
     // Surface layers would hide the effect, so they are replaced by the sheet that carries it.
     let over: &[Layer] = if layers.iter().any(Layer::hides) { &[] } else { layers };
     let page = Page::around(lines.chain(&along));
-    let named = layers.iter().filter(|layer| layer.name.is_some()).count().min(MOST_LINES);
+    let named = layers.iter().filter(|layer| layer.name.is_some()).count().min(MAX_LINES);
     let legend = LINE * (named + captions.len() + usize::from(effect.is_some())) as f64;
     let mut svg = open(title, page.height + legend);
     if let Some(effect) = effect {
@@ -236,7 +236,7 @@ fn draw_legend(svg: &mut String, layers: &[Layer], effect: Option<&Effect>, capt
         y += LINE;
     };
     let named = layers.iter().filter_map(|layer| layer.name.as_ref().map(|name| (layer, name)));
-    for (layer, name) in named.take(MOST_LINES) {
+    for (layer, name) in named.take(MAX_LINES) {
         let sample = if layer.hides() {
             String::new()
         } else {

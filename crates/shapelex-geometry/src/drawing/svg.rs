@@ -73,7 +73,7 @@ impl Layer {
         opacity: f64,
     ) -> Self {
         if space.surface().is_some() || space.subdivision().is_some() {
-            let shapes: Vec<&[f64]> = shapes.into_iter().take(MOST_SURFACES).collect();
+            let shapes: Vec<&[f64]> = shapes.into_iter().take(MAX_SURFACES).collect();
             let among_others = shapes.len() > 1;
             let facets = |shape: &&[f64]| match (space.surface(), space.subdivision()) {
                 (Some(basis), _) => Some(Facets::of(basis, shape, among_others)),
@@ -97,7 +97,7 @@ impl Layer {
     /// Layer of closed meshes.
     pub fn of_meshes(meshes: &[TriangleMesh], colour: &'static str) -> Self {
         let among_others = meshes.len() > 1;
-        let drawn = meshes.iter().take(MOST_SURFACES);
+        let drawn = meshes.iter().take(MAX_SURFACES);
         Self::of_facets(drawn.map(|mesh| Facets::of_mesh(mesh, among_others)), colour)
     }
 
@@ -163,7 +163,7 @@ pub(super) fn depth(point: &[f64]) -> f64 {
 }
 
 /// Maximum number of surfaces in a drawing.
-const MOST_SURFACES: usize = 12;
+const MAX_SURFACES: usize = 12;
 /// Facets along each direction of a surface: the range for one alone (about two per interval between knots), and among others.
 const CELLS: [usize; 2] = [48, 88];
 const CELLS_AMONG_OTHERS: usize = 36;
@@ -173,12 +173,12 @@ const LIGHT: [f64; 3] = [-0.02, -0.73, 0.68];
 const AMBIENT: f64 = 0.25;
 
 /// Maximum number of faces of a drawn mesh, alone and among others.
-pub const MOST_FACES: usize = 10_000;
-const MOST_FACES_AMONG_OTHERS: usize = 2_600;
+pub const MAX_FACES: usize = 10_000;
+const MAX_FACES_AMONG_OTHERS: usize = 2_600;
 
 /// Subdivision level at which shapes are drawn.
 pub(super) fn drawn_level(basis: &SubdivisionBasis, among_others: bool) -> usize {
-    basis.level_with(if among_others { MOST_FACES_AMONG_OTHERS } else { MOST_FACES })
+    basis.level_with(if among_others { MAX_FACES_AMONG_OTHERS } else { MAX_FACES })
 }
 
 /// Control points in space, one per row.
@@ -327,7 +327,7 @@ pub fn draw(title: &str, layers: &[Layer]) -> String {
 fn side_by_side(title: &str, layers: &[Layer]) -> String {
     let mut cells: Vec<(String, Vec<Layer>)> = Vec::new();
     for layer in layers.iter().rev() {
-        let (before, room) = (cells.len(), MOST_SURFACES - cells.len());
+        let (before, room) = (cells.len(), MAX_SURFACES - cells.len());
         cells.extend(layer.apart().take(room).map(|one| (one.name.clone().unwrap_or_default(), vec![one])));
         // Only the first of many surfaces are drawn, so the caption says so.
         let many = layer.lines.len() > 1 && layer.name.is_some();
@@ -335,20 +335,20 @@ fn side_by_side(title: &str, layers: &[Layer]) -> String {
             *caption = format!("some of {caption}");
         }
     }
-    let columns = if cells.len() <= MOST_IN_A_ROW { cells.len() } else { columns_of(cells.len()) };
+    let columns = if cells.len() <= MAX_IN_A_ROW { cells.len() } else { columns_of(cells.len()) };
     draw_cells(title, &cells, columns)
 }
 
 /// Up to this many surfaces are drawn in one row.
-const MOST_IN_A_ROW: usize = 7;
+const MAX_IN_A_ROW: usize = 7;
 
 /// Number of columns of a grid that is about as wide as high.
 fn columns_of(cells: usize) -> usize {
-    (cells as f64).sqrt().ceil().clamp(1.0, MOST_COLUMNS as f64) as usize
+    (cells as f64).sqrt().ceil().clamp(1.0, MAX_COLUMNS as f64) as usize
 }
 
 /// Maximum number of cells per row of a grid.
-const MOST_COLUMNS: usize = 10;
+const MAX_COLUMNS: usize = 10;
 
 /// Draws cells with captions side by side on one scale, each centred on its own shapes.
 pub fn grid(title: &str, cells: &[(String, Vec<Layer>)]) -> String {

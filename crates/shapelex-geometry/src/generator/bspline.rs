@@ -123,7 +123,7 @@ fn factorial(n: usize) -> f64 {
 }
 
 /// Maximum number of terms: larger factorials overflow. Admissible poles need fewer than 60.
-const MOST_TERMS: usize = 170;
+const MAX_TERMS: usize = 170;
 
 /// Number of Taylor terms for a truncation error of `tolerance` in the second derivative.
 fn terms_needed(order: usize, radius: f64, tolerance: f64) -> usize {
@@ -131,7 +131,7 @@ fn terms_needed(order: usize, radius: f64, tolerance: f64) -> usize {
     let mut terms = order + 1;
     loop {
         let remainder = ratio.powi((terms - order + 1) as i32) * factorial(order - 1) / factorial(terms);
-        if remainder * (terms as f64 / HALF_PIECE).powi(2) <= tolerance || terms >= MOST_TERMS {
+        if remainder * (terms as f64 / HALF_PIECE).powi(2) <= tolerance || terms >= MAX_TERMS {
             return terms + 1;
         }
         terms += 1;

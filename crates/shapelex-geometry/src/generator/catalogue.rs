@@ -212,7 +212,7 @@ pub struct GeneratorProperties {
 const MAX_DEGREE: u8 = 5;
 
 /// Minimum number of control points of a closed curve.
-const FEWEST_CLOSED: usize = 3;
+const MIN_CLOSED: usize = 3;
 
 impl GeneratorKind {
     /// One generator of each kind, in catalogue order; those with poles are set up to reproduce ellipses.
@@ -298,7 +298,7 @@ impl GeneratorKind {
             _ => true,
         };
         let admissible = match self {
-            Self::Trigonometric {} => FEWEST_CLOSED,
+            Self::Trigonometric {} => MIN_CLOSED,
             Self::Exponential { poles } | Self::Interpolator { poles, .. } => poles.fewest_intervals(),
             _ => 1,
         };
@@ -308,7 +308,7 @@ impl GeneratorKind {
             interpolating,
             partition_of_unity: poles.zeros > 0,
             reproduces: describe(&poles, variable),
-            fewest_control_points: admissible.max(FEWEST_CLOSED),
+            fewest_control_points: admissible.max(MIN_CLOSED),
             fewest_intervals: admissible.max(poles.order().saturating_sub(1)).max(1),
         }
     }

@@ -185,12 +185,12 @@ fn on_sphere(point: [f64; 3]) -> [f64; 3] {
 pub struct StartMesh {
     /// The body.
     pub body: Body,
-    /// Number of splits, at most [`MOST_SPLITS`].
+    /// Number of splits, at most [`MAX_SPLITS`].
     pub splits: usize,
 }
 
 /// Maximum number of splits: more than any memory holds is rejected with the name.
-pub const MOST_SPLITS: usize = 15;
+pub const MAX_SPLITS: usize = 15;
 
 impl StartMesh {
     /// Number of vertices and faces.
@@ -233,11 +233,11 @@ impl FromStr for StartMesh {
     fn from_str(text: &str) -> Result<Self, String> {
         let (name, splits) = text.split_once('/').unwrap_or((text, "0"));
         let body = Body::ALL.into_iter().find(|body| body.name() == name);
-        let splits = splits.parse().ok().filter(|splits| *splits <= MOST_SPLITS);
+        let splits = splits.parse().ok().filter(|splits| *splits <= MAX_SPLITS);
         body.zip(splits).map(|(body, splits)| Self { body, splits }).ok_or_else(|| {
             let names = Body::ALL.map(|body| format!("\"{}\"", body.name())).join(", ");
             format!(
-                "expected one of {names}, with up to {MOST_SPLITS} splits after a slash (such as \
+                "expected one of {names}, with up to {MAX_SPLITS} splits after a slash (such as \
                  \"octahedron/2\"), got \"{text}\""
             )
         })

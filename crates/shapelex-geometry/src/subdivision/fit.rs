@@ -215,13 +215,13 @@ fn moments(targets: &[Target]) -> ([f64; 3], Matrix) {
 }
 
 /// Minimum number of targets for a mesh: if it has fewer faces, they are divided.
-const FEWEST_TARGETS: usize = 20_000;
+const MIN_TARGETS: usize = 20_000;
 /// Maximum number of parts per edge of a face.
-const MOST_PARTS: usize = 16;
+const MAX_PARTS: usize = 16;
 
 /// Targets on the faces of a mesh, weighted by the area they represent, with directions interpolated from the corners.
 pub fn mesh_targets(mesh: &TriangleMesh, directions: Option<&[[f64; 3]]>) -> (Vec<Target>, Vec<[f64; 3]>) {
-    let parts = FEWEST_TARGETS.div_ceil(mesh.faces.len().max(1)).isqrt().clamp(1, MOST_PARTS);
+    let parts = MIN_TARGETS.div_ceil(mesh.faces.len().max(1)).isqrt().clamp(1, MAX_PARTS);
     let (mut targets, mut mixed) = (Vec::new(), Vec::new());
     for (face, area) in mesh.faces.iter().zip(mesh.face_areas()) {
         let mix = |list: &[[f64; 3]], shares: [f64; 3]| {

@@ -40,7 +40,7 @@ pub struct SurfaceSample {
 
 /// Maximum ratio of the squared `L₂` norm of a surface to that of its samples. Beyond it the fit is ill-posed: the surface is
 /// hardly determined between the points and would run away there.
-const MOST_UNSEEN: f64 = 1e4;
+const MAX_UNSEEN: f64 = 1e4;
 
 /// Fits a surface of `basis`. Cost: `N³/3` for the equations, and 256 products per point.
 ///
@@ -75,7 +75,7 @@ fn fit_near(basis: &SurfaceBasis, samples: &[SurfaceSample]) -> Result<SurfaceFi
             }
         }
     }
-    let factored = Definite::new(&normal).ok().filter(|normal| most_unseen(basis, normal) < MOST_UNSEEN);
+    let factored = Definite::new(&normal).ok().filter(|normal| most_unseen(basis, normal) < MAX_UNSEEN);
     let rows = factored.ok_or(undetermined)?.solve(&right);
     let (mut squares, mut largest) = (0.0, 0.0_f64);
     for sample in samples {
@@ -111,7 +111,7 @@ fn most_unseen(basis: &SurfaceBasis, normal: &Definite) -> f64 {
 /// Minimum and maximum number of parts of a triangle along its edges.
 const PARTS: [usize; 2] = [2, 64];
 /// Approximate maximum number of samples of a mesh: the triangles of larger meshes are small enough undivided.
-const MOST_SAMPLES: usize = 1_000_000;
+const MAX_SAMPLES: usize = 1_000_000;
 
 /// Samples on the faces of a mesh, two per knot interval along an edge, with the index of their face and weighted by the area
 /// they represent. The fit thus covers the whole mesh, not its vertices alone, and does not run away between them.
@@ -123,7 +123,7 @@ pub fn mesh_samples(
     mesh: &TriangleMesh,
     parameters: &[[f64; 2]],
 ) -> Vec<(usize, SurfaceSample)> {
-    let most = ((MOST_SAMPLES / mesh.faces.len().max(1)).isqrt()).clamp(1, PARTS[1]);
+    let most = ((MAX_SAMPLES / mesh.faces.len().max(1)).isqrt()).clamp(1, PARTS[1]);
     let mut samples = Vec::new();
     for (index, (face, area)) in mesh.faces.iter().zip(mesh.face_areas()).enumerate() {
         let at = |vertex: u32| parameters[vertex as usize];

@@ -62,9 +62,9 @@ const FEWER_NODES: usize = 7;
 /// Relative tolerance of the area.
 const AREA_TOLERANCE: f64 = 1e-11;
 /// Maximum depth of subdivision of a piece of the area.
-const MOST_HALVINGS: usize = 12;
+const MAX_HALVINGS: usize = 12;
 /// Maximum total number of subdivided pieces, relative to the number of pieces of the surface.
-const MOST_PIECES: usize = 16;
+const MAX_PIECES: usize = 16;
 /// Ratio of the volume to that of the bounding box below which the volume is rounding.
 const NO_VOLUME: f64 = 1e-12;
 
@@ -354,7 +354,7 @@ fn area(surface: &Surface, about: f64) -> (f64, f64) {
     let halves = [0, 1].map(|direction| 2 * surface.intervals(direction));
     let count = halves[0] * halves[1];
     let allowed = AREA_TOLERANCE * about / count as f64;
-    let (mut total, mut error, mut left) = (0.0, 0.0, MOST_PIECES * count);
+    let (mut total, mut error, mut left) = (0.0, 0.0, MAX_PIECES * count);
     for half_u in 0..halves[0] {
         for half_v in 0..halves[1] {
             let whole = Piece { halves: [half_u, half_v], low: [-1.0; 2], high: [1.0; 2], depth: 0 };
@@ -362,7 +362,7 @@ fn area(surface: &Surface, about: f64) -> (f64, f64) {
             while let Some(piece) = pieces.pop() {
                 let [fine, coarse] = [0, 1].map(|i| piece.area(surface, &rules[i]));
                 let difference = (fine - coarse).abs();
-                if difference > allowed && piece.depth < MOST_HALVINGS && left > 0 {
+                if difference > allowed && piece.depth < MAX_HALVINGS && left > 0 {
                     left -= 1;
                     pieces.extend(piece.quarters());
                 } else {

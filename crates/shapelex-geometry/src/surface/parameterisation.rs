@@ -23,9 +23,9 @@ use shapelex_numeric::bounded::{Stop, never};
 use shapelex_numeric::dense::{Matrix, leading_eigenpairs};
 
 /// Minimum weight of an edge, relative to the mean.
-const LEAST_WEIGHT: f64 = 1e-2;
+const MIN_WEIGHT: f64 = 1e-2;
 /// Maximum number of iterations for the two systems: meshes of 100 000 vertices take a thousand.
-const MOST_ITERATIONS: usize = 20_000;
+const MAX_ITERATIONS: usize = 20_000;
 /// Relative residual of the two systems.
 const RESIDUAL: f64 = 1e-12;
 
@@ -111,7 +111,7 @@ fn path(connectivity: &Connectivity, [north, south]: [u32; 2]) -> Option<Vec<u32
     Some(path)
 }
 
-/// Half the sum of the cotangents opposite to each edge, in the order of the rings; at least [`LEAST_WEIGHT`] of their mean.
+/// Half the sum of the cotangents opposite to each edge, in the order of the rings; at least [`MIN_WEIGHT`] of their mean.
 fn weights(mesh: &TriangleMesh, connectivity: &Connectivity) -> Vec<Vec<f64>> {
     let cotangent = |a: u32, b: u32, at: u32| {
         let [a, b, at] = [a, b, at].map(|vertex| mesh.vertices[vertex as usize]);
@@ -131,7 +131,7 @@ fn weights(mesh: &TriangleMesh, connectivity: &Connectivity) -> Vec<Vec<f64>> {
         .collect();
     let all = weights.iter().flatten();
     let mean = all.clone().map(|weight| weight.abs()).sum::<f64>() / all.count() as f64;
-    weights.iter_mut().flatten().for_each(|weight| *weight = weight.max(LEAST_WEIGHT * mean));
+    weights.iter_mut().flatten().for_each(|weight| *weight = weight.max(MIN_WEIGHT * mean));
     weights
 }
 
@@ -207,7 +207,7 @@ impl Graph<'_> {
         let (mut p, mut rho) = (z.clone(), product(&r, &z));
         let wanted = RESIDUAL * RESIDUAL * rho;
         let mut q = vec![0.0; count];
-        let iterations = MOST_ITERATIONS.min(10 * count);
+        let iterations = MAX_ITERATIONS.min(10 * count);
         for _ in 0..iterations {
             if rho <= wanted || (self.stop)() {
                 return Ok(x);

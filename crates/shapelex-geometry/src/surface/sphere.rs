@@ -32,7 +32,7 @@ use shapelex_numeric::operator::SymmetricOperator;
 /// Number of rows after those between the poles: the poles, the handles of the north, the handles of the south.
 pub const POLAR_ROWS: usize = 6;
 /// Minimum number of intervals from pole to pole, with one ring of points in between.
-pub const FEWEST_ALONG_MERIDIAN: usize = 2;
+pub const MIN_ALONG_MERIDIAN: usize = 2;
 const NORTH: usize = 0;
 const SOUTH: usize = 1;
 /// Index of the first handle of each pole.

@@ -23,7 +23,7 @@ use crate::service::dictionaries::ready;
 
 /// Maximum number of held-out shapes: with 400, the limit at 0.99 has a standard error of a quarter of a percentage
 /// point of false alarms, half of the effect of the choice of the cohort.
-const MOST_HELD: usize = 400;
+const MAX_HELD: usize = 400;
 
 /// Below this number of shapes there are ten parts, above it five: a dictionary learnt from 16 of 20 shapes describes
 /// the others visibly worse.
@@ -34,7 +34,7 @@ const PARTS: (usize, usize) = (10, 5);
 /// more shapes than are held out.
 fn parts(shapes: usize) -> (usize, usize) {
     let parts = if shapes < FEW_SHAPES { PARTS.0.min(shapes) } else { PARTS.1 };
-    if shapes > MOST_HELD { (parts, 1) } else { (parts, parts) }
+    if shapes > MAX_HELD { (parts, 1) } else { (parts, parts) }
 }
 
 /// Minimum number of shapes left to learn from without a part.
@@ -44,13 +44,13 @@ fn inside(shapes: usize) -> usize {
 
 /// Whether components are learnt anew without parts of this many shapes.
 fn relearns(searches: bool, shapes: usize) -> bool {
-    searches && shapes <= MOST_HELD
+    searches && shapes <= MAX_HELD
 }
 
 /// Number of additional trainings needed to hold out some of `shapes` shapes.
 pub(crate) fn trainings(method: &Method, searches: bool, shapes: usize) -> usize {
     match method {
-        _ if shapes < FEWEST_IN_PARTS => 0,
+        _ if shapes < MIN_IN_PARTS => 0,
         Method::Sparse { atoms, .. } if *atoms > inside(shapes) => 0,
         Method::FunctionalPca { .. } if !relearns(searches, shapes) => 0,
         _ => parts(shapes).1,
@@ -58,7 +58,7 @@ pub(crate) fn trainings(method: &Method, searches: bool, shapes: usize) -> usize
 }
 
 /// Minimum number of shapes that are divided into parts.
-const FEWEST_IN_PARTS: usize = 4;
+const MIN_IN_PARTS: usize = 4;
 
 /// The same for a plan, independent of the number of its shapes; used for progress.
 pub(super) fn usual_trainings(plan: &Plan) -> usize {
@@ -68,9 +68,9 @@ pub(super) fn usual_trainings(plan: &Plan) -> usize {
     }
 }
 
-/// At most [`MOST_HELD`] of the positions, evenly spread.
+/// At most [`MAX_HELD`] of the positions, evenly spread.
 fn spread(positions: &[usize]) -> Vec<usize> {
-    let held = positions.len().min(MOST_HELD);
+    let held = positions.len().min(MAX_HELD);
     (0..held).map(|i| positions[i * positions.len() / held]).collect()
 }
 
@@ -88,8 +88,7 @@ impl Task<'_> {
         if shapes.count() < FEWEST {
             return Ok(None);
         }
-        let anew =
-            shapes.count() >= FEWEST_IN_PARTS && bytes <= KEPT_BYTES && self.plan.continue_from.is_none();
+        let anew = shapes.count() >= MIN_IN_PARTS && bytes <= KEPT_BYTES && self.plan.continue_from.is_none();
         let few = relearns(preparation.matching.searches(), shapes.count());
         let (method, found) = match &content.method {
             Method::FunctionalPca { centre, .. } if !(anew && few) => {
@@ -124,7 +123,7 @@ impl Task<'_> {
         let origin = FunctionalPca::origin(&preparation.mean, centre);
         let downdate = Downdate::new(sum, &origin, shapes.count(), centre, components)?;
         self.context.check()?;
-        let some = shapes.spread_out(MOST_HELD)?;
+        let some = shapes.spread_out(MAX_HELD)?;
         let posed = in_memory(&Posed { source: &some, preparation })?;
         Ok(downdate.leave_out(posed.all()))
     }
@@ -206,7 +205,7 @@ mod tests {
         let all: Vec<usize> = (0..100_000).collect();
         assert_eq!(spread(&all[..3]), [0, 1, 2]);
         let many = spread(&all);
-        assert!(many.len() == MOST_HELD && many.is_sorted_by(|a, b| a < b) && many[MOST_HELD - 1] < 100_000);
+        assert!(many.len() == MAX_HELD && many.is_sorted_by(|a, b| a < b) && many[MAX_HELD - 1] < 100_000);
         assert_eq!([5, 20, 100, 400, 401].map(parts), [(5, 5), (10, 10), (5, 5), (5, 5), (5, 1)]);
         let components = Method::FunctionalPca { components: 3, centre: true };
         assert_eq!([3, 20, 400, 401].map(|count| trainings(&components, true, count)), [0, 10, 5, 0]);

@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 use tokio::runtime::Handle;
 
 pub(crate) use self::answer::test;
-use super::test_sample::{self, MOST_PERMUTATIONS};
+use super::test_sample::{self, MAX_PERMUTATIONS};
 use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::Mirror;
 use crate::analysis::inference::permutation::Relabellings;
@@ -24,7 +24,6 @@ use crate::domain::comparison::Comparison;
 use crate::domain::job::JobKind;
 use crate::domain::shape::{ShapeDescription, ShapeFilter};
 use crate::geometry::representation::Representation;
-use crate::geometry::sampling::Places;
 use crate::service::app::progress::JobContext;
 use crate::service::app::{App, Fault, ServiceError};
 use crate::service::cohorts::attributes::{self, Attribute, KnownAttributes};
@@ -35,16 +34,16 @@ use crate::service::jobs::inline_or_job::PlannedTest;
 use crate::service::statistics::Setup;
 
 /// Maximum number of groups of a comparison.
-const MOST_GROUPS: usize = 50;
+const MAX_GROUPS: usize = 50;
 
 /// Minimum number of shapes of a group: a single shape has no scatter.
-const FEWEST_MEMBERS: usize = 2;
+const MIN_MEMBERS: usize = 2;
 
 /// Maximum length of a group's name.
 const MAX_NAME_CHARS: usize = 100;
 
 /// Maximum number of points along the shape in an answer, over all pairs.
-const MOST_EFFECT_POINTS: usize = 100_000;
+const MAX_EFFECT_POINTS: usize = 100_000;
 
 /// Maximum number of values listed in a fault.
 const NAMED_VALUES: usize = 10;
@@ -160,9 +159,9 @@ pub async fn prepare(app: &App, compare: Compare) -> Result<Prepared, ServiceErr
 async fn prepare_plan(app: &App, cohort: Cohort, plan: Plan) -> Result<Prepared, ServiceError> {
     let members = plan.members(app, &cohort).await?;
     let (pairs, points) = (pairs_of(members.names.len()).len(), plan.samples);
-    if pairs.saturating_mul(points) > MOST_EFFECT_POINTS {
+    if pairs.saturating_mul(points) > MAX_EFFECT_POINTS {
         let detail = format!(
-            "expected at most {MOST_EFFECT_POINTS} points over all pairs, got {points} for each of {pairs} \
+            "expected at most {MAX_EFFECT_POINTS} points over all pairs, got {points} for each of {pairs} \
              pairs"
         );
         return Err(ServiceError::invalid("/samples", detail));
@@ -217,9 +216,9 @@ fn usual_samples(representation: &Representation) -> usize {
 /// Faults of the request that do not depend on the cohort.
 fn own_faults(compare: &Compare, most_samples: usize) -> Vec<Fault> {
     let mut faults = Vec::new();
-    if compare.permutations > MOST_PERMUTATIONS {
+    if compare.permutations > MAX_PERMUTATIONS {
         let detail =
-            format!("expected a number between 0 and {MOST_PERMUTATIONS}, got {}", compare.permutations);
+            format!("expected a number between 0 and {MAX_PERMUTATIONS}, got {}", compare.permutations);
         faults.push(Fault::new("/permutations", detail));
     }
     if let Some(samples) = compare.samples.filter(|samples| !(1..=most_samples).contains(samples)) {
@@ -247,11 +246,11 @@ fn own_faults(compare: &Compare, most_samples: usize) -> Vec<Fault> {
 
 fn group_faults(groups: &[NamedGroup]) -> Vec<Fault> {
     let mut faults = Vec::new();
-    if !(2..=MOST_GROUPS).contains(&groups.len()) {
-        let detail = format!("expected 2 to {MOST_GROUPS} groups, got {}", groups.len());
+    if !(2..=MAX_GROUPS).contains(&groups.len()) {
+        let detail = format!("expected 2 to {MAX_GROUPS} groups, got {}", groups.len());
         faults.push(Fault::new("/groups", detail));
     }
-    for (i, group) in groups.iter().enumerate().take(MOST_GROUPS) {
+    for (i, group) in groups.iter().enumerate().take(MAX_GROUPS) {
         let pointer = format!("/groups/{i}/name");
         if group.name.is_empty() || group.name.chars().count() > MAX_NAME_CHARS {
             faults.push(Fault::new(pointer, format!("expected 1 to {MAX_NAME_CHARS} characters")));
@@ -290,7 +289,7 @@ async fn named_members(app: &App, cohort: &Cohort, groups: &[NamedGroup]) -> Res
     }
     let mut faults = overlap_faults(groups, &described);
     for (i, (group, shapes)) in groups.iter().zip(&described).enumerate() {
-        if shapes.len() < FEWEST_MEMBERS {
+        if shapes.len() < MIN_MEMBERS {
             faults.extend(too_few(app, cohort, i, group, shapes.len()).await?);
         }
     }
@@ -327,8 +326,7 @@ async fn too_few(
             })
             .collect());
     }
-    let detail =
-        format!("expected at least {FEWEST_MEMBERS} shapes for '{}', got {found}: {known}", group.name);
+    let detail = format!("expected at least {MIN_MEMBERS} shapes for '{}', got {found}: {known}", group.name);
     Ok(vec![Fault::new(format!("/groups/{i}/filter"), detail)])
 }
 
@@ -378,24 +376,21 @@ async fn members_by(
             counts
         },
     );
-    if values.len() < 2 || values.len() > MOST_GROUPS {
+    if values.len() < 2 || values.len() > MAX_GROUPS {
         let known = KnownAttributes::of(app, cohort).await?;
         let detail = match values.len() {
             0 => format!("none of {all} shapes has {by}: {known}"),
             1 => format!("expected at least two groups, but all shapes that have {by} have the same value"),
-            count => format!("expected at most {MOST_GROUPS} groups, got {count} values of {by}"),
+            count => format!("expected at most {MAX_GROUPS} groups, got {count} values of {by}"),
         };
         return Err(at(detail));
     }
-    let lonely: Vec<&str> = values
-        .iter()
-        .filter(|(_, count)| **count < FEWEST_MEMBERS)
-        .map(|(value, _)| value.as_str())
-        .collect();
+    let lonely: Vec<&str> =
+        values.iter().filter(|(_, count)| **count < MIN_MEMBERS).map(|(value, _)| value.as_str()).collect();
     if !lonely.is_empty() {
         let named = lonely.iter().take(NAMED_VALUES).copied().collect::<Vec<_>>().join(", ");
         let detail = format!(
-            "expected at least {FEWEST_MEMBERS} shapes in every group, but {} values of {by} have only 1: \
+            "expected at least {MIN_MEMBERS} shapes in every group, but {} values of {by} have only 1: \
              {named}",
             lonely.len()
         );
