@@ -271,7 +271,7 @@ impl<S: Send + Sync> FromRequestParts<S> for ShapeFormat {
             return Ok(Self::Mesh(format, grid));
         }
         if grid.is_some() {
-            return Err(refused("grid belongs to the formats obj, ply, stl and gltf".into()));
+            return Err(refused("grid: expected only with the formats obj, ply, stl and gltf".into()));
         }
         Format::from_request_parts(parts, state).await.map(Self::Plain).map_err(|problem| {
             let known = format.is_none_or(|format| ["json", "svg"].contains(&format.as_str()));

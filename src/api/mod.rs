@@ -61,7 +61,7 @@ use problem::{Problem, ProblemKind};
         (name = "jobs", description = "Long-running work: progress, events, cancellation"),
         (name = "dictionaries", description = "Components and sparse atoms learnt from cohorts, and their use"),
         (name = "tests", description = "Permutation tests: comparison of groups and regression"),
-        (name = "changes", description = "Changes since a revision, and the trash"),
+        (name = "changes", description = "The change feed and the trash"),
         (name = "operation", description = "Version, metrics and the audit trail"),
         (name = "access", description = "Keys (for administrators)"),
         (name = "health", description = "Probes")

@@ -83,7 +83,7 @@ impl Connections {
                         let tasks = if tasks.is_closed() { &late } else { &tasks };
                         tasks.spawn(self.clone().answer(stream, peer, slot));
                     }
-                    None => complaint.say("every connection is being answered, new ones are closed"),
+                    None => complaint.say("all connections are being served: new ones are closed"),
                 },
                 Err(error) => {
                     complaint.say(&format!("a connection could not be accepted: {error}"));

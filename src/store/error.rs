@@ -73,7 +73,7 @@ pub enum StoreError {
         path: PathBuf,
     },
     /// The SQLite library has a known fault.
-    #[error("SQLite {version} is too old, at least 3.51.3 is needed")]
+    #[error("expected SQLite 3.51.3 or newer, got {version}")]
     TooOld {
         /// Its version.
         version: String,

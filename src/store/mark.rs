@@ -79,7 +79,7 @@ impl Mark {
     pub(super) fn sync(&self) {
         let written = self.file.lock().unwrap_or_else(PoisonError::into_inner);
         if let Err(error) = written.file.sync_data() {
-            tracing::debug!(%error, "the mark could not be written through to the disk");
+            tracing::debug!(%error, "the mark could not be synced to disk");
         }
     }
 }

@@ -78,11 +78,12 @@ pub(super) struct RieszBounds {
         ("name" = String, Path, description = "`trigonometric`, `keys`, `bspline`, `exponential` or `interpolator`"),
         ("control_points" = Option<usize>, Query, description = "Control points (closed) or intervals (open). \
                                                                  Default: 8, or the fewest if these are more"),
-        ("degree" = Option<u8>, Query, description = "Of `bspline`"),
-        ("family" = Option<String>, Query, description = "Of `interpolator`: `integer_shifts` or `half_integer_shifts`"),
+        ("degree" = Option<u8>, Query, description = "Degree of `bspline`"),
+        ("family" = Option<String>, Query, description = "Family of `interpolator`: `integer_shifts` or \
+                                                          `half_integer_shifts`"),
         ("poles" = Option<String>, Query, description = "Poles such as `[[0,0],[0,0.5],[0,-0.5]]`", example = "[[0,0],[0,0.5],[0,-0.5]]"),
         ("domain_poles" = Option<String>, Query, description = "Poles of the domain, instead of `poles`"),
-        ("support" = Option<usize>, Query, description = "Of `interpolator`"),
+        ("support" = Option<usize>, Query, description = "Support of `interpolator`"),
         ("weights" = Option<String>, Query, description = "Weights of `interpolator`, such as `[-0.5]`"),
         ("format" = Option<String>, Query, description = "`json` or `svg`")
     ),

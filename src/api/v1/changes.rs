@@ -139,7 +139,7 @@ pub(super) async fn restore_trashed(
 #[utoipa::path(delete, path = "/trash/{id}", tag = "changes",
     params(("id" = String, Path, description = "Id of the cohort or of the dictionary version")),
     responses(
-        (status = 204, description = "Gone"),
+        (status = 204, description = "Permanently deleted"),
         (status = 404, description = "Not in the trash", body = ProblemDocument, content_type = "application/problem+json"),
         (status = "4XX", description = "The request was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]

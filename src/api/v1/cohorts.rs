@@ -224,7 +224,7 @@ fn given<'de, D: serde::Deserializer<'de>>(field: D) -> Result<Option<Option<Str
 #[utoipa::path(patch, path = "/cohorts/{cohort}", tag = "cohorts", request_body = CohortPatch,
     params(("cohort" = String, Path, description = "Id or name"), IfMatchHeader),
     responses(
-        (status = 200, description = "The cohort as it is now", body = CohortOutput),
+        (status = 200, description = "The updated cohort", body = CohortOutput),
         (status = 404, description = "No such cohort", body = ProblemDocument, content_type = "application/problem+json"),
         (status = 409, description = "The name is already in use", body = ProblemDocument, content_type = "application/problem+json"),
         (status = 412, description = "The cohort has changed meanwhile", body = ProblemDocument, content_type = "application/problem+json"),
@@ -330,8 +330,8 @@ pub(super) struct CohortMeanOutput {
     params(
         ("cohort" = String, Path, description = "Id or name"),
         ("transformation" = ClassName, Query, description = "Class of transformations that is removed"),
-        ("alignment" = Option<Alignment>, Query, description = "Default: `projection`"),
-        ("frame" = Option<Frame>, Query, description = "Default: `training`"),
+        ("alignment" = Option<Alignment>, Query, description = "Alignment. Default: `projection`"),
+        ("frame" = Option<Frame>, Query, description = "Frame. Default: `training`"),
         ("label" = Option<String>, Query, description = "Only shapes with this label"),
         ("subject" = Option<String>, Query, description = "Only shapes of this subject"),
         ("labels.{attribute}" = Option<String>, Query, description = "Only shapes whose attribute has this value"),

@@ -416,7 +416,7 @@ fn digest_tag(ready: &Ready) -> String {
 #[utoipa::path(get, path = "/dictionaries/{dictionary}", tag = "dictionaries",
     params(("dictionary" = String, Path, description = "Id, `name@version` or name")),
     responses(
-        (status = 200, description = "The dictionary; its ETag is that of the version", body = DictionaryOutput),
+        (status = 200, description = "The dictionary; its ETag identifies the version", body = DictionaryOutput),
         (status = 304, description = "Unchanged since the version in If-None-Match"),
         (status = 404, description = "No such dictionary", body = ProblemDocument, content_type = "application/problem+json"),
         (status = "4XX", description = "The request was refused", body = ProblemDocument, content_type = "application/problem+json")

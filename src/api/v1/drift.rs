@@ -72,7 +72,7 @@ pub(super) struct DriftAnswer {
 #[utoipa::path(get, path = "/dictionaries/{dictionary}/drift", tag = "dictionaries",
     params(("dictionary" = String, Path, description = "Id, `name@version` or name"), DriftQuery),
     responses(
-        (status = 200, description = "Drift of the cohort", body = DriftAnswer),
+        (status = 200, description = "Changes of the cohort since training", body = DriftAnswer),
         (status = 404, description = "No such dictionary, or its cohort was deleted", body = ProblemDocument, content_type = "application/problem+json"),
         (status = "4XX", description = "The query was refused", body = ProblemDocument, content_type = "application/problem+json")
     ))]

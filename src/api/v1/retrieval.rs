@@ -233,7 +233,7 @@ pub(super) struct DistancesAnswer {
     ),
     responses(
         (status = 200, description = "The matrix", content((DistancesAnswer = "application/json"), (String = "text/csv"), (Vec<u8> = "application/x-npy"))),
-        (status = 202, description = "The job that computes it", body = JobOutput, headers(("Location" = String))),
+        (status = 202, description = "The job that computes the matrix", body = JobOutput, headers(("Location" = String))),
         (status = 404, description = "No such cohort", body = ProblemDocument, content_type = "application/problem+json"),
         (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json"),
         (status = 503, description = "Too many jobs are waiting", body = ProblemDocument, content_type = "application/problem+json")

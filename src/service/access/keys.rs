@@ -249,7 +249,7 @@ fn note_use(app: &App, key: &Key, now: i64) {
             tracing::warn!(
                 key = id,
                 error = ServiceError::from(error).cause(),
-                "the use of a key could not be noted"
+                "the use of a key could not be recorded"
             );
         }
     });

@@ -158,9 +158,9 @@ pub async fn check_start(app: &App, address: SocketAddr) -> Result<(), String> {
         return Ok(());
     }
     Err(format!(
-        "refusing to listen on {address} without a key, because anyone could read and delete everything: \
-         create one with `shapelex key create --name admin --role admin` and the same data folder or database, \
-         set an identity provider (oidc_issuer), or listen on a loopback address"
+        "refusing to listen on {address} without a key, because anyone could read and delete everything: create \
+         one with `shapelex key create --name admin --role admin` and the same data folder or database, set an \
+         identity provider (oidc_issuer), or listen on a loopback address"
     ))
 }
 

@@ -180,7 +180,7 @@ impl Provider {
         let url = format!("{}/.well-known/openid-configuration", issuer.trim_end_matches('/'));
         let discovery: Discovery = self.get(address(&url)?).await?;
         if discovery.issuer != *issuer {
-            return Err("its discovery document names another issuer than is set".into());
+            return Err("its discovery document names a different issuer than configured".into());
         }
         address(&discovery.jwks_uri)
     }
@@ -198,7 +198,7 @@ impl Provider {
                 return Err(format!("its answer is longer than {MAX_BYTES} bytes"));
             }
         }
-        serde_json::from_slice(&body).map_err(|error| format!("its answer is not what was expected: {error}"))
+        serde_json::from_slice(&body).map_err(|error| format!("its answer cannot be parsed: {error}"))
     }
 }
 
@@ -212,12 +212,14 @@ fn kind_of(error: &reqwest::Error) -> &'static str {
 
 /// Parses an address whose responses cannot be forged on the network: HTTPS, or a loopback address.
 fn address(text: &str) -> Result<Url, String> {
-    let url = Url::parse(text).map_err(|error| format!("'{text}' is not a URL: {error}"))?;
+    let url = Url::parse(text).map_err(|error| format!("expected a URL, got '{text}': {error}"))?;
     let host = url.host_str().unwrap_or_default();
     match url.scheme() {
         "https" => Ok(url),
         "http" if crate::domain::access::is_loopback(host) => Ok(url),
-        _ => Err(format!("'{text}' must begin with https:// (http:// only for this machine)")),
+        _ => Err(format!(
+            "expected a URL that begins with https:// (http:// only for this machine), got '{text}'"
+        )),
     }
 }
 

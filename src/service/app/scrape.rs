@@ -20,7 +20,7 @@ pub async fn scrape(app: &App) -> String {
             gauge!(JOBS_OLDEST).set(found.oldest_queued_ms as f64 / 1000.0);
             gauge!(STORE_BYTES).set(found.database_bytes as f64);
         }
-        Err(error) => tracing::warn!(%error, "the store could not be read for the metrics"),
+        Err(error) => tracing::warn!(%error, "the store could not be read for a scrape of the metrics"),
     }
     let stuck = app.pool.stuck_lane();
     for lane in REQUEST_LANES {

@@ -113,7 +113,7 @@ impl Window {
                 from,
                 count,
                 ?reasons,
-                "requests without a known caller; most have no line of their own"
+                "requests from unknown callers, most of them without a line of their own"
             );
         }
         let reasons = self.reasons.iter().map(|(reason, count)| (format!("reason.{reason}"), *count));

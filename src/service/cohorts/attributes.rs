@@ -120,7 +120,7 @@ impl std::fmt::Display for KnownAttributes {
             return f.write_str("the shapes of the cohort have no attributes");
         }
         let names: Vec<&str> = self.0.iter().map(String::as_str).collect();
-        write!(f, "the shapes of the cohort have {}", names.join(", "))
+        write!(f, "the attributes of the cohort are {}", names.join(", "))
     }
 }
 

@@ -287,8 +287,9 @@ impl Plan {
         }
         if !unknown.is_empty() {
             let known = KnownAttributes::of(app, cohort).await?;
-            let fault =
-                |(name, pointer)| Fault::new(pointer, format!("none of {all} shapes has {name}: {known}"));
+            let fault = |(name, pointer)| {
+                Fault::new(pointer, format!("none of the {all} shapes has {name}: {known}"))
+            };
             return ServiceError::unless_empty(unknown.into_iter().map(fault).collect()).map(|()| Vec::new());
         }
         if self.missing == Missing::Refuse {

@@ -57,7 +57,7 @@ pub async fn restore(
     report: &mut (dyn FnMut(&str) + Send),
 ) -> Result<Option<Checked>, MaintenanceError> {
     if !file.is_file() {
-        return Err(MaintenanceError::BadBackup(format!("there is no file {}", file.display())));
+        return Err(MaintenanceError::BadBackup(format!("no file {}", file.display())));
     }
     let lock = FolderLock::take(data_dir)?;
     require_empty(data_dir)?;

@@ -61,7 +61,7 @@ const RULES: &[(&str, &str)] = &[
         WHERE c.cohort IS NOT NULL AND h.number IS NULL",
     ),
     (
-        "chunk {} has a revision that its cohort has not had",
+        "chunk {} has a revision that its cohort never had",
         "SELECT CAST(c.id AS TEXT) FROM chunk AS c JOIN cohort AS h ON h.number = c.cohort
         WHERE c.revision < 1 OR c.revision > h.revision",
     ),

@@ -269,7 +269,7 @@ impl Plan {
         };
         members.strata = test_sample::strata(&self.strata, &members.shapes)?;
         if self.permutations > 0 && members.relabellings(self, None).exchangeable() == 0 {
-            let detail = "no two shapes of different groups share a stratum: no label can be exchanged";
+            let detail = "no two shapes of different groups share a stratum: no labels can be exchanged";
             return Err(ServiceError::invalid("/strata", detail));
         }
         Ok(members)
@@ -379,7 +379,7 @@ async fn members_by(
     if values.len() < 2 || values.len() > MAX_GROUPS {
         let known = KnownAttributes::of(app, cohort).await?;
         let detail = match values.len() {
-            0 => format!("none of {all} shapes has {by}: {known}"),
+            0 => format!("none of the {all} shapes has {by}: {known}"),
             1 => format!("expected at least two groups, but all shapes that have {by} have the same value"),
             count => format!("expected at most {MAX_GROUPS} groups, got {count} values of {by}"),
         };
