@@ -525,3 +525,29 @@ pub const MAX_FAULTS: usize = 20;
 pub fn keeps_fault(noted: usize) -> bool {
     bounds::keeps_fault(noted, MAX_FAULTS)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn messages_of_serde_are_translated() {
+        let said = |text: &str| plain(&serde_json::from_str::<u8>(text).unwrap_err());
+        assert_eq!(said("300"), "expected a whole number from 0 to 255, got 300");
+        assert_eq!(said("\"two\""), "expected a whole number from 0 to 255, got \"two\"");
+        assert_eq!(said("[]"), "expected a whole number from 0 to 255, got a list");
+        assert_eq!(
+            plain_sentence("unknown variant `rose`, expected one of `circle`, `line`"),
+            "expected one of \"circle\", \"line\", got \"rose\""
+        );
+        assert_eq!(
+            plain_sentence("unknown field `colour`, expected `north` or `south`"),
+            "unknown field \"colour\": expected \"north\" or \"south\""
+        );
+        assert_eq!(plain_sentence("missing field `matrices`"), "required field \"matrices\" is missing");
+        assert_eq!(
+            plain_sentence("invalid length 1, expected an array of length 2"),
+            "expected a list of length 2, got length 1"
+        );
+    }
+}
