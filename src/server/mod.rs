@@ -1,7 +1,7 @@
 //! Server: starts the service, announces its address, and shuts it down in order.
 //!
 //! * [`connections`] — accepting connections, and their time limits;
-//! * [`slots`] — a fixed number of connection slots with idle eviction;
+//! * [`connection_slots`] — a fixed number of connection slots with idle eviction;
 //! * [`tls`] — the certificate.
 
 mod connection_slots;

@@ -31,7 +31,7 @@ pub struct Aligned {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "snake_case", tag = "kind"))]
 pub enum Sum {
-    /// [`ProjectorSum`].
+    /// [`ProjectorSum`](crate::mean::ProjectorSum).
     Projectors,
     /// The sum that determines the member of a mean space closest to the shapes.
     Frame {

@@ -95,7 +95,7 @@ pub async fn list(
 
 /// Cancels an unfinished job; a job that is already cancelled stays so.
 ///
-/// The job is cancelled when this function returns; its thread stops at its next [`JobContext::check`].
+/// The job is cancelled when this function returns; its thread stops at its next [`JobContext::check`](crate::service::app::progress::JobContext::check).
 ///
 /// # Errors
 /// [`ServiceError::NotFound`]; [`ServiceError::JobFinished`] if it has succeeded or failed before.
