@@ -25,6 +25,39 @@
 //! Source: Schmitter, *Spline Shape Processing*, chapters 2–5, with its misprints corrected.
 //!
 //! The termination bound of every loop is listed in `docs/limits.md`, in one table for all numerical layers.
+//!
+//! # Example
+//!
+//! The mean of four ellipses, whatever their position, size and direction:
+//!
+//! ```
+//! use std::f64::consts::TAU;
+//!
+//! use shapelex_analysis::accumulate::ShapesInMemory;
+//! use shapelex_analysis::alignment::{Alignment, Method, mean_shape};
+//! use shapelex_analysis::correspondence::{Correspondence, Direction, Mirror};
+//! use shapelex_analysis::frame::Frame;
+//! use shapelex_analysis::matching::Matching;
+//! use shapelex_analysis::metric::Metric;
+//! use shapelex_analysis::transformation::{ClassName, Transformation};
+//! use shapelex_geometry::generator::GeneratorKind;
+//! use shapelex_geometry::representation::{Representation, ShapeSpace};
+//!
+//! let generator = GeneratorKind::Bspline { degree: 3 };
+//! let space = ShapeSpace::new(&Representation::ClosedCurve { dimension: 2, control_points: 16, generator })?;
+//! let ellipse = |k: usize| {
+//!     let point = move |i: usize, c: usize| (TAU * (i as f64 / 16.0 - c as f64 / 4.0)).cos();
+//!     let axes = [1.0, 0.5 + 0.05 * k as f64];
+//!     (0..2).flat_map(move |c| (0..16).map(move |i| 10.0 * k as f64 + axes[c] * point(i, c)))
+//! };
+//! let metric = Metric::of(&space);
+//! let method = Method::new(&Transformation::Named(ClassName::Similarity), Alignment::Projection, 2)?;
+//! let matching = Matching::new(&space, Correspondence::Landmarks, Direction::Given, Mirror::Forbid);
+//! let shapes = ShapesInMemory::new(&metric, true, (0..4).flat_map(ellipse).collect(), vec![1.0; 4])?;
+//! let mean = mean_shape(&shapes, &metric, &method, Frame::Canonical, &matching)?;
+//! assert_eq!(mean.unique, Some(true));
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 pub mod accumulate;
 pub mod alignment;

@@ -24,6 +24,27 @@
 //! * [`ideal`] — idealised curves, reproduced exactly where the poles allow.
 //!
 //! The termination bound of every loop is listed in `docs/limits.md`, in one table for all numerical layers.
+//!
+//! # Example
+//!
+//! The curve through eight points of a circle is the circle, as the trigonometric generator reproduces it:
+//!
+//! ```
+//! use std::f64::consts::TAU;
+//!
+//! use shapelex_geometry::curve::Curve;
+//! use shapelex_geometry::generator::GeneratorKind;
+//! use shapelex_geometry::measures::CurveMeasures;
+//! use shapelex_geometry::representation::{Representation, ShapeSpace};
+//! use shapelex_numeric::dense::Matrix;
+//!
+//! let generator = GeneratorKind::Trigonometric {};
+//! let space = ShapeSpace::new(&Representation::ClosedCurve { dimension: 2, control_points: 8, generator })?;
+//! let points = Matrix::from_fn(8, 2, |k, c| (TAU * (k as f64 / 8.0 - c as f64 / 4.0)).cos());
+//! let curve = Curve::of(&space, &space.interpolate(points)?).expect("the space is one of curves");
+//! assert!((CurveMeasures::of(&curve).length - TAU).abs() < 1e-12);
+//! # Ok::<(), shapelex_geometry::GeometryError>(())
+//! ```
 
 pub mod curve;
 pub mod deformation;

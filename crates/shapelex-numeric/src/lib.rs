@@ -12,6 +12,19 @@
 //! * [`fingerprint`] — a digest that tells whether two processes compute the same bits;
 //! * [`quadrature`] — Gauss–Legendre rules and an adaptive integral;
 //! * [`double_double`] — double and double-double arithmetic under one trait, and small systems over it.
+//!
+//! # Example
+//!
+//! The leading eigenpair of a symmetric matrix:
+//!
+//! ```
+//! use shapelex_numeric::dense::{Matrix, leading_eigenpairs};
+//!
+//! let matrix = Matrix::from_row_slice(2, 2, &[2.0, 1.0, 1.0, 2.0]);
+//! let pairs = leading_eigenpairs(&matrix, 1)?;
+//! assert!((pairs.values[0] - 3.0).abs() < 1e-14);
+//! # Ok::<(), shapelex_numeric::NumericError>(())
+//! ```
 
 pub mod banded;
 pub mod bounded;
