@@ -391,7 +391,7 @@ const ONE_HEAVY: [&str; 8] = [
 
 fn occupied(server: &Server) -> TcpStream {
     // Many seconds of work on one thread, also when it is optimised.
-    let body = distances(3200, 256).to_string();
+    let body = distances(2000, 1024).to_string();
     let head = "POST /v1/distances HTTP/1.1\r\nhost: localhost\r\ncontent-type: application/json\r\n";
     let ask = || {
         let mut stream = connect(server);
