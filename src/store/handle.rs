@@ -93,8 +93,8 @@ impl Store {
         Ok(Self::new(sqlite::attach(&file).await?, None, None, Some(data_dir.into())))
     }
 
-    /// Opens the store in the database at `url` (`postgres://…`), whoever else uses it, with at most so many `connections`, and
-    /// brings the schema up to date.
+    /// Opens the store in the database at `url` (`postgres://…`), which other replicas may be using, with at most
+    /// `connections` connections, and brings the schema up to date.
     ///
     /// # Errors
     /// [`StoreError::Url`], [`StoreError::Schema`]; [`StoreError::Busy`] while the database is not there.
@@ -127,7 +127,7 @@ impl Store {
         Self { inner, principal: Arc::new(Principal::system(DEFAULT_TENANT)) }
     }
 
-    /// Checks the file while the service runs: whoever waits for readiness hears of damage then.
+    /// Checks the file while the service runs. Readiness probes fail once the check has found damage.
     pub(super) fn check_beside(&self) {
         let store = self.clone();
         tokio::spawn(async move {

@@ -191,7 +191,7 @@ mod tests {
     use crate::accumulate::{ShapesInMemory, Watched};
 
     #[test]
-    fn an_iteration_that_nobody_waits_for_ends_with_its_walk_over_the_shapes() {
+    fn an_abandoned_iteration_ends_with_its_walk_over_the_shapes() {
         // Points that no rotation brings together need many iterations.
         let shape = |k: usize| (0..60).map(move |i| ((7 * k * k + 3 * i * i + i * k) as f64).sin());
         let whitened: Vec<f64> = (0..40).flat_map(shape).collect();

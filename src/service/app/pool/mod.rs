@@ -324,7 +324,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn work_that_nobody_waits_for_is_skipped_or_hears_of_it() {
+    async fn abandoned_work_is_skipped_or_interrupted() {
         let pool = self::pool(1, 2);
         let running = occupied(&pool).await;
         let (skipped, context) = (of(&pool, "a"), of(&pool, "a").context());
