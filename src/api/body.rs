@@ -1,5 +1,6 @@
 //! Request bodies in memory: each is bounded before and after decompression, and all are bounded together.
 
+use crate::formats::fault::Fault;
 use std::future::ready;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -17,7 +18,7 @@ use super::overload::Edge;
 use super::problem::{Problem, ProblemKind};
 use crate::formats::bounds::Census;
 use crate::service::app::memory::{Held, Purpose};
-use crate::service::app::{App, Fault, ServiceError};
+use crate::service::app::{App, ServiceError};
 
 /// Whether a body is a stream of lines, which is never held in memory as a whole.
 pub fn is_stream(media_type: &str) -> bool {

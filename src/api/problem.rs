@@ -9,7 +9,7 @@ use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use tower_http::request_id::RequestId;
 
-pub use crate::service::app::problem::{FaultDocument, Problem, ProblemDocument, ProblemKind};
+pub use crate::service::app::problem::{Problem, ProblemDocument, ProblemKind};
 
 impl IntoResponse for Problem {
     /// Sets the status; [`render`], which knows the request id, writes the body.

@@ -6,6 +6,7 @@
 //!
 //! Reading such a document fails only for text that is not JSON.
 
+use crate::formats::fault::Fault;
 use std::borrow::Cow;
 use std::fmt;
 
@@ -13,7 +14,8 @@ use serde::Deserialize;
 use serde::de::{DeserializeOwned, Deserializer, Error, IgnoredAny, SeqAccess, Visitor};
 use serde_json::value::RawValue;
 
-use super::{InputError, bounds, json_pointer};
+use super::bounds;
+use super::fault::json_pointer;
 
 /// Maximum length of a small value in bytes, such as a name, a filter or a class; in memory it takes some tens of times that.
 pub const SMALL: usize = 256 << 10;
@@ -24,7 +26,7 @@ pub const LARGE: usize = usize::MAX;
 ///
 /// The text is skipped first and then read directly as `T`, without an intermediate value in memory.
 #[derive(Debug, Clone)]
-pub struct Checked<T, const MOST: usize = SMALL>(Result<T, Box<InputError>>);
+pub struct Checked<T, const MOST: usize = SMALL>(Result<T, Box<Fault>>);
 
 impl<T, const MOST: usize> Checked<T, MOST> {
     /// The value, unless it is faulty.
@@ -33,7 +35,7 @@ impl<T, const MOST: usize> Checked<T, MOST> {
     }
 
     /// Takes the value; a fault goes to `errors` below `pointer`.
-    pub fn take(self, pointer: &str, errors: &mut Vec<InputError>) -> Option<T> {
+    pub fn take(self, pointer: &str, errors: &mut Vec<Fault>) -> Option<T> {
         match self.0 {
             Ok(value) => Some(value),
             Err(error) => {
@@ -55,13 +57,10 @@ impl<'de, T: DeserializeOwned, const MOST: usize> Deserialize<'de> for Checked<T
 ///
 /// # Errors
 /// Numbers and strings that are not valid JSON, which are only detected here.
-fn read_text<T: DeserializeOwned>(
-    text: &str,
-    most: usize,
-) -> Result<Result<T, InputError>, serde_json::Error> {
+fn read_text<T: DeserializeOwned>(text: &str, most: usize) -> Result<Result<T, Fault>, serde_json::Error> {
     if text.len() > most {
         let detail = format!("expected at most {most} bytes, got {}", text.len());
-        return Ok(Err(InputError::new("", detail)));
+        return Ok(Err(Fault::new("", detail)));
     }
     match serde_json::from_str(text) {
         Ok(value) => Ok(Ok(value)),
@@ -71,15 +70,15 @@ fn read_text<T: DeserializeOwned>(
     }
 }
 
-fn value_as<T: DeserializeOwned>(value: serde_json::Value) -> Result<T, InputError> {
+fn value_as<T: DeserializeOwned>(value: serde_json::Value) -> Result<T, Fault> {
     with_path(value)
 }
 
 fn with_path<'de, T: DeserializeOwned, D: Deserializer<'de, Error = serde_json::Error>>(
     deserializer: D,
-) -> Result<T, InputError> {
+) -> Result<T, Fault> {
     let parsed = serde_path_to_error::deserialize(deserializer);
-    parsed.map_err(|error| InputError::new(json_pointer(error.path()), plain(error.inner())))
+    parsed.map_err(|error| Fault::new(json_pointer(error.path()), plain(error.inner())))
 }
 
 /// A value whose type depends on other fields, kept as text.
@@ -107,10 +106,10 @@ impl Raw {
         &self,
         most: usize,
         pointer: &str,
-        errors: &mut Vec<InputError>,
+        errors: &mut Vec<Fault>,
     ) -> Option<T> {
         let read = read_text(self.0.get(), most);
-        let read = read.unwrap_or_else(|error| Err(InputError::new("", plain(&error))));
+        let read = read.unwrap_or_else(|error| Err(Fault::new("", plain(&error))));
         read.map_err(|error| errors.push(error.below(pointer))).ok()
     }
 }
@@ -123,11 +122,11 @@ impl<'de> Deserialize<'de> for Raw {
 
 /// Arbitrary client data, kept as text unless it exceeds the metadata limit of a shape.
 #[derive(Debug, Clone)]
-pub struct Metadata(Result<Raw, Box<InputError>>);
+pub struct Metadata(Result<Raw, Box<Fault>>);
 
 impl Metadata {
     /// Takes the value; a fault goes to `errors` below `pointer`.
-    pub fn take(self, pointer: &str, errors: &mut Vec<InputError>) -> Option<serde_json::Value> {
+    pub fn take(self, pointer: &str, errors: &mut Vec<Fault>) -> Option<serde_json::Value> {
         match self.0 {
             Ok(text) => text.read(LARGE, pointer, errors),
             Err(error) => {
@@ -144,7 +143,7 @@ impl<'de> Deserialize<'de> for Metadata {
         let (found, most) = (text.get().len(), bounds::current().metadata_bytes);
         if found > most {
             let detail = format!("expected at most {most} bytes, got {found}");
-            return Ok(Self(Err(Box::new(InputError::new("", detail)))));
+            return Ok(Self(Err(Box::new(Fault::new("", detail)))));
         }
         Ok(Self(Ok(Raw(text.to_owned()))))
     }
@@ -264,7 +263,7 @@ fn plain_found(found: &str) -> String {
 pub fn take_or_default<T: Default, const MOST: usize>(
     field: Option<Checked<T, MOST>>,
     pointer: &str,
-    errors: &mut Vec<InputError>,
+    errors: &mut Vec<Fault>,
 ) -> Option<T> {
     match field {
         Some(checked) => checked.take(pointer, errors),
@@ -276,7 +275,7 @@ pub fn take_or_default<T: Default, const MOST: usize>(
 pub fn take_value<T: DeserializeOwned>(
     value: serde_json::Value,
     pointer: &str,
-    errors: &mut Vec<InputError>,
+    errors: &mut Vec<Fault>,
 ) -> Option<T> {
     value_as(value).map_err(|error| errors.push(error.below(pointer))).ok()
 }
@@ -285,13 +284,13 @@ pub fn take_value<T: DeserializeOwned>(
 pub fn take_given<T, const MOST: usize>(
     field: Option<Checked<T, MOST>>,
     pointer: &str,
-    errors: &mut Vec<InputError>,
+    errors: &mut Vec<Fault>,
 ) -> Option<T> {
     field.and_then(|checked| checked.take(pointer, errors))
 }
 
 /// Entries of an optional list.
-pub fn take_many<T>(field: Option<Many<T>>, pointer: &str, errors: &mut Vec<InputError>) -> Option<Vec<T>> {
+pub fn take_many<T>(field: Option<Many<T>>, pointer: &str, errors: &mut Vec<Fault>) -> Option<Vec<T>> {
     take_given(field, pointer, errors).map(|Limited(items)| items)
 }
 
@@ -343,14 +342,14 @@ impl<T> Default for List<T> {
 
 impl<T> List<T> {
     /// Takes the items; a fault goes to `errors` at `pointer`. Returns no items if there are too many.
-    pub fn take(self, pointer: &str, errors: &mut Vec<InputError>) -> Vec<T> {
+    pub fn take(self, pointer: &str, errors: &mut Vec<Fault>) -> Vec<T> {
         if let Some(what) = self.fault {
-            errors.push(InputError::new(pointer, format!("expected a list, got {what}")));
+            errors.push(Fault::new(pointer, format!("expected a list, got {what}")));
         }
         let (found, kept) = (self.count, self.items.len());
         if found > kept {
             let what = pointer.rsplit('/').next().unwrap_or("entries");
-            errors.push(InputError::new(pointer, format!("expected at most {kept} {what}, got {found}")));
+            errors.push(Fault::new(pointer, format!("expected at most {kept} {what}, got {found}")));
             return Vec::new();
         }
         self.items
@@ -449,7 +448,7 @@ macro_rules! document {
             $($(#[$field_meta])* $vis $field: Option<$type>,)*
             /// Faults of the object itself.
             #[schema(ignore)]
-            $vis faults: Vec<$crate::formats::InputError>,
+            $vis faults: Vec<$crate::formats::Fault>,
         }
 
         impl<'de> serde::Deserialize<'de> for $name {
@@ -458,7 +457,7 @@ macro_rules! document {
 
                 fn other(_: DocumentVisitor, what: &'static str) -> $name {
                     let _ = $crate::formats::checked::keeps_fault(0);
-                    let fault = $crate::formats::InputError::new("", format!("expected an object, got {what}"));
+                    let fault = $crate::formats::Fault::new("", format!("expected an object, got {what}"));
                     $name { faults: vec![fault], ..$name::default() }
                 }
 
@@ -510,7 +509,7 @@ macro_rules! document {
             fn fault(&mut self, key: &str, detail: &str) {
                 if $crate::formats::checked::keeps_fault(self.faults.len()) {
                     let pointer = format!("/{}", key.replace('~', "~0").replace('/', "~1"));
-                    self.faults.push($crate::formats::InputError::new(pointer, detail));
+                    self.faults.push($crate::formats::Fault::new(pointer, detail));
                 }
             }
         }

@@ -1,6 +1,7 @@
 //! Conversion between bytes or text and shapes; no network, no storage.
 //!
 //! * [`shape`] — shapes as JSON, one object or one line of NDJSON;
+//! * [`fault`] — faults of an input;
 //! * [`bounds`] — memory bounds of documents while they are read;
 //! * [`checked`] — JSON values that keep their own error, so that a request reports all of them;
 //! * [`ndjson`] — lines of a byte stream;
@@ -10,127 +11,9 @@
 
 pub mod bounds;
 pub mod checked;
+pub mod fault;
 pub mod matrix;
 pub mod mesh;
 pub mod ndjson;
 pub mod representation;
 pub mod shape;
-
-/// A fault of an input: its place, and what was expected.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct InputError {
-    /// JSON pointer (RFC 6901) into the document.
-    pub pointer: String,
-    /// Description of the fault, with the numbers found and expected.
-    pub detail: String,
-}
-
-impl InputError {
-    /// An error at a pointer; client input repeated in it is shortened.
-    pub fn new(pointer: impl Into<String>, detail: impl Into<String>) -> Self {
-        Self { pointer: brief_pointer(pointer.into()), detail: brief(detail.into()) }
-    }
-
-    /// The same error with `prefix` before its pointer.
-    pub fn below(mut self, prefix: &str) -> Self {
-        self.pointer.insert_str(0, prefix);
-        self
-    }
-}
-
-/// Maximum length of a sentence; the longest of our own lists the fields of an object.
-const LONGEST: usize = 600;
-/// Maximum length of a word; none of our own is as long.
-const LONGEST_WORD: usize = 80;
-/// Number of characters kept of a longer word.
-const WORD_KEPT: usize = 60;
-/// Numbers with more digits are written with an exponent.
-const LONGEST_NUMBER: usize = 30;
-
-/// Shortens a sentence that repeats client input: long words are cut, numbers with many digits get an exponent, and the
-/// middle of a sentence that is still too long is removed.
-pub fn brief(text: String) -> String {
-    if text.len() <= LONGEST_NUMBER {
-        return text;
-    }
-    // Text that will be cut anyway is not examined.
-    let text = cut_middle(text, 4 * LONGEST);
-    let longest = text.split(' ').map(str::len).max().unwrap_or(0);
-    if longest <= LONGEST_NUMBER {
-        return cut_middle(text, LONGEST);
-    }
-    let words: Vec<String> = text.split(' ').map(brief_word).collect();
-    cut_middle(words.join(" "), LONGEST)
-}
-
-fn brief_word(word: &str) -> String {
-    let numeric = |c: char| c.is_ascii_digit() || matches!(c, '-' | '.');
-    let bare = word.trim_matches(|c: char| !c.is_ascii_digit() && c != '-');
-    if bare.len() > LONGEST_NUMBER
-        && bare.chars().all(numeric)
-        && let Ok(value) = bare.parse::<f64>()
-    {
-        return word.replace(bare, &format!("{value:e}"));
-    }
-    if word.chars().count() <= LONGEST_WORD {
-        return word.to_owned();
-    }
-    let kept: String = word.chars().take(WORD_KEPT).collect();
-    format!("{kept}…")
-}
-
-/// Maximum length of a pointer: it may contain field names chosen by the client.
-const LONGEST_POINTER: usize = 200;
-
-/// The pointer, truncated if it is long.
-pub fn brief_pointer(mut pointer: String) -> String {
-    if pointer.len() > LONGEST_POINTER {
-        pointer.truncate(pointer.floor_char_boundary(LONGEST_POINTER));
-        pointer.push('…');
-    }
-    pointer
-}
-
-/// Beginning and end of a text that is longer than `most` characters.
-fn cut_middle(text: String, most: usize) -> String {
-    if text.len() <= most {
-        return text;
-    }
-    let end = most / 4;
-    let head = text.floor_char_boundary(most - end);
-    let tail = text.ceil_char_boundary(text.len() - end);
-    format!("{} … {}", &text[..head], &text[tail..])
-}
-
-/// JSON pointer of a path tracked by `serde_path_to_error`.
-pub fn json_pointer(path: &serde_path_to_error::Path) -> String {
-    use serde_path_to_error::Segment;
-    let escape = |key: &str| key.replace('~', "~0").replace('/', "~1");
-    path.iter()
-        .filter_map(|segment| match segment {
-            Segment::Seq { index } => Some(format!("/{index}")),
-            Segment::Map { key } => Some(format!("/{}", escape(key))),
-            Segment::Enum { .. } | Segment::Unknown => None,
-        })
-        .collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn sentences_stay_and_what_they_repeat_is_cut() {
-        let own = "unknown field: expected one of representation, correspondence, shapes".to_owned();
-        assert_eq!(brief(own.clone()), own);
-        assert!(brief(format!("is \"{}\", must be 2", "a".repeat(1 << 20))).len() < 200);
-        let word = brief(format!("is \"{}\", must be 2", "ä".repeat(300)));
-        assert_eq!(word, format!("is \"{}… must be 2", "ä".repeat(59)));
-        assert_eq!(
-            brief(format!("is {}, must be below 1", f64::MAX)),
-            "is 1.7976931348623157e308, must be below 1"
-        );
-        assert_eq!(brief(format!("is {}", -1e-300)), "is -1e-300");
-        assert!(brief("a b ".repeat(1 << 18)).chars().count() <= LONGEST + 3);
-    }
-}

@@ -1,11 +1,11 @@
 //! Representations as JSON, with a pointer to every faulty field.
 
+use crate::formats::fault::Fault;
 use serde::de::Error;
 use serde::{Deserialize, Deserializer};
 use serde_json::value::RawValue;
 use serde_json::{Map, Value};
 
-use super::InputError;
 use super::checked::take_value;
 use crate::geometry::generator::{Exact, GeneratorKind, PoleList};
 use crate::geometry::representation::Representation;
@@ -20,7 +20,7 @@ pub trait Readable: Sized {
     ///
     /// # Errors
     /// All fields that are missing, faulty or unknown.
-    fn read(value: Value) -> Result<Self, Vec<InputError>>;
+    fn read(value: Value) -> Result<Self, Vec<Fault>>;
 }
 
 /// Maximum length of the text: such values are small, or the faces of a control mesh.
@@ -28,11 +28,11 @@ const MAX_BYTES: usize = 1 << 20;
 
 /// A value, or all of its faults.
 #[derive(Debug, Clone)]
-pub struct Read<T>(Result<T, Vec<InputError>>);
+pub struct Read<T>(Result<T, Vec<Fault>>);
 
 impl<T> Read<T> {
     /// Takes the value; faults go to `errors` below `pointer`.
-    pub fn take(self, pointer: &str, errors: &mut Vec<InputError>) -> Option<T> {
+    pub fn take(self, pointer: &str, errors: &mut Vec<Fault>) -> Option<T> {
         match self.0 {
             Ok(value) => Some(value),
             Err(found) => {
@@ -48,7 +48,7 @@ impl<'de, T: Readable> Deserialize<'de> for Read<T> {
         let text = <&RawValue>::deserialize(deserializer)?.get();
         if text.len() > MAX_BYTES {
             let detail = format!("expected at most {MAX_BYTES} bytes, got {}", text.len());
-            return Ok(Self(Err(vec![InputError::new("", detail)])));
+            return Ok(Self(Err(vec![Fault::new("", detail)])));
         }
         let value = serde_json::from_str(text).map_err(D::Error::custom)?;
         Ok(Self(T::read(value)))
@@ -65,19 +65,19 @@ pub struct FitTarget {
 }
 
 impl Readable for Representation {
-    fn read(value: Value) -> Result<Self, Vec<InputError>> {
+    fn read(value: Value) -> Result<Self, Vec<Fault>> {
         read(value)
     }
 }
 
 impl Readable for FitTarget {
-    fn read(value: Value) -> Result<Self, Vec<InputError>> {
+    fn read(value: Value) -> Result<Self, Vec<Fault>> {
         let (representation, tolerance) = read_target(value)?;
         Ok(Self { representation, tolerance })
     }
 }
 
-fn read_target(mut value: Value) -> Result<(Representation, Option<f64>), Vec<InputError>> {
+fn read_target(mut value: Value) -> Result<(Representation, Option<f64>), Vec<Fault>> {
     // Landmarks are not fitted, and surfaces only at a given size: for them a tolerance is an unknown field.
     let sized = ["landmarks", "surface", "subdivision"];
     let curve = value
@@ -91,10 +91,10 @@ fn read_target(mut value: Value) -> Result<(Representation, Option<f64>), Vec<In
         if map.get("kind").is_some_and(|kind| kind == "open_curve") { "intervals" } else { "control_points" };
     if map.contains_key(field) {
         let detail = format!("expected either tolerance or {field}, got both");
-        return Err(vec![InputError::new("/tolerance", detail)]);
+        return Err(vec![Fault::new("/tolerance", detail)]);
     }
     map.insert(field.to_owned(), Value::from(1));
-    let wrong = || InputError::new("/tolerance", format!("expected a number, got {tolerance}"));
+    let wrong = || Fault::new("/tolerance", format!("expected a number, got {tolerance}"));
     match (read(value), tolerance.as_f64()) {
         (Ok(found), Some(tolerance)) => {
             let fewest = found.fewest();
@@ -112,19 +112,19 @@ fn read_target(mut value: Value) -> Result<(Representation, Option<f64>), Vec<In
 /// Fields of one object, taken one by one.
 struct Fields {
     map: Map<String, Value>,
-    errors: Vec<InputError>,
+    errors: Vec<Fault>,
 }
 
 impl Fields {
-    fn new(value: Value) -> Result<Self, Vec<InputError>> {
+    fn new(value: Value) -> Result<Self, Vec<Fault>> {
         match value {
             Value::Object(map) => Ok(Self { map, errors: Vec::new() }),
-            other => Err(vec![InputError::new("", format!("expected an object, got {other}"))]),
+            other => Err(vec![Fault::new("", format!("expected an object, got {other}"))]),
         }
     }
 
     fn error(&mut self, name: &str, detail: impl Into<String>) {
-        self.errors.push(InputError::new(format!("/{name}"), detail));
+        self.errors.push(Fault::new(format!("/{name}"), detail));
     }
 
     fn take(&mut self, name: &str) -> Option<Value> {
@@ -288,7 +288,7 @@ impl Fields {
     }
 
     /// Reports remaining fields as unknown.
-    fn finish<T>(mut self, value: Option<T>) -> Result<T, Vec<InputError>> {
+    fn finish<T>(mut self, value: Option<T>) -> Result<T, Vec<Fault>> {
         let unknown: Vec<String> =
             self.map.keys().map(|key| key.replace('~', "~0").replace('/', "~1")).collect();
         for key in unknown {
@@ -308,7 +308,7 @@ const KINDS: &str = "\"closed_curve\", \"open_curve\", \"surface\", \"subdivisio
 ///
 /// # Errors
 /// All fields that are missing, faulty or unknown.
-pub fn read(value: Value) -> Result<Representation, Vec<InputError>> {
+pub fn read(value: Value) -> Result<Representation, Vec<Fault>> {
     let mut fields = Fields::new(value)?;
     let kind = fields.text("kind");
     if let Some("surface" | "subdivision") = kind.as_deref() {
@@ -335,7 +335,7 @@ pub fn read(value: Value) -> Result<Representation, Vec<InputError>> {
         }
         Some(other) => {
             let detail = format!("expected {KINDS}, got \"{other}\"");
-            return Err(vec![InputError::new("/kind", detail)]);
+            return Err(vec![Fault::new("/kind", detail)]);
         }
         None => return Err(fields.errors),
     };
@@ -346,7 +346,7 @@ pub fn read(value: Value) -> Result<Representation, Vec<InputError>> {
 ///
 /// # Errors
 /// All fields that are missing, faulty or unknown.
-pub fn read_generator(value: Value) -> Result<GeneratorKind, Vec<InputError>> {
+pub fn read_generator(value: Value) -> Result<GeneratorKind, Vec<Fault>> {
     let mut fields = Fields::new(value)?;
     let kind = match fields.text("name").as_deref() {
         Some("trigonometric") => Some(GeneratorKind::Trigonometric {}),
@@ -370,7 +370,7 @@ pub fn read_generator(value: Value) -> Result<GeneratorKind, Vec<InputError>> {
         }
         Some(other) => {
             let known = "\"trigonometric\", \"keys\", \"bspline\", \"exponential\" or \"interpolator\"";
-            return Err(vec![InputError::new("/name", format!("expected {known}, got \"{other}\""))]);
+            return Err(vec![Fault::new("/name", format!("expected {known}, got \"{other}\""))]);
         }
         None => None,
     };

@@ -7,12 +7,12 @@
 //! Lists of points are read into one flat array. All faults in them are collected, not only the first one, and only
 //! finite numbers are accepted.
 
+use crate::formats::fault::Fault;
 use std::fmt;
 
 use serde::de::{Deserializer, SeqAccess, Visitor};
 use serde::{Deserialize, Serialize};
 
-use super::InputError;
 use super::bounds::{self, keeps_fault};
 use super::checked::{Checked, Metadata, Raw, document, visit_others};
 
@@ -37,7 +37,7 @@ pub struct PointList {
     null: bool,
     /// Limit of the points kept, if it was exceeded; else 0.
     most: usize,
-    faults: Vec<InputError>,
+    faults: Vec<Fault>,
 }
 
 impl PointList {
@@ -70,13 +70,13 @@ impl PointList {
     ///
     /// # Errors
     /// All faults (at most 20) with pointers relative to the list.
-    pub fn checked(&self, dimension: usize) -> Result<&[f64], Vec<InputError>> {
+    pub fn checked(&self, dimension: usize) -> Result<&[f64], Vec<Fault>> {
         if !self.faults.is_empty() {
             return Err(self.faults.clone());
         }
         if self.most > 0 {
             let detail = format!("expected at most {1} points, got {0}", self.len(), self.most);
-            return Err(vec![InputError::new("", detail)]);
+            return Err(vec![Fault::new("", detail)]);
         }
         if !self.is_empty() && self.width != dimension {
             let detail = format!(
@@ -84,14 +84,14 @@ impl PointList {
                 self.width
             );
             let first = if self.columns.is_some() { "/0/0" } else { "/0" };
-            return Err(vec![InputError::new(first, detail)]);
+            return Err(vec![Fault::new(first, detail)]);
         }
         Ok(&self.coordinates)
     }
 
     fn fault(&mut self, pointer: String, detail: String) {
         if keeps_fault(self.faults.len(), MAX_FAULTS) {
-            self.faults.push(InputError::new(pointer, detail));
+            self.faults.push(Fault::new(pointer, detail));
         }
     }
 

@@ -13,10 +13,11 @@ use crate::analysis::metric::{Metric, norm};
 use crate::analysis::partial_sums::Measured;
 use crate::analysis::pca::FunctionalPca;
 use crate::analysis::transformation::Transformation;
+use crate::formats::fault::Fault;
 use crate::formats::shape::ShapeInput;
 use crate::geometry::drawing::svg::{self, Layer, colour};
 use crate::geometry::representation::{Representation, ShapeSpace};
-use crate::service::app::{App, Fault, Limits, ServiceError};
+use crate::service::app::{App, Limits, ServiceError};
 use crate::service::shapes::read::{self, Batch, Reading};
 
 /// Settings for reading and aligning shapes.

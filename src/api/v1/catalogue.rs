@@ -1,5 +1,6 @@
 //! Catalogue of generators and transformation classes with their properties.
 
+use crate::formats::fault::Fault;
 use axum::Json;
 use axum::http::StatusCode;
 use axum::response::Response;
@@ -11,7 +12,6 @@ use crate::analysis::transformation::{ClassName, TransformationClass};
 use crate::api::extract::{Format, NoQuery, Path, Query};
 use crate::api::problem::{Problem, ProblemDocument};
 use crate::api::respond::{json, svg};
-use crate::formats::InputError;
 use crate::formats::representation::read_generator;
 use crate::geometry::generator::{GeneratorKind, GeneratorProperties};
 use crate::service::app::ServiceError;
@@ -135,7 +135,7 @@ fn read_query(
         return Err(ServiceError::NotFound { kind: "generator", key: name });
     }
     fields.insert("name".into(), Value::String(name));
-    let as_query = |errors: Vec<InputError>| {
+    let as_query = |errors: Vec<Fault>| {
         let text: Vec<String> = errors
             .iter()
             .map(|error| format!("{}: {}", error.pointer.trim_start_matches('/'), error.detail))

@@ -1,5 +1,6 @@
 //! Classification with the classifier of a dictionary, and assessment: code, class, outlier status and residual in one call.
 
+use crate::formats::fault::Fault;
 use axum::http::StatusCode;
 use axum::response::Response;
 use serde::Serialize;
@@ -11,7 +12,6 @@ use crate::api::respond::{compute, json};
 use crate::domain::classifier::{
     ClassRecord, ClassifierKind, ClassifierRecord, ClassifierSettings, Validation,
 };
-use crate::formats::InputError;
 use crate::formats::checked::{Checked, List, Many, document, take_given, take_many};
 use crate::formats::shape::ShapeInput;
 use crate::service::app::{App, ServiceError};

@@ -1,6 +1,7 @@
 //! Use of dictionaries on posted or stored shapes: encode, reconstruct and score them, evaluate the shape prior, draw
 //! samples.
 
+use crate::formats::fault::Fault;
 use axum::http::StatusCode;
 use axum::response::Response;
 use serde::Serialize;
@@ -9,7 +10,6 @@ use super::request_macros::{ShapeOutput, checked, rows};
 use crate::api::extract::{Caller, JsonBody, NoQuery, Path};
 use crate::api::problem::{Problem, ProblemDocument};
 use crate::api::respond::{compute, json};
-use crate::formats::InputError;
 use crate::formats::checked::{Checked, List, Many, document, take_given, take_many, take_or_default};
 use crate::formats::shape::{Points, ShapeInput};
 use crate::service::app::{App, ServiceError};
@@ -42,7 +42,7 @@ macro_rules! asking_request {
                 app: &App,
                 key: &str,
                 body: axum::body::Bytes,
-            ) -> Result<(std::sync::Arc<Ready>, Self, Shapes, Vec<InputError>), Problem> {
+            ) -> Result<(std::sync::Arc<Ready>, Self, Shapes, Vec<Fault>), Problem> {
                 let ready = ready::find(app, key).await?;
                 let mut request: Self = app.read(body).await?;
                 let mut errors = std::mem::take(&mut request.faults);
@@ -73,7 +73,7 @@ impl Shapes {
         app: &App,
         ready: &Ready,
         value: Option<T>,
-        mut errors: Vec<InputError>,
+        mut errors: Vec<Fault>,
     ) -> Result<(T, Asked), ServiceError> {
         let one_way = "expected either shapes, or cohort and ids";
         let stored = match (&self.posted, self.cohort, self.ids) {
@@ -81,7 +81,7 @@ impl Shapes {
             (None, Some(cohort), Some(ids)) => Some((cohort, ids)),
             _ if !errors.is_empty() => None,
             _ => {
-                errors.push(InputError::new("", one_way));
+                errors.push(Fault::new("", one_way));
                 None
             }
         };
@@ -268,7 +268,7 @@ pub(super) async fn reconstruct(
     if with_codes {
         if shapes.posted.is_some() || shapes.cohort.is_some() || shapes.ids.is_some() || with_settings {
             let detail = "expected codes alone, without shapes, cohort, ids, pose and samples";
-            errors.push(InputError::new("/codes", detail));
+            errors.push(Fault::new("/codes", detail));
         }
         let (codes, _) = checked(codes, errors, shapes.posted.unwrap_or_default())?;
         let work = ready.work(codes.len(), 0, &app.limits);

@@ -1,5 +1,6 @@
 //! Cohorts: create, list, read, update, delete; and their mean shapes.
 
+use crate::formats::fault::Fault;
 use std::collections::BTreeMap;
 
 use axum::http::{HeaderMap, StatusCode, header};
@@ -21,7 +22,7 @@ use crate::domain::shape::ShapeFilter;
 use crate::formats::checked::{Checked, document, plain_sentence, take_given, take_or_default};
 use crate::formats::representation::Read;
 use crate::geometry::representation::Representation;
-use crate::service::app::{Fault, ServiceError, Work};
+use crate::service::app::{ServiceError, Work};
 use crate::service::cohorts::catalogue::{CohortChanges, NewCohort, revision_tag, text_faults};
 use crate::service::cohorts::live_mean::MeanQuery;
 use crate::service::cohorts::{catalogue, live_mean};
@@ -152,7 +153,7 @@ fn new_cohort(request: CohortRequest) -> Result<NewCohort, ServiceError> {
             })
         }
         _ => {
-            let mut faults: Vec<Fault> = errors.into_iter().map(Fault::from).collect();
+            let mut faults: Vec<Fault> = errors;
             faults.extend(text_faults(name.as_deref(), description.as_deref(), length_unit.as_deref()));
             Err(ServiceError::Invalid(faults))
         }

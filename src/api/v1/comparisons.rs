@@ -1,5 +1,6 @@
 //! Comparison of groups of shapes of a cohort by permutation tests.
 
+use crate::formats::fault::Fault;
 use axum::response::Response;
 use serde::Deserialize;
 
@@ -14,9 +15,8 @@ use crate::api::problem::{Problem, ProblemDocument};
 use crate::domain::comparison::Comparison;
 use crate::domain::job::Priority;
 use crate::domain::shape::ShapeFilter;
-use crate::formats::InputError;
 use crate::formats::checked::{Checked, document, take_given, take_or_default};
-use crate::service::app::{Fault, ServiceError};
+use crate::service::app::ServiceError;
 use crate::service::inference::comparisons::{self, Compare, Grouping, NamedGroup};
 use crate::service::inference::test_sample::DEFAULT_PERMUTATIONS;
 
@@ -131,10 +131,10 @@ pub(super) async fn compare(
 fn compare_of(request: CompareRequest) -> Result<Compare, ServiceError> {
     let mut errors = request.faults;
     if request.groups.is_some() == request.by.is_some() {
-        errors.push(InputError::new("", "expected either groups or by"));
+        errors.push(Fault::new("", "expected either groups or by"));
     }
     if request.groups.is_some() && request.filter.is_some() {
-        errors.push(InputError::new("/filter", "expected with by only: every group has its own filter"));
+        errors.push(Fault::new("/filter", "expected with by only: every group has its own filter"));
     }
     let cohort = take_given(request.cohort, "/cohort", &mut errors);
     let groups = take_given(request.groups, "/groups", &mut errors).map(Grouping::Named);
@@ -149,7 +149,7 @@ fn compare_of(request: CompareRequest) -> Result<Compare, ServiceError> {
     let seed = take_or_default(request.seed, "/seed", &mut errors);
     let strata = take_or_default(request.strata, "/strata", &mut errors);
     let samples = take_given(request.samples, "/samples", &mut errors);
-    ServiceError::unless_empty(errors.into_iter().map(Fault::from).collect())?;
+    ServiceError::unless_empty(errors)?;
     let incomplete = || ServiceError::invalid("", "the request is incomplete");
     Ok(Compare {
         cohort: cohort.ok_or_else(incomplete)?,

@@ -2,6 +2,7 @@
 //! given parameters; measures are lengths, areas, volumes, energies and distances; resampling spaces the points of raw
 //! contours equally. Nothing is stored.
 
+use crate::formats::fault::Fault;
 use axum::http::StatusCode;
 use axum::response::Response;
 use serde::Serialize;
@@ -13,7 +14,6 @@ use crate::api::extract::{
 };
 use crate::api::problem::{Problem, ProblemDocument};
 use crate::api::respond::{compute_planned, json, mesh, mesh_file, planned, svg};
-use crate::formats::InputError;
 use crate::formats::checked::{Checked, LARGE, List, Raw, document, take_given, take_or_default};
 use crate::formats::shape::{Points, ShapeInput};
 use crate::geometry::distance::Distances;
@@ -347,12 +347,12 @@ fn take_places(
     samples: Option<Checked<usize>>,
     grid: Option<Checked<[usize; 2]>>,
     parameters: Option<Raw>,
-    errors: &mut Vec<InputError>,
+    errors: &mut Vec<Fault>,
 ) -> Option<Places> {
     let samples = take_given(samples, "/samples", errors);
     let grid = take_given(grid, "/grid", errors);
     let mut refuse = |pointer: &str, detail: &str| -> Option<Places> {
-        errors.push(InputError::new(pointer, detail));
+        errors.push(Fault::new(pointer, detail));
         None
     };
     if representation.is_some_and(|representation| representation.subdivision().is_some()) {
@@ -619,13 +619,13 @@ pub(super) async fn measure(
         let (settings, shapes) = request.take_shapes(&mut errors);
         let length_unit = take_given(request.length_unit, "/length_unit", &mut errors).flatten();
         let unit_faults = text_faults(None, None, length_unit.as_deref());
-        errors.extend(unit_faults.into_iter().map(|fault| InputError::new(fault.pointer, fault.detail)));
+        errors.extend(unit_faults.into_iter().map(|fault| Fault::new(fault.pointer, fault.detail)));
         let field = take_given(request.field, "/field", &mut errors);
         if let (Some(_), Some((representation, _))) = (&field, &settings)
             && representation.extent().is_none()
             && representation.subdivision().is_none()
         {
-            errors.push(InputError::new("/field", "flow is computed for surfaces only"));
+            errors.push(Fault::new("/field", "flow is computed for surfaces only"));
         }
         let ((representation, correspondence), shapes) = checked(settings, errors, shapes)?;
         let counts = Counts::new(&representation, shapes.len(), &app.limits);

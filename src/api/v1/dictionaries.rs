@@ -1,5 +1,6 @@
 //! Dictionaries, which jobs learn from cohorts: learn, list, read, draw, export, import, delete.
 
+use crate::formats::fault::Fault;
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::{Deserialize, Serialize};
@@ -21,7 +22,7 @@ use crate::domain::shape::ShapeFilter;
 use crate::formats::checked::{Checked, document, take_given, take_or_default};
 use crate::formats::shape::Points;
 use crate::geometry::representation::Representation;
-use crate::service::app::{Fault, ServiceError, Work};
+use crate::service::app::{ServiceError, Work};
 use crate::service::cost::jobs::Estimate;
 use crate::service::dictionaries::file::DictionaryFile;
 use crate::service::dictionaries::planning::{From as LearnFrom, Learn, Planned};
@@ -355,7 +356,7 @@ fn learn_of(request: LearnRequest) -> Result<(Learn, bool), ServiceError> {
     let classifier = take_given(request.classifier, "/classifier", &mut errors);
     let version = take_given(request.continue_from, "/continue_from", &mut errors);
     let dry_run = take_or_default(request.dry_run, "/dry_run", &mut errors);
-    faults.extend(errors.into_iter().map(Fault::from));
+    faults.extend(errors);
     ServiceError::unless_empty(faults)?;
     let incomplete = || ServiceError::invalid("", "the request is incomplete");
     let from = match version {

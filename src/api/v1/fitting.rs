@@ -1,6 +1,7 @@
 //! Least-squares fits of curves and surfaces to raw contours, grids and meshes; refinement to another grid of knots; exact
 //! control points of idealised shapes.
 
+use crate::formats::fault::Fault;
 use axum::http::StatusCode;
 use axum::response::Response;
 use serde::Serialize;
@@ -11,7 +12,6 @@ use crate::analysis::correspondence::Correspondence;
 use crate::api::extract::{Caller, JsonBody, NoQuery};
 use crate::api::problem::{Problem, ProblemDocument};
 use crate::api::respond::{compute, compute_planned, json, planned};
-use crate::formats::InputError;
 use crate::formats::checked::{Checked, LARGE, Limited, List, Raw, document, take_given, take_or_default};
 use crate::formats::representation::{FitTarget, Read};
 use crate::formats::shape::{Points, ShapeInput};
@@ -127,14 +127,14 @@ pub(super) async fn fit(
                 .into_iter()
                 .filter(|(given, _)| *given)
             {
-                errors.push(InputError::new(pointer, "this field belongs to subdivision surfaces"));
+                errors.push(Fault::new(pointer, "this field belongs to subdivision surfaces"));
             }
         }
         if let Some(turns) = turns.filter(|turns| *turns > MAX_TURNS) {
-            errors.push(InputError::new("/turns", format!("expected at most {MAX_TURNS}, got {turns}")));
+            errors.push(Fault::new("/turns", format!("expected at most {MAX_TURNS}, got {turns}")));
         }
         if refined.is_some() && parameters.is_some() {
-            errors.push(InputError::new(
+            errors.push(Fault::new(
                 "/parameters",
                 "this field belongs to splines: a subdivision surface has no parameters, use start",
             ));
@@ -152,19 +152,19 @@ pub(super) async fn fit(
         };
         match (&request.shapes, &request.meshes) {
             (Some(_), Some(_)) => {
-                errors.push(InputError::new("/meshes", "expected either meshes or shapes, got both"));
+                errors.push(Fault::new("/meshes", "expected either meshes or shapes, got both"));
             }
             (None, Some(_)) if target.is_some() && !surfaces && refined.is_none() => {
-                errors.push(InputError::new(
+                errors.push(Fault::new(
                     "/meshes",
                     "this field belongs to surfaces: curves are fitted to shapes",
                 ));
             }
-            (None, None) => errors.push(InputError::new("/shapes", "required field is missing")),
+            (None, None) => errors.push(Fault::new("/shapes", "required field is missing")),
             _ => {}
         }
         if request.meshes.is_some() && !matches!(parameters, Some(FitParameters::None)) {
-            errors.push(InputError::new(
+            errors.push(Fault::new(
                 "/parameters",
                 "this field belongs to shapes: a mesh has its own parameters",
             ));
@@ -330,7 +330,7 @@ pub(super) async fn refine(
         let extent = settings.as_ref().and_then(|(representation, _)| representation.extent());
         if control_points.is_some() && (given || (settings.is_some() && extent.is_none())) {
             let detail = "this field belongs to surfaces, instead of a factor";
-            errors.push(InputError::new("/control_points", detail));
+            errors.push(Fault::new("/control_points", detail));
         }
         let (((representation, correspondence), factor), shapes) =
             checked(settings.zip(factor), errors, shapes)?;
@@ -507,9 +507,9 @@ pub(super) async fn idealise(
         };
         if other && surfaces.is_some() {
             let detail = format!("expected {field} only, as in the representation");
-            errors.push(InputError::new("", detail));
+            errors.push(Fault::new("", detail));
         } else if list.is_none() && surfaces.is_some() {
-            errors.push(InputError::new(format!("/{field}"), "required field is missing"));
+            errors.push(Fault::new(format!("/{field}"), "required field is missing"));
         }
         let mut wanted = Vec::new();
         for (index, input) in
@@ -533,7 +533,7 @@ fn take_ideal(
     input: IdealInput,
     surfaces: Option<bool>,
     pointer: &str,
-    errors: &mut Vec<InputError>,
+    errors: &mut Vec<Fault>,
 ) -> Option<Placed> {
     let below = |name: &str| format!("{pointer}{name}");
     errors.extend(input.faults.iter().cloned().map(|fault| fault.below(pointer)));
@@ -547,7 +547,7 @@ fn take_ideal(
         } else {
             "expected this field only, as in the representation"
         };
-        errors.push(InputError::new(below(name), detail));
+        errors.push(Fault::new(below(name), detail));
     }
     let curve = take_given(input.curve, &below("/curve"), errors);
     let surface = take_given(input.surface, &below("/surface"), errors);
@@ -557,7 +557,7 @@ fn take_ideal(
         let centre = centre.clone().unwrap_or_else(|| vec![0.0; dimension]);
         if centre.len() != dimension {
             let detail = format!("expected {dimension} coordinates, got {}", centre.len());
-            errors.push(InputError::new(below("/centre"), detail));
+            errors.push(Fault::new(below("/centre"), detail));
         }
         centre
     };

@@ -1,5 +1,6 @@
 //! API keys of programs, for administrators: create, list, read, revoke.
 
+use crate::formats::fault::Fault;
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
@@ -12,7 +13,7 @@ use crate::domain::access::Role;
 use crate::domain::key::Key;
 use crate::formats::checked::{Checked, document, take_given};
 use crate::service::access::keys::{self, NewKey, faults};
-use crate::service::app::{Fault, ServiceError};
+use crate::service::app::ServiceError;
 
 document! {
     /// A key to create.
@@ -109,7 +110,7 @@ fn new_key(request: KeyRequest) -> Result<NewKey, ServiceError> {
     let role = take_given(request.role, "/role", &mut errors);
     let cohorts = take_given(request.cohorts, "/cohorts", &mut errors).flatten();
     let expires_in_days = take_given(request.expires_in_days, "/expires_in_days", &mut errors).flatten();
-    let mut found: Vec<Fault> = errors.into_iter().map(Fault::from).collect();
+    let mut found: Vec<Fault> = errors;
     match (name, role) {
         (Some(name), Some(role)) => {
             let new = NewKey { name, role, cohorts, expires_in_days };

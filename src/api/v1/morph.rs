@@ -1,5 +1,6 @@
 //! Morphing: shapes on a path between two shapes.
 
+use crate::formats::fault::Fault;
 use axum::http::StatusCode;
 use axum::response::Response;
 use serde::Serialize;
@@ -9,7 +10,6 @@ use crate::analysis::correspondence::Correspondence;
 use crate::api::extract::{Caller, Format, JsonBody, OnlyFormat};
 use crate::api::problem::{Problem, ProblemDocument};
 use crate::api::respond::{compute_planned, json, planned, svg};
-use crate::formats::InputError;
 use crate::formats::checked::{Checked, LARGE, document, take_given, take_or_default};
 use crate::formats::representation::Read;
 use crate::formats::shape::{Points, ShapeInput};
@@ -106,14 +106,14 @@ pub(super) async fn morph(
         let positions = take_given(request.positions, "/positions", &mut errors);
         let positions = match (positions, steps) {
             (Some(_), Some(_)) => {
-                errors.push(InputError::new("/steps", "expected either positions or steps, got both"));
+                errors.push(Fault::new("/steps", "expected either positions or steps, got both"));
                 None
             }
             (Some(positions), None) => Some(Positions::At(positions)),
             (None, steps) => {
                 let steps = steps.unwrap_or(11);
                 if !(2..=MAX_STEPS).contains(&steps) {
-                    errors.push(InputError::new(
+                    errors.push(Fault::new(
                         "/steps",
                         format!("expected a number between 2 and {MAX_STEPS}, got {steps}"),
                     ));

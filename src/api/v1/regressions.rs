@@ -1,5 +1,6 @@
 //! Multivariate linear regression of the shapes of a cohort on an attribute, with a permutation test.
 
+use crate::formats::fault::Fault;
 use axum::response::Response;
 
 use super::comparisons::Names;
@@ -15,7 +16,7 @@ use crate::domain::job::Priority;
 use crate::domain::regression::ShapeRegression;
 use crate::domain::shape::ShapeFilter;
 use crate::formats::checked::{Checked, document, take_given, take_or_default};
-use crate::service::app::{Fault, ServiceError};
+use crate::service::app::ServiceError;
 use crate::service::inference::regressions::{self, Missing, Regress};
 use crate::service::inference::test_sample::DEFAULT_PERMUTATIONS;
 
@@ -109,7 +110,7 @@ fn regress_of(request: RegressRequest) -> Result<Regress, ServiceError> {
     let permutations = take_given(request.permutations, "/permutations", &mut errors);
     let seed = take_or_default(request.seed, "/seed", &mut errors);
     let strata = take_or_default(request.strata, "/strata", &mut errors);
-    ServiceError::unless_empty(errors.into_iter().map(Fault::from).collect())?;
+    ServiceError::unless_empty(errors)?;
     let incomplete = || ServiceError::invalid("", "the request is incomplete");
     Ok(Regress {
         cohort: cohort.ok_or_else(incomplete)?,

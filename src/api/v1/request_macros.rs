@@ -1,5 +1,6 @@
 //! Request fields shared by the statistics endpoints, and small response types used by several resources.
 
+use crate::formats::fault::Fault;
 use axum::http::{HeaderMap, HeaderValue, header};
 use axum::response::Response;
 use serde::{Deserialize, Serialize};
@@ -7,11 +8,10 @@ use serde::{Deserialize, Serialize};
 use crate::analysis::alignment::MeanShape;
 use crate::analysis::transformation::ClassName;
 use crate::domain::job::Priority;
-use crate::formats::InputError;
 use crate::formats::checked::{Checked, take_or_default};
 use crate::formats::shape::{Points, ShapeInput};
 use crate::numeric::dense::Matrix;
-use crate::service::app::{Fault, ServiceError};
+use crate::service::app::ServiceError;
 use crate::service::shapes::read;
 
 /// Declares a request with a representation, a correspondence, shapes and further fields.
@@ -37,7 +37,7 @@ macro_rules! shapes_request {
             /// Takes the fields that all such requests share; faults go to `errors`.
             fn take_shapes(
                 &mut self,
-                errors: &mut Vec<crate::formats::InputError>,
+                errors: &mut Vec<crate::formats::Fault>,
             ) -> (
                 Option<(
                     crate::geometry::representation::Representation,
@@ -87,7 +87,7 @@ macro_rules! settings_request {
             /// Takes the settings and the shapes; faults go to `errors`.
             fn take_settings(
                 &mut self,
-                errors: &mut Vec<crate::formats::InputError>,
+                errors: &mut Vec<crate::formats::Fault>,
             ) -> (Option<crate::service::statistics::Settings>, Vec<crate::formats::shape::ShapeInput>) {
                 use crate::formats::checked::take_or_default;
                 let (common, shapes) = self.take_shapes(errors);
@@ -123,13 +123,13 @@ pub(super) use settings_request;
 /// [`ServiceError::Invalid`].
 pub(super) fn checked<T>(
     value: Option<T>,
-    errors: Vec<InputError>,
+    errors: Vec<Fault>,
     shapes: Vec<ShapeInput>,
 ) -> Result<(T, Vec<ShapeInput>), ServiceError> {
     match value {
         Some(value) if errors.is_empty() => Ok((value, shapes)),
         _ => {
-            let mut faults: Vec<Fault> = errors.into_iter().map(Fault::from).collect();
+            let mut faults: Vec<Fault> = errors;
             faults.extend(read::shape_faults(shapes));
             ServiceError::unless_empty(faults)?;
             Err(ServiceError::invalid("", "the request is incomplete"))
@@ -144,7 +144,7 @@ pub(super) fn checked<T>(
 pub(super) fn priority_of(field: Option<Checked<Priority>>) -> Result<Priority, ServiceError> {
     let mut errors = Vec::new();
     let priority = take_or_default(field, "/priority", &mut errors);
-    ServiceError::unless_empty(errors.into_iter().map(Fault::from).collect())?;
+    ServiceError::unless_empty(errors)?;
     Ok(priority.unwrap_or_default())
 }
 

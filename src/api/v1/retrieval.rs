@@ -1,5 +1,6 @@
 //! Exact nearest-neighbour search in a cohort, and matrices of pairwise distances; jobs compute the large ones.
 
+use crate::formats::fault::Fault;
 use std::collections::BTreeMap;
 
 use axum::http::StatusCode;
@@ -18,7 +19,6 @@ use crate::api::problem::{Problem, ProblemDocument};
 use crate::api::respond::{self, compute, json};
 use crate::domain::job::{JobStatus, Priority};
 use crate::domain::shape::ShapeFilter;
-use crate::formats::InputError;
 use crate::formats::checked::{Checked, List, Many, document, take_given, take_many, take_or_default};
 use crate::formats::matrix::{MatrixFormat, NamedMatrix};
 use crate::formats::representation::Read;
@@ -143,13 +143,13 @@ fn search_of(request: SearchRequest) -> Result<Search, ServiceError> {
     let mut errors = request.faults;
     let posted = request.shapes.map(|shapes| shapes.take("/shapes", &mut errors));
     if posted.is_some() == request.ids.is_some() {
-        errors.push(InputError::new("", "expected either shapes or ids"));
+        errors.push(Fault::new("", "expected either shapes or ids"));
     }
     let ids = take_many(request.ids, "/ids", &mut errors);
     let neighbours = take_given(request.neighbours, "/neighbours", &mut errors).unwrap_or(NEIGHBOURS);
     if !(1..=MAX_NEIGHBOURS).contains(&neighbours) {
         let detail = format!("expected a number between 1 and {MAX_NEIGHBOURS}, got {neighbours}");
-        errors.push(InputError::new("/neighbours", detail));
+        errors.push(Fault::new("/neighbours", detail));
     }
     let similarity = Transformation::Named(ClassName::Similarity);
     let transformation =
@@ -328,10 +328,10 @@ fn matrix_request(mut request: DistancesRequest) -> Result<MatrixRequest, Servic
 }
 
 /// Fields that are missing, or that do not apply to the way in which shapes are given.
-fn misplaced(request: &DistancesRequest) -> Vec<InputError> {
+fn misplaced(request: &DistancesRequest) -> Vec<Fault> {
     let (posted, stored) = (request.shapes.is_some(), request.cohort.is_some());
     if posted == stored {
-        return vec![InputError::new("", "expected either shapes with their representation, or a cohort")];
+        return vec![Fault::new("", "expected either shapes with their representation, or a cohort")];
     }
     let of_posted = [
         ("/representation", request.representation.is_some()),
@@ -347,14 +347,14 @@ fn misplaced(request: &DistancesRequest) -> Vec<InputError> {
             } else {
                 "this field belongs to a cohort"
             };
-            errors.push(InputError::new(*field, detail));
+            errors.push(Fault::new(*field, detail));
         }
     }
     if posted && request.representation.is_none() {
-        errors.push(InputError::new("/representation", "required field is missing"));
+        errors.push(Fault::new("/representation", "required field is missing"));
     }
     if stored && request.filter.is_some() && request.ids.is_some() {
-        errors.push(InputError::new("/ids", "expected either ids or filter, got both"));
+        errors.push(Fault::new("/ids", "expected either ids or filter, got both"));
     }
     errors
 }

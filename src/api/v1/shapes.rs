@@ -15,7 +15,7 @@ use crate::api::extract::{
     Caller, Format, IfMatch, NoQuery, OnlyShapeFormat, Path, Query, ShapeFormat, ShapeFormatQuery, is_json,
     media_type,
 };
-use crate::api::problem::{FaultDocument, Problem, ProblemDocument, ProblemKind};
+use crate::api::problem::{Problem, ProblemDocument, ProblemKind};
 use crate::api::respond::{compute, json, mesh, svg};
 use crate::domain::cohort::Cohort;
 use crate::domain::shape::Shape;
@@ -53,7 +53,7 @@ pub(super) struct AddAnswer {
     skipped: usize,
     /// Reasons for skipping, at most 100 entries.
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    errors: Vec<FaultDocument>,
+    errors: Vec<Fault>,
 }
 
 fn is_zero(count: &usize) -> bool {

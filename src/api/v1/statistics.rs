@@ -1,5 +1,6 @@
 //! Statistics of posted shapes: projection onto a class, mean shape, alignment, functional PCA. Nothing is stored.
 
+use crate::formats::fault::Fault;
 use axum::body::Bytes;
 use axum::http::StatusCode;
 use axum::response::Response;
@@ -12,7 +13,6 @@ use crate::api::extract::{
 };
 use crate::api::problem::{Problem, ProblemDocument};
 use crate::api::respond::{compute_planned, json, mesh, planned, svg};
-use crate::formats::InputError;
 use crate::formats::checked::{Checked, take_given, take_or_default};
 use crate::formats::shape::{Points, ShapeInput};
 use crate::service::app::{App, ServiceError};
@@ -353,7 +353,7 @@ pub(super) async fn pca(
         let centre = take_or_default(request.centre, "/centre", &mut errors).unwrap_or_default();
         let with_aligned = take_given(request.aligned, "/aligned", &mut errors).unwrap_or(true);
         if count == 0 {
-            errors.push(InputError::new("/components", "expected at least 1, got 0"));
+            errors.push(Fault::new("/components", "expected at least 1, got 0"));
         }
         let (settings, shapes) = checked(settings, errors, shapes)?;
         let counts = Counts::new(&settings.representation, shapes.len(), &app.limits);

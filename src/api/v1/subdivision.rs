@@ -1,5 +1,6 @@
 //! Subdivision of closed meshes and polylines.
 
+use crate::formats::fault::Fault;
 use axum::http::StatusCode;
 use axum::response::Response;
 use serde::Serialize;
@@ -8,7 +9,6 @@ use super::request_macros::checked;
 use crate::api::extract::{Caller, Format, JsonBody, OnlyShapeFormat, ShapeFormat, ShapeFormatQuery};
 use crate::api::problem::{Problem, ProblemDocument};
 use crate::api::respond::{compute_planned, json, mesh_file, planned, svg};
-use crate::formats::InputError;
 use crate::formats::checked::{Checked, document, take_given};
 use crate::formats::shape::Points;
 use crate::geometry::drawing::svg::{self as drawing, Layer, MAX_FACES, colour};
@@ -190,7 +190,7 @@ pub(super) async fn subdivide(
 }
 
 impl SubdivideRequest {
-    fn take_scheme(&mut self, errors: &mut Vec<InputError>) -> Option<Scheme> {
+    fn take_scheme(&mut self, errors: &mut Vec<Fault>) -> Option<Scheme> {
         let before = errors.len();
         let name = take_given(self.scheme.take(), "/scheme", errors);
         let fields = SchemeFields {
@@ -207,30 +207,25 @@ impl SubdivideRequest {
         }
         let found = fields.scheme();
         let faults = found.map_err(|faults| {
-            errors.extend(
-                faults.into_iter().map(|(field, detail)| InputError::new(format!("/{field}"), detail)),
-            );
+            errors.extend(faults.into_iter().map(|(field, detail)| Fault::new(format!("/{field}"), detail)));
         });
         faults.ok()
     }
 
-    fn take_depth(&mut self, errors: &mut Vec<InputError>) -> Option<Depth> {
+    fn take_depth(&mut self, errors: &mut Vec<Fault>) -> Option<Depth> {
         let (level, tolerance) = (self.level.take(), self.tolerance.take());
         if level.is_none() && tolerance.is_none() {
-            errors.push(InputError::new("/level", "required field is missing: give a level or a tolerance"));
+            errors.push(Fault::new("/level", "required field is missing: give a level or a tolerance"));
         }
         let both = level.is_some() && tolerance.is_some();
         let (level, tolerance) =
             (take_given(level, "/level", errors), take_given(tolerance, "/tolerance", errors));
         if both {
-            errors.push(InputError::new("/tolerance", "expected either level or tolerance, got both"));
+            errors.push(Fault::new("/tolerance", "expected either level or tolerance, got both"));
         }
         match tolerance {
             Some(tolerance) if !(tolerance > 0.0) => {
-                errors.push(InputError::new(
-                    "/tolerance",
-                    format!("expected a positive number, got {tolerance}"),
-                ));
+                errors.push(Fault::new("/tolerance", format!("expected a positive number, got {tolerance}")));
                 None
             }
             Some(tolerance) => Some(Depth::Tolerance(tolerance)),
@@ -238,7 +233,7 @@ impl SubdivideRequest {
         }
     }
 
-    fn take_given(&mut self, errors: &mut Vec<InputError>) -> Option<Given> {
+    fn take_given(&mut self, errors: &mut Vec<Fault>) -> Option<Given> {
         let start = take_given(self.start.take(), "/start", errors);
         match (self.mesh.take(), start, self.polyline.take()) {
             (Some(mesh), None, None) => Some(Given::Mesh(mesh)),
@@ -246,19 +241,19 @@ impl SubdivideRequest {
             (None, Some(text), None) => match text.parse() {
                 Ok(start) => Some(Given::Start(start)),
                 Err(detail) => {
-                    errors.push(InputError::new("/start", format!("unknown mesh: {detail}")));
+                    errors.push(Fault::new("/start", format!("unknown mesh: {detail}")));
                     None
                 }
             },
             (None, None, None) => {
-                errors.push(InputError::new(
+                errors.push(Fault::new(
                     "/mesh",
                     "required field is missing: give a mesh, a start or a polyline",
                 ));
                 None
             }
             _ => {
-                errors.push(InputError::new("", "expected only one of mesh, start and polyline"));
+                errors.push(Fault::new("", "expected only one of mesh, start and polyline"));
                 None
             }
         }

@@ -3,6 +3,7 @@
 //! A looked-up key is cached for `FRESH` and then read again, so that a revocation reaches every replica. On the
 //! replica that revokes a key, the revocation takes effect at once.
 
+use crate::formats::fault::Fault;
 use std::sync::{Mutex, MutexGuard};
 use std::time::{Duration, Instant};
 
@@ -14,7 +15,7 @@ use super::Refusal;
 use crate::domain::access::{Principal, Role};
 use crate::domain::id;
 use crate::domain::key::{Key, Secret, claimed_id, is_deceptive, is_id};
-use crate::service::app::{App, Fault, Page, ServiceError, now_ms};
+use crate::service::app::{App, Page, ServiceError, now_ms};
 use crate::service::cohorts::catalogue;
 
 /// Time for which a key read from the store is cached.

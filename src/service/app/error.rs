@@ -1,37 +1,8 @@
 //! Errors of use cases. They carry no status codes; [`problem`](super::problem) translates them.
 
-use serde::{Deserialize, Serialize};
-
 use crate::analysis::AnalysisError;
-use crate::formats::{InputError, brief, brief_pointer};
+use crate::formats::fault::Fault;
 use crate::store::StoreError;
-
-/// A single fault of an input.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Fault {
-    /// JSON pointer into the body or, for a stream, into its line.
-    pub pointer: String,
-    /// Description of the fault and its remedy.
-    pub detail: String,
-    /// Position of the shape in the batch or stream.
-    pub index: Option<usize>,
-    /// Line of a stream, counted from 1.
-    pub line: Option<u64>,
-}
-
-impl Fault {
-    /// A fault of the request as a whole; input quoted in it is shortened.
-    pub fn new(pointer: impl Into<String>, detail: impl Into<String>) -> Self {
-        let (pointer, detail) = (brief_pointer(pointer.into()), brief(detail.into()));
-        Self { pointer, detail, index: None, line: None }
-    }
-}
-
-impl From<InputError> for Fault {
-    fn from(error: InputError) -> Self {
-        Self::new(error.pointer, error.detail)
-    }
-}
 
 /// A page of entries and the cursor of the next page.
 pub type Page<T> = (Vec<T>, Option<String>);
@@ -177,8 +148,8 @@ impl ServiceError {
     }
 
     /// Input errors, located below a pointer.
-    pub fn below(errors: Vec<InputError>, pointer: &str) -> Self {
-        Self::Invalid(errors.into_iter().map(|error| error.below(pointer).into()).collect())
+    pub fn below(errors: Vec<Fault>, pointer: &str) -> Self {
+        Self::Invalid(errors.into_iter().map(|error| error.below(pointer)).collect())
     }
 
     /// Succeeds if there are no faults; otherwise fails with all of them (at most [`MAX_FAULTS`]).
@@ -213,7 +184,7 @@ impl ServiceError {
     pub fn of_analysis(error: AnalysisError, pointer: impl Fn(usize) -> String) -> Self {
         match error {
             AnalysisError::Degenerate { index, .. } | AnalysisError::NoExtent { index, .. } => {
-                let fault = Fault { index: Some(index), ..Fault::new(pointer(index), error.to_string()) };
+                let fault = Fault::new(pointer(index), error.to_string()).of_shape(index);
                 Self::DegenerateShape(vec![fault])
             }
             AnalysisError::TooFewShapes { found, needed } => Self::TooFewShapes { found, needed },

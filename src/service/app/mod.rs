@@ -29,6 +29,6 @@ pub mod work;
 
 pub use self::clock::now_ms;
 pub use self::context::App;
-pub use self::error::{Fault, Page, ServiceError};
+pub use self::error::{Page, ServiceError};
 pub use self::limits::Limits;
 pub use self::work::Work;

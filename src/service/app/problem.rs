@@ -3,12 +3,13 @@
 //!
 //! Requests are answered with such a document, and failed jobs store one; both are built here.
 
+use crate::formats::fault::Fault;
 use http::StatusCode;
 use serde::Serialize;
 
-use super::error::{Fault, ServiceError};
+use super::error::ServiceError;
 use crate::domain::job::Job;
-use crate::formats::{brief, brief_pointer};
+use crate::formats::fault::brief;
 
 /// Defines the problem types with their codes and statuses: one table, documented in `docs/problems.md`.
 macro_rules! problem_kinds {
@@ -125,33 +126,9 @@ pub struct ProblemDocument {
     /// Description of this occurrence and its remedy.
     detail: String,
     /// All faults of the input, at most 100 entries.
-    errors: Vec<FaultDocument>,
+    errors: Vec<Fault>,
     /// Id of the request, as in the `x-request-id` header.
     request_id: Option<String>,
-}
-
-/// A single fault of the input.
-#[derive(Debug, Serialize, utoipa::ToSchema)]
-pub struct FaultDocument {
-    /// JSON pointer into the body, or into the line of a stream.
-    #[schema(example = "/shapes/17")]
-    pointer: String,
-    /// Description of the fault, with the offending numbers.
-    detail: String,
-    /// Position of the shape in the batch or stream, counted from 0.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(example = 17)]
-    index: Option<usize>,
-    /// Line of the stream, counted from 1.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    line: Option<u64>,
-}
-
-impl From<Fault> for FaultDocument {
-    fn from(fault: Fault) -> Self {
-        let Fault { pointer, detail, index, line } = fault;
-        Self { pointer: brief_pointer(pointer), detail: brief(detail), index, line }
-    }
 }
 
 impl Problem {
@@ -222,7 +199,7 @@ impl Problem {
             status: self.kind.status().as_u16(),
             code: self.kind.code(),
             detail: self.detail,
-            errors: self.errors.into_iter().map(Into::into).collect(),
+            errors: self.errors.into_iter().map(Fault::shortened).collect(),
             request_id,
         }
     }

@@ -6,8 +6,9 @@ use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
 use crate::domain::cohort::{Cohort, name_problem};
 use crate::domain::id;
 use crate::domain::shape::{Shape, ShapeFilter};
+use crate::formats::fault::Fault;
 use crate::geometry::representation::Representation;
-use crate::service::app::{App, Fault, Page, ServiceError, now_ms};
+use crate::service::app::{App, Page, ServiceError, now_ms};
 use crate::service::shapes::read;
 
 /// Properties of a new cohort.
@@ -64,7 +65,7 @@ pub async fn create(app: &App, new: NewCohort) -> Result<Cohort, ServiceError> {
     app.check_unlimited("creating a cohort")?;
     let mut faults = text_faults(Some(&new.name), new.description.as_deref(), new.length_unit.as_deref());
     if let Err(errors) = read::check_representation(&new.representation, &app.limits) {
-        faults.extend(errors.into_iter().map(|error| Fault::from(error.below("/representation"))));
+        faults.extend(errors.into_iter().map(|error| error.below("/representation")));
     }
     let places = read::check_correspondence(&new.representation, new.correspondence);
     for checked in [places, read::check_mirror(&new.representation, new.mirror)] {

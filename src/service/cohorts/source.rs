@@ -1,5 +1,6 @@
 //! Shapes of a stored cohort as a source for statistics: they are streamed in bounded batches, at one revision.
 
+use crate::formats::fault::Fault;
 use std::collections::HashSet;
 
 use serde::{Deserialize, Serialize};
@@ -11,7 +12,7 @@ use crate::analysis::pass::Pass;
 use crate::domain::cohort::Cohort;
 use crate::domain::dictionary::Content;
 use crate::domain::shape::{Shape, ShapeFilter};
-use crate::service::app::{App, Fault, ServiceError};
+use crate::service::app::{App, ServiceError};
 use crate::service::statistics::Setup;
 use crate::store::{Cursor, Ids, Revisions, ScanBatch, Start, Store};
 
@@ -72,7 +73,7 @@ pub(crate) async fn find_all(
     let missing = found.iter().zip(keys).enumerate().filter(|(_, (shape, _))| shape.is_none());
     let fault = |(index, (_, key)): (usize, (_, &String))| {
         let detail = format!("shape '{key}' not found in the cohort '{}'", cohort.name);
-        Fault { index: Some(index), ..Fault::new(format!("/ids/{index}"), detail) }
+        Fault::new(format!("/ids/{index}"), detail).of_shape(index)
     };
     ServiceError::unless_empty(missing.map(fault).collect())?;
     Ok(found.into_iter().flatten().collect())
@@ -87,7 +88,7 @@ pub(crate) fn refuse_repeated(keys: &[String]) -> Result<(), ServiceError> {
     let repeated = keys.iter().enumerate().filter(|(_, key)| !seen.insert(key.as_str()));
     let fault = |(index, key): (usize, &String)| {
         let detail = format!("'{key}' is given twice");
-        Fault { index: Some(index), ..Fault::new(format!("/ids/{index}"), detail) }
+        Fault::new(format!("/ids/{index}"), detail).of_shape(index)
     };
     ServiceError::unless_empty(repeated.map(fault).collect())
 }

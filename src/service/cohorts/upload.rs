@@ -3,6 +3,7 @@
 //! The pool parses shapes and converts them to control points while a task writes the previous ones to the store. All
 //! shapes of an upload become visible together.
 
+use crate::formats::fault::Fault;
 use bytes::Bytes;
 use futures_util::{Stream, StreamExt};
 use rayon::prelude::*;
@@ -21,7 +22,7 @@ use crate::geometry::representation::ShapeSpace;
 use crate::service::app::error::MAX_FAULTS;
 use crate::service::app::idempotency::Retry;
 use crate::service::app::memory::Purpose;
-use crate::service::app::{App, Fault, ServiceError, Work, idempotency, now_ms};
+use crate::service::app::{App, ServiceError, Work, idempotency, now_ms};
 use crate::service::cost::requests::{self, Counts};
 use crate::service::shapes::read::{Reading, check_extent, parse, read_shape};
 use crate::store::{Added, StoreError, Upload};

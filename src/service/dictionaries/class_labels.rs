@@ -3,13 +3,14 @@
 //! Classes are the values of an attribute; shapes of one subject stay together in cross-validation. Whether the classes
 //! are sufficient for the requested classifier is checked before a job is stored.
 
+use crate::formats::fault::Fault;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 use crate::domain::classifier::{ClassifierKind, ClassifierSettings, Feature};
 use crate::domain::cohort::Cohort;
 use crate::domain::dictionary::Method;
 use crate::domain::shape::ShapeFilter;
-use crate::service::app::{App, Fault, ServiceError};
+use crate::service::app::{App, ServiceError};
 use crate::service::cohorts::attributes::{Attribute, KnownAttributes, describe, first_names};
 
 /// Classes and subjects of shapes, in storage order.

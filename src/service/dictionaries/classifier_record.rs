@@ -9,8 +9,8 @@ use crate::analysis::classification::{Classifier, Kind};
 use crate::analysis::metric::Metric;
 use crate::domain::classifier::{ClassifierRecord, Trained, TrainedMember};
 use crate::domain::dictionary::{Content, Row, columns_of, rows_of};
+use crate::formats::fault::Fault;
 use crate::numeric::dense::Matrix;
-use crate::service::app::Fault;
 
 /// Stored form of a trained classifier.
 pub(crate) fn trained_of(classifier: &Classifier, kind: Kind, metric: &Metric) -> Trained {

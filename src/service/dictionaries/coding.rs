@@ -3,6 +3,7 @@
 //!
 //! Shapes are prepared as in learning, then encoded in the components or sparse atoms of the dictionary.
 
+use crate::formats::fault::Fault;
 use rand::SeedableRng;
 use rand::rngs::ChaCha12Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -20,7 +21,7 @@ use crate::domain::dictionary::{HeldOutMeasure, HeldOutStatistics, Statistics};
 use crate::formats::shape::ShapeInput;
 use crate::geometry::sampling::Places;
 use crate::numeric::dense::Matrix;
-use crate::service::app::{App, Fault, Limits, ServiceError, Work};
+use crate::service::app::{App, Limits, ServiceError, Work};
 use crate::service::cohorts::catalogue;
 use crate::service::cost::requests::{self, Counts};
 use crate::service::shapes::read::{self, Reading};

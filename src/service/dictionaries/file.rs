@@ -3,6 +3,7 @@
 //! A file is a JSON document with a digest of its content. An import checks the digest and the consistency of all parts
 //! before it stores a new version.
 
+use crate::formats::fault::Fault;
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
@@ -15,7 +16,7 @@ use crate::analysis::metric::norm;
 use crate::domain::cohort::name_problem;
 use crate::domain::dictionary::{Content, HeldOutMeasure, Method, NewDictionary, Provenance, Row};
 use crate::domain::id;
-use crate::service::app::{App, Fault, Limits, ServiceError, now_ms};
+use crate::service::app::{App, Limits, ServiceError, now_ms};
 
 /// Name of the file format.
 const FORMAT: &str = "shapelex-dictionary";

@@ -3,6 +3,7 @@
 //! A request is checked and its cost predicted before a job is stored. Learning starts from scratch, or continues from
 //! the sums of an earlier version.
 
+use crate::formats::fault::Fault;
 use std::sync::Arc;
 
 use super::class_labels::{Membership, WITHIN, settings_faults};
@@ -20,7 +21,7 @@ use crate::domain::dictionary::{Codes, Listed, Method};
 use crate::domain::id;
 use crate::domain::job::{Job, JobKind};
 use crate::domain::shape::ShapeFilter;
-use crate::service::app::{App, Fault, Limits, Page, ServiceError};
+use crate::service::app::{App, Limits, Page, ServiceError};
 use crate::service::cohorts::catalogue;
 use crate::service::cost::jobs::{Estimate, KEPT_BYTES};
 use crate::service::cost::requests;

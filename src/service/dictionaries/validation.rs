@@ -9,6 +9,7 @@
 //! Confidences and limits of the final classifier come from one more cross-validation of the choice made on all shapes:
 //! from its own scores and distances.
 
+use crate::formats::fault::Fault;
 use rayon::prelude::*;
 
 use super::class_labels::{MAX_STORED, Membership, WITHIN, units};
@@ -31,7 +32,7 @@ use crate::domain::classifier::{
     ClassifierSettings, PartRecord, ReliabilityBin, Validation,
 };
 use crate::domain::dictionary::Content;
-use crate::service::app::{Fault, ServiceError};
+use crate::service::app::ServiceError;
 
 /// Numbers of components that `best` tries, as far as available.
 const COMPONENTS: [usize; 8] = [5, 8, 10, 15, 20, 30, 40, 60];

@@ -2,6 +2,7 @@
 //!
 //! A plan fixes everything that the result depends on, including the revision of the cohort.
 
+use crate::formats::fault::Fault;
 use std::collections::BTreeSet;
 
 use serde::{Deserialize, Serialize};
@@ -25,7 +26,7 @@ use crate::geometry::drawing::svg::{self, Layer};
 use crate::geometry::size::SizeMeasure;
 use crate::service::app::error::MAX_FAULTS;
 use crate::service::app::progress::JobContext;
-use crate::service::app::{App, Fault, ServiceError};
+use crate::service::app::{App, ServiceError};
 use crate::service::cohorts::attributes::{self, Attribute, KnownAttributes};
 use crate::service::cohorts::catalogue;
 use crate::service::cost::jobs::{Estimate, TestWork};
@@ -281,7 +282,7 @@ impl Plan {
                 if faults.len() < MAX_FAULTS {
                     let what = if attribute.text(shape).is_some() { "is not a number" } else { "is missing" };
                     let detail = format!("{name} {what} on the shape '{}'", attributes::name_of(shape));
-                    faults.push(Fault { index: Some(k), ..Fault::new(pointer.clone(), detail) });
+                    faults.push(Fault::new(pointer.clone(), detail).of_shape(k));
                 }
             }
         }

@@ -1,6 +1,7 @@
 //! Sample of a test: attributes of the selected shapes of a stored cohort, and their control points aligned to one
 //! mean.
 
+use crate::formats::fault::Fault;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 use rayon::prelude::*;
@@ -16,7 +17,7 @@ use crate::domain::cohort::Cohort;
 use crate::domain::shape::{ShapeDescription, ShapeFilter};
 use crate::geometry::sampling::Places;
 use crate::numeric::dense::Matrix;
-use crate::service::app::{App, Fault, ServiceError};
+use crate::service::app::{App, ServiceError};
 use crate::service::cohorts::attributes::{Attribute, first_names, name_of};
 use crate::service::statistics::{Settings, Setup};
 use crate::store::{Ids, Revisions};

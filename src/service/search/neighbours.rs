@@ -1,6 +1,7 @@
 //! Search for the nearest shapes of a stored cohort: its shapes are streamed, and only the nearest are kept. Small
 //! cohorts are cached in prepared form for repeated searches.
 
+use crate::formats::fault::Fault;
 use std::collections::BTreeMap;
 
 use serde_json::Value;
@@ -19,7 +20,7 @@ use crate::analysis::neighbours::{Nearest, Neighbour};
 use crate::domain::cohort::Cohort;
 use crate::domain::shape::{ShapeAttributes, ShapeFilter};
 use crate::formats::shape::ShapeInput;
-use crate::service::app::{App, Fault, ServiceError, Work};
+use crate::service::app::{App, ServiceError, Work};
 use crate::service::cohorts::source::StoredShapes;
 use crate::service::cohorts::{catalogue, source};
 use crate::service::cost::requests::{self, Counts};

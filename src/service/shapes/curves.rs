@@ -2,11 +2,11 @@
 //!
 //! The request carries all data, and nothing is stored. The functions are synchronous and run on the pool.
 
+use crate::formats::fault::Fault;
 use rayon::prelude::*;
 
 use super::read;
 use super::request::Posted;
-use crate::formats::InputError;
 use crate::formats::shape::ShapeInput;
 use crate::geometry::curve::MAX_DERIVATIVE;
 use crate::geometry::distance::{Distances, STRETCHES};
@@ -15,7 +15,7 @@ use crate::geometry::intersection::self_intersects;
 use crate::geometry::measures::CurveMeasures;
 use crate::numeric::dense::Matrix;
 use crate::service::app::progress::JobContext;
-use crate::service::app::{App, Fault, Limits, ServiceError, warnings};
+use crate::service::app::{App, Limits, ServiceError, warnings};
 
 /// Parameters at which curves are evaluated.
 #[derive(Debug, Clone)]
@@ -216,7 +216,7 @@ pub(crate) fn each<I: Sync, T: Send>(
 pub(crate) fn each_shape<T: Send>(
     context: &JobContext,
     shapes: Vec<ShapeInput>,
-    work: impl Fn(usize, ShapeInput) -> Result<T, Vec<InputError>> + Sync,
+    work: impl Fn(usize, ShapeInput) -> Result<T, Vec<Fault>> + Sync,
 ) -> Result<Vec<T>, ServiceError> {
     each_of(context, "shapes", shapes, work)
 }
@@ -227,12 +227,12 @@ pub(crate) fn each_of<I: Send, T: Send>(
     context: &JobContext,
     list: &str,
     items: Vec<I>,
-    work: impl Fn(usize, I) -> Result<T, Vec<InputError>> + Sync,
+    work: impl Fn(usize, I) -> Result<T, Vec<Fault>> + Sync,
 ) -> Result<Vec<T>, ServiceError> {
     // Skipped entries have no faults: the request then ends as cancelled.
     let unless_cancelled =
         |(index, item)| if context.is_cancelled() { Err(Vec::new()) } else { work(index, item) };
-    let results: Vec<Result<T, Vec<InputError>>> =
+    let results: Vec<Result<T, Vec<Fault>>> =
         items.into_par_iter().enumerate().map(unless_cancelled).collect();
     context.check()?;
     let (mut values, mut faults) = (Vec::with_capacity(results.len()), Vec::new());
@@ -241,7 +241,7 @@ pub(crate) fn each_of<I: Send, T: Send>(
             Ok(value) => values.push(value),
             Err(errors) => {
                 let placed = errors.into_iter().map(|error| error.below(&format!("/{list}/{index}")));
-                faults.extend(placed.map(|error| Fault { index: Some(index), ..error.into() }));
+                faults.extend(placed.map(|error| error.of_shape(index)));
             }
         }
     }
@@ -249,7 +249,7 @@ pub(crate) fn each_of<I: Send, T: Send>(
     Ok(values)
 }
 
-pub(crate) fn below_points(errors: Vec<InputError>) -> Vec<InputError> {
+pub(crate) fn below_points(errors: Vec<Fault>) -> Vec<Fault> {
     errors.into_iter().map(|error| error.below("/points")).collect()
 }
 
@@ -259,22 +259,22 @@ pub(crate) fn raw_points(
     dimension: Option<usize>,
     closed: bool,
     limits: &Limits,
-) -> Result<Matrix, Vec<InputError>> {
+) -> Result<Matrix, Vec<Fault>> {
     let points = read::given(&shape.points).cloned();
     let stated = shape.closed.as_ref().and_then(|field| field.get().copied().flatten());
     read::attributes(shape)?;
-    let points = points.ok_or_else(|| vec![InputError::new("", "expected points, got none")])?;
+    let points = points.ok_or_else(|| vec![Fault::new("", "expected points, got none")])?;
     if stated.is_some_and(|stated| stated != closed) {
         let detail = format!(
             "expected the value of this request, whose contours are {1}, got {0}",
             !closed,
             if closed { "closed" } else { "open" }
         );
-        return Err(vec![InputError::new("/closed", detail)]);
+        return Err(vec![Fault::new("/closed", detail)]);
     }
     if points.len() > limits.points {
         let detail = format!("expected at most {1} points, got {0}", points.len(), limits.points);
-        return Err(vec![InputError::new("/points", detail)]);
+        return Err(vec![Fault::new("/points", detail)]);
     }
     let dimension = dimension.unwrap_or_else(|| points.width().clamp(2, 3));
     let coordinates = points.checked(dimension).map_err(below_points)?;

@@ -4,12 +4,13 @@
 
 use super::request::Posted;
 use super::surfaces::outside;
+use crate::formats::fault::Fault;
 use crate::formats::shape::{MAX_COORDINATE, ShapeInput};
 use crate::geometry::deformation::{self, Handle};
 use crate::geometry::representation::Representation;
 use crate::geometry::sampling::Places;
 use crate::numeric::dense::Matrix;
-use crate::service::app::{App, Fault, ServiceError};
+use crate::service::app::{App, ServiceError};
 
 /// Displacement of a control point.
 #[derive(Debug, Clone, PartialEq, serde::Deserialize, utoipa::ToSchema)]

@@ -8,7 +8,7 @@ use super::request::Posted;
 use super::surfaces::PlacedSurface;
 use super::{read, surfaces};
 use crate::analysis::correspondence::Correspondence;
-use crate::formats::InputError;
+use crate::formats::fault::Fault;
 use crate::formats::shape::{MAX_COORDINATE, ShapeInput};
 use crate::geometry::GeometryError;
 use crate::geometry::curve::Curve;
@@ -18,7 +18,7 @@ use crate::geometry::ideal::{IdealCurve, Position};
 use crate::geometry::refine::Refinement;
 use crate::geometry::representation::Representation;
 use crate::numeric::dense::Matrix;
-use crate::service::app::{App, Fault, ServiceError};
+use crate::service::app::{App, ServiceError};
 
 /// Size of fitted curves.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -95,7 +95,7 @@ pub fn fit(
             Ok(fit) => found.push(fit),
             Err(error) => {
                 let fault = Fault::new(format!("/shapes/{index}/points"), error.to_string());
-                faults.push(Fault { index: Some(index), ..fault });
+                faults.push(fault.of_shape(index));
             }
         }
     }
@@ -103,15 +103,15 @@ pub fn fit(
     Ok(found)
 }
 
-fn of_contour(error: GeometryError) -> Vec<InputError> {
-    vec![InputError::new("/points", error.to_string())]
+fn of_contour(error: GeometryError) -> Vec<Fault> {
+    vec![Fault::new("/points", error.to_string())]
 }
 
-fn given_samples(points: Matrix, parameters: &[f64], closed: bool) -> Result<Samples, Vec<InputError>> {
+fn given_samples(points: Matrix, parameters: &[f64], closed: bool) -> Result<Samples, Vec<Fault>> {
     if parameters.len() != points.nrows() {
         let detail =
             format!("expected one point per parameter ({1}), got {0}", points.nrows(), parameters.len());
-        return Err(vec![InputError::new("/points", detail)]);
+        return Err(vec![Fault::new("/points", detail)]);
     }
     Samples::new(points, parameters.to_vec(), closed).map_err(of_contour)
 }
@@ -216,9 +216,7 @@ pub fn idealise(app: &App, posted: &Posted, wanted: &[Placed]) -> Result<Vec<Mat
             });
         match made {
             Ok(shape) => shapes.push(shape),
-            Err((pointer, detail)) => {
-                faults.push(Fault { index: Some(index), ..Fault::new(pointer, detail) })
-            }
+            Err((pointer, detail)) => faults.push(Fault::new(pointer, detail).of_shape(index)),
         }
     }
     ServiceError::unless_empty(faults)?;

@@ -5,10 +5,11 @@
 use super::curves::each;
 use super::request::Posted;
 use crate::analysis::path::Path;
+use crate::formats::fault::Fault;
 use crate::formats::shape::ShapeInput;
 use crate::geometry::drawing::svg::{self, Layer, colour};
 use crate::numeric::dense::Matrix;
-use crate::service::app::{App, Fault, Limits, ServiceError};
+use crate::service::app::{App, Limits, ServiceError};
 
 /// Kind of path between two shapes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Deserialize, utoipa::ToSchema)]

@@ -5,8 +5,8 @@
 
 use super::read::face_pointer;
 use super::surface_fitting::take_points;
-use crate::formats::InputError;
 use crate::formats::checked::{Checked, LARGE, document, take_given};
+use crate::formats::fault::Fault;
 use crate::formats::shape::{MAX_COORDINATE, PointList};
 use crate::geometry::curve::Curve;
 use crate::geometry::generator::GeneratorKind;
@@ -71,7 +71,7 @@ enum Body {
 }
 
 impl Body {
-    fn read(input: BodyInput, limits: &Limits) -> Result<Self, Vec<InputError>> {
+    fn read(input: BodyInput, limits: &Limits) -> Result<Self, Vec<Fault>> {
         let mut errors = input.faults;
         let contour = take_points::<2>(&input.contour, "/contour", &mut errors);
         let vertices = take_points::<3>(&input.vertices, "/vertices", &mut errors);
@@ -80,7 +80,7 @@ impl Body {
         if !errors.is_empty() {
             return Err(errors);
         }
-        let one = |pointer: &str, detail: String| Err(vec![InputError::new(pointer, detail)]);
+        let one = |pointer: &str, detail: String| Err(vec![Fault::new(pointer, detail)]);
         match (contour, vertices, faces, mask) {
             (Some(points), None, None, None) => match points.len() {
                 3.. if points.len() <= limits.points => match enclosing(&points) {
@@ -188,10 +188,10 @@ fn crosses_itself(points: &[[f64; 2]]) -> bool {
     self_intersects(&Curve::closed(&hat.generator, &corners))
 }
 
-fn read_mask(input: MaskInput) -> Result<Mask, Vec<InputError>> {
+fn read_mask(input: MaskInput) -> Result<Mask, Vec<Fault>> {
     let mut errors = Vec::new();
     let mut error =
-        |pointer: &str, detail: String| errors.push(InputError::new(format!("/mask{pointer}"), detail));
+        |pointer: &str, detail: String| errors.push(Fault::new(format!("/mask{pointer}"), detail));
     let dimension = input.size.len();
     if !(2..=3).contains(&dimension) {
         error("/size", format!("expected 2 or 3 entries, got {dimension}"));

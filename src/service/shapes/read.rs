@@ -4,6 +4,7 @@
 //! is resampled to the size of the representation. Under `cyclic`, resampling begins at the canonical start of the
 //! contour, so that the stored shape does not depend on the first point of the list.
 
+use crate::formats::fault::Fault;
 use std::borrow::Borrow;
 use std::collections::BTreeMap;
 
@@ -13,9 +14,10 @@ use serde::de::DeserializeOwned;
 
 use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
 use crate::domain::shape::ShapeAttributes;
+use crate::formats::bounds;
 use crate::formats::checked::{Checked, LARGE, Metadata, SMALL, take_given};
+use crate::formats::fault::json_pointer;
 use crate::formats::shape::{MAX_COORDINATE, PointList, PoleInput, PolesInput, ShapeInput};
-use crate::formats::{InputError, bounds, json_pointer};
 use crate::geometry::GeometryError;
 use crate::geometry::generator::GeneratorKind;
 use crate::geometry::mesh::MeshError;
@@ -27,7 +29,7 @@ use crate::geometry::surface::Topology;
 use crate::geometry::surface::basis::{self, SurfaceBasis, Tangents};
 use crate::numeric::dense::Matrix;
 use crate::service::app::error::MAX_FAULTS;
-use crate::service::app::{App, Fault, Limits, ServiceError};
+use crate::service::app::{App, Limits, ServiceError};
 
 /// Conversion of posted points to control points.
 #[derive(Debug, Clone, Copy)]
@@ -53,22 +55,19 @@ const MAX_LABELS: usize = 100;
 ///
 /// # Errors
 /// All fields that are out of bounds.
-pub fn check_representation(representation: &Representation, limits: &Limits) -> Result<(), Vec<InputError>> {
+pub fn check_representation(representation: &Representation, limits: &Limits) -> Result<(), Vec<Fault>> {
     if let Some(subdivision) = representation.subdivision() {
         check_subdivision(subdivision, limits)?;
         return match subdivision.scheme {
             Scheme::NormalBased { .. } => {
-                Err(vec![InputError::new("/scheme", GeometryError::NotLinear.to_string())])
+                Err(vec![Fault::new("/scheme", GeometryError::NotLinear.to_string())])
             }
             _ => Ok(()),
         };
     }
     let mut errors = Vec::new();
     if !(2..=3).contains(&representation.dimension()) {
-        errors.push(InputError::new(
-            "/dimension",
-            format!("expected 2 or 3, got {}", representation.dimension()),
-        ));
+        errors.push(Fault::new("/dimension", format!("expected 2 or 3, got {}", representation.dimension())));
     }
     let knots = representation.knots();
     for Knots { generator, generator_field, .. } in &knots {
@@ -76,7 +75,7 @@ pub fn check_representation(representation: &Representation, limits: &Limits) ->
         errors.extend(
             faults
                 .into_iter()
-                .map(|(field, detail)| InputError::new(format!("/{generator_field}/{field}"), detail)),
+                .map(|(field, detail)| Fault::new(format!("/{generator_field}/{field}"), detail)),
         );
     }
     let admissible = errors.is_empty();
@@ -86,11 +85,11 @@ pub fn check_representation(representation: &Representation, limits: &Limits) ->
         && errors.is_empty()
     {
         let faults = basis::faults(extent, *seam, generators);
-        errors.extend(faults.into_iter().map(|(field, detail)| InputError::new(format!("/{field}"), detail)));
+        errors.extend(faults.into_iter().map(|(field, detail)| Fault::new(format!("/{field}"), detail)));
         let (size, most) = (representation.size(), limits.control_points);
         if size > most {
             let detail = format!("expected at most {most} control points, got {size}");
-            errors.push(InputError::new("/control_points", detail));
+            errors.push(Fault::new("/control_points", detail));
         }
     }
     if errors.is_empty() { Ok(()) } else { Err(errors) }
@@ -100,18 +99,18 @@ pub fn check_representation(representation: &Representation, limits: &Limits) ->
 ///
 /// # Errors
 /// All numbers that are out of bounds, or the first invalid face or vertex.
-pub fn check_subdivision(subdivision: &Subdivision, limits: &Limits) -> Result<(), Vec<InputError>> {
+pub fn check_subdivision(subdivision: &Subdivision, limits: &Limits) -> Result<(), Vec<Fault>> {
     let mut errors = Vec::new();
     let (control, fine) = (subdivision.connectivity.size(), subdivision.size());
     if control.vertices > limits.control_points {
         let (found, most) = (control.vertices, limits.control_points);
         let detail = format!("expected at most {most} control points, got {found}");
-        errors.push(InputError::new("/connectivity", detail));
+        errors.push(Fault::new("/connectivity", detail));
     }
     if fine.vertices > limits.vertices {
         let (level, most) = (subdivision.level, limits.vertices);
         let error = GeometryError::TooFine { level, vertices: fine.vertices, most };
-        errors.push(InputError::new("/level", format!("expected a level below {level}: {error}")));
+        errors.push(Fault::new("/level", format!("expected a level below {level}: {error}")));
     }
     if !errors.is_empty() {
         return Err(errors);
@@ -124,7 +123,7 @@ pub fn check_subdivision(subdivision: &Subdivision, limits: &Limits) -> Result<(
         }
     };
     match refused {
-        Some((place, detail)) => Err(vec![InputError::new(format!("/connectivity{place}"), detail)]),
+        Some((place, detail)) => Err(vec![Fault::new(format!("/connectivity{place}"), detail)]),
         None => Ok(()),
     }
 }
@@ -148,12 +147,12 @@ pub fn check_mirror(representation: &Representation, mirror: Mirror) -> Result<(
 }
 
 /// Fault of a number of control points; `admissible`: the generators have no faults.
-fn count_fault(knots: &Knots<'_>, most: usize, admissible: bool) -> Option<InputError> {
+fn count_fault(knots: &Knots<'_>, most: usize, admissible: bool) -> Option<Fault> {
     let Knots { field, count, fewest, generator, generator_field, closed } = *knots;
     if fewest > most && admissible {
         let detail = "expected |Im| below π and |Re| up to 10 after division by the number of control points or intervals";
         let pointer = format!("/{generator_field}/domain_poles");
-        return Some(InputError::new(
+        return Some(Fault::new(
             pointer,
             format!("{detail} (at most {most}): these poles need a finer grid"),
         ));
@@ -172,7 +171,7 @@ fn count_fault(knots: &Knots<'_>, most: usize, admissible: bool) -> Option<Input
         _ => "",
     };
     let detail = format!("expected a number between {fewest} and {most}, got {count}{reason}");
-    Some(InputError::new(format!("/{field}"), detail))
+    Some(Fault::new(format!("/{field}"), detail))
 }
 
 /// Checks that the correspondence applies to the representation.
@@ -208,25 +207,25 @@ impl Reading<'_> {
     ///
     /// # Errors
     /// All faults of the shape, with pointers relative to it.
-    pub fn control_points(&self, shape: &ShapeInput) -> Result<Vec<f64>, Vec<InputError>> {
+    pub fn control_points(&self, shape: &ShapeInput) -> Result<Vec<f64>, Vec<Fault>> {
         let closed = shape.closed.as_ref().and_then(Checked::get).copied().flatten();
         let representation = self.space.representation();
         if let (Some(closed), Some(_)) = (closed, representation.generator())
             && closed != representation.is_closed()
         {
             let kind = if closed { "open" } else { "closed" };
-            return Err(vec![InputError::new(
+            return Err(vec![Fault::new(
                 "/closed",
                 format!("expected the value of the representation, whose curves are {kind}, got {closed}"),
             )]);
         }
         if given(&shape.normals).is_some() {
-            return Err(vec![InputError::new("/normals", NORMALS)]);
+            return Err(vec![Fault::new("/normals", NORMALS)]);
         }
         let poles = shape.poles.as_ref().and_then(|poles| poles.get()).copied();
         if poles.is_some() && (given(&shape.points).is_none() || !self.takes_poles()) {
             let detail = "expected no poles: they belong to the points of a sphere";
-            return Err(vec![InputError::new("/poles", detail)]);
+            return Err(vec![Fault::new("/poles", detail)]);
         }
         let matrix = match (given(&shape.points), given(&shape.control_points)) {
             (Some(points), None) => match self.space.surface() {
@@ -237,20 +236,14 @@ impl Reading<'_> {
                 self.take_coefficients(coefficients).map_err(|errors| below(errors, "/control_points"))?
             }
             (Some(_), Some(_)) => {
-                return Err(vec![InputError::new("", "expected either points or control_points, got both")]);
+                return Err(vec![Fault::new("", "expected either points or control_points, got both")]);
             }
             (None, None) => {
-                return Err(vec![InputError::new(
-                    "",
-                    "expected either points or control_points, got neither",
-                )]);
+                return Err(vec![Fault::new("", "expected either points or control_points, got neither")]);
             }
         };
         if !matrix.iter().all(|value| value.is_finite()) {
-            return Err(vec![InputError::new(
-                "",
-                "the control points of this shape exceed the range of numbers",
-            )]);
+            return Err(vec![Fault::new("", "the control points of this shape exceed the range of numbers")]);
         }
         Ok(matrix.as_slice().to_vec())
     }
@@ -264,7 +257,7 @@ impl Reading<'_> {
         surface: &SurfaceBasis,
         list: &PointList,
         poles: Option<PolesInput>,
-    ) -> Result<Matrix, Vec<InputError>> {
+    ) -> Result<Matrix, Vec<Fault>> {
         let points = self.matrix(list).map_err(|errors| below(errors, "/points"))?;
         let extent = surface.extent();
         let wanted = extent.grid();
@@ -276,7 +269,7 @@ impl Reading<'_> {
             let (name, [u, v]) = (extent.topology.name(), wanted);
             let detail =
                 format!("expected a grid of {u} × {v} points for a {name} of this size, got {found}");
-            return Err(vec![InputError::new("/points", detail)]);
+            return Err(vec![Fault::new("/points", detail)]);
         }
         let poles = poles.unwrap_or_default();
         let mut errors = Vec::new();
@@ -287,7 +280,7 @@ impl Reading<'_> {
             let wild = |value: &f64| !(value.abs() <= MAX_COORDINATE);
             if pole.is_some_and(|pole| pole.tangents.iter().flatten().any(wild)) {
                 let detail = format!("expected numbers within ±{MAX_COORDINATE:e}");
-                errors.push(InputError::new(format!("{pointer}/tangents"), detail));
+                errors.push(Fault::new(format!("{pointer}/tangents"), detail));
             }
         }
         if !errors.is_empty() {
@@ -297,14 +290,11 @@ impl Reading<'_> {
         Ok(surface.interpolate(&points, &Tangents { north: of(poles.north), south: of(poles.south) }))
     }
 
-    fn interpolate(&self, list: &PointList) -> Result<Matrix, Vec<InputError>> {
+    fn interpolate(&self, list: &PointList) -> Result<Matrix, Vec<Fault>> {
         let points = self.matrix(list)?;
         if self.correspondence == Correspondence::Landmarks {
             self.check_count(list, "points", self.space.representation().point_count())?;
-            return self
-                .space
-                .interpolate(points)
-                .map_err(|error| vec![InputError::new("", error.to_string())]);
+            return self.space.interpolate(points).map_err(|error| vec![Fault::new("", error.to_string())]);
         }
         let representation = self.space.representation();
         // The first point stays first; the point that closes the ring would otherwise come second.
@@ -313,10 +303,10 @@ impl Reading<'_> {
         let start =
             if self.correspondence == Correspondence::Cyclic { contour.canonical_start() } else { 0.0 };
         let sampled = contour.sample(representation.point_count(), start);
-        self.space.interpolate(sampled).map_err(|error| vec![InputError::new("", error.to_string())])
+        self.space.interpolate(sampled).map_err(|error| vec![Fault::new("", error.to_string())])
     }
 
-    fn take_coefficients(&self, list: &PointList) -> Result<Matrix, Vec<InputError>> {
+    fn take_coefficients(&self, list: &PointList) -> Result<Matrix, Vec<Fault>> {
         let coefficients = self.matrix(list)?;
         self.check_count(list, "control points", self.space.representation().size())?;
         if self.correspondence != Correspondence::Cyclic {
@@ -327,23 +317,23 @@ impl Reading<'_> {
         Ok(rotate_start(&directed, shift))
     }
 
-    fn matrix(&self, list: &PointList) -> Result<Matrix, Vec<InputError>> {
+    fn matrix(&self, list: &PointList) -> Result<Matrix, Vec<Fault>> {
         if let (Some([u, v]), None) = (list.grid(), self.space.surface()) {
             let detail = format!(
                 "expected a list of points, got a grid of {u} × {v} points: only surfaces have grids"
             );
-            return Err(vec![InputError::new("", detail)]);
+            return Err(vec![Fault::new("", detail)]);
         }
         let dimension = self.space.representation().dimension();
         let coordinates = list.checked(dimension)?;
         if list.len() > self.limits.points {
             let detail = format!("expected at most {1} points, got {0}", list.len(), self.limits.points);
-            return Err(vec![InputError::new("", detail)]);
+            return Err(vec![Fault::new("", detail)]);
         }
         Ok(Matrix::from_row_slice(list.len(), dimension, coordinates))
     }
 
-    fn check_count(&self, list: &PointList, what: &str, wanted: usize) -> Result<(), Vec<InputError>> {
+    fn check_count(&self, list: &PointList, what: &str, wanted: usize) -> Result<(), Vec<Fault>> {
         if list.len() == wanted {
             return Ok(());
         }
@@ -352,7 +342,7 @@ impl Reading<'_> {
         } else {
             ""
         };
-        Err(vec![InputError::new(
+        Err(vec![Fault::new(
             "",
             format!("expected {wanted} {what} for this representation, got {}{hint}", list.len()),
         )])
@@ -383,7 +373,7 @@ impl Reading<'_> {
 const SAME_POLE: f64 = 1e-9;
 
 /// Faults of the poles of a grid with `columns` points from pole to pole, if their points do not coincide.
-fn open_poles(points: &Matrix, columns: usize) -> Vec<InputError> {
+fn open_poles(points: &Matrix, columns: usize) -> Vec<Fault> {
     let extent = points.column_iter().map(|column| column.max() - column.min()).fold(0.0, f64::max);
     let mut errors = Vec::new();
     for (column, name) in [(0, "north"), (columns - 1, "south")] {
@@ -395,7 +385,7 @@ fn open_poles(points: &Matrix, columns: usize) -> Vec<InputError> {
                  of a sphere start and end in the same points",
                 apart(k)
             );
-            InputError::new(format!("/points/{k}/{column}"), detail)
+            Fault::new(format!("/points/{k}/{column}"), detail)
         }));
     }
     errors
@@ -405,7 +395,7 @@ fn open_poles(points: &Matrix, columns: usize) -> Vec<InputError> {
 ///
 /// # Errors
 /// The extent and the size of the coordinates.
-pub fn check_extent(control_points: &[f64], size: usize) -> Result<(), Vec<InputError>> {
+pub fn check_extent(control_points: &[f64], size: usize) -> Result<(), Vec<Fault>> {
     let range =
         |c: &[f64]| c.iter().copied().fold(f64::MIN, f64::max) - c.iter().copied().fold(f64::MAX, f64::min);
     let extent = control_points.chunks_exact(size).map(range).fold(0.0, f64::max);
@@ -415,7 +405,7 @@ pub fn check_extent(control_points: &[f64], size: usize) -> Result<(), Vec<Input
     }
     let detail =
         format!("all {size} points coincide: extent {extent:.1e} at coordinates up to {largest:.1e}");
-    Err(vec![InputError::new("", detail)])
+    Err(vec![Fault::new("", detail)])
 }
 
 fn polygon_area(points: &Matrix) -> f64 {
@@ -431,7 +421,7 @@ pub(crate) fn given<L: Borrow<PointList>>(list: &Option<L>) -> Option<&PointList
     (!list.is_null()).then_some(list)
 }
 
-fn below(errors: Vec<InputError>, pointer: &str) -> Vec<InputError> {
+fn below(errors: Vec<Fault>, pointer: &str) -> Vec<Fault> {
     errors.into_iter().map(|error| error.below(pointer)).collect()
 }
 
@@ -439,17 +429,17 @@ fn below(errors: Vec<InputError>, pointer: &str) -> Vec<InputError> {
 ///
 /// # Errors
 /// The fault of the list, with a pointer relative to it.
-pub(crate) fn contour(points: Matrix, closed: bool) -> Result<Contour, Vec<InputError>> {
+pub(crate) fn contour(points: Matrix, closed: bool) -> Result<Contour, Vec<Fault>> {
     let contour = if closed { Contour::closed(points) } else { Contour::open(points) };
     contour.map_err(|error| vec![contour_error(&error)])
 }
 
-fn contour_error(error: &GeometryError) -> InputError {
+fn contour_error(error: &GeometryError) -> Fault {
     let pointer = match error {
         GeometryError::RepeatedPoint { second, .. } => format!("/{second}"),
         _ => String::new(),
     };
-    InputError::new(pointer, error.to_string())
+    Fault::new(pointer, error.to_string())
 }
 
 /// Control points and attributes of a posted shape.
@@ -459,7 +449,7 @@ fn contour_error(error: &GeometryError) -> InputError {
 pub fn read_shape(
     reading: &Reading<'_>,
     shape: ShapeInput,
-) -> Result<(Vec<f64>, ShapeAttributes), Vec<InputError>> {
+) -> Result<(Vec<f64>, ShapeAttributes), Vec<Fault>> {
     // A value that is not an object has one fault, rather than a list of missing fields.
     if shape.faults.iter().any(|fault| fault.pointer.is_empty()) {
         return Err(shape.faults);
@@ -476,12 +466,12 @@ pub fn read_shape(
 ///
 /// # Errors
 /// All faults of the attributes and of the object itself, with pointers relative to the shape.
-pub fn attributes(shape: ShapeInput) -> Result<ShapeAttributes, Vec<InputError>> {
+pub fn attributes(shape: ShapeInput) -> Result<ShapeAttributes, Vec<Fault>> {
     let mut errors = shape.faults;
     let mut text = |field: Option<Checked<Option<String>>>, pointer: &str| {
         let text = take_given(field, pointer, &mut errors).flatten()?;
         if text.is_empty() || text.chars().count() > MAX_TEXT || text.chars().any(char::is_control) {
-            errors.push(InputError::new(pointer, format!("expected 1 to {MAX_TEXT} printable characters")));
+            errors.push(Fault::new(pointer, format!("expected 1 to {MAX_TEXT} printable characters")));
         }
         Some(text)
     };
@@ -493,7 +483,7 @@ pub fn attributes(shape: ShapeInput) -> Result<ShapeAttributes, Vec<InputError>>
         labels.and_then(|labels| labels.read(SMALL, "/labels", &mut errors));
     let labels = labels.unwrap_or_default();
     if labels.len() > MAX_LABELS {
-        errors.push(InputError::new(
+        errors.push(Fault::new(
             "/labels",
             format!("expected at most {MAX_LABELS} entries, got {}", labels.len()),
         ));
@@ -501,19 +491,17 @@ pub fn attributes(shape: ShapeInput) -> Result<ShapeAttributes, Vec<InputError>>
     for (key, value) in labels.iter().take(MAX_LABELS) {
         let is_control = |text: &str| text.chars().any(char::is_control);
         if is_control(key) || value.as_str().is_some_and(is_control) {
-            errors.push(InputError::new("/labels", "expected text without control characters"));
+            errors.push(Fault::new("/labels", "expected text without control characters"));
         }
         if value.is_object() || value.is_array() {
             let pointer = format!("/labels/{}", key.replace('~', "~0").replace('/', "~1"));
-            errors.push(InputError::new(pointer, "expected a string, a number, a boolean or null"));
+            errors.push(Fault::new(pointer, "expected a string, a number, a boolean or null"));
         }
     }
     let weight = take_given(shape.weight, "/weight", &mut errors).flatten().unwrap_or(1.0);
     if !(1e-100..=1e100).contains(&weight) {
-        errors.push(InputError::new(
-            "/weight",
-            format!("expected a number between 1e-100 and 1e100, got {weight}"),
-        ));
+        errors
+            .push(Fault::new("/weight", format!("expected a number between 1e-100 and 1e100, got {weight}")));
     }
     take_given(shape.closed, "/closed", &mut errors);
     take_given(shape.poles.map(|poles| *poles), "/poles", &mut errors);
@@ -539,7 +527,7 @@ pub fn parse_whole<T: DeserializeOwned>(limits: &Limits, text: &[u8]) -> Result<
     let value: Checked<T, LARGE> = parse(limits, text)?;
     let mut errors = Vec::new();
     let value = value.take("", &mut errors);
-    ServiceError::unless_empty(errors.into_iter().map(Fault::from).collect())?;
+    ServiceError::unless_empty(errors)?;
     value.ok_or_else(|| ServiceError::invalid("", "the value is incomplete"))
 }
 
@@ -598,13 +586,13 @@ impl App {
 }
 
 /// Faults of a shape that do not depend on its representation, with pointers relative to it.
-pub fn own_faults(shape: ShapeInput) -> Vec<InputError> {
+pub fn own_faults(shape: ShapeInput) -> Vec<Fault> {
     let lists = [
         ("/points", shape.points.as_ref()),
         ("/control_points", shape.control_points.as_deref()),
         ("/normals", shape.normals.as_deref()),
     ];
-    let mut errors: Vec<InputError> = lists
+    let mut errors: Vec<Fault> = lists
         .into_iter()
         .filter_map(|(name, list)| Some((name, list?)))
         .filter_map(|(name, list)| Some(below(list.checked(list.width()).err()?, name)))
@@ -623,9 +611,7 @@ pub fn shape_faults(shapes: Vec<ShapeInput>) -> Vec<Fault> {
         }
         let errors = own_faults(shape);
         let prefix = format!("/shapes/{index}");
-        faults.extend(
-            errors.into_iter().map(|error| Fault { index: Some(index), ..error.below(&prefix).into() }),
-        );
+        faults.extend(errors.into_iter().map(|error| error.below(&prefix).of_shape(index)));
     }
     faults
 }
@@ -659,7 +645,7 @@ pub struct Batch {
 }
 
 /// Control points and weight of one shape, or all of its faults.
-type ReadShape = Result<(Vec<f64>, f64), Vec<InputError>>;
+type ReadShape = Result<(Vec<f64>, f64), Vec<Fault>>;
 
 /// Reads all shapes in parallel.
 ///
@@ -682,8 +668,7 @@ pub fn read_batch(reading: &Reading<'_>, shapes: Vec<ShapeInput>) -> Result<Batc
             }
             Err(errors) if faults.len() < MAX_FAULTS => {
                 let prefix = format!("/shapes/{index}");
-                let with_index =
-                    |error: InputError| Fault { index: Some(index), ..error.below(&prefix).into() };
+                let with_index = |error: Fault| error.below(&prefix).of_shape(index);
                 faults.extend(errors.into_iter().map(with_index));
             }
             Err(_) => {}

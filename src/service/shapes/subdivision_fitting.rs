@@ -3,13 +3,13 @@
 //! A fit alternates between the nearest places of its targets and the control vertices, for a given number of rounds. A
 //! surface that diverges from its points is refused.
 
+use crate::formats::fault::Fault;
 use std::f64::consts::{PI, TAU};
 
 use super::curves::{below_points, each_of, each_shape};
 use super::read;
 use super::request::Posted;
 use super::surface_fitting::{MeshInput, ParameterSource, PostedMesh, mesh_pointer};
-use crate::formats::InputError;
 use crate::formats::shape::ShapeInput;
 use crate::geometry::GeometryError;
 use crate::geometry::subdivision::Subdivision;
@@ -113,7 +113,7 @@ impl<'a> Fits<'a> {
         targets: &[Target],
         directions: &[[f64; 3]],
         stop: Stop<'_>,
-    ) -> Result<SubdivisionFit, Vec<InputError>> {
+    ) -> Result<SubdivisionFit, Vec<Fault>> {
         let points: Vec<[f64; 3]> = targets.iter().map(|target| target.point).collect();
         let Some(origin) = far_origin(points.iter()) else {
             return self.fit_near(targets, directions, [0.0; 3], stop);
@@ -131,8 +131,8 @@ impl<'a> Fits<'a> {
         directions: &[[f64; 3]],
         origin: [f64; 3],
         stop: Stop<'_>,
-    ) -> Result<SubdivisionFit, Vec<InputError>> {
-        let one = |error: GeometryError| vec![InputError::new("", error.to_string())];
+    ) -> Result<SubdivisionFit, Vec<Fault>> {
+        let one = |error: GeometryError| vec![Fault::new("", error.to_string())];
         let mut start = self.start(targets, directions).map_err(one)?;
         if self.start.is_some() {
             start.column_iter_mut().zip(origin).for_each(|(mut column, x)| column.add_scalar_mut(-x));
@@ -146,7 +146,7 @@ impl<'a> Fits<'a> {
                  control points or turns, or another start",
                 100.0 * beyond
             );
-            return Err(vec![InputError::new("", detail)]);
+            return Err(vec![Fault::new("", detail)]);
         }
         Ok(found)
     }
@@ -169,7 +169,7 @@ pub fn fit_clouds(
     each_shape(&context, shapes, |_, shape| {
         let list = read::given(&shape.points).cloned();
         read::attributes(shape)?;
-        let list = list.ok_or_else(|| vec![InputError::new("", "expected points, got none")])?;
+        let list = list.ok_or_else(|| vec![Fault::new("", "expected points, got none")])?;
         let coordinates = list.checked(3).map_err(below_points)?;
         let (count, fewest) = (list.len(), posted.metric.size());
         if !(fewest..=app.limits.points).contains(&count) {
@@ -177,7 +177,7 @@ pub fn fit_clouds(
                 "expected between {fewest} and {} points (at least as many as control points), got {count}",
                 app.limits.points
             );
-            return Err(vec![InputError::new("/points", detail)]);
+            return Err(vec![Fault::new("/points", detail)]);
         }
         let targets: Vec<Target> =
             coordinates.as_chunks().0.iter().map(|&point| Target { point, weight: 1.0 }).collect();
@@ -203,7 +203,7 @@ pub fn fit_meshes(
     each_of(&context, "meshes", meshes, |_, mesh| {
         let PostedMesh { mesh, source } = PostedMesh::read(mesh, &app.limits)?;
         if !(mesh.face_areas().iter().sum::<f64>() > 0.0) {
-            return Err(vec![InputError::new("/faces", "expected faces with an area")]);
+            return Err(vec![Fault::new("/faces", "expected faces with an area")]);
         }
         let directions = match source {
             _ if fits.start.is_some() => None,
@@ -218,7 +218,7 @@ pub fn fit_meshes(
                         GeometryError::Poles { .. } if poles.is_some() => "/poles".into(),
                         _ => "/vertices".into(),
                     };
-                    vec![InputError::new(pointer, error.to_string())]
+                    vec![Fault::new(pointer, error.to_string())]
                 })?;
                 Some(parameters.into_iter().map(direction).collect())
             }

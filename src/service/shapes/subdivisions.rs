@@ -1,6 +1,7 @@
 //! Stateless use cases of subdivision surfaces: refine, evaluate, measure, morph. The functions are synchronous and run
 //! on the pool.
 
+use crate::formats::fault::Fault;
 use rayon::prelude::*;
 
 use super::curves::{each, each_shape};
@@ -10,7 +11,6 @@ use super::request::Posted;
 use super::surface_fitting::take_points;
 use super::surfaces::MeasuredSurface;
 use crate::analysis::correspondence::Correspondence;
-use crate::formats::InputError;
 use crate::formats::checked::{Checked, LARGE, document, take_given};
 use crate::formats::shape::{PointList, ShapeInput};
 use crate::geometry::GeometryError;
@@ -30,7 +30,7 @@ use crate::geometry::surface::measures::{AffineField, SurfaceMeasures};
 use crate::geometry::vector::{dot, far_origin, minus, norm, plus};
 use crate::numeric::dense::Matrix;
 use crate::service::app::progress::JobContext;
-use crate::service::app::{App, Fault, Limits, ServiceError, warnings};
+use crate::service::app::{App, Limits, ServiceError, warnings};
 
 document! {
     /// A closed triangle mesh to be refined.
@@ -187,18 +187,17 @@ fn read_mesh(
     input: ControlMeshInput,
     scheme: Scheme,
     limits: &Limits,
-) -> Result<(TriangleMesh, Vec<String>), Vec<InputError>> {
+) -> Result<(TriangleMesh, Vec<String>), Vec<Fault>> {
     let mut errors = input.faults;
     let vertices = take_points::<3>(&input.vertices, "/vertices", &mut errors);
     let faces = take_given(input.faces, "/faces", &mut errors);
     let normals = take_points::<3>(&input.normals, "/normals", &mut errors);
     if vertices.is_none() && errors.is_empty() {
-        errors.push(InputError::new("/vertices", "required field is missing"));
+        errors.push(Fault::new("/vertices", "required field is missing"));
     }
     let oriented = matches!(scheme, Scheme::NormalBased { .. });
     if normals.is_some() && !oriented {
-        errors
-            .push(InputError::new("/normals", "expected no normals: they belong to the scheme normal_based"));
+        errors.push(Fault::new("/normals", "expected no normals: they belong to the scheme normal_based"));
     }
     let (Some(vertices), Some(faces), true) = (vertices, faces, errors.is_empty()) else {
         return Err(errors);
@@ -210,15 +209,14 @@ fn read_mesh(
             faces.len(),
             2 * most
         );
-        return Err(vec![InputError::new("", detail)]);
+        return Err(vec![Fault::new("", detail)]);
     }
     let mesh = TriangleMesh { vertices, normals: None, faces };
     if !oriented {
         return Ok((mesh, Vec::new()));
     }
-    mesh.check_faces().map_err(|fault| {
-        vec![InputError::new(format!("/faces{}", face_pointer(&fault)), fault.to_string())]
-    })?;
+    mesh.check_faces()
+        .map_err(|fault| vec![Fault::new(format!("/faces{}", face_pointer(&fault)), fault.to_string())])?;
     let (shape, warnings) = orient(mesh.vertices.clone(), normals, || sphere_normals(&mesh))?;
     Ok((TriangleMesh { vertices: shape.points, normals: Some(shape.normals), faces: mesh.faces }, warnings))
 }
@@ -231,12 +229,12 @@ fn orient(
     points: Vec<[f64; 3]>,
     normals: Option<Vec<[f64; 3]>>,
     usual: impl FnOnce() -> Vec<[f64; 3]>,
-) -> Result<(Oriented, Vec<String>), Vec<InputError>> {
+) -> Result<(Oriented, Vec<String>), Vec<Fault>> {
     let (given, count) = (normals.is_some(), points.len());
     let normals = normals.unwrap_or_else(usual);
     if normals.len() != count {
         let detail = format!("expected {count} entries, one per point, got {}", normals.len());
-        return Err(vec![InputError::new("/normals", detail)]);
+        return Err(vec![Fault::new("/normals", detail)]);
     }
     let off = normals.iter().filter(|normal| (norm(**normal) - 1.0).abs() > UNIT).count();
     let shape = Oriented::new(points, &normals).map_err(|index| {
@@ -245,7 +243,7 @@ fn orient(
         } else {
             "required normal is missing: the neighbouring points define none"
         };
-        vec![InputError::new(format!("/normals/{index}"), detail)]
+        vec![Fault::new(format!("/normals/{index}"), detail)]
     })?;
     let warning = format!("{off} of {count} normals were not of unit length and were normalised");
     Ok((shape, if given && off > 0 { vec![warning] } else { Vec::new() }))
@@ -289,7 +287,7 @@ pub fn subdivide_polyline(
 /// Points with normals, whether they close, their dimension, and warnings.
 type ReadPolyline = (Oriented, bool, usize, Vec<String>);
 
-fn read_polyline(input: PolylineInput, limits: &Limits) -> Result<ReadPolyline, Vec<InputError>> {
+fn read_polyline(input: PolylineInput, limits: &Limits) -> Result<ReadPolyline, Vec<Fault>> {
     let mut errors = input.faults;
     let closed = input.closed.map_or(Some(true), |field| field.take("/closed", &mut errors));
     let width = given(&input.points).map(PointList::width).filter(|width| [2, 3].contains(width));
@@ -303,17 +301,17 @@ fn read_polyline(input: PolylineInput, limits: &Limits) -> Result<ReadPolyline, 
     };
     let (points, normals) = (take(&input.points, "/points"), take(&input.normals, "/normals"));
     if points.is_none() && errors.is_empty() {
-        errors.push(InputError::new("/points", "required field is missing"));
+        errors.push(Fault::new("/points", "required field is missing"));
     }
     let (Some(points), Some(closed), true) = (points, closed, errors.is_empty()) else { return Err(errors) };
     let (count, fewest) = (points.len(), if closed { 3 } else { 2 });
     if !(fewest..=limits.points).contains(&count) {
         let detail = format!("expected between {fewest} and {} points, got {count}", limits.points);
-        return Err(vec![InputError::new("/points", detail)]);
+        return Err(vec![Fault::new("/points", detail)]);
     }
     if normals.is_none() && dimension == 3 {
         let detail = "required field is missing: neighbouring points define normals in the plane only";
-        return Err(vec![InputError::new("/normals", detail)]);
+        return Err(vec![Fault::new("/normals", detail)]);
     }
     let (shape, mut warnings) = orient(points.clone(), normals, || circle_normals(&points, closed))?;
     if dimension == 2
@@ -372,7 +370,7 @@ pub fn meshes(
             each(&context, &shapes, |shape| refinery.refine(shape, wanted))?;
         let refused = |index: usize, error: GeometryError| {
             let fault = Fault::new(format!("/shapes/{index}"), error.to_string());
-            ServiceError::Invalid(vec![Fault { index: Some(index), ..fault }])
+            ServiceError::Invalid(vec![fault.of_shape(index)])
         };
         let numbered = refined.into_iter().enumerate();
         return numbered.map(|(index, mesh)| mesh.map_err(|error| refused(index, error))).collect();
@@ -418,16 +416,16 @@ impl<'a> OrientedMeshes<'a> {
     }
 
     /// Points (which are control points, because the scheme interpolates) and normals, with defaults.
-    fn read(&self, shape: ShapeInput) -> Result<Oriented, Vec<InputError>> {
+    fn read(&self, shape: ShapeInput) -> Result<Oriented, Vec<Fault>> {
         let (points, normals) = match (&shape.points, &shape.control_points) {
             (Some(_), Some(_)) => {
-                return Err(vec![InputError::new("", "expected either points or control_points, got both")]);
+                return Err(vec![Fault::new("", "expected either points or control_points, got both")]);
             }
             (None, Some(_)) => (shape.control_points.as_deref().cloned(), shape.normals.as_deref().cloned()),
             _ => (shape.points.clone(), shape.normals.as_deref().cloned()),
         };
         if shape.poles.is_some() {
-            return Err(vec![InputError::new(
+            return Err(vec![Fault::new(
                 "/poles",
                 "expected no poles: they belong to the points of a sphere",
             )]);
@@ -439,7 +437,7 @@ impl<'a> OrientedMeshes<'a> {
         let normals = take_points::<3>(&normals, "/normals", &mut errors);
         let (Some(points), true) = (points, errors.is_empty()) else {
             if errors.is_empty() {
-                errors.push(InputError::new("", "expected either points or control_points, got neither"));
+                errors.push(Fault::new("", "expected either points or control_points, got neither"));
             }
             return Err(errors);
         };
@@ -447,7 +445,7 @@ impl<'a> OrientedMeshes<'a> {
         if points.len() != count {
             let detail =
                 format!("expected {count} control points for this representation, got {}", points.len());
-            return Err(vec![InputError::new(pointer, detail)]);
+            return Err(vec![Fault::new(pointer, detail)]);
         }
         let mesh =
             TriangleMesh { vertices: points.clone(), normals: None, faces: self.control.faces().to_vec() };

@@ -3,13 +3,13 @@
 //!
 //! Parameters are given or, for closed meshes without handles, computed. A fit that is folded is refused.
 
+use crate::formats::fault::Fault;
 use std::borrow::Borrow;
 
 use super::curves::{below_points, each_of, each_shape};
 use super::read;
 use super::request::Posted;
 use super::surfaces::outside;
-use crate::formats::InputError;
 use crate::formats::checked::{Checked, LARGE, document, take_given};
 use crate::formats::shape::{PointList, ShapeInput};
 use crate::geometry::GeometryError;
@@ -107,9 +107,9 @@ pub fn fit_points(
     each_shape(&app.pool.context(), shapes, |index, shape| {
         let list = read::given(&shape.points).cloned();
         read::attributes(shape)?;
-        let list = list.ok_or_else(|| vec![InputError::new("", "expected points, got none")])?;
+        let list = list.ok_or_else(|| vec![Fault::new("", "expected points, got none")])?;
         let coordinates = list.checked(3).map_err(below_points)?;
-        let refused = |detail: String| Err(vec![InputError::new("/points", detail)]);
+        let refused = |detail: String| Err(vec![Fault::new("/points", detail)]);
         if list.len() > app.limits.points {
             return refused(format!("expected at most {1} points, got {0}", list.len(), app.limits.points));
         }
@@ -139,8 +139,8 @@ pub fn fit_points(
             weight: 1.0,
         };
         let samples: Vec<SurfaceSample> = coordinates.chunks_exact(3).zip(places).map(sample).collect();
-        let found = fit(posted.basis(), &samples)
-            .map_err(|error| vec![InputError::new("/points", error.to_string())])?;
+        let found =
+            fit(posted.basis(), &samples).map_err(|error| vec![Fault::new("/points", error.to_string())])?;
         Ok(FittedSurface {
             control_points: found.rows,
             residual: found.residual,
@@ -187,7 +187,7 @@ pub(crate) enum ParameterSource {
 }
 
 impl PostedMesh {
-    pub(crate) fn read(input: MeshInput, limits: &Limits) -> Result<Self, Vec<InputError>> {
+    pub(crate) fn read(input: MeshInput, limits: &Limits) -> Result<Self, Vec<Fault>> {
         let mut errors = input.faults;
         let vertices = take_points(&input.vertices, "/vertices", &mut errors);
         let faces = take_given(input.faces, "/faces", &mut errors);
@@ -196,12 +196,12 @@ impl PostedMesh {
         let poles = take_given(input.poles, "/poles", &mut errors);
         // A field that is present but null has not been reported as missing.
         if vertices.is_none() && errors.is_empty() {
-            errors.push(InputError::new("/vertices", "required field is missing"));
+            errors.push(Fault::new("/vertices", "required field is missing"));
         }
         let (Some(vertices), Some(faces), true) = (vertices, faces, errors.is_empty()) else {
             return Err(errors);
         };
-        let mut error = |pointer: &str, detail: String| errors.push(InputError::new(pointer, detail));
+        let mut error = |pointer: &str, detail: String| errors.push(Fault::new(pointer, detail));
         let count = vertices.len();
         if count > limits.points || faces.len() > 4 * limits.points {
             error(
@@ -245,8 +245,8 @@ impl PostedMesh {
         if errors.is_empty() { Ok(Self { mesh, source }) } else { Err(errors) }
     }
 
-    fn fit(self, posted: &Posted, stop: Stop<'_>) -> Result<FittedSurface, Vec<InputError>> {
-        let one = |pointer: &str, detail: String| vec![InputError::new(pointer, detail)];
+    fn fit(self, posted: &Posted, stop: Stop<'_>) -> Result<FittedSurface, Vec<Fault>> {
+        let one = |pointer: &str, detail: String| vec![Fault::new(pointer, detail)];
         let topology = posted.basis().extent().topology;
         let parameters = match self.source {
             ParameterSource::Given(parameters) => {
@@ -254,7 +254,7 @@ impl PostedMesh {
                 if !faults.is_empty() {
                     return Err(faults
                         .into_iter()
-                        .map(|fault| InputError::new(fault.pointer, fault.detail))
+                        .map(|fault| Fault::new(fault.pointer, fault.detail))
                         .collect());
                 }
                 parameters
@@ -318,13 +318,13 @@ impl PostedMesh {
 pub(crate) fn take_points<const D: usize>(
     list: &Option<impl Borrow<PointList>>,
     pointer: &str,
-    errors: &mut Vec<InputError>,
+    errors: &mut Vec<Fault>,
 ) -> Option<Vec<[f64; D]>> {
     let list = read::given(list)?;
     match list.checked(D) {
         Ok(coordinates) if list.grid().is_none() => Some(coordinates.as_chunks().0.to_vec()),
         Ok(_) => {
-            errors.push(InputError::new(pointer, "expected a list of points, got a grid"));
+            errors.push(Fault::new(pointer, "expected a list of points, got a grid"));
             None
         }
         Err(found) => {

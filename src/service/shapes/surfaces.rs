@@ -5,6 +5,7 @@
 use super::curves::each;
 use super::request::Posted;
 use super::subdivisions;
+use crate::formats::fault::Fault;
 use crate::formats::shape::ShapeInput;
 use crate::geometry::curve::MAX_DERIVATIVE;
 use crate::geometry::mesh::TriangleMesh;
@@ -18,7 +19,7 @@ use crate::geometry::surface::seam::Seam;
 use crate::geometry::surface::{Surface, Topology};
 use crate::geometry::vector::{minus, norm};
 use crate::numeric::dense::Matrix;
-use crate::service::app::{App, Fault, ServiceError, warnings};
+use crate::service::app::{App, ServiceError, warnings};
 
 /// Parameters at which surfaces are evaluated.
 #[derive(Debug, Clone)]

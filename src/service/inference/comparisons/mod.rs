@@ -8,6 +8,7 @@
 mod answer;
 mod drawing;
 
+use crate::formats::fault::Fault;
 use std::collections::{BTreeMap, HashMap};
 
 use serde::{Deserialize, Serialize};
@@ -25,7 +26,7 @@ use crate::domain::job::JobKind;
 use crate::domain::shape::{ShapeDescription, ShapeFilter};
 use crate::geometry::representation::Representation;
 use crate::service::app::progress::JobContext;
-use crate::service::app::{App, Fault, ServiceError};
+use crate::service::app::{App, ServiceError};
 use crate::service::cohorts::attributes::{self, Attribute, KnownAttributes};
 use crate::service::cohorts::catalogue;
 use crate::service::cost::jobs::{Estimate, TestWork};

@@ -1,0 +1,142 @@
+//! Faults of an input, and texts that repeat parts of it.
+
+use serde::{Deserialize, Serialize};
+
+/// A single fault of an input.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
+#[schema(as = FaultDocument)]
+pub struct Fault {
+    /// JSON pointer into the body, or into the line of a stream.
+    #[schema(example = "/shapes/17")]
+    pub pointer: String,
+    /// Description of the fault, with the offending numbers.
+    pub detail: String,
+    /// Position of the shape in the batch or stream, counted from 0.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(example = 17)]
+    pub index: Option<usize>,
+    /// Line of the stream, counted from 1.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub line: Option<u64>,
+}
+
+impl Fault {
+    /// A fault at a pointer (RFC 6901); client input repeated in it is shortened.
+    pub fn new(pointer: impl Into<String>, detail: impl Into<String>) -> Self {
+        let (pointer, detail) = (brief_pointer(pointer.into()), brief(detail.into()));
+        Self { pointer, detail, index: None, line: None }
+    }
+
+    /// The same fault with `prefix` before its pointer.
+    pub fn below(mut self, prefix: &str) -> Self {
+        self.pointer.insert_str(0, prefix);
+        self
+    }
+
+    /// The same fault with texts of bounded length: prefixes may have lengthened its pointer.
+    pub fn shortened(self) -> Self {
+        Self { pointer: brief_pointer(self.pointer), detail: brief(self.detail), ..self }
+    }
+
+    /// The same fault, of the shape at a position of the batch or stream.
+    pub fn of_shape(self, index: usize) -> Self {
+        Self { index: Some(index), ..self }
+    }
+}
+
+/// Maximum length of a sentence; the longest of our own lists the fields of an object.
+const LONGEST: usize = 600;
+/// Maximum length of a word; none of our own is as long.
+const LONGEST_WORD: usize = 80;
+/// Number of characters kept of a longer word.
+const WORD_KEPT: usize = 60;
+/// Numbers with more digits are written with an exponent.
+const LONGEST_NUMBER: usize = 30;
+
+/// Shortens a sentence that repeats client input: long words are cut, numbers with many digits get an exponent, and the
+/// middle of a sentence that is still too long is removed.
+pub fn brief(text: String) -> String {
+    if text.len() <= LONGEST_NUMBER {
+        return text;
+    }
+    // Text that will be cut anyway is not examined.
+    let text = cut_middle(text, 4 * LONGEST);
+    let longest = text.split(' ').map(str::len).max().unwrap_or(0);
+    if longest <= LONGEST_NUMBER {
+        return cut_middle(text, LONGEST);
+    }
+    let words: Vec<String> = text.split(' ').map(brief_word).collect();
+    cut_middle(words.join(" "), LONGEST)
+}
+
+fn brief_word(word: &str) -> String {
+    let numeric = |c: char| c.is_ascii_digit() || matches!(c, '-' | '.');
+    let bare = word.trim_matches(|c: char| !c.is_ascii_digit() && c != '-');
+    if bare.len() > LONGEST_NUMBER
+        && bare.chars().all(numeric)
+        && let Ok(value) = bare.parse::<f64>()
+    {
+        return word.replace(bare, &format!("{value:e}"));
+    }
+    if word.chars().count() <= LONGEST_WORD {
+        return word.to_owned();
+    }
+    let kept: String = word.chars().take(WORD_KEPT).collect();
+    format!("{kept}…")
+}
+
+/// Maximum length of a pointer: it may contain field names chosen by the client.
+const LONGEST_POINTER: usize = 200;
+
+/// The pointer, truncated if it is long.
+fn brief_pointer(mut pointer: String) -> String {
+    if pointer.len() > LONGEST_POINTER {
+        pointer.truncate(pointer.floor_char_boundary(LONGEST_POINTER));
+        pointer.push('…');
+    }
+    pointer
+}
+
+/// Beginning and end of a text that is longer than `most` characters.
+fn cut_middle(text: String, most: usize) -> String {
+    if text.len() <= most {
+        return text;
+    }
+    let end = most / 4;
+    let head = text.floor_char_boundary(most - end);
+    let tail = text.ceil_char_boundary(text.len() - end);
+    format!("{} … {}", &text[..head], &text[tail..])
+}
+
+/// JSON pointer of a path tracked by `serde_path_to_error`.
+pub fn json_pointer(path: &serde_path_to_error::Path) -> String {
+    use serde_path_to_error::Segment;
+    let escape = |key: &str| key.replace('~', "~0").replace('/', "~1");
+    path.iter()
+        .filter_map(|segment| match segment {
+            Segment::Seq { index } => Some(format!("/{index}")),
+            Segment::Map { key } => Some(format!("/{}", escape(key))),
+            Segment::Enum { .. } | Segment::Unknown => None,
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sentences_stay_and_what_they_repeat_is_cut() {
+        let own = "unknown field: expected one of representation, correspondence, shapes".to_owned();
+        assert_eq!(brief(own.clone()), own);
+        assert!(brief(format!("is \"{}\", must be 2", "a".repeat(1 << 20))).len() < 200);
+        let word = brief(format!("is \"{}\", must be 2", "ä".repeat(300)));
+        assert_eq!(word, format!("is \"{}… must be 2", "ä".repeat(59)));
+        assert_eq!(
+            brief(format!("is {}, must be below 1", f64::MAX)),
+            "is 1.7976931348623157e308, must be below 1"
+        );
+        assert_eq!(brief(format!("is {}", -1e-300)), "is -1e-300");
+        assert!(brief("a b ".repeat(1 << 18)).chars().count() <= LONGEST + 3);
+    }
+}
