@@ -51,12 +51,12 @@ pub struct JobOutput {
     #[schema(value_type = Option<Object>)]
     result: Option<Value>,
     /// Problem document of the failure; null unless it failed.
-    #[schema(value_type = Option<ProblemDocument>)]
-    problem: Option<Value>,
+    problem: Option<ProblemDocument>,
 }
 
 impl From<Job> for JobOutput {
     fn from(job: Job) -> Self {
+        let problem = ProblemDocument::of_failed(&job);
         Self {
             id: job.id,
             kind: job.kind,
@@ -69,7 +69,7 @@ impl From<Job> for JobOutput {
             started_at: job.started_at_ms.map(time),
             finished_at: job.finished_at_ms.map(time),
             result: job.result,
-            problem: job.problem,
+            problem,
         }
     }
 }

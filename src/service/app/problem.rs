@@ -1,19 +1,18 @@
-//! Problem documents (RFC 9457): every refusal has a stable type, a sentence with the remedy, the pointer of every
-//! invalid field, and the index of the affected shape.
+//! Problems: every refusal has a stable type, a sentence with the remedy, the pointer of every invalid field, and the
+//! index of the affected shape.
 //!
-//! Requests are answered with such a document, and failed jobs store one; both are built here.
+//! Requests are answered with one, and failed jobs store one.
 
-use crate::formats::fault::Fault;
-use http::StatusCode;
-use serde::Serialize;
+use serde::Deserialize;
+use serde_json::{Value, json};
 
 use super::error::ServiceError;
 use crate::domain::job::Job;
-use crate::formats::fault::brief;
+use crate::formats::fault::{Fault, brief};
 
-/// Defines the problem types with their codes and statuses: one table, documented in `docs/problems.md`.
+/// Defines the problem types with their codes and titles: one table, documented in `docs/problems.md`.
 macro_rules! problem_kinds {
-    ($($(#[$doc:meta])* $name:ident, $code:literal, $status:ident, $title:literal;)*) => {
+    ($($(#[$doc:meta])* $name:ident, $code:literal, $title:literal;)*) => {
         /// A problem type.
         #[derive(Debug, Clone, Copy, PartialEq, Eq)]
         pub enum ProblemKind {
@@ -29,11 +28,6 @@ macro_rules! problem_kinds {
                 match self { $(Self::$name => $code,)* }
             }
 
-            /// Status code of the response.
-            pub fn status(self) -> StatusCode {
-                match self { $(Self::$name => StatusCode::$status,)* }
-            }
-
             /// Short title, the same for every occurrence.
             pub fn title(self) -> &'static str {
                 match self { $(Self::$name => $title,)* }
@@ -44,59 +38,59 @@ macro_rules! problem_kinds {
 
 problem_kinds! {
     /// Not JSON, not UTF-8, a broken encoding.
-    MalformedBody, "malformed-body", BAD_REQUEST, "Malformed body";
+    MalformedBody, "malformed-body", "Malformed body";
     /// A query parameter or path segment breaks a rule.
-    InvalidQuery, "invalid-query", BAD_REQUEST, "Invalid query parameter";
+    InvalidQuery, "invalid-query", "Invalid query parameter";
     /// The body ended early or stalled.
-    InterruptedBody, "interrupted-body", REQUEST_TIMEOUT, "Incomplete body";
+    InterruptedBody, "interrupted-body", "Incomplete body";
     /// No key or token, or one that is wrong, has ended or was revoked.
-    Unauthenticated, "unauthenticated", UNAUTHORIZED, "Authentication required";
+    Unauthenticated, "unauthenticated", "Authentication required";
     /// The key or token is not for this.
-    Forbidden, "forbidden", FORBIDDEN, "Access denied";
+    Forbidden, "forbidden", "Access denied";
     /// Nothing at this path.
-    RouteNotFound, "route-not-found", NOT_FOUND, "Route not found";
+    RouteNotFound, "route-not-found", "Route not found";
     /// No such cohort, shape or job.
-    NotFound, "not-found", NOT_FOUND, "Not found";
+    NotFound, "not-found", "Not found";
     /// The path exists for other methods.
-    MethodNotAllowed, "method-not-allowed", METHOD_NOT_ALLOWED, "Method not allowed";
+    MethodNotAllowed, "method-not-allowed", "Method not allowed";
     /// The answer does not exist in the wanted format.
-    NotAcceptable, "not-acceptable", NOT_ACCEPTABLE, "Format not available";
+    NotAcceptable, "not-acceptable", "Format not available";
     /// A cohort has this name.
-    NameTaken, "name-taken", CONFLICT, "Name already in use";
+    NameTaken, "name-taken", "Name already in use";
     /// Another shape has this external id.
-    ExternalIdConflict, "external-id-conflict", CONFLICT, "External id already in use";
+    ExternalIdConflict, "external-id-conflict", "External id already in use";
     /// What is finished cannot be cancelled.
-    JobFinished, "job-finished", CONFLICT, "Job already finished";
+    JobFinished, "job-finished", "Job already finished";
     /// Body or line over the limit.
-    PayloadTooLarge, "payload-too-large", PAYLOAD_TOO_LARGE, "Body too large";
+    PayloadTooLarge, "payload-too-large", "Body too large";
     /// The body is of a type that is not read here.
-    UnsupportedMediaType, "unsupported-media-type", UNSUPPORTED_MEDIA_TYPE, "Unsupported media type";
+    UnsupportedMediaType, "unsupported-media-type", "Unsupported media type";
     /// A field is missing, unknown or out of bounds.
-    InvalidInput, "invalid-input", UNPROCESSABLE_ENTITY, "Invalid input";
+    InvalidInput, "invalid-input", "Invalid input";
     /// A shape without a subspace under the class.
-    DegenerateShape, "degenerate-shape", UNPROCESSABLE_ENTITY, "Degenerate shape";
+    DegenerateShape, "degenerate-shape", "Degenerate shape";
     /// Statistics of too few shapes.
-    TooFewShapes, "too-few-shapes", UNPROCESSABLE_ENTITY, "Too few shapes";
+    TooFewShapes, "too-few-shapes", "Too few shapes";
     /// More work than a request or a job may be predicted to take.
-    TooCostly, "too-costly", UNPROCESSABLE_ENTITY, "Predicted time too long";
+    TooCostly, "too-costly", "Predicted time too long";
     /// The caller asks more often than it may.
-    TooManyRequests, "too-many-requests", TOO_MANY_REQUESTS, "Too many requests";
+    TooManyRequests, "too-many-requests", "Too many requests";
     /// A bug or a broken machine.
-    Internal, "internal", INTERNAL_SERVER_ERROR, "Internal error";
+    Internal, "internal", "Internal error";
     /// Too many jobs wait, the service stops, or there is no storage.
-    Unavailable, "unavailable", SERVICE_UNAVAILABLE, "Service temporarily unavailable";
+    Unavailable, "unavailable", "Service temporarily unavailable";
     /// The Idempotency-Key belongs to another request.
-    IdempotencyKeyReused, "idempotency-key-reused", UNPROCESSABLE_ENTITY, "Idempotency key already in use";
+    IdempotencyKeyReused, "idempotency-key-reused", "Idempotency key already in use";
     /// It is not as it was when the client looked.
-    PreconditionFailed, "precondition-failed", PRECONDITION_FAILED, "Precondition failed";
+    PreconditionFailed, "precondition-failed", "Precondition failed";
     /// Changes that old are not kept.
-    ChangesGone, "changes-gone", GONE, "Changes no longer available";
+    ChangesGone, "changes-gone", "Changes no longer available";
     /// The disk is full.
-    InsufficientStorage, "insufficient-storage", INSUFFICIENT_STORAGE, "Insufficient storage";
+    InsufficientStorage, "insufficient-storage", "Insufficient storage";
     /// More requests than can be computed at once.
-    Overloaded, "overloaded", SERVICE_UNAVAILABLE, "Service overloaded";
+    Overloaded, "overloaded", "Service overloaded";
     /// The answer took longer than requests may.
-    TookTooLong, "took-too-long", SERVICE_UNAVAILABLE, "Request took too long";
+    TookTooLong, "took-too-long", "Request took too long";
 }
 
 /// A refusal.
@@ -105,30 +99,6 @@ pub struct Problem {
     kind: ProblemKind,
     detail: String,
     errors: Vec<Fault>,
-}
-
-/// A problem document.
-#[derive(Debug, Serialize, utoipa::ToSchema)]
-pub struct ProblemDocument {
-    /// Stable URI of the problem type.
-    #[serde(rename = "type")]
-    #[schema(example = "urn:shapelex:problem:degenerate-shape")]
-    kind: String,
-    /// Title of the type.
-    #[schema(example = "Degenerate shape")]
-    title: &'static str,
-    /// Status code of the response.
-    #[schema(example = 422)]
-    status: u16,
-    /// Short name: the last part of `type`.
-    #[schema(example = "degenerate-shape")]
-    code: &'static str,
-    /// Description of this occurrence and its remedy.
-    detail: String,
-    /// All faults of the input, at most 100 entries.
-    errors: Vec<Fault>,
-    /// Id of the request, as in the `x-request-id` header.
-    request_id: Option<String>,
 }
 
 impl Problem {
@@ -165,43 +135,32 @@ impl Problem {
         }
     }
 
-    /// Problem for a client that waited for a job which has failed.
+    /// Problem that a failed job has stored; that of a failed job without one is internal.
     pub fn of_failed(job: &Job) -> Self {
         let problem = job.problem.as_ref();
         let text = |field: &str| problem.and_then(|problem| problem[field].as_str()).unwrap_or_default();
         let kind = ProblemKind::ALL.iter().copied().find(|kind| kind.code() == text("code"));
         let errors = problem.and_then(|problem| problem["errors"].as_array()).into_iter().flatten();
-        let fault = |error: &serde_json::Value| Fault {
-            index: error["index"].as_u64().and_then(|index| usize::try_from(index).ok()),
-            line: error["line"].as_u64(),
-            ..Fault::new(
-                error["pointer"].as_str().unwrap_or_default(),
-                error["detail"].as_str().unwrap_or_default(),
-            )
-        };
         Self {
             kind: kind.unwrap_or(ProblemKind::Internal),
             detail: text("detail").to_owned(),
-            errors: errors.map(fault).collect(),
+            errors: errors.filter_map(|error| Fault::deserialize(error).ok()).collect(),
         }
     }
 
-    /// JSON document of a problem outside a request.
-    pub fn to_json(self) -> serde_json::Value {
-        serde_json::to_value(self.document(None)).expect("texts and numbers are JSON")
+    /// The form in which failed jobs store it, read by [`Problem::of_failed`].
+    pub fn to_stored(&self) -> Value {
+        json!({"code": self.kind.code(), "detail": self.detail, "errors": self.errors})
     }
 
-    /// Document with the id of the refused request.
-    pub fn document(self, request_id: Option<String>) -> ProblemDocument {
-        ProblemDocument {
-            kind: format!("urn:shapelex:problem:{}", self.kind.code()),
-            title: self.kind.title(),
-            status: self.kind.status().as_u16(),
-            code: self.kind.code(),
-            detail: self.detail,
-            errors: self.errors.into_iter().map(Fault::shortened).collect(),
-            request_id,
-        }
+    /// Description of this occurrence and its remedy.
+    pub fn detail(&self) -> &str {
+        &self.detail
+    }
+
+    /// All faults of the input, in bounded length.
+    pub fn into_errors(self) -> Vec<Fault> {
+        self.errors.into_iter().map(Fault::shortened).collect()
     }
 }
 

@@ -65,13 +65,13 @@ pub async fn claim(app: &App) -> Result<Option<Attempt>, ServiceError> {
     Ok(Some(Attempt { claim, context, written: None, renewed: begun, begun }))
 }
 
-/// Problem of jobs that were interrupted at every attempt.
+/// Stored problem of jobs that were interrupted at every attempt.
 fn abandoned() -> Value {
     let detail = format!(
         "the service stopped {MAX_ATTEMPTS} times while it worked on the job, which is not retried: a common \
          cause is too little memory"
     );
-    Problem::new(ProblemKind::Internal, detail).to_json()
+    Problem::new(ProblemKind::Internal, detail).to_stored()
 }
 
 /// Waits until the queue may have work: a job was submitted, or more workers could take jobs.
@@ -162,7 +162,7 @@ impl Attempt {
     }
 
     fn failed(&self, error: ServiceError) -> End {
-        End::Failed(Problem::of_job(error, &self.claim.job.id).to_json())
+        End::Failed(Problem::of_job(error, &self.claim.job.id).to_stored())
     }
 
     async fn write(&self, app: &App, end: &End) -> Result<bool, StoreError> {
