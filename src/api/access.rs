@@ -12,12 +12,13 @@ use axum::http::uri::Authority;
 use axum::http::{HeaderMap, Method};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
+use utoipa::openapi::OpenApi;
 use utoipa::openapi::extensions::Extensions;
 use utoipa::openapi::header::Header;
 use utoipa::openapi::path::{Operation, PathItem};
 use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityRequirement, SecurityScheme};
-use utoipa::openapi::{ContentBuilder, OpenApi, Ref, ResponseBuilder};
 
+use super::document::refusal;
 use super::observe::{self, Asker};
 use super::origin;
 use super::problem::{Problem, ProblemKind};
@@ -258,11 +259,7 @@ fn describe_operation(operation: &mut Operation, needs: Needs) {
         return;
     };
     operation.security = Some(vec![SecurityRequirement::new::<_, [&str; 0], _>(SCHEME, [])]);
-    let refusal = |description: String| {
-        let body = ContentBuilder::new().schema(Some(Ref::from_schema_name("ProblemDocument"))).build();
-        ResponseBuilder::new().description(description).content("application/problem+json", body)
-    };
-    let unknown = refusal("No valid key or token".into());
+    let unknown = refusal("No valid key or token");
     let unknown = unknown.header("WWW-Authenticate", Header::default());
     let forbidden =
         refusal(format!("The caller lacks the role {}, or its key does not cover this", role.as_str()));

@@ -1,19 +1,66 @@
 //! Responses and headers common to all resources, added to the OpenAPI document in one place.
 
 use utoipa::openapi::path::Operation;
-use utoipa::openapi::{ContentBuilder, HeaderBuilder, ObjectBuilder, OpenApi, Ref, ResponseBuilder, Type};
+use utoipa::openapi::{
+    Content, ContentBuilder, HeaderBuilder, ObjectBuilder, OpenApi, Ref, RefOr, Response, ResponseBuilder,
+    Type,
+};
+
+/// Media type of problem documents.
+const PROBLEM: &str = "application/problem+json";
 
 /// Status codes of limits that apply to every resource, added where an operation does not describe them itself.
 const LIMITS: [(&str, &str); 2] =
     [("429", "Rate limit exceeded"), ("503", "Overloaded, stopping, or over the time limit")];
 
-/// Adds the common parts to all operations under `/v1`.
+/// A response with a problem document.
+pub(super) fn refusal(description: impl Into<String>) -> ResponseBuilder {
+    ResponseBuilder::new().description(description).content(PROBLEM, problem())
+}
+
+fn problem() -> Content {
+    ContentBuilder::new().schema(Some(Ref::from_schema_name("ProblemDocument"))).build()
+}
+
+/// Adds the common parts to all operations: problem documents to all refusals, and to those under `/v1` the refusals that
+/// every operation has.
 pub(super) fn complete(document: &mut OpenApi) {
-    let resources = document.paths.paths.iter_mut().filter(|(path, _)| path.starts_with("/v1/"));
-    for (_, item) in resources {
+    for (path, item) in &mut document.paths.paths {
         let methods = [&mut item.get, &mut item.post, &mut item.put, &mut item.patch, &mut item.delete];
-        methods.into_iter().flatten().for_each(add_limits);
+        for operation in methods.into_iter().flatten() {
+            if path.starts_with("/v1/") {
+                add_refusal(operation);
+                add_limits(operation);
+            }
+            describe_refusals(operation);
+        }
     }
+}
+
+/// Gives the problem document to the refusals of an operation.
+fn describe_refusals(operation: &mut Operation) {
+    let responses = operation.responses.responses.iter_mut();
+    let refusals = responses.filter(|(status, _)| status.starts_with(['4', '5']));
+    for response in refusals.filter_map(|(_, response)| of_operation(response)) {
+        response.content.entry(PROBLEM.into()).or_insert_with(|| problem().into());
+    }
+}
+
+fn of_operation(response: &mut RefOr<Response>) -> Option<&mut Response> {
+    match response {
+        RefOr::T(response) => Some(response),
+        RefOr::Ref(_) => None,
+    }
+}
+
+/// Describes the refusal of the request, unless the operation does.
+fn add_refusal(operation: &mut Operation) {
+    let responses = &mut operation.responses.responses;
+    if responses.contains_key("400") || responses.contains_key("4XX") {
+        return;
+    }
+    let refused = if operation.request_body.is_some() { "input" } else { "request" };
+    responses.insert("4XX".into(), refusal(format!("The {refused} was refused")).build().into());
 }
 
 fn add_limits(operation: &mut Operation) {
@@ -22,12 +69,7 @@ fn add_limits(operation: &mut Operation) {
             .schema(Some(ObjectBuilder::new().schema_type(Type::Integer)))
             .description(Some("Seconds"))
             .build();
-        let problem = ContentBuilder::new().schema(Some(Ref::from_schema_name("ProblemDocument"))).build();
-        let response = ResponseBuilder::new()
-            .description(description)
-            .header("Retry-After", retry_after)
-            .content("application/problem+json", problem)
-            .build();
+        let response = refusal(description).header("Retry-After", retry_after).build();
         operation.responses.responses.entry(status.to_owned()).or_insert(response.into());
     }
 }

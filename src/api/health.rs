@@ -5,7 +5,7 @@ use axum::http::StatusCode;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
-use super::problem::{Problem, ProblemDocument};
+use super::problem::Problem;
 use crate::service::app::App;
 
 /// Routes of the probes.
@@ -22,7 +22,7 @@ async fn live() -> StatusCode {
 /// Readiness: the service is not stopping, its compute threads make progress, and the store accepts a write.
 #[utoipa::path(get, path = "/readyz", tag = "health", responses(
     (status = 204, description = "Ready"),
-    (status = 503, description = "Not ready", body = ProblemDocument, content_type = "application/problem+json")
+    (status = 503, description = "Not ready")
 ))]
 async fn ready(State(app): State<App>) -> Result<StatusCode, Problem> {
     app.ready().await?;

@@ -52,6 +52,7 @@ use problem::{Problem, ProblemKind};
                        every bad field and the index of the bad shape.",
         license(name = "Apache-2.0 OR MIT")
     ),
+    components(schemas(problem::ProblemDocument)),
     tags(
         (name = "catalogue", description = "Generators and transformation classes"),
         (name = "statistics", description = "Stateless: everything in the request, nothing stored"),

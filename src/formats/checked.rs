@@ -448,7 +448,7 @@ macro_rules! document {
             $($(#[$field_meta])* $vis $field: Option<$type>,)*
             /// Faults of the object itself.
             #[schema(ignore)]
-            $vis faults: Vec<$crate::formats::Fault>,
+            $vis faults: Vec<$crate::formats::fault::Fault>,
         }
 
         impl<'de> serde::Deserialize<'de> for $name {
@@ -457,7 +457,7 @@ macro_rules! document {
 
                 fn other(_: DocumentVisitor, what: &'static str) -> $name {
                     let _ = $crate::formats::checked::keeps_fault(0);
-                    let fault = $crate::formats::Fault::new("", format!("expected an object, got {what}"));
+                    let fault = $crate::formats::fault::Fault::new("", format!("expected an object, got {what}"));
                     $name { faults: vec![fault], ..$name::default() }
                 }
 
@@ -509,7 +509,7 @@ macro_rules! document {
             fn fault(&mut self, key: &str, detail: &str) {
                 if $crate::formats::checked::keeps_fault(self.faults.len()) {
                     let pointer = format!("/{}", key.replace('~', "~0").replace('/', "~1"));
-                    self.faults.push($crate::formats::Fault::new(pointer, detail));
+                    self.faults.push($crate::formats::fault::Fault::new(pointer, detail));
                 }
             }
         }

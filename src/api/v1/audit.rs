@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use super::request_macros::{Page, PageQuery, time};
 use crate::api::extract::{Caller, Query};
-use crate::api::problem::{Problem, ProblemDocument, ProblemKind};
+use crate::api::problem::{Problem, ProblemKind};
 use crate::api::respond::json;
 use crate::domain::audit::{AuditFilter, Recorded};
 use crate::service::app::{App, ServiceError};
@@ -146,8 +146,8 @@ fn milliseconds(name: &str, text: &str) -> Result<i64, Problem> {
 #[utoipa::path(get, path = "/audit", tag = "operation", params(AuditQuery),
     responses(
         (status = 200, description = "A page of entries, or all entries as one line each", content((Page<AuditEntry> = "application/json"), (String = "application/x-ndjson"))),
-        (status = 400, description = "The query was refused", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = 503, description = "The store cannot be read", body = ProblemDocument, content_type = "application/problem+json")
+        (status = 400, description = "The query was refused"),
+        (status = 503, description = "The store cannot be read")
     ))]
 pub(super) async fn list_audit(
     Caller(app): Caller,
@@ -196,9 +196,9 @@ pub(super) struct AuditBeginning {
 #[utoipa::path(delete, path = "/audit", tag = "operation", params(AuditRemoval),
     responses(
         (status = 200, description = "Entries removed", body = AuditBeginning),
-        (status = 400, description = "The query was refused", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = 503, description = "The store cannot be written", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = 507, description = "The disk of the store is full", body = ProblemDocument, content_type = "application/problem+json")
+        (status = 400, description = "The query was refused"),
+        (status = 503, description = "The store cannot be written"),
+        (status = 507, description = "The disk of the store is full")
     ))]
 pub(super) async fn prune_audit(
     Caller(app): Caller,

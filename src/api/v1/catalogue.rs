@@ -10,7 +10,7 @@ use serde_json::{Map, Value};
 use super::request_macros::{class_names, rows};
 use crate::analysis::transformation::{ClassName, TransformationClass};
 use crate::api::extract::{Format, NoQuery, Path, Query};
-use crate::api::problem::{Problem, ProblemDocument};
+use crate::api::problem::Problem;
 use crate::api::respond::{json, svg};
 use crate::formats::representation::read_generator;
 use crate::geometry::generator::{GeneratorKind, GeneratorProperties};
@@ -35,7 +35,7 @@ pub(super) struct Generators {
 
 /// Lists the generators.
 #[utoipa::path(get, path = "/generators", tag = "catalogue",
-    responses((status = 200, description = "The generators with their properties", body = Generators), (status = 400, description = "An unknown parameter", body = ProblemDocument, content_type = "application/problem+json")))]
+    responses((status = 200, description = "The generators with their properties", body = Generators), (status = 400, description = "An unknown parameter")))]
 pub(super) async fn list_generators(_: NoQuery) -> Json<Generators> {
     let entry = |generator: GeneratorKind| GeneratorEntry { properties: generator.properties(), generator };
     Json(Generators { items: GeneratorKind::catalogue().into_iter().map(entry).collect() })
@@ -89,7 +89,7 @@ pub(super) struct RieszBounds {
     ),
     responses(
         (status = 200, description = "The generator", content((GeneratorPage = "application/json"), (String = "image/svg+xml"))),
-        (status = "4XX", description = "The parameters were refused", body = ProblemDocument, content_type = "application/problem+json")
+        (status = "4XX", description = "The parameters were refused")
     ))]
 pub(super) async fn find_generator(
     Path(name): Path<String>,
@@ -185,7 +185,7 @@ pub(super) struct Transformations {
 
 /// Lists the transformation classes.
 #[utoipa::path(get, path = "/transformations", tag = "catalogue",
-    responses((status = 200, description = "The classes with their properties", body = Transformations), (status = 400, description = "An unknown parameter", body = ProblemDocument, content_type = "application/problem+json")))]
+    responses((status = 200, description = "The classes with their properties", body = Transformations), (status = 400, description = "An unknown parameter")))]
 pub(super) async fn list_transformations(_: NoQuery) -> Json<Transformations> {
     let entry = |name: ClassName| TransformationEntry {
         name,

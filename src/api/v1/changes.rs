@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::request_macros::{Page, PageQuery, time};
 use crate::api::extract::{Caller, NoQuery, Path, Query};
-use crate::api::problem::{Problem, ProblemDocument};
+use crate::api::problem::Problem;
 use crate::api::respond::json;
 use crate::domain::change::{Change, ChangeKind};
 use crate::domain::trash::{Trashed, TrashedKind};
@@ -67,8 +67,8 @@ pub(super) struct ChangesAnswer {
 #[utoipa::path(get, path = "/changes", tag = "changes", params(ChangesQuery),
     responses(
         (status = 200, description = "Changes after `since`", body = ChangesAnswer),
-        (status = 410, description = "Changes that old are no longer available", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = "4XX", description = "The query was refused", body = ProblemDocument, content_type = "application/problem+json")
+        (status = 410, description = "Changes that old are no longer available"),
+        (status = "4XX", description = "The query was refused")
     ))]
 pub(super) async fn list_changes(
     Caller(app): Caller,
@@ -106,7 +106,7 @@ impl From<Trashed> for TrashedOutput {
 #[utoipa::path(get, path = "/trash", tag = "changes", params(PageQuery),
     responses(
         (status = 200, description = "A page of the trash", body = Page<TrashedOutput>),
-        (status = "4XX", description = "The query was refused", body = ProblemDocument, content_type = "application/problem+json")
+        (status = "4XX", description = "The query was refused")
     ))]
 pub(super) async fn list_trash(
     Caller(app): Caller,
@@ -122,9 +122,8 @@ pub(super) async fn list_trash(
     params(("id" = String, Path, description = "Id of the cohort or of the dictionary version")),
     responses(
         (status = 204, description = "Restored"),
-        (status = 404, description = "Not in the trash", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = 409, description = "The name is now used by another", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = "4XX", description = "The request was refused", body = ProblemDocument, content_type = "application/problem+json")
+        (status = 404, description = "Not in the trash"),
+        (status = 409, description = "The name is now used by another")
     ))]
 pub(super) async fn restore_trashed(
     Caller(app): Caller,
@@ -140,8 +139,7 @@ pub(super) async fn restore_trashed(
     params(("id" = String, Path, description = "Id of the cohort or of the dictionary version")),
     responses(
         (status = 204, description = "Permanently deleted"),
-        (status = 404, description = "Not in the trash", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = "4XX", description = "The request was refused", body = ProblemDocument, content_type = "application/problem+json")
+        (status = 404, description = "Not in the trash")
     ))]
 pub(super) async fn remove_trashed(
     Caller(app): Caller,

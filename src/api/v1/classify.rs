@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use super::coding::{CodeOutput, ScoreOutput, Shapes, asking_request};
 use crate::api::extract::{Caller, JsonBody, NoQuery, Path};
-use crate::api::problem::{Problem, ProblemDocument};
+use crate::api::problem::Problem;
 use crate::api::respond::{compute, json};
 use crate::domain::classifier::{
     ClassRecord, ClassifierKind, ClassifierRecord, ClassifierSettings, Validation,
@@ -136,8 +136,8 @@ pub(super) struct ClassifyAnswer {
     params(("dictionary" = String, Path, description = "Id, `name@version` or name")),
     responses(
         (status = 200, description = "One class per shape, in order", body = ClassifyAnswer),
-        (status = 404, description = "No such dictionary or cohort", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = "4XX", description = "The input was refused, or the dictionary has no classifier", body = ProblemDocument, content_type = "application/problem+json")
+        (status = 404, description = "No such dictionary or cohort"),
+        (status = "4XX", description = "The input was refused, or the dictionary has no classifier")
     ))]
 pub(super) async fn classify(
     Caller(app): Caller,
@@ -214,8 +214,7 @@ pub(super) struct AssessAnswer {
     params(("dictionary" = String, Path, description = "Id, `name@version` or name")),
     responses(
         (status = 200, description = "One assessment per shape, in order", body = AssessAnswer),
-        (status = 404, description = "No such dictionary or cohort", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
+        (status = 404, description = "No such dictionary or cohort")
     ))]
 pub(super) async fn assess(
     Caller(app): Caller,

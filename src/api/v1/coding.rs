@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use super::request_macros::{ShapeOutput, checked, rows};
 use crate::api::extract::{Caller, JsonBody, NoQuery, Path};
-use crate::api::problem::{Problem, ProblemDocument};
+use crate::api::problem::Problem;
 use crate::api::respond::{compute, json};
 use crate::formats::checked::{Checked, List, Many, document, take_given, take_many, take_or_default};
 use crate::formats::shape::{Points, ShapeInput};
@@ -177,8 +177,7 @@ pub(super) struct EncodeAnswer {
     params(("dictionary" = String, Path, description = "Id, `name@version` or name")),
     responses(
         (status = 200, description = "One code per shape, in order", body = EncodeAnswer),
-        (status = 404, description = "No such dictionary or cohort", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
+        (status = 404, description = "No such dictionary or cohort")
     ))]
 pub(super) async fn encode(
     Caller(app): Caller,
@@ -248,8 +247,7 @@ impl ReconstructAnswer {
     params(("dictionary" = String, Path, description = "Id, `name@version` or name")),
     responses(
         (status = 200, description = "One reconstruction per shape or code, in order", body = ReconstructAnswer),
-        (status = 404, description = "No such dictionary or cohort", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
+        (status = 404, description = "No such dictionary or cohort")
     ))]
 pub(super) async fn reconstruct(
     Caller(app): Caller,
@@ -346,8 +344,7 @@ pub(super) struct ScoreAnswer {
     params(("dictionary" = String, Path, description = "Id, `name@version` or name")),
     responses(
         (status = 200, description = "One score per shape, in order", body = ScoreAnswer),
-        (status = 404, description = "No such dictionary or cohort", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
+        (status = 404, description = "No such dictionary or cohort")
     ))]
 pub(super) async fn score(
     Caller(app): Caller,
@@ -404,8 +401,7 @@ pub(super) struct PriorAnswer {
     params(("dictionary" = String, Path, description = "Id, `name@version` or name")),
     responses(
         (status = 200, description = "One energy per shape, in order", body = PriorAnswer),
-        (status = 404, description = "No such dictionary or cohort", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
+        (status = 404, description = "No such dictionary or cohort")
     ))]
 pub(super) async fn prior(
     Caller(app): Caller,
@@ -467,8 +463,7 @@ pub(super) struct SampleAnswer {
     params(("dictionary" = String, Path, description = "Id, `name@version` or name")),
     responses(
         (status = 200, description = "The shapes", body = SampleAnswer),
-        (status = 404, description = "No such dictionary", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
+        (status = 404, description = "No such dictionary")
     ))]
 pub(super) async fn sample(
     Caller(app): Caller,

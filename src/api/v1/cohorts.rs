@@ -15,7 +15,7 @@ use crate::analysis::transformation::ClassName;
 use crate::api::extract::{
     Caller, Format, IfMatch, JsonBody, NoQuery, Path, Query, ShapeFormat, ShapeFormatQuery,
 };
-use crate::api::problem::{Problem, ProblemDocument, ProblemKind};
+use crate::api::problem::{Problem, ProblemKind};
 use crate::api::respond::{compute, json, mesh, svg};
 use crate::domain::cohort::Cohort;
 use crate::domain::shape::ShapeFilter;
@@ -112,8 +112,7 @@ impl From<Cohort> for CohortOutput {
 #[utoipa::path(post, path = "/cohorts", tag = "cohorts", params(RetryHeader), request_body = CohortRequest,
     responses(
         (status = 201, description = "Created", body = CohortOutput, headers(("Location" = String))),
-        (status = 409, description = "The name is already in use", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
+        (status = 409, description = "The name is already in use")
     ))]
 pub(super) async fn create_cohort(
     Caller(app): Caller,
@@ -164,7 +163,7 @@ fn new_cohort(request: CohortRequest) -> Result<NewCohort, ServiceError> {
 #[utoipa::path(get, path = "/cohorts", tag = "cohorts", params(PageQuery),
     responses(
         (status = 200, description = "A page of cohorts", body = Page<CohortOutput>),
-        (status = 400, description = "The query was refused", body = ProblemDocument, content_type = "application/problem+json")
+        (status = 400, description = "The query was refused")
     ))]
 pub(super) async fn list_cohorts(
     Caller(app): Caller,
@@ -180,8 +179,7 @@ pub(super) async fn list_cohorts(
     responses(
         (status = 200, description = "The cohort; its ETag changes with its revision", body = CohortOutput),
         (status = 304, description = "Unchanged since the version in If-None-Match"),
-        (status = 404, description = "No such cohort", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = "4XX", description = "The request was refused", body = ProblemDocument, content_type = "application/problem+json")
+        (status = 404, description = "No such cohort")
     ))]
 pub(super) async fn find_cohort(
     Caller(app): Caller,
@@ -226,10 +224,9 @@ fn given<'de, D: serde::Deserializer<'de>>(field: D) -> Result<Option<Option<Str
     params(("cohort" = String, Path, description = "Id or name"), IfMatchHeader),
     responses(
         (status = 200, description = "The updated cohort", body = CohortOutput),
-        (status = 404, description = "No such cohort", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = 409, description = "The name is already in use", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = 412, description = "The cohort has changed meanwhile", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
+        (status = 404, description = "No such cohort"),
+        (status = 409, description = "The name is already in use"),
+        (status = 412, description = "The cohort has changed meanwhile")
     ))]
 pub(super) async fn update_cohort(
     Caller(app): Caller,
@@ -250,9 +247,8 @@ pub(super) async fn update_cohort(
     params(("cohort" = String, Path, description = "Id or name"), IfMatchHeader),
     responses(
         (status = 204, description = "Moved to the trash"),
-        (status = 412, description = "The cohort has changed meanwhile", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = 404, description = "No such cohort", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = "4XX", description = "The request was refused", body = ProblemDocument, content_type = "application/problem+json")
+        (status = 412, description = "The cohort has changed meanwhile"),
+        (status = 404, description = "No such cohort")
     ))]
 pub(super) async fn delete_cohort(
     Caller(app): Caller,
@@ -341,8 +337,8 @@ pub(super) struct CohortMeanOutput {
     responses(
         (status = 200, description = "The mean", content((CohortMeanOutput = "application/json"), (String = "image/svg+xml"), (Vec<u8> = "model/obj"), (Vec<u8> = "application/ply"), (Vec<u8> = "model/stl"), (Vec<u8> = "model/gltf-binary"))),
         (status = 304, description = "Unchanged since the version in If-None-Match"),
-        (status = 404, description = "No such cohort", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = "4XX", description = "The query was refused, or the shapes have no mean", body = ProblemDocument, content_type = "application/problem+json")
+        (status = 404, description = "No such cohort"),
+        (status = "4XX", description = "The query was refused, or the shapes have no mean")
     ))]
 pub(super) async fn cohort_mean(
     Caller(app): Caller,

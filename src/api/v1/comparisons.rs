@@ -11,7 +11,7 @@ use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::Mirror;
 use crate::analysis::transformation::{ClassName, Transformation};
 use crate::api::extract::{Caller, JsonBody, OnlyFormat, Prefer};
-use crate::api::problem::{Problem, ProblemDocument};
+use crate::api::problem::Problem;
 use crate::domain::comparison::Comparison;
 use crate::domain::job::Priority;
 use crate::domain::shape::ShapeFilter;
@@ -111,9 +111,9 @@ impl<'de> Deserialize<'de> for Names {
     responses(
         (status = 200, description = "The comparison", content((Comparison = "application/json"), (String = "image/svg+xml"))),
         (status = 202, description = "The job that computes the comparison", body = JobOutput, headers(("Location" = String))),
-        (status = 404, description = "No such cohort", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = "4XX", description = "The input was refused, or the job failed within the wait", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = 503, description = "Too many jobs are waiting", body = ProblemDocument, content_type = "application/problem+json")
+        (status = 404, description = "No such cohort"),
+        (status = "4XX", description = "The input was refused, or the job failed within the wait"),
+        (status = 503, description = "Too many jobs are waiting")
     ))]
 pub(super) async fn compare(
     Caller(app): Caller,

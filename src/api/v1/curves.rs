@@ -12,7 +12,7 @@ use crate::analysis::correspondence::Correspondence;
 use crate::api::extract::{
     Caller, Format, JsonBody, NoQuery, OnlyShapeFormat, ShapeFormat, ShapeFormatQuery,
 };
-use crate::api::problem::{Problem, ProblemDocument};
+use crate::api::problem::Problem;
 use crate::api::respond::{compute_planned, json, mesh, mesh_file, planned, svg};
 use crate::formats::checked::{Checked, LARGE, List, Raw, document, take_given, take_or_default};
 use crate::formats::shape::{Points, ShapeInput};
@@ -176,8 +176,7 @@ pub(super) struct EvaluateAnswer {
 #[utoipa::path(post, path = "/evaluate", tag = "curves", request_body = EvaluateRequest,
     params(ShapeFormatQuery),
     responses(
-        (status = 200, description = "Points and derivatives", content((EvaluateAnswer = "application/json"), (String = "image/svg+xml"), (Vec<u8> = "model/obj"), (Vec<u8> = "application/ply"), (Vec<u8> = "model/stl"), (Vec<u8> = "model/gltf-binary"))),
-        (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
+        (status = 200, description = "Points and derivatives", content((EvaluateAnswer = "application/json"), (String = "image/svg+xml"), (Vec<u8> = "model/obj"), (Vec<u8> = "application/ply"), (Vec<u8> = "model/stl"), (Vec<u8> = "model/gltf-binary")))
     ))]
 pub(super) async fn evaluate(
     Caller(app): Caller,
@@ -606,8 +605,7 @@ impl From<Measured> for MeasureOutput {
 /// reference. Surfaces: volume, area, centroids, bounding box, the flux of a field, and the distance to a reference.
 #[utoipa::path(post, path = "/measure", tag = "curves", request_body = MeasureRequest,
     responses(
-        (status = 200, description = "One entry per curve", body = MeasureAnswer),
-        (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
+        (status = 200, description = "One entry per curve", body = MeasureAnswer)
     ))]
 pub(super) async fn measure(
     Caller(app): Caller,
@@ -697,8 +695,7 @@ pub(super) struct ResampleAnswer {
 /// Resamples contours to points at equal arc length; open contours keep both ends.
 #[utoipa::path(post, path = "/resample", tag = "curves", request_body = ResampleRequest,
     responses(
-        (status = 200, description = "The contours", body = ResampleAnswer),
-        (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
+        (status = 200, description = "The contours", body = ResampleAnswer)
     ))]
 pub(super) async fn resample(
     Caller(app): Caller,

@@ -7,7 +7,7 @@ use serde::Serialize;
 use super::request_macros::{ShapeOutput, checked};
 use crate::analysis::correspondence::Correspondence;
 use crate::api::extract::{Caller, JsonBody, NoQuery};
-use crate::api::problem::{Problem, ProblemDocument};
+use crate::api::problem::Problem;
 use crate::api::respond::{compute_planned, json, planned};
 use crate::formats::checked::{Checked, LARGE, document, take_or_default};
 use crate::formats::representation::Read;
@@ -58,8 +58,7 @@ pub(super) struct DeformAnswer {
 /// Deforms a curve or surface: moves control points, then pulls the shape to handle targets with the least change.
 #[utoipa::path(post, path = "/deform", tag = "curves", request_body = DeformRequest,
     responses(
-        (status = 200, description = "The deformed shape", body = DeformAnswer),
-        (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
+        (status = 200, description = "The deformed shape", body = DeformAnswer)
     ))]
 pub(super) async fn deform(
     Caller(app): Caller,

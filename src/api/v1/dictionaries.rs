@@ -13,7 +13,7 @@ use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
 use crate::analysis::frame::Frame;
 use crate::analysis::transformation::Transformation;
 use crate::api::extract::{Caller, Format, JsonBody, NoQuery, OnlyFormat, Path, Prefer, Query, ShapeFormat};
-use crate::api::problem::{Problem, ProblemDocument};
+use crate::api::problem::Problem;
 use crate::api::respond::{compute, json, mesh, svg};
 use crate::domain::classifier::{ClassifierKind, ClassifierSettings};
 use crate::domain::dictionary::{Atom, Listed, MeanRecord, Method, Row, Statistics};
@@ -287,9 +287,9 @@ impl<'a> DictionaryOutput<'a> {
         (status = 200, description = "Predicted cost (dry run)", body = EstimateAnswer),
         (status = 201, description = "The dictionary, if it was learnt within the wait", body = DictionaryOutput, headers(("Location" = String))),
         (status = 202, description = "The job that learns the dictionary", body = JobOutput, headers(("Location" = String))),
-        (status = 404, description = "No such cohort", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = "4XX", description = "The input was refused, or learning failed within the wait", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = 503, description = "Too many jobs are waiting", body = ProblemDocument, content_type = "application/problem+json")
+        (status = 404, description = "No such cohort"),
+        (status = "4XX", description = "The input was refused, or learning failed within the wait"),
+        (status = 503, description = "Too many jobs are waiting")
     ))]
 pub(super) async fn learn_dictionary(
     Caller(app): Caller,
@@ -394,7 +394,7 @@ pub(super) struct DictionariesQuery {
 #[utoipa::path(get, path = "/dictionaries", tag = "dictionaries", params(DictionariesQuery),
     responses(
         (status = 200, description = "A page of dictionaries", body = Page<DictionaryEntry>),
-        (status = 400, description = "The query was refused", body = ProblemDocument, content_type = "application/problem+json")
+        (status = 400, description = "The query was refused")
     ))]
 pub(super) async fn list_dictionaries(
     Caller(app): Caller,
@@ -419,8 +419,7 @@ fn digest_tag(ready: &Ready) -> String {
     responses(
         (status = 200, description = "The dictionary; its ETag identifies the version", body = DictionaryOutput),
         (status = 304, description = "Unchanged since the version in If-None-Match"),
-        (status = 404, description = "No such dictionary", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = "4XX", description = "The request was refused", body = ProblemDocument, content_type = "application/problem+json")
+        (status = 404, description = "No such dictionary")
     ))]
 pub(super) async fn find_dictionary(
     Caller(app): Caller,
@@ -444,8 +443,7 @@ pub(super) async fn find_dictionary(
     params(("dictionary" = String, Path, description = "Id, `name@version` or name")),
     responses(
         (status = 204, description = "Moved to the trash"),
-        (status = 404, description = "No such dictionary", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = "4XX", description = "The request was refused", body = ProblemDocument, content_type = "application/problem+json")
+        (status = 404, description = "No such dictionary")
     ))]
 pub(super) async fn delete_dictionary(
     Caller(app): Caller,
@@ -473,8 +471,7 @@ pub(super) struct AtomsAnswer<'a> {
     ),
     responses(
         (status = 200, description = "The atoms", content((AtomsAnswer = "application/json"), (String = "image/svg+xml"))),
-        (status = 404, description = "No such dictionary", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = "4XX", description = "The request was refused", body = ProblemDocument, content_type = "application/problem+json")
+        (status = 404, description = "No such dictionary")
     ))]
 pub(super) async fn dictionary_atoms(
     Caller(app): Caller,
@@ -533,8 +530,8 @@ pub(super) struct ModeAnswer {
     params(("dictionary" = String, Path, description = "Id, `name@version` or name"), ModeQuery),
     responses(
         (status = 200, description = "The mode", content((ModeAnswer = "application/json"), (String = "image/svg+xml"), (Vec<u8> = "model/obj"), (Vec<u8> = "application/ply"), (Vec<u8> = "model/stl"), (Vec<u8> = "model/gltf-binary"))),
-        (status = 404, description = "No such dictionary", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = "4XX", description = "The query was refused, or the dictionary has no modes", body = ProblemDocument, content_type = "application/problem+json")
+        (status = 404, description = "No such dictionary"),
+        (status = "4XX", description = "The query was refused, or the dictionary has no modes")
     ))]
 pub(super) async fn dictionary_mode(
     Caller(app): Caller,
@@ -571,8 +568,7 @@ pub(super) async fn dictionary_mode(
     params(("dictionary" = String, Path, description = "Id, `name@version` or name")),
     responses(
         (status = 200, description = "The file", body = DictionaryFile),
-        (status = 404, description = "No such dictionary", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = "4XX", description = "The request was refused", body = ProblemDocument, content_type = "application/problem+json")
+        (status = 404, description = "No such dictionary")
     ))]
 pub(super) async fn export_dictionary(
     Caller(app): Caller,
@@ -601,7 +597,7 @@ pub(super) struct ImportQuery {
 #[utoipa::path(post, path = "/dictionaries/import", tag = "dictionaries", params(ImportQuery, RetryHeader), request_body = DictionaryFile,
     responses(
         (status = 201, description = "Imported", body = DictionaryOutput, headers(("Location" = String))),
-        (status = "4XX", description = "The file was refused", body = ProblemDocument, content_type = "application/problem+json")
+        (status = "4XX", description = "The file was refused")
     ))]
 pub(super) async fn import_dictionary(
     Caller(app): Caller,

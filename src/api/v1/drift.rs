@@ -5,7 +5,7 @@ use axum::response::Response;
 use serde::{Deserialize, Serialize};
 
 use crate::api::extract::{Caller, Path, Query};
-use crate::api::problem::{Problem, ProblemDocument, ProblemKind};
+use crate::api::problem::{Problem, ProblemKind};
 use crate::api::respond::json;
 use crate::service::dictionaries::coding::outlier_warnings;
 use crate::service::dictionaries::drift::{ClassDrift, Drift, MeanDrift, MeasureDrift, ScoreDrift, Since};
@@ -73,8 +73,8 @@ pub(super) struct DriftAnswer {
     params(("dictionary" = String, Path, description = "Id, `name@version` or name"), DriftQuery),
     responses(
         (status = 200, description = "Changes of the cohort since training", body = DriftAnswer),
-        (status = 404, description = "No such dictionary, or its cohort was deleted", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = "4XX", description = "The query was refused", body = ProblemDocument, content_type = "application/problem+json")
+        (status = 404, description = "No such dictionary, or its cohort was deleted"),
+        (status = "4XX", description = "The query was refused")
     ))]
 pub(super) async fn dictionary_drift(
     Caller(app): Caller,

@@ -10,7 +10,7 @@ use super::curves::ParameterList;
 use super::request_macros::{ShapeOutput, checked, shapes_request};
 use crate::analysis::correspondence::Correspondence;
 use crate::api::extract::{Caller, JsonBody, NoQuery};
-use crate::api::problem::{Problem, ProblemDocument};
+use crate::api::problem::Problem;
 use crate::api::respond::{compute, compute_planned, json, planned};
 use crate::formats::checked::{Checked, LARGE, Limited, List, Raw, document, take_given, take_or_default};
 use crate::formats::representation::{FitTarget, Read};
@@ -106,8 +106,7 @@ pub(super) struct FitAnswer {
 /// Subdivision surfaces are fitted to the places nearest to the points; residuals are distances at those places.
 #[utoipa::path(post, path = "/fit", tag = "curves", request_body = FitRequest,
     responses(
-        (status = 200, description = "One entry per contour, grid, list or mesh", body = FitAnswer),
-        (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
+        (status = 200, description = "One entry per contour, grid, list or mesh", body = FitAnswer)
     ))]
 pub(super) async fn fit(
     Caller(app): Caller,
@@ -313,8 +312,7 @@ pub(super) struct RefineAnswer {
 /// Refines curves to a grid with more knots; samples surfaces at the knots of another grid.
 #[utoipa::path(post, path = "/refine", tag = "curves", request_body = RefineRequest,
     responses(
-        (status = 200, description = "The finer representation and control points", body = RefineAnswer),
-        (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
+        (status = 200, description = "The finer representation and control points", body = RefineAnswer)
     ))]
 pub(super) async fn refine(
     Caller(app): Caller,
@@ -414,7 +412,7 @@ pub(super) struct IdealShapes {
 
 /// Lists the idealised curves and surfaces.
 #[utoipa::path(get, path = "/idealised", tag = "catalogue",
-    responses((status = 200, description = "The curves with the poles that they need, the surfaces with their control points", body = IdealShapes), (status = 400, description = "An unknown parameter", body = ProblemDocument, content_type = "application/problem+json")))]
+    responses((status = 200, description = "The curves with the poles that they need, the surfaces with their control points", body = IdealShapes), (status = 400, description = "An unknown parameter")))]
 pub(super) async fn list_idealised(Caller(app): Caller, _: NoQuery) -> Result<Response, Problem> {
     compute(app.weighing(Work::MOMENT), |_| {
         let surfaces = IdealSurface::catalogue().into_iter().map(surface_entry).collect::<Result<_, _>>()?;
@@ -487,8 +485,7 @@ pub(super) struct IdealAnswer {
 /// If the generator does not contain a shape, the request is refused and the missing poles are named.
 #[utoipa::path(post, path = "/idealised", tag = "curves", request_body = IdealRequest,
     responses(
-        (status = 200, description = "Control points", body = IdealAnswer),
-        (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
+        (status = 200, description = "Control points", body = IdealAnswer)
     ))]
 pub(super) async fn idealise(
     Caller(app): Caller,

@@ -103,7 +103,7 @@ pub(super) struct JobsQuery {
 #[utoipa::path(get, path = "/jobs", tag = "jobs", params(JobsQuery),
     responses(
         (status = 200, description = "A page of jobs", body = Page<JobOutput>),
-        (status = 400, description = "The query was refused", body = ProblemDocument, content_type = "application/problem+json")
+        (status = 400, description = "The query was refused")
     ))]
 pub(super) async fn list_jobs(
     Caller(app): Caller,
@@ -119,8 +119,7 @@ pub(super) async fn list_jobs(
 #[utoipa::path(get, path = "/jobs/{job}", tag = "jobs", params(("job" = String, Path, description = "Id")),
     responses(
         (status = 200, description = "The job", body = JobOutput),
-        (status = 404, description = "No such job", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = "4XX", description = "The request was refused", body = ProblemDocument, content_type = "application/problem+json")
+        (status = 404, description = "No such job")
     ))]
 pub(super) async fn find_job(
     Caller(app): Caller,
@@ -136,9 +135,8 @@ pub(super) async fn find_job(
 #[utoipa::path(post, path = "/jobs/{job}/cancel", tag = "jobs", params(("job" = String, Path, description = "Id")),
     responses(
         (status = 200, description = "The cancelled job", body = JobOutput),
-        (status = 404, description = "No such job", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = 409, description = "The job has already succeeded or failed", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = "4XX", description = "The request was refused", body = ProblemDocument, content_type = "application/problem+json")
+        (status = 404, description = "No such job"),
+        (status = 409, description = "The job has already succeeded or failed")
     ))]
 pub(super) async fn cancel_job(
     Caller(app): Caller,
@@ -191,8 +189,7 @@ impl From<JobEvent> for Event {
     responses(
         (status = 200, description = "The events", body = JobEvent, content_type = "text/event-stream"),
         (status = 204, description = "Last-Event-ID names the final state: no further events"),
-        (status = 404, description = "No such job", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = "4XX", description = "The request was refused", body = ProblemDocument, content_type = "application/problem+json")
+        (status = 404, description = "No such job")
     ))]
 pub(super) async fn job_events(
     Caller(app): Caller,

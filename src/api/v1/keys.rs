@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use super::request_macros::{Page, PageQuery, time};
 use crate::api::extract::{Caller, JsonBody, NoQuery, Path, Query};
-use crate::api::problem::{Problem, ProblemDocument};
+use crate::api::problem::Problem;
 use crate::api::respond::json;
 use crate::domain::access::Role;
 use crate::domain::key::Key;
@@ -88,8 +88,7 @@ pub(super) struct IssuedOutput {
 /// first one, requests without a key are refused.
 #[utoipa::path(post, path = "/keys", tag = "access", request_body = KeyRequest,
     responses(
-        (status = 201, description = "Created", body = IssuedOutput, headers(("Location" = String))),
-        (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
+        (status = 201, description = "Created", body = IssuedOutput, headers(("Location" = String)))
     ))]
 pub(super) async fn create_key(
     Caller(app): Caller,
@@ -126,7 +125,7 @@ fn new_key(request: KeyRequest) -> Result<NewKey, ServiceError> {
 #[utoipa::path(get, path = "/keys", tag = "access", params(PageQuery),
     responses(
         (status = 200, description = "A page of keys", body = Page<KeyOutput>),
-        (status = 400, description = "The query was refused", body = ProblemDocument, content_type = "application/problem+json")
+        (status = 400, description = "The query was refused")
     ))]
 pub(super) async fn list_keys(
     Caller(app): Caller,
@@ -141,8 +140,7 @@ pub(super) async fn list_keys(
 #[utoipa::path(get, path = "/keys/{key}", tag = "access", params(("key" = String, Path, description = "Id")),
     responses(
         (status = 200, description = "The key", body = KeyOutput),
-        (status = 404, description = "No such key", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = "4XX", description = "The request was refused", body = ProblemDocument, content_type = "application/problem+json")
+        (status = 404, description = "No such key")
     ))]
 pub(super) async fn find_key(
     Caller(app): Caller,
@@ -159,8 +157,7 @@ pub(super) async fn find_key(
 #[utoipa::path(delete, path = "/keys/{key}", tag = "access", params(("key" = String, Path, description = "Id")),
     responses(
         (status = 204, description = "Revoked"),
-        (status = 404, description = "No such key", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = "4XX", description = "The request was refused", body = ProblemDocument, content_type = "application/problem+json")
+        (status = 404, description = "No such key")
     ))]
 pub(super) async fn revoke_key(
     Caller(app): Caller,

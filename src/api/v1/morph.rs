@@ -8,7 +8,7 @@ use serde::Serialize;
 use super::request_macros::{ShapeOutput, checked};
 use crate::analysis::correspondence::Correspondence;
 use crate::api::extract::{Caller, Format, JsonBody, OnlyFormat};
-use crate::api::problem::{Problem, ProblemDocument};
+use crate::api::problem::Problem;
 use crate::api::respond::{compute_planned, json, planned, svg};
 use crate::formats::checked::{Checked, LARGE, document, take_given, take_or_default};
 use crate::formats::representation::Read;
@@ -87,8 +87,7 @@ const MAX_STEPS: usize = 1000;
 #[utoipa::path(post, path = "/morph", tag = "curves", request_body = MorphRequest,
     params(("format" = Option<String>, Query, description = "`json` or `svg`")),
     responses(
-        (status = 200, description = "Shapes on the path", content((MorphAnswer = "application/json"), (String = "image/svg+xml"))),
-        (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
+        (status = 200, description = "Shapes on the path", content((MorphAnswer = "application/json"), (String = "image/svg+xml")))
     ))]
 pub(super) async fn morph(
     Caller(app): Caller,

@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use super::request_macros::checked;
 use crate::api::extract::{Caller, JsonBody, NoQuery};
-use crate::api::problem::{Problem, ProblemDocument};
+use crate::api::problem::Problem;
 use crate::api::respond::{compute_planned, json, planned};
 use crate::formats::checked::{Checked, document, take_given};
 use crate::service::cost::requests;
@@ -77,8 +77,7 @@ pub(super) struct OverlapAnswer {
 /// for all bodies on one grid.
 #[utoipa::path(post, path = "/overlap", tag = "curves", request_body = OverlapRequest,
     responses(
-        (status = 200, description = "Counts and distances", body = OverlapAnswer),
-        (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
+        (status = 200, description = "Counts and distances", body = OverlapAnswer)
     ))]
 pub(super) async fn overlap(
     Caller(app): Caller,

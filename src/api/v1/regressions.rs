@@ -1,6 +1,5 @@
 //! Multivariate linear regression of the shapes of a cohort on an attribute, with a permutation test.
 
-use crate::formats::fault::Fault;
 use axum::response::Response;
 
 use super::comparisons::Names;
@@ -11,7 +10,7 @@ use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::Mirror;
 use crate::analysis::transformation::{ClassName, Transformation};
 use crate::api::extract::{Caller, JsonBody, OnlyFormat, Prefer};
-use crate::api::problem::{Problem, ProblemDocument};
+use crate::api::problem::Problem;
 use crate::domain::job::Priority;
 use crate::domain::regression::ShapeRegression;
 use crate::domain::shape::ShapeFilter;
@@ -80,9 +79,9 @@ document! {
     responses(
         (status = 200, description = "The regression", content((ShapeRegression = "application/json"), (String = "image/svg+xml"))),
         (status = 202, description = "The job that computes the regression", body = JobOutput, headers(("Location" = String))),
-        (status = 404, description = "No such cohort", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = "4XX", description = "The input was refused, or the job failed within the wait", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = 503, description = "Too many jobs are waiting", body = ProblemDocument, content_type = "application/problem+json")
+        (status = 404, description = "No such cohort"),
+        (status = "4XX", description = "The input was refused, or the job failed within the wait"),
+        (status = 503, description = "Too many jobs are waiting")
     ))]
 pub(super) async fn regress(
     Caller(app): Caller,

@@ -37,7 +37,7 @@ macro_rules! shapes_request {
             /// Takes the fields that all such requests share; faults go to `errors`.
             fn take_shapes(
                 &mut self,
-                errors: &mut Vec<crate::formats::Fault>,
+                errors: &mut Vec<crate::formats::fault::Fault>,
             ) -> (
                 Option<(
                     crate::geometry::representation::Representation,
@@ -87,7 +87,7 @@ macro_rules! settings_request {
             /// Takes the settings and the shapes; faults go to `errors`.
             fn take_settings(
                 &mut self,
-                errors: &mut Vec<crate::formats::Fault>,
+                errors: &mut Vec<crate::formats::fault::Fault>,
             ) -> (Option<crate::service::statistics::Settings>, Vec<crate::formats::shape::ShapeInput>) {
                 use crate::formats::checked::take_or_default;
                 let (common, shapes) = self.take_shapes(errors);

@@ -15,7 +15,7 @@ use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
 use crate::analysis::frame::Frame;
 use crate::analysis::transformation::{ClassName, Transformation};
 use crate::api::extract::{Caller, JsonBody, NoQuery, OnlyMatrixFormat, Path, Prefer};
-use crate::api::problem::{Problem, ProblemDocument};
+use crate::api::problem::Problem;
 use crate::api::respond::{self, compute, json};
 use crate::domain::job::{JobStatus, Priority};
 use crate::domain::shape::ShapeFilter;
@@ -116,8 +116,7 @@ pub(super) struct SearchAnswer {
     params(("cohort" = String, Path, description = "Id or name")),
     responses(
         (status = 200, description = "The neighbours of each shape", body = SearchAnswer),
-        (status = 404, description = "No such cohort", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
+        (status = 404, description = "No such cohort")
     ))]
 pub(super) async fn search_cohort(
     Caller(app): Caller,
@@ -234,9 +233,8 @@ pub(super) struct DistancesAnswer {
     responses(
         (status = 200, description = "The matrix", content((DistancesAnswer = "application/json"), (String = "text/csv"), (Vec<u8> = "application/x-npy"))),
         (status = 202, description = "The job that computes the matrix", body = JobOutput, headers(("Location" = String))),
-        (status = 404, description = "No such cohort", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = 503, description = "Too many jobs are waiting", body = ProblemDocument, content_type = "application/problem+json")
+        (status = 404, description = "No such cohort"),
+        (status = 503, description = "Too many jobs are waiting")
     ))]
 pub(super) async fn compute_distances(
     Caller(app): Caller,
@@ -369,8 +367,7 @@ fn misplaced(request: &DistancesRequest) -> Vec<Fault> {
     ),
     responses(
         (status = 200, description = "The matrix", content((DistancesAnswer = "application/json"), (String = "text/csv"), (Vec<u8> = "application/x-npy"))),
-        (status = 404, description = "No such job, or the job has no output (not yet, none at all, or no longer)", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = "4XX", description = "The request was refused", body = ProblemDocument, content_type = "application/problem+json")
+        (status = 404, description = "No such job, or the job has no output (not yet, none at all, or no longer)")
     ))]
 pub(super) async fn job_output(
     Caller(app): Caller,

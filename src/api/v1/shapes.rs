@@ -15,11 +15,12 @@ use crate::api::extract::{
     Caller, Format, IfMatch, NoQuery, OnlyShapeFormat, Path, Query, ShapeFormat, ShapeFormatQuery, is_json,
     media_type,
 };
-use crate::api::problem::{Problem, ProblemDocument, ProblemKind};
+use crate::api::problem::{Problem, ProblemKind};
 use crate::api::respond::{compute, json, mesh, svg};
 use crate::domain::cohort::Cohort;
 use crate::domain::shape::Shape;
 use crate::formats::checked::{List, document};
+use crate::formats::fault::Fault;
 use crate::formats::shape::{Points, ShapeInput};
 use crate::service::app::Work;
 use crate::service::cohorts::upload::{OnError, Stored};
@@ -63,7 +64,7 @@ fn is_zero(count: &usize) -> bool {
 impl From<Stored> for AddAnswer {
     fn from(stored: Stored) -> Self {
         let Stored { added, revision, ids, skipped, faults } = stored;
-        Self { added, revision, ids, skipped, errors: faults.into_iter().map(Into::into).collect() }
+        Self { added, revision, ids, skipped, errors: faults }
     }
 }
 
@@ -88,10 +89,9 @@ pub(super) struct AddQuery {
     request_body(content((AddRequest = "application/json"), (ShapeInput = "application/x-ndjson", example = json!("{\"external_id\": \"scan-19\", \"points\": [[0, 0], [5, 1], [1, 3]]}\n")))),
     responses(
         (status = 201, description = "Stored", body = AddAnswer),
-        (status = 404, description = "No such cohort", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = 412, description = "The cohort has changed meanwhile", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = 409, description = "An external id belongs to another shape", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
+        (status = 404, description = "No such cohort"),
+        (status = 412, description = "The cohort has changed meanwhile"),
+        (status = 409, description = "An external id belongs to another shape")
     ))]
 pub(super) async fn add_shapes(
     Caller(app): Caller,
@@ -176,8 +176,8 @@ impl StoredShape {
     ),
     responses(
         (status = 200, description = "A page of shapes", body = Page<StoredShape>),
-        (status = 404, description = "No such cohort", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = "4XX", description = "The query was refused", body = ProblemDocument, content_type = "application/problem+json")
+        (status = 404, description = "No such cohort"),
+        (status = "4XX", description = "The query was refused")
     ))]
 pub(super) async fn list_shapes(
     Caller(app): Caller,
@@ -212,8 +212,7 @@ pub(super) async fn list_shapes(
     ),
     responses(
         (status = 200, description = "The shape", content((StoredShape = "application/json"), (String = "image/svg+xml"), (Vec<u8> = "model/obj"), (Vec<u8> = "application/ply"), (Vec<u8> = "model/stl"), (Vec<u8> = "model/gltf-binary"))),
-        (status = 404, description = "No such cohort or shape", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = "4XX", description = "The request was refused", body = ProblemDocument, content_type = "application/problem+json")
+        (status = 404, description = "No such cohort or shape")
     ))]
 pub(super) async fn find_shape(
     Caller(app): Caller,
@@ -240,8 +239,7 @@ pub(super) async fn find_shape(
     params(("cohort" = String, Path, description = "Id or name"), ("shape" = String, Path, description = "Id or external id")),
     responses(
         (status = 204, description = "Deleted"),
-        (status = 404, description = "No such cohort or shape", body = ProblemDocument, content_type = "application/problem+json"),
-        (status = "4XX", description = "The request was refused", body = ProblemDocument, content_type = "application/problem+json")
+        (status = 404, description = "No such cohort or shape")
     ))]
 pub(super) async fn delete_shape(
     Caller(app): Caller,

@@ -11,7 +11,7 @@ use crate::analysis::alignment::{AlignedShape, Projection, unwhitened};
 use crate::api::extract::{
     Caller, Format, JsonBody, NoQuery, OnlyFormat, OnlyShapeFormat, Query, ShapeFormat, ShapeFormatQuery,
 };
-use crate::api::problem::{Problem, ProblemDocument};
+use crate::api::problem::Problem;
 use crate::api::respond::{compute_planned, json, mesh, planned, svg};
 use crate::formats::checked::{Checked, take_given, take_or_default};
 use crate::formats::shape::{Points, ShapeInput};
@@ -107,8 +107,7 @@ pub(super) struct ProjectAnswer {
 /// Exact, in closed form: the nearest member in the `L₂` sense over the whole curve.
 #[utoipa::path(post, path = "/project", tag = "statistics", request_body = ProjectRequest,
     responses(
-        (status = 200, description = "One projection per shape", body = ProjectAnswer),
-        (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
+        (status = 200, description = "One projection per shape", body = ProjectAnswer)
     ))]
 pub(super) async fn project(
     Caller(app): Caller,
@@ -139,8 +138,7 @@ pub(super) async fn project(
 #[utoipa::path(post, path = "/mean", tag = "statistics", request_body = StatisticsRequest,
     params(ShapeFormatQuery),
     responses(
-        (status = 200, description = "The mean", content((MeanOutput = "application/json"), (String = "image/svg+xml"), (Vec<u8> = "model/obj"), (Vec<u8> = "application/ply"), (Vec<u8> = "model/stl"), (Vec<u8> = "model/gltf-binary"))),
-        (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
+        (status = 200, description = "The mean", content((MeanOutput = "application/json"), (String = "image/svg+xml"), (Vec<u8> = "model/obj"), (Vec<u8> = "application/ply"), (Vec<u8> = "model/stl"), (Vec<u8> = "model/gltf-binary")))
     ))]
 pub(super) async fn mean(
     Caller(app): Caller,
@@ -247,8 +245,7 @@ fn aligned_output(statistics: &Statistics) -> Vec<AlignedOutput> {
 #[utoipa::path(post, path = "/align", tag = "statistics", request_body = StatisticsRequest,
     params(("format" = Option<String>, Query, description = "`json` or `svg`")),
     responses(
-        (status = 200, description = "Mean and aligned shapes", content((AlignAnswer = "application/json"), (String = "image/svg+xml"))),
-        (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
+        (status = 200, description = "Mean and aligned shapes", content((AlignAnswer = "application/json"), (String = "image/svg+xml")))
     ))]
 pub(super) async fn align(
     Caller(app): Caller,
@@ -331,8 +328,7 @@ pub(super) struct ModeQuery {
 /// As SVG: one mode, drawn as the mean plus and minus `sigma` standard deviations of the scores.
 #[utoipa::path(post, path = "/pca", tag = "statistics", request_body = PcaRequest, params(ModeQuery),
     responses(
-        (status = 200, description = "Mean and components", content((PcaAnswer = "application/json"), (String = "image/svg+xml"))),
-        (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
+        (status = 200, description = "Mean and components", content((PcaAnswer = "application/json"), (String = "image/svg+xml")))
     ))]
 pub(super) async fn pca(
     Caller(app): Caller,

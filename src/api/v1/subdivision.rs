@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use super::request_macros::checked;
 use crate::api::extract::{Caller, Format, JsonBody, OnlyShapeFormat, ShapeFormat, ShapeFormatQuery};
-use crate::api::problem::{Problem, ProblemDocument};
+use crate::api::problem::Problem;
 use crate::api::respond::{compute_planned, json, mesh_file, planned, svg};
 use crate::formats::checked::{Checked, document, take_given};
 use crate::formats::shape::Points;
@@ -147,8 +147,7 @@ enum Given {
 #[utoipa::path(post, path = "/subdivide", tag = "curves", request_body = SubdivideRequest,
     params(ShapeFormatQuery),
     responses(
-        (status = 200, description = "The refined mesh or polyline", content((SubdivideAnswer = "application/json"), (String = "image/svg+xml"), (Vec<u8> = "model/obj"), (Vec<u8> = "application/ply"), (Vec<u8> = "model/stl"), (Vec<u8> = "model/gltf-binary"))),
-        (status = "4XX", description = "The input was refused", body = ProblemDocument, content_type = "application/problem+json")
+        (status = 200, description = "The refined mesh or polyline", content((SubdivideAnswer = "application/json"), (String = "image/svg+xml"), (Vec<u8> = "model/obj"), (Vec<u8> = "application/ply"), (Vec<u8> = "model/stl"), (Vec<u8> = "model/gltf-binary")))
     ))]
 pub(super) async fn subdivide(
     Caller(app): Caller,

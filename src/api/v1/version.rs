@@ -6,7 +6,7 @@ use axum::response::Response;
 use serde::Serialize;
 
 use crate::api::extract::NoQuery;
-use crate::api::problem::{Problem, ProblemDocument};
+use crate::api::problem::Problem;
 use crate::api::respond::json;
 use crate::service::app::{App, ServiceError, build};
 
@@ -39,8 +39,8 @@ pub(super) struct DatabaseOutput {
 /// Returns the versions of the program and its database.
 #[utoipa::path(get, path = "/version", tag = "operation", responses(
     (status = 200, description = "Versions of the program and the database", body = VersionOutput),
-    (status = 400, description = "An unknown parameter", body = ProblemDocument, content_type = "application/problem+json"),
-    (status = 503, description = "The store cannot be read", body = ProblemDocument, content_type = "application/problem+json")
+    (status = 400, description = "An unknown parameter"),
+    (status = 503, description = "The store cannot be read")
 ))]
 pub(super) async fn find_version(State(app): State<App>, _: NoQuery) -> Result<Response, Problem> {
     let schema_version = app.store.schema_version().await.map_err(ServiceError::from)?;
