@@ -13,10 +13,10 @@ use crate::analysis::metric::{Metric, norm};
 use crate::analysis::partial_sums::Measured;
 use crate::analysis::pca::FunctionalPca;
 use crate::analysis::transformation::Transformation;
-use crate::formats::fault::Fault;
 use crate::formats::shape::ShapeInput;
 use crate::geometry::drawing::svg::{self, Layer, colour};
 use crate::geometry::representation::{Representation, ShapeSpace};
+use crate::service::app::faults::Faults;
 use crate::service::app::{App, Limits, ServiceError};
 use crate::service::shapes::read::{self, Batch, Reading};
 
@@ -64,27 +64,14 @@ impl Setup {
     pub fn new(app: &App, settings: &Settings) -> Result<Self, ServiceError> {
         let Settings { representation, correspondence, direction, mirror, transformation, alignment, frame } =
             settings;
-        let mut faults = Vec::new();
-        let mut keep = |error| match error {
-            ServiceError::Invalid(found) => {
-                faults.extend(found);
-                Ok(())
-            }
-            other => Err(other),
-        };
-        let space = match app.space(representation, "/representation") {
-            Ok(space) => Some(space),
-            Err(error) => keep(error).map(|()| None)?,
-        };
-        let places = read::check_correspondence(representation, *correspondence);
-        for checked in [places, read::check_mirror(representation, *mirror)] {
-            checked.or_else(&mut keep)?;
-        }
+        let mut faults = Faults::default();
+        let space = faults.keep(app.space(representation, "/representation"))?;
+        faults.keep(read::check_correspondence(representation, *correspondence))?;
+        faults.keep(read::check_mirror(representation, *mirror))?;
         // Classes exist in two and three dimensions only; any other dimension is reported separately.
         let method = match Method::new(transformation, *alignment, representation.dimension()) {
             _ if !(2..=3).contains(&representation.dimension()) => None,
-            Ok(method) => Some(method),
-            Err(error) => keep(error.into()).map(|()| None)?,
+            method => faults.keep(method.map_err(ServiceError::from))?,
         };
         if let (Some((space, _)), Some(method)) = (&space, &method)
             && method.translates()
@@ -92,10 +79,10 @@ impl Setup {
         {
             let detail = "the generator does not reproduce constants, so that its shapes cannot be moved: add \
                           the pole 0, or choose a class without translation";
-            faults.push(Fault::new("/representation/generator", detail));
+            faults.add("/representation/generator", detail);
         }
         match (space, method) {
-            (Some((space, metric)), Some(method)) if faults.is_empty() => {
+            (Some((space, metric)), Some(method)) if faults.count() == 0 => {
                 let matching = Matching::new(&space, *correspondence, *direction, *mirror);
                 Ok(Self {
                     space,
@@ -236,13 +223,9 @@ pub fn project(
     let reference = read::read_shape(&reading, reference)
         .map(|(control_points, _)| control_points)
         .map_err(|errors| ServiceError::below(errors, "/reference"));
-    let (reference, batch) = match (reference, batch) {
-        (Ok(reference), Ok(batch)) => (reference, batch),
-        (Err(ServiceError::Invalid(mut faults)), Err(ServiceError::Invalid(more))) => {
-            faults.extend(more);
-            return Err(ServiceError::Invalid(faults));
-        }
-        (Err(error), _) | (_, Err(error)) => return Err(error),
+    let mut faults = Faults::default();
+    let (Some(reference), Some(batch)) = (faults.keep(reference)?, faults.keep(batch)?) else {
+        return Err(ServiceError::Invalid(faults));
     };
     if batch.weights.is_empty() {
         return Err(ServiceError::TooFewShapes { found: 0, needed: 1 });

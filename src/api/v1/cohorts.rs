@@ -1,6 +1,5 @@
 //! Cohorts: create, list, read, update, delete; and their mean shapes.
 
-use crate::formats::fault::Fault;
 use std::collections::BTreeMap;
 
 use axum::http::{HeaderMap, StatusCode, header};
@@ -152,9 +151,8 @@ fn new_cohort(request: CohortRequest) -> Result<NewCohort, ServiceError> {
             })
         }
         _ => {
-            let mut faults: Vec<Fault> = errors;
-            faults.extend(text_faults(name.as_deref(), description.as_deref(), length_unit.as_deref()));
-            Err(ServiceError::Invalid(faults))
+            errors.extend(text_faults(name.as_deref(), description.as_deref(), length_unit.as_deref()));
+            Err(ServiceError::Invalid(errors.into()))
         }
     }
 }

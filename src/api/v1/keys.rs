@@ -1,6 +1,5 @@
 //! API keys of programs, for administrators: create, list, read, revoke.
 
-use crate::formats::fault::Fault;
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
@@ -109,15 +108,14 @@ fn new_key(request: KeyRequest) -> Result<NewKey, ServiceError> {
     let role = take_given(request.role, "/role", &mut errors);
     let cohorts = take_given(request.cohorts, "/cohorts", &mut errors).flatten();
     let expires_in_days = take_given(request.expires_in_days, "/expires_in_days", &mut errors).flatten();
-    let mut found: Vec<Fault> = errors;
     match (name, role) {
         (Some(name), Some(role)) => {
             let new = NewKey { name, role, cohorts, expires_in_days };
-            found.extend(faults(&new));
-            ServiceError::unless_empty(found)?;
+            errors.extend(faults(&new));
+            ServiceError::unless_empty(errors)?;
             Ok(new)
         }
-        _ => Err(ServiceError::Invalid(found)),
+        _ => Err(ServiceError::Invalid(errors.into())),
     }
 }
 

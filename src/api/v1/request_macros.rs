@@ -123,15 +123,14 @@ pub(super) use settings_request;
 /// [`ServiceError::Invalid`].
 pub(super) fn checked<T>(
     value: Option<T>,
-    errors: Vec<Fault>,
+    mut errors: Vec<Fault>,
     shapes: Vec<ShapeInput>,
 ) -> Result<(T, Vec<ShapeInput>), ServiceError> {
     match value {
         Some(value) if errors.is_empty() => Ok((value, shapes)),
         _ => {
-            let mut faults: Vec<Fault> = errors;
-            faults.extend(read::shape_faults(shapes));
-            ServiceError::unless_empty(faults)?;
+            errors.extend(read::shape_faults(shapes));
+            ServiceError::unless_empty(errors)?;
             Err(ServiceError::invalid("", "the request is incomplete"))
         }
     }

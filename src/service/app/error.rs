@@ -1,5 +1,6 @@
 //! Errors of use cases. They carry no status codes; [`problem`](super::problem) translates them.
 
+use super::faults::Faults;
 use crate::analysis::AnalysisError;
 use crate::formats::fault::Fault;
 use crate::store::StoreError;
@@ -7,23 +8,12 @@ use crate::store::StoreError;
 /// A page of entries and the cursor of the next page.
 pub type Page<T> = (Vec<T>, Option<String>);
 
-/// Maximum number of faults in a response: a broken export of a million shapes has a fault in each of them.
-pub const MAX_FAULTS: usize = 100;
-
 /// Reason why a use case failed.
 #[derive(Debug, thiserror::Error)]
 pub enum ServiceError {
     /// The input breaks a rule.
-    #[error("invalid input: {}", faults_text(.0))]
-    Invalid(Vec<Fault>),
-    /// The input breaks rules in more places than are listed.
-    #[error("invalid input: {}", faults_text(.faults))]
-    InvalidOften {
-        /// The first faults.
-        faults: Vec<Fault>,
-        /// Total number of faults.
-        found: usize,
-    },
+    #[error("invalid input: {}", faults_text(.0.listed()))]
+    Invalid(Faults),
     /// The input is not JSON, or not UTF-8.
     #[error("malformed input: {}", faults_text(.0))]
     Malformed(Vec<Fault>),
@@ -144,7 +134,7 @@ impl ServiceError {
 
     /// An error with a single fault.
     pub fn invalid(pointer: impl Into<String>, detail: impl Into<String>) -> Self {
-        Self::Invalid(vec![Fault::new(pointer, detail)])
+        Self::Invalid(vec![Fault::new(pointer, detail)].into())
     }
 
     /// Input errors, located below a pointer.
@@ -152,19 +142,12 @@ impl ServiceError {
         Self::Invalid(errors.into_iter().map(|error| error.below(pointer)).collect())
     }
 
-    /// Succeeds if there are no faults; otherwise fails with all of them (at most [`MAX_FAULTS`]).
+    /// Succeeds if there are no faults; otherwise fails with all of them.
     ///
     /// # Errors
-    /// [`ServiceError::Invalid`] if there are faults; [`ServiceError::InvalidOften`] if there are more than fit.
+    /// [`ServiceError::Invalid`].
     pub fn unless_empty(faults: Vec<Fault>) -> Result<(), Self> {
-        let found = faults.len();
-        if found == 0 { Ok(()) } else { Err(Self::of_faults(faults, found)) }
-    }
-
-    /// An error with the first faults (at most [`MAX_FAULTS`]) out of `found`.
-    pub fn of_faults(mut faults: Vec<Fault>, found: usize) -> Self {
-        faults.truncate(MAX_FAULTS);
-        if found > faults.len() { Self::InvalidOften { faults, found } } else { Self::Invalid(faults) }
+        Faults::from(faults).unless_any()
     }
 
     /// The same error for a single shape that is not part of a list.

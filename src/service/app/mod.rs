@@ -14,6 +14,7 @@ pub mod cache;
 pub mod clock;
 mod context;
 pub mod error;
+pub mod faults;
 pub mod idempotency;
 mod limits;
 pub mod memory;

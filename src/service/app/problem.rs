@@ -108,13 +108,17 @@ impl Problem {
     }
 
     fn with(kind: ProblemKind, errors: Vec<Fault>) -> Self {
+        let found = errors.len();
+        Self::of_first(kind, errors, found)
+    }
+
+    /// A problem with the first faults out of `found`.
+    fn of_first(kind: ProblemKind, errors: Vec<Fault>, found: usize) -> Self {
         let detail = match errors.as_slice() {
             [] => kind.title().into(),
             [one] if one.pointer.is_empty() => one.detail.clone(),
             [one] => format!("{}: {}", one.pointer, one.detail),
-            [first, ..] => {
-                format!("{} errors, the first at '{}': {}", errors.len(), first.pointer, first.detail)
-            }
+            [first, ..] => format!("{found} errors, the first at '{}': {}", first.pointer, first.detail),
         };
         Self { kind, detail: brief(detail), errors }
     }
@@ -168,11 +172,9 @@ impl From<ServiceError> for Problem {
     fn from(error: ServiceError) -> Self {
         let detail = error.to_string();
         match error {
-            ServiceError::Invalid(errors) => Self::with(ProblemKind::InvalidInput, errors),
-            ServiceError::InvalidOften { faults, found } => {
-                let first = faults.first().map(|fault| format!("'{}': {}", fault.pointer, fault.detail));
-                let detail = format!("{found} errors, the first at {}", first.unwrap_or_default());
-                Self { errors: faults, ..Self::new(ProblemKind::InvalidInput, detail) }
+            ServiceError::Invalid(faults) => {
+                let found = faults.count();
+                Self::of_first(ProblemKind::InvalidInput, faults.into_listed(), found)
             }
             ServiceError::Malformed(errors) => Self::with(ProblemKind::MalformedBody, errors),
             ServiceError::DegenerateShape(errors) => Self::with(ProblemKind::DegenerateShape, errors),

@@ -1,6 +1,6 @@
 //! Warnings that accompany a result whose numbers are less accurate or less meaningful than they seem.
 
-use super::error::MAX_FAULTS;
+use super::faults::MAX_FAULTS;
 use crate::geometry::distance::Distances;
 use crate::geometry::measures::CurveMeasures;
 use crate::geometry::mesh::TriangleMesh;

@@ -8,6 +8,7 @@ use crate::domain::id;
 use crate::domain::shape::{Shape, ShapeFilter};
 use crate::formats::fault::Fault;
 use crate::geometry::representation::Representation;
+use crate::service::app::faults::Faults;
 use crate::service::app::{App, Page, ServiceError, now_ms};
 use crate::service::shapes::read;
 
@@ -63,17 +64,12 @@ pub fn text_faults(name: Option<&str>, description: Option<&str>, length_unit: O
 /// All invalid fields; a name that is taken; [`ServiceError::Forbidden`] for keys limited to certain cohorts.
 pub async fn create(app: &App, new: NewCohort) -> Result<Cohort, ServiceError> {
     app.check_unlimited("creating a cohort")?;
-    let mut faults = text_faults(Some(&new.name), new.description.as_deref(), new.length_unit.as_deref());
-    if let Err(errors) = read::check_representation(&new.representation, &app.limits) {
-        faults.extend(errors.into_iter().map(|error| error.below("/representation")));
-    }
-    let places = read::check_correspondence(&new.representation, new.correspondence);
-    for checked in [places, read::check_mirror(&new.representation, new.mirror)] {
-        if let Err(ServiceError::Invalid(found)) = checked {
-            faults.extend(found);
-        }
-    }
-    ServiceError::unless_empty(faults)?;
+    let texts = text_faults(Some(&new.name), new.description.as_deref(), new.length_unit.as_deref());
+    let mut faults = Faults::from(texts);
+    faults.keep_below("/representation", read::check_representation(&new.representation, &app.limits));
+    faults.keep(read::check_correspondence(&new.representation, new.correspondence))?;
+    faults.keep(read::check_mirror(&new.representation, new.mirror))?;
+    faults.unless_any()?;
     if let Some(id) = app.done_before::<String>().await? {
         return find(app, &id).await;
     }

@@ -4,6 +4,7 @@
 //! shapes of an upload become visible together.
 
 use crate::formats::fault::Fault;
+use crate::service::app::faults::Faults;
 use bytes::Bytes;
 use futures_util::{Stream, StreamExt};
 use rayon::prelude::*;
@@ -19,7 +20,6 @@ use crate::formats::bounds::Census;
 use crate::formats::ndjson::{Line, LineTooLong, Lines};
 use crate::formats::shape::ShapeInput;
 use crate::geometry::representation::ShapeSpace;
-use crate::service::app::error::MAX_FAULTS;
 use crate::service::app::idempotency::Retry;
 use crate::service::app::memory::Purpose;
 use crate::service::app::{App, ServiceError, Work, idempotency, now_ms};
@@ -192,9 +192,7 @@ struct Writer {
     chunks: mpsc::Sender<Vec<Arrived>>,
     task: tokio::task::JoinHandle<Result<(Upload, Stored), ServiceError>>,
     skipped: usize,
-    faults: Vec<Fault>,
-    /// Total number of faults, of which the first are kept.
-    found: usize,
+    faults: Faults,
 }
 
 impl Writer {
@@ -224,8 +222,7 @@ impl Writer {
             chunks,
             task,
             skipped: 0,
-            faults: Vec::new(),
-            found: 0,
+            faults: Faults::default(),
         })
     }
 
@@ -261,7 +258,7 @@ impl Writer {
             self.take_some(app, std::mem::replace(&mut incoming, rest)).await?;
         }
         if self.refuses() {
-            return Err(ServiceError::of_faults(std::mem::take(&mut self.faults), self.found));
+            return Err(ServiceError::Invalid(std::mem::take(&mut self.faults)));
         }
         Ok(())
     }
@@ -298,9 +295,7 @@ impl Writer {
                 Ok(shape) => good.push(shape),
                 Err(faults) => {
                     self.skipped += 1;
-                    self.found += faults.len();
-                    let room = MAX_FAULTS.saturating_sub(self.faults.len());
-                    self.faults.extend(faults.into_iter().take(room));
+                    self.faults.extend(faults);
                 }
             }
         }
@@ -339,7 +334,7 @@ impl Writer {
             upload.abort().await?;
             return Ok(stored);
         }
-        let mut stored = Stored { skipped, faults, ..stored };
+        let mut stored = Stored { skipped, faults: faults.into_listed(), ..stored };
         let receipt = |revision| {
             stored.revision = revision;
             retry.as_ref().map(|retry| idempotency::receipt(retry, &stored))

@@ -181,10 +181,7 @@ fn checked_file(
     ServiceError::unless_empty(content_faults(&file.content, &app.limits))?;
     ServiceError::unless_empty(classifier_record::classifier_faults(&file.content))?;
     let prepared = ready::prepare(app, &file.content).map_err(|error| match error {
-        ServiceError::Invalid(mut faults) => {
-            faults.iter_mut().for_each(|fault| fault.pointer = format!("/content{}", fault.pointer));
-            ServiceError::Invalid(faults)
-        }
+        ServiceError::Invalid(faults) => ServiceError::Invalid(faults.map(|fault| fault.below("/content"))),
         other => other,
     });
     let (_, preparation, model) = prepared?;
@@ -203,10 +200,8 @@ fn checked_file(
 
 /// Inconsistencies in a file: wrong sizes, and values that learning never produces.
 fn content_faults(content: &Content, limits: &Limits) -> Vec<Fault> {
-    let mut faults: Vec<Fault> = method_faults(&content.method, limits)
-        .into_iter()
-        .map(|fault| Fault { pointer: format!("/content{}", fault.pointer), ..fault })
-        .collect();
+    let mut faults: Vec<Fault> =
+        method_faults(&content.method, limits).into_iter().map(|fault| fault.below("/content")).collect();
     let representation = &content.representation;
     if let Err(errors) = crate::service::shapes::read::check_representation(representation, limits) {
         let below = errors.into_iter().map(|error| error.below("/content/representation").into());

@@ -24,7 +24,7 @@ use crate::domain::regression::{
 use crate::domain::shape::{ShapeDescription, ShapeFilter};
 use crate::geometry::drawing::svg::{self, Layer};
 use crate::geometry::size::SizeMeasure;
-use crate::service::app::error::MAX_FAULTS;
+use crate::service::app::faults::MAX_FAULTS;
 use crate::service::app::progress::JobContext;
 use crate::service::app::{App, ServiceError};
 use crate::service::cohorts::attributes::{self, Attribute, KnownAttributes};

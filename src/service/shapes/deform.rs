@@ -10,6 +10,7 @@ use crate::geometry::deformation::{self, Handle};
 use crate::geometry::representation::Representation;
 use crate::geometry::sampling::Places;
 use crate::numeric::dense::Matrix;
+use crate::service::app::faults::Faults;
 use crate::service::app::{App, ServiceError};
 
 /// Displacement of a control point.
@@ -59,14 +60,10 @@ pub fn deform(
     moves: &[ControlPointMove],
     handles: &[Handle],
 ) -> Result<Deformation, ServiceError> {
-    let faults = faults(posted, moves, handles);
-    let before = match posted.read_one(app, shape, "/shape") {
-        Err(ServiceError::Invalid(found)) => {
-            return Err(ServiceError::Invalid(found.into_iter().chain(faults).collect()));
-        }
-        other => other?,
-    };
-    ServiceError::unless_empty(faults)?;
+    let mut all = Faults::default();
+    let before = all.keep(posted.read_one(app, shape, "/shape"))?;
+    all.extend(faults(posted, moves, handles));
+    let Some(before) = before.filter(|_| all.count() == 0) else { return Err(ServiceError::Invalid(all)) };
     let mut after = before.clone();
     for ControlPointMove { control_point, by } in moves {
         by.iter().enumerate().for_each(|(c, by)| after[(*control_point, c)] += by);

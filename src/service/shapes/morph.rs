@@ -9,6 +9,7 @@ use crate::formats::fault::Fault;
 use crate::formats::shape::ShapeInput;
 use crate::geometry::drawing::svg::{self, Layer, colour};
 use crate::numeric::dense::Matrix;
+use crate::service::app::faults::Faults;
 use crate::service::app::{App, Limits, ServiceError};
 
 /// Kind of path between two shapes.
@@ -99,24 +100,14 @@ pub fn morph(
     from: ShapeInput,
     to: ShapeInput,
 ) -> Result<Morph, ServiceError> {
-    let (positions, mut faults) = match positions.list(posted.metric.size(), &app.limits) {
-        Ok(positions) => (positions, Vec::new()),
-        Err(ServiceError::Invalid(faults)) => (Vec::new(), faults),
-        Err(other) => return Err(other),
+    let mut faults = Faults::default();
+    let positions = faults.keep(positions.list(posted.metric.size(), &app.limits))?;
+    let mut read = |shape, pointer: &str| faults.keep(posted.read_one(app, shape, pointer));
+    let shapes = (read(from, "/from")?, read(to, "/to")?);
+    let (Some(positions), (Some(first), Some(second))) = (positions, shapes) else {
+        return Err(ServiceError::Invalid(faults));
     };
-    let mut read = |shape, pointer: &str| match posted.read_one(app, shape, pointer) {
-        Ok(matrix) => Some(matrix.as_slice().to_vec()),
-        Err(ServiceError::Invalid(found)) => {
-            faults.extend(found);
-            None
-        }
-        Err(_) => None,
-    };
-    let shapes = (read(from, "/from"), read(to, "/to"));
-    ServiceError::unless_empty(faults)?;
-    let (Some(first), Some(second)) = shapes else {
-        return Err(ServiceError::Internal("a shape without control points and faults".into()));
-    };
+    let (first, second) = (first.as_slice().to_vec(), second.as_slice().to_vec());
     let path = match kind {
         PathKind::Plane => Path::plane(first, second),
         PathKind::Sphere => Path::sphere(&posted.metric, first, second).map_err(|error| {

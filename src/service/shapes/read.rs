@@ -28,7 +28,7 @@ use crate::geometry::subdivision::{Scheme, Subdivision};
 use crate::geometry::surface::Topology;
 use crate::geometry::surface::basis::{self, SurfaceBasis, Tangents};
 use crate::numeric::dense::Matrix;
-use crate::service::app::error::MAX_FAULTS;
+use crate::service::app::faults::{Faults, MAX_FAULTS};
 use crate::service::app::{App, Limits, ServiceError};
 
 /// Conversion of posted points to control points.
@@ -658,23 +658,21 @@ pub fn read_batch(reading: &Reading<'_>, shapes: Vec<ShapeInput>) -> Result<Batc
     };
     let results: Vec<ReadShape> = shapes.into_par_iter().map(read).collect();
     let mut batch = Batch { control_points: Vec::new(), weights: Vec::with_capacity(results.len()) };
-    let (mut faults, mut found) = (Vec::new(), 0);
+    let mut faults = Faults::default();
     for (index, result) in results.into_iter().enumerate() {
-        found += result.as_ref().err().map_or(0, Vec::len);
         match result {
             Ok((control_points, weight)) => {
                 batch.control_points.extend(control_points);
                 batch.weights.push(weight);
             }
-            Err(errors) if faults.len() < MAX_FAULTS => {
+            Err(errors) => {
                 let prefix = format!("/shapes/{index}");
                 let with_index = |error: Fault| error.below(&prefix).of_shape(index);
                 faults.extend(errors.into_iter().map(with_index));
             }
-            Err(_) => {}
         }
     }
-    if found > 0 { Err(ServiceError::of_faults(faults, found)) } else { Ok(batch) }
+    faults.unless_any().map(|()| batch)
 }
 
 /// Checks the number of shapes and of their coordinates: resampling can turn short contours into many control points.

@@ -10,6 +10,7 @@ use crate::geometry::subdivision::basis::SubdivisionBasis;
 use crate::geometry::surface::Surface;
 use crate::geometry::surface::basis::SurfaceBasis;
 use crate::numeric::dense::Matrix;
+use crate::service::app::faults::Faults;
 use crate::service::app::{App, Limits, ServiceError};
 
 /// Prepared space of posted shapes.
@@ -122,12 +123,10 @@ impl Posted {
         reference: Option<ShapeInput>,
     ) -> Result<(Vec<Matrix>, Option<Matrix>), ServiceError> {
         let reference = reference.map(|shape| self.read_one(app, shape, "/reference")).transpose();
-        match (self.read(app, shapes), reference) {
-            (Err(ServiceError::Invalid(mut faults)), Err(ServiceError::Invalid(more))) => {
-                faults.extend(more);
-                Err(ServiceError::Invalid(faults))
-            }
-            (shapes, reference) => Ok((shapes?, reference?)),
+        let mut faults = Faults::default();
+        match (faults.keep(self.read(app, shapes))?, faults.keep(reference)?) {
+            (Some(shapes), Some(reference)) => Ok((shapes, reference)),
+            _ => Err(ServiceError::Invalid(faults)),
         }
     }
 

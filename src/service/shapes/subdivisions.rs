@@ -2,6 +2,7 @@
 //! on the pool.
 
 use crate::formats::fault::Fault;
+use crate::service::app::faults::Faults;
 use rayon::prelude::*;
 
 use super::curves::{each, each_shape};
@@ -370,7 +371,7 @@ pub fn meshes(
             each(&context, &shapes, |shape| refinery.refine(shape, wanted))?;
         let refused = |index: usize, error: GeometryError| {
             let fault = Fault::new(format!("/shapes/{index}"), error.to_string());
-            ServiceError::Invalid(vec![fault.of_shape(index)])
+            ServiceError::Invalid(vec![fault.of_shape(index)].into())
         };
         let numbered = refined.into_iter().enumerate();
         return numbered.map(|(index, mesh)| mesh.map_err(|error| refused(index, error))).collect();
@@ -565,14 +566,13 @@ pub fn morph(
         return Err(ServiceError::Internal("only the normal-based scheme has normals".into()));
     };
     let positions = positions.list(subdivision.connectivity.size().vertices, &app.limits);
-    let mut faults = Vec::new();
+    let mut faults = Faults::default();
     let read = |shape, pointer| shapes.read(shape).map_err(|errors| ServiceError::below(errors, pointer));
-    let positions = keep(positions, &mut faults)?;
-    let from = keep(read(from, "/from"), &mut faults)?;
-    let to = keep(read(to, "/to"), &mut faults)?;
-    ServiceError::unless_empty(faults)?;
+    let positions = faults.keep(positions)?;
+    let from = faults.keep(read(from, "/from"))?;
+    let to = faults.keep(read(to, "/to"))?;
     let (Some(positions), Some(from), Some(to)) = (positions, from, to) else {
-        return Err(ServiceError::Internal("a path without ends and faults".into()));
+        return Err(ServiceError::Invalid(faults));
     };
     let mut frames = Vec::with_capacity(positions.len());
     let context = app.pool.context();
@@ -587,18 +587,6 @@ pub fn morph(
     };
     let meshes = if drawn { frames.iter().map(mesh).collect::<Result<_, _>>()? } else { Vec::new() };
     Ok(OrientedMorph { frames, meshes })
-}
-
-/// The value; otherwise `None`, with its faults added to the others.
-fn keep<T>(result: Result<T, ServiceError>, faults: &mut Vec<Fault>) -> Result<Option<T>, ServiceError> {
-    match result {
-        Ok(value) => Ok(Some(value)),
-        Err(ServiceError::Invalid(found)) => {
-            faults.extend(found);
-            Ok(None)
-        }
-        Err(other) => Err(other),
-    }
 }
 
 /// Distance in radians from opposite directions below which two unit normals define no great circle.

@@ -291,9 +291,9 @@ pub fn resize(
         *counts = control_points;
     }
     let (space, _) = app.space(&representation, "").map_err(|error| match error {
-        ServiceError::Invalid(faults) => ServiceError::Invalid(
-            faults.into_iter().map(|fault| Fault { pointer: pointer.into(), ..fault }).collect(),
-        ),
+        ServiceError::Invalid(faults) => {
+            ServiceError::Invalid(faults.map(|fault| Fault { pointer: pointer.into(), ..fault }))
+        }
         other => other,
     })?;
     let size = representation.size();
