@@ -134,8 +134,10 @@ async fn a_job_is_read_with_all_its_fields() {
     let path = format!("/v1/jobs/{}", job.id);
     until("the failure", async || service.get(&path).await.1["status"] == "failed").await;
     let failed = service.get(&path).await.1;
-    assert_eq!(failed["problem"]["code"], "invalid-input");
-    assert_eq!(failed["problem"]["errors"], json!([{"pointer": "/atoms", "detail": "is wrong"}]));
+    let problem = json!({"type": "urn:shapelex:problem:invalid-input", "title": "Invalid input", "status": 422,
+        "code": "invalid-input", "detail": "/atoms: is wrong",
+        "errors": [{"pointer": "/atoms", "detail": "is wrong"}], "request_id": null});
+    assert_eq!(failed["problem"], problem);
     assert!(failed["started_at"].is_string() && failed["finished_at"].is_string(), "{failed}");
 }
 

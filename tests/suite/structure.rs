@@ -385,3 +385,70 @@ fn imports_are_read() {
         assert_eq!(imports(&places, path, text), wanted.iter().copied().collect(), "{path}: {text}");
     }
 }
+
+/// Names, lengths in lines, and whether they are handlers, of the functions of a file; not those of tests.
+fn functions(text: &str) -> Vec<(String, usize, bool)> {
+    let lines: Vec<&str> = text.split("\n#[cfg(test)]").next().unwrap_or_default().lines().collect();
+    let (mut found, mut is_handler) = (Vec::new(), false);
+    for (start, line) in lines.iter().enumerate() {
+        is_handler |= line.starts_with("#[utoipa::path");
+        let Some(called) = function_name(line) else { continue };
+        let indent = &line[..line.len() - line.trim_start().len()];
+        let closing = |line: &str| line.strip_prefix(indent).is_some_and(|rest| rest.starts_with('}'));
+        // A declaration without a body ends before the body of another one begins.
+        let ends =
+            |line: &&str| closing(line) || (line.ends_with(';') && !line.starts_with(&format!("{indent} ")));
+        let length = match line.ends_with('}') || line.ends_with(';') {
+            true => 1,
+            false => lines[start + 1..].iter().position(|line| ends(line)).map_or(1, |more| more + 2),
+        };
+        found.push((called.to_owned(), length, std::mem::take(&mut is_handler)));
+    }
+    found
+}
+
+/// The name of the function that a line declares.
+fn function_name(line: &str) -> Option<&str> {
+    let declaration = line.trim_start();
+    let (before, after) = declaration.split_once("fn ")?;
+    let modifiers = before.split(' ').filter(|word| !word.is_empty());
+    let mut modifiers = modifiers.filter(|word| !word.starts_with("pub") && !word.ends_with(')'));
+    modifiers.all(|word| ["async", "const", "in"].contains(&word)).then(|| name(after))
+}
+
+/// Most lines of a function, from its name to its closing brace.
+const MAX_FUNCTION: usize = 60;
+/// Most lines of a handler: it reads the request, calls the service, and writes the answer.
+const MAX_HANDLER: usize = 25;
+
+#[test]
+fn functions_are_small() {
+    let mut found = Vec::new();
+    for (path, text) in program() {
+        for (function, length, is_handler) in functions(&text) {
+            let most = if is_handler { MAX_HANDLER } else { MAX_FUNCTION };
+            if length > most {
+                found.push(format!("{path}: {function} has {length} lines, at most {most}"));
+            }
+        }
+    }
+    assert!(found.is_empty(), "{}", found.join("\n"));
+    let text = "#[utoipa::path(get)]\npub(super) async fn a(\n    b: u8,\n) -> u8 {\n    b\n}\nimpl C {\n    fn d() {}\n\n    \
+                fn e() {\n        1\n    }\n}\n#[cfg(test)]\nfn f() {\n}";
+    let wanted = [("a", 5, true), ("d", 1, false), ("e", 3, false)];
+    assert_eq!(functions(text), wanted.map(|(name, length, handler)| (name.to_owned(), length, handler)));
+}
+
+#[test]
+fn only_the_api_and_the_server_speak_http() {
+    let words = ["axum", "http::", "hyper", "StatusCode"];
+    for (path, text) in
+        program().iter().filter(|(path, _)| !path.starts_with("api/") && !path.starts_with("server/"))
+    {
+        for (number, line) in text.lines().enumerate() {
+            let code = line.split("//").next().unwrap();
+            let word = words.iter().find(|word| has_word(code, word));
+            assert!(word.is_none(), "{path}:{}: {} belongs to api and server", number + 1, word.unwrap());
+        }
+    }
+}
