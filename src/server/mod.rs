@@ -12,6 +12,7 @@ use std::time::Duration;
 
 use axum::http::HeaderValue;
 use axum::http::header::STRICT_TRANSPORT_SECURITY;
+use axum_server::tls_rustls::RustlsConfig;
 use tokio::net::TcpListener;
 use tokio_util::sync::CancellationToken;
 use tower_http::set_header::SetResponseHeaderLayer;
@@ -39,6 +40,41 @@ const CLOSE: Duration = Duration::from_secs(5);
 /// # Errors
 /// Reason why the service cannot start, in one sentence.
 pub(crate) async fn serve(config: ServeConfig) -> Result<(), String> {
+    let app = start(&config).await?;
+    // Installed before the address is announced: an unhandled signal would end the process at once.
+    let asked_to_stop = stop_signal().map_err(|error| format!("signals cannot be handled: {error}"))?;
+    let (listener, tls) = listen(&config, &app).await?;
+    let worker = Worker::start(&app, config.places(), dispatch::run);
+    let stop = CancellationToken::new();
+    let mut router = api::router(app.clone());
+    if tls.is_some() {
+        router = router.layer(SetResponseHeaderLayer::overriding(STRICT_TRANSPORT_SECURITY, TLS_ONLY));
+    }
+    let connections = Connections::new(router, tls, &config.connections(), stop.clone());
+    let mut served = tokio::spawn(connections.serve(listener));
+    tokio::select! {
+        // Ends after a stop, or because of a bug.
+        ended = &mut served => return ended.map_err(|error| error.to_string()),
+        () = asked_to_stop => {}
+    }
+    tracing::info!("stopping: no new requests");
+    // Until the last response is sent, uploads are told to end, new requests are refused, and probes report it.
+    app.drain();
+    stop.cancel();
+    let (ended, ()) = tokio::join!(tokio::time::timeout(DRAIN, served), worker.stop());
+    let outcome = match ended {
+        Ok(ended) => ended.map_err(|error| error.to_string()),
+        Err(_) => {
+            tracing::warn!("requests were cut off after {} s", DRAIN.as_secs());
+            Ok(())
+        }
+    };
+    close(&app).await;
+    outcome
+}
+
+/// Opens the store, and starts what runs beside requests: metrics, the audit trail, upkeep of the store.
+async fn start(config: &ServeConfig) -> Result<App, String> {
     clock::check()?;
     let store = config.place().open().await?;
     metrics::start();
@@ -47,22 +83,23 @@ pub(crate) async fn serve(config: ServeConfig) -> Result<(), String> {
     let app = App::new(store, config.limits(), config.threads).with_access(access);
     app.memory.watch();
     access::check_start(&app, config.listen).await?;
-    let is_open = access::is_open(&app).await.map_err(|error| error.to_string())?;
     app.trail().start(&app.store, config.audit_required);
-    let trail = app.trail();
     if !config.no_example {
-        example::load_into_empty(&app)
-            .await
-            .map_err(|error| format!("the example cohort cannot be loaded: {error}"))?;
+        let loaded = example::load_into_empty(&app).await;
+        loaded.map_err(|error| format!("the example cohort cannot be loaded: {error}"))?;
     }
     tokio::spawn(tidy::keep_tidy(app.clone(), config.terms()));
-    // Installed before the address is announced: an unhandled signal would end the process at once.
-    let asked_to_stop = stop_signal().map_err(|error| format!("signals cannot be handled: {error}"))?;
+    Ok(app)
+}
+
+/// Binds the address and announces it; returns the configuration of TLS, if the service uses it.
+async fn listen(config: &ServeConfig, app: &App) -> Result<(TcpListener, Option<RustlsConfig>), String> {
+    let is_open = access::is_open(app).await.map_err(|error| error.to_string())?;
     let listener = TcpListener::bind(config.listen)
         .await
         .map_err(|error| format!("cannot listen on {}: {error}", config.listen))?;
     let address = listener.local_addr().map_err(|error| error.to_string())?;
-    let certificate = certificate(&config).await?;
+    let certificate = certificate(config).await?;
     let scheme = if certificate.is_some() { "https" } else { "http" };
     // Logged before the address is announced, so that readers of the address find it in the log.
     if is_open {
@@ -76,37 +113,15 @@ pub(crate) async fn serve(config: ServeConfig) -> Result<(), String> {
     if let Some(certificate) = certificate {
         tokio::spawn(certificate.watch());
     }
-    let (stopping, worker) = (app.clone(), Worker::start(&app, config.places(), dispatch::run));
-    let stop = CancellationToken::new();
-    let mut router = api::router(app);
-    if tls.is_some() {
-        router = router.layer(SetResponseHeaderLayer::overriding(STRICT_TRANSPORT_SECURITY, TLS_ONLY));
-    }
-    let connections = Connections::new(router, tls, &config.connections(), stop.clone());
-    let mut served = tokio::spawn(connections.serve(listener));
-    tokio::select! {
-        // Ends after a stop, or because of a bug.
-        ended = &mut served => return ended.map_err(|error| error.to_string()),
-        () = asked_to_stop => {}
-    }
-    tracing::info!("stopping: no new requests");
-    // Until the last response is sent, uploads are told to end, new requests are refused, and probes report it.
-    stopping.drain();
-    stop.cancel();
-    let worker = worker.stop();
-    let (ended, ()) = tokio::join!(tokio::time::timeout(DRAIN, served), worker);
-    let outcome = match ended {
-        Ok(ended) => ended.map_err(|error| error.to_string()),
-        Err(_) => {
-            tracing::warn!("requests were cut off after {} s", DRAIN.as_secs());
-            Ok(())
-        }
-    };
-    trail.close().await;
-    if tokio::time::timeout(CLOSE, stopping.store.close()).await.is_err() {
+    Ok((listener, tls))
+}
+
+/// Writes what is left of the audit trail, and closes the store.
+async fn close(app: &App) {
+    app.trail().close().await;
+    if tokio::time::timeout(CLOSE, app.store.close()).await.is_err() {
         tracing::warn!("the store is still at work after {} s; nothing is lost", CLOSE.as_secs());
     }
-    outcome
 }
 
 /// Certificate, if the service uses TLS.

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use axum::body::Bytes;
 use axum::extract::Request;
 use axum::http::StatusCode;
 use axum::response::Response;
@@ -22,7 +23,7 @@ use crate::domain::shape::Shape;
 use crate::formats::checked::{List, document};
 use crate::formats::fault::Fault;
 use crate::formats::shape::{Points, ShapeInput};
-use crate::service::app::Work;
+use crate::service::app::{App, ServiceError, Work};
 use crate::service::cohorts::upload::{OnError, Stored};
 use crate::service::cohorts::{catalogue, upload};
 use crate::service::statistics::draw_shapes;
@@ -100,20 +101,17 @@ pub(super) async fn add_shapes(
     IfMatch(expected): IfMatch,
     request: Request,
 ) -> Result<Response, Problem> {
-    let found = media_type(request.headers());
-    let cohort = catalogue::find(&app, &key).await?;
+    let (found, cohort) = (media_type(request.headers()), catalogue::find(&app, &key).await?);
+    let (on_error, body) = (query.on_error, request.into_body());
     let stored = match found.as_str() {
         lines if is_stream(lines) => {
-            upload::add_stream(&app, cohort, body::pieces(request.into_body()), query.on_error, expected)
-                .await?
+            upload::add_stream(&app, cohort, body::pieces(body), on_error, expected).await?
         }
         json if is_json(json) => {
-            let body = body::read(&app, request.into_body()).await?;
+            let body = body::read(&app, body).await?;
             let app = app.with_body(&body);
-            let AddRequest { shapes, faults: mut errors } = app.read(body).await?;
-            let shapes = shapes.unwrap_or_default().take("/shapes", &mut errors);
-            let ((), shapes) = checked(Some(()), errors, shapes)?;
-            upload::add(&app, cohort, shapes, query.on_error, expected).await?
+            let shapes = read_shapes(&app, body).await?;
+            upload::add(&app, cohort, shapes, on_error, expected).await?
         }
         other => {
             let detail = format!("expected application/json or application/x-ndjson, got '{other}'");
@@ -121,6 +119,12 @@ pub(super) async fn add_shapes(
         }
     };
     Ok(json(StatusCode::CREATED, &AddAnswer::from(stored))?)
+}
+
+async fn read_shapes(app: &App, body: Bytes) -> Result<Vec<ShapeInput>, ServiceError> {
+    let AddRequest { shapes, faults: mut errors } = app.read(body).await?;
+    let shapes = shapes.unwrap_or_default().take("/shapes", &mut errors);
+    checked(Some(()), errors, shapes).map(|((), shapes)| shapes)
 }
 
 /// A stored shape.

@@ -1,6 +1,5 @@
 //! Statistics of posted shapes: projection onto a class, mean shape, alignment, functional PCA. Nothing is stored.
 
-use crate::formats::fault::Fault;
 use axum::body::Bytes;
 use axum::http::StatusCode;
 use axum::response::Response;
@@ -14,10 +13,11 @@ use crate::api::extract::{
 use crate::api::problem::Problem;
 use crate::api::respond::{compute_planned, json, mesh, planned, svg};
 use crate::formats::checked::{Checked, take_given, take_or_default};
+use crate::formats::fault::Fault;
 use crate::formats::shape::{Points, ShapeInput};
 use crate::service::app::{App, ServiceError};
 use crate::service::cost::requests::{self, Counts};
-use crate::service::statistics::{self, Components, Onto, Setup, Statistics};
+use crate::service::statistics::{self, Components, Onto, Settings, Setup, Statistics};
 
 settings_request! {
     /// Shapes to project.
@@ -337,37 +337,55 @@ pub(super) async fn pca(
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
     compute_planned(app, body, move |app, body| {
-        let sigma = mode.sigma.unwrap_or(2.0);
-        if !(0.0..=10.0).contains(&sigma) {
-            return Err(ServiceError::Query(format!(
-                "sigma: expected a number between 0 and 10, got {sigma}"
-            )));
-        }
-        let (mut request, mut errors) = (app.parse::<PcaRequest>(body)?, Vec::new());
-        let (settings, shapes) = request.take_settings(&mut errors);
-        let count = take_given(request.components, "/components", &mut errors).unwrap_or(10);
-        let centre = take_or_default(request.centre, "/centre", &mut errors).unwrap_or_default();
-        let with_aligned = take_given(request.aligned, "/aligned", &mut errors).unwrap_or(true);
-        if count == 0 {
-            errors.push(Fault::new("/components", "expected at least 1, got 0"));
-        }
-        let (settings, shapes) = checked(settings, errors, shapes)?;
+        let sigma = mode.sigma()?;
+        let PcaInput { settings, shapes, components, centre, aligned } =
+            app.parse::<PcaRequest>(body)?.take()?;
         let counts = Counts::new(&settings.representation, shapes.len(), &app.limits);
-        planned(requests::align(&settings, counts) + requests::components(counts, count), move |app| {
+        let work = requests::align(&settings, counts) + requests::components(counts, components);
+        planned(work, move |app| {
             let statistics = statistics::align(app, &settings, shapes)?;
-            let components = statistics::pca(app, &statistics, count, centre)?;
+            let pca = statistics::pca(app, &statistics, components, centre)?;
             if format == Format::Svg {
-                return Ok(svg(statistics::draw_mode(
-                    &statistics,
-                    &components,
-                    mode.component.unwrap_or(1),
-                    sigma,
-                )?));
+                let component = mode.component.unwrap_or(1);
+                return Ok(svg(statistics::draw_mode(&statistics, &pca, component, sigma)?));
             }
-            let aligned = with_aligned.then(|| aligned_output(&statistics));
-            let mean = mean_output(&statistics);
-            json(StatusCode::OK, &PcaAnswer { mean, pca: PcaOutput::new(&statistics, components), aligned })
+            let (mean, aligned) = (mean_output(&statistics), aligned.then(|| aligned_output(&statistics)));
+            json(StatusCode::OK, &PcaAnswer { mean, pca: PcaOutput::new(&statistics, pca), aligned })
         })
     })
     .await
+}
+
+/// The checked parts of a [`PcaRequest`].
+struct PcaInput {
+    settings: Settings,
+    shapes: Vec<ShapeInput>,
+    components: usize,
+    centre: bool,
+    aligned: bool,
+}
+
+impl PcaRequest {
+    fn take(mut self) -> Result<PcaInput, ServiceError> {
+        let mut errors = Vec::new();
+        let (settings, shapes) = self.take_settings(&mut errors);
+        let components = take_given(self.components, "/components", &mut errors).unwrap_or(10);
+        let centre = take_or_default(self.centre, "/centre", &mut errors).unwrap_or_default();
+        let aligned = take_given(self.aligned, "/aligned", &mut errors).unwrap_or(true);
+        if components == 0 {
+            errors.push(Fault::new("/components", "expected at least 1, got 0"));
+        }
+        let (settings, shapes) = checked(settings, errors, shapes)?;
+        Ok(PcaInput { settings, shapes, components, centre, aligned })
+    }
+}
+
+impl ModeQuery {
+    fn sigma(&self) -> Result<f64, ServiceError> {
+        let sigma = self.sigma.unwrap_or(2.0);
+        if (0.0..=10.0).contains(&sigma) {
+            return Ok(sigma);
+        }
+        Err(ServiceError::Query(format!("sigma: expected a number between 0 and 10, got {sigma}")))
+    }
 }
