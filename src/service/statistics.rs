@@ -269,7 +269,7 @@ pub fn draw_mean(setup: &Setup, title: &str, mean: &MeanShape, aligned: &[Aligne
     svg::draw(title, &layers)
 }
 
-/// Drawing of one mode: the mean and `mean ± sigma·√(λ/(K − 1)) ξ`.
+/// Drawing of one mode: the mean and `mean ± sigma·s ξ`, where `s` is the standard deviation of the scores.
 ///
 /// # Errors
 /// A component that does not exist.

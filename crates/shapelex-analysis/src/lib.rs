@@ -166,6 +166,6 @@ pub enum AnalysisError {
     Numeric(#[from] NumericError),
 }
 
-/// Relative singular value below which the subspace of a shape is rank-deficient: the square root of the
-/// rounding of a projection, so that every accepted subspace is accurate to at least half of the digits.
+/// Relative singular value below which the subspace of a shape is rank-deficient. The error of a subspace is the rounding
+/// over its relative singular value: at least six digits of an accepted one are right.
 pub const DEGENERATE: f64 = 1e-10;
