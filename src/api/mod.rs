@@ -121,7 +121,7 @@ pub fn router(app: App) -> Router {
         .layer(from_fn(body::bound))
         .layer(Extension(app.clone()))
         .layer(RequestDecompressionLayer::new().gzip(true).pass_through_unaccepted(false))
-        .map_request(|request: http::Request<DecompressionBody<Body>>| request.map(Body::new))
+        .map_request(|request: axum::http::Request<DecompressionBody<Body>>| request.map(Body::new))
         .layer(from_fn(body::bound_expansion));
     router
         .route("/", get(v1::index))
