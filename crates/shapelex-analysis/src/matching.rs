@@ -70,7 +70,7 @@ impl Matching {
         } else {
             &[false]
         };
-        let turned = contour && closed_planar || space.surface().is_some();
+        let turned = contour && closed_planar || space.domain().is_sheet();
         let mirrors: &[bool] = if mirror == Mirror::Allow { &[false, true] } else { &[false] };
         let candidates = mirrors
             .iter()

@@ -3,6 +3,7 @@
 //! * [`generator`] — compactly supported functions whose integer shifts span a shape space;
 //! * [`knot_line`] — these shifts along one direction, closed or open: inner products, interpolation;
 //! * [`representation`] — the kind and size of a shape, and the prepared [`ShapeSpace`](representation::ShapeSpace);
+//! * [`capability`] — what any shape can be asked: values, measures, meshes, fits, refinements;
 //! * [`curve`] — a spline curve, closed or open, as polynomials per half-segment: values, derivatives;
 //! * [`open`] — the basis of open curves: phantom control points beyond the ends, banded inner products;
 //! * [`measures`] — area, moments, length, curvature, energies, bounding box, orientation;
@@ -46,6 +47,7 @@
 //! # Ok::<(), shapelex_geometry::GeometryError>(())
 //! ```
 
+pub mod capability;
 pub mod curve;
 pub mod deformation;
 pub mod distance;

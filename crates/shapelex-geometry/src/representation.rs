@@ -376,10 +376,18 @@ impl ShapeSpace {
     /// # Errors
     /// [`GeometryError::NoInterpolation`], for subdivision surfaces only.
     pub fn interpolate(&self, points: Matrix) -> Result<Matrix, GeometryError> {
+        self.interpolate_with(points, &Tangents::default())
+    }
+
+    /// As [`Self::interpolate`], with the tangents of a surface at its poles; other shapes have none.
+    ///
+    /// # Errors
+    /// As for [`Self::interpolate`].
+    pub fn interpolate_with(&self, points: Matrix, tangents: &Tangents) -> Result<Matrix, GeometryError> {
         match &self.basis {
             Basis::Points => Ok(points),
             Basis::Curve(line) => Ok(line.interpolate(points)),
-            Basis::Surface(basis) => Ok(basis.interpolate(&points, &Tangents::default())),
+            Basis::Surface(basis) => Ok(basis.interpolate(&points, tangents)),
             Basis::Subdivision(basis) => basis.interpolate(&points),
         }
     }

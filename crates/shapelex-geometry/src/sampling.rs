@@ -47,6 +47,15 @@ impl Places {
         }
     }
 
+    /// Why the number of places is not a choice, for shapes that are not curves.
+    pub fn rule(space: &ShapeSpace) -> &'static str {
+        match (space.surface(), space.subdivision()) {
+            (Some(_), _) => "surfaces are compared at their knots",
+            (_, Some(_)) => "subdivision surfaces are compared at their control vertices",
+            _ => "landmarks are compared as they are",
+        }
+    }
+
     /// Number of places.
     pub fn count(&self) -> usize {
         match self {

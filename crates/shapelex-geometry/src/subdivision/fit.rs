@@ -64,6 +64,11 @@ impl<'a> Fitting<'a> {
         Self { basis, operator: basis.operator(), sphere }
     }
 
+    /// Positions of the vertices of the level, for control vertices `N × 3`.
+    pub fn points(&self, rows: &Matrix) -> Vec<[f64; 3]> {
+        self.basis.points(rows)
+    }
+
     /// Whether the control mesh provides a start.
     pub fn has_start(&self) -> bool {
         self.sphere.is_some()

@@ -9,7 +9,7 @@
 //! linear.
 //!
 //! * [`stencil`] — the rules of the linear schemes; [`limit`] — their limit positions and normals;
-//! * [`normal_based`] — the interpolating scheme for points with normals;
+//! * [`normal_based`] — the interpolating scheme for points with normals; [`oriented`] — its shapes on one control mesh;
 //! * [`control`] — control meshes: named ones and lists of faces;
 //! * [`basis`] — the linear schemes as a shape space; [`fit`] — fits to a mesh or a point cloud;
 //! * [`refinement`] — refinement of one mesh or polyline;
@@ -24,6 +24,7 @@ pub mod fit;
 pub mod limit;
 pub mod measures;
 pub mod normal_based;
+pub mod oriented;
 pub mod refinement;
 pub mod stencil;
 

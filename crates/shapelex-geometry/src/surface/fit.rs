@@ -183,10 +183,7 @@ fn parts(basis: &SurfaceBasis, corners: &[[f64; 2]; 3]) -> usize {
 /// Interpolates the parameters of corners that are [`unwrapped`].
 fn between(basis: &SurfaceBasis, corners: &[[f64; 2]; 3], shares: [f64; 3]) -> [f64; 2] {
     if basis.extent().topology == Topology::Sphere {
-        let directions = corners.map(|[u, v]| {
-            let ((su, cu), (sv, cv)) = ((TAU * u).sin_cos(), (PI * v).sin_cos());
-            [sv * cu, sv * su, cv]
-        });
+        let directions = corners.map(spherical_direction);
         return spherical_parameters([0, 1, 2].map(|c| (0..3).map(|i| shares[i] * directions[i][c]).sum()));
     }
     let mix = |c: usize| (0..3).map(|i| shares[i] * corners[i][c]).sum::<f64>();
@@ -213,6 +210,12 @@ fn merged(mut weights: Vec<(usize, f64)>) -> Vec<(usize, f64)> {
         same
     });
     weights
+}
+
+/// Point of the unit sphere at longitude `u` in whole turns and colatitude `v` in half turns.
+pub fn spherical_direction([u, v]: [f64; 2]) -> [f64; 3] {
+    let ((su, cu), (sv, cv)) = ((TAU * u).sin_cos(), (PI * v).sin_cos());
+    [sv * cu, sv * su, cv]
 }
 
 /// Parameters on a sphere for the direction of `point` from its centre: longitude `u ∈ [0, 1)`, from the x axis towards y, and

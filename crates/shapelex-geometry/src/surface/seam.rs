@@ -29,6 +29,15 @@ pub enum Seam {
 }
 
 impl Seam {
+    /// Name in JSON.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Straight => "straight",
+            Self::Reflected => "reflected",
+            Self::HalfTurn => "half_turn",
+        }
+    }
+
     /// Whether there is no twist.
     pub fn is_straight(&self) -> bool {
         *self == Self::Straight

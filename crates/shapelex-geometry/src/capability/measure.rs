@@ -1,0 +1,241 @@
+//! Measures of shapes: those that the shape has, its distances to a reference, and warnings about the numbers.
+
+use super::tessellate::Detail;
+use crate::curve::Curve;
+use crate::distance::{Distances, STRETCHES};
+use crate::intersection::self_intersects;
+use crate::measures::CurveMeasures;
+use crate::mesh::TriangleMesh;
+use crate::quality::{MAX_FACES, MeshQuality};
+use crate::representation::ShapeSpace;
+use crate::subdivision::measures::{coarse_faces, measure};
+use crate::surface::Surface;
+use crate::surface::measures::{AffineField, SurfaceMeasures, flux};
+use crate::vector::dot;
+use shapelex_numeric::bounded::Stop;
+use shapelex_numeric::dense::Matrix;
+use shapelex_numeric::kernels;
+
+/// Measures of one shape, as far as it has them.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Measures {
+    /// Length, curvature, enclosed area: of curves.
+    pub line: Option<CurveMeasures>,
+    /// Area, enclosed volume: of surfaces.
+    pub sheet: Option<SurfaceMeasures>,
+    /// Whether the shape intersects itself; `None` for curves in space, and if undecided.
+    pub self_intersecting: Option<bool>,
+    /// Flux of the field through a surface, if one is given and the result is finite.
+    pub flux: Option<f64>,
+    /// Distances to the reference, if there is one.
+    pub distances: Option<ReferenceDistances>,
+    /// Limitations of the numbers.
+    pub warnings: Vec<String>,
+}
+
+/// Distances of two shapes, in the unit of their points.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ReferenceDistances {
+    /// `L₂` distance as functions of the parameters.
+    pub l2: f64,
+    /// Distances as sets of points; curves only.
+    pub as_sets: Option<SetDistances>,
+}
+
+/// Distances of two shapes as sets of points, in the unit of their points.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SetDistances {
+    /// Root mean square distance to the other shape, over both directions.
+    pub symmetric: f64,
+    /// Largest distance to the other shape, over both directions.
+    pub hausdorff: f64,
+}
+
+/// Prepared measures of the shapes of one space.
+#[derive(Debug)]
+pub struct Measuring<'a> {
+    space: &'a ShapeSpace,
+    reference: Option<Reference>,
+    field: Option<AffineField>,
+    /// Number of stretches that the distances of one curve may examine.
+    stretches: usize,
+}
+
+#[derive(Debug)]
+enum Reference {
+    Curve(Curve),
+    ControlPoints(Matrix),
+}
+
+impl<'a> Measuring<'a> {
+    /// Prepares measures of `count` shapes, with distances to `reference` and, for surfaces, the flux of `field`.
+    pub fn new(
+        space: &'a ShapeSpace,
+        reference: Option<Matrix>,
+        field: Option<AffineField>,
+        count: usize,
+    ) -> Self {
+        let reference = reference.map(|control_points| match Curve::of(space, &control_points) {
+            Some(curve) => Reference::Curve(curve),
+            None => Reference::ControlPoints(control_points),
+        });
+        Self { space, reference, field, stretches: STRETCHES / count.max(1) }
+    }
+
+    /// Measures the shape with these control points; `None` if `stop` returns true before the measures of a curve are
+    /// complete. Cost: that of [`CurveMeasures`], [`SurfaceMeasures`] or the mesh of the level, and of [`Distances`].
+    pub fn measure(&self, control_points: &Matrix, stop: Stop<'_>) -> Option<Measures> {
+        if let Some(curve) = Curve::of(self.space, control_points) {
+            return self.measure_curve(&curve, stop);
+        }
+        let measures = match self.space.surface() {
+            Some(basis) => of_surface(&basis.surface(control_points), self.field.as_ref(), stop),
+            None => match self.space.refined_mesh(control_points, Detail::Whole) {
+                Some(mesh) => {
+                    Measures::of_mesh(&mesh, self.space.representation().splits(), self.field.as_ref(), stop)
+                }
+                None => Measures::default(),
+            },
+        };
+        Some(Measures { distances: self.distances_of(control_points), ..measures })
+    }
+
+    fn measure_curve(&self, curve: &Curve, stop: Stop<'_>) -> Option<Measures> {
+        let distances = match &self.reference {
+            Some(Reference::Curve(reference)) => {
+                Some(Distances::unless_stopped(curve, reference, self.stretches, stop)?)
+            }
+            _ => None,
+        };
+        let measures = CurveMeasures::unless_stopped(curve, stop)?;
+        Some(Measures {
+            self_intersecting: (curve.dimension() == 2).then(|| self_intersects(curve)),
+            warnings: curve_warnings(&measures, distances.as_ref()),
+            line: Some(measures),
+            distances: distances.map(|Distances { l2, symmetric, hausdorff, .. }| ReferenceDistances {
+                l2,
+                as_sets: Some(SetDistances { symmetric, hausdorff }),
+            }),
+            ..Measures::default()
+        })
+    }
+
+    fn distances_of(&self, control_points: &Matrix) -> Option<ReferenceDistances> {
+        let Some(Reference::ControlPoints(reference)) = &self.reference else { return None };
+        let l2 = self.space.distance(control_points, reference);
+        Some(ReferenceDistances { l2, as_sets: None })
+    }
+}
+
+impl ShapeSpace {
+    /// `L₂` distance of two shapes, `√⟨a − b, a − b⟩`. Cost: one application of the Gram operator.
+    pub fn distance(&self, a: &Matrix, b: &Matrix) -> f64 {
+        self.norm(&(a - b))
+    }
+
+    /// `L₂` norm of control points, `√⟨c, c⟩`. Cost: one application of the Gram operator.
+    pub fn norm(&self, control_points: &Matrix) -> f64 {
+        let mut image = control_points.clone();
+        self.gram().apply(image.as_mut_slice());
+        kernels::dot(control_points.as_slice(), image.as_slice()).max(0.0).sqrt()
+    }
+}
+
+impl Measures {
+    /// Measures of a closed mesh that was split `splits` times, with the flux of `field`.
+    pub fn of_mesh(mesh: &TriangleMesh, splits: usize, field: Option<&AffineField>, stop: Stop<'_>) -> Self {
+        let measures = measure(mesh, splits > 0);
+        let quality = mesh_quality(mesh, splits, &measures, stop);
+        Self::of_sheet(measures, quality, field.map(|field| mesh_flux(mesh, field)))
+    }
+
+    fn of_sheet(measures: SurfaceMeasures, quality: MeshQuality, flux: Option<f64>) -> Self {
+        Self {
+            sheet: Some(measures),
+            self_intersecting: quality.self_intersecting,
+            flux: flux.filter(|flux| flux.is_finite()),
+            warnings: quality.warnings(),
+            ..Self::default()
+        }
+    }
+}
+
+fn of_surface(surface: &Surface, field: Option<&AffineField>, stop: Stop<'_>) -> Measures {
+    let measures = SurfaceMeasures::of(surface);
+    let quality = surface_quality(surface, &measures, stop);
+    Measures::of_sheet(measures, quality, field.map(|field| flux(surface, field)))
+}
+
+/// Flux `Σ_f ⟨F(centroid), S_f⟩`: exact for affine fields.
+fn mesh_flux(mesh: &TriangleMesh, field: &AffineField) -> f64 {
+    let through = |(face, normal): (&[u32; 3], [f64; 3])| {
+        let corners = face.map(|vertex| mesh.vertices[vertex as usize]);
+        let centre = [0, 1, 2].map(|c| corners.iter().map(|corner| corner[c]).sum::<f64>() / 3.0);
+        let value = [0, 1, 2].map(|i| field.offset[i] + dot(field.matrix[i], centre));
+        0.5 * dot(value, normal)
+    };
+    mesh.faces.iter().zip(mesh.face_normals()).map(through).sum()
+}
+
+/// Usual relative accuracy of lengths and distances of curves; only a lower accuracy causes a warning.
+const USUAL_ACCURACY: f64 = 1e-8;
+
+fn curve_warnings(measures: &CurveMeasures, distances: Option<&Distances>) -> Vec<String> {
+    let (low, high) = &measures.bounding_box;
+    let extent = low.iter().zip(high).map(|(low, high)| high - low).fold(0.0, f64::max);
+    let mut warnings = Vec::new();
+    if measures.length_error > USUAL_ACCURACY * measures.length {
+        warnings.push(format!("length is accurate to {:.1e} only", measures.length_error));
+    }
+    if let Some(distances) = distances
+        && distances.accuracy > USUAL_ACCURACY * extent.max(distances.hausdorff)
+    {
+        let detail =
+            "the points are almost equally far from long stretches, or the coordinates have no more digits";
+        let accuracy = distances.accuracy;
+        warnings.push(format!("symmetric_l2 and hausdorff are accurate to {accuracy:.1e} only: {detail}"));
+    }
+    warnings
+}
+
+/// Quality of a mesh that was split `splits` times; intersections are searched at its finest level with at most
+/// [`MAX_FACES`] faces.
+pub fn mesh_quality(
+    mesh: &TriangleMesh,
+    splits: usize,
+    measures: &SurfaceMeasures,
+    stop: Stop<'_>,
+) -> MeshQuality {
+    let faces = coarse_faces(mesh, splits, MAX_FACES);
+    MeshQuality::of(mesh, (volume_of(measures), measures.area), &faces, stop)
+}
+
+/// Warnings of a closed mesh that was not split.
+pub fn mesh_warnings(mesh: &TriangleMesh, stop: Stop<'_>) -> Vec<String> {
+    mesh_quality(mesh, 0, &measure(mesh, false), stop).warnings()
+}
+
+/// Minimum and maximum number of cells along each direction of the mesh that represents a surface.
+const CELLS: [usize; 2] = [8, 48];
+
+/// Quality of a surface, checked on a mesh with one cell per interval between knots, at least 8 and at most 48 per
+/// direction.
+fn surface_quality(surface: &Surface, measures: &SurfaceMeasures, stop: Stop<'_>) -> MeshQuality {
+    let closed = surface.topology().closed();
+    let count = [0, 1].map(|i| {
+        // The number of cells must be even if the direction closes with a half turn.
+        let cells = surface.intervals(i).clamp(CELLS[0], CELLS[1]).next_multiple_of(2);
+        cells + usize::from(!closed[i])
+    });
+    let mut mesh = surface.tessellate(count);
+    mesh.normals = None;
+    let faces = if surface.is_orientable() { mesh.faces.clone() } else { Vec::new() };
+    let quality = MeshQuality::of(&mesh, (volume_of(measures), measures.area), &faces, stop);
+    // A one-sided surface intersects itself in space, or the result is undecided.
+    let decided = quality.self_intersecting.filter(|_| surface.is_orientable());
+    MeshQuality { self_intersecting: decided, ..quality }
+}
+
+fn volume_of(measures: &SurfaceMeasures) -> Option<f64> {
+    measures.enclosed.map(|enclosed| enclosed.signed_volume)
+}

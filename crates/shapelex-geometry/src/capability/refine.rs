@@ -1,0 +1,133 @@
+//! The same shape on another grid of knots, and meshes refined by a scheme.
+
+use crate::GeometryError;
+use crate::curve::Curve;
+use crate::distance;
+use crate::mesh::TriangleMesh;
+use crate::quality::{MeshQuality, collapsed_edges};
+use crate::refine::Refinement;
+use crate::representation::{Representation, ShapeSpace};
+use crate::subdivision::Scheme;
+use crate::subdivision::limit::Limit;
+use crate::subdivision::measures::measure;
+use crate::subdivision::refinement::{Depth, Refined, refine_mesh_until};
+use crate::surface::basis::SurfaceBasis;
+use crate::surface::measures::{SurfaceMeasures, l2};
+use crate::vector::{far_origin, norm, plus};
+use shapelex_numeric::bounded::Stop;
+use shapelex_numeric::dense::Matrix;
+
+use super::measure::mesh_quality;
+use super::sample::columns;
+use super::tessellate::moved;
+
+impl Representation {
+    /// Whether its curves are refined by even factors only.
+    pub fn needs_even_factors(&self) -> bool {
+        self.generator().is_some_and(|generator| generator.needs_even_factors())
+    }
+}
+
+impl Refinement {
+    /// Control points on the finer grid and, if the refinement is not exact, the `L₂` distance to the original curve.
+    pub fn apply_measured(&self, coarse: &ShapeSpace, control_points: &Matrix) -> (Matrix, Option<f64>) {
+        let fine = self.apply(control_points);
+        let change = (!self.is_exact()).then(|| {
+            let curves = Curve::of(coarse, control_points).zip(Curve::of(self.space(), &fine));
+            curves.map_or(0.0, |(before, after)| distance::l2(&before, &after))
+        });
+        (fine, change)
+    }
+}
+
+/// Distance relative to the extent below which it counts as rounding.
+const ROUNDING: f64 = 1e-12;
+
+/// Surfaces of one size, interpolated at the knots of another size.
+#[derive(Debug)]
+pub struct Resizing<'a> {
+    from: &'a SurfaceBasis,
+    to: &'a SurfaceBasis,
+}
+
+/// A surface of another size.
+#[derive(Debug, Clone)]
+pub struct Resized {
+    /// Its control points.
+    pub control_points: Matrix,
+    /// `L₂` distance to the original surface.
+    pub change: f64,
+    /// Whether this distance is within rounding.
+    pub exact: bool,
+}
+
+impl<'a> Resizing<'a> {
+    /// From surfaces of one space to those of another; `None` for shapes that are not surfaces with parameters.
+    pub fn new(from: &'a ShapeSpace, to: &'a ShapeSpace) -> Option<Self> {
+        Some(Self { from: from.surface()?, to: to.surface()? })
+    }
+
+    /// The surface that interpolates a surface at the knots, with its tangents at the poles. Cost: one point per knot, and
+    /// the distance of the two.
+    pub fn apply(&self, control_points: &Matrix) -> Resized {
+        let (before, counts) = (self.from.surface(control_points), self.to.extent().grid());
+        let [u, v] = [0, 1].map(|i| before.parameters(i, counts[i]));
+        let points = before.points(&u, &v);
+        let points = Matrix::from_vec(points.len(), 3, columns(&points, |point| *point));
+        let rows = self.to.interpolate(&points, &self.from.tangents_of(control_points));
+        let change = l2(&before, &self.to.surface(&rows));
+        let extent = points.column_iter().map(|column| column.max() - column.min()).fold(0.0, f64::max);
+        Resized { control_points: rows, change, exact: change <= ROUNDING * extent }
+    }
+}
+
+/// A mesh refined by a scheme.
+#[derive(Debug)]
+pub struct RefinedMesh {
+    /// The mesh, its level, and the displacement of its vertices by the last step.
+    pub refined: Refined<TriangleMesh>,
+    /// Limit positions of its vertices, if requested.
+    pub limit: Option<Limit>,
+    /// Volume and area.
+    pub measures: SurfaceMeasures,
+    /// Quality of the mesh.
+    pub quality: MeshQuality,
+    /// Defects of the mesh and of the control mesh.
+    pub warnings: Vec<String>,
+}
+
+impl RefinedMesh {
+    /// Refines a mesh to at most `most` vertices, about a point near the mesh if that is far from the origin.
+    ///
+    /// # Errors
+    /// As for [`refine_mesh_until`].
+    pub fn new(
+        scheme: Scheme,
+        mesh: TriangleMesh,
+        depth: Depth,
+        most: usize,
+        wanted_limit: bool,
+        stop: Stop<'_>,
+    ) -> Result<Self, GeometryError> {
+        let origin = far_origin(mesh.vertices.iter()).unwrap_or_default();
+        let is_far = origin != [0.0; 3];
+        let mesh = if is_far { moved(mesh, origin.map(|x| -x)) } else { mesh };
+        let collapsed = collapsed_edges(&mesh, norm(origin));
+        let (mut refined, mut limit) = refine_mesh_until(scheme, mesh, depth, most, wanted_limit, stop)?;
+        let mut measures = measure(&refined.shape, refined.level > 0);
+        if is_far {
+            measures = measures.moved(origin);
+            refined.shape = moved(refined.shape, origin);
+            if let Some(limit) = &mut limit {
+                limit.points.iter_mut().for_each(|point| *point = plus(*point, origin));
+            }
+        }
+        let quality = mesh_quality(&refined.shape, refined.level, &measures, stop);
+        let mut warnings = Vec::new();
+        if collapsed > 0 && quality.collapsed_edges == 0 {
+            warnings.push(format!("{collapsed} edges of the mesh have no length: vertices coincide"));
+        }
+        warnings.extend(quality.warnings());
+        Ok(Self { refined, limit, measures, quality, warnings })
+    }
+}

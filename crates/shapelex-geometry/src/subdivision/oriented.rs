@@ -1,0 +1,99 @@
+//! Shapes of points and normals on one control mesh, refined by the normal-based scheme; and the paths between them.
+
+use std::f64::consts::PI;
+
+use super::Subdivision;
+use super::normal_based::{Oriented, sphere_normals};
+use super::refinement::{Depth, refine_mesh};
+use crate::GeometryError;
+use crate::mesh::{Connectivity, MeshError, TriangleMesh};
+use crate::vector::{minus, norm};
+
+/// The shapes of one control mesh.
+#[derive(Debug)]
+pub struct OrientedMeshes<'a> {
+    subdivision: &'a Subdivision,
+    control: Connectivity,
+}
+
+impl<'a> OrientedMeshes<'a> {
+    /// Prepares the shapes of a control mesh, whose scheme is the normal-based one.
+    ///
+    /// # Errors
+    /// Faces that do not form a closed surface.
+    pub fn new(subdivision: &'a Subdivision) -> Result<Self, MeshError> {
+        Ok(Self { subdivision, control: subdivision.connectivity.connectivity()? })
+    }
+
+    /// Number of points.
+    pub fn count(&self) -> usize {
+        self.control.vertices()
+    }
+
+    /// Default normals of points: those of the spheres through their neighbours.
+    pub fn usual_normals(&self, points: &[[f64; 3]]) -> Vec<[f64; 3]> {
+        let faces = self.control.faces().to_vec();
+        sphere_normals(&TriangleMesh { vertices: points.to_vec(), normals: None, faces })
+    }
+
+    /// Mesh of a shape at its level, or at the finest one with at most `faces` faces; with the normals of the scheme.
+    ///
+    /// # Errors
+    /// [`GeometryError::Edge`] for an edge that cannot be split.
+    pub fn refine(&self, shape: &Oriented, faces: Option<usize>) -> Result<TriangleMesh, GeometryError> {
+        let mesh = TriangleMesh {
+            vertices: shape.points.clone(),
+            normals: Some(shape.normals.clone()),
+            faces: self.control.faces().to_vec(),
+        };
+        let (size, finest) = (self.subdivision.connectivity.size(), self.subdivision.level);
+        let coarser = |most: usize| (0..=finest).rev().find(|level| size.split(*level).faces <= most);
+        let level = faces.map_or(finest, |most| coarser(most).unwrap_or(0));
+        let refined = refine_mesh(self.subdivision.scheme, mesh, Depth::Level(level), usize::MAX, false);
+        refined.map(|(refined, _)| refined.shape)
+    }
+}
+
+/// Distance in radians from opposite directions below which two unit normals define no great circle.
+const OPPOSITE: f64 = 1e-9;
+
+/// Why there is no shape between two others.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum BetweenFault {
+    /// The normals of a point are opposite.
+    #[error(
+        "expected a normal that is not opposite to that of the other shape: no shortest path between opposite \
+         normals is unique"
+    )]
+    Opposite,
+    /// The interpolated normal of a point vanishes.
+    #[error("the interpolated normal has no direction")]
+    NoDirection,
+}
+
+impl Oriented {
+    /// The shape at `tau` between this one (0) and another one (1): points on straight lines, normals on great circles.
+    ///
+    /// # Errors
+    /// The first point without a normal.
+    pub fn between(&self, to: &Self, tau: f64) -> Result<Self, (usize, BetweenFault)> {
+        let mix = |a: [f64; 3], b: [f64; 3], [p, q]: [f64; 2]| [0, 1, 2].map(|c| p * a[c] + q * b[c]);
+        let places = self.points.iter().zip(&to.points);
+        let points = places.map(|(a, b)| mix(*a, *b, [1.0 - tau, tau])).collect();
+        let mut normals = Vec::with_capacity(self.normals.len());
+        for (vertex, (a, b)) in self.normals.iter().zip(&to.normals).enumerate() {
+            let angle = norm(minus(*a, *b)).atan2(norm(mix(*a, *b, [1.0, 1.0]))) * 2.0;
+            if PI - angle < OPPOSITE {
+                return Err((vertex, BetweenFault::Opposite));
+            }
+            let sine = angle.sin();
+            let shares = if sine > 0.0 {
+                [((1.0 - tau) * angle).sin() / sine, (tau * angle).sin() / sine]
+            } else {
+                [1.0 - tau, tau]
+            };
+            normals.push(mix(*a, *b, shares));
+        }
+        Self::new(points, &normals).map_err(|vertex| (vertex, BetweenFault::NoDirection))
+    }
+}
