@@ -13,7 +13,7 @@ use crate::geometry::mesh::TriangleMesh;
 use crate::geometry::representation::ShapeSpace;
 use crate::service::app::memory::Purpose;
 use crate::service::app::{App, ServiceError, Work};
-use crate::service::shapes::surfaces;
+use crate::service::shapes::mesh::mesh_of;
 
 /// Runs `work` on the pool and returns its response.
 ///
@@ -72,7 +72,7 @@ pub fn svg(drawing: String) -> Response {
     ([(header::CONTENT_TYPE, "image/svg+xml")], Body::from(drawing)).into_response()
 }
 
-/// Mesh of a shape; see [`surfaces::mesh`].
+/// Mesh of a shape; see [`mesh_of`].
 ///
 /// # Errors
 /// Shapes that are not surfaces, grids that form no mesh.
@@ -82,7 +82,7 @@ pub fn mesh(
     format: MeshFormat,
     grid: Option<[usize; 2]>,
 ) -> Result<Response, ServiceError> {
-    Ok(mesh_file(format, &surfaces::mesh(space, control_points, grid)?))
+    Ok(mesh_file(format, &mesh_of(space, control_points, grid)?))
 }
 
 /// Mesh file as a response.

@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::geometry::capability::FieldFault;
+
 /// A single fault of an input.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[schema(as = FaultDocument)]
@@ -41,6 +43,13 @@ impl Fault {
     /// The same fault, of the shape at a position of the batch or stream.
     pub fn of_shape(self, index: usize) -> Self {
         Self { index: Some(index), ..self }
+    }
+}
+
+impl From<FieldFault> for Fault {
+    fn from(FieldFault { field, detail }: FieldFault) -> Self {
+        let pointer = if field.is_empty() { field } else { format!("/{field}") };
+        Self::new(pointer, detail)
     }
 }
 

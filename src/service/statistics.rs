@@ -18,6 +18,7 @@ use crate::geometry::drawing::svg::{self, Layer, colour};
 use crate::geometry::representation::{Representation, ShapeSpace};
 use crate::service::app::faults::Faults;
 use crate::service::app::{App, Limits, ServiceError};
+use crate::service::shapes::draw::MAX_DRAWN;
 use crate::service::shapes::read::{self, Batch, Reading};
 
 /// Settings for reading and aligning shapes.
@@ -253,9 +254,6 @@ pub fn project(
     Ok((setup, projections))
 }
 
-/// Maximum number of aligned shapes drawn behind a mean: more would hide one another.
-pub const MAX_DRAWN: usize = 300;
-
 /// Drawing of a mean with aligned shapes behind it.
 pub fn draw_mean(setup: &Setup, title: &str, mean: &MeanShape, aligned: &[AlignedShape]) -> String {
     let behind: Vec<Vec<f64>> =
@@ -311,10 +309,4 @@ pub fn draw_mode(
         if pca.centred { "variance" } else { "energy" }
     );
     Ok(svg::draw(&title, &layers))
-}
-
-/// Drawing of shapes in their own position.
-pub fn draw_shapes(space: &ShapeSpace, title: &str, shapes: &[&[f64]]) -> String {
-    let opacity = if shapes.len() > 1 { 0.5 } else { 1.0 };
-    svg::draw(title, &[Layer::of(space, shapes.iter().copied().take(MAX_DRAWN), colour::MAIN, 2.0, opacity)])
 }

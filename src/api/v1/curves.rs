@@ -8,32 +8,26 @@ use axum::response::Response;
 use serde::Serialize;
 
 use super::request_macros::{checked, shapes_request};
-use crate::analysis::correspondence::Correspondence;
 use crate::api::extract::{
     Caller, Format, JsonBody, NoQuery, OnlyShapeFormat, ShapeFormat, ShapeFormatQuery,
 };
 use crate::api::problem::Problem;
-use crate::api::respond::{compute_planned, json, mesh, mesh_file, planned, svg};
+use crate::api::respond::{Planned, compute_planned, json, mesh_file, planned, svg};
 use crate::formats::checked::{Checked, LARGE, List, Raw, document, take_given, take_or_default};
 use crate::formats::shape::{Points, ShapeInput};
-use crate::geometry::distance::Distances;
-use crate::geometry::drawing::svg::{self as drawing, Layer, colour};
-use crate::geometry::frame::Frame;
-use crate::geometry::measures::Orientation;
-use crate::geometry::mesh::TriangleMesh;
-use crate::geometry::representation::Representation;
-use crate::geometry::surface::basis::Extent;
-use crate::geometry::surface::measures::AffineField;
+use crate::geometry::capability::domain::Domain;
+use crate::geometry::capability::measure::{Measures, ReferenceDistances, SetDistances};
+use crate::geometry::capability::sample::{Derivative, Evaluation, Frames, Parameters};
+use crate::geometry::measures::{CurveMeasures, Orientation};
+use crate::geometry::surface::measures::{AffineField, SurfaceMeasures};
 use crate::service::app::warnings::by_shape;
 use crate::service::app::{App, Limits, ServiceError, Work};
 use crate::service::cohorts::catalogue::text_faults;
 use crate::service::cost::requests::{self, Counts};
-use crate::service::shapes::curves::{Evaluation, Measured, Parameters, Start};
-use crate::service::shapes::request::Posted;
-use crate::service::shapes::subdivisions::{Wanted, vertex_frames};
-use crate::service::shapes::surfaces::{MeasuredSurface, SurfaceEvaluation, SurfaceParameters};
-use crate::service::shapes::{curves, subdivisions, surfaces};
-use crate::service::statistics::{MAX_DRAWN, draw_shapes};
+use crate::service::shapes::draw::MAX_DRAWN;
+use crate::service::shapes::evaluate::{EvaluateTask, Evaluated};
+use crate::service::shapes::measure::MeasureTask;
+use crate::service::shapes::resample::{self, Resampled, Start};
 
 shapes_request! {
     /// Curves or surfaces to evaluate.
@@ -123,39 +117,32 @@ pub(super) struct EvaluationOutput {
     principal_curvatures: Option<Vec<Option<[f64; 2]>>>,
 }
 
-impl EvaluationOutput {
-    fn new(evaluation: Evaluation, dimension: usize) -> Self {
-        let mut derivatives =
-            evaluation.derivatives.into_iter().map(|values| Points::from_columns(values, dimension));
-        let each = |part: fn(&Frame) -> Option<Vec<f64>>| {
-            evaluation.frames.as_ref().map(|frames| frames.iter().map(part).collect())
-        };
-        Self {
-            points: derivatives.next(),
-            first: derivatives.next(),
-            second: derivatives.next(),
-            tangents: each(|frame| frame.tangent.clone()),
-            normals: each(|frame| frame.normal.clone()),
-            curvatures: evaluation.frames.as_ref().map(|frames| frames.iter().map(|f| f.curvature).collect()),
-            ..Self::default()
+impl From<Evaluation> for EvaluationOutput {
+    fn from(Evaluation { dimension, columns, derivatives, frames }: Evaluation) -> Self {
+        let mut output = Self::default();
+        for (derivative, values) in derivatives {
+            let points = Points::from_columns(values, dimension).in_grid(columns);
+            *output.field(derivative) = Some(points);
         }
+        if let Some(Frames { tangents, normals, curvatures, principal_curvatures }) = frames {
+            let normals = Some(normals);
+            return Self { tangents, normals, curvatures, principal_curvatures, ..output };
+        }
+        output
     }
+}
 
-    fn of_surface(evaluation: SurfaceEvaluation) -> Self {
-        let grid = evaluation.columns;
-        let mut derivatives =
-            evaluation.derivatives.into_iter().map(|values| Points::from_columns(values, 3).in_grid(grid));
-        let frames = evaluation.frames.as_ref();
-        Self {
-            points: derivatives.next(),
-            u: derivatives.next(),
-            v: derivatives.next(),
-            uu: derivatives.next(),
-            uv: derivatives.next(),
-            vv: derivatives.next(),
-            normals: frames.map(|list| list.iter().map(|frame| frame.normal.map(Vec::from)).collect()),
-            principal_curvatures: frames.map(|list| list.iter().map(|frame| frame.curvatures).collect()),
-            ..Self::default()
+impl EvaluationOutput {
+    fn field(&mut self, derivative: Derivative) -> &mut Option<Points> {
+        match derivative {
+            Derivative::Value => &mut self.points,
+            Derivative::First => &mut self.first,
+            Derivative::Second => &mut self.second,
+            Derivative::U => &mut self.u,
+            Derivative::V => &mut self.v,
+            Derivative::Uu => &mut self.uu,
+            Derivative::Uv => &mut self.uv,
+            Derivative::Vv => &mut self.vv,
         }
     }
 }
@@ -183,216 +170,93 @@ pub(super) async fn evaluate(
     OnlyShapeFormat(format): OnlyShapeFormat,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
-    compute_planned(app, body, move |app, body| {
-        let (mut request, mut errors) = (app.parse::<EvaluateRequest>(body)?, Vec::new());
-        let (settings, shapes) = request.take_shapes(&mut errors);
-        let parameters = take_places(
-            settings.as_ref().map(|(representation, _)| representation),
-            request.samples,
-            request.grid,
-            request.parameters,
-            &mut errors,
-        );
-        let order = take_or_default(request.derivatives, "/derivatives", &mut errors);
-        let frames = take_or_default(request.frames, "/frames", &mut errors);
+    let plan = move |app: &App, body: &[u8]| app.parse::<EvaluateRequest>(body)?.plan(app, format);
+    compute_planned(app, body, plan).await
+}
+
+impl EvaluateRequest {
+    fn plan(mut self, app: &App, format: ShapeFormat) -> Result<Planned, ServiceError> {
+        let mut errors = Vec::new();
+        let (settings, shapes) = self.take_shapes(&mut errors);
+        let domain = settings.as_ref().map(|(representation, _)| representation.domain());
+        let samples = take_given(self.samples, "/samples", &mut errors);
+        let grid = take_given(self.grid, "/grid", &mut errors);
+        let parameters = take_parameters(domain, samples, grid, self.parameters, &mut errors);
+        let order = take_or_default(self.derivatives, "/derivatives", &mut errors);
+        let frames = take_or_default(self.frames, "/frames", &mut errors);
         let wanted = settings.zip(parameters).zip(order.zip(frames));
         let ((((representation, correspondence), parameters), (order, frames)), shapes) =
             checked(wanted, errors, shapes)?;
-        let work = parameters.work(&representation, shapes.len(), (order, frames), format, &app.limits);
-        planned(work, move |app| {
-            if matches!(parameters, Places::Vertices) {
-                if order > 0 {
-                    let detail = format!(
-                        "expected 0, got {order}: the mesh of a level has frames, but no derivatives"
-                    );
-                    return Err(ServiceError::invalid("/derivatives", detail));
-                }
-                return evaluate_meshes(app, &representation, correspondence, shapes, frames, format);
+        let task = EvaluateTask { representation, correspondence, parameters, order, frames };
+        planned(evaluate_work(&task, shapes.len(), format, &app.limits), move |app| match format {
+            ShapeFormat::Plain(Format::Svg) => Ok(svg(task.drawing(app, shapes)?)),
+            ShapeFormat::Mesh(format, grid) => Ok(mesh_file(format, &task.mesh(app, shapes, grid)?)),
+            ShapeFormat::Plain(Format::Json) => {
+                let Evaluated { evaluations, faces } = task.values(app, shapes)?;
+                let evaluations = evaluations.into_iter().map(EvaluationOutput::from).collect();
+                json(StatusCode::OK, &EvaluateAnswer { evaluations, faces })
             }
-            let posted = Posted::new(app, &representation, correspondence)?;
-            let shapes = posted.read(app, shapes)?;
-            match format {
-                ShapeFormat::Plain(Format::Svg) => {
-                    let outlines: Vec<&[f64]> = shapes.iter().map(|shape| shape.as_slice()).collect();
-                    let what = if posted.is_of_surfaces() { "surface" } else { "curve" };
-                    let title = match outlines.len() {
-                        1 => format!("a {what}"),
-                        count => format!("{count} {what}s"),
-                    };
-                    return Ok(svg(draw_shapes(&posted.space, &title, &outlines)));
-                }
-                ShapeFormat::Mesh(format, grid) => {
-                    let [shape] = &shapes[..] else {
-                        let detail = format!("expected one surface in a mesh file, got {}", shapes.len());
-                        return Err(ServiceError::invalid("/shapes", detail));
-                    };
-                    let grid = grid.or(match parameters {
-                        Places::Surface(SurfaceParameters::Grid(grid)) => grid.into(),
-                        _ => None,
-                    });
-                    return mesh(&posted.space, shape.as_slice(), format, grid);
-                }
-                ShapeFormat::Plain(Format::Json) => {}
-            }
-            let evaluations = match parameters {
-                Places::Curve(parameters) => {
-                    let evaluations = curves::evaluate(app, &posted, &shapes, &parameters, order, frames)?;
-                    let output = |evaluation| EvaluationOutput::new(evaluation, representation.dimension());
-                    evaluations.into_iter().map(output).collect()
-                }
-                Places::Surface(parameters) => {
-                    let evaluations = surfaces::evaluate(app, &posted, &shapes, &parameters, order, frames)?;
-                    evaluations.into_iter().map(EvaluationOutput::of_surface).collect()
-                }
-                Places::Vertices => Vec::new(),
-            };
-            json(StatusCode::OK, &EvaluateAnswer { evaluations, faces: None })
         })
-    })
-    .await
-}
-
-/// Evaluates subdivision surfaces at the vertices of their level.
-fn evaluate_meshes(
-    app: &App,
-    representation: &Representation,
-    correspondence: Correspondence,
-    shapes: Vec<ShapeInput>,
-    frames: bool,
-    format: ShapeFormat,
-) -> Result<Response, ServiceError> {
-    let wanted = if format == ShapeFormat::Plain(Format::Svg) { Wanted::Drawn } else { Wanted::Whole };
-    let mut meshes = subdivisions::meshes(app, representation, correspondence, shapes, wanted)?;
-    match format {
-        ShapeFormat::Plain(Format::Json) => {}
-        ShapeFormat::Plain(Format::Svg) => {
-            let title = match meshes.len() {
-                1 => "a subdivision surface".to_owned(),
-                count => format!("{count} subdivision surfaces"),
-            };
-            return Ok(svg(drawing::draw(&title, &[Layer::of_meshes(&meshes, colour::BACK)])));
-        }
-        ShapeFormat::Mesh(_, Some(_)) => {
-            return Err(ServiceError::Query("grid belongs to tensor-product surfaces".into()));
-        }
-        ShapeFormat::Mesh(format, None) => match (meshes.pop(), meshes.is_empty()) {
-            (Some(mesh), true) => return Ok(mesh_file(format, &subdivisions::with_normals(mesh))),
-            _ => {
-                return Err(ServiceError::invalid(
-                    "/shapes",
-                    "expected one surface in a mesh file, got more",
-                ));
-            }
-        },
-    }
-    let faces = meshes.first().map(|mesh| mesh.faces.clone());
-    let output = |mesh: &TriangleMesh| {
-        let columns = (0..3).flat_map(|c| mesh.vertices.iter().map(move |vertex| vertex[c])).collect();
-        let found = frames.then(|| vertex_frames(mesh));
-        let found = found.as_ref();
-        EvaluationOutput {
-            points: Some(Points::from_columns(columns, 3)),
-            normals: found.map(|list| list.iter().map(|frame| frame.normal.map(Vec::from)).collect()),
-            principal_curvatures: found.map(|list| list.iter().map(|frame| frame.curvatures).collect()),
-            ..EvaluationOutput::default()
-        }
-    };
-    json(StatusCode::OK, &EvaluateAnswer { evaluations: meshes.iter().map(output).collect(), faces })
-}
-
-/// Parameters at which shapes are evaluated.
-enum Places {
-    Curve(Parameters),
-    Surface(SurfaceParameters),
-    /// The mesh vertices of the level.
-    Vertices,
-}
-
-impl Places {
-    /// Predicted work of evaluating `shapes` shapes with derivatives up to `order` and frames.
-    fn work(
-        &self,
-        representation: &Representation,
-        shapes: usize,
-        (order, frames): (usize, bool),
-        format: ShapeFormat,
-        limits: &Limits,
-    ) -> Work {
-        /// Cost of a frame, as a multiple of the coordinates of a point.
-        const FRAME: usize = 5;
-        let counts = Counts::new(representation, shapes, limits);
-        let order = order.min(2);
-        let frame = if frames { FRAME } else { 0 };
-        match (self, format) {
-            (Self::Vertices, _) => requests::evaluate_meshes(representation, counts, limits),
-            (_, ShapeFormat::Plain(Format::Svg)) => requests::draw(counts, shapes.min(MAX_DRAWN)),
-            (_, ShapeFormat::Mesh(_, grid)) => requests::mesh(grid.unwrap_or([500, 500])),
-            (Self::Curve(Parameters::Equidistant(count)), _) => {
-                requests::evaluate(counts, *count, order + 1 + frame, limits)
-            }
-            (Self::Curve(Parameters::At(list)), _) => {
-                requests::evaluate(counts, list.len(), order + 1 + frame, limits)
-            }
-            (Self::Surface(parameters), _) => {
-                requests::evaluate(counts, parameters.count(), [1, 3, 6][order] + frame, limits)
-            }
-        }
     }
 }
 
-/// Takes `samples`, `grid` and `parameters`, whichever apply to the representation.
-fn take_places(
-    representation: Option<&Representation>,
-    samples: Option<Checked<usize>>,
-    grid: Option<Checked<[usize; 2]>>,
+/// Predicted work of evaluating `shapes` shapes.
+fn evaluate_work(task: &EvaluateTask, shapes: usize, format: ShapeFormat, limits: &Limits) -> Work {
+    let EvaluateTask { representation, parameters, order, frames, .. } = task;
+    let counts = Counts::new(representation, shapes, limits);
+    match (parameters, format) {
+        (Some(_), ShapeFormat::Plain(Format::Svg)) => requests::draw(counts, shapes.min(MAX_DRAWN)),
+        (Some(_), ShapeFormat::Mesh(_, grid)) => requests::mesh(grid.unwrap_or([500, 500])),
+        _ => requests::values(representation, counts, parameters.as_ref(), (*order, *frames), limits),
+    }
+}
+
+/// Default number of places on a curve.
+const USUAL_SAMPLES: usize = 100;
+
+/// Takes `samples`, `grid` and `parameters`, whichever apply to the domain; `Some(None)` for the vertices of refined
+/// meshes, `None` for refused fields.
+fn take_parameters(
+    domain: Option<Domain>,
+    samples: Option<usize>,
+    grid: Option<[usize; 2]>,
     parameters: Option<Raw>,
     errors: &mut Vec<Fault>,
-) -> Option<Places> {
-    let samples = take_given(samples, "/samples", errors);
-    let grid = take_given(grid, "/grid", errors);
-    let mut refuse = |pointer: &str, detail: &str| -> Option<Places> {
-        errors.push(Fault::new(pointer, detail));
-        None
-    };
-    if representation.is_some_and(|representation| representation.subdivision().is_some()) {
-        let given = [
-            (samples.is_some(), "/samples"),
-            (grid.is_some(), "/grid"),
-            (parameters.is_some(), "/parameters"),
-        ];
-        for (_, pointer) in given.iter().filter(|(given, _)| *given) {
-            refuse(
+) -> Option<Option<Parameters>> {
+    let given = [samples.is_some(), grid.is_some(), parameters.is_some()];
+    if domain == Some(Domain::Vertices) {
+        let fields = ["/samples", "/grid", "/parameters"].into_iter().zip(given).filter(|(_, given)| *given);
+        errors.extend(fields.map(|(pointer, _)| {
+            Fault::new(
                 pointer,
                 "this field belongs to shapes with parameters: a subdivision surface has the vertices of its \
                  level",
-            );
-        }
-        return Some(Places::Vertices);
+            )
+        }));
+        return Some(None);
     }
-    let surface: Option<Extent> = representation.and_then(Representation::extent);
-    match (surface, samples, grid) {
-        (Some(_), Some(_), _) => {
-            return refuse("/samples", "this field belongs to curves: surfaces have a grid");
-        }
-        (None, _, Some(_)) => return refuse("/grid", "this field belongs to surfaces: curves have samples"),
-        (_, Some(_), _) if parameters.is_some() => {
-            return refuse("/parameters", "expected either parameters or samples, got both");
-        }
-        (_, _, Some(_)) if parameters.is_some() => {
-            return refuse("/parameters", "expected either parameters or grid, got both");
-        }
-        _ => {}
+    let extent = match domain {
+        Some(Domain::Sheet { extent, .. }) => Some(extent),
+        _ => None,
+    };
+    let refused = match (extent.is_some(), given) {
+        (true, [true, ..]) => Some(("/samples", "this field belongs to curves: surfaces have a grid")),
+        (false, [_, true, _]) => Some(("/grid", "this field belongs to surfaces: curves have samples")),
+        (_, [true, _, true]) => Some(("/parameters", "expected either parameters or samples, got both")),
+        (_, [_, true, true]) => Some(("/parameters", "expected either parameters or grid, got both")),
+        _ => None,
+    };
+    if let Some((pointer, detail)) = refused {
+        errors.push(Fault::new(pointer, detail));
+        return None;
     }
-    Some(match (surface, parameters) {
-        (None, None) => Places::Curve(Parameters::Equidistant(samples.unwrap_or(100))),
-        (Some(extent), None) => {
-            Places::Surface(SurfaceParameters::Grid(grid.unwrap_or_else(|| surfaces::usual_grid(extent))))
-        }
-        (None, Some(value)) => Places::Curve(Parameters::At(value.read(LARGE, "/parameters", errors)?)),
-        (Some(_), Some(value)) => {
-            Places::Surface(SurfaceParameters::At(value.read(LARGE, "/parameters", errors)?))
-        }
-    })
+    let found = match (extent, parameters) {
+        (None, None) => Parameters::Equidistant(samples.unwrap_or(USUAL_SAMPLES)),
+        (Some(extent), None) => Parameters::Grid(grid.unwrap_or_else(|| extent.usual_grid())),
+        (None, Some(value)) => Parameters::At(value.read(LARGE, "/parameters", errors)?),
+        (Some(_), Some(value)) => Parameters::Pairs(value.read(LARGE, "/parameters", errors)?),
+    };
+    Some(Some(found))
 }
 
 shapes_request! {
@@ -475,11 +339,11 @@ pub(super) struct SurfaceDistancesOutput {
     l2: f64,
 }
 
-impl From<MeasuredSurface> for MeasureOutput {
-    fn from(MeasuredSurface { measures, flux, l2, quality, .. }: MeasuredSurface) -> Self {
+impl SurfaceMeasureOutput {
+    fn new(measures: SurfaceMeasures, others: &Measures) -> Self {
         let signed_volume = measures.enclosed.map(|enclosed| enclosed.signed_volume);
         let [min, max] = measures.bounding_box.map(Vec::from);
-        Self::Surface(Box::new(SurfaceMeasureOutput {
+        Self {
             volume: signed_volume.map(f64::abs),
             signed_volume,
             area: measures.area,
@@ -492,10 +356,10 @@ impl From<MeasuredSurface> for MeasureOutput {
             mean_position: measures.mean_position,
             bounding_box: BoundingBox { min, max },
             sphericity: measures.sphericity(),
-            self_intersecting: quality.self_intersecting,
-            flux,
-            distances: l2.map(|l2| SurfaceDistancesOutput { l2 }),
-        }))
+            self_intersecting: others.self_intersecting,
+            flux: others.flux,
+            distances: others.distances.map(|distances| SurfaceDistancesOutput { l2: distances.l2 }),
+        }
     }
 }
 
@@ -546,9 +410,10 @@ pub(super) struct DistancesOutput {
     hausdorff: f64,
 }
 
-impl From<Distances> for DistancesOutput {
-    fn from(Distances { l2, symmetric, hausdorff, .. }: Distances) -> Self {
-        Self { l2, symmetric_l2: symmetric, hausdorff }
+impl DistancesOutput {
+    fn new(ReferenceDistances { l2, as_sets }: ReferenceDistances) -> Option<Self> {
+        let SetDistances { symmetric, hausdorff } = as_sets?;
+        Some(Self { l2, symmetric_l2: symmetric, hausdorff })
     }
 }
 
@@ -564,22 +429,32 @@ pub(super) struct MeasureAnswer {
 }
 
 impl MeasureAnswer {
-    fn curves(measured: Vec<Measured>, length_unit: Option<String>) -> Self {
+    fn new(measured: Vec<Measures>, length_unit: Option<String>) -> Self {
         let warnings = by_shape("shapes", measured.iter().map(|measured| &measured.warnings));
-        Self { measures: measured.into_iter().map(Into::into).collect(), length_unit, warnings }
-    }
-
-    fn surfaces(measured: Vec<MeasuredSurface>, length_unit: Option<String>) -> Self {
-        let warnings = by_shape("shapes", measured.iter().map(|measured| &measured.warnings));
-        Self { measures: measured.into_iter().map(Into::into).collect(), length_unit, warnings }
+        Self {
+            measures: measured.into_iter().filter_map(MeasureOutput::new).collect(),
+            length_unit,
+            warnings,
+        }
     }
 }
 
-impl From<Measured> for MeasureOutput {
-    fn from(Measured { measures, self_intersecting, distances, .. }: Measured) -> Self {
+impl MeasureOutput {
+    /// Measures of a curve or a surface; `None` for points, which have none.
+    fn new(mut measures: Measures) -> Option<Self> {
+        match (measures.line.take(), measures.sheet.take()) {
+            (Some(line), _) => Some(Self::Curve(Box::new(CurveMeasureOutput::new(line, &measures)))),
+            (_, Some(sheet)) => Some(Self::Surface(Box::new(SurfaceMeasureOutput::new(sheet, &measures)))),
+            (None, None) => None,
+        }
+    }
+}
+
+impl CurveMeasureOutput {
+    fn new(measures: CurveMeasures, others: &Measures) -> Self {
         let (min, max) = measures.bounding_box;
         let enclosed = measures.enclosed.as_ref();
-        Self::Curve(Box::new(CurveMeasureOutput {
+        Self {
             area: enclosed.map(|enclosed| enclosed.signed_area.abs()),
             signed_area: enclosed.map(|enclosed| enclosed.signed_area),
             centroid: enclosed.and_then(|enclosed| enclosed.centroid),
@@ -589,13 +464,13 @@ impl From<Measured> for MeasureOutput {
             perimeter: measures.closed.then_some(measures.length),
             bounding_box: BoundingBox { min, max },
             orientation: enclosed.map(|enclosed| enclosed.orientation),
-            self_intersecting,
+            self_intersecting: others.self_intersecting,
             stretching_energy: measures.stretching_energy,
             bending_energy: measures.bending_energy,
             total_curvature: measures.total_curvature,
             turning: measures.turning,
-            distances: distances.map(Into::into),
-        }))
+            distances: others.distances.and_then(DistancesOutput::new),
+        }
     }
 }
 
@@ -612,49 +487,30 @@ pub(super) async fn measure(
     _: NoQuery,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
-    compute_planned(app, body, move |app, body| {
-        let (mut request, mut errors) = (app.parse::<MeasureRequest>(body)?, Vec::new());
-        let (settings, shapes) = request.take_shapes(&mut errors);
-        let length_unit = take_given(request.length_unit, "/length_unit", &mut errors).flatten();
+    compute_planned(app, body, |app, body| app.parse::<MeasureRequest>(body)?.plan(app)).await
+}
+
+impl MeasureRequest {
+    fn plan(mut self, app: &App) -> Result<Planned, ServiceError> {
+        let mut errors = Vec::new();
+        let (settings, shapes) = self.take_shapes(&mut errors);
+        let length_unit = take_given(self.length_unit, "/length_unit", &mut errors).flatten();
         let unit_faults = text_faults(None, None, length_unit.as_deref());
         errors.extend(unit_faults.into_iter().map(|fault| Fault::new(fault.pointer, fault.detail)));
-        let field = take_given(request.field, "/field", &mut errors);
+        let field = take_given(self.field, "/field", &mut errors);
         if let (Some(_), Some((representation, _))) = (&field, &settings)
-            && representation.extent().is_none()
-            && representation.subdivision().is_none()
+            && !representation.domain().is_surface()
         {
             errors.push(Fault::new("/field", "flow is computed for surfaces only"));
         }
         let ((representation, correspondence), shapes) = checked(settings, errors, shapes)?;
         let counts = Counts::new(&representation, shapes.len(), &app.limits);
-        let work = match (representation.subdivision(), representation.extent()) {
-            (Some(_), _) => requests::measure_subdivision(&representation, counts, &app.limits),
-            (_, Some(_)) => requests::measure_surfaces(&representation, counts),
-            _ => requests::measure_curves(counts, request.reference.is_some()),
-        };
+        let task = MeasureTask { representation, correspondence, reference: self.reference, field };
+        let work = requests::measure(&task.representation, counts, task.reference.is_some(), &app.limits);
         planned(work, move |app| {
-            if representation.subdivision().is_some() {
-                let measures = subdivisions::measure_all(
-                    app,
-                    &representation,
-                    correspondence,
-                    shapes,
-                    request.reference,
-                    field,
-                )?;
-                return json(StatusCode::OK, &MeasureAnswer::surfaces(measures, length_unit));
-            }
-            let posted = Posted::new(app, &representation, correspondence)?;
-            let answer = if posted.is_of_surfaces() {
-                let measures = surfaces::measure(app, &posted, shapes, request.reference, field)?;
-                MeasureAnswer::surfaces(measures, length_unit)
-            } else {
-                MeasureAnswer::curves(curves::measure(app, &posted, shapes, request.reference)?, length_unit)
-            };
-            json(StatusCode::OK, &answer)
+            json(StatusCode::OK, &MeasureAnswer::new(task.measure(app, shapes)?, length_unit))
         })
-    })
-    .await
+    }
 }
 
 document! {
@@ -702,24 +558,24 @@ pub(super) async fn resample(
     _: NoQuery,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
-    compute_planned(app, body, move |app, body| {
-        let (request, mut errors) = (app.parse::<ResampleRequest>(body)?, Vec::new());
-        errors.extend(request.faults);
-        let count = take_given(request.count, "/count", &mut errors);
-        let start = take_or_default(request.start, "/start", &mut errors);
-        let closed = request.closed.map_or(Some(true), |field| field.take("/closed", &mut errors));
-        let shapes = request.shapes.unwrap_or_default().take("/shapes", &mut errors);
+    compute_planned(app, body, |app, body| app.parse::<ResampleRequest>(body)?.plan(app)).await
+}
+
+impl ResampleRequest {
+    fn plan(self, app: &App) -> Result<Planned, ServiceError> {
+        let mut errors = self.faults;
+        let count = take_given(self.count, "/count", &mut errors);
+        let start = take_or_default(self.start, "/start", &mut errors);
+        let closed = self.closed.map_or(Some(true), |field| field.take("/closed", &mut errors));
+        let shapes = self.shapes.unwrap_or_default().take("/shapes", &mut errors);
         let (((count, start), closed), shapes) = checked(count.zip(start).zip(closed), errors, shapes)?;
         planned(requests::resample(&shapes, count, &app.limits), move |app| {
-            let shapes = curves::resample(app, count, start, closed, shapes)?
-                .into_iter()
-                .map(|resampled| ResampledOutput {
-                    points: Points::from_columns(resampled.points, resampled.dimension),
-                    polygon_length: resampled.length,
-                })
-                .collect();
-            json(StatusCode::OK, &ResampleAnswer { shapes })
+            let output = |resampled: Resampled| ResampledOutput {
+                points: Points::from_columns(resampled.points, resampled.dimension),
+                polygon_length: resampled.length,
+            };
+            let shapes = resample::resample(app, count, start, closed, shapes)?.into_iter().map(output);
+            json(StatusCode::OK, &ResampleAnswer { shapes: shapes.collect() })
         })
-    })
-    .await
+    }
 }

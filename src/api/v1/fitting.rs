@@ -11,24 +11,26 @@ use super::request_macros::{ShapeOutput, checked, shapes_request};
 use crate::analysis::correspondence::Correspondence;
 use crate::api::extract::{Caller, JsonBody, NoQuery};
 use crate::api::problem::Problem;
-use crate::api::respond::{compute, compute_planned, json, planned};
+use crate::api::respond::{Planned, compute, compute_planned, json, planned};
 use crate::formats::checked::{Checked, LARGE, Limited, List, Raw, document, take_given, take_or_default};
 use crate::formats::representation::{FitTarget, Read};
 use crate::formats::shape::{Points, ShapeInput};
-use crate::geometry::fit::Fit;
+use crate::geometry::capability::domain::Domain;
+use crate::geometry::capability::fit::{Fitted, Places};
+use crate::geometry::capability::idealise::{Placed, PlacedCurve, PlacedSurface};
 use crate::geometry::ideal::{IdealCurve, Position};
 use crate::geometry::representation::Representation;
 use crate::geometry::surface::ideal::IdealSurface;
 use crate::numeric::dense::Matrix;
 use crate::service::app::warnings::by_shape;
-use crate::service::app::{Limits, ServiceError, Work};
-use crate::service::cost::requests::{self, Counts};
-use crate::service::shapes::fitting::{Placed, PlacedCurve, Size};
+use crate::service::app::{App, Limits, ServiceError, Work};
+use crate::service::cost::requests::{self, Counts, FitCounts};
+use crate::service::shapes::fit::{FitInputs, FitTask, MAX_TURNS, USUAL_TURNS};
+use crate::service::shapes::idealise;
+use crate::service::shapes::read_mesh::MeshInput;
+use crate::service::shapes::refine::{self, Refined};
 use crate::service::shapes::request::Posted;
-use crate::service::shapes::subdivision_fitting::{FittedMesh, MAX_TURNS, Search, USUAL_TURNS};
-use crate::service::shapes::surface_fitting::{FittedSurface, MeshInput};
-use crate::service::shapes::surfaces::PlacedSurface;
-use crate::service::shapes::{fitting, subdivision_fitting, surface_fitting, surfaces};
+use crate::service::shapes::resize::resize;
 
 fn output(control_points: &Matrix) -> ShapeOutput {
     let dimension = control_points.ncols();
@@ -113,157 +115,112 @@ pub(super) async fn fit(
     _: NoQuery,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
-    compute_planned(app, body, move |app, body| {
-        let (request, mut errors) = (app.parse::<FitRequest>(body)?, Vec::new());
-        errors.extend(request.faults);
-        let target = request.representation.and_then(|field| field.take("/representation", &mut errors));
-        let parameters = request.parameters;
-        let surfaces = target.as_ref().is_some_and(|target| target.representation.extent().is_some());
-        let refined = target.as_ref().and_then(|target| target.representation.subdivision()).cloned();
-        let turns = take_given(request.turns, "/turns", &mut errors);
-        if target.is_some() && refined.is_none() {
-            for (_, pointer) in [(turns.is_some(), "/turns"), (request.start.is_some(), "/start")]
-                .into_iter()
-                .filter(|(given, _)| *given)
-            {
-                errors.push(Fault::new(pointer, "this field belongs to subdivision surfaces"));
-            }
+    compute_planned(app, body, |app, body| app.parse::<FitRequest>(body)?.plan(app)).await
+}
+
+impl FitRequest {
+    fn plan(mut self, app: &App) -> Result<Planned, ServiceError> {
+        let mut errors = std::mem::take(&mut self.faults);
+        let target = self.representation.take().and_then(|field| field.take("/representation", &mut errors));
+        let domain = target.as_ref().map(|target| target.representation.domain());
+        let turns = self.take_turns(domain, &mut errors);
+        let places = self.take_places(domain, &mut errors);
+        self.check_inputs(domain, places != Some(None), &mut errors);
+        let meshes = self.meshes.map(|meshes| meshes.take("/meshes", &mut errors));
+        let shapes = self.shapes.unwrap_or_default().take("/shapes", &mut errors);
+        let ((target, places), shapes) = checked(target.zip(places), errors, shapes)?;
+        let FitTarget { representation, tolerance } = target;
+        let inputs = meshes.map_or(FitInputs::Shapes(shapes), FitInputs::Meshes);
+        let task = FitTask { representation, tolerance, places, turns, start: self.start };
+        planned(fit_work(&task, &inputs, &app.limits), move |app| {
+            let fits = task.fit(app, inputs)?;
+            let warnings = by_shape("meshes", fits.iter().map(|fit| &fit.warnings));
+            let fits = fits.into_iter().map(FitOutput::from).collect();
+            json(StatusCode::OK, &FitAnswer { fits, warnings })
+        })
+    }
+
+    /// Takes the number of rounds, and checks that it and a start are given for refined meshes only.
+    fn take_turns(&mut self, domain: Option<Domain>, errors: &mut Vec<Fault>) -> usize {
+        let turns = take_given(self.turns.take(), "/turns", errors);
+        if domain.is_some_and(|domain| !domain.is_mesh()) {
+            let given = [(turns.is_some(), "/turns"), (self.start.is_some(), "/start")];
+            let given = given.into_iter().filter(|(given, _)| *given);
+            errors.extend(
+                given.map(|(_, pointer)| Fault::new(pointer, "this field belongs to subdivision surfaces")),
+            );
         }
-        if let Some(turns) = turns.filter(|turns| *turns > MAX_TURNS) {
+        let turns = turns.unwrap_or(USUAL_TURNS);
+        if turns > MAX_TURNS {
             errors.push(Fault::new("/turns", format!("expected at most {MAX_TURNS}, got {turns}")));
         }
-        if refined.is_some() && parameters.is_some() {
+        turns
+    }
+
+    /// Takes the parameters of the points, one list per shape; `None` for refused ones.
+    fn take_places(
+        &mut self,
+        domain: Option<Domain>,
+        errors: &mut Vec<Fault>,
+    ) -> Option<Option<Vec<Places>>> {
+        let Some(list) = self.parameters.take() else { return Some(None) };
+        if domain.is_some_and(Domain::is_mesh) {
             errors.push(Fault::new(
                 "/parameters",
                 "this field belongs to splines: a subdivision surface has no parameters, use start",
             ));
         }
-        let parameters = match parameters {
-            None => Some(FitParameters::None),
-            Some(list) if surfaces => {
-                let lists = list.read(LARGE, "/parameters", &mut errors);
-                lists.map(|Limited(lists)| FitParameters::Surfaces(lists))
-            }
-            Some(list) => {
-                let lists = list.read(LARGE, "/parameters", &mut errors);
-                lists.map(|Limited(lists)| FitParameters::Curves(lists))
-            }
+        let places = if domain.is_some_and(Domain::is_sheet) {
+            let lists: Limited<Vec<[f64; 2]>> = list.read(LARGE, "/parameters", errors)?;
+            lists.0.into_iter().map(Places::Pairs).collect()
+        } else {
+            let lists: Limited<Vec<f64>> = list.read(LARGE, "/parameters", errors)?;
+            lists.0.into_iter().map(Places::Line).collect()
         };
-        match (&request.shapes, &request.meshes) {
-            (Some(_), Some(_)) => {
-                errors.push(Fault::new("/meshes", "expected either meshes or shapes, got both"));
-            }
-            (None, Some(_)) if target.is_some() && !surfaces && refined.is_none() => {
-                errors.push(Fault::new(
-                    "/meshes",
-                    "this field belongs to surfaces: curves are fitted to shapes",
-                ));
-            }
-            (None, None) => errors.push(Fault::new("/shapes", "required field is missing")),
-            _ => {}
-        }
-        if request.meshes.is_some() && !matches!(parameters, Some(FitParameters::None)) {
-            errors.push(Fault::new(
-                "/parameters",
-                "this field belongs to shapes: a mesh has its own parameters",
-            ));
-        }
-        let meshes = request.meshes.map(|meshes| meshes.take("/meshes", &mut errors));
-        let shapes = request.shapes.unwrap_or_default().take("/shapes", &mut errors);
-        let ((target, parameters), shapes) = checked(target.zip(parameters), errors, shapes)?;
-        let FitTarget { representation, tolerance } = target;
-        let given = (shapes.as_slice(), meshes.as_deref());
-        let work =
-            fit_work(&representation, tolerance.is_some(), turns.unwrap_or(USUAL_TURNS), given, &app.limits);
-        planned(work, move |app| {
-            if let Some(subdivision) = refined {
-                let posted = Posted::new(app, &representation, Correspondence::Landmarks)?;
-                let search = Search { turns: turns.unwrap_or(USUAL_TURNS), start: request.start };
-                let fits = match meshes {
-                    Some(meshes) => {
-                        subdivision_fitting::fit_meshes(app, &posted, &subdivision, search, meshes)?
-                    }
-                    None => subdivision_fitting::fit_clouds(app, &posted, &subdivision, search, shapes)?,
-                };
-                let warnings = by_shape("meshes", fits.iter().map(|fit| &fit.warnings));
-                let output = |FittedMesh { fit, .. }: FittedMesh| FitOutput {
-                    representation: representation.clone(),
-                    shape: output(&fit.rows),
-                    residual: fit.residual,
-                    largest_residual: fit.largest,
-                    parameters: None,
-                    folded: None,
-                };
-                let fits = fits.into_iter().map(output).collect();
-                return json(StatusCode::OK, &FitAnswer { fits, warnings });
-            }
-            if surfaces {
-                let posted = Posted::new(app, &representation, Correspondence::Landmarks)?;
-                let fits = match (meshes, parameters) {
-                    (Some(meshes), _) => surface_fitting::fit_meshes(app, &posted, meshes)?,
-                    (None, FitParameters::Surfaces(lists)) => {
-                        surface_fitting::fit_points(app, &posted, Some(&lists), shapes)?
-                    }
-                    (None, _) => surface_fitting::fit_points(app, &posted, None, shapes)?,
-                };
-                let warnings = by_shape("meshes", fits.iter().map(|fit| &fit.warnings));
-                let output = |fit: FittedSurface| FitOutput {
-                    representation: representation.clone(),
-                    shape: output(&fit.control_points),
-                    residual: fit.residual,
-                    largest_residual: fit.largest,
-                    parameters: fit.parameters,
-                    folded: fit.folded,
-                };
-                let fits = fits.into_iter().map(output).collect();
-                return json(StatusCode::OK, &FitAnswer { fits, warnings });
-            }
-            let size = tolerance.map_or(Size::Given, Size::Tolerance);
-            let parameters = match &parameters {
-                FitParameters::Curves(lists) => Some(lists.as_slice()),
-                _ => None,
-            };
-            let fits = fitting::fit(app, &representation, size, parameters, shapes)?;
-            let output = |fit: Fit| FitOutput {
-                shape: output(&fit.control_points),
-                representation: fit.representation,
-                residual: fit.residual,
-                largest_residual: fit.largest,
-                parameters: None,
-                folded: None,
-            };
-            let fits = fits.into_iter().map(output).collect();
-            json(StatusCode::OK, &FitAnswer { fits, warnings: Vec::new() })
-        })
-    })
-    .await
-}
+        Some(Some(places))
+    }
 
-/// Predicted work of fitting shapes or meshes.
-fn fit_work(
-    representation: &Representation,
-    tolerance: bool,
-    turns: usize,
-    (shapes, meshes): (&[ShapeInput], Option<&[MeshInput]>),
-    limits: &Limits,
-) -> Work {
-    let count = meshes.map_or(shapes.len(), <[MeshInput]>::len);
-    let counts = Counts::new(representation, count, limits);
-    let points = meshes.map_or_else(|| requests::posted_points(shapes), requests::posted_vertices);
-    match (representation.subdivision(), representation.extent()) {
-        (Some(_), _) => {
-            requests::fit_subdivision(representation, counts, (points, meshes.is_some()), turns, limits)
+    /// Checks that shapes or meshes are given, whichever apply to the domain; meshes without parameters beside them.
+    fn check_inputs(&self, domain: Option<Domain>, has_places: bool, errors: &mut Vec<Fault>) {
+        let surfaces = domain.is_none_or(Domain::is_surface);
+        let fault = match (&self.shapes, &self.meshes) {
+            (Some(_), Some(_)) => Some(("/meshes", "expected either meshes or shapes, got both")),
+            (None, Some(_)) if !surfaces => {
+                Some(("/meshes", "this field belongs to surfaces: curves are fitted to shapes"))
+            }
+            (None, None) => Some(("/shapes", "required field is missing")),
+            _ => None,
+        };
+        errors.extend(fault.map(|(pointer, detail)| Fault::new(pointer, detail)));
+        if self.meshes.is_some() && has_places {
+            let detail = "this field belongs to shapes: a mesh has its own parameters";
+            errors.push(Fault::new("/parameters", detail));
         }
-        (_, Some(_)) => requests::fit_surfaces(counts, points, meshes.is_some()),
-        _ => requests::fit_curves(counts, points, tolerance),
     }
 }
 
-/// Parameters of the points to fit.
-enum FitParameters {
-    None,
-    Curves(Vec<Vec<f64>>),
-    Surfaces(Vec<Vec<[f64; 2]>>),
+impl From<Fitted> for FitOutput {
+    fn from(fitted: Fitted) -> Self {
+        Self {
+            shape: output(&fitted.control_points),
+            representation: fitted.representation,
+            residual: fitted.residual,
+            largest_residual: fitted.largest,
+            parameters: fitted.parameters,
+            folded: fitted.folded,
+        }
+    }
+}
+
+/// Predicted work of fitting shapes or meshes.
+fn fit_work(task: &FitTask, inputs: &FitInputs, limits: &Limits) -> Work {
+    let (count, points, meshes) = match inputs {
+        FitInputs::Shapes(shapes) => (shapes.len(), requests::posted_points(shapes), false),
+        FitInputs::Meshes(meshes) => (meshes.len(), requests::posted_vertices(meshes), true),
+    };
+    let counts = Counts::new(&task.representation, count, limits);
+    let fit = FitCounts { points, meshes, tolerance: task.tolerance.is_some(), turns: task.turns };
+    requests::fit(&task.representation, counts, fit, limits)
 }
 
 shapes_request! {
@@ -319,63 +276,62 @@ pub(super) async fn refine(
     _: NoQuery,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
-    compute_planned(app, body, move |app, body| {
-        let (mut request, mut errors) = (app.parse::<RefineRequest>(body)?, Vec::new());
-        let (settings, shapes) = request.take_shapes(&mut errors);
-        let given = request.factor.is_some();
-        let factor = request.factor.map_or(Some(2), |field| field.take("/factor", &mut errors));
-        let control_points = take_given(request.control_points, "/control_points", &mut errors);
-        let extent = settings.as_ref().and_then(|(representation, _)| representation.extent());
-        if control_points.is_some() && (given || (settings.is_some() && extent.is_none())) {
+    compute_planned(app, body, |app, body| app.parse::<RefineRequest>(body)?.plan(app)).await
+}
+
+impl RefineRequest {
+    fn plan(mut self, app: &App) -> Result<Planned, ServiceError> {
+        let mut errors = Vec::new();
+        let (settings, shapes) = self.take_shapes(&mut errors);
+        let given = self.factor.is_some();
+        let factor = self.factor.map_or(Some(2), |field| field.take("/factor", &mut errors));
+        let counts = take_given(self.control_points, "/control_points", &mut errors);
+        let domain = settings.as_ref().map(|(representation, _)| representation.domain());
+        if counts.is_some() && (given || domain.is_some_and(|domain| !domain.is_sheet())) {
             let detail = "this field belongs to surfaces, instead of a factor";
             errors.push(Fault::new("/control_points", detail));
         }
         let (((representation, correspondence), factor), shapes) =
             checked(settings.zip(factor), errors, shapes)?;
-        let counts = Counts::new(&representation, shapes.len(), &app.limits);
-        let times = if extent.is_some() { factor.saturating_mul(factor) } else { factor };
-        let finer = control_points
-            .map_or_else(|| counts.points().saturating_mul(times), |[u, v]| u.saturating_mul(v));
-        planned(requests::refine(counts, finer, &app.limits), move |app| {
+        let work = refine_work(&representation, shapes.len(), factor, counts, &app.limits);
+        planned(work, move |app| {
             let posted = Posted::of_splines(app, &representation, correspondence)?;
             let shapes = posted.read(app, shapes)?;
-            if let Some(extent) = extent {
-                let finer = extent.intervals.map(|count| count.saturating_mul(factor));
-                let (wanted, pointer) =
-                    control_points.map_or((finer, "/factor"), |counts| (counts, "/control_points"));
-                let resized = surfaces::resize(app, &posted, wanted, pointer, &shapes)?;
-                let shapes = resized.shapes.iter();
-                return json(
-                    StatusCode::OK,
-                    &RefineAnswer {
-                        representation: resized.representation.clone(),
-                        exact: resized.exact,
-                        parameter_shift: 0.0,
-                        shapes: shapes
-                            .map(|(shape, change)| RefinedOutput {
-                                shape: output(shape),
-                                l2_change: Some(*change),
-                            })
-                            .collect(),
-                    },
-                );
-            }
-            let refined = fitting::refine(app, &posted, factor, &shapes)?;
-            let shapes = refined.shapes.iter();
-            json(
-                StatusCode::OK,
-                &RefineAnswer {
-                    representation: refined.refinement.representation().clone(),
-                    exact: refined.refinement.is_exact(),
-                    parameter_shift: refined.refinement.parameter_shift(),
-                    shapes: shapes
-                        .map(|(shape, change)| RefinedOutput { shape: output(shape), l2_change: *change })
-                        .collect(),
-                },
-            )
+            let refined = match representation.domain() {
+                Domain::Sheet { extent, .. } => {
+                    let finer = extent.intervals.map(|count| count.saturating_mul(factor));
+                    let (wanted, pointer) =
+                        counts.map_or((finer, "/factor"), |counts| (counts, "/control_points"));
+                    resize(app, &posted, wanted, pointer, &shapes)?
+                }
+                _ => refine::refine(app, &posted, factor, &shapes)?,
+            };
+            json(StatusCode::OK, &RefineAnswer::from(refined))
         })
-    })
-    .await
+    }
+}
+
+/// Predicted work of refining `shapes` shapes.
+fn refine_work(
+    representation: &Representation,
+    shapes: usize,
+    factor: usize,
+    control_points: Option<[usize; 2]>,
+    limits: &Limits,
+) -> Work {
+    let counts = Counts::new(representation, shapes, limits);
+    let times = if representation.domain().is_sheet() { factor.saturating_mul(factor) } else { factor };
+    let finer =
+        control_points.map_or_else(|| counts.points().saturating_mul(times), |[u, v]| u.saturating_mul(v));
+    requests::refine(counts, finer, limits)
+}
+
+impl From<Refined> for RefineAnswer {
+    fn from(Refined { representation, exact, parameter_shift, shapes }: Refined) -> Self {
+        let shape =
+            |(shape, l2_change): (Matrix, Option<f64>)| RefinedOutput { shape: output(&shape), l2_change };
+        Self { representation, exact, parameter_shift, shapes: shapes.into_iter().map(shape).collect() }
+    }
 }
 
 /// Idealised curve of the catalogue.
@@ -428,11 +384,11 @@ fn curve_entry(curve: IdealCurve) -> IdealEntry {
 }
 
 fn surface_entry(surface: IdealSurface) -> Result<IdealSurfaceEntry, ServiceError> {
-    let (topology, seam) = surface.topology();
-    let (control_points, generators) = (surface.fewest_intervals(), surface.generators());
-    let basis = surface.basis(control_points).map_err(|error| ServiceError::Internal(error.to_string()))?;
-    let representation = Representation::Surface { topology, seam, control_points, generators };
-    Ok(IdealSurfaceEntry { surface, representation, shape: output(&surface.rows(&basis)) })
+    let basis = surface
+        .basis(surface.fewest_intervals())
+        .map_err(|error| ServiceError::Internal(error.to_string()))?;
+    let shape = output(&surface.rows(&basis));
+    Ok(IdealSurfaceEntry { representation: surface.representation(), surface, shape })
 }
 
 document! {
@@ -492,15 +448,17 @@ pub(super) async fn idealise(
     _: NoQuery,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
-    compute_planned(app, body, move |app, body| {
-        let (request, mut errors) = (app.parse::<IdealRequest>(body)?, Vec::new());
-        errors.extend(request.faults);
-        let representation =
-            request.representation.and_then(|field| field.take("/representation", &mut errors));
-        let surfaces = representation.as_ref().map(|representation| representation.extent().is_some());
+    compute_planned(app, body, |app, body| app.parse::<IdealRequest>(body)?.plan(app)).await
+}
+
+impl IdealRequest {
+    fn plan(self, app: &App) -> Result<Planned, ServiceError> {
+        let mut errors = self.faults;
+        let representation = self.representation.and_then(|field| field.take("/representation", &mut errors));
+        let surfaces = representation.as_ref().map(|representation| representation.domain().is_sheet());
         let (field, list, other) = match surfaces {
-            Some(true) => ("surfaces", request.surfaces, request.curves.is_some()),
-            _ => ("curves", request.curves, request.surfaces.is_some()),
+            Some(true) => ("surfaces", self.surfaces, self.curves.is_some()),
+            _ => ("curves", self.curves, self.surfaces.is_some()),
         };
         if other && surfaces.is_some() {
             let detail = format!("expected {field} only, as in the representation");
@@ -509,20 +467,18 @@ pub(super) async fn idealise(
             errors.push(Fault::new(format!("/{field}"), "required field is missing"));
         }
         let mut wanted = Vec::new();
-        for (index, input) in
-            list.unwrap_or_default().take(&format!("/{field}"), &mut errors).into_iter().enumerate()
-        {
+        let list = list.unwrap_or_default().take(&format!("/{field}"), &mut errors);
+        for (index, input) in list.into_iter().enumerate() {
             wanted.extend(take_ideal(input, surfaces, &format!("/{field}/{index}"), &mut errors));
         }
         let (representation, _) = checked(representation, errors, Vec::new())?;
         let counts = Counts::new(&representation, wanted.len(), &app.limits);
-        planned(requests::fit_curves(counts, 0.0, false), move |app| {
+        planned(requests::fit_lines(counts, 0.0, false), move |app| {
             let posted = Posted::of_splines(app, &representation, Correspondence::Landmarks)?;
-            let shapes = fitting::idealise(app, &posted, &wanted)?.iter().map(output).collect();
+            let shapes = idealise::idealise(app, &posted, &wanted)?.iter().map(output).collect();
             json(StatusCode::OK, &IdealAnswer { shapes })
         })
-    })
-    .await
+    }
 }
 
 /// Takes an idealised surface, or else a curve, with its position.

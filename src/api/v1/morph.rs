@@ -9,21 +9,15 @@ use super::request_macros::{ShapeOutput, checked};
 use crate::analysis::correspondence::Correspondence;
 use crate::api::extract::{Caller, Format, JsonBody, OnlyFormat};
 use crate::api::problem::Problem;
-use crate::api::respond::{compute_planned, json, planned, svg};
+use crate::api::respond::{Planned, compute_planned, json, planned, svg};
 use crate::formats::checked::{Checked, LARGE, document, take_given, take_or_default};
 use crate::formats::representation::Read;
 use crate::formats::shape::{Points, ShapeInput};
-use crate::geometry::GeometryError;
-use crate::geometry::drawing::svg::{self as drawing, Layer, colour};
 use crate::geometry::representation::Representation;
-use crate::geometry::subdivision::normal_based::Oriented;
-use crate::geometry::subdivision::{Scheme, Subdivision};
 use crate::service::app::{App, ServiceError};
 use crate::service::cost::requests::{self, Counts};
-use crate::service::shapes::morph::{PathKind, Positions};
-use crate::service::shapes::read::{check_correspondence, own_faults};
-use crate::service::shapes::request::Posted;
-use crate::service::shapes::{morph, subdivisions};
+use crate::service::shapes::morph::{Frame, Morph, MorphTask, PathKind, Positions};
+use crate::service::shapes::read::own_faults;
 
 document! {
     /// Two shapes and the kind of path between them.
@@ -80,6 +74,8 @@ pub(super) struct MorphAnswer {
 
 /// Largest number of equally spaced positions.
 const MAX_STEPS: usize = 1000;
+/// Default number of equally spaced positions.
+const USUAL_STEPS: usize = 11;
 
 /// Computes shapes on a path between two curves or surfaces, with extrapolation.
 ///
@@ -94,37 +90,23 @@ pub(super) async fn morph(
     OnlyFormat(format): OnlyFormat,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
-    compute_planned(app, body, move |app, body| {
-        let (request, mut errors) = (app.parse::<MorphRequest>(body)?, Vec::new());
-        errors.extend(request.faults);
+    let plan = move |app: &App, body: &[u8]| app.parse::<MorphRequest>(body)?.plan(app, format);
+    compute_planned(app, body, plan).await
+}
+
+impl MorphRequest {
+    fn plan(mut self, app: &App, format: Format) -> Result<Planned, ServiceError> {
+        let mut errors = std::mem::take(&mut self.faults);
         let representation =
-            request.representation.and_then(|field| field.take("/representation", &mut errors));
-        let correspondence = take_or_default(request.correspondence, "/correspondence", &mut errors);
-        let kind = take_or_default(request.path, "/path", &mut errors);
-        let steps = take_given(request.steps, "/steps", &mut errors);
-        let positions = take_given(request.positions, "/positions", &mut errors);
-        let positions = match (positions, steps) {
-            (Some(_), Some(_)) => {
-                errors.push(Fault::new("/steps", "expected either positions or steps, got both"));
-                None
-            }
-            (Some(positions), None) => Some(Positions::At(positions)),
-            (None, steps) => {
-                let steps = steps.unwrap_or(11);
-                if !(2..=MAX_STEPS).contains(&steps) {
-                    errors.push(Fault::new(
-                        "/steps",
-                        format!("expected a number between 2 and {MAX_STEPS}, got {steps}"),
-                    ));
-                }
-                Some(Positions::Steps(steps.clamp(2, MAX_STEPS)))
-            }
-        };
+            self.representation.take().and_then(|field| field.take("/representation", &mut errors));
+        let correspondence = take_or_default(self.correspondence.take(), "/correspondence", &mut errors);
+        let kind = take_or_default(self.path.take(), "/path", &mut errors);
+        let positions = self.take_positions(&mut errors);
         let wanted = representation.zip(correspondence).zip(kind.zip(positions));
-        let (from, to) = (request.from.unwrap_or_default(), request.to.unwrap_or_default());
+        let ends = [self.from.unwrap_or_default(), self.to.unwrap_or_default()];
         if !errors.is_empty() {
             // Faults of the shapes that do not depend on the representation; a missing shape is already reported.
-            for (shape, pointer) in [(&from, "/from"), (&to, "/to")] {
+            for (shape, pointer) in ends.iter().zip(["/from", "/to"]) {
                 let found = own_faults(shape.clone());
                 errors.extend(found.into_iter().map(|error| error.below(pointer)));
             }
@@ -132,55 +114,41 @@ pub(super) async fn morph(
         let (((representation, correspondence), (kind, positions)), _) = checked(wanted, errors, Vec::new())?;
         let counts = Counts::new(&representation, 2, &app.limits);
         let work = requests::morph(counts, positions.count(), format == Format::Svg, &app.limits);
-        planned(work, move |app| {
-            if let Some(Subdivision { scheme: Scheme::NormalBased { .. }, .. }) = representation.subdivision()
-            {
-                if kind == PathKind::Sphere {
-                    let detail = format!(
-                        "expected another path than \"sphere\", which requires norms: {}",
-                        GeometryError::NotLinear
-                    );
-                    return Err(ServiceError::invalid("/path", detail));
-                }
-                check_correspondence(&representation, correspondence)?;
-                return morph_oriented(app, &representation, &positions, [from, to], format);
-            }
-            let posted = Posted::new(app, &representation, correspondence)?;
-            let morph = morph::morph(app, &posted, kind, &positions, from, to)?;
-            if format == Format::Svg {
-                let name = if kind == PathKind::Plane { "straight path" } else { "great circle" };
-                return Ok(svg(morph::draw_morph(&posted, name, &morph)?));
-            }
-            let frame = |(position, shape): (f64, crate::numeric::dense::Matrix)| {
-                let points = Points::from_columns(shape.as_slice().to_vec(), shape.ncols());
-                MorphFrame { position, shape: ShapeOutput { control_points: points }, normals: None }
-            };
-            json(
-                StatusCode::OK,
-                &MorphAnswer { angle: morph.angle, frames: morph.frames.into_iter().map(frame).collect() },
-            )
+        let task = MorphTask { representation, correspondence, kind, positions, ends };
+        planned(work, move |app| match format {
+            Format::Svg => Ok(svg(task.drawing(app)?)),
+            Format::Json => json(StatusCode::OK, &MorphAnswer::from(task.morph(app)?)),
         })
-    })
-    .await
+    }
+
+    /// Takes the positions, or their number.
+    fn take_positions(&mut self, errors: &mut Vec<Fault>) -> Option<Positions> {
+        let steps = take_given(self.steps.take(), "/steps", errors);
+        let positions = take_given(self.positions.take(), "/positions", errors);
+        match (positions, steps) {
+            (Some(_), Some(_)) => {
+                errors.push(Fault::new("/steps", "expected either positions or steps, got both"));
+                None
+            }
+            (Some(positions), None) => Some(Positions::At(positions)),
+            (None, steps) => {
+                let steps = steps.unwrap_or(USUAL_STEPS);
+                if !(2..=MAX_STEPS).contains(&steps) {
+                    let detail = format!("expected a number between 2 and {MAX_STEPS}, got {steps}");
+                    errors.push(Fault::new("/steps", detail));
+                }
+                Some(Positions::Steps(steps.clamp(2, MAX_STEPS)))
+            }
+        }
+    }
 }
 
-/// Straight path between two shapes of points and normals.
-fn morph_oriented(
-    app: &App,
-    representation: &Representation,
-    positions: &Positions,
-    ends: [ShapeInput; 2],
-    format: Format,
-) -> Result<Response, ServiceError> {
-    let drawn = format == Format::Svg;
-    let morph = subdivisions::morph(app, representation, positions, ends, drawn)?;
-    if drawn {
-        return Ok(svg(drawing::draw("straight path", &[Layer::of_meshes(&morph.meshes, colour::BACK)])));
+impl From<Morph> for MorphAnswer {
+    fn from(Morph { frames, angle }: Morph) -> Self {
+        let frame = |Frame { position, control_points, normals }: Frame| {
+            let points = Points::from_columns(control_points.as_slice().to_vec(), control_points.ncols());
+            MorphFrame { position, shape: ShapeOutput { control_points: points }, normals }
+        };
+        Self { frames: frames.into_iter().map(frame).collect(), angle }
     }
-    let frame = |(position, shape): (f64, Oriented)| {
-        let columns = (0..3).flat_map(|c| shape.points.iter().map(move |point| point[c])).collect();
-        let shape_output = ShapeOutput { control_points: Points::from_columns(columns, 3) };
-        MorphFrame { position, shape: shape_output, normals: Some(shape.normals) }
-    };
-    json(StatusCode::OK, &MorphAnswer { angle: None, frames: morph.frames.into_iter().map(frame).collect() })
 }

@@ -26,7 +26,7 @@ use crate::formats::shape::{Points, ShapeInput};
 use crate::service::app::{App, ServiceError, Work};
 use crate::service::cohorts::upload::{OnError, Stored};
 use crate::service::cohorts::{catalogue, upload};
-use crate::service::statistics::draw_shapes;
+use crate::service::shapes::draw::draw_shapes;
 
 document! {
     /// Shapes to add.

@@ -17,6 +17,7 @@ use crate::formats::fault::Fault;
 use crate::formats::shape::{Points, ShapeInput};
 use crate::service::app::{App, ServiceError};
 use crate::service::cost::requests::{self, Counts};
+use crate::service::shapes::draw::MAX_DRAWN;
 use crate::service::statistics::{self, Components, Onto, Settings, Setup, Statistics};
 
 settings_request! {
@@ -169,7 +170,7 @@ async fn answer(
         let (settings, shapes) = request.take_settings(&mut errors);
         let (settings, shapes) = checked(settings, errors, shapes)?;
         let counts = Counts::new(&settings.representation, shapes.len(), &app.limits);
-        let drawn = if format == Format::Svg { shapes.len().min(statistics::MAX_DRAWN) } else { 0 };
+        let drawn = if format == Format::Svg { shapes.len().min(MAX_DRAWN) } else { 0 };
         planned(requests::align(&settings, counts) + requests::draw(counts, drawn), move |app| {
             let statistics = statistics::align(app, &settings, shapes)?;
             if format == Format::Svg { Ok(draw(&statistics)) } else { write(&statistics) }

@@ -8,20 +8,21 @@ use serde::Serialize;
 use super::request_macros::checked;
 use crate::api::extract::{Caller, Format, JsonBody, OnlyShapeFormat, ShapeFormat, ShapeFormatQuery};
 use crate::api::problem::Problem;
-use crate::api::respond::{compute_planned, json, mesh_file, planned, svg};
+use crate::api::respond::{Planned, compute_planned, json, mesh_file, planned, svg};
 use crate::formats::checked::{Checked, document, take_given};
 use crate::formats::shape::Points;
+use crate::geometry::capability::refine::RefinedMesh;
+use crate::geometry::capability::tessellate::with_normals;
 use crate::geometry::drawing::svg::{self as drawing, Layer, MAX_FACES, colour};
 use crate::geometry::mesh::TriangleMesh;
 use crate::geometry::subdivision::control::StartMesh;
 use crate::geometry::subdivision::measures::coarsened;
 use crate::geometry::subdivision::refinement::Depth;
 use crate::geometry::subdivision::{LoopWeights, Scheme, SchemeFields, SchemeName};
-use crate::service::app::ServiceError;
+use crate::service::app::{App, ServiceError};
 use crate::service::cost::requests;
-use crate::service::shapes::subdivisions::{
-    self, ControlMeshInput, PolylineInput, RefinedCurve, RefinedMesh, subdivide as refine, subdivide_named,
-    subdivide_polyline,
+use crate::service::shapes::subdivide::{
+    ControlMeshInput, PolylineInput, RefinedCurve, subdivide as refine, subdivide_named, subdivide_polyline,
 };
 
 document! {
@@ -154,41 +155,41 @@ pub(super) async fn subdivide(
     OnlyShapeFormat(format): OnlyShapeFormat,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
-    compute_planned(app, body, move |app, body| {
-        let (mut request, mut errors) = (app.parse::<SubdivideRequest>(body)?, Vec::new());
-        errors.append(&mut request.faults);
-        let scheme = request.take_scheme(&mut errors);
-        let depth = request.take_depth(&mut errors);
-        let wanted_limit =
-            request.limit.take().map_or(Some(false), |field| field.take("/limit", &mut errors));
-        let given = request.take_given(&mut errors);
-        let wanted = scheme.zip(depth).zip(wanted_limit.zip(given));
-        let (((scheme, depth), (wanted_limit, given)), _) = checked(wanted, errors, Vec::new())?;
-        let (vertices, factor) = match &given {
-            Given::Mesh(mesh) => (mesh.vertex_count(), 4.0),
-            Given::Start(start) => (start.size().vertices, 4.0),
-            Given::Polyline(polyline) => (polyline.point_count(), 2.0),
-        };
-        planned(requests::subdivide(vertices, factor, &depth, wanted_limit, &app.limits), move |app| {
-            let mesh = match given {
-                Given::Mesh(mesh) => refine(app, scheme, mesh, depth, wanted_limit)?,
-                Given::Start(start) => subdivide_named(app, scheme, start, depth, wanted_limit)?,
-                Given::Polyline(polyline) => {
-                    let closed = polyline.closed.as_ref().and_then(Checked::get).copied().unwrap_or(true);
-                    return answer_polyline(
-                        subdivide_polyline(app, scheme, polyline, depth)?,
-                        closed,
-                        format,
-                    );
-                }
-            };
-            answer_mesh(mesh, format)
-        })
-    })
-    .await
+    let plan = move |app: &App, body: &[u8]| app.parse::<SubdivideRequest>(body)?.plan(app, format);
+    compute_planned(app, body, plan).await
+}
+
+impl Given {
+    /// Number of vertices or points, and the factor by which it grows with every level.
+    fn size(&self) -> (usize, f64) {
+        match self {
+            Self::Mesh(mesh) => (mesh.vertex_count(), 4.0),
+            Self::Start(start) => (start.size().vertices, 4.0),
+            Self::Polyline(polyline) => (polyline.point_count(), 2.0),
+        }
+    }
 }
 
 impl SubdivideRequest {
+    fn plan(mut self, app: &App, format: ShapeFormat) -> Result<Planned, ServiceError> {
+        let mut errors = std::mem::take(&mut self.faults);
+        let scheme = self.take_scheme(&mut errors);
+        let depth = self.take_depth(&mut errors);
+        let limit = self.limit.take().map_or(Some(false), |field| field.take("/limit", &mut errors));
+        let given = self.take_given(&mut errors);
+        let wanted = scheme.zip(depth).zip(limit.zip(given));
+        let (((scheme, depth), (limit, given)), _) = checked(wanted, errors, Vec::new())?;
+        let (vertices, factor) = given.size();
+        planned(requests::subdivide(vertices, factor, &depth, limit, &app.limits), move |app| match given {
+            Given::Mesh(mesh) => answer_mesh(refine(app, scheme, mesh, depth, limit)?, format),
+            Given::Start(start) => answer_mesh(subdivide_named(app, scheme, start, depth, limit)?, format),
+            Given::Polyline(polyline) => {
+                let closed = polyline.closed.as_ref().and_then(Checked::get).copied().unwrap_or(true);
+                answer_polyline(subdivide_polyline(app, scheme, polyline, depth)?, closed, format)
+            }
+        })
+    }
+
     fn take_scheme(&mut self, errors: &mut Vec<Fault>) -> Option<Scheme> {
         let before = errors.len();
         let name = take_given(self.scheme.take(), "/scheme", errors);
@@ -280,7 +281,7 @@ fn answer_mesh(refined: RefinedMesh, format: ShapeFormat) -> Result<Response, Se
                 },
                 None => refined.shape,
             };
-            return Ok(mesh_file(format, &subdivisions::with_normals(mesh)));
+            return Ok(mesh_file(format, &with_normals(mesh)));
         }
     }
     let TriangleMesh { vertices, normals, faces } = refined.shape;

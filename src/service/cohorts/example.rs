@@ -6,8 +6,6 @@ use futures_util::stream;
 use super::catalogue::NewCohort;
 use super::{catalogue, upload};
 use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
-use crate::geometry::generator::GeneratorKind;
-use crate::geometry::representation::Representation;
 use crate::service::app::{App, ServiceError};
 
 /// Name of the example cohort.
@@ -23,7 +21,7 @@ const SHAPES: &str = include_str!("../../../examples/cells/cells.ndjson");
 pub async fn load_into_empty(app: &App) -> Result<(), ServiceError> {
     let (cohorts, _) = catalogue::list(app, None, 2).await?;
     let cohort = match cohorts.as_slice() {
-        [] => match catalogue::create(app, description()).await {
+        [] => match catalogue::create(app, description()?).await {
             // Another replica that starts at the same time loads it.
             Err(ServiceError::NameTaken { .. }) => return Ok(()),
             created => created?,
@@ -38,18 +36,19 @@ pub async fn load_into_empty(app: &App) -> Result<(), ServiceError> {
     Ok(())
 }
 
-fn description() -> NewCohort {
-    NewCohort {
+/// Representation of the outlines, as in a request.
+const REPRESENTATION: &str =
+    r#"{"kind":"closed_curve","dimension":2,"control_points":100,"generator":{"name":"trigonometric"}}"#;
+
+fn description() -> Result<NewCohort, ServiceError> {
+    Ok(NewCohort {
         name: NAME.into(),
         description: Some("Outlines of mouse osteosarcoma cells of two lines under three treatments".into()),
-        representation: Representation::ClosedCurve {
-            dimension: 2,
-            control_points: 100,
-            generator: GeneratorKind::Trigonometric {},
-        },
+        representation: serde_json::from_str(REPRESENTATION)
+            .map_err(|error| ServiceError::Internal(error.to_string()))?,
         correspondence: Correspondence::Cyclic,
         direction: Direction::Given,
         mirror: Mirror::Forbid,
         length_unit: Some("pixel".into()),
-    }
+    })
 }

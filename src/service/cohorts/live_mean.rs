@@ -17,7 +17,8 @@ use crate::domain::shape::ShapeFilter;
 use crate::service::app::cache::Cached;
 use crate::service::app::{App, ServiceError};
 use crate::service::cost::requests::{self, Counts};
-use crate::service::statistics::{MAX_DRAWN, Settings, Setup};
+use crate::service::shapes::draw::MAX_DRAWN;
+use crate::service::statistics::{Settings, Setup};
 
 /// Parameters of a cohort mean.
 #[derive(Debug, Clone, PartialEq, Serialize)]

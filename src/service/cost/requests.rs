@@ -12,12 +12,16 @@ use crate::analysis::correspondence::Correspondence;
 use crate::analysis::transformation::{ClassName, Transformation};
 use crate::domain::cohort::Cohort;
 use crate::formats::shape::ShapeInput;
+use crate::geometry::capability::domain::Domain;
+use crate::geometry::capability::sample::Parameters;
 use crate::geometry::representation::Representation;
 use crate::geometry::subdivision::refinement::Depth;
+use crate::geometry::surface::basis::Extent;
 use crate::service::app::Limits;
 use crate::service::app::work::{NUMBER, REQUEST, Work};
 use crate::service::shapes::read::check_representation;
-use crate::service::shapes::surface_fitting::MeshInput;
+use crate::service::shapes::read_mesh::MeshInput;
+use crate::service::shapes::read_points::given;
 use crate::service::statistics::Settings;
 
 /// Sizes of the shapes of a request: their number, control points and dimension.
@@ -42,7 +46,7 @@ impl Counts {
     pub fn new(representation: &Representation, shapes: usize, limits: &Limits) -> Self {
         // The control mesh of a subdivision surface is checked when it is refined; only its size matters here.
         let refused =
-            representation.subdivision().is_none() && check_representation(representation, limits).is_err();
+            !representation.domain().is_mesh() && check_representation(representation, limits).is_err();
         let points = if refused { 0 } else { representation.size().min(limits.control_points) };
         Self {
             shapes: shapes.min(limits.shapes) as f64,
@@ -74,17 +78,13 @@ impl Counts {
 
 /// Number of points of all posted shapes.
 pub fn posted_points(shapes: &[ShapeInput]) -> f64 {
-    let count = |shape: &ShapeInput| {
-        crate::service::shapes::read::given(&shape.points).map_or(0, |points| points.len())
-    };
+    let count = |shape: &ShapeInput| given(&shape.points).map_or(0, |points| points.len());
     shapes.iter().map(count).sum::<usize>() as f64
 }
 
 /// Number of vertices of all posted meshes.
 pub fn posted_vertices(meshes: &[MeshInput]) -> f64 {
-    let count = |mesh: &MeshInput| {
-        crate::service::shapes::read::given(&mesh.vertices).map_or(0, |points| points.len())
-    };
+    let count = |mesh: &MeshInput| given(&mesh.vertices).map_or(0, |points| points.len());
     meshes.iter().map(count).sum::<usize>() as f64
 }
 
@@ -158,8 +158,22 @@ pub fn components(counts: Counts, components: usize) -> Work {
         + Work::numbers(kept * (counts.shapes + counts.length()))
 }
 
+/// Number of vertices of all refined meshes.
+fn vertices(representation: &Representation, counts: Counts, limits: &Limits) -> f64 {
+    counts.shapes * representation.refined_vertices().min(limits.vertices) as f64
+}
+
+/// Measures of shapes, and their distances to a reference.
+pub fn measure(representation: &Representation, counts: Counts, reference: bool, limits: &Limits) -> Work {
+    match representation.domain() {
+        Domain::Vertices => measure_meshes(representation, counts, limits),
+        Domain::Sheet { extent, .. } => measure_sheets(extent, counts),
+        Domain::Line { .. } | Domain::Points => measure_lines(counts, reference),
+    }
+}
+
 /// Measures of curves, and their distances to a reference.
-pub fn measure_curves(counts: Counts, reference: bool) -> Work {
+fn measure_lines(counts: Counts, reference: bool) -> Work {
     /// Per dimension: quadratures and self-intersections of an interval between knots.
     const INTERVAL: f64 = 3e-6;
     /// Nearest points of two intervals, in both directions.
@@ -168,39 +182,48 @@ pub fn measure_curves(counts: Counts, reference: bool) -> Work {
     Work(REQUEST + counts.values() * INTERVAL + pairs * PAIR)
 }
 
-/// Measures of tensor-product surfaces.
-pub fn measure_surfaces(representation: &Representation, counts: Counts) -> Work {
+/// Measures of surfaces with parameters.
+fn measure_sheets(extent: Extent, counts: Counts) -> Work {
     /// Quadrature over a cell between knots.
     const CELL: f64 = 3.5e-5;
-    let cells = match representation.extent() {
-        Some(extent) if counts.points > 0.0 => extent.intervals.iter().map(|&count| count as f64).product(),
+    let cells = match extent.intervals.map(|count| count as f64) {
+        [u, v] if counts.points > 0.0 => u * v,
         _ => counts.points,
     };
     Work(REQUEST + counts.shapes * cells * CELL)
 }
 
-/// Number of vertices of all refined meshes of subdivision surfaces.
-fn vertices(representation: &Representation, counts: Counts, limits: &Limits) -> f64 {
-    let each = representation.subdivision().map_or(0, |subdivision| subdivision.size().vertices);
-    counts.shapes * each.min(limits.vertices) as f64
-}
-
-/// Measures of subdivision surfaces.
-pub fn measure_subdivision(representation: &Representation, counts: Counts, limits: &Limits) -> Work {
+/// Measures of refined meshes.
+fn measure_meshes(representation: &Representation, counts: Counts, limits: &Limits) -> Work {
     /// Per vertex of the level: refining and measuring.
     const VERTEX: f64 = 2e-7;
     Work(REQUEST + vertices(representation, counts, limits) * VERTEX)
 }
 
+/// Values at `parameters`, or at the vertices of refined meshes, with derivatives up to `order` and frames.
+pub fn values(
+    representation: &Representation,
+    counts: Counts,
+    parameters: Option<&Parameters>,
+    (order, frames): (usize, bool),
+    limits: &Limits,
+) -> Work {
+    /// Cost of a frame, as a multiple of the coordinates of a point.
+    const FRAME: usize = 5;
+    let Some(parameters) = parameters else { return evaluate_meshes(representation, counts, limits) };
+    let numbers = parameters.derivatives(order).len() + if frames { FRAME } else { 0 };
+    evaluate(counts, parameters.count(), numbers, limits)
+}
+
 /// Values of curves or surfaces at `places` places of each, with derivatives and frames: `numbers` per place.
-pub fn evaluate(counts: Counts, places: usize, numbers: usize, limits: &Limits) -> Work {
+fn evaluate(counts: Counts, places: usize, numbers: usize, limits: &Limits) -> Work {
     let places = places.saturating_mul(numbers).min(limits.samples) as f64;
     // Preparing a curve processes its coefficients once more.
     Work::numbers(counts.shapes * places * counts.dimension) + Work(counts.values() * NUMBER)
 }
 
 /// Refined meshes of subdivision surfaces, with frames.
-pub fn evaluate_meshes(representation: &Representation, counts: Counts, limits: &Limits) -> Work {
+fn evaluate_meshes(representation: &Representation, counts: Counts, limits: &Limits) -> Work {
     /// Per vertex of the level: refining and writing.
     const VERTEX: f64 = 4e-7;
     Work(REQUEST + vertices(representation, counts, limits) * VERTEX)
@@ -230,8 +253,30 @@ pub fn resample(shapes: &[ShapeInput], count: usize, limits: &Limits) -> Work {
     Work::numbers(2.0 * answered + posted_points(shapes))
 }
 
+/// What shapes are fitted to.
+#[derive(Debug, Clone, Copy)]
+pub struct FitCounts {
+    /// Number of points, or of vertices of meshes, in total.
+    pub points: f64,
+    /// Whether they are the vertices of meshes.
+    pub meshes: bool,
+    /// Whether sizes are chosen for a tolerance.
+    pub tolerance: bool,
+    /// Number of rounds for refined meshes.
+    pub turns: usize,
+}
+
+/// Shapes fitted to points or meshes.
+pub fn fit(representation: &Representation, counts: Counts, fit: FitCounts, limits: &Limits) -> Work {
+    match representation.domain() {
+        Domain::Vertices => fit_meshes(representation, counts, fit, limits),
+        Domain::Sheet { .. } => fit_sheets(counts, fit.points, fit.meshes),
+        Domain::Line { .. } | Domain::Points => fit_lines(counts, fit.points, fit.tolerance),
+    }
+}
+
 /// Curves fitted to contours of `points` points in total; a `tolerance` requires several sizes.
-pub fn fit_curves(counts: Counts, points: f64, tolerance: bool) -> Work {
+pub fn fit_lines(counts: Counts, points: f64, tolerance: bool) -> Work {
     /// Per point: its part of the normal equations of one size.
     const POINT: f64 = 1e-7;
     /// Number of sizes tried for a tolerance.
@@ -240,8 +285,8 @@ pub fn fit_curves(counts: Counts, points: f64, tolerance: bool) -> Work {
     Work::numbers(counts.values()) + Work(sizes * points * POINT)
 }
 
-/// Tensor-product surfaces fitted to `points` points, or to meshes with as many vertices, in total.
-pub fn fit_surfaces(counts: Counts, points: f64, meshes: bool) -> Work {
+/// Surfaces with parameters fitted to `points` points, or to meshes with as many vertices, in total.
+fn fit_sheets(counts: Counts, points: f64, meshes: bool) -> Work {
     /// Per point, or per vertex: the parameters of a mesh are harmonic functions on it, and its faces are samples.
     const POINT: f64 = 1e-6;
     const VERTEX: f64 = 4.5e-5;
@@ -250,12 +295,11 @@ pub fn fit_surfaces(counts: Counts, points: f64, meshes: bool) -> Work {
     Work::numbers(counts.values()) + Work(points * each) + solving
 }
 
-/// Subdivision surfaces fitted to `points` points in total, in alternating rounds.
-pub fn fit_subdivision(
+/// Refined meshes fitted to points or meshes, in alternating rounds.
+fn fit_meshes(
     representation: &Representation,
     counts: Counts,
-    (points, meshes): (f64, bool),
-    turns: usize,
+    FitCounts { points, meshes, turns, .. }: FitCounts,
     limits: &Limits,
 ) -> Work {
     /// Per point: its nearest place, and its rows in the normal equations.
@@ -265,7 +309,7 @@ pub fn fit_subdivision(
     let solving = Work::of_multiply_adds(counts.shapes * counts.points.powi(3) / 3.0);
     // A surface is fitted to the faces of a mesh, two per vertex, and starts from a fitted spline surface.
     let (targets, start) =
-        if meshes { (2.0 * points, fit_surfaces(counts, points, true)) } else { (points, Work(0.0)) };
+        if meshes { (2.0 * points, fit_sheets(counts, points, true)) } else { (points, Work(0.0)) };
     let turn = Work(targets * POINT + vertices(representation, counts, limits) * VERTEX) + solving;
     start + Work(REQUEST) + (turns as f64 + 1.0) * turn
 }

@@ -3,12 +3,9 @@
 //! The function is synchronous and runs on the pool.
 
 use super::request::Posted;
-use super::surfaces::outside;
 use crate::formats::fault::Fault;
 use crate::formats::shape::{MAX_COORDINATE, ShapeInput};
 use crate::geometry::deformation::{self, Handle};
-use crate::geometry::representation::Representation;
-use crate::geometry::sampling::Places;
 use crate::numeric::dense::Matrix;
 use crate::service::app::faults::Faults;
 use crate::service::app::{App, ServiceError};
@@ -82,17 +79,14 @@ pub fn deform(
     }
     context.check()?;
     let change = &after - &before;
-    let places = Places::along(&posted.space, posted.space.representation().point_count());
-    let points = places.points(&posted.space, &change);
-    let points = Matrix::from_vec(places.count(), change.ncols(), points);
     let support = |moved: &ControlPointMove| Support {
         control_point: moved.control_point,
         parameters: deformation::support(&posted.space, moved.control_point),
     };
     Ok(Deformation {
         supports: moves.iter().map(support).collect(),
-        l2_change: posted.metric.inner(change.as_slice(), change.as_slice()).max(0.0).sqrt(),
-        largest_change: points.row_iter().map(|row| row.norm()).fold(0.0, f64::max),
+        l2_change: posted.space.norm(&change),
+        largest_change: posted.space.largest_change(&change),
         control_points: after,
     })
 }
@@ -127,41 +121,8 @@ fn faults(posted: &Posted, moves: &[ControlPointMove], handles: &[Handle]) -> Ve
     for (i, Handle { parameters, position: to }) in handles.iter().enumerate() {
         faults.extend(position(to, format!("/handles/{i}/position")));
         let pointer = format!("/handles/{i}/parameters");
-        match parameters[..] {
-            [u, v] if posted.is_of_surfaces() => {
-                faults.extend(outside(&posted.space, &[[u, v]], "").into_iter().map(|fault| {
-                    let place = fault.pointer.strip_prefix("/0").unwrap_or_default();
-                    Fault { pointer: format!("{pointer}{place}"), ..fault }
-                }));
-            }
-            [vertex] if posted.space.subdivision().is_some() => {
-                let count = posted.steps().finest().vertices();
-                if vertex.fract() != 0.0 || !(0.0..count as f64).contains(&vertex) {
-                    let detail =
-                        format!("expected a vertex of the level, from 0 to {}, got {vertex}", count - 1);
-                    faults.push(Fault::new(format!("{pointer}/0"), detail));
-                }
-            }
-            [u] if !posted.is_of_surfaces() => {
-                if !representation.is_closed() && !(0.0..=1.0).contains(&u) {
-                    faults.push(Fault::new(
-                        pointer,
-                        format!("expected a number between 0 and 1 on an open curve, got {u}"),
-                    ));
-                }
-            }
-            _ => {
-                let wanted = match representation {
-                    Representation::Surface { .. } => "u and v",
-                    Representation::Subdivision(_) => "the number of a vertex",
-                    _ => "u",
-                };
-                faults.push(Fault::new(
-                    pointer,
-                    format!("expected {wanted}, got {} entries", parameters.len()),
-                ));
-            }
-        }
+        let found = representation.handle_faults(parameters).into_iter();
+        faults.extend(found.map(|fault| Fault::from(fault).below(&pointer)));
     }
     faults
 }

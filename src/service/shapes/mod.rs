@@ -1,22 +1,33 @@
-//! Use cases that treat each shape of a request by itself.
+//! Use cases that treat each shape of a request by itself, a file per verb. Kinds of shapes are told apart in the geometry
+//! crate only.
 //!
-//! * [`read`] — control points of posted shapes; [`request`] — shapes of a request in their space; [`spaces`] —
-//!   prepared spaces;
-//! * [`curves`], [`surfaces`], [`subdivisions`] — evaluate, measure, refine;
-//! * [`fitting`], [`surface_fitting`], [`subdivision_fitting`] — fit;
+//! * [`read`] — control points of posted shapes; [`read_points`], [`read_mesh`], [`read_oriented`] — points, meshes, and
+//!   points with normals as posted; [`request`] — shapes of a request in their space; [`spaces`] — prepared spaces;
+//!   [`each`] — parallel work on a list;
+//! * [`evaluate`], [`measure`], [`mesh`], [`draw`] — values, measures, triangle meshes, drawings;
+//! * [`fit`], [`resample`], [`idealise`] — shapes from points, meshes and formulas;
+//! * [`refine`], [`resize`], [`subdivide`] — other grids of knots; refined meshes and polylines;
 //! * [`morph`], [`deform`] — paths between two shapes; deformation by handles; [`overlap`] — overlap of two bodies;
 //! * [`generators`] — properties of a generator.
 
-pub mod curves;
 pub mod deform;
-pub mod fitting;
+pub mod draw;
+pub mod each;
+pub mod evaluate;
+pub mod fit;
 pub mod generators;
+pub mod idealise;
+pub mod measure;
+pub mod mesh;
 pub mod morph;
 pub mod overlap;
 pub mod read;
+pub mod read_mesh;
+pub mod read_oriented;
+pub mod read_points;
+pub mod refine;
 pub mod request;
+pub mod resample;
+pub mod resize;
 pub mod spaces;
-pub mod subdivision_fitting;
-pub mod subdivisions;
-pub mod surface_fitting;
-pub mod surfaces;
+pub mod subdivide;

@@ -2,12 +2,18 @@
 //!
 //! The functions are synchronous and run on the pool.
 
-use super::curves::each;
+use super::each::each;
+use super::read::{check_correspondence, check_sizes};
+use super::read_oriented::OrientedReader;
 use super::request::Posted;
+use crate::analysis::correspondence::Correspondence;
 use crate::analysis::path::Path;
 use crate::formats::fault::Fault;
 use crate::formats::shape::ShapeInput;
-use crate::geometry::drawing::svg::{self, Layer, colour};
+use crate::geometry::GeometryError;
+use crate::geometry::drawing::svg::{self, Layer, MAX_FACES, colour};
+use crate::geometry::representation::Representation;
+use crate::geometry::subdivision::normal_based::Oriented;
 use crate::numeric::dense::Matrix;
 use crate::service::app::faults::Faults;
 use crate::service::app::{App, Limits, ServiceError};
@@ -23,13 +29,39 @@ pub enum PathKind {
     Sphere,
 }
 
+/// Two shapes of a request, and the path between them.
+#[derive(Debug)]
+pub struct MorphTask {
+    /// Representation of the shapes.
+    pub representation: Representation,
+    /// Conversion of posted points to control points.
+    pub correspondence: Correspondence,
+    /// Kind of path.
+    pub kind: PathKind,
+    /// Positions on the path.
+    pub positions: Positions,
+    /// Shapes at the start and the end of the path.
+    pub ends: [ShapeInput; 2],
+}
+
 /// A path between two shapes.
 #[derive(Debug)]
 pub struct Morph {
-    /// Position `τ` and control points of every frame.
-    pub frames: Vec<(f64, Matrix)>,
+    /// The shapes on the path, in the order of the positions.
+    pub frames: Vec<Frame>,
     /// Angle between the shapes in radians, for paths on the sphere.
     pub angle: Option<f64>,
+}
+
+/// A shape on a path.
+#[derive(Debug)]
+pub struct Frame {
+    /// Position `τ`.
+    pub position: f64,
+    /// Control points of the shape.
+    pub control_points: Matrix,
+    /// Unit normals, for shapes of points and normals.
+    pub normals: Option<Vec<[f64; 3]>>,
 }
 
 /// Positions on a path.
@@ -88,48 +120,138 @@ const MAX_DRAWN: usize = 16 << 20;
 /// Maximum extrapolation.
 const MAX_POSITION: f64 = 1000.0;
 
-/// Shapes at `positions` of the path from one shape to another.
-///
-/// # Errors
-/// Faults of the shapes at `/from…` and `/to…`, and of the positions; opposite shapes.
-pub fn morph(
+impl MorphTask {
+    /// Shapes on the path.
+    ///
+    /// # Errors
+    /// Faults of the shapes at `/from…` and `/to…`, and of the positions; opposite shapes.
+    pub fn morph(self, app: &App) -> Result<Morph, ServiceError> {
+        if self.representation.is_linear() {
+            let posted = Posted::new(app, &self.representation, self.correspondence)?;
+            return self.along(app, &posted);
+        }
+        self.check_oriented()?;
+        let (representation, positions) = (self.representation, self.positions);
+        let shapes =
+            oriented_path(app, &reader(app, &representation)?, &representation, &positions, self.ends)?;
+        Ok(Morph { angle: None, frames: shapes.into_iter().map(oriented_frame).collect() })
+    }
+
+    /// Drawing of the path: an animation through its frames and back, or the shapes of points and normals.
+    ///
+    /// # Errors
+    /// Those of [`Self::morph`]; too many frames.
+    pub fn drawing(self, app: &App) -> Result<String, ServiceError> {
+        let name = if self.kind == PathKind::Plane { "straight path" } else { "great circle" };
+        if self.representation.is_linear() {
+            let posted = Posted::new(app, &self.representation, self.correspondence)?;
+            let morph = self.along(app, &posted)?;
+            return animate(&posted, name, &morph);
+        }
+        self.check_oriented()?;
+        let (representation, positions) = (self.representation, self.positions);
+        let reader = reader(app, &representation)?;
+        let shapes = oriented_path(app, &reader, &representation, &positions, self.ends)?;
+        let context = app.pool.context();
+        let mesh = |(_, shape): &(f64, Oriented)| {
+            context.check()?;
+            let refined = reader.meshes.refine(shape, Some(MAX_FACES));
+            refined.map_err(|error| ServiceError::invalid("/positions", error.to_string()))
+        };
+        let meshes = shapes.iter().map(mesh).collect::<Result<Vec<_>, _>>()?;
+        Ok(svg::draw(name, &[Layer::of_meshes(&meshes, colour::BACK)]))
+    }
+
+    /// Checks the path between shapes of points and normals.
+    fn check_oriented(&self) -> Result<(), ServiceError> {
+        if self.kind == PathKind::Sphere {
+            let detail = format!(
+                "expected another path than \"sphere\", which requires norms: {}",
+                GeometryError::NotLinear
+            );
+            return Err(ServiceError::invalid("/path", detail));
+        }
+        check_correspondence(&self.representation, self.correspondence)
+    }
+
+    /// Shapes on the path in a linear space.
+    fn along(self, app: &App, posted: &Posted) -> Result<Morph, ServiceError> {
+        let mut faults = Faults::default();
+        let positions = faults.keep(self.positions.list(posted.metric.size(), &app.limits))?;
+        let [from, to] = self.ends;
+        let from = faults.keep(posted.read_one(app, from, "/from"))?;
+        let to = faults.keep(posted.read_one(app, to, "/to"))?;
+        let (Some(positions), Some(from), Some(to)) = (positions, from, to) else {
+            return Err(ServiceError::Invalid(faults));
+        };
+        let (from, to) = (from.as_slice().to_vec(), to.as_slice().to_vec());
+        let path = match self.kind {
+            PathKind::Plane => Path::plane(from, to),
+            PathKind::Sphere => Path::sphere(&posted.metric, from, to).map_err(|error| {
+                let pointer = |index: usize| if index == 0 { "/from".to_owned() } else { "/to".to_owned() };
+                ServiceError::of_analysis(error, pointer).without_index()
+            })?,
+        };
+        let frames = each(&app.pool.context(), &positions, |&position| Frame {
+            position,
+            control_points: posted.matrix(&path.at(position)),
+            normals: None,
+        })?;
+        Ok(Morph { frames, angle: path.angle() })
+    }
+}
+
+/// Reader of shapes of points and normals.
+fn reader<'a>(app: &App, representation: &'a Representation) -> Result<OrientedReader<'a>, ServiceError> {
+    check_sizes(representation, &app.limits)
+        .map_err(|errors| ServiceError::below(errors, "/representation"))?;
+    OrientedReader::new(representation)?
+        .ok_or_else(|| ServiceError::Internal("only the normal-based scheme has normals".into()))
+}
+
+/// Shapes on the straight line between two shapes of points and normals, whose normals rotate along great circles.
+fn oriented_path(
     app: &App,
-    posted: &Posted,
-    kind: PathKind,
+    reader: &OrientedReader<'_>,
+    representation: &Representation,
     positions: &Positions,
-    from: ShapeInput,
-    to: ShapeInput,
-) -> Result<Morph, ServiceError> {
+    [from, to]: [ShapeInput; 2],
+) -> Result<Vec<(f64, Oriented)>, ServiceError> {
     let mut faults = Faults::default();
-    let positions = faults.keep(positions.list(posted.metric.size(), &app.limits))?;
-    let mut read = |shape, pointer: &str| faults.keep(posted.read_one(app, shape, pointer));
-    let shapes = (read(from, "/from")?, read(to, "/to")?);
-    let (Some(positions), (Some(first), Some(second))) = (positions, shapes) else {
+    let read = |shape, pointer| reader.read(shape).map_err(|errors| ServiceError::below(errors, pointer));
+    let positions = faults.keep(positions.list(representation.size(), &app.limits))?;
+    let from = faults.keep(read(from, "/from"))?;
+    let to = faults.keep(read(to, "/to"))?;
+    let (Some(positions), Some(from), Some(to)) = (positions, from, to) else {
         return Err(ServiceError::Invalid(faults));
     };
-    let (first, second) = (first.as_slice().to_vec(), second.as_slice().to_vec());
-    let path = match kind {
-        PathKind::Plane => Path::plane(first, second),
-        PathKind::Sphere => Path::sphere(&posted.metric, first, second).map_err(|error| {
-            let pointer = |index: usize| if index == 0 { "/from".to_owned() } else { "/to".to_owned() };
-            ServiceError::of_analysis(error, pointer).without_index()
-        })?,
+    let context = app.pool.context();
+    let at = |tau: f64| {
+        context.check()?;
+        let shape = from.between(&to, tau).map_err(|(vertex, fault)| {
+            ServiceError::invalid(format!("/to/normals/{vertex}"), fault.to_string())
+        })?;
+        Ok((tau, shape))
     };
-    let frames = each(&app.pool.context(), &positions, |&tau| (tau, posted.matrix(&path.at(tau))))?;
-    Ok(Morph { frames, angle: path.angle() })
+    positions.into_iter().map(at).collect()
+}
+
+fn oriented_frame((position, Oriented { points, normals }): (f64, Oriented)) -> Frame {
+    let control_points = Matrix::from_fn(points.len(), 3, |i, c| points[i][c]);
+    Frame { position, control_points, normals: Some(normals) }
 }
 
 /// Animated drawing of a path, through its frames and back.
 ///
 /// # Errors
 /// Too many frames.
-pub fn draw_morph(posted: &Posted, title: &str, morph: &Morph) -> Result<String, ServiceError> {
+fn animate(posted: &Posted, title: &str, morph: &Morph) -> Result<String, ServiceError> {
     if morph.frames.len() > MAX_FRAMES {
         let detail =
             format!("expected at most {MAX_FRAMES} positions in a drawing, got {}", morph.frames.len());
         return Err(ServiceError::invalid("/positions", detail));
     }
-    let shapes = morph.frames.iter().map(|(_, shape)| shape.as_slice());
+    let shapes = morph.frames.iter().map(|frame| frame.control_points.as_slice());
     let layer = Layer::of(&posted.space, shapes, colour::MAIN, 2.5, 1.0);
     let bytes = svg::animation_bytes(&layer);
     if bytes > MAX_DRAWN {

@@ -3,11 +3,12 @@
 //! Contours, closed meshes and masks are compared on one common grid. The functions are synchronous and run on the
 //! pool.
 
-use super::read::face_pointer;
-use super::surface_fitting::take_points;
+use super::read_mesh::face_pointer;
+use super::read_points::take_points;
 use crate::formats::checked::{Checked, LARGE, document, take_given};
 use crate::formats::fault::Fault;
 use crate::formats::shape::{MAX_COORDINATE, PointList};
+use crate::geometry::capability::measure::mesh_warnings;
 use crate::geometry::curve::Curve;
 use crate::geometry::generator::GeneratorKind;
 use crate::geometry::intersection::self_intersects;
@@ -16,7 +17,7 @@ use crate::geometry::raster::{self, Grid, Mask, Overlap, bounds};
 use crate::numeric::bounded::Stop;
 use crate::numeric::dense::Matrix;
 use crate::service::app::progress::JobContext;
-use crate::service::app::{App, Limits, ServiceError, warnings};
+use crate::service::app::{App, Limits, ServiceError};
 
 document! {
     /// A body, given by exactly one of `contour`, `vertices` with `faces`, and `mask`.
@@ -148,7 +149,7 @@ impl Body {
                         .into(),
                 ]
             }
-            Self::Mesh(mesh) => warnings::of_posted_mesh(mesh, stop),
+            Self::Mesh(mesh) => mesh_warnings(mesh, stop),
             Self::Contour(_) | Self::Mask(_) => Vec::new(),
         }
     }

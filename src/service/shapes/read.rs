@@ -4,29 +4,23 @@
 //! is resampled to the size of the representation. Under `cyclic`, resampling begins at the canonical start of the
 //! contour, so that the stored shape does not depend on the first point of the list.
 
-use crate::formats::fault::Fault;
-use std::borrow::Borrow;
 use std::collections::BTreeMap;
 
 use bytes::Bytes;
 use rayon::prelude::*;
 use serde::de::DeserializeOwned;
 
+use super::read_points::{contour, given};
 use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
 use crate::domain::shape::ShapeAttributes;
 use crate::formats::bounds;
 use crate::formats::checked::{Checked, LARGE, Metadata, SMALL, take_given};
-use crate::formats::fault::json_pointer;
+use crate::formats::fault::{Fault, json_pointer};
 use crate::formats::shape::{MAX_COORDINATE, PointList, PoleInput, PolesInput, ShapeInput};
-use crate::geometry::GeometryError;
-use crate::geometry::generator::GeneratorKind;
-use crate::geometry::mesh::MeshError;
-use crate::geometry::representation::{Knots, Representation, ShapeSpace};
-use crate::geometry::resample::{Contour, NO_EXTENT, canonical_shift, rotate_start, without_closing_point};
-use crate::geometry::subdivision::stencil::check_valences;
-use crate::geometry::subdivision::{Scheme, Subdivision};
-use crate::geometry::surface::Topology;
-use crate::geometry::surface::basis::{self, SurfaceBasis, Tangents};
+use crate::geometry::capability::domain::{Domain, SizeBounds};
+use crate::geometry::representation::{Representation, ShapeSpace};
+use crate::geometry::resample::{NO_EXTENT, canonical_shift, rotate_start, without_closing_point};
+use crate::geometry::surface::basis::{Extent, Tangents};
 use crate::numeric::dense::Matrix;
 use crate::service::app::faults::{Faults, MAX_FAULTS};
 use crate::service::app::{App, Limits, ServiceError};
@@ -51,86 +45,23 @@ const NORMALS: &str = "expected no normals: they belong to the subdivision schem
 /// Most attributes of a shape.
 const MAX_LABELS: usize = 100;
 
-/// Checks the sizes of a representation against the limits.
+/// Checks the sizes of a representation against the limits, and that its shapes form a linear space.
 ///
 /// # Errors
 /// All fields that are out of bounds.
 pub fn check_representation(representation: &Representation, limits: &Limits) -> Result<(), Vec<Fault>> {
-    if let Some(subdivision) = representation.subdivision() {
-        check_subdivision(subdivision, limits)?;
-        return match subdivision.scheme {
-            Scheme::NormalBased { .. } => {
-                Err(vec![Fault::new("/scheme", GeometryError::NotLinear.to_string())])
-            }
-            _ => Ok(()),
-        };
-    }
-    let mut errors = Vec::new();
-    if !(2..=3).contains(&representation.dimension()) {
-        errors.push(Fault::new("/dimension", format!("expected 2 or 3, got {}", representation.dimension())));
-    }
-    let knots = representation.knots();
-    for Knots { generator, generator_field, .. } in &knots {
-        let faults = generator.map(GeneratorKind::faults).unwrap_or_default();
-        errors.extend(
-            faults
-                .into_iter()
-                .map(|(field, detail)| Fault::new(format!("/{generator_field}/{field}"), detail)),
-        );
-    }
-    let admissible = errors.is_empty();
-    errors.extend(knots.iter().filter_map(|knots| count_fault(knots, limits.control_points, admissible)));
-    if let Representation::Surface { seam, generators, .. } = representation
-        && let Some(extent) = representation.extent()
-        && errors.is_empty()
-    {
-        let faults = basis::faults(extent, *seam, generators);
-        errors.extend(faults.into_iter().map(|(field, detail)| Fault::new(format!("/{field}"), detail)));
-        let (size, most) = (representation.size(), limits.control_points);
-        if size > most {
-            let detail = format!("expected at most {most} control points, got {size}");
-            errors.push(Fault::new("/control_points", detail));
-        }
-    }
-    if errors.is_empty() { Ok(()) } else { Err(errors) }
+    check_sizes(representation, limits)?;
+    representation.linearity_fault().map_or(Ok(()), |fault| Err(vec![fault.into()]))
 }
 
-/// Checks the sizes of a subdivision surface against the limits, then its control mesh.
+/// Checks the sizes of a representation against the limits, then its control mesh, if it has one.
 ///
 /// # Errors
-/// All numbers that are out of bounds, or the first invalid face or vertex.
-pub fn check_subdivision(subdivision: &Subdivision, limits: &Limits) -> Result<(), Vec<Fault>> {
-    let mut errors = Vec::new();
-    let (control, fine) = (subdivision.connectivity.size(), subdivision.size());
-    if control.vertices > limits.control_points {
-        let (found, most) = (control.vertices, limits.control_points);
-        let detail = format!("expected at most {most} control points, got {found}");
-        errors.push(Fault::new("/connectivity", detail));
-    }
-    if fine.vertices > limits.vertices {
-        let (level, most) = (subdivision.level, limits.vertices);
-        let error = GeometryError::TooFine { level, vertices: fine.vertices, most };
-        errors.push(Fault::new("/level", format!("expected a level below {level}: {error}")));
-    }
-    if !errors.is_empty() {
-        return Err(errors);
-    }
-    let refused = match subdivision.connectivity.connectivity() {
-        Err(fault) => Some((face_pointer(&fault), fault.to_string())),
-        Ok(mesh) => {
-            let fault = check_valences(subdivision.scheme, &mesh).err();
-            fault.map(|fault| (String::new(), fault.to_string()))
-        }
-    };
-    match refused {
-        Some((place, detail)) => Err(vec![Fault::new(format!("/connectivity{place}"), detail)]),
-        None => Ok(()),
-    }
-}
-
-/// Pointer to the invalid face in the list of faces.
-pub(crate) fn face_pointer(fault: &MeshError) -> String {
-    fault.face().map_or_else(String::new, |face| format!("/{face}"))
+/// All fields that are out of bounds, or the first invalid face or vertex.
+pub(crate) fn check_sizes(representation: &Representation, limits: &Limits) -> Result<(), Vec<Fault>> {
+    let bounds = SizeBounds { control_points: limits.control_points, vertices: limits.vertices };
+    let faults: Vec<Fault> = representation.faults(bounds).into_iter().map(Fault::from).collect();
+    if faults.is_empty() { Ok(()) } else { Err(faults) }
 }
 
 /// Checks that mirror images exist if they are requested.
@@ -138,40 +69,12 @@ pub(crate) fn face_pointer(fault: &MeshError) -> String {
 /// # Errors
 /// A fault at `/mirror`.
 pub fn check_mirror(representation: &Representation, mirror: Mirror) -> Result<(), ServiceError> {
-    if mirror == Mirror::Allow && representation.subdivision().is_some() {
+    if mirror == Mirror::Allow && representation.domain().is_mesh() {
         let detail = "expected \"forbid\" for subdivision surfaces, got \"allow\": the correspondence between a \
                       control mesh and its mirror image is unknown";
         return Err(ServiceError::invalid("/mirror", detail));
     }
     Ok(())
-}
-
-/// Fault of a number of control points; `admissible`: the generators have no faults.
-fn count_fault(knots: &Knots<'_>, most: usize, admissible: bool) -> Option<Fault> {
-    let Knots { field, count, fewest, generator, generator_field, closed } = *knots;
-    if fewest > most && admissible {
-        let detail = "expected |Im| below π and |Re| up to 10 after division by the number of control points or intervals";
-        let pointer = format!("/{generator_field}/domain_poles");
-        return Some(Fault::new(
-            pointer,
-            format!("{detail} (at most {most}): these poles need a finer grid"),
-        ));
-    }
-    if (fewest..=most).contains(&count) {
-        return None;
-    }
-    let reason = match generator {
-        Some(_) if count < fewest && closed && fewest > 3 => {
-            ": the domain poles divided by this number must have |Im| < π and |Re| ≤ 10"
-        }
-        Some(_) if count < fewest && !closed => {
-            ": to continue beyond its ends, the curve needs at least one interval less than it has poles, and \
-             the domain poles divided by this number must have |Im| < π and |Re| ≤ 10"
-        }
-        _ => "",
-    };
-    let detail = format!("expected a number between {fewest} and {most}, got {count}{reason}");
-    Some(Fault::new(format!("/{field}"), detail))
 }
 
 /// Checks that the correspondence applies to the representation.
@@ -182,22 +85,22 @@ pub fn check_correspondence(
     representation: &Representation,
     correspondence: Correspondence,
 ) -> Result<(), ServiceError> {
-    let detail = match correspondence {
-        Correspondence::Landmarks => return Ok(()),
-        _ if representation.extent().is_some() => {
+    let detail = match (representation.domain(), correspondence) {
+        (_, Correspondence::Landmarks) => return Ok(()),
+        (Domain::Sheet { .. }, _) => {
             "expected \"landmarks\": the points of a surface correspond by their place in the grid"
         }
-        _ if representation.subdivision().is_some() => {
+        (Domain::Vertices, _) => {
             "expected \"landmarks\": the vertices of a control mesh correspond by their place"
         }
-        _ if representation.generator().is_none() => {
+        (Domain::Points, _) => {
             "expected \"landmarks\": landmarks are not a contour (to resample, use a closed_curve or \
              open_curve)"
         }
-        Correspondence::Cyclic if !representation.is_closed() => {
+        (Domain::Line { closed: false }, Correspondence::Cyclic) => {
             "expected \"arc_length\" or \"landmarks\": an open curve has no start point to search"
         }
-        _ => return Ok(()),
+        (Domain::Line { .. }, _) => return Ok(()),
     };
     Err(ServiceError::invalid("/correspondence", detail))
 }
@@ -209,9 +112,8 @@ impl Reading<'_> {
     /// All faults of the shape, with pointers relative to it.
     pub fn control_points(&self, shape: &ShapeInput) -> Result<Vec<f64>, Vec<Fault>> {
         let closed = shape.closed.as_ref().and_then(Checked::get).copied().flatten();
-        let representation = self.space.representation();
-        if let (Some(closed), Some(_)) = (closed, representation.generator())
-            && closed != representation.is_closed()
+        if let (Some(closed), Domain::Line { closed: curves_are }) = (closed, self.space.domain())
+            && closed != curves_are
         {
             let kind = if closed { "open" } else { "closed" };
             return Err(vec![Fault::new(
@@ -223,14 +125,14 @@ impl Reading<'_> {
             return Err(vec![Fault::new("/normals", NORMALS)]);
         }
         let poles = shape.poles.as_ref().and_then(|poles| poles.get()).copied();
-        if poles.is_some() && (given(&shape.points).is_none() || !self.takes_poles()) {
+        if poles.is_some() && (given(&shape.points).is_none() || !self.space.has_poles()) {
             let detail = "expected no poles: they belong to the points of a sphere";
             return Err(vec![Fault::new("/poles", detail)]);
         }
         let matrix = match (given(&shape.points), given(&shape.control_points)) {
-            (Some(points), None) => match self.space.surface() {
-                Some(surface) => self.interpolate_surface(surface, points, poles)?,
-                None => self.interpolate(points).map_err(|errors| below(errors, "/points"))?,
+            (Some(points), None) => match self.space.domain() {
+                Domain::Sheet { extent, .. } => self.interpolate_grid(extent, points, poles)?,
+                _ => self.interpolate(points).map_err(|errors| below(errors, "/points"))?,
             },
             (None, Some(coefficients)) => {
                 self.take_coefficients(coefficients).map_err(|errors| below(errors, "/control_points"))?
@@ -248,18 +150,13 @@ impl Reading<'_> {
         Ok(matrix.as_slice().to_vec())
     }
 
-    fn takes_poles(&self) -> bool {
-        self.space.surface().is_some_and(|surface| surface.extent().topology == Topology::Sphere)
-    }
-
-    fn interpolate_surface(
+    fn interpolate_grid(
         &self,
-        surface: &SurfaceBasis,
+        extent: Extent,
         list: &PointList,
         poles: Option<PolesInput>,
     ) -> Result<Matrix, Vec<Fault>> {
         let points = self.matrix(list).map_err(|errors| below(errors, "/points"))?;
-        let extent = surface.extent();
         let wanted = extent.grid();
         if list.grid() != Some(wanted) {
             let found = match list.grid() {
@@ -273,7 +170,7 @@ impl Reading<'_> {
         }
         let poles = poles.unwrap_or_default();
         let mut errors = Vec::new();
-        if self.takes_poles() {
+        if self.space.has_poles() {
             errors = open_poles(&points, wanted[1]);
         }
         for (pole, pointer) in [(poles.north, "/poles/north"), (poles.south, "/poles/south")] {
@@ -287,7 +184,9 @@ impl Reading<'_> {
             return Err(errors);
         }
         let of = |pole: Option<PoleInput>| pole.map(|pole| pole.tangents);
-        Ok(surface.interpolate(&points, &Tangents { north: of(poles.north), south: of(poles.south) }))
+        let tangents = Tangents { north: of(poles.north), south: of(poles.south) };
+        let found = self.space.interpolate_with(points, &tangents);
+        found.map_err(|error| vec![Fault::new("/points", error.to_string())])
     }
 
     fn interpolate(&self, list: &PointList) -> Result<Matrix, Vec<Fault>> {
@@ -318,7 +217,9 @@ impl Reading<'_> {
     }
 
     fn matrix(&self, list: &PointList) -> Result<Matrix, Vec<Fault>> {
-        if let (Some([u, v]), None) = (list.grid(), self.space.surface()) {
+        if let Some([u, v]) = list.grid()
+            && !self.space.domain().is_sheet()
+        {
             let detail = format!(
                 "expected a list of points, got a grid of {u} × {v} points: only surfaces have grids"
             );
@@ -337,7 +238,7 @@ impl Reading<'_> {
         if list.len() == wanted {
             return Ok(());
         }
-        let hint = if self.space.representation().generator().is_some() && what == "points" {
+        let hint = if matches!(self.space.domain(), Domain::Line { .. }) && what == "points" {
             " (to resample a contour, use the correspondence arc_length or cyclic)"
         } else {
             ""
@@ -415,31 +316,8 @@ fn polygon_area(points: &Matrix) -> f64 {
     (0..n).map(|k| at(k, 0) * at(k + 1, 1) - at(k + 1, 0) * at(k, 1)).sum()
 }
 
-/// The list, if present; `null` counts as absent.
-pub(crate) fn given<L: Borrow<PointList>>(list: &Option<L>) -> Option<&PointList> {
-    let list: &PointList = list.as_ref()?.borrow();
-    (!list.is_null()).then_some(list)
-}
-
 fn below(errors: Vec<Fault>, pointer: &str) -> Vec<Fault> {
     errors.into_iter().map(|error| error.below(pointer)).collect()
-}
-
-/// Contour through a list of points.
-///
-/// # Errors
-/// The fault of the list, with a pointer relative to it.
-pub(crate) fn contour(points: Matrix, closed: bool) -> Result<Contour, Vec<Fault>> {
-    let contour = if closed { Contour::closed(points) } else { Contour::open(points) };
-    contour.map_err(|error| vec![contour_error(&error)])
-}
-
-fn contour_error(error: &GeometryError) -> Fault {
-    let pointer = match error {
-        GeometryError::RepeatedPoint { second, .. } => format!("/{second}"),
-        _ => String::new(),
-    };
-    Fault::new(pointer, error.to_string())
 }
 
 /// Control points and attributes of a posted shape.
@@ -652,7 +530,7 @@ type ReadShape = Result<(Vec<f64>, f64), Vec<Fault>>;
 /// # Errors
 /// The faults of all invalid shapes, at `/shapes/{index}…`.
 pub fn read_batch(reading: &Reading<'_>, shapes: Vec<ShapeInput>) -> Result<Batch, ServiceError> {
-    check_sizes(reading, shapes.len())?;
+    check_numbers(reading, shapes.len())?;
     let read = |shape: ShapeInput| {
         read_shape(reading, shape).map(|(control_points, attributes)| (control_points, attributes.weight))
     };
@@ -676,7 +554,7 @@ pub fn read_batch(reading: &Reading<'_>, shapes: Vec<ShapeInput>) -> Result<Batc
 }
 
 /// Checks the number of shapes and of their coordinates: resampling can turn short contours into many control points.
-fn check_sizes(reading: &Reading<'_>, shapes: usize) -> Result<(), ServiceError> {
+fn check_numbers(reading: &Reading<'_>, shapes: usize) -> Result<(), ServiceError> {
     let (most, most_numbers) = (reading.limits.shapes, reading.limits.coordinates);
     if shapes > most {
         let detail = format!("expected at most {most} shapes, got {shapes}");

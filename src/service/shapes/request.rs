@@ -4,11 +4,8 @@ use super::read::{self, Reading};
 use crate::analysis::correspondence::{Correspondence, Direction};
 use crate::analysis::metric::Metric;
 use crate::formats::shape::ShapeInput;
-use crate::geometry::curve::Curve;
+use crate::geometry::capability::domain::Domain;
 use crate::geometry::representation::{Representation, ShapeSpace};
-use crate::geometry::subdivision::basis::SubdivisionBasis;
-use crate::geometry::surface::Surface;
-use crate::geometry::surface::basis::SurfaceBasis;
 use crate::numeric::dense::Matrix;
 use crate::service::app::faults::Faults;
 use crate::service::app::{App, Limits, ServiceError};
@@ -34,7 +31,7 @@ impl Posted {
         correspondence: Correspondence,
     ) -> Result<Self, ServiceError> {
         let (space, metric) = app.space(representation, "/representation")?;
-        if space.generator().is_none() && space.surface().is_none() && space.subdivision().is_none() {
+        if space.domain() == Domain::Points {
             let detail = "expected closed_curve, open_curve, surface or subdivision: landmarks are points \
                           without a curve";
             return Err(ServiceError::invalid("/representation/kind", detail));
@@ -53,27 +50,9 @@ impl Posted {
         correspondence: Correspondence,
     ) -> Result<Self, ServiceError> {
         let posted = Self::new(app, representation, correspondence)?;
-        if posted.space.subdivision().is_some() {
+        if posted.space.domain().is_mesh() {
             let detail = "expected closed_curve, open_curve or surface, got \"subdivision\": control meshes are \
                           refined by subdivide";
-            return Err(ServiceError::invalid("/representation/kind", detail));
-        }
-        Ok(posted)
-    }
-
-    /// Prepares a representation of curves.
-    ///
-    /// # Errors
-    /// Those of [`Self::new`]; surfaces of both kinds.
-    pub fn of_curves(
-        app: &App,
-        representation: &Representation,
-        correspondence: Correspondence,
-    ) -> Result<Self, ServiceError> {
-        let posted = Self::new(app, representation, correspondence)?;
-        if posted.space.generator().is_none() {
-            let kind = if posted.is_of_surfaces() { "surface" } else { "subdivision" };
-            let detail = format!("expected closed_curve or open_curve, got \"{kind}\"");
             return Err(ServiceError::invalid("/representation/kind", detail));
         }
         Ok(posted)
@@ -132,30 +111,5 @@ impl Posted {
 
     pub(crate) fn matrix(&self, control_points: &[f64]) -> Matrix {
         Matrix::from_column_slice(self.metric.size(), self.metric.dimension(), control_points)
-    }
-
-    /// Curve with these control points; panics unless the space is one of curves.
-    pub(crate) fn curve(&self, control_points: &Matrix) -> Curve {
-        Curve::of(&self.space, control_points).expect("the space is one of curves")
-    }
-
-    /// Basis of the surfaces; panics unless the space is one of tensor-product surfaces.
-    pub(crate) fn basis(&self) -> &SurfaceBasis {
-        self.space.surface().expect("the space is one of surfaces")
-    }
-
-    /// Surface with these control points; panics like [`Self::basis`].
-    pub(crate) fn surface(&self, control_points: &Matrix) -> Surface {
-        self.basis().surface(control_points)
-    }
-
-    /// Refinement steps of subdivision surfaces; panics unless the space is one of them.
-    pub(crate) fn steps(&self) -> &SubdivisionBasis {
-        self.space.subdivision().expect("the space is one of subdivision surfaces")
-    }
-
-    /// Whether shapes are tensor-product surfaces.
-    pub fn is_of_surfaces(&self) -> bool {
-        self.space.surface().is_some()
     }
 }

@@ -7,7 +7,6 @@ use super::read::check_representation;
 use crate::analysis::metric::Metric;
 use crate::geometry::GeometryError;
 use crate::geometry::representation::{Representation, ShapeSpace};
-use crate::geometry::subdivision::basis::SubdivisionBasis;
 use crate::service::app::cache::{Cache, Cached};
 use crate::service::app::{App, ServiceError};
 
@@ -15,7 +14,7 @@ impl Cached for ShapeSpace {
     const NAME: &'static str = "spaces";
 
     fn bytes(&self) -> usize {
-        self.subdivision().map_or(0, SubdivisionBasis::bytes)
+        self.basis_bytes()
     }
 }
 
@@ -31,13 +30,9 @@ impl App {
     ) -> Result<(ShapeSpace, Metric), ServiceError> {
         check_representation(representation, &self.limits)
             .map_err(|errors| ServiceError::below(errors, pointer))?;
-        let field = match representation {
-            Representation::Subdivision(_) => "level",
-            Representation::Surface { .. } => "generators",
-            _ => "generator",
-        };
-        let space = prepared(&self.cache, representation)
-            .map_err(|error| ServiceError::invalid(format!("{pointer}/{field}"), error.to_string()))?;
+        let space = prepared(&self.cache, representation).map_err(|error| {
+            ServiceError::invalid(format!("{pointer}/{}", representation.decisive_field()), error.to_string())
+        })?;
         let metric = Metric::of(&space);
         Ok((space, metric))
     }
@@ -45,7 +40,7 @@ impl App {
 
 /// Space of `representation`, cached or new. Two concurrent requests may both compute it, with the same result.
 fn prepared(cache: &Cache, representation: &Representation) -> Result<ShapeSpace, GeometryError> {
-    if representation.subdivision().is_none() {
+    if !ShapeSpace::is_costly(representation) {
         return ShapeSpace::new(representation);
     }
     if let Some(known) = cache.find::<ShapeSpace>("", representation) {

@@ -24,7 +24,7 @@ use crate::domain::cohort::Cohort;
 use crate::domain::comparison::Comparison;
 use crate::domain::job::JobKind;
 use crate::domain::shape::{ShapeDescription, ShapeFilter};
-use crate::geometry::representation::Representation;
+use crate::geometry::sampling::Places;
 use crate::service::app::progress::JobContext;
 use crate::service::app::{App, ServiceError};
 use crate::service::cohorts::attributes::{self, Attribute, KnownAttributes};
@@ -145,7 +145,7 @@ pub async fn prepare(app: &App, compare: Compare) -> Result<Prepared, ServiceErr
     let plan = Plan {
         cohort: cohort.id.clone(),
         revision: cohort.revision,
-        samples: compare.samples.unwrap_or_else(|| usual_samples(&cohort.representation)),
+        samples: compare.samples.unwrap_or_else(|| cohort.representation.comparison_places()),
         grouping: compare.grouping,
         transformation: compare.transformation,
         alignment: compare.alignment,
@@ -174,13 +174,9 @@ async fn prepare_plan(app: &App, cohort: Cohort, plan: Plan) -> Result<Prepared,
         .weighing(requests::space(&cohort.representation, &app.limits))
         .run(move || Setup::new(&task_app, &settings))
         .await?;
-    let usual = usual_samples(setup.space.representation());
+    let usual = setup.space.representation().comparison_places();
     if setup.space.generator().is_none() && plan.samples != usual {
-        let what = match (setup.space.surface(), setup.space.subdivision()) {
-            (Some(_), _) => "surfaces are compared at their knots",
-            (_, Some(_)) => "subdivision surfaces are compared at their control vertices",
-            _ => "landmarks are compared as they are",
-        };
+        let what = Places::rule(&setup.space);
         let detail = format!("expected {usual} or no value, got {}: {what}", plan.samples);
         return Err(ServiceError::invalid("/samples", detail));
     }
@@ -204,14 +200,6 @@ async fn prepare_plan(app: &App, cohort: Cohort, plan: Plan) -> Result<Prepared,
         return Err(ServiceError::invalid("/cohort", detail));
     }
     Ok(Prepared { plan, cohort, setup, members, estimate })
-}
-
-/// Default number of points at which shapes are compared.
-fn usual_samples(representation: &Representation) -> usize {
-    match representation.extent() {
-        Some(_) => representation.point_count(),
-        None => representation.size(),
-    }
 }
 
 /// Faults of the request that do not depend on the cohort.

@@ -1,0 +1,54 @@
+//! Work on every entry of a list in parallel, until the request is cancelled.
+
+use rayon::prelude::*;
+
+use crate::formats::fault::Fault;
+use crate::formats::shape::ShapeInput;
+use crate::service::app::ServiceError;
+use crate::service::app::progress::JobContext;
+
+/// Applies `work` to every item in parallel, until the request is cancelled.
+pub(crate) fn each<I: Sync, T: Send>(
+    context: &JobContext,
+    items: &[I],
+    work: impl Fn(&I) -> T + Sync,
+) -> Result<Vec<T>, ServiceError> {
+    items.par_iter().map(|item| context.check().map(|()| work(item))).collect()
+}
+
+/// Applies `work` to every shape in parallel; collects all faults at `/shapes/{index}…`.
+pub(crate) fn each_shape<T: Send>(
+    context: &JobContext,
+    shapes: Vec<ShapeInput>,
+    work: impl Fn(usize, ShapeInput) -> Result<T, Vec<Fault>> + Sync,
+) -> Result<Vec<T>, ServiceError> {
+    each_of(context, "shapes", shapes, work)
+}
+
+/// Applies `work` to every entry of a list in parallel, until the request is cancelled; collects all faults at
+/// `/{list}/{index}…`.
+pub(crate) fn each_of<I: Send, T: Send>(
+    context: &JobContext,
+    list: &str,
+    items: Vec<I>,
+    work: impl Fn(usize, I) -> Result<T, Vec<Fault>> + Sync,
+) -> Result<Vec<T>, ServiceError> {
+    // Skipped entries have no faults: the request then ends as cancelled.
+    let unless_cancelled =
+        |(index, item)| if context.is_cancelled() { Err(Vec::new()) } else { work(index, item) };
+    let results: Vec<Result<T, Vec<Fault>>> =
+        items.into_par_iter().enumerate().map(unless_cancelled).collect();
+    context.check()?;
+    let (mut values, mut faults) = (Vec::with_capacity(results.len()), Vec::new());
+    for (index, result) in results.into_iter().enumerate() {
+        match result {
+            Ok(value) => values.push(value),
+            Err(errors) => {
+                let placed = errors.into_iter().map(|error| error.below(&format!("/{list}/{index}")));
+                faults.extend(placed.map(|error| error.of_shape(index)));
+            }
+        }
+    }
+    ServiceError::unless_empty(faults)?;
+    Ok(values)
+}

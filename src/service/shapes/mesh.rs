@@ -1,0 +1,118 @@
+//! Triangle meshes of shapes. The functions are synchronous and run on the pool.
+
+use super::each::each;
+use super::read::{check_correspondence, check_sizes};
+use super::read_oriented::OrientedReader;
+use super::request::Posted;
+use crate::analysis::correspondence::Correspondence;
+use crate::formats::fault::Fault;
+use crate::formats::shape::ShapeInput;
+use crate::geometry::GeometryError;
+use crate::geometry::capability::domain::Domain;
+use crate::geometry::capability::tessellate::Detail;
+use crate::geometry::drawing::svg::MAX_FACES;
+use crate::geometry::mesh::TriangleMesh;
+use crate::geometry::representation::{Representation, ShapeSpace};
+use crate::geometry::subdivision::normal_based::Oriented;
+use crate::numeric::dense::Matrix;
+use crate::service::app::{App, ServiceError};
+
+/// Maximum number of vertices of a mesh over a grid: a tenth of a second.
+const MAX_VERTICES: usize = 250_000;
+
+/// Triangle mesh of a shape at `grid` places along `u` and `v`. Default: two for every interval between knots, within
+/// bounds. A subdivision surface has the mesh of its level.
+///
+/// # Errors
+/// [`ServiceError::Query`] for shapes that are not surfaces and for invalid grids.
+pub fn mesh_of(
+    space: &ShapeSpace,
+    control_points: &[f64],
+    grid: Option<[usize; 2]>,
+) -> Result<TriangleMesh, ServiceError> {
+    let refused = |detail: String| Err(ServiceError::Query(detail));
+    let grid = match space.domain() {
+        Domain::Vertices if grid.is_some() => {
+            return refused(
+                "grid belongs to tensor-product surfaces: a subdivision surface has a level".into(),
+            );
+        }
+        Domain::Vertices => None,
+        Domain::Sheet { extent, seam } => {
+            let grid = grid.unwrap_or_else(|| extent.usual_grid());
+            if let Some(detail) = extent.grid_fault(seam, grid, MAX_VERTICES) {
+                return refused(format!("grid: {detail}"));
+            }
+            Some(grid)
+        }
+        Domain::Points | Domain::Line { .. } => {
+            return refused("only surfaces are written as meshes: ask for 'json' or 'svg'".into());
+        }
+    };
+    let rows = Matrix::from_column_slice(space.gram().size(), 3, control_points);
+    space.tessellate(&rows, grid).ok_or_else(not_a_mesh)
+}
+
+fn not_a_mesh() -> ServiceError {
+    ServiceError::Internal("only surfaces have meshes".into())
+}
+
+/// Checks the sizes of a refined mesh, and the number of vertices of `shapes` of them.
+///
+/// # Errors
+/// Faults of the representation; too many vertices in total.
+pub(crate) fn check_vertices(
+    app: &App,
+    representation: &Representation,
+    shapes: usize,
+) -> Result<(), ServiceError> {
+    check_sizes(representation, &app.limits)
+        .map_err(|errors| ServiceError::below(errors, "/representation"))?;
+    let vertices = representation.refined_vertices().saturating_mul(shapes);
+    if vertices > app.limits.samples {
+        let detail =
+            format!("expected at most {} vertices over all shapes, got {vertices}", app.limits.samples);
+        return Err(ServiceError::invalid("/shapes", detail));
+    }
+    Ok(())
+}
+
+/// Refined meshes of posted shapes, in order; those of the normal-based scheme have normals.
+///
+/// # Errors
+/// Faults of the representation and of the shapes; too many vertices in total.
+pub fn refined(
+    app: &App,
+    representation: &Representation,
+    correspondence: Correspondence,
+    shapes: Vec<ShapeInput>,
+    detail: Detail,
+) -> Result<Vec<TriangleMesh>, ServiceError> {
+    check_vertices(app, representation, shapes.len())?;
+    if let Some(reader) = OrientedReader::new(representation)? {
+        check_correspondence(representation, correspondence)?;
+        return refined_oriented(app, &reader, shapes, detail);
+    }
+    let posted = Posted::new(app, representation, correspondence)?;
+    let shapes = posted.read(app, shapes)?;
+    let meshes = each(&app.pool.context(), &shapes, |rows| posted.space.refined_mesh(rows, detail))?;
+    meshes.into_iter().collect::<Option<_>>().ok_or_else(not_a_mesh)
+}
+
+fn refined_oriented(
+    app: &App,
+    reader: &OrientedReader<'_>,
+    shapes: Vec<ShapeInput>,
+    detail: Detail,
+) -> Result<Vec<TriangleMesh>, ServiceError> {
+    let context = app.pool.context();
+    let shapes = reader.read_all(&context, shapes)?;
+    let most = (detail == Detail::Drawn).then_some(MAX_FACES);
+    let refined = each(&context, &shapes, |shape: &Oriented| reader.meshes.refine(shape, most))?;
+    let refused = |index: usize, error: GeometryError| {
+        let fault = Fault::new(format!("/shapes/{index}"), error.to_string());
+        ServiceError::Invalid(vec![fault.of_shape(index)].into())
+    };
+    let numbered = refined.into_iter().enumerate();
+    numbered.map(|(index, mesh)| mesh.map_err(|error| refused(index, error))).collect()
+}

@@ -1,0 +1,117 @@
+//! Points with normals as posted.
+
+use super::each::each_shape;
+use super::read;
+use super::read_points::take_points;
+use crate::formats::fault::Fault;
+use crate::formats::shape::ShapeInput;
+use crate::geometry::representation::Representation;
+use crate::geometry::subdivision::normal_based::Oriented;
+use crate::geometry::subdivision::oriented::OrientedMeshes;
+use crate::geometry::vector::norm;
+use crate::service::app::ServiceError;
+use crate::service::app::progress::JobContext;
+
+/// Reader of shapes with points and normals on one control mesh.
+pub(crate) struct OrientedReader<'a> {
+    /// The shapes of the control mesh.
+    pub(crate) meshes: OrientedMeshes<'a>,
+}
+
+impl<'a> OrientedReader<'a> {
+    /// Succeeds for shapes of points and normals; `None` for all others.
+    ///
+    /// # Errors
+    /// Faults of the control mesh.
+    pub(crate) fn new(representation: &'a Representation) -> Result<Option<Self>, ServiceError> {
+        let meshes = representation
+            .oriented()
+            .map_err(|error| ServiceError::invalid("/representation/connectivity", error.to_string()))?;
+        Ok(meshes.map(|meshes| Self { meshes }))
+    }
+
+    /// All shapes of a request; at least one is required.
+    ///
+    /// # Errors
+    /// The faults of all invalid shapes, at `/shapes/{index}…`.
+    pub(crate) fn read_all(
+        &self,
+        context: &JobContext,
+        shapes: Vec<ShapeInput>,
+    ) -> Result<Vec<Oriented>, ServiceError> {
+        if shapes.is_empty() {
+            return Err(ServiceError::TooFewShapes { found: 0, needed: 1 });
+        }
+        each_shape(context, shapes, |_, shape| self.read(shape))
+    }
+
+    /// Points (which are control points, because the scheme interpolates) and normals, with defaults.
+    ///
+    /// # Errors
+    /// All faults of the shape, with pointers relative to it.
+    pub(crate) fn read(&self, shape: ShapeInput) -> Result<Oriented, Vec<Fault>> {
+        let (points, normals) = match (&shape.points, &shape.control_points) {
+            (Some(_), Some(_)) => {
+                return Err(vec![Fault::new("", "expected either points or control_points, got both")]);
+            }
+            (None, Some(_)) => (shape.control_points.as_deref().cloned(), shape.normals.as_deref().cloned()),
+            _ => (shape.points.clone(), shape.normals.as_deref().cloned()),
+        };
+        if shape.poles.is_some() {
+            return Err(vec![Fault::new(
+                "/poles",
+                "expected no poles: they belong to the points of a sphere",
+            )]);
+        }
+        let pointer = if shape.control_points.is_some() { "/control_points" } else { "/points" };
+        read::attributes(shape)?;
+        let mut errors = Vec::new();
+        let points = take_points::<3>(&points, pointer, &mut errors);
+        let normals = take_points::<3>(&normals, "/normals", &mut errors);
+        let (Some(points), true) = (points, errors.is_empty()) else {
+            if errors.is_empty() {
+                errors.push(Fault::new("", "expected either points or control_points, got neither"));
+            }
+            return Err(errors);
+        };
+        let count = self.meshes.count();
+        if points.len() != count {
+            let detail =
+                format!("expected {count} control points for this representation, got {}", points.len());
+            return Err(vec![Fault::new(pointer, detail)]);
+        }
+        let (meshes, places) = (&self.meshes, points.clone());
+        orient(points, normals, || meshes.usual_normals(&places)).map(|(shape, _)| shape)
+    }
+}
+
+/// Maximum deviation from 1 of the length of a normal that counts as a unit normal, written with few digits.
+const UNIT: f64 = 1e-6;
+
+/// Points with unit normals, and corrections made to them. Default of the normals: those of `usual`.
+///
+/// # Errors
+/// Normals that are missing or have no direction.
+pub(crate) fn orient(
+    points: Vec<[f64; 3]>,
+    normals: Option<Vec<[f64; 3]>>,
+    usual: impl FnOnce() -> Vec<[f64; 3]>,
+) -> Result<(Oriented, Vec<String>), Vec<Fault>> {
+    let (given, count) = (normals.is_some(), points.len());
+    let normals = normals.unwrap_or_else(usual);
+    if normals.len() != count {
+        let detail = format!("expected {count} entries, one per point, got {}", normals.len());
+        return Err(vec![Fault::new("/normals", detail)]);
+    }
+    let off = normals.iter().filter(|normal| (norm(**normal) - 1.0).abs() > UNIT).count();
+    let shape = Oriented::new(points, &normals).map_err(|index| {
+        let detail = if given {
+            "expected a normal with a direction, got zero"
+        } else {
+            "required normal is missing: the neighbouring points define none"
+        };
+        vec![Fault::new(format!("/normals/{index}"), detail)]
+    })?;
+    let warning = format!("{off} of {count} normals were not of unit length and were normalised");
+    Ok((shape, if given && off > 0 { vec![warning] } else { Vec::new() }))
+}

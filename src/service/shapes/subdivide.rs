@@ -1,0 +1,242 @@
+//! Refinement of posted meshes and polylines by a subdivision scheme. The functions are synchronous and run on the pool.
+
+use super::read_mesh::face_pointer;
+use super::read_oriented::orient;
+use super::read_points::{given, take_points};
+use crate::formats::checked::{Checked, LARGE, document, take_given};
+use crate::formats::fault::Fault;
+use crate::formats::shape::PointList;
+use crate::geometry::GeometryError;
+use crate::geometry::capability::refine::RefinedMesh;
+use crate::geometry::mesh::TriangleMesh;
+use crate::geometry::subdivision::Scheme;
+use crate::geometry::subdivision::control::StartMesh;
+use crate::geometry::subdivision::normal_based::{Oriented, circle_normals, inconsistent, sphere_normals};
+use crate::geometry::subdivision::refinement::{Depth, Refined, refine_curve};
+use crate::service::app::{App, Limits, ServiceError};
+
+document! {
+    /// A closed triangle mesh to be refined.
+    pub struct ControlMeshInput {
+        /// Positions of the vertices.
+        #[schema(value_type = Vec<[f64; 3]>, required = true)]
+        vertices: PointList, required;
+        /// Triangles as indices of their vertices, counter-clockwise as seen from outside.
+        #[schema(value_type = Vec<[u32; 3]>, required = true)]
+        faces: Checked<Vec<[u32; 3]>, LARGE>, required;
+        /// Normals at the vertices, of any length, for the scheme `normal_based`. Default: the normals of a sphere
+        /// through the neighbours.
+        #[schema(value_type = Option<Vec<[f64; 3]>>)]
+        normals: PointList;
+    }
+}
+
+document! {
+    /// A polyline in the plane or in space, to be refined by the scheme `normal_based`.
+    pub struct PolylineInput {
+        /// Points of the polyline.
+        #[schema(value_type = Vec<Vec<f64>>, required = true)]
+        points: PointList, required;
+        /// Normals at the points, of any length. Default in the plane: those of the circle through the neighbours,
+        /// outward if the polyline runs counter-clockwise. Required in space.
+        #[schema(value_type = Option<Vec<Vec<f64>>>)]
+        normals: PointList;
+        /// Whether the last point is connected to the first. Default: true.
+        #[schema(value_type = Option<bool>)]
+        closed: Checked<bool>;
+    }
+}
+
+impl ControlMeshInput {
+    /// Number of vertices given.
+    pub fn vertex_count(&self) -> usize {
+        given(&self.vertices).map_or(0, |points| points.len())
+    }
+}
+
+impl PolylineInput {
+    /// Number of points given.
+    pub fn point_count(&self) -> usize {
+        given(&self.points).map_or(0, |points| points.len())
+    }
+}
+
+/// Refines a posted mesh.
+///
+/// # Errors
+/// Faults of the mesh, at `/mesh…`; sizes and tolerances that are not reached.
+pub fn subdivide(
+    app: &App,
+    scheme: Scheme,
+    mesh: ControlMeshInput,
+    depth: Depth,
+    wanted_limit: bool,
+) -> Result<RefinedMesh, ServiceError> {
+    let (mesh, warnings) =
+        read_mesh(mesh, scheme, &app.limits).map_err(|errors| ServiceError::below(errors, "/mesh"))?;
+    refine(app, scheme, (mesh, "/mesh"), depth, wanted_limit, warnings)
+}
+
+/// Refines a starting mesh, whose vertices all lie on the unit sphere.
+///
+/// # Errors
+/// Sizes and tolerances that are not reached; vertices without subdivision rules.
+pub fn subdivide_named(
+    app: &App,
+    scheme: Scheme,
+    start: StartMesh,
+    depth: Depth,
+    wanted_limit: bool,
+) -> Result<RefinedMesh, ServiceError> {
+    let (vertices, most) = (start.size().vertices, app.limits.points);
+    if vertices > most {
+        let detail =
+            format!("expected a start with at most {most} vertices, got \"{start}\" with {vertices}");
+        return Err(ServiceError::invalid("/start", detail));
+    }
+    let mesh = start.mesh();
+    let normals = matches!(scheme, Scheme::NormalBased { .. }).then(|| mesh.vertices.clone());
+    refine(app, scheme, (TriangleMesh { normals, ..mesh }, "/start"), depth, wanted_limit, Vec::new())
+}
+
+fn refine(
+    app: &App,
+    scheme: Scheme,
+    (mesh, pointer): (TriangleMesh, &str),
+    depth: Depth,
+    wanted_limit: bool,
+    corrections: Vec<String>,
+) -> Result<RefinedMesh, ServiceError> {
+    let context = app.pool.context();
+    let (most, stop) = (app.limits.vertices, || context.is_cancelled());
+    let mut refined = RefinedMesh::new(scheme, mesh, depth, most, wanted_limit, &stop)
+        .map_err(|error| refused(&error, pointer))?;
+    context.check()?;
+    refined.warnings.splice(0..0, corrections);
+    Ok(refined)
+}
+
+/// Locates an error of a refinement in the request.
+fn refused(error: &GeometryError, shape: &str) -> ServiceError {
+    let pointer = match error {
+        GeometryError::Mesh(fault) => format!("{shape}/faces{}", face_pointer(fault)),
+        GeometryError::Valence { .. } if shape == "/mesh" => format!("{shape}/faces"),
+        GeometryError::TooFine { .. } => "/level".into(),
+        GeometryError::Coarse { .. } => "/tolerance".into(),
+        _ => shape.into(),
+    };
+    ServiceError::invalid(pointer, error.to_string())
+}
+
+fn read_mesh(
+    input: ControlMeshInput,
+    scheme: Scheme,
+    limits: &Limits,
+) -> Result<(TriangleMesh, Vec<String>), Vec<Fault>> {
+    let mut errors = input.faults;
+    let vertices = take_points::<3>(&input.vertices, "/vertices", &mut errors);
+    let faces = take_given(input.faces, "/faces", &mut errors);
+    let normals = take_points::<3>(&input.normals, "/normals", &mut errors);
+    if vertices.is_none() && errors.is_empty() {
+        errors.push(Fault::new("/vertices", "required field is missing"));
+    }
+    let oriented = matches!(scheme, Scheme::NormalBased { .. });
+    if normals.is_some() && !oriented {
+        errors.push(Fault::new("/normals", "expected no normals: they belong to the scheme normal_based"));
+    }
+    let (Some(vertices), Some(faces), true) = (vertices, faces, errors.is_empty()) else {
+        return Err(errors);
+    };
+    let (count, most) = (vertices.len(), limits.points);
+    if count > most || faces.len() > 2 * most {
+        let detail = format!(
+            "expected at most {most} vertices and {1} faces, got {count} and {0}",
+            faces.len(),
+            2 * most
+        );
+        return Err(vec![Fault::new("", detail)]);
+    }
+    let mesh = TriangleMesh { vertices, normals: None, faces };
+    if !oriented {
+        return Ok((mesh, Vec::new()));
+    }
+    mesh.check_faces()
+        .map_err(|fault| vec![Fault::new(format!("/faces{}", face_pointer(&fault)), fault.to_string())])?;
+    let (shape, warnings) = orient(mesh.vertices.clone(), normals, || sphere_normals(&mesh))?;
+    Ok((TriangleMesh { vertices: shape.points, normals: Some(shape.normals), faces: mesh.faces }, warnings))
+}
+
+/// A refined polyline.
+#[derive(Debug)]
+pub struct RefinedCurve {
+    /// Points and normals, the level, and their displacement by the last step.
+    pub refined: Refined<Oriented>,
+    /// Dimension: 2 or 3.
+    pub dimension: usize,
+    /// Corrections made to the input, and suspicious features.
+    pub warnings: Vec<String>,
+}
+
+/// Refines a posted polyline.
+///
+/// # Errors
+/// Faults of the polyline, at `/polyline…`; schemes for meshes; sizes and tolerances that are not reached.
+pub fn subdivide_polyline(
+    app: &App,
+    scheme: Scheme,
+    polyline: PolylineInput,
+    depth: Depth,
+) -> Result<RefinedCurve, ServiceError> {
+    let Scheme::NormalBased { balance } = scheme else {
+        let detail = "polylines are refined by normal_based only: the other schemes are for meshes";
+        return Err(ServiceError::invalid("/polyline", detail));
+    };
+    let (shape, closed, dimension, warnings) =
+        read_polyline(polyline, &app.limits).map_err(|errors| ServiceError::below(errors, "/polyline"))?;
+    let context = app.pool.context();
+    let stop = || context.is_cancelled();
+    let refined = refine_curve(shape, closed, balance.get(), depth, app.limits.vertices, &stop);
+    context.check()?;
+    let refined = refined.map_err(|error| refused(&error, "/polyline"))?;
+    Ok(RefinedCurve { refined, dimension, warnings })
+}
+
+/// Points with normals, whether they close, their dimension, and warnings.
+type ReadPolyline = (Oriented, bool, usize, Vec<String>);
+
+fn read_polyline(input: PolylineInput, limits: &Limits) -> Result<ReadPolyline, Vec<Fault>> {
+    let mut errors = input.faults;
+    let closed = input.closed.map_or(Some(true), |field| field.take("/closed", &mut errors));
+    let width = given(&input.points).map(PointList::width).filter(|width| [2, 3].contains(width));
+    let dimension = width.unwrap_or(2);
+    let mut take = |list: &Option<PointList>, pointer: &str| match dimension {
+        2 => {
+            let flat = take_points::<2>(list, pointer, &mut errors);
+            flat.map(|points| points.into_iter().map(|[x, y]| [x, y, 0.0]).collect::<Vec<_>>())
+        }
+        _ => take_points::<3>(list, pointer, &mut errors),
+    };
+    let (points, normals) = (take(&input.points, "/points"), take(&input.normals, "/normals"));
+    if points.is_none() && errors.is_empty() {
+        errors.push(Fault::new("/points", "required field is missing"));
+    }
+    let (Some(points), Some(closed), true) = (points, closed, errors.is_empty()) else { return Err(errors) };
+    let (count, fewest) = (points.len(), if closed { 3 } else { 2 });
+    if !(fewest..=limits.points).contains(&count) {
+        let detail = format!("expected between {fewest} and {} points, got {count}", limits.points);
+        return Err(vec![Fault::new("/points", detail)]);
+    }
+    if normals.is_none() && dimension == 3 {
+        let detail = "required field is missing: neighbouring points define normals in the plane only";
+        return Err(vec![Fault::new("/normals", detail)]);
+    }
+    let (shape, mut warnings) = orient(points.clone(), normals, || circle_normals(&points, closed))?;
+    if dimension == 2
+        && let Some(vertex) = inconsistent(&shape.points, &shape.normals, closed)
+    {
+        warnings.push(format!(
+            "the normal of point {vertex} lies on the other side of one of its edges than the others do: the curve has a cusp there"
+        ));
+    }
+    Ok((shape, closed, dimension, warnings))
+}
