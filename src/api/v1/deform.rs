@@ -8,14 +8,15 @@ use super::request_macros::{ShapeOutput, checked};
 use crate::analysis::correspondence::Correspondence;
 use crate::api::extract::{Caller, JsonBody, NoQuery};
 use crate::api::problem::Problem;
-use crate::api::respond::{compute_planned, json, planned};
+use crate::api::respond::{Planned, compute_planned, json, planned};
 use crate::formats::checked::{Checked, LARGE, document, take_or_default};
 use crate::formats::representation::Read;
 use crate::formats::shape::{Points, ShapeInput};
 use crate::geometry::deformation::Handle;
 use crate::geometry::representation::Representation;
+use crate::service::app::{App, ServiceError};
 use crate::service::cost::requests::{self, Counts};
-use crate::service::shapes::deform::{self, ControlPointMove, Support};
+use crate::service::shapes::deform::{self, ControlPointMove, Deformation, Support};
 use crate::service::shapes::read::own_faults;
 use crate::service::shapes::request::Posted;
 
@@ -65,14 +66,16 @@ pub(super) async fn deform(
     _: NoQuery,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
-    compute_planned(app, body, move |app, body| {
-        let (request, mut errors) = (app.parse::<DeformRequest>(body)?, Vec::new());
-        errors.extend(request.faults);
-        let representation =
-            request.representation.and_then(|field| field.take("/representation", &mut errors));
-        let moves = take_or_default(request.moves, "/moves", &mut errors);
-        let handles = take_or_default(request.handles, "/handles", &mut errors);
-        let shape = request.shape.unwrap_or_default();
+    compute_planned(app, body, |app, body| app.parse::<DeformRequest>(body)?.plan(app)).await
+}
+
+impl DeformRequest {
+    fn plan(self, app: &App) -> Result<Planned, ServiceError> {
+        let mut errors = self.faults;
+        let representation = self.representation.and_then(|field| field.take("/representation", &mut errors));
+        let moves = take_or_default(self.moves, "/moves", &mut errors);
+        let handles = take_or_default(self.handles, "/handles", &mut errors);
+        let shape = self.shape.unwrap_or_default();
         if !errors.is_empty() {
             errors.extend(own_faults(shape.clone()).into_iter().map(|error| error.below("/shape")));
         }
@@ -82,19 +85,20 @@ pub(super) async fn deform(
         planned(requests::deform(counts, handles.len()), move |app| {
             let posted = Posted::new(app, &representation, Correspondence::Landmarks)?;
             let deformed = deform::deform(app, &posted, shape, &moves, &handles)?;
-            let columns = deformed.control_points.as_slice().to_vec();
-            json(
-                StatusCode::OK,
-                &DeformAnswer {
-                    shape: ShapeOutput {
-                        control_points: Points::from_columns(columns, representation.dimension()),
-                    },
-                    supports: deformed.supports,
-                    l2_change: deformed.l2_change,
-                    largest_change: deformed.largest_change,
-                },
-            )
+            json(StatusCode::OK, &DeformAnswer::from(deformed))
         })
-    })
-    .await
+    }
+}
+
+impl From<Deformation> for DeformAnswer {
+    fn from(deformed: Deformation) -> Self {
+        let (columns, dimension) =
+            (deformed.control_points.as_slice().to_vec(), deformed.control_points.ncols());
+        Self {
+            shape: ShapeOutput { control_points: Points::from_columns(columns, dimension) },
+            supports: deformed.supports,
+            l2_change: deformed.l2_change,
+            largest_change: deformed.largest_change,
+        }
+    }
 }

@@ -7,10 +7,11 @@ use serde::Serialize;
 use super::request_macros::checked;
 use crate::api::extract::{Caller, JsonBody, NoQuery};
 use crate::api::problem::Problem;
-use crate::api::respond::{compute_planned, json, planned};
+use crate::api::respond::{Planned, compute_planned, json, planned};
 use crate::formats::checked::{Checked, document, take_given};
+use crate::service::app::{App, ServiceError};
 use crate::service::cost::requests;
-use crate::service::shapes::overlap::{self, BodyInput};
+use crate::service::shapes::overlap::{self, BodyInput, Overlapping};
 
 document! {
     /// Two bodies, both in the plane or both in space.
@@ -84,37 +85,40 @@ pub(super) async fn overlap(
     _: NoQuery,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
-    compute_planned(app, body, move |app, body| {
-        let (request, mut errors) = (app.parse::<OverlapRequest>(body)?, Vec::new());
-        errors.extend(request.faults);
-        let spacing = take_given(request.spacing, "/spacing", &mut errors);
-        let bodies = request.first.zip(request.second);
-        let ((first, second), _) = checked(bodies, errors, Vec::new())?;
+    compute_planned(app, body, |app, body| app.parse::<OverlapRequest>(body)?.plan(app)).await
+}
+
+impl OverlapRequest {
+    fn plan(self, app: &App) -> Result<Planned, ServiceError> {
+        let mut errors = self.faults;
+        let spacing = take_given(self.spacing, "/spacing", &mut errors);
+        let ((first, second), _) = checked(self.first.zip(self.second), errors, Vec::new())?;
         let bodies = overlap::read(app, [first, second], spacing)?;
         planned(requests::overlap(bodies.cells()), move |app| {
             let found = bodies.overlap(&app.pool.context())?;
-            let (grid, overlap, dimension) = (found.grid, found.overlap, found.dimension);
-            json(
-                StatusCode::OK,
-                &OverlapAnswer {
-                    jaccard: overlap.jaccard,
-                    dice: overlap.dice,
-                    hausdorff: overlap.hausdorff,
-                    hausdorff_95: overlap.hausdorff_95,
-                    mean_surface_distance: overlap.mean_surface_distance,
-                    cells: overlap.cells,
-                    intersection: overlap.intersection,
-                    union: overlap.union,
-                    measures: overlap.cells.map(|cells| cells as f64 * grid.cell_measure()),
-                    grid: GridOutput {
-                        size: grid.size[..dimension].to_vec(),
-                        spacing: grid.spacing[..dimension].to_vec(),
-                        first: grid.first[..dimension].to_vec(),
-                    },
-                    warnings: found.warnings,
-                },
-            )
+            json(StatusCode::OK, &OverlapAnswer::from(found))
         })
-    })
-    .await
+    }
+}
+
+impl From<Overlapping> for OverlapAnswer {
+    fn from(Overlapping { grid, dimension, overlap, warnings }: Overlapping) -> Self {
+        Self {
+            jaccard: overlap.jaccard,
+            dice: overlap.dice,
+            hausdorff: overlap.hausdorff,
+            hausdorff_95: overlap.hausdorff_95,
+            mean_surface_distance: overlap.mean_surface_distance,
+            cells: overlap.cells,
+            intersection: overlap.intersection,
+            union: overlap.union,
+            measures: overlap.cells.map(|cells| cells as f64 * grid.cell_measure()),
+            grid: GridOutput {
+                size: grid.size[..dimension].to_vec(),
+                spacing: grid.spacing[..dimension].to_vec(),
+                first: grid.first[..dimension].to_vec(),
+            },
+            warnings,
+        }
+    }
 }
