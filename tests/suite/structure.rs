@@ -172,6 +172,33 @@ fn the_guard_of_the_layers_sees_a_bad_line() {
     }
 }
 
+/// Words that tell kinds of shapes apart.
+const KIND_WORDS: [&str; 5] = ["Representation::", ".surface()", ".subdivision()", ".line()", ".generator()"];
+
+/// Lines of a file above the geometry that tell kinds of shapes apart; not those of tests and comments.
+fn kind_questions<'a>(path: &str, text: &'a str) -> Vec<&'a str> {
+    let asks_freely = ["geometry/", "numeric/", "formats/"].iter().any(|layer| path.starts_with(layer));
+    if asks_freely || path.ends_with("/tests.rs") {
+        return Vec::new();
+    }
+    let code = text.split("\n#[cfg(test)]").next().unwrap_or_default();
+    let lines = code.lines().map(|line| line.split("//").next().unwrap_or_default().trim());
+    lines.filter(|line| KIND_WORDS.iter().any(|word| line.contains(word))).collect()
+}
+
+/// A new kind of shape has its code in the geometry, and its JSON in the formats.
+#[test]
+fn kinds_of_shapes_are_told_apart_in_the_geometry_only() {
+    for (path, text) in program() {
+        let found = kind_questions(&path, &text);
+        assert!(found.is_empty(), "{path} tells kinds of shapes apart: {found:#?}");
+    }
+    let bad = "match x {\n    Representation::Landmarks { .. } => {}\n}\nlet a = space.line();";
+    assert_eq!(kind_questions("service/shapes/fit.rs", bad).len(), 2);
+    assert_eq!(kind_questions("analysis/pca.rs", "// Representation::\n#[cfg(test)]\n.surface()"), [""; 0]);
+    assert_eq!(kind_questions("geometry/size.rs", bad), [""; 0]);
+}
+
 /// Lines of a file of arithmetic that begin a loop which no range or list ends; not those of tests and comments.
 fn open_loops(text: &str) -> Vec<&str> {
     let code = text.split("\n#[cfg(test)]").next().unwrap_or_default();

@@ -175,8 +175,9 @@ async fn prepare_plan(app: &App, cohort: Cohort, plan: Plan) -> Result<Prepared,
         .run(move || Setup::new(&task_app, &settings))
         .await?;
     let usual = setup.space.representation().comparison_places();
-    if setup.space.generator().is_none() && plan.samples != usual {
-        let what = Places::rule(&setup.space);
+    if let Some(what) = Places::rule(&setup.space)
+        && plan.samples != usual
+    {
         let detail = format!("expected {usual} or no value, got {}: {what}", plan.samples);
         return Err(ServiceError::invalid("/samples", detail));
     }
