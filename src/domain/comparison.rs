@@ -2,9 +2,10 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::dictionary::{MeanRecord, Row};
 use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::Mirror;
+use crate::analysis::dictionary::content::MeanRecord;
+use crate::analysis::rows::Row;
 use crate::analysis::transformation::Transformation;
 use crate::geometry::size::SizeMeasure;
 

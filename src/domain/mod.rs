@@ -13,7 +13,6 @@
 pub mod access;
 pub mod audit;
 pub mod change;
-pub mod classifier;
 pub mod cohort;
 pub mod comparison;
 pub mod dictionary;

@@ -3,9 +3,10 @@
 use serde::{Deserialize, Serialize};
 
 use super::comparison::TestRecord;
-use super::dictionary::{MeanRecord, Row};
 use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::Mirror;
+use crate::analysis::dictionary::content::MeanRecord;
+use crate::analysis::rows::Row;
 use crate::analysis::transformation::Transformation;
 
 /// Regression of the shapes of a cohort on an attribute.

@@ -364,7 +364,7 @@ fn a_classifier_travels_with_its_dictionary() {
         for (field, value) in breakages {
             let mut broken = file.clone();
             broken["content"]["classifier"]["trained"][field] = value.clone();
-            let content: shapelex::domain::dictionary::Content =
+            let content: shapelex::analysis::dictionary::content::Content =
                 serde_json::from_value(broken["content"].clone()).unwrap();
             let text = serde_json::to_vec(&content).unwrap();
             broken["digest"] = json!(blake3::hash(&text).to_hex().to_string());

@@ -170,7 +170,7 @@ fn dictionaries_without_shapes_held_out_say_so() {
     assert_eq!(file["format_version"], 2);
     file["format_version"] = json!(1);
     file["content"]["statistics"].as_object_mut().unwrap().remove("held_out");
-    let content: shapelex::domain::dictionary::Content =
+    let content: shapelex::analysis::dictionary::content::Content =
         serde_json::from_value(file["content"].clone()).unwrap();
     file["digest"] = json!(blake3::hash(&serde_json::to_vec(&content).unwrap()).to_hex().to_string());
     server.post("/v1/dictionaries/import?name=old", &file).expect(201);
@@ -185,7 +185,7 @@ fn dictionaries_without_shapes_held_out_say_so() {
     // Numbers that learning does not make are refused, under a digest of their own.
     let mut broken = server.get("/v1/dictionaries/circles/export").expect(200);
     broken["content"]["statistics"]["held_out"]["residuals"]["log_deviation"] = json!(0.0);
-    let content: shapelex::domain::dictionary::Content =
+    let content: shapelex::analysis::dictionary::content::Content =
         serde_json::from_value(broken["content"].clone()).unwrap();
     broken["digest"] = json!(blake3::hash(&serde_json::to_vec(&content).unwrap()).to_hex().to_string());
     let pointer = "/content/statistics/held_out/residuals";

@@ -78,6 +78,7 @@ pub mod pass;
 pub mod path;
 pub mod pca;
 pub mod procrustes;
+pub mod rows;
 pub mod size;
 pub mod sparse;
 pub mod subspace;

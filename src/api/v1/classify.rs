@@ -6,12 +6,12 @@ use axum::response::Response;
 use serde::Serialize;
 
 use super::coding::{CodeOutput, ScoreOutput, Shapes, asking_request};
+use crate::analysis::classification::record::{
+    ClassRecord, ClassifierKind, ClassifierRecord, ClassifierSettings, Validation,
+};
 use crate::api::extract::{Caller, JsonBody, NoQuery, Path};
 use crate::api::problem::Problem;
 use crate::api::respond::{compute, json};
-use crate::domain::classifier::{
-    ClassRecord, ClassifierKind, ClassifierRecord, ClassifierSettings, Validation,
-};
 use crate::formats::checked::{Checked, List, Many, document, take_given, take_many};
 use crate::formats::shape::ShapeInput;
 use crate::service::app::{App, ServiceError};

@@ -9,14 +9,17 @@ use super::classify::ClassifierOutput;
 use super::jobs::{JobOutput, accepted};
 use super::request_macros::{Page, PageQuery, RetryHeader, ShapeOutput, known, priority_of, tagged, time};
 use crate::analysis::alignment::Alignment;
+use crate::analysis::classification::record::{ClassifierKind, ClassifierSettings};
 use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
+use crate::analysis::dictionary::content::{Atom, MeanRecord, Statistics};
+use crate::analysis::dictionary::method::Method;
 use crate::analysis::frame::Frame;
+use crate::analysis::rows::Row;
 use crate::analysis::transformation::Transformation;
 use crate::api::extract::{Caller, Format, JsonBody, NoQuery, OnlyFormat, Path, Prefer, Query, ShapeFormat};
 use crate::api::problem::Problem;
 use crate::api::respond::{compute, json, mesh, svg};
-use crate::domain::classifier::{ClassifierKind, ClassifierSettings};
-use crate::domain::dictionary::{Atom, Listed, MeanRecord, Method, Row, Statistics};
+use crate::domain::dictionary::{Listed, Summary};
 use crate::domain::job::{JobStatus, Priority};
 use crate::domain::shape::ShapeFilter;
 use crate::formats::checked::{Checked, document, take_given, take_or_default};
@@ -245,7 +248,7 @@ impl<'a> DictionaryOutput<'a> {
             id: dictionary.id.clone(),
             name: dictionary.name.clone(),
             version: dictionary.version,
-            summary: content.summary(),
+            summary: Summary::of(content),
             provenance: provenance.clone(),
             digest: dictionary.digest.clone(),
             created_at_ms: dictionary.created_at_ms,

@@ -8,9 +8,9 @@ use tokio::runtime::Handle;
 
 use crate::analysis::AnalysisError;
 use crate::analysis::accumulate::{BLOCK, MergePart, PART, ShapeSource, Shapes, ShapesInMemory, prepare};
+use crate::analysis::dictionary::content::Content;
 use crate::analysis::pass::Pass;
 use crate::domain::cohort::Cohort;
-use crate::domain::dictionary::Content;
 use crate::domain::shape::{Shape, ShapeFilter};
 use crate::service::app::{App, ServiceError};
 use crate::service::statistics::Setup;

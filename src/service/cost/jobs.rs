@@ -1,7 +1,7 @@
 //! Predicted cost of learning a dictionary or testing shapes, before anything runs.
 
 use crate::analysis::alignment::Method as Alignment;
-use crate::domain::dictionary::{Codes, Method};
+use crate::analysis::dictionary::method::{Codes, Method};
 use crate::service::statistics::Setup;
 
 /// Maximum size of prepared shapes kept in memory; larger sets are read from the store in every pass.

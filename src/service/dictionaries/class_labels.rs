@@ -6,9 +6,9 @@
 use crate::formats::fault::Fault;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
-use crate::domain::classifier::{ClassifierKind, ClassifierSettings, Feature};
+use crate::analysis::classification::record::{ClassifierKind, ClassifierSettings, Feature};
+use crate::analysis::dictionary::method::Method;
 use crate::domain::cohort::Cohort;
-use crate::domain::dictionary::Method;
 use crate::domain::shape::ShapeFilter;
 use crate::service::app::{App, ServiceError};
 use crate::service::cohorts::attributes::{Attribute, KnownAttributes, describe, first_names};

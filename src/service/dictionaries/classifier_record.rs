@@ -5,10 +5,11 @@ use crate::analysis::classification::class_means::ClassMeans;
 use crate::analysis::classification::discriminant::{Discriminant, Regularisation};
 use crate::analysis::classification::ensemble::{Ensemble, Member, ROUNDS};
 use crate::analysis::classification::neighbours::NearestNeighbours;
+use crate::analysis::classification::record::{ClassifierRecord, Trained, TrainedMember};
 use crate::analysis::classification::{Classifier, Kind};
+use crate::analysis::dictionary::content::Content;
 use crate::analysis::metric::Metric;
-use crate::domain::classifier::{ClassifierRecord, Trained, TrainedMember};
-use crate::domain::dictionary::{Content, Row, columns_of, rows_of};
+use crate::analysis::rows::{Row, columns_of, rows_of};
 use crate::formats::fault::Fault;
 use crate::numeric::dense::Matrix;
 

@@ -12,12 +12,12 @@ use super::ready::Ready;
 use crate::analysis::AnalysisError;
 use crate::analysis::alignment::Method as Alignment;
 use crate::analysis::correspondence::Correspondence;
+use crate::analysis::dictionary::content::{HeldOutMeasure, HeldOutStatistics, Statistics};
 use crate::analysis::dictionary::model::{Model, error_of, squared_distance};
 use crate::analysis::dictionary::novelty::{self, Logarithms, Novelty};
 use crate::analysis::dictionary::preparation::Prepared;
 use crate::analysis::dictionary::prior::{Energy, Prior};
 use crate::analysis::sparse::SparseCode;
-use crate::domain::dictionary::{HeldOutMeasure, HeldOutStatistics, Statistics};
 use crate::formats::shape::ShapeInput;
 use crate::geometry::sampling::Places;
 use crate::numeric::dense::Matrix;
@@ -432,7 +432,7 @@ impl Ready {
     /// Control points of atom `j`, `d·N` coordinate-major numbers.
     fn atom(&self, j: usize) -> Vec<f64> {
         let rows = &self.dictionary.content.atoms[j].control_points;
-        crate::domain::dictionary::columns_of(rows, self.setup.metric.dimension())
+        crate::analysis::rows::columns_of(rows, self.setup.metric.dimension())
     }
 }
 

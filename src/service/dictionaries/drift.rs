@@ -328,10 +328,8 @@ fn class_drift(ready: &Ready, sums: &Sums) -> Option<Vec<ClassDrift>> {
     let all: usize = record.classes.iter().map(|class| class.shapes).sum();
     let new: usize = sums.classes.iter().sum();
     let part = |count: usize, all: usize| count as f64 / all.max(1) as f64;
-    let drift = |(class, &count): (&crate::domain::classifier::ClassRecord, &usize)| ClassDrift {
-        label: class.label.clone(),
-        training: part(class.shapes, all),
-        new: part(count, new),
+    let drift = |(class, &count): (&crate::analysis::classification::record::ClassRecord, &usize)| {
+        ClassDrift { label: class.label.clone(), training: part(class.shapes, all), new: part(count, new) }
     };
     Some(record.classes.iter().zip(&sums.classes).map(drift).collect())
 }

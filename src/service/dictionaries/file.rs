@@ -11,10 +11,13 @@ use serde::{Deserialize, Serialize};
 use super::planning::method_faults;
 use super::ready::Ready;
 use super::{classifier_record, ready};
+use crate::analysis::dictionary::content::{Content, HeldOutMeasure};
+use crate::analysis::dictionary::method::Method;
 use crate::analysis::dictionary::model::Model;
 use crate::analysis::metric::norm;
+use crate::analysis::rows::Row;
 use crate::domain::cohort::name_problem;
-use crate::domain::dictionary::{Content, HeldOutMeasure, Method, NewDictionary, Provenance, Row};
+use crate::domain::dictionary::{NewDictionary, Provenance, Summary};
 use crate::domain::id;
 use crate::service::app::{App, Limits, ServiceError, now_ms};
 
@@ -189,7 +192,7 @@ fn checked_file(
     Ok(NewDictionary {
         id: id::new_id(id::DICTIONARY),
         name,
-        summary: file.content.summary(),
+        summary: Summary::of(&file.content),
         content: text,
         state: None,
         provenance: file.provenance,
@@ -230,7 +233,7 @@ fn content_faults(content: &Content, limits: &Limits) -> Vec<Fault> {
     match &content.method {
         Method::FunctionalPca { .. } => {
             check(content.centre.is_some(), "centre".into(), "required field is missing");
-            let complete = |atom: &crate::domain::dictionary::Atom| {
+            let complete = |atom: &crate::analysis::dictionary::content::Atom| {
                 atom.eigenvalue.is_some_and(|value| value > 0.0) && atom.explained.is_some()
             };
             check(

@@ -2,7 +2,7 @@
 
 use super::ready::Ready;
 use crate::analysis::dictionary::model::Model;
-use crate::domain::dictionary::columns_of;
+use crate::analysis::rows::columns_of;
 use crate::geometry::drawing::svg::{self, Layer, colour};
 use crate::service::app::ServiceError;
 

@@ -4,12 +4,12 @@ use serde::{Deserialize, Serialize};
 use tokio::runtime::Handle;
 
 use crate::analysis::alignment::Alignment;
+use crate::analysis::classification::record::ClassifierSettings;
 use crate::analysis::correspondence::Mirror;
+use crate::analysis::dictionary::method::Method;
 use crate::analysis::frame::Frame;
 use crate::analysis::transformation::Transformation;
-use crate::domain::classifier::ClassifierSettings;
 use crate::domain::cohort::Cohort;
-use crate::domain::dictionary::Method;
 use crate::domain::shape::ShapeFilter;
 use crate::service::app::{App, ServiceError};
 use crate::service::statistics::Settings;

@@ -21,17 +21,17 @@ use crate::analysis::classification::discriminant::Regularisation;
 use crate::analysis::classification::ensemble::{self, Ensemble, Member, ROUNDS, selected};
 use crate::analysis::classification::folds::stratified;
 use crate::analysis::classification::quality::{BINS, Held, Part, Quality, confidences, sharpness};
-use crate::analysis::classification::{
-    Classifier, Description, Evidence, Kind, Labelled, Observations, described, subset,
-};
-use crate::analysis::dictionary::model::Model;
-use crate::analysis::dictionary::preparation::Preparation;
-use crate::analysis::sparse::SparseCode;
-use crate::domain::classifier::{
+use crate::analysis::classification::record::{
     Candidate, ChosenQuality, ClassQuality, ClassRecord, ClassifierKind, ClassifierRecord,
     ClassifierSettings, PartRecord, ReliabilityBin, Validation,
 };
-use crate::domain::dictionary::Content;
+use crate::analysis::classification::{
+    Classifier, Description, Evidence, Kind, Labelled, Observations, described, subset,
+};
+use crate::analysis::dictionary::content::Content;
+use crate::analysis::dictionary::model::Model;
+use crate::analysis::dictionary::preparation::Preparation;
+use crate::analysis::sparse::SparseCode;
 use crate::service::app::ServiceError;
 
 /// Numbers of components that `best` tries, as far as available.

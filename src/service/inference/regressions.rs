@@ -12,11 +12,12 @@ use super::comparisons::test;
 use super::test_sample::{self, Aligned, MAX_PERMUTATIONS};
 use crate::analysis::alignment::{Alignment, unwhitened};
 use crate::analysis::correspondence::Mirror;
+use crate::analysis::dictionary::content::MeanRecord;
 use crate::analysis::inference::regression::{Collinear, Design, Draws, Regression};
 use crate::analysis::metric::{dot, norm};
+use crate::analysis::rows::{Row, columns_of, rows_of};
 use crate::analysis::transformation::Transformation;
 use crate::domain::cohort::Cohort;
-use crate::domain::dictionary::{MeanRecord, Row, columns_of, rows_of};
 use crate::domain::job::JobKind;
 use crate::domain::regression::{
     AttributeSummary, CovariateRecord, Prediction, RegressionScore, ShapeRegression,

@@ -23,6 +23,7 @@ pub mod folds;
 pub mod neighbours;
 mod observations;
 pub mod quality;
+pub mod record;
 
 pub use classifier::{Classifier, Kind};
 pub use observations::{Description, Evidence, Labelled, Observations, described, subset};

@@ -20,8 +20,10 @@
 //! Source: Schmitter 2017, (4.27); Mairal, Bach, Ponce, Sapiro 2009 for the statistics.
 
 pub mod algebra;
+pub mod content;
 pub mod held_out;
 pub mod learning;
+pub mod method;
 pub mod model;
 pub mod novelty;
 pub mod preparation;

@@ -9,12 +9,13 @@
 use super::{Task, in_memory, phase};
 use crate::analysis::accumulate::{Accumulator, ScatterSum, ShapeSource, ShapesInMemory};
 use crate::analysis::classification::{described, subset};
+use crate::analysis::dictionary::content::{Content, HeldOutMeasure, HeldOutStatistics, HoldOut};
 use crate::analysis::dictionary::held_out::{Downdate, FEWEST, HeldOut};
+use crate::analysis::dictionary::method::Method;
 use crate::analysis::dictionary::model::{Model, squared_distance};
 use crate::analysis::dictionary::novelty::{Logarithms, Novelty};
 use crate::analysis::dictionary::preparation::{Posed, Preparation};
 use crate::analysis::pca::FunctionalPca;
-use crate::domain::dictionary::{Content, HeldOutMeasure, HeldOutStatistics, HoldOut, Method};
 use crate::service::app::ServiceError;
 use crate::service::cohorts::source::StoredShapes;
 use crate::service::cost::jobs::KEPT_BYTES;

@@ -16,17 +16,17 @@ use super::validation::Study;
 use crate::analysis::AnalysisError;
 use crate::analysis::accumulate::{Accumulator, ScatterSum, ShapeSource, Shapes, ShapesInMemory};
 use crate::analysis::alignment::mean_shape;
+use crate::analysis::classification::record::{ClassifierRecord, ClassifierSettings};
+use crate::analysis::dictionary::content::{Atom, Content, MeanRecord, ScoreStatistics, Statistics};
 use crate::analysis::dictionary::learning::{Learning, Start, Watch};
+use crate::analysis::dictionary::method::Method;
 use crate::analysis::dictionary::model::{Certificate, Coded, Model};
 use crate::analysis::dictionary::preparation::{Pose, Posed, Preparation};
 use crate::analysis::dictionary::statistics::Statistics as CodeStatistics;
 use crate::analysis::pca::FunctionalPca;
-use crate::domain::classifier::{ClassifierRecord, ClassifierSettings};
+use crate::analysis::rows::{Row, columns_of, rows_of};
 use crate::domain::cohort::Cohort;
-use crate::domain::dictionary::{
-    Atom, Content, MeanRecord, Method, NewDictionary, Provenance, Row, ScoreStatistics, Statistics,
-    columns_of, rows_of,
-};
+use crate::domain::dictionary::{NewDictionary, Provenance, Summary};
 use crate::domain::id;
 use crate::domain::job::Job;
 use crate::numeric::dense::Matrix;
@@ -90,7 +90,7 @@ pub fn learn(
     Ok(NewDictionary {
         id: id::new_id(id::DICTIONARY),
         name: plan.name.clone(),
-        summary: content.summary(),
+        summary: Summary::of(&content),
         digest: blake3::hash(&text).to_hex().to_string(),
         content: text,
         state: Some(state).filter(|state| state.len() <= STATE_BYTES),

@@ -5,17 +5,18 @@ use tokio::runtime::Handle;
 use super::{Prepared, pairs_of};
 use crate::analysis::accumulate::ShapesInMemory;
 use crate::analysis::alignment::{Method, unwhitened};
+use crate::analysis::dictionary::content::MeanRecord;
 use crate::analysis::inference::comparison::{PairTests, Sample, Tested};
 use crate::analysis::inference::permutation::{Tally, holm};
 use crate::analysis::inference::span::Span;
 use crate::analysis::mean::{MeanSpace, ProjectorSum};
 use crate::analysis::metric::Metric;
+use crate::analysis::rows::rows_of;
 use crate::analysis::transformation::TransformationClass;
 use crate::domain::comparison::{
     Comparison, EffectPoint, GroupRecord, OverallRecord, PairRecord, SizeDifference, SizeSummary,
     StatisticRecord, TestRecord,
 };
-use crate::domain::dictionary::{MeanRecord, rows_of};
 use crate::geometry::sampling::Places;
 use crate::numeric::dense::{Matrix, transpose_multiply};
 use crate::service::app::progress::JobContext;

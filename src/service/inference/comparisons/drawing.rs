@@ -1,8 +1,8 @@
 //! Drawing of a comparison.
 
 use super::Prepared;
+use crate::analysis::rows::columns_of;
 use crate::domain::comparison::{Comparison, PairRecord, TestRecord};
-use crate::domain::dictionary::columns_of;
 use crate::geometry::drawing::effect::{self, Connection, Effect, EffectPoint as DrawnPoint};
 use crate::geometry::drawing::svg::{Layer, colour};
 

@@ -1,12 +1,12 @@
-//! Classifiers of dictionaries: requested settings, trained numbers, and validation.
+//! Classifiers as serialisable records: requested settings, trained numbers, and validation.
 
-use serde::{Deserialize, Serialize};
-
-use super::dictionary::Row;
+use crate::rows::Row;
 
 /// Kind of classifier.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, utoipa::ToSchema)]
-#[serde(rename_all = "snake_case")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
 pub enum ClassifierKind {
     /// Distance to the mean space of each class.
     MeanSpace,
@@ -25,8 +25,10 @@ pub enum ClassifierKind {
 }
 
 /// Feature that a classifier uses.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, utoipa::ToSchema)]
-#[serde(rename_all = "snake_case")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
 pub enum Feature {
     /// Shape, as described by the dictionary.
     Shape,
@@ -35,42 +37,44 @@ pub enum Feature {
 }
 
 /// Settings of a classifier.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
-#[serde(deny_unknown_fields)]
+#[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
 pub struct ClassifierSettings {
     /// Kind of classifier to train.
     pub kind: ClassifierKind,
     /// Attribute that names the class of a shape: `label`, or `labels.` and the name of an attribute. Default: `label`.
-    #[serde(default = "default_attribute")]
-    #[schema(default = "label")]
+    #[cfg_attr(feature = "serde", serde(default = "default_attribute"))]
+    #[cfg_attr(feature = "schema", schema(default = "label"))]
     pub attribute: String,
     /// Features to use. Default: `["shape"]`.
-    #[serde(default = "default_features")]
-    #[schema(default = json!(["shape"]))]
+    #[cfg_attr(feature = "serde", serde(default = "default_features"))]
+    #[cfg_attr(feature = "schema", schema(default = json!(["shape"])))]
     pub features: Vec<Feature>,
     /// For `discriminant`: number of leading components of the code to use. Default: all.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
     pub components: Option<usize>,
     /// For `discriminant`: pooling of covariances, from 0 (one per class: quadratic) to 1 (one for all classes: linear).
     /// Default: 1.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
     pub pooling: Option<f64>,
     /// For `discriminant`: shrinkage of covariances towards a multiple of the identity, 0 to 1. Default: estimated.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
     pub shrinkage: Option<f64>,
     /// For `nearest_neighbours`: number of neighbours that vote. Default: 5.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
     pub neighbours: Option<usize>,
     /// Number of parts (folds) of the cross-validation. Default: 5.
-    #[serde(default = "default_folds")]
-    #[schema(default = 5)]
+    #[cfg_attr(feature = "serde", serde(default = "default_folds"))]
+    #[cfg_attr(feature = "schema", schema(default = 5))]
     pub folds: usize,
     /// Number of repeats of the cross-validation with different parts. Default: 3.
-    #[serde(default = "default_repeats")]
-    #[schema(default = 3)]
+    #[cfg_attr(feature = "serde", serde(default = "default_repeats"))]
+    #[cfg_attr(feature = "schema", schema(default = 3))]
     pub repeats: usize,
     /// Seed of the random parts. Default: 0.
-    #[serde(default)]
+    #[cfg_attr(feature = "serde", serde(default))]
     pub seed: u64,
 }
 
@@ -108,8 +112,10 @@ impl ClassifierSettings {
 }
 
 /// Trained classifier with its validation.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
-#[serde(deny_unknown_fields)]
+#[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
 pub struct ClassifierRecord {
     /// Requested settings.
     pub settings: ClassifierSettings,
@@ -124,8 +130,10 @@ pub struct ClassifierRecord {
 }
 
 /// A class of the training shapes.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
-#[serde(deny_unknown_fields)]
+#[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
 pub struct ClassRecord {
     /// Name of the class: the value of the attribute.
     pub label: String,
@@ -136,8 +144,10 @@ pub struct ClassRecord {
 }
 
 /// Numbers of a trained classifier.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
-#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
+#[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "serde", serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields))]
 pub enum Trained {
     /// Distance to the mean space of each class.
     MeanSpace {
@@ -190,11 +200,13 @@ pub enum Trained {
 }
 
 /// Member of an ensemble.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
-#[serde(deny_unknown_fields)]
+#[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
 pub struct TrainedMember {
     /// Numbers of the trained classifier.
-    #[schema(no_recursion)]
+    #[cfg_attr(feature = "schema", schema(no_recursion))]
     pub trained: Trained,
     /// `β` of its probabilities, which are proportional to `exp(β score)`.
     pub sharpness: f64,
@@ -217,8 +229,10 @@ impl Trained {
 }
 
 /// A proportion with its 95 % confidence interval.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
-#[serde(deny_unknown_fields)]
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
 pub struct PartRecord {
     /// Estimated proportion.
     pub value: f64,
@@ -229,8 +243,10 @@ pub struct PartRecord {
 }
 
 /// Calibration bin: shapes grouped by their confidence in the most likely class.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
-#[serde(deny_unknown_fields)]
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
 pub struct ReliabilityBin {
     /// Lower end of the bin, which is a tenth wide.
     pub from: f64,
@@ -243,8 +259,10 @@ pub struct ReliabilityBin {
 }
 
 /// Recall and precision of a class.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
-#[serde(deny_unknown_fields)]
+#[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
 pub struct ClassQuality {
     /// Name of the class.
     pub label: String,
@@ -255,36 +273,40 @@ pub struct ClassQuality {
 }
 
 /// A classifier tried by `best`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
-#[serde(deny_unknown_fields)]
+#[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
 pub struct Candidate {
     /// Kind of classifier.
     pub kind: ClassifierKind,
     /// Number of components of a discriminant.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
     pub components: Option<usize>,
     /// Pooling of a discriminant.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
     pub pooling: Option<f64>,
     /// Shrinkage of a discriminant; absent if it is estimated.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
     pub shrinkage: Option<f64>,
     /// Number of neighbours that vote.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
     pub neighbours: Option<usize>,
     /// Fraction classified correctly in the cross-validation used for the choice. It is too high for the candidate that was
     /// chosen: rely on the figures of the validation instead.
     pub accuracy: f64,
     /// Weight in the chosen classifier; absent if it has none.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
     pub weight: Option<f64>,
 }
 
 /// Quality of the choice made by `best` for all shapes, measured on held-out shapes of the same parts. Confidences and
 /// limits are derived from it. It is slightly optimistic, because all shapes influenced the choice. Rely on the figures of
 /// the validation, in which choices are made without the shapes they are tested on.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
-#[serde(deny_unknown_fields)]
+#[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
 pub struct ChosenQuality {
     /// Fraction of the shapes classified correctly.
     pub accuracy: f64,
@@ -296,8 +318,10 @@ pub struct ChosenQuality {
 
 /// Cross-validation: mean shape, alignment, dictionary and classifier are learnt anew without the shapes that are
 /// classified.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
-#[serde(deny_unknown_fields)]
+#[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
 pub struct Validation {
     /// Number of parts (folds).
     pub folds: usize,
@@ -328,9 +352,9 @@ pub struct Validation {
     /// Calibration: confidence compared with accuracy.
     pub reliability: Vec<ReliabilityBin>,
     /// Candidates of `best` for all shapes, best first; null without a choice.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
     pub candidates: Option<Vec<Candidate>>,
     /// Quality of the choice; null without a choice, and in dictionaries learnt before it was validated.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
     pub chosen: Option<ChosenQuality>,
 }

@@ -1,0 +1,193 @@
+//! The content of a dictionary: learnt statistics with the parameters of learning, as a serialisable record.
+//!
+//! A content depends on the shapes and the parameters alone: equal inputs give equal numbers, and an equal serialised
+//! form. Names, times and the origin of the shapes are no part of it.
+
+use super::method::Method;
+use crate::alignment::{Alignment, MeanShape};
+use crate::classification::record::ClassifierRecord;
+use crate::correspondence::{Correspondence, Direction, Mirror};
+use crate::frame::Frame;
+use crate::rows::{Row, rows_of};
+use crate::transformation::Transformation;
+use shapelex_geometry::representation::Representation;
+
+/// Learnt statistics and the parameters of learning.
+#[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
+pub struct Content {
+    /// Representation of the shapes.
+    pub representation: Representation,
+    /// Point correspondence between shapes.
+    pub correspondence: Correspondence,
+    /// Treatment of contour direction.
+    pub direction: Direction,
+    /// Whether shapes may be matched to mirror images.
+    pub mirror: Mirror,
+    /// Unit of the coordinates of the cohort; the dictionary itself has no unit if shapes are normalised.
+    pub length_unit: Option<String>,
+    /// Transformation class removed before comparison.
+    pub transformation: Transformation,
+    /// Alignment method: projection onto the class, or Procrustes.
+    pub alignment: Alignment,
+    /// Representative of the mean space used as the mean shape.
+    pub frame: Frame,
+    /// Learning method with all its parameters.
+    pub method: Method,
+    /// Mean shape to which shapes are aligned, or start points are matched.
+    pub mean: MeanRecord,
+    /// Arithmetic mean of the aligned shapes; null for sparse atoms.
+    pub centre: Option<Vec<Row>>,
+    /// Eigenshapes, orthonormal in `L₂`, or atoms of unit norm.
+    pub atoms: Vec<Atom>,
+    /// Convergence of the learning, and quality of the description of the shapes.
+    pub statistics: Statistics,
+    /// Classifier; null if none was requested.
+    #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
+    pub classifier: Option<ClassifierRecord>,
+}
+
+/// Mean shape with its certificate.
+#[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
+pub struct MeanRecord {
+    /// Control points, of unit `L₂` norm except under `rigid` and `translation`.
+    pub control_points: Vec<Row>,
+    /// Leading eigenvalues of the sum of projectors; empty for Procrustes alignment.
+    pub eigenvalues: Vec<f64>,
+    /// Gap between the eigenvalues of the mean space and the next one; null for Procrustes alignment.
+    pub gap: Option<f64>,
+    /// Whether the mean is unique; null for Procrustes alignment.
+    pub unique: Option<bool>,
+    /// Whether the search for start points, or the Procrustes alignment, converged.
+    pub converged: bool,
+}
+
+impl MeanRecord {
+    /// The record of a mean shape in `dimension` coordinates.
+    pub fn of(mean: &MeanShape, dimension: usize) -> Self {
+        Self {
+            control_points: rows_of(&mean.control_points, dimension),
+            eigenvalues: mean.eigenvalues.clone(),
+            gap: mean.gap,
+            unique: mean.unique,
+            converged: mean.converged,
+        }
+    }
+}
+
+/// One atom.
+#[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
+pub struct Atom {
+    /// Control points in the representation.
+    pub control_points: Vec<Row>,
+    /// Fraction of the shapes whose code uses the atom; 1 for components.
+    pub usage: f64,
+    /// Eigenvalue `λ_i`, the sum of squared scores over the shapes; null for sparse atoms.
+    #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
+    pub eigenvalue: Option<f64>,
+    /// Explained fraction `λ_i/Σλ`; null for sparse atoms.
+    #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
+    pub explained: Option<f64>,
+}
+
+/// Convergence of the learning, and quality of the description of the shapes.
+#[derive(Debug, Clone, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
+pub struct Statistics {
+    /// Number of shapes.
+    pub shapes: usize,
+    /// Sum of their weights.
+    pub weight: f64,
+    /// Weighted mean of `½‖y − ŷ‖²` plus the penalty over the shapes, with their codes in the final atoms.
+    pub objective: f64,
+    /// Objective after every pass, each shape with its latest code then; it never rises under a penalty.
+    pub history: Vec<f64>,
+    /// Whether learning stopped because it reached the tolerance.
+    pub converged: bool,
+    /// Number of atoms replaced because no shape used them.
+    pub reseeded: usize,
+    /// Weighted mean of `‖y − ŷ‖²/(‖y‖‖ŷ‖)` over the shapes.
+    pub reconstruction_error: f64,
+    /// Mean number of real numbers in a code.
+    pub parameters: f64,
+    /// `‖y − ŷ‖²` of the shapes, ascending; for more than 1001 shapes, 1001 quantiles.
+    pub residuals: Vec<f64>,
+    /// Total variance `Σλ`, over all components; null for sparse atoms.
+    #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
+    pub total: Option<f64>,
+    /// Distribution of the scores; null for sparse atoms.
+    #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
+    pub scores: Option<ScoreStatistics>,
+    /// Statistics of held-out shapes, which set the limit of outliers. Null in dictionaries learnt before this was recorded,
+    /// and where nothing could be held out. Outliers are then judged against the training shapes, which are described better
+    /// than new ones.
+    #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
+    pub held_out: Option<HeldOutStatistics>,
+}
+
+/// Method of holding out shapes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
+pub enum HoldOut {
+    /// Each shape in turn, by an exact downdate of the components; aligned to the mean of all.
+    LeaveOneOut,
+    /// Groups of shapes; mean, alignment and atoms were learnt anew from the other groups.
+    Parts,
+}
+
+/// Measures of held-out shapes, which predict those of new shapes.
+#[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
+pub struct HeldOutStatistics {
+    /// Method of holding out shapes.
+    pub method: HoldOut,
+    /// Squared Mahalanobis distances; null for sparse atoms.
+    #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
+    pub t_squared: Option<HeldOutMeasure>,
+    /// Squared prediction errors `‖y − ŷ‖²`.
+    pub residuals: HeldOutMeasure,
+    /// Larger of the two standardised logarithms for every shape, ascending; the outlier limit is derived from it.
+    pub novelty: Vec<f64>,
+}
+
+/// A measure of the held-out shapes.
+#[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
+pub struct HeldOutMeasure {
+    /// Values, ascending, one per shape.
+    pub values: Vec<f64>,
+    /// Mean of the logarithms.
+    pub log_mean: f64,
+    /// Standard deviation of the logarithms.
+    pub log_deviation: f64,
+}
+
+/// Distribution of the scores of the shapes.
+#[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
+pub struct ScoreStatistics {
+    /// Weighted mean score of every component; zero for centred components.
+    pub mean: Vec<f64>,
+    /// Covariance of the scores, divided by the total weight minus its mean.
+    pub covariance: Vec<Row>,
+    /// Squared Mahalanobis distances of the shapes, ascending; for more than 1001 shapes, 1001 quantiles.
+    pub t_squared: Vec<f64>,
+}

@@ -1,0 +1,110 @@
+//! The learning method of a dictionary with its parameters.
+
+use super::learning::Schedule;
+
+/// How codes handle the transformation class.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
+pub enum Codes {
+    /// Shapes are aligned to the mean, then coded with one number per atom.
+    #[default]
+    Aligned,
+    /// Every atom is transformed by its own member of the class; no alignment.
+    Invariant,
+}
+
+/// Learning method.
+#[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "serde", serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields))]
+pub enum Method {
+    /// Functional principal components of the aligned shapes.
+    FunctionalPca {
+        /// Number of components. Default: 10.
+        #[cfg_attr(feature = "serde", serde(default = "default_components"))]
+        #[cfg_attr(feature = "schema", schema(default = 10))]
+        components: usize,
+        /// Whether components are centred on the arithmetic mean of the aligned shapes. Default: false.
+        #[cfg_attr(feature = "serde", serde(default))]
+        centre: bool,
+    },
+    /// Sparse dictionary: every shape is coded with few atoms.
+    Sparse {
+        /// Number of atoms.
+        atoms: usize,
+        /// Penalty `λ` on the magnitudes of a code (lasso); null with `nonzeros`.
+        #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
+        lambda: Option<f64>,
+        /// Number of atoms in a code (optimised orthogonal matching pursuit); null with `lambda`.
+        #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
+        nonzeros: Option<usize>,
+        /// Aligned or invariant codes. Default: `aligned`.
+        #[cfg_attr(feature = "serde", serde(default))]
+        codes: Codes,
+        /// Whether coefficients must be non-negative. Default: false.
+        #[cfg_attr(feature = "serde", serde(default))]
+        nonnegative: bool,
+        /// Whether aligned shapes are divided by their norm, as invariant codes always are. Default: true.
+        #[cfg_attr(feature = "serde", serde(default = "default_normalise"))]
+        #[cfg_attr(feature = "schema", schema(default = true))]
+        normalise: bool,
+        /// Seed of the random initial atoms. Default: 0.
+        #[cfg_attr(feature = "serde", serde(default))]
+        seed: u64,
+        /// Maximum number of passes over the shapes, up to 10 000. Default: 200.
+        #[cfg_attr(feature = "serde", serde(default = "default_max_epochs"))]
+        #[cfg_attr(feature = "schema", schema(default = 200))]
+        max_epochs: usize,
+        /// Relative decrease of the objective in one pass (with `nonzeros`: ten passes) below which learning stops. Default:
+        /// 1e-4.
+        #[cfg_attr(feature = "serde", serde(default = "default_tolerance"))]
+        #[cfg_attr(feature = "schema", schema(default = 1e-4))]
+        tolerance: f64,
+        /// Update schedule of the atoms. Default: `online` (after every group of shapes).
+        #[cfg_attr(feature = "serde", serde(default))]
+        schedule: Schedule,
+    },
+}
+
+#[cfg(feature = "serde")]
+fn default_components() -> usize {
+    10
+}
+
+fn default_normalise() -> bool {
+    true
+}
+
+fn default_max_epochs() -> usize {
+    200
+}
+
+fn default_tolerance() -> f64 {
+    1e-4
+}
+
+impl Method {
+    /// Name of the method: `functional_pca` or `sparse`.
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Self::FunctionalPca { .. } => "functional_pca",
+            Self::Sparse { .. } => "sparse",
+        }
+    }
+
+    /// Whether coefficients must be non-negative.
+    pub fn is_nonnegative(&self) -> bool {
+        matches!(self, Self::Sparse { nonnegative: true, .. })
+    }
+
+    /// Number of atoms or components requested.
+    pub fn atoms(&self) -> usize {
+        match self {
+            Self::FunctionalPca { components, .. } => *components,
+            Self::Sparse { atoms, .. } => *atoms,
+        }
+    }
+}
