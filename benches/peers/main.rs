@@ -15,10 +15,11 @@ use std::time::Instant;
 use rayon::ThreadPoolBuilder;
 use shapelex::analysis::accumulate::{ShapeSource, ShapesInMemory};
 use shapelex::analysis::dictionary::algebra::Algebra;
-use shapelex::analysis::dictionary::learning::{Learning, Schedule, Unwatched};
+use shapelex::analysis::dictionary::learning::{Learning, Schedule};
 use shapelex::analysis::dictionary::model::Certificate;
 use shapelex::analysis::sparse::{Atoms, Coder, GroupLasso, Lasso, Pursuit};
 use shapelex::analysis::transformation::{ClassName, TransformationClass};
+use shapelex::analysis::watch::Unwatched;
 use shapelex::numeric::dense::Matrix;
 
 /// Threads of a measurement, as many as the peers get.

@@ -32,6 +32,15 @@ pub struct Dictionary {
     pub created_at_ms: i64,
 }
 
+impl Dictionary {
+    /// Identity of the version, and its content.
+    pub fn parts(self) -> (Listed, Content) {
+        let Self { id, name, version, content, provenance, digest, created_at_ms } = self;
+        let summary = Summary::of(&content);
+        (Listed { id, name, version, summary, provenance, digest, created_at_ms }, content)
+    }
+}
+
 /// Training data of a dictionary.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]

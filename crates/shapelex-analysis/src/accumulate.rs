@@ -83,6 +83,11 @@ pub trait ShapeSource: Sync {
         visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), Self::Error>,
     ) -> Result<(), Self::Error>;
 
+    /// The error with the name of the shape that caused it, as far as the source knows it.
+    fn located(&self, error: Self::Error) -> Self::Error {
+        error
+    }
+
     /// Distributes the parts to idle workers and passes their sums to `merge` in order, as
     /// [`Accumulator::to_bytes`] wrote them. Returns `false`, doing nothing, if the sum should be computed locally.
     ///
@@ -122,6 +127,38 @@ impl ShapesInMemory {
     /// Wraps shapes that are already prepared.
     pub fn prepared(whitened: Vec<f64>, weights: Vec<f64>) -> Self {
         Self { whitened, weights }
+    }
+
+    /// All shapes of a source.
+    ///
+    /// # Errors
+    /// Errors of the source.
+    pub fn of<S: ShapeSource>(source: &S) -> Result<Self, S::Error> {
+        let (mut whitened, mut weights) = (Vec::new(), Vec::new());
+        source.for_each_batch(&mut |batch: Shapes<'_>| {
+            whitened.extend_from_slice(batch.whitened);
+            weights.extend_from_slice(batch.weights);
+            Ok(())
+        })?;
+        Ok(Self::prepared(whitened, weights))
+    }
+
+    /// At most `most` shapes of a source, evenly spread over it.
+    ///
+    /// # Errors
+    /// Errors of the source.
+    pub fn spread_out<S: ShapeSource>(source: &S, most: usize) -> Result<Self, S::Error> {
+        let (count, held) = (source.count(), source.count().min(most));
+        let (mut whitened, mut weights) = (Vec::new(), Vec::new());
+        let mut wanted = (0..held).map(|i| i * count / held).peekable();
+        source.for_each_batch(&mut |batch| {
+            for (_, x, weight) in batch.iter().filter(|(k, ..)| wanted.next_if_eq(k).is_some()) {
+                whitened.extend_from_slice(x);
+                weights.push(weight);
+            }
+            Ok(())
+        })?;
+        Ok(Self::prepared(whitened, weights))
     }
 
     /// The prepared shapes.
@@ -183,6 +220,10 @@ impl<S: ShapeSource> ShapeSource for Watched<'_, S> {
                 rest = others;
             }
         })
+    }
+
+    fn located(&self, error: S::Error) -> S::Error {
+        self.source.located(error)
     }
 
     fn spread(&self, pass: &Pass, merge: &mut MergePart<'_>) -> Result<bool, S::Error> {

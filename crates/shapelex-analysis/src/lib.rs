@@ -20,7 +20,8 @@
 //! * [`neighbours`] — nearest neighbours in a stream of shapes;
 //! * [`inference`] — permutation tests for group differences and for regression;
 //! * [`size`] — sizes of many shapes;
-//! * [`path`] — paths between shapes.
+//! * [`path`] — paths between shapes;
+//! * [`rows`] — control points as rows, in records; [`watch`] — progress and cancellation.
 //!
 //! Source: Schmitter, *Spline Shape Processing*, chapters 2–5, with its misprints corrected.
 //!
@@ -83,6 +84,7 @@ pub mod size;
 pub mod sparse;
 pub mod subspace;
 pub mod transformation;
+pub mod watch;
 
 use shapelex_numeric::NumericError;
 
@@ -128,6 +130,14 @@ pub enum AnalysisError {
     NoCanonicalFrame {
         /// Name of the class.
         class: String,
+    },
+    /// A parameter that does not suit the others, or the shapes.
+    #[error("{field}: {detail}")]
+    Parameter {
+        /// Path of the parameter in its record, with dots: `method.codes`; empty for the whole record.
+        field: &'static str,
+        /// What was expected, and what was found.
+        detail: String,
     },
     /// The bytes are not a serialised accumulator of this kind.
     #[error("these bytes are not a stored sum of this kind and size")]

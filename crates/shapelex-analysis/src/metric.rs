@@ -6,6 +6,7 @@
 
 use std::sync::Arc;
 
+use crate::rows::{Row, columns_of, rows_of};
 use shapelex_geometry::representation::ShapeSpace;
 use shapelex_numeric::operator::SymmetricOperator;
 
@@ -61,6 +62,20 @@ impl Metric {
     /// `c = R⁻¹ x`, in place, for any number of shapes.
     pub fn unwhiten(&self, shapes: &mut [f64]) {
         self.gram.unwhiten(shapes);
+    }
+
+    /// The whitened shape with these control points.
+    pub fn whitened(&self, rows: &[Row]) -> Vec<f64> {
+        let mut columns = columns_of(rows, self.dimension());
+        self.whiten(&mut columns);
+        columns
+    }
+
+    /// The control points of a whitened shape.
+    pub fn rows(&self, whitened: &[f64]) -> Vec<Row> {
+        let mut control_points = whitened.to_vec();
+        self.unwhiten(&mut control_points);
+        rows_of(&control_points, self.dimension())
     }
 
     /// `Ψ c`, in place, for any number of shapes.

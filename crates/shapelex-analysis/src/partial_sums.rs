@@ -24,6 +24,13 @@ pub struct Measured<'a> {
     pub matching: &'a Matching,
 }
 
+impl Preparation {
+    /// Metric, alignment method and matching of the shapes.
+    pub fn measured(&self) -> Measured<'_> {
+        Measured { metric: &self.metric, method: &self.method, matching: &self.matching }
+    }
+}
+
 impl Pass {
     /// The sum over the shapes of `source`, as [`Accumulator::to_bytes`] writes it.
     ///

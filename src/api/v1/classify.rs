@@ -1,27 +1,24 @@
 //! Classification with the classifier of a dictionary, and assessment: code, class, outlier status and residual in one call.
 
 use crate::formats::fault::Fault;
-use axum::http::StatusCode;
 use axum::response::Response;
 use serde::Serialize;
 
-use super::coding::{CodeOutput, ScoreOutput, Shapes, asking_request};
+use super::coding::{
+    CodeOutput, Received, ScoreOutput, Shapes, ask_dictionary, asking_request, quantile_of, samples_of,
+};
 use crate::analysis::classification::record::{
     ClassRecord, ClassifierKind, ClassifierRecord, ClassifierSettings, Validation,
 };
+use crate::analysis::dictionary::assess::{Assessment, Classified};
 use crate::api::extract::{Caller, JsonBody, NoQuery, Path};
 use crate::api::problem::Problem;
-use crate::api::respond::{compute, json};
 use crate::formats::checked::{Checked, List, Many, document, take_given, take_many};
 use crate::formats::shape::ShapeInput;
 use crate::service::app::{App, ServiceError};
-use crate::service::dictionaries::classify::{Assessment, Classified};
 use crate::service::dictionaries::coding::outlier_warnings;
 use crate::service::dictionaries::ready::Ready;
 use crate::service::dictionaries::{classify, ready};
-
-/// Default training quantile beyond which a shape is an outlier or of no class.
-const QUANTILE: f64 = 0.99;
 
 /// Classifier of a dictionary; its trained numbers are in the exported file.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
@@ -145,14 +142,13 @@ pub(super) async fn classify(
     Path(key): Path<String>,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
-    let (ready, request, shapes, mut errors) = ClassifyRequest::receive(&app, &key, body).await?;
-    let quantile = request.quantile.map_or(Some(QUANTILE), |q| q.take("/quantile", &mut errors));
-    let (quantile, asked) = shapes.ask(&app, &ready, quantile, errors).await?;
-    let work = asked.work(&ready, 0, &app.limits);
-    compute(app.weighing(work), move |app| {
-        let classified = classify::classify(app, &ready, asked, quantile)?;
-        let classes = classified.into_iter().map(|classified| ClassOutput::new(&ready, classified)).collect();
-        json(StatusCode::OK, &ClassifyAnswer { classes, warnings: outlier_warnings(&ready) })
+    let received = ClassifyRequest::receive(&app, &key, body).await?;
+    let settings =
+        |request: ClassifyRequest, _: &Ready, errors: &mut _| quantile_of(request.quantile, errors);
+    ask_dictionary(app, received, settings, |app, ready, asked, quantile| {
+        let classified = classify::classify(app, ready, asked, quantile)?;
+        let classes = classified.into_iter().map(|classified| ClassOutput::new(ready, classified)).collect();
+        Ok(ClassifyAnswer { classes, warnings: outlier_warnings(ready) })
     })
     .await
 }
@@ -190,7 +186,7 @@ impl AssessmentOutput {
     fn new(ready: &Ready, assessment: Assessment) -> Result<Self, ServiceError> {
         let Assessment { coded, classified, score, relative_error, residual } = assessment;
         Ok(Self {
-            code: CodeOutput::new(ready, &coded)?,
+            code: CodeOutput::new(&ready.dictionary, &coded)?,
             class: classified.map(|classified| ClassOutput::new(ready, classified)),
             outlier: ScoreOutput::new(score),
             relative_error,
@@ -222,17 +218,17 @@ pub(super) async fn assess(
     Path(key): Path<String>,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
-    let (ready, request, shapes, mut errors) = AssessRequest::receive(&app, &key, body).await?;
-    let quantile = request.quantile.map_or(Some(QUANTILE), |q| q.take("/quantile", &mut errors));
-    let size = ready.setup.metric.size();
-    let samples = request.samples.map_or(Some(size), |s| s.take("/samples", &mut errors));
-    let ((quantile, samples), asked) = shapes.ask(&app, &ready, quantile.zip(samples), errors).await?;
-    let work = asked.work(&ready, samples, &app.limits);
-    compute(app.weighing(work), move |app| {
-        let assessments = classify::assess(app, &ready, asked, quantile, samples)?;
-        let output = |assessment| AssessmentOutput::new(&ready, assessment);
+    let received = AssessRequest::receive(&app, &key, body).await?;
+    let settings = |request: AssessRequest, ready: &Ready, errors: &mut Vec<Fault>| {
+        let quantile = quantile_of(request.quantile, errors);
+        let samples = samples_of(request.samples, ready, errors);
+        quantile.zip(samples).map(|((quantile, _), samples)| ((quantile, samples), samples))
+    };
+    ask_dictionary(app, received, settings, |app, ready, asked, (quantile, samples)| {
+        let assessments = classify::assess(app, ready, asked, quantile, samples)?;
+        let output = |assessment| AssessmentOutput::new(ready, assessment);
         let assessments = assessments.into_iter().map(output).collect::<Result<_, _>>()?;
-        json(StatusCode::OK, &AssessAnswer { assessments, warnings: outlier_warnings(&ready) })
+        Ok(AssessAnswer { assessments, warnings: outlier_warnings(ready) })
     })
     .await
 }

@@ -2,18 +2,25 @@
 //! samples.
 
 use crate::formats::fault::Fault;
+use std::sync::Arc;
+
 use axum::http::StatusCode;
 use axum::response::Response;
 use serde::Serialize;
 
 use super::request_macros::{ShapeOutput, checked, rows};
+use crate::analysis::dictionary::coding::{AnswerPose, CodedShape, Reconstruction};
+use crate::analysis::dictionary::in_use::Dictionary;
+use crate::analysis::dictionary::modes::Sample;
+use crate::analysis::dictionary::prior::{Energy, Reference};
+use crate::analysis::dictionary::score::Score;
 use crate::api::extract::{Caller, JsonBody, NoQuery, Path};
 use crate::api::problem::Problem;
 use crate::api::respond::{compute, json};
 use crate::formats::checked::{Checked, List, Many, document, take_given, take_many, take_or_default};
 use crate::formats::shape::{Points, ShapeInput};
 use crate::service::app::{App, ServiceError};
-use crate::service::dictionaries::coding::{AnswerPose, Asked, Coded, PostedCode, Reconstruction, Reference};
+use crate::service::dictionaries::coding::{Asked, PostedCode};
 use crate::service::dictionaries::ready::Ready;
 use crate::service::dictionaries::{coding, ready};
 
@@ -37,12 +44,12 @@ macro_rules! asking_request {
         }
 
         impl $name {
-            /// Reads a request: the dictionary, the request without its shapes, the shapes, and the faults found so far.
+            /// Finds the dictionary and reads a request for it.
             async fn receive(
                 app: &App,
                 key: &str,
                 body: axum::body::Bytes,
-            ) -> Result<(std::sync::Arc<Ready>, Self, Shapes, Vec<Fault>), Problem> {
+            ) -> Result<Received<Self>, Problem> {
                 let ready = ready::find(app, key).await?;
                 let mut request: Self = app.read(body).await?;
                 let mut errors = std::mem::take(&mut request.faults);
@@ -51,13 +58,58 @@ macro_rules! asking_request {
                     cohort: take_given(request.cohort.take(), "/cohort", &mut errors),
                     ids: take_many(request.ids.take(), "/ids", &mut errors),
                 };
-                Ok((ready, request, shapes, errors))
+                Ok(Received { ready, request, shapes, errors })
             }
         }
     };
 }
 
 pub(super) use asking_request;
+
+/// A request for a dictionary, of which not all fields are checked yet.
+pub(super) struct Received<R> {
+    /// The dictionary.
+    pub(super) ready: Arc<Ready>,
+    /// The request without its shapes.
+    pub(super) request: R,
+    /// Its shapes.
+    pub(super) shapes: Shapes,
+    /// Faults found so far.
+    pub(super) errors: Vec<Fault>,
+}
+
+/// Answers a request about shapes in JSON: checks its settings, resolves its shapes, predicts the work and computes.
+/// `settings` also gives the number of numbers that the answer has for each shape, besides its code.
+pub(super) async fn ask_dictionary<R, T: Send + 'static, A: Serialize>(
+    app: App,
+    received: Received<R>,
+    settings: impl FnOnce(R, &Ready, &mut Vec<Fault>) -> Option<(T, usize)>,
+    answer: impl FnOnce(&App, &Ready, Asked, T) -> Result<A, ServiceError> + Send + 'static,
+) -> Result<Response, Problem> {
+    let Received { ready, request, shapes, mut errors } = received;
+    let settings = settings(request, &ready, &mut errors);
+    let ((settings, numbers), asked) = shapes.ask(&app, &ready, settings, errors).await?;
+    let work = asked.work(&ready, numbers, &app.limits);
+    compute(app.weighing(work), move |app| json(StatusCode::OK, &answer(app, &ready, asked, settings)?)).await
+}
+
+/// Default training quantile beyond which a shape is an outlier or of no class.
+pub(super) const QUANTILE: f64 = 0.99;
+
+/// A training quantile as the only setting.
+pub(super) fn quantile_of(quantile: Option<Checked<f64>>, errors: &mut Vec<Fault>) -> Option<(f64, usize)> {
+    let quantile = quantile.map_or(Some(QUANTILE), |quantile| quantile.take("/quantile", errors))?;
+    Some((quantile, 0))
+}
+
+/// Number of parameters of residuals. Default: the number of control points.
+pub(super) fn samples_of(
+    samples: Option<Checked<usize>>,
+    ready: &Ready,
+    errors: &mut Vec<Fault>,
+) -> Option<usize> {
+    samples.map_or(Some(ready.setup.metric.size()), |samples| samples.take("/samples", errors))
+}
 
 /// Shapes of a request: posted ones, or references to stored ones.
 pub(super) struct Shapes {
@@ -142,12 +194,12 @@ pub(super) struct CodeOutput {
 }
 
 impl CodeOutput {
-    pub(super) fn new(ready: &Ready, coded: &Coded) -> Result<Self, ServiceError> {
+    pub(super) fn new(dictionary: &Dictionary, coded: &CodedShape) -> Result<Self, ServiceError> {
         let (code, prepared) = (&coded.code, &coded.prepared);
-        let moves = coded.moves(ready)?;
+        let moves = dictionary.moves(coded)?;
         Ok(Self {
             indices: code.indices.clone(),
-            values: coded.magnitudes(ready),
+            values: dictionary.magnitudes(coded),
             matrices: moves.as_ref().map(|moves| moves.matrices.iter().map(rows).collect()),
             offset: moves.map(|moves| moves.offset),
             parameters: code.values.len(),
@@ -185,14 +237,17 @@ pub(super) async fn encode(
     Path(key): Path<String>,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
-    let (ready, _, shapes, errors) = EncodeRequest::receive(&app, &key, body).await?;
-    let ((), asked) = shapes.ask(&app, &ready, Some(()), errors).await?;
-    let work = asked.work(&ready, 0, &app.limits);
-    compute(app.weighing(work), move |app| {
-        let coded = coding::encode(app, &ready, asked)?;
-        let codes = coded.iter().map(|coded| CodeOutput::new(&ready, coded)).collect::<Result<_, _>>()?;
-        json(StatusCode::OK, &EncodeAnswer { codes })
-    })
+    let received = EncodeRequest::receive(&app, &key, body).await?;
+    ask_dictionary(
+        app,
+        received,
+        |_, _, _| Some(((), 0)),
+        |app, ready, asked, ()| {
+            let coded = coding::encode(app, ready, asked)?;
+            let code = |coded| CodeOutput::new(&ready.dictionary, coded);
+            Ok(EncodeAnswer { codes: coded.iter().map(code).collect::<Result<_, _>>()? })
+        },
+    )
     .await
 }
 
@@ -255,32 +310,38 @@ pub(super) async fn reconstruct(
     Path(key): Path<String>,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
-    let (ready, request, shapes, mut errors) = ReconstructRequest::receive(&app, &key, body).await?;
-    let with_codes = request.codes.is_some();
+    let received = ReconstructRequest::receive(&app, &key, body).await?;
+    if received.request.codes.is_some() {
+        return reconstruct_codes(app, received).await;
+    }
+    let settings = |request: ReconstructRequest, ready: &Ready, errors: &mut Vec<Fault>| {
+        let pose = take_or_default(request.pose, "/pose", errors);
+        let samples = samples_of(request.samples, ready, errors);
+        pose.zip(samples).map(|(pose, samples)| ((pose, samples), samples))
+    };
+    ask_dictionary(app, received, settings, |app, ready, asked, (pose, samples)| {
+        let shapes = coding::reconstruct_shapes(app, ready, asked, pose, samples)?;
+        Ok(ReconstructAnswer::new(shapes, ready.setup.metric.dimension()))
+    })
+    .await
+}
+
+/// Answers a request to reconstruct posted codes.
+async fn reconstruct_codes(app: App, received: Received<ReconstructRequest>) -> Result<Response, Problem> {
+    let Received { ready, request, shapes, mut errors } = received;
     let codes = take_many(request.codes, "/codes", &mut errors);
     let with_settings = request.pose.is_some() || request.samples.is_some();
-    let pose = take_or_default(request.pose, "/pose", &mut errors);
-    let samples =
-        request.samples.map_or(Some(ready.setup.metric.size()), |s| s.take("/samples", &mut errors));
-    let dimension = ready.setup.metric.dimension();
-    if with_codes {
-        if shapes.posted.is_some() || shapes.cohort.is_some() || shapes.ids.is_some() || with_settings {
-            let detail = "expected codes alone, without shapes, cohort, ids, pose and samples";
-            errors.push(Fault::new("/codes", detail));
-        }
-        let (codes, _) = checked(codes, errors, shapes.posted.unwrap_or_default())?;
-        let work = ready.work(codes.len(), 0, &app.limits);
-        return compute(app.weighing(work), move |app| {
-            let shapes = coding::reconstruct_codes(app, &ready, &codes)?;
-            json(StatusCode::OK, &ReconstructAnswer::new(shapes, dimension))
-        })
-        .await;
+    take_or_default(request.pose, "/pose", &mut errors);
+    samples_of(request.samples, &ready, &mut errors);
+    if shapes.posted.is_some() || shapes.cohort.is_some() || shapes.ids.is_some() || with_settings {
+        let detail = "expected codes alone, without shapes, cohort, ids, pose and samples";
+        errors.push(Fault::new("/codes", detail));
     }
-    let ((pose, samples), asked) = shapes.ask(&app, &ready, pose.zip(samples), errors).await?;
-    let work = asked.work(&ready, samples, &app.limits);
+    let (codes, _) = checked(codes, errors, shapes.posted.unwrap_or_default())?;
+    let work = ready.work(codes.len(), 0, &app.limits);
     compute(app.weighing(work), move |app| {
-        let shapes = coding::reconstruct_shapes(app, &ready, asked, pose, samples)?;
-        json(StatusCode::OK, &ReconstructAnswer::new(shapes, dimension))
+        let shapes = coding::reconstruct_codes(app, &ready, &codes)?;
+        json(StatusCode::OK, &ReconstructAnswer::new(shapes, ready.setup.metric.dimension()))
     })
     .await
 }
@@ -313,7 +374,7 @@ pub(super) struct ScoreOutput {
 }
 
 impl ScoreOutput {
-    pub(super) fn new(score: coding::Score) -> Self {
+    pub(super) fn new(score: Score) -> Self {
         Self {
             scores: score.scores,
             t_squared: score.t_squared,
@@ -352,14 +413,12 @@ pub(super) async fn score(
     Path(key): Path<String>,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
-    let (ready, request, shapes, mut errors) = ScoreRequest::receive(&app, &key, body).await?;
-    let quantile = request.quantile.map_or(Some(0.99), |q| q.take("/quantile", &mut errors));
-    let (quantile, asked) = shapes.ask(&app, &ready, quantile, errors).await?;
-    let work = asked.work(&ready, 0, &app.limits);
-    compute(app.weighing(work), move |app| {
-        let scores = coding::score(app, &ready, asked, quantile)?;
+    let received = ScoreRequest::receive(&app, &key, body).await?;
+    let settings = |request: ScoreRequest, _: &Ready, errors: &mut _| quantile_of(request.quantile, errors);
+    ask_dictionary(app, received, settings, |app, ready, asked, quantile| {
+        let scores = coding::score(app, ready, asked, quantile)?;
         let scores = scores.into_iter().map(ScoreOutput::new).collect();
-        json(StatusCode::OK, &ScoreAnswer { scores, warnings: coding::outlier_warnings(&ready) })
+        Ok(ScoreAnswer { scores, warnings: coding::outlier_warnings(ready) })
     })
     .await
 }
@@ -409,19 +468,20 @@ pub(super) async fn prior(
     Path(key): Path<String>,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
-    let (ready, request, shapes, mut errors) = PriorRequest::receive(&app, &key, body).await?;
-    let reference = take_or_default(request.reference, "/reference", &mut errors);
-    let gamma = request.gamma.map_or(Some(1.0), |gamma| gamma.take("/gamma", &mut errors));
-    let ((reference, gamma), asked) = shapes.ask(&app, &ready, reference.zip(gamma), errors).await?;
-    let work = asked.work(&ready, 0, &app.limits);
-    compute(app.weighing(work), move |app| {
+    let received = PriorRequest::receive(&app, &key, body).await?;
+    let settings = |request: PriorRequest, _: &Ready, errors: &mut Vec<Fault>| {
+        let reference = take_or_default(request.reference, "/reference", errors);
+        let gamma = request.gamma.map_or(Some(1.0), |gamma| gamma.take("/gamma", errors));
+        reference.zip(gamma).map(|settings| (settings, 0))
+    };
+    ask_dictionary(app, received, settings, |app, ready, asked, (reference, gamma)| {
         let dimension = ready.setup.metric.dimension();
-        let priors = coding::prior(app, &ready, asked, reference, gamma)?;
-        let output = |prior: crate::analysis::dictionary::prior::Energy| EnergyOutput {
+        let output = |prior: Energy| EnergyOutput {
             energy: prior.energy,
             gradient: Points::from_columns(prior.gradient, dimension),
         };
-        json(StatusCode::OK, &PriorAnswer { priors: priors.into_iter().map(output).collect() })
+        let priors = coding::prior(app, ready, asked, reference, gamma)?;
+        Ok(PriorAnswer { priors: priors.into_iter().map(output).collect() })
     })
     .await
 }
@@ -482,7 +542,7 @@ pub(super) async fn sample(
     let work = ready.work(count, 0, &app.limits);
     compute(app.weighing(work), move |app| {
         let dimension = ready.setup.metric.dimension();
-        let output = |sample: coding::Sample| SampleOutput {
+        let output = |sample: Sample| SampleOutput {
             scores: sample.scores,
             shape: ShapeOutput { control_points: Points::from_columns(sample.control_points, dimension) },
         };

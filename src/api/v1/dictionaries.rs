@@ -19,7 +19,7 @@ use crate::analysis::transformation::Transformation;
 use crate::api::extract::{Caller, Format, JsonBody, NoQuery, OnlyFormat, Path, Prefer, Query, ShapeFormat};
 use crate::api::problem::Problem;
 use crate::api::respond::{compute, json, mesh, svg};
-use crate::domain::dictionary::{Listed, Summary};
+use crate::domain::dictionary::Listed;
 use crate::domain::job::{JobStatus, Priority};
 use crate::domain::shape::ShapeFilter;
 use crate::formats::checked::{Checked, document, take_given, take_or_default};
@@ -118,10 +118,7 @@ impl ProvenanceOutput {
             filter: provenance.filter.clone(),
             shapes_digest: provenance.shapes_digest.clone(),
             digest: listed.digest.clone(),
-            seed: match listed.summary.method {
-                Method::Sparse { seed, .. } => Some(seed),
-                Method::FunctionalPca { .. } => None,
-            },
+            seed: listed.summary.method.seed(),
             continued_from: provenance.continued_from.clone(),
             program: provenance.program.clone(),
             created_at: time(listed.created_at_ms),
@@ -242,21 +239,12 @@ pub(super) struct DictionaryOutput<'a> {
 
 impl<'a> DictionaryOutput<'a> {
     fn new(ready: &'a Ready) -> Self {
-        let dictionary = &ready.dictionary;
-        let (content, provenance) = (&dictionary.content, &dictionary.provenance);
-        let listed = Listed {
-            id: dictionary.id.clone(),
-            name: dictionary.name.clone(),
-            version: dictionary.version,
-            summary: Summary::of(content),
-            provenance: provenance.clone(),
-            digest: dictionary.digest.clone(),
-            created_at_ms: dictionary.created_at_ms,
-        };
+        let (listed, content, provenance) =
+            (&ready.listed, &ready.dictionary.content, &ready.listed.provenance);
         Self {
-            id: &dictionary.id,
-            name: &dictionary.name,
-            version: dictionary.version,
+            id: &listed.id,
+            name: &listed.name,
+            version: listed.version,
             cohort: &provenance.cohort,
             cohort_name: &provenance.cohort_name,
             cohort_revision: provenance.cohort_revision,
@@ -274,7 +262,7 @@ impl<'a> DictionaryOutput<'a> {
             atoms: &content.atoms,
             statistics: &content.statistics,
             classifier: content.classifier.as_ref().map(ClassifierOutput::new),
-            provenance: ProvenanceOutput::new(&listed),
+            provenance: ProvenanceOutput::new(listed),
         }
     }
 }
@@ -413,7 +401,7 @@ pub(super) async fn list_dictionaries(
 
 /// Entity tag of a version, which never changes.
 fn digest_tag(ready: &Ready) -> String {
-    format!("\"{}\"", ready.dictionary.id)
+    format!("\"{}\"", ready.listed.id)
 }
 
 /// Returns a dictionary by id, by `name@version`, or by name (the latest version).
@@ -579,8 +567,8 @@ pub(super) async fn export_dictionary(
     Path(key): Path<String>,
 ) -> Result<Response, Problem> {
     let ready = ready::find(&app, &key).await?;
-    let name = format!("{}-{}.json", ready.dictionary.name, ready.dictionary.version);
-    let work = Work::numbers((ready.model.len() * ready.setup.metric.len()) as f64);
+    let name = format!("{}-{}.json", ready.listed.name, ready.listed.version);
+    let work = Work::numbers((ready.dictionary.model.len() * ready.setup.metric.len()) as f64);
     let response =
         compute(app.weighing(work), move |_| json(StatusCode::OK, &DictionaryFile::new(&ready))).await?;
     let disposition = format!("attachment; filename=\"{name}\"");
@@ -611,7 +599,7 @@ pub(super) async fn import_dictionary(
     let reader = app.clone();
     let file: DictionaryFile = app.pool.read(body, move |body| reader.parse_whole(body)).await?;
     let ready = file::import(&app, file, query.name).await?;
-    let location = format!("/v1/dictionaries/{}", ready.dictionary.id);
+    let location = format!("/v1/dictionaries/{}", ready.listed.id);
     let response = json(StatusCode::CREATED, &DictionaryOutput::new(&ready))?;
     Ok(([(header::LOCATION, location)], response).into_response())
 }

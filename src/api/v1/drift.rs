@@ -4,11 +4,12 @@ use axum::http::StatusCode;
 use axum::response::Response;
 use serde::{Deserialize, Serialize};
 
+use crate::analysis::dictionary::drift::{ClassDrift, Drift, MeanDrift, MeasureDrift, ScoreDrift};
 use crate::api::extract::{Caller, Path, Query};
 use crate::api::problem::{Problem, ProblemKind};
 use crate::api::respond::json;
 use crate::service::dictionaries::coding::outlier_warnings;
-use crate::service::dictionaries::drift::{ClassDrift, Drift, MeanDrift, MeasureDrift, ScoreDrift, Since};
+use crate::service::dictionaries::drift::{CohortDrift, Since};
 use crate::service::dictionaries::{drift, ready};
 
 /// Selects new shapes and sets the outlier quantile.
@@ -87,25 +88,31 @@ pub(super) async fn dictionary_drift(
     };
     let ready = ready::find(&app, &key).await?;
     let quantile = query.quantile.unwrap_or(0.99);
-    let (dictionary, warnings) = (ready.dictionary.id.clone(), outlier_warnings(&ready));
+    let (dictionary, warnings) = (ready.listed.id.clone(), outlier_warnings(&ready));
     let found = drift::drift(&app, ready, since, quantile).await?;
-    let Drift { cohort, since, until, shapes, outliers, t_squared, residuals, scores, mean, classes } = found;
-    let rate = (shapes > 0).then(|| outliers as f64 / shapes as f64);
-    let answer = DriftAnswer {
-        dictionary,
-        cohort,
-        since_revision: since,
-        cohort_revision: until,
-        shapes,
-        outliers: OutlierRate { count: outliers, rate, quantile },
-        t_squared,
-        squared_prediction_error: residuals,
-        scores,
-        mean,
-        classes,
-        warnings,
-    };
-    Ok(json(StatusCode::OK, &answer)?)
+    Ok(json(StatusCode::OK, &DriftAnswer::new(dictionary, found, quantile, warnings))?)
+}
+
+impl DriftAnswer {
+    fn new(dictionary: String, found: CohortDrift, quantile: f64, warnings: Vec<String>) -> Self {
+        let CohortDrift { cohort, since, until, drift } = found;
+        let Drift { shapes, outliers, t_squared, residuals, scores, mean, classes } = drift;
+        let rate = (shapes > 0).then(|| outliers as f64 / shapes as f64);
+        Self {
+            dictionary,
+            cohort,
+            since_revision: since,
+            cohort_revision: until,
+            shapes,
+            outliers: OutlierRate { count: outliers, rate, quantile },
+            t_squared,
+            squared_prediction_error: residuals,
+            scores,
+            mean,
+            classes,
+            warnings,
+        }
+    }
 }
 
 fn since_of(text: &str) -> Result<Since, Problem> {

@@ -117,6 +117,11 @@ pub enum ServiceError {
     Internal(String),
 }
 
+/// Pointer of a parameter with this path, such as `method.codes`; that of the whole request for an empty one.
+fn pointer_of(path: &str) -> String {
+    path.split('.').filter(|name| !name.is_empty()).map(|name| format!("/{name}")).collect()
+}
+
 fn faults_text(faults: &[Fault]) -> String {
     faults.first().map_or_else(String::new, |fault| format!("{}: {}", fault.pointer, fault.detail))
 }
@@ -175,6 +180,7 @@ impl ServiceError {
             AnalysisError::NoCanonicalFrame { .. } => Self::invalid("/frame", error.to_string()),
             AnalysisError::Antipodal { .. } => Self::invalid("", error.to_string()),
             AnalysisError::SingularCovariance { .. } => Self::invalid("/classifier", error.to_string()),
+            AnalysisError::Parameter { field, detail } => Self::invalid(pointer_of(field), detail),
             AnalysisError::Interrupted => Self::Cancelled,
             AnalysisError::NotAnAccumulator
             | AnalysisError::NoConvergence { .. }

@@ -7,6 +7,7 @@ use std::time::Instant;
 use tokio::sync::watch;
 
 use super::error::ServiceError;
+use crate::analysis::watch::Watch;
 use crate::domain::job::Progress;
 
 /// Channel between the attempt that runs a job and its watchers.
@@ -49,11 +50,6 @@ impl JobContext {
         if self.is_cancelled() { Err(ServiceError::Cancelled) } else { Ok(()) }
     }
 
-    /// The same work without reporting: for parts that do not count as its progress.
-    pub(crate) fn silent(&self) -> Self {
-        Self { channel: Arc::default(), ..self.clone() }
-    }
-
     /// The same work with a `deadline`.
     pub(crate) fn until(&self, deadline: Instant) -> Self {
         Self { deadline: Some(deadline), ..self.clone() }
@@ -86,6 +82,13 @@ impl JobContext {
     /// Last reported progress.
     pub fn progress(&self) -> Progress {
         *self.channel.progress.borrow()
+    }
+}
+
+/// Stops a computation; its phases are not reported.
+impl Watch for JobContext {
+    fn stop(&self) -> bool {
+        self.is_cancelled()
     }
 }
 

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use tokio::runtime::Handle;
 
 use crate::analysis::AnalysisError;
-use crate::analysis::accumulate::{BLOCK, MergePart, PART, ShapeSource, Shapes, ShapesInMemory, prepare};
+use crate::analysis::accumulate::{BLOCK, MergePart, PART, ShapeSource, Shapes, prepare};
 use crate::analysis::dictionary::content::Content;
 use crate::analysis::pass::Pass;
 use crate::domain::cohort::Cohort;
@@ -211,21 +211,6 @@ impl<'a> StoredShapes<'a> {
         Ok(control_points)
     }
 
-    /// At most `most` of the shapes, evenly spread over the range, prepared.
-    pub(crate) fn spread_out(&self, most: usize) -> Result<ShapesInMemory, ServiceError> {
-        let (count, held) = (self.range.count, self.range.count.min(most));
-        let (mut whitened, mut weights) = (Vec::new(), Vec::new());
-        let mut wanted = (0..held).map(|i| i * count / held).peekable();
-        self.for_each_batch(&mut |batch| {
-            for (_, x, weight) in batch.iter().filter(|(k, ..)| wanted.next_if_eq(k).is_some()) {
-                whitened.extend_from_slice(x);
-                weights.push(weight);
-            }
-            Ok(())
-        })?;
-        Ok(ShapesInMemory::prepared(whitened, weights))
-    }
-
     /// Calls `visit` with control points and weights of every stored chunk until it returns `false`.
     pub(crate) fn scan(&self, visit: &mut VisitChunk<'_>) -> Result<(), ServiceError> {
         let Range { after: mut position, mut skip, count: mut left, .. } = self.range;
@@ -363,6 +348,10 @@ impl ShapeSource for StoredShapes<'_> {
             return Err(ServiceError::Internal("the number of shapes of a revision has changed".into()));
         }
         Ok(())
+    }
+
+    fn located(&self, error: ServiceError) -> ServiceError {
+        self.named(error)
     }
 
     fn spread(&self, pass: &Pass, merge: &mut MergePart<'_>) -> Result<bool, ServiceError> {

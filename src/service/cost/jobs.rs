@@ -1,11 +1,10 @@
 //! Predicted cost of learning a dictionary or testing shapes, before anything runs.
 
 use crate::analysis::alignment::Method as Alignment;
-use crate::analysis::dictionary::method::{Codes, Method};
+use crate::analysis::dictionary::learn::KEPT_BYTES;
+use crate::analysis::dictionary::method::Method;
+use crate::analysis::dictionary::work::{EIGENPROBLEM, Size};
 use crate::service::statistics::Setup;
-
-/// Maximum size of prepared shapes kept in memory; larger sets are read from the store in every pass.
-pub(crate) const KEPT_BYTES: usize = 1 << 30;
 
 /// Predicted cost of a job.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, utoipa::ToSchema)]
@@ -27,38 +26,15 @@ const RATE: f64 = 1.0e9;
 /// Rounds of a search for start points; few cohorts need more.
 const ROUNDS: f64 = 10.0;
 
-/// Fraction of the atoms that a code uses, which determines the length of a regularisation path.
-const USED: f64 = 0.3;
-
-/// Multiply-adds of an eigenproblem, divided by the cube of its size.
-const EIGENPROBLEM: f64 = 10.0;
-
 impl Estimate {
     /// Cost of learning by `method` from `shapes` shapes.
     pub fn new(setup: &Setup, method: &Method, shapes: u64) -> Self {
         let (k, n) = (shapes as f64, setup.metric.len() as f64);
-        let d = setup.metric.dimension() as f64;
-        let class = class_size(setup);
-        let mean = mean_work(setup, k);
+        let dimension = setup.metric.dimension() as f64;
+        let cost = method.cost(Size { shapes: k, length: n, dimension, class: class_size(setup) });
         let kept = (8.0 * k * n).min(KEPT_BYTES as f64);
-        let (learning, memory) = match method {
-            Method::FunctionalPca { components, .. } => {
-                let c = *components as f64;
-                (k * n * n.min(k) + EIGENPROBLEM * n.min(k).powi(3) + 2.0 * k * n * c, 3.0 * n * n)
-            }
-            Method::Sparse { atoms, nonzeros, codes, max_epochs, .. } => {
-                let block = if *codes == Codes::Invariant { class } else { 1.0 };
-                let columns = *atoms as f64 * block;
-                let used = nonzeros.map_or(USED * columns, |count| count as f64 * block).min(n);
-                let code = n * columns + used * columns * used.sqrt() + used * n;
-                let sweep = 2.0 * n * d * columns * *atoms as f64;
-                let groups = (k / 128.0).clamp(1.0, 64.0);
-                let sums = columns * columns + n * columns;
-                (*max_epochs as f64 * (k * code + groups * sweep), (groups + 16.0) * sums)
-            }
-        };
-        let multiply_adds = mean + learning;
-        let memory_bytes = kept + 8.0 * (4.0 * n * n + memory);
+        let multiply_adds = mean_work(setup, k) + cost.multiply_adds;
+        let memory_bytes = kept + 8.0 * (4.0 * n * n + cost.numbers);
         Self::of(shapes, multiply_adds, memory_bytes)
     }
 

@@ -3,28 +3,15 @@
 //! Classes are the values of an attribute; shapes of one subject stay together in cross-validation. Whether the classes
 //! are sufficient for the requested classifier is checked before a job is stored.
 
-use crate::formats::fault::Fault;
-use std::collections::{BTreeMap, BTreeSet, HashMap};
-
+use crate::analysis::classification::MAX_STORED;
+use crate::analysis::classification::labels::ClassLabels;
 use crate::analysis::classification::record::{ClassifierKind, ClassifierSettings, Feature};
 use crate::analysis::dictionary::method::Method;
 use crate::domain::cohort::Cohort;
 use crate::domain::shape::ShapeFilter;
+use crate::formats::fault::Fault;
 use crate::service::app::{App, ServiceError};
 use crate::service::cohorts::attributes::{Attribute, KnownAttributes, describe, first_names};
-
-/// Classes and subjects of shapes, in storage order.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Membership {
-    /// Names of the classes, in alphabetical order.
-    pub labels: Vec<String>,
-    /// Class of each shape.
-    pub classes: Vec<usize>,
-    /// Groups that must not be divided: shapes of one subject share a number, all others have one of their own.
-    pub groups: Vec<usize>,
-    /// Number of subjects; `None` if no shape has one.
-    pub subjects: Option<usize>,
-}
 
 /// Maximum number of classes named in a fault.
 const NAMED: usize = 5;
@@ -32,176 +19,134 @@ const NAMED: usize = 5;
 /// Maximum number of classes: a confusion matrix must stay readable.
 const MAX_CLASSES: usize = 1000;
 
-/// Maximum count of numbers stored in a trained classifier: some tens of megabytes in a file.
-pub(crate) const MAX_STORED: usize = 1 << 22;
-
 /// Maximum count of numbers of evidence kept by a validation.
 const MAX_EVIDENCE: usize = 1 << 25;
 
-/// Number of folds of the inner cross-validation, within the training shapes, that `best` uses for its choice.
-pub(crate) const WITHIN: usize = 4;
-
-impl Membership {
-    /// Reads the classes of the shapes that pass the filter, at the revision of the cohort.
-    ///
-    /// # Errors
-    /// At `/classifier/attribute`: an attribute that shapes lack; at `/filter`: more shapes than the limit of a
-    /// request.
-    pub async fn read(
-        app: &App,
-        cohort: &Cohort,
-        filter: &ShapeFilter,
-        attribute: &str,
-    ) -> Result<Self, ServiceError> {
-        let at = |detail: String| ServiceError::invalid("/classifier/attribute", detail);
-        let wanted = || at(format!("{}, got '{attribute}'", Attribute::WANTED));
-        let parsed = Attribute::parse(attribute).ok_or_else(wanted)?;
-        let shapes = describe(app, cohort, filter, "/filter").await?;
-        let names: Vec<Option<String>> = shapes.iter().map(|shape| parsed.text(shape)).collect();
-        let without = || shapes.iter().zip(&names).filter(|(_, name)| name.is_none()).map(|(shape, _)| shape);
-        let missing = without().count();
-        if missing == shapes.len() && missing > 0 {
-            let known = KnownAttributes::of(app, cohort).await?;
-            return Err(at(format!("no shape has the attribute '{attribute}': {known}")));
-        }
-        if missing > 0 {
-            let first = first_names(without());
-            let all = shapes.len();
-            let detail = format!(
-                "{missing} of {all} shapes lack '{attribute}' ({first}): set it, or exclude these shapes with a \
-                 filter"
-            );
-            return Err(at(detail));
-        }
-        let subjects: Vec<Option<String>> = shapes.into_iter().map(|shape| shape.subject).collect();
-        Ok(Self::new(&names.into_iter().flatten().collect::<Vec<_>>(), &subjects))
+/// Reads the classes of the shapes that pass the filter, at the revision of the cohort.
+///
+/// # Errors
+/// At `/classifier/attribute`: an attribute that shapes lack; at `/filter`: more shapes than the limit of a
+/// request.
+pub async fn read(
+    app: &App,
+    cohort: &Cohort,
+    filter: &ShapeFilter,
+    attribute: &str,
+) -> Result<ClassLabels, ServiceError> {
+    let at = |detail: String| ServiceError::invalid("/classifier/attribute", detail);
+    let wanted = || at(format!("{}, got '{attribute}'", Attribute::WANTED));
+    let parsed = Attribute::parse(attribute).ok_or_else(wanted)?;
+    let shapes = describe(app, cohort, filter, "/filter").await?;
+    let names: Vec<Option<String>> = shapes.iter().map(|shape| parsed.text(shape)).collect();
+    let without = || shapes.iter().zip(&names).filter(|(_, name)| name.is_none()).map(|(shape, _)| shape);
+    let missing = without().count();
+    if missing == shapes.len() && missing > 0 {
+        let known = KnownAttributes::of(app, cohort).await?;
+        return Err(at(format!("no shape has the attribute '{attribute}': {known}")));
     }
+    if missing > 0 {
+        let first = first_names(without());
+        let all = shapes.len();
+        let detail = format!(
+            "{missing} of {all} shapes lack '{attribute}' ({first}): set it, or exclude these shapes with a \
+             filter"
+        );
+        return Err(at(detail));
+    }
+    let subjects: Vec<Option<String>> = shapes.into_iter().map(|shape| shape.subject).collect();
+    Ok(ClassLabels::new(&names.into_iter().flatten().collect::<Vec<_>>(), &subjects))
+}
 
-    fn new(names: &[String], subjects: &[Option<String>]) -> Self {
-        let sorted: BTreeSet<&String> = names.iter().collect();
-        let places: BTreeMap<&String, usize> =
-            sorted.iter().enumerate().map(|(c, name)| (*name, c)).collect();
-        let mut numbers: HashMap<&str, usize> = HashMap::new();
-        let mut next = 0;
-        let mut number = || {
-            next += 1;
-            next - 1
+/// Reasons why the classifier cannot be trained and validated on these shapes, which have `length` numbers each and
+/// are described by `method`.
+pub fn faults(
+    labels: &ClassLabels,
+    settings: &ClassifierSettings,
+    method: &Method,
+    length: usize,
+) -> Vec<Fault> {
+    let mut faults = Vec::new();
+    let mut fault = |field: &str, detail: String| {
+        faults.push(Fault::new(format!("/classifier/{field}"), detail));
+    };
+    let (attribute, sizes, units) = (&settings.attribute, labels.sizes(), labels.units());
+    if labels.labels.len() < 2 {
+        let only = labels.labels.first().map_or("", String::as_str);
+        fault(
+            "attribute",
+            format!("expected at least two classes, but all shapes have the same '{attribute}', '{only}'"),
+        );
+        return faults;
+    }
+    if labels.labels.len() > MAX_CLASSES {
+        let found = labels.labels.len();
+        fault(
+            "attribute",
+            format!("expected at most {MAX_CLASSES} classes, got {found} values of '{attribute}'"),
+        );
+        return faults;
+    }
+    let stored = stored(settings, method, labels.classes.len(), labels.labels.len(), length);
+    if stored > MAX_STORED {
+        let detail = format!(
+            "expected a classifier of at most {MAX_STORED} numbers, got {stored}: ask for fewer components, \
+             choose fewer shapes, or another kind"
+        );
+        fault("kind", detail);
+    }
+    let smallest = (1..sizes.len()).fold(0, |best, c| if sizes[c] < sizes[best] { c } else { best });
+    let fewest = (1..units.len()).fold(0, |best, c| if units[c] < units[best] { c } else { best });
+    let alone: Vec<&str> =
+        (0..sizes.len()).filter(|&c| sizes[c] == 1).map(|c| labels.labels[c].as_str()).collect();
+    if !alone.is_empty() {
+        let named = alone[..alone.len().min(NAMED)].join("', '");
+        let detail = format!(
+            "expected at least 2 shapes in each class, but {} classes have only one ('{named}')",
+            alone.len()
+        );
+        fault("attribute", detail);
+    } else if settings.folds > units[fewest] {
+        let (label, shapes, units) = (&labels.labels[fewest], sizes[fewest], units[fewest]);
+        let of = if labels.subjects.is_some() {
+            format!("{shapes} shapes of {units} subjects")
+        } else {
+            format!("{shapes} shapes")
         };
-        let groups = subjects
-            .iter()
-            .map(|subject| match subject {
-                Some(subject) => *numbers.entry(subject).or_insert_with(&mut number),
-                None => number(),
-            })
-            .collect();
-        Self {
-            classes: names.iter().map(|name| places[name]).collect(),
-            labels: sorted.into_iter().cloned().collect(),
-            groups,
-            subjects: Some(numbers.len()).filter(|&count| count > 0),
-        }
+        let detail = format!(
+            "expected at most as many folds as the smallest class can be divided into, got {}: the class \
+             '{label}' has {of}",
+            settings.folds
+        );
+        fault("folds", detail);
+    } else if settings.kind == ClassifierKind::Best
+        && units[fewest] - units[fewest].div_ceil(settings.folds) < 2
+    {
+        let detail = format!(
+            "best divides the training shapes once more, but the class '{}' has only {} cases: choose \
+             another kind, or fewer folds",
+            labels.labels[fewest], units[fewest]
+        );
+        fault("kind", detail);
     }
-
-    /// Number of shapes per class.
-    pub fn sizes(&self) -> Vec<usize> {
-        let mut sizes = vec![0; self.labels.len()];
-        self.classes.iter().for_each(|&class| sizes[class] += 1);
-        sizes
+    if let Some(neighbours) = settings.neighbours.filter(|&k| k > sizes[smallest]) {
+        let (label, size) = (&labels.labels[smallest], sizes[smallest]);
+        let detail = format!(
+            "expected at most {size}, the number of shapes of the class '{label}' (which could never win \
+             otherwise), got {neighbours}"
+        );
+        fault("neighbours", detail);
     }
-
-    /// Number of independent cases per class: subjects, and shapes without one.
-    pub fn units(&self) -> Vec<usize> {
-        units(&self.classes, &self.groups, self.labels.len())
+    let evidence = labels.classes.len().saturating_mul(labels.labels.len()).saturating_mul(settings.repeats);
+    if evidence > MAX_EVIDENCE {
+        let detail = format!(
+            "expected at most {MAX_EVIDENCE} numbers of evidence, got {evidence} ({} shapes, {} classes): \
+             choose fewer repeats",
+            labels.classes.len(),
+            labels.labels.len()
+        );
+        fault("repeats", detail);
     }
-
-    /// Reasons why the classifier cannot be trained and validated on these shapes, which have `length` numbers each and
-    /// are described by `method`.
-    pub fn faults(&self, settings: &ClassifierSettings, method: &Method, length: usize) -> Vec<Fault> {
-        let mut faults = Vec::new();
-        let mut fault = |field: &str, detail: String| {
-            faults.push(Fault::new(format!("/classifier/{field}"), detail));
-        };
-        let (attribute, sizes, units) = (&settings.attribute, self.sizes(), self.units());
-        if self.labels.len() < 2 {
-            let only = self.labels.first().map_or("", String::as_str);
-            fault(
-                "attribute",
-                format!(
-                    "expected at least two classes, but all shapes have the same '{attribute}', '{only}'"
-                ),
-            );
-            return faults;
-        }
-        if self.labels.len() > MAX_CLASSES {
-            let found = self.labels.len();
-            fault(
-                "attribute",
-                format!("expected at most {MAX_CLASSES} classes, got {found} values of '{attribute}'"),
-            );
-            return faults;
-        }
-        let stored = stored(settings, method, self.classes.len(), self.labels.len(), length);
-        if stored > MAX_STORED {
-            let detail = format!(
-                "expected a classifier of at most {MAX_STORED} numbers, got {stored}: ask for fewer components, \
-                 choose fewer shapes, or another kind"
-            );
-            fault("kind", detail);
-        }
-        let smallest = (1..sizes.len()).fold(0, |best, c| if sizes[c] < sizes[best] { c } else { best });
-        let fewest = (1..units.len()).fold(0, |best, c| if units[c] < units[best] { c } else { best });
-        let alone: Vec<&str> =
-            (0..sizes.len()).filter(|&c| sizes[c] == 1).map(|c| self.labels[c].as_str()).collect();
-        if !alone.is_empty() {
-            let named = alone[..alone.len().min(NAMED)].join("', '");
-            let detail = format!(
-                "expected at least 2 shapes in each class, but {} classes have only one ('{named}')",
-                alone.len()
-            );
-            fault("attribute", detail);
-        } else if settings.folds > units[fewest] {
-            let (label, shapes, units) = (&self.labels[fewest], sizes[fewest], units[fewest]);
-            let of = if self.subjects.is_some() {
-                format!("{shapes} shapes of {units} subjects")
-            } else {
-                format!("{shapes} shapes")
-            };
-            let detail = format!(
-                "expected at most as many folds as the smallest class can be divided into, got {}: the class \
-                 '{label}' has {of}",
-                settings.folds
-            );
-            fault("folds", detail);
-        } else if settings.kind == ClassifierKind::Best
-            && units[fewest] - units[fewest].div_ceil(settings.folds) < 2
-        {
-            let detail = format!(
-                "best divides the training shapes once more, but the class '{}' has only {} cases: choose \
-                 another kind, or fewer folds",
-                self.labels[fewest], units[fewest]
-            );
-            fault("kind", detail);
-        }
-        if let Some(neighbours) = settings.neighbours.filter(|&k| k > sizes[smallest]) {
-            let (label, size) = (&self.labels[smallest], sizes[smallest]);
-            let detail = format!(
-                "expected at most {size}, the number of shapes of the class '{label}' (which could never win \
-                 otherwise), got {neighbours}"
-            );
-            fault("neighbours", detail);
-        }
-        let evidence = self.classes.len().saturating_mul(self.labels.len()).saturating_mul(settings.repeats);
-        if evidence > MAX_EVIDENCE {
-            let detail = format!(
-                "expected at most {MAX_EVIDENCE} numbers of evidence, got {evidence} ({} shapes, {} classes): \
-                 choose fewer repeats",
-                self.classes.len(),
-                self.labels.len()
-            );
-            fault("repeats", detail);
-        }
-        faults
-    }
+    faults
 }
 
 /// Count of numbers stored in a classifier of `shapes` shapes and `classes` classes. `best` chooses only kinds that are
@@ -213,10 +158,7 @@ fn stored(
     classes: usize,
     length: usize,
 ) -> usize {
-    let described = match method {
-        Method::FunctionalPca { components, .. } => (*components).min(length).min(shapes),
-        Method::Sparse { atoms, .. } => *atoms,
-    };
+    let described = method.described(shapes, length);
     let features = settings.components.unwrap_or(described).min(described) + 1;
     match settings.kind {
         ClassifierKind::MeanSpace => classes.saturating_mul(length),
@@ -232,14 +174,6 @@ fn stored(
     }
 }
 
-/// Number of groups with shapes of each of `count` classes.
-pub(crate) fn units(classes: &[usize], groups: &[usize], count: usize) -> Vec<usize> {
-    let pairs: BTreeSet<(usize, usize)> = classes.iter().copied().zip(groups.iter().copied()).collect();
-    let mut units = vec![0; count];
-    pairs.iter().for_each(|(class, _)| units[*class] += 1);
-    units
-}
-
 /// Faults of the settings of a classifier that do not depend on the shapes.
 pub(crate) fn settings_faults(settings: &ClassifierSettings, method: &Method) -> Vec<Fault> {
     use ClassifierKind::{Best, Discriminant, NearestAtom, NearestNeighbours, SparseResidual};
@@ -253,13 +187,11 @@ pub(crate) fn settings_faults(settings: &ClassifierSettings, method: &Method) ->
     let kind = settings.kind;
     let detail = "expected best or one of the other kinds, got ensemble: only best makes ensembles";
     check(kind != ClassifierKind::Ensemble, "kind", detail.into());
-    let sparse = matches!(method, Method::Sparse { .. });
     let detail = "sparse_residual requires a sparse dictionary";
-    check(kind != SparseResidual || sparse, "kind", detail.into());
-    let centred = matches!(method, Method::FunctionalPca { centre: true, .. });
+    check(kind != SparseResidual || method.is_sparse(), "kind", detail.into());
     let detail = "nearest_atom requires atoms that are shapes, but components about a centre are differences: \
                   learn sparse atoms, or components without centre";
-    check(kind != NearestAtom || !centred, "kind", detail.into());
+    check(kind != NearestAtom || method.atoms_are_shapes(), "kind", detail.into());
     let attribute = settings.attribute.as_str();
     let classes = Attribute::parse(attribute).is_some_and(|attribute| attribute != Attribute::Subject);
     check(classes, "attribute", format!("expected label or labels.<attribute>, got '{attribute}'"));

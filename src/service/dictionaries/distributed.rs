@@ -12,11 +12,8 @@ use serde::{Deserialize, Serialize};
 use tokio::runtime::Handle;
 
 use super::plan::{Plan, program};
-use super::ready;
 use crate::analysis::accumulate::{MergePart, PART};
-use crate::analysis::dictionary::learning::Watch;
-use crate::analysis::dictionary::model::Coded;
-use crate::analysis::dictionary::preparation::Posed;
+use crate::analysis::dictionary::in_use::Dictionary;
 use crate::domain::job::Job;
 use crate::numeric::fingerprint::fingerprint;
 use crate::service::app::progress::JobContext;
@@ -215,8 +212,8 @@ impl Help {
         match work {
             Work::Sum(pass) => pass.make(&part, setup.measured()),
             Work::Codes(content) => {
-                let (_, preparation, model) = ready::prepare(app, &content)?;
-                Ok(Coded::new(&model, &Posed { source: &part, preparation: &preparation }, self)?.to_bytes())
+                let dictionary = Dictionary::new(*content, setup.measured())?;
+                Ok(dictionary.coded(&part, &self.context)?.to_bytes())
             }
         }
     }
@@ -242,13 +239,4 @@ impl Help {
             Err(error) => tracing::warn!(job, part, %error, "a part of a pass could not be handed over"),
         }
     }
-}
-
-impl Watch for Help {
-    fn stop(&self) -> bool {
-        self.context.is_cancelled()
-    }
-
-    /// Encoding has no epochs.
-    fn epoch(&self, _: usize, _: f64) {}
 }

@@ -10,9 +10,9 @@ use serde::{Deserialize, Serialize};
 
 use super::planning::method_faults;
 use super::ready::Ready;
-use super::{classifier_record, ready};
+use super::{file_classifier, ready};
 use crate::analysis::dictionary::content::{Content, HeldOutMeasure};
-use crate::analysis::dictionary::method::Method;
+use crate::analysis::dictionary::in_use::Dictionary;
 use crate::analysis::dictionary::model::Model;
 use crate::analysis::metric::norm;
 use crate::analysis::rows::Row;
@@ -122,14 +122,14 @@ pub struct DictionaryFile {
 impl DictionaryFile {
     /// File of a stored version.
     pub fn new(ready: &Ready) -> Self {
-        let dictionary = &ready.dictionary;
+        let (listed, content) = (&ready.listed, &ready.dictionary.content);
         Self {
             format: FORMAT.into(),
-            format_version: format_version(&dictionary.content),
-            name: dictionary.name.clone(),
-            digest: dictionary.digest.clone(),
-            provenance: dictionary.provenance.clone(),
-            content: dictionary.content.clone(),
+            format_version: format_version(content),
+            name: listed.name.clone(),
+            digest: listed.digest.clone(),
+            provenance: listed.provenance.clone(),
+            content: content.clone(),
         }
     }
 }
@@ -182,17 +182,17 @@ fn checked_file(
         return Err(ServiceError::invalid("/digest", detail));
     }
     ServiceError::unless_empty(content_faults(&file.content, &app.limits))?;
-    ServiceError::unless_empty(classifier_record::classifier_faults(&file.content))?;
-    let prepared = ready::prepare(app, &file.content).map_err(|error| match error {
+    ServiceError::unless_empty(file_classifier::classifier_faults(&file.content))?;
+    let prepared = ready::prepare(app, file.content).map_err(|error| match error {
         ServiceError::Invalid(faults) => ServiceError::Invalid(faults.map(|fault| fault.below("/content"))),
         other => other,
     });
-    let (_, preparation, model) = prepared?;
-    ServiceError::unless_empty(norm_faults(&preparation.mean, &model))?;
+    let (_, dictionary) = prepared?;
+    ServiceError::unless_empty(norm_faults(&dictionary))?;
     Ok(NewDictionary {
         id: id::new_id(id::DICTIONARY),
         name,
-        summary: Summary::of(&file.content),
+        summary: Summary::of(&dictionary.content),
         content: text,
         state: None,
         provenance: file.provenance,
@@ -229,32 +229,8 @@ fn content_faults(content: &Content, limits: &Limits) -> Vec<Fault> {
         check(shape(centre), "centre".into(), wrong);
     }
     let scores = content.statistics.scores.as_ref();
-    let count = content.atoms.len();
-    match &content.method {
-        Method::FunctionalPca { .. } => {
-            check(content.centre.is_some(), "centre".into(), "required field is missing");
-            let complete = |atom: &crate::analysis::dictionary::content::Atom| {
-                atom.eigenvalue.is_some_and(|value| value > 0.0) && atom.explained.is_some()
-            };
-            check(
-                content.atoms.iter().all(complete),
-                "atoms".into(),
-                "expected a positive eigenvalue and the explained part for every atom",
-            );
-            let fits = scores.is_some_and(|scores| {
-                let rows = &scores.covariance;
-                scores.mean.len() == count
-                    && rows.len() == count
-                    && rows.iter().all(|row| row.len() == count && bounded(row))
-                    && bounded(&scores.mean)
-                    && (0..count).all(|i| rows[i][i] >= 0.0)
-            });
-            let detail = "expected mean and covariance of one score per component";
-            check(fits, "statistics/scores".into(), detail);
-        }
-        Method::Sparse { atoms, .. } => {
-            check(*atoms == count, "atoms".into(), "expected as many atoms as the method says");
-        }
+    for (field, detail) in content.method.inconsistencies(content, &bounded) {
+        check(false, field.into(), detail);
     }
     let quantiles = |values: &[f64]| !values.is_empty() && values.is_sorted();
     let residuals = &content.statistics.residuals;
@@ -294,7 +270,7 @@ fn held_out_faults(content: &Content) -> Vec<Fault> {
     );
     check(fits(&held_out.residuals), "residuals", wrong);
     check(held_out.t_squared.as_ref().is_none_or(fits), "t_squared", wrong);
-    let components = matches!(content.method, Method::FunctionalPca { .. });
+    let components = !content.method.is_sparse();
     check(
         held_out.t_squared.is_some() == components,
         "t_squared",
@@ -311,9 +287,10 @@ const ORTHONORMAL: f64 = 1e-6;
 
 /// Faults that make comparisons impossible: a mean without extent, and atoms that are not of unit norm or not
 /// orthogonal where they must be (components, and the blocks of invariant codes).
-fn norm_faults(mean: &[f64], model: &Model) -> Vec<Fault> {
+fn norm_faults(dictionary: &Dictionary) -> Vec<Fault> {
     let mut faults = Vec::new();
-    if !(norm(mean) > 0.0) {
+    let model = &dictionary.model;
+    if !(norm(&dictionary.preparation.mean) > 0.0) {
         faults.push(Fault::new("/content/mean/control_points", "expected a shape with an extent"));
     }
     // Components are mutually orthogonal; the atoms of invariant codes have orthogonal blocks.

@@ -1,7 +1,7 @@
 //! Drawings of atoms, and modes of components.
 
 use super::ready::Ready;
-use crate::analysis::dictionary::model::Model;
+use crate::analysis::dictionary::modes::Mode;
 use crate::analysis::rows::columns_of;
 use crate::geometry::drawing::svg::{self, Layer, colour};
 use crate::service::app::ServiceError;
@@ -23,18 +23,7 @@ pub fn draw_atoms(ready: &Ready) -> String {
             (caption, vec![layer])
         })
         .collect();
-    svg::grid(&format!("atoms of {} version {}", ready.dictionary.name, ready.dictionary.version), &cells)
-}
-
-/// The mean and both sides of a mode.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Mode {
-    /// Explained fraction `λ_i/Σλ`.
-    pub explained: f64,
-    /// Standard deviation of the scores.
-    pub deviation: f64,
-    /// Control points at `s̄ − σ·deviation`, at `s̄` and at `s̄ + σ·deviation`.
-    pub shapes: [Vec<f64>; 3],
+    svg::grid(&format!("atoms of {} version {}", ready.listed.name, ready.listed.version), &cells)
 }
 
 /// The mode of `component` (from 1): `ȳ ± sigma·√C_ii ξ_i`.
@@ -42,30 +31,20 @@ pub struct Mode {
 /// # Errors
 /// A component that does not exist, a sparse dictionary, a sigma out of bounds.
 pub fn mode(ready: &Ready, component: usize, sigma: f64) -> Result<Mode, ServiceError> {
-    let Model::Components { pca, spread } = &ready.model else {
+    if ready.dictionary.content.method.is_sparse() {
         return Err(ServiceError::Query("a sparse dictionary has atoms, not modes: see …/atoms".into()));
-    };
-    let found = pca.eigenvalues.len();
-    if !(1..=found).contains(&component) {
-        return Err(ServiceError::Query(format!(
-            "component: expected a number between 1 and {found}, got {component}"
-        )));
     }
+    let found = ready.dictionary.model.len();
+    let absent = || {
+        ServiceError::Query(format!("component: expected a number between 1 and {found}, got {component}"))
+    };
+    let position = component.checked_sub(1).filter(|position| *position < found).ok_or_else(absent)?;
     if !(sigma.is_finite() && sigma.abs() <= MAX_SIGMA) {
         return Err(ServiceError::Query(format!(
             "sigma: expected a number within ±{MAX_SIGMA}, got {sigma}"
         )));
     }
-    let i = component - 1;
-    let deviation = spread.covariance[(i, i)].max(0.0).sqrt();
-    let shapes = [-1.0, 0.0, 1.0].map(|side| {
-        let step = side * sigma * deviation;
-        let mut shape: Vec<f64> =
-            pca.mean.iter().zip(pca.eigenshapes.column(i).iter()).map(|(m, xi)| m + step * xi).collect();
-        ready.setup.metric.unwhiten(&mut shape);
-        shape
-    });
-    Ok(Mode { explained: pca.explained[i], deviation, shapes })
+    ready.dictionary.mode(position, sigma).ok_or_else(absent)
 }
 
 /// Maximum step along a mode, in standard deviations.

@@ -7,6 +7,7 @@ use crate::analysis::alignment::Alignment;
 use crate::analysis::classification::record::ClassifierSettings;
 use crate::analysis::correspondence::Mirror;
 use crate::analysis::dictionary::method::Method;
+use crate::analysis::dictionary::recipe::Recipe;
 use crate::analysis::frame::Frame;
 use crate::analysis::transformation::Transformation;
 use crate::domain::cohort::Cohort;
@@ -54,6 +55,21 @@ impl Plan {
         let cohort =
             cohort.ok_or_else(|| ServiceError::NotFound { kind: "cohort", key: self.cohort.clone() })?;
         Ok(Cohort { revision: self.revision, mirror: self.mirror, ..cohort })
+    }
+
+    /// Parameters of learning from `cohort`.
+    pub(crate) fn recipe(&self, cohort: &Cohort) -> Recipe {
+        Recipe {
+            representation: cohort.representation.clone(),
+            correspondence: cohort.correspondence,
+            direction: cohort.direction,
+            mirror: self.mirror,
+            length_unit: cohort.length_unit.clone(),
+            transformation: self.transformation.clone(),
+            alignment: self.alignment,
+            frame: self.frame,
+            method: self.method.clone(),
+        }
     }
 
     /// Settings for comparing the shapes of `cohort`.

@@ -6,14 +6,17 @@
 use crate::formats::fault::Fault;
 use std::sync::Arc;
 
-use super::class_labels::{Membership, WITHIN, settings_faults};
-use super::learning::held_out_trainings;
+use super::class_labels::{self, settings_faults};
 use super::plan::{NO_STATE, Plan};
 use super::ready;
 use crate::analysis::alignment::{Alignment, MIN_SHAPES};
 use crate::analysis::classification::record::{ClassifierKind, ClassifierSettings};
+use crate::analysis::classification::study::WITHIN;
 use crate::analysis::correspondence::Mirror;
-use crate::analysis::dictionary::method::{Codes, Method};
+use crate::analysis::dictionary::held_out;
+use crate::analysis::dictionary::learn::KEPT_BYTES;
+use crate::analysis::dictionary::method::Method;
+use crate::analysis::dictionary::procedure::ParameterFault;
 use crate::analysis::frame::Frame;
 use crate::analysis::transformation::Transformation;
 use crate::domain::access::Principal;
@@ -24,7 +27,7 @@ use crate::domain::job::{Job, JobKind};
 use crate::domain::shape::ShapeFilter;
 use crate::service::app::{App, Limits, Page, ServiceError};
 use crate::service::cohorts::catalogue;
-use crate::service::cost::jobs::{Estimate, KEPT_BYTES};
+use crate::service::cost::jobs::Estimate;
 use crate::service::cost::requests;
 use crate::service::jobs;
 use crate::service::statistics::Setup;
@@ -123,14 +126,13 @@ pub async fn plan(app: &App, learn: Learn) -> Result<Planned, ServiceError> {
         .weighing(requests::space(&cohort.representation, &app.limits))
         .run(move || {
             let setup = Setup::new(&task_app, &plan.settings(&cohort))?;
-            if let Method::Sparse { .. } = plan.method {
-                ready::learning(&plan.method, &setup.method)?;
-            }
+            plan.method.pose(&setup.method)?;
             let searches = setup.matching.searches();
             let anew = match plan.continue_from {
                 Some(_) => 0,
                 None => {
-                    held_out_trainings(&plan.method, searches, usize::try_from(shapes).unwrap_or(usize::MAX))
+                    let shapes = usize::try_from(shapes).unwrap_or(usize::MAX);
+                    held_out::trainings(&plan.method, searches, shapes)
                 }
             };
             let trainings = plan.classifier.as_ref().map_or(0, |settings| settings.trainings(WITHIN));
@@ -180,16 +182,15 @@ async fn check_classifier(
     shapes: u64,
 ) -> Result<(), ServiceError> {
     let attribute = &settings.attribute;
-    let membership = Membership::read(app, cohort, &plan.filter, attribute).await?;
+    let labels = class_labels::read(app, cohort, &plan.filter, attribute).await?;
     let length = cohort.representation.size() * cohort.representation.dimension();
-    let mut faults = membership.faults(settings, &plan.method, length);
+    let mut faults = class_labels::faults(&labels, settings, &plan.method, length);
     let found = usize::try_from(shapes).unwrap_or(usize::MAX);
     // Size of the smallest training set of the validation.
     let fewest = found - found.div_ceil(settings.folds);
     let fewest = if settings.kind == ClassifierKind::Best { fewest - fewest.div_ceil(2) } else { fewest };
-    if let Method::Sparse { atoms, .. } = plan.method
-        && atoms > fewest
-    {
+    let atoms = plan.method.needed_shapes();
+    if atoms > fewest {
         let detail = format!(
             "expected at most {fewest} atoms (one per training shape of the validation), got {atoms}"
         );
@@ -202,7 +203,7 @@ async fn check_classifier(
 async fn continued(app: &App, name: String, cohort: &Cohort, key: &str) -> Result<(Plan, u64), ServiceError> {
     let at = |detail: String| ServiceError::invalid("/continue_from", detail);
     let ready = ready::find(app, key).await?;
-    let (content, provenance) = (&ready.dictionary.content, &ready.dictionary.provenance);
+    let (content, provenance) = (&ready.dictionary.content, &ready.listed.provenance);
     if provenance.cohort != cohort.id {
         let from = &provenance.cohort_name;
         return Err(at(format!(
@@ -210,7 +211,7 @@ async fn continued(app: &App, name: String, cohort: &Cohort, key: &str) -> Resul
             cohort.name
         )));
     }
-    if app.store.read_dictionary_state(&ready.dictionary.id).await?.is_none() {
+    if app.store.read_dictionary_state(&ready.listed.id).await?.is_none() {
         return Err(at(NO_STATE.into()));
     }
     if content.classifier.is_some() {
@@ -238,7 +239,7 @@ async fn continued(app: &App, name: String, cohort: &Cohort, key: &str) -> Resul
         mirror: content.mirror,
         method: content.method.clone(),
         classifier: None,
-        continue_from: Some(ready.dictionary.id.clone()),
+        continue_from: Some(ready.listed.id.clone()),
     };
     Ok((plan, since))
 }
@@ -256,68 +257,18 @@ fn check_count(plan: &Plan, since: u64, shapes: u64) -> Result<(), ServiceError>
         }
         return Err(ServiceError::TooFewShapes { found, needed: MIN_SHAPES });
     }
-    match plan.method {
-        Method::Sparse { atoms, .. } if atoms > found => {
-            let detail = format!("expected at most {found} atoms (one per training shape), got {atoms}");
-            Err(ServiceError::invalid("/method/atoms", detail))
-        }
-        _ => Ok(()),
+    let atoms = plan.method.needed_shapes();
+    if atoms > found {
+        let detail = format!("expected at most {found} atoms (one per training shape), got {atoms}");
+        return Err(ServiceError::invalid("/method/atoms", detail));
     }
+    Ok(())
 }
 
 /// Faults of the parameters that do not depend on the shapes.
 pub(crate) fn method_faults(method: &Method, limits: &Limits) -> Vec<Fault> {
-    let mut faults = Vec::new();
-    let mut check = |ok: bool, field: &str, detail: String| {
-        if !ok {
-            faults.push(Fault::new(format!("/method/{field}"), detail));
-        }
-    };
-    let most = limits.atoms;
-    match method {
-        Method::FunctionalPca { components, .. } => {
-            let detail = format!("expected a number between 1 and {most}, got {components}");
-            check((1..=most).contains(components), "components", detail);
-        }
-        Method::Sparse {
-            atoms,
-            lambda,
-            nonzeros,
-            codes,
-            nonnegative,
-            normalise,
-            max_epochs,
-            tolerance,
-            ..
-        } => {
-            let detail = format!("expected a number between 1 and {most}, got {atoms}");
-            check((1..=most).contains(atoms), "atoms", detail);
-            check(
-                lambda.is_some() != nonzeros.is_some(),
-                if nonzeros.is_some() { "nonzeros" } else { "lambda" },
-                "expected either lambda (penalty) or nonzeros (atoms in a code)".into(),
-            );
-            if let Some(lambda) = lambda {
-                let detail = format!("expected a positive number up to 1e100, got {lambda}");
-                check(*lambda > 0.0 && *lambda <= 1e100, "lambda", detail);
-            }
-            if let Some(count) = nonzeros {
-                let detail = format!("expected a number between 1 and the number of atoms, got {count}");
-                check((1..=(*atoms).max(1)).contains(count), "nonzeros", detail);
-            }
-            let signed = !*nonnegative || (lambda.is_some() && *codes == Codes::Aligned);
-            let detail =
-                "nonnegative codes require lambda and aligned codes: a pursuit and moved atoms have no sign";
-            check(signed, "nonnegative", detail.into());
-            let detail = "expected true: invariant codes are those of shapes of unit norm";
-            check(*normalise || *codes == Codes::Aligned, "normalise", detail.into());
-            let detail = format!("expected a number between 1 and 10000, got {max_epochs}");
-            check((1..=10_000).contains(max_epochs), "max_epochs", detail);
-            let detail = format!("expected a number between 0 and 1, got {tolerance}");
-            check((0.0..1.0).contains(tolerance), "tolerance", detail);
-        }
-    }
-    faults
+    let fault = |fault: ParameterFault| Fault::new(format!("/method/{}", fault.field), fault.detail);
+    method.faults(limits.atoms).into_iter().map(fault).collect()
 }
 
 /// Submits the job that carries out a plan.

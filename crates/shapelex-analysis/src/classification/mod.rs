@@ -6,7 +6,9 @@
 //! * [`neighbours`] — votes of the nearest training shapes;
 //! * [`ensemble`] — a weighted combination of these;
 //! * [`folds`] — folds for cross-validation;
-//! * [`quality`] — figures of a validation, and calibrated confidences.
+//! * [`quality`] — figures of a validation, and calibrated confidences;
+//! * [`labels`] — classes and subjects of shapes; [`study`] — training and validation of a classifier;
+//! * [`record`] — settings, trained numbers and validation as records.
 //!
 //! Every classifier gives an [`Evidence`] for each shape: a distance to every class, for interpretation, and a score, which
 //! ranks the classes and determines the confidences.
@@ -15,15 +17,21 @@
 //! chapters 4, 7 and 13.
 
 pub mod atom_classes;
+mod candidates;
 pub mod class_means;
 mod classifier;
 pub mod discriminant;
 pub mod ensemble;
 pub mod folds;
+pub mod labels;
 pub mod neighbours;
 mod observations;
 pub mod quality;
 pub mod record;
+mod report;
+mod stored;
+pub mod study;
 
+pub use candidates::MAX_STORED;
 pub use classifier::{Classifier, Kind};
 pub use observations::{Description, Evidence, Labelled, Observations, described, subset};

@@ -95,6 +95,22 @@ fn default_repeats() -> usize {
 }
 
 impl ClassifierSettings {
+    /// Settings of a kind of classifier, with defaults otherwise.
+    pub fn new(kind: ClassifierKind) -> Self {
+        Self {
+            kind,
+            attribute: default_attribute(),
+            features: default_features(),
+            components: None,
+            pooling: None,
+            shrinkage: None,
+            neighbours: None,
+            folds: default_folds(),
+            repeats: default_repeats(),
+            seed: 0,
+        }
+    }
+
     /// Whether the size is one of the features.
     pub fn sees_size(&self) -> bool {
         self.features.contains(&Feature::Size)

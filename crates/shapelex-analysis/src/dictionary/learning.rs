@@ -24,6 +24,7 @@ use crate::AnalysisError;
 use crate::accumulate::{BLOCK, ShapeSource, Shapes};
 use crate::metric::dot;
 use crate::sparse::{Atoms, Coder, SparseCode};
+use crate::watch::Watch;
 use shapelex_numeric::dense::Matrix;
 
 /// Schedule of the updates of the atoms: `online` after every group of shapes, `batch` after each pass over all shapes.
@@ -66,22 +67,6 @@ pub struct Start {
     /// Statistics of the earlier shapes.
     pub statistics: Statistics,
 }
-
-/// Progress reports and cancellation for long computations.
-pub trait Watch: Sync {
-    /// Whether to stop; called every few shapes.
-    fn stop(&self) -> bool {
-        false
-    }
-
-    /// Called after every pass with the number of passes so far and the objective.
-    fn epoch(&self, _epochs: usize, _objective: f64) {}
-}
-
-/// A watch that ignores progress and never stops.
-#[derive(Debug, Clone, Copy)]
-pub struct Unwatched;
-impl Watch for Unwatched {}
 
 /// Learnt atoms with the record of the learning process.
 #[derive(Debug, Clone, PartialEq)]
@@ -286,9 +271,7 @@ impl Learning {
         while !rest.weights.is_empty() {
             let step;
             (step, rest) = rest.split_at(STEP.min(rest.weights.len()));
-            if watch.stop() {
-                return Err(AnalysisError::Interrupted);
-            }
+            watch.check()?;
             let places = step.first..step.first + step.weights.len();
             let coded = match known.get(places.clone()) {
                 Some(previous) => self.coder.codes_from(atoms, step.whitened, previous),

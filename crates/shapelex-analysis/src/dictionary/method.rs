@@ -87,24 +87,24 @@ fn default_tolerance() -> f64 {
 }
 
 impl Method {
-    /// Name of the method: `functional_pca` or `sparse`.
-    pub fn kind(&self) -> &'static str {
-        match self {
-            Self::FunctionalPca { .. } => "functional_pca",
-            Self::Sparse { .. } => "sparse",
-        }
+    /// Functional principal components, about the origin or about the arithmetic mean of the aligned shapes.
+    pub fn components(components: usize, centre: bool) -> Self {
+        Self::FunctionalPca { components, centre }
     }
 
-    /// Whether coefficients must be non-negative.
-    pub fn is_nonnegative(&self) -> bool {
-        matches!(self, Self::Sparse { nonnegative: true, .. })
-    }
-
-    /// Number of atoms or components requested.
-    pub fn atoms(&self) -> usize {
-        match self {
-            Self::FunctionalPca { components, .. } => *components,
-            Self::Sparse { atoms, .. } => *atoms,
+    /// Sparse atoms with penalised aligned codes, and defaults otherwise.
+    pub fn sparse(atoms: usize, lambda: f64) -> Self {
+        Self::Sparse {
+            atoms,
+            lambda: Some(lambda),
+            nonzeros: None,
+            codes: Codes::Aligned,
+            nonnegative: false,
+            normalise: default_normalise(),
+            seed: 0,
+            max_epochs: default_max_epochs(),
+            tolerance: default_tolerance(),
+            schedule: Schedule::Online,
         }
     }
 }

@@ -8,24 +8,50 @@
 //! atom is transformed by a member of the transformation class of its own and no alignment is needed (for similarities of
 //! the plane these are the complex weights of Song, Uhlmann, Fageot and Unser).
 //!
+//! Learn:
+//!
+//! * [`recipe`] — all parameters of learning; [`method`] — the learning method among them;
+//! * [`learn`] — mean, preparation, atoms, certificate and statistics of held-out shapes ([`held_out`]);
+//! * [`content`] — what was learnt, as a record.
+//!
+//! Use:
+//!
+//! * [`in_use`] — a dictionary prepared for use; [`coding`] — codes and reconstructions; [`score`] — outliers;
+//! * [`assess`] — classes, and complete assessments; [`drift`] — new shapes compared with the training shapes;
+//! * [`modes`] — modes, random shapes; [`prior`] — the energy of a shape outside of a span.
+//!
+//! Parts:
+//!
+//! * [`procedure`] — what a method must do, with its implementations `components` and `sparse_atoms`;
 //! * [`algebra`] — the transformations that may act on atoms;
 //! * [`preparation`] — the form of shapes for coding;
-//! * [`statistics`] — sufficient statistics of codes;
-//! * [`learning`] — online and batch learning;
-//! * [`model`] — a learnt dictionary in use;
-//! * [`held_out`] — leave-one-out statistics of principal components;
-//! * [`novelty`] — the limit beyond which a shape is an outlier;
-//! * [`prior`] — the shape prior: the energy of a shape outside of a span.
+//! * [`learning`] — online and batch learning of sparse atoms; [`statistics`] — sufficient statistics of codes;
+//! * [`model`] — learnt atoms in use; [`work`] — predicted work;
+//! * [`downdate`] — leave-one-out statistics of principal components;
+//! * [`novelty`] — the limit beyond which a shape is an outlier.
 //!
 //! Source: Schmitter 2017, (4.27); Mairal, Bach, Ponce, Sapiro 2009 for the statistics.
 
 pub mod algebra;
+pub mod assess;
+pub mod coding;
+mod components;
 pub mod content;
+pub mod downdate;
+pub mod drift;
 pub mod held_out;
+pub mod in_use;
+pub mod learn;
 pub mod learning;
 pub mod method;
 pub mod model;
+pub mod modes;
 pub mod novelty;
 pub mod preparation;
 pub mod prior;
+pub mod procedure;
+pub mod recipe;
+pub mod score;
+mod sparse_atoms;
 pub mod statistics;
+pub mod work;

@@ -8,12 +8,13 @@
 //! `y` is a prepared shape ([`preparation`](super::preparation)).
 
 use super::algebra::Algebra;
-use super::learning::{Learning, Watch};
+use super::learning::Learning;
 use crate::AnalysisError;
 use crate::accumulate::{ShapeSource, read_numbers, write_numbers};
 use crate::metric::{dot, norm};
 use crate::pca::{FunctionalPca, reconstruction_error};
 use crate::sparse::{Atoms, Coder, SparseCode};
+use crate::watch::Watch;
 use shapelex_numeric::dense::Matrix;
 
 /// Model of shapes.
@@ -155,6 +156,14 @@ impl Model {
         }
     }
 
+    /// `T²` of a code; `None` for sparse codes.
+    pub fn distance(&self, code: &SparseCode) -> Option<f64> {
+        match self {
+            Self::Components { spread, .. } => Some(spread.distance(&code.values)),
+            Self::Sparse { .. } => None,
+        }
+    }
+
     /// Number of atoms or components.
     pub fn len(&self) -> usize {
         match self {
@@ -228,9 +237,7 @@ impl Coded {
             while !rest.weights.is_empty() {
                 let step;
                 (step, rest) = rest.split_at(STEP.min(rest.weights.len()));
-                if watch.stop() {
-                    return Err(AnalysisError::Interrupted.into());
-                }
+                watch.check()?;
                 let length = step.whitened.len() / step.weights.len();
                 let codes = model.codes(step.whitened, length).map_err(|error| error.after(step.first))?;
                 for ((_, y, weight), code) in step.iter().zip(&codes) {
@@ -250,9 +257,7 @@ impl Coded {
         self.parameters += code.values.len() as f64;
         code.indices.iter().for_each(|&j| self.usage[j] += 1.0);
         self.residuals.push(squared_distance(y, &reconstructed));
-        if let Model::Components { spread, .. } = model {
-            self.distances.push(spread.distance(&code.values));
-        }
+        self.distances.extend(model.distance(code));
     }
 
     /// Sums and means over all shapes.

@@ -13,6 +13,19 @@ use crate::metric::{Metric, dot};
 use crate::transformation::TransformationClass;
 use shapelex_numeric::dense::{Matrix, multiply, transpose_multiply};
 
+/// Reference of a shape prior.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
+pub enum Reference {
+    /// The mean shape under the class.
+    #[default]
+    Mean,
+    /// All combinations of the atoms (and of the mean of the aligned shapes) under the class.
+    Atoms,
+}
+
 /// A shape prior.
 #[derive(Debug, Clone)]
 pub struct Prior<'a> {

@@ -7,7 +7,6 @@ use shapelex_analysis::accumulate::{
 };
 use shapelex_analysis::alignment::{Alignment, Method, mean_shape};
 use shapelex_analysis::correspondence::{Correspondence, Direction, Mirror};
-use shapelex_analysis::dictionary::learning::Unwatched;
 use shapelex_analysis::dictionary::model::{Certificate, Coded, Model, Spread};
 use shapelex_analysis::dictionary::preparation::{Pose, Posed, Preparation};
 use shapelex_analysis::frame::Frame;
@@ -17,6 +16,7 @@ use shapelex_analysis::partial_sums::Measured;
 use shapelex_analysis::pass::Pass;
 use shapelex_analysis::pca::FunctionalPca;
 use shapelex_analysis::transformation::{ClassName, Transformation};
+use shapelex_analysis::watch::Unwatched;
 use shapelex_geometry::representation::{Representation, ShapeSpace};
 
 /// Numbers of a shape: three landmarks in the plane.

@@ -1,0 +1,145 @@
+//! Classification of shapes, and complete assessments: code, class, outlier test and residual.
+//!
+//! Classes are ranked by likelihood, with calibrated confidences. A shape beyond the training quantile of its most
+//! likely class is not accepted.
+
+use super::coding::{AnswerPose, CodedShape};
+use super::in_use::Dictionary;
+use super::score::{Score, value_at};
+use crate::AnalysisError;
+use crate::accumulate::prepare;
+use crate::classification::quality::confidences;
+use crate::classification::record::ClassifierRecord;
+use crate::classification::{Description, Evidence, Observations};
+use crate::sparse::SparseCode;
+use shapelex_geometry::representation::ShapeSpace;
+
+/// A class in a ranking by likelihood.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Ranked {
+    /// Index of the class.
+    pub class: usize,
+    /// Distance to the class.
+    pub distance: f64,
+    /// Calibrated confidence; the confidences of all classes sum to 1.
+    pub confidence: f64,
+}
+
+/// Result of classifying a shape.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Classified {
+    /// All classes, the most likely first.
+    pub ranking: Vec<Ranked>,
+    /// Confidence of the first class minus that of the second.
+    pub margin: f64,
+    /// Whether the distance is within the training quantile of the class; otherwise the shape belongs to none of the
+    /// classes.
+    pub accepted: bool,
+    /// Comparison of the shape with all training shapes.
+    pub outlier: Score,
+}
+
+/// Complete assessment of a shape.
+#[derive(Debug)]
+pub struct Assessment {
+    /// Code and pose.
+    pub coded: CodedShape,
+    /// Class, if the dictionary has a classifier.
+    pub classified: Option<Classified>,
+    /// Comparison with the training shapes.
+    pub score: Score,
+    /// Relative error `‖y − ŷ‖²/(‖y‖‖ŷ‖)`.
+    pub relative_error: f64,
+    /// Distances between the shape and its reconstruction, in the pose of the shape.
+    pub residual: Vec<f64>,
+}
+
+impl Dictionary {
+    /// Classes of encoded shapes; `None` without a classifier. Shapes beyond the training quantile `quantile` (from 0.5
+    /// to below 1) of their class are not accepted.
+    ///
+    /// # Errors
+    /// [`AnalysisError::Degenerate`] with the position of the shape.
+    pub fn classify(
+        &self,
+        coded: &[CodedShape],
+        quantile: f64,
+    ) -> Result<Option<Vec<Classified>>, AnalysisError> {
+        let (Some(classifier), Some(record)) = (&self.classifier, &self.content.classifier) else {
+            return Ok(None);
+        };
+        let mut shapes: Vec<f64> =
+            coded.iter().flat_map(|coded| coded.control_points.iter().copied()).collect();
+        prepare(self.metric(), self.preparation.method.translates(), 0, &mut shapes)?;
+        let prepared: Vec<f64> =
+            coded.iter().flat_map(|coded| coded.prepared.whitened.iter().copied()).collect();
+        let codes: Vec<SparseCode> = coded.iter().map(|coded| coded.code.clone()).collect();
+        let observations = Observations { shapes: &shapes, prepared: &prepared, codes: &codes };
+        let evidence = classifier.evidence(self.description(record), observations)?;
+        let pairs = evidence.iter().zip(coded);
+        Ok(Some(pairs.map(|(evidence, coded)| self.classified(record, evidence, coded, quantile)).collect()))
+    }
+
+    /// How shapes are described to the classifier of the record.
+    pub(super) fn description(&self, record: &ClassifierRecord) -> Description<'_> {
+        let size = record.settings.sees_size();
+        Description { preparation: &self.preparation, model: &self.model, size }
+    }
+
+    fn classified(
+        &self,
+        record: &ClassifierRecord,
+        evidence: &Evidence,
+        coded: &CodedShape,
+        quantile: f64,
+    ) -> Classified {
+        let confidences = confidences(evidence, record.sharpness);
+        let ranked = |class: usize| Ranked {
+            class,
+            distance: evidence.distances[class],
+            confidence: confidences[class],
+        };
+        let ranking: Vec<Ranked> = evidence.ranking().into_iter().map(ranked).collect();
+        let second = ranking.get(1).map_or(0.0, |ranked| ranked.confidence);
+        let bound = value_at(&record.classes[ranking[0].class].distances, quantile);
+        Classified {
+            margin: ranking[0].confidence - second,
+            accepted: ranking[0].distance <= bound,
+            outlier: self.score(coded, quantile),
+            ranking,
+        }
+    }
+
+    /// Assesses encoded shapes of `space`: class, outlier test, and the residual at `samples` parameters.
+    ///
+    /// # Errors
+    /// [`AnalysisError::Degenerate`] with the position of the shape.
+    pub fn assess(
+        &self,
+        space: &ShapeSpace,
+        coded: Vec<CodedShape>,
+        quantile: f64,
+        samples: usize,
+    ) -> Result<Vec<Assessment>, AnalysisError> {
+        let classified = match self.classify(&coded, quantile)? {
+            Some(classified) => classified.into_iter().map(Some).collect(),
+            None => vec![None; coded.len()],
+        };
+        let assess = |(index, (coded, classified)): (usize, (CodedShape, Option<Classified>))| {
+            let reconstruction = self.reconstruct(space, &coded, AnswerPose::Input, samples);
+            let reconstruction = reconstruction.map_err(|error| error.at(index))?;
+            let score = match &classified {
+                Some(classified) => classified.outlier.clone(),
+                None => self.score(&coded, quantile),
+            };
+            Ok(Assessment {
+                coded,
+                classified,
+                score,
+                relative_error: reconstruction.relative_error.unwrap_or_default(),
+                residual: reconstruction.residual,
+            })
+        };
+        coded.into_iter().zip(classified).enumerate().map(assess).collect()
+    }
+}

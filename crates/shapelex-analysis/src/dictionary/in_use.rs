@@ -1,0 +1,80 @@
+//! A dictionary in use: its content, prepared for computation.
+
+use super::content::Content;
+use super::model::{Coded, Model};
+use super::preparation::{Pose, Posed, Preparation};
+use crate::AnalysisError;
+use crate::accumulate::ShapeSource;
+use crate::classification::Classifier;
+use crate::classification::record::ClassifierRecord;
+use crate::metric::Metric;
+use crate::partial_sums::Measured;
+use crate::rows::columns_of;
+use crate::watch::Watch;
+use shapelex_numeric::dense::Matrix;
+
+/// A dictionary in use.
+#[derive(Debug, Clone)]
+pub struct Dictionary {
+    /// Learnt statistics, with the parameters of learning.
+    pub content: Content,
+    /// Preparation of shapes for coding.
+    pub preparation: Preparation,
+    /// Atoms or components.
+    pub model: Model,
+    /// Classifier, if there is one.
+    pub classifier: Option<Classifier>,
+}
+
+impl Dictionary {
+    /// Prepares a content, learnt or read, for use with the metric, alignment and matching of its recipe. Training and
+    /// use start from the same recorded numbers. Cost: the products of all atoms.
+    ///
+    /// # Errors
+    /// [`AnalysisError::Parameter`] if the parts are inconsistent (in a content that was not learnt here).
+    pub fn new(content: Content, measured: Measured<'_>) -> Result<Self, AnalysisError> {
+        let model = content.method.model(&content, measured)?;
+        let preparation = content.preparation(measured)?;
+        let classifier =
+            content.classifier.as_ref().map(|record| Classifier::of_record(record, measured.metric));
+        Ok(Self { content, preparation, model, classifier })
+    }
+
+    /// The dictionary with a trained classifier.
+    pub fn with_classifier(mut self, record: ClassifierRecord) -> Self {
+        self.classifier = Some(Classifier::of_record(&record, self.metric()));
+        self.content.classifier = Some(record);
+        self
+    }
+
+    /// Metric of the shapes.
+    pub fn metric(&self) -> &Metric {
+        &self.preparation.metric
+    }
+
+    /// Whether codes are invariant: atoms are transformed by members of the class.
+    pub fn is_invariant(&self) -> bool {
+        matches!(self.preparation.pose, Pose::Invariant(_))
+    }
+
+    /// Control points of atom `j`, `d·N` coordinate-major numbers.
+    pub fn atom(&self, j: usize) -> Vec<f64> {
+        columns_of(&self.content.atoms[j].control_points, self.metric().dimension())
+    }
+
+    /// Quality of the description of each shape of `source`, from which a certificate is made.
+    ///
+    /// # Errors
+    /// [`AnalysisError::Interrupted`]; errors of the coder and of the source.
+    pub fn coded<S: ShapeSource>(&self, source: &S, watch: &dyn Watch) -> Result<Coded, S::Error> {
+        Coded::new(&self.model, &Posed { source, preparation: &self.preparation }, watch)
+    }
+}
+
+impl Content {
+    /// Whitened atoms, one per column.
+    pub(super) fn columns(&self, metric: &Metric) -> Matrix {
+        let columns = self.atoms.iter().flat_map(|atom| metric.whitened(&atom.control_points)).collect();
+        Matrix::from_vec(metric.len(), self.atoms.len(), columns)
+    }
+}

@@ -1,0 +1,202 @@
+//! Learning a dictionary from shapes: mean, preparation, atoms, certificate, statistics of held-out shapes.
+//!
+//! The result depends on the shapes and the recipe alone, bit by bit, for any number of threads and any process that
+//! computes a part of a pass.
+
+use super::content::{Content, MeanRecord, ScoreStatistics};
+use super::held_out;
+use super::in_use::Dictionary;
+use super::model::{Certificate, Coded, Model};
+use super::preparation::{Posed, Preparation};
+use super::procedure::Previous;
+use super::recipe::Recipe;
+use crate::AnalysisError;
+use crate::accumulate::{ShapeSource, ShapesInMemory, Watched};
+use crate::alignment::mean_shape;
+use crate::partial_sums::Measured;
+use crate::watch::{Phase, Quiet, Watch};
+
+/// Maximum size of prepared shapes kept in memory, in bytes; larger sets are read from their source in every pass.
+pub const KEPT_BYTES: usize = 1 << 30;
+
+/// Maximum number of stored values of a distribution.
+const QUANTILES: usize = 1001;
+
+/// A learnt dictionary.
+#[derive(Debug, Clone)]
+pub struct Learnt {
+    /// The dictionary, without classifier.
+    pub dictionary: Dictionary,
+    /// The sums from which learning can continue.
+    pub state: Vec<u8>,
+}
+
+/// Learns a dictionary from `shapes`: whitened, and centred if the class translates, as
+/// [`Setting::shapes`](super::recipe::Setting::shapes) prepares them.
+///
+/// # Errors
+/// Errors of the recipe and of the source; degenerate or too few shapes; [`AnalysisError::Interrupted`].
+pub fn learn<S: ShapeSource>(shapes: &S, recipe: &Recipe, watch: &dyn Watch) -> Result<Learnt, S::Error> {
+    let setting = recipe.setting()?;
+    let stop = || watch.stop();
+    let shapes = Watched::new(shapes, &stop);
+    Learner { recipe, measured: setting.measured(), watch, help: &|_, _| Ok(None) }.learn(&shapes)
+}
+
+/// Encodes shapes elsewhere, such as in other processes; `None` if they are to be encoded here.
+pub type Help<'a, S> =
+    dyn Fn(&S, &Dictionary) -> Result<Option<Coded>, <S as ShapeSource>::Error> + Sync + 'a;
+
+/// Learns dictionaries from a kind of source.
+pub struct Learner<'a, S: ShapeSource> {
+    /// Parameters of learning.
+    pub recipe: &'a Recipe,
+    /// Metric, alignment and matching of the recipe.
+    pub measured: Measured<'a>,
+    /// Progress and cancellation.
+    pub watch: &'a dyn Watch,
+    /// Help with the pass that encodes all shapes.
+    pub help: &'a Help<'a, S>,
+}
+
+impl<S: ShapeSource> Learner<'_, S> {
+    /// Learns from scratch.
+    ///
+    /// # Errors
+    /// Errors of the source; degenerate or too few shapes; [`AnalysisError::Interrupted`].
+    pub fn learn(&self, shapes: &S) -> Result<Learnt, S::Error> {
+        self.enter(Phase::Mean)?;
+        let mean = mean_of(self.recipe, self.measured, shapes).map_err(|error| shapes.located(error))?;
+        self.finish(shapes, shapes, mean, None)
+    }
+
+    /// Continues an earlier version with the shapes of `new`, which are among `shapes`. Its mean shape is kept.
+    ///
+    /// # Errors
+    /// As [`Self::learn`]; [`AnalysisError::NotAnAccumulator`] for sums of another dictionary.
+    pub fn continue_from(&self, previous: Previous<'_>, shapes: &S, new: &S) -> Result<Learnt, S::Error> {
+        self.enter(Phase::Mean)?;
+        self.finish(shapes, new, previous.content.mean.clone(), Some(previous))
+    }
+
+    fn enter(&self, phase: Phase) -> Result<(), AnalysisError> {
+        self.watch.check()?;
+        self.watch.phase(phase, 0.0);
+        Ok(())
+    }
+
+    fn finish(
+        &self,
+        shapes: &S,
+        new: &S,
+        mean: MeanRecord,
+        previous: Option<Previous<'_>>,
+    ) -> Result<Learnt, S::Error> {
+        let mut content = self.recipe.content(mean);
+        let preparation = content.preparation(self.measured)?;
+        self.enter(Phase::Align)?;
+        let fitted = self.fit(new, previous, &preparation, &mut content);
+        let state = fitted.map_err(|error| new.located(error))?;
+        self.enter(Phase::Certify)?;
+        content.statistics.shapes = shapes.count();
+        let mut dictionary = Dictionary::new(content, self.measured)?;
+        let certificate = self.certificate(shapes, &dictionary).map_err(|error| shapes.located(error))?;
+        dictionary.certify(certificate);
+        self.enter(Phase::HoldOut)?;
+        let anew = previous.is_none();
+        let held_out = held_out::statistics(shapes, &dictionary, self.recipe, &state, anew, self.watch);
+        dictionary.content.statistics.held_out = held_out.map_err(|error| shapes.located(error))?;
+        Ok(Learnt { dictionary, state })
+    }
+
+    /// Learns from prepared shapes, which are kept in memory if they fit. Components take a single pass and read them from the
+    /// source.
+    fn fit(
+        &self,
+        shapes: &S,
+        previous: Option<Previous<'_>>,
+        preparation: &Preparation,
+        content: &mut Content,
+    ) -> Result<Vec<u8>, S::Error> {
+        let (method, watch) = (&self.recipe.method, self.watch);
+        let posed = Posed { source: shapes, preparation };
+        if !method.is_sparse() || bytes(shapes, preparation) > KEPT_BYTES {
+            return method.fit(&posed, previous, preparation, content, watch);
+        }
+        let kept = ShapesInMemory::of(&posed)?;
+        Ok(method.fit(&kept, previous, preparation, content, watch)?)
+    }
+
+    fn certificate(&self, shapes: &S, dictionary: &Dictionary) -> Result<Certificate, S::Error> {
+        let coded = match (self.help)(shapes, dictionary)? {
+            Some(coded) => coded,
+            None => dictionary.coded(shapes, self.watch)?,
+        };
+        Ok(coded.certificate())
+    }
+}
+
+/// Size of the prepared shapes of a source.
+pub(super) fn bytes<S: ShapeSource>(shapes: &S, preparation: &Preparation) -> usize {
+    shapes.count().saturating_mul(8 * preparation.metric.len())
+}
+
+fn mean_of<S: ShapeSource>(
+    recipe: &Recipe,
+    measured: Measured<'_>,
+    shapes: &S,
+) -> Result<MeanRecord, S::Error> {
+    let Measured { metric, method, matching } = measured;
+    let mean = mean_shape(shapes, metric, method, recipe.frame, matching)?;
+    Ok(MeanRecord::of(&mean, metric.dimension()))
+}
+
+/// Learns from shapes in memory, without certificate, held-out shapes and reports: for a part of a validation.
+pub(crate) fn learn_part(
+    recipe: &Recipe,
+    measured: Measured<'_>,
+    shapes: &ShapesInMemory,
+    watch: &dyn Watch,
+) -> Result<Dictionary, AnalysisError> {
+    let mut content = recipe.content(mean_of(recipe, measured, shapes)?);
+    let preparation = content.preparation(measured)?;
+    let posed = ShapesInMemory::of(&Posed { source: shapes, preparation: &preparation })?;
+    recipe.method.fit(&posed, None, &preparation, &mut content, &Quiet(watch))?;
+    content.statistics.shapes = shapes.count();
+    Dictionary::new(content, measured)
+}
+
+impl Dictionary {
+    /// Stores the certificate in the statistics.
+    fn certify(&mut self, certificate: Certificate) {
+        let statistics = &mut self.content.statistics;
+        statistics.shapes = certificate.residuals.len();
+        statistics.weight = certificate.weight;
+        statistics.objective = certificate.objective;
+        statistics.reconstruction_error = certificate.reconstruction_error;
+        statistics.parameters = certificate.parameters;
+        statistics.residuals = quantiles(certificate.residuals);
+        let atoms = self.content.atoms.iter_mut().zip(certificate.usage);
+        atoms.for_each(|(atom, usage)| atom.usage = usage);
+        if let Model::Components { pca, spread } = &self.model {
+            statistics.converged = true;
+            statistics.total =
+                pca.eigenvalues.first().zip(pca.explained.first()).map(|(value, part)| value / part);
+            statistics.scores = Some(ScoreStatistics {
+                mean: spread.mean.clone(),
+                covariance: spread.covariance.row_iter().map(|row| row.iter().copied().collect()).collect(),
+                t_squared: quantiles(certificate.distances),
+            });
+        }
+    }
+}
+
+/// The values in ascending order; if there are more than [`QUANTILES`], that many of them, evenly spaced by rank.
+pub(crate) fn quantiles(mut values: Vec<f64>) -> Vec<f64> {
+    values.sort_by(f64::total_cmp);
+    if values.len() <= QUANTILES {
+        return values;
+    }
+    let last = values.len() - 1;
+    (0..QUANTILES).map(|i| values[(i * last + (QUANTILES - 1) / 2) / (QUANTILES - 1)]).collect()
+}
