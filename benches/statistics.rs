@@ -15,7 +15,7 @@ use shapelex::analysis::frame::Frame;
 use shapelex::analysis::matching::Matching;
 use shapelex::analysis::metric::Metric;
 use shapelex::analysis::pca::FunctionalPca;
-use shapelex::analysis::sparse::{Atoms, Lasso, Pursuit};
+use shapelex::analysis::sparse::{Atoms, Encode, Lasso, Pursuit};
 use shapelex::analysis::transformation::{ClassName, Transformation};
 use shapelex::formats::shape::ShapeInput;
 use shapelex::geometry::curve::Curve;

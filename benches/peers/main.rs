@@ -17,7 +17,7 @@ use shapelex::analysis::accumulate::{ShapeSource, ShapesInMemory};
 use shapelex::analysis::dictionary::algebra::Algebra;
 use shapelex::analysis::dictionary::learning::{Learning, Schedule};
 use shapelex::analysis::dictionary::model::Certificate;
-use shapelex::analysis::sparse::{Atoms, Coder, GroupLasso, Lasso, Pursuit};
+use shapelex::analysis::sparse::{Atoms, Coder, Encode, GroupLasso, Lasso, Pursuit};
 use shapelex::analysis::transformation::{ClassName, TransformationClass};
 use shapelex::analysis::watch::Unwatched;
 use shapelex::numeric::dense::Matrix;

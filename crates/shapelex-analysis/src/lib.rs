@@ -177,6 +177,38 @@ pub enum AnalysisError {
     Numeric(#[from] NumericError),
 }
 
+impl AnalysisError {
+    /// The same error for the shape at `position`.
+    pub fn at(self, position: usize) -> Self {
+        match self {
+            Self::Degenerate { class, sigma, .. } => Self::Degenerate { index: position, class, sigma },
+            Self::NoExtent { norm, size, .. } => Self::NoExtent { index: position, norm, size },
+            Self::NoConvergence { iterations, gap, tolerance, .. } => {
+                Self::NoConvergence { index: position, iterations, gap, tolerance }
+            }
+            other => other,
+        }
+    }
+
+    /// The same error with its position increased by `first`.
+    pub fn after(self, first: usize) -> Self {
+        match self.position() {
+            Some(position) => self.at(first + position),
+            None => self,
+        }
+    }
+
+    /// Position of the shape that caused the error.
+    pub fn position(&self) -> Option<usize> {
+        match self {
+            Self::Degenerate { index, .. }
+            | Self::NoExtent { index, .. }
+            | Self::NoConvergence { index, .. } => Some(*index),
+            _ => None,
+        }
+    }
+}
+
 /// Relative singular value below which the subspace of a shape is rank-deficient. The error of a subspace is the rounding
 /// over its relative singular value: at least six digits of an accepted one are right.
 pub const DEGENERATE: f64 = 1e-10;

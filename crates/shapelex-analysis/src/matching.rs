@@ -11,7 +11,7 @@
 use std::borrow::Cow;
 
 use super::AnalysisError;
-use super::accumulate::{MergePart, ShapeSource, Shapes, map_shapes};
+use super::accumulate::{MergePart, ShapeSource, Shapes, for_each_changed, map_shapes};
 use super::correspondence::{Correspondence, Direction, Mirror};
 use super::fit::{Fit, best_correlation, cross_product};
 use super::mean::MeanSpace;
@@ -365,13 +365,14 @@ impl<S: ShapeSource> ShapeSource for Placed<'_, S> {
         if self.stand_as_given() {
             return self.source.for_each_batch(visit);
         }
-        self.source.for_each_batch(&mut |batch| {
-            let mut whitened = Vec::with_capacity(batch.whitened.len());
-            for (k, x, _) in batch.iter() {
-                whitened.extend_from_slice(&self.matching.place(x, self.placements[k]));
+        let place = |batch: Shapes<'_>, whitened: &mut [f64]| {
+            let length = whitened.len() / batch.weights.len().max(1);
+            for ((k, x, _), placed) in batch.iter().zip(whitened.chunks_exact_mut(length.max(1))) {
+                placed.copy_from_slice(&self.matching.place(x, self.placements[k]));
             }
-            visit(Shapes { whitened: &whitened, ..batch })
-        })
+            Ok(())
+        };
+        for_each_changed(self.source, place, visit)
     }
 
     /// Only this process knows the placements, so the pass is distributed only while all shapes stand as given.

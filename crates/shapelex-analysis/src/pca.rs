@@ -11,7 +11,9 @@
 //! [`OuterProductSum`]: super::accumulate::OuterProductSum
 
 use super::AnalysisError;
-use super::accumulate::{ScatterSum, ShapeSource, Shapes, accumulate, accumulate_spread, map_shapes};
+use super::accumulate::{
+    ScatterSum, ShapeSource, Shapes, accumulate, accumulate_spread, for_each_changed, map_shapes,
+};
 use super::frame::largest;
 use super::metric::{Metric, dot, norm};
 use super::pass::Sum;
@@ -148,12 +150,12 @@ impl<S: ShapeSource> ShapeSource for Shifted<'_, S> {
         &self,
         visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), S::Error>,
     ) -> Result<(), S::Error> {
-        self.source.for_each_batch(&mut |batch| {
-            let mut whitened = batch.whitened.to_vec();
+        let shift = |_: Shapes<'_>, whitened: &mut [f64]| {
             for x in whitened.chunks_exact_mut(self.origin.len()) {
                 x.iter_mut().zip(self.origin).for_each(|(x, o)| *x -= o);
             }
-            visit(Shapes { whitened: &whitened, ..batch })
-        })
+            Ok(())
+        };
+        for_each_changed(self.source, shift, visit)
     }
 }

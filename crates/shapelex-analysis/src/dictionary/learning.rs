@@ -23,7 +23,7 @@ use super::statistics::Statistics;
 use crate::AnalysisError;
 use crate::accumulate::{BLOCK, ShapeSource, Shapes};
 use crate::metric::dot;
-use crate::sparse::{Atoms, Coder, SparseCode};
+use crate::sparse::{Atoms, Coder, Encode, SparseCode};
 use crate::watch::Watch;
 use shapelex_numeric::dense::Matrix;
 

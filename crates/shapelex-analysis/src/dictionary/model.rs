@@ -13,7 +13,7 @@ use crate::AnalysisError;
 use crate::accumulate::{ShapeSource, read_numbers, write_numbers};
 use crate::metric::{dot, norm};
 use crate::pca::{FunctionalPca, reconstruction_error};
-use crate::sparse::{Atoms, Coder, SparseCode};
+use crate::sparse::{Atoms, Coder, Encode, SparseCode};
 use crate::watch::Watch;
 use shapelex_numeric::dense::Matrix;
 

@@ -11,7 +11,7 @@
 use rayon::prelude::*;
 
 use super::algebra::Algebra;
-use crate::accumulate::{MergePart, ShapeSource, Shapes, prepare};
+use crate::accumulate::{MergePart, ShapeSource, Shapes, for_each_changed, prepare};
 use crate::alignment::{Method, align};
 use crate::matching::{Matching, Placement, Target};
 use crate::mean::MeanSpace;
@@ -177,16 +177,15 @@ impl<S: ShapeSource> ShapeSource for Posed<'_, S> {
         let preparation = self.preparation;
         let centroid = vec![0.0; preparation.metric.dimension()];
         preparation.with_target(|target| {
-            self.source.for_each_batch(&mut |batch| {
+            let pose = |batch: Shapes<'_>, whitened: &mut [f64]| {
                 let length = preparation.metric.len();
-                let mut whitened = batch.whitened.to_vec();
                 whitened.par_chunks_mut(length).enumerate().try_for_each(|(i, x)| {
                     let posed = preparation.pose(x, &centroid, target);
                     x.copy_from_slice(&posed.map_err(|error| error.at(batch.first + i))?.whitened);
                     Ok::<_, AnalysisError>(())
-                })?;
-                visit(Shapes { whitened: &whitened, ..batch })
-            })
+                })
+            };
+            for_each_changed(self.source, pose, visit)
         })
     }
 

@@ -20,28 +20,6 @@ pub enum Coder {
 }
 
 impl Coder {
-    /// The codes of whitened `shapes` (`n` numbers each), in order.
-    ///
-    /// # Errors
-    /// The first error of a shape, as for the respective coder.
-    pub fn codes(&self, atoms: &Atoms, shapes: &[f64]) -> Result<Vec<SparseCode>, AnalysisError> {
-        self.encode(atoms, shapes, None)
-    }
-
-    /// As [`Self::codes`], for codes near the `previous` ones (by position). A penalised code starts from the previous one,
-    /// with the same certificate; a pursuit starts afresh.
-    ///
-    /// # Errors
-    /// As for [`Self::codes`].
-    pub fn codes_from(
-        &self,
-        atoms: &Atoms,
-        shapes: &[f64],
-        previous: &[SparseCode],
-    ) -> Result<Vec<SparseCode>, AnalysisError> {
-        self.encode(atoms, shapes, Some(previous))
-    }
-
     /// The penalty `λ` on magnitudes; 0 for a pursuit.
     pub fn lambda(&self) -> f64 {
         match self {
@@ -59,7 +37,9 @@ impl Coder {
             Self::Pursuit(_) => 0.0,
         }
     }
+}
 
+impl Encode for Coder {
     fn encode(
         &self,
         atoms: &Atoms,

@@ -12,8 +12,47 @@ use shapelex_numeric::kernels::{column, dot};
 /// definition of a code: changing it changes last bits.
 const BATCH: usize = 64;
 
+/// A coder of whitened shapes, given one after the other with `n` numbers each.
+///
+/// Codes come in the order of the shapes, and their bits do not depend on the number of threads.
+pub trait Encode {
+    /// The codes of `shapes`, from the `previous` ones (by position) where there are any.
+    ///
+    /// # Errors
+    /// [`AnalysisError::NoConvergence`] with the position of the first shape whose code does not reach its tolerance, and
+    /// the gap that was reached.
+    fn encode(
+        &self,
+        atoms: &Atoms,
+        shapes: &[f64],
+        previous: Option<&[SparseCode]>,
+    ) -> Result<Vec<SparseCode>, AnalysisError>;
+
+    /// The codes of `shapes`.
+    ///
+    /// # Errors
+    /// As for [`Self::encode`].
+    fn codes(&self, atoms: &Atoms, shapes: &[f64]) -> Result<Vec<SparseCode>, AnalysisError> {
+        self.encode(atoms, shapes, None)
+    }
+
+    /// As [`Self::codes`], for codes near the `previous` ones, as between epochs of learning. A penalised code starts from
+    /// the previous one, with the same certificate; a pursuit starts afresh.
+    ///
+    /// # Errors
+    /// As for [`Self::encode`].
+    fn codes_from(
+        &self,
+        atoms: &Atoms,
+        shapes: &[f64],
+        previous: &[SparseCode],
+    ) -> Result<Vec<SparseCode>, AnalysisError> {
+        self.encode(atoms, shapes, Some(previous))
+    }
+}
+
 /// Codes one shape after the other with memory that is used again.
-pub(super) trait Encode: Sync {
+pub(super) trait EncodeOne: Sync {
     /// What is kept from shape to shape; no result depends on what it held.
     type Work: Default;
 
@@ -26,11 +65,11 @@ pub(super) trait Encode: Sync {
         work: &mut Self::Work,
     ) -> Result<SparseCode, AnalysisError>;
 
-    /// Codes of whitened `shapes` (`n` numbers each) in order; bits do not depend on the number of threads.
+    /// Codes of whitened `shapes` in order.
     ///
     /// # Errors
     /// Of the first shape that has one, with its position.
-    fn encode(
+    fn encode_all(
         &self,
         atoms: &Atoms,
         shapes: &[f64],

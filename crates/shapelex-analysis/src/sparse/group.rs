@@ -19,7 +19,7 @@ use super::atoms::Atoms;
 use super::code::DEFAULT_TOLERANCE;
 use super::code::SparseCode;
 use super::code::{Fit, Signal};
-use super::encode::Encode;
+use super::encode::{Encode, EncodeOne};
 use crate::AnalysisError;
 use shapelex_numeric::cholesky::ActiveCholesky;
 use shapelex_numeric::kernels::{add_columns, add_scaled, column, dot};
@@ -74,29 +74,6 @@ impl GroupLasso {
         Self { lambda, tolerance: DEFAULT_TOLERANCE }
     }
 
-    /// The codes of whitened `shapes` (`n` numbers each). Cost: `O(nJb)` per shape for the correlations and
-    /// `O(Jb·kb + (kb)³)` per round, with `k` active atoms; a shape takes few rounds more than `k`.
-    ///
-    /// # Errors
-    /// [`AnalysisError::NoConvergence`] with the gap that was reached, if a shape does not reach the tolerance.
-    pub fn codes(&self, atoms: &Atoms, shapes: &[f64]) -> Result<Vec<SparseCode>, AnalysisError> {
-        self.encode(atoms, shapes, None)
-    }
-
-    /// As [`Self::codes`], for codes near the `previous` ones (by position), as between epochs of learning: two or three
-    /// Newton steps replace the search, with the same certificate.
-    ///
-    /// # Errors
-    /// As for [`Self::codes`].
-    pub fn codes_from(
-        &self,
-        atoms: &Atoms,
-        shapes: &[f64],
-        previous: &[SparseCode],
-    ) -> Result<Vec<SparseCode>, AnalysisError> {
-        self.encode(atoms, shapes, Some(previous))
-    }
-
     /// `λ Σ_j ‖a_j‖` for values given in blocks.
     pub(super) fn penalty(&self, values: &[f64], block: usize) -> f64 {
         self.lambda * values.chunks_exact(block).map(norm).sum::<f64>()
@@ -104,6 +81,19 @@ impl GroupLasso {
 }
 
 impl Encode for GroupLasso {
+    /// Cost: `O(nJb)` per shape for the correlations and `O(Jb·kb + (kb)³)` per round, with `k` active atoms; a shape takes
+    /// few rounds more than `k`, or two or three Newton steps from a previous code.
+    fn encode(
+        &self,
+        atoms: &Atoms,
+        shapes: &[f64],
+        previous: Option<&[SparseCode]>,
+    ) -> Result<Vec<SparseCode>, AnalysisError> {
+        self.encode_all(atoms, shapes, previous)
+    }
+}
+
+impl EncodeOne for GroupLasso {
     type Work = GroupWork;
 
     fn code(

@@ -12,7 +12,7 @@ use super::atoms::Atoms;
 use super::code::DEFAULT_TOLERANCE;
 use super::code::SparseCode;
 use super::code::{Fit, Signal, used};
-use super::encode::Encode;
+use super::encode::{Encode, EncodeOne};
 use super::path::Path;
 use crate::AnalysisError;
 use shapelex_numeric::cholesky::ActiveCholesky;
@@ -68,29 +68,6 @@ impl Lasso {
         Self { lambda, nonnegative, tolerance: DEFAULT_TOLERANCE }
     }
 
-    /// The codes of whitened `shapes` (`n` numbers each). Cost: `O(nJ)` per shape for the correlations and `O(Jk)` per step of
-    /// its path, with `k` atoms in use.
-    ///
-    /// # Errors
-    /// [`AnalysisError::NoConvergence`] with the gap that was reached, if a shape does not reach the tolerance.
-    pub fn codes(&self, atoms: &Atoms, shapes: &[f64]) -> Result<Vec<SparseCode>, AnalysisError> {
-        self.encode(atoms, shapes, None)
-    }
-
-    /// As [`Self::codes`], for codes near the `previous` ones (by position), as between epochs of learning. Cost after the
-    /// correlations: `O(Jk + k³)` if support and signs do not change. The certificate is the same.
-    ///
-    /// # Errors
-    /// As for [`Self::codes`].
-    pub fn codes_from(
-        &self,
-        atoms: &Atoms,
-        shapes: &[f64],
-        previous: &[SparseCode],
-    ) -> Result<Vec<SparseCode>, AnalysisError> {
-        self.encode(atoms, shapes, Some(previous))
-    }
-
     /// The knots of the path of one whitened shape, from `λ_max` to `self.lambda`.
     pub fn path(&self, atoms: &Atoms, shape: &[f64]) -> Vec<Knot> {
         let correlation = |j: usize| dot(column(atoms.matrix(), j), shape);
@@ -122,6 +99,19 @@ impl Lasso {
 }
 
 impl Encode for Lasso {
+    /// Cost: `O(nJ)` per shape for the correlations and `O(Jk)` per step of its path, with `k` atoms in use; from a previous
+    /// code `O(Jk + k³)` if support and signs do not change.
+    fn encode(
+        &self,
+        atoms: &Atoms,
+        shapes: &[f64],
+        previous: Option<&[SparseCode]>,
+    ) -> Result<Vec<SparseCode>, AnalysisError> {
+        self.encode_all(atoms, shapes, previous)
+    }
+}
+
+impl EncodeOne for Lasso {
     type Work = LassoWork;
 
     fn code(

@@ -16,7 +16,7 @@
 //! * [`Lasso`] — codes to a given duality gap, and the whole regularisation path;
 //! * [`GroupLasso`] — the same for blocks;
 //! * [`Pursuit`] — codes with a given number of atoms;
-//! * [`Coder`] — any of these.
+//! * [`Coder`] — any of these; [`Encode`] — what they have in common.
 //!
 //! Source: Schmitter 2017, (4.27) with the square that is missing in Theorem 3; blocks after Yuan and Lin 2006.
 
@@ -32,6 +32,7 @@ mod pursuit;
 pub use atoms::Atoms;
 pub use code::SparseCode;
 pub use coder::Coder;
+pub use encode::Encode;
 pub use group::GroupLasso;
 pub use lasso::{Knot, Lasso};
 pub use pursuit::Pursuit;

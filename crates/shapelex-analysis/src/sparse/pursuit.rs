@@ -3,7 +3,7 @@
 use super::atoms::Atoms;
 use super::code::SparseCode;
 use super::code::{Fit, Signal};
-use super::encode::Encode;
+use super::encode::{Encode, EncodeOne};
 use crate::AnalysisError;
 use shapelex_numeric::kernels::{add_columns, add_scaled, column, dot, largest};
 
@@ -48,18 +48,20 @@ pub(super) struct PursuitWork {
     code: Vec<f64>,
 }
 
-impl Pursuit {
-    /// The codes of whitened `shapes` (`n` numbers each). Cost: `O(nJb)` per shape for the correlations and
-    /// `O(J b² k (k + b))` for `k` atoms. A column that depends on those in use has coefficient zero.
-    ///
-    /// # Errors
-    /// Never fails; the signature matches the other coders.
-    pub fn codes(&self, atoms: &Atoms, shapes: &[f64]) -> Result<Vec<SparseCode>, AnalysisError> {
-        self.encode(atoms, shapes, None)
+impl Encode for Pursuit {
+    /// Cost: `O(nJb)` per shape for the correlations and `O(J b² k (k + b))` for `k` atoms. A column that depends on those
+    /// in use has coefficient zero. Never fails.
+    fn encode(
+        &self,
+        atoms: &Atoms,
+        shapes: &[f64],
+        previous: Option<&[SparseCode]>,
+    ) -> Result<Vec<SparseCode>, AnalysisError> {
+        self.encode_all(atoms, shapes, previous)
     }
 }
 
-impl Encode for Pursuit {
+impl EncodeOne for Pursuit {
     type Work = PursuitWork;
 
     fn code(

@@ -5,7 +5,7 @@ use shapelex_analysis::accumulate::ShapesInMemory;
 use shapelex_analysis::dictionary::algebra::Algebra;
 use shapelex_analysis::dictionary::learning::{Learning, Learnt, Schedule, Start};
 use shapelex_analysis::dictionary::model::{Certificate, Model};
-use shapelex_analysis::sparse::{Coder, GroupLasso, Lasso, Pursuit};
+use shapelex_analysis::sparse::{Coder, Encode, GroupLasso, Lasso, Pursuit};
 use shapelex_analysis::transformation::{ClassName, TransformationClass};
 use shapelex_analysis::watch::{Unwatched, Watch};
 use shapelex_analysis::{AnalysisError, metric};

@@ -1,7 +1,7 @@
 //! Sparse codes: optimality conditions, the regularisation path, matching pursuit, degenerate dictionaries.
 
 use proptest::prelude::*;
-use shapelex_analysis::sparse::{Atoms, Lasso, Pursuit, SparseCode};
+use shapelex_analysis::sparse::{Atoms, Encode, Lasso, Pursuit, SparseCode};
 use shapelex_numeric::dense::Matrix;
 
 /// Unit atoms, one a column, and shapes near their span.

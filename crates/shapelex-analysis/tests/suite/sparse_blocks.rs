@@ -2,7 +2,7 @@
 
 use proptest::prelude::*;
 use shapelex_analysis::AnalysisError;
-use shapelex_analysis::sparse::{Atoms, Coder, GroupLasso, Lasso, Pursuit, SparseCode};
+use shapelex_analysis::sparse::{Atoms, Coder, Encode, GroupLasso, Lasso, Pursuit, SparseCode};
 use shapelex_numeric::dense::{Matrix, multiply};
 
 /// A linear congruential generator: the same numbers everywhere.

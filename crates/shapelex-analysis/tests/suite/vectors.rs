@@ -230,7 +230,7 @@ fn norm_equality() {
 
 #[test]
 fn lasso() {
-    use shapelex_analysis::sparse::{Atoms, Lasso};
+    use shapelex_analysis::sparse::{Atoms, Encode, Lasso};
     use shapelex_numeric::dense::Matrix;
     for case in load("lasso.json").as_array().unwrap() {
         let listed: Vec<Vec<f64>> =

@@ -1,0 +1,23 @@
+//! Sums over many shapes that stream, split and merge.
+//!
+//! A set of shapes is processed in blocks of [`BLOCK`] shapes, each with its own partial sum. The blocks of a part
+//! ([`PART`] shapes) merge in order, and so do the parts. The result therefore has the same bits for any number of
+//! threads, any division of the shapes into batches, and any process that computed the sum of a part.
+//!
+//! * [`ShapeSource`] — a set of shapes: in memory, stored, or changed on the way;
+//! * [`Accumulator`] — a sum over them, made by [`accumulate`]; [`map_shapes`] gives a value for each shape;
+//! * [`OuterProductSum`], [`ScatterSum`] — sums of outer products with their leading eigenpairs.
+
+mod scatter;
+mod source;
+mod sum;
+
+pub use self::scatter::{OuterProductSum, ScatterSum};
+pub use self::source::{
+    BLOCK, MergePart, PART, ShapeSource, Shapes, ShapesInMemory, Watched, map_shapes, prepare,
+    smallest_eligible,
+};
+pub use self::sum::{Accumulator, accumulate};
+
+pub(crate) use self::source::for_each_changed;
+pub(crate) use self::sum::{accumulate_spread, read_numbers, write_numbers};

@@ -1,0 +1,237 @@
+//! Sums of outer products.
+
+use super::source::Shapes;
+use super::sum::{Accumulator, read_numbers, write_numbers};
+use crate::AnalysisError;
+use crate::metric::dot;
+use crate::subspace::quarter_turn;
+use shapelex_numeric::dense::{self, Eigenpairs, Matrix};
+
+/// `S = Σ x xᵀ` of vectors `x ∈ R^n`, with its leading eigenpairs by the smaller of two routes.
+///
+/// Up to about `n/2` vectors are kept as they are (dual route, Theorem 2: the symmetric matrix `XᵀX`); beyond that,
+/// they are folded into the `n × n` matrix (primal route). The choice depends on the number of vectors alone.
+#[derive(Debug, Clone, PartialEq)]
+pub struct OuterProductSum {
+    n: usize,
+    columns: Vec<f64>,
+    /// Lower triangle.
+    matrix: Option<Matrix>,
+}
+
+/// Minimum number of vectors per fold into the matrix: products of thinner matrices use the kernel badly.
+const FOLD: usize = 64;
+
+impl OuterProductSum {
+    /// The empty sum in `R^n`.
+    pub fn new(n: usize) -> Self {
+        Self { n, columns: Vec::new(), matrix: None }
+    }
+
+    /// Adds the vectors stored one after the other.
+    pub fn add(&mut self, columns: &[f64]) {
+        self.columns.extend_from_slice(columns);
+        if self.columns.len() >= self.n * (self.n / 2).max(FOLD) {
+            self.fold();
+        }
+    }
+
+    fn fold(&mut self) {
+        let matrix = self.matrix.get_or_insert_with(|| Matrix::zeros(self.n, self.n));
+        dense::add_outer_products(matrix, &self.columns, 1.0);
+        self.columns.clear();
+    }
+
+    /// Adds another sum.
+    pub fn merge(&mut self, other: Self) {
+        if let Some(matrix) = other.matrix {
+            match &mut self.matrix {
+                Some(own) => *own += matrix,
+                None => self.matrix = Some(matrix),
+            }
+        }
+        self.add(&other.columns);
+    }
+
+    /// Subtracts the vectors `leaving` and adds `arriving`. Returns `false`, doing nothing, while vectors are kept.
+    pub(crate) fn exchange(&mut self, leaving: &[f64], arriving: &[f64]) -> bool {
+        let Some(matrix) = &mut self.matrix else { return false };
+        dense::add_outer_products(matrix, leaving, -1.0);
+        dense::add_outer_products(matrix, arriving, 1.0);
+        true
+    }
+
+    /// Extends the sum over `x` to a sum over `x` and `J x`, where `J` is the quarter turn of planar shapes:
+    /// `S + J S Jᵀ = [[A + C, ·], [B − Bᵀ, A + C]]` for `S = [[A, ·], [B, C]]`.
+    pub(crate) fn close_under_quarter_turn(&mut self) {
+        let turned: Vec<f64> = self.columns.chunks_exact(self.n).flat_map(|x| quarter_turn(x, 1.0)).collect();
+        self.columns.extend(turned);
+        if let Some(s) = &mut self.matrix {
+            let half = self.n / 2;
+            dense::fill_upper(s);
+            let sum = s.view((0, 0), (half, half)) + s.view((half, half), (half, half));
+            let cross = s.view((half, 0), (half, half)).into_owned();
+            s.view_mut((0, 0), (half, half)).copy_from(&sum);
+            s.view_mut((half, half), (half, half)).copy_from(&sum);
+            s.view_mut((half, 0), (half, half)).copy_from(&(&cross - cross.transpose()));
+        }
+    }
+
+    /// Orthonormal basis of the leading invariant subspace, iterated from the columns of `near`. `None` if the
+    /// iteration does not converge quickly.
+    pub(crate) fn leading_subspace(&mut self, near: &Matrix) -> Option<Matrix> {
+        if self.matrix.is_none() && self.columns.len() < self.n * self.n {
+            let x = Matrix::from_column_slice(self.n, self.columns.len() / self.n, &self.columns);
+            return dense::iterate_subspace(|v| dense::multiply(&x, &dense::transpose_multiply(&x, v)), near);
+        }
+        self.fold();
+        let s = self.matrix.as_mut().expect("folded");
+        dense::fill_upper(s);
+        dense::iterate_subspace(|v| dense::multiply(s, v), near)
+    }
+
+    /// Trace of the sum, `tr S`.
+    pub fn trace(&self) -> f64 {
+        dot(&self.columns, &self.columns) + self.matrix.as_ref().map_or(0.0, Matrix::trace)
+    }
+
+    /// The `count` leading eigenpairs of `S`; fewer if its rank is smaller (dual route).
+    ///
+    /// # Errors
+    /// [`NumericError::NoConvergence`](shapelex_numeric::NumericError::NoConvergence) if the eigenproblem fails.
+    pub fn leading(mut self, count: usize) -> Result<Eigenpairs, AnalysisError> {
+        if self.matrix.is_none() && self.columns.len() < self.n * self.n {
+            return dual_eigenpairs(&self.columns, self.n, count);
+        }
+        self.fold();
+        let matrix = self.matrix.expect("folded");
+        Ok(dense::leading_eigenpairs(&matrix, count)?)
+    }
+
+    pub(crate) fn write(&self, bytes: &mut Vec<u8>) {
+        write_numbers(bytes, &self.columns);
+        write_numbers(bytes, self.matrix.as_ref().map_or(&[], |m| m.as_slice()));
+    }
+
+    pub(crate) fn read(&mut self, bytes: &mut &[u8]) -> Result<(), AnalysisError> {
+        let columns = read_numbers(bytes)?;
+        let matrix = read_numbers(bytes)?;
+        if columns.len() % self.n != 0 || !(matrix.is_empty() || matrix.len() == self.n * self.n) {
+            return Err(AnalysisError::NotAnAccumulator);
+        }
+        self.columns = columns;
+        self.matrix = (!matrix.is_empty()).then(|| Matrix::from_vec(self.n, self.n, matrix));
+        Ok(())
+    }
+}
+
+/// Relative eigenvalue of `XᵀX` below which a direction is rounding error.
+const RANK: f64 = 1e-14;
+
+/// Eigenpairs of `X Xᵀ` from those of `XᵀX`: `f_i = X v_i / √λ_i`.
+///
+/// Division by a small `√λ` costs orthogonality, so the vectors are orthonormalised again in the order of their
+/// eigenvalues.
+fn dual_eigenpairs(columns: &[f64], n: usize, count: usize) -> Result<Eigenpairs, AnalysisError> {
+    let x = Matrix::from_column_slice(n, columns.len() / n, columns);
+    let pairs = dense::leading_eigenpairs(&dense::gram(columns, n), count)?;
+    let largest = pairs.values.first().copied().unwrap_or(0.0);
+    let rank = pairs.values.iter().take_while(|&&value| value > RANK * largest).count();
+    let mut vectors = dense::multiply(&x, &pairs.vectors.columns(0, rank).into_owned());
+    for j in 0..rank {
+        for i in 0..j {
+            let product = vectors.column(i).dot(&vectors.column(j));
+            let earlier = vectors.column(i).into_owned();
+            vectors.column_mut(j).axpy(-product, &earlier, 1.0);
+        }
+        let length = vectors.column(j).norm();
+        vectors.column_mut(j).scale_mut(1.0 / length);
+    }
+    Ok(Eigenpairs { values: pairs.values[..rank].to_vec(), vectors })
+}
+
+/// A weighted sum of outer products: scatter matrix, sum of vectors and of weights.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ScatterSum {
+    outer: OuterProductSum,
+    sum: Vec<f64>,
+    weight: f64,
+}
+
+impl ScatterSum {
+    /// The empty sum in `R^n`.
+    pub fn new(n: usize) -> Self {
+        Self { outer: OuterProductSum::new(n), sum: vec![0.0; n], weight: 0.0 }
+    }
+
+    /// Total weight, `Σ w`.
+    pub fn weight(&self) -> f64 {
+        self.weight
+    }
+
+    /// Weighted mean, `Σ w x / Σ w`.
+    pub fn mean(&self) -> Vec<f64> {
+        self.sum.iter().map(|value| value / self.weight).collect()
+    }
+
+    /// `tr S` and the leading eigenpairs of `S = Σ w x xᵀ`, or of `Σ w (x − x̄)(x − x̄)ᵀ`.
+    ///
+    /// Centring happens at the end. To avoid cancellation, subtract a fixed reference from every vector beforehand.
+    ///
+    /// # Errors
+    /// As [`OuterProductSum::leading`].
+    pub fn leading(mut self, centre: bool, count: usize) -> Result<(f64, Eigenpairs), AnalysisError> {
+        if centre {
+            self.outer.fold();
+            let mean = self.mean();
+            let matrix = self.outer.matrix.as_mut().expect("folded");
+            for j in 0..mean.len() {
+                for i in j..mean.len() {
+                    matrix[(i, j)] -= self.weight * mean[i] * mean[j];
+                }
+            }
+        }
+        Ok((self.outer.trace(), self.outer.leading(count)?))
+    }
+}
+
+impl Accumulator for ScatterSum {
+    fn update(&mut self, shapes: Shapes<'_>) -> Result<(), AnalysisError> {
+        let mut columns = shapes.whitened.to_vec();
+        let n = self.sum.len();
+        for (column, &weight) in columns.chunks_exact_mut(n).zip(shapes.weights) {
+            self.sum.iter_mut().zip(column.iter()).for_each(|(sum, x)| *sum += weight * x);
+            if weight != 1.0 {
+                let root = weight.sqrt();
+                column.iter_mut().for_each(|x| *x *= root);
+            }
+            self.weight += weight;
+        }
+        self.outer.add(&columns);
+        Ok(())
+    }
+
+    fn merge(&mut self, other: Self) {
+        self.outer.merge(other.outer);
+        self.sum.iter_mut().zip(&other.sum).for_each(|(a, b)| *a += b);
+        self.weight += other.weight;
+    }
+
+    fn to_bytes(&self) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        write_numbers(&mut bytes, &[self.weight]);
+        write_numbers(&mut bytes, &self.sum);
+        self.outer.write(&mut bytes);
+        bytes
+    }
+
+    fn restore(&mut self, mut bytes: &[u8]) -> Result<(), AnalysisError> {
+        let weight = read_numbers(&mut bytes)?;
+        let sum = read_numbers(&mut bytes)?;
+        if weight.len() != 1 || sum.len() != self.sum.len() {
+            return Err(AnalysisError::NotAnAccumulator);
+        }
+        (self.weight, self.sum) = (weight[0], sum);
+        self.outer.read(&mut bytes)
+    }
+}

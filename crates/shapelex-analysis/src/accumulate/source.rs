@@ -1,0 +1,309 @@
+//! Sources of prepared shapes.
+
+use rayon::prelude::*;
+
+use crate::AnalysisError;
+use crate::metric::{Metric, norm};
+use crate::pass::Pass;
+use crate::subspace::{check_extent, flatten};
+
+/// Shapes per partial sum. Part of the definition of every result: changing it changes last bits.
+pub const BLOCK: usize = 128;
+
+/// Shapes per part: their blocks merge before they are added to the total. A part is the unit of work of a distributed
+/// sum. Part of the definition of every result over more shapes than that, as [`BLOCK`] is.
+pub const PART: usize = 64 * BLOCK;
+
+/// Shapes per task of a map. Results do not depend on it.
+const MAP_BLOCK: usize = 16;
+
+/// A batch of consecutive prepared shapes: whitened, centred when the class translates, `d·N` numbers each.
+#[derive(Debug, Clone, Copy)]
+pub struct Shapes<'a> {
+    /// Position of the first shape in the whole set.
+    pub first: usize,
+    /// The shapes, one after the other.
+    pub whitened: &'a [f64],
+    /// One positive weight per shape.
+    pub weights: &'a [f64],
+}
+
+impl<'a> Shapes<'a> {
+    /// `(position, whitened shape, weight)` of every shape.
+    pub fn iter(&self) -> impl Iterator<Item = (usize, &'a [f64], f64)> {
+        let length = self.whitened.len() / self.weights.len().max(1);
+        let rows = self.whitened.chunks_exact(length.max(1)).zip(self.weights);
+        let first = self.first;
+        rows.enumerate().map(move |(i, (x, &weight))| (first + i, x, weight))
+    }
+
+    /// Splits off the first `shapes` shapes.
+    pub(crate) fn split_at(self, shapes: usize) -> (Self, Self) {
+        let length = self.whitened.len() / self.weights.len().max(1);
+        let (left, right) = self.whitened.split_at(shapes * length);
+        let (first_weights, other_weights) = self.weights.split_at(shapes);
+        let rest = Shapes { first: self.first + shapes, whitened: right, weights: other_weights };
+        (Shapes { first: self.first, whitened: left, weights: first_weights }, rest)
+    }
+
+    /// Consecutive blocks of `size` shapes; the last one may be shorter.
+    pub(crate) fn blocks(self, size: usize) -> impl IndexedParallelIterator<Item = Shapes<'a>> {
+        let length = self.whitened.len() / self.weights.len().max(1);
+        let rows = self.whitened.par_chunks(size * length.max(1));
+        rows.zip(self.weights.par_chunks(size)).enumerate().map(move |(i, (whitened, weights))| Shapes {
+            first: self.first + i * size,
+            whitened,
+            weights,
+        })
+    }
+}
+
+/// A set of shapes that can be read several times, always in the same order.
+pub trait ShapeSource: Sync {
+    /// Error of a read: a bad shape, or a failure of the storage that the shapes come from.
+    type Error: From<AnalysisError> + Send;
+
+    /// Number of shapes.
+    fn count(&self) -> usize;
+
+    /// Calls `visit` with consecutive batches; every batch but the last has a multiple of [`BLOCK`] shapes.
+    ///
+    /// # Errors
+    /// The first error of the storage or of `visit`.
+    fn for_each_batch(
+        &self,
+        visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), Self::Error>,
+    ) -> Result<(), Self::Error>;
+
+    /// The error with the name of the shape that caused it, as far as the source knows it.
+    fn located(&self, error: Self::Error) -> Self::Error {
+        error
+    }
+
+    /// Distributes the parts to idle workers and passes their sums to `merge` in order, as
+    /// [`Accumulator::to_bytes`] wrote them. Returns `false`, doing nothing, if the sum should be computed locally.
+    ///
+    /// # Errors
+    /// The first error of the storage or of `merge`.
+    fn spread(&self, pass: &Pass, merge: &mut MergePart<'_>) -> Result<bool, Self::Error> {
+        let _ = (pass, merge);
+        Ok(false)
+    }
+}
+
+/// Receives the serialised sum of a part.
+pub type MergePart<'a> = dyn FnMut(&[u8]) -> Result<(), AnalysisError> + 'a;
+
+/// Shapes in memory, prepared once.
+#[derive(Debug, Clone)]
+pub struct ShapesInMemory {
+    whitened: Vec<f64>,
+    weights: Vec<f64>,
+}
+
+impl ShapesInMemory {
+    /// Prepares `control_points`, `d·N` coordinate-major numbers per shape, one shape after the other.
+    ///
+    /// # Errors
+    /// [`AnalysisError::NoExtent`] for the first shape without an extent.
+    pub fn new(
+        metric: &Metric,
+        centred: bool,
+        mut control_points: Vec<f64>,
+        weights: Vec<f64>,
+    ) -> Result<Self, AnalysisError> {
+        prepare(metric, centred, 0, &mut control_points)?;
+        Ok(Self { whitened: control_points, weights })
+    }
+
+    /// Wraps shapes that are already prepared.
+    pub fn prepared(whitened: Vec<f64>, weights: Vec<f64>) -> Self {
+        Self { whitened, weights }
+    }
+
+    /// All shapes of a source.
+    ///
+    /// # Errors
+    /// Errors of the source.
+    pub fn of<S: ShapeSource>(source: &S) -> Result<Self, S::Error> {
+        let (mut whitened, mut weights) = (Vec::new(), Vec::new());
+        source.for_each_batch(&mut |batch: Shapes<'_>| {
+            whitened.extend_from_slice(batch.whitened);
+            weights.extend_from_slice(batch.weights);
+            Ok(())
+        })?;
+        Ok(Self::prepared(whitened, weights))
+    }
+
+    /// At most `most` shapes of a source, evenly spread over it.
+    ///
+    /// # Errors
+    /// Errors of the source.
+    pub fn spread_out<S: ShapeSource>(source: &S, most: usize) -> Result<Self, S::Error> {
+        let (count, held) = (source.count(), source.count().min(most));
+        let (mut whitened, mut weights) = (Vec::new(), Vec::new());
+        let mut wanted = (0..held).map(|i| i * count / held).peekable();
+        source.for_each_batch(&mut |batch| {
+            for (_, x, weight) in batch.iter().filter(|(k, ..)| wanted.next_if_eq(k).is_some()) {
+                whitened.extend_from_slice(x);
+                weights.push(weight);
+            }
+            Ok(())
+        })?;
+        Ok(Self::prepared(whitened, weights))
+    }
+
+    /// The prepared shapes.
+    pub fn all(&self) -> Shapes<'_> {
+        Shapes { first: 0, whitened: &self.whitened, weights: &self.weights }
+    }
+}
+
+impl ShapeSource for ShapesInMemory {
+    type Error = AnalysisError;
+
+    fn count(&self) -> usize {
+        self.weights.len()
+    }
+
+    fn for_each_batch(
+        &self,
+        visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), AnalysisError>,
+    ) -> Result<(), AnalysisError> {
+        visit(self.all())
+    }
+}
+
+/// A source that checks `stop` before every [`PART`] of shapes, so that an iteration over it can be cancelled.
+pub struct Watched<'a, S> {
+    source: &'a S,
+    stop: &'a (dyn Fn() -> bool + Sync),
+}
+
+impl<'a, S> Watched<'a, S> {
+    /// Wraps `source`; reading ends with [`AnalysisError::Interrupted`] once `stop` returns true.
+    pub fn new(source: &'a S, stop: &'a (dyn Fn() -> bool + Sync)) -> Self {
+        Self { source, stop }
+    }
+}
+
+impl<S: ShapeSource> ShapeSource for Watched<'_, S> {
+    type Error = S::Error;
+
+    fn count(&self) -> usize {
+        self.source.count()
+    }
+
+    fn for_each_batch(
+        &self,
+        visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), S::Error>,
+    ) -> Result<(), S::Error> {
+        self.source.for_each_batch(&mut |mut rest| {
+            loop {
+                if (self.stop)() {
+                    return Err(AnalysisError::Interrupted.into());
+                }
+                let count = rest.weights.len().min(PART);
+                let (part, others) = rest.split_at(count);
+                visit(part)?;
+                if others.weights.is_empty() {
+                    return Ok(());
+                }
+                rest = others;
+            }
+        })
+    }
+
+    fn located(&self, error: S::Error) -> S::Error {
+        self.source.located(error)
+    }
+
+    fn spread(&self, pass: &Pass, merge: &mut MergePart<'_>) -> Result<bool, S::Error> {
+        self.source.spread(pass, merge)
+    }
+}
+
+/// Turns control points into prepared shapes, in place: centred when `centred`, then whitened.
+///
+/// # Errors
+/// [`AnalysisError::NoExtent`] with the position (`first` + offset) of the first shape without an extent.
+pub fn prepare(
+    metric: &Metric,
+    centred: bool,
+    first: usize,
+    shapes: &mut [f64],
+) -> Result<(), AnalysisError> {
+    let length = metric.len();
+    shapes.par_chunks_mut(BLOCK * length).enumerate().try_for_each(|(block, rows)| {
+        for (i, shape) in rows.chunks_exact_mut(length).enumerate() {
+            let size = norm(shape);
+            if centred {
+                metric.centre(shape);
+            }
+            check_extent(norm(shape), size).map_err(|error| error.at(first + block * BLOCK + i))?;
+            if centred {
+                flatten(shape, metric.dimension(), size);
+            }
+        }
+        metric.whiten(rows);
+        Ok(())
+    })
+}
+
+/// Calls `visit` with every batch of `source`, its shapes changed in place by `change`, which also receives them as they
+/// were.
+///
+/// # Errors
+/// Errors of the source, of `change` and of `visit`.
+pub(crate) fn for_each_changed<S: ShapeSource>(
+    source: &S,
+    change: impl Fn(Shapes<'_>, &mut [f64]) -> Result<(), AnalysisError>,
+    visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), S::Error>,
+) -> Result<(), S::Error> {
+    source.for_each_batch(&mut |batch| {
+        let mut whitened = batch.whitened.to_vec();
+        change(batch, &mut whitened)?;
+        visit(Shapes { whitened: &whitened, ..batch })
+    })
+}
+
+/// One value for every shape, in order, computed in parallel.
+///
+/// # Errors
+/// The first error of the source or of `f`.
+pub fn map_shapes<S: ShapeSource, T: Send>(
+    source: &S,
+    f: impl Fn(usize, &[f64], f64) -> Result<T, AnalysisError> + Sync,
+) -> Result<Vec<T>, S::Error> {
+    let mut values = Vec::with_capacity(source.count());
+    source.for_each_batch(&mut |batch| {
+        let blocks: Vec<Result<Vec<T>, AnalysisError>> =
+            batch.blocks(MAP_BLOCK).map(|block| block.iter().map(|(i, x, w)| f(i, x, w)).collect()).collect();
+        for block in blocks {
+            values.extend(block?);
+        }
+        Ok(())
+    })?;
+    Ok(values)
+}
+
+/// The eligible shape with the lexicographically smallest coordinates: a choice that does not depend on the
+/// order of the shapes.
+///
+/// # Errors
+/// [`AnalysisError::TooFewShapes`] when no position is eligible; errors of the source.
+pub fn smallest_eligible<S: ShapeSource>(
+    source: &S,
+    eligible: impl Fn(usize) -> bool,
+) -> Result<Vec<f64>, S::Error> {
+    let mut chosen: Option<Vec<f64>> = None;
+    source.for_each_batch(&mut |batch| {
+        for (_, x, _) in batch.iter().filter(|(k, ..)| eligible(*k)) {
+            if chosen.as_deref().is_none_or(|c| x.partial_cmp(c) == Some(std::cmp::Ordering::Less)) {
+                chosen = Some(x.to_vec());
+            }
+        }
+        Ok(())
+    })?;
+    Ok(chosen.ok_or(AnalysisError::TooFewShapes { found: 0, needed: 1 })?)
+}
