@@ -511,6 +511,13 @@ pub(super) struct SampleOutput {
     shape: ShapeOutput,
 }
 
+impl SampleOutput {
+    fn new(sample: Sample, dimension: usize) -> Self {
+        let control_points = Points::from_columns(sample.control_points, dimension);
+        Self { scores: sample.scores, shape: ShapeOutput { control_points } }
+    }
+}
+
 /// Random shapes, in the pose of the dictionary.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct SampleAnswer {
@@ -542,12 +549,13 @@ pub(super) async fn sample(
     let work = ready.work(count, 0, &app.limits);
     compute(app.weighing(work), move |app| {
         let dimension = ready.setup.metric.dimension();
-        let output = |sample: Sample| SampleOutput {
-            scores: sample.scores,
-            shape: ShapeOutput { control_points: Points::from_columns(sample.control_points, dimension) },
-        };
         let shapes = coding::sample(app, &ready, count, seed, sigma)?;
-        json(StatusCode::OK, &SampleAnswer { shapes: shapes.into_iter().map(output).collect() })
+        json(
+            StatusCode::OK,
+            &SampleAnswer {
+                shapes: shapes.into_iter().map(|sample| SampleOutput::new(sample, dimension)).collect(),
+            },
+        )
     })
     .await
 }

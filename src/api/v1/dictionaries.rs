@@ -13,6 +13,7 @@ use crate::analysis::classification::record::{ClassifierKind, ClassifierSettings
 use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
 use crate::analysis::dictionary::content::{Atom, MeanRecord, Statistics};
 use crate::analysis::dictionary::method::Method;
+use crate::analysis::dictionary::modes::Mode;
 use crate::analysis::frame::Frame;
 use crate::analysis::rows::Row;
 use crate::analysis::transformation::Transformation;
@@ -20,12 +21,12 @@ use crate::api::extract::{Caller, Format, JsonBody, NoQuery, OnlyFormat, Path, P
 use crate::api::problem::Problem;
 use crate::api::respond::{compute, json, mesh, svg};
 use crate::domain::dictionary::Listed;
-use crate::domain::job::{JobStatus, Priority};
+use crate::domain::job::{Job, JobStatus, Priority};
 use crate::domain::shape::ShapeFilter;
 use crate::formats::checked::{Checked, document, take_given, take_or_default};
 use crate::formats::shape::Points;
 use crate::geometry::representation::Representation;
-use crate::service::app::{ServiceError, Work};
+use crate::service::app::{App, ServiceError, Work};
 use crate::service::cost::jobs::Estimate;
 use crate::service::dictionaries::file::DictionaryFile;
 use crate::service::dictionaries::planning::{From as LearnFrom, Learn, Planned};
@@ -299,10 +300,14 @@ pub(super) async fn learn_dictionary(
     let job = planning::submit(&app.clone().with_body(&body), plan, &estimate).await?;
     // Who does not wait is told of the job, also when the same request has been answered before and the job is over.
     let Some(time) = prefer.wait else { return Ok(accepted(job)?) };
-    let job = jobs::wait(&app, &job.id, time).await?;
+    learnt(&app, jobs::wait(&app, &job.id, time).await?).await
+}
+
+/// The dictionary of a job that has succeeded, else the job.
+async fn learnt(app: &App, job: Job) -> Result<Response, Problem> {
     match (job.status, job.result.as_ref().and_then(|result| result["dictionary"].as_str())) {
         (JobStatus::Succeeded, Some(id)) => {
-            let ready = ready::find(&app, id).await?;
+            let ready = ready::find(app, id).await?;
             let location = format!("/v1/dictionaries/{id}");
             let response = json(StatusCode::CREATED, &DictionaryOutput::new(&ready))?;
             Ok(([(header::LOCATION, location)], response).into_response())
@@ -513,6 +518,15 @@ pub(super) struct ModeAnswer {
     plus: ShapeOutput,
 }
 
+impl ModeAnswer {
+    fn new(component: usize, sigma: f64, mode: Mode, dimension: usize) -> Self {
+        let Mode { explained, deviation, shapes } = mode;
+        let [minus, mean, plus] =
+            shapes.map(|shape| ShapeOutput { control_points: Points::from_columns(shape, dimension) });
+        Self { component, sigma, explained, deviation, minus, mean, plus }
+    }
+}
+
 /// Returns the mean and the two sides of a mode of variation.
 ///
 /// As SVG: all three in one picture. As OBJ, PLY, STL or glTF: the mesh of the surface at the mean plus `sigma` standard
@@ -543,11 +557,7 @@ pub(super) async fn dictionary_mode(
             }
             ShapeFormat::Plain(Format::Json) => {}
         }
-        let dimension = ready.setup.metric.dimension();
-        let [minus, mean, plus] =
-            mode.shapes.map(|shape| ShapeOutput { control_points: Points::from_columns(shape, dimension) });
-        let (explained, deviation) = (mode.explained, mode.deviation);
-        json(StatusCode::OK, &ModeAnswer { component, sigma, explained, deviation, minus, mean, plus })
+        json(StatusCode::OK, &ModeAnswer::new(component, sigma, mode, ready.setup.metric.dimension()))
     })
     .await
 }

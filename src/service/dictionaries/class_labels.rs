@@ -33,8 +33,8 @@ pub async fn read(
     filter: &ShapeFilter,
     attribute: &str,
 ) -> Result<ClassLabels, ServiceError> {
-    let at = |detail: String| ServiceError::invalid("/classifier/attribute", detail);
-    let wanted = || at(format!("{}, got '{attribute}'", Attribute::WANTED));
+    let refused = |detail: String| ServiceError::invalid("/classifier/attribute", detail);
+    let wanted = || refused(format!("{}, got '{attribute}'", Attribute::WANTED));
     let parsed = Attribute::parse(attribute).ok_or_else(wanted)?;
     let shapes = describe(app, cohort, filter, "/filter").await?;
     let names: Vec<Option<String>> = shapes.iter().map(|shape| parsed.text(shape)).collect();
@@ -42,7 +42,7 @@ pub async fn read(
     let missing = without().count();
     if missing == shapes.len() && missing > 0 {
         let known = KnownAttributes::of(app, cohort).await?;
-        return Err(at(format!("no shape has the attribute '{attribute}': {known}")));
+        return Err(refused(format!("no shape has the attribute '{attribute}': {known}")));
     }
     if missing > 0 {
         let first = first_names(without());
@@ -51,7 +51,7 @@ pub async fn read(
             "{missing} of {all} shapes lack '{attribute}' ({first}): set it, or exclude these shapes with a \
              filter"
         );
-        return Err(at(detail));
+        return Err(refused(detail));
     }
     let subjects: Vec<Option<String>> = shapes.into_iter().map(|shape| shape.subject).collect();
     Ok(ClassLabels::new(&names.into_iter().flatten().collect::<Vec<_>>(), &subjects))
@@ -65,37 +65,53 @@ pub fn faults(
     method: &Method,
     length: usize,
 ) -> Vec<Fault> {
-    let mut faults = Vec::new();
-    let mut fault = |field: &str, detail: String| {
-        faults.push(Fault::new(format!("/classifier/{field}"), detail));
-    };
-    let (attribute, sizes, units) = (&settings.attribute, labels.sizes(), labels.units());
-    if labels.labels.len() < 2 {
-        let only = labels.labels.first().map_or("", String::as_str);
-        fault(
-            "attribute",
-            format!("expected at least two classes, but all shapes have the same '{attribute}', '{only}'"),
-        );
-        return faults;
-    }
-    if labels.labels.len() > MAX_CLASSES {
-        let found = labels.labels.len();
-        fault(
-            "attribute",
-            format!("expected at most {MAX_CLASSES} classes, got {found} values of '{attribute}'"),
-        );
-        return faults;
+    if let Some(fault) = count_fault(labels, &settings.attribute) {
+        return vec![fault];
     }
     let stored = stored(settings, method, labels.classes.len(), labels.labels.len(), length);
-    if stored > MAX_STORED {
+    let too_large = (stored > MAX_STORED).then(|| {
         let detail = format!(
             "expected a classifier of at most {MAX_STORED} numbers, got {stored}: ask for fewer components, \
              choose fewer shapes, or another kind"
         );
-        fault("kind", detail);
-    }
-    let smallest = (1..sizes.len()).fold(0, |best, c| if sizes[c] < sizes[best] { c } else { best });
-    let fewest = (1..units.len()).fold(0, |best, c| if units[c] < units[best] { c } else { best });
+        at("kind", detail)
+    });
+    let found = [
+        too_large,
+        division_fault(labels, settings),
+        neighbours_fault(labels, settings),
+        evidence_fault(labels, settings),
+    ];
+    found.into_iter().flatten().collect()
+}
+
+fn at(field: &str, detail: String) -> Fault {
+    Fault::new(format!("/classifier/{field}"), detail)
+}
+
+fn count_fault(labels: &ClassLabels, attribute: &str) -> Option<Fault> {
+    let found = labels.labels.len();
+    let detail = if found < 2 {
+        let only = labels.labels.first().map_or("", String::as_str);
+        format!("expected at least two classes, but all shapes have the same '{attribute}', '{only}'")
+    } else if found > MAX_CLASSES {
+        format!("expected at most {MAX_CLASSES} classes, got {found} values of '{attribute}'")
+    } else {
+        return None;
+    };
+    Some(at("attribute", detail))
+}
+
+/// Position of the first smallest number.
+fn smallest(values: &[usize]) -> usize {
+    (1..values.len()).fold(0, |best, c| if values[c] < values[best] { c } else { best })
+}
+
+/// Why the classes cannot be divided into the folds of the validation.
+fn division_fault(labels: &ClassLabels, settings: &ClassifierSettings) -> Option<Fault> {
+    let (sizes, units, folds) = (labels.sizes(), labels.units(), settings.folds);
+    let fewest = smallest(&units);
+    let (label, cases) = (&labels.labels[fewest], units[fewest]);
     let alone: Vec<&str> =
         (0..sizes.len()).filter(|&c| sizes[c] == 1).map(|c| labels.labels[c].as_str()).collect();
     if !alone.is_empty() {
@@ -104,49 +120,52 @@ pub fn faults(
             "expected at least 2 shapes in each class, but {} classes have only one ('{named}')",
             alone.len()
         );
-        fault("attribute", detail);
-    } else if settings.folds > units[fewest] {
-        let (label, shapes, units) = (&labels.labels[fewest], sizes[fewest], units[fewest]);
-        let of = if labels.subjects.is_some() {
-            format!("{shapes} shapes of {units} subjects")
-        } else {
-            format!("{shapes} shapes")
+        return Some(at("attribute", detail));
+    }
+    if folds > cases {
+        let shapes = sizes[fewest];
+        let of = match labels.subjects {
+            Some(_) => format!("{shapes} shapes of {cases} subjects"),
+            None => format!("{shapes} shapes"),
         };
         let detail = format!(
-            "expected at most as many folds as the smallest class can be divided into, got {}: the class \
-             '{label}' has {of}",
-            settings.folds
+            "expected at most as many folds as the smallest class can be divided into, got {folds}: the class \
+             '{label}' has {of}"
         );
-        fault("folds", detail);
-    } else if settings.kind == ClassifierKind::Best
-        && units[fewest] - units[fewest].div_ceil(settings.folds) < 2
-    {
-        let detail = format!(
-            "best divides the training shapes once more, but the class '{}' has only {} cases: choose \
-             another kind, or fewer folds",
-            labels.labels[fewest], units[fewest]
-        );
-        fault("kind", detail);
+        return Some(at("folds", detail));
     }
-    if let Some(neighbours) = settings.neighbours.filter(|&k| k > sizes[smallest]) {
-        let (label, size) = (&labels.labels[smallest], sizes[smallest]);
+    let divides = settings.kind != ClassifierKind::Best || cases - cases.div_ceil(folds) >= 2;
+    (!divides).then(|| {
         let detail = format!(
-            "expected at most {size}, the number of shapes of the class '{label}' (which could never win \
-             otherwise), got {neighbours}"
+            "best divides the training shapes once more, but the class '{label}' has only {cases} cases: choose \
+             another kind, or fewer folds"
         );
-        fault("neighbours", detail);
-    }
-    let evidence = labels.classes.len().saturating_mul(labels.labels.len()).saturating_mul(settings.repeats);
-    if evidence > MAX_EVIDENCE {
+        at("kind", detail)
+    })
+}
+
+fn neighbours_fault(labels: &ClassLabels, settings: &ClassifierSettings) -> Option<Fault> {
+    let sizes = labels.sizes();
+    let smallest = smallest(&sizes);
+    let neighbours = settings.neighbours.filter(|&k| k > sizes[smallest])?;
+    let (label, size) = (&labels.labels[smallest], sizes[smallest]);
+    let detail = format!(
+        "expected at most {size}, the number of shapes of the class '{label}' (which could never win otherwise), \
+         got {neighbours}"
+    );
+    Some(at("neighbours", detail))
+}
+
+fn evidence_fault(labels: &ClassLabels, settings: &ClassifierSettings) -> Option<Fault> {
+    let (shapes, classes) = (labels.classes.len(), labels.labels.len());
+    let evidence = shapes.saturating_mul(classes).saturating_mul(settings.repeats);
+    (evidence > MAX_EVIDENCE).then(|| {
         let detail = format!(
-            "expected at most {MAX_EVIDENCE} numbers of evidence, got {evidence} ({} shapes, {} classes): \
-             choose fewer repeats",
-            labels.classes.len(),
-            labels.labels.len()
+            "expected at most {MAX_EVIDENCE} numbers of evidence, got {evidence} ({shapes} shapes, {classes} \
+             classes): choose fewer repeats"
         );
-        fault("repeats", detail);
-    }
-    faults
+        at("repeats", detail)
+    })
 }
 
 /// Count of numbers stored in a classifier of `shapes` shapes and `classes` classes. `best` chooses only kinds that are
@@ -177,11 +196,10 @@ fn stored(
 /// Faults of the settings of a classifier that do not depend on the shapes.
 pub(crate) fn settings_faults(settings: &ClassifierSettings, method: &Method) -> Vec<Fault> {
     use ClassifierKind::{Best, Discriminant, NearestAtom, NearestNeighbours, SparseResidual};
-    let atoms = method.atoms();
     let mut faults = Vec::new();
     let mut check = |ok: bool, field: &str, detail: String| {
         if !ok {
-            faults.push(Fault::new(format!("/classifier/{field}"), detail));
+            faults.push(at(field, detail));
         }
     };
     let kind = settings.kind;
@@ -217,6 +235,18 @@ pub(crate) fn settings_faults(settings: &ClassifierSettings, method: &Method) ->
         "neighbours",
         belongs("nearest_neighbours"),
     );
+    faults.extend(range_faults(settings, method.atoms()));
+    faults
+}
+
+/// Numbers of the settings that are out of range, for a dictionary of `atoms` atoms.
+fn range_faults(settings: &ClassifierSettings, atoms: usize) -> Vec<Fault> {
+    let mut faults = Vec::new();
+    let mut check = |ok: bool, field: &str, detail: String| {
+        if !ok {
+            faults.push(at(field, detail));
+        }
+    };
     if let Some(components) = settings.components {
         check(
             (1..=atoms).contains(&components),

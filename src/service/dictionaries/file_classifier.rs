@@ -73,17 +73,20 @@ fn trained_faults(content: &Content, record: &ClassifierRecord, trained: &Traine
     if let Trained::Ensemble { members } = trained {
         return member_faults(content, record, members, at);
     }
-    let mut faults = Vec::new();
-    let mut check = |ok: bool, field: &str, detail: &str| {
-        if !ok {
-            faults.push(Fault::new(format!("/content/classifier/{at}/{field}"), detail));
-        }
-    };
-    let classes = record.classes.len();
-    let atoms = content.atoms.len();
+    let wrong = checks(content, record, trained).into_iter().filter(|(fits, ..)| !fits);
+    let fault =
+        |(_, field, detail)| Fault::new(format!("/content/classifier/{at}/{field}"), String::from(detail));
+    wrong.map(fault).collect()
+}
+
+/// Whether a field is consistent, its name, and what is expected of it.
+type Check = (bool, &'static str, &'static str);
+
+/// Checks of a single classifier.
+fn checks(content: &Content, record: &ClassifierRecord, trained: &Trained) -> Vec<Check> {
+    let (classes, atoms) = (record.classes.len(), content.atoms.len());
     let described = atoms + usize::from(record.settings.sees_size());
     let (size, dimension) = (content.representation.size(), content.representation.dimension());
-    let finite = |values: &[f64]| values.iter().all(|value| value.abs() <= MAX_NUMBER);
     match trained {
         Trained::MeanSpace { means } => {
             let shape = |rows: &Vec<Row>| {
@@ -92,49 +95,68 @@ fn trained_faults(content: &Content, record: &ClassifierRecord, trained: &Traine
                     && rows.iter().flatten().any(|value| *value != 0.0)
             };
             let fits = means.len() == classes && means.iter().all(shape);
-            check(fits, "means", "expected one shape of the representation per class");
+            vec![(fits, "means", "expected one shape of the representation per class")]
         }
         Trained::NearestAtom { atoms: of } | Trained::SparseResidual { atoms: of } => {
             let own = |of: &Vec<usize>| of.is_sorted_by(|a, b| a < b) && of.iter().all(|&j| j < atoms);
             let fits = of.len() == classes && of.iter().all(own);
-            check(fits, "atoms", "expected the atoms of every class in ascending order");
+            vec![(fits, "atoms", "expected the atoms of every class in ascending order")]
         }
-        Trained::Discriminant { features, scales, means, factors, log_priors, .. } => {
-            let p = features.len();
-            let fits =
-                p > 0 && features.iter().all(|&i| i < described) && features.is_sorted_by(|a, b| a < b);
-            check(fits, "features", "expected positions of features in ascending order");
-            let fits = scales.len() == p && scales.iter().all(|scale| *scale > 0.0 && *scale <= MAX_NUMBER);
-            check(fits, "scales", "expected one positive number per feature");
-            let fits = means.len() == classes && means.iter().all(|mean| mean.len() == p && finite(mean));
-            check(fits, "means", "expected the features of every class");
-            let triangle = |factor: &Vec<f64>| {
-                factor.len() == p * (p + 1) / 2
-                    && finite(factor)
-                    && (0..p).all(|i| factor[i * (i + 3) / 2] > 1e-100)
-            };
-            let fits = (factors.len() == 1 || factors.len() == classes) && factors.iter().all(triangle);
-            check(fits, "factors", "expected lower triangles with a positive diagonal");
-            let fits = log_priors.len() == classes && finite(log_priors);
-            check(fits, "log_priors", "expected one number per class");
-        }
-        Trained::NearestNeighbours { neighbours, features, classes: of, size_factor } => {
-            check(
-                (1..=of.len()).contains(neighbours),
-                "neighbours",
-                "expected at least one neighbour, and at most as many as there are shapes",
-            );
-            let fits = features.len() == of.len()
-                && features.iter().all(|features| features.len() == described && finite(features));
-            check(fits, "features", "expected the features of every shape");
-            let all =
-                (0..classes).all(|class| of.contains(&class)) && of.iter().all(|&class| class < classes);
-            check(all, "classes", "expected positions of classes, every class at least once");
-            let fits = size_factor.is_some() == record.settings.sees_size()
-                && size_factor.is_none_or(|factor| (0.0..=MAX_NUMBER).contains(&factor));
-            check(fits, "size_factor", "expected a factor exactly when size is one of the features");
-        }
-        Trained::Ensemble { .. } => {}
+        Trained::Discriminant { .. } => discriminant_checks(trained, classes, described),
+        Trained::NearestNeighbours { .. } => neighbour_checks(record, trained, described),
+        Trained::Ensemble { .. } => Vec::new(),
     }
-    faults
+}
+
+fn finite(values: &[f64]) -> bool {
+    values.iter().all(|value| value.abs() <= MAX_NUMBER)
+}
+
+/// Checks of a discriminant of shapes with `described` features.
+fn discriminant_checks(trained: &Trained, classes: usize, described: usize) -> Vec<Check> {
+    let Trained::Discriminant { features, scales, means, factors, log_priors, .. } = trained else {
+        return Vec::new();
+    };
+    let p = features.len();
+    let ascending = features.iter().all(|&i| i < described) && features.is_sorted_by(|a, b| a < b);
+    let positive = |scale: &f64| *scale > 0.0 && *scale <= MAX_NUMBER;
+    let triangle = |factor: &Vec<f64>| {
+        factor.len() == p * (p + 1) / 2 && finite(factor) && (0..p).all(|i| factor[i * (i + 3) / 2] > 1e-100)
+    };
+    let factors_fit = (factors.len() == 1 || factors.len() == classes) && factors.iter().all(triangle);
+    let means_fit = means.len() == classes && means.iter().all(|mean| mean.len() == p && finite(mean));
+    vec![
+        (p > 0 && ascending, "features", "expected positions of features in ascending order"),
+        (
+            scales.len() == p && scales.iter().all(positive),
+            "scales",
+            "expected one positive number per feature",
+        ),
+        (means_fit, "means", "expected the features of every class"),
+        (factors_fit, "factors", "expected lower triangles with a positive diagonal"),
+        (log_priors.len() == classes && finite(log_priors), "log_priors", "expected one number per class"),
+    ]
+}
+
+/// Checks of a vote of neighbours among shapes with `described` features.
+fn neighbour_checks(record: &ClassifierRecord, trained: &Trained, described: usize) -> Vec<Check> {
+    let Trained::NearestNeighbours { neighbours, features, classes: of, size_factor } = trained else {
+        return Vec::new();
+    };
+    let classes = record.classes.len();
+    let features_fit = features.len() == of.len()
+        && features.iter().all(|features| features.len() == described && finite(features));
+    let all = (0..classes).all(|class| of.contains(&class)) && of.iter().all(|&class| class < classes);
+    let factor_fits = size_factor.is_some() == record.settings.sees_size()
+        && size_factor.is_none_or(|factor| (0.0..=MAX_NUMBER).contains(&factor));
+    vec![
+        (
+            (1..=of.len()).contains(neighbours),
+            "neighbours",
+            "expected at least one neighbour, and at most as many as there are shapes",
+        ),
+        (features_fit, "features", "expected the features of every shape"),
+        (all, "classes", "expected positions of classes, every class at least once"),
+        (factor_fits, "size_factor", "expected a factor exactly when size is one of the features"),
+    ]
 }

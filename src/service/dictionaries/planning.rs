@@ -95,9 +95,25 @@ pub async fn plan(app: &App, learn: Learn) -> Result<Planned, ServiceError> {
     ServiceError::unless_empty(faults)?;
     let cohort = catalogue::find(app, &learn.cohort).await?;
     check_name_is_open(app, &learn.name).await?;
-    let (plan, since) = match learn.from {
+    let (plan, since) = started(app, learn, &cohort).await?;
+    let revisions = Revisions { after: since, until: plan.revision };
+    let shapes = app.store.count(&cohort.id, revisions, &plan.filter).await?;
+    check_count(&plan, since, shapes)?;
+    if let Some(classifier) = &plan.classifier {
+        check_classifier(app, &cohort, &plan, classifier, shapes).await?;
+    }
+    let (task_app, work) = (app.clone(), requests::space(&cohort.representation, &app.limits));
+    let estimated = move || {
+        let estimate = estimate(&task_app, &plan, &cohort, shapes)?;
+        Ok(Planned { plan, estimate })
+    };
+    app.pool.weighing(work).run(estimated).await
+}
+
+/// Plan of a request, and the revision up to which an earlier version has seen the shapes.
+async fn started(app: &App, learn: Learn, cohort: &Cohort) -> Result<(Plan, u64), ServiceError> {
+    match learn.from {
         From::Anew { filter, transformation, alignment, frame, mirror, method, classifier } => {
-            let mirror = mirror.unwrap_or(cohort.mirror);
             let plan = Plan {
                 name: learn.name,
                 cohort: cohort.id.clone(),
@@ -106,57 +122,48 @@ pub async fn plan(app: &App, learn: Learn) -> Result<Planned, ServiceError> {
                 transformation,
                 alignment,
                 frame,
-                mirror,
+                mirror: mirror.unwrap_or(cohort.mirror),
                 method,
                 classifier: classifier.map(|settings| *settings),
                 continue_from: None,
             };
-            (plan, 0)
+            Ok((plan, 0))
         }
-        From::Version(key) => continued(app, learn.name, &cohort, &key).await?,
-    };
-    let revisions = Revisions { after: since, until: plan.revision };
-    let shapes = app.store.count(&cohort.id, revisions, &plan.filter).await?;
-    check_count(&plan, since, shapes)?;
-    if let Some(classifier) = &plan.classifier {
-        check_classifier(app, &cohort, &plan, classifier, shapes).await?;
+        From::Version(key) => continued(app, learn.name, cohort, &key).await,
     }
-    let task_app = app.clone();
-    app.pool
-        .weighing(requests::space(&cohort.representation, &app.limits))
-        .run(move || {
-            let setup = Setup::new(&task_app, &plan.settings(&cohort))?;
-            plan.method.pose(&setup.method)?;
-            let searches = setup.matching.searches();
-            let anew = match plan.continue_from {
-                Some(_) => 0,
-                None => {
-                    let shapes = usize::try_from(shapes).unwrap_or(usize::MAX);
-                    held_out::trainings(&plan.method, searches, shapes)
-                }
-            };
-            let trainings = plan.classifier.as_ref().map_or(0, |settings| settings.trainings(WITHIN));
-            let estimate = Estimate::new(&setup, &plan.method, shapes).times(anew + trainings);
-            let bytes = 8.0 * shapes as f64 * setup.metric.len() as f64;
-            if plan.classifier.is_some() && bytes > KEPT_BYTES as f64 {
-                let detail = format!(
-                    "expected shapes that take at most {KEPT_BYTES} bytes in memory, got {bytes:.1e}: choose \
-                     some with a filter"
-                );
-                return Err(ServiceError::invalid("/classifier", detail));
-            }
-            let most = task_app.limits.job_bytes as f64;
-            if estimate.memory_bytes > most {
-                let detail = format!(
-                    "expected a job that takes at most {most:.1e} bytes of memory, got {:.1e} for {shapes} \
-                     shapes: ask for fewer atoms or control points",
-                    estimate.memory_bytes
-                );
-                return Err(ServiceError::invalid("/method", detail));
-            }
-            Ok(Planned { plan, estimate })
-        })
-        .await
+}
+
+/// Predicted cost of a plan for `shapes` shapes, within the limits of memory.
+fn estimate(app: &App, plan: &Plan, cohort: &Cohort, shapes: u64) -> Result<Estimate, ServiceError> {
+    let setup = Setup::new(app, &plan.settings(cohort))?;
+    plan.method.pose(&setup.method)?;
+    let anew = match plan.continue_from {
+        Some(_) => 0,
+        None => {
+            let found = usize::try_from(shapes).unwrap_or(usize::MAX);
+            held_out::trainings(&plan.method, setup.matching.searches(), found)
+        }
+    };
+    let trainings = plan.classifier.as_ref().map_or(0, |settings| settings.trainings(WITHIN));
+    let estimate = Estimate::new(&setup, &plan.method, shapes).times(anew + trainings);
+    let bytes = 8.0 * shapes as f64 * setup.metric.len() as f64;
+    if plan.classifier.is_some() && bytes > KEPT_BYTES as f64 {
+        let detail = format!(
+            "expected shapes that take at most {KEPT_BYTES} bytes in memory, got {bytes:.1e}: choose some with a \
+             filter"
+        );
+        return Err(ServiceError::invalid("/classifier", detail));
+    }
+    let most = app.limits.job_bytes as f64;
+    if estimate.memory_bytes > most {
+        let detail = format!(
+            "expected a job that takes at most {most:.1e} bytes of memory, got {:.1e} for {shapes} shapes: ask \
+             for fewer atoms or control points",
+            estimate.memory_bytes
+        );
+        return Err(ServiceError::invalid("/method", detail));
+    }
+    Ok(estimate)
 }
 
 /// Refuses a caller limited to certain cohorts a name that a dictionary of another cohort uses: requests for the name
