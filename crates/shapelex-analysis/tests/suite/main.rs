@@ -4,6 +4,7 @@
 mod dictionaries;
 mod laws;
 mod parts;
+mod pipeline;
 mod retrieval;
 mod sparse;
 mod sparse_blocks;
