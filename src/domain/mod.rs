@@ -3,9 +3,9 @@
 //! * [`access`] — callers and their permissions; [`key`] — API keys of programs;
 //! * [`audit`] — requests to the service and their outcomes;
 //! * [`cohort`] — a named set of shapes in one representation, with its revision;
-//! * [`comparison`], [`regression`] — results of tests on a cohort's shapes;
 //! * [`dictionary`] — statistics learnt from a cohort;
 //! * [`shape`] — one member: control points and attributes;
+//! * [`study`] — results of comparisons and regressions of a cohort's shapes;
 //! * [`job`] — long work, its progress and its outcome;
 //! * [`change`] — the change feed; [`retry`] — requests that may be repeated; [`trash`] — deleted objects that can be restored;
 //! * [`id`] — prefixed, sortable, opaque identifiers.
@@ -14,12 +14,11 @@ pub mod access;
 pub mod audit;
 pub mod change;
 pub mod cohort;
-pub mod comparison;
 pub mod dictionary;
 pub mod id;
 pub mod job;
 pub mod key;
-pub mod regression;
 pub mod retry;
 pub mod shape;
+pub mod study;
 pub mod trash;

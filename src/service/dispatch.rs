@@ -6,7 +6,9 @@ use crate::domain::job::{Job, JobKind};
 use crate::service::app::progress::JobContext;
 use crate::service::app::{App, ServiceError};
 use crate::service::dictionaries::learning;
-use crate::service::inference::{comparisons, regressions};
+use crate::service::inference::comparisons::ComparedShapes;
+use crate::service::inference::regressions::RegressedShapes;
+use crate::service::inference::study::Study;
 use crate::service::jobs::{Outcome, inline_or_job};
 use crate::service::search::distances;
 
@@ -20,7 +22,7 @@ pub fn run(app: &App, handle: &Handle, job: &Job, context: &JobContext) -> Resul
     match job.kind {
         JobKind::LearnDictionary => learning::run(app, handle, job, context),
         JobKind::Distances => distances::run(app, handle, job, context),
-        JobKind::Compare => inline_or_job::run::<comparisons::Prepared>(app, handle, job, context),
-        JobKind::Regress => inline_or_job::run::<regressions::Prepared>(app, handle, job, context),
+        JobKind::Compare => inline_or_job::run::<Study<ComparedShapes>>(app, handle, job, context),
+        JobKind::Regress => inline_or_job::run::<Study<RegressedShapes>>(app, handle, job, context),
     }
 }

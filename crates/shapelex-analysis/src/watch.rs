@@ -40,6 +40,9 @@ pub trait Watch: Sync {
         false
     }
 
+    /// Receives the completed fraction of a computation whose length is known, 0 to 1.
+    fn progress(&self, _fraction: f64) {}
+
     /// Called after every pass with the number of passes so far and the objective.
     fn epoch(&self, _epochs: usize, _objective: f64) {}
 

@@ -1,26 +1,22 @@
 //! Comparison of groups of shapes of a cohort by permutation tests.
 
-use crate::formats::fault::Fault;
 use axum::response::Response;
-use serde::Deserialize;
 
 use super::jobs::JobOutput;
-use super::planned::answered;
-use super::request_macros::{RetryHeader, priority_of};
-use crate::analysis::alignment::Alignment;
-use crate::analysis::correspondence::Mirror;
-use crate::analysis::transformation::{ClassName, Transformation};
+use super::planned::{StudyBody, answer_study, study_request};
+use super::request_macros::RetryHeader;
 use crate::api::extract::{Caller, JsonBody, OnlyFormat, Prefer};
 use crate::api::problem::Problem;
-use crate::domain::comparison::Comparison;
 use crate::domain::job::Priority;
 use crate::domain::shape::ShapeFilter;
-use crate::formats::checked::{Checked, document, take_given, take_or_default};
+use crate::domain::study::Comparison;
+use crate::formats::checked::{Checked, take_given, take_or_default};
+use crate::formats::fault::Fault;
 use crate::service::app::ServiceError;
-use crate::service::inference::comparisons::{self, Compare, Grouping, NamedGroup};
-use crate::service::inference::test_sample::DEFAULT_PERMUTATIONS;
+use crate::service::inference::comparisons::{ComparedShapes, Grouping, NamedGroup, Options};
+use crate::service::inference::study::StudyRequest;
 
-document! {
+study_request! {
     /// Groups to compare, given as `groups` or by an attribute.
     #[schema(example = json!({
         "cohort": "example-cells", "permutations": 200,
@@ -29,10 +25,7 @@ document! {
             {"name": "dunn", "filter": {"labels": {"cell_line": "dunn", "treatment": "control"}}}
         ]
     }))]
-    pub(super) struct CompareRequest {
-        /// Id or name of the cohort.
-        #[schema(value_type = String, required = true)]
-        cohort: Checked<String>, required;
+    CompareRequest {
         /// Groups, 2 to 50, which share no shape. Give `groups` or `by`.
         #[schema(value_type = Option<Vec<NamedGroup>>)]
         groups: Checked<Vec<NamedGroup>>;
@@ -42,57 +35,17 @@ document! {
         /// With `by`: filter that selects shapes. Default: all shapes.
         #[schema(value_type = Option<ShapeFilter>)]
         filter: Checked<ShapeFilter>;
-        /// Transformation class to remove. Default: `similarity`.
-        #[schema(value_type = Option<Transformation>)]
-        transformation: Checked<Transformation>;
-        /// Alignment method: projection onto the class, or Procrustes. Default: `projection`.
-        #[schema(value_type = Option<Alignment>)]
-        alignment: Checked<Alignment>;
-        /// Whether shapes may be matched to mirror images. Default: the cohort's setting.
-        #[schema(value_type = Option<Mirror>)]
-        mirror: Checked<Mirror>;
+    } {
         /// Number of relabellings, 0 to 100000. Default: 1000. If no more than that exist, all of them are used.
-        #[schema(value_type = Option<usize>, maximum = 100000)]
-        permutations: Checked<usize>;
+        permutations
         /// Seed of the random relabellings. Default: 0.
-        #[schema(value_type = Option<u64>)]
-        seed: Checked<u64>;
+        seed
         /// Attributes within whose values labels are exchanged: `subject`, `label`, `labels.<attribute>`, or a list.
-        #[schema(value_type = Option<Vec<String>>)]
-        strata: Checked<Names>;
+        strata
+    } {
         /// Number of points along the shape at which the effect is returned. Default: the number of control points.
         #[schema(value_type = Option<usize>, minimum = 1)]
         samples: Checked<usize>;
-        /// Priority among the tenant's queued jobs if the request becomes a job. Default: `normal`.
-        #[schema(value_type = Option<Priority>)]
-        priority: Checked<Priority>;
-    }
-}
-
-/// One name or a list of names.
-#[derive(Debug, Clone, Default)]
-pub(super) struct Names(pub(super) Vec<String>);
-
-/// Written by hand: the derived error of an untagged enum names neither the place nor the fault.
-impl<'de> Deserialize<'de> for Names {
-    fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        struct NamesVisitor;
-        impl<'de> serde::de::Visitor<'de> for NamesVisitor {
-            type Value = Names;
-
-            fn expecting(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-                f.write_str("the name of an attribute or a list of names")
-            }
-
-            fn visit_str<E: serde::de::Error>(self, name: &str) -> Result<Names, E> {
-                Ok(Names(vec![name.to_owned()]))
-            }
-
-            fn visit_seq<A: serde::de::SeqAccess<'de>>(self, list: A) -> Result<Names, A::Error> {
-                Vec::deserialize(serde::de::value::SeqAccessDeserializer::new(list)).map(Names)
-            }
-        }
-        deserializer.deserialize_any(NamesVisitor)
     }
 }
 
@@ -121,45 +74,33 @@ pub(super) async fn compare(
     prefer: Prefer,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
-    let app = app.with_body(&body);
-    let mut request: CompareRequest = app.parse(&body)?;
-    let app = app.with_priority(priority_of(request.priority.take())?);
-    let prepared = comparisons::prepare(&app, compare_of(request)?).await?;
-    answered(app, prepared, format, prefer).await
+    answer_study::<CompareRequest>(app, format, prefer, body).await
 }
 
-fn compare_of(request: CompareRequest) -> Result<Compare, ServiceError> {
-    let mut errors = request.faults;
-    if request.groups.is_some() == request.by.is_some() {
-        errors.push(Fault::new("", "expected either groups or by"));
+impl StudyBody for CompareRequest {
+    type Kind = ComparedShapes;
+
+    fn take_priority(&mut self) -> Option<Checked<Priority>> {
+        self.priority.take()
     }
-    if request.groups.is_some() && request.filter.is_some() {
-        errors.push(Fault::new("/filter", "expected with by only: every group has its own filter"));
+
+    fn request(mut self) -> Result<StudyRequest<Options>, ServiceError> {
+        let mut errors = std::mem::take(&mut self.faults);
+        if self.groups.is_some() == self.by.is_some() {
+            errors.push(Fault::new("", "expected either groups or by"));
+        }
+        if self.groups.is_some() && self.filter.is_some() {
+            errors.push(Fault::new("/filter", "expected with by only: every group has its own filter"));
+        }
+        let cohort = take_given(self.cohort.take(), "/cohort", &mut errors);
+        let groups = take_given(self.groups.take(), "/groups", &mut errors).map(Grouping::Named);
+        let filter = take_or_default(self.filter.take(), "/filter", &mut errors);
+        let by = take_given(self.by.take(), "/by", &mut errors)
+            .zip(filter)
+            .map(|(attribute, filter)| Grouping::By { attribute, filter });
+        let common = self.take_common(&mut errors);
+        let samples = take_given(self.samples.take(), "/samples", &mut errors);
+        let options = groups.or(by).map(|grouping| Options { grouping, samples });
+        common.request(cohort, options, errors)
     }
-    let cohort = take_given(request.cohort, "/cohort", &mut errors);
-    let groups = take_given(request.groups, "/groups", &mut errors).map(Grouping::Named);
-    let filter = take_or_default(request.filter, "/filter", &mut errors);
-    let by = take_given(request.by, "/by", &mut errors)
-        .zip(filter)
-        .map(|(attribute, filter)| Grouping::By { attribute, filter });
-    let transformation = take_given(request.transformation, "/transformation", &mut errors);
-    let alignment = take_or_default(request.alignment, "/alignment", &mut errors);
-    let mirror = take_given(request.mirror, "/mirror", &mut errors);
-    let permutations = take_given(request.permutations, "/permutations", &mut errors);
-    let seed = take_or_default(request.seed, "/seed", &mut errors);
-    let strata = take_or_default(request.strata, "/strata", &mut errors);
-    let samples = take_given(request.samples, "/samples", &mut errors);
-    ServiceError::unless_empty(errors)?;
-    let incomplete = || ServiceError::invalid("", "the request is incomplete");
-    Ok(Compare {
-        cohort: cohort.ok_or_else(incomplete)?,
-        grouping: groups.or(by).ok_or_else(incomplete)?,
-        transformation: transformation.unwrap_or(Transformation::Named(ClassName::Similarity)),
-        alignment: alignment.ok_or_else(incomplete)?,
-        mirror,
-        permutations: permutations.unwrap_or(DEFAULT_PERMUTATIONS),
-        seed: seed.ok_or_else(incomplete)?,
-        strata: strata.ok_or_else(incomplete)?.0,
-        samples,
-    })
 }

@@ -2,32 +2,25 @@
 
 use axum::response::Response;
 
-use super::comparisons::Names;
 use super::jobs::JobOutput;
-use super::planned::answered;
-use super::request_macros::{RetryHeader, priority_of};
-use crate::analysis::alignment::Alignment;
-use crate::analysis::correspondence::Mirror;
-use crate::analysis::transformation::{ClassName, Transformation};
+use super::planned::{StudyBody, answer_study, study_request};
+use super::request_macros::RetryHeader;
 use crate::api::extract::{Caller, JsonBody, OnlyFormat, Prefer};
 use crate::api::problem::Problem;
 use crate::domain::job::Priority;
-use crate::domain::regression::ShapeRegression;
 use crate::domain::shape::ShapeFilter;
-use crate::formats::checked::{Checked, document, take_given, take_or_default};
+use crate::domain::study::ShapeRegression;
+use crate::formats::checked::{Checked, take_given, take_or_default};
 use crate::service::app::ServiceError;
-use crate::service::inference::regressions::{self, Missing, Regress};
-use crate::service::inference::test_sample::DEFAULT_PERMUTATIONS;
+use crate::service::inference::regressions::{Missing, Options, RegressedShapes};
+use crate::service::inference::study::StudyRequest;
 
-document! {
+study_request! {
     /// Shapes to regress on an attribute.
     #[schema(example = json!({
         "cohort": "example-cells", "attribute": "log_centroid_size", "covariates": ["labels.cell_line"], "permutations": 200
     }))]
-    pub(super) struct RegressRequest {
-        /// Id or name of the cohort.
-        #[schema(value_type = String, required = true)]
-        cohort: Checked<String>, required;
+    RegressRequest {
         /// Filter that selects shapes of the cohort. Default: all shapes.
         #[schema(value_type = Option<ShapeFilter>)]
         filter: Checked<ShapeFilter>;
@@ -41,28 +34,14 @@ document! {
         /// Handling of shapes without a value. Default: `refuse`.
         #[schema(value_type = Option<Missing>)]
         missing: Checked<Missing>;
-        /// Transformation class to remove. Default: `similarity`.
-        #[schema(value_type = Option<Transformation>)]
-        transformation: Checked<Transformation>;
-        /// Alignment method: projection onto the class, or Procrustes. Default: `projection`.
-        #[schema(value_type = Option<Alignment>)]
-        alignment: Checked<Alignment>;
-        /// Whether shapes may be matched to mirror images. Default: the cohort's setting.
-        #[schema(value_type = Option<Mirror>)]
-        mirror: Checked<Mirror>;
+    } {
         /// Number of permutations, 0 to 100000. Default: 1000.
-        #[schema(value_type = Option<usize>, maximum = 100000)]
-        permutations: Checked<usize>;
+        permutations
         /// Seed of the permutations. Default: 0.
-        #[schema(value_type = Option<u64>)]
-        seed: Checked<u64>;
+        seed
         /// Attributes within whose values residuals are exchanged: `subject`, `label`, `labels.<attribute>`, or a list.
-        #[schema(value_type = Option<Vec<String>>)]
-        strata: Checked<Names>;
-        /// Priority among the tenant's queued jobs if the request becomes a job. Default: `normal`.
-        #[schema(value_type = Option<Priority>)]
-        priority: Checked<Priority>;
-    }
+        strata
+    } {}
 }
 
 /// Regresses the shapes of a cohort on an attribute.
@@ -89,39 +68,32 @@ pub(super) async fn regress(
     prefer: Prefer,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
-    let app = app.with_body(&body);
-    let mut request: RegressRequest = app.parse(&body)?;
-    let app = app.with_priority(priority_of(request.priority.take())?);
-    let prepared = regressions::prepare(&app, regress_of(request)?).await?;
-    answered(app, prepared, format, prefer).await
+    answer_study::<RegressRequest>(app, format, prefer, body).await
 }
 
-fn regress_of(request: RegressRequest) -> Result<Regress, ServiceError> {
-    let mut errors = request.faults;
-    let cohort = take_given(request.cohort, "/cohort", &mut errors);
-    let filter = take_or_default(request.filter, "/filter", &mut errors);
-    let attribute = take_given(request.attribute, "/attribute", &mut errors);
-    let covariates = take_or_default(request.covariates, "/covariates", &mut errors);
-    let missing = take_or_default(request.missing, "/missing", &mut errors);
-    let transformation = take_given(request.transformation, "/transformation", &mut errors);
-    let alignment = take_or_default(request.alignment, "/alignment", &mut errors);
-    let mirror = take_given(request.mirror, "/mirror", &mut errors);
-    let permutations = take_given(request.permutations, "/permutations", &mut errors);
-    let seed = take_or_default(request.seed, "/seed", &mut errors);
-    let strata = take_or_default(request.strata, "/strata", &mut errors);
-    ServiceError::unless_empty(errors)?;
-    let incomplete = || ServiceError::invalid("", "the request is incomplete");
-    Ok(Regress {
-        cohort: cohort.ok_or_else(incomplete)?,
-        filter: filter.ok_or_else(incomplete)?,
-        attribute: attribute.ok_or_else(incomplete)?,
-        covariates: covariates.ok_or_else(incomplete)?,
-        missing: missing.ok_or_else(incomplete)?,
-        transformation: transformation.unwrap_or(Transformation::Named(ClassName::Similarity)),
-        alignment: alignment.ok_or_else(incomplete)?,
-        mirror,
-        permutations: permutations.unwrap_or(DEFAULT_PERMUTATIONS),
-        seed: seed.ok_or_else(incomplete)?,
-        strata: strata.ok_or_else(incomplete)?.0,
-    })
+impl StudyBody for RegressRequest {
+    type Kind = RegressedShapes;
+
+    fn take_priority(&mut self) -> Option<Checked<Priority>> {
+        self.priority.take()
+    }
+
+    fn request(mut self) -> Result<StudyRequest<Options>, ServiceError> {
+        let mut errors = std::mem::take(&mut self.faults);
+        let cohort = take_given(self.cohort.take(), "/cohort", &mut errors);
+        let filter = take_or_default(self.filter.take(), "/filter", &mut errors);
+        let attribute = take_given(self.attribute.take(), "/attribute", &mut errors);
+        let covariates = take_or_default(self.covariates.take(), "/covariates", &mut errors);
+        let missing = take_or_default(self.missing.take(), "/missing", &mut errors);
+        let common = self.take_common(&mut errors);
+        let options = (|| {
+            Some(Options {
+                filter: filter?,
+                attribute: attribute?,
+                covariates: covariates?,
+                missing: missing?,
+            })
+        })();
+        common.request(cohort, options, errors)
+    }
 }

@@ -8,7 +8,8 @@ use axum::response::Response;
 use serde::Serialize;
 use serde_json::Value;
 
-use super::jobs::{JobOutput, accepted};
+use super::jobs::JobOutput;
+use super::planned::{Waited, waited};
 use super::request_macros::{RetryHeader, checked, priority_of};
 use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
@@ -17,7 +18,7 @@ use crate::analysis::transformation::{ClassName, Transformation};
 use crate::api::extract::{Caller, JsonBody, NoQuery, OnlyMatrixFormat, Path, Prefer};
 use crate::api::problem::Problem;
 use crate::api::respond::{self, compute, json};
-use crate::domain::job::{JobStatus, Priority};
+use crate::domain::job::Priority;
 use crate::domain::shape::ShapeFilter;
 use crate::formats::checked::{Checked, List, Many, document, take_given, take_many, take_or_default};
 use crate::formats::matrix::{MatrixFormat, NamedMatrix};
@@ -25,7 +26,6 @@ use crate::formats::representation::Read;
 use crate::formats::shape::ShapeInput;
 use crate::geometry::representation::Representation;
 use crate::service::app::{App, ServiceError, Work};
-use crate::service::jobs;
 use crate::service::search::distances::{Answer, Chosen, Comparison};
 use crate::service::search::neighbours::{FoundNeighbour, MAX_NEIGHBOURS, Queries, Search};
 use crate::service::search::{distances, neighbours};
@@ -244,34 +244,20 @@ pub(super) async fn compute_distances(
 ) -> Result<Response, Problem> {
     let app = app.with_body(&body);
     let reader = app.clone();
-    let (request, priority) = app
-        .pool
-        .read(body, move |body| {
-            let mut request: DistancesRequest = reader.parse(body)?;
-            let priority = priority_of(request.priority.take())?;
-            Ok((matrix_request(request)?, priority))
-        })
-        .await?;
+    let reading = app.pool.read(body, move |body| {
+        let mut request: DistancesRequest = reader.parse(body)?;
+        let priority = priority_of(request.priority.take())?;
+        Ok((matrix_request(request)?, priority))
+    });
+    let (request, priority) = reading.await?;
     let app = app.with_priority(priority);
-    let answer = match request {
-        MatrixRequest::Posted(settings, shapes) => {
-            Answer::Matrix(distances::of_posted(&app, *settings, shapes).await?)
-        }
-        MatrixRequest::Cohort(key, chosen, comparison) => {
-            distances::of_cohort(&app, &key, chosen, comparison).await?
-        }
-    };
-    let job = match answer {
+    let job = match request.answer(&app).await? {
         Answer::Matrix(matrix) => return Ok(respond::matrix(&app, matrix, format)?),
         Answer::Job(job) => *job,
     };
-    // Without `wait`, the client gets the job, even if a replayed request finds it finished.
-    let Some(time) = prefer.wait else { return Ok(accepted(job)?) };
-    let job = jobs::wait(&app, &job.id, time).await?;
-    match job.status {
-        JobStatus::Succeeded => Ok(output(&app, &job.id, format).await?),
-        JobStatus::Failed => Err(Problem::of_failed(&job)),
-        _ => Ok(accepted(job)?),
+    match waited(&app, job, prefer).await? {
+        Waited::Succeeded(job) => Ok(output(&app, &job.id, format).await?),
+        Waited::Else(response) => Ok(response),
     }
 }
 
@@ -284,6 +270,19 @@ async fn output(app: &App, job: &str, format: MatrixFormat) -> Result<Response, 
 enum MatrixRequest {
     Posted(Box<Settings>, Vec<ShapeInput>),
     Cohort(String, Chosen, Comparison),
+}
+
+impl MatrixRequest {
+    async fn answer(self, app: &App) -> Result<Answer, ServiceError> {
+        match self {
+            Self::Posted(settings, shapes) => {
+                Ok(Answer::Matrix(distances::of_posted(app, *settings, shapes).await?))
+            }
+            Self::Cohort(key, chosen, comparison) => {
+                distances::of_cohort(app, &key, chosen, comparison).await
+            }
+        }
+    }
 }
 
 fn matrix_request(mut request: DistancesRequest) -> Result<MatrixRequest, ServiceError> {

@@ -1,8 +1,9 @@
-//! Permutation tests on the shapes of a cohort.
+//! Studies of the shapes of a cohort: permutation tests, at once or as jobs.
 //!
-//! * [`comparisons`] — differences between groups; [`regressions`] — dependence on a numeric attribute;
-//! * [`test_sample`] — shapes of a test, aligned to one mean.
+//! * [`study`] — request, plan and run of any study; [`sample`] — its shapes, with strata and control points;
+//! * [`comparisons`] — differences between groups; [`regressions`] — dependence on a numeric attribute.
 
 pub mod comparisons;
 pub mod regressions;
-pub mod test_sample;
+pub mod sample;
+pub mod study;

@@ -7,6 +7,15 @@
 //! p = (1 + #{relabellings with a statistic ≥ the observed one}) / (1 + relabellings)
 //! ```
 //!
+//! Whole studies, from control points to records:
+//!
+//! * [`aligned`] — shapes of a study, aligned to one mean;
+//! * [`compare`] — comparison of groups; [`groups`] — their shapes, strata and subjects;
+//! * [`regress`] — regression on an attribute; [`variables`] — attribute, covariates and their design;
+//! * [`records`] — results; [`error`] — reasons why there is none; [`limits`].
+//!
+//! What they are made of:
+//!
 //! * [`permutation`] — relabellings within strata, enumerated or drawn; p values; Holm's correction;
 //! * [`span`] — coordinates in the span of the shapes, the fewest possible;
 //! * [`comparison`] — groups: distance of the means, pseudo-F, Hotelling's statistic, the effect along the shape;
@@ -15,10 +24,18 @@
 //! Sources: Anderson 2001 (pseudo-F), Freedman and Lane 1983 (residuals are permuted), Holm 1979, Phipson and Smyth
 //! 2010 (the observed labelling counts as one).
 
+pub mod aligned;
+pub mod compare;
 pub mod comparison;
+pub mod error;
+pub mod groups;
+pub mod limits;
 pub mod permutation;
+pub mod records;
+pub mod regress;
 pub mod regression;
 pub mod span;
+pub mod variables;
 
 /// Relative difference below which two statistics are equal: they are sums of the same numbers in different order.
 const TIE: f64 = 1e-9;

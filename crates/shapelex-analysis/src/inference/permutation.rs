@@ -7,6 +7,17 @@
 use rand::rngs::ChaCha12Rng;
 use rand::{RngExt, SeedableRng};
 
+/// Parameters of the permutation draws.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Draws<'a> {
+    /// The stratum of every shape: labels or residuals are exchanged within strata only.
+    pub strata: &'a [usize],
+    /// Seed of the random numbers.
+    pub seed: u64,
+    /// Number of draws.
+    pub permutations: usize,
+}
+
 /// Positions whose labels are exchangeable, and the number of shapes of every group among them.
 #[derive(Debug, Clone)]
 struct Stratum {

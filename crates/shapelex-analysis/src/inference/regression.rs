@@ -22,7 +22,7 @@
 use rayon::prelude::*;
 
 use super::super::AnalysisError;
-use super::permutation::{Tally, shuffle, stream};
+use super::permutation::{Draws, Tally, shuffle, stream};
 use super::reaches;
 use super::span::Span;
 use shapelex_numeric::dense::{self, Matrix};
@@ -32,17 +32,6 @@ const COLLINEAR: f64 = 1e-9;
 
 /// Approximate number of columns per product.
 const COLUMNS: usize = 64;
-
-/// Parameters of the permutation draws.
-#[derive(Debug, Clone, Copy)]
-pub struct Draws<'a> {
-    /// The stratum of every shape: residuals are exchanged within strata only.
-    pub strata: &'a [usize],
-    /// Seed of the random numbers.
-    pub seed: u64,
-    /// Number of draws.
-    pub permutations: usize,
-}
 
 /// Design of the regression: orthonormal columns for intercept, covariates and attribute, each scaled by the root weights.
 #[derive(Debug, Clone)]

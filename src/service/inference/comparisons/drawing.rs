@@ -1,18 +1,21 @@
 //! Drawing of a comparison.
 
-use super::Prepared;
+use super::ComparedShapes;
+use crate::analysis::inference::records::{PairRecord, TestRecord};
 use crate::analysis::rows::columns_of;
-use crate::domain::comparison::{Comparison, PairRecord, TestRecord};
+use crate::domain::study::Comparison;
 use crate::geometry::drawing::effect::{self, Connection, Effect, EffectPoint as DrawnPoint};
 use crate::geometry::drawing::svg::{Layer, colour};
+use crate::service::inference::study::Study;
 
 /// Colours of the groups, used cyclically (colour-blind safe).
 const GROUP_COLOURS: [&str; 6] = ["#4477aa", "#cc3311", "#228833", "#aa3377", "#ccbb44", "#66ccee"];
 
 /// Drawing of the averages of all groups on top of one another, with the effect along the first group of the pair with
 /// the largest distance.
-pub(super) fn draw(prepared: &Prepared, comparison: &Comparison) -> String {
-    let (space, d) = (&prepared.setup.space, prepared.setup.metric.dimension());
+pub(super) fn draw(study: &Study<ComparedShapes>, comparison: &Comparison) -> String {
+    let (space, d) = (&study.setup.space, study.setup.metric.dimension());
+    let comparison = &comparison.found;
     let layers: Vec<Layer> = comparison
         .groups
         .iter()
@@ -54,7 +57,7 @@ pub(super) fn draw(prepared: &Prepared, comparison: &Comparison) -> String {
     if let Some(overall) = &comparison.overall {
         captions.push(of("all groups, pseudo-F", &overall.pseudo_f.test));
     }
-    let title = format!("{} groups of {}", comparison.groups.len(), prepared.cohort.name);
+    let title = format!("{} groups of {}", comparison.groups.len(), study.cohort.name);
     effect::draw(&title, &layers, Some(&effect), &captions)
 }
 

@@ -1,0 +1,182 @@
+//! Shapes of a study: aligned to one mean, which knows nothing of groups or attributes.
+
+use rayon::prelude::*;
+
+use super::error::StudyError;
+use super::limits::MAX_WEIGHT_RATIO;
+use crate::AnalysisError;
+use crate::accumulate::{ShapesInMemory, map_shapes};
+use crate::alignment::{MeanShape, Method, align, mean_shape, unwhitened};
+use crate::frame::Frame;
+use crate::matching::Matching;
+use crate::metric::Metric;
+use crate::rows::{Row, rows_of};
+use crate::size::{LARGEST_SIZE, SizeTable};
+use crate::transformation::Transformation;
+use shapelex_geometry::representation::ShapeSpace;
+use shapelex_geometry::sampling::Places;
+use shapelex_geometry::size::SizeMeasure;
+use shapelex_numeric::bounded::Stop;
+use shapelex_numeric::dense::Matrix;
+
+/// Space of the shapes of a study, and how they are aligned.
+#[derive(Debug, Clone, Copy)]
+pub struct StudySpace<'a> {
+    /// Space of the shapes.
+    pub space: &'a ShapeSpace,
+    /// Metric of the space.
+    pub metric: &'a Metric,
+    /// Projection or Procrustes alignment.
+    pub method: &'a Method,
+    /// Frame of the mean; [`frame_for`] gives the usual one.
+    pub frame: Frame,
+    /// Search over start points, directions and mirror images.
+    pub matching: &'a Matching,
+}
+
+/// Frame of the mean of a study. Where the class allows it, the mean depends on the subspaces alone, so that no statistic
+/// changes when shapes are moved by members of the class.
+pub fn frame_for(transformation: &Transformation) -> Frame {
+    match transformation {
+        Transformation::Named(_) => Frame::Canonical,
+        Transformation::Custom(_) => Frame::Training,
+    }
+}
+
+/// Shapes aligned to their mean.
+#[derive(Debug, Clone)]
+pub struct AlignedShapes<'a> {
+    pub(super) space: StudySpace<'a>,
+    /// The mean; its placements are those of the shapes.
+    pub mean: MeanShape,
+    /// Prepared shapes placed on the mean, one per column, whitened.
+    pub placed: Matrix,
+    /// Aligned shapes, one per column, whitened.
+    pub aligned: Matrix,
+    /// Positive weights.
+    pub weights: Vec<f64>,
+    /// Sizes before alignment.
+    pub sizes: SizeTable,
+}
+
+impl<'a> AlignedShapes<'a> {
+    /// Aligns shapes to their mean: `d·N` coordinate-major control points each, and one positive weight. `stop` is checked
+    /// between passes.
+    ///
+    /// # Errors
+    /// [`StudyError::Weights`]; degenerate or too few shapes; [`AnalysisError::Interrupted`] once `stop` returns true.
+    pub fn new(
+        space: StudySpace<'a>,
+        control_points: Vec<f64>,
+        weights: Vec<f64>,
+        stop: Stop<'_>,
+    ) -> Result<Self, StudyError> {
+        check_weights(&weights)?;
+        let StudySpace { metric, method, frame, matching, .. } = space;
+        let sizes = SizeTable::of(space.space, metric, &control_points, stop)?;
+        let source = ShapesInMemory::new(metric, method.translates(), control_points, weights.clone())?;
+        if stop() {
+            return Err(AnalysisError::Interrupted.into());
+        }
+        let mean = mean_shape(&source, metric, method, frame, matching)?;
+        let origin = vec![0.0; metric.dimension()];
+        let columns = map_shapes(&source, |k, x, _| {
+            let placement = mean.placements[k];
+            let aligned =
+                align(method, matching, &mean.whitened, x, &origin, placement).map_err(|e| e.at(k))?;
+            Ok((matching.place(x, placement).into_owned(), aligned.whitened))
+        })?;
+        let mut placed = Matrix::zeros(metric.len(), columns.len());
+        let mut aligned = placed.clone();
+        for (k, (laid, moved)) in columns.into_iter().enumerate() {
+            placed.column_mut(k).copy_from_slice(&laid);
+            aligned.column_mut(k).copy_from_slice(&moved);
+        }
+        Ok(Self { space, mean, placed, aligned, weights, sizes })
+    }
+
+    /// Number of shapes.
+    pub fn count(&self) -> usize {
+        self.weights.len()
+    }
+
+    /// Weighted mean of the aligned shapes at `members`, whitened; computed relative to the first one to avoid cancellation.
+    pub(super) fn average(&self, members: &[usize]) -> Vec<f64> {
+        let (columns, weights) = (&self.aligned, &self.weights);
+        let first = columns.column(members[0]);
+        let total: f64 = members.iter().map(|&k| weights[k]).sum();
+        let mut sum = vec![0.0; columns.nrows()];
+        for &k in members {
+            let column = columns.column(k);
+            let differences = column.iter().zip(first.iter()).map(|(value, first)| value - first);
+            sum.iter_mut().zip(differences).for_each(|(sum, difference)| *sum += weights[k] * difference);
+        }
+        sum.iter().zip(first.iter()).map(|(sum, first)| first + sum / total).collect()
+    }
+
+    /// Rows of control points of a whitened shape.
+    pub(super) fn rows(&self, whitened: &[f64]) -> Vec<Row> {
+        let metric = self.space.metric;
+        rows_of(&unwhitened(metric, whitened), metric.dimension())
+    }
+
+    /// Whitened shapes at places along them, coordinate-major, one a column.
+    pub(super) fn points(&self, whitened: &Matrix, places: &Places) -> Matrix {
+        let StudySpace { space, metric, .. } = self.space;
+        let (size, dimension) = (metric.size(), metric.dimension());
+        let columns: Vec<&[f64]> = whitened.as_slice().chunks_exact(metric.len()).collect();
+        let points: Vec<Vec<f64>> = columns
+            .par_iter()
+            .map(|shape| {
+                let control_points = unwhitened(metric, shape);
+                places.points(space, &Matrix::from_column_slice(size, dimension, &control_points))
+            })
+            .collect();
+        let rows = places.count() * dimension;
+        Matrix::from_iterator(rows, points.len(), points.into_iter().flatten())
+    }
+
+    /// Natural logarithms of the centroid sizes; `None` if a shape is too large to be measured.
+    pub fn log_centroid_sizes(&self) -> Option<Vec<f64>> {
+        let row = self.sizes.measures.iter().position(|&measure| measure == SizeMeasure::CentroidSize)?;
+        Some(self.sizes.values.row(row).iter().map(|size| size.ln()).collect())
+    }
+
+    /// Warnings about the mean of all shapes.
+    pub(super) fn mean_warnings(&self) -> Vec<String> {
+        let mut warnings = Vec::new();
+        if self.mean.unique == Some(false) {
+            warnings.push(
+                "the pooled mean is not unique: the eigenvalue gap is below 1e-6 of the total weight".into(),
+            );
+        }
+        if !self.mean.converged {
+            warnings.push(format!("the pooled mean has not converged after {} rounds", self.mean.rounds));
+        }
+        warnings
+    }
+
+    /// Warning about sizes that are left out.
+    pub(super) fn size_warning(&self) -> Option<String> {
+        self.sizes.is_cut.then(|| format!("sizes beyond {LARGEST_SIZE:.0e} are not compared"))
+    }
+}
+
+fn check_weights(weights: &[f64]) -> Result<(), StudyError> {
+    let smallest = weights.iter().copied().fold(f64::MAX, f64::min);
+    let largest = weights.iter().copied().fold(0.0, f64::max);
+    if largest <= MAX_WEIGHT_RATIO * smallest {
+        return Ok(());
+    }
+    Err(StudyError::Weights { smallest, largest })
+}
+
+/// Weighted mean of numbers, and their standard deviation `√(n/(n−1) · Σw(x − x̄)²/Σw)`.
+pub(super) fn mean_and_deviation(values: &[f64], weights: &[f64]) -> (f64, f64) {
+    let total: f64 = weights.iter().sum();
+    let first = values[0];
+    let mean = first + values.iter().zip(weights).map(|(x, w)| w * (x - first)).sum::<f64>() / total;
+    let squares = values.iter().zip(weights).map(|(x, w)| w * (x - mean).powi(2)).sum::<f64>();
+    let n = values.len() as f64;
+    (mean, (squares / total * n / (n - 1.0)).sqrt())
+}

@@ -1,0 +1,275 @@
+//! Comparison of groups of shapes: means, distances, tests, effects along the shape, sizes.
+
+use super::aligned::{AlignedShapes, mean_and_deviation};
+use super::comparison::{PairTests, Sample};
+use super::error::StudyError;
+use super::groups::Groups;
+use super::limits::MIN_MEMBERS;
+use super::permutation::{Draws, holm};
+use super::records::{
+    EffectPoint, GroupComparison, GroupRecord, OverallRecord, PairRecord, SizeDifference, SizeSummary,
+    TestRecord,
+};
+use super::span::Span;
+use crate::AnalysisError;
+use crate::accumulate::ShapesInMemory;
+use crate::alignment::Method;
+use crate::dictionary::content::MeanRecord;
+use crate::mean::{MeanSpace, ProjectorSum};
+use crate::transformation::TransformationClass;
+use crate::watch::Watch;
+use shapelex_geometry::sampling::Places;
+use shapelex_numeric::bounded::Stop;
+use shapelex_numeric::dense::{Matrix, transpose_multiply};
+
+/// Number of reported eigenvalues of a mean space.
+const REPORTED_EIGENVALUES: usize = 10;
+
+/// Compares groups of shapes: every two groups, and all at once if there are more than two.
+///
+/// For every two groups: the chordal distance of their mean spaces, the distance of their averages, pseudo-F, Hotelling's
+/// statistic, the effect at `samples` places along the shape ([`Places::along`]) and the sizes, each with a permutation test
+/// by `draws`, and p values corrected by Holm for the number of pairs. `watch` receives the completed fraction after each
+/// pair.
+///
+/// Cost: that of [`Sample::compare_pair`] for every two groups, and one mean space per group.
+///
+/// # Errors
+/// [`StudyError::FewMembers`]; a degenerate mean of a group; [`AnalysisError::Interrupted`] once `watch` stops.
+pub fn compare(
+    shapes: &AlignedShapes<'_>,
+    groups: &Groups,
+    draws: Draws<'_>,
+    samples: usize,
+    watch: &dyn Watch,
+) -> Result<GroupComparison, StudyError> {
+    Study::new(shapes, groups, draws, samples)?.comparison(watch)
+}
+
+/// What the groups and their pairs are computed from.
+struct Study<'a> {
+    shapes: &'a AlignedShapes<'a>,
+    groups: &'a Groups,
+    draws: Draws<'a>,
+    places: Places,
+    sample: Sample,
+}
+
+/// Result of a group, with data needed for its pairs.
+struct Group {
+    record: GroupRecord,
+    /// Arithmetic mean of the aligned shapes, whitened.
+    average: Vec<f64>,
+    /// Orthonormal basis of its mean space.
+    elements: Option<Matrix>,
+}
+
+impl<'a> Study<'a> {
+    fn new(
+        shapes: &'a AlignedShapes<'a>,
+        groups: &'a Groups,
+        draws: Draws<'a>,
+        samples: usize,
+    ) -> Result<Self, StudyError> {
+        for (group, name) in groups.names.iter().enumerate() {
+            let found = groups.members(group).len();
+            if found < MIN_MEMBERS {
+                return Err(StudyError::FewMembers { group: name.clone(), found });
+            }
+        }
+        let places = Places::along(shapes.space.space, samples);
+        let sample = Sample {
+            coordinates: Span::new(&shapes.aligned, &shapes.weights)?.scores,
+            points: shapes.points(&shapes.aligned, &places),
+            dimension: shapes.space.metric.dimension(),
+            sizes: shapes.sizes.values.clone(),
+            weights: shapes.weights.clone(),
+        };
+        Ok(Self { shapes, groups, draws, places, sample })
+    }
+
+    fn comparison(&self, watch: &dyn Watch) -> Result<GroupComparison, StudyError> {
+        let stop = || watch.stop();
+        let groups: Vec<Group> =
+            (0..self.groups.names.len()).map(|group| self.group(group)).collect::<Result<_, _>>()?;
+        let mut warnings = self.shapes.mean_warnings();
+        warnings.extend(self.shapes.size_warning());
+        let overall = if groups.len() > 2 { Some(self.overall(&stop)?) } else { None };
+        let (mut pairs, wanted) = (Vec::new(), self.groups.pairs());
+        for (i, &pair) in wanted.iter().enumerate() {
+            if watch.stop() {
+                return Err(AnalysisError::Interrupted.into());
+            }
+            watch.progress(i as f64 / wanted.len() as f64);
+            let record = self.pair(pair, &groups, &stop)?;
+            if self.draws.permutations > 0 && record.exchangeable == 0 {
+                warnings.push(format!(
+                    "no labels of '{}' and '{}' can be exchanged within the strata: there is no p value",
+                    record.first, record.second
+                ));
+            }
+            pairs.push(record);
+        }
+        correct(&mut pairs);
+        Ok(GroupComparison {
+            exchangeable: self.groups.relabellings(self.draws).exchangeable(),
+            pooled: MeanRecord::of(&self.shapes.mean, self.shapes.space.metric.dimension()),
+            groups: groups.into_iter().map(|group| group.record).collect(),
+            pairs,
+            overall,
+            warnings,
+        })
+    }
+
+    fn overall(&self, stop: Stop<'_>) -> Result<OverallRecord, AnalysisError> {
+        let test = self.sample.compare_all(&self.groups.relabellings(self.draws), stop)?;
+        Ok(OverallRecord { pseudo_f: test.pseudo_f.into(), r_squared: test.r_squared })
+    }
+
+    fn group(&self, group: usize) -> Result<Group, StudyError> {
+        let members = self.groups.members(group);
+        let weights: Vec<f64> = members.iter().map(|&k| self.shapes.weights[k]).collect();
+        let average = self.shapes.average(&members);
+        let rows = self.shapes.rows(&average);
+        let (mean, elements) = match self.shapes.space.method {
+            Method::Projection(class) => {
+                let (mean, elements) = self.mean_space(class, &members, weights.clone())?;
+                (mean, Some(elements))
+            }
+            Method::Procrustes(_) => {
+                let (control_points, eigenvalues) = (rows.clone(), Vec::new());
+                (MeanRecord { control_points, eigenvalues, gap: None, unique: None, converged: true }, None)
+            }
+        };
+        let record = GroupRecord {
+            name: self.groups.names[group].clone(),
+            shapes: members.len(),
+            weight: weights.iter().sum(),
+            mean,
+            spread: self.spread(&members, &average),
+            average: rows,
+            sizes: self.sizes(&members, &weights),
+        };
+        Ok(Group { record, average, elements })
+    }
+
+    /// Root of the weighted mean squared distance of the aligned shapes at `members` from `average`.
+    fn spread(&self, members: &[usize], average: &[f64]) -> f64 {
+        let weights = &self.shapes.weights;
+        let weight: f64 = members.iter().map(|&k| weights[k]).sum();
+        let squared = |k: usize| {
+            let column = self.shapes.aligned.column(k);
+            column.iter().zip(average).map(|(x, m)| (x - m).powi(2)).sum::<f64>()
+        };
+        (members.iter().map(|&k| weights[k] * squared(k)).sum::<f64>() / weight).sqrt()
+    }
+
+    fn sizes(&self, members: &[usize], weights: &[f64]) -> Vec<SizeSummary> {
+        let summary = |(m, &measure): (usize, _)| {
+            let values: Vec<f64> = members.iter().map(|&k| self.shapes.sizes.values[(m, k)]).collect();
+            let (mean, deviation) = mean_and_deviation(&values, weights);
+            SizeSummary { measure, mean, deviation }
+        };
+        self.shapes.sizes.measures.iter().enumerate().map(summary).collect()
+    }
+
+    /// Nearest member to the pooled mean of the mean space of the shapes at `members`, and a basis of the space.
+    fn mean_space(
+        &self,
+        class: &TransformationClass,
+        members: &[usize],
+        weights: Vec<f64>,
+    ) -> Result<(MeanRecord, Matrix), AnalysisError> {
+        let placed = self.shapes.placed.select_columns(members);
+        let source = ShapesInMemory::prepared(placed.as_slice().to_vec(), weights);
+        let sum = ProjectorSum::of(&source, class, self.shapes.space.metric.len())?;
+        let space = MeanSpace::new(sum, REPORTED_EIGENVALUES)?;
+        let control_points = self.shapes.rows(&space.project(&self.shapes.mean.whitened));
+        let (gap, unique) = (Some(space.gap), Some(space.is_unique()));
+        let elements = space.elements();
+        let eigenvalues = space.eigenvalues;
+        Ok((MeanRecord { control_points, eigenvalues, gap, unique, converged: true }, elements))
+    }
+
+    fn pair(
+        &self,
+        pair: (usize, usize),
+        groups: &[Group],
+        stop: Stop<'_>,
+    ) -> Result<PairRecord, AnalysisError> {
+        let (first, second) = (&groups[pair.0], &groups[pair.1]);
+        let relabellings = self.groups.relabellings_of_pair(pair, self.draws);
+        let chosen = self.sample.select(&self.groups.members_of_pair(pair));
+        let tests = chosen.compare_pair(&relabellings, stop)?;
+        let effect = self.effect(first, &tests);
+        let sizes =
+            tests.sizes.iter().zip(&self.shapes.sizes.measures).map(|(tested, &measure)| SizeDifference {
+                measure,
+                difference: tested.value.unwrap_or_default(),
+                test: tested.tally.into(),
+            });
+        Ok(PairRecord {
+            first: first.record.name.clone(),
+            second: second.record.name.clone(),
+            exchangeable: relabellings.exchangeable(),
+            chordal_distance: first.elements.as_ref().zip(second.elements.as_ref()).map(chordal_distance),
+            sizes: sizes.collect(),
+            distance: tests.distance.into(),
+            pseudo_f: tests.pseudo_f.into(),
+            r_squared: tests.r_squared,
+            hotelling: tests.hotelling.into(),
+            components: tests.components,
+            effect,
+        })
+    }
+
+    /// Difference along the shape, from the average of the first group.
+    fn effect(&self, first: &Group, tests: &PairTests) -> Vec<EffectPoint> {
+        let (d, count) = (self.shapes.space.metric.dimension(), self.places.count());
+        let average = Matrix::from_column_slice(first.average.len(), 1, &first.average);
+        let points = self.shapes.points(&average, &self.places);
+        let row = |values: &[f64], i: usize| (0..d).map(|c| values[c * count + i]).collect::<Vec<f64>>();
+        (0..count)
+            .map(|i| {
+                let difference = row(&tests.effect.difference, i);
+                EffectPoint {
+                    parameter: self.places.parameter(i),
+                    surface_parameters: self.places.surface_parameters(i),
+                    point: row(points.as_slice(), i),
+                    length: difference.iter().map(|x| x * x).sum::<f64>().sqrt(),
+                    difference,
+                    t_squared: tests.effect.t_squared[i],
+                    p: tests.effect.tallies[i].p(),
+                }
+            })
+            .collect()
+    }
+}
+
+/// `√(1 − ‖AᵀB‖²/I)` of two orthonormal bases of `I` columns.
+fn chordal_distance((a, b): (&Matrix, &Matrix)) -> f64 {
+    let cosines = transpose_multiply(a, b).norm_squared() / a.ncols() as f64;
+    (1.0 - cosines).max(0.0).sqrt()
+}
+
+/// Applies Holm's correction for the number of pairs to the p values of every statistic and every size.
+fn correct(pairs: &mut [PairRecord]) {
+    let sizes = pairs.first().map_or(0, |pair| pair.sizes.len());
+    let statistics: [fn(&mut PairRecord) -> &mut TestRecord; 3] =
+        [|pair| &mut pair.distance.test, |pair| &mut pair.pseudo_f.test, |pair| &mut pair.hotelling.test];
+    for of in statistics {
+        correct_tests(pairs.iter_mut().map(of).collect());
+    }
+    for m in 0..sizes {
+        correct_tests(pairs.iter_mut().map(|pair| &mut pair.sizes[m].test).collect());
+    }
+}
+
+fn correct_tests(tests: Vec<&mut TestRecord>) {
+    let mut tests: Vec<(f64, &mut TestRecord)> =
+        tests.into_iter().filter_map(|test| test.p.map(|p| (p, test))).collect();
+    let p: Vec<f64> = tests.iter().map(|(p, _)| *p).collect();
+    for ((_, test), corrected) in tests.iter_mut().zip(holm(&p)) {
+        test.p_holm = Some(corrected);
+    }
+}

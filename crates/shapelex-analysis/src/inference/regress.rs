@@ -1,0 +1,130 @@
+//! Regression of shapes on an attribute: change of the shape, explained variation, predictions, scores.
+
+use super::aligned::AlignedShapes;
+use super::error::StudyError;
+use super::permutation::Draws;
+use super::records::{AttributeSummary, Prediction, RegressionRecord};
+use super::regression::Regression;
+use super::variables::Variables;
+use crate::dictionary::content::MeanRecord;
+use crate::metric::{dot, norm};
+use crate::watch::Watch;
+
+/// Quantiles of the attribute at which shapes are predicted.
+const QUANTILES: [f64; 3] = [0.05, 0.5, 0.95];
+
+/// A regression with the position of each shape along it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Regressed {
+    /// The regression.
+    pub record: RegressionRecord,
+    /// Value of the attribute of each shape.
+    pub values: Vec<f64>,
+    /// Score of each shape, `⟨y − ȳ, b⟩/‖b‖`: distance that it has moved in the direction of the change.
+    pub scores: Vec<f64>,
+    /// Warnings about the mean of the shapes.
+    pub warnings: Vec<String>,
+}
+
+/// Regresses shapes on an attribute, adjusted for covariates.
+///
+/// `draws` are permutations of the residuals (Freedman and Lane). Predictions are made at the 5 %, 50 % and 95 % quantiles
+/// of the attribute, with the covariates at their mean.
+///
+/// Cost: that of [`Design::regress`](super::regression::Design::regress).
+///
+/// # Errors
+/// Every variant of [`StudyError`] about variables; [`AnalysisError::Interrupted`](crate::AnalysisError::Interrupted) once
+/// `watch` stops.
+pub fn regress(
+    shapes: &AlignedShapes<'_>,
+    variables: &Variables,
+    draws: Draws<'_>,
+    watch: &dyn Watch,
+) -> Result<Regressed, StudyError> {
+    variables.check_count(shapes.count())?;
+    let sizes = match variables.need_sizes() {
+        true => Some(shapes.log_centroid_sizes().ok_or(StudyError::Unmeasured)?),
+        false => None,
+    };
+    let design = variables.design(sizes.as_deref(), &shapes.weights)?;
+    let values = variables.attribute_values(sizes.as_deref());
+    let summary = variables.summary(&values, &shapes.weights)?;
+    let found = design.regress(&shapes.aligned, &shapes.weights, draws, &|| watch.stop())?;
+    let all: Vec<usize> = (0..shapes.count()).collect();
+    let average = shapes.average(&all);
+    let scores = all.iter().map(|&k| score(shapes, k, &average, &found.slope)).collect();
+    let record = record(shapes, variables, &values, (&average, summary), found);
+    Ok(Regressed { record, values, scores, warnings: shapes.mean_warnings() })
+}
+
+fn record(
+    shapes: &AlignedShapes<'_>,
+    variables: &Variables,
+    values: &[f64],
+    (average, summary): (&[f64], AttributeSummary),
+    found: Regression,
+) -> RegressionRecord {
+    let slope = &found.slope;
+    let per_deviation: Vec<f64> = slope.iter().map(|b| b * summary.deviation).collect();
+    RegressionRecord {
+        pooled: MeanRecord::of(&shapes.mean, shapes.space.metric.dimension()),
+        covariates: variables.covariate_records(),
+        degrees: found.degrees,
+        r_squared: found.r_squared,
+        partial_r_squared: found.partial_r_squared,
+        model_r_squared: found.model_r_squared,
+        pseudo_f: found.pseudo_f,
+        test: found.tally.into(),
+        average: shapes.rows(average),
+        change_per_unit: shapes.rows(slope),
+        change_per_deviation: shapes.rows(&per_deviation),
+        predictions: predictions(shapes, values, (average, summary.mean), slope),
+        attribute: summary,
+    }
+}
+
+/// Predictions at [`QUANTILES`]; `average` is the prediction at the mean of the attribute.
+fn predictions(
+    shapes: &AlignedShapes<'_>,
+    values: &[f64],
+    (average, mean): (&[f64], f64),
+    slope: &[f64],
+) -> Vec<Prediction> {
+    let moved = |step: f64| -> Vec<f64> { average.iter().zip(slope).map(|(a, b)| a + step * b).collect() };
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let prediction = |q: f64| {
+        let value = quantile(&sorted, q);
+        Prediction { quantile: q, attribute: value, control_points: shapes.rows(&moved(value - mean)) }
+    };
+    QUANTILES.map(prediction).to_vec()
+}
+
+/// Score of shape `k`.
+fn score(shapes: &AlignedShapes<'_>, k: usize, average: &[f64], slope: &[f64]) -> f64 {
+    let centred: Vec<f64> = shapes.aligned.column(k).iter().zip(average).map(|(y, a)| y - a).collect();
+    let length = norm(slope);
+    if length > 0.0 { dot(&centred, slope) / length } else { 0.0 }
+}
+
+/// Quantile of ascending values, with linear interpolation.
+fn quantile(sorted: &[f64], q: f64) -> f64 {
+    let position = q * (sorted.len() - 1) as f64;
+    let below = position.floor() as usize;
+    let above = (below + 1).min(sorted.len() - 1);
+    sorted[below] + (position - below as f64) * (sorted[above] - sorted[below])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn quantiles_interpolate_between_neighbours() {
+        let sorted = [1.0, 2.0, 4.0];
+        let found = [0.0, 0.25, 0.5, 0.75, 1.0].map(|q| quantile(&sorted, q));
+        assert_eq!(found, [1.0, 1.5, 2.0, 3.0, 4.0]);
+        assert_eq!(quantile(&[7.0], 0.95), 7.0);
+    }
+}

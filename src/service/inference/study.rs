@@ -1,0 +1,325 @@
+//! A study of the shapes of a cohort: at once if it is quick, otherwise as a job.
+//!
+//! A plan fixes everything that the result depends on, including the revision of the cohort. What differs between kinds of
+//! studies is a [`StudyKind`].
+
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use tokio::runtime::Handle;
+
+use super::sample::{Selection, cohort_at};
+use crate::analysis::alignment::Alignment;
+use crate::analysis::correspondence::Mirror;
+use crate::analysis::inference::aligned::{AlignedShapes, StudySpace, frame_for};
+use crate::analysis::inference::error::StudyError;
+use crate::analysis::inference::permutation::Draws;
+use crate::analysis::transformation::Transformation;
+use crate::analysis::watch::Watch;
+use crate::domain::cohort::Cohort;
+use crate::domain::job::JobKind;
+use crate::domain::study::StudyHeader;
+use crate::formats::fault::Fault;
+use crate::service::app::progress::JobContext;
+use crate::service::app::{App, ServiceError};
+use crate::service::cohorts::attributes::Attribute;
+use crate::service::cohorts::catalogue;
+use crate::service::cost::jobs::{Estimate, TestWork};
+use crate::service::cost::requests;
+use crate::service::jobs::inline_or_job::PlannedTest;
+use crate::service::statistics::{Settings, Setup};
+
+/// Maximum number of permutations of a test.
+const MAX_PERMUTATIONS: usize = 100_000;
+
+/// Default number of permutations.
+pub const DEFAULT_PERMUTATIONS: usize = 1000;
+
+/// Progress when the shapes are aligned.
+const ALIGNED: f64 = 0.2;
+
+/// Request for a study with options `O`.
+#[derive(Debug, Clone)]
+pub struct StudyRequest<O> {
+    /// Id or name of the cohort.
+    pub cohort: String,
+    /// Transformations removed before comparison.
+    pub transformation: Transformation,
+    /// Projection on the class, or Procrustes fits.
+    pub alignment: Alignment,
+    /// Whether mirror images may be matched. Default: the rule of the cohort.
+    pub mirror: Option<Mirror>,
+    /// Number of permutations.
+    pub permutations: usize,
+    /// Seed of random permutations.
+    pub seed: u64,
+    /// Attributes that define strata: labels or residuals are exchanged only between shapes with equal values.
+    pub strata: Vec<String>,
+    /// Options of this kind of study.
+    pub options: O,
+}
+
+impl<O> StudyRequest<O> {
+    /// Fault of the number of permutations.
+    pub(super) fn permutations_fault(&self) -> Option<Fault> {
+        (self.permutations > MAX_PERMUTATIONS).then(|| {
+            let detail =
+                format!("expected a number between 0 and {MAX_PERMUTATIONS}, got {}", self.permutations);
+            Fault::new("/permutations", detail)
+        })
+    }
+
+    /// Faults of the names of strata.
+    pub(super) fn strata_faults(&self) -> impl Iterator<Item = Fault> {
+        let unknown = self.strata.iter().filter(|name| Attribute::parse(name).is_none());
+        unknown.map(|name| Fault::new("/strata", format!("{}, got '{name}'", Attribute::WANTED)))
+    }
+}
+
+/// Checked parameters of a study, with the revision of the cohort.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Plan<O> {
+    pub(super) cohort: String,
+    pub(super) revision: u64,
+    pub(super) transformation: Transformation,
+    pub(super) alignment: Alignment,
+    pub(super) mirror: Mirror,
+    pub(super) permutations: usize,
+    pub(super) seed: u64,
+    pub(super) strata: Vec<String>,
+    #[serde(flatten)]
+    pub(super) options: O,
+}
+
+impl<O> Plan<O> {
+    fn new(request: StudyRequest<O>, cohort: &Cohort) -> Self {
+        Self {
+            cohort: cohort.id.clone(),
+            revision: cohort.revision,
+            transformation: request.transformation,
+            alignment: request.alignment,
+            mirror: request.mirror.unwrap_or(cohort.mirror),
+            permutations: request.permutations,
+            seed: request.seed,
+            strata: request.strata,
+            options: request.options,
+        }
+    }
+
+    /// Settings for aligning the shapes of `cohort`.
+    fn settings(&self, cohort: &Cohort) -> Settings {
+        Settings {
+            representation: cohort.representation.clone(),
+            correspondence: cohort.correspondence,
+            direction: cohort.direction,
+            mirror: self.mirror,
+            transformation: self.transformation.clone(),
+            alignment: self.alignment,
+            frame: frame_for(&self.transformation),
+        }
+    }
+
+    /// Permutations within these strata.
+    pub(super) fn draws<'a>(&self, strata: &'a [usize]) -> Draws<'a> {
+        Draws { strata, seed: self.seed, permutations: self.permutations }
+    }
+
+    /// Header of the result.
+    pub(super) fn header(&self, shapes: usize, left_out: usize) -> StudyHeader {
+        StudyHeader {
+            transformation: self.transformation.clone(),
+            alignment: self.alignment,
+            mirror: self.mirror,
+            seed: self.seed,
+            strata: self.strata.clone(),
+            shapes,
+            left_out,
+        }
+    }
+}
+
+/// A kind of study: the shapes that it selects, and what it computes of them.
+pub trait StudyKind: Sized + Send + Sync + 'static {
+    /// Options beyond those of every study, as requested and as stored with a job.
+    type Options: Serialize + DeserializeOwned + Send + Sync;
+    /// Result.
+    type Record: Serialize + DeserializeOwned + Send;
+    /// Kind of the job that computes it.
+    const KIND: JobKind;
+    /// Name of the phase after the alignment, for progress.
+    const PHASE: &'static str;
+
+    /// Faults of a request that do not depend on the cohort.
+    fn faults(app: &App, request: &StudyRequest<Self::Options>) -> Vec<Fault>;
+
+    /// Sets options that depend on the cohort.
+    fn complete(options: &mut Self::Options, cohort: &Cohort);
+
+    /// Selects the shapes.
+    ///
+    /// # Errors
+    /// Faults of groups, attributes and strata.
+    fn select(
+        app: &App,
+        cohort: &Cohort,
+        plan: &Plan<Self::Options>,
+    ) -> impl Future<Output = Result<Self, ServiceError>> + Send;
+
+    /// The selected shapes.
+    fn selection(&self) -> Selection<'_>;
+
+    /// Predicts the cost.
+    ///
+    /// # Errors
+    /// Too much memory; options that do not fit the space of the shapes.
+    fn estimate(
+        &self,
+        app: &App,
+        plan: &Plan<Self::Options>,
+        setup: &Setup,
+    ) -> Result<Estimate, ServiceError>;
+
+    /// Computes the result of the aligned shapes.
+    ///
+    /// # Errors
+    /// Shapes that have no such result; [`ServiceError::Cancelled`].
+    fn result(
+        study: &Study<Self>,
+        shapes: &AlignedShapes<'_>,
+        watch: &dyn Watch,
+    ) -> Result<Self::Record, ServiceError>;
+
+    /// Drawing of a result.
+    fn draw(study: &Study<Self>, record: &Self::Record) -> String;
+}
+
+/// A study that is ready to run.
+#[derive(Debug)]
+pub struct Study<K: StudyKind> {
+    pub(super) plan: Plan<K::Options>,
+    pub(super) cohort: Cohort,
+    pub(super) setup: Setup,
+    pub(super) sample: K,
+    estimate: Estimate,
+}
+
+impl<K: StudyKind> Study<K> {
+    /// Checks and plans a study.
+    ///
+    /// # Errors
+    /// All faults of the request; a cohort that does not exist.
+    pub async fn prepare(app: &App, mut request: StudyRequest<K::Options>) -> Result<Self, ServiceError> {
+        ServiceError::unless_empty(K::faults(app, &request))?;
+        let cohort = catalogue::find(app, &request.cohort).await?;
+        K::complete(&mut request.options, &cohort);
+        let plan = Plan::new(request, &cohort);
+        Self::of_cohort(app, cohort, plan).await
+    }
+
+    async fn of_cohort(app: &App, cohort: Cohort, plan: Plan<K::Options>) -> Result<Self, ServiceError> {
+        let sample = K::select(app, &cohort, &plan).await?;
+        let (task_app, settings) = (app.clone(), plan.settings(&cohort));
+        let preparing = app.pool.weighing(requests::space(&cohort.representation, &app.limits));
+        let setup = preparing.run(move || Setup::new(&task_app, &settings)).await?;
+        let estimate = sample.estimate(app, &plan, &setup)?;
+        Ok(Self { plan, cohort, setup, sample, estimate })
+    }
+
+    /// The space of the study.
+    fn space(&self) -> StudySpace<'_> {
+        let Setup { space, metric, method, frame, matching, .. } = &self.setup;
+        StudySpace { space, metric, method, frame: *frame, matching }
+    }
+}
+
+impl<K: StudyKind> PlannedTest for Study<K> {
+    type Plan = Plan<K::Options>;
+    type Answer = K::Record;
+    const KIND: JobKind = K::KIND;
+
+    fn plan(&self) -> &Self::Plan {
+        &self.plan
+    }
+
+    fn of_plan(app: &App, handle: &Handle, plan: Self::Plan) -> Result<Self, ServiceError> {
+        let cohort = cohort_at(app, handle, &plan.cohort, plan.revision)?;
+        handle.block_on(Self::of_cohort(app, cohort, plan))
+    }
+
+    fn seconds(&self) -> f64 {
+        self.estimate.seconds
+    }
+
+    fn answer(&self, app: &App, handle: &Handle, context: &JobContext) -> Result<K::Record, ServiceError> {
+        let stop = || context.is_cancelled();
+        context.report("align", 0.0, None);
+        let (selection, space) = (self.sample.selection(), self.space());
+        let (control_points, weights) =
+            selection.read(app, handle, &self.cohort, space.metric.len(), &stop)?;
+        let aligned = AlignedShapes::new(space, control_points, weights, &stop);
+        let aligned =
+            aligned.map_err(|error| selection.named(refused(error, "/cohort"), &self.cohort.name))?;
+        context.report(K::PHASE, ALIGNED, None);
+        K::result(self, &aligned, &Computing { context, phase: K::PHASE })
+    }
+
+    fn draw(&self, answer: &K::Record) -> String {
+        K::draw(self, answer)
+    }
+}
+
+/// Watch of the part that follows the alignment.
+struct Computing<'a> {
+    context: &'a JobContext,
+    phase: &'static str,
+}
+
+impl Watch for Computing<'_> {
+    fn stop(&self) -> bool {
+        self.context.is_cancelled()
+    }
+
+    fn progress(&self, fraction: f64) {
+        self.context.report(self.phase, ALIGNED + (1.0 - ALIGNED) * fraction, None);
+    }
+}
+
+/// Predicted cost of `work`, provided that it fits in memory; otherwise a fault at `pointer`.
+///
+/// # Errors
+/// Too much memory.
+pub(super) fn within_memory(
+    app: &App,
+    setup: &Setup,
+    work: &TestWork,
+    pointer: &str,
+) -> Result<Estimate, ServiceError> {
+    let estimate = Estimate::of_tests(setup, work);
+    let most = app.limits.job_bytes as f64;
+    if estimate.memory_bytes <= most {
+        return Ok(estimate);
+    }
+    let detail = format!(
+        "expected a job that takes at most {most:.1e} bytes of memory, got {:.1e} for {} shapes: choose \
+         fewer shapes",
+        estimate.memory_bytes, work.shapes
+    );
+    Err(ServiceError::invalid(pointer, detail))
+}
+
+/// Refusal for an error of a study; `pointer` is the place of errors that do not name it themselves.
+pub(super) fn refused(error: StudyError, pointer: &str) -> ServiceError {
+    let pointer = match &error {
+        StudyError::CollinearCovariate { covariate } => format!("/covariates/{covariate}"),
+        StudyError::CollinearAttribute | StudyError::SmallDeviation => "/attribute".into(),
+        StudyError::Weights { .. } => "/cohort".into(),
+        StudyError::Unmeasured => {
+            return ServiceError::invalid("/cohort", "the cohort has shapes too large to be measured");
+        }
+        StudyError::LargeValues
+        | StudyError::ManyLevels { .. }
+        | StudyError::FewShapes { .. }
+        | StudyError::FewMembers { .. } => pointer.to_owned(),
+        StudyError::Analysis(error) => return error.clone().into(),
+    };
+    ServiceError::invalid(pointer, error.to_string())
+}
