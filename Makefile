@@ -32,6 +32,7 @@ test: tools spell
 	cargo check --locked --all-features
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps --document-private-items --quiet
 	cargo test --locked --doc
+	for example in examples/*.rs; do cargo run --quiet --locked --example $$(basename $$example .rs) || exit 1; done
 	cargo test --locked --lib --test suite --no-run
 	cargo check --locked --manifest-path fuzz/Cargo.toml
 	@if command -v python3 >/dev/null; then python3 deploy/lint.py; else echo "SKIPPED: the lint of deploy, there is no python3"; fi

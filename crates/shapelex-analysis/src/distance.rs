@@ -24,10 +24,11 @@ use rayon::prelude::*;
 use realfft::num_complex::Complex64;
 
 use super::AnalysisError;
+use super::accumulate;
 use super::alignment::Method;
 use super::fit::{Fit, best_correlation};
 use super::matching::{Matching, Placement};
-use super::metric::{dot, norm};
+use super::metric::{Metric, dot, norm};
 use super::subspace::Subspace;
 use super::transformation::{Structure, TransformationClass};
 use shapelex_numeric::circulant::{FftScratch, RealFft};
@@ -204,6 +205,24 @@ impl DistanceSpace {
             None => 8 * self.size,
         };
         8 + of_column * self.columns * self.matching.candidates().len()
+    }
+
+    /// Approximate number of multiply-adds of the matrix of `count` shapes.
+    pub fn matrix_operations(&self, count: usize) -> f64 {
+        self.operations() * (count as f64).powi(2) / 2.0
+    }
+
+    /// Prepares shapes of these control points, `d·N` coordinate-major numbers each.
+    ///
+    /// # Errors
+    /// As for [`Self::prepare`].
+    pub fn prepare_given(
+        &self,
+        metric: &Metric,
+        mut control_points: Vec<f64>,
+    ) -> Result<PreparedShapes, AnalysisError> {
+        accumulate::prepare(metric, self.method.translates(), 0, &mut control_points)?;
+        self.prepare(&control_points)
     }
 
     /// Prepares whitened shapes, `d·N` numbers each, centred when the class translates.

@@ -1,6 +1,8 @@
 //! The nearest neighbours in a stream of shapes: only the best so far are kept.
 
-use super::distance::Match;
+use super::AnalysisError;
+use super::distance::{DistanceSpace, Match, PreparedShapes};
+use shapelex_numeric::bounded::Stop;
 
 /// One of the nearest shapes.
 #[derive(Debug, Clone, PartialEq)]
@@ -36,6 +38,60 @@ impl<T> Nearest<T> {
     /// The nearest shapes, in ascending order of distance.
     pub fn into_sorted(self) -> Vec<Neighbour<T>> {
         self.kept
+    }
+}
+
+/// Search for the nearest shapes to each of several queries, over shapes that arrive in batches.
+#[derive(Debug)]
+pub struct NeighbourSearch<'a, T> {
+    space: &'a DistanceSpace,
+    queries: PreparedShapes,
+    own: Vec<T>,
+    nearest: Vec<Nearest<T>>,
+}
+
+impl<'a, T: Clone + PartialEq> NeighbourSearch<'a, T> {
+    /// A search for the `most` nearest shapes to each query. `own` identifies queries that are among the shapes, in order: a
+    /// shape is not its own neighbour. It is empty if none is.
+    pub fn new(space: &'a DistanceSpace, queries: PreparedShapes, own: Vec<T>, most: usize) -> Self {
+        let nearest = vec![Nearest::new(most); queries.count()];
+        Self { space, queries, own, nearest }
+    }
+
+    /// Number of queries.
+    pub fn queries(&self) -> usize {
+        self.queries.count()
+    }
+
+    /// Compares all queries with further shapes, identified by `names`. `stop` is checked before every query.
+    ///
+    /// Cost: that of [`DistanceSpace::compare`] for every query.
+    ///
+    /// # Errors
+    /// [`AnalysisError::Interrupted`] once `stop` returns true.
+    pub fn offer(
+        &mut self,
+        names: &[T],
+        shapes: &PreparedShapes,
+        stop: Stop<'_>,
+    ) -> Result<(), AnalysisError> {
+        for (query, nearest) in self.nearest.iter_mut().enumerate() {
+            if stop() {
+                return Err(AnalysisError::Interrupted);
+            }
+            let own = self.own.get(query);
+            for (name, found) in names.iter().zip(self.space.compare(&self.queries, query, shapes)) {
+                if own != Some(name) {
+                    nearest.offer(found, || name.clone());
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// The neighbours of every query, in ascending order of distance; of equally distant shapes, those offered first.
+    pub fn into_sorted(self) -> Vec<Vec<Neighbour<T>>> {
+        self.nearest.into_iter().map(Nearest::into_sorted).collect()
     }
 }
 

@@ -4,7 +4,6 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use tokio::runtime::Handle;
 
-use crate::analysis::accumulate::prepare;
 use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::Mirror;
 use crate::analysis::distance::{DistanceSpace, PreparedShapes};
@@ -105,7 +104,7 @@ pub async fn of_posted(
     let preparing = app.pool.weighing(requests::space(&settings.representation, &app.limits));
     let (task_app, count) = (app.clone(), shapes.len());
     let (setup, space) = preparing.run(move || checked_space(&task_app, &settings, count)).await?;
-    let work = requests::distances(counts, cost(&space, count));
+    let work = requests::distances(counts, space.matrix_operations(count));
     work.check(app.limits.request_work.as_secs_f64())?;
     let task_app = app.clone();
     app.pool.weighing(work).run(move || matrix_of_posted(&task_app, &setup, &space, shapes)).await
@@ -120,7 +119,7 @@ fn checked_space(
     let setup = Setup::new(app, settings)?;
     let space = DistanceSpace::new(&setup.method, &setup.matching)?;
     check_size(app, &space, count, "/shapes")?;
-    let (found, most) = (cost(&space, count), app.limits.matrix_operations as f64);
+    let (found, most) = (space.matrix_operations(count), app.limits.matrix_operations as f64);
     if found > most {
         let detail = format!(
             "expected at most {most:.1e} multiply-adds for all distances, got about {found:.1e} ({count} \
@@ -170,7 +169,7 @@ pub async fn of_cohort(
             let setup = Setup::new(&task_app, &settings)?;
             let space = DistanceSpace::new(&setup.method, &setup.matching)?;
             check_size(&task_app, &space, count, field)?;
-            Ok(cost(&space, count))
+            Ok(space.matrix_operations(count))
         })
         .await?;
     if let Chosen::Ids(keys) = &chosen {
@@ -235,10 +234,6 @@ fn check_size(app: &App, space: &DistanceSpace, count: usize, field: &str) -> Re
         return Err(ServiceError::invalid(field, detail));
     }
     Ok(())
-}
-
-fn cost(space: &DistanceSpace, count: usize) -> f64 {
-    space.operations() * (count as f64).powi(2) / 2.0
 }
 
 /// Runs the job.
@@ -321,10 +316,9 @@ fn matrix_of(
     shapes: Named,
     go_on: &GoOn<'_>,
 ) -> Result<NamedMatrix, ServiceError> {
-    let Named { ids, labels, mut control_points, field } = shapes;
-    let prepared = prepare(&setup.metric, setup.method.translates(), 0, &mut control_points)
-        .and_then(|()| space.prepare(&control_points));
+    let Named { ids, labels, control_points, field } = shapes;
     let at = |index: usize| format!("/{field}/{index}");
+    let prepared = space.prepare_given(&setup.metric, control_points);
     let prepared = prepared.map_err(|error| ServiceError::of_analysis(error, at))?;
     Ok(NamedMatrix { fields: Map::new(), ids, labels, values: space.matrix(&prepared, go_on)? })
 }

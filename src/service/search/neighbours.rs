@@ -12,11 +12,9 @@ use tokio::runtime::Handle;
 
 use super::distances::Comparison;
 use super::prepared::PreparedCohort;
-use crate::analysis::AnalysisError;
-use crate::analysis::accumulate::prepare;
 use crate::analysis::distance::{DistanceSpace, PreparedShapes};
 use crate::analysis::matching::Placement;
-use crate::analysis::neighbours::{Nearest, Neighbour};
+use crate::analysis::neighbours::{Neighbour, NeighbourSearch};
 use crate::domain::cohort::Cohort;
 use crate::domain::shape::{ShapeAttributes, ShapeFilter};
 use crate::formats::shape::ShapeInput;
@@ -79,9 +77,6 @@ pub struct FoundNeighbour {
 }
 
 type Sorted = Vec<Neighbour<String>>;
-
-/// Receives shapes of the cohort with their ids.
-type Offer<'a> = dyn FnMut(&[String], &PreparedShapes) -> Result<(), AnalysisError> + 'a;
 
 /// Nearest shapes of the cohort with this key to every query, by ascending distance; of equally distant shapes, those
 /// added first.
@@ -195,30 +190,17 @@ struct Task<'a> {
 impl Task<'_> {
     fn run(&self, setup: &Setup, space: &DistanceSpace, queries: Given) -> Result<Vec<Sorted>, ServiceError> {
         let (queries, own) = self.prepared(setup, space, queries)?;
-        let mut nearest = vec![Nearest::new(self.neighbours); queries.count()];
+        let mut search = NeighbourSearch::new(space, queries, own, self.neighbours);
         let context = self.app.pool.context();
-        let mut offer = |ids: &[String], others: &PreparedShapes| {
-            for (query, nearest) in nearest.iter_mut().enumerate() {
-                if context.is_cancelled() {
-                    return Err(AnalysisError::Interrupted);
-                }
-                let own = own.get(query);
-                for (id, found) in ids.iter().zip(space.compare(&queries, query, others)) {
-                    if own != Some(id) {
-                        nearest.offer(found, || id.clone());
-                    }
-                }
-            }
-            Ok(())
-        };
+        let stop = || context.is_cancelled();
         match self.app.cache.find::<PreparedCohort>(&self.cohort.id, &self.key()) {
             Some(known) => {
-                self.check_cost(space, queries.count(), known.ids.len())?;
-                known.shapes.iter().try_for_each(|shapes| offer(&known.ids, shapes))?;
+                self.check_cost(space, search.queries(), known.ids.len())?;
+                known.shapes.iter().try_for_each(|shapes| search.offer(&known.ids, shapes, &stop))?;
             }
-            None => self.read(setup, space, queries.count(), &mut offer)?,
+            None => self.read(setup, space, &mut search, &stop)?,
         }
-        Ok(nearest.into_iter().map(Nearest::into_sorted).collect())
+        Ok(search.into_sorted())
     }
 
     /// Cache key: everything that the prepared shapes of the cohort depend on.
@@ -231,21 +213,19 @@ impl Task<'_> {
         &self,
         setup: &Setup,
         space: &DistanceSpace,
-        queries: usize,
-        offer: &mut Offer<'_>,
+        search: &mut NeighbourSearch<'_, String>,
+        stop: &(dyn Fn() -> bool + Sync),
     ) -> Result<(), ServiceError> {
         let (app, handle, cohort, filter) = (self.app, self.handle, self.cohort, self.filter);
-        let context = app.pool.context();
-        let stop = || context.is_cancelled();
-        let shapes = StoredShapes::new(app, handle, cohort, filter, 0, setup, &stop)?;
+        let shapes = StoredShapes::new(app, handle, cohort, filter, 0, setup, stop)?;
         if shapes.is_empty() && *filter != ShapeFilter::default() {
             return Err(ServiceError::invalid("/filter", "the filter selects no shapes"));
         }
-        self.check_cost(space, queries, shapes.len())?;
+        self.check_cost(space, search.queries(), shapes.len())?;
         let mut kept = PreparedCohort::for_count(space, shapes.len());
         shapes.for_each_named(&mut |batch| {
             let others = space.prepare(&batch.control_points)?;
-            offer(&batch.ids, &others)?;
+            search.offer(&batch.ids, &others, stop)?;
             if let Some(kept) = &mut kept {
                 kept.append(&batch.ids, others);
             }
@@ -264,15 +244,14 @@ impl Task<'_> {
         space: &DistanceSpace,
         queries: Given,
     ) -> Result<(PreparedShapes, Vec<String>), ServiceError> {
-        let (field, own, mut control_points) = match queries {
+        let (field, own, control_points) = match queries {
             Given::Stored { ids, control_points } => ("ids", ids, control_points),
             Given::Posted(shapes) => {
                 let reading = setup.reading(&self.app.limits);
                 ("shapes", Vec::new(), read::read_batch(&reading, shapes)?.control_points)
             }
         };
-        let prepared = prepare(&setup.metric, setup.method.translates(), 0, &mut control_points)
-            .and_then(|()| space.prepare(&control_points));
+        let prepared = space.prepare_given(&setup.metric, control_points);
         let at = |index: usize| format!("/{field}/{index}");
         Ok((prepared.map_err(|error| ServiceError::of_analysis(error, at))?, own))
     }

@@ -8,5 +8,6 @@ mod pipeline;
 mod retrieval;
 mod sparse;
 mod sparse_blocks;
+mod studies;
 mod subdivision;
 mod vectors;

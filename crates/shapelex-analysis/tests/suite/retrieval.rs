@@ -7,6 +7,7 @@ use shapelex_analysis::distance::DistanceSpace;
 use shapelex_analysis::fit::{Fit, transform};
 use shapelex_analysis::matching::{Matching, Placement};
 use shapelex_analysis::metric::norm;
+use shapelex_analysis::neighbours::NeighbourSearch;
 use shapelex_analysis::transformation::{ClassName, CustomClass, Transformation, TransformationClass};
 use shapelex_geometry::generator::GeneratorKind;
 use shapelex_geometry::representation::{Representation, ShapeSpace};
@@ -281,4 +282,26 @@ fn degenerate_shapes_are_named_by_their_position() {
     }
     let space = DistanceSpace::new(&projection(ClassName::Affine, 2), &plain(2)).unwrap();
     assert_eq!(space.prepare(&shapes.concat()).unwrap_err().position(), Some(41));
+}
+
+#[test]
+fn a_search_over_batches_finds_the_nearest_of_all_and_never_the_query_itself() {
+    let shapes = shapes(3, 40, 2);
+    let space = DistanceSpace::new(&projection(ClassName::Similarity, 2), &plain(2)).unwrap();
+    let queries = space.prepare(&shapes[..2].concat()).unwrap();
+    let mut search = NeighbourSearch::new(&space, queries.clone(), vec![0, 1], 5);
+    for (batch, shapes) in shapes.chunks(16).enumerate() {
+        let names: Vec<usize> = (0..shapes.len()).map(|k| 16 * batch + k).collect();
+        search.offer(&names, &space.prepare(&shapes.concat()).unwrap(), &|| false).unwrap();
+    }
+    assert_eq!(search.queries(), 2);
+    let all = space.prepare(&shapes.concat()).unwrap();
+    for (query, found) in search.into_sorted().into_iter().enumerate() {
+        let row = space.compare(&queries, query, &all);
+        let mut wanted: Vec<usize> = (0..40).filter(|&k| k != query).collect();
+        wanted.sort_by(|&a, &b| row[a].distance.total_cmp(&row[b].distance));
+        assert_eq!(found.iter().map(|neighbour| neighbour.shape).collect::<Vec<_>>(), wanted[..5]);
+    }
+    let mut stopped = NeighbourSearch::new(&space, queries, Vec::new(), 5);
+    assert!(stopped.offer(&[0; 40], &all, &|| true).is_err());
 }
