@@ -5,6 +5,7 @@
 //! * [`access`] — callers and permissions; [`origin`] — cross-site requests; [`headers`] — browser security headers;
 //! * [`overload`] — time limits of requests, and rate limits of callers;
 //! * [`body`] — request memory; [`answers`] — response memory; [`drain`] — draining of refused bodies;
+//!   [`inspected_body`] — bodies that report what passes through them;
 //! * [`observe`], [`audit`] — metrics, log and audit trail of every request; [`metrics`] — the metrics endpoint;
 //! * [`extract`] — bodies, queries and formats, with problem documents as rejections;
 //! * [`respond`] — responses computed and serialised on the thread pool;
@@ -19,6 +20,7 @@ pub mod drain;
 pub mod extract;
 pub mod headers;
 pub mod health;
+pub mod inspected_body;
 pub mod metrics;
 pub mod observe;
 pub mod origin;

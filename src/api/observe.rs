@@ -2,21 +2,19 @@
 //! query and body are never logged.
 
 use std::net::{IpAddr, SocketAddr};
-use std::pin::Pin;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
-use std::task::{Context, Poll};
 use std::time::{Duration, Instant};
 
-use axum::body::{Body, Bytes, HttpBody};
+use axum::body::Body;
 use axum::extract::{ConnectInfo, MatchedPath, Request};
 use axum::http::{HeaderValue, Method, StatusCode};
 use axum::middleware::Next;
 use axum::response::Response;
-use http_body::{Frame, SizeHint};
 use metrics::{Counter, Label, counter, gauge, histogram};
 use tracing::{Instrument, Span};
 
+use super::inspected_body::{Inspect, InspectedBody, Passing};
 use crate::domain::access::{self, Principal};
 use crate::service::app::metrics::{
     HTTP_BYTES_IN, HTTP_BYTES_OUT, HTTP_DURATION, HTTP_IN_FLIGHT, HTTP_REQUESTS,
@@ -110,11 +108,13 @@ pub async fn observe(mut request: Request, next: Next) -> Response {
     let span = tracing::info_span!("request", id = request_id(&request), method, route);
     let mut exchange = Exchange::begin(method, route, asker, span.clone());
     let bytes = counter!(HTTP_BYTES_IN, exchange.labels());
-    let request = request.map(|body| Body::new(Counted { body, bytes, _held: None }));
+    let counting = Counting { bytes, _held: None };
+    let request = request.map(|body| Body::new(InspectedBody::new(body, counting)));
     let response = next.run(request).instrument(span).await;
     exchange.answered(response.status());
     let bytes = counter!(HTTP_BYTES_OUT, exchange.labels());
-    response.map(|body| Body::new(Counted { body, bytes, _held: Some(exchange) }))
+    let counting = Counting { bytes, _held: Some(exchange) };
+    response.map(|body| Body::new(InspectedBody::new(body, counting)))
 }
 
 /// Label of the method: clients may invent others.
@@ -201,35 +201,18 @@ fn milliseconds(time: Duration) -> f64 {
     (time.as_secs_f64() * 1e6).round() / 1e3
 }
 
-/// A body whose bytes are counted; a response body also holds its exchange until it is sent.
-struct Counted {
-    body: Body,
+/// Counts the bytes of a body; that of a response also holds its exchange until it is sent.
+struct Counting {
     bytes: Counter,
     _held: Option<Exchange>,
 }
 
-impl HttpBody for Counted {
-    type Data = Bytes;
-    type Error = axum::Error;
-
-    fn poll_frame(
-        mut self: Pin<&mut Self>,
-        context: &mut Context<'_>,
-    ) -> Poll<Option<Result<Frame<Bytes>, axum::Error>>> {
-        let polled = Pin::new(&mut self.body).poll_frame(context);
-        if let Poll::Ready(Some(Ok(frame))) = &polled
+impl Inspect for Counting {
+    fn inspect(&mut self, passing: Passing<'_>) {
+        if let Passing::Frame(frame) = passing
             && let Some(data) = frame.data_ref()
         {
             self.bytes.increment(data.len() as u64);
         }
-        polled
-    }
-
-    fn is_end_stream(&self) -> bool {
-        self.body.is_end_stream()
-    }
-
-    fn size_hint(&self) -> SizeHint {
-        self.body.size_hint()
     }
 }

@@ -15,7 +15,6 @@ use axum::http::{Request, Response};
 use axum_server::accept::Accept;
 use axum_server::tls_rustls::{RustlsAcceptor, RustlsConfig};
 use futures_util::future::BoxFuture;
-use http_body::{Frame, SizeHint};
 use hyper_util::rt::{TokioExecutor, TokioIo, TokioTimer};
 use hyper_util::server::conn::auto::Builder;
 use hyper_util::service::TowerToHyperService;
@@ -26,6 +25,7 @@ use tokio_util::task::TaskTracker;
 use tower::Service;
 
 use super::connection_slots::{CloseReason, Part, Request as Guard, Slot, Slots, Timeouts};
+use crate::api::inspected_body::{Inspect, InspectedBody, Passing};
 use crate::config::ConnectionLimits;
 
 /// Interval of HTTP/2 keep-alive pings, and timeout of their answers.
@@ -181,7 +181,7 @@ where
     B: HttpBody<Data = Bytes> + Send + 'static,
     B::Error: Into<axum::BoxError>,
 {
-    type Response = Response<Leaving>;
+    type Response = Response<InspectedBody<Body, Leaving>>;
     type Error = Infallible;
     type Future = BoxFuture<'static, Result<Self::Response, Infallible>>;
 
@@ -193,70 +193,42 @@ where
         let guard = self.slot.begin();
         request.extensions_mut().insert(ConnectInfo(self.peer));
         let part = guard.part(false);
-        let answer = self.router.call(request.map(|body| Arriving { body: Box::pin(body), part }));
+        let answer = self.router.call(request.map(|body| InspectedBody::new(Box::pin(body), Arriving(part))));
         Box::pin(async move {
-            Ok(answer.await?.map(|body| Leaving { body, part: guard.part(true), _guard: guard }))
+            let answer = answer.await?;
+            let leaving = Leaving { part: guard.part(true), _guard: guard };
+            Ok(answer.map(|body| InspectedBody::new(body, leaving)))
         })
     }
 }
 
-/// Request body. While no data is available, the client is not sending; the route bounds how long that may last.
-struct Arriving<B> {
-    body: Pin<Box<B>>,
-    part: Part,
-}
+/// Observer of a request body. While no data is available, the client is not sending; the route bounds how long that may
+/// last.
+struct Arriving(Part);
 
-impl<B: HttpBody<Data = Bytes>> HttpBody for Arriving<B> {
-    type Data = Bytes;
-    type Error = B::Error;
-
-    fn poll_frame(
-        mut self: Pin<&mut Self>,
-        context: &mut Context<'_>,
-    ) -> Poll<Option<Result<Frame<Bytes>, B::Error>>> {
-        let polled = self.body.as_mut().poll_frame(context);
-        self.part.waits(polled.is_pending());
-        polled
-    }
-
-    fn is_end_stream(&self) -> bool {
-        self.body.is_end_stream()
-    }
-
-    fn size_hint(&self) -> SizeHint {
-        self.body.size_hint()
+impl Inspect for Arriving {
+    fn inspect(&mut self, passing: Passing<'_>) {
+        match passing {
+            Passing::Asked => {}
+            Passing::Pending => self.0.waits(true),
+            Passing::Frame(_) | Passing::Ended => self.0.waits(false),
+        }
     }
 }
 
-/// Response body. While a chunk is ready and the next one is not requested, the client is not reading.
+/// Observer of a response body. While a chunk is ready and the next one is not requested, the client is not reading.
 struct Leaving {
-    body: Body,
     part: Part,
     _guard: Arc<Guard>,
 }
 
-impl HttpBody for Leaving {
-    type Data = Bytes;
-    type Error = axum::Error;
-
-    fn poll_frame(
-        mut self: Pin<&mut Self>,
-        context: &mut Context<'_>,
-    ) -> Poll<Option<Result<Frame<Bytes>, axum::Error>>> {
-        self.part.waits(false);
-        let polled = Pin::new(&mut self.body).poll_frame(context);
-        if matches!(polled, Poll::Ready(Some(Ok(_)))) {
-            self.part.waits(true);
+impl Inspect for Leaving {
+    fn inspect(&mut self, passing: Passing<'_>) {
+        match passing {
+            Passing::Asked => self.part.waits(false),
+            Passing::Frame(_) => self.part.waits(true),
+            Passing::Pending | Passing::Ended => {}
         }
-        polled
-    }
-
-    fn is_end_stream(&self) -> bool {
-        self.body.is_end_stream()
-    }
-
-    fn size_hint(&self) -> SizeHint {
-        self.body.size_hint()
     }
 }
 
