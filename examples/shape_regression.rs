@@ -6,7 +6,6 @@ use std::f64::consts::TAU;
 
 use shapelex_analysis::alignment::{Alignment, Method};
 use shapelex_analysis::correspondence::{Correspondence, Direction, Mirror};
-use shapelex_analysis::dictionary::learning::Unwatched;
 use shapelex_analysis::inference::aligned::{AlignedShapes, StudySpace, frame_for};
 use shapelex_analysis::inference::permutation::Draws;
 use shapelex_analysis::inference::regress::regress;
@@ -14,6 +13,7 @@ use shapelex_analysis::inference::variables::{Values, Variable, Variables};
 use shapelex_analysis::matching::Matching;
 use shapelex_analysis::metric::Metric;
 use shapelex_analysis::transformation::{ClassName, Transformation};
+use shapelex_analysis::watch::Unwatched;
 use shapelex_geometry::generator::GeneratorKind;
 use shapelex_geometry::representation::{Representation, ShapeSpace};
 

@@ -6,7 +6,6 @@ use std::sync::Mutex;
 use shapelex_analysis::AnalysisError;
 use shapelex_analysis::alignment::{Alignment, Method};
 use shapelex_analysis::correspondence::{Correspondence, Direction, Mirror};
-use shapelex_analysis::dictionary::learning::{Unwatched, Watch};
 use shapelex_analysis::inference::aligned::{AlignedShapes, StudySpace, frame_for};
 use shapelex_analysis::inference::compare::compare;
 use shapelex_analysis::inference::error::StudyError;
@@ -17,6 +16,7 @@ use shapelex_analysis::inference::variables::{Values, Variable, Variables};
 use shapelex_analysis::matching::Matching;
 use shapelex_analysis::metric::Metric;
 use shapelex_analysis::transformation::{ClassName, Transformation};
+use shapelex_analysis::watch::{Unwatched, Watch};
 use shapelex_geometry::representation::{Representation, ShapeSpace};
 
 const POINTS: usize = 8;

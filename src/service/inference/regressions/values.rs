@@ -7,7 +7,7 @@ use crate::analysis::inference::variables::{Values, Variable, Variables};
 use crate::domain::cohort::Cohort;
 use crate::domain::shape::ShapeDescription;
 use crate::formats::fault::Fault;
-use crate::service::app::error::MAX_FAULTS;
+use crate::service::app::faults::MAX_FAULTS;
 use crate::service::app::{App, ServiceError};
 use crate::service::cohorts::attributes::{self, Attribute, KnownAttributes};
 
