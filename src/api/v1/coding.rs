@@ -550,12 +550,8 @@ pub(super) async fn sample(
     compute(app.weighing(work), move |app| {
         let dimension = ready.setup.metric.dimension();
         let shapes = coding::sample(app, &ready, count, seed, sigma)?;
-        json(
-            StatusCode::OK,
-            &SampleAnswer {
-                shapes: shapes.into_iter().map(|sample| SampleOutput::new(sample, dimension)).collect(),
-            },
-        )
+        let shapes = shapes.into_iter().map(|sample| SampleOutput::new(sample, dimension)).collect();
+        json(StatusCode::OK, &SampleAnswer { shapes })
     })
     .await
 }

@@ -23,7 +23,7 @@ use crate::formats::representation::Read;
 use crate::geometry::representation::Representation;
 use crate::service::app::{ServiceError, Work};
 use crate::service::cohorts::catalogue::{CohortChanges, NewCohort, revision_tag, text_faults};
-use crate::service::cohorts::live_mean::MeanQuery;
+use crate::service::cohorts::live_mean::{LiveMean, MeanQuery};
 use crate::service::cohorts::{catalogue, live_mean};
 use crate::service::statistics::draw_mean;
 
@@ -345,14 +345,25 @@ pub(super) async fn cohort_mean(
     Query(pairs): Query<Vec<(String, String)>>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
+    let query = take_mean_query(pairs)?;
+    let cohort = catalogue::find(&app, &key).await?;
+    let what = blake3::hash(format!("{}{query:?}{format:?}", revision_tag(&cohort)).as_bytes()).to_hex();
+    let tag = format!("\"{}\"", &what[..32]);
+    if known(&headers, &tag) {
+        return Ok(tagged(StatusCode::NOT_MODIFIED.into_response(), &tag));
+    }
+    let live = live_mean::mean(&app, cohort, query).await?;
+    let response = compute(app.weighing(Work::MOMENT), move |_| answer_mean(&live, format)).await?;
+    Ok(tagged(response, &tag))
+}
+
+fn take_mean_query(pairs: Vec<(String, String)>) -> Result<MeanQuery, Problem> {
     let mut parameters = once_each(pairs)?;
     parameters.remove("format");
     parameters.remove("grid");
     let transformation = take_word::<ClassName>(&mut parameters, "transformation")?.ok_or_else(|| {
-        Problem::new(
-            ProblemKind::InvalidQuery,
-            "transformation: required parameter is missing, such as similarity or affine",
-        )
+        let detail = "transformation: required parameter is missing, such as similarity or affine";
+        Problem::new(ProblemKind::InvalidQuery, detail)
     })?;
     let query = MeanQuery {
         transformation,
@@ -361,14 +372,11 @@ pub(super) async fn cohort_mean(
         filter: take_filter(&mut parameters),
     };
     refuse_rest(&parameters)?;
-    let cohort = catalogue::find(&app, &key).await?;
-    let what = blake3::hash(format!("{}{query:?}{format:?}", revision_tag(&cohort)).as_bytes()).to_hex();
-    let tag = format!("\"{}\"", &what[..32]);
-    if known(&headers, &tag) {
-        return Ok(tagged(StatusCode::NOT_MODIFIED.into_response(), &tag));
-    }
-    let live = live_mean::mean(&app, cohort, query).await?;
-    let response = compute(app.weighing(Work::MOMENT), move |_| match format {
+    Ok(query)
+}
+
+fn answer_mean(live: &LiveMean, format: ShapeFormat) -> Result<Response, ServiceError> {
+    match format {
         ShapeFormat::Mesh(format, grid) => mesh(&live.setup.space, &live.mean.control_points, format, grid),
         ShapeFormat::Plain(Format::Svg) => {
             let title = format!("mean of {} shapes of {}", live.mean.shapes, live.cohort.name);
@@ -378,7 +386,5 @@ pub(super) async fn cohort_mean(
             let mean = MeanOutput::new(&live.mean, live.setup.metric.dimension());
             json(StatusCode::OK, &CohortMeanOutput { mean, revision: live.cohort.revision })
         }
-    })
-    .await?;
-    Ok(tagged(response, &tag))
+    }
 }

@@ -105,20 +105,22 @@ pub(super) async fn add_shapes(
     let (on_error, body) = (query.on_error, request.into_body());
     let stored = match found.as_str() {
         lines if is_stream(lines) => {
-            upload::add_stream(&app, cohort, body::pieces(body), on_error, expected).await?
+            upload::add_stream(&app, cohort, body::pieces(body), on_error, expected).await
         }
         json if is_json(json) => {
             let body = body::read(&app, body).await?;
             let app = app.with_body(&body);
             let shapes = read_shapes(&app, body).await?;
-            upload::add(&app, cohort, shapes, on_error, expected).await?
+            upload::add(&app, cohort, shapes, on_error, expected).await
         }
-        other => {
-            let detail = format!("expected application/json or application/x-ndjson, got '{other}'");
-            return Err(Problem::new(ProblemKind::UnsupportedMediaType, detail));
-        }
+        other => return Err(unsupported(other)),
     };
-    Ok(json(StatusCode::CREATED, &AddAnswer::from(stored))?)
+    Ok(json(StatusCode::CREATED, &AddAnswer::from(stored?))?)
+}
+
+fn unsupported(media_type: &str) -> Problem {
+    let detail = format!("expected application/json or application/x-ndjson, got '{media_type}'");
+    Problem::new(ProblemKind::UnsupportedMediaType, detail)
 }
 
 async fn read_shapes(app: &App, body: Bytes) -> Result<Vec<ShapeInput>, ServiceError> {

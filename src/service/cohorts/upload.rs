@@ -414,6 +414,6 @@ fn read(reading: &Reading<'_>, incoming: Incoming, prefix: &str) -> Result<Arriv
         Ok((control_points, attributes)) => {
             Ok(Arrived { line, shape: NewShape { id: id::new_id(id::SHAPE), attributes, control_points } })
         }
-        Err(errors) => Err(errors.into_iter().map(|error| placed(error.into())).collect()),
+        Err(errors) => Err(errors.into_iter().map(placed).collect()),
     }
 }

@@ -207,7 +207,7 @@ fn content_faults(content: &Content, limits: &Limits) -> Vec<Fault> {
         method_faults(&content.method, limits).into_iter().map(|fault| fault.below("/content")).collect();
     let representation = &content.representation;
     if let Err(errors) = crate::service::shapes::read::check_representation(representation, limits) {
-        let below = errors.into_iter().map(|error| error.below("/content/representation").into());
+        let below = errors.into_iter().map(|error| error.below("/content/representation"));
         faults.extend(below);
         return faults;
     }

@@ -296,7 +296,7 @@ pub fn read(
     let mut read = |body, pointer: &str| match Body::read(body, &app.limits) {
         Ok(body) => Some(body),
         Err(errors) => {
-            faults.extend(errors.into_iter().map(|error| error.below(pointer).into()));
+            faults.extend(errors.into_iter().map(|error| error.below(pointer)));
             None
         }
     };
