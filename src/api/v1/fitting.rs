@@ -16,7 +16,7 @@ use crate::formats::checked::{Checked, LARGE, Limited, List, Raw, document, take
 use crate::formats::representation::{FitTarget, Read};
 use crate::formats::shape::{Points, ShapeInput};
 use crate::geometry::capability::domain::Domain;
-use crate::geometry::capability::fit::{Fitted, Places};
+use crate::geometry::capability::fit::{Fitted, PointPlaces};
 use crate::geometry::capability::idealise::{Placed, PlacedCurve, PlacedSurface};
 use crate::geometry::ideal::{IdealCurve, Position};
 use crate::geometry::representation::Representation;
@@ -162,7 +162,7 @@ impl FitRequest {
         &mut self,
         domain: Option<Domain>,
         errors: &mut Vec<Fault>,
-    ) -> Option<Option<Vec<Places>>> {
+    ) -> Option<Option<Vec<PointPlaces>>> {
         let Some(list) = self.parameters.take() else { return Some(None) };
         if domain.is_some_and(Domain::is_mesh) {
             errors.push(Fault::new(
@@ -172,10 +172,10 @@ impl FitRequest {
         }
         let places = if domain.is_some_and(Domain::is_sheet) {
             let lists: Limited<Vec<[f64; 2]>> = list.read(LARGE, "/parameters", errors)?;
-            lists.0.into_iter().map(Places::Pairs).collect()
+            lists.0.into_iter().map(PointPlaces::Pairs).collect()
         } else {
             let lists: Limited<Vec<f64>> = list.read(LARGE, "/parameters", errors)?;
-            lists.0.into_iter().map(Places::Line).collect()
+            lists.0.into_iter().map(PointPlaces::Line).collect()
         };
         Some(Some(places))
     }

@@ -16,7 +16,7 @@ use crate::formats::shape::{Points, ShapeInput};
 use crate::geometry::representation::Representation;
 use crate::service::app::{App, ServiceError};
 use crate::service::cost::requests::{self, Counts};
-use crate::service::shapes::morph::{Frame, Morph, MorphTask, PathKind, Positions};
+use crate::service::shapes::morph::{Morph, MorphTask, PathKind, PathShape, Positions};
 use crate::service::shapes::read::own_faults;
 
 document! {
@@ -145,7 +145,7 @@ impl MorphRequest {
 
 impl From<Morph> for MorphAnswer {
     fn from(Morph { frames, angle }: Morph) -> Self {
-        let frame = |Frame { position, control_points, normals }: Frame| {
+        let frame = |PathShape { position, control_points, normals }: PathShape| {
             let points = Points::from_columns(control_points.as_slice().to_vec(), control_points.ncols());
             MorphFrame { position, shape: ShapeOutput { control_points: points }, normals }
         };

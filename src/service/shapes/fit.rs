@@ -9,7 +9,7 @@ use crate::formats::fault::Fault;
 use crate::formats::shape::ShapeInput;
 use crate::geometry::capability::FieldFault;
 use crate::geometry::capability::domain::Domain;
-use crate::geometry::capability::fit::{FitSettings, FitTarget, Fitted, Fitter, Places};
+use crate::geometry::capability::fit::{FitSettings, FitTarget, Fitted, Fitter, PointPlaces};
 use crate::geometry::representation::Representation;
 use crate::numeric::dense::Matrix;
 use crate::service::app::{App, Limits, ServiceError};
@@ -21,8 +21,8 @@ pub struct FitTask {
     pub representation: Representation,
     /// Largest residual of a curve, whose size is then chosen.
     pub tolerance: Option<f64>,
-    /// Places of the points, one entry per shape.
-    pub places: Option<Vec<Places>>,
+    /// PointPlaces of the points, one entry per shape.
+    pub places: Option<Vec<PointPlaces>>,
     /// Number of rounds for refined meshes.
     pub turns: usize,
     /// Initial shape of all fits of refined meshes.
@@ -98,7 +98,7 @@ fn fit_all(
     app: &App,
     fitter: &Fitter<'_>,
     representation: &Representation,
-    places: Option<Vec<Places>>,
+    places: Option<Vec<PointPlaces>>,
     inputs: FitInputs,
 ) -> Result<Vec<Fitted>, ServiceError> {
     let context = app.pool.context();
@@ -137,7 +137,7 @@ fn check_work(posted: &Posted, inputs: &FitInputs, turns: usize) -> Result<(), S
 }
 
 /// Checks that there is a list of places for each shape, and its parameters.
-fn check_places(posted: &Posted, places: Option<&[Places]>, count: usize) -> Result<(), ServiceError> {
+fn check_places(posted: &Posted, places: Option<&[PointPlaces]>, count: usize) -> Result<(), ServiceError> {
     let Some(lists) = places else { return Ok(()) };
     if lists.len() != count {
         let detail = format!("expected one list per shape ({count}), got {}", lists.len());
@@ -169,11 +169,11 @@ fn read_target(
     shape: ShapeInput,
     representation: &Representation,
     limits: &Limits,
-) -> Result<(Matrix, Places), Vec<Fault>> {
+) -> Result<(Matrix, PointPlaces), Vec<Fault>> {
     let domain = representation.domain();
     if let Domain::Line { closed } = domain {
         let points = raw_points(shape, Some(representation.dimension()), closed, limits)?;
-        return Ok((points, Places::Free));
+        return Ok((points, PointPlaces::Free));
     }
     let list = posted_list(shape)?;
     let coordinates = list.checked(3).map_err(below_points)?;
@@ -189,6 +189,6 @@ fn read_target(
         let detail = format!("expected at most {most} points, got {count}");
         return Err(vec![Fault::new("/points", detail)]);
     }
-    let places = list.grid().map_or(Places::Free, Places::Grid);
+    let places = list.grid().map_or(PointPlaces::Free, PointPlaces::Grid);
     Ok((Matrix::from_row_slice(count, 3, coordinates), places))
 }

@@ -48,14 +48,14 @@ pub struct MorphTask {
 #[derive(Debug)]
 pub struct Morph {
     /// The shapes on the path, in the order of the positions.
-    pub frames: Vec<Frame>,
+    pub frames: Vec<PathShape>,
     /// Angle between the shapes in radians, for paths on the sphere.
     pub angle: Option<f64>,
 }
 
 /// A shape on a path.
 #[derive(Debug)]
-pub struct Frame {
+pub struct PathShape {
     /// Position `τ`.
     pub position: f64,
     /// Control points of the shape.
@@ -192,7 +192,7 @@ impl MorphTask {
                 ServiceError::of_analysis(error, pointer).without_index()
             })?,
         };
-        let frames = each(&app.pool.context(), &positions, |&position| Frame {
+        let frames = each(&app.pool.context(), &positions, |&position| PathShape {
             position,
             control_points: posted.matrix(&path.at(position)),
             normals: None,
@@ -236,9 +236,9 @@ fn oriented_path(
     positions.into_iter().map(at).collect()
 }
 
-fn oriented_frame((position, Oriented { points, normals }): (f64, Oriented)) -> Frame {
+fn oriented_frame((position, Oriented { points, normals }): (f64, Oriented)) -> PathShape {
     let control_points = Matrix::from_fn(points.len(), 3, |i, c| points[i][c]);
-    Frame { position, control_points, normals: Some(normals) }
+    PathShape { position, control_points, normals: Some(normals) }
 }
 
 /// Animated drawing of a path, through its frames and back.

@@ -30,8 +30,8 @@ pub enum FitTarget {
     Points {
         /// Positions, one row per point.
         points: Matrix,
-        /// Places of the points on the shape.
-        places: Places,
+        /// PointPlaces of the points on the shape.
+        places: PointPlaces,
     },
     /// A triangle mesh with valid faces.
     Mesh {
@@ -42,9 +42,9 @@ pub enum FitTarget {
     },
 }
 
-/// Places of points on the shape that is fitted to them.
+/// PointPlaces of points on the shape that is fitted to them.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Places {
+pub enum PointPlaces {
     /// Not given: arc length along a contour, the nearest places on a refined mesh.
     Free,
     /// Parameters `u`, strictly increasing.
@@ -126,11 +126,11 @@ impl ShapeSpace {
 
 impl Domain {
     /// Faults of the parameters of the points of one fit: `u` that do not increase, pairs outside of the domain.
-    pub fn place_faults(self, places: &Places) -> Vec<FieldFault> {
+    pub fn place_faults(self, places: &PointPlaces) -> Vec<FieldFault> {
         match places {
-            Places::Free | Places::Grid(_) => Vec::new(),
-            Places::Pairs(list) => self.pair_faults(list),
-            Places::Line(list) => {
+            PointPlaces::Free | PointPlaces::Grid(_) => Vec::new(),
+            PointPlaces::Pairs(list) => self.pair_faults(list),
+            PointPlaces::Line(list) => {
                 let most = if self == (Self::Line { closed: true }) { 1.0_f64.next_down() } else { 1.0 };
                 let wrong = |j: usize| !(0.0..=most).contains(&list[j]) || (j > 0 && list[j] <= list[j - 1]);
                 let fault = |index: usize| {
@@ -233,13 +233,13 @@ impl<'a> Fitter<'a> {
     fn fit_curve(
         &self,
         points: Matrix,
-        places: Places,
+        places: PointPlaces,
         closed: bool,
         stop: Stop<'_>,
     ) -> Result<Fitted, Vec<FieldFault>> {
         let refused = |error: GeometryError| vec![FieldFault::new("points", error.to_string())];
         let samples = match places {
-            Places::Line(parameters) if parameters.len() != points.nrows() => {
+            PointPlaces::Line(parameters) if parameters.len() != points.nrows() => {
                 let detail = format!(
                     "expected one point per parameter ({1}), got {0}",
                     points.nrows(),
@@ -247,7 +247,7 @@ impl<'a> Fitter<'a> {
                 );
                 return Err(vec![FieldFault::new("points", detail)]);
             }
-            Places::Line(parameters) => Samples::new(points, parameters, closed),
+            PointPlaces::Line(parameters) => Samples::new(points, parameters, closed),
             _ => {
                 let contour = contour(points, closed).map_err(|fault| vec![below_points(fault)])?;
                 Samples::new(contour.points().clone(), contour.parameters(), closed)
@@ -269,24 +269,24 @@ impl<'a> Fitter<'a> {
         &self,
         basis: &SurfaceBasis,
         points: &Matrix,
-        places: Places,
+        places: PointPlaces,
     ) -> Result<Fitted, Vec<FieldFault>> {
         let refused = |detail: String| vec![FieldFault::new("points", detail)];
         let pairs = match places {
-            Places::Pairs(pairs) if pairs.len() != points.nrows() => {
+            PointPlaces::Pairs(pairs) if pairs.len() != points.nrows() => {
                 return Err(refused(format!(
                     "expected one point per entry of the parameters ({1}), got {0}",
                     points.nrows(),
                     pairs.len()
                 )));
             }
-            Places::Pairs(pairs) => pairs,
-            Places::Grid(grid) => {
+            PointPlaces::Pairs(pairs) => pairs,
+            PointPlaces::Grid(grid) => {
                 let surface = basis.surface(&Matrix::zeros(basis.gram().size(), 3));
                 let [u, v] = [0, 1].map(|i| surface.parameters(i, grid[i]));
                 u.iter().flat_map(|&u| v.iter().map(move |&v| [u, v])).collect()
             }
-            Places::Free | Places::Line(_) => {
+            PointPlaces::Free | PointPlaces::Line(_) => {
                 let detail = "expected a grid [u][v], a list of points with their parameters, or a mesh";
                 return Err(refused(detail.into()));
             }
