@@ -6,7 +6,8 @@
 //! to stretches of `10⁻⁹` of the extent, which are straight up to rounding, and decided by their chords.
 
 use super::curve::Curve;
-use super::generator::{evaluate_taylor, recentre};
+use super::generator::{GeneratorKind, evaluate_taylor, recentre};
+use shapelex_numeric::dense::Matrix;
 
 /// Distance, relative to the extent, below which points touch: far above the rounding error of evaluation.
 const TOUCH: f64 = 1e-12;
@@ -51,6 +52,18 @@ pub fn self_intersects(curve: &Curve) -> bool {
     let distance = (0..2).map(|c| all.high[c].abs().max(all.low[c].abs())).fold(0.0, f64::max);
     search.touch = TOUCH * extent + ROUNDING * distance;
     search.within(0.0, search.count as f64)
+}
+
+/// Whether a polygon crosses or touches itself. Points that repeat their neighbour do not count.
+pub fn polygon_self_intersects(points: &[[f64; 2]]) -> bool {
+    let mut corners = points.to_vec();
+    corners.dedup();
+    if corners.len() > 1 && corners.first() == corners.last() {
+        corners.pop();
+    }
+    let Ok(hat) = (GeneratorKind::Bspline { degree: 1 }).build(corners.len()) else { return false };
+    let corners = Matrix::from_fn(corners.len(), 2, |row, c| corners[row][c]);
+    self_intersects(&Curve::closed(&hat.generator, &corners))
 }
 
 struct Search<'a> {

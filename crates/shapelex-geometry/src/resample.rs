@@ -183,6 +183,14 @@ fn check_extent(points: &Matrix) -> Result<(), GeometryError> {
     Ok(())
 }
 
+/// Signed area of the closed polygon through planar points (`P × 2`, at least one), positive if it runs counter-clockwise.
+pub fn polygon_area(points: &Matrix) -> f64 {
+    let n = points.nrows();
+    let origin = points.row(0).into_owned();
+    let at = |k: usize, c: usize| points[(k % n, c)] - origin[c];
+    (0..n).map(|k| at(k, 0) * at(k + 1, 1) - at(k + 1, 0) * at(k, 1)).sum()
+}
+
 /// The start of a curve given by control points, as a cyclic shift: the control point nearest to the canonical start in
 /// the parameter of the curve (see [`Contour::canonical_start`], with the parameter in place of the arc length and
 /// control points in place of the contour).

@@ -9,13 +9,10 @@ use crate::formats::checked::{Checked, LARGE, document, take_given};
 use crate::formats::fault::Fault;
 use crate::formats::shape::{MAX_COORDINATE, PointList};
 use crate::geometry::capability::measure::mesh_warnings;
-use crate::geometry::curve::Curve;
-use crate::geometry::generator::GeneratorKind;
-use crate::geometry::intersection::self_intersects;
+use crate::geometry::intersection::polygon_self_intersects;
 use crate::geometry::mesh::TriangleMesh;
 use crate::geometry::raster::{self, Grid, Mask, Overlap, bounds};
 use crate::numeric::bounded::Stop;
-use crate::numeric::dense::Matrix;
 use crate::service::app::progress::JobContext;
 use crate::service::app::{App, Limits, ServiceError};
 
@@ -143,7 +140,7 @@ impl Body {
     /// Caveats about its cells.
     fn warnings(&self, stop: Stop<'_>) -> Vec<String> {
         match self {
-            Self::Contour(points) if crosses_itself(points) => {
+            Self::Contour(points) if polygon_self_intersects(points) => {
                 vec![
                     "the contour crosses or touches itself: areas that it encloses twice count as outside"
                         .into(),
@@ -175,18 +172,6 @@ fn enclosing(points: &[[f64; 2]]) -> Result<(), String> {
     }
     let what = if extent > 0.0 { "all of its points lie on a line" } else { "all of its points coincide" };
     Err(format!("expected a contour that encloses an area: {what}"))
-}
-
-/// Whether a polygon crosses or touches itself. Points that repeat their neighbour do not count.
-fn crosses_itself(points: &[[f64; 2]]) -> bool {
-    let mut corners = points.to_vec();
-    corners.dedup();
-    if corners.len() > 1 && corners.first() == corners.last() {
-        corners.pop();
-    }
-    let Ok(hat) = (GeneratorKind::Bspline { degree: 1 }).build(corners.len()) else { return false };
-    let corners = Matrix::from_fn(corners.len(), 2, |row, c| corners[row][c]);
-    self_intersects(&Curve::closed(&hat.generator, &corners))
 }
 
 fn read_mask(input: MaskInput) -> Result<Mask, Vec<Fault>> {

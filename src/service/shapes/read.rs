@@ -19,7 +19,9 @@ use crate::formats::fault::{Fault, json_pointer};
 use crate::formats::shape::{MAX_COORDINATE, PointList, PoleInput, PolesInput, ShapeInput};
 use crate::geometry::capability::domain::{Domain, SizeBounds};
 use crate::geometry::representation::{Representation, ShapeSpace};
-use crate::geometry::resample::{NO_EXTENT, canonical_shift, rotate_start, without_closing_point};
+use crate::geometry::resample::{
+    NO_EXTENT, canonical_shift, polygon_area, rotate_start, without_closing_point,
+};
 use crate::geometry::surface::basis::{Extent, Tangents};
 use crate::numeric::dense::Matrix;
 use crate::service::app::faults::{Faults, MAX_FAULTS};
@@ -307,13 +309,6 @@ pub fn check_extent(control_points: &[f64], size: usize) -> Result<(), Vec<Fault
     let detail =
         format!("all {size} points coincide: extent {extent:.1e} at coordinates up to {largest:.1e}");
     Err(vec![Fault::new("", detail)])
-}
-
-fn polygon_area(points: &Matrix) -> f64 {
-    let n = points.nrows();
-    let origin = points.row(0).into_owned();
-    let at = |k: usize, c: usize| points[(k % n, c)] - origin[c];
-    (0..n).map(|k| at(k, 0) * at(k + 1, 1) - at(k + 1, 0) * at(k, 1)).sum()
 }
 
 fn below(errors: Vec<Fault>, pointer: &str) -> Vec<Fault> {

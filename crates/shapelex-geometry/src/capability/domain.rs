@@ -290,3 +290,63 @@ impl ShapeSpace {
         self.subdivision().map_or(0, SubdivisionBasis::bytes)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::capability::sample::Parameters;
+    use shapelex_numeric::dense::Matrix;
+
+    fn surface(topology: Topology, seam: Seam) -> Representation {
+        Representation::Surface {
+            topology,
+            seam,
+            control_points: [8, 6],
+            generators: [GeneratorKind::Trigonometric {}, GeneratorKind::Trigonometric {}],
+        }
+    }
+
+    fn open_curve() -> Representation {
+        Representation::OpenCurve { dimension: 2, intervals: 6, generator: GeneratorKind::Keys {} }
+    }
+
+    #[test]
+    fn parameters_outside_of_a_domain_are_named() {
+        let fields = |domain: Domain, list: &[[f64; 2]]| -> Vec<String> {
+            domain.pair_faults(list).into_iter().map(|fault| fault.field).collect()
+        };
+        let list = [[-0.25, 0.5], [0.5, 1.25], [1.0, 0.5]];
+        assert_eq!(fields(surface(Topology::Sphere, Seam::Straight).domain(), &list), ["1/1"]);
+        assert_eq!(fields(surface(Topology::Torus, Seam::Reflected).domain(), &list), ["0/0", "2/0"]);
+        assert_eq!(fields(surface(Topology::Plane, Seam::Straight).domain(), &list), ["0/0", "1/1"]);
+        assert_eq!(fields(open_curve().domain(), &list), [""; 0]);
+        assert!(open_curve().domain().line_fault(1.5).is_some_and(|detail| detail.ends_with("got 1.5")));
+        assert_eq!(Domain::Line { closed: true }.line_fault(1.5), None);
+    }
+
+    #[test]
+    fn handles_have_as_many_parameters_as_the_domain() {
+        let fields = |representation: &Representation, parameters: &[f64]| -> Vec<String> {
+            representation.handle_faults(parameters).into_iter().map(|fault| fault.field).collect()
+        };
+        let sphere = surface(Topology::Sphere, Seam::Straight);
+        assert_eq!(fields(&sphere, &[0.25, 1.5]), ["1"]);
+        assert_eq!(fields(&sphere, &[0.25]), [""]);
+        assert_eq!(fields(&open_curve(), &[0.25]), [""; 0]);
+        assert_eq!(fields(&open_curve(), &[-1.0]), [""]);
+        assert_eq!(fields(&Representation::Landmarks { dimension: 2, points: 4 }, &[0.25, 0.5]), [""]);
+    }
+
+    /// What a kind lacks is `None`, not zero.
+    #[test]
+    fn landmarks_have_no_values_and_no_measures() {
+        let representation = Representation::Landmarks { dimension: 2, points: 4 };
+        let (space, points) = (ShapeSpace::new(&representation).unwrap(), Matrix::zeros(4, 2));
+        assert_eq!(space.evaluate(&points, &Parameters::Equidistant(5), 0, false), None);
+        assert_eq!(space.tessellate(&points, Some([8, 8])), None);
+        let measures = crate::capability::measure::Measuring::new(&space, None, None, 1);
+        assert_eq!(measures.measure(&points, &|| false), Some(Default::default()));
+        let faults = representation.faults(SizeBounds { control_points: 3, vertices: 10 });
+        assert_eq!(faults, [FieldFault::new("points", "expected a number between 2 and 3, got 4")]);
+    }
+}
