@@ -63,7 +63,7 @@ impl Matching {
     ) -> Self {
         let representation = space.representation();
         let (size, dimension) = (representation.size(), representation.dimension());
-        let contour = correspondence != Correspondence::Landmarks && representation.generator().is_some();
+        let contour = correspondence != Correspondence::Landmarks && space.domain().is_line();
         let closed_planar = representation.is_closed() && dimension == 2;
         let reversals: &[bool] = if contour && !closed_planar && direction == Direction::Either {
             &[false, true]

@@ -240,7 +240,7 @@ impl Reading<'_> {
         if list.len() == wanted {
             return Ok(());
         }
-        let hint = if matches!(self.space.domain(), Domain::Line { .. }) && what == "points" {
+        let hint = if self.space.domain().is_line() && what == "points" {
             " (to resample a contour, use the correspondence arc_length or cyclic)"
         } else {
             ""

@@ -35,6 +35,11 @@ pub enum Domain {
 }
 
 impl Domain {
+    /// Whether places are named by one parameter.
+    pub fn is_line(self) -> bool {
+        matches!(self, Self::Line { .. })
+    }
+
     /// Whether places are named by two parameters.
     pub fn is_sheet(self) -> bool {
         matches!(self, Self::Sheet { .. })

@@ -70,16 +70,21 @@ pub fn plot(title: &str, variable: &str, graphs: &[Graph]) -> String {
             )
             .expect(write);
         }
-        writeln!(
-            svg,
-            "<rect x=\"{legend}\" y=\"{0:.0}\" width=\"18\" height=\"4\" fill=\"{1}\"/><text x=\"{2:.0}\" y=\"{3:.0}\">{4}</text>",
-            CAPTION + HEIGHT + 6.0, graph.colour, legend + 24.0, CAPTION + HEIGHT + 12.0, escape(&graph.name)
-        )
-        .expect(write);
+        name(&mut svg, graph, legend);
         legend += 60.0 + 8.0 * graph.name.chars().count() as f64;
     }
     svg.push_str("</svg>\n");
     svg
+}
+
+/// Writes the colour and the name of a graph below the frame, from `left` on.
+fn name(svg: &mut String, graph: &Graph, left: f64) {
+    writeln!(
+        svg,
+        "<rect x=\"{left}\" y=\"{0:.0}\" width=\"18\" height=\"4\" fill=\"{1}\"/><text x=\"{2:.0}\" y=\"{3:.0}\">{4}</text>",
+        CAPTION + HEIGHT + 6.0, graph.colour, left + 24.0, CAPTION + HEIGHT + 12.0, escape(&graph.name)
+    )
+    .expect("writing to a string cannot fail");
 }
 
 /// Four to nine round numbers within `[low, high]`.
