@@ -30,7 +30,7 @@ fuzz_target!(|text: &[u8]| {
         Err(error @ (ServiceError::Internal(_) | ServiceError::Unavailable(_))) => panic!("{error}"),
         Err(_) => return,
     };
-    let id = ready.dictionary.id.clone();
+    let id = ready.listed.id.clone();
     let get = ["", "/export", "/atoms", "/atoms?format=svg", "/modes", "/modes?format=svg"];
     let post = [("/sample", "{}"), ("/reconstruct", r#"{"codes": [{"indices": [0], "values": [0.5]}]}"#)];
     let get = get.map(|what| ("GET", what, ""));

@@ -7,6 +7,7 @@ use crate::analysis::alignment::{
     AlignedShape, Alignment, MeanShape, Method, Projection, Projector, align_all_until, unwhitened,
 };
 use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
+use crate::analysis::dictionary::recipe::NO_CONSTANTS;
 use crate::analysis::frame::Frame;
 use crate::analysis::matching::Matching;
 use crate::analysis::metric::{Metric, norm};
@@ -78,9 +79,7 @@ impl Setup {
             && method.translates()
             && !space.reproduces_constants()
         {
-            let detail = "the generator does not reproduce constants, so that its shapes cannot be moved: add \
-                          the pole 0, or choose a class without translation";
-            faults.add("/representation/generator", detail);
+            faults.add("/representation/generator", NO_CONSTANTS);
         }
         match (space, method) {
             (Some((space, metric)), Some(method)) if faults.count() == 0 => {

@@ -13,7 +13,6 @@ use super::ready::Ready;
 use super::{file_classifier, ready};
 use crate::analysis::dictionary::content::{Content, HeldOutMeasure};
 use crate::analysis::dictionary::in_use::Dictionary;
-use crate::analysis::dictionary::model::Model;
 use crate::analysis::metric::norm;
 use crate::analysis::rows::Row;
 use crate::domain::cohort::name_problem;
@@ -294,10 +293,8 @@ fn norm_faults(dictionary: &Dictionary) -> Vec<Fault> {
         faults.push(Fault::new("/content/mean/control_points", "expected a shape with an extent"));
     }
     // Components are mutually orthogonal; the atoms of invariant codes have orthogonal blocks.
-    let (columns, block, group) = match model {
-        Model::Components { pca, .. } => (&pca.eigenshapes, 1, pca.eigenshapes.ncols()),
-        Model::Sparse { atoms, .. } => (atoms.matrix(), atoms.block(), atoms.block()),
-    };
+    let (columns, block) = model.columns();
+    let group = if dictionary.content.method.is_sparse() { block } else { columns.ncols() };
     for j in 0..model.len() {
         let first = j * block / group.max(1) * group;
         let products = columns.columns(first, group).tr_mul(&columns.columns(j * block, block));

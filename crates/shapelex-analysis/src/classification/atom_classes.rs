@@ -110,10 +110,7 @@ fn blocks(code: &SparseCode) -> impl Iterator<Item = &[f64]> {
 
 /// `ρ_j` of every atom: cosine between `y` and the nearest multiple, or transformed copy, of the atom.
 fn correlations(model: &Model, y: &[f64]) -> Vec<f64> {
-    let (columns, block) = match model {
-        Model::Components { pca, .. } => (&pca.eigenshapes, 1),
-        Model::Sparse { atoms, .. } => (atoms.matrix(), atoms.block()),
-    };
+    let (columns, block) = model.columns();
     let products: Vec<f64> = columns.column_iter().map(|column| dot(column.as_slice(), y)).collect();
     products.chunks_exact(block).map(|part| (norm(part) / norm(y)).min(1.0)).collect()
 }

@@ -64,16 +64,9 @@ impl Discriminant {
         let codes = all - usize::from(size);
         let kept = regularisation.components.unwrap_or(codes).min(codes);
         let chosen: Vec<usize> = (0..kept).chain(codes..all).collect();
-        let mut z = features.select_rows(&chosen);
         let sizes = sample.sizes();
+        let (z, means) = about_means(features.select_rows(&chosen), sample, &sizes);
         let (n, count) = (z.ncols(), sample.count);
-        let mut means = Matrix::zeros(z.nrows(), count);
-        for (column, &c) in z.column_iter().zip(sample.classes) {
-            means.column_mut(c).axpy(1.0 / sizes[c] as f64, &column, 1.0);
-        }
-        for (mut column, &c) in z.column_iter_mut().zip(sample.classes) {
-            column -= means.column(c);
-        }
         let freedom = n.saturating_sub(count).max(1) as f64;
         let deviations: Vec<f64> = z.row_iter().map(|row| (row.norm_squared() / freedom).sqrt()).collect();
         let largest = deviations.iter().copied().fold(0.0, f64::max);
@@ -99,13 +92,6 @@ impl Discriminant {
             s *= 1.0 - shrinkage;
             (0..s.nrows()).for_each(|i| s[(i, i)] += shrinkage * target);
             s
-        };
-        let factor = |class: usize, s: Matrix| {
-            let error = AnalysisError::SingularCovariance { class };
-            let factor = Cholesky::new(s).ok_or(error.clone())?.unpack();
-            let pivots = factor.diagonal();
-            // The squared ratio is a lower bound on the condition number.
-            if pivots.min() > WELL_CONDITIONED * pivots.max() { Ok(factor) } else { Err(error) }
         };
         let factors: Result<Vec<Matrix>, AnalysisError> = if alpha == 1.0 {
             Ok(vec![factor(0, covariance(None))?])
@@ -150,6 +136,27 @@ impl Discriminant {
         }
         evidence
     }
+}
+
+/// Features about the means of their classes, and these means, one class per column.
+fn about_means(mut z: Matrix, sample: Labelled<'_>, sizes: &[usize]) -> (Matrix, Matrix) {
+    let mut means = Matrix::zeros(z.nrows(), sample.count);
+    for (column, &c) in z.column_iter().zip(sample.classes) {
+        means.column_mut(c).axpy(1.0 / sizes[c] as f64, &column, 1.0);
+    }
+    for (mut column, &c) in z.column_iter_mut().zip(sample.classes) {
+        column -= means.column(c);
+    }
+    (z, means)
+}
+
+/// Cholesky factor of the covariance of a class.
+fn factor(class: usize, covariance: Matrix) -> Result<Matrix, AnalysisError> {
+    let error = AnalysisError::SingularCovariance { class };
+    let factor = Cholesky::new(covariance).ok_or(error.clone())?.unpack();
+    let pivots = factor.diagonal();
+    // The squared ratio is a lower bound on the condition number.
+    if pivots.min() > WELL_CONDITIONED * pivots.max() { Ok(factor) } else { Err(error) }
 }
 
 /// `L⁻¹ z`.

@@ -164,6 +164,14 @@ impl Model {
         }
     }
 
+    /// Atoms or components in blocks of columns, and the number of columns of a block.
+    pub fn columns(&self) -> (&Matrix, usize) {
+        match self {
+            Self::Components { pca, .. } => (&pca.eigenshapes, 1),
+            Self::Sparse { atoms, .. } => (atoms.matrix(), atoms.block()),
+        }
+    }
+
     /// Number of atoms or components.
     pub fn len(&self) -> usize {
         match self {
