@@ -14,7 +14,7 @@
 //! * [`mean_angle`] — the angle between two mean shapes, and the angle expected by chance;
 //! * [`pca`] — functional principal components;
 //! * [`sparse`] — sparse codes: lasso and group lasso with a certificate, matching pursuit;
-//! * [`dictionary`] — dictionary learning, and the preparation of shapes for it;
+//! * [`dictionary`] — dictionaries: learning, codes, scores, assessments, drift;
 //! * [`classification`] — classifiers of labelled shapes, and their validation;
 //! * [`distance`] — distances modulo a class: one pair, one against many, or all pairs;
 //! * [`neighbours`] — nearest neighbours in a stream of shapes;
