@@ -427,7 +427,7 @@ fn functions(text: &str) -> Vec<(String, usize, bool)> {
             |line: &&str| closing(line) || (line.ends_with(';') && !line.starts_with(&format!("{indent} ")));
         let length = match line.ends_with('}') || line.ends_with(';') {
             true => 1,
-            false => lines[start + 1..].iter().position(|line| ends(line)).map_or(1, |more| more + 2),
+            false => lines[start + 1..].iter().position(ends).map_or(1, |more| more + 2),
         };
         found.push((called.to_owned(), length, std::mem::take(&mut is_handler)));
     }
