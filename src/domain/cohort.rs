@@ -3,13 +3,9 @@
 use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
 use crate::geometry::representation::Representation;
 
-/// A named set of shapes in one representation with one correspondence rule.
-///
-/// The revision starts at 0 and grows by one with every change of the set.
+/// Properties of a cohort: those that a client gives.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Cohort {
-    /// Identifier, `coh_…`.
-    pub id: String,
+pub struct CohortSpec {
     /// Unique name; can be used in place of the id.
     pub name: String,
     /// Free-text description.
@@ -24,6 +20,17 @@ pub struct Cohort {
     pub mirror: Mirror,
     /// Unit of the coordinates, such as `mm`.
     pub length_unit: Option<String>,
+}
+
+/// A named set of shapes in one representation with one correspondence rule.
+///
+/// The revision starts at 0 and grows by one with every change of the set.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Cohort {
+    /// Identifier, `coh_…`.
+    pub id: String,
+    /// Its properties.
+    pub spec: CohortSpec,
     /// Revision number: number of changes so far.
     pub revision: u64,
     /// Number of shapes at this revision.

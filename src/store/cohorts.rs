@@ -7,7 +7,7 @@ use super::handle::{PURGE_ORPHANS, Store};
 use super::text::{from_text, to_text};
 use super::{changes, receipts};
 use crate::domain::change::{ChangeKind, NewChange};
-use crate::domain::cohort::Cohort;
+use crate::domain::cohort::{Cohort, CohortSpec};
 use crate::domain::retry::Receipt;
 
 impl Store {
@@ -19,18 +19,18 @@ impl Store {
         const CREATE: &str = "INSERT INTO cohort (id, name, description, representation, correspondence,
             direction, mirror, length_unit, revision, shapes, created_at_ms, updated_at_ms, tenant, handle)
             VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13, $14)";
-        let handle = self.handle(&cohort.name);
+        let handle = self.handle(&cohort.spec.name);
         let mut write = self.begin_write(&handle).await?;
         receipts::keep(&mut write, self.tenant(), receipt, cohort.created_at_ms).await?;
         let created = sql(&mut write, CREATE)
             .bind(&cohort.id)
-            .bind(&cohort.name)
-            .bind(&cohort.description)
-            .bind(to_text(&cohort.representation))
-            .bind(to_text(&cohort.correspondence))
-            .bind(to_text(&cohort.direction))
-            .bind(to_text(&cohort.mirror))
-            .bind(&cohort.length_unit)
+            .bind(&cohort.spec.name)
+            .bind(&cohort.spec.description)
+            .bind(to_text(&cohort.spec.representation))
+            .bind(to_text(&cohort.spec.correspondence))
+            .bind(to_text(&cohort.spec.direction))
+            .bind(to_text(&cohort.spec.mirror))
+            .bind(&cohort.spec.length_unit)
             .bind(to_sql(cohort.revision))
             .bind(to_sql(cohort.shapes))
             .bind(cohort.created_at_ms)
@@ -39,7 +39,7 @@ impl Store {
             .bind(handle)
             .execute()
             .await;
-        created.map_err(|error| name_taken(error, &cohort.name))?;
+        created.map_err(|error| name_taken(error, &cohort.spec.name))?;
         let change = NewChange::of_cohort(ChangeKind::CohortCreated, &cohort.id, cohort.revision);
         changes::record(&mut write, self.tenant(), &change, cohort.created_at_ms).await?;
         Ok(write.commit().await?)
@@ -56,14 +56,14 @@ impl Store {
         let number = self.number_at(&mut write, &cohort.id, Some(cohort.revision)).await?;
         let updated = sql(&mut write, UPDATE)
             .bind(number)
-            .bind(&cohort.name)
-            .bind(self.handle(&cohort.name))
-            .bind(&cohort.description)
-            .bind(&cohort.length_unit)
+            .bind(&cohort.spec.name)
+            .bind(self.handle(&cohort.spec.name))
+            .bind(&cohort.spec.description)
+            .bind(&cohort.spec.length_unit)
             .bind(now_ms)
             .execute()
             .await;
-        updated.map_err(|error| name_taken(error, &cohort.name))?;
+        updated.map_err(|error| name_taken(error, &cohort.spec.name))?;
         let change = NewChange::of_cohort(ChangeKind::CohortUpdated, &cohort.id, cohort.revision + 1);
         changes::record(&mut write, self.tenant(), &change, now_ms).await?;
         Ok(write.commit().await?)
@@ -172,13 +172,15 @@ fn name_taken(error: sqlx::Error, name: &str) -> StoreError {
 pub(super) fn read_cohort(row: &Row) -> Result<Cohort, StoreError> {
     Ok(Cohort {
         id: row.get("id")?,
-        name: row.get("name")?,
-        description: row.get("description")?,
-        representation: from_text(row.get("representation")?)?,
-        correspondence: from_text(row.get("correspondence")?)?,
-        direction: from_text(row.get("direction")?)?,
-        mirror: from_text(row.get("mirror")?)?,
-        length_unit: row.get("length_unit")?,
+        spec: CohortSpec {
+            name: row.get("name")?,
+            description: row.get("description")?,
+            representation: from_text(row.get("representation")?)?,
+            correspondence: from_text(row.get("correspondence")?)?,
+            direction: from_text(row.get("direction")?)?,
+            mirror: from_text(row.get("mirror")?)?,
+            length_unit: row.get("length_unit")?,
+        },
         revision: from_sql(row.get("revision")?),
         shapes: from_sql(row.get("shapes")?),
         created_at_ms: row.get("created_at_ms")?,

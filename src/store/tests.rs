@@ -13,7 +13,7 @@ use super::handle::*;
 use super::*;
 use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
 use crate::domain::access::Principal;
-use crate::domain::cohort::Cohort;
+use crate::domain::cohort::{Cohort, CohortSpec};
 use crate::domain::id;
 use crate::domain::shape::{NewShape, Shape, ShapeAttributes, ShapeFilter};
 use crate::geometry::representation::Representation;
@@ -60,13 +60,15 @@ pub(super) async fn fresh_schema(url: &str) -> String {
 pub(super) fn cohort(name: &str) -> Cohort {
     Cohort {
         id: id::new_id(id::COHORT),
-        name: name.into(),
-        description: Some("left hands".into()),
-        representation: Representation::Landmarks { dimension: 2, points: WIDTH / 2 },
-        correspondence: Correspondence::ArcLength,
-        direction: Direction::Either,
-        mirror: Mirror::Allow,
-        length_unit: Some("mm".into()),
+        spec: CohortSpec {
+            name: name.into(),
+            description: Some("left hands".into()),
+            representation: Representation::Landmarks { dimension: 2, points: WIDTH / 2 },
+            correspondence: Correspondence::ArcLength,
+            direction: Direction::Either,
+            mirror: Mirror::Allow,
+            length_unit: Some("mm".into()),
+        },
         revision: 0,
         shapes: 0,
         created_at_ms: 11,
@@ -161,10 +163,10 @@ static EVERYTHING: ShapeFilter = ShapeFilter { label: None, subject: None, label
 async fn cohorts_come_back_as_they_were() {
     let (_folder, store, first) = with_cohort().await;
     let mut second = cohort("feet");
-    (second.description, second.length_unit) = (None, None);
+    (second.spec.description, second.spec.length_unit) = (None, None);
     second.revision = 7;
     store.create_cohort(&second, None).await.unwrap();
-    for (key, expected) in [(&first.id, &first), (&second.name, &second)] {
+    for (key, expected) in [(&first.id, &first), (&second.spec.name, &second)] {
         let found = store.find_cohort(key).await.unwrap();
         assert_eq!(found.as_ref(), Some(expected));
     }
@@ -399,7 +401,7 @@ async fn many_chunks_are_scanned_in_batches() {
     let (_folder, store) = fresh().await;
     let (points, count) = (20_000, 31);
     let mut wide = cohort("wide");
-    wide.representation = Representation::Landmarks { dimension: 2, points };
+    wide.spec.representation = Representation::Landmarks { dimension: 2, points };
     store.create_cohort(&wide, None).await.unwrap();
     let shapes: Vec<NewShape> = (0..count)
         .map(|number| {

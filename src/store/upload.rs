@@ -60,7 +60,7 @@ pub struct Upload {
 impl Store {
     /// Starts an upload to a cohort. Does not access the database yet.
     pub fn begin_upload(&self, cohort: &Cohort) -> Upload {
-        let representation = &cohort.representation;
+        let representation = &cohort.spec.representation;
         Upload {
             store: self.clone(),
             cohort_id: cohort.id.clone(),

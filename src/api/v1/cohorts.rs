@@ -16,13 +16,13 @@ use crate::api::extract::{
 };
 use crate::api::problem::{Problem, ProblemKind};
 use crate::api::respond::{compute, json, mesh, svg};
-use crate::domain::cohort::Cohort;
+use crate::domain::cohort::{Cohort, CohortSpec};
 use crate::domain::shape::ShapeFilter;
 use crate::formats::checked::{Checked, document, plain_sentence, take_given, take_or_default};
 use crate::formats::representation::Read;
 use crate::geometry::representation::Representation;
 use crate::service::app::{ServiceError, Work};
-use crate::service::cohorts::catalogue::{CohortChanges, NewCohort, revision_tag, text_faults};
+use crate::service::cohorts::catalogue::{CohortChanges, revision_tag, text_faults};
 use crate::service::cohorts::live_mean::{LiveMean, MeanQuery};
 use crate::service::cohorts::{catalogue, live_mean};
 use crate::service::statistics::draw_mean;
@@ -92,13 +92,13 @@ impl From<Cohort> for CohortOutput {
     fn from(cohort: Cohort) -> Self {
         Self {
             id: cohort.id,
-            name: cohort.name,
-            description: cohort.description,
-            representation: cohort.representation,
-            correspondence: cohort.correspondence,
-            direction: cohort.direction,
-            mirror: cohort.mirror,
-            length_unit: cohort.length_unit,
+            name: cohort.spec.name,
+            description: cohort.spec.description,
+            representation: cohort.spec.representation,
+            correspondence: cohort.spec.correspondence,
+            direction: cohort.spec.direction,
+            mirror: cohort.spec.mirror,
+            length_unit: cohort.spec.length_unit,
             revision: cohort.revision,
             shapes: cohort.shapes,
             created_at: time(cohort.created_at_ms),
@@ -125,7 +125,7 @@ pub(super) async fn create_cohort(
     Ok(tagged(([(header::LOCATION, location)], response).into_response(), &tag))
 }
 
-fn new_cohort(request: CohortRequest) -> Result<NewCohort, ServiceError> {
+fn new_cohort(request: CohortRequest) -> Result<CohortSpec, ServiceError> {
     let mut errors = request.faults;
     let name = take_given(request.name, "/name", &mut errors);
     let description = take_given(request.description, "/description", &mut errors).flatten();
@@ -140,7 +140,7 @@ fn new_cohort(request: CohortRequest) -> Result<NewCohort, ServiceError> {
             if errors.is_empty() =>
         {
             let name = name.clone();
-            Ok(NewCohort {
+            Ok(CohortSpec {
                 name,
                 description,
                 representation,
@@ -379,7 +379,7 @@ fn answer_mean(live: &LiveMean, format: ShapeFormat) -> Result<Response, Service
     match format {
         ShapeFormat::Mesh(format, grid) => mesh(&live.setup.space, &live.mean.control_points, format, grid),
         ShapeFormat::Plain(Format::Svg) => {
-            let title = format!("mean of {} shapes of {}", live.mean.shapes, live.cohort.name);
+            let title = format!("mean of {} shapes of {}", live.mean.shapes, live.cohort.spec.name);
             Ok(svg(draw_mean(&live.setup, &title, &live.mean, &live.drawn)))
         }
         ShapeFormat::Plain(Format::Json) => {

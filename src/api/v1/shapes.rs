@@ -165,7 +165,7 @@ impl StoredShape {
             labels: attributes.labels,
             weight: attributes.weight,
             metadata: attributes.metadata.and_then(|text| RawValue::from_string(text).ok()),
-            control_points: Points::from_columns(control_points, cohort.representation.dimension()),
+            control_points: Points::from_columns(control_points, cohort.spec.representation.dimension()),
             created_at: time(created_at_ms),
         }
     }
@@ -230,7 +230,7 @@ pub(super) async fn find_shape(
         return Ok(json(StatusCode::OK, &StoredShape::new(&cohort, shape))?);
     }
     compute(app.weighing(Work::MOMENT), move |app| {
-        let (space, _) = app.space(&cohort.representation, "/representation")?;
+        let (space, _) = app.space(&cohort.spec.representation, "/representation")?;
         if let ShapeFormat::Mesh(format, grid) = format {
             return mesh(&space, &shape.control_points, format, grid);
         }

@@ -2,34 +2,13 @@
 //!
 //! A cohort is found by id or name. Changes can be made conditional on its revision; deleted cohorts go to the trash.
 
-use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
-use crate::domain::cohort::{Cohort, name_problem};
+use crate::domain::cohort::{Cohort, CohortSpec, name_problem};
 use crate::domain::id;
 use crate::domain::shape::{Shape, ShapeFilter};
 use crate::formats::fault::Fault;
-use crate::geometry::representation::Representation;
 use crate::service::app::faults::Faults;
 use crate::service::app::{App, Page, ServiceError, now_ms};
 use crate::service::shapes::read;
-
-/// Properties of a new cohort.
-#[derive(Debug, Clone)]
-pub struct NewCohort {
-    /// Unique name.
-    pub name: String,
-    /// Free text.
-    pub description: Option<String>,
-    /// Representation of its shapes.
-    pub representation: Representation,
-    /// Correspondence of points between shapes.
-    pub correspondence: Correspondence,
-    /// Treatment of contour direction.
-    pub direction: Direction,
-    /// Treatment of mirror images.
-    pub mirror: Mirror,
-    /// Unit of the coordinates.
-    pub length_unit: Option<String>,
-}
 
 /// Maximum length of a description.
 const MAX_DESCRIPTION_CHARS: usize = 10_000;
@@ -62,13 +41,13 @@ pub fn text_faults(name: Option<&str>, description: Option<&str>, length_unit: O
 ///
 /// # Errors
 /// All invalid fields; a name that is taken; [`ServiceError::Forbidden`] for keys limited to certain cohorts.
-pub async fn create(app: &App, new: NewCohort) -> Result<Cohort, ServiceError> {
+pub async fn create(app: &App, spec: CohortSpec) -> Result<Cohort, ServiceError> {
     app.check_unlimited("creating a cohort")?;
-    let texts = text_faults(Some(&new.name), new.description.as_deref(), new.length_unit.as_deref());
+    let texts = text_faults(Some(&spec.name), spec.description.as_deref(), spec.length_unit.as_deref());
     let mut faults = Faults::from(texts);
-    faults.keep_below("/representation", read::check_representation(&new.representation, &app.limits));
-    faults.keep(read::check_correspondence(&new.representation, new.correspondence))?;
-    faults.keep(read::check_mirror(&new.representation, new.mirror))?;
+    faults.keep_below("/representation", read::check_representation(&spec.representation, &app.limits));
+    faults.keep(read::check_correspondence(&spec.representation, spec.correspondence))?;
+    faults.keep(read::check_mirror(&spec.representation, spec.mirror))?;
     faults.unless_any()?;
     if let Some(id) = app.done_before::<String>().await? {
         return find(app, &id).await;
@@ -76,13 +55,7 @@ pub async fn create(app: &App, new: NewCohort) -> Result<Cohort, ServiceError> {
     let now = now_ms();
     let cohort = Cohort {
         id: id::new_id(id::COHORT),
-        name: new.name,
-        description: new.description,
-        representation: new.representation,
-        correspondence: new.correspondence,
-        direction: new.direction,
-        mirror: new.mirror,
-        length_unit: new.length_unit,
+        spec,
         revision: 0,
         shapes: 0,
         created_at_ms: now,
@@ -126,14 +99,18 @@ pub async fn update(
 ) -> Result<Cohort, ServiceError> {
     let mut cohort = find_as_expected(app, key, expected.as_ref()).await?;
     let CohortChanges { name, description, length_unit } = changes;
-    cohort.name = name.unwrap_or(cohort.name);
-    cohort.description = description.unwrap_or(cohort.description);
-    cohort.length_unit = length_unit.unwrap_or(cohort.length_unit);
-    ServiceError::unless_empty(text_faults(
-        Some(&cohort.name),
-        cohort.description.as_deref(),
-        cohort.length_unit.as_deref(),
-    ))?;
+    let spec = &mut cohort.spec;
+    if let Some(name) = name {
+        spec.name = name;
+    }
+    if let Some(description) = description {
+        spec.description = description;
+    }
+    if let Some(unit) = length_unit {
+        spec.length_unit = unit;
+    }
+    let (description, unit) = (spec.description.as_deref(), spec.length_unit.as_deref());
+    ServiceError::unless_empty(text_faults(Some(&spec.name), description, unit))?;
     app.store.update_cohort(&cohort, now_ms()).await?;
     find(app, &cohort.id).await
 }
@@ -225,7 +202,7 @@ const NUMBER_BYTES: usize = 20;
 
 /// Maximum number of shapes on a page.
 fn most_of_a_page(cohort: &Cohort) -> usize {
-    let representation = &cohort.representation;
+    let representation = &cohort.spec.representation;
     let numbers = representation.size() * representation.dimension();
     (PAGE_BYTES / (NUMBER_BYTES * numbers.max(1))).max(1)
 }

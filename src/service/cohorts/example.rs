@@ -3,9 +3,9 @@
 use bytes::Bytes;
 use futures_util::stream;
 
-use super::catalogue::NewCohort;
 use super::{catalogue, upload};
 use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
+use crate::domain::cohort::CohortSpec;
 use crate::service::app::{App, ServiceError};
 
 /// Name of the example cohort.
@@ -27,7 +27,7 @@ pub async fn load_into_empty(app: &App) -> Result<(), ServiceError> {
             created => created?,
         },
         // A process killed between the two steps has left the cohort empty.
-        [only] if only.name == NAME && only.revision == 0 => only.clone(),
+        [only] if only.spec.name == NAME && only.revision == 0 => only.clone(),
         _ => return Ok(()),
     };
     let text = stream::iter([Ok::<_, ServiceError>(Bytes::from_static(SHAPES.as_bytes()))]);
@@ -40,8 +40,8 @@ pub async fn load_into_empty(app: &App) -> Result<(), ServiceError> {
 const REPRESENTATION: &str =
     r#"{"kind":"closed_curve","dimension":2,"control_points":100,"generator":{"name":"trigonometric"}}"#;
 
-fn description() -> Result<NewCohort, ServiceError> {
-    Ok(NewCohort {
+fn description() -> Result<CohortSpec, ServiceError> {
+    Ok(CohortSpec {
         name: NAME.into(),
         description: Some("Outlines of mouse osteosarcoma cells of two lines under three treatments".into()),
         representation: serde_json::from_str(REPRESENTATION)

@@ -66,10 +66,10 @@ pub async fn mean(app: &App, cohort: Cohort, query: MeanQuery) -> Result<Arc<Liv
         return Ok(known);
     }
     let settings = Settings {
-        representation: cohort.representation.clone(),
-        correspondence: cohort.correspondence,
-        direction: cohort.direction,
-        mirror: cohort.mirror,
+        representation: cohort.spec.representation.clone(),
+        correspondence: cohort.spec.correspondence,
+        direction: cohort.spec.direction,
+        mirror: cohort.spec.mirror,
         transformation: Transformation::Named(query.transformation),
         alignment: query.alignment,
         frame: query.frame,

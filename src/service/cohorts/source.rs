@@ -72,7 +72,7 @@ pub(crate) async fn find_all(
     let found = app.store.find_shapes(&cohort.id, keys).await?;
     let missing = found.iter().zip(keys).enumerate().filter(|(_, (shape, _))| shape.is_none());
     let fault = |(index, (_, key)): (usize, (_, &String))| {
-        let detail = format!("shape '{key}' not found in the cohort '{}'", cohort.name);
+        let detail = format!("shape '{key}' not found in the cohort '{}'", cohort.spec.name);
         Fault::new(format!("/ids/{index}"), detail).of_shape(index)
     };
     ServiceError::unless_empty(missing.map(fault).collect())?;
@@ -269,7 +269,7 @@ impl<'a> StoredShapes<'a> {
 
     /// Names the shape with this id in a fault, without pointer because the shape is not part of a request.
     fn with_name(&self, fault: Fault, id: &str) -> Fault {
-        let detail = format!("{} (shape '{id}' of the cohort '{}')", fault.detail, self.cohort.name);
+        let detail = format!("{} (shape '{id}' of the cohort '{}')", fault.detail, self.cohort.spec.name);
         Fault { index: fault.index, ..Fault::new("", detail) }
     }
 

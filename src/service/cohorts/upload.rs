@@ -206,7 +206,7 @@ impl Writer {
         if let Some(expected) = &expected {
             expected.check(&revision_tag(cohort))?;
         }
-        let (space, _) = app.space(&cohort.representation, "/representation")?;
+        let (space, _) = app.space(&cohort.spec.representation, "/representation")?;
         let upload = app.store.begin_upload(cohort);
         let (chunks, received) = mpsc::channel(1);
         let task = tokio::spawn(write(upload, received, prefix));
@@ -273,8 +273,8 @@ impl Writer {
         let (space, cohort, limits, prefix) =
             (self.space.clone(), self.cohort.clone(), app.limits, self.prefix);
         let work = requests::store(
-            Counts::new(&cohort.representation, incoming.len(), &limits),
-            cohort.correspondence,
+            Counts::new(&cohort.spec.representation, incoming.len(), &limits),
+            cohort.spec.correspondence,
         );
         let results: Vec<Result<Arrived, Vec<Fault>>> = app
             .pool
@@ -282,8 +282,8 @@ impl Writer {
             .run(move || {
                 let reading = Reading {
                     space: &space,
-                    correspondence: cohort.correspondence,
-                    direction: cohort.direction,
+                    correspondence: cohort.spec.correspondence,
+                    direction: cohort.spec.direction,
                     limits: &limits,
                 };
                 Ok(incoming.into_par_iter().map(|shape| read(&reading, shape, prefix)).collect())

@@ -38,7 +38,7 @@ pub struct Counts {
 impl Counts {
     /// Counts of the shapes of a cohort.
     pub fn of_cohort(cohort: &Cohort, limits: &Limits) -> Self {
-        Self { shapes: cohort.shapes as f64, ..Self::new(&cohort.representation, 0, limits) }
+        Self { shapes: cohort.shapes as f64, ..Self::new(&cohort.spec.representation, 0, limits) }
     }
 
     /// Counts of `shapes` shapes of a representation, within the limits; a representation that is refused for its size

@@ -44,11 +44,13 @@ impl Asked {
 pub async fn stored(app: &App, ready: &Ready, cohort: &str, ids: &[String]) -> Result<Asked, ServiceError> {
     let cohort = catalogue::find(app, cohort).await?;
     let content = &ready.dictionary.content;
-    if cohort.representation != content.representation || cohort.correspondence != content.correspondence {
+    if cohort.spec.representation != content.representation
+        || cohort.spec.correspondence != content.correspondence
+    {
         let detail = format!(
             "expected a cohort with the representation and correspondence of the dictionary, those of '{}' \
              differ",
-            cohort.name
+            cohort.spec.name
         );
         return Err(ServiceError::invalid("/cohort", detail));
     }

@@ -69,7 +69,7 @@ pub fn learn(
         .map_err(|error| ServiceError::Internal(format!("a dictionary is not JSON: {error}")))?;
     let provenance = Provenance {
         cohort: cohort.id.clone(),
-        cohort_name: cohort.name.clone(),
+        cohort_name: cohort.spec.name.clone(),
         cohort_revision: plan.revision,
         filter: plan.filter.clone(),
         shapes_digest: task.shapes_digest()?,

@@ -10,7 +10,7 @@ use crate::analysis::dictionary::method::Method;
 use crate::analysis::dictionary::recipe::Recipe;
 use crate::analysis::frame::Frame;
 use crate::analysis::transformation::Transformation;
-use crate::domain::cohort::Cohort;
+use crate::domain::cohort::{Cohort, CohortSpec};
 use crate::domain::shape::ShapeFilter;
 use crate::service::app::{App, ServiceError};
 use crate::service::statistics::Settings;
@@ -54,17 +54,18 @@ impl Plan {
         let cohort = handle.block_on(app.store.find_cohort(&self.cohort))?;
         let cohort =
             cohort.ok_or_else(|| ServiceError::NotFound { kind: "cohort", key: self.cohort.clone() })?;
-        Ok(Cohort { revision: self.revision, mirror: self.mirror, ..cohort })
+        let spec = CohortSpec { mirror: self.mirror, ..cohort.spec };
+        Ok(Cohort { revision: self.revision, spec, ..cohort })
     }
 
     /// Parameters of learning from `cohort`.
     pub(crate) fn recipe(&self, cohort: &Cohort) -> Recipe {
         Recipe {
-            representation: cohort.representation.clone(),
-            correspondence: cohort.correspondence,
-            direction: cohort.direction,
+            representation: cohort.spec.representation.clone(),
+            correspondence: cohort.spec.correspondence,
+            direction: cohort.spec.direction,
             mirror: self.mirror,
-            length_unit: cohort.length_unit.clone(),
+            length_unit: cohort.spec.length_unit.clone(),
             transformation: self.transformation.clone(),
             alignment: self.alignment,
             frame: self.frame,
@@ -75,9 +76,9 @@ impl Plan {
     /// Settings for comparing the shapes of `cohort`.
     pub(crate) fn settings(&self, cohort: &Cohort) -> Settings {
         Settings {
-            representation: cohort.representation.clone(),
-            correspondence: cohort.correspondence,
-            direction: cohort.direction,
+            representation: cohort.spec.representation.clone(),
+            correspondence: cohort.spec.correspondence,
+            direction: cohort.spec.direction,
             mirror: self.mirror,
             transformation: self.transformation.clone(),
             alignment: self.alignment,

@@ -102,7 +102,7 @@ pub async fn plan(app: &App, learn: Learn) -> Result<Planned, ServiceError> {
     if let Some(classifier) = &plan.classifier {
         check_classifier(app, &cohort, &plan, classifier, shapes).await?;
     }
-    let (task_app, work) = (app.clone(), requests::space(&cohort.representation, &app.limits));
+    let (task_app, work) = (app.clone(), requests::space(&cohort.spec.representation, &app.limits));
     let estimated = move || {
         let estimate = estimate(&task_app, &plan, &cohort, shapes)?;
         Ok(Planned { plan, estimate })
@@ -122,7 +122,7 @@ async fn started(app: &App, learn: Learn, cohort: &Cohort) -> Result<(Plan, u64)
                 transformation,
                 alignment,
                 frame,
-                mirror: mirror.unwrap_or(cohort.mirror),
+                mirror: mirror.unwrap_or(cohort.spec.mirror),
                 method,
                 classifier: classifier.map(|settings| *settings),
                 continue_from: None,
@@ -190,7 +190,7 @@ async fn check_classifier(
 ) -> Result<(), ServiceError> {
     let attribute = &settings.attribute;
     let labels = class_labels::read(app, cohort, &plan.filter, attribute).await?;
-    let length = cohort.representation.size() * cohort.representation.dimension();
+    let length = cohort.spec.representation.size() * cohort.spec.representation.dimension();
     let mut faults = class_labels::faults(&labels, settings, &plan.method, length);
     let found = usize::try_from(shapes).unwrap_or(usize::MAX);
     // Size of the smallest training set of the validation.
@@ -215,7 +215,7 @@ async fn continued(app: &App, name: String, cohort: &Cohort, key: &str) -> Resul
         let from = &provenance.cohort_name;
         return Err(at(format!(
             "expected a dictionary learnt from the cohort '{}', got one from '{from}'",
-            cohort.name
+            cohort.spec.name
         )));
     }
     if app.store.read_dictionary_state(&ready.listed.id).await?.is_none() {

@@ -97,7 +97,7 @@ impl<O> Plan<O> {
             revision: cohort.revision,
             transformation: request.transformation,
             alignment: request.alignment,
-            mirror: request.mirror.unwrap_or(cohort.mirror),
+            mirror: request.mirror.unwrap_or(cohort.spec.mirror),
             permutations: request.permutations,
             seed: request.seed,
             strata: request.strata,
@@ -108,9 +108,9 @@ impl<O> Plan<O> {
     /// Settings for aligning the shapes of `cohort`.
     fn settings(&self, cohort: &Cohort) -> Settings {
         Settings {
-            representation: cohort.representation.clone(),
-            correspondence: cohort.correspondence,
-            direction: cohort.direction,
+            representation: cohort.spec.representation.clone(),
+            correspondence: cohort.spec.correspondence,
+            direction: cohort.spec.direction,
             mirror: self.mirror,
             transformation: self.transformation.clone(),
             alignment: self.alignment,
@@ -218,7 +218,7 @@ impl<K: StudyKind> Study<K> {
     async fn of_cohort(app: &App, cohort: Cohort, plan: Plan<K::Options>) -> Result<Self, ServiceError> {
         let sample = K::select(app, &cohort, &plan).await?;
         let (task_app, settings) = (app.clone(), plan.settings(&cohort));
-        let preparing = app.pool.weighing(requests::space(&cohort.representation, &app.limits));
+        let preparing = app.pool.weighing(requests::space(&cohort.spec.representation, &app.limits));
         let setup = preparing.run(move || Setup::new(&task_app, &settings)).await?;
         let estimate = sample.estimate(app, &plan, &setup)?;
         Ok(Self { plan, cohort, setup, sample, estimate })
@@ -257,7 +257,7 @@ impl<K: StudyKind> PlannedTest for Study<K> {
             selection.read(app, handle, &self.cohort, space.metric.len(), &stop)?;
         let aligned = AlignedShapes::new(space, control_points, weights, &stop);
         let aligned =
-            aligned.map_err(|error| selection.named(refused(error, "/cohort"), &self.cohort.name))?;
+            aligned.map_err(|error| selection.named(refused(error, "/cohort"), &self.cohort.spec.name))?;
         context.report(K::PHASE, ALIGNED, None);
         K::result(self, &aligned, &Computing { context, phase: K::PHASE })
     }

@@ -39,10 +39,10 @@ impl Comparison {
     /// Complete settings for the shapes of `cohort`.
     pub(crate) fn settings(&self, cohort: &Cohort) -> Settings {
         Settings {
-            representation: cohort.representation.clone(),
-            correspondence: cohort.correspondence,
-            direction: cohort.direction,
-            mirror: self.mirror.unwrap_or(cohort.mirror),
+            representation: cohort.spec.representation.clone(),
+            correspondence: cohort.spec.correspondence,
+            direction: cohort.spec.direction,
+            mirror: self.mirror.unwrap_or(cohort.spec.mirror),
             transformation: self.transformation.clone(),
             alignment: self.alignment,
             frame: Frame::default(),
@@ -163,7 +163,7 @@ pub async fn of_cohort(
     let cohort = catalogue::find(app, key).await?;
     let count = count(app, &cohort, &chosen).await?;
     let (task_app, settings, field) = (app.clone(), comparison.settings(&cohort), chosen.field());
-    let preparing = app.pool.weighing(requests::space(&cohort.representation, &app.limits));
+    let preparing = app.pool.weighing(requests::space(&cohort.spec.representation, &app.limits));
     let cost = preparing
         .run(move || {
             let setup = Setup::new(&task_app, &settings)?;

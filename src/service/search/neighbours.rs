@@ -94,7 +94,7 @@ pub async fn search(app: &App, key: &str, search: Search) -> Result<Found, Servi
         Queries::Stored(keys) => stored_queries(app, &cohort, &keys).await?,
     };
     let (settings, setup_app) = (comparison.settings(&cohort), app.clone());
-    let preparing = app.pool.weighing(requests::space(&cohort.representation, &app.limits));
+    let preparing = app.pool.weighing(requests::space(&cohort.spec.representation, &app.limits));
     let (setup, space) = preparing
         .run(move || {
             let setup = Setup::new(&setup_app, &settings)?;

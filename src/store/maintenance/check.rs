@@ -213,7 +213,7 @@ impl Check<'_> {
                 self.seen.cohorts += 1;
                 let (id, number): (&str, i64) = (row.get("id")?, row.get("number")?);
                 let width = match read_cohort(row) {
-                    Ok(cohort) => cohort.representation.size() * cohort.representation.dimension(),
+                    Ok(cohort) => cohort.spec.representation.size() * cohort.spec.representation.dimension(),
                     Err(error) => {
                         self.find(&unreadable(&format!("cohort {id}"), &error));
                         continue;

@@ -30,7 +30,7 @@ async fn tenants_do_not_see_each_other() {
     store_all(&ours, &cohort, vec![named(1, "a")]).await;
     let job = job_of(&cohort);
     ours.create_job(&job, None).await.unwrap();
-    for key in [&cohort.id, &cohort.name] {
+    for key in [&cohort.id, &cohort.spec.name] {
         assert_eq!(theirs.find_cohort(key).await.unwrap(), None);
     }
     assert_eq!(theirs.list_cohorts(None, 9).await.unwrap(), []);

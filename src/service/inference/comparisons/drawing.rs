@@ -57,7 +57,7 @@ pub(super) fn draw(study: &Study<ComparedShapes>, comparison: &Comparison) -> St
     if let Some(overall) = &comparison.overall {
         captions.push(of("all groups, pseudo-F", &overall.pseudo_f.test));
     }
-    let title = format!("{} groups of {}", comparison.groups.len(), study.cohort.name);
+    let title = format!("{} groups of {}", comparison.groups.len(), study.cohort.spec.name);
     effect::draw(&title, &layers, Some(&effect), &captions)
 }
 

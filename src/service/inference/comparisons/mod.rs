@@ -60,7 +60,7 @@ impl StudyKind for ComparedShapes {
     }
 
     fn complete(options: &mut Options, cohort: &Cohort) {
-        options.samples.get_or_insert(cohort.representation.comparison_places());
+        options.samples.get_or_insert(cohort.spec.representation.comparison_places());
     }
 
     async fn select(app: &App, cohort: &Cohort, plan: &Plan<Options>) -> Result<Self, ServiceError> {
@@ -71,7 +71,7 @@ impl StudyKind for ComparedShapes {
             let detail = "no two shapes of different groups share a stratum: no labels can be exchanged";
             return Err(ServiceError::invalid("/strata", detail));
         }
-        let samples = plan.options.samples.unwrap_or_else(|| cohort.representation.comparison_places());
+        let samples = plan.options.samples.unwrap_or_else(|| cohort.spec.representation.comparison_places());
         let pairs = members.groups.pairs().len();
         if pairs.saturating_mul(samples) > MAX_EFFECT_POINTS {
             let detail = format!(
@@ -114,7 +114,7 @@ impl StudyKind for ComparedShapes {
         Ok(Comparison {
             cohort: cohort.id.clone(),
             cohort_revision: plan.revision,
-            length_unit: cohort.length_unit.clone(),
+            length_unit: cohort.spec.length_unit.clone(),
             header: plan.header(members.shapes.len(), members.left_out),
             found,
         })

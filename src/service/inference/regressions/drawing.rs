@@ -40,7 +40,7 @@ pub(super) fn draw(study: &Study<RegressedShapes>, regression: &ShapeRegression)
     let p = found.test.p.map_or_else(String::new, |p| format!(", p = {p:.4}"));
     let title = format!(
         "{} of {} shapes of {}: R² = {:.3}{p}",
-        found.attribute.name, header.shapes, study.cohort.name, found.r_squared
+        found.attribute.name, header.shapes, study.cohort.spec.name, found.r_squared
     );
     svg::draw(&title, &layers)
 }
