@@ -38,7 +38,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 
     let names: Vec<String> = (0..60).map(|k| ["round", "cornered"][k % 2].into()).collect();
     let settings = ClassifierSettings::new(ClassifierKind::Discriminant);
-    let labels = ClassLabels::of_names(&names);
+    let labels = ClassLabels::from_names(&names);
     let record = train_classifier(&dictionary, &shapes, &labels, &settings, &Unwatched)?;
     let accuracy = record.validation.accuracy;
     println!(

@@ -41,12 +41,12 @@ pub(super) fn complete(document: &mut OpenApi) {
 fn describe_refusals(operation: &mut Operation) {
     let responses = operation.responses.responses.iter_mut();
     let refusals = responses.filter(|(status, _)| status.starts_with(['4', '5']));
-    for response in refusals.filter_map(|(_, response)| of_operation(response)) {
+    for response in refusals.filter_map(|(_, response)| inline_response(response)) {
         response.content.entry(PROBLEM.into()).or_insert_with(|| problem().into());
     }
 }
 
-fn of_operation(response: &mut RefOr<Response>) -> Option<&mut Response> {
+fn inline_response(response: &mut RefOr<Response>) -> Option<&mut Response> {
     match response {
         RefOr::T(response) => Some(response),
         RefOr::Ref(_) => None,

@@ -117,7 +117,7 @@ pub fn router(app: App) -> Router {
         .layer(CompressionLayer::new().gzip(true))
         .layer(from_fn(problem::render))
         .layer(from_fn_with_state(recorder, audit::record))
-        .layer(CatchPanicLayer::custom(problem::of_panic))
+        .layer(CatchPanicLayer::custom(problem::from_panic))
         .layer(from_fn_with_state(app.memory.clone(), answers::hold))
         .layer(Extension(overload::Edge::new(&app.limits)))
         .layer(from_fn(body::bound))

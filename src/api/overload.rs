@@ -43,7 +43,7 @@ impl Edge {
             light: limits.light_time,
             compute: limits.compute_time,
             rates: Rates::new(limits.rate_per_second, limits.rate_burst),
-            refusals: Rates::of_refusals(limits.refusals_per_minute),
+            refusals: Rates::from_refusals(limits.refusals_per_minute),
         })
     }
 
@@ -136,17 +136,17 @@ impl Rates {
         let rate = NonZeroU32::new(per_second)?;
         let burst = NonZeroU32::new(burst).unwrap_or(rate.saturating_add(per_second));
         let quota = Quota::per_second(rate).allow_burst(burst);
-        Some(Self::of_quota(quota, format!("{per_second} requests per second")))
+        Some(Self::from_quota(quota, format!("{per_second} requests per second")))
     }
 
     /// Limiter for requests refused by access control; `None` if `per_minute` is 0.
-    fn of_refusals(per_minute: u32) -> Option<Self> {
+    fn from_refusals(per_minute: u32) -> Option<Self> {
         let quota = Quota::per_minute(NonZeroU32::new(per_minute)?);
         let rate = format!("{per_minute} requests per minute without a valid key from this address");
-        Some(Self::of_quota(quota, rate))
+        Some(Self::from_quota(quota, rate))
     }
 
-    fn of_quota(quota: Quota, rate: String) -> Self {
+    fn from_quota(quota: Quota, rate: String) -> Self {
         Self { limiter: RateLimiter::keyed(quota), rate, checks: AtomicU32::new(0) }
     }
 

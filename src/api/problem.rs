@@ -85,8 +85,8 @@ impl ProblemDocument {
     }
 
     /// Document of a job, if it has failed.
-    pub fn of_failed(job: &Job) -> Option<Self> {
-        job.problem.as_ref().map(|_| Self::new(Problem::of_failed(job), None))
+    pub fn from_failed(job: &Job) -> Option<Self> {
+        job.problem.as_ref().map(|_| Self::new(Problem::from_failed(job), None))
     }
 }
 
@@ -142,7 +142,7 @@ fn kind_of_status(status: StatusCode) -> ProblemKind {
 }
 
 /// Response to a request whose handler panicked.
-pub fn of_panic(_: Box<dyn std::any::Any + Send>) -> Response {
+pub fn from_panic(_: Box<dyn std::any::Any + Send>) -> Response {
     tracing::error!("a request handler panicked");
     Problem::new(ProblemKind::Internal, "internal error: see the log under the request id").into_response()
 }

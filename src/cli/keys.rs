@@ -73,7 +73,7 @@ pub(super) struct WhereArgs {
 }
 
 fn role(word: &str) -> Result<Role, String> {
-    Role::of_word(word).ok_or_else(|| "expected reader, writer or admin".into())
+    Role::from_word(word).ok_or_else(|| "expected reader, writer or admin".into())
 }
 
 /// Executes the command; returns its output.

@@ -35,7 +35,7 @@ impl Role {
     }
 
     /// Role with this name.
-    pub fn of_word(word: &str) -> Option<Self> {
+    pub fn from_word(word: &str) -> Option<Self> {
         [Self::Reader, Self::Writer, Self::Admin].into_iter().find(|role| role.as_str() == word)
     }
 }
@@ -126,9 +126,9 @@ mod tests {
     fn roles_are_ordered_and_have_words() {
         assert!(Role::Reader < Role::Writer && Role::Writer < Role::Admin);
         for role in [Role::Reader, Role::Writer, Role::Admin] {
-            assert_eq!(Role::of_word(role.as_str()), Some(role));
+            assert_eq!(Role::from_word(role.as_str()), Some(role));
         }
-        assert_eq!(Role::of_word("root"), None);
+        assert_eq!(Role::from_word("root"), None);
     }
 
     #[test]

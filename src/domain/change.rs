@@ -43,12 +43,12 @@ pub struct NewChange<'a> {
 
 impl<'a> NewChange<'a> {
     /// A change of a cohort itself.
-    pub fn of_cohort(kind: ChangeKind, cohort: &'a str, revision: u64) -> Self {
+    pub fn for_cohort(kind: ChangeKind, cohort: &'a str, revision: u64) -> Self {
         Self { kind, object: cohort, cohort: Some(cohort), revision: Some(revision), shapes: None }
     }
 
     /// A change of a dictionary that was learnt from the cohort.
-    pub fn of_dictionary(kind: ChangeKind, dictionary: &'a str, cohort: &'a str) -> Self {
+    pub fn for_dictionary(kind: ChangeKind, dictionary: &'a str, cohort: &'a str) -> Self {
         Self { kind, object: dictionary, cohort: Some(cohort), revision: None, shapes: None }
     }
 }

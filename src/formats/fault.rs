@@ -41,7 +41,7 @@ impl Fault {
     }
 
     /// The same fault, of the shape at a position of the batch or stream.
-    pub fn of_shape(self, index: usize) -> Self {
+    pub fn at_shape(self, index: usize) -> Self {
         Self { index: Some(index), ..self }
     }
 }

@@ -281,7 +281,7 @@ impl Fields {
                 None
             }
             (false, true) => {
-                self.value::<Vec<[f64; 2]>>("domain_poles").map(|list| PoleList::of_domain(&list))
+                self.value::<Vec<[f64; 2]>>("domain_poles").map(|list| PoleList::from_domain(&list))
             }
             _ => self.value::<Vec<[f64; 2]>>("poles").map(|list| PoleList::on_grid(&list)),
         }

@@ -233,7 +233,7 @@ pub fn project(
     let to_reference = Projector::new(&setup.metric, &setup.method, reference.clone());
     to_reference
         .project(reference.clone())
-        .map_err(|error| ServiceError::of_analysis(error, |_| "/reference".into()).without_index())?;
+        .map_err(|error| ServiceError::from_analysis(error, |_| "/reference".into()).without_index())?;
     let context = app.pool.context();
     let projections = batch
         .control_points

@@ -40,7 +40,7 @@ impl Store {
             .execute()
             .await;
         created.map_err(|error| name_taken(error, &cohort.spec.name))?;
-        let change = NewChange::of_cohort(ChangeKind::CohortCreated, &cohort.id, cohort.revision);
+        let change = NewChange::for_cohort(ChangeKind::CohortCreated, &cohort.id, cohort.revision);
         changes::record(&mut write, self.tenant(), &change, cohort.created_at_ms).await?;
         Ok(write.commit().await?)
     }
@@ -64,7 +64,7 @@ impl Store {
             .execute()
             .await;
         updated.map_err(|error| name_taken(error, &cohort.spec.name))?;
-        let change = NewChange::of_cohort(ChangeKind::CohortUpdated, &cohort.id, cohort.revision + 1);
+        let change = NewChange::for_cohort(ChangeKind::CohortUpdated, &cohort.id, cohort.revision + 1);
         changes::record(&mut write, self.tenant(), &change, now_ms).await?;
         Ok(write.commit().await?)
     }

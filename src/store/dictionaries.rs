@@ -163,7 +163,7 @@ pub(super) async fn insert(
         .bind(new.state.as_deref().map(checksum_of))
         .execute()
         .await?;
-    let change = NewChange::of_dictionary(ChangeKind::DictionaryAdded, &new.id, &new.provenance.cohort);
+    let change = NewChange::for_dictionary(ChangeKind::DictionaryAdded, &new.id, &new.provenance.cohort);
     changes::record(write, tenant, &change, now_ms).await?;
     Ok(from_sql(version))
 }

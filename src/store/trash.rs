@@ -31,7 +31,7 @@ impl Store {
             number => number?,
         };
         let revision: i64 = sql(&mut write, TRASH).bind(number).bind(now_ms).scalar().await?;
-        let change = NewChange::of_cohort(ChangeKind::CohortDeleted, id, engine::from_sql(revision));
+        let change = NewChange::for_cohort(ChangeKind::CohortDeleted, id, engine::from_sql(revision));
         changes::record(&mut write, self.tenant(), &change, now_ms).await?;
         write.commit().await?;
         Ok(true)
@@ -47,7 +47,7 @@ impl Store {
         let mut write = self.begin_write(id).await?;
         let query = sql(&mut write, TRASH).bind(id).bind(self.tenant()).bind(now_ms);
         let Some(cohort) = query.optional_scalar::<String>().await? else { return Ok(false) };
-        let change = NewChange::of_dictionary(ChangeKind::DictionaryDeleted, id, &cohort);
+        let change = NewChange::for_dictionary(ChangeKind::DictionaryDeleted, id, &cohort);
         changes::record(&mut write, self.tenant(), &change, now_ms).await?;
         write.commit().await?;
         Ok(true)
@@ -115,7 +115,7 @@ impl Store {
             }
             revision => engine::from_sql(revision?),
         };
-        let change = NewChange::of_cohort(ChangeKind::CohortRestored, id, revision);
+        let change = NewChange::for_cohort(ChangeKind::CohortRestored, id, revision);
         changes::record(write, self.tenant(), &change, now_ms).await?;
         Ok(true)
     }
@@ -131,7 +131,7 @@ impl Store {
         self.push_scope(&mut query, "cohort");
         query.push(" RETURNING cohort");
         let Some(cohort) = query.optional_scalar::<String>().await? else { return Ok(false) };
-        let change = NewChange::of_dictionary(ChangeKind::DictionaryRestored, id, &cohort);
+        let change = NewChange::for_dictionary(ChangeKind::DictionaryRestored, id, &cohort);
         changes::record(write, self.tenant(), &change, now_ms).await?;
         Ok(true)
     }

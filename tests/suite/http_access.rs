@@ -452,7 +452,7 @@ fn operations() -> Vec<Operation> {
                 let example = body.get("example").or(schema).unwrap();
                 (media_type.clone(), example.as_str().map_or_else(|| example.to_string(), str::to_owned))
             });
-            let role = Role::of_word(operation["x-role"].as_str().unwrap());
+            let role = Role::from_word(operation["x-role"].as_str().unwrap());
             let method = method.to_uppercase().parse().unwrap();
             found.push(Operation { method, template: template.clone(), role, body });
         }

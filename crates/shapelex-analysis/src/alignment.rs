@@ -159,7 +159,7 @@ fn projection_mean<S: ShapeSource>(
     let mut space = MeanSpace::new(sum_of(&placements)?, report)?;
     if matching.mirrors() {
         let chosen = best_matched(source, &space)?;
-        let single = MeanSpace::of_shape(class, &chosen)?;
+        let single = MeanSpace::from_shape(class, &chosen)?;
         matching.improve(source, &Target::subspace(&single, matching), &mut placements)?;
         space = MeanSpace::new(sum_of(&placements)?, report)?;
     }

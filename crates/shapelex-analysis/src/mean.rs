@@ -236,7 +236,7 @@ impl<'a> MeanSpace<'a> {
     ///
     /// # Errors
     /// [`AnalysisError::Degenerate`] with index 0.
-    pub fn of_shape(class: &'a TransformationClass, x: &[f64]) -> Result<Self, AnalysisError> {
+    pub fn from_shape(class: &'a TransformationClass, x: &[f64]) -> Result<Self, AnalysisError> {
         let mut bases: Vec<Matrix> =
             Subspace::new(class, x)?.blocks.into_iter().map(|block| block.q).collect();
         if class.structure == Structure::Complex {

@@ -53,7 +53,7 @@ impl FunctionalPca {
         components: usize,
     ) -> Result<Self, S::Error> {
         let origin = Self::origin(reference, centred);
-        Self::of_sum(Self::scatter(source, &origin)?, metric, &origin, centred, components)
+        Self::from_sum(Self::scatter(source, &origin)?, metric, &origin, centred, components)
             .map_err(Into::into)
     }
 
@@ -77,7 +77,7 @@ impl FunctionalPca {
     ///
     /// # Errors
     /// A failure of the eigenproblem.
-    pub fn of_sum(
+    pub fn from_sum(
         sum: ScatterSum,
         metric: &Metric,
         origin: &[f64],

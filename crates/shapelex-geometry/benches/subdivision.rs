@@ -97,9 +97,9 @@ fn comparing(c: &mut Criterion) {
     let target = TriangleMesh { vertices: target.vertices.iter().map(bend).collect(), ..target };
     let grid = Grid::with_cells([[-3.2, -1.8, -1.1], [3.2, 1.8, 1.6]], 128);
     group.bench_function("rasterised on 128 cells along its side", |b| {
-        b.iter(|| raster::of_mesh(black_box(&target), &grid));
+        b.iter(|| raster::from_mesh(black_box(&target), &grid));
     });
-    let mask = raster::of_mesh(&target, &grid);
+    let mask = raster::from_mesh(&target, &grid);
     group.bench_function("overlap with itself, with distances", |b| b.iter(|| raster::overlap(&mask, &mask)));
     let index = NearestTriangles::new(&target.vertices, &target.faces);
     let near: Vec<[f64; 3]> = target.vertices.iter().map(|p| p.map(|x| 1.01 * x)).collect();

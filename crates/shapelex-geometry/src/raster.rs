@@ -172,7 +172,7 @@ impl Mask {
 /// number of marks on a ray is always even.
 ///
 /// Cost `O(faces + rows met by the faces + crossings + cells)`.
-pub fn of_mesh(mesh: &TriangleMesh, grid: &Grid) -> Mask {
+pub fn from_mesh(mesh: &TriangleMesh, grid: &Grid) -> Mask {
     let [xs, ys, zs] = [0, 1, 2].map(|axis| grid.centres(axis));
     let mut inside = vec![false; grid.count()];
     for face in &mesh.faces {
@@ -197,7 +197,7 @@ pub fn of_mesh(mesh: &TriangleMesh, grid: &Grid) -> Mask {
 /// bounds a hole. The last point of a polygon is joined to its first.
 ///
 /// `grid` has one layer. Cost `O(edges + crossings + cells)`.
-pub fn of_contours(polygons: &[Vec<[f64; 2]>], grid: &Grid) -> Mask {
+pub fn from_contours(polygons: &[Vec<[f64; 2]>], grid: &Grid) -> Mask {
     debug_assert!(grid.is_planar(), "{grid:?}");
     let [xs, ys] = [0, 1].map(|axis| grid.centres(axis));
     let mut inside = vec![false; grid.count()];
@@ -575,8 +575,8 @@ mod tests {
         for cells in [4, 8, 20] {
             let spacing = 1.0 / f64::from(cells);
             let grid = Grid::around([[0.0; 3], [1.25; 3]], [spacing; 3]);
-            let a = of_mesh(&cuboid([0.0; 3], [1.0; 3], false), &grid);
-            let b = of_mesh(&cuboid([0.25; 3], [1.25; 3], true), &grid);
+            let a = from_mesh(&cuboid([0.0; 3], [1.0; 3], false), &grid);
+            let b = from_mesh(&cuboid([0.25; 3], [1.25; 3], true), &grid);
             let found = overlap(&a, &b);
             let common = 0.75_f64.powi(3);
             assert!((found.jaccard - common / (2.0 - common)).abs() < 1e-15, "{found:?}");
@@ -600,7 +600,7 @@ mod tests {
             // The centre of the first sphere is a corner of cells.
             let size = [cells as usize * 2; 3];
             let grid = Grid { first: [0.5 * spacing - 1.0; 3], spacing: [spacing; 3], size };
-            let found = overlap(&of_mesh(&a, &grid), &of_mesh(&b, &grid));
+            let found = overlap(&from_mesh(&a, &grid), &from_mesh(&b, &grid));
             assert!((found.jaccard - exact).abs() < tolerance, "{} for {exact}", found.jaccard);
             assert!((found.hausdorff.unwrap() - distance).abs() < 2.0 * spacing, "{found:?}");
         }
@@ -615,7 +615,7 @@ mod tests {
         });
         assert_eq!(wavy.connectivity().unwrap().genus(), 1);
         let grid = Grid { first: [-1.6, -1.31, -0.8], spacing: [0.161, 0.139, 0.0813], size: [20, 20, 20] };
-        let mask = of_mesh(&wavy, &grid);
+        let mask = from_mesh(&wavy, &grid);
         for (at, &inside) in mask.inside.iter().enumerate() {
             let turns = winding(&wavy, centre(&grid, at)).abs();
             assert_eq!(inside, turns > 0.5, "{turns} at {:?}", centre(&grid, at));
@@ -633,10 +633,10 @@ mod tests {
             cuboid([0.0, 1.0, 0.0], [2.0, 1.5, 1.0], false),
             cuboid([0.0, 0.0, 1.0], [2.0, 1.5, 1.5], true),
         ];
-        let masks = boxes.map(|cuboid| of_mesh(&cuboid, &grid));
+        let masks = boxes.map(|cuboid| from_mesh(&cuboid, &grid));
         assert_eq!(masks.each_ref().map(Mask::count), [8, 8, 8, 12]);
         assert_eq!(overlap(&masks[0], &masks[1]).intersection, 0);
-        let whole = of_mesh(&cuboid([0.0; 3], [2.0, 1.5, 1.5], false), &grid);
+        let whole = from_mesh(&cuboid([0.0; 3], [2.0, 1.5, 1.5], false), &grid);
         for at in 0..grid.count() {
             let owners = masks.iter().filter(|mask| mask.inside[at]).count();
             assert_eq!(owners, usize::from(whole.inside[at]), "{:?}", centre(&grid, at));
@@ -659,11 +659,11 @@ mod tests {
             let masks = orders.map(|[first, second, _]| {
                 let [a, b, c, d] = [0, first, first + second, 7];
                 let faces = vec![[a, b, c], [d, b, a], [a, c, d], [c, b, d]];
-                of_mesh(&mesh(solid.vertices.clone(), faces), &grid)
+                from_mesh(&mesh(solid.vertices.clone(), faces), &grid)
             });
             // Hull faces that match the tetrahedra: the diagonals from the smallest to the largest corner.
             let hull = orders.iter().flat_map(|[x, y, _]| [[0, *x, x + y], [7, *x, x + y]]).collect();
-            let whole = of_mesh(&mesh(solid.vertices, hull), &grid);
+            let whole = from_mesh(&mesh(solid.vertices, hull), &grid);
             assert!(trial > 0 || whole.count() == 512);
             for at in 0..grid.count() {
                 let owners = masks.iter().filter(|mask| mask.inside[at]).count();
@@ -679,24 +679,24 @@ mod tests {
         twice.faces.extend(other.faces.iter().map(|face| face.map(|vertex| vertex + 8)));
         twice.vertices.extend(other.vertices);
         let grid = Grid::around([[0.0; 3], [1.5; 3]], [0.25; 3]);
-        assert_eq!(of_mesh(&twice, &grid).count(), 2 * (64 - 8));
+        assert_eq!(from_mesh(&twice, &grid).count(), 2 * (64 - 8));
     }
 
     #[test]
     fn huge_coordinates_and_tiny_spacings_do_no_harm() {
         let grid = Grid { first: [0.1; 3], spacing: [1e-90, 1e-9, 0.25], size: [4, 5, 6] };
-        let huge = of_mesh(&cuboid([-1e100; 3], [1e100; 3], false), &grid);
+        let huge = from_mesh(&cuboid([-1e100; 3], [1e100; 3], false), &grid);
         assert_eq!(huge.count(), grid.count());
-        assert_eq!(of_mesh(&cuboid([-1e100; 3], [-9e99; 3], true), &grid).count(), 0);
-        assert_eq!(of_mesh(&cuboid([9e99; 3], [1e100; 3], true), &grid).count(), 0);
+        assert_eq!(from_mesh(&cuboid([-1e100; 3], [-9e99; 3], true), &grid).count(), 0);
+        assert_eq!(from_mesh(&cuboid([9e99; 3], [1e100; 3], true), &grid).count(), 0);
         assert_eq!(overlap(&huge, &huge).hausdorff, Some(0.0));
         let one = |at: usize| Mask { grid, inside: (0..grid.count()).map(|i| i == at).collect() };
         let far = overlap(&one(0), &one(grid.count() - 1)).hausdorff.unwrap();
         assert!((far - 1.25).abs() < 1e-12, "{far}");
         let nowhere = mesh(vec![[f64::NAN; 3], [f64::INFINITY; 3], [0.0; 3]], vec![[0, 1, 2], [2, 1, 0]]);
-        assert_eq!(of_mesh(&nowhere, &grid).inside.len(), grid.count());
+        assert_eq!(from_mesh(&nowhere, &grid).inside.len(), grid.count());
         let none = Grid { size: [0, 3, 0], ..grid };
-        assert_eq!(of_mesh(&cuboid([0.0; 3], [1.0; 3], false), &none).count(), 0);
+        assert_eq!(from_mesh(&cuboid([0.0; 3], [1.0; 3], false), &none).count(), 0);
     }
 
     /// A star with a hole, compared with crossings on rays along the other axis.
@@ -713,7 +713,7 @@ mod tests {
         };
         let polygons = [ring(41, 1.0, &mut state), ring(9, 0.3, &mut state)];
         let grid = Grid::with_cells(bounds(polygons.iter().flatten().copied()).unwrap(), 150);
-        let mask = of_contours(&polygons, &grid);
+        let mask = from_contours(&polygons, &grid);
         for at in 0..grid.count() {
             let [x, y, _] = centre(&grid, at);
             let crossed = |a: &[f64; 2], b: &[f64; 2]| {
@@ -735,14 +735,14 @@ mod tests {
         };
         let exact = area(&polygons[0]) - area(&polygons[1]);
         assert!((mask.measure() - exact).abs() < 0.01 * exact, "{} for {exact}", mask.measure());
-        assert_eq!(of_contours(&[vec![], vec![[0.0; 2]]], &grid).count(), 0);
+        assert_eq!(from_contours(&[vec![], vec![[0.0; 2]]], &grid).count(), 0);
     }
 
     #[test]
     fn squares_that_tile_share_out_the_centres() {
         let grid = Grid { first: [0.0; 3], spacing: [0.5, 0.25, 1.0], size: [6, 9, 1] };
         let square = |x: f64, y: f64| vec![vec![[x, y], [x + 1.0, y], [x + 1.0, y + 1.0], [x, y + 1.0]]];
-        let masks = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)].map(|(x, y)| of_contours(&square(x, y), &grid));
+        let masks = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)].map(|(x, y)| from_contours(&square(x, y), &grid));
         assert_eq!(masks.each_ref().map(Mask::count), [8; 3]);
         assert_eq!(overlap(&masks[0], &masks[1]).intersection, 0);
         assert_eq!(overlap(&masks[0], &masks[2]).intersection, 0);

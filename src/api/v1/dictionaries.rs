@@ -312,7 +312,7 @@ async fn learnt(app: &App, job: Job) -> Result<Response, Problem> {
             let response = json(StatusCode::CREATED, &DictionaryOutput::new(&ready))?;
             Ok(([(header::LOCATION, location)], response).into_response())
         }
-        (JobStatus::Failed, _) => Err(Problem::of_failed(&job)),
+        (JobStatus::Failed, _) => Err(Problem::from_failed(&job)),
         _ => Ok(accepted(job)?),
     }
 }

@@ -295,7 +295,7 @@ impl RefineRequest {
             checked(settings.zip(factor), errors, shapes)?;
         let work = refine_work(&representation, shapes.len(), factor, counts, &app.limits);
         planned(work, move |app| {
-            let posted = Posted::of_splines(app, &representation, correspondence)?;
+            let posted = Posted::from_splines(app, &representation, correspondence)?;
             let shapes = posted.read(app, shapes)?;
             let refined = match representation.domain() {
                 Domain::Sheet { extent, .. } => {
@@ -474,7 +474,7 @@ impl IdealRequest {
         let (representation, _) = checked(representation, errors, Vec::new())?;
         let counts = Counts::new(&representation, wanted.len(), &app.limits);
         planned(requests::fit_lines(counts, 0.0, false), move |app| {
-            let posted = Posted::of_splines(app, &representation, Correspondence::Landmarks)?;
+            let posted = Posted::from_splines(app, &representation, Correspondence::Landmarks)?;
             let shapes = idealise::idealise(app, &posted, &wanted)?.iter().map(output).collect();
             json(StatusCode::OK, &IdealAnswer { shapes })
         })

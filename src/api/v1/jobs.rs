@@ -56,7 +56,7 @@ pub struct JobOutput {
 
 impl From<Job> for JobOutput {
     fn from(job: Job) -> Self {
-        let problem = ProblemDocument::of_failed(&job);
+        let problem = ProblemDocument::from_failed(&job);
         Self {
             id: job.id,
             kind: job.kind,

@@ -57,7 +57,7 @@ async fn answered<T: PlannedTest>(
     prefer: Prefer,
 ) -> Result<Response, Problem> {
     if test.is_quick() {
-        let (handle, work) = (Handle::current(), Work::of_seconds(test.seconds()));
+        let (handle, work) = (Handle::current(), Work::from_seconds(test.seconds()));
         return compute(app.weighing(work), move |app| {
             let answer = test.answer(app, &handle, &app.pool.context())?;
             match format {
@@ -101,7 +101,7 @@ pub(super) async fn waited(app: &App, job: Job, prefer: Prefer) -> Result<Waited
     let job = jobs::wait(app, &job.id, time).await?;
     match job.status {
         JobStatus::Succeeded => Ok(Waited::Succeeded(Box::new(job))),
-        JobStatus::Failed => Err(Problem::of_failed(&job)),
+        JobStatus::Failed => Err(Problem::from_failed(&job)),
         _ => Ok(Waited::Else(accepted(job)?)),
     }
 }

@@ -276,10 +276,10 @@ impl MatrixRequest {
     async fn answer(self, app: &App) -> Result<Answer, ServiceError> {
         match self {
             Self::Posted(settings, shapes) => {
-                Ok(Answer::Matrix(distances::of_posted(app, *settings, shapes).await?))
+                Ok(Answer::Matrix(distances::for_posted(app, *settings, shapes).await?))
             }
             Self::Cohort(key, chosen, comparison) => {
-                distances::of_cohort(app, &key, chosen, comparison).await
+                distances::for_cohort(app, &key, chosen, comparison).await
             }
         }
     }

@@ -266,7 +266,7 @@ fn answer_mesh(refined: RefinedMesh, format: ShapeFormat) -> Result<Response, Se
         ShapeFormat::Plain(Format::Json) => {}
         ShapeFormat::Plain(Format::Svg) => {
             let drawn = coarsened(&refined.shape, refined.level, MAX_FACES);
-            let layer = Layer::of_meshes(&[drawn], colour::BACK);
+            let layer = Layer::from_meshes(&[drawn], colour::BACK);
             return Ok(svg(drawing::draw("a refined mesh", &[layer])));
         }
         ShapeFormat::Mesh(_, Some(_)) => {
@@ -312,7 +312,7 @@ fn answer_polyline(curve: RefinedCurve, closed: bool, format: ShapeFormat) -> Re
         ShapeFormat::Plain(Format::Json) => {}
         ShapeFormat::Plain(Format::Svg) => {
             let points: Vec<&[f64]> = shape.points.iter().map(|point| &point[..dimension]).collect();
-            let layer = Layer::of_polyline(&points, closed, colour::MAIN);
+            let layer = Layer::from_polyline(&points, closed, colour::MAIN);
             return Ok(svg(drawing::draw("a refined polyline", &[layer])));
         }
         ShapeFormat::Mesh(..) => {

@@ -165,8 +165,8 @@ fn claim<'a>(claims: &'a Map<String, Value>, name: &str) -> Option<&'a Value> {
 /// Highest role in a list, or in a string with spaces.
 fn highest_role(value: &Value) -> Option<Role> {
     match value {
-        Value::String(text) => text.split_whitespace().filter_map(Role::of_word).max(),
-        Value::Array(words) => words.iter().filter_map(|word| Role::of_word(word.as_str()?)).max(),
+        Value::String(text) => text.split_whitespace().filter_map(Role::from_word).max(),
+        Value::Array(words) => words.iter().filter_map(|word| Role::from_word(word.as_str()?)).max(),
         _ => None,
     }
 }

@@ -67,7 +67,7 @@ impl App {
     /// The context of one request of `principal`: its work stops when the client stops waiting.
     pub fn of(&self, principal: Arc<Principal>) -> Self {
         let store = self.store.of(Arc::clone(&principal));
-        let pool = self.pool.of_request(&principal);
+        let pool = self.pool.for_request(&principal);
         Self { store, principal, pool, ..self.clone() }
     }
 

@@ -164,15 +164,15 @@ impl ServiceError {
     }
 
     /// Converts an analysis error of a request whose shapes are at `/shapes/{index}`.
-    pub fn of_request(error: AnalysisError) -> Self {
-        Self::of_analysis(error, |index| format!("/shapes/{index}"))
+    pub fn from_request(error: AnalysisError) -> Self {
+        Self::from_analysis(error, |index| format!("/shapes/{index}"))
     }
 
     /// Converts an analysis error; `pointer` locates a shape by its index.
-    pub fn of_analysis(error: AnalysisError, pointer: impl Fn(usize) -> String) -> Self {
+    pub fn from_analysis(error: AnalysisError, pointer: impl Fn(usize) -> String) -> Self {
         match error {
             AnalysisError::Degenerate { index, .. } | AnalysisError::NoExtent { index, .. } => {
-                let fault = Fault::new(pointer(index), error.to_string()).of_shape(index);
+                let fault = Fault::new(pointer(index), error.to_string()).at_shape(index);
                 Self::DegenerateShape(vec![fault])
             }
             AnalysisError::TooFewShapes { found, needed } => Self::TooFewShapes { found, needed },
@@ -191,7 +191,7 @@ impl ServiceError {
 
 impl From<AnalysisError> for ServiceError {
     fn from(error: AnalysisError) -> Self {
-        Self::of_request(error)
+        Self::from_request(error)
     }
 }
 

@@ -109,11 +109,11 @@ impl Problem {
 
     fn with(kind: ProblemKind, errors: Vec<Fault>) -> Self {
         let found = errors.len();
-        Self::of_first(kind, errors, found)
+        Self::from_first(kind, errors, found)
     }
 
     /// A problem with the first faults out of `found`.
-    fn of_first(kind: ProblemKind, errors: Vec<Fault>, found: usize) -> Self {
+    fn from_first(kind: ProblemKind, errors: Vec<Fault>, found: usize) -> Self {
         let detail = match errors.as_slice() {
             [] => kind.title().into(),
             [one] if one.pointer.is_empty() => one.detail.clone(),
@@ -129,7 +129,7 @@ impl Problem {
     }
 
     /// Problem of a failed job.
-    pub fn of_job(error: ServiceError, job: &str) -> Self {
+    pub fn from_job(error: ServiceError, job: &str) -> Self {
         match error {
             ServiceError::Internal(cause) => {
                 tracing::error!(job, error = cause, "internal error");
@@ -140,7 +140,7 @@ impl Problem {
     }
 
     /// Problem that a failed job has stored; that of a failed job without one is internal.
-    pub fn of_failed(job: &Job) -> Self {
+    pub fn from_failed(job: &Job) -> Self {
         let problem = job.problem.as_ref();
         let text = |field: &str| problem.and_then(|problem| problem[field].as_str()).unwrap_or_default();
         let kind = ProblemKind::ALL.iter().copied().find(|kind| kind.code() == text("code"));
@@ -152,7 +152,7 @@ impl Problem {
         }
     }
 
-    /// The form in which failed jobs store it, read by [`Problem::of_failed`].
+    /// The form in which failed jobs store it, read by [`Problem::from_failed`].
     pub fn to_stored(&self) -> Value {
         json!({"code": self.kind.code(), "detail": self.detail, "errors": self.errors})
     }
@@ -174,7 +174,7 @@ impl From<ServiceError> for Problem {
         match error {
             ServiceError::Invalid(faults) => {
                 let found = faults.count();
-                Self::of_first(ProblemKind::InvalidInput, faults.into_listed(), found)
+                Self::from_first(ProblemKind::InvalidInput, faults.into_listed(), found)
             }
             ServiceError::Malformed(errors) => Self::with(ProblemKind::MalformedBody, errors),
             ServiceError::DegenerateShape(errors) => Self::with(ProblemKind::DegenerateShape, errors),

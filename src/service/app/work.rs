@@ -30,12 +30,12 @@ impl Work {
     pub const UNKNOWN: Self = Self(0.1);
 
     /// Work of this many seconds.
-    pub fn of_seconds(seconds: f64) -> Self {
+    pub fn from_seconds(seconds: f64) -> Self {
         Self(seconds.max(0.0))
     }
 
     /// Work of this many multiply-adds.
-    pub fn of_multiply_adds(count: f64) -> Self {
+    pub fn from_multiply_adds(count: f64) -> Self {
         Self(count * MULTIPLY_ADD)
     }
 

@@ -110,7 +110,7 @@ impl State {
     }
 
     /// Entries for the requests that were only counted.
-    fn of_gaps(&self) -> Vec<Entry> {
+    fn gap_entries(&self) -> Vec<Entry> {
         let gaps = std::mem::take(&mut *self.gaps());
         let entry = |(tenant, gap): (String, Gap)| {
             tracing::error!(
@@ -367,7 +367,7 @@ impl Writer {
 
     /// Records the missing requests in the trail.
     async fn write_gaps(&self) {
-        let gaps = self.state.of_gaps();
+        let gaps = self.state.gap_entries();
         tracing::info!("the audit trail is written again");
         match self.store.append_audit(&gaps).await {
             Ok(()) => metrics::audit_written(gaps.len()),

@@ -75,7 +75,7 @@ pub async fn mean(app: &App, cohort: Cohort, query: MeanQuery) -> Result<Arc<Liv
         frame: query.frame,
     };
     let (task_app, handle, filter) = (app.clone(), Handle::current(), query.filter);
-    let work = requests::align(&settings, Counts::of_cohort(&cohort, &app.limits));
+    let work = requests::align(&settings, Counts::for_cohort(&cohort, &app.limits));
     let computed =
         app.pool.weighing(work).run(move || compute(&task_app, &handle, cohort, &settings, filter)).await?;
     let mean = Arc::new(computed);

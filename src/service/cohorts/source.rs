@@ -73,7 +73,7 @@ pub(crate) async fn find_all(
     let missing = found.iter().zip(keys).enumerate().filter(|(_, (shape, _))| shape.is_none());
     let fault = |(index, (_, key)): (usize, (_, &String))| {
         let detail = format!("shape '{key}' not found in the cohort '{}'", cohort.spec.name);
-        Fault::new(format!("/ids/{index}"), detail).of_shape(index)
+        Fault::new(format!("/ids/{index}"), detail).at_shape(index)
     };
     ServiceError::unless_empty(missing.map(fault).collect())?;
     Ok(found.into_iter().flatten().collect())
@@ -88,7 +88,7 @@ pub(crate) fn refuse_repeated(keys: &[String]) -> Result<(), ServiceError> {
     let repeated = keys.iter().enumerate().filter(|(_, key)| !seen.insert(key.as_str()));
     let fault = |(index, key): (usize, &String)| {
         let detail = format!("'{key}' is given twice");
-        Fault::new(format!("/ids/{index}"), detail).of_shape(index)
+        Fault::new(format!("/ids/{index}"), detail).at_shape(index)
     };
     ServiceError::unless_empty(repeated.map(fault).collect())
 }

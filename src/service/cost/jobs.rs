@@ -49,7 +49,7 @@ impl Estimate {
         Self { multiply_adds, memory_bytes, seconds: multiply_adds / RATE, ..self }
     }
     /// Cost of tests of shapes aligned to one mean.
-    pub fn of_tests(setup: &Setup, work: &TestWork) -> Self {
+    pub fn for_tests(setup: &Setup, work: &TestWork) -> Self {
         let (k, n) = (work.shapes as f64, setup.metric.len() as f64);
         let rows = n + work.samples as f64 * setup.metric.dimension() as f64;
         let draws = work.permutations as f64;

@@ -37,7 +37,7 @@ pub struct Counts {
 
 impl Counts {
     /// Counts of the shapes of a cohort.
-    pub fn of_cohort(cohort: &Cohort, limits: &Limits) -> Self {
+    pub fn for_cohort(cohort: &Cohort, limits: &Limits) -> Self {
         Self { shapes: cohort.shapes as f64, ..Self::new(&cohort.spec.representation, 0, limits) }
     }
 
@@ -121,7 +121,7 @@ fn scatter(columns: f64, rows: f64) -> Work {
     /// Multiply-adds of the leading eigenpairs, divided by the cube of the smaller side: only a few are needed.
     const EIGENPAIRS: f64 = 0.5;
     let (less, more) = (columns.min(rows), columns.max(rows));
-    Work::of_multiply_adds(0.5 * more * less * less + EIGENPAIRS * less.powi(3))
+    Work::from_multiply_adds(0.5 * more * less * less + EIGENPAIRS * less.powi(3))
 }
 
 /// Mean of shapes and their alignment to it.
@@ -154,7 +154,7 @@ pub fn align(settings: &Settings, counts: Counts) -> Work {
 pub fn components(counts: Counts, components: usize) -> Work {
     let kept = (components as f64).min(counts.shapes).min(counts.length());
     scatter(counts.shapes, counts.length())
-        + Work::of_multiply_adds(2.0 * counts.values() * kept)
+        + Work::from_multiply_adds(2.0 * counts.values() * kept)
         + Work::numbers(kept * (counts.shapes + counts.length()))
 }
 
@@ -291,7 +291,7 @@ fn fit_sheets(counts: Counts, points: f64, meshes: bool) -> Work {
     const POINT: f64 = 1e-6;
     const VERTEX: f64 = 4.5e-5;
     let each = if meshes { VERTEX } else { POINT };
-    let solving = Work::of_multiply_adds(counts.shapes * counts.points.powi(3) / 3.0);
+    let solving = Work::from_multiply_adds(counts.shapes * counts.points.powi(3) / 3.0);
     Work::numbers(counts.values()) + Work(points * each) + solving
 }
 
@@ -306,7 +306,7 @@ fn fit_meshes(
     const POINT: f64 = 8e-7;
     /// Per vertex of the level, with its bounding box.
     const VERTEX: f64 = 1e-6;
-    let solving = Work::of_multiply_adds(counts.shapes * counts.points.powi(3) / 3.0);
+    let solving = Work::from_multiply_adds(counts.shapes * counts.points.powi(3) / 3.0);
     // A surface is fitted to the faces of a mesh, two per vertex, and starts from a fitted spline surface.
     let (targets, start) =
         if meshes { (2.0 * points, fit_sheets(counts, points, true)) } else { (points, Work(0.0)) };
@@ -333,7 +333,7 @@ pub fn deform(counts: Counts, handles: usize) -> Work {
     let handles = (handles as f64).min(500.0);
     Work::numbers(counts.length())
         + Work(handles * counts.points * ROW)
-        + Work::of_multiply_adds(handles.powi(3))
+        + Work::from_multiply_adds(handles.powi(3))
 }
 
 /// A mesh or polyline whose number of vertices grows by `factor` with every level.
@@ -372,13 +372,13 @@ pub fn distances(counts: Counts, multiply_adds: f64) -> Work {
     /// Writing a distance.
     const DISTANCE: f64 = 2e-8;
     Work(REQUEST + counts.values() * COORDINATE + counts.shapes * counts.shapes * DISTANCE)
-        + Work::of_multiply_adds(multiply_adds)
+        + Work::from_multiply_adds(multiply_adds)
 }
 
 /// Comparing shapes with those of a cohort; `counts` is given if the cohort must be read.
 pub fn search(counts: Option<Counts>, multiply_adds: f64) -> Work {
     let reading = counts.map_or(Work(0.0), |counts| 2.0 * project(counts));
-    Work(REQUEST) + reading + Work::of_multiply_adds(multiply_adds)
+    Work(REQUEST) + reading + Work::from_multiply_adds(multiply_adds)
 }
 
 /// Codes of shapes in a dictionary, at `multiply_adds` per code, and responses of `numbers` numbers each.
@@ -389,6 +389,6 @@ pub fn encode(counts: Counts, multiply_adds: f64, numbers: f64, searches: bool) 
     const SEARCH: f64 = 2e-8;
     let spectrum = if searches { SEARCH * counts.points.max(2.0).log2() } else { 0.0 };
     Work(counts.values() * (COORDINATE + spectrum))
-        + Work::of_multiply_adds(counts.shapes * multiply_adds)
+        + Work::from_multiply_adds(counts.shapes * multiply_adds)
         + Work::numbers(counts.shapes * numbers)
 }

@@ -212,10 +212,10 @@ impl<K: StudyKind> Study<K> {
         let cohort = catalogue::find(app, &request.cohort).await?;
         K::complete(&mut request.options, &cohort);
         let plan = Plan::new(request, &cohort);
-        Self::of_cohort(app, cohort, plan).await
+        Self::for_cohort(app, cohort, plan).await
     }
 
-    async fn of_cohort(app: &App, cohort: Cohort, plan: Plan<K::Options>) -> Result<Self, ServiceError> {
+    async fn for_cohort(app: &App, cohort: Cohort, plan: Plan<K::Options>) -> Result<Self, ServiceError> {
         let sample = K::select(app, &cohort, &plan).await?;
         let (task_app, settings) = (app.clone(), plan.settings(&cohort));
         let preparing = app.pool.weighing(requests::space(&cohort.spec.representation, &app.limits));
@@ -240,9 +240,9 @@ impl<K: StudyKind> PlannedTest for Study<K> {
         &self.plan
     }
 
-    fn of_plan(app: &App, handle: &Handle, plan: Self::Plan) -> Result<Self, ServiceError> {
+    fn from_plan(app: &App, handle: &Handle, plan: Self::Plan) -> Result<Self, ServiceError> {
         let cohort = cohort_at(app, handle, &plan.cohort, plan.revision)?;
-        handle.block_on(Self::of_cohort(app, cohort, plan))
+        handle.block_on(Self::for_cohort(app, cohort, plan))
     }
 
     fn seconds(&self) -> f64 {
@@ -293,7 +293,7 @@ pub(super) fn within_memory(
     work: &TestWork,
     pointer: &str,
 ) -> Result<Estimate, ServiceError> {
-    let estimate = Estimate::of_tests(setup, work);
+    let estimate = Estimate::for_tests(setup, work);
     let most = app.limits.job_bytes as f64;
     if estimate.memory_bytes <= most {
         return Ok(estimate);

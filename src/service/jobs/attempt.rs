@@ -162,7 +162,7 @@ impl Attempt {
     }
 
     fn failed(&self, error: ServiceError) -> End {
-        End::Failed(Problem::of_job(error, &self.claim.job.id).to_stored())
+        End::Failed(Problem::from_job(error, &self.claim.job.id).to_stored())
     }
 
     async fn write(&self, app: &App, end: &End) -> Result<bool, StoreError> {

@@ -29,7 +29,7 @@ pub trait PlannedTest: Sized + Send + 'static {
     ///
     /// # Errors
     /// A cohort that was deleted in the meantime.
-    fn of_plan(app: &App, handle: &Handle, plan: Self::Plan) -> Result<Self, ServiceError>;
+    fn from_plan(app: &App, handle: &Handle, plan: Self::Plan) -> Result<Self, ServiceError>;
 
     /// Predicted time in seconds.
     fn seconds(&self) -> f64;
@@ -71,7 +71,7 @@ pub(crate) fn run<T: PlannedTest>(
 ) -> Result<Outcome, ServiceError> {
     let plan = serde_json::from_value(job.parameters.clone())
         .map_err(|error| ServiceError::Internal(format!("the parameters of a job: {error}")))?;
-    let answer = T::of_plan(app, handle, plan)?.answer(app, handle, context)?;
+    let answer = T::from_plan(app, handle, plan)?.answer(app, handle, context)?;
     let result = serde_json::to_value(&answer)
         .map_err(|error| ServiceError::Internal(format!("an answer is not JSON: {error}")))?;
     Ok(Outcome { result, dictionary: None, output: None })

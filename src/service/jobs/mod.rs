@@ -43,7 +43,7 @@ pub async fn submit(app: &App, kind: JobKind, parameters: Value, seconds: f64) -
     if let Some(id) = app.done_before::<String>().await? {
         return find(app, &id).await;
     }
-    Work::of_seconds(seconds).check(app.limits.job_time.as_secs_f64())?;
+    Work::from_seconds(seconds).check(app.limits.job_time.as_secs_f64())?;
     let job = Job::new(kind, parameters, now_ms()).weighing(seconds, app.priority);
     let quota = Quota { jobs: app.limits.queued_jobs, seconds: app.limits.queued_work.as_secs_f64() };
     app.store.create_job_within(quota, &job, app.receipt(&job.id).as_ref()).await?;

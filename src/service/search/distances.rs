@@ -95,7 +95,7 @@ struct Named {
 ///
 /// # Errors
 /// Faults of the input; degenerate shapes; more work than a request may take.
-pub async fn of_posted(
+pub async fn for_posted(
     app: &App,
     settings: Settings,
     shapes: Vec<ShapeInput>,
@@ -154,7 +154,7 @@ fn posted_names((position, shape): (usize, &ShapeInput)) -> (String, Option<Stri
 /// # Errors
 /// A cohort or shapes that do not exist; a filter that selects nothing; degenerate shapes; a matrix that is too large;
 /// [`ServiceError::Unavailable`] if too many jobs wait.
-pub async fn of_cohort(
+pub async fn for_cohort(
     app: &App,
     key: &str,
     chosen: Chosen,
@@ -177,13 +177,13 @@ pub async fn of_cohort(
     }
     let plan = Plan { cohort: cohort.id.clone(), revision: cohort.revision, chosen, comparison };
     if cost > app.limits.matrix_operations as f64 {
-        let counts = Counts::of_cohort(&cohort, &app.limits).with_shapes(count);
+        let counts = Counts::for_cohort(&cohort, &app.limits).with_shapes(count);
         let seconds = requests::distances(counts, cost).seconds();
         let parameters = serde_json::to_value(&plan)
             .map_err(|error| ServiceError::Internal(format!("a plan is not JSON: {error}")))?;
         return Ok(Answer::Job(Box::new(jobs::submit(app, JobKind::Distances, parameters, seconds).await?)));
     }
-    let counts = Counts::of_cohort(&cohort, &app.limits);
+    let counts = Counts::for_cohort(&cohort, &app.limits);
     let (task_app, handle) = (app.clone(), Handle::current());
     let compute = move || plan.matrix(&task_app, &handle, &cohort, &task_app.pool.context());
     let work = requests::distances(counts.with_shapes(count), cost);
@@ -319,7 +319,7 @@ fn matrix_of(
     let Named { ids, labels, control_points, field } = shapes;
     let at = |index: usize| format!("/{field}/{index}");
     let prepared = space.prepare_given(&setup.metric, control_points);
-    let prepared = prepared.map_err(|error| ServiceError::of_analysis(error, at))?;
+    let prepared = prepared.map_err(|error| ServiceError::from_analysis(error, at))?;
     Ok(NamedMatrix { fields: Map::new(), ids, labels, values: space.matrix(&prepared, go_on)? })
 }
 
@@ -354,10 +354,10 @@ fn to_output(matrix: NamedMatrix) -> Result<JobOutput, ServiceError> {
 /// [`ServiceError::NotFound`] if there is no such job, or if it has no matrix.
 pub async fn output(app: &App, id: &str) -> Result<NamedMatrix, ServiceError> {
     let output = jobs::output(app, id).await?;
-    app.pool.weighing(Work::reading(output.data.len())).run(move || of_output(output)).await
+    app.pool.weighing(Work::reading(output.data.len())).run(move || from_output(output)).await
 }
 
-fn of_output(JobOutput { head, data }: JobOutput) -> Result<NamedMatrix, ServiceError> {
+fn from_output(JobOutput { head, data }: JobOutput) -> Result<NamedMatrix, ServiceError> {
     let Head { fields, ids, labels } = serde_json::from_value(head)
         .map_err(|error| ServiceError::Internal(format!("the output of a job: {error}")))?;
     let (numbers, _) = data.as_chunks();

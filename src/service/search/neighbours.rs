@@ -166,7 +166,7 @@ fn predicted(
     (filter, comparison): (&ShapeFilter, &Comparison),
 ) -> Work {
     let kept = app.cache.has::<PreparedCohort>(&cohort.id, &(cohort.revision, filter, comparison));
-    let read = (!kept).then(|| Counts::of_cohort(cohort, &app.limits));
+    let read = (!kept).then(|| Counts::for_cohort(cohort, &app.limits));
     requests::search(read, queries as f64 * cohort.shapes as f64 * space.operations())
 }
 
@@ -253,7 +253,7 @@ impl Task<'_> {
         };
         let prepared = space.prepare_given(&setup.metric, control_points);
         let at = |index: usize| format!("/{field}/{index}");
-        Ok((prepared.map_err(|error| ServiceError::of_analysis(error, at))?, own))
+        Ok((prepared.map_err(|error| ServiceError::from_analysis(error, at))?, own))
     }
 
     fn check_cost(&self, space: &DistanceSpace, queries: usize, shapes: usize) -> Result<(), ServiceError> {

@@ -45,7 +45,7 @@ pub(crate) fn each_of<I: Send, T: Send>(
             Ok(value) => values.push(value),
             Err(errors) => {
                 let placed = errors.into_iter().map(|error| error.below(&format!("/{list}/{index}")));
-                faults.extend(placed.map(|error| error.of_shape(index)));
+                faults.extend(placed.map(|error| error.at_shape(index)));
             }
         }
     }

@@ -50,7 +50,7 @@ impl EvaluateTask {
     pub fn values(&self, app: &App, shapes: Vec<ShapeInput>) -> Result<Evaluated, ServiceError> {
         let Some(parameters) = &self.parameters else {
             let meshes = self.meshes(app, shapes, Detail::Whole)?;
-            let of = |mesh: &TriangleMesh| Evaluation::of_mesh(mesh, self.frames);
+            let of = |mesh: &TriangleMesh| Evaluation::from_mesh(mesh, self.frames);
             let faces = meshes.first().map(|mesh| mesh.faces.clone());
             return Ok(Evaluated { evaluations: meshes.iter().map(of).collect(), faces });
         };
@@ -77,7 +77,7 @@ impl EvaluateTask {
         };
         if self.parameters.is_none() {
             let meshes = self.meshes(app, shapes, Detail::Drawn)?;
-            let layer = Layer::of_meshes(&meshes, colour::BACK);
+            let layer = Layer::from_meshes(&meshes, colour::BACK);
             return Ok(svg::draw(&title("subdivision surface", meshes.len()), &[layer]));
         }
         let (posted, shapes) = self.read(app, shapes)?;

@@ -25,7 +25,7 @@ pub fn idealise(app: &App, posted: &Posted, wanted: &[Placed]) -> Result<Vec<Mat
     for (index, placed) in wanted.iter().enumerate() {
         match idealise_one(posted, placed, name) {
             Ok(shape) => shapes.push(shape),
-            Err(fault) => faults.push(fault.below(&format!("/{list}/{index}")).of_shape(index)),
+            Err(fault) => faults.push(fault.below(&format!("/{list}/{index}")).at_shape(index)),
         }
     }
     ServiceError::unless_empty(faults)?;

@@ -79,7 +79,7 @@ impl MeasureTask {
         let context = app.pool.context();
         let (splits, stop) = (representation.splits(), || context.is_cancelled());
         each(&context, &meshes, |mesh: &TriangleMesh| {
-            Measures::of_mesh(mesh, splits, self.field.as_ref(), &stop)
+            Measures::from_mesh(mesh, splits, self.field.as_ref(), &stop)
         })
     }
 }

@@ -111,7 +111,7 @@ fn refined_oriented(
     let refined = each(&context, &shapes, |shape: &Oriented| reader.meshes.refine(shape, most))?;
     let refused = |index: usize, error: GeometryError| {
         let fault = Fault::new(format!("/shapes/{index}"), error.to_string());
-        ServiceError::Invalid(vec![fault.of_shape(index)].into())
+        ServiceError::Invalid(vec![fault.at_shape(index)].into())
     };
     let numbered = refined.into_iter().enumerate();
     numbered.map(|(index, mesh)| mesh.map_err(|error| refused(index, error))).collect()

@@ -159,7 +159,7 @@ impl MorphTask {
             refined.map_err(|error| ServiceError::invalid("/positions", error.to_string()))
         };
         let meshes = shapes.iter().map(mesh).collect::<Result<Vec<_>, _>>()?;
-        Ok(svg::draw(name, &[Layer::of_meshes(&meshes, colour::BACK)]))
+        Ok(svg::draw(name, &[Layer::from_meshes(&meshes, colour::BACK)]))
     }
 
     /// Checks the path between shapes of points and normals.
@@ -189,7 +189,7 @@ impl MorphTask {
             PathKind::Plane => Path::plane(from, to),
             PathKind::Sphere => Path::sphere(&posted.metric, from, to).map_err(|error| {
                 let pointer = |index: usize| if index == 0 { "/from".to_owned() } else { "/to".to_owned() };
-                ServiceError::of_analysis(error, pointer).without_index()
+                ServiceError::from_analysis(error, pointer).without_index()
             })?,
         };
         let frames = each(&app.pool.context(), &positions, |&position| PathShape {

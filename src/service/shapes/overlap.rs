@@ -153,8 +153,8 @@ impl Body {
 
     fn on(self, grid: &Grid) -> Mask {
         match self {
-            Self::Contour(points) => raster::of_contours(&[points], grid),
-            Self::Mesh(mesh) => raster::of_mesh(&mesh, grid),
+            Self::Contour(points) => raster::from_contours(&[points], grid),
+            Self::Mesh(mesh) => raster::from_mesh(&mesh, grid),
             Self::Mask(mask) => mask,
         }
     }

@@ -484,7 +484,7 @@ pub fn shape_faults(shapes: Vec<ShapeInput>) -> Vec<Fault> {
         }
         let errors = own_faults(shape);
         let prefix = format!("/shapes/{index}");
-        faults.extend(errors.into_iter().map(|error| error.below(&prefix).of_shape(index)));
+        faults.extend(errors.into_iter().map(|error| error.below(&prefix).at_shape(index)));
     }
     faults
 }
@@ -540,7 +540,7 @@ pub fn read_batch(reading: &Reading<'_>, shapes: Vec<ShapeInput>) -> Result<Batc
             }
             Err(errors) => {
                 let prefix = format!("/shapes/{index}");
-                let with_index = |error: Fault| error.below(&prefix).of_shape(index);
+                let with_index = |error: Fault| error.below(&prefix).at_shape(index);
                 faults.extend(errors.into_iter().map(with_index));
             }
         }

@@ -44,7 +44,7 @@ impl Posted {
     ///
     /// # Errors
     /// Those of [`Self::new`]; subdivision surfaces.
-    pub fn of_splines(
+    pub fn from_splines(
         app: &App,
         representation: &Representation,
         correspondence: Correspondence,

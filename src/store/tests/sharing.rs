@@ -5,7 +5,7 @@ use crate::domain::change::ChangeKind;
 use crate::domain::job::{Job, JobKind, JobStatus};
 use crate::domain::retry::{Receipt, RetryKey};
 
-fn of_tenant(store: &Store, tenant: &str) -> Store {
+fn for_tenant(store: &Store, tenant: &str) -> Store {
     store.of(Arc::new(Principal::system(tenant)))
 }
 
@@ -26,7 +26,7 @@ fn job_of(cohort: &Cohort) -> Job {
 #[tokio::test]
 async fn tenants_do_not_see_each_other() {
     let (_folder, ours, cohort) = with_cohort().await;
-    let theirs = of_tenant(&ours, "north");
+    let theirs = for_tenant(&ours, "north");
     store_all(&ours, &cohort, vec![named(1, "a")]).await;
     let job = job_of(&cohort);
     ours.create_job(&job, None).await.unwrap();

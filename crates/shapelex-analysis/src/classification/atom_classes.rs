@@ -77,7 +77,7 @@ impl AtomClasses {
                 let rho = atoms.iter().map(|&j| found[j]).fold(0.0, f64::max);
                 (1.0 - rho * rho).max(0.0).sqrt()
             };
-            Evidence::of_residuals(self.atoms.iter().map(distance).collect())
+            Evidence::from_residuals(self.atoms.iter().map(distance).collect())
         };
         (0..observations.count()).into_par_iter().map(evidence).collect()
     }
@@ -89,7 +89,7 @@ impl AtomClasses {
                 let part = model.reconstruct(&part(code, atoms));
                 squared_distance(y, &part).sqrt() / norm(y)
             };
-            Evidence::of_residuals(self.atoms.iter().map(distance).collect())
+            Evidence::from_residuals(self.atoms.iter().map(distance).collect())
         };
         (0..observations.count()).into_par_iter().map(evidence).collect()
     }

@@ -58,7 +58,7 @@ impl ClassMeans {
         let Preparation { method, matching, .. } = preparation;
         let spaces: Vec<MeanSpace<'_>> = match method {
             Method::Projection(class) if matching.searches() => {
-                self.means.iter().map(|mean| MeanSpace::of_shape(class, mean)).collect::<Result<_, _>>()?
+                self.means.iter().map(|mean| MeanSpace::from_shape(class, mean)).collect::<Result<_, _>>()?
             }
             _ => Vec::new(),
         };
@@ -82,7 +82,7 @@ impl ClassMeans {
         let evidence = |k: usize| {
             let distances: Result<Vec<f64>, AnalysisError> =
                 (0..self.means.len()).map(|class| distance(observations.shape(k), class)).collect();
-            distances.map(Evidence::of_residuals).map_err(|error| error.at(k))
+            distances.map(Evidence::from_residuals).map_err(|error| error.at(k))
         };
         (0..observations.count()).into_par_iter().map(evidence).collect()
     }

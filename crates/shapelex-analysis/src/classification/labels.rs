@@ -43,7 +43,7 @@ impl ClassLabels {
     }
 
     /// From the name of the class of each shape; no shapes share a subject.
-    pub fn of_names(names: &[String]) -> Self {
+    pub fn from_names(names: &[String]) -> Self {
         Self::new(names, &vec![None; names.len()])
     }
 

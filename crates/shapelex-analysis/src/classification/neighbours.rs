@@ -46,10 +46,10 @@ impl NearestNeighbours {
     pub(super) fn evidence(&self, features: &Matrix) -> Vec<Evidence> {
         let mut features = features.clone();
         scale_size(&mut features, self.size_factor);
-        (0..features.ncols()).into_par_iter().map(|k| self.of_one(features.column(k).as_slice())).collect()
+        (0..features.ncols()).into_par_iter().map(|k| self.one(features.column(k).as_slice())).collect()
     }
 
-    fn of_one(&self, z: &[f64]) -> Evidence {
+    fn one(&self, z: &[f64]) -> Evidence {
         let squared: Vec<f64> =
             self.features.column_iter().map(|known| squared_distance(known.as_slice(), z)).collect();
         let mut order: Vec<usize> = (0..squared.len()).collect();

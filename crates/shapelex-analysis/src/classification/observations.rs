@@ -103,7 +103,7 @@ pub struct Evidence {
 
 impl Evidence {
     /// Of relative residuals: the score is `−d²`.
-    pub(super) fn of_residuals(distances: Vec<f64>) -> Self {
+    pub(super) fn from_residuals(distances: Vec<f64>) -> Self {
         let scores = distances.iter().map(|d| -d * d).collect();
         Self { distances, scores }
     }

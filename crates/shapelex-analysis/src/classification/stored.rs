@@ -69,7 +69,7 @@ fn kind_of(trained: &Trained) -> Kind {
 
 impl Classifier {
     /// Prepares a recorded classifier for use. Its parts must be consistent, as training leaves them.
-    pub fn of_record(record: &ClassifierRecord, metric: &Metric) -> Self {
+    pub fn from_record(record: &ClassifierRecord, metric: &Metric) -> Self {
         ready(record.trained.clone(), record.classes.len(), metric)
     }
 }

@@ -96,7 +96,7 @@ impl Procedure for Components {
         sum.merge(FunctionalPca::scatter(shapes, &origin)?);
         let state = sum.to_bytes();
         let weight = sum.weight();
-        let pca = FunctionalPca::of_sum(sum, metric, &origin, self.centre, self.components)?;
+        let pca = FunctionalPca::from_sum(sum, metric, &origin, self.centre, self.components)?;
         content.centre = Some(metric.rows(&pca.mean));
         content.atoms = (0..pca.eigenvalues.len())
             .map(|i| Atom {

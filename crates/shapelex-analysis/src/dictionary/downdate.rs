@@ -116,13 +116,13 @@ impl Downdate {
             let scale = self.weight / left;
             scores.iter_mut().for_each(|score| *score *= scale);
             means.fill(0.0);
-            let spread = Spread::of_moments(&values, means, self.shapes - 1, left);
+            let spread = Spread::from_moments(&values, means, self.shapes - 1, left);
             return (spread.distance(&scores), residual * scale * scale);
         }
         // ⟨v, ȳ₋ₖ⟩ = (W⟨v, ȳ⟩ − w⟨v, y⟩)/(W − w).
         let pairs = means.iter().zip(&scores);
         let means = pairs.map(|(mean, score)| (self.weight * mean - weight * score) / left).collect();
-        (Spread::of_moments(&values, means, self.shapes - 1, left).distance(&scores), residual)
+        (Spread::from_moments(&values, means, self.shapes - 1, left).distance(&scores), residual)
     }
 }
 

@@ -36,13 +36,13 @@ impl Dictionary {
         let model = content.method.model(&content, measured)?;
         let preparation = content.preparation(measured)?;
         let classifier =
-            content.classifier.as_ref().map(|record| Classifier::of_record(record, measured.metric));
+            content.classifier.as_ref().map(|record| Classifier::from_record(record, measured.metric));
         Ok(Self { content, preparation, model, classifier })
     }
 
     /// The dictionary with a trained classifier.
     pub fn with_classifier(mut self, record: ClassifierRecord) -> Self {
-        self.classifier = Some(Classifier::of_record(&record, self.metric()));
+        self.classifier = Some(Classifier::from_record(&record, self.metric()));
         self.content.classifier = Some(record);
         self
     }

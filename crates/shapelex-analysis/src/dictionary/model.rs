@@ -77,11 +77,11 @@ impl Spread {
     /// `diag(λ)`, hence `C = (diag(λ) − W s̄ s̄ᵀ)/(W − W/K)`.
     pub fn of(pca: &FunctionalPca, shapes: usize, weight: f64) -> Self {
         let mean = if pca.centred { vec![0.0; pca.eigenvalues.len()] } else { pca.scores(&pca.mean) };
-        Self::of_moments(&pca.eigenvalues, mean, shapes, weight)
+        Self::from_moments(&pca.eigenvalues, mean, shapes, weight)
     }
 
     /// The same from the eigenvalues `λ` and the mean scores `s̄`.
-    pub(super) fn of_moments(eigenvalues: &[f64], mean: Vec<f64>, shapes: usize, weight: f64) -> Self {
+    pub(super) fn from_moments(eigenvalues: &[f64], mean: Vec<f64>, shapes: usize, weight: f64) -> Self {
         let denominator = weight - weight / shapes as f64;
         let moment = |i: usize, j: usize| {
             let second = if i == j { eigenvalues[i] } else { 0.0 };

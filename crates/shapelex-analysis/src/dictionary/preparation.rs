@@ -88,7 +88,7 @@ impl Preparation {
         }
         match &self.method {
             Method::Projection(class) => {
-                let space = MeanSpace::of_shape(class, &self.mean)?;
+                let space = MeanSpace::from_shape(class, &self.mean)?;
                 f(Some(&Target::subspace(&space, &self.matching)))
             }
             Method::Procrustes(fit) => f(Some(&Target::shape(&self.mean, *fit, &self.matching))),

@@ -9,7 +9,7 @@ use super::model::Model;
 use super::preparation::{Pose, Preparation};
 use super::procedure::{Inconsistency, ParameterFault, Previous, Procedure};
 use super::statistics::Statistics;
-use super::work::{Cost, Size, USED, of_code};
+use super::work::{Cost, Size, USED, code_operations};
 use crate::AnalysisError;
 use crate::accumulate::ShapeSource;
 use crate::alignment::Method as Alignment;
@@ -215,7 +215,7 @@ impl Procedure for SparseAtoms {
         let block = if self.codes == Codes::Invariant { size.class } else { 1.0 };
         let columns = atoms * block;
         let used = self.nonzeros.map_or(USED * columns, |count| count as f64 * block).min(n);
-        let code = of_code(n, columns, used);
+        let code = code_operations(n, columns, used);
         let sweep = 2.0 * n * size.dimension * columns * atoms;
         let groups = (k / 128.0).clamp(1.0, 64.0);
         let sums = columns * columns + n * columns;

@@ -31,7 +31,7 @@ pub struct Cost {
 }
 
 /// Multiply-adds of the sparse code of a shape of `length` numbers that uses `used` of `columns` columns.
-pub(super) fn of_code(length: f64, columns: f64, used: f64) -> f64 {
+pub(super) fn code_operations(length: f64, columns: f64, used: f64) -> f64 {
     length * columns + used * columns * used.sqrt() + used * length
 }
 
@@ -43,7 +43,7 @@ impl Model {
             Self::Components { .. } => n * atoms,
             Self::Sparse { algebra, .. } => {
                 let columns = atoms * algebra.parameters().max(1) as f64;
-                of_code(n, columns, (USED * columns).min(n))
+                code_operations(n, columns, (USED * columns).min(n))
             }
         }
     }

@@ -512,7 +512,7 @@ fn the_search_finds_the_best_of_all_shifts() {
         let mut y = shapes[1].clone();
         metric.whiten(&mut x);
         metric.whiten(&mut y);
-        let target = MeanSpace::of_shape(&class, &x).unwrap();
+        let target = MeanSpace::from_shape(&class, &x).unwrap();
         let found = matching
             .best(
                 &y,
@@ -522,7 +522,7 @@ fn the_search_finds_the_best_of_all_shifts() {
             .unwrap();
         let score = |shift: u32| {
             let placed = matching.place(&y, Placement { shift, ..Placement::default() }).into_owned();
-            let other = MeanSpace::of_shape(&class, &placed).unwrap();
+            let other = MeanSpace::from_shape(&class, &placed).unwrap();
             (projector(&target) * projector(&other)).trace()
         };
         let best = (0..N as u32).map(score).fold(f64::MIN, f64::max);

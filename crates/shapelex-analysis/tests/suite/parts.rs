@@ -190,7 +190,7 @@ fn what_is_learnt_from_parts_made_elsewhere_has_the_same_bits() {
         let sum = FunctionalPca::scatter(&posed, &origin).unwrap();
         assert_eq!(FunctionalPca::scatter(&other, &origin).unwrap(), sum, "the scatter under {class:?}");
 
-        let pca = FunctionalPca::of_sum(sum, &metric, &origin, true, 2).unwrap();
+        let pca = FunctionalPca::from_sum(sum, &metric, &origin, true, 2).unwrap();
         let spread = Spread::of(&pca, SHAPES, 2.0 * SHAPES as f64);
         let model = Model::Components { pca, spread };
         let mut coded = Coded::default();
@@ -208,7 +208,7 @@ fn codes_that_are_something_else_are_refused() {
     let (metric, shapes) = (metric(), triangles(40));
     let origin = vec![0.0; LENGTH];
     let sum = FunctionalPca::scatter(&shapes, &origin).unwrap();
-    let pca = FunctionalPca::of_sum(sum, &metric, &origin, false, 2).unwrap();
+    let pca = FunctionalPca::from_sum(sum, &metric, &origin, false, 2).unwrap();
     let spread = Spread::of(&pca, 40, 80.0);
     let model = Model::Components { pca, spread };
     let bytes = Coded::new(&model, &shapes, &Unwatched).unwrap().to_bytes();

@@ -136,7 +136,7 @@ fn a_version_continues_with_new_shapes() {
 fn a_classifier_is_trained_validated_and_applied() {
     let (shapes, Learnt { dictionary, .. }) = learnt(Method::components(4, true), 40);
     let names: Vec<String> = (0..40).map(|k| ["round", "cornered"][k % 2].into()).collect();
-    let labels = ClassLabels::of_names(&names);
+    let labels = ClassLabels::from_names(&names);
     let settings = ClassifierSettings::new(ClassifierKind::Discriminant);
     let record = train_classifier(&dictionary, &shapes, &labels, &settings, &Unwatched).unwrap();
     assert!(record.validation.accuracy.value > 0.9, "{:?}", record.validation);

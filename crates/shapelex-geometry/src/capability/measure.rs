@@ -89,11 +89,14 @@ impl<'a> Measuring<'a> {
             return self.measure_curve(&curve, stop);
         }
         let measures = match self.space.surface() {
-            Some(basis) => of_surface(&basis.surface(control_points), self.field.as_ref(), stop),
+            Some(basis) => from_surface(&basis.surface(control_points), self.field.as_ref(), stop),
             None => match self.space.refined_mesh(control_points, Detail::Whole) {
-                Some(mesh) => {
-                    Measures::of_mesh(&mesh, self.space.representation().splits(), self.field.as_ref(), stop)
-                }
+                Some(mesh) => Measures::from_mesh(
+                    &mesh,
+                    self.space.representation().splits(),
+                    self.field.as_ref(),
+                    stop,
+                ),
                 None => Measures::default(),
             },
         };
@@ -143,13 +146,18 @@ impl ShapeSpace {
 
 impl Measures {
     /// Measures of a closed mesh that was split `splits` times, with the flux of `field`.
-    pub fn of_mesh(mesh: &TriangleMesh, splits: usize, field: Option<&AffineField>, stop: Stop<'_>) -> Self {
+    pub fn from_mesh(
+        mesh: &TriangleMesh,
+        splits: usize,
+        field: Option<&AffineField>,
+        stop: Stop<'_>,
+    ) -> Self {
         let measures = measure(mesh, splits > 0);
         let quality = mesh_quality(mesh, splits, &measures, stop);
-        Self::of_sheet(measures, quality, field.map(|field| mesh_flux(mesh, field)))
+        Self::from_sheet(measures, quality, field.map(|field| mesh_flux(mesh, field)))
     }
 
-    fn of_sheet(measures: SurfaceMeasures, quality: MeshQuality, flux: Option<f64>) -> Self {
+    fn from_sheet(measures: SurfaceMeasures, quality: MeshQuality, flux: Option<f64>) -> Self {
         Self {
             sheet: Some(measures),
             self_intersecting: quality.self_intersecting,
@@ -160,10 +168,10 @@ impl Measures {
     }
 }
 
-fn of_surface(surface: &Surface, field: Option<&AffineField>, stop: Stop<'_>) -> Measures {
+fn from_surface(surface: &Surface, field: Option<&AffineField>, stop: Stop<'_>) -> Measures {
     let measures = SurfaceMeasures::of(surface);
     let quality = surface_quality(surface, &measures, stop);
-    Measures::of_sheet(measures, quality, field.map(|field| flux(surface, field)))
+    Measures::from_sheet(measures, quality, field.map(|field| flux(surface, field)))
 }
 
 /// Flux `Σ_f ⟨F(centroid), S_f⟩`: exact for affine fields.

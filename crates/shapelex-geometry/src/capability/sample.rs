@@ -123,7 +123,7 @@ pub struct Frames {
 }
 
 impl Frames {
-    fn of_curve(curve: &Curve, parameters: &[f64]) -> Self {
+    fn from_curve(curve: &Curve, parameters: &[f64]) -> Self {
         let (mut tangents, mut normals, mut curvatures) = (Vec::new(), Vec::new(), Vec::new());
         for &u in parameters {
             let frame = Frame::at(curve, u);
@@ -135,14 +135,14 @@ impl Frames {
         Self { tangents, normals, curvatures, principal_curvatures: None }
     }
 
-    fn of_surface(frames: impl Iterator<Item = SurfaceFrame>) -> Self {
+    fn from_surface(frames: impl Iterator<Item = SurfaceFrame>) -> Self {
         let of = |frame: SurfaceFrame| (frame.normal.map(Vec::from), frame.curvatures);
         let (normals, principal_curvatures) = frames.map(of).unzip();
         Self { normals, principal_curvatures: Some(principal_curvatures), ..Self::default() }
     }
 
     /// Frames at the vertices of a closed mesh; normals are its own, if it has some.
-    fn of_mesh(mesh: &TriangleMesh) -> Self {
+    fn from_mesh(mesh: &TriangleMesh) -> Self {
         let of = |frame: VertexFrame| (frame.normal.map(Vec::from), frame.curvatures);
         let (mut normals, principal_curvatures): (Vec<_>, _) = frames(mesh).into_iter().map(of).unzip();
         for (normal, own) in normals.iter_mut().zip(mesh.normals.iter().flatten()) {
@@ -154,30 +154,30 @@ impl Frames {
 
 impl Evaluation {
     /// The vertices of a closed mesh.
-    pub fn of_mesh(mesh: &TriangleMesh, frames: bool) -> Self {
+    pub fn from_mesh(mesh: &TriangleMesh, frames: bool) -> Self {
         Self {
             dimension: 3,
             columns: None,
             derivatives: vec![(Derivative::Value, columns(&mesh.vertices, |vertex| *vertex))],
-            frames: frames.then(|| Frames::of_mesh(mesh)),
+            frames: frames.then(|| Frames::from_mesh(mesh)),
         }
     }
 
-    fn of_curve(curve: &Curve, parameters: &[f64], wanted: &[Derivative], frames: bool) -> Self {
+    fn from_curve(curve: &Curve, parameters: &[f64], wanted: &[Derivative], frames: bool) -> Self {
         let values = |(order, name): (usize, &Derivative)| (*name, curve.evaluate_all(parameters, order));
         Self {
             dimension: curve.dimension(),
             columns: None,
             derivatives: wanted.iter().enumerate().map(values).collect(),
-            frames: frames.then(|| Frames::of_curve(curve, parameters)),
+            frames: frames.then(|| Frames::from_curve(curve, parameters)),
         }
     }
 
-    fn of_grid(surface: &Surface, count: [usize; 2], wanted: &[Derivative], frames: bool) -> Self {
+    fn from_grid(surface: &Surface, count: [usize; 2], wanted: &[Derivative], frames: bool) -> Self {
         let [u, v] = [0, 1].map(|i| surface.parameters(i, count[i]));
         if wanted.len() > 1 || frames {
             let (jets, at) = (surface.jets(&u, &v), |i: usize| v[i % v.len()]);
-            return Self { columns: Some(count[1]), ..Self::of_jets(surface, &jets, at, wanted, frames) };
+            return Self { columns: Some(count[1]), ..Self::from_jets(surface, &jets, at, wanted, frames) };
         }
         let points = columns(&surface.points(&u, &v), |point| *point);
         Self {
@@ -188,7 +188,7 @@ impl Evaluation {
         }
     }
 
-    fn of_jets(
+    fn from_jets(
         surface: &Surface,
         jets: &[Jet],
         v: impl Fn(usize) -> f64,
@@ -202,7 +202,7 @@ impl Evaluation {
             dimension: 3,
             columns: None,
             derivatives: wanted.iter().enumerate().map(values).collect(),
-            frames: frames.then(|| Frames::of_surface(jets.iter().enumerate().map(frame))),
+            frames: frames.then(|| Frames::from_surface(jets.iter().enumerate().map(frame))),
         }
     }
 }
@@ -229,14 +229,14 @@ impl ShapeSpace {
         Some(match parameters {
             Parameters::Equidistant(count) => {
                 let curve = curve()?;
-                Evaluation::of_curve(&curve, &curve.parameters(*count), wanted, frames)
+                Evaluation::from_curve(&curve, &curve.parameters(*count), wanted, frames)
             }
-            Parameters::At(list) => Evaluation::of_curve(&curve()?, list, wanted, frames),
-            Parameters::Grid(count) => Evaluation::of_grid(&surface()?, *count, wanted, frames),
+            Parameters::At(list) => Evaluation::from_curve(&curve()?, list, wanted, frames),
+            Parameters::Grid(count) => Evaluation::from_grid(&surface()?, *count, wanted, frames),
             Parameters::Pairs(list) => {
                 let surface = surface()?;
                 let jets: Vec<Jet> = list.iter().map(|[u, v]| surface.jet(*u, *v)).collect();
-                Evaluation::of_jets(&surface, &jets, |i| list[i][1], wanted, frames)
+                Evaluation::from_jets(&surface, &jets, |i| list[i][1], wanted, frames)
             }
         })
     }

@@ -42,15 +42,15 @@ impl Connection {
     /// Connection between the points along a shape of `space`.
     pub fn of(space: &ShapeSpace, shape: &[f64]) -> Self {
         match (space.surface(), space.subdivision()) {
-            (Some(basis), _) => Self::of_surface(basis, shape),
-            (_, Some(basis)) => Self::of_subdivision(basis, shape),
+            (Some(basis), _) => Self::from_surface(basis, shape),
+            (_, Some(basis)) => Self::from_subdivision(basis, shape),
             _ if space.generator().is_some() => Self::Line { closed: space.representation().is_closed() },
             _ => Self::Apart,
         }
     }
 
     /// Connection between the knots of a grid.
-    fn of_surface(basis: &SurfaceBasis, shape: &[f64]) -> Self {
+    fn from_surface(basis: &SurfaceBasis, shape: &[f64]) -> Self {
         let (extent, straight) = (basis.extent(), basis.seam().is_straight());
         let [u, v] = extent.topology.closed();
         // Across a twisted seam the neighbours are different ones.
@@ -66,10 +66,10 @@ impl Connection {
     }
 
     /// Connection between the vertices of the control mesh.
-    fn of_subdivision(basis: &SubdivisionBasis, shape: &[f64]) -> Self {
+    fn from_subdivision(basis: &SubdivisionBasis, shape: &[f64]) -> Self {
         let level = drawn_level(basis, false);
         let (mesh, flat) = (basis.drawn(&rows_of(shape), level), basis.flat(level));
-        let facets = Facets::of_mesh(&mesh, false);
+        let facets = Facets::from_mesh(&mesh, false);
         let shares = facets.cells.iter().map(|cell| {
             let mut shares: Vec<(usize, f64)> = Vec::new();
             let corners = mesh.faces[*cell].into_iter().flat_map(|corner| flat.row(corner as usize));

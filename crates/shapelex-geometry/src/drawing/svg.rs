@@ -79,11 +79,11 @@ impl Layer {
                 (Some(basis), _) => Some(Facets::of(basis, shape, among_others)),
                 (_, Some(basis)) => {
                     let mesh = basis.drawn(&rows_of(shape), drawn_level(basis, among_others));
-                    Some(Facets::of_mesh(&mesh, among_others))
+                    Some(Facets::from_mesh(&mesh, among_others))
                 }
                 _ => None,
             };
-            return Self::of_facets(shapes.iter().filter_map(facets), colour);
+            return Self::from_facets(shapes.iter().filter_map(facets), colour);
         }
         let lines = shapes.into_iter().map(|shape| outline(space, shape)).collect();
         let mark = match space.generator() {
@@ -95,20 +95,20 @@ impl Layer {
     }
 
     /// Layer of closed meshes.
-    pub fn of_meshes(meshes: &[TriangleMesh], colour: &'static str) -> Self {
+    pub fn from_meshes(meshes: &[TriangleMesh], colour: &'static str) -> Self {
         let among_others = meshes.len() > 1;
         let drawn = meshes.iter().take(MAX_SURFACES);
-        Self::of_facets(drawn.map(|mesh| Facets::of_mesh(mesh, among_others)), colour)
+        Self::from_facets(drawn.map(|mesh| Facets::from_mesh(mesh, among_others)), colour)
     }
 
     /// Layer of one polyline in the plane or in space.
-    pub fn of_polyline(points: &[&[f64]], closed: bool, colour: &'static str) -> Self {
+    pub fn from_polyline(points: &[&[f64]], closed: bool, colour: &'static str) -> Self {
         let line = points.iter().map(|point| flatten(point)).collect();
         let mark = if closed { Mark::Closed } else { Mark::Open };
         Self { lines: vec![line], light: Vec::new(), mark, colour, width: 2.5, opacity: 1.0, name: None }
     }
 
-    fn of_facets(facets: impl Iterator<Item = Facets>, colour: &'static str) -> Self {
+    fn from_facets(facets: impl Iterator<Item = Facets>, colour: &'static str) -> Self {
         let (lines, light) = facets.map(|facets| (facets.corners, facets.light)).unzip();
         Self { lines, light, mark: Mark::Facets, colour, width: 1.0, opacity: 1.0, name: None }
     }
@@ -226,7 +226,7 @@ impl Facets {
     }
 
     /// Faces of a closed mesh; faces without area are omitted.
-    pub(super) fn of_mesh(mesh: &TriangleMesh, among_others: bool) -> Self {
+    pub(super) fn from_mesh(mesh: &TriangleMesh, among_others: bool) -> Self {
         let mut seen = Vec::new();
         for (cell, (face, normal)) in mesh.faces.iter().zip(mesh.face_normals()).enumerate() {
             let length = norm(normal);

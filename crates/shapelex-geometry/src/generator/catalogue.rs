@@ -65,7 +65,7 @@ impl PoleList {
     }
 
     /// Poles on the whole domain.
-    pub fn of_domain(list: &[[f64; 2]]) -> Self {
+    pub fn from_domain(list: &[[f64; 2]]) -> Self {
         Self::DomainPoles(exact(list))
     }
 
@@ -217,7 +217,7 @@ const MIN_CLOSED: usize = 3;
 impl GeneratorKind {
     /// One generator of each kind, in catalogue order; those with poles are set up to reproduce ellipses.
     pub fn catalogue() -> Vec<Self> {
-        let ellipses = || PoleList::of_domain(&[[0.0, 0.0], [0.0, TAU], [0.0, -TAU]]);
+        let ellipses = || PoleList::from_domain(&[[0.0, 0.0], [0.0, TAU], [0.0, -TAU]]);
         let interpolator =
             |family| Self::Interpolator { family, poles: ellipses(), support: None, weights: Vec::new() };
         let splines = (1..=MAX_DEGREE).map(|degree| Self::Bspline { degree });

@@ -29,7 +29,7 @@ pub struct Limit {
 pub fn limit(scheme: Scheme, v: f64, connectivity: &Connectivity, points: &[[f64; 3]]) -> Limit {
     match scheme {
         Scheme::Blob(_) => blob(scheme, v, connectivity, points),
-        Scheme::Loop(weights) => of_loop(weights, connectivity, points),
+        Scheme::Loop(weights) => loop_limit(weights, connectivity, points),
         Scheme::Butterfly { .. } | Scheme::NormalBased { .. } => {
             Limit { points: points.to_vec(), normals: None }
         }
@@ -58,7 +58,7 @@ impl Tangents {
     }
 }
 
-fn of_loop(weights: LoopWeights, connectivity: &Connectivity, points: &[[f64; 3]]) -> Limit {
+fn loop_limit(weights: LoopWeights, connectivity: &Connectivity, points: &[[f64; 3]]) -> Limit {
     let at = |vertex: u32| points[vertex as usize];
     let of_vertex = |vertex: u32| {
         let valence = connectivity.valence(vertex);

@@ -235,7 +235,7 @@ impl IdealSurface {
 fn interpolator(poles: &[[f64; 2]]) -> GeneratorKind {
     GeneratorKind::Interpolator {
         family: Family::HalfIntegerShifts,
-        poles: PoleList::of_domain(poles),
+        poles: PoleList::from_domain(poles),
         support: None,
         weights: Vec::new(),
     }

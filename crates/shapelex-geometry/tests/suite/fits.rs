@@ -221,7 +221,7 @@ fn generators_of(curve: &IdealCurve, position: &Position) -> Vec<GeneratorKind> 
     let with_zeros = |fewest: usize| {
         let mut list = poles.clone();
         list.resize(poles.len().max(fewest), [0.0, 0.0]);
-        PoleList::of_domain(&list)
+        PoleList::from_domain(&list)
     };
     vec![
         GeneratorKind::Exponential { poles: with_zeros(2) },
@@ -306,7 +306,7 @@ fn missing_poles_are_named() {
     assert_eq!(hyperbola.missing(&here, &keys), [([3.0, 0.0], 1)]);
     let lissajous = IdealCurve::Lissajous { amplitudes: [1.0, 1.0], frequencies: [1, 2], phase: 0.0 };
     assert_eq!(lissajous.missing(&here, &trigonometric), [([0.0, 2.0 * TAU], 1)]);
-    let pair = PoleList::of_domain(&[[0.0, TAU], [0.0, -TAU]]);
+    let pair = PoleList::from_domain(&[[0.0, TAU], [0.0, -TAU]]);
     let without_zero = space(&GeneratorKind::Exponential { poles: pair });
     assert_eq!(circle.missing(&here, &without_zero), []);
     assert_eq!(circle.missing(&away, &without_zero), [([0.0, 0.0], 1)]);
@@ -318,7 +318,7 @@ fn missing_poles_are_named() {
 fn curves_pass_through_their_points() {
     let mut kinds = GeneratorKind::catalogue();
     for pair in [[[0.0, TAU], [0.0, -TAU]], [[3.0, 0.0], [-3.0, 0.0]]] {
-        kinds.push(GeneratorKind::Exponential { poles: PoleList::of_domain(&pair) });
+        kinds.push(GeneratorKind::Exponential { poles: PoleList::from_domain(&pair) });
     }
     for kind in kinds {
         for space in spaces(&kind, 7) {

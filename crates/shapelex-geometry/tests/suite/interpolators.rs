@@ -217,7 +217,7 @@ proptest! {
 
 /// `(0, ±2πj)` on the whole domain.
 fn ellipses(family: Family) -> GeneratorKind {
-    interpolator(family, PoleList::of_domain(&[[0.0, 0.0], [0.0, TAU], [0.0, -TAU]]))
+    interpolator(family, PoleList::from_domain(&[[0.0, 0.0], [0.0, TAU], [0.0, -TAU]]))
 }
 
 /// The limit is reached quadratically, and no oscillation sets in: closed trigonometric forms lose `10⁻¹⁸ M⁴`.
@@ -296,7 +296,7 @@ fn the_singular_frequency_is_refused_by_name() {
         assert!(refusal.to_string().contains("8.98681891"), "{refusal}");
     }
     // of the domain, the same list is admissible on fine grids
-    let kind = interpolator(Family::IntegerShifts, PoleList::of_domain(&list));
+    let kind = interpolator(Family::IntegerShifts, PoleList::from_domain(&list));
     assert_eq!(kind.faults(), []);
     assert_eq!(kind.properties().fewest_control_points, 3);
     assert!(matches!(kind.build(2), Err(GeometryError::Pole { .. })));
@@ -311,7 +311,7 @@ fn asymmetric_lists_name_the_missing_partner() {
         (vec![[1.0, 0.5], [-1.0, 0.5], [-1.0, -0.5]], 0, "1+0.5i", "1-0.5i"),
         (vec![[0.0, 1.0], [0.0, -1.0], [0.0, 1.0]], 0, "1i", "-1i"),
     ] {
-        for poles in [PoleList::on_grid(&list), PoleList::of_domain(&list)] {
+        for poles in [PoleList::on_grid(&list), PoleList::from_domain(&list)] {
             let field = format!("{}/{index}", poles.field());
             let exponential = GeneratorKind::Exponential { poles: poles.clone() };
             for kind in

@@ -208,7 +208,7 @@ fn wavy_curves_turn_like_their_tangents() {
 #[test]
 fn space_curves_turn_without_sign() {
     let list = [[0.0, 0.0], [0.0, 0.0], [0.0, TAU], [0.0, -TAU]];
-    let kind = GeneratorKind::Exponential { poles: PoleList::of_domain(&list) };
+    let kind = GeneratorKind::Exponential { poles: PoleList::from_domain(&list) };
     let helix = open_through(&kind, 7, |u| [(TAU * u).cos(), (TAU * u).sin(), 0.5 * TAU * u]);
     assert_close("helix", &turning(&helix), &[TAU / 1.25_f64.sqrt(), 0.0], 1e-12);
     assert_relative("helix", CurveMeasures::of(&helix).length, TAU * 1.25_f64.sqrt(), 1e-12);

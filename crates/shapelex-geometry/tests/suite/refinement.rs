@@ -136,7 +136,7 @@ fn refinable() -> Vec<GeneratorKind> {
     let pair = |a: f64, b: f64| vec![[a, b], [-a, -b]];
     let list = |zeros: usize, pairs: &[[f64; 2]]| {
         let pairs = pairs.iter().flat_map(|&[a, b]| pair(a, b));
-        PoleList::of_domain(&std::iter::repeat_n([0.0, 0.0], zeros).chain(pairs).collect::<Vec<_>>())
+        PoleList::from_domain(&std::iter::repeat_n([0.0, 0.0], zeros).chain(pairs).collect::<Vec<_>>())
     };
     let quadruple = [[0.0, 0.0], [1.0, 2.0], [1.0, -2.0], [-1.0, 2.0], [-1.0, -2.0]];
     let lists = [
@@ -144,7 +144,7 @@ fn refinable() -> Vec<GeneratorKind> {
         list(1, &[[0.0, TAU]]),
         list(2, &[[0.0, TAU]]),
         list(1, &[[0.0, TAU], [3.0, 0.0]]),
-        PoleList::of_domain(&quadruple),
+        PoleList::from_domain(&quadruple),
         list(0, &[[0.0, TAU], [0.0, 2.0 * TAU]]),
     ];
     let splines = (1..=5).map(|degree| GeneratorKind::Bspline { degree });
@@ -217,7 +217,7 @@ proptest! {
 /// The circle of three control points: normalised coefficients at radius `1/cos(π/n)`, at exact angles.
 #[test]
 fn the_published_circle_is_refined() {
-    let kind = half_integer_shifts(PoleList::of_domain(&[[0.0, 0.0], [0.0, TAU], [0.0, -TAU]]));
+    let kind = half_integer_shifts(PoleList::from_domain(&[[0.0, 0.0], [0.0, TAU], [0.0, -TAU]]));
     let mut space = closed(&kind, 3, 2).unwrap();
     let on_circle = |angle: f64| [angle.cos(), angle.sin()];
     let mut points = Matrix::from_fn(3, 2, |k, c| on_circle(TAU * k as f64 / 3.0)[c]);
@@ -251,7 +251,7 @@ fn the_published_circle_is_refined() {
 #[test]
 fn other_generators_are_sampled() {
     let integer =
-        interpolator(Family::IntegerShifts, PoleList::of_domain(&[[0.0, 0.0], [0.0, TAU], [0.0, -TAU]]));
+        interpolator(Family::IntegerShifts, PoleList::from_domain(&[[0.0, 0.0], [0.0, TAU], [0.0, -TAU]]));
     for kind in [GeneratorKind::Trigonometric {}, integer, GeneratorKind::Keys {}] {
         let circle = Matrix::from_fn(7, 2, |k, c| (TAU * (k as f64 / 7.0 - 0.25 * c as f64)).cos());
         for factor in [2, 3] {

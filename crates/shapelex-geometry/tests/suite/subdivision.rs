@@ -391,7 +391,7 @@ fn quantities_of_meshes_match() {
         second.vertices.iter_mut().for_each(|p| {
             *p = [0, 1, 2].map(|i| by[i] + (0..3).map(|j| turn[(i, j)] * p[j]).sum::<f64>());
         });
-        let [a, b] = [&mesh, &second].map(|mesh| raster::of_mesh(mesh, &grid));
+        let [a, b] = [&mesh, &second].map(|mesh| raster::from_mesh(mesh, &grid));
         let overlap = raster::overlap(&a, &b);
         assert_eq!(overlap.cells[0] as f64, number(&voxels["count"]));
         assert_eq!(overlap.cells[1] as f64, number(&voxels["second_shape"]["count"]));

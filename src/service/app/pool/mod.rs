@@ -95,7 +95,7 @@ impl Pool {
     }
 
     /// The same lanes for a new request of `principal`.
-    pub(crate) fn of_request(&self, principal: &Principal) -> Self {
+    pub(crate) fn for_request(&self, principal: &Principal) -> Self {
         Self { who: Who::of(principal), request: Some(Arc::default()), work: Work::UNKNOWN, ..self.clone() }
     }
 
@@ -247,7 +247,7 @@ mod tests {
     }
 
     fn of(pool: &Pool, tenant: &str) -> Pool {
-        pool.of_request(&Principal::system(tenant))
+        pool.for_request(&Principal::system(tenant))
     }
 
     /// A task of the heavy lane that runs until the returned value is dropped; it runs when this function returns.
@@ -465,7 +465,7 @@ mod tests {
             let found = lane(work, body).await.unwrap().unwrap();
             assert!(found.starts_with(thread), "{work:?} in {body} bytes ran on {found}");
         }
-        let refused = lane(Work::of_seconds(35.0), 10).await;
+        let refused = lane(Work::from_seconds(35.0), 10).await;
         assert!(matches!(refused, Err(ServiceError::TooCostly { .. })), "{refused:?}");
     }
 }

@@ -43,7 +43,7 @@ pub(super) async fn complete(
             if faults.len() < MAX_FAULTS {
                 let what = if attribute.text(shape).is_some() { "is not a number" } else { "is missing" };
                 let detail = format!("{name} {what} on the shape '{}'", attributes::name_of(shape));
-                faults.push(Fault::new(pointer.clone(), detail).of_shape(k));
+                faults.push(Fault::new(pointer.clone(), detail).at_shape(k));
             }
         }
     }
