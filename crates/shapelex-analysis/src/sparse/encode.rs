@@ -51,6 +51,17 @@ pub trait Encode {
     }
 }
 
+impl<Single: EncodeOne> Encode for Single {
+    fn encode(
+        &self,
+        atoms: &Atoms,
+        shapes: &[f64],
+        previous: Option<&[SparseCode]>,
+    ) -> Result<Vec<SparseCode>, AnalysisError> {
+        self.encode_all(atoms, shapes, previous)
+    }
+}
+
 /// Codes one shape after the other with memory that is used again.
 pub(super) trait EncodeOne: Sync {
     /// What is kept from shape to shape; no result depends on what it held.

@@ -19,7 +19,7 @@ use super::atoms::Atoms;
 use super::code::DEFAULT_TOLERANCE;
 use super::code::SparseCode;
 use super::code::{Fit, Signal};
-use super::encode::{Encode, EncodeOne};
+use super::encode::EncodeOne;
 use crate::AnalysisError;
 use shapelex_numeric::cholesky::ActiveCholesky;
 use shapelex_numeric::kernels::{add_columns, add_scaled, column, dot};
@@ -80,22 +80,11 @@ impl GroupLasso {
     }
 }
 
-impl Encode for GroupLasso {
-    /// Cost: `O(nJb)` per shape for the correlations and `O(Jb·kb + (kb)³)` per round, with `k` active atoms; a shape takes
-    /// few rounds more than `k`, or two or three Newton steps from a previous code.
-    fn encode(
-        &self,
-        atoms: &Atoms,
-        shapes: &[f64],
-        previous: Option<&[SparseCode]>,
-    ) -> Result<Vec<SparseCode>, AnalysisError> {
-        self.encode_all(atoms, shapes, previous)
-    }
-}
-
 impl EncodeOne for GroupLasso {
     type Work = GroupWork;
 
+    /// Cost: `O(nJb)` per shape for the correlations and `O(Jb·kb + (kb)³)` per round, with `k` active atoms; a shape takes
+    /// few rounds more than `k`, or two or three Newton steps from a previous code.
     fn code(
         &self,
         atoms: &Atoms,

@@ -12,7 +12,7 @@ use super::atoms::Atoms;
 use super::code::DEFAULT_TOLERANCE;
 use super::code::SparseCode;
 use super::code::{Fit, Signal, used};
-use super::encode::{Encode, EncodeOne};
+use super::encode::EncodeOne;
 use super::path::Path;
 use crate::AnalysisError;
 use shapelex_numeric::cholesky::ActiveCholesky;
@@ -98,22 +98,11 @@ impl Lasso {
     }
 }
 
-impl Encode for Lasso {
-    /// Cost: `O(nJ)` per shape for the correlations and `O(Jk)` per step of its path, with `k` atoms in use; from a previous
-    /// code `O(Jk + k³)` if support and signs do not change.
-    fn encode(
-        &self,
-        atoms: &Atoms,
-        shapes: &[f64],
-        previous: Option<&[SparseCode]>,
-    ) -> Result<Vec<SparseCode>, AnalysisError> {
-        self.encode_all(atoms, shapes, previous)
-    }
-}
-
 impl EncodeOne for Lasso {
     type Work = LassoWork;
 
+    /// Cost: `O(nJ)` per shape for the correlations and `O(Jk)` per step of its path, with `k` atoms in use; from a previous
+    /// code `O(Jk + k³)` if support and signs do not change.
     fn code(
         &self,
         atoms: &Atoms,

@@ -3,7 +3,7 @@
 use super::atoms::Atoms;
 use super::code::SparseCode;
 use super::code::{Fit, Signal};
-use super::encode::{Encode, EncodeOne};
+use super::encode::EncodeOne;
 use crate::AnalysisError;
 use shapelex_numeric::kernels::{add_columns, add_scaled, column, dot, largest};
 
@@ -48,22 +48,11 @@ pub(super) struct PursuitWork {
     code: Vec<f64>,
 }
 
-impl Encode for Pursuit {
-    /// Cost: `O(nJb)` per shape for the correlations and `O(J b² k (k + b))` for `k` atoms. A column that depends on those
-    /// in use has coefficient zero. Never fails.
-    fn encode(
-        &self,
-        atoms: &Atoms,
-        shapes: &[f64],
-        previous: Option<&[SparseCode]>,
-    ) -> Result<Vec<SparseCode>, AnalysisError> {
-        self.encode_all(atoms, shapes, previous)
-    }
-}
-
 impl EncodeOne for Pursuit {
     type Work = PursuitWork;
 
+    /// Cost: `O(nJb)` per shape for the correlations and `O(J b² k (k + b))` for `k` atoms. A column that depends on those
+    /// in use has coefficient zero. Never fails.
     fn code(
         &self,
         atoms: &Atoms,
