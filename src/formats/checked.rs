@@ -509,6 +509,8 @@ macro_rules! document {
             fn fault(&mut self, key: &str, detail: &str) {
                 if $crate::formats::checked::keeps_fault(self.faults.len()) {
                     let pointer = format!("/{}", key.replace('~', "~0").replace('/', "~1"));
+                    // Most objects have one fault or none; a list has many objects.
+                    self.faults.reserve_exact(1);
                     self.faults.push($crate::formats::fault::Fault::new(pointer, detail));
                 }
             }
