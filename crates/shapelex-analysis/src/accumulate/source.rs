@@ -81,7 +81,7 @@ pub trait ShapeSource: Sync {
     }
 
     /// Distributes the parts to idle workers and passes their sums to `merge` in order, as
-    /// [`Accumulator::to_bytes`] wrote them. Returns `false`, doing nothing, if the sum should be computed locally.
+    /// [`Accumulator::to_bytes`](super::Accumulator::to_bytes) wrote them. Returns `false`, doing nothing, if the sum should be computed locally.
     ///
     /// # Errors
     /// The first error of the storage or of `merge`.

@@ -1,4 +1,4 @@
-//! What a dictionary method must do: one implementation of [`Procedure`] for each variant of [`Method`].
+//! What a dictionary method must do: one implementation of `Procedure` for each variant of [`Method`].
 
 use super::components::Components;
 use super::content::Content;
