@@ -13,7 +13,7 @@ use faer::matrix_free::eigen::{
 };
 use faer::prelude::{Reborrow, ReborrowMut, Solve};
 use faer::{Accum, Mat, MatMut, MatRef, Par, Side};
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DVector, Dyn, SVD, SymmetricEigen};
 
 use super::NumericError;
 use super::operator::SymmetricOperator;
@@ -309,17 +309,47 @@ fn full_eigenpairs(s: &Matrix, count: usize) -> Result<Eigenpairs, NumericError>
     Ok(Eigenpairs { values, vectors })
 }
 
+/// Most steps of the QR iterations of [`symmetric_eigen`] and [`svd`] for each row and column of the matrix. Two are usual.
+const MAX_QR_STEPS: usize = 64;
+
+/// All eigenpairs of a small symmetric matrix, in no order, by the QR iteration.
+///
+/// Blocks so much smaller than the matrix that their squares underflow can keep that iteration going, or end it with NaN. After
+/// 64 steps for each row, or with a value that is not finite, the solver of [`leading_eigenpairs`] takes over. If an entry is not
+/// finite, all values and vectors are NaN.
+pub fn symmetric_eigen(s: &Matrix) -> SymmetricEigen<f64, Dyn> {
+    let n = s.nrows();
+    let finite = s.iter().all(|entry| entry.is_finite());
+    let solved = finite.then(|| SymmetricEigen::try_new(s.clone(), f64::EPSILON, MAX_QR_STEPS * n));
+    let solved = solved.flatten().filter(|eigen| eigen.eigenvalues.iter().all(|value| value.is_finite()));
+    solved.unwrap_or_else(|| match full_eigenpairs(s, n) {
+        Ok(Eigenpairs { values, vectors }) => {
+            SymmetricEigen { eigenvalues: Vector::from_vec(values), eigenvectors: vectors }
+        }
+        Err(_) => SymmetricEigen {
+            eigenvalues: Vector::from_element(n, f64::NAN),
+            eigenvectors: Matrix::from_element(n, n, f64::NAN),
+        },
+    })
+}
+
+/// Singular values in descending order, with `U` and `Vᵀ` on request. `None` after 64 steps for each row and column, and if an
+/// entry or a value is not finite.
+pub fn svd(matrix: Matrix, u: bool, v: bool) -> Option<SVD<f64, Dyn, Dyn>> {
+    let steps = MAX_QR_STEPS * (matrix.nrows() + matrix.ncols());
+    let finite = matrix.iter().all(|entry| entry.is_finite());
+    // The tolerance is the default of the library.
+    let solved = finite.then(|| SVD::try_new(matrix, u, v, 5.0 * f64::EPSILON, steps)).flatten();
+    solved.filter(|svd| svd.singular_values.iter().all(|value| value.is_finite()))
+}
+
 /// `None` if the iteration does not converge.
 fn krylov_eigenpairs(s: &Matrix, count: usize) -> Option<Eigenpairs> {
     let n = s.nrows();
-    let mut full = s.clone();
-    fill_upper(&mut full);
-    if !full.iter().all(|entry| entry.is_finite()) {
-        return None;
-    }
     // A power of two changes no digit, and keeps residuals far from underflow.
-    let unit = power_of_two(full.amax())?;
-    full /= unit;
+    let unit = power_of_two(largest_below(s))?;
+    let mut full = s * (1.0 / unit);
+    fill_upper(&mut full);
     let start = start_vector(n);
     let noise = start_vector(2 * n);
     let operator = NeverInvariant { matrix: view(&full), noise: noise.as_ref().subrows(n, n) };
@@ -352,7 +382,15 @@ fn krylov_eigenpairs(s: &Matrix, count: usize) -> Option<Eigenpairs> {
     })
 }
 
-/// The largest power of two up to `value`; `None` for zero and subnormal numbers.
+/// Largest magnitude of the lower triangle: not finite if an entry is not. The magnitudes of doubles are ordered as their bits.
+fn largest_below(s: &Matrix) -> f64 {
+    let (n, entries) = (s.nrows(), s.as_slice());
+    // One loop for each column: the compiler does not vectorise a flattened one.
+    let largest = |column: &[f64]| column.iter().fold(0, |most: u64, entry| most.max(entry.abs().to_bits()));
+    f64::from_bits((0..n).map(|j| largest(&entries[j * n + j..(j + 1) * n])).max().unwrap_or(0))
+}
+
+/// The largest power of two up to `value`; `None` for zero, subnormal and infinite numbers, and NaN.
 fn power_of_two(value: f64) -> Option<f64> {
     value.is_normal().then(|| f64::from_bits(value.abs().to_bits() & (0x7ff << 52)))
 }
@@ -370,6 +408,9 @@ struct NeverInvariant<'a> {
 /// Largest norm of `Sv − ρv`, over `ε`, at which `v` counts as an eigenvector.
 const INVARIANT: f64 = 64.0;
 
+/// Part of `‖Sv‖²` outside of `v` above which `v` is no eigenvector, whatever the rounding of the difference of the squares.
+const TURNED: f64 = 1e-12;
+
 impl LinOp<f64> for NeverInvariant<'_> {
     fn apply_scratch(&self, columns: usize, par: Par) -> StackReq {
         self.matrix.apply_scratch(columns, par)
@@ -386,7 +427,10 @@ impl LinOp<f64> for NeverInvariant<'_> {
     fn apply(&self, mut out: MatMut<'_, f64>, v: MatRef<'_, f64>, par: Par, stack: &mut MemStack) {
         self.matrix.apply(out.rb_mut(), v, par, stack);
         for (mut image, v) in out.col_iter_mut().zip(v.col_iter()) {
-            let ratio = v.transpose() * image.rb();
+            let (ratio, square) = (v.transpose() * image.rb(), image.rb().transpose() * image.rb());
+            if square - ratio * ratio > TURNED * square {
+                continue;
+            }
             let residual = (image.rb() - v * faer::Scale(ratio)).norm_l2();
             if residual <= INVARIANT * f64::EPSILON * image.norm_l2() {
                 let size = f64::EPSILON * image.norm_l2().max(f64::EPSILON);
@@ -420,6 +464,35 @@ fn start_vector(n: usize) -> faer::Col<f64> {
 mod tests {
     use super::*;
     use crate::operator::assert_operator_of;
+
+    #[test]
+    fn eigenvalues_of_blocks_that_underflow_beside_the_matrix_are_found() {
+        for tiny in [1e-320, 1e-200, 1e-160, 1e-30] {
+            let entry = |i: usize, j: usize| match (i, j) {
+                (0, 0) => 1.0,
+                (0, _) | (_, 0) => 0.0,
+                _ if i.abs_diff(j) == 1 => tiny,
+                _ => 0.0,
+            };
+            let s = Matrix::from_fn(7, 7, entry);
+            let eigen = symmetric_eigen(&s);
+            let back = &eigen.eigenvectors
+                * Matrix::from_diagonal(&eigen.eigenvalues)
+                * eigen.eigenvectors.transpose();
+            assert!((back - &s).amax() < 1e-14, "{tiny}: {}", eigen.eigenvalues);
+            let singular = svd(s, true, true);
+            assert!(singular.is_none_or(|found| (found.singular_values[0] - 1.0).abs() < 1e-14), "{tiny}");
+        }
+    }
+
+    #[test]
+    fn a_matrix_that_is_not_finite_has_no_decomposition() {
+        for wrong in [f64::NAN, f64::INFINITY] {
+            let s = Matrix::from_fn(4, 4, |i, j| if i + j == 2 { wrong } else { 1.0 });
+            assert!(symmetric_eigen(&s).eigenvalues.iter().all(|value| value.is_nan()));
+            assert!(svd(s, true, true).is_none());
+        }
+    }
 
     fn covariance(n: usize, spectrum: impl Fn(usize) -> f64) -> Matrix {
         let raw = Matrix::from_fn(n, n, |i, j| ((i * 37 + j * 101 + i * j) as f64 * 0.7).sin());

@@ -39,6 +39,9 @@ pub mod operator;
 pub mod quadrature;
 pub mod sparse;
 
+/// Largest magnitude of a number from outside, chosen so that squares, areas and their sums stay finite.
+pub const MAX_NUMBER: f64 = 1e100;
+
 /// Errors of the numerical layer.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum NumericError {
