@@ -423,6 +423,65 @@ impl<'a> Projector<'a> {
     }
 }
 
+/// Direction of a projection between shapes and a reference.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Deserialize))]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
+pub enum Onto {
+    /// Nearest member of the reference's class to each shape, `P_ref r_k = A r_ref + b`.
+    #[default]
+    Reference,
+    /// Nearest member of each shape's class to the reference, `P_k r_ref = A r_k + b`.
+    Shape,
+}
+
+/// Projections between shapes and a reference, in either direction.
+#[derive(Debug)]
+pub struct BothWays<'a> {
+    to_reference: Projector<'a>,
+    /// Control points of the reference.
+    reference: Vec<f64>,
+}
+
+impl<'a> BothWays<'a> {
+    /// Prepares the reference with the given control points.
+    ///
+    /// # Errors
+    /// [`AnalysisError::Degenerate`], [`AnalysisError::NoExtent`] for the reference, with index 0.
+    pub fn new(metric: &'a Metric, method: &'a Method, reference: Vec<f64>) -> Result<Self, AnalysisError> {
+        let to_reference = Projector::new(metric, method, reference.clone());
+        to_reference.project(reference.clone())?;
+        Ok(Self { to_reference, reference })
+    }
+
+    /// Projects a shape on the reference, or the reference on the shape; degenerate shapes are refused in both directions.
+    ///
+    /// # Errors
+    /// As [`Projector::project`].
+    pub fn project(&self, shape: &[f64], onto: Onto) -> Result<Projection, AnalysisError> {
+        let aligned = self.to_reference.project(shape.to_vec())?;
+        match onto {
+            Onto::Shape => Ok(aligned),
+            Onto::Reference => {
+                let Projector { metric, method, .. } = self.to_reference;
+                Projector::new(metric, method, shape.to_vec()).project(self.reference.clone())
+            }
+        }
+    }
+}
+
+/// `L₂` norms of shapes, about their mean positions if the class translates.
+pub fn norms(metric: &Metric, method: &Method, control_points: &[f64]) -> Vec<f64> {
+    let of = |shape: &[f64]| {
+        let mut shape = shape.to_vec();
+        take_position(metric, method, &mut shape);
+        metric.whiten(&mut shape);
+        norm(&shape)
+    };
+    control_points.chunks_exact(metric.len()).map(of).collect()
+}
+
 /// Centres the shape if the class translates, and returns the position that was subtracted.
 fn take_position(metric: &Metric, method: &Method, shape: &mut [f64]) -> Vec<f64> {
     if method.translates() { metric.centre(shape) } else { vec![0.0; metric.dimension()] }

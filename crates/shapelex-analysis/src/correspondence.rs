@@ -1,5 +1,7 @@
 //! Correspondence between the parameter values of two shapes.
 
+use shapelex_geometry::capability::domain::Domain;
+
 /// Rule by which the points of two shapes correspond. `landmarks`: as given. `arc_length`: contours are resampled at equal
 /// arc length from their first point. `cyclic`: as `arc_length`, and the start point that best matches the mean is searched.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
@@ -44,4 +46,37 @@ pub enum Direction {
     /// The direction is disregarded: planar contours are made counter-clockwise; for contours in space, the direction
     /// that best matches the mean is searched.
     Either,
+}
+
+impl Correspondence {
+    /// Why it does not apply to shapes with this domain, if it does not.
+    pub fn fault(self, domain: Domain) -> Option<&'static str> {
+        match (domain, self) {
+            (_, Self::Landmarks) => None,
+            (Domain::Sheet { .. }, _) => {
+                Some("expected \"landmarks\": the points of a surface correspond by their place in the grid")
+            }
+            (Domain::Vertices, _) => {
+                Some("expected \"landmarks\": the vertices of a control mesh correspond by their place")
+            }
+            (Domain::Points, _) => Some(
+                "expected \"landmarks\": landmarks are not a contour (to resample, use a closed_curve or \
+                 open_curve)",
+            ),
+            (Domain::Line { closed: false }, Self::Cyclic) => {
+                Some("expected \"arc_length\" or \"landmarks\": an open curve has no start point to search")
+            }
+            (Domain::Line { .. }, _) => None,
+        }
+    }
+}
+
+impl Mirror {
+    /// Why shapes with this domain have no mirror images, if they are requested.
+    pub fn fault(self, domain: Domain) -> Option<&'static str> {
+        (self == Self::Allow && domain.is_mesh()).then_some(
+            "expected \"forbid\" for subdivision surfaces, got \"allow\": the correspondence between a \
+             control mesh and its mirror image is unknown",
+        )
+    }
 }

@@ -1,7 +1,7 @@
 //! The best rotation and scale of one shape onto another.
 
 use crate::metric::dot;
-use shapelex_numeric::dense::Matrix;
+use shapelex_numeric::dense::{Matrix, svd};
 
 /// What a fit may change besides the position.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -57,7 +57,8 @@ pub(super) fn nearest_rotation(h: &Matrix) -> Matrix {
         let (c, s) = (c / length, s / length);
         return Matrix::from_row_slice(2, 2, &[c, -s, s, c]);
     }
-    let svd = h.clone().svd(true, true);
+    // Only entries that are not finite have no decomposition.
+    let Some(svd) = svd(h.clone(), true, true) else { return Matrix::identity(d, d) };
     let (u, vt) = (svd.u.expect("asked for"), svd.v_t.expect("asked for"));
     let mut signs = Matrix::identity(d, d);
     let last = svd.singular_values.imin();

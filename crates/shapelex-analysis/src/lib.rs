@@ -7,7 +7,8 @@
 //! * [`transformation`] — linear transformation classes that are factored out before shapes are compared;
 //! * [`subspace`] — the subspace of a shape under a class, and its projector (Theorem 1);
 //! * [`accumulate`] — sums over many shapes that stream, split and merge; [`pass`] — the same sums as serialisable values;
-//! * [`correspondence`], [`matching`] — start points, directions and mirror images;
+//! * [`correspondence`], [`matching`] — start points, directions and mirror images; [`conversion`] — control points of
+//!   points;
 //! * [`mean`], [`frame`] — the mean space (mean of the subspaces) and its representative;
 //! * [`procrustes`] — generalised Procrustes analysis, for comparison;
 //! * [`alignment`] — the mean of a set of shapes, and the shapes aligned to it;
@@ -20,7 +21,8 @@
 //! * [`neighbours`] — nearest neighbours in a stream of shapes;
 //! * [`inference`] — permutation tests for group differences and for regression;
 //! * [`size`] — sizes of many shapes;
-//! * [`path`] — paths between shapes;
+//! * [`path`] — paths between shapes; [`drawing`] — drawings of results;
+//! * [`estimate`] — predicted cost of learning and tests;
 //! * [`rows`] — control points as rows, in records; [`watch`] — progress and cancellation.
 //!
 //! Source: Schmitter, *Spline Shape Processing*, chapters 2–5, with its misprints corrected.
@@ -63,9 +65,12 @@
 pub mod accumulate;
 pub mod alignment;
 pub mod classification;
+pub mod conversion;
 pub mod correspondence;
 pub mod dictionary;
 pub mod distance;
+pub mod drawing;
+pub mod estimate;
 pub mod fit;
 pub mod frame;
 pub mod inference;

@@ -19,6 +19,46 @@ const FLAT: f64 = 1e-7;
 /// Distance from `π` below which the great circle between two shapes is not determined.
 const ANTIPODAL: f64 = 1e-7;
 
+/// Kind of path between two shapes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Deserialize))]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
+pub enum PathKind {
+    /// Straight line `(1 − τ) r_1 + τ r_2`.
+    #[default]
+    Plane,
+    /// Great circle between the shapes scaled to unit `L₂` norm.
+    Sphere,
+}
+
+/// Positions on a path.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Positions {
+    /// Equally spaced from 0 to 1, at least two.
+    Steps(usize),
+    /// The given positions.
+    At(Vec<f64>),
+}
+
+impl Positions {
+    /// Number of positions.
+    pub fn count(&self) -> usize {
+        match self {
+            Self::At(list) => list.len(),
+            Self::Steps(count) => *count,
+        }
+    }
+
+    /// All positions.
+    pub fn list(self) -> Vec<f64> {
+        match self {
+            Self::At(list) => list,
+            Self::Steps(count) => (0..count).map(|i| i as f64 / (count - 1) as f64).collect(),
+        }
+    }
+}
+
 /// A path from `first` to `second`, both `d·N` coordinate-major control points.
 #[derive(Debug, Clone)]
 pub struct Path {
@@ -29,6 +69,22 @@ pub struct Path {
 }
 
 impl Path {
+    /// The path of a kind.
+    ///
+    /// # Errors
+    /// As [`Self::sphere`].
+    pub fn new(
+        kind: PathKind,
+        metric: &Metric,
+        first: Vec<f64>,
+        second: Vec<f64>,
+    ) -> Result<Self, AnalysisError> {
+        match kind {
+            PathKind::Plane => Ok(Self::plane(first, second)),
+            PathKind::Sphere => Self::sphere(metric, first, second),
+        }
+    }
+
     /// The straight path.
     pub fn plane(first: Vec<f64>, second: Vec<f64>) -> Self {
         Self { first, second, angle: None }

@@ -127,6 +127,54 @@ impl FunctionalPca {
     }
 }
 
+/// Principal components with the scores of the shapes they come from.
+#[derive(Debug)]
+pub struct Components {
+    /// The components.
+    pub pca: FunctionalPca,
+    /// Scores, one list per shape.
+    pub scores: Vec<Vec<f64>>,
+    /// Reconstruction error of each shape from its scores.
+    pub errors: Vec<f64>,
+}
+
+impl Components {
+    /// Components as by [`FunctionalPca::new`], and one more pass over the shapes for their scores.
+    ///
+    /// # Errors
+    /// Errors of the source; a failure of the eigenproblem.
+    pub fn new<S: ShapeSource>(
+        source: &S,
+        metric: &Metric,
+        reference: &[f64],
+        centred: bool,
+        components: usize,
+    ) -> Result<Self, S::Error> {
+        let pca = FunctionalPca::new(source, metric, reference, centred, components)?;
+        let described = map_shapes(source, |_, x, _| {
+            let scores = pca.scores(x);
+            let error = reconstruction_error(x, &pca.reconstruct(&scores));
+            Ok((scores, error))
+        })?;
+        let (scores, errors) = described.into_iter().unzip();
+        Ok(Self { pca, scores, errors })
+    }
+
+    /// Whitened shapes `mean − sigma·s ξ`, `mean` and `mean + sigma·s ξ` of the component at `position`, with the standard
+    /// deviation `s` of its scores. Uncentred eigenvalues measure energy, not variation, so they do not serve here.
+    pub fn mode(&self, position: usize, sigma: f64) -> [Vec<f64>; 3] {
+        let shapes = self.scores.len() as f64;
+        let of = |scores: &Vec<f64>| scores[position];
+        let mean = self.scores.iter().map(of).sum::<f64>() / shapes;
+        let variance = self.scores.iter().map(|s| (of(s) - mean).powi(2)).sum::<f64>() / (shapes - 1.0);
+        [-1.0, 0.0, 1.0].map(|sign: f64| {
+            let step = sign * sigma * variance.sqrt();
+            let xi = self.pca.eigenshapes.column(position);
+            self.pca.mean.iter().zip(xi.iter()).map(|(m, xi)| m + step * xi).collect()
+        })
+    }
+}
+
 /// `‖r − r̂‖² / (‖r‖ ‖r̂‖)` of two whitened shapes: the reconstruction error of Tables 4.2 and 4.4.
 pub fn reconstruction_error(x: &[f64], reconstructed: &[f64]) -> f64 {
     let difference: f64 = x.iter().zip(reconstructed).map(|(a, b)| (a - b).powi(2)).sum();

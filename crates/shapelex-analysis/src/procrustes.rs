@@ -17,7 +17,7 @@ use super::fit::{Fit, cross_product, nearest_rotation, transform};
 use super::frame::{Frame, largest};
 use super::metric::{Metric, norm};
 use super::pass::Sum;
-use shapelex_numeric::dense::Matrix;
+use shapelex_numeric::dense::{Matrix, symmetric_eigen};
 
 /// The iteration stops when the mean moves by less than this part of its norm.
 const CONVERGED: f64 = 1e-10;
@@ -166,7 +166,7 @@ pub fn turn<S: ShapeSource>(
 }
 
 fn principal_frame(mean: &[f64], d: usize, metric: &Metric) -> Vec<f64> {
-    let inertia = cross_product(mean, mean, d).symmetric_eigen();
+    let inertia = symmetric_eigen(&cross_product(mean, mean, d));
     let mut order: Vec<usize> = (0..d).collect();
     order.sort_by(|&i, &j| inertia.eigenvalues[j].total_cmp(&inertia.eigenvalues[i]));
     let mut axes = Matrix::from_fn(d, d, |i, j| inertia.eigenvectors[(j, order[i])]);

@@ -10,7 +10,7 @@
 use super::metric::{dot, norm};
 use super::transformation::{Structure, TransformationClass};
 use super::{AnalysisError, DEGENERATE};
-use shapelex_numeric::dense::Matrix;
+use shapelex_numeric::dense::{Matrix, svd};
 
 /// Ratio of diagonal entries of `R` above which the singular values need not be computed: for at most 9 columns, the
 /// smallest singular value is at least `10⁻³` of the smallest diagonal entry.
@@ -68,7 +68,7 @@ pub fn flatten(centred: &mut [f64], dimension: usize, control_norm: f64) {
         return;
     }
     let n = centred.len() / dimension;
-    let axes = Matrix::from_column_slice(n, dimension, centred).svd(false, true);
+    let Some(axes) = svd(Matrix::from_column_slice(n, dimension, centred), false, true) else { return };
     let Some(directions) = axes.v_t else { return };
     let thin = |k: &usize| axes.singular_values[*k] <= noise;
     for direction in (0..axes.singular_values.len()).filter(thin).map(|k| directions.row(k)) {

@@ -8,10 +8,24 @@
 //! The change is the smallest one in `L₂`; it decays away from the handles as `Φ⁻¹` does.
 
 use super::GeometryError;
+use super::capability::FieldFault;
 use super::knot_line::Line;
 use super::open::phantoms;
-use super::representation::ShapeSpace;
+use super::representation::{Representation, ShapeSpace};
+use shapelex_numeric::MAX_NUMBER;
 use shapelex_numeric::dense::{Definite, Matrix};
+
+/// Displacement of a control point.
+#[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Deserialize))]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
+pub struct ControlPointMove {
+    /// Index of the control point, from 0, in the order of responses.
+    pub control_point: usize,
+    /// Displacement vector, in the unit of the points.
+    pub by: Vec<f64>,
+}
 
 /// Handle: a point of a shape with its target position.
 #[derive(Debug, Clone, PartialEq)]
@@ -23,6 +37,119 @@ pub struct Handle {
     pub parameters: Vec<f64>,
     /// Target position of the point.
     pub position: Vec<f64>,
+}
+
+/// Result of a deformation.
+#[derive(Debug)]
+pub struct Deformation {
+    /// Control points of the deformed shape.
+    pub control_points: Matrix,
+    /// Support of each moved control point.
+    pub supports: Vec<Support>,
+    /// `L₂` norm of the change.
+    pub l2_change: f64,
+    /// Largest change at the knots.
+    pub largest_change: f64,
+}
+
+/// Part of a shape that a control point affects.
+#[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+pub struct Support {
+    /// Index of the control point, from 0.
+    pub control_point: usize,
+    /// Interval `[from, to]` for every direction; `to` exceeds 1 where it extends past the end of a closed direction.
+    /// Empty for subdivision surfaces, which have no parameters.
+    pub parameters: Vec<[f64; 2]>,
+}
+
+/// Moves and handles that fit the shapes of a space.
+#[derive(Debug)]
+pub struct Edit<'a> {
+    space: &'a ShapeSpace,
+    moves: &'a [ControlPointMove],
+    handles: &'a [Handle],
+}
+
+impl<'a> Edit<'a> {
+    /// Checks moves and handles.
+    ///
+    /// # Errors
+    /// All that do not fit; neither moves nor handles.
+    pub fn new(
+        space: &'a ShapeSpace,
+        moves: &'a [ControlPointMove],
+        handles: &'a [Handle],
+    ) -> Result<Self, Vec<FieldFault>> {
+        let faults = edit_faults(space.representation(), moves, handles);
+        if faults.is_empty() { Ok(Self { space, moves, handles }) } else { Err(faults) }
+    }
+
+    /// Moves control points of a shape, then applies the smallest change in `L₂` with which it meets the handles.
+    ///
+    /// # Errors
+    /// Handles that contradict one another, or that take the shape out of range.
+    pub fn apply(&self, before: &Matrix) -> Result<Matrix, FieldFault> {
+        let mut after = before.clone();
+        for ControlPointMove { control_point, by } in self.moves {
+            by.iter().enumerate().for_each(|(c, by)| after[(*control_point, c)] += by);
+        }
+        if !self.handles.is_empty() {
+            after += meet(self.space, &after, self.handles)
+                .map_err(|error| FieldFault::new("handles", error.to_string()))?;
+        }
+        if !after.iter().all(|value| value.abs() <= MAX_NUMBER) {
+            let detail = format!("expected positions that keep the shape within ±{MAX_NUMBER:e}");
+            return Err(FieldFault::new("handles", detail));
+        }
+        Ok(after)
+    }
+
+    /// What the edit has changed: `after` is the result of [`Self::apply`].
+    pub fn described(&self, before: &Matrix, after: Matrix) -> Deformation {
+        let change = &after - before;
+        let support = |moved: &ControlPointMove| Support {
+            control_point: moved.control_point,
+            parameters: support(self.space, moved.control_point),
+        };
+        Deformation {
+            supports: self.moves.iter().map(support).collect(),
+            l2_change: self.space.norm(&change),
+            largest_change: self.space.largest_change(&change),
+            control_points: after,
+        }
+    }
+}
+
+fn edit_faults(
+    representation: &Representation,
+    moves: &[ControlPointMove],
+    handles: &[Handle],
+) -> Vec<FieldFault> {
+    let (size, dimension) = (representation.size(), representation.dimension());
+    let mut faults = Vec::new();
+    if moves.is_empty() && handles.is_empty() {
+        faults.push(FieldFault::new("", "expected moves or handles, got neither"));
+    }
+    let position = |values: &[f64], field: String| {
+        let wrong = values.len() != dimension || !values.iter().all(|value| value.abs() <= MAX_NUMBER);
+        let detail = format!("expected {dimension} coordinates within ±{MAX_NUMBER:e}");
+        wrong.then(|| FieldFault::new(field, detail))
+    };
+    for (i, ControlPointMove { control_point, by }) in moves.iter().enumerate() {
+        faults.extend(position(by, format!("moves/{i}/by")));
+        if *control_point >= size {
+            let detail = format!("expected a control point from 0 and below {size}, got {control_point}");
+            faults.push(FieldFault::new(format!("moves/{i}/control_point"), detail));
+        }
+    }
+    for (i, Handle { parameters, position: to }) in handles.iter().enumerate() {
+        faults.extend(position(to, format!("handles/{i}/position")));
+        let found = representation.handle_faults(parameters).into_iter();
+        faults.extend(found.map(|fault| fault.below(&format!("handles/{i}/parameters"))));
+    }
+    faults
 }
 
 /// Relative distance, in terms of the influence of the control points, below which two handles are not independent.
@@ -176,6 +303,26 @@ mod tests {
         assert!(change.dot(&image).abs() < 1e-13 * change.norm() * image.norm(), "{}", change.dot(&image));
         let twice = [handle(0.3, [0.0; 2]), handle(0.3, [1.0; 2])];
         assert_eq!(meet(&space, &shape, &twice), Err(GeometryError::Handles { count: 2 }));
+    }
+
+    #[test]
+    fn moves_come_before_handles_and_faults_name_their_fields() {
+        let space = closed(9);
+        let shape = Matrix::from_fn(9, 2, |k, c| ((k * (c + 2)) as f64).sin());
+        let moves = [ControlPointMove { control_point: 4, by: vec![0.5, 0.0] }];
+        let handles = [Handle { parameters: vec![0.5], position: vec![1.0, 2.0] }];
+        let edit = Edit::new(&space, &moves, &handles).unwrap();
+        let after = edit.apply(&shape).unwrap();
+        let met: f64 = weights(&space, &[0.5]).iter().map(|(i, weight)| weight * after[(*i, 1)]).sum();
+        assert!((met - 2.0).abs() < 1e-13, "{met}");
+        let found = edit.described(&shape, after);
+        assert!(found.l2_change > 0.0 && found.supports[0].control_point == 4, "{found:?}");
+        let moves = [ControlPointMove { control_point: 9, by: vec![1.0] }];
+        let handles = [Handle { parameters: vec![0.5, 0.5], position: vec![1.0, f64::NAN] }];
+        let faults = Edit::new(&space, &moves, &handles).unwrap_err();
+        let fields: Vec<&str> = faults.iter().map(|fault| &*fault.field).collect();
+        let wanted = ["moves/0/by", "moves/0/control_point", "handles/0/position", "handles/0/parameters"];
+        assert_eq!(fields, wanted);
     }
 
     #[test]

@@ -20,7 +20,7 @@
 //! * [`subdivision`] — subdivision surfaces;
 //! * [`mesh`] — triangle meshes; [`quality`] — defects of meshes; [`mesh_tree`] — nearest points on a mesh;
 //!   [`vector`] — vectors in space;
-//! * [`raster`] — the cells of a grid inside a shape, and the overlap of two such sets;
+//! * [`raster`] — the cells of a grid inside a shape, and the overlap of two such sets; [`overlap`] — that of two bodies;
 //! * [`size`] — volume, area, length of any shape; [`drawing`] — drawings as SVG;
 //! * [`ideal`] — idealised curves, reproduced exactly where the poles allow.
 //!
@@ -62,6 +62,7 @@ pub mod measures;
 pub mod mesh;
 pub mod mesh_tree;
 pub mod open;
+pub mod overlap;
 pub mod quality;
 pub mod raster;
 pub mod refine;
@@ -174,6 +175,16 @@ pub enum GeometryError {
         points: usize,
         /// Largest coordinate range.
         extent: f64,
+    },
+    /// All points of a shape coincide.
+    #[error("all {points} points coincide: extent {extent:.1e} at coordinates up to {largest:.1e}")]
+    NoExtent {
+        /// Number of points.
+        points: usize,
+        /// Largest coordinate range.
+        extent: f64,
+        /// Largest magnitude of a coordinate.
+        largest: f64,
     },
     /// Two consecutive points are equal.
     #[error("points {first} and {second} are equal: arc length cannot tell them apart")]

@@ -20,7 +20,7 @@ pub fn without_closing_point(points: Matrix) -> Matrix {
 }
 
 /// Extent, relative to the distance from the origin, below which a shape is rounding error.
-pub const NO_EXTENT: f64 = 1e-13;
+const NO_EXTENT: f64 = 1e-13;
 
 impl Contour {
     /// The closed polygon of the vertices `points` (`n × d`, `n ≥ 3`); a last vertex equal to the first is dropped.
@@ -29,7 +29,7 @@ impl Contour {
     /// [`GeometryError::TooFewPoints`] below three distinct positions, [`GeometryError::NoLength`] if all points coincide,
     /// [`GeometryError::RepeatedPoint`] for equal consecutive vertices.
     pub fn closed(points: Matrix) -> Result<Self, GeometryError> {
-        check_extent(&points)?;
+        check_length(&points)?;
         Self::new(without_closing_point(points), true)
     }
 
@@ -38,7 +38,7 @@ impl Contour {
     /// # Errors
     /// As for [`Self::closed`], with a minimum of two positions.
     pub fn open(points: Matrix) -> Result<Self, GeometryError> {
-        check_extent(&points)?;
+        check_length(&points)?;
         Self::new(points, false)
     }
 
@@ -53,7 +53,7 @@ impl Contour {
         let mut length = 0.0;
         arc.push(length);
         for i in 0..edges {
-            let chord = (points.row((i + 1) % n) - points.row(i)).norm();
+            let chord = chord(&points, i, (i + 1) % n);
             // This includes steps that are lost in the accumulated length: the interpolation would divide by zero.
             if !(length + chord > length) {
                 return Err(GeometryError::RepeatedPoint { first: i, second: (i + 1) % n });
@@ -82,17 +82,28 @@ impl Contour {
 
     /// Position at arc length `s`, which is reduced modulo the perimeter (closed) or clamped to the length (open).
     fn position(&self, s: f64) -> Vec<f64> {
-        let s = if self.closed { s.rem_euclid(self.length()) } else { s.clamp(0.0, self.length()) };
-        let edge = self.arc.partition_point(|&a| a <= s).clamp(1, self.arc.len() - 1) - 1;
-        let fraction = (s - self.arc[edge]) / (self.arc[edge + 1] - self.arc[edge]);
-        self.on_edge(edge, fraction)
+        let (edge, fraction) = self.place(s, 0);
+        (0..self.points.ncols()).map(|c| self.on_edge(edge, fraction, c)).collect()
     }
 
-    fn on_edge(&self, edge: usize, fraction: f64) -> Vec<f64> {
-        let next = (edge + 1) % self.points.nrows();
-        (0..self.points.ncols())
-            .map(|c| (1.0 - fraction) * self.points[(edge, c)] + fraction * self.points[(next, c)])
-            .collect()
+    /// Edge at arc length `s`, and the fraction of it, as for [`Self::position`]. The search begins at edge `near`, from
+    /// which it is not far when samples follow each other.
+    fn place(&self, s: f64, near: usize) -> (usize, f64) {
+        let length = self.length();
+        let s = match self.closed {
+            false => s.clamp(0.0, length),
+            true if (0.0..length).contains(&s) => s,
+            true => s.rem_euclid(length),
+        };
+        let (first, last) = (if self.arc[near] <= s { near } else { 0 }, self.arc.len() - 2);
+        let edge = (first..last).find(|&edge| s < self.arc[edge + 1]).unwrap_or(last);
+        (edge, (s - self.arc[edge]) / (self.arc[edge + 1] - self.arc[edge]))
+    }
+
+    /// Coordinate `c` of the position at a fraction of an edge.
+    fn on_edge(&self, edge: usize, fraction: f64, c: usize) -> f64 {
+        let next = if edge + 1 == self.points.nrows() { 0 } else { edge + 1 };
+        (1.0 - fraction) * self.points[(edge, c)] + fraction * self.points[(next, c)]
     }
 
     /// `n` points at equal distances along the edges, by linear interpolation: `n × d`. Closed contours are sampled at
@@ -100,15 +111,18 @@ impl Contour {
     ///
     /// Additional vertices on the edges do not change the result. With `start = 0` the first vertex is kept.
     pub fn sample(&self, n: usize, start: f64) -> Matrix {
-        let mut samples = Matrix::zeros(n, self.points.ncols());
+        let d = self.points.ncols();
+        let mut samples = Matrix::zeros(n, d);
+        let mut near = 0;
         for i in 0..n {
             let target = if self.closed {
                 start + self.length() * i as f64 / n as f64
             } else {
                 self.length() * i as f64 / n.saturating_sub(1).max(1) as f64
             };
-            let position = self.position(target);
-            position.iter().enumerate().for_each(|(c, &value)| samples[(i, c)] = value);
+            let (edge, fraction) = self.place(target, near);
+            (0..d).for_each(|c| samples[(i, c)] = self.on_edge(edge, fraction, c));
+            near = edge;
         }
         samples
     }
@@ -173,22 +187,42 @@ impl Contour {
     }
 }
 
-fn check_extent(points: &Matrix) -> Result<(), GeometryError> {
-    let (given, magnitude) = (points.nrows(), points.amax());
-    let extent =
-        (0..points.ncols()).map(|c| points.column(c).max() - points.column(c).min()).fold(0.0, f64::max);
-    if given > 0 && extent <= NO_EXTENT * magnitude {
-        return Err(GeometryError::NoLength { points: given, extent });
+/// Distance between two vertices.
+fn chord(points: &Matrix, from: usize, to: usize) -> f64 {
+    let step = |c| points[(to, c)] - points[(from, c)];
+    (0..points.ncols()).map(|c| step(c) * step(c)).sum::<f64>().sqrt()
+}
+
+fn check_length(points: &Matrix) -> Result<(), GeometryError> {
+    match check_extent(points.as_slice(), points.nrows()) {
+        Err(GeometryError::NoExtent { points, extent, .. }) if points > 0 => {
+            Err(GeometryError::NoLength { points, extent })
+        }
+        _ => Ok(()),
     }
-    Ok(())
+}
+
+/// Checks that the `size` points of a shape (coordinate-major) do not all coincide.
+///
+/// # Errors
+/// [`GeometryError::NoExtent`].
+pub fn check_extent(coordinates: &[f64], size: usize) -> Result<(), GeometryError> {
+    let range =
+        |c: &[f64]| c.iter().copied().fold(f64::MIN, f64::max) - c.iter().copied().fold(f64::MAX, f64::min);
+    let extent = coordinates.chunks_exact(size.max(1)).map(range).fold(0.0, f64::max);
+    let largest = coordinates.iter().fold(0.0, |most: f64, value| most.max(value.abs()));
+    if extent > NO_EXTENT * largest {
+        return Ok(());
+    }
+    Err(GeometryError::NoExtent { points: size, extent, largest })
 }
 
 /// Signed area of the closed polygon through planar points (`P × 2`, at least one), positive if it runs counter-clockwise.
 pub fn polygon_area(points: &Matrix) -> f64 {
     let n = points.nrows();
-    let origin = points.row(0).into_owned();
-    let at = |k: usize, c: usize| points[(k % n, c)] - origin[c];
-    (0..n).map(|k| at(k, 0) * at(k + 1, 1) - at(k + 1, 0) * at(k, 1)).sum()
+    let at = |k: usize, c: usize| points[(k, c)] - points[(0, c)];
+    let next = |k: usize| if k + 1 == n { 0 } else { k + 1 };
+    (0..n).map(|k| at(k, 0) * at(next(k), 1) - at(next(k), 0) * at(k, 1)).sum()
 }
 
 /// The start of a curve given by control points, as a cyclic shift: the control point nearest to the canonical start in
@@ -255,6 +289,9 @@ mod tests {
     #[test]
     fn broken_contours_are_named() {
         let equal = Matrix::from_element(5, 2, 3.0);
+        let coincide = GeometryError::NoExtent { points: 5, extent: 0.0, largest: 3.0 };
+        assert_eq!(check_extent(equal.as_slice(), 5), Err(coincide));
+        assert_eq!(check_extent(&[1.0, 1.0, 0.0, 1e-12], 2), Ok(()));
         assert!(matches!(Contour::closed(equal), Err(GeometryError::NoLength { points: 5, .. })));
         let repeated = Matrix::from_row_slice(4, 2, &[0., 0., 1., 0., 1., 0., 0., 1.]);
         assert_eq!(

@@ -10,7 +10,7 @@ use super::record::{Candidate, ClassifierKind, ClassifierSettings};
 use crate::dictionary::model::Model;
 
 /// Maximum count of numbers recorded of a trained classifier: some tens of megabytes in a file.
-pub const MAX_STORED: usize = 1 << 22;
+pub(super) const MAX_STORED: usize = 1 << 22;
 
 /// Numbers of components that `best` tries, as far as available.
 const COMPONENTS: [usize; 8] = [5, 8, 10, 15, 20, 30, 40, 60];

@@ -8,7 +8,8 @@
 //! * [`folds`] — folds for cross-validation;
 //! * [`quality`] — figures of a validation, and calibrated confidences;
 //! * [`labels`] — classes and subjects of shapes; [`study`] — training and validation of a classifier;
-//! * [`record`] — settings, trained numbers and validation as records.
+//! * [`record`] — settings, trained numbers and validation as records; `requirements` — what settings and labels must
+//!   fulfil; [`consistency`] — what a record must.
 //!
 //! Every classifier gives an [`Evidence`] for each shape: a distance to every class, for interpretation, and a score, which
 //! ranks the classes and determines the confidences.
@@ -20,6 +21,7 @@ pub mod atom_classes;
 mod candidates;
 pub mod class_means;
 mod classifier;
+pub mod consistency;
 pub mod discriminant;
 pub mod ensemble;
 pub mod folds;
@@ -29,9 +31,9 @@ mod observations;
 pub mod quality;
 pub mod record;
 mod report;
+mod requirements;
 mod stored;
 pub mod study;
 
-pub use candidates::MAX_STORED;
 pub use classifier::{Classifier, Kind};
 pub use observations::{Description, Evidence, Labelled, Observations, described, subset};

@@ -42,7 +42,7 @@ pub const WITHIN: usize = 4;
 ///
 /// # Errors
 /// Degenerate shapes by their position; [`AnalysisError::Parameter`] at a field of `classifier` if the classes cannot be
-/// told apart or divided; [`AnalysisError::Interrupted`].
+/// told apart or divided ([`ClassLabels::faults`]); [`AnalysisError::Interrupted`].
 pub fn train_classifier(
     dictionary: &Dictionary,
     shapes: &ShapesInMemory,
@@ -51,6 +51,8 @@ pub fn train_classifier(
     watch: &dyn Watch,
 ) -> Result<ClassifierRecord, AnalysisError> {
     let recipe = &Recipe::of(&dictionary.content);
+    let faults = labels.faults(settings, &recipe.method, dictionary.metric().len());
+    faults.into_iter().next().map_or(Ok(()), |fault| Err(AnalysisError::from(fault)))?;
     Study { dictionary, recipe, shapes, labels, settings, watch }.record()
 }
 

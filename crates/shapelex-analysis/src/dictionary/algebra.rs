@@ -18,7 +18,7 @@ use std::borrow::Cow;
 use crate::metric::norm;
 use crate::transformation::TransformationClass;
 use crate::{AnalysisError, DEGENERATE};
-use shapelex_numeric::dense::Matrix;
+use shapelex_numeric::dense::{Matrix, symmetric_eigen};
 use shapelex_numeric::kernels::add_scaled;
 
 /// A class of matrices that is closed under products and transposition.
@@ -130,7 +130,7 @@ impl Algebra {
     /// [`AnalysisError::Degenerate`] with index 0 if a relative singular value is below `10⁻¹⁰`.
     pub fn normalise(&self, x: &mut [f64]) -> Result<Matrix, AnalysisError> {
         let c = self.size as f64;
-        let inertia = self.inertia(x).symmetric_eigen();
+        let inertia = symmetric_eigen(&self.inertia(x));
         let (least, most) = (inertia.eigenvalues.min(), inertia.eigenvalues.max());
         let sigma = if most > 0.0 { (least / most).max(0.0).sqrt() } else { 0.0 };
         if !(sigma >= DEGENERATE) {
@@ -151,7 +151,7 @@ impl Algebra {
             return;
         }
         let c = self.size as f64;
-        let inertia = self.inertia(x).symmetric_eigen();
+        let inertia = symmetric_eigen(&self.inertia(x));
         if c * inertia.eigenvalues.max() > 1.0 {
             let m = function(&inertia, |value| 1.0 / (c * value).max(1.0).sqrt());
             self.multiply(x, &m);
@@ -170,7 +170,7 @@ impl Algebra {
             return Some(Matrix::identity(self.size, self.size) * norm);
         }
         let c = self.size as f64;
-        let inertia = self.inertia(x).symmetric_eigen();
+        let inertia = symmetric_eigen(&self.inertia(x));
         let (least, most) = (inertia.eigenvalues.min(), inertia.eigenvalues.max());
         if !(least > f64::MIN_POSITIVE && least >= most * DEGENERATE * DEGENERATE) {
             return None;
@@ -202,7 +202,7 @@ impl Algebra {
     pub fn rotation_to(&self, x: &[f64], target: &[f64]) -> Matrix {
         let view = |x| nalgebra::DMatrixView::from_slice(x, x.len() / self.size, self.size);
         let t = self.project(&view(target).tr_mul(&view(x)));
-        let gram = t.tr_mul(&t).symmetric_eigen();
+        let gram = symmetric_eigen(&t.tr_mul(&t));
         if !(gram.eigenvalues.min() > CLOSED * CLOSED) {
             return Matrix::identity(self.size, self.size);
         }

@@ -12,11 +12,12 @@
 //!
 //! * [`recipe`] — all parameters of learning; [`method`] — the learning method among them;
 //! * [`learn`] — mean, preparation, atoms, certificate and statistics of held-out shapes ([`held_out`]);
-//! * [`content`] — what was learnt, as a record.
+//! * [`content`] — what was learnt, as a record, whose parts `consistency` checks.
 //!
 //! Use:
 //!
-//! * [`in_use`] — a dictionary prepared for use; [`coding`] — codes and reconstructions; [`score`] — outliers;
+//! * [`in_use`] — a dictionary prepared for use; [`coding`] — codes and reconstructions, [`posted_code`] — of
+//!   given codes; [`score`] — outliers;
 //! * [`assess`] — classes, and complete assessments; [`drift`] — new shapes compared with the training shapes;
 //! * [`modes`] — modes, random shapes; [`prior`] — the energy of a shape outside of a span.
 //!
@@ -36,6 +37,7 @@ pub mod algebra;
 pub mod assess;
 pub mod coding;
 mod components;
+mod consistency;
 pub mod content;
 pub mod downdate;
 pub mod drift;
@@ -47,6 +49,7 @@ pub mod method;
 pub mod model;
 pub mod modes;
 pub mod novelty;
+pub mod posted_code;
 pub mod preparation;
 pub mod prior;
 pub mod procedure;

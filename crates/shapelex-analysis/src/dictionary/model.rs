@@ -15,7 +15,7 @@ use crate::metric::{dot, norm};
 use crate::pca::{FunctionalPca, reconstruction_error};
 use crate::sparse::{Atoms, Coder, Encode, SparseCode};
 use crate::watch::Watch;
-use shapelex_numeric::dense::Matrix;
+use shapelex_numeric::dense::{Matrix, symmetric_eigen};
 
 /// Model of shapes.
 #[derive(Debug, Clone)]
@@ -63,7 +63,7 @@ impl Spread {
             // If all shapes are equal, there are no components about their mean.
             return Self { mean, inverse: covariance.clone(), covariance };
         }
-        let eigen = covariance.clone().symmetric_eigen();
+        let eigen = symmetric_eigen(&covariance);
         let least = RANK * eigen.eigenvalues.iter().fold(0.0, |most: f64, value| most.max(*value));
         let vectors = &eigen.eigenvectors;
         let scaled = Matrix::from_fn(vectors.nrows(), vectors.ncols(), |i, j| {
@@ -99,7 +99,7 @@ impl Spread {
         if self.covariance.is_empty() {
             return self.covariance.clone();
         }
-        let eigen = self.covariance.clone().symmetric_eigen();
+        let eigen = symmetric_eigen(&self.covariance);
         let vectors = eigen.eigenvectors;
         Matrix::from_fn(vectors.nrows(), vectors.ncols(), |i, j| {
             vectors[(i, j)] * eigen.eigenvalues[j].max(0.0).sqrt()

@@ -23,13 +23,19 @@ pub struct Previous<'a> {
     pub state: &'a [u8],
 }
 
-/// A parameter out of its range.
+/// A parameter out of its range, or that does not suit the others.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ParameterFault {
-    /// Name of the parameter.
+    /// Path of the parameter, with dots.
     pub field: &'static str,
     /// What was expected, and what was found.
     pub detail: String,
+}
+
+impl From<ParameterFault> for AnalysisError {
+    fn from(ParameterFault { field, detail }: ParameterFault) -> Self {
+        Self::Parameter { field, detail }
+    }
 }
 
 /// A field of a content that learning never produces, with what was expected.

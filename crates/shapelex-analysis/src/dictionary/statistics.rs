@@ -13,7 +13,7 @@ use crate::AnalysisError;
 use crate::accumulate::{Shapes, read_numbers, write_numbers};
 use crate::metric::dot;
 use crate::sparse::SparseCode;
-use shapelex_numeric::dense::{Matrix, add_product, multiply};
+use shapelex_numeric::dense::{Matrix, add_product, multiply, symmetric_eigen};
 use shapelex_numeric::kernels::add_scaled;
 
 /// Sufficient statistics of codes.
@@ -126,7 +126,7 @@ impl Statistics {
         let c = self.size;
         match c {
             1 => self.second[(j, j)],
-            _ => self.second.view((j * c, j * c), (c, c)).into_owned().symmetric_eigen().eigenvalues.max(),
+            _ => symmetric_eigen(&self.second.view((j * c, j * c), (c, c)).into_owned()).eigenvalues.max(),
         }
     }
 

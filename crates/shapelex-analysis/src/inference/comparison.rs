@@ -378,7 +378,7 @@ fn whitened_points(sample: &Sample) -> Matrix {
                 let columns = points.column_iter().zip(&sample.weights);
                 columns.map(|(p, w)| w * p[a * count + i] * p[b * count + i]).sum::<f64>()
             };
-            Matrix::from_fn(d, d, entry).symmetric_eigen()
+            dense::symmetric_eigen(&Matrix::from_fn(d, d, entry))
         })
         .collect();
     let largest = scatters.iter().flat_map(|s| s.eigenvalues.iter()).copied().fold(0.0, f64::max);

@@ -89,6 +89,36 @@ pub struct SizeBounds {
     pub vertices: usize,
 }
 
+/// A representation whose sizes are within bounds and whose fields fit together.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Admitted(Representation);
+
+impl Admitted {
+    /// Checks a representation.
+    ///
+    /// # Errors
+    /// Sizes that are out of bounds and fields that do not fit together; for a control mesh within bounds, the first invalid
+    /// face or vertex.
+    pub fn new(representation: Representation, bounds: SizeBounds) -> Result<Self, Vec<FieldFault>> {
+        let faults = representation.faults(bounds);
+        if faults.is_empty() { Ok(Self(representation)) } else { Err(faults) }
+    }
+
+    /// Whether constants are reproduced, so that moving all control points moves the shape.
+    pub fn reproduces_constants(&self) -> bool {
+        let unity = |generator: &GeneratorKind| generator.properties().partition_of_unity;
+        self.knots().iter().all(|knots| knots.generator.is_none_or(unity))
+    }
+}
+
+impl std::ops::Deref for Admitted {
+    type Target = Representation;
+
+    fn deref(&self) -> &Representation {
+        &self.0
+    }
+}
+
 impl Representation {
     /// What names the places on its shapes.
     pub fn domain(&self) -> Domain {
@@ -115,11 +145,12 @@ impl Representation {
         }
     }
 
-    /// Field that decides whether the space can be prepared, once sizes are within bounds.
-    pub fn decisive_field(&self) -> &'static str {
-        match self {
-            Self::Subdivision(_) => "level",
-            Self::Surface { .. } => "generators",
+    /// Field at which an error of preparing the space is reported, once sizes are within bounds.
+    pub fn decisive_field(&self, error: &GeometryError) -> &'static str {
+        match (self, error) {
+            (_, GeometryError::NotLinear) => "scheme",
+            (Self::Subdivision(_), _) => "level",
+            (Self::Surface { .. }, _) => "generators",
             _ => "generator",
         }
     }
@@ -169,7 +200,7 @@ impl Representation {
     }
 
     /// Sizes that are out of bounds and fields that do not fit together, by field.
-    pub fn faults(&self, bounds: SizeBounds) -> Vec<FieldFault> {
+    fn faults(&self, bounds: SizeBounds) -> Vec<FieldFault> {
         if let Some(subdivision) = self.subdivision() {
             return subdivision_faults(subdivision, bounds);
         }

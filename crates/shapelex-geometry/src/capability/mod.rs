@@ -10,12 +10,13 @@
 //! * [`fit`] — least-squares fits to points and meshes;
 //! * [`refine`] — the same shape on a finer or another grid of knots;
 //! * [`deform`] — places of handles, and the change of a deformation;
-//! * [`idealise`] — control points of idealised shapes.
+//! * [`idealise`] — control points of idealised shapes; [`interpolate`] — grids of points that determine a surface.
 
 pub mod deform;
 pub mod domain;
 pub mod fit;
 pub mod idealise;
+pub mod interpolate;
 pub mod measure;
 pub mod refine;
 pub mod sample;
@@ -34,5 +35,13 @@ impl FieldFault {
     /// A fault of the input at `field`.
     pub fn new(field: impl Into<String>, detail: impl Into<String>) -> Self {
         Self { field: field.into(), detail: detail.into() }
+    }
+
+    /// The same fault, of a part of the input at `parent`.
+    #[must_use]
+    pub fn below(self, parent: &str) -> Self {
+        let field =
+            if self.field.is_empty() { parent.to_owned() } else { format!("{parent}/{}", self.field) };
+        Self { field, ..self }
     }
 }

@@ -13,10 +13,11 @@
 //! * [`interpolator`] — two families of interpolators built from them;
 //! * [`refinement`] — the two-scale relations between grids;
 //! * [`Generator`] — the piecewise form: evaluation, exact inner products;
-//! * [`GeneratorKind`] — the catalogue of generators.
+//! * [`GeneratorKind`] — the catalogue of generators; [`details`] — one of them, described.
 
 pub mod bspline;
 mod catalogue;
+pub mod details;
 pub mod interpolator;
 mod piecewise;
 mod poles;

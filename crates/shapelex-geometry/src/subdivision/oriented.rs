@@ -6,6 +6,7 @@ use super::Subdivision;
 use super::normal_based::{Oriented, sphere_normals};
 use super::refinement::{Depth, refine_mesh};
 use crate::GeometryError;
+use crate::capability::FieldFault;
 use crate::mesh::{Connectivity, MeshError, TriangleMesh};
 use crate::vector::{minus, norm};
 
@@ -71,7 +72,39 @@ pub enum BetweenFault {
     NoDirection,
 }
 
+/// Maximum deviation from 1 of the length of a normal that counts as a unit normal, written with few digits.
+const UNIT: f64 = 1e-6;
+
 impl Oriented {
+    /// Points with normals as given, of any length, or else with those that `usual` makes of the points; and a caveat about
+    /// given normals that were not of unit length.
+    ///
+    /// # Errors
+    /// As many normals as there are points, at `normals`; normals without a direction, at `normals/{index}`.
+    pub fn from_given(
+        points: Vec<[f64; 3]>,
+        given: Option<Vec<[f64; 3]>>,
+        usual: impl FnOnce(&[[f64; 3]]) -> Vec<[f64; 3]>,
+    ) -> Result<(Self, Option<String>), FieldFault> {
+        let (is_given, count) = (given.is_some(), points.len());
+        let normals = given.unwrap_or_else(|| usual(&points));
+        if normals.len() != count {
+            let detail = format!("expected {count} entries, one per point, got {}", normals.len());
+            return Err(FieldFault::new("normals", detail));
+        }
+        let off = normals.iter().filter(|normal| (norm(**normal) - 1.0).abs() > UNIT).count();
+        let shape = Self::new(points, &normals).map_err(|index| {
+            let detail = if is_given {
+                "expected a normal with a direction, got zero"
+            } else {
+                "required normal is missing: the neighbouring points define none"
+            };
+            FieldFault::new(format!("normals/{index}"), detail)
+        })?;
+        let caveat = || format!("{off} of {count} normals were not of unit length and were normalised");
+        Ok((shape, (is_given && off > 0).then(caveat)))
+    }
+
     /// The shape at `tau` between this one (0) and another one (1): points on straight lines, normals on great circles.
     ///
     /// # Errors
@@ -95,5 +128,23 @@ impl Oriented {
             normals.push(mix(*a, *b, shares));
         }
         Self::new(points, &normals).map_err(|vertex| (vertex, BetweenFault::NoDirection))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn given_normals_are_normalised_and_missing_ones_named() {
+        let points = vec![[0.0; 3], [1.0, 0.0, 0.0]];
+        let unused = |_: &[[f64; 3]]| -> Vec<[f64; 3]> { unreachable!("normals are given") };
+        let given = vec![[0.0, 0.0, 2.0], [0.0, 1.0, 0.0]];
+        let (shape, caveat) = Oriented::from_given(points.clone(), Some(given), unused).unwrap();
+        assert_eq!(shape.normals, [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0]]);
+        assert_eq!(caveat.as_deref(), Some("1 of 2 normals were not of unit length and were normalised"));
+        let none = |points: &[[f64; 3]]| vec![[0.0; 3]; points.len()];
+        assert_eq!(Oriented::from_given(points.clone(), None, none).unwrap_err().field, "normals/0");
+        assert_eq!(Oriented::from_given(points, Some(Vec::new()), unused).unwrap_err().field, "normals");
     }
 }

@@ -170,6 +170,9 @@ fn flux_near(surface: &Surface, field: &AffineField) -> f64 {
     sum
 }
 
+/// Rows of nodes of [`l2`] that are evaluated at once: the weights along `v` are computed once for all of them.
+const ROWS: usize = 64;
+
 /// `(∬ |σ − τ|² du dv)^½` of two surfaces, exact to rounding, by Gauss rules between the knots of both. Cost: 100 points of
 /// each surface per pair of pieces.
 pub fn l2(a: &Surface, b: &Surface) -> f64 {
@@ -177,10 +180,13 @@ pub fn l2(a: &Surface, b: &Surface) -> f64 {
     let [us, vs] = [0, 1].map(|direction| common_nodes(a, b, direction, &rule));
     let v: Vec<f64> = vs.iter().map(|(v, _)| *v).collect();
     let mut sum = 0.0;
-    for (u, weight) in us {
-        let rows = [a, b].map(|surface| surface.points(&[u], &v));
-        let squares = rows[0].iter().zip(&rows[1]).map(|(p, q)| minus(*p, *q)).map(|d| dot(d, d));
-        sum += weight * squares.zip(&vs).map(|(square, (_, share))| share * square).sum::<f64>();
+    for block in us.chunks(ROWS) {
+        let u: Vec<f64> = block.iter().map(|(u, _)| *u).collect();
+        let [p, q] = [a, b].map(|surface| surface.points(&u, &v));
+        for ((_, weight), (p, q)) in block.iter().zip(p.chunks(v.len()).zip(q.chunks(v.len()))) {
+            let squares = p.iter().zip(q).map(|(p, q)| minus(*p, *q)).map(|d| dot(d, d));
+            sum += weight * squares.zip(&vs).map(|(square, (_, share))| share * square).sum::<f64>();
+        }
     }
     sum.sqrt()
 }

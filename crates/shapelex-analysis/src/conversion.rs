@@ -1,0 +1,155 @@
+//! Conversion of points on a shape, or of given control points, to control points that correspond between shapes.
+//!
+//! Under `arc_length` and `cyclic`, any number of points is resampled to the size of the representation. Under `cyclic`,
+//! resampling begins at the canonical start of the contour, so that the result does not depend on the first point of
+//! the list.
+
+use super::correspondence::{Correspondence, Direction};
+use shapelex_geometry::capability::{FieldFault, fit};
+use shapelex_geometry::representation::ShapeSpace;
+use shapelex_geometry::resample::{canonical_shift, polygon_area, rotate_start, without_closing_point};
+use shapelex_geometry::surface::basis::Tangents;
+use shapelex_numeric::dense::Matrix;
+
+/// Conversion to control points of one space.
+#[derive(Debug, Clone, Copy)]
+pub struct Conversion<'a> {
+    /// The space of the shapes.
+    pub space: &'a ShapeSpace,
+    /// Correspondence: resampling and start.
+    pub correspondence: Correspondence,
+    /// Direction of planar contours.
+    pub direction: Direction,
+}
+
+impl Conversion<'_> {
+    /// Control points of the shape through a list of points (`n × d`), resampled unless points are landmarks.
+    ///
+    /// # Errors
+    /// The number of points; a contour that cannot be resampled, at the index of the point; points that do not determine the
+    /// shape.
+    pub fn interpolate(&self, points: Matrix) -> Result<Matrix, FieldFault> {
+        let representation = self.space.representation();
+        let interpolate = |points: Matrix| {
+            self.space.interpolate(points).map_err(|error| FieldFault::new("", error.to_string()))
+        };
+        if self.correspondence == Correspondence::Landmarks {
+            let hint = if self.space.domain().is_line() {
+                " (to resample a contour, use the correspondence arc_length or cyclic)"
+            } else {
+                ""
+            };
+            check_count(points.nrows(), "points", representation.point_count(), hint)?;
+            return interpolate(points);
+        }
+        // The first point stays first; the point that closes the ring would otherwise come second.
+        let points =
+            if self.runs_backwards(&points) { self.directed(without_closing_point(points)) } else { points };
+        let contour = fit::contour(points, representation.is_closed())?;
+        let start =
+            if self.correspondence == Correspondence::Cyclic { contour.canonical_start() } else { 0.0 };
+        interpolate(contour.sample(representation.point_count(), start))
+    }
+
+    /// Control points of the surface through a grid of points that fits ([`ShapeSpace::grid_fault`],
+    /// [`ShapeSpace::open_poles`]), with tangents at its poles.
+    ///
+    /// # Errors
+    /// Points that do not determine the shape.
+    pub fn interpolate_grid(&self, points: Matrix, tangents: &Tangents) -> Result<Matrix, FieldFault> {
+        let found = self.space.interpolate_with(points, tangents);
+        found.map_err(|error| FieldFault::new("", error.to_string()))
+    }
+
+    /// Given control points, beginning at their canonical start under `cyclic`.
+    ///
+    /// # Errors
+    /// The number of control points.
+    pub fn take(&self, control_points: Matrix) -> Result<Matrix, FieldFault> {
+        check_count(control_points.nrows(), "control points", self.space.representation().size(), "")?;
+        if self.correspondence != Correspondence::Cyclic {
+            return Ok(control_points);
+        }
+        let directed = self.directed(control_points);
+        let shift = canonical_shift(&directed);
+        Ok(rotate_start(&directed, shift))
+    }
+
+    /// Orients planar closed contours without a meaningful direction counter-clockwise, keeping their first point.
+    fn directed(&self, points: Matrix) -> Matrix {
+        let (n, d) = points.shape();
+        if !self.runs_backwards(&points) {
+            return points;
+        }
+        Matrix::from_fn(n, d, |k, c| points[((n - k) % n, c)])
+    }
+
+    /// Whether a contour without a meaningful direction runs clockwise.
+    fn runs_backwards(&self, points: &Matrix) -> bool {
+        // Empty lists are refused when the contour is built.
+        points.ncols() == 2
+            && points.nrows() > 0
+            && self.space.representation().is_closed()
+            && self.direction == Direction::Either
+            && self.correspondence != Correspondence::Landmarks
+            && !(polygon_area(points) >= 0.0)
+    }
+}
+
+fn check_count(found: usize, what: &str, wanted: usize, hint: &str) -> Result<(), FieldFault> {
+    if found == wanted {
+        return Ok(());
+    }
+    Err(FieldFault::new("", format!("expected {wanted} {what} for this representation, got {found}{hint}")))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use shapelex_geometry::generator::GeneratorKind;
+    use shapelex_geometry::representation::Representation;
+
+    fn space() -> ShapeSpace {
+        let generator = GeneratorKind::Bspline { degree: 3 };
+        ShapeSpace::new(&Representation::ClosedCurve { dimension: 2, control_points: 12, generator }).unwrap()
+    }
+
+    /// An ellipse with a bump, counter-clockwise.
+    fn bean(n: usize) -> Matrix {
+        Matrix::from_fn(n, 2, |k, c| {
+            let t = std::f64::consts::TAU * k as f64 / n as f64;
+            if c == 0 { 2.0 * t.cos() + 0.3 * (2.0 * t).cos() } else { t.sin() }
+        })
+    }
+
+    #[test]
+    fn under_cyclic_neither_start_nor_direction_of_the_list_matters() {
+        let space = space();
+        let (correspondence, direction) = (Correspondence::Cyclic, Direction::Either);
+        let conversion = Conversion { space: &space, correspondence, direction };
+        let (points, n) = (bean(120), 120);
+        let backwards = Matrix::from_fn(n, 2, |k, c| points[((2 * n - k) % n, c)]);
+        let wanted = conversion.interpolate(points.clone()).unwrap();
+        for other in [rotate_start(&points, 31), backwards.clone(), rotate_start(&backwards, 50)] {
+            let found = conversion.interpolate(other).unwrap();
+            assert!((&found - &wanted).amax() < 1e-12, "{:.1e}", (&found - &wanted).amax());
+        }
+        let taken = conversion.take(rotate_start(&wanted, 5)).unwrap();
+        assert_eq!(taken, conversion.take(wanted).unwrap());
+    }
+
+    #[test]
+    fn landmarks_are_counted() {
+        let space = space();
+        let (correspondence, direction) = (Correspondence::Landmarks, Direction::Given);
+        let conversion = Conversion { space: &space, correspondence, direction };
+        let refused = conversion.interpolate(bean(11)).unwrap_err();
+        assert!(
+            refused.detail.starts_with("expected 12 points for this representation, got 11 (to resample")
+        );
+        let refused = conversion.take(bean(13)).unwrap_err();
+        assert!(refused.detail.ends_with("expected 12 control points for this representation, got 13"));
+        let through = conversion.interpolate(bean(12)).unwrap();
+        assert_eq!(conversion.take(through.clone()).unwrap(), through);
+    }
+}
