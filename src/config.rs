@@ -168,6 +168,9 @@ serve_settings! {
     compute_seconds: NonZeroUsize = "SHAPELEX_COMPUTE_SECONDS", most(120);
     /// Maximum number of heavy requests that compute or wait to compute, besides jobs; 0 means four per compute thread
     max_heavy_requests: usize = "SHAPELEX_MAX_HEAVY_REQUESTS", Limits::default().heavy_requests;
+    /// Jobs that are predicted to take at most so many seconds have one slot more, of one thread, beside those of --jobs; 0 for
+    /// none
+    short_job_seconds: usize = "SHAPELEX_SHORT_JOB_SECONDS", 10;
     /// Maximum predicted duration of a job in seconds; longer jobs are refused, and a job that takes three times as long is
     /// stopped
     max_job_seconds: NonZeroUsize = "SHAPELEX_MAX_JOB_SECONDS", most(6 * 3600);
@@ -303,7 +306,7 @@ impl ServeConfig {
 
     /// Number of job slots and compute threads.
     pub fn places(&self) -> Places {
-        Places { jobs: self.jobs, threads: self.threads }
+        Places { jobs: self.jobs, threads: self.threads, short_seconds: self.short_job_seconds as f64 }
     }
 
     fn check(mut self) -> Result<Self, String> {

@@ -7,6 +7,7 @@
 use std::sync::LazyLock;
 
 use libfuzzer_sys::fuzz_target;
+use shapelex::analysis::conversion::Conversion;
 use shapelex::analysis::correspondence::{Correspondence, Direction};
 use shapelex::formats::ndjson::{Line, LineTooLong, Lines};
 use shapelex::formats::shape::ShapeInput;
@@ -42,7 +43,7 @@ static SPACES: LazyLock<Vec<(ShapeSpace, Correspondence)>> = LazyLock::new(|| {
 fn lines(text: &[u8], chunk: usize) -> Result<Vec<Line>, LineTooLong> {
     let (mut lines, mut found) = (Lines::new(LIMITS.line_bytes), Vec::new());
     for piece in text.chunks(chunk) {
-        lines.push(piece, |line| found.push(line))?;
+        lines.push(piece.to_vec(), |line| found.push(line))?;
     }
     lines.finish(|line| found.push(line))?;
     Ok(found)
@@ -56,7 +57,8 @@ fuzz_target!(|data: &[u8]| {
         let Ok(shape) = parse::<ShapeInput>(&LIMITS, &line.text) else { continue };
         for (space, correspondence) in SPACES.iter() {
             let (correspondence, direction) = (*correspondence, Direction::Either);
-            let reading = Reading { space, correspondence, direction, limits: &LIMITS };
+            let conversion = Conversion { space, correspondence, direction };
+            let reading = Reading { conversion, limits: &LIMITS };
             if let Ok((control_points, attributes)) = read_shape(&reading, shape.clone()) {
                 let representation = space.representation();
                 assert_eq!(control_points.len(), representation.size() * representation.dimension());

@@ -4,13 +4,14 @@
 //! * [`audit`] — requests to the service and their outcomes;
 //! * [`cohort`] — a named set of shapes in one representation, with its revision;
 //! * [`dictionary`] — statistics learnt from a cohort;
-//! * [`shape`] — one member: control points and attributes;
+//! * [`shape`] — one member: control points and attributes; [`attribute`] — its attributes by name;
 //! * [`study`] — results of comparisons and regressions of a cohort's shapes;
 //! * [`job`] — long work, its progress and its outcome;
 //! * [`change`] — the change feed; [`retry`] — requests that may be repeated; [`trash`] — deleted objects that can be restored;
 //! * [`id`] — prefixed, sortable, opaque identifiers.
 
 pub mod access;
+pub mod attribute;
 pub mod audit;
 pub mod change;
 pub mod cohort;

@@ -2,7 +2,7 @@
 //!
 //! * [`shape`] — shapes as JSON, one object or one line of NDJSON;
 //! * [`fault`] — faults of an input;
-//! * [`bounds`] — memory bounds of documents while they are read;
+//! * [`json`] — text to values; [`bounds`] — memory bounds of documents while they are read;
 //! * [`checked`] — JSON values that keep their own error, so that a request reports all of them;
 //! * [`ndjson`] — lines of a byte stream;
 //! * [`representation`] — representations as JSON;
@@ -12,6 +12,7 @@
 pub mod bounds;
 pub mod checked;
 pub mod fault;
+pub mod json;
 pub mod matrix;
 pub mod mesh;
 pub mod ndjson;

@@ -7,7 +7,7 @@ use bytes::{Bytes, BytesMut};
 pub struct Line {
     /// Line number, from 1; blank lines count.
     pub number: u64,
-    /// Bytes of the line, without the line break.
+    /// Bytes of the line, with its line break, which the last one may lack.
     pub text: Bytes,
 }
 
@@ -21,11 +21,12 @@ pub struct LineTooLong {
     pub limit: usize,
 }
 
-/// Splits chunks into lines and skips blank ones. Holds at most one line and one chunk.
+/// Splits chunks into lines and skips blank ones. Lines within a chunk are parts of it; one that continues in the next
+/// chunk is copied.
 #[derive(Debug)]
 pub struct Lines {
+    /// Beginning of the line that the next chunk continues.
     buffer: BytesMut,
-    scanned: usize,
     number: u64,
     limit: usize,
 }
@@ -33,22 +34,27 @@ pub struct Lines {
 impl Lines {
     /// Splitter for lines of at most `limit` bytes.
     pub fn new(limit: usize) -> Self {
-        Self { buffer: BytesMut::new(), scanned: 0, number: 0, limit }
+        Self { buffer: BytesMut::new(), number: 0, limit }
     }
 
-    /// Adds a chunk, and passes the lines it completes to `keep`.
+    /// Adds a chunk, and passes the lines it completes to `keep`. Cost: one pass over the chunk.
     ///
     /// # Errors
     /// [`LineTooLong`].
-    pub fn push(&mut self, chunk: &[u8], mut keep: impl FnMut(Line)) -> Result<(), LineTooLong> {
-        self.buffer.extend_from_slice(chunk);
-        while let Some(offset) = self.buffer[self.scanned..].iter().position(|&byte| byte == b'\n') {
-            let text = self.buffer.split_to(self.scanned + offset + 1);
-            self.scanned = 0;
+    pub fn push(&mut self, chunk: impl Into<Bytes>, mut keep: impl FnMut(Line)) -> Result<(), LineTooLong> {
+        let mut chunk: Bytes = chunk.into();
+        while let Some(end) = memchr::memchr(b'\n', &chunk) {
+            let tail = chunk.split_to(end + 1);
+            let text = if self.buffer.is_empty() {
+                tail
+            } else {
+                self.buffer.extend_from_slice(&tail);
+                std::mem::take(&mut self.buffer).freeze()
+            };
             self.emit(text, &mut keep)?;
         }
-        self.scanned = self.buffer.len();
-        if self.scanned > self.limit { Err(self.too_long()) } else { Ok(()) }
+        self.buffer.extend_from_slice(&chunk);
+        if self.buffer.len() > self.limit { Err(self.too_long()) } else { Ok(()) }
     }
 
     /// Number of bytes of the unfinished line.
@@ -61,16 +67,15 @@ impl Lines {
     /// # Errors
     /// [`LineTooLong`].
     pub fn finish(mut self, mut keep: impl FnMut(Line)) -> Result<(), LineTooLong> {
-        let text = std::mem::take(&mut self.buffer);
+        let text = std::mem::take(&mut self.buffer).freeze();
         self.emit(text, &mut keep)
     }
 
-    fn emit(&mut self, text: BytesMut, keep: &mut impl FnMut(Line)) -> Result<(), LineTooLong> {
+    fn emit(&mut self, text: Bytes, keep: &mut impl FnMut(Line)) -> Result<(), LineTooLong> {
         if text.len() > self.limit {
             return Err(self.too_long());
         }
         self.number += 1;
-        let text = text.freeze();
         if !text.iter().all(u8::is_ascii_whitespace) {
             keep(Line { number: self.number, text });
         }
@@ -91,7 +96,7 @@ mod tests {
         let mut lines = Lines::new(10);
         let mut found = Vec::new();
         for chunk in ["ab", "c\n\nde", "\r\n", "last"] {
-            lines.push(chunk.as_bytes(), |line| found.push((line.number, line.text))).unwrap();
+            lines.push(chunk, |line| found.push((line.number, line.text))).unwrap();
         }
         lines.finish(|line| found.push((line.number, line.text))).unwrap();
         let text: Vec<(u64, &[u8])> = found.iter().map(|(n, t)| (*n, t.as_ref())).collect();
@@ -101,8 +106,8 @@ mod tests {
     #[test]
     fn an_endless_line_is_refused_early() {
         let mut lines = Lines::new(10);
-        lines.push(b"x\n", |_| {}).unwrap();
-        let error = lines.push(&[b'y'; 11], |_| {}).unwrap_err();
+        lines.push("x\n", |_| {}).unwrap();
+        let error = lines.push(vec![b'y'; 11], |_| {}).unwrap_err();
         assert_eq!(error, LineTooLong { number: 2, limit: 10 });
     }
 }

@@ -16,8 +16,8 @@ use serde::{Deserialize, Serialize};
 use super::bounds::{self, keeps_fault};
 use super::checked::{Checked, Metadata, Raw, document, visit_others};
 
-/// Largest magnitude of a coordinate, chosen so that squares, areas and their sums stay finite.
-pub const MAX_COORDINATE: f64 = 1e100;
+/// Largest magnitude of a coordinate.
+pub const MAX_COORDINATE: f64 = crate::numeric::MAX_NUMBER;
 
 /// Maximum number of faults kept per list of points.
 const MAX_FAULTS: usize = 20;

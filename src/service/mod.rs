@@ -6,7 +6,7 @@
 //! * [`audit`], [`jobs`] — the audit trail; work that outlives its request;
 //! * [`shapes`] — shapes of a request: read, evaluate, measure, fit, deform, morph;
 //! * [`statistics`] — projections, means, alignments and components of posted shapes;
-//! * [`cost`] — predicted cost of requests and jobs;
+//! * [`cost`] — predicted cost of requests;
 //! * [`cohorts`] — stored shapes; [`access`] — authentication of callers;
 //! * [`search`] — distances and neighbours;
 //! * [`dictionaries`] — dictionaries and classifiers; [`inference`] — hypothesis tests;

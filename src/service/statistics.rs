@@ -4,18 +4,22 @@
 
 use crate::analysis::accumulate::{ShapesInMemory, Watched};
 use crate::analysis::alignment::{
-    AlignedShape, Alignment, MeanShape, Method, Projection, Projector, align_all_until, unwhitened,
+    AlignedShape, Alignment, BothWays, MeanShape, Method, Onto, Projection, align_all_until, norms,
+    unwhitened,
 };
+use crate::analysis::conversion::Conversion;
 use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
 use crate::analysis::dictionary::recipe::NO_CONSTANTS;
+use crate::analysis::drawing;
 use crate::analysis::frame::Frame;
 use crate::analysis::matching::Matching;
-use crate::analysis::metric::{Metric, norm};
+use crate::analysis::metric::Metric;
 use crate::analysis::partial_sums::Measured;
-use crate::analysis::pca::FunctionalPca;
+use crate::analysis::pca::Components;
 use crate::analysis::transformation::Transformation;
+use crate::formats::fault::Fault;
 use crate::formats::shape::ShapeInput;
-use crate::geometry::drawing::svg::{self, Layer, colour};
+use crate::geometry::capability::domain::Admitted;
 use crate::geometry::representation::{Representation, ShapeSpace};
 use crate::service::app::faults::Faults;
 use crate::service::app::{App, Limits, ServiceError};
@@ -41,6 +45,74 @@ pub struct Settings {
     pub frame: Frame,
 }
 
+impl Settings {
+    /// Checks the settings against the limits, and whether they fit together.
+    ///
+    /// # Errors
+    /// [`ServiceError::Invalid`] with all fields that are invalid or do not fit together.
+    pub fn checked(self, limits: &Limits) -> Result<CheckedSettings, ServiceError> {
+        let admitted = read::admit_linear(self.representation.clone(), limits);
+        self.checked_with(admitted)
+    }
+
+    /// As [`Self::checked`], with the verdict on the representation.
+    ///
+    /// # Errors
+    /// As [`Self::checked`].
+    pub(crate) fn checked_with(
+        self,
+        admitted: Result<Admitted, Vec<Fault>>,
+    ) -> Result<CheckedSettings, ServiceError> {
+        let Self { representation, correspondence, direction, mirror, transformation, alignment, frame } =
+            self;
+        let mut faults = Faults::default();
+        let admitted = faults.keep_below("/representation", admitted);
+        faults.keep(read::check_correspondence(&representation, correspondence))?;
+        faults.keep(read::check_mirror(&representation, mirror))?;
+        // Classes exist in two and three dimensions only; any other dimension is reported separately.
+        let method = match Method::new(&transformation, alignment, representation.dimension()) {
+            _ if !(2..=3).contains(&representation.dimension()) => None,
+            method => faults.keep(method.map_err(ServiceError::from))?,
+        };
+        if let (Some(admitted), Some(method)) = (&admitted, &method)
+            && method.translates()
+            && !admitted.reproduces_constants()
+        {
+            faults.add("/representation/generator", NO_CONSTANTS);
+        }
+        match (admitted, method) {
+            (Some(representation), Some(method)) if faults.count() == 0 => Ok(CheckedSettings {
+                representation,
+                correspondence,
+                direction,
+                mirror,
+                transformation,
+                alignment,
+                frame,
+                method,
+            }),
+            _ => Err(ServiceError::Invalid(faults)),
+        }
+    }
+}
+
+/// [`Settings`] that fit together, of shapes within the limits.
+#[derive(Debug, Clone)]
+pub struct CheckedSettings {
+    /// Representation of the shapes.
+    pub representation: Admitted,
+    /// Correspondence of points between shapes.
+    pub correspondence: Correspondence,
+    /// Transformations removed before comparison.
+    pub transformation: Transformation,
+    /// Projection or Procrustes alignment.
+    pub alignment: Alignment,
+    direction: Direction,
+    mirror: Mirror,
+    frame: Frame,
+    method: Method,
+}
+
 /// Settings prepared for computation.
 #[derive(Debug, Clone)]
 pub struct Setup {
@@ -59,43 +131,25 @@ pub struct Setup {
 }
 
 impl Setup {
-    /// Checks and prepares `settings`.
+    /// Prepares settings.
     ///
     /// # Errors
-    /// [`ServiceError::Invalid`] with all fields that are invalid or do not fit together.
-    pub fn new(app: &App, settings: &Settings) -> Result<Self, ServiceError> {
-        let Settings { representation, correspondence, direction, mirror, transformation, alignment, frame } =
+    /// [`ServiceError::Invalid`] if the space cannot be prepared.
+    pub fn new(app: &App, settings: CheckedSettings) -> Result<Self, ServiceError> {
+        let CheckedSettings { representation, correspondence, direction, mirror, frame, method, .. } =
             settings;
-        let mut faults = Faults::default();
-        let space = faults.keep(app.space(representation, "/representation"))?;
-        faults.keep(read::check_correspondence(representation, *correspondence))?;
-        faults.keep(read::check_mirror(representation, *mirror))?;
-        // Classes exist in two and three dimensions only; any other dimension is reported separately.
-        let method = match Method::new(transformation, *alignment, representation.dimension()) {
-            _ if !(2..=3).contains(&representation.dimension()) => None,
-            method => faults.keep(method.map_err(ServiceError::from))?,
-        };
-        if let (Some((space, _)), Some(method)) = (&space, &method)
-            && method.translates()
-            && !space.reproduces_constants()
-        {
-            faults.add("/representation/generator", NO_CONSTANTS);
-        }
-        match (space, method) {
-            (Some((space, metric)), Some(method)) if faults.count() == 0 => {
-                let matching = Matching::new(&space, *correspondence, *direction, *mirror);
-                Ok(Self {
-                    space,
-                    metric,
-                    method,
-                    frame: *frame,
-                    matching,
-                    correspondence: *correspondence,
-                    direction: *direction,
-                })
-            }
-            _ => Err(ServiceError::Invalid(faults)),
-        }
+        let space = app.space(&representation)?;
+        let metric = Metric::of(&space);
+        let matching = Matching::new(&space, correspondence, direction, mirror);
+        Ok(Self { space, metric, method, frame, matching, correspondence, direction })
+    }
+
+    /// Checks and prepares the settings of stored shapes.
+    ///
+    /// # Errors
+    /// As [`Settings::checked`] and [`Self::new`].
+    pub fn of(app: &App, settings: Settings) -> Result<Self, ServiceError> {
+        Self::new(app, settings.checked(&app.limits)?)
     }
 
     /// Metric, alignment method and matching of the shapes.
@@ -106,7 +160,8 @@ impl Setup {
     /// Conversion of posted shapes to control points.
     pub(crate) fn reading<'a>(&'a self, limits: &'a Limits) -> Reading<'a> {
         let Self { space, correspondence, direction, .. } = self;
-        Reading { space, correspondence: *correspondence, direction: *direction, limits }
+        let conversion = Conversion { space, correspondence: *correspondence, direction: *direction };
+        Reading { conversion, limits }
     }
 }
 
@@ -128,10 +183,14 @@ pub struct Statistics {
 ///
 /// # Errors
 /// Faults of the input; degenerate or too few shapes.
-pub fn align(app: &App, settings: &Settings, shapes: Vec<ShapeInput>) -> Result<Statistics, ServiceError> {
+pub fn align(
+    app: &App,
+    settings: CheckedSettings,
+    shapes: Vec<ShapeInput>,
+) -> Result<Statistics, ServiceError> {
     let setup = Setup::new(app, settings)?;
     let Batch { control_points, weights } = read::read_batch(&setup.reading(&app.limits), shapes)?;
-    let sizes = sizes(&setup, &control_points);
+    let sizes = norms(&setup.metric, &setup.method, &control_points);
     let Setup { metric, method, frame, matching, .. } = &setup;
     let context = app.pool.context();
     context.check()?;
@@ -139,29 +198,6 @@ pub fn align(app: &App, settings: &Settings, shapes: Vec<ShapeInput>) -> Result<
     let (mean, aligned) =
         align_all_until(metric, method, *frame, matching, control_points, weights.clone(), &stop)?;
     Ok(Statistics { setup, mean, aligned, sizes, weights })
-}
-
-fn sizes(setup: &Setup, control_points: &[f64]) -> Vec<f64> {
-    let size = |shape: &[f64]| {
-        let mut shape = shape.to_vec();
-        if setup.method.translates() {
-            setup.metric.centre(&mut shape);
-        }
-        setup.metric.whiten(&mut shape);
-        norm(&shape)
-    };
-    control_points.chunks_exact(setup.metric.len()).map(size).collect()
-}
-
-/// Principal components of aligned shapes, with the scores of each shape.
-#[derive(Debug)]
-pub struct Components {
-    /// The components.
-    pub pca: FunctionalPca,
-    /// Scores, one list per shape.
-    pub scores: Vec<Vec<f64>>,
-    /// Reconstruction error of each shape from its scores.
-    pub errors: Vec<f64>,
 }
 
 /// Functional PCA of aligned shapes.
@@ -176,34 +212,12 @@ pub fn pca(
 ) -> Result<Components, ServiceError> {
     let context = app.pool.context();
     context.check()?;
+    let Statistics { setup, mean, aligned, weights, .. } = statistics;
+    let whitened = aligned.iter().flat_map(|shape| shape.whitened.iter().copied()).collect();
+    let source = ShapesInMemory::prepared(whitened, weights.clone());
     let stop = || context.is_cancelled();
-    let metric = &statistics.setup.metric;
-    let whitened = statistics.aligned.iter().flat_map(|shape| shape.whitened.iter().copied()).collect();
-    let source = ShapesInMemory::prepared(whitened, statistics.weights.clone());
     let source = Watched::new(&source, &stop);
-    let pca = FunctionalPca::new(&source, metric, &statistics.mean.whitened, centre, components)?;
-    let scores = pca.all_scores(&source)?;
-    let errors = statistics
-        .aligned
-        .iter()
-        .zip(&scores)
-        .map(|(shape, scores)| {
-            context.check()?;
-            Ok(crate::analysis::pca::reconstruction_error(&shape.whitened, &pca.reconstruct(scores)))
-        })
-        .collect::<Result<_, ServiceError>>()?;
-    Ok(Components { pca, scores, errors })
-}
-
-/// Direction of a projection between shapes and a reference.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Deserialize, utoipa::ToSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum Onto {
-    /// Nearest member of the reference's class to each shape, `P_ref r_k = A r_ref + b`.
-    #[default]
-    Reference,
-    /// Nearest member of each shape's class to the reference, `P_k r_ref = A r_k + b`.
-    Shape,
+    Ok(Components::new(&source, &setup.metric, &mean.whitened, centre, components)?)
 }
 
 /// Projects shapes on a reference, or the reference on each shape. Degenerate shapes are refused in both directions.
@@ -212,7 +226,7 @@ pub enum Onto {
 /// Faults of the input; degenerate shapes, or a degenerate reference at `/reference`.
 pub fn project(
     app: &App,
-    settings: &Settings,
+    settings: CheckedSettings,
     onto: Onto,
     reference: ShapeInput,
     shapes: Vec<ShapeInput>,
@@ -230,40 +244,21 @@ pub fn project(
     if batch.weights.is_empty() {
         return Err(ServiceError::TooFewShapes { found: 0, needed: 1 });
     }
-    let to_reference = Projector::new(&setup.metric, &setup.method, reference.clone());
-    to_reference
-        .project(reference.clone())
+    let both = BothWays::new(&setup.metric, &setup.method, reference)
         .map_err(|error| ServiceError::from_analysis(error, |_| "/reference".into()).without_index())?;
     let context = app.pool.context();
-    let projections = batch
-        .control_points
-        .chunks_exact(setup.metric.len())
-        .enumerate()
-        .map(|(index, shape)| {
-            context.check()?;
-            let aligned = to_reference.project(shape.to_vec()).map_err(|error| error.at(index))?;
-            Ok(match onto {
-                Onto::Shape => aligned,
-                Onto::Reference => Projector::new(&setup.metric, &setup.method, shape.to_vec())
-                    .project(reference.clone())
-                    .map_err(|error| error.at(index))?,
-            })
-        })
-        .collect::<Result<_, ServiceError>>()?;
+    let shapes = batch.control_points.chunks_exact(setup.metric.len()).enumerate();
+    let project = |(index, shape): (usize, &[f64])| {
+        context.check()?;
+        Ok(both.project(shape, onto).map_err(|error| error.at(index))?)
+    };
+    let projections = shapes.map(project).collect::<Result<_, ServiceError>>()?;
     Ok((setup, projections))
 }
 
 /// Drawing of a mean with aligned shapes behind it.
 pub fn draw_mean(setup: &Setup, title: &str, mean: &MeanShape, aligned: &[AlignedShape]) -> String {
-    let behind: Vec<Vec<f64>> =
-        aligned.iter().take(MAX_DRAWN).map(|shape| unwhitened(&setup.metric, &shape.whitened)).collect();
-    let opacity = (8.0 / (behind.len() as f64 + 1.0)).clamp(0.08, 0.6);
-    let layers = [
-        Layer::of(&setup.space, behind.iter().map(Vec::as_slice), colour::BACK, 1.0, opacity)
-            .named(format!("{} aligned shapes", behind.len())),
-        Layer::of(&setup.space, [mean.control_points.as_slice()], colour::MAIN, 2.5, 1.0).named("mean"),
-    ];
-    svg::draw(title, &layers)
+    drawing::draw_mean((&setup.space, &setup.metric), title, &mean.control_points, aligned, MAX_DRAWN)
 }
 
 /// Drawing of one mode: the mean and `mean ± sigma·s ξ`, where `s` is the standard deviation of the scores.
@@ -283,29 +278,11 @@ pub fn draw_mode(
         return Err(ServiceError::Query(format!("component: {detail}")));
     }
     let setup = &statistics.setup;
-    let i = component - 1;
-    // Uncentred eigenvalues measure energy, not variation: a mode shows the spread of the scores.
-    let shapes = statistics.aligned.len() as f64;
-    let mean_score = components.scores.iter().map(|s| s[i]).sum::<f64>() / shapes;
-    let variance =
-        components.scores.iter().map(|s| (s[i] - mean_score).powi(2)).sum::<f64>() / (shapes - 1.0);
-    let moved = |sign: f64| {
-        let step = sign * sigma * variance.sqrt();
-        let x: Vec<f64> =
-            pca.mean.iter().zip(pca.eigenshapes.column(i).iter()).map(|(m, xi)| m + step * xi).collect();
-        unwhitened(&setup.metric, &x)
-    };
-    let (minus, mean, plus) = (moved(-1.0), moved(0.0), moved(1.0));
-    let layer = |shape: &[f64], colour, width| Layer::of(&setup.space, [shape], colour, width, 1.0);
-    let layers = [
-        layer(&minus, colour::MINUS, 2.0).named(format!("−{sigma} σ")),
-        layer(&plus, colour::PLUS, 2.0).named(format!("+{sigma} σ")),
-        layer(&mean, colour::MAIN, 2.5).named("mean"),
-    ];
+    let mode = components.mode(component - 1, sigma).map(|shape| unwhitened(&setup.metric, &shape));
     let title = format!(
         "mode {component}: {:.1} % of {}",
-        100.0 * pca.explained[i],
+        100.0 * pca.explained[component - 1],
         if pca.centred { "variance" } else { "energy" }
     );
-    Ok(svg::draw(&title, &layers))
+    Ok(drawing::draw_mode(&setup.space, &title, sigma, &mode))
 }

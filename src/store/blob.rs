@@ -8,7 +8,8 @@ pub(super) const ROWS_PER_CHUNK: usize = 4096;
 /// Maximum size of the control points in a chunk, unless a single shape is larger. A single shape is read by reading its
 /// whole chunk, which should take a millisecond.
 pub(super) const BYTES_PER_CHUNK: usize = 1 << 20;
-const BYTES_PER_NUMBER: usize = 8;
+/// Size of a coordinate.
+pub(super) const BYTES_PER_NUMBER: usize = 8;
 
 /// Number of shapes that fit in a chunk.
 pub(super) fn rows_per_chunk(width: usize) -> usize {
@@ -25,13 +26,10 @@ pub(super) struct Encoded {
 }
 
 impl Encoded {
-    /// Encodes shapes given as weight and control points.
-    pub(super) fn new<'a>(shapes: impl Iterator<Item = (f64, &'a [f64])>) -> Self {
-        let (mut points, mut weights) = (Vec::new(), Vec::new());
-        for (weight, numbers) in shapes {
-            weights.push(weight);
-            points.extend_from_slice(&bytes_of(numbers));
-        }
+    /// Encodes shapes given as weight and bytes of control points.
+    pub(super) fn new<'a>(shapes: impl Iterator<Item = (f64, &'a [u8])>) -> Self {
+        let (weights, points): (Vec<f64>, Vec<&[u8]>) = shapes.unzip();
+        let points = points.concat();
         let is_weighted = weights.iter().any(|weight| *weight != 1.0);
         let weights = is_weighted.then(|| bytes_of(&weights));
         Self { checksum: checksum(&points, weights.as_deref().unwrap_or_default()), weights, points }
@@ -163,7 +161,7 @@ mod tests {
 
     #[test]
     fn weights_are_stored_only_when_needed() {
-        let shape = [1.0, 2.0];
+        let shape = bytes_of(&[1.0, 2.0]);
         let plain = Encoded::new([(1.0, &shape[..]), (1.0, &shape[..])].into_iter());
         let weighted = Encoded::new([(1.0, &shape[..]), (2.0, &shape[..])].into_iter());
         assert_eq!(plain.weights, None);

@@ -1,8 +1,8 @@
 //! Common interface to both databases.
 //!
 //! The store writes its SQL once, with `$1` placeholders and types that both have: 64-bit integers, doubles, text,
-//! bytes. Differences are translated by [`translated`]; where a statement cannot be the same, the code asks
-//! [`Transaction::is_postgres`].
+//! bytes. Lists are bound by [`Query::push_bind`], which writes the placeholders of each database. Differences are
+//! translated by [`translated`]; where a statement cannot be the same, the code asks [`Transaction::is_postgres`].
 
 use std::borrow::Cow;
 use std::time::Instant;
@@ -204,6 +204,8 @@ pub(super) struct Query<'c> {
     link: Link<'c>,
     text: Cow<'static, str>,
     arguments: Arguments,
+    /// Number of placeholders without a name, which stand for the first arguments in their order.
+    nameless: usize,
     /// First value that could not be encoded.
     error: Option<sqlx::Error>,
     persistent: bool,
@@ -216,7 +218,7 @@ pub(super) fn sql<'c>(link: impl Into<Link<'c>>, text: &'static str) -> Query<'c
         Link::SqlitePool(_) | Link::Sqlite(_) => Arguments::Sqlite(SqliteArguments::default()),
         Link::PgPool(_) | Link::Postgres(_) => Arguments::Postgres(PgArguments::default()),
     };
-    Query { link, text: Cow::Borrowed(text), arguments, error: None, persistent: true }
+    Query { link, text: Cow::Borrowed(text), arguments, nameless: 0, error: None, persistent: true }
 }
 
 impl Query<'_> {
@@ -239,8 +241,18 @@ impl Query<'_> {
     }
 
     /// Appends a placeholder with its value.
+    ///
+    /// For SQLite it has no name if possible: SQLite and its driver look up the name of every placeholder among all names,
+    /// so that a statement with thousands of names takes a hundred times as long.
     pub(super) fn push_bind<'q>(&mut self, value: impl Bindable<'q>) -> &mut Self {
+        // The driver takes the k-th placeholder without a name for the k-th argument, wherever names stand in between.
+        let is_nameless =
+            matches!(self.arguments, Arguments::Sqlite(_)) && self.nameless == self.arguments.len();
         self.add(value);
+        if is_nameless {
+            self.nameless += 1;
+            return self.push("?");
+        }
         let place = format!("${}", self.arguments.len());
         self.push(&place)
     }
@@ -367,24 +379,31 @@ fn on_postgres(
     arguments: PgArguments,
     persistent: bool,
 ) -> Prepared<Postgres, PgArguments> {
-    sqlx::query_with(AssertSqlSafe(translated(&text)), arguments).persistent(persistent)
+    match translated(text) {
+        Cow::Borrowed(text) => sqlx::query_with(text, arguments),
+        Cow::Owned(text) => sqlx::query_with(AssertSqlSafe(text), arguments),
+    }
+    .persistent(persistent)
 }
 
-/// Translates a statement written for SQLite to PostgreSQL.
-fn translated(text: &str) -> String {
+/// Translates a statement written for SQLite to PostgreSQL; most need no translation and are not copied.
+fn translated(text: Cow<'static, str>) -> Cow<'static, str> {
+    if !text.contains("CROSS JOIN") && !text.contains("json_each") {
+        return text;
+    }
     // In SQLite these words fix the order of the loops; PostgreSQL plans for itself.
     let text = text.replace("CROSS JOIN", "JOIN");
     // A list bound as a JSON array: `key` is the index from 0, `value` the text.
-    text.replace(
+    let text = text.replace(
         "json_each($2) AS asked",
         "(SELECT t.value, t.place - 1 AS key FROM
             json_array_elements_text($2::json) WITH ORDINALITY AS t (value, place)) AS asked",
-    )
-    .replace(
+    );
+    Cow::Owned(text.replace(
         "json_each($1) AS asked",
         "(SELECT t.value, t.place - 1 AS key FROM
             json_array_elements_text($1::json) WITH ORDINALITY AS t (value, place)) AS asked",
-    )
+    ))
 }
 
 fn rows<T>(found: Vec<T>, row: fn(T) -> Row) -> Vec<Row> {

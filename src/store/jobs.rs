@@ -159,7 +159,7 @@ impl Store {
 
     /// Claims the next job until `lease_until_ms`: a queued one, or one whose lease has expired. Tenants take turns: first
     /// those with the fewest running jobs, then those served least recently. Among the jobs of a tenant the highest priority
-    /// comes first, then the longest waiting.
+    /// comes first, then the longest waiting. Jobs that are predicted to take more than `longest` seconds stay in the queue.
     ///
     /// Jobs that were interrupted in their last attempt fail with the problem document `abandoned`.
     ///
@@ -169,6 +169,7 @@ impl Store {
         &self,
         now_ms: i64,
         lease_until_ms: i64,
+        longest: f64,
         abandoned: &Value,
     ) -> Result<Claimed, StoreError> {
         // Concurrent claimants skip locked rows and take the next one.
@@ -181,13 +182,18 @@ impl Store {
         let abandoned = abandon(&mut transaction, now_ms, abandoned).await?;
         let skip = if transaction.is_postgres() { SKIP } else { "" };
         let priority = number_in_parameters(&transaction, "priority");
+        let seconds = number_in_parameters(&transaction, "predicted_seconds");
         let mut claim = None;
         for tenant in in_turn(&mut transaction, now_ms).await? {
             let mut query =
                 sql(&mut transaction, CLAIM).bind(&owner).bind(lease_until_ms).bind(now_ms).bind(&tenant);
-            query.push(CLAIMABLE).push(" ORDER BY ").push(priority).push(" DESC, run_at_ms, id LIMIT 1");
+            query.push(CLAIMABLE);
+            if longest.is_finite() {
+                query.push(" AND ").push(seconds).push(" <= ").push_bind(longest);
+            }
+            query.push(" ORDER BY ").push(priority).push(" DESC, run_at_ms, id LIMIT 1");
             query.push(skip).push(") RETURNING *");
-            // Other claimants may have taken all jobs of this tenant.
+            // Other claimants may have taken all jobs of this tenant; those left may take too long.
             let Some(row) = query.optional().await? else { continue };
             claim = Some(Claim { job: read_job(&row)?, tenant, owner });
             break;

@@ -65,7 +65,7 @@ pub use measure::Measures;
 pub use scan::{Ids, ScanBatch};
 pub use shapes::{Cursor, CursorError, ShapePage};
 pub use tasks::{PartClaim, PartEnd, PassOf, Start};
-pub use upload::{Added, Upload};
+pub use upload::{Added, ShapeRow, Upload};
 
 #[cfg(test)]
 mod tests;

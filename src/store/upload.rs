@@ -4,7 +4,6 @@
 //! at the end. A slow client therefore does not block others.
 
 use std::collections::HashMap;
-use std::ops::Range;
 use std::sync::Arc;
 
 use super::blob::{self, Encoded};
@@ -16,14 +15,14 @@ use super::{changes, receipts};
 use crate::domain::change::{ChangeKind, NewChange};
 use crate::domain::cohort::Cohort;
 use crate::domain::retry::Receipt;
-use crate::domain::shape::NewShape;
 
 mod digest;
+mod row;
+
+pub use row::ShapeRow;
 
 /// Number of shapes per INSERT: more bring little, and SQLite allows 32766 placeholders in a statement.
 const ROWS_PER_INSERT: usize = 512;
-/// Number of external ids per query.
-const IDS_PER_QUERY: usize = 1024;
 /// Number of retries when another upload stores the same external id at the same time.
 const ATTEMPTS: usize = 3;
 
@@ -77,19 +76,18 @@ impl Upload {
     /// Stores a batch of shapes, not yet visible; returns their outcomes in order.
     ///
     /// A call is one transaction and holds its shapes in memory twice: pass some thousands. After an error the upload is as it
-    /// was before the call.
+    /// was before the call. Making rows of shapes is left to the caller, who can do it in parallel.
     ///
     /// # Errors
     /// [`StoreError::ExternalIdConflict`] if a shape with different content has the external id,
     /// [`StoreError::ExternalIdPending`] if another unfinished upload has it, [`StoreError::WrongWidth`],
     /// [`StoreError::CohortGone`].
-    pub async fn add(&mut self, shapes: Vec<NewShape>) -> Result<Vec<Added>, StoreError> {
+    pub async fn add(&mut self, shapes: Vec<impl Into<ShapeRow> + Send>) -> Result<Vec<Added>, StoreError> {
         if shapes.is_empty() {
             return Ok(Vec::new());
         }
-        let (first, width) = (self.received, self.width);
-        let batch = blocking(move || Batch::new(shapes, first, width)).await?;
-        let batch = Arc::new(batch);
+        let rows = shapes.into_iter().map(Into::into).collect();
+        let batch = Arc::new(Batch::new(rows, self.received, self.width)?);
         let mut attempt = 1;
         let added = loop {
             match self.try_add(&batch).await {
@@ -103,7 +101,7 @@ impl Upload {
                 done => break done?,
             }
         };
-        self.received += batch.shapes.len() as u64;
+        self.received += batch.rows.len() as u64;
         Ok(added)
     }
 
@@ -201,22 +199,29 @@ impl Upload {
             return Ok(added);
         }
         let (shared, width) = (Arc::clone(batch), self.width);
+        let stored = fresh.len() as i64;
         let chunks = blocking(move || shared.encode(&fresh, width)).await;
         // Set before the write, which may succeed even if its confirmation is lost.
         self.dirty = true;
-        self.write(cohort, &chunks).await?;
-        self.stored += chunks.iter().map(|chunk| chunk.rows.len() as i64).sum::<i64>();
+        self.write(cohort, batch, &chunks).await?;
+        self.stored += stored;
         Ok(added)
     }
 
-    async fn write(&self, cohort: i64, chunks: &[NewChunk]) -> Result<(), StoreError> {
+    async fn write(&self, cohort: i64, batch: &Batch, chunks: &[NewChunk]) -> Result<(), StoreError> {
         let mut write = self.store.begin_write(&self.id).await?;
+        let mut places = Vec::new();
         for chunk in chunks {
             let number = self.insert_chunk(&mut write, cohort, chunk).await?;
-            for start in (0..chunk.rows.len()).step_by(ROWS_PER_INSERT) {
-                let end = chunk.rows.len().min(start + ROWS_PER_INSERT);
-                insert_rows(&mut write, cohort, number, &chunk.rows, start..end).await?;
-            }
+            let rows = chunk.rows.iter().map(|&index| &batch.rows[index]);
+            places.extend((0..).zip(rows).map(|(position, row)| Place { chunk: number, position, row }));
+        }
+        // Statements of all chunks together, and of few lengths: preparing one takes longer than inserting its rows.
+        let mut left = places.as_slice();
+        while !left.is_empty() {
+            let (next, later) = left.split_at(rows_of_next_insert(left.len()));
+            insert_rows(&mut write, cohort, next).await?;
+            left = later;
         }
         Ok(write.commit().await?)
     }
@@ -273,27 +278,23 @@ fn is_race(error: &sqlx::Error) -> bool {
     engine::is_duplicate(error, "shape", "external_id")
 }
 
-async fn insert_rows(
-    write: &mut Transaction,
-    cohort: i64,
-    chunk: i64,
-    rows: &[NewRow],
-    range: Range<usize>,
-) -> Result<(), StoreError> {
+/// Number of rows of the next INSERT when this many are left: a power of two, so that there are only ten statements.
+fn rows_of_next_insert(left: usize) -> usize {
+    ROWS_PER_INSERT.min(1 << left.max(1).ilog2())
+}
+
+async fn insert_rows(write: &mut Transaction, cohort: i64, places: &[Place<'_>]) -> Result<(), StoreError> {
     const INSERT: &str = "INSERT INTO shape (chunk_id, position, cohort, id, external_id, subject,
         label, digest, labels, metadata) ";
-    // Statements of other lengths are long and rarely repeated: not worth caching.
-    let mut query = sql(write, INSERT).persistent(range.len() == ROWS_PER_INSERT);
-    let first = range.start;
-    for position in range {
-        let row = &rows[position];
-        query.push(if position == first { "VALUES (" } else { ", (" });
-        query.push_bind(chunk).push(", ").push_bind(position as i64).push(", ").push_bind(cohort);
+    let mut query = sql(write, INSERT);
+    for (index, Place { chunk, position, row }) in places.iter().enumerate() {
+        query.push(if index == 0 { "VALUES (" } else { ", (" });
+        query.push_bind(*chunk).push(", ").push_bind(*position).push(", ").push_bind(cohort);
         query.push(", ").push_bind(row.id.as_str());
         for text in [&row.external_id, &row.subject, &row.label] {
             query.push(", ").push_bind(text.as_deref());
         }
-        query.push(", ").push_bind(row.digest.as_ref().map(<[u8; 32]>::as_slice));
+        query.push(", ").push_bind(row.digest_bytes());
         query.push(", ").push_bind(row.labels.as_deref());
         query.push(", ").push_bind(row.metadata.as_deref()).push(")");
     }
@@ -301,12 +302,18 @@ async fn insert_rows(
     Ok(())
 }
 
-/// Shapes of one call, with the digests that identify their content.
+/// A row and its place in a stored chunk.
+#[derive(Debug)]
+struct Place<'a> {
+    chunk: i64,
+    position: i64,
+    row: &'a ShapeRow,
+}
+
+/// Shapes of one call.
 #[derive(Debug)]
 struct Batch {
-    shapes: Vec<NewShape>,
-    /// Digests of the shapes that have an external id.
-    digests: Vec<Option<[u8; 32]>>,
+    rows: Vec<ShapeRow>,
     /// Position of the first shape in the upload.
     first: u64,
 }
@@ -323,60 +330,40 @@ struct Held {
 #[derive(Debug)]
 struct NewChunk {
     data: Encoded,
-    rows: Vec<NewRow>,
-}
-
-/// Attributes of a shape, as stored.
-#[derive(Debug)]
-struct NewRow {
-    id: String,
-    external_id: Option<String>,
-    subject: Option<String>,
-    label: Option<String>,
-    digest: Option<[u8; 32]>,
-    labels: Option<String>,
-    metadata: Option<String>,
+    /// Indices of its rows in the batch.
+    rows: Vec<usize>,
 }
 
 impl Batch {
-    fn new(shapes: Vec<NewShape>, first: u64, expected: usize) -> Result<Self, StoreError> {
-        for (position, shape) in (first..).zip(&shapes) {
-            let found = shape.control_points.len();
+    fn new(rows: Vec<ShapeRow>, first: u64, expected: usize) -> Result<Self, StoreError> {
+        for (position, row) in (first..).zip(&rows) {
+            let found = row.width();
             if found != expected {
                 return Err(StoreError::WrongWidth { position, found, expected });
             }
         }
-        let digest = |shape: &NewShape| {
-            let is_named = shape.attributes.external_id.is_some();
-            is_named.then(|| digest::of(shape))
-        };
-        let digests = shapes.iter().map(digest).collect();
-        Ok(Self { shapes, digests, first })
+        Ok(Self { rows, first })
     }
 
     /// Determines the outcomes, and the shapes to be stored.
     fn sort_out(&self, held: &HashMap<String, Held>) -> Result<(Vec<Added>, Vec<usize>), StoreError> {
-        let mut seen: HashMap<&str, usize> = HashMap::new();
-        let (mut added, mut fresh) = (Vec::with_capacity(self.shapes.len()), Vec::new());
-        for (index, shape) in self.shapes.iter().enumerate() {
-            let digest = self.digests[index].as_ref();
-            let other = shape.attributes.external_id.as_deref().and_then(|key| {
-                let inside = seen.get(key).map(|&first| {
-                    let digest = self.digests[first].as_ref().map(<[u8; 32]>::as_slice);
-                    (self.shapes[first].id.as_str(), digest)
-                });
+        let mut seen: HashMap<&str, &ShapeRow> = HashMap::new();
+        let (mut added, mut fresh) = (Vec::with_capacity(self.rows.len()), Vec::new());
+        for (index, row) in self.rows.iter().enumerate() {
+            let other = row.external_id.as_deref().and_then(|key| {
+                let inside = seen.get(key).map(|first| (first.id.as_str(), first.digest_bytes()));
                 let outside = || held.get(key).map(|h| (h.id.as_str(), h.digest.as_deref()));
                 inside.or_else(outside)
             });
             match other {
                 None => {
                     fresh.push(index);
-                    added.push(Added::New { id: shape.id.clone() });
-                    if let Some(key) = &shape.attributes.external_id {
-                        seen.insert(key, index);
+                    added.push(Added::New { id: row.id.clone() });
+                    if let Some(key) = &row.external_id {
+                        seen.insert(key, row);
                     }
                 }
-                Some((id, there)) if there == digest.map(<[u8; 32]>::as_slice) => {
+                Some((id, there)) if there == row.digest_bytes() => {
                     added.push(Added::Existing { id: id.to_owned() });
                 }
                 Some((_, None)) => return Err(self.pending(index)),
@@ -398,36 +385,17 @@ impl Batch {
 
     /// Position in the whole upload and external id of a shape of the batch.
     fn name(&self, index: usize) -> (u64, String) {
-        let external_id = self.shapes[index].attributes.external_id.clone();
+        let external_id = self.rows[index].external_id.clone();
         (self.first + index as u64, external_id.unwrap_or_default())
     }
 
     fn encode(&self, fresh: &[usize], width: usize) -> Vec<NewChunk> {
-        fresh
-            .chunks(blob::rows_per_chunk(width))
-            .map(|indices| NewChunk {
-                data: Encoded::new(indices.iter().map(|&i| {
-                    let shape = &self.shapes[i];
-                    (shape.attributes.weight, shape.control_points.as_slice())
-                })),
-                rows: indices.iter().map(|&i| self.row(i)).collect(),
-            })
-            .collect()
-    }
-
-    fn row(&self, index: usize) -> NewRow {
-        let shape = &self.shapes[index];
-        let attributes = &shape.attributes;
-        let labels = (!attributes.labels.is_empty()).then_some(&attributes.labels);
-        NewRow {
-            id: shape.id.clone(),
-            external_id: attributes.external_id.clone(),
-            subject: attributes.subject.clone(),
-            label: attributes.label.clone(),
-            digest: self.digests[index],
-            labels: labels.map(|l| serde_json::to_string(l).expect("a map of JSON is JSON")),
-            metadata: attributes.metadata.clone(),
-        }
+        let chunk = |indices: &[usize]| {
+            let rows = indices.iter().map(|&index| &self.rows[index]);
+            let data = Encoded::new(rows.map(|row| (row.weight, row.points.as_slice())));
+            NewChunk { data, rows: indices.to_vec() }
+        };
+        fresh.chunks(blob::rows_per_chunk(width)).map(chunk).collect()
     }
 }
 
@@ -438,26 +406,35 @@ async fn find_held(
     upload: &str,
     batch: &Batch,
 ) -> Result<HashMap<String, Held>, StoreError> {
-    const HELD: &str = "SELECT s.external_id, s.id, s.digest, c.revision IS NOT NULL AS visible,
-        c.upload FROM shape AS s JOIN chunk AS c ON c.id = s.chunk_id
-        WHERE s.deleted_revision IS NULL AND s.external_id IS NOT NULL AND s.cohort = ";
-    let keys = batch.shapes.iter().filter_map(|s| s.attributes.external_id.as_deref());
-    let keys: Vec<&str> = keys.collect();
+    const HELD: &str = "SELECT s.external_id, s.id, s.digest, c.revision IS NOT NULL AS visible, c.upload
+        FROM json_each($2) AS asked
+        CROSS JOIN shape AS s ON s.cohort = $1 AND s.external_id = asked.value
+        CROSS JOIN chunk AS c ON c.id = s.chunk_id
+        WHERE s.deleted_revision IS NULL";
+    let keys: Vec<&str> = batch.rows.iter().filter_map(|row| row.external_id.as_deref()).collect();
     let mut held = HashMap::new();
-    for keys in keys.chunks(IDS_PER_QUERY) {
-        let mut query = sql(&mut *read, HELD).persistent(keys.len() == IDS_PER_QUERY);
-        query.push_bind(cohort).push(" AND s.external_id IN (NULL");
-        for key in keys {
-            query.push(", ").push_bind(*key);
-        }
-        query.push(")");
-        for row in query.all().await? {
-            let is_ours = row.get::<&str>("upload")? == upload;
-            let digest: Option<Vec<u8>> = row.get("digest")?;
-            let counts = is_ours || row.get::<bool>("visible")?;
-            let found = Held { id: row.get("id")?, digest: digest.filter(|_| counts) };
-            held.insert(row.get("external_id")?, found);
-        }
+    if keys.is_empty() {
+        return Ok(held);
+    }
+    let asked = serde_json::Value::from(keys).to_string();
+    for row in sql(read, HELD).bind(cohort).bind(asked).all().await? {
+        let is_ours = row.get::<&str>("upload")? == upload;
+        let digest: Option<Vec<u8>> = row.get("digest")?;
+        let counts = is_ours || row.get::<bool>("visible")?;
+        let found = Held { id: row.get("id")?, digest: digest.filter(|_| counts) };
+        held.insert(row.get("external_id")?, found);
     }
     Ok(held)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn statements_have_few_lengths() {
+        for (left, expected) in [(1, 1), (3, 2), (511, 256), (512, 512), (5000, 512)] {
+            assert_eq!(rows_of_next_insert(left), expected, "{left}");
+        }
+    }
 }

@@ -1,5 +1,6 @@
 //! Worker: runs queued jobs. Each slot takes the next job, computes it on its own threads, and sends heartbeats for its
-//! lease meanwhile. A slot without a job computes parts of running jobs, of this or other replicas.
+//! lease meanwhile. A slot without a job computes parts of running jobs, of this or other replicas. One slot more takes short
+//! jobs only, so that they do not wait for the end of long ones.
 //!
 //! Requests compute on the pool of the [`App`], jobs on the threads of their slots, so neither delays the other.
 
@@ -38,12 +39,14 @@ const TICK: Duration = Duration::from_secs(1);
 const STOP: Duration = Duration::from_secs(5);
 
 /// Number of job slots and compute threads.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Places {
     /// Number of jobs that run at once.
     pub jobs: NonZeroUsize,
-    /// Number of compute threads, divided evenly among the slots, at least one each; 0 means one per core.
+    /// Number of compute threads, divided evenly among these jobs, at least one each; 0 means one per core.
     pub threads: usize,
+    /// Longest predicted time, in seconds, of the jobs for the slot of short jobs. It has one thread. 0: there is no such slot.
+    pub short_seconds: f64,
 }
 
 impl Places {
@@ -74,16 +77,21 @@ impl Worker {
     ) -> Self {
         let (stop, run) = (CancellationToken::new(), Arc::new(run) as Arc<Run>);
         let mut tasks = JoinSet::new();
-        for _ in 0..places.jobs.get() {
+        let mut start = |threads, longest| {
             let place = Place {
                 app: app.clone(),
                 // One pool per slot: otherwise a thread waiting for its part of one job could start another job.
-                lane: Lane::new(JOB, places.threads_each(), 1),
+                lane: Lane::new(JOB, threads, 1),
+                longest,
                 run: Arc::clone(&run),
                 stop: stop.clone(),
                 helped: None,
             };
             tasks.spawn(place.serve());
+        };
+        (0..places.jobs.get()).for_each(|_| start(places.threads_each(), f64::INFINITY));
+        if places.short_seconds > 0.0 {
+            start(1, places.short_seconds);
         }
         Self { stop, places: tasks }
     }
@@ -102,6 +110,8 @@ impl Worker {
 struct Place {
     app: App,
     lane: Lane,
+    /// Longest predicted time of its jobs, in seconds.
+    longest: f64,
     run: Arc<Run>,
     stop: CancellationToken,
     /// Time at which it last computed a part of a job.
@@ -113,7 +123,7 @@ impl Place {
         while !self.stop.is_cancelled() {
             match self.turn().await {
                 Ok(true) => {}
-                Ok(false) => self.idle(attempt::submitted(&self.app)).await,
+                Ok(false) => self.idle(attempt::submitted(&self.app, self.is_short())).await,
                 Err(error) => {
                     tracing::warn!(error = error.cause(), "the queue of jobs cannot be read");
                     self.idle(std::future::pending()).await;
@@ -122,11 +132,19 @@ impl Place {
         }
     }
 
+    /// Whether it takes short jobs only.
+    fn is_short(&self) -> bool {
+        self.longest.is_finite()
+    }
+
     /// Does the next piece of work; `false` if there is none.
     async fn turn(&mut self) -> Result<bool, ServiceError> {
-        if let Some(attempt) = attempt::claim(&self.app).await? {
+        if let Some(attempt) = attempt::claim(&self.app, self.longest).await? {
             self.work(attempt).await;
             return Ok(true);
+        }
+        if self.is_short() {
+            return Ok(false);
         }
         let Some(help) = distributed::claim(&self.app).await? else { return Ok(false) };
         self.help(help).await;
@@ -224,7 +242,11 @@ mod tests {
     fn threads_are_shared_out_and_everybody_has_one() {
         for (jobs, threads, each) in [(1, 8, 8), (2, 8, 4), (3, 8, 2), (4, 2, 1)] {
             let jobs = NonZeroUsize::new(jobs).unwrap();
-            assert_eq!(Places { jobs, threads }.threads_each(), each, "{jobs} jobs on {threads} threads");
+            assert_eq!(
+                Places { jobs, threads, short_seconds: 10.0 }.threads_each(),
+                each,
+                "{jobs} jobs on {threads} threads"
+            );
         }
     }
 }

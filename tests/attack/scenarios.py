@@ -58,12 +58,25 @@ def started(attack, flags=(), tenants=False, **settings):
         service.remove()
 
 
+# Time for a service to notice that what was wrong is over: a full trail is tried again every second.
+RECOVERY = 10
+
+
+def ready_within(service, seconds):
+    end = time.monotonic() + seconds
+    while service.ready() != 204:
+        if time.monotonic() > end:
+            return False
+        time.sleep(0.2)
+    return True
+
+
 def aftermath(service, wrong):
     """What every scenario asks in the end."""
     if service.ended():
         wrong.append(f"the process ended with {service.process.returncode}")
-    elif service.ready() != 204:
-        wrong.append("is not ready afterwards")
+    elif not ready_within(service, RECOVERY):
+        wrong.append(f"is not ready {RECOVERY} s afterwards")
     wrong.extend(f"in the log: {line[:200]}" for line in service.faults())
     return wrong
 

@@ -1529,7 +1529,7 @@ fn a_file_whose_parts_do_not_fit_together_is_not_imported() {
 
 #[test]
 fn a_cancelled_job_leaves_no_dictionary() {
-    let server = Setting::fresh().with_example().start();
+    let server = Setting::fresh().flags(&["--short-job-seconds", "0"]).with_example().start();
     let running = submit(&server, &request("running", "example-cells", &endless()));
     let waiting = submit(&server, &request("waiting", "example-cells", &components(3, true)));
     job_when(&server, &running, &["running"]);

@@ -36,7 +36,17 @@ pub(crate) fn worker(
     jobs: usize,
     run: impl Fn(&App, &Handle, &Job, &JobContext) -> Result<Outcome, ServiceError> + Send + Sync + 'static,
 ) -> Worker {
-    Worker::start(app, Places { jobs: NonZeroUsize::new(jobs).unwrap(), threads: jobs }, run)
+    worker_with_short(app, jobs, 0.0, run)
+}
+
+/// The same with a place for jobs of at most `short_seconds`.
+fn worker_with_short(
+    app: &App,
+    jobs: usize,
+    short_seconds: f64,
+    run: impl Fn(&App, &Handle, &Job, &JobContext) -> Result<Outcome, ServiceError> + Send + Sync + 'static,
+) -> Worker {
+    Worker::start(app, Places { jobs: NonZeroUsize::new(jobs).unwrap(), threads: jobs, short_seconds }, run)
 }
 
 pub(crate) async fn submit(app: &App, parameters: Value) -> Job {
@@ -98,6 +108,30 @@ async fn a_job_runs_and_its_result_is_kept() {
     app.store.close().await;
     drop(app);
     assert_eq!(jobs::find(&reopened(&folder).await, &job.id).await.unwrap(), done);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_short_job_does_not_wait_for_a_long_one() {
+    let (_folder, app) = app().await;
+    let _worker =
+        worker_with_short(&app, 1, 10.0, |_, _, job, context| match job.parameters["kind"].as_str() {
+            Some("long") => spin(context),
+            _ => Ok(Outcome { result: json!(null), dictionary: None, output: None }),
+        });
+    let submit = async |kind: &str, seconds: f64| {
+        jobs::submit(&app, JobKind::LearnDictionary, json!({"kind": kind}), seconds).await.unwrap()
+    };
+    let long = submit("long", 3600.0).await;
+    until_spinning(&app, &long.id).await;
+    let (waiting, short) = (submit("medium", 11.0).await, submit("short", 10.0).await);
+    assert_eq!(finished(&app, &short.id).await.status, JobStatus::Succeeded);
+    assert_eq!(
+        jobs::find(&app, &waiting.id).await.unwrap().status,
+        JobStatus::Queued,
+        "too long for the slot of short jobs"
+    );
+    jobs::cancel(&app, &long.id).await.unwrap();
+    assert_eq!(finished(&app, &waiting.id).await.status, JobStatus::Succeeded);
 }
 
 #[tokio::test(flavor = "multi_thread")]

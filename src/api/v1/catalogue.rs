@@ -13,9 +13,10 @@ use crate::api::extract::{Format, NoQuery, Path, Query};
 use crate::api::problem::Problem;
 use crate::api::respond::{json, svg};
 use crate::formats::representation::read_generator;
+use crate::geometry::generator::details::GeneratorDetails;
 use crate::geometry::generator::{GeneratorKind, GeneratorProperties};
 use crate::service::app::ServiceError;
-use crate::service::shapes::generators::{self, GeneratorDetails};
+use crate::service::shapes::generators;
 
 /// Generator of the catalogue.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
@@ -98,7 +99,7 @@ pub(super) async fn find_generator(
 ) -> Result<Response, Problem> {
     let details = read_query(name, parameters).and_then(|(kind, count)| generators::describe(kind, count))?;
     if format == Format::Svg {
-        return Ok(svg(generators::draw(&details)));
+        return Ok(svg(details.draw()));
     }
     Ok(json(StatusCode::OK, &GeneratorPage::from(details))?)
 }

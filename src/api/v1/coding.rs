@@ -12,6 +12,7 @@ use super::request_macros::{ShapeOutput, checked, rows};
 use crate::analysis::dictionary::coding::{AnswerPose, CodedShape, Reconstruction};
 use crate::analysis::dictionary::in_use::Dictionary;
 use crate::analysis::dictionary::modes::Sample;
+use crate::analysis::dictionary::posted_code::PostedCode;
 use crate::analysis::dictionary::prior::{Energy, Reference};
 use crate::analysis::dictionary::score::Score;
 use crate::api::extract::{Caller, JsonBody, NoQuery, Path};
@@ -20,7 +21,7 @@ use crate::api::respond::{compute, json};
 use crate::formats::checked::{Checked, List, Many, document, take_given, take_many, take_or_default};
 use crate::formats::shape::{Points, ShapeInput};
 use crate::service::app::{App, ServiceError};
-use crate::service::dictionaries::coding::{Asked, PostedCode};
+use crate::service::dictionaries::coding::Asked;
 use crate::service::dictionaries::ready::Ready;
 use crate::service::dictionaries::{coding, ready};
 

@@ -187,6 +187,7 @@ impl EvaluateRequest {
         let wanted = settings.zip(parameters).zip(order.zip(frames));
         let ((((representation, correspondence), parameters), (order, frames)), shapes) =
             checked(wanted, errors, shapes)?;
+        let representation = app.admit(representation)?;
         let task = EvaluateTask { representation, correspondence, parameters, order, frames };
         planned(evaluate_work(&task, shapes.len(), format, &app.limits), move |app| match format {
             ShapeFormat::Plain(Format::Svg) => Ok(svg(task.drawing(app, shapes)?)),
@@ -504,6 +505,7 @@ impl MeasureRequest {
             errors.push(Fault::new("/field", "flow is computed for surfaces only"));
         }
         let ((representation, correspondence), shapes) = checked(settings, errors, shapes)?;
+        let representation = app.admit(representation)?;
         let counts = Counts::new(&representation, shapes.len(), &app.limits);
         let task = MeasureTask { representation, correspondence, reference: self.reference, field };
         let work = requests::measure(&task.representation, counts, task.reference.is_some(), &app.limits);

@@ -12,11 +12,11 @@ use crate::api::respond::{Planned, compute_planned, json, planned};
 use crate::formats::checked::{Checked, LARGE, document, take_or_default};
 use crate::formats::representation::Read;
 use crate::formats::shape::{Points, ShapeInput};
-use crate::geometry::deformation::Handle;
+use crate::geometry::deformation::{ControlPointMove, Deformation, Handle, Support};
 use crate::geometry::representation::Representation;
 use crate::service::app::{App, ServiceError};
 use crate::service::cost::requests::{self, Counts};
-use crate::service::shapes::deform::{self, ControlPointMove, Deformation, Support};
+use crate::service::shapes::deform;
 use crate::service::shapes::read::own_faults;
 use crate::service::shapes::request::Posted;
 
@@ -81,6 +81,7 @@ impl DeformRequest {
         }
         let ((representation, (moves, handles)), _) =
             checked(representation.zip(moves.zip(handles)), errors, Vec::new())?;
+        let representation = app.admit(representation)?;
         let counts = Counts::new(&representation, 1, &app.limits);
         planned(requests::deform(counts, handles.len()), move |app| {
             let posted = Posted::new(app, &representation, Correspondence::Landmarks)?;

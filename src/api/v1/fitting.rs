@@ -15,7 +15,7 @@ use crate::api::respond::{Planned, compute, compute_planned, json, planned};
 use crate::formats::checked::{Checked, LARGE, Limited, List, Raw, document, take_given, take_or_default};
 use crate::formats::representation::{FitTarget, Read};
 use crate::formats::shape::{Points, ShapeInput};
-use crate::geometry::capability::domain::Domain;
+use crate::geometry::capability::domain::{Admitted, Domain};
 use crate::geometry::capability::fit::{Fitted, PointPlaces};
 use crate::geometry::capability::idealise::{Placed, PlacedCurve, PlacedSurface};
 use crate::geometry::ideal::{IdealCurve, Position};
@@ -130,6 +130,7 @@ impl FitRequest {
         let shapes = self.shapes.unwrap_or_default().take("/shapes", &mut errors);
         let ((target, places), shapes) = checked(target.zip(places), errors, shapes)?;
         let FitTarget { representation, tolerance } = target;
+        let representation = app.admit(representation)?;
         let inputs = meshes.map_or(FitInputs::Shapes(shapes), FitInputs::Meshes);
         let task = FitTask { representation, tolerance, places, turns, start: self.start };
         planned(fit_work(&task, &inputs, &app.limits), move |app| {
@@ -293,6 +294,7 @@ impl RefineRequest {
         }
         let (((representation, correspondence), factor), shapes) =
             checked(settings.zip(factor), errors, shapes)?;
+        let representation = app.admit(representation)?;
         let work = refine_work(&representation, shapes.len(), factor, counts, &app.limits);
         planned(work, move |app| {
             let posted = Posted::from_splines(app, &representation, correspondence)?;
@@ -313,17 +315,20 @@ impl RefineRequest {
 
 /// Predicted work of refining `shapes` shapes.
 fn refine_work(
-    representation: &Representation,
+    representation: &Admitted,
     shapes: usize,
     factor: usize,
     control_points: Option<[usize; 2]>,
     limits: &Limits,
 ) -> Work {
     let counts = Counts::new(representation, shapes, limits);
-    let times = if representation.domain().is_sheet() { factor.saturating_mul(factor) } else { factor };
-    let finer =
-        control_points.map_or_else(|| counts.points().saturating_mul(times), |[u, v]| u.saturating_mul(v));
-    requests::refine(counts, finer, limits)
+    match representation.domain() {
+        Domain::Sheet { extent, .. } => {
+            let finer = extent.intervals.map(|count| count.saturating_mul(factor));
+            requests::resize(counts, extent.intervals, control_points.unwrap_or(finer), limits)
+        }
+        _ => requests::refine(counts, counts.points().saturating_mul(factor), limits),
+    }
 }
 
 impl From<Refined> for RefineAnswer {
@@ -472,6 +477,7 @@ impl IdealRequest {
             wanted.extend(take_ideal(input, surfaces, &format!("/{field}/{index}"), &mut errors));
         }
         let (representation, _) = checked(representation, errors, Vec::new())?;
+        let representation = app.admit(representation)?;
         let counts = Counts::new(&representation, wanted.len(), &app.limits);
         planned(requests::fit_lines(counts, 0.0, false), move |app| {
             let posted = Posted::from_splines(app, &representation, Correspondence::Landmarks)?;

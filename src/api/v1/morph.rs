@@ -7,6 +7,7 @@ use serde::Serialize;
 
 use super::request_macros::{ShapeOutput, checked};
 use crate::analysis::correspondence::Correspondence;
+use crate::analysis::path::{PathKind, Positions};
 use crate::api::extract::{Caller, Format, JsonBody, OnlyFormat};
 use crate::api::problem::Problem;
 use crate::api::respond::{Planned, compute_planned, json, planned, svg};
@@ -16,7 +17,7 @@ use crate::formats::shape::{Points, ShapeInput};
 use crate::geometry::representation::Representation;
 use crate::service::app::{App, ServiceError};
 use crate::service::cost::requests::{self, Counts};
-use crate::service::shapes::morph::{Morph, MorphTask, PathKind, PathShape, Positions};
+use crate::service::shapes::morph::{Morph, MorphTask, PathShape};
 use crate::service::shapes::read::own_faults;
 
 document! {
@@ -112,6 +113,7 @@ impl MorphRequest {
             }
         }
         let (((representation, correspondence), (kind, positions)), _) = checked(wanted, errors, Vec::new())?;
+        let representation = app.admit(representation)?;
         let counts = Counts::new(&representation, 2, &app.limits);
         let work = requests::morph(counts, positions.count(), format == Format::Svg, &app.limits);
         let task = MorphTask { representation, correspondence, kind, positions, ends };

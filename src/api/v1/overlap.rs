@@ -9,9 +9,10 @@ use crate::api::extract::{Caller, JsonBody, NoQuery};
 use crate::api::problem::Problem;
 use crate::api::respond::{Planned, compute_planned, json, planned};
 use crate::formats::checked::{Checked, document, take_given};
+use crate::geometry::overlap::Overlapping;
 use crate::service::app::{App, ServiceError};
 use crate::service::cost::requests;
-use crate::service::shapes::overlap::{self, BodyInput, Overlapping};
+use crate::service::shapes::overlap::{self, BodyInput};
 
 document! {
     /// Two bodies, both in the plane or both in space.
@@ -95,7 +96,8 @@ impl OverlapRequest {
         let ((first, second), _) = checked(self.first.zip(self.second), errors, Vec::new())?;
         let bodies = overlap::read(app, [first, second], spacing)?;
         planned(requests::overlap(bodies.cells()), move |app| {
-            let found = bodies.overlap(&app.pool.context())?;
+            let context = app.pool.context();
+            let found = bodies.overlap(&|| context.is_cancelled()).ok_or(ServiceError::Cancelled)?;
             json(StatusCode::OK, &OverlapAnswer::from(found))
         })
     }

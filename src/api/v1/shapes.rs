@@ -230,7 +230,7 @@ pub(super) async fn find_shape(
         return Ok(json(StatusCode::OK, &StoredShape::new(&cohort, shape))?);
     }
     compute(app.weighing(Work::MOMENT), move |app| {
-        let (space, _) = app.space(&cohort.spec.representation, "/representation")?;
+        let space = app.space_of(&cohort.spec.representation)?;
         if let ShapeFormat::Mesh(format, grid) = format {
             return mesh(&space, &shape.control_points, format, grid);
         }

@@ -6,7 +6,8 @@ use axum::response::Response;
 use serde::{Deserialize, Serialize};
 
 use super::request_macros::{MeanOutput, ShapeOutput, checked, rows, settings_request};
-use crate::analysis::alignment::{AlignedShape, Projection, unwhitened};
+use crate::analysis::alignment::{AlignedShape, Onto, Projection, unwhitened};
+use crate::analysis::pca::Components;
 use crate::api::extract::{
     Caller, Format, JsonBody, NoQuery, OnlyFormat, OnlyShapeFormat, Query, ShapeFormat, ShapeFormatQuery,
 };
@@ -15,10 +16,10 @@ use crate::api::respond::{compute_planned, json, mesh, planned, svg};
 use crate::formats::checked::{Checked, take_given, take_or_default};
 use crate::formats::fault::Fault;
 use crate::formats::shape::{Points, ShapeInput};
-use crate::service::app::{App, ServiceError};
+use crate::service::app::{App, Limits, ServiceError};
 use crate::service::cost::requests::{self, Counts};
 use crate::service::shapes::draw::MAX_DRAWN;
-use crate::service::statistics::{self, Components, Onto, Settings, Setup, Statistics};
+use crate::service::statistics::{self, CheckedSettings, Setup, Statistics};
 
 settings_request! {
     /// Shapes to project.
@@ -121,9 +122,10 @@ pub(super) async fn project(
         let onto = take_or_default(request.onto, "/onto", &mut errors);
         let whole = settings.zip(onto).zip(request.reference);
         let (((settings, onto), reference), shapes) = checked(whole, errors, shapes)?;
+        let settings = settings.checked(&app.limits)?;
         let work = requests::project(Counts::new(&settings.representation, shapes.len() + 1, &app.limits));
         planned(work, move |app| {
-            let (setup, projections) = statistics::project(app, &settings, onto, reference, shapes)?;
+            let (setup, projections) = statistics::project(app, settings, onto, reference, shapes)?;
             let dimension = setup.metric.dimension();
             let projections = projections.into_iter().map(|p| ProjectionOutput::new(p, dimension)).collect();
             json(StatusCode::OK, &ProjectAnswer { projections })
@@ -169,10 +171,11 @@ async fn answer(
         let (mut request, mut errors) = (app.parse::<StatisticsRequest>(body)?, Vec::new());
         let (settings, shapes) = request.take_settings(&mut errors);
         let (settings, shapes) = checked(settings, errors, shapes)?;
+        let settings = settings.checked(&app.limits)?;
         let counts = Counts::new(&settings.representation, shapes.len(), &app.limits);
         let drawn = if format == Format::Svg { shapes.len().min(MAX_DRAWN) } else { 0 };
         planned(requests::align(&settings, counts) + requests::draw(counts, drawn), move |app| {
-            let statistics = statistics::align(app, &settings, shapes)?;
+            let statistics = statistics::align(app, settings, shapes)?;
             if format == Format::Svg { Ok(draw(&statistics)) } else { write(&statistics) }
         })
     })
@@ -340,11 +343,11 @@ pub(super) async fn pca(
     compute_planned(app, body, move |app, body| {
         let sigma = mode.sigma()?;
         let PcaInput { settings, shapes, components, centre, aligned } =
-            app.parse::<PcaRequest>(body)?.take()?;
+            app.parse::<PcaRequest>(body)?.take(&app.limits)?;
         let counts = Counts::new(&settings.representation, shapes.len(), &app.limits);
         let work = requests::align(&settings, counts) + requests::components(counts, components);
         planned(work, move |app| {
-            let statistics = statistics::align(app, &settings, shapes)?;
+            let statistics = statistics::align(app, settings, shapes)?;
             let pca = statistics::pca(app, &statistics, components, centre)?;
             if format == Format::Svg {
                 let component = mode.component.unwrap_or(1);
@@ -359,7 +362,7 @@ pub(super) async fn pca(
 
 /// The checked parts of a [`PcaRequest`].
 struct PcaInput {
-    settings: Settings,
+    settings: CheckedSettings,
     shapes: Vec<ShapeInput>,
     components: usize,
     centre: bool,
@@ -367,7 +370,7 @@ struct PcaInput {
 }
 
 impl PcaRequest {
-    fn take(mut self) -> Result<PcaInput, ServiceError> {
+    fn take(mut self, limits: &Limits) -> Result<PcaInput, ServiceError> {
         let mut errors = Vec::new();
         let (settings, shapes) = self.take_settings(&mut errors);
         let components = take_given(self.components, "/components", &mut errors).unwrap_or(10);
@@ -377,6 +380,7 @@ impl PcaRequest {
             errors.push(Fault::new("/components", "expected at least 1, got 0"));
         }
         let (settings, shapes) = checked(settings, errors, shapes)?;
+        let settings = settings.checked(limits)?;
         Ok(PcaInput { settings, shapes, components, centre, aligned })
     }
 }

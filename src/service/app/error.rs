@@ -2,7 +2,9 @@
 
 use super::faults::Faults;
 use crate::analysis::AnalysisError;
+use crate::analysis::dictionary::procedure::ParameterFault;
 use crate::formats::fault::Fault;
+use crate::geometry::capability::FieldFault;
 use crate::store::StoreError;
 
 /// A page of entries and the cursor of the next page.
@@ -38,6 +40,12 @@ pub enum ServiceError {
         kind: &'static str,
         /// Requested name or id.
         key: String,
+    },
+    /// An object was deleted while the request was at work on it.
+    #[error("the {kind} was deleted in the meantime")]
+    Deleted {
+        /// Kind of object.
+        kind: &'static str,
     },
     /// A cohort has this name already.
     #[error("a cohort named '{name}' already exists")]
@@ -117,6 +125,11 @@ pub enum ServiceError {
     Internal(String),
 }
 
+/// A fault of a parameter, at its place in the request.
+pub fn parameter_fault(fault: ParameterFault) -> Fault {
+    Fault::new(pointer_of(fault.field), fault.detail)
+}
+
 /// Pointer of a parameter with this path, such as `method.codes`; that of the whole request for an empty one.
 fn pointer_of(path: &str) -> String {
     path.split('.').filter(|name| !name.is_empty()).map(|name| format!("/{name}")).collect()
@@ -131,7 +144,7 @@ impl ServiceError {
     pub fn cause(&self) -> &str {
         match self {
             Self::Unavailable(cause) | Self::NoSpace(cause) | Self::Internal(cause) => cause,
-            Self::NotFound { kind, .. } => kind,
+            Self::NotFound { kind, .. } | Self::Deleted { kind } => kind,
             Self::Cancelled => "cancelled",
             _ => "refused",
         }
@@ -195,11 +208,17 @@ impl From<AnalysisError> for ServiceError {
     }
 }
 
+impl From<FieldFault> for ServiceError {
+    fn from(fault: FieldFault) -> Self {
+        Self::Invalid(vec![fault.into()].into())
+    }
+}
+
 impl From<StoreError> for ServiceError {
     fn from(error: StoreError) -> Self {
         match error {
             StoreError::NameTaken { name } => Self::NameTaken { name },
-            StoreError::CohortGone => Self::NotFound { kind: "cohort", key: "deleted meanwhile".into() },
+            StoreError::CohortGone => Self::Deleted { kind: "cohort" },
             StoreError::TooManyJobs { .. } | StoreError::TooMuchWork { .. } => {
                 Self::Unavailable(error.to_string())
             }

@@ -197,6 +197,11 @@ pub(crate) fn compute_ended(lane: &'static str, seconds: f64, taken: f64) {
     counter!(COMPUTE_TAKEN, "lane" => lane).increment((1e6 * taken) as u64);
 }
 
+/// Records the predicted time in seconds of work that goes on in the computation that planned it.
+pub(crate) fn compute_planned(lane: &'static str, seconds: f64) {
+    counter!(COMPUTE_PREDICTED, "lane" => lane).increment((1e6 * seconds) as u64);
+}
+
 /// A waiting computation; dropped when it begins or is given up.
 #[derive(Debug)]
 pub(crate) struct InQueue {

@@ -179,7 +179,9 @@ impl From<ServiceError> for Problem {
             ServiceError::Malformed(errors) => Self::with(ProblemKind::MalformedBody, errors),
             ServiceError::DegenerateShape(errors) => Self::with(ProblemKind::DegenerateShape, errors),
             ServiceError::TooFewShapes { .. } => Self::new(ProblemKind::TooFewShapes, detail),
-            ServiceError::NotFound { .. } => Self::new(ProblemKind::NotFound, detail),
+            ServiceError::NotFound { .. } | ServiceError::Deleted { .. } => {
+                Self::new(ProblemKind::NotFound, detail)
+            }
             ServiceError::NameTaken { .. } => {
                 Self::with(ProblemKind::NameTaken, vec![Fault::new("/name", detail)])
             }

@@ -1,11 +1,8 @@
-//! Attributes of shapes, addressed by their names in requests: `subject`, `label`, `labels.<attribute>`.
-//!
-//! They define the groups, strata and covariates of tests and the classes of classifiers.
+//! Attributes of stored shapes. They define the groups, strata and covariates of tests and the classes of classifiers.
 
 use std::collections::BTreeSet;
 
-use serde_json::Value;
-
+use crate::domain::attribute::Attribute;
 use crate::domain::cohort::Cohort;
 use crate::domain::shape::{ShapeDescription, ShapeFilter};
 use crate::service::app::{App, ServiceError};
@@ -16,52 +13,6 @@ const NAMED_IDS: usize = 5;
 
 /// Number of shapes searched for names of attributes.
 const LOOKED_THROUGH: usize = 10_000;
-
-/// An attribute of shapes.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) enum Attribute {
-    Subject,
-    Label,
-    Labels(String),
-}
-
-impl Attribute {
-    /// Parses `subject`, `label` or `labels.<attribute>`.
-    pub(crate) fn parse(text: &str) -> Option<Self> {
-        match text {
-            "subject" => Some(Self::Subject),
-            "label" => Some(Self::Label),
-            other => other
-                .strip_prefix("labels.")
-                .filter(|name| !name.is_empty())
-                .map(|name| Self::Labels(name.into())),
-        }
-    }
-
-    /// What [`Self::parse`] wants.
-    pub(crate) const WANTED: &str = "expected 'subject', 'label' or 'labels.<attribute>'";
-
-    /// Value as text, as filters compare it.
-    pub(crate) fn text(&self, shape: &ShapeDescription) -> Option<String> {
-        match self {
-            Self::Subject => shape.subject.clone(),
-            Self::Label => shape.label.clone(),
-            Self::Labels(name) => match shape.labels.get(name)? {
-                Value::Null => None,
-                Value::String(text) => Some(text.clone()),
-                other => Some(other.to_string()),
-            },
-        }
-    }
-
-    /// Value, if it is a finite number.
-    pub(crate) fn number(&self, shape: &ShapeDescription) -> Option<f64> {
-        match self {
-            Self::Subject | Self::Label => None,
-            Self::Labels(name) => shape.labels.get(name)?.as_f64().filter(|value| value.is_finite()),
-        }
-    }
-}
 
 /// Descriptions of the shapes that pass a filter, in storage order.
 ///

@@ -45,7 +45,7 @@ pub async fn create(app: &App, spec: CohortSpec) -> Result<Cohort, ServiceError>
     app.check_unlimited("creating a cohort")?;
     let texts = text_faults(Some(&spec.name), spec.description.as_deref(), spec.length_unit.as_deref());
     let mut faults = Faults::from(texts);
-    faults.keep_below("/representation", read::check_representation(&spec.representation, &app.limits));
+    faults.keep_below("/representation", read::admit_linear(spec.representation.clone(), &app.limits));
     faults.keep(read::check_correspondence(&spec.representation, spec.correspondence))?;
     faults.keep(read::check_mirror(&spec.representation, spec.mirror))?;
     faults.unless_any()?;

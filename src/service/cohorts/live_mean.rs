@@ -18,7 +18,7 @@ use crate::service::app::cache::Cached;
 use crate::service::app::{App, ServiceError};
 use crate::service::cost::requests::{self, Counts};
 use crate::service::shapes::draw::MAX_DRAWN;
-use crate::service::statistics::{Settings, Setup};
+use crate::service::statistics::{CheckedSettings, Settings, Setup};
 
 /// Parameters of a cohort mean.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -74,10 +74,11 @@ pub async fn mean(app: &App, cohort: Cohort, query: MeanQuery) -> Result<Arc<Liv
         alignment: query.alignment,
         frame: query.frame,
     };
+    let settings = settings.checked(&app.limits)?;
     let (task_app, handle, filter) = (app.clone(), Handle::current(), query.filter);
     let work = requests::align(&settings, Counts::for_cohort(&cohort, &app.limits));
     let computed =
-        app.pool.weighing(work).run(move || compute(&task_app, &handle, cohort, &settings, filter)).await?;
+        app.pool.weighing(work).run(move || compute(&task_app, &handle, cohort, settings, filter)).await?;
     let mean = Arc::new(computed);
     app.cache.keep(&id, &key, &mean);
     Ok(mean)
@@ -87,7 +88,7 @@ fn compute(
     app: &App,
     handle: &Handle,
     cohort: Cohort,
-    settings: &Settings,
+    settings: CheckedSettings,
     filter: ShapeFilter,
 ) -> Result<LiveMean, ServiceError> {
     let setup = Setup::new(app, settings)?;

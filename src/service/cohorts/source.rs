@@ -59,16 +59,12 @@ pub(crate) trait Distribute: Sync {
 /// Shapes of a cohort with these ids or external ids, in the given order.
 ///
 /// # Errors
-/// All unknown ids, at `/ids/{index}`; more ids than the limit of a request.
+/// All unknown ids, at `/ids/{index}`.
 pub(crate) async fn find_all(
     app: &App,
     cohort: &Cohort,
     keys: &[String],
 ) -> Result<Vec<Shape>, ServiceError> {
-    if keys.len() > app.limits.shapes {
-        let detail = format!("expected at most {1} entries, got {0}", keys.len(), app.limits.shapes);
-        return Err(ServiceError::invalid("/ids", detail));
-    }
     let found = app.store.find_shapes(&cohort.id, keys).await?;
     let missing = found.iter().zip(keys).enumerate().filter(|(_, (shape, _))| shape.is_none());
     let fault = |(index, (_, key)): (usize, (_, &String))| {

@@ -1,6 +1,6 @@
 //! Upload of shapes into a cohort, from one body or a stream: all or nothing, or only the valid ones.
 //!
-//! The pool parses shapes and converts them to control points while a task writes the previous ones to the store. All
+//! The pool parses shapes and makes rows of them, each in one step, while a task writes the previous ones to the store. All
 //! shapes of an upload become visible together.
 
 use crate::formats::fault::Fault;
@@ -13,19 +13,21 @@ use std::time::Duration;
 use tokio::sync::mpsc;
 
 use super::catalogue::{Expected, revision_tag};
-use crate::domain::cohort::Cohort;
+use crate::analysis::conversion::Conversion;
+use crate::domain::cohort::{Cohort, CohortSpec};
 use crate::domain::id;
 use crate::domain::shape::NewShape;
 use crate::formats::bounds::Census;
 use crate::formats::ndjson::{Line, LineTooLong, Lines};
 use crate::formats::shape::ShapeInput;
 use crate::geometry::representation::ShapeSpace;
+use crate::geometry::resample::check_extent;
 use crate::service::app::idempotency::Retry;
 use crate::service::app::memory::Purpose;
 use crate::service::app::{App, ServiceError, Work, idempotency, now_ms};
 use crate::service::cost::requests::{self, Counts};
-use crate::service::shapes::read::{Reading, check_extent, parse, read_shape};
-use crate::store::{Added, StoreError, Upload};
+use crate::service::shapes::read::{Reading, parse, read_shape};
+use crate::store::{Added, ShapeRow, StoreError, Upload};
 
 /// Number of shapes written to the store at once.
 const CHUNK_SHAPES: usize = 4096;
@@ -64,17 +66,16 @@ pub struct Stored {
     pub faults: Vec<Fault>,
 }
 
-/// A shape as received: its position, its line, and the parsed input.
-struct Incoming {
-    index: usize,
-    line: Option<u64>,
-    text: Result<ShapeInput, ServiceError>,
+/// A shape as received.
+enum Incoming {
+    Line(Line),
+    Parsed(Box<ShapeInput>),
 }
 
 /// A shape on its way to the store, with its line.
 struct Arrived {
     line: Option<u64>,
-    shape: NewShape,
+    row: ShapeRow,
 }
 
 /// Adds the shapes of one body.
@@ -88,14 +89,6 @@ pub async fn add(
     on_error: OnError,
     expected: Option<Expected>,
 ) -> Result<Stored, ServiceError> {
-    if shapes.len() > app.limits.shapes {
-        let detail = format!(
-            "expected at most {1} shapes, got {0}: send more as a stream of NDJSON",
-            shapes.len(),
-            app.limits.shapes
-        );
-        return Err(ServiceError::invalid("/shapes", detail));
-    }
     if shapes.is_empty() {
         return Err(ServiceError::TooFewShapes { found: 0, needed: 1 });
     }
@@ -103,8 +96,7 @@ pub async fn add(
         return Ok(stored);
     }
     let mut writer = Writer::new(app, &cohort, on_error, "/shapes/", expected).await?;
-    let incoming = shapes.into_iter().enumerate();
-    let incoming = incoming.map(|(index, shape)| Incoming { index, line: None, text: Ok(shape) }).collect();
+    let incoming = shapes.into_iter().map(|shape| Incoming::Parsed(Box::new(shape))).collect();
     let taken = writer.take(app, incoming).await;
     writer.end(app, taken).await
 }
@@ -158,7 +150,7 @@ async fn take_stream(
             pending_bytes += line.text.len();
             pending.push(line);
         };
-        lines.push(&chunk, keep).map_err(too_long)?;
+        lines.push(chunk, keep).map_err(too_long)?;
         if pending.len() >= CHUNK_SHAPES || pending_bytes >= CHUNK_BYTES {
             pending_bytes = 0;
             writer.take_lines(app, std::mem::take(&mut pending)).await?;
@@ -206,7 +198,7 @@ impl Writer {
         if let Some(expected) = &expected {
             expected.check(&revision_tag(cohort))?;
         }
-        let (space, _) = app.space(&cohort.spec.representation, "/representation")?;
+        let space = app.space_of(&cohort.spec.representation)?;
         let upload = app.store.begin_upload(cohort);
         let (chunks, received) = mpsc::channel(1);
         let task = tokio::spawn(write(upload, received, prefix));
@@ -233,22 +225,7 @@ impl Writer {
                 retry.update(b"\n");
             }
         }
-        let first = self.position;
-        let limits = app.limits;
-        let bytes = lines.iter().map(|line| line.text.len()).sum();
-        let incoming = app
-            .pool
-            .weighing(Work::reading(bytes))
-            .run(move || {
-                let read = |(offset, line): (usize, Line)| Incoming {
-                    index: first + offset,
-                    line: Some(line.number),
-                    text: parse(&limits, &line.text),
-                };
-                Ok(lines.into_par_iter().enumerate().map(read).collect())
-            })
-            .await?;
-        self.take(app, incoming).await
+        self.take(app, lines.into_iter().map(Incoming::Line).collect()).await
     }
 
     /// Takes shapes in groups, because parsed shapes need more memory than their text.
@@ -269,24 +246,22 @@ impl Writer {
     }
 
     async fn take_some(&mut self, app: &App, incoming: Vec<Incoming>) -> Result<(), ServiceError> {
+        let first = self.position;
         self.position += incoming.len();
         let (space, cohort, limits, prefix) =
             (self.space.clone(), self.cohort.clone(), app.limits, self.prefix);
-        let work = requests::store(
-            Counts::new(&cohort.spec.representation, incoming.len(), &limits),
-            cohort.spec.correspondence,
-        );
+        let bytes = incoming.iter().map(Incoming::bytes).sum();
+        let counts = Counts::for_space(&space, incoming.len(), &limits);
+        let work = Work::reading(bytes) + requests::store(counts, cohort.spec.correspondence);
         let results: Vec<Result<Arrived, Vec<Fault>>> = app
             .pool
             .weighing(work)
             .run(move || {
-                let reading = Reading {
-                    space: &space,
-                    correspondence: cohort.spec.correspondence,
-                    direction: cohort.spec.direction,
-                    limits: &limits,
-                };
-                Ok(incoming.into_par_iter().map(|shape| read(&reading, shape, prefix)).collect())
+                let CohortSpec { correspondence, direction, .. } = cohort.spec;
+                let conversion = Conversion { space: &space, correspondence, direction };
+                let reading = Reading { conversion, limits: &limits };
+                let read = |(offset, shape)| read(&reading, shape, first + offset, prefix);
+                Ok(incoming.into_par_iter().enumerate().map(read).collect())
             })
             .await?;
         let mut good = Vec::with_capacity(results.len());
@@ -353,9 +328,9 @@ async fn write(
     let mut stored = Stored::default();
     let mut first = 0;
     while let Some(chunk) = chunks.recv().await {
-        let (lines, shapes): (Vec<Option<u64>>, Vec<NewShape>) =
-            chunk.into_iter().map(|arrived| (arrived.line, arrived.shape)).unzip();
-        let added = match upload.add(shapes).await {
+        let (lines, rows): (Vec<Option<u64>>, Vec<ShapeRow>) =
+            chunk.into_iter().map(|arrived| (arrived.line, arrived.row)).unzip();
+        let added = match upload.add(rows).await {
             Ok(added) => added,
             Err(error) => {
                 upload.abort().await?;
@@ -391,8 +366,27 @@ fn located(error: StoreError, first: usize, lines: &[Option<u64>], prefix: &str)
     ServiceError::ExternalIdConflict(Fault { pointer, detail, index: Some(index), line })
 }
 
-fn read(reading: &Reading<'_>, incoming: Incoming, prefix: &str) -> Result<Arrived, Vec<Fault>> {
-    let Incoming { index, line, text } = incoming;
+impl Incoming {
+    /// Bytes to be parsed.
+    fn bytes(&self) -> usize {
+        match self {
+            Self::Line(line) => line.text.len(),
+            Self::Parsed(_) => 0,
+        }
+    }
+}
+
+/// Parses the shape at `index` of the upload and makes a row of it. Its text and what is parsed of it end here.
+fn read(
+    reading: &Reading<'_>,
+    incoming: Incoming,
+    index: usize,
+    prefix: &str,
+) -> Result<Arrived, Vec<Fault>> {
+    let (line, shape) = match incoming {
+        Incoming::Line(Line { number, text }) => (Some(number), parse(reading.limits, text.trim_ascii_end())),
+        Incoming::Parsed(shape) => (None, Ok(*shape)),
+    };
     // Each line is a document of its own; in a body, pointers include the position of the shape.
     let prefix = if prefix.is_empty() { String::new() } else { format!("{prefix}{index}") };
     let placed = |fault: Fault| Fault {
@@ -401,18 +395,20 @@ fn read(reading: &Reading<'_>, incoming: Incoming, prefix: &str) -> Result<Arriv
         line,
         ..fault
     };
-    let shape = text.map_err(|error| match error {
+    let shape = shape.map_err(|error| match error {
         ServiceError::Malformed(faults) => faults.into_iter().map(placed).collect::<Vec<_>>(),
         other => vec![placed(Fault::new("", other.to_string()))],
     })?;
     let shape = read_shape(reading, shape).and_then(|(control_points, attributes)| {
         // Once stored, a shape without extent would break every mean of the cohort.
-        check_extent(&control_points, reading.space.representation().size())?;
+        check_extent(&control_points, reading.conversion.space.representation().size())
+            .map_err(|error| vec![Fault::new("", error.to_string())])?;
         Ok((control_points, attributes))
     });
     match shape {
         Ok((control_points, attributes)) => {
-            Ok(Arrived { line, shape: NewShape { id: id::new_id(id::SHAPE), attributes, control_points } })
+            let shape = NewShape { id: id::new_id(id::SHAPE), attributes, control_points };
+            Ok(Arrived { line, row: shape.into() })
         }
         Err(errors) => Err(errors.into_iter().map(placed).collect()),
     }

@@ -1,4 +1,4 @@
-//! Predicted cost of requests, in seconds ([`requests`]), and of jobs, in multiply-adds and bytes ([`jobs`]).
+//! Predicted cost of requests, in seconds ([`requests`]). That of jobs is
+//! [`analysis::estimate`](crate::analysis::estimate).
 
-pub mod jobs;
 pub mod requests;

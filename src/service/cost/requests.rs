@@ -12,17 +12,16 @@ use crate::analysis::correspondence::Correspondence;
 use crate::analysis::transformation::{ClassName, Transformation};
 use crate::domain::cohort::Cohort;
 use crate::formats::shape::ShapeInput;
-use crate::geometry::capability::domain::Domain;
+use crate::geometry::capability::domain::{Admitted, Domain};
 use crate::geometry::capability::sample::Parameters;
-use crate::geometry::representation::Representation;
+use crate::geometry::representation::{Representation, ShapeSpace};
 use crate::geometry::subdivision::refinement::Depth;
 use crate::geometry::surface::basis::Extent;
 use crate::service::app::Limits;
 use crate::service::app::work::{NUMBER, REQUEST, Work};
-use crate::service::shapes::read::check_representation;
 use crate::service::shapes::read_mesh::MeshInput;
 use crate::service::shapes::read_points::given;
-use crate::service::statistics::Settings;
+use crate::service::statistics::CheckedSettings;
 
 /// Sizes of the shapes of a request: their number, control points and dimension.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -38,19 +37,25 @@ pub struct Counts {
 impl Counts {
     /// Counts of the shapes of a cohort.
     pub fn for_cohort(cohort: &Cohort, limits: &Limits) -> Self {
-        Self { shapes: cohort.shapes as f64, ..Self::new(&cohort.spec.representation, 0, limits) }
+        Self { shapes: cohort.shapes as f64, ..Self::for_stored(&cohort.spec.representation, 0, limits) }
     }
 
-    /// Counts of `shapes` shapes of a representation, within the limits; a representation that is refused for its size
-    /// costs nothing.
-    pub fn new(representation: &Representation, shapes: usize, limits: &Limits) -> Self {
-        // The control mesh of a subdivision surface is checked when it is refined; only its size matters here.
-        let refused =
-            !representation.domain().is_mesh() && check_representation(representation, limits).is_err();
-        let points = if refused { 0 } else { representation.size().min(limits.control_points) };
+    /// Counts of `shapes` shapes of the representation of a request, within the limits.
+    pub fn new(representation: &Admitted, shapes: usize, limits: &Limits) -> Self {
+        Self::for_stored(representation, shapes, limits)
+    }
+
+    /// Counts of `shapes` shapes of a prepared space, within the limits.
+    pub fn for_space(space: &ShapeSpace, shapes: usize, limits: &Limits) -> Self {
+        Self::for_stored(space.representation(), shapes, limits)
+    }
+
+    /// Counts of `shapes` shapes of a stored representation. It was within the limits when it was stored; they may have been
+    /// lowered since, and bound the counts.
+    pub fn for_stored(representation: &Representation, shapes: usize, limits: &Limits) -> Self {
         Self {
             shapes: shapes.min(limits.shapes) as f64,
-            points: points as f64,
+            points: representation.size().min(limits.control_points) as f64,
             dimension: representation.dimension().clamp(2, 3) as f64,
         }
     }
@@ -94,7 +99,7 @@ pub fn space(representation: &Representation, limits: &Limits) -> Work {
     const ROW: f64 = 5e-7;
     /// Per vertex of the level of a subdivision surface: a row of its refinement steps.
     const VERTEX: f64 = 2e-6;
-    let one = Counts::new(representation, 1, limits);
+    let one = Counts::for_stored(representation, 1, limits);
     Work(one.points * ROW + vertices(representation, one, limits) * VERTEX)
 }
 
@@ -107,7 +112,7 @@ pub fn project(counts: Counts) -> Work {
 
 /// Number of columns that a shape contributes to the mean operator, and number of its rows: see the table of
 /// `analysis::mean`.
-fn operator(settings: &Settings, counts: Counts) -> (f64, f64) {
+fn operator(settings: &CheckedSettings, counts: Counts) -> (f64, f64) {
     let d = counts.dimension;
     match &settings.transformation {
         Transformation::Named(ClassName::Affine | ClassName::Linear) => (d, counts.points),
@@ -125,7 +130,7 @@ fn scatter(columns: f64, rows: f64) -> Work {
 }
 
 /// Mean of shapes and their alignment to it.
-pub fn align(settings: &Settings, counts: Counts) -> Work {
+pub fn align(settings: &CheckedSettings, counts: Counts) -> Work {
     /// Per coordinate: reading, whitening, the basis of the subspace, its projection and the response.
     const COORDINATE: f64 = 1e-7;
     /// Per coordinate and factor of two of `N`: the rounds of a search for start points, with one spectrum each.
@@ -176,10 +181,11 @@ pub fn measure(representation: &Representation, counts: Counts, reference: bool,
 fn measure_lines(counts: Counts, reference: bool) -> Work {
     /// Per dimension: quadratures and self-intersections of an interval between knots.
     const INTERVAL: f64 = 3e-6;
-    /// Nearest points of two intervals, in both directions.
-    const PAIR: f64 = 3e-6;
-    let pairs = if reference { counts.shapes * counts.points * counts.points } else { 0.0 };
-    Work(REQUEST + counts.values() * INTERVAL + pairs * PAIR)
+    /// Nearest points of an interval, in both directions; most of the other curve is out of question. Curves for which it is
+    /// not, such as a circle and its centre, are charged for what they took.
+    const NEAREST: f64 = 7e-5;
+    let searched = if reference { counts.values() } else { 0.0 };
+    Work(REQUEST + counts.values() * INTERVAL + searched * NEAREST)
 }
 
 /// Measures of surfaces with parameters.
@@ -318,6 +324,25 @@ fn fit_meshes(
 pub fn refine(counts: Counts, size: usize, limits: &Limits) -> Work {
     let finer = size.min(limits.control_points) as f64;
     Work::numbers(counts.shapes * counts.dimension * (finer + counts.points))
+}
+
+/// Surfaces of `from` intervals on a grid of `to`, and the distances to the originals.
+pub fn resize(counts: Counts, from: [usize; 2], to: [usize; 2], limits: &Limits) -> Work {
+    /// Per node of the quadrature: a point of either surface.
+    const NODE: f64 = 1.6e-8;
+    /// Nodes of a piece along a direction.
+    const NODES: f64 = 10.0;
+    let nodes = |direction: usize| {
+        let (less, more) = (from[direction], to[direction]);
+        let breaks = if less > 0 && more % less == 0 { more } else { less + more };
+        2.0 * breaks as f64 * NODES
+    };
+    let size = to[0].saturating_mul(to[1]);
+    // Refused for its size.
+    if size > limits.control_points {
+        return Work(REQUEST);
+    }
+    refine(counts, size, limits) + Work(counts.shapes * nodes(0) * nodes(1) * NODE)
 }
 
 /// Shapes at `positions` positions of a path, as numbers or as a drawing.

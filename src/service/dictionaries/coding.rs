@@ -4,14 +4,17 @@
 //! They read and limit the shapes; the arithmetic is in [`analysis::dictionary`](crate::analysis::dictionary).
 
 use super::ready::Ready;
+use crate::analysis::conversion::Conversion;
 use crate::analysis::correspondence::Correspondence;
 use crate::analysis::dictionary::coding::{AnswerPose, CodedShape, Reconstruction};
 use crate::analysis::dictionary::modes::Sample;
+use crate::analysis::dictionary::posted_code::PostedCode;
 use crate::analysis::dictionary::prior::{Energy, Reference};
 use crate::analysis::dictionary::score::Score;
 use crate::formats::fault::Fault;
 use crate::formats::shape::ShapeInput;
-use crate::numeric::dense::Matrix;
+use crate::geometry::capability::FieldFault;
+use crate::numeric::MAX_NUMBER;
 use crate::service::app::{App, Limits, ServiceError, Work};
 use crate::service::cohorts::catalogue;
 use crate::service::cost::requests::{self, Counts};
@@ -70,7 +73,8 @@ impl Asked {
             Self::Stored(control_points) => control_points,
             Self::Posted(shapes) => {
                 let (space, direction) = (&ready.setup.space, ready.dictionary.content.direction);
-                let reading = Reading { space, correspondence, direction, limits: &app.limits };
+                let conversion = Conversion { space, correspondence, direction };
+                let reading = Reading { conversion, limits: &app.limits };
                 read::read_batch(&reading, shapes)?.control_points
             }
         };
@@ -85,7 +89,7 @@ impl Ready {
     /// Predicted work of encoding `shapes` shapes, and of answering `numbers` numbers for each in addition to its code.
     pub fn work(&self, shapes: usize, numbers: usize, limits: &Limits) -> Work {
         let (length, model) = (self.setup.metric.len(), &self.dictionary.model);
-        let counts = Counts::new(&self.dictionary.content.representation, shapes, limits);
+        let counts = Counts::for_space(&self.setup.space, shapes, limits);
         let numbers = numbers.min(limits.samples) as f64 + length as f64 + model.len() as f64;
         requests::encode(counts, model.work(length), numbers, self.setup.matching.searches())
     }
@@ -131,26 +135,6 @@ pub(crate) fn check_samples(app: &App, samples: usize, shapes: usize) -> Result<
     Ok(())
 }
 
-/// A code of a shape.
-#[derive(Debug, Clone, PartialEq, serde::Deserialize, utoipa::ToSchema)]
-#[serde(deny_unknown_fields)]
-pub struct PostedCode {
-    /// Indices of the atoms in use, from 0.
-    pub indices: Vec<usize>,
-    /// Coefficients, one per index. Excludes `matrices`.
-    #[serde(default)]
-    pub values: Option<Vec<f64>>,
-    /// Matrices of the atoms, row by row, one per index; for invariant codes.
-    #[serde(default)]
-    pub matrices: Option<Vec<Vec<Vec<f64>>>>,
-    /// Translation of the result, for invariant codes. Default: zero.
-    #[serde(default)]
-    pub offset: Option<Vec<f64>>,
-}
-
-/// Maximum absolute value of a number in a posted code.
-const MOST: f64 = 1e100;
-
 /// Reconstructs shapes from posted codes: in the pose of the dictionary, or as given by matrices and offset.
 ///
 /// # Errors
@@ -160,78 +144,21 @@ pub fn reconstruct_codes(
     ready: &Ready,
     codes: &[PostedCode],
 ) -> Result<Vec<Reconstruction>, ServiceError> {
-    if codes.is_empty() || codes.len() > app.limits.shapes {
-        let detail = format!("expected between 1 and {1} codes, got {0}", codes.len(), app.limits.shapes);
+    if codes.is_empty() {
+        let detail = format!("expected between 1 and {} codes, got 0", app.limits.shapes);
         return Err(ServiceError::invalid("/codes", detail));
     }
-    let mut faults = Vec::new();
+    let (mut fitting, mut faults) = (Vec::with_capacity(codes.len()), Vec::new());
     for (index, code) in codes.iter().enumerate() {
-        let found = code_faults(ready, code);
-        faults.extend(found.into_iter().map(|(field, detail)| Fault {
-            index: Some(index),
-            ..Fault::new(format!("/codes/{index}{field}"), detail)
-        }));
+        let placed = |fault: FieldFault| Fault::from(fault).below(&format!("/codes/{index}")).at_shape(index);
+        match ready.dictionary.fitting(code) {
+            Ok(code) => fitting.push(code),
+            Err(found) => faults.extend(found.into_iter().map(placed)),
+        }
     }
     ServiceError::unless_empty(faults)?;
     let context = app.pool.context();
-    codes.iter().map(|code| context.check().map(|()| reconstruct_code(ready, code))).collect()
-}
-
-fn code_faults(ready: &Ready, code: &PostedCode) -> Vec<(String, String)> {
-    let mut faults = Vec::new();
-    let (atoms, d) = (ready.dictionary.model.len(), ready.setup.metric.dimension());
-    for (position, &index) in code.indices.iter().enumerate() {
-        if index >= atoms {
-            faults.push((
-                format!("/indices/{position}"),
-                format!("expected an index below {atoms}, the number of atoms, got {index}"),
-            ));
-        }
-        if code.indices[..position].contains(&index) {
-            faults.push((format!("/indices/{position}"), format!("the index {index} is given twice")));
-            break;
-        }
-    }
-    let wanted = code.indices.len();
-    let bounded = |value: &f64| value.abs() <= MOST;
-    let given = if ready.dictionary.is_invariant() { "matrices" } else { "values" };
-    let fits = if ready.dictionary.is_invariant() {
-        code.matrices.as_ref().is_some_and(|matrices| {
-            let square = |m: &Vec<Vec<f64>>| m.len() == d && m.iter().all(|row| row.len() == d);
-            matrices.len() == wanted
-                && matrices.iter().all(square)
-                && matrices.iter().flatten().flatten().all(bounded)
-        }) && code.values.is_none()
-    } else {
-        code.values.as_ref().is_some_and(|values| values.len() == wanted && values.iter().all(bounded))
-            && code.matrices.is_none()
-            && code.offset.is_none()
-    };
-    if !fits {
-        let detail = match given {
-            "values" => format!("expected {wanted} numbers, one per index, without matrices and offset"),
-            _ => format!("expected {wanted} matrices of {d} × {d} numbers, one per index, without values"),
-        };
-        faults.push((format!("/{given}"), detail));
-    }
-    if code.offset.as_ref().is_some_and(|offset| offset.len() != d || !offset.iter().all(bounded)) {
-        faults.push(("/offset".into(), format!("expected {d} numbers")));
-    }
-    faults
-}
-
-fn reconstruct_code(ready: &Ready, code: &PostedCode) -> Reconstruction {
-    let (dictionary, indices) = (&ready.dictionary, &code.indices);
-    let control_points = match (&code.matrices, &code.values) {
-        (Some(matrices), _) => {
-            let square = |rows: &Vec<Vec<f64>>| Matrix::from_fn(rows.len(), rows.len(), |i, k| rows[i][k]);
-            let matrices: Vec<Matrix> = matrices.iter().map(square).collect();
-            let zero = || vec![0.0; ready.setup.metric.dimension()];
-            dictionary.combine_moved(indices, &matrices, &code.offset.clone().unwrap_or_else(zero))
-        }
-        (None, values) => dictionary.combine(indices, values.as_deref().unwrap_or_default()),
-    };
-    Reconstruction { control_points, relative_error: None, residual: Vec::new() }
+    fitting.iter().map(|code| context.check().map(|()| code.reconstruct())).collect()
 }
 
 /// Scores shapes. Among shapes like those of the training, the fraction `1 − quantile` counts as outliers.
@@ -278,7 +205,7 @@ pub fn prior(
     reference: Reference,
     gamma: f64,
 ) -> Result<Vec<Energy>, ServiceError> {
-    if !(gamma > 0.0 && gamma <= MOST) {
+    if !(gamma > 0.0 && gamma <= MAX_NUMBER) {
         return Err(ServiceError::invalid(
             "/gamma",
             format!("expected a positive number up to 1e100, got {gamma}"),

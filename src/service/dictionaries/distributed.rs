@@ -205,7 +205,7 @@ impl Help {
         let Description { plan, since, shapes, work } = serde_json::from_str(&self.of.description)
             .map_err(|error| ServiceError::Internal(format!("the description of a pass: {error}")))?;
         let cohort = plan.cohort(app, handle)?;
-        let setup = Setup::new(app, &plan.settings(&cohort))?;
+        let setup = Setup::of(app, plan.settings(&cohort))?;
         let stop = || self.context.is_cancelled();
         let shapes = StoredShapes::counted(app, handle, &cohort, &plan.filter, since, &setup, &stop, shapes);
         let part = shapes.part(self.claim.part, self.claim.start);

@@ -9,16 +9,16 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use super::planning::method_faults;
-use super::ready::Ready;
-use super::{file_classifier, ready};
-use crate::analysis::dictionary::content::{Content, HeldOutMeasure};
-use crate::analysis::dictionary::in_use::Dictionary;
-use crate::analysis::metric::norm;
-use crate::analysis::rows::Row;
+use super::ready::{self, Ready};
+use crate::analysis::classification::consistency::classifier_faults;
+use crate::analysis::dictionary::content::Content;
 use crate::domain::cohort::name_problem;
 use crate::domain::dictionary::{NewDictionary, Provenance, Summary};
 use crate::domain::id;
+use crate::geometry::capability::FieldFault;
+use crate::geometry::capability::domain::Admitted;
 use crate::service::app::{App, Limits, ServiceError, now_ms};
+use crate::service::shapes::read::admit_linear;
 
 /// Name of the file format.
 const FORMAT: &str = "shapelex-dictionary";
@@ -180,14 +180,16 @@ fn checked_file(
         );
         return Err(ServiceError::invalid("/digest", detail));
     }
-    ServiceError::unless_empty(content_faults(&file.content, &app.limits))?;
-    ServiceError::unless_empty(file_classifier::classifier_faults(&file.content))?;
-    let prepared = ready::prepare(app, file.content).map_err(|error| match error {
+    let admitted = check_content(&file.content, &app.limits);
+    let admitted = admitted.map_err(|faults| ServiceError::Invalid(faults.into()))?;
+    ServiceError::unless_empty(in_file(classifier_faults(&file.content)).collect())?;
+    let settings = ready::settings(&file.content).checked_with(Ok(admitted));
+    let prepared = settings.and_then(|settings| ready::prepare(app, settings, file.content));
+    let (_, dictionary) = prepared.map_err(|error| match error {
         ServiceError::Invalid(faults) => ServiceError::Invalid(faults.map(|fault| fault.below("/content"))),
         other => other,
-    });
-    let (_, dictionary) = prepared?;
-    ServiceError::unless_empty(norm_faults(&dictionary))?;
+    })?;
+    ServiceError::unless_empty(in_file(dictionary.norm_faults()).collect())?;
     Ok(NewDictionary {
         id: id::new_id(id::DICTIONARY),
         name,
@@ -200,110 +202,25 @@ fn checked_file(
     })
 }
 
-/// Inconsistencies in a file: wrong sizes, and values that learning never produces.
-fn content_faults(content: &Content, limits: &Limits) -> Vec<Fault> {
+/// Checks the content of a file; the representation is then within the limits.
+///
+/// # Errors
+/// Wrong sizes, and values that learning never produces.
+fn check_content(content: &Content, limits: &Limits) -> Result<Admitted, Vec<Fault>> {
     let mut faults: Vec<Fault> =
         method_faults(&content.method, limits).into_iter().map(|fault| fault.below("/content")).collect();
-    let representation = &content.representation;
-    if let Err(errors) = crate::service::shapes::read::check_representation(representation, limits) {
-        let below = errors.into_iter().map(|error| error.below("/content/representation"));
-        faults.extend(below);
-        return faults;
-    }
-    let (size, dimension) = (representation.size(), representation.dimension());
-    let mut check = |ok: bool, field: String, detail: &str| {
-        if !ok {
-            faults.push(Fault::new(format!("/content/{field}"), detail));
+    let admitted = match admit_linear(content.representation.clone(), limits) {
+        Ok(admitted) => admitted,
+        Err(errors) => {
+            faults.extend(errors.into_iter().map(|error| error.below("/content/representation")));
+            return Err(faults);
         }
     };
-    let bounded = |row: &[f64]| row.iter().all(|value| value.abs() <= MAX_NUMBER);
-    let shape =
-        |rows: &[Row]| rows.len() == size && rows.iter().all(|row| row.len() == dimension && bounded(row));
-    let wrong = "expected the size of the representation, and numbers within ±1e100";
-    check(shape(&content.mean.control_points), "mean/control_points".into(), wrong);
-    for (j, atom) in content.atoms.iter().enumerate() {
-        check(shape(&atom.control_points), format!("atoms/{j}/control_points"), wrong);
-    }
-    if let Some(centre) = &content.centre {
-        check(shape(centre), "centre".into(), wrong);
-    }
-    let scores = content.statistics.scores.as_ref();
-    for (field, detail) in content.method.inconsistencies(content, &bounded) {
-        check(false, field.into(), detail);
-    }
-    let quantiles = |values: &[f64]| !values.is_empty() && values.is_sorted();
-    let residuals = &content.statistics.residuals;
-    check(quantiles(residuals), "statistics/residuals".into(), "expected numbers in ascending order");
-    check(
-        scores.is_none_or(|scores| quantiles(&scores.t_squared)),
-        "statistics/scores/t_squared".into(),
-        "expected numbers in ascending order",
-    );
-    faults.extend(held_out_faults(content));
-    faults
+    faults.extend(in_file(content.faults()));
+    if faults.is_empty() { Ok(admitted) } else { Err(faults) }
 }
 
-/// Inconsistencies in the measures of held-out shapes.
-fn held_out_faults(content: &Content) -> Vec<Fault> {
-    let Some(held_out) = &content.statistics.held_out else { return Vec::new() };
-    let mut faults = Vec::new();
-    let mut check = |ok: bool, field: &str, detail: &str| {
-        if !ok {
-            faults.push(Fault::new(format!("/content/statistics/held_out/{field}"), detail));
-        }
-    };
-    let count = held_out.novelty.len();
-    let ascending = |values: &[f64]| {
-        values.len() == count && values.is_sorted() && values.iter().all(|value| value.abs() <= MAX_NUMBER)
-    };
-    let fits = |measure: &HeldOutMeasure| {
-        ascending(&measure.values)
-            && measure.log_mean.abs() <= MAX_NUMBER
-            && (1e-100..=MAX_NUMBER).contains(&measure.log_deviation)
-    };
-    let wrong = "expected one number per held-out shape in ascending order, with mean and positive deviation";
-    check(
-        count >= 2 && ascending(&held_out.novelty),
-        "novelty",
-        "expected at least two numbers in ascending order",
-    );
-    check(fits(&held_out.residuals), "residuals", wrong);
-    check(held_out.t_squared.as_ref().is_none_or(fits), "t_squared", wrong);
-    let components = !content.method.is_sparse();
-    check(
-        held_out.t_squared.is_some() == components,
-        "t_squared",
-        "expected for components, and only for them",
-    );
-    faults
-}
-
-/// Largest number in a shape or a statistic of a file: its square is finite.
-const MAX_NUMBER: f64 = 1e100;
-
-/// Tolerance for products of atoms in a file; for learnt atoms the deviation is about 1e-15.
-const ORTHONORMAL: f64 = 1e-6;
-
-/// Faults that make comparisons impossible: a mean without extent, and atoms that are not of unit norm or not
-/// orthogonal where they must be (components, and the blocks of invariant codes).
-fn norm_faults(dictionary: &Dictionary) -> Vec<Fault> {
-    let mut faults = Vec::new();
-    let model = &dictionary.model;
-    if !(norm(&dictionary.preparation.mean) > 0.0) {
-        faults.push(Fault::new("/content/mean/control_points", "expected a shape with an extent"));
-    }
-    // Components are mutually orthogonal; the atoms of invariant codes have orthogonal blocks.
-    let (columns, block) = model.columns();
-    let group = if dictionary.content.method.is_sparse() { block } else { columns.ncols() };
-    for j in 0..model.len() {
-        let first = j * block / group.max(1) * group;
-        let products = columns.columns(first, group).tr_mul(&columns.columns(j * block, block));
-        let wanted = |i: usize, k: usize| if first + i == j * block + k { 1.0 } else { 0.0 };
-        let near = |i: usize, k: usize| (products[(i, k)] - wanted(i, k)).abs() <= ORTHONORMAL;
-        if !(0..group).all(|i| (0..block).all(|k| near(i, k))) {
-            let detail = "expected unit norm, and orthogonality where the method requires it";
-            faults.push(Fault::new(format!("/content/atoms/{j}/control_points"), detail));
-        }
-    }
-    faults
+/// Faults of the content, at their places in the file.
+fn in_file(faults: Vec<FieldFault>) -> impl Iterator<Item = Fault> {
+    faults.into_iter().map(|fault| Fault::from(fault.below("content")))
 }

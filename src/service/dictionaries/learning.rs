@@ -61,7 +61,7 @@ pub fn learn(
         None => None,
         Some(id) => Some(Previous::read(app, handle, id)?),
     };
-    let setup = Setup::new(app, &plan.settings(&cohort))?;
+    let setup = Setup::of(app, plan.settings(&cohort))?;
     let others = Spreading { app, handle, job, plan };
     let task = Task { app, handle, plan, cohort: &cohort, setup: &setup, context, others };
     let (content, state) = task.content(previous)?;
@@ -220,8 +220,6 @@ impl Task<'_> {
         self.phase(Phase::Validate, 0.0);
         let read = class_labels::read(self.app, self.cohort, &self.plan.filter, &settings.attribute);
         let labels = self.handle.block_on(read)?;
-        let length = self.setup.metric.len();
-        ServiceError::unless_empty(class_labels::faults(&labels, settings, &self.plan.method, length))?;
         let kept = ShapesInMemory::of(shapes)?;
         let record = train_classifier(dictionary, &kept, &labels, settings, self);
         record.map_err(|error| shapes.named(error))

@@ -16,7 +16,6 @@ pub mod coding;
 pub mod distributed;
 pub mod drift;
 pub mod file;
-mod file_classifier;
 pub mod learning;
 pub mod modes;
 pub mod plan;

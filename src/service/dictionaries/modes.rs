@@ -2,28 +2,13 @@
 
 use super::ready::Ready;
 use crate::analysis::dictionary::modes::Mode;
-use crate::analysis::rows::columns_of;
-use crate::geometry::drawing::svg::{self, Layer, colour};
+use crate::analysis::drawing;
 use crate::service::app::ServiceError;
 
 /// Drawing of the atoms, each in its own frame on a common scale.
 pub fn draw_atoms(ready: &Ready) -> String {
-    let (content, setup) = (&ready.dictionary.content, &ready.setup);
-    let cells: Vec<(String, Vec<Layer>)> = content
-        .atoms
-        .iter()
-        .enumerate()
-        .map(|(j, atom)| {
-            let columns = columns_of(&atom.control_points, setup.metric.dimension());
-            let layer = Layer::of(&setup.space, [columns.as_slice()], colour::MAIN, 1.5, 1.0);
-            let caption = match atom.explained {
-                Some(part) => format!("{}: {:.1} %", j + 1, 100.0 * part),
-                None => format!("{}: used by {:.0} %", j + 1, 100.0 * atom.usage),
-            };
-            (caption, vec![layer])
-        })
-        .collect();
-    svg::grid(&format!("atoms of {} version {}", ready.listed.name, ready.listed.version), &cells)
+    let title = format!("atoms of {} version {}", ready.listed.name, ready.listed.version);
+    drawing::draw_atoms(&ready.setup.space, &title, &ready.dictionary.content)
 }
 
 /// The mode of `component` (from 1): `ȳ ± sigma·√C_ii ξ_i`.
@@ -52,12 +37,6 @@ const MAX_SIGMA: f64 = 1e6;
 
 /// Drawing of a mode.
 pub fn draw_mode(ready: &Ready, component: usize, sigma: f64, mode: &Mode) -> String {
-    let layer = |shape: &[f64], colour, width| Layer::of(&ready.setup.space, [shape], colour, width, 1.0);
-    let [minus, mean, plus] = &mode.shapes;
-    let layers = [
-        layer(minus, colour::MINUS, 2.0).named(format!("−{sigma} σ")),
-        layer(plus, colour::PLUS, 2.0).named(format!("+{sigma} σ")),
-        layer(mean, colour::MAIN, 2.5).named("mean"),
-    ];
-    svg::draw(&format!("mode {component}: {:.1} %", 100.0 * mode.explained), &layers)
+    let title = format!("mode {component}: {:.1} %", 100.0 * mode.explained);
+    drawing::draw_mode(&ready.setup.space, &title, sigma, &mode.shapes)
 }

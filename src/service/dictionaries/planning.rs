@@ -10,13 +10,14 @@ use super::class_labels::{self, settings_faults};
 use super::plan::{NO_STATE, Plan};
 use super::ready;
 use crate::analysis::alignment::{Alignment, MIN_SHAPES};
-use crate::analysis::classification::record::{ClassifierKind, ClassifierSettings};
+use crate::analysis::classification::record::ClassifierSettings;
 use crate::analysis::classification::study::WITHIN;
 use crate::analysis::correspondence::Mirror;
 use crate::analysis::dictionary::held_out;
 use crate::analysis::dictionary::learn::KEPT_BYTES;
 use crate::analysis::dictionary::method::Method;
 use crate::analysis::dictionary::procedure::ParameterFault;
+use crate::analysis::estimate::Estimate;
 use crate::analysis::frame::Frame;
 use crate::analysis::transformation::Transformation;
 use crate::domain::access::Principal;
@@ -25,9 +26,9 @@ use crate::domain::dictionary::Listed;
 use crate::domain::id;
 use crate::domain::job::{Job, JobKind};
 use crate::domain::shape::ShapeFilter;
+use crate::service::app::error::parameter_fault;
 use crate::service::app::{App, Limits, Page, ServiceError};
 use crate::service::cohorts::catalogue;
-use crate::service::cost::jobs::Estimate;
 use crate::service::cost::requests;
 use crate::service::jobs;
 use crate::service::statistics::Setup;
@@ -135,7 +136,7 @@ async fn started(app: &App, learn: Learn, cohort: &Cohort) -> Result<(Plan, u64)
 
 /// Predicted cost of a plan for `shapes` shapes, within the limits of memory.
 fn estimate(app: &App, plan: &Plan, cohort: &Cohort, shapes: u64) -> Result<Estimate, ServiceError> {
-    let setup = Setup::new(app, &plan.settings(cohort))?;
+    let setup = Setup::of(app, plan.settings(cohort))?;
     plan.method.pose(&setup.method)?;
     let anew = match plan.continue_from {
         Some(_) => 0,
@@ -145,7 +146,7 @@ fn estimate(app: &App, plan: &Plan, cohort: &Cohort, shapes: u64) -> Result<Esti
         }
     };
     let trainings = plan.classifier.as_ref().map_or(0, |settings| settings.trainings(WITHIN));
-    let estimate = Estimate::new(&setup, &plan.method, shapes).times(anew + trainings);
+    let estimate = Estimate::new(setup.measured(), &plan.method, shapes).times(anew + trainings);
     let bytes = 8.0 * shapes as f64 * setup.metric.len() as f64;
     if plan.classifier.is_some() && bytes > KEPT_BYTES as f64 {
         let detail = format!(
@@ -191,11 +192,9 @@ async fn check_classifier(
     let attribute = &settings.attribute;
     let labels = class_labels::read(app, cohort, &plan.filter, attribute).await?;
     let length = cohort.spec.representation.size() * cohort.spec.representation.dimension();
-    let mut faults = class_labels::faults(&labels, settings, &plan.method, length);
-    let found = usize::try_from(shapes).unwrap_or(usize::MAX);
-    // Size of the smallest training set of the validation.
-    let fewest = found - found.div_ceil(settings.folds);
-    let fewest = if settings.kind == ClassifierKind::Best { fewest - fewest.div_ceil(2) } else { fewest };
+    let faults = labels.faults(settings, &plan.method, length).into_iter();
+    let mut faults: Vec<Fault> = faults.map(parameter_fault).collect();
+    let fewest = settings.fewest_training(usize::try_from(shapes).unwrap_or(usize::MAX));
     let atoms = plan.method.needed_shapes();
     if atoms > fewest {
         let detail = format!(

@@ -8,7 +8,7 @@ use crate::domain::dictionary::Listed;
 use crate::service::app::cache::Cached;
 use crate::service::app::{App, ServiceError};
 use crate::service::cost::requests::{self, Counts};
-use crate::service::statistics::{Settings, Setup};
+use crate::service::statistics::{CheckedSettings, Settings, Setup};
 
 /// A dictionary prepared for use.
 #[derive(Debug)]
@@ -45,13 +45,14 @@ pub async fn find(app: &App, key: &str) -> Result<Arc<Ready>, ServiceError> {
     }
     let (listed, content) = app.store.read_dictionary(&id).await?.ok_or_else(not_found)?.parts();
     let task_app = app.clone();
-    let atoms = Counts::new(&content.representation, content.atoms.len(), &app.limits);
+    let atoms = Counts::for_stored(&content.representation, content.atoms.len(), &app.limits);
     let work = requests::space(&content.representation, &app.limits) + requests::project(atoms);
     let ready = app
         .pool
         .weighing(work)
         .run(move || {
-            let (setup, dictionary) = prepare(&task_app, content)?;
+            let settings = settings(&content).checked(&task_app.limits)?;
+            let (setup, dictionary) = prepare(&task_app, settings, content)?;
             Ok(Arc::new(Ready { listed, setup, dictionary }))
         })
         .await?;
@@ -72,12 +73,16 @@ pub fn settings(content: &Content) -> Settings {
     }
 }
 
-/// Prepares a content for use. Training and use start from the same stored numbers.
+/// Prepares a content with its settings for use. Training and use start from the same stored numbers.
 ///
 /// # Errors
 /// [`ServiceError::Invalid`] if the parts are inconsistent (in an imported file).
-pub fn prepare(app: &App, content: Content) -> Result<(Setup, Dictionary), ServiceError> {
-    let setup = Setup::new(app, &settings(&content))?;
+pub fn prepare(
+    app: &App,
+    settings: CheckedSettings,
+    content: Content,
+) -> Result<(Setup, Dictionary), ServiceError> {
+    let setup = Setup::new(app, settings)?;
     let dictionary = Dictionary::new(content, setup.measured())?;
     Ok((setup, dictionary))
 }

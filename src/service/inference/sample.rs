@@ -5,11 +5,12 @@ use std::collections::HashMap;
 use tokio::runtime::Handle;
 
 use crate::analysis::inference::groups;
+use crate::domain::attribute::Attribute;
 use crate::domain::cohort::Cohort;
 use crate::domain::shape::{ShapeDescription, ShapeFilter};
 use crate::formats::fault::Fault;
 use crate::service::app::{App, ServiceError};
-use crate::service::cohorts::attributes::{Attribute, first_names, name_of};
+use crate::service::cohorts::attributes::{first_names, name_of};
 use crate::store::{Ids, Revisions};
 
 /// The stratum of every shape: shapes with equal values of all attributes share one.

@@ -10,20 +10,20 @@ use tokio::runtime::Handle;
 use super::sample::{Selection, cohort_at};
 use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::Mirror;
+use crate::analysis::estimate::{Estimate, TestWork};
 use crate::analysis::inference::aligned::{AlignedShapes, StudySpace, frame_for};
 use crate::analysis::inference::error::StudyError;
 use crate::analysis::inference::permutation::Draws;
 use crate::analysis::transformation::Transformation;
 use crate::analysis::watch::Watch;
+use crate::domain::attribute::Attribute;
 use crate::domain::cohort::Cohort;
 use crate::domain::job::JobKind;
 use crate::domain::study::StudyHeader;
 use crate::formats::fault::Fault;
 use crate::service::app::progress::JobContext;
 use crate::service::app::{App, ServiceError};
-use crate::service::cohorts::attributes::Attribute;
 use crate::service::cohorts::catalogue;
-use crate::service::cost::jobs::{Estimate, TestWork};
 use crate::service::cost::requests;
 use crate::service::jobs::inline_or_job::PlannedTest;
 use crate::service::statistics::{Settings, Setup};
@@ -219,7 +219,7 @@ impl<K: StudyKind> Study<K> {
         let sample = K::select(app, &cohort, &plan).await?;
         let (task_app, settings) = (app.clone(), plan.settings(&cohort));
         let preparing = app.pool.weighing(requests::space(&cohort.spec.representation, &app.limits));
-        let setup = preparing.run(move || Setup::new(&task_app, &settings)).await?;
+        let setup = preparing.run(move || Setup::of(&task_app, settings)).await?;
         let estimate = sample.estimate(app, &plan, &setup)?;
         Ok(Self { plan, cohort, setup, sample, estimate })
     }
@@ -293,7 +293,7 @@ pub(super) fn within_memory(
     work: &TestWork,
     pointer: &str,
 ) -> Result<Estimate, ServiceError> {
-    let estimate = Estimate::for_tests(setup, work);
+    let estimate = Estimate::for_tests(setup.measured(), work);
     let most = app.limits.job_bytes as f64;
     if estimate.memory_bytes <= most {
         return Ok(estimate);

@@ -44,13 +44,13 @@ enum End {
     Released(Release),
 }
 
-/// Claims the next job of the queue, if one is due.
+/// Claims the next job of the queue that is predicted to take at most `longest` seconds, if one is due.
 ///
 /// # Errors
 /// A failure of the store.
-pub async fn claim(app: &App) -> Result<Option<Attempt>, ServiceError> {
+pub async fn claim(app: &App, longest: f64) -> Result<Option<Attempt>, ServiceError> {
     let now = now_ms();
-    let claimed = app.store.claim_job(now, now + LEASE_MS, &abandoned()).await?;
+    let claimed = app.store.claim_job(now, now + LEASE_MS, longest, &abandoned()).await?;
     metrics::jobs_abandoned(claimed.abandoned.len());
     for id in &claimed.abandoned {
         tracing::warn!(job = id, "a job was interrupted at every attempt and is given up");
@@ -74,9 +74,9 @@ fn abandoned() -> Value {
     Problem::new(ProblemKind::Internal, detail).to_stored()
 }
 
-/// Waits until the queue may have work: a job was submitted, or more workers could take jobs.
-pub async fn submitted(app: &App) {
-    app.registry().woken().await;
+/// Waits until the queue may have work for a slot of short jobs or of any: a job was submitted, or more slots could take jobs.
+pub async fn submitted(app: &App, short: bool) {
+    app.registry().woken(short).await;
 }
 
 impl Attempt {

@@ -15,6 +15,7 @@ use crate::service::app::progress::{Channel, JobContext};
 pub struct Registry {
     channels: Mutex<HashMap<String, Weak<Channel>>>,
     submitted: Notify,
+    submitted_to_short: Notify,
 }
 
 impl App {
@@ -75,14 +76,15 @@ impl Registry {
         }
     }
 
-    /// Wakes a worker to look into the queue.
+    /// Wakes a slot of each kind to look into the queue.
     pub(super) fn wake(&self) {
         self.submitted.notify_one();
+        self.submitted_to_short.notify_one();
     }
 
     /// Waits for [`Registry::wake`]; an earlier call counts.
-    pub(super) async fn woken(&self) {
-        self.submitted.notified().await;
+    pub(super) async fn woken(&self, short: bool) {
+        if short { self.submitted_to_short.notified().await } else { self.submitted.notified().await }
     }
 }
 

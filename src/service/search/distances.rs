@@ -21,7 +21,7 @@ use crate::service::cohorts::{catalogue, source};
 use crate::service::cost::requests::{self, Counts};
 use crate::service::jobs::{self, Outcome};
 use crate::service::shapes::read;
-use crate::service::statistics::{Settings, Setup};
+use crate::service::statistics::{CheckedSettings, Settings, Setup};
 use crate::store::Revisions;
 
 /// Settings for comparing shapes of a cohort.
@@ -82,6 +82,19 @@ pub enum Answer {
     Job(Box<Job>),
 }
 
+/// What shapes are compared in.
+struct Compared {
+    setup: Setup,
+    space: DistanceSpace,
+}
+
+impl Compared {
+    fn new(setup: Setup) -> Result<Self, ServiceError> {
+        let space = DistanceSpace::new(&setup.method, &setup.matching)?;
+        Ok(Self { setup, space })
+    }
+}
+
 /// Shapes with the names of their rows.
 struct Named {
     ids: Vec<String>,
@@ -100,26 +113,22 @@ pub async fn for_posted(
     settings: Settings,
     shapes: Vec<ShapeInput>,
 ) -> Result<NamedMatrix, ServiceError> {
+    let settings = settings.checked(&app.limits)?;
     let counts = Counts::new(&settings.representation, shapes.len(), &app.limits);
     let preparing = app.pool.weighing(requests::space(&settings.representation, &app.limits));
     let (task_app, count) = (app.clone(), shapes.len());
-    let (setup, space) = preparing.run(move || checked_space(&task_app, &settings, count)).await?;
-    let work = requests::distances(counts, space.matrix_operations(count));
+    let compared = preparing.run(move || checked_space(&task_app, settings, count)).await?;
+    let work = requests::distances(counts, compared.space.matrix_operations(count));
     work.check(app.limits.request_work.as_secs_f64())?;
     let task_app = app.clone();
-    app.pool.weighing(work).run(move || matrix_of_posted(&task_app, &setup, &space, shapes)).await
+    app.pool.weighing(work).run(move || matrix_of_posted(&task_app, &compared, shapes)).await
 }
 
 /// Space in which posted shapes are compared, provided that they are few enough to be answered at once.
-fn checked_space(
-    app: &App,
-    settings: &Settings,
-    count: usize,
-) -> Result<(Setup, DistanceSpace), ServiceError> {
-    let setup = Setup::new(app, settings)?;
-    let space = DistanceSpace::new(&setup.method, &setup.matching)?;
-    check_size(app, &space, count, "/shapes")?;
-    let (found, most) = (space.matrix_operations(count), app.limits.matrix_operations as f64);
+fn checked_space(app: &App, settings: CheckedSettings, count: usize) -> Result<Compared, ServiceError> {
+    let compared = Compared::new(Setup::new(app, settings)?)?;
+    check_size(app, &compared.space, count, "/shapes")?;
+    let (found, most) = (compared.space.matrix_operations(count), app.limits.matrix_operations as f64);
     if found > most {
         let detail = format!(
             "expected at most {most:.1e} multiply-adds for all distances, got about {found:.1e} ({count} \
@@ -127,20 +136,19 @@ fn checked_space(
         );
         return Err(ServiceError::invalid("/shapes", detail));
     }
-    Ok((setup, space))
+    Ok(compared)
 }
 
 fn matrix_of_posted(
     app: &App,
-    setup: &Setup,
-    space: &DistanceSpace,
+    compared: &Compared,
     shapes: Vec<ShapeInput>,
 ) -> Result<NamedMatrix, ServiceError> {
     let (ids, labels) = shapes.iter().enumerate().map(posted_names).unzip();
-    let control_points = read::read_batch(&setup.reading(&app.limits), shapes)?.control_points;
+    let control_points = read::read_batch(&compared.setup.reading(&app.limits), shapes)?.control_points;
     let context = app.pool.context();
     let go_on = |_: f64| !context.is_cancelled();
-    matrix_of(setup, space, Named { ids, labels, control_points, field: "shapes" }, &go_on)
+    matrix_of(compared, Named { ids, labels, control_points, field: "shapes" }, &go_on)
 }
 
 fn posted_names((position, shape): (usize, &ShapeInput)) -> (String, Option<String>) {
@@ -164,14 +172,14 @@ pub async fn for_cohort(
     let count = count(app, &cohort, &chosen).await?;
     let (task_app, settings, field) = (app.clone(), comparison.settings(&cohort), chosen.field());
     let preparing = app.pool.weighing(requests::space(&cohort.spec.representation, &app.limits));
-    let cost = preparing
+    let compared = preparing
         .run(move || {
-            let setup = Setup::new(&task_app, &settings)?;
-            let space = DistanceSpace::new(&setup.method, &setup.matching)?;
-            check_size(&task_app, &space, count, field)?;
-            Ok(space.matrix_operations(count))
+            let compared = Compared::new(Setup::of(&task_app, settings)?)?;
+            check_size(&task_app, &compared.space, count, field)?;
+            Ok(compared)
         })
         .await?;
+    let cost = compared.space.matrix_operations(count);
     if let Chosen::Ids(keys) = &chosen {
         source::find_all(app, &cohort, keys).await?;
     }
@@ -185,7 +193,7 @@ pub async fn for_cohort(
     }
     let counts = Counts::for_cohort(&cohort, &app.limits);
     let (task_app, handle) = (app.clone(), Handle::current());
-    let compute = move || plan.matrix(&task_app, &handle, &cohort, &task_app.pool.context());
+    let compute = move || plan.matrix(&task_app, &handle, (&cohort, &compared), &task_app.pool.context());
     let work = requests::distances(counts.with_shapes(count), cost);
     Ok(Answer::Matrix(app.pool.weighing(work).run(compute).await?))
 }
@@ -246,7 +254,9 @@ pub fn run(app: &App, handle: &Handle, job: &Job, context: &JobContext) -> Resul
     let cohort = handle.block_on(app.store.find_cohort(&plan.cohort))?;
     let cohort = cohort.ok_or_else(|| ServiceError::NotFound { kind: "cohort", key: plan.cohort.clone() })?;
     let cohort = Cohort { revision: plan.revision, ..cohort };
-    let matrix = plan.matrix(app, handle, &cohort, context)?;
+    context.report("read", 0.0, None);
+    let compared = Compared::new(Setup::of(app, plan.comparison.settings(&cohort))?)?;
+    let matrix = plan.matrix(app, handle, (&cohort, &compared), context)?;
     let result = serde_json::json!({"cohort": cohort.id, "cohort_revision": plan.revision, "shapes": matrix.ids.len(),
         "output": format!("/v1/jobs/{}/output", job.id)});
     Ok(Outcome { result, dictionary: None, output: Some(Box::new(to_output(matrix)?)) })
@@ -258,12 +268,9 @@ impl Plan {
         &self,
         app: &App,
         handle: &Handle,
-        cohort: &Cohort,
+        (cohort, compared): (&Cohort, &Compared),
         context: &JobContext,
     ) -> Result<NamedMatrix, ServiceError> {
-        context.report("read", 0.0, None);
-        let setup = Setup::new(app, &self.comparison.settings(cohort))?;
-        let space = DistanceSpace::new(&setup.method, &setup.matching)?;
         let go_on = |part: f64| {
             context.report("compare", part, None);
             !context.is_cancelled()
@@ -271,12 +278,12 @@ impl Plan {
         let mut matrix = match &self.chosen {
             Chosen::Ids(keys) => {
                 let shapes = handle.block_on(source::find_all(app, cohort, keys))?;
-                matrix_of(&setup, &space, named(shapes), &go_on)?
+                matrix_of(compared, named(shapes), &go_on)?
             }
             Chosen::Filter(filter) => {
                 let stop = || context.is_cancelled();
-                let shapes = StoredShapes::new(app, handle, cohort, filter, 0, &setup, &stop)?;
-                matrix_of_stored(&space, &shapes, &go_on)?
+                let shapes = StoredShapes::new(app, handle, cohort, filter, 0, &compared.setup, &stop)?;
+                matrix_of_stored(&compared.space, &shapes, &go_on)?
             }
         };
         matrix.fields.insert("cohort".into(), Value::from(cohort.id.clone()));
@@ -311,8 +318,7 @@ fn matrix_of_stored(
 }
 
 fn matrix_of(
-    setup: &Setup,
-    space: &DistanceSpace,
+    Compared { setup, space }: &Compared,
     shapes: Named,
     go_on: &GoOn<'_>,
 ) -> Result<NamedMatrix, ServiceError> {

@@ -97,7 +97,7 @@ pub async fn search(app: &App, key: &str, search: Search) -> Result<Found, Servi
     let preparing = app.pool.weighing(requests::space(&cohort.spec.representation, &app.limits));
     let (setup, space) = preparing
         .run(move || {
-            let setup = Setup::new(&setup_app, &settings)?;
+            let setup = Setup::of(&setup_app, settings)?;
             let space = DistanceSpace::new(&setup.method, &setup.matching)?;
             Ok((setup, space))
         })
@@ -129,9 +129,8 @@ fn check_sizes(app: &App, search: &Search) -> Result<(), ServiceError> {
         faults.push(Fault::new("/neighbours", detail));
     }
     let most = app.limits.shapes;
-    if !(1..=most).contains(&count) {
-        let detail = format!("expected between 1 and {most} entries, got {count}");
-        faults.push(Fault::new(field, detail));
+    if count == 0 {
+        faults.push(Fault::new(field, format!("expected between 1 and {most} entries, got 0")));
     } else if faults.is_empty() && count.saturating_mul(search.neighbours) > most {
         let detail = format!(
             "expected at most {most} neighbours in all, got {} for each of {count} shapes",

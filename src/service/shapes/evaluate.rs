@@ -9,12 +9,12 @@ use super::request::Posted;
 use crate::analysis::correspondence::Correspondence;
 use crate::formats::fault::Fault;
 use crate::formats::shape::ShapeInput;
+use crate::geometry::capability::domain::Admitted;
 use crate::geometry::capability::sample::{Evaluation, Parameters};
 use crate::geometry::capability::tessellate::{Detail, with_normals};
 use crate::geometry::curve::MAX_DERIVATIVE;
 use crate::geometry::drawing::svg::{self, Layer, colour};
 use crate::geometry::mesh::TriangleMesh;
-use crate::geometry::representation::Representation;
 use crate::numeric::dense::Matrix;
 use crate::service::app::{App, ServiceError};
 
@@ -22,7 +22,7 @@ use crate::service::app::{App, ServiceError};
 #[derive(Debug, Clone)]
 pub struct EvaluateTask {
     /// Representation of the shapes.
-    pub representation: Representation,
+    pub representation: Admitted,
     /// Conversion of posted points to control points.
     pub correspondence: Correspondence,
     /// Places on shapes with parameters; `None` for the vertices of refined meshes.

@@ -8,7 +8,7 @@ use crate::analysis::correspondence::Correspondence;
 use crate::formats::fault::Fault;
 use crate::formats::shape::ShapeInput;
 use crate::geometry::capability::FieldFault;
-use crate::geometry::capability::domain::Domain;
+use crate::geometry::capability::domain::{Admitted, Domain};
 use crate::geometry::capability::fit::{FitSettings, FitTarget, Fitted, Fitter, PointPlaces};
 use crate::geometry::representation::Representation;
 use crate::numeric::dense::Matrix;
@@ -18,7 +18,7 @@ use crate::service::app::{App, Limits, ServiceError};
 #[derive(Debug)]
 pub struct FitTask {
     /// Representation of the fitted shapes.
-    pub representation: Representation,
+    pub representation: Admitted,
     /// Largest residual of a curve, whose size is then chosen.
     pub tolerance: Option<f64>,
     /// PointPlaces of the points, one entry per shape.

@@ -10,7 +10,7 @@ use super::request::Posted;
 use crate::analysis::correspondence::Correspondence;
 use crate::formats::shape::ShapeInput;
 use crate::geometry::GeometryError;
-use crate::geometry::capability::domain::Domain;
+use crate::geometry::capability::domain::{Admitted, Domain};
 use crate::geometry::capability::measure::{Measures, Measuring};
 use crate::geometry::capability::tessellate::Detail;
 use crate::geometry::mesh::TriangleMesh;
@@ -23,7 +23,7 @@ use crate::service::app::{App, ServiceError};
 #[derive(Debug)]
 pub struct MeasureTask {
     /// Representation of the shapes.
-    pub representation: Representation,
+    pub representation: Admitted,
     /// Conversion of posted points to control points.
     pub correspondence: Correspondence,
     /// Shape to which distances are measured.

@@ -1,18 +1,18 @@
 //! Triangle meshes of shapes. The functions are synchronous and run on the pool.
 
 use super::each::each;
-use super::read::{check_correspondence, check_sizes};
+use super::read::check_correspondence;
 use super::read_oriented::OrientedReader;
 use super::request::Posted;
 use crate::analysis::correspondence::Correspondence;
 use crate::formats::fault::Fault;
 use crate::formats::shape::ShapeInput;
 use crate::geometry::GeometryError;
-use crate::geometry::capability::domain::Domain;
+use crate::geometry::capability::domain::{Admitted, Domain};
 use crate::geometry::capability::tessellate::Detail;
 use crate::geometry::drawing::svg::MAX_FACES;
 use crate::geometry::mesh::TriangleMesh;
-use crate::geometry::representation::{Representation, ShapeSpace};
+use crate::geometry::representation::ShapeSpace;
 use crate::geometry::subdivision::normal_based::Oriented;
 use crate::numeric::dense::Matrix;
 use crate::service::app::{App, ServiceError};
@@ -57,17 +57,15 @@ fn not_a_mesh() -> ServiceError {
     ServiceError::Internal("only surfaces have meshes".into())
 }
 
-/// Checks the sizes of a refined mesh, and the number of vertices of `shapes` of them.
+/// Checks the number of vertices of `shapes` refined meshes.
 ///
 /// # Errors
-/// Faults of the representation; too many vertices in total.
+/// Too many vertices in total.
 pub(crate) fn check_vertices(
     app: &App,
-    representation: &Representation,
+    representation: &Admitted,
     shapes: usize,
 ) -> Result<(), ServiceError> {
-    check_sizes(representation, &app.limits)
-        .map_err(|errors| ServiceError::below(errors, "/representation"))?;
     let vertices = representation.refined_vertices().saturating_mul(shapes);
     if vertices > app.limits.samples {
         let detail =
@@ -80,10 +78,10 @@ pub(crate) fn check_vertices(
 /// Refined meshes of posted shapes, in order; those of the normal-based scheme have normals.
 ///
 /// # Errors
-/// Faults of the representation and of the shapes; too many vertices in total.
+/// Faults of the shapes; too many vertices in total.
 pub fn refined(
     app: &App,
-    representation: &Representation,
+    representation: &Admitted,
     correspondence: Correspondence,
     shapes: Vec<ShapeInput>,
     detail: Detail,

@@ -8,7 +8,7 @@
 //! * [`fit`], [`resample`], [`idealise`] — shapes from points, meshes and formulas;
 //! * [`refine`], [`resize`], [`subdivide`] — other grids of knots; refined meshes and polylines;
 //! * [`morph`], [`deform`] — paths between two shapes; deformation by handles; [`overlap`] — overlap of two bodies;
-//! * [`generators`] — properties of a generator.
+//! * [`generators`] — generators asked for in a query.
 
 pub mod deform;
 pub mod draw;

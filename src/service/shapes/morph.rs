@@ -3,14 +3,15 @@
 //! The functions are synchronous and run on the pool.
 
 use super::each::each;
-use super::read::{check_correspondence, check_sizes};
+use super::read::check_correspondence;
 use super::read_oriented::OrientedReader;
 use super::request::Posted;
 use crate::analysis::correspondence::Correspondence;
-use crate::analysis::path::Path;
+use crate::analysis::path::{Path, PathKind, Positions};
 use crate::formats::fault::Fault;
 use crate::formats::shape::ShapeInput;
 use crate::geometry::GeometryError;
+use crate::geometry::capability::domain::Admitted;
 use crate::geometry::drawing::svg::{self, Layer, MAX_FACES, colour};
 use crate::geometry::representation::Representation;
 use crate::geometry::subdivision::normal_based::Oriented;
@@ -18,22 +19,11 @@ use crate::numeric::dense::Matrix;
 use crate::service::app::faults::Faults;
 use crate::service::app::{App, Limits, ServiceError};
 
-/// Kind of path between two shapes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Deserialize, utoipa::ToSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum PathKind {
-    /// Straight line `(1 − τ) r_1 + τ r_2`.
-    #[default]
-    Plane,
-    /// Great circle between the shapes scaled to unit `L₂` norm.
-    Sphere,
-}
-
 /// Two shapes of a request, and the path between them.
 #[derive(Debug)]
 pub struct MorphTask {
     /// Representation of the shapes.
-    pub representation: Representation,
+    pub representation: Admitted,
     /// Conversion of posted points to control points.
     pub correspondence: Correspondence,
     /// Kind of path.
@@ -64,54 +54,6 @@ pub struct PathShape {
     pub normals: Option<Vec<[f64; 3]>>,
 }
 
-/// Positions on a path.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Positions {
-    /// Equally spaced from 0 to 1, at least two.
-    Steps(usize),
-    /// The given positions.
-    At(Vec<f64>),
-}
-
-impl Positions {
-    /// Number of positions.
-    pub fn count(&self) -> usize {
-        match self {
-            Self::At(list) => list.len(),
-            Self::Steps(count) => *count,
-        }
-    }
-
-    /// List of all positions, for shapes of `size` control points.
-    ///
-    /// # Errors
-    /// Too many positions, or positions out of range.
-    pub(crate) fn list(&self, size: usize, limits: &Limits) -> Result<Vec<f64>, ServiceError> {
-        let mut faults = Vec::new();
-        let (positions, pointer) = match self {
-            Self::At(list) => (list.clone(), "/positions"),
-            Self::Steps(count) => {
-                ((0..*count).map(|i| i as f64 / (count - 1) as f64).collect::<Vec<f64>>(), "/steps")
-            }
-        };
-        let (total, most) = (positions.len().saturating_mul(size), limits.samples);
-        if positions.is_empty() || total > most {
-            let detail =
-                format!("expected between 1 and {most} control points over all positions, got {total}");
-            faults.push(Fault::new(pointer, detail));
-        }
-        let wild = positions.iter().enumerate().filter(|(_, tau)| !(tau.abs() <= MAX_POSITION));
-        faults.extend(wild.map(|(i, tau)| {
-            Fault::new(
-                format!("/positions/{i}"),
-                format!("expected a number within ±{MAX_POSITION}, got {tau}"),
-            )
-        }));
-        ServiceError::unless_empty(faults)?;
-        Ok(positions)
-    }
-}
-
 /// Maximum number of frames of an animation.
 const MAX_FRAMES: usize = 1000;
 /// Maximum size of an animation in bytes: no browser plays longer ones.
@@ -119,6 +61,27 @@ const MAX_DRAWN: usize = 16 << 20;
 
 /// Maximum extrapolation.
 const MAX_POSITION: f64 = 1000.0;
+
+/// List of all positions, for shapes of `size` control points.
+///
+/// # Errors
+/// Too many positions, or positions out of range.
+fn listed(positions: Positions, size: usize, limits: &Limits) -> Result<Vec<f64>, ServiceError> {
+    let pointer = if matches!(positions, Positions::At(_)) { "/positions" } else { "/steps" };
+    let (positions, mut faults) = (positions.list(), Vec::new());
+    let (total, most) = (positions.len().saturating_mul(size), limits.samples);
+    if positions.is_empty() || total > most {
+        let detail = format!("expected between 1 and {most} control points over all positions, got {total}");
+        faults.push(Fault::new(pointer, detail));
+    }
+    let wild = positions.iter().enumerate().filter(|(_, tau)| !(tau.abs() <= MAX_POSITION));
+    faults.extend(wild.map(|(i, tau)| {
+        let detail = format!("expected a number within ±{MAX_POSITION}, got {tau}");
+        Fault::new(format!("/positions/{i}"), detail)
+    }));
+    ServiceError::unless_empty(faults)?;
+    Ok(positions)
+}
 
 impl MorphTask {
     /// Shapes on the path.
@@ -132,8 +95,7 @@ impl MorphTask {
         }
         self.check_oriented()?;
         let (representation, positions) = (self.representation, self.positions);
-        let shapes =
-            oriented_path(app, &reader(app, &representation)?, &representation, &positions, self.ends)?;
+        let shapes = oriented_path(app, &reader(&representation)?, &representation, positions, self.ends)?;
         Ok(Morph { angle: None, frames: shapes.into_iter().map(oriented_frame).collect() })
     }
 
@@ -150,8 +112,8 @@ impl MorphTask {
         }
         self.check_oriented()?;
         let (representation, positions) = (self.representation, self.positions);
-        let reader = reader(app, &representation)?;
-        let shapes = oriented_path(app, &reader, &representation, &positions, self.ends)?;
+        let reader = reader(&representation)?;
+        let shapes = oriented_path(app, &reader, &representation, positions, self.ends)?;
         let context = app.pool.context();
         let mesh = |(_, shape): &(f64, Oriented)| {
             context.check()?;
@@ -177,7 +139,7 @@ impl MorphTask {
     /// Shapes on the path in a linear space.
     fn along(self, app: &App, posted: &Posted) -> Result<Morph, ServiceError> {
         let mut faults = Faults::default();
-        let positions = faults.keep(self.positions.list(posted.metric.size(), &app.limits))?;
+        let positions = faults.keep(listed(self.positions, posted.metric.size(), &app.limits))?;
         let [from, to] = self.ends;
         let from = faults.keep(posted.read_one(app, from, "/from"))?;
         let to = faults.keep(posted.read_one(app, to, "/to"))?;
@@ -185,13 +147,10 @@ impl MorphTask {
             return Err(ServiceError::Invalid(faults));
         };
         let (from, to) = (from.as_slice().to_vec(), to.as_slice().to_vec());
-        let path = match self.kind {
-            PathKind::Plane => Path::plane(from, to),
-            PathKind::Sphere => Path::sphere(&posted.metric, from, to).map_err(|error| {
-                let pointer = |index: usize| if index == 0 { "/from".to_owned() } else { "/to".to_owned() };
-                ServiceError::from_analysis(error, pointer).without_index()
-            })?,
-        };
+        let path = Path::new(self.kind, &posted.metric, from, to).map_err(|error| {
+            let pointer = |index: usize| if index == 0 { "/from".to_owned() } else { "/to".to_owned() };
+            ServiceError::from_analysis(error, pointer).without_index()
+        })?;
         let frames = each(&app.pool.context(), &positions, |&position| PathShape {
             position,
             control_points: posted.matrix(&path.at(position)),
@@ -202,9 +161,7 @@ impl MorphTask {
 }
 
 /// Reader of shapes of points and normals.
-fn reader<'a>(app: &App, representation: &'a Representation) -> Result<OrientedReader<'a>, ServiceError> {
-    check_sizes(representation, &app.limits)
-        .map_err(|errors| ServiceError::below(errors, "/representation"))?;
+fn reader(representation: &Admitted) -> Result<OrientedReader<'_>, ServiceError> {
     OrientedReader::new(representation)?
         .ok_or_else(|| ServiceError::Internal("only the normal-based scheme has normals".into()))
 }
@@ -214,12 +171,12 @@ fn oriented_path(
     app: &App,
     reader: &OrientedReader<'_>,
     representation: &Representation,
-    positions: &Positions,
+    positions: Positions,
     [from, to]: [ShapeInput; 2],
 ) -> Result<Vec<(f64, Oriented)>, ServiceError> {
     let mut faults = Faults::default();
     let read = |shape, pointer| reader.read(shape).map_err(|errors| ServiceError::below(errors, pointer));
-    let positions = faults.keep(positions.list(representation.size(), &app.limits))?;
+    let positions = faults.keep(listed(positions, representation.size(), &app.limits))?;
     let from = faults.keep(read(from, "/from"))?;
     let to = faults.keep(read(to, "/to"))?;
     let (Some(positions), Some(from), Some(to)) = (positions, from, to) else {

@@ -1,8 +1,6 @@
 //! Converts posted shapes to control points of a representation.
 //!
-//! Points lie on the shape, control points are its coefficients. Under `arc_length` and `cyclic`, any number of points
-//! is resampled to the size of the representation. Under `cyclic`, resampling begins at the canonical start of the
-//! contour, so that the stored shape does not depend on the first point of the list.
+//! Points lie on the shape, control points are its coefficients. The arithmetic is [`Conversion`].
 
 use std::collections::BTreeMap;
 
@@ -10,32 +8,27 @@ use bytes::Bytes;
 use rayon::prelude::*;
 use serde::de::DeserializeOwned;
 
-use super::read_points::{contour, given};
-use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
+use super::read_points::given;
+use crate::analysis::conversion::Conversion;
+use crate::analysis::correspondence::{Correspondence, Mirror};
 use crate::domain::shape::ShapeAttributes;
-use crate::formats::bounds;
 use crate::formats::checked::{Checked, LARGE, Metadata, SMALL, take_given};
-use crate::formats::fault::{Fault, json_pointer};
+use crate::formats::fault::Fault;
+use crate::formats::json;
 use crate::formats::shape::{MAX_COORDINATE, PointList, PoleInput, PolesInput, ShapeInput};
-use crate::geometry::capability::domain::{Domain, SizeBounds};
-use crate::geometry::representation::{Representation, ShapeSpace};
-use crate::geometry::resample::{
-    NO_EXTENT, canonical_shift, polygon_area, rotate_start, without_closing_point,
-};
-use crate::geometry::surface::basis::{Extent, Tangents};
+use crate::geometry::capability::FieldFault;
+use crate::geometry::capability::domain::{Admitted, Domain, SizeBounds};
+use crate::geometry::representation::Representation;
+use crate::geometry::surface::basis::Tangents;
 use crate::numeric::dense::Matrix;
 use crate::service::app::faults::{Faults, MAX_FAULTS};
 use crate::service::app::{App, Limits, ServiceError};
 
-/// Conversion of posted points to control points.
+/// Reader of posted shapes.
 #[derive(Debug, Clone, Copy)]
 pub struct Reading<'a> {
-    /// The space of the shapes.
-    pub space: &'a ShapeSpace,
-    /// Correspondence: resampling and start.
-    pub correspondence: Correspondence,
-    /// Direction of planar contours.
-    pub direction: Direction,
+    /// Conversion of points to control points.
+    pub conversion: Conversion<'a>,
     /// Limits on sizes.
     pub limits: &'a Limits,
 }
@@ -47,23 +40,23 @@ const NORMALS: &str = "expected no normals: they belong to the subdivision schem
 /// Most attributes of a shape.
 const MAX_LABELS: usize = 100;
 
-/// Checks the sizes of a representation against the limits, and that its shapes form a linear space.
+/// A representation within the limits.
 ///
 /// # Errors
-/// All fields that are out of bounds.
-pub fn check_representation(representation: &Representation, limits: &Limits) -> Result<(), Vec<Fault>> {
-    check_sizes(representation, limits)?;
-    representation.linearity_fault().map_or(Ok(()), |fault| Err(vec![fault.into()]))
+/// All fields that are out of bounds, or the first invalid face or vertex of a control mesh.
+pub fn admit(representation: Representation, limits: &Limits) -> Result<Admitted, Vec<Fault>> {
+    let bounds = SizeBounds { control_points: limits.control_points, vertices: limits.vertices };
+    let admitted = Admitted::new(representation, bounds);
+    admitted.map_err(|faults| faults.into_iter().map(Fault::from).collect())
 }
 
-/// Checks the sizes of a representation against the limits, then its control mesh, if it has one.
+/// A representation within the limits whose shapes form a linear space.
 ///
 /// # Errors
-/// All fields that are out of bounds, or the first invalid face or vertex.
-pub(crate) fn check_sizes(representation: &Representation, limits: &Limits) -> Result<(), Vec<Fault>> {
-    let bounds = SizeBounds { control_points: limits.control_points, vertices: limits.vertices };
-    let faults: Vec<Fault> = representation.faults(bounds).into_iter().map(Fault::from).collect();
-    if faults.is_empty() { Ok(()) } else { Err(faults) }
+/// As [`admit`]; a scheme that is not linear.
+pub fn admit_linear(representation: Representation, limits: &Limits) -> Result<Admitted, Vec<Fault>> {
+    let admitted = admit(representation, limits)?;
+    admitted.linearity_fault().map_or(Ok(admitted), |fault| Err(vec![fault.into()]))
 }
 
 /// Checks that mirror images exist if they are requested.
@@ -71,12 +64,8 @@ pub(crate) fn check_sizes(representation: &Representation, limits: &Limits) -> R
 /// # Errors
 /// A fault at `/mirror`.
 pub fn check_mirror(representation: &Representation, mirror: Mirror) -> Result<(), ServiceError> {
-    if mirror == Mirror::Allow && representation.domain().is_mesh() {
-        let detail = "expected \"forbid\" for subdivision surfaces, got \"allow\": the correspondence between a \
-                      control mesh and its mirror image is unknown";
-        return Err(ServiceError::invalid("/mirror", detail));
-    }
-    Ok(())
+    let fault = mirror.fault(representation.domain());
+    fault.map_or(Ok(()), |detail| Err(ServiceError::invalid("/mirror", detail)))
 }
 
 /// Checks that the correspondence applies to the representation.
@@ -87,24 +76,8 @@ pub fn check_correspondence(
     representation: &Representation,
     correspondence: Correspondence,
 ) -> Result<(), ServiceError> {
-    let detail = match (representation.domain(), correspondence) {
-        (_, Correspondence::Landmarks) => return Ok(()),
-        (Domain::Sheet { .. }, _) => {
-            "expected \"landmarks\": the points of a surface correspond by their place in the grid"
-        }
-        (Domain::Vertices, _) => {
-            "expected \"landmarks\": the vertices of a control mesh correspond by their place"
-        }
-        (Domain::Points, _) => {
-            "expected \"landmarks\": landmarks are not a contour (to resample, use a closed_curve or \
-             open_curve)"
-        }
-        (Domain::Line { closed: false }, Correspondence::Cyclic) => {
-            "expected \"arc_length\" or \"landmarks\": an open curve has no start point to search"
-        }
-        (Domain::Line { .. }, _) => return Ok(()),
-    };
-    Err(ServiceError::invalid("/correspondence", detail))
+    let fault = correspondence.fault(representation.domain());
+    fault.map_or(Ok(()), |detail| Err(ServiceError::invalid("/correspondence", detail)))
 }
 
 impl Reading<'_> {
@@ -113,8 +86,9 @@ impl Reading<'_> {
     /// # Errors
     /// All faults of the shape, with pointers relative to it.
     pub fn control_points(&self, shape: &ShapeInput) -> Result<Vec<f64>, Vec<Fault>> {
+        let space = self.conversion.space;
         let closed = shape.closed.as_ref().and_then(Checked::get).copied().flatten();
-        if let (Some(closed), Domain::Line { closed: curves_are }) = (closed, self.space.domain())
+        if let (Some(closed), Domain::Line { closed: curves_are }) = (closed, space.domain())
             && closed != curves_are
         {
             let kind = if closed { "open" } else { "closed" };
@@ -127,18 +101,13 @@ impl Reading<'_> {
             return Err(vec![Fault::new("/normals", NORMALS)]);
         }
         let poles = shape.poles.as_ref().and_then(|poles| poles.get()).copied();
-        if poles.is_some() && (given(&shape.points).is_none() || !self.space.has_poles()) {
+        if poles.is_some() && (given(&shape.points).is_none() || !space.has_poles()) {
             let detail = "expected no poles: they belong to the points of a sphere";
             return Err(vec![Fault::new("/poles", detail)]);
         }
         let matrix = match (given(&shape.points), given(&shape.control_points)) {
-            (Some(points), None) => match self.space.domain() {
-                Domain::Sheet { extent, .. } => self.interpolate_grid(extent, points, poles)?,
-                _ => self.interpolate(points).map_err(|errors| below(errors, "/points"))?,
-            },
-            (None, Some(coefficients)) => {
-                self.take_coefficients(coefficients).map_err(|errors| below(errors, "/control_points"))?
-            }
+            (Some(points), None) => finite(self.interpolate(points, poles.unwrap_or_default())?)?,
+            (None, Some(list)) => self.take(list).map_err(|errors| below(errors, "/control_points"))?,
             (Some(_), Some(_)) => {
                 return Err(vec![Fault::new("", "expected either points or control_points, got both")]);
             }
@@ -146,88 +115,47 @@ impl Reading<'_> {
                 return Err(vec![Fault::new("", "expected either points or control_points, got neither")]);
             }
         };
-        if !matrix.iter().all(|value| value.is_finite()) {
-            return Err(vec![Fault::new("", "the control points of this shape exceed the range of numbers")]);
-        }
         Ok(matrix.as_slice().to_vec())
     }
 
-    fn interpolate_grid(
-        &self,
-        extent: Extent,
-        list: &PointList,
-        poles: Option<PolesInput>,
-    ) -> Result<Matrix, Vec<Fault>> {
+    /// Control points of the shape through a list or a grid of points.
+    fn interpolate(&self, list: &PointList, poles: PolesInput) -> Result<Matrix, Vec<Fault>> {
+        let at_points = |fault: FieldFault| Fault::from(fault).below("/points");
         let points = self.matrix(list).map_err(|errors| below(errors, "/points"))?;
-        let wanted = extent.grid();
-        if list.grid() != Some(wanted) {
-            let found = match list.grid() {
-                Some([u, v]) => format!("a grid of {u} × {v} points"),
-                None => format!("a list of {} points, not a grid [u][v]", list.len()),
-            };
-            let (name, [u, v]) = (extent.topology.name(), wanted);
-            let detail =
-                format!("expected a grid of {u} × {v} points for a {name} of this size, got {found}");
+        let conversion = &self.conversion;
+        if !conversion.space.domain().is_sheet() {
+            return conversion.interpolate(points).map_err(|fault| vec![at_points(fault)]);
+        }
+        if let Some(detail) = conversion.space.grid_fault(list.grid(), list.len()) {
             return Err(vec![Fault::new("/points", detail)]);
         }
-        let poles = poles.unwrap_or_default();
-        let mut errors = Vec::new();
-        if self.space.has_poles() {
-            errors = open_poles(&points, wanted[1]);
-        }
-        for (pole, pointer) in [(poles.north, "/poles/north"), (poles.south, "/poles/south")] {
-            let wild = |value: &f64| !(value.abs() <= MAX_COORDINATE);
-            if pole.is_some_and(|pole| pole.tangents.iter().flatten().any(wild)) {
-                let detail = format!("expected numbers within ±{MAX_COORDINATE:e}");
-                errors.push(Fault::new(format!("{pointer}/tangents"), detail));
-            }
-        }
+        let mut errors: Vec<Fault> =
+            conversion.space.open_poles(&points).into_iter().map(at_points).collect();
+        errors.extend(wild_tangents(&poles));
         if !errors.is_empty() {
             return Err(errors);
         }
         let of = |pole: Option<PoleInput>| pole.map(|pole| pole.tangents);
         let tangents = Tangents { north: of(poles.north), south: of(poles.south) };
-        let found = self.space.interpolate_with(points, &tangents);
-        found.map_err(|error| vec![Fault::new("/points", error.to_string())])
+        conversion.interpolate_grid(points, &tangents).map_err(|fault| vec![at_points(fault)])
     }
 
-    fn interpolate(&self, list: &PointList) -> Result<Matrix, Vec<Fault>> {
-        let points = self.matrix(list)?;
-        if self.correspondence == Correspondence::Landmarks {
-            self.check_count(list, "points", self.space.representation().point_count())?;
-            return self.space.interpolate(points).map_err(|error| vec![Fault::new("", error.to_string())]);
-        }
-        let representation = self.space.representation();
-        // The first point stays first; the point that closes the ring would otherwise come second.
-        let points = if self.runs_backwards(&points) { without_closing_point(points) } else { points };
-        let contour = contour(self.directed(points), representation.is_closed())?;
-        let start =
-            if self.correspondence == Correspondence::Cyclic { contour.canonical_start() } else { 0.0 };
-        let sampled = contour.sample(representation.point_count(), start);
-        self.space.interpolate(sampled).map_err(|error| vec![Fault::new("", error.to_string())])
-    }
-
-    fn take_coefficients(&self, list: &PointList) -> Result<Matrix, Vec<Fault>> {
-        let coefficients = self.matrix(list)?;
-        self.check_count(list, "control points", self.space.representation().size())?;
-        if self.correspondence != Correspondence::Cyclic {
-            return Ok(coefficients);
-        }
-        let directed = self.directed(coefficients);
-        let shift = canonical_shift(&directed);
-        Ok(rotate_start(&directed, shift))
+    fn take(&self, list: &PointList) -> Result<Matrix, Vec<Fault>> {
+        let control_points = self.matrix(list)?;
+        self.conversion.take(control_points).map_err(|fault| vec![fault.into()])
     }
 
     fn matrix(&self, list: &PointList) -> Result<Matrix, Vec<Fault>> {
+        let space = self.conversion.space;
         if let Some([u, v]) = list.grid()
-            && !self.space.domain().is_sheet()
+            && !space.domain().is_sheet()
         {
             let detail = format!(
                 "expected a list of points, got a grid of {u} × {v} points: only surfaces have grids"
             );
             return Err(vec![Fault::new("", detail)]);
         }
-        let dimension = self.space.representation().dimension();
+        let dimension = space.representation().dimension();
         let coordinates = list.checked(dimension)?;
         if list.len() > self.limits.points {
             let detail = format!("expected at most {1} points, got {0}", list.len(), self.limits.points);
@@ -235,80 +163,24 @@ impl Reading<'_> {
         }
         Ok(Matrix::from_row_slice(list.len(), dimension, coordinates))
     }
-
-    fn check_count(&self, list: &PointList, what: &str, wanted: usize) -> Result<(), Vec<Fault>> {
-        if list.len() == wanted {
-            return Ok(());
-        }
-        let hint = if self.space.domain().is_line() && what == "points" {
-            " (to resample a contour, use the correspondence arc_length or cyclic)"
-        } else {
-            ""
-        };
-        Err(vec![Fault::new(
-            "",
-            format!("expected {wanted} {what} for this representation, got {}{hint}", list.len()),
-        )])
-    }
-
-    /// Orients planar closed contours without a meaningful direction counter-clockwise, keeping their first point.
-    fn directed(&self, points: Matrix) -> Matrix {
-        let (n, d) = points.shape();
-        if !self.runs_backwards(&points) {
-            return points;
-        }
-        Matrix::from_fn(n, d, |k, c| points[((n - k) % n, c)])
-    }
-
-    /// Whether a contour without a meaningful direction runs clockwise.
-    fn runs_backwards(&self, points: &Matrix) -> bool {
-        // Empty lists are refused when the contour is built.
-        points.ncols() == 2
-            && points.nrows() > 0
-            && self.space.representation().is_closed()
-            && self.direction == Direction::Either
-            && self.correspondence != Correspondence::Landmarks
-            && !(polygon_area(points) >= 0.0)
-    }
 }
 
-/// Maximum relative distance between the points of a pole; they may differ by rounding to decimal digits.
-const SAME_POLE: f64 = 1e-9;
-
-/// Faults of the poles of a grid with `columns` points from pole to pole, if their points do not coincide.
-fn open_poles(points: &Matrix, columns: usize) -> Vec<Fault> {
-    let extent = points.column_iter().map(|column| column.max() - column.min()).fold(0.0, f64::max);
-    let mut errors = Vec::new();
-    for (column, name) in [(0, "north"), (columns - 1, "south")] {
-        let apart = |k: usize| (points.row(k * columns + column) - points.row(column)).norm();
-        let wrong = (0..points.nrows() / columns).find(|&k| apart(k) > SAME_POLE * extent);
-        errors.extend(wrong.map(|k| {
-            let detail = format!(
-                "expected the {name} pole at /points/0/{column}, got a point that is {:.1e} away: all meridians \
-                 of a sphere start and end in the same points",
-                apart(k)
-            );
-            Fault::new(format!("/points/{k}/{column}"), detail)
-        }));
-    }
-    errors
+/// Tangents of poles with numbers out of range.
+fn wild_tangents(poles: &PolesInput) -> impl Iterator<Item = Fault> {
+    let wild =
+        |pole: &PoleInput| pole.tangents.iter().flatten().any(|value| !(value.abs() <= MAX_COORDINATE));
+    let found = [(poles.north, "/poles/north"), (poles.south, "/poles/south")];
+    found.into_iter().filter(move |(pole, _)| pole.as_ref().is_some_and(wild)).map(|(_, pointer)| {
+        let detail = format!("expected numbers within ±{MAX_COORDINATE:e}");
+        Fault::new(format!("{pointer}/tangents"), detail)
+    })
 }
 
-/// Refuses a shape whose `size` points coincide (coordinate-major control points).
-///
-/// # Errors
-/// The extent and the size of the coordinates.
-pub fn check_extent(control_points: &[f64], size: usize) -> Result<(), Vec<Fault>> {
-    let range =
-        |c: &[f64]| c.iter().copied().fold(f64::MIN, f64::max) - c.iter().copied().fold(f64::MAX, f64::min);
-    let extent = control_points.chunks_exact(size).map(range).fold(0.0, f64::max);
-    let largest = control_points.iter().fold(0.0, |m: f64, v| m.max(v.abs()));
-    if extent > NO_EXTENT * largest {
-        return Ok(());
-    }
-    let detail =
-        format!("all {size} points coincide: extent {extent:.1e} at coordinates up to {largest:.1e}");
-    Err(vec![Fault::new("", detail)])
+/// The control points, unless interpolation has made them too large for numbers.
+fn finite(control_points: Matrix) -> Result<Matrix, Vec<Fault>> {
+    let finite = control_points.iter().all(|value| value.is_finite());
+    let fault = || vec![Fault::new("", "the control points of this shape exceed the range of numbers")];
+    finite.then_some(control_points).ok_or_else(fault)
 }
 
 fn below(errors: Vec<Fault>, pointer: &str) -> Vec<Fault> {
@@ -410,25 +282,7 @@ pub fn parse_whole<T: DeserializeOwned>(limits: &Limits, text: &[u8]) -> Result<
 /// # Errors
 /// [`ServiceError::Malformed`] for text that is not JSON, with a pointer to the place.
 pub fn parse<T: DeserializeOwned>(limits: &Limits, text: &[u8]) -> Result<T, ServiceError> {
-    bounds::within(limits.bounds(), || parse_within(text))
-}
-
-fn parse_within<T: DeserializeOwned>(text: &[u8]) -> Result<T, ServiceError> {
-    // Tracking the path costs time: only failed text is parsed again with it.
-    serde_json::from_slice(text).or_else(|_| {
-        let mut deserializer = serde_json::Deserializer::from_slice(text);
-        let value: T = serde_path_to_error::deserialize(&mut deserializer).map_err(|error| {
-            let pointer = json_pointer(error.path());
-            let index =
-                pointer.strip_prefix("/shapes/").and_then(|rest| rest.split('/').next()?.parse().ok());
-            let detail = format!("not valid JSON: {}", error.inner());
-            ServiceError::Malformed(vec![Fault { index, ..Fault::new(pointer, detail) }])
-        })?;
-        deserializer.end().map_err(|error| {
-            ServiceError::Malformed(vec![Fault::new("", format!("not valid JSON: {error}"))])
-        })?;
-        Ok(value)
-    })
+    json::parse(limits.bounds(), text).map_err(|fault| ServiceError::Malformed(vec![fault]))
 }
 
 impl App {
@@ -548,19 +402,16 @@ pub fn read_batch(reading: &Reading<'_>, shapes: Vec<ShapeInput>) -> Result<Batc
     faults.unless_any().map(|()| batch)
 }
 
-/// Checks the number of shapes and of their coordinates: resampling can turn short contours into many control points.
+/// Checks the number of coordinates: resampling can turn short contours into many control points. Lists of shapes are within
+/// their limit since they were read.
 fn check_numbers(reading: &Reading<'_>, shapes: usize) -> Result<(), ServiceError> {
-    let (most, most_numbers) = (reading.limits.shapes, reading.limits.coordinates);
-    if shapes > most {
-        let detail = format!("expected at most {most} shapes, got {shapes}");
-        return Err(ServiceError::invalid("/shapes", detail));
-    }
-    let representation = reading.space.representation();
+    let most = reading.limits.coordinates;
+    let representation = reading.conversion.space.representation();
     let numbers = representation.size() * representation.dimension() * shapes;
-    if numbers > most_numbers {
+    if numbers > most {
         let detail = format!(
-            "expected at most {most_numbers} numbers in the control points of all shapes, got {numbers} \
-             ({shapes} shapes): send fewer shapes, or use a cohort"
+            "expected at most {most} numbers in the control points of all shapes, got {numbers} ({shapes} shapes): \
+             send fewer shapes, or use a cohort"
         );
         return Err(ServiceError::invalid("/shapes", detail));
     }

@@ -8,7 +8,6 @@ use crate::formats::shape::ShapeInput;
 use crate::geometry::representation::Representation;
 use crate::geometry::subdivision::normal_based::Oriented;
 use crate::geometry::subdivision::oriented::OrientedMeshes;
-use crate::geometry::vector::norm;
 use crate::service::app::ServiceError;
 use crate::service::app::progress::JobContext;
 
@@ -80,38 +79,7 @@ impl<'a> OrientedReader<'a> {
                 format!("expected {count} control points for this representation, got {}", points.len());
             return Err(vec![Fault::new(pointer, detail)]);
         }
-        let (meshes, places) = (&self.meshes, points.clone());
-        orient(points, normals, || meshes.usual_normals(&places)).map(|(shape, _)| shape)
+        let oriented = Oriented::from_given(points, normals, |points| self.meshes.usual_normals(points));
+        oriented.map(|(shape, _)| shape).map_err(|fault| vec![fault.into()])
     }
-}
-
-/// Maximum deviation from 1 of the length of a normal that counts as a unit normal, written with few digits.
-const UNIT: f64 = 1e-6;
-
-/// Points with unit normals, and corrections made to them. Default of the normals: those of `usual`.
-///
-/// # Errors
-/// Normals that are missing or have no direction.
-pub(crate) fn orient(
-    points: Vec<[f64; 3]>,
-    normals: Option<Vec<[f64; 3]>>,
-    usual: impl FnOnce() -> Vec<[f64; 3]>,
-) -> Result<(Oriented, Vec<String>), Vec<Fault>> {
-    let (given, count) = (normals.is_some(), points.len());
-    let normals = normals.unwrap_or_else(usual);
-    if normals.len() != count {
-        let detail = format!("expected {count} entries, one per point, got {}", normals.len());
-        return Err(vec![Fault::new("/normals", detail)]);
-    }
-    let off = normals.iter().filter(|normal| (norm(**normal) - 1.0).abs() > UNIT).count();
-    let shape = Oriented::new(points, &normals).map_err(|index| {
-        let detail = if given {
-            "expected a normal with a direction, got zero"
-        } else {
-            "required normal is missing: the neighbouring points define none"
-        };
-        vec![Fault::new(format!("/normals/{index}"), detail)]
-    })?;
-    let warning = format!("{off} of {count} normals were not of unit length and were normalised");
-    Ok((shape, if given && off > 0 { vec![warning] } else { Vec::new() }))
 }

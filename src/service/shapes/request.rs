@@ -1,11 +1,12 @@
 //! Curves and surfaces of a request that is answered from memory.
 
 use super::read::{self, Reading};
+use crate::analysis::conversion::Conversion;
 use crate::analysis::correspondence::{Correspondence, Direction};
 use crate::analysis::metric::Metric;
 use crate::formats::shape::ShapeInput;
-use crate::geometry::capability::domain::Domain;
-use crate::geometry::representation::{Representation, ShapeSpace};
+use crate::geometry::capability::domain::{Admitted, Domain};
+use crate::geometry::representation::ShapeSpace;
 use crate::numeric::dense::Matrix;
 use crate::service::app::faults::Faults;
 use crate::service::app::{App, Limits, ServiceError};
@@ -24,20 +25,20 @@ impl Posted {
     /// Prepares a representation of curves or surfaces.
     ///
     /// # Errors
-    /// Faults of the representation and the correspondence; landmarks.
+    /// A space that cannot be prepared; faults of the correspondence; landmarks.
     pub fn new(
         app: &App,
-        representation: &Representation,
+        representation: &Admitted,
         correspondence: Correspondence,
     ) -> Result<Self, ServiceError> {
-        let (space, metric) = app.space(representation, "/representation")?;
+        let space = app.space(representation)?;
         if space.domain() == Domain::Points {
             let detail = "expected closed_curve, open_curve, surface or subdivision: landmarks are points \
                           without a curve";
             return Err(ServiceError::invalid("/representation/kind", detail));
         }
         read::check_correspondence(representation, correspondence)?;
-        Ok(Self { space, metric, correspondence })
+        Ok(Self { metric: Metric::of(&space), space, correspondence })
     }
 
     /// Prepares a representation of splines: curves or tensor-product surfaces.
@@ -46,7 +47,7 @@ impl Posted {
     /// Those of [`Self::new`]; subdivision surfaces.
     pub fn from_splines(
         app: &App,
-        representation: &Representation,
+        representation: &Admitted,
         correspondence: Correspondence,
     ) -> Result<Self, ServiceError> {
         let posted = Self::new(app, representation, correspondence)?;
@@ -60,7 +61,8 @@ impl Posted {
 
     fn reading<'a>(&'a self, limits: &'a Limits) -> Reading<'a> {
         let (space, correspondence) = (&self.space, self.correspondence);
-        Reading { space, correspondence, direction: Direction::Given, limits }
+        let conversion = Conversion { space, correspondence, direction: Direction::Given };
+        Reading { conversion, limits }
     }
 
     /// Control points of every shape; at least one shape is required.

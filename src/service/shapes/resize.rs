@@ -22,7 +22,7 @@ pub fn resize(
     shapes: &[Matrix],
 ) -> Result<Refined, ServiceError> {
     let representation = posted.space.representation().with_intervals(control_points);
-    let (space, _) = app.space(&representation, "").map_err(|error| match error {
+    let space = app.space_of(&representation).map_err(|error| match error {
         ServiceError::Invalid(faults) => {
             ServiceError::Invalid(faults.map(|fault| Fault { pointer: pointer.into(), ..fault }))
         }

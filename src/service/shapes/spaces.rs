@@ -3,9 +3,9 @@
 
 use std::sync::Arc;
 
-use super::read::check_representation;
-use crate::analysis::metric::Metric;
+use super::read::admit;
 use crate::geometry::GeometryError;
+use crate::geometry::capability::domain::Admitted;
 use crate::geometry::representation::{Representation, ShapeSpace};
 use crate::service::app::cache::{Cache, Cached};
 use crate::service::app::{App, ServiceError};
@@ -19,22 +19,31 @@ impl Cached for ShapeSpace {
 }
 
 impl App {
-    /// Prepared space and metric of `representation`.
+    /// The representation of a request, if it is within the limits.
     ///
     /// # Errors
-    /// [`ServiceError::Invalid`] below `pointer` if its sizes are out of bounds.
-    pub fn space(
-        &self,
-        representation: &Representation,
-        pointer: &str,
-    ) -> Result<(ShapeSpace, Metric), ServiceError> {
-        check_representation(representation, &self.limits)
-            .map_err(|errors| ServiceError::below(errors, pointer))?;
-        let space = prepared(&self.cache, representation).map_err(|error| {
-            ServiceError::invalid(format!("{pointer}/{}", representation.decisive_field()), error.to_string())
-        })?;
-        let metric = Metric::of(&space);
-        Ok((space, metric))
+    /// [`ServiceError::Invalid`] below `/representation`.
+    pub fn admit(&self, representation: Representation) -> Result<Admitted, ServiceError> {
+        admit(representation, &self.limits).map_err(|errors| ServiceError::below(errors, "/representation"))
+    }
+
+    /// Prepared space of a representation.
+    ///
+    /// # Errors
+    /// [`ServiceError::Invalid`] below `/representation` if its shapes have no such space.
+    pub fn space(&self, representation: &Admitted) -> Result<ShapeSpace, ServiceError> {
+        prepared(&self.cache, representation).map_err(|error| {
+            let field = representation.decisive_field(&error);
+            ServiceError::invalid(format!("/representation/{field}"), error.to_string())
+        })
+    }
+
+    /// Prepared space of a stored or computed representation, within the limits of this process.
+    ///
+    /// # Errors
+    /// As [`Self::admit`] and [`Self::space`].
+    pub fn space_of(&self, representation: &Representation) -> Result<ShapeSpace, ServiceError> {
+        self.space(&self.admit(representation.clone())?)
     }
 }
 

@@ -1,7 +1,6 @@
 //! Refinement of posted meshes and polylines by a subdivision scheme. The functions are synchronous and run on the pool.
 
 use super::read_mesh::face_pointer;
-use super::read_oriented::orient;
 use super::read_points::{given, take_points};
 use crate::formats::checked::{Checked, LARGE, document, take_given};
 use crate::formats::fault::Fault;
@@ -162,8 +161,10 @@ fn read_mesh(
     }
     mesh.check_faces()
         .map_err(|fault| vec![Fault::new(format!("/faces{}", face_pointer(&fault)), fault.to_string())])?;
-    let (shape, warnings) = orient(mesh.vertices.clone(), normals, || sphere_normals(&mesh))?;
-    Ok((TriangleMesh { vertices: shape.points, normals: Some(shape.normals), faces: mesh.faces }, warnings))
+    let oriented = Oriented::from_given(mesh.vertices.clone(), normals, |_| sphere_normals(&mesh));
+    let (shape, caveat) = oriented.map_err(|fault| vec![Fault::from(fault)])?;
+    let mesh = TriangleMesh { vertices: shape.points, normals: Some(shape.normals), faces: mesh.faces };
+    Ok((mesh, caveat.into_iter().collect()))
 }
 
 /// A refined polyline.
@@ -230,7 +231,9 @@ fn read_polyline(input: PolylineInput, limits: &Limits) -> Result<ReadPolyline, 
         let detail = "required field is missing: neighbouring points define normals in the plane only";
         return Err(vec![Fault::new("/normals", detail)]);
     }
-    let (shape, mut warnings) = orient(points.clone(), normals, || circle_normals(&points, closed))?;
+    let oriented = Oriented::from_given(points, normals, |points| circle_normals(points, closed));
+    let (shape, caveat) = oriented.map_err(|fault| vec![Fault::from(fault)])?;
+    let mut warnings: Vec<String> = caveat.into_iter().collect();
     if dimension == 2
         && let Some(vertex) = inconsistent(&shape.points, &shape.normals, closed)
     {

@@ -45,7 +45,7 @@ async fn fill(store: &Store) -> Cohort {
 async fn claimed(store: &Store) -> Claim {
     let job = Job::new(JobKind::LearnDictionary, json!({"cohort": "hands"}), 7);
     store.create_job(&job, None).await.unwrap();
-    store.claim_job(8, 100, &json!({})).await.unwrap().claim.unwrap()
+    store.claim_job(8, 100, f64::INFINITY, &json!({})).await.unwrap().claim.unwrap()
 }
 
 /// Inserts a dictionary as plain rows; its content does not matter here.

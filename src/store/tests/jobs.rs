@@ -14,7 +14,7 @@ async fn submitted(store: &Store, now: i64) -> Job {
 }
 
 async fn looked(store: &Store, now: i64) -> Claimed {
-    store.claim_job(now, now + LEASE, &json!({"code": "internal"})).await.unwrap()
+    store.claim_job(now, now + LEASE, f64::INFINITY, &json!({"code": "internal"})).await.unwrap()
 }
 
 async fn claimed(store: &Store, now: i64) -> Claim {
@@ -322,7 +322,7 @@ async fn served(store: &Store, count: usize) -> String {
     let mut order = String::new();
     for k in 0..count as i64 {
         let now = 1000 + 10 * k;
-        let claim = store.claim_job(now, now + 5, &json!({})).await.unwrap().claim.unwrap();
+        let claim = store.claim_job(now, now + 5, f64::INFINITY, &json!({})).await.unwrap().claim.unwrap();
         order.push_str(&claim.tenant);
         assert!(store.fail_job(&claim, &json!({}), now + 1).await.unwrap());
     }
@@ -347,7 +347,8 @@ async fn tenants_take_turns() {
     }
     let mut running = String::new();
     for _ in 0..4 {
-        running += &store.claim_job(2000, 9000, &json!({})).await.unwrap().claim.unwrap().tenant;
+        running +=
+            &store.claim_job(2000, 9000, f64::INFINITY, &json!({})).await.unwrap().claim.unwrap().tenant;
     }
     assert_eq!(running, "baba", "a was served last");
 }
@@ -364,7 +365,7 @@ async fn urgent_jobs_of_a_tenant_come_first() {
         wanted.push(job.id);
     }
     for k in [2, 3, 1, 0] {
-        let claim = store.claim_job(50, 90, &json!({})).await.unwrap().claim.unwrap();
+        let claim = store.claim_job(50, 90, f64::INFINITY, &json!({})).await.unwrap().claim.unwrap();
         assert_eq!(claim.job.id, wanted[k]);
     }
 }

@@ -50,7 +50,7 @@ async fn tenants_do_not_see_each_other() {
     ours.create_cohort(&self::cohort("feet"), Some(&receipt("k", 2))).await.unwrap();
     assert_eq!(theirs.list_changes(0, 9).await.unwrap()[0].sequence, 1);
     // A worker serves all tenants.
-    let claimed = theirs.claim_job(5, 10, &json!({})).await.unwrap().claim.unwrap();
+    let claimed = theirs.claim_job(5, 10, f64::INFINITY, &json!({})).await.unwrap().claim.unwrap();
     assert_eq!((claimed.job.id.as_str(), claimed.tenant.as_str()), (job.id.as_str(), "default"));
 }
 
@@ -149,7 +149,7 @@ async fn what_a_process_that_is_gone_left_behind_is_removed_and_its_jobs_are_tak
     upload.add(vec![named(1, "a")]).await.unwrap();
     let job = job_of(&cohort);
     gone.create_job(&job, None).await.unwrap();
-    let stale = gone.claim_job(5, i64::MAX, &json!({})).await.unwrap().claim.unwrap();
+    let stale = gone.claim_job(5, i64::MAX, f64::INFINITY, &json!({})).await.unwrap().claim.unwrap();
     other.tidy_behind_the_dead().await.unwrap();
     assert_eq!(rows(&other, "shape").await, 1, "the other process lives");
     // Simulates a crash: the connections end without clean-up.
@@ -164,6 +164,6 @@ async fn what_a_process_that_is_gone_left_behind_is_removed_and_its_jobs_are_tak
     }
     assert_eq!(rows(&other, "shape").await, 0);
     store_all(&other, &cohort, vec![named(2, "a")]).await;
-    let taken = other.claim_job(6, 100, &json!({})).await.unwrap().claim.unwrap();
+    let taken = other.claim_job(6, 100, f64::INFINITY, &json!({})).await.unwrap().claim.unwrap();
     assert_eq!((taken.job.id, taken.job.attempt), (stale.job.id, 2));
 }

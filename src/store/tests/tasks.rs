@@ -10,7 +10,7 @@ const HERE: &str = "here";
 async fn running(store: &Store) -> Claim {
     let job = Job::new(JobKind::LearnDictionary, json!({}), 1);
     store.create_job(&job, None).await.unwrap();
-    store.claim_job(10, 1000, &json!({})).await.unwrap().claim.expect("a job waits")
+    store.claim_job(10, 1000, f64::INFINITY, &json!({})).await.unwrap().claim.expect("a job waits")
 }
 
 async fn begun(store: &Store, claim: &Claim, parts: usize) -> i64 {
@@ -141,7 +141,8 @@ async fn a_pass_lasts_as_long_as_the_claim_on_its_job() {
     assert!(taken(&store, 20).await.is_none(), "the job waits");
     assert!(!store.renew_part(&part, 900).await.unwrap());
 
-    let second = store.claim_job(30, 1000, &json!({})).await.unwrap().claim.expect("the job waits");
+    let second =
+        store.claim_job(30, 1000, f64::INFINITY, &json!({})).await.unwrap().claim.expect("the job waits");
     assert!(taken(&store, 30).await.is_none(), "the pass is that of the first claim");
     assert!(store.claim_own_part(old, 2, 30).await.unwrap().is_none());
     let start = [Start { chunk: 1, skip: 0 }];

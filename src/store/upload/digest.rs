@@ -4,15 +4,14 @@ use blake3::Hasher;
 use serde_json::Value;
 
 use super::super::blob;
-use crate::domain::shape::NewShape;
+use crate::domain::shape::ShapeAttributes;
 
-/// BLAKE3 of control points and attributes. Every part is preceded by its kind or length, so that different contents never
-/// give the same bytes.
-pub(super) fn of(shape: &NewShape) -> [u8; 32] {
-    let attributes = &shape.attributes;
+/// BLAKE3 of control points, as stored, and attributes. Every part is preceded by its kind or length, so that different
+/// contents never give the same bytes.
+pub(super) fn of(attributes: &ShapeAttributes, points: &[u8]) -> [u8; 32] {
     let mut hasher = Hasher::new();
-    put_length(&mut hasher, shape.control_points.len());
-    hasher.update(&blob::bytes_of(&shape.control_points));
+    put_length(&mut hasher, points.len() / blob::BYTES_PER_NUMBER);
+    hasher.update(points);
     hasher.update(&attributes.weight.to_le_bytes());
     put_text(&mut hasher, attributes.external_id.as_deref());
     put_text(&mut hasher, attributes.subject.as_deref());

@@ -23,6 +23,7 @@ pub use self::lane::{Lane, thread_count};
 use self::turns::Who;
 use super::error::ServiceError;
 use super::limits::Limits;
+use super::metrics;
 use super::progress::JobContext;
 use super::work::Work;
 use crate::domain::access::Principal;
@@ -165,6 +166,7 @@ impl Pool {
             let task = holding(body, task);
             // The task belongs to the lane that has parsed the body: run it here.
             if work.is_moment() || !reading.is_moment() {
+                metrics::compute_planned(if reading.is_moment() { LIGHT } else { HEAVY }, work.seconds());
                 task().map(Step::Done)
             } else {
                 Ok(Step::Next(work, task))

@@ -6,11 +6,12 @@ use serde::{Deserialize, Serialize};
 
 use crate::analysis::inference::groups::Groups;
 use crate::analysis::inference::limits::MIN_MEMBERS;
+use crate::domain::attribute::Attribute;
 use crate::domain::cohort::Cohort;
 use crate::domain::shape::{ShapeDescription, ShapeFilter};
 use crate::formats::fault::Fault;
 use crate::service::app::{App, ServiceError};
-use crate::service::cohorts::attributes::{self, Attribute, KnownAttributes};
+use crate::service::cohorts::attributes::{self, KnownAttributes};
 
 /// Maximum number of groups of a comparison.
 const MAX_GROUPS: usize = 50;

@@ -1,8 +1,7 @@
 //! Comparison of groups of shapes of a cohort.
 //!
-//! * this file — the kind of study; `groups` — the groups and their shapes; `drawing` — drawing of a result.
+//! * this file — the kind of study; `groups` — the groups and their shapes.
 
-mod drawing;
 mod groups;
 
 use serde::{Deserialize, Serialize};
@@ -11,6 +10,8 @@ pub use self::groups::{Grouping, NamedGroup};
 use self::groups::{Members, group_faults};
 use super::sample::{Selection, subject_warning, subjects};
 use super::study::{Plan, Study, StudyKind, StudyRequest, refused, within_memory};
+use crate::analysis::drawing::studies::draw_comparison;
+use crate::analysis::estimate::{Estimate, TestWork};
 use crate::analysis::inference::aligned::AlignedShapes;
 use crate::analysis::inference::compare::compare;
 use crate::analysis::inference::groups::subjects_in_several_groups;
@@ -21,7 +22,6 @@ use crate::domain::study::Comparison;
 use crate::formats::fault::Fault;
 use crate::geometry::sampling::Places;
 use crate::service::app::{App, ServiceError};
-use crate::service::cost::jobs::{Estimate, TestWork};
 use crate::service::statistics::Setup;
 
 /// Maximum number of points along the shape in an answer, over all pairs.
@@ -121,7 +121,7 @@ impl StudyKind for ComparedShapes {
     }
 
     fn draw(study: &Study<Self>, comparison: &Comparison) -> String {
-        drawing::draw(study, comparison)
+        draw_comparison(&study.setup.space, &study.cohort.spec.name, &comparison.found)
     }
 }
 

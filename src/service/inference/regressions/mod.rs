@@ -1,8 +1,7 @@
 //! Regression of the shapes of a cohort on an attribute.
 //!
-//! * this file — the kind of study; `values` — the values of attribute and covariates; `drawing` — drawing of a result.
+//! * this file — the kind of study; `values` — the values of attribute and covariates.
 
-mod drawing;
 mod values;
 
 use std::collections::BTreeSet;
@@ -12,18 +11,20 @@ use serde::{Deserialize, Serialize};
 use self::values::{LOG_CENTROID_SIZE, complete, variables};
 use super::sample::{Selection, subject_warning};
 use super::study::{Plan, Study, StudyKind, StudyRequest, refused, within_memory};
+use crate::analysis::drawing::studies::draw_regression;
+use crate::analysis::estimate::{Estimate, TestWork};
 use crate::analysis::inference::aligned::AlignedShapes;
 use crate::analysis::inference::regress::regress;
 use crate::analysis::inference::variables::Variables;
 use crate::analysis::watch::Watch;
+use crate::domain::attribute::Attribute;
 use crate::domain::cohort::Cohort;
 use crate::domain::job::JobKind;
 use crate::domain::shape::{ShapeDescription, ShapeFilter};
 use crate::domain::study::{RegressionScore, ShapeRegression};
 use crate::formats::fault::Fault;
 use crate::service::app::{App, ServiceError};
-use crate::service::cohorts::attributes::{self, Attribute, KnownAttributes};
-use crate::service::cost::jobs::{Estimate, TestWork};
+use crate::service::cohorts::attributes::{self, KnownAttributes};
 use crate::service::statistics::Setup;
 
 /// Maximum number of covariates.
@@ -173,7 +174,8 @@ impl StudyKind for RegressedShapes {
     }
 
     fn draw(study: &Study<Self>, regression: &ShapeRegression) -> String {
-        drawing::draw(study, regression)
+        let (space, cohort) = (&study.setup.space, &study.cohort.spec.name);
+        draw_regression(space, cohort, regression.header.shapes, &regression.found)
     }
 }
 

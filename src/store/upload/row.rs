@@ -1,0 +1,54 @@
+//! A shape in the form in which it is stored.
+
+use super::super::blob;
+use super::digest;
+use crate::domain::shape::NewShape;
+
+/// A shape as it is stored: attributes as text, control points as bytes, and the digest of both.
+#[derive(Debug)]
+pub struct ShapeRow {
+    pub(super) id: String,
+    pub(super) external_id: Option<String>,
+    pub(super) subject: Option<String>,
+    pub(super) label: Option<String>,
+    /// Digest of the content of a shape that has an external id.
+    pub(super) digest: Option<[u8; 32]>,
+    pub(super) labels: Option<String>,
+    pub(super) metadata: Option<String>,
+    pub(super) weight: f64,
+    /// Control points, as stored.
+    pub(super) points: Vec<u8>,
+}
+
+impl ShapeRow {
+    /// Number of coordinates.
+    pub(super) fn width(&self) -> usize {
+        self.points.len() / blob::BYTES_PER_NUMBER
+    }
+
+    pub(super) fn digest_bytes(&self) -> Option<&[u8]> {
+        self.digest.as_ref().map(<[u8; 32]>::as_slice)
+    }
+}
+
+/// Cost: one pass over the control points, and BLAKE3 of them if the shape has an external id.
+impl From<NewShape> for ShapeRow {
+    fn from(shape: NewShape) -> Self {
+        let NewShape { id, attributes, control_points } = shape;
+        let points = blob::bytes_of(&control_points);
+        let digest = attributes.external_id.is_some().then(|| digest::of(&attributes, &points));
+        let labels = (!attributes.labels.is_empty()).then_some(&attributes.labels);
+        let labels = labels.map(|labels| serde_json::to_string(labels).expect("a map of JSON is JSON"));
+        Self {
+            id,
+            external_id: attributes.external_id,
+            subject: attributes.subject,
+            label: attributes.label,
+            digest,
+            labels,
+            metadata: attributes.metadata,
+            weight: attributes.weight,
+            points,
+        }
+    }
+}
