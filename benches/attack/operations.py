@@ -71,6 +71,15 @@ def furnish(service, key):
         service.post("/v1/dictionaries", body if name == "atoms" else {**body, "classifier": classifier}, {**key, **WAIT}, timeout=90)
 
 
+def warm(service, key):
+    """Computes once in every way: stacks and arenas of threads are no part of what the first request takes."""
+    for name, cohort in DICTIONARIES.items():
+        count = COHORTS[cohort].get("control_points") or COHORTS[cohort]["points"]
+        shapes = {"shapes": [{"points": outline(count, k)} for k in range(400)]}
+        service.post(f"/v1/dictionaries/{name}/encode", shapes, key)
+        service.post("/v1/mean", {**shapes, "representation": COHORTS[cohort], "transformation": "similarity"}, key)
+
+
 class Things:
     """What exists, and what is made to be deleted, restored or cancelled."""
 

@@ -36,7 +36,7 @@ sys.path.insert(0, str(ROOT / "tests" / "attack"))
 sys.dont_write_bytecode = True
 
 from mutate import Mutator, Schemas, estimate, toil  # noqa: E402
-from operations import Things, beginnings, furnish, operations  # noqa: E402
+from operations import Things, beginnings, furnish, operations, warm  # noqa: E402
 from recipe import Recipe  # noqa: E402
 from service import Service, percentile  # noqa: E402
 
@@ -94,6 +94,8 @@ class Target:
         shutil.copytree(self.template / "data", self.service.folder / "data")
         self.service.start()
         self.things = Things(self.service, self.key)
+        warm(self.service, self.key)
+        self.service.idle = self.service.resident()
 
     def rested(self):
         """One that holds nothing of the request before."""

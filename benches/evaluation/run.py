@@ -20,6 +20,7 @@ import urllib.request
 from collections import Counter
 from pathlib import Path
 from random import Random
+from statistics import mean, stdev
 
 ROOT = Path(__file__).resolve().parents[2]
 REPEATS = 3
@@ -291,7 +292,7 @@ OUTLINES = (
     "otoliths",
     "trilobite-heads",
 )
-LEARNT = {20: 40, 40: 20, 80: 10}
+LEARNT = {20: 40, 40: 20, 80: 10, 160: 5}
 MOST_ASKED = 300
 NOVELTY_POINTS = 48
 
@@ -331,7 +332,7 @@ def alarms(service, name, shapes, dictionary):
 
 
 def novelty(service, folder, names, atoms=False):
-    """False alarms among shapes that were not learnt from, over random halves."""
+    """False alarms among shapes that were not learnt from, over random draws, with standard errors."""
     method = {"kind": "functional_pca", "components": 8, "centre": True}
     if atoms:
         method = {"kind": "sparse", "atoms": 8, "lambda": 0.02, "max_epochs": 30}
@@ -344,8 +345,8 @@ def novelty(service, folder, names, atoms=False):
         for learnt, draws in LEARNT.items():
             if len(shapes) < learnt + 10:
                 continue
-            draws = draws // 4 if atoms else draws
-            sums = [0.0] * 4
+            draws = max(draws // 4, 2) if atoms else draws
+            rows = []
             for seed in range(draws):
                 order = shapes[:]
                 Random(seed).shuffle(order)
@@ -355,8 +356,9 @@ def novelty(service, folder, names, atoms=False):
                 service.finished(service.call("POST", "/v1/dictionaries", body))
                 dictionary = service.call("GET", f"/v1/dictionaries/{name}")
                 asked = order[learnt : learnt + MOST_ASKED]
-                sums = [a + b for a, b in zip(sums, alarms(service, name, asked, dictionary))]
-            held, old, held99, old99 = (f"{100 * value / draws:.1f} %" for value in sums)
+                rows.append(alarms(service, name, asked, dictionary))
+            figures = [(mean(values), stdev(values) / draws**0.5) for values in zip(*rows)]
+            held, old, held99, old99 = (f"{100 * value:.1f} ± {100 * error:.1f} %" for value, error in figures)
             cells = [data_set, str(learnt), str(draws), held, held99, old, old99]
             print("| " + " | ".join(cells) + " |", flush=True)
 
