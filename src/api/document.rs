@@ -6,10 +6,12 @@ use utoipa::openapi::{
     Type,
 };
 
+use super::health;
+
 /// Media type of problem documents.
 const PROBLEM: &str = "application/problem+json";
 
-/// Status codes of limits that apply to every resource, added where an operation does not describe them itself.
+/// Status codes of limits that apply to every resource except the probes, added where an operation does not describe them itself.
 const LIMITS: [(&str, &str); 2] =
     [("429", "Rate limit exceeded"), ("503", "Overloaded, stopping, or over the time limit")];
 
@@ -22,14 +24,16 @@ fn problem() -> Content {
     ContentBuilder::new().schema(Some(Ref::from_schema_name("ProblemDocument"))).build()
 }
 
-/// Adds the common parts to all operations: problem documents to all refusals, and to those under `/v1` the refusals that
-/// every operation has.
+/// Adds the common parts to all operations: problem documents to all refusals, the limits to all but the probes, and to
+/// those under `/v1` the refusals that every operation has.
 pub(super) fn complete(document: &mut OpenApi) {
     for (path, item) in &mut document.paths.paths {
         let methods = [&mut item.get, &mut item.post, &mut item.put, &mut item.patch, &mut item.delete];
         for operation in methods.into_iter().flatten() {
             if path.starts_with("/v1/") {
                 add_refusal(operation);
+            }
+            if !health::PATHS.contains(&path.as_str()) {
                 add_limits(operation);
             }
             describe_refusals(operation);

@@ -8,6 +8,9 @@ use utoipa_axum::routes;
 use super::problem::Problem;
 use crate::service::app::App;
 
+/// Paths of the probes, which have no rate limit.
+pub(super) const PATHS: [&str; 2] = ["/livez", "/readyz"];
+
 /// Routes of the probes.
 pub fn routes() -> OpenApiRouter<App> {
     OpenApiRouter::new().routes(routes!(live)).routes(routes!(ready))
