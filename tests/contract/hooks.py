@@ -41,10 +41,14 @@ def write_lines(ctx, value):
 
 @schemathesis.hook
 def before_call(context, case, kwargs):
-    """Adds a header that nobody drew; takes away a key that was drawn where there are none."""
+    """Adds a header that nobody drew; takes away a key that was drawn where there are none; keeps the key in use."""
     if os.environ.get("CONTRACT_OPEN"):
         for headers in [case.headers, kwargs.get("headers") or {}]:
             headers.pop("Authorization", None)
+    key = (case.path_parameters or {}).get("key")
+    if case.method == "DELETE" and key and key == os.environ.get("CONTRACT_KEY"):
+        # Without this key, every later answer would be 401.
+        case.path_parameters["key"] = "none"
     if next(TURN):
         name, value = next(HEADERS)
         case.headers[name] = value

@@ -185,6 +185,8 @@ def examine(program, address, headers, seconds, examples, answers):
         command.append("--exclude-operation-id=create_key")
     environment = {**os.environ, "SCHEMATHESIS_HOOKS": "hooks", "PYTHONPATH": str(HERE), "CONTRACT_ANSWERS": answers}
     environment["CONTRACT_OPEN"] = "" if headers else "1"
+    # The secret form of the key `key_{id}` is `shk_{id}_{secret}`.
+    environment["CONTRACT_KEY"] = "key_" + headers["authorization"].split("_")[1] if headers else ""
     return subprocess.run(command, cwd=TARGET, env=environment).returncode == 0
 
 
