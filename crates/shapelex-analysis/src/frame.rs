@@ -8,7 +8,7 @@
 
 use super::AnalysisError;
 use super::accumulate::{
-    Accumulator, ShapeSource, Shapes, accumulate, accumulate_spread, read_numbers, write_numbers,
+    Accumulator, BLOCK, ShapeSource, Shapes, accumulate, accumulate_spread, read_numbers, write_numbers,
 };
 use super::mean::MeanSpace;
 use super::metric::{Metric, dot, norm};
@@ -46,6 +46,10 @@ impl<'a> FrameSum<'a> {
 }
 
 impl Accumulator for FrameSum<'_> {
+    fn unit(&self) -> usize {
+        BLOCK
+    }
+
     fn update(&mut self, shapes: Shapes<'_>) -> Result<(), AnalysisError> {
         for (_, x, weight) in shapes.iter() {
             let size = norm(x);
@@ -116,7 +120,7 @@ pub(super) fn training_sum<'a, S: ShapeSource>(
 ) -> Result<FrameSum<'a>, S::Error> {
     let empty = || FrameSum::new(elements);
     let sum = Sum::Frame { elements: elements.as_slice().to_vec() };
-    accumulate_spread(source, sum, empty, || accumulate(source, 1024, empty))
+    accumulate_spread(source, sum, empty, || accumulate(source, empty))
 }
 
 fn canonical(space: &MeanSpace<'_>, metric: &Metric) -> Result<Vec<f64>, AnalysisError> {

@@ -14,10 +14,14 @@
 //! | non-uniform scaling | the top eigenvector of every axis |
 //! | all others | the top `I` eigenvectors of `Σ w_k P_k` |
 
+use std::borrow::Cow;
+
+use rayon::prelude::*;
+
 use super::AnalysisError;
 use super::accumulate::{
-    Accumulator, OuterProductSum, ShapeSource, Shapes, accumulate, accumulate_spread, read_numbers,
-    write_numbers,
+    Accumulator, BLOCK, OuterProductSum, ShapeSource, Shapes, accumulate, accumulate_spread, for_each_group,
+    read_numbers, unit, write_numbers,
 };
 use super::metric::dot;
 use super::pass::Sum;
@@ -62,32 +66,28 @@ impl<'a> ProjectorSum<'a> {
         Self { class, blocks, weight: 0.0, shapes: 0, closed: false }
     }
 
-    /// Size of the full sum in bytes.
-    pub fn size_bytes(class: &TransformationClass, length: usize) -> usize {
-        let n = length / class.dimension();
-        8 * match class.structure {
-            Structure::PerCoordinate => n * n,
-            Structure::PerAxis => class.dimension() * n * n,
-            Structure::Complex | Structure::General => length * length,
-        }
-    }
-
     /// Replaces shapes in the sum, for searches that move a few shapes of many. Rounding errors accumulate, so a search
     /// recomputes its final sum. Returns `false`, doing nothing, for sums so small that recomputing them is as cheap.
     ///
     /// # Errors
     /// [`AnalysisError::Degenerate`].
     pub fn exchange(&mut self, shapes: &[Exchange]) -> Result<bool, AnalysisError> {
-        let columns = |pick: fn(&Exchange) -> &Vec<f64>| {
-            let mut columns = vec![Vec::new(); self.blocks.len()];
-            for shape in shapes {
-                add_columns(self.class, pick(shape), shape.weight, &mut columns)?;
+        let length = shapes.first().map_or(0, |shape| shape.leaving.len());
+        let numbers = Subspace::numbers(self.class, length);
+        let bases = |pick: fn(&Exchange) -> &Vec<f64>| {
+            let mut bases = vec![0.0; numbers * shapes.len()];
+            for (basis, shape) in bases.chunks_exact_mut(numbers).zip(shapes) {
+                Subspace::write_basis(self.class, pick(shape), shape.weight.sqrt(), basis)?;
             }
-            Ok::<_, AnalysisError>(columns)
+            Ok::<_, AnalysisError>(bases)
         };
-        let (leaving, arriving) = (columns(|shape| &shape.leaving)?, columns(|shape| &shape.arriving)?);
-        let changes = leaving.iter().zip(&arriving);
-        Ok(self.blocks.iter_mut().zip(changes).all(|(block, (out, new))| block.exchange(out, new)))
+        let (leaving, arriving) = (bases(|shape| &shape.leaving)?, bases(|shape| &shape.arriving)?);
+        let count = self.blocks.len();
+        let mut blocks = self.blocks.iter_mut().enumerate();
+        Ok(blocks.all(|(b, block)| {
+            let own = |bases| columns_of_block(bases, numbers / count, b, count);
+            block.exchange(&own(&leaving), &own(&arriving))
+        }))
     }
 
     /// The sum of the full projectors: complex classes have added only one vector of two so far.
@@ -109,36 +109,47 @@ impl<'a> ProjectorSum<'a> {
         length: usize,
     ) -> Result<Self, S::Error> {
         let empty = || Self::new(class, length);
-        let here = || accumulate(source, Self::size_bytes(class, length), empty);
+        let here = || accumulate(source, empty);
         accumulate_spread(source, Sum::Projectors, empty, here)
     }
 }
 
-/// Appends the columns `√w Q` of every block of the subspace of `x`.
-fn add_columns(
-    class: &TransformationClass,
-    x: &[f64],
-    weight: f64,
-    columns: &mut [Vec<f64>],
-) -> Result<(), AnalysisError> {
-    let subspace = Subspace::new(class, x)?;
-    let root = weight.sqrt();
-    for (block, column) in subspace.blocks.iter().zip(columns) {
-        column.extend(block.q.iter().map(|value| root * value));
+/// The columns of block `b` of `count` in bases one after the other, each with `numbers` numbers for every block.
+fn columns_of_block(bases: &[f64], numbers: usize, b: usize, count: usize) -> Cow<'_, [f64]> {
+    if count == 1 {
+        return bases.into();
     }
-    Ok(())
+    bases.chunks_exact(numbers.max(1)).skip(b).step_by(count).flatten().copied().collect()
 }
 
 impl Accumulator for ProjectorSum<'_> {
+    fn unit(&self) -> usize {
+        unit(self.blocks[0].size())
+    }
+
     fn update(&mut self, shapes: Shapes<'_>) -> Result<(), AnalysisError> {
-        let mut columns = vec![Vec::new(); self.blocks.len()];
-        for (position, x, weight) in shapes.iter() {
-            add_columns(self.class, x, weight, &mut columns).map_err(|error| error.at(position))?;
-            self.weight += weight;
-            self.shapes += 1;
-        }
-        self.blocks.iter_mut().zip(&columns).for_each(|(sum, columns)| sum.add(columns));
-        Ok(())
+        let class = self.class;
+        let length = shapes.whitened.len() / shapes.weights.len();
+        let numbers = Subspace::numbers(class, length);
+        for_each_group(shapes, self.blocks[0].size(), numbers, |group, columns| {
+            let bases = columns.par_chunks_mut(BLOCK * numbers).zip(group.blocks(BLOCK));
+            // The first shape in error is reported, whichever thread finds one first.
+            let errors = bases.filter_map(|(columns, block)| {
+                let mut rows = columns.chunks_exact_mut(numbers).zip(block.iter());
+                let written = rows.try_for_each(|(column, (position, x, weight))| {
+                    Subspace::write_basis(class, x, weight.sqrt(), column).map_err(|error| error.at(position))
+                });
+                written.err()
+            });
+            errors.collect::<Vec<_>>().into_iter().next().map_or(Ok(()), Err)?;
+            group.weights.iter().for_each(|weight| self.weight += weight);
+            self.shapes += group.weights.len();
+            let count = self.blocks.len();
+            for (b, block) in self.blocks.iter_mut().enumerate() {
+                block.add(&columns_of_block(columns, numbers / count, b, count));
+            }
+            Ok(())
+        })
     }
 
     fn merge(&mut self, other: Self) {

@@ -11,13 +11,12 @@
 //! [`OuterProductSum`]: super::accumulate::OuterProductSum
 
 use super::AnalysisError;
-use super::accumulate::{
-    ScatterSum, ShapeSource, Shapes, accumulate, accumulate_spread, for_each_changed, map_shapes,
-};
+use super::accumulate::{ScatterSum, ShapeSource, accumulate, accumulate_spread, map_blocks};
 use super::frame::largest;
 use super::metric::{Metric, dot, norm};
 use super::pass::Sum;
-use shapelex_numeric::dense::Matrix;
+use shapelex_numeric::dense::{Matrix, transpose_multiply_columns};
+use shapelex_numeric::kernels::add_scaled;
 
 /// Components with an eigenvalue below this fraction of the first are rounding error and are dropped.
 pub(super) const SMALLEST_COMPONENT: f64 = 1e-12;
@@ -67,9 +66,8 @@ impl FunctionalPca {
     /// # Errors
     /// Errors of the source.
     pub fn scatter<S: ShapeSource>(source: &S, origin: &[f64]) -> Result<ScatterSum, S::Error> {
-        let length = origin.len();
-        let empty = || ScatterSum::new(length);
-        let here = || accumulate(&Shifted { source, origin }, 8 * length * length, empty);
+        let empty = || ScatterSum::about(origin.to_vec());
+        let here = || accumulate(source, empty);
         accumulate_spread(source, Sum::Scatter { origin: origin.to_vec() }, empty, here)
     }
 
@@ -113,9 +111,20 @@ impl FunctionalPca {
     pub fn reconstruct(&self, scores: &[f64]) -> Vec<f64> {
         let mut x = if self.centred { self.mean.clone() } else { vec![0.0; self.mean.len()] };
         for (score, xi) in scores.iter().zip(self.eigenshapes.column_iter()) {
-            x.iter_mut().zip(xi.iter()).for_each(|(sum, value)| *sum += score * value);
+            add_scaled(&mut x, *score, xi.as_slice());
         }
         x
+    }
+
+    /// Scores of whitened shapes given one after the other: one column per shape.
+    fn block_scores(&self, whitened: &[f64]) -> Matrix {
+        if !self.centred {
+            return transpose_multiply_columns(&self.eigenshapes, whitened);
+        }
+        let shapes = whitened.chunks_exact(self.mean.len());
+        let centred: Vec<f64> =
+            shapes.flat_map(|x| x.iter().zip(&self.mean).map(|(x, mean)| x - mean)).collect();
+        transpose_multiply_columns(&self.eigenshapes, &centred)
     }
 
     /// Scores of all shapes, in order.
@@ -123,8 +132,12 @@ impl FunctionalPca {
     /// # Errors
     /// Errors of the source.
     pub fn all_scores<S: ShapeSource>(&self, source: &S) -> Result<Vec<Vec<f64>>, S::Error> {
-        map_shapes(source, |_, x, _| Ok(self.scores(x)))
+        map_blocks(source, |block| Ok(columns(&self.block_scores(block.whitened))))
     }
+}
+
+fn columns(matrix: &Matrix) -> Vec<Vec<f64>> {
+    matrix.column_iter().map(|column| column.as_slice().to_vec()).collect()
 }
 
 /// Principal components with the scores of the shapes they come from.
@@ -151,10 +164,14 @@ impl Components {
         components: usize,
     ) -> Result<Self, S::Error> {
         let pca = FunctionalPca::new(source, metric, reference, centred, components)?;
-        let described = map_shapes(source, |_, x, _| {
-            let scores = pca.scores(x);
-            let error = reconstruction_error(x, &pca.reconstruct(&scores));
-            Ok((scores, error))
+        let described = map_blocks(source, |block| {
+            let scores = pca.block_scores(block.whitened);
+            let shapes = columns(&scores).into_iter().zip(block.iter());
+            let described = shapes.map(|(scores, (_, x, _))| {
+                let error = reconstruction_error(x, &pca.reconstruct(&scores));
+                (scores, error)
+            });
+            Ok(described.collect())
         })?;
         let (scores, errors) = described.into_iter().unzip();
         Ok(Self { pca, scores, errors })
@@ -179,31 +196,4 @@ impl Components {
 pub fn reconstruction_error(x: &[f64], reconstructed: &[f64]) -> f64 {
     let difference: f64 = x.iter().zip(reconstructed).map(|(a, b)| (a - b).powi(2)).sum();
     difference / (norm(x) * norm(reconstructed))
-}
-
-/// A source with a fixed shape subtracted from every shape.
-struct Shifted<'a, S> {
-    source: &'a S,
-    origin: &'a [f64],
-}
-
-impl<S: ShapeSource> ShapeSource for Shifted<'_, S> {
-    type Error = S::Error;
-
-    fn count(&self) -> usize {
-        self.source.count()
-    }
-
-    fn for_each_batch(
-        &self,
-        visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), S::Error>,
-    ) -> Result<(), S::Error> {
-        let shift = |_: Shapes<'_>, whitened: &mut [f64]| {
-            for x in whitened.chunks_exact_mut(self.origin.len()) {
-                x.iter_mut().zip(self.origin).for_each(|(x, o)| *x -= o);
-            }
-            Ok(())
-        };
-        for_each_changed(self.source, shift, visit)
-    }
 }

@@ -10,7 +10,7 @@
 
 use super::AnalysisError;
 use super::accumulate::{
-    Accumulator, ShapeSource, Shapes, accumulate, accumulate_spread, map_shapes, read_numbers,
+    Accumulator, BLOCK, ShapeSource, Shapes, accumulate, accumulate_spread, map_shapes, read_numbers,
     smallest_eligible, write_numbers,
 };
 use super::fit::{Fit, cross_product, nearest_rotation, transform};
@@ -35,6 +35,10 @@ pub(super) struct FittedSum<'a> {
 }
 
 impl Accumulator for FittedSum<'_> {
+    fn unit(&self) -> usize {
+        BLOCK
+    }
+
     fn update(&mut self, shapes: Shapes<'_>) -> Result<(), AnalysisError> {
         for (_, x, weight) in shapes.iter() {
             let fitted = transform(&self.fit.matrix(x, self.mean), x);
@@ -73,7 +77,7 @@ pub(super) fn fitted_sum<'a, S: ShapeSource>(
     mean: &'a [f64],
 ) -> Result<FittedSum<'a>, S::Error> {
     let empty = || FittedSum { mean, fit, sum: vec![0.0; mean.len()], weight: 0.0 };
-    let here = || accumulate(source, 8 * mean.len(), empty);
+    let here = || accumulate(source, empty);
     accumulate_spread(source, Sum::Fits { fit, mean: mean.to_vec() }, empty, here)
 }
 

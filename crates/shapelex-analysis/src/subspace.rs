@@ -106,6 +106,42 @@ impl<'a> Subspace<'a> {
         Ok(Self { class, blocks })
     }
 
+    /// Numbers of the orthonormal bases of all blocks, as far as [`Self::write_basis`] writes them, of a shape of `length`.
+    pub(super) fn numbers(class: &TransformationClass, length: usize) -> usize {
+        match class.structure {
+            Structure::PerCoordinate | Structure::PerAxis | Structure::Complex => length,
+            Structure::General => length * class.matrices().len(),
+        }
+    }
+
+    /// Writes `factor Q` of every block, one after the other, of the subspace of `x`.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub(super) fn write_basis(
+        class: &TransformationClass,
+        x: &[f64],
+        factor: f64,
+        out: &mut [f64],
+    ) -> Result<(), AnalysisError> {
+        if class.structure == Structure::Complex {
+            let size = norm(x);
+            check_extent(size, size)?;
+            // The first matrix is diagonal.
+            for (c, (out, x)) in
+                out.chunks_exact_mut(x.len() / 2).zip(x.chunks_exact(x.len() / 2)).enumerate()
+            {
+                let factor = factor / size * class.matrices()[0][(c, c)];
+                out.iter_mut().zip(x).for_each(|(out, x)| *out = factor * x);
+            }
+            return Ok(());
+        }
+        let blocks = Subspace::new(class, x)?.blocks;
+        let columns = blocks.iter().flat_map(|block| block.q.as_slice());
+        out.iter_mut().zip(columns).for_each(|(out, q)| *out = factor * q);
+        Ok(())
+    }
+
     /// `P m`, and the transformation that maps the shape to it.
     pub fn project(&self, m: &[f64]) -> Projected {
         let d = self.class.dimension();

@@ -32,23 +32,58 @@ fn view_mut(m: &mut Matrix) -> MatMut<'_, f64> {
     MatMut::from_column_major_slice_mut(m.as_mut_slice(), rows, columns)
 }
 
+/// Columns of `X` in one product of [`add_outer_products`]. Changing it changes last bits.
+pub const PANEL: usize = 128;
+
+/// Number of strips of large matrices, and minimum width of a strip.
+const STRIPS: (usize, usize) = (8, 32);
+
+/// Neighbouring columns of a square matrix.
+#[derive(Debug)]
+pub struct Strip<'a> {
+    /// Rows of the matrix.
+    n: usize,
+    /// Position of the first column.
+    first: usize,
+    columns: &'a mut [f64],
+}
+
+/// Splits a square matrix into at most 8 strips of equal width; the last one may be narrower.
+pub fn strips(s: &mut Matrix) -> impl DoubleEndedIterator<Item = Strip<'_>> + ExactSizeIterator {
+    let n = s.nrows();
+    let width = n.div_ceil(STRIPS.0).next_multiple_of(8).max(STRIPS.1);
+    let columns = s.as_mut_slice().chunks_mut((n * width).max(1));
+    columns.enumerate().map(move |(i, columns)| Strip { n, first: i * width, columns })
+}
+
+impl Strip<'_> {
+    /// Lower triangle of `S ← S + factor X Xᵀ` within this strip of `S`, as by [`add_outer_products`].
+    pub fn add_outer_products(&mut self, columns: &[f64], factor: f64) {
+        let (n, width) = (self.n, self.columns.len() / self.n);
+        let rows = n - self.first;
+        let mut strip =
+            MatMut::from_column_major_slice_mut(self.columns, n, width).subrows_mut(self.first, rows);
+        for panel in columns.chunks(n * PANEL) {
+            let x = MatRef::from_column_major_slice(panel, n, panel.len() / n).subrows(self.first, rows);
+            faer::linalg::matmul::matmul(
+                strip.rb_mut(),
+                Accum::Add,
+                x,
+                x.subrows(0, width).transpose(),
+                factor,
+                Par::Seq,
+            );
+        }
+    }
+}
+
 /// Lower triangle of `s ← s + factor X Xᵀ`; `columns` holds `X` (`n × k`, column-major), `s` is `n × n`.
 ///
-/// Cost: `n² k` multiply-adds. The strict upper triangle of `s` is not touched.
+/// The columns of `X` are multiplied in panels of [`PANEL`], in order: several calls give the bits of one if all but the last
+/// add whole panels. Cost: `n² k / 2` multiply-adds. The upper triangle of `s` is left with
+/// values without meaning.
 pub fn add_outer_products(s: &mut Matrix, columns: &[f64], factor: f64) {
-    let n = s.nrows();
-    let x = MatRef::from_column_major_slice(columns, n, columns.len() / n.max(1));
-    triangular::matmul(
-        view_mut(s),
-        BlockStructure::TriangularLower,
-        Accum::Add,
-        x,
-        BlockStructure::Rectangular,
-        x.transpose(),
-        BlockStructure::Rectangular,
-        factor,
-        Par::Seq,
-    );
+    strips(s).for_each(|mut strip| strip.add_outer_products(columns, factor));
 }
 
 /// `XᵀX` of the `n × k` matrix stored in `columns`, with both triangles filled.
@@ -584,6 +619,25 @@ mod tests {
     fn entries_that_are_not_finite_are_an_error() {
         let s = Matrix::from_element(3, 3, f64::NAN);
         assert!(leading_eigenpairs(&s, 1).is_err());
+    }
+
+    #[test]
+    fn outer_products_are_summed_in_strips_and_panels() {
+        for n in [1, 7, 33, 64, 300] {
+            for k in [0, 1, PANEL, 3 * PANEL + 5] {
+                let x = Matrix::from_fn(n, k, |i, j| ((i * 31 + j * 17) % 23) as f64 - 11.0);
+                let mut s = Matrix::from_element(n, n, 0.5);
+                add_outer_products(&mut s, x.as_slice(), 2.0);
+                // Whole numbers, so there is no rounding.
+                let wanted = &x * x.transpose() * 2.0;
+                for j in 0..n {
+                    assert!((j..n).all(|i| s[(i, j)] == wanted[(i, j)] + 0.5), "{n} x {k}, column {j}");
+                }
+                let mut parts = Matrix::from_element(n, n, 0.5);
+                x.as_slice().chunks(n * 2 * PANEL).for_each(|part| add_outer_products(&mut parts, part, 2.0));
+                assert!((0..n).all(|j| (j..n).all(|i| parts[(i, j)] == s[(i, j)])));
+            }
+        }
     }
 
     #[test]

@@ -1,59 +1,105 @@
 //! Loops over short contiguous slices, for which a library call costs more than the work.
 //!
-//! Sums run in a fixed number of lanes: the compiler vectorises them, and their order never changes.
+//! Sums run in a fixed number of lanes: the compiler vectorises them, and their order never changes. Long slices use the
+//! widest vectors of the machine. Products and sums are not fused, so that the bits are the same on all machines.
 
 use super::dense::Matrix;
 
 /// Number of partial sums of a dot product: enough to hide the latency of additions on vectors of two to eight numbers.
-const LANES: usize = 8;
+const LANES: usize = 16;
+
+/// Length from which the widest vectors pay for the call that selects them.
+const LONG: usize = 48;
+
+/// Runs a loop over slices of `length` numbers; `work` must be `#[inline(always)]`.
+#[inline(always)]
+fn widest<R>(length: usize, work: impl FnOnce() -> R) -> R {
+    if length < LONG { work() } else { pulp::Arch::new().dispatch(work) }
+}
 
 /// Dot product, `Σ aᵢ bᵢ`.
 pub fn dot(a: &[f64], b: &[f64]) -> f64 {
-    let (a_lanes, b_lanes) = (a.chunks_exact(LANES), b.chunks_exact(LANES));
-    let tail = a_lanes.remainder().iter().zip(b_lanes.remainder()).map(|(x, y)| x * y).sum::<f64>();
-    let mut sums = [0.0; LANES];
-    for (x, y) in a_lanes.zip(b_lanes) {
-        for (sum, (x, y)) in sums.iter_mut().zip(x.iter().zip(y)) {
-            *sum += x * y;
-        }
-    }
-    sums.iter().sum::<f64>() + tail
+    widest(
+        a.len(),
+        #[inline(always)]
+        || {
+            let ((a, a_tail), (b, b_tail)) = (a.as_chunks::<LANES>(), b.as_chunks::<LANES>());
+            let tail = a_tail.iter().zip(b_tail).map(|(x, y)| x * y).sum::<f64>();
+            let mut sums = [0.0; LANES];
+            for (x, y) in a.iter().zip(b) {
+                for k in 0..LANES {
+                    sums[k] += x[k] * y[k];
+                }
+            }
+            sums.iter().sum::<f64>() + tail
+        },
+    )
 }
 
 /// `maxᵢ aᵢ`, but at least zero.
 pub fn largest(a: &[f64]) -> f64 {
-    let (lanes, tail) = a.as_chunks::<LANES>();
-    let larger = |most: f64, value: f64| if value > most { value } else { most };
-    let mut most = [0.0; LANES];
-    for values in lanes {
-        for (most, value) in most.iter_mut().zip(values) {
-            *most = larger(*most, *value);
-        }
-    }
-    most.iter().chain(tail).fold(0.0, |most, value| larger(most, *value))
+    widest(
+        a.len(),
+        #[inline(always)]
+        || {
+            let (lanes, tail) = a.as_chunks::<LANES>();
+            let larger = |most: f64, value: f64| if value > most { value } else { most };
+            let mut most = [0.0; LANES];
+            for values in lanes {
+                for k in 0..LANES {
+                    most[k] = larger(most[k], values[k]);
+                }
+            }
+            most.iter().chain(tail).fold(0.0, |most, value| larger(most, *value))
+        },
+    )
 }
 
 /// `out ← out + factor x`.
 pub fn add_scaled(out: &mut [f64], factor: f64, x: &[f64]) {
-    out.iter_mut().zip(x).for_each(|(out, x)| *out += factor * x);
+    widest(
+        out.len(),
+        #[inline(always)]
+        || out.iter_mut().zip(x).for_each(|(out, x)| *out += factor * x),
+    );
+}
+
+/// `out ← root y` and `sum ← sum + weight y` with `y = x − origin`.
+pub fn shift(out: &mut [f64], sum: &mut [f64], x: &[f64], origin: &[f64], weight: f64, root: f64) {
+    widest(
+        out.len(),
+        #[inline(always)]
+        || {
+            for (((out, sum), x), origin) in out.iter_mut().zip(sum).zip(x).zip(origin) {
+                let y = x - origin;
+                *out = root * y;
+                *sum += weight * y;
+            }
+        },
+    );
 }
 
 /// `out ← out + Σᵢ factorsᵢ M_{:,columnsᵢ}`, with four columns per pass over `out`; `matrix` holds `M` column by column.
 pub fn add_columns(out: &mut [f64], matrix: &[f64], columns: &[usize], factors: &[f64]) {
-    let rows = out.len();
-    let column = |index: usize| &matrix[index * rows..(index + 1) * rows];
-    let (fours, four_factors) = (columns.chunks_exact(4), factors.chunks_exact(4));
-    let rest = fours.remainder().iter().zip(four_factors.remainder());
-    for (four, factors) in fours.zip(four_factors) {
-        let [p, q, r, s] = [0, 1, 2, 3].map(|i| column(four[i]));
-        let [a, b, c, d] = [0, 1, 2, 3].map(|i| factors[i]);
-        for ((((out, p), q), r), s) in out.iter_mut().zip(p).zip(q).zip(r).zip(s) {
-            *out += (a * p + b * q) + (c * r + d * s);
-        }
-    }
-    for (&index, &factor) in rest {
-        add_scaled(out, factor, column(index));
-    }
+    widest(
+        out.len(),
+        #[inline(always)]
+        || {
+            let rows = out.len();
+            let column = |index: usize| &matrix[index * rows..(index + 1) * rows];
+            let ((fours, rest), (four_factors, rest_factors)) =
+                (columns.as_chunks::<4>(), factors.as_chunks::<4>());
+            for (four, [a, b, c, d]) in fours.iter().zip(four_factors) {
+                let [p, q, r, s] = four.map(column);
+                for ((((out, p), q), r), s) in out.iter_mut().zip(p).zip(q).zip(r).zip(s) {
+                    *out += (a * p + b * q) + (c * r + d * s);
+                }
+            }
+            for (&index, factor) in rest.iter().zip(rest_factors) {
+                out.iter_mut().zip(column(index)).for_each(|(out, x)| *out += factor * x);
+            }
+        },
+    );
 }
 
 /// The entries of a column.

@@ -1,7 +1,7 @@
 //! Sums over many shapes that stream, split and merge.
 //!
-//! A set of shapes is processed in blocks of [`BLOCK`] shapes, each with its own partial sum. The blocks of a part
-//! ([`PART`] shapes) merge in order, and so do the parts. The result therefore has the same bits for any number of
+//! A set of shapes is summed in units, from a block ([`BLOCK`] shapes) for small sums to a part ([`PART`] shapes) for large
+//! ones. The units of a part merge in order, and so do the parts. The result therefore has the same bits for any number of
 //! threads, any division of the shapes into batches, and any process that computed the sum of a part.
 //!
 //! * [`ShapeSource`] — a set of shapes: in memory, stored, or changed on the way;
@@ -19,5 +19,6 @@ pub use self::source::{
 };
 pub use self::sum::{Accumulator, accumulate};
 
-pub(crate) use self::source::for_each_changed;
+pub(crate) use self::scatter::{for_each_group, unit};
+pub(crate) use self::source::{for_each_changed, map_blocks};
 pub(crate) use self::sum::{accumulate_spread, read_numbers, write_numbers};

@@ -1,26 +1,74 @@
 //! Sums of outer products.
 
-use super::source::Shapes;
+use rayon::prelude::*;
+
+use super::source::{BLOCK, PART, Shapes};
 use super::sum::{Accumulator, read_numbers, write_numbers};
 use crate::AnalysisError;
 use crate::metric::dot;
 use crate::subspace::quarter_turn;
-use shapelex_numeric::dense::{self, Eigenpairs, Matrix};
+use shapelex_numeric::dense::{self, Eigenpairs, Matrix, PANEL};
+use shapelex_numeric::kernels::shift;
 
 /// `S = Σ x xᵀ` of vectors `x ∈ R^n`, with its leading eigenpairs by the smaller of two routes.
 ///
 /// Up to about `n/2` vectors are kept as they are (dual route, Theorem 2: the symmetric matrix `XᵀX`); beyond that,
-/// they are folded into the `n × n` matrix (primal route). The choice depends on the number of vectors alone.
+/// they are folded into the `n × n` matrix (primal route), a panel of [`PANEL`] vectors at a time. The sum depends on the
+/// vectors and their order alone, whatever the calls that add them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct OuterProductSum {
     n: usize,
+    /// Vectors that are not yet part of the matrix.
     columns: Vec<f64>,
     /// Lower triangle.
     matrix: Option<Matrix>,
 }
 
-/// Minimum number of vectors per fold into the matrix: products of thinner matrices use the kernel badly.
-const FOLD: usize = 64;
+/// Size up to which threads sum different shapes; above it, they share the matrix.
+const SMALL: usize = 256;
+
+/// Shapes per sum of small size. Changing it changes last bits.
+const SMALL_UNIT: usize = 16 * BLOCK;
+
+/// Approximate number of bytes of the columns that are made before they are multiplied: they stay in the cache.
+const GROUP_BYTES: usize = 1 << 20;
+
+/// Shapes per sum of vectors of `n` numbers.
+pub(crate) fn unit(n: usize) -> usize {
+    if n <= SMALL { SMALL_UNIT } else { PART }
+}
+
+/// Calls `visit` with groups of consecutive shapes of `n` numbers, and a buffer of `numbers` numbers for each shape.
+pub(crate) fn for_each_group(
+    mut shapes: Shapes<'_>,
+    n: usize,
+    numbers: usize,
+    mut visit: impl FnMut(Shapes<'_>, &mut [f64]) -> Result<(), AnalysisError>,
+) -> Result<(), AnalysisError> {
+    let size = if n <= SMALL { BLOCK } else { (GROUP_BYTES / (8 * numbers)).next_multiple_of(BLOCK) };
+    let mut buffer = vec![0.0; size.min(shapes.weights.len()) * numbers];
+    while !shapes.weights.is_empty() {
+        let (group, rest) = shapes.split_at(size.min(shapes.weights.len()));
+        visit(group, &mut buffer[..group.weights.len() * numbers])?;
+        shapes = rest;
+    }
+    Ok(())
+}
+
+/// [`dense::add_outer_products`], of large matrices in parallel: strips in pairs of equal work, the first with the last.
+fn add_outer_products(s: &mut Matrix, columns: &[f64], factor: f64) {
+    if s.nrows() <= SMALL {
+        return dense::add_outer_products(s, columns, factor);
+    }
+    let mut strips = dense::strips(s);
+    let mut pairs = Vec::with_capacity(strips.len().div_ceil(2));
+    while let Some(first) = strips.next() {
+        pairs.push([Some(first), strips.next_back()]);
+    }
+    pairs.par_iter_mut().with_max_len(1).for_each(|pair| {
+        pair.iter_mut().flatten().for_each(|strip| strip.add_outer_products(columns, factor));
+    });
+}
 
 impl OuterProductSum {
     /// The empty sum in `R^n`.
@@ -28,17 +76,42 @@ impl OuterProductSum {
         Self { n, columns: Vec::new(), matrix: None }
     }
 
+    /// Size of the vectors, `n`.
+    pub(crate) fn size(&self) -> usize {
+        self.n
+    }
+
     /// Adds the vectors stored one after the other.
-    pub fn add(&mut self, columns: &[f64]) {
-        self.columns.extend_from_slice(columns);
-        if self.columns.len() >= self.n * (self.n / 2).max(FOLD) {
+    pub fn add(&mut self, mut columns: &[f64]) {
+        let panel = self.n * PANEL;
+        if self.matrix.is_none() {
+            if self.columns.len() + columns.len() < panel.max(self.n * (self.n / 2)) {
+                self.columns.extend_from_slice(columns);
+                return;
+            }
+            self.matrix = Some(Matrix::zeros(self.n, self.n));
+        }
+        if !self.columns.is_empty() {
+            let missing = (panel - self.columns.len() % panel) % panel;
+            let (completing, rest) = columns.split_at(missing.min(columns.len()));
+            self.columns.extend_from_slice(completing);
+            if completing.len() < missing {
+                return;
+            }
             self.fold();
+            columns = rest;
+        }
+        let (whole, rest) = columns.split_at(columns.len() / panel * panel);
+        self.columns.extend_from_slice(rest);
+        if let (Some(matrix), false) = (&mut self.matrix, whole.is_empty()) {
+            add_outer_products(matrix, whole, 1.0);
         }
     }
 
+    /// Adds all vectors kept to the matrix.
     fn fold(&mut self) {
         let matrix = self.matrix.get_or_insert_with(|| Matrix::zeros(self.n, self.n));
-        dense::add_outer_products(matrix, &self.columns, 1.0);
+        add_outer_products(matrix, &self.columns, 1.0);
         self.columns.clear();
     }
 
@@ -56,8 +129,8 @@ impl OuterProductSum {
     /// Subtracts the vectors `leaving` and adds `arriving`. Returns `false`, doing nothing, while vectors are kept.
     pub(crate) fn exchange(&mut self, leaving: &[f64], arriving: &[f64]) -> bool {
         let Some(matrix) = &mut self.matrix else { return false };
-        dense::add_outer_products(matrix, leaving, -1.0);
-        dense::add_outer_products(matrix, arriving, 1.0);
+        add_outer_products(matrix, leaving, -1.0);
+        add_outer_products(matrix, arriving, 1.0);
         true
     }
 
@@ -153,6 +226,7 @@ fn dual_eigenpairs(columns: &[f64], n: usize, count: usize) -> Result<Eigenpairs
 /// A weighted sum of outer products: scatter matrix, sum of vectors and of weights.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ScatterSum {
+    origin: Vec<f64>,
     outer: OuterProductSum,
     sum: Vec<f64>,
     weight: f64,
@@ -161,7 +235,13 @@ pub struct ScatterSum {
 impl ScatterSum {
     /// The empty sum in `R^n`.
     pub fn new(n: usize) -> Self {
-        Self { outer: OuterProductSum::new(n), sum: vec![0.0; n], weight: 0.0 }
+        Self::about(vec![0.0; n])
+    }
+
+    /// The empty sum of vectors from which `origin` is subtracted first.
+    pub fn about(origin: Vec<f64>) -> Self {
+        let n = origin.len();
+        Self { origin, outer: OuterProductSum::new(n), sum: vec![0.0; n], weight: 0.0 }
     }
 
     /// Total weight, `Σ w`.
@@ -196,19 +276,27 @@ impl ScatterSum {
 }
 
 impl Accumulator for ScatterSum {
+    fn unit(&self) -> usize {
+        unit(self.sum.len())
+    }
+
     fn update(&mut self, shapes: Shapes<'_>) -> Result<(), AnalysisError> {
-        let mut columns = shapes.whitened.to_vec();
-        let n = self.sum.len();
-        for (column, &weight) in columns.chunks_exact_mut(n).zip(shapes.weights) {
-            self.sum.iter_mut().zip(column.iter()).for_each(|(sum, x)| *sum += weight * x);
-            if weight != 1.0 {
-                let root = weight.sqrt();
-                column.iter_mut().for_each(|x| *x *= root);
+        let (n, origin) = (self.sum.len(), &self.origin);
+        for_each_group(shapes, n, n, |group, columns| {
+            let mut sums = vec![0.0; n * group.weights.len().div_ceil(BLOCK)];
+            let blocks = columns.par_chunks_mut(BLOCK * n).zip(sums.par_chunks_mut(n));
+            blocks.zip(group.blocks(BLOCK)).for_each(|((columns, sum), block)| {
+                for (column, (_, x, weight)) in columns.chunks_exact_mut(n).zip(block.iter()) {
+                    shift(column, sum, x, origin, weight, weight.sqrt());
+                }
+            });
+            for sum in sums.chunks_exact(n) {
+                self.sum.iter_mut().zip(sum).for_each(|(total, sum)| *total += sum);
             }
-            self.weight += weight;
-        }
-        self.outer.add(&columns);
-        Ok(())
+            group.weights.iter().for_each(|weight| self.weight += weight);
+            self.outer.add(columns);
+            Ok(())
+        })
     }
 
     fn merge(&mut self, other: Self) {

@@ -275,10 +275,28 @@ pub fn map_shapes<S: ShapeSource, T: Send>(
     source: &S,
     f: impl Fn(usize, &[f64], f64) -> Result<T, AnalysisError> + Sync,
 ) -> Result<Vec<T>, S::Error> {
+    map_by(source, MAP_BLOCK, |block| block.iter().map(|(i, x, w)| f(i, x, w)).collect())
+}
+
+/// The same by blocks of at most [`BLOCK`] shapes.
+///
+/// # Errors
+/// The first error of the source or of `f`.
+pub(crate) fn map_blocks<S: ShapeSource, T: Send>(
+    source: &S,
+    f: impl Fn(Shapes<'_>) -> Result<Vec<T>, AnalysisError> + Sync,
+) -> Result<Vec<T>, S::Error> {
+    map_by(source, BLOCK, f)
+}
+
+fn map_by<S: ShapeSource, T: Send>(
+    source: &S,
+    size: usize,
+    f: impl Fn(Shapes<'_>) -> Result<Vec<T>, AnalysisError> + Sync,
+) -> Result<Vec<T>, S::Error> {
     let mut values = Vec::with_capacity(source.count());
     source.for_each_batch(&mut |batch| {
-        let blocks: Vec<Result<Vec<T>, AnalysisError>> =
-            batch.blocks(MAP_BLOCK).map(|block| block.iter().map(|(i, x, w)| f(i, x, w)).collect()).collect();
+        let blocks: Vec<Result<Vec<T>, AnalysisError>> = batch.blocks(size).map(&f).collect();
         for block in blocks {
             values.extend(block?);
         }

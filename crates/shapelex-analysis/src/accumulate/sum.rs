@@ -2,16 +2,17 @@
 
 use rayon::prelude::*;
 
-use super::source::{BLOCK, PART, ShapeSource, Shapes};
+use super::source::{PART, ShapeSource, Shapes};
 use crate::AnalysisError;
 use crate::pass::{Pass, Sum};
 
-/// Approximate limit on the memory of all partial sums in flight, in bytes.
-const PARTIAL_BYTES: usize = 256 << 20;
-
 /// A sum over shapes that merges by addition: across threads, chunks of a job and machines.
 pub trait Accumulator: Sized + Send {
-    /// Adds the shapes.
+    /// Number of shapes that are summed before sums merge: a divisor of [`PART`] and a multiple of
+    /// [`BLOCK`](super::BLOCK). Part of the definition of a sum, as its last bits depend on it.
+    fn unit(&self) -> usize;
+
+    /// Adds the shapes. Several calls give the bits of one if all but the last add multiples of [`BLOCK`](super::BLOCK) shapes.
     ///
     /// # Errors
     /// The first error of a shape, with its position.
@@ -30,36 +31,47 @@ pub trait Accumulator: Sized + Send {
     fn restore(&mut self, bytes: &[u8]) -> Result<(), AnalysisError>;
 }
 
-/// Sum over all shapes of `source`. `empty` creates an accumulator; `partial_bytes` is the size of one.
+/// Maximum number of units that are summed before they merge.
+const TOGETHER: usize = 64;
+
+/// Sum over all shapes of `source`, its units in parallel. `empty` creates an accumulator.
 ///
 /// # Errors
 /// The first error of the source or of an update.
-pub fn accumulate<S: ShapeSource, A: Accumulator>(
-    source: &S,
-    partial_bytes: usize,
-    empty: impl Fn() -> A + Sync,
-) -> Result<A, S::Error> {
-    let together = (PARTIAL_BYTES / partial_bytes.max(1)).clamp(1, 64);
-    let (mut total, mut part) = (empty(), empty());
+pub fn accumulate<S: ShapeSource, A: Accumulator>(source: &S, empty: impl Fn() -> A) -> Result<A, S::Error> {
+    let (mut total, mut part, mut open) = (empty(), empty(), None);
+    let unit = total.unit();
     source.for_each_batch(&mut |batch| {
-        let blocks: Vec<Shapes<'_>> = batch.blocks(BLOCK).collect();
-        for group in blocks.chunks(together) {
-            let partial = |shapes: &Shapes<'_>| {
-                let mut sum = empty();
-                sum.update(*shapes).map(|()| sum)
-            };
-            let partials: Vec<Result<A, AnalysisError>> = group.par_iter().map(partial).collect();
-            for (block, partial) in group.iter().zip(partials) {
-                if block.first.is_multiple_of(PART) {
+        for pieces in pieces(batch, unit).chunks(TOGETHER) {
+            // The first piece may continue a unit.
+            let begin = |&piece| (piece, open.take().unwrap_or_else(&empty));
+            let begun: Vec<(Shapes<'_>, A)> = pieces.iter().map(begin).collect();
+            let update = |(piece, mut sum): (Shapes<'_>, A)| sum.update(piece).map(|()| sum);
+            let sums: Vec<Result<A, AnalysisError>> = begun.into_par_iter().map(update).collect();
+            for (piece, sum) in pieces.iter().zip(sums) {
+                if piece.first.is_multiple_of(PART) {
                     total.merge(std::mem::replace(&mut part, empty()));
                 }
-                part.merge(partial?);
+                let end = piece.first + piece.weights.len();
+                if end.is_multiple_of(unit) { part.merge(sum?) } else { open = Some(sum?) }
             }
         }
         Ok(())
     })?;
+    open.into_iter().for_each(|sum| part.merge(sum));
     total.merge(part);
     Ok(total)
+}
+
+/// The shapes, cut where units end.
+fn pieces(mut shapes: Shapes<'_>, unit: usize) -> Vec<Shapes<'_>> {
+    let mut pieces = Vec::with_capacity(shapes.weights.len() / unit + 2);
+    while !shapes.weights.is_empty() {
+        let (piece, rest) = shapes.split_at((unit - shapes.first % unit).min(shapes.weights.len()));
+        pieces.push(piece);
+        shapes = rest;
+    }
+    pieces
 }
 
 /// Sum over all shapes of `source`: merged from distributed parts if the source distributes them, else made by `here`.

@@ -445,7 +445,7 @@ fn primal_and_dual_route_agree() {
     let total: Vec<f64> = (0..2)
         .map(|i| {
             let source = if i == 0 { &few } else { &copies };
-            let sum = accumulate(source, 1, || ScatterSum::new(metric.len())).unwrap();
+            let sum = accumulate(source, || ScatterSum::new(metric.len())).unwrap();
             norm(&sum.mean())
         })
         .collect();

@@ -83,7 +83,7 @@ fn parts(shapes: &ShapesInMemory) -> Vec<Stretch<'_>> {
 }
 
 fn scatter(source: &impl ShapeSource<Error = AnalysisError>) -> ScatterSum {
-    accumulate(source, 8 * LENGTH * LENGTH, || ScatterSum::new(LENGTH)).unwrap()
+    accumulate(source, || ScatterSum::new(LENGTH)).unwrap()
 }
 
 fn merged(sums: impl IntoIterator<Item = ScatterSum>) -> Vec<u8> {
@@ -92,24 +92,102 @@ fn merged(sums: impl IntoIterator<Item = ScatterSum>) -> Vec<u8> {
     total.to_bytes()
 }
 
-/// The sums of consecutive blocks, each made by itself.
-fn blocks(shapes: &ShapesInMemory) -> impl Iterator<Item = ScatterSum> {
-    let sum = |from: usize| {
-        let to = (from + BLOCK).min(shapes.count());
+/// The sums of consecutive units, each made by itself.
+fn units(shapes: &ShapesInMemory, unit: usize) -> impl Iterator<Item = ScatterSum> {
+    let sum = move |from: usize| {
+        let to = (from + unit).min(shapes.count());
         scatter(&Stretch { shapes, from, to, blocks: 1 })
     };
-    (0..shapes.count()).step_by(BLOCK).map(sum)
+    (0..shapes.count()).step_by(unit).map(sum)
 }
 
 #[test]
-fn up_to_one_part_blocks_merge_one_after_the_other() {
-    for count in [1, BLOCK, PART - 1, PART] {
+fn up_to_one_part_units_merge_one_after_the_other() {
+    let unit = ScatterSum::new(LENGTH).unit();
+    for count in [1, BLOCK, unit + 1, PART - 1, PART] {
         let shapes = triangles(count);
-        assert!(scatter(&shapes).to_bytes() == merged(blocks(&shapes)), "{count} shapes");
+        assert!(scatter(&shapes).to_bytes() == merged(units(&shapes, unit)), "{count} shapes");
     }
     // From then on it makes a difference: the order is part of what is defined.
     let shapes = triangles(SHAPES);
-    assert!(scatter(&shapes).to_bytes() != merged(blocks(&shapes)));
+    assert!(scatter(&shapes).to_bytes() != merged(units(&shapes, unit)));
+}
+
+/// Vectors in batches of so many blocks.
+struct Vectors<'a> {
+    columns: &'a [f64],
+    length: usize,
+    blocks: usize,
+}
+
+impl ShapeSource for Vectors<'_> {
+    type Error = AnalysisError;
+
+    fn count(&self) -> usize {
+        self.columns.len() / self.length
+    }
+
+    fn for_each_batch(
+        &self,
+        visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), AnalysisError>,
+    ) -> Result<(), AnalysisError> {
+        let size = self.blocks * BLOCK;
+        for (i, whitened) in self.columns.chunks(size * self.length).enumerate() {
+            let weights: Vec<f64> =
+                (0..whitened.len() / self.length).map(|k| 1.0 + ((i * size + k) % 4) as f64).collect();
+            visit(Shapes { first: i * size, whitened, weights: &weights })?;
+        }
+        Ok(())
+    }
+}
+
+#[test]
+fn sums_of_any_size_are_those_of_the_formula_and_have_the_same_bits_on_any_threads() {
+    // Below and above the size from which threads share the matrix; few vectors are kept as they are.
+    for (length, count) in [(1, 3000), (40, 19), (40, 2100), (256, 700), (300, 140), (300, 1100), (333, 9000)]
+    {
+        let columns: Vec<f64> = (0..count * length).map(|k| ((k * k) as f64 * 0.37).sin()).collect();
+        let origin: Vec<f64> = (0..length).map(|i| (i as f64).cos()).collect();
+        let summed = |threads: usize, blocks: usize| {
+            let pool = ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            let source = Vectors { columns: &columns, length, blocks };
+            pool.install(|| FunctionalPca::scatter(&source, &origin).unwrap())
+        };
+        let whole = summed(1, 1000);
+        for (threads, blocks) in [(2, 1), (4, 7), (3, 64)] {
+            assert!(
+                summed(threads, blocks).to_bytes() == whole.to_bytes(),
+                "{length} x {count}, {threads} threads"
+            );
+        }
+        let weight = |k: usize| 1.0 + (k % 4) as f64;
+        let total: f64 = (0..count).map(weight).sum();
+        assert_eq!(whole.weight(), total);
+        let y = |k: usize, i: usize| columns[k * length + i] - origin[i];
+        let mean = whole.mean();
+        // Sums of random signs lose a few digits of `count` terms.
+        let tolerance = 1e-13 * count as f64;
+        for i in [0, length / 2, length - 1] {
+            let direct: f64 = (0..count).map(|k| weight(k) * y(k, i)).sum();
+            assert!((mean[i] * total - direct).abs() < tolerance, "{length} x {count}: mean of {i}");
+        }
+        let trace: f64 =
+            (0..count).map(|k| weight(k) * (0..length).map(|i| y(k, i).powi(2)).sum::<f64>()).sum();
+        let (found, pairs) = whole.leading(false, 2).unwrap();
+        assert!(
+            (found - trace).abs() < 1e-13 * trace * (length as f64),
+            "{length} x {count}: {found} {trace}"
+        );
+        let first = pairs.vectors.column(0);
+        let quotient: f64 = (0..count)
+            .map(|k| weight(k) * (0..length).map(|i| first[i] * y(k, i)).sum::<f64>().powi(2))
+            .sum();
+        assert!(
+            (quotient - pairs.values[0]).abs() < 1e-11 * trace,
+            "{length} x {count}: {quotient} {:?}",
+            pairs.values
+        );
+    }
 }
 
 #[test]
