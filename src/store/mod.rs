@@ -17,7 +17,7 @@
 //! number of processes; only writers of the same cohort wait for each other. The SQL is the same (`engine`).
 //!
 //! * [`cohorts`], [`shapes`], [`dictionaries`] — finding, listing and deleting; [`upload`] — storing shapes;
-//! * [`scan`] — reading control points in bulk;
+//! * [`scan`] — reading control points in bulk; `places` — where they are, and whose they are;
 //! * [`jobs`] — the queue; [`tasks`] — distributed parts of jobs; [`outputs`] — large results of jobs;
 //! * [`changes`] — the change feed; `trash` — deleted objects; [`receipts`] — outcomes of idempotent requests;
 //! * [`audit`] — the audit trail; [`metrics`] — metric names;
@@ -43,6 +43,7 @@ mod mark;
 mod measure;
 pub mod metrics;
 pub mod outputs;
+mod places;
 mod postgres;
 pub mod receipts;
 mod replica;
@@ -62,6 +63,7 @@ pub use filter::Revisions;
 pub use handle::Store;
 pub use jobs::{Claim, Claimed, Release};
 pub use measure::Measures;
+pub use places::{NamedShape, Places};
 pub use scan::{Ids, ScanBatch};
 pub use shapes::{Cursor, CursorError, ShapePage};
 pub use tasks::{PartClaim, PartEnd, PassOf, Start};

@@ -6,6 +6,7 @@ use super::engine::{Row, Transaction, sql};
 use super::error::StoreError;
 use super::filter::{self, Revisions, Selection};
 use super::handle::{Store, blocking};
+use super::places::Places;
 use super::shapes::Cursor;
 use crate::domain::shape::ShapeFilter;
 
@@ -39,6 +40,8 @@ pub struct ScanBatch {
     pub external_ids: Vec<Option<String>>,
     /// Labels, if ids are requested.
     pub labels: Vec<Option<String>>,
+    /// Places of the shapes in storage.
+    pub places: Places,
     /// One weight per shape.
     pub weights: Vec<f64>,
     /// Control points, one shape after the other, each coordinate-major.
@@ -301,12 +304,14 @@ impl ScanBatch {
             ids: Vec::new(),
             external_ids: Vec::new(),
             labels: Vec::new(),
+            places: Places::default(),
             weights: Vec::new(),
             control_points: Vec::new(),
         }
     }
 
     fn take(&mut self, chunk: &Chunk<'_>, rows: std::ops::Range<usize>) -> Result<(), StoreError> {
+        self.places.push(chunk.id, &rows);
         chunk.append_to(rows, &mut self.weights, &mut self.control_points)
     }
 

@@ -132,34 +132,6 @@ impl Store {
         Ok(shapes)
     }
 
-    /// Attributes, without weights, of the shapes with these ids, in their order, including deleted shapes. `None` for ids
-    /// that were never in the cohort.
-    ///
-    /// # Errors
-    /// Database errors.
-    pub async fn find_attributes(
-        &self,
-        cohort_id: &str,
-        ids: &[String],
-    ) -> Result<Vec<Option<ShapeAttributes>>, StoreError> {
-        const BY_ID: &str =
-            "SELECT asked.key AS place, s.external_id, s.subject, s.label, s.labels, s.metadata
-            FROM json_each($2) AS asked
-            CROSS JOIN shape AS s ON s.id = asked.value
-            CROSS JOIN cohort AS h ON h.number = s.cohort
-            WHERE h.id = $1";
-        let asked = serde_json::Value::from(ids).to_string();
-        let rows = sql(self.reader(), BY_ID).bind(cohort_id).bind(asked).all().await?;
-        let mut found: Vec<Option<ShapeAttributes>> = ids.iter().map(|_| None).collect();
-        for row in &rows {
-            let place = usize::try_from(row.get::<i64>("place")?).unwrap_or(usize::MAX);
-            if let Some(slot) = found.get_mut(place) {
-                *slot = Some(read_attributes(row)?);
-            }
-        }
-        Ok(found)
-    }
-
     /// At most `limit` current shapes that pass the filter, in storage order; fewer if their attributes take some
     /// megabytes.
     ///
@@ -343,7 +315,7 @@ impl Entry {
     }
 }
 
-fn read_attributes(row: &Row) -> Result<ShapeAttributes, StoreError> {
+pub(super) fn read_attributes(row: &Row) -> Result<ShapeAttributes, StoreError> {
     Ok(ShapeAttributes {
         external_id: row.get("external_id")?,
         subject: row.get("subject")?,

@@ -27,6 +27,7 @@ use super::AnalysisError;
 use super::accumulate;
 use super::alignment::Method;
 use super::fit::{Fit, best_correlation};
+use super::magnitudes::{Magnitudes, Signals};
 use super::matching::{Matching, Placement};
 use super::metric::{Metric, dot, norm};
 use super::subspace::Subspace;
@@ -36,6 +37,9 @@ use shapelex_numeric::dense::{Matrix, transpose_multiply_columns};
 
 /// Maximum number of shapes per side of a tile of the matrix: two tiles of spectra fit in the cache.
 const TILE: usize = 32;
+
+/// Minimum number of bounds per task.
+const BOUNDS: usize = 4096;
 
 /// Approximate number of columns per side of a matrix product: enough for its kernels, few enough for the cache.
 const TILE_COLUMNS: usize = 256;
@@ -47,7 +51,7 @@ const TIE: f64 = 1e-12;
 const IN_SPAN: f64 = 1e-9;
 
 /// A signed inner product of a column of the first shape with one of the second.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 struct Term {
     left: usize,
     right: usize,
@@ -86,6 +90,8 @@ pub struct DistanceSpace {
     products: Vec<Vec<Term>>,
     score: Score,
     scale: Scale,
+    /// Signals whose magnitudes bound the score; `None` if there are no such bounds.
+    bounded: Option<Signals>,
 }
 
 /// Shapes prepared for comparison: orthonormal bases or points, as signals or as spectra, one set per candidate placement.
@@ -95,6 +101,8 @@ pub struct PreparedShapes {
     squared_norms: Vec<f64>,
     /// One entry per candidate placement (without start point); the first is the shape as given.
     laid: Vec<Columns>,
+    /// For every candidate placement, if the space has bounds; else empty.
+    magnitudes: Vec<Magnitudes>,
 }
 
 #[derive(Debug, Clone)]
@@ -175,8 +183,14 @@ impl DistanceSpace {
                 (d, products, score, if fit.scales { Scale::Unit(1.0) } else { Scale::Sizes })
             }
         };
+        let bounded = match score {
+            _ if matching.fft().is_none() => None,
+            Score::Squares if products == complex_products() => Some(Signals::Complex),
+            Score::Single => Some(Signals::Real),
+            _ => None,
+        };
         let (method, matching, size) = (method.clone(), matching.clone(), matching.size());
-        Ok(Self { method, matching, size, columns, products, score, scale })
+        Ok(Self { method, matching, size, columns, products, score, scale, bounded })
     }
 
     /// Approximate number of multiply-adds per pair.
@@ -204,7 +218,8 @@ impl DistanceSpace {
             Some(fft) => 16 * fft.spectrum_len(),
             None => 8 * self.size,
         };
-        8 + of_column * self.columns * self.matching.candidates().len()
+        let of_bounds = self.bounded.map_or(0, |signals| Magnitudes::bytes(signals, self.size, self.columns));
+        8 + (of_column * self.columns + of_bounds) * self.matching.candidates().len()
     }
 
     /// Approximate number of multiply-adds of the matrix of `count` shapes.
@@ -247,8 +262,20 @@ impl DistanceSpace {
             Some(fft) => Columns::Spectra(spectra(fft, &signals)),
             None => Columns::Signals(signals),
         });
-        let squared_norms = whitened.chunks_exact(length).map(|x| dot(x, x)).collect();
-        Ok(PreparedShapes { squared_norms, laid: laid.collect() })
+        let laid: Vec<Columns> = laid.collect();
+        let squared_norms: Vec<f64> = whitened.chunks_exact(length).map(|x| dot(x, x)).collect();
+        let norms: Vec<f64> = match self.scale {
+            Scale::Unit(_) => vec![1.0; squared_norms.len()],
+            Scale::Sizes => squared_norms.iter().map(|square| square.sqrt()).collect(),
+        };
+        let magnitudes = |laid: &Columns| match (laid, self.bounded) {
+            (Columns::Spectra(spectra), Some(signals)) => {
+                Some(Magnitudes::new(signals, self.size, self.columns, spectra, &norms))
+            }
+            _ => None,
+        };
+        let magnitudes = laid.iter().filter_map(magnitudes).collect();
+        Ok(PreparedShapes { squared_norms, laid, magnitudes })
     }
 
     /// The columns that represent the whitened shape `x`.
@@ -270,12 +297,44 @@ impl DistanceSpace {
     ///
     /// Cost: the products of all pairs. The bits of a distance do not depend on the other shapes.
     pub fn compare(&self, shapes: &PreparedShapes, i: usize, others: &PreparedShapes) -> Vec<Match> {
-        let compare = |work: &mut Work, j: usize| {
+        let others_in_order: Vec<usize> = (0..others.count()).collect();
+        self.compare_some(shapes, i, others, &others_in_order)
+    }
+
+    /// Distances of shape `i` of `shapes` to the shapes of `others` at these positions.
+    pub(crate) fn compare_some(
+        &self,
+        shapes: &PreparedShapes,
+        i: usize,
+        others: &PreparedShapes,
+        positions: &[usize],
+    ) -> Vec<Match> {
+        let compare = |work: &mut Work, &j: &usize| {
             let best = self.best(shapes, i, others, j, work);
             let distance = self.distance(best.score, shapes.squared_norms[i], others.squared_norms[j]);
             Match { distance, placement: best.placement }
         };
-        (0..others.count()).into_par_iter().with_min_len(TILE).map_init(|| self.work(), compare).collect()
+        positions.par_iter().with_min_len(TILE).map_init(|| self.work(), compare).collect()
+    }
+
+    /// Lower bounds of the distances of shape `i` of `shapes` to all of `others`, in order; `None` if the space has none.
+    ///
+    /// Cost: `N` multiply-adds per pair.
+    pub(crate) fn lower_bounds(
+        &self,
+        shapes: &PreparedShapes,
+        i: usize,
+        others: &PreparedShapes,
+    ) -> Option<Vec<f64>> {
+        let own = shapes.magnitudes.first()?;
+        let bound = |j: usize| {
+            let cosine = others.magnitudes.iter().map(|laid| own.product(i, laid, j)).fold(0.0, f64::max);
+            let (a, b) = (shapes.squared_norms[i], others.squared_norms[j]);
+            let product = if self.scale == Scale::Sizes { cosine * a.sqrt() * b.sqrt() } else { cosine };
+            let score = if self.score == Score::Squares { product * product } else { product };
+            self.distance(score, a, b)
+        };
+        Some((0..others.count()).into_par_iter().with_min_len(BOUNDS).map(bound).collect())
     }
 
     /// The symmetric matrix of all distances, row by row: `K²` numbers with zeros on the diagonal.
@@ -492,9 +551,23 @@ impl PreparedShapes {
         self.squared_norms.len()
     }
 
+    /// Reserves memory for further shapes.
+    pub fn reserve(&mut self, shapes: usize) {
+        let count = self.count().max(1);
+        self.squared_norms.reserve_exact(shapes);
+        for laid in &mut self.laid {
+            match laid {
+                Columns::Signals(all) => all.reserve_exact(all.len() / count * shapes),
+                Columns::Spectra(all) => all.reserve_exact(all.len() / count * shapes),
+            }
+        }
+        self.magnitudes.iter_mut().for_each(|all| all.reserve(shapes));
+    }
+
     /// Appends the shapes of `more`, prepared by the same space.
     pub fn append(&mut self, more: Self) {
         self.squared_norms.extend(more.squared_norms);
+        self.magnitudes.iter_mut().zip(more.magnitudes).for_each(|(all, more)| all.append(more));
         for (laid, more) in self.laid.iter_mut().zip(more.laid) {
             match (laid, more) {
                 (Columns::Signals(all), Columns::Signals(more)) => all.extend(more),

@@ -74,6 +74,7 @@ pub mod estimate;
 pub mod fit;
 pub mod frame;
 pub mod inference;
+mod magnitudes;
 pub mod matching;
 pub mod mean;
 pub mod mean_angle;

@@ -1,61 +1,75 @@
 //! The nearest neighbours in a stream of shapes: only the best so far are kept.
 
+use std::cmp::Ordering;
+
 use super::AnalysisError;
 use super::distance::{DistanceSpace, Match, PreparedShapes};
 use shapelex_numeric::bounded::Stop;
 
 /// One of the nearest shapes.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Neighbour<T> {
-    /// Identification of the shape.
-    pub shape: T,
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Neighbour {
+    /// Position of the shape among all shapes.
+    pub position: usize,
     /// Its distance, and its placement on the query.
     pub found: Match,
 }
 
-/// The nearest shapes so far, in ascending order; in a tie, the earlier shape comes first.
-#[derive(Debug, Clone)]
-pub struct Nearest<T> {
-    most: usize,
-    kept: Vec<Neighbour<T>>,
+impl Neighbour {
+    /// Order by distance; in a tie, the earlier shape comes first.
+    fn order(&self, other: &Self) -> Ordering {
+        let by_distance = self.found.distance.total_cmp(&other.found.distance);
+        by_distance.then(self.position.cmp(&other.position))
+    }
 }
 
-impl<T> Nearest<T> {
+/// The nearest shapes so far, in ascending order.
+#[derive(Debug, Clone)]
+struct Nearest {
+    most: usize,
+    kept: Vec<Neighbour>,
+}
+
+impl Nearest {
     /// An empty list that keeps at most `most` shapes.
-    pub fn new(most: usize) -> Self {
+    fn new(most: usize) -> Self {
         Self { most, kept: Vec::new() }
     }
 
-    /// Offers the next shape; `shape` is called only if it is kept. Cost: `O(log most)`, and `O(most)` if the shape is kept.
-    pub fn offer(&mut self, found: Match, shape: impl FnOnce() -> T) {
-        let position = self.kept.partition_point(|kept| kept.found.distance <= found.distance);
-        if position < self.most {
+    /// Offers a shape. Cost: `O(log most)`, and `O(most)` if the shape is kept.
+    fn offer(&mut self, neighbour: Neighbour) {
+        let rank = self.kept.partition_point(|kept| kept.order(&neighbour).is_le());
+        if rank < self.most {
             self.kept.truncate(self.most - 1);
-            self.kept.insert(position, Neighbour { shape: shape(), found });
+            self.kept.insert(rank, neighbour);
         }
     }
 
-    /// The nearest shapes, in ascending order of distance.
-    pub fn into_sorted(self) -> Vec<Neighbour<T>> {
-        self.kept
+    /// Distance above which no shape is kept.
+    fn limit(&self) -> f64 {
+        let last = self.most.checked_sub(1).and_then(|last| self.kept.get(last));
+        last.map_or(f64::INFINITY, |kept| kept.found.distance)
     }
 }
 
+/// Minimum number of shapes that are compared between two looks at the limit, for each neighbour that is searched.
+const ROUND: usize = 8;
+
 /// Search for the nearest shapes to each of several queries, over shapes that arrive in batches.
 #[derive(Debug)]
-pub struct NeighbourSearch<'a, T> {
+pub struct NeighbourSearch<'a> {
     space: &'a DistanceSpace,
     queries: PreparedShapes,
-    own: Vec<T>,
-    nearest: Vec<Nearest<T>>,
+    nearest: Vec<Nearest>,
+    /// Number of shapes offered so far.
+    offered: usize,
 }
 
-impl<'a, T: Clone + PartialEq> NeighbourSearch<'a, T> {
-    /// A search for the `most` nearest shapes to each query. `own` identifies queries that are among the shapes, in order: a
-    /// shape is not its own neighbour. It is empty if none is.
-    pub fn new(space: &'a DistanceSpace, queries: PreparedShapes, own: Vec<T>, most: usize) -> Self {
+impl<'a> NeighbourSearch<'a> {
+    /// A search for the `most` nearest shapes to each query. A query that is among the shapes is its own neighbour.
+    pub fn new(space: &'a DistanceSpace, queries: PreparedShapes, most: usize) -> Self {
         let nearest = vec![Nearest::new(most); queries.count()];
-        Self { space, queries, own, nearest }
+        Self { space, queries, nearest, offered: 0 }
     }
 
     /// Number of queries.
@@ -63,35 +77,49 @@ impl<'a, T: Clone + PartialEq> NeighbourSearch<'a, T> {
         self.queries.count()
     }
 
-    /// Compares all queries with further shapes, identified by `names`. `stop` is checked before every query.
+    /// Compares all queries with further shapes. `stop` is checked before every query, and between comparisons.
     ///
-    /// Cost: that of [`DistanceSpace::compare`] for every query.
+    /// Where the space has lower bounds of distances, only pairs are compared whose bound is not beyond the nearest found, the
+    /// smallest bounds first. The result is the same.
+    ///
+    /// Cost: at most that of [`DistanceSpace::compare`] for every query.
     ///
     /// # Errors
     /// [`AnalysisError::Interrupted`] once `stop` returns true.
-    pub fn offer(
-        &mut self,
-        names: &[T],
-        shapes: &PreparedShapes,
-        stop: Stop<'_>,
-    ) -> Result<(), AnalysisError> {
+    pub fn offer(&mut self, shapes: &PreparedShapes, stop: Stop<'_>) -> Result<(), AnalysisError> {
         for (query, nearest) in self.nearest.iter_mut().enumerate() {
-            if stop() {
-                return Err(AnalysisError::Interrupted);
-            }
-            let own = self.own.get(query);
-            for (name, found) in names.iter().zip(self.space.compare(&self.queries, query, shapes)) {
-                if own != Some(name) {
-                    nearest.offer(found, || name.clone());
+            let bounds = self.space.lower_bounds(&self.queries, query, shapes);
+            let bound = |position: usize| bounds.as_ref().map_or(0.0, |bounds| bounds[position]);
+            // A bound that is not a number excludes nothing.
+            let is_near = |position: usize, limit: f64| !(bound(position) > limit);
+            let limit = nearest.limit();
+            let mut left: Vec<usize> = (0..shapes.count()).filter(|&k| is_near(k, limit)).collect();
+            let mut round = if bounds.is_some() { ROUND * nearest.most.max(1) } else { left.len() };
+            while !left.is_empty() {
+                if stop() {
+                    return Err(AnalysisError::Interrupted);
                 }
+                if left.len() > round {
+                    left.select_nth_unstable_by(round, |&a, &b| bound(a).total_cmp(&bound(b)));
+                }
+                let others = left.split_off(round.min(left.len()));
+                let found = self.space.compare_some(&self.queries, query, shapes, &left);
+                for (&position, found) in left.iter().zip(found) {
+                    nearest.offer(Neighbour { position: self.offered + position, found });
+                }
+                let limit = nearest.limit();
+                left = others;
+                left.retain(|&position| is_near(position, limit));
+                round *= 2;
             }
         }
+        self.offered += shapes.count();
         Ok(())
     }
 
     /// The neighbours of every query, in ascending order of distance; of equally distant shapes, those offered first.
-    pub fn into_sorted(self) -> Vec<Vec<Neighbour<T>>> {
-        self.nearest.into_iter().map(Nearest::into_sorted).collect()
+    pub fn into_sorted(self) -> Vec<Vec<Neighbour>> {
+        self.nearest.into_iter().map(|nearest| nearest.kept).collect()
     }
 }
 
@@ -105,10 +133,14 @@ mod tests {
         let distances = [3.0, 1.0, 2.0, 1.0, 0.5, 2.0, 9.0];
         for most in 1..=8 {
             let mut nearest = Nearest::new(most);
-            for (k, distance) in distances.into_iter().enumerate() {
-                nearest.offer(Match { distance, placement: Placement::default() }, || k);
+            // In any order.
+            for (position, distance) in distances.into_iter().enumerate().rev() {
+                nearest.offer(Neighbour {
+                    position,
+                    found: Match { distance, placement: Placement::default() },
+                });
             }
-            let found: Vec<usize> = nearest.into_sorted().iter().map(|neighbour| neighbour.shape).collect();
+            let found: Vec<usize> = nearest.kept.iter().map(|neighbour| neighbour.position).collect();
             assert_eq!(found, [4, 1, 3, 2, 5, 0, 6][..most.min(7)], "{most}");
         }
     }

@@ -36,6 +36,28 @@ pub fn dot(a: &[f64], b: &[f64]) -> f64 {
     )
 }
 
+/// Number of partial sums of [`dot_single`].
+pub const SINGLE_LANES: usize = 32;
+
+/// Dot product in single precision.
+pub fn dot_single(a: &[f32], b: &[f32]) -> f32 {
+    widest(
+        a.len(),
+        #[inline(always)]
+        || {
+            let ((a, a_tail), (b, b_tail)) = (a.as_chunks::<SINGLE_LANES>(), b.as_chunks::<SINGLE_LANES>());
+            let tail = a_tail.iter().zip(b_tail).map(|(x, y)| x * y).sum::<f32>();
+            let mut sums = [0.0; SINGLE_LANES];
+            for (x, y) in a.iter().zip(b) {
+                for k in 0..SINGLE_LANES {
+                    sums[k] += x[k] * y[k];
+                }
+            }
+            sums.iter().sum::<f32>() + tail
+        },
+    )
+}
+
 /// `maxᵢ aᵢ`, but at least zero.
 pub fn largest(a: &[f64]) -> f64 {
     widest(
@@ -116,6 +138,8 @@ mod tests {
     fn lanes_and_tails_make_the_whole_sum() {
         let matrix = Matrix::from_fn(19, 7, |i, j| (i * 5 + j * 3) as f64);
         let (a, b) = (column(&matrix, 2), column(&matrix, 5));
+        let single = |a: &[f64]| a.iter().map(|x| *x as f32).collect::<Vec<f32>>();
+        assert_eq!(f64::from(dot_single(&single(a), &single(b))), dot(a, b));
         assert_eq!(dot(a, b), a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>());
         assert_eq!((largest(a), largest(&a[..11]), largest(&[-1.0])), (96.0, 56.0, 0.0));
         let (columns, factors) = ([6, 0, 1, 4, 2], [1.0, -2.0, 3.0, 0.5, -1.0]);

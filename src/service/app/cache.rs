@@ -49,6 +49,31 @@ struct Entries {
     list: LinkedHashMap<Key, Entry>,
     /// Total size of the list.
     bytes: usize,
+    /// Total size of the reservations.
+    reserved: usize,
+}
+
+impl Entries {
+    /// Evicts the least recently used values until the others fit beside the reservations.
+    fn evict(&mut self, capacity: usize) {
+        while self.bytes + self.reserved > capacity {
+            let Some((_, evicted)) = self.list.pop_front() else { return };
+            self.bytes -= evicted.bytes;
+        }
+    }
+}
+
+/// Space for a value that is being computed; released when dropped.
+#[derive(Debug)]
+pub struct Reserved<'a> {
+    cache: &'a Cache,
+    bytes: usize,
+}
+
+impl Drop for Reserved<'_> {
+    fn drop(&mut self) {
+        self.cache.locked().reserved -= self.bytes;
+    }
 }
 
 /// Values of any type, shared by all requests.
@@ -80,6 +105,16 @@ impl Cache {
         value.downcast().ok()
     }
 
+    /// Reserves space for a value that is being computed, and evicts the least recently used ones until it fits. `None` if it
+    /// cannot fit beside other reservations: it should then not be collected in memory.
+    pub fn reserve(&self, bytes: usize) -> Option<Reserved<'_>> {
+        let mut entries = self.locked();
+        let reserved = entries.reserved.checked_add(bytes).filter(|reserved| *reserved <= self.capacity)?;
+        entries.reserved = reserved;
+        entries.evict(self.capacity);
+        Some(Reserved { cache: self, bytes })
+    }
+
     /// Whether a value is cached; does not affect the metrics.
     pub fn has<T: Cached>(&self, object: &str, settings: &impl Serialize) -> bool {
         Key::new::<T>(object, settings).is_some_and(|key| self.locked().list.contains_key(&key))
@@ -93,10 +128,7 @@ impl Cache {
         let mut entries = self.locked();
         let replaced = entries.list.insert(key, entry);
         entries.bytes = entries.bytes + bytes - replaced.map_or(0, |entry| entry.bytes);
-        while entries.bytes > self.capacity {
-            let Some((_, evicted)) = entries.list.pop_front() else { return };
-            entries.bytes -= evicted.bytes;
-        }
+        entries.evict(self.capacity);
     }
 
     /// Evicts all values computed from a deleted object.
@@ -131,6 +163,21 @@ mod tests {
         fn bytes(&self) -> usize {
             1
         }
+    }
+
+    #[test]
+    fn values_that_are_computed_have_their_space_reserved() {
+        let cache = Cache::new(400);
+        cache.keep("a", &1, &Arc::new(Text(60)));
+        let first = cache.reserve(70).unwrap();
+        assert!(!cache.has::<Text>("a", &1), "evicted for the reservation");
+        assert!(cache.reserve(40).is_none(), "beyond the capacity of 100 beside the first");
+        cache.keep("b", &1, &Arc::new(Text(40)));
+        assert!(!cache.has::<Text>("b", &1), "no space beside the reservation");
+        drop(first);
+        cache.keep("c", &1, &Arc::new(Text(70)));
+        assert!(cache.has::<Text>("c", &1));
+        assert!(cache.reserve(usize::MAX).is_none());
     }
 
     #[test]

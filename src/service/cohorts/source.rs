@@ -23,7 +23,7 @@ const BATCH_SHAPES: usize = 16 * BLOCK;
 type VisitChunk<'a> = dyn FnMut(&[f64], &[f64]) -> Result<bool, ServiceError> + 'a;
 
 /// Receives the ids and prepared shapes of a stored batch.
-type VisitNamed<'a> = dyn FnMut(&ScanBatch) -> Result<(), AnalysisError> + 'a;
+type VisitStored<'a> = dyn FnMut(&ScanBatch) -> Result<(), AnalysisError> + 'a;
 
 /// Computation over the shapes of a part.
 #[derive(Debug, Serialize, Deserialize)]
@@ -238,28 +238,17 @@ impl<'a> StoredShapes<'a> {
     }
 
     /// Calls `visit` with every stored batch, its shapes prepared; errors name the affected shapes.
-    pub(crate) fn for_each_named(&self, visit: &mut VisitNamed<'_>) -> Result<(), ServiceError> {
+    pub(crate) fn for_each_stored(&self, ids: Ids, visit: &mut VisitStored<'_>) -> Result<(), ServiceError> {
         let (mut position, mut first) = (None, 0);
         loop {
             self.check()?;
-            let read = self.store.scan(&self.cohort.id, self.revisions, self.filter, position, Ids::Include);
+            let read = self.store.scan(&self.cohort.id, self.revisions, self.filter, position, ids);
             let Some(mut batch) = self.handle.block_on(read)? else { return Ok(()) };
             let centred = self.setup.method.translates();
             let prepared = prepare(&self.setup.metric, centred, 0, &mut batch.control_points);
             let visited = prepared.and_then(|()| visit(&batch));
-            visited.map_err(|error| self.named_in(error, first, &batch.ids))?;
-            (position, first) = (Some(batch.position), first + batch.ids.len());
-        }
-    }
-
-    /// Converts the error of a batch whose first shape has position `first`.
-    fn named_in(&self, error: AnalysisError, first: usize, ids: &[String]) -> ServiceError {
-        let id = error.position().and_then(|position| ids.get(position)).map_or("", String::as_str);
-        match error.after(first).into() {
-            ServiceError::DegenerateShape(faults) => ServiceError::DegenerateShape(
-                faults.into_iter().map(|fault| self.with_name(fault, id)).collect(),
-            ),
-            error => error,
+            visited.map_err(|error| self.named(error.after(first)))?;
+            (position, first) = (Some(batch.position), first + batch.weights.len());
         }
     }
 

@@ -22,7 +22,7 @@ use crate::service::cost::requests::{self, Counts};
 use crate::service::jobs::{self, Outcome};
 use crate::service::shapes::read;
 use crate::service::statistics::{CheckedSettings, Settings, Setup};
-use crate::store::Revisions;
+use crate::store::{Ids, Revisions};
 
 /// Settings for comparing shapes of a cohort.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -302,7 +302,7 @@ fn matrix_of_stored(
 ) -> Result<NamedMatrix, ServiceError> {
     let mut prepared: Option<PreparedShapes> = None;
     let (mut ids, mut labels) = (Vec::new(), Vec::new());
-    shapes.for_each_named(&mut |batch| {
+    shapes.for_each_stored(Ids::Include, &mut |batch| {
         let more = space.prepare(&batch.control_points)?;
         match &mut prepared {
             Some(prepared) => prepared.append(more),

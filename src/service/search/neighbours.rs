@@ -1,5 +1,5 @@
-//! Search for the nearest shapes of a stored cohort: its shapes are streamed, and only the nearest are kept. Small
-//! cohorts are cached in prepared form for repeated searches.
+//! Search for the nearest shapes of a stored cohort: its shapes are streamed, and only the nearest are kept. Cohorts that fit
+//! in the cache are kept in prepared form for repeated searches.
 
 use crate::formats::fault::Fault;
 use std::collections::BTreeMap;
@@ -12,7 +12,7 @@ use tokio::runtime::Handle;
 
 use super::distances::Comparison;
 use super::prepared::PreparedCohort;
-use crate::analysis::distance::{DistanceSpace, PreparedShapes};
+use crate::analysis::distance::{DistanceSpace, Match, PreparedShapes};
 use crate::analysis::matching::Placement;
 use crate::analysis::neighbours::{Neighbour, NeighbourSearch};
 use crate::domain::cohort::Cohort;
@@ -24,6 +24,7 @@ use crate::service::cohorts::{catalogue, source};
 use crate::service::cost::requests::{self, Counts};
 use crate::service::shapes::read;
 use crate::service::statistics::Setup;
+use crate::store::{Cursor, Ids, NamedShape, Places};
 
 /// Maximum number of neighbours per query.
 pub const MAX_NEIGHBOURS: usize = 1000;
@@ -76,7 +77,8 @@ pub struct FoundNeighbour {
     pub placement: Placement,
 }
 
-type Sorted = Vec<Neighbour<String>>;
+/// Places of the nearest shapes of a query, in ascending order of distance.
+type Sorted = Vec<(Cursor, Match)>;
 
 /// Nearest shapes of the cohort with this key to every query, by ascending distance; of equally distant shapes, those
 /// added first.
@@ -103,19 +105,25 @@ pub async fn search(app: &App, key: &str, search: Search) -> Result<Found, Servi
         })
         .await?;
     let work = predicted(app, &cohort, &space, queries.count(), (&filter, &comparison));
-    let task_cohort = cohort.clone();
+    let (task_cohort, own) = (cohort.clone(), queries.ids().to_vec());
+    // A stored query is its own neighbour, and removed in the end.
+    let most = neighbours + usize::from(!own.is_empty());
     let sorted = app
         .pool
         .weighing(work)
         .run(move || {
             let (comparison, filter) = (&comparison, &filter);
             let (app, handle, cohort) = (&task_app, &handle, &task_cohort);
-            let task = Task { app, handle, cohort, filter, comparison, neighbours };
+            let task = Task { app, handle, cohort, filter, comparison, most };
             task.run(&setup, &space, queries)
         })
         .await?;
-    let neighbours = with_attributes(app, &cohort, sorted).await?;
-    Ok(Found { cohort_revision: cohort.revision, neighbours })
+    let mut found = with_attributes(app, &cohort, sorted).await?;
+    for (query, list) in found.iter_mut().enumerate() {
+        list.retain(|neighbour| own.get(query) != Some(&neighbour.id));
+        list.truncate(neighbours);
+    }
+    Ok(Found { cohort_revision: cohort.revision, neighbours: found })
 }
 
 fn check_sizes(app: &App, search: &Search) -> Result<(), ServiceError> {
@@ -154,6 +162,14 @@ impl Given {
             Self::Stored { ids, .. } => ids.len(),
         }
     }
+
+    /// Ids of stored queries.
+    fn ids(&self) -> &[String] {
+        match self {
+            Self::Posted(_) => &[],
+            Self::Stored { ids, .. } => ids,
+        }
+    }
 }
 
 /// Predicted work of a search: less if the cohort is cached.
@@ -183,23 +199,27 @@ struct Task<'a> {
     cohort: &'a Cohort,
     filter: &'a ShapeFilter,
     comparison: &'a Comparison,
-    neighbours: usize,
+    /// Number of neighbours to find for each query.
+    most: usize,
 }
 
 impl Task<'_> {
     fn run(&self, setup: &Setup, space: &DistanceSpace, queries: Given) -> Result<Vec<Sorted>, ServiceError> {
-        let (queries, own) = self.prepared(setup, space, queries)?;
-        let mut search = NeighbourSearch::new(space, queries, own, self.neighbours);
+        let queries = self.prepared(setup, space, queries)?;
+        let mut search = NeighbourSearch::new(space, queries, self.most);
         let context = self.app.pool.context();
         let stop = || context.is_cancelled();
         match self.app.cache.find::<PreparedCohort>(&self.cohort.id, &self.key()) {
             Some(known) => {
-                self.check_cost(space, search.queries(), known.ids.len())?;
-                known.shapes.iter().try_for_each(|shapes| search.offer(&known.ids, shapes, &stop))?;
+                self.check_cost(space, search.queries(), known.places.count())?;
+                known.shapes.iter().try_for_each(|shapes| search.offer(shapes, &stop))?;
+                Ok(sorted(search, &known.places))
             }
-            None => self.read(setup, space, &mut search, &stop)?,
+            None => {
+                let places = self.read(setup, space, &mut search, &stop)?;
+                Ok(sorted(search, &places))
+            }
         }
-        Ok(search.into_sorted())
     }
 
     /// Cache key: everything that the prepared shapes of the cohort depend on.
@@ -207,52 +227,56 @@ impl Task<'_> {
         (self.cohort.revision, self.filter, self.comparison)
     }
 
-    /// Offers the shapes of the cohort as they are read, and caches them if they are few.
+    /// Offers the shapes of the cohort as they are read, and caches them if they fit. Returns their places.
     fn read(
         &self,
         setup: &Setup,
         space: &DistanceSpace,
-        search: &mut NeighbourSearch<'_, String>,
+        search: &mut NeighbourSearch<'_>,
         stop: &(dyn Fn() -> bool + Sync),
-    ) -> Result<(), ServiceError> {
+    ) -> Result<Places, ServiceError> {
         let (app, handle, cohort, filter) = (self.app, self.handle, self.cohort, self.filter);
         let shapes = StoredShapes::new(app, handle, cohort, filter, 0, setup, stop)?;
         if shapes.is_empty() && *filter != ShapeFilter::default() {
             return Err(ServiceError::invalid("/filter", "the filter selects no shapes"));
         }
         self.check_cost(space, search.queries(), shapes.len())?;
-        let mut kept = PreparedCohort::for_count(space, shapes.len());
-        shapes.for_each_named(&mut |batch| {
+        let reserved = app.cache.reserve(PreparedCohort::bytes_for(space, shapes.len()));
+        let mut kept = reserved.as_ref().map(|_| PreparedCohort::for_count(space, shapes.len()));
+        let mut places = Places::default();
+        shapes.for_each_stored(Ids::Skip, &mut |batch| {
             let others = space.prepare(&batch.control_points)?;
-            search.offer(&batch.ids, &others, stop)?;
+            search.offer(&others, stop)?;
+            places.append(&batch.places);
             if let Some(kept) = &mut kept {
-                kept.append(&batch.ids, others);
+                kept.append(&batch.places, others);
             }
             Ok(())
         })?;
+        drop(reserved);
         if let Some(kept) = kept {
             app.cache.keep(&cohort.id, &self.key(), &Arc::new(kept));
         }
-        Ok(())
+        Ok(places)
     }
 
-    /// Prepared queries, and the ids of those that are stored.
+    /// Prepared queries.
     fn prepared(
         &self,
         setup: &Setup,
         space: &DistanceSpace,
         queries: Given,
-    ) -> Result<(PreparedShapes, Vec<String>), ServiceError> {
-        let (field, own, control_points) = match queries {
-            Given::Stored { ids, control_points } => ("ids", ids, control_points),
+    ) -> Result<PreparedShapes, ServiceError> {
+        let (field, control_points) = match queries {
+            Given::Stored { control_points, .. } => ("ids", control_points),
             Given::Posted(shapes) => {
                 let reading = setup.reading(&self.app.limits);
-                ("shapes", Vec::new(), read::read_batch(&reading, shapes)?.control_points)
+                ("shapes", read::read_batch(&reading, shapes)?.control_points)
             }
         };
         let prepared = space.prepare_given(&setup.metric, control_points);
         let at = |index: usize| format!("/{field}/{index}");
-        Ok((prepared.map_err(|error| ServiceError::from_analysis(error, at))?, own))
+        prepared.map_err(|error| ServiceError::from_analysis(error, at))
     }
 
     fn check_cost(&self, space: &DistanceSpace, queries: usize, shapes: usize) -> Result<(), ServiceError> {
@@ -269,26 +293,31 @@ impl Task<'_> {
     }
 }
 
-/// Adds the attributes of the shapes, including those deleted since the search began.
+/// Places of the neighbours that were found.
+fn sorted(search: NeighbourSearch<'_>, places: &Places) -> Vec<Sorted> {
+    let place = |neighbour: Neighbour| Some((places.get(neighbour.position)?, neighbour.found));
+    search.into_sorted().into_iter().map(|list| list.into_iter().filter_map(place).collect()).collect()
+}
+
+/// Adds ids and attributes, including those of shapes deleted since the search began; shapes purged since are left out.
 async fn with_attributes(
     app: &App,
     cohort: &Cohort,
     sorted: Vec<Sorted>,
 ) -> Result<Vec<Vec<FoundNeighbour>>, ServiceError> {
-    let ids: Vec<String> = sorted.iter().flatten().map(|neighbour| neighbour.shape.clone()).collect();
-    let mut attributes = app.store.find_attributes(&cohort.id, &ids).await?.into_iter();
-    let mut found = |neighbour: Neighbour<String>| {
-        let ShapeAttributes { external_id, label, labels, .. } =
-            attributes.next().flatten().unwrap_or_default();
-        let Neighbour { shape: id, found } = neighbour;
-        FoundNeighbour {
+    let places: Vec<Cursor> = sorted.iter().flatten().map(|(place, _)| *place).collect();
+    let mut shapes = app.store.shapes_at(&cohort.id, &places).await?.into_iter();
+    let mut found = |(_, found): (Cursor, Match)| {
+        let NamedShape { id, attributes } = shapes.next().flatten()?;
+        let ShapeAttributes { external_id, label, labels, .. } = attributes;
+        Some(FoundNeighbour {
             id,
             external_id,
             label,
             labels,
             distance: found.distance,
             placement: found.placement,
-        }
+        })
     };
-    Ok(sorted.into_iter().map(|list| list.into_iter().map(&mut found).collect()).collect())
+    Ok(sorted.into_iter().map(|list| list.into_iter().filter_map(&mut found).collect()).collect())
 }

@@ -1,37 +1,40 @@
-//! Cohorts in prepared form, cached for repeated searches: reading and preparing a small cohort takes longer than
-//! comparing a shape with it.
+//! Cohorts in prepared form, cached for repeated searches: reading and preparing a cohort takes longer than comparing a
+//! shape with it.
 
 use crate::analysis::distance::{DistanceSpace, PreparedShapes};
 use crate::service::app::cache::Cached;
-
-/// Maximum size of a cached cohort; larger ones are read again by every search.
-const MAX_BYTES_OF_ONE: usize = 64 << 20;
-
-/// Estimated size of an id in its list.
-const ID_BYTES: usize = 64;
+use crate::store::Places;
 
 /// Prepared shapes of a cohort, in the order of the cohort.
 #[derive(Debug, Default)]
 pub(crate) struct PreparedCohort {
-    pub(crate) ids: Vec<String>,
+    pub(crate) places: Places,
     /// `None` if there are no shapes.
     pub(crate) shapes: Option<PreparedShapes>,
     bytes: usize,
+    count: usize,
 }
 
 impl PreparedCohort {
-    /// An empty value for `count` shapes; `None` if they are too many to be cached.
-    pub(crate) fn for_count(space: &DistanceSpace, count: usize) -> Option<Self> {
-        let bytes = count.saturating_mul(space.bytes() + ID_BYTES);
-        (bytes <= MAX_BYTES_OF_ONE).then(|| Self { bytes, ..Self::default() })
+    /// Memory of the prepared shapes in bytes.
+    pub(crate) fn bytes_for(space: &DistanceSpace, count: usize) -> usize {
+        count.saturating_mul(space.bytes())
+    }
+
+    /// An empty value for `count` shapes.
+    pub(crate) fn for_count(space: &DistanceSpace, count: usize) -> Self {
+        Self { bytes: Self::bytes_for(space, count), count, ..Self::default() }
     }
 
     /// Appends further shapes.
-    pub(crate) fn append(&mut self, ids: &[String], more: PreparedShapes) {
-        self.ids.extend_from_slice(ids);
+    pub(crate) fn append(&mut self, places: &Places, mut more: PreparedShapes) {
+        self.places.append(places);
         match &mut self.shapes {
             Some(shapes) => shapes.append(more),
-            None => self.shapes = Some(more),
+            None => {
+                more.reserve(self.count.saturating_sub(more.count()));
+                self.shapes = Some(more);
+            }
         }
     }
 }

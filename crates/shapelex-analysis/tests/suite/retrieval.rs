@@ -285,23 +285,77 @@ fn degenerate_shapes_are_named_by_their_position() {
 }
 
 #[test]
-fn a_search_over_batches_finds_the_nearest_of_all_and_never_the_query_itself() {
+fn a_search_over_batches_finds_the_nearest_of_all() {
     let shapes = shapes(3, 40, 2);
     let space = DistanceSpace::new(&projection(ClassName::Similarity, 2), &plain(2)).unwrap();
     let queries = space.prepare(&shapes[..2].concat()).unwrap();
-    let mut search = NeighbourSearch::new(&space, queries.clone(), vec![0, 1], 5);
-    for (batch, shapes) in shapes.chunks(16).enumerate() {
-        let names: Vec<usize> = (0..shapes.len()).map(|k| 16 * batch + k).collect();
-        search.offer(&names, &space.prepare(&shapes.concat()).unwrap(), &|| false).unwrap();
+    let mut search = NeighbourSearch::new(&space, queries.clone(), 5);
+    for shapes in shapes.chunks(16) {
+        search.offer(&space.prepare(&shapes.concat()).unwrap(), &|| false).unwrap();
     }
     assert_eq!(search.queries(), 2);
     let all = space.prepare(&shapes.concat()).unwrap();
     for (query, found) in search.into_sorted().into_iter().enumerate() {
         let row = space.compare(&queries, query, &all);
-        let mut wanted: Vec<usize> = (0..40).filter(|&k| k != query).collect();
+        let mut wanted: Vec<usize> = (0..40).collect();
         wanted.sort_by(|&a, &b| row[a].distance.total_cmp(&row[b].distance));
-        assert_eq!(found.iter().map(|neighbour| neighbour.shape).collect::<Vec<_>>(), wanted[..5]);
+        assert_eq!(found.iter().map(|neighbour| neighbour.position).collect::<Vec<_>>(), wanted[..5]);
     }
-    let mut stopped = NeighbourSearch::new(&space, queries, Vec::new(), 5);
-    assert!(stopped.offer(&[0; 40], &all, &|| true).is_err());
+    let mut stopped = NeighbourSearch::new(&space, queries, 5);
+    assert!(stopped.offer(&all, &|| true).is_err());
+}
+
+/// Half of them close to the first; copies at other start points; of all sizes.
+fn crowd(count: usize, d: usize) -> Vec<Vec<f64>> {
+    let mut all = shapes(77, count, d);
+    let first = all[0].clone();
+    for k in (2..count).step_by(2) {
+        let part = 0.001 * k as f64;
+        all[k].iter_mut().zip(&first).for_each(|(x, first)| *x = first + part * (*x - first));
+    }
+    for k in (10..count).step_by(10) {
+        let turned = all[k - 1].chunks_exact(N).flat_map(|c| c[k % N..].iter().chain(&c[..k % N]).copied());
+        all[k] = turned.collect();
+    }
+    for (k, shape) in all.iter_mut().enumerate().skip(3).step_by(7) {
+        let factor = if k % 2 == 0 { 1e60 } else { 1e-60 };
+        shape.iter_mut().for_each(|x| *x *= factor);
+    }
+    all
+}
+
+#[test]
+fn bounds_exclude_no_neighbour() {
+    let mut compared = 0;
+    for d in [2, 3] {
+        let shapes = crowd(300, d);
+        for (direction, mirror) in [(Direction::Given, Mirror::Forbid), (Direction::Either, Mirror::Allow)] {
+            let matching = matching(d, Correspondence::Cyclic, direction, mirror);
+            for method in methods(d) {
+                let space = DistanceSpace::new(&method, &matching).unwrap();
+                let all = space.prepare(&shapes.concat()).unwrap();
+                let queries = space.prepare(&shapes[..16].concat()).unwrap();
+                for most in [1, 4] {
+                    let mut search = NeighbourSearch::new(&space, queries.clone(), most);
+                    for shapes in shapes.chunks(160) {
+                        search.offer(&space.prepare(&shapes.concat()).unwrap(), &|| false).unwrap();
+                    }
+                    for (query, found) in search.into_sorted().into_iter().enumerate() {
+                        let row = space.compare(&queries, query, &all);
+                        let mut wanted: Vec<usize> = (0..300).collect();
+                        wanted.sort_by(|&a, &b| row[a].distance.total_cmp(&row[b].distance).then(a.cmp(&b)));
+                        for (found, wanted) in found.into_iter().zip(wanted) {
+                            assert_eq!(
+                                (found.position, found.found),
+                                (wanted, row[wanted]),
+                                "{method:?}, {query}"
+                            );
+                            compared += 1;
+                        }
+                    }
+                }
+            }
+        }
+    }
+    assert!(compared > 1000);
 }

@@ -1,0 +1,101 @@
+//! Bounds on products over all start points, from the magnitudes of spectra.
+//!
+//! ```text
+//! |Σ_k conj(z₁[k]) z₂[k+s]| ≤ 1/n Σ_f |ẑ₁[f]| |ẑ₂[f]|     for every start point s
+//! ```
+//!
+//! Magnitudes do not depend on the start point. A search for the nearest shapes therefore needs no correlation of a pair
+//! whose bound is already beyond the nearest found (the tests of a "lower-bounding" index: Faloutsos et al. 1994).
+//!
+//! Numbers of single precision suffice: their rounding is added to the bound.
+
+use realfft::num_complex::Complex64;
+
+use shapelex_numeric::kernels::{SINGLE_LANES, dot_single};
+
+/// Signals whose products are bounded.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Signals {
+    /// Two real columns are one complex signal.
+    Complex,
+    /// Real columns, whose products are added.
+    Real,
+}
+
+/// Magnitudes of the spectra of shapes, those of a shape of unit norm divided by `√n`: a product is at most 1.
+#[derive(Debug, Clone)]
+pub(crate) struct Magnitudes {
+    /// Numbers of one shape.
+    length: usize,
+    values: Vec<f32>,
+}
+
+impl Magnitudes {
+    /// Magnitudes of shapes with `columns` columns of `n` numbers each, from the half spectra of the columns one after the
+    /// other, and the norm of each shape.
+    pub(crate) fn new(
+        signals: Signals,
+        n: usize,
+        columns: usize,
+        spectra: &[Complex64],
+        norms: &[f64],
+    ) -> Self {
+        let half = n / 2 + 1;
+        let length = match signals {
+            Signals::Complex => n,
+            Signals::Real => columns * half,
+        };
+        let mut values = Vec::with_capacity(length * norms.len());
+        for (shape, norm) in spectra.chunks_exact(columns * half).zip(norms) {
+            let unit = (n as f64).sqrt() * norm;
+            match signals {
+                Signals::Complex => {
+                    let (x, y) = shape.split_at(half);
+                    let positive = x.iter().zip(y).map(|(x, y)| (x + y * Complex64::I).norm());
+                    // The spectrum of a real signal at −f is the conjugate of that at f.
+                    let negative =
+                        (half..n).map(|f| (x[n - f].conj() + y[n - f].conj() * Complex64::I).norm());
+                    values.extend(positive.chain(negative).map(|magnitude| (magnitude / unit) as f32));
+                }
+                Signals::Real => values.extend(shape.chunks_exact(half).flat_map(|column| {
+                    column.iter().enumerate().map(|(f, value)| {
+                        // All frequencies but 0 and n/2 occur twice.
+                        let twice = if f == 0 || 2 * f == n { 1.0 } else { 2.0_f64.sqrt() };
+                        (twice * value.norm() / unit) as f32
+                    })
+                })),
+            }
+        }
+        Self { length, values }
+    }
+
+    /// Magnitudes of shape `k`.
+    fn of(&self, k: usize) -> &[f32] {
+        &self.values[k * self.length..(k + 1) * self.length]
+    }
+
+    /// Reserves memory for further shapes.
+    pub(crate) fn reserve(&mut self, shapes: usize) {
+        self.values.reserve_exact(self.length * shapes);
+    }
+
+    /// Appends those of further shapes.
+    pub(crate) fn append(&mut self, more: Self) {
+        self.values.extend(more.values);
+    }
+
+    /// Memory of one shape in bytes.
+    pub(crate) fn bytes(signals: Signals, n: usize, columns: usize) -> usize {
+        match signals {
+            Signals::Complex => 4 * n,
+            Signals::Real => 4 * columns * (n / 2 + 1),
+        }
+    }
+
+    /// Upper bound of the products of shape `k` with shape `j` of `others` for unit norms.
+    pub(crate) fn product(&self, k: usize, others: &Self, j: usize) -> f64 {
+        // Rounding of the magnitudes, and of a sum of positive numbers in lanes.
+        let rounding = f64::from(f32::EPSILON) * (8 + self.length / SINGLE_LANES) as f64;
+        f64::from(dot_single(self.of(k), others.of(j))) + rounding
+    }
+}

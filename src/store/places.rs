@@ -1,0 +1,121 @@
+//! Places of shapes in storage, and their names.
+
+use std::ops::Range;
+
+use super::blob::ROWS_PER_CHUNK;
+use super::engine::sql;
+use super::error::StoreError;
+use super::handle::Store;
+use super::shapes::{Cursor, read_attributes};
+use crate::domain::shape::ShapeAttributes;
+
+/// Places of consecutive shapes of a scan, as runs of neighbouring rows.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Places {
+    /// Number of shapes before each run, and the place of its first shape.
+    runs: Vec<(usize, Cursor)>,
+    count: usize,
+}
+
+impl Places {
+    /// Number of shapes.
+    pub fn count(&self) -> usize {
+        self.count
+    }
+
+    /// Place of the shape at a position.
+    pub fn get(&self, position: usize) -> Option<Cursor> {
+        let run = self.runs.partition_point(|(before, _)| *before <= position).checked_sub(1)?;
+        let (before, first) = self.runs[run];
+        let row = first.position + (position - before) as i64;
+        (position < self.count).then_some(Cursor { position: row, ..first })
+    }
+
+    /// Appends rows of a chunk.
+    pub(super) fn push(&mut self, chunk: i64, rows: &Range<usize>) {
+        if rows.is_empty() {
+            return;
+        }
+        let first = Cursor { chunk, position: rows.start as i64 };
+        let continues = self.runs.last().is_some_and(|&(before, run)| {
+            run.chunk == chunk && run.position + (self.count - before) as i64 == first.position
+        });
+        if !continues {
+            self.runs.push((self.count, first));
+        }
+        self.count += rows.len();
+    }
+
+    /// Appends the places of further shapes.
+    pub fn append(&mut self, more: &Self) {
+        self.runs.extend(more.runs.iter().map(|&(before, first)| (self.count + before, first)));
+        self.count += more.count;
+    }
+}
+
+/// A shape with its id.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NamedShape {
+    /// Id, `shp_…`.
+    pub id: String,
+    /// Attributes without the weight.
+    pub attributes: ShapeAttributes,
+}
+
+impl Store {
+    /// The shapes at these places, in order, including deleted shapes; `None` for those that were purged.
+    ///
+    /// # Errors
+    /// Database errors.
+    pub async fn shapes_at(
+        &self,
+        cohort_id: &str,
+        places: &[Cursor],
+    ) -> Result<Vec<Option<NamedShape>>, StoreError> {
+        // A place is one number: the chunk times 2²⁰, plus the row.
+        const AT: &str =
+            "SELECT asked.key AS place, s.id, s.external_id, s.subject, s.label, s.labels, s.metadata
+            FROM json_each($2) AS asked
+            CROSS JOIN shape AS s ON s.chunk_id = CAST(asked.value AS BIGINT) / 1048576
+                AND s.position = CAST(asked.value AS BIGINT) % 1048576
+            CROSS JOIN cohort AS h ON h.number = s.cohort
+            WHERE h.id = $1";
+        const { assert!(ROWS_PER_CHUNK <= 1 << 20) };
+        let numbers: Vec<i64> = places.iter().map(|place| (place.chunk << 20) + place.position).collect();
+        let asked = serde_json::Value::from(numbers).to_string();
+        let rows = sql(self.reader(), AT).bind(cohort_id).bind(asked).all().await?;
+        let mut found: Vec<Option<NamedShape>> = places.iter().map(|_| None).collect();
+        for row in &rows {
+            let place = usize::try_from(row.get::<i64>("place")?).unwrap_or(usize::MAX);
+            if let Some(slot) = found.get_mut(place) {
+                *slot = Some(NamedShape { id: row.get("id")?, attributes: read_attributes(row)? });
+            }
+        }
+        Ok(found)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn runs_name_every_row() {
+        let mut all = Places::default();
+        let mut rows = Vec::new();
+        for (chunk, range) in [(3, 0..4), (3, 4..6), (3, 7..9), (5, 2..2), (8, 0..1)] {
+            all.push(chunk, &range);
+            rows.extend(range.map(|row| Cursor { chunk, position: row as i64 }));
+        }
+        let mut twice = all.clone();
+        twice.append(&all);
+        assert_eq!((all.count(), all.runs.len()), (rows.len(), 3));
+        assert_eq!(
+            (0..9).map(|k| all.get(k)).collect::<Vec<_>>(),
+            rows.iter().copied().map(Some).collect::<Vec<_>>()
+        );
+        assert_eq!(all.get(9), None);
+        assert!((0..18).all(|k| twice.get(k) == Some(rows[k % 9])));
+        assert_eq!(Places::default().get(0), None);
+    }
+}
