@@ -2,7 +2,7 @@
 //!
 //! `cargo bench -p shapelex-analysis --bench sums`. A rate counts the multiply-adds of one triangle; the bound is the rate
 //! of products of square matrices on as many threads, measured before every row.
-#![allow(missing_docs, clippy::unwrap_used)]
+#![allow(missing_docs, clippy::unwrap_used, clippy::print_stdout)]
 
 use std::hint::black_box;
 use std::time::Instant;
