@@ -8,7 +8,7 @@ use crate::AnalysisError;
 use crate::metric::dot;
 use crate::subspace::quarter_turn;
 use shapelex_numeric::dense::{self, Eigenpairs, Matrix, PANEL};
-use shapelex_numeric::kernels::shift;
+use shapelex_numeric::kernels::{add_scaled, shift};
 
 /// `S = Σ x xᵀ` of vectors `x ∈ R^n`, with its leading eigenpairs by the smaller of two routes.
 ///
@@ -228,6 +228,8 @@ fn dual_eigenpairs(columns: &[f64], n: usize, count: usize) -> Result<Eigenpairs
 pub struct ScatterSum {
     origin: Vec<f64>,
     outer: OuterProductSum,
+    /// `√w` of the vectors, while they are kept as they are.
+    roots: Vec<f64>,
     sum: Vec<f64>,
     weight: f64,
 }
@@ -241,7 +243,7 @@ impl ScatterSum {
     /// The empty sum of vectors from which `origin` is subtracted first.
     pub fn about(origin: Vec<f64>) -> Self {
         let n = origin.len();
-        Self { origin, outer: OuterProductSum::new(n), sum: vec![0.0; n], weight: 0.0 }
+        Self { origin, outer: OuterProductSum::new(n), roots: Vec::new(), sum: vec![0.0; n], weight: 0.0 }
     }
 
     /// Total weight, `Σ w`.
@@ -261,17 +263,43 @@ impl ScatterSum {
     /// # Errors
     /// As [`OuterProductSum::leading`].
     pub fn leading(mut self, centre: bool, count: usize) -> Result<(f64, Eigenpairs), AnalysisError> {
-        if centre {
-            self.outer.fold();
-            let mean = self.mean();
-            let matrix = self.outer.matrix.as_mut().expect("folded");
-            for j in 0..mean.len() {
-                for i in j..mean.len() {
-                    matrix[(i, j)] -= self.weight * mean[i] * mean[j];
-                }
-            }
+        if centre && !self.centre_vectors() {
+            self.centre_matrix();
         }
         Ok((self.outer.trace(), self.outer.leading(count)?))
+    }
+
+    /// Subtracts the mean from every vector. Returns `false`, doing nothing, if they are not kept.
+    fn centre_vectors(&mut self) -> bool {
+        let (n, mean) = (self.sum.len(), self.mean());
+        if self.outer.matrix.is_some() || self.outer.columns.len() != n * self.roots.len() {
+            return false;
+        }
+        for (column, root) in self.outer.columns.chunks_exact_mut(n.max(1)).zip(&self.roots) {
+            add_scaled(column, -root, &mean);
+        }
+        true
+    }
+
+    /// Subtracts `W x̄ x̄ᵀ` from the matrix.
+    fn centre_matrix(&mut self) {
+        self.outer.fold();
+        let mean = self.mean();
+        let matrix = self.outer.matrix.as_mut().expect("folded");
+        for j in 0..mean.len() {
+            for i in j..mean.len() {
+                matrix[(i, j)] -= self.weight * mean[i] * mean[j];
+            }
+        }
+    }
+
+    /// Keeps the roots of the weights only as long as the vectors.
+    fn extend_roots(&mut self, roots: impl Iterator<Item = f64>) {
+        if self.outer.matrix.is_none() {
+            self.roots.extend(roots);
+        } else {
+            self.roots.clear();
+        }
     }
 }
 
@@ -281,13 +309,13 @@ impl Accumulator for ScatterSum {
     }
 
     fn update(&mut self, shapes: Shapes<'_>) -> Result<(), AnalysisError> {
-        let (n, origin) = (self.sum.len(), &self.origin);
+        let (n, origin) = (self.sum.len(), self.origin.clone());
         for_each_group(shapes, n, n, |group, columns| {
             let mut sums = vec![0.0; n * group.weights.len().div_ceil(BLOCK)];
             let blocks = columns.par_chunks_mut(BLOCK * n).zip(sums.par_chunks_mut(n));
             blocks.zip(group.blocks(BLOCK)).for_each(|((columns, sum), block)| {
                 for (column, (_, x, weight)) in columns.chunks_exact_mut(n).zip(block.iter()) {
-                    shift(column, sum, x, origin, weight, weight.sqrt());
+                    shift(column, sum, x, &origin, weight, weight.sqrt());
                 }
             });
             for sum in sums.chunks_exact(n) {
@@ -295,12 +323,14 @@ impl Accumulator for ScatterSum {
             }
             group.weights.iter().for_each(|weight| self.weight += weight);
             self.outer.add(columns);
+            self.extend_roots(group.weights.iter().map(|weight| weight.sqrt()));
             Ok(())
         })
     }
 
     fn merge(&mut self, other: Self) {
         self.outer.merge(other.outer);
+        self.extend_roots(other.roots.into_iter());
         self.sum.iter_mut().zip(&other.sum).for_each(|(a, b)| *a += b);
         self.weight += other.weight;
     }
@@ -310,6 +340,7 @@ impl Accumulator for ScatterSum {
         write_numbers(&mut bytes, &[self.weight]);
         write_numbers(&mut bytes, &self.sum);
         self.outer.write(&mut bytes);
+        write_numbers(&mut bytes, &self.roots);
         bytes
     }
 
@@ -320,6 +351,9 @@ impl Accumulator for ScatterSum {
             return Err(AnalysisError::NotAnAccumulator);
         }
         (self.weight, self.sum) = (weight[0], sum);
-        self.outer.read(&mut bytes)
+        self.outer.read(&mut bytes)?;
+        // Version 0.1.0 did not write the roots: its vectors are centred in the matrix.
+        self.roots = if bytes.is_empty() { Vec::new() } else { read_numbers(&mut bytes)? };
+        Ok(())
     }
 }

@@ -206,6 +206,35 @@ fn parts_give_the_same_bits_on_any_threads_and_made_in_any_order() {
     assert!(merged(sums.into_iter().rev()) != whole, "merged in another order");
 }
 
+#[test]
+fn few_vectors_are_centred_as_they_are_and_many_in_the_matrix() {
+    for (length, count) in [(300, 40), (300, 700), (24, 20), (24, 200)] {
+        let columns: Vec<f64> = (0..count * length).map(|k| ((k * k) as f64 * 0.37).sin() + 3.0).collect();
+        let source = Vectors { columns: &columns, length, blocks: 1 };
+        let sum = FunctionalPca::scatter(&source, &vec![0.0; length]).unwrap();
+        let (mean, weight) = (sum.mean(), |k: usize| 1.0 + (k % 4) as f64);
+        let away = |k: usize, i: usize| columns[k * length + i] - mean[i];
+        let wanted: f64 =
+            (0..count).map(|k| weight(k) * (0..length).map(|i| away(k, i).powi(2)).sum::<f64>()).sum();
+        // As version 0.1.0 wrote it, without the roots of the weights.
+        let bytes = sum.to_bytes();
+        let roots = if count < length / 2 || count < 128 { count } else { 0 };
+        let mut old = ScatterSum::new(length);
+        old.restore(&bytes[..bytes.len() - 8 * (1 + roots)]).unwrap();
+        let mut again = ScatterSum::new(length);
+        again.restore(&bytes).unwrap();
+        assert!(again.to_bytes() == bytes);
+        let (trace, pairs) = again.leading(true, 3).unwrap();
+        let (in_matrix, others) = old.leading(true, 3).unwrap();
+        // The matrix loses digits: the mean is nine times as far from zero as the shapes from it.
+        assert!((trace - wanted).abs() < 1e-13 * wanted, "{length} x {count}: {trace} {wanted}");
+        assert!((in_matrix - wanted).abs() < 1e-11 * wanted, "{length} x {count}: {in_matrix} {wanted}");
+        for (value, other) in pairs.values.iter().zip(&others.values) {
+            assert!((value - other).abs() < 1e-11 * wanted, "{length} x {count}: {value} {other}");
+        }
+    }
+}
+
 /// Has the last part made first, each from the pass as it is written down.
 struct Elsewhere<'a> {
     shapes: &'a ShapesInMemory,
