@@ -140,6 +140,7 @@ impl<'a> NearestTriangles<'a> {
         Some(false)
     }
 
+    #[inline]
     fn corners(&self, face: usize) -> [[f64; 3]; 3] {
         self.faces[face].map(|vertex| self.vertices[vertex as usize])
     }
@@ -265,7 +266,8 @@ fn on_triangle(point: [f64; 3], corners: [[f64; 3]; 3]) -> Place {
 fn under(point: [f64; 3], [a, b, c]: [[f64; 3]; 3]) -> ([f64; 3], bool) {
     let (u, v) = (minus(b, a), minus(c, a));
     // In units of the triangle size nothing overflows.
-    let unit = 1.0 / u.iter().chain(&v).fold(0.0_f64, |size, x| size.max(x.abs()));
+    let largest = |w: [f64; 3]| w[0].abs().max(w[1].abs()).max(w[2].abs());
+    let unit = 1.0 / largest(u).max(largest(v));
     let scaled = |[x, y, z]: [f64; 3]| [unit * x, unit * y, unit * z];
     let (u, v, x) = (scaled(u), scaled(v), scaled(minus(point, a)));
     let normal = cross(u, v);

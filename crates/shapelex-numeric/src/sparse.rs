@@ -49,6 +49,7 @@ impl SparseRows {
     }
 
     /// The entries of a row.
+    #[inline]
     pub fn row(&self, index: usize) -> &[(u32, f64)] {
         let start = if index == 0 { 0 } else { self.ends[index - 1] };
         &self.entries[start..self.ends[index]]
