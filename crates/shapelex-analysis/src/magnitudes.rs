@@ -5,7 +5,10 @@
 //! ```
 //!
 //! Magnitudes do not depend on the start point. A search for the nearest shapes therefore needs no correlation of a pair
-//! whose bound is already beyond the nearest found (the tests of a "lower-bounding" index: Faloutsos et al. 1994).
+//! whose bound is already beyond the nearest found.
+//!
+//! Source: the triangle inequality of the inverse transform; lower bounds in a search, Faloutsos, Ranganathan and
+//! Manolopoulos 1994.
 //!
 //! Numbers of single precision suffice: their rounding is added to the bound.
 

@@ -47,6 +47,8 @@ pub struct Exchange {
 #[derive(Debug, Clone)]
 pub struct ProjectorSum<'a> {
     class: &'a TransformationClass,
+    /// Numbers of a shape, `d·N`.
+    length: usize,
     blocks: Vec<OuterProductSum>,
     weight: f64,
     shapes: usize,
@@ -63,7 +65,7 @@ impl<'a> ProjectorSum<'a> {
             Structure::PerAxis => vec![OuterProductSum::new(n); class.dimension()],
             Structure::Complex | Structure::General => vec![OuterProductSum::new(length)],
         };
-        Self { class, blocks, weight: 0.0, shapes: 0, closed: false }
+        Self { class, length, blocks, weight: 0.0, shapes: 0, closed: false }
     }
 
     /// Replaces shapes in the sum, for searches that move a few shapes of many. Rounding errors accumulate, so a search
@@ -72,8 +74,7 @@ impl<'a> ProjectorSum<'a> {
     /// # Errors
     /// [`AnalysisError::Degenerate`].
     pub fn exchange(&mut self, shapes: &[Exchange]) -> Result<bool, AnalysisError> {
-        let length = shapes.first().map_or(0, |shape| shape.leaving.len());
-        let numbers = Subspace::numbers(self.class, length);
+        let numbers = Subspace::numbers(self.class, self.length);
         let bases = |pick: fn(&Exchange) -> &Vec<f64>| {
             let mut bases = vec![0.0; numbers * shapes.len()];
             for (basis, shape) in bases.chunks_exact_mut(numbers).zip(shapes) {
@@ -119,7 +120,7 @@ fn columns_of_block(bases: &[f64], numbers: usize, b: usize, count: usize) -> Co
     if count == 1 {
         return bases.into();
     }
-    bases.chunks_exact(numbers.max(1)).skip(b).step_by(count).flatten().copied().collect()
+    bases.chunks_exact(numbers).skip(b).step_by(count).flatten().copied().collect()
 }
 
 impl Accumulator for ProjectorSum<'_> {
@@ -129,8 +130,7 @@ impl Accumulator for ProjectorSum<'_> {
 
     fn update(&mut self, shapes: Shapes<'_>) -> Result<(), AnalysisError> {
         let class = self.class;
-        let length = shapes.whitened.len() / shapes.weights.len();
-        let numbers = Subspace::numbers(class, length);
+        let numbers = Subspace::numbers(class, self.length);
         for_each_group(shapes, self.blocks[0].size(), numbers, |group, columns| {
             let bases = columns.par_chunks_mut(BLOCK * numbers).zip(group.blocks(BLOCK));
             // The first shape in error is reported, whichever thread finds one first.

@@ -645,3 +645,13 @@ fn degenerate_shapes_are_named() {
         AnalysisError::TooFewShapes { found: 1, needed: 2 }
     ));
 }
+
+#[test]
+fn sums_take_no_shapes() {
+    for name in [ClassName::Similarity, ClassName::Affine, ClassName::NonUniformScaling] {
+        let class = TransformationClass::named(name, 2).unwrap();
+        let mut sum = ProjectorSum::new(&class, 12);
+        sum.update(Shapes { first: 0, whitened: &[], weights: &[] }).unwrap();
+        assert!(!sum.exchange(&[]).unwrap(), "there is nothing yet to exchange in");
+    }
+}
