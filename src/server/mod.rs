@@ -8,6 +8,7 @@ mod connection_slots;
 mod connections;
 mod tls;
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use axum::http::HeaderValue;
@@ -81,7 +82,7 @@ async fn start(config: &ServeConfig) -> Result<App, String> {
     tokio::spawn(metrics::upkeep());
     let access = Access::new(config.access())?;
     let app = App::new(store, config.limits(), config.threads).with_access(access);
-    app.memory.watch();
+    app.memory.watch(Arc::clone(&app.cache));
     access::check_start(&app, config.listen).await?;
     app.trail().start(&app.store, config.audit_required);
     if !config.no_example {

@@ -131,6 +131,13 @@ impl Cache {
         entries.evict(self.capacity);
     }
 
+    /// Evicts the least recently used values until half of the bytes are left.
+    pub(super) fn halve(&self) {
+        let mut entries = self.locked();
+        let half = entries.bytes / 2 + entries.reserved;
+        entries.evict(half);
+    }
+
     /// Evicts all values computed from a deleted object.
     pub fn forget(&self, object: &str) {
         let mut entries = self.locked();
@@ -199,5 +206,9 @@ mod tests {
         cache.forget("c");
         assert!(!has("c", 1) && has("e", 1));
         assert_eq!(cache.locked().bytes, 25 + 1 + 2);
+        cache.halve();
+        assert!(!has("a", 1) && !has("d", 1) && has("e", 1), "the last one used is left");
+        cache.halve();
+        assert_eq!(cache.locked().bytes, 0);
     }
 }

@@ -49,16 +49,17 @@ pub struct App {
 impl App {
     /// A context with an open store and `threads` compute threads (0: one per core).
     pub fn new(store: Store, limits: Limits, threads: usize) -> Self {
+        let memory = Memory::new(limits.quota());
         Self {
             store,
             limits,
-            pool: Pool::new(threads, &limits),
+            pool: Pool::new(threads, &limits, &memory),
             principal: Arc::new(Principal::system(DEFAULT_TENANT)),
             retry: None,
             priority: Priority::default(),
             touched: Touched::default(),
             draining: CancellationToken::new(),
-            memory: Memory::new(limits.quota()),
+            memory,
             cache: Arc::new(Cache::new(limits.memory)),
             state: State::default(),
         }

@@ -2,13 +2,15 @@
 //!
 //! Bodies and responses are charged to separate accounts, from before their memory is allocated until it is released.
 //! In addition, large requests and responses are refused if the whole process would exceed its quota, before the kernel
-//! ends it.
+//! ends it. The working memory of computations belongs to no account: beyond half of the quota they run one at a time,
+//! beyond three quarters the cache is emptied.
 
 use std::path::Path;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicIsize, AtomicUsize, Ordering};
 use std::time::Duration;
 
+use super::cache::Cache;
 use super::error::ServiceError;
 
 /// Purpose for which memory is held.
@@ -36,7 +38,7 @@ pub struct Quota {
 const SMALL: usize = 256 << 10;
 /// Objects of at least this size cannot fill an account: a few clients with large requests must not block all others.
 const LARGE: usize = 1 << 20;
-/// Sampling interval of the resident memory: at a gigabyte per second it grows by 100 MB in between.
+/// Sampling interval of the resident memory.
 const SAMPLING: Duration = Duration::from_millis(100);
 
 #[derive(Debug)]
@@ -68,11 +70,46 @@ struct Accounts {
     process: usize,
     /// Resident bytes at the last sample; 0 before the first, and where the system does not report them.
     resident: AtomicUsize,
+    /// Bytes of large objects granted lately: they may not be resident yet.
+    granted: Granted,
     bodies: Account,
     answers: Account,
 }
 
+/// Net bytes granted since the last sample, and in the interval before it.
+#[derive(Debug, Default)]
+struct Granted {
+    now: AtomicIsize,
+    before: AtomicIsize,
+}
+
+impl Granted {
+    fn add(&self, bytes: usize) {
+        self.now.fetch_add(bytes.cast_signed(), Ordering::Relaxed);
+    }
+
+    fn release(&self, bytes: usize) {
+        self.now.fetch_sub(bytes.cast_signed(), Ordering::Relaxed);
+    }
+
+    fn sum(&self) -> usize {
+        let sum = self.now.load(Ordering::Relaxed).saturating_add(self.before.load(Ordering::Relaxed));
+        usize::try_from(sum).unwrap_or(0)
+    }
+
+    /// Begins the next interval.
+    fn turn(&self) {
+        self.before.store(self.now.swap(0, Ordering::Relaxed), Ordering::Relaxed);
+    }
+}
+
 impl Accounts {
+    /// Takes a sample of the resident memory.
+    fn sample(&self, resident: usize) {
+        self.granted.turn();
+        self.resident.store(resident, Ordering::Relaxed);
+    }
+
     fn of(&self, purpose: Purpose) -> &Account {
         match purpose {
             Purpose::Bodies => &self.bodies,
@@ -91,6 +128,7 @@ impl Memory {
         Self(Arc::new(Accounts {
             process: quota.process,
             resident: AtomicUsize::new(0),
+            granted: Granted::default(),
             bodies: Account::new(quota.bodies),
             answers: Account::new(quota.answers),
         }))
@@ -117,21 +155,44 @@ impl Memory {
         self.0.resident.load(Ordering::Relaxed)
     }
 
-    /// Whether `bytes` more fit in the process, for an object that then has `whole` bytes.
-    fn fits(&self, bytes: usize, whole: usize) -> bool {
-        whole < SMALL || self.resident().saturating_add(bytes) <= self.0.process
+    /// Whether `bytes` more fit in the process, for an object that then has `whole` bytes; counts them as granted if so.
+    fn grant(&self, bytes: usize, whole: usize) -> bool {
+        if whole < SMALL {
+            return true;
+        }
+        let fits = self.expected().saturating_add(bytes) <= self.0.process;
+        if fits {
+            self.0.granted.add(bytes);
+        }
+        fits
     }
 
-    /// Starts sampling the resident memory of the process, for the life of the service. Where the system does not
-    /// report it, only the accounts are bounded.
-    pub fn watch(&self) {
+    /// Resident bytes of the process as far as they are known, with those granted since.
+    fn expected(&self) -> usize {
+        self.resident().saturating_add(self.0.granted.sum())
+    }
+
+    /// Whether half of the quota is in use. The working memory of requests that compute is not reserved, so they should
+    /// then run one at a time.
+    pub fn is_scarce(&self) -> bool {
+        self.expected() > self.0.process / 2
+    }
+
+    /// Starts sampling the resident memory of the process, for the life of the service. While three quarters of the quota
+    /// are in use, the cache is emptied, the least recently used values first. Where the system does not report resident
+    /// memory, only the accounts are bounded.
+    pub fn watch(&self, cache: Arc<Cache>) {
         let accounts = Arc::downgrade(&self.0);
         tokio::spawn(async move {
             let mut ticks = tokio::time::interval(SAMPLING);
             loop {
                 ticks.tick().await;
                 let Some(accounts) = accounts.upgrade() else { return };
-                accounts.resident.store(resident_bytes().unwrap_or(0), Ordering::Relaxed);
+                let resident = resident_bytes().unwrap_or(0);
+                accounts.sample(resident);
+                if resident > accounts.process / 4 * 3 {
+                    cache.halve();
+                }
             }
         });
     }
@@ -169,7 +230,7 @@ impl Held {
         if whole > account.most_with(whole) {
             return Err(too_much(self.purpose, whole, account.most_with(whole)));
         }
-        if !self.memory.fits(bytes, whole) || !account.take(bytes, whole) {
+        if !self.memory.grant(bytes, whole) || !account.take(bytes, whole) {
             return Err(ServiceError::Overloaded(full(self.purpose).into()));
         }
         self.bytes = whole;
@@ -184,9 +245,17 @@ impl Held {
         if bytes > self.bytes {
             return self.grow(bytes - self.bytes);
         }
-        self.memory.0.of(self.purpose).held.fetch_sub(self.bytes - bytes, Ordering::Relaxed);
-        self.bytes = bytes;
+        self.release(self.bytes - bytes);
         Ok(())
+    }
+
+    /// Gives `bytes` of the reservation back.
+    fn release(&mut self, bytes: usize) {
+        if self.bytes >= SMALL {
+            self.memory.0.granted.release(bytes);
+        }
+        self.memory.0.of(self.purpose).held.fetch_sub(bytes, Ordering::Relaxed);
+        self.bytes -= bytes;
     }
 
     /// Reserved bytes.
@@ -197,7 +266,7 @@ impl Held {
 
 impl Drop for Held {
     fn drop(&mut self) {
-        self.memory.0.of(self.purpose).held.fetch_sub(self.bytes, Ordering::Relaxed);
+        self.release(self.bytes);
     }
 }
 
@@ -293,11 +362,19 @@ mod tests {
     #[test]
     fn what_is_large_is_refused_when_the_process_is_full() {
         let memory = memory(100 << 20);
-        memory.0.resident.store(99 << 20, Ordering::Relaxed);
+        memory.0.sample(99 << 20);
         assert!(memory.hold(Purpose::Answers, 2 << 20).is_err());
         assert!(memory.hold(Purpose::Answers, SMALL - 1).is_ok());
-        memory.0.resident.store(90 << 20, Ordering::Relaxed);
-        assert!(memory.hold(Purpose::Answers, 2 << 20).is_ok());
+        memory.0.sample(95 << 20);
+        let first = memory.hold(Purpose::Answers, 4 << 20).unwrap();
+        assert!(memory.hold(Purpose::Answers, 4 << 20).is_err(), "the first may not be resident yet");
+        memory.0.sample(95 << 20);
+        assert!(memory.hold(Purpose::Answers, 4 << 20).is_err(), "nor after one sample");
+        drop(first);
+        assert!(memory.hold(Purpose::Answers, 4 << 20).is_ok(), "it is gone");
+        memory.0.sample(95 << 20);
+        memory.0.sample(95 << 20);
+        assert!(memory.hold(Purpose::Answers, 4 << 20).is_ok());
     }
 
     #[test]
@@ -321,7 +398,7 @@ mod tests {
     #[tokio::test]
     async fn the_resident_memory_is_looked_at() {
         let memory = memory(usize::MAX);
-        memory.watch();
+        memory.watch(Arc::new(Cache::new(1 << 30)));
         tokio::time::sleep(3 * SAMPLING).await;
         assert_eq!(memory.resident() > 1 << 20, cfg!(target_os = "linux"));
     }

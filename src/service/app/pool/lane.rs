@@ -10,6 +10,7 @@ use tokio::sync::{Notify, oneshot};
 use super::turns::{Entry, Turns, Who};
 use super::{HEAVY, LIGHT};
 use crate::service::app::error::ServiceError;
+use crate::service::app::memory::Memory;
 use crate::service::app::metrics;
 use crate::service::app::work::Work;
 
@@ -28,6 +29,8 @@ struct Inner {
     slots: usize,
     /// Maximum number of tasks that wait or run.
     places: usize,
+    /// Memory of the process: while half of it is in use, tasks run one at a time.
+    memory: Option<Memory>,
     state: Mutex<State>,
     /// Signals that a place is free.
     freed: Notify,
@@ -154,23 +157,29 @@ impl Lane {
     /// waiting or running tasks per thread.
     pub fn new(name: &'static str, threads: usize, tasks_each: usize) -> Self {
         let threads = thread_count(threads);
-        Self::together(name, threads, threads * tasks_each)
+        Self::with(name, Threads::together(name, threads), threads, threads * tasks_each, None)
     }
 
-    /// Threads that share the loops of every task.
-    pub(super) fn together(name: &'static str, threads: usize, places: usize) -> Self {
-        Self::with(name, Threads::together(name, threads), threads, places)
+    /// Threads that share the loops of every task; their tasks run one at a time while memory is scarce.
+    pub(super) fn together(name: &'static str, threads: usize, places: usize, memory: &Memory) -> Self {
+        Self::with(name, Threads::together(name, threads), threads, places, Some(memory.clone()))
     }
 
     /// Threads that each run a task alone.
     pub(super) fn apart(name: &'static str, threads: usize, places: usize) -> Self {
-        Self::with(name, Threads::apart(name, threads), threads, places)
+        Self::with(name, Threads::apart(name, threads), threads, places, None)
     }
 
-    fn with(name: &'static str, threads: Threads, slots: usize, places: usize) -> Self {
+    fn with(
+        name: &'static str,
+        threads: Threads,
+        slots: usize,
+        places: usize,
+        memory: Option<Memory>,
+    ) -> Self {
         let state = State { turns: Turns::new(slots), running: Vec::new(), last_id: 0 };
         let (state, freed) = (Mutex::new(state), Notify::new());
-        Self(Arc::new(Inner { name, threads, slots, places, state, freed }))
+        Self(Arc::new(Inner { name, threads, slots, places, memory, state, freed }))
     }
 
     /// Runs `task` for the service itself and waits without blocking an async thread.
@@ -317,9 +326,14 @@ impl Inner {
         })
     }
 
+    /// Number of tasks that may run now. With one task at a time, the next begins when it has ended.
+    fn free_slots(&self) -> usize {
+        if self.memory.as_ref().is_some_and(Memory::is_scarce) { 1 } else { self.slots }
+    }
+
     /// Starts the next tasks on free threads.
     fn begin(self: &Arc<Self>, state: &mut State) {
-        while state.running.len() < self.slots {
+        while state.running.len() < self.free_slots() {
             let now = Instant::now();
             let Some(entry) = state.turns.next(now) else { return };
             state.running.push(Running { id: entry.id, since: now, time: entry.task.time });

@@ -3,7 +3,8 @@
 //! The pool has two lanes with separate threads, so that light requests never wait behind heavy ones. In each lane,
 //! tenants take turns by the work done for them, and so do the keys within a tenant. Each lane holds a bounded number
 //! of tasks, including those that wait; when it is full, the caller with most tasks loses one. On Linux the threads of
-//! the other lanes have a lower priority: when cores are scarce, light requests run first.
+//! the other lanes have a lower priority: when cores are scarce, light requests run first. While memory is scarce, heavy
+//! requests run one at a time, so that their working memory does not add up.
 //!
 //! * [`Pool`] — the lanes as seen by one request;
 //! * `lane` — threads and the tasks that wait for them; `turns` — order of tasks;
@@ -23,6 +24,7 @@ pub use self::lane::{Lane, thread_count};
 use self::turns::Who;
 use super::error::ServiceError;
 use super::limits::Limits;
+use super::memory::Memory;
 use super::metrics;
 use super::progress::JobContext;
 use super::work::Work;
@@ -81,12 +83,12 @@ enum Step<T, F> {
 
 impl Pool {
     /// Lanes of `threads` threads each; 0 means one per core.
-    pub fn new(threads: usize, limits: &Limits) -> Self {
+    pub fn new(threads: usize, limits: &Limits, memory: &Memory) -> Self {
         let threads = thread_count(threads);
         let places = if limits.heavy_requests == 0 { threads * HEAVY_QUEUE } else { limits.heavy_requests };
         Self {
             light: Lane::apart(LIGHT, threads, LIGHT_QUEUE),
-            heavy: Lane::together(HEAVY, threads, places),
+            heavy: Lane::together(HEAVY, threads, places, memory),
             who: Who::service(),
             work: Work::UNKNOWN,
             most: limits.request_work.as_secs_f64(),
@@ -241,11 +243,13 @@ mod tests {
     use tokio::sync::oneshot;
 
     use super::*;
+    use crate::service::app::memory::Purpose;
 
     const SOON: Duration = Duration::from_secs(20);
 
     fn pool(threads: usize, heavy_requests: usize) -> Pool {
-        Pool::new(threads, &Limits { heavy_requests, ..Limits::default() })
+        let limits = Limits { heavy_requests, ..Limits::default() };
+        Pool::new(threads, &limits, &Memory::new(limits.quota()))
     }
 
     fn of(pool: &Pool, tenant: &str) -> Pool {
@@ -286,6 +290,26 @@ mod tests {
         let answer = tokio::time::timeout(SOON, light.run(|| Ok(7))).await;
         assert_eq!(answer.unwrap().unwrap(), 7);
         assert!(!waiting.is_finished());
+    }
+
+    #[tokio::test]
+    async fn heavy_tasks_run_one_at_a_time_while_memory_is_scarce() {
+        let limits = Limits { memory: 1 << 30, ..Limits::default() };
+        let memory = Memory::new(limits.quota());
+        let pool = Pool::new(2, &limits, &memory);
+        let room = memory.hold(Purpose::Bodies, 600 << 20).unwrap();
+        let first = occupied(&pool).await;
+        let next = tokio::spawn({
+            let pool = of(&pool, "a");
+            async move { pool.run(|| Ok(7)).await }
+        });
+        tokio::time::sleep(Duration::from_millis(20)).await;
+        assert!(!next.is_finished(), "it waits for the first");
+        drop(first);
+        assert_eq!(tokio::time::timeout(SOON, next).await.unwrap().unwrap().unwrap(), 7);
+        drop(room);
+        let _first = occupied(&pool).await;
+        tokio::time::timeout(SOON, of(&pool, "a").run(|| Ok(()))).await.unwrap().unwrap();
     }
 
     #[tokio::test]
