@@ -428,7 +428,7 @@ document! {
     pub struct ShapeInput {
         /// Points on the shape, one list of coordinates each; for surfaces a grid `[u][v]` of points.
         #[schema(value_type = Option<Vec<Vec<f64>>>, example = json!([[0.0, 0.0], [2.0, 0.0], [2.0, 1.0]]))]
-        points: PointList;
+        points: Box<PointList>;
         /// Control points in the representation, in place of `points`.
         #[schema(value_type = Option<Vec<Vec<f64>>>)]
         control_points: Box<PointList>;
@@ -455,16 +455,16 @@ document! {
         weight: Checked<Option<f64>>;
         /// Arbitrary client data, stored with the shape.
         #[schema(value_type = Option<Object>)]
-        metadata: Metadata;
+        metadata: Box<Metadata>;
         /// Whether the contour is closed; must agree with the representation.
         #[schema(value_type = Option<bool>)]
         closed: Checked<Option<bool>>;
         /// Positions of homologous points, kept with the metadata.
         #[schema(value_type = Option<Vec<usize>>)]
-        landmark_index: Metadata;
+        landmark_index: Box<Metadata>;
         /// Coordinates of homologous points, kept with the metadata.
         #[schema(value_type = Option<Vec<Vec<f64>>>)]
-        landmarks: Metadata;
+        landmarks: Box<Metadata>;
     }
 }
 

@@ -3,7 +3,7 @@
 use super::each::{each_of, each_shape};
 use super::read_mesh::{MeshInput, PostedMesh};
 use super::read_points::{below_points, posted_list, raw_points};
-use super::request::Posted;
+use super::request::{Posted, check_curves};
 use crate::analysis::correspondence::Correspondence;
 use crate::formats::fault::Fault;
 use crate::formats::shape::ShapeInput;
@@ -46,10 +46,11 @@ impl FitInputs {
         }
     }
 
-    fn pointer(&self) -> &'static str {
+    /// Name of the list in the request.
+    fn list(&self) -> &'static str {
         match self {
-            Self::Shapes(_) => "/shapes",
-            Self::Meshes(_) => "/meshes",
+            Self::Shapes(_) => "shapes",
+            Self::Meshes(_) => "meshes",
         }
     }
 }
@@ -63,19 +64,23 @@ pub const MAX_TURNS: usize = 200;
 const MAX_OPERATIONS: f64 = 1e11;
 
 impl FitTask {
-    /// Fits a shape to every entry of `inputs`.
+    /// Fits a shape to every entry of `inputs`. All entries are read before the space is prepared, which may take far more
+    /// memory than they do.
     ///
     /// # Errors
     /// Faults of the input: points that leave gaps, tolerances that are not reached, fits that are folded or diverge; too
     /// much work.
     pub fn fit(self, app: &App, inputs: FitInputs) -> Result<Vec<Fitted>, ServiceError> {
-        let posted = Posted::new(app, &self.representation, Correspondence::Landmarks)?;
+        check_curves(&self.representation)?;
         if inputs.count() == 0 {
             return Err(ServiceError::TooFewShapes { found: 0, needed: 1 });
         }
-        check_work(&posted, &inputs, self.turns)?;
-        check_places(&posted, self.places.as_deref(), inputs.count())?;
+        check_places(self.representation.domain(), self.places.as_deref(), inputs.count())?;
         check_tolerance(self.tolerance)?;
+        let list = inputs.list();
+        let targets = read_targets(app, &self.representation, self.places, inputs)?;
+        let posted = Posted::new(app, &self.representation, Correspondence::Landmarks)?;
+        check_work(&posted, list, targets.len(), self.turns)?;
         let start = self.start.map(|shape| posted.read_one(app, shape, "/start")).transpose()?;
         let settings = FitSettings {
             tolerance: self.tolerance,
@@ -90,29 +95,29 @@ impl FitTask {
                 "required field is missing: only control meshes named after a body have a start of their own";
             return Err(ServiceError::invalid("/start", detail));
         }
-        fit_all(app, &fitter, posted.space.representation(), self.places, inputs)
+        let context = app.pool.context();
+        let stop = || context.is_cancelled();
+        each_of(&context, list, targets, |_, target| fitter.fit(target, &stop).map_err(faults))
     }
 }
 
-fn fit_all(
+/// Reads every entry of `inputs`.
+fn read_targets(
     app: &App,
-    fitter: &Fitter<'_>,
     representation: &Representation,
     places: Option<Vec<PointPlaces>>,
     inputs: FitInputs,
-) -> Result<Vec<Fitted>, ServiceError> {
+) -> Result<Vec<FitTarget>, ServiceError> {
     let context = app.pool.context();
-    let stop = || context.is_cancelled();
-    let fit = |target: FitTarget| fitter.fit(target, &stop).map_err(faults);
     match inputs {
         FitInputs::Shapes(shapes) => each_shape(&context, shapes, |index, shape| {
             let (points, usual) = read_target(shape, representation, &app.limits)?;
             let places = places.as_ref().map_or(usual, |lists| lists[index].clone());
-            fit(FitTarget::Points { points, places })
+            Ok(FitTarget::Points { points, places })
         }),
         FitInputs::Meshes(meshes) => each_of(&context, "meshes", meshes, |_, mesh| {
             let PostedMesh { mesh, source } = PostedMesh::read(mesh, &app.limits)?;
-            fit(FitTarget::Mesh { mesh, source })
+            Ok(FitTarget::Mesh { mesh, source })
         }),
     }
 }
@@ -121,9 +126,8 @@ fn faults(found: Vec<FieldFault>) -> Vec<Fault> {
     found.into_iter().map(Fault::from).collect()
 }
 
-/// Checks the total work of the fits.
-fn check_work(posted: &Posted, inputs: &FitInputs, turns: usize) -> Result<(), ServiceError> {
-    let count = inputs.count();
+/// Checks the total work of `count` fits to the entries of `list`.
+fn check_work(posted: &Posted, list: &str, count: usize, turns: usize) -> Result<(), ServiceError> {
     let operations = posted.space.fit_operations(count, turns).unwrap_or(0.0);
     if operations <= MAX_OPERATIONS {
         return Ok(());
@@ -133,17 +137,16 @@ fn check_work(posted: &Posted, inputs: &FitInputs, turns: usize) -> Result<(), S
         "expected at most {MAX_OPERATIONS:.0e} multiply-adds for all fits, got {operations:.0e} ({count} \
          entries): send fewer entries, or use fewer {fewer}"
     );
-    Err(ServiceError::invalid(inputs.pointer(), detail))
+    Err(ServiceError::invalid(format!("/{list}"), detail))
 }
 
 /// Checks that there is a list of places for each shape, and its parameters.
-fn check_places(posted: &Posted, places: Option<&[PointPlaces]>, count: usize) -> Result<(), ServiceError> {
+fn check_places(domain: Domain, places: Option<&[PointPlaces]>, count: usize) -> Result<(), ServiceError> {
     let Some(lists) = places else { return Ok(()) };
     if lists.len() != count {
         let detail = format!("expected one list per shape ({count}), got {}", lists.len());
         return Err(ServiceError::invalid("/parameters", detail));
     }
-    let domain = posted.space.domain();
     let faults = lists.iter().enumerate().flat_map(|(i, list)| {
         let found = domain.place_faults(list).into_iter();
         found.map(move |fault| Fault::from(fault).below(&format!("/parameters/{i}")))

@@ -250,7 +250,7 @@ pub fn attributes(shape: ShapeInput) -> Result<ShapeAttributes, Vec<Fault>> {
     }
     take_given(shape.closed, "/closed", &mut errors);
     take_given(shape.poles.map(|poles| *poles), "/poles", &mut errors);
-    let mut value = |field: Option<Metadata>, pointer: &str| {
+    let mut value = |field: Option<Box<Metadata>>, pointer: &str| {
         field.and_then(|field| field.take(pointer, &mut errors)).filter(|value| !value.is_null())
     };
     let given = value(shape.metadata, "/metadata");
@@ -315,7 +315,7 @@ impl App {
 /// Faults of a shape that do not depend on its representation, with pointers relative to it.
 pub fn own_faults(shape: ShapeInput) -> Vec<Fault> {
     let lists = [
-        ("/points", shape.points.as_ref()),
+        ("/points", shape.points.as_deref()),
         ("/control_points", shape.control_points.as_deref()),
         ("/normals", shape.normals.as_deref()),
     ];

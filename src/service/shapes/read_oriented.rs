@@ -48,14 +48,10 @@ impl<'a> OrientedReader<'a> {
     ///
     /// # Errors
     /// All faults of the shape, with pointers relative to it.
-    pub(crate) fn read(&self, shape: ShapeInput) -> Result<Oriented, Vec<Fault>> {
-        let (points, normals) = match (&shape.points, &shape.control_points) {
-            (Some(_), Some(_)) => {
-                return Err(vec![Fault::new("", "expected either points or control_points, got both")]);
-            }
-            (None, Some(_)) => (shape.control_points.as_deref().cloned(), shape.normals.as_deref().cloned()),
-            _ => (shape.points.clone(), shape.normals.as_deref().cloned()),
-        };
+    pub(crate) fn read(&self, mut shape: ShapeInput) -> Result<Oriented, Vec<Fault>> {
+        if shape.points.is_some() && shape.control_points.is_some() {
+            return Err(vec![Fault::new("", "expected either points or control_points, got both")]);
+        }
         if shape.poles.is_some() {
             return Err(vec![Fault::new(
                 "/poles",
@@ -63,6 +59,8 @@ impl<'a> OrientedReader<'a> {
             )]);
         }
         let pointer = if shape.control_points.is_some() { "/control_points" } else { "/points" };
+        let points = shape.points.take().or_else(|| shape.control_points.take());
+        let normals = shape.normals.take();
         read::attributes(shape)?;
         let mut errors = Vec::new();
         let points = take_points::<3>(&points, pointer, &mut errors);

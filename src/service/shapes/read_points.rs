@@ -48,10 +48,10 @@ pub(crate) fn take_points<const D: usize>(
 ///
 /// # Errors
 /// Faults of the attributes; a shape without points.
-pub(crate) fn posted_list(shape: ShapeInput) -> Result<PointList, Vec<Fault>> {
-    let points = given(&shape.points).cloned();
+pub(crate) fn posted_list(mut shape: ShapeInput) -> Result<PointList, Vec<Fault>> {
+    let points = shape.points.take().filter(|points| !points.is_null());
     read::attributes(shape)?;
-    points.ok_or_else(|| vec![Fault::new("", "expected points, got none")])
+    points.map(|points| *points).ok_or_else(|| vec![Fault::new("", "expected points, got none")])
 }
 
 pub(crate) fn below_points(errors: Vec<Fault>) -> Vec<Fault> {

@@ -6,10 +6,23 @@ use crate::analysis::correspondence::{Correspondence, Direction};
 use crate::analysis::metric::Metric;
 use crate::formats::shape::ShapeInput;
 use crate::geometry::capability::domain::{Admitted, Domain};
-use crate::geometry::representation::ShapeSpace;
+use crate::geometry::representation::{Representation, ShapeSpace};
 use crate::numeric::dense::Matrix;
 use crate::service::app::faults::Faults;
 use crate::service::app::{App, Limits, ServiceError};
+
+/// Checks that shapes of the representation are curves or surfaces.
+///
+/// # Errors
+/// Landmarks.
+pub(crate) fn check_curves(representation: &Representation) -> Result<(), ServiceError> {
+    if representation.domain() != Domain::Points {
+        return Ok(());
+    }
+    let detail =
+        "expected closed_curve, open_curve, surface or subdivision: landmarks are points without a curve";
+    Err(ServiceError::invalid("/representation/kind", detail))
+}
 
 /// Prepared space of posted shapes.
 #[derive(Debug)]
@@ -31,12 +44,8 @@ impl Posted {
         representation: &Admitted,
         correspondence: Correspondence,
     ) -> Result<Self, ServiceError> {
+        check_curves(representation)?;
         let space = app.space(representation)?;
-        if space.domain() == Domain::Points {
-            let detail = "expected closed_curve, open_curve, surface or subdivision: landmarks are points \
-                          without a curve";
-            return Err(ServiceError::invalid("/representation/kind", detail));
-        }
         read::check_correspondence(representation, correspondence)?;
         Ok(Self { metric: Metric::of(&space), space, correspondence })
     }
