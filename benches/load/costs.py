@@ -240,6 +240,18 @@ def table():
         yield f"distances {count}x{n}", "distances", statistics(count, curve(n))
     yield "distances landmarks 2000x8", "distances", marked(2000, 8, 2, "translation")
     yield "distances cyclic 100x64", "distances", statistics(100, curve(64), correspondence="cyclic")
+    for count in (1, 50):
+        yield f"search {count} of {SEARCHED}x32", "cohorts/searched/search", {"shapes": shapes(count, 32, 2, 9), "neighbours": 12}
+
+
+SEARCHED = 20_000
+
+
+def furnish(meter):
+    """The cohort that is searched; the first search of a table reads it into the cache."""
+    meter.send("cohorts", json.dumps({"name": "searched", "representation": curve(32), "transformation": "similarity", "correspondence": "cyclic"}))
+    for seed in range(SEARCHED // 1000):
+        meter.send("cohorts/searched/shapes", json.dumps({"shapes": shapes(1000, 32, 2, 100 + seed)}))
 
 
 class Meter:
@@ -287,6 +299,7 @@ def main():
         service = Service(options.binary, Path(folder), None)
         service.start()
         meter = Meter(service)
+        furnish(meter)
         for name, route, body in table():
             if options.only not in name:
                 continue

@@ -32,8 +32,8 @@ use super::matching::{Matching, Placement};
 use super::metric::{Metric, dot, norm};
 use super::subspace::Subspace;
 use super::transformation::{Structure, TransformationClass};
-use shapelex_numeric::circulant::{FftScratch, RealFft};
 use shapelex_numeric::dense::{Matrix, transpose_multiply_columns};
+use shapelex_numeric::fft::{FftScratch, RealFft};
 
 /// Maximum number of shapes per side of a tile of the matrix: two tiles of spectra fit in the cache.
 const TILE: usize = 32;
@@ -204,6 +204,17 @@ impl DistanceSpace {
             None => n * (self.columns as f64).powi(2) + products + self.rotation_operations(),
         };
         of_placement * self.matching.candidates().len() as f64
+    }
+
+    /// Approximate number of multiply-adds per pair in a search for neighbours. Where the space has lower bounds, most pairs
+    /// are excluded by them; how many depends on the shapes.
+    pub fn search_operations(&self) -> f64 {
+        /// Share of the pairs that are compared although there are bounds.
+        const COMPARED: f64 = 0.05;
+        match self.bounded {
+            Some(_) => self.size as f64 + COMPARED * self.operations(),
+            None => self.operations(),
+        }
     }
 
     fn rotation_operations(&self) -> f64 {

@@ -182,7 +182,7 @@ fn predicted(
 ) -> Work {
     let kept = app.cache.has::<PreparedCohort>(&cohort.id, &(cohort.revision, filter, comparison));
     let read = (!kept).then(|| Counts::for_cohort(cohort, &app.limits));
-    requests::search(read, queries as f64 * cohort.shapes as f64 * space.operations())
+    requests::search(read, queries as f64 * cohort.shapes as f64 * space.search_operations())
 }
 
 async fn stored_queries(app: &App, cohort: &Cohort, keys: &[String]) -> Result<Given, ServiceError> {
