@@ -5,13 +5,15 @@
 //! ```
 
 use super::AnalysisError;
-use super::accumulate::{ShapeSource, ShapesInMemory, Watched, map_shapes, smallest_eligible};
+use super::accumulate::{ShapeSource, ShapesInMemory, Watched, map_shapes};
 use super::fit::{self, Fit};
 use super::frame::{Frame, representative};
 use super::matching::{Matching, Placed, Placement, Target};
-use super::mean::{Exchange, MeanSpace, ProjectorSum};
+use super::mean::{MeanSpace, ProjectorSum};
 use super::metric::{Metric, dot, norm};
+use super::placement_search::{Found, MAX_ROUNDS, StreamedSearch, alternate};
 use super::procrustes;
+use super::start_points::SpectralSearch;
 use super::subspace::{Projected, Subspace, check_extent, flatten};
 use super::transformation::{ClassName, Transformation, TransformationClass};
 use shapelex_numeric::dense::Matrix;
@@ -21,9 +23,6 @@ pub const MIN_SHAPES: usize = 2;
 
 /// Number of reported eigenvalues of the mean operator, where there are that many.
 const REPORTED_EIGENVALUES: usize = 10;
-
-/// Maximum number of rounds in which the mean and the placements alternate.
-const MAX_ROUNDS: usize = 100;
 
 /// Alignment method.
 #[derive(Debug, Clone)]
@@ -150,37 +149,12 @@ fn projection_mean<S: ShapeSource>(
     frame: Frame,
     matching: &Matching,
 ) -> Result<MeanShape, S::Error> {
-    let mut placements = vec![Placement::default(); source.count()];
-    let sum_of = |placements: &[Placement]| -> Result<ProjectorSum<'_>, S::Error> {
-        ProjectorSum::of(&Placed { source, matching, placements }, class, metric.len())
+    let Found { placements, rounds, converged } = match matching.searches() {
+        true => searched(source, class, matching, metric.len())?,
+        false => Found::as_given(source.count()),
     };
-    // The search needs the space alone; its certificate is computed at the end.
-    let report = if matching.searches() { 0 } else { REPORTED_EIGENVALUES };
-    let mut space = MeanSpace::new(sum_of(&placements)?, report)?;
-    if matching.mirrors() {
-        let chosen = best_matched(source, &space)?;
-        let single = MeanSpace::from_shape(class, &chosen)?;
-        matching.improve(source, &Target::subspace(&single, matching), &mut placements)?;
-        space = MeanSpace::new(sum_of(&placements)?, report)?;
-    }
-    let (mut rounds, mut converged) = (0, !matching.searches());
-    let mut sum: Option<ProjectorSum<'_>> = None;
-    while !converged && rounds < MAX_ROUNDS {
-        rounds += 1;
-        let target = Target::subspace(&space, matching);
-        let changed = matching.improve(source, &target, &mut placements)?;
-        converged = changed.is_empty();
-        if !converged {
-            let next = exchanged(source, matching, &placements, &changed, sum.take())?;
-            let next = next.map_or_else(|| sum_of(&placements), Ok)?;
-            space = MeanSpace::near(next.clone(), &space)?;
-            sum = Some(next);
-        }
-    }
-    if matching.searches() {
-        space = MeanSpace::new(sum_of(&placements)?, REPORTED_EIGENVALUES)?;
-    }
     let placed = Placed { source, matching, placements: &placements };
+    let space = MeanSpace::new(ProjectorSum::of(&placed, class, metric.len())?, REPORTED_EIGENVALUES)?;
     let whitened = representative(&space, frame, metric, &placed)?;
     Ok(MeanShape {
         control_points: unwhitened(metric, &whitened),
@@ -196,38 +170,21 @@ fn projection_mean<S: ShapeSource>(
     })
 }
 
-/// The sum of projectors after the shapes `changed` have moved. `None` if recomputing it from scratch costs less.
-fn exchanged<'a, S: ShapeSource>(
+/// Placements of the shapes of `source`: on their spectra where the class allows it and memory suffices.
+fn searched<S: ShapeSource>(
     source: &S,
+    class: &TransformationClass,
     matching: &Matching,
-    placements: &[Placement],
-    changed: &[(usize, Placement)],
-    sum: Option<ProjectorSum<'a>>,
-) -> Result<Option<ProjectorSum<'a>>, S::Error> {
-    let Some(mut sum) = sum.filter(|_| changed.len() * 4 < placements.len()) else { return Ok(None) };
-    let mut moved = Vec::with_capacity(changed.len());
-    let mut left = changed.iter().peekable();
-    source.for_each_batch(&mut |batch| {
-        let length = batch.whitened.len() / batch.weights.len().max(1);
-        while let Some(&(k, before)) = left.next_if(|(k, _)| *k < batch.first + batch.weights.len()) {
-            let i = k - batch.first;
-            let x = &batch.whitened[i * length..(i + 1) * length];
-            let leaving = matching.place(x, before).into_owned();
-            let arriving = matching.place(x, placements[k]).into_owned();
-            moved.push(Exchange { leaving, arriving, weight: batch.weights[i] });
-        }
-        Ok(())
-    })?;
-    Ok(sum.exchange(&moved)?.then_some(sum))
-}
-
-/// The shape nearest to the mean space. Mirror images are first decided against this shape: the mean of a set in
-/// which half of the shapes are mirrored is symmetric and would prefer neither side.
-fn best_matched<S: ShapeSource>(source: &S, space: &MeanSpace<'_>) -> Result<Vec<f64>, S::Error> {
-    let cosine = |x: &[f64]| norm(&space.project(x)) / norm(x);
-    let cosines = map_shapes(source, |_, x, _| Ok(cosine(x)))?;
-    let best = cosines.iter().copied().fold(0.0, f64::max);
-    smallest_eligible(source, |k| cosines[k] >= best * (1.0 - 1e-12))
+    length: usize,
+) -> Result<Found, S::Error> {
+    if SpectralSearch::suits(class, matching)
+        && let Some(_memory) = source.reserve(SpectralSearch::bytes(matching, source.count()))
+    {
+        let rotations = TransformationClass::named(ClassName::ScaledRotation, matching.dimension())?;
+        let mut search = SpectralSearch::new(source, class, &rotations, matching)?;
+        return alternate(&mut search, source, matching);
+    }
+    alternate(&mut StreamedSearch { source, class, matching, length }, source, matching)
 }
 
 fn procrustes_mean<S: ShapeSource>(

@@ -1,7 +1,7 @@
 //! Predicted cost of learning a dictionary or testing shapes, before anything runs.
 
+use crate::accumulate::KEPT_BYTES;
 use crate::alignment::Method as Alignment;
-use crate::dictionary::learn::KEPT_BYTES;
 use crate::dictionary::method::Method;
 use crate::dictionary::work::{EIGENPROBLEM, Size};
 use crate::partial_sums::Measured;

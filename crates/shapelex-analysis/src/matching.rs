@@ -18,8 +18,8 @@ use super::mean::MeanSpace;
 use super::pass::Pass;
 use super::subspace::Subspace;
 use shapelex_geometry::representation::ShapeSpace;
-use shapelex_numeric::circulant::{FftScratch, RealFft};
 use shapelex_numeric::dense::Matrix;
+use shapelex_numeric::fft::{FftScratch, RealFft};
 
 /// Placement of one shape on the mean: mirrored (first coordinate negated), then reversed (`u → −u`, end to end
 /// for open curves), then started at row `shift`.
@@ -45,8 +45,43 @@ pub struct Matching {
     candidates: Vec<Placement>,
 }
 
+impl Placement {
+    /// Whether both differ at most in the start point.
+    pub(super) fn is_image_of(self, other: Self) -> bool {
+        (self.mirrored, self.reversed) == (other.mirrored, other.reversed)
+    }
+}
+
+/// Position of a shape that has moved, with its previous placement.
+pub(super) type Moved = (usize, Placement);
+
+/// Positions of the shapes that have moved, with their placements `before`.
+pub(super) fn moved(before: &[Placement], after: &[Placement]) -> Vec<Moved> {
+    let pairs = before.iter().zip(after).enumerate();
+    pairs.filter(|(_, (before, after))| before != after).map(|(k, (before, _))| (k, *before)).collect()
+}
+
 /// Relative difference below which two scores are equal.
 const TIE: f64 = 1e-12;
+
+/// The placement with the largest score, from those of all candidates at all start points. In a tie the `current` one wins,
+/// then the first.
+pub(super) fn better<I: Iterator<Item = f64>>(
+    scores: impl Iterator<Item = (Placement, I)> + Clone,
+    current: Placement,
+) -> Placement {
+    let standing = scores.clone().find(|(candidate, _)| candidate.is_image_of(current));
+    let standing = standing.and_then(|(_, mut scores)| scores.nth(current.shift as usize));
+    let mut best = (current, standing.unwrap_or(f64::MIN));
+    for (candidate, scores) in scores {
+        for (shift, score) in scores.enumerate() {
+            if score > best.1 + TIE * best.1.abs() {
+                best = (Placement { shift: shift as u32, ..candidate }, score);
+            }
+        }
+    }
+    best.0
+}
 
 impl Matching {
     /// The search for shapes of `space`.
@@ -184,20 +219,8 @@ impl Matching {
             .iter()
             .map(|&candidate| target.scores(&self.place(x, candidate), self))
             .collect::<Result<_, _>>()?;
-        let standing = self
-            .candidates
-            .iter()
-            .position(|c| (c.mirrored, c.reversed) == (current.mirrored, current.reversed))
-            .map_or(f64::MIN, |i| scores[i][current.shift as usize]);
-        let mut best = (current, standing);
-        for (&candidate, scores) in self.candidates.iter().zip(&scores) {
-            for (shift, &score) in scores.iter().enumerate() {
-                if score > best.1 + TIE * best.1.abs() {
-                    best = (Placement { shift: shift as u32, ..candidate }, score);
-                }
-            }
-        }
-        Ok(best.0)
+        let scores = self.candidates.iter().zip(&scores);
+        Ok(better(scores.map(|(&candidate, scores)| (candidate, scores.iter().copied())), current))
     }
 
     /// Updates the placement of every shape. Returns the positions of the shapes that moved, with their previous placements.
@@ -213,10 +236,9 @@ impl Matching {
         let standing = &*placements;
         let improved =
             map_shapes(source, |k, x, _| self.best(x, target, standing[k]).map_err(|error| error.at(k)))?;
-        let pairs = improved.iter().zip(&*placements).enumerate();
-        let changed = pairs.filter(|(_, (new, old))| new != old).map(|(k, (_, old))| (k, *old)).collect();
+        let moved = moved(placements, &improved);
         *placements = improved;
-        Ok(changed)
+        Ok(moved)
     }
 }
 

@@ -130,7 +130,7 @@ pub fn start<S: ShapeSource>(source: &S, fit: Fit) -> Result<Vec<f64>, S::Error>
     let distance = |p: &[f64]| p.iter().zip(&mean).map(|(a, b)| (a - b).powi(2)).sum::<f64>();
     let distances: Vec<f64> = profiles.iter().map(|(p, _)| distance(p)).collect();
     let smallest = distances.iter().copied().fold(f64::MAX, f64::min);
-    let chosen = smallest_eligible(source, |k| distances[k] <= smallest * (1.0 + 1e-12))?;
+    let (_, chosen) = smallest_eligible(source, |k| distances[k] <= smallest * (1.0 + 1e-12))?;
     let scale = if fit.scales { norm(&chosen).recip() } else { 1.0 };
     Ok(chosen.iter().map(|value| scale * value).collect())
 }

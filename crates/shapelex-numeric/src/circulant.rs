@@ -7,88 +7,11 @@
 //! The real FFT diagonalises `Φ`. Its symmetric square root is circulant too, so it commutes with cyclic shifts and with
 //! reversal. Cost of every operation: one FFT pair per column, `O(n log n)`.
 
-use std::sync::Arc;
-
 use realfft::num_complex::Complex64;
-use realfft::{ComplexToReal, RealFftPlanner, RealToComplex};
 
 use super::NumericError;
+use super::fft::RealFft;
 use super::operator::SymmetricOperator;
-
-/// The forward and inverse real transforms of one length. The inverse includes the factor `1/n`.
-#[derive(Clone)]
-pub struct RealFft {
-    forward: Arc<dyn RealToComplex<f64>>,
-    inverse: Arc<dyn ComplexToReal<f64>>,
-}
-
-/// Scratch memory for repeated transforms.
-pub struct FftScratch {
-    signal: Vec<f64>,
-    spectrum: Vec<Complex64>,
-    work: Vec<Complex64>,
-}
-
-impl std::fmt::Debug for RealFft {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "RealFft({})", self.len())
-    }
-}
-
-impl RealFft {
-    /// Plans both transforms of length `n ≥ 1`.
-    pub fn new(n: usize) -> Self {
-        let mut planner = RealFftPlanner::<f64>::new();
-        Self { forward: planner.plan_fft_forward(n), inverse: planner.plan_fft_inverse(n) }
-    }
-
-    /// Length of the real signal.
-    pub fn len(&self) -> usize {
-        self.forward.len()
-    }
-
-    /// Whether the length is zero (always false).
-    pub fn is_empty(&self) -> bool {
-        self.len() == 0
-    }
-
-    /// Number of complex coefficients, `n/2 + 1`.
-    pub fn spectrum_len(&self) -> usize {
-        self.len() / 2 + 1
-    }
-
-    /// Scratch memory for [`Self::forward`] and [`Self::inverse`].
-    pub fn scratch(&self) -> FftScratch {
-        let work = self.forward.get_scratch_len().max(self.inverse.get_scratch_len());
-        FftScratch {
-            signal: vec![0.0; self.len()],
-            spectrum: vec![Complex64::ZERO; self.spectrum_len()],
-            work: vec![Complex64::ZERO; work],
-        }
-    }
-
-    /// Forward transform, `spectrum ← F signal`.
-    pub fn forward(&self, signal: &[f64], spectrum: &mut [Complex64], scratch: &mut FftScratch) {
-        scratch.signal.copy_from_slice(signal);
-        self.forward
-            .process_with_scratch(&mut scratch.signal, spectrum, &mut scratch.work)
-            .expect("lengths are those of the plan");
-    }
-
-    /// Inverse transform, `signal ← F⁻¹ spectrum`; overwrites `spectrum`.
-    pub fn inverse(&self, spectrum: &mut [Complex64], signal: &mut [f64], scratch: &mut FftScratch) {
-        let n = self.len();
-        spectrum[0].im = 0.0;
-        if n.is_multiple_of(2) {
-            spectrum[n / 2].im = 0.0;
-        }
-        self.inverse
-            .process_with_scratch(spectrum, signal, &mut scratch.work)
-            .expect("lengths are those of the plan");
-        let factor = 1.0 / n as f64;
-        signal.iter_mut().for_each(|value| *value *= factor);
-    }
-}
 
 /// A symmetric positive definite circulant operator.
 #[derive(Debug, Clone)]

@@ -57,7 +57,10 @@ pub struct DoubleDouble {
     low: f64,
 }
 
+// The operations are generic code of other crates, which calls them unless they are inlined.
+
 /// `a + b` and its rounding error (Knuth).
+#[inline]
 fn two_sum(a: f64, b: f64) -> (f64, f64) {
     let sum = a + b;
     let seen = sum - a;
@@ -65,6 +68,7 @@ fn two_sum(a: f64, b: f64) -> (f64, f64) {
 }
 
 /// `a b` and its rounding error (Dekker). Without a fused instruction in the target, this is faster than requesting one.
+#[inline]
 fn two_product(a: f64, b: f64) -> (f64, f64) {
     let halves = |x: f64| {
         let shifted = 134_217_729.0 * x; // 2²⁷ + 1
@@ -77,6 +81,7 @@ fn two_product(a: f64, b: f64) -> (f64, f64) {
 }
 
 impl DoubleDouble {
+    #[inline]
     fn normalised(a: f64, b: f64) -> Self {
         let (high, low) = two_sum(a, b);
         Self { high, low }
@@ -84,12 +89,14 @@ impl DoubleDouble {
 }
 
 impl From<f64> for DoubleDouble {
+    #[inline]
     fn from(value: f64) -> Self {
         Self { high: value, low: 0.0 }
     }
 }
 
 impl From<DoubleDouble> for f64 {
+    #[inline]
     fn from(value: DoubleDouble) -> Self {
         value.high
     }
@@ -98,6 +105,7 @@ impl From<DoubleDouble> for f64 {
 impl Neg for DoubleDouble {
     type Output = Self;
 
+    #[inline]
     fn neg(self) -> Self {
         Self { high: -self.high, low: -self.low }
     }
@@ -106,6 +114,7 @@ impl Neg for DoubleDouble {
 impl Add for DoubleDouble {
     type Output = Self;
 
+    #[inline]
     fn add(self, other: Self) -> Self {
         let (high, lost) = two_sum(self.high, other.high);
         let (low, lost_low) = two_sum(self.low, other.low);
@@ -117,6 +126,7 @@ impl Add for DoubleDouble {
 impl Sub for DoubleDouble {
     type Output = Self;
 
+    #[inline]
     fn sub(self, other: Self) -> Self {
         self + -other
     }
@@ -125,6 +135,7 @@ impl Sub for DoubleDouble {
 impl Mul for DoubleDouble {
     type Output = Self;
 
+    #[inline]
     fn mul(self, other: Self) -> Self {
         let (product, lost) = two_product(self.high, other.high);
         let cross = self.high * other.low + (self.low * other.high + self.low * other.low);

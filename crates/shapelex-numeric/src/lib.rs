@@ -32,6 +32,7 @@ pub mod cholesky;
 pub mod circulant;
 pub mod dense;
 pub mod double_double;
+pub mod fft;
 pub mod fingerprint;
 pub mod kernels;
 pub mod kronecker;

@@ -7,11 +7,12 @@ use serde::{Deserialize, Serialize};
 use tokio::runtime::Handle;
 
 use crate::analysis::AnalysisError;
-use crate::analysis::accumulate::{BLOCK, MergePart, PART, ShapeSource, Shapes, prepare};
+use crate::analysis::accumulate::{BLOCK, MergePart, PART, Reservation, ShapeSource, Shapes, prepare};
 use crate::analysis::dictionary::content::Content;
 use crate::analysis::pass::Pass;
 use crate::domain::cohort::Cohort;
 use crate::domain::shape::{Shape, ShapeFilter};
+use crate::service::app::cache::Cache;
 use crate::service::app::{App, ServiceError};
 use crate::service::statistics::Setup;
 use crate::store::{Cursor, Ids, Revisions, ScanBatch, Start, Store};
@@ -93,6 +94,8 @@ pub(crate) fn refuse_repeated(keys: &[String]) -> Result<(), ServiceError> {
 #[derive(Clone, Copy)]
 pub(crate) struct StoredShapes<'a> {
     store: &'a Store,
+    /// Reserves memory for shapes that are kept.
+    cache: &'a Cache,
     /// Runtime for reading: passes run on compute threads.
     handle: &'a Handle,
     cohort: &'a Cohort,
@@ -150,7 +153,8 @@ impl<'a> StoredShapes<'a> {
     ) -> Self {
         let revisions = Revisions { after: since, until: cohort.revision };
         let range = Range { first: 0, after: None, skip: 0, count };
-        Self { store: &app.store, handle, cohort, filter, revisions, setup, range, stop, distribute: None }
+        let (store, cache) = (&app.store, &*app.cache);
+        Self { store, cache, handle, cohort, filter, revisions, setup, range, stop, distribute: None }
     }
 
     /// The same shapes, with passes distributed by a job.
@@ -333,6 +337,14 @@ impl ShapeSource for StoredShapes<'_> {
             return Err(ServiceError::Internal("the number of shapes of a revision has changed".into()));
         }
         Ok(())
+    }
+
+    fn check(&self) -> Result<(), ServiceError> {
+        Self::check(self)
+    }
+
+    fn reserve(&self, bytes: usize) -> Option<Reservation<'_>> {
+        self.cache.reserve(bytes).map(|reserved| Box::new(reserved) as Reservation<'_>)
     }
 
     fn located(&self, error: ServiceError) -> ServiceError {

@@ -14,8 +14,8 @@ mod sum;
 
 pub use self::scatter::{OuterProductSum, ScatterSum};
 pub use self::source::{
-    BLOCK, MergePart, PART, ShapeSource, Shapes, ShapesInMemory, Watched, map_shapes, prepare,
-    smallest_eligible,
+    BLOCK, KEPT_BYTES, MergePart, PART, Reservation, Reserved, ShapeSource, Shapes, ShapesInMemory, Watched,
+    map_shapes, prepare, smallest_eligible,
 };
 pub use self::sum::{Accumulator, accumulate};
 

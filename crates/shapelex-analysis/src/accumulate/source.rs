@@ -75,6 +75,20 @@ pub trait ShapeSource: Sync {
         visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), Self::Error>,
     ) -> Result<(), Self::Error>;
 
+    /// Fails once reading should end. Called between the steps of computations on shapes read before.
+    ///
+    /// # Errors
+    /// The reason to end.
+    fn check(&self) -> Result<(), Self::Error> {
+        Ok(())
+    }
+
+    /// Reserves memory to keep all shapes in, until the value returned is dropped; `None` if that is too much. Default: at most
+    /// [`KEPT_BYTES`].
+    fn reserve(&self, bytes: usize) -> Option<Reservation<'_>> {
+        (bytes <= KEPT_BYTES).then(|| Box::new(()) as Reservation<'_>)
+    }
+
     /// The error with the name of the shape that caused it, as far as the source knows it.
     fn located(&self, error: Self::Error) -> Self::Error {
         error
@@ -90,6 +104,17 @@ pub trait ShapeSource: Sync {
         Ok(false)
     }
 }
+
+/// Memory reserved until it is dropped.
+pub type Reservation<'a> = Box<dyn Reserved + 'a>;
+
+/// A value that holds a reservation.
+pub trait Reserved {}
+
+impl<T> Reserved for T {}
+
+/// Maximum size of shapes kept in memory, in bytes; larger sets are read from their source in every pass.
+pub const KEPT_BYTES: usize = 1 << 30;
 
 /// Receives the serialised sum of a part.
 pub type MergePart<'a> = dyn FnMut(&[u8]) -> Result<(), AnalysisError> + 'a;
@@ -194,15 +219,21 @@ impl<S: ShapeSource> ShapeSource for Watched<'_, S> {
         self.source.count()
     }
 
+    fn check(&self) -> Result<(), S::Error> {
+        if (self.stop)() { Err(AnalysisError::Interrupted.into()) } else { self.source.check() }
+    }
+
+    fn reserve(&self, bytes: usize) -> Option<Reservation<'_>> {
+        self.source.reserve(bytes)
+    }
+
     fn for_each_batch(
         &self,
         visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), S::Error>,
     ) -> Result<(), S::Error> {
         self.source.for_each_batch(&mut |mut rest| {
             loop {
-                if (self.stop)() {
-                    return Err(AnalysisError::Interrupted.into());
-                }
+                self.check()?;
                 let count = rest.weights.len().min(PART);
                 let (part, others) = rest.split_at(count);
                 visit(part)?;
@@ -305,20 +336,20 @@ fn map_by<S: ShapeSource, T: Send>(
     Ok(values)
 }
 
-/// The eligible shape with the lexicographically smallest coordinates: a choice that does not depend on the
-/// order of the shapes.
+/// The eligible shape with the lexicographically smallest coordinates, with its position: a choice that does not depend on
+/// the order of the shapes.
 ///
 /// # Errors
 /// [`AnalysisError::TooFewShapes`] when no position is eligible; errors of the source.
 pub fn smallest_eligible<S: ShapeSource>(
     source: &S,
     eligible: impl Fn(usize) -> bool,
-) -> Result<Vec<f64>, S::Error> {
-    let mut chosen: Option<Vec<f64>> = None;
+) -> Result<(usize, Vec<f64>), S::Error> {
+    let mut chosen: Option<(usize, Vec<f64>)> = None;
     source.for_each_batch(&mut |batch| {
-        for (_, x, _) in batch.iter().filter(|(k, ..)| eligible(*k)) {
-            if chosen.as_deref().is_none_or(|c| x.partial_cmp(c) == Some(std::cmp::Ordering::Less)) {
-                chosen = Some(x.to_vec());
+        for (position, x, _) in batch.iter().filter(|(k, ..)| eligible(*k)) {
+            if chosen.as_ref().is_none_or(|(_, c)| x.partial_cmp(c) == Some(std::cmp::Ordering::Less)) {
+                chosen = Some((position, x.to_vec()));
             }
         }
         Ok(())

@@ -8,14 +8,14 @@
 use super::content::{HeldOutMeasure, HeldOutStatistics, HoldOut};
 use super::downdate::{Downdate, FEWEST, HeldOut};
 use super::in_use::Dictionary;
-use super::learn::{KEPT_BYTES, bytes, learn_part};
+use super::learn::{bytes, learn_part};
 use super::method::Method;
 use super::model::squared_distance;
 use super::novelty::{Logarithms, Novelty};
 use super::preparation::Posed;
 use super::recipe::Recipe;
 use crate::AnalysisError;
-use crate::accumulate::{ShapeSource, ShapesInMemory};
+use crate::accumulate::{KEPT_BYTES, ShapeSource, ShapesInMemory};
 use crate::classification::{described, subset};
 use crate::watch::{Phase, Watch};
 

@@ -11,13 +11,10 @@ use super::preparation::{Posed, Preparation};
 use super::procedure::Previous;
 use super::recipe::Recipe;
 use crate::AnalysisError;
-use crate::accumulate::{ShapeSource, ShapesInMemory, Watched};
+use crate::accumulate::{KEPT_BYTES, ShapeSource, ShapesInMemory, Watched};
 use crate::alignment::mean_shape;
 use crate::partial_sums::Measured;
 use crate::watch::{Phase, Quiet, Watch};
-
-/// Maximum size of prepared shapes kept in memory, in bytes; larger sets are read from their source in every pass.
-pub const KEPT_BYTES: usize = 1 << 30;
 
 /// Maximum number of stored values of a distribution.
 const QUANTILES: usize = 1001;

@@ -11,7 +11,7 @@
 use rayon::prelude::*;
 
 use super::algebra::Algebra;
-use crate::accumulate::{MergePart, ShapeSource, Shapes, for_each_changed, prepare};
+use crate::accumulate::{MergePart, Reservation, ShapeSource, Shapes, for_each_changed, prepare};
 use crate::alignment::{Method, align};
 use crate::matching::{Matching, Placement, Target};
 use crate::mean::MeanSpace;
@@ -168,6 +168,14 @@ impl<S: ShapeSource> ShapeSource for Posed<'_, S> {
 
     fn count(&self) -> usize {
         self.source.count()
+    }
+
+    fn check(&self) -> Result<(), S::Error> {
+        self.source.check()
+    }
+
+    fn reserve(&self, bytes: usize) -> Option<Reservation<'_>> {
+        self.source.reserve(bytes)
     }
 
     fn for_each_batch(

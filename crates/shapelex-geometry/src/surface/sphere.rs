@@ -24,8 +24,8 @@ use realfft::num_complex::Complex64;
 use super::super::GeometryError;
 use super::super::knot_line::{Line, dependent};
 use shapelex_numeric::banded::{Band, Banded};
-use shapelex_numeric::circulant::RealFft;
 use shapelex_numeric::dense::Matrix;
+use shapelex_numeric::fft::RealFft;
 use shapelex_numeric::kronecker::transpose;
 use shapelex_numeric::operator::SymmetricOperator;
 

@@ -1,0 +1,290 @@
+//! Search for the placements of planar shapes on their spectra.
+//!
+//! ```text
+//! ẑ[f] = n^{−1/2} Σ_k z[k] e^{−2πi fk/n},   z = (x + iy)/‖(x, y)‖
+//! score(s) = |⟨m, z_s⟩|² = |Σ_f conj(m̂[f]) ẑ[f] e^{2πi fs/n}|²     all s by one inverse transform
+//! ```
+//!
+//! The transform is unitary and commutes with rotations and scalings, so sums of projectors and mean spaces of spectra are
+//! those of the shapes, in other coordinates. A search reads the shapes once and keeps their spectra; each round then takes
+//! one transform per shape and candidate.
+
+use rayon::prelude::*;
+use realfft::num_complex::Complex64;
+
+use super::AnalysisError;
+use super::accumulate::{BLOCK, ShapeSource, Shapes};
+use super::matching::{Matching, Moved, Placement, better, moved};
+use super::mean::{Exchange, MeanSpace, ProjectorSum};
+use super::metric::norm;
+use super::placement_search::PlacementSearch;
+use super::subspace::Subspace;
+use super::transformation::{Structure, TransformationClass};
+use shapelex_numeric::fft::ComplexFft;
+
+/// Shapes per task of a round.
+const TASK: usize = 32;
+
+/// Spectra of all shapes in every candidate direction and mirror image, and in their current placements.
+#[derive(Debug)]
+pub(super) struct SpectralSearch<'a> {
+    /// Scaled rotations: the structure of the spectra of every class that is searched here.
+    class: &'a TransformationClass,
+    candidates: &'a [Placement],
+    fft: ComplexFft,
+    /// `e^{2πi j/n}`.
+    phases: Vec<Complex64>,
+    /// Spectra that start at the first row: shape by shape, a spectrum of `n` numbers for every candidate.
+    spectra: Vec<Complex64>,
+    /// Spectra in the current placements: the `n` real parts of a shape, then its imaginary parts.
+    placed: Vec<f64>,
+    weights: Vec<f64>,
+}
+
+impl<'a> SpectralSearch<'a> {
+    /// Memory of the spectra of `shapes` shapes in bytes.
+    pub(super) fn bytes(matching: &Matching, shapes: usize) -> usize {
+        let per_shape = 16 * matching.size() * (matching.candidates().len() + 1) + 8;
+        shapes.saturating_mul(per_shape)
+    }
+
+    /// Whether shapes of `class` can be searched on their spectra.
+    pub(super) fn suits(class: &TransformationClass, matching: &Matching) -> bool {
+        class.structure == Structure::Complex && matching.shifts()
+    }
+
+    /// Reads the shapes of `source`, which belong to `class`; `rotations` are the scaled rotations of the plane.
+    ///
+    /// # Errors
+    /// Errors of the source; degenerate shapes.
+    pub(super) fn new<S: ShapeSource>(
+        source: &S,
+        class: &TransformationClass,
+        rotations: &'a TransformationClass,
+        matching: &'a Matching,
+    ) -> Result<Self, S::Error> {
+        let (n, candidates) = (matching.size(), matching.candidates());
+        let phase = |j: usize| Complex64::cis(std::f64::consts::TAU * j as f64 / n as f64);
+        let mut search = Self {
+            class: rotations,
+            candidates,
+            fft: ComplexFft::new(n),
+            phases: (0..n).map(phase).collect(),
+            spectra: Vec::with_capacity(source.count() * n * candidates.len()),
+            placed: Vec::new(),
+            weights: Vec::with_capacity(source.count()),
+        };
+        source.for_each_batch(&mut |batch| {
+            let first = search.spectra.len();
+            search.spectra.resize(first + batch.weights.len() * n * candidates.len(), Complex64::ZERO);
+            let write = |(block, spectra): (Shapes<'_>, &mut [Complex64])| {
+                let mut scratch = search.fft.scratch();
+                let mut rows = block.iter().zip(spectra.chunks_exact_mut(n * candidates.len()));
+                rows.try_for_each(|((position, x, _), spectra)| {
+                    for (&candidate, spectrum) in candidates.iter().zip(spectra.chunks_exact_mut(n)) {
+                        write_spectrum(class, &matching.place(x, candidate), spectrum)
+                            .map_err(|error| error.at(position))?;
+                        search.fft.forward(spectrum, &mut scratch);
+                    }
+                    Ok::<_, AnalysisError>(())
+                })
+            };
+            let spectra = search.spectra[first..].par_chunks_mut(BLOCK * n * candidates.len());
+            let errors = batch.blocks(BLOCK).zip(spectra).filter_map(|pair| write(pair).err());
+            // The first shape in error is reported, whichever thread finds one first.
+            errors.collect::<Vec<_>>().into_iter().next().map_or(Ok(()), Err)?;
+            search.weights.extend_from_slice(batch.weights);
+            Ok(())
+        })?;
+        search.placed = vec![0.0; 2 * n * search.weights.len()];
+        search.place_all(&vec![Placement::default(); search.weights.len()]);
+        Ok(search)
+    }
+
+    /// `n`.
+    fn size(&self) -> usize {
+        self.phases.len()
+    }
+
+    /// Writes the spectrum of shape `k` in a placement: real parts, then imaginary parts.
+    fn write_placed(&self, k: usize, placement: Placement, out: &mut [f64]) {
+        let n = self.size();
+        let of_shape = &self.spectra[k * n * self.candidates.len()..];
+        let candidate = self.candidates.iter().position(|c| c.is_image_of(placement)).unwrap_or(0);
+        let (re, im) = out.split_at_mut(n);
+        let mut phase = 0;
+        for (f, value) in of_shape[candidate * n..(candidate + 1) * n].iter().enumerate() {
+            let placed = value * self.phases[phase];
+            (re[f], im[f]) = (placed.re, placed.im);
+            phase = (phase + placement.shift as usize) % n;
+        }
+    }
+
+    fn place_all(&mut self, placements: &[Placement]) {
+        let n = self.size();
+        let mut placed = std::mem::take(&mut self.placed);
+        let rows = placed.par_chunks_mut(2 * n * TASK).zip(placements.par_chunks(TASK)).enumerate();
+        rows.for_each(|(task, (rows, placements))| {
+            for (i, (row, &placement)) in rows.chunks_exact_mut(2 * n).zip(placements).enumerate() {
+                self.write_placed(task * TASK + i, placement, row);
+            }
+        });
+        self.placed = placed;
+    }
+
+    /// Best placements of the shapes from `first` on for the spectrum `target`, whose conjugate is given; `standing` are
+    /// their current ones.
+    fn best(&self, first: usize, target: &[Complex64], standing: &mut [Placement]) {
+        let (n, of_shape) = (self.size(), self.size() * self.candidates.len());
+        let spectra = &self.spectra[first * of_shape..(first + standing.len()) * of_shape];
+        let mut products = spectra.to_vec();
+        for product in products.chunks_exact_mut(n) {
+            product.iter_mut().zip(target).for_each(|(z, m)| *z *= m);
+        }
+        self.fft.inverse(&mut products, &mut self.fft.scratch());
+        for (placement, products) in standing.iter_mut().zip(products.chunks_exact(of_shape)) {
+            let scores = self.candidates.iter().zip(products.chunks_exact(n));
+            let scores =
+                scores.map(|(&candidate, products)| (candidate, products.iter().map(Complex64::norm_sqr)));
+            *placement = better(scores, *placement);
+        }
+    }
+}
+
+/// Writes `z` of the whitened shape `x`.
+fn write_spectrum(
+    class: &TransformationClass,
+    x: &[f64],
+    out: &mut [Complex64],
+) -> Result<(), AnalysisError> {
+    let n = out.len();
+    let mut basis = vec![0.0; x.len()];
+    Subspace::write_basis(class, x, (n as f64).sqrt().recip(), &mut basis)?;
+    let (re, im) = basis.split_at(n);
+    out.iter_mut().zip(re.iter().zip(im)).for_each(|(z, (&re, &im))| *z = Complex64::new(re, im));
+    Ok(())
+}
+
+/// The spectra in their current placements, as shapes.
+impl ShapeSource for SpectralSearch<'_> {
+    type Error = AnalysisError;
+
+    fn count(&self) -> usize {
+        self.weights.len()
+    }
+
+    fn for_each_batch(
+        &self,
+        visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), AnalysisError>,
+    ) -> Result<(), AnalysisError> {
+        visit(Shapes { first: 0, whitened: &self.placed, weights: &self.weights })
+    }
+}
+
+impl<'a> PlacementSearch<'a> for SpectralSearch<'a> {
+    type Error = AnalysisError;
+
+    fn sum(&self, _: &[Placement]) -> Result<ProjectorSum<'a>, AnalysisError> {
+        ProjectorSum::of(self, self.class, 2 * self.size())
+    }
+
+    fn cosines(&self, space: &MeanSpace<'a>) -> Result<Vec<f64>, AnalysisError> {
+        let rows = self.placed.par_chunks(2 * self.size());
+        Ok(rows.map(|spectrum| norm(&space.project(spectrum)) / norm(spectrum)).collect())
+    }
+
+    fn space_of(&self, position: usize, _: &[f64]) -> Result<MeanSpace<'a>, AnalysisError> {
+        let n = 2 * self.size();
+        MeanSpace::from_shape(self.class, &self.placed[position * n..(position + 1) * n])
+    }
+
+    fn improve(
+        &mut self,
+        space: &MeanSpace<'a>,
+        placements: &mut Vec<Placement>,
+    ) -> Result<Vec<Moved>, AnalysisError> {
+        let n = self.size();
+        let elements = space.elements();
+        let (re, im) = elements.as_slice()[..2 * n].split_at(n);
+        let target: Vec<Complex64> = re.iter().zip(im).map(|(&re, &im)| Complex64::new(re, -im)).collect();
+        let mut improved = placements.clone();
+        let tasks = improved.par_chunks_mut(TASK).enumerate();
+        tasks.for_each(|(task, standing)| self.best(task * TASK, &target, standing));
+        let moved = moved(placements, &improved);
+        let mut row = vec![0.0; 2 * n];
+        for &(k, _) in &moved {
+            self.write_placed(k, improved[k], &mut row);
+            self.placed[2 * n * k..2 * n * (k + 1)].copy_from_slice(&row);
+        }
+        *placements = improved;
+        Ok(moved)
+    }
+
+    fn exchanges(&self, _: &[Placement], moved: &[Moved]) -> Result<Vec<Exchange>, AnalysisError> {
+        let n = 2 * self.size();
+        let exchange = |&(k, before): &Moved| {
+            let mut leaving = vec![0.0; n];
+            self.write_placed(k, before, &mut leaving);
+            Exchange { leaving, arriving: self.placed[n * k..n * (k + 1)].to_vec(), weight: self.weights[k] }
+        };
+        Ok(moved.par_iter().map(exchange).collect())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::accumulate::ShapesInMemory;
+    use crate::correspondence::{Correspondence, Direction, Mirror};
+    use crate::metric::Metric;
+    use crate::placement_search::{StreamedSearch, alternate};
+    use crate::transformation::ClassName;
+    use shapelex_geometry::generator::GeneratorKind;
+    use shapelex_geometry::representation::{Representation, ShapeSpace};
+
+    /// Contours of one family, each in a pose, from a start point and, every third one, mirrored.
+    fn contours(count: usize, n: usize) -> Vec<f64> {
+        let contour = |k: usize| {
+            let (bump, turn, start) = (0.1 + 0.02 * k as f64, 0.7 * k as f64, 5 * k % n);
+            let point = move |i: usize| {
+                let t = std::f64::consts::TAU * ((i + start) % n) as f64 / n as f64;
+                let r =
+                    1.0 + 0.4 * (2.0 * t).cos() + bump * (3.0 * t + 0.3).sin() + 0.01 * (k as f64 * t).cos();
+                let (x, y) = (r * t.cos(), if k % 3 == 2 { -r * t.sin() } else { r * t.sin() });
+                [x * turn.cos() - y * turn.sin(), x * turn.sin() + y * turn.cos()]
+            };
+            let column = move |c: usize| (0..n).map(move |i| point(i)[c]);
+            column(0).chain(column(1)).collect::<Vec<f64>>()
+        };
+        (0..count).flat_map(contour).collect()
+    }
+
+    /// Spectra are other coordinates of the same search.
+    #[test]
+    fn spectra_are_placed_as_their_shapes() {
+        for (n, generator) in [(12, GeneratorKind::Trigonometric {}), (25, GeneratorKind::Keys {})] {
+            let representation = Representation::ClosedCurve { dimension: 2, control_points: n, generator };
+            let space = ShapeSpace::new(&representation).unwrap();
+            let metric = Metric::of(&space);
+            let weights: Vec<f64> = (0..40).map(|k| 1.0 + 0.5 * f64::from(k % 4)).collect();
+            let source = ShapesInMemory::new(&metric, true, contours(40, n), weights).unwrap();
+            let rotations = TransformationClass::named(ClassName::ScaledRotation, 2).unwrap();
+            for mirror in [Mirror::Forbid, Mirror::Allow] {
+                let matching = Matching::new(&space, Correspondence::Cyclic, Direction::Given, mirror);
+                for name in [ClassName::Similarity, ClassName::ReflectedSimilarity] {
+                    let class = TransformationClass::named(name, 2).unwrap();
+                    assert!(SpectralSearch::suits(&class, &matching));
+                    let mut spectral = SpectralSearch::new(&source, &class, &rotations, &matching).unwrap();
+                    let found = alternate(&mut spectral, &source, &matching).unwrap();
+                    let (class, length) = (&class, metric.len());
+                    let mut streamed = StreamedSearch { source: &source, class, matching: &matching, length };
+                    let expected = alternate(&mut streamed, &source, &matching).unwrap();
+                    assert_eq!(found.placements, expected.placements, "{n} {mirror:?} {name:?}");
+                    assert_eq!((found.rounds, found.converged), (expected.rounds, true));
+                    let starts = found.placements.iter().filter(|placement| placement.shift > 0).count();
+                    assert!(starts > 20, "the search has something to do: {starts}");
+                }
+            }
+        }
+    }
+}
