@@ -241,7 +241,7 @@ def table():
     yield "distances landmarks 2000x8", "distances", marked(2000, 8, 2, "translation")
     yield "distances cyclic 100x64", "distances", statistics(100, curve(64), correspondence="cyclic")
     for count in (1, 50):
-        yield f"search {count} of {SEARCHED}x32", "cohorts/searched/search", {"shapes": shapes(count, 32, 2, 9), "neighbours": 12}
+        yield f"search {count} of {SEARCHED}x32", "cohorts/searched/search", {"shapes": shapes(count, 32, 2, 9), "transformation": "similarity", "neighbours": 12}
 
 
 SEARCHED = 20_000
@@ -249,9 +249,11 @@ SEARCHED = 20_000
 
 def furnish(meter):
     """The cohort that is searched; the first search of a table reads it into the cache."""
-    meter.send("cohorts", json.dumps({"name": "searched", "representation": curve(32), "transformation": "similarity", "correspondence": "cyclic"}))
-    for seed in range(SEARCHED // 1000):
-        meter.send("cohorts/searched/shapes", json.dumps({"shapes": shapes(1000, 32, 2, 100 + seed)}))
+    cohort = {"name": "searched", "representation": curve(32), "correspondence": "cyclic"}
+    sent = [meter.send("cohorts", json.dumps(cohort))]
+    sent += [meter.send("cohorts/searched/shapes", json.dumps({"shapes": shapes(1000, 32, 2, 100 + seed)})) for seed in range(SEARCHED // 1000)]
+    if refused := [answer for status, answer in sent if status != 201]:
+        raise SystemExit(f"the cohort cannot be stored: {refused[0][:300]}")
 
 
 class Meter:

@@ -20,6 +20,7 @@ use super::subspace::Subspace;
 use shapelex_geometry::representation::ShapeSpace;
 use shapelex_numeric::dense::Matrix;
 use shapelex_numeric::fft::{FftScratch, RealFft};
+use shapelex_numeric::kernels::largest;
 
 /// Placement of one shape on the mean: mirrored (first coordinate negated), then reversed (`u → −u`, end to end
 /// for open curves), then started at row `shift`.
@@ -66,16 +67,21 @@ const TIE: f64 = 1e-12;
 
 /// The placement with the largest score, from those of all candidates at all start points. In a tie the `current` one wins,
 /// then the first.
-pub(super) fn better<I: Iterator<Item = f64>>(
-    scores: impl Iterator<Item = (Placement, I)> + Clone,
+pub(super) fn better<'s>(
+    scores: impl Iterator<Item = (Placement, &'s [f64])> + Clone,
     current: Placement,
 ) -> Placement {
     let standing = scores.clone().find(|(candidate, _)| candidate.is_image_of(current));
-    let standing = standing.and_then(|(_, mut scores)| scores.nth(current.shift as usize));
-    let mut best = (current, standing.unwrap_or(f64::MIN));
+    let standing = standing.map_or(f64::MIN, |(_, scores)| scores[current.shift as usize]);
+    let mut best = (current, standing);
+    let beats = |score: f64, best: f64| score > best + TIE * best.abs();
     for (candidate, scores) in scores {
-        for (shift, score) in scores.enumerate() {
-            if score > best.1 + TIE * best.1.abs() {
+        // Most shapes stay where they are.
+        if !beats(largest(scores), best.1) {
+            continue;
+        }
+        for (shift, &score) in scores.iter().enumerate() {
+            if beats(score, best.1) {
                 best = (Placement { shift: shift as u32, ..candidate }, score);
             }
         }
@@ -220,7 +226,7 @@ impl Matching {
             .map(|&candidate| target.scores(&self.place(x, candidate), self))
             .collect::<Result<_, _>>()?;
         let scores = self.candidates.iter().zip(&scores);
-        Ok(better(scores.map(|(&candidate, scores)| (candidate, scores.iter().copied())), current))
+        Ok(better(scores.map(|(&candidate, scores)| (candidate, &**scores)), current))
     }
 
     /// Updates the placement of every shape. Returns the positions of the shapes that moved, with their previous placements.

@@ -12,7 +12,7 @@ use super::subspace::Subspace;
 use super::transformation::{Structure, TransformationClass};
 
 /// Maximum number of rounds in which the mean and the placements alternate.
-pub(super) const MAX_ROUNDS: usize = 100;
+pub(super) const MAX_ROUNDS: usize = 1000;
 
 /// Relative difference below which two shapes are equally near to a mean space.
 const TIE: f64 = 1e-12;

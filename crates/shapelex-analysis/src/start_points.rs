@@ -21,6 +21,7 @@ use super::placement_search::PlacementSearch;
 use super::subspace::Subspace;
 use super::transformation::{Structure, TransformationClass};
 use shapelex_numeric::fft::ComplexFft;
+use shapelex_numeric::kernels::{multiply_each, squared_norms};
 
 /// Shapes per task of a round.
 const TASK: usize = 32;
@@ -137,16 +138,15 @@ impl<'a> SpectralSearch<'a> {
     fn best(&self, first: usize, target: &[Complex64], standing: &mut [Placement]) {
         let (n, of_shape) = (self.size(), self.size() * self.candidates.len());
         let spectra = &self.spectra[first * of_shape..(first + standing.len()) * of_shape];
-        let mut products = spectra.to_vec();
-        for product in products.chunks_exact_mut(n) {
-            product.iter_mut().zip(target).for_each(|(z, m)| *z *= m);
+        let mut products = vec![Complex64::ZERO; spectra.len()];
+        for (product, spectrum) in products.chunks_exact_mut(n).zip(spectra.chunks_exact(n)) {
+            multiply_each(product, spectrum, target);
         }
         self.fft.inverse(&mut products, &mut self.fft.scratch());
+        let mut scores = vec![0.0; of_shape];
         for (placement, products) in standing.iter_mut().zip(products.chunks_exact(of_shape)) {
-            let scores = self.candidates.iter().zip(products.chunks_exact(n));
-            let scores =
-                scores.map(|(&candidate, products)| (candidate, products.iter().map(Complex64::norm_sqr)));
-            *placement = better(scores, *placement);
+            squared_norms(&mut scores, products);
+            *placement = better(self.candidates.iter().copied().zip(scores.chunks_exact(n)), *placement);
         }
     }
 }

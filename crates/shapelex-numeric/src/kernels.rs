@@ -3,6 +3,8 @@
 //! Sums run in a fixed number of lanes: the compiler vectorises them, and their order never changes. Long slices use the
 //! widest vectors of the machine. Products and sums are not fused, so that the bits are the same on all machines.
 
+use realfft::num_complex::Complex64;
+
 use super::dense::Matrix;
 
 /// Number of partial sums of a dot product: enough to hide the latency of additions on vectors of two to eight numbers.
@@ -77,6 +79,28 @@ pub fn largest(a: &[f64]) -> f64 {
     )
 }
 
+/// `outᵢ ← aᵢ bᵢ`.
+pub fn multiply_each(out: &mut [Complex64], a: &[Complex64], b: &[Complex64]) {
+    widest(
+        out.len(),
+        #[inline(always)]
+        || {
+            for (out, (a, b)) in out.iter_mut().zip(a.iter().zip(b)) {
+                *out = Complex64::new(a.re * b.re - a.im * b.im, a.re * b.im + a.im * b.re);
+            }
+        },
+    );
+}
+
+/// `outᵢ ← |zᵢ|²`.
+pub fn squared_norms(out: &mut [f64], z: &[Complex64]) {
+    widest(
+        out.len(),
+        #[inline(always)]
+        || out.iter_mut().zip(z).for_each(|(out, z)| *out = z.re * z.re + z.im * z.im),
+    );
+}
+
 /// `out ← out + factor x`.
 pub fn add_scaled(out: &mut [f64], factor: f64, x: &[f64]) {
     widest(
@@ -142,6 +166,11 @@ mod tests {
         assert_eq!(f64::from(dot_single(&single(a), &single(b))), dot(a, b));
         assert_eq!(dot(a, b), a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>());
         assert_eq!((largest(a), largest(&a[..11]), largest(&[-1.0])), (96.0, 56.0, 0.0));
+        let z: Vec<Complex64> = a.iter().zip(b).map(|(&x, &y)| Complex64::new(x, -y)).collect();
+        let (mut products, mut norms) = (vec![Complex64::ZERO; 19], vec![0.0; 19]);
+        multiply_each(&mut products, &z, &z);
+        squared_norms(&mut norms, &z);
+        assert!((0..19).all(|i| products[i] == z[i] * z[i] && norms[i] == a[i] * a[i] + b[i] * b[i]));
         let (columns, factors) = ([6, 0, 1, 4, 2], [1.0, -2.0, 3.0, 0.5, -1.0]);
         let mut out = vec![1.0; 19];
         add_columns(&mut out, matrix.as_slice(), &columns, &factors);
