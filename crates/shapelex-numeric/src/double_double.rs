@@ -57,7 +57,7 @@ pub struct DoubleDouble {
     low: f64,
 }
 
-// The operations are generic code of other crates, which calls them unless they are inlined.
+// Generic code of other crates calls these operations.
 
 /// `a + b` and its rounding error (Knuth).
 #[inline]
