@@ -210,7 +210,7 @@ impl DistanceSpace {
     /// are excluded by them; how many depends on the shapes.
     pub fn search_operations(&self) -> f64 {
         /// Share of the pairs that are compared although there are bounds.
-        const COMPARED: f64 = 0.05;
+        const COMPARED: f64 = 0.2;
         match self.bounded {
             Some(_) => self.size as f64 + COMPARED * self.operations(),
             None => self.operations(),
