@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use realfft::num_complex::Complex64;
 
 use super::AnalysisError;
-use super::accumulate::{BLOCK, ShapeSource, Shapes};
+use super::accumulate::{BLOCK, ShapeSource, Shapes, ShapesInMemory};
 use super::matching::{Matching, Moved, Placement, better, moved};
 use super::mean::{Exchange, MeanSpace, ProjectorSum};
 use super::metric::norm;
@@ -37,9 +37,8 @@ pub(super) struct SpectralSearch<'a> {
     phases: Vec<Complex64>,
     /// Spectra that start at the first row: shape by shape, a spectrum of `n` numbers for every candidate.
     spectra: Vec<Complex64>,
-    /// Spectra in the current placements: the `n` real parts of a shape, then its imaginary parts.
-    placed: Vec<f64>,
-    weights: Vec<f64>,
+    /// Spectra in the current placements, as shapes: `n` real parts, then the imaginary parts.
+    placed: ShapesInMemory,
 }
 
 impl<'a> SpectralSearch<'a> {
@@ -72,9 +71,9 @@ impl<'a> SpectralSearch<'a> {
             fft: ComplexFft::new(n),
             phases: (0..n).map(phase).collect(),
             spectra: Vec::with_capacity(source.count() * n * candidates.len()),
-            placed: Vec::new(),
-            weights: Vec::with_capacity(source.count()),
+            placed: ShapesInMemory::prepared(Vec::new(), Vec::new()),
         };
+        let mut weights = Vec::with_capacity(source.count());
         source.for_each_batch(&mut |batch| {
             let first = search.spectra.len();
             search.spectra.resize(first + batch.weights.len() * n * candidates.len(), Complex64::ZERO);
@@ -94,11 +93,13 @@ impl<'a> SpectralSearch<'a> {
             let errors = batch.blocks(BLOCK).zip(spectra).filter_map(|pair| write(pair).err());
             // The first shape in error is reported, whichever thread finds one first.
             errors.collect::<Vec<_>>().into_iter().next().map_or(Ok(()), Err)?;
-            search.weights.extend_from_slice(batch.weights);
+            weights.extend_from_slice(batch.weights);
             Ok(())
         })?;
-        search.placed = vec![0.0; 2 * n * search.weights.len()];
-        search.place_all(&vec![Placement::default(); search.weights.len()]);
+        let mut placed = vec![0.0; 2 * n * weights.len()];
+        let rows = placed.par_chunks_exact_mut(2 * n).enumerate();
+        rows.for_each(|(k, row)| search.write_placed(k, Placement::default(), row));
+        search.placed = ShapesInMemory::prepared(placed, weights);
         Ok(search)
     }
 
@@ -119,18 +120,6 @@ impl<'a> SpectralSearch<'a> {
             (re[f], im[f]) = (placed.re, placed.im);
             phase = (phase + placement.shift as usize) % n;
         }
-    }
-
-    fn place_all(&mut self, placements: &[Placement]) {
-        let n = self.size();
-        let mut placed = std::mem::take(&mut self.placed);
-        let rows = placed.par_chunks_mut(2 * n * TASK).zip(placements.par_chunks(TASK)).enumerate();
-        rows.for_each(|(task, (rows, placements))| {
-            for (i, (row, &placement)) in rows.chunks_exact_mut(2 * n).zip(placements).enumerate() {
-                self.write_placed(task * TASK + i, placement, row);
-            }
-        });
-        self.placed = placed;
     }
 
     /// Best placements of the shapes from `first` on for the spectrum `target`, whose conjugate is given; `standing` are
@@ -165,37 +154,20 @@ fn write_spectrum(
     Ok(())
 }
 
-/// The spectra in their current placements, as shapes.
-impl ShapeSource for SpectralSearch<'_> {
-    type Error = AnalysisError;
-
-    fn count(&self) -> usize {
-        self.weights.len()
-    }
-
-    fn for_each_batch(
-        &self,
-        visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), AnalysisError>,
-    ) -> Result<(), AnalysisError> {
-        visit(Shapes { first: 0, whitened: &self.placed, weights: &self.weights })
-    }
-}
-
 impl<'a> PlacementSearch<'a> for SpectralSearch<'a> {
     type Error = AnalysisError;
 
     fn sum(&self, _: &[Placement]) -> Result<ProjectorSum<'a>, AnalysisError> {
-        ProjectorSum::of(self, self.class, 2 * self.size())
+        ProjectorSum::of(&self.placed, self.class, 2 * self.size())
     }
 
     fn cosines(&self, space: &MeanSpace<'a>) -> Result<Vec<f64>, AnalysisError> {
-        let rows = self.placed.par_chunks(2 * self.size());
+        let rows = self.placed.all().whitened.par_chunks_exact(2 * self.size());
         Ok(rows.map(|spectrum| norm(&space.project(spectrum)) / norm(spectrum)).collect())
     }
 
     fn space_of(&self, position: usize, _: &[f64]) -> Result<MeanSpace<'a>, AnalysisError> {
-        let n = 2 * self.size();
-        MeanSpace::from_shape(self.class, &self.placed[position * n..(position + 1) * n])
+        MeanSpace::from_shape(self.class, self.placed.shape(position))
     }
 
     fn improve(
@@ -214,7 +186,7 @@ impl<'a> PlacementSearch<'a> for SpectralSearch<'a> {
         let mut row = vec![0.0; 2 * n];
         for &(k, _) in &moved {
             self.write_placed(k, improved[k], &mut row);
-            self.placed[2 * n * k..2 * n * (k + 1)].copy_from_slice(&row);
+            self.placed.replace(k, &row);
         }
         *placements = improved;
         Ok(moved)
@@ -225,7 +197,8 @@ impl<'a> PlacementSearch<'a> for SpectralSearch<'a> {
         let exchange = |&(k, before): &Moved| {
             let mut leaving = vec![0.0; n];
             self.write_placed(k, before, &mut leaving);
-            Exchange { leaving, arriving: self.placed[n * k..n * (k + 1)].to_vec(), weight: self.weights[k] }
+            let (arriving, weight) = (self.placed.shape(k).to_vec(), self.placed.all().weights[k]);
+            Exchange { leaving, arriving, weight }
         };
         Ok(moved.par_iter().map(exchange).collect())
     }
@@ -234,7 +207,6 @@ impl<'a> PlacementSearch<'a> for SpectralSearch<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::accumulate::ShapesInMemory;
     use crate::correspondence::{Correspondence, Direction, Mirror};
     use crate::metric::Metric;
     use crate::placement_search::{StreamedSearch, alternate};

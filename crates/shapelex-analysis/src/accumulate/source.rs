@@ -182,6 +182,22 @@ impl ShapesInMemory {
     pub fn all(&self) -> Shapes<'_> {
         Shapes { first: 0, whitened: &self.whitened, weights: &self.weights }
     }
+
+    fn range(&self, k: usize) -> std::ops::Range<usize> {
+        let length = self.whitened.len() / self.weights.len().max(1);
+        k * length..(k + 1) * length
+    }
+
+    /// Numbers of shape `k`.
+    pub(crate) fn shape(&self, k: usize) -> &[f64] {
+        &self.whitened[self.range(k)]
+    }
+
+    /// Replaces shape `k` by `whitened`, which has as many numbers.
+    pub(crate) fn replace(&mut self, k: usize, whitened: &[f64]) {
+        let range = self.range(k);
+        self.whitened[range].copy_from_slice(whitened);
+    }
 }
 
 impl ShapeSource for ShapesInMemory {
