@@ -13,7 +13,8 @@
 //!
 //! Every distance is computed from a few inner products `p` of a pair: with `P = QQᵀ`, `tr(P₁P₂) = ‖Q₁ᵀQ₂‖²`, a sum of
 //! squares. Without a search of start points the products come from one matrix product of stacked bases. With it, spectra are
-//! kept, and one real inverse FFT per product gives all `N` start points at once.
+//! kept, and one inverse FFT per product gives all `N` start points at once; where the products are the parts of `z₁* z₂`, one
+//! complex FFT per pair.
 //!
 //! Accuracy: squared distances are exact to some `10⁻¹⁵` (of `‖x‖² + ‖y‖²`), hence distances `d` to `10⁻¹⁵/d`. The distance
 //! of two shapes of one class is up to some `3·10⁻⁸` rather than zero.
@@ -33,7 +34,8 @@ use super::metric::{Metric, dot, norm};
 use super::subspace::Subspace;
 use super::transformation::{Structure, TransformationClass};
 use shapelex_numeric::dense::{Matrix, transpose_multiply_columns};
-use shapelex_numeric::fft::{FftScratch, RealFft};
+use shapelex_numeric::fft::{ComplexFft, FftScratch, RealFft};
+use shapelex_numeric::kernels::{largest, multiply_conjugates, squared_norms};
 
 /// Maximum number of shapes per side of a tile of the matrix: two tiles of spectra fit in the cache.
 const TILE: usize = 32;
@@ -69,6 +71,39 @@ enum Score {
     Rotation,
 }
 
+/// Products of a pair at all start points.
+#[derive(Debug, Clone)]
+enum Transform {
+    /// One real inverse transform for each product.
+    Real(RealFft),
+    /// One complex inverse transform for `z₁* z₂`, whose parts are the two products.
+    Complex(ComplexFft),
+}
+
+impl Transform {
+    /// Length of the spectra of a shape of so many columns.
+    fn spectrum_len(&self, columns: usize) -> usize {
+        match self {
+            Self::Real(fft) => columns * fft.spectrum_len(),
+            Self::Complex(fft) => fft.len(),
+        }
+    }
+
+    /// Multiply-adds of the transforms of `products` products of a pair, from `terms` products of spectra.
+    fn operations(&self, terms: f64, products: f64) -> f64 {
+        /// Cost of the complex transform, in real ones.
+        const COMPLEX: f64 = 1.4;
+        let operations = |n: usize, terms: f64, transforms: f64| {
+            let n = n as f64;
+            2.0 * n * (terms + transforms * (2.0 + n.log2()))
+        };
+        match self {
+            Self::Real(fft) => operations(fft.len(), terms, products),
+            Self::Complex(fft) => operations(fft.len(), 2.0, COMPLEX),
+        }
+    }
+}
+
 /// Conversion of a score into a distance.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Scale {
@@ -83,6 +118,8 @@ enum Scale {
 pub struct DistanceSpace {
     method: Method,
     matching: Matching,
+    /// `None` if start points are not searched.
+    transform: Option<Transform>,
     /// `N`.
     size: usize,
     /// Number of columns, of `N` numbers each, that represent a shape.
@@ -147,12 +184,18 @@ impl Best {
 
 /// Scratch memory for the products of one pair.
 struct Work {
-    scratch: FftScratch,
+    scratch: Scratch,
     spectrum: Vec<Complex64>,
     correlation: Vec<f64>,
     scores: Vec<f64>,
     /// All products of all start points, for [`Score::Rotation`].
     products: Vec<f64>,
+}
+
+enum Scratch {
+    None,
+    Real(FftScratch),
+    Complex(Vec<Complex64>),
 }
 
 impl DistanceSpace {
@@ -183,23 +226,26 @@ impl DistanceSpace {
                 (d, products, score, if fit.scales { Scale::Unit(1.0) } else { Scale::Sizes })
             }
         };
-        let bounded = match score {
-            _ if matching.fft().is_none() => None,
-            Score::Squares if products == complex_products() => Some(Signals::Complex),
-            Score::Single => Some(Signals::Real),
+        let transform = matching.fft().map(|fft| match products == complex_products() {
+            true => Transform::Complex(ComplexFft::new(fft.len())),
+            false => Transform::Real(fft.clone()),
+        });
+        let bounded = match (&transform, score) {
+            (Some(Transform::Complex(_)), _) => Some(Signals::Complex),
+            (Some(Transform::Real(_)), Score::Single) => Some(Signals::Real),
             _ => None,
         };
         let (method, matching, size) = (method.clone(), matching.clone(), matching.size());
-        Ok(Self { method, matching, size, columns, products, score, scale, bounded })
+        Ok(Self { method, matching, transform, size, columns, products, score, scale, bounded })
     }
 
     /// Approximate number of multiply-adds per pair.
     pub fn operations(&self) -> f64 {
         let (n, products) = (self.size as f64, self.products.len() as f64);
-        let of_placement = match self.matching.fft() {
-            Some(_) => {
+        let of_placement = match &self.transform {
+            Some(transform) => {
                 let terms: usize = self.products.iter().map(Vec::len).sum();
-                2.0 * n * (terms as f64 + products * (2.0 + n.log2())) + self.rotation_operations() * n
+                transform.operations(terms as f64, products) + self.rotation_operations() * n
             }
             None => n * (self.columns as f64).powi(2) + products + self.rotation_operations(),
         };
@@ -225,12 +271,12 @@ impl DistanceSpace {
 
     /// Size of one prepared shape in bytes.
     pub fn bytes(&self) -> usize {
-        let of_column = match self.matching.fft() {
-            Some(fft) => 16 * fft.spectrum_len(),
-            None => 8 * self.size,
+        let of_columns = match &self.transform {
+            Some(transform) => 16 * transform.spectrum_len(self.columns),
+            None => 8 * self.size * self.columns,
         };
         let of_bounds = self.bounded.map_or(0, |signals| Magnitudes::bytes(signals, self.size, self.columns));
-        8 + (of_column * self.columns + of_bounds) * self.matching.candidates().len()
+        8 + (of_columns + of_bounds) * self.matching.candidates().len()
     }
 
     /// Approximate number of multiply-adds of the matrix of `count` shapes.
@@ -269,8 +315,9 @@ impl DistanceSpace {
         for shape in columns {
             signals.iter_mut().zip(shape?).for_each(|(all, one)| all.extend(one));
         }
-        let laid = signals.into_iter().map(|signals| match self.matching.fft() {
-            Some(fft) => Columns::Spectra(spectra(fft, &signals)),
+        let laid = signals.into_iter().map(|signals| match &self.transform {
+            Some(Transform::Real(fft)) => Columns::Spectra(spectra(fft, &signals)),
+            Some(Transform::Complex(fft)) => Columns::Spectra(complex_spectra(fft, &signals)),
             None => Columns::Signals(signals),
         });
         let laid: Vec<Columns> = laid.collect();
@@ -384,7 +431,7 @@ impl DistanceSpace {
     }
 
     fn tile(&self) -> usize {
-        match self.matching.fft() {
+        match self.transform {
             Some(_) => TILE,
             None => (TILE_COLUMNS / self.columns).max(1),
         }
@@ -445,12 +492,11 @@ impl DistanceSpace {
 
     /// The largest score of shapes `i` and `j` over all candidates, by FFT.
     fn largest_score(&self, shapes: &PreparedShapes, i: usize, j: usize, work: &mut Work) -> f64 {
-        let mut largest = f64::NEG_INFINITY;
-        for laid in &shapes.laid {
+        let score = |laid: &Columns| {
             self.scores(shapes, i, laid, j, work);
-            largest = maximum(&work.scores).max(largest);
-        }
-        largest
+            largest(&work.scores)
+        };
+        shapes.laid.iter().map(score).fold(f64::NEG_INFINITY, f64::max)
     }
 
     /// The best score of shape `i` of `shapes` and shape `j` of `others`, with its placement.
@@ -474,11 +520,14 @@ impl DistanceSpace {
 
     /// Fills `work.scores`: one score per start point of shape `j` in `laid`, or a single one if start points are not searched.
     fn scores(&self, shapes: &PreparedShapes, i: usize, laid: &Columns, j: usize, work: &mut Work) {
-        match (&shapes.laid[0], laid, self.matching.fft()) {
-            (Columns::Spectra(first), Columns::Spectra(second), Some(fft)) => {
-                let length = fft.spectrum_len() * self.columns;
-                let side = |all, k| chunk(all, k, length);
-                self.scores_of_spectra(fft, side(first, i), side(second, j), work);
+        match (&shapes.laid[0], laid, &self.transform) {
+            (Columns::Spectra(first), Columns::Spectra(second), Some(transform)) => {
+                let length = transform.spectrum_len(self.columns);
+                let (first, second) = (chunk(first, i, length), chunk(second, j, length));
+                match transform {
+                    Transform::Real(fft) => self.scores_of_spectra(fft, first, second, work),
+                    Transform::Complex(fft) => scores_of_complex_spectra(fft, first, second, work),
+                }
             }
             (Columns::Signals(first), Columns::Signals(second), _) => {
                 let length = self.size * self.columns;
@@ -498,16 +547,19 @@ impl DistanceSpace {
     fn scores_of_spectra(&self, fft: &RealFft, first: &[Complex64], second: &[Complex64], work: &mut Work) {
         let (n, length) = (fft.len(), fft.spectrum_len());
         let Work { scratch, spectrum, correlation, scores, products } = work;
+        let Scratch::Real(scratch) = scratch else { unreachable!("all work of a space is of one kind") };
         for (k, terms) in self.products.iter().enumerate() {
             for (position, term) in terms.iter().enumerate() {
-                let pairs = chunk(first, term.left, length).iter().zip(chunk(second, term.right, length));
+                let (left, right) = (chunk(first, term.left, length), chunk(second, term.right, length));
+                // The first term of a product is not negative.
+                if position == 0 {
+                    multiply_conjugates(spectrum, left, right);
+                    continue;
+                }
                 let add = |(sum, (x, y)): (&mut Complex64, (&Complex64, &Complex64))| {
                     *sum += term.sign * (x.conj() * y);
                 };
-                if position == 0 {
-                    spectrum.fill(Complex64::ZERO);
-                }
-                spectrum.iter_mut().zip(pairs).for_each(add);
+                spectrum.iter_mut().zip(left.iter().zip(right)).for_each(add);
             }
             fft.inverse(spectrum, correlation, scratch);
             match self.score {
@@ -537,23 +589,34 @@ impl DistanceSpace {
     }
 
     fn work(&self) -> Work {
-        let plain;
-        let fft = match self.matching.fft() {
-            Some(fft) => fft,
-            None => {
-                plain = RealFft::new(1);
-                &plain
-            }
+        let (n, all) = match (&self.transform, self.score) {
+            (None, _) => (1, 0),
+            (Some(_), Score::Rotation) => (self.size, self.products.len()),
+            (Some(_), _) => (self.size, 0),
         };
-        let (n, all) = (fft.len(), if self.score == Score::Rotation { self.products.len() } else { 0 });
+        let (scratch, spectrum) = match &self.transform {
+            None => (Scratch::None, 0),
+            Some(Transform::Real(fft)) => (Scratch::Real(fft.scratch()), fft.spectrum_len()),
+            Some(Transform::Complex(fft)) => (Scratch::Complex(fft.scratch()), n),
+        };
         Work {
-            scratch: fft.scratch(),
-            spectrum: vec![Complex64::ZERO; fft.spectrum_len()],
+            scratch,
+            spectrum: vec![Complex64::ZERO; spectrum],
             correlation: vec![0.0; n],
             scores: vec![0.0; n],
             products: vec![0.0; all * n],
         }
     }
+}
+
+/// `|p(s)|²` with `p(s) = F⁻¹ conj(ẑ₁) ẑ₂`, for every start point `s` of the second shape.
+fn scores_of_complex_spectra(fft: &ComplexFft, first: &[Complex64], second: &[Complex64], work: &mut Work) {
+    let Scratch::Complex(scratch) = &mut work.scratch else {
+        unreachable!("all work of a space is of one kind")
+    };
+    multiply_conjugates(&mut work.spectrum, first, second);
+    fft.inverse(&mut work.spectrum, scratch);
+    squared_norms(&mut work.scores, &work.spectrum);
 }
 
 impl PreparedShapes {
@@ -683,21 +746,26 @@ fn spectra(fft: &RealFft, signals: &[f64]) -> Vec<Complex64> {
     spectra
 }
 
+/// `n^{−1/2} F z` of every two columns `x` and `y`, with `z = x + iy`.
+fn complex_spectra(fft: &ComplexFft, signals: &[f64]) -> Vec<Complex64> {
+    let (n, factor) = (fft.len(), (fft.len() as f64).sqrt().recip());
+    let mut spectra = vec![Complex64::ZERO; signals.len() / 2];
+    let pairs = signals.par_chunks_exact(2 * n).zip(spectra.par_chunks_exact_mut(n));
+    pairs.with_min_len(TILE).for_each_init(
+        || fft.scratch(),
+        |scratch, (signal, spectrum)| {
+            let (x, y) = signal.split_at(n);
+            let both = x.iter().zip(y);
+            spectrum.iter_mut().zip(both).for_each(|(z, (x, y))| *z = factor * Complex64::new(*x, *y));
+            fft.forward(spectrum, scratch);
+        },
+    );
+    spectra
+}
+
 /// Piece `k` of a list divided into pieces of `length`.
 fn chunk<T>(all: &[T], k: usize, length: usize) -> &[T] {
     &all[k * length..(k + 1) * length]
-}
-
-/// The largest number, computed in lanes so that the compiler vectorises the loop.
-fn maximum(values: &[f64]) -> f64 {
-    const LANES: usize = 8;
-    let larger = |most: f64, value: f64| if value > most { value } else { most };
-    let (lanes, tail) = values.as_chunks::<LANES>();
-    let mut most = [f64::NEG_INFINITY; LANES];
-    for values in lanes {
-        most.iter_mut().zip(values).for_each(|(most, value)| *most = larger(*most, *value));
-    }
-    most.iter().chain(tail).fold(f64::NEG_INFINITY, |most, value| larger(most, *value))
 }
 
 /// Copies the upper triangle to the lower one, tile by tile.

@@ -19,7 +19,7 @@ use shapelex_numeric::kernels::{SINGLE_LANES, dot_single};
 /// Signals whose products are bounded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Signals {
-    /// Two real columns are one complex signal.
+    /// One complex signal.
     Complex,
     /// Real columns, whose products are added.
     Real,
@@ -34,8 +34,8 @@ pub(crate) struct Magnitudes {
 }
 
 impl Magnitudes {
-    /// Magnitudes of shapes with `columns` columns of `n` numbers each, from the half spectra of the columns one after the
-    /// other, and the norm of each shape.
+    /// Magnitudes of shapes of `n` rows from their spectra and norms. Spectra of complex signals are divided by `√n`; those of
+    /// real signals are the half spectra of `columns` columns, one after the other.
     pub(crate) fn new(
         signals: Signals,
         n: usize,
@@ -49,22 +49,14 @@ impl Magnitudes {
             Signals::Real => columns * half,
         };
         let mut values = Vec::with_capacity(length * norms.len());
-        for (shape, norm) in spectra.chunks_exact(columns * half).zip(norms) {
-            let unit = (n as f64).sqrt() * norm;
+        for (shape, norm) in spectra.chunks_exact(length).zip(norms) {
             match signals {
-                Signals::Complex => {
-                    let (x, y) = shape.split_at(half);
-                    let positive = x.iter().zip(y).map(|(x, y)| (x + y * Complex64::I).norm());
-                    // The spectrum of a real signal at −f is the conjugate of that at f.
-                    let negative =
-                        (half..n).map(|f| (x[n - f].conj() + y[n - f].conj() * Complex64::I).norm());
-                    values.extend(positive.chain(negative).map(|magnitude| (magnitude / unit) as f32));
-                }
+                Signals::Complex => values.extend(shape.iter().map(|value| (value.norm() / norm) as f32)),
                 Signals::Real => values.extend(shape.chunks_exact(half).flat_map(|column| {
                     column.iter().enumerate().map(|(f, value)| {
                         // All frequencies but 0 and n/2 occur twice.
                         let twice = if f == 0 || 2 * f == n { 1.0 } else { 2.0_f64.sqrt() };
-                        (twice * value.norm() / unit) as f32
+                        (twice * value.norm() / ((n as f64).sqrt() * norm)) as f32
                     })
                 })),
             }

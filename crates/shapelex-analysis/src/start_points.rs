@@ -21,7 +21,7 @@ use super::placement_search::PlacementSearch;
 use super::subspace::Subspace;
 use super::transformation::{Structure, TransformationClass};
 use shapelex_numeric::fft::ComplexFft;
-use shapelex_numeric::kernels::{multiply_each, squared_norms};
+use shapelex_numeric::kernels::{multiply_conjugates, squared_norms};
 
 /// Shapes per task of a round.
 const TASK: usize = 32;
@@ -122,14 +122,13 @@ impl<'a> SpectralSearch<'a> {
         }
     }
 
-    /// Best placements of the shapes from `first` on for the spectrum `target`, whose conjugate is given; `standing` are
-    /// their current ones.
+    /// Best placements of the shapes from `first` on for the spectrum `target`; `standing` are their current ones.
     fn best(&self, first: usize, target: &[Complex64], standing: &mut [Placement]) {
         let (n, of_shape) = (self.size(), self.size() * self.candidates.len());
         let spectra = &self.spectra[first * of_shape..(first + standing.len()) * of_shape];
         let mut products = vec![Complex64::ZERO; spectra.len()];
         for (product, spectrum) in products.chunks_exact_mut(n).zip(spectra.chunks_exact(n)) {
-            multiply_each(product, spectrum, target);
+            multiply_conjugates(product, target, spectrum);
         }
         self.fft.inverse(&mut products, &mut self.fft.scratch());
         let mut scores = vec![0.0; of_shape];
@@ -178,7 +177,7 @@ impl<'a> PlacementSearch<'a> for SpectralSearch<'a> {
         let n = self.size();
         let elements = space.elements();
         let (re, im) = elements.as_slice()[..2 * n].split_at(n);
-        let target: Vec<Complex64> = re.iter().zip(im).map(|(&re, &im)| Complex64::new(re, -im)).collect();
+        let target: Vec<Complex64> = re.iter().zip(im).map(|(&re, &im)| Complex64::new(re, im)).collect();
         let mut improved = placements.clone();
         let tasks = improved.par_chunks_mut(TASK).enumerate();
         tasks.for_each(|(task, standing)| self.best(task * TASK, &target, standing));

@@ -105,6 +105,16 @@ impl ComplexFft {
         Self { forward: planner.plan_fft_forward(n), inverse: planner.plan_fft_inverse(n) }
     }
 
+    /// Length of the signals.
+    pub fn len(&self) -> usize {
+        self.forward.len()
+    }
+
+    /// Whether the length is zero (always false).
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
     /// Scratch memory for [`Self::forward`] and [`Self::inverse`].
     pub fn scratch(&self) -> Vec<Complex64> {
         let length = self.forward.get_inplace_scratch_len().max(self.inverse.get_inplace_scratch_len());

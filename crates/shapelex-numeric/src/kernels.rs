@@ -60,7 +60,7 @@ pub fn dot_single(a: &[f32], b: &[f32]) -> f32 {
     )
 }
 
-/// `maxᵢ aᵢ`, but at least zero.
+/// `maxᵢ aᵢ`; `−∞` of an empty slice.
 pub fn largest(a: &[f64]) -> f64 {
     widest(
         a.len(),
@@ -68,25 +68,25 @@ pub fn largest(a: &[f64]) -> f64 {
         || {
             let (lanes, tail) = a.as_chunks::<LANES>();
             let larger = |most: f64, value: f64| if value > most { value } else { most };
-            let mut most = [0.0; LANES];
+            let mut most = [f64::NEG_INFINITY; LANES];
             for values in lanes {
                 for k in 0..LANES {
                     most[k] = larger(most[k], values[k]);
                 }
             }
-            most.iter().chain(tail).fold(0.0, |most, value| larger(most, *value))
+            most.iter().chain(tail).fold(f64::NEG_INFINITY, |most, value| larger(most, *value))
         },
     )
 }
 
-/// `outᵢ ← aᵢ bᵢ`.
-pub fn multiply_each(out: &mut [Complex64], a: &[Complex64], b: &[Complex64]) {
+/// `outᵢ ← conj(aᵢ) bᵢ`.
+pub fn multiply_conjugates(out: &mut [Complex64], a: &[Complex64], b: &[Complex64]) {
     widest(
         out.len(),
         #[inline(always)]
         || {
             for (out, (a, b)) in out.iter_mut().zip(a.iter().zip(b)) {
-                *out = Complex64::new(a.re * b.re - a.im * b.im, a.re * b.im + a.im * b.re);
+                *out = Complex64::new(a.re * b.re + a.im * b.im, a.re * b.im - a.im * b.re);
             }
         },
     );
@@ -165,12 +165,13 @@ mod tests {
         let single = |a: &[f64]| a.iter().map(|x| *x as f32).collect::<Vec<f32>>();
         assert_eq!(f64::from(dot_single(&single(a), &single(b))), dot(a, b));
         assert_eq!(dot(a, b), a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>());
-        assert_eq!((largest(a), largest(&a[..11]), largest(&[-1.0])), (96.0, 56.0, 0.0));
+        assert_eq!((largest(a), largest(&a[..11]), largest(&[-1.0])), (96.0, 56.0, -1.0));
         let z: Vec<Complex64> = a.iter().zip(b).map(|(&x, &y)| Complex64::new(x, -y)).collect();
+        let w: Vec<Complex64> = z.iter().map(|z| Complex64::new(2.0 * z.im, 3.0 - z.re)).collect();
         let (mut products, mut norms) = (vec![Complex64::ZERO; 19], vec![0.0; 19]);
-        multiply_each(&mut products, &z, &z);
+        multiply_conjugates(&mut products, &z, &w);
         squared_norms(&mut norms, &z);
-        assert!((0..19).all(|i| products[i] == z[i] * z[i] && norms[i] == a[i] * a[i] + b[i] * b[i]));
+        assert!((0..19).all(|i| products[i] == z[i].conj() * w[i] && norms[i] == a[i] * a[i] + b[i] * b[i]));
         let (columns, factors) = ([6, 0, 1, 4, 2], [1.0, -2.0, 3.0, 0.5, -1.0]);
         let mut out = vec![1.0; 19];
         add_columns(&mut out, matrix.as_slice(), &columns, &factors);
