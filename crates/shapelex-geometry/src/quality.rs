@@ -160,10 +160,12 @@ fn without(mut vector: [f64; 3], axes: &[[f64; 3]]) -> [f64; 3] {
 fn self_intersects(vertices: &[[f64; 3]], faces: &[[u32; 3]], stop: Stop<'_>) -> Option<bool> {
     let tree = NearestTriangles::new(vertices, faces);
     let mut allowance = Allowance::new(10_000 + PAIRS_PER_FACE * faces.len(), stop);
+    let corners = |face: &[u32; 3]| face.map(|vertex| vertices[vertex as usize]);
+    let triangles: Vec<Option<Triangle>> = faces.iter().map(|face| Triangle::new(corners(face))).collect();
     tree.any_pair(&mut allowance, |one, other| {
+        let (Some(a), Some(b)) = (&triangles[one], &triangles[other]) else { return false };
         let shared = faces[one].iter().filter(|vertex| faces[other].contains(vertex)).count();
-        let [a, b] = [one, other].map(|face| faces[face].map(|vertex| vertices[vertex as usize]));
-        Triangle::new(a).zip(Triangle::new(b)).is_some_and(|(a, b)| a.meets(&b, shared))
+        a.meets(b, shared)
     })
 }
 
