@@ -5,6 +5,8 @@
 
 use std::cell::Cell;
 
+use super::fault::Fault;
+
 /// Limits on what is kept in memory.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Bounds {
@@ -22,9 +24,11 @@ impl Default for Bounds {
     }
 }
 
-/// Number of faults of a document that are all kept. Beyond it, each object or list keeps only its first one, so that no
-/// faulty shape passes for a valid one.
+/// Number of faults of a document that are kept with their texts; a response lists fewer. Beyond it, each object or list keeps
+/// only that it has one, so that no faulty shape passes for a valid one.
 const FAULTS_IN_FULL: usize = 1000;
+/// Text of the faults beyond, short because there may be one for each entry of a list.
+const ONE_OF_MANY: &str = "faulty, like many before";
 
 /// Limits of a thread, and the number of faults kept since they were set.
 #[derive(Clone, Copy)]
@@ -57,14 +61,17 @@ pub(super) fn current() -> Bounds {
     STATE.get().bounds
 }
 
-/// Whether an object or list that has kept `of_its_own` faults, of at most `most`, keeps one more; counts it if so.
-pub(super) fn keeps_fault(of_its_own: usize, most: usize) -> bool {
+/// Adds a fault to those of an object or list, of at most `most`; beyond [`FAULTS_IN_FULL`] of the document, without its text.
+pub(super) fn keep_fault(faults: &mut Vec<Fault>, most: usize, fault: impl FnOnce() -> Fault) {
     let state = STATE.get();
-    let keeps = of_its_own < most && (of_its_own == 0 || state.faults < FAULTS_IN_FULL);
-    if keeps {
-        STATE.set(State { faults: state.faults + 1, ..state });
+    let in_full = state.faults < FAULTS_IN_FULL;
+    if faults.len() >= most || !(in_full || faults.is_empty()) {
+        return;
     }
-    keeps
+    STATE.set(State { faults: state.faults + 1, ..state });
+    // Most objects have one fault or none; a list has many objects.
+    faults.reserve_exact(1);
+    faults.push(if in_full { fault() } else { Fault::new("", ONE_OF_MANY) });
 }
 
 /// Counts over the bytes of a JSON text. They are upper bounds, because commas inside strings count too.
@@ -137,14 +144,29 @@ mod tests {
     #[test]
     fn limits_end_with_their_reader_and_later_faults_are_kept_once() {
         let usual = current();
+        let keep = |faults: &mut Vec<Fault>| keep_fault(faults, 20, || Fault::new("/a", "wrong"));
         within(Bounds { items: 3, ..Bounds::default() }, || {
             assert_eq!(current().items, 3);
-            let kept = (0..5000).filter(|i| keeps_fault(i % 5, 20)).count();
-            assert_eq!(kept, FAULTS_IN_FULL + (5000 - FAULTS_IN_FULL) / 5);
-            within(Bounds::default(), || assert!(keeps_fault(1, 20)));
-            assert!(!keeps_fault(1, 20));
+            let objects: Vec<Vec<Fault>> = (0..1000)
+                .map(|_| {
+                    let mut faults = Vec::new();
+                    (0..5).for_each(|_| keep(&mut faults));
+                    faults
+                })
+                .collect();
+            let first = FAULTS_IN_FULL / 5;
+            assert!(objects[..first].iter().all(|faults| faults.len() == 5 && faults[4].detail == "wrong"));
+            assert!(
+                objects[first..].iter().all(|faults| faults.len() == 1 && faults[0].detail == ONE_OF_MANY)
+            );
+            let (mut one, mut inner) = (vec![Fault::new("", "")], Vec::new());
+            within(Bounds::default(), || keep(&mut inner));
+            keep(&mut one);
+            assert_eq!((one.len(), inner[0].detail.as_str()), (1, "wrong"));
         });
         assert_eq!(current(), usual);
-        assert!(!keeps_fault(20, 20));
+        let mut many = vec![Fault::new("", ""); 20];
+        keep(&mut many);
+        assert_eq!(many.len(), 20);
     }
 }

@@ -456,9 +456,11 @@ macro_rules! document {
                 struct DocumentVisitor;
 
                 fn other(_: DocumentVisitor, what: &'static str) -> $name {
-                    let _ = $crate::formats::checked::keeps_fault(0);
-                    let fault = $crate::formats::fault::Fault::new("", format!("expected an object, got {what}"));
-                    $name { faults: vec![fault], ..$name::default() }
+                    let mut document = $name::default();
+                    $crate::formats::checked::keep_fault(&mut document.faults, || {
+                        $crate::formats::fault::Fault::new("", format!("expected an object, got {what}"))
+                    });
+                    document
                 }
 
                 impl<'de> serde::de::Visitor<'de> for DocumentVisitor {
@@ -507,12 +509,10 @@ macro_rules! document {
 
         impl $name {
             fn fault(&mut self, key: &str, detail: &str) {
-                if $crate::formats::checked::keeps_fault(self.faults.len()) {
+                $crate::formats::checked::keep_fault(&mut self.faults, || {
                     let pointer = format!("/{}", key.replace('~', "~0").replace('/', "~1"));
-                    // Most objects have one fault or none; a list has many objects.
-                    self.faults.reserve_exact(1);
-                    self.faults.push($crate::formats::fault::Fault::new(pointer, detail));
-                }
+                    $crate::formats::fault::Fault::new(pointer, detail)
+                });
             }
         }
     };
@@ -522,9 +522,9 @@ pub(crate) use document;
 /// Maximum number of faults recorded per object or list.
 pub const MAX_FAULTS: usize = 20;
 
-/// Whether an object or list with `noted` faults records one more.
-pub fn keeps_fault(noted: usize) -> bool {
-    bounds::keeps_fault(noted, MAX_FAULTS)
+/// Adds a fault to those of an object.
+pub fn keep_fault(faults: &mut Vec<Fault>, fault: impl FnOnce() -> Fault) {
+    bounds::keep_fault(faults, MAX_FAULTS, fault);
 }
 
 #[cfg(test)]

@@ -25,6 +25,9 @@ pub trait Readable: Sized {
 
 /// Maximum length of the text: such values are small, or the faces of a control mesh.
 const MAX_BYTES: usize = 1 << 20;
+/// Maximum number of braces and quotation marks of the text: it has few fields, and lists of numbers. A small object takes a
+/// hundred times its text in memory.
+const MAX_MARKS: usize = 1000;
 
 /// A value, or all of its faults.
 #[derive(Debug, Clone)]
@@ -48,6 +51,13 @@ impl<'de, T: Readable> Deserialize<'de> for Read<T> {
         let text = <&RawValue>::deserialize(deserializer)?.get();
         if text.len() > MAX_BYTES {
             let detail = format!("expected at most {MAX_BYTES} bytes, got {}", text.len());
+            return Ok(Self(Err(vec![Fault::new("", detail)])));
+        }
+        let marks = memchr::memchr2_iter(b'{', b'"', text.as_bytes()).count();
+        if marks > MAX_MARKS {
+            let detail = format!(
+                "expected at most {MAX_MARKS} objects, names and strings, got {marks} braces and quotation marks"
+            );
             return Ok(Self(Err(vec![Fault::new("", detail)])));
         }
         let value = serde_json::from_str(text).map_err(D::Error::custom)?;

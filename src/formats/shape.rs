@@ -13,7 +13,7 @@ use std::fmt;
 use serde::de::{Deserializer, SeqAccess, Visitor};
 use serde::{Deserialize, Serialize};
 
-use super::bounds::{self, keeps_fault};
+use super::bounds::{self, keep_fault};
 use super::checked::{Checked, Metadata, Raw, document, visit_others};
 
 /// Largest magnitude of a coordinate.
@@ -90,9 +90,7 @@ impl PointList {
     }
 
     fn fault(&mut self, pointer: String, detail: String) {
-        if keeps_fault(self.faults.len(), MAX_FAULTS) {
-            self.faults.push(Fault::new(pointer, detail));
-        }
+        keep_fault(&mut self.faults, MAX_FAULTS, || Fault::new(pointer, detail));
     }
 
     /// Kind of the entries, known once there is one.
