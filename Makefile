@@ -33,7 +33,7 @@ test: tools spell
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps --document-private-items --quiet
 	cargo test --locked --doc
 	for example in examples/*.rs; do cargo run --quiet --locked --example $$(basename $$example .rs) || exit 1; done
-	cargo test --locked --lib --test suite --no-run
+	cargo test --locked --lib --test suite --test rates --no-run
 	cargo check --locked --manifest-path fuzz/Cargo.toml
 	@if command -v python3 >/dev/null; then python3 deploy/lint.py; else echo "SKIPPED: the lint of deploy, there is no python3"; fi
 	@if command -v python3 >/dev/null; then python3 tests/contract/run.py $(if $(CI),short,long); \
@@ -41,6 +41,7 @@ test: tools spell
 	@if command -v python3 >/dev/null; then python3 tests/attack/run.py small; \
 	else echo "SKIPPED: the attack requests, there is no python3"; fi
 	tests/with_postgres.sh cargo test --locked --lib --test suite -- store:: commands http_ kill worker
+	cargo test --locked --test rates
 	cargo test --locked --lib --test suite
 
 # The pinned version in target/spell, else the one of the machine. `.codespellrc` lists exceptions.
