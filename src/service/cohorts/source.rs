@@ -5,6 +5,7 @@ use std::collections::HashSet;
 
 use serde::{Deserialize, Serialize};
 use tokio::runtime::Handle;
+use tokio::task::JoinHandle;
 
 use crate::analysis::AnalysisError;
 use crate::analysis::accumulate::{BLOCK, MergePart, PART, Reservation, ShapeSource, Shapes, prepare};
@@ -15,7 +16,7 @@ use crate::domain::shape::{Shape, ShapeFilter};
 use crate::service::app::cache::Cache;
 use crate::service::app::{App, ServiceError};
 use crate::service::statistics::Setup;
-use crate::store::{Cursor, Ids, Revisions, ScanBatch, Start, Store};
+use crate::store::{Cursor, Ids, Revisions, ScanBatch, Start, Store, StoreError};
 
 /// Number of shapes per batch: enough for all threads, small enough for memory.
 const BATCH_SHAPES: usize = 16 * BLOCK;
@@ -213,13 +214,11 @@ impl<'a> StoredShapes<'a> {
 
     /// Calls `visit` with control points and weights of every stored chunk until it returns `false`.
     pub(crate) fn scan(&self, visit: &mut VisitChunk<'_>) -> Result<(), ServiceError> {
-        let Range { after: mut position, mut skip, count: mut left, .. } = self.range;
+        let Range { after, mut skip, count: mut left, .. } = self.range;
         let width = self.width();
+        let mut batches = Batches::new(self, after, Ids::Skip);
         while left > 0 {
-            self.check()?;
-            let read = self.store.scan(&self.cohort.id, self.revisions, self.filter, position, Ids::Skip);
-            let Some(batch) = self.handle.block_on(read)? else { return Ok(()) };
-            position = Some(batch.position);
+            let Some(batch) = batches.next(skip + left)? else { return Ok(()) };
             let from = skip.min(batch.weights.len());
             let to = batch.weights.len().min(from + left);
             (skip, left) = (skip - from, left - (to - from));
@@ -243,17 +242,23 @@ impl<'a> StoredShapes<'a> {
 
     /// Calls `visit` with every stored batch, its shapes prepared; errors name the affected shapes.
     pub(crate) fn for_each_stored(&self, ids: Ids, visit: &mut VisitStored<'_>) -> Result<(), ServiceError> {
-        let (mut position, mut first) = (None, 0);
+        let (mut batches, mut first) = (Batches::new(self, None, ids), 0);
         loop {
-            self.check()?;
-            let read = self.store.scan(&self.cohort.id, self.revisions, self.filter, position, ids);
-            let Some(mut batch) = self.handle.block_on(read)? else { return Ok(()) };
+            let Some(mut batch) = batches.next(usize::MAX)? else { return Ok(()) };
             let centred = self.setup.method.translates();
             let prepared = prepare(&self.setup.metric, centred, 0, &mut batch.control_points);
             let visited = prepared.and_then(|()| visit(&batch));
             visited.map_err(|error| self.named(error.after(first)))?;
-            (position, first) = (Some(batch.position), first + batch.weights.len());
+            first += batch.weights.len();
         }
+    }
+
+    /// Starts to read the batch that follows `after`.
+    fn read(&self, after: Option<Cursor>, ids: Ids) -> Reading {
+        let (store, cohort, filter) = (self.store.clone(), self.cohort.id.clone(), self.filter.clone());
+        let revisions = self.revisions;
+        let read = async move { store.scan(&cohort, revisions, &filter, after, ids).await };
+        Reading(self.handle.spawn(read))
     }
 
     /// Names the shape with this id in a fault, without pointer because the shape is not part of a request.
@@ -280,16 +285,53 @@ impl<'a> StoredShapes<'a> {
     }
 
     fn id_at(&self, index: usize) -> Result<Option<String>, ServiceError> {
-        let (mut position, mut left) = (None, index);
+        let (mut batches, mut left) = (Batches::new(self, None, Ids::Include), index);
         loop {
-            let read = self.store.scan(&self.cohort.id, self.revisions, self.filter, position, Ids::Include);
-            let Some(mut batch) = self.handle.block_on(read)? else { return Ok(None) };
+            let Some(mut batch) = batches.next(left + 1)? else { return Ok(None) };
             if left < batch.ids.len() {
                 return Ok(Some(batch.ids.swap_remove(left)));
             }
             left -= batch.ids.len();
-            position = Some(batch.position);
         }
+    }
+}
+
+/// Batches of a cohort in storage order. The next one is read while one is processed.
+struct Batches<'a> {
+    shapes: &'a StoredShapes<'a>,
+    ids: Ids,
+    next: Reading,
+}
+
+/// A batch that is being read; the read ends when nobody waits for it.
+struct Reading(JoinHandle<Result<Option<ScanBatch>, StoreError>>);
+
+impl Drop for Reading {
+    fn drop(&mut self) {
+        self.0.abort();
+    }
+}
+
+impl<'a> Batches<'a> {
+    /// The batches that follow `after`.
+    fn new(shapes: &'a StoredShapes<'a>, after: Option<Cursor>, ids: Ids) -> Self {
+        Self { shapes, ids, next: shapes.read(after, ids) }
+    }
+
+    /// The next batch; no further one is read if it has as many shapes as are `wanted`.
+    fn next(&mut self, wanted: usize) -> Result<Option<ScanBatch>, ServiceError> {
+        self.shapes.check()?;
+        let batch = match self.shapes.handle.block_on(&mut self.next.0) {
+            Ok(read) => read?,
+            Err(error) => match error.try_into_panic() {
+                Ok(panic) => std::panic::resume_unwind(panic),
+                Err(_) => return Err(ServiceError::Cancelled),
+            },
+        };
+        if let Some(batch) = batch.as_ref().filter(|batch| batch.weights.len() < wanted) {
+            self.next = self.shapes.read(Some(batch.position), self.ids);
+        }
+        Ok(batch)
     }
 }
 

@@ -14,6 +14,7 @@ use crate::domain::cohort::Cohort;
 use crate::formats::shape::ShapeInput;
 use crate::geometry::capability::domain::{Admitted, Domain};
 use crate::geometry::capability::sample::Parameters;
+use crate::geometry::quality::MAX_FACES;
 use crate::geometry::representation::{Representation, ShapeSpace};
 use crate::geometry::subdivision::refinement::Depth;
 use crate::geometry::surface::basis::Extent;
@@ -181,10 +182,11 @@ pub fn measure(representation: &Representation, counts: Counts, reference: bool,
 fn measure_lines(counts: Counts, reference: bool) -> Work {
     /// Per dimension: quadratures and self-intersections of an interval between knots.
     const INTERVAL: f64 = 3e-6;
-    /// Nearest points of an interval, in both directions; most of the other curve is out of question. Curves for which it is
-    /// not, such as a circle and its centre, are charged for what they took.
-    const NEAREST: f64 = 7e-5;
-    let searched = if reference { counts.values() } else { 0.0 };
+    /// Nearest points of an interval, in both directions, and intervals of the other curve that cost as much again; most of it is
+    /// out of question. Curves for which it is not, such as a circle and its centre, are charged for what they took.
+    const NEAREST: f64 = 1.2e-4;
+    const OTHERS: f64 = 1000.0;
+    let searched = if reference { counts.values() * (1.0 + counts.points / OTHERS) } else { 0.0 };
     Work(REQUEST + counts.values() * INTERVAL + searched * NEAREST)
 }
 
@@ -203,7 +205,15 @@ fn measure_sheets(extent: Extent, counts: Counts) -> Work {
 fn measure_meshes(representation: &Representation, counts: Counts, limits: &Limits) -> Work {
     /// Per vertex of the level: refining and measuring.
     const VERTEX: f64 = 2e-7;
-    Work(REQUEST + vertices(representation, counts, limits) * VERTEX)
+    let one = vertices(representation, counts.with_shapes(1), limits);
+    Work(REQUEST) + counts.shapes * (Work(one * VERTEX) + checks(one))
+}
+
+/// Test of a mesh of `vertices` vertices for self-intersections. Meshes with more faces than [`MAX_FACES`] are not tested.
+fn checks(vertices: f64) -> Work {
+    /// Per vertex: the pairs of its two faces.
+    const VERTEX: f64 = 1.5e-6;
+    Work(if 2.0 * vertices <= MAX_FACES as f64 { vertices * VERTEX } else { 0.0 })
 }
 
 /// Values at `parameters`, or at the vertices of refined meshes, with derivatives up to `order` and frames.
@@ -370,7 +380,7 @@ pub fn subdivide(vertices: usize, factor: f64, depth: &Depth, limit: bool, limit
         Depth::Tolerance(_) => f64::MAX,
     };
     let parts = if limit { 2.0 } else { 1.0 };
-    Work(REQUEST + parts * found.min(limits.vertices as f64) * VERTEX)
+    Work(REQUEST + parts * found.min(limits.vertices as f64) * VERTEX) + checks(found)
 }
 
 /// Overlap of two bodies on a grid of `cells` cells.
@@ -393,7 +403,7 @@ pub fn store(counts: Counts, correspondence: Correspondence) -> Work {
 /// A matrix of `shapes²` distances whose pairs take `multiply_adds` in total.
 pub fn distances(counts: Counts, multiply_adds: f64) -> Work {
     /// Per coordinate: preparing a shape for comparison.
-    const COORDINATE: f64 = 8e-8;
+    const COORDINATE: f64 = 6e-8;
     /// Writing a distance.
     const DISTANCE: f64 = 2e-8;
     Work(REQUEST + counts.values() * COORDINATE + counts.shapes * counts.shapes * DISTANCE)
