@@ -18,7 +18,7 @@ use super::overload::Edge;
 use super::problem::{Problem, ProblemKind};
 use crate::formats::bounds::Census;
 use crate::service::app::memory::{Held, Purpose};
-use crate::service::app::{App, ServiceError};
+use crate::service::app::{App, Limits, ServiceError};
 
 /// Whether a body is a stream of lines, which is never held in memory as a whole.
 pub fn is_stream(media_type: &str) -> bool {
@@ -114,29 +114,54 @@ impl AsRef<[u8]> for HeldBody {
     }
 }
 
+/// Length beyond which a body is read on threads of their own: about 0.1 ms of decompression.
+const LONG: usize = 64 << 10;
+
 /// Reads a JSON body to its end. The memory reserved for it and for what is parsed from it is released when the bytes are
 /// dropped.
 ///
 /// # Errors
 /// A body that is too long, has too many values, is broken or cut off; [`ProblemKind::Overloaded`] if memory is short.
-pub async fn read(app: &App, mut body: Body) -> Result<Bytes, Problem> {
+pub async fn read(app: &App, body: Body) -> Result<Bytes, Problem> {
+    let room = app.memory.hold(Purpose::Bodies, 0)?;
     let limits = app.limits;
-    let (mut bytes, mut census) = (Vec::new(), Census::default());
-    let mut room = app.memory.hold(Purpose::Bodies, 0)?;
-    while let Some(frame) = body.frame().await {
-        let frame = frame.map_err(|error| unreadable(error, limits.body_bytes))?;
-        let Ok(piece) = frame.into_data() else { continue };
-        if bytes.len() + piece.len() > limits.body_bytes {
-            return Err(too_long(limits.body_bytes));
-        }
-        census = census.and(Census::of(&piece));
-        if census.values > limits.json_values {
-            return Err(too_many_values(limits.json_values));
-        }
-        room.resize(census.memory(limits.shapes))?;
-        bytes.extend_from_slice(&piece);
+    let mut reading = Reading { body, limits, bytes: Vec::new(), census: Census::default(), room };
+    if !reading.has_ended_within(LONG).await? {
+        let rest = async move { reading.has_ended_within(usize::MAX).await.map(|_| reading) };
+        reading = app.pool.read_body(rest).await??;
     }
-    Ok(Bytes::from_owner(HeldBody { bytes, _room: room }))
+    Ok(Bytes::from_owner(HeldBody { bytes: reading.bytes, _room: reading.room }))
+}
+
+/// A body of which a part has been read.
+struct Reading {
+    body: Body,
+    limits: Limits,
+    bytes: Vec<u8>,
+    census: Census,
+    room: Held,
+}
+
+impl Reading {
+    /// Reads until `most` bytes are there; whether that was all.
+    async fn has_ended_within(&mut self, most: usize) -> Result<bool, Problem> {
+        let limits = &self.limits;
+        while self.bytes.len() < most {
+            let Some(frame) = self.body.frame().await else { return Ok(true) };
+            let frame = frame.map_err(|error| unreadable(error, limits.body_bytes))?;
+            let Ok(piece) = frame.into_data() else { continue };
+            if self.bytes.len() + piece.len() > limits.body_bytes {
+                return Err(too_long(limits.body_bytes));
+            }
+            self.census = self.census.and(Census::of(&piece));
+            if self.census.values > limits.json_values {
+                return Err(too_many_values(limits.json_values));
+            }
+            self.room.resize(self.census.memory(limits.shapes))?;
+            self.bytes.extend_from_slice(&piece);
+        }
+        Ok(false)
+    }
 }
 
 fn too_many_values(most: usize) -> Problem {

@@ -5,7 +5,7 @@ use std::collections::HashSet;
 
 use serde::{Deserialize, Serialize};
 use tokio::runtime::Handle;
-use tokio::task::JoinHandle;
+use tokio_util::task::AbortOnDropHandle;
 
 use crate::analysis::AnalysisError;
 use crate::analysis::accumulate::{BLOCK, MergePart, PART, Reservation, ShapeSource, Shapes, prepare};
@@ -258,7 +258,7 @@ impl<'a> StoredShapes<'a> {
         let (store, cohort, filter) = (self.store.clone(), self.cohort.id.clone(), self.filter.clone());
         let revisions = self.revisions;
         let read = async move { store.scan(&cohort, revisions, &filter, after, ids).await };
-        Reading(self.handle.spawn(read))
+        Reading::new(self.handle.spawn(read))
     }
 
     /// Names the shape with this id in a fault, without pointer because the shape is not part of a request.
@@ -304,13 +304,7 @@ struct Batches<'a> {
 }
 
 /// A batch that is being read; the read ends when nobody waits for it.
-struct Reading(JoinHandle<Result<Option<ScanBatch>, StoreError>>);
-
-impl Drop for Reading {
-    fn drop(&mut self) {
-        self.0.abort();
-    }
-}
+type Reading = AbortOnDropHandle<Result<Option<ScanBatch>, StoreError>>;
 
 impl<'a> Batches<'a> {
     /// The batches that follow `after`.
@@ -321,7 +315,7 @@ impl<'a> Batches<'a> {
     /// The next batch; no further one is read if it has as many shapes as are `wanted`.
     fn next(&mut self, wanted: usize) -> Result<Option<ScanBatch>, ServiceError> {
         self.shapes.check()?;
-        let batch = match self.shapes.handle.block_on(&mut self.next.0) {
+        let batch = match self.shapes.handle.block_on(&mut self.next) {
             Ok(read) => read?,
             Err(error) => match error.try_into_panic() {
                 Ok(panic) => std::panic::resume_unwind(panic),

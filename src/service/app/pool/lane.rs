@@ -367,7 +367,7 @@ pub fn thread_count(threads: usize) -> usize {
 }
 
 /// Niceness of the threads of a lane: jobs yield to all requests, and heavy requests yield to light ones.
-fn niceness(lane: &str) -> i32 {
+pub(super) fn niceness(lane: &str) -> i32 {
     match lane {
         LIGHT => 0,
         HEAVY => 5,
@@ -377,14 +377,14 @@ fn niceness(lane: &str) -> i32 {
 
 /// Lowers the priority of this thread. On systems other than Linux it would affect the whole process.
 #[cfg(target_os = "linux")]
-fn give_way(niceness: i32) {
+pub(super) fn give_way(niceness: i32) {
     if let Err(error) = rustix::process::nice(niceness) {
         tracing::debug!(%error, "the priority of a compute thread could not be changed");
     }
 }
 
 #[cfg(not(target_os = "linux"))]
-fn give_way(_: i32) {}
+pub(super) fn give_way(_: i32) {}
 
 /// Locks a mutex, ignoring poison: no critical section leaves a partial change.
 fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {

@@ -7,10 +7,11 @@
 //! requests run one at a time, so that their working memory does not add up.
 //!
 //! * [`Pool`] — the lanes as seen by one request;
-//! * `lane` — threads and the tasks that wait for them; `turns` — order of tasks;
+//! * `lane` — threads and the tasks that wait for them; `turns` — order of tasks; `readers` — threads for long bodies;
 //! * [`work`](crate::service::cost::requests) — predicted cost of a request.
 
 mod lane;
+mod readers;
 mod turns;
 
 use std::sync::Arc;
@@ -21,6 +22,7 @@ use bytes::Bytes;
 
 use self::lane::Ticket;
 pub use self::lane::{Lane, thread_count};
+use self::readers::Readers;
 use self::turns::Who;
 use super::error::ServiceError;
 use super::limits::Limits;
@@ -55,6 +57,7 @@ const STUCK_MARGIN: Duration = Duration::from_secs(10);
 pub struct Pool {
     light: Lane,
     heavy: Lane,
+    readers: Readers,
     who: Who,
     work: Work,
     /// Maximum predicted seconds of a request.
@@ -89,6 +92,7 @@ impl Pool {
         Self {
             light: Lane::apart(LIGHT, threads, LIGHT_QUEUE),
             heavy: Lane::together(HEAVY, threads, places, memory),
+            readers: Readers::new(threads),
             who: Who::service(),
             work: Work::UNKNOWN,
             most: limits.request_work.as_secs_f64(),
@@ -124,6 +128,17 @@ impl Pool {
     pub fn stuck_lane(&self) -> Option<&'static str> {
         let stuck = [&self.light, &self.heavy].into_iter().find(|lane| lane.is_stuck(STUCK_MARGIN));
         stuck.map(Lane::name)
+    }
+
+    /// Waits for `read`, which reads a long body, on threads of lower priority; it ends when nobody waits for it.
+    ///
+    /// # Errors
+    /// [`ServiceError::Cancelled`] if the process ends.
+    pub async fn read_body<T: Send + 'static>(
+        &self,
+        read: impl Future<Output = T> + Send + 'static,
+    ) -> Result<T, ServiceError> {
+        self.readers.run(read).await
     }
 
     /// Parses a body: at once if it is tiny, otherwise in the lane for its length.

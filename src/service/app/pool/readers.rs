@@ -1,0 +1,58 @@
+//! Threads that read long bodies. On the threads that serve connections, decompressing and copying them would keep small
+//! requests waiting; these threads have the lower priority of heavy requests.
+
+use std::future::Future;
+use std::sync::Arc;
+
+use tokio::runtime::{Builder, Runtime};
+use tokio_util::task::AbortOnDropHandle;
+
+use super::HEAVY;
+use super::lane::{give_way, niceness};
+use crate::service::app::error::ServiceError;
+
+/// Threads of their own. Clones share them.
+#[derive(Debug, Clone)]
+pub(super) struct Readers(Arc<Threads>);
+
+#[derive(Debug)]
+struct Threads(Option<Runtime>);
+
+impl Drop for Threads {
+    /// The last clone may go on a thread that must not wait.
+    fn drop(&mut self) {
+        if let Some(runtime) = self.0.take() {
+            runtime.shutdown_background();
+        }
+    }
+}
+
+impl Readers {
+    /// So many threads.
+    pub(super) fn new(threads: usize) -> Self {
+        let runtime = Builder::new_multi_thread()
+            .worker_threads(threads)
+            .thread_name("reader")
+            .on_thread_start(|| give_way(niceness(HEAVY)))
+            .enable_all()
+            .build()
+            .expect("the system can start threads");
+        Self(Arc::new(Threads(Some(runtime))))
+    }
+
+    /// Waits for `read` on these threads; it ends when nobody waits for it.
+    ///
+    /// # Errors
+    /// [`ServiceError::Cancelled`] if the process ends.
+    pub(super) async fn run<T: Send + 'static>(
+        &self,
+        read: impl Future<Output = T> + Send + 'static,
+    ) -> Result<T, ServiceError> {
+        let Some(runtime) = &self.0.0 else { return Err(ServiceError::Cancelled) };
+        let reading = AbortOnDropHandle::new(runtime.spawn(read));
+        reading.await.map_err(|error| match error.try_into_panic() {
+            Ok(panic) => std::panic::resume_unwind(panic),
+            Err(_) => ServiceError::Cancelled,
+        })
+    }
+}
