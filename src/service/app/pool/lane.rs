@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 
 use tokio::sync::{Notify, oneshot};
 
+use super::priority;
 use super::turns::{Entry, Turns, Who};
 use super::{HEAVY, LIGHT};
 use crate::service::app::error::ServiceError;
@@ -112,7 +113,7 @@ impl Threads {
         let threads = rayon::ThreadPoolBuilder::new()
             .num_threads(count)
             .thread_name(move |i| format!("{name}-{i}"))
-            .start_handler(move |_| give_way(niceness(name)))
+            .start_handler(move |_| priority::give_way(niceness(name)))
             .build()
             .expect("the system can start threads");
         Self::Together(threads)
@@ -140,7 +141,7 @@ impl Threads {
 
 /// Runs tasks until the channel is closed.
 fn serve(name: &str, tasks: &Mutex<Receiver<Job>>) {
-    give_way(niceness(name));
+    priority::give_way(niceness(name));
     // Runs loops of a task sequentially; otherwise they would be distributed over threads on all cores.
     let _alone = rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread().build();
     loop {
@@ -366,25 +367,14 @@ pub fn thread_count(threads: usize) -> usize {
     if threads == 0 { cores() } else { threads }
 }
 
-/// Niceness of the threads of a lane: jobs yield to all requests, and heavy requests yield to light ones.
-pub(super) fn niceness(lane: &str) -> i32 {
+/// Niceness of the threads of a lane.
+fn niceness(lane: &str) -> i32 {
     match lane {
-        LIGHT => 0,
-        HEAVY => 5,
-        _ => 10,
+        LIGHT => priority::LIGHT,
+        HEAVY => priority::HEAVY,
+        _ => priority::JOB,
     }
 }
-
-/// Lowers the priority of this thread. On systems other than Linux it would affect the whole process.
-#[cfg(target_os = "linux")]
-pub(super) fn give_way(niceness: i32) {
-    if let Err(error) = rustix::process::nice(niceness) {
-        tracing::debug!(%error, "the priority of a compute thread could not be changed");
-    }
-}
-
-#[cfg(not(target_os = "linux"))]
-pub(super) fn give_way(_: i32) {}
 
 /// Locks a mutex, ignoring poison: no critical section leaves a partial change.
 fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {

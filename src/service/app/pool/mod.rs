@@ -8,9 +8,11 @@
 //!
 //! * [`Pool`] — the lanes as seen by one request;
 //! * `lane` — threads and the tasks that wait for them; `turns` — order of tasks; `readers` — threads for long bodies;
+//!   `priority` — priorities of threads;
 //! * [`work`](crate::service::cost::requests) — predicted cost of a request.
 
 mod lane;
+mod priority;
 mod readers;
 mod turns;
 

@@ -7,8 +7,7 @@ use std::sync::Arc;
 use tokio::runtime::{Builder, Runtime};
 use tokio_util::task::AbortOnDropHandle;
 
-use super::HEAVY;
-use super::lane::{give_way, niceness};
+use super::priority;
 use crate::service::app::error::ServiceError;
 
 /// Threads of their own. Clones share them.
@@ -33,7 +32,7 @@ impl Readers {
         let runtime = Builder::new_multi_thread()
             .worker_threads(threads)
             .thread_name("reader")
-            .on_thread_start(|| give_way(niceness(HEAVY)))
+            .on_thread_start(|| priority::give_way(priority::HEAVY))
             .enable_all()
             .build()
             .expect("the system can start threads");
