@@ -149,7 +149,7 @@ fn projectors() -> Row {
 /// Control points of contours with three bumps, each from a start point of its own, coordinate by coordinate.
 fn contours(count: usize, n: usize) -> Vec<f64> {
     let mut random = random();
-    let mut contour = |_| {
+    let contour = |_| {
         let (a, b, c, start) = (random(), random(), random(), std::f64::consts::TAU * random());
         let point = move |k: usize| {
             let t = std::f64::consts::TAU * k as f64 / n as f64 + start;
@@ -159,7 +159,7 @@ fn contours(count: usize, n: usize) -> Vec<f64> {
         };
         (0..2).flat_map(move |c| (0..n).map(move |k| point(k)[c])).collect::<Vec<f64>>()
     };
-    (0..count).flat_map(|k| contour(k)).collect()
+    (0..count).flat_map(contour).collect()
 }
 
 /// Closed curves of `n` control points under similarities, with a search for start points.
