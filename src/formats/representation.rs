@@ -55,9 +55,7 @@ impl<'de, T: Readable> Deserialize<'de> for Read<T> {
         }
         let marks = memchr::memchr2_iter(b'{', b'"', text.as_bytes()).count();
         if marks > MAX_MARKS {
-            let detail = format!(
-                "expected at most {MAX_MARKS} objects, names and strings, got {marks} braces and quotation marks"
-            );
+            let detail = format!("expected at most {MAX_MARKS} braces and quotation marks, got {marks}");
             return Ok(Self(Err(vec![Fault::new("", detail)])));
         }
         let value = serde_json::from_str(text).map_err(D::Error::custom)?;

@@ -71,7 +71,7 @@ enum Score {
     Rotation,
 }
 
-/// Products of a pair at all start points.
+/// The inverse transforms that give the products of a pair at all start points.
 #[derive(Debug, Clone)]
 enum Transform {
     /// One real inverse transform for each product.

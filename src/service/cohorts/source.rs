@@ -303,7 +303,7 @@ struct Batches<'a> {
     next: Reading,
 }
 
-/// A batch that is being read; the read ends when nobody waits for it.
+/// A batch that a task of the runtime reads. Dropping it cancels the read.
 type Reading = AbortOnDropHandle<Result<Option<ScanBatch>, StoreError>>;
 
 impl<'a> Batches<'a> {

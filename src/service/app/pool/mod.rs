@@ -132,7 +132,7 @@ impl Pool {
         stuck.map(Lane::name)
     }
 
-    /// Waits for `read`, which reads a long body, on threads of lower priority; it ends when nobody waits for it.
+    /// Runs `read`, which reads a long body, on threads of lower priority. A request that ends early cancels it.
     ///
     /// # Errors
     /// [`ServiceError::Cancelled`] if the process ends.

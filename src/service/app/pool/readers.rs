@@ -39,7 +39,7 @@ impl Readers {
         Self(Arc::new(Threads(Some(runtime))))
     }
 
-    /// Waits for `read` on these threads; it ends when nobody waits for it.
+    /// Runs `read` on these threads. A caller that stops waiting cancels it.
     ///
     /// # Errors
     /// [`ServiceError::Cancelled`] if the process ends.
