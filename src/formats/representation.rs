@@ -457,4 +457,16 @@ mod tests {
             assert_eq!(serde_json::from_str::<Representation>(text).unwrap(), read);
         }
     }
+
+    #[test]
+    fn small_objects_in_place_of_faces_are_refused_before_they_are_read() {
+        let faces = vec![r#"{"a":1}"#; 400].join(",");
+        let text = format!(r#"{{"kind":"subdivision","scheme":"loop","level":1,"connectivity":[{faces}]}}"#);
+        let read: super::Read<Representation> = serde_json::from_str(&text).unwrap();
+        let mut errors = Vec::new();
+        assert!(read.take("/representation", &mut errors).is_none());
+        assert_eq!(errors.len(), 1);
+        // Three of each small object; twelve quotation marks and a brace around them.
+        assert_eq!(errors[0].detail, "expected at most 1000 braces and quotation marks, got 1213");
+    }
 }
