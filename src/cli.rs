@@ -91,6 +91,7 @@ fn serve(args: ServeArgs) -> Result<(), String> {
 fn runtime() -> Result<tokio::runtime::Runtime, String> {
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .enable_all()
+        .on_thread_start(compute_alone)
         .build()
         .map_err(|error| format!("the async runtime cannot start: {error}"))?;
     {
@@ -98,6 +99,15 @@ fn runtime() -> Result<tokio::runtime::Runtime, String> {
         outlive_file_limit()?;
     }
     Ok(runtime)
+}
+
+/// Makes loops of small computations run on this thread alone; otherwise they would wait for threads on all cores.
+fn compute_alone() {
+    thread_local! {
+        static ALONE: Option<rayon::ThreadPool> =
+            rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread().build().ok();
+    }
+    ALONE.with(|_| ());
 }
 
 /// Catches SIGXFSZ. Writing to a file at the size limit (`ulimit -f`) then returns an error that can be handled, where the

@@ -14,6 +14,10 @@ pub struct Work(pub(in crate::service) f64);
 /// Maximum work of a light request: each thread of the light lane completes a hundred of them per second.
 const MOMENT: f64 = 0.010;
 
+/// Maximum work of a request that is computed on the async thread that has read it: as much again as reading the largest
+/// body that is parsed there. A round trip to another thread takes 0.1 ms on busy cores.
+const INSTANT: f64 = REQUEST + 2e-4;
+
 /// Parsing a byte of JSON: numbers of ten digits, with checks.
 const BYTE: f64 = 1.2e-8;
 /// Writing a number of a response as JSON, including its computation as a sum of a few products.
@@ -47,6 +51,11 @@ impl Work {
     /// Whether it belongs in the light lane.
     pub fn is_moment(self) -> bool {
         self.0 <= MOMENT
+    }
+
+    /// Whether it takes less time than passing it to another thread is worth.
+    pub fn is_instant(self) -> bool {
+        self.0 <= INSTANT
     }
 
     /// Checks that a request may take this much work.

@@ -1,4 +1,5 @@
-//! Bounded pool of threads for computations, which must not run on async threads.
+//! Bounded pool of threads for computations. Only those that take less time than a round trip to another thread run on
+//! the async thread that has read the request.
 //!
 //! The pool has two lanes with separate threads, so that light requests never wait behind heavy ones. In each lane,
 //! tenants take turns by the work done for them, and so do the keys within a tenant. Each lane holds a bounded number
@@ -158,7 +159,8 @@ impl Pool {
         self.weighing(Work::reading(body.len())).run(move || read(&body)).await
     }
 
-    /// Parses a body and executes the request in it: `plan` predicts its work and thereby chooses the lane.
+    /// Parses a body and executes the request in it: `plan` predicts its work and thereby chooses the lane, or for an instant
+    /// this thread. The task must not wait for anything, since it may run on an async thread.
     ///
     /// # Errors
     /// Those of `plan`, of the planned task and of [`Pool::run`]; [`ServiceError::TooCostly`] if the predicted work
@@ -175,6 +177,10 @@ impl Pool {
         if body.len() <= TINY_BYTES {
             let (work, task) = plan(&body)?;
             work.check(most)?;
+            if work.is_instant() {
+                self.context().check()?;
+                return here(work, task);
+            }
             return self.weighing(work).run(holding(body, task)).await;
         }
         let reading = Work::reading(body.len());
@@ -225,6 +231,14 @@ impl Pool {
         waiting.ended();
         outcome
     }
+}
+
+/// Runs `task` on this thread.
+fn here<T>(work: Work, task: impl FnOnce() -> T) -> T {
+    let begun = Instant::now();
+    let outcome = task();
+    metrics::compute_ended(LIGHT, work.seconds(), begun.elapsed().as_secs_f64());
+    outcome
 }
 
 /// A task that holds the memory reserved for a body, and for data parsed from it, until it ends.
@@ -508,6 +522,8 @@ mod tests {
             let found = lane(work, body).await.unwrap().unwrap();
             assert!(found.starts_with(thread), "{work:?} in {body} bytes ran on {found}");
         }
+        let here = lane(Work::from_seconds(2e-4), 10).await.unwrap();
+        assert_eq!(here.as_deref(), std::thread::current().name(), "an instant");
         let refused = lane(Work::from_seconds(35.0), 10).await;
         assert!(matches!(refused, Err(ServiceError::TooCostly { .. })), "{refused:?}");
     }
