@@ -14,8 +14,8 @@ use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::Duration;
 
 use tokio::sync::mpsc::error::{SendTimeoutError, TrySendError};
-use tokio::sync::{mpsc, oneshot};
-use tokio::time::{Instant, sleep, timeout, timeout_at};
+use tokio::sync::{Notify, mpsc, oneshot};
+use tokio::time::{Instant, sleep, timeout};
 
 use super::refusals::{MANY, Refusals, counted};
 use crate::domain::audit::{AuditFilter, Entry, Recorded};
@@ -72,6 +72,8 @@ struct State {
     failing: AtomicBool,
     /// Whether reads that cannot be recorded are refused.
     required: AtomicBool,
+    /// Signals that a group should be written at once.
+    due: Notify,
     /// Requests without an entry, by tenant.
     gaps: Mutex<BTreeMap<String, Gap>>,
 }
@@ -180,7 +182,12 @@ impl Trail {
     pub async fn record(&self, entry: Entry) -> Result<Recording, ServiceError> {
         let Some(channel) = self.channel.get() else { return Ok(Recording::Kept) };
         let message = match channel.try_send(Message::Entry(Box::new(clean(entry)), None)) {
-            Ok(()) => return Ok(Recording::Kept),
+            Ok(()) => {
+                if channel.max_capacity() - channel.capacity() >= GROUP {
+                    self.state.due.notify_one();
+                }
+                return Ok(Recording::Kept);
+            }
             Err(TrySendError::Closed(_)) => return Err(unavailable()),
             Err(TrySendError::Full(message)) => message,
         };
@@ -214,6 +221,7 @@ impl Trail {
         let (written, on_disk) = oneshot::channel();
         let message = Message::Entry(Box::new(clean(entry)), Some(written));
         channel.send_timeout(message, PATIENCE).await.map_err(|_| unavailable())?;
+        self.state.due.notify_one();
         match timeout(PATIENCE, on_disk).await {
             Ok(Ok(())) => Ok(()),
             _ => Err(unavailable()),
@@ -230,6 +238,7 @@ impl Trail {
                 let _ = channel.send(Message::Entry(Box::new(entry), None)).await;
             }
             if channel.send(Message::Close(closed)).await.is_ok() {
+                self.state.due.notify_one();
                 // Also ends if the writer does.
                 let _ = done.await;
             }
@@ -294,6 +303,15 @@ impl Group {
         }
     }
 
+    /// Takes what is queued, until the group is full.
+    fn take_queued(&mut self, messages: &mut mpsc::Receiver<Message>) {
+        while !self.is_full()
+            && let Ok(message) = messages.try_recv()
+        {
+            self.take(message);
+        }
+    }
+
     fn is_full(&self) -> bool {
         self.entries.len() >= GROUP || self.closing.is_some()
     }
@@ -317,24 +335,18 @@ impl Writer {
     }
 
     /// Collects entries until the first has waited for `GROUP_TIME`, a caller waits for durability, or the group is
-    /// full.
+    /// full. Entries do not wake the writer meanwhile: waking a thread costs a small request more than its work.
     async fn group(&mut self) -> Group {
         let mut group = Group::default();
         let Some(first) = self.messages.recv().await else {
             return std::future::pending().await;
         };
         group.take(first);
-        let end = Instant::now() + GROUP_TIME;
-        while group.waiting.is_empty() && !group.is_full() {
-            match timeout_at(end, self.messages.recv()).await {
-                Ok(Some(message)) => group.take(message),
-                _ => break,
-            }
-        }
-        while !group.is_full()
-            && let Ok(message) = self.messages.try_recv()
-        {
-            group.take(message);
+        group.take_queued(&mut self.messages);
+        if group.waiting.is_empty() && !group.is_full() {
+            // A signal given before counts: its entry may already be in the group, which is then written early.
+            let _ = timeout(GROUP_TIME, self.state.due.notified()).await;
+            group.take_queued(&mut self.messages);
         }
         metrics::audit_waits(group.entries.len() + self.messages.len());
         group
