@@ -31,6 +31,19 @@ impl Places {
         (position < self.count).then_some(Cursor { position: row, ..first })
     }
 
+    /// All places, in order.
+    pub fn iter(&self) -> impl Iterator<Item = Cursor> {
+        let ends = self.runs.iter().skip(1).map(|(before, _)| *before).chain([self.count]);
+        self.runs.iter().zip(ends).flat_map(|(&(before, first), end)| {
+            (0..(end - before) as i64).map(move |row| Cursor { position: first.position + row, ..first })
+        })
+    }
+
+    /// Memory in bytes.
+    pub fn bytes(&self) -> usize {
+        size_of_val(self.runs.as_slice())
+    }
+
     /// Appends rows of a chunk.
     pub(super) fn push(&mut self, chunk: i64, rows: &Range<usize>) {
         if rows.is_empty() {
@@ -115,6 +128,7 @@ mod tests {
             rows.iter().copied().map(Some).collect::<Vec<_>>()
         );
         assert_eq!(all.get(9), None);
+        assert_eq!(all.iter().collect::<Vec<_>>(), rows);
         assert!((0..18).all(|k| twice.get(k) == Some(rows[k % 9])));
         assert_eq!(Places::default().get(0), None);
     }

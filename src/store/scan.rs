@@ -84,6 +84,80 @@ impl Store {
     }
 }
 
+impl Store {
+    /// Places of the shapes between the revisions that pass the filter, in storage order. Reads no control points.
+    ///
+    /// # Errors
+    /// [`StoreError::CohortGone`].
+    pub async fn places(
+        &self,
+        cohort_id: &str,
+        revisions: Revisions,
+        filter: &ShapeFilter,
+    ) -> Result<Places, StoreError> {
+        let (mut places, mut after) = (Places::default(), (0, -1));
+        let mut read = self.begin_read().await?;
+        let cohort = self.number(&mut read, cohort_id).await?;
+        loop {
+            let selection = Selection { cohort, revisions, filter, after };
+            let page = if filter::is_empty(filter) {
+                page_of_chunks(&mut read, &selection).await?
+            } else {
+                page_of_rows(&mut read, &selection).await?
+            };
+            let Some((found, end)) = page else { return Ok(places) };
+            places.append(&found);
+            after = (end.chunk, end.position);
+        }
+    }
+}
+
+/// Places in the next chunks, and the end of the last one; reads only the rows of deleted shapes.
+async fn page_of_chunks(
+    read: &mut Transaction,
+    selection: &Selection<'_>,
+) -> Result<Option<(Places, Cursor)>, StoreError> {
+    let chunks = next_chunks(read, selection).await?;
+    let (Some(first), Some(last)) = (chunks.first(), chunks.last()) else { return Ok(None) };
+    let deleted = list_deleted(read, selection, first.chunk, last.chunk).await?;
+    let (mut places, mut gaps) = (Places::default(), deleted.as_slice());
+    for size in &chunks {
+        let here = take_gaps(&mut gaps, size.chunk);
+        let rows = usize::try_from(size.rows).unwrap_or_default();
+        runs_between(here, rows).for_each(|run| places.push(size.chunk, &run));
+    }
+    Ok(Some((places, Cursor { chunk: last.chunk, position: i64::MAX })))
+}
+
+/// Places of the next shapes that pass the filter, and the last one.
+async fn page_of_rows(
+    read: &mut Transaction,
+    selection: &Selection<'_>,
+) -> Result<Option<(Places, Cursor)>, StoreError> {
+    let rows = selection.page(read, "s.chunk_id, s.position", ROWS_PER_BATCH).all().await?;
+    let (mut places, mut end) = (Places::default(), None);
+    for row in &rows {
+        let found = place(row)?;
+        places.push(found.chunk, &(row_of(&found)..row_of(&found) + 1));
+        end = Some(found);
+    }
+    Ok(end.map(|end| (places, end)))
+}
+
+/// Splits the deleted shapes of a chunk off the front of those of this and later chunks.
+fn take_gaps<'a>(deleted: &mut &'a [Cursor], chunk: i64) -> &'a [Cursor] {
+    let (gaps, rest) = deleted.split_at(deleted.partition_point(|gap| gap.chunk <= chunk));
+    *deleted = rest;
+    gaps
+}
+
+/// Runs of rows between the deleted ones of a chunk of `rows` shapes.
+fn runs_between(gaps: &[Cursor], rows: usize) -> impl Iterator<Item = std::ops::Range<usize>> {
+    let starts = std::iter::once(0).chain(gaps.iter().map(|gap| row_of(gap) + 1));
+    let ends = gaps.iter().map(row_of).chain([rows]);
+    starts.zip(ends).map(|(start, end)| start..end)
+}
+
 /// Plan of what to read for one batch.
 #[derive(Default)]
 struct Plan {
@@ -135,19 +209,8 @@ async fn plan_chunks(
     connection: &mut Transaction,
     selection: &Selection<'_>,
 ) -> Result<Option<Plan>, StoreError> {
-    const NEXT: &str = "SELECT id AS chunk_id, rows, width FROM chunk
-        WHERE cohort = $1 AND id > $2 AND revision > $3 AND revision <= $4 ORDER BY id LIMIT $5";
-    let rows = sql(&mut *connection, NEXT)
-        .bind(selection.cohort)
-        .bind(selection.after.0)
-        .bind(to_sql(selection.revisions.after))
-        .bind(to_sql(selection.revisions.until))
-        .bind(CHUNKS_PER_BATCH)
-        .all()
-        .await?;
     let mut plan = Plan::default();
-    for row in &rows {
-        let size = ChunkSize::read(row)?;
+    for size in next_chunks(connection, selection).await? {
         if !plan.admit(size, size.bytes()) {
             break;
         }
@@ -160,6 +223,24 @@ async fn plan_chunks(
     let (first, last) = (group.chunks[0], group.chunks[group.chunks.len() - 1]);
     group.choice = Choice::AllBut(list_deleted(connection, selection, first, last).await?);
     Ok(Some(plan))
+}
+
+/// The next chunks between the revisions, in storage order.
+async fn next_chunks(
+    connection: &mut Transaction,
+    selection: &Selection<'_>,
+) -> Result<Vec<ChunkSize>, StoreError> {
+    const NEXT: &str = "SELECT id AS chunk_id, rows, width FROM chunk
+        WHERE cohort = $1 AND id > $2 AND revision > $3 AND revision <= $4 ORDER BY id LIMIT $5";
+    let rows = sql(connection, NEXT)
+        .bind(selection.cohort)
+        .bind(selection.after.0)
+        .bind(to_sql(selection.revisions.after))
+        .bind(to_sql(selection.revisions.until))
+        .bind(CHUNKS_PER_BATCH)
+        .all()
+        .await?;
+    rows.iter().map(ChunkSize::read).collect()
 }
 
 /// Shapes in the chunks from `first` to `last` that were deleted up to the revision.
@@ -319,16 +400,8 @@ impl ScanBatch {
     fn take_all_but(&mut self, chunks: &[Chunk<'_>], mut deleted: &[Cursor]) -> Result<(), StoreError> {
         self.control_points.reserve(chunks.iter().map(Chunk::numbers).sum());
         for chunk in chunks {
-            let here = deleted.partition_point(|gap| gap.chunk <= chunk.id);
-            let (gaps, rest) = deleted.split_at(here);
-            deleted = rest;
-            let mut start = 0;
-            for gap in gaps {
-                let gap = row_of(gap);
-                self.take(chunk, start..gap)?;
-                start = gap + 1;
-            }
-            self.take(chunk, start..chunk.rows())?;
+            let gaps = take_gaps(&mut deleted, chunk.id);
+            runs_between(gaps, chunk.rows()).try_for_each(|run| self.take(chunk, run))?;
         }
         Ok(())
     }

@@ -16,7 +16,7 @@ use crate::domain::change::{ChangeKind, NewChange};
 use crate::domain::shape::{Shape, ShapeAttributes, ShapeDescription, ShapeFilter};
 
 /// Position in the storage order of a cohort, just after a shape. Opaque to clients.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Cursor {
     pub(super) chunk: i64,
     pub(super) position: i64,

@@ -11,7 +11,7 @@ use super::frame::{Frame, representative};
 use super::matching::{Matching, Placed, Placement, Target};
 use super::mean::{MeanSpace, ProjectorSum};
 use super::metric::{Metric, dot, norm};
-use super::placement_search::{Found, MAX_ROUNDS, StreamedSearch, alternate};
+use super::placement_search::{Found, MAX_ROUNDS, Start, StreamedSearch, alternate};
 use super::procrustes;
 use super::start_points::SpectralSearch;
 use super::subspace::{Projected, Subspace, check_extent, flatten};
@@ -177,14 +177,15 @@ fn searched<S: ShapeSource>(
     matching: &Matching,
     length: usize,
 ) -> Result<Found, S::Error> {
+    let start = Start::of(source)?;
     if SpectralSearch::suits(class, matching)
         && let Some(_memory) = source.reserve(SpectralSearch::bytes(matching, source.count()))
     {
         let rotations = TransformationClass::named(ClassName::ScaledRotation, matching.dimension())?;
-        let mut search = SpectralSearch::new(source, class, &rotations, matching)?;
-        return alternate(&mut search, source, matching);
+        let mut search = SpectralSearch::new(source, class, &rotations, matching, &start.placements)?;
+        return alternate(&mut search, source, matching, start);
     }
-    alternate(&mut StreamedSearch { source, class, matching, length }, source, matching)
+    alternate(&mut StreamedSearch { source, class, matching, length }, source, matching, start)
 }
 
 fn procrustes_mean<S: ShapeSource>(
@@ -194,12 +195,14 @@ fn procrustes_mean<S: ShapeSource>(
     frame: Frame,
     matching: &Matching,
 ) -> Result<MeanShape, S::Error> {
-    let mut placements = vec![Placement::default(); source.count()];
-    let start = procrustes::start(source, fit)?;
-    if matching.mirrors() {
-        matching.improve(source, &Target::shape(&start, fit, matching), &mut placements)?;
+    let Start { mut placements, known } =
+        if matching.searches() { Start::of(source)? } else { Start::as_given(source.count()) };
+    let template = procrustes::start(&Placed { source, matching, placements: &placements }, fit)?;
+    if matching.mirrors() && !known {
+        matching.improve(source, &Target::shape(&template, fit, matching), &mut placements)?;
     }
-    let mut result = procrustes::iterate(&Placed { source, matching, placements: &placements }, fit, start)?;
+    let placed = Placed { source, matching, placements: &placements };
+    let mut result = procrustes::iterate(&placed, fit, template)?;
     let (mut rounds, mut converged) = (0, !matching.searches());
     while !converged && rounds < MAX_ROUNDS {
         rounds += 1;

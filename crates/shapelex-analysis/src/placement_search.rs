@@ -1,7 +1,7 @@
 //! Alternation of the mean space of a set of shapes with the placements of the shapes on it.
 //!
 //! Each step raises `tr(P_S̄ Σ_k w_k P_k)`, so the alternation ends: with placements that no round changes, or after
-//! [`MAX_ROUNDS`].
+//! [`MAX_ROUNDS`]. It begins with the shapes as given, or with placements known from a search of most of them.
 
 use super::AnalysisError;
 use super::accumulate::{ShapeSource, map_shapes, smallest_eligible};
@@ -59,7 +59,32 @@ impl Found {
     }
 }
 
-/// Places the shapes of `source`.
+/// Placements with which a search begins.
+#[derive(Debug, Clone)]
+pub(super) struct Start {
+    pub(super) placements: Vec<Placement>,
+    /// Whether an earlier search has found them.
+    pub(super) known: bool,
+}
+
+impl Start {
+    /// All shapes as given.
+    pub(super) fn as_given(count: usize) -> Self {
+        Self { placements: vec![Placement::default(); count], known: false }
+    }
+
+    /// Placements that the source knows, or else the shapes as given.
+    ///
+    /// # Errors
+    /// Errors of the source.
+    pub(super) fn of<S: ShapeSource>(source: &S) -> Result<Self, S::Error> {
+        let known = source.known_placements()?.filter(|known| known.len() == source.count());
+        let as_known = |placements| Self { placements, known: true };
+        Ok(known.map_or_else(|| Self::as_given(source.count()), as_known))
+    }
+}
+
+/// Places the shapes of `source`, which stand as in `start`.
 ///
 /// # Errors
 /// Errors of the source; degenerate shapes.
@@ -67,14 +92,15 @@ pub(super) fn alternate<'a, S: ShapeSource, P: PlacementSearch<'a>>(
     search: &mut P,
     source: &S,
     matching: &Matching,
+    start: Start,
 ) -> Result<Found, S::Error>
 where
     S::Error: From<P::Error>,
 {
-    let mut found = Found { converged: false, ..Found::as_given(source.count()) };
+    let mut found = Found { placements: start.placements, rounds: 0, converged: false };
     // The search needs the space alone; its certificate is computed at the end.
     let mut space = MeanSpace::new(search.sum(&found.placements)?, 0)?;
-    if matching.mirrors() {
+    if matching.mirrors() && !start.known {
         let single = best_matched(search, source, &space)?;
         search.improve(&single, &mut found.placements)?;
         space = MeanSpace::new(search.sum(&found.placements)?, 0)?;

@@ -53,7 +53,8 @@ impl<'a> SpectralSearch<'a> {
         class.structure == Structure::Complex && matching.shifts()
     }
 
-    /// Reads the shapes of `source`, which belong to `class`; `rotations` are the scaled rotations of the plane.
+    /// Reads the shapes of `source`, which belong to `class` and stand in `placements`; `rotations` are the scaled rotations of
+    /// the plane.
     ///
     /// # Errors
     /// Errors of the source; degenerate shapes.
@@ -62,6 +63,7 @@ impl<'a> SpectralSearch<'a> {
         class: &TransformationClass,
         rotations: &'a TransformationClass,
         matching: &'a Matching,
+        placements: &[Placement],
     ) -> Result<Self, S::Error> {
         let (n, candidates) = (matching.size(), matching.candidates());
         let phase = |j: usize| Complex64::cis(std::f64::consts::TAU * j as f64 / n as f64);
@@ -97,8 +99,8 @@ impl<'a> SpectralSearch<'a> {
             Ok(())
         })?;
         let mut placed = vec![0.0; 2 * n * weights.len()];
-        let rows = placed.par_chunks_exact_mut(2 * n).enumerate();
-        rows.for_each(|(k, row)| search.write_placed(k, Placement::default(), row));
+        let rows = placed.par_chunks_exact_mut(2 * n).zip(placements).enumerate();
+        rows.for_each(|(k, (row, placement))| search.write_placed(k, *placement, row));
         search.placed = ShapesInMemory::prepared(placed, weights);
         Ok(search)
     }
@@ -208,7 +210,7 @@ mod tests {
     use super::*;
     use crate::correspondence::{Correspondence, Direction, Mirror};
     use crate::metric::Metric;
-    use crate::placement_search::{StreamedSearch, alternate};
+    use crate::placement_search::{Start, StreamedSearch, alternate};
     use crate::transformation::ClassName;
     use shapelex_geometry::generator::GeneratorKind;
     use shapelex_geometry::representation::{Representation, ShapeSpace};
@@ -245,11 +247,14 @@ mod tests {
                 for name in [ClassName::Similarity, ClassName::ReflectedSimilarity] {
                     let class = TransformationClass::named(name, 2).unwrap();
                     assert!(SpectralSearch::suits(&class, &matching));
-                    let mut spectral = SpectralSearch::new(&source, &class, &rotations, &matching).unwrap();
-                    let found = alternate(&mut spectral, &source, &matching).unwrap();
+                    let start = Start::of(&source).unwrap();
+                    let mut spectral =
+                        SpectralSearch::new(&source, &class, &rotations, &matching, &start.placements)
+                            .unwrap();
+                    let found = alternate(&mut spectral, &source, &matching, start.clone()).unwrap();
                     let (class, length) = (&class, metric.len());
                     let mut streamed = StreamedSearch { source: &source, class, matching: &matching, length };
-                    let expected = alternate(&mut streamed, &source, &matching).unwrap();
+                    let expected = alternate(&mut streamed, &source, &matching, start).unwrap();
                     assert_eq!(found.placements, expected.placements, "{n} {mirror:?} {name:?}");
                     assert_eq!((found.rounds, found.converged), (expected.rounds, true));
                     let starts = found.placements.iter().filter(|placement| placement.shift > 0).count();

@@ -23,7 +23,7 @@ use crate::formats::representation::Read;
 use crate::geometry::representation::Representation;
 use crate::service::app::{ServiceError, Work};
 use crate::service::cohorts::catalogue::{CohortChanges, revision_tag, text_faults};
-use crate::service::cohorts::live_mean::{LiveMean, MeanQuery};
+use crate::service::cohorts::live_mean::{LiveMean, MeanQuery, SearchStart};
 use crate::service::cohorts::{catalogue, live_mean};
 use crate::service::statistics::draw_mean;
 
@@ -315,9 +315,17 @@ pub(super) struct CohortMeanOutput {
     mean: MeanOutput,
     /// Revision of the cohort that was averaged.
     revision: u64,
+    /// Revision of the mean with whose start points the search for start points began; null if it began with the shapes as
+    /// given, or if there is nothing to search.
+    started_from: Option<u64>,
 }
 
 /// Computes the mean of a cohort's shapes at its current revision.
+///
+/// A search for start points ends in one of many local optima. From the shapes as given (`start=given`) it depends on the
+/// shapes alone. With `start=last` it begins with the start points that the last search with the same parameters has found,
+/// as far as the service remembers it: a new shape then costs a few rounds, and the mean has the same certificate, but it
+/// depends on the means that were computed before. `started_from` names the revision of those.
 ///
 /// The ETag changes with the revision and the query; a request with a matching `If-None-Match` is not computed again. As SVG:
 /// the mean in front of some of the aligned shapes. As OBJ, PLY, STL or glTF: the mesh of a mean surface.
@@ -327,6 +335,8 @@ pub(super) struct CohortMeanOutput {
         ("transformation" = ClassName, Query, description = "Class of transformations that is removed"),
         ("alignment" = Option<Alignment>, Query, description = "Alignment. Default: `projection`"),
         ("frame" = Option<Frame>, Query, description = "Frame. Default: `training`"),
+        ("start" = inline(Option<SearchStart>), Query, description = "Start points with which the search begins: `given`, those of the shapes, or `last`, those of the last search. Default: `given`"),
+        ("stale" = Option<bool>, Query, description = "Whether the last mean computed is answered at once, with its revision, while that of the current revision is computed in the background. Default: false"),
         ("label" = Option<String>, Query, description = "Only shapes with this label"),
         ("subject" = Option<String>, Query, description = "Only shapes of this subject"),
         ("labels.{attribute}" = Option<String>, Query, description = "Only shapes whose attribute has this value"),
@@ -345,10 +355,10 @@ pub(super) async fn cohort_mean(
     Query(pairs): Query<Vec<(String, String)>>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    let query = take_mean_query(pairs)?;
+    let (query, stale) = take_mean_query(pairs)?;
     let cohort = catalogue::find(&app, &key).await?;
-    let what = blake3::hash(format!("{}{query:?}{format:?}", revision_tag(&cohort)).as_bytes()).to_hex();
-    let tag = format!("\"{}\"", &what[..32]);
+    let cohort = if stale { live_mean::at_last_mean(&app, cohort, &query) } else { cohort };
+    let tag = mean_tag(&cohort, &query, format);
     if known(&headers, &tag) {
         return Ok(tagged(StatusCode::NOT_MODIFIED.into_response(), &tag));
     }
@@ -357,7 +367,14 @@ pub(super) async fn cohort_mean(
     Ok(tagged(response, &tag))
 }
 
-fn take_mean_query(pairs: Vec<(String, String)>) -> Result<MeanQuery, Problem> {
+/// Entity tag of a mean in a format.
+fn mean_tag(cohort: &Cohort, query: &MeanQuery, format: ShapeFormat) -> String {
+    let what = blake3::hash(format!("{}{query:?}{format:?}", revision_tag(cohort)).as_bytes()).to_hex();
+    format!("\"{}\"", &what[..32])
+}
+
+/// Takes the parameters of a mean, and whether an older one may be answered.
+fn take_mean_query(pairs: Vec<(String, String)>) -> Result<(MeanQuery, bool), Problem> {
     let mut parameters = once_each(pairs)?;
     parameters.remove("format");
     parameters.remove("grid");
@@ -369,10 +386,24 @@ fn take_mean_query(pairs: Vec<(String, String)>) -> Result<MeanQuery, Problem> {
         transformation,
         alignment: take_word(&mut parameters, "alignment")?.unwrap_or_default(),
         frame: take_word(&mut parameters, "frame")?.unwrap_or_default(),
+        start: take_word(&mut parameters, "start")?.unwrap_or_default(),
         filter: take_filter(&mut parameters),
     };
+    let stale = take_flag(&mut parameters, "stale")?;
     refuse_rest(&parameters)?;
-    Ok(query)
+    Ok((query, stale))
+}
+
+/// Takes one parameter that is `true` or `false`; default: false.
+fn take_flag(parameters: &mut Parameters, name: &str) -> Result<bool, Problem> {
+    match parameters.remove(name).as_deref() {
+        None | Some("false") => Ok(false),
+        Some("true") => Ok(true),
+        Some(other) => {
+            let detail = format!("{name}: expected true or false, got '{other}'");
+            Err(Problem::new(ProblemKind::InvalidQuery, detail))
+        }
+    }
 }
 
 fn answer_mean(live: &LiveMean, format: ShapeFormat) -> Result<Response, ServiceError> {
@@ -384,7 +415,10 @@ fn answer_mean(live: &LiveMean, format: ShapeFormat) -> Result<Response, Service
         }
         ShapeFormat::Plain(Format::Json) => {
             let mean = MeanOutput::new(&live.mean, live.setup.metric.dimension());
-            json(StatusCode::OK, &CohortMeanOutput { mean, revision: live.cohort.revision })
+            json(
+                StatusCode::OK,
+                &CohortMeanOutput { mean, revision: live.cohort.revision, started_from: live.started_from },
+            )
         }
     }
 }

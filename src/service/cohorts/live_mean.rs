@@ -1,12 +1,17 @@
 //! Mean of a stored cohort at its current revision, with some aligned shapes for drawings.
 //!
-//! It is computed on demand, and cached by revision and parameters.
+//! It is computed on demand, and cached by revision and parameters. On request, a search for start points begins with the
+//! placements that the last one has found.
 
-use std::sync::Arc;
+use std::collections::HashSet;
+use std::mem::take;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
 
 use serde::Serialize;
 use tokio::runtime::Handle;
 
+use super::placements::{KnownPlacements, SearchSettings};
 use super::source::StoredShapes;
 use crate::analysis::accumulate::prepare;
 use crate::analysis::alignment::{AlignedShape, Alignment, MeanShape, align, mean_shape};
@@ -21,7 +26,7 @@ use crate::service::shapes::draw::MAX_DRAWN;
 use crate::service::statistics::{CheckedSettings, Settings, Setup};
 
 /// Parameters of a cohort mean.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Hash, Serialize)]
 pub struct MeanQuery {
     /// Transformation class.
     pub transformation: ClassName,
@@ -31,6 +36,35 @@ pub struct MeanQuery {
     pub frame: Frame,
     /// Filter that selects the shapes.
     pub filter: ShapeFilter,
+    /// Placements with which the search for start points begins.
+    pub start: SearchStart,
+}
+
+/// Placements with which a search for start points, directions and mirror images begins. The alternation of mean and
+/// placements ends in one of many local optima: from the shapes as given the result depends on the shapes alone; from the
+/// placements of the last search it takes fewer rounds, but depends on the means that were computed before.
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, serde::Deserialize, utoipa::ToSchema,
+)]
+#[serde(rename_all = "snake_case")]
+pub enum SearchStart {
+    /// The shapes as given.
+    #[default]
+    Given,
+    /// The placements of the last search with the same parameters, if the service remembers one.
+    Last,
+}
+
+impl MeanQuery {
+    /// What the placements of the shapes depend on.
+    fn search(&self, cohort: &Cohort) -> SearchSettings {
+        SearchSettings {
+            transformation: Transformation::Named(self.transformation),
+            alignment: self.alignment,
+            mirror: cohort.spec.mirror,
+            filter: self.filter.clone(),
+        }
+    }
 }
 
 /// Mean of a cohort at a revision.
@@ -44,6 +78,9 @@ pub struct LiveMean {
     pub mean: MeanShape,
     /// Some aligned shapes, for drawings.
     pub drawn: Vec<AlignedShape>,
+    /// Revision of the placements with which the search for start points began; `None` if it began with the shapes as given,
+    /// or if there is nothing to search.
+    pub started_from: Option<u64>,
 }
 
 impl Cached for LiveMean {
@@ -75,13 +112,62 @@ pub async fn mean(app: &App, cohort: Cohort, query: MeanQuery) -> Result<Arc<Liv
         frame: query.frame,
     };
     let settings = settings.checked(&app.limits)?;
-    let (task_app, handle, filter) = (app.clone(), Handle::current(), query.filter);
+    let (task_app, handle) = (app.clone(), Handle::current());
     let work = requests::align(&settings, Counts::for_cohort(&cohort, &app.limits));
     let computed =
-        app.pool.weighing(work).run(move || compute(&task_app, &handle, cohort, settings, filter)).await?;
+        app.pool.weighing(work).run(move || compute(&task_app, &handle, cohort, settings, query)).await?;
     let mean = Arc::new(computed);
     app.cache.keep(&id, &key, &mean);
+    app.cache.keep(&id, &key.1, &Arc::new(Latest(mean.cohort.clone())));
     Ok(mean)
+}
+
+/// A cohort at the revision of its last mean with some parameters.
+struct Latest(Cohort);
+
+impl Cached for Latest {
+    const NAME: &'static str = "latest_means";
+
+    fn bytes(&self) -> usize {
+        1024
+    }
+}
+
+/// Means that are being computed because an older one was answered.
+#[derive(Debug, Default)]
+struct Renewals(Mutex<HashSet<(String, u64, MeanQuery)>>);
+
+impl Renewals {
+    fn locked(&self) -> MutexGuard<'_, HashSet<(String, u64, MeanQuery)>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// The cohort at the revision of the last mean with these parameters. The mean of the current revision is then computed in
+/// the background. If there was none, the cohort as it is.
+pub fn at_last_mean(app: &App, cohort: Cohort, query: &MeanQuery) -> Cohort {
+    let Some(latest) = app.cache.find::<Latest>(&cohort.id, query) else { return cohort };
+    if latest.0.revision != cohort.revision {
+        renew(app, cohort, query.clone());
+    }
+    latest.0.clone()
+}
+
+/// Starts to compute a mean, unless that is under way.
+fn renew(app: &App, cohort: Cohort, query: MeanQuery) {
+    let renewals: Arc<Renewals> = app.state();
+    let what = (cohort.id.clone(), cohort.revision, query.clone());
+    if !renewals.locked().insert(what.clone()) {
+        return;
+    }
+    // The work belongs to the caller, but does not end with the request.
+    let app = app.of(Arc::clone(&app.principal)).until(Instant::now() + app.limits.compute_time);
+    tokio::spawn(async move {
+        if let Err(error) = mean(&app, cohort, query).await {
+            tracing::info!(cohort = what.0, %error, "a mean was not renewed");
+        }
+        renewals.locked().remove(&what);
+    });
 }
 
 fn compute(
@@ -89,12 +175,16 @@ fn compute(
     handle: &Handle,
     cohort: Cohort,
     settings: CheckedSettings,
-    filter: ShapeFilter,
+    query: MeanQuery,
 ) -> Result<LiveMean, ServiceError> {
     let setup = Setup::new(app, settings)?;
     let context = app.pool.context();
     let stop = || context.is_cancelled();
-    let source = StoredShapes::new(app, handle, &cohort, &filter, 0, &setup, &stop)?;
+    let search = setup.matching.searches().then(|| query.search(&cohort));
+    let known = search.as_ref().filter(|_| query.start == SearchStart::Last);
+    let known = known.and_then(|search| KnownPlacements::find(app, &cohort.id, search));
+    let source = StoredShapes::new(app, handle, &cohort, &query.filter, 0, &setup, &stop)?;
+    let source = source.starting_from(known.as_deref());
     let Setup { metric, method, frame, matching, .. } = &setup;
     let mean = mean_shape(&source, metric, method, *frame, matching);
     let mut mean = mean.map_err(|error| source.named(error))?;
@@ -105,6 +195,10 @@ fn compute(
         prepare(metric, method.translates(), k, &mut x)?;
         drawn.push(align(method, matching, &mean.whitened, &x, &centroid, mean.placements[k])?);
     }
-    mean.placements = Vec::new();
-    Ok(LiveMean { setup, mean, drawn, cohort })
+    let (placements, started_from) = (take(&mut mean.placements), known.as_ref().map(|known| known.revision));
+    if let Some(search) = search {
+        let (revision, places) = (cohort.revision, source.places()?);
+        KnownPlacements { revision, started_from, places, placements }.keep(app, &cohort.id, &search);
+    }
+    Ok(LiveMean { setup, mean, drawn, cohort, started_from })
 }

@@ -5,13 +5,14 @@
 //! * [`upload`] — streams of shapes into a cohort; [`example`] — the example cohort of an empty store;
 //! * [`source`] — shapes of a cohort at one revision, as a source for statistics;
 //! * [`attributes`] — labels of shapes, addressed by their names in requests;
-//! * [`live_mean`] — mean of a cohort at its current revision.
+//! * [`live_mean`] — mean of a cohort at its current revision; `placements` — where its search begins.
 
 pub mod attributes;
 pub mod catalogue;
 pub mod changes;
 pub mod example;
 pub mod live_mean;
+pub(crate) mod placements;
 pub mod source;
 pub mod trash;
 pub mod upload;

@@ -10,13 +10,15 @@ use tokio_util::task::AbortOnDropHandle;
 use crate::analysis::AnalysisError;
 use crate::analysis::accumulate::{BLOCK, MergePart, PART, Reservation, ShapeSource, Shapes, prepare};
 use crate::analysis::dictionary::content::Content;
+use crate::analysis::matching::Placement;
 use crate::analysis::pass::Pass;
 use crate::domain::cohort::Cohort;
 use crate::domain::shape::{Shape, ShapeFilter};
 use crate::service::app::cache::Cache;
 use crate::service::app::{App, ServiceError};
+use crate::service::cohorts::placements::KnownPlacements;
 use crate::service::statistics::Setup;
-use crate::store::{Cursor, Ids, Revisions, ScanBatch, Start, Store, StoreError};
+use crate::store::{Cursor, Ids, Places, Revisions, ScanBatch, Start, Store, StoreError};
 
 /// Number of shapes per batch: enough for all threads, small enough for memory.
 const BATCH_SHAPES: usize = 16 * BLOCK;
@@ -108,6 +110,8 @@ pub(crate) struct StoredShapes<'a> {
     stop: &'a (dyn Fn() -> bool + Sync),
     /// The job that may distribute parts of a pass to other workers.
     distribute: Option<&'a dyn Distribute>,
+    /// Placements with which a search begins.
+    known: Option<&'a KnownPlacements>,
 }
 
 /// Range of the shapes that pass the filter, in storage order.
@@ -155,7 +159,30 @@ impl<'a> StoredShapes<'a> {
         let revisions = Revisions { after: since, until: cohort.revision };
         let range = Range { first: 0, after: None, skip: 0, count };
         let (store, cache) = (&app.store, &*app.cache);
-        Self { store, cache, handle, cohort, filter, revisions, setup, range, stop, distribute: None }
+        Self {
+            store,
+            cache,
+            handle,
+            cohort,
+            filter,
+            revisions,
+            setup,
+            range,
+            stop,
+            distribute: None,
+            known: None,
+        }
+    }
+
+    /// The same shapes, whose search begins with `known` placements.
+    pub(crate) fn starting_from(self, known: Option<&'a KnownPlacements>) -> Self {
+        Self { known, ..self }
+    }
+
+    /// Places of the shapes in storage.
+    pub(crate) fn places(&self) -> Result<Places, ServiceError> {
+        let read = self.store.places(&self.cohort.id, self.revisions, self.filter);
+        Ok(self.handle.block_on(read)?)
     }
 
     /// The same shapes, with passes distributed by a job.
@@ -172,7 +199,7 @@ impl<'a> StoredShapes<'a> {
             skip: start.skip,
             count: PART.min(self.range.count - first),
         };
-        Self { range, distribute: None, ..*self }
+        Self { range, distribute: None, known: None, ..*self }
     }
 
     /// Runs a pass with the help of other workers, if that pays: see [`Distribute::run`].
@@ -381,6 +408,10 @@ impl ShapeSource for StoredShapes<'_> {
 
     fn reserve(&self, bytes: usize) -> Option<Reservation<'_>> {
         self.cache.reserve(bytes).map(|reserved| Box::new(reserved) as Reservation<'_>)
+    }
+
+    fn known_placements(&self) -> Result<Option<Vec<Placement>>, ServiceError> {
+        self.known.map(|known| Ok(known.at(&self.places()?))).transpose()
     }
 
     fn located(&self, error: ServiceError) -> ServiceError {

@@ -3,6 +3,8 @@
 //! A plan fixes everything that the result depends on, including the revision of the cohort: a job that runs again
 //! after a crash learns the same dictionary, bit by bit, whatever was added in the meantime.
 
+use std::sync::Arc;
+
 use tokio::runtime::Handle;
 
 use super::class_labels;
@@ -25,6 +27,7 @@ use crate::domain::id;
 use crate::domain::job::Job;
 use crate::service::app::progress::JobContext;
 use crate::service::app::{App, ServiceError, now_ms};
+use crate::service::cohorts::placements::{KnownPlacements, SearchSettings};
 use crate::service::cohorts::source::{StoredShapes, Work};
 use crate::service::jobs::Outcome;
 use crate::service::statistics::Setup;
@@ -179,7 +182,8 @@ impl Task<'_> {
     /// The learnt content, and the sums from which learning can continue.
     fn content(&self, previous: Option<Previous>) -> Result<(Content, Vec<u8>), ServiceError> {
         let stop = || self.context.is_cancelled();
-        let shapes = self.shapes(0, &stop)?;
+        let known = self.known_placements();
+        let shapes = self.shapes(0, &stop)?.starting_from(known.as_deref());
         let recipe = self.plan.recipe(self.cohort);
         let help = |shapes: &StoredShapes<'_>, dictionary: &Dictionary| self.coded(shapes, dictionary);
         let learner = Learner { recipe: &recipe, measured: self.setup.measured(), watch: self, help: &help };
@@ -194,6 +198,16 @@ impl Task<'_> {
             dictionary.content.classifier = Some(self.classifier(&shapes, settings, &dictionary)?);
         }
         Ok((dictionary.content, state))
+    }
+
+    /// Placements that a search for the same mean has found. A search that began with those of an earlier revision does not
+    /// count: the dictionary would depend on it.
+    fn known_placements(&self) -> Option<Arc<KnownPlacements>> {
+        let Plan { transformation, alignment, mirror, filter, revision, .. } = self.plan;
+        let (transformation, filter) = (transformation.clone(), filter.clone());
+        let settings = SearchSettings { transformation, alignment: *alignment, mirror: *mirror, filter };
+        let known = KnownPlacements::find(self.app, &self.cohort.id, &settings);
+        known.filter(|known| known.revision == *revision && known.started_from.is_none())
     }
 
     /// Encodes all shapes with the help of other workers, if that pays.

@@ -3,6 +3,7 @@
 use rayon::prelude::*;
 
 use crate::AnalysisError;
+use crate::matching::Placement;
 use crate::metric::{Metric, norm};
 use crate::pass::Pass;
 use crate::subspace::{check_extent, flatten};
@@ -87,6 +88,15 @@ pub trait ShapeSource: Sync {
     /// [`KEPT_BYTES`].
     fn reserve(&self, bytes: usize) -> Option<Reservation<'_>> {
         (bytes <= KEPT_BYTES).then(|| Box::new(()) as Reservation<'_>)
+    }
+
+    /// Placements from which a search for start points, directions and mirror images begins, if an earlier search has found
+    /// some; a shape that it did not see stands as given.
+    ///
+    /// # Errors
+    /// A failure of the storage.
+    fn known_placements(&self) -> Result<Option<Vec<Placement>>, Self::Error> {
+        Ok(None)
     }
 
     /// The error with the name of the shape that caused it, as far as the source knows it.
@@ -241,6 +251,10 @@ impl<S: ShapeSource> ShapeSource for Watched<'_, S> {
 
     fn reserve(&self, bytes: usize) -> Option<Reservation<'_>> {
         self.source.reserve(bytes)
+    }
+
+    fn known_placements(&self) -> Result<Option<Vec<Placement>>, S::Error> {
+        self.source.known_placements()
     }
 
     fn for_each_batch(

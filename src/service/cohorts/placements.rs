@@ -1,0 +1,64 @@
+//! Placements that a search for start points, directions and mirror images has found for the shapes of a cohort. The search
+//! at a later revision begins with them: few shapes are new, and the others hardly move.
+
+use std::sync::Arc;
+
+use serde::Serialize;
+
+use crate::analysis::alignment::Alignment;
+use crate::analysis::correspondence::Mirror;
+use crate::analysis::matching::Placement;
+use crate::analysis::transformation::Transformation;
+use crate::domain::shape::ShapeFilter;
+use crate::service::app::App;
+use crate::service::app::cache::Cached;
+use crate::store::Places;
+
+/// What a search depends on besides the shapes of the cohort.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub(crate) struct SearchSettings {
+    pub(crate) transformation: Transformation,
+    pub(crate) alignment: Alignment,
+    pub(crate) mirror: Mirror,
+    pub(crate) filter: ShapeFilter,
+}
+
+/// Placements of the shapes of a cohort at a revision.
+#[derive(Debug)]
+pub(crate) struct KnownPlacements {
+    pub(crate) revision: u64,
+    /// Revision of the placements with which the search began; `None` if it began with the shapes as given.
+    pub(crate) started_from: Option<u64>,
+    pub(crate) places: Places,
+    pub(crate) placements: Vec<Placement>,
+}
+
+impl Cached for KnownPlacements {
+    const NAME: &'static str = "placements";
+
+    fn bytes(&self) -> usize {
+        self.places.bytes() + size_of_val(self.placements.as_slice())
+    }
+}
+
+impl KnownPlacements {
+    /// The placements of the last search with these settings.
+    pub(crate) fn find(app: &App, cohort: &str, settings: &SearchSettings) -> Option<Arc<Self>> {
+        app.cache.find(cohort, settings)
+    }
+
+    /// Keeps the placements for later searches with these settings.
+    pub(crate) fn keep(self, app: &App, cohort: &str, settings: &SearchSettings) {
+        app.cache.keep(cohort, settings, &Arc::new(self));
+    }
+
+    /// Placements of the shapes at `places`; a shape that the search did not see stands as given.
+    pub(crate) fn at(&self, places: &Places) -> Vec<Placement> {
+        let mut known = self.places.iter().zip(&self.placements).peekable();
+        let placement = |place| {
+            while known.next_if(|(earlier, _)| *earlier < place).is_some() {}
+            known.next_if(|(same, _)| *same == place).map_or_else(Placement::default, |(_, found)| *found)
+        };
+        places.iter().map(placement).collect()
+    }
+}
