@@ -81,10 +81,14 @@ pub fn media_type(headers: &HeaderMap) -> String {
     value.split(';').next().unwrap_or_default().trim().to_ascii_lowercase()
 }
 
-/// Whether `media_type` is JSON.
+/// Whether `media_type` is that of a JSON body. Types such as `application/geo+json` are JSON of another structure.
 pub fn is_json(media_type: &str) -> bool {
     media_type == "application/json"
-        || (media_type.starts_with("application/") && media_type.ends_with("+json"))
+}
+
+/// Whether `media_type` is that of the changes of a resource: JSON, or a merge patch (RFC 7396).
+fn is_change(method: &Method, media_type: &str) -> bool {
+    method == Method::PATCH && media_type == "application/merge-patch+json"
 }
 
 impl FromRequest<App> for JsonBody {
@@ -92,7 +96,7 @@ impl FromRequest<App> for JsonBody {
 
     async fn from_request(request: Request, app: &App) -> Result<Self, Problem> {
         let found = media_type(request.headers());
-        if !is_json(&found) {
+        if !is_json(&found) && !is_change(request.method(), &found) {
             let detail = format!("expected application/json, got '{found}'");
             return Err(Problem::new(ProblemKind::UnsupportedMediaType, detail));
         }
@@ -318,6 +322,28 @@ fn picture_or_numbers(media_range: &str) -> Option<Format> {
         "application/json" | "application/*" | "*/*" | "" => Some(Format::Json),
         "image/svg+xml" | "image/*" => Some(Format::Svg),
         _ => None,
+    }
+}
+
+/// Whether the `Accept` header prefers lines of JSON to one document.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct PrefersLines(pub bool);
+
+impl<S: Send + Sync> FromRequestParts<S> for PrefersLines {
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Problem> {
+        let is_lines = |media_range: &str| match media_range {
+            "application/json" | "application/*" | "*/*" | "" => Some(false),
+            "application/x-ndjson" => Some(true),
+            _ => None,
+        };
+        let accept = accepted(parts);
+        preferred(accept, is_lines).map(Self).ok_or_else(|| {
+            let detail =
+                format!("expected application/json or application/x-ndjson to be accepted, got '{accept}'");
+            Problem::new(ProblemKind::NotAcceptable, detail)
+        })
     }
 }
 

@@ -63,6 +63,19 @@ impl JobStatus {
     }
 }
 
+/// Conditions on the jobs of a list; all must hold.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct JobFilter {
+    /// Jobs with this status.
+    pub status: Option<JobStatus>,
+    /// Jobs of this kind.
+    pub kind: Option<JobKind>,
+    /// Jobs on the cohort with this id.
+    pub cohort: Option<String>,
+    /// Jobs created at this time or later, milliseconds since 1970 UTC.
+    pub since_ms: Option<i64>,
+}
+
 /// Progress of an attempt.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Progress {

@@ -14,7 +14,7 @@ use super::outputs::{self, MAX_OUTPUT_BYTES};
 use super::text::{from_text, to_text};
 use super::{dictionaries, receipts};
 use crate::domain::dictionary::NewDictionary;
-use crate::domain::job::{Job, JobOutput, JobStatus, Progress};
+use crate::domain::job::{Job, JobFilter, JobOutput, Progress};
 use crate::domain::retry::Receipt;
 use serde_json::Value;
 
@@ -137,23 +137,39 @@ impl Store {
         query
     }
 
-    /// At most `limit` jobs in id order, starting after the id `after`.
+    /// At most `limit` jobs without their results, the newest first, starting before the id `before`.
     ///
     /// # Errors
     /// Database errors.
     pub async fn list_jobs(
         &self,
-        status: Option<JobStatus>,
-        after: Option<&str>,
+        filter: &JobFilter,
+        before: Option<&str>,
         limit: usize,
     ) -> Result<Vec<Job>, StoreError> {
-        let mut query = sql(self.reader(), "SELECT * FROM job WHERE tenant = ");
-        query.push_bind(self.tenant()).push(" AND id > ").push_bind(after.unwrap_or_default());
+        // Results take up to megabytes each.
+        const LIST: &str =
+            "SELECT id, kind, parameters, status, progress, phase, objective, attempt, created_at_ms,
+            started_at_ms, finished_at_ms, NULL AS result, problem FROM job WHERE tenant = ";
+        let mut query = sql(self.reader(), LIST);
+        query.push_bind(self.tenant());
+        if let Some(before) = before {
+            query.push(" AND id < ").push_bind(before);
+        }
         self.push_scope(&mut query, "cohort");
-        if let Some(status) = status {
+        if let Some(status) = filter.status {
             query.push(" AND status = ").push_bind(status.as_str());
         }
-        query.push(" ORDER BY id LIMIT ").push_bind(to_sql(limit as u64));
+        if let Some(kind) = filter.kind {
+            query.push(" AND kind = ").push_bind(kind.as_str());
+        }
+        if let Some(cohort) = &filter.cohort {
+            query.push(" AND cohort = ").push_bind(cohort.as_str());
+        }
+        if let Some(since) = filter.since_ms {
+            query.push(" AND created_at_ms >= ").push_bind(since);
+        }
+        query.push(" ORDER BY id DESC LIMIT ").push_bind(to_sql(limit as u64));
         query.all().await?.iter().map(read_job).collect()
     }
 

@@ -356,7 +356,7 @@ fn things(server: &Server) -> BTreeMap<&'static str, String> {
     let dictionary = wait("/v1/dictionaries", &learn).expect(201);
     let distances = json!({"cohort": "example-cells", "transformation": "similarity"});
     wait("/v1/distances", &distances).expect(200);
-    let job = server.get("/v1/jobs").expect(200)["items"][1]["id"].clone();
+    let job = server.get("/v1/jobs").expect(200)["items"][0]["id"].clone();
     let cohort = server.get("/v1/cohorts/example-cells").expect(200)["id"].clone();
     let shape = server.get("/v1/cohorts/example-cells/shapes?limit=1").expect(200)["items"][0]["id"].clone();
     let text = |value: &Value| value.as_str().unwrap().to_owned();

@@ -156,12 +156,13 @@ async fn unknown_jobs_are_not_found() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn jobs_are_listed_in_pages_and_by_status() {
+async fn jobs_are_listed_newest_first_without_results() {
     let service = Service::start().await;
     let mut ids = Vec::new();
     for k in 0..5 {
         ids.push(submit(&service.app, json!(k)).await.id);
     }
+    ids.reverse();
     assert_eq!(service.cancel(&ids[1]).await.0, 200);
     let list = async |query: &str| {
         let (status, page) = service.get(&format!("/v1/jobs{query}")).await;
@@ -177,7 +178,16 @@ async fn jobs_are_listed_in_pages_and_by_status() {
     let queued = vec![ids[0].clone(), ids[2].clone()];
     assert_eq!(list("?status=queued&limit=2").await, (queued, json!(ids[2])));
     assert_eq!(list("?status=running").await, (vec![], Value::Null));
-    for query in ["status=idle", "limit=0", "limit=1001", "cursor=coh_1", "colour=red"] {
+    assert_eq!(list("?kind=learn_dictionary").await, (ids.clone(), Value::Null));
+    assert_eq!(list("?kind=distances&since=2020-01-01T00:00:00Z").await, (vec![], Value::Null));
+    assert_eq!(list("?since=2000-01-01T00:00:00Z").await.0, ids);
+    assert_eq!(list("?since=2100-01-01T00:00:00Z").await.0, [""; 0]);
+    let (_, page) = service.get("/v1/jobs").await;
+    assert!(page["items"].as_array().unwrap().iter().all(|job| job.get("result").is_none()), "{page}");
+    assert_eq!(service.get("/v1/jobs?cohort=none").await.0, 404);
+    for query in
+        ["status=idle", "limit=0", "limit=1001", "cursor=coh_1", "colour=red", "kind=sing", "since=now"]
+    {
         let (status, problem) = service.get(&format!("/v1/jobs?{query}")).await;
         assert_eq!((status, &problem["code"]), (400, &json!("invalid-query")), "{query}");
     }

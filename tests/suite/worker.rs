@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
-use shapelex::domain::job::{Job, JobKind, JobStatus};
+use shapelex::domain::job::{Job, JobFilter, JobKind, JobStatus};
 use shapelex::service::app::progress::JobContext;
 use shapelex::service::app::{App, Limits, ServiceError};
 use shapelex::service::jobs;
@@ -366,7 +366,8 @@ async fn progress_is_seen_at_once_and_stored_soon() {
     let job = submit(&app, json!(null)).await;
     go.store(true, Ordering::SeqCst);
     until("live progress", async || jobs::find(&app, &job.id).await.unwrap().progress == 0.75).await;
-    let listed = jobs::list(&app, Some(JobStatus::Running), None, 10).await.unwrap().0;
+    let running = JobFilter { status: Some(JobStatus::Running), ..JobFilter::default() };
+    let listed = jobs::list(&app, &running, None, 10).await.unwrap().0;
     assert_eq!((listed[0].phase.as_deref(), listed[0].objective), (Some("codes"), Some(12.5)));
     until("stored progress", async || {
         app.store.find_job(&job.id).await.unwrap().unwrap().objective == Some(12.5)

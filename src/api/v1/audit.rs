@@ -9,9 +9,9 @@ use bytes::Bytes;
 use futures_util::stream::{self, Stream};
 use serde::{Deserialize, Serialize};
 
-use super::request_macros::{Page, PageQuery, time};
-use crate::api::extract::{Caller, Query};
-use crate::api::problem::{Problem, ProblemKind};
+use super::request_macros::{Page, PageQuery, milliseconds, time};
+use crate::api::extract::{Caller, PrefersLines, Query};
+use crate::api::problem::Problem;
 use crate::api::respond::json;
 use crate::domain::audit::{AuditFilter, Recorded};
 use crate::service::app::{App, ServiceError};
@@ -112,7 +112,7 @@ pub(super) struct AuditQuery {
     cursor: Option<String>,
     /// Entries per page, 1 to 1000. Default: 100. An export contains all entries.
     limit: Option<usize>,
-    /// Response format: `json` for one page, `ndjson` for all entries, one per line. Default: `json`.
+    /// Response format: `json` for one page, `ndjson` for all entries, one per line. Default: as the `Accept` header prefers.
     #[param(inline)]
     format: Option<AuditFormat>,
 }
@@ -130,14 +130,6 @@ impl AuditQuery {
     }
 }
 
-fn milliseconds(name: &str, text: &str) -> Result<i64, Problem> {
-    let time = text.parse::<jiff::Timestamp>().map_err(|_| {
-        let detail = format!("{name}: expected a time such as 2026-01-31T12:00:00Z");
-        Problem::new(ProblemKind::InvalidQuery, detail)
-    })?;
-    Ok(time.as_millisecond())
-}
-
 /// Lists the audit trail: requests with their callers and outcomes.
 ///
 /// Contains every request of the tenant under `/v1` in the order in which they were answered, including reads and refused
@@ -147,16 +139,22 @@ fn milliseconds(name: &str, text: &str) -> Result<i64, Problem> {
     responses(
         (status = 200, description = "A page of entries, or all entries as one line each", content((Page<AuditEntry> = "application/json"), (String = "application/x-ndjson"))),
         (status = 400, description = "The query was refused"),
+        (status = 406, description = "None of the media types is accepted"),
         (status = 503, description = "The store cannot be read")
     ))]
 pub(super) async fn list_audit(
     Caller(app): Caller,
     Query(query): Query<AuditQuery>,
+    prefers: Result<PrefersLines, Problem>,
 ) -> Result<Response, Problem> {
+    let is_lines = match query.format {
+        Some(format) => format == AuditFormat::Ndjson,
+        None => prefers?.0,
+    };
     let filter = query.filter()?;
     let page = PageQuery { cursor: query.cursor, limit: query.limit };
     let limit = page.limit()?;
-    if query.format == Some(AuditFormat::Ndjson) {
+    if is_lines {
         let after = trail::place(page.cursor.as_deref())?;
         let body = Body::from_stream(lines(app, filter, after));
         return Ok(([(header::CONTENT_TYPE, "application/x-ndjson")], body).into_response());

@@ -10,21 +10,22 @@ use futures_util::stream::{self, Stream};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::request_macros::{Page, PageQuery, time};
+use super::request_macros::{Page, PageQuery, milliseconds, time};
 use crate::api::extract::{Caller, NoQuery, Path, Query};
 use crate::api::problem::{Problem, ProblemDocument};
 use crate::api::respond::json;
-use crate::domain::job::{Job, JobKind, JobStatus};
+use crate::domain::job::{Job, JobFilter, JobKind, JobStatus};
 use crate::service::app::ServiceError;
+use crate::service::cohorts::catalogue;
 use crate::service::jobs;
 use crate::service::jobs::watch::Watch;
 
 /// Longest silence on an event stream: proxies close connections that look dead.
 const KEEP_ALIVE: Duration = Duration::from_secs(15);
 
-/// A long-running computation.
+/// A long-running computation, without its result.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
-pub struct JobOutput {
+pub(super) struct JobEntry {
     /// Identifier.
     #[schema(example = "job_0198c0ffee00700080000000000000aa")]
     id: String,
@@ -47,14 +48,28 @@ pub struct JobOutput {
     started_at: Option<String>,
     /// Time at which the job finished, RFC 3339 in UTC.
     finished_at: Option<String>,
-    /// Result of the job; null unless it succeeded.
-    #[schema(value_type = Option<Object>)]
-    result: Option<Value>,
     /// Problem document of the failure; null unless it failed.
     problem: Option<ProblemDocument>,
 }
 
+/// A long-running computation.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct JobOutput {
+    #[serde(flatten)]
+    entry: JobEntry,
+    /// Result of the job; null unless it succeeded.
+    #[schema(value_type = Option<Object>)]
+    result: Option<Value>,
+}
+
 impl From<Job> for JobOutput {
+    fn from(mut job: Job) -> Self {
+        let result = job.result.take();
+        Self { entry: job.into(), result }
+    }
+}
+
+impl From<Job> for JobEntry {
     fn from(job: Job) -> Self {
         let problem = ProblemDocument::from_failed(&job);
         Self {
@@ -68,7 +83,6 @@ impl From<Job> for JobOutput {
             created_at: time(job.created_at_ms),
             started_at: job.started_at_ms.map(time),
             finished_at: job.finished_at_ms.map(time),
-            result: job.result,
             problem,
         }
     }
@@ -91,27 +105,40 @@ pub fn accepted(job: Job) -> Result<Response, ServiceError> {
 pub(super) struct JobsQuery {
     /// Jobs with this status only.
     status: Option<JobStatus>,
+    /// Jobs of this kind only.
+    kind: Option<JobKind>,
+    /// Jobs on the cohort with this id or name only.
+    cohort: Option<String>,
+    /// Jobs created at this time or later only, such as `2026-01-31T12:00:00Z`.
+    since: Option<String>,
     /// Cursor from the previous page.
     cursor: Option<String>,
     /// Entries per page, 1 to 1000. Default: 100.
     limit: Option<usize>,
 }
 
-/// Lists jobs in order of creation.
+/// Lists jobs, the newest first, without their results.
 ///
 /// Includes all queued and running jobs, and the last 1000 finished ones.
 #[utoipa::path(get, path = "/jobs", tag = "jobs", params(JobsQuery),
     responses(
-        (status = 200, description = "A page of jobs", body = Page<JobOutput>),
-        (status = 400, description = "The query was refused")
+        (status = 200, description = "A page of jobs", body = Page<JobEntry>),
+        (status = 400, description = "The query was refused"),
+        (status = 404, description = "No such cohort")
     ))]
 pub(super) async fn list_jobs(
     Caller(app): Caller,
     Query(query): Query<JobsQuery>,
 ) -> Result<Response, Problem> {
     let page = PageQuery { cursor: query.cursor, limit: query.limit };
-    let (items, next) = jobs::list(&app, query.status, page.cursor.as_deref(), page.limit()?).await?;
-    let items: Vec<JobOutput> = items.into_iter().map(Into::into).collect();
+    let cohort = match query.cohort {
+        Some(key) => Some(catalogue::find(&app, &key).await?.id),
+        None => None,
+    };
+    let since_ms = query.since.as_deref().map(|text| milliseconds("since", text)).transpose()?;
+    let filter = JobFilter { status: query.status, kind: query.kind, cohort, since_ms };
+    let (items, next) = jobs::list(&app, &filter, page.cursor.as_deref(), page.limit()?).await?;
+    let items: Vec<JobEntry> = items.into_iter().map(Into::into).collect();
     Ok(json(StatusCode::OK, &Page { items, next })?)
 }
 

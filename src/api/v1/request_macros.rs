@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::analysis::alignment::MeanShape;
 use crate::analysis::transformation::ClassName;
+use crate::api::problem::{Problem, ProblemKind};
 use crate::domain::job::Priority;
 use crate::formats::checked::{Checked, take_or_default};
 use crate::formats::shape::{Points, ShapeInput};
@@ -239,13 +240,13 @@ impl PageQuery {
     ///
     /// # Errors
     /// A limit out of bounds.
-    pub(super) fn limit(&self) -> Result<usize, crate::api::problem::Problem> {
+    pub(super) fn limit(&self) -> Result<usize, Problem> {
         let limit = self.limit.unwrap_or(100);
         if (1..=MAX_PAGE).contains(&limit) {
             return Ok(limit);
         }
         let detail = format!("limit: expected a number between 1 and {MAX_PAGE}, got {limit}");
-        Err(crate::api::problem::Problem::new(crate::api::problem::ProblemKind::InvalidQuery, detail))
+        Err(Problem::new(ProblemKind::InvalidQuery, detail))
     }
 }
 
@@ -263,6 +264,18 @@ pub(super) fn known(headers: &HeaderMap, tag: &str) -> bool {
     values
         .flat_map(|value| value.split(','))
         .any(|value| matches!(value.trim(), "*") || value.trim().trim_start_matches("W/") == tag)
+}
+
+/// Milliseconds since 1970 of a time in RFC 3339, the value of the query parameter `name`.
+///
+/// # Errors
+/// Another text.
+pub(super) fn milliseconds(name: &str, text: &str) -> Result<i64, Problem> {
+    let time = text.parse::<jiff::Timestamp>().map_err(|_| {
+        let detail = format!("{name}: expected a time such as 2026-01-31T12:00:00Z");
+        Problem::new(ProblemKind::InvalidQuery, detail)
+    })?;
+    Ok(time.as_millisecond())
 }
 
 /// Milliseconds since 1970 as RFC 3339 UTC.

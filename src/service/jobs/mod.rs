@@ -18,7 +18,7 @@ use tokio::time::Instant;
 
 use crate::domain::dictionary::NewDictionary;
 use crate::domain::id;
-use crate::domain::job::{Job, JobKind, JobOutput, JobStatus};
+use crate::domain::job::{Job, JobFilter, JobKind, JobOutput, JobStatus};
 use crate::service::app::{App, Page, ServiceError, Work, metrics, now_ms};
 use crate::store::jobs::Quota;
 
@@ -74,20 +74,20 @@ fn not_found(id: &str) -> ServiceError {
     ServiceError::NotFound { kind: "job", key: id.into() }
 }
 
-/// Jobs in order of creation, after `cursor` (the id of the last job of the previous page).
+/// Jobs without their results, the newest first, from `cursor` on (the id of the last job of the previous page).
 ///
 /// # Errors
 /// An invalid cursor.
 pub async fn list(
     app: &App,
-    status: Option<JobStatus>,
+    filter: &JobFilter,
     cursor: Option<&str>,
     limit: usize,
 ) -> Result<Page<Job>, ServiceError> {
     if cursor.is_some_and(|cursor| !cursor.starts_with(&format!("{}_", id::JOB))) {
         return Err(ServiceError::Query("cursor: expected a cursor of this list".into()));
     }
-    let mut items = app.store.list_jobs(status, cursor, limit + 1).await?;
+    let mut items = app.store.list_jobs(filter, cursor, limit + 1).await?;
     let next = (items.len() > limit).then(|| items[limit - 1].id.clone());
     items.truncate(limit);
     Ok((items.into_iter().map(|job| app.registry().up_to_date(job)).collect(), next))

@@ -1,7 +1,7 @@
 //! Queue: order, leases, fencing, restarts, retention.
 
 use super::*;
-use crate::domain::job::{Job, JobKind, JobOutput, JobStatus, Priority, Progress};
+use crate::domain::job::{Job, JobFilter, JobKind, JobOutput, JobStatus, Priority, Progress};
 use crate::store::jobs::{MAX_ATTEMPTS, MAX_FINISHED, MAX_QUEUED, Quota};
 
 /// Lease of the claims in these tests.
@@ -234,7 +234,7 @@ async fn the_newest_finished_jobs_are_kept_and_all_others() {
 }
 
 #[tokio::test]
-async fn jobs_are_listed_by_id_and_status() {
+async fn jobs_are_listed_newest_first_by_status_kind_cohort_and_time() {
     let (_folder, store) = fresh().await;
     let mut ids = Vec::new();
     for now in 1..=5 {
@@ -242,16 +242,28 @@ async fn jobs_are_listed_by_id_and_status() {
     }
     let running = claimed(&store, 10).await.job.id;
     assert_eq!(running, ids[0]);
-    let list = async |status, after: Option<&str>, limit| -> Vec<String> {
-        let jobs = store.list_jobs(status, after, limit).await.unwrap();
+    ids.reverse();
+    let list = async |filter: JobFilter, before: Option<&str>, limit| -> Vec<String> {
+        let jobs = store.list_jobs(&filter, before, limit).await.unwrap();
         jobs.into_iter().map(|job| job.id).collect()
     };
-    assert_eq!(list(None, None, 10).await, ids);
-    assert_eq!(list(None, Some(&ids[1]), 2).await, ids[2..4]);
-    assert_eq!(list(Some(JobStatus::Queued), None, 10).await, ids[1..]);
-    assert_eq!(list(Some(JobStatus::Queued), Some(&ids[3]), 10).await, ids[4..]);
-    assert_eq!(list(Some(JobStatus::Running), None, 10).await, ids[..1]);
-    assert_eq!(list(Some(JobStatus::Failed), None, 10).await, [""; 0]);
+    let all = JobFilter::default();
+    let with = |status| JobFilter { status: Some(status), ..JobFilter::default() };
+    assert_eq!(list(all.clone(), None, 10).await, ids);
+    assert_eq!(list(all.clone(), Some(&ids[1]), 2).await, ids[2..4]);
+    assert_eq!(list(with(JobStatus::Queued), None, 10).await, ids[..4]);
+    assert_eq!(list(with(JobStatus::Queued), Some(&ids[2]), 10).await, ids[3..4]);
+    assert_eq!(list(with(JobStatus::Running), None, 10).await, ids[4..]);
+    assert_eq!(list(with(JobStatus::Failed), None, 10).await, [""; 0]);
+    assert_eq!(list(JobFilter { since_ms: Some(4), ..all.clone() }, None, 10).await, ids[..2]);
+    let kind = |kind| JobFilter { kind: Some(kind), ..JobFilter::default() };
+    assert_eq!(list(kind(JobKind::LearnDictionary), None, 10).await, ids);
+    assert_eq!(list(kind(JobKind::Distances), None, 10).await, [""; 0]);
+    let of_cohort = Job::new(JobKind::Distances, json!({"cohort": "coh_1"}), 9);
+    store.create_job(&of_cohort, None).await.unwrap();
+    let cohort = |cohort: &str| JobFilter { cohort: Some(cohort.into()), ..JobFilter::default() };
+    assert_eq!(list(cohort("coh_1"), None, 10).await, [of_cohort.id]);
+    assert_eq!(list(cohort("coh_2"), None, 10).await, [""; 0]);
 }
 
 /// A job that succeeded with an output of `bytes` bytes.

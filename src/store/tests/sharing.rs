@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::domain::change::ChangeKind;
-use crate::domain::job::{Job, JobKind, JobStatus};
+use crate::domain::job::{Job, JobFilter, JobKind, JobStatus};
 use crate::domain::retry::{Receipt, RetryKey};
 
 fn for_tenant(store: &Store, tenant: &str) -> Store {
@@ -35,7 +35,7 @@ async fn tenants_do_not_see_each_other() {
     }
     assert_eq!(theirs.list_cohorts(None, 9).await.unwrap(), []);
     assert_eq!(theirs.find_job(&job.id).await.unwrap(), None);
-    assert_eq!(theirs.list_jobs(None, None, 9).await.unwrap(), []);
+    assert_eq!(theirs.list_jobs(&JobFilter::default(), None, 9).await.unwrap(), []);
     assert_eq!(theirs.cancel_job(&job.id, 2).await.unwrap(), None);
     assert_eq!(theirs.list_changes(0, 9).await.unwrap(), []);
     assert!(!theirs.trash_cohort(&cohort.id, None, 2).await.unwrap());
@@ -68,7 +68,7 @@ async fn a_key_for_one_cohort_sees_nothing_of_another() {
     assert_eq!(narrow.find_cohort("hands").await.unwrap().as_ref(), Some(&hands));
     assert_eq!(narrow.find_cohort("feet").await.unwrap(), None);
     let seen: Vec<String> =
-        narrow.list_jobs(None, None, 9).await.unwrap().into_iter().map(|j| j.id).collect();
+        narrow.list_jobs(&JobFilter::default(), None, 9).await.unwrap().into_iter().map(|j| j.id).collect();
     assert_eq!(seen, [jobs[0].id.clone()]);
     assert_eq!(narrow.find_job(&jobs[1].id).await.unwrap(), None);
     assert_eq!(narrow.cancel_job(&jobs[1].id, 2).await.unwrap(), None);
