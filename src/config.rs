@@ -213,12 +213,22 @@ serve_settings! {
     oidc_require_at_jwt: bool = "SHAPELEX_OIDC_REQUIRE_AT_JWT", false;
     /// Allowed difference in seconds between the clocks of provider and service, at most 300
     oidc_leeway_seconds: u64 = "SHAPELEX_OIDC_LEEWAY_SECONDS", 30;
+    /// Origins whose pages may read answers in a browser, such as `https://dashboard.example`, separated by commas
+    allow_origin: String = "SHAPELEX_ALLOW_ORIGIN", String::new();
     /// Serve /metrics without authentication
     metrics_open: bool = "SHAPELEX_METRICS_OPEN", false;
     /// Log filter, such as `info` or `shapelex=debug`
     log: String = "SHAPELEX_LOG", "info".into();
     /// Log format
     log_format: LogFormat = "SHAPELEX_LOG_FORMAT", LogFormat::Text;
+}
+
+/// Whether the text is an origin as browsers write it: scheme, host and port, in lower case and without a path.
+fn is_origin(text: &str) -> bool {
+    let of_scheme = |scheme: &str| text.strip_prefix(scheme);
+    let host = of_scheme("https://").or_else(|| of_scheme("http://")).unwrap_or_default();
+    let is_plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || "-.:[]".contains(c);
+    !host.is_empty() && host.chars().all(is_plain)
 }
 
 /// Format of log lines.
@@ -299,6 +309,11 @@ impl ServeConfig {
         }
     }
 
+    /// Origins whose pages may read answers.
+    fn origins(&self) -> impl Iterator<Item = &str> {
+        self.allow_origin.split(',').map(str::trim).filter(|origin| !origin.is_empty())
+    }
+
     /// Retention periods.
     pub fn terms(&self) -> Terms {
         Terms { trash_days: self.trash_days, audit_days: self.audit_days }
@@ -324,6 +339,11 @@ impl ServeConfig {
         if self.max_head_bytes < MIN_HEAD_BYTES {
             let found = self.max_head_bytes;
             return Err(format!("max_head_bytes: expected at least {MIN_HEAD_BYTES}, got {found}"));
+        }
+        if let Some(other) = self.origins().find(|origin| !is_origin(origin)) {
+            return Err(format!(
+                "allow_origin: expected origins such as https://dashboard.example, without a path, got '{other}'"
+            ));
         }
         if self.max_streams == 0 {
             return Err("max_streams: expected at least 1, got 0".into());
@@ -357,7 +377,12 @@ impl ServeConfig {
             leeway_s: self.oidc_leeway_seconds,
             access_only: self.oidc_require_at_jwt,
         });
-        AccessSettings { loopback: self.listen.ip().is_loopback(), metrics_open: self.metrics_open, tokens }
+        AccessSettings {
+            loopback: self.listen.ip().is_loopback(),
+            metrics_open: self.metrics_open,
+            origins: self.origins().map(str::to_owned).collect(),
+            tokens,
+        }
     }
 }
 
@@ -397,6 +422,15 @@ mod tests {
         assert!(ServeConfig::load(args).unwrap_err().contains("at most 64"));
         let args = ServeArgs { tls_cert: Some("chain.pem".into()), ..ServeArgs::default() };
         assert!(ServeConfig::load(args).unwrap_err().contains("both tls_cert and tls_key"));
+        let origins = |text: &str| ServeArgs { allow_origin: Some(text.into()), ..ServeArgs::default() };
+        for wrong in
+            ["*", "null", "dashboard.example", "https://a.example/", "https://A.example", "https://a.b/c"]
+        {
+            let refused = ServeConfig::load(origins(&format!("https://ok.example, {wrong}")));
+            assert!(refused.unwrap_err().contains(&format!("'{wrong}'")), "{wrong}");
+        }
+        let config = ServeConfig::load(origins("https://a.example, http://localhost:3000")).unwrap();
+        assert_eq!(config.access().origins, ["https://a.example", "http://localhost:3000"]);
         let args = ServeArgs { max_head_bytes: Some(100), ..ServeArgs::default() };
         assert!(ServeConfig::load(args).unwrap_err().contains("at least 8192"));
         let args = ServeArgs { max_buffered_bytes: Some(1 << 20), ..ServeArgs::default() };

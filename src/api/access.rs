@@ -158,7 +158,7 @@ pub async fn admit(Extension(app): Extension<App>, mut request: Request, next: N
     let quiet = app.trail().refusals().is_loud(observe::network(&request));
     match identify(&app, shown(request.headers()), quiet).await {
         Ok(principal) => {
-            let (allowed, principal) = (check(&principal, role, &request), Arc::new(principal));
+            let (allowed, principal) = (check(&app, &principal, role, &request), Arc::new(principal));
             if let Some(asker) = request.extensions().get::<Asker>() {
                 asker.is(&principal);
             }
@@ -186,7 +186,7 @@ fn shown(headers: &HeaderMap) -> Shown<'_> {
 }
 
 /// Checks that a caller may use an operation that needs `role`.
-fn check(principal: &Principal, role: Role, request: &Request) -> Result<(), Problem> {
+fn check(app: &App, principal: &Principal, role: Role, request: &Request) -> Result<(), Problem> {
     let refuse = |detail: String| Err(Problem::new(ProblemKind::Forbidden, detail));
     if principal.is_local() && !names_this_machine(request) {
         return refuse(
@@ -195,10 +195,11 @@ fn check(principal: &Principal, role: Role, request: &Request) -> Result<(), Pro
     }
     if principal.is_local()
         && let Some(header) = origin::foreign(request.uri(), request.headers())
+        && !origin::only(request.headers()).is_some_and(|origin| app.allows_origin(origin))
     {
         return refuse(format!(
             "expected the service's own origin in {header}, because the service has no keys: create a key to \
-             answer pages of other sites or ports"
+             answer pages of other sites or ports, or list their origin in allow_origin"
         ));
     }
     if principal.role < role {

@@ -6,7 +6,7 @@ use utoipa::openapi::{
     Type,
 };
 
-use super::health;
+use super::{health, negotiation};
 
 /// Media type of problem documents.
 const PROBLEM: &str = "application/problem+json";
@@ -35,6 +35,10 @@ pub(super) fn complete(document: &mut OpenApi) {
             }
             if !health::PATHS.contains(&path.as_str()) {
                 add_limits(operation);
+            }
+            if negotiation::only_media_type(operation).is_some() {
+                let refused = || refusal("The media type of the answer is not accepted").build().into();
+                operation.responses.responses.entry("406".to_owned()).or_insert_with(refused);
             }
             describe_refusals(operation);
         }

@@ -20,6 +20,9 @@ const SVG_POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; frame-a
 const DOCS_POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; \
      img-src 'self' data:; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 
+/// Request headers on which answers depend.
+const VARY: [&str; 3] = ["accept", "accept-encoding", "authorization"];
+
 const ALWAYS: [(HeaderName, HeaderValue); 3] = [
     (header::X_CONTENT_TYPE_OPTIONS, HeaderValue::from_static("nosniff")),
     (header::REFERRER_POLICY, HeaderValue::from_static("no-referrer")),
@@ -39,9 +42,23 @@ pub async fn secure(request: Request, next: Next) -> Response {
     }
     headers.insert(header::CONTENT_SECURITY_POLICY, HeaderValue::from_static(policy(headers, is_docs)));
     if is_api {
+        add_variations(headers);
         headers.insert(header::CACHE_CONTROL, HeaderValue::from_static(caching(headers)));
     }
     response
+}
+
+/// Adds the request headers on which every answer depends to those that inner layers have named.
+fn add_variations(headers: &mut HeaderMap) {
+    let named = headers.get_all(header::VARY).iter().filter_map(|value| value.to_str().ok());
+    let mut names: Vec<String> =
+        named.flat_map(|value| value.split(',')).map(|name| name.trim().to_ascii_lowercase()).collect();
+    names.extend(VARY.map(str::to_owned));
+    names.sort();
+    names.dedup();
+    if let Ok(value) = HeaderValue::from_str(&names.join(", ")) {
+        headers.insert(header::VARY, value);
+    }
 }
 
 fn policy(headers: &HeaderMap, is_docs: bool) -> &'static str {

@@ -7,6 +7,7 @@
 //! * [`body`] — request memory; [`answers`] — response memory; [`drain`] — draining of refused bodies;
 //!   [`inspected_body`] — bodies that report what passes through them;
 //! * [`observe`], [`audit`] — metrics, log and audit trail of every request; [`metrics`] — the metrics endpoint;
+//! * `negotiation` — media types of answers; `cross_origin` — pages of other origins that may read answers;
 //! * [`extract`] — bodies, queries and formats, with problem documents as rejections;
 //! * [`respond`] — responses computed and serialised on the thread pool;
 //! * [`health`] — liveness and readiness.
@@ -15,6 +16,7 @@ pub mod access;
 pub mod answers;
 pub mod audit;
 pub mod body;
+mod cross_origin;
 mod document;
 pub mod drain;
 pub mod extract;
@@ -22,6 +24,7 @@ pub mod headers;
 pub mod health;
 pub mod inspected_body;
 pub mod metrics;
+mod negotiation;
 pub mod observe;
 pub mod origin;
 pub mod overload;
@@ -29,7 +32,10 @@ pub mod problem;
 pub mod respond;
 pub mod v1;
 
+use std::sync::Arc;
+
 use axum::body::Body;
+use axum::extract::Request;
 use axum::http::HeaderName;
 use axum::middleware::{from_fn, from_fn_with_state};
 use axum::routing::get;
@@ -85,6 +91,7 @@ fn routes() -> (Router<App>, utoipa::openapi::OpenApi) {
         .merge(computing)
         .merge(streamed)
         .layer(from_fn(overload::count))
+        .layer(from_fn(negotiation::check))
         .layer(from_fn(access::admit))
         .layer(from_fn(overload::count_refused))
         .layer(from_fn(overload::stopping))
@@ -99,6 +106,16 @@ fn routes() -> (Router<App>, utoipa::openapi::OpenApi) {
 /// OpenAPI document of the service.
 pub fn openapi() -> utoipa::openapi::OpenApi {
     routes().1
+}
+
+/// Adds the context to the extensions of a request. A layer is cloned for every request by each layer outside of it, and the
+/// context is large: the layer holds a pointer.
+fn adding(app: &App) -> impl Fn(Request) -> Request + Clone + use<> {
+    let app = Arc::new(app.clone());
+    move |mut request| {
+        request.extensions_mut().insert(App::clone(&app));
+        request
+    }
 }
 
 /// The complete service as a router.
@@ -121,11 +138,11 @@ pub fn router(app: App) -> Router {
         .layer(from_fn_with_state(app.memory.clone(), answers::hold))
         .layer(Extension(overload::Edge::new(&app.limits)))
         .layer(from_fn(body::bound))
-        .layer(Extension(app.clone()))
+        .map_request(adding(&app))
         .layer(RequestDecompressionLayer::new().gzip(true).pass_through_unaccepted(false))
         .map_request(|request: axum::http::Request<DecompressionBody<Body>>| request.map(Body::new))
         .layer(from_fn(body::bound_expansion));
-    router
+    let router = router
         .route("/", get(v1::index))
         .merge(utoipa_swagger_ui::SwaggerUi::new("/docs").url("/openapi.json", document))
         .fallback(|uri: axum::http::Uri| async move {
@@ -137,6 +154,7 @@ pub fn router(app: App) -> Router {
                 format!("the method {method} is not available here: see the Allow header"),
             )
         })
-        .layer(middleware)
-        .with_state(app)
+        .layer(tower::util::option_layer(cross_origin::layer(&app)))
+        .layer(middleware);
+    router.with_state(app)
 }

@@ -3,7 +3,7 @@
 //! As long as no keys exist, being on the machine is a caller's only credential, and every page in a browser on it has that
 //! too. Browsers declare the origin of a request (`Origin`, `Sec-Fetch-Site`); other programs do not. With keys the check is
 //! unnecessary: a browser does not add `Authorization` by itself, and a cross-site page that adds it triggers a preflight,
-//! which the service does not answer.
+//! which the service answers only for the origins that its operator allows.
 
 use axum::http::header::{HOST, ORIGIN};
 use axum::http::uri::Authority;
@@ -24,6 +24,13 @@ pub fn foreign(uri: &Uri, headers: &HeaderMap) -> Option<&'static str> {
     let is_own = |value: &str| own.as_ref().is_some_and(|own| is_origin_of(value, own));
     let all_own = headers.get_all(ORIGIN).iter().all(|value| value.to_str().is_ok_and(is_own));
     (!all_own).then_some("Origin")
+}
+
+/// Origin of the page that makes the request, if it names exactly one.
+pub fn only(headers: &HeaderMap) -> Option<&str> {
+    let mut values = headers.get_all(ORIGIN).iter();
+    let value = values.next().filter(|_| values.next().is_none())?;
+    value.to_str().ok()
 }
 
 /// Authority that the request addresses.

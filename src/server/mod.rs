@@ -24,7 +24,7 @@ use crate::api;
 use crate::config::ServeConfig;
 use crate::service::access::Access;
 use crate::service::app::{App, clock, metrics};
-use crate::service::cohorts::example;
+use crate::service::cohorts::{catalogue, example};
 use crate::service::{access, dispatch};
 use crate::worker::{Worker, tidy};
 
@@ -109,7 +109,8 @@ async fn listen(config: &ServeConfig, app: &App) -> Result<(TcpListener, Option<
         );
     }
     tracing::info!(%address, scheme, "listening");
-    announce(&format!("{scheme}://{address}"), is_open);
+    let has_example = is_open && catalogue::find(app, example::NAME).await.is_ok();
+    announce(&format!("{scheme}://{address}"), is_open, has_example);
     let tls = certificate.as_ref().map(Certificate::config);
     if let Some(certificate) = certificate {
         tokio::spawn(certificate.watch());
@@ -134,12 +135,16 @@ async fn certificate(config: &ServeConfig) -> Result<Option<Certificate>, String
     Certificate::read(chain, key).await.map(Some)
 }
 
-/// Prints the address line that programs wait for, an example request, and a warning if access is open.
-fn announce(address: &str, is_open: bool) {
+/// Prints the address line that programs wait for, a request for the example cohort if that exists, and a warning if access
+/// is open.
+fn announce(address: &str, is_open: bool, has_example: bool) {
     #[allow(clippy::print_stdout, reason = "programs read the address from here")]
     {
         println!("shapelex is listening on {address}");
-        println!("try: curl '{address}/v1/cohorts/example-cells/mean?transformation=similarity'");
+        if has_example {
+            let name = example::NAME;
+            println!("try: curl '{address}/v1/cohorts/{name}/mean?transformation=similarity'");
+        }
         if is_open {
             println!(
                 "access is open to all users of this machine; `shapelex key create` makes the first key and closes it"

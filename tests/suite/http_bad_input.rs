@@ -898,7 +898,7 @@ fn other_media_types_methods_routes_and_formats_are_refused() {
             reply.expect_problem(415, "unsupported-media-type", &[]);
         }
         // JSON by other names.
-        for media_type in ["application/json; charset=utf-8", "Application/JSON", "application/vnd.x+json"] {
+        for media_type in ["application/json; charset=utf-8", "Application/JSON"] {
             assert_eq!(server.post_bytes(path, media_type, "{}").status, 422, "{path} {media_type}");
         }
         for method in [Method::PUT, Method::PATCH, Method::DELETE] {

@@ -3,6 +3,7 @@
 use std::f64::consts::{PI, TAU};
 use std::io::{Read, Write};
 use std::path::Path;
+use std::time::Duration;
 
 use flate2::Compression;
 use flate2::read::GzDecoder;
@@ -841,12 +842,73 @@ fn the_mean_of_a_cohort_is_the_mean_of_its_shapes() {
             let mut stored = server.get(&query).expect(200);
             let revision = stored.as_object_mut().unwrap().remove("revision").unwrap();
             assert_eq!(revision, 3);
+            assert_eq!(stored.as_object_mut().unwrap().remove("started_from"), Some(Value::Null));
             assert_eq!(stored, direct(shapes, class, frame), "{query}: bit for bit");
         }
     }
     let query = "/v1/cohorts/cells/mean?transformation=rigid&alignment=procrustes";
     assert_eq!(server.get(query).expect(200)["shapes"], cells.len());
     caching(&server);
+}
+
+/// From the shapes as given, a search ends where it always does; from the last search it begins with what that has found.
+#[test]
+fn the_mean_of_a_growing_cohort_may_start_from_the_last_one() {
+    let server = Server::fresh();
+    let other = Server::fresh();
+    let cells = &cells()[..60];
+    for server in [&server, &other] {
+        new_cohort(server, "cells", &trigonometric(40), "cyclic");
+        server.post("/v1/cohorts/cells/shapes", &json!({"shapes": cells[..58]})).expect(201);
+    }
+    let path = |alignment: &str, more: &str| {
+        format!("/v1/cohorts/cells/mean?transformation=similarity&alignment={alignment}{more}")
+    };
+    for alignment in ["projection", "procrustes"] {
+        let first = server.get(&path(alignment, "&start=last")).expect(200);
+        assert_eq!(first["started_from"], Value::Null, "there was none before");
+        assert!(first["rounds"].as_u64().unwrap() > 3, "{}", first["rounds"]);
+    }
+    let again = server.get(&path("projection", "&start=last&frame=canonical")).expect(200);
+    assert_eq!(
+        (&again["started_from"], &again["rounds"]),
+        (&json!(1), &json!(1)),
+        "another frame, no new shape"
+    );
+
+    let stale = path("projection", "&start=last&stale=true");
+    assert_eq!(server.get(&stale).expect(200)["revision"], 1);
+    for server in [&server, &other] {
+        server.post("/v1/cohorts/cells/shapes", &json!({"shapes": cells[58..]})).expect(201);
+    }
+    assert_eq!(server.get(&stale).expect(200)["revision"], 1, "the last one computed");
+    let renewed = || {
+        std::thread::sleep(Duration::from_millis(10));
+        server.get(&stale).expect(200)["revision"] == 2
+    };
+    assert!((0..1000).any(|_| renewed()), "computed in the background");
+    for alignment in ["projection", "procrustes"] {
+        let warm = server.get(&path(alignment, "&start=last")).expect(200);
+        assert_eq!((&warm["revision"], &warm["started_from"]), (&json!(2), &json!(1)), "{alignment}");
+        assert_eq!((&warm["shapes"], &warm["converged"]), (&json!(60), &json!(true)));
+        let cold = server.get(&path(alignment, ""));
+        assert_eq!(
+            cold.body,
+            other.get(&path(alignment, "")).body,
+            "{alignment}: what was asked before is no part of it"
+        );
+        let cold = cold.expect(200);
+        assert_eq!(cold["started_from"], Value::Null);
+        if alignment == "projection" {
+            // Another local optimum: the sums of 60 squared cosines differ in the fourth digit.
+            let [warm, cold] = [&warm, &cold].map(|mean| mean["objective"].as_f64().unwrap());
+            assert!((warm - cold).abs() < 1e-3 * cold, "{warm} {cold}");
+        }
+    }
+    for (name, value) in [("stale", "maybe"), ("start", "first")] {
+        let query = path("projection", &format!("&{name}={value}"));
+        server.get(&query).expect_problem(400, "invalid-query", &[]);
+    }
 }
 
 fn caching(server: &Server) {

@@ -7,6 +7,7 @@ mod guards;
 mod health;
 mod http_access;
 mod http_bad_input;
+mod http_browsers;
 mod http_classes;
 mod http_comparisons;
 mod http_contract;

@@ -34,6 +34,8 @@ pub struct AccessSettings {
     pub loopback: bool,
     /// Whether the metrics are readable without credentials.
     pub metrics_open: bool,
+    /// Origins whose pages may read answers in a browser.
+    pub origins: Vec<String>,
     /// The identity provider, if one is trusted.
     pub tokens: Option<tokens::TokenSettings>,
 }
@@ -43,6 +45,7 @@ pub struct AccessSettings {
 pub struct Access {
     loopback: bool,
     metrics_open: bool,
+    origins: Vec<String>,
     keys: KeyCache,
     tokens: Option<Verifier>,
 }
@@ -50,7 +53,8 @@ pub struct Access {
 impl Default for Access {
     /// Access control of a service on a loopback address.
     fn default() -> Self {
-        Self { loopback: true, metrics_open: false, keys: KeyCache::default(), tokens: None }
+        let (keys, origins) = (KeyCache::default(), Vec::new());
+        Self { loopback: true, metrics_open: false, origins, keys, tokens: None }
     }
 }
 
@@ -60,13 +64,13 @@ impl Access {
     /// # Errors
     /// Invalid settings, described in one sentence.
     pub fn new(settings: AccessSettings) -> Result<Self, String> {
-        let AccessSettings { loopback, metrics_open, tokens } = settings;
+        let AccessSettings { loopback, metrics_open, origins, tokens } = settings;
         let verifier = |settings: tokens::TokenSettings| {
             let provider = Provider::new(&settings.issuer, settings.jwks_url.as_deref())?;
             Ok::<_, String>(Verifier::new(settings, provider))
         };
         let tokens = tokens.map(verifier).transpose()?;
-        Ok(Self { loopback, metrics_open, keys: KeyCache::default(), tokens })
+        Ok(Self { loopback, metrics_open, origins, keys: KeyCache::default(), tokens })
     }
 }
 
@@ -174,6 +178,16 @@ impl App {
 
     fn access(&self) -> Arc<Access> {
         self.state()
+    }
+
+    /// Origins whose pages may read answers in a browser.
+    pub fn allowed_origins(&self) -> Vec<String> {
+        self.access().origins.clone()
+    }
+
+    /// Whether a page of this origin may read answers in a browser.
+    pub fn allows_origin(&self, origin: &str) -> bool {
+        self.access().origins.iter().any(|allowed| allowed == origin)
     }
 
     /// Whether the metrics are readable without credentials.

@@ -1,0 +1,123 @@
+//! Media types of answers: refuses a request whose `Accept` header excludes the media type of its operation, before any work
+//! is done. Operations with several media types choose one themselves.
+
+use std::collections::HashMap;
+use std::sync::LazyLock;
+
+use axum::extract::Request;
+use axum::http::{HeaderMap, Method, header};
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Response};
+use utoipa::openapi::path::Operation;
+use utoipa::openapi::{OpenApi, RefOr};
+
+use super::observe;
+use super::problem::{Problem, ProblemKind};
+
+/// Media types by route template and method.
+type Offers = HashMap<(String, Method), String>;
+
+static OFFERS: LazyLock<Offers> = LazyLock::new(|| offers(&super::openapi()));
+
+/// Media types of the successful answers of every operation that has a single one.
+fn offers(document: &OpenApi) -> Offers {
+    let paths = document.paths.paths.iter();
+    paths
+        .flat_map(|(path, item)| {
+            let methods = [
+                (Method::GET, &item.get),
+                (Method::PUT, &item.put),
+                (Method::POST, &item.post),
+                (Method::PATCH, &item.patch),
+                (Method::DELETE, &item.delete),
+            ];
+            let offered = methods.into_iter().filter_map(|(method, operation)| {
+                Some(((path.clone(), method), only_media_type(operation.as_ref()?)?))
+            });
+            offered.collect::<Vec<_>>()
+        })
+        .collect()
+}
+
+/// Media type of the successful answers of an operation, if there is exactly one.
+pub(super) fn only_media_type(operation: &Operation) -> Option<String> {
+    let responses = operation.responses.responses.iter().filter(|(status, _)| status.starts_with('2'));
+    let contents = responses.filter_map(|(_, response)| match response {
+        RefOr::T(response) => Some(response.content.keys().cloned()),
+        RefOr::Ref(_) => None,
+    });
+    let mut found: Vec<String> = contents.flatten().collect();
+    found.dedup();
+    found.pop().filter(|_| found.is_empty())
+}
+
+/// Refuses requests that do not accept the media type of the answer. A `format` in the query takes precedence over the header.
+pub(super) async fn check(request: Request, next: Next) -> Response {
+    let route = observe::route(&request).unwrap_or_default();
+    let method = if request.method() == Method::HEAD { Method::GET } else { request.method().clone() };
+    let names_format = request
+        .uri()
+        .query()
+        .is_some_and(|query| query.split('&').any(|parameter| parameter.split('=').next() == Some("format")));
+    let accepted = ranges(request.headers());
+    let offered = OFFERS.get(&(route.to_owned(), method)).filter(|_| !names_format && !accepted.is_empty());
+    let is_welcome = |media_type: &String| accepted.iter().any(|range| covers(range, media_type));
+    let Some(offered) = offered.filter(|media_type| !is_welcome(media_type)) else {
+        return next.run(request).await;
+    };
+    let detail = format!("expected {offered} to be accepted, got '{}'", accepted.join(", "));
+    Problem::new(ProblemKind::NotAcceptable, detail).into_response()
+}
+
+/// Media ranges of the `Accept` headers in lower case, without those of quality 0.
+fn ranges(headers: &HeaderMap) -> Vec<String> {
+    let values = headers.get_all(header::ACCEPT).iter().filter_map(|value| value.to_str().ok());
+    let ranges = values.flat_map(|value| value.split(',')).filter_map(|range| {
+        let mut parts = range.split(';').map(str::trim);
+        let name = parts.next().filter(|name| !name.is_empty())?;
+        let quality = parts.find_map(|part| part.strip_prefix("q=")).and_then(|text| text.parse().ok());
+        (quality.unwrap_or(1.0) > 0.0).then(|| name.to_ascii_lowercase())
+    });
+    ranges.collect()
+}
+
+/// Whether a media range such as `image/*` includes a media type.
+fn covers(range: &str, media_type: &str) -> bool {
+    let media_type = media_type.split(';').next().unwrap_or_default().trim();
+    match range.strip_suffix("/*") {
+        Some("*") => true,
+        Some(kind) => media_type.split('/').next() == Some(kind),
+        None => range == media_type,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn operations_offer_the_media_type_of_their_answers() {
+        let offered = |method: Method, path: &str| OFFERS.get(&(path.to_owned(), method)).map(String::as_str);
+        assert_eq!(offered(Method::GET, "/v1/cohorts/{cohort}/shapes"), Some("application/json"));
+        assert_eq!(offered(Method::GET, "/metrics"), Some("text/plain; version=0.0.4"));
+        assert_eq!(offered(Method::DELETE, "/v1/cohorts/{cohort}"), None, "no answer");
+        assert_eq!(offered(Method::GET, "/v1/cohorts/{cohort}/mean"), None, "several");
+    }
+
+    #[test]
+    fn ranges_are_read_as_the_standard_says() {
+        let mut headers = HeaderMap::new();
+        headers.append(header::ACCEPT, "Text/CSV;q=0.5, image/*, a/b;q=0, ,*/*;q=0.0".parse().unwrap());
+        headers.append(header::ACCEPT, "application/json; charset=utf-8".parse().unwrap());
+        assert_eq!(ranges(&headers), ["text/csv", "image/*", "application/json"]);
+        for (range, media_type, expected) in [
+            ("*/*", "text/csv", true),
+            ("text/*", "text/csv", true),
+            ("text/*", "image/svg+xml", false),
+            ("text/csv", "text/csv; charset=utf-8", true),
+            ("text/c", "text/csv", false),
+        ] {
+            assert_eq!(covers(range, media_type), expected, "{range} {media_type}");
+        }
+    }
+}
