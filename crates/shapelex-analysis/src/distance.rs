@@ -13,8 +13,9 @@
 //!
 //! Every distance is computed from a few inner products `p` of a pair: with `P = QQᵀ`, `tr(P₁P₂) = ‖Q₁ᵀQ₂‖²`, a sum of
 //! squares. Without a search of start points the products come from one matrix product of stacked bases. With it, spectra are
-//! kept, and one inverse FFT per product gives all `N` start points at once; where the products are the parts of `z₁* z₂`, one
-//! complex FFT per pair.
+//! kept, and one inverse FFT per product gives all `N` start points at once. In the plane, with `z = x + iy`, similarities need
+//! one complex FFT per pair, for `z₁* z₂`, and affine classes two: the squares of their four products have the sum
+//! `½ (|z₁* z₂|² + |z₁ᵀ z₂|²)`.
 //!
 //! Accuracy: squared distances are exact to some `10⁻¹⁵` (of `‖x‖² + ‖y‖²`), hence distances `d` to `10⁻¹⁵/d`. The distance
 //! of two shapes of one class is up to some `3·10⁻⁸` rather than zero.
@@ -35,7 +36,9 @@ use super::subspace::Subspace;
 use super::transformation::{Structure, TransformationClass};
 use shapelex_numeric::dense::{Matrix, transpose_multiply_columns};
 use shapelex_numeric::fft::{ComplexFft, FftScratch, RealFft};
-use shapelex_numeric::kernels::{largest, multiply_conjugates, squared_norms};
+use shapelex_numeric::kernels::{
+    add_squared_norms, largest, multiply_conjugates, multiply_mirrored, squared_norms,
+};
 
 /// Maximum number of shapes per side of a tile of the matrix: two tiles of spectra fit in the cache.
 const TILE: usize = 32;
@@ -48,6 +51,9 @@ const TILE_COLUMNS: usize = 256;
 
 /// Relative difference below which the scores of two placements are equal; the first placement wins.
 const TIE: f64 = 1e-12;
+
+/// `2^{−1/4}`: with this factor on both shapes, sums of squares are halved.
+const HALF_ROOT: f64 = 0.840_896_415_253_714_5;
 
 /// Relative distance from the span of a class above which a matrix does not belong to the class.
 const IN_SPAN: f64 = 1e-9;
@@ -78,6 +84,9 @@ enum Transform {
     Real(RealFft),
     /// One complex inverse transform for `z₁* z₂`, whose parts are the two products.
     Complex(ComplexFft),
+    /// Two complex inverse transforms, for `z₁* z₂` and `z₁ᵀ z₂`: their parts are sums and differences of the products of both
+    /// columns with both.
+    ComplexPair(ComplexFft),
 }
 
 impl Transform {
@@ -85,7 +94,7 @@ impl Transform {
     fn spectrum_len(&self, columns: usize) -> usize {
         match self {
             Self::Real(fft) => columns * fft.spectrum_len(),
-            Self::Complex(fft) => fft.len(),
+            Self::Complex(fft) | Self::ComplexPair(fft) => fft.len(),
         }
     }
 
@@ -100,6 +109,7 @@ impl Transform {
         match self {
             Self::Real(fft) => operations(fft.len(), terms, products),
             Self::Complex(fft) => operations(fft.len(), 2.0, COMPLEX),
+            Self::ComplexPair(fft) => operations(fft.len(), 4.0, 2.0 * COMPLEX),
         }
     }
 }
@@ -226,9 +236,14 @@ impl DistanceSpace {
                 (d, products, score, if fit.scales { Scale::Unit(1.0) } else { Scale::Sizes })
             }
         };
-        let transform = matching.fft().map(|fft| match products == complex_products() {
-            true => Transform::Complex(ComplexFft::new(fft.len())),
-            false => Transform::Real(fft.clone()),
+        let transform = matching.fft().map(|fft| match score {
+            Score::Squares if products == complex_products() => {
+                Transform::Complex(ComplexFft::new(fft.len()))
+            }
+            Score::Squares if products == each_with_each(2) => {
+                Transform::ComplexPair(ComplexFft::new(fft.len()))
+            }
+            _ => Transform::Real(fft.clone()),
         });
         let bounded = match (&transform, score) {
             (Some(Transform::Complex(_)), _) => Some(Signals::Complex),
@@ -317,7 +332,8 @@ impl DistanceSpace {
         }
         let laid = signals.into_iter().map(|signals| match &self.transform {
             Some(Transform::Real(fft)) => Columns::Spectra(spectra(fft, &signals)),
-            Some(Transform::Complex(fft)) => Columns::Spectra(complex_spectra(fft, &signals)),
+            Some(Transform::Complex(fft)) => Columns::Spectra(complex_spectra(fft, 1.0, &signals)),
+            Some(Transform::ComplexPair(fft)) => Columns::Spectra(complex_spectra(fft, HALF_ROOT, &signals)),
             None => Columns::Signals(signals),
         });
         let laid: Vec<Columns> = laid.collect();
@@ -527,6 +543,7 @@ impl DistanceSpace {
                 match transform {
                     Transform::Real(fft) => self.scores_of_spectra(fft, first, second, work),
                     Transform::Complex(fft) => scores_of_complex_spectra(fft, first, second, work),
+                    Transform::ComplexPair(fft) => scores_of_complex_pair(fft, first, second, work),
                 }
             }
             (Columns::Signals(first), Columns::Signals(second), _) => {
@@ -598,6 +615,7 @@ impl DistanceSpace {
             None => (Scratch::None, 0),
             Some(Transform::Real(fft)) => (Scratch::Real(fft.scratch()), fft.spectrum_len()),
             Some(Transform::Complex(fft)) => (Scratch::Complex(fft.scratch()), n),
+            Some(Transform::ComplexPair(fft)) => (Scratch::Complex(fft.scratch()), 2 * n),
         };
         Work {
             scratch,
@@ -617,6 +635,20 @@ fn scores_of_complex_spectra(fft: &ComplexFft, first: &[Complex64], second: &[Co
     multiply_conjugates(&mut work.spectrum, first, second);
     fft.inverse(&mut work.spectrum, scratch);
     squared_norms(&mut work.scores, &work.spectrum);
+}
+
+/// `|p(s)|² + |q(s)|²` with `p(s)` as above and `q(s)` the same of `z₁*` instead of `z₁`, for every start point `s`.
+fn scores_of_complex_pair(fft: &ComplexFft, first: &[Complex64], second: &[Complex64], work: &mut Work) {
+    let Scratch::Complex(scratch) = &mut work.scratch else {
+        unreachable!("all work of a space is of one kind")
+    };
+    let (conjugated, plain) = work.spectrum.split_at_mut(fft.len());
+    multiply_conjugates(conjugated, first, second);
+    multiply_mirrored(plain, first, second);
+    fft.inverse(&mut work.spectrum, scratch);
+    let (conjugated, plain) = work.spectrum.split_at(fft.len());
+    squared_norms(&mut work.scores, conjugated);
+    add_squared_norms(&mut work.scores, plain);
 }
 
 impl PreparedShapes {
@@ -746,9 +778,9 @@ fn spectra(fft: &RealFft, signals: &[f64]) -> Vec<Complex64> {
     spectra
 }
 
-/// `n^{−1/2} F z` of every two columns `x` and `y`, with `z = x + iy`.
-fn complex_spectra(fft: &ComplexFft, signals: &[f64]) -> Vec<Complex64> {
-    let (n, factor) = (fft.len(), (fft.len() as f64).sqrt().recip());
+/// `n^{−1/2} F z` of every two columns `x` and `y`, with `z = scale (x + iy)`.
+fn complex_spectra(fft: &ComplexFft, scale: f64, signals: &[f64]) -> Vec<Complex64> {
+    let (n, factor) = (fft.len(), scale / (fft.len() as f64).sqrt());
     let mut spectra = vec![Complex64::ZERO; signals.len() / 2];
     let pairs = signals.par_chunks_exact(2 * n).zip(spectra.par_chunks_exact_mut(n));
     pairs.with_min_len(TILE).for_each_init(

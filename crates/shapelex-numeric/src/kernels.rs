@@ -92,12 +92,37 @@ pub fn multiply_conjugates(out: &mut [Complex64], a: &[Complex64], b: &[Complex6
     );
 }
 
+/// `outᵢ ← aₖ bᵢ` with `k = −i` modulo the length: the spectrum of the products of `conj(z)` with shifts of `w`, from the
+/// spectra of `z*` and `w`.
+pub fn multiply_mirrored(out: &mut [Complex64], a: &[Complex64], b: &[Complex64]) {
+    let (Some(first), Some(after)) = (a.first(), a.get(1..)) else { return };
+    widest(
+        out.len(),
+        #[inline(always)]
+        || {
+            let mirrored = std::iter::once(first).chain(after.iter().rev());
+            for (out, (a, b)) in out.iter_mut().zip(mirrored.zip(b)) {
+                *out = Complex64::new(a.re * b.re - a.im * b.im, a.re * b.im + a.im * b.re);
+            }
+        },
+    );
+}
+
 /// `outᵢ ← |zᵢ|²`.
 pub fn squared_norms(out: &mut [f64], z: &[Complex64]) {
     widest(
         out.len(),
         #[inline(always)]
         || out.iter_mut().zip(z).for_each(|(out, z)| *out = z.re * z.re + z.im * z.im),
+    );
+}
+
+/// `outᵢ ← outᵢ + |zᵢ|²`.
+pub fn add_squared_norms(out: &mut [f64], z: &[Complex64]) {
+    widest(
+        out.len(),
+        #[inline(always)]
+        || out.iter_mut().zip(z).for_each(|(out, z)| *out += z.re * z.re + z.im * z.im),
     );
 }
 
@@ -172,6 +197,10 @@ mod tests {
         multiply_conjugates(&mut products, &z, &w);
         squared_norms(&mut norms, &z);
         assert!((0..19).all(|i| products[i] == z[i].conj() * w[i] && norms[i] == a[i] * a[i] + b[i] * b[i]));
+        multiply_mirrored(&mut products, &z, &w);
+        add_squared_norms(&mut norms, &z);
+        let twice = |i: usize| 2.0 * (a[i] * a[i] + b[i] * b[i]);
+        assert!((0..19).all(|i| products[i] == z[(19 - i) % 19] * w[i] && norms[i] == twice(i)));
         let (columns, factors) = ([6, 0, 1, 4, 2], [1.0, -2.0, 3.0, 0.5, -1.0]);
         let mut out = vec![1.0; 19];
         add_columns(&mut out, matrix.as_slice(), &columns, &factors);
