@@ -61,6 +61,13 @@ impl ActiveCholesky {
         true
     }
 
+    /// Adds an index whose row of `L` is known: its `head`, and the square of its last entry.
+    pub fn push_row(&mut self, head: impl Iterator<Item = f64>, pivot: f64, index: usize) {
+        self.rows.extend(head);
+        self.rows.push(1.0 / pivot.sqrt());
+        self.indices.push(index);
+    }
+
     /// Removes the index at `position`: the rows behind it lose a column by rotations.
     pub fn remove(&mut self, position: usize) {
         self.indices.remove(position);
@@ -143,6 +150,13 @@ mod tests {
             for index in [4, 1, 5, 0, 3] {
                 assert!(factor.push(&gram, index));
             }
+            let mut same = ActiveCholesky::default();
+            for (k, &index) in factor.indices().iter().enumerate() {
+                let row = &factor.rows[start(k)..start(k + 1)];
+                same.push_row(row[..k].iter().copied(), row[k].powi(-2), index);
+            }
+            assert_eq!(same.indices, factor.indices);
+            assert!(same.rows.iter().zip(&factor.rows).all(|(a, b)| (a - b).abs() < 1e-12));
             factor.remove(position);
             assert_eq!(factor.indices().len(), 4);
             assert!(factor.push(&gram, 2));

@@ -6,6 +6,7 @@
 use realfft::num_complex::Complex64;
 
 use super::dense::Matrix;
+use super::lanes::vectorised;
 
 /// Number of partial sums of a dot product: enough to hide the latency of additions on vectors of two to eight numbers.
 const LANES: usize = 16;
@@ -16,7 +17,7 @@ const LONG: usize = 48;
 /// Runs a loop over slices of `length` numbers; `work` must be `#[inline(always)]`.
 #[inline(always)]
 fn widest<R>(length: usize, work: impl FnOnce() -> R) -> R {
-    if length < LONG { work() } else { pulp::Arch::new().dispatch(work) }
+    if length < LONG { work() } else { vectorised(work) }
 }
 
 /// Dot product, `Σ aᵢ bᵢ`.
@@ -75,6 +76,43 @@ pub fn largest(a: &[f64]) -> f64 {
                 }
             }
             most.iter().chain(tail).fold(f64::NEG_INFINITY, |most, value| larger(most, *value))
+        },
+    )
+}
+
+/// `maxᵢ |aᵢ|`; zero of an empty slice.
+pub fn largest_magnitude(a: &[f64]) -> f64 {
+    widest(
+        a.len(),
+        #[inline(always)]
+        || {
+            let (lanes, tail) = a.as_chunks::<LANES>();
+            let larger = |most: f64, value: f64| if value.abs() > most { value.abs() } else { most };
+            let mut most = [0.0; LANES];
+            for values in lanes {
+                for k in 0..LANES {
+                    most[k] = larger(most[k], values[k]);
+                }
+            }
+            most.iter().chain(tail).fold(0.0, |most, value| larger(most, *value))
+        },
+    )
+}
+
+/// `Σ |aᵢ|`.
+pub fn sum_of_magnitudes(a: &[f64]) -> f64 {
+    widest(
+        a.len(),
+        #[inline(always)]
+        || {
+            let (lanes, tail) = a.as_chunks::<LANES>();
+            let mut sums = [0.0; LANES];
+            for values in lanes {
+                for k in 0..LANES {
+                    sums[k] += values[k].abs();
+                }
+            }
+            sums.iter().sum::<f64>() + tail.iter().map(|value| value.abs()).sum::<f64>()
         },
     )
 }
@@ -191,6 +229,9 @@ mod tests {
         assert_eq!(f64::from(dot_single(&single(a), &single(b))), dot(a, b));
         assert_eq!(dot(a, b), a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>());
         assert_eq!((largest(a), largest(&a[..11]), largest(&[-1.0])), (96.0, 56.0, -1.0));
+        assert_eq!((largest_magnitude(&[2.0, -3.0]), largest_magnitude(a)), (3.0, 96.0));
+        let signed: Vec<f64> = a.iter().map(|x| if x % 2.0 == 0.0 { -x } else { *x }).collect();
+        assert_eq!((largest_magnitude(&signed), sum_of_magnitudes(&signed)), (96.0, a.iter().sum()));
         let z: Vec<Complex64> = a.iter().zip(b).map(|(&x, &y)| Complex64::new(x, -y)).collect();
         let w: Vec<Complex64> = z.iter().map(|z| Complex64::new(2.0 * z.im, 3.0 - z.re)).collect();
         let (mut products, mut norms) = (vec![Complex64::ZERO; 19], vec![0.0; 19]);

@@ -8,6 +8,7 @@
 //! * [`kronecker`] — tensor products of operators;
 //! * [`sparse`] — sparse matrices by rows;
 //! * [`kernels`] — loops over short slices;
+//! * [`lanes`] — long columns in pieces of a few vectors, and stacks of such columns;
 //! * [`dense`] — dense kernels and eigenproblems; the only module that depends on the linear algebra library;
 //! * [`fingerprint`] — a digest that tells whether two processes compute the same bits;
 //! * [`quadrature`] — Gauss–Legendre rules and an adaptive integral;
@@ -36,6 +37,7 @@ pub mod fft;
 pub mod fingerprint;
 pub mod kernels;
 pub mod kronecker;
+pub mod lanes;
 pub mod operator;
 pub mod quadrature;
 pub mod sparse;

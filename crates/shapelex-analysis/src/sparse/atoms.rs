@@ -1,7 +1,13 @@
 //! Atoms of a dictionary with their Gram matrix.
 
-use shapelex_numeric::dense::{Matrix, transpose_multiply};
+use rayon::prelude::*;
+
+use shapelex_numeric::dense::{Matrix, transpose_multiply_columns};
 use shapelex_numeric::kernels::{add_columns, column, dot};
+
+/// Columns of the Gram matrix that are formed in one product: some for every thread, in the same way for any number of
+/// threads.
+const STRIP: usize = 128;
 
 /// Atoms, each a block `U_j` of `b` columns with `n` whitened numbers, with their Gram matrix.
 ///
@@ -31,7 +37,7 @@ impl Atoms {
     /// If the number of columns is not a multiple of `block`.
     pub fn blocks(matrix: Matrix, block: usize) -> Self {
         assert!(block > 0 && matrix.ncols().is_multiple_of(block), "columns of whole blocks");
-        let gram = transpose_multiply(&matrix, &matrix);
+        let gram = gram(&matrix);
         let energy =
             |j: usize| (j * block..(j + 1) * block).map(|i| gram[(i, i)]).sum::<f64>() / block as f64;
         let energies: Vec<f64> = (0..matrix.ncols() / block).map(energy).collect();
@@ -98,4 +104,15 @@ impl Atoms {
             }
         }
     }
+}
+
+/// `DᵀD`.
+fn gram(matrix: &Matrix) -> Matrix {
+    let (n, columns) = matrix.shape();
+    let strips = matrix.as_slice().par_chunks((n * STRIP).max(1));
+    let strips: Vec<Matrix> = strips.map(|strip| transpose_multiply_columns(matrix, strip)).collect();
+    let mut entries = Vec::with_capacity(columns * columns);
+    strips.iter().for_each(|strip| entries.extend_from_slice(strip.as_slice()));
+    entries.resize(columns * columns, 0.0);
+    Matrix::from_vec(columns, columns, entries)
 }

@@ -90,6 +90,21 @@ impl Fit {
         (penalty - theta * self.fitted + 0.5 * (1.0 - theta).powi(2) * self.error).max(0.0)
     }
 
+    /// As [`Self::of`], for a code with these `values` in its `columns` and a residual that is `residual(j)` there.
+    pub(super) fn on(
+        signal: &Signal<'_>,
+        columns: &[usize],
+        values: &[f64],
+        residual: impl Fn(usize) -> f64,
+    ) -> Self {
+        let (mut fitted, mut explained) = (0.0, 0.0);
+        for (&j, value) in columns.iter().zip(values) {
+            fitted += value * residual(j);
+            explained += value * signal.correlations[j];
+        }
+        Self { error: (signal.energy - explained - fitted).max(0.0), fitted }
+    }
+
     /// The sparse code with its objective, gap and relative error.
     pub(super) fn measured(
         &self,
@@ -99,7 +114,17 @@ impl Fit {
         penalty: f64,
         duality_gap: Option<f64>,
     ) -> SparseCode {
-        let (indices, values) = used(code, atoms.block());
+        self.certified(signal, used(code, atoms.block()), penalty, duality_gap)
+    }
+
+    /// The sparse code with these indices and values.
+    pub(super) fn certified(
+        &self,
+        signal: &Signal<'_>,
+        (indices, values): (Vec<usize>, Vec<f64>),
+        penalty: f64,
+        duality_gap: Option<f64>,
+    ) -> SparseCode {
         SparseCode {
             indices,
             values,
@@ -108,6 +133,24 @@ impl Fit {
             relative_error: if signal.energy > 0.0 { (self.error / signal.energy).sqrt() } else { 0.0 },
         }
     }
+}
+
+/// Indices of the blocks with coefficients that are not zero, and their values, from `values` in `columns` in any order.
+pub(super) fn in_order(columns: &[usize], values: &[f64], block: usize) -> (Vec<usize>, Vec<f64>) {
+    let mut pairs: Vec<(usize, f64)> = Vec::with_capacity(columns.len());
+    pairs.extend(columns.iter().copied().zip(values.iter().copied()).filter(|(_, value)| *value != 0.0));
+    pairs.sort_unstable_by_key(|(column, _)| *column);
+    let (mut indices, mut values) =
+        (Vec::with_capacity(pairs.len()), Vec::with_capacity(pairs.len() * block));
+    for (column, value) in pairs {
+        if indices.last() != Some(&(column / block)) {
+            indices.push(column / block);
+            values.resize(values.len() + block, 0.0);
+        }
+        let start = values.len() - block;
+        values[start + column % block] = value;
+    }
+    (indices, values)
 }
 
 /// Indices of the non-zero blocks of a dense code, with their values.

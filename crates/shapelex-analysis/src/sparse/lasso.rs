@@ -11,12 +11,12 @@
 use super::atoms::Atoms;
 use super::code::DEFAULT_TOLERANCE;
 use super::code::SparseCode;
-use super::code::{Fit, Signal, used};
+use super::code::{Fit, Signal, in_order, used};
 use super::encode::EncodeOne;
 use super::path::Path;
 use crate::AnalysisError;
 use shapelex_numeric::cholesky::ActiveCholesky;
-use shapelex_numeric::kernels::{add_scaled, column, dot};
+use shapelex_numeric::kernels::{add_scaled, column, dot, largest, largest_magnitude, sum_of_magnitudes};
 
 /// Lasso coder with a certificate. On atoms of several columns, every column has a coefficient of its own.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -84,7 +84,7 @@ impl Lasso {
 
     /// `λ‖α‖₁`.
     pub(super) fn penalty(&self, values: &[f64]) -> f64 {
-        self.lambda * values.iter().map(|value| value.abs()).sum::<f64>()
+        self.lambda * sum_of_magnitudes(values)
     }
 
     /// Strength of a correlation against the penalty.
@@ -94,7 +94,7 @@ impl Lasso {
 
     /// The dual norm of correlations.
     pub(super) fn strongest(&self, correlations: &[f64]) -> f64 {
-        correlations.iter().map(|&correlation| self.strength(correlation)).fold(0.0, f64::max)
+        if self.nonnegative { largest(correlations).max(0.0) } else { largest_magnitude(correlations) }
     }
 }
 
@@ -161,10 +161,21 @@ impl Search<'_> {
 
     /// The code found from the end of its path.
     fn solved(&mut self) -> Result<SparseCode, AnalysisError> {
+        let (lasso, wanted, path) = (self.lasso, self.wanted(), &mut self.work.path);
+        path.follow(lasso, self.atoms, self.signal.correlations, |_, _, _| ());
+        let (fit, penalty, gap) = path.certificate(lasso, self.signal);
+        if gap <= wanted {
+            let code = in_order(path.columns(), path.values(), self.atoms.block());
+            return Ok(fit.certified(self.signal, code, penalty, Some(gap)));
+        }
         self.clear();
-        self.work.path.follow(self.lasso, self.atoms, self.signal.correlations, |_, _, _| ());
         let end = self.work.path.columns().iter().zip(self.work.path.values());
         end.for_each(|(&j, &value)| self.work.code[j] = value);
+        self.completed()
+    }
+
+    /// The code found by descent from one that is not exact.
+    fn completed(&mut self) -> Result<SparseCode, AnalysisError> {
         let mut best = f64::INFINITY;
         for _ in 0..=MAX_ROUNDS {
             let (fit, penalty, gap) = self.certificate();

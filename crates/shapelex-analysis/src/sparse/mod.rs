@@ -28,6 +28,8 @@ mod group;
 mod lasso;
 mod path;
 mod pursuit;
+mod pursuit_blocks;
+mod pursuit_columns;
 
 pub use atoms::Atoms;
 pub use code::SparseCode;
