@@ -5,12 +5,10 @@
 use std::collections::HashMap;
 use std::sync::{Arc, LazyLock};
 
-use axum::Extension;
 use axum::extract::{MatchedPath, Request};
 use axum::http::header::{AUTHORIZATION, HOST};
 use axum::http::uri::Authority;
 use axum::http::{HeaderMap, Method};
-use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use utoipa::openapi::OpenApi;
 use utoipa::openapi::extensions::Extensions;
@@ -147,28 +145,28 @@ fn needed(method: &Method, route: &str) -> Needs {
     listed(method.as_str(), route).unwrap_or(Needs::Role(Role::Admin))
 }
 
-/// Passes authorised requests to the handler, with their caller in the request extensions.
-pub async fn admit(Extension(app): Extension<App>, mut request: Request, next: Next) -> Response {
+/// Identifies the caller and leaves it in the request extensions; the refusal of a request that is not authorised.
+pub(super) async fn refuse(request: &mut Request) -> Option<Response> {
+    let Some(app) = request.extensions().get::<App>().cloned() else {
+        return Some(Problem::new(ProblemKind::Internal, "a request without the context").into_response());
+    };
     let route = request.extensions().get::<MatchedPath>().map_or("", MatchedPath::as_str);
     let needs = match needed(request.method(), route) {
         Needs::Role(_) if route == "/metrics" && app.metrics_are_open() => Needs::Nothing,
         needs => needs,
     };
-    let Needs::Role(role) = needs else { return next.run(request).await };
-    let quiet = app.trail().refusals().is_loud(observe::network(&request));
+    let Needs::Role(role) = needs else { return None };
+    let quiet = app.trail().refusals().is_loud(observe::network(request));
     match identify(&app, shown(request.headers()), quiet).await {
         Ok(principal) => {
-            let (allowed, principal) = (check(&app, &principal, role, &request), Arc::new(principal));
+            let (allowed, principal) = (check(&app, &principal, role, request), Arc::new(principal));
             if let Some(asker) = request.extensions().get::<Asker>() {
                 asker.is(&principal);
             }
             request.extensions_mut().insert(principal);
-            match allowed {
-                Ok(()) => next.run(request).await,
-                Err(problem) => problem.into_response(),
-            }
+            allowed.err().map(IntoResponse::into_response)
         }
-        Err(error) => Problem::from(error).into_response(),
+        Err(error) => Some(Problem::from(error).into_response()),
     }
 }
 

@@ -5,8 +5,6 @@ use std::sync::Arc;
 use std::task::{Context, Poll, ready};
 
 use axum::body::{Body, Bytes, HttpBody};
-use axum::extract::{Request, State};
-use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use http_body::{Frame, SizeHint};
 
@@ -17,8 +15,7 @@ use crate::service::app::memory::{Held, Memory, Purpose};
 const SMALL: u64 = 4 << 10;
 
 /// Reserves memory for a response; refuses it if too many responses are still unread.
-pub async fn hold(State(memory): State<Memory>, request: Request, next: Next) -> Response {
-    let response = next.run(request).await;
+pub fn hold(memory: &Memory, response: Response) -> Response {
     let Some(bytes) = response.body().size_hint().exact().filter(|bytes| *bytes > SMALL) else {
         return response;
     };
@@ -92,8 +89,11 @@ impl HttpBody for Answer {
 
 #[cfg(test)]
 mod tests {
+    use std::future::ready;
+
     use axum::Router;
-    use axum::middleware::from_fn_with_state;
+    use axum::extract::Request;
+    use axum::middleware::map_response;
     use axum::routing::get;
     use http_body_util::BodyExt;
     use tower::ServiceExt;
@@ -105,7 +105,8 @@ mod tests {
 
     fn service(answers: usize) -> (Memory, Router) {
         let memory = Memory::new(Quota { process: usize::MAX, bodies: 0, answers });
-        let hold = from_fn_with_state(memory.clone(), hold);
+        let account = memory.clone();
+        let hold = map_response(move |response: Response| ready(hold(&account, response)));
         (memory, Router::new().route("/", get(|| async { "x".repeat(BYTES) })).layer(hold))
     }
 

@@ -48,11 +48,11 @@ pub async fn bound(mut request: Request, next: Next) -> Response {
 }
 
 /// Cuts off bodies whose compression ratio is implausible for text. Runs inside of decompression.
-pub async fn bound_expansion(mut request: Request, next: Next) -> Response {
-    let Some(wire) = request.extensions_mut().remove::<Wire>() else { return next.run(request).await };
-    let Some(edge) = Edge::of(&request) else { return next.run(request).await };
+pub fn bound_expansion(mut request: Request) -> Request {
+    let Some(wire) = request.extensions_mut().remove::<Wire>() else { return request };
+    let Some(edge) = Edge::of(&request) else { return request };
     let ratio = edge.compression_ratio;
-    next.run(request.map(|body| Body::from_stream(expanding(body, wire, ratio)))).await
+    request.map(|body| Body::from_stream(expanding(body, wire, ratio)))
 }
 
 /// Number of compressed bytes consumed so far.

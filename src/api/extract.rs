@@ -7,8 +7,6 @@ use axum::body::Bytes;
 use axum::extract::{FromRequest, FromRequestParts, Request};
 use axum::http::request::Parts;
 use axum::http::{HeaderMap, HeaderValue, Method, header};
-use axum::middleware::Next;
-use axum::response::Response;
 use serde::de::DeserializeOwned;
 
 use super::observe::Asker;
@@ -409,7 +407,7 @@ fn preferred<T>(accept: &str, offered: fn(&str) -> Option<T>) -> Option<T> {
 ///
 /// If neither is acceptable the header is ignored, as RFC 9110 §12.5 allows: otherwise the compression layer would turn the
 /// response into a 406 after the work is done, and stored data would seem to have been refused.
-pub async fn settle_encoding(mut request: Request, next: Next) -> Response {
+pub fn settle_encoding(mut request: Request) -> Request {
     let headers = request.headers_mut();
     let zipped = {
         let values = headers.get_all(header::ACCEPT_ENCODING).iter().filter_map(|value| value.to_str().ok());
@@ -419,7 +417,7 @@ pub async fn settle_encoding(mut request: Request, next: Next) -> Response {
     if zipped {
         headers.insert(header::ACCEPT_ENCODING, HeaderValue::from_static("gzip"));
     }
-    next.run(request).await
+    request
 }
 
 /// Whether gzip is acceptable, and at least as welcome as no encoding.

@@ -2,7 +2,7 @@
 //!
 //! * [`v1`] — the resources;
 //! * [`problem`] — every refusal as a problem document (RFC 9457);
-//! * [`access`] — callers and permissions; [`origin`] — cross-site requests; [`headers`] — browser security headers;
+//! * `gate` — checks of every request, in order; [`access`] — callers and permissions; [`origin`] — cross-site requests; [`headers`] — browser security headers;
 //! * [`overload`] — time limits of requests, and rate limits of callers;
 //! * [`body`] — request memory; [`answers`] — response memory; [`drain`] — draining of refused bodies;
 //!   [`inspected_body`] — bodies that report what passes through them;
@@ -20,6 +20,7 @@ mod cross_origin;
 mod document;
 pub mod drain;
 pub mod extract;
+mod gate;
 pub mod headers;
 pub mod health;
 pub mod inspected_body;
@@ -90,11 +91,7 @@ fn routes() -> (Router<App>, utoipa::openapi::OpenApi) {
     let (router, mut document) = light
         .merge(computing)
         .merge(streamed)
-        .layer(from_fn(overload::count))
-        .layer(from_fn(negotiation::check))
-        .layer(from_fn(access::admit))
-        .layer(from_fn(overload::count_refused))
-        .layer(from_fn(overload::stopping))
+        .layer(from_fn(gate::pass))
         // Probes are not rate-limited, and need no key.
         .merge(health::routes().layer(from_fn(overload::light)))
         .split_for_parts();
@@ -122,26 +119,27 @@ fn adding(app: &App) -> impl Fn(Request) -> Request + Clone + use<> {
 pub fn router(app: App) -> Router {
     let (router, document) = routes();
     let recorder = audit::Recorder::new(app.trail(), &document);
+    let memory = app.memory.clone();
     let request_id = HeaderName::from_static(observe::REQUEST_ID);
     let middleware = ServiceBuilder::new()
         .layer(from_fn(headers::secure))
-        .layer(from_fn(observe::plain_request_id))
+        .map_request(observe::plain_request_id)
         .layer(SetRequestIdLayer::new(request_id.clone(), MakeRequestUuid))
         .layer(from_fn(observe::observe))
         .layer(PropagateRequestIdLayer::new(request_id))
         .layer(from_fn(drain::drain))
-        .layer(from_fn(extract::settle_encoding))
+        .map_request(extract::settle_encoding)
         .layer(CompressionLayer::new().gzip(true))
         .layer(from_fn(problem::render))
         .layer(from_fn_with_state(recorder, audit::record))
         .layer(CatchPanicLayer::custom(problem::from_panic))
-        .layer(from_fn_with_state(app.memory.clone(), answers::hold))
+        .map_response(move |response| answers::hold(&memory, response))
         .layer(Extension(overload::Edge::new(&app.limits)))
         .layer(from_fn(body::bound))
         .map_request(adding(&app))
         .layer(RequestDecompressionLayer::new().gzip(true).pass_through_unaccepted(false))
         .map_request(|request: axum::http::Request<DecompressionBody<Body>>| request.map(Body::new))
-        .layer(from_fn(body::bound_expansion));
+        .map_request(body::bound_expansion);
     let router = router
         .route("/", get(v1::index))
         .merge(utoipa_swagger_ui::SwaggerUi::new("/docs").url("/openapi.json", document))

@@ -6,7 +6,6 @@ use std::sync::LazyLock;
 
 use axum::extract::Request;
 use axum::http::{HeaderMap, Method, header};
-use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use utoipa::openapi::path::Operation;
 use utoipa::openapi::{OpenApi, RefOr};
@@ -51,22 +50,25 @@ pub(super) fn only_media_type(operation: &Operation) -> Option<String> {
     found.pop().filter(|_| found.is_empty())
 }
 
-/// Refuses requests that do not accept the media type of the answer. A `format` in the query takes precedence over the header.
-pub(super) async fn check(request: Request, next: Next) -> Response {
-    let route = observe::route(&request).unwrap_or_default();
-    let method = if request.method() == Method::HEAD { Method::GET } else { request.method().clone() };
+/// Refusal of a request that does not accept the media type of the answer. A `format` in the query takes precedence over the
+/// header.
+pub(super) fn refuse(request: &Request) -> Option<Response> {
+    let accepted = ranges(request.headers());
     let names_format = request
         .uri()
         .query()
         .is_some_and(|query| query.split('&').any(|parameter| parameter.split('=').next() == Some("format")));
-    let accepted = ranges(request.headers());
-    let offered = OFFERS.get(&(route.to_owned(), method)).filter(|_| !names_format && !accepted.is_empty());
-    let is_welcome = |media_type: &String| accepted.iter().any(|range| covers(range, media_type));
-    let Some(offered) = offered.filter(|media_type| !is_welcome(media_type)) else {
-        return next.run(request).await;
-    };
+    if accepted.is_empty() || names_format {
+        return None;
+    }
+    let route = observe::route(request).unwrap_or_default();
+    let method = if request.method() == Method::HEAD { &Method::GET } else { request.method() };
+    let offered = OFFERS.get(&(route.to_owned(), method.clone()))?;
+    if accepted.iter().any(|range| covers(range, offered)) {
+        return None;
+    }
     let detail = format!("expected {offered} to be accepted, got '{}'", accepted.join(", "));
-    Problem::new(ProblemKind::NotAcceptable, detail).into_response()
+    Some(Problem::new(ProblemKind::NotAcceptable, detail).into_response())
 }
 
 /// Media ranges of the `Accept` headers in lower case, without those of quality 0.

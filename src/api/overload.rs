@@ -64,12 +64,12 @@ pub async fn light(request: Request, next: Next) -> Response {
     within(time, request, next).await
 }
 
-/// Refuses new requests while the service is stopping; probes are still answered.
-pub async fn stopping(request: Request, next: Next) -> Response {
-    if !request.extensions().get::<App>().is_some_and(App::is_stopping) {
-        return next.run(request).await;
-    }
-    Problem::new(ProblemKind::Unavailable, "the service is stopping: send the request again").into_response()
+/// Refusal of a new request while the service is stopping; probes are still answered.
+pub(super) fn refuse_while_stopping(request: &Request) -> Option<Response> {
+    let is_stopping = request.extensions().get::<App>().is_some_and(App::is_stopping);
+    let refused =
+        || Problem::new(ProblemKind::Unavailable, "the service is stopping: send the request again");
+    is_stopping.then(|| refused().into_response())
 }
 
 /// Deadline of a computing request, which its work also observes.
@@ -169,25 +169,20 @@ fn refusal(rate: &str, seconds: u64) -> Response {
     response
 }
 
-/// Rate limit of known callers. Runs inside access control.
-pub async fn count(request: Request, next: Next) -> Response {
-    let counted = Edge::of(&request).zip(Caller::of(&request));
-    let refused = counted.and_then(|(edge, caller)| edge.rates.as_ref()?.refuse(&caller));
-    match refused {
-        Some(refusal) => refusal,
-        None => next.run(request).await,
-    }
+/// Refusal of a request of a known caller beyond its rate limit.
+pub(super) fn refuse_frequent(request: &Request) -> Option<Response> {
+    let edge = request.extensions().get::<Arc<Edge>>()?;
+    edge.rates.as_ref()?.refuse(&Caller::of(request)?)
 }
 
-/// Rate limit, per address, of requests refused by access control, so that keys cannot be tried at will. Runs outside
-/// access control; a valid key is never refused because of other requests from its address.
-pub async fn count_refused(request: Request, next: Next) -> Response {
-    let counted = Edge::of(&request).zip(Caller::at(&request));
-    let response = next.run(request).await;
-    if response.status() != StatusCode::UNAUTHORIZED {
-        return response;
+/// Counts a request that access control refuses, so that keys cannot be tried at will: its refusal, or that of the rate limit
+/// of its address. A valid key is never refused because of other requests from its address.
+pub(super) fn count_refused(request: &Request, refusal: Response) -> Response {
+    if refusal.status() != StatusCode::UNAUTHORIZED {
+        return refusal;
     }
-    counted.and_then(|(edge, caller)| edge.refuse_unknown(&caller)).unwrap_or(response)
+    let counted = Edge::of(request).zip(Caller::at(request));
+    counted.and_then(|(edge, caller)| edge.refuse_unknown(&caller)).unwrap_or(refusal)
 }
 
 #[cfg(test)]
