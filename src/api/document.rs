@@ -1,4 +1,7 @@
-//! Responses and headers common to all resources, added to the OpenAPI document in one place.
+//! Responses and headers common to all resources, added to the OpenAPI document in one place; [`variants`] names the variants
+//! of tagged enums.
+
+mod variants;
 
 use utoipa::openapi::path::Operation;
 use utoipa::openapi::{
@@ -25,8 +28,9 @@ fn problem() -> Content {
 }
 
 /// Adds the common parts to all operations: problem documents to all refusals, the limits to all but the probes, and to
-/// those under `/v1` the refusals that every operation has.
+/// those under `/v1` the refusals that every operation has. Names the variants of tagged enums.
 pub(super) fn complete(document: &mut OpenApi) {
+    variants::name(document);
     for (path, item) in &mut document.paths.paths {
         let methods = [&mut item.get, &mut item.post, &mut item.put, &mut item.patch, &mut item.delete];
         for operation in methods.into_iter().flatten() {

@@ -15,6 +15,12 @@ use crate::service::app::memory::Purpose;
 use crate::service::app::{App, ServiceError, Work};
 use crate::service::shapes::mesh::mesh_of;
 
+/// The bytes of a file.
+#[derive(Debug, utoipa::ToSchema)]
+#[schema(value_type = String, format = Binary)]
+#[allow(dead_code, reason = "only for the document")]
+pub struct Binary(Vec<u8>);
+
 /// Runs `work` on the pool and returns its response.
 ///
 /// # Errors

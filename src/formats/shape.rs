@@ -12,6 +12,9 @@ use std::fmt;
 
 use serde::de::{Deserializer, SeqAccess, Visitor};
 use serde::{Deserialize, Serialize};
+use utoipa::openapi::RefOr;
+use utoipa::openapi::schema::{AnyOfBuilder, ObjectBuilder, Schema, SchemaType, Type};
+use utoipa::{PartialSchema, ToSchema};
 
 use super::bounds::{self, keep_fault};
 use super::checked::{Checked, Metadata, Raw, document, visit_others};
@@ -425,7 +428,7 @@ document! {
     /// A shape with its attributes.
     pub struct ShapeInput {
         /// Points on the shape, one list of coordinates each; for surfaces a grid `[u][v]` of points.
-        #[schema(value_type = Option<Vec<Vec<f64>>>, example = json!([[0.0, 0.0], [2.0, 0.0], [2.0, 1.0]]))]
+        #[schema(value_type = Option<PointsOrGrid>)]
         points: Box<PointList>;
         /// Control points in the representation, in place of `points`.
         #[schema(value_type = Option<Vec<Vec<f64>>>)]
@@ -446,13 +449,13 @@ document! {
         #[schema(value_type = Option<String>)]
         label: Checked<Option<String>>;
         /// Additional attributes: strings, numbers or Booleans.
-        #[schema(value_type = Option<Object>)]
+        #[schema(value_type = Option<Attributes>)]
         labels: Raw;
         /// Positive weight in means. Default: 1.
-        #[schema(value_type = Option<f64>)]
+        #[schema(value_type = Option<f64>, minimum = 1e-100, maximum = 1e100)]
         weight: Checked<Option<f64>>;
         /// Arbitrary client data, stored with the shape.
-        #[schema(value_type = Option<Object>)]
+        #[schema(value_type = serde_json::Value, required = false)]
         metadata: Box<Metadata>;
         /// Whether the contour is closed; must agree with the representation.
         #[schema(value_type = Option<bool>)]
@@ -475,13 +478,47 @@ pub struct Points {
     columns: Option<usize>,
 }
 
-impl utoipa::PartialSchema for Points {
-    fn schema() -> utoipa::openapi::RefOr<utoipa::openapi::schema::Schema> {
-        <Vec<Vec<f64>> as utoipa::PartialSchema>::schema()
+impl PartialSchema for Points {
+    fn schema() -> RefOr<Schema> {
+        <Vec<Vec<f64>> as PartialSchema>::schema()
     }
 }
 
-impl utoipa::ToSchema for Points {}
+impl ToSchema for Points {}
+
+/// Points or vectors that may be on a grid, for the OpenAPI document.
+#[derive(Debug)]
+pub struct PointsOrGrid;
+
+impl PartialSchema for PointsOrGrid {
+    fn schema() -> RefOr<Schema> {
+        // No points are a list and a grid at once, so one of them would be too strict.
+        AnyOfBuilder::new()
+            .item(<Vec<Vec<f64>> as PartialSchema>::schema())
+            .item(<Vec<Vec<Vec<f64>>> as PartialSchema>::schema())
+            .description(Some("Points: one list of coordinates each, or a grid `[u][v]` of them."))
+            .examples([serde_json::json!([[0.0, 0.0], [2.0, 0.0], [2.0, 1.0]])])
+            .into()
+    }
+}
+
+impl ToSchema for PointsOrGrid {}
+
+/// Attributes of a shape, for the OpenAPI document.
+#[derive(Debug)]
+pub struct Attributes;
+
+impl PartialSchema for Attributes {
+    fn schema() -> RefOr<Schema> {
+        let types = [Type::String, Type::Number, Type::Boolean, Type::Null];
+        ObjectBuilder::new()
+            .additional_properties(Some(ObjectBuilder::new().schema_type(SchemaType::from_iter(types))))
+            .description(Some("Attributes by name: strings, numbers or Booleans."))
+            .into()
+    }
+}
+
+impl ToSchema for Attributes {}
 
 impl Points {
     /// Points from `d·N` coordinate-major numbers.

@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used, clippy::print_stdout, missing_docs)]
 
 mod commands;
+mod document;
 mod endless;
 mod guards;
 mod health;

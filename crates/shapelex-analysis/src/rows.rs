@@ -1,6 +1,6 @@
 //! Control points as rows, the form in which records and documents carry them.
 
-/// A row of control points.
+/// A row of control points. Types with a schema write it out: that of an alias would have the name `Vec`.
 pub type Row = Vec<f64>;
 
 /// Rows of control points from `d·N` coordinate-major numbers.

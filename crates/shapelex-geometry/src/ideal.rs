@@ -25,39 +25,49 @@ pub enum IdealCurve {
     /// A circle, counter-clockwise from `(radius, 0)`.
     Circle {
         /// Radius of the circle.
+        #[cfg_attr(feature = "schema", schema(exclusive_minimum = 0))]
         radius: f64,
     },
     /// An ellipse, counter-clockwise from `(a, 0)`.
     Ellipse {
         /// Semi-axes: `a` along x and `b` along y.
+        #[cfg_attr(feature = "schema", schema(min_items = 2, max_items = 2))]
         semi_axes: [f64; 2],
     },
     /// A straight line.
     Line {
         /// Start point.
+        #[cfg_attr(feature = "schema", schema(min_items = 2, max_items = 2))]
         from: [f64; 2],
         /// End point.
+        #[cfg_attr(feature = "schema", schema(min_items = 2, max_items = 2))]
         to: [f64; 2],
     },
     /// The parabola `y = x²/(4f)` with its vertex at the origin, from `−extent` to `extent`.
     Parabola {
         /// Focal length `f`: distance of the focus from the vertex.
+        #[cfg_attr(feature = "schema", schema(exclusive_minimum = 0))]
         focal_length: f64,
         /// Largest `x`.
+        #[cfg_attr(feature = "schema", schema(exclusive_minimum = 0))]
         extent: f64,
     },
     /// The branch `(a cosh s, b sinh s)` of a hyperbola, `s` from `−extent` to `extent`.
     Hyperbola {
         /// Semi-axes: `a` along x and `b` along y.
+        #[cfg_attr(feature = "schema", schema(min_items = 2, max_items = 2))]
         semi_axes: [f64; 2],
         /// Largest `s`.
+        #[cfg_attr(feature = "schema", schema(exclusive_minimum = 0))]
         extent: f64,
     },
     /// The Lissajous figure `(a sin(2πmu + δ), b sin 2πnu)`.
     Lissajous {
         /// Amplitudes `a` and `b`.
+        #[cfg_attr(feature = "schema", schema(min_items = 2, max_items = 2))]
         amplitudes: [f64; 2],
         /// Frequencies `m` and `n`: periods per turn.
+        #[cfg_attr(feature = "schema", schema(min_items = 2, max_items = 2))]
         frequencies: [u16; 2],
         /// Phase `δ` in radians.
         phase: f64,

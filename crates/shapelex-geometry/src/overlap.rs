@@ -128,10 +128,13 @@ fn check_area(points: &[[f64; 2]], extent: f64) -> Result<(), String> {
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
 pub struct MaskInput {
     /// Number of cells along the 2 or 3 axes.
+    #[cfg_attr(feature = "schema", schema(min_items = 2, max_items = 3))]
     pub size: Vec<usize>,
     /// Distance between cell centres along each axis, in the unit of the coordinates.
+    #[cfg_attr(feature = "schema", schema(min_items = 2, max_items = 3))]
     pub spacing: Vec<f64>,
     /// Position of the centre of the first cell.
+    #[cfg_attr(feature = "schema", schema(min_items = 2, max_items = 3))]
     pub first: Vec<f64>,
     /// Run lengths of cells, the last axis varying fastest: outside, inside, outside, and so on; the first may be 0.
     pub runs: Vec<usize>,

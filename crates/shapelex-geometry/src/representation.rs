@@ -64,9 +64,11 @@ pub enum Representation {
         #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Seam::is_straight"))]
         seam: Seam,
         /// `M_u` and `M_v`: number of control points along closed directions, number of intervals between knots along open ones.
+        #[cfg_attr(feature = "schema", schema(min_items = 2, max_items = 2))]
         control_points: [usize; 2],
         /// Generators along `u` and `v`. Default: `trigonometric` along closed directions and from pole to pole, `keys` along
         /// open ones.
+        #[cfg_attr(feature = "schema", schema(required = false, min_items = 2, max_items = 2))]
         generators: [GeneratorKind; 2],
     },
     /// A closed triangle mesh in space whose faces are refined by a subdivision scheme. A shape is given by its control

@@ -9,7 +9,7 @@ use bytes::Bytes;
 use futures_util::stream::{self, Stream};
 use serde::{Deserialize, Serialize};
 
-use super::request_macros::{Page, PageQuery, milliseconds, time};
+use super::request_macros::{PageQuery, milliseconds, page, time};
 use crate::api::extract::{Caller, PrefersLines, Query};
 use crate::api::problem::Problem;
 use crate::api::respond::json;
@@ -57,6 +57,11 @@ pub(super) struct AuditEntry {
     remote: Option<String>,
     /// BLAKE3 digest, in hexadecimal, of the previous entry's digest and this entry.
     digest: String,
+}
+
+page! {
+    /// One page of the audit trail.
+    PageOfAuditEntries of AuditEntry
 }
 
 impl From<Recorded> for AuditEntry {
@@ -111,6 +116,7 @@ pub(super) struct AuditQuery {
     /// Cursor from the previous page; an export starts after it.
     cursor: Option<String>,
     /// Entries per page, 1 to 1000. Default: 100. An export contains all entries.
+    #[param(minimum = 1, maximum = 1000)]
     limit: Option<usize>,
     /// Response format: `json` for one page, `ndjson` for all entries, one per line. Default: as the `Accept` header prefers.
     #[param(inline)]
@@ -137,7 +143,7 @@ impl AuditQuery {
 /// an administrator.
 #[utoipa::path(get, path = "/audit", tag = "operation", params(AuditQuery),
     responses(
-        (status = 200, description = "A page of entries, or all entries as one line each", content((Page<AuditEntry> = "application/json"), (String = "application/x-ndjson"))),
+        (status = 200, description = "A page of entries, or all entries as one line each", content((PageOfAuditEntries = "application/json"), (String = "application/x-ndjson"))),
         (status = 400, description = "The query was refused"),
         (status = 406, description = "None of the media types is accepted"),
         (status = 503, description = "The store cannot be read")
@@ -161,7 +167,7 @@ pub(super) async fn list_audit(
     }
     let (items, next) = trail::list(&app, &filter, page.cursor.as_deref(), limit).await?;
     let items: Vec<AuditEntry> = items.into_iter().map(Into::into).collect();
-    Ok(json(StatusCode::OK, &Page { items, next })?)
+    Ok(json(StatusCode::OK, &PageOfAuditEntries { items, next })?)
 }
 
 /// Entries to remove.

@@ -79,7 +79,7 @@ pub(super) struct RieszBounds {
         ("name" = String, Path, description = "`trigonometric`, `keys`, `bspline`, `exponential` or `interpolator`"),
         ("control_points" = Option<usize>, Query, description = "Control points (closed) or intervals (open). \
                                                                  Default: 8, or the fewest if these are more"),
-        ("degree" = Option<u8>, Query, description = "Degree of `bspline`"),
+        ("degree" = Option<u8>, Query, description = "Degree of `bspline`", minimum = 1, maximum = 5),
         ("family" = Option<String>, Query, description = "Family of `interpolator`: `integer_shifts` or \
                                                           `half_integer_shifts`"),
         ("poles" = Option<String>, Query, description = "Poles such as `[[0,0],[0,0.5],[0,-0.5]]`", example = "[[0,0],[0,0.5],[0,-0.5]]"),

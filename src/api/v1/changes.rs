@@ -4,7 +4,7 @@ use axum::http::StatusCode;
 use axum::response::Response;
 use serde::{Deserialize, Serialize};
 
-use super::request_macros::{Page, PageQuery, time};
+use super::request_macros::{PageQuery, page, time};
 use crate::api::extract::{Caller, NoQuery, Path, Query};
 use crate::api::problem::Problem;
 use crate::api::respond::json;
@@ -21,6 +21,7 @@ pub(super) struct ChangesQuery {
     #[serde(default)]
     since: u64,
     /// Changes per response, 1 to 1000. Default: 100.
+    #[param(minimum = 1, maximum = 1000)]
     limit: Option<usize>,
 }
 
@@ -95,6 +96,11 @@ pub(super) struct TrashedOutput {
     deleted_at: String,
 }
 
+page! {
+    /// One page of the trash.
+    PageOfTrash of TrashedOutput
+}
+
 impl From<Trashed> for TrashedOutput {
     fn from(trashed: Trashed) -> Self {
         let Trashed { kind, id, name, version, deleted_at_ms } = trashed;
@@ -105,7 +111,7 @@ impl From<Trashed> for TrashedOutput {
 /// Lists deleted objects that can be restored.
 #[utoipa::path(get, path = "/trash", tag = "changes", params(PageQuery),
     responses(
-        (status = 200, description = "A page of the trash", body = Page<TrashedOutput>),
+        (status = 200, description = "A page of the trash", body = PageOfTrash),
         (status = "4XX", description = "The query was refused")
     ))]
 pub(super) async fn list_trash(
@@ -114,7 +120,7 @@ pub(super) async fn list_trash(
 ) -> Result<Response, Problem> {
     let (items, next) = trash::list(&app, page.cursor.as_deref(), page.limit()?).await?;
     let items: Vec<TrashedOutput> = items.into_iter().map(Into::into).collect();
-    Ok(json(StatusCode::OK, &Page { items, next })?)
+    Ok(json(StatusCode::OK, &PageOfTrash { items, next })?)
 }
 
 /// Restores a cohort or a dictionary version from the trash.

@@ -59,7 +59,7 @@ asking_request! {
     #[schema(example = json!({"cohort": "example-cells", "ids": ["cell0004"], "quantile": 0.99}))]
     ClassifyRequest {
         /// Training quantile, from 0.5, beyond which a shape belongs to none of the classes. Default: 0.99.
-        #[schema(value_type = Option<f64>)]
+        #[schema(value_type = Option<f64>, minimum = 0.5, exclusive_maximum = 1)]
         quantile: Checked<f64>;
     }
 }
@@ -158,7 +158,7 @@ asking_request! {
     #[schema(example = json!({"cohort": "example-cells", "ids": ["cell0004"], "samples": 8}))]
     AssessRequest {
         /// Training quantile, from 0.5, beyond which a shape is an outlier or of none of the classes. Default: 0.99.
-        #[schema(value_type = Option<f64>)]
+        #[schema(value_type = Option<f64>, minimum = 0.5, exclusive_maximum = 1)]
         quantile: Checked<f64>;
         /// Number of parameters at which the residual is returned. Default: the number of control points.
         #[schema(value_type = Option<usize>)]

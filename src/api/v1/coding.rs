@@ -352,7 +352,7 @@ asking_request! {
     #[schema(example = json!({"cohort": "example-cells", "ids": ["cell0004"], "quantile": 0.99}))]
     ScoreRequest {
         /// Fraction of shapes like the training shapes that should not count as outliers, at least 0.5. Default: 0.99.
-        #[schema(value_type = Option<f64>)]
+        #[schema(value_type = Option<f64>, minimum = 0.5, exclusive_maximum = 1)]
         quantile: Checked<f64>;
     }
 }
@@ -433,7 +433,7 @@ asking_request! {
         #[schema(value_type = Option<Reference>)]
         reference: Checked<Reference>;
         /// Weight `γ` of the prior. Default: 1.
-        #[schema(value_type = Option<f64>)]
+        #[schema(value_type = Option<f64>, exclusive_minimum = 0)]
         gamma: Checked<f64>;
     }
 }
@@ -498,7 +498,7 @@ document! {
         #[schema(value_type = Option<u64>)]
         seed: Checked<u64>;
         /// Scale of the deviations from the mean. Default: 1.
-        #[schema(value_type = Option<f64>)]
+        #[schema(value_type = Option<f64>, minimum = 0, maximum = 1000000)]
         sigma: Checked<f64>;
     }
 }

@@ -1,12 +1,11 @@
 //! Cohorts: create, list, read, update, delete; and their mean shapes.
 
-use std::collections::BTreeMap;
-
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::{Deserialize, Serialize};
 
-use super::request_macros::{IfMatchHeader, MeanOutput, Page, PageQuery, RetryHeader, known, tagged, time};
+use super::request_macros::{IfMatchHeader, MeanOutput, PageQuery, RetryHeader, known, page, tagged, time};
+use super::shape_query::{FilterQuery, Parameters};
 use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
 use crate::analysis::frame::Frame;
@@ -15,10 +14,9 @@ use crate::api::extract::{
     Caller, Format, IfMatch, JsonBody, NoQuery, Path, Query, ShapeFormat, ShapeFormatQuery,
 };
 use crate::api::problem::{Problem, ProblemKind};
-use crate::api::respond::{compute, json, mesh, svg};
+use crate::api::respond::{Binary, compute, json, mesh, svg};
 use crate::domain::cohort::{Cohort, CohortSpec};
-use crate::domain::shape::ShapeFilter;
-use crate::formats::checked::{Checked, document, plain_sentence, take_given, take_or_default};
+use crate::formats::checked::{Checked, document, take_given, take_or_default};
 use crate::formats::representation::Read;
 use crate::geometry::representation::Representation;
 use crate::service::app::{ServiceError, Work};
@@ -86,6 +84,11 @@ pub(super) struct CohortOutput {
     created_at: String,
     /// Time of the last change, RFC 3339 in UTC.
     updated_at: String,
+}
+
+page! {
+    /// One page of cohorts.
+    PageOfCohorts of CohortOutput
 }
 
 impl From<Cohort> for CohortOutput {
@@ -160,7 +163,7 @@ fn new_cohort(request: CohortRequest) -> Result<CohortSpec, ServiceError> {
 /// Lists cohorts in order of creation.
 #[utoipa::path(get, path = "/cohorts", tag = "cohorts", params(PageQuery),
     responses(
-        (status = 200, description = "A page of cohorts", body = Page<CohortOutput>),
+        (status = 200, description = "A page of cohorts", body = PageOfCohorts),
         (status = 400, description = "The query was refused")
     ))]
 pub(super) async fn list_cohorts(
@@ -169,7 +172,7 @@ pub(super) async fn list_cohorts(
 ) -> Result<Response, Problem> {
     let (items, next) = catalogue::list(&app, page.cursor.as_deref(), page.limit()?).await?;
     let items: Vec<CohortOutput> = items.into_iter().map(Into::into).collect();
-    Ok(json(StatusCode::OK, &Page { items, next })?)
+    Ok(json(StatusCode::OK, &PageOfCohorts { items, next })?)
 }
 
 /// Returns a cohort by id or name.
@@ -258,56 +261,6 @@ pub(super) async fn delete_cohort(
     Ok(StatusCode::NO_CONTENT)
 }
 
-/// Query parameters by name, each at most once.
-pub(super) type Parameters = BTreeMap<String, String>;
-
-/// Collects the parameters by name.
-///
-/// # Errors
-/// A parameter given twice: neither value takes precedence.
-pub(super) fn once_each(pairs: Vec<(String, String)>) -> Result<Parameters, Problem> {
-    let mut parameters = Parameters::new();
-    for (key, value) in pairs {
-        if parameters.contains_key(&key) {
-            return Err(Problem::new(ProblemKind::InvalidQuery, format!("'{key}' is given twice")));
-        }
-        parameters.insert(key, value);
-    }
-    Ok(parameters)
-}
-
-/// Takes the shape filter out of `parameters`: `label`, `subject` and `labels.{attribute}`.
-pub(super) fn take_filter(parameters: &mut Parameters) -> ShapeFilter {
-    let attributes: Vec<String> =
-        parameters.keys().filter(|key| key.starts_with("labels.")).cloned().collect();
-    let labels = attributes.into_iter().filter_map(|key| {
-        let value = parameters.remove(&key)?;
-        Some((key["labels.".len()..].to_owned(), value))
-    });
-    let labels = labels.collect();
-    ShapeFilter { label: parameters.remove("label"), subject: parameters.remove("subject"), labels }
-}
-
-/// Takes one parameter whose value is one of a list of words.
-fn take_word<T: serde::de::DeserializeOwned>(
-    parameters: &mut Parameters,
-    name: &str,
-) -> Result<Option<T>, Problem> {
-    let Some(word) = parameters.remove(name) else { return Ok(None) };
-    serde_json::from_value(word.into()).map(Some).map_err(|error| {
-        let detail = format!("{name}: {}", plain_sentence(&error.to_string()));
-        Problem::new(ProblemKind::InvalidQuery, detail)
-    })
-}
-
-/// Refuses unknown parameters: a misspelt filter must not be ignored.
-pub(super) fn refuse_rest(parameters: &Parameters) -> Result<(), Problem> {
-    match parameters.keys().next() {
-        None => Ok(()),
-        Some(key) => Err(Problem::new(ProblemKind::InvalidQuery, format!("unknown parameter '{key}'"))),
-    }
-}
-
 /// Mean shape of a cohort.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct CohortMeanOutput {
@@ -337,13 +290,11 @@ pub(super) struct CohortMeanOutput {
         ("frame" = Option<Frame>, Query, description = "Frame. Default: `training`"),
         ("start" = inline(Option<SearchStart>), Query, description = "Start points with which the search begins: `given`, those of the shapes, or `last`, those of the last search. Default: `given`"),
         ("stale" = Option<bool>, Query, description = "Whether the last mean computed is answered at once, with its revision, while that of the current revision is computed in the background. Default: false"),
-        ("label" = Option<String>, Query, description = "Only shapes with this label"),
-        ("subject" = Option<String>, Query, description = "Only shapes of this subject"),
-        ("labels.{attribute}" = Option<String>, Query, description = "Only shapes whose attribute has this value"),
+        FilterQuery,
         ShapeFormatQuery
     ),
     responses(
-        (status = 200, description = "The mean", content((CohortMeanOutput = "application/json"), (String = "image/svg+xml"), (Vec<u8> = "model/obj"), (Vec<u8> = "application/ply"), (Vec<u8> = "model/stl"), (Vec<u8> = "model/gltf-binary"))),
+        (status = 200, description = "The mean", content((CohortMeanOutput = "application/json"), (String = "image/svg+xml"), (Binary = "model/obj"), (Binary = "application/ply"), (Binary = "model/stl"), (Binary = "model/gltf-binary"))),
         (status = 304, description = "Unchanged since the version in If-None-Match"),
         (status = 404, description = "No such cohort"),
         (status = "4XX", description = "The query was refused, or the shapes have no mean")
@@ -375,35 +326,23 @@ fn mean_tag(cohort: &Cohort, query: &MeanQuery, format: ShapeFormat) -> String {
 
 /// Takes the parameters of a mean, and whether an older one may be answered.
 fn take_mean_query(pairs: Vec<(String, String)>) -> Result<(MeanQuery, bool), Problem> {
-    let mut parameters = once_each(pairs)?;
-    parameters.remove("format");
-    parameters.remove("grid");
-    let transformation = take_word::<ClassName>(&mut parameters, "transformation")?.ok_or_else(|| {
+    let mut parameters = Parameters::once_each(pairs)?;
+    parameters.take("format");
+    parameters.take("grid");
+    let transformation = parameters.take_word::<ClassName>("transformation")?.ok_or_else(|| {
         let detail = "transformation: required parameter is missing, such as similarity or affine";
         Problem::new(ProblemKind::InvalidQuery, detail)
     })?;
     let query = MeanQuery {
         transformation,
-        alignment: take_word(&mut parameters, "alignment")?.unwrap_or_default(),
-        frame: take_word(&mut parameters, "frame")?.unwrap_or_default(),
-        start: take_word(&mut parameters, "start")?.unwrap_or_default(),
-        filter: take_filter(&mut parameters),
+        alignment: parameters.take_word("alignment")?.unwrap_or_default(),
+        frame: parameters.take_word("frame")?.unwrap_or_default(),
+        start: parameters.take_word("start")?.unwrap_or_default(),
+        filter: parameters.take_filter(),
     };
-    let stale = take_flag(&mut parameters, "stale")?;
-    refuse_rest(&parameters)?;
+    let stale = parameters.take_flag("stale")?;
+    parameters.refuse_rest()?;
     Ok((query, stale))
-}
-
-/// Takes one parameter that is `true` or `false`; default: false.
-fn take_flag(parameters: &mut Parameters, name: &str) -> Result<bool, Problem> {
-    match parameters.remove(name).as_deref() {
-        None | Some("false") => Ok(false),
-        Some("true") => Ok(true),
-        Some(other) => {
-            let detail = format!("{name}: expected true or false, got '{other}'");
-            Err(Problem::new(ProblemKind::InvalidQuery, detail))
-        }
-    }
 }
 
 fn answer_mean(live: &LiveMean, format: ShapeFormat) -> Result<Response, ServiceError> {

@@ -27,7 +27,7 @@ study_request! {
     }))]
     CompareRequest {
         /// Groups, 2 to 50, which share no shape. Give `groups` or `by`.
-        #[schema(value_type = Option<Vec<NamedGroup>>)]
+        #[schema(value_type = Option<Vec<NamedGroup>>, min_items = 2, max_items = 50)]
         groups: Checked<Vec<NamedGroup>>;
         /// Attribute that defines the groups, `label` or `labels.<attribute>`: each value forms a group.
         #[schema(value_type = Option<String>)]

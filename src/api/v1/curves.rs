@@ -12,9 +12,9 @@ use crate::api::extract::{
     Caller, Format, JsonBody, NoQuery, OnlyShapeFormat, ShapeFormat, ShapeFormatQuery,
 };
 use crate::api::problem::Problem;
-use crate::api::respond::{Planned, compute_planned, json, mesh_file, planned, svg};
+use crate::api::respond::{Binary, Planned, compute_planned, json, mesh_file, planned, svg};
 use crate::formats::checked::{Checked, LARGE, List, Raw, document, take_given, take_or_default};
-use crate::formats::shape::{Points, ShapeInput};
+use crate::formats::shape::{Points, PointsOrGrid, ShapeInput};
 use crate::geometry::capability::domain::Domain;
 use crate::geometry::capability::measure::{Measures, ReferenceDistances, SetDistances};
 use crate::geometry::capability::sample::{Derivative, Evaluation, Frames, Parameters};
@@ -42,7 +42,7 @@ shapes_request! {
         samples: Checked<usize>;
         /// Numbers of equally spaced parameters of surfaces along `u` and `v`, from 0; along open directions up to 1. Default:
         /// two per interval between knots.
-        #[schema(value_type = Option<[usize; 2]>)]
+        #[schema(value_type = Option<[usize; 2]>, min_items = 2, max_items = 2)]
         grid: Checked<[usize; 2]>;
         /// Explicit parameters in place of `samples` or `grid`: values `u` for curves, pairs `[u, v]` for surfaces. Closed
         /// directions take them modulo 1, open ones from 0 to 1.
@@ -72,7 +72,7 @@ pub(super) enum ParameterList {
 #[derive(Debug, Default, Serialize, utoipa::ToSchema)]
 pub(super) struct EvaluationOutput {
     /// Points on the shape; for surfaces on a grid, nested lists `[u][v]` of points.
-    #[schema(value_type = Vec<Vec<serde_json::Value>>)]
+    #[schema(value_type = PointsOrGrid)]
     points: Option<Points>,
     /// `dr/du`; present if `derivatives` is at least 1.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -82,23 +82,23 @@ pub(super) struct EvaluationOutput {
     second: Option<Points>,
     /// `∂σ/∂u` of a surface; present if `derivatives` is at least 1.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(value_type = Option<Vec<Vec<serde_json::Value>>>)]
+    #[schema(value_type = Option<PointsOrGrid>)]
     u: Option<Points>,
     /// `∂σ/∂v` of a surface; present if `derivatives` is at least 1.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(value_type = Option<Vec<Vec<serde_json::Value>>>)]
+    #[schema(value_type = Option<PointsOrGrid>)]
     v: Option<Points>,
     /// `∂²σ/∂u²` of a surface; present if `derivatives` is 2.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(value_type = Option<Vec<Vec<serde_json::Value>>>)]
+    #[schema(value_type = Option<PointsOrGrid>)]
     uu: Option<Points>,
     /// `∂²σ/∂u∂v` of a surface; present if `derivatives` is 2.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(value_type = Option<Vec<Vec<serde_json::Value>>>)]
+    #[schema(value_type = Option<PointsOrGrid>)]
     uv: Option<Points>,
     /// `∂²σ/∂v²` of a surface; present if `derivatives` is 2.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(value_type = Option<Vec<Vec<serde_json::Value>>>)]
+    #[schema(value_type = Option<PointsOrGrid>)]
     vv: Option<Points>,
     /// Unit tangents of curves, if `frames` is set; null where the curve has no direction.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -163,7 +163,7 @@ pub(super) struct EvaluateAnswer {
 #[utoipa::path(post, path = "/evaluate", tag = "curves", request_body = EvaluateRequest,
     params(ShapeFormatQuery),
     responses(
-        (status = 200, description = "Points and derivatives", content((EvaluateAnswer = "application/json"), (String = "image/svg+xml"), (Vec<u8> = "model/obj"), (Vec<u8> = "application/ply"), (Vec<u8> = "model/stl"), (Vec<u8> = "model/gltf-binary")))
+        (status = 200, description = "Points and derivatives", content((EvaluateAnswer = "application/json"), (String = "image/svg+xml"), (Binary = "model/obj"), (Binary = "application/ply"), (Binary = "model/stl"), (Binary = "model/gltf-binary")))
     ))]
 pub(super) async fn evaluate(
     Caller(app): Caller,

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::classify::ClassifierOutput;
 use super::jobs::{JobOutput, accepted};
-use super::request_macros::{Page, PageQuery, RetryHeader, ShapeOutput, known, priority_of, tagged, time};
+use super::request_macros::{PageQuery, RetryHeader, ShapeOutput, known, page, priority_of, tagged, time};
 use crate::analysis::alignment::Alignment;
 use crate::analysis::classification::record::{ClassifierKind, ClassifierSettings};
 use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
@@ -16,11 +16,10 @@ use crate::analysis::dictionary::method::Method;
 use crate::analysis::dictionary::modes::Mode;
 use crate::analysis::estimate::Estimate;
 use crate::analysis::frame::Frame;
-use crate::analysis::rows::Row;
 use crate::analysis::transformation::Transformation;
 use crate::api::extract::{Caller, Format, JsonBody, NoQuery, OnlyFormat, Path, Prefer, Query, ShapeFormat};
 use crate::api::problem::Problem;
-use crate::api::respond::{compute, json, mesh, svg};
+use crate::api::respond::{Binary, compute, json, mesh, svg};
 use crate::domain::dictionary::Listed;
 use crate::domain::job::{Job, JobStatus, Priority};
 use crate::domain::shape::ShapeFilter;
@@ -165,6 +164,11 @@ pub(super) struct DictionaryEntry {
     provenance: ProvenanceOutput,
 }
 
+page! {
+    /// One page of dictionaries.
+    PageOfDictionaries of DictionaryEntry
+}
+
 impl From<Listed> for DictionaryEntry {
     fn from(listed: Listed) -> Self {
         let provenance = ProvenanceOutput::new(&listed);
@@ -227,7 +231,7 @@ pub(super) struct DictionaryOutput<'a> {
     /// Mean shape.
     mean: &'a MeanRecord,
     /// Arithmetic mean of the aligned shapes; null for sparse atoms.
-    centre: Option<&'a [Row]>,
+    centre: Option<&'a [Vec<f64>]>,
     /// Eigenshapes, orthonormal in `L₂`; or atoms of unit norm.
     atoms: &'a [Atom],
     /// Convergence of the learning, and quality of the description of the shapes.
@@ -383,13 +387,14 @@ pub(super) struct DictionariesQuery {
     /// Cursor from the previous page.
     cursor: Option<String>,
     /// Entries per page, 1 to 1000. Default: 100.
+    #[param(minimum = 1, maximum = 1000)]
     limit: Option<usize>,
 }
 
 /// Lists dictionaries in order of creation, one entry per version.
 #[utoipa::path(get, path = "/dictionaries", tag = "dictionaries", params(DictionariesQuery),
     responses(
-        (status = 200, description = "A page of dictionaries", body = Page<DictionaryEntry>),
+        (status = 200, description = "A page of dictionaries", body = PageOfDictionaries),
         (status = 400, description = "The query was refused")
     ))]
 pub(super) async fn list_dictionaries(
@@ -401,7 +406,7 @@ pub(super) async fn list_dictionaries(
     let (items, next) =
         planning::list(&app, name, cohort.as_deref(), page.cursor.as_deref(), page.limit()?).await?;
     let items: Vec<DictionaryEntry> = items.into_iter().map(Into::into).collect();
-    Ok(json(StatusCode::OK, &Page { items, next })?)
+    Ok(json(StatusCode::OK, &PageOfDictionaries { items, next })?)
 }
 
 /// Entity tag of a version, which never changes.
@@ -488,8 +493,10 @@ pub(super) async fn dictionary_atoms(
 #[serde(deny_unknown_fields)]
 pub(super) struct ModeQuery {
     /// Component, from 1. Default: 1.
+    #[param(minimum = 1)]
     component: Option<usize>,
     /// Number of standard deviations. Default: 2.
+    #[param(minimum = -1000000, maximum = 1000000)]
     sigma: Option<f64>,
     /// Response format: `json`, `svg`, or for surfaces `obj`, `ply`, `stl`, `gltf`.
     #[serde(rename = "format")]
@@ -534,7 +541,7 @@ impl ModeAnswer {
 #[utoipa::path(get, path = "/dictionaries/{dictionary}/modes", tag = "dictionaries",
     params(("dictionary" = String, Path, description = "Id, `name@version` or name"), ModeQuery),
     responses(
-        (status = 200, description = "The mode", content((ModeAnswer = "application/json"), (String = "image/svg+xml"), (Vec<u8> = "model/obj"), (Vec<u8> = "application/ply"), (Vec<u8> = "model/stl"), (Vec<u8> = "model/gltf-binary"))),
+        (status = 200, description = "The mode", content((ModeAnswer = "application/json"), (String = "image/svg+xml"), (Binary = "model/obj"), (Binary = "application/ply"), (Binary = "model/stl"), (Binary = "model/gltf-binary"))),
         (status = 404, description = "No such dictionary"),
         (status = "4XX", description = "The query was refused, or the dictionary has no modes")
     ))]

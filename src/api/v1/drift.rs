@@ -21,6 +21,7 @@ pub(super) struct DriftQuery {
     /// was learnt from.
     since: Option<String>,
     /// Fraction of shapes like the training shapes that should not count as outliers, at least 0.5. Default: 0.99.
+    #[param(minimum = 0.5, exclusive_maximum = 1)]
     quantile: Option<f64>,
 }
 

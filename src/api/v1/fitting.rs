@@ -18,6 +18,7 @@ use crate::formats::shape::{Points, ShapeInput};
 use crate::geometry::capability::domain::{Admitted, Domain};
 use crate::geometry::capability::fit::{Fitted, PointPlaces};
 use crate::geometry::capability::idealise::{Placed, PlacedCurve, PlacedSurface};
+use crate::geometry::generator::GeneratorKind;
 use crate::geometry::ideal::{IdealCurve, Position};
 use crate::geometry::representation::Representation;
 use crate::geometry::surface::ideal::IdealSurface;
@@ -47,7 +48,7 @@ document! {
         /// Representation to fit: closed or open curves, or surfaces. It has `control_points` or `intervals`, or in their place
         /// `tolerance`, a bound on the root mean square distance `residual` (in the unit of the points), for which their number
         /// is chosen. Single points may be farther away.
-        #[schema(value_type = Object, required = true)]
+        #[schema(value_type = FitRepresentation, required = true)]
         representation: Read<FitTarget>, required;
         /// Parameters of the points, one list per shape. Curves: `u`, strictly increasing from 0 to 1. Default: arc length of
         /// the polygon. Surfaces: pairs `[u, v]`. Default: equal spacing, for a grid of points.
@@ -68,6 +69,44 @@ document! {
         #[schema(value_type = Option<ShapeInput>)]
         start: ShapeInput;
     }
+}
+
+/// Representation to fit: with a number of control points, or for curves with a bound on the residual.
+#[derive(utoipa::ToSchema)]
+#[serde(untagged)]
+#[allow(dead_code, reason = "only for the document")]
+enum FitRepresentation {
+    /// With a number of control points.
+    Sized(Representation),
+    /// With a bound on the residual.
+    Tolerant(TolerantCurve),
+}
+
+/// Curves with as many control points as a bound on the residual requires.
+#[derive(utoipa::ToSchema)]
+#[allow(dead_code, reason = "only for the document")]
+struct TolerantCurve {
+    /// Closed or open curves.
+    kind: CurveKind,
+    /// Dimension of the points: 2 or 3.
+    #[schema(minimum = 2, maximum = 3)]
+    dimension: usize,
+    /// The generator of the curves.
+    generator: GeneratorKind,
+    /// Largest root mean square distance, in the unit of the points.
+    #[schema(exclusive_minimum = 0.0)]
+    tolerance: f64,
+}
+
+/// Kind of curves.
+#[derive(utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+#[allow(dead_code, reason = "only for the document")]
+enum CurveKind {
+    /// Closed spline curves.
+    ClosedCurve,
+    /// Open spline curves.
+    OpenCurve,
 }
 
 /// A fitted curve or surface.
@@ -237,7 +276,7 @@ shapes_request! {
         #[schema(value_type = Option<usize>, minimum = 2)]
         factor: Checked<usize>;
         /// Numbers of control points `[M_u, M_v]` of surfaces in place of `factor`; they may grow or shrink.
-        #[schema(value_type = Option<[usize; 2]>)]
+        #[schema(value_type = Option<[usize; 2]>, min_items = 2, max_items = 2)]
         control_points: Checked<[usize; 2]>;
     }
 }

@@ -10,15 +10,18 @@ use futures_util::stream::{self, Stream};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::request_macros::{Page, PageQuery, milliseconds, time};
+use super::request_macros::{PageQuery, milliseconds, page, time};
 use crate::api::extract::{Caller, NoQuery, Path, Query};
 use crate::api::problem::{Problem, ProblemDocument};
 use crate::api::respond::json;
 use crate::domain::job::{Job, JobFilter, JobKind, JobStatus};
+use crate::domain::study::{Comparison, ShapeRegression};
 use crate::service::app::ServiceError;
 use crate::service::cohorts::catalogue;
+use crate::service::dictionaries::learning::LearntDictionary;
 use crate::service::jobs;
 use crate::service::jobs::watch::Watch;
+use crate::service::search::distances::StoredMatrix;
 
 /// Longest silence on an event stream: proxies close connections that look dead.
 const KEEP_ALIVE: Duration = Duration::from_secs(15);
@@ -58,8 +61,28 @@ pub struct JobOutput {
     #[serde(flatten)]
     entry: JobEntry,
     /// Result of the job; null unless it succeeded.
-    #[schema(value_type = Option<Object>)]
+    #[schema(value_type = Option<JobResult>)]
     result: Option<Value>,
+}
+
+/// Result of a job, by its kind.
+#[derive(utoipa::ToSchema)]
+#[serde(untagged)]
+#[allow(dead_code, reason = "only for the document: results are stored as JSON")]
+enum JobResult {
+    /// Of `learn_dictionary`.
+    Dictionary(LearntDictionary),
+    /// Of `distances`.
+    Distances(StoredMatrix),
+    /// Of `compare`.
+    Comparison(Comparison),
+    /// Of `regress`.
+    Regression(ShapeRegression),
+}
+
+page! {
+    /// One page of jobs.
+    PageOfJobs of JobEntry
 }
 
 impl From<Job> for JobOutput {
@@ -114,6 +137,7 @@ pub(super) struct JobsQuery {
     /// Cursor from the previous page.
     cursor: Option<String>,
     /// Entries per page, 1 to 1000. Default: 100.
+    #[param(minimum = 1, maximum = 1000)]
     limit: Option<usize>,
 }
 
@@ -122,7 +146,7 @@ pub(super) struct JobsQuery {
 /// Includes all queued and running jobs, and the last 1000 finished ones.
 #[utoipa::path(get, path = "/jobs", tag = "jobs", params(JobsQuery),
     responses(
-        (status = 200, description = "A page of jobs", body = Page<JobEntry>),
+        (status = 200, description = "A page of jobs", body = PageOfJobs),
         (status = 400, description = "The query was refused"),
         (status = 404, description = "No such cohort")
     ))]
@@ -139,7 +163,7 @@ pub(super) async fn list_jobs(
     let filter = JobFilter { status: query.status, kind: query.kind, cohort, since_ms };
     let (items, next) = jobs::list(&app, &filter, page.cursor.as_deref(), page.limit()?).await?;
     let items: Vec<JobEntry> = items.into_iter().map(Into::into).collect();
-    Ok(json(StatusCode::OK, &Page { items, next })?)
+    Ok(json(StatusCode::OK, &PageOfJobs { items, next })?)
 }
 
 /// Returns a job.

@@ -4,7 +4,7 @@ use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 
-use super::request_macros::{Page, PageQuery, time};
+use super::request_macros::{PageQuery, page, time};
 use crate::api::extract::{Caller, JsonBody, NoQuery, Path, Query};
 use crate::api::problem::Problem;
 use crate::api::respond::json;
@@ -26,10 +26,10 @@ document! {
         role: Checked<Role>, required;
         /// Ids or names of the only cohorts the key gives access to, at most 100. Default: all cohorts of the tenant. Not for
         /// admins.
-        #[schema(value_type = Option<Vec<String>>)]
+        #[schema(value_type = Option<Vec<String>>, min_items = 1, max_items = 100)]
         cohorts: Checked<Option<Vec<String>>>;
         /// Days until the key expires, 1 to 3653. Default: it never expires.
-        #[schema(value_type = Option<u32>)]
+        #[schema(value_type = Option<u32>, minimum = 1, maximum = 3653)]
         expires_in_days: Checked<Option<u32>>;
     }
 }
@@ -54,6 +54,11 @@ pub(super) struct KeyOutput {
     revoked_at: Option<String>,
     /// Time of last use, to the minute, RFC 3339 in UTC.
     last_used_at: Option<String>,
+}
+
+page! {
+    /// One page of keys.
+    PageOfKeys of KeyOutput
 }
 
 impl From<Key> for KeyOutput {
@@ -122,7 +127,7 @@ fn new_key(request: KeyRequest) -> Result<NewKey, ServiceError> {
 /// Lists the keys of the caller's tenant in order of creation, including expired and revoked ones.
 #[utoipa::path(get, path = "/keys", tag = "access", params(PageQuery),
     responses(
-        (status = 200, description = "A page of keys", body = Page<KeyOutput>),
+        (status = 200, description = "A page of keys", body = PageOfKeys),
         (status = 400, description = "The query was refused")
     ))]
 pub(super) async fn list_keys(
@@ -131,7 +136,7 @@ pub(super) async fn list_keys(
 ) -> Result<Response, Problem> {
     let (items, next) = keys::list(&app, page.cursor.as_deref(), page.limit()?).await?;
     let items: Vec<KeyOutput> = items.into_iter().map(Into::into).collect();
-    Ok(json(StatusCode::OK, &Page { items, next })?)
+    Ok(json(StatusCode::OK, &PageOfKeys { items, next })?)
 }
 
 /// Returns a key.

@@ -20,6 +20,7 @@ mod planned;
 mod regressions;
 mod request_macros;
 mod retrieval;
+mod shape_query;
 mod shapes;
 mod statistics;
 mod subdivision;

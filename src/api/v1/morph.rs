@@ -47,7 +47,7 @@ document! {
         #[schema(value_type = Option<Vec<f64>>)]
         positions: Checked<Vec<f64>, LARGE>;
         /// Number of equally spaced positions from 0 to 1, in place of `positions`. Default: 11.
-        #[schema(value_type = Option<usize>, minimum = 2)]
+        #[schema(value_type = Option<usize>, minimum = 2, maximum = 1000)]
         steps: Checked<usize>;
     }
 }

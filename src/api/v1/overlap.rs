@@ -29,7 +29,7 @@ document! {
         /// Side of a grid cell, in the unit of the coordinates. Default: 1/128 of the longest side of the common bounding box,
         /// or 1/32 of the longest side of the smaller body if this is less, as far as the limit of cells allows. A mask brings
         /// its own grid.
-        #[schema(value_type = Option<f64>)]
+        #[schema(value_type = Option<f64>, exclusive_minimum = 0)]
         spacing: Checked<f64>;
     }
 }

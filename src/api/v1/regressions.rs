@@ -29,7 +29,7 @@ study_request! {
         attribute: Checked<String>, required;
         /// Covariates, removed first: `subject`, `label`, `labels.<attribute>` or `log_centroid_size`, at most 20. A number
         /// takes one column, a category one column for every value but the first.
-        #[schema(value_type = Option<Vec<String>>)]
+        #[schema(value_type = Option<Vec<String>>, max_items = 20)]
         covariates: Checked<Vec<String>>;
         /// Handling of shapes without a value. Default: `refuse`.
         #[schema(value_type = Option<Missing>)]

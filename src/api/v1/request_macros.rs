@@ -212,14 +212,20 @@ impl MeanOutput {
     }
 }
 
-/// One page of a list.
-#[derive(Debug, Serialize, utoipa::ToSchema)]
-pub(super) struct Page<T> {
-    /// Entries of the page.
-    pub(super) items: Vec<T>,
-    /// Cursor of the next page; null on the last page.
-    pub(super) next: Option<String>,
+/// Declares the page of a list: a type of its own, since the schema of a generic one would repeat its items in place.
+macro_rules! page {
+    ($(#[$meta:meta])* $name:ident of $item:ident) => {
+        $(#[$meta])*
+        #[derive(Debug, serde::Serialize, utoipa::ToSchema)]
+        pub(super) struct $name {
+            /// Entries of the page.
+            items: Vec<$item>,
+            /// Cursor of the next page; null on the last page.
+            next: Option<String>,
+        }
+    };
 }
+pub(super) use page;
 
 /// Pagination: where the page starts and its length.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
@@ -229,6 +235,7 @@ pub(super) struct PageQuery {
     /// Cursor from the previous page.
     pub(super) cursor: Option<String>,
     /// Entries per page, 1 to 1000. Default: 100.
+    #[param(minimum = 1, maximum = 1000)]
     pub(super) limit: Option<usize>,
 }
 

@@ -17,13 +17,13 @@ use crate::analysis::frame::Frame;
 use crate::analysis::transformation::{ClassName, Transformation};
 use crate::api::extract::{Caller, JsonBody, NoQuery, OnlyMatrixFormat, Path, Prefer};
 use crate::api::problem::Problem;
-use crate::api::respond::{self, compute, json};
+use crate::api::respond::{self, Binary, compute, json};
 use crate::domain::job::Priority;
 use crate::domain::shape::ShapeFilter;
 use crate::formats::checked::{Checked, List, Many, document, take_given, take_many, take_or_default};
 use crate::formats::matrix::{MatrixFormat, NamedMatrix};
 use crate::formats::representation::Read;
-use crate::formats::shape::ShapeInput;
+use crate::formats::shape::{Attributes, ShapeInput};
 use crate::geometry::representation::Representation;
 use crate::service::app::{App, ServiceError, Work};
 use crate::service::search::distances::{Answer, Chosen, Comparison};
@@ -73,6 +73,7 @@ pub(super) struct NeighbourOutput {
     /// Class label.
     label: Option<String>,
     /// Additional attributes.
+    #[schema(value_type = Attributes)]
     labels: BTreeMap<String, Value>,
     /// Distance to the query: in [0, 1], or a length under `rigid` and `translation`.
     distance: f64,
@@ -231,7 +232,7 @@ pub(super) struct DistancesAnswer {
         ("prefer" = Option<String>, Header, description = "`wait=10`: wait up to ten seconds for the matrix of the job"), RetryHeader
     ),
     responses(
-        (status = 200, description = "The matrix", content((DistancesAnswer = "application/json"), (String = "text/csv"), (Vec<u8> = "application/x-npy"))),
+        (status = 200, description = "The matrix", content((DistancesAnswer = "application/json"), (String = "text/csv"), (Binary = "application/x-npy"))),
         (status = 202, description = "The job that computes the matrix", body = JobOutput, headers(("Location" = String))),
         (status = 404, description = "No such cohort"),
         (status = 503, description = "Too many jobs are waiting")
@@ -365,7 +366,7 @@ fn misplaced(request: &DistancesRequest) -> Vec<Fault> {
         ("format" = Option<String>, Query, description = "`json`, `csv` or `npy`")
     ),
     responses(
-        (status = 200, description = "The matrix", content((DistancesAnswer = "application/json"), (String = "text/csv"), (Vec<u8> = "application/x-npy"))),
+        (status = 200, description = "The matrix", content((DistancesAnswer = "application/json"), (String = "text/csv"), (Binary = "application/x-npy"))),
         (status = 404, description = "No such job, or the job has no output (not yet, none at all, or no longer)")
     ))]
 pub(super) async fn job_output(

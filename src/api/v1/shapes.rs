@@ -9,20 +9,20 @@ use axum::response::Response;
 use serde::{Deserialize, Serialize};
 use serde_json::value::RawValue;
 
-use super::cohorts::{once_each, refuse_rest, take_filter};
-use super::request_macros::{IfMatchHeader, Page, PageQuery, RetryHeader, checked, time};
+use super::request_macros::{IfMatchHeader, PageQuery, RetryHeader, checked, page, time};
+use super::shape_query::{FilterQuery, Parameters};
 use crate::api::body::{self, is_stream};
 use crate::api::extract::{
     Caller, Format, IfMatch, NoQuery, OnlyShapeFormat, Path, Query, ShapeFormat, ShapeFormatQuery, is_json,
     media_type,
 };
 use crate::api::problem::{Problem, ProblemKind};
-use crate::api::respond::{compute, json, mesh, svg};
+use crate::api::respond::{Binary, compute, json, mesh, svg};
 use crate::domain::cohort::Cohort;
 use crate::domain::shape::Shape;
 use crate::formats::checked::{List, document};
 use crate::formats::fault::Fault;
-use crate::formats::shape::{Points, ShapeInput};
+use crate::formats::shape::{Attributes, Points, ShapeInput};
 use crate::service::app::{App, ServiceError, Work};
 use crate::service::cohorts::upload::{OnError, Stored};
 use crate::service::cohorts::{catalogue, upload};
@@ -141,17 +141,22 @@ pub(super) struct StoredShape {
     /// Class label.
     label: Option<String>,
     /// Additional attributes.
-    #[schema(value_type = Object)]
+    #[schema(value_type = Attributes)]
     labels: BTreeMap<String, serde_json::Value>,
     /// Weight in means.
     weight: f64,
     /// Metadata, as posted.
-    #[schema(value_type = Option<Object>)]
+    #[schema(value_type = serde_json::Value, required = false)]
     metadata: Option<Box<RawValue>>,
     /// Control points in the representation of the cohort.
     control_points: Points,
     /// Time of creation, RFC 3339 in UTC.
     created_at: String,
+}
+
+page! {
+    /// One page of shapes of a cohort.
+    PageOfShapes of StoredShape
 }
 
 impl StoredShape {
@@ -175,13 +180,11 @@ impl StoredShape {
 #[utoipa::path(get, path = "/cohorts/{cohort}/shapes", tag = "cohorts",
     params(
         ("cohort" = String, Path, description = "Id or name"),
-        ("label" = Option<String>, Query, description = "Only shapes with this label"),
-        ("subject" = Option<String>, Query, description = "Only shapes of this subject"),
-        ("labels.{attribute}" = Option<String>, Query, description = "Only shapes whose attribute has this value"),
+        FilterQuery,
         PageQuery
     ),
     responses(
-        (status = 200, description = "A page of shapes", body = Page<StoredShape>),
+        (status = 200, description = "A page of shapes", body = PageOfShapes),
         (status = 404, description = "No such cohort"),
         (status = "4XX", description = "The query was refused")
     ))]
@@ -190,19 +193,19 @@ pub(super) async fn list_shapes(
     Path(key): Path<String>,
     Query(pairs): Query<Vec<(String, String)>>,
 ) -> Result<Response, Problem> {
-    let mut parameters = once_each(pairs)?;
-    let filter = take_filter(&mut parameters);
-    let limit = parameters.remove("limit").map(|text| text.parse()).transpose();
+    let mut parameters = Parameters::once_each(pairs)?;
+    let filter = parameters.take_filter();
+    let limit = parameters.take("limit").map(|text| text.parse()).transpose();
     let limit = limit.map_err(|_| Problem::new(ProblemKind::InvalidQuery, "limit: expected a number"))?;
-    let page = PageQuery { cursor: parameters.remove("cursor"), limit };
-    refuse_rest(&parameters)?;
+    let page = PageQuery { cursor: parameters.take("cursor"), limit };
+    parameters.refuse_rest()?;
     let limit = page.limit()?;
     let (cohort, (shapes, next)) =
         catalogue::list_shapes(&app, &key, &filter, page.cursor.as_deref(), limit).await?;
     compute(app.weighing(Work::MOMENT), move |_| {
         let items: Vec<StoredShape> =
             shapes.into_iter().map(|shape| StoredShape::new(&cohort, shape)).collect();
-        json(StatusCode::OK, &Page { items, next })
+        json(StatusCode::OK, &PageOfShapes { items, next })
     })
     .await
 }
@@ -217,7 +220,7 @@ pub(super) async fn list_shapes(
         ShapeFormatQuery
     ),
     responses(
-        (status = 200, description = "The shape", content((StoredShape = "application/json"), (String = "image/svg+xml"), (Vec<u8> = "model/obj"), (Vec<u8> = "application/ply"), (Vec<u8> = "model/stl"), (Vec<u8> = "model/gltf-binary"))),
+        (status = 200, description = "The shape", content((StoredShape = "application/json"), (String = "image/svg+xml"), (Binary = "model/obj"), (Binary = "application/ply"), (Binary = "model/stl"), (Binary = "model/gltf-binary"))),
         (status = 404, description = "No such cohort or shape")
     ))]
 pub(super) async fn find_shape(

@@ -12,7 +12,7 @@ use crate::api::extract::{
     Caller, Format, JsonBody, NoQuery, OnlyFormat, OnlyShapeFormat, Query, ShapeFormat, ShapeFormatQuery,
 };
 use crate::api::problem::Problem;
-use crate::api::respond::{compute_planned, json, mesh, planned, svg};
+use crate::api::respond::{Binary, compute_planned, json, mesh, planned, svg};
 use crate::formats::checked::{Checked, take_given, take_or_default};
 use crate::formats::fault::Fault;
 use crate::formats::shape::{Points, ShapeInput};
@@ -141,7 +141,7 @@ pub(super) async fn project(
 #[utoipa::path(post, path = "/mean", tag = "statistics", request_body = StatisticsRequest,
     params(ShapeFormatQuery),
     responses(
-        (status = 200, description = "The mean", content((MeanOutput = "application/json"), (String = "image/svg+xml"), (Vec<u8> = "model/obj"), (Vec<u8> = "application/ply"), (Vec<u8> = "model/stl"), (Vec<u8> = "model/gltf-binary")))
+        (status = 200, description = "The mean", content((MeanOutput = "application/json"), (String = "image/svg+xml"), (Binary = "model/obj"), (Binary = "application/ply"), (Binary = "model/stl"), (Binary = "model/gltf-binary")))
     ))]
 pub(super) async fn mean(
     Caller(app): Caller,
@@ -322,8 +322,10 @@ pub(super) struct ModeQuery {
     #[allow(dead_code, reason = "read by the format extractor, listed here for the document")]
     format: Option<String>,
     /// Component to draw, from 1. Default: 1.
+    #[param(minimum = 1)]
     component: Option<usize>,
     /// Number of standard deviations to draw, at most 10. Default: 2.
+    #[param(minimum = 0, maximum = 10)]
     sigma: Option<f64>,
 }
 

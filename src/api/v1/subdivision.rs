@@ -8,7 +8,7 @@ use serde::Serialize;
 use super::request_macros::checked;
 use crate::api::extract::{Caller, Format, JsonBody, OnlyShapeFormat, ShapeFormat, ShapeFormatQuery};
 use crate::api::problem::Problem;
-use crate::api::respond::{Planned, compute_planned, json, mesh_file, planned, svg};
+use crate::api::respond::{Binary, Planned, compute_planned, json, mesh_file, planned, svg};
 use crate::formats::checked::{Checked, document, take_given};
 use crate::formats::shape::Points;
 use crate::geometry::capability::refine::RefinedMesh;
@@ -39,22 +39,22 @@ document! {
         #[schema(value_type = Option<f64>)]
         lambda_imaginary: Checked<f64>;
         /// BLOB: first level parameter, between 0 and 500.
-        #[schema(value_type = Option<f64>)]
+        #[schema(value_type = Option<f64>, exclusive_minimum = 0, exclusive_maximum = 500)]
         v0: Checked<f64>;
         /// Loop: vertex weights. Default: `original`.
         #[schema(value_type = Option<LoopWeights>)]
         weights: Checked<LoopWeights>;
         /// Butterfly: tension `w`. Default: 0.
-        #[schema(value_type = Option<f64>)]
+        #[schema(value_type = Option<f64>, minimum = -0.125, maximum = 0.125)]
         tension: Checked<f64>;
         /// Normal-based: how strongly the weights of the two ends of an edge are balanced. Default: 0.
-        #[schema(value_type = Option<f64>)]
+        #[schema(value_type = Option<f64>, minimum = 0, maximum = 1000)]
         balance: Checked<f64>;
         /// Number of subdivision steps. Give `level` or `tolerance`.
         #[schema(value_type = Option<usize>)]
         level: Checked<usize>;
         /// Subdivides until no vertex of a level is farther than this from the edges of the level before.
-        #[schema(value_type = Option<f64>)]
+        #[schema(value_type = Option<f64>, exclusive_minimum = 0)]
         tolerance: Checked<f64>;
         /// Closed mesh to refine. Give one of `mesh`, `start` and `polyline`.
         #[schema(value_type = Option<ControlMeshInput>)]
@@ -148,7 +148,7 @@ enum Given {
 #[utoipa::path(post, path = "/subdivide", tag = "curves", request_body = SubdivideRequest,
     params(ShapeFormatQuery),
     responses(
-        (status = 200, description = "The refined mesh or polyline", content((SubdivideAnswer = "application/json"), (String = "image/svg+xml"), (Vec<u8> = "model/obj"), (Vec<u8> = "application/ply"), (Vec<u8> = "model/stl"), (Vec<u8> = "model/gltf-binary")))
+        (status = 200, description = "The refined mesh or polyline", content((SubdivideAnswer = "application/json"), (String = "image/svg+xml"), (Binary = "model/obj"), (Binary = "application/ply"), (Binary = "model/stl"), (Binary = "model/gltf-binary")))
     ))]
 pub(super) async fn subdivide(
     Caller(app): Caller,

@@ -106,13 +106,13 @@ pub struct DictionaryFile {
     /// Name of the format: `shapelex-dictionary`.
     pub format: String,
     /// Version of the format: 1, or 2 with measures of held-out shapes.
+    #[schema(minimum = 1, maximum = 2)]
     pub format_version: u32,
     /// Name under which the dictionary was learnt.
     pub name: String,
     /// BLAKE3 digest of `content` as compact JSON, with its fields in the order of this document.
     pub digest: String,
     /// Origin of the dictionary: cohort, revision, filter and program.
-    #[schema(value_type = Object)]
     pub provenance: Provenance,
     /// The learnt content.
     pub content: Content,

@@ -5,6 +5,7 @@
 
 use std::sync::Arc;
 
+use serde::Serialize;
 use tokio::runtime::Handle;
 
 use super::class_labels;
@@ -35,6 +36,17 @@ use crate::service::statistics::Setup;
 /// Maximum size of stored sums from which learning can continue.
 const STATE_BYTES: usize = 64 << 20;
 
+/// Result of a job that learns a dictionary.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct LearntDictionary {
+    /// Id of the dictionary.
+    pub dictionary: String,
+    /// Its name.
+    pub name: String,
+    /// BLAKE3 digest of the learnt dictionary.
+    pub digest: String,
+}
+
 /// Runs the job.
 ///
 /// # Errors
@@ -43,8 +55,13 @@ pub fn run(app: &App, handle: &Handle, job: &Job, context: &JobContext) -> Resul
     let plan: Plan = serde_json::from_value(job.parameters.clone())
         .map_err(|error| ServiceError::Internal(format!("the parameters of a job: {error}")))?;
     let dictionary = learn(app, handle, job, &plan, context)?;
-    let result =
-        serde_json::json!({"dictionary": dictionary.id, "name": plan.name, "digest": dictionary.digest});
+    let result = LearntDictionary {
+        dictionary: dictionary.id.clone(),
+        name: plan.name,
+        digest: dictionary.digest.clone(),
+    };
+    let result = serde_json::to_value(result)
+        .map_err(|error| ServiceError::Internal(format!("a result is not JSON: {error}")))?;
     Ok(Outcome { result, dictionary: Some(Box::new(dictionary)), output: None })
 }
 

@@ -244,6 +244,19 @@ fn check_size(app: &App, space: &DistanceSpace, count: usize, field: &str) -> Re
     Ok(())
 }
 
+/// Result of a job that computes distances; the matrix is stored beside it.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct StoredMatrix {
+    /// Id of the cohort.
+    pub cohort: String,
+    /// Revision of the cohort.
+    pub cohort_revision: u64,
+    /// Number of rows and columns.
+    pub shapes: usize,
+    /// Path of the matrix.
+    pub output: String,
+}
+
 /// Runs the job.
 ///
 /// # Errors
@@ -257,8 +270,14 @@ pub fn run(app: &App, handle: &Handle, job: &Job, context: &JobContext) -> Resul
     context.report("read", 0.0, None);
     let compared = Compared::new(Setup::of(app, plan.comparison.settings(&cohort))?)?;
     let matrix = plan.matrix(app, handle, (&cohort, &compared), context)?;
-    let result = serde_json::json!({"cohort": cohort.id, "cohort_revision": plan.revision, "shapes": matrix.ids.len(),
-        "output": format!("/v1/jobs/{}/output", job.id)});
+    let result = StoredMatrix {
+        cohort: cohort.id,
+        cohort_revision: plan.revision,
+        shapes: matrix.ids.len(),
+        output: format!("/v1/jobs/{}/output", job.id),
+    };
+    let result = serde_json::to_value(result)
+        .map_err(|error| ServiceError::Internal(format!("a result is not JSON: {error}")))?;
     Ok(Outcome { result, dictionary: None, output: Some(Box::new(to_output(matrix)?)) })
 }
 

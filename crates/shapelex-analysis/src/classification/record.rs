@@ -1,7 +1,5 @@
 //! Classifiers as serialisable records: requested settings, trained numbers, and validation.
 
-use crate::rows::Row;
-
 /// Kind of classifier.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -54,24 +52,28 @@ pub struct ClassifierSettings {
     pub features: Vec<Feature>,
     /// For `discriminant`: number of leading components of the code to use. Default: all.
     #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
+    #[cfg_attr(feature = "schema", schema(minimum = 1))]
     pub components: Option<usize>,
     /// For `discriminant`: pooling of covariances, from 0 (one per class: quadratic) to 1 (one for all classes: linear).
     /// Default: 1.
     #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
+    #[cfg_attr(feature = "schema", schema(minimum = 0, maximum = 1))]
     pub pooling: Option<f64>,
     /// For `discriminant`: shrinkage of covariances towards a multiple of the identity, 0 to 1. Default: estimated.
     #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
+    #[cfg_attr(feature = "schema", schema(minimum = 0, maximum = 1))]
     pub shrinkage: Option<f64>,
     /// For `nearest_neighbours`: number of neighbours that vote. Default: 5.
     #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
+    #[cfg_attr(feature = "schema", schema(minimum = 1))]
     pub neighbours: Option<usize>,
     /// Number of parts (folds) of the cross-validation. Default: 5.
     #[cfg_attr(feature = "serde", serde(default = "default_folds"))]
-    #[cfg_attr(feature = "schema", schema(default = 5))]
+    #[cfg_attr(feature = "schema", schema(default = 5, minimum = 2, maximum = 100))]
     pub folds: usize,
     /// Number of repeats of the cross-validation with different parts. Default: 3.
     #[cfg_attr(feature = "serde", serde(default = "default_repeats"))]
-    #[cfg_attr(feature = "schema", schema(default = 3))]
+    #[cfg_attr(feature = "schema", schema(default = 3, minimum = 1, maximum = 100))]
     pub repeats: usize,
     /// Seed of the random parts. Default: 0.
     #[cfg_attr(feature = "serde", serde(default))]
@@ -168,7 +170,7 @@ pub enum Trained {
     /// Distance to the mean space of each class.
     MeanSpace {
         /// Control points of the mean shape of each class.
-        means: Vec<Vec<Row>>,
+        means: Vec<Vec<Vec<f64>>>,
     },
     /// Class of the atom with the largest correlation.
     NearestAtom {

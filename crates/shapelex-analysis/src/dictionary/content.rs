@@ -8,7 +8,7 @@ use crate::alignment::{Alignment, MeanShape};
 use crate::classification::record::ClassifierRecord;
 use crate::correspondence::{Correspondence, Direction, Mirror};
 use crate::frame::Frame;
-use crate::rows::{Row, rows_of};
+use crate::rows::rows_of;
 use crate::transformation::Transformation;
 use shapelex_geometry::representation::Representation;
 
@@ -39,7 +39,7 @@ pub struct Content {
     /// Mean shape to which shapes are aligned, or start points are matched.
     pub mean: MeanRecord,
     /// Arithmetic mean of the aligned shapes; null for sparse atoms.
-    pub centre: Option<Vec<Row>>,
+    pub centre: Option<Vec<Vec<f64>>>,
     /// Eigenshapes, orthonormal in `L₂`, or atoms of unit norm.
     pub atoms: Vec<Atom>,
     /// Convergence of the learning, and quality of the description of the shapes.
@@ -56,7 +56,7 @@ pub struct Content {
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
 pub struct MeanRecord {
     /// Control points, of unit `L₂` norm except under `rigid` and `translation`.
-    pub control_points: Vec<Row>,
+    pub control_points: Vec<Vec<f64>>,
     /// Leading eigenvalues of the sum of projectors; empty for Procrustes alignment.
     pub eigenvalues: Vec<f64>,
     /// Gap between the eigenvalues of the mean space and the next one; null for Procrustes alignment.
@@ -87,7 +87,7 @@ impl MeanRecord {
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
 pub struct Atom {
     /// Control points in the representation.
-    pub control_points: Vec<Row>,
+    pub control_points: Vec<Vec<f64>>,
     /// Fraction of the shapes whose code uses the atom; 1 for components.
     pub usage: f64,
     /// Eigenvalue `λ_i`, the sum of squared scores over the shapes; null for sparse atoms.
@@ -187,7 +187,7 @@ pub struct ScoreStatistics {
     /// Weighted mean score of every component; zero for centred components.
     pub mean: Vec<f64>,
     /// Covariance of the scores, divided by the total weight minus its mean.
-    pub covariance: Vec<Row>,
+    pub covariance: Vec<Vec<f64>>,
     /// Squared Mahalanobis distances of the shapes, ascending; for more than 1001 shapes, 1001 quantiles.
     pub t_squared: Vec<f64>,
 }

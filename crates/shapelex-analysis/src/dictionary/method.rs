@@ -25,7 +25,7 @@ pub enum Method {
     FunctionalPca {
         /// Number of components. Default: 10.
         #[cfg_attr(feature = "serde", serde(default = "default_components"))]
-        #[cfg_attr(feature = "schema", schema(default = 10))]
+        #[cfg_attr(feature = "schema", schema(default = 10, minimum = 1))]
         components: usize,
         /// Whether components are centred on the arithmetic mean of the aligned shapes. Default: false.
         #[cfg_attr(feature = "serde", serde(default))]
@@ -34,12 +34,15 @@ pub enum Method {
     /// Sparse dictionary: every shape is coded with few atoms.
     Sparse {
         /// Number of atoms.
+        #[cfg_attr(feature = "schema", schema(minimum = 1))]
         atoms: usize,
         /// Penalty `λ` on the magnitudes of a code (lasso); null with `nonzeros`.
         #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
+        #[cfg_attr(feature = "schema", schema(exclusive_minimum = 0))]
         lambda: Option<f64>,
         /// Number of atoms in a code (optimised orthogonal matching pursuit); null with `lambda`.
         #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
+        #[cfg_attr(feature = "schema", schema(minimum = 1))]
         nonzeros: Option<usize>,
         /// Aligned or invariant codes. Default: `aligned`.
         #[cfg_attr(feature = "serde", serde(default))]
@@ -56,12 +59,12 @@ pub enum Method {
         seed: u64,
         /// Maximum number of passes over the shapes, up to 10 000. Default: 200.
         #[cfg_attr(feature = "serde", serde(default = "default_max_epochs"))]
-        #[cfg_attr(feature = "schema", schema(default = 200))]
+        #[cfg_attr(feature = "schema", schema(default = 200, minimum = 1, maximum = 10000))]
         max_epochs: usize,
         /// Relative decrease of the objective in one pass (with `nonzeros`: ten passes) below which learning stops. Default:
         /// 1e-4.
         #[cfg_attr(feature = "serde", serde(default = "default_tolerance"))]
-        #[cfg_attr(feature = "schema", schema(default = 1e-4))]
+        #[cfg_attr(feature = "schema", schema(default = 1e-4, minimum = 0, exclusive_maximum = 1))]
         tolerance: f64,
         /// Update schedule of the atoms. Default: `online` (after every group of shapes).
         #[cfg_attr(feature = "serde", serde(default))]

@@ -3,7 +3,6 @@
 use super::comparison::Tested;
 use super::permutation::Tally;
 use crate::dictionary::content::MeanRecord;
-use crate::rows::Row;
 use shapelex_geometry::size::SizeMeasure;
 
 /// Comparison of groups of shapes: means, tests, effects along the shape, sizes.
@@ -40,7 +39,7 @@ pub struct GroupRecord {
     /// alignment it equals `average`.
     pub mean: MeanRecord,
     /// Weighted arithmetic mean of the aligned shapes, which the tests compare.
-    pub average: Vec<Row>,
+    pub average: Vec<Vec<f64>>,
     /// Root of the weighted mean squared distance of the aligned shapes from `average`.
     pub spread: f64,
     /// Sizes before the class was removed, as far as the representation has them.
@@ -187,11 +186,11 @@ pub struct RegressionRecord {
     /// Permutation test of the pseudo-F; with covariates, by permutation of residuals (Freedman and Lane).
     pub test: TestRecord,
     /// Weighted arithmetic mean of the aligned shapes: the prediction at the mean of attribute and covariates.
-    pub average: Vec<Row>,
+    pub average: Vec<Vec<f64>>,
     /// Change of the shape per unit of the attribute.
-    pub change_per_unit: Vec<Row>,
+    pub change_per_unit: Vec<Vec<f64>>,
     /// Change of the shape per standard deviation of the attribute.
-    pub change_per_deviation: Vec<Row>,
+    pub change_per_deviation: Vec<Vec<f64>>,
     /// Shapes predicted at quantiles of the attribute, with the covariates at their mean.
     pub predictions: Vec<Prediction>,
 }
@@ -235,7 +234,7 @@ pub struct Prediction {
     /// Value of the attribute.
     pub attribute: f64,
     /// Control points of the predicted shape.
-    pub control_points: Vec<Row>,
+    pub control_points: Vec<Vec<f64>>,
 }
 
 impl From<Tally> for TestRecord {

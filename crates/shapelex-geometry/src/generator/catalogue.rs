@@ -49,12 +49,13 @@ impl std::hash::Hash for Exact {
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 #[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
 pub enum PoleList {
-    /// Poles on the integer grid of the knots, `|Im α| < π`: functions `e^{αt}` of the knot number `t`.
-    #[cfg_attr(feature = "schema", schema(value_type = Vec<Vec<f64>>, example = json!([[0.0, 0.0], [0.0, 0.5], [0.0, -0.5]])))]
+    /// Poles on the integer grid of the knots, `|Im α| < π`: functions `e^{αt}` of the knot number `t`. In place of
+    /// `domain_poles`.
+    #[cfg_attr(feature = "schema", schema(value_type = Vec<Vec<f64>>, example = json!({"poles": [[0.0, 0.0], [0.0, 0.5], [0.0, -0.5]]})))]
     Poles(Vec<[Exact; 2]>),
     /// Poles on the whole domain: functions of `u ∈ [0, 1]`. They are divided by the number of control points (closed curves)
-    /// or intervals (open curves).
-    #[cfg_attr(feature = "schema", schema(value_type = Vec<Vec<f64>>, example = json!([[0.0, 0.0], [0.0, TAU], [0.0, -TAU]])))]
+    /// or intervals (open curves). In place of `poles`.
+    #[cfg_attr(feature = "schema", schema(value_type = Vec<Vec<f64>>, example = json!({"domain_poles": [[0.0, 0.0], [0.0, TAU], [0.0, -TAU]]})))]
     DomainPoles(Vec<[Exact; 2]>),
 }
 

@@ -36,56 +36,70 @@ pub enum IdealSurface {
     /// A sphere.
     Sphere {
         /// Radius of the sphere.
+        #[cfg_attr(feature = "schema", schema(exclusive_minimum = 0))]
         radius: f64,
     },
     /// An ellipsoid with its axes along x, y and z.
     Ellipsoid {
         /// Semi-axes along x, y and z.
+        #[cfg_attr(feature = "schema", schema(min_items = 3, max_items = 3))]
         semi_axes: [f64; 3],
     },
     /// The lateral surface of a cylinder, starting at `z = 0`.
     Cylinder {
         /// Radius of the cylinder.
+        #[cfg_attr(feature = "schema", schema(exclusive_minimum = 0))]
         radius: f64,
         /// Height of the cylinder.
+        #[cfg_attr(feature = "schema", schema(exclusive_minimum = 0))]
         height: f64,
     },
     /// A torus around the z axis.
     Torus {
         /// Radius `R` of the centre line of the tube.
+        #[cfg_attr(feature = "schema", schema(exclusive_minimum = 0))]
         major_radius: f64,
         /// Radius `r` of the tube.
+        #[cfg_attr(feature = "schema", schema(exclusive_minimum = 0))]
         minor_radius: f64,
     },
     /// Steiner's Roman surface: one-sided, with three double lines and six pinch points.
     Roman {
         /// Parameter `r`; the size of the surface is its square.
+        #[cfg_attr(feature = "schema", schema(exclusive_minimum = 0))]
         radius: f64,
     },
     /// A part of the hyperbolic paraboloid `x²/a² − y²/b² = z/h`.
     HyperbolicParaboloid {
         /// Parameters `a` and `b`.
+        #[cfg_attr(feature = "schema", schema(min_items = 2, max_items = 2))]
         semi_axes: [f64; 2],
         /// Parameter `h`.
+        #[cfg_attr(feature = "schema", schema(exclusive_minimum = 0))]
         height: f64,
     },
     /// The figure-8 immersion of the Klein bottle, which is one-sided.
     FigureEight {
         /// Radius `R` of the circle that the figure 8 follows; the figure 8 has size 1.
+        #[cfg_attr(feature = "schema", schema(exclusive_minimum = 0))]
         radius: f64,
     },
     /// One turn of a helicoid around the z axis.
     Helicoid {
         /// Half of the width.
+        #[cfg_attr(feature = "schema", schema(exclusive_minimum = 0))]
         radius: f64,
         /// Height of one turn.
+        #[cfg_attr(feature = "schema", schema(exclusive_minimum = 0))]
         height: f64,
     },
     /// A torus whose tube is pinched to a point at one place and turned inside out there.
     PinchedTorus {
         /// Radius `R` of the centre line of the tube.
+        #[cfg_attr(feature = "schema", schema(exclusive_minimum = 0))]
         major_radius: f64,
         /// Radius `r` of the tube.
+        #[cfg_attr(feature = "schema", schema(exclusive_minimum = 0))]
         minor_radius: f64,
     },
 }
