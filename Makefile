@@ -38,6 +38,8 @@ test: tools spell
 	@if command -v python3 >/dev/null; then python3 deploy/lint.py; else echo "SKIPPED: the lint of deploy, there is no python3"; fi
 	@if command -v python3 >/dev/null; then python3 tests/contract/run.py $(if $(CI),short,long); \
 	else echo "SKIPPED: the contract test, there is no python3"; fi
+	@if command -v python3 >/dev/null; then python3 tests/clients/run.py; \
+	else echo "SKIPPED: the generated clients, there is no python3"; fi
 	@if command -v python3 >/dev/null; then python3 tests/attack/run.py small; \
 	else echo "SKIPPED: the attack requests, there is no python3"; fi
 	tests/with_postgres.sh cargo test --locked --lib --test suite -- store:: commands http_ kill worker

@@ -1,0 +1,151 @@
+#!/usr/bin/env python3
+"""Generates a Python and a TypeScript client from the OpenAPI document, checks their types and calls the service with them.
+
+    tests/clients/run.py [--program target/debug/shapelex]
+
+The document must be valid, and no operation may be missing from a client. Where Python packages or npm cannot be had, the
+part that needs them is skipped with a line that says so.
+"""
+
+import argparse
+import importlib.util
+import json
+import os
+import pathlib
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+import venv
+
+HERE = pathlib.Path(__file__).resolve().parent
+ROOT = HERE.parent.parent
+TARGET = pathlib.Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target")).resolve()
+DOCUMENT = ROOT / "openapi" / "openapi.json"
+
+# What the generator for Python cannot do: it offers the other media type of the body.
+KNOWN_WARNINGS = {"POST /v1/cohorts/{cohort}/shapes": "Unsupported content type application/x-ndjson"}
+
+def contract():
+    """The contract test as a module: it knows how to start a service and to make keys."""
+    specification = importlib.util.spec_from_file_location("contract", HERE.parent / "contract" / "run.py")
+    module = importlib.util.module_from_spec(specification)
+    specification.loader.exec_module(module)
+    return module
+
+
+def run(command, **options):
+    """Runs a command whose output is shown only if it fails."""
+    options = {"cwd": HERE, "timeout": 300, **options}
+    done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, **options)
+    if done.returncode != 0:
+        sys.exit(f"{' '.join(str(part) for part in command)}\n{done.stdout}")
+    return done.stdout
+
+
+def installed(folder, wanted, install):
+    """Whether `folder` has what the files `wanted` list, after it was installed if need be."""
+    text = "".join((HERE / name).read_text() for name in wanted)
+    mark = folder / "installed.txt"
+    if mark.exists() and mark.read_text() == text:
+        return True
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    try:
+        install(folder)
+    except (OSError, subprocess.SubprocessError) as error:
+        print(f"SKIPPED: a generated client, the packages of {wanted[0]} cannot be installed: {error}")
+        return False
+    mark.write_text(text)
+    return True
+
+
+def install_python(folder):
+    """An environment with the packages for Python."""
+    venv.create(folder, with_pip=True)
+    pip = [folder / "bin" / "python", "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
+    subprocess.run([*pip, "-r", HERE / "requirements.txt"], check=True, timeout=300)
+
+
+def install_npm(folder):
+    """A folder with the packages for TypeScript."""
+    for name in ["package.json", "package-lock.json", "tsconfig.json"]:
+        shutil.copy(HERE / name, folder)
+    npm = ["npm", "ci", "--no-audit", "--no-fund", "--loglevel=error"]
+    subprocess.run(npm, cwd=folder, check=True, timeout=300, stdout=subprocess.DEVNULL)
+
+
+def operations():
+    """Operation ids of the document."""
+    paths = json.loads(DOCUMENT.read_text())["paths"]
+    return {operation["operationId"] for item in paths.values() for operation in item.values()}
+
+
+def generate_python(folder):
+    """The Python client, beside its calls: all operations, each with the type of its answer."""
+    programs, client = folder / "bin", folder / "client"
+    shutil.rmtree(client, ignore_errors=True)
+    command = [programs / "openapi-python-client", "generate", "--path", DOCUMENT, "--meta", "none"]
+    told = run([*command, "--config", HERE / "python-client.yaml", "--output-path", client / "shapelex_client"])
+    for part in told.split("WARNING parsing ")[1:]:
+        known = [text for name, text in KNOWN_WARNINGS.items() if part.startswith(f"{name} ")]
+        if not (known and known[0] in part):
+            sys.exit(f"the generator for Python leaves something out: {part}")
+    modules = [file for file in (client / "shapelex_client" / "api").rglob("*.py") if file.name != "__init__.py"]
+    missing = operations() - {file.stem for file in modules}
+    if missing:
+        sys.exit(f"operations without a function in Python: {sorted(missing)}")
+    shutil.copy(HERE / "calls.py", client)
+    run([programs / "mypy", "--config-file", HERE / "mypy.ini", "calls.py", "shapelex_client"], cwd=client)
+    return [programs / "python", client / "calls.py"]
+
+
+def generate_typescript(folder):
+    """The TypeScript client, beside its calls, compiled: all operations."""
+    # TypeScript resolves what a file imports from where it lies.
+    for name in ["calls.ts", "tsconfig.json"]:
+        shutil.copy(HERE / name, folder)
+    types = folder / "shapelex.d.ts"
+    run([folder / "node_modules" / ".bin" / "openapi-typescript", DOCUMENT, "--output", types], cwd=folder)
+    text = types.read_text()
+    missing = {name for name in operations() if f'operations["{name}"]' not in text}
+    if missing:
+        sys.exit(f"operations that are missing in TypeScript: {sorted(missing)}")
+    run([folder / "node_modules" / ".bin" / "tsc", "--project", "tsconfig.json"], cwd=folder)
+    return ["node", folder / "built" / "calls.js"]
+
+
+def clients():
+    """Commands that make the calls, of all clients that can be generated here."""
+    commands, folder = [], TARGET / "clients" / "python"
+    if installed(folder, ["requirements.txt"], install_python):
+        run([folder / "bin" / "openapi-spec-validator", DOCUMENT])
+        commands.append(generate_python(folder))
+    if not (shutil.which("node") and shutil.which("npm")):
+        print("SKIPPED: the generated TypeScript client, there is no node or no npm")
+        return commands
+    folder = TARGET / "clients" / "typescript"
+    if installed(folder, ["package.json", "package-lock.json"], install_npm):
+        commands.append(generate_typescript(folder))
+    return commands
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--program", type=pathlib.Path, default=TARGET / "debug" / "shapelex")
+    shapelex, begin = parser.parse_args().program.resolve(), time.monotonic()
+    commands = clients()
+    if not commands:
+        return
+    common = contract()
+    with tempfile.TemporaryDirectory() as folder:
+        key = common.authorization(shapelex, folder, "writer")["authorization"].split()[1]
+        with common.service(shapelex, folder) as address:
+            for command in commands:
+                print(run([*command, address, key]).strip())
+    print(f"clients: {time.monotonic() - begin:.0f} s")
+
+
+if __name__ == "__main__":
+    main()
