@@ -5,7 +5,8 @@ use axum::response::Response;
 use serde::Serialize;
 
 use super::coding::{
-    CodeOutput, Received, ScoreOutput, Shapes, ask_dictionary, asking_request, quantile_of, samples_of,
+    CodeOutput, Received, ScoreOutput, Shapes, UsedDictionary, ask_dictionary, asking_request, quantile_of,
+    samples_of,
 };
 use crate::analysis::classification::record::{
     ClassRecord, ClassifierKind, ClassifierRecord, ClassifierSettings, Validation,
@@ -121,6 +122,8 @@ impl ClassOutput {
 /// Classes, one entry per shape, in request order.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct ClassifyAnswer {
+    /// The dictionary.
+    dictionary: UsedDictionary,
     /// One entry per shape.
     classes: Vec<ClassOutput>,
     /// Warnings about outlier detection; absent if there are none.
@@ -148,7 +151,11 @@ pub(super) async fn classify(
     ask_dictionary(app, received, settings, |app, ready, asked, quantile| {
         let classified = classify::classify(app, ready, asked, quantile)?;
         let classes = classified.into_iter().map(|classified| ClassOutput::new(ready, classified)).collect();
-        Ok(ClassifyAnswer { classes, warnings: outlier_warnings(ready) })
+        Ok(ClassifyAnswer {
+            dictionary: UsedDictionary::new(ready),
+            classes,
+            warnings: outlier_warnings(ready),
+        })
     })
     .await
 }
@@ -198,6 +205,8 @@ impl AssessmentOutput {
 /// Assessments, one entry per shape, in request order.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct AssessAnswer {
+    /// The dictionary.
+    dictionary: UsedDictionary,
     /// One entry per shape.
     assessments: Vec<AssessmentOutput>,
     /// Warnings about outlier detection; absent if there are none.
@@ -228,7 +237,11 @@ pub(super) async fn assess(
         let assessments = classify::assess(app, ready, asked, quantile, samples)?;
         let output = |assessment| AssessmentOutput::new(ready, assessment);
         let assessments = assessments.into_iter().map(output).collect::<Result<_, _>>()?;
-        Ok(AssessAnswer { assessments, warnings: outlier_warnings(ready) })
+        Ok(AssessAnswer {
+            dictionary: UsedDictionary::new(ready),
+            assessments,
+            warnings: outlier_warnings(ready),
+        })
     })
     .await
 }

@@ -18,6 +18,7 @@ use crate::analysis::dictionary::score::Score;
 use crate::api::extract::{Caller, JsonBody, NoQuery, Path};
 use crate::api::problem::Problem;
 use crate::api::respond::{compute, json};
+use crate::domain::dictionary::Listed;
 use crate::formats::checked::{Checked, List, Many, document, take_given, take_many, take_or_default};
 use crate::formats::shape::{Points, ShapeInput};
 use crate::service::app::{App, ServiceError};
@@ -110,6 +111,26 @@ pub(super) fn samples_of(
     errors: &mut Vec<Fault>,
 ) -> Option<usize> {
     samples.map_or(Some(ready.setup.metric.size()), |samples| samples.take("/samples", errors))
+}
+
+/// The version of a dictionary that an answer was computed with.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct UsedDictionary {
+    /// Identifier.
+    id: String,
+    /// Name shared by all versions.
+    name: String,
+    /// Version number, from 1.
+    version: u64,
+    /// BLAKE3 digest of the content.
+    digest: String,
+}
+
+impl UsedDictionary {
+    pub(super) fn new(ready: &Ready) -> Self {
+        let Listed { id, name, version, digest, .. } = ready.listed.clone();
+        Self { id, name, version, digest }
+    }
 }
 
 /// Shapes of a request: posted ones, or references to stored ones.
@@ -221,6 +242,8 @@ impl CodeOutput {
 /// Codes, one entry per shape, in request order.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct EncodeAnswer {
+    /// The dictionary.
+    dictionary: UsedDictionary,
     /// One entry per shape.
     codes: Vec<CodeOutput>,
 }
@@ -246,7 +269,8 @@ pub(super) async fn encode(
         |app, ready, asked, ()| {
             let coded = coding::encode(app, ready, asked)?;
             let code = |coded| CodeOutput::new(&ready.dictionary, coded);
-            Ok(EncodeAnswer { codes: coded.iter().map(code).collect::<Result<_, _>>()? })
+            let codes = coded.iter().map(code).collect::<Result<_, _>>()?;
+            Ok(EncodeAnswer { dictionary: UsedDictionary::new(ready), codes })
         },
     )
     .await
@@ -283,18 +307,22 @@ pub(super) struct ReconstructionOutput {
 /// Reconstructions, one entry per shape or code, in request order.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct ReconstructAnswer {
+    /// The dictionary.
+    dictionary: UsedDictionary,
     /// One entry per shape or code.
     shapes: Vec<ReconstructionOutput>,
 }
 
 impl ReconstructAnswer {
-    fn new(reconstructions: Vec<Reconstruction>, dimension: usize) -> Self {
+    fn new(ready: &Ready, reconstructions: Vec<Reconstruction>) -> Self {
+        let dimension = ready.setup.metric.dimension();
         let output = |reconstruction: Reconstruction| ReconstructionOutput {
             control_points: Points::from_columns(reconstruction.control_points, dimension),
             residual: reconstruction.relative_error.map(|_| reconstruction.residual),
             relative_error: reconstruction.relative_error,
         };
-        Self { shapes: reconstructions.into_iter().map(output).collect() }
+        let shapes = reconstructions.into_iter().map(output).collect();
+        Self { dictionary: UsedDictionary::new(ready), shapes }
     }
 }
 
@@ -322,7 +350,7 @@ pub(super) async fn reconstruct(
     };
     ask_dictionary(app, received, settings, |app, ready, asked, (pose, samples)| {
         let shapes = coding::reconstruct_shapes(app, ready, asked, pose, samples)?;
-        Ok(ReconstructAnswer::new(shapes, ready.setup.metric.dimension()))
+        Ok(ReconstructAnswer::new(ready, shapes))
     })
     .await
 }
@@ -342,7 +370,7 @@ async fn reconstruct_codes(app: App, received: Received<ReconstructRequest>) -> 
     let work = ready.work(codes.len(), 0, &app.limits);
     compute(app.weighing(work), move |app| {
         let shapes = coding::reconstruct_codes(app, &ready, &codes)?;
-        json(StatusCode::OK, &ReconstructAnswer::new(shapes, ready.setup.metric.dimension()))
+        json(StatusCode::OK, &ReconstructAnswer::new(&ready, shapes))
     })
     .await
 }
@@ -390,6 +418,8 @@ impl ScoreOutput {
 /// Scores, one entry per shape, in request order.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct ScoreAnswer {
+    /// The dictionary.
+    dictionary: UsedDictionary,
     /// One entry per shape.
     scores: Vec<ScoreOutput>,
     /// Warnings about the scores; absent if there are none.
@@ -419,7 +449,11 @@ pub(super) async fn score(
     ask_dictionary(app, received, settings, |app, ready, asked, quantile| {
         let scores = coding::score(app, ready, asked, quantile)?;
         let scores = scores.into_iter().map(ScoreOutput::new).collect();
-        Ok(ScoreAnswer { scores, warnings: coding::outlier_warnings(ready) })
+        Ok(ScoreAnswer {
+            dictionary: UsedDictionary::new(ready),
+            scores,
+            warnings: coding::outlier_warnings(ready),
+        })
     })
     .await
 }
@@ -450,6 +484,8 @@ pub(super) struct EnergyOutput {
 /// Priors, one entry per shape, in request order.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct PriorAnswer {
+    /// The dictionary.
+    dictionary: UsedDictionary,
     /// One entry per shape.
     priors: Vec<EnergyOutput>,
 }
@@ -482,7 +518,8 @@ pub(super) async fn prior(
             gradient: Points::from_columns(prior.gradient, dimension),
         };
         let priors = coding::prior(app, ready, asked, reference, gamma)?;
-        Ok(PriorAnswer { priors: priors.into_iter().map(output).collect() })
+        let priors = priors.into_iter().map(output).collect();
+        Ok(PriorAnswer { dictionary: UsedDictionary::new(ready), priors })
     })
     .await
 }
@@ -522,6 +559,8 @@ impl SampleOutput {
 /// Random shapes, in the pose of the dictionary.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct SampleAnswer {
+    /// The dictionary.
+    dictionary: UsedDictionary,
     /// Random shapes.
     shapes: Vec<SampleOutput>,
 }
@@ -552,7 +591,7 @@ pub(super) async fn sample(
         let dimension = ready.setup.metric.dimension();
         let shapes = coding::sample(app, &ready, count, seed, sigma)?;
         let shapes = shapes.into_iter().map(|sample| SampleOutput::new(sample, dimension)).collect();
-        json(StatusCode::OK, &SampleAnswer { shapes })
+        json(StatusCode::OK, &SampleAnswer { dictionary: UsedDictionary::new(&ready), shapes })
     })
     .await
 }

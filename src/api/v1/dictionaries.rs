@@ -6,6 +6,7 @@ use axum::response::{IntoResponse, Response};
 use serde::{Deserialize, Serialize};
 
 use super::classify::ClassifierOutput;
+use super::coding::UsedDictionary;
 use super::jobs::{JobOutput, accepted};
 use super::request_macros::{PageQuery, RetryHeader, ShapeOutput, known, page, priority_of, tagged, time};
 use crate::analysis::alignment::Alignment;
@@ -458,6 +459,8 @@ pub(super) async fn delete_dictionary(
 /// Atoms of a dictionary.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct AtomsAnswer<'a> {
+    /// The dictionary.
+    dictionary: UsedDictionary,
     /// One entry per atom.
     atoms: &'a [Atom],
 }
@@ -482,7 +485,11 @@ pub(super) async fn dictionary_atoms(
     let ready = ready::find(&app, &key).await?;
     compute(app.weighing(Work::MOMENT), move |_| match format {
         Format::Svg => Ok(svg(modes::draw_atoms(&ready))),
-        Format::Json => json(StatusCode::OK, &AtomsAnswer { atoms: &ready.dictionary.content.atoms }),
+        Format::Json => {
+            let (dictionary, atoms) =
+                (UsedDictionary::new(&ready), ready.dictionary.content.atoms.as_slice());
+            json(StatusCode::OK, &AtomsAnswer { dictionary, atoms })
+        }
     })
     .await
 }
@@ -509,6 +516,8 @@ pub(super) struct ModeQuery {
 /// A mode of variation.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct ModeAnswer {
+    /// The dictionary.
+    dictionary: UsedDictionary,
     /// Component, from 1.
     component: usize,
     /// Number of standard deviations.
@@ -526,11 +535,12 @@ pub(super) struct ModeAnswer {
 }
 
 impl ModeAnswer {
-    fn new(component: usize, sigma: f64, mode: Mode, dimension: usize) -> Self {
+    fn new(ready: &Ready, component: usize, sigma: f64, mode: Mode) -> Self {
+        let (dictionary, dimension) = (UsedDictionary::new(ready), ready.setup.metric.dimension());
         let Mode { explained, deviation, shapes } = mode;
         let [minus, mean, plus] =
             shapes.map(|shape| ShapeOutput { control_points: Points::from_columns(shape, dimension) });
-        Self { component, sigma, explained, deviation, minus, mean, plus }
+        Self { dictionary, component, sigma, explained, deviation, minus, mean, plus }
     }
 }
 
@@ -564,7 +574,7 @@ pub(super) async fn dictionary_mode(
             }
             ShapeFormat::Plain(Format::Json) => {}
         }
-        json(StatusCode::OK, &ModeAnswer::new(component, sigma, mode, ready.setup.metric.dimension()))
+        json(StatusCode::OK, &ModeAnswer::new(&ready, component, sigma, mode))
     })
     .await
 }

@@ -4,6 +4,7 @@ use axum::http::StatusCode;
 use axum::response::Response;
 use serde::{Deserialize, Serialize};
 
+use super::coding::UsedDictionary;
 use crate::analysis::dictionary::drift::{ClassDrift, Drift, MeanDrift, MeasureDrift, ScoreDrift};
 use crate::api::extract::{Caller, Path, Query};
 use crate::api::problem::{Problem, ProblemKind};
@@ -39,8 +40,8 @@ pub(super) struct OutlierRate {
 /// Differences between new shapes and the training shapes of a dictionary.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct DriftAnswer {
-    /// Id of the dictionary.
-    dictionary: String,
+    /// The dictionary.
+    dictionary: UsedDictionary,
     /// Id of the cohort.
     cohort: String,
     /// Shapes added after this revision are new.
@@ -89,13 +90,13 @@ pub(super) async fn dictionary_drift(
     };
     let ready = ready::find(&app, &key).await?;
     let quantile = query.quantile.unwrap_or(0.99);
-    let (dictionary, warnings) = (ready.listed.id.clone(), outlier_warnings(&ready));
+    let (dictionary, warnings) = (UsedDictionary::new(&ready), outlier_warnings(&ready));
     let found = drift::drift(&app, ready, since, quantile).await?;
     Ok(json(StatusCode::OK, &DriftAnswer::new(dictionary, found, quantile, warnings))?)
 }
 
 impl DriftAnswer {
-    fn new(dictionary: String, found: CohortDrift, quantile: f64, warnings: Vec<String>) -> Self {
+    fn new(dictionary: UsedDictionary, found: CohortDrift, quantile: f64, warnings: Vec<String>) -> Self {
         let CohortDrift { cohort, since, until, drift } = found;
         let Drift { shapes, outliers, t_squared, residuals, scores, mean, classes } = drift;
         let rate = (shapes > 0).then(|| outliers as f64 / shapes as f64);
