@@ -309,7 +309,8 @@ fn an_assessment_is_everything_at_once() {
     let scores = ask(&server, "cells", "score", &asked);
     let shapes = ask(&server, "cells", "reconstruct", &with_samples);
     let stored = server.get("/v1/dictionaries/cells").expect(200);
-    let used = json!({"id": stored["id"], "name": "cells", "version": 1, "digest": stored["digest"]});
+    let used =
+        json!({"id": stored["id"], "name": "cells", "version": 1, "digest": stored["provenance"]["digest"]});
     let priors = ask(&server, "cells", "prior", &asked);
     let samples = ask(&server, "cells", "sample", &json!({}));
     let [atoms, modes, drift] = ["atoms", "modes", "drift"]
