@@ -20,6 +20,7 @@ mod http_novelty;
 mod http_operations;
 mod http_retries;
 mod http_retrieval;
+mod http_same_bits;
 mod http_spreading;
 mod http_subdivision;
 mod http_surfaces;
