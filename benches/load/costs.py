@@ -20,7 +20,7 @@ from pathlib import Path
 from random import Random
 
 sys.path.insert(0, str(Path(__file__).parent))
-from run import Service  # noqa: E402
+from service import Service  # noqa: E402
 
 FACTOR = 3
 # Below this the way of a request through the service is as long as its work.

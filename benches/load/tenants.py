@@ -16,10 +16,10 @@ import subprocess
 import tempfile
 import time
 from pathlib import Path
+from random import Random
 
 from costs import blob_mesh, curve, marked, measure, project, sphere
-from run import ROOT, Service, prioritise
-from random import Random
+from service import ROOT, Service, prioritise
 
 GOAL = 20
 RATE = 100
