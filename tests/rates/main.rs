@@ -1,0 +1,110 @@
+//! The main paths of the service do not fall far behind what this machine can do.
+//!
+//! Each is measured beside a bound, in the same run and the same profile. `make test` runs this file alone, because other work
+//! on the machine disturbs it. `benches/peers` uses the same bounds in the release profile.
+#![allow(clippy::unwrap_used, clippy::print_stdout, missing_docs)]
+
+use std::time::{Duration, Instant};
+
+use bounds::{echo, lines, parse_only, points, store_only};
+use client::{load, request};
+use serde_json::{Value, json};
+use service::Service;
+use tokio::net::TcpListener;
+use tokio::runtime::Runtime;
+
+mod bounds;
+mod client;
+mod service;
+
+/// Part of the usual fraction of the bound below which a rate is a defect.
+const LEAST: f64 = 0.5;
+
+/// Runs of each side; the fastest counts. The sides alternate, so that both meet the same load of the machine.
+const RUNS: usize = 5;
+
+/// A path beside its bound, in units a second.
+struct Row {
+    name: &'static str,
+    /// Fraction of the bound in the profile of tests.
+    usual: f64,
+    work: f64,
+    limit: f64,
+}
+
+impl Row {
+    fn fraction(&self) -> f64 {
+        self.work / self.limit
+    }
+}
+
+#[test]
+fn rates_are_at_least_half_of_the_usual() {
+    let (service, runtime) = (Service::start(), Runtime::new().unwrap());
+    let mut slow = Vec::new();
+    for row in [upload(&service, &runtime), project(&service, &runtime)] {
+        let Row { name, work, limit, usual } = row;
+        let (fraction, least) = (row.fraction(), LEAST * usual);
+        let text = format!(
+            "{name}: {work:.0} a second, {fraction:.3} of {limit:.0}; expected at least {least:.3}, usually {usual:.2}"
+        );
+        println!("{text}");
+        if !(fraction >= least) {
+            slow.push(text);
+        }
+    }
+    assert!(slow.is_empty(), "{}", slow.join("\n"));
+}
+
+fn representation(n: usize) -> Value {
+    json!({"kind": "closed_curve", "dimension": 2, "control_points": n, "generator": {"name": "trigonometric"}})
+}
+
+/// The fastest of the runs of both sides, in units a second.
+fn fastest(runs: impl Iterator<Item = (f64, f64)>) -> (f64, f64) {
+    runs.fold((0.0, 0.0), |(work, limit), run| (run.0.max(work), run.1.max(limit)))
+}
+
+/// Lines of shapes into the store, beside the slower of parsing them and of storing them by plain statements.
+fn upload(service: &Service, runtime: &Runtime) -> Row {
+    const SHAPES: usize = 5000;
+    const POINTS: usize = 50;
+    let text = lines(POINTS, 0, SHAPES);
+    let folder = tempfile::tempdir().unwrap();
+    let run = |k| {
+        let name = format!("run{k}");
+        let cohort = json!({"name": name, "representation": representation(POINTS)}).to_string();
+        runtime.block_on(service.ask(&request("POST", "/v1/cohorts", "json", &cohort)));
+        let posted = request("POST", &format!("/v1/cohorts/{name}/shapes"), "x-ndjson", &text);
+        let start = Instant::now();
+        let answer = runtime.block_on(service.ask(&posted));
+        let work = start.elapsed().as_secs_f64();
+        assert_eq!(answer["added"], SHAPES, "{answer}");
+        let (shapes, parsing) = parse_only(&text);
+        let storing = runtime.block_on(store_only(&shapes, &folder.path().join(name)));
+        (SHAPES as f64 / work, SHAPES as f64 / parsing.max(storing))
+    };
+    let (work, limit) = fastest((0..RUNS).map(run));
+    let name = "NDJSON into SQLite, beside the slower of parsing and storing";
+    Row { name, usual: 0.5, work, limit }
+}
+
+/// `POST /v1/project` of one contour on eight connections, beside bare axum that echoes the same JSON.
+fn project(service: &Service, runtime: &Runtime) -> Row {
+    const CONNECTIONS: usize = 8;
+    const TIME: Duration = Duration::from_millis(500);
+    let contour = |seed| json!({"points": points(12, seed)});
+    let body = json!({"representation": representation(12), "transformation": "similarity",
+        "reference": contour(0), "shapes": [contour(1)]});
+    let posted = request("POST", "/v1/project", "json", &body.to_string());
+    let listener = runtime.block_on(TcpListener::bind("127.0.0.1:0")).unwrap();
+    let beside = listener.local_addr().unwrap().to_string();
+    runtime.spawn(echo(listener));
+    let rate = |address: &str| {
+        let answers = load(address, &posted, CONNECTIONS, TIME).unwrap();
+        assert_eq!(answers.refused, 0, "{}", String::from_utf8_lossy(&answers.body));
+        answers.rate()
+    };
+    let (work, limit) = fastest((0..RUNS).map(|_| (rate(&service.address), rate(&beside))));
+    Row { name: "POST /v1/project on eight connections, beside an echo of the body", usual: 0.3, work, limit }
+}
