@@ -7,9 +7,11 @@
 # make attack    the known attack requests in full size, then an hour of search for new ones
 # make fuzz      every fuzz target for ten minutes
 # make sbom      the components of the program, as CycloneDX, in target/sbom.cdx.json
-# make bench     the benchmarks behind the figures of docs/benchmarks.md
+# make bench     one table beside peers and limits of the machine, losses first, then instructions of the kernels beside the
+#                committed counts; DATA=folder of contours, ARGUMENTS="--write docs" also makes docs/performance.md
+# make criterion the benchmarks behind the figures of docs/benchmarks.md
 
-.PHONY: run help check test spell contract attack fuzz sbom bench tools
+.PHONY: run help check test spell contract attack fuzz sbom bench criterion tools
 
 CODESPELL = 2.4.3
 
@@ -74,7 +76,14 @@ sbom:
 	cargo metadata --locked --format-version 1 --filter-platform "$$(rustc -vV | sed -n 's/^host: //p')" > target/metadata.json
 	python3 deploy/sbom.py target/metadata.json --lock Cargo.lock --out target/sbom.cdx.json
 
+# The pinned peers in target/peers. Counts of instructions need valgrind, and say so without it.
 bench:
+	@test -x target/peers/bin/python || python3 -m venv target/peers
+	@target/peers/bin/python -m pip install --quiet --requirement benches/peers/requirements.txt
+	target/peers/bin/python benches/peers/run.py $(if $(DATA),--data $(DATA)) $(ARGUMENTS)
+	python3 benches/instructions/run.py
+
+criterion:
 	cargo bench --locked
 
 # The C compiler builds SQLite and the cryptography, the C++ compiler libFuzzer; curl runs the commands of the README;

@@ -1,129 +1,86 @@
-//! Our side of `benches/peers/run.py`: learns a dictionary or encodes, and says in JSON how long it took.
+//! Our side of the comparisons in this folder: one computation on files of numbers; says in JSON how long it took and
+//! what came out.
 //!
 //! ```text
-//! learn  SHAPES n J seed epochs tolerance schedule ATOMS [lambda=… | nonzeros=…]     writes the atoms to ATOMS
-//! encode SHAPES ATOMS n J repeats [lambda=… | nonzeros=…]
-//! moved  SHAPES n class J seed epochs tolerance [lambda=… | nonzeros=…]             moved atoms, shapes as they are
+//! peers THREADS REPEATS COMMAND …
 //! ```
 //!
-//! Files hold little-endian `f64`, one column of `n` numbers after the other. Times are those of the call alone, without
-//! reading and writing.
+//! Each module lists its commands. Files hold little-endian `f64`, one shape after the other, coordinate by coordinate.
+//! Times are those of the call alone, without reading and writing.
+#![allow(clippy::unwrap_used)]
 
 use std::io::Write;
 use std::time::Instant;
 
 use rayon::ThreadPoolBuilder;
-use shapelex::analysis::accumulate::{ShapeSource, ShapesInMemory};
-use shapelex::analysis::dictionary::algebra::Algebra;
-use shapelex::analysis::dictionary::learning::{Learning, Schedule};
-use shapelex::analysis::dictionary::model::Certificate;
-use shapelex::analysis::sparse::{Atoms, Coder, Encode, GroupLasso, Lasso, Pursuit};
-use shapelex::analysis::transformation::{ClassName, TransformationClass};
-use shapelex::analysis::watch::Unwatched;
-use shapelex::numeric::dense::Matrix;
 
-/// Threads of a measurement, as many as the peers get.
-const THREADS: usize = 2;
+mod retrieval;
+mod service;
+mod sparse;
+mod statistics;
+mod subdivision;
 
 fn main() {
     // `cargo bench` hands its own flag on.
     let arguments: Vec<String> = std::env::args().skip(1).filter(|word| word != "--bench").collect();
     let words: Vec<&str> = arguments.iter().map(String::as_str).collect();
-    let pool = ThreadPoolBuilder::new().num_threads(THREADS).build().expect("threads start");
-    let answer = pool.install(|| match words.as_slice() {
-        ["learn", rest @ ..] => learn(rest),
-        ["encode", rest @ ..] => encode(rest),
-        ["moved", rest @ ..] => moved(rest),
+    let answer = match words.as_slice() {
+        [threads, repeats, command, words @ ..] => {
+            let pool = ThreadPoolBuilder::new().num_threads(number(threads)).build().expect("threads start");
+            pool.install(|| run(command, words, number(repeats)))
+        }
         _ => serde_json::json!({"usage": "see benches/peers/README.md: run benches/peers/run.py"}),
-    });
+    };
     std::io::stdout().write_all(answer.to_string().as_bytes()).expect("somebody reads the answer");
 }
 
+fn run(command: &str, words: &[&str], repeats: usize) -> serde_json::Value {
+    match command {
+        "learn" => sparse::learn(words),
+        "encode" => sparse::encode(words, repeats),
+        "moved" => sparse::moved(words),
+        "mean" => statistics::mean(words, repeats),
+        "components" => statistics::components(words, repeats),
+        "procrustes" => statistics::procrustes(words, repeats),
+        "permutations" => statistics::permutations(words, repeats),
+        "distances" => retrieval::distances(words, repeats),
+        "neighbours" => retrieval::neighbours(words, repeats),
+        "refine" => subdivision::refine(words, repeats),
+        "operator" => subdivision::operator(words, repeats),
+        "transforms" => statistics::transforms(words, repeats),
+        "lines" => service::lines(words),
+        "parse" => service::parse(words, repeats),
+        "store" => service::store(words, repeats),
+        "echo" => service::echo(),
+        "load" => service::load(words),
+        other => panic!("no command {other}"),
+    }
+}
+
+/// The numbers of a file.
 fn read(path: &str) -> Vec<f64> {
     let bytes = std::fs::read(path).expect("the file of numbers is there");
     bytes.as_chunks::<8>().0.iter().map(|chunk| f64::from_le_bytes(*chunk)).collect()
+}
+
+fn write(path: &str, numbers: impl IntoIterator<Item = f64>) {
+    let bytes: Vec<u8> = numbers.into_iter().flat_map(f64::to_le_bytes).collect();
+    std::fs::write(path, bytes).expect("the numbers are written");
 }
 
 fn number<T: std::str::FromStr>(word: &str) -> T {
     word.parse().ok().expect("a number")
 }
 
-/// `lambda=…` or `nonzeros=…`, as it is coded with blocks of `block` columns.
-fn coder(word: &str, block: usize) -> Coder {
-    match word.split_once('=') {
-        Some(("lambda", value)) if block == 1 => Coder::Lasso(Lasso::new(number(value), false)),
-        Some(("lambda", value)) => Coder::GroupLasso(GroupLasso::new(number(value))),
-        Some(("nonzeros", value)) => Coder::Pursuit(Pursuit { nonzeros: number(value) }),
-        _ => panic!("lambda=… or nonzeros=…"),
-    }
-}
-
-fn learn(words: &[&str]) -> serde_json::Value {
-    let [shapes, n, atoms, seed, epochs, tolerance, schedule, out, code] = words else { panic!("arguments") };
-    let (shapes, n) = (read(shapes), number::<usize>(n));
-    let schedule = if *schedule == "batch" { Schedule::Batch } else { Schedule::Online };
-    let learning = Learning {
-        atoms: number(atoms),
-        coder: coder(code, 1),
-        algebra: Algebra::numbers(),
-        schedule,
-        seed: number(seed),
-        max_epochs: number(epochs),
-        tolerance: number(tolerance),
-    };
-    let count = shapes.len() / n;
-    let source = ShapesInMemory::prepared(shapes, vec![1.0; count]);
-    let start = Instant::now();
-    let learnt = learning.learn(&source, None, &Unwatched).expect("the dictionary is learnt");
-    let seconds = start.elapsed().as_secs_f64();
-    let bytes: Vec<u8> = learnt.atoms.iter().flat_map(|value| value.to_le_bytes()).collect();
-    std::fs::write(out, bytes).expect("the atoms are written");
-    serde_json::json!({"seconds": seconds, "history": learnt.history, "reseeded": learnt.reseeded})
-}
-
-fn encode(words: &[&str]) -> serde_json::Value {
-    let [shapes, atoms, n, count, repeats, code] = words else { panic!("arguments") };
-    let (shapes, n) = (read(shapes), number::<usize>(n));
-    let matrix = Matrix::from_vec(n, number(count), read(atoms));
-    let coder = coder(code, 1);
+/// Seconds of every run, and the result of the last.
+fn timed<T>(repeats: usize, mut work: impl FnMut() -> T) -> (Vec<f64>, T) {
     let mut seconds = Vec::new();
-    let mut objective = 0.0;
-    for _ in 0..number::<usize>(repeats) {
+    loop {
         let start = Instant::now();
-        let codes = coder.codes(&Atoms::new(matrix.clone()), &shapes).expect("the shapes are coded");
+        let result = work();
         seconds.push(start.elapsed().as_secs_f64());
-        objective = codes.iter().map(|code| code.objective).sum::<f64>() / codes.len() as f64;
+        if seconds.len() >= repeats {
+            return (seconds, result);
+        }
     }
-    serde_json::json!({"seconds": seconds, "objective": objective})
-}
-
-fn moved(words: &[&str]) -> serde_json::Value {
-    let [shapes, n, class, atoms, seed, epochs, tolerance, code] = words else { panic!("arguments") };
-    let (mut shapes, n) = (read(shapes), number::<usize>(n));
-    let name: ClassName = serde_json::from_value((*class).into()).expect("the name of a class");
-    let class = TransformationClass::named(name, 2).expect("a class of the plane");
-    let algebra = Algebra::of(&class).expect("a closed class");
-    let count = shapes.len() / n;
-    let start = Instant::now();
-    for shape in shapes.chunks_exact_mut(n) {
-        algebra.normalise(shape).expect("a shape with an extent");
-    }
-    let learning = Learning {
-        atoms: number(atoms),
-        coder: coder(code, algebra.parameters()),
-        algebra,
-        schedule: Schedule::Online,
-        seed: number(seed),
-        max_epochs: number(epochs),
-        tolerance: number(tolerance),
-    };
-    let source = ShapesInMemory::prepared(shapes, vec![1.0; count]);
-    let learnt = learning.learn(&source, None, &Unwatched).expect("the dictionary is learnt");
-    let seconds = start.elapsed().as_secs_f64();
-    let certificate =
-        Certificate::new(&learning.model(&learnt.atoms), &source, &Unwatched).expect("the shapes are coded");
-    serde_json::json!({
-        "seconds": seconds, "history": learnt.history, "residuals": certificate.residuals,
-        "parameters": certificate.parameters, "shapes": source.count()
-    })
 }

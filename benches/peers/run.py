@@ -1,283 +1,149 @@
-"""Dictionary learning and sparse coding beside SPAMS and scikit-learn, in one run.
+"""Shapelex beside its peers and the limits of the machine: one table, losses first.
 
-    python -m venv venv && venv/bin/pip install -r benches/peers/requirements.txt
-    venv/bin/python benches/peers/run.py --data FOLDER [learn] [encode] [moved]
+    make bench                                        prepares target/peers and runs this
+    target/peers/bin/python benches/peers/run.py [--data FOLDER] [--quick] [--only means,codes] [--write docs]
 
-FOLDER holds `curves-osteosarcoma-cells`, `curves-mpeg7` and `curves-hands`, each with a `curves.ndjson` of contours. All
-programs get the same matrices and two threads; every objective is evaluated by the same code (`evaluate`).
+FOLDER holds `curves-osteosarcoma-cells` and `curves-mpeg7`, each with a `curves.ndjson` of contours; without it, the example
+cells and random contours take their places. Answers are compared before a row counts: rows whose answers differ say so, and the
+exit status is 1. Figures go to target/peers/report.json; `--write docs` also makes the tables and plots of docs/performance.md
+from it, and needs a whole run. `--before BINARY` takes the rows of the service once more with another program.
 """
 
 import argparse
 import json
 import os
+import platform
 import subprocess
-import tempfile
-import time
-from itertools import zip_longest
+import sys
+from dataclasses import dataclass
 from pathlib import Path
 
-for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ.setdefault(variable, "2")
+import measure
+from build import ROOT
+from measure import Ours, in_turn, timed
 
 import numpy as np
-import spams
-from sklearn.decomposition import DictionaryLearning, MiniBatchDictionaryLearning, sparse_encode
+from threadpoolctl import threadpool_limits
 
-THREADS = 2
-SEEDS = range(3)
-REPEATS = 9
-DRAWS = 7
-ROOT = Path(__file__).resolve().parents[2]
+import codes
+import distances
+import document
+import growth
+import latency
+import means
+import stored
+import studies
+import subdivision
 
-
-def build():
-    """Path of our side, built with optimisation."""
-    command = ["cargo", "bench", "--locked", "--no-run", "--bench", "peers", "--message-format", "json"]
-    lines = subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True).stdout.splitlines()
-    targets = [json.loads(line) for line in lines]
-    return next(t["executable"] for t in targets if t.get("executable") and t["target"]["name"] == "peers")
-
-
-class Ours:
-    """Our side, as a process that reads and writes files of numbers."""
-
-    def __init__(self):
-        self.program = build()
-        self.folder = tempfile.TemporaryDirectory()
-
-    def file(self, name, array=None):
-        path = Path(self.folder.name) / name
-        if array is not None:
-            np.asfortranarray(array, dtype="<f8").ravel(order="F").tofile(path)
-        return str(path)
-
-    def run(self, *words):
-        command = [self.program, *map(str, words)]
-        return json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
-
-    def learn(self, x, atoms, lam, epochs, seed=0, tolerance=0.0, schedule="online"):
-        out = self.file("atoms")
-        answer = self.run("learn", self.file("x", x), x.shape[0], atoms, seed, epochs, tolerance, schedule, out,
-                          f"lambda={lam}")
-        d = np.fromfile(out, "<f8").reshape(x.shape[0], atoms, order="F")
-        return d, answer["seconds"]
-
-    def encode(self, x, d, how):
-        """Seconds of every repetition after the first, in which memory is touched for the first time."""
-        answer = self.run("encode", self.file("x", x), self.file("d", d), *d.shape, REPEATS + 1, how)
-        return answer["seconds"][1:], answer["objective"]
-
-    def moved(self, x, cls, atoms, nonzeros, seed):
-        return self.run("moved", self.file("x", x), x.shape[0], cls, atoms, seed, 200, 1e-4, f"nonzeros={nonzeros}")
+KERNELS = {"means": means, "distances": distances, "studies": studies, "subdivision": subdivision, "codes": codes}
+AREAS = [*KERNELS, "stored", "latency", "growth"]
+REPORT = ROOT / "target" / "peers" / "report.json"
 
 
-# --- data -------------------------------------------------------------------------------------------------------------
+@dataclass
+class Setting:
+    """How much is measured, and the rate of dense products, in operations a second, by threads."""
 
-def contours(folder):
-    with open(folder / "curves.ndjson") as lines:
-        return [np.array(json.loads(line)["points"], float) for line in lines]
-
-
-def resampled(points, count, closed):
-    """`count` points equally spaced by arc length, as complex numbers."""
-    z = points[:, 0] + 1j * points[:, 1]
-    z = z[np.r_[True, np.abs(np.diff(z)) > 0]]
-    if closed:
-        z = np.append(z[:-1] if z[0] == z[-1] else z, z[0])
-    length = np.r_[0, np.cumsum(np.abs(np.diff(z)))]
-    at = np.linspace(0, length[-1], count, endpoint=not closed)
-    return np.interp(at, length, z.real) + 1j * np.interp(at, length, z.imag)
+    data: Path | None
+    quick: bool
+    rounds: int
+    repeats: int
+    decades: int
+    binary: str
+    dgemm: dict
 
 
-def counter_clockwise(z):
-    area = np.sum(np.imag(np.conj(z) * np.roll(z, -1)))
-    return z if area > 0 else np.r_[z[:1], z[:0:-1]]
+def dgemm():
+    """Multiplications and additions a second of products of 1024 × 1024 matrices, by threads."""
+    a = np.random.default_rng(0).standard_normal((1024, 1024))
+
+    def product(threads):
+        with threadpool_limits(threads):
+            return timed(lambda: a @ a)
+
+    least, _ = in_turn({str(t): lambda t=t: product(t) for t in measure.THREADS}, 9)
+    return {threads: 2 * 1024**3 / seconds for threads, seconds in least.items()}
 
 
-def canonical_start(z):
-    """The contour from the end of its major axis that is farther from the centroid."""
-    f = np.fft.fft(z) / len(z)
-    shift = int(round((np.angle(f[-1]) - np.angle(f[1])) / 2 / (2 * np.pi) * len(z)))
-    ends = [np.roll(z, -(shift + half)) for half in (0, len(z) // 2)]
-    return max(ends, key=lambda w: abs(w[0] - w.mean()))
+def copy_rate():
+    """Bytes read and written a second by copies of 256 MB on one thread."""
+    a = np.ones(1 << 25)
+    b = np.empty_like(a)
+    return 2 * a.nbytes / min(timed(lambda: np.copyto(b, a))[1] for _ in range(5))
 
 
-def shapes(folder, count, closed):
-    """Centred contours of unit norm with corresponding points, one complex column each."""
-    columns = []
-    for points in contours(folder):
-        z = resampled(points, count, closed)
-        z = canonical_start(counter_clockwise(z)) if closed else z
-        z = z - z.mean()
-        columns.append(z / np.linalg.norm(z))
-    return np.stack(columns, axis=1)
+def machine(setting, ours):
+    cpu = next(line.split(":")[1].strip() for line in Path("/proc/cpuinfo").read_text().splitlines() if "model name" in line)
+    commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, capture_output=True, text=True).stdout.strip()
+    return {"cpu": cpu, "cores": os.cpu_count(), "memory, GiB": round(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / 2**30),
+            "system": f"{platform.system()} {platform.machine()}", "commit": commit, "load before": os.getloadavg()[0],
+            "rustc": subprocess.run(["rustc", "--version"], cwd=ROOT, capture_output=True, text=True).stdout.split()[1],
+            "dgemm, GF/s": {t: rate / 1e9 for t, rate in setting.dgemm.items()}, "copy, GB/s": copy_rate() / 1e9,
+            "complex transforms, ns": {n: 1e9 * ours.transforms(n) for n in (32, 64, 100, 128, 200, 256)}}
 
 
-def aligned(z):
-    """Every shape turned to the full Procrustes mean."""
-    _, vectors = np.linalg.eigh(z @ z.conj().T)
-    turn = vectors[:, -1].conj() @ z
-    return z * np.conj(turn) / np.abs(turn)
+def measured(setting, ours, areas):
+    """Rows of the chosen areas, and what the plots need."""
+    rows, plots = [], {}
+
+    def keep(found):
+        for row in found:
+            rows.append(row)
+            print(f"{row.key}: {row.compared}{'' if row.agrees else ' DIFFERENT'}", file=sys.stderr, flush=True)
+
+    for name, area in KERNELS.items():
+        if name in areas:
+            keep(area.rows(ours, setting))
+    if "latency" in areas:
+        plots["clients"] = latency.growth(ours, setting)
+        keep(latency.rows_of(plots["clients"]))
+    if "growth" in areas:
+        plots["control points"] = growth.control_points(ours, setting)
+        plots["atoms"] = growth.atoms(ours, setting)
+    if "stored" in areas:
+        plots["shapes"] = stored.growth(setting)
+        keep(stored.rows_of(ours, setting, plots["shapes"]))
+    return rows, plots
 
 
-def real(z):
-    return np.asfortranarray(np.concatenate([z.real, z.imag]))
-
-
-def synthetic(rng):
-    """10 000 combinations of 5 of 64 atoms in 128 dimensions, with noise, of unit norm."""
-    atoms = rng.standard_normal((128, 64))
-    atoms /= np.linalg.norm(atoms, axis=0)
-    codes = np.zeros((64, 10_000))
-    for k in range(codes.shape[1]):
-        codes[rng.choice(64, 5, replace=False), k] = rng.standard_normal(5)
-    x = atoms @ codes + 0.02 * rng.standard_normal((128, 10_000))
-    return np.asfortranarray(x / np.linalg.norm(x, axis=0))
-
-
-# --- measures ---------------------------------------------------------------------------------------------------------
-
-def evaluate(x, d, lam):
-    """Mean of ½‖x − Dα‖² + λ‖α‖₁ over the columns, in atoms inside the unit ball."""
-    d = np.asfortranarray(d / np.maximum(np.linalg.norm(d, axis=0), 1.0))
-    a = spams.lasso(x, D=d, lambda1=lam, mode=2, numThreads=THREADS)
-    r = x - d @ a.toarray()
-    return 0.5 * np.sum(r * r) / x.shape[1] + lam * np.abs(a.data).sum() / x.shape[1]
-
-
-def timed(work):
-    start = time.perf_counter()
-    value = work()
-    return value, time.perf_counter() - start
-
-
-def shuffled(x, seed):
-    """SPAMS draws the same numbers in every run: another order of the shapes is another draw."""
-    return np.asfortranarray(x[:, np.random.default_rng(seed).permutation(x.shape[1])])
-
-
-def spams_learn(x, atoms, lam, iterations, seed=0):
-    y = shuffled(x, seed)
-    return timed(lambda: spams.trainDL(y, K=atoms, lambda1=lam, iter=iterations, numThreads=THREADS, verbose=False,
-                                       posAlpha=False, batchsize=min(512, x.shape[1])))
-
-
-def sklearn_learn(x, atoms, lam, estimator, **settings):
-    learner = estimator(n_components=atoms, alpha=lam, fit_algorithm="lars" if x.shape[1] < 1000 else "cd",
-                        random_state=0, n_jobs=THREADS, **settings)
-    fitted, seconds = timed(lambda: learner.fit(x.T))
-    return fitted.components_.T, seconds
-
-
-SPAMS_ITERATIONS = (10, 30, 100, 300, 1000)
-OUR_EPOCHS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512)
-
-
-def compare_learning(ours, name, x, atoms, lam, long_peers):
-    print(f"\n### {name}, {atoms} atoms, λ = {lam}\n")
-    print("| program | setting | seconds | objective |\n|---|---|---|---|")
-    best_peer, rows = np.inf, []
-
-    def row(program, setting, seconds, objective):
-        print(f"| {program} | {setting} | {seconds:.3f} | {objective:.6f} |", flush=True)
-        rows.append((program, seconds, objective))
-        return objective
-
-    # Interleaved: a busy moment of the machine meets both.
-    for iterations, epochs in zip_longest(SPAMS_ITERATIONS, OUR_EPOCHS):
-        if iterations:
-            runs = [spams_learn(x, atoms, lam, iterations, seed) for seed in SEEDS]
-            objective = min(evaluate(x, d, lam) for d, _ in runs)
-            best_peer = min(best_peer, row("SPAMS", f"iter={iterations}", np.median([s for _, s in runs]), objective))
-        runs = [ours.learn(x, atoms, lam, epochs, seed) for seed in SEEDS]
-        objective = min(evaluate(x, d, lam) for d, _ in runs)
-        row("Shapelex", f"max_epochs={epochs}", np.median([s for _, s in runs]), objective)
-    d, seconds = sklearn_learn(x, atoms, lam, MiniBatchDictionaryLearning, max_iter=100, batch_size=256)
-    best_peer = min(best_peer, row("scikit-learn", "MiniBatchDictionaryLearning", seconds, evaluate(x, d, lam)))
-    if long_peers:
-        d, seconds = sklearn_learn(x, atoms, lam, DictionaryLearning, max_iter=100, tol=1e-6)
-        best_peer = min(best_peer, row("scikit-learn", "DictionaryLearning", seconds, evaluate(x, d, lam)))
-    best_ours = min(objective for program, _, objective in rows if program == "Shapelex")
-    print(f"\nour best objective over the best peer's: {best_ours / best_peer:.5f}")
-    for program, seconds, objective in rows:
-        if program == "SPAMS":
-            reached = [s for p, s, o in rows if p == "Shapelex" and o <= objective]
-            if reached:
-                print(f"SPAMS reaches {objective:.6f} in {seconds:.3f} s, Shapelex in {min(reached):.3f} s")
-            else:
-                print(f"SPAMS reaches {objective:.6f} in {seconds:.3f} s, Shapelex does not")
-
-
-def compare_encoding(ours, name, x, atoms, lam, nonzeros):
-    d = np.asfortranarray(spams_learn(x, atoms, lam, 100)[0])
-    times = {key: [] for key in ("ours", "spams", "ours omp", "spams omp")}
-    # Interleaved: a busy moment of the machine meets both.
-    for _ in range(5):
-        seconds, objective = ours.encode(x, d, f"lambda={lam}")
-        times["ours"] += seconds
-        times["ours omp"] += ours.encode(x, d, f"nonzeros={nonzeros}")[0]
-        for _ in range(REPEATS):
-            times["spams"].append(timed(lambda: spams.lasso(x, D=d, lambda1=lam, mode=2, numThreads=THREADS))[1])
-            times["spams omp"].append(timed(lambda: spams.omp(x, D=d, L=nonzeros, numThreads=THREADS))[1])
-    _, sk = timed(lambda: sparse_encode(x.T, d.T, algorithm="lasso_lars", alpha=lam, n_jobs=THREADS))
-    _, sk_omp = timed(lambda: sparse_encode(x.T, d.T, algorithm="omp", n_nonzero_coefs=nonzeros, n_jobs=THREADS))
-    micro = {key: 1e6 * np.median(values) / x.shape[1] for key, values in times.items()}
-    agree = abs(objective - evaluate(x, d, lam))
-    print(f"| {name} | {atoms} | {micro['ours']:.1f} | {micro['spams']:.1f} | {1e6 * sk / x.shape[1]:.0f} | "
-          f"{micro['spams'] / micro['ours']:.2f} | {micro['ours omp']:.1f} | {micro['spams omp']:.1f} | "
-          f"{1e6 * sk_omp / x.shape[1]:.0f} | {micro['spams omp'] / micro['ours omp']:.2f} | {agree:.0e} |", flush=True)
-
-
-def compare_moved(ours, name, z, atoms):
-    """Losses at equal numbers of real parameters: an alignment costs two (angle and scale), a moved atom two."""
-    x, y = real(z), real(aligned(z))
-
-    def loss(shapes, cls, nonzeros):
-        runs = [ours.moved(shapes, cls, atoms, nonzeros, seed) for seed in range(DRAWS)]
-        return np.median([np.sum(run["residuals"]) for run in runs])
-
-    def spams_loss(nonzeros):
-        losses = []
-        for seed in range(DRAWS):
-            d = np.asfortranarray(spams.trainDL(shuffled(y, seed), K=atoms, mode=3, lambda1=nonzeros, iter=300,
-                                                numThreads=THREADS, verbose=False, batchsize=min(512, y.shape[1])))
-            losses.append(np.sum((y - d @ spams.omp(y, D=d, L=nonzeros, numThreads=THREADS).toarray()) ** 2))
-        return np.median(losses)
-
-    for moved in (2, 3, 5):
-        invariant = loss(x, "similarity", moved)
-        same, peer = loss(y, "uniform_scaling", 2 * moved - 2), spams_loss(2 * moved - 2)
-        sparse = loss(y, "uniform_scaling", moved)
-        print(f"| {name} | {atoms} | {2 * moved} | {moved} | {invariant:.4f} | {same:.4f} | {peer:.4f} | "
-              f"{min(same, peer) / invariant:.2f} | {sparse:.4f} | {sparse / invariant:.2f} |", flush=True)
+def before(setting, ours, program):
+    """The rows of the service with another program."""
+    old = Setting(**vars(setting) | {"binary": program})
+    rows, _ = measured(old, ours, ["latency", "stored"])
+    return {row.key: row.record() for row in rows}
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--data", type=Path, required=True)
-    parser.add_argument("parts", nargs="*", choices=["learn", "encode", "moved", []])
+    parser.add_argument("--data", type=Path)
+    parser.add_argument("--quick", action="store_true", help="small inputs: whether everything works, no figures to quote")
+    parser.add_argument("--only", type=lambda text: text.split(","), default=AREAS)
+    parser.add_argument("--rounds", type=int, default=3, help="how often the sides take turns")
+    parser.add_argument("--decades", type=int, help="cohorts of up to 10 to this power of shapes; 6, with --quick 4")
+    parser.add_argument("--binary", help="a build of the service; made unless given")
+    parser.add_argument("--before", help="another build of the program, for the rows of the service")
+    parser.add_argument("--write", type=Path, help="folder of documents whose performance.md and pictures are made")
     arguments = parser.parse_args()
-    parts = arguments.parts or ["learn", "encode", "moved"]
+    if unknown := set(arguments.only) - set(AREAS):
+        parser.error(f"--only: expected some of {', '.join(AREAS)}, got {', '.join(unknown)}")
+    quick = arguments.quick
+    if arguments.write and (quick or arguments.only != AREAS):
+        parser.error("--write: expected a whole run")
     ours = Ours()
-    cells_z = shapes(arguments.data / "curves-osteosarcoma-cells", 200, True)
-    cells, random = real(aligned(cells_z)), synthetic(np.random.default_rng(0))
-    if "learn" in parts:
-        for atoms in (10, 25, 50):
-            compare_learning(ours, f"cells {cells.shape[1]} × {cells.shape[0]}", cells, atoms, 0.05, atoms < 50)
-        compare_learning(ours, "synthetic 10000 × 128", random, 64, 0.05, False)
-    if "encode" in parts:
-        print("\n| set | atoms | lasso µs | SPAMS | scikit-learn | ratio | pursuit µs | SPAMS | scikit-learn | ratio | "
-              "objectives differ |\n|---|---|---|---|---|---|---|---|---|---|---|")
-        for atoms in (10, 25, 50):
-            compare_encoding(ours, "cells", cells, atoms, 0.05, 5)
-        compare_encoding(ours, "synthetic", random, 64, 0.05, 5)
-    if "moved" in parts:
-        print("\n| set | atoms | real numbers | moved atoms | invariant | aligned | aligned, SPAMS | ratio | "
-              "aligned, as many atoms | ratio |\n|---|---|---|---|---|---|---|---|---|---|")
-        sets = [("hands", shapes(arguments.data / "curves-hands", 56, False), 10), ("cells", cells_z, 25),
-                ("MPEG-7", shapes(arguments.data / "curves-mpeg7", 100, True), 50)]
-        for name, z, atoms in sets:
-            compare_moved(ours, name, z, atoms)
+    binary = arguments.binary or ours.service
+    setting = Setting(arguments.data, quick, arguments.rounds, 2 if quick else 5, arguments.decades or (4 if quick else 6), binary, dgemm())
+    report = {"machine": machine(setting, ours)}
+    rows, report["plots"] = measured(setting, ours, arguments.only)
+    report["rows"] = [row.record() for row in rows]
+    if arguments.before:
+        report["before"] = before(setting, ours, arguments.before)
+    REPORT.parent.mkdir(parents=True, exist_ok=True)
+    REPORT.write_text(json.dumps(report, indent=1) + "\n")
+    print(document.table(report))
+    different = [row.key for row in rows if not row.agrees]
+    if arguments.write:
+        document.write(report, arguments.write)
+    raise SystemExit(f"other answers than the peers: {', '.join(different)}" if different else 0)
 
 
 if __name__ == "__main__":

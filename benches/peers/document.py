@@ -1,0 +1,128 @@
+"""Tables and plots of docs/performance.md from the report of a run.
+
+    target/peers/bin/python benches/peers/document.py [REPORT] [--write docs]
+"""
+
+import argparse
+import json
+import re
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+STUDY = Path(__file__).with_name("study.json")
+RESULTS = Path(__file__).with_name("results.json")
+MARKED = re.compile(r"(<!-- (\w+) begins -->\n).*?(<!-- \2 ends -->)", re.DOTALL)
+
+
+def seconds(value):
+    """A time with three digits."""
+    for unit, size in (("s", 1), ("ms", 1e-3), ("µs", 1e-6)):
+        if value >= size:
+            break
+    return f"{value / size:.3g} {unit}"
+
+
+def by_threads(times):
+    return " / ".join(seconds(times[t]) if t in times else "–" for t in ("1", "2")) if times else "–"
+
+
+def ratio(value):
+    return "–" if value is None else f"{value:.2g}"
+
+
+def percent(value):
+    return "–" if value is None else f"{100 * value:.0f} %"
+
+
+def badness(row):
+    """Rows that lose to a peer come first, then those beside a bound alone, each by how much they lose."""
+    return (0, row["ratio"]) if row["ratio"] is not None else (1, row["fraction"] or 0)
+
+
+def table(report):
+    """One line for each row, losses first."""
+    study, old = json.loads(STUDY.read_text())["rows"], report.get("before", {})
+    head = ["task", "1 / 2 threads", "peer, 1 / 2 threads", "peer ÷ ours", "`695ea30`: peer ÷ ours", "bound, part reached",
+            "`695ea30`: part", "answers"]
+    if old:
+        head.insert(2, "before")
+    lines = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
+    for row in sorted(report["rows"], key=badness):
+        was = study.get(row["key"], {})
+        won = ratio(row["ratio"])
+        cells = [row["task"], by_threads(row["ours"]), f"{row['peer']} {by_threads(row['peers'])}" if row["peers"] else "–",
+                 f"**{won}**" if row["ratio"] is not None and row["ratio"] < 1 else won, ratio(was.get("ratio")),
+                 f"{percent(row['fraction'])} of {row['bound']}" if row["bound"] else "–", percent(was.get("fraction")),
+                 row["compared"] if row["agrees"] else f"DIFFERENT: {row['compared']}"]
+        if old:
+            cells.insert(2, by_threads(old[row["key"]]["ours"]) if row["key"] in old else "–")
+        lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def machine(report):
+    m = report["machine"]
+    transforms = ", ".join(f"{n}: {ns:.0f}" for n, ns in m["complex transforms, ns"].items())
+    return (f"{m['cores']} cores ({m['cpu']}), {m['memory, GiB']} GiB, Rust {m['rustc']}, commit `{m['commit']}`; load before the run "
+            f"{m['load before']:.1f}.\n\n| limit | measured in this run |\n|---|---|\n"
+            f"| dgemm 1024, 1 / 2 threads | {m['dgemm, GF/s']['1']:.0f} / {m['dgemm, GF/s']['2']:.0f} GF/s |\n"
+            f"| copy, 1 thread | {m['copy, GB/s']:.0f} GB/s |\n| inverse complex transforms of n numbers, ns | {transforms} |\n"
+            f"| sequential read of the store past the cache | {read_rate(report):.1f} GB/s |")
+
+
+def read_rate(report):
+    last = report["plots"]["shapes"][-1]
+    return last["store"] / last["direct read"] / 1e9
+
+
+def exponents(x, y):
+    """Local exponents of neighbouring points."""
+    from math import log
+    return [log(b / a) / log(v / u) for u, v, a, b in zip(x, x[1:], y, y[1:])]
+
+
+def growth(report):
+    """The rows of section 3 of the study: exponents between neighbouring points, the largest first."""
+    plots, lines = report["plots"], ["| in | of | measured | exponents |", "|---|---|---|---|"]
+    series = [("shapes", "upload", "upload"), ("shapes", "mean, two passes", "stored mean, points correspond"),
+              ("shapes", "cyclic mean", "stored mean, start points searched"), ("shapes", "search", "search"),
+              ("control points", "landmarks", "mean and 20 modes of 1000 curves, points correspond"),
+              ("control points", "cyclic", "the same, start points searched"),
+              ("atoms", "lasso", "lasso, a signal"), ("atoms", "pursuit", "pursuit of 5, a signal")]
+    names = {"shapes": "shapes", "control points": "points", "atoms": "atoms"}
+    for where, what, text in series:
+        points = [point for point in plots[where] if what in point]
+        x, y = [point[names[where]] for point in points], [point[what] for point in points]
+        measured = ", ".join(f"{a:.0e}: {seconds(b)}".replace("e+0", "e") if a >= 1e4 else f"{a}: {seconds(b)}" for a, b in zip(x, y))
+        lines.append(f"| {where} | {text} | {measured} | {', '.join(f'{e:.1f}' for e in exponents(x, y))} |")
+    peaks = ", ".join(f"{p['shapes']:.0e}: {max(p['megabytes'].values()):.0f}".replace("e+0", "e") for p in plots["shapes"])
+    lines.append(f"| shapes | peak memory, MB | {peaks} | |")
+    rates = ", ".join(f"{p['connections']}: {p['service project']['rate'] / 1e3:.1f}" for p in plots["clients"])
+    refused = sum(p["service project"]["refused"] for p in plots["clients"])
+    lines.append(f"| clients | `/v1/project`, thousand requests a second | {rates} | {refused} refused |")
+    return "\n".join(lines)
+
+
+def write(report, docs):
+    """Puts tables between their marks, and makes the pictures."""
+    import plots
+    RESULTS.write_text(json.dumps(report, indent=1) + "\n")
+    parts = {"machine": machine(report), "peers": table(report), "growth": growth(report)}
+    page = docs / "performance.md"
+    page.write_text(MARKED.sub(lambda found: f"{found[1]}{parts[found[2]]}\n{found[3]}", page.read_text()))
+    plots.draw(report, docs / "pictures")
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("report", nargs="?", type=Path, default=RESULTS)
+    parser.add_argument("--write", type=Path)
+    arguments = parser.parse_args()
+    report = json.loads(arguments.report.read_text())
+    print(table(report))
+    if arguments.write:
+        write(report, arguments.write)
+
+
+if __name__ == "__main__":
+    main()
