@@ -39,9 +39,9 @@ pub(crate) fn points(n: usize, seed: usize) -> Vec<[f64; 2]> {
 /// A line of [`lines`].
 #[derive(Debug, serde::Deserialize)]
 pub(crate) struct Posted {
-    external_id: String,
-    label: String,
-    points: Vec<[f64; 2]>,
+    pub(crate) external_id: String,
+    pub(crate) label: String,
+    pub(crate) points: Vec<[f64; 2]>,
 }
 
 /// The shapes of the lines, and the seconds in which one thread parses them and does nothing else.

@@ -6,10 +6,16 @@
 
 use std::time::{Duration, Instant};
 
-use bounds::{echo, lines, parse_only, points, store_only};
+use bounds::{Posted, echo, lines, parse_only, points, store_only};
 use client::{load, request};
 use serde_json::{Value, json};
 use service::Service;
+use shapelex::analysis::correspondence::{Correspondence, Direction, Mirror};
+use shapelex::domain::cohort::{Cohort, CohortSpec};
+use shapelex::domain::id;
+use shapelex::domain::shape::{NewShape, ShapeAttributes};
+use shapelex::geometry::representation::Representation;
+use shapelex::store::{ShapeRow, Store};
 use tokio::net::TcpListener;
 use tokio::runtime::Runtime;
 
@@ -42,7 +48,7 @@ impl Row {
 fn rates_are_at_least_half_of_the_usual() {
     let (service, runtime) = (Service::start(), Runtime::new().unwrap());
     let mut slow = Vec::new();
-    for row in [upload(&service, &runtime), project(&service, &runtime)] {
+    for row in [upload(&service, &runtime), storing(&runtime), project(&service, &runtime)] {
         let Row { name, work, limit, usual } = row;
         let (fraction, least) = (row.fraction(), LEAST * usual);
         let text = format!(
@@ -86,7 +92,63 @@ fn upload(service: &Service, runtime: &Runtime) -> Row {
     };
     let (work, limit) = fastest((0..RUNS).map(run));
     let name = "NDJSON into SQLite, beside the slower of parsing and storing";
-    Row { name, usual: 0.5, work, limit }
+    Row { name, usual: 0.3, work, limit }
+}
+
+/// Shapes that are ready into the store, beside plain statements. The program is not optimised in this profile, and SQLite is:
+/// alone, statements that cost too much show.
+fn storing(runtime: &Runtime) -> Row {
+    const SHAPES: usize = 5000;
+    const POINTS: usize = 20;
+    /// Shapes of a transaction, as an upload has them.
+    const TOGETHER: usize = 4096;
+    let (shapes, _) = parse_only(&lines(POINTS, 0, SHAPES));
+    let folder = tempfile::tempdir().unwrap();
+    let store = runtime.block_on(Store::open(&folder.path().join("store"))).unwrap();
+    let run = |k| {
+        let cohort = cohort(&format!("run{k}"), POINTS);
+        runtime.block_on(store.create_cohort(&cohort, None)).unwrap();
+        let mut rows: Vec<ShapeRow> = shapes.iter().map(row).collect();
+        let start = Instant::now();
+        runtime.block_on(async {
+            let mut upload = store.begin_upload(&cohort);
+            while !rows.is_empty() {
+                let rest = rows.split_off(TOGETHER.min(rows.len()));
+                upload.add(rows).await.unwrap();
+                rows = rest;
+            }
+            upload.commit(1).await.unwrap();
+        });
+        let work = start.elapsed().as_secs_f64();
+        let plain = runtime.block_on(store_only(&shapes, &folder.path().join(format!("plain{k}"))));
+        (SHAPES as f64 / work, SHAPES as f64 / plain)
+    };
+    let (work, limit) = fastest((0..RUNS).map(run));
+    Row { name: "shapes into the store, beside plain statements", usual: 1.05, work, limit }
+}
+
+fn cohort(name: &str, points: usize) -> Cohort {
+    let spec = CohortSpec {
+        name: name.into(),
+        description: None,
+        representation: Representation::Landmarks { dimension: 2, points },
+        correspondence: Correspondence::Landmarks,
+        direction: Direction::Given,
+        mirror: Mirror::Forbid,
+        length_unit: None,
+    };
+    Cohort { id: id::new_id(id::COHORT), spec, revision: 0, shapes: 0, created_at_ms: 0, updated_at_ms: 0 }
+}
+
+fn row(shape: &Posted) -> ShapeRow {
+    let attributes = ShapeAttributes {
+        external_id: Some(shape.external_id.clone()),
+        label: Some(shape.label.clone()),
+        weight: 1.0,
+        ..ShapeAttributes::default()
+    };
+    let control_points = (0..2).flat_map(|c| shape.points.iter().map(move |point| point[c])).collect();
+    NewShape { id: id::new_id(id::SHAPE), attributes, control_points }.into()
 }
 
 /// `POST /v1/project` of one contour on eight connections, beside bare axum that echoes the same JSON.
@@ -106,5 +168,5 @@ fn project(service: &Service, runtime: &Runtime) -> Row {
         answers.rate()
     };
     let (work, limit) = fastest((0..RUNS).map(|_| (rate(&service.address), rate(&beside))));
-    Row { name: "POST /v1/project on eight connections, beside an echo of the body", usual: 0.3, work, limit }
+    Row { name: "POST /v1/project on eight connections, beside an echo of the body", usual: 0.25, work, limit }
 }
