@@ -30,6 +30,12 @@ def limit(axis, x, y, colour, label):
     axis.plot(x, y, color=colour, linestyle=(0, (4, 2)), linewidth=1.1, label=label)
 
 
+def of(points, name, value):
+    """Abscissas and values of the points that have one."""
+    found = [(point[name], value(point)) for point in points if value(point) is not None]
+    return [x for x, _ in found], [y for _, y in found]
+
+
 def shapes(report):
     points = report["plots"]["shapes"]
     x = [p["shapes"] for p in points]
@@ -37,12 +43,13 @@ def shapes(report):
     series = [("upload", BLUE, "upload"), ("cyclic mean", ORANGE, "mean, start points searched"),
               ("mean, two passes", GREEN, "mean, points correspond"), ("search", PINK, "10 nearest")]
     for what, colour, label in series:
-        line(time, x, [p[what] for p in points], colour, label)
+        line(time, *of(points, "shapes", lambda p: p.get(what)), colour, label)
     rows = {row["key"]: row for row in report["rows"]}
     shape = rows["ingest"]["bounds"]["2"] / 100_000 * 32 / 50
     limit(time, x, [n * shape for n in x], BLUE, "limit: parse or store alone")
     transform = 1e-9 * report["machine"]["complex transforms, ns"]["32"]
-    limit(time, x, [n * transform * p["rounds"] for n, p in zip(x, points)], ORANGE, "limit: a transform a shape and round")
+    searched = of(points, "shapes", lambda p: p["shapes"] * transform * p["rounds"] if "rounds" in p else None)
+    limit(time, *searched, ORANGE, "limit: a transform a shape and round")
     last = points[-1]
     read = 2 * last["direct read"] / last["store"] * last["bytes"] / last["shapes"]
     limit(time, x, [n * read for n in x], GREEN, "limit: two reads past the cache")
@@ -50,7 +57,7 @@ def shapes(report):
     time.set(xlabel="shapes", ylabel="seconds")
     for what, colour, label in [("upload", BLUE, "after the upload"), ("means", GREEN, "after means"),
                                 ("searches", PINK, "after searches"), ("cyclic mean", ORANGE, "after the mean with start points")]:
-        line(memory, x, [p["megabytes"][what] for p in points], colour, label)
+        line(memory, *of(points, "shapes", lambda p: p["megabytes"].get(what)), colour, label)
     limit(memory, x, [max(p["bytes"] / 1e6, 1) for p in points], GREY, "the points themselves")
     memory.set(xlabel="shapes", ylabel="MB", ylim=(10, None))
     return figure, (time, memory)

@@ -82,14 +82,15 @@ def machine(setting, ours):
             "complex transforms, ns": {n: 1e9 * ours.transforms(n) for n in (32, 64, 100, 128, 200, 256)}}
 
 
-def measured(setting, ours, areas):
-    """Rows of the chosen areas, and what the plots need."""
+def measured(setting, ours, areas, save=lambda rows, plots: None):
+    """Rows of the chosen areas, and what the plots need; saved after every area."""
     rows, plots = [], {}
 
     def keep(found):
         for row in found:
             rows.append(row)
             print(f"{row.key}: {row.compared}{'' if row.agrees else ' DIFFERENT'}", file=sys.stderr, flush=True)
+        save(rows, plots)
 
     for name, area in KERNELS.items():
         if name in areas:
@@ -133,12 +134,16 @@ def main():
     binary = arguments.binary or ours.service
     setting = Setting(arguments.data, quick, arguments.rounds, 2 if quick else 5, arguments.decades or (4 if quick else 6), binary, dgemm())
     report = {"machine": machine(setting, ours)}
-    rows, report["plots"] = measured(setting, ours, arguments.only)
-    report["rows"] = [row.record() for row in rows]
+
+    def save(rows, plots):
+        report.update(rows=[row.record() for row in rows], plots=plots)
+        REPORT.parent.mkdir(parents=True, exist_ok=True)
+        REPORT.write_text(json.dumps(report, indent=1) + "\n")
+
+    rows, plots = measured(setting, ours, arguments.only, save)
     if arguments.before:
         report["before"] = before(setting, ours, arguments.before)
-    REPORT.parent.mkdir(parents=True, exist_ok=True)
-    REPORT.write_text(json.dumps(report, indent=1) + "\n")
+    save(rows, plots)
     print(document.table(report))
     different = [row.key for row in rows if not row.agrees]
     if arguments.write:
