@@ -20,8 +20,8 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from build import ROOT, benches  # noqa: E402
 
 COUNTS = Path(__file__).with_name("counts.json")
-# Hash maps with random seeds and the addresses of allocations change counts by less than 1 %; repairs that are worth a
-# gate change them by more than this.
+# Two runs of one program agree to the last instruction. Other code of a crate may change what is inlined; what is worth a gate
+# changes more than this.
 TOLERANCE = 0.03
 
 
