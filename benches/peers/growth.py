@@ -1,6 +1,5 @@
 """Times against control points and atoms, for the plots; those against shapes and clients come from stored.py and latency.py."""
 
-import numpy as np
 import spams
 from codes import LAMBDA, NONZEROS
 from data import atoms_and_signals, random_contours, real
