@@ -168,5 +168,10 @@ fn project(service: &Service, runtime: &Runtime) -> Row {
         answers.rate()
     };
     let (work, limit) = fastest((0..RUNS).map(|_| (rate(&service.address), rate(&beside))));
-    Row { name: "POST /v1/project on eight connections, beside an echo of the body", usual: 0.25, work, limit }
+    Row {
+        name: "POST /v1/project on eight connections, beside an echo of the body",
+        usual: 0.25,
+        work,
+        limit,
+    }
 }
