@@ -6,7 +6,7 @@
 use std::collections::BTreeMap;
 
 use super::engine::{Row, Transaction};
-use super::engine::{from_sql, sql, to_sql};
+use super::engine::{from_sql, rows_of_inserts, sql, to_sql};
 use super::error::StoreError;
 use super::handle::Store;
 use crate::domain::audit::{AuditFilter, DIGEST_BYTES, Digest, Entry, FIRST_LINK, Recorded};
@@ -202,8 +202,6 @@ async fn append(transaction: &mut Transaction, tenant: &str, entries: &[&Entry])
         "INSERT INTO audit_head (tenant, sequence, digest, removed_sequence, removed_digest)
         VALUES ($1, $2, $3, 0, $3)
         ON CONFLICT (tenant) DO UPDATE SET sequence = audit_head.sequence + $2 RETURNING sequence, digest";
-    const INSERT: &str = "INSERT INTO audit (tenant, sequence, at_ms, caller, subject, operation, method, route,
-        objects, status, request_id, remote, digest) VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13)";
     const LINK: &str = "UPDATE audit_head SET digest = $2 WHERE tenant = $1";
     let count = entries.len() as u64;
     let row = sql(&mut *transaction, ADVANCE)
@@ -214,27 +212,37 @@ async fn append(transaction: &mut Transaction, tenant: &str, entries: &[&Entry])
         .await?;
     let mut place = from_sql(row.get("sequence")?) - count;
     let mut link = read_digest(row.get("digest")?)?;
-    for entry in entries {
+    let chained = entries.iter().map(|entry| {
         let recorded = Recorded::after(place, &link, (*entry).clone());
-        sql(&mut *transaction, INSERT)
-            .bind(&entry.tenant)
-            .bind(to_sql(recorded.sequence))
-            .bind(entry.at_ms)
-            .bind(entry.key.as_deref())
-            .bind(entry.subject.as_deref())
-            .bind(entry.operation.as_deref())
-            .bind(&entry.method)
-            .bind(entry.route.as_deref())
-            .bind(text_of(&entry.objects))
-            .bind(entry.status.map(i64::from))
-            .bind(&entry.request_id)
-            .bind(entry.remote.as_deref())
-            .bind(recorded.digest.to_vec())
-            .execute()
-            .await?;
         (place, link) = (recorded.sequence, recorded.digest);
+        recorded
+    });
+    let chained: Vec<Recorded> = chained.collect();
+    for rows in rows_of_inserts(&chained) {
+        insert(transaction, rows).await?;
     }
     sql(&mut *transaction, LINK).bind(tenant).bind(link.to_vec()).execute().await?;
+    Ok(())
+}
+
+/// Inserts entries in one statement: each statement is a round trip to the database.
+async fn insert(transaction: &mut Transaction, entries: &[Recorded]) -> Result<(), StoreError> {
+    const INSERT: &str =
+        "INSERT INTO audit (tenant, sequence, at_ms, caller, subject, operation, method, route,
+        objects, status, request_id, remote, digest) VALUES ";
+    let mut query = sql(transaction, INSERT);
+    for (i, Recorded { sequence, digest, entry, .. }) in entries.iter().enumerate() {
+        query.push(if i == 0 { "(" } else { ", (" }).push_bind(entry.tenant.as_str());
+        query.push(", ").push_bind(to_sql(*sequence)).push(", ").push_bind(entry.at_ms);
+        for text in [&entry.key, &entry.subject, &entry.operation] {
+            query.push(", ").push_bind(text.as_deref());
+        }
+        query.push(", ").push_bind(entry.method.as_str()).push(", ").push_bind(entry.route.as_deref());
+        query.push(", ").push_bind(text_of(&entry.objects)).push(", ").push_bind(entry.status.map(i64::from));
+        query.push(", ").push_bind(entry.request_id.as_str()).push(", ").push_bind(entry.remote.as_deref());
+        query.push(", ").push_bind(digest.to_vec()).push(")");
+    }
+    query.execute().await?;
     Ok(())
 }
 

@@ -507,3 +507,30 @@ pub(super) fn to_sql(number: u64) -> i64 {
 pub(super) fn from_sql(number: i64) -> u64 {
     u64::try_from(number).unwrap_or_default()
 }
+
+/// Number of shapes per INSERT: more bring little, and SQLite allows 32766 placeholders in a statement.
+const ROWS_PER_INSERT: usize = 512;
+
+/// The rows of one INSERT statement after the other. Their numbers are powers of two, so that there are only ten statements:
+/// preparing one takes longer than inserting its rows.
+pub(super) fn rows_of_inserts<T>(mut rows: &[T]) -> impl Iterator<Item = &[T]> {
+    std::iter::from_fn(move || {
+        let count = ROWS_PER_INSERT.min(1 << rows.len().checked_ilog2()?);
+        let (next, later) = rows.split_at(count);
+        rows = later;
+        Some(next)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn statements_have_few_lengths() {
+        let lengths = |rows: usize| rows_of_inserts(&vec![(); rows]).map(<[()]>::len).collect::<Vec<_>>();
+        assert_eq!(lengths(0), [0; 0]);
+        assert_eq!(lengths(7), [4, 2, 1]);
+        assert_eq!(lengths(1600), [512, 512, 512, 64]);
+    }
+}

@@ -21,8 +21,6 @@ mod row;
 
 pub use row::ShapeRow;
 
-/// Number of shapes per INSERT: more bring little, and SQLite allows 32766 placeholders in a statement.
-const ROWS_PER_INSERT: usize = 512;
 /// Number of retries when another upload stores the same external id at the same time.
 const ATTEMPTS: usize = 3;
 
@@ -216,12 +214,9 @@ impl Upload {
             let rows = chunk.rows.iter().map(|&index| &batch.rows[index]);
             places.extend((0..).zip(rows).map(|(position, row)| Place { chunk: number, position, row }));
         }
-        // Statements of all chunks together, and of few lengths: preparing one takes longer than inserting its rows.
-        let mut left = places.as_slice();
-        while !left.is_empty() {
-            let (next, later) = left.split_at(rows_of_next_insert(left.len()));
-            insert_rows(&mut write, cohort, next).await?;
-            left = later;
+        // Statements of all chunks together.
+        for rows in engine::rows_of_inserts(&places) {
+            insert_rows(&mut write, cohort, rows).await?;
         }
         Ok(write.commit().await?)
     }
@@ -276,11 +271,6 @@ impl Drop for Upload {
 
 fn is_race(error: &sqlx::Error) -> bool {
     engine::is_duplicate(error, "shape", "external_id")
-}
-
-/// Number of rows of the next INSERT when this many are left: a power of two, so that there are only ten statements.
-fn rows_of_next_insert(left: usize) -> usize {
-    ROWS_PER_INSERT.min(1 << left.max(1).ilog2())
 }
 
 async fn insert_rows(write: &mut Transaction, cohort: i64, places: &[Place<'_>]) -> Result<(), StoreError> {
@@ -425,16 +415,4 @@ async fn find_held(
         held.insert(row.get("external_id")?, found);
     }
     Ok(held)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn statements_have_few_lengths() {
-        for (left, expected) in [(1, 1), (3, 2), (511, 256), (512, 512), (5000, 512)] {
-            assert_eq!(rows_of_next_insert(left), expected, "{left}");
-        }
-    }
 }
