@@ -3,8 +3,8 @@
 use std::fmt::Write;
 
 use super::svg::{
-    CAPTION, Facets, Layer, MARGIN, Mark, Page, cells_of, draw_layer, drawn_level, escape, flatten, open,
-    path, rows_of,
+    CAPTION, FACETS, Facets, Layer, MARGIN, Page, cells_of, draw_facet, draw_layer, drawn_level, escape,
+    flatten, open, rows_of,
 };
 use crate::representation::ShapeSpace;
 use crate::subdivision::basis::SubdivisionBasis;
@@ -192,7 +192,7 @@ fn draw_sheet(
     place: impl Fn(&[f64; 2]) -> [f64; 2],
 ) {
     let most = largest(effect);
-    svg.push_str("<g stroke-width=\"0.6\" stroke-linejoin=\"round\">\n");
+    svg.push_str(FACETS);
     for ((corners, light), shares) in facets.corners.chunks_exact(4).zip(&facets.light).zip(shares) {
         let mut length = 0.0;
         let mut nearest = (0.0, false);
@@ -204,9 +204,7 @@ fn draw_sheet(
             }
         }
         let colour = shade(effect, if most > 0.0 { length / most } else { 0.0 }, nearest.1, *light);
-        let path = path(corners, Mark::Closed, &place);
-        writeln!(svg, "<path fill=\"{colour}\" stroke=\"{colour}\" d=\"{path}\"/>")
-            .expect("writing to a string cannot fail");
+        draw_facet(svg, &colour, corners, &place);
     }
     svg.push_str("</g>\n");
 }

@@ -5,5 +5,6 @@
 //! * [`plot`] — graphs of functions.
 
 pub mod effect;
+mod line;
 pub mod plot;
 pub mod svg;

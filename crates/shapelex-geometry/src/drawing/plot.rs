@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use super::svg::{CAPTION, MARGIN, SIZE, escape, open};
+use super::svg::{CAPTION, MARGIN, RESOLUTION, SIZE, escape, open};
 
 /// One function: name, colour, and its graph in pieces, which leaves gaps at jumps.
 #[derive(Debug, Clone)]
@@ -61,14 +61,10 @@ pub fn plot(title: &str, variable: &str, graphs: &[Graph]) -> String {
     let mut legend = x0;
     for graph in graphs {
         for piece in &graph.pieces {
-            let path: Vec<String> = piece.iter().map(|p| format!("{:.2} {:.2}", x(p[0]), y(p[1]))).collect();
-            writeln!(
-                svg,
-                "<path fill=\"none\" stroke-width=\"2\" stroke=\"{}\" d=\"M{}\"/>",
-                graph.colour,
-                path.join("L")
-            )
-            .expect(write);
+            write!(svg, "<path fill=\"none\" stroke-width=\"2\" stroke=\"{}\" d=\"", graph.colour)
+                .expect(write);
+            RESOLUTION.push_path(&mut svg, piece, |p| [x(p[0]), y(p[1])], false);
+            svg.push_str("\"/>\n");
         }
         name(&mut svg, graph, legend);
         legend += 60.0 + 8.0 * graph.name.chars().count() as f64;

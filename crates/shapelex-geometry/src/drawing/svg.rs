@@ -1,11 +1,13 @@
 //! Drawings as SVG: curves, landmarks and surfaces, several layers on one scale.
 //!
-//! Spline curves are drawn through samples (8 per control point, at least 128), not through their control
-//! points. Shapes in space are drawn in parallel projection along the direction (1, −1, 1)/√3. The y axis points up, as
+//! Spline curves are drawn through samples (8 per control point, at least 128), not through their control points; samples that
+//! the eye does not need are left out. Shapes in space are drawn in parallel projection along the direction (1, −1, 1)/√3. The y axis points up, as
 //! in the data. Surfaces are shaded; since they hide one another, they are drawn side by side, the front layer first.
 
 use std::fmt::Write;
+use std::sync::LazyLock;
 
+use super::line::Resolution;
 use crate::curve::Curve;
 use crate::mesh::TriangleMesh;
 use crate::representation::ShapeSpace;
@@ -298,6 +300,9 @@ impl Page {
     }
 }
 
+/// Resolution of the page at its own size.
+pub(super) static RESOLUTION: LazyLock<Resolution> = LazyLock::new(|| Resolution::new(1.0));
+
 /// Opens a picture of `height` with a title.
 pub(super) fn open(title: &str, height: f64) -> String {
     format!(
@@ -398,17 +403,15 @@ pub fn animate(title: &str, layer: &Layer) -> String {
     }
     let page = Page::around(layer.lines.iter().flatten());
     let mut svg = open(title, page.height);
-    let path = |line: &Vec<[f64; 2]>| path(line, layer.mark, |p| page.place(p));
+    let there = RESOLUTION.frames(&layer.lines, |p| page.place(p), layer.mark == Mark::Closed);
     let style = "fill=\"none\" stroke-linejoin=\"round\"";
     let write = "writing to a string cannot fail";
-    for (line, colour) in [(layer.lines.first(), colour::MINUS), (layer.lines.last(), colour::PLUS)] {
-        let Some(line) = line else { continue };
-        writeln!(svg, "<path {style} stroke=\"{colour}\" stroke-opacity=\"0.5\" d=\"{}\"/>", path(line))
+    for (path, colour) in [(there.first(), colour::MINUS), (there.last(), colour::PLUS)] {
+        let Some(path) = path else { continue };
+        writeln!(svg, "<path {style} stroke=\"{colour}\" stroke-opacity=\"0.5\" d=\"{path}\"/>")
             .expect(write);
     }
-    let there = layer.lines.iter();
-    let back = layer.lines.iter().rev().skip(1);
-    let frames: Vec<String> = there.chain(back).map(path).collect();
+    let frames: Vec<&str> = there.iter().chain(there.iter().rev().skip(1)).map(String::as_str).collect();
     let seconds = FRAME_SECONDS * frames.len().saturating_sub(1).max(1) as f64;
     writeln!(
         svg,
@@ -416,7 +419,7 @@ pub fn animate(title: &str, layer: &Layer) -> String {
          repeatCount=\"indefinite\" values=\"{}\"/></path>",
         layer.colour,
         layer.width,
-        frames.first().map_or("", String::as_str),
+        frames.first().unwrap_or(&""),
         frames.join(";")
     )
     .expect(write);
@@ -424,43 +427,33 @@ pub fn animate(title: &str, layer: &Layer) -> String {
     svg
 }
 
-/// Length of the text of a point, such as `L123.45 678.90`, in bytes.
-const POINT_BYTES: usize = 14;
+/// Approximate length of the text of a point, such as ` 12.3-4.5`, in bytes.
+const POINT_BYTES: usize = 9;
 
 /// Approximate length of the text of [`animate`], in which every line appears twice.
 pub fn animation_bytes(layer: &Layer) -> usize {
-    2 * POINT_BYTES * layer.lines.iter().map(Vec::len).sum::<usize>()
-}
-
-/// SVG path of a line.
-pub(super) fn path(line: &[[f64; 2]], mark: Mark, place: impl Fn(&[f64; 2]) -> [f64; 2]) -> String {
-    let mut path = String::with_capacity(POINT_BYTES * line.len());
-    for (i, [x, y]) in line.iter().map(place).enumerate() {
-        let command = if i == 0 { 'M' } else { 'L' };
-        write!(path, "{command}{x:.2} {y:.2}").expect("writing to a string cannot fail");
+    if layer.hides() {
+        return 0;
     }
-    if mark == Mark::Closed {
-        path.push('Z');
-    }
-    path
+    let page = Page::around(layer.lines.iter().flatten());
+    2 * POINT_BYTES * layer.lines.len() * RESOLUTION.frame_points(&layer.lines, |p| page.place(p))
 }
 
 pub(super) fn draw_layer(svg: &mut String, layer: &Layer, place: impl Fn(&[f64; 2]) -> [f64; 2]) {
     let Layer { colour, width, opacity, .. } = layer;
     let write = "writing to a string cannot fail";
     if layer.mark == Mark::Facets {
-        svg.push_str("<g stroke-width=\"0.6\" stroke-linejoin=\"round\">\n");
+        svg.push_str(FACETS);
         for (corners, light) in layer.lines.iter().zip(&layer.light) {
             for (facet, light) in corners.chunks_exact(4).zip(light) {
-                let colour = lit(colour, *light);
-                let path = path(facet, Mark::Closed, &place);
-                writeln!(svg, "<path fill=\"{colour}\" stroke=\"{colour}\" d=\"{path}\"/>").expect(write);
+                draw_facet(svg, &lit(colour, *light), facet, &place);
             }
         }
     } else if layer.mark == Mark::Dots {
         writeln!(svg, "<g fill=\"{colour}\" fill-opacity=\"{opacity}\">").expect(write);
-        for [x, y] in layer.lines.iter().flatten().map(&place) {
-            writeln!(svg, "<circle cx=\"{x:.2}\" cy=\"{y:.2}\" r=\"{:.2}\"/>", width + 1.5).expect(write);
+        for point in layer.lines.iter().flatten().map(&place) {
+            let [x, y] = point.map(|x| RESOLUTION.number(x));
+            writeln!(svg, "<circle cx=\"{x}\" cy=\"{y}\" r=\"{:.1}\"/>", width + 1.5).expect(write);
         }
     } else {
         writeln!(
@@ -469,10 +462,27 @@ pub(super) fn draw_layer(svg: &mut String, layer: &Layer, place: impl Fn(&[f64; 
         )
         .expect(write);
         for line in &layer.lines {
-            writeln!(svg, "<path d=\"{}\"/>", path(line, layer.mark, &place)).expect(write);
+            svg.push_str("<path d=\"");
+            RESOLUTION.push_path(svg, line, &place, layer.mark == Mark::Closed);
+            svg.push_str("\"/>\n");
         }
     }
     svg.push_str("</g>\n");
+}
+
+/// Opens a group of facets.
+pub(super) const FACETS: &str = "<g stroke-width=\".6\" stroke-linejoin=\"round\">\n";
+
+/// Draws a facet of a surface.
+pub(super) fn draw_facet(
+    svg: &mut String,
+    colour: &str,
+    corners: &[[f64; 2]],
+    place: impl Fn(&[f64; 2]) -> [f64; 2],
+) {
+    write!(svg, "<path fill=\"{colour}\" stroke=\"{colour}\" d=\"").expect("writing to a string cannot fail");
+    RESOLUTION.push_polygon(svg, corners, place);
+    svg.push_str("\"/>\n");
 }
 
 /// A pale version of a colour under the given light.
@@ -523,6 +533,6 @@ mod tests {
         let svg = draw("a < b", &[Layer::of(&space, [circle.as_slice()], colour::MAIN, 2.0, 1.0)]);
         assert!(svg.contains("a &lt; b") && !svg.contains("NaN"));
         // the rightmost point of the circle touches the margin
-        assert!(svg.contains(&format!("M{:.2} {:.2}", SIZE - MARGIN, CAPTION + SIZE / 2.0)), "{svg}");
+        assert!(svg.contains(&format!("M{} {}", SIZE - MARGIN, CAPTION + SIZE / 2.0)), "{svg}");
     }
 }
