@@ -16,6 +16,7 @@ use crate::domain::access::Principal;
 use crate::formats::checked::plain_sentence;
 use crate::formats::matrix::MatrixFormat;
 use crate::formats::mesh::MeshFormat;
+use crate::geometry::drawing::svg::{Background, Style, Theme};
 use crate::service::app::App;
 use crate::service::app::idempotency::Retry;
 use crate::service::cohorts::catalogue::Expected;
@@ -165,7 +166,7 @@ impl<S: Send + Sync> FromRequestParts<S> for OnlyFormat {
     type Rejection = Problem;
 
     async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Problem> {
-        only(parts, &["format"])?;
+        only(parts, &FORMAT_PARAMETERS)?;
         Format::from_request_parts(parts, state).await.map(Self)
     }
 }
@@ -191,7 +192,7 @@ pub enum Format {
     /// Numbers.
     Json,
     /// A drawing.
-    Svg,
+    Svg(Style),
 }
 
 #[derive(serde::Deserialize)]
@@ -199,26 +200,124 @@ struct FormatQuery {
     format: Option<String>,
 }
 
+/// Parameters that belong to the format of an answer.
+const FORMAT_PARAMETERS: [&str; 6] = ["format", "theme", "background", "width", "title", "scale_bar"];
+
+/// Settings of drawings.
+#[derive(Debug, serde::Deserialize, utoipa::IntoParams)]
+#[into_params(parameter_in = Query)]
+pub struct DrawingQuery {
+    /// Colours of a drawing. Default: `auto`, light or dark as the viewer prefers.
+    #[param(inline)]
+    theme: Option<Theme>,
+    /// What a drawing has behind it: a painted page, or nothing. Default: `page`.
+    #[param(inline)]
+    background: Option<Background>,
+    /// Width of a drawing in pixels; its height follows. Default: 640.
+    #[param(minimum = 16, maximum = 4096)]
+    width: Option<u16>,
+    /// Whether the title of a drawing is written above it. Default: true.
+    title: Option<bool>,
+    /// Whether a drawing of shapes that keep their sizes has a scale bar. Default: true.
+    scale_bar: Option<bool>,
+}
+
+impl DrawingQuery {
+    fn read(parts: &Parts) -> Result<Self, Problem> {
+        let query = axum::extract::Query::<Self>::try_from_uri(&parts.uri);
+        query.map(|query| query.0).map_err(|rejection| unreadable_query(&rejection.body_text()))
+    }
+
+    /// The settings, with defaults for those not given.
+    ///
+    /// # Errors
+    /// A width out of range.
+    fn style(&self) -> Result<Style, Problem> {
+        let usual = Style::default();
+        let (least, most) = Style::WIDTHS;
+        let width = self.width.unwrap_or(usual.width);
+        if !(least..=most).contains(&width) {
+            let detail = format!("width: expected a number between {least} and {most}, got {width}");
+            return Err(Problem::new(ProblemKind::InvalidQuery, detail));
+        }
+        Ok(Style {
+            theme: self.theme.unwrap_or(usual.theme),
+            background: self.background.unwrap_or(usual.background),
+            width,
+            title: self.title.unwrap_or(usual.title),
+            scale_bar: self.scale_bar.unwrap_or(usual.scale_bar),
+        })
+    }
+
+    /// Refuses settings beside a format that is no drawing.
+    fn unused(&self) -> Result<(), Problem> {
+        let given = [
+            ("theme", self.theme.is_some()),
+            ("background", self.background.is_some()),
+            ("width", self.width.is_some()),
+            ("title", self.title.is_some()),
+            ("scale_bar", self.scale_bar.is_some()),
+        ];
+        match given.iter().find(|(_, given)| *given) {
+            None => Ok(()),
+            Some((name, _)) => {
+                let detail = format!("{name}: expected only with the format svg");
+                Err(Problem::new(ProblemKind::InvalidQuery, detail))
+            }
+        }
+    }
+}
+
+/// The `format` of a query, if given.
+fn format_of(parts: &Parts) -> Result<Option<String>, Problem> {
+    let query = axum::extract::Query::<FormatQuery>::try_from_uri(&parts.uri);
+    query.map(|query| query.0.format).map_err(|rejection| unreadable_query(&rejection.body_text()))
+}
+
 impl<S: Send + Sync> FromRequestParts<S> for Format {
     type Rejection = Problem;
 
     async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Problem> {
-        let query = axum::extract::Query::<FormatQuery>::try_from_uri(&parts.uri).ok();
-        if let Some(format) = query.and_then(|query| query.0.format) {
-            return match format.as_str() {
-                "json" => Ok(Self::Json),
-                "svg" => Ok(Self::Svg),
-                other => {
-                    let detail = format!("format: expected 'json' or 'svg', got '{other}'");
-                    Err(Problem::new(ProblemKind::InvalidQuery, detail))
-                }
-            };
-        }
-        let accept = accepted(parts);
-        preferred(accept, picture_or_numbers).ok_or_else(|| {
-            let detail = format!("expected application/json or image/svg+xml to be accepted, got '{accept}'");
-            Problem::new(ProblemKind::NotAcceptable, detail)
-        })
+        let settings = DrawingQuery::read(parts)?;
+        let drawing = match format_of(parts)?.as_deref() {
+            Some("json") => false,
+            Some("svg") => true,
+            Some(other) => {
+                let detail = format!("format: expected 'json' or 'svg', got '{other}'");
+                return Err(Problem::new(ProblemKind::InvalidQuery, detail));
+            }
+            None => {
+                let accept = accepted(parts);
+                preferred(accept, picture_or_numbers).ok_or_else(|| {
+                    let detail =
+                        format!("expected application/json or image/svg+xml to be accepted, got '{accept}'");
+                    Problem::new(ProblemKind::NotAcceptable, detail)
+                })?
+            }
+        };
+        if drawing { settings.style().map(Self::Svg) } else { settings.unused().map(|()| Self::Json) }
+    }
+}
+
+/// Parameters of a query but those of the response format, parsed as `T`; the extractor of the format reads the others.
+#[derive(Debug)]
+pub struct BesideFormat<T>(pub T);
+
+impl<T: DeserializeOwned, S: Send + Sync> FromRequestParts<S> for BesideFormat<T> {
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Problem> {
+        let of_format = |parameter: &&str| {
+            let name = parameter.split('=').next().unwrap_or_default();
+            name == "grid" || FORMAT_PARAMETERS.contains(&name)
+        };
+        let query = parts.uri.query().unwrap_or_default().split('&');
+        let rest: Vec<&str> = query.filter(|parameter| !of_format(parameter)).collect();
+        let uri = format!("/?{}", rest.join("&")).parse();
+        let uri = uri.map_err(|error| unreadable_query(&format!("{error}")))?;
+        axum::extract::Query::<T>::try_from_uri(&uri)
+            .map(|query| Self(query.0))
+            .map_err(|rejection| unreadable_query(&rejection.body_text()))
     }
 }
 
@@ -243,8 +342,9 @@ impl<S: Send + Sync> FromRequestParts<S> for ShapeFormat {
 
     async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Problem> {
         let refused = |detail: String| Problem::new(ProblemKind::InvalidQuery, detail);
-        let query = axum::extract::Query::<MeshQuery>::try_from_uri(&parts.uri).ok().map(|query| query.0);
-        let (format, grid) = query.map_or((None, None), |query| (query.format, query.grid));
+        let query = axum::extract::Query::<MeshQuery>::try_from_uri(&parts.uri)
+            .map_err(|rejection| unreadable_query(&rejection.body_text()))?;
+        let MeshQuery { format, grid } = query.0;
         let grid = match grid {
             None => None,
             Some(text) => {
@@ -270,6 +370,7 @@ impl<S: Send + Sync> FromRequestParts<S> for ShapeFormat {
             .flatten(),
         };
         if let Some(format) = mesh {
+            DrawingQuery::read(parts)?.unused()?;
             return Ok(Self::Mesh(format, grid));
         }
         if grid.is_some() {
@@ -294,7 +395,7 @@ impl<S: Send + Sync> FromRequestParts<S> for OnlyShapeFormat {
     type Rejection = Problem;
 
     async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Problem> {
-        only(parts, &["format", "grid"])?;
+        only(parts, &[&FORMAT_PARAMETERS[..], &["grid"]].concat())?;
         ShapeFormat::from_request_parts(parts, state).await.map(Self)
     }
 }
@@ -315,10 +416,11 @@ fn accepted(parts: &Parts) -> &str {
     parts.headers.get(header::ACCEPT).and_then(|value| value.to_str().ok()).unwrap_or("*/*")
 }
 
-fn picture_or_numbers(media_range: &str) -> Option<Format> {
+/// Whether a media range asks for a drawing rather than for numbers.
+fn picture_or_numbers(media_range: &str) -> Option<bool> {
     match media_range {
-        "application/json" | "application/*" | "*/*" | "" => Some(Format::Json),
-        "image/svg+xml" | "image/*" => Some(Format::Svg),
+        "application/json" | "application/*" | "*/*" | "" => Some(false),
+        "image/svg+xml" | "image/*" => Some(true),
         _ => None,
     }
 }
@@ -553,10 +655,10 @@ mod tests {
     #[test]
     fn formats_are_negotiated() {
         let preferred = |accept| super::preferred(accept, picture_or_numbers);
-        assert_eq!(preferred("*/*"), Some(Format::Json));
-        assert_eq!(preferred("image/svg+xml"), Some(Format::Svg));
-        assert_eq!(preferred("text/html, image/svg+xml;q=0.9, */*;q=0.8"), Some(Format::Svg));
-        assert_eq!(preferred("application/json;q=0.5, image/*"), Some(Format::Svg));
+        assert_eq!(preferred("*/*"), Some(false));
+        assert_eq!(preferred("image/svg+xml"), Some(true));
+        assert_eq!(preferred("text/html, image/svg+xml;q=0.9, */*;q=0.8"), Some(true));
+        assert_eq!(preferred("application/json;q=0.5, image/*"), Some(true));
         assert_eq!(preferred("text/csv"), None);
         let preferred = |accept| super::preferred(accept, matrix_format);
         assert_eq!(preferred("text/csv"), Some(MatrixFormat::Csv));

@@ -9,6 +9,8 @@ use serde::Serialize;
 use super::problem::Problem;
 use crate::formats::matrix::{MatrixFormat, NamedMatrix};
 use crate::formats::mesh::MeshFormat;
+use crate::geometry::drawing::scene::Drawing;
+use crate::geometry::drawing::svg::Style;
 use crate::geometry::mesh::TriangleMesh;
 use crate::geometry::representation::ShapeSpace;
 use crate::service::app::memory::Purpose;
@@ -74,8 +76,8 @@ pub fn json(status: StatusCode, value: &impl Serialize) -> Result<Response, Serv
 }
 
 /// SVG response.
-pub fn svg(drawing: String) -> Response {
-    ([(header::CONTENT_TYPE, "image/svg+xml")], Body::from(drawing)).into_response()
+pub fn svg(drawing: &Drawing, style: &Style) -> Response {
+    ([(header::CONTENT_TYPE, "image/svg+xml")], Body::from(drawing.to_svg(style))).into_response()
 }
 
 /// Mesh of a shape; see [`mesh_of`].

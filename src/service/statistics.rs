@@ -20,6 +20,7 @@ use crate::analysis::transformation::Transformation;
 use crate::formats::fault::Fault;
 use crate::formats::shape::ShapeInput;
 use crate::geometry::capability::domain::Admitted;
+use crate::geometry::drawing::scene::Drawing;
 use crate::geometry::representation::{Representation, ShapeSpace};
 use crate::service::app::faults::Faults;
 use crate::service::app::{App, Limits, ServiceError};
@@ -131,6 +132,11 @@ pub struct Setup {
 }
 
 impl Setup {
+    /// A drawing with a scale bar if aligned shapes keep their sizes; `unit`: the unit of length, if known.
+    pub fn in_scale(&self, drawing: Drawing, unit: Option<&str>) -> Drawing {
+        if self.method.keeps_sizes() { drawing.to_scale(unit) } else { drawing }
+    }
+
     /// Prepares settings.
     ///
     /// # Errors
@@ -256,9 +262,17 @@ pub fn project(
     Ok((setup, projections))
 }
 
-/// Drawing of a mean with aligned shapes behind it.
-pub fn draw_mean(setup: &Setup, title: &str, mean: &MeanShape, aligned: &[AlignedShape]) -> String {
-    drawing::draw_mean((&setup.space, &setup.metric), title, &mean.control_points, aligned, MAX_DRAWN)
+/// Drawing of a mean with aligned shapes behind it; `unit`: the unit of length, if known.
+pub fn draw_mean(
+    setup: &Setup,
+    title: &str,
+    mean: &MeanShape,
+    aligned: &[AlignedShape],
+    unit: Option<&str>,
+) -> Drawing {
+    let space = (&setup.space, &setup.metric);
+    let counted = (mean.control_points.as_slice(), mean.shapes);
+    setup.in_scale(drawing::draw_mean(space, title, counted, aligned, MAX_DRAWN), unit)
 }
 
 /// Drawing of one mode: the mean and `mean ± sigma·s ξ`, where `s` is the standard deviation of the scores.
@@ -270,7 +284,7 @@ pub fn draw_mode(
     components: &Components,
     component: usize,
     sigma: f64,
-) -> Result<String, ServiceError> {
+) -> Result<Drawing, ServiceError> {
     let pca = &components.pca;
     let found = pca.eigenvalues.len();
     if !(1..=found).contains(&component) {
@@ -284,5 +298,5 @@ pub fn draw_mode(
         100.0 * pca.explained[component - 1],
         if pca.centred { "variance" } else { "energy" }
     );
-    Ok(drawing::draw_mode(&setup.space, &title, sigma, &mode))
+    Ok(setup.in_scale(drawing::draw_mode(&setup.space, &title, sigma, &mode), None))
 }

@@ -995,7 +995,7 @@ fn shapes_means_modes_and_curves_are_drawn() {
         assert_eq!((plain.status, plain.header("content-type")), (200, Some("application/json")), "{path}");
     }
     let drawn = server.get("/v1/cohorts/blobs/mean?transformation=affine&format=svg");
-    assert_eq!(drawn.expect_svg().matches("<path").count(), 6, "five shapes and their mean");
+    assert_eq!(drawn.expect_svg().matches("<path").count(), 8, "five shapes, their mean, and the legend");
     let numbers = server.get("/v1/cohorts/blobs/mean?transformation=affine");
     assert_ne!(drawn.header("etag"), numbers.header("etag"), "two representations of one thing");
 
@@ -1003,7 +1003,11 @@ fn shapes_means_modes_and_curves_are_drawn() {
     let body = json!({"representation": space, "transformation": "affine",
         "shapes": [{"points": knot(9, 1)}, {"points": knot(9, 2)}]});
     let drawn = server.post("/v1/align?format=svg", &body);
-    assert_eq!(drawn.expect_svg().matches("<circle").count(), 27, "landmarks are dots, also of space");
+    assert_eq!(
+        drawn.expect_svg().matches("<circle").count(),
+        29,
+        "landmarks are dots, also of space and in the legend"
+    );
 }
 
 // ---------------------------------------------------------------- HTTP

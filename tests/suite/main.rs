@@ -14,6 +14,7 @@ mod http_comparisons;
 mod http_contract;
 mod http_curves;
 mod http_dictionaries;
+mod http_drawings;
 mod http_jobs;
 mod http_limits;
 mod http_novelty;

@@ -80,6 +80,11 @@ impl Method {
         }
     }
 
+    /// Whether aligned shapes and their mean keep the sizes of the shapes.
+    pub fn keeps_sizes(&self) -> bool {
+        matches!(self, Self::Procrustes(fit) if !fit.scales)
+    }
+
     /// `b = −A r̄` if shapes are centred, else zero.
     pub(super) fn offset(&self, matrix: &Matrix, centroid: &[f64]) -> Vec<f64> {
         if self.translates() { offset_of(matrix, centroid) } else { vec![0.0; centroid.len()] }

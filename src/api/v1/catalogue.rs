@@ -9,7 +9,7 @@ use serde_json::{Map, Value};
 
 use super::request_macros::{class_names, rows};
 use crate::analysis::transformation::{ClassName, TransformationClass};
-use crate::api::extract::{Format, NoQuery, Path, Query};
+use crate::api::extract::{BesideFormat, DrawingQuery, Format, NoQuery, Path};
 use crate::api::problem::Problem;
 use crate::api::respond::{json, svg};
 use crate::formats::representation::read_generator;
@@ -86,7 +86,7 @@ pub(super) struct RieszBounds {
         ("domain_poles" = Option<String>, Query, description = "Poles of the domain, instead of `poles`"),
         ("support" = Option<usize>, Query, description = "Support of `interpolator`"),
         ("weights" = Option<String>, Query, description = "Weights of `interpolator`, such as `[-0.5]`"),
-        ("format" = Option<String>, Query, description = "`json` or `svg`")
+        ("format" = Option<String>, Query, description = "`json` or `svg`"), DrawingQuery
     ),
     responses(
         (status = 200, description = "The generator", content((GeneratorPage = "application/json"), (String = "image/svg+xml"))),
@@ -95,11 +95,11 @@ pub(super) struct RieszBounds {
 pub(super) async fn find_generator(
     Path(name): Path<String>,
     format: Format,
-    Query(parameters): Query<Vec<(String, String)>>,
+    BesideFormat(parameters): BesideFormat<Vec<(String, String)>>,
 ) -> Result<Response, Problem> {
     let details = read_query(name, parameters).and_then(|(kind, count)| generators::describe(kind, count))?;
-    if format == Format::Svg {
-        return Ok(svg(details.draw()));
+    if let Format::Svg(style) = format {
+        return Ok(svg(&details.draw(), &style));
     }
     Ok(json(StatusCode::OK, &GeneratorPage::from(details))?)
 }
@@ -110,10 +110,7 @@ fn read_query(
     parameters: Vec<(String, String)>,
 ) -> Result<(GeneratorKind, Option<usize>), ServiceError> {
     let (mut fields, mut count) = (Map::new(), None);
-    if parameters.iter().filter(|(key, _)| key == "format").count() > 1 {
-        return Err(ServiceError::Query("format is given twice".into()));
-    }
-    for (key, text) in parameters.into_iter().filter(|(key, _)| key != "format") {
+    for (key, text) in parameters {
         if key == "control_points" {
             let parsed = text.parse::<usize>();
             let number = parsed.map_err(|_| {

@@ -11,7 +11,8 @@ use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
 use crate::analysis::frame::Frame;
 use crate::analysis::transformation::ClassName;
 use crate::api::extract::{
-    Caller, Format, IfMatch, JsonBody, NoQuery, Path, Query, ShapeFormat, ShapeFormatQuery,
+    BesideFormat, Caller, DrawingQuery, Format, IfMatch, JsonBody, NoQuery, Path, Query, ShapeFormat,
+    ShapeFormatQuery,
 };
 use crate::api::problem::{Problem, ProblemKind};
 use crate::api::respond::{Binary, compute, json, mesh, svg};
@@ -291,7 +292,8 @@ pub(super) struct CohortMeanOutput {
         ("start" = inline(Option<SearchStart>), Query, description = "Start points with which the search begins: `given`, those of the shapes, or `last`, those of the last search. Default: `given`"),
         ("stale" = Option<bool>, Query, description = "Whether the last mean computed is answered at once, with its revision, while that of the current revision is computed in the background. Default: false"),
         FilterQuery,
-        ShapeFormatQuery
+        ShapeFormatQuery,
+        DrawingQuery
     ),
     responses(
         (status = 200, description = "The mean", content((CohortMeanOutput = "application/json"), (String = "image/svg+xml"), (Binary = "model/obj"), (Binary = "application/ply"), (Binary = "model/stl"), (Binary = "model/gltf-binary"))),
@@ -303,7 +305,7 @@ pub(super) async fn cohort_mean(
     Caller(app): Caller,
     Path(key): Path<String>,
     format: ShapeFormat,
-    Query(pairs): Query<Vec<(String, String)>>,
+    BesideFormat(pairs): BesideFormat<Vec<(String, String)>>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     let (query, stale) = take_mean_query(pairs)?;
@@ -327,8 +329,6 @@ fn mean_tag(cohort: &Cohort, query: &MeanQuery, format: ShapeFormat) -> String {
 /// Takes the parameters of a mean, and whether an older one may be answered.
 fn take_mean_query(pairs: Vec<(String, String)>) -> Result<(MeanQuery, bool), Problem> {
     let mut parameters = Parameters::once_each(pairs)?;
-    parameters.take("format");
-    parameters.take("grid");
     let transformation = parameters.take_word::<ClassName>("transformation")?.ok_or_else(|| {
         let detail = "transformation: required parameter is missing, such as similarity or affine";
         Problem::new(ProblemKind::InvalidQuery, detail)
@@ -348,9 +348,10 @@ fn take_mean_query(pairs: Vec<(String, String)>) -> Result<(MeanQuery, bool), Pr
 fn answer_mean(live: &LiveMean, format: ShapeFormat) -> Result<Response, ServiceError> {
     match format {
         ShapeFormat::Mesh(format, grid) => mesh(&live.setup.space, &live.mean.control_points, format, grid),
-        ShapeFormat::Plain(Format::Svg) => {
+        ShapeFormat::Plain(Format::Svg(style)) => {
             let title = format!("mean of {} shapes of {}", live.mean.shapes, live.cohort.spec.name);
-            Ok(svg(draw_mean(&live.setup, &title, &live.mean, &live.drawn)))
+            let unit = live.cohort.spec.length_unit.as_deref();
+            Ok(svg(&draw_mean(&live.setup, &title, &live.mean, &live.drawn, unit), &style))
         }
         ShapeFormat::Plain(Format::Json) => {
             let mean = MeanOutput::new(&live.mean, live.setup.metric.dimension());

@@ -5,7 +5,7 @@ use axum::response::Response;
 use super::jobs::JobOutput;
 use super::planned::{StudyBody, answer_study, study_request};
 use super::request_macros::RetryHeader;
-use crate::api::extract::{Caller, JsonBody, OnlyFormat, Prefer};
+use crate::api::extract::{Caller, DrawingQuery, JsonBody, OnlyFormat, Prefer};
 use crate::api::problem::Problem;
 use crate::domain::job::Priority;
 use crate::domain::shape::ShapeFilter;
@@ -58,7 +58,7 @@ study_request! {
 /// As SVG: the averages overlaid, with the effect as colour and width.
 #[utoipa::path(post, path = "/comparisons", tag = "inference", request_body = CompareRequest,
     params(
-        ("format" = Option<String>, Query, description = "`json` or `svg`"),
+        ("format" = Option<String>, Query, description = "`json` or `svg`"), DrawingQuery,
         ("prefer" = Option<String>, Header, description = "`wait=10`: wait up to ten seconds for the job"), RetryHeader
     ),
     responses(

@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use super::request_macros::{checked, shapes_request};
 use crate::api::extract::{
-    Caller, Format, JsonBody, NoQuery, OnlyShapeFormat, ShapeFormat, ShapeFormatQuery,
+    Caller, DrawingQuery, Format, JsonBody, NoQuery, OnlyShapeFormat, ShapeFormat, ShapeFormatQuery,
 };
 use crate::api::problem::Problem;
 use crate::api::respond::{Binary, Planned, compute_planned, json, mesh_file, planned, svg};
@@ -161,7 +161,7 @@ pub(super) struct EvaluateAnswer {
 ///
 /// As SVG: a drawing of the shapes. As OBJ, PLY, STL or glTF: the mesh of one surface at its `grid` or level.
 #[utoipa::path(post, path = "/evaluate", tag = "curves", request_body = EvaluateRequest,
-    params(ShapeFormatQuery),
+    params(ShapeFormatQuery, DrawingQuery),
     responses(
         (status = 200, description = "Points and derivatives", content((EvaluateAnswer = "application/json"), (String = "image/svg+xml"), (Binary = "model/obj"), (Binary = "application/ply"), (Binary = "model/stl"), (Binary = "model/gltf-binary")))
     ))]
@@ -190,7 +190,7 @@ impl EvaluateRequest {
         let representation = app.admit(representation)?;
         let task = EvaluateTask { representation, correspondence, parameters, order, frames };
         planned(evaluate_work(&task, shapes.len(), format, &app.limits), move |app| match format {
-            ShapeFormat::Plain(Format::Svg) => Ok(svg(task.drawing(app, shapes)?)),
+            ShapeFormat::Plain(Format::Svg(style)) => Ok(svg(&task.drawing(app, shapes)?, &style)),
             ShapeFormat::Mesh(format, grid) => Ok(mesh_file(format, &task.mesh(app, shapes, grid)?)),
             ShapeFormat::Plain(Format::Json) => {
                 let Evaluated { evaluations, faces } = task.values(app, shapes)?;
@@ -206,7 +206,7 @@ fn evaluate_work(task: &EvaluateTask, shapes: usize, format: ShapeFormat, limits
     let EvaluateTask { representation, parameters, order, frames, .. } = task;
     let counts = Counts::new(representation, shapes, limits);
     match (parameters, format) {
-        (Some(_), ShapeFormat::Plain(Format::Svg)) => requests::draw(counts, shapes.min(MAX_DRAWN)),
+        (Some(_), ShapeFormat::Plain(Format::Svg(_))) => requests::draw(counts, shapes.min(MAX_DRAWN)),
         (Some(_), ShapeFormat::Mesh(_, grid)) => requests::mesh(grid.unwrap_or([500, 500])),
         _ => requests::values(representation, counts, parameters.as_ref(), (*order, *frames), limits),
     }

@@ -18,7 +18,10 @@ use crate::analysis::dictionary::modes::Mode;
 use crate::analysis::estimate::Estimate;
 use crate::analysis::frame::Frame;
 use crate::analysis::transformation::Transformation;
-use crate::api::extract::{Caller, Format, JsonBody, NoQuery, OnlyFormat, Path, Prefer, Query, ShapeFormat};
+use crate::api::extract::{
+    BesideFormat, Caller, DrawingQuery, Format, JsonBody, NoQuery, OnlyFormat, Path, Prefer, Query,
+    ShapeFormat, ShapeFormatQuery,
+};
 use crate::api::problem::Problem;
 use crate::api::respond::{Binary, compute, json, mesh, svg};
 use crate::domain::dictionary::Listed;
@@ -471,7 +474,7 @@ pub(super) struct AtomsAnswer<'a> {
 #[utoipa::path(get, path = "/dictionaries/{dictionary}/atoms", tag = "dictionaries",
     params(
         ("dictionary" = String, Path, description = "Id, `name@version` or name"),
-        ("format" = Option<String>, Query, description = "`json` or `svg`")
+        ("format" = Option<String>, Query, description = "`json` or `svg`"), DrawingQuery
     ),
     responses(
         (status = 200, description = "The atoms", content((AtomsAnswer = "application/json"), (String = "image/svg+xml"))),
@@ -484,7 +487,7 @@ pub(super) async fn dictionary_atoms(
 ) -> Result<Response, Problem> {
     let ready = ready::find(&app, &key).await?;
     compute(app.weighing(Work::MOMENT), move |_| match format {
-        Format::Svg => Ok(svg(modes::draw_atoms(&ready))),
+        Format::Svg(style) => Ok(svg(&modes::draw_atoms(&ready), &style)),
         Format::Json => {
             let (dictionary, atoms) =
                 (UsedDictionary::new(&ready), ready.dictionary.content.atoms.as_slice());
@@ -505,12 +508,6 @@ pub(super) struct ModeQuery {
     /// Number of standard deviations. Default: 2.
     #[param(minimum = -1000000, maximum = 1000000)]
     sigma: Option<f64>,
-    /// Response format: `json`, `svg`, or for surfaces `obj`, `ply`, `stl`, `gltf`.
-    #[serde(rename = "format")]
-    _format: Option<String>,
-    /// Numbers of mesh points along `u` and `v`, such as `48,33`.
-    #[serde(rename = "grid")]
-    _grid: Option<String>,
 }
 
 /// A mode of variation.
@@ -549,7 +546,7 @@ impl ModeAnswer {
 /// As SVG: all three in one picture. As OBJ, PLY, STL or glTF: the mesh of the surface at the mean plus `sigma` standard
 /// deviations; `sigma` may be negative.
 #[utoipa::path(get, path = "/dictionaries/{dictionary}/modes", tag = "dictionaries",
-    params(("dictionary" = String, Path, description = "Id, `name@version` or name"), ModeQuery),
+    params(("dictionary" = String, Path, description = "Id, `name@version` or name"), ModeQuery, ShapeFormatQuery, DrawingQuery),
     responses(
         (status = 200, description = "The mode", content((ModeAnswer = "application/json"), (String = "image/svg+xml"), (Binary = "model/obj"), (Binary = "application/ply"), (Binary = "model/stl"), (Binary = "model/gltf-binary"))),
         (status = 404, description = "No such dictionary"),
@@ -559,15 +556,15 @@ pub(super) async fn dictionary_mode(
     Caller(app): Caller,
     Path(key): Path<String>,
     format: ShapeFormat,
-    Query(query): Query<ModeQuery>,
+    BesideFormat(query): BesideFormat<ModeQuery>,
 ) -> Result<Response, Problem> {
     let ready = ready::find(&app, &key).await?;
     let (component, sigma) = (query.component.unwrap_or(1), query.sigma.unwrap_or(2.0));
     compute(app.weighing(Work::MOMENT), move |_| {
         let mode = modes::mode(&ready, component, sigma)?;
         match format {
-            ShapeFormat::Plain(Format::Svg) => {
-                return Ok(svg(modes::draw_mode(&ready, component, sigma, &mode)));
+            ShapeFormat::Plain(Format::Svg(style)) => {
+                return Ok(svg(&modes::draw_mode(&ready, component, sigma, &mode), &style));
             }
             ShapeFormat::Mesh(format, grid) => {
                 return mesh(&ready.setup.space, &mode.shapes[2], format, grid);

@@ -8,7 +8,7 @@ use serde::Serialize;
 use super::request_macros::{ShapeOutput, checked};
 use crate::analysis::correspondence::Correspondence;
 use crate::analysis::path::{PathKind, Positions};
-use crate::api::extract::{Caller, Format, JsonBody, OnlyFormat};
+use crate::api::extract::{Caller, DrawingQuery, Format, JsonBody, OnlyFormat};
 use crate::api::problem::Problem;
 use crate::api::respond::{Planned, compute_planned, json, planned, svg};
 use crate::formats::checked::{Checked, LARGE, document, take_given, take_or_default};
@@ -82,7 +82,7 @@ const USUAL_STEPS: usize = 11;
 ///
 /// As SVG: an animation through the curves and back; surfaces are drawn side by side.
 #[utoipa::path(post, path = "/morph", tag = "curves", request_body = MorphRequest,
-    params(("format" = Option<String>, Query, description = "`json` or `svg`")),
+    params(("format" = Option<String>, Query, description = "`json` or `svg`"), DrawingQuery),
     responses(
         (status = 200, description = "Shapes on the path", content((MorphAnswer = "application/json"), (String = "image/svg+xml")))
     ))]
@@ -115,10 +115,10 @@ impl MorphRequest {
         let (((representation, correspondence), (kind, positions)), _) = checked(wanted, errors, Vec::new())?;
         let representation = app.admit(representation)?;
         let counts = Counts::new(&representation, 2, &app.limits);
-        let work = requests::morph(counts, positions.count(), format == Format::Svg, &app.limits);
+        let work = requests::morph(counts, positions.count(), matches!(format, Format::Svg(_)), &app.limits);
         let task = MorphTask { representation, correspondence, kind, positions, ends };
         planned(work, move |app| match format {
-            Format::Svg => Ok(svg(task.drawing(app)?)),
+            Format::Svg(style) => Ok(svg(&task.drawing(app, &style)?, &style)),
             Format::Json => json(StatusCode::OK, &MorphAnswer::from(task.morph(app)?)),
         })
     }

@@ -61,7 +61,7 @@ async fn answered<T: PlannedTest>(
         return compute(app.weighing(work), move |app| {
             let answer = test.answer(app, &handle, &app.pool.context())?;
             match format {
-                Format::Svg => Ok(svg(test.draw(&answer))),
+                Format::Svg(style) => Ok(svg(&test.draw(&answer), &style)),
                 Format::Json => json(StatusCode::OK, &answer),
             }
         })
@@ -74,10 +74,10 @@ async fn answered<T: PlannedTest>(
     let Some(result) = job.result.take() else { return Ok(accepted(*job)?) };
     compute(app.weighing(Work::MOMENT), move |_| match format {
         Format::Json => json(StatusCode::OK, &result),
-        Format::Svg => {
+        Format::Svg(style) => {
             let answer = serde_json::from_value(result)
                 .map_err(|error| ServiceError::Internal(format!("the result of a job: {error}")))?;
-            Ok(svg(test.draw(&answer)))
+            Ok(svg(&test.draw(&answer), &style))
         }
     })
     .await

@@ -5,7 +5,7 @@ use axum::response::Response;
 use super::jobs::JobOutput;
 use super::planned::{StudyBody, answer_study, study_request};
 use super::request_macros::RetryHeader;
-use crate::api::extract::{Caller, JsonBody, OnlyFormat, Prefer};
+use crate::api::extract::{Caller, DrawingQuery, JsonBody, OnlyFormat, Prefer};
 use crate::api::problem::Problem;
 use crate::domain::job::Priority;
 use crate::domain::shape::ShapeFilter;
@@ -52,7 +52,7 @@ study_request! {
 /// seconds, at most 60. As SVG: the predicted shapes from low to high values.
 #[utoipa::path(post, path = "/regressions", tag = "inference", request_body = RegressRequest,
     params(
-        ("format" = Option<String>, Query, description = "`json` or `svg`"),
+        ("format" = Option<String>, Query, description = "`json` or `svg`"), DrawingQuery,
         ("prefer" = Option<String>, Header, description = "`wait=10`: wait up to ten seconds for the job"), RetryHeader
     ),
     responses(

@@ -13,8 +13,8 @@ use super::request_macros::{IfMatchHeader, PageQuery, RetryHeader, checked, page
 use super::shape_query::{FilterQuery, Parameters};
 use crate::api::body::{self, is_stream};
 use crate::api::extract::{
-    Caller, Format, IfMatch, NoQuery, OnlyShapeFormat, Path, Query, ShapeFormat, ShapeFormatQuery, is_json,
-    media_type,
+    Caller, DrawingQuery, Format, IfMatch, NoQuery, OnlyShapeFormat, Path, Query, ShapeFormat,
+    ShapeFormatQuery, is_json, media_type,
 };
 use crate::api::problem::{Problem, ProblemKind};
 use crate::api::respond::{Binary, compute, json, mesh, svg};
@@ -217,7 +217,7 @@ pub(super) async fn list_shapes(
     params(
         ("cohort" = String, Path, description = "Id or name"),
         ("shape" = String, Path, description = "Id or external id"),
-        ShapeFormatQuery
+        ShapeFormatQuery, DrawingQuery
     ),
     responses(
         (status = 200, description = "The shape", content((StoredShape = "application/json"), (String = "image/svg+xml"), (Binary = "model/obj"), (Binary = "application/ply"), (Binary = "model/stl"), (Binary = "model/gltf-binary"))),
@@ -229,16 +229,18 @@ pub(super) async fn find_shape(
     OnlyShapeFormat(format): OnlyShapeFormat,
 ) -> Result<Response, Problem> {
     let (cohort, shape) = catalogue::find_shape(&app, &key, &shape).await?;
-    if format == ShapeFormat::Plain(Format::Json) {
-        return Ok(json(StatusCode::OK, &StoredShape::new(&cohort, shape))?);
-    }
     compute(app.weighing(Work::MOMENT), move |app| {
         let space = app.space_of(&cohort.spec.representation)?;
-        if let ShapeFormat::Mesh(format, grid) = format {
-            return mesh(&space, &shape.control_points, format, grid);
-        }
+        let style = match format {
+            ShapeFormat::Mesh(format, grid) => return mesh(&space, &shape.control_points, format, grid),
+            ShapeFormat::Plain(Format::Json) => {
+                return json(StatusCode::OK, &StoredShape::new(&cohort, shape));
+            }
+            ShapeFormat::Plain(Format::Svg(style)) => style,
+        };
         let title = shape.attributes.external_id.as_deref().unwrap_or(&shape.id);
-        Ok(svg(draw_shapes(&space, title, &[&shape.control_points])))
+        let unit = cohort.spec.length_unit.as_deref();
+        Ok(svg(&draw_shapes(&space, title, &[&shape.control_points], unit), &style))
     })
     .await
 }

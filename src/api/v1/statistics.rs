@@ -9,13 +9,15 @@ use super::request_macros::{MeanOutput, ShapeOutput, checked, rows, settings_req
 use crate::analysis::alignment::{AlignedShape, Onto, Projection, unwhitened};
 use crate::analysis::pca::Components;
 use crate::api::extract::{
-    Caller, Format, JsonBody, NoQuery, OnlyFormat, OnlyShapeFormat, Query, ShapeFormat, ShapeFormatQuery,
+    BesideFormat, Caller, DrawingQuery, Format, JsonBody, NoQuery, OnlyFormat, OnlyShapeFormat, ShapeFormat,
+    ShapeFormatQuery,
 };
 use crate::api::problem::Problem;
 use crate::api::respond::{Binary, compute_planned, json, mesh, planned, svg};
 use crate::formats::checked::{Checked, take_given, take_or_default};
 use crate::formats::fault::Fault;
 use crate::formats::shape::{Points, ShapeInput};
+use crate::geometry::drawing::svg::Style;
 use crate::service::app::{App, Limits, ServiceError};
 use crate::service::cost::requests::{self, Counts};
 use crate::service::shapes::draw::MAX_DRAWN;
@@ -139,7 +141,7 @@ pub(super) async fn project(
 /// The estimate is unbiased and needs no template: it is the mean of the subspaces of the shapes under the class. As
 /// SVG: the mean in front of the aligned shapes. As OBJ, PLY, STL or glTF: the mesh of a mean surface.
 #[utoipa::path(post, path = "/mean", tag = "statistics", request_body = StatisticsRequest,
-    params(ShapeFormatQuery),
+    params(ShapeFormatQuery, DrawingQuery),
     responses(
         (status = 200, description = "The mean", content((MeanOutput = "application/json"), (String = "image/svg+xml"), (Binary = "model/obj"), (Binary = "application/ply"), (Binary = "model/stl"), (Binary = "model/gltf-binary")))
     ))]
@@ -173,10 +175,13 @@ async fn answer(
         let (settings, shapes) = checked(settings, errors, shapes)?;
         let settings = settings.checked(&app.limits)?;
         let counts = Counts::new(&settings.representation, shapes.len(), &app.limits);
-        let drawn = if format == Format::Svg { shapes.len().min(MAX_DRAWN) } else { 0 };
+        let drawn = if matches!(format, Format::Svg(_)) { shapes.len().min(MAX_DRAWN) } else { 0 };
         planned(requests::align(&settings, counts) + requests::draw(counts, drawn), move |app| {
             let statistics = statistics::align(app, settings, shapes)?;
-            if format == Format::Svg { Ok(draw(&statistics)) } else { write(&statistics) }
+            match format {
+                Format::Svg(style) => Ok(draw(&statistics, &style)),
+                Format::Json => write(&statistics),
+            }
         })
     })
     .await
@@ -186,9 +191,10 @@ fn mean_output(statistics: &Statistics) -> MeanOutput {
     MeanOutput::new(&statistics.mean, statistics.setup.metric.dimension())
 }
 
-fn draw(statistics: &Statistics) -> Response {
+fn draw(statistics: &Statistics, style: &Style) -> Response {
     let title = format!("mean of {} shapes", statistics.mean.shapes);
-    svg(statistics::draw_mean(&statistics.setup, &title, &statistics.mean, &statistics.aligned))
+    let Statistics { setup, mean, aligned, .. } = statistics;
+    svg(&statistics::draw_mean(setup, &title, mean, aligned, None), style)
 }
 
 /// A shape aligned to the mean.
@@ -247,7 +253,7 @@ fn aligned_output(statistics: &Statistics) -> Vec<AlignedOutput> {
 
 /// Aligns shapes to their mean.
 #[utoipa::path(post, path = "/align", tag = "statistics", request_body = StatisticsRequest,
-    params(("format" = Option<String>, Query, description = "`json` or `svg`")),
+    params(("format" = Option<String>, Query, description = "`json` or `svg`"), DrawingQuery),
     responses(
         (status = 200, description = "Mean and aligned shapes", content((AlignAnswer = "application/json"), (String = "image/svg+xml")))
     ))]
@@ -318,9 +324,6 @@ impl PcaOutput {
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub(super) struct ModeQuery {
-    /// Response format: `json` or `svg`.
-    #[allow(dead_code, reason = "read by the format extractor, listed here for the document")]
-    format: Option<String>,
     /// Component to draw, from 1. Default: 1.
     #[param(minimum = 1)]
     component: Option<usize>,
@@ -332,14 +335,15 @@ pub(super) struct ModeQuery {
 /// Aligns shapes and computes functional principal components.
 ///
 /// As SVG: one mode, drawn as the mean plus and minus `sigma` standard deviations of the scores.
-#[utoipa::path(post, path = "/pca", tag = "statistics", request_body = PcaRequest, params(ModeQuery),
+#[utoipa::path(post, path = "/pca", tag = "statistics", request_body = PcaRequest,
+    params(ModeQuery, ("format" = Option<String>, Query, description = "`json` or `svg`"), DrawingQuery),
     responses(
         (status = 200, description = "Mean and components", content((PcaAnswer = "application/json"), (String = "image/svg+xml")))
     ))]
 pub(super) async fn pca(
     Caller(app): Caller,
     format: Format,
-    Query(mode): Query<ModeQuery>,
+    BesideFormat(mode): BesideFormat<ModeQuery>,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
     compute_planned(app, body, move |app, body| {
@@ -351,9 +355,9 @@ pub(super) async fn pca(
         planned(work, move |app| {
             let statistics = statistics::align(app, settings, shapes)?;
             let pca = statistics::pca(app, &statistics, components, centre)?;
-            if format == Format::Svg {
+            if let Format::Svg(style) = format {
                 let component = mode.component.unwrap_or(1);
-                return Ok(svg(statistics::draw_mode(&statistics, &pca, component, sigma)?));
+                return Ok(svg(&statistics::draw_mode(&statistics, &pca, component, sigma)?, &style));
             }
             let (mean, aligned) = (mean_output(&statistics), aligned.then(|| aligned_output(&statistics)));
             json(StatusCode::OK, &PcaAnswer { mean, pca: PcaOutput::new(&statistics, pca), aligned })

@@ -6,14 +6,17 @@ use axum::response::Response;
 use serde::Serialize;
 
 use super::request_macros::checked;
-use crate::api::extract::{Caller, Format, JsonBody, OnlyShapeFormat, ShapeFormat, ShapeFormatQuery};
+use crate::api::extract::{
+    Caller, DrawingQuery, Format, JsonBody, OnlyShapeFormat, ShapeFormat, ShapeFormatQuery,
+};
 use crate::api::problem::Problem;
 use crate::api::respond::{Binary, Planned, compute_planned, json, mesh_file, planned, svg};
 use crate::formats::checked::{Checked, document, take_given};
 use crate::formats::shape::Points;
 use crate::geometry::capability::refine::RefinedMesh;
 use crate::geometry::capability::tessellate::with_normals;
-use crate::geometry::drawing::svg::{self as drawing, Layer, MAX_FACES, colour};
+use crate::geometry::drawing::layer::{Layer, MAX_FACES};
+use crate::geometry::drawing::{colour, layout};
 use crate::geometry::mesh::TriangleMesh;
 use crate::geometry::subdivision::control::StartMesh;
 use crate::geometry::subdivision::measures::coarsened;
@@ -146,7 +149,7 @@ enum Given {
 ///
 /// As SVG: a drawing. As OBJ, PLY, STL or glTF: the mesh with normals, or its limit if `limit` is set.
 #[utoipa::path(post, path = "/subdivide", tag = "curves", request_body = SubdivideRequest,
-    params(ShapeFormatQuery),
+    params(ShapeFormatQuery, DrawingQuery),
     responses(
         (status = 200, description = "The refined mesh or polyline", content((SubdivideAnswer = "application/json"), (String = "image/svg+xml"), (Binary = "model/obj"), (Binary = "application/ply"), (Binary = "model/stl"), (Binary = "model/gltf-binary")))
     ))]
@@ -264,10 +267,10 @@ fn answer_mesh(refined: RefinedMesh, format: ShapeFormat) -> Result<Response, Se
     let RefinedMesh { refined, limit, measures, quality, warnings } = refined;
     match format {
         ShapeFormat::Plain(Format::Json) => {}
-        ShapeFormat::Plain(Format::Svg) => {
+        ShapeFormat::Plain(Format::Svg(style)) => {
             let drawn = coarsened(&refined.shape, refined.level, MAX_FACES);
             let layer = Layer::from_meshes(&[drawn], colour::BACK);
-            return Ok(svg(drawing::draw("a refined mesh", &[layer])));
+            return Ok(svg(&layout::draw("a refined mesh", vec![layer]).to_scale(None), &style));
         }
         ShapeFormat::Mesh(_, Some(_)) => {
             return Err(ServiceError::Query("grid belongs to tensor-product surfaces".into()));
@@ -310,10 +313,10 @@ fn answer_polyline(curve: RefinedCurve, closed: bool, format: ShapeFormat) -> Re
     };
     match format {
         ShapeFormat::Plain(Format::Json) => {}
-        ShapeFormat::Plain(Format::Svg) => {
+        ShapeFormat::Plain(Format::Svg(style)) => {
             let points: Vec<&[f64]> = shape.points.iter().map(|point| &point[..dimension]).collect();
             let layer = Layer::from_polyline(&points, closed, colour::MAIN);
-            return Ok(svg(drawing::draw("a refined polyline", &[layer])));
+            return Ok(svg(&layout::draw("a refined polyline", vec![layer]).to_scale(None), &style));
         }
         ShapeFormat::Mesh(..) => {
             return Err(ServiceError::Query(

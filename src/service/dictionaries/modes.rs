@@ -3,12 +3,13 @@
 use super::ready::Ready;
 use crate::analysis::dictionary::modes::Mode;
 use crate::analysis::drawing;
+use crate::geometry::drawing::scene::Drawing;
 use crate::service::app::ServiceError;
 
 /// Drawing of the atoms, each in its own frame on a common scale.
-pub fn draw_atoms(ready: &Ready) -> String {
+pub fn draw_atoms(ready: &Ready) -> Drawing {
     let title = format!("atoms of {} version {}", ready.listed.name, ready.listed.version);
-    drawing::draw_atoms(&ready.setup.space, &title, &ready.dictionary.content)
+    drawing::draw_atoms(&ready.setup.space, &title, &ready.dictionary)
 }
 
 /// The mode of `component` (from 1): `ȳ ± sigma·√C_ii ξ_i`.
@@ -36,7 +37,8 @@ pub fn mode(ready: &Ready, component: usize, sigma: f64) -> Result<Mode, Service
 const MAX_SIGMA: f64 = 1e6;
 
 /// Drawing of a mode.
-pub fn draw_mode(ready: &Ready, component: usize, sigma: f64, mode: &Mode) -> String {
+pub fn draw_mode(ready: &Ready, component: usize, sigma: f64, mode: &Mode) -> Drawing {
     let title = format!("mode {component}: {:.1} %", 100.0 * mode.explained);
-    drawing::draw_mode(&ready.setup.space, &title, sigma, &mode.shapes)
+    let drawing = drawing::draw_mode(&ready.setup.space, &title, sigma, &mode.shapes);
+    ready.setup.in_scale(drawing, ready.dictionary.content.length_unit.as_deref())
 }

@@ -21,6 +21,7 @@ use crate::domain::cohort::Cohort;
 use crate::domain::job::JobKind;
 use crate::domain::study::StudyHeader;
 use crate::formats::fault::Fault;
+use crate::geometry::drawing::scene::Drawing;
 use crate::service::app::progress::JobContext;
 use crate::service::app::{App, ServiceError};
 use crate::service::cohorts::catalogue;
@@ -189,7 +190,7 @@ pub trait StudyKind: Sized + Send + Sync + 'static {
     ) -> Result<Self::Record, ServiceError>;
 
     /// Drawing of a result.
-    fn draw(study: &Study<Self>, record: &Self::Record) -> String;
+    fn draw(study: &Study<Self>, record: &Self::Record) -> Drawing;
 }
 
 /// A study that is ready to run.
@@ -262,8 +263,8 @@ impl<K: StudyKind> PlannedTest for Study<K> {
         K::result(self, &aligned, &Computing { context, phase: K::PHASE })
     }
 
-    fn draw(&self, answer: &K::Record) -> String {
-        K::draw(self, answer)
+    fn draw(&self, answer: &K::Record) -> Drawing {
+        self.setup.in_scale(K::draw(self, answer), self.cohort.spec.length_unit.as_deref())
     }
 }
 

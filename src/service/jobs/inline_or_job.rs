@@ -6,6 +6,7 @@ use tokio::runtime::Handle;
 
 use super::Outcome;
 use crate::domain::job::{Job, JobKind};
+use crate::geometry::drawing::scene::Drawing;
 use crate::service::app::progress::JobContext;
 use crate::service::app::{App, ServiceError};
 use crate::service::jobs;
@@ -41,7 +42,7 @@ pub trait PlannedTest: Sized + Send + 'static {
     fn answer(&self, app: &App, handle: &Handle, context: &JobContext) -> Result<Self::Answer, ServiceError>;
 
     /// Drawing of the answer.
-    fn draw(&self, answer: &Self::Answer) -> String;
+    fn draw(&self, answer: &Self::Answer) -> Drawing;
 
     /// Whether it is answered at once.
     fn is_quick(&self) -> bool {

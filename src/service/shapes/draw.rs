@@ -1,13 +1,18 @@
 //! Drawings of shapes.
 
-use crate::geometry::drawing::svg::{self, Layer, colour};
+use crate::geometry::drawing::layer::Layer;
+use crate::geometry::drawing::scene::Drawing;
+use crate::geometry::drawing::{colour, layout};
 use crate::geometry::representation::ShapeSpace;
 
 /// Maximum number of shapes in one drawing: more would hide one another.
 pub const MAX_DRAWN: usize = 300;
 
-/// Drawing of shapes in their own position.
-pub fn draw_shapes(space: &ShapeSpace, title: &str, shapes: &[&[f64]]) -> String {
+/// Drawing of shapes in their own position and size; `unit`: their unit of length, if known.
+pub fn draw_shapes(space: &ShapeSpace, title: &str, shapes: &[&[f64]], unit: Option<&str>) -> Drawing {
     let opacity = if shapes.len() > 1 { 0.5 } else { 1.0 };
-    svg::draw(title, &[Layer::of(space, shapes.iter().copied().take(MAX_DRAWN), colour::MAIN, 2.0, opacity)])
+    let hides = space.domain().is_sheet() || space.domain().is_mesh();
+    let colour = if hides { colour::BACK } else { colour::MAIN };
+    let drawn = shapes.iter().copied().take(MAX_DRAWN);
+    layout::draw(title, vec![Layer::of(space, drawn, colour, 2.0, opacity)]).to_scale(unit)
 }

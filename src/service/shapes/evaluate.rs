@@ -13,7 +13,9 @@ use crate::geometry::capability::domain::Admitted;
 use crate::geometry::capability::sample::{Evaluation, Parameters};
 use crate::geometry::capability::tessellate::{Detail, with_normals};
 use crate::geometry::curve::MAX_DERIVATIVE;
-use crate::geometry::drawing::svg::{self, Layer, colour};
+use crate::geometry::drawing::layer::Layer;
+use crate::geometry::drawing::scene::Drawing;
+use crate::geometry::drawing::{colour, layout};
 use crate::geometry::mesh::TriangleMesh;
 use crate::numeric::dense::Matrix;
 use crate::service::app::{App, ServiceError};
@@ -70,7 +72,7 @@ impl EvaluateTask {
     ///
     /// # Errors
     /// Faults of the shapes.
-    pub fn drawing(&self, app: &App, shapes: Vec<ShapeInput>) -> Result<String, ServiceError> {
+    pub fn drawing(&self, app: &App, shapes: Vec<ShapeInput>) -> Result<Drawing, ServiceError> {
         let title = |what: &str, count: usize| match count {
             1 => format!("a {what}"),
             count => format!("{count} {what}s"),
@@ -78,12 +80,13 @@ impl EvaluateTask {
         if self.parameters.is_none() {
             let meshes = self.meshes(app, shapes, Detail::Drawn)?;
             let layer = Layer::from_meshes(&meshes, colour::BACK);
-            return Ok(svg::draw(&title("subdivision surface", meshes.len()), &[layer]));
+            let title = title("subdivision surface", meshes.len());
+            return Ok(layout::draw(&title, vec![layer]).to_scale(None));
         }
         let (posted, shapes) = self.read(app, shapes)?;
         let outlines: Vec<&[f64]> = shapes.iter().map(|shape| shape.as_slice()).collect();
         let what = if posted.space.domain().is_sheet() { "surface" } else { "curve" };
-        Ok(draw_shapes(&posted.space, &title(what, outlines.len()), &outlines))
+        Ok(draw_shapes(&posted.space, &title(what, outlines.len()), &outlines, None))
     }
 
     /// Mesh of the only shape, at `grid`. Default: the grid of the parameters, if they form one.

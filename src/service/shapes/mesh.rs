@@ -10,7 +10,7 @@ use crate::formats::shape::ShapeInput;
 use crate::geometry::GeometryError;
 use crate::geometry::capability::domain::{Admitted, Domain};
 use crate::geometry::capability::tessellate::Detail;
-use crate::geometry::drawing::svg::MAX_FACES;
+use crate::geometry::drawing::layer::MAX_FACES;
 use crate::geometry::mesh::TriangleMesh;
 use crate::geometry::representation::ShapeSpace;
 use crate::geometry::subdivision::normal_based::Oriented;

@@ -12,7 +12,10 @@ use crate::formats::fault::Fault;
 use crate::formats::shape::ShapeInput;
 use crate::geometry::GeometryError;
 use crate::geometry::capability::domain::Admitted;
-use crate::geometry::drawing::svg::{self, Layer, MAX_FACES, colour};
+use crate::geometry::drawing::layer::{Layer, MAX_FACES};
+use crate::geometry::drawing::scene::Drawing;
+use crate::geometry::drawing::svg::Style;
+use crate::geometry::drawing::{colour, layout};
 use crate::geometry::representation::Representation;
 use crate::geometry::subdivision::normal_based::Oriented;
 use crate::numeric::dense::Matrix;
@@ -103,12 +106,12 @@ impl MorphTask {
     ///
     /// # Errors
     /// Those of [`Self::morph`]; too many frames.
-    pub fn drawing(self, app: &App) -> Result<String, ServiceError> {
+    pub fn drawing(self, app: &App, style: &Style) -> Result<Drawing, ServiceError> {
         let name = if self.kind == PathKind::Plane { "straight path" } else { "great circle" };
         if self.representation.is_linear() {
             let posted = Posted::new(app, &self.representation, self.correspondence)?;
             let morph = self.along(app, &posted)?;
-            return animate(&posted, name, &morph);
+            return animate(&posted, name, &morph, style);
         }
         self.check_oriented()?;
         let (representation, positions) = (self.representation, self.positions);
@@ -121,7 +124,7 @@ impl MorphTask {
             refined.map_err(|error| ServiceError::invalid("/positions", error.to_string()))
         };
         let meshes = shapes.iter().map(mesh).collect::<Result<Vec<_>, _>>()?;
-        Ok(svg::draw(name, &[Layer::from_meshes(&meshes, colour::BACK)]))
+        Ok(layout::draw(name, vec![Layer::from_meshes(&meshes, colour::BACK)]))
     }
 
     /// Checks the path between shapes of points and normals.
@@ -202,7 +205,7 @@ fn oriented_frame((position, Oriented { points, normals }): (f64, Oriented)) -> 
 ///
 /// # Errors
 /// Too many frames.
-fn animate(posted: &Posted, title: &str, morph: &Morph) -> Result<String, ServiceError> {
+fn animate(posted: &Posted, title: &str, morph: &Morph, style: &Style) -> Result<Drawing, ServiceError> {
     if morph.frames.len() > MAX_FRAMES {
         let detail =
             format!("expected at most {MAX_FRAMES} positions in a drawing, got {}", morph.frames.len());
@@ -210,12 +213,13 @@ fn animate(posted: &Posted, title: &str, morph: &Morph) -> Result<String, Servic
     }
     let shapes = morph.frames.iter().map(|frame| frame.control_points.as_slice());
     let layer = Layer::of(&posted.space, shapes, colour::MAIN, 2.5, 1.0);
-    let bytes = svg::animation_bytes(&layer);
+    let drawing = layout::animate(title, layer);
+    let bytes = drawing.animation_bytes(style);
     if bytes > MAX_DRAWN {
         let detail = format!(
             "expected an animation of at most {MAX_DRAWN} bytes, got about {bytes}: ask for fewer positions"
         );
         return Err(ServiceError::invalid("", detail));
     }
-    Ok(svg::animate(title, &layer))
+    Ok(drawing)
 }

@@ -1,6 +1,6 @@
 //! Triangle meshes of shapes: for files, for drawings, and as values of shapes without parameters.
 
-use crate::drawing::svg::MAX_FACES;
+use crate::drawing::layer::MAX_FACES;
 use crate::mesh::TriangleMesh;
 use crate::representation::ShapeSpace;
 use crate::subdivision::basis::SubdivisionBasis;

@@ -1,11 +1,9 @@
 //! Drawings of overlaid shapes, with an effect along one of them as colour and width.
 
-use std::fmt::Write;
-
-use super::svg::{
-    CAPTION, FACETS, Facets, Layer, MARGIN, Page, cells_of, draw_facet, draw_layer, drawn_level, escape,
-    flatten, open, rows_of,
-};
+use super::colour::Colour;
+use super::layer::{Facets, Layer, Mark, cells_of, drawn_level, flatten, rows_of};
+use super::layout::{Bounds, entry};
+use super::scene::{Anchor, Drawing, Element, MARGIN, Map, Text, short};
 use crate::representation::ShapeSpace;
 use crate::subdivision::basis::SubdivisionBasis;
 use crate::surface::basis::SurfaceBasis;
@@ -16,8 +14,8 @@ pub struct Effect {
     pub points: Vec<EffectPoint>,
     /// How the points are connected.
     pub connection: Connection,
-    /// RGB colours of no effect and of the largest effect.
-    pub colours: ([u8; 3], [u8; 3]),
+    /// Colours of no effect and of the largest effect.
+    pub colours: (Colour, Colour),
 }
 
 /// Connection between the points along a shape.
@@ -98,104 +96,100 @@ pub struct EffectPoint {
 
 /// Height of a line of the legend.
 const LINE: f64 = 20.0;
+/// Width of a sample in the legend.
+const SAMPLE: f64 = 54.0;
 /// Maximum number of lines of the legend: more could not be told apart.
 const MAX_LINES: usize = 60;
 /// Stroke widths of significant and other points.
 const WIDTHS: (f64, f64) = (9.0, 4.0);
+/// Number of colours from no effect to the largest.
+const SHADES: u8 = 16;
 
-/// Draws the effect, the layers over it, and a legend with the named layers, the scale of the effect and the captions.
-pub fn draw(title: &str, layers: &[Layer], effect: Option<&Effect>, captions: &[String]) -> String {
+/// Draws the effect, the layers over it, and a legend with the named layers, the colours of the effect and the captions.
+pub fn draw(title: &str, layers: Vec<Layer>, effect: Option<&Effect>, captions: &[String]) -> Drawing {
     let along: Vec<[f64; 2]> =
         effect.iter().flat_map(|effect| &effect.points).map(|point| flatten(&point.point)).collect();
     let lines = layers.iter().flat_map(|layer| layer.lines.iter().flatten());
+    let (map, height) = Bounds::around(lines.chain(&along)).fill();
+    let (legend, lines) = legend(&layers, effect, captions, height + 0.5 * LINE);
+    let mut elements = effect.map_or_else(Vec::new, |effect| draw_effect(effect, &along, map));
     // Surface layers would hide the effect, so they are replaced by the sheet that carries it.
-    let over: &[Layer] = if layers.iter().any(Layer::hides) { &[] } else { layers };
-    let page = Page::around(lines.chain(&along));
-    let named = layers.iter().filter(|layer| layer.name.is_some()).count().min(MAX_LINES);
-    let legend = LINE * (named + captions.len() + usize::from(effect.is_some())) as f64;
-    let mut svg = open(title, page.height + legend);
-    if let Some(effect) = effect {
-        let places: Vec<[f64; 2]> = along.iter().map(|point| page.place(point)).collect();
-        draw_effect(&mut svg, effect, &places, |p| page.place(p));
+    if !layers.iter().any(Layer::hides) {
+        elements.extend(layers.into_iter().map(|layer| Element::Shapes(layer, map)));
     }
-    for layer in over {
-        draw_layer(&mut svg, layer, |p| page.place(p));
+    elements.extend(legend);
+    Drawing::new(title, height + LINE * lines as f64 + 4.0, elements)
+}
+
+impl Effect {
+    fn largest(&self) -> f64 {
+        self.points.iter().map(|point| point.length).fold(0.0, f64::max)
     }
-    draw_legend(&mut svg, layers, effect, captions, page.height - CAPTION + LINE);
-    svg.push_str("</svg>\n");
-    svg
+
+    fn largest_or_one(&self) -> f64 {
+        Some(self.largest()).filter(|most| *most > 0.0).unwrap_or(1.0)
+    }
+
+    /// Colour of a fraction of the largest effect.
+    fn shade(&self, part: f64) -> Colour {
+        self.colours.0.towards(self.colours.1, part)
+    }
+
+    /// Fraction of the largest effect, as one of few shades.
+    fn part(&self, length: f64) -> f64 {
+        let most = self.largest_or_one();
+        let steps = f64::from(SHADES - 1);
+        (length / most * steps).round().clamp(0.0, steps) / steps
+    }
 }
 
-fn largest(effect: &Effect) -> f64 {
-    effect.points.iter().map(|point| point.length).fold(0.0, f64::max)
-}
-
-/// Colour of an effect of `part` (0 to 1) times the largest, paler if not significant, under `light` (0 to 1).
-fn shade(effect: &Effect, part: f64, significant: bool, light: f64) -> String {
-    let (none, most) = effect.colours;
-    let part = if significant { part } else { PALE * part };
-    let mix = |c: usize| {
-        let colour = f64::from(none[c]) * (1.0 - part) + f64::from(most[c]) * part;
-        (colour * light).round().clamp(0.0, 255.0) as u8
-    };
-    format!("#{:02x}{:02x}{:02x}", mix(0), mix(1), mix(2))
-}
-
-fn draw_effect(
-    svg: &mut String,
-    effect: &Effect,
-    places: &[[f64; 2]],
-    place: impl Fn(&[f64; 2]) -> [f64; 2],
-) {
-    let most = largest(effect);
-    let part = |length: f64| if most > 0.0 { length / most } else { 0.0 };
-    let write = "writing to a string cannot fail";
-    let closed = match &effect.connection {
-        Connection::Line { closed } => *closed,
-        Connection::Sheet { facets, shares } => return draw_sheet(svg, effect, facets, shares, place),
+fn draw_effect(effect: &Effect, along: &[[f64; 2]], map: Map) -> Vec<Element> {
+    match &effect.connection {
+        Connection::Line { closed } => draw_line(effect, along, *closed, map),
+        Connection::Sheet { facets, shares } => vec![sheet(effect, facets, shares, map)],
         Connection::Apart => {
-            for (point, [x, y]) in effect.points.iter().zip(places) {
-                let (colour, width) =
-                    (shade(effect, part(point.length), true, 1.0), width(point.significant));
-                writeln!(svg, "<circle cx=\"{x:.2}\" cy=\"{y:.2}\" r=\"{width}\" fill=\"{colour}\"/>")
-                    .expect(write);
-            }
-            return;
+            let dot = |(point, place): (&EffectPoint, &[f64; 2])| {
+                let colour = effect.shade(effect.part(point.length));
+                let layer =
+                    Layer::from_points(vec![*place], Mark::Dots, colour, width(point.significant) - 1.5);
+                Element::Shapes(layer, map)
+            };
+            effect.points.iter().zip(along).map(dot).collect()
         }
-    };
-    svg.push_str("<g stroke-linecap=\"round\">\n");
-    let count = places.len();
+    }
+}
+
+/// Part and width of a stretch along the shape, and its points.
+type Stretch = ((f64, f64), Vec<[f64; 2]>);
+
+/// Lines along the shape, one for every stretch of one colour and width.
+fn draw_line(effect: &Effect, along: &[[f64; 2]], closed: bool, map: Map) -> Vec<Element> {
+    let count = along.len();
+    let mut stretches: Vec<Stretch> = Vec::new();
     for i in 0..if closed { count } else { count.saturating_sub(1) } {
         let j = (i + 1) % count;
         let (from, to) = (&effect.points[i], &effect.points[j]);
-        let colour = shade(effect, part(0.5 * (from.length + to.length)), true, 1.0);
-        let width = width(from.significant && to.significant);
-        let ([x1, y1], [x2, y2]) = (places[i], places[j]);
-        writeln!(
-            svg,
-            "<line x1=\"{x1:.2}\" y1=\"{y1:.2}\" x2=\"{x2:.2}\" y2=\"{y2:.2}\" stroke=\"{colour}\" stroke-width=\"{width}\"/>"
-        )
-        .expect(write);
+        let part = effect.part(0.5 * (from.length + to.length));
+        let look = (part, width(from.significant && to.significant));
+        match stretches.last_mut().filter(|(before, _)| *before == look) {
+            Some((_, points)) => points.push(along[j]),
+            None => stretches.push((look, vec![along[i], along[j]])),
+        }
     }
-    svg.push_str("</g>\n");
+    let element = |((part, width), points)| {
+        Element::Shapes(Layer::from_points(points, Mark::Open, effect.shade(part), width), map)
+    };
+    stretches.into_iter().map(element).collect()
 }
 
 /// Factor applied to the colour where the effect is not significant.
 const PALE: f64 = 0.35;
 
-/// Draws the facets with the effect interpolated between the points; pale where the nearest of them is not significant.
-fn draw_sheet(
-    svg: &mut String,
-    effect: &Effect,
-    facets: &Facets,
-    shares: &[Vec<(usize, f64)>],
-    place: impl Fn(&[f64; 2]) -> [f64; 2],
-) {
-    let most = largest(effect);
-    svg.push_str(FACETS);
-    for ((corners, light), shares) in facets.corners.chunks_exact(4).zip(&facets.light).zip(shares) {
-        let mut length = 0.0;
-        let mut nearest = (0.0, false);
+/// Facets with the effect interpolated between the points; pale where the nearest of them is not significant.
+fn sheet(effect: &Effect, facets: &Facets, shares: &[Vec<(usize, f64)>], map: Map) -> Element {
+    let most = effect.largest_or_one();
+    let colour = |(light, shares): (&f64, &Vec<(usize, f64)>)| {
+        let (mut length, mut nearest) = (0.0, (0.0, false));
         for &(point, share) in shares {
             let point = &effect.points[point];
             length += share * point.length;
@@ -203,10 +197,11 @@ fn draw_sheet(
                 nearest = (share, point.significant);
             }
         }
-        let colour = shade(effect, if most > 0.0 { length / most } else { 0.0 }, nearest.1, *light);
-        draw_facet(svg, &colour, corners, &place);
-    }
-    svg.push_str("</g>\n");
+        let part = (length / most).clamp(0.0, 1.0);
+        effect.shade(if nearest.1 { part } else { PALE * part }).under(*light)
+    };
+    let colours = facets.light.iter().zip(shares).map(colour).collect();
+    Element::Facets { corners: facets.corners.clone(), colours, map }
 }
 
 /// Points before and after a parameter, with their interpolation weights.
@@ -222,61 +217,63 @@ fn width(significant: bool) -> f64 {
     if significant { WIDTHS.0 } else { WIDTHS.1 }
 }
 
-fn draw_legend(svg: &mut String, layers: &[Layer], effect: Option<&Effect>, captions: &[String], mut y: f64) {
-    let write = "writing to a string cannot fail";
-    let mut line = |svg: &mut String, sample: &str, text: &str| {
-        writeln!(
-            svg,
-            "<g transform=\"translate({MARGIN} {y:.0})\">{sample}<text x=\"64\" y=\"4\" fill=\"#1b1b1b\">{}</text></g>",
-            escape(text)
-        )
-        .expect(write);
-        y += LINE;
+/// Legend from `top` on, and its number of lines.
+fn legend(layers: &[Layer], effect: Option<&Effect>, captions: &[String], top: f64) -> (Vec<Element>, usize) {
+    let (mut elements, mut lines) = (Vec::new(), 0);
+    let mut next = || {
+        lines += 1;
+        [MARGIN, top + LINE * f64::from(lines - 1)]
     };
     let named = layers.iter().filter_map(|layer| layer.name.as_ref().map(|name| (layer, name)));
     for (layer, name) in named.take(MAX_LINES) {
-        let sample = if layer.hides() {
-            String::new()
-        } else {
-            format!("<rect y=\"-2\" width=\"54\" height=\"4\" fill=\"{}\"/>", layer.colour)
-        };
-        line(svg, &sample, name);
+        elements.extend(entry(layer, name, next(), SAMPLE));
     }
     if let Some(effect) = effect {
-        let steps = 9;
-        let boxes: String = (0..steps)
-            .map(|i| {
-                let colour = shade(effect, f64::from(i) / f64::from(steps - 1), true, 1.0);
-                format!("<rect x=\"{}\" y=\"-5\" width=\"6\" height=\"10\" fill=\"{colour}\"/>", 6 * i)
-            })
-            .collect();
-        let sign = match effect.connection {
-            Connection::Sheet { .. } => "pale where p > 0.05",
-            _ => "wide where p ≤ 0.05",
-        };
-        let text = format!("0 to {:.3}, {sign} over all points together", largest(effect));
-        line(svg, &boxes, &text);
+        elements.extend(colours(effect, next()));
     }
     for caption in captions {
-        line(svg, "", caption);
+        let [x, y] = next();
+        elements.push(Element::Text(Text::new([x, y + 5.0], 13, Anchor::Start, caption.clone())));
     }
+    (elements, lines as usize)
+}
+
+/// The colours of the effect with their range.
+fn colours(effect: &Effect, [x, y]: [f64; 2]) -> Vec<Element> {
+    let steps: u8 = 9;
+    let step = SAMPLE / f64::from(steps);
+    let boxes = (0..steps).map(|i| Element::Box {
+        corner: [x + step * f64::from(i), y - 5.0],
+        size: [step, 10.0],
+        colour: effect.shade(effect.part(effect.largest() * f64::from(i) / f64::from(steps - 1))),
+        opacity: 1.0,
+    });
+    let sign = match effect.connection {
+        Connection::Sheet { .. } => "pale where p > 0.05",
+        Connection::Line { .. } => "wide where p ≤ 0.05",
+        Connection::Apart => "large where p ≤ 0.05",
+    };
+    let text = format!("0 to {}; {sign}, all points taken together", short(effect.largest()));
+    let text = Text::new([x + SAMPLE + 6.0, y + 5.0], 13, Anchor::Start, text);
+    boxes.chain([Element::Text(text)]).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::drawing::svg::colour;
+    use crate::drawing::colour;
+    use crate::drawing::svg::Style;
 
     #[test]
-    fn the_largest_effect_has_the_darkest_colour_and_names_are_escaped() {
+    fn the_largest_effect_has_the_strongest_colour_and_names_are_escaped() {
         let point = |x: f64, length: f64| EffectPoint { point: vec![x, x * x], length, significant: x > 0.5 };
         let effect = Effect {
             points: vec![point(0.0, 0.0), point(1.0, 2.0), point(2.0, 2.0)],
             connection: Connection::Line { closed: false },
             colours: (colour::EFFECT_NONE, colour::EFFECT_MOST),
         };
-        let svg = draw("a", &[], Some(&effect), &["<b>".into()]);
+        let svg = draw("a", Vec::new(), Some(&effect), &["<b>".into()]).to_svg(&Style::default());
         assert!(svg.contains("stroke=\"#880055\" stroke-width=\"9\"") && svg.contains("&lt;b&gt;"), "{svg}");
-        assert!(!svg.contains("NaN") && svg.contains("0 to 2.000"));
+        assert!(!svg.contains("NaN") && svg.contains("0 to 2;"));
     }
 }

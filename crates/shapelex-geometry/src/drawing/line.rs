@@ -8,6 +8,8 @@ use std::fmt::Write;
 
 /// Greatest shift of a point, in pixels.
 const TOLERANCE: f64 = 0.1;
+/// Greatest factor of the tolerance for faint lines: with a third of a pixel, corners do not show even where many lines overlap.
+const FAINT: f64 = 3.0;
 
 /// Place of a point on the page.
 pub(super) trait Place: Fn(&[f64; 2]) -> [f64; 2] {}
@@ -31,6 +33,11 @@ impl Resolution {
         let tolerance = TOLERANCE / pixels;
         let digits = (0..MAX_DIGITS).find(|digits| tolerance * power(*digits) >= 1.0).unwrap_or(MAX_DIGITS);
         Self { tolerance, digits, per_unit: power(digits) }
+    }
+
+    /// The resolution for lines of an opacity: the fainter a line, the less a shift of it is seen.
+    pub(super) fn of_faint(&self, opacity: f64) -> Self {
+        Self { tolerance: self.tolerance * (1.0 / opacity).clamp(1.0, FAINT), ..*self }
     }
 
     /// Appends the path through `points` at their places on the page; `Z` closes it.

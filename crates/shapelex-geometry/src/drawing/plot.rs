@@ -1,16 +1,17 @@
-//! Plots of functions of one variable as SVG.
+//! Plots of functions of one variable.
 
-use std::fmt::Write;
-
-use super::svg::{CAPTION, MARGIN, RESOLUTION, SIZE, escape, open};
+use super::colour::{self, Colour};
+use super::layer::{Layer, Mark};
+use super::layout::entry;
+use super::scene::{Anchor, Drawing, Element, MARGIN, Map, SIZE, Text};
 
 /// One function: name, colour, and its graph in pieces, which leaves gaps at jumps.
 #[derive(Debug, Clone)]
 pub struct Graph {
     /// Entry of the legend.
     pub name: String,
-    /// Stroke colour.
-    pub colour: &'static str,
+    /// Colour.
+    pub colour: Colour,
     /// Pieces of the graph, each a list of `[x, y]`.
     pub pieces: Vec<Vec<[f64; 2]>>,
 }
@@ -20,67 +21,73 @@ const HEIGHT: f64 = 400.0;
 const LABELS: f64 = 24.0;
 
 /// Draws the graphs in one frame with both axes labelled.
-pub fn plot(title: &str, variable: &str, graphs: &[Graph]) -> String {
+pub fn plot(title: &str, variable: &str, graphs: Vec<Graph>) -> Drawing {
     let points = || graphs.iter().flat_map(|graph| graph.pieces.iter().flatten());
     let range = |c: usize| {
         let (low, high) = points().fold((f64::MAX, f64::MIN), |(a, b), p| (a.min(p[c]), b.max(p[c])));
         if high > low { (low, high) } else { (low - 1.0, low + 1.0) }
     };
-    let ((left, right), (bottom, top)) = (range(0), range(1));
-    let (x0, x1) = (MARGIN + LABELS, SIZE - MARGIN);
-    let (y0, y1) = (CAPTION + HEIGHT - MARGIN, CAPTION + MARGIN / 2.0);
-    let x = |value: f64| x0 + (x1 - x0) * (value - left) / (right - left);
-    let y = |value: f64| y0 + (y1 - y0) * (value - bottom) / (top - bottom);
-    let write = "writing to a string cannot fail";
-    let mut svg = open(title, CAPTION + HEIGHT + CAPTION);
-    svg.push_str("<g stroke=\"#dddddd\" fill=\"#555555\" font-size=\"11\">\n");
-    for tick in ticks(left, right) {
-        writeln!(
-            svg,
-            "<line x1=\"{0:.1}\" x2=\"{0:.1}\" y1=\"{y0:.1}\" y2=\"{y1:.1}\"/><text stroke=\"none\" text-anchor=\"middle\" x=\"{0:.1}\" y=\"{1:.1}\">{tick}</text>",
-            x(tick), y0 + 14.0
-        )
-        .expect(write);
+    let frame = Frame { x: range(0), y: range(1) };
+    let mut elements = frame.grid();
+    elements.push(label([RIGHT - 4.0, BOTTOM + 28.0], Anchor::Start, variable.to_owned()));
+    let mut legend = LEFT;
+    let page = Map { scale: 1.0, centre: [0.0; 2], at: [0.0; 2] };
+    for Graph { name, colour, pieces } in graphs {
+        let on_page = |piece: &Vec<[f64; 2]>| piece.iter().map(|p| frame.place(p)).collect();
+        let lines = pieces.iter().map(on_page).collect();
+        let layer = Layer { lines, ..Layer::from_points(Vec::new(), Mark::Open, colour, 2.0) };
+        elements.extend(entry(&layer, &name, [legend, HEIGHT + 8.0], 18.0));
+        legend += 60.0 + 8.0 * name.chars().count() as f64;
+        elements.push(Element::Shapes(layer, page));
     }
-    for tick in ticks(bottom, top) {
-        writeln!(
-            svg,
-            "<line x1=\"{x0:.1}\" x2=\"{x1:.1}\" y1=\"{0:.1}\" y2=\"{0:.1}\"/><text stroke=\"none\" text-anchor=\"end\" x=\"{1:.1}\" y=\"{2:.1}\">{tick}</text>",
-            y(tick), x0 - 6.0, y(tick) + 4.0
-        )
-        .expect(write);
-    }
-    writeln!(
-        svg,
-        "<text stroke=\"none\" x=\"{:.1}\" y=\"{:.1}\">{}</text></g>",
-        x1 - 4.0,
-        y0 + 28.0,
-        escape(variable)
-    )
-    .expect(write);
-    let mut legend = x0;
-    for graph in graphs {
-        for piece in &graph.pieces {
-            write!(svg, "<path fill=\"none\" stroke-width=\"2\" stroke=\"{}\" d=\"", graph.colour)
-                .expect(write);
-            RESOLUTION.push_path(&mut svg, piece, |p| [x(p[0]), y(p[1])], false);
-            svg.push_str("\"/>\n");
-        }
-        name(&mut svg, graph, legend);
-        legend += 60.0 + 8.0 * graph.name.chars().count() as f64;
-    }
-    svg.push_str("</svg>\n");
-    svg
+    Drawing::new(title, HEIGHT + 28.0, elements)
 }
 
-/// Writes the colour and the name of a graph below the frame, from `left` on.
-fn name(svg: &mut String, graph: &Graph, left: f64) {
-    writeln!(
-        svg,
-        "<rect x=\"{left}\" y=\"{0:.0}\" width=\"18\" height=\"4\" fill=\"{1}\"/><text x=\"{2:.0}\" y=\"{3:.0}\">{4}</text>",
-        CAPTION + HEIGHT + 6.0, graph.colour, left + 24.0, CAPTION + HEIGHT + 12.0, escape(&graph.name)
-    )
-    .expect("writing to a string cannot fail");
+/// Left, right, bottom and top end of the axes on the page.
+const LEFT: f64 = MARGIN + LABELS;
+const RIGHT: f64 = SIZE - MARGIN;
+const BOTTOM: f64 = HEIGHT - MARGIN;
+const TOP: f64 = MARGIN / 2.0;
+
+/// Ranges of the axes.
+struct Frame {
+    x: (f64, f64),
+    y: (f64, f64),
+}
+
+impl Frame {
+    /// Place of a point on the page, with `y` upwards as in the plane of shapes.
+    fn place(&self, p: &[f64; 2]) -> [f64; 2] {
+        [self.across(p[0]), -self.down(p[1])]
+    }
+
+    fn across(&self, value: f64) -> f64 {
+        LEFT + (RIGHT - LEFT) * (value - self.x.0) / (self.x.1 - self.x.0)
+    }
+
+    fn down(&self, value: f64) -> f64 {
+        BOTTOM + (TOP - BOTTOM) * (value - self.y.0) / (self.y.1 - self.y.0)
+    }
+
+    /// Lines at round numbers, with the numbers beside them.
+    fn grid(&self) -> Vec<Element> {
+        let line = |corner, size| Element::Box { corner, size, colour: colour::GRID, opacity: 1.0 };
+        let upright = ticks(self.x.0, self.x.1).into_iter().flat_map(|tick| {
+            let x = self.across(tick);
+            let number = label([x, BOTTOM + 14.0], Anchor::Middle, tick.to_string());
+            [line([x - 0.5, TOP], [1.0, BOTTOM - TOP]), number]
+        });
+        let level = ticks(self.y.0, self.y.1).into_iter().flat_map(|tick| {
+            let y = self.down(tick);
+            let number = label([LEFT - 6.0, y + 4.0], Anchor::End, tick.to_string());
+            [line([LEFT, y - 0.5], [RIGHT - LEFT, 1.0]), number]
+        });
+        upright.chain(level).collect()
+    }
+}
+
+fn label(at: [f64; 2], anchor: Anchor, text: String) -> Element {
+    Element::Text(Text { colour: colour::LABEL, ..Text::new(at, 11, anchor, text) })
 }
 
 /// Four to nine round numbers within `[low, high]`.

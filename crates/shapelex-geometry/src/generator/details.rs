@@ -4,8 +4,9 @@ use std::sync::Arc;
 
 use super::{Built, GeneratorKind, evaluate_taylor};
 use crate::capability::FieldFault;
+use crate::drawing::colour;
 use crate::drawing::plot::{Graph, plot};
-use crate::drawing::svg::colour;
+use crate::drawing::scene::Drawing;
 
 /// A generator built for a number of control points.
 #[derive(Debug, Clone)]
@@ -79,7 +80,7 @@ impl GeneratorDetails {
     }
 
     /// Graph of the generator and its derivative.
-    pub fn draw(&self) -> String {
+    pub fn draw(&self) -> Drawing {
         let generator = &self.built.generator;
         let reach = generator.support() as f64 / 2.0;
         let pieces = |derivative: usize| -> Vec<Vec<[f64; 2]>> {
@@ -94,11 +95,11 @@ impl GeneratorDetails {
                 })
                 .collect()
         };
-        let graphs = [
+        let graphs = vec![
             Graph { name: "φ′".into(), colour: colour::PLUS, pieces: pieces(1) },
             Graph { name: "φ".into(), colour: colour::MAIN, pieces: pieces(0) },
         ];
-        plot(&format!("{}, {} control points", self.kind.name(), self.count), "t", &graphs)
+        plot(&format!("{}, {} control points", self.kind.name(), self.count), "t", graphs)
     }
 }
 
@@ -120,6 +121,7 @@ fn warnings(built: &Built, (lower, upper): (f64, f64)) -> Vec<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::drawing::svg::Style;
 
     #[test]
     fn the_cubic_b_spline_has_its_known_riesz_bounds() {
@@ -128,7 +130,7 @@ mod tests {
         let (lower, upper) = details.riesz_squared;
         assert!((lower - 17.0 / 315.0).abs() < 1e-9 && (upper - 1.0).abs() < 1e-9, "{lower} {upper}");
         assert_eq!((details.count, details.warnings.len()), (8, 0));
-        assert!(details.draw().starts_with("<svg"));
+        assert!(details.draw().to_svg(&Style::default()).starts_with("<svg"));
     }
 
     #[test]

@@ -20,6 +20,7 @@ use crate::domain::cohort::Cohort;
 use crate::domain::job::JobKind;
 use crate::domain::study::Comparison;
 use crate::formats::fault::Fault;
+use crate::geometry::drawing::scene::Drawing;
 use crate::geometry::sampling::Places;
 use crate::service::app::{App, ServiceError};
 use crate::service::statistics::Setup;
@@ -120,7 +121,7 @@ impl StudyKind for ComparedShapes {
         })
     }
 
-    fn draw(study: &Study<Self>, comparison: &Comparison) -> String {
+    fn draw(study: &Study<Self>, comparison: &Comparison) -> Drawing {
         draw_comparison(&study.setup.space, &study.cohort.spec.name, &comparison.found)
     }
 }

@@ -23,6 +23,7 @@ use crate::domain::job::JobKind;
 use crate::domain::shape::{ShapeDescription, ShapeFilter};
 use crate::domain::study::{RegressionScore, ShapeRegression};
 use crate::formats::fault::Fault;
+use crate::geometry::drawing::scene::Drawing;
 use crate::service::app::{App, ServiceError};
 use crate::service::cohorts::attributes::{self, KnownAttributes};
 use crate::service::statistics::Setup;
@@ -173,7 +174,7 @@ impl StudyKind for RegressedShapes {
         })
     }
 
-    fn draw(study: &Study<Self>, regression: &ShapeRegression) -> String {
+    fn draw(study: &Study<Self>, regression: &ShapeRegression) -> Drawing {
         let (space, cohort) = (&study.setup.space, &study.cohort.spec.name);
         draw_regression(space, cohort, regression.header.shapes, &regression.found)
     }
