@@ -12,7 +12,8 @@ use shapelex::analysis::correspondence::{Correspondence, Direction};
 use shapelex::formats::ndjson::{Line, LineTooLong, Lines};
 use shapelex::formats::shape::ShapeInput;
 use shapelex::geometry::representation::{Representation, ShapeSpace};
-use shapelex::service::shapes::read::{Reading, own_faults, parse, read_shape};
+use shapelex::geometry::resample::RepeatedPoints;
+use shapelex::service::shapes::read::{ReadShape, Reading, own_faults, parse, read_shape};
 use shapelex_fuzz::LIMITS;
 
 /// Representations, as they stand in a request, and how points become theirs.
@@ -57,9 +58,10 @@ fuzz_target!(|data: &[u8]| {
         let Ok(shape) = parse::<ShapeInput>(&LIMITS, &line.text) else { continue };
         for (space, correspondence) in SPACES.iter() {
             let (correspondence, direction) = (*correspondence, Direction::Either);
-            let conversion = Conversion { space, correspondence, direction };
+            let repeated_points = RepeatedPoints::Drop;
+            let conversion = Conversion { space, correspondence, direction, repeated_points };
             let reading = Reading { conversion, limits: &LIMITS };
-            if let Ok((control_points, attributes)) = read_shape(&reading, shape.clone()) {
+            if let Ok(ReadShape { control_points, attributes, .. }) = read_shape(&reading, shape.clone()) {
                 let representation = space.representation();
                 assert_eq!(control_points.len(), representation.size() * representation.dimension());
                 assert!(control_points.iter().all(|value| value.is_finite()), "{control_points:?}");

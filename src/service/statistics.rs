@@ -22,6 +22,7 @@ use crate::formats::shape::ShapeInput;
 use crate::geometry::capability::domain::Admitted;
 use crate::geometry::drawing::scene::Drawing;
 use crate::geometry::representation::{Representation, ShapeSpace};
+use crate::geometry::resample::RepeatedPoints;
 use crate::service::app::faults::Faults;
 use crate::service::app::{App, Limits, ServiceError};
 use crate::service::shapes::draw::MAX_DRAWN;
@@ -166,7 +167,9 @@ impl Setup {
     /// Conversion of posted shapes to control points.
     pub(crate) fn reading<'a>(&'a self, limits: &'a Limits) -> Reading<'a> {
         let Self { space, correspondence, direction, .. } = self;
-        let conversion = Conversion { space, correspondence: *correspondence, direction: *direction };
+        let (correspondence, direction) = (*correspondence, *direction);
+        let conversion =
+            Conversion { space, correspondence, direction, repeated_points: RepeatedPoints::Drop };
         Reading { conversion, limits }
     }
 }
@@ -241,7 +244,7 @@ pub fn project(
     let reading = setup.reading(&app.limits);
     let batch = read::read_batch(&reading, shapes);
     let reference = read::read_shape(&reading, reference)
-        .map(|(control_points, _)| control_points)
+        .map(|shape| shape.control_points)
         .map_err(|errors| ServiceError::below(errors, "/reference"));
     let mut faults = Faults::default();
     let (Some(reference), Some(batch)) = (faults.keep(reference)?, faults.keep(batch)?) else {

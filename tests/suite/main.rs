@@ -15,6 +15,7 @@ mod http_contract;
 mod http_curves;
 mod http_dictionaries;
 mod http_drawings;
+mod http_input;
 mod http_jobs;
 mod http_limits;
 mod http_novelty;

@@ -7,7 +7,9 @@
 use super::correspondence::{Correspondence, Direction};
 use shapelex_geometry::capability::{FieldFault, fit};
 use shapelex_geometry::representation::ShapeSpace;
-use shapelex_geometry::resample::{canonical_shift, polygon_area, rotate_start, without_closing_point};
+use shapelex_geometry::resample::{
+    Contour, RepeatedPoints, canonical_shift, polygon_area, rotate_start, without_closing_point,
+};
 use shapelex_geometry::surface::basis::Tangents;
 use shapelex_numeric::dense::Matrix;
 
@@ -20,6 +22,17 @@ pub struct Conversion<'a> {
     pub correspondence: Correspondence,
     /// Direction of planar contours.
     pub direction: Direction,
+    /// Points equal to their predecessor, where contours are resampled; landmarks are kept.
+    pub repeated_points: RepeatedPoints,
+}
+
+/// Control points of a shape.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Converted {
+    /// Control points (`N × d`).
+    pub control_points: Matrix,
+    /// Number of repeated points that were dropped.
+    pub repeated_points: usize,
 }
 
 impl Conversion<'_> {
@@ -28,10 +41,12 @@ impl Conversion<'_> {
     /// # Errors
     /// The number of points; a contour that cannot be resampled, at the index of the point; points that do not determine the
     /// shape.
-    pub fn interpolate(&self, points: Matrix) -> Result<Matrix, FieldFault> {
+    pub fn interpolate(&self, points: Matrix) -> Result<Converted, FieldFault> {
         let representation = self.space.representation();
-        let interpolate = |points: Matrix| {
-            self.space.interpolate(points).map_err(|error| FieldFault::new("", error.to_string()))
+        let interpolate = |points: Matrix, repeated_points: usize| {
+            let control_points = self.space.interpolate(points);
+            let converted = |control_points| Converted { control_points, repeated_points };
+            control_points.map(converted).map_err(|error| FieldFault::new("", error.to_string()))
         };
         if self.correspondence == Correspondence::Landmarks {
             let hint = if self.space.domain().is_line() {
@@ -40,15 +55,27 @@ impl Conversion<'_> {
                 ""
             };
             check_count(points.nrows(), "points", representation.point_count(), hint)?;
-            return interpolate(points);
+            return interpolate(points, 0);
         }
-        // The first point stays first; the point that closes the ring would otherwise come second.
-        let points =
-            if self.runs_backwards(&points) { self.directed(without_closing_point(points)) } else { points };
-        let contour = fit::contour(points, representation.is_closed())?;
+        // The point that closes a ring is not a repeated one.
+        let points = if representation.is_closed() { without_closing_point(points) } else { points };
+        let posted = points.nrows();
+        let contour = self.contour(points)?;
         let start =
             if self.correspondence == Correspondence::Cyclic { contour.canonical_start() } else { 0.0 };
-        interpolate(contour.sample(representation.point_count(), start))
+        interpolate(contour.sample(representation.point_count(), start), posted - contour.points().nrows())
+    }
+
+    /// The contour through points, in its direction; the first point stays first.
+    fn contour(&self, points: Matrix) -> Result<Contour, FieldFault> {
+        let contour = |points: Matrix| {
+            fit::contour(points, self.space.representation().is_closed(), self.repeated_points)
+        };
+        if !self.runs_backwards(&points) {
+            return contour(points);
+        }
+        // A fault is at the index of the point as posted.
+        contour(self.directed(points.clone())).map_err(|fault| contour(points).err().unwrap_or(fault))
     }
 
     /// Control points of the surface through a grid of points that fits ([`ShapeSpace::grid_fault`],
@@ -126,12 +153,13 @@ mod tests {
     fn under_cyclic_neither_start_nor_direction_of_the_list_matters() {
         let space = space();
         let (correspondence, direction) = (Correspondence::Cyclic, Direction::Either);
-        let conversion = Conversion { space: &space, correspondence, direction };
+        let conversion =
+            Conversion { space: &space, correspondence, direction, repeated_points: RepeatedPoints::Drop };
         let (points, n) = (bean(120), 120);
         let backwards = Matrix::from_fn(n, 2, |k, c| points[((2 * n - k) % n, c)]);
-        let wanted = conversion.interpolate(points.clone()).unwrap();
+        let wanted = conversion.interpolate(points.clone()).unwrap().control_points;
         for other in [rotate_start(&points, 31), backwards.clone(), rotate_start(&backwards, 50)] {
-            let found = conversion.interpolate(other).unwrap();
+            let found = conversion.interpolate(other).unwrap().control_points;
             assert!((&found - &wanted).amax() < 1e-12, "{:.1e}", (&found - &wanted).amax());
         }
         let taken = conversion.take(rotate_start(&wanted, 5)).unwrap();
@@ -139,17 +167,38 @@ mod tests {
     }
 
     #[test]
+    fn repeated_points_of_a_ring_that_runs_backwards_are_dropped_or_named() {
+        let space = space();
+        let conversion = |repeated_points| {
+            let (correspondence, direction) = (Correspondence::ArcLength, Direction::Either);
+            Conversion { space: &space, correspondence, direction, repeated_points }
+        };
+        let matrix = |rows: &[[f64; 2]]| Matrix::from_fn(rows.len(), 2, |k, c| rows[k][c]);
+        let ring = [[0., 0.], [0., 2.], [3., 2.], [3., 0.]];
+        let repeated = [[0., 0.], [0., 0.], [0., 2.], [3., 2.], [3., 2.], [3., 0.], [0., 0.], [0., 0.]];
+        let wanted = conversion(RepeatedPoints::Refuse).interpolate(matrix(&ring)).unwrap();
+        let found = conversion(RepeatedPoints::Drop).interpolate(matrix(&repeated)).unwrap();
+        assert_eq!((found.control_points, found.repeated_points), (wanted.control_points, 3));
+        let refused = conversion(RepeatedPoints::Refuse).interpolate(matrix(&repeated[2..])).unwrap_err();
+        assert!(
+            refused.field == "2" && refused.detail.starts_with("points 1 and 2 are equal"),
+            "{refused:?}"
+        );
+    }
+
+    #[test]
     fn landmarks_are_counted() {
         let space = space();
         let (correspondence, direction) = (Correspondence::Landmarks, Direction::Given);
-        let conversion = Conversion { space: &space, correspondence, direction };
+        let conversion =
+            Conversion { space: &space, correspondence, direction, repeated_points: RepeatedPoints::Drop };
         let refused = conversion.interpolate(bean(11)).unwrap_err();
         assert!(
             refused.detail.starts_with("expected 12 points for this representation, got 11 (to resample")
         );
         let refused = conversion.take(bean(13)).unwrap_err();
         assert!(refused.detail.ends_with("expected 12 control points for this representation, got 13"));
-        let through = conversion.interpolate(bean(12)).unwrap();
+        let through = conversion.interpolate(bean(12)).unwrap().control_points;
         assert_eq!(conversion.take(through.clone()).unwrap(), through);
     }
 }

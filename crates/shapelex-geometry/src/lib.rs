@@ -168,6 +168,19 @@ pub enum GeometryError {
         /// Number of points needed.
         needed: usize,
     },
+    /// Too few points remain without those that are equal to their predecessor.
+    #[error(
+        "too few points: expected at least {needed} that differ from their predecessor, got {found} and {repeated} \
+         repeated"
+    )]
+    TooFewDistinctPoints {
+        /// Number of points that remain.
+        found: usize,
+        /// Number of points needed.
+        needed: usize,
+        /// Number of repeated points.
+        repeated: usize,
+    },
     /// The contour has no extent.
     #[error("all {points} points coincide (extent {extent:.1e}): the contour has no length")]
     NoLength {

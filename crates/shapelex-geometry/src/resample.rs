@@ -10,6 +10,22 @@ pub struct Contour {
     closed: bool,
     /// `s_0 = 0, …, L`: one entry more than edges.
     arc: Vec<f64>,
+    /// Number of repeated points that were dropped.
+    repeated: usize,
+}
+
+/// Treatment of points of a contour that are equal to their predecessor: `drop` leaves them out, `refuse` names the first
+/// of them. Arc length cannot tell them apart.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
+pub enum RepeatedPoints {
+    /// They are left out and counted.
+    #[default]
+    Drop,
+    /// The contour is refused.
+    Refuse,
 }
 
 /// The vertices of a ring, without a last vertex that repeats the first.
@@ -23,45 +39,55 @@ pub fn without_closing_point(points: Matrix) -> Matrix {
 const NO_EXTENT: f64 = 1e-13;
 
 impl Contour {
-    /// The closed polygon of the vertices `points` (`n × d`, `n ≥ 3`); a last vertex equal to the first is dropped.
+    /// The closed polygon of the vertices `points` (`n × d`, `n ≥ 3`), without repeated ones; a last vertex equal to the
+    /// first is dropped.
     ///
     /// # Errors
-    /// [`GeometryError::TooFewPoints`] below three distinct positions, [`GeometryError::NoLength`] if all points coincide,
-    /// [`GeometryError::RepeatedPoint`] for equal consecutive vertices.
+    /// As for [`Self::new`].
     pub fn closed(points: Matrix) -> Result<Self, GeometryError> {
-        check_length(&points)?;
-        Self::new(without_closing_point(points), true)
+        Self::new(points, true, RepeatedPoints::Drop)
     }
 
-    /// The open polygon of the vertices `points` (`n × d`, `n ≥ 2`).
+    /// The open polygon of the vertices `points` (`n × d`, `n ≥ 2`), without repeated ones.
     ///
     /// # Errors
-    /// As for [`Self::closed`], with a minimum of two positions.
+    /// As for [`Self::new`].
     pub fn open(points: Matrix) -> Result<Self, GeometryError> {
-        check_length(&points)?;
-        Self::new(points, false)
+        Self::new(points, false, RepeatedPoints::Drop)
     }
 
-    fn new(points: Matrix, closed: bool) -> Result<Self, GeometryError> {
-        let n = points.nrows();
-        let needed = if closed { 3 } else { 2 };
-        if n < needed {
-            return Err(GeometryError::TooFewPoints { found: n, needed });
+    /// The closed or open polygon of the vertices `points`, at least three or two. If it is closed, a last vertex equal
+    /// to the first is dropped and not counted as repeated.
+    ///
+    /// # Errors
+    /// [`GeometryError::TooFewPoints`] and [`GeometryError::TooFewDistinctPoints`] below three or two positions,
+    /// [`GeometryError::NoLength`] if all points coincide, [`GeometryError::RepeatedPoint`] for equal consecutive
+    /// vertices under [`RepeatedPoints::Refuse`].
+    pub fn new(points: Matrix, closed: bool, repeated: RepeatedPoints) -> Result<Self, GeometryError> {
+        check_length(&points)?;
+        let points = if closed { without_closing_point(points) } else { points };
+        let (found, needed) = (points.nrows(), if closed { 3 } else { 2 });
+        if found < needed {
+            return Err(GeometryError::TooFewPoints { found, needed });
         }
-        let edges = if closed { n } else { n - 1 };
-        let mut arc = Vec::with_capacity(edges + 1);
-        let mut length = 0.0;
-        arc.push(length);
-        for i in 0..edges {
-            let chord = chord(&points, i, (i + 1) % n);
-            // This includes steps that are lost in the accumulated length: the interpolation would divide by zero.
-            if !(length + chord > length) {
-                return Err(GeometryError::RepeatedPoint { first: i, second: (i + 1) % n });
-            }
-            length += chord;
-            arc.push(length);
+        match arc_lengths(&points, closed) {
+            Ok(arc) => return Ok(Self { points, closed, arc, repeated: 0 }),
+            Err(error) if repeated == RepeatedPoints::Refuse => return Err(error),
+            Err(_) => {}
         }
-        Ok(Self { points, closed, arc })
+        let kept = advancing(&points, closed);
+        let repeated = found - kept.len();
+        if kept.len() < needed {
+            return Err(GeometryError::TooFewDistinctPoints { found: kept.len(), needed, repeated });
+        }
+        let points = Matrix::from_fn(kept.len(), points.ncols(), |k, c| points[(kept[k], c)]);
+        let arc = arc_lengths(&points, closed)?;
+        Ok(Self { points, closed, arc, repeated })
+    }
+
+    /// Number of repeated points that were dropped.
+    pub fn repeated_points(&self) -> usize {
+        self.repeated
     }
 
     /// Length along the edges.
@@ -69,7 +95,7 @@ impl Contour {
         *self.arc.last().expect("never empty")
     }
 
-    /// The vertices, without a repeated closing vertex.
+    /// The vertices, without repeated ones.
     pub fn points(&self) -> &Matrix {
         &self.points
     }
@@ -187,6 +213,46 @@ impl Contour {
     }
 }
 
+/// `s_0 = 0, …, L` along the edges.
+///
+/// # Errors
+/// [`GeometryError::RepeatedPoint`] for a step that adds no length.
+fn arc_lengths(points: &Matrix, closed: bool) -> Result<Vec<f64>, GeometryError> {
+    let n = points.nrows();
+    let edges = if closed { n } else { n - 1 };
+    let mut arc = Vec::with_capacity(edges + 1);
+    let mut length = 0.0;
+    arc.push(length);
+    for i in 0..edges {
+        let chord = chord(points, i, (i + 1) % n);
+        // This includes steps that are lost in the accumulated length: the interpolation would divide by zero.
+        if !(length + chord > length) {
+            return Err(GeometryError::RepeatedPoint { first: i, second: (i + 1) % n });
+        }
+        length += chord;
+        arc.push(length);
+    }
+    Ok(arc)
+}
+
+/// Positions of the vertices that add length: the first one, and each at a distance from the one kept before; of a closed
+/// polygon also from the first one.
+fn advancing(points: &Matrix, closed: bool) -> Vec<usize> {
+    let (mut kept, mut last, mut length) = (vec![0], 0, 0.0);
+    for i in 1..points.nrows() {
+        let chord = chord(points, last, i);
+        if length + chord > length {
+            kept.push(i);
+            (last, length) = (i, length + chord);
+        }
+    }
+    if closed {
+        let apart = |&i: &usize| length + chord(points, i, 0) > length;
+        kept.truncate(kept.iter().rposition(apart).map_or(1, |last| last + 1));
+    }
+    kept
+}
+
 /// Distance between two vertices.
 fn chord(points: &Matrix, from: usize, to: usize) -> f64 {
     let step = |c| points[(to, c)] - points[(from, c)];
@@ -293,18 +359,45 @@ mod tests {
         assert_eq!(check_extent(equal.as_slice(), 5), Err(coincide));
         assert_eq!(check_extent(&[1.0, 1.0, 0.0, 1e-12], 2), Ok(()));
         assert!(matches!(Contour::closed(equal), Err(GeometryError::NoLength { points: 5, .. })));
+        let refused = |points: Matrix| Contour::new(points, true, RepeatedPoints::Refuse).unwrap_err();
         let repeated = Matrix::from_row_slice(4, 2, &[0., 0., 1., 0., 1., 0., 0., 1.]);
-        assert_eq!(
-            Contour::closed(repeated).unwrap_err(),
-            GeometryError::RepeatedPoint { first: 1, second: 2 }
-        );
+        assert_eq!(refused(repeated), GeometryError::RepeatedPoint { first: 1, second: 2 });
         let lost = Matrix::from_row_slice(4, 2, &[0., 0., 1e100, 0., 1e100, 1., 0., 1e100]);
-        assert_eq!(Contour::closed(lost).unwrap_err(), GeometryError::RepeatedPoint { first: 1, second: 2 });
+        assert_eq!(refused(lost), GeometryError::RepeatedPoint { first: 1, second: 2 });
+        let two = Matrix::from_row_slice(6, 2, &[0., 0., 0., 0., 1., 0., 1., 0., 1., 0., 0., 0.]);
+        assert_eq!(
+            Contour::closed(two).unwrap_err(),
+            GeometryError::TooFewDistinctPoints { found: 2, needed: 3, repeated: 3 }
+        );
         let closed_line = Matrix::from_row_slice(3, 2, &[0., 0., 1., 0., 0., 0.]);
         assert_eq!(
             Contour::closed(closed_line).unwrap_err(),
             GeometryError::TooFewPoints { found: 2, needed: 3 }
         );
+    }
+
+    #[test]
+    fn repeated_points_change_nothing() {
+        let corners = [[0., 0.], [2., 0.], [2., 1.], [0., 1.]];
+        let contour = |order: &[usize], closed| {
+            let points = Matrix::from_fn(order.len(), 2, |k, c| corners[order[k]][c]);
+            Contour::new(points, closed, RepeatedPoints::Drop).unwrap()
+        };
+        for closed in [true, false] {
+            let wanted = contour(&[0, 1, 2, 3], closed).sample(9, 0.0);
+            for order in [&[0, 0, 1, 2, 2, 2, 3][..], &[0, 1, 1, 2, 3, 3, 3]] {
+                let found = contour(order, closed);
+                assert_eq!((found.sample(9, 0.0), found.repeated_points()), (wanted.clone(), 3), "{order:?}");
+            }
+        }
+        // The point that closes a ring is not counted, further ones are.
+        let ring = contour(&[0, 1, 2, 3, 0, 0, 0], true);
+        assert_eq!((ring.points().nrows(), ring.repeated_points()), (4, 2));
+        // Steps that the length cannot hold add up until it can.
+        let steps = Matrix::from_fn(2001, 2, |k, c| if c == 1 { k as f64 * 1e-17 } else { f64::from(k > 0) });
+        let steps = Contour::open(steps).unwrap();
+        let last = steps.points()[(steps.points().nrows() - 1, 1)];
+        assert!(steps.repeated_points() > 1000 && (2e-14 - last).abs() < 3e-16, "{last:e}");
     }
 
     #[test]

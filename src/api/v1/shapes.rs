@@ -23,8 +23,9 @@ use crate::domain::shape::Shape;
 use crate::formats::checked::{List, document};
 use crate::formats::fault::Fault;
 use crate::formats::shape::{Attributes, Points, ShapeInput};
+use crate::geometry::resample::RepeatedPoints;
 use crate::service::app::{App, ServiceError, Work};
-use crate::service::cohorts::upload::{OnError, Stored};
+use crate::service::cohorts::upload::{OnError, Stored, Treatment};
 use crate::service::cohorts::{catalogue, upload};
 use crate::service::shapes::draw::draw_shapes;
 
@@ -50,6 +51,8 @@ pub(super) struct AddAnswer {
     revision: u64,
     /// Ids in the order of the input, at most 100 000.
     ids: Vec<String>,
+    /// Number of points that were dropped, in all stored shapes, because they are equal to their predecessor.
+    repeated_points: usize,
     /// Number of shapes skipped under `on_error=skip`.
     #[serde(skip_serializing_if = "is_zero")]
     skipped: usize,
@@ -64,12 +67,12 @@ fn is_zero(count: &usize) -> bool {
 
 impl From<Stored> for AddAnswer {
     fn from(stored: Stored) -> Self {
-        let Stored { added, revision, ids, skipped, faults } = stored;
-        Self { added, revision, ids, skipped, errors: faults }
+        let Stored { added, revision, ids, skipped, faults, repeated_points } = stored;
+        Self { added, revision, ids, repeated_points, skipped, errors: faults }
     }
 }
 
-/// Handling of invalid shapes.
+/// Handling of invalid shapes and of repeated points.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
@@ -78,6 +81,11 @@ pub(super) struct AddQuery {
     #[serde(default)]
     #[param(inline)]
     on_error: OnError,
+    /// Points that are equal to their predecessor, where contours are resampled (correspondences `arc_length` and
+    /// `cyclic`): `drop` leaves them out, `refuse` makes the shape invalid. Default: `drop`.
+    #[serde(default)]
+    #[param(inline)]
+    repeated_points: RepeatedPoints,
 }
 
 /// Adds shapes, all or none.
@@ -102,16 +110,17 @@ pub(super) async fn add_shapes(
     request: Request,
 ) -> Result<Response, Problem> {
     let (found, cohort) = (media_type(request.headers()), catalogue::find(&app, &key).await?);
-    let (on_error, body) = (query.on_error, request.into_body());
+    let AddQuery { on_error, repeated_points } = query;
+    let (treatment, body) = (Treatment { on_error, repeated_points }, request.into_body());
     let stored = match found.as_str() {
         lines if is_stream(lines) => {
-            upload::add_stream(&app, cohort, body::pieces(body), on_error, expected).await
+            upload::add_stream(&app, cohort, body::pieces(body), treatment, expected).await
         }
         json if is_json(json) => {
             let body = body::read(&app, body).await?;
             let app = app.with_body(&body);
             let shapes = read_shapes(&app, body).await?;
-            upload::add(&app, cohort, shapes, on_error, expected).await
+            upload::add(&app, cohort, shapes, treatment, expected).await
         }
         other => return Err(unsupported(other)),
     };

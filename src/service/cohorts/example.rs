@@ -31,7 +31,7 @@ pub async fn load_into_empty(app: &App) -> Result<(), ServiceError> {
         _ => return Ok(()),
     };
     let text = stream::iter([Ok::<_, ServiceError>(Bytes::from_static(SHAPES.as_bytes()))]);
-    let stored = upload::add_stream(app, cohort, text, upload::OnError::Abort, None).await?;
+    let stored = upload::add_stream(app, cohort, text, upload::Treatment::default(), None).await?;
     tracing::info!(shapes = stored.added, "loaded the example cohort into the empty store");
     Ok(())
 }

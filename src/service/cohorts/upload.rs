@@ -21,12 +21,12 @@ use crate::formats::bounds::Census;
 use crate::formats::ndjson::{Line, LineTooLong, Lines};
 use crate::formats::shape::ShapeInput;
 use crate::geometry::representation::ShapeSpace;
-use crate::geometry::resample::check_extent;
+use crate::geometry::resample::{RepeatedPoints, check_extent};
 use crate::service::app::idempotency::Retry;
 use crate::service::app::memory::Purpose;
 use crate::service::app::{App, ServiceError, Work, idempotency, now_ms};
 use crate::service::cost::requests::{self, Counts};
-use crate::service::shapes::read::{Reading, parse, read_shape};
+use crate::service::shapes::read::{ReadShape, Reading, parse, read_shape};
 use crate::store::{Added, ShapeRow, StoreError, Upload};
 
 /// Number of shapes written to the store at once.
@@ -64,6 +64,18 @@ pub struct Stored {
     pub skipped: usize,
     /// Faults of the invalid shapes, at most 100 entries.
     pub faults: Vec<Fault>,
+    /// Number of points of the valid shapes that were dropped because they are equal to their predecessor.
+    #[serde(default)]
+    pub repeated_points: usize,
+}
+
+/// How the shapes of an upload are treated.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Treatment {
+    /// Invalid shapes.
+    pub on_error: OnError,
+    /// Points equal to their predecessor, where contours are resampled.
+    pub repeated_points: RepeatedPoints,
 }
 
 /// A shape as received.
@@ -76,6 +88,8 @@ enum Incoming {
 struct Arrived {
     line: Option<u64>,
     row: ShapeRow,
+    /// Number of repeated points that were dropped.
+    repeated_points: usize,
 }
 
 /// Adds the shapes of one body.
@@ -86,7 +100,7 @@ pub async fn add(
     app: &App,
     cohort: Cohort,
     shapes: Vec<ShapeInput>,
-    on_error: OnError,
+    treatment: Treatment,
     expected: Option<Expected>,
 ) -> Result<Stored, ServiceError> {
     if shapes.is_empty() {
@@ -95,7 +109,7 @@ pub async fn add(
     if let Some(stored) = app.done_before().await? {
         return Ok(stored);
     }
-    let mut writer = Writer::new(app, &cohort, on_error, "/shapes/", expected).await?;
+    let mut writer = Writer::new(app, &cohort, treatment, "/shapes/", expected).await?;
     let incoming = shapes.into_iter().map(|shape| Incoming::Parsed(Box::new(shape))).collect();
     let taken = writer.take(app, incoming).await;
     writer.end(app, taken).await
@@ -109,10 +123,10 @@ pub async fn add_stream(
     app: &App,
     cohort: Cohort,
     stream: impl Stream<Item = Result<Bytes, ServiceError>>,
-    on_error: OnError,
+    treatment: Treatment,
     expected: Option<Expected>,
 ) -> Result<Stored, ServiceError> {
-    let mut writer = Writer::new(app, &cohort, on_error, "", expected).await?;
+    let mut writer = Writer::new(app, &cohort, treatment, "", expected).await?;
     let taken = tokio::select! {
         taken = take_stream(app, &mut writer, stream) => taken,
         () = stopped(app) => Err(ServiceError::Unavailable(
@@ -175,7 +189,7 @@ fn too_long(error: LineTooLong) -> ServiceError {
 struct Writer {
     space: ShapeSpace,
     cohort: Cohort,
-    on_error: OnError,
+    treatment: Treatment,
     prefix: &'static str,
     position: usize,
     expected: Option<Expected>,
@@ -184,6 +198,7 @@ struct Writer {
     chunks: mpsc::Sender<Vec<Arrived>>,
     task: tokio::task::JoinHandle<Result<(Upload, Stored), ServiceError>>,
     skipped: usize,
+    repeated_points: usize,
     faults: Faults,
 }
 
@@ -191,7 +206,7 @@ impl Writer {
     async fn new(
         app: &App,
         cohort: &Cohort,
-        on_error: OnError,
+        treatment: Treatment,
         prefix: &'static str,
         expected: Option<Expected>,
     ) -> Result<Self, ServiceError> {
@@ -206,7 +221,7 @@ impl Writer {
         Ok(Self {
             space,
             cohort,
-            on_error,
+            treatment,
             prefix,
             position: 0,
             expected,
@@ -214,6 +229,7 @@ impl Writer {
             chunks,
             task,
             skipped: 0,
+            repeated_points: 0,
             faults: Faults::default(),
         })
     }
@@ -242,7 +258,7 @@ impl Writer {
 
     /// Whether nothing will be stored.
     fn refuses(&self) -> bool {
-        self.on_error == OnError::Abort && self.skipped > 0
+        self.treatment.on_error == OnError::Abort && self.skipped > 0
     }
 
     async fn take_some(&mut self, app: &App, incoming: Vec<Incoming>) -> Result<(), ServiceError> {
@@ -250,6 +266,7 @@ impl Writer {
         self.position += incoming.len();
         let (space, cohort, limits, prefix) =
             (self.space.clone(), self.cohort.clone(), app.limits, self.prefix);
+        let repeated_points = self.treatment.repeated_points;
         let bytes = incoming.iter().map(Incoming::bytes).sum();
         let counts = Counts::for_space(&space, incoming.len(), &limits);
         let work = Work::reading(bytes) + requests::store(counts, cohort.spec.correspondence);
@@ -258,7 +275,7 @@ impl Writer {
             .weighing(work)
             .run(move || {
                 let CohortSpec { correspondence, direction, .. } = cohort.spec;
-                let conversion = Conversion { space: &space, correspondence, direction };
+                let conversion = Conversion { space: &space, correspondence, direction, repeated_points };
                 let reading = Reading { conversion, limits: &limits };
                 let read = |(offset, shape)| read(&reading, shape, first + offset, prefix);
                 Ok(incoming.into_par_iter().enumerate().map(read).collect())
@@ -267,7 +284,10 @@ impl Writer {
         let mut good = Vec::with_capacity(results.len());
         for result in results {
             match result {
-                Ok(shape) => good.push(shape),
+                Ok(shape) => {
+                    self.repeated_points += shape.repeated_points;
+                    good.push(shape);
+                }
                 Err(faults) => {
                     self.skipped += 1;
                     self.faults.extend(faults);
@@ -292,7 +312,7 @@ impl Writer {
     /// that a client that corrects its input and resends the same external ids at once does not conflict with its own
     /// first attempt.
     async fn end(self, app: &App, taken: Result<(), ServiceError>) -> Result<Stored, ServiceError> {
-        let Self { chunks, task, skipped, faults, retry, cohort, expected, .. } = self;
+        let Self { chunks, task, skipped, faults, repeated_points, retry, cohort, expected, .. } = self;
         drop(chunks);
         let written =
             task.await.map_err(|error| ServiceError::Internal(format!("the writing task: {error}")))?;
@@ -309,7 +329,7 @@ impl Writer {
             upload.abort().await?;
             return Ok(stored);
         }
-        let mut stored = Stored { skipped, faults: faults.into_listed(), ..stored };
+        let mut stored = Stored { skipped, faults: faults.into_listed(), repeated_points, ..stored };
         let receipt = |revision| {
             stored.revision = revision;
             retry.as_ref().map(|retry| idempotency::receipt(retry, &stored))
@@ -399,16 +419,16 @@ fn read(
         ServiceError::Malformed(faults) => faults.into_iter().map(placed).collect::<Vec<_>>(),
         other => vec![placed(Fault::new("", other.to_string()))],
     })?;
-    let shape = read_shape(reading, shape).and_then(|(control_points, attributes)| {
+    let shape = read_shape(reading, shape).and_then(|shape| {
         // Once stored, a shape without extent would break every mean of the cohort.
-        check_extent(&control_points, reading.conversion.space.representation().size())
+        check_extent(&shape.control_points, reading.conversion.space.representation().size())
             .map_err(|error| vec![Fault::new("", error.to_string())])?;
-        Ok((control_points, attributes))
+        Ok(shape)
     });
     match shape {
-        Ok((control_points, attributes)) => {
+        Ok(ReadShape { control_points, attributes, repeated_points }) => {
             let shape = NewShape { id: id::new_id(id::SHAPE), attributes, control_points };
-            Ok(Arrived { line, row: shape.into() })
+            Ok(Arrived { line, row: shape.into(), repeated_points })
         }
         Err(errors) => Err(errors.into_iter().map(placed).collect()),
     }

@@ -14,6 +14,7 @@ use crate::analysis::dictionary::score::Score;
 use crate::formats::fault::Fault;
 use crate::formats::shape::ShapeInput;
 use crate::geometry::capability::FieldFault;
+use crate::geometry::resample::RepeatedPoints;
 use crate::numeric::MAX_NUMBER;
 use crate::service::app::{App, Limits, ServiceError, Work};
 use crate::service::cohorts::catalogue;
@@ -73,7 +74,8 @@ impl Asked {
             Self::Stored(control_points) => control_points,
             Self::Posted(shapes) => {
                 let (space, direction) = (&ready.setup.space, ready.dictionary.content.direction);
-                let conversion = Conversion { space, correspondence, direction };
+                let repeated_points = RepeatedPoints::Drop;
+                let conversion = Conversion { space, correspondence, direction, repeated_points };
                 let reading = Reading { conversion, limits: &app.limits };
                 read::read_batch(&reading, shapes)?.control_points
             }

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use serde::de::DeserializeOwned;
 
 use super::read_points::given;
-use crate::analysis::conversion::Conversion;
+use crate::analysis::conversion::{Conversion, Converted};
 use crate::analysis::correspondence::{Correspondence, Mirror};
 use crate::domain::shape::ShapeAttributes;
 use crate::formats::checked::{Checked, LARGE, Metadata, SMALL, take_given};
@@ -81,11 +81,11 @@ pub fn check_correspondence(
 }
 
 impl Reading<'_> {
-    /// Control points of one shape, `d·N` coordinate-major numbers.
+    /// Control points of one shape.
     ///
     /// # Errors
     /// All faults of the shape, with pointers relative to it.
-    pub fn control_points(&self, shape: &ShapeInput) -> Result<Vec<f64>, Vec<Fault>> {
+    fn convert(&self, shape: &ShapeInput) -> Result<Converted, Vec<Fault>> {
         let space = self.conversion.space;
         let closed = shape.closed.as_ref().and_then(Checked::get).copied().flatten();
         if let (Some(closed), Domain::Line { closed: curves_are }) = (closed, space.domain())
@@ -105,21 +105,20 @@ impl Reading<'_> {
             let detail = "expected no poles: they belong to the points of a sphere";
             return Err(vec![Fault::new("/poles", detail)]);
         }
-        let matrix = match (given(&shape.points), given(&shape.control_points)) {
-            (Some(points), None) => finite(self.interpolate(points, poles.unwrap_or_default())?)?,
-            (None, Some(list)) => self.take(list).map_err(|errors| below(errors, "/control_points"))?,
+        match (given(&shape.points), given(&shape.control_points)) {
+            (Some(points), None) => finite(self.interpolate(points, poles.unwrap_or_default())?),
+            (None, Some(list)) => self.take(list).map_err(|errors| below(errors, "/control_points")),
             (Some(_), Some(_)) => {
-                return Err(vec![Fault::new("", "expected either points or control_points, got both")]);
+                Err(vec![Fault::new("", "expected either points or control_points, got both")])
             }
             (None, None) => {
-                return Err(vec![Fault::new("", "expected either points or control_points, got neither")]);
+                Err(vec![Fault::new("", "expected either points or control_points, got neither")])
             }
-        };
-        Ok(matrix.as_slice().to_vec())
+        }
     }
 
     /// Control points of the shape through a list or a grid of points.
-    fn interpolate(&self, list: &PointList, poles: PolesInput) -> Result<Matrix, Vec<Fault>> {
+    fn interpolate(&self, list: &PointList, poles: PolesInput) -> Result<Converted, Vec<Fault>> {
         let at_points = |fault: FieldFault| Fault::from(fault).below("/points");
         let points = self.matrix(list).map_err(|errors| below(errors, "/points"))?;
         let conversion = &self.conversion;
@@ -137,12 +136,13 @@ impl Reading<'_> {
         }
         let of = |pole: Option<PoleInput>| pole.map(|pole| pole.tangents);
         let tangents = Tangents { north: of(poles.north), south: of(poles.south) };
-        conversion.interpolate_grid(points, &tangents).map_err(|fault| vec![at_points(fault)])
+        let control_points = conversion.interpolate_grid(points, &tangents);
+        control_points.map(unrepeated).map_err(|fault| vec![at_points(fault)])
     }
 
-    fn take(&self, list: &PointList) -> Result<Matrix, Vec<Fault>> {
+    fn take(&self, list: &PointList) -> Result<Converted, Vec<Fault>> {
         let control_points = self.matrix(list)?;
-        self.conversion.take(control_points).map_err(|fault| vec![fault.into()])
+        self.conversion.take(control_points).map(unrepeated).map_err(|fault| vec![fault.into()])
     }
 
     fn matrix(&self, list: &PointList) -> Result<Matrix, Vec<Fault>> {
@@ -165,6 +165,10 @@ impl Reading<'_> {
     }
 }
 
+fn unrepeated(control_points: Matrix) -> Converted {
+    Converted { control_points, repeated_points: 0 }
+}
+
 /// Tangents of poles with numbers out of range.
 fn wild_tangents(poles: &PolesInput) -> impl Iterator<Item = Fault> {
     let wild =
@@ -177,32 +181,42 @@ fn wild_tangents(poles: &PolesInput) -> impl Iterator<Item = Fault> {
 }
 
 /// The control points, unless interpolation has made them too large for numbers.
-fn finite(control_points: Matrix) -> Result<Matrix, Vec<Fault>> {
-    let finite = control_points.iter().all(|value| value.is_finite());
+fn finite(converted: Converted) -> Result<Converted, Vec<Fault>> {
+    let finite = converted.control_points.iter().all(|value| value.is_finite());
     let fault = || vec![Fault::new("", "the control points of this shape exceed the range of numbers")];
-    finite.then_some(control_points).ok_or_else(fault)
+    finite.then_some(converted).ok_or_else(fault)
 }
 
 fn below(errors: Vec<Fault>, pointer: &str) -> Vec<Fault> {
     errors.into_iter().map(|error| error.below(pointer)).collect()
 }
 
+/// A posted shape in a representation.
+#[derive(Debug, Clone)]
+pub struct ReadShape {
+    /// Control points, `d·N` coordinate-major numbers.
+    pub control_points: Vec<f64>,
+    /// Attributes.
+    pub attributes: ShapeAttributes,
+    /// Number of repeated points that were dropped.
+    pub repeated_points: usize,
+}
+
 /// Control points and attributes of a posted shape.
 ///
 /// # Errors
 /// All faults of the shape, with pointers relative to it.
-pub fn read_shape(
-    reading: &Reading<'_>,
-    shape: ShapeInput,
-) -> Result<(Vec<f64>, ShapeAttributes), Vec<Fault>> {
+pub fn read_shape(reading: &Reading<'_>, shape: ShapeInput) -> Result<ReadShape, Vec<Fault>> {
     // A value that is not an object has one fault, rather than a list of missing fields.
     if shape.faults.iter().any(|fault| fault.pointer.is_empty()) {
         return Err(shape.faults);
     }
-    match (reading.control_points(&shape), attributes(shape)) {
-        (Ok(control_points), Ok(attributes)) => Ok((control_points, attributes)),
-        (control_points, attributes) => {
-            Err(control_points.err().into_iter().chain(attributes.err()).flatten().collect())
+    match (reading.convert(&shape), attributes(shape)) {
+        (Ok(Converted { control_points, repeated_points }), Ok(attributes)) => {
+            Ok(ReadShape { control_points: control_points.as_slice().to_vec(), attributes, repeated_points })
+        }
+        (converted, attributes) => {
+            Err(converted.err().into_iter().chain(attributes.err()).flatten().collect())
         }
     }
 }
@@ -371,19 +385,17 @@ pub struct Batch {
     pub weights: Vec<f64>,
 }
 
-/// Control points and weight of one shape, or all of its faults.
-type ReadShape = Result<(Vec<f64>, f64), Vec<Fault>>;
-
 /// Reads all shapes in parallel.
 ///
 /// # Errors
 /// The faults of all invalid shapes, at `/shapes/{index}…`.
 pub fn read_batch(reading: &Reading<'_>, shapes: Vec<ShapeInput>) -> Result<Batch, ServiceError> {
     check_numbers(reading, shapes.len())?;
+    // Attributes other than the weight end here.
     let read = |shape: ShapeInput| {
-        read_shape(reading, shape).map(|(control_points, attributes)| (control_points, attributes.weight))
+        read_shape(reading, shape).map(|shape| (shape.control_points, shape.attributes.weight))
     };
-    let results: Vec<ReadShape> = shapes.into_par_iter().map(read).collect();
+    let results: Vec<Result<_, Vec<Fault>>> = shapes.into_par_iter().map(read).collect();
     let mut batch = Batch { control_points: Vec::new(), weights: Vec::with_capacity(results.len()) };
     let mut faults = Faults::default();
     for (index, result) in results.into_iter().enumerate() {

@@ -6,7 +6,7 @@ use super::read;
 use crate::formats::fault::Fault;
 use crate::formats::shape::{PointList, ShapeInput};
 use crate::geometry::capability::fit;
-use crate::geometry::resample::Contour;
+use crate::geometry::resample::{Contour, RepeatedPoints};
 use crate::numeric::dense::Matrix;
 use crate::service::app::Limits;
 
@@ -16,12 +16,12 @@ pub(crate) fn given<L: Borrow<PointList>>(list: &Option<L>) -> Option<&PointList
     (!list.is_null()).then_some(list)
 }
 
-/// Contour through a list of points.
+/// Contour through a list of points, without repeated ones.
 ///
 /// # Errors
 /// The fault of the list, with a pointer relative to it.
 pub(crate) fn contour(points: Matrix, closed: bool) -> Result<Contour, Vec<Fault>> {
-    fit::contour(points, closed).map_err(|fault| vec![fault.into()])
+    fit::contour(points, closed, RepeatedPoints::Drop).map_err(|fault| vec![fault.into()])
 }
 
 /// Reads a list of points with `D` coordinates each.

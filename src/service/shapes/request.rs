@@ -7,6 +7,7 @@ use crate::analysis::metric::Metric;
 use crate::formats::shape::ShapeInput;
 use crate::geometry::capability::domain::{Admitted, Domain};
 use crate::geometry::representation::{Representation, ShapeSpace};
+use crate::geometry::resample::RepeatedPoints;
 use crate::numeric::dense::Matrix;
 use crate::service::app::faults::Faults;
 use crate::service::app::{App, Limits, ServiceError};
@@ -70,7 +71,8 @@ impl Posted {
 
     fn reading<'a>(&'a self, limits: &'a Limits) -> Reading<'a> {
         let (space, correspondence) = (&self.space, self.correspondence);
-        let conversion = Conversion { space, correspondence, direction: Direction::Given };
+        let (direction, repeated_points) = (Direction::Given, RepeatedPoints::Drop);
+        let conversion = Conversion { space, correspondence, direction, repeated_points };
         Reading { conversion, limits }
     }
 
@@ -98,7 +100,7 @@ impl Posted {
         pointer: &str,
     ) -> Result<Matrix, ServiceError> {
         read::read_shape(&self.reading(&app.limits), shape)
-            .map(|(control_points, _)| self.matrix(&control_points))
+            .map(|shape| self.matrix(&shape.control_points))
             .map_err(|errors| ServiceError::below(errors, pointer))
     }
 

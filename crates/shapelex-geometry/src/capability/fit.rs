@@ -11,7 +11,7 @@ use crate::GeometryError;
 use crate::fit::{Fit, Samples};
 use crate::mesh::{MeshError, TriangleMesh};
 use crate::representation::{Representation, ShapeSpace};
-use crate::resample::Contour;
+use crate::resample::{Contour, RepeatedPoints};
 use crate::subdivision::fit::{Fitting, SubdivisionFit, Target, mesh_targets, overshoot};
 use crate::surface::Topology;
 use crate::surface::basis::SurfaceBasis;
@@ -143,13 +143,12 @@ impl Domain {
     }
 }
 
-/// Contour through points; a repeated point is named by its index.
+/// Contour through points; a repeated point that is refused is named by its index.
 ///
 /// # Errors
 /// The fault of the list of points.
-pub fn contour(points: Matrix, closed: bool) -> Result<Contour, FieldFault> {
-    let contour = if closed { Contour::closed(points) } else { Contour::open(points) };
-    contour.map_err(|error| {
+pub fn contour(points: Matrix, closed: bool, repeated: RepeatedPoints) -> Result<Contour, FieldFault> {
+    Contour::new(points, closed, repeated).map_err(|error| {
         let field = match error {
             GeometryError::RepeatedPoint { second, .. } => second.to_string(),
             _ => String::new(),
@@ -249,7 +248,8 @@ impl<'a> Fitter<'a> {
             }
             PointPlaces::Line(parameters) => Samples::new(points, parameters, closed),
             _ => {
-                let contour = contour(points, closed).map_err(|fault| vec![below_points(fault)])?;
+                let contour = contour(points, closed, RepeatedPoints::Drop)
+                    .map_err(|fault| vec![below_points(fault)])?;
                 Samples::new(contour.points().clone(), contour.parameters(), closed)
             }
         };

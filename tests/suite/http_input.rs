@@ -1,0 +1,91 @@
+//! What real files and earlier answers contain, over HTTP: repeated points, the service's own fields, contours walked twice.
+
+use serde_json::{Value, json};
+
+use crate::server::{Server, pointers_of};
+
+const NDJSON: &str = "application/x-ndjson";
+
+fn new_cohort(server: &Server, name: &str, correspondence: &str) {
+    let representation = json!({"kind": "closed_curve", "dimension": 2, "control_points": 8,
+                                "generator": {"name": "trigonometric"}});
+    let body = json!({"name": name, "representation": representation, "correspondence": correspondence});
+    server.post("/v1/cohorts", &body).expect(201);
+}
+
+fn stored(server: &Server, cohort: &str) -> Vec<Value> {
+    let page = server.get(&format!("/v1/cohorts/{cohort}/shapes")).expect(200);
+    page["items"].as_array().unwrap().clone()
+}
+
+const PLAIN: [[f64; 2]; 5] = [[0., 0.], [4., 0.], [4., 1.], [2., 3.], [0., 1.]];
+/// The same contour with three repeated points, closed like a ring of other formats.
+const REPEATED: [[f64; 2]; 9] =
+    [[0., 0.], [0., 0.], [4., 0.], [4., 1.], [2., 3.], [2., 3.], [2., 3.], [0., 1.], [0., 0.]];
+
+#[test]
+fn repeated_points_are_dropped_and_counted() {
+    let server = Server::fresh();
+    for correspondence in ["arc_length", "cyclic"] {
+        new_cohort(&server, correspondence, correspondence);
+        let path = format!("/v1/cohorts/{correspondence}/shapes");
+        let shapes = json!({"shapes": [{"points": PLAIN}, {"points": REPEATED}]});
+        let answer = server.post(&path, &shapes).expect(201);
+        assert_eq!((&answer["added"], &answer["repeated_points"]), (&json!(2), &json!(3)), "{answer}");
+        let line = json!({"points": REPEATED}).to_string();
+        let answer = server.post_bytes(&path, NDJSON, format!("{line}\n{line}\n")).expect(201);
+        assert_eq!(answer["repeated_points"], 6, "{answer}");
+        let shapes = stored(&server, correspondence);
+        assert!(shapes.iter().all(|shape| shape["control_points"] == shapes[0]["control_points"]));
+    }
+    // Landmarks keep theirs.
+    new_cohort(&server, "landmarks", "landmarks");
+    let points = [[0, 0], [2, 0], [2, 0], [4, 0], [4, 2], [4, 4], [0, 4], [0, 4]];
+    let answer = server.post("/v1/cohorts/landmarks/shapes", &json!({"shapes": [{"points": points}]}));
+    assert_eq!(answer.expect(201)["repeated_points"], 0);
+}
+
+#[test]
+fn repeated_points_are_refused_on_request_and_when_too_few_are_left() {
+    let server = Server::fresh();
+    new_cohort(&server, "contours", "arc_length");
+    let shapes = |points: Value| json!({"shapes": [{"points": PLAIN}, {"points": points}]});
+    let path = "/v1/cohorts/contours/shapes?repeated_points=refuse";
+    let problem = server.post(path, &shapes(json!(REPEATED))).expect(422);
+    assert_eq!(pointers_of(&problem), ["/shapes/1/points/1"], "{problem}");
+    let said = problem["errors"][0]["detail"].as_str().unwrap();
+    assert!(said.starts_with("points 0 and 1 are equal"), "{said}");
+    let skipped = server.post(&format!("{path}&on_error=skip"), &shapes(json!(REPEATED))).expect(201);
+    assert_eq!((&skipped["skipped"], &skipped["repeated_points"]), (&json!(1), &json!(0)), "{skipped}");
+    server.post("/v1/cohorts/contours/shapes?repeated_points=keep", &shapes(json!(PLAIN))).expect(400);
+
+    let few = json!([[0, 0], [0, 0], [1, 1], [1, 1], [0, 0]]);
+    let problem = server.post("/v1/cohorts/contours/shapes", &shapes(few)).expect(422);
+    assert_eq!(pointers_of(&problem), ["/shapes/1/points"], "{problem}");
+    let said = problem["errors"][0]["detail"].as_str().unwrap();
+    assert!(said.contains("expected at least 3") && said.contains("got 2 and 2 repeated"), "{said}");
+    let all =
+        server.post("/v1/cohorts/contours/shapes", &shapes(json!([[1, 1], [1, 1], [1, 1]]))).expect(422);
+    assert!(all["detail"].as_str().unwrap().contains("all 3 points coincide"), "{all}");
+}
+
+#[test]
+fn clockwise_rings_and_repeated_points_are_read_wherever_contours_are_resampled() {
+    let server = Server::fresh();
+    let ring = |points: &[[i32; 2]]| json!({"points": points});
+    let shapes = [
+        ring(&[[0, 0], [0, 2], [3, 2], [3, 2], [3, 0], [0, 0], [0, 0]]),
+        ring(&[[0, 0], [0, 2], [4, 0], [0, 0]]),
+    ];
+    let representation =
+        json!({"kind": "closed_curve", "dimension": 2, "control_points": 12, "generator": {"name": "keys"}});
+    let mean = json!({"representation": representation, "transformation": "similarity", "direction": "either",
+                      "correspondence": "cyclic", "shapes": shapes});
+    server.post("/v1/mean", &mean).expect(200);
+    let measure = json!({"representation": representation, "correspondence": "arc_length", "shapes": shapes});
+    server.post("/v1/measure", &measure).expect(200);
+    let resampled = server.post("/v1/resample", &json!({"count": 4, "shapes": [shapes[0]]})).expect(200);
+    let plain = server
+        .post("/v1/resample", &json!({"count": 4, "shapes": [ring(&[[0, 0], [0, 2], [3, 2], [3, 0]])]}));
+    assert_eq!(resampled, plain.expect(200));
+}
