@@ -2,6 +2,7 @@
 //!
 //! * [`Checked`] — a value, or its fault; [`Raw`] — a value whose type depends on other fields;
 //! * [`List`] — a list, or what was found in its place; [`Limited`] — a list of small entries;
+//! * [`Ignored`] — a field that is accepted and not read;
 //! * `document!` — objects that record every field that is missing, unknown or repeated.
 //!
 //! Reading such a document fails only for text that is not JSON.
@@ -212,6 +213,16 @@ pub fn plain_sentence(text: &str) -> String {
         return format!("unknown field \"{found}\": expected {}", quoted(wanted));
     }
     if let Some(name) = text.strip_prefix("missing field ") {
+/// A field that is accepted and not read.
+#[derive(Debug, Clone, Copy)]
+pub struct Ignored;
+
+impl<'de> Deserialize<'de> for Ignored {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        IgnoredAny::deserialize(deserializer).map(|_| Self)
+    }
+}
+
         return format!("required field {} is missing", quoted(name));
     }
     if let Some(name) = text.strip_prefix("duplicate field ") {
@@ -440,7 +451,7 @@ pub(crate) use field_value;
 /// repeated fields are recorded in `faults`, with pointers relative to the object.
 macro_rules! document {
     ($(#[$meta:meta])* $vis:vis struct $name:ident {
-        $($(#[$field_meta:meta])* $field:ident $(or $alias:literal)?: $type:ty $(, $required:ident)?;)*
+        $($(#[$field_meta:meta])* $field:ident: $type:ty $(, $required:ident)?;)*
     }) => {
         #[derive(Debug, Clone, Default, utoipa::ToSchema)]
         $(#[$meta])*
@@ -474,7 +485,7 @@ macro_rules! document {
                         let mut document = $name::default();
                         while let Some(key) = map.next_key::<$crate::formats::checked::Key<'_>>()? {
                             match key.text() {
-                                $(stringify!($field) $(| $alias)? => {
+                                $(stringify!($field) => {
                                     if document.$field.is_some() {
                                         document.fault(key.text(), "the field is given twice");
                                     }

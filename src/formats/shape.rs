@@ -17,7 +17,7 @@ use utoipa::openapi::schema::{AnyOfBuilder, ObjectBuilder, Schema, SchemaType, T
 use utoipa::{PartialSchema, ToSchema};
 
 use super::bounds::{self, keep_fault};
-use super::checked::{Checked, Metadata, Raw, document, visit_others};
+use super::checked::{Checked, Ignored, Metadata, Raw, document, visit_others};
 
 /// Largest magnitude of a coordinate.
 pub const MAX_COORDINATE: f64 = crate::numeric::MAX_NUMBER;
@@ -439,9 +439,9 @@ document! {
         /// Tangents at the poles of a sphere given by `points`. Default: estimated.
         #[schema(value_type = Option<PolesInput>)]
         poles: Box<Checked<PolesInput>>;
-        /// Identifier assigned by the client, unique in a cohort; also accepted as `id`.
+        /// Identifier assigned by the client, unique in a cohort.
         #[schema(value_type = Option<String>)]
-        external_id or "id": Checked<Option<String>>;
+        external_id: Checked<Option<String>>;
         /// Opaque identifier of the subject; never a name.
         #[schema(value_type = Option<String>)]
         subject: Checked<Option<String>>;
@@ -466,6 +466,12 @@ document! {
         /// Coordinates of homologous points, kept with the metadata.
         #[schema(value_type = Option<Vec<Vec<f64>>>)]
         landmarks: Box<Metadata>;
+        /// Set by the service. Ignored in a request, so that a shape can be posted as it was read.
+        #[schema(value_type = Option<String>)]
+        id: Ignored;
+        /// Set by the service. Ignored in a request, so that a shape can be posted as it was read.
+        #[schema(value_type = Option<String>)]
+        created_at: Ignored;
     }
 }
 

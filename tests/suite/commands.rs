@@ -18,7 +18,7 @@ type Answers = Vec<(String, Option<String>, String)>;
 
 fn shape(number: usize) -> Value {
     let x = number as f64;
-    json!({"id": format!("s{number}"), "label": format!("l{}", number % 2), "metadata": {"n": 0.1 * x, "π": "\"\n"},
+    json!({"external_id": format!("s{number}"), "label": format!("l{}", number % 2), "metadata": {"n": 0.1 * x, "π": "\"\n"},
         "points": [[0, 0], [3.0 + (x * 0.7).sin(), 0.1 * x], [1.0, 2.0 + (x * 1.3).cos()], [-1.5, 0.3 * x.sin()]]})
 }
 

@@ -179,7 +179,7 @@ fn bad_shapes() -> Vec<(String, Wanted)> {
     add(with(r#""closed":"yes""#), Wanted::invalid(&["/closed"]));
     // Twice the same field, also by its alias.
     add(with(&format!(r#""points":{QUAD}"#)), Wanted::invalid(&["/points"]));
-    add(with(r#""id":"a","external_id":"b""#), Wanted::invalid(&["/external_id"]));
+    add(with(r#""external_id":"a","external_id":"b""#), Wanted::invalid(&["/external_id"]));
     for text in ["null", "7", "\"x\"", "true", "[]", QUAD] {
         add(text.into(), Wanted::invalid(&[""]));
     }
@@ -359,7 +359,7 @@ fn contours_that_cannot_be_resampled_are_refused() {
         (r#"{"points":[[0,0],[0,0],[1,0],[1,0]]}"#, &["/points"]),
         (r#"{"points":[[0,0],[1,0],[1,0],[1,0],[0,0]]}"#, &["/points"]),
         // Closed twice: the last point once more.
-        (r#"{"points":[[0,0],[1,0],[1,1],[0,0],[0,0]]}"#, &["/points/0"]),
+        (r#"{"points":[[0,0],[1,1],[0,0],[0,0]]}"#, &["/points"]),
         (r#"{"points":[[0,0],[1,0]]}"#, &["/points"]),
         (r#"{"points":[[0,0],[1,0],[0,0]]}"#, &["/points"]),
         (r#"{"points":[]}"#, &["/points"]),
@@ -1069,8 +1069,9 @@ fn the_bad_line_of_a_long_stream_is_named_and_nothing_is_stored() {
     assert_eq!(problem["errors"][0]["line"], 6, "{problem}");
 
     // Two shapes with one id and other content, thousands of lines apart.
-    let mut lines: Vec<String> = (0..9000).map(|i| format!(r#"{{"id":"s{i}","points":{QUAD}}}"#)).collect();
-    lines[8500] = r#"{"id":"s17","points":[[5,0],[0,1],[-2,0],[0,-1]]}"#.into();
+    let mut lines: Vec<String> =
+        (0..9000).map(|i| format!(r#"{{"external_id":"s{i}","points":{QUAD}}}"#)).collect();
+    lines[8500] = r#"{"external_id":"s17","points":[[5,0],[0,1],[-2,0],[0,-1]]}"#.into();
     let problem = server.post_bytes(path, NDJSON, lines.join("\n")).expect(409);
     let error = &problem["errors"][0];
     assert_eq!((&error["line"], &error["index"]), (&json!(8501), &json!(8500)), "{problem}");

@@ -729,11 +729,10 @@ fn shapes_are_added_found_listed_and_deleted() {
         answer["ids"].as_array().unwrap().iter().map(|id| id.as_str().unwrap().to_owned()).collect();
     assert!(ids.len() == 2 && ids.iter().all(|id| id.starts_with("shp_")), "{ids:?}");
 
-    // One shape a line, with the alias of external_id, blank lines and Windows line ends.
+    // One shape a line, with an id, which is ignored, blank lines and Windows line ends.
     let mut third = shape(2);
     let fields = third.as_object_mut().unwrap();
-    let external_id = fields.remove("external_id").unwrap();
-    fields.insert("id".into(), external_id);
+    fields.insert("id".into(), json!("ignored"));
     let text = format!("\n{third}\r\n\r\n{}\n", shape(3));
     let answer = server
         .post_bytes("/v1/cohorts/blobs/shapes", "application/x-ndjson; charset=utf-8", text)

@@ -42,7 +42,7 @@ fn blob(k: usize) -> Rows {
 
 /// Shapes with the ids `0`, `1`, ….
 fn blobs(which: impl IntoIterator<Item = usize>) -> Vec<Value> {
-    which.into_iter().map(|k| json!({"id": k.to_string(), "points": blob(k)})).collect()
+    which.into_iter().map(|k| json!({"external_id": k.to_string(), "points": blob(k)})).collect()
 }
 
 /// The shapes as they stand in questions: without ids.
@@ -1179,7 +1179,11 @@ fn more_memory_than_jobs_are_given_is_refused() {
 fn shapes_that_cannot_be_learnt_from_fail_the_job_by_name() {
     let server = Server::fresh();
     let line: Rows = (0..POINTS).map(|i| [i as f64, 2.0 * i as f64]).collect();
-    new_cohort(&server, "blobs", &[blobs(0..5), vec![json!({"id": "line", "points": line})]].concat());
+    new_cohort(
+        &server,
+        "blobs",
+        &[blobs(0..5), vec![json!({"external_id": "line", "points": line})]].concat(),
+    );
     let id = server.get("/v1/cohorts/blobs/shapes/line").expect(200)["id"].clone();
     for method in [components(2, true), lasso(3, "invariant")] {
         let mut body = request("never", "blobs", &method);

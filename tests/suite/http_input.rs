@@ -89,3 +89,38 @@ fn clockwise_rings_and_repeated_points_are_read_wherever_contours_are_resampled(
         .post("/v1/resample", &json!({"count": 4, "shapes": [ring(&[[0, 0], [0, 2], [3, 2], [3, 0]])]}));
     assert_eq!(resampled, plain.expect(200));
 }
+
+#[test]
+fn what_is_read_can_be_posted() {
+    let server = Server::fresh();
+    new_cohort(&server, "first", "cyclic");
+    new_cohort(&server, "second", "cyclic");
+    let shapes = json!({"shapes": [
+        {"points": PLAIN, "external_id": "a", "label": "x", "labels": {"age": 3}, "weight": 2.0, "metadata": {"n": [1]}},
+        {"points": REPEATED}
+    ]});
+    server.post("/v1/cohorts/first/shapes", &shapes).expect(201);
+    let items = stored(&server, "first");
+    assert!(items[1]["external_id"].is_null() && items[0]["id"] != items[1]["id"]);
+    server.post("/v1/cohorts/second/shapes", &json!({"shapes": items})).expect(201);
+    let copies = stored(&server, "second");
+    for (item, copy) in items.iter().zip(&copies) {
+        for field in ["external_id", "subject", "label", "labels", "weight", "metadata"] {
+            assert_eq!(item[field], copy[field], "{field}");
+        }
+        assert_ne!(item["id"], copy["id"]);
+    }
+    // Posting them again adds those without an external id only.
+    let line = items[0].to_string();
+    let again = server.post_bytes("/v1/cohorts/second/shapes", NDJSON, line).expect(201);
+    assert_eq!(again["added"], 0);
+
+    // An id of the service is no external id; both kinds of points stay refused.
+    let mine = json!({"shapes": [{"id": "mine", "points": PLAIN}]});
+    server.post("/v1/cohorts/first/shapes", &mine).expect(201);
+    assert!(stored(&server, "first")[2]["external_id"].is_null());
+    let mut both = items[0].clone();
+    both["points"] = json!(PLAIN);
+    let problem = server.post("/v1/cohorts/second/shapes", &json!({"shapes": [both]})).expect(422);
+    assert_eq!(pointers_of(&problem), ["/shapes/0"]);
+}

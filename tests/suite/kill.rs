@@ -13,7 +13,7 @@ const ROUNDS: usize = 30;
 
 /// A shape whose points say which upload it belongs to.
 fn shape(round: usize, k: usize) -> Value {
-    json!({"id": format!("r{round}-{k}"), "label": format!("r{round}"),
+    json!({"external_id": format!("r{round}-{k}"), "label": format!("r{round}"),
         "points": [[round + 1, k], [0, 1], [-2, 0.5], [k, -1]]})
 }
 
@@ -110,8 +110,9 @@ fn created_and_deleted_things_survive() {
     let representation = json!({"kind": "landmarks", "dimension": 2, "points": 3});
     for name in ["kept", "gone"] {
         server.post("/v1/cohorts", &json!({"name": name, "representation": representation})).expect(201);
-        let shapes: Vec<Value> =
-            (0..3).map(|k| json!({"id": k.to_string(), "points": [[k, 1], [2, 0], [5, 5]]})).collect();
+        let shapes: Vec<Value> = (0..3)
+            .map(|k| json!({"external_id": k.to_string(), "points": [[k, 1], [2, 0], [5, 5]]}))
+            .collect();
         server.post(&format!("/v1/cohorts/{name}/shapes"), &json!({ "shapes": shapes })).expect(201);
     }
     assert_eq!(server.delete("/v1/cohorts/gone").status, 204);
