@@ -124,3 +124,13 @@ fn what_is_read_can_be_posted() {
     let problem = server.post("/v1/cohorts/second/shapes", &json!({"shapes": [both]})).expect(422);
     assert_eq!(pointers_of(&problem), ["/shapes/0"]);
 }
+
+#[test]
+fn a_contour_walked_twice_is_itself() {
+    let server = Server::fresh();
+    let square = [[0, 0], [8, 0], [8, 8], [0, 8]];
+    let body = json!({"first": {"contour": square.repeat(2)}, "second": {"contour": square}});
+    let answer = server.post("/v1/overlap", &body).expect(200);
+    assert_eq!((&answer["jaccard"], &answer["hausdorff"]), (&json!(1.0), &json!(0.0)), "{answer}");
+    assert!(answer["warnings"].to_string().contains("winding number"), "{answer}");
+}

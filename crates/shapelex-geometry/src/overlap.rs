@@ -87,7 +87,7 @@ impl Body {
         match &self.kind {
             Kind::Contour(points) if polygon_self_intersects(points) => {
                 vec![
-                    "the contour crosses or touches itself: areas that it encloses twice count as outside"
+                    "the contour crosses or touches itself: areas with the winding number zero count as outside"
                         .into(),
                 ]
             }
@@ -346,6 +346,14 @@ mod tests {
         let found = bodies.overlap(&never).unwrap();
         assert!((found.overlap.jaccard - 1.0 / 7.0).abs() < 2e-3, "{}", found.overlap.jaccard);
         assert_eq!((found.dimension, found.warnings.len()), (2, 0));
+    }
+
+    #[test]
+    fn a_contour_walked_twice_is_itself() {
+        let corners = [[0.0, 0.0], [8.0, 0.0], [8.0, 8.0], [0.0, 8.0]];
+        let bodies = [corners.repeat(2), corners.to_vec()].map(|points| Body::from_contour(points).unwrap());
+        let found = Bodies::new(bodies, None, MOST).unwrap().overlap(&never).unwrap();
+        assert_eq!((found.overlap.jaccard, found.overlap.hausdorff), (1.0, Some(0.0)));
     }
 
     #[test]

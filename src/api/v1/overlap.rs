@@ -54,7 +54,7 @@ pub(super) struct OverlapAnswer {
     dice: f64,
     /// Largest distance from a surface cell of one body to the surface of the other, over both; null if one is empty.
     hausdorff: Option<f64>,
-    /// 95th percentile of these distances.
+    /// 95th percentile of these distances from one body to the other, the larger one of both directions.
     hausdorff_95: Option<f64>,
     /// Mean of these distances.
     mean_surface_distance: Option<f64>,

@@ -310,6 +310,33 @@ fn gram_matrices_match() {
             _ => blob(&case["lambda"]),
         };
         let level = case["levels"].as_u64().unwrap() as usize;
+#[test]
+fn overlap_equals_the_vectors() {
+    let document = load("segmentation/overlap.json");
+    let [size, spacing] = ["shape", "spacing_zyx"].map(|name| numbers(&document[name]));
+    let grid = Grid {
+        first: [0.0; 3],
+        spacing: [0, 1, 2].map(|axis| spacing[axis]),
+        size: [0, 1, 2].map(|axis| size[axis] as usize),
+    };
+    let [a, b] = ["a", "b"].map(|name| raster::Mask {
+        grid,
+        inside: text(&document[name]).bytes().map(|cell| cell == b'1').collect(),
+    });
+    let found = raster::overlap(&a, &b);
+    let compared = [
+        (found.jaccard, "jaccard"),
+        (found.dice, "dice"),
+        (found.hausdorff.unwrap(), "hausdorff"),
+        (found.hausdorff_95.unwrap(), "hausdorff95"),
+        (found.mean_surface_distance.unwrap(), "mean_surface_distance"),
+    ];
+    for (found, name) in compared {
+        // The vectors have 13 decimals.
+        assert!((found - number(&document[name])).abs() < 1e-12, "{name}: {found}");
+    }
+}
+
         let connectivity = ControlMesh::Faces(faces(&case["faces"]));
         let basis = SubdivisionBasis::new(&Subdivision { scheme, level, connectivity }).unwrap();
         let operator = basis.operator();
