@@ -134,3 +134,20 @@ fn a_contour_walked_twice_is_itself() {
     assert_eq!((&answer["jaccard"], &answer["hausdorff"]), (&json!(1.0), &json!(0.0)), "{answer}");
     assert!(answer["warnings"].to_string().contains("winding number"), "{answer}");
 }
+
+#[test]
+fn a_pole_grid_to_start_from_covers_the_sphere_once() {
+    let server = Server::fresh();
+    let body =
+        json!({"scheme": "blob", "lambda": std::f64::consts::FRAC_PI_3, "level": 4, "start": "pole_grid"});
+    let answer = server.post("/v1/subdivide", &body).expect(200);
+    assert!(answer["volume"].as_f64().unwrap() > 0.1, "{}", answer["volume"]);
+    assert_eq!(answer["self_intersecting"], false);
+    // Stored under this name, it keeps its 36 vertices.
+    let representation = json!({"kind": "subdivision", "scheme": "blob", "lambda": 1.0, "level": 2, "connectivity": "pole_grid"});
+    let cohort = json!({"name": "grids", "representation": representation, "correspondence": "landmarks"});
+    server.post("/v1/cohorts", &cohort).expect(201);
+    let problem =
+        server.post("/v1/cohorts/grids/shapes", &json!({"shapes": [{"control_points": [[0, 0, 0]]}]}));
+    assert!(problem.expect(422)["detail"].as_str().unwrap().contains("expected 36 control points"));
+}

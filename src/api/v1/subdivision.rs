@@ -62,8 +62,8 @@ document! {
         /// Closed mesh to refine. Give one of `mesh`, `start` and `polyline`.
         #[schema(value_type = Option<ControlMeshInput>)]
         mesh: ControlMeshInput;
-        /// Named starting mesh on the unit sphere: `tetrahedron`, `octahedron`, `icosahedron` or `pole_grid`. A number after a
-        /// slash says how often it is split first.
+        /// Named starting mesh on the unit sphere: `tetrahedron`, `octahedron`, `icosahedron`, or `sphere_grid` (also called
+        /// `pole_grid` here). A number after a slash says how often it is split first.
         #[schema(value_type = Option<String>)]
         start: Checked<String>;
         /// Polyline to refine, for the scheme `normal_based`.

@@ -76,7 +76,7 @@ pub fn subdivide(
     refine(app, scheme, (mesh, "/mesh"), depth, wanted_limit, warnings)
 }
 
-/// Refines a starting mesh, whose vertices all lie on the unit sphere.
+/// Refines a starting mesh that covers the unit sphere once.
 ///
 /// # Errors
 /// Sizes and tolerances that are not reached; vertices without subdivision rules.
@@ -87,6 +87,7 @@ pub fn subdivide_named(
     depth: Depth,
     wanted_limit: bool,
 ) -> Result<RefinedMesh, ServiceError> {
+    let start = start.covering_once();
     let (vertices, most) = (start.size().vertices, app.limits.points);
     if vertices > most {
         let detail =

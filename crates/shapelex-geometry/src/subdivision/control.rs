@@ -13,8 +13,9 @@ use crate::vector::norm;
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 #[cfg_attr(feature = "serde", serde(untagged))]
 pub enum ControlMesh {
-    /// A starting mesh: `tetrahedron`, `octahedron`, `icosahedron` or `pole_grid`, optionally followed by a slash and the
-    /// number of splits: `octahedron/2` has 66 vertices.
+    /// A starting mesh: `tetrahedron`, `octahedron`, `icosahedron`, `sphere_grid` (14 vertices) or `pole_grid` (36 vertices,
+    /// periodic in both directions), optionally followed by a slash and the number of splits: `octahedron/2` has 66
+    /// vertices.
     #[cfg_attr(feature = "schema", schema(value_type = String, example = "octahedron/2"))]
     Named(StartMesh),
     /// Triangles by the indices of their corners among the control points, counter-clockwise as seen from outside.
@@ -62,13 +63,17 @@ pub enum Body {
     Octahedron,
     /// 12 vertices of valence 5.
     Icosahedron,
-    /// 36 vertices of valence 6: the grid of step π/3 of a sphere, from pole to pole and back.
+    /// 14 vertices, six of valence 4 and eight of valence 6: the grid of step π/3 of a sphere with its poles.
+    SphereGrid,
+    /// 36 vertices of valence 6: the grid of step π/3 of a sphere from pole to pole and back, periodic in both directions. It
+    /// is a torus that covers the sphere twice, once inside out.
     PoleGrid,
 }
 
 impl Body {
     /// All bodies.
-    pub const ALL: [Self; 4] = [Self::Tetrahedron, Self::Octahedron, Self::Icosahedron, Self::PoleGrid];
+    pub const ALL: [Self; 5] =
+        [Self::Tetrahedron, Self::Octahedron, Self::Icosahedron, Self::SphereGrid, Self::PoleGrid];
 
     /// Name in requests and responses.
     pub fn name(self) -> &'static str {
@@ -76,6 +81,7 @@ impl Body {
             Self::Tetrahedron => "tetrahedron",
             Self::Octahedron => "octahedron",
             Self::Icosahedron => "icosahedron",
+            Self::SphereGrid => "sphere_grid",
             Self::PoleGrid => "pole_grid",
         }
     }
@@ -85,6 +91,7 @@ impl Body {
             Self::Tetrahedron => [4, 4],
             Self::Octahedron => [6, 8],
             Self::Icosahedron => [12, 20],
+            Self::SphereGrid => [14, 24],
             Self::PoleGrid => [36, 72],
         };
         MeshSize { vertices, faces }
@@ -96,6 +103,7 @@ impl Body {
             Self::Tetrahedron => tetrahedron(),
             Self::Octahedron => octahedron(),
             Self::Icosahedron => icosahedron(),
+            Self::SphereGrid => sphere_grid(),
             Self::PoleGrid => pole_grid(),
         };
         TriangleMesh { vertices, normals: None, faces }
@@ -152,19 +160,41 @@ fn icosahedron() -> Solid {
     (vertices, faces.to_vec())
 }
 
-/// Grid steps of the mesh with poles: `s_i = −π/2 + iπ/3` along the meridians and on over the pole, `t_j = jπ/3` around.
+/// Grid steps of the meshes with poles: `s_i = −π/2 + iπ/3` along the meridians and on over the pole, `t_j = jπ/3` around.
 const STEPS: u32 = 6;
+
+/// The point `(s_i, t_j)` of the unit sphere.
+fn on_grid(i: u32, j: u32) -> [f64; 3] {
+    let angle = |i: u32| f64::from(i) * std::f64::consts::FRAC_PI_3;
+    let ((z, across), (sine, cosine)) =
+        ((angle(i) - std::f64::consts::FRAC_PI_2).sin_cos(), angle(j).sin_cos());
+    [across * cosine, across * sine, z]
+}
+
+/// The rows 0 to 3 of the grid, from the south pole to the north pole, each pole one vertex. The diagonals between the rows 1
+/// and 2 alternate: then vertices have four or six neighbours, for which BLOB has rules. With parallel diagonals they have five.
+fn sphere_grid() -> Solid {
+    let (south, north) = (0, 2 * STEPS + 1);
+    let rows = (1..3).flat_map(|i| (0..STEPS).map(move |j| on_grid(i, j)));
+    let poles = [[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]];
+    let vertices = [poles[0]].into_iter().chain(rows).chain([poles[1]]).collect();
+    let at = |i: u32, j: u32| 1 + STEPS * (i - 1) + j % STEPS;
+    let column = |j: u32| {
+        let [here, along, around, across] = [at(1, j), at(2, j), at(1, j + 1), at(2, j + 1)];
+        let [one, other] = if j.is_multiple_of(2) {
+            [[here, around, across], [here, across, along]]
+        } else {
+            [[here, around, along], [around, across, along]]
+        };
+        [[south, around, here], one, other, [north, along, across]]
+    };
+    (vertices, (0..STEPS).flat_map(column).collect())
+}
 
 /// The doubly periodic grid with step π/3. Its rows 0 to 3, with the first column repeated at the end, are the 28 points of the
 /// sphere grid; diagonals run in the direction (1, 1). Faces point outwards where the rows run north.
 fn pole_grid() -> Solid {
-    let angle = |i: u32| f64::from(i) * std::f64::consts::FRAC_PI_3;
-    let point = |i: u32, j: u32| {
-        let ((z, across), (sine, cosine)) =
-            ((angle(i) - std::f64::consts::FRAC_PI_2).sin_cos(), angle(j).sin_cos());
-        [across * cosine, across * sine, z]
-    };
-    let vertices = (0..STEPS).flat_map(|i| (0..STEPS).map(move |j| point(i, j))).collect();
+    let vertices = (0..STEPS).flat_map(|i| (0..STEPS).map(move |j| on_grid(i, j))).collect();
     let at = |i: u32, j: u32| STEPS * (i % STEPS) + j % STEPS;
     let cell = |i: u32, j: u32| {
         let [here, along, around, across] = [at(i, j), at(i + 1, j), at(i, j + 1), at(i + 1, j + 1)];
@@ -193,6 +223,14 @@ pub struct StartMesh {
 pub const MAX_SPLITS: usize = 15;
 
 impl StartMesh {
+    /// The starting mesh that covers the sphere once: the sphere grid in place of the pole grid.
+    pub fn covering_once(self) -> Self {
+        match self.body {
+            Body::PoleGrid => Self { body: Body::SphereGrid, ..self },
+            _ => self,
+        }
+    }
+
     /// Number of vertices and faces.
     pub fn size(self) -> MeshSize {
         self.body.size().split(self.splits)
@@ -272,6 +310,8 @@ mod tests {
             ("octahedron/2", 66, 0),
             ("octahedron/3", 258, 0),
             ("icosahedron/2", 162, 0),
+            ("sphere_grid", 14, 0),
+            ("sphere_grid/2", 194, 0),
             ("pole_grid", 36, 1),
         ] {
             let start: StartMesh = text.parse().unwrap();
@@ -286,6 +326,16 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn the_sphere_grid_suits_every_scheme() {
+        let mesh = Body::SphereGrid.mesh();
+        let connectivity = mesh.connectivity().unwrap();
+        let valences: Vec<usize> = (0..14).map(|vertex| connectivity.valence(vertex)).collect();
+        assert_eq!(valences, [6, 6, 4, 6, 4, 6, 4, 4, 6, 4, 6, 4, 6, 6]);
+        let once: StartMesh = "pole_grid/1".parse().unwrap();
+        assert_eq!(once.covering_once().to_string(), "sphere_grid/1");
     }
 
     #[test]

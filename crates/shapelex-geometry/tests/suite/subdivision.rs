@@ -251,6 +251,39 @@ fn the_sphere_grid_is_an_exact_ellipsoid() {
     assert!((radius - 0.16824).abs() < 1e-5, "{radius}");
 }
 
+/// The closed sphere grid: every linear scheme keeps it closed, outwards and once around.
+#[test]
+fn the_closed_sphere_grid_covers_the_sphere_once() {
+    let schemes = [
+        Scheme::Blob(Frequency::Real(exact(FRAC_PI_3))),
+        Scheme::Loop(LoopWeights::Original),
+        Scheme::Loop(LoopWeights::Simplified),
+    ];
+    for scheme in schemes {
+        check_valences(scheme, &mesh_of("sphere_grid").connectivity().unwrap()).unwrap();
+        let refined = refine(scheme, &mesh_of("sphere_grid"), 4);
+        assert_eq!(refined.vertices.len(), 12 * 4_usize.pow(4) + 2);
+        assert_eq!(refined.connectivity().unwrap().genus(), 0);
+        let radii: Vec<f64> = refined.vertices.iter().map(|p| norm(*p)).collect();
+        let [least, most] = [f64::min as fn(f64, f64) -> f64, f64::max]
+            .map(|pick| radii.iter().copied().reduce(pick).unwrap());
+        let ball = |radius: f64| 4.0 / 3.0 * PI * radius.powi(3);
+        // A mesh between two spheres about the origin that covers them once encloses a volume between theirs.
+        let volume: f64 = refined
+            .faces
+            .iter()
+            .map(|face| {
+                let [a, b, c] = face.map(|vertex| refined.vertices[vertex as usize]);
+                (a[0] * (b[1] * c[2] - b[2] * c[1])
+                    + a[1] * (b[2] * c[0] - b[0] * c[2])
+                    + a[2] * (b[0] * c[1] - b[1] * c[0]))
+                    / 6.0
+            })
+            .sum();
+        assert!(least > 0.3 && ball(0.99 * least) < volume && volume < ball(most), "{volume} {least} {most}");
+    }
+}
+
 #[test]
 fn sphericity_of_the_octahedron() {
     let document = load("subdivision/sphericity.json");
@@ -274,6 +307,33 @@ fn sphericity_of_the_octahedron() {
                 assert!((found - number(&level[name])).abs() < 1e-12, "{name} of {case}");
             }
         }
+    }
+}
+
+#[test]
+fn overlap_equals_the_vectors() {
+    let document = load("segmentation/overlap.json");
+    let [size, spacing] = ["shape", "spacing_zyx"].map(|name| numbers(&document[name]));
+    let grid = Grid {
+        first: [0.0; 3],
+        spacing: [0, 1, 2].map(|axis| spacing[axis]),
+        size: [0, 1, 2].map(|axis| size[axis] as usize),
+    };
+    let [a, b] = ["a", "b"].map(|name| raster::Mask {
+        grid,
+        inside: text(&document[name]).bytes().map(|cell| cell == b'1').collect(),
+    });
+    let found = raster::overlap(&a, &b);
+    let compared = [
+        (found.jaccard, "jaccard"),
+        (found.dice, "dice"),
+        (found.hausdorff.unwrap(), "hausdorff"),
+        (found.hausdorff_95.unwrap(), "hausdorff95"),
+        (found.mean_surface_distance.unwrap(), "mean_surface_distance"),
+    ];
+    for (found, name) in compared {
+        // The vectors have 13 decimals.
+        assert!((found - number(&document[name])).abs() < 1e-12, "{name}: {found}");
     }
 }
 
@@ -310,33 +370,6 @@ fn gram_matrices_match() {
             _ => blob(&case["lambda"]),
         };
         let level = case["levels"].as_u64().unwrap() as usize;
-#[test]
-fn overlap_equals_the_vectors() {
-    let document = load("segmentation/overlap.json");
-    let [size, spacing] = ["shape", "spacing_zyx"].map(|name| numbers(&document[name]));
-    let grid = Grid {
-        first: [0.0; 3],
-        spacing: [0, 1, 2].map(|axis| spacing[axis]),
-        size: [0, 1, 2].map(|axis| size[axis] as usize),
-    };
-    let [a, b] = ["a", "b"].map(|name| raster::Mask {
-        grid,
-        inside: text(&document[name]).bytes().map(|cell| cell == b'1').collect(),
-    });
-    let found = raster::overlap(&a, &b);
-    let compared = [
-        (found.jaccard, "jaccard"),
-        (found.dice, "dice"),
-        (found.hausdorff.unwrap(), "hausdorff"),
-        (found.hausdorff_95.unwrap(), "hausdorff95"),
-        (found.mean_surface_distance.unwrap(), "mean_surface_distance"),
-    ];
-    for (found, name) in compared {
-        // The vectors have 13 decimals.
-        assert!((found - number(&document[name])).abs() < 1e-12, "{name}: {found}");
-    }
-}
-
         let connectivity = ControlMesh::Faces(faces(&case["faces"]));
         let basis = SubdivisionBasis::new(&Subdivision { scheme, level, connectivity }).unwrap();
         let operator = basis.operator();
