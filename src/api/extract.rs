@@ -4,6 +4,8 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use axum::body::Bytes;
+use axum::extract::path::ErrorKind;
+use axum::extract::rejection::PathRejection;
 use axum::extract::{FromRequest, FromRequestParts, Request};
 use axum::http::request::Parts;
 use axum::http::{HeaderMap, HeaderValue, Method, header};
@@ -129,23 +131,44 @@ impl<S: Send + Sync> FromRequestParts<S> for NoQuery {
     }
 }
 
+/// What is said of a parameter that is given twice.
+pub const TWICE: &str = "expected the parameter once, got it twice";
+
+/// Refusal of a parameter that the route does not have.
+pub fn unknown_parameter(name: &str) -> Problem {
+    Problem::of_parameter(name, format!("expected a parameter of this route, got '{name}'"))
+}
+
 /// Problem of a query that could not be parsed, from the text of the rejection.
 fn unreadable_query(text: &str) -> Problem {
     let text = text.strip_prefix("Failed to deserialize query string: ").unwrap_or(text);
     let (name, fault) = match text.split_once(": ") {
-        Some((name, fault)) if !name.contains(' ') => (format!("{name}: "), fault),
-        _ => (String::new(), text),
+        Some((name, fault)) if !name.contains(' ') => (name, fault),
+        _ => ("", text),
     };
-    let fault: String = match fault {
+    let named = |prefix: &str| fault.strip_prefix(prefix)?.split('`').next();
+    if let Some(unknown) = named("unknown field `") {
+        return unknown_parameter(unknown);
+    }
+    if let Some(repeated) = named("duplicate field `") {
+        return Problem::of_parameter(repeated, TWICE);
+    }
+    if let Some(missing) = named("missing field `") {
+        return Problem::of_parameter(missing, "required parameter is missing");
+    }
+    let detail = match fault {
         "invalid digit found in string" | "cannot parse integer from empty string" => {
             "expected a non-negative whole number".into()
         }
         "number too large to fit in target type" => "expected a smaller number".into(),
         "invalid float literal" | "cannot parse float from empty string" => "expected a number".into(),
         "provided string was not `true` or `false`" => "expected true or false".into(),
-        other => plain_sentence(other).replacen("field \"", "parameter \"", 1),
+        other => plain_sentence(other),
     };
-    Problem::new(ProblemKind::InvalidQuery, format!("{name}{fault}"))
+    if name.is_empty() {
+        return Problem::new(ProblemKind::InvalidQuery, detail);
+    }
+    Problem::of_parameter(name, detail)
 }
 
 /// Refuses query parameters that are not in `known`.
@@ -154,7 +177,7 @@ fn only(parts: &Parts, known: &[&str]) -> Result<(), Problem> {
         .map_err(|rejection| unreadable_query(&rejection.body_text()))?;
     match query.0.iter().find(|(key, _)| !known.contains(&key.as_str())) {
         None => Ok(()),
-        Some((key, _)) => Err(Problem::new(ProblemKind::InvalidQuery, format!("unknown parameter '{key}'"))),
+        Some((key, _)) => Err(unknown_parameter(key)),
     }
 }
 
@@ -182,8 +205,26 @@ impl<T: DeserializeOwned + Send, S: Send + Sync> FromRequestParts<S> for Path<T>
         axum::extract::Path::<T>::from_request_parts(parts, state)
             .await
             .map(|path| Self(path.0))
-            .map_err(|rejection| Problem::new(ProblemKind::InvalidQuery, rejection.body_text()))
+            .map_err(|rejection| unreadable_path(&rejection))
     }
+}
+
+/// Problem of path segments that could not be parsed: all are read as text.
+fn unreadable_path(rejection: &PathRejection) -> Problem {
+    let name = match rejection {
+        PathRejection::FailedToDeserializePathParams(error) => match error.kind() {
+            ErrorKind::InvalidUtf8InPathParam { key } | ErrorKind::ParseErrorAtKey { key, .. } => {
+                key.as_str()
+            }
+            _ => "",
+        },
+        _ => "",
+    };
+    let detail = "expected text in UTF-8, got other bytes";
+    if name.is_empty() {
+        return Problem::new(ProblemKind::InvalidQuery, format!("path: {detail}"));
+    }
+    Problem::of_parameter(name, detail)
 }
 
 /// Response format: `?format=json|svg`, else the `Accept` header, else JSON.
@@ -237,8 +278,8 @@ impl DrawingQuery {
         let (least, most) = Style::WIDTHS;
         let width = self.width.unwrap_or(usual.width);
         if !(least..=most).contains(&width) {
-            let detail = format!("width: expected a number between {least} and {most}, got {width}");
-            return Err(Problem::new(ProblemKind::InvalidQuery, detail));
+            let detail = format!("expected a number between {least} and {most}, got {width}");
+            return Err(Problem::of_parameter("width", detail));
         }
         Ok(Style {
             theme: self.theme.unwrap_or(usual.theme),
@@ -261,8 +302,7 @@ impl DrawingQuery {
         match given.iter().find(|(_, given)| *given) {
             None => Ok(()),
             Some((name, _)) => {
-                let detail = format!("{name}: expected only with the format svg");
-                Err(Problem::new(ProblemKind::InvalidQuery, detail))
+                Err(Problem::of_parameter(*name, "expected only with the format svg"))
             }
         }
     }
@@ -283,8 +323,8 @@ impl<S: Send + Sync> FromRequestParts<S> for Format {
             Some("json") => false,
             Some("svg") => true,
             Some(other) => {
-                let detail = format!("format: expected 'json' or 'svg', got '{other}'");
-                return Err(Problem::new(ProblemKind::InvalidQuery, detail));
+                let detail = format!("expected 'json' or 'svg', got '{other}'");
+                return Err(Problem::of_parameter("format", detail));
             }
             None => {
                 let accept = accepted(parts);
@@ -341,7 +381,6 @@ impl<S: Send + Sync> FromRequestParts<S> for ShapeFormat {
     type Rejection = Problem;
 
     async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Problem> {
-        let refused = |detail: String| Problem::new(ProblemKind::InvalidQuery, detail);
         let query = axum::extract::Query::<MeshQuery>::try_from_uri(&parts.uri)
             .map_err(|rejection| unreadable_query(&rejection.body_text()))?;
         let MeshQuery { format, grid } = query.0;
@@ -353,9 +392,8 @@ impl<S: Send + Sync> FromRequestParts<S> for ShapeFormat {
                 match numbers[..] {
                     [Some(u), Some(v)] => Some([u, v]),
                     _ => {
-                        return Err(refused(format!(
-                            "grid: expected two numbers such as 48,33, got '{text}'"
-                        )));
+                        let detail = format!("expected two numbers such as 48,33, got '{text}'");
+                        return Err(Problem::of_parameter("grid", detail));
                     }
                 }
             }
@@ -374,14 +412,15 @@ impl<S: Send + Sync> FromRequestParts<S> for ShapeFormat {
             return Ok(Self::Mesh(format, grid));
         }
         if grid.is_some() {
-            return Err(refused("grid: expected only with the formats obj, ply, stl and gltf".into()));
+            let detail = "expected only with the formats obj, ply, stl and gltf";
+            return Err(Problem::of_parameter("grid", detail));
         }
         Format::from_request_parts(parts, state).await.map(Self::Plain).map_err(|problem| {
             let known = format.is_none_or(|format| ["json", "svg"].contains(&format.as_str()));
             if known {
                 problem
             } else {
-                refused("format: expected 'json', 'svg', 'obj', 'ply', 'stl' or 'gltf'".into())
+                Problem::of_parameter("format", "expected 'json', 'svg', 'obj', 'ply', 'stl' or 'gltf'")
             }
         })
     }
@@ -463,8 +502,8 @@ impl<S: Send + Sync> FromRequestParts<S> for OnlyMatrixFormat {
             Some("csv") => MatrixFormat::Csv,
             Some("npy") => MatrixFormat::Npy,
             Some(other) => {
-                let detail = format!("format: expected 'json', 'csv' or 'npy', got '{other}'");
-                return Err(Problem::new(ProblemKind::InvalidQuery, detail));
+                let detail = format!("expected 'json', 'csv' or 'npy', got '{other}'");
+                return Err(Problem::of_parameter("format", detail));
             }
             None => {
                 let accept = accepted(parts);

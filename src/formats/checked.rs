@@ -50,7 +50,9 @@ impl<T, const MOST: usize> Checked<T, MOST> {
 impl<'de, T: DeserializeOwned, const MOST: usize> Deserialize<'de> for Checked<T, MOST> {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         let text = <&RawValue>::deserialize(deserializer)?.get();
-        read_text(text, MOST).map(|read| Self(read.map_err(Box::new))).map_err(D::Error::custom)
+        read_text(text, MOST)
+            .map(|read| Self(read.map_err(Box::new)))
+            .map_err(|error| D::Error::custom(plain(&error)))
     }
 }
 
@@ -66,7 +68,10 @@ fn read_text<T: DeserializeOwned>(text: &str, most: usize) -> Result<Result<T, F
     match serde_json::from_str(text) {
         Ok(value) => Ok(Ok(value)),
         // Read again to find the path of the fault; small texts through a `Value`, whose errors are more specific.
-        Err(_) if text.len() <= SMALL => serde_json::from_str(text).map(value_as),
+        Err(_) if text.len() <= SMALL => {
+            let value: serde_json::Value = serde_json::from_str(text)?;
+            Ok(with_path(&value).map_err(|fault| located::<T>(fault, value)))
+        }
         Err(_) => Ok(with_path(&mut serde_json::Deserializer::from_str(text))),
     }
 }
@@ -80,6 +85,64 @@ fn with_path<'de, T: DeserializeOwned, D: Deserializer<'de, Error = serde_json::
 ) -> Result<T, Fault> {
     let parsed = serde_path_to_error::deserialize(deserializer);
     parsed.map_err(|error| Fault::new(json_pointer(error.path()), plain(error.inner())))
+}
+
+/// Names of the fields that tell the variants of a type apart.
+const TAGS: [&str; 2] = ["kind", "name"];
+/// Maximum number of members that are searched for a cause, and length of the text in which they are.
+const SEARCHED: (usize, usize) = (32, 8 << 10);
+/// Maximum depth of a cause below the fault.
+const DEPTH: usize = 4;
+
+/// What the parser says of one member. Other sentences, about lengths and by types themselves, are about all of them.
+const OF_ONE_MEMBER: [&str; 4] = ["invalid type: ", "invalid value: ", "unknown variant ", "unknown field "];
+
+/// The same fault at the member that causes it. Types with a tag are read in a second step, in which the path is lost; a
+/// member is the cause if the sentence changes without it.
+fn located<T: DeserializeOwned>(mut fault: Fault, value: serde_json::Value) -> Fault {
+    let said = |value: &serde_json::Value| T::deserialize(value).err().map(|error| error.to_string());
+    let original = said(&value).unwrap_or_default();
+    let of_one_member = OF_ONE_MEMBER.iter().any(|beginning| original.starts_with(beginning));
+    if !of_one_member || value.to_string().len() > SEARCHED.1 {
+        return fault;
+    }
+    for _ in 0..DEPTH {
+        let Some(members) = value.pointer(&fault.pointer).and_then(members) else { break };
+        let causes = |member: &&String| {
+            let mut without = value.clone();
+            remove(&mut without, &fault.pointer, member);
+            said(&without).as_ref() != Some(&original)
+        };
+        let Some(cause) = members.iter().find(causes) else { break };
+        fault.pointer = format!("{}/{}", fault.pointer, cause.replace('~', "~0").replace('/', "~1"));
+    }
+    fault
+}
+
+/// Names or indices of the members of a small object or list; those that tell variants apart come last.
+fn members(value: &serde_json::Value) -> Option<Vec<String>> {
+    let names: Vec<String> = match value {
+        serde_json::Value::Object(map) => {
+            let (last, first): (Vec<&String>, Vec<&String>) =
+                map.keys().partition(|name| TAGS.contains(&name.as_str()));
+            first.into_iter().chain(last).cloned().collect()
+        }
+        serde_json::Value::Array(list) => (0..list.len()).map(|index| index.to_string()).collect(),
+        _ => return None,
+    };
+    (names.len() <= SEARCHED.0).then_some(names)
+}
+
+fn remove(value: &mut serde_json::Value, pointer: &str, member: &str) {
+    match value.pointer_mut(pointer) {
+        Some(serde_json::Value::Object(map)) => {
+            map.remove(member);
+        }
+        Some(serde_json::Value::Array(list)) => {
+            member.parse().ok().filter(|index| *index < list.len()).map(|index: usize| list.remove(index));
+        }
+        _ => {}
+    }
 }
 
 /// A value whose type depends on other fields, kept as text.
@@ -150,6 +213,16 @@ impl<'de> Deserialize<'de> for Metadata {
     }
 }
 
+/// A field that is accepted and not read.
+#[derive(Debug, Clone, Copy)]
+pub struct Ignored;
+
+impl<'de> Deserialize<'de> for Ignored {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        IgnoredAny::deserialize(deserializer).map(|_| Self)
+    }
+}
+
 /// A list of small entries, refused as soon as it exceeds the limit of a request.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Limited<T>(pub Vec<T>);
@@ -183,10 +256,39 @@ impl<'de, T: Deserialize<'de>> Deserialize<'de> for Limited<T> {
 pub type Many<T> = Checked<Limited<T>, LARGE>;
 
 /// Message of an error in words that clients know, without the place in the text.
-fn plain(error: &serde_json::Error) -> String {
+pub(super) fn plain(error: &serde_json::Error) -> String {
     let text = error.to_string();
     let place = format!(" at line {} column {}", error.line(), error.column());
-    plain_sentence(text.strip_suffix(&place).unwrap_or(&text))
+    let text = text.strip_suffix(&place).unwrap_or(&text);
+    if error.is_data() { plain_sentence(text) } else { plain_syntax(text).into() }
+}
+
+/// Translates what the parser says of text that is not JSON.
+fn plain_syntax(text: &str) -> &'static str {
+    match text {
+        "EOF while parsing a list" => "expected the end of a list, got the end of the text",
+        "EOF while parsing an object" => "expected the end of an object, got the end of the text",
+        "EOF while parsing a string" => "expected the end of a string, got the end of the text",
+        "EOF while parsing a value" => "expected a value, got the end of the text",
+        "expected `:`" => "expected a colon after the name of a field, got another character",
+        "expected `,` or `]`" => "expected a comma or the end of the list, got another character",
+        "expected `,` or `}`" => "expected a comma or the end of the object, got another character",
+        "expected ident" => "expected true, false or null, got another word",
+        "invalid escape" => "expected a known escape after a backslash, got another character",
+        "unexpected end of hex escape"
+        | "lone leading surrogate in hex escape"
+        | "invalid unicode code point" => "expected text in UTF-8, got other bytes",
+        "invalid number" => "expected a number, got another text",
+        "number out of range" => "expected a number within the range of double precision, got a larger one",
+        "key must be a string" => "expected the name of a field in quotation marks, got another character",
+        "trailing comma" => "expected another entry after a comma, got the end",
+        "trailing characters" => "expected the end of the text, got more",
+        "recursion limit exceeded" => "expected at most 127 levels of lists and objects, got more",
+        _ if text.starts_with("control character") => {
+            "expected an escape such as \\n, got a control character"
+        }
+        _ => "expected a value, got another character",
+    }
 }
 
 /// Translates a message of serde: Rust type names and backticks mean nothing to clients. Other texts stay as they are.
@@ -210,23 +312,13 @@ pub fn plain_sentence(text: &str) -> String {
     if let Some((found, wanted)) =
         text.strip_prefix("unknown field `").and_then(|rest| rest.rsplit_once("`, expected "))
     {
-        return format!("unknown field \"{found}\": expected {}", quoted(wanted));
+        return format!("expected {} as the name of a field, got \"{found}\"", quoted(wanted));
     }
     if let Some(name) = text.strip_prefix("missing field ") {
-/// A field that is accepted and not read.
-#[derive(Debug, Clone, Copy)]
-pub struct Ignored;
-
-impl<'de> Deserialize<'de> for Ignored {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        IgnoredAny::deserialize(deserializer).map(|_| Self)
-    }
-}
-
         return format!("required field {} is missing", quoted(name));
     }
     if let Some(name) = text.strip_prefix("duplicate field ") {
-        return format!("the field {} is given twice", quoted(name));
+        return format!("expected the field {} once, got it twice", quoted(name));
     }
     if text.starts_with("data did not match any variant of untagged enum") {
         return "expected another form of this value".into();
@@ -494,7 +586,8 @@ macro_rules! document {
                                 })*
                                 unknown => {
                                     let known = [$(stringify!($field)),*].join(", ");
-                                    document.fault(unknown, &format!("unknown field: expected one of {known}"));
+                                    let detail = format!("expected one of the fields {known}, got \"{unknown}\"");
+                                    document.fault(unknown, &detail);
                                     map.next_value::<serde::de::IgnoredAny>()?;
                                 }
                             }
@@ -542,6 +635,40 @@ pub fn keep_fault(faults: &mut Vec<Fault>, fault: impl FnOnce() -> Fault) {
 mod tests {
     use super::*;
 
+    #[derive(Debug, serde::Deserialize)]
+    #[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
+    #[allow(dead_code, reason = "only read")]
+    enum Tagged {
+        One { count: usize, centre: bool, places: Vec<[f64; 2]> },
+        Other { name: String },
+    }
+
+    #[test]
+    fn faults_of_types_with_a_tag_are_at_their_members() {
+        let pointer = |text: &str| {
+            let read: Checked<Tagged> = serde_json::from_str(text).unwrap();
+            let mut errors = Vec::new();
+            assert!(read.take("/method", &mut errors).is_none(), "{text}");
+            errors.remove(0).pointer
+        };
+        for (text, wanted) in [
+            (r#"{"kind": "one", "count": -3, "centre": true, "places": []}"#, "/method/count"),
+            (r#"{"kind": "one", "count": 3, "centre": 1, "places": []}"#, "/method/centre"),
+            (
+                r#"{"kind": "one", "count": 3, "centre": true, "places": [[0, 1], [2, "x"]]}"#,
+                "/method/places/1/1",
+            ),
+            (r#"{"kind": "one", "count": 3, "centre": true, "places": [[0, 1], [2]]}"#, "/method"),
+            (r#"{"kind": "one", "count": 3, "centre": true, "places": [], "a/b": 1}"#, "/method/a~1b"),
+            (r#"{"kind": "two", "count": 3}"#, "/method/kind"),
+            (r#"{"kind": "other", "name": 7}"#, "/method/name"),
+            (r#"{"kind": "other"}"#, "/method"),
+            ("[]", "/method"),
+        ] {
+            assert_eq!(pointer(text), wanted, "{text}");
+        }
+    }
+
     #[test]
     fn messages_of_serde_are_translated() {
         let said = |text: &str| plain(&serde_json::from_str::<u8>(text).unwrap_err());
@@ -554,7 +681,7 @@ mod tests {
         );
         assert_eq!(
             plain_sentence("unknown field `colour`, expected `north` or `south`"),
-            "unknown field \"colour\": expected \"north\" or \"south\""
+            "expected \"north\" or \"south\" as the name of a field, got \"colour\""
         );
         assert_eq!(plain_sentence("missing field `matrices`"), "required field \"matrices\" is missing");
         assert_eq!(

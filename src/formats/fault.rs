@@ -1,24 +1,29 @@
 //! Faults of an input, and texts that repeat parts of it.
 
-use serde::{Deserialize, Serialize};
+use serde::ser::SerializeMap;
+use serde::{Deserialize, Serialize, Serializer};
 
 use crate::geometry::capability::FieldFault;
 
 /// A single fault of an input.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize, utoipa::ToSchema)]
 #[schema(as = FaultDocument)]
 pub struct Fault {
-    /// JSON pointer into the body, or into the line of a stream.
-    #[schema(example = "/shapes/17")]
+    /// JSON pointer into the body, or into the line of a stream; absent for a parameter.
+    #[serde(default)]
+    #[schema(example = "/shapes/17", required = false)]
     pub pointer: String,
+    /// Name of a parameter of the query or the path; absent for a fault of the body.
+    #[serde(default)]
+    pub parameter: Option<String>,
     /// Description of the fault, with the offending numbers.
     pub detail: String,
     /// Position of the shape in the batch or stream, counted from 0.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(default)]
     #[schema(example = 17)]
     pub index: Option<usize>,
     /// Line of the stream, counted from 1.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(default)]
     pub line: Option<u64>,
 }
 
@@ -26,7 +31,12 @@ impl Fault {
     /// A fault at a pointer (RFC 6901); client input repeated in it is shortened.
     pub fn new(pointer: impl Into<String>, detail: impl Into<String>) -> Self {
         let (pointer, detail) = (brief_pointer(pointer.into()), brief(detail.into()));
-        Self { pointer, detail, index: None, line: None }
+        Self { pointer, parameter: None, detail, index: None, line: None }
+    }
+
+    /// A fault of a parameter of the query or the path.
+    pub fn of_parameter(name: impl Into<String>, detail: impl Into<String>) -> Self {
+        Self { parameter: Some(brief(name.into())), ..Self::new("", detail) }
     }
 
     /// The same fault with `prefix` before its pointer.
@@ -43,6 +53,24 @@ impl Fault {
     /// The same fault, of the shape at a position of the batch or stream.
     pub fn at_shape(self, index: usize) -> Self {
         Self { index: Some(index), ..self }
+    }
+}
+
+impl Serialize for Fault {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut map = serializer.serialize_map(None)?;
+        match &self.parameter {
+            Some(name) => map.serialize_entry("parameter", name)?,
+            None => map.serialize_entry("pointer", &self.pointer)?,
+        }
+        map.serialize_entry("detail", &self.detail)?;
+        if let Some(index) = self.index {
+            map.serialize_entry("index", &index)?;
+        }
+        if let Some(line) = self.line {
+            map.serialize_entry("line", &line)?;
+        }
+        map.end()
     }
 }
 
@@ -136,7 +164,7 @@ mod tests {
 
     #[test]
     fn sentences_stay_and_what_they_repeat_is_cut() {
-        let own = "unknown field: expected one of representation, correspondence, shapes".to_owned();
+        let own = "expected one of the fields representation, correspondence, shapes".to_owned();
         assert_eq!(brief(own.clone()), own);
         assert!(brief(format!("is \"{}\", must be 2", "a".repeat(1 << 20))).len() < 200);
         let word = brief(format!("is \"{}\", must be 2", "ä".repeat(300)));

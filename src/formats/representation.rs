@@ -6,7 +6,7 @@ use serde::{Deserialize, Deserializer};
 use serde_json::value::RawValue;
 use serde_json::{Map, Value};
 
-use super::checked::take_value;
+use super::checked::{plain, take_value};
 use crate::geometry::generator::{Exact, GeneratorKind, PoleList};
 use crate::geometry::representation::Representation;
 use crate::geometry::subdivision::control::ControlMesh;
@@ -58,7 +58,7 @@ impl<'de, T: Readable> Deserialize<'de> for Read<T> {
             let detail = format!("expected at most {MAX_MARKS} braces and quotation marks, got {marks}");
             return Ok(Self(Err(vec![Fault::new("", detail)])));
         }
-        let value = serde_json::from_str(text).map_err(D::Error::custom)?;
+        let value = serde_json::from_str(text).map_err(|error| D::Error::custom(plain(&error)))?;
         Ok(Self(T::read(value)))
     }
 }
@@ -300,7 +300,7 @@ impl Fields {
         let unknown: Vec<String> =
             self.map.keys().map(|key| key.replace('~', "~0").replace('/', "~1")).collect();
         for key in unknown {
-            self.error(&key, "unknown field");
+            self.error(&key, "expected no field with this name");
         }
         match value {
             Some(value) if self.errors.is_empty() => Ok(value),

@@ -292,7 +292,7 @@ pub fn draw_mode(
     let found = pca.eigenvalues.len();
     if !(1..=found).contains(&component) {
         let detail = format!("expected a number between 1 and {found}, got {component}");
-        return Err(ServiceError::Query(format!("component: {detail}")));
+        return Err(ServiceError::parameter("component", detail));
     }
     let setup = &statistics.setup;
     let mode = components.mode(component - 1, sigma).map(|shape| unwhitened(&setup.metric, &shape));

@@ -1071,19 +1071,19 @@ fn bad_requests() -> Vec<(Value, &'static str, Option<Value>, Vec<&'static str>)
         }
     };
     add(&atoms, "/method/lambda", &[json!(0), json!(-0.0), json!(-1), json!(1e200)], &["/method/lambda"]);
-    add(&atoms, "/method/lambda", &[json!("1"), json!([1]), json!({})], &["/method"]);
+    add(&atoms, "/method/lambda", &[json!("1"), json!([1]), json!({})], &["/method/lambda"]);
     // Neither, and both.
     add(&atoms, "/method/lambda", &[Value::Null], &["/method/lambda"]);
     add(&atoms, "/method/nonzeros", &[json!(2)], &["/method/nonzeros"]);
     add(&few, "/method/nonzeros", &[json!(0), json!(5), json!(1_u64 << 40)], &["/method/nonzeros"]);
-    add(&few, "/method/nonzeros", &[json!(-1), json!(1.5)], &["/method"]);
+    add(&few, "/method/nonzeros", &[json!(-1), json!(1.5)], &["/method/nonzeros"]);
     add(&atoms, "/method/atoms", &[json!(0), json!(21), json!(1025), json!(1_u64 << 60)], &["/method/atoms"]);
-    add(&atoms, "/method/atoms", &[json!(-1), json!(2.5), Value::Null], &["/method"]);
+    add(&atoms, "/method/atoms", &[json!(-1), json!(2.5), Value::Null], &["/method/atoms"]);
     add(&atoms, "/method/max_epochs", &[json!(0), json!(10_001)], &["/method/max_epochs"]);
     add(&atoms, "/method/tolerance", &[json!(-1e-9), json!(1)], &["/method/tolerance"]);
-    add(&atoms, "/method/seed", &[json!(-1), json!(0.5)], &["/method"]);
-    add(&atoms, "/method/schedule", &[json!("often")], &["/method"]);
-    add(&atoms, "/method/colour", &[json!("red")], &["/method"]);
+    add(&atoms, "/method/seed", &[json!(-1), json!(0.5)], &["/method/seed"]);
+    add(&atoms, "/method/schedule", &[json!("often")], &["/method/schedule"]);
+    add(&atoms, "/method/colour", &[json!("red")], &["/method/colour"]);
     add(&modes, "/method/components", &[json!(0), json!(1025)], &["/method/components"]);
     add(&modes, "/method/kind", &[json!("magic"), Value::Null], &["/method/kind"]);
     add(&modes, "/method", &[json!("functional_pca"), json!([]), Value::Null], &["/method"]);

@@ -17,6 +17,7 @@ mod http_dictionaries;
 mod http_drawings;
 mod http_input;
 mod http_jobs;
+mod http_language;
 mod http_limits;
 mod http_novelty;
 mod http_operations;

@@ -499,8 +499,13 @@ impl Reply {
         assert!(!problem["title"].as_str().unwrap().is_empty(), "{what}: {problem}");
         assert!(!problem["detail"].as_str().unwrap().is_empty(), "{what}: {problem}");
         for error in problem["errors"].as_array().unwrap() {
-            let pointer = error["pointer"].as_str().unwrap();
-            assert!(pointer.is_empty() || pointer.starts_with('/'), "{what}: {error}");
+            match (error["pointer"].as_str(), error["parameter"].as_str()) {
+                (Some(pointer), None) => {
+                    assert!(pointer.is_empty() || pointer.starts_with('/'), "{what}: {error}");
+                }
+                (None, Some(name)) => assert!(!name.is_empty(), "{what}: {error}"),
+                _ => panic!("neither a pointer nor a parameter, or both: {what}: {error}"),
+            }
             assert!(!error["detail"].as_str().unwrap().is_empty(), "{what}: {error}");
         }
     }
@@ -509,7 +514,9 @@ impl Reply {
 /// The pointers of the errors of a problem document, in order.
 pub(crate) fn pointers_of(problem: &Value) -> Vec<String> {
     let errors = problem["errors"].as_array().unwrap();
-    errors.iter().map(|error| error["pointer"].as_str().unwrap().to_owned()).collect()
+    // Faults of parameters have a name in place of a pointer.
+    let of_body = errors.iter().filter(|error| error["parameter"].is_null());
+    of_body.map(|error| error["pointer"].as_str().unwrap().to_owned()).collect()
 }
 
 /// Where a list holds null: a number that was not finite is written so.

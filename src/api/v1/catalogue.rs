@@ -9,7 +9,7 @@ use serde_json::{Map, Value};
 
 use super::request_macros::{class_names, rows};
 use crate::analysis::transformation::{ClassName, TransformationClass};
-use crate::api::extract::{BesideFormat, DrawingQuery, Format, NoQuery, Path};
+use crate::api::extract::{BesideFormat, DrawingQuery, Format, NoQuery, Path, TWICE};
 use crate::api::problem::Problem;
 use crate::api::respond::{json, svg};
 use crate::formats::representation::read_generator;
@@ -114,18 +114,17 @@ fn read_query(
         if key == "control_points" {
             let parsed = text.parse::<usize>();
             let number = parsed.map_err(|_| {
-                ServiceError::Query(format!(
-                    "control_points: expected a non-negative whole number, got '{text}'"
-                ))
+                let detail = format!("expected a non-negative whole number, got '{text}'");
+                ServiceError::parameter("control_points", detail)
             })?;
             if count.replace(number).is_some() {
-                return Err(ServiceError::Query("control_points is given twice".into()));
+                return Err(ServiceError::parameter("control_points", TWICE));
             }
             continue;
         }
         let value = serde_json::from_str(&text).unwrap_or(Value::String(text));
         if key == "name" || fields.insert(key.clone(), value).is_some() {
-            return Err(ServiceError::Query(format!("{key} is given twice")));
+            return Err(ServiceError::parameter(key, TWICE));
         }
     }
     let known = ["trigonometric", "keys", "bspline", "exponential", "interpolator"];
@@ -133,13 +132,10 @@ fn read_query(
         return Err(ServiceError::NotFound { kind: "generator", key: name });
     }
     fields.insert("name".into(), Value::String(name));
-    let as_query = |errors: Vec<Fault>| {
-        let text: Vec<String> = errors
-            .iter()
-            .map(|error| format!("{}: {}", error.pointer.trim_start_matches('/'), error.detail))
-            .collect();
-        ServiceError::Query(text.join("; "))
-    };
+    let as_parameter =
+        |error: Fault| generators::parameter_fault(error.pointer.trim_start_matches('/'), error.detail);
+    let as_query =
+        |errors: Vec<Fault>| ServiceError::Parameters(errors.into_iter().map(as_parameter).collect());
     read_generator(Value::Object(fields)).map(|kind| (kind, count)).map_err(as_query)
 }
 

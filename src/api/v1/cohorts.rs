@@ -14,7 +14,7 @@ use crate::api::extract::{
     BesideFormat, Caller, DrawingQuery, Format, IfMatch, JsonBody, NoQuery, Path, Query, ShapeFormat,
     ShapeFormatQuery,
 };
-use crate::api::problem::{Problem, ProblemKind};
+use crate::api::problem::Problem;
 use crate::api::respond::{Binary, compute, json, mesh, svg};
 use crate::domain::cohort::{Cohort, CohortSpec};
 use crate::formats::checked::{Checked, document, take_given, take_or_default};
@@ -330,8 +330,8 @@ fn mean_tag(cohort: &Cohort, query: &MeanQuery, format: ShapeFormat) -> String {
 fn take_mean_query(pairs: Vec<(String, String)>) -> Result<(MeanQuery, bool), Problem> {
     let mut parameters = Parameters::once_each(pairs)?;
     let transformation = parameters.take_word::<ClassName>("transformation")?.ok_or_else(|| {
-        let detail = "transformation: required parameter is missing, such as similarity or affine";
-        Problem::new(ProblemKind::InvalidQuery, detail)
+        let detail = "required parameter is missing, such as similarity or affine";
+        Problem::of_parameter("transformation", detail)
     })?;
     let query = MeanQuery {
         transformation,

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::coding::UsedDictionary;
 use crate::analysis::dictionary::drift::{ClassDrift, Drift, MeanDrift, MeasureDrift, ScoreDrift};
 use crate::api::extract::{Caller, Path, Query};
-use crate::api::problem::{Problem, ProblemKind};
+use crate::api::problem::Problem;
 use crate::api::respond::json;
 use crate::service::dictionaries::coding::outlier_warnings;
 use crate::service::dictionaries::drift::{CohortDrift, Since};
@@ -123,8 +123,7 @@ fn since_of(text: &str) -> Result<Since, Problem> {
     }
     let time: Result<jiff::Timestamp, _> = text.parse();
     time.map(|time| Since::Time(time.as_millisecond())).map_err(|_| {
-        let detail =
-            format!("since: expected a revision or a time such as 2026-01-31T12:00:00Z, got '{text}'");
-        Problem::new(ProblemKind::InvalidQuery, detail)
+        let detail = format!("expected a revision or a time such as 2026-01-31T12:00:00Z, got '{text}'");
+        Problem::of_parameter("since", detail)
     })
 }

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::analysis::alignment::MeanShape;
 use crate::analysis::transformation::ClassName;
-use crate::api::problem::{Problem, ProblemKind};
+use crate::api::problem::Problem;
 use crate::domain::job::Priority;
 use crate::formats::checked::{Checked, take_or_default};
 use crate::formats::shape::{Points, ShapeInput};
@@ -252,8 +252,8 @@ impl PageQuery {
         if (1..=MAX_PAGE).contains(&limit) {
             return Ok(limit);
         }
-        let detail = format!("limit: expected a number between 1 and {MAX_PAGE}, got {limit}");
-        Err(Problem::new(ProblemKind::InvalidQuery, detail))
+        let detail = format!("expected a number between 1 and {MAX_PAGE}, got {limit}");
+        Err(Problem::of_parameter("limit", detail))
     }
 }
 
@@ -279,8 +279,8 @@ pub(super) fn known(headers: &HeaderMap, tag: &str) -> bool {
 /// Another text.
 pub(super) fn milliseconds(name: &str, text: &str) -> Result<i64, Problem> {
     let time = text.parse::<jiff::Timestamp>().map_err(|_| {
-        let detail = format!("{name}: expected a time such as 2026-01-31T12:00:00Z");
-        Problem::new(ProblemKind::InvalidQuery, detail)
+        let detail = format!("expected a time such as 2026-01-31T12:00:00Z, got '{text}'");
+        Problem::of_parameter(name, detail)
     })?;
     Ok(time.as_millisecond())
 }

@@ -7,7 +7,8 @@ use std::collections::BTreeMap;
 
 use serde::de::DeserializeOwned;
 
-use crate::api::problem::{Problem, ProblemKind};
+use crate::api::extract::{TWICE, unknown_parameter};
+use crate::api::problem::Problem;
 use crate::domain::shape::ShapeFilter;
 use crate::formats::checked::plain_sentence;
 
@@ -44,7 +45,7 @@ impl Parameters {
         for (name, value) in pairs {
             let name = dotted(&name).unwrap_or(name);
             if parameters.contains_key(&name) {
-                return Err(Problem::new(ProblemKind::InvalidQuery, format!("'{name}' is given twice")));
+                return Err(Problem::of_parameter(name, TWICE));
             }
             parameters.insert(name, value);
         }
@@ -62,10 +63,9 @@ impl Parameters {
     /// Another word.
     pub(super) fn take_word<T: DeserializeOwned>(&mut self, name: &str) -> Result<Option<T>, Problem> {
         let Some(word) = self.take(name) else { return Ok(None) };
-        serde_json::from_value(word.into()).map(Some).map_err(|error| {
-            let detail = format!("{name}: {}", plain_sentence(&error.to_string()));
-            Problem::new(ProblemKind::InvalidQuery, detail)
-        })
+        serde_json::from_value(word.into())
+            .map(Some)
+            .map_err(|error| Problem::of_parameter(name, plain_sentence(&error.to_string())))
     }
 
     /// Takes one parameter that is `true` or `false`; default: false.
@@ -77,8 +77,7 @@ impl Parameters {
             None | Some("false") => Ok(false),
             Some("true") => Ok(true),
             Some(other) => {
-                let detail = format!("{name}: expected true or false, got '{other}'");
-                Err(Problem::new(ProblemKind::InvalidQuery, detail))
+                Err(Problem::of_parameter(name, format!("expected true or false, got '{other}'")))
             }
         }
     }
@@ -102,7 +101,7 @@ impl Parameters {
     pub(super) fn refuse_rest(&self) -> Result<(), Problem> {
         match self.0.keys().next() {
             None => Ok(()),
-            Some(name) => Err(Problem::new(ProblemKind::InvalidQuery, format!("unknown parameter '{name}'"))),
+            Some(name) => Err(unknown_parameter(name)),
         }
     }
 }

@@ -205,7 +205,7 @@ pub(super) async fn list_shapes(
     let mut parameters = Parameters::once_each(pairs)?;
     let filter = parameters.take_filter();
     let limit = parameters.take("limit").map(|text| text.parse()).transpose();
-    let limit = limit.map_err(|_| Problem::new(ProblemKind::InvalidQuery, "limit: expected a number"))?;
+    let limit = limit.map_err(|_| Problem::of_parameter("limit", "expected a non-negative whole number"))?;
     let page = PageQuery { cursor: parameters.take("cursor"), limit };
     parameters.refuse_rest()?;
     let limit = page.limit()?;

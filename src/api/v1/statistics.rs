@@ -397,6 +397,6 @@ impl ModeQuery {
         if (0.0..=10.0).contains(&sigma) {
             return Ok(sigma);
         }
-        Err(ServiceError::Query(format!("sigma: expected a number between 0 and 10, got {sigma}")))
+        Err(ServiceError::parameter("sigma", format!("expected a number between 0 and 10, got {sigma}")))
     }
 }

@@ -273,7 +273,10 @@ fn answer_mesh(refined: RefinedMesh, format: ShapeFormat) -> Result<Response, Se
             return Ok(svg(&layout::draw("a refined mesh", vec![layer]).to_scale(None), &style));
         }
         ShapeFormat::Mesh(_, Some(_)) => {
-            return Err(ServiceError::Query("grid belongs to tensor-product surfaces".into()));
+            return Err(ServiceError::parameter(
+                "grid",
+                "expected none: a grid belongs to tensor-product surfaces",
+            ));
         }
         ShapeFormat::Mesh(format, None) => {
             let mesh = match limit {
@@ -319,9 +322,8 @@ fn answer_polyline(curve: RefinedCurve, closed: bool, format: ShapeFormat) -> Re
             return Ok(svg(&layout::draw("a refined polyline", vec![layer]).to_scale(None), &style));
         }
         ShapeFormat::Mesh(..) => {
-            return Err(ServiceError::Query(
-                "only meshes are written as meshes: ask for 'json' or 'svg'".into(),
-            ));
+            let detail = "expected 'json' or 'svg': only meshes are written as meshes";
+            return Err(ServiceError::parameter("format", detail));
         }
     }
     let points = |list: &[[f64; 3]]| Points::from_columns(columns(list), dimension);

@@ -166,7 +166,7 @@ async fn cohort_ids(app: &App, keys: &[String]) -> Result<Vec<String>, ServiceEr
 /// An invalid cursor.
 pub async fn list(app: &App, cursor: Option<&str>, limit: usize) -> Result<Page<Key>, ServiceError> {
     if cursor.is_some_and(|cursor| !is_id(cursor)) {
-        return Err(ServiceError::Query("cursor: expected a cursor of this list".into()));
+        return Err(ServiceError::foreign_cursor());
     }
     let mut items = app.store.list_keys(&app.principal.tenant, cursor, limit + 1).await?;
     let next = (items.len() > limit).then(|| items[limit - 1].id.clone());

@@ -30,9 +30,12 @@ pub enum ServiceError {
         /// Number of shapes needed.
         needed: usize,
     },
-    /// A query parameter breaks a rule.
+    /// A header or the text of a request breaks a rule.
     #[error("{0}")]
     Query(String),
+    /// Parameters of the query or the path break a rule.
+    #[error("invalid parameters: {}", faults_text(.0))]
+    Parameters(Vec<Fault>),
     /// Nothing has this name or id.
     #[error("{kind} '{key}' not found")]
     NotFound {
@@ -153,6 +156,16 @@ impl ServiceError {
     /// An error with a single fault.
     pub fn invalid(pointer: impl Into<String>, detail: impl Into<String>) -> Self {
         Self::Invalid(vec![Fault::new(pointer, detail)].into())
+    }
+
+    /// The fault of a parameter of the query or the path.
+    pub fn parameter(name: impl Into<String>, detail: impl Into<String>) -> Self {
+        Self::Parameters(vec![Fault::of_parameter(name, detail)])
+    }
+
+    /// The fault of a cursor that another list, or none, has given.
+    pub fn foreign_cursor() -> Self {
+        Self::parameter("cursor", "expected a cursor of this list, got another text")
     }
 
     /// Input errors, located below a pointer.

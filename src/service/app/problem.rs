@@ -107,6 +107,11 @@ impl Problem {
         Self { kind, detail: brief(detail.into()), errors: Vec::new() }
     }
 
+    /// The refusal of a parameter of the query or the path.
+    pub fn of_parameter(name: impl Into<String>, detail: impl Into<String>) -> Self {
+        Self::with(ProblemKind::InvalidQuery, vec![Fault::of_parameter(name, detail)])
+    }
+
     fn with(kind: ProblemKind, errors: Vec<Fault>) -> Self {
         let found = errors.len();
         Self::from_first(kind, errors, found)
@@ -116,9 +121,11 @@ impl Problem {
     fn from_first(kind: ProblemKind, errors: Vec<Fault>, found: usize) -> Self {
         let detail = match errors.as_slice() {
             [] => kind.title().into(),
-            [one] if one.pointer.is_empty() => one.detail.clone(),
-            [one] => format!("{}: {}", one.pointer, one.detail),
-            [first, ..] => format!("{found} errors, the first at '{}': {}", first.pointer, first.detail),
+            [one] => match place(one) {
+                "" => one.detail.clone(),
+                place => format!("{place}: {}", one.detail),
+            },
+            [first, ..] => format!("{found} errors, the first at '{}': {}", place(first), first.detail),
         };
         Self { kind, detail: brief(detail), errors }
     }
@@ -168,6 +175,11 @@ impl Problem {
     }
 }
 
+/// Where a fault is, for a sentence.
+fn place(fault: &Fault) -> &str {
+    fault.parameter.as_deref().unwrap_or(&fault.pointer)
+}
+
 impl From<ServiceError> for Problem {
     fn from(error: ServiceError) -> Self {
         let detail = error.to_string();
@@ -193,6 +205,7 @@ impl From<ServiceError> for Problem {
             ServiceError::Forbidden(_) => Self::new(ProblemKind::Forbidden, detail),
             ServiceError::TooLarge(fault) => Self::with(ProblemKind::PayloadTooLarge, vec![fault]),
             ServiceError::Query(_) => Self::new(ProblemKind::InvalidQuery, detail),
+            ServiceError::Parameters(faults) => Self::with(ProblemKind::InvalidQuery, faults),
             ServiceError::Interrupted(_) => Self::new(ProblemKind::InterruptedBody, detail),
             ServiceError::Unavailable(_) | ServiceError::Cancelled => {
                 Self::new(ProblemKind::Unavailable, detail)

@@ -408,12 +408,11 @@ pub async fn prune(app: &App, days: u32) -> Result<(), ServiceError> {
 /// beginning.
 ///
 /// # Errors
-/// [`ServiceError::Query`] if the time is less than [`MIN_AGE_MS`] ago.
+/// [`ServiceError::Parameters`] if the time is less than [`MIN_AGE_MS`] ago.
 pub async fn remove(app: &App, before_ms: i64) -> Result<Beginning, ServiceError> {
     if before_ms > now_ms() - MIN_AGE_MS {
-        let detail =
-            "before: expected a time at least 24 hours ago, because entries of the last day are not removed";
-        return Err(ServiceError::Query(detail.into()));
+        let detail = "expected a time at least 24 hours ago, because entries of the last day are not removed";
+        return Err(ServiceError::parameter("before", detail));
     }
     let tenant = &app.principal.tenant;
     let removed = app.store.prune_audit_of(tenant, before_ms).await?;
@@ -463,7 +462,7 @@ pub async fn list(
 /// An invalid cursor.
 pub fn place(cursor: Option<&str>) -> Result<u64, ServiceError> {
     let place = cursor.map(str::parse).transpose();
-    let place = place.map_err(|_| ServiceError::Query("cursor: expected a cursor of this list".into()))?;
+    let place = place.map_err(|_| ServiceError::foreign_cursor())?;
     Ok(place.unwrap_or(0))
 }
 
@@ -635,7 +634,7 @@ mod tests {
         app.store.append_audit(&[aged(9), aged(8), aged(2), aged(0)]).await.unwrap();
         let all = list_after(&app, &AuditFilter::default(), 0, 10).await.unwrap();
         for before in [now_ms(), now_ms() - MIN_AGE_MS + 60_000] {
-            assert!(matches!(remove(&app, before).await, Err(ServiceError::Query(_))));
+            assert!(matches!(remove(&app, before).await, Err(ServiceError::Parameters(_))));
         }
         let beginning = remove(&app, now_ms() - 3 * DAY_MS).await.unwrap();
         let digest = blake3::Hash::from_bytes(all[1].digest).to_hex().to_string();

@@ -165,7 +165,7 @@ pub async fn delete(app: &App, key: &str, expected: Option<Expected>) -> Result<
 /// An invalid cursor; a failure of the store.
 pub async fn list(app: &App, cursor: Option<&str>, limit: usize) -> Result<Page<Cohort>, ServiceError> {
     if cursor.is_some_and(|cursor| !cursor.starts_with(&format!("{}_", id::COHORT))) {
-        return Err(ServiceError::Query("cursor: expected a cursor of this list".into()));
+        return Err(ServiceError::foreign_cursor());
     }
     let mut items = app.store.list_cohorts(cursor, limit + 1).await?;
     let next = (items.len() > limit).then(|| items[limit - 1].id.clone());
@@ -185,11 +185,8 @@ pub async fn list_shapes(
     limit: usize,
 ) -> Result<(Cohort, Page<Shape>), ServiceError> {
     let cohort = find(app, key).await?;
-    let after = cursor
-        .map(|cursor| {
-            cursor.parse().map_err(|_| ServiceError::Query("cursor: expected a cursor of this list".into()))
-        })
-        .transpose()?;
+    let after =
+        cursor.map(|cursor| cursor.parse().map_err(|_| ServiceError::foreign_cursor())).transpose()?;
     let limit = limit.min(most_of_a_page(&cohort));
     let page = app.store.list_shapes(&cohort.id, filter, after, limit).await?;
     Ok((cohort, (page.shapes, page.next.map(|cursor| cursor.to_string()))))

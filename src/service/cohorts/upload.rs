@@ -383,7 +383,7 @@ fn located(error: StoreError, first: usize, lines: &[Option<u64>], prefix: &str)
         if prefix.is_empty() { "/external_id".into() } else { format!("{prefix}{index}/external_id") };
     let detail =
         format!("the external id '{external_id}' belongs to another shape of the cohort, with other content");
-    ServiceError::ExternalIdConflict(Fault { pointer, detail, index: Some(index), line })
+    ServiceError::ExternalIdConflict(Fault { index: Some(index), line, ..Fault::new(pointer, detail) })
 }
 
 impl Incoming {

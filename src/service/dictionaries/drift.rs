@@ -46,9 +46,8 @@ pub async fn drift(
     quantile: f64,
 ) -> Result<CohortDrift, ServiceError> {
     super::coding::check_quantile(quantile).map_err(|_| {
-        ServiceError::Query(format!(
-            "quantile: expected a number of at least 0.5 and below 1, got {quantile}"
-        ))
+        let detail = format!("expected a number of at least 0.5 and below 1, got {quantile}");
+        ServiceError::parameter("quantile", detail)
     })?;
     let provenance = &ready.listed.provenance;
     let cohort = app.store.find_cohort(&provenance.cohort).await?;
@@ -81,11 +80,9 @@ async fn first_revision(
         Since::Training => Ok(ready.listed.provenance.cohort_revision),
         Since::Revision(revision) if revision <= cohort.revision => Ok(revision),
         Since::Revision(revision) => {
-            let detail = format!(
-                "since: expected at most {}, the revision of the cohort, got {revision}",
-                cohort.revision
-            );
-            Err(ServiceError::Query(detail))
+            let detail =
+                format!("expected at most {}, the revision of the cohort, got {revision}", cohort.revision);
+            Err(ServiceError::parameter("since", detail))
         }
         Since::Time(ms) => Ok(app.store.revision_before(&cohort.id, ms).await?),
     }

@@ -18,17 +18,18 @@ pub fn draw_atoms(ready: &Ready) -> Drawing {
 /// A component that does not exist, a sparse dictionary, a sigma out of bounds.
 pub fn mode(ready: &Ready, component: usize, sigma: f64) -> Result<Mode, ServiceError> {
     if ready.dictionary.content.method.is_sparse() {
-        return Err(ServiceError::Query("a sparse dictionary has atoms, not modes: see …/atoms".into()));
+        let detail = "expected a dictionary of components: a sparse one has atoms, see …/atoms";
+        return Err(ServiceError::parameter("dictionary", detail));
     }
     let found = ready.dictionary.model.len();
     let absent = || {
-        ServiceError::Query(format!("component: expected a number between 1 and {found}, got {component}"))
+        let detail = format!("expected a number between 1 and {found}, got {component}");
+        ServiceError::parameter("component", detail)
     };
     let position = component.checked_sub(1).filter(|position| *position < found).ok_or_else(absent)?;
     if !(sigma.is_finite() && sigma.abs() <= MAX_SIGMA) {
-        return Err(ServiceError::Query(format!(
-            "sigma: expected a number within ±{MAX_SIGMA}, got {sigma}"
-        )));
+        let detail = format!("expected a number within ±{MAX_SIGMA}, got {sigma}");
+        return Err(ServiceError::parameter("sigma", detail));
     }
     ready.dictionary.mode(position, sigma).ok_or_else(absent)
 }

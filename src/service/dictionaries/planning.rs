@@ -299,7 +299,7 @@ pub async fn list(
     limit: usize,
 ) -> Result<Page<Listed>, ServiceError> {
     if cursor.is_some_and(|cursor| !cursor.starts_with(&format!("{}_", id::DICTIONARY))) {
-        return Err(ServiceError::Query("cursor: expected a cursor of this list".into()));
+        return Err(ServiceError::foreign_cursor());
     }
     let cohort = match cohort {
         // Dictionaries outlive their cohort: its id still finds them.

@@ -85,7 +85,7 @@ pub async fn list(
     limit: usize,
 ) -> Result<Page<Job>, ServiceError> {
     if cursor.is_some_and(|cursor| !cursor.starts_with(&format!("{}_", id::JOB))) {
-        return Err(ServiceError::Query("cursor: expected a cursor of this list".into()));
+        return Err(ServiceError::foreign_cursor());
     }
     let mut items = app.store.list_jobs(filter, cursor, limit + 1).await?;
     let next = (items.len() > limit).then(|| items[limit - 1].id.clone());

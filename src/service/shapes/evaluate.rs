@@ -92,7 +92,7 @@ impl EvaluateTask {
     /// Mesh of the only shape, at `grid`. Default: the grid of the parameters, if they form one.
     ///
     /// # Errors
-    /// Faults of the shape; several shapes; [`ServiceError::Query`] for shapes that are not surfaces and for invalid grids.
+    /// Faults of the shape; several shapes; [`ServiceError::Parameters`] for shapes that are not surfaces and for invalid grids.
     pub fn mesh(
         &self,
         app: &App,
@@ -102,7 +102,8 @@ impl EvaluateTask {
         let Some(parameters) = &self.parameters else {
             let meshes = self.meshes(app, shapes, Detail::Whole)?;
             if grid.is_some() {
-                return Err(ServiceError::Query("grid belongs to tensor-product surfaces".into()));
+                let detail = "expected none: a grid belongs to tensor-product surfaces";
+                return Err(ServiceError::parameter("grid", detail));
             }
             return match <[TriangleMesh; 1]>::try_from(meshes) {
                 Ok([mesh]) => Ok(with_normals(mesh)),

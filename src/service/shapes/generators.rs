@@ -1,19 +1,26 @@
 //! Properties of a generator asked for in a query.
 
+use crate::formats::fault::Fault;
 use crate::geometry::capability::FieldFault;
 use crate::geometry::generator::GeneratorKind;
 use crate::geometry::generator::details::GeneratorDetails;
 use crate::service::app::ServiceError;
 
+/// The fault of a parameter at a place such as `poles/0`; a fault of the whole generator belongs to its name.
+pub fn parameter_fault(place: &str, detail: String) -> Fault {
+    match place.split_once('/') {
+        Some((name, rest)) => Fault::of_parameter(name, format!("at /{rest}: {detail}")),
+        None if place.is_empty() => Fault::of_parameter("name", detail),
+        None => Fault::of_parameter(place, detail),
+    }
+}
+
 /// Builds and describes a generator.
 ///
 /// # Errors
-/// [`ServiceError::Query`] with all faults of the parameters.
+/// [`ServiceError::Parameters`] with all faults of the parameters.
 pub fn describe(kind: GeneratorKind, count: Option<usize>) -> Result<GeneratorDetails, ServiceError> {
-    let text = |FieldFault { field, detail }: FieldFault| match field.as_str() {
-        "" => detail,
-        field => format!("{field}: {detail}"),
-    };
+    let fault = |FieldFault { field, detail }| parameter_fault(&field, detail);
     GeneratorDetails::new(kind, count)
-        .map_err(|faults| ServiceError::Query(faults.into_iter().map(text).collect::<Vec<_>>().join("; ")))
+        .map_err(|faults| ServiceError::Parameters(faults.into_iter().map(fault).collect()))
 }

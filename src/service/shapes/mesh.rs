@@ -24,29 +24,29 @@ const MAX_VERTICES: usize = 250_000;
 /// bounds. A subdivision surface has the mesh of its level.
 ///
 /// # Errors
-/// [`ServiceError::Query`] for shapes that are not surfaces and for invalid grids.
+/// [`ServiceError::Parameters`] for shapes that are not surfaces and for invalid grids.
 pub fn mesh_of(
     space: &ShapeSpace,
     control_points: &[f64],
     grid: Option<[usize; 2]>,
 ) -> Result<TriangleMesh, ServiceError> {
-    let refused = |detail: String| Err(ServiceError::Query(detail));
+    let refused = |name: &str, detail: String| Err(ServiceError::parameter(name, detail));
     let grid = match space.domain() {
         Domain::Vertices if grid.is_some() => {
-            return refused(
-                "grid belongs to tensor-product surfaces: a subdivision surface has a level".into(),
-            );
+            let detail =
+                "expected none: a grid belongs to tensor-product surfaces, a subdivision surface has a level";
+            return refused("grid", detail.into());
         }
         Domain::Vertices => None,
         Domain::Sheet { extent, seam } => {
             let grid = grid.unwrap_or_else(|| extent.usual_grid());
             if let Some(detail) = extent.grid_fault(seam, grid, MAX_VERTICES) {
-                return refused(format!("grid: {detail}"));
+                return refused("grid", detail);
             }
             Some(grid)
         }
         Domain::Points | Domain::Line { .. } => {
-            return refused("only surfaces are written as meshes: ask for 'json' or 'svg'".into());
+            return refused("format", "expected 'json' or 'svg': only surfaces are written as meshes".into());
         }
     };
     let rows = Matrix::from_column_slice(space.gram().size(), 3, control_points);
