@@ -71,6 +71,22 @@ impl Selection<'_> {
         query
     }
 
+    /// `SELECT DISTINCT name`: the further attributes that the selected shapes have. Cost: one pass over their attributes.
+    pub(super) fn attribute_names<'c>(&self, read: &'c mut Transaction) -> Query<'c> {
+        const NAMES: &str =
+            "SELECT DISTINCT k.key AS name FROM chunk AS c CROSS JOIN shape AS s ON s.chunk_id = c.id, ";
+        let is_postgres = read.is_postgres();
+        let mut query = sql(read, NAMES).persistent(false);
+        query.push(if is_postgres {
+            "json_object_keys(s.labels::json) AS k (key) WHERE c.cohort = "
+        } else {
+            "json_each(s.labels) AS k WHERE c.cohort = "
+        });
+        query.push_bind(self.cohort);
+        self.push_visibility(&mut query);
+        query
+    }
+
     fn is_indexed(&self) -> bool {
         self.filter.label.is_some() || self.filter.subject.is_some()
     }

@@ -1,5 +1,6 @@
 //! Shapes of a cohort: find, list, count, delete.
 
+use std::collections::BTreeSet;
 use std::fmt;
 use std::str::FromStr;
 
@@ -206,6 +207,34 @@ impl Store {
         let selection = Selection { cohort, revisions, filter, after: (0, -1) };
         let rows = selection.page(&mut read, COLUMNS, limit).all().await?;
         blocking(move || rows.iter().map(read_description).collect()).await
+    }
+
+    /// Names of the attributes that shapes of the cohort have: `label`, `subject` and `labels.<attribute>`. Cost: one pass
+    /// over the attributes of all shapes.
+    ///
+    /// # Errors
+    /// [`StoreError::CohortGone`].
+    pub async fn attribute_names(
+        &self,
+        cohort_id: &str,
+        revisions: Revisions,
+    ) -> Result<BTreeSet<String>, StoreError> {
+        let mut read = self.begin_read().await?;
+        let cohort = self.number(&mut read, cohort_id).await?;
+        let all = ShapeFilter::default();
+        let selection = Selection { cohort, revisions, filter: &all, after: (0, -1) };
+        let mut names = BTreeSet::new();
+        for row in selection.attribute_names(&mut read).all().await? {
+            let name: String = row.get("name")?;
+            names.insert(format!("labels.{name}"));
+        }
+        for (name, given) in [("label", "count(s.label)"), ("subject", "count(s.subject)")] {
+            let count: i64 = selection.select(&mut read, given).scalar().await?;
+            if count > 0 {
+                names.insert(name.into());
+            }
+        }
+        Ok(names)
     }
 
     /// Number of shapes of the cohort between the revisions that pass the filter.

@@ -653,7 +653,7 @@ fn covariates_sizes_and_missing_values() {
         ("unknown", with("covariates", json!(["labels.height", "sex"])), vec!["/covariates/1"]),
         ("unknown", with("covariates", json!(["labels.height"])), vec!["/covariates/0"]),
         ("no freedom", with("covariates", json!(["labels.mixed"])), vec!["/covariates"]),
-        ("empty", with("filter", json!({"label": "x"})), vec!["/filter"]),
+        ("empty", with("filter", json!({"label": "x"})), vec!["/filter/label"]),
         ("strata", with("strata", json!("labels.age")), vec!["/strata"]),
         ("permutations", with("permutations", json!(1_000_000)), vec!["/permutations"]),
         ("missing", with("missing", json!("guess")), vec!["/missing"]),

@@ -1134,8 +1134,8 @@ fn what_cannot_be_learnt_is_refused_before_there_is_a_job() {
     let modes = request("never", "blobs", &components(3, true));
     let refused: [(&str, Value, Wanted); 3] = [
         ("/cohort", json!("nothing"), Wanted::new(404, "not-found", &[])),
-        ("/filter", json!({"label": "nothing"}), Wanted::new(422, "invalid-input", &["/filter"])),
-        ("/filter", json!({"labels": {"a": "b"}}), Wanted::new(422, "invalid-input", &["/filter"])),
+        ("/filter", json!({"label": "nothing"}), Wanted::new(422, "invalid-input", &["/filter/label"])),
+        ("/filter", json!({"labels": {"a": "b"}}), Wanted::new(422, "invalid-input", &["/filter/labels/a"])),
     ];
     for (pointer, value, wanted) in refused {
         let reply = server.post("/v1/dictionaries", &with(&modes, pointer, Some(value.clone())));

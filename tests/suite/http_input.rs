@@ -151,3 +151,67 @@ fn a_pole_grid_to_start_from_covers_the_sphere_once() {
         server.post("/v1/cohorts/grids/shapes", &json!({"shapes": [{"control_points": [[0, 0, 0]]}]}));
     assert!(problem.expect(422)["detail"].as_str().unwrap().contains("expected 36 control points"));
 }
+
+#[test]
+fn a_filter_on_an_attribute_that_no_shape_has_is_refused() {
+    let server = Server::fresh();
+    new_cohort(&server, "plates", "cyclic");
+    let shape = |k: usize| {
+        let points: Vec<[f64; 2]> = PLAIN.iter().map(|[x, y]| [x * (1.0 + k as f64), *y]).collect();
+        json!({"points": points, "external_id": k.to_string(), "label": "a", "labels": {"plate": k % 2, "once": null}})
+    };
+    let mut shapes: Vec<Value> = (0..6).map(shape).collect();
+    shapes[5]["labels"] = json!({"a/b": "x"});
+    // In a cohort without shapes any attribute may come later.
+    assert_eq!(server.get("/v1/cohorts/plates/shapes?labels.plaet=1").expect(200)["items"], json!([]));
+    server.post("/v1/cohorts/plates/shapes", &json!({ "shapes": shapes })).expect(201);
+
+    let list = |query: &str| server.get(&format!("/v1/cohorts/plates/shapes?{query}"));
+    assert_eq!(list("labels.plate=none").expect(200)["items"], json!([]));
+    assert_eq!(list("labels.plate=1").expect(200)["items"].as_array().unwrap().len(), 2);
+    let problem = list("labels.plaet=1&subject=x&label=a").expect(400);
+    let names: Vec<&Value> =
+        problem["errors"].as_array().unwrap().iter().map(|error| &error["parameter"]).collect();
+    assert_eq!(names, ["subject", "labels.plaet"], "{problem}");
+    let said = problem["errors"][1]["detail"].as_str().unwrap();
+    assert!(
+        said.ends_with("the attributes of the cohort are label, labels.a/b, labels.once, labels.plate"),
+        "{said}"
+    );
+    let mean = server.get("/v1/cohorts/plates/mean?transformation=similarity&labels.plaet=1").expect(400);
+    assert_eq!(mean["errors"][0]["parameter"], "labels.plaet");
+
+    let filter = json!({"labels": {"c/d": "1"}});
+    let method = json!({"kind": "functional_pca", "components": 2, "centre": true});
+    for (path, body, pointer) in [
+        (
+            "/v1/dictionaries",
+            json!({"name": "p", "cohort": "plates", "transformation": "similarity", "method": method, "filter": filter}),
+            "/filter",
+        ),
+        (
+            "/v1/distances",
+            json!({"cohort": "plates", "transformation": "similarity", "filter": filter}),
+            "/filter",
+        ),
+        ("/v1/comparisons", json!({"cohort": "plates", "by": "label", "filter": filter}), "/filter"),
+        (
+            "/v1/comparisons",
+            json!({"cohort": "plates", "groups": [{"name": "a", "filter": filter}, {"name": "b", "filter": {"label": "a"}}]}),
+            "/groups/0/filter",
+        ),
+        (
+            "/v1/regressions",
+            json!({"cohort": "plates", "attribute": "labels.plate", "filter": filter}),
+            "/filter",
+        ),
+        ("/v1/cohorts/plates/search", json!({"shapes": [{"points": PLAIN}], "filter": filter}), "/filter"),
+    ] {
+        let problem = server.post(path, &body).expect(422);
+        assert_eq!(pointers_of(&problem), [format!("{pointer}/labels/c~1d")], "{path}: {problem}");
+    }
+    // Attributes of deleted shapes are gone.
+    assert_eq!(list("labels.a/b=y").expect(200)["items"], json!([]));
+    assert_eq!(server.delete("/v1/cohorts/plates/shapes/5").status, 204);
+    list("labels.a/b=y").expect(400);
+}

@@ -2,6 +2,7 @@
 //!
 //! A cohort is found by id or name. Changes can be made conditional on its revision; deleted cohorts go to the trash.
 
+use super::attributes::{FilterPlace, refuse_unknown};
 use crate::domain::cohort::{Cohort, CohortSpec, name_problem};
 use crate::domain::id;
 use crate::domain::shape::{Shape, ShapeFilter};
@@ -176,7 +177,7 @@ pub async fn list(app: &App, cursor: Option<&str>, limit: usize) -> Result<Page<
 /// Shapes of a cohort that match `filter`, in order of insertion, after `cursor`.
 ///
 /// # Errors
-/// [`ServiceError::NotFound`] for the cohort; an invalid cursor.
+/// [`ServiceError::NotFound`] for the cohort; an invalid cursor; an attribute that no shape has.
 pub async fn list_shapes(
     app: &App,
     key: &str,
@@ -189,6 +190,9 @@ pub async fn list_shapes(
         cursor.map(|cursor| cursor.parse().map_err(|_| ServiceError::foreign_cursor())).transpose()?;
     let limit = limit.min(most_of_a_page(&cohort));
     let page = app.store.list_shapes(&cohort.id, filter, after, limit).await?;
+    if page.shapes.is_empty() && after.is_none() {
+        refuse_unknown(app, &cohort, filter, FilterPlace::Query).await?;
+    }
     Ok((cohort, (page.shapes, page.next.map(|cursor| cursor.to_string()))))
 }
 

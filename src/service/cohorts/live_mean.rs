@@ -11,6 +11,7 @@ use std::time::Instant;
 use serde::Serialize;
 use tokio::runtime::Handle;
 
+use super::attributes::{FilterPlace, refuse_unknown};
 use super::placements::{KnownPlacements, SearchSettings};
 use super::source::StoredShapes;
 use crate::analysis::accumulate::prepare;
@@ -184,6 +185,9 @@ fn compute(
     let known = search.as_ref().filter(|_| query.start == SearchStart::Last);
     let known = known.and_then(|search| KnownPlacements::find(app, &cohort.id, search));
     let source = StoredShapes::new(app, handle, &cohort, &query.filter, 0, &setup, &stop)?;
+    if source.is_empty() {
+        handle.block_on(refuse_unknown(app, &cohort, &query.filter, FilterPlace::Query))?;
+    }
     let source = source.starting_from(known.as_deref());
     let Setup { metric, method, frame, matching, .. } = &setup;
     let mean = mean_shape(&source, metric, method, *frame, matching);

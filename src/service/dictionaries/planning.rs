@@ -28,6 +28,7 @@ use crate::domain::job::{Job, JobKind};
 use crate::domain::shape::ShapeFilter;
 use crate::service::app::error::parameter_fault;
 use crate::service::app::{App, Limits, Page, ServiceError};
+use crate::service::cohorts::attributes::{FilterPlace, refuse_unknown};
 use crate::service::cohorts::catalogue;
 use crate::service::cost::requests;
 use crate::service::jobs;
@@ -99,6 +100,9 @@ pub async fn plan(app: &App, learn: Learn) -> Result<Planned, ServiceError> {
     let (plan, since) = started(app, learn, &cohort).await?;
     let revisions = Revisions { after: since, until: plan.revision };
     let shapes = app.store.count(&cohort.id, revisions, &plan.filter).await?;
+    if shapes == 0 && since == 0 {
+        refuse_unknown(app, &cohort, &plan.filter, FilterPlace::Body("/filter")).await?;
+    }
     check_count(&plan, since, shapes)?;
     if let Some(classifier) = &plan.classifier {
         check_classifier(app, &cohort, &plan, classifier, shapes).await?;

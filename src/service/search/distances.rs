@@ -16,6 +16,7 @@ use crate::formats::matrix::NamedMatrix;
 use crate::formats::shape::ShapeInput;
 use crate::service::app::progress::JobContext;
 use crate::service::app::{App, ServiceError, Work};
+use crate::service::cohorts::attributes::{FilterPlace, refuse_unknown};
 use crate::service::cohorts::source::StoredShapes;
 use crate::service::cohorts::{catalogue, source};
 use crate::service::cost::requests::{self, Counts};
@@ -216,7 +217,11 @@ async fn count(app: &App, cohort: &Cohort, chosen: &Chosen) -> Result<usize, Ser
             return Ok(ids.len());
         }
         Chosen::Filter(filter) => {
-            app.store.count(&cohort.id, Revisions::until(cohort.revision), filter).await?
+            let count = app.store.count(&cohort.id, Revisions::until(cohort.revision), filter).await?;
+            if count == 0 {
+                refuse_unknown(app, cohort, filter, FilterPlace::Body("/filter")).await?;
+            }
+            count
         }
     };
     if count == 0 && chosen.field() == "/filter" {

@@ -19,6 +19,7 @@ use crate::domain::cohort::Cohort;
 use crate::domain::shape::{ShapeAttributes, ShapeFilter};
 use crate::formats::shape::ShapeInput;
 use crate::service::app::{App, ServiceError, Work};
+use crate::service::cohorts::attributes::{FilterPlace, refuse_unknown};
 use crate::service::cohorts::source::StoredShapes;
 use crate::service::cohorts::{catalogue, source};
 use crate::service::cost::requests::{self, Counts};
@@ -238,6 +239,7 @@ impl Task<'_> {
         let (app, handle, cohort, filter) = (self.app, self.handle, self.cohort, self.filter);
         let shapes = StoredShapes::new(app, handle, cohort, filter, 0, setup, stop)?;
         if shapes.is_empty() && *filter != ShapeFilter::default() {
+            handle.block_on(refuse_unknown(app, cohort, filter, FilterPlace::Body("/filter")))?;
             return Err(ServiceError::invalid("/filter", "the filter selects no shapes"));
         }
         self.check_cost(space, search.queries(), shapes.len())?;
