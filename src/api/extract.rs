@@ -301,9 +301,7 @@ impl DrawingQuery {
         ];
         match given.iter().find(|(_, given)| *given) {
             None => Ok(()),
-            Some((name, _)) => {
-                Err(Problem::of_parameter(*name, "expected only with the format svg"))
-            }
+            Some((name, _)) => Err(Problem::of_parameter(*name, "expected only with the format svg")),
         }
     }
 }

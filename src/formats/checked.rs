@@ -87,8 +87,8 @@ fn with_path<'de, T: DeserializeOwned, D: Deserializer<'de, Error = serde_json::
     parsed.map_err(|error| Fault::new(json_pointer(error.path()), plain(error.inner())))
 }
 
-/// Names of the fields that tell the variants of a type apart.
-const TAGS: [&str; 2] = ["kind", "name"];
+/// Names of the fields that tell the variants of a type apart; a type with a `kind` may have a name besides.
+const TAGS: [&str; 2] = ["name", "kind"];
 /// Maximum number of members that are searched for a cause, and length of the text in which they are.
 const SEARCHED: (usize, usize) = (32, 8 << 10);
 /// Maximum depth of a cause below the fault.
@@ -123,9 +123,9 @@ fn located<T: DeserializeOwned>(mut fault: Fault, value: serde_json::Value) -> F
 fn members(value: &serde_json::Value) -> Option<Vec<String>> {
     let names: Vec<String> = match value {
         serde_json::Value::Object(map) => {
-            let (last, first): (Vec<&String>, Vec<&String>) =
-                map.keys().partition(|name| TAGS.contains(&name.as_str()));
-            first.into_iter().chain(last).cloned().collect()
+            let mut names: Vec<String> = map.keys().cloned().collect();
+            names.sort_by_key(|name| TAGS.iter().position(|tag| tag == name));
+            names
         }
         serde_json::Value::Array(list) => (0..list.len()).map(|index| index.to_string()).collect(),
         _ => return None,

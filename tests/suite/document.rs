@@ -240,7 +240,9 @@ fn the_bounds_of_parameters_are_those_of_the_service() {
                     continue;
                 }
                 asked += 1;
-                let path = format!("{}?{own}={value}", furnished_path(path));
+                // Settings of drawings belong to one format.
+                let format = if own == "width" { "&format=svg" } else { "" };
+                let path = format!("{}?{own}={value}{format}", furnished_path(path));
                 let reply = server.send(server.request(method.parse().unwrap(), &path));
                 let detail = if reply.status == 400 { reply.json()["detail"].clone() } else { json!("") };
                 let mut faults = detail.as_str().unwrap().split("; ");

@@ -38,8 +38,7 @@ fn drawn() -> Vec<(&'static str, Option<Value>)> {
     let shapes = json!([ring(2.0, 1.0), ring(1.0, 1.5), ring(1.2, 0.7)]);
     let statistics = json!({"representation": curve, "transformation": "similarity", "shapes": shapes});
     let morph = json!({"representation": curve, "from": ring(2.0, 1.0), "to": ring(1.0, 3.0)});
-    let polyline =
-        json!({"scheme": "normal_based", "level": 3, "polyline": {"points": [[0, 0], [1, 0], [1, 2]]}});
+    let polyline = json!({"scheme": "normal_based", "level": 3, "polyline": {"points": [[0, 0], [2, 0], [2, 1], [0, 1]]}});
     vec![
         ("/v1/cohorts/example-cells/mean?transformation=similarity", None),
         ("/v1/cohorts/marks/shapes/l1", None),

@@ -76,9 +76,7 @@ impl Parameters {
         match self.take(name).as_deref() {
             None | Some("false") => Ok(false),
             Some("true") => Ok(true),
-            Some(other) => {
-                Err(Problem::of_parameter(name, format!("expected true or false, got '{other}'")))
-            }
+            Some(other) => Err(Problem::of_parameter(name, format!("expected true or false, got '{other}'"))),
         }
     }
 

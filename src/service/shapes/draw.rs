@@ -11,8 +11,7 @@ pub const MAX_DRAWN: usize = 300;
 /// Drawing of shapes in their own position and size; `unit`: their unit of length, if known.
 pub fn draw_shapes(space: &ShapeSpace, title: &str, shapes: &[&[f64]], unit: Option<&str>) -> Drawing {
     let opacity = if shapes.len() > 1 { 0.5 } else { 1.0 };
-    let hides = space.domain().is_sheet() || space.domain().is_mesh();
-    let colour = if hides { colour::BACK } else { colour::MAIN };
+    let colour = if space.domain().is_surface() { colour::BACK } else { colour::MAIN };
     let drawn = shapes.iter().copied().take(MAX_DRAWN);
     layout::draw(title, vec![Layer::of(space, drawn, colour, 2.0, opacity)]).to_scale(unit)
 }

@@ -7,6 +7,7 @@ use crate::dictionary::content::Content;
 use crate::dictionary::in_use::Dictionary;
 use crate::metric::Metric;
 use crate::rows::columns_of;
+use shapelex_geometry::capability::domain::Domain;
 use shapelex_geometry::drawing::colour;
 use shapelex_geometry::drawing::layer::Layer;
 use shapelex_geometry::drawing::layout;
@@ -42,7 +43,8 @@ pub fn draw_mean(
 /// from one side of the mode to the other.
 pub fn draw_mode(space: &ShapeSpace, title: &str, sigma: f64, shapes: &[Vec<f64>; 3]) -> Drawing {
     let [minus, mean, plus] = shapes;
-    if space.generator().is_none() && !is_surface(space) {
+    let domain = space.domain();
+    if domain == Domain::Points {
         let ends = [minus.as_slice(), plus.as_slice()];
         let name = format!("{} to {}", deviations(-sigma), deviations(sigma));
         let layers = vec![
@@ -51,7 +53,7 @@ pub fn draw_mode(space: &ShapeSpace, title: &str, sigma: f64, shapes: &[Vec<f64>
         ];
         return layout::draw(title, layers);
     }
-    if is_surface(space) {
+    if domain.is_surface() {
         let captions = [-1.0, 0.0, 1.0].map(|side| deviations(side * sigma));
         return layout::grid(
             title,
@@ -77,11 +79,6 @@ pub fn draw_mode(space: &ShapeSpace, title: &str, sigma: f64, shapes: &[Vec<f64>
     layout::row(title, [-1.0, -0.5, 0.0, 0.5, 1.0].map(cell).into())
 }
 
-/// Whether shapes are surfaces, which hide one another.
-fn is_surface(space: &ShapeSpace) -> bool {
-    space.surface().is_some() || space.subdivision().is_some()
-}
-
 /// Layers of one surface each.
 fn surfaces<'a>(space: &ShapeSpace, shapes: &'a [Vec<f64>]) -> impl Iterator<Item = Layer> + use<'a> {
     let all = Layer::of(space, shapes.iter().map(Vec::as_slice), colour::BACK, 1.0, 1.0);
@@ -101,7 +98,7 @@ fn deviations(sigma: f64) -> String {
 /// themselves, both sides of the modes.
 pub fn draw_atoms(space: &ShapeSpace, title: &str, dictionary: &Dictionary) -> Drawing {
     let content = &dictionary.content;
-    if is_surface(space) && !content.method.is_sparse() {
+    if space.domain().is_surface() && !content.method.is_sparse() {
         return layout::grid(title, both_sides(space, dictionary));
     }
     let dimension = space.representation().dimension();
