@@ -151,7 +151,7 @@ refused = assess.sync_detailed(
     "python-modes", client=client, body=AssessRequest(shapes=[ShapeInput(points=blob(1)), ShapeInput(points=[[0.0, 0.0]])])
 )
 assert refused.status_code == 422 and isinstance(refused.parsed, ProblemDocument), refused
-assert refused.parsed.errors[0].pointer.startswith("/shapes/1"), refused.parsed
+assert str(refused.parsed.errors[0].pointer).startswith("/shapes/1"), refused.parsed
 
 wrong = RepresentationClosedCurve(
     kind="closed_curve", dimension=2, control_points=1, generator=GeneratorKindKeys(name="keys")

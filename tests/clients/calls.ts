@@ -136,5 +136,5 @@ const refused = await client.POST("/v1/dictionaries/{dictionary}/assess", {
   body: { shapes: [{ points: blob(1) }, { points: [[0, 0]] }] },
 });
 assert.equal(refused.response.status, 422);
-assert(refused.error?.errors[0]?.pointer.startsWith("/shapes/1"), JSON.stringify(refused.error));
+assert(refused.error?.errors[0]?.pointer?.startsWith("/shapes/1"), JSON.stringify(refused.error));
 console.log("clients: the calls in TypeScript are right");

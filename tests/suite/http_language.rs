@@ -107,7 +107,7 @@ fn bodies(fields: &[String]) -> Vec<String> {
         "{'a': 1}",
         "{\"shapes\": \"x\"}",
         "{\"colour\": \"red\"}",
-        "{\"shapes\": [{\"points\": [[0, 0], [1, tru]]}]}",
+        "{\"shapes\": [{\"points\": [[0, 0], [1, nope]]}]}",
     ];
     let mut bodies: Vec<String> = texts.map(str::to_owned).to_vec();
     let values = [
@@ -247,8 +247,8 @@ fn text_that_is_not_json_is_placed_by_line_and_column() {
         let problem = server.post_bytes("/v1/mean", JSON, text).expect(400);
         assert_eq!(problem["errors"][0]["detail"], detail, "{problem}");
     }
-    let problem = server
-        .send(server.request(Method::PATCH, "/v1/cohorts/c").json(&json!({"correspondance": "cyclic"})));
+    let problem =
+        server.send(server.request(Method::PATCH, "/v1/cohorts/c").json(&json!({"corespondence": "cyclic"})));
     let problem = problem.expect(422);
-    assert_eq!(pointers_of(&problem), ["/correspondance"], "{problem}");
+    assert_eq!(pointers_of(&problem), ["/corespondence"], "{problem}");
 }
