@@ -63,7 +63,7 @@ mod tests {
             "1e",
             "1e999",
             "1 2",
-            "{\"a\": tru}",
+            "{\"a\": nope}",
             "\"\\u00",
         ];
         let deep = "[".repeat(200);
