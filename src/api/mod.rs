@@ -2,7 +2,8 @@
 //!
 //! * [`v1`] — the resources;
 //! * [`problem`] — every refusal as a problem document (RFC 9457);
-//! * `gate` — checks of every request, in order; [`access`] — callers and permissions; [`origin`] — cross-site requests; [`headers`] — browser security headers;
+//! * `gate` — checks of every request, in order; [`access`] — callers and permissions; [`origin`] — cross-site requests;
+//!   [`headers`] — browser security headers;
 //! * [`overload`] — time limits of requests, and rate limits of callers;
 //! * [`body`] — request memory; [`answers`] — response memory; [`drain`] — draining of refused bodies;
 //!   [`inspected_body`] — bodies that report what passes through them;
