@@ -16,6 +16,7 @@ use axum::response::{IntoResponse, Response};
 use utoipa::openapi::OpenApi;
 
 use super::access::{self, Needs};
+use super::document;
 use super::observe::{self, Asker};
 use super::problem::Problem;
 use crate::domain::access::Role;
@@ -45,20 +46,10 @@ pub struct Recorder {
 impl Recorder {
     /// Records requests in `trail`, with the operation ids of `document`.
     pub fn new(trail: Arc<Trail>, document: &OpenApi) -> Self {
-        let mut operations = HashMap::new();
-        for (path, item) in &document.paths.paths {
-            let methods = [
-                (Method::GET, &item.get),
-                (Method::PUT, &item.put),
-                (Method::POST, &item.post),
-                (Method::PATCH, &item.patch),
-                (Method::DELETE, &item.delete),
-            ];
-            for (method, operation) in methods {
-                let id = operation.as_ref().and_then(|operation| operation.operation_id.clone());
-                operations.extend(id.map(|id| ((path.clone(), method), id)));
-            }
-        }
+        let named = document::operations(document).filter_map(|(path, method, operation)| {
+            Some(((path.to_owned(), method), operation.operation_id.clone()?))
+        });
+        let operations = named.collect();
         Self { trail, operations: Arc::new(operations) }
     }
 

@@ -3,6 +3,7 @@
 
 mod variants;
 
+use axum::http::Method;
 use utoipa::openapi::path::Operation;
 use utoipa::openapi::{
     Content, ContentBuilder, HeaderBuilder, ObjectBuilder, OpenApi, Ref, RefOr, Response, ResponseBuilder,
@@ -47,6 +48,21 @@ pub(super) fn complete(document: &mut OpenApi) {
             describe_refusals(operation);
         }
     }
+}
+
+/// Operations of a document, with their route templates and methods.
+pub(super) fn operations(document: &OpenApi) -> impl Iterator<Item = (&str, Method, &Operation)> {
+    document.paths.paths.iter().flat_map(|(path, item)| {
+        let methods = [
+            (Method::GET, &item.get),
+            (Method::PUT, &item.put),
+            (Method::POST, &item.post),
+            (Method::PATCH, &item.patch),
+            (Method::DELETE, &item.delete),
+        ];
+        let of_path = methods.into_iter();
+        of_path.filter_map(move |(method, operation)| Some((path.as_str(), method, operation.as_ref()?)))
+    })
 }
 
 /// Gives the problem document to the refusals of an operation.

@@ -325,8 +325,8 @@ impl<S: Send + Sync> FromRequestParts<S> for Format {
                 return Err(Problem::of_parameter("format", detail));
             }
             None => {
-                let accept = accepted(parts);
-                preferred(accept, picture_or_numbers).ok_or_else(|| {
+                let accept = accepted(&parts.headers);
+                preferred(&accept, picture_or_numbers).ok_or_else(|| {
                     let detail =
                         format!("expected application/json or image/svg+xml to be accepted, got '{accept}'");
                     Problem::new(ProblemKind::NotAcceptable, detail)
@@ -398,7 +398,7 @@ impl<S: Send + Sync> FromRequestParts<S> for ShapeFormat {
         };
         let mesh = match format.as_deref() {
             Some(name) => MeshFormat::ALL.into_iter().find(|format| format.name() == name),
-            None => preferred(accepted(parts), |range| {
+            None => preferred(&accepted(&parts.headers), |range| {
                 // JSON and SVG take precedence for wildcards in `Accept`.
                 let mesh = MeshFormat::ALL.into_iter().find(|format| format.media_type() == range).map(Some);
                 mesh.or_else(|| picture_or_numbers(range).map(|_| None))
@@ -449,8 +449,14 @@ pub struct ShapeFormatQuery {
     grid: Option<String>,
 }
 
-fn accepted(parts: &Parts) -> &str {
-    parts.headers.get(header::ACCEPT).and_then(|value| value.to_str().ok()).unwrap_or("*/*")
+/// Media range of everything.
+pub(super) const ANYTHING: &str = "*/*";
+
+/// Media ranges that a client accepts, separated by commas.
+pub(super) fn accepted(headers: &HeaderMap) -> String {
+    let values: Vec<&str> =
+        headers.get_all(header::ACCEPT).iter().filter_map(|value| value.to_str().ok()).collect();
+    if values.is_empty() { ANYTHING.into() } else { values.join(",") }
 }
 
 /// Whether a media range asks for a drawing rather than for numbers.
@@ -475,8 +481,8 @@ impl<S: Send + Sync> FromRequestParts<S> for PrefersLines {
             "application/x-ndjson" => Some(true),
             _ => None,
         };
-        let accept = accepted(parts);
-        preferred(accept, is_lines).map(Self).ok_or_else(|| {
+        let accept = accepted(&parts.headers);
+        preferred(&accept, is_lines).map(Self).ok_or_else(|| {
             let detail =
                 format!("expected application/json or application/x-ndjson to be accepted, got '{accept}'");
             Problem::new(ProblemKind::NotAcceptable, detail)
@@ -504,8 +510,8 @@ impl<S: Send + Sync> FromRequestParts<S> for OnlyMatrixFormat {
                 return Err(Problem::of_parameter("format", detail));
             }
             None => {
-                let accept = accepted(parts);
-                preferred(accept, matrix_format).ok_or_else(|| {
+                let accept = accepted(&parts.headers);
+                preferred(&accept, matrix_format).ok_or_else(|| {
                     let detail = format!(
                         "expected application/json, text/csv or application/x-npy to be accepted, got \
                          '{accept}'"
@@ -528,7 +534,7 @@ fn matrix_format(media_range: &str) -> Option<MatrixFormat> {
 }
 
 /// Offered format with the highest quality; the first in the header wins ties.
-fn preferred<T>(accept: &str, offered: fn(&str) -> Option<T>) -> Option<T> {
+pub(super) fn preferred<T>(accept: &str, offered: impl Fn(&str) -> Option<T>) -> Option<T> {
     let mut best: Option<(f64, T)> = None;
     for range in accept.split(',') {
         let mut parts = range.split(';').map(str::trim);

@@ -5,13 +5,14 @@ use std::collections::HashMap;
 use std::sync::LazyLock;
 
 use axum::extract::Request;
-use axum::http::{HeaderMap, Method, header};
+use axum::http::Method;
 use axum::response::{IntoResponse, Response};
 use utoipa::openapi::path::Operation;
 use utoipa::openapi::{OpenApi, RefOr};
 
-use super::observe;
+use super::extract::{ANYTHING, accepted, preferred};
 use super::problem::{Problem, ProblemKind};
+use super::{document, observe};
 
 /// Media types by route template and method.
 type Offers = HashMap<(String, Method), String>;
@@ -20,22 +21,10 @@ static OFFERS: LazyLock<Offers> = LazyLock::new(|| offers(&super::openapi()));
 
 /// Media types of the successful answers of every operation that has a single one.
 fn offers(document: &OpenApi) -> Offers {
-    let paths = document.paths.paths.iter();
-    paths
-        .flat_map(|(path, item)| {
-            let methods = [
-                (Method::GET, &item.get),
-                (Method::PUT, &item.put),
-                (Method::POST, &item.post),
-                (Method::PATCH, &item.patch),
-                (Method::DELETE, &item.delete),
-            ];
-            let offered = methods.into_iter().filter_map(|(method, operation)| {
-                Some(((path.clone(), method), only_media_type(operation.as_ref()?)?))
-            });
-            offered.collect::<Vec<_>>()
-        })
-        .collect()
+    let single = document::operations(document).filter_map(|(path, method, operation)| {
+        Some(((path.to_owned(), method), only_media_type(operation)?))
+    });
+    single.collect()
 }
 
 /// Media type of the successful answers of an operation, if there is exactly one.
@@ -53,40 +42,29 @@ pub(super) fn only_media_type(operation: &Operation) -> Option<String> {
 /// Refusal of a request that does not accept the media type of the answer. A `format` in the query takes precedence over the
 /// header.
 pub(super) fn refuse(request: &Request) -> Option<Response> {
-    let accepted = ranges(request.headers());
     let names_format = request
         .uri()
         .query()
         .is_some_and(|query| query.split('&').any(|parameter| parameter.split('=').next() == Some("format")));
-    if accepted.is_empty() || names_format {
+    let accept = accepted(request.headers());
+    if names_format || accept == ANYTHING {
         return None;
     }
     let route = observe::route(request).unwrap_or_default();
     let method = if request.method() == Method::HEAD { &Method::GET } else { request.method() };
     let offered = OFFERS.get(&(route.to_owned(), method.clone()))?;
-    if accepted.iter().any(|range| covers(range, offered)) {
+    if preferred(&accept, |range| covers(range, offered).then_some(())).is_some() {
         return None;
     }
-    let detail = format!("expected {offered} to be accepted, got '{}'", accepted.join(", "));
+    let detail = format!("expected {offered} to be accepted, got '{accept}'");
     Some(Problem::new(ProblemKind::NotAcceptable, detail).into_response())
-}
-
-/// Media ranges of the `Accept` headers in lower case, without those of quality 0.
-fn ranges(headers: &HeaderMap) -> Vec<String> {
-    let values = headers.get_all(header::ACCEPT).iter().filter_map(|value| value.to_str().ok());
-    let ranges = values.flat_map(|value| value.split(',')).filter_map(|range| {
-        let mut parts = range.split(';').map(str::trim);
-        let name = parts.next().filter(|name| !name.is_empty())?;
-        let quality = parts.find_map(|part| part.strip_prefix("q=")).and_then(|text| text.parse().ok());
-        (quality.unwrap_or(1.0) > 0.0).then(|| name.to_ascii_lowercase())
-    });
-    ranges.collect()
 }
 
 /// Whether a media range such as `image/*` includes a media type.
 fn covers(range: &str, media_type: &str) -> bool {
     let media_type = media_type.split(';').next().unwrap_or_default().trim();
     match range.strip_suffix("/*") {
+        _ if range.is_empty() => true,
         Some("*") => true,
         Some(kind) => media_type.split('/').next() == Some(kind),
         None => range == media_type,
@@ -107,11 +85,7 @@ mod tests {
     }
 
     #[test]
-    fn ranges_are_read_as_the_standard_says() {
-        let mut headers = HeaderMap::new();
-        headers.append(header::ACCEPT, "Text/CSV;q=0.5, image/*, a/b;q=0, ,*/*;q=0.0".parse().unwrap());
-        headers.append(header::ACCEPT, "application/json; charset=utf-8".parse().unwrap());
-        assert_eq!(ranges(&headers), ["text/csv", "image/*", "application/json"]);
+    fn ranges_include_media_types() {
         for (range, media_type, expected) in [
             ("*/*", "text/csv", true),
             ("text/*", "text/csv", true),

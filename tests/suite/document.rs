@@ -207,7 +207,7 @@ fn around(schema: &Value) -> Vec<(Value, bool)> {
 }
 
 /// Starts a service with the dictionary of the examples.
-fn furnished() -> Server {
+pub(crate) fn furnished() -> Server {
     let server = Setting::fresh().with_example().start();
     let learn = json!({"name": "modes", "cohort": "example-cells", "transformation": "similarity",
         "method": {"kind": "functional_pca", "components": 3, "centre": true},

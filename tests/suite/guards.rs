@@ -7,6 +7,7 @@ use std::process::Command;
 use reqwest::Method;
 use serde_json::{Value, json};
 
+use crate::document::furnished;
 use crate::server::{Setting, shared};
 use crate::structure::{name, program};
 
@@ -239,12 +240,7 @@ pub(crate) fn resolve<'a>(document: &'a Value, value: &'a Value) -> &'a Value {
 #[test]
 fn the_examples_of_the_interface_document_work() {
     let document: Value = serde_json::from_str(&committed()).unwrap();
-    let server = Setting::fresh().with_example().start();
-    let learn = json!({"name": "modes", "cohort": "example-cells", "transformation": "similarity",
-        "method": {"kind": "functional_pca", "components": 3, "centre": true},
-        "classifier": {"kind": "discriminant", "attribute": "labels.treatment", "repeats": 1}});
-    let learn = server.request(Method::POST, "/v1/dictionaries").header("prefer", "wait=60").json(&learn);
-    server.send(learn).expect(201);
+    let server = furnished();
     let mut missing = Vec::new();
     // Creation first: the shapes go into the cohort of its example.
     let mut cohort = String::from("none");

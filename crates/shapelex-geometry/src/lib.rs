@@ -182,10 +182,8 @@ pub enum GeometryError {
         repeated: usize,
     },
     /// The contour has no extent.
-    #[error("all {points} points coincide (extent {extent:.1e}): the contour has no length")]
+    #[error("all points coincide (extent {extent:.1e}): the contour has no length")]
     NoLength {
-        /// Number of points given.
-        points: usize,
         /// Largest coordinate range.
         extent: f64,
     },

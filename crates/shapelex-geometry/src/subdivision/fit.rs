@@ -88,7 +88,7 @@ impl<'a> Fitting<'a> {
         let (mean, scatter) = moments(targets);
         let extent = scatter.trace().sqrt();
         if !(extent > 0.0) {
-            return Err(GeometryError::NoLength { points: targets.len(), extent });
+            return Err(GeometryError::NoLength { extent });
         }
         let axes = leading_eigenpairs(&scatter, 3)?;
         let thinnest = 1e-3 * extent;

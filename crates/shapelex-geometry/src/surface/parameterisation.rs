@@ -92,7 +92,7 @@ fn farthest(mesh: &TriangleMesh) -> Result<[u32; 2], GeometryError> {
     let (north, south) = (best(|a, b| a > b), best(|a, b| a < b));
     let extent = places[north] - places[south];
     if !(extent > 0.0) {
-        return Err(GeometryError::NoLength { points: places.len(), extent });
+        return Err(GeometryError::NoLength { extent });
     }
     Ok([north as u32, south as u32])
 }
