@@ -98,8 +98,8 @@ def main():
         shapes = [complex_points(shape["control_points"]) for shape in stored]
         correlations.append([max(correlation(shape, atom) for atom in atoms) for shape in shapes])
         url = f"{base}/dictionaries/{key}"
-        errors.append([shape["relative_error"] for shape in post(f"{url}/reconstruct", {**asked, "pose": "model"})["shapes"]])
-        codes = post(f"{url}/encode", asked)["codes"]
+        errors.append([shape["relative_error"] for shape in post(f"{url}/reconstruct", {**asked, "pose": "model"})["results"]])
+        codes = post(f"{url}/encode", asked)["results"]
         numbers.append(statistics.mean(code["parameters"] for code in codes))
         (folder / f"{key}.svg").write_bytes(call("GET", f"{url}/atoms?format=svg"))
     labels = [label for label in CLASSES for _ in range(TESTED)]

@@ -12,6 +12,7 @@ use serde::Deserialize;
 use crate::service::access::AccessSettings;
 use crate::service::access::tokens::TokenSettings;
 use crate::service::app::{Limits, memory};
+use crate::service::hooks::HookSettings;
 use crate::store_location::{self, StoreLocation};
 use crate::worker::Places;
 use crate::worker::tidy::Terms;
@@ -215,6 +216,11 @@ serve_settings! {
     oidc_leeway_seconds: u64 = "SHAPELEX_OIDC_LEEWAY_SECONDS", 30;
     /// Origins whose pages may read answers in a browser, such as `https://dashboard.example`, separated by commas
     allow_origin: String = "SHAPELEX_ALLOW_ORIGIN", String::new();
+    /// Let hooks deliver over plain HTTP and to private, loopback and link-local addresses: for tests, and networks without
+    /// anything to protect from administrators of tenants
+    allow_private_hooks: bool = "SHAPELEX_ALLOW_PRIVATE_HOOKS", false;
+    /// Days after which a hook whose delivery fails is given up; 0 gives up after the first attempt
+    hook_days: u32 = "SHAPELEX_HOOK_DAYS", HookSettings::default().days;
     /// Serve /metrics without authentication
     metrics_open: bool = "SHAPELEX_METRICS_OPEN", false;
     /// Log filter, such as `info` or `shapelex=debug`
@@ -363,6 +369,11 @@ impl ServeConfig {
             return Err("expected both oidc_issuer and oidc_audience, or neither".into());
         }
         Ok(self)
+    }
+
+    /// Settings of hooks.
+    pub fn hooks(&self) -> HookSettings {
+        HookSettings { allow_private: self.allow_private_hooks, days: self.hook_days }
     }
 
     /// Access control settings.

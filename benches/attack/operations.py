@@ -106,7 +106,7 @@ class Things:
 
     def shape(self):
         added = self.service.post("/v1/cohorts/attacked/shapes", {"shapes": [{"points": outline(3, self.count)}]}, self.key)
-        return {"cohort": "attacked", "shape": added["ids"][0]}
+        return {"cohort": "attacked", "shape": added["results"][0]["id"]}
 
     def dictionary(self):
         headers = {"content-type": "application/json", **self.key}

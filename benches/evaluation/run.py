@@ -320,8 +320,8 @@ def alarms(service, name, shapes, dictionary):
     statistics = dictionary["statistics"]
     for quantile in (0.95, 0.99):
         answer = service.call("POST", f"/v1/dictionaries/{name}/score", {"shapes": shapes, "quantile": quantile})
-        scores = answer["scores"]
-        found.append(sum(score["outlier"] for score in scores) / len(scores))
+        scores = answer["results"]
+        found.append(sum(score["novelty"]["is_outlier"] for score in scores) / len(scores))
         q = quantile_of(statistics["residuals"], quantile)
         beyond = [score["squared_prediction_error"] > q for score in scores]
         if statistics.get("scores"):
@@ -450,7 +450,7 @@ def beside_peers(service, folder, names):
             kinds[dictionary["classifier"]["kind"]] += 1
             plain = [{"points": shape["points"]} for shape in test]
             answer = service.call("POST", f"/v1/dictionaries/{cohort}/classify", {"shapes": plain})
-            for shape, found in zip(test, answer["classes"]):
+            for shape, found in zip(test, answer["results"]):
                 right += found["label"] == shape["label"]
                 brier += sum((r["confidence"] - (r["label"] == shape["label"])) ** 2 for r in found["ranking"])
             asked += len(test)

@@ -64,7 +64,7 @@ def growth(ours, setting):
                         best["refused"] = sum(run["refused"] for run in runs[side])
                         answer = best.pop("body")
                         if (side, name) == ("service", "project"):
-                            squared = json.loads(answer)["projections"][0]["squared_distance"]
+                            squared = json.loads(answer)["results"][0]["squared_distance"]
                             best["apart"] = abs(squared / expected - 1)
                         at[f"{side} {name}"] = best
                 found.append(at)

@@ -79,7 +79,7 @@ def machine(setting, ours):
             "system": f"{platform.system()} {platform.machine()}", "commit": commit, "load before": os.getloadavg()[0],
             "rustc": subprocess.run(["rustc", "--version"], cwd=ROOT, capture_output=True, text=True).stdout.split()[1],
             "dgemm, GF/s": {t: rate / 1e9 for t, rate in setting.dgemm.items()}, "copy, GB/s": copy_rate() / 1e9,
-            "complex transforms, ns": {n: 1e9 * ours.transforms(n) for n in (32, 64, 100, 128, 200, 256)}}
+            "complex transforms, ns": {str(n): 1e9 * ours.transforms(n) for n in (32, 64, 100, 128, 200, 256)}}
 
 
 def measured(setting, ours, areas, save=lambda rows, plots: None):

@@ -154,7 +154,7 @@ def ingest(ours, setting, points=50):
             service.start()
             try:
                 seconds, body = ingested(service, "lines", lines, "landmarks", representation)
-                stored = service.call("GET", "/v1/cohorts/lines")["shapes"]
+                stored = service.call("GET", "/v1/cohorts/lines")["shape_count"]
             finally:
                 service.process.kill()
             return (body["added"], stored), seconds

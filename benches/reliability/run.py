@@ -97,8 +97,8 @@ def compare_cohort(wire, cohort, counts):
     other = [name for name in wanted.keys() & stored.keys() if points[name] != wanted[name]]
     parts = {"lost": lost, "doubled": doubled, "never acknowledged": foreign, "with other points": other}
     found = [f"{cohort.name}: {len(names)} shapes {what}, such as {min(names)}" for what, names in parts.items() if names]
-    if (head["shapes"], head["revision"]) != (len(wanted), cohort.changes):
-        found.append(f"{cohort.name}: says {head['shapes']} shapes, {head['revision']} changes; {len(wanted)}, {cohort.changes}")
+    if (head["shape_count"], head["revision"]) != (len(wanted), cohort.changes):
+        found.append(f"{cohort.name}: says {head['shape_count']} shapes, {head['revision']} changes; {len(wanted)}, {cohort.changes}")
     counts["shapes compared"] += len(wanted)
     return found
 

@@ -162,7 +162,7 @@ def meshes(folder):
 
 def measures(service, representation, fits):
     shapes = [{"control_points": fit["control_points"]} for fit in fits]
-    return service.post("/v1/measure", {"representation": representation, "shapes": shapes})["measures"]
+    return service.post("/v1/measure", {"representation": representation, "shapes": shapes})["results"]
 
 
 def beyond(service, representation, fits, given):
@@ -185,7 +185,7 @@ def flat(points):
 
 
 def fit(service, representation, given):
-    return service.post("/v1/fit", {"representation": representation, "meshes": given})["fits"]
+    return service.post("/v1/fit", {"representation": representation, "meshes": given})["results"]
 
 
 # What is asked of every set.
@@ -593,7 +593,7 @@ def femora(service, data):
     for size in ([16, 10], [32, 20], [48, 30]):
         representation, before = surface("cylinder", size), len(service.times)
         body = {"representation": representation, "shapes": [{"points": points} for points in bones.values()]}
-        fits = service.post("/v1/fit", body)["fits"]
+        fits = service.post("/v1/fit", body)["results"]
         seconds = service.spent(before)
         measured = measures(service, representation, fits)
         cells = [spread((f[field] for f in fits), 3) for field in ("residual", "largest_residual")]

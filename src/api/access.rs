@@ -44,7 +44,7 @@ impl Needs {
 }
 
 /// Access that every operation requires: a reader for reading or computing without storing, a writer for storing or
-/// submitting jobs, an administrator for managing keys and for what cannot be undone.
+/// submitting jobs, an administrator for managing keys and hooks, and for what cannot be undone.
 const OPERATIONS: &[(Needs, &[&str])] = &[
     (Needs::Nothing, &["GET /livez", "GET /readyz"]),
     (
@@ -54,15 +54,20 @@ const OPERATIONS: &[(Needs, &[&str])] = &[
             "GET /v1/changes",
             "GET /v1/cohorts",
             "GET /v1/cohorts/{cohort}",
+            "GET /v1/cohorts/{cohort}/attributes",
             "GET /v1/cohorts/{cohort}/mean",
             "GET /v1/cohorts/{cohort}/shapes",
             "GET /v1/cohorts/{cohort}/shapes/{shape}",
+            "GET /v1/cohorts/{cohort}/table",
+            "POST /v1/cohorts/{cohort}/table",
+            "GET /v1/cohorts/{cohort}/sheet",
             "GET /v1/dictionaries",
             "GET /v1/dictionaries/{dictionary}",
             "GET /v1/dictionaries/{dictionary}/atoms",
             "GET /v1/dictionaries/{dictionary}/drift",
             "GET /v1/dictionaries/{dictionary}/export",
             "GET /v1/dictionaries/{dictionary}/modes",
+            "GET /v1/events",
             "GET /v1/generators",
             "GET /v1/generators/{name}",
             "GET /v1/idealised",
@@ -101,9 +106,11 @@ const OPERATIONS: &[(Needs, &[&str])] = &[
         Needs::Role(Role::Writer),
         &[
             "DELETE /v1/cohorts/{cohort}",
+            "DELETE /v1/cohorts/{cohort}/shapes",
             "DELETE /v1/cohorts/{cohort}/shapes/{shape}",
             "DELETE /v1/dictionaries/{dictionary}",
             "PATCH /v1/cohorts/{cohort}",
+            "PATCH /v1/cohorts/{cohort}/shapes/{shape}",
             "POST /v1/cohorts",
             "POST /v1/cohorts/{cohort}/shapes",
             "POST /v1/comparisons",
@@ -119,11 +126,20 @@ const OPERATIONS: &[(Needs, &[&str])] = &[
         Needs::Role(Role::Admin),
         &[
             "DELETE /v1/audit",
+            "DELETE /v1/hooks/{hook}",
             "DELETE /v1/keys/{key}",
+            "DELETE /v1/subjects/{subject}",
             "DELETE /v1/trash/{id}",
             "GET /v1/audit",
+            "GET /v1/hooks",
+            "GET /v1/hooks/{hook}",
+            "GET /v1/hooks/{hook}/failures",
             "GET /v1/keys",
             "GET /v1/keys/{key}",
+            "POST /v1/hooks",
+            "POST /v1/hooks/{hook}/pause",
+            "POST /v1/hooks/{hook}/redeliver",
+            "POST /v1/hooks/{hook}/resume",
             "POST /v1/keys",
         ],
     ),

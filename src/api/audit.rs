@@ -35,6 +35,8 @@ const CREATED: &str = "created";
 /// Header of a response that is not in the trail, and its value.
 const AUDIT: HeaderName = HeaderName::from_static("shapelex-audit");
 const UNRECORDED: HeaderValue = HeaderValue::from_static("unrecorded");
+/// Parameters of a path that are not recorded: the trail must not keep the identifier of a subject that is erased.
+const PRIVATE: [&str; 1] = ["subject"];
 /// State of the middleware.
 #[derive(Debug, Clone)]
 pub struct Recorder {
@@ -154,6 +156,7 @@ async fn objects(parts: &mut Parts) -> BTreeMap<String, String> {
     // A name that is not UTF-8 identifies nothing; the handler refuses it.
     let Ok(path) = RawPathParams::from_request_parts(parts, &()).await else { return BTreeMap::new() };
     path.iter()
+        .filter(|(name, _)| !PRIVATE.contains(name))
         .map(|(name, value)| (name.to_owned(), value.chars().take(MAX_OBJECT_CHARS).collect()))
         .collect()
 }

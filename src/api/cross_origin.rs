@@ -23,8 +23,15 @@ const READ: [HeaderName; 9] = [
     HeaderName::from_static("x-request-id"),
 ];
 /// Headers of answers that pages may read.
-const SHOWN: [HeaderName; 4] =
-    [header::ETAG, header::LOCATION, header::RETRY_AFTER, HeaderName::from_static("x-request-id")];
+const SHOWN: [HeaderName; 7] = [
+    header::ETAG,
+    header::LINK,
+    header::LOCATION,
+    header::RETRY_AFTER,
+    HeaderName::from_static("shapelex-dictionaries"),
+    HeaderName::from_static("shapelex-revision"),
+    HeaderName::from_static("x-request-id"),
+];
 
 /// The layer that admits the listed origins; `None` if there are none.
 pub(super) fn layer(app: &App) -> Option<CorsLayer> {

@@ -11,6 +11,7 @@ use utoipa::openapi::{
 };
 
 use super::{health, negotiation};
+use crate::formats::picture::PictureFormat;
 
 /// Media type of problem documents.
 const PROBLEM: &str = "application/problem+json";
@@ -29,7 +30,7 @@ fn problem() -> Content {
 }
 
 /// Adds the common parts to all operations: problem documents to all refusals, the limits to all but the probes, and to
-/// those under `/v1` the refusals that every operation has. Names the variants of tagged enums.
+/// those under `/v1` the refusals that every operation has. Names the variants of tagged enums. Offers drawings as PNG.
 pub(super) fn complete(document: &mut OpenApi) {
     variants::name(document);
     for (path, item) in &mut document.paths.paths {
@@ -41,6 +42,7 @@ pub(super) fn complete(document: &mut OpenApi) {
             if !health::PATHS.contains(&path.as_str()) {
                 add_limits(operation);
             }
+            offer_png(operation);
             if negotiation::only_media_type(operation).is_some() {
                 let refused = || refusal("The media type of the answer is not accepted").build().into();
                 operation.responses.responses.entry("406".to_owned()).or_insert_with(refused);
@@ -78,6 +80,16 @@ fn inline_response(response: &mut RefOr<Response>) -> Option<&mut Response> {
     match response {
         RefOr::T(response) => Some(response),
         RefOr::Ref(_) => None,
+    }
+}
+
+/// Offers as PNG whatever is offered as SVG.
+fn offer_png(operation: &mut Operation) {
+    for response in operation.responses.responses.values_mut().filter_map(inline_response) {
+        if response.content.contains_key(PictureFormat::Svg.media_type()) {
+            let file = ContentBuilder::new().schema(Some(Ref::from_schema_name("Binary"))).build();
+            response.content.insert(PictureFormat::Png.media_type().into(), file.into());
+        }
     }
 }
 

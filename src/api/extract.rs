@@ -18,10 +18,12 @@ use crate::domain::access::Principal;
 use crate::formats::checked::plain_sentence;
 use crate::formats::matrix::MatrixFormat;
 use crate::formats::mesh::MeshFormat;
+use crate::formats::picture::{PictureFile, PictureFormat};
 use crate::geometry::drawing::svg::{Background, Style, Theme};
-use crate::service::app::App;
 use crate::service::app::idempotency::Retry;
+use crate::service::app::{App, Work};
 use crate::service::cohorts::catalogue::Expected;
+use crate::service::cost::requests;
 
 /// The service restricted to the caller's tenant and to the cohorts of the caller's key.
 #[derive(Debug)]
@@ -227,13 +229,23 @@ fn unreadable_path(rejection: &PathRejection) -> Problem {
     Problem::of_parameter(name, detail)
 }
 
-/// Response format: `?format=json|svg`, else the `Accept` header, else JSON.
+/// Response format: `?format=json|svg|png`, else the `Accept` header, else JSON.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Format {
     /// Numbers.
     Json,
     /// A drawing.
-    Svg(Style),
+    Picture(PictureFile),
+}
+
+impl Format {
+    /// Predicted work of writing the answer, in addition to that of making the drawing or the numbers.
+    pub fn work(self) -> Work {
+        match self {
+            Self::Json => Work::from_seconds(0.0),
+            Self::Picture(file) => requests::picture(&file),
+        }
+    }
 }
 
 #[derive(serde::Deserialize)]
@@ -301,7 +313,9 @@ impl DrawingQuery {
         ];
         match given.iter().find(|(_, given)| *given) {
             None => Ok(()),
-            Some((name, _)) => Err(Problem::of_parameter(*name, "expected only with the format svg")),
+            Some((name, _)) => {
+                Err(Problem::of_parameter(*name, "expected only with the formats svg and png"))
+            }
         }
     }
 }
@@ -317,24 +331,80 @@ impl<S: Send + Sync> FromRequestParts<S> for Format {
 
     async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Problem> {
         let settings = DrawingQuery::read(parts)?;
-        let drawing = match format_of(parts)?.as_deref() {
-            Some("json") => false,
-            Some("svg") => true,
-            Some(other) => {
-                let detail = format!("expected 'json' or 'svg', got '{other}'");
-                return Err(Problem::of_parameter("format", detail));
-            }
+        let format = match format_of(parts)?.as_deref() {
+            Some("json") => None,
+            Some(name) => Some(picture_format(name).ok_or_else(|| {
+                let detail = format!("expected 'json', 'svg' or 'png', got '{name}'");
+                Problem::of_parameter("format", detail)
+            })?),
             None => {
                 let accept = accepted(&parts.headers);
                 preferred(&accept, picture_or_numbers).ok_or_else(|| {
-                    let detail =
-                        format!("expected application/json or image/svg+xml to be accepted, got '{accept}'");
+                    let detail = format!(
+                        "expected application/json, image/svg+xml or image/png to be accepted, got '{accept}'"
+                    );
                     Problem::new(ProblemKind::NotAcceptable, detail)
                 })?
             }
         };
-        if drawing { settings.style().map(Self::Svg) } else { settings.unused().map(|()| Self::Json) }
+        match format {
+            Some(format) => Ok(Self::Picture(PictureFile { format, style: settings.style()? })),
+            None => settings.unused().map(|()| Self::Json),
+        }
     }
+}
+
+/// A picture whose width follows from other parameters: `?format=svg|png`, else the `Accept` header, else SVG.
+#[derive(Debug)]
+pub struct PictureRequest {
+    /// Format of the file.
+    pub format: PictureFormat,
+    settings: DrawingQuery,
+}
+
+impl PictureRequest {
+    /// The picture file of this width.
+    ///
+    /// # Errors
+    /// A width in the query.
+    pub fn of_width(mut self, width: u16) -> Result<PictureFile, Problem> {
+        if let Some(given) = self.settings.width.replace(width) {
+            let detail = format!("expected none, which follows from columns and size, got {given}");
+            return Err(Problem::of_parameter("width", detail));
+        }
+        Ok(PictureFile { format: self.format, style: self.settings.style()? })
+    }
+}
+
+impl<S: Send + Sync> FromRequestParts<S> for PictureRequest {
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Problem> {
+        let settings = DrawingQuery::read(parts)?;
+        let format = match format_of(parts)? {
+            Some(name) => picture_format(&name).ok_or_else(|| {
+                Problem::of_parameter("format", format!("expected 'svg' or 'png', got '{name}'"))
+            })?,
+            None => {
+                let accept = accepted(&parts.headers);
+                let offered = |range: &str| match range {
+                    ANYTHING | "" => Some(PictureFormat::Svg),
+                    range => picture_or_numbers(range).flatten(),
+                };
+                preferred(&accept, offered).ok_or_else(|| {
+                    let detail =
+                        format!("expected image/svg+xml or image/png to be accepted, got '{accept}'");
+                    Problem::new(ProblemKind::NotAcceptable, detail)
+                })?
+            }
+        };
+        Ok(Self { format, settings })
+    }
+}
+
+/// The picture format with this name.
+fn picture_format(name: &str) -> Option<PictureFormat> {
+    PictureFormat::ALL.into_iter().find(|format| format.name() == name)
 }
 
 /// Parameters of a query but those of the response format, parsed as `T`; the extractor of the format reads the others.
@@ -367,6 +437,16 @@ pub enum ShapeFormat {
     Plain(Format),
     /// A mesh with this grid.
     Mesh(MeshFormat, Option<[usize; 2]>),
+}
+
+impl ShapeFormat {
+    /// Predicted work of writing the answer, as [`Format::work`].
+    pub fn work(self) -> Work {
+        match self {
+            Self::Plain(format) => format.work(),
+            Self::Mesh(..) => Work::from_seconds(0.0),
+        }
+    }
 }
 
 #[derive(serde::Deserialize)]
@@ -414,11 +494,14 @@ impl<S: Send + Sync> FromRequestParts<S> for ShapeFormat {
             return Err(Problem::of_parameter("grid", detail));
         }
         Format::from_request_parts(parts, state).await.map(Self::Plain).map_err(|problem| {
-            let known = format.is_none_or(|format| ["json", "svg"].contains(&format.as_str()));
+            let known = format.is_none_or(|format| format == "json" || picture_format(&format).is_some());
             if known {
                 problem
             } else {
-                Problem::of_parameter("format", "expected 'json', 'svg', 'obj', 'ply', 'stl' or 'gltf'")
+                Problem::of_parameter(
+                    "format",
+                    "expected 'json', 'svg', 'png', 'obj', 'ply', 'stl' or 'gltf'",
+                )
             }
         })
     }
@@ -441,7 +524,7 @@ impl<S: Send + Sync> FromRequestParts<S> for OnlyShapeFormat {
 #[derive(utoipa::IntoParams)]
 #[into_params(parameter_in = Query)]
 pub struct ShapeFormatQuery {
-    /// Response format: `json`, `svg`, or for surfaces `obj`, `ply`, `stl`, `gltf`.
+    /// Response format: `json`, `svg`, `png`, or for surfaces `obj`, `ply`, `stl`, `gltf`.
     #[allow(dead_code, reason = "only for the document; the extractor reads it")]
     format: Option<String>,
     /// Numbers of mesh points along `u` and `v`, such as `48,33`. Default: two per interval between knots.
@@ -459,12 +542,12 @@ pub(super) fn accepted(headers: &HeaderMap) -> String {
     if values.is_empty() { ANYTHING.into() } else { values.join(",") }
 }
 
-/// Whether a media range asks for a drawing rather than for numbers.
-fn picture_or_numbers(media_range: &str) -> Option<bool> {
+/// The picture format that a media range asks for; `Some(None)` for numbers, `None` for neither.
+fn picture_or_numbers(media_range: &str) -> Option<Option<PictureFormat>> {
     match media_range {
-        "application/json" | "application/*" | "*/*" | "" => Some(false),
-        "image/svg+xml" | "image/*" => Some(true),
-        _ => None,
+        "application/json" | "application/*" | "*/*" | "" => Some(None),
+        "image/*" => Some(PictureFormat::ALL.first().copied()),
+        range => PictureFormat::ALL.into_iter().find(|format| format.media_type() == range).map(Some),
     }
 }
 
@@ -698,10 +781,12 @@ mod tests {
     #[test]
     fn formats_are_negotiated() {
         let preferred = |accept| super::preferred(accept, picture_or_numbers);
-        assert_eq!(preferred("*/*"), Some(false));
-        assert_eq!(preferred("image/svg+xml"), Some(true));
-        assert_eq!(preferred("text/html, image/svg+xml;q=0.9, */*;q=0.8"), Some(true));
-        assert_eq!(preferred("application/json;q=0.5, image/*"), Some(true));
+        let (svg, png) = (Some(Some(PictureFormat::Svg)), Some(Some(PictureFormat::Png)));
+        assert_eq!(preferred("*/*"), Some(None));
+        assert_eq!(preferred("image/svg+xml"), svg);
+        assert_eq!(preferred("text/html, image/svg+xml;q=0.9, */*;q=0.8"), svg);
+        assert_eq!(preferred("application/json;q=0.5, image/*"), svg);
+        assert_eq!(preferred("image/png, image/svg+xml;q=0.9"), png);
         assert_eq!(preferred("text/csv"), None);
         let preferred = |accept| super::preferred(accept, matrix_format);
         assert_eq!(preferred("text/csv"), Some(MatrixFormat::Csv));

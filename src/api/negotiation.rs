@@ -61,7 +61,7 @@ pub(super) fn refuse(request: &Request) -> Option<Response> {
 }
 
 /// Whether a media range such as `image/*` includes a media type.
-fn covers(range: &str, media_type: &str) -> bool {
+pub(super) fn covers(range: &str, media_type: &str) -> bool {
     let media_type = media_type.split(';').next().unwrap_or_default().trim();
     match range.strip_suffix("/*") {
         _ if range.is_empty() => true,

@@ -9,8 +9,8 @@ use serde::Serialize;
 use super::problem::Problem;
 use crate::formats::matrix::{MatrixFormat, NamedMatrix};
 use crate::formats::mesh::MeshFormat;
+use crate::formats::picture::{PictureError, PictureFile};
 use crate::geometry::drawing::scene::Drawing;
-use crate::geometry::drawing::svg::Style;
 use crate::geometry::mesh::TriangleMesh;
 use crate::geometry::representation::ShapeSpace;
 use crate::service::app::memory::Purpose;
@@ -75,9 +75,16 @@ pub fn json(status: StatusCode, value: &impl Serialize) -> Result<Response, Serv
     Ok((status, [(header::CONTENT_TYPE, "application/json")], body).into_response())
 }
 
-/// SVG response.
-pub fn svg(drawing: &Drawing, style: &Style) -> Response {
-    ([(header::CONTENT_TYPE, "image/svg+xml")], Body::from(drawing.to_svg(style))).into_response()
+/// Picture of a drawing as a response.
+///
+/// # Errors
+/// A picture of too many pixels.
+pub fn picture(drawing: &Drawing, file: &PictureFile) -> Result<Response, ServiceError> {
+    let bytes = file.write(drawing).map_err(|error| match error {
+        PictureError::TooLarge { .. } => ServiceError::parameter("width", error.to_string()),
+        PictureError::Render(_) => ServiceError::Internal(error.to_string()),
+    })?;
+    Ok(([(header::CONTENT_TYPE, file.format.media_type())], Body::from(bytes)).into_response())
 }
 
 /// Mesh of a shape; see [`mesh_of`].
@@ -95,7 +102,12 @@ pub fn mesh(
 
 /// Mesh file as a response.
 pub fn mesh_file(format: MeshFormat, mesh: &TriangleMesh) -> Response {
-    ([(header::CONTENT_TYPE, format.media_type())], Body::from(format.write(mesh))).into_response()
+    file_of(format, format.write(mesh))
+}
+
+/// The bytes of a mesh file as a response.
+pub fn file_of(format: MeshFormat, bytes: Vec<u8>) -> Response {
+    ([(header::CONTENT_TYPE, format.media_type())], Body::from(bytes)).into_response()
 }
 
 /// Matrix, written while it is sent, which holds its memory until then.

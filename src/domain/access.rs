@@ -20,7 +20,7 @@ pub enum Role {
     Reader,
     /// Stores, learns and deletes.
     Writer,
-    /// Manages keys and reads the audit trail.
+    /// Manages keys and hooks, and reads the audit trail.
     Admin,
 }
 

@@ -16,14 +16,94 @@ pub enum ChangeKind {
     CohortRestored,
     /// Shapes were added; `revision` is the resulting revision.
     ShapesAdded,
+    /// Attributes of a shape were changed.
+    ShapeUpdated,
     /// A shape was deleted.
     ShapeDeleted,
+    /// Shapes that pass a filter were deleted; the object is the cohort.
+    ShapesDeleted,
+    /// The shapes of a subject were erased, in all revisions; the object is the cohort.
+    SubjectErased,
     /// A version of a dictionary was learnt or imported.
     DictionaryAdded,
     /// A version of a dictionary was moved to the trash.
     DictionaryDeleted,
     /// A version of a dictionary was restored from the trash.
     DictionaryRestored,
+    /// A job was submitted; `object` is its id.
+    JobQueued,
+    /// A job succeeded.
+    JobSucceeded,
+    /// A job failed.
+    JobFailed,
+    /// A job was cancelled.
+    JobCancelled,
+}
+
+impl ChangeKind {
+    /// All kinds.
+    pub const ALL: [Self; 16] = [
+        Self::CohortCreated,
+        Self::CohortUpdated,
+        Self::CohortDeleted,
+        Self::CohortRestored,
+        Self::ShapesAdded,
+        Self::ShapeUpdated,
+        Self::ShapeDeleted,
+        Self::ShapesDeleted,
+        Self::SubjectErased,
+        Self::DictionaryAdded,
+        Self::DictionaryDeleted,
+        Self::DictionaryRestored,
+        Self::JobQueued,
+        Self::JobSucceeded,
+        Self::JobFailed,
+        Self::JobCancelled,
+    ];
+
+    /// Name used in JSON and the database.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::CohortCreated => "cohort_created",
+            Self::CohortUpdated => "cohort_updated",
+            Self::CohortDeleted => "cohort_deleted",
+            Self::CohortRestored => "cohort_restored",
+            Self::ShapesAdded => "shapes_added",
+            Self::ShapeUpdated => "shape_updated",
+            Self::ShapeDeleted => "shape_deleted",
+            Self::ShapesDeleted => "shapes_deleted",
+            Self::SubjectErased => "subject_erased",
+            Self::DictionaryAdded => "dictionary_added",
+            Self::DictionaryDeleted => "dictionary_deleted",
+            Self::DictionaryRestored => "dictionary_restored",
+            Self::JobQueued => "job_queued",
+            Self::JobSucceeded => "job_succeeded",
+            Self::JobFailed => "job_failed",
+            Self::JobCancelled => "job_cancelled",
+        }
+    }
+
+    /// Kind with this name.
+    pub fn from_word(word: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|kind| kind.as_str() == word)
+    }
+}
+
+/// Conditions on changes; all must hold.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct ChangeFilter {
+    /// Changes of these kinds; `None` for all kinds.
+    pub kinds: Option<Vec<ChangeKind>>,
+    /// Changes of the cohort with this id, of its shapes, dictionaries and jobs.
+    pub cohort: Option<String>,
+}
+
+impl ChangeFilter {
+    /// Whether the change meets the conditions.
+    pub fn admits(&self, change: &Change) -> bool {
+        self.kinds.as_ref().is_none_or(|kinds| kinds.contains(&change.kind))
+            && self.cohort.as_ref().is_none_or(|cohort| change.cohort.as_ref() == Some(cohort))
+    }
 }
 
 /// A change to be recorded.
@@ -37,7 +117,7 @@ pub struct NewChange<'a> {
     pub cohort: Option<&'a str>,
     /// Revision of the cohort after the change.
     pub revision: Option<u64>,
-    /// Number of shapes added.
+    /// Number of shapes added, deleted or erased.
     pub shapes: Option<u64>,
 }
 
@@ -45,6 +125,11 @@ impl<'a> NewChange<'a> {
     /// A change of a cohort itself.
     pub fn for_cohort(kind: ChangeKind, cohort: &'a str, revision: u64) -> Self {
         Self { kind, object: cohort, cohort: Some(cohort), revision: Some(revision), shapes: None }
+    }
+
+    /// A change of the state of a job on the cohort.
+    pub fn for_job(kind: ChangeKind, job: &'a str, cohort: Option<&'a str>) -> Self {
+        Self { kind, object: job, cohort, revision: None, shapes: None }
     }
 
     /// A change of a dictionary that was learnt from the cohort.
@@ -68,6 +153,38 @@ pub struct Change {
     pub cohort: Option<String>,
     /// Revision of the cohort after the change.
     pub revision: Option<u64>,
-    /// Number of shapes added.
+    /// Number of shapes added, deleted or erased.
     pub shapes: Option<u64>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn kinds_have_the_names_of_their_documents() {
+        for kind in ChangeKind::ALL {
+            assert_eq!(serde_json::to_value(kind).unwrap(), kind.as_str());
+            assert_eq!(ChangeKind::from_word(kind.as_str()), Some(kind));
+        }
+        assert_eq!(ChangeKind::from_word("job_progress"), None);
+    }
+
+    #[test]
+    fn a_filter_admits_what_meets_all_conditions() {
+        let change = Change {
+            sequence: 1,
+            at_ms: 0,
+            kind: ChangeKind::ShapesAdded,
+            object: "coh_1".into(),
+            cohort: Some("coh_1".into()),
+            revision: Some(1),
+            shapes: Some(2),
+        };
+        let of = |kind, cohort: &str| ChangeFilter { kinds: Some(vec![kind]), cohort: Some(cohort.into()) };
+        assert!(ChangeFilter::default().admits(&change));
+        assert!(of(ChangeKind::ShapesAdded, "coh_1").admits(&change));
+        assert!(!of(ChangeKind::ShapesAdded, "coh_2").admits(&change));
+        assert!(!of(ChangeKind::JobQueued, "coh_1").admits(&change));
+    }
 }

@@ -6,7 +6,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::shape::ShapeFilter;
+use super::filter::ShapeFilter;
 use crate::analysis::classification::record::ClassifierKind;
 use crate::analysis::dictionary::content::Content;
 use crate::analysis::dictionary::method::Method;

@@ -25,5 +25,7 @@ pub const SHAPE: &str = "shp";
 pub const JOB: &str = "job";
 /// Prefix of dictionary identifiers.
 pub const DICTIONARY: &str = "dic";
+/// Prefix of hook identifiers.
+pub const HOOK: &str = "hok";
 /// Prefix of key identifiers.
 pub const KEY: &str = "key";

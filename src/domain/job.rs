@@ -87,6 +87,9 @@ pub struct Progress {
     pub objective: Option<f64>,
 }
 
+/// Weight of the prediction against the rate so far, as a fraction of the job: the first percent says little of the rest.
+const TRUST: f64 = 0.05;
+
 /// Priority among the jobs of a tenant.
 #[derive(
     Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, Serialize, Deserialize, utoipa::ToSchema,
@@ -190,11 +193,42 @@ impl Job {
         self.parameters["predicted_seconds"].as_f64().unwrap_or(0.0)
     }
 
+    /// Estimated seconds until a running job ends: from its rate so far, and at its beginning from the prediction. `None` if it
+    /// is not running.
+    pub fn seconds_left(&self, now_ms: i64) -> Option<f64> {
+        let started = self.started_at_ms.filter(|_| self.status == JobStatus::Running)?;
+        let elapsed = now_ms.saturating_sub(started).max(0) as f64 / 1000.0;
+        let whole = (elapsed + TRUST * self.predicted_seconds()) / (self.progress + TRUST);
+        Some(whole * (1.0 - self.progress))
+    }
+
     /// Updates the job with the `progress` of its attempt.
     pub fn with_progress(mut self, progress: &Progress) -> Self {
         self.progress = progress.fraction;
         self.phase = progress.phase.map(str::to_owned);
         self.objective = progress.objective;
         self
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn the_time_left_follows_the_prediction_and_then_the_rate() {
+        let mut job = Job::new(JobKind::Distances, json!({}), 0).weighing(100.0, Priority::Normal);
+        assert_eq!(job.seconds_left(5_000), None);
+        (job.status, job.started_at_ms) = (JobStatus::Running, Some(10_000));
+        assert!((job.seconds_left(10_000).unwrap() - 100.0).abs() < 1e-9);
+        // Half is done in 20 s.
+        job.progress = 0.5;
+        let left = job.seconds_left(30_000).unwrap();
+        assert!((20.0..30.0).contains(&left), "{left}");
+        // The clock of another replica may be behind.
+        assert!(job.seconds_left(0).unwrap() >= 0.0);
+        job.status = JobStatus::Succeeded;
+        assert_eq!(job.seconds_left(40_000), None);
     }
 }

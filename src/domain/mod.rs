@@ -5,9 +5,10 @@
 //! * [`cohort`] — a named set of shapes in one representation, with its revision;
 //! * [`dictionary`] — statistics learnt from a cohort;
 //! * [`shape`] — one member: control points and attributes; [`attribute`] — its attributes by name;
+//!   [`filter`] — conditions on them;
 //! * [`study`] — results of comparisons and regressions of a cohort's shapes;
 //! * [`job`] — long work, its progress and its outcome;
-//! * [`change`] — the change feed; [`retry`] — requests that may be repeated; [`trash`] — deleted objects that can be restored;
+//! * [`change`] — the change feed; [`hook`] — where it is delivered; [`retry`] — requests that may be repeated; [`trash`] — deleted objects that can be restored;
 //! * [`id`] — prefixed, sortable, opaque identifiers.
 
 pub mod access;
@@ -16,6 +17,8 @@ pub mod audit;
 pub mod change;
 pub mod cohort;
 pub mod dictionary;
+pub mod filter;
+pub mod hook;
 pub mod id;
 pub mod job;
 pub mod key;

@@ -2,8 +2,6 @@
 
 use std::collections::BTreeMap;
 
-use serde::{Deserialize, Serialize};
-
 /// Attributes of a shape besides its geometry.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct ShapeAttributes {
@@ -21,6 +19,24 @@ pub struct ShapeAttributes {
     pub metadata: Option<String>,
 }
 
+/// Measures of a shape, computed when it arrives, in the unit of its points; `None` where shapes of its kind have none.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct ShapeMeasures {
+    /// Number of points as received, those included that were dropped as repeated.
+    pub points: Option<u64>,
+    /// Centroid size: of landmarks the root of the sum of squared distances from their mean, of curves and surfaces the
+    /// root of the integral.
+    pub centroid_size: Option<f64>,
+    /// Length of a curve.
+    pub length: Option<f64>,
+    /// Enclosed area of a closed planar curve, unsigned; area of a surface.
+    pub area: Option<f64>,
+    /// Volume that a surface encloses, unsigned.
+    pub volume: Option<f64>,
+    /// Whether a planar curve intersects itself.
+    pub self_intersecting: Option<bool>,
+}
+
 /// A shape about to be stored.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NewShape {
@@ -28,6 +44,8 @@ pub struct NewShape {
     pub id: String,
     /// Attributes besides the geometry.
     pub attributes: ShapeAttributes,
+    /// Measures of the geometry.
+    pub measures: ShapeMeasures,
     /// Control points, coordinate-major, `N·d` numbers.
     pub control_points: Vec<f64>,
 }
@@ -39,6 +57,8 @@ pub struct Shape {
     pub id: String,
     /// Attributes besides the geometry.
     pub attributes: ShapeAttributes,
+    /// Measures of the geometry.
+    pub measures: ShapeMeasures,
     /// Control points, coordinate-major, `N·d` numbers.
     pub control_points: Vec<f64>,
     /// Creation time, milliseconds since 1970 UTC.
@@ -58,19 +78,8 @@ pub struct ShapeDescription {
     pub label: Option<String>,
     /// Additional attributes, each a string, a number or a Boolean.
     pub labels: BTreeMap<String, serde_json::Value>,
-}
-
-/// Filter that selects shapes of a cohort; all conditions must hold.
-#[derive(Debug, Clone, PartialEq, Eq, Default, Hash, Serialize, Deserialize, utoipa::ToSchema)]
-#[serde(deny_unknown_fields)]
-pub struct ShapeFilter {
-    /// Shapes with this label.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub label: Option<String>,
-    /// Shapes of this subject.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub subject: Option<String>,
-    /// Shapes whose attributes have these values, compared as text.
-    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
-    pub labels: BTreeMap<String, String>,
+    /// Measures of the geometry.
+    pub measures: ShapeMeasures,
+    /// Creation time, milliseconds since 1970 UTC.
+    pub created_at_ms: i64,
 }

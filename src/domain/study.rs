@@ -21,6 +21,7 @@ pub struct StudyHeader {
     /// Attributes within whose values labels or residuals were exchanged.
     pub strata: Vec<String>,
     /// Number of shapes used.
+    #[serde(rename = "shape_count", alias = "shapes")]
     pub shapes: usize,
     /// Number of shapes left out because a value is missing or not a number.
     pub left_out: usize,

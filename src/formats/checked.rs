@@ -444,6 +444,11 @@ impl<T> Default for List<T> {
 }
 
 impl<T> List<T> {
+    /// The first items of a list of `count` entries.
+    pub fn of(items: Vec<T>, count: usize) -> Self {
+        Self { items, count, fault: None }
+    }
+
     /// Takes the items; a fault goes to `errors` at `pointer`. Returns no items if there are too many.
     pub fn take(self, pointer: &str, errors: &mut Vec<Fault>) -> Vec<T> {
         if let Some(what) = self.fault {

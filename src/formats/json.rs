@@ -17,6 +17,37 @@ pub fn parse<T: DeserializeOwned>(bounds: Bounds, text: &[u8]) -> Result<T, Faul
     })
 }
 
+/// Values of the lines of a text.
+#[derive(Debug)]
+pub struct Lines<T> {
+    /// Values, or faults of lines that are not JSON, as many as the bounds allow.
+    pub items: Vec<Result<T, Fault>>,
+    /// Numbers of their lines, from 1.
+    pub numbers: Vec<u64>,
+    /// Number of all lines that are not blank.
+    pub count: usize,
+}
+
+/// Parses a `T` from every line of a text; blank lines are skipped. The bounds are those of the whole text.
+pub fn parse_lines<T: DeserializeOwned>(bounds: Bounds, text: &[u8]) -> Lines<T> {
+    let mut lines = Lines { items: Vec::new(), numbers: Vec::new(), count: 0 };
+    bounds::within(bounds, || {
+        for (line, number) in text.split(|byte| *byte == b'\n').zip(1..) {
+            if line.iter().all(u8::is_ascii_whitespace) {
+                continue;
+            }
+            lines.count += 1;
+            if lines.items.len() < bounds.items {
+                let item = serde_json::from_slice(line).or_else(|_| parse_tracked(line));
+                // The fault is that of the whole line, of which nothing is known then.
+                lines.items.push(item.map_err(|fault| Fault { pointer: String::new(), ..fault }));
+                lines.numbers.push(number);
+            }
+        }
+    });
+    lines
+}
+
 fn parse_tracked<T: DeserializeOwned>(text: &[u8]) -> Result<T, Fault> {
     let mut deserializer = serde_json::Deserializer::from_slice(text);
     let value: T = serde_path_to_error::deserialize(&mut deserializer).map_err(|error| {
@@ -80,6 +111,17 @@ mod tests {
             "{}",
             not_text.detail
         );
+    }
+
+    #[test]
+    fn each_line_is_a_text_of_its_own() {
+        let bounds = Bounds { items: 3, ..Bounds::default() };
+        let lines: Lines<u8> = parse_lines(bounds, b"1\r\n\n2 3\n  \n4\n5\n6");
+        assert_eq!((lines.numbers, lines.count), (vec![1, 3, 5], 5));
+        let faulty: Vec<_> = lines.items.iter().map(|item| item.as_ref().err().map(|f| &f.detail)).collect();
+        let said = "not valid JSON (line 1, column 3): expected the end of the text, got more".to_owned();
+        assert_eq!(faulty, [None, Some(&said), None]);
+        assert_eq!(parse_lines::<u8>(bounds, b" \n").count, 0);
     }
 
     #[test]

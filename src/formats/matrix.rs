@@ -8,6 +8,8 @@
 
 use serde_json::{Map, Value};
 
+use super::table::quoted;
+
 /// File format of a matrix.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum MatrixFormat {
@@ -93,14 +95,6 @@ fn write_row(format: MatrixFormat, first: bool, row: &[f64]) -> Vec<u8> {
         }
         MatrixFormat::Npy => row.iter().flat_map(|value| value.to_le_bytes()).collect(),
     }
-}
-
-/// Quotes a field as RFC 4180 requires.
-fn quoted(text: &str) -> String {
-    if text.contains([',', '"', '\r', '\n']) {
-        return format!("\"{}\"", text.replace('"', "\"\""));
-    }
-    text.to_owned()
 }
 
 /// NPY header of version 1.0: magic, version, length, and a Python literal, padded to a multiple of 64 bytes.

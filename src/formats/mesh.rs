@@ -11,8 +11,7 @@
 
 use std::fmt::Write;
 
-use serde_json::json;
-
+use super::gltf::{self, single};
 use crate::geometry::mesh::TriangleMesh;
 use crate::geometry::vector::{cross, minus, norm};
 
@@ -59,7 +58,7 @@ impl MeshFormat {
             Self::Obj => obj(mesh).into_bytes(),
             Self::Ply => ply(mesh),
             Self::Stl => stl(mesh),
-            Self::Gltf => gltf(mesh),
+            Self::Gltf => gltf::write(mesh, &[]),
         }
     }
 }
@@ -122,68 +121,11 @@ fn stl(mesh: &TriangleMesh) -> Vec<u8> {
     bytes
 }
 
-fn single(point: [f64; 3]) -> impl Iterator<Item = u8> {
-    point.into_iter().flat_map(|value| (value as f32).to_le_bytes())
-}
-
 /// Unit normal of a triangle; zero if it has no area.
 fn normal([a, b, c]: [[f64; 3]; 3]) -> [f64; 3] {
     let n = cross(minus(b, a), minus(c, a));
     let length = norm(n);
     if length > 0.0 { n.map(|value| value / length) } else { [0.0; 3] }
-}
-
-/// GLB file: a header, a JSON chunk and a binary chunk, each padded to four bytes.
-fn gltf(mesh: &TriangleMesh) -> Vec<u8> {
-    const FLOAT: u32 = 5126;
-    const UNSIGNED: u32 = 5125;
-    let mut numbers: Vec<u8> = mesh.faces.iter().flatten().flat_map(|vertex| vertex.to_le_bytes()).collect();
-    let mut views = vec![json!({"buffer": 0, "byteOffset": 0, "byteLength": numbers.len(), "target": 34963})];
-    let count = mesh.vertices.len();
-    let bound = |pick: fn(f32, f32) -> f32, start: f32| {
-        let fold = |c: usize| mesh.vertices.iter().map(|point| point[c] as f32).fold(start, pick);
-        [fold(0), fold(1), fold(2)]
-    };
-    let mut accessors = vec![
-        json!({"bufferView": 0, "componentType": UNSIGNED, "count": 3 * mesh.faces.len(), "type": "SCALAR"}),
-        json!({"bufferView": 1, "componentType": FLOAT, "count": count, "type": "VEC3",
-            "min": bound(f32::min, f32::MAX), "max": bound(f32::max, f32::MIN)}),
-    ];
-    let mut attributes = json!({"POSITION": 1});
-    for points in std::iter::once(&mesh.vertices).chain(&mesh.normals) {
-        let offset = numbers.len();
-        numbers.extend(points.iter().flat_map(|point| single(*point)));
-        views.push(
-            json!({"buffer": 0, "byteOffset": offset, "byteLength": numbers.len() - offset, "target": 34962}),
-        );
-    }
-    if mesh.normals.is_some() {
-        attributes["NORMAL"] = json!(2);
-        accessors.push(json!({"bufferView": 2, "componentType": FLOAT, "count": count, "type": "VEC3"}));
-    }
-    let document = json!({
-        "asset": {"version": "2.0", "generator": "shapelex"},
-        "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
-        "meshes": [{"primitives": [{"attributes": attributes, "indices": 0}]}],
-        "accessors": accessors, "bufferViews": views, "buffers": [{"byteLength": numbers.len()}],
-    });
-    let chunks =
-        [(*b"JSON", padded(document.to_string().into_bytes(), b' ')), (*b"BIN\0", padded(numbers, 0))];
-    let length = 12 + chunks.iter().map(|(_, bytes)| 8 + bytes.len()).sum::<usize>();
-    let mut file = b"glTF".to_vec();
-    file.extend(2_u32.to_le_bytes());
-    file.extend((length as u32).to_le_bytes());
-    for (name, bytes) in chunks {
-        file.extend((bytes.len() as u32).to_le_bytes());
-        file.extend(name);
-        file.extend(bytes);
-    }
-    file
-}
-
-fn padded(mut bytes: Vec<u8>, with: u8) -> Vec<u8> {
-    bytes.resize(bytes.len().next_multiple_of(4), with);
-    bytes
 }
 
 #[cfg(test)]
@@ -212,15 +154,6 @@ mod tests {
         let head = ply.windows(11).position(|bytes| bytes == b"end_header\n").unwrap() + 11;
         assert_eq!(ply.len() - head, 3 * 6 * 8 + 13);
         assert_eq!(stl(&mesh).len(), 84 + 50);
-        let file = gltf(&mesh);
-        let number = |at: usize| u32::from_le_bytes(file[at..at + 4].try_into().unwrap()) as usize;
-        assert_eq!((number(4), number(8)), (2, file.len()));
-        let json: serde_json::Value = serde_json::from_slice(&file[20..20 + number(12)]).unwrap();
-        let binary = 20 + number(12);
-        assert_eq!(&file[binary + 4..binary + 8], b"BIN\0");
-        assert_eq!(json["buffers"][0]["byteLength"], number(binary));
-        assert_eq!(json["accessors"][1]["max"], serde_json::json!([2.0, 1.0, 0.5]));
-        assert_eq!(json["bufferViews"][2]["byteOffset"], 12 + 36);
     }
 
     #[test]

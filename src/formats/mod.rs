@@ -6,15 +6,22 @@
 //! * [`checked`] — JSON values that keep their own error, so that a request reports all of them;
 //! * [`ndjson`] — lines of a byte stream;
 //! * [`representation`] — representations as JSON;
+//! * [`merge_patch`] — changes of a JSON object;
 //! * [`matrix`] — square matrices as JSON, CSV and NPY;
-//! * [`mesh`] — triangle meshes as OBJ, PLY, STL and glTF.
+//! * [`table`] — tables as JSON, CSV, NDJSON and Arrow;
+//! * [`mesh`] — triangle meshes as OBJ, PLY, STL and glTF; [`gltf`] — also with displacements;
+//! * [`picture`] — drawings as SVG and PNG.
 
 pub mod bounds;
 pub mod checked;
 pub mod fault;
+pub mod gltf;
 pub mod json;
 pub mod matrix;
+pub mod merge_patch;
 pub mod mesh;
 pub mod ndjson;
+pub mod picture;
 pub mod representation;
 pub mod shape;
+pub mod table;

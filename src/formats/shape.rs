@@ -472,6 +472,9 @@ document! {
         /// Set by the service. Ignored in a request, so that a shape can be posted as it was read.
         #[schema(value_type = Option<String>)]
         created_at: Ignored;
+        /// Set by the service. Ignored in a request, so that a shape can be posted as it was read.
+        #[schema(value_type = Option<serde_json::Value>)]
+        measures: Ignored;
     }
 }
 

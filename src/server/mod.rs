@@ -25,6 +25,7 @@ use crate::config::ServeConfig;
 use crate::service::access::Access;
 use crate::service::app::{App, clock, metrics};
 use crate::service::cohorts::{catalogue, example};
+use crate::service::hooks::deliver::Deliveries;
 use crate::service::{access, dispatch};
 use crate::worker::{Worker, tidy};
 
@@ -46,6 +47,7 @@ pub(crate) async fn serve(config: ServeConfig) -> Result<(), String> {
     let asked_to_stop = stop_signal().map_err(|error| format!("signals cannot be handled: {error}"))?;
     let (listener, tls) = listen(&config, &app).await?;
     let worker = Worker::start(&app, config.places(), dispatch::run);
+    let deliveries = Deliveries::start(&app);
     let stop = CancellationToken::new();
     let mut router = api::router(app.clone());
     if tls.is_some() {
@@ -62,7 +64,8 @@ pub(crate) async fn serve(config: ServeConfig) -> Result<(), String> {
     // Until the last response is sent, uploads are told to end, new requests are refused, and probes report it.
     app.drain();
     stop.cancel();
-    let (ended, ()) = tokio::join!(tokio::time::timeout(DRAIN, served), worker.stop());
+    let served = tokio::time::timeout(DRAIN, served);
+    let (ended, (), ()) = tokio::join!(served, worker.stop(), deliveries.stop());
     let outcome = match ended {
         Ok(ended) => ended.map_err(|error| error.to_string()),
         Err(_) => {
@@ -81,7 +84,7 @@ async fn start(config: &ServeConfig) -> Result<App, String> {
     metrics::start();
     tokio::spawn(metrics::upkeep());
     let access = Access::new(config.access())?;
-    let app = App::new(store, config.limits(), config.threads).with_access(access);
+    let app = App::new(store, config.limits(), config.threads).with_access(access).with_hooks(config.hooks());
     app.memory.watch(Arc::clone(&app.cache));
     access::check_start(&app, config.listen).await?;
     app.trail().start(&app.store, config.audit_required);

@@ -7,9 +7,11 @@
 //! * [`shapes`] — shapes of a request: read, evaluate, measure, fit, deform, morph;
 //! * [`statistics`] — projections, means, alignments and components of posted shapes;
 //! * [`cost`] — predicted cost of requests;
-//! * [`cohorts`] — stored shapes; [`access`] — authentication of callers;
+//! * [`cohorts`] — stored shapes; [`access`] — authentication of callers; [`events`] — what happens, as a stream;
+//! * [`hooks`] — deliveries of changes to addresses of clients;
 //! * [`search`] — distances and neighbours;
 //! * [`dictionaries`] — dictionaries and classifiers; [`inference`] — hypothesis tests;
+//! * [`tables`] — cohorts as tables;
 //! * [`dispatch`] — the use case of each kind of job.
 
 pub mod access;
@@ -19,10 +21,13 @@ pub mod cohorts;
 pub mod cost;
 pub mod dictionaries;
 pub mod dispatch;
+pub mod events;
+pub mod hooks;
 pub mod inference;
 pub mod jobs;
 pub mod search;
 pub mod shapes;
 pub mod statistics;
+pub mod tables;
 
 pub use app::{App, Limits, ServiceError};

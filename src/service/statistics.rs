@@ -10,7 +10,7 @@ use crate::analysis::alignment::{
 use crate::analysis::conversion::Conversion;
 use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
 use crate::analysis::dictionary::recipe::NO_CONSTANTS;
-use crate::analysis::drawing;
+use crate::analysis::drawing::{self, View};
 use crate::analysis::frame::Frame;
 use crate::analysis::matching::Matching;
 use crate::analysis::metric::Metric;
@@ -26,6 +26,7 @@ use crate::geometry::resample::RepeatedPoints;
 use crate::service::app::faults::Faults;
 use crate::service::app::{App, Limits, ServiceError};
 use crate::service::shapes::draw::MAX_DRAWN;
+use crate::service::shapes::outcome::{OnError, Outcomes, of_shape};
 use crate::service::shapes::read::{self, Batch, Reading};
 
 /// Settings for reading and aligning shapes.
@@ -133,6 +134,11 @@ pub struct Setup {
 }
 
 impl Setup {
+    /// Aligned shapes as they are drawn: as `reference` (control points) is upright.
+    pub fn view(&self, reference: &[f64]) -> View<'_> {
+        View::upright(&self.space, &self.method, reference)
+    }
+
     /// A drawing with a scale bar if aligned shapes keep their sizes; `unit`: the unit of length, if known.
     pub fn in_scale(&self, drawing: Drawing, unit: Option<&str>) -> Drawing {
         if self.method.keeps_sizes() { drawing.to_scale(unit) } else { drawing }
@@ -224,44 +230,41 @@ pub fn pca(
     let Statistics { setup, mean, aligned, weights, .. } = statistics;
     let whitened = aligned.iter().flat_map(|shape| shape.whitened.iter().copied()).collect();
     let source = ShapesInMemory::prepared(whitened, weights.clone());
-    let stop = || context.is_cancelled();
-    let source = Watched::new(&source, &stop);
+    let source = Watched::new(&source, &context);
     Ok(Components::new(&source, &setup.metric, &mean.whitened, centre, components)?)
 }
 
 /// Projects shapes on a reference, or the reference on each shape. Degenerate shapes are refused in both directions.
 ///
 /// # Errors
-/// Faults of the input; degenerate shapes, or a degenerate reference at `/reference`.
+/// Faults of the input; degenerate shapes, or a degenerate reference at `/reference`. Under [`OnError::Skip`] those of
+/// the shapes are among the outcomes.
 pub fn project(
     app: &App,
     settings: CheckedSettings,
     onto: Onto,
     reference: ShapeInput,
-    shapes: Vec<ShapeInput>,
-) -> Result<(Setup, Vec<Projection>), ServiceError> {
+    (shapes, on_error): (Vec<ShapeInput>, OnError),
+) -> Result<(Setup, Outcomes<Projection>), ServiceError> {
     let setup = Setup::new(app, settings)?;
     let reading = setup.reading(&app.limits);
-    let batch = read::read_batch(&reading, shapes);
+    let shapes = read::read_each(&reading, shapes).and_then(|shapes| shapes.checked(on_error));
     let reference = read::read_shape(&reading, reference)
         .map(|shape| shape.control_points)
         .map_err(|errors| ServiceError::below(errors, "/reference"));
     let mut faults = Faults::default();
-    let (Some(reference), Some(batch)) = (faults.keep(reference)?, faults.keep(batch)?) else {
+    let (Some(reference), Some(shapes)) = (faults.keep(reference)?, faults.keep(shapes)?) else {
         return Err(ServiceError::Invalid(faults));
     };
-    if batch.weights.is_empty() {
+    if shapes.is_empty() {
         return Err(ServiceError::TooFewShapes { found: 0, needed: 1 });
     }
     let both = BothWays::new(&setup.metric, &setup.method, reference)
         .map_err(|error| ServiceError::from_analysis(error, |_| "/reference".into()).without_index())?;
-    let context = app.pool.context();
-    let shapes = batch.control_points.chunks_exact(setup.metric.len()).enumerate();
-    let project = |(index, shape): (usize, &[f64])| {
-        context.check()?;
-        Ok(both.project(shape, onto).map_err(|error| error.at(index))?)
-    };
-    let projections = shapes.map(project).collect::<Result<_, ServiceError>>()?;
+    let projections = shapes.each(&app.pool.context(), |index, (shape, _)| {
+        both.project(&shape, onto).map_err(|error| of_shape(index, error))
+    })?;
+    let projections = projections.checked(on_error)?;
     Ok((setup, projections))
 }
 
@@ -273,9 +276,9 @@ pub fn draw_mean(
     aligned: &[AlignedShape],
     unit: Option<&str>,
 ) -> Drawing {
-    let space = (&setup.space, &setup.metric);
     let counted = (mean.control_points.as_slice(), mean.shapes);
-    setup.in_scale(drawing::draw_mean(space, title, counted, aligned, MAX_DRAWN), unit)
+    let view = setup.view(counted.0);
+    setup.in_scale(drawing::draw_mean(&view, &setup.metric, title, counted, aligned, MAX_DRAWN), unit)
 }
 
 /// Drawing of one mode: the mean and `mean ± sigma·s ξ`, where `s` is the standard deviation of the scores.
@@ -296,10 +299,7 @@ pub fn draw_mode(
     }
     let setup = &statistics.setup;
     let mode = components.mode(component - 1, sigma).map(|shape| unwhitened(&setup.metric, &shape));
-    let title = format!(
-        "mode {component}: {:.1} % of {}",
-        100.0 * pca.explained[component - 1],
-        if pca.centred { "variance" } else { "energy" }
-    );
-    Ok(setup.in_scale(drawing::draw_mode(&setup.space, &title, sigma, &mode), None))
+    let title = drawing::mode_title(component, pca.explained[component - 1], pca.centred);
+    let view = setup.view(&statistics.mean.control_points);
+    Ok(setup.in_scale(drawing::draw_mode(&view, &title, sigma, &mode), None))
 }

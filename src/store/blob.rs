@@ -62,6 +62,33 @@ pub(super) async fn load(connection: &mut Transaction, chunks: &[i64]) -> Result
     Ok(sql(connection, LOAD).bind(asked).all().await?)
 }
 
+/// The chunk of a row of [`load`], with zeros in place of these shapes. A checksum that did not match still does not.
+pub(super) fn without(row: &Row, positions: &[i64]) -> Result<Encoded, StoreError> {
+    let is_sound = Chunk::verified(row).is_ok();
+    let width = usize::try_from(row.get::<i64>("width")?).unwrap_or_default();
+    let (mut points, mut weights): (Vec<u8>, Option<Vec<u8>>) = (row.get("points")?, row.get("weights")?);
+    for &position in positions {
+        let position = usize::try_from(position).unwrap_or(usize::MAX);
+        overwrite(&mut points, position, width, 0.0);
+        if let Some(weights) = &mut weights {
+            overwrite(weights, position, 1, 1.0);
+        }
+    }
+    let checksum = if is_sound {
+        checksum(&points, weights.as_deref().unwrap_or_default())
+    } else {
+        row.get("checksum")?
+    };
+    Ok(Encoded { checksum, weights, points })
+}
+
+/// Overwrites the numbers of a row; rows beyond the end have none.
+fn overwrite(bytes: &mut [u8], position: usize, width: usize, number: f64) {
+    let (slots, _) = bytes.as_chunks_mut();
+    let first = position.saturating_mul(width);
+    slots.iter_mut().skip(first).take(width).for_each(|slot| *slot = number.to_le_bytes());
+}
+
 /// A stored chunk with verified checksum; it borrows the row's bytes.
 #[derive(Debug)]
 pub(super) struct Chunk<'a> {

@@ -84,12 +84,13 @@ impl Pools {
     }
 
     /// Merges the write-ahead log of an embedded database into its file and empties it, so that a copy of the file is complete.
-    pub(super) async fn fold_log(&self) -> Result<(), sqlx::Error> {
+    /// Returns whether no reader has prevented it.
+    pub(super) async fn fold_log(&self) -> Result<bool, sqlx::Error> {
         const FOLD: &str = "PRAGMA wal_checkpoint(TRUNCATE)";
-        if matches!(self, Self::Sqlite { .. }) {
-            sql(self.writer(), FOLD).execute().await?;
+        match self {
+            Self::Sqlite { .. } => Ok(sql(self.writer(), FOLD).scalar::<i64>().await? == 0),
+            Self::Postgres(_) => Ok(true),
         }
-        Ok(())
     }
 
     /// Closes all connections.
@@ -234,6 +235,11 @@ impl Query<'_> {
         }
     }
 
+    /// Whether it runs on PostgreSQL.
+    pub(super) fn is_postgres(&self) -> bool {
+        matches!(self.arguments, Arguments::Postgres(_))
+    }
+
     /// Appends to the statement text.
     pub(super) fn push(&mut self, text: &str) -> &mut Self {
         self.text.to_mut().push_str(text);
@@ -255,6 +261,33 @@ impl Query<'_> {
         }
         let place = format!("${}", self.arguments.len());
         self.push(&place)
+    }
+
+    /// The statement between two other parts.
+    pub(super) fn within(mut self, before: &str, after: &str) -> Self {
+        self.text.to_mut().insert_str(0, before);
+        self.text.to_mut().push_str(after);
+        self
+    }
+
+    /// Appends a subquery of the numbers of a list, bound as one value.
+    pub(super) fn push_numbers(&mut self, numbers: impl Iterator<Item = i64>) -> &mut Self {
+        let list = serde_json::Value::from_iter(numbers).to_string();
+        self.push_list(list, "CAST(t.value AS BIGINT)")
+    }
+
+    /// Appends a subquery of the texts of a list, bound as one value.
+    pub(super) fn push_texts<'t>(&mut self, texts: impl Iterator<Item = &'t str>) -> &mut Self {
+        let list = serde_json::Value::from_iter(texts).to_string();
+        self.push_list(list, "t.value")
+    }
+
+    fn push_list(&mut self, list: String, value: &str) -> &mut Self {
+        let (each, end) = match self.arguments {
+            Arguments::Sqlite(_) => (" FROM json_each(", ") AS t)"),
+            Arguments::Postgres(_) => (" FROM json_array_elements_text(", "::json) AS t (value))"),
+        };
+        self.push("(SELECT ").push(value).push(each).push_bind(list).push(end)
     }
 
     /// Sets whether the prepared statement is cached; rarely repeated statements are not worth it.

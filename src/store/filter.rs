@@ -1,13 +1,10 @@
-//! Shape filters as SQL.
+//! Shape filters and orders as SQL.
 
 use super::engine::to_sql;
-use super::engine::{Query, Transaction, sql};
-use crate::domain::shape::ShapeFilter;
-
-/// Whether the filter accepts every shape.
-pub(super) fn is_empty(filter: &ShapeFilter) -> bool {
-    filter.label.is_none() && filter.subject.is_none() && filter.labels.is_empty()
-}
+use super::engine::{Bindable, Query, Transaction, sql};
+use super::shapes::{ListCursor, Order, SortKey};
+use crate::domain::attribute::{Attribute, Measure};
+use crate::domain::filter::{Condition, ShapeFilter, number_of};
 
 /// Range of revisions: shapes added after one revision, as they were at another.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -44,8 +41,12 @@ pub(super) struct Selection<'a> {
 impl Selection<'_> {
     /// `SELECT columns` from the shapes (`s`) and their chunks (`c`), unordered.
     pub(super) fn select<'c>(&self, read: &'c mut Transaction, columns: &str) -> Query<'c> {
-        let is_postgres = read.is_postgres();
-        let mut query = sql(read, "SELECT ").persistent(false);
+        let query = sql(read, "SELECT ").persistent(false);
+        self.select_from(query, columns)
+    }
+
+    /// The same of a query that has begun with `SELECT` and perhaps further columns.
+    fn select_from<'c>(&self, mut query: Query<'c>, columns: &str) -> Query<'c> {
         // CROSS JOIN fixes the order of the loops: storage order comes from an index on an attribute, or without one from
         // the chunks of the cohort.
         query.push(columns).push(if self.is_indexed() {
@@ -55,7 +56,7 @@ impl Selection<'_> {
         });
         query.push_bind(self.cohort);
         self.push_visibility(&mut query);
-        self.push_filter(&mut query, is_postgres);
+        push_filter(&mut query, self.filter);
         query
     }
 
@@ -71,12 +72,39 @@ impl Selection<'_> {
         query
     }
 
+    /// The same in the order of an attribute, after a position in it, with the columns `order_number` and `order_text`.
+    pub(super) fn ordered<'c>(
+        &self,
+        read: &'c mut Transaction,
+        columns: &str,
+        order: &Order,
+        after: Option<&ListCursor>,
+        limit: usize,
+    ) -> Query<'c> {
+        let mut query = sql(read, "SELECT ").persistent(false);
+        push_order_number(&mut query, &order.attribute);
+        query.push(" AS order_number, ");
+        push_order_text(&mut query, &order.attribute);
+        query.push(" AS order_text, ");
+        let mut query = self.select_from(query, columns);
+        if let Some(after) = after {
+            push_after(&mut query, order, after);
+        }
+        query.push(if order.descending {
+            " ORDER BY order_number DESC NULLS LAST, order_text DESC NULLS LAST"
+        } else {
+            " ORDER BY order_number NULLS LAST, order_text NULLS LAST"
+        });
+        query.push(", s.chunk_id, s.position LIMIT ").push_bind(to_sql(limit as u64));
+        query
+    }
+
     /// `SELECT DISTINCT name`: the further attributes that the selected shapes have. Cost: one pass over their attributes.
     pub(super) fn attribute_names<'c>(&self, read: &'c mut Transaction) -> Query<'c> {
         const NAMES: &str =
             "SELECT DISTINCT k.key AS name FROM chunk AS c CROSS JOIN shape AS s ON s.chunk_id = c.id, ";
-        let is_postgres = read.is_postgres();
         let mut query = sql(read, NAMES).persistent(false);
+        let is_postgres = query.is_postgres();
         query.push(if is_postgres {
             "json_object_keys(s.labels::json) AS k (key) WHERE c.cohort = "
         } else {
@@ -87,8 +115,10 @@ impl Selection<'_> {
         query
     }
 
+    /// Whether an index on an attribute gives the shapes in storage order.
     fn is_indexed(&self) -> bool {
-        self.filter.label.is_some() || self.filter.subject.is_some()
+        let is_one = |condition: &Option<Condition>| condition.as_ref().is_some_and(|c| c.one_of.len() == 1);
+        is_one(&self.filter.label) || is_one(&self.filter.subject)
     }
 
     fn push_visibility(&self, query: &mut Query<'_>) {
@@ -102,40 +132,216 @@ impl Selection<'_> {
         query.push_bind(chunk).push(", ").push_bind(position);
         query.push(")");
     }
+}
 
-    fn push_filter(&self, query: &mut Query<'_>, is_postgres: bool) {
-        if let Some(label) = &self.filter.label {
-            query.push(" AND s.label = ").push_bind(label.as_str());
-        }
-        if let Some(subject) = &self.filter.subject {
-            query.push(" AND s.subject = ").push_bind(subject.as_str());
-        }
-        for (key, value) in &self.filter.labels {
-            if is_postgres {
-                push_attribute_postgres(query, key);
-            } else {
-                push_attribute_sqlite(query, &attribute_path(key));
-            }
-            query.push(" = ").push_bind(value.as_str());
+fn push_filter(query: &mut Query<'_>, filter: &ShapeFilter) {
+    for (attribute, condition) in filter.conditions() {
+        push_condition(query, &attribute, condition);
+    }
+    for attribute in &filter.has {
+        query.push(" AND ");
+        push_presence(query, attribute);
+    }
+}
+
+fn push_condition(query: &mut Query<'_>, attribute: &Attribute, condition: &Condition) {
+    if !condition.one_of.is_empty() {
+        query.push(" AND ");
+        push_membership(query, attribute, &condition.one_of);
+    }
+    if !condition.none_of.is_empty() {
+        // A missing attribute has no value, hence none of these.
+        query.push(" AND (");
+        push_membership(query, attribute, &condition.none_of);
+        query.push(") IS NOT TRUE");
+    }
+    for (operator, bound) in condition.bounds() {
+        query.push(" AND ");
+        let number = number_of(attribute, bound);
+        // Numbers among further attributes are compared with numbers, texts with texts.
+        if attribute.is_numeric() || matches!(attribute, Attribute::Labels(_)) && number.is_some() {
+            push_number(query, attribute);
+            query.push(operator).push_bind(number);
+        } else {
+            push_string(query, attribute);
+            query.push(operator).push_bind(bound);
         }
     }
 }
 
-/// Attribute as text: strings as they are, other values as JSON (true, 1.5).
-fn push_attribute_sqlite(query: &mut Query<'_>, path: &str) {
-    query.push(" AND CASE json_type(s.labels, ").push_bind(path);
-    query.push(") WHEN 'text' THEN json_extract(s.labels, ").push_bind(path);
-    query.push(") ELSE s.labels -> ").push_bind(path).push(" END");
+/// Whether the value is one of these, which are compared as texts, and as numbers where both are numbers.
+fn push_membership(query: &mut Query<'_>, attribute: &Attribute, values: &[String]) {
+    let numbers: Vec<f64> = values.iter().filter_map(|value| number_of(attribute, value)).collect();
+    let has_numbers =
+        attribute.is_numeric() || matches!(attribute, Attribute::Labels(_)) && !numbers.is_empty();
+    if has_numbers && numbers.is_empty() {
+        query.push("1 = 0");
+        return;
+    }
+    query.push("(");
+    if has_numbers {
+        push_number(query, attribute);
+        push_list(query, &numbers);
+    }
+    if !attribute.is_numeric() {
+        query.push(if has_numbers { " OR " } else { "" });
+        push_text(query, attribute);
+        push_list(query, values);
+    }
+    query.push(")");
 }
 
-/// The same for PostgreSQL.
-fn push_attribute_postgres(query: &mut Query<'_>, key: &str) {
-    query.push(" AND CASE json_typeof(s.labels::json -> ").push_bind(key);
-    query.push(") WHEN 'string' THEN s.labels::json ->> ").push_bind(key);
-    query.push(" ELSE (s.labels::json -> ").push_bind(key).push(")::text END");
+fn push_list<'q>(query: &mut Query<'_>, values: &'q [impl Bindable<'q> + Clone]) {
+    query.push(" IN (");
+    for (index, value) in values.iter().enumerate() {
+        query.push(if index == 0 { "" } else { ", " }).push_bind(value.clone());
+    }
+    query.push(")");
+}
+
+/// Column of an attribute that has one.
+fn column(attribute: &Attribute) -> &'static str {
+    match attribute {
+        Attribute::ExternalId => "s.external_id",
+        Attribute::Subject => "s.subject",
+        Attribute::Label => "s.label",
+        Attribute::CreatedAt => "coalesce(s.first_stored_ms, c.created_at_ms)",
+        Attribute::Measure(Measure::Points) => "s.points",
+        Attribute::Measure(Measure::CentroidSize) => "s.centroid_size",
+        Attribute::Measure(Measure::Length) => "s.length",
+        Attribute::Measure(Measure::Area) => "s.area",
+        Attribute::Measure(Measure::Volume) => "s.volume",
+        Attribute::Measure(Measure::SelfIntersecting) => "s.self_intersecting",
+        Attribute::Labels(_) => "s.labels",
+    }
+}
+
+fn push_presence(query: &mut Query<'_>, attribute: &Attribute) {
+    let Attribute::Labels(name) = attribute else {
+        query.push(column(attribute)).push(" IS NOT NULL");
+        return;
+    };
+    if query.is_postgres() {
+        query.push("json_typeof(s.labels::json -> ").push_bind(name.as_str()).push(") <> 'null'");
+    } else {
+        query.push("json_type(s.labels, ").push_bind(path(name)).push(") <> 'null'");
+    }
+}
+
+/// Value as text: strings as they are, other values as JSON (true, 1.5).
+fn push_text(query: &mut Query<'_>, attribute: &Attribute) {
+    let Attribute::Labels(name) = attribute else {
+        match attribute {
+            Attribute::Measure(Measure::SelfIntersecting) => {
+                query.push("CASE s.self_intersecting WHEN 1 THEN 'true' WHEN 0 THEN 'false' END")
+            }
+            other => query.push(column(other)),
+        };
+        return;
+    };
+    if query.is_postgres() {
+        query.push("CASE json_typeof(s.labels::json -> ").push_bind(name.as_str());
+        query.push(") WHEN 'string' THEN s.labels::json ->> ").push_bind(name.as_str());
+        query.push(" ELSE (s.labels::json -> ").push_bind(name.as_str()).push(")::text END");
+    } else {
+        query.push("CASE json_type(s.labels, ").push_bind(path(name));
+        query.push(") WHEN 'text' THEN json_extract(s.labels, ").push_bind(path(name));
+        query.push(") ELSE s.labels -> ").push_bind(path(name)).push(" END");
+    }
+}
+
+/// Value, if it is a string, ordered by its bytes.
+fn push_string(query: &mut Query<'_>, attribute: &Attribute) {
+    let Attribute::Labels(name) = attribute else {
+        push_text(query, attribute);
+        return;
+    };
+    if query.is_postgres() {
+        query.push("(CASE json_typeof(s.labels::json -> ").push_bind(name.as_str());
+        query.push(") WHEN 'string' THEN s.labels::json ->> ").push_bind(name.as_str());
+        query.push(" END COLLATE \"C\")");
+    } else {
+        query.push("CASE json_type(s.labels, ").push_bind(path(name));
+        query.push(") WHEN 'text' THEN json_extract(s.labels, ").push_bind(path(name)).push(") END");
+    }
+}
+
+/// Value, if it is a number.
+fn push_number(query: &mut Query<'_>, attribute: &Attribute) {
+    let Attribute::Labels(name) = attribute else {
+        query.push("CAST(").push(column(attribute)).push(" AS DOUBLE PRECISION)");
+        return;
+    };
+    if query.is_postgres() {
+        query.push("CASE json_typeof(s.labels::json -> ").push_bind(name.as_str());
+        query.push(") WHEN 'number' THEN (s.labels::json ->> ").push_bind(name.as_str());
+        query.push(")::double precision END");
+    } else {
+        query.push("CASE WHEN json_type(s.labels, ").push_bind(path(name));
+        query.push(") IN ('integer', 'real') THEN CAST(json_extract(s.labels, ").push_bind(path(name));
+        query.push(") AS DOUBLE PRECISION) END");
+    }
+}
+
+fn push_order_number(query: &mut Query<'_>, attribute: &Attribute) {
+    if attribute.is_numeric() || matches!(attribute, Attribute::Labels(_)) {
+        push_number(query, attribute);
+    } else {
+        query.push("CAST(NULL AS DOUBLE PRECISION)");
+    }
+}
+
+fn push_order_text(query: &mut Query<'_>, attribute: &Attribute) {
+    if attribute.is_numeric() {
+        query.push("CAST(NULL AS TEXT)");
+    } else {
+        push_string(query, attribute);
+    }
+}
+
+/// Shapes after a position in an order.
+fn push_after(query: &mut Query<'_>, order: &Order, after: &ListCursor) {
+    let (attribute, comes_later) = (&order.attribute, if order.descending { " < " } else { " > " });
+    let push_place = |query: &mut Query<'_>| {
+        query.push("(s.chunk_id, s.position) > (").push_bind(after.place.chunk);
+        query.push(", ").push_bind(after.place.position).push(")");
+    };
+    query.push(" AND ");
+    match &after.key {
+        Some(SortKey::Number(number)) => {
+            query.push("(");
+            push_order_number(query, attribute);
+            query.push(comes_later).push_bind(*number).push(" OR (");
+            push_order_number(query, attribute);
+            query.push(" = ").push_bind(*number).push(" AND ");
+            push_place(query);
+            query.push(") OR ");
+            push_order_number(query, attribute);
+            query.push(" IS NULL)");
+        }
+        Some(SortKey::Text(text)) => {
+            push_order_number(query, attribute);
+            query.push(" IS NULL AND (");
+            push_order_text(query, attribute);
+            query.push(comes_later).push_bind(text.as_str()).push(" OR (");
+            push_order_text(query, attribute);
+            query.push(" = ").push_bind(text.as_str()).push(" AND ");
+            push_place(query);
+            query.push(") OR ");
+            push_order_text(query, attribute);
+            query.push(" IS NULL)");
+        }
+        Some(SortKey::Missing) | None => {
+            push_order_number(query, attribute);
+            query.push(" IS NULL AND ");
+            push_order_text(query, attribute);
+            query.push(" IS NULL AND ");
+            push_place(query);
+        }
+    }
 }
 
 /// Path of an attribute in a JSON object, quoted by the writer of the stored object itself.
-fn attribute_path(key: &str) -> String {
+fn path(key: &str) -> String {
     format!("$.{}", serde_json::Value::from(key))
 }

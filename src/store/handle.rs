@@ -76,6 +76,7 @@ impl Store {
         store.purge(PURGE_PENDING, None).await?;
         store.purge(PURGE_ORPHANS, None).await?;
         store.requeue_interrupted_jobs().await?;
+        store.release_all_hooks().await?;
         Ok(store)
     }
 

@@ -12,7 +12,8 @@ use super::error::StoreError;
 use super::handle::Store;
 use super::outputs::{self, MAX_OUTPUT_BYTES};
 use super::text::{from_text, to_text};
-use super::{dictionaries, receipts};
+use super::{changes, dictionaries, receipts};
+use crate::domain::change::{ChangeKind, NewChange};
 use crate::domain::dictionary::NewDictionary;
 use crate::domain::job::{Job, JobFilter, JobOutput, Progress};
 use crate::domain::retry::Receipt;
@@ -98,6 +99,7 @@ impl Store {
             SELECT $1, $2, $3, 'queued', 0, 0, $4, $4, $6, $7
             WHERE (SELECT count(*) FROM job WHERE status = 'queued' AND tenant = $6) < $5";
         let limit = quota.jobs.min(MAX_QUEUED);
+        let cohort = cohort_of(job);
         let mut write = self.begin_write(self.tenant()).await?;
         receipts::keep(&mut write, self.tenant(), receipt, job.created_at_ms).await?;
         let waiting = queued_seconds(&mut write, self.tenant()).await?;
@@ -111,12 +113,14 @@ impl Store {
             .bind(job.created_at_ms)
             .bind(i64::from(limit))
             .bind(self.tenant())
-            .bind(job.parameters.get("cohort").and_then(Value::as_str))
+            .bind(cohort)
             .execute()
             .await?;
         if created == 0 {
             return Err(StoreError::TooManyJobs { limit });
         }
+        let change = NewChange::for_job(ChangeKind::JobQueued, &job.id, cohort);
+        changes::record(&mut write, self.tenant(), &change, job.created_at_ms).await?;
         Ok(write.commit().await?)
     }
 
@@ -261,6 +265,10 @@ impl Store {
         if let Some(dictionary) = dictionary.filter(|_| applied) {
             dictionaries::insert(&mut transaction, &claim.tenant, dictionary, now_ms).await?;
         }
+        if applied {
+            let change = NewChange::for_job(ChangeKind::JobSucceeded, &claim.job.id, cohort_of(&claim.job));
+            changes::record(&mut transaction, &claim.tenant, &change, now_ms).await?;
+        }
         transaction.commit().await?;
         Ok(applied)
     }
@@ -277,6 +285,10 @@ impl Store {
         let query = fenced(&mut transaction, FAIL, claim).bind(now_ms).bind(problem.to_string());
         let failed = query.execute().await?;
         prune(&mut transaction, &claim.tenant).await?;
+        if failed == 1 {
+            let change = NewChange::for_job(ChangeKind::JobFailed, &claim.job.id, cohort_of(&claim.job));
+            changes::record(&mut transaction, &claim.tenant, &change, now_ms).await?;
+        }
         transaction.commit().await?;
         Ok(failed == 1)
     }
@@ -310,11 +322,16 @@ impl Store {
         if self.select_job(&mut transaction, id).optional().await?.is_none() {
             return Ok(None);
         }
-        sql(&mut transaction, CANCEL).bind(id).bind(now_ms).execute().await?;
+        let cancelled = sql(&mut transaction, CANCEL).bind(id).bind(now_ms).execute().await?;
         let row = self.select_job(&mut transaction, id).optional().await?;
+        let job = row.as_ref().map(read_job).transpose()?;
         prune(&mut transaction, self.tenant()).await?;
+        if let Some(job) = job.as_ref().filter(|_| cancelled == 1) {
+            let change = NewChange::for_job(ChangeKind::JobCancelled, id, cohort_of(job));
+            changes::record(&mut transaction, self.tenant(), &change, now_ms).await?;
+        }
         transaction.commit().await?;
-        row.as_ref().map(read_job).transpose()
+        Ok(job)
     }
 
     /// Requeues the job of a dead owner at its previous position.
@@ -358,6 +375,11 @@ pub(super) async fn finish_succeeded(
     let done = query.execute().await?;
     prune(connection, &claim.tenant).await?;
     Ok(done == 1)
+}
+
+/// Id of the cohort that a job works on, if its parameters name one.
+fn cohort_of(job: &Job) -> Option<&str> {
+    job.parameters.get("cohort").and_then(Value::as_str)
 }
 
 /// A claimant's statement, with the identification of its claim as the first three arguments.
@@ -427,17 +449,27 @@ async fn abandon(
     const ABANDON: &str = "UPDATE job SET status = 'failed', finished_at_ms = $1, problem = $2,
         lease_owner = NULL, lease_until_ms = NULL
         WHERE attempt >= $3 AND (status = 'queued' OR (status = 'running' AND lease_until_ms < $1))
-        RETURNING id, tenant";
+        RETURNING id, tenant, cohort";
     let rows = sql(&mut *connection, ABANDON)
         .bind(now_ms)
         .bind(problem.to_string())
         .bind(i64::from(MAX_ATTEMPTS))
         .all()
         .await?;
+    let mut failed: Vec<(&str, &str, Option<&str>)> = Vec::with_capacity(rows.len());
     for row in &rows {
-        prune(connection, row.get("tenant")?).await?;
+        failed.push((row.get("tenant")?, row.get("id")?, row.get("cohort")?));
     }
-    rows.iter().map(|row| Ok(row.get("id")?)).collect()
+    // The numbers of each tenant are drawn under a lock: everybody takes the locks in the same order.
+    failed.sort_unstable();
+    for &(tenant, ..) in &failed {
+        prune(connection, tenant).await?;
+    }
+    for &(tenant, id, cohort) in &failed {
+        changes::record(connection, tenant, &NewChange::for_job(ChangeKind::JobFailed, id, cohort), now_ms)
+            .await?;
+    }
+    Ok(failed.into_iter().map(|(_, id, _)| id.to_owned()).collect())
 }
 
 /// Removes the oldest finished jobs beyond the limit, and passes without an active job.

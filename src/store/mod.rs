@@ -17,25 +17,30 @@
 //! number of processes; only writers of the same cohort wait for each other. The SQL is the same (`engine`).
 //!
 //! * [`cohorts`], [`shapes`], [`dictionaries`] — finding, listing and deleting; [`upload`] — storing shapes;
+//! * `corrections` — shapes stored again with other attributes, or deleted; `erasure` — everything of a subject removed;
 //! * [`scan`] — reading control points in bulk; `places` — where they are, and whose they are;
 //! * [`jobs`] — the queue; [`tasks`] — distributed parts of jobs; [`outputs`] — large results of jobs;
-//! * [`changes`] — the change feed; `trash` — deleted objects; [`receipts`] — outcomes of idempotent requests;
+//! * [`changes`] — the change feed; [`hooks`] — where it is delivered; `trash` — deleted objects; [`receipts`] — outcomes of idempotent requests;
 //! * [`audit`] — the audit trail; [`metrics`] — metric names;
 //! * [`maintenance`] — checks, backups and exports of the whole store;
 //! * `blob` — conversion between numbers and bytes; `sqlite`, `postgres` — connections, checks, schema;
 //! * `replica` — which processes are alive; `clock` — notes about the clock.
 
+mod attributes;
 pub mod audit;
 mod blob;
 pub mod changes;
 mod clock;
 pub mod cohorts;
+mod corrections;
 pub mod dictionaries;
 mod engine;
+mod erasure;
 mod error;
 mod filter;
 mod folder;
 mod handle;
+pub mod hooks;
 pub mod jobs;
 pub mod keys;
 pub mod maintenance;
@@ -55,17 +60,21 @@ mod text;
 mod trash;
 pub mod upload;
 
+pub use attributes::Unmeasured;
 pub use audit::AuditCheck;
 pub use clock::ClockNotes;
+pub use corrections::Deleted;
 pub use dictionaries::DictionaryFilter;
+pub use erasure::{SubjectCohort, SubjectDictionary, SubjectJob};
 pub use error::StoreError;
 pub use filter::Revisions;
 pub use handle::Store;
+pub use hooks::{HookClaim, HookMeasures};
 pub use jobs::{Claim, Claimed, Release};
 pub use measure::Measures;
 pub use places::{NamedShape, Places};
 pub use scan::{Ids, ScanBatch};
-pub use shapes::{Cursor, CursorError, ShapePage};
+pub use shapes::{Cursor, CursorError, ListCursor, Listing, Order, ShapePage, SortKey};
 pub use tasks::{PartClaim, PartEnd, PassOf, Start};
 pub use upload::{Added, ShapeRow, Upload};
 

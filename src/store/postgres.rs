@@ -19,6 +19,8 @@ const MIGRATIONS: &[(i64, &str, &str)] = &[
     (7, "audit", include_str!("migrations/postgres/0007_audit.sql")),
     (8, "keys", include_str!("migrations/postgres/0008_keys.sql")),
     (10, "passes", include_str!("migrations/postgres/0010_passes.sql")),
+    (11, "measures and corrections", include_str!("migrations/postgres/0011_measures_and_corrections.sql")),
+    (13, "hooks", include_str!("migrations/postgres/0013_hooks.sql")),
 ];
 
 /// Connection options for the database at `url`.

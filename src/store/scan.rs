@@ -4,11 +4,11 @@ use super::blob::{self, Chunk};
 use super::engine::to_sql;
 use super::engine::{Row, Transaction, sql};
 use super::error::StoreError;
-use super::filter::{self, Revisions, Selection};
+use super::filter::{Revisions, Selection};
 use super::handle::{Store, blocking};
 use super::places::Places;
 use super::shapes::Cursor;
-use crate::domain::shape::ShapeFilter;
+use crate::domain::filter::ShapeFilter;
 
 /// Maximum size of the control points in a batch, and of the chunks in memory at once, unless a single one is larger.
 const BYTES_PER_BATCH: i64 = 4 << 20;
@@ -69,7 +69,7 @@ impl Store {
             let mut read = self.begin_read().await?;
             let selection =
                 Selection { cohort: self.number(&mut read, cohort_id).await?, revisions, filter, after };
-            let plan = if ids == Ids::Skip && filter::is_empty(filter) {
+            let plan = if ids == Ids::Skip && filter.is_everything() {
                 plan_chunks(&mut read, &selection).await?
             } else {
                 plan_rows(&mut read, &selection).await?
@@ -100,7 +100,7 @@ impl Store {
         let cohort = self.number(&mut read, cohort_id).await?;
         loop {
             let selection = Selection { cohort, revisions, filter, after };
-            let page = if filter::is_empty(filter) {
+            let page = if filter.is_everything() {
                 page_of_chunks(&mut read, &selection).await?
             } else {
                 page_of_rows(&mut read, &selection).await?

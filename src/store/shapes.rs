@@ -1,6 +1,5 @@
 //! Shapes of a cohort: find, list, count, delete.
 
-use std::collections::BTreeSet;
 use std::fmt;
 use std::str::FromStr;
 
@@ -11,10 +10,12 @@ use super::changes;
 use super::engine::{Row, Transaction, sql};
 use super::engine::{from_sql, to_sql};
 use super::error::StoreError;
-use super::filter::{self, Revisions, Selection};
+use super::filter::{Revisions, Selection};
 use super::handle::{Store, blocking};
+use crate::domain::attribute::Attribute;
 use crate::domain::change::{ChangeKind, NewChange};
-use crate::domain::shape::{Shape, ShapeAttributes, ShapeDescription, ShapeFilter};
+use crate::domain::filter::ShapeFilter;
+use crate::domain::shape::{Shape, ShapeAttributes, ShapeMeasures};
 
 /// Position in the storage order of a cohort, just after a shape. Opaque to clients.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -54,12 +55,130 @@ pub struct ShapePage {
     /// Shapes of the page.
     pub shapes: Vec<Shape>,
     /// Start of the next page, if there is one.
-    pub next: Option<Cursor>,
+    pub next: Option<ListCursor>,
+}
+
+/// What a list of shapes holds.
+#[derive(Debug, Clone)]
+pub struct Listing<'a> {
+    /// Filter that the shapes pass.
+    pub filter: &'a ShapeFilter,
+    /// Order of the list. Default: storage order.
+    pub order: Option<&'a Order>,
+    /// Position after which the page starts.
+    pub after: Option<ListCursor>,
+    /// Maximum number of shapes.
+    pub limit: usize,
+    /// Whether weights and control points are read.
+    pub geometry: bool,
+}
+
+impl<'a> Listing<'a> {
+    /// The first `limit` shapes that pass the filter, with their geometry, in storage order.
+    pub fn first(filter: &'a ShapeFilter, limit: usize) -> Self {
+        Self { filter, order: None, after: None, limit, geometry: true }
+    }
+}
+
+/// Order of a list of shapes: numbers come first, then texts, then shapes without the attribute; equal ones in storage
+/// order.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Order {
+    /// The attribute.
+    pub attribute: Attribute,
+    /// Whether large values come first.
+    pub descending: bool,
+}
+
+/// Value by which a list is ordered.
+#[derive(Debug, Clone, PartialEq)]
+pub enum SortKey {
+    /// A number.
+    Number(f64),
+    /// A text.
+    Text(String),
+    /// The shape has no such attribute.
+    Missing,
+}
+
+impl SortKey {
+    fn read(row: &Row) -> Result<Self, StoreError> {
+        if let Some(number) = row.get("order_number")? {
+            return Ok(Self::Number(number));
+        }
+        Ok(row.get::<Option<String>>("order_text")?.map_or(Self::Missing, Self::Text))
+    }
+}
+
+/// Position in a list of shapes, just after a shape. Opaque to clients.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ListCursor {
+    /// Place of the shape.
+    pub place: Cursor,
+    /// Its value, in a list ordered by an attribute.
+    pub key: Option<SortKey>,
+}
+
+impl fmt::Display for ListCursor {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", self.place)?;
+        match &self.key {
+            None => Ok(()),
+            Some(SortKey::Number(number)) => write!(f, "-n{:016x}", number.to_bits()),
+            Some(SortKey::Text(text)) => {
+                f.write_str("-t")?;
+                text.bytes().try_for_each(|byte| write!(f, "{byte:02x}"))
+            }
+            Some(SortKey::Missing) => f.write_str("-m"),
+        }
+    }
+}
+
+impl FromStr for ListCursor {
+    type Err = CursorError;
+
+    fn from_str(text: &str) -> Result<Self, CursorError> {
+        let (place, key) = match text.match_indices('-').nth(1) {
+            Some((end, _)) => (&text[..end], Some(&text[end + 1..])),
+            None => (text, None),
+        };
+        Ok(Self { place: place.parse()?, key: key.map(sort_key).transpose()? })
+    }
+}
+
+/// Reads the key of a cursor.
+fn sort_key(text: &str) -> Result<SortKey, CursorError> {
+    if !text.is_ascii() || text.len() < 2 {
+        return if text == "m" { Ok(SortKey::Missing) } else { Err(CursorError) };
+    }
+    let (kind, hex) = text.split_at(1);
+    match kind {
+        "n" => {
+            let bits = u64::from_str_radix(hex, 16).map_err(|_| CursorError)?;
+            Some(f64::from_bits(bits))
+                .filter(|number| number.is_finite())
+                .map(SortKey::Number)
+                .ok_or(CursorError)
+        }
+        "t" => {
+            let byte = |at: usize| u8::from_str_radix(hex.get(at..at + 2)?, 16).ok();
+            let bytes: Option<Vec<u8>> = (0..hex.len()).step_by(2).map(byte).collect();
+            let text = bytes.and_then(|bytes| String::from_utf8(bytes).ok());
+            text.filter(|text| !text.contains('\0')).map(SortKey::Text).ok_or(CursorError)
+        }
+        _ => Err(CursorError),
+    }
 }
 
 /// Columns that [`read_entry`] reads.
-const ENTRY: &str = "s.chunk_id, s.position, s.id, s.external_id, s.subject, s.label, s.labels,
-    s.metadata, c.created_at_ms";
+macro_rules! entry {
+    () => {
+        "s.chunk_id, s.position, s.id, s.external_id, s.subject, s.label, s.labels, s.metadata,
+        coalesce(s.first_stored_ms, c.created_at_ms) AS created_at_ms,
+        s.points, s.centroid_size, s.length, s.area, s.volume, s.self_intersecting"
+    };
+}
+pub(super) use entry;
 
 impl Store {
     /// Finds the shape with this id, or else with this external id.
@@ -67,23 +186,40 @@ impl Store {
     /// # Errors
     /// [`StoreError::Corrupt`].
     pub async fn find_shape(&self, cohort_id: &str, key: &str) -> Result<Option<Shape>, StoreError> {
-        const BY_ID: &str = "SELECT s.chunk_id, s.position, s.id, s.external_id, s.subject, s.label,
-            s.labels, s.metadata, c.created_at_ms
-            FROM shape AS s JOIN chunk AS c ON c.id = s.chunk_id
+        Ok(self.find_placed(cohort_id, key).await?.map(|(_, shape)| shape))
+    }
+
+    /// The same, with the place of the shape in storage.
+    ///
+    /// # Errors
+    /// [`StoreError::Corrupt`].
+    pub async fn find_placed(
+        &self,
+        cohort_id: &str,
+        key: &str,
+    ) -> Result<Option<(Cursor, Shape)>, StoreError> {
+        const BY_ID: &str = concat!(
+            "SELECT ",
+            entry!(),
+            " FROM shape AS s JOIN chunk AS c ON c.id = s.chunk_id
             JOIN cohort AS h ON h.number = s.cohort
-            WHERE s.id = $2 AND h.id = $1 AND s.deleted_revision IS NULL AND c.revision IS NOT NULL";
-        const BY_EXTERNAL_ID: &str = "SELECT s.chunk_id, s.position, s.id, s.external_id, s.subject,
-            s.label, s.labels, s.metadata, c.created_at_ms
-            FROM cohort AS h JOIN shape AS s ON s.cohort = h.number
+            WHERE s.id = $2 AND h.id = $1 AND s.deleted_revision IS NULL AND c.revision IS NOT NULL"
+        );
+        const BY_EXTERNAL_ID: &str = concat!(
+            "SELECT ",
+            entry!(),
+            " FROM cohort AS h JOIN shape AS s ON s.cohort = h.number
             JOIN chunk AS c ON c.id = s.chunk_id
             WHERE h.id = $1 AND s.external_id = $2 AND s.deleted_revision IS NULL
-            AND c.revision IS NOT NULL";
+            AND c.revision IS NOT NULL"
+        );
         let mut read = self.begin_read().await?;
         for query in [BY_ID, BY_EXTERNAL_ID] {
             let row = sql(&mut read, query).bind(cohort_id).bind(key).optional().await?;
             if let Some(row) = row {
-                let entries = vec![read_entry(&row)?];
-                return Ok(fill(&mut read, entries).await?.pop());
+                let entry = read_entry(&row)?;
+                let place = entry.place;
+                return Ok(fill(&mut read, vec![entry]).await?.pop().map(|shape| (place, shape)));
             }
         }
         Ok(None)
@@ -98,19 +234,23 @@ impl Store {
         cohort_id: &str,
         keys: &[String],
     ) -> Result<Vec<Option<Shape>>, StoreError> {
-        const BY_ID: &str = "SELECT asked.key AS place, s.chunk_id, s.position, s.id, s.external_id,
-            s.subject, s.label, s.labels, s.metadata, c.created_at_ms
-            FROM json_each($2) AS asked
+        const BY_ID: &str = concat!(
+            "SELECT asked.key AS place, ",
+            entry!(),
+            " FROM json_each($2) AS asked
             CROSS JOIN shape AS s ON s.id = asked.value
             CROSS JOIN chunk AS c ON c.id = s.chunk_id
             CROSS JOIN cohort AS h ON h.number = s.cohort
-            WHERE h.id = $1 AND s.deleted_revision IS NULL AND c.revision IS NOT NULL";
-        const BY_EXTERNAL_ID: &str = "SELECT asked.key AS place, s.chunk_id, s.position, s.id, s.external_id,
-            s.subject, s.label, s.labels, s.metadata, c.created_at_ms
-            FROM cohort AS h CROSS JOIN json_each($2) AS asked ON true
+            WHERE h.id = $1 AND s.deleted_revision IS NULL AND c.revision IS NOT NULL"
+        );
+        const BY_EXTERNAL_ID: &str = concat!(
+            "SELECT asked.key AS place, ",
+            entry!(),
+            " FROM cohort AS h CROSS JOIN json_each($2) AS asked ON true
             CROSS JOIN shape AS s ON s.cohort = h.number AND s.external_id = asked.value
             CROSS JOIN chunk AS c ON c.id = s.chunk_id
-            WHERE h.id = $1 AND s.deleted_revision IS NULL AND c.revision IS NOT NULL";
+            WHERE h.id = $1 AND s.deleted_revision IS NULL AND c.revision IS NOT NULL"
+        );
         let asked = serde_json::Value::from(keys).to_string();
         let mut read = self.begin_read().await?;
         let mut found: Vec<Option<Entry>> = keys.iter().map(|_| None).collect();
@@ -122,58 +262,29 @@ impl Store {
                 }
             }
         }
-        // In chunk order, so that each chunk is read and verified once.
-        let mut places: Vec<usize> = (0..found.len()).filter(|&i| found[i].is_some()).collect();
-        places.sort_by_key(|&i| found[i].as_ref().map(|entry| (entry.place.chunk, entry.place.position)));
-        let entries = places.iter().filter_map(|&i| found[i].take()).collect();
-        let mut shapes: Vec<Option<Shape>> = keys.iter().map(|_| None).collect();
-        for (i, shape) in places.into_iter().zip(fill(&mut read, entries).await?) {
-            shapes[i] = Some(shape);
-        }
-        Ok(shapes)
+        let is_found: Vec<bool> = found.iter().map(Option::is_some).collect();
+        let mut shapes = in_their_order(&mut read, found.into_iter().flatten().collect()).await?.into_iter();
+        Ok(is_found.into_iter().map(|found| if found { shapes.next() } else { None }).collect())
     }
 
-    /// At most `limit` current shapes that pass the filter, in storage order; fewer if their attributes take some
-    /// megabytes.
+    /// A page of current shapes; shorter than asked for if their attributes take some megabytes.
     ///
-    /// Includes control points; memory grows only with the page.
+    /// Memory grows only with the page. Cost in the order of an attribute: one pass over the shapes.
     ///
     /// # Errors
     /// [`StoreError::CohortGone`] if there is no such cohort, [`StoreError::Corrupt`].
-    pub async fn list_shapes(
-        &self,
-        cohort_id: &str,
-        filter: &ShapeFilter,
-        after: Option<Cursor>,
-        limit: usize,
-    ) -> Result<ShapePage, StoreError> {
+    pub async fn list_shapes(&self, cohort_id: &str, listing: &Listing<'_>) -> Result<ShapePage, StoreError> {
+        let Listing { filter, order, after, limit, geometry } = listing;
         let mut read = self.begin_read().await?;
-        let mut selection = Selection {
-            cohort: self.number(&mut read, cohort_id).await?,
-            revisions: Revisions::latest(),
-            filter,
-            after: after.map_or((0, -1), |c| (c.chunk, c.position)),
+        let cohort = self.number(&mut read, cohort_id).await?;
+        let after_place =
+            after.as_ref().map_or((0, -1), |cursor| (cursor.place.chunk, cursor.place.position));
+        let selection = Selection { cohort, revisions: Revisions::latest(), filter, after: (0, -1) };
+        let (entries, next) = match order {
+            None => stored_entries(&mut read, Selection { after: after_place, ..selection }, *limit).await?,
+            Some(order) => ordered_entries(&mut read, selection, order, after.as_ref(), *limit).await?,
         };
-        // A filter may scan every shape of the cohort, so it is applied in a single query.
-        let rows_at_once = if filter::is_empty(filter) { ROWS } else { limit };
-        let (mut entries, mut bytes, mut more) = (Vec::new(), 0, true);
-        while more && entries.len() < limit && bytes < PAGE_BYTES {
-            let wanted = (limit - entries.len()).min(rows_at_once);
-            let rows = selection.page(&mut read, ENTRY, wanted + 1).all().await?;
-            more = rows.len() > wanted;
-            for row in rows.iter().take(wanted) {
-                if bytes >= PAGE_BYTES {
-                    more = true;
-                    break;
-                }
-                let entry = read_entry(row)?;
-                bytes += entry.bytes();
-                selection.after = (entry.place.chunk, entry.place.position);
-                entries.push(entry);
-            }
-        }
-        let next = entries.last().map(|entry: &Entry| entry.place).filter(|_| more);
-        Ok(ShapePage { next, shapes: fill(&mut read, entries).await? })
+        Ok(ShapePage { next, shapes: shapes_of(&mut read, entries, *geometry).await? })
     }
 
     /// Last revision of the cohort that only contains shapes added by the time `ms`.
@@ -188,53 +299,6 @@ impl Store {
         let after: Option<i64> = sql(&mut read, FIRST_AFTER).bind(cohort).bind(ms).scalar().await?;
         let last: i64 = sql(&mut read, LAST).bind(cohort).scalar().await?;
         Ok(from_sql(after.map_or(last, |revision| revision - 1)))
-    }
-
-    /// Attributes of at most `limit` shapes between the revisions that pass the filter, in storage order.
-    ///
-    /// # Errors
-    /// [`StoreError::CohortGone`].
-    pub async fn describe_shapes(
-        &self,
-        cohort_id: &str,
-        revisions: Revisions,
-        filter: &ShapeFilter,
-        limit: usize,
-    ) -> Result<Vec<ShapeDescription>, StoreError> {
-        const COLUMNS: &str = "s.id, s.external_id, s.subject, s.label, s.labels";
-        let mut read = self.begin_read().await?;
-        let cohort = self.number(&mut read, cohort_id).await?;
-        let selection = Selection { cohort, revisions, filter, after: (0, -1) };
-        let rows = selection.page(&mut read, COLUMNS, limit).all().await?;
-        blocking(move || rows.iter().map(read_description).collect()).await
-    }
-
-    /// Names of the attributes that shapes of the cohort have: `label`, `subject` and `labels.<attribute>`. Cost: one pass
-    /// over the attributes of all shapes.
-    ///
-    /// # Errors
-    /// [`StoreError::CohortGone`].
-    pub async fn attribute_names(
-        &self,
-        cohort_id: &str,
-        revisions: Revisions,
-    ) -> Result<BTreeSet<String>, StoreError> {
-        let mut read = self.begin_read().await?;
-        let cohort = self.number(&mut read, cohort_id).await?;
-        let all = ShapeFilter::default();
-        let selection = Selection { cohort, revisions, filter: &all, after: (0, -1) };
-        let mut names = BTreeSet::new();
-        for row in selection.attribute_names(&mut read).all().await? {
-            let name: String = row.get("name")?;
-            names.insert(format!("labels.{name}"));
-        }
-        for (name, given) in [("label", "count(s.label)"), ("subject", "count(s.subject)")] {
-            let count: i64 = selection.select(&mut read, given).scalar().await?;
-            if count > 0 {
-                names.insert(name.into());
-            }
-        }
-        Ok(names)
     }
 
     /// Number of shapes of the cohort between the revisions that pass the filter.
@@ -252,7 +316,7 @@ impl Store {
             (SELECT count(*) FROM shape WHERE cohort = $1 AND deleted_revision <= $2)";
         let mut read = self.begin_read().await?;
         let cohort = self.number(&mut read, cohort_id).await?;
-        let count: i64 = if filter::is_empty(filter) && revisions.after == 0 {
+        let count: i64 = if filter.is_everything() && revisions.after == 0 {
             let all = sql(&mut read, ALL).bind(cohort).bind(to_sql(revisions.until));
             all.scalar().await?
         } else {
@@ -360,13 +424,15 @@ fn json_text(text: Option<&str>) -> Result<Option<String>, StoreError> {
     from_json::<IgnoredAny>(text).map(|_| text.map(str::to_owned))
 }
 
-fn read_description(row: &Row) -> Result<ShapeDescription, StoreError> {
-    Ok(ShapeDescription {
-        id: row.get("id")?,
-        external_id: row.get("external_id")?,
-        subject: row.get("subject")?,
-        label: row.get("label")?,
-        labels: from_json(row.get("labels")?)?.unwrap_or_default(),
+/// Reads the measures of a shape, which are empty until it has been measured.
+pub(super) fn read_measures(row: &Row) -> Result<ShapeMeasures, StoreError> {
+    Ok(ShapeMeasures {
+        points: row.get::<Option<i64>>("points")?.map(from_sql),
+        centroid_size: row.get("centroid_size")?,
+        length: row.get("length")?,
+        area: row.get("area")?,
+        volume: row.get("volume")?,
+        self_intersecting: row.get::<Option<i64>>("self_intersecting")?.map(|flag| flag != 0),
     })
 }
 
@@ -377,17 +443,91 @@ fn read_entry(row: &Row) -> Result<Entry, StoreError> {
         shape: Shape {
             id: row.get("id")?,
             attributes,
+            measures: read_measures(row)?,
             control_points: Vec::new(),
             created_at_ms: row.get("created_at_ms")?,
         },
     })
 }
 
-fn from_json<T: serde::de::DeserializeOwned>(text: Option<&str>) -> Result<Option<T>, StoreError> {
+pub(super) fn from_json<T: serde::de::DeserializeOwned>(text: Option<&str>) -> Result<Option<T>, StoreError> {
     let Some(text) = text else { return Ok(None) };
     let value = serde_json::from_str(text)
         .map_err(|e| StoreError::Damaged { detail: format!("unreadable attributes: {e}") })?;
     Ok(Some(value))
+}
+
+/// Entries of the next shapes in storage order, and the position after them if there are more.
+async fn stored_entries(
+    read: &mut Transaction,
+    mut selection: Selection<'_>,
+    limit: usize,
+) -> Result<(Vec<Entry>, Option<ListCursor>), StoreError> {
+    // A filter may scan every shape of the cohort, so it is applied in a single query.
+    let rows_at_once = if selection.filter.is_everything() { ROWS } else { limit };
+    let (mut entries, mut bytes, mut more) = (Vec::new(), 0, true);
+    while more && entries.len() < limit && bytes < PAGE_BYTES {
+        let wanted = (limit - entries.len()).min(rows_at_once);
+        let rows = selection.page(read, entry!(), wanted + 1).all().await?;
+        more = rows.len() > wanted;
+        for row in rows.iter().take(wanted) {
+            if bytes >= PAGE_BYTES {
+                more = true;
+                break;
+            }
+            let entry = read_entry(row)?;
+            bytes += entry.bytes();
+            selection.after = (entry.place.chunk, entry.place.position);
+            entries.push(entry);
+        }
+    }
+    let next = entries.last().map(|entry: &Entry| entry.place).filter(|_| more);
+    Ok((entries, next.map(|place| ListCursor { place, key: None })))
+}
+
+/// The same in the order of an attribute.
+async fn ordered_entries(
+    read: &mut Transaction,
+    selection: Selection<'_>,
+    order: &Order,
+    after: Option<&ListCursor>,
+    limit: usize,
+) -> Result<(Vec<Entry>, Option<ListCursor>), StoreError> {
+    let rows = selection.ordered(read, entry!(), order, after, limit + 1).all().await?;
+    let (mut entries, mut bytes, mut next) = (Vec::new(), 0, None);
+    for row in rows.iter().take(limit) {
+        if bytes >= PAGE_BYTES {
+            break;
+        }
+        let entry = read_entry(row)?;
+        bytes += entry.bytes();
+        next = Some(ListCursor { place: entry.place, key: Some(SortKey::read(row)?) });
+        entries.push(entry);
+    }
+    let more = rows.len() > entries.len();
+    Ok((entries, next.filter(|_| more)))
+}
+
+/// The shapes of entries, with weights and control points if wanted.
+async fn shapes_of(
+    connection: &mut Transaction,
+    entries: Vec<Entry>,
+    geometry: bool,
+) -> Result<Vec<Shape>, StoreError> {
+    if geometry {
+        return in_their_order(connection, entries).await;
+    }
+    Ok(entries.into_iter().map(|entry| entry.shape).collect())
+}
+
+/// Fills entries in any order, each chunk read once.
+async fn in_their_order(connection: &mut Transaction, entries: Vec<Entry>) -> Result<Vec<Shape>, StoreError> {
+    let mut entries: Vec<(usize, Entry)> = entries.into_iter().enumerate().collect();
+    entries.sort_by_key(|(_, entry)| (entry.place.chunk, entry.place.position));
+    let (order, entries): (Vec<usize>, Vec<Entry>) = entries.into_iter().unzip();
+    let mut shapes: Vec<(usize, Shape)> = order.into_iter().zip(fill(connection, entries).await?).collect();
+    shapes.sort_by_key(|(index, _)| *index);
+    Ok(shapes.into_iter().map(|(_, shape)| shape).collect())
 }
 
 /// Reads weights and control points, with one chunk in memory at a time.

@@ -33,6 +33,8 @@ const MIGRATIONS: &[(i64, &str, &str)] = &[
     (7, "audit", include_str!("migrations/sqlite/0007_audit.sql")),
     (8, "keys", include_str!("migrations/sqlite/0008_keys.sql")),
     (10, "passes", include_str!("migrations/sqlite/0010_passes.sql")),
+    (11, "measures and corrections", include_str!("migrations/sqlite/0011_measures_and_corrections.sql")),
+    (13, "hooks", include_str!("migrations/sqlite/0013_hooks.sql")),
 ];
 
 fn options(file: &Path) -> SqliteConnectOptions {
@@ -48,6 +50,8 @@ fn options(file: &Path) -> SqliteConnectOptions {
         // A chunk is a megabyte: with the default of 4 MiB, every few chunks would be written twice at once.
         .pragma("wal_autocheckpoint", "8192")
         .pragma("journal_size_limit", "67108864")
+        // What is removed is overwritten: the file keeps nothing of an erased shape.
+        .pragma("secure_delete", "ON")
         // Statements that insert thousands of rows are several pages long.
         .disable_statement_logging()
 }

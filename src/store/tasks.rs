@@ -7,10 +7,10 @@
 use super::engine::to_sql;
 use super::engine::{Pools, Query, sql};
 use super::error::StoreError;
-use super::filter::{self, Revisions, Selection};
+use super::filter::{Revisions, Selection};
 use super::handle::Store;
 use super::shapes::Cursor;
-use crate::domain::shape::ShapeFilter;
+use crate::domain::filter::ShapeFilter;
 
 /// Start of a part.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -84,7 +84,7 @@ impl Store {
             FROM chunk AS c WHERE c.cohort = $1 AND c.revision > $2 AND c.revision <= $3 ORDER BY c.id";
         let mut read = self.begin_read().await?;
         let cohort = self.number(&mut read, cohort_id).await?;
-        let query = if filter::is_empty(filter) {
+        let query = if filter.is_everything() {
             let whole = sql(&mut read, WHOLE).bind(cohort);
             whole.bind(to_sql(revisions.after)).bind(to_sql(revisions.until))
         } else {

@@ -14,11 +14,13 @@ use super::*;
 use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
 use crate::domain::access::Principal;
 use crate::domain::cohort::{Cohort, CohortSpec};
+use crate::domain::filter::ShapeFilter;
 use crate::domain::id;
-use crate::domain::shape::{NewShape, Shape, ShapeAttributes, ShapeFilter};
+use crate::domain::shape::{NewShape, Shape, ShapeAttributes, ShapeMeasures};
 use crate::geometry::representation::Representation;
 
 mod audit;
+mod corrections;
 mod jobs;
 mod keys;
 mod opening;
@@ -80,6 +82,7 @@ pub(super) fn shape(number: usize) -> NewShape {
     NewShape {
         id: id::new_id(id::SHAPE),
         attributes: ShapeAttributes { weight: 1.0, ..ShapeAttributes::default() },
+        measures: ShapeMeasures::default(),
         control_points: (0..WIDTH).map(|k| (number * 10 + k) as f64).collect(),
     }
 }
@@ -111,7 +114,7 @@ pub(super) async fn store_all(store: &Store, cohort: &Cohort, shapes: Vec<NewSha
 }
 
 async fn list_all(store: &Store, cohort: &Cohort, filter: &ShapeFilter) -> Vec<Shape> {
-    let page = store.list_shapes(&cohort.id, filter, None, 1000).await;
+    let page = store.list_shapes(&cohort.id, &Listing::first(filter, 1000)).await;
     page.unwrap().shapes
 }
 
@@ -157,7 +160,7 @@ async fn wait_until_empty(store: &Store, table: &'static str) {
     panic!("{table} still has {} rows", rows(store, table).await);
 }
 
-static EVERYTHING: ShapeFilter = ShapeFilter { label: None, subject: None, labels: BTreeMap::new() };
+static EVERYTHING: ShapeFilter = ShapeFilter::everything();
 
 #[tokio::test]
 async fn cohorts_come_back_as_they_were() {
@@ -444,7 +447,7 @@ async fn shapes_are_listed_in_pages() {
     }
     let (mut after, mut listed) = (None, Vec::new());
     loop {
-        let page = store.list_shapes(&cohort.id, &EVERYTHING, after, 5).await;
+        let page = store.list_shapes(&cohort.id, &Listing { after, ..Listing::first(&EVERYTHING, 5) }).await;
         let page = page.unwrap();
         listed.extend(page.shapes.into_iter().map(|s| s.id));
         let Some(next) = page.next else { break };
@@ -515,20 +518,40 @@ async fn filters_compare_attributes_as_text() {
     let revision = store_all(&store, &cohort, shapes.collect()).await;
     for (number, (key, value)) in attributes.iter().enumerate() {
         let text = value.as_str().map_or(value.to_string(), str::to_owned);
-        let filter =
-            ShapeFilter { labels: BTreeMap::from([((*key).to_owned(), text)]), ..ShapeFilter::default() };
+        let filter = ShapeFilter {
+            labels: BTreeMap::from([((*key).to_owned(), text.into())]),
+            ..ShapeFilter::default()
+        };
         let (points, _) = scan_all(&store, &cohort, revision, &filter, Ids::Skip).await;
         assert_eq!(points, shape(number).control_points, "{key:?}");
         let count = store.count(&cohort.id, Revisions::until(revision), &filter).await.unwrap();
         assert_eq!(count, 1, "{key:?}");
     }
-    for (key, value) in [("flag", "1"), ("size", "2.0"), ("a", "dot"), ("none", "x")] {
+    for (key, value) in [("flag", "1"), ("size", "2.5"), ("a", "dot"), ("none", "x")] {
         let filter = ShapeFilter {
-            labels: BTreeMap::from([(key.to_owned(), value.to_owned())]),
+            labels: BTreeMap::from([(key.to_owned(), value.into())]),
             ..ShapeFilter::default()
         };
         assert!(list_all(&store, &cohort, &filter).await.is_empty(), "{key}");
     }
+}
+
+#[tokio::test]
+async fn shapes_of_earlier_versions_are_measured_once() {
+    let (_folder, store, cohort) = with_cohort().await;
+    store_all(&store, &cohort, (0..3).map(shape).collect()).await;
+    let unmeasured = store.unmeasured(&cohort.id).await.unwrap();
+    assert_eq!(unmeasured.len(), 3);
+    assert_eq!(unmeasured[1].control_points, shape(1).control_points);
+    let measures =
+        ShapeMeasures { centroid_size: Some(2.5), self_intersecting: Some(true), ..ShapeMeasures::default() };
+    store.keep_measures(&[(unmeasured[0].place, measures), (unmeasured[2].place, measures)]).await.unwrap();
+    let left = store.unmeasured(&cohort.id).await.unwrap();
+    assert_eq!(left, [unmeasured[1].clone()]);
+    let other = ShapeMeasures { centroid_size: Some(9.0), ..measures };
+    store.keep_measures(&[(unmeasured[0].place, other)]).await.unwrap();
+    let listed = list_all(&store, &cohort, &EVERYTHING).await;
+    assert_eq!((listed[0].measures, listed[1].measures), (measures, ShapeMeasures::default()));
 }
 
 #[tokio::test]
@@ -590,8 +613,8 @@ async fn damaged_control_points_are_noticed() {
         corrupt(scan.await.unwrap_err());
     }
     corrupt(store.find_shape(&cohort.id, &stored.id).await.unwrap_err());
-    let list = store.list_shapes(&cohort.id, &EVERYTHING, None, 5);
-    corrupt(list.await.unwrap_err());
+    let listing = Listing::first(&EVERYTHING, 5);
+    corrupt(store.list_shapes(&cohort.id, &listing).await.unwrap_err());
     meddle(&store, "DELETE FROM chunk_data").await;
     corrupt(store.find_shape(&cohort.id, &stored.id).await.unwrap_err());
 }

@@ -7,8 +7,8 @@ use std::collections::HashMap;
 use std::sync::Arc;
 
 use super::blob::{self, Encoded};
-use super::engine::from_sql;
 use super::engine::{self, Transaction, sql};
+use super::engine::{from_sql, to_sql};
 use super::error::StoreError;
 use super::handle::{PURGE_UPLOAD, Store, blocking};
 use super::{changes, receipts};
@@ -210,7 +210,8 @@ impl Upload {
         let mut write = self.store.begin_write(&self.id).await?;
         let mut places = Vec::new();
         for chunk in chunks {
-            let number = self.insert_chunk(&mut write, cohort, chunk).await?;
+            let (rows, width) = (chunk.rows.len(), self.width);
+            let number = insert_chunk(&mut write, cohort, &self.id, (rows, width), &chunk.data).await?;
             let rows = chunk.rows.iter().map(|&index| &batch.rows[index]);
             places.extend((0..).zip(rows).map(|(position, row)| Place { chunk: number, position, row }));
         }
@@ -219,37 +220,6 @@ impl Upload {
             insert_rows(&mut write, cohort, rows).await?;
         }
         Ok(write.commit().await?)
-    }
-
-    async fn insert_chunk(
-        &self,
-        write: &mut Transaction,
-        cohort: i64,
-        chunk: &NewChunk,
-    ) -> Result<i64, StoreError> {
-        const CHUNK: &str = "INSERT INTO chunk (cohort, upload, rows, width)
-            VALUES ($1, $2, $3, $4) RETURNING id";
-        const DATA: &str = "INSERT INTO chunk_data (chunk_id, checksum, weights, points)
-            VALUES ($1, $2, $3, $4)";
-        let inserted = sql(&mut *write, CHUNK)
-            .bind(cohort)
-            .bind(&self.id)
-            .bind(chunk.rows.len() as i64)
-            .bind(self.width as i64)
-            .scalar()
-            .await;
-        let number: i64 = match inserted {
-            Err(e) if engine::is_missing_reference(&e) => return Err(StoreError::CohortGone),
-            other => other?,
-        };
-        sql(write, DATA)
-            .bind(number)
-            .bind(chunk.data.checksum.as_slice())
-            .bind(chunk.data.weights.as_deref())
-            .bind(chunk.data.points.as_slice())
-            .execute()
-            .await?;
-        Ok(number)
     }
 }
 
@@ -273,9 +243,50 @@ fn is_race(error: &sqlx::Error) -> bool {
     engine::is_duplicate(error, "shape", "external_id")
 }
 
+/// Stores a chunk of `rows` shapes of `width` coordinates, not yet visible; returns its number.
+async fn insert_chunk(
+    write: &mut Transaction,
+    cohort: i64,
+    upload: &str,
+    (rows, width): (usize, usize),
+    data: &Encoded,
+) -> Result<i64, StoreError> {
+    const CHUNK: &str = "INSERT INTO chunk (cohort, upload, rows, width)
+        VALUES ($1, $2, $3, $4) RETURNING id";
+    const DATA: &str = "INSERT INTO chunk_data (chunk_id, checksum, weights, points)
+        VALUES ($1, $2, $3, $4)";
+    let inserted =
+        sql(&mut *write, CHUNK).bind(cohort).bind(upload).bind(rows as i64).bind(width as i64).scalar().await;
+    let number: i64 = match inserted {
+        Err(e) if engine::is_missing_reference(&e) => return Err(StoreError::CohortGone),
+        other => other?,
+    };
+    sql(write, DATA)
+        .bind(number)
+        .bind(data.checksum.as_slice())
+        .bind(data.weights.as_deref())
+        .bind(data.points.as_slice())
+        .execute()
+        .await?;
+    Ok(number)
+}
+
+/// Stores a shape in a chunk of its own, not yet visible; returns the number of the chunk.
+pub(super) async fn insert_alone(
+    write: &mut Transaction,
+    cohort: i64,
+    upload: &str,
+    row: &ShapeRow,
+    data: &Encoded,
+) -> Result<i64, StoreError> {
+    let chunk = insert_chunk(&mut *write, cohort, upload, (1, row.width()), data).await?;
+    insert_rows(write, cohort, &[Place { chunk, position: 0, row }]).await?;
+    Ok(chunk)
+}
+
 async fn insert_rows(write: &mut Transaction, cohort: i64, places: &[Place<'_>]) -> Result<(), StoreError> {
     const INSERT: &str = "INSERT INTO shape (chunk_id, position, cohort, id, external_id, subject,
-        label, digest, labels, metadata) ";
+        label, digest, labels, metadata, points, centroid_size, length, area, volume, self_intersecting) ";
     let mut query = sql(write, INSERT);
     for (index, Place { chunk, position, row }) in places.iter().enumerate() {
         query.push(if index == 0 { "VALUES (" } else { ", (" });
@@ -286,7 +297,13 @@ async fn insert_rows(write: &mut Transaction, cohort: i64, places: &[Place<'_>])
         }
         query.push(", ").push_bind(row.digest_bytes());
         query.push(", ").push_bind(row.labels.as_deref());
-        query.push(", ").push_bind(row.metadata.as_deref()).push(")");
+        query.push(", ").push_bind(row.metadata.as_deref());
+        let measures = &row.measures;
+        query.push(", ").push_bind(measures.points.map(to_sql));
+        for number in [measures.centroid_size, measures.length, measures.area, measures.volume] {
+            query.push(", ").push_bind(number);
+        }
+        query.push(", ").push_bind(measures.self_intersecting.map(i64::from)).push(")");
     }
     query.execute().await?;
     Ok(())

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use crate::service::app::{App, ServiceError, clock};
 use crate::service::audit::trail;
-use crate::service::cohorts::trash;
+use crate::service::cohorts::{corrections, trash};
 
 /// Interval between clean-ups.
 const EVERY: Duration = Duration::from_secs(600);
@@ -20,6 +20,9 @@ pub struct Terms {
 
 /// Removes expired data periodically until the service stops.
 pub async fn keep_tidy(app: App, terms: Terms) {
+    if let Err(error) = corrections::finish(&app).await {
+        tracing::warn!(error = error.cause(), "an interrupted erasure could not be completed");
+    }
     let mut ticks = tokio::time::interval(EVERY);
     loop {
         tokio::select! {

@@ -14,8 +14,11 @@ from shapelex_client.api.dictionaries import assess, dictionary_mode, find_dicti
 from shapelex_client.api.jobs import find_job
 from shapelex_client.models import (
     AddAnswer,
+    AddedShape,
     AddRequest,
     AssessAnswer,
+    AssessedShape,
+    AssessOnError,
     AssessRequest,
     Attributes,
     ClassName,
@@ -24,6 +27,7 @@ from shapelex_client.models import (
     CohortRequest,
     Correspondence,
     DictionaryOutput,
+    FailedShape,
     GeneratorKindKeys,
     GeneratorKindTrigonometric,
     JobOutput,
@@ -32,6 +36,7 @@ from shapelex_client.models import (
     LearntDictionary,
     ListShapesLabels,
     MeasureAnswer,
+    MeasuredSurface,
     MeasureRequest,
     MethodFunctionalPca,
     ModeAnswer,
@@ -40,7 +45,6 @@ from shapelex_client.models import (
     RepresentationClosedCurve,
     RepresentationSurface,
     ShapeInput,
-    SurfaceMeasureOutput,
     Topology,
 )
 from shapelex_client.types import UNSET, Unset
@@ -85,6 +89,8 @@ shapes = [
 ]
 added = add_shapes.sync("python", client=client, body=AddRequest(shapes=shapes))
 assert isinstance(added, AddAnswer) and added.added == 12, added
+last = added.results[11]
+assert isinstance(last, AddedShape) and last.external_id == "scan-11", last
 
 # The generator writes the entries of a `deepObject` as they are: their names hold the brackets.
 page = list_shapes.sync(
@@ -129,6 +135,19 @@ assessed = assess.sync(
     "python-modes", client=client, body=AssessRequest(shapes=[ShapeInput(points=blob(3)), ShapeInput(points=blob(5))])
 )
 assert isinstance(assessed, AssessAnswer), assessed
+first = assessed.results[0]
+assert isinstance(first, AssessedShape) and first.index == 0 and not first.novelty.is_outlier, first
+assert assessed.dictionary.name == "python-modes", assessed.dictionary
+
+partly = assess.sync(
+    "python-modes",
+    client=client,
+    body=AssessRequest(shapes=[ShapeInput(points=[[0.0, 0.0]], external_id="dot"), ShapeInput(points=blob(5))]),
+    on_error=AssessOnError.SKIP,
+)
+assert isinstance(partly, AssessAnswer) and isinstance(partly.results[1], AssessedShape), partly
+bad = partly.results[0]
+assert isinstance(bad, FailedShape) and bad.external_id == "dot" and bad.error.code == "invalid-input", bad
 
 mode = dictionary_mode.sync("python-modes", client=client, component=2, sigma=1.5)
 assert isinstance(mode, ModeAnswer) and mode.component == 2 and mode.sigma == 1.5, mode
@@ -139,8 +158,8 @@ measured = measure.sync(
     client=client, body=MeasureRequest(representation=surface, shapes=[ShapeInput(points=torus())])
 )
 assert isinstance(measured, MeasureAnswer), measured
-body = measured.measures[0]
-assert isinstance(body, SurfaceMeasureOutput) and isinstance(body.volume, float), body
+body = measured.results[0]
+assert isinstance(body, MeasuredSurface) and isinstance(body.volume, float), body
 assert math.isclose(body.volume, 4 * math.pi**2, rel_tol=0.05), body.volume
 
 missing = find_dictionary.sync_detailed("nothing", client=client)

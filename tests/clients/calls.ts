@@ -109,6 +109,16 @@ const assessed = await client.POST("/v1/dictionaries/{dictionary}/assess", {
   body: { shapes: [{ points: blob(3) }, { points: blob(5) }] },
 });
 assert(assessed.data, JSON.stringify(assessed.error));
+const first = assessed.data.results[0];
+assert(first && !("error" in first) && !first.novelty.is_outlier, JSON.stringify(first));
+
+const partly = await client.POST("/v1/dictionaries/{dictionary}/assess", {
+  params: { path: dictionary, query: { on_error: "skip" } },
+  body: { shapes: [{ points: [[0, 0]], external_id: "dot" }, { points: blob(5) }] },
+});
+const bad = partly.data?.results[0];
+assert(bad && "error" in bad && bad.external_id === "dot", JSON.stringify(partly.error));
+assert.equal(bad.error.code, "invalid-input");
 
 const mode = await client.GET("/v1/dictionaries/{dictionary}/modes", {
   params: { path: dictionary, query: { component: 2, sigma: 1.5 } },
@@ -123,7 +133,7 @@ const measured = await client.POST("/v1/measure", {
     shapes: [{ points: torus() }],
   },
 });
-const body = measured.data?.measures[0];
+const body = measured.data?.results[0];
 assert(body && "volume" in body && typeof body.volume === "number", JSON.stringify(measured.error));
 assert(Math.abs(body.volume / (4 * Math.PI ** 2) - 1) < 0.05, `volume ${body.volume}`);
 

@@ -13,7 +13,7 @@ use service::Service;
 use shapelex::analysis::correspondence::{Correspondence, Direction, Mirror};
 use shapelex::domain::cohort::{Cohort, CohortSpec};
 use shapelex::domain::id;
-use shapelex::domain::shape::{NewShape, ShapeAttributes};
+use shapelex::domain::shape::{NewShape, ShapeAttributes, ShapeMeasures};
 use shapelex::geometry::representation::Representation;
 use shapelex::store::{ShapeRow, Store};
 use tokio::net::TcpListener;
@@ -148,7 +148,8 @@ fn row(shape: &Posted) -> ShapeRow {
         ..ShapeAttributes::default()
     };
     let control_points = (0..2).flat_map(|c| shape.points.iter().map(move |point| point[c])).collect();
-    NewShape { id: id::new_id(id::SHAPE), attributes, control_points }.into()
+    let measures = ShapeMeasures::default();
+    NewShape { id: id::new_id(id::SHAPE), attributes, measures, control_points }.into()
 }
 
 /// `POST /v1/project` of one contour on eight connections, beside bare axum that echoes the same JSON.

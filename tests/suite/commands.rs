@@ -134,7 +134,7 @@ fn a_backup_during_writes_is_one_moment() {
     let cohort = restored.get("/v1/cohorts/c").expect(200);
     let revision = cohort["revision"].as_u64().unwrap();
     assert!(revision <= uploads as u64, "{revision} of {uploads}");
-    assert_eq!(cohort["shapes"], 10 * revision, "whole uploads only");
+    assert_eq!(cohort["shape_count"], 10 * revision, "whole uploads only");
 }
 
 #[test]
@@ -303,7 +303,7 @@ fn a_store_that_cannot_grow_answers_and_stays_whole() {
             }
         }
         let cohort = server.get("/v1/cohorts/c").expect(200);
-        assert_eq!(cohort["shapes"], 2000 * stored, "round {round}");
+        assert_eq!(cohort["shape_count"], 2000 * stored, "round {round}");
         if refused == 3 {
             break;
         }
@@ -314,7 +314,7 @@ fn a_store_that_cannot_grow_answers_and_stays_whole() {
     assert_clean(&mut server.command("check"));
     // With room, everything that was answered is there, and writing goes on.
     let server = server.kill().start();
-    assert_eq!(server.get("/v1/cohorts/c").expect(200)["shapes"], 2000 * stored);
+    assert_eq!(server.get("/v1/cohorts/c").expect(200)["shape_count"], 2000 * stored);
     server.post_lines("/v1/cohorts/c/shapes", &large(50)).expect(201);
     assert_clean(&mut server.command("check"));
 }
@@ -358,7 +358,7 @@ fn after_an_orderly_stop_the_file_alone_is_the_store() {
         let _ = std::fs::remove_file(data.join(name));
     }
     let server = setting.start();
-    assert_eq!(server.get("/v1/cohorts/c").expect(200)["shapes"], 2000);
+    assert_eq!(server.get("/v1/cohorts/c").expect(200)["shape_count"], 2000);
     assert_clean(&mut server.command("check"));
 }
 

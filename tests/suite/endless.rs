@@ -8,8 +8,8 @@ use crate::server::{assert_relative, shared};
 
 fn measured(body: &Value) -> Value {
     let answer: Value = shared().post("/v1/measure", body).expect(200);
-    assert_eq!(answer["warnings"], json!([]), "{answer}");
-    answer["measures"][0].clone()
+    assert_eq!(answer["results"][0]["warnings"], json!([]), "{answer}");
+    answer["results"][0].clone()
 }
 
 fn number(value: &Value) -> f64 {
@@ -72,9 +72,9 @@ fn a_point_far_off_has_distances_from_an_ellipse_either_way_round() {
 fn a_circle_of_many_points_has_a_distance_from_its_centre() {
     let body = of_circles("keys", &around(64, [0.0; 2], [1.0; 2]), &[[0.0; 2]; 64]);
     let answer: Value = shared().post("/v1/measure", &body).expect(200);
-    let distances = &answer["measures"][0]["distances"];
+    let distances = &answer["results"][0]["distances"];
     // Tolerances grow until halves that differ by less than the curve from a circle are ruled out; this is said.
-    let warnings = answer["warnings"].as_array().unwrap();
+    let warnings = answer["results"][0]["warnings"].as_array().unwrap();
     assert!(warnings.iter().all(|text| text.as_str().unwrap().contains("accurate to")), "{answer}");
     // Interpolated by cubics, 2·10⁻⁶ beyond the circle.
     assert_relative("Hausdorff", number(&distances["hausdorff"]), 1.0, 1e-5);

@@ -360,7 +360,9 @@ fn things(server: &Server) -> BTreeMap<&'static str, String> {
     let cohort = server.get("/v1/cohorts/example-cells").expect(200)["id"].clone();
     let shape = server.get("/v1/cohorts/example-cells/shapes?limit=1").expect(200)["items"][0]["id"].clone();
     let text = |value: &Value| value.as_str().unwrap().to_owned();
+    let hook = server.post("/v1/hooks", &json!({"url": "https://pipeline.example/"})).expect(201);
     BTreeMap::from([
+        ("{hook}", text(&hook["id"])),
         ("{cohort}", text(&cohort)),
         ("{shape}", text(&shape)),
         ("{dictionary}", text(&dictionary["id"])),
@@ -482,7 +484,8 @@ impl Operation {
     /// Whether it is about one of the things of the test: by its path, or by its body, but for a file that only tells
     /// where it comes from.
     fn is_about_things(&self) -> bool {
-        let in_path = self.template.contains('{') && self.template != "/v1/generators/{name}";
+        let of_all = ["/v1/generators/{name}", "/v1/subjects/{subject}"];
+        let in_path = self.template.contains('{') && !of_all.contains(&self.template.as_str());
         let in_body =
             |(_, text): &(_, String)| text.contains("example-cells") && !text.contains("\"digest\"");
         in_path || self.body.as_ref().is_some_and(in_body)
@@ -494,17 +497,21 @@ impl Operation {
         self.method == Method::POST && makers.contains(&self.template.as_str())
     }
 
-    /// Whether what it is done to is not there any more; a revoked key stays.
+    /// Whether what it is done to is not there any more; a revoked key stays, and so does a cohort without shapes.
     fn takes_away(&self) -> bool {
-        let deletes = self.method == Method::DELETE && self.template != "/v1/keys/{key}";
+        let lasting = ["/v1/cohorts/{cohort}/shapes", "/v1/keys/{key}", "/v1/subjects/{subject}"];
+        let deletes = self.method == Method::DELETE && !lasting.contains(&self.template.as_str());
         deletes || self.template.ends_with("/restore")
     }
 
     /// The path for things with these ids.
     fn path(&self, things: &BTreeMap<&'static str, String>) -> String {
         let path = things.iter().fold(self.template.clone(), |path, (name, id)| path.replace(name, id));
-        let is_mean = self.method == Method::GET && path.ends_with("/mean");
-        if is_mean { path + "?transformation=similarity" } else { path }
+        match (self.method.as_str(), self.template.as_str()) {
+            ("GET", "/v1/cohorts/{cohort}/mean") => path + "?transformation=similarity",
+            ("DELETE", "/v1/cohorts/{cohort}/shapes") => path + "?all=true&dry_run=true",
+            _ => path,
+        }
     }
 
     /// What the status for a caller must be, and whether it is; `gone` when somebody has deleted the thing before.

@@ -76,7 +76,7 @@ fn ask(server: &Server, dictionary: &str, what: &str, body: &Value) -> Value {
 
 /// What a list of classes says.
 fn labels(answer: &Value) -> Vec<&str> {
-    answer["classes"].as_array().unwrap().iter().map(|class| class["label"].as_str().unwrap()).collect()
+    answer["results"].as_array().unwrap().iter().map(|class| class["label"].as_str().unwrap()).collect()
 }
 
 fn number(value: &Value) -> f64 {
@@ -110,7 +110,7 @@ fn every_kind_tells_classes_apart_that_differ_and_reports_it() {
         }
         let dictionary = learnt(&server, &body).expect(201);
         let (found, validation) = (&dictionary["classifier"], &dictionary["classifier"]["validation"]);
-        let sizes = json!([{"label": "three", "shapes": 12}, {"label": "two", "shapes": 12}]);
+        let sizes = json!([{"label": "three", "shape_count": 12}, {"label": "two", "shape_count": 12}]);
         assert_eq!(found["classes"], sizes, "{classifier}");
         assert_eq!((&validation["folds"], &validation["repeats"]), (&json!(5), &json!(3)));
         let accuracy = &validation["accuracy"];
@@ -128,7 +128,7 @@ fn every_kind_tells_classes_apart_that_differ_and_reports_it() {
         assert!(number(&validation["brier"]) < 0.5, "{classifier}: {validation}");
         let answer = ask(&server, &name, "classify", &json!({"shapes": new}));
         assert_eq!(labels(&answer), ["three", "two"], "{classifier}");
-        for class in answer["classes"].as_array().unwrap() {
+        for class in answer["results"].as_array().unwrap() {
             let ranking = class["ranking"].as_array().unwrap();
             assert_eq!(ranking.len(), 2);
             let sum: f64 = ranking.iter().map(|ranked| number(&ranked["confidence"])).sum();
@@ -158,12 +158,12 @@ fn a_shape_of_no_class_is_not_accepted() {
         learnt(&server, &request(kind, "lobes", &json!({"kind": kind}))).expect(201);
         let own: Vec<Value> = (0..10).map(|k| json!({"points": lobed(3.0, 0.04, 500 + k)})).collect();
         let accepted = ask(&server, kind, "classify", &json!({"shapes": own}));
-        let count = accepted["classes"].as_array().unwrap().iter().filter(|class| class["accepted"] == true);
+        let count = accepted["results"].as_array().unwrap().iter().filter(|class| class["accepted"] == true);
         assert!(count.count() >= 8, "{kind}: {accepted}");
         let strange = json!({"shapes": [{"points": lobed(5.0, 0.9, 3)}]});
         let strange = ask(&server, kind, "classify", &strange);
-        assert_eq!(strange["classes"][0]["accepted"], false, "{kind}: {strange}");
-        assert_eq!(strange["classes"][0]["outlier"]["outlier"], true);
+        assert_eq!(strange["results"][0]["accepted"], false, "{kind}: {strange}");
+        assert_eq!(strange["results"][0]["novelty"]["is_outlier"], true);
     }
 }
 
@@ -180,7 +180,7 @@ fn classes_do_not_depend_on_pose() {
         learnt(&server, &request(kind, "lobes", &json!({"kind": kind}))).expect(201);
         let here = ask(&server, kind, "classify", &posted(&shapes));
         let there = ask(&server, kind, "classify", &posted(&moved));
-        for (a, b) in here["classes"].as_array().unwrap().iter().zip(there["classes"].as_array().unwrap()) {
+        for (a, b) in here["results"].as_array().unwrap().iter().zip(there["results"].as_array().unwrap()) {
             assert_eq!(a["label"], b["label"]);
             for (a, b) in a["ranking"].as_array().unwrap().iter().zip(b["ranking"].as_array().unwrap()) {
                 assert_close(&json!([a["distance"]]), &json!([b["distance"]]), 1e-9, kind);
@@ -318,18 +318,30 @@ fn an_assessment_is_everything_at_once() {
     for named in [&answer, &codes, &classes, &scores, &shapes, &priors, &samples, &atoms, &modes, &drift] {
         assert_eq!(named["dictionary"], used, "which version was it");
     }
-    for (i, assessment) in answer["assessments"].as_array().unwrap().iter().enumerate() {
-        assert_eq!(assessment["code"], codes["codes"][i]);
-        assert_eq!(assessment["class"], classes["classes"][i]);
-        assert_eq!(assessment["outlier"], scores["scores"][i]);
-        assert_eq!(assessment["residual"], shapes["shapes"][i]["residual"]);
-        assert_eq!(assessment["relative_error"], shapes["shapes"][i]["relative_error"]);
+    let own = |entry: &Value| {
+        let mut entry = entry.clone();
+        let names = ["index", "id", "external_id"].map(|name| entry.as_object_mut().unwrap().remove(name));
+        (entry, names)
+    };
+    for (i, assessment) in answer["results"].as_array().unwrap().iter().enumerate() {
+        let names = own(assessment).1;
+        assert_eq!((&names[0], &names[2]), (&Some(json!(i)), &Some(asked["ids"][i].clone())));
+        assert!(names[1].as_ref().unwrap().as_str().unwrap().starts_with("shp_"), "{assessment}");
+        let (code, of_code) = own(&codes["results"][i]);
+        let (mut class, of_class) = own(&classes["results"][i]);
+        assert_eq!((&of_code, &of_class), (&names, &names));
+        assert_eq!(assessment["code"], code);
+        assert_eq!(class.as_object_mut().unwrap().remove("novelty").as_ref(), Some(&assessment["novelty"]));
+        assert_eq!(assessment["class"], class);
+        assert_eq!(assessment["novelty"], scores["results"][i]["novelty"]);
+        assert_eq!(assessment["residual"], shapes["results"][i]["residual"]);
+        assert_eq!(assessment["relative_error"], shapes["results"][i]["relative_error"]);
     }
     // Without a classifier there is no class, and the rest stays.
     let mut plain = request("plain", "example-cells", &Value::Null);
     plain.as_object_mut().unwrap().remove("classifier");
     learnt(&server, &plain).expect(201);
-    assert_eq!(ask(&server, "plain", "assess", &asked)["assessments"][0]["class"], Value::Null);
+    assert_eq!(ask(&server, "plain", "assess", &asked)["results"][0]["class"], Value::Null);
     server.post("/v1/dictionaries/plain/classify", &asked).expect_problem(422, "invalid-input", &[""]);
 }
 
@@ -351,7 +363,7 @@ fn a_classifier_travels_with_its_dictionary() {
         let file = server.get(&format!("/v1/dictionaries/{kind}/export")).expect(200);
         other.post("/v1/dictionaries/import", &file).expect(201);
         let answers = [&server, &other].map(|server| ask(server, kind, "classify", &asked));
-        assert_eq!(answers[0]["classes"], answers[1]["classes"], "{kind}");
+        assert_eq!(answers[0]["results"], answers[1]["results"], "{kind}");
         assert_eq!(answers[0]["dictionary"]["digest"], answers[1]["dictionary"]["digest"], "{kind}");
         // Numbers that training never makes are refused, also under a digest of their own.
         let breakages: Vec<(&str, Value)> = match kind {
@@ -406,7 +418,7 @@ fn drift_tells_new_shapes_that_differ_from_those_that_do_not() {
     let drift = |query: &str| server.get(&format!("/v1/dictionaries/lobes/drift{query}")).expect(200);
     let nothing = drift("");
     assert_eq!(
-        (&nothing["shapes"], &nothing["since_revision"], &nothing["mean"]),
+        (&nothing["shape_count"], &nothing["since_revision"], &nothing["mean"]),
         (&json!(0), &json!(1), &Value::Null)
     );
     let add = |lobes: f64, spread: f64, first: u64| {
@@ -417,7 +429,7 @@ fn drift_tells_new_shapes_that_differ_from_those_that_do_not() {
     };
     add(0.0, 0.1, 2000);
     let same = drift("");
-    assert_eq!((&same["shapes"], &same["cohort_revision"]), (&json!(30), &json!(2)));
+    assert_eq!((&same["shape_count"], &same["cohort_revision"]), (&json!(30), &json!(2)));
     assert!(number(&same["outliers"]["rate"]) <= 0.15, "{same}");
     let mean = &same["mean"];
     assert!(number(&mean["angle_deg"]) < 3.0 * number(&mean["expected_deg"]), "{mean}");
@@ -426,7 +438,7 @@ fn drift_tells_new_shapes_that_differ_from_those_that_do_not() {
     // One class alone, and more disturbed.
     add(3.0, 0.3, 3000);
     let other = drift("?since=2");
-    assert_eq!(other["shapes"], 30);
+    assert_eq!(other["shape_count"], 30);
     assert!(number(&other["outliers"]["rate"]) > 0.5, "{other}");
     assert!(number(&other["mean"]["angle_deg"]) > 2.0 * number(&mean["angle_deg"]), "{other}");
     assert!(number(&other["classes"][0]["new"]) > 0.8, "{other}");
@@ -436,8 +448,8 @@ fn drift_tells_new_shapes_that_differ_from_those_that_do_not() {
     // From the middle between the two classes to one of them.
     assert!(number(&other["scores"][0]["shift"]).abs() > 0.5, "{other}");
     // A time instead of a revision.
-    assert_eq!(drift("?since=2000-01-01T00:00:00Z")["shapes"], 140);
-    assert_eq!(drift("?since=2199-01-01T00:00:00Z")["shapes"], 0);
+    assert_eq!(drift("?since=2000-01-01T00:00:00Z")["shape_count"], 140);
+    assert_eq!(drift("?since=2199-01-01T00:00:00Z")["shape_count"], 0);
     for query in ["?since=9", "?since=yesterday", "?quantile=0.2", "?since=-1", "?weather=1"] {
         server.get(&format!("/v1/dictionaries/lobes/drift{query}")).expect_problem(400, "invalid-query", &[]);
     }

@@ -142,7 +142,8 @@ fn two_groups_of_three_are_compared_as_by_hand() {
     let within: f64 = (0..6).map(|k| squared_distance(&shapes[k], &averages[k / 3])).sum();
     let f = 4.0 * 1.5 * observed * observed / within;
     assert!((number(&pair["pseudo_f"]["value"]) - f).abs() < 1e-10 * f, "{pair}");
-    let size = |shape: &Rows| squared_distance(shape, &vec![[0.0; 2]; POINTS]).sqrt();
+    // The norm is a mean over the landmarks, the centroid size a sum.
+    let size = |shape: &Rows| (POINTS as f64 * squared_distance(shape, &vec![[0.0; 2]; POINTS])).sqrt();
     let sizes: Vec<f64> = shapes.iter().map(size).collect();
     let difference = (sizes[3] + sizes[4] + sizes[5] - sizes[0] - sizes[1] - sizes[2]) / 3.0;
     assert_eq!(pair["sizes"].as_array().unwrap().len(), 1, "landmarks have no area and no length");
@@ -162,7 +163,7 @@ fn chordal_distance_is_that_of_the_means_of_the_groups() {
         let shape = |points: &Value| json!({"control_points": points});
         let body = json!({"transformation": "similarity", "reference": shape(a), "shapes": [shape(b)], "onto": "shape",
             "representation": {"kind": "closed_curve", "dimension": 2, "control_points": 100, "generator": {"name": "trigonometric"}}});
-        number(&server.post("/v1/project", &body).expect(200)["projections"][0]["correlation"])
+        number(&server.post("/v1/project", &body).expect(200)["results"][0]["correlation"])
     };
     for pair in found["pairs"].as_array().unwrap() {
         let group =
@@ -604,7 +605,11 @@ fn a_planted_slope_is_found() {
     assert!(found["warnings"].to_string().contains("20 shapes are of 10 subjects"));
     let picture = server
         .send(server.request(Method::POST, "/v1/regressions").header(ACCEPT, "image/svg+xml").json(&body));
-    assert!(picture.text().contains("labels.age of 20 shapes") && !picture.text().contains("NaN"));
+    assert!(
+        picture.text().contains("age of 20 shapes")
+            && picture.text().contains("age explains")
+            && !picture.text().contains("NaN")
+    );
 }
 
 #[test]
@@ -630,7 +635,7 @@ fn covariates_sizes_and_missing_values() {
     let mut skipping = some.clone();
     skipping["missing"] = json!("skip");
     let found = regress(&server, &skipping);
-    assert_eq!((&found["shapes"], &found["left_out"]), (&json!(10), &json!(10)));
+    assert_eq!((&found["shape_count"], &found["left_out"]), (&json!(10), &json!(10)));
     let refused = server.post("/v1/regressions", &some).json();
     let errors = refused["errors"].as_array().unwrap();
     assert_eq!((errors.len(), &errors[0]["index"]), (10, &json!(10)));

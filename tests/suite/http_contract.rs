@@ -184,10 +184,12 @@ fn projections_are_those_of_the_vectors() {
                 }),
             )
             .expect(200);
-        let projections = answer["projections"].as_array().unwrap();
+        let projections = answer["results"].as_array().unwrap();
         assert_eq!(projections.len(), 2);
-        assert_eq!(projections[0], projections[1], "interpolating generators: points are control points");
         let found = &projections[0];
+        let mut same = projections[1].clone();
+        same["index"] = json!(0);
+        assert_eq!(*found, same, "interpolating generators: points are control points");
         assert_close(&found["control_points"], &case["projected"], 1e-9, name);
         assert_close(&found["matrix"], &case["matrix"], 1e-9, name);
         assert_close(&found["offset"], &case["offset"], 1e-9, name);
@@ -207,8 +209,8 @@ fn a_projection_onto_the_shape_is_the_projection_with_roles_exchanged() {
     };
     let forth = server.post("/v1/project", &body(&one, &other, "shape")).expect(200);
     let back = server.post("/v1/project", &body(&other, &one, "reference")).expect(200);
-    assert_close(&forth["projections"][0]["matrix"], &back["projections"][0]["matrix"], 1e-12, "matrix");
-    assert_close(&forth["projections"][0]["offset"], &back["projections"][0]["offset"], 1e-12, "offset");
+    assert_close(&forth["results"][0]["matrix"], &back["results"][0]["matrix"], 1e-12, "matrix");
+    assert_close(&forth["results"][0]["offset"], &back["results"][0]["offset"], 1e-12, "offset");
 }
 
 // ---------------------------------------------------------------- mean, alignment, PCA
@@ -234,7 +236,7 @@ fn mean_alignment_and_components_are_those_of_the_vectors() {
         let mut found = flat(&mean["eigenvalues"]);
         found.resize(found.len().max(wanted.len()), 0.0);
         assert_close(&json!(found[..wanted.len()]), &case["eigenvalues"], 1e-9, name);
-        assert_eq!(mean["shapes"], shapes.len());
+        assert_eq!(mean["shape_count"], shapes.len());
         assert_eq!(mean["unique"], true, "{mean}");
         assert!(mean["gap"].as_f64().unwrap() > 0.0);
 
@@ -392,7 +394,7 @@ fn landmarks_are_compared_in_the_discrete_metric() {
     let answer = server.post("/v1/project", &body).expect(200);
     let (r, q) = (reference.as_flattened(), query.as_flattened());
     let factor = dot(q, r) / dot(r, r);
-    let found = &answer["projections"][0];
+    let found = &answer["results"][0];
     assert_close(&found["matrix"], &json!([[factor, 0.0], [0.0, factor]]), 1e-12, "matrix");
     let squared = q.iter().zip(r).map(|(q, r)| (q - factor * r).powi(2)).sum::<f64>() / 6.0;
     assert_close(&found["squared_distance"], &json!(squared), 1e-12, "1/N times the sum");
@@ -400,7 +402,7 @@ fn landmarks_are_compared_in_the_discrete_metric() {
     let body = json!({"representation": {"kind": "landmarks", "dimension": 3, "points": 2},
         "transformation": "uniform_scaling_translation", "shapes": [
             {"points": [[0, 0, 0], [1, 2, 3]]}, {"points": [[1, 1, 1], [3, 5, 7.5]]}]});
-    assert_eq!(server.post("/v1/mean", &body).expect(200)["shapes"], 2);
+    assert_eq!(server.post("/v1/mean", &body).expect(200)["shape_count"], 2);
 }
 
 #[test]
@@ -449,7 +451,7 @@ fn raw_contours_of_different_lengths_are_resampled() {
         let body = json!({"representation": trigonometric(16), "correspondence": correspondence,
             "transformation": "affine", "shapes": shapes_of(contours[..3].to_vec())});
         let answer = server.post("/v1/align", &body).expect(200);
-        assert_eq!(answer["shapes"], 3);
+        assert_eq!(answer["shape_count"], 3);
         for aligned in answer["aligned"].as_array().unwrap() {
             assert_eq!(aligned["control_points"].as_array().unwrap().len(), 16);
         }
@@ -464,7 +466,7 @@ fn raw_contours_of_different_lengths_are_resampled() {
         let body = json!({"representation": trigonometric(16), "correspondence": correspondence,
             "transformation": "translation", "reference": {"points": square}, "shapes": [{"points": with_more}]});
         let answer = server.post("/v1/project", &body).expect(200);
-        let distance = answer["projections"][0]["squared_distance"].as_f64().unwrap();
+        let distance = answer["results"][0]["squared_distance"].as_f64().unwrap();
         assert!(distance < 1e-24, "{correspondence}: {distance}");
     }
 }
@@ -572,7 +574,7 @@ fn a_circle_has_the_measures_of_a_circle() {
         "shapes": shapes_of([ellipse(3, 1.0, 1.0, [0.0, 0.0])])});
     let answer = server.post("/v1/measure", &body).expect(200);
     assert_eq!(answer["length_unit"], "mm");
-    let circle = &answer["measures"][0];
+    let circle = &answer["results"][0];
     assert_close(&circle["area"], &json!(PI), 1e-13, "area");
     assert_close(&circle["perimeter"], &json!(TAU), 1e-10, "perimeter");
     assert_close(&circle["centroid"], &json!([0.0, 0.0]), 1e-13, "centroid");
@@ -584,14 +586,14 @@ fn a_circle_has_the_measures_of_a_circle() {
 
     let body = json!({"representation": trigonometric(7), "shapes": shapes_of([clockwise])});
     let measures = server.post("/v1/measure", &body).expect(200);
-    let measures = &measures["measures"][0];
+    let measures = &measures["results"][0];
     assert_close(&measures["signed_area"], &json!(-PI), 1e-12, "signed area");
     assert_close(&measures["centroid"], &json!([2.0, 1.0]), 1e-12, "centroid");
     assert_eq!(measures["orientation"], "clockwise");
 
     let body = json!({"representation": trigonometric(24), "shapes": shapes_of([eight])});
     let measures = server.post("/v1/measure", &body).expect(200);
-    let measures = &measures["measures"][0];
+    let measures = &measures["results"][0];
     assert_eq!(measures["self_intersecting"], true);
     assert_eq!((&measures["orientation"], &measures["centroid"]), (&json!("none"), &Value::Null));
 
@@ -599,7 +601,7 @@ fn a_circle_has_the_measures_of_a_circle() {
     let linear = curve(4, json!({"name": "bspline", "degree": 1}));
     let body = json!({"representation": linear, "shapes": [{"points": rectangle}]});
     let measures = server.post("/v1/measure", &body).expect(200);
-    let measures = &measures["measures"][0];
+    let measures = &measures["results"][0];
     assert_close(&measures["area"], &json!(2.0), 1e-13, "area");
     assert_close(&measures["perimeter"], &json!(6.0), 1e-10, "perimeter");
     assert_close(&measures["bounding_box"]["max"], &json!([2.0, 1.0]), 1e-13, "high corner");
@@ -609,7 +611,7 @@ fn a_circle_has_the_measures_of_a_circle() {
         json!({"kind": "closed_curve", "dimension": 3, "control_points": 9, "generator": {"name": "keys"}});
     let body = json!({"representation": space, "shapes": [{"points": knot(9, 1)}]});
     let measures = server.post("/v1/measure", &body).expect(200);
-    let measures = &measures["measures"][0];
+    let measures = &measures["results"][0];
     for planar in ["area", "signed_area", "centroid", "orientation", "self_intersecting"] {
         assert_eq!(measures[planar], Value::Null, "{planar}");
     }
@@ -657,7 +659,7 @@ fn a_cohort_is_created_read_listed_and_deleted() {
     for (field, value) in body.as_object().unwrap() {
         assert_eq!(&cohort[field], value, "{field}");
     }
-    assert_eq!((&cohort["revision"], &cohort["shapes"]), (&json!(0), &json!(0)));
+    assert_eq!((&cohort["revision"], &cohort["shape_count"]), (&json!(0), &json!(0)));
     assert!(cohort["created_at"].as_str().unwrap().ends_with('Z'), "{cohort}");
     assert_eq!(server.get(&format!("/v1/cohorts/{id}")).expect(200), cohort);
     let by_name = server.get("/v1/cohorts/nuclei.2026-a");
@@ -725,8 +727,9 @@ fn shapes_are_added_found_listed_and_deleted() {
     let answer =
         server.post("/v1/cohorts/blobs/shapes", &json!({"shapes": [shape(0), shape(1)]})).expect(201);
     assert_eq!((&answer["added"], &answer["revision"]), (&json!(2), &json!(1)));
-    let ids: Vec<String> =
-        answer["ids"].as_array().unwrap().iter().map(|id| id.as_str().unwrap().to_owned()).collect();
+    let ids: Vec<String> = (0..2).map(|i| answer["results"][i]["id"].as_str().unwrap().to_owned()).collect();
+    assert_eq!(answer["results"][1]["external_id"], "scan 1/ä");
+    let results = answer["results"].clone();
     assert!(ids.len() == 2 && ids.iter().all(|id| id.starts_with("shp_")), "{ids:?}");
 
     // One shape a line, with an id, which is ignored, blank lines and Windows line ends.
@@ -741,10 +744,13 @@ fn shapes_are_added_found_listed_and_deleted() {
 
     // A retry of what is there: nothing new, the same ids.
     let retry = server.post("/v1/cohorts/blobs/shapes", &json!({"shapes": [shape(0), shape(1)]})).expect(201);
-    assert_eq!((&retry["added"], &retry["revision"], &retry["ids"]), (&json!(0), &json!(2), &json!(ids)));
+    assert_eq!((&retry["added"], &retry["revision"], &retry["results"]), (&json!(0), &json!(2), &results));
     // Half of it new: the order of the ids is that of the input.
     let half = server.post("/v1/cohorts/blobs/shapes", &json!({"shapes": [shape(4), shape(1)]})).expect(201);
-    assert_eq!((&half["added"], &half["revision"], &half["ids"][1]), (&json!(1), &json!(3), &json!(ids[1])));
+    assert_eq!(
+        (&half["added"], &half["revision"], &half["results"][1]["id"]),
+        (&json!(1), &json!(3), &json!(ids[1]))
+    );
     // Other content under a known id: nothing is stored, not even the good neighbours.
     let mut other = shape(1);
     other["points"] = json!(blob(8, 77));
@@ -755,7 +761,7 @@ fn shapes_are_added_found_listed_and_deleted() {
     assert_eq!(problem["errors"][0]["pointer"], "/shapes/1/external_id", "{problem}");
 
     let cohort = server.get("/v1/cohorts/blobs").expect(200);
-    assert_eq!((&cohort["revision"], &cohort["shapes"]), (&json!(3), &json!(5)));
+    assert_eq!((&cohort["revision"], &cohort["shape_count"]), (&json!(3), &json!(5)));
 
     // One shape, by both of its ids.
     let found = server.get(&format!("/v1/cohorts/blobs/shapes/{}", ids[1])).expect(200);
@@ -774,7 +780,7 @@ fn shapes_are_added_found_listed_and_deleted() {
     server.get(&path).expect_problem(404, "not-found", &[]);
     server.delete(&path).expect_problem(404, "not-found", &[]);
     let cohort = server.get("/v1/cohorts/blobs").expect(200);
-    assert_eq!((&cohort["revision"], &cohort["shapes"]), (&json!(4), &json!(4)));
+    assert_eq!((&cohort["revision"], &cohort["shape_count"]), (&json!(4), &json!(4)));
     // Its external id is free again.
     let again = server.post("/v1/cohorts/blobs/shapes", &json!({"shapes": [shape(1)]})).expect(201);
     assert_eq!((&again["added"], &again["revision"]), (&json!(1), &json!(5)));
@@ -846,7 +852,7 @@ fn the_mean_of_a_cohort_is_the_mean_of_its_shapes() {
         }
     }
     let query = "/v1/cohorts/cells/mean?transformation=rigid&alignment=procrustes";
-    assert_eq!(server.get(query).expect(200)["shapes"], cells.len());
+    assert_eq!(server.get(query).expect(200)["shape_count"], cells.len());
     caching(&server);
 }
 
@@ -889,7 +895,7 @@ fn the_mean_of_a_growing_cohort_may_start_from_the_last_one() {
     for alignment in ["projection", "procrustes"] {
         let warm = server.get(&path(alignment, "&start=last")).expect(200);
         assert_eq!((&warm["revision"], &warm["started_from"]), (&json!(2), &json!(1)), "{alignment}");
-        assert_eq!((&warm["shapes"], &warm["converged"]), (&json!(60), &json!(true)));
+        assert_eq!((&warm["shape_count"], &warm["converged"]), (&json!(60), &json!(true)));
         let cold = server.get(&path(alignment, ""));
         assert_eq!(
             cold.body,
@@ -933,8 +939,8 @@ fn caching(server: &Server) {
     assert_eq!(server.delete(&format!("/v1/cohorts/cells/shapes/{}", id.as_str().unwrap())).status, 204);
     let after = get(path).expect(200);
     assert_eq!(
-        (&after["revision"], &after["shapes"]),
-        (&json!(5), &mean["shapes"].as_u64().map(|n| n - 1).into())
+        (&after["revision"], &after["shape_count"]),
+        (&json!(5), &mean["shape_count"].as_u64().map(|n| n - 1).into())
     );
 }
 
@@ -942,9 +948,9 @@ fn caching(server: &Server) {
 fn the_example_cohort_is_there_and_only_in_an_empty_store() {
     let server = Setting::fresh().with_example().start();
     let cohort = server.get("/v1/cohorts/example-cells").expect(200);
-    assert_eq!(cohort["shapes"], cells().len());
+    assert_eq!(cohort["shape_count"], cells().len());
     let mean = server.get("/v1/cohorts/example-cells/mean?transformation=similarity").expect(200);
-    assert_eq!((&mean["shapes"], &mean["unique"]), (&json!(cells().len()), &json!(true)));
+    assert_eq!((&mean["shape_count"], &mean["unique"]), (&json!(cells().len()), &json!(true)));
     assert_eq!(server.delete("/v1/cohorts/example-cells").status, 204);
     new_cohort(&server, "own", &trigonometric(6), "landmarks");
     let server = server.kill().with_example().start();

@@ -318,7 +318,7 @@ fn curves_of_space_are_evaluated_measured_and_aligned() {
             assert!(flat(&evaluation["curvatures"]).iter().all(|k| *k >= 0.0));
         }
         let answer = server.post("/v1/measure", &with(&body, "reference", list[0].clone())).expect(200);
-        let measures = &answer["measures"][0];
+        let measures = &answer["results"][0];
         assert_eq!(
             (&measures["area"], &measures["turning"], &measures["self_intersecting"]),
             (&Value::Null, &Value::Null, &Value::Null)
@@ -407,7 +407,7 @@ fn a_sampled_ellipse_is_recovered() {
         |count: usize| circle(count, 1.0).iter().map(|[x, y]| [3.0 * x + 1.0, y - 2.0]).collect::<Vec<_>>();
     let parameters: Vec<f64> = (0..50).map(|k| f64::from(k) / 50.0).collect();
     let body = json!({"representation": closed(5, &trigonometric()), "shapes": [{"points": ellipse(50)}], "parameters": [parameters]});
-    let fit = &server.post("/v1/fit", &body).expect(200)["fits"][0];
+    let fit = &server.post("/v1/fit", &body).expect(200)["results"][0];
     assert_close(&fit["control_points"], &json!(ellipse(5)), 1e-12, "control points");
     assert!(number(&fit["residual"]) < 1e-12 && number(&fit["largest_residual"]) < 1e-12);
     assert_eq!(fit["representation"], closed(5, &trigonometric()));
@@ -418,7 +418,7 @@ fn a_sampled_ellipse_is_recovered() {
     let body = json!({"representation": representation, "shapes": points, "parameters": parameters});
     let sampled = server.post("/v1/evaluate", &body).expect(200)["evaluations"][0].clone();
     let body = json!({"representation": representation, "shapes": [sampled], "parameters": [parameters]});
-    let fit = server.post("/v1/fit", &body).expect(200)["fits"][0].clone();
+    let fit = server.post("/v1/fit", &body).expect(200)["results"][0].clone();
     assert!(number(&fit["largest_residual"]) < 1e-11, "{fit}");
 }
 
@@ -432,7 +432,7 @@ fn a_tolerance_chooses_the_size_of_a_fit() {
             json!({"kind": "closed_curve", "dimension": 2, "tolerance": tolerance, "generator": keys()});
         let fit = server
             .post("/v1/fit", &json!({"representation": representation, "shapes": [{"points": points}]}))
-            .expect(200)["fits"][0]
+            .expect(200)["results"][0]
             .clone();
         assert!(number(&fit["residual"]) <= tolerance);
         let count = fit["representation"]["control_points"].as_u64().unwrap();
@@ -443,7 +443,7 @@ fn a_tolerance_chooses_the_size_of_a_fit() {
     let representation = json!({"kind": "open_curve", "dimension": 2, "tolerance": 0.01, "generator": {"name": "bspline", "degree": 3}});
     let fit = server
         .post("/v1/fit", &json!({"representation": representation, "shapes": [{"points": arc(300, 1)}]}))
-        .expect(200)["fits"][0]
+        .expect(200)["results"][0]
         .clone();
     assert!(
         number(&fit["residual"]) <= 0.01 && fit["representation"]["intervals"].as_u64().unwrap() < 40,
@@ -585,7 +585,7 @@ fn one_generator_is_described_and_drawn() {
 fn a_circle_has_the_moments_curvature_and_distances_of_a_circle() {
     let server = shared();
     let body = json!({"representation": closed(5, &trigonometric()), "shapes": [{"points": circle(5, 2.0)}], "reference": {"points": circle(5, 1.0)}});
-    let measures = server.post("/v1/measure", &body).expect(200)["measures"][0].clone();
+    let measures = server.post("/v1/measure", &body).expect(200)["results"][0].clone();
     assert_close(&measures["area"], &json!(4.0 * PI), 1e-12, "area");
     assert_close(&measures["perimeter"], &json!(4.0 * PI), 1e-10, "perimeter");
     assert_close(&measures["length"], &json!(4.0 * PI), 1e-10, "length");
@@ -605,7 +605,7 @@ fn a_circle_has_the_moments_curvature_and_distances_of_a_circle() {
     // The end of an open curve belongs to its box.
     let line: Vec<[f64; 2]> = (0..65).map(|k| [f64::from(k), 0.3 * f64::from(k)]).collect();
     let body = json!({"representation": open(64, &keys()), "shapes": [{"points": line}]});
-    let measures = server.post("/v1/measure", &body).expect(200)["measures"][0].clone();
+    let measures = server.post("/v1/measure", &body).expect(200)["results"][0].clone();
     assert_close(&measures["bounding_box"]["max"], &json!([64.0, 19.2]), 1e-15, "the end");
     assert!(number(&measures["total_curvature"]) < 1e-9);
 }
@@ -669,7 +669,7 @@ fn extreme_input_has_finite_answers() {
         let scaled = |list: &[f64]| json!(list.iter().map(|v| v / size).collect::<Vec<_>>());
         assert_close(&scaled(&flat(&evaluation["points"])), &scaled(points.as_flattened()), tolerance, &what);
         assert!(evaluation["curvatures"].as_array().unwrap().iter().all(Value::is_number), "{what}");
-        let measures = server.post("/v1/measure", &body).expect(200)["measures"][0].clone();
+        let measures = server.post("/v1/measure", &body).expect(200)["results"][0].clone();
         for name in ["length", "stretching_energy", "bending_energy"] {
             assert!(
                 measures[name].is_number() || (name == "bending_energy" && what.contains("[[10,0],[-10,0]]")),

@@ -151,7 +151,12 @@ fn ask(server: &Server, key: &str, what: &str, body: &Value) -> Value {
 
 #[track_caller]
 fn encode(server: &Server, key: &str, shapes: &[Value]) -> Vec<Value> {
-    ask(server, key, "encode", &json!({ "shapes": shapes }))["codes"].as_array().unwrap().clone()
+    let mut answer = ask(server, key, "encode", &json!({ "shapes": shapes }));
+    let results = answer["results"].as_array_mut().unwrap();
+    for (index, result) in results.iter_mut().enumerate() {
+        assert_eq!(result.as_object_mut().unwrap().remove("index"), Some(json!(index)));
+    }
+    std::mem::take(results)
 }
 
 // ---------------------------------------------------------------- arithmetic of landmarks
@@ -327,7 +332,8 @@ fn dictionaries_are_listed_in_pages_by_name_and_by_cohort() {
         {
             assert_eq!(entry[field], full[field], "{field}");
         }
-        for field in ["shapes", "objective", "reconstruction_error"] {
+        assert_eq!(entry["shape_count"], full["statistics"]["shapes"]);
+        for field in ["objective", "reconstruction_error"] {
             assert_eq!(entry[field], full["statistics"][field], "{field}");
         }
         assert_eq!(entry["atoms"], full["atoms"].as_array().unwrap().len());
@@ -372,7 +378,7 @@ fn a_dry_run_tells_the_cost_and_leaves_nothing() {
         body["dry_run"] = json!(true);
         let answer = server.post("/v1/dictionaries", &body).expect(200);
         let estimate = &answer["estimate"];
-        assert_eq!(estimate["shapes"], 120);
+        assert_eq!(estimate["shape_count"], 120);
         for field in ["multiply_adds", "memory_bytes", "seconds"] {
             assert!(estimate[field].as_f64().unwrap() > 0.0, "{answer}");
         }
@@ -414,7 +420,10 @@ fn stored_and_posted_shapes_have_the_same_codes_in_their_order() {
         learn(&server, name, "example-cells", &method);
         let codes = encode(&server, name, &some);
         let stored = ask(&server, name, "encode", &json!({"cohort": "example-cells", "ids": some_ids}));
-        assert_eq!(stored["codes"], json!(codes), "{name}");
+        for (stored, code) in stored["results"].as_array().unwrap().iter().zip(&codes) {
+            assert!(stored["id"].is_string() && stored["external_id"].is_string(), "{stored}");
+            assert_eq!(stored["values"], code["values"], "{name}");
+        }
         assert_eq!(codes[1], codes[4], "{name}: the same shape twice");
         let batch: Vec<Value> = (0..1000).map(|k| shapes[k % 120].clone()).collect();
         let batch = encode(&server, name, &batch);
@@ -531,13 +540,13 @@ fn shapes_and_their_codes_have_the_same_reconstruction() {
             .collect();
         let of_codes = ask(&server, name, "reconstruct", &json!({ "codes": codes }));
         for k in 0..shapes.len() {
-            let (of_shape, of_code) = (&of_shapes["shapes"][k], &of_codes["shapes"][k]);
+            let (of_shape, of_code) = (&of_shapes["results"][k], &of_codes["results"][k]);
             assert_close(&of_code["control_points"], &of_shape["control_points"], 1e-10, name);
             assert_eq!((&of_code["relative_error"], &of_code["residual"]), (&Value::Null, &Value::Null));
             assert_eq!(of_shape["residual"].as_array().unwrap().len(), 17);
         }
         let default = ask(&server, name, "reconstruct", &json!({"shapes": shapes[..1]}));
-        assert_eq!(default["shapes"][0]["residual"].as_array().unwrap().len(), 100);
+        assert_eq!(default["results"][0]["residual"].as_array().unwrap().len(), 100);
     }
 }
 
@@ -555,7 +564,7 @@ fn reconstructions_of_landmarks_are_the_sums_of_their_codes() {
         let codes = encode(&server, name, &posted(0..10));
         let input = ask(&server, name, "reconstruct", &json!({"shapes": posted(0..10)}));
         for (k, code) in codes.iter().enumerate() {
-            let answer = &input["shapes"][k];
+            let answer = &input["results"][k];
             let mut sum = combined(&atoms, code);
             if name == "free" {
                 // Matrices put the atoms where the shape is.
@@ -590,14 +599,14 @@ fn all_components_of_the_shapes_give_the_shapes_back() {
     assert!(found["statistics"]["reconstruction_error"].as_f64().unwrap() < 1e-24);
     let answer = ask(&server, "all", "reconstruct", &json!({"shapes": posted(0..6)}));
     for k in 0..6 {
-        let shape = &answer["shapes"][k];
+        let shape = &answer["results"][k];
         assert_close(&shape["control_points"], &json!(blob(k)), 1e-11, "control points");
         assert!(shape["relative_error"].as_f64().unwrap() < 1e-24, "{shape}");
         assert!(flat(&shape["residual"]).iter().all(|distance| *distance < 1e-10), "{shape}");
     }
     // One that is new is not in their span.
     let other = ask(&server, "all", "reconstruct", &json!({"shapes": posted([17])}));
-    assert!(other["shapes"][0]["relative_error"].as_f64().unwrap() > 1e-6);
+    assert!(other["results"][0]["relative_error"].as_f64().unwrap() > 1e-6);
 }
 
 // ---------------------------------------------------------------- scores, priors, samples
@@ -610,7 +619,7 @@ fn scores_of_the_training_shapes_spread_as_the_statistics_say() {
     let question = json!({"cohort": "example-cells", "ids": ids, "quantile": 0.9});
     let answer = ask(&server, "modes", "score", &question);
     let scores: Vec<Vec<f64>> =
-        answer["scores"].as_array().unwrap().iter().map(|score| flat(&score["scores"])).collect();
+        answer["results"].as_array().unwrap().iter().map(|score| flat(&score["scores"])).collect();
     let (count, first) = (scores.len() as f64, found["atoms"][0]["eigenvalue"].as_f64().unwrap());
     assert_eq!(scores.len(), 120);
     for i in 0..4 {
@@ -625,7 +634,8 @@ fn scores_of_the_training_shapes_spread_as_the_statistics_say() {
         }
     }
     let field = |name: &str| -> Vec<f64> {
-        answer["scores"].as_array().unwrap().iter().map(|score| score[name].as_f64().unwrap()).collect()
+        let results = answer["results"].as_array().unwrap().iter();
+        results.map(|result| result["novelty"][name].as_f64().unwrap()).collect()
     };
     // Σ (s − s̄)ᵀ C⁻¹ (s − s̄) = (K − 1) tr(C⁻¹ C).
     let distances = field("t_squared");
@@ -645,7 +655,8 @@ fn scores_of_the_training_shapes_spread_as_the_statistics_say() {
     }
     // Of new shapes twelve of 120 would be beyond the limit of both measures. Those learnt from have smaller residuals, but
     // a component that one of them has made gives it a larger T² than it had when it was held out.
-    let outliers = answer["scores"].as_array().unwrap().iter().filter(|s| s["outlier"] == true).count();
+    let is_outlier = |result: &&Value| result["novelty"]["is_outlier"] == true;
+    let outliers = answer["results"].as_array().unwrap().iter().filter(is_outlier).count();
     assert!((4..=20).contains(&outliers), "{outliers}");
     let median = distances.iter().position(|distance| *distance == sorted[20]).unwrap();
     let star: Rows = (0..100)
@@ -658,18 +669,22 @@ fn scores_of_the_training_shapes_spread_as_the_statistics_say() {
     // One of the 120 cells is as far from what the others say about it.
     let question = json!({"shapes": [{"points": star}, shapes[median]], "quantile": 0.9});
     let answer = ask(&server, "modes", "score", &question);
-    assert_eq!(answer["scores"][0]["outlier"], true, "{answer}");
-    assert!(answer["scores"][0]["squared_prediction_error_rank"].as_f64().unwrap() > 0.98, "{answer}");
-    let near = answer["scores"][1]["t_squared_rank"].as_f64().unwrap();
+    assert_eq!(answer["results"][0]["novelty"]["is_outlier"], true, "{answer}");
+    assert!(
+        answer["results"][0]["novelty"]["squared_prediction_error_rank"].as_f64().unwrap() > 0.98,
+        "{answer}"
+    );
+    let near = answer["results"][1]["novelty"]["t_squared_rank"].as_f64().unwrap();
     assert!((0.1..0.3).contains(&near), "{near}");
 
     // Sparse dictionaries have no scores, but errors.
     learn(&server, "atoms", "example-cells", &lasso(4, "aligned"));
     let answer = ask(&server, "atoms", "score", &question);
-    for field in ["scores", "t_squared", "t_squared_rank"] {
-        assert_eq!(answer["scores"][0][field], Value::Null);
+    assert_eq!(answer["results"][0]["scores"], Value::Null);
+    for field in ["t_squared", "t_squared_rank"] {
+        assert_eq!(answer["results"][0]["novelty"][field], Value::Null);
     }
-    assert_eq!(answer["scores"][0]["outlier"], true, "{answer}");
+    assert_eq!(answer["results"][0]["novelty"]["is_outlier"], true, "{answer}");
 }
 
 #[test]
@@ -715,7 +730,7 @@ fn the_gradient_of_a_prior_is_the_difference_of_its_energies() {
     for (name, reference) in [("modes", "mean"), ("modes", "atoms"), ("atoms", "mean"), ("atoms", "atoms")] {
         let prior = |gamma: f64| {
             let question = json!({"shapes": probes, "reference": reference, "gamma": gamma});
-            ask(&server, name, "prior", &question)["priors"].as_array().unwrap().clone()
+            ask(&server, name, "prior", &question)["results"].as_array().unwrap().clone()
         };
         let priors = prior(0.5);
         let energies: Vec<f64> = priors.iter().map(|prior| prior["energy"].as_f64().unwrap()).collect();
@@ -742,7 +757,7 @@ fn the_energy_of_a_prior_is_the_squared_distance_from_the_class_of_the_mean() {
     let placed = json!({"points": moved(&mean, &turn(2.0, 3.0), [4.0, -7.0])});
     let shapes = [vec![placed], posted(0..5)].concat();
     let answer = ask(&server, "modes", "prior", &json!({ "shapes": shapes }));
-    let energy = |k: usize| answer["priors"][k]["energy"].as_f64().unwrap();
+    let energy = |k: usize| answer["results"][k]["energy"].as_f64().unwrap();
     assert!(energy(0) < 1e-26, "a member of the class: {}", energy(0));
     for k in 0..5 {
         let points = blob(k);
@@ -785,7 +800,7 @@ fn the_seed_of_a_sample_decides() {
     let shape = &many["shapes"][0];
     let code = json!({"indices": [0, 1, 2], "values": shape["scores"]});
     let back = ask(&server, "modes", "reconstruct", &json!({"codes": [code]}));
-    assert_close(&back["shapes"][0]["control_points"], &shape["control_points"], 1e-12, "shape");
+    assert_close(&back["results"][0]["control_points"], &shape["control_points"], 1e-12, "shape");
 }
 
 // ---------------------------------------------------------------- pictures
@@ -938,10 +953,8 @@ fn shapes_that_are_all_the_same_have_no_components() {
     let codes = encode(&server, "still", &shapes);
     assert_eq!((&codes[1]["indices"], &codes[1]["values"]), (&json!([]), &json!([])));
     let answer = ask(&server, "still", "score", &json!({ "shapes": shapes }));
-    assert_eq!(
-        (&answer["scores"][1]["t_squared"], &answer["scores"][1]["outlier"]),
-        (&json!(0.0), &json!(true))
-    );
+    let novelty = &answer["results"][1]["novelty"];
+    assert_eq!((&novelty["t_squared"], &novelty["is_outlier"]), (&json!(0.0), &json!(true)));
     let drawn = ask(&server, "still", "sample", &json!({"count": 3}));
     assert_close(&drawn["shapes"][2]["control_points"], &found["centre"], 1e-14, "the mean");
     server.get("/v1/dictionaries/still/modes").expect_problem(400, "invalid-query", &[]);
@@ -1266,7 +1279,7 @@ fn bad_shapes_are_named_whatever_is_asked_about_them() {
         }
         let prior =
             server.post_bytes(&format!("/v1/dictionaries/{key}/prior"), JSON, asked_with(&dot)).expect(200);
-        assert!(prior["priors"][1]["energy"].as_f64().unwrap() < 1e-26, "{prior}");
+        assert!(prior["results"][1]["energy"].as_f64().unwrap() < 1e-26, "{prior}");
     }
     server.assert_alive();
 }

@@ -1,12 +1,13 @@
 //! Jobs over HTTP, with the service in this process: no route starts jobs of our own making.
 
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
 use shapelex::api;
 use shapelex::service::app::{App, ServiceError};
+use shapelex::service::dispatch;
 use shapelex::service::jobs::Outcome;
 use tempfile::TempDir;
 use tokio::net::TcpListener;
@@ -126,7 +127,7 @@ async fn a_job_is_read_with_all_its_fields() {
     let created_at = found["created_at"].clone();
     assert!(created_at.as_str().unwrap().ends_with('Z'), "{found}");
     let wanted = json!({"id": job.id, "kind": "learn_dictionary", "status": "queued", "progress": 0.0,
-        "phase": null, "objective": null, "attempt": 0, "created_at": created_at, "started_at": null,
+        "seconds_left": null, "phase": null, "objective": null, "attempt": 0, "created_at": created_at, "started_at": null,
         "finished_at": null, "result": null, "problem": null});
     assert_eq!(found, wanted);
 
@@ -261,6 +262,90 @@ async fn events_tell_the_progress_and_end_with_the_outcome() {
     let (_, stale) = service.events(&job.id, Some(&first.id)).await;
     assert_eq!(stale.rest().await, std::slice::from_ref(last));
     assert_eq!(service.events(&job.id, Some(&last.id)).await.0, 204);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_running_job_is_reported_every_second_with_the_time_left() {
+    let service = Service::start().await;
+    let _worker = worker(&service.app, 1, |_, _, _, context| {
+        context.report("thinking", 0.25, None);
+        std::thread::sleep(Duration::from_millis(3500));
+        Ok(Outcome { result: json!(null), dictionary: None, output: None })
+    });
+    let job = submit(&service.app, json!({})).await;
+    let (_, events) = service.events(&job.id, None).await;
+    let events = events.rest().await;
+    let thinking: Vec<&Event> = events.iter().filter(|event| event.job["phase"] == "thinking").collect();
+    let running = thinking.iter().filter(|event| event.job["status"] == "running");
+    let left: Vec<f64> = running.map(|event| event.job["seconds_left"].as_f64().unwrap()).collect();
+    assert!(left.len() >= 3 && left.iter().all(|seconds| *seconds >= 0.0), "{left:?}");
+    let last = events.last().unwrap();
+    assert_eq!((last.name.as_str(), &last.job["seconds_left"]), ("succeeded", &Value::Null));
+}
+
+/// Outlines of many forms that start anywhere: the search for start points takes several rounds.
+fn outlines(count: usize) -> Value {
+    let shape = |k: usize| {
+        let phase = k as f64;
+        let point = move |i: usize| {
+            let angle = std::f64::consts::TAU * (i + k % 13) as f64 / 48.0;
+            let wave = |order: f64, shift: f64| (order * angle + shift).cos();
+            let (second, third) = (wave(2.0, 1.3 * phase.sin()), wave(3.0, 2.1 * (1.7 * phase).sin()));
+            let r = 2.0 + 0.4 * second + 0.3 * third + 0.2 * wave(5.0, phase);
+            json!([r * angle.cos(), 0.7 * r * angle.sin()])
+        };
+        json!({"points": (0..48).map(point).collect::<Vec<_>>()})
+    };
+    json!({"shapes": (0..count).map(shape).collect::<Vec<_>>()})
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn the_progress_of_learning_counts_its_work() {
+    let service = Service::start().await;
+    let post = async |path: &str, body: &Value| {
+        answer(service.client.post(format!("{}{path}", service.address)).json(body)).await
+    };
+    let cohort = json!({"name": "anywhere", "correspondence": "cyclic", "representation": {"kind": "closed_curve",
+        "dimension": 2, "control_points": 32, "generator": {"name": "trigonometric"}}});
+    assert_eq!(post("/v1/cohorts", &cohort).await.0, 201);
+    let (status, added) = post("/v1/cohorts/anywhere/shapes", &outlines(3000)).await;
+    assert_eq!(status, 201, "{added}");
+    let learn = json!({"name": "counted", "cohort": "anywhere", "transformation": "similarity",
+        "method": {"kind": "functional_pca", "components": 4}});
+    let (status, job) = post("/v1/dictionaries", &learn).await;
+    assert_eq!(status, 202, "{job}");
+    let id = job["id"].as_str().unwrap().to_owned();
+    let seen: Arc<Mutex<Vec<(&str, f64)>>> = Arc::default();
+    let sampled = Arc::clone(&seen);
+    let _worker = worker(&service.app, 1, move |app, handle, job, context| {
+        let ended = AtomicBool::new(false);
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                while !ended.load(Ordering::SeqCst) {
+                    let progress = context.progress();
+                    let phase = progress.phase.map(|phase| (phase, progress.fraction));
+                    sampled.lock().unwrap().extend(phase);
+                    std::thread::sleep(Duration::from_micros(100));
+                }
+            });
+            let outcome = dispatch::run(app, handle, job, context);
+            ended.store(true, Ordering::SeqCst);
+            outcome
+        })
+    });
+    let done = shapelex::service::jobs::wait(&service.app, &id, Duration::from_secs(120)).await.unwrap();
+    assert_eq!((done.status.as_str(), done.progress), ("succeeded", 1.0), "{done:?}");
+    let seen = seen.lock().unwrap();
+    assert!(seen.is_sorted_by(|a, b| a.1 <= b.1), "progress falls");
+    let mut mean: Vec<f64> = seen.iter().filter(|(phase, _)| *phase == "mean").map(|(_, at)| *at).collect();
+    mean.dedup();
+    // The passes of the mean are counted while they go on.
+    assert!(mean.len() >= 6 && mean[0] < 0.05 && mean[mean.len() - 1] > 0.1, "{mean:?}");
+    let mut phases: Vec<&str> = seen.iter().map(|(phase, _)| *phase).collect();
+    phases.dedup();
+    let order = ["mean", "align", "learn", "certify", "hold_out"];
+    assert!(phases.is_sorted_by_key(|phase| order.iter().position(|one| one == phase)), "{phases:?}");
+    assert!(seen.iter().all(|(_, at)| *at < 1.0), "{:?}", seen.last());
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -79,9 +79,9 @@ fn ask(server: &Server, name: &str, what: &str, body: &Value) -> Value {
 /// Part of the shapes that are called outliers.
 fn alarms(server: &Server, name: &str, shapes: &[Value], quantile: f64) -> f64 {
     let answer = ask(server, name, "score", &json!({"shapes": shapes, "quantile": quantile}));
-    let scores = answer["scores"].as_array().unwrap();
+    let scores = answer["results"].as_array().unwrap();
     assert_eq!(answer["warnings"], Value::Null, "{answer}");
-    scores.iter().filter(|score| score["outlier"] == true).count() as f64 / scores.len() as f64
+    scores.iter().filter(|score| score["novelty"]["is_outlier"] == true).count() as f64 / scores.len() as f64
 }
 
 /// The shapes of a set of outlines beside the crate, without copies of the first point; none where they are not.
@@ -240,7 +240,7 @@ fn best_is_calibrated_by_scores_of_one_kind() {
         .map(|i| [if i < 5 { 50.0 * i as f64 } else { 450.0 - 50.0 * i as f64 }, (i / 5) as f64])
         .collect();
     let answer = ask(&server, "overlap", "classify", &json!({"shapes": [{"points": needle}]}));
-    assert_eq!(answer["classes"][0]["accepted"], false, "{answer}");
+    assert_eq!(answer["results"][0]["accepted"], false, "{answer}");
 
     // The file brings everything along, and what learning does not make is refused.
     let other = Server::fresh();
@@ -248,7 +248,7 @@ fn best_is_calibrated_by_scores_of_one_kind() {
     other.post("/v1/dictionaries/import", &file).expect(201);
     let question = json!({"shapes": circles(5, 9)});
     let answers = [&server, &other].map(|server| ask(server, "overlap", "classify", &question));
-    assert_eq!(answers[0]["classes"], answers[1]["classes"]);
+    assert_eq!(answers[0]["results"], answers[1]["results"]);
     let refused = json!({"name": "x", "cohort": "overlap", "method": components(2), "transformation": "similarity",
                          "classifier": {"kind": "ensemble"}});
     server.post("/v1/dictionaries", &refused).expect_problem(422, "invalid-input", &["/classifier/kind"]);
@@ -272,9 +272,9 @@ fn a_needle_is_no_molar() {
     let needle =
         json!({"shapes": [{"points": [[0, 0], [50, 0], [50, 1], [0, 1]]}, {"points": shapes[0]["points"]}]});
     let answer = ask(&server, "molars", "classify", &needle);
-    assert_eq!(answer["classes"][0]["accepted"], false, "{answer}");
-    assert_eq!(answer["classes"][1]["accepted"], true, "{answer}");
-    assert!(number(&answer["classes"][1]["ranking"][0]["confidence"]) > 0.5, "{answer}");
+    assert_eq!(answer["results"][0]["accepted"], false, "{answer}");
+    assert_eq!(answer["results"][1]["accepted"], true, "{answer}");
+    assert!(number(&answer["results"][1]["ranking"][0]["confidence"]) > 0.5, "{answer}");
 }
 
 // ---------------------------------------------------------------- drift

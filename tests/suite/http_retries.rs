@@ -51,7 +51,7 @@ fn a_request_that_is_sent_again_is_done_once() {
     let streamed = stream_as(&server, "s2", path, &lines).expect(201);
     assert_eq!(stream_as(&server, "s2", path, &lines).expect(201), streamed);
     stream_as(&server, "s2", path, &lines[..1]).expect_problem(422, "idempotency-key-reused", &[]);
-    assert_eq!(server.get("/v1/cohorts/feet").expect(200)["shapes"], 4, "nothing is doubled");
+    assert_eq!(server.get("/v1/cohorts/feet").expect(200)["shape_count"], 4, "nothing is doubled");
 
     let learn = json!({"name": "modes", "cohort": "feet", "transformation": "similarity",
         "method": {"kind": "functional_pca", "components": 1}});
@@ -104,25 +104,25 @@ fn a_version_that_is_not_the_present_one_is_left_as_it_is() {
 #[test]
 fn changes_are_listed_in_their_order_and_a_pipeline_can_go_on() {
     let server = Server::fresh();
-    assert_eq!(server.get("/v1/changes").expect(200), json!({"changes": [], "last": 0, "done": true}));
+    assert_eq!(server.get("/v1/changes").expect(200), json!({"items": [], "next": 0, "done": true}));
     let id = server.post("/v1/cohorts", &cohort("feet")).expect(201)["id"].clone();
     let body = json!({"shapes": [triangle(1.0), triangle(2.0)]});
     let stored = server.post("/v1/cohorts/feet/shapes", &body).expect(201);
-    let shape = stored["ids"][0].as_str().unwrap().to_owned();
+    let shape = stored["results"][0]["id"].as_str().unwrap().to_owned();
     assert_eq!(server.delete(&format!("/v1/cohorts/feet/shapes/{shape}")).status, 204);
     let first = server.get("/v1/changes?limit=2").expect(200);
     let kinds = |answer: &Value| -> Vec<String> {
-        let changes = answer["changes"].as_array().unwrap().iter();
+        let changes = answer["items"].as_array().unwrap().iter();
         changes.map(|change| change["kind"].as_str().unwrap().to_owned()).collect()
     };
     assert_eq!(kinds(&first), ["cohort_created", "shapes_added"]);
-    assert_eq!((&first["last"], &first["done"]), (&json!(2), &json!(false)));
-    let added = &first["changes"][1];
-    assert_eq!((&added["cohort"], &added["revision"], &added["shapes"]), (&id, &json!(1), &json!(2)));
+    assert_eq!((&first["next"], &first["done"]), (&json!(2), &json!(false)));
+    let added = &first["items"][1];
+    assert_eq!((&added["cohort"], &added["revision"], &added["shape_count"]), (&id, &json!(1), &json!(2)));
     let rest = server.get("/v1/changes?since=2").expect(200);
     assert_eq!((kinds(&rest), &rest["done"]), (vec!["shape_deleted".to_owned()], &json!(true)));
-    assert_eq!(rest["changes"][0]["object"], shape);
-    assert_eq!(server.get("/v1/changes?since=99").expect(200)["last"], 99);
+    assert_eq!(rest["items"][0]["object"], shape);
+    assert_eq!(server.get("/v1/changes?since=99").expect(200)["next"], 99);
     server.get("/v1/changes?since=-1").expect_problem(400, "invalid-query", &[]);
     server.get("/v1/changes?limit=0").expect_problem(400, "invalid-query", &[]);
 }
@@ -142,7 +142,7 @@ fn what_was_deleted_comes_back_from_the_trash() {
     server.send(server.request(Method::POST, &restore)).expect_problem(409, "name-taken", &["/name"]);
     assert_eq!(server.delete("/v1/cohorts/feet").status, 204);
     assert_eq!(server.send(server.request(Method::POST, &restore)).status, 204);
-    assert_eq!(server.get("/v1/cohorts/feet").expect(200)["shapes"], 1);
+    assert_eq!(server.get("/v1/cohorts/feet").expect(200)["shape_count"], 1);
     server.send(server.request(Method::POST, &restore)).expect_problem(404, "not-found", &[]);
 
     assert_eq!(server.delete("/v1/cohorts/feet").status, 204);

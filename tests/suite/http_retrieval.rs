@@ -186,7 +186,11 @@ fn a_large_matrix_is_a_job_whose_output_is_kept() {
     let id = job["id"].as_str().unwrap();
     assert_eq!(reply.header("location"), Some(format!("/v1/jobs/{id}").as_str()));
     let done = finished(&server, id);
-    assert_eq!((&done["status"], &done["result"]["shapes"]), (&json!("succeeded"), &json!(COUNT)), "{done}");
+    assert_eq!(
+        (&done["status"], &done["result"]["shape_count"]),
+        (&json!("succeeded"), &json!(COUNT)),
+        "{done}"
+    );
     let path = done["result"]["output"].as_str().unwrap().to_owned();
     assert_eq!(path, format!("/v1/jobs/{id}/output"));
     assert_eq!(server.get(&format!("{path}?format=npy")).body, wanted, "the same bits as at once");
@@ -356,7 +360,7 @@ fn a_degenerate_shape_of_a_cohort_is_named() {
     server.post("/v1/cohorts", &cohort).expect(201);
     let shapes = json!({"shapes": [{"external_id": "a", "points": [[0, 0], [4, 0], [1, 3]]},
         {"external_id": "line", "points": [[0, 0], [1, 1], [3, 3]]}]});
-    let ids = server.post("/v1/cohorts/flat/shapes", &shapes).expect(201)["ids"].clone();
+    let ids = server.post("/v1/cohorts/flat/shapes?return=ids", &shapes).expect(201)["ids"].clone();
     let bodies = [
         ("/v1/cohorts/flat/search", json!({"ids": ["a"], "transformation": "affine"})),
         ("/v1/distances", json!({"cohort": "flat", "transformation": "affine"})),

@@ -264,7 +264,7 @@ fn surfaces_are_evaluated_measured_and_moved() {
     let body = json!({"representation": representation, "shapes": [{"control_points": moved}, shape], "reference": shape,
         "field": {"matrix": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "offset": [5, 6, 7]}});
     let answer = server.post("/v1/measure", &body).expect(200);
-    let [first, second] = [0, 1].map(|i| answer["measures"][i].clone());
+    let [first, second] = [0, 1].map(|i| answer["results"][i].clone());
     let ratio = number(&first["volume"]) / number(&second["volume"]);
     assert!((ratio - 6.0).abs() < 1e-12, "{ratio}");
     assert!((number(&first["flux"]) / number(&first["volume"]) - 3.0).abs() < 1e-12, "the divergence is 3");
@@ -344,7 +344,7 @@ fn a_cohort_of_subdivision_surfaces_has_everything_that_others_have() {
         let body = json!({"shapes": potatoes(&sphere, 2), "samples": 5});
         let answer = server.post(&format!("/v1/dictionaries/{name}/reconstruct"), &body).expect(200);
         // They are compared where their control vertices are at the level.
-        assert_eq!(answer["shapes"][0]["residual"].as_array().unwrap().len(), 18, "{name}");
+        assert_eq!(answer["results"][0]["residual"].as_array().unwrap().len(), 18, "{name}");
         server.get(&format!("/v1/dictionaries/{name}/atoms?format=svg")).expect_svg();
     }
     server.get("/v1/dictionaries/modes/modes?component=1&sigma=2&format=svg").expect_svg();
@@ -397,7 +397,7 @@ fn means_are_those_of_their_class() {
     assert!(mean["mean"]["control_points"].as_array().unwrap().len() == 18, "{distances}");
     let measure = |shape: &Value| {
         let body = json!({"representation": representation, "shapes": [shape]});
-        number(&server.post("/v1/measure", &body).expect(200)["measures"][0]["sphericity"])
+        number(&server.post("/v1/measure", &body).expect(200)["results"][0]["sphericity"])
     };
     let found = measure(&json!({"control_points": mean["mean"]["control_points"]}));
     assert!((found - measure(&json!({"control_points": one}))).abs() < 1e-10, "{found}");
@@ -418,19 +418,19 @@ fn meshes_and_clouds_are_fitted() {
         let (vertices, faces) = (&answer["evaluations"][0]["points"], &answer["faces"]);
         let measure = |shape: &Value| {
             let body = json!({"representation": representation, "shapes": [shape]});
-            number(&server.post("/v1/measure", &body).expect(200)["measures"][0]["volume"])
+            number(&server.post("/v1/measure", &body).expect(200)["results"][0]["volume"])
         };
         let volume = measure(&json!({"control_points": bean}));
         let fit =
             json!({"representation": representation, "meshes": [{"vertices": vertices, "faces": faces}]});
-        let found = server.post("/v1/fit", &fit).expect(200)["fits"][0].clone();
+        let found = server.post("/v1/fit", &fit).expect(200)["results"][0].clone();
         assert!(number(&found["residual"]) < 0.02, "{}", found["residual"]);
         assert!((measure(&json!({"control_points": found["control_points"]})) / volume - 1.0).abs() < 0.02);
         let exact = with(&fit, json!({"start": {"control_points": bean}, "turns": 2}));
-        let found = server.post("/v1/fit", &exact).expect(200)["fits"][0].clone();
+        let found = server.post("/v1/fit", &exact).expect(200)["results"][0].clone();
         assert!(number(&found["residual"]) < 1e-10, "{}", found["residual"]);
         let cloud = json!({"representation": representation, "shapes": [{"points": vertices}], "turns": 40});
-        let found = server.post("/v1/fit", &cloud).expect(200)["fits"][0].clone();
+        let found = server.post("/v1/fit", &cloud).expect(200)["results"][0].clone();
         assert!(number(&found["residual"]) < 0.03, "{}", found["residual"]);
     }
     let by_faces = of_scheme("loop", 2, start(&server, "octahedron").1);
@@ -464,7 +464,7 @@ fn shapes_with_normals_are_evaluated_and_morphed_but_have_no_statistics() {
     server.post("/v1/evaluate?format=svg", &body).expect_svg();
     assert_eq!(server.post("/v1/evaluate?format=ply", &body).status, 200);
     let measured = json!({"representation": representation, "shapes": [shape]});
-    let volume = number(&server.post("/v1/measure", &measured).expect(200)["measures"][0]["volume"]);
+    let volume = number(&server.post("/v1/measure", &measured).expect(200)["results"][0]["volume"]);
     assert!((volume / (4.0 * PI / 3.0) - 1.0).abs() < 0.02, "{volume}");
     let stretched: Vec<[f64; 3]> = sphere.iter().map(|[x, y, z]| [2.0 * x, *y, *z]).collect();
     let to = json!({"points": stretched});

@@ -60,7 +60,7 @@ fn the_smallest_sphere_is_measured_exactly() {
     let server = shared();
     let body = json!({"representation": surface("sphere", [3, 2]), "shapes": [{"points": on_sphere([3, 2], ellipsoid([1.0; 3]))}],
         "field": {"matrix": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "offset": [5, 6, 7]}});
-    let measures = server.post("/v1/measure", &body).expect(200)["measures"][0].clone();
+    let measures = server.post("/v1/measure", &body).expect(200)["results"][0].clone();
     assert!((number(&measures["volume"]) - 4.0 * PI / 3.0).abs() < 1e-12, "{measures}");
     assert!((number(&measures["area"]) - 4.0 * PI).abs() < 1e-10, "{measures}");
     assert!((number(&measures["sphericity"]) - 1.0).abs() < 1e-10, "{measures}");
@@ -217,7 +217,7 @@ fn mirror_images_of_surfaces_are_matched() {
     let mut body = json!({"representation": surface("sphere", [12, 9]), "transformation": "similarity", "alignment": "procrustes",
         "shapes": [{"points": on_sphere([12, 9], bumpy)}, {"points": on_sphere([12, 9], mirrored)}]});
     let measure = json!({"representation": body["representation"], "shapes": body["shapes"]});
-    for measures in server.post("/v1/measure", &measure).expect(200)["measures"].as_array().unwrap() {
+    for measures in server.post("/v1/measure", &measure).expect(200)["results"].as_array().unwrap() {
         assert!(number(&measures["signed_volume"]) > 0.0, "{measures}");
     }
     let forbidden = server.post("/v1/align", &body).expect(200);
@@ -279,13 +279,41 @@ fn a_cohort_of_surfaces_has_everything_that_one_of_curves_has() {
         let body = json!({"shapes": potatoes(size, 2), "samples": 5});
         let answer = server.post(&format!("/v1/dictionaries/{name}/reconstruct"), &body).expect(200);
         // Surfaces are compared at their knots.
-        assert_eq!(answer["shapes"][0]["residual"].as_array().unwrap().len(), 8 * 7, "{name}");
+        assert_eq!(answer["results"][0]["residual"].as_array().unwrap().len(), 8 * 7, "{name}");
         server.get(&format!("/v1/dictionaries/{name}/atoms?format=svg")).expect_svg();
     }
     server.get("/v1/dictionaries/modes/modes?component=1&sigma=2&format=svg").expect_svg();
     let mesh = server.get("/v1/dictionaries/modes/modes?component=1&sigma=-2&format=stl");
     assert_eq!((mesh.status, mesh.header("content-type")), (200, Some("model/stl")));
+    let file = server.get("/v1/dictionaries/modes/modes?sigma=1.5&format=gltf&grid=12,9");
+    let length = u32::from_le_bytes(file.body[12..16].try_into().unwrap()) as usize;
+    let scene: Value = serde_json::from_slice(&file.body[20..20 + length]).unwrap();
+    let mesh = &scene["meshes"][0];
+    assert_eq!(mesh["extras"]["targetNames"], json!(["mode 1", "mode 2", "mode 3", "mode 4"]));
+    assert_eq!(mesh["extras"]["targets"][0]["standard_deviations"], 1.5);
+    assert_eq!(mesh["primitives"][0]["targets"].as_array().unwrap().len(), 4);
+    assert_eq!(scene["animations"].as_array().unwrap().len(), 4);
+    let one = server.get("/v1/dictionaries/modes/modes?component=2&format=gltf");
+    assert!(one.status == 200 && one.body.len() < 4 * file.body.len());
+    server.get("/v1/dictionaries/modes/modes?component=5&format=gltf").expect_problem(
+        400,
+        "invalid-query",
+        &[],
+    );
+    server.get("/v1/dictionaries/modes/modes?format=gltf&grid=700,700").expect_problem(
+        400,
+        "invalid-query",
+        &[],
+    );
+    let assess = json!({"shapes": potatoes(size, 2)});
+    for path in ["modes/assess", "modes/reconstruct", "atoms/reconstruct"] {
+        server.post(&format!("/v1/dictionaries/{path}?format=svg&width=200"), &assess).expect_svg();
+    }
+    let sheet = server.get("/v1/cohorts/potatoes/sheet?columns=4");
+    assert!(sheet.expect_svg().contains("<title>potato-0</title>"));
+    assert!(sheet.header("link").is_some(), "a page has at most 12 surfaces");
     let search = json!({"shapes": potatoes(size, 1), "transformation": "affine", "neighbours": 3});
+    server.post("/v1/cohorts/potatoes/search?format=svg", &search).expect_svg();
     let nearest = server.post("/v1/cohorts/potatoes/search", &search).expect(200);
     assert!(nearest.to_string().contains("potato-0"), "{nearest}");
     let compare = json!({"cohort": "potatoes", "transformation": "affine", "by": "label", "permutations": 99, "seed": 1});
@@ -310,7 +338,7 @@ fn grids_and_meshes_are_fitted() {
     let fits = server
         .post("/v1/fit", &json!({"representation": representation, "shapes": [{"points": fine}]}))
         .expect(200);
-    assert!(number(&fits["fits"][0]["residual"]) < 1e-12, "{}", fits["fits"][0]["residual"]);
+    assert!(number(&fits["results"][0]["residual"]) < 1e-12, "{}", fits["results"][0]["residual"]);
 
     let body = json!({"representation": representation, "shapes": [{"points": on_sphere([6, 5], ellipsoid([3.0, 2.0, 1.0]))}]});
     let mesh = server.post("/v1/evaluate?format=obj&grid=24,17", &body);
@@ -334,7 +362,7 @@ fn grids_and_meshes_are_fitted() {
     };
     // Directions of an ellipsoid that is made round are its own parameters. What is fitted is the mesh, flat faces and all.
     let sphere: Vec<[f64; 3]> = vertices.iter().map(|v| [v[0] / 3.0, v[1] / 2.0, v[2]]).collect();
-    let given = fit(&[("sphere", json!(sphere))]).expect(200)["fits"][0].clone();
+    let given = fit(&[("sphere", json!(sphere))]).expect(200)["results"][0].clone();
     assert!(number(&given["residual"]) < 0.02 && number(&given["folded"]) == 0.0, "{}", given["residual"]);
     let corner = |i: usize| [0, 1, 2].map(|c| vertices[i][c]);
     let six_fold = |face: &Vec<usize>| {
@@ -345,15 +373,15 @@ fn grids_and_meshes_are_fitted() {
     let volume_of = |representation: &Value, fit: &Value| {
         let shape = json!({"control_points": fit["control_points"]});
         let body = json!({"representation": representation, "shapes": [shape]});
-        number(&server.post("/v1/measure", &body).expect(200)["measures"][0]["volume"])
+        number(&server.post("/v1/measure", &body).expect(200)["results"][0]["volume"])
     };
     let volume = volume_of(&representation, &given);
     assert!((volume / within - 1.0).abs() < 5e-3, "{volume} in {within}");
-    let again = fit(&[("parameters", given["parameters"].clone())]).expect(200)["fits"][0].clone();
+    let again = fit(&[("parameters", given["parameters"].clone())]).expect(200)["results"][0].clone();
     assert_close(&again["control_points"], &given["control_points"], 1e-12, "parameters given back");
     let larger = surface("sphere", [10, 10]);
     let body = json!({"representation": larger, "meshes": [{"vertices": vertices, "faces": faces}]});
-    let computed = server.post("/v1/fit", &body).expect(200)["fits"][0].clone();
+    let computed = server.post("/v1/fit", &body).expect(200)["results"][0].clone();
     // No ellipsoid of these parameters is in the space: less than 3 % of the longest axis is left.
     assert!(number(&computed["residual"]) < 0.09, "{}", computed["residual"]);
     let volume = volume_of(&larger, &computed);
@@ -438,7 +466,7 @@ fn the_catalogue_of_surfaces_is_exact() {
         let placed = server.post("/v1/idealised", &body).expect(200)["shapes"][0].clone();
         let measure = |shape: &Value| {
             let body = json!({"representation": entry["representation"], "shapes": [shape]});
-            server.post("/v1/measure", &body).expect(200)["measures"][0].clone()
+            server.post("/v1/measure", &body).expect(200)["results"][0].clone()
         };
         let (here, there) = (measure(&json!({"control_points": entry["control_points"]})), measure(&placed));
         assert!((number(&here["area"]) / number(&there["area"]) - 1.0).abs() < 1e-9, "{}", entry["surface"]);
@@ -659,7 +687,7 @@ fn what_is_no_surface_is_refused_with_the_place() {
     evaluate(&[("parameters", json!([0.5]))]).expect_problem(422, "invalid-input", &["/parameters/0"]);
     // The largest numbers that are taken, and points that are all one.
     let huge = good(&sphere, on_sphere([4, 3], ellipsoid([1e100, 1e99, 1e98]))).expect(200);
-    assert!(number(&huge["measures"][0]["volume"]) > 1e297, "{huge}");
+    assert!(number(&huge["results"][0]["volume"]) > 1e297, "{huge}");
     good(&sphere, on_sphere([4, 3], |_, _| [1.0, 2.0, 3.0])).expect(200);
     server.assert_alive();
 }

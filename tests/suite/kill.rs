@@ -36,7 +36,7 @@ fn stored(server: &Server) -> (BTreeMap<String, usize>, u64) {
         let Some(next) = page["next"].as_str() else { break };
         cursor = format!("&cursor={next}");
     }
-    assert_eq!(cohort["shapes"], counts.values().sum::<usize>(), "the count of the cohort");
+    assert_eq!(cohort["shape_count"], counts.values().sum::<usize>(), "the count of the cohort");
     (counts, cohort["revision"].as_u64().unwrap())
 }
 

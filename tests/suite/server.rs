@@ -173,6 +173,11 @@ impl Setting {
     }
 }
 
+/// The first part of a body.
+async fn beginning(mut response: reqwest::Response) -> Vec<u8> {
+    response.chunk().await.unwrap().unwrap_or_default().to_vec()
+}
+
 /// The address of a schema of its own, which is a database for everybody who uses it.
 async fn fresh_schema(url: &str) -> String {
     let schema = format!("suite_{}", uuid::Uuid::now_v7().simple());
@@ -246,7 +251,11 @@ impl Server {
         let reply = wait(async {
             let response = self.client.execute(request).await.unwrap();
             let (status, headers) = (response.status().as_u16(), response.headers().clone());
-            Reply { status, headers, body: response.bytes().await.unwrap().to_vec() }
+            // The events of a tenant do not end: their beginning is enough.
+            let is_endless = status == 200 && path == "/v1/events";
+            let body =
+                if is_endless { beginning(response).await } else { response.bytes().await.unwrap().to_vec() };
+            Reply { status, headers, body }
         });
         reply.check(&format!("{method} {path}"), method == Method::HEAD);
         reply
@@ -464,6 +473,8 @@ impl Reply {
             self.check_problem(what, id);
         } else if self.header("content-type") == Some("application/json")
             && self.header("content-encoding").is_none()
+            // Tables have missing values.
+            && !what.ends_with("/table")
         {
             assert_eq!(null_in_a_list(&self.json()), None, "{what}: a number was lost");
         }
@@ -531,8 +542,8 @@ fn null_in_a_list(value: &Value) -> Option<String> {
         }),
         Value::Object(map) => map
             .iter()
-            // What the client gave comes back as it was.
-            .filter(|(key, _)| *key != "metadata" && *key != "labels")
+            // What the client gave comes back as it was; shapes that were not stored have no id.
+            .filter(|(key, _)| !["metadata", "labels", "ids"].contains(&key.as_str()))
             .find_map(|(key, item)| null_in_a_list(item).map(|p| format!("/{key}{p}"))),
         _ => None,
     }

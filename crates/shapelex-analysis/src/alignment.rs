@@ -6,16 +6,17 @@
 
 use super::AnalysisError;
 use super::accumulate::{ShapeSource, ShapesInMemory, Watched, map_shapes};
-use super::fit::{self, Fit};
+use super::fit::{self, Fit, Scaling};
 use super::frame::{Frame, representative};
 use super::matching::{Matching, Placed, Placement, Target};
 use super::mean::{MeanSpace, ProjectorSum};
 use super::metric::{Metric, dot, norm};
 use super::placement_search::{Found, MAX_ROUNDS, Start, StreamedSearch, alternate};
 use super::procrustes;
-use super::start_points::SpectralSearch;
+use super::start_points::{SpectralSearch, is_spectral, spectral_bytes};
 use super::subspace::{Projected, Subspace, check_extent, flatten};
 use super::transformation::{ClassName, Transformation, TransformationClass};
+use super::watch::StopWhen;
 use shapelex_numeric::dense::Matrix;
 
 /// Minimum number of shapes for a mean.
@@ -34,7 +35,7 @@ pub enum Method {
 }
 
 /// Alignment method: `projection` onto the subspace of the transformation class, in closed form; `procrustes` iterates
-/// rotations and scales, without reflection.
+/// rotations and scales, without reflection; `partial_procrustes` rotates shapes of unit size.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
@@ -43,8 +44,11 @@ pub enum Alignment {
     /// Closed-form projection onto the subspace of the transformation class.
     #[default]
     Projection,
-    /// Iterated rotations and scales, without reflection.
+    /// Iterated rotations and scales, without reflection: full Procrustes fits, whose scales bring each shape nearest to the
+    /// mean.
     Procrustes,
+    /// Iterated rotations of shapes of unit size, without reflection: partial Procrustes fits, as in geomorph.
+    PartialProcrustes,
 }
 
 impl Method {
@@ -58,11 +62,17 @@ impl Method {
         alignment: Alignment,
         dimension: usize,
     ) -> Result<Self, AnalysisError> {
-        let fit = |rotates, scales| Ok(Self::Procrustes(Fit { dimension, rotates, scales }));
+        let fit = |rotates, scaling| Ok(Self::Procrustes(Fit { dimension, rotates, scaling }));
         match (transformation, alignment) {
-            (Transformation::Named(ClassName::Translation), _) => fit(false, false),
-            (Transformation::Named(ClassName::Similarity), Alignment::Procrustes) => fit(true, true),
-            (Transformation::Named(ClassName::Rigid), Alignment::Procrustes) => fit(true, false),
+            (Transformation::Named(ClassName::Translation), _) => fit(false, Scaling::None),
+            (Transformation::Named(ClassName::Similarity), Alignment::Procrustes) => fit(true, Scaling::Full),
+            (Transformation::Named(ClassName::Similarity), Alignment::PartialProcrustes) => {
+                fit(true, Scaling::Partial)
+            }
+            (_, Alignment::PartialProcrustes) => {
+                Err(AnalysisError::NotAProperClass("partial Procrustes alignment requires similarity".into()))
+            }
+            (Transformation::Named(ClassName::Rigid), Alignment::Procrustes) => fit(true, Scaling::None),
             (_, Alignment::Procrustes) => Err(AnalysisError::NotAProperClass(
                 "Procrustes alignment requires similarity, rigid or translation".into(),
             )),
@@ -82,7 +92,26 @@ impl Method {
 
     /// Whether aligned shapes and their mean keep the sizes of the shapes.
     pub fn keeps_sizes(&self) -> bool {
-        matches!(self, Self::Procrustes(fit) if !fit.scales)
+        matches!(self, Self::Procrustes(fit) if fit.scaling == Scaling::None)
+    }
+
+    /// Whether rotations are removed, so that the orientation of aligned shapes has no meaning.
+    pub fn rotates(&self) -> bool {
+        use ClassName::*;
+        match self {
+            Self::Procrustes(fit) => fit.rotates,
+            Self::Projection(class) => matches!(
+                class.name(),
+                Some(
+                    ScaledRotation
+                        | Similarity
+                        | Linear
+                        | Affine
+                        | ReflectedScaledRotation
+                        | ReflectedSimilarity
+                )
+            ),
+        }
     }
 
     /// `b = −A r̄` if shapes are centred, else zero.
@@ -183,8 +212,8 @@ fn searched<S: ShapeSource>(
     length: usize,
 ) -> Result<Found, S::Error> {
     let start = Start::of(source)?;
-    if SpectralSearch::suits(class, matching)
-        && let Some(_memory) = source.reserve(SpectralSearch::bytes(matching, source.count()))
+    if is_spectral(class, matching)
+        && let Some(_memory) = source.reserve(spectral_bytes(matching, source.count()))
     {
         let rotations = TransformationClass::named(ClassName::ScaledRotation, matching.dimension())?;
         let mut search = SpectralSearch::new(source, class, &rotations, matching, &start.placements)?;
@@ -322,7 +351,8 @@ pub fn align_all_until(
     let centroids: Vec<Vec<f64>> =
         control_points.chunks_exact(metric.len()).map(|shape| metric.centroid(shape)).collect();
     let source = ShapesInMemory::new(metric, method.translates(), control_points, weights)?;
-    let source = Watched::new(&source, stop);
+    let watch = StopWhen(stop);
+    let source = Watched::new(&source, &watch);
     let mean = mean_shape(&source, metric, method, frame, matching)?;
     let aligned = map_shapes(&source, |k, x, _| {
         align(method, matching, &mean.whitened, x, &centroids[k], mean.placements[k])

@@ -3,6 +3,7 @@
 //! ```text
 //! projection, any class      d(S₁,S₂)² = 1 − tr(P₁P₂)/I                      the chordal distance, in [0, 1]
 //! Procrustes, similarity     d² = 1 − ρ²,  ρ = max_R tr(RᵀH)/(‖x‖‖y‖)        the full Procrustes distance, in [0, 1]
+//! partial, similarity        d² = 2 − 2ρ                                     the partial Procrustes distance, in [0, 2]
 //! rigid, translation         d² = ‖x‖² + ‖y‖² − 2 max_R tr(RᵀH)              the size-and-shape distance, a length
 //! ```
 //!
@@ -28,7 +29,7 @@ use realfft::num_complex::Complex64;
 use super::AnalysisError;
 use super::accumulate;
 use super::alignment::Method;
-use super::fit::{Fit, best_correlation};
+use super::fit::{Fit, Scaling, best_correlation};
 use super::magnitudes::{Magnitudes, Signals};
 use super::matching::{Matching, Placement};
 use super::metric::{Metric, dot, norm};
@@ -233,7 +234,12 @@ impl DistanceSpace {
             }
             Method::Procrustes(fit) => {
                 let (products, score) = fit_products(*fit);
-                (d, products, score, if fit.scales { Scale::Unit(1.0) } else { Scale::Sizes })
+                (
+                    d,
+                    products,
+                    score,
+                    if fit.scaling == Scaling::Full { Scale::Unit(1.0) } else { Scale::Sizes },
+                )
             }
         };
         let transform = matching.fft().map(|fft| match score {
@@ -337,7 +343,10 @@ impl DistanceSpace {
             None => Columns::Signals(signals),
         });
         let laid: Vec<Columns> = laid.collect();
-        let squared_norms: Vec<f64> = whitened.chunks_exact(length).map(|x| dot(x, x)).collect();
+        let has_unit_size =
+            matches!(&self.method, Method::Procrustes(fit) if fit.scaling == Scaling::Partial);
+        let square = |x: &[f64]| if has_unit_size { 1.0 } else { dot(x, x) };
+        let squared_norms: Vec<f64> = whitened.chunks_exact(length).map(square).collect();
         let norms: Vec<f64> = match self.scale {
             Scale::Unit(_) => vec![1.0; squared_norms.len()],
             Scale::Sizes => squared_norms.iter().map(|square| square.sqrt()).collect(),
@@ -361,7 +370,7 @@ impl DistanceSpace {
             }
             Method::Procrustes(fit) => {
                 super::subspace::check_extent(norm(x), norm(x))?;
-                let factor = if fit.scales { norm(x).recip() } else { 1.0 };
+                let factor = if fit.scaling == Scaling::None { 1.0 } else { norm(x).recip() };
                 Ok(x.iter().map(|value| factor * value).collect())
             }
         }
@@ -743,7 +752,7 @@ fn is_mirrored_into_itself(class: &TransformationClass) -> bool {
 
 /// `max tr(RᵀH)` for the `3 × 3` matrix `H`, given row by row.
 fn rotation_score(products: &[f64]) -> f64 {
-    let fit = Fit { dimension: 3, rotates: true, scales: false };
+    let fit = Fit { dimension: 3, rotates: true, scaling: Scaling::None };
     best_correlation(&Matrix::from_row_slice(3, 3, products), fit)
 }
 

@@ -5,6 +5,7 @@ use crate::alignment::Method as Alignment;
 use crate::dictionary::method::Method;
 use crate::dictionary::work::{EIGENPROBLEM, Size};
 use crate::partial_sums::Measured;
+use crate::watch::Phase;
 
 /// Predicted cost of a job.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -12,6 +13,7 @@ use crate::partial_sums::Measured;
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 pub struct Estimate {
     /// Number of shapes used.
+    #[cfg_attr(feature = "serde", serde(rename = "shape_count"))]
     pub shapes: u64,
     /// Number of multiply-adds if learning runs all of its passes.
     pub multiply_adds: f64,
@@ -25,8 +27,92 @@ pub struct Estimate {
 /// Multiply-adds per second, measured over whole jobs, including sparse coding, FFTs and reading.
 const RATE: f64 = 1.0e9;
 
-/// Rounds of a search for start points; few cohorts need more.
-const ROUNDS: f64 = 10.0;
+/// Rounds of a search for start points among `k` shapes, as if each took the time of a transform in the cache: measured, the
+/// time per shape grows with the root of their number, since more shapes need more rounds and their spectra more memory.
+fn rounds(k: f64) -> f64 {
+    (k.sqrt() / 10.0).max(5.0)
+}
+
+/// Passes of a search for each of these rounds, and the others of its mean: reading, sums of projectors, the frame.
+const PASSES_OF_ROUND: f64 = 3.0;
+const OTHER_PASSES: f64 = 7.0;
+
+/// Iterations of a Procrustes mean.
+const ITERATIONS: f64 = 10.0;
+
+/// Multiply-adds in whose time a number is read from the store.
+pub const READING: f64 = 25.0;
+
+/// A part of a job, as measured by its progress.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Stage {
+    /// Phase of learning.
+    pub phase: Phase,
+    /// Predicted multiply-adds.
+    pub multiply_adds: f64,
+    /// Usual number of passes over the shapes, which [`Watch::worked`](crate::watch::Watch::worked) counts.
+    pub passes: f64,
+}
+
+/// Trainings of a job besides the one of its dictionary.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Trainings {
+    /// To hold out shapes.
+    pub held_out: usize,
+    /// To validate a classifier.
+    pub validation: usize,
+}
+
+/// Stages of learning by `method` from `shapes` shapes: mean, learning, certificate, held-out shapes, validation. A mean that
+/// is `known` takes nothing.
+pub fn stages(
+    measured: Measured<'_>,
+    method: &Method,
+    shapes: usize,
+    known: bool,
+    trainings: Trainings,
+) -> Vec<Stage> {
+    let (k, n) = (shapes as f64, measured.metric.len() as f64);
+    let dimension = measured.metric.dimension() as f64;
+    let reading = READING * k * n;
+    let aligning = k * class_size(measured) * n * n + reading;
+    let mean = mean_work(measured, k) + reading;
+    let size = Size { shapes: k, length: n, dimension, class: class_size(measured) };
+    let learn = method.cost(size).multiply_adds + aligning;
+    let epochs = if method.is_sparse() { 1.0 + method.max_epochs() as f64 } else { 1.0 };
+    let (passes, training) = (mean_passes(measured, k), mean + learn);
+    let anew = |phase, count: usize| {
+        let count = count as f64;
+        Stage { phase, multiply_adds: count * training, passes: count * (passes + epochs) }
+    };
+    let held_out = anew(Phase::HoldOut, trainings.held_out);
+    vec![
+        Stage { phase: Phase::Mean, multiply_adds: if known { 0.0 } else { mean }, passes },
+        Stage { phase: Phase::Learn, multiply_adds: learn, passes: epochs },
+        Stage { phase: Phase::Certify, multiply_adds: aligning + learn / epochs, passes: 1.0 },
+        Stage { multiply_adds: held_out.multiply_adds + reading + EIGENPROBLEM * n.powi(3), ..held_out },
+        anew(Phase::Validate, trainings.validation),
+    ]
+}
+
+/// The stage of a test in which its shapes are read, measured and aligned.
+pub fn alignment_stage(measured: Measured<'_>, shapes: usize) -> Stage {
+    let k = shapes as f64;
+    let multiply_adds = mean_work(measured, k) + k * MEASURES * measured.metric.size() as f64;
+    Stage { phase: Phase::Mean, multiply_adds, passes: mean_passes(measured, k) + 2.0 }
+}
+
+/// Usual number of passes for a mean of `k` shapes.
+fn mean_passes(measured: Measured<'_>, k: f64) -> f64 {
+    let iterations = match measured.method {
+        Alignment::Projection(_) => 1.0,
+        Alignment::Procrustes(_) => ITERATIONS,
+    };
+    if !measured.matching.searches() {
+        return iterations + 1.0;
+    }
+    PASSES_OF_ROUND * rounds(k) * iterations.sqrt() + OTHER_PASSES
+}
 
 impl Estimate {
     /// Cost of learning by `method` from `shapes` shapes.
@@ -99,5 +185,5 @@ fn mean_work(measured: Measured<'_>, k: f64) -> f64 {
     let (n, points, class) =
         (measured.metric.len() as f64, measured.metric.size() as f64, class_size(measured));
     let spectrum = if measured.matching.searches() { 4.0 * class * n * points.log2() } else { 0.0 };
-    ROUNDS * k * spectrum + k * class * n * n + EIGENPROBLEM * n.powi(3)
+    rounds(k) * k * spectrum + k * class * n * n + EIGENPROBLEM * n.powi(3)
 }

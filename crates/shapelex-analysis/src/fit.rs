@@ -1,6 +1,6 @@
 //! The best rotation and scale of one shape onto another.
 
-use crate::metric::dot;
+use crate::metric::{dot, norm};
 use shapelex_numeric::dense::{Matrix, svd};
 
 /// What a fit may change besides the position.
@@ -11,8 +11,21 @@ pub struct Fit {
     pub dimension: usize,
     /// Rotation.
     pub rotates: bool,
-    /// Positive scale.
-    pub scales: bool,
+    /// Scale.
+    pub scaling: Scaling,
+}
+
+/// Scale of a fit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
+pub enum Scaling {
+    /// Shapes keep their sizes.
+    None,
+    /// The scale that brings the shape nearest to the mean (full Procrustes fit).
+    Full,
+    /// Unit size (partial Procrustes fit).
+    Partial,
 }
 
 impl Fit {
@@ -21,11 +34,14 @@ impl Fit {
         let d = self.dimension;
         let h = cross_product(mean, x, d);
         let rotation = if self.rotates { nearest_rotation(&h) } else { Matrix::identity(d, d) };
-        if !self.scales {
-            return rotation;
+        match self.scaling {
+            Scaling::None => rotation,
+            Scaling::Full => {
+                let correlation = rotation.dot(&h);
+                rotation * (correlation / dot(x, x))
+            }
+            Scaling::Partial => rotation * norm(x).recip(),
         }
-        let correlation = rotation.dot(&h);
-        rotation * (correlation / dot(x, x))
     }
 }
 

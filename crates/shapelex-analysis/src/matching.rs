@@ -386,6 +386,10 @@ impl<S: ShapeSource> ShapeSource for Placed<'_, S> {
         self.source.count()
     }
 
+    fn worked(&self, shapes: usize) {
+        self.source.worked(shapes);
+    }
+
     fn for_each_batch(
         &self,
         visit: &mut dyn FnMut(Shapes<'_>) -> Result<(), Self::Error>,

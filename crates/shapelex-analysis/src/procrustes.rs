@@ -5,7 +5,8 @@
 //! ```
 //!
 //! With scaling, `‖μ‖ = 1` and `s_k = ⟨R_k x_k, μ⟩/‖x_k‖²` (the full Procrustes fit, so that in the plane and in the
-//! discrete metric the mean is Kent's). Without scaling, `s_k = 1` and `μ` is the mean of the fitted shapes.
+//! discrete metric the mean is Kent's). With partial scaling, `s_k = 1/‖x_k‖`, without scaling, `s_k = 1`; then `μ` is the mean
+//! of the fitted shapes.
 //! Rotations come from the singular value decomposition of `H = Σ_n μ[n] x[n]ᵀ`, without reflection.
 
 use super::AnalysisError;
@@ -13,7 +14,7 @@ use super::accumulate::{
     Accumulator, BLOCK, ShapeSource, Shapes, accumulate, accumulate_spread, map_shapes, read_numbers,
     smallest_eligible, write_numbers,
 };
-use super::fit::{Fit, cross_product, nearest_rotation, transform};
+use super::fit::{Fit, Scaling, cross_product, nearest_rotation, transform};
 use super::frame::{Frame, largest};
 use super::metric::{Metric, norm};
 use super::pass::Sum;
@@ -102,12 +103,12 @@ pub fn iterate<S: ShapeSource>(source: &S, fit: Fit, start: Vec<f64>) -> Result<
     let mut mean = start;
     for iterations in 1..=MAX_ITERATIONS {
         let total = fitted_sum(source, fit, &mean)?;
-        let divisor = if fit.scales { norm(&total.sum) } else { total.weight };
+        let divisor = if fit.scaling == Scaling::Full { norm(&total.sum) } else { total.weight };
         let next: Vec<f64> = total.sum.iter().map(|value| value / divisor).collect();
         let moved = next.iter().zip(&mean).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt();
         let converged = moved <= CONVERGED * norm(&next);
         mean = next;
-        if converged || (!fit.rotates && !fit.scales) {
+        if converged || (!fit.rotates && fit.scaling == Scaling::None) {
             return Ok(ProcrustesMean { mean, iterations, converged: true });
         }
     }
@@ -131,7 +132,7 @@ pub fn start<S: ShapeSource>(source: &S, fit: Fit) -> Result<Vec<f64>, S::Error>
     let distances: Vec<f64> = profiles.iter().map(|(p, _)| distance(p)).collect();
     let smallest = distances.iter().copied().fold(f64::MAX, f64::min);
     let (_, chosen) = smallest_eligible(source, |k| distances[k] <= smallest * (1.0 + 1e-12))?;
-    let scale = if fit.scales { norm(&chosen).recip() } else { 1.0 };
+    let scale = if fit.scaling == Scaling::None { 1.0 } else { norm(&chosen).recip() };
     Ok(chosen.iter().map(|value| scale * value).collect())
 }
 
@@ -162,7 +163,7 @@ pub fn turn<S: ShapeSource>(
     match frame {
         Frame::Canonical => Ok(principal_frame(&mean, fit.dimension, metric)),
         Frame::Training => {
-            let posed = Fit { rotates: false, scales: false, ..fit };
+            let posed = Fit { rotates: false, scaling: Scaling::None, ..fit };
             let total = fitted_sum(source, posed, &mean)?;
             Ok(transform(&nearest_rotation(&cross_product(&total.sum, &mean, fit.dimension)), &mean))
         }
@@ -193,6 +194,7 @@ mod tests {
 
     use super::*;
     use crate::accumulate::{ShapesInMemory, Watched};
+    use crate::watch::{StopWhen, Unwatched};
 
     #[test]
     fn an_abandoned_iteration_ends_with_its_walk_over_the_shapes() {
@@ -200,15 +202,15 @@ mod tests {
         let shape = |k: usize| (0..60).map(move |i| ((7 * k * k + 3 * i * i + i * k) as f64).sin());
         let whitened: Vec<f64> = (0..40).flat_map(shape).collect();
         let source = ShapesInMemory::prepared(whitened.clone(), vec![1.0; 40]);
-        let fit = Fit { dimension: 3, rotates: true, scales: true };
+        let fit = Fit { dimension: 3, rotates: true, scaling: Scaling::Full };
         let whole = iterate(&source, fit, whitened[..60].to_vec()).unwrap();
         assert!(whole.iterations > 5, "{}", whole.iterations);
         let walks = AtomicUsize::new(0);
         let stop = || walks.fetch_add(1, Ordering::Relaxed) >= 3;
-        let ended = iterate(&Watched::new(&source, &stop), fit, whitened[..60].to_vec());
+        let ended = iterate(&Watched::new(&source, &StopWhen(&stop)), fit, whitened[..60].to_vec());
         assert!(matches!(ended, Err(AnalysisError::Interrupted)), "{ended:?}");
         assert_eq!(walks.load(Ordering::Relaxed), 4, "three walks, and the one that was not begun");
-        let watched = iterate(&Watched::new(&source, &|| false), fit, whitened[..60].to_vec()).unwrap();
+        let watched = iterate(&Watched::new(&source, &Unwatched), fit, whitened[..60].to_vec()).unwrap();
         assert_eq!((watched.mean, watched.iterations), (whole.mean, whole.iterations));
     }
 }

@@ -4,9 +4,10 @@ use rayon::prelude::*;
 
 use crate::AnalysisError;
 use crate::metric::{Metric, norm};
+use crate::watch::Watch;
+use shapelex_geometry::capability::domain::Domain;
 use shapelex_geometry::representation::ShapeSpace;
 use shapelex_geometry::size::{SizeMeasure, Sizes};
-use shapelex_numeric::bounded::Stop;
 use shapelex_numeric::dense::Matrix;
 
 /// Sizes beyond this leave the range in which their squares are exact.
@@ -28,21 +29,20 @@ impl SizeTable {
     /// `space` have. Cost: one quadrature per shape.
     ///
     /// # Errors
-    /// [`AnalysisError::Interrupted`] once `stop` says so.
+    /// [`AnalysisError::Interrupted`] once `watch` stops.
     pub fn of(
         space: &ShapeSpace,
         metric: &Metric,
         control_points: &[f64],
-        stop: Stop<'_>,
+        watch: &dyn Watch,
     ) -> Result<Self, AnalysisError> {
         let measures = SizeMeasure::of(space);
         let of_shape = |shape: &[f64]| -> Result<Vec<f64>, AnalysisError> {
-            if stop() {
-                return Err(AnalysisError::Interrupted);
-            }
+            watch.check()?;
             let matrix = Matrix::from_column_slice(metric.size(), metric.dimension(), shape);
-            let sizes = Sizes::of(space, &matrix, stop);
-            let size = |&measure| sizes.get(measure).unwrap_or_else(|| centroid_size(metric, shape));
+            let sizes = Sizes::of(space, &matrix, &|| watch.stop());
+            watch.worked(1);
+            let size = |&measure| sizes.get(measure).unwrap_or_else(|| centroid_size(space, metric, shape));
             Ok(measures.iter().map(size).collect())
         };
         let shapes = control_points.par_chunks_exact(metric.len());
@@ -57,8 +57,16 @@ impl SizeTable {
     }
 }
 
+/// Size about the mean position: of landmarks `√Σ‖p − p̄‖²` (Bookstein 1991), of curves and surfaces `(∫‖r − r̄‖² du)^½`, the
+/// `L₂` norm.
+pub fn centroid_size(space: &ShapeSpace, metric: &Metric, shape: &[f64]) -> f64 {
+    // The metric of landmarks is the mean over them.
+    let count = if space.domain() == Domain::Points { metric.size() as f64 } else { 1.0 };
+    count.sqrt() * deviation(metric, shape)
+}
+
 /// `L₂` norm about the mean position.
-pub fn centroid_size(metric: &Metric, shape: &[f64]) -> f64 {
+fn deviation(metric: &Metric, shape: &[f64]) -> f64 {
     let mut shape = shape.to_vec();
     metric.centre(&mut shape);
     metric.whiten(&mut shape);

@@ -27,8 +27,9 @@ use shapelex_numeric::kernels::{multiply_conjugates, squared_norms};
 const TASK: usize = 32;
 
 /// Spectra of all shapes in every candidate direction and mirror image, and in their current placements.
-#[derive(Debug)]
-pub(super) struct SpectralSearch<'a> {
+pub(super) struct SpectralSearch<'a, 's, S> {
+    /// The shapes, which count the work of every round.
+    source: &'s S,
     /// Scaled rotations: the structure of the spectra of every class that is searched here.
     class: &'a TransformationClass,
     candidates: &'a [Placement],
@@ -41,25 +42,25 @@ pub(super) struct SpectralSearch<'a> {
     placed: ShapesInMemory,
 }
 
-impl<'a> SpectralSearch<'a> {
-    /// Memory of the spectra of `shapes` shapes in bytes.
-    pub(super) fn bytes(matching: &Matching, shapes: usize) -> usize {
-        let per_shape = 16 * matching.size() * (matching.candidates().len() + 1) + 8;
-        shapes.saturating_mul(per_shape)
-    }
+/// Memory of the spectra of `shapes` shapes in bytes.
+pub(super) fn spectral_bytes(matching: &Matching, shapes: usize) -> usize {
+    let per_shape = 16 * matching.size() * (matching.candidates().len() + 1) + 8;
+    shapes.saturating_mul(per_shape)
+}
 
-    /// Whether shapes of `class` can be searched on their spectra.
-    pub(super) fn suits(class: &TransformationClass, matching: &Matching) -> bool {
-        class.structure == Structure::Complex && matching.shifts()
-    }
+/// Whether shapes of `class` can be searched on their spectra.
+pub(super) fn is_spectral(class: &TransformationClass, matching: &Matching) -> bool {
+    class.structure == Structure::Complex && matching.shifts()
+}
 
+impl<'a, 's, S: ShapeSource> SpectralSearch<'a, 's, S> {
     /// Reads the shapes of `source`, which belong to `class` and stand in `placements`; `rotations` are the scaled rotations of
     /// the plane.
     ///
     /// # Errors
     /// Errors of the source; degenerate shapes.
-    pub(super) fn new<S: ShapeSource>(
-        source: &S,
+    pub(super) fn new(
+        source: &'s S,
         class: &TransformationClass,
         rotations: &'a TransformationClass,
         matching: &'a Matching,
@@ -68,6 +69,7 @@ impl<'a> SpectralSearch<'a> {
         let (n, candidates) = (matching.size(), matching.candidates());
         let phase = |j: usize| Complex64::cis(std::f64::consts::TAU * j as f64 / n as f64);
         let mut search = Self {
+            source,
             class: rotations,
             candidates,
             fft: ComplexFft::new(n),
@@ -155,11 +157,13 @@ fn write_spectrum(
     Ok(())
 }
 
-impl<'a> PlacementSearch<'a> for SpectralSearch<'a> {
+impl<'a, S: ShapeSource> PlacementSearch<'a> for SpectralSearch<'a, '_, S> {
     type Error = AnalysisError;
 
     fn sum(&self, _: &[Placement]) -> Result<ProjectorSum<'a>, AnalysisError> {
-        ProjectorSum::of(&self.placed, self.class, 2 * self.size())
+        let sum = ProjectorSum::of(&self.placed, self.class, 2 * self.size())?;
+        self.source.worked(self.placed.count());
+        Ok(sum)
     }
 
     fn cosines(&self, space: &MeanSpace<'a>) -> Result<Vec<f64>, AnalysisError> {
@@ -182,7 +186,10 @@ impl<'a> PlacementSearch<'a> for SpectralSearch<'a> {
         let target: Vec<Complex64> = re.iter().zip(im).map(|(&re, &im)| Complex64::new(re, im)).collect();
         let mut improved = placements.clone();
         let tasks = improved.par_chunks_mut(TASK).enumerate();
-        tasks.for_each(|(task, standing)| self.best(task * TASK, &target, standing));
+        tasks.for_each(|(task, standing)| {
+            self.best(task * TASK, &target, standing);
+            self.source.worked(standing.len());
+        });
         let moved = moved(placements, &improved);
         let mut row = vec![0.0; 2 * n];
         for &(k, _) in &moved {
@@ -246,7 +253,7 @@ mod tests {
                 let matching = Matching::new(&space, Correspondence::Cyclic, Direction::Given, mirror);
                 for name in [ClassName::Similarity, ClassName::ReflectedSimilarity] {
                     let class = TransformationClass::named(name, 2).unwrap();
-                    assert!(SpectralSearch::suits(&class, &matching));
+                    assert!(is_spectral(&class, &matching));
                     let start = Start::of(&source).unwrap();
                     let mut spectral =
                         SpectralSearch::new(&source, &class, &rotations, &matching, &start.placements)

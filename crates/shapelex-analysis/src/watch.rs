@@ -1,5 +1,7 @@
 //! Progress and cancellation of long computations.
 
+use std::sync::atomic::{AtomicUsize, Ordering};
+
 use crate::AnalysisError;
 
 /// Phase of learning a dictionary, in order.
@@ -40,6 +42,9 @@ pub trait Watch: Sync {
         false
     }
 
+    /// Counts shapes that a pass has worked through, or permutations of a test; cheap enough for inner loops.
+    fn worked(&self, _count: usize) {}
+
     /// Receives the completed fraction of a computation whose length is known, 0 to 1.
     fn progress(&self, _fraction: f64) {}
 
@@ -68,12 +73,50 @@ pub struct Unwatched;
 
 impl Watch for Unwatched {}
 
-/// A watch that stops with another one, but reports nothing: for parts that are no progress of their own.
+/// A watch that stops when the function returns true, and ignores progress.
+#[derive(Clone, Copy)]
+pub struct StopWhen<'a>(pub &'a (dyn Fn() -> bool + Sync));
+
+impl Watch for StopWhen<'_> {
+    fn stop(&self) -> bool {
+        (self.0)()
+    }
+}
+
+/// A watch that turns counted work into the completed fraction of a known total.
+pub(crate) struct Counted<'a> {
+    watch: &'a dyn Watch,
+    total: usize,
+    done: AtomicUsize,
+}
+
+impl<'a> Counted<'a> {
+    pub(crate) fn new(watch: &'a dyn Watch, total: usize) -> Self {
+        Self { watch, total, done: AtomicUsize::new(0) }
+    }
+}
+
+impl Watch for Counted<'_> {
+    fn stop(&self) -> bool {
+        self.watch.stop()
+    }
+
+    fn worked(&self, count: usize) {
+        let done = count + self.done.fetch_add(count, Ordering::Relaxed);
+        self.watch.progress(done.min(self.total) as f64 / self.total.max(1) as f64);
+    }
+}
+
+/// A watch that stops with another one and counts work for it, but reports no phases: for parts of a phase.
 #[derive(Clone, Copy)]
 pub(crate) struct Quiet<'a>(pub(crate) &'a dyn Watch);
 
 impl Watch for Quiet<'_> {
     fn stop(&self) -> bool {
         self.0.stop()
+    }
+
+    fn worked(&self, count: usize) {
+        self.0.worked(count);
     }
 }

@@ -35,6 +35,14 @@ struct Stretch {
     /// Mean direction of the tangents, and the half-angle around it; `π` if unbounded.
     direction: f64,
     spread: f64,
+    /// Node of the tree; 0 for a part of a half-segment.
+    node: usize,
+}
+
+impl Stretch {
+    /// Bounds of nothing.
+    const EMPTY: Self =
+        Self { start: 0.0, end: 0.0, low: [0.0; 2], high: [0.0; 2], direction: 0.0, spread: 0.0, node: 0 };
 }
 
 /// Whether the planar `curve` crosses or touches itself. Points that are visited twice, cusps that fold back,
@@ -46,12 +54,20 @@ pub fn self_intersects(curve: &Curve) -> bool {
     let curve = &curve.scaled(Curve::unit(&[curve]).recip());
     let halves: Vec<[&[f64]; 2]> =
         (0..curve.halves()).map(|half| [curve.polynomial(half, 0), curve.polynomial(half, 1)]).collect();
-    let mut search = Search { count: halves.len(), halves, closed: curve.is_closed(), pairs: 0, touch: 0.0 };
-    let all = search.cover(0.0, search.count as f64);
+    let mut search = Search {
+        count: halves.len(),
+        halves,
+        closed: curve.is_closed(),
+        pairs: 0,
+        touch: 0.0,
+        covers: Vec::new(),
+    };
+    search.covers = search.tree();
+    let all = search.covers[1];
     let extent = (0..2).map(|c| all.high[c] - all.low[c]).fold(0.0, f64::max);
     let distance = (0..2).map(|c| all.high[c].abs().max(all.low[c].abs())).fold(0.0, f64::max);
     search.touch = TOUCH * extent + ROUNDING * distance;
-    search.within(0.0, search.count as f64)
+    search.within(&all)
 }
 
 /// Whether a polygon crosses or touches itself. Points that repeat their neighbour do not count.
@@ -74,9 +90,40 @@ struct Search<'a> {
     pairs: usize,
     /// Distance below which points touch.
     touch: f64,
+    /// Bounds of the stretches of whole half-segments: those of node `k` are the bounds of `2k` and `2k + 1` together; the
+    /// whole curve is node 1.
+    covers: Vec<Stretch>,
 }
 
 impl Search<'_> {
+    /// Bounds of all stretches of the tree, from its leaves, the half-segments. Where a stretch ends before its node, the
+    /// bounds are those of an empty one.
+    fn tree(&self) -> Vec<Stretch> {
+        let mut covers = vec![Stretch::EMPTY; 4 * self.count];
+        self.grow(1, 0, self.count, &mut covers);
+        covers
+    }
+
+    fn grow(&self, node: usize, start: usize, end: usize, covers: &mut [Stretch]) {
+        covers[node] = if end - start == 1 {
+            Stretch { node, ..self.cover(start as f64, end as f64) }
+        } else {
+            let middle = self.split(start as f64, end as f64) as usize;
+            self.grow(2 * node, start, middle, covers);
+            self.grow(2 * node + 1, middle, end, covers);
+            Stretch { node, ..join(&covers[2 * node], &covers[2 * node + 1]) }
+        };
+    }
+
+    /// Both parts of a stretch.
+    fn parts(&self, stretch: &Stretch) -> [Stretch; 2] {
+        if stretch.node > 0 && stretch.end - stretch.start > 1.0 {
+            return [self.covers[2 * stretch.node], self.covers[2 * stretch.node + 1]];
+        }
+        let middle = self.split(stretch.start, stretch.end);
+        [self.cover(stretch.start, middle), self.cover(middle, stretch.end)]
+    }
+
     /// Bounds of the stretch `[start, end]` in units of half-segments.
     fn cover(&self, start: f64, end: f64) -> Stretch {
         let mut whole: Option<Stretch> = None;
@@ -101,7 +148,14 @@ impl Search<'_> {
         let (mut low, mut high) = ([0.0; 2], [0.0; 2]);
         let (mut slope, mut bend) = ([0.0; 2], [0.0; 2]);
         for c in 0..2 {
-            let local = recentre(self.halves[half][c], middle, radius);
+            let whole = self.halves[half][c];
+            let recentred;
+            let local = if radius == 1.0 {
+                whole
+            } else {
+                recentred = recentre(whole, middle, radius);
+                &recentred
+            };
             let reach: f64 = local[1..].iter().map(|v| v.abs()).sum();
             (low[c], high[c]) = (local[0] - reach, local[0] + reach);
             slope[c] = local.get(1).copied().unwrap_or(0.0);
@@ -110,7 +164,7 @@ impl Search<'_> {
         let length = f64::hypot(slope[0], slope[1]);
         let deviation = f64::hypot(bend[0], bend[1]);
         let spread = if deviation < length { (deviation / length).asin() } else { std::f64::consts::PI };
-        Stretch { start: 0.0, end: 0.0, low, high, direction: slope[1].atan2(slope[0]), spread }
+        Stretch { low, high, direction: slope[1].atan2(slope[0]), spread, ..Stretch::EMPTY }
     }
 
     fn split(&self, start: f64, end: f64) -> f64 {
@@ -118,14 +172,12 @@ impl Search<'_> {
         if end - start > 1.0 { middle.round() } else { middle }
     }
 
-    fn within(&mut self, start: f64, end: f64) -> bool {
-        let stretch = self.cover(start, end);
-        if stretch.spread < std::f64::consts::FRAC_PI_2 || self.is_chord(&stretch) {
+    fn within(&mut self, stretch: &Stretch) -> bool {
+        if stretch.spread < std::f64::consts::FRAC_PI_2 || self.is_chord(stretch) {
             return false;
         }
-        let middle = self.split(start, end);
-        let (left, right) = (self.cover(start, middle), self.cover(middle, end));
-        self.within(start, middle) || self.within(middle, end) || self.between(&left, &right)
+        let [left, right] = self.parts(stretch);
+        self.within(&left) || self.within(&right) || self.between(&left, &right)
     }
 
     fn between(&mut self, first: &Stretch, second: &Stretch) -> bool {
@@ -158,11 +210,9 @@ impl Search<'_> {
     }
 
     fn split_first(&mut self, wide: &Stretch, other: &Stretch, swapped: bool) -> bool {
-        let middle = self.split(wide.start, wide.end);
-        [(wide.start, middle), (middle, wide.end)].into_iter().any(|(a, b)| {
-            let part = self.cover(a, b);
-            if swapped { self.between(other, &part) } else { self.between(&part, other) }
-        })
+        self.parts(wide)
+            .into_iter()
+            .any(|part| if swapped { self.between(other, &part) } else { self.between(&part, other) })
     }
 
     fn is_chord(&self, stretch: &Stretch) -> bool {
@@ -215,5 +265,6 @@ fn join(first: &Stretch, second: &Stretch) -> Stretch {
         high: [0, 1].map(|c| first.high[c].max(second.high[c])),
         direction: first.direction + 0.5 * (low + high),
         spread: (0.5 * (high - low)).min(std::f64::consts::PI),
+        node: 0,
     }
 }

@@ -61,6 +61,7 @@ pub mod knot_line;
 pub mod measures;
 pub mod mesh;
 pub mod mesh_tree;
+mod nodes;
 pub mod open;
 pub mod overlap;
 pub mod quality;

@@ -6,8 +6,11 @@
 //! energies ∫ |r'|² du, ∫ |r''|² du     total curvature ∫ |κ| dℓ, turning ∫ κ dℓ,  κ = r' × r''/|r'|³
 //! ```
 
+use std::sync::LazyLock;
+
 use super::curve::Curve;
 use super::generator::{HALF_PIECE, differentiate, integrate_product};
+use super::nodes::{self, Integral};
 use super::total_curvature::Turning;
 use shapelex_numeric::bounded::{Patience, Stop, never};
 use shapelex_numeric::quadrature::{GaussLegendre, Panels};
@@ -74,6 +77,7 @@ const NO_AREA: f64 = 1e-12;
 
 /// Gauss nodes per half-segment: exact to `2·10⁻¹⁵` for products of three generators.
 const NODES: usize = 12;
+static RULE: LazyLock<GaussLegendre> = LazyLock::new(|| GaussLegendre::new(NODES));
 
 /// Maximum number of panel bisections for the length of a curve, besides those per half-segment. A cusp takes 40.
 const PANELS: usize = 4096;
@@ -114,17 +118,17 @@ impl CurveMeasures {
     }
 
     fn near_one(curve: &Curve, stop: Stop<'_>) -> Self {
-        let rule = GaussLegendre::new(NODES);
-        let (length, panels) = length(curve, &rule, stop);
+        let rule = &*RULE;
+        let (length, panels) = length(curve, rule, stop);
         let planar = curve.dimension() == 2;
         let (turning, stretches) = Turning::counted(curve, stop);
         let (bounding_box, searched) = bounding_box(curve, stop);
         Self {
             closed: curve.is_closed(),
-            enclosed: (planar && curve.is_closed()).then(|| Enclosed::of(curve, &rule, length)),
+            enclosed: (planar && curve.is_closed()).then(|| Enclosed::of(curve, rule, length)),
             mean_position: (0..curve.dimension())
                 .map(|c| {
-                    integrate(curve, &rule, |half, s| curve.derivative_at(half, c, s, 0)) / segments(curve)
+                    integrate(curve, rule, |half, s| curve.derivative_at(half, c, s, 0)) / segments(curve)
                 })
                 .collect(),
             length,
@@ -142,18 +146,18 @@ impl CurveMeasures {
 /// Unsigned area of a closed planar curve (else 0), and length of any curve. Computed on numbers near 1, as in
 /// [`CurveMeasures`], without the other measures.
 pub fn area_and_length(curve: &Curve, stop: Stop<'_>) -> (f64, f64) {
-    let (rule, unit) = (GaussLegendre::new(NODES), Curve::unit(&[curve]));
+    let (rule, unit) = (&*RULE, Curve::unit(&[curve]));
     let near_one = curve.scaled(unit.recip());
     let encloses = curve.is_closed() && curve.dimension() == 2;
-    let area = if encloses { signed_area(&near_one, &rule).abs() } else { 0.0 };
-    (area * unit * unit, length(&near_one, &rule, stop).0 * unit)
+    let area = if encloses { signed_area(&near_one).abs() } else { 0.0 };
+    (area * unit * unit, length(&near_one, rule, stop).0 * unit)
 }
 
 impl Enclosed {
     fn of(curve: &Curve, rule: &GaussLegendre, length: f64) -> Self {
         // Relative to the first point of the curve, so that a shape far from the origin keeps its digits.
         let origin = curve.evaluate(0.0, 0);
-        let signed_area = signed_area(curve, rule);
+        let signed_area = signed_area(curve);
         let orientation = orientation(signed_area, length);
         let from = |about: [f64; 2]| move |half, s, c: usize| curve.derivative_at(half, c, s, 0) - about[c];
         let slope = |half, s, c| curve.derivative_at(half, c, s, 1);
@@ -219,14 +223,9 @@ fn integrate(curve: &Curve, rule: &GaussLegendre, f: impl Fn(usize, f64) -> f64)
     HALF_PIECE * panels.sum::<f64>()
 }
 
-/// `½ ∮ x dy − y dx`, relative to the first point of the curve, so that a shape far from the origin keeps its digits.
-pub fn signed_area(curve: &Curve, rule: &GaussLegendre) -> f64 {
-    let origin = curve.evaluate(0.0, 0);
-    let arm = |half, s, c| curve.derivative_at(half, c, s, 0) - origin[c];
-    let slope = |half, s, c| curve.derivative_at(half, c, s, 1);
-    0.5 * integrate(curve, rule, |half, s| {
-        arm(half, s, 0) * slope(half, s, 1) - arm(half, s, 1) * slope(half, s, 0)
-    })
+/// Signed area of a closed planar curve, counter-clockwise positive.
+pub fn signed_area(curve: &Curve) -> f64 {
+    nodes::signed_area(curve)
 }
 
 fn orientation(area: f64, perimeter: f64) -> Orientation {
@@ -239,17 +238,23 @@ fn orientation(area: f64, perimeter: f64) -> Orientation {
     }
 }
 
-/// Length of a curve, to a relative accuracy of `10⁻¹⁰`, and the panels used.
+/// Length of a curve, to a relative accuracy of `10⁻¹⁰`, and the panels used: half-segments on which the rule and its check
+/// differ are bisected.
 fn length<'a>(curve: &Curve, rule: &GaussLegendre, stop: Stop<'a>) -> (f64, Panels<'a>) {
     let speed = |half: usize, s: f64| {
         (0..curve.dimension()).map(|c| curve.derivative_at(half, c, s, 1).powi(2)).sum::<f64>().sqrt()
     };
-    let rough = integrate(curve, rule, speed);
-    let tolerance = 1e-11 * rough / (HALF_PIECE * curve.halves() as f64);
+    let speeds = nodes::speeds(curve);
+    let rough: f64 = speeds.iter().map(|half| half.value).sum();
+    let tolerance = 1e-11 * rough / curve.halves() as f64;
     let mut panels = Panels::new(PANELS + PANELS_PER_HALF * curve.halves(), stop);
-    let sum: f64 = (0..curve.halves())
-        .map(|half| rule.integrate_adaptive((-1.0, 1.0), tolerance, &|s| speed(half, s), &mut panels))
-        .sum();
+    let over_half = |(half, found): (usize, &Integral)| {
+        if (found.value - found.check).abs() <= tolerance {
+            return found.value;
+        }
+        rule.integrate_adaptive((-1.0, 1.0), tolerance, &|s| speed(half, s), &mut panels)
+    };
+    let sum: f64 = speeds.iter().enumerate().map(over_half).sum();
     (HALF_PIECE * sum, panels)
 }
 

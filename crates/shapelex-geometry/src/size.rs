@@ -20,7 +20,8 @@ pub enum SizeMeasure {
     Area,
     /// Length of curves: the perimeter of closed ones.
     Length,
-    /// Centroid size: `L₂` norm about the mean position, the root of the mean squared distance from it.
+    /// Centroid size: of landmarks the root of the sum of squared distances from their mean, of curves and surfaces the root of the
+    /// integral.
     CentroidSize,
 }
 
@@ -59,8 +60,7 @@ impl Sizes {
     /// Sizes of the shape with these control points (`N × d`); `stop` ends the quadrature of a curve early.
     pub fn of(space: &ShapeSpace, control_points: &Matrix, stop: Stop<'_>) -> Self {
         if let Some(curve) = Curve::of(space, control_points) {
-            let (area, length) = area_and_length(&curve, stop);
-            return Self { volume: None, area: Some(area), length: Some(length) };
+            return Self::of_curve(&curve, stop);
         }
         let measures = match (space.surface(), space.subdivision()) {
             (Some(basis), _) => SurfaceMeasures::of(&basis.surface(control_points)),
@@ -69,6 +69,12 @@ impl Sizes {
         };
         let volume = measures.enclosed.map(|enclosed| enclosed.signed_volume.abs());
         Self { volume, area: Some(measures.area), length: None }
+    }
+
+    /// Sizes of a curve; `stop` ends its quadrature early.
+    pub fn of_curve(curve: &Curve, stop: Stop<'_>) -> Self {
+        let (area, length) = area_and_length(curve, stop);
+        Self { volume: None, area: Some(area), length: Some(length) }
     }
 
     /// The size by `measure`; `None` if the shape does not have it here, as for the centroid size, which needs a metric.

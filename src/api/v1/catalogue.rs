@@ -9,13 +9,13 @@ use serde_json::{Map, Value};
 
 use super::request_macros::{class_names, rows};
 use crate::analysis::transformation::{ClassName, TransformationClass};
-use crate::api::extract::{BesideFormat, DrawingQuery, Format, NoQuery, Path, TWICE};
+use crate::api::extract::{BesideFormat, Caller, DrawingQuery, Format, NoQuery, Path, TWICE};
 use crate::api::problem::Problem;
-use crate::api::respond::{json, svg};
+use crate::api::respond::{compute, json, picture};
 use crate::formats::representation::read_generator;
 use crate::geometry::generator::details::GeneratorDetails;
 use crate::geometry::generator::{GeneratorKind, GeneratorProperties};
-use crate::service::app::ServiceError;
+use crate::service::app::{ServiceError, Work};
 use crate::service::shapes::generators;
 
 /// Generator of the catalogue.
@@ -86,20 +86,22 @@ pub(super) struct RieszBounds {
         ("domain_poles" = Option<String>, Query, description = "Poles of the domain, instead of `poles`"),
         ("support" = Option<usize>, Query, description = "Support of `interpolator`"),
         ("weights" = Option<String>, Query, description = "Weights of `interpolator`, such as `[-0.5]`"),
-        ("format" = Option<String>, Query, description = "`json` or `svg`"), DrawingQuery
+        ("format" = Option<String>, Query, description = "`json`, `svg` or `png`"), DrawingQuery
     ),
     responses(
         (status = 200, description = "The generator", content((GeneratorPage = "application/json"), (String = "image/svg+xml"))),
         (status = "4XX", description = "The parameters were refused")
     ))]
 pub(super) async fn find_generator(
+    Caller(app): Caller,
     Path(name): Path<String>,
     format: Format,
     BesideFormat(parameters): BesideFormat<Vec<(String, String)>>,
 ) -> Result<Response, Problem> {
     let details = read_query(name, parameters).and_then(|(kind, count)| generators::describe(kind, count))?;
-    if let Format::Svg(style) = format {
-        return Ok(svg(&details.draw(), &style));
+    if let Format::Picture(file) = format {
+        return compute(app.weighing(Work::MOMENT + format.work()), move |_| picture(&details.draw(), &file))
+            .await;
     }
     Ok(json(StatusCode::OK, &GeneratorPage::from(details))?)
 }

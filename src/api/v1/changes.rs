@@ -40,7 +40,8 @@ pub(super) struct ChangeOutput {
     cohort: Option<String>,
     /// Revision of the cohort after the change.
     revision: Option<u64>,
-    /// Number of shapes added.
+    /// Number of shapes added, deleted or erased.
+    #[serde(rename = "shape_count")]
     shapes: Option<u64>,
 }
 
@@ -55,9 +56,9 @@ impl From<Change> for ChangeOutput {
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct ChangesAnswer {
     /// Changes, in order.
-    changes: Vec<ChangeOutput>,
-    /// Value of `since` for the next request.
-    last: u64,
+    items: Vec<ChangeOutput>,
+    /// Value of `since` for the next request, also if there is nothing new yet.
+    next: u64,
     /// Whether there were no later changes.
     done: bool,
 }
@@ -77,8 +78,8 @@ pub(super) async fn list_changes(
 ) -> Result<Response, Problem> {
     let page = PageQuery { cursor: None, limit: query.limit };
     let found = changes::list(&app, query.since, page.limit()?).await?;
-    let changes = found.changes.into_iter().map(Into::into).collect();
-    Ok(json(StatusCode::OK, &ChangesAnswer { changes, last: found.last, done: found.done })?)
+    let items = found.changes.into_iter().map(Into::into).collect();
+    Ok(json(StatusCode::OK, &ChangesAnswer { items, next: found.last, done: found.done })?)
 }
 
 /// Object in the trash.

@@ -1,25 +1,29 @@
-//! Classification with the classifier of a dictionary, and assessment: code, class, outlier status and residual in one call.
+//! Classification with the classifier of a dictionary, and assessment: code, class, novelty and residual in one call.
 
 use crate::formats::fault::Fault;
 use axum::response::Response;
 use serde::Serialize;
 
+use super::batches::{Batch, BatchQuery, DrawnBatch, results};
 use super::coding::{
-    CodeOutput, Received, ScoreOutput, Shapes, UsedDictionary, ask_dictionary, asking_request, quantile_of,
+    ByDictionary, CodeOutput, NoveltyOutput, Shapes, ask_dictionary, asking_request, quantile_of, receive,
     samples_of,
 };
+use super::pictures::draw_dictionary;
+use crate::analysis::AnalysisError;
 use crate::analysis::classification::record::{
     ClassRecord, ClassifierKind, ClassifierRecord, ClassifierSettings, Validation,
 };
 use crate::analysis::dictionary::assess::{Assessment, Classified};
-use crate::api::extract::{Caller, JsonBody, NoQuery, Path};
+use crate::api::extract::{Caller, DrawingQuery, Path};
 use crate::api::problem::Problem;
 use crate::formats::checked::{Checked, List, Many, document, take_given, take_many};
 use crate::formats::shape::ShapeInput;
-use crate::service::app::{App, ServiceError};
-use crate::service::dictionaries::coding::outlier_warnings;
+use crate::service::app::App;
+use crate::service::dictionaries::classify;
+use crate::service::dictionaries::pictures::assessed;
 use crate::service::dictionaries::ready::Ready;
-use crate::service::dictionaries::{classify, ready};
+use crate::service::shapes::outcome::of_shape;
 
 /// Classifier of a dictionary; its trained numbers are in the exported file.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
@@ -40,6 +44,7 @@ pub(super) struct ClassSize<'a> {
     /// Name of the class.
     label: &'a str,
     /// Number of its training shapes.
+    #[serde(rename = "shape_count")]
     shapes: usize,
 }
 
@@ -88,12 +93,10 @@ pub(super) struct ClassOutput {
     /// Whether the distance to the class is within the quantile of the class's own shapes when held out. If not, the shape
     /// belongs to none of these classes.
     accepted: bool,
-    /// Comparison of the shape with all training shapes.
-    outlier: ScoreOutput,
 }
 
 impl ClassOutput {
-    fn new(ready: &Ready, classified: Classified) -> Self {
+    fn new(ready: &Ready, classified: &Classified) -> Self {
         let record = ready.dictionary.content.classifier.as_ref();
         let label = |class: usize| {
             record
@@ -114,48 +117,50 @@ impl ClassOutput {
             ranking,
             margin: classified.margin,
             accepted: classified.accepted,
-            outlier: ScoreOutput::new(classified.outlier),
         }
     }
 }
 
-/// Classes, one entry per shape, in request order.
+/// Class of a shape and its novelty.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
-pub(super) struct ClassifyAnswer {
-    /// The dictionary.
-    dictionary: UsedDictionary,
-    /// One entry per shape.
-    classes: Vec<ClassOutput>,
-    /// Warnings about outlier detection; absent if there are none.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    warnings: Vec<String>,
+pub(super) struct ClassificationOutput {
+    #[serde(flatten)]
+    class: ClassOutput,
+    /// Comparison of the shape with all training shapes.
+    novelty: NoveltyOutput,
+}
+
+results! {
+    /// Classes.
+    ClassifyAnswer with ByDictionary of ClassifyResult: ClassifiedShape with ClassificationOutput
 }
 
 /// Classifies shapes with the classifier of a dictionary.
-#[utoipa::path(post, path = "/dictionaries/{dictionary}/classify", tag = "dictionaries", request_body = ClassifyRequest,
-    params(("dictionary" = String, Path, description = "Id, `name@version` or name")),
+///
+/// Lines of NDJSON are shapes; the other fields of the request are parameters then.
+#[utoipa::path(post, path = "/dictionaries/{dictionary}/classify", tag = "dictionaries",
+    params(("dictionary" = String, Path, description = "Id, `name@version` or name"), BatchQuery),
+    request_body(content((ClassifyRequest = "application/json"), (ShapeInput = "application/x-ndjson"))),
     responses(
-        (status = 200, description = "One class per shape, in order", body = ClassifyAnswer),
+        (status = 200, description = "One class per shape, in order", content((ClassifyAnswer = "application/json"), (ClassifyResult = "application/x-ndjson"))),
         (status = 404, description = "No such dictionary or cohort"),
         (status = "4XX", description = "The input was refused, or the dictionary has no classifier")
     ))]
 pub(super) async fn classify(
     Caller(app): Caller,
-    _: NoQuery,
     Path(key): Path<String>,
-    JsonBody(body): JsonBody,
+    batch: Batch,
 ) -> Result<Response, Problem> {
-    let received = ClassifyRequest::receive(&app, &key, body).await?;
+    let received = receive::<ClassifyRequest>(&app, &key, batch).await?;
     let settings =
         |request: ClassifyRequest, _: &Ready, errors: &mut _| quantile_of(request.quantile, errors);
-    ask_dictionary(app, received, settings, |app, ready, asked, quantile| {
-        let classified = classify::classify(app, ready, asked, quantile)?;
-        let classes = classified.into_iter().map(|classified| ClassOutput::new(ready, classified)).collect();
-        Ok(ClassifyAnswer {
-            dictionary: UsedDictionary::new(ready),
-            classes,
-            warnings: outlier_warnings(ready),
-        })
+    ask_dictionary::<_, _, ClassifyAnswer>(app, received, settings, |app, ready, asked, quantile| {
+        let output = |classified: Classified| ClassificationOutput {
+            class: ClassOutput::new(ready, &classified),
+            novelty: NoveltyOutput::new(&classified.outlier),
+        };
+        let classes = classify::classify(app, ready, asked, quantile)?;
+        Ok((classes.map(|_, classified| Ok(output(classified))), ByDictionary::with_warnings(ready)))
     })
     .await
 }
@@ -181,7 +186,7 @@ pub(super) struct AssessmentOutput {
     /// Class of the shape; null if the dictionary has no classifier.
     class: Option<ClassOutput>,
     /// Comparison of the shape with the training shapes.
-    outlier: ScoreOutput,
+    novelty: NoveltyOutput,
     /// `‖y − ŷ‖²/(‖y‖‖ŷ‖)` in the pose of the dictionary.
     relative_error: f64,
     /// Distances between the shape and its reconstruction at equally spaced parameters: `i/samples` on closed curves,
@@ -190,58 +195,69 @@ pub(super) struct AssessmentOutput {
 }
 
 impl AssessmentOutput {
-    fn new(ready: &Ready, assessment: Assessment) -> Result<Self, ServiceError> {
+    fn new(ready: &Ready, assessment: Assessment) -> Result<Self, AnalysisError> {
         let Assessment { coded, classified, score, relative_error, residual } = assessment;
         Ok(Self {
             code: CodeOutput::new(&ready.dictionary, &coded)?,
-            class: classified.map(|classified| ClassOutput::new(ready, classified)),
-            outlier: ScoreOutput::new(score),
+            class: classified.map(|classified| ClassOutput::new(ready, &classified)),
+            novelty: NoveltyOutput::new(&score),
             relative_error,
             residual,
         })
     }
 }
 
-/// Assessments, one entry per shape, in request order.
-#[derive(Debug, Serialize, utoipa::ToSchema)]
-pub(super) struct AssessAnswer {
-    /// The dictionary.
-    dictionary: UsedDictionary,
-    /// One entry per shape.
-    assessments: Vec<AssessmentOutput>,
-    /// Warnings about outlier detection; absent if there are none.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    warnings: Vec<String>,
+results! {
+    /// Assessments.
+    AssessAnswer with ByDictionary of AssessResult: AssessedShape with AssessmentOutput
 }
 
-/// Assesses shapes in one call: pose, code, class, outlier status, and the residual along the contour.
-#[utoipa::path(post, path = "/dictionaries/{dictionary}/assess", tag = "dictionaries", request_body = AssessRequest,
-    params(("dictionary" = String, Path, description = "Id, `name@version` or name")),
+fn assess_settings(
+    request: AssessRequest,
+    ready: &Ready,
+    errors: &mut Vec<Fault>,
+) -> Option<((f64, usize), usize)> {
+    let quantile = quantile_of(request.quantile, errors);
+    let samples = samples_of(request.samples, ready, errors);
+    quantile.zip(samples).map(|((quantile, _), samples)| ((quantile, samples), samples))
+}
+
+/// Assesses shapes in one call: pose, code, class, novelty, and the residual along the contour.
+///
+/// Lines of NDJSON are shapes; the other fields of the request are parameters then. As SVG or PNG: the first shapes, coloured by
+/// the distance to their reconstructions.
+#[utoipa::path(post, path = "/dictionaries/{dictionary}/assess", tag = "dictionaries",
+    params(
+        ("dictionary" = String, Path, description = "Id, `name@version` or name"), BatchQuery,
+        ("format" = Option<String>, Query, description = "`json`, `svg` or `png`"), DrawingQuery
+    ),
+    request_body(content((AssessRequest = "application/json"), (ShapeInput = "application/x-ndjson"))),
     responses(
-        (status = 200, description = "One assessment per shape, in order", body = AssessAnswer),
+        (status = 200, description = "One assessment per shape, in order", content((AssessAnswer = "application/json"), (AssessResult = "application/x-ndjson"), (String = "image/svg+xml"))),
         (status = 404, description = "No such dictionary or cohort")
     ))]
 pub(super) async fn assess(
     Caller(app): Caller,
-    _: NoQuery,
     Path(key): Path<String>,
-    JsonBody(body): JsonBody,
+    batch: DrawnBatch,
 ) -> Result<Response, Problem> {
-    let received = AssessRequest::receive(&app, &key, body).await?;
-    let settings = |request: AssessRequest, ready: &Ready, errors: &mut Vec<Fault>| {
-        let quantile = quantile_of(request.quantile, errors);
-        let samples = samples_of(request.samples, ready, errors);
-        quantile.zip(samples).map(|((quantile, _), samples)| ((quantile, samples), samples))
-    };
-    ask_dictionary(app, received, settings, |app, ready, asked, (quantile, samples)| {
-        let assessments = classify::assess(app, ready, asked, quantile, samples)?;
-        let output = |assessment| AssessmentOutput::new(ready, assessment);
-        let assessments = assessments.into_iter().map(output).collect::<Result<_, _>>()?;
-        Ok(AssessAnswer {
-            dictionary: UsedDictionary::new(ready),
-            assessments,
-            warnings: outlier_warnings(ready),
-        })
-    })
+    let DrawnBatch { batch, picture } = batch;
+    let received = receive::<AssessRequest>(&app, &key, batch).await?;
+    if let Some(file) = picture {
+        let draw = |app: &App, ready: &Ready, asked, (quantile, _)| assessed(app, ready, asked, quantile);
+        return draw_dictionary(app, received, file, assess_settings, draw).await;
+    }
+    ask_dictionary::<_, _, AssessAnswer>(
+        app,
+        received,
+        assess_settings,
+        |app, ready, asked, (quantile, samples)| {
+            let assessments = classify::assess(app, ready, asked, quantile, samples)?;
+            let assessments = assessments.map(|index, assessment| {
+                AssessmentOutput::new(ready, assessment).map_err(|error| of_shape(index, error))
+            });
+            Ok((assessments, ByDictionary::with_warnings(ready)))
+        },
+    )
     .await
 }

@@ -8,23 +8,30 @@ use axum::http::StatusCode;
 use axum::response::Response;
 use serde::Serialize;
 
+use super::batches::{Batch, BatchQuery, DrawnBatch, Form, ManyShapes, Places, ResultList, results};
+use super::pictures::draw_dictionary;
 use super::request_macros::{ShapeOutput, checked, rows};
+use crate::analysis::AnalysisError;
 use crate::analysis::dictionary::coding::{AnswerPose, CodedShape, Reconstruction};
 use crate::analysis::dictionary::in_use::Dictionary;
 use crate::analysis::dictionary::modes::Sample;
 use crate::analysis::dictionary::posted_code::PostedCode;
 use crate::analysis::dictionary::prior::{Energy, Reference};
 use crate::analysis::dictionary::score::Score;
-use crate::api::extract::{Caller, JsonBody, NoQuery, Path};
+use crate::api::extract::{Caller, DrawingQuery, JsonBody, NoQuery, Path};
 use crate::api::problem::Problem;
-use crate::api::respond::{compute, json};
+use crate::api::respond::{compute, json, picture};
 use crate::domain::dictionary::Listed;
 use crate::formats::checked::{Checked, List, Many, document, take_given, take_many, take_or_default};
+use crate::formats::picture::PictureFile;
 use crate::formats::shape::{Points, ShapeInput};
-use crate::service::app::{App, ServiceError};
+use crate::service::app::{App, ServiceError, Work};
+use crate::service::cost::requests;
 use crate::service::dictionaries::coding::Asked;
 use crate::service::dictionaries::ready::Ready;
-use crate::service::dictionaries::{coding, ready};
+use crate::service::dictionaries::{coding, pictures, ready};
+use crate::service::shapes::names::InputNames;
+use crate::service::shapes::outcome::{OnError, Outcomes, of_shape};
 
 /// Declares a request with shapes, posted or stored, and further fields.
 macro_rules! asking_request {
@@ -45,28 +52,32 @@ macro_rules! asking_request {
             }
         }
 
-        impl $name {
-            /// Finds the dictionary and reads a request for it.
-            async fn receive(
-                app: &App,
-                key: &str,
-                body: axum::body::Bytes,
-            ) -> Result<Received<Self>, Problem> {
-                let ready = ready::find(app, key).await?;
-                let mut request: Self = app.read(body).await?;
-                let mut errors = std::mem::take(&mut request.faults);
-                let shapes = Shapes {
-                    posted: request.shapes.take().map(|shapes| shapes.take("/shapes", &mut errors)),
-                    cohort: take_given(request.cohort.take(), "/cohort", &mut errors),
-                    ids: take_many(request.ids.take(), "/ids", &mut errors),
-                };
-                Ok(Received { ready, request, shapes, errors })
+        impl crate::api::v1::batches::ManyShapes for $name {
+            fn put_shapes(&mut self, shapes: List<ShapeInput>) {
+                self.shapes = Some(shapes);
+            }
+        }
+
+        impl crate::api::v1::coding::AskingRequest for $name {
+            fn take_shapes(&mut self, errors: &mut Vec<Fault>) -> Shapes {
+                errors.append(&mut self.faults);
+                Shapes {
+                    posted: self.shapes.take().map(|shapes| shapes.take("/shapes", errors)),
+                    cohort: take_given(self.cohort.take(), "/cohort", errors),
+                    ids: take_many(self.ids.take(), "/ids", errors),
+                }
             }
         }
     };
 }
 
 pub(super) use asking_request;
+
+/// A request with shapes, posted or stored.
+pub(super) trait AskingRequest: ManyShapes {
+    /// Takes the shapes; faults go to `errors`.
+    fn take_shapes(&mut self, errors: &mut Vec<Fault>) -> Shapes;
+}
 
 /// A request for a dictionary, of which not all fields are checked yet.
 pub(super) struct Received<R> {
@@ -78,21 +89,49 @@ pub(super) struct Received<R> {
     pub(super) shapes: Shapes,
     /// Faults found so far.
     pub(super) errors: Vec<Fault>,
+    /// Forms of the request and of its answer.
+    pub(super) form: Form,
+    /// Where its fields are.
+    pub(super) places: Places,
 }
 
-/// Answers a request about shapes in JSON: checks its settings, resolves its shapes, predicts the work and computes.
-/// `settings` also gives the number of numbers that the answer has for each shape, besides its code.
-pub(super) async fn ask_dictionary<R, T: Send + 'static, A: Serialize>(
+/// Finds the dictionary and reads a request for it.
+pub(super) async fn receive<R: AskingRequest>(
+    app: &App,
+    key: &str,
+    batch: Batch,
+) -> Result<Received<R>, Problem> {
+    let ready = ready::find(app, key).await?;
+    let (Batch { body, form }, limits) = (batch, app.limits);
+    let reader = form.clone();
+    let (mut request, places) = app.pool.read(body, move |text| reader.parse::<R>(&limits, text)).await?;
+    let mut errors = Vec::new();
+    let shapes = request.take_shapes(&mut errors);
+    Ok(Received { ready, request, shapes, errors, form, places })
+}
+
+/// Answers a request about shapes: checks its settings, resolves its shapes, predicts the work and computes. `settings` also
+/// gives the number of numbers that the answer has for each shape, besides its code.
+pub(super) async fn ask_dictionary<R, T: Send + 'static, L: ResultList<Common = ByDictionary> + 'static>(
     app: App,
     received: Received<R>,
     settings: impl FnOnce(R, &Ready, &mut Vec<Fault>) -> Option<(T, usize)>,
-    answer: impl FnOnce(&App, &Ready, Asked, T) -> Result<A, ServiceError> + Send + 'static,
+    answer: impl FnOnce(&App, &Ready, Asked, T) -> Result<(Outcomes<L::Answer>, ByDictionary), ServiceError>
+    + Send
+    + 'static,
 ) -> Result<Response, Problem> {
-    let Received { ready, request, shapes, mut errors } = received;
+    let Received { ready, request, shapes, mut errors, form, places } = received;
     let settings = settings(request, &ready, &mut errors);
-    let ((settings, numbers), asked) = shapes.ask(&app, &ready, settings, errors).await?;
-    let work = asked.work(&ready, numbers, &app.limits);
-    compute(app.weighing(work), move |app| json(StatusCode::OK, &answer(app, &ready, asked, settings)?)).await
+    let asked = shapes.ask(&app, &ready, settings, errors, form.on_error).await;
+    let ((settings, numbers), asked) = asked.map_err(|error| places.of(error))?;
+    let (work, names) = (asked.work(&ready, numbers, &app.limits), asked.names.clone());
+    compute(app.weighing(work), move |app| {
+        let found = answer(app, &ready, asked, settings);
+        let answered =
+            found.and_then(|(outcomes, common)| form.respond::<L>(&places, names, outcomes, common));
+        answered.map_err(|error| places.of(error))
+    })
+    .await
 }
 
 /// Default training quantile beyond which a shape is an outlier or of no class.
@@ -131,6 +170,34 @@ impl UsedDictionary {
         let Listed { id, name, version, digest, .. } = ready.listed.clone();
         Self { id, name, version, digest }
     }
+
+    /// The version with its digest, in one line.
+    pub(super) fn reference(&self) -> String {
+        format!("{}@{};digest={}", self.name, self.version, self.digest)
+    }
+}
+
+/// What is common to all entries of an answer.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct ByDictionary {
+    /// The dictionary, at the version that was used.
+    dictionary: UsedDictionary,
+    /// Warnings about novelty; absent if there are none.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    #[schema(required = false)]
+    warnings: Vec<String>,
+}
+
+impl ByDictionary {
+    /// Without warnings: for answers that do not say what is novel.
+    pub(super) fn new(ready: &Ready) -> Self {
+        Self { dictionary: UsedDictionary::new(ready), warnings: Vec::new() }
+    }
+
+    /// With warnings about novelty.
+    pub(super) fn with_warnings(ready: &Ready) -> Self {
+        Self { warnings: coding::outlier_warnings(ready), ..Self::new(ready) }
+    }
 }
 
 /// Shapes of a request: posted ones, or references to stored ones.
@@ -148,6 +215,7 @@ impl Shapes {
         ready: &Ready,
         value: Option<T>,
         mut errors: Vec<Fault>,
+        on_error: OnError,
     ) -> Result<(T, Asked), ServiceError> {
         let one_way = "expected either shapes, or cohort and ids";
         let stored = match (&self.posted, self.cohort, self.ids) {
@@ -161,8 +229,8 @@ impl Shapes {
         };
         let (value, posted) = checked(value, errors, self.posted.unwrap_or_default())?;
         let asked = match stored {
-            Some((cohort, ids)) => coding::stored(app, ready, &cohort, &ids).await?,
-            None => Asked::Posted(posted),
+            Some((cohort, ids)) => Asked::stored(app, ready, (&cohort, &ids), on_error).await?,
+            None => Asked::posted(posted, on_error),
         };
         Ok((value, asked))
     }
@@ -216,7 +284,7 @@ pub(super) struct CodeOutput {
 }
 
 impl CodeOutput {
-    pub(super) fn new(dictionary: &Dictionary, coded: &CodedShape) -> Result<Self, ServiceError> {
+    pub(super) fn new(dictionary: &Dictionary, coded: &CodedShape) -> Result<Self, AnalysisError> {
         let (code, prepared) = (&coded.code, &coded.prepared);
         let moves = dictionary.moves(coded)?;
         Ok(Self {
@@ -239,40 +307,34 @@ impl CodeOutput {
     }
 }
 
-/// Codes, one entry per shape, in request order.
-#[derive(Debug, Serialize, utoipa::ToSchema)]
-pub(super) struct EncodeAnswer {
-    /// The dictionary.
-    dictionary: UsedDictionary,
-    /// One entry per shape.
-    codes: Vec<CodeOutput>,
+results! {
+    /// Codes.
+    EncodeAnswer with ByDictionary of EncodeResult: EncodedShape with CodeOutput
 }
 
 /// Encodes shapes in a dictionary: sparse codes with their certificates, or scores of components.
-#[utoipa::path(post, path = "/dictionaries/{dictionary}/encode", tag = "dictionaries", request_body = EncodeRequest,
-    params(("dictionary" = String, Path, description = "Id, `name@version` or name")),
+///
+/// Lines of NDJSON are shapes; the other fields of the request are parameters then.
+#[utoipa::path(post, path = "/dictionaries/{dictionary}/encode", tag = "dictionaries",
+    params(("dictionary" = String, Path, description = "Id, `name@version` or name"), BatchQuery),
+    request_body(content((EncodeRequest = "application/json"), (ShapeInput = "application/x-ndjson"))),
     responses(
-        (status = 200, description = "One code per shape, in order", body = EncodeAnswer),
+        (status = 200, description = "One code per shape, in order", content((EncodeAnswer = "application/json"), (EncodeResult = "application/x-ndjson"))),
         (status = 404, description = "No such dictionary or cohort")
     ))]
 pub(super) async fn encode(
     Caller(app): Caller,
-    _: NoQuery,
     Path(key): Path<String>,
-    JsonBody(body): JsonBody,
+    batch: Batch,
 ) -> Result<Response, Problem> {
-    let received = EncodeRequest::receive(&app, &key, body).await?;
-    ask_dictionary(
-        app,
-        received,
-        |_, _, _| Some(((), 0)),
-        |app, ready, asked, ()| {
-            let coded = coding::encode(app, ready, asked)?;
-            let code = |coded| CodeOutput::new(&ready.dictionary, coded);
-            let codes = coded.iter().map(code).collect::<Result<_, _>>()?;
-            Ok(EncodeAnswer { dictionary: UsedDictionary::new(ready), codes })
-        },
-    )
+    let received = receive::<EncodeRequest>(&app, &key, batch).await?;
+    let settings = |_, _: &Ready, _: &mut Vec<Fault>| Some(((), 0));
+    ask_dictionary::<_, _, EncodeAnswer>(app, received, settings, |app, ready, asked, ()| {
+        let codes = coding::encode(app, ready, asked)?.map(|index, coded| {
+            CodeOutput::new(&ready.dictionary, &coded).map_err(|error| of_shape(index, error))
+        });
+        Ok((codes, ByDictionary::new(ready)))
+    })
     .await
 }
 
@@ -304,60 +366,76 @@ pub(super) struct ReconstructionOutput {
     residual: Option<Vec<f64>>,
 }
 
-/// Reconstructions, one entry per shape or code, in request order.
-#[derive(Debug, Serialize, utoipa::ToSchema)]
-pub(super) struct ReconstructAnswer {
-    /// The dictionary.
-    dictionary: UsedDictionary,
-    /// One entry per shape or code.
-    shapes: Vec<ReconstructionOutput>,
-}
-
-impl ReconstructAnswer {
-    fn new(ready: &Ready, reconstructions: Vec<Reconstruction>) -> Self {
+impl ReconstructionOutput {
+    fn new(ready: &Ready, reconstruction: Reconstruction) -> Self {
         let dimension = ready.setup.metric.dimension();
-        let output = |reconstruction: Reconstruction| ReconstructionOutput {
+        Self {
             control_points: Points::from_columns(reconstruction.control_points, dimension),
             residual: reconstruction.relative_error.map(|_| reconstruction.residual),
             relative_error: reconstruction.relative_error,
-        };
-        let shapes = reconstructions.into_iter().map(output).collect();
-        Self { dictionary: UsedDictionary::new(ready), shapes }
+        }
     }
 }
 
+results! {
+    /// Reconstructions.
+    ReconstructAnswer with ByDictionary of ReconstructResult: ReconstructedShape with ReconstructionOutput
+}
+
 /// Reconstructs shapes from their codes in a dictionary, or from posted codes.
-#[utoipa::path(post, path = "/dictionaries/{dictionary}/reconstruct", tag = "dictionaries", request_body = ReconstructRequest,
-    params(("dictionary" = String, Path, description = "Id, `name@version` or name")),
+///
+/// Lines of NDJSON are shapes; the other fields of the request are parameters then. As SVG or PNG: the first shapes, coloured by
+/// the distance to their reconstructions, or the shapes of posted codes.
+#[utoipa::path(post, path = "/dictionaries/{dictionary}/reconstruct", tag = "dictionaries",
+    params(
+        ("dictionary" = String, Path, description = "Id, `name@version` or name"), BatchQuery,
+        ("format" = Option<String>, Query, description = "`json`, `svg` or `png`"), DrawingQuery
+    ),
+    request_body(content((ReconstructRequest = "application/json"), (ShapeInput = "application/x-ndjson"))),
     responses(
-        (status = 200, description = "One reconstruction per shape or code, in order", body = ReconstructAnswer),
+        (status = 200, description = "One reconstruction per shape or code, in order", content((ReconstructAnswer = "application/json"), (ReconstructResult = "application/x-ndjson"), (String = "image/svg+xml"))),
         (status = 404, description = "No such dictionary or cohort")
     ))]
 pub(super) async fn reconstruct(
     Caller(app): Caller,
-    _: NoQuery,
     Path(key): Path<String>,
-    JsonBody(body): JsonBody,
+    batch: DrawnBatch,
 ) -> Result<Response, Problem> {
-    let received = ReconstructRequest::receive(&app, &key, body).await?;
+    let DrawnBatch { batch, picture } = batch;
+    let received = receive::<ReconstructRequest>(&app, &key, batch).await?;
     if received.request.codes.is_some() {
-        return reconstruct_codes(app, received).await;
+        return reconstruct_codes(app, received, picture).await;
     }
-    let settings = |request: ReconstructRequest, ready: &Ready, errors: &mut Vec<Fault>| {
-        let pose = take_or_default(request.pose, "/pose", errors);
-        let samples = samples_of(request.samples, ready, errors);
-        pose.zip(samples).map(|(pose, samples)| ((pose, samples), samples))
-    };
-    ask_dictionary(app, received, settings, |app, ready, asked, (pose, samples)| {
+    let settings = ReconstructRequest::settings;
+    if let Some(file) = picture {
+        let draw =
+            |app: &App, ready: &Ready, asked, (pose, _)| pictures::reconstructed(app, ready, asked, pose);
+        return draw_dictionary(app, received, file, settings, draw).await;
+    }
+    let answer = |app: &App, ready: &Ready, asked, (pose, samples)| {
         let shapes = coding::reconstruct_shapes(app, ready, asked, pose, samples)?;
-        Ok(ReconstructAnswer::new(ready, shapes))
-    })
-    .await
+        let shapes = shapes.map(|_, shape| Ok(ReconstructionOutput::new(ready, shape)));
+        Ok((shapes, ByDictionary::new(ready)))
+    };
+    ask_dictionary::<_, _, ReconstructAnswer>(app, received, settings, answer).await
+}
+
+impl ReconstructRequest {
+    /// Pose of the results and number of distances.
+    fn settings(self, ready: &Ready, errors: &mut Vec<Fault>) -> Option<((AnswerPose, usize), usize)> {
+        let pose = take_or_default(self.pose, "/pose", errors);
+        let samples = samples_of(self.samples, ready, errors);
+        pose.zip(samples).map(|(pose, samples)| ((pose, samples), samples))
+    }
 }
 
 /// Answers a request to reconstruct posted codes.
-async fn reconstruct_codes(app: App, received: Received<ReconstructRequest>) -> Result<Response, Problem> {
-    let Received { ready, request, shapes, mut errors } = received;
+async fn reconstruct_codes(
+    app: App,
+    received: Received<ReconstructRequest>,
+    file: Option<PictureFile>,
+) -> Result<Response, Problem> {
+    let Received { ready, request, shapes, mut errors, form, places } = received;
     let codes = take_many(request.codes, "/codes", &mut errors);
     let with_settings = request.pose.is_some() || request.samples.is_some();
     take_or_default(request.pose, "/pose", &mut errors);
@@ -367,10 +445,16 @@ async fn reconstruct_codes(app: App, received: Received<ReconstructRequest>) -> 
         errors.push(Fault::new("/codes", detail));
     }
     let (codes, _) = checked(codes, errors, shapes.posted.unwrap_or_default())?;
-    let work = ready.work(codes.len(), 0, &app.limits);
+    let drawn = file.as_ref().map_or(Work::from_seconds(0.0), requests::picture);
+    let work = ready.work(codes.len(), 0, &app.limits) + drawn;
     compute(app.weighing(work), move |app| {
-        let shapes = coding::reconstruct_codes(app, &ready, &codes)?;
-        json(StatusCode::OK, &ReconstructAnswer::new(&ready, shapes))
+        if let Some(file) = file {
+            return picture(&pictures::reconstructed_codes(app, &ready, &codes)?, &file);
+        }
+        let names = vec![InputNames::default(); codes.len()];
+        let shapes = coding::reconstruct_codes(app, &ready, &codes, form.on_error)?;
+        let shapes = shapes.map(|_, shape| Ok(ReconstructionOutput::new(&ready, shape)));
+        form.respond::<ReconstructAnswer>(&places, names, shapes, ByDictionary::new(&ready))
     })
     .await
 }
@@ -387,9 +471,9 @@ asking_request! {
 
 /// Comparison of a shape with the training shapes.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
-pub(super) struct ScoreOutput {
-    /// Scores of the components; null for sparse dictionaries.
-    scores: Option<Vec<f64>>,
+pub(super) struct NoveltyOutput {
+    /// Whether one of the two measures exceeds the limit that the quantile sets for both together.
+    is_outlier: bool,
     /// `T²`: squared Mahalanobis distance of the scores; null for sparse dictionaries.
     t_squared: Option<f64>,
     /// Fraction of the held-out training shapes with a smaller or equal `T²`.
@@ -398,62 +482,59 @@ pub(super) struct ScoreOutput {
     squared_prediction_error: f64,
     /// Fraction of the held-out training shapes with a smaller or equal squared prediction error.
     squared_prediction_error_rank: f64,
-    /// Whether one of the two exceeds the limit that the quantile sets for both together.
-    outlier: bool,
 }
 
-impl ScoreOutput {
-    pub(super) fn new(score: Score) -> Self {
+impl NoveltyOutput {
+    pub(super) fn new(score: &Score) -> Self {
         Self {
-            scores: score.scores,
+            is_outlier: score.outlier,
             t_squared: score.t_squared,
             t_squared_rank: score.t_squared_rank,
             squared_prediction_error: score.residual,
             squared_prediction_error_rank: score.residual_rank,
-            outlier: score.outlier,
         }
     }
 }
 
-/// Scores, one entry per shape, in request order.
+/// Scores of a shape.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
-pub(super) struct ScoreAnswer {
-    /// The dictionary.
-    dictionary: UsedDictionary,
-    /// One entry per shape.
-    scores: Vec<ScoreOutput>,
-    /// Warnings about the scores; absent if there are none.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    warnings: Vec<String>,
+pub(super) struct ScoreOutput {
+    /// Scores of the components; null for sparse dictionaries.
+    scores: Option<Vec<f64>>,
+    /// Comparison with the training shapes.
+    novelty: NoveltyOutput,
 }
 
-/// Scores shapes: component scores, `T²`, squared prediction error, and outlier status.
+results! {
+    /// Scores.
+    ScoreAnswer with ByDictionary of ScoreResult: ScoredShape with ScoreOutput
+}
+
+/// Scores shapes: component scores, `T²`, squared prediction error, and whether they are outliers.
 ///
 /// Shapes are compared with the training shapes as they scored when held out, so that among similar new shapes the fraction
 /// called outliers matches the quantile. Older dictionaries without such a record compare with the shapes they were learnt
 /// from, and say so in `warnings`.
-#[utoipa::path(post, path = "/dictionaries/{dictionary}/score", tag = "dictionaries", request_body = ScoreRequest,
-    params(("dictionary" = String, Path, description = "Id, `name@version` or name")),
+///
+/// Lines of NDJSON are shapes; the other fields of the request are parameters then.
+#[utoipa::path(post, path = "/dictionaries/{dictionary}/score", tag = "dictionaries",
+    params(("dictionary" = String, Path, description = "Id, `name@version` or name"), BatchQuery),
+    request_body(content((ScoreRequest = "application/json"), (ShapeInput = "application/x-ndjson"))),
     responses(
-        (status = 200, description = "One score per shape, in order", body = ScoreAnswer),
+        (status = 200, description = "One score per shape, in order", content((ScoreAnswer = "application/json"), (ScoreResult = "application/x-ndjson"))),
         (status = 404, description = "No such dictionary or cohort")
     ))]
 pub(super) async fn score(
     Caller(app): Caller,
-    _: NoQuery,
     Path(key): Path<String>,
-    JsonBody(body): JsonBody,
+    batch: Batch,
 ) -> Result<Response, Problem> {
-    let received = ScoreRequest::receive(&app, &key, body).await?;
+    let received = receive::<ScoreRequest>(&app, &key, batch).await?;
     let settings = |request: ScoreRequest, _: &Ready, errors: &mut _| quantile_of(request.quantile, errors);
-    ask_dictionary(app, received, settings, |app, ready, asked, quantile| {
-        let scores = coding::score(app, ready, asked, quantile)?;
-        let scores = scores.into_iter().map(ScoreOutput::new).collect();
-        Ok(ScoreAnswer {
-            dictionary: UsedDictionary::new(ready),
-            scores,
-            warnings: coding::outlier_warnings(ready),
-        })
+    ask_dictionary::<_, _, ScoreAnswer>(app, received, settings, |app, ready, asked, quantile| {
+        let output = |score: Score| ScoreOutput { novelty: NoveltyOutput::new(&score), scores: score.scores };
+        let scores = coding::score(app, ready, asked, quantile)?.map(|_, score| Ok(output(score)));
+        Ok((scores, ByDictionary::with_warnings(ready)))
     })
     .await
 }
@@ -481,45 +562,42 @@ pub(super) struct EnergyOutput {
     gradient: Points,
 }
 
-/// Priors, one entry per shape, in request order.
-#[derive(Debug, Serialize, utoipa::ToSchema)]
-pub(super) struct PriorAnswer {
-    /// The dictionary.
-    dictionary: UsedDictionary,
-    /// One entry per shape.
-    priors: Vec<EnergyOutput>,
+results! {
+    /// Priors.
+    PriorAnswer with ByDictionary of PriorResult: ShapeWithPrior with EnergyOutput
 }
 
 /// Computes the energy and gradient of the shape prior, for curves being fitted to an image.
 ///
 /// Points correspond as given, and no start point is searched: a curve initialised with the mean shape keeps its parameters.
-#[utoipa::path(post, path = "/dictionaries/{dictionary}/prior", tag = "dictionaries", request_body = PriorRequest,
-    params(("dictionary" = String, Path, description = "Id, `name@version` or name")),
+///
+/// Lines of NDJSON are shapes; the other fields of the request are parameters then.
+#[utoipa::path(post, path = "/dictionaries/{dictionary}/prior", tag = "dictionaries",
+    params(("dictionary" = String, Path, description = "Id, `name@version` or name"), BatchQuery),
+    request_body(content((PriorRequest = "application/json"), (ShapeInput = "application/x-ndjson"))),
     responses(
-        (status = 200, description = "One energy per shape, in order", body = PriorAnswer),
+        (status = 200, description = "One energy per shape, in order", content((PriorAnswer = "application/json"), (PriorResult = "application/x-ndjson"))),
         (status = 404, description = "No such dictionary or cohort")
     ))]
 pub(super) async fn prior(
     Caller(app): Caller,
-    _: NoQuery,
     Path(key): Path<String>,
-    JsonBody(body): JsonBody,
+    batch: Batch,
 ) -> Result<Response, Problem> {
-    let received = PriorRequest::receive(&app, &key, body).await?;
+    let received = receive::<PriorRequest>(&app, &key, batch).await?;
     let settings = |request: PriorRequest, _: &Ready, errors: &mut Vec<Fault>| {
         let reference = take_or_default(request.reference, "/reference", errors);
         let gamma = request.gamma.map_or(Some(1.0), |gamma| gamma.take("/gamma", errors));
         reference.zip(gamma).map(|settings| (settings, 0))
     };
-    ask_dictionary(app, received, settings, |app, ready, asked, (reference, gamma)| {
+    ask_dictionary::<_, _, PriorAnswer>(app, received, settings, |app, ready, asked, (reference, gamma)| {
         let dimension = ready.setup.metric.dimension();
         let output = |prior: Energy| EnergyOutput {
             energy: prior.energy,
             gradient: Points::from_columns(prior.gradient, dimension),
         };
         let priors = coding::prior(app, ready, asked, reference, gamma)?;
-        let priors = priors.into_iter().map(output).collect();
-        Ok(PriorAnswer { dictionary: UsedDictionary::new(ready), priors })
+        Ok((priors.map(|_, prior| Ok(output(prior))), ByDictionary::new(ready)))
     })
     .await
 }

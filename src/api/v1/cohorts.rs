@@ -15,7 +15,7 @@ use crate::api::extract::{
     ShapeFormatQuery,
 };
 use crate::api::problem::Problem;
-use crate::api::respond::{Binary, compute, json, mesh, svg};
+use crate::api::respond::{Binary, compute, json, mesh, picture};
 use crate::domain::cohort::{Cohort, CohortSpec};
 use crate::formats::checked::{Checked, document, take_given, take_or_default};
 use crate::formats::representation::Read;
@@ -80,6 +80,7 @@ pub(super) struct CohortOutput {
     /// Revision number, which grows with every change.
     revision: u64,
     /// Number of shapes.
+    #[serde(rename = "shape_count")]
     shapes: u64,
     /// Time of creation, RFC 3339 in UTC.
     created_at: String,
@@ -310,13 +311,14 @@ pub(super) async fn cohort_mean(
 ) -> Result<Response, Problem> {
     let (query, stale) = take_mean_query(pairs)?;
     let cohort = catalogue::find(&app, &key).await?;
-    let cohort = if stale { live_mean::at_last_mean(&app, cohort, &query) } else { cohort };
+    let cohort = if stale { live_mean::at_last_mean(&app, cohort, &query).await? } else { cohort };
     let tag = mean_tag(&cohort, &query, format);
     if known(&headers, &tag) {
         return Ok(tagged(StatusCode::NOT_MODIFIED.into_response(), &tag));
     }
     let live = live_mean::mean(&app, cohort, query).await?;
-    let response = compute(app.weighing(Work::MOMENT), move |_| answer_mean(&live, format)).await?;
+    let response =
+        compute(app.weighing(Work::MOMENT + format.work()), move |_| answer_mean(&live, format)).await?;
     Ok(tagged(response, &tag))
 }
 
@@ -328,7 +330,7 @@ fn mean_tag(cohort: &Cohort, query: &MeanQuery, format: ShapeFormat) -> String {
 
 /// Takes the parameters of a mean, and whether an older one may be answered.
 fn take_mean_query(pairs: Vec<(String, String)>) -> Result<(MeanQuery, bool), Problem> {
-    let mut parameters = Parameters::once_each(pairs)?;
+    let mut parameters = Parameters::read(pairs)?;
     let transformation = parameters.take_word::<ClassName>("transformation")?.ok_or_else(|| {
         let detail = "required parameter is missing, such as similarity or affine";
         Problem::of_parameter("transformation", detail)
@@ -348,10 +350,10 @@ fn take_mean_query(pairs: Vec<(String, String)>) -> Result<(MeanQuery, bool), Pr
 fn answer_mean(live: &LiveMean, format: ShapeFormat) -> Result<Response, ServiceError> {
     match format {
         ShapeFormat::Mesh(format, grid) => mesh(&live.setup.space, &live.mean.control_points, format, grid),
-        ShapeFormat::Plain(Format::Svg(style)) => {
+        ShapeFormat::Plain(Format::Picture(file)) => {
             let title = format!("mean of {} shapes of {}", live.mean.shapes, live.cohort.spec.name);
             let unit = live.cohort.spec.length_unit.as_deref();
-            Ok(svg(&draw_mean(&live.setup, &title, &live.mean, &live.drawn, unit), &style))
+            picture(&draw_mean(&live.setup, &title, &live.mean, &live.drawn, unit), &file)
         }
         ShapeFormat::Plain(Format::Json) => {
             let mean = MeanOutput::new(&live.mean, live.setup.metric.dimension());

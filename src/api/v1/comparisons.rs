@@ -5,12 +5,13 @@ use axum::response::Response;
 use super::jobs::JobOutput;
 use super::planned::{StudyBody, answer_study, study_request};
 use super::request_macros::RetryHeader;
+use super::shape_query::take_filter;
 use crate::api::extract::{Caller, DrawingQuery, JsonBody, OnlyFormat, Prefer};
 use crate::api::problem::Problem;
+use crate::domain::filter::ShapeFilter;
 use crate::domain::job::Priority;
-use crate::domain::shape::ShapeFilter;
 use crate::domain::study::Comparison;
-use crate::formats::checked::{Checked, take_given, take_or_default};
+use crate::formats::checked::{Checked, take_given};
 use crate::formats::fault::Fault;
 use crate::service::app::ServiceError;
 use crate::service::inference::comparisons::{ComparedShapes, Grouping, NamedGroup, Options};
@@ -58,7 +59,7 @@ study_request! {
 /// As SVG: the averages overlaid, with the effect as colour and width.
 #[utoipa::path(post, path = "/comparisons", tag = "inference", request_body = CompareRequest,
     params(
-        ("format" = Option<String>, Query, description = "`json` or `svg`"), DrawingQuery,
+        ("format" = Option<String>, Query, description = "`json`, `svg` or `png`"), DrawingQuery,
         ("prefer" = Option<String>, Header, description = "`wait=10`: wait up to ten seconds for the job"), RetryHeader
     ),
     responses(
@@ -94,7 +95,7 @@ impl StudyBody for CompareRequest {
         }
         let cohort = take_given(self.cohort.take(), "/cohort", &mut errors);
         let groups = take_given(self.groups.take(), "/groups", &mut errors).map(Grouping::Named);
-        let filter = take_or_default(self.filter.take(), "/filter", &mut errors);
+        let filter = take_filter(self.filter.take(), "/filter", &mut errors);
         let by = take_given(self.by.take(), "/by", &mut errors)
             .zip(filter)
             .map(|(attribute, filter)| Grouping::By { attribute, filter });

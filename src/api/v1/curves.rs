@@ -7,12 +7,15 @@ use axum::http::StatusCode;
 use axum::response::Response;
 use serde::Serialize;
 
+use super::batches::{
+    Batch, BatchQuery, Entry, FailedShape, InputShape, PlannedResults, answer_batch, result_list,
+};
 use super::request_macros::{checked, shapes_request};
 use crate::api::extract::{
     Caller, DrawingQuery, Format, JsonBody, NoQuery, OnlyShapeFormat, ShapeFormat, ShapeFormatQuery,
 };
 use crate::api::problem::Problem;
-use crate::api::respond::{Binary, Planned, compute_planned, json, mesh_file, planned, svg};
+use crate::api::respond::{Binary, Planned, compute_planned, json, mesh_file, picture, planned};
 use crate::formats::checked::{Checked, LARGE, List, Raw, document, take_given, take_or_default};
 use crate::formats::shape::{Points, PointsOrGrid, ShapeInput};
 use crate::geometry::capability::domain::Domain;
@@ -20,13 +23,14 @@ use crate::geometry::capability::measure::{Measures, ReferenceDistances, SetDist
 use crate::geometry::capability::sample::{Derivative, Evaluation, Frames, Parameters};
 use crate::geometry::measures::{CurveMeasures, Orientation};
 use crate::geometry::surface::measures::{AffineField, SurfaceMeasures};
-use crate::service::app::warnings::by_shape;
 use crate::service::app::{App, Limits, ServiceError, Work};
 use crate::service::cohorts::catalogue::text_faults;
 use crate::service::cost::requests::{self, Counts};
 use crate::service::shapes::draw::MAX_DRAWN;
 use crate::service::shapes::evaluate::{EvaluateTask, Evaluated};
 use crate::service::shapes::measure::MeasureTask;
+use crate::service::shapes::names::InputNames;
+use crate::service::shapes::outcome::OnError;
 use crate::service::shapes::resample::{self, Resampled, Start};
 
 shapes_request! {
@@ -189,8 +193,9 @@ impl EvaluateRequest {
             checked(wanted, errors, shapes)?;
         let representation = app.admit(representation)?;
         let task = EvaluateTask { representation, correspondence, parameters, order, frames };
-        planned(evaluate_work(&task, shapes.len(), format, &app.limits), move |app| match format {
-            ShapeFormat::Plain(Format::Svg(style)) => Ok(svg(&task.drawing(app, shapes)?, &style)),
+        let work = evaluate_work(&task, shapes.len(), format, &app.limits) + format.work();
+        planned(work, move |app| match format {
+            ShapeFormat::Plain(Format::Picture(file)) => picture(&task.drawing(app, shapes)?, &file),
             ShapeFormat::Mesh(format, grid) => Ok(mesh_file(format, &task.mesh(app, shapes, grid)?)),
             ShapeFormat::Plain(Format::Json) => {
                 let Evaluated { evaluations, faces } = task.values(app, shapes)?;
@@ -206,7 +211,7 @@ fn evaluate_work(task: &EvaluateTask, shapes: usize, format: ShapeFormat, limits
     let EvaluateTask { representation, parameters, order, frames, .. } = task;
     let counts = Counts::new(representation, shapes, limits);
     match (parameters, format) {
-        (Some(_), ShapeFormat::Plain(Format::Svg(_))) => requests::draw(counts, shapes.min(MAX_DRAWN)),
+        (Some(_), ShapeFormat::Plain(Format::Picture(_))) => requests::draw(counts, shapes.min(MAX_DRAWN)),
         (Some(_), ShapeFormat::Mesh(_, grid)) => requests::mesh(grid.unwrap_or([500, 500])),
         _ => requests::values(representation, counts, parameters.as_ref(), (*order, *frames), limits),
     }
@@ -291,8 +296,7 @@ pub(super) struct BoundingBox {
 }
 
 /// Measures of one shape.
-#[derive(Debug, Serialize, utoipa::ToSchema)]
-#[serde(untagged)]
+#[derive(Debug)]
 pub(super) enum MeasureOutput {
     /// Measures of a curve.
     Curve(Box<CurveMeasureOutput>),
@@ -331,6 +335,8 @@ pub(super) struct SurfaceMeasureOutput {
     /// Distance to the reference, if one is given.
     #[serde(skip_serializing_if = "Option::is_none")]
     distances: Option<SurfaceDistancesOutput>,
+    /// Limitations of the measures.
+    warnings: Vec<String>,
 }
 
 /// Distance between two surfaces, in the unit of their points.
@@ -360,6 +366,7 @@ impl SurfaceMeasureOutput {
             self_intersecting: others.self_intersecting,
             flux: others.flux,
             distances: others.distances.map(|distances| SurfaceDistancesOutput { l2: distances.l2 }),
+            warnings: others.warnings.clone(),
         }
     }
 }
@@ -398,6 +405,8 @@ pub(super) struct CurveMeasureOutput {
     /// Distances to the reference, if one is given.
     #[serde(skip_serializing_if = "Option::is_none")]
     distances: Option<DistancesOutput>,
+    /// Limitations of the measures.
+    warnings: Vec<String>,
 }
 
 /// Distances between two curves, in the unit of their points.
@@ -418,26 +427,60 @@ impl DistancesOutput {
     }
 }
 
-/// Measures, one entry per shape, in request order.
+/// Measured curve.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
-pub(super) struct MeasureAnswer {
-    /// One entry per shape.
-    measures: Vec<MeasureOutput>,
-    /// Unit of lengths; areas are in its square.
-    length_unit: Option<String>,
-    /// Limitations of the measures, each with a JSON pointer to its shape.
-    warnings: Vec<String>,
+pub(super) struct MeasuredCurve {
+    #[serde(flatten)]
+    shape: InputShape,
+    #[serde(flatten)]
+    measures: CurveMeasureOutput,
 }
 
-impl MeasureAnswer {
-    fn new(measured: Vec<Measures>, length_unit: Option<String>) -> Self {
-        let warnings = by_shape("shapes", measured.iter().map(|measured| &measured.warnings));
-        Self {
-            measures: measured.into_iter().filter_map(MeasureOutput::new).collect(),
-            length_unit,
-            warnings,
+/// Measured surface.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct MeasuredSurface {
+    #[serde(flatten)]
+    shape: InputShape,
+    #[serde(flatten)]
+    measures: SurfaceMeasureOutput,
+}
+
+/// Entry of an input shape: its measures, or the reason why there are none.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+#[serde(untagged)]
+pub(super) enum MeasureResult {
+    /// Measures of a curve.
+    Curve(Box<MeasuredCurve>),
+    /// Measures of a surface.
+    Surface(Box<MeasuredSurface>),
+    /// Without measures.
+    Failed(FailedShape),
+}
+
+impl From<Entry<MeasureOutput>> for MeasureResult {
+    fn from(entry: Entry<MeasureOutput>) -> Self {
+        match entry {
+            Ok((shape, MeasureOutput::Curve(measures))) => {
+                Self::Curve(Box::new(MeasuredCurve { shape, measures: *measures }))
+            }
+            Ok((shape, MeasureOutput::Surface(measures))) => {
+                Self::Surface(Box::new(MeasuredSurface { shape, measures: *measures }))
+            }
+            Err(failed) => Self::Failed(failed),
         }
     }
+}
+
+/// Unit of measures.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct MeasureUnit {
+    /// Unit of lengths; areas are in its square.
+    length_unit: Option<String>,
+}
+
+result_list! {
+    /// Measures.
+    MeasureAnswer with MeasureUnit of MeasureResult for MeasureOutput
 }
 
 impl MeasureOutput {
@@ -471,6 +514,7 @@ impl CurveMeasureOutput {
             total_curvature: measures.total_curvature,
             turning: measures.turning,
             distances: others.distances.and_then(DistancesOutput::new),
+            warnings: others.warnings.clone(),
         }
     }
 }
@@ -479,20 +523,19 @@ impl CurveMeasureOutput {
 ///
 /// Curves: area, moments, length, curvature, energies, bounding box, orientation, self-intersection, and the distances to a
 /// reference. Surfaces: volume, area, centroids, bounding box, the flux of a field, and the distance to a reference.
-#[utoipa::path(post, path = "/measure", tag = "curves", request_body = MeasureRequest,
+///
+/// Lines of NDJSON are shapes; the other fields of the request are parameters then.
+#[utoipa::path(post, path = "/measure", tag = "curves", params(BatchQuery),
+    request_body(content((MeasureRequest = "application/json"), (ShapeInput = "application/x-ndjson"))),
     responses(
-        (status = 200, description = "One entry per curve", body = MeasureAnswer)
+        (status = 200, description = "Measures of each shape, in order", content((MeasureAnswer = "application/json"), (MeasureResult = "application/x-ndjson")))
     ))]
-pub(super) async fn measure(
-    Caller(app): Caller,
-    _: NoQuery,
-    JsonBody(body): JsonBody,
-) -> Result<Response, Problem> {
-    compute_planned(app, body, |app, body| app.parse::<MeasureRequest>(body)?.plan(app)).await
+pub(super) async fn measure(Caller(app): Caller, batch: Batch) -> Result<Response, Problem> {
+    answer_batch::<_, MeasureAnswer>(app, batch, MeasureRequest::plan).await
 }
 
 impl MeasureRequest {
-    fn plan(mut self, app: &App) -> Result<Planned, ServiceError> {
+    fn plan(mut self, app: &App, on_error: OnError) -> Result<PlannedResults<MeasureAnswer>, ServiceError> {
         let mut errors = Vec::new();
         let (settings, shapes) = self.take_shapes(&mut errors);
         let length_unit = take_given(self.length_unit, "/length_unit", &mut errors).flatten();
@@ -507,11 +550,16 @@ impl MeasureRequest {
         let ((representation, correspondence), shapes) = checked(settings, errors, shapes)?;
         let representation = app.admit(representation)?;
         let counts = Counts::new(&representation, shapes.len(), &app.limits);
-        let task = MeasureTask { representation, correspondence, reference: self.reference, field };
+        let task = MeasureTask { representation, correspondence, reference: self.reference, field, on_error };
         let work = requests::measure(&task.representation, counts, task.reference.is_some(), &app.limits);
-        planned(work, move |app| {
-            json(StatusCode::OK, &MeasureAnswer::new(task.measure(app, shapes)?, length_unit))
-        })
+        let names = InputNames::of_posted(&shapes);
+        let find = move |app: &App| {
+            let points = || ServiceError::Internal("measures of points".into());
+            let measures = task.measure(app, shapes)?;
+            let measures = measures.map(|_, measures| MeasureOutput::new(measures).ok_or_else(points));
+            Ok((measures, MeasureUnit { length_unit }))
+        };
+        Ok((work, names, Box::new(find)))
     }
 }
 

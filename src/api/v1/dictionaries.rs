@@ -9,6 +9,7 @@ use super::classify::ClassifierOutput;
 use super::coding::UsedDictionary;
 use super::jobs::{JobOutput, accepted};
 use super::request_macros::{PageQuery, RetryHeader, ShapeOutput, known, page, priority_of, tagged, time};
+use super::shape_query::take_filter;
 use crate::analysis::alignment::Alignment;
 use crate::analysis::classification::record::{ClassifierKind, ClassifierSettings};
 use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
@@ -23,14 +24,17 @@ use crate::api::extract::{
     ShapeFormat, ShapeFormatQuery,
 };
 use crate::api::problem::Problem;
-use crate::api::respond::{Binary, compute, json, mesh, svg};
+use crate::api::respond::{Binary, compute, file_of, json, mesh, picture};
 use crate::domain::dictionary::Listed;
+use crate::domain::filter::ShapeFilter;
 use crate::domain::job::{Job, JobStatus, Priority};
-use crate::domain::shape::ShapeFilter;
 use crate::formats::checked::{Checked, document, take_given, take_or_default};
+use crate::formats::gltf;
+use crate::formats::mesh::MeshFormat;
 use crate::formats::shape::Points;
 use crate::geometry::representation::Representation;
 use crate::service::app::{App, ServiceError, Work};
+use crate::service::cost::requests;
 use crate::service::dictionaries::file::DictionaryFile;
 use crate::service::dictionaries::planning::{From as LearnFrom, Learn, Planned};
 use crate::service::dictionaries::ready::Ready;
@@ -155,6 +159,7 @@ pub(super) struct DictionaryEntry {
     /// Number of atoms or components.
     atoms: usize,
     /// Number of training shapes.
+    #[serde(rename = "shape_count")]
     shapes: usize,
     /// Mean objective over the training shapes.
     objective: f64,
@@ -351,7 +356,7 @@ fn learn_of(request: LearnRequest) -> Result<(Learn, bool), ServiceError> {
     }
     let name = take_given(request.name, "/name", &mut errors);
     let cohort = take_given(request.cohort, "/cohort", &mut errors);
-    let filter = take_or_default(request.filter, "/filter", &mut errors);
+    let filter = take_filter(request.filter, "/filter", &mut errors);
     let transformation = take_given(request.transformation, "/transformation", &mut errors);
     let alignment = take_or_default(request.alignment, "/alignment", &mut errors);
     let frame = take_or_default(request.frame, "/frame", &mut errors);
@@ -474,7 +479,7 @@ pub(super) struct AtomsAnswer<'a> {
 #[utoipa::path(get, path = "/dictionaries/{dictionary}/atoms", tag = "dictionaries",
     params(
         ("dictionary" = String, Path, description = "Id, `name@version` or name"),
-        ("format" = Option<String>, Query, description = "`json` or `svg`"), DrawingQuery
+        ("format" = Option<String>, Query, description = "`json`, `svg` or `png`"), DrawingQuery
     ),
     responses(
         (status = 200, description = "The atoms", content((AtomsAnswer = "application/json"), (String = "image/svg+xml"))),
@@ -486,8 +491,8 @@ pub(super) async fn dictionary_atoms(
     OnlyFormat(format): OnlyFormat,
 ) -> Result<Response, Problem> {
     let ready = ready::find(&app, &key).await?;
-    compute(app.weighing(Work::MOMENT), move |_| match format {
-        Format::Svg(style) => Ok(svg(&modes::draw_atoms(&ready), &style)),
+    compute(app.weighing(Work::MOMENT + format.work()), move |_| match format {
+        Format::Picture(file) => picture(&modes::draw_atoms(&ready), &file),
         Format::Json => {
             let (dictionary, atoms) =
                 (UsedDictionary::new(&ready), ready.dictionary.content.atoms.as_slice());
@@ -541,10 +546,25 @@ impl ModeAnswer {
     }
 }
 
+/// Predicted work of answering a mode in a format.
+fn mode_work(ready: &Ready, format: ShapeFormat) -> Work {
+    let meshes = match format {
+        ShapeFormat::Plain(_) => 0,
+        ShapeFormat::Mesh(MeshFormat::Gltf, _) => 1 + ready.dictionary.model.len().min(modes::MAX_TARGETS),
+        ShapeFormat::Mesh(..) => 1,
+    };
+    let grid = match format {
+        ShapeFormat::Mesh(_, Some(grid)) => grid,
+        _ => [256, 256],
+    };
+    Work::MOMENT + format.work() + meshes as f64 * requests::mesh(grid)
+}
+
 /// Returns the mean and the two sides of a mode of variation.
 ///
-/// As SVG: all three in one picture. As OBJ, PLY, STL or glTF: the mesh of the surface at the mean plus `sigma` standard
-/// deviations; `sigma` may be negative.
+/// As SVG: steps of the mode side by side. As OBJ, PLY or STL: the mesh of the surface at the mean plus `sigma` standard
+/// deviations; `sigma` may be negative. As glTF: the mesh of the mean with one morph target for each of the first 16
+/// components, or for the one asked for, whose weight 1 stands for `sigma` standard deviations.
 #[utoipa::path(get, path = "/dictionaries/{dictionary}/modes", tag = "dictionaries",
     params(("dictionary" = String, Path, description = "Id, `name@version` or name"), ModeQuery, ShapeFormatQuery, DrawingQuery),
     responses(
@@ -559,21 +579,25 @@ pub(super) async fn dictionary_mode(
     BesideFormat(query): BesideFormat<ModeQuery>,
 ) -> Result<Response, Problem> {
     let ready = ready::find(&app, &key).await?;
+    compute(app.weighing(mode_work(&ready, format)), move |_| answer_mode(&ready, &query, format)).await
+}
+
+fn answer_mode(ready: &Ready, query: &ModeQuery, format: ShapeFormat) -> Result<Response, ServiceError> {
     let (component, sigma) = (query.component.unwrap_or(1), query.sigma.unwrap_or(2.0));
-    compute(app.weighing(Work::MOMENT), move |_| {
-        let mode = modes::mode(&ready, component, sigma)?;
-        match format {
-            ShapeFormat::Plain(Format::Svg(style)) => {
-                return Ok(svg(&modes::draw_mode(&ready, component, sigma, &mode), &style));
-            }
-            ShapeFormat::Mesh(format, grid) => {
-                return mesh(&ready.setup.space, &mode.shapes[2], format, grid);
-            }
-            ShapeFormat::Plain(Format::Json) => {}
+    if let ShapeFormat::Mesh(MeshFormat::Gltf, grid) = format {
+        let (mean, displacements) = modes::displacements(ready, query.component, sigma, grid)?;
+        return Ok(file_of(MeshFormat::Gltf, gltf::write(&mean, &displacements)));
+    }
+    let mode = modes::mode(ready, component, sigma)?;
+    match format {
+        ShapeFormat::Plain(Format::Picture(file)) => {
+            picture(&modes::draw_mode(ready, component, sigma, &mode), &file)
         }
-        json(StatusCode::OK, &ModeAnswer::new(&ready, component, sigma, mode))
-    })
-    .await
+        ShapeFormat::Mesh(format, grid) => mesh(&ready.setup.space, &mode.shapes[2], format, grid),
+        ShapeFormat::Plain(Format::Json) => {
+            json(StatusCode::OK, &ModeAnswer::new(ready, component, sigma, mode))
+        }
+    }
 }
 
 /// Exports a dictionary as one file.

@@ -6,11 +6,13 @@ use serde::{Deserialize, Serialize};
 
 use super::coding::UsedDictionary;
 use crate::analysis::dictionary::drift::{ClassDrift, Drift, MeanDrift, MeasureDrift, ScoreDrift};
-use crate::api::extract::{Caller, Path, Query};
+use crate::api::extract::{BesideFormat, Caller, DrawingQuery, Format, Path};
 use crate::api::problem::Problem;
-use crate::api::respond::json;
+use crate::api::respond::{compute, json, picture};
+use crate::service::app::Work;
 use crate::service::dictionaries::coding::outlier_warnings;
 use crate::service::dictionaries::drift::{CohortDrift, Since};
+use crate::service::dictionaries::pictures::drifted;
 use crate::service::dictionaries::{drift, ready};
 
 /// Selects new shapes and sets the outlier quantile.
@@ -49,6 +51,7 @@ pub(super) struct DriftAnswer {
     /// Revision up to which new shapes were examined.
     cohort_revision: u64,
     /// Number of new shapes that pass the filter of the dictionary.
+    #[serde(rename = "shape_count")]
     shapes: usize,
     /// New shapes beyond the limit that the quantile sets for `T²` and squared prediction error together.
     outliers: OutlierRate,
@@ -71,18 +74,20 @@ pub(super) struct DriftAnswer {
 ///
 /// Reference figures are those of the training shapes when they were held out, so that similar new shapes have similar
 /// figures. Older dictionaries without such a record use the figures of the shapes they were learnt from, and say so in
-/// `warnings`.
+/// `warnings`. As SVG: the scores of the new shapes against those of the training, and what changed, in words.
 #[utoipa::path(get, path = "/dictionaries/{dictionary}/drift", tag = "dictionaries",
-    params(("dictionary" = String, Path, description = "Id, `name@version` or name"), DriftQuery),
+    params(("dictionary" = String, Path, description = "Id, `name@version` or name"), DriftQuery,
+        ("format" = Option<String>, Query, description = "`json`, `svg` or `png`"), DrawingQuery),
     responses(
-        (status = 200, description = "Changes of the cohort since training", body = DriftAnswer),
+        (status = 200, description = "Changes of the cohort since training", content((DriftAnswer = "application/json"), (String = "image/svg+xml"))),
         (status = 404, description = "No such dictionary, or its cohort was deleted"),
         (status = "4XX", description = "The query was refused")
     ))]
 pub(super) async fn dictionary_drift(
     Caller(app): Caller,
     Path(key): Path<String>,
-    Query(query): Query<DriftQuery>,
+    format: Format,
+    BesideFormat(query): BesideFormat<DriftQuery>,
 ) -> Result<Response, Problem> {
     let since = match &query.since {
         None => Since::Training,
@@ -90,9 +95,15 @@ pub(super) async fn dictionary_drift(
     };
     let ready = ready::find(&app, &key).await?;
     let quantile = query.quantile.unwrap_or(0.99);
-    let (dictionary, warnings) = (UsedDictionary::new(&ready), outlier_warnings(&ready));
-    let found = drift::drift(&app, ready, since, quantile).await?;
-    Ok(json(StatusCode::OK, &DriftAnswer::new(dictionary, found, quantile, warnings))?)
+    let found = drift::drift(&app, ready.clone(), since, quantile).await?;
+    compute(app.weighing(Work::MOMENT + format.work()), move |_| match format {
+        Format::Picture(file) => picture(&drifted(&ready, &found, quantile), &file),
+        Format::Json => {
+            let (dictionary, warnings) = (UsedDictionary::new(&ready), outlier_warnings(&ready));
+            json(StatusCode::OK, &DriftAnswer::new(dictionary, found, quantile, warnings))
+        }
+    })
+    .await
 }
 
 impl DriftAnswer {

@@ -6,6 +6,7 @@ use axum::http::StatusCode;
 use axum::response::Response;
 use serde::Serialize;
 
+use super::batches::{Batch, BatchQuery, ManyShapes, PlannedResults, answer_batch, results};
 use super::curves::ParameterList;
 use super::request_macros::{ShapeOutput, checked, shapes_request};
 use crate::analysis::correspondence::Correspondence;
@@ -23,11 +24,12 @@ use crate::geometry::ideal::{IdealCurve, Position};
 use crate::geometry::representation::Representation;
 use crate::geometry::surface::ideal::IdealSurface;
 use crate::numeric::dense::Matrix;
-use crate::service::app::warnings::by_shape;
 use crate::service::app::{App, Limits, ServiceError, Work};
 use crate::service::cost::requests::{self, Counts, FitCounts};
 use crate::service::shapes::fit::{FitInputs, FitTask, MAX_TURNS, USUAL_TURNS};
 use crate::service::shapes::idealise;
+use crate::service::shapes::names::InputNames;
+use crate::service::shapes::outcome::OnError;
 use crate::service::shapes::read_mesh::MeshInput;
 use crate::service::shapes::refine::{self, Refined};
 use crate::service::shapes::request::Posted;
@@ -127,15 +129,13 @@ pub(super) struct FitOutput {
     /// Fraction of the area of a mesh where the normal of the surface points against that of the mesh.
     #[serde(skip_serializing_if = "Option::is_none")]
     folded: Option<f64>,
+    /// Defects of a fitted mesh.
+    warnings: Vec<String>,
 }
 
-/// Fitted shapes, in request order.
-#[derive(Debug, Serialize, utoipa::ToSchema)]
-pub(super) struct FitAnswer {
-    /// One entry per contour, grid, list or mesh.
-    fits: Vec<FitOutput>,
-    /// Defects of the fitted meshes, each with a JSON pointer to its mesh.
-    warnings: Vec<String>,
+results! {
+    /// Fitted shapes: one entry per contour, grid, list or mesh.
+    FitAnswer of FitResult: FittedShape with FitOutput
 }
 
 /// Fits curves or surfaces by least squares in `L₂`.
@@ -145,20 +145,25 @@ pub(super) struct FitAnswer {
 /// two poles, with the colatitude adjusted so that every ring holds its share of the area.
 ///
 /// Subdivision surfaces are fitted to the places nearest to the points; residuals are distances at those places.
-#[utoipa::path(post, path = "/fit", tag = "curves", request_body = FitRequest,
+///
+/// Lines of NDJSON are shapes; the other fields of the request are parameters then.
+#[utoipa::path(post, path = "/fit", tag = "curves", params(BatchQuery),
+    request_body(content((FitRequest = "application/json"), (ShapeInput = "application/x-ndjson"))),
     responses(
-        (status = 200, description = "One entry per contour, grid, list or mesh", body = FitAnswer)
+        (status = 200, description = "One entry per contour, grid, list or mesh, in order", content((FitAnswer = "application/json"), (FitResult = "application/x-ndjson")))
     ))]
-pub(super) async fn fit(
-    Caller(app): Caller,
-    _: NoQuery,
-    JsonBody(body): JsonBody,
-) -> Result<Response, Problem> {
-    compute_planned(app, body, |app, body| app.parse::<FitRequest>(body)?.plan(app)).await
+pub(super) async fn fit(Caller(app): Caller, batch: Batch) -> Result<Response, Problem> {
+    answer_batch::<_, FitAnswer>(app, batch, FitRequest::plan).await
+}
+
+impl ManyShapes for FitRequest {
+    fn put_shapes(&mut self, shapes: List<ShapeInput>) {
+        self.shapes = Some(shapes);
+    }
 }
 
 impl FitRequest {
-    fn plan(mut self, app: &App) -> Result<Planned, ServiceError> {
+    fn plan(mut self, app: &App, on_error: OnError) -> Result<PlannedResults<FitAnswer>, ServiceError> {
         let mut errors = std::mem::take(&mut self.faults);
         let target = self.representation.take().and_then(|field| field.take("/representation", &mut errors));
         let domain = target.as_ref().map(|target| target.representation.domain());
@@ -170,14 +175,18 @@ impl FitRequest {
         let ((target, places), shapes) = checked(target.zip(places), errors, shapes)?;
         let FitTarget { representation, tolerance } = target;
         let representation = app.admit(representation)?;
+        let names = match &meshes {
+            Some(meshes) => vec![InputNames::default(); meshes.len()],
+            None => InputNames::of_posted(&shapes),
+        };
         let inputs = meshes.map_or(FitInputs::Shapes(shapes), FitInputs::Meshes);
-        let task = FitTask { representation, tolerance, places, turns, start: self.start };
-        planned(fit_work(&task, &inputs, &app.limits), move |app| {
+        let task = FitTask { representation, tolerance, places, turns, start: self.start, on_error };
+        let work = fit_work(&task, &inputs, &app.limits);
+        let find = move |app: &App| {
             let fits = task.fit(app, inputs)?;
-            let warnings = by_shape("meshes", fits.iter().map(|fit| &fit.warnings));
-            let fits = fits.into_iter().map(FitOutput::from).collect();
-            json(StatusCode::OK, &FitAnswer { fits, warnings })
-        })
+            Ok((fits.map(|_, fitted| Ok(FitOutput::from(fitted))), ()))
+        };
+        Ok((work, names, Box::new(find)))
     }
 
     /// Takes the number of rounds, and checks that it and a start are given for refined meshes only.
@@ -248,6 +257,7 @@ impl From<Fitted> for FitOutput {
             largest_residual: fitted.largest,
             parameters: fitted.parameters,
             folded: fitted.folded,
+            warnings: fitted.warnings,
         }
     }
 }

@@ -16,7 +16,7 @@ use crate::api::problem::{Problem, ProblemDocument};
 use crate::api::respond::json;
 use crate::domain::job::{Job, JobFilter, JobKind, JobStatus};
 use crate::domain::study::{Comparison, ShapeRegression};
-use crate::service::app::ServiceError;
+use crate::service::app::{ServiceError, now_ms};
 use crate::service::cohorts::catalogue;
 use crate::service::dictionaries::learning::LearntDictionary;
 use crate::service::jobs;
@@ -39,6 +39,9 @@ pub(super) struct JobEntry {
     /// Fraction completed, 0 to 1.
     #[schema(minimum = 0, maximum = 1)]
     progress: f64,
+    /// Estimated seconds until a running job ends, from its rate so far; null unless it is running.
+    #[schema(minimum = 0)]
+    seconds_left: Option<f64>,
     /// Current phase of the work.
     phase: Option<String>,
     /// Current value of the quantity that is minimised or maximised.
@@ -95,11 +98,14 @@ impl From<Job> for JobOutput {
 impl From<Job> for JobEntry {
     fn from(job: Job) -> Self {
         let problem = ProblemDocument::from_failed(&job);
+        // Tenths: more digits would promise more than an estimate knows.
+        let seconds_left = job.seconds_left(now_ms()).map(|seconds| (10.0 * seconds).round() / 10.0);
         Self {
             id: job.id,
             kind: job.kind,
             status: job.status,
             progress: job.progress,
+            seconds_left,
             phase: job.phase,
             objective: job.objective,
             attempt: job.attempt,
@@ -213,10 +219,15 @@ pub(super) struct JobEvent {
 impl JobEvent {
     fn new(job: &Job) -> Result<Self, ServiceError> {
         let event = if job.status.is_finished() { job.status.as_str() } else { "progress" };
-        let output = JobOutput::from(job.clone());
-        let data =
-            serde_json::to_string(&output).map_err(|error| ServiceError::Internal(error.to_string()))?;
-        Ok(Self { event, id: blake3::hash(data.as_bytes()).to_hex()[..16].to_owned(), data })
+        let mut output = JobOutput::from(job.clone());
+        let text = |output: &JobOutput| {
+            serde_json::to_string(output).map_err(|error| ServiceError::Internal(error.to_string()))
+        };
+        let data = text(&output)?;
+        // The estimate changes with every look at the same state.
+        output.entry.seconds_left = None;
+        let id = blake3::hash(text(&output)?.as_bytes()).to_hex()[..16].to_owned();
+        Ok(Self { event, id, data })
     }
 }
 
@@ -228,7 +239,7 @@ impl From<JobEvent> for Event {
 
 /// Follows a job by server-sent events.
 ///
-/// Each event carries the job as data. Events named `progress` report changes, about five per second at most. The last event
+/// Each event carries the job as data. Events named `progress` report changes, about five per second at most, and at least one per second while the job is running. The last event
 /// is named `succeeded`, `failed` or `cancelled`, and ends the stream. The stream also ends when the service stops; clients
 /// should reconnect. The event id identifies the state it reports: the state named by `Last-Event-ID` is not sent again, and
 /// if it is the final one the response is 204, which stops an `EventSource`.

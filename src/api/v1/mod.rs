@@ -1,29 +1,36 @@
 //! Version 1 of the HTTP interface: one file per resource.
 
 mod audit;
+mod batches;
 mod catalogue;
 mod changes;
 mod classify;
 mod coding;
 mod cohorts;
 mod comparisons;
+mod corrections;
 mod curves;
 mod deform;
 mod dictionaries;
 mod drift;
+mod events;
 mod fitting;
+mod hooks;
 pub mod jobs;
 mod keys;
 mod morph;
 mod overlap;
+mod pictures;
 mod planned;
 mod regressions;
 mod request_macros;
 mod retrieval;
 mod shape_query;
 mod shapes;
+mod sheet;
 mod statistics;
 mod subdivision;
+mod tables;
 mod version;
 
 use axum::response::Redirect;
@@ -43,10 +50,17 @@ pub(super) fn light_routes() -> OpenApiRouter<App> {
         .routes(routes!(cohorts::list_cohorts, cohorts::create_cohort))
         .routes(routes!(cohorts::find_cohort, cohorts::update_cohort, cohorts::delete_cohort))
         .routes(routes!(changes::list_changes))
+        .routes(routes!(hooks::list_hooks, hooks::create_hook))
+        .routes(routes!(hooks::find_hook, hooks::delete_hook))
+        .routes(routes!(hooks::pause_hook))
+        .routes(routes!(hooks::resume_hook))
+        .routes(routes!(hooks::redeliver_hook))
+        .routes(routes!(hooks::list_hook_failures))
         .routes(routes!(changes::list_trash))
         .routes(routes!(changes::restore_trashed))
         .routes(routes!(changes::remove_trashed))
-        .routes(routes!(shapes::find_shape, shapes::delete_shape))
+        .routes(routes!(shapes::find_shape, corrections::update_shape, shapes::delete_shape))
+        .routes(routes!(sheet::cohort_sheet))
         .routes(routes!(dictionaries::find_dictionary, dictionaries::delete_dictionary))
         .routes(routes!(dictionaries::dictionary_atoms))
         .routes(routes!(dictionaries::dictionary_mode))
@@ -73,6 +87,7 @@ pub(super) fn computing_routes() -> OpenApiRouter<App> {
         .routes(routes!(subdivision::subdivide))
         .routes(routes!(overlap::overlap))
         .routes(routes!(cohorts::cohort_mean))
+        .routes(routes!(corrections::erase_subject))
         .routes(routes!(retrieval::search_cohort))
         .routes(routes!(retrieval::compute_distances))
         .routes(routes!(dictionaries::list_dictionaries, dictionaries::learn_dictionary))
@@ -89,6 +104,8 @@ pub(super) fn computing_routes() -> OpenApiRouter<App> {
         .routes(routes!(comparisons::compare))
         .routes(routes!(regressions::regress))
         .routes(routes!(retrieval::job_output))
+        .routes(routes!(tables::list_attributes))
+        .routes(routes!(tables::find_table, tables::compute_table))
         .routes(routes!(keys::list_keys, keys::create_key))
         .routes(routes!(keys::find_key, keys::revoke_key))
 }
@@ -96,8 +113,9 @@ pub(super) fn computing_routes() -> OpenApiRouter<App> {
 /// Routes that last as long as their stream: uploads and job events.
 pub(super) fn streamed_routes() -> OpenApiRouter<App> {
     OpenApiRouter::new()
-        .routes(routes!(shapes::list_shapes, shapes::add_shapes))
+        .routes(routes!(shapes::list_shapes, shapes::add_shapes, corrections::delete_shapes))
         .routes(routes!(jobs::job_events))
+        .routes(routes!(events::list_events))
 }
 
 /// Redirects the root to the API reference.

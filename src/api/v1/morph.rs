@@ -3,15 +3,16 @@
 use crate::formats::fault::Fault;
 use axum::http::StatusCode;
 use axum::response::Response;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::request_macros::{ShapeOutput, checked};
 use crate::analysis::correspondence::Correspondence;
 use crate::analysis::path::{PathKind, Positions};
-use crate::api::extract::{Caller, DrawingQuery, Format, JsonBody, OnlyFormat};
+use crate::api::extract::{BesideFormat, Caller, DrawingQuery, Format, JsonBody};
 use crate::api::problem::Problem;
-use crate::api::respond::{Planned, compute_planned, json, planned, svg};
+use crate::api::respond::{Planned, compute_planned, json, picture, planned};
 use crate::formats::checked::{Checked, LARGE, document, take_given, take_or_default};
+use crate::formats::picture::{PictureFile, PictureFormat};
 use crate::formats::representation::Read;
 use crate::formats::shape::{Points, ShapeInput};
 use crate::geometry::representation::Representation;
@@ -78,25 +79,52 @@ const MAX_STEPS: usize = 1000;
 /// Default number of equally spaced positions.
 const USUAL_STEPS: usize = 11;
 
+/// Kind of drawing of a path.
+#[derive(Debug, Deserialize, utoipa::IntoParams)]
+#[into_params(parameter_in = Query)]
+#[serde(deny_unknown_fields)]
+pub(super) struct MorphQuery {
+    /// Whether a drawing moves. Default: true for SVG.
+    animate: Option<bool>,
+}
+
+impl MorphQuery {
+    /// Whether a drawing in this format moves.
+    fn animated(&self, format: Format) -> Result<bool, Problem> {
+        let refused = |detail: &str| Err(Problem::of_parameter("animate", detail));
+        match (format, self.animate) {
+            (Format::Json, Some(_)) => refused("expected only with the format svg"),
+            (Format::Picture(PictureFile { format: PictureFormat::Png, .. }), Some(true)) => {
+                refused("expected false with the format png, which does not move")
+            }
+            (Format::Picture(file), animate) => Ok(animate.unwrap_or(file.format == PictureFormat::Svg)),
+            (Format::Json, None) => Ok(false),
+        }
+    }
+}
+
 /// Computes shapes on a path between two curves or surfaces, with extrapolation.
 ///
-/// As SVG: an animation through the curves and back; surfaces are drawn side by side.
+/// As SVG: an animation through the curves and back, or, with `animate=false` and as PNG, some of them side by side. Surfaces are
+/// always drawn side by side.
 #[utoipa::path(post, path = "/morph", tag = "curves", request_body = MorphRequest,
-    params(("format" = Option<String>, Query, description = "`json` or `svg`"), DrawingQuery),
+    params(MorphQuery, ("format" = Option<String>, Query, description = "`json`, `svg` or `png`"), DrawingQuery),
     responses(
         (status = 200, description = "Shapes on the path", content((MorphAnswer = "application/json"), (String = "image/svg+xml")))
     ))]
 pub(super) async fn morph(
     Caller(app): Caller,
-    OnlyFormat(format): OnlyFormat,
+    format: Format,
+    BesideFormat(query): BesideFormat<MorphQuery>,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
-    let plan = move |app: &App, body: &[u8]| app.parse::<MorphRequest>(body)?.plan(app, format);
+    let animated = query.animated(format)?;
+    let plan = move |app: &App, body: &[u8]| app.parse::<MorphRequest>(body)?.plan(app, format, animated);
     compute_planned(app, body, plan).await
 }
 
 impl MorphRequest {
-    fn plan(mut self, app: &App, format: Format) -> Result<Planned, ServiceError> {
+    fn plan(mut self, app: &App, format: Format, animated: bool) -> Result<Planned, ServiceError> {
         let mut errors = std::mem::take(&mut self.faults);
         let representation =
             self.representation.take().and_then(|field| field.take("/representation", &mut errors));
@@ -115,10 +143,11 @@ impl MorphRequest {
         let (((representation, correspondence), (kind, positions)), _) = checked(wanted, errors, Vec::new())?;
         let representation = app.admit(representation)?;
         let counts = Counts::new(&representation, 2, &app.limits);
-        let work = requests::morph(counts, positions.count(), matches!(format, Format::Svg(_)), &app.limits);
+        let work =
+            requests::morph(counts, positions.count(), matches!(format, Format::Picture(_)), &app.limits);
         let task = MorphTask { representation, correspondence, kind, positions, ends };
-        planned(work, move |app| match format {
-            Format::Svg(style) => Ok(svg(&task.drawing(app, &style)?, &style)),
+        planned(work + format.work(), move |app| match format {
+            Format::Picture(file) => picture(&task.drawing(app, &file.style, animated)?, &file),
             Format::Json => json(StatusCode::OK, &MorphAnswer::from(task.morph(app)?)),
         })
     }

@@ -14,7 +14,7 @@ use crate::analysis::correspondence::Mirror;
 use crate::analysis::transformation::{ClassName, Transformation};
 use crate::api::extract::{Format, Prefer};
 use crate::api::problem::Problem;
-use crate::api::respond::{compute, json, svg};
+use crate::api::respond::{compute, json, picture};
 use crate::domain::job::{Job, JobStatus, Priority};
 use crate::formats::checked::Checked;
 use crate::formats::fault::Fault;
@@ -57,11 +57,11 @@ async fn answered<T: PlannedTest>(
     prefer: Prefer,
 ) -> Result<Response, Problem> {
     if test.is_quick() {
-        let (handle, work) = (Handle::current(), Work::from_seconds(test.seconds()));
+        let (handle, work) = (Handle::current(), Work::from_seconds(test.seconds()) + format.work());
         return compute(app.weighing(work), move |app| {
             let answer = test.answer(app, &handle, &app.pool.context())?;
             match format {
-                Format::Svg(style) => Ok(svg(&test.draw(&answer), &style)),
+                Format::Picture(file) => picture(&test.draw(&answer), &file),
                 Format::Json => json(StatusCode::OK, &answer),
             }
         })
@@ -72,12 +72,12 @@ async fn answered<T: PlannedTest>(
         Waited::Else(response) => return Ok(response),
     };
     let Some(result) = job.result.take() else { return Ok(accepted(*job)?) };
-    compute(app.weighing(Work::MOMENT), move |_| match format {
+    compute(app.weighing(Work::MOMENT + format.work()), move |_| match format {
         Format::Json => json(StatusCode::OK, &result),
-        Format::Svg(style) => {
+        Format::Picture(file) => {
             let answer = serde_json::from_value(result)
                 .map_err(|error| ServiceError::Internal(format!("the result of a job: {error}")))?;
-            Ok(svg(&test.draw(&answer), &style))
+            picture(&test.draw(&answer), &file)
         }
     })
     .await

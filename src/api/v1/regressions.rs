@@ -5,10 +5,11 @@ use axum::response::Response;
 use super::jobs::JobOutput;
 use super::planned::{StudyBody, answer_study, study_request};
 use super::request_macros::RetryHeader;
+use super::shape_query::take_filter;
 use crate::api::extract::{Caller, DrawingQuery, JsonBody, OnlyFormat, Prefer};
 use crate::api::problem::Problem;
+use crate::domain::filter::ShapeFilter;
 use crate::domain::job::Priority;
-use crate::domain::shape::ShapeFilter;
 use crate::domain::study::ShapeRegression;
 use crate::formats::checked::{Checked, take_given, take_or_default};
 use crate::service::app::ServiceError;
@@ -52,7 +53,7 @@ study_request! {
 /// seconds, at most 60. As SVG: the predicted shapes from low to high values.
 #[utoipa::path(post, path = "/regressions", tag = "inference", request_body = RegressRequest,
     params(
-        ("format" = Option<String>, Query, description = "`json` or `svg`"), DrawingQuery,
+        ("format" = Option<String>, Query, description = "`json`, `svg` or `png`"), DrawingQuery,
         ("prefer" = Option<String>, Header, description = "`wait=10`: wait up to ten seconds for the job"), RetryHeader
     ),
     responses(
@@ -81,7 +82,7 @@ impl StudyBody for RegressRequest {
     fn request(mut self) -> Result<StudyRequest<Options>, ServiceError> {
         let mut errors = std::mem::take(&mut self.faults);
         let cohort = take_given(self.cohort.take(), "/cohort", &mut errors);
-        let filter = take_or_default(self.filter.take(), "/filter", &mut errors);
+        let filter = take_filter(self.filter.take(), "/filter", &mut errors);
         let attribute = take_given(self.attribute.take(), "/attribute", &mut errors);
         let covariates = take_or_default(self.covariates.take(), "/covariates", &mut errors);
         let missing = take_or_default(self.missing.take(), "/missing", &mut errors);

@@ -34,6 +34,15 @@ macro_rules! shapes_request {
             }
         }
 
+        impl crate::api::v1::batches::ManyShapes for $name {
+            fn put_shapes(
+                &mut self,
+                shapes: crate::formats::checked::List<crate::formats::shape::ShapeInput>,
+            ) {
+                self.shapes = Some(shapes);
+            }
+        }
+
         impl $name {
             /// Takes the fields that all such requests share; faults go to `errors`.
             fn take_shapes(
@@ -172,6 +181,7 @@ pub(super) struct MeanOutput {
     /// Whether the mean is unique (gap at least 1e-6 of the total weight); null for Procrustes alignment.
     pub(super) unique: Option<bool>,
     /// Number of shapes.
+    #[serde(rename = "shape_count")]
     pub(super) shapes: usize,
     /// Objective that the mean maximises, the sum of squared cosines; null for Procrustes alignment.
     pub(super) objective: Option<f64>,

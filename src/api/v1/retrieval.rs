@@ -11,15 +11,18 @@ use serde_json::Value;
 use super::jobs::JobOutput;
 use super::planned::{Waited, waited};
 use super::request_macros::{RetryHeader, checked, priority_of};
+use super::shape_query::take_filter;
 use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
 use crate::analysis::frame::Frame;
 use crate::analysis::transformation::{ClassName, Transformation};
-use crate::api::extract::{Caller, JsonBody, NoQuery, OnlyMatrixFormat, Path, Prefer};
+use crate::api::extract::{
+    Caller, DrawingQuery, Format, JsonBody, OnlyFormat, OnlyMatrixFormat, Path, Prefer,
+};
 use crate::api::problem::Problem;
-use crate::api::respond::{self, Binary, compute, json};
+use crate::api::respond::{self, Binary, compute, json, picture};
+use crate::domain::filter::ShapeFilter;
 use crate::domain::job::Priority;
-use crate::domain::shape::ShapeFilter;
 use crate::formats::checked::{Checked, List, Many, document, take_given, take_many, take_or_default};
 use crate::formats::matrix::{MatrixFormat, NamedMatrix};
 use crate::formats::representation::Read;
@@ -28,7 +31,7 @@ use crate::geometry::representation::Representation;
 use crate::service::app::{App, ServiceError, Work};
 use crate::service::search::distances::{Answer, Chosen, Comparison};
 use crate::service::search::neighbours::{FoundNeighbour, MAX_NEIGHBOURS, Queries, Search};
-use crate::service::search::{distances, neighbours};
+use crate::service::search::{self, distances, neighbours};
 use crate::service::statistics::Settings;
 
 /// Default number of neighbours of a shape.
@@ -112,21 +115,28 @@ pub(super) struct SearchAnswer {
 /// Finds the nearest shapes of a cohort.
 ///
 /// The search is exact: every shape of the cohort that passes the filter is compared, at all start points, directions and
-/// mirror images that the cohort allows.
+/// mirror images that the cohort allows. As SVG: the first query shapes, each with its nearest shapes side by side.
 #[utoipa::path(post, path = "/cohorts/{cohort}/search", tag = "retrieval", request_body = SearchRequest,
-    params(("cohort" = String, Path, description = "Id or name")),
+    params(
+        ("cohort" = String, Path, description = "Id or name"),
+        ("format" = Option<String>, Query, description = "`json`, `svg` or `png`"), DrawingQuery
+    ),
     responses(
-        (status = 200, description = "The neighbours of each shape", body = SearchAnswer),
+        (status = 200, description = "The neighbours of each shape", content((SearchAnswer = "application/json"), (String = "image/svg+xml"))),
         (status = 404, description = "No such cohort")
     ))]
 pub(super) async fn search_cohort(
     Caller(app): Caller,
-    _: NoQuery,
+    OnlyFormat(format): OnlyFormat,
     Path(key): Path<String>,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
     let reader = app.clone();
     let search = app.pool.read(body, move |body| search_of(reader.parse(body)?)).await?;
+    if let Format::Picture(file) = format {
+        let drawing = search::picture::draw(&app, &key, search).await?;
+        return compute(app.weighing(format.work()), move |_| picture(&drawing, &file)).await;
+    }
     let found = neighbours::search(&app, &key, search).await?;
     let answers: usize = found.neighbours.iter().map(Vec::len).sum();
     compute(app.weighing(Work::numbers(10.0 * answers as f64)), move |_| {
@@ -156,7 +166,7 @@ fn search_of(request: SearchRequest) -> Result<Search, ServiceError> {
         take_given(request.transformation, "/transformation", &mut errors).unwrap_or(similarity);
     let alignment = take_or_default(request.alignment, "/alignment", &mut errors).unwrap_or_default();
     let mirror = take_given(request.mirror, "/mirror", &mut errors);
-    let filter = take_or_default(request.filter, "/filter", &mut errors).unwrap_or_default();
+    let filter = take_filter(request.filter, "/filter", &mut errors).unwrap_or_default();
     let is_posted = posted.is_some();
     let ((), shapes) = checked(Some(()), errors, posted.unwrap_or_default())?;
     let queries = if is_posted { Queries::Posted(shapes) } else { Queries::Stored(ids.unwrap_or_default()) };
@@ -296,7 +306,7 @@ fn matrix_request(mut request: DistancesRequest) -> Result<MatrixRequest, Servic
         take_or_default(request.correspondence, "/correspondence", &mut errors).unwrap_or_default();
     let direction = take_or_default(request.direction, "/direction", &mut errors).unwrap_or_default();
     let cohort = take_given(request.cohort, "/cohort", &mut errors);
-    let filter = take_or_default(request.filter, "/filter", &mut errors).unwrap_or_default();
+    let filter = take_filter(request.filter, "/filter", &mut errors).unwrap_or_default();
     let ids = take_many(request.ids, "/ids", &mut errors);
     let mirror = take_given(request.mirror, "/mirror", &mut errors);
     let transformation = take_given(request.transformation, "/transformation", &mut errors);

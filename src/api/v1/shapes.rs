@@ -1,6 +1,7 @@
 //! Shapes of a cohort: add (as one body or as a stream), list, read, delete.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use axum::body::Bytes;
 use axum::extract::Request;
@@ -8,26 +9,30 @@ use axum::http::StatusCode;
 use axum::response::Response;
 use serde::{Deserialize, Serialize};
 use serde_json::value::RawValue;
+use utoipa::openapi::{RefOr, Schema};
+use utoipa::{PartialSchema, ToSchema};
 
-use super::request_macros::{IfMatchHeader, PageQuery, RetryHeader, checked, page, time};
+use super::batches::{FailedShape, InputShape, unsupported};
+use super::request_macros::{IfMatchHeader, PageQuery, RetryHeader, checked, time};
 use super::shape_query::{FilterQuery, Parameters};
 use crate::api::body::{self, is_stream};
 use crate::api::extract::{
     Caller, DrawingQuery, Format, IfMatch, NoQuery, OnlyShapeFormat, Path, Query, ShapeFormat,
     ShapeFormatQuery, is_json, media_type,
 };
-use crate::api::problem::{Problem, ProblemKind};
-use crate::api::respond::{Binary, compute, json, mesh, svg};
+use crate::api::problem::Problem;
+use crate::api::respond::{Binary, compute, json, mesh, picture};
 use crate::domain::cohort::Cohort;
-use crate::domain::shape::Shape;
+use crate::domain::shape::{Shape, ShapeMeasures};
 use crate::formats::checked::{List, document};
-use crate::formats::fault::Fault;
 use crate::formats::shape::{Attributes, Points, ShapeInput};
 use crate::geometry::resample::RepeatedPoints;
 use crate::service::app::{App, ServiceError, Work};
-use crate::service::cohorts::upload::{OnError, Stored, Treatment};
+use crate::service::cohorts::catalogue::ShapeListing;
+use crate::service::cohorts::upload::{Returned, Stored, Treatment, UploadResult};
 use crate::service::cohorts::{catalogue, upload};
 use crate::service::shapes::draw::draw_shapes;
+use crate::service::shapes::outcome::OnError;
 
 document! {
     /// Shapes to add.
@@ -49,26 +54,63 @@ pub(super) struct AddAnswer {
     added: usize,
     /// Revision of the cohort after the request.
     revision: u64,
-    /// Ids in the order of the input, at most 100 000.
-    ids: Vec<String>,
     /// Number of points that were dropped, in all stored shapes, because they are equal to their predecessor.
     repeated_points: usize,
-    /// Number of shapes skipped under `on_error=skip`.
-    #[serde(skip_serializing_if = "is_zero")]
+    /// Number of shapes that intersect themselves; `measures.self_intersecting=true` lists them.
+    self_intersecting: usize,
+    /// Number of invalid shapes, which were not stored, under `on_error=skip`.
     skipped: usize,
-    /// Reasons for skipping, at most 100 entries.
+    /// Entries in the order of the input: with `return=results` one for each of the first 100 000 shapes; always one for each
+    /// invalid shape.
+    results: Vec<AddResult>,
+    /// With `return=ids`, the ids of the first 100 000 shapes, in order; null for an invalid one.
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    errors: Vec<Fault>,
+    #[schema(required = false)]
+    ids: Vec<Option<String>>,
+    /// Number of stored shapes beyond the first 100 000, of which the answer says nothing else.
+    left_out: usize,
 }
 
-fn is_zero(count: &usize) -> bool {
-    *count == 0
+/// Entry of an input shape: its id, or the reason why it was not stored.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+#[serde(untagged)]
+pub(super) enum AddResult {
+    /// Stored.
+    Stored(AddedShape),
+    /// Not stored.
+    Failed(FailedShape),
+}
+
+/// Shape that is stored now.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct AddedShape {
+    /// Position in the request, from 0.
+    index: usize,
+    /// Id, also of a shape that existed before with the same content.
+    id: String,
+    /// Identifier assigned by the client, if the shape has one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    external_id: Option<String>,
+}
+
+impl From<UploadResult> for AddResult {
+    fn from(UploadResult { index, external_id, id, faults }: UploadResult) -> Self {
+        match id {
+            Some(id) => Self::Stored(AddedShape { index, id, external_id }),
+            None => Self::Failed(FailedShape {
+                shape: InputShape { index, id, external_id },
+                error: ServiceError::Invalid(faults.into()).into(),
+            }),
+        }
+    }
 }
 
 impl From<Stored> for AddAnswer {
     fn from(stored: Stored) -> Self {
-        let Stored { added, revision, ids, skipped, faults, repeated_points } = stored;
-        Self { added, revision, ids, repeated_points, skipped, errors: faults }
+        let Stored { added, revision, ids, skipped, results, left_out, repeated_points, self_intersecting } =
+            stored;
+        let results = results.into_iter().map(AddResult::from).collect();
+        Self { added, revision, repeated_points, self_intersecting, skipped, results, ids, left_out }
     }
 }
 
@@ -86,6 +128,11 @@ pub(super) struct AddQuery {
     #[serde(default)]
     #[param(inline)]
     repeated_points: RepeatedPoints,
+    /// What the answer says of stored shapes: `results` has an entry for each of them, `ids` their ids in a list, `none`
+    /// nothing. Invalid shapes have an entry in any case. Default: `results`.
+    #[serde(default, rename = "return")]
+    #[param(inline, rename = "return")]
+    returned: Returned,
 }
 
 /// Adds shapes, all or none.
@@ -110,8 +157,8 @@ pub(super) async fn add_shapes(
     request: Request,
 ) -> Result<Response, Problem> {
     let (found, cohort) = (media_type(request.headers()), catalogue::find(&app, &key).await?);
-    let AddQuery { on_error, repeated_points } = query;
-    let (treatment, body) = (Treatment { on_error, repeated_points }, request.into_body());
+    let AddQuery { on_error, repeated_points, returned } = query;
+    let (treatment, body) = (Treatment { on_error, repeated_points, returned }, request.into_body());
     let stored = match found.as_str() {
         lines if is_stream(lines) => {
             upload::add_stream(&app, cohort, body::pieces(body), treatment, expected).await
@@ -125,11 +172,6 @@ pub(super) async fn add_shapes(
         other => return Err(unsupported(other)),
     };
     Ok(json(StatusCode::CREATED, &AddAnswer::from(stored?))?)
-}
-
-fn unsupported(media_type: &str) -> Problem {
-    let detail = format!("expected application/json or application/x-ndjson, got '{media_type}'");
-    Problem::new(ProblemKind::UnsupportedMediaType, detail)
 }
 
 async fn read_shapes(app: &App, body: Bytes) -> Result<Vec<ShapeInput>, ServiceError> {
@@ -157,20 +199,126 @@ pub(super) struct StoredShape {
     /// Metadata, as posted.
     #[schema(value_type = serde_json::Value, required = false)]
     metadata: Option<Box<RawValue>>,
+    /// Measures of the shape, computed when it arrived.
+    measures: MeasuresOutput,
     /// Control points in the representation of the cohort.
     control_points: Points,
     /// Time of creation, RFC 3339 in UTC.
     created_at: String,
 }
 
-page! {
-    /// One page of shapes of a cohort.
-    PageOfShapes of StoredShape
+/// Measures of a stored shape, in the unit of its points.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct MeasuresOutput {
+    /// Number of points as received.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    points: Option<u64>,
+    /// Centroid size: of landmarks the root of the sum of squared distances from their mean, of curves and surfaces the
+    /// root of the integral.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    centroid_size: Option<f64>,
+    /// Length of a curve.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    length: Option<f64>,
+    /// Enclosed area of a closed planar curve, unsigned; area of a surface.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    area: Option<f64>,
+    /// Volume that a surface encloses, unsigned.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    volume: Option<f64>,
+    /// Whether a planar curve intersects itself.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    self_intersecting: Option<bool>,
+}
+
+impl From<ShapeMeasures> for MeasuresOutput {
+    fn from(measures: ShapeMeasures) -> Self {
+        let ShapeMeasures { points, centroid_size, length, area, volume, self_intersecting } = measures;
+        Self { points, centroid_size, length, area, volume, self_intersecting }
+    }
+}
+
+/// One page of shapes of a cohort.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct PageOfShapes {
+    /// Entries of the page.
+    items: Vec<ListedShape>,
+    /// Cursor of the next page; null on the last page.
+    next: Option<String>,
+    /// Number of shapes that pass the filter, under `total=true`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    total: Option<u64>,
+}
+
+/// A shape of a list, with the fields that were asked for.
+#[derive(Debug)]
+pub(super) struct ListedShape {
+    shape: StoredShape,
+    fields: Option<Arc<Vec<String>>>,
+}
+
+impl Serialize for ListedShape {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let Some(fields) = &self.fields else { return self.shape.serialize(serializer) };
+        let mut all = serde_json::to_value(&self.shape).map_err(serde::ser::Error::custom)?;
+        if let Some(all) = all.as_object_mut() {
+            all.retain(|name, _| fields.contains(name));
+        }
+        all.serialize(serializer)
+    }
+}
+
+/// That of a stored shape, with all fields optional.
+impl PartialSchema for ListedShape {
+    fn schema() -> RefOr<Schema> {
+        let mut schema = StoredShape::schema();
+        if let RefOr::T(Schema::Object(object)) = &mut schema {
+            object.required.clear();
+            object.description = Some("A shape of a list: all fields, or those that `fields` names.".into());
+        }
+        schema
+    }
+}
+
+impl ToSchema for ListedShape {
+    fn schemas(schemas: &mut Vec<(String, RefOr<Schema>)>) {
+        StoredShape::schemas(schemas);
+    }
+}
+
+/// Fields that need the geometry of a shape.
+const GEOMETRY: [&str; 2] = ["control_points", "weight"];
+
+/// Fields of a stored shape.
+const FIELDS: [&str; 10] = [
+    "id",
+    "external_id",
+    "subject",
+    "label",
+    "labels",
+    "weight",
+    "metadata",
+    "measures",
+    "control_points",
+    "created_at",
+];
+
+/// Takes the names of the fields of a list.
+fn take_fields(parameters: &mut Parameters) -> Result<Option<Arc<Vec<String>>>, Problem> {
+    let Some(text) = parameters.take("fields") else { return Ok(None) };
+    let fields: Vec<String> = text.split(',').map(|field| field.trim().to_owned()).collect();
+    match fields.iter().find(|field| !FIELDS.contains(&field.as_str())) {
+        None => Ok(Some(Arc::new(fields))),
+        Some(unknown) => {
+            let detail = format!("expected some of {}, got '{unknown}'", FIELDS.join(", "));
+            Err(Problem::of_parameter("fields", detail))
+        }
+    }
 }
 
 impl StoredShape {
-    fn new(cohort: &Cohort, shape: Shape) -> Self {
-        let Shape { id, attributes, control_points, created_at_ms } = shape;
+    pub(super) fn new(cohort: &Cohort, shape: Shape) -> Self {
+        let Shape { id, attributes, measures, control_points, created_at_ms } = shape;
         Self {
             id,
             external_id: attributes.external_id,
@@ -179,17 +327,34 @@ impl StoredShape {
             labels: attributes.labels,
             weight: attributes.weight,
             metadata: attributes.metadata.and_then(|text| RawValue::from_string(text).ok()),
+            measures: measures.into(),
             control_points: Points::from_columns(control_points, cohort.spec.representation.dimension()),
             created_at: time(created_at_ms),
         }
     }
 }
 
-/// Lists shapes in the order in which they were added.
+/// Query parameters of a list of shapes, beside filter and page.
+#[derive(utoipa::IntoParams)]
+#[into_params(parameter_in = Query)]
+#[allow(dead_code, reason = "only for the document; `Parameters` reads them")]
+pub(super) struct ListQuery {
+    /// Names of the fields of the entries, separated by commas. Default: all. Without `control_points` and `weight` no
+    /// geometry is read.
+    fields: Option<String>,
+    /// Attribute that gives the order, such as `labels.age` or `measures.area`, after a minus sign with large values first:
+    /// numbers, then texts, then shapes without it. Default: the order in which shapes were added.
+    order: Option<String>,
+    /// Whether all shapes that pass the filter are counted. Default: false.
+    total: Option<bool>,
+}
+
+/// Lists shapes in the order in which they were added, or in that of an attribute.
 #[utoipa::path(get, path = "/cohorts/{cohort}/shapes", tag = "cohorts",
     params(
         ("cohort" = String, Path, description = "Id or name"),
         FilterQuery,
+        ListQuery,
         PageQuery
     ),
     responses(
@@ -202,21 +367,34 @@ pub(super) async fn list_shapes(
     Path(key): Path<String>,
     Query(pairs): Query<Vec<(String, String)>>,
 ) -> Result<Response, Problem> {
-    let mut parameters = Parameters::once_each(pairs)?;
-    let filter = parameters.take_filter();
-    let limit = parameters.take("limit").map(|text| text.parse()).transpose();
-    let limit = limit.map_err(|_| Problem::of_parameter("limit", "expected a non-negative whole number"))?;
-    let page = PageQuery { cursor: parameters.take("cursor"), limit };
-    parameters.refuse_rest()?;
-    let limit = page.limit()?;
-    let (cohort, (shapes, next)) =
-        catalogue::list_shapes(&app, &key, &filter, page.cursor.as_deref(), limit).await?;
+    let (listing, fields) = take_listing(pairs)?;
+    let (cohort, found) = catalogue::list_shapes(&app, &key, &listing).await?;
     compute(app.weighing(Work::MOMENT), move |_| {
-        let items: Vec<StoredShape> =
-            shapes.into_iter().map(|shape| StoredShape::new(&cohort, shape)).collect();
-        json(StatusCode::OK, &PageOfShapes { items, next })
+        let (shapes, next) = found.page;
+        let listed = |shape| ListedShape { shape: StoredShape::new(&cohort, shape), fields: fields.clone() };
+        let items = shapes.into_iter().map(listed).collect();
+        json(StatusCode::OK, &PageOfShapes { items, next, total: found.total })
     })
     .await
+}
+
+/// Takes the parameters of a list of shapes, and the fields of its entries.
+fn take_listing(pairs: Vec<(String, String)>) -> Result<(ShapeListing, Option<Arc<Vec<String>>>), Problem> {
+    let mut parameters = Parameters::read(pairs)?;
+    let page = PageQuery { cursor: parameters.take("cursor"), limit: parameters.take_count("limit")? };
+    let fields = take_fields(&mut parameters)?;
+    let needs_geometry =
+        |fields: &Arc<Vec<String>>| fields.iter().any(|field| GEOMETRY.contains(&field.as_str()));
+    let listing = ShapeListing {
+        filter: parameters.take_filter(),
+        order: parameters.take_order()?,
+        limit: page.limit()?,
+        cursor: page.cursor,
+        geometry: fields.as_ref().is_none_or(needs_geometry),
+        total: parameters.take_flag("total")?,
+    };
+    parameters.refuse_rest()?;
+    Ok((listing, fields))
 }
 
 /// Returns a shape by id or external id.
@@ -238,18 +416,18 @@ pub(super) async fn find_shape(
     OnlyShapeFormat(format): OnlyShapeFormat,
 ) -> Result<Response, Problem> {
     let (cohort, shape) = catalogue::find_shape(&app, &key, &shape).await?;
-    compute(app.weighing(Work::MOMENT), move |app| {
+    compute(app.weighing(Work::MOMENT + format.work()), move |app| {
         let space = app.space_of(&cohort.spec.representation)?;
-        let style = match format {
+        let file = match format {
             ShapeFormat::Mesh(format, grid) => return mesh(&space, &shape.control_points, format, grid),
             ShapeFormat::Plain(Format::Json) => {
                 return json(StatusCode::OK, &StoredShape::new(&cohort, shape));
             }
-            ShapeFormat::Plain(Format::Svg(style)) => style,
+            ShapeFormat::Plain(Format::Picture(file)) => file,
         };
         let title = shape.attributes.external_id.as_deref().unwrap_or(&shape.id);
         let unit = cohort.spec.length_unit.as_deref();
-        Ok(svg(&draw_shapes(&space, title, &[&shape.control_points], unit), &style))
+        picture(&draw_shapes(&space, title, &[&shape.control_points], unit), &file)
     })
     .await
 }

@@ -5,22 +5,25 @@ use axum::http::StatusCode;
 use axum::response::Response;
 use serde::{Deserialize, Serialize};
 
+use super::batches::{Batch, BatchQuery, PlannedResults, answer_batch, results};
 use super::request_macros::{MeanOutput, ShapeOutput, checked, rows, settings_request};
 use crate::analysis::alignment::{AlignedShape, Onto, Projection, unwhitened};
 use crate::analysis::pca::Components;
 use crate::api::extract::{
-    BesideFormat, Caller, DrawingQuery, Format, JsonBody, NoQuery, OnlyFormat, OnlyShapeFormat, ShapeFormat,
+    BesideFormat, Caller, DrawingQuery, Format, JsonBody, OnlyFormat, OnlyShapeFormat, ShapeFormat,
     ShapeFormatQuery,
 };
 use crate::api::problem::Problem;
-use crate::api::respond::{Binary, compute_planned, json, mesh, planned, svg};
+use crate::api::respond::{Binary, compute_planned, json, mesh, picture, planned};
 use crate::formats::checked::{Checked, take_given, take_or_default};
 use crate::formats::fault::Fault;
+use crate::formats::picture::PictureFile;
 use crate::formats::shape::{Points, ShapeInput};
-use crate::geometry::drawing::svg::Style;
 use crate::service::app::{App, Limits, ServiceError};
 use crate::service::cost::requests::{self, Counts};
 use crate::service::shapes::draw::MAX_DRAWN;
+use crate::service::shapes::names::InputNames;
+use crate::service::shapes::outcome::OnError;
 use crate::service::statistics::{self, CheckedSettings, Setup, Statistics};
 
 settings_request! {
@@ -99,41 +102,43 @@ impl ProjectionOutput {
     }
 }
 
-/// Projections, one entry per shape, in request order.
-#[derive(Debug, Serialize, utoipa::ToSchema)]
-pub(super) struct ProjectAnswer {
-    /// One entry per shape.
-    projections: Vec<ProjectionOutput>,
+results! {
+    /// Projections.
+    ProjectAnswer of ProjectResult: ProjectedShape with ProjectionOutput
 }
 
 /// Projects shapes onto the class of a reference, or the reference onto the classes of the shapes.
 ///
 /// Exact, in closed form: the nearest member in the `L₂` sense over the whole curve.
-#[utoipa::path(post, path = "/project", tag = "statistics", request_body = ProjectRequest,
+///
+/// Lines of NDJSON are shapes; the other fields of the request are parameters then.
+#[utoipa::path(post, path = "/project", tag = "statistics", params(BatchQuery),
+    request_body(content((ProjectRequest = "application/json"), (ShapeInput = "application/x-ndjson"))),
     responses(
-        (status = 200, description = "One projection per shape", body = ProjectAnswer)
+        (status = 200, description = "One projection per shape, in order", content((ProjectAnswer = "application/json"), (ProjectResult = "application/x-ndjson")))
     ))]
-pub(super) async fn project(
-    Caller(app): Caller,
-    _: NoQuery,
-    JsonBody(body): JsonBody,
-) -> Result<Response, Problem> {
-    compute_planned(app, body, move |app, body| {
-        let (mut request, mut errors) = (app.parse::<ProjectRequest>(body)?, Vec::new());
-        let (settings, shapes) = request.take_settings(&mut errors);
-        let onto = take_or_default(request.onto, "/onto", &mut errors);
-        let whole = settings.zip(onto).zip(request.reference);
+pub(super) async fn project(Caller(app): Caller, batch: Batch) -> Result<Response, Problem> {
+    answer_batch::<_, ProjectAnswer>(app, batch, ProjectRequest::plan).await
+}
+
+impl ProjectRequest {
+    fn plan(mut self, app: &App, on_error: OnError) -> Result<PlannedResults<ProjectAnswer>, ServiceError> {
+        let mut errors = Vec::new();
+        let (settings, shapes) = self.take_settings(&mut errors);
+        let onto = take_or_default(self.onto, "/onto", &mut errors);
+        let whole = settings.zip(onto).zip(self.reference);
         let (((settings, onto), reference), shapes) = checked(whole, errors, shapes)?;
         let settings = settings.checked(&app.limits)?;
         let work = requests::project(Counts::new(&settings.representation, shapes.len() + 1, &app.limits));
-        planned(work, move |app| {
-            let (setup, projections) = statistics::project(app, settings, onto, reference, shapes)?;
+        let names = InputNames::of_posted(&shapes);
+        let find = move |app: &App| {
+            let (setup, projections) =
+                statistics::project(app, settings, onto, reference, (shapes, on_error))?;
             let dimension = setup.metric.dimension();
-            let projections = projections.into_iter().map(|p| ProjectionOutput::new(p, dimension)).collect();
-            json(StatusCode::OK, &ProjectAnswer { projections })
-        })
-    })
-    .await
+            Ok((projections.map(|_, projection| Ok(ProjectionOutput::new(projection, dimension))), ()))
+        };
+        Ok((work, names, Box::new(find)))
+    }
 }
 
 /// Computes the mean shape.
@@ -175,11 +180,12 @@ async fn answer(
         let (settings, shapes) = checked(settings, errors, shapes)?;
         let settings = settings.checked(&app.limits)?;
         let counts = Counts::new(&settings.representation, shapes.len(), &app.limits);
-        let drawn = if matches!(format, Format::Svg(_)) { shapes.len().min(MAX_DRAWN) } else { 0 };
-        planned(requests::align(&settings, counts) + requests::draw(counts, drawn), move |app| {
+        let drawn = if matches!(format, Format::Picture(_)) { shapes.len().min(MAX_DRAWN) } else { 0 };
+        let work = requests::align(&settings, counts) + requests::draw(counts, drawn) + format.work();
+        planned(work, move |app| {
             let statistics = statistics::align(app, settings, shapes)?;
             match format {
-                Format::Svg(style) => Ok(draw(&statistics, &style)),
+                Format::Picture(file) => draw(&statistics, &file),
                 Format::Json => write(&statistics),
             }
         })
@@ -191,10 +197,10 @@ fn mean_output(statistics: &Statistics) -> MeanOutput {
     MeanOutput::new(&statistics.mean, statistics.setup.metric.dimension())
 }
 
-fn draw(statistics: &Statistics, style: &Style) -> Response {
+fn draw(statistics: &Statistics, file: &PictureFile) -> Result<Response, ServiceError> {
     let title = format!("mean of {} shapes", statistics.mean.shapes);
     let Statistics { setup, mean, aligned, .. } = statistics;
-    svg(&statistics::draw_mean(setup, &title, mean, aligned, None), style)
+    picture(&statistics::draw_mean(setup, &title, mean, aligned, None), file)
 }
 
 /// A shape aligned to the mean.
@@ -253,7 +259,7 @@ fn aligned_output(statistics: &Statistics) -> Vec<AlignedOutput> {
 
 /// Aligns shapes to their mean.
 #[utoipa::path(post, path = "/align", tag = "statistics", request_body = StatisticsRequest,
-    params(("format" = Option<String>, Query, description = "`json` or `svg`"), DrawingQuery),
+    params(("format" = Option<String>, Query, description = "`json`, `svg` or `png`"), DrawingQuery),
     responses(
         (status = 200, description = "Mean and aligned shapes", content((AlignAnswer = "application/json"), (String = "image/svg+xml")))
     ))]
@@ -336,7 +342,7 @@ pub(super) struct ModeQuery {
 ///
 /// As SVG: one mode, drawn as the mean plus and minus `sigma` standard deviations of the scores.
 #[utoipa::path(post, path = "/pca", tag = "statistics", request_body = PcaRequest,
-    params(ModeQuery, ("format" = Option<String>, Query, description = "`json` or `svg`"), DrawingQuery),
+    params(ModeQuery, ("format" = Option<String>, Query, description = "`json`, `svg` or `png`"), DrawingQuery),
     responses(
         (status = 200, description = "Mean and components", content((PcaAnswer = "application/json"), (String = "image/svg+xml")))
     ))]
@@ -352,12 +358,12 @@ pub(super) async fn pca(
             app.parse::<PcaRequest>(body)?.take(&app.limits)?;
         let counts = Counts::new(&settings.representation, shapes.len(), &app.limits);
         let work = requests::align(&settings, counts) + requests::components(counts, components);
-        planned(work, move |app| {
+        planned(work + format.work(), move |app| {
             let statistics = statistics::align(app, settings, shapes)?;
             let pca = statistics::pca(app, &statistics, components, centre)?;
-            if let Format::Svg(style) = format {
+            if let Format::Picture(file) = format {
                 let component = mode.component.unwrap_or(1);
-                return Ok(svg(&statistics::draw_mode(&statistics, &pca, component, sigma)?, &style));
+                return picture(&statistics::draw_mode(&statistics, &pca, component, sigma)?, &file);
             }
             let (mean, aligned) = (mean_output(&statistics), aligned.then(|| aligned_output(&statistics)));
             json(StatusCode::OK, &PcaAnswer { mean, pca: PcaOutput::new(&statistics, pca), aligned })

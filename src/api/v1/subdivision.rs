@@ -10,7 +10,7 @@ use crate::api::extract::{
     Caller, DrawingQuery, Format, JsonBody, OnlyShapeFormat, ShapeFormat, ShapeFormatQuery,
 };
 use crate::api::problem::Problem;
-use crate::api::respond::{Binary, Planned, compute_planned, json, mesh_file, planned, svg};
+use crate::api::respond::{Binary, Planned, compute_planned, json, mesh_file, picture, planned};
 use crate::formats::checked::{Checked, document, take_given};
 use crate::formats::shape::Points;
 use crate::geometry::capability::refine::RefinedMesh;
@@ -183,7 +183,8 @@ impl SubdivideRequest {
         let wanted = scheme.zip(depth).zip(limit.zip(given));
         let (((scheme, depth), (limit, given)), _) = checked(wanted, errors, Vec::new())?;
         let (vertices, factor) = given.size();
-        planned(requests::subdivide(vertices, factor, &depth, limit, &app.limits), move |app| match given {
+        let work = requests::subdivide(vertices, factor, &depth, limit, &app.limits) + format.work();
+        planned(work, move |app| match given {
             Given::Mesh(mesh) => answer_mesh(refine(app, scheme, mesh, depth, limit)?, format),
             Given::Start(start) => answer_mesh(subdivide_named(app, scheme, start, depth, limit)?, format),
             Given::Polyline(polyline) => {
@@ -267,10 +268,10 @@ fn answer_mesh(refined: RefinedMesh, format: ShapeFormat) -> Result<Response, Se
     let RefinedMesh { refined, limit, measures, quality, warnings } = refined;
     match format {
         ShapeFormat::Plain(Format::Json) => {}
-        ShapeFormat::Plain(Format::Svg(style)) => {
+        ShapeFormat::Plain(Format::Picture(file)) => {
             let drawn = coarsened(&refined.shape, refined.level, MAX_FACES);
             let layer = Layer::from_meshes(&[drawn], colour::BACK);
-            return Ok(svg(&layout::draw("a refined mesh", vec![layer]).to_scale(None), &style));
+            return picture(&layout::draw("a refined mesh", vec![layer]).to_scale(None), &file);
         }
         ShapeFormat::Mesh(_, Some(_)) => {
             return Err(ServiceError::parameter(
@@ -316,13 +317,13 @@ fn answer_polyline(curve: RefinedCurve, closed: bool, format: ShapeFormat) -> Re
     };
     match format {
         ShapeFormat::Plain(Format::Json) => {}
-        ShapeFormat::Plain(Format::Svg(style)) => {
+        ShapeFormat::Plain(Format::Picture(file)) => {
             let points: Vec<&[f64]> = shape.points.iter().map(|point| &point[..dimension]).collect();
             let layer = Layer::from_polyline(&points, closed, colour::MAIN);
-            return Ok(svg(&layout::draw("a refined polyline", vec![layer]).to_scale(None), &style));
+            return picture(&layout::draw("a refined polyline", vec![layer]).to_scale(None), &file);
         }
         ShapeFormat::Mesh(..) => {
-            let detail = "expected 'json' or 'svg': only meshes are written as meshes";
+            let detail = "expected 'json', 'svg' or 'png': only meshes are written as meshes";
             return Err(ServiceError::parameter("format", detail));
         }
     }

@@ -25,7 +25,7 @@ use crate::domain::key;
 use crate::service::access::keys::KeyCache;
 use crate::service::access::provider::Provider;
 use crate::service::access::tokens::Verifier;
-use crate::service::app::{App, ServiceError};
+use crate::service::app::{App, ServiceError, now_ms};
 
 /// Settings of access control.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -147,6 +147,24 @@ pub async fn identify(app: &App, shown: Shown<'_>, quiet: bool) -> Result<Princi
 /// A failure of the store.
 pub async fn is_open(app: &App) -> Result<bool, ServiceError> {
     Ok(app.access().loopback && app.access().tokens.is_none() && !keys::exist(app).await?)
+}
+
+/// Whether the caller of a request that lasts would be let in again: its key is neither revoked nor expired, or the service is
+/// still open. Nothing is known of a token after it was presented.
+///
+/// # Errors
+/// A failure of the store.
+pub async fn still_admits(app: &App) -> Result<bool, ServiceError> {
+    let id = &app.principal.key;
+    if app.principal.is_local() {
+        return is_open(app).await;
+    }
+    if !key::is_id(id) {
+        return Ok(true);
+    }
+    let found = app.store.find_key(id).await?;
+    let lives = |key: &key::Key| key.expires_at_ms.is_none_or(|end| end > now_ms());
+    Ok(found.is_some_and(|key| key.revoked_at_ms.is_none() && lives(&key)))
 }
 
 /// Checks that the service is not open to the network: without keys and identity provider, it may only listen on a

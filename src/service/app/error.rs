@@ -168,6 +168,12 @@ impl ServiceError {
         Self::parameter("cursor", "expected a cursor of this list, got another text")
     }
 
+    /// Faults of the entry at `index` of the list `list` of a request.
+    pub fn of_entry(list: &str, index: usize, faults: Vec<Fault>) -> Self {
+        let prefix = format!("/{list}/{index}");
+        Self::Invalid(faults.into_iter().map(|fault| fault.below(&prefix).at_shape(index)).collect())
+    }
+
     /// Input errors, located below a pointer.
     pub fn below(errors: Vec<Fault>, pointer: &str) -> Self {
         Self::Invalid(errors.into_iter().map(|error| error.below(pointer)).collect())

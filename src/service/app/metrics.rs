@@ -48,6 +48,9 @@ const AUDIT_WRITTEN: &str = "shapelex_audit_entries_total";
 const AUDIT_FAILURES: &str = "shapelex_audit_write_failures_total";
 const AUDIT_LOST: &str = "shapelex_audit_entries_lost_total";
 const CLOCK: &str = "shapelex_clock_believed";
+const HOOK_DELIVERIES: &str = "shapelex_hook_deliveries_total";
+pub(super) const HOOK_LAG: &str = "shapelex_hook_lag_changes";
+pub(super) const HOOKS_FAILED: &str = "shapelex_hooks_failed";
 pub(super) const BUILD_INFO: &str = "shapelex_build_info";
 
 /// Type of a metric.
@@ -87,6 +90,9 @@ pub const METRICS: &[(&str, Kind, &str)] = &[
     (JOBS_CANCELLED, Kind::Counter, "Cancelled jobs"),
     (JOBS_ABANDONED, Kind::Counter, "Jobs given up because every attempt was interrupted"),
     (JOB_CLAIMS_LOST, Kind::Counter, "Attempts that lost their job to another process"),
+    (HOOK_DELIVERIES, Kind::Counter, "Attempts at deliveries to hooks, by outcome"),
+    (HOOK_LAG, Kind::Gauge, "Changes that the slowest active hook has not examined"),
+    (HOOKS_FAILED, Kind::Gauge, "Hooks whose deliveries were given up"),
     (STORE_UP, Kind::Gauge, "Whether the store could be read for this scrape, 1 or 0"),
     (STORE_BYTES, Kind::Gauge, "Size of the database"),
     (STORE_FREE, Kind::Gauge, "Free space on the disk of the data folder"),
@@ -164,6 +170,9 @@ fn begin_at_zero() {
     }
     for kind in store::ERROR_KINDS {
         counter!(store::ERRORS, "kind" => kind).absolute(0);
+    }
+    for outcome in ["delivered", "failed"] {
+        counter!(HOOK_DELIVERIES, "outcome" => outcome).absolute(0);
     }
     for lane in LANES {
         counter!(COMPUTE_REFUSED, "lane" => lane).absolute(0);
@@ -257,6 +266,11 @@ pub(crate) fn job_cancelled() {
 /// Records that jobs were given up.
 pub(crate) fn jobs_abandoned(count: usize) {
     counter!(JOBS_ABANDONED).increment(count as u64);
+}
+
+/// Records an attempt at a delivery to a hook.
+pub(crate) fn hook_delivery(succeeded: bool) {
+    counter!(HOOK_DELIVERIES, "outcome" => if succeeded { "delivered" } else { "failed" }).increment(1);
 }
 
 /// Records that an attempt has lost its job to another process.

@@ -6,7 +6,7 @@
 //! * [`cache`] — results that are expensive to compute; `state` — state of a use case for the life of the process;
 //! * [`memory`] — accounts of memory; [`clock`] — plausibility of the machine's clock;
 //! * [`idempotency`] — requests that are sent again; [`touched`] — objects that a request concerns;
-//! * [`error`], [`problem`] — errors of use cases and their documents for clients; [`warnings`] — caveats of results;
+//! * [`error`], [`problem`] — errors of use cases and their documents for clients;
 //! * [`metrics`], [`scrape`] — counters and gauges, and their text; [`build`] — version, commit and compiler.
 
 pub mod build;
@@ -25,7 +25,6 @@ pub mod progress;
 pub mod scrape;
 mod state;
 pub mod touched;
-pub mod warnings;
 pub mod work;
 
 pub use self::clock::now_ms;

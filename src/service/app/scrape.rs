@@ -22,6 +22,13 @@ pub async fn scrape(app: &App) -> String {
         }
         Err(error) => tracing::warn!(%error, "the store could not be read for a scrape of the metrics"),
     }
+    match app.store.measure_hooks().await {
+        Ok(found) => {
+            gauge!(HOOK_LAG).set(found.lag as f64);
+            gauge!(HOOKS_FAILED).set(found.failed as f64);
+        }
+        Err(error) => tracing::warn!(%error, "the hooks could not be read for a scrape of the metrics"),
+    }
     let stuck = app.pool.stuck_lane();
     for lane in REQUEST_LANES {
         gauge!(COMPUTE_STUCK, "lane" => lane).set(if stuck == Some(lane) { 1.0 } else { 0.0 });

@@ -2,8 +2,11 @@
 
 use std::collections::BTreeSet;
 
+use super::measures;
+use crate::domain::attribute::Attribute;
 use crate::domain::cohort::Cohort;
-use crate::domain::shape::{ShapeDescription, ShapeFilter};
+use crate::domain::filter::ShapeFilter;
+use crate::domain::shape::ShapeDescription;
 use crate::formats::fault::Fault;
 use crate::service::app::{App, ServiceError};
 use crate::store::Revisions;
@@ -21,6 +24,7 @@ pub(crate) async fn describe(
     filter: &ShapeFilter,
     pointer: &str,
 ) -> Result<Vec<ShapeDescription>, ServiceError> {
+    measures::complete_for(app, cohort, filter).await?;
     let (revisions, most) = (Revisions::until(cohort.revision), app.limits.shapes);
     let found = app.store.describe_shapes(&cohort.id, revisions, filter, most + 1).await?;
     if found.is_empty() {
@@ -45,21 +49,49 @@ pub(crate) enum FilterPlace<'a> {
 }
 
 impl FilterPlace<'_> {
-    /// The fault of the attribute with this name.
-    fn fault(self, name: &str, detail: String) -> Fault {
-        match (self, name.strip_prefix("labels.")) {
-            (Self::Query, _) => Fault::of_parameter(name, detail),
-            (Self::Body(pointer), None) => Fault::new(format!("{pointer}/{name}"), detail),
-            (Self::Body(pointer), Some(key)) => {
-                let key = key.replace('~', "~0").replace('/', "~1");
-                Fault::new(format!("{pointer}/labels/{key}"), detail)
+    /// A fault of the condition on an attribute.
+    pub(crate) fn fault(self, attribute: &Attribute, detail: String) -> Fault {
+        let below =
+            |pointer: &str, name: &str| format!("{pointer}/{}", name.replace('~', "~0").replace('/', "~1"));
+        match (self, attribute) {
+            (Self::Query, attribute) => Fault::of_parameter(&attribute.to_string(), detail),
+            (Self::Body(pointer), Attribute::Labels(name)) => {
+                Fault::new(below(&format!("{pointer}/labels"), name), detail)
             }
+            (Self::Body(pointer), Attribute::Measure(measure)) => {
+                Fault::new(below(&format!("{pointer}/measures"), measure.name()), detail)
+            }
+            (Self::Body(pointer), other) => Fault::new(below(pointer, &other.to_string()), detail),
         }
     }
 }
 
-/// Refuses a filter that selects nothing because no shape of the cohort has one of its attributes, which may be misspelt. In
-/// a cohort without shapes every filter is accepted.
+/// Faults of values in a filter of a body that cannot be compared with those of their attributes.
+pub fn filter_faults(filter: &ShapeFilter, pointer: &str) -> Vec<Fault> {
+    let fault = |(attribute, detail)| FilterPlace::Body(pointer).fault(&attribute, detail);
+    filter.faults().into_iter().map(fault).collect()
+}
+
+/// Refuses attributes that no shape of the cohort has, which may be misspelt: those of a filter that selects nothing, those
+/// whose absence a filter accepts, and the one that gives the order. In a cohort without shapes every name is accepted.
+///
+/// # Errors
+/// Every such attribute, with the names of those that exist.
+pub(crate) async fn refuse_misspelt(
+    app: &App,
+    cohort: &Cohort,
+    filter: &ShapeFilter,
+    order: Option<Attribute>,
+    is_empty: bool,
+) -> Result<(), ServiceError> {
+    let accepts_absence = filter.conditions().filter(|(_, condition)| !condition.none_of.is_empty());
+    let accepted = accepts_absence.map(|(attribute, _)| attribute);
+    let named: BTreeSet<Attribute> =
+        if is_empty { filter.attributes() } else { accepted.collect() }.into_iter().chain(order).collect();
+    refuse_absent(app, cohort, named, FilterPlace::Query).await
+}
+
+/// Refuses a filter that selects nothing because no shape of the cohort has one of its attributes.
 ///
 /// # Errors
 /// Every such attribute, with the names of those that exist.
@@ -69,25 +101,35 @@ pub(crate) async fn refuse_unknown(
     filter: &ShapeFilter,
     place: FilterPlace<'_>,
 ) -> Result<(), ServiceError> {
-    if *filter == ShapeFilter::default() {
+    refuse_absent(app, cohort, filter.attributes(), place).await
+}
+
+/// Refuses the attributes that no shape has, unless the cohort has no shapes.
+async fn refuse_absent(
+    app: &App,
+    cohort: &Cohort,
+    named: BTreeSet<Attribute>,
+    place: FilterPlace<'_>,
+) -> Result<(), ServiceError> {
+    let revisions = Revisions::until(cohort.revision);
+    let mut absent = Vec::new();
+    for attribute in named {
+        // Measures and times are not misspelt: their names were read.
+        let is_free = matches!(attribute, Attribute::Labels(_) | Attribute::Label | Attribute::Subject);
+        if is_free && !app.store.has_attribute(&cohort.id, revisions, &attribute).await? {
+            absent.push(attribute);
+        }
+    }
+    if absent.is_empty() || app.store.count(&cohort.id, revisions, &ShapeFilter::everything()).await? == 0 {
         return Ok(());
     }
     let known = KnownAttributes::of(app, cohort).await?;
-    let own = [("label", filter.label.is_some()), ("subject", filter.subject.is_some())];
-    let own = own.into_iter().filter(|(_, given)| *given).map(|(name, _)| name.to_owned());
-    let names = own.chain(filter.labels.keys().map(|key| format!("labels.{key}")));
-    let unknown: Vec<String> = names.filter(|name| !known.contains(name)).collect();
-    let (revisions, all) = (Revisions::until(cohort.revision), ShapeFilter::default());
-    if unknown.is_empty() || app.store.count(&cohort.id, revisions, &all).await? == 0 {
-        return Ok(());
-    }
-    let fault = |name: &String| {
-        place.fault(
-            name,
-            format!("expected an attribute that shapes of the cohort have, got '{name}': {known}"),
-        )
+    let fault = |attribute: &Attribute| {
+        let detail =
+            format!("expected an attribute that shapes of the cohort have, got '{attribute}': {known}");
+        place.fault(attribute, detail)
     };
-    let faults = unknown.iter().map(fault);
+    let faults = absent.iter().map(fault);
     match place {
         FilterPlace::Query => Err(ServiceError::Parameters(faults.collect())),
         FilterPlace::Body(_) => Err(ServiceError::Invalid(faults.collect())),

@@ -2,14 +2,18 @@
 //!
 //! A cohort is found by id or name. Changes can be made conditional on its revision; deleted cohorts go to the trash.
 
-use super::attributes::{FilterPlace, refuse_unknown};
+use super::attributes::refuse_misspelt;
+use super::measures;
+use crate::domain::attribute::Attribute;
 use crate::domain::cohort::{Cohort, CohortSpec, name_problem};
+use crate::domain::filter::ShapeFilter;
 use crate::domain::id;
-use crate::domain::shape::{Shape, ShapeFilter};
+use crate::domain::shape::Shape;
 use crate::formats::fault::Fault;
 use crate::service::app::faults::Faults;
 use crate::service::app::{App, Page, ServiceError, now_ms};
 use crate::service::shapes::read;
+use crate::store::{ListCursor, Listing, Order, Revisions};
 
 /// Maximum length of a description.
 const MAX_DESCRIPTION_CHARS: usize = 10_000;
@@ -138,7 +142,12 @@ pub fn revision_tag(cohort: &Cohort) -> String {
     format!("\"{}-{}\"", cohort.id, cohort.revision)
 }
 
-async fn find_as_expected(app: &App, key: &str, expected: Option<&Expected>) -> Result<Cohort, ServiceError> {
+/// The cohort with this id or name, at an expected version.
+pub(super) async fn find_as_expected(
+    app: &App,
+    key: &str,
+    expected: Option<&Expected>,
+) -> Result<Cohort, ServiceError> {
     let cohort = find(app, key).await?;
     if let Some(expected) = expected {
         expected.check(&revision_tag(&cohort))?;
@@ -174,26 +183,67 @@ pub async fn list(app: &App, cursor: Option<&str>, limit: usize) -> Result<Page<
     Ok((items, next))
 }
 
-/// Shapes of a cohort that match `filter`, in order of insertion, after `cursor`.
+/// What a page of shapes holds.
+#[derive(Debug)]
+pub struct ShapeListing {
+    /// Filter that the shapes pass.
+    pub filter: ShapeFilter,
+    /// Order of the list. Default: that of insertion.
+    pub order: Option<Order>,
+    /// Where the page starts.
+    pub cursor: Option<String>,
+    /// Maximum number of shapes.
+    pub limit: usize,
+    /// Whether weights and control points are wanted.
+    pub geometry: bool,
+    /// Whether all shapes that pass the filter are counted.
+    pub total: bool,
+}
+
+/// A page of shapes, and how many there are in all, if asked for.
+#[derive(Debug)]
+pub struct ShapesFound {
+    /// Shapes of the page, and the cursor of the next one.
+    pub page: Page<Shape>,
+    /// Number of shapes that pass the filter.
+    pub total: Option<u64>,
+}
+
+/// Shapes of a cohort.
 ///
 /// # Errors
 /// [`ServiceError::NotFound`] for the cohort; an invalid cursor; an attribute that no shape has.
 pub async fn list_shapes(
     app: &App,
     key: &str,
-    filter: &ShapeFilter,
-    cursor: Option<&str>,
-    limit: usize,
-) -> Result<(Cohort, Page<Shape>), ServiceError> {
+    listing: &ShapeListing,
+) -> Result<(Cohort, ShapesFound), ServiceError> {
     let cohort = find(app, key).await?;
-    let after =
-        cursor.map(|cursor| cursor.parse().map_err(|_| ServiceError::foreign_cursor())).transpose()?;
-    let limit = limit.min(most_of_a_page(&cohort));
-    let page = app.store.list_shapes(&cohort.id, filter, after, limit).await?;
-    if page.shapes.is_empty() && after.is_none() {
-        refuse_unknown(app, &cohort, filter, FilterPlace::Query).await?;
+    let ShapeListing { filter, order, cursor, limit, geometry, total } = listing;
+    let after: Option<ListCursor> =
+        cursor.as_deref().map(str::parse).transpose().map_err(|_| ServiceError::foreign_cursor())?;
+    if after.as_ref().is_some_and(|after| after.key.is_some() != order.is_some()) {
+        return Err(ServiceError::foreign_cursor());
     }
-    Ok((cohort, (page.shapes, page.next.map(|cursor| cursor.to_string()))))
+    let limit = if *geometry { (*limit).min(most_of_a_page(&cohort)) } else { *limit };
+    let is_first = after.is_none();
+    let by_measure = order.as_ref().is_some_and(|order| matches!(order.attribute, Attribute::Measure(_)));
+    if by_measure {
+        measures::complete(app, &cohort).await?;
+    }
+    measures::complete_for(app, &cohort, filter).await?;
+    let wanted = Listing { filter, order: order.as_ref(), after, limit, geometry: *geometry };
+    let page = app.store.list_shapes(&cohort.id, &wanted).await?;
+    let order_attribute = order.as_ref().map(|order| order.attribute.clone());
+    if is_first {
+        refuse_misspelt(app, &cohort, filter, order_attribute, page.shapes.is_empty()).await?;
+    }
+    let total = match total {
+        true => Some(app.store.count(&cohort.id, Revisions::until(cohort.revision), filter).await?),
+        false => None,
+    };
+    let next = page.next.map(|cursor| cursor.to_string());
+    Ok((cohort, ShapesFound { page: (page.shapes, next), total }))
 }
 
 /// Maximum size of the control points of a page as text.

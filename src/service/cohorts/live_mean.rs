@@ -12,6 +12,7 @@ use serde::Serialize;
 use tokio::runtime::Handle;
 
 use super::attributes::{FilterPlace, refuse_unknown};
+use super::measures;
 use super::placements::{KnownPlacements, SearchSettings};
 use super::source::StoredShapes;
 use crate::analysis::accumulate::prepare;
@@ -19,12 +20,13 @@ use crate::analysis::alignment::{AlignedShape, Alignment, MeanShape, align, mean
 use crate::analysis::frame::Frame;
 use crate::analysis::transformation::{ClassName, Transformation};
 use crate::domain::cohort::Cohort;
-use crate::domain::shape::ShapeFilter;
+use crate::domain::filter::ShapeFilter;
 use crate::service::app::cache::Cached;
 use crate::service::app::{App, ServiceError};
 use crate::service::cost::requests::{self, Counts};
 use crate::service::shapes::draw::MAX_DRAWN;
 use crate::service::statistics::{CheckedSettings, Settings, Setup};
+use crate::store::Revisions;
 
 /// Parameters of a cohort mean.
 #[derive(Debug, Clone, PartialEq, Eq, Hash, Serialize)]
@@ -113,6 +115,7 @@ pub async fn mean(app: &App, cohort: Cohort, query: MeanQuery) -> Result<Arc<Liv
         frame: query.frame,
     };
     let settings = settings.checked(&app.limits)?;
+    measures::complete_for(app, &cohort, &query.filter).await?;
     let (task_app, handle) = (app.clone(), Handle::current());
     let work = requests::align(&settings, Counts::for_cohort(&cohort, &app.limits));
     let computed =
@@ -145,13 +148,21 @@ impl Renewals {
 }
 
 /// The cohort at the revision of the last mean with these parameters. The mean of the current revision is then computed in
-/// the background. If there was none, the cohort as it is.
-pub fn at_last_mean(app: &App, cohort: Cohort, query: &MeanQuery) -> Cohort {
-    let Some(latest) = app.cache.find::<Latest>(&cohort.id, query) else { return cohort };
-    if latest.0.revision != cohort.revision {
+/// the background. If there was none, or if shapes of its revision were erased since, the cohort as it is.
+///
+/// # Errors
+/// A failure of the store.
+pub async fn at_last_mean(app: &App, cohort: Cohort, query: &MeanQuery) -> Result<Cohort, ServiceError> {
+    let Some(latest) = app.cache.find::<Latest>(&cohort.id, query) else { return Ok(cohort) };
+    let latest = latest.0.clone();
+    if latest.revision != cohort.revision {
+        let (revisions, all) = (Revisions::until(latest.revision), ShapeFilter::default());
+        if app.store.count(&cohort.id, revisions, &all).await? != latest.shapes {
+            return Ok(cohort);
+        }
         renew(app, cohort, query.clone());
     }
-    latest.0.clone()
+    Ok(latest)
 }
 
 /// Starts to compute a mean, unless that is under way.

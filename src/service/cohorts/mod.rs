@@ -2,16 +2,20 @@
 //!
 //! * [`catalogue`] — create, list, find and delete cohorts and shapes; [`trash`] — deleted objects that can be
 //!   restored; [`changes`] — the feed;
+//! * [`corrections`] — attributes of shapes changed, shapes deleted by a filter, subjects erased;
 //! * [`upload`] — streams of shapes into a cohort; [`example`] — the example cohort of an empty store;
 //! * [`source`] — shapes of a cohort at one revision, as a source for statistics;
+//! * `measures` — measures of shapes that arrive;
 //! * [`attributes`] — labels of shapes, addressed by their names in requests;
 //! * [`live_mean`] — mean of a cohort at its current revision; `placements` — where its search begins.
 
 pub mod attributes;
 pub mod catalogue;
 pub mod changes;
+pub mod corrections;
 pub mod example;
 pub mod live_mean;
+pub(crate) mod measures;
 pub(crate) mod placements;
 pub mod source;
 pub mod trash;

@@ -9,7 +9,7 @@ use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::Mirror;
 use crate::analysis::matching::Placement;
 use crate::analysis::transformation::Transformation;
-use crate::domain::shape::ShapeFilter;
+use crate::domain::filter::ShapeFilter;
 use crate::service::app::App;
 use crate::service::app::cache::Cached;
 use crate::store::Places;

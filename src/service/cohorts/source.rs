@@ -12,11 +12,14 @@ use crate::analysis::accumulate::{BLOCK, MergePart, PART, Reservation, ShapeSour
 use crate::analysis::dictionary::content::Content;
 use crate::analysis::matching::Placement;
 use crate::analysis::pass::Pass;
+use crate::analysis::watch::Watch;
 use crate::domain::cohort::Cohort;
-use crate::domain::shape::{Shape, ShapeFilter};
+use crate::domain::filter::ShapeFilter;
+use crate::domain::shape::Shape;
 use crate::service::app::cache::Cache;
 use crate::service::app::{App, ServiceError};
 use crate::service::cohorts::placements::KnownPlacements;
+use crate::service::shapes::outcome::Outcomes;
 use crate::service::statistics::Setup;
 use crate::store::{Cursor, Ids, Places, Revisions, ScanBatch, Start, Store, StoreError};
 
@@ -69,14 +72,24 @@ pub(crate) async fn find_all(
     cohort: &Cohort,
     keys: &[String],
 ) -> Result<Vec<Shape>, ServiceError> {
+    find_each(app, cohort, keys).await?.all()
+}
+
+/// Shapes with these ids or external ids; a missing one has a fault at `/ids/{index}`.
+///
+/// # Errors
+/// Errors of the store.
+pub(crate) async fn find_each(
+    app: &App,
+    cohort: &Cohort,
+    keys: &[String],
+) -> Result<Outcomes<Shape>, ServiceError> {
     let found = app.store.find_shapes(&cohort.id, keys).await?;
-    let missing = found.iter().zip(keys).enumerate().filter(|(_, (shape, _))| shape.is_none());
-    let fault = |(index, (_, key)): (usize, (_, &String))| {
-        let detail = format!("shape '{key}' not found in the cohort '{}'", cohort.spec.name);
-        Fault::new(format!("/ids/{index}"), detail).at_shape(index)
+    let missing = |key: &String| {
+        vec![Fault::new("", format!("shape '{key}' not found in the cohort '{}'", cohort.spec.name))]
     };
-    ServiceError::unless_empty(missing.map(fault).collect())?;
-    Ok(found.into_iter().flatten().collect())
+    let found = found.into_iter().zip(keys).map(|(shape, key)| shape.ok_or_else(|| missing(key)));
+    Ok(Outcomes::of_list("ids", found.collect()))
 }
 
 /// Refuses duplicate ids.
@@ -112,6 +125,8 @@ pub(crate) struct StoredShapes<'a> {
     distribute: Option<&'a dyn Distribute>,
     /// Placements with which a search begins.
     known: Option<&'a KnownPlacements>,
+    /// Counts the shapes that passes have worked through.
+    counter: Option<&'a dyn Watch>,
 }
 
 /// Range of the shapes that pass the filter, in storage order.
@@ -171,7 +186,13 @@ impl<'a> StoredShapes<'a> {
             stop,
             distribute: None,
             known: None,
+            counter: None,
         }
+    }
+
+    /// The same shapes, whose passes `counter` counts.
+    pub(crate) fn counted_by(self, counter: &'a dyn Watch) -> Self {
+        Self { counter: Some(counter), ..self }
     }
 
     /// The same shapes, whose search begins with `known` placements.
@@ -199,7 +220,7 @@ impl<'a> StoredShapes<'a> {
             skip: start.skip,
             count: PART.min(self.range.count - first),
         };
-        Self { range, distribute: None, known: None, ..*self }
+        Self { range, distribute: None, known: None, counter: None, ..*self }
     }
 
     /// Runs a pass with the help of other workers, if that pays: see [`Distribute::run`].
@@ -209,7 +230,15 @@ impl<'a> StoredShapes<'a> {
         make: &MakePart<'_>,
         merge: &mut MergePart<'_>,
     ) -> Result<bool, ServiceError> {
-        self.distribute.map_or(Ok(false), |others| others.run(self, work, make, merge))
+        let Some(others) = self.distribute else { return Ok(false) };
+        let mut left = self.range.count;
+        others.run(self, work, make, &mut |bytes| {
+            merge(bytes)?;
+            let part = left.min(PART);
+            left -= part;
+            self.worked(part);
+            Ok(())
+        })
     }
 
     /// Fails if the work must stop.
@@ -378,6 +407,7 @@ impl ShapeSource for StoredShapes<'_> {
                 prepare(metric, centred, first, &mut rows[..count * length])
                     .map_err(|error| self.named(error))?;
                 visit(Shapes { first, whitened: &rows[..count * length], weights: &weights[..count] })?;
+                self.worked(count);
                 rows.drain(..count * length);
                 weights.drain(..count);
                 first += count;
@@ -397,13 +427,20 @@ impl ShapeSource for StoredShapes<'_> {
             emit(&mut rows, &mut weights, rest)?;
         }
         if first != self.range.first + self.range.count {
-            return Err(ServiceError::Internal("the number of shapes of a revision has changed".into()));
+            // Only an erasure changes a revision.
+            return Err(ServiceError::Unavailable(
+                "shapes were erased while they were read: try again".into(),
+            ));
         }
         Ok(())
     }
 
     fn check(&self) -> Result<(), ServiceError> {
         Self::check(self)
+    }
+
+    fn worked(&self, shapes: usize) {
+        self.counter.inspect(|counter| counter.worked(shapes));
     }
 
     fn reserve(&self, bytes: usize) -> Option<Reservation<'_>> {

@@ -9,10 +9,12 @@ use bytes::Bytes;
 use futures_util::{Stream, StreamExt};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::mpsc;
 
 use super::catalogue::{Expected, revision_tag};
+use super::measures::Measuring;
 use crate::analysis::conversion::Conversion;
 use crate::domain::cohort::{Cohort, CohortSpec};
 use crate::domain::id;
@@ -24,31 +26,54 @@ use crate::geometry::representation::ShapeSpace;
 use crate::geometry::resample::{RepeatedPoints, check_extent};
 use crate::service::app::idempotency::Retry;
 use crate::service::app::memory::Purpose;
-use crate::service::app::{App, ServiceError, Work, idempotency, now_ms};
+use crate::service::app::{App, Limits, ServiceError, Work, idempotency, now_ms};
 use crate::service::cost::requests::{self, Counts};
+use crate::service::shapes::names::external_id;
+use crate::service::shapes::outcome::OnError;
 use crate::service::shapes::read::{ReadShape, Reading, parse, read_shape};
 use crate::store::{Added, ShapeRow, StoreError, Upload};
 
 /// Number of shapes written to the store at once.
 const CHUNK_SHAPES: usize = 4096;
+/// Predicted time for measuring the shapes of a group.
+const GROUP_SECONDS: f64 = 1.0;
 /// Bytes of lines parsed at once.
 const CHUNK_BYTES: usize = 8 << 20;
 /// Maximum pause of a stream.
 const PAUSE: Duration = Duration::from_secs(30);
 /// Time for which streams may continue when the service is stopping.
 const STOPPING: Duration = Duration::from_secs(5);
-/// Maximum number of ids in a response; those of longer streams can be listed afterwards.
-const MAX_IDS: usize = 100_000;
+/// Number of inputs that a response names one by one; shapes of longer streams can be listed afterwards.
+const MAX_NAMED: usize = 100_000;
+/// Maximum number of invalid shapes of an upload: a response names all of them.
+const MAX_REFUSED: usize = 100_000;
+/// Maximum number of faults of an invalid shape in a response.
+const MAX_FAULTS: usize = 5;
 
-/// Treatment of invalid shapes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Deserialize, utoipa::ToSchema)]
+/// What the response to an upload says of its inputs. Invalid ones are always named.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
-pub enum OnError {
-    /// Nothing is stored if any shape is invalid.
+pub enum Returned {
+    /// One entry for each.
     #[default]
-    Abort,
-    /// Valid shapes are stored, invalid ones are reported.
-    Skip,
+    Results,
+    /// Their ids.
+    Ids,
+    /// Nothing of the valid ones.
+    None,
+}
+
+/// What became of an input.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct UploadResult {
+    /// Position in the body or stream, from 0.
+    pub index: usize,
+    /// Identifier assigned by the client.
+    pub external_id: Option<String>,
+    /// Id of the stored shape, new or not; `None` for an invalid input.
+    pub id: Option<String>,
+    /// Faults of an invalid input, at most [`MAX_FAULTS`].
+    pub faults: Vec<Fault>,
 }
 
 /// Result of an upload.
@@ -58,15 +83,23 @@ pub struct Stored {
     pub added: usize,
     /// Revision of the cohort after the upload.
     pub revision: u64,
-    /// Ids in input order, including those of shapes that already existed; at most 100 000.
-    pub ids: Vec<String>,
+    /// Under [`Returned::Ids`] the ids of the first [`MAX_NAMED`] inputs; `None` for an invalid one.
+    #[serde(default)]
+    pub ids: Vec<Option<String>>,
     /// Number of invalid shapes, which were not stored, under [`OnError::Skip`].
     pub skipped: usize,
-    /// Faults of the invalid shapes, at most 100 entries.
-    pub faults: Vec<Fault>,
+    /// What became of the inputs: of the first [`MAX_NAMED`] under [`Returned::Results`], and of all invalid ones.
+    #[serde(default)]
+    pub results: Vec<UploadResult>,
+    /// Number of valid inputs beyond the first [`MAX_NAMED`].
+    #[serde(default)]
+    pub left_out: usize,
     /// Number of points of the valid shapes that were dropped because they are equal to their predecessor.
     #[serde(default)]
     pub repeated_points: usize,
+    /// Number of the valid shapes that intersect themselves.
+    #[serde(default)]
+    pub self_intersecting: usize,
 }
 
 /// How the shapes of an upload are treated.
@@ -74,6 +107,8 @@ pub struct Stored {
 pub struct Treatment {
     /// Invalid shapes.
     pub on_error: OnError,
+    /// What the response says of the inputs.
+    pub returned: Returned,
     /// Points equal to their predecessor, where contours are resampled.
     pub repeated_points: RepeatedPoints,
 }
@@ -84,12 +119,16 @@ enum Incoming {
     Parsed(Box<ShapeInput>),
 }
 
+/// External id of an input, and its shape or its faults.
+type Taken = (Option<String>, Result<Arrived, Vec<Fault>>);
+
 /// A shape on its way to the store, with its line.
 struct Arrived {
     line: Option<u64>,
     row: ShapeRow,
     /// Number of repeated points that were dropped.
     repeated_points: usize,
+    is_self_intersecting: bool,
 }
 
 /// Adds the shapes of one body.
@@ -185,9 +224,15 @@ fn too_long(error: LineTooLong) -> ServiceError {
     ServiceError::TooLarge(Fault { line: Some(error.number), ..Fault::new("", error.to_string()) })
 }
 
+/// An upload, the number of its new shapes, and the ids of the first ones.
+type Written = (Upload, usize, Vec<String>);
+
 /// Parses shapes on the pool while a task writes the previous ones to the store.
 struct Writer {
     space: ShapeSpace,
+    measuring: Arc<Measuring>,
+    /// Number of shapes that are read and measured at once.
+    group: usize,
     cohort: Cohort,
     treatment: Treatment,
     prefix: &'static str,
@@ -196,9 +241,12 @@ struct Writer {
     /// The request as far as it has been read, if it has an idempotency key.
     retry: Option<Retry>,
     chunks: mpsc::Sender<Vec<Arrived>>,
-    task: tokio::task::JoinHandle<Result<(Upload, Stored), ServiceError>>,
+    task: tokio::task::JoinHandle<Result<Written, ServiceError>>,
     skipped: usize,
+    left_out: usize,
     repeated_points: usize,
+    self_intersecting: usize,
+    results: Vec<UploadResult>,
     faults: Faults,
 }
 
@@ -216,9 +264,12 @@ impl Writer {
         let space = app.space_of(&cohort.spec.representation)?;
         let upload = app.store.begin_upload(cohort);
         let (chunks, received) = mpsc::channel(1);
-        let task = tokio::spawn(write(upload, received, prefix));
+        let ids = if treatment.returned == Returned::None { 0 } else { MAX_NAMED };
+        let task = tokio::spawn(write(upload, received, prefix, ids));
         let cohort = cohort.clone();
         Ok(Self {
+            measuring: Arc::new(Measuring::new(space.clone())),
+            group: group_of(&space, &app.limits),
             space,
             cohort,
             treatment,
@@ -229,7 +280,10 @@ impl Writer {
             chunks,
             task,
             skipped: 0,
+            left_out: 0,
             repeated_points: 0,
+            self_intersecting: 0,
+            results: Vec::new(),
             faults: Faults::default(),
         })
     }
@@ -247,13 +301,29 @@ impl Writer {
     /// Takes shapes in groups, because parsed shapes need more memory than their text.
     async fn take(&mut self, app: &App, mut incoming: Vec<Incoming>) -> Result<(), ServiceError> {
         while !incoming.is_empty() {
-            let rest = incoming.split_off(incoming.len().min(CHUNK_SHAPES));
+            let rest = incoming.split_off(incoming.len().min(self.group));
             self.take_some(app, std::mem::replace(&mut incoming, rest)).await?;
         }
         if self.refuses() {
             return Err(ServiceError::Invalid(std::mem::take(&mut self.faults)));
         }
+        if self.skipped > MAX_REFUSED {
+            let detail =
+                format!("expected at most {MAX_REFUSED} invalid shapes, got more: nothing is stored");
+            return Err(ServiceError::invalid("", detail));
+        }
         Ok(())
+    }
+
+    /// Notes what became of an input; the id of a valid one follows.
+    fn note(&mut self, index: usize, external_id: Option<String>, mut faults: Vec<Fault>) {
+        let (valid, named) = (faults.is_empty(), index < MAX_NAMED);
+        if valid && !named {
+            self.left_out += 1;
+        } else if !valid || self.treatment.returned == Returned::Results {
+            faults.truncate(MAX_FAULTS);
+            self.results.push(UploadResult { index, external_id, id: None, faults });
+        }
     }
 
     /// Whether nothing will be stored.
@@ -266,31 +336,40 @@ impl Writer {
         self.position += incoming.len();
         let (space, cohort, limits, prefix) =
             (self.space.clone(), self.cohort.clone(), app.limits, self.prefix);
+        let measuring = Arc::clone(&self.measuring);
         let repeated_points = self.treatment.repeated_points;
         let bytes = incoming.iter().map(Incoming::bytes).sum();
         let counts = Counts::for_space(&space, incoming.len(), &limits);
-        let work = Work::reading(bytes) + requests::store(counts, cohort.spec.correspondence);
-        let results: Vec<Result<Arrived, Vec<Fault>>> = app
+        let work = Work::reading(bytes)
+            + requests::store(counts, cohort.spec.correspondence)
+            + requests::measure_stored(space.representation(), counts, &limits);
+        let results: Vec<Taken> = app
             .pool
             .weighing(work)
             .run(move || {
                 let CohortSpec { correspondence, direction, .. } = cohort.spec;
                 let conversion = Conversion { space: &space, correspondence, direction, repeated_points };
                 let reading = Reading { conversion, limits: &limits };
-                let read = |(offset, shape)| read(&reading, shape, first + offset, prefix);
+                let read = |(offset, shape)| read(&reading, &measuring, shape, first + offset, prefix);
                 Ok(incoming.into_par_iter().enumerate().map(read).collect())
             })
             .await?;
         let mut good = Vec::with_capacity(results.len());
-        for result in results {
+        for (index, (external_id, result)) in (first..).zip(results) {
             match result {
                 Ok(shape) => {
+                    self.note(index, external_id, Vec::new());
                     self.repeated_points += shape.repeated_points;
+                    self.self_intersecting += usize::from(shape.is_self_intersecting);
                     good.push(shape);
                 }
                 Err(faults) => {
                     self.skipped += 1;
-                    self.faults.extend(faults);
+                    if self.refuses() {
+                        self.faults.extend(faults);
+                    } else {
+                        self.note(index, external_id, faults);
+                    }
                 }
             }
         }
@@ -312,12 +391,13 @@ impl Writer {
     /// that a client that corrects its input and resends the same external ids at once does not conflict with its own
     /// first attempt.
     async fn end(self, app: &App, taken: Result<(), ServiceError>) -> Result<Stored, ServiceError> {
-        let Self { chunks, task, skipped, faults, repeated_points, retry, cohort, expected, .. } = self;
+        let Self { chunks, task, position, treatment, skipped, left_out, results, .. } = self;
+        let Self { repeated_points, self_intersecting, retry, cohort, expected, .. } = self;
         drop(chunks);
         let written =
             task.await.map_err(|error| ServiceError::Internal(format!("the writing task: {error}")))?;
         // Errors of the task come first: after it has ended, the writer silently drops further shapes.
-        let (upload, stored) = written?;
+        let (upload, added, ids) = written?;
         if let Err(error) = taken {
             upload.abort().await?;
             return Err(error);
@@ -329,7 +409,24 @@ impl Writer {
             upload.abort().await?;
             return Ok(stored);
         }
-        let mut stored = Stored { skipped, faults: faults.into_listed(), repeated_points, ..stored };
+        let (results, ids) = match treatment.returned {
+            Returned::Results => (with_ids(results, ids), Vec::new()),
+            Returned::Ids => {
+                let ids = aligned(ids, &results, position);
+                (results, ids)
+            }
+            Returned::None => (results, Vec::new()),
+        };
+        let mut stored = Stored {
+            added,
+            revision: 0,
+            ids,
+            skipped,
+            results,
+            left_out,
+            repeated_points,
+            self_intersecting,
+        };
         let receipt = |revision| {
             stored.revision = revision;
             retry.as_ref().map(|retry| idempotency::receipt(retry, &stored))
@@ -340,12 +437,37 @@ impl Writer {
     }
 }
 
+/// Number of shapes that take [`GROUP_SECONDS`] to measure, at most [`CHUNK_SHAPES`]: surfaces take milliseconds each.
+fn group_of(space: &ShapeSpace, limits: &Limits) -> usize {
+    let one = requests::measure_stored(space.representation(), Counts::for_space(space, 1, limits), limits);
+    ((GROUP_SECONDS / one.seconds().max(f64::MIN_POSITIVE)) as usize).clamp(1, CHUNK_SHAPES)
+}
+
+/// The results with the ids of the valid inputs, which are in order.
+fn with_ids(mut results: Vec<UploadResult>, ids: Vec<String>) -> Vec<UploadResult> {
+    let valid = results.iter_mut().filter(|result| result.faults.is_empty());
+    valid.zip(ids).for_each(|(result, id)| result.id = Some(id));
+    results
+}
+
+/// The ids of the first inputs out of `count`, with `None` for those that were `refused`; both are in order.
+fn aligned(ids: Vec<String>, refused: &[UploadResult], count: usize) -> Vec<Option<String>> {
+    let (mut ids, mut refused) = (ids.into_iter(), refused.iter().peekable());
+    let id = |index| match refused.next_if(|refused| refused.index == index) {
+        Some(_) => None,
+        None => ids.next(),
+    };
+    (0..count.min(MAX_NAMED)).map(id).collect()
+}
+
+/// Writes shapes to the store; returns the number of new ones and the ids of the first `most`.
 async fn write(
     mut upload: Upload,
     mut chunks: mpsc::Receiver<Vec<Arrived>>,
     prefix: &'static str,
-) -> Result<(Upload, Stored), ServiceError> {
-    let mut stored = Stored::default();
+    most: usize,
+) -> Result<Written, ServiceError> {
+    let (mut new, mut ids) = (0, Vec::new());
     let mut first = 0;
     while let Some(chunk) = chunks.recv().await {
         let (lines, rows): (Vec<Option<u64>>, Vec<ShapeRow>) =
@@ -361,17 +483,17 @@ async fn write(
         for added in added {
             let id = match added {
                 Added::New { id } => {
-                    stored.added += 1;
+                    new += 1;
                     id
                 }
                 Added::Existing { id } => id,
             };
-            if stored.ids.len() < MAX_IDS {
-                stored.ids.push(id);
+            if ids.len() < most {
+                ids.push(id);
             }
         }
     }
-    Ok((upload, stored))
+    Ok((upload, new, ids))
 }
 
 /// Locates a conflict in the input; `lines` are those of the chunk that begins at shape `first`.
@@ -399,10 +521,11 @@ impl Incoming {
 /// Parses the shape at `index` of the upload and makes a row of it. Its text and what is parsed of it end here.
 fn read(
     reading: &Reading<'_>,
+    measuring: &Measuring,
     incoming: Incoming,
     index: usize,
     prefix: &str,
-) -> Result<Arrived, Vec<Fault>> {
+) -> Taken {
     let (line, shape) = match incoming {
         Incoming::Line(Line { number, text }) => (Some(number), parse(reading.limits, text.trim_ascii_end())),
         Incoming::Parsed(shape) => (None, Ok(*shape)),
@@ -415,21 +538,50 @@ fn read(
         line,
         ..fault
     };
-    let shape = shape.map_err(|error| match error {
-        ServiceError::Malformed(faults) => faults.into_iter().map(placed).collect::<Vec<_>>(),
-        other => vec![placed(Fault::new("", other.to_string()))],
-    })?;
+    let shape = match shape {
+        Ok(shape) => shape,
+        Err(ServiceError::Malformed(faults)) => return (None, Err(faults.into_iter().map(placed).collect())),
+        Err(other) => return (None, Err(vec![placed(Fault::new("", other.to_string()))])),
+    };
+    let external_id = external_id(&shape).map(str::to_owned);
     let shape = read_shape(reading, shape).and_then(|shape| {
         // Once stored, a shape without extent would break every mean of the cohort.
         check_extent(&shape.control_points, reading.conversion.space.representation().size())
             .map_err(|error| vec![Fault::new("", error.to_string())])?;
         Ok(shape)
     });
-    match shape {
-        Ok(ReadShape { control_points, attributes, repeated_points }) => {
-            let shape = NewShape { id: id::new_id(id::SHAPE), attributes, control_points };
-            Ok(Arrived { line, row: shape.into(), repeated_points })
-        }
-        Err(errors) => Err(errors.into_iter().map(placed).collect()),
+    let arrived = |ReadShape { control_points, attributes, points, repeated_points }| {
+        let measures = measuring.measure(&control_points, Some(points));
+        let is_self_intersecting = measures.self_intersecting == Some(true);
+        let shape = NewShape { id: id::new_id(id::SHAPE), attributes, measures, control_points };
+        Arrived { line, row: shape.into(), repeated_points, is_self_intersecting }
+    };
+    (external_id, shape.map(arrived).map_err(|faults| faults.into_iter().map(placed).collect()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ids_are_matched_to_the_inputs() {
+        let refused =
+            |index| UploadResult { index, faults: vec![Fault::new("", "bad")], ..UploadResult::default() };
+        let valid = |index| UploadResult { index, ..UploadResult::default() };
+        let ids = || vec!["a".to_owned(), "b".to_owned()];
+        let results = with_ids(vec![refused(0), valid(1), refused(2), valid(3)], ids());
+        let found: Vec<_> = results.iter().map(|result| result.id.as_deref()).collect();
+        assert_eq!(found, [None, Some("a"), None, Some("b")]);
+        let found = aligned(ids(), &[refused(0), refused(2)], 4);
+        assert_eq!(found, [None, Some("a".to_owned()), None, Some("b".to_owned())]);
+        assert_eq!(aligned(ids(), &[], 2), [Some("a".to_owned()), Some("b".to_owned())]);
+    }
+
+    #[test]
+    fn receipts_of_earlier_versions_are_read() {
+        let text = r#"{"added": 2, "revision": 3, "ids": ["a", "b"], "skipped": 0, "faults": []}"#;
+        let stored: Stored = serde_json::from_str(text).unwrap();
+        assert_eq!(stored.ids, [Some("a".to_owned()), Some("b".to_owned())]);
+        assert_eq!((stored.added, stored.results.len()), (2, 0));
     }
 }

@@ -11,6 +11,7 @@ use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::Correspondence;
 use crate::analysis::transformation::{ClassName, Transformation};
 use crate::domain::cohort::Cohort;
+use crate::formats::picture::{MAX_PIXELS, PictureFile, PictureFormat};
 use crate::formats::shape::ShapeInput;
 use crate::geometry::capability::domain::{Admitted, Domain};
 use crate::geometry::capability::sample::Parameters;
@@ -147,7 +148,9 @@ pub fn align(settings: &CheckedSettings, counts: Counts) -> Work {
         _ => Work(0.0),
     };
     let mean = match settings.alignment {
-        Alignment::Procrustes => Work(ITERATIONS * values * counts.dimension * FIT),
+        Alignment::Procrustes | Alignment::PartialProcrustes => {
+            Work(ITERATIONS * values * counts.dimension * FIT)
+        }
         Alignment::Projection => {
             let (columns, rows) = operator(settings, counts);
             scatter(columns * counts.shapes, rows)
@@ -252,6 +255,22 @@ pub fn draw(counts: Counts, shapes: usize) -> Work {
     /// Evaluating and writing one sample.
     const SAMPLE: f64 = 2.2e-7;
     Work(REQUEST + shapes as f64 * SAMPLES.max(4.0 * counts.points) * SAMPLE)
+}
+
+/// Writing a drawing as a picture file, about as high as wide.
+pub fn picture(file: &PictureFile) -> Work {
+    painting(file.format, f64::from(file.style.width).powi(2))
+}
+
+/// Writing a drawing as a picture file of so many pixels: an SVG is written as the drawing is made, a PNG is painted and
+/// compressed.
+pub fn painting(format: PictureFormat, pixels: f64) -> Work {
+    /// Per pixel: painting a few lines over it, and compressing it.
+    const PIXEL: f64 = 1.5e-7;
+    match format {
+        PictureFormat::Svg => Work(0.0),
+        PictureFormat::Png => Work(REQUEST + pixels.min(MAX_PIXELS as f64) * PIXEL),
+    }
 }
 
 /// A mesh of a surface at `grid`.
@@ -398,6 +417,16 @@ pub fn store(counts: Counts, correspondence: Correspondence) -> Work {
     const START: f64 = 3e-7;
     let start = if correspondence == Correspondence::Cyclic { START } else { 0.0 };
     Work(REQUEST + counts.values() * (COORDINATE + start))
+}
+
+/// Measuring shapes of a cohort when they arrive.
+pub fn measure_stored(representation: &Representation, counts: Counts, limits: &Limits) -> Work {
+    /// Per coordinate of a curve: length, area, self-intersection and centroid size.
+    const COORDINATE: f64 = 3.5e-7;
+    match representation.domain() {
+        Domain::Line { .. } | Domain::Points => Work(counts.values() * COORDINATE),
+        Domain::Sheet { .. } | Domain::Vertices => measure(representation, counts, false, limits),
+    }
 }
 
 /// A matrix of `shapes²` distances whose pairs take `multiply_adds` in total.

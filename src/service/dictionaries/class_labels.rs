@@ -8,7 +8,7 @@ use crate::analysis::classification::record::ClassifierSettings;
 use crate::analysis::dictionary::method::Method;
 use crate::domain::attribute::Attribute;
 use crate::domain::cohort::Cohort;
-use crate::domain::shape::ShapeFilter;
+use crate::domain::filter::ShapeFilter;
 use crate::formats::fault::Fault;
 use crate::service::app::error::parameter_fault;
 use crate::service::app::{App, ServiceError};
@@ -55,6 +55,6 @@ pub(crate) fn settings_faults(
     method: &Method,
 ) -> impl Iterator<Item = Fault> + use<> {
     let attribute = Attribute::parse(&settings.attribute);
-    let names_classes = attribute.is_some_and(|attribute| attribute != Attribute::Subject);
+    let names_classes = matches!(attribute, Some(Attribute::Label | Attribute::Labels(_)));
     settings.faults(method, names_classes).into_iter().map(parameter_fault)
 }

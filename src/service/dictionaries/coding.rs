@@ -11,73 +11,90 @@ use crate::analysis::dictionary::modes::Sample;
 use crate::analysis::dictionary::posted_code::PostedCode;
 use crate::analysis::dictionary::prior::{Energy, Reference};
 use crate::analysis::dictionary::score::Score;
+use crate::domain::cohort::Cohort;
+use crate::domain::shape::Shape;
 use crate::formats::fault::Fault;
 use crate::formats::shape::ShapeInput;
 use crate::geometry::capability::FieldFault;
 use crate::geometry::resample::RepeatedPoints;
 use crate::numeric::MAX_NUMBER;
 use crate::service::app::{App, Limits, ServiceError, Work};
-use crate::service::cohorts::catalogue;
+use crate::service::cohorts::{catalogue, source};
 use crate::service::cost::requests::{self, Counts};
+use crate::service::shapes::names::InputNames;
+use crate::service::shapes::outcome::{OnError, Outcomes, of_shape};
 use crate::service::shapes::read::{self, Reading};
 
 /// Shapes to which a dictionary is applied.
 #[derive(Debug)]
-pub enum Asked {
+pub struct Asked {
+    /// Names of the shapes, in order.
+    pub names: Vec<InputNames>,
+    /// Treatment of shapes that have no answer.
+    pub on_error: OnError,
+    shapes: AskedShapes,
+}
+
+#[derive(Debug)]
+enum AskedShapes {
     /// Posted shapes.
     Posted(Vec<ShapeInput>),
     /// Control points of stored shapes.
-    Stored(Vec<f64>),
+    Stored(Outcomes<Vec<f64>>),
 }
 
 impl Asked {
+    /// Posted shapes.
+    pub fn posted(shapes: Vec<ShapeInput>, on_error: OnError) -> Self {
+        Self { names: InputNames::of_posted(&shapes), on_error, shapes: AskedShapes::Posted(shapes) }
+    }
+
+    /// Stored shapes with these ids or external ids.
+    ///
+    /// # Errors
+    /// A cohort that does not exist, or that has another representation or correspondence; under [`OnError::Abort`]
+    /// shapes that do not exist.
+    pub async fn stored(
+        app: &App,
+        ready: &Ready,
+        (cohort, ids): (&str, &[String]),
+        on_error: OnError,
+    ) -> Result<Self, ServiceError> {
+        let cohort = catalogue::find(app, cohort).await?;
+        if let Some(detail) = misfit(ready, &cohort) {
+            return Err(ServiceError::invalid("/cohort", detail));
+        }
+        let found = source::find_each(app, &cohort, ids).await?.checked(on_error)?.into_vec();
+        let mut names = Vec::with_capacity(found.len());
+        let named = |shape: Result<Shape, ServiceError>| {
+            names.push(shape.as_ref().map(InputNames::of_stored).unwrap_or_default());
+            shape.map(|shape| shape.control_points)
+        };
+        let shapes = AskedShapes::Stored(Outcomes::new(found.into_iter().map(named).collect()));
+        Ok(Self { names, on_error, shapes })
+    }
+
     /// Predicted work of encoding the shapes and answering `numbers` numbers for each.
     pub fn work(&self, ready: &Ready, numbers: usize, limits: &Limits) -> Work {
-        let count = match self {
-            Self::Posted(shapes) => shapes.len(),
-            Self::Stored(control_points) => control_points.len() / ready.setup.metric.len(),
-        };
-        ready.work(count, numbers, limits)
+        ready.work(self.names.len(), numbers, limits)
     }
-}
 
-/// Control points of stored shapes with these ids or external ids.
-///
-/// # Errors
-/// A cohort that does not exist, or that has another representation or correspondence; shapes that do not exist.
-pub async fn stored(app: &App, ready: &Ready, cohort: &str, ids: &[String]) -> Result<Asked, ServiceError> {
-    let cohort = catalogue::find(app, cohort).await?;
-    let content = &ready.dictionary.content;
-    if cohort.spec.representation != content.representation
-        || cohort.spec.correspondence != content.correspondence
-    {
-        let detail = format!(
-            "expected a cohort with the representation and correspondence of the dictionary, those of '{}' \
-             differ",
-            cohort.spec.name
-        );
-        return Err(ServiceError::invalid("/cohort", detail));
-    }
-    let shapes = crate::service::cohorts::source::find_all(app, &cohort, ids).await?;
-    Ok(Asked::Stored(shapes.into_iter().flat_map(|shape| shape.control_points).collect()))
-}
-
-impl Asked {
-    /// Control points, one shape after the other, read under `correspondence`.
+    /// Control points of the shapes, read under `correspondence`.
     fn control_points(
         self,
         app: &App,
         ready: &Ready,
         correspondence: Correspondence,
-    ) -> Result<Vec<f64>, ServiceError> {
-        let control_points = match self {
-            Self::Stored(control_points) => control_points,
-            Self::Posted(shapes) => {
+    ) -> Result<Outcomes<Vec<f64>>, ServiceError> {
+        let control_points = match self.shapes {
+            AskedShapes::Stored(control_points) => control_points,
+            AskedShapes::Posted(shapes) => {
                 let (space, direction) = (&ready.setup.space, ready.dictionary.content.direction);
                 let repeated_points = RepeatedPoints::Drop;
                 let conversion = Conversion { space, correspondence, direction, repeated_points };
                 let reading = Reading { conversion, limits: &app.limits };
-                read::read_batch(&reading, shapes)?.control_points
+                let read = read::read_each(&reading, shapes)?.checked(self.on_error)?;
+                read.map(|_, (control_points, _)| Ok(control_points))
             }
         };
         if control_points.is_empty() {
@@ -85,6 +102,19 @@ impl Asked {
         }
         Ok(control_points)
     }
+}
+
+/// Why the dictionary cannot be applied to shapes of the cohort, if so.
+pub(crate) fn misfit(ready: &Ready, cohort: &Cohort) -> Option<String> {
+    let (content, spec) = (&ready.dictionary.content, &cohort.spec);
+    let fits = spec.representation == content.representation && spec.correspondence == content.correspondence;
+    (!fits).then(|| {
+        format!(
+            "expected a cohort with the representation and correspondence of the dictionary, those of '{}' \
+             differ",
+            spec.name
+        )
+    })
 }
 
 impl Ready {
@@ -100,31 +130,31 @@ impl Ready {
 /// Encodes shapes.
 ///
 /// # Errors
-/// Faults of the shapes; degenerate shapes; [`ServiceError::Cancelled`].
-pub fn encode(app: &App, ready: &Ready, asked: Asked) -> Result<Vec<CodedShape>, ServiceError> {
-    let control_points = asked.control_points(app, ready, ready.dictionary.content.correspondence)?;
-    Ok(ready.dictionary.encode(&control_points, &app.pool.context())?)
+/// [`ServiceError::Cancelled`]; under [`OnError::Abort`] faults of the shapes, degenerate shapes.
+pub fn encode(app: &App, ready: &Ready, asked: Asked) -> Result<Outcomes<CodedShape>, ServiceError> {
+    let (on_error, context) = (asked.on_error, app.pool.context());
+    let shapes = asked.control_points(app, ready, ready.dictionary.content.correspondence)?;
+    let encode = |shapes: &[Vec<f64>]| ready.dictionary.encode(&shapes.concat(), &context);
+    Ok(shapes.together(on_error, encode)?.map(|_, (_, coded)| Ok(coded)))
 }
 
 /// Reconstructs shapes from their codes, with the distances at `samples` parameters.
 ///
 /// # Errors
-/// Faults of the shapes; degenerate shapes, including those that the alignment makes degenerate.
+/// As [`encode`]; too many samples.
 pub fn reconstruct_shapes(
     app: &App,
     ready: &Ready,
     asked: Asked,
     pose: AnswerPose,
     samples: usize,
-) -> Result<Vec<Reconstruction>, ServiceError> {
+) -> Result<Outcomes<Reconstruction>, ServiceError> {
     let coded = encode(app, ready, asked)?;
     check_samples(app, samples, coded.len())?;
     let (dictionary, space) = (&ready.dictionary, &ready.setup.space);
-    let reconstruct = |(index, coded): (usize, &CodedShape)| {
-        let reconstruction = dictionary.reconstruct(space, coded, pose, samples);
-        Ok(reconstruction.map_err(|error| error.at(index))?)
-    };
-    coded.iter().enumerate().map(reconstruct).collect()
+    coded.each(&app.pool.context(), |index, coded| {
+        dictionary.reconstruct(space, &coded, pose, samples).map_err(|error| of_shape(index, error))
+    })
 }
 
 /// Checks the total number of requested distances.
@@ -140,37 +170,33 @@ pub(crate) fn check_samples(app: &App, samples: usize, shapes: usize) -> Result<
 /// Reconstructs shapes from posted codes: in the pose of the dictionary, or as given by matrices and offset.
 ///
 /// # Errors
-/// All faults of the codes, at `/codes/{index}…`.
+/// No codes; under [`OnError::Abort`] all faults of the codes, at `/codes/{index}…`.
 pub fn reconstruct_codes(
     app: &App,
     ready: &Ready,
     codes: &[PostedCode],
-) -> Result<Vec<Reconstruction>, ServiceError> {
+    on_error: OnError,
+) -> Result<Outcomes<Reconstruction>, ServiceError> {
     if codes.is_empty() {
         let detail = format!("expected between 1 and {} codes, got 0", app.limits.shapes);
         return Err(ServiceError::invalid("/codes", detail));
     }
-    let (mut fitting, mut faults) = (Vec::with_capacity(codes.len()), Vec::new());
-    for (index, code) in codes.iter().enumerate() {
-        let placed = |fault: FieldFault| Fault::from(fault).below(&format!("/codes/{index}")).at_shape(index);
-        match ready.dictionary.fitting(code) {
-            Ok(code) => fitting.push(code),
-            Err(found) => faults.extend(found.into_iter().map(placed)),
-        }
-    }
-    ServiceError::unless_empty(faults)?;
-    let context = app.pool.context();
-    fitting.iter().map(|code| context.check().map(|()| code.reconstruct())).collect()
+    let fitting = |code| {
+        let found = ready.dictionary.fitting(code);
+        found.map_err(|faults: Vec<FieldFault>| faults.into_iter().map(Fault::from).collect())
+    };
+    let fitting = Outcomes::of_list("codes", codes.iter().map(fitting).collect()).checked(on_error)?;
+    fitting.each(&app.pool.context(), |_, code| Ok(code.reconstruct()))
 }
 
 /// Scores shapes. Among shapes like those of the training, the fraction `1 − quantile` counts as outliers.
 ///
 /// # Errors
-/// Faults of the shapes or of the quantile; degenerate shapes.
-pub fn score(app: &App, ready: &Ready, asked: Asked, quantile: f64) -> Result<Vec<Score>, ServiceError> {
+/// As [`encode`]; a quantile out of range.
+pub fn score(app: &App, ready: &Ready, asked: Asked, quantile: f64) -> Result<Outcomes<Score>, ServiceError> {
     check_quantile(quantile)?;
     let coded = encode(app, ready, asked)?;
-    Ok(coded.iter().map(|coded| ready.dictionary.score(coded, quantile)).collect())
+    Ok(coded.map(|_, coded| Ok(ready.dictionary.score(&coded, quantile))))
 }
 
 /// Checks the range of a training quantile.
@@ -199,14 +225,14 @@ const IN_SAMPLE: &str = "this dictionary has no measures of held-out shapes: out
 /// Energy and gradient of the shape prior. Points correspond as given: no start point is searched.
 ///
 /// # Errors
-/// Faults of the shapes and of `gamma`; a dictionary whose class is not linear.
+/// A fault of `gamma`; a dictionary whose class is not linear; under [`OnError::Abort`] faults of the shapes.
 pub fn prior(
     app: &App,
     ready: &Ready,
     asked: Asked,
     reference: Reference,
     gamma: f64,
-) -> Result<Vec<Energy>, ServiceError> {
+) -> Result<Outcomes<Energy>, ServiceError> {
     if !(gamma > 0.0 && gamma <= MAX_NUMBER) {
         return Err(ServiceError::invalid(
             "/gamma",
@@ -214,9 +240,8 @@ pub fn prior(
         ));
     }
     let prior = ready.dictionary.prior(reference, gamma)?;
-    let control_points = asked.control_points(app, ready, Correspondence::Landmarks)?;
-    let (context, shapes) = (app.pool.context(), control_points.chunks_exact(ready.setup.metric.len()));
-    shapes.map(|shape| context.check().map(|()| prior.energy(shape))).collect()
+    let shapes = asked.control_points(app, ready, Correspondence::Landmarks)?;
+    shapes.each(&app.pool.context(), |_, shape| Ok(prior.energy(&shape)))
 }
 
 /// Draws shapes from the normal distribution of the training scores, scaled by `sigma`; the same seed gives the same

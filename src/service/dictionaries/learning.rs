@@ -16,22 +16,23 @@ use crate::analysis::accumulate::ShapesInMemory;
 use crate::analysis::classification::record::{ClassifierRecord, ClassifierSettings};
 use crate::analysis::classification::study::{WITHIN, train_classifier};
 use crate::analysis::dictionary::content::Content;
-use crate::analysis::dictionary::held_out;
 use crate::analysis::dictionary::in_use::Dictionary;
 use crate::analysis::dictionary::learn::{Learner, Learnt};
 use crate::analysis::dictionary::model::Coded;
 use crate::analysis::dictionary::procedure;
+use crate::analysis::estimate::{self, Stage, Trainings};
 use crate::analysis::watch::{Phase, Watch};
 use crate::domain::cohort::Cohort;
 use crate::domain::dictionary::{NewDictionary, Provenance, Summary};
 use crate::domain::id;
 use crate::domain::job::Job;
-use crate::service::app::progress::JobContext;
+use crate::service::app::progress::{JobContext, Meter, Part};
 use crate::service::app::{App, ServiceError, now_ms};
 use crate::service::cohorts::placements::{KnownPlacements, SearchSettings};
 use crate::service::cohorts::source::{StoredShapes, Work};
 use crate::service::jobs::Outcome;
 use crate::service::statistics::Setup;
+use crate::store::Revisions;
 
 /// Maximum size of stored sums from which learning can continue.
 const STATE_BYTES: usize = 64 << 20;
@@ -83,7 +84,8 @@ pub fn learn(
     };
     let setup = Setup::of(app, plan.settings(&cohort))?;
     let others = Spreading { app, handle, job, plan };
-    let task = Task { app, handle, plan, cohort: &cohort, setup: &setup, context, others };
+    let meter = meter(app, handle, plan, &setup, context)?;
+    let task = Task { app, handle, plan, cohort: &cohort, setup: &setup, context, meter, others };
     let (content, state) = task.content(previous)?;
     let text = serde_json::to_vec(&content)
         .map_err(|error| ServiceError::Internal(format!("a dictionary is not JSON: {error}")))?;
@@ -106,6 +108,30 @@ pub fn learn(
         provenance,
         created_at_ms: now_ms(),
     })
+}
+
+/// Progress of a plan, by the predicted work of its phases.
+fn meter(
+    app: &App,
+    handle: &Handle,
+    plan: &Plan,
+    setup: &Setup,
+    context: &JobContext,
+) -> Result<Meter, ServiceError> {
+    let revisions = Revisions { after: 0, until: plan.revision };
+    let shapes = handle.block_on(app.store.count(&plan.cohort, revisions, &plan.filter))?;
+    let shapes = usize::try_from(shapes).unwrap_or(usize::MAX);
+    let known = plan.continue_from.is_some();
+    let trainings = Trainings {
+        held_out: if known { 0 } else { plan.held_out_trainings(setup, shapes) },
+        validation: plan.classifier.as_ref().map_or(0, |settings| settings.trainings(WITHIN)),
+    };
+    let stages = estimate::stages(setup.measured(), &plan.method, shapes, known, trainings);
+    let part = |stage: &Stage| Part { work: stage.multiply_adds, count: stage.passes * shapes as f64 };
+    let parts: Vec<Part> = stages.iter().map(part).collect();
+    // The digest of the shapes reads them once more, as the certificate does.
+    let rest = estimate::READING * shapes as f64 * setup.metric.len() as f64;
+    Ok(Meter::new(context, parts, rest))
 }
 
 /// The version from which learning continues.
@@ -133,19 +159,19 @@ struct Task<'a> {
     cohort: &'a Cohort,
     setup: &'a Setup,
     context: &'a JobContext,
+    meter: Meter,
     /// Workers to which parts of a pass can be distributed.
     others: Spreading<'a>,
 }
 
-/// Fraction of the progress of learning at which a phase begins.
-fn beginning(phase: Phase) -> f64 {
+/// Place of a phase among the parts of [`estimate::stages`].
+fn part_of(phase: Phase) -> usize {
     match phase {
-        Phase::Mean => 0.0,
-        Phase::Align => 0.1,
-        Phase::Learn => 0.2,
-        Phase::Certify => 0.9,
-        Phase::HoldOut => 0.92,
-        Phase::Validate => 0.95,
+        Phase::Mean => 0,
+        Phase::Align | Phase::Learn => 1,
+        Phase::Certify => 2,
+        Phase::HoldOut => 3,
+        Phase::Validate => 4,
     }
 }
 
@@ -154,21 +180,17 @@ impl Watch for Task<'_> {
         self.context.is_cancelled()
     }
 
-    fn epoch(&self, epochs: usize, objective: f64) {
-        let (start, end) = (beginning(Phase::Learn), beginning(Phase::Certify));
-        let most = self.plan.method.max_epochs();
-        let fraction = start + (end - start) * (epochs as f64 / most as f64).min(1.0);
-        self.context.report(Phase::Learn.name(), self.share() * fraction, Some(objective));
+    fn worked(&self, count: usize) {
+        self.meter.worked(count);
+    }
+
+    fn epoch(&self, _: usize, objective: f64) {
+        self.meter.objective(objective);
     }
 
     fn phase(&self, phase: Phase, fraction: f64) {
-        let validation = self.validation_start();
-        let progress = match phase {
-            Phase::HoldOut if fraction > 0.0 => self.share() + (validation - self.share()) * fraction,
-            Phase::Validate if fraction > 0.0 => validation + (1.0 - validation) * fraction,
-            _ => self.share() * beginning(phase),
-        };
-        self.context.report(phase.name(), progress, None);
+        self.meter.enter(part_of(phase), phase.name());
+        self.meter.reached(fraction);
     }
 
     fn not_held_out(&self, error: &AnalysisError) {
@@ -178,24 +200,6 @@ impl Watch for Task<'_> {
 }
 
 impl Task<'_> {
-    /// Fraction of the progress for learning; the remainder is holding out shapes, then validation.
-    fn share(&self) -> f64 {
-        let validation = self.plan.classifier.as_ref().map_or(0, |settings| settings.trainings(WITHIN));
-        1.0 / (1 + self.held_out_trainings() + validation) as f64
-    }
-
-    /// Progress at which validation begins.
-    fn validation_start(&self) -> f64 {
-        self.share() * (1 + self.held_out_trainings()) as f64
-    }
-
-    fn held_out_trainings(&self) -> usize {
-        match self.plan.continue_from {
-            Some(_) => 0,
-            None => held_out::usual_trainings(&self.plan.method),
-        }
-    }
-
     /// The learnt content, and the sums from which learning can continue.
     fn content(&self, previous: Option<Previous>) -> Result<(Content, Vec<u8>), ServiceError> {
         let stop = || self.context.is_cancelled();
@@ -264,7 +268,7 @@ impl Task<'_> {
     ) -> Result<StoredShapes<'a>, ServiceError> {
         let Self { app, handle, plan, cohort, setup, .. } = *self;
         let shapes = StoredShapes::new(app, handle, cohort, &plan.filter, since, setup, stop)?;
-        Ok(shapes.distributed_by(&self.others))
+        Ok(shapes.distributed_by(&self.others).counted_by(self))
     }
 
     /// BLAKE3 digest of control points and weights, in storage order.

@@ -4,7 +4,7 @@
 //! * [`learning`] — the job that learns; [`distributed`] — its passes, distributed to idle workers;
 //! * [`class_labels`] — classes and subjects of the shapes of a cohort;
 //! * [`ready`] — stored dictionaries prepared for use, cached; [`file`](mod@file) — export and import;
-//! * [`coding`] — codes, reconstructions, scores; [`classify`] — classes; [`modes`] — drawings of components; [`drift`]
+//! * [`coding`] — codes, reconstructions, scores; [`classify`] — classes; [`modes`], [`pictures`] — drawings; [`drift`]
 //!   — new shapes of the cohort compared with the training shapes.
 //!
 //! The arithmetic is in [`analysis::dictionary`](crate::analysis::dictionary) and
@@ -18,6 +18,7 @@ pub mod drift;
 pub mod file;
 pub mod learning;
 pub mod modes;
+pub mod pictures;
 pub mod plan;
 pub mod planning;
 pub mod ready;

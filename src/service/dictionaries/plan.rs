@@ -6,14 +6,15 @@ use tokio::runtime::Handle;
 use crate::analysis::alignment::Alignment;
 use crate::analysis::classification::record::ClassifierSettings;
 use crate::analysis::correspondence::Mirror;
+use crate::analysis::dictionary::held_out;
 use crate::analysis::dictionary::method::Method;
 use crate::analysis::dictionary::recipe::Recipe;
 use crate::analysis::frame::Frame;
 use crate::analysis::transformation::Transformation;
 use crate::domain::cohort::{Cohort, CohortSpec};
-use crate::domain::shape::ShapeFilter;
+use crate::domain::filter::ShapeFilter;
 use crate::service::app::{App, ServiceError};
-use crate::service::statistics::Settings;
+use crate::service::statistics::{Settings, Setup};
 
 /// Checked parameters of learning.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -71,6 +72,11 @@ impl Plan {
             frame: self.frame,
             method: self.method.clone(),
         }
+    }
+
+    /// Number of trainings from scratch that hold out some of `shapes` shapes.
+    pub(crate) fn held_out_trainings(&self, setup: &Setup, shapes: usize) -> usize {
+        held_out::trainings(&self.method, setup.matching.searches(), shapes)
     }
 
     /// Settings for comparing the shapes of `cohort`.

@@ -14,7 +14,6 @@ use crate::analysis::alignment::{Alignment, MIN_SHAPES};
 use crate::analysis::classification::record::ClassifierSettings;
 use crate::analysis::classification::study::WITHIN;
 use crate::analysis::correspondence::Mirror;
-use crate::analysis::dictionary::held_out;
 use crate::analysis::dictionary::method::Method;
 use crate::analysis::dictionary::procedure::ParameterFault;
 use crate::analysis::estimate::Estimate;
@@ -23,13 +22,14 @@ use crate::analysis::transformation::Transformation;
 use crate::domain::access::Principal;
 use crate::domain::cohort::{Cohort, name_problem};
 use crate::domain::dictionary::Listed;
+use crate::domain::filter::ShapeFilter;
 use crate::domain::id;
 use crate::domain::job::{Job, JobKind};
-use crate::domain::shape::ShapeFilter;
 use crate::service::app::error::parameter_fault;
 use crate::service::app::{App, Limits, Page, ServiceError};
 use crate::service::cohorts::attributes::{FilterPlace, refuse_unknown};
 use crate::service::cohorts::catalogue;
+use crate::service::cohorts::measures;
 use crate::service::cost::requests;
 use crate::service::jobs;
 use crate::service::statistics::Setup;
@@ -98,6 +98,7 @@ pub async fn plan(app: &App, learn: Learn) -> Result<Planned, ServiceError> {
     let cohort = catalogue::find(app, &learn.cohort).await?;
     check_name_is_open(app, &learn.name).await?;
     let (plan, since) = started(app, learn, &cohort).await?;
+    measures::complete_for(app, &cohort, &plan.filter).await?;
     let revisions = Revisions { after: since, until: plan.revision };
     let shapes = app.store.count(&cohort.id, revisions, &plan.filter).await?;
     if shapes == 0 && since == 0 {
@@ -144,10 +145,7 @@ fn estimate(app: &App, plan: &Plan, cohort: &Cohort, shapes: u64) -> Result<Esti
     plan.method.pose(&setup.method)?;
     let anew = match plan.continue_from {
         Some(_) => 0,
-        None => {
-            let found = usize::try_from(shapes).unwrap_or(usize::MAX);
-            held_out::trainings(&plan.method, setup.matching.searches(), found)
-        }
+        None => plan.held_out_trainings(&setup, usize::try_from(shapes).unwrap_or(usize::MAX)),
     };
     let trainings = plan.classifier.as_ref().map_or(0, |settings| settings.trainings(WITHIN));
     let estimate = Estimate::new(setup.measured(), &plan.method, shapes).times(anew + trainings);
@@ -231,10 +229,13 @@ async fn continued(app: &App, name: String, cohort: &Cohort, key: &str) -> Resul
     let since = provenance.cohort_revision;
     let revisions = Revisions { after: since, until: cohort.revision };
     let deleted = app.store.count_deleted(&cohort.id, revisions, &provenance.filter).await?;
-    if deleted > 0 {
+    // Erased shapes are in no revision any more.
+    let found = app.store.count(&cohort.id, Revisions::until(since), &provenance.filter).await?;
+    let gone = deleted + (content.statistics.shapes as u64).saturating_sub(found);
+    if gone > 0 {
         let detail = format!(
-            "{deleted} of the shapes that the version was learnt from were deleted, and sums cannot forget them: \
-             learn again from the whole cohort"
+            "{gone} of the shapes that the version was learnt from were deleted, corrected or erased, and sums \
+             cannot forget them: learn again from the whole cohort"
         );
         return Err(at(detail));
     }

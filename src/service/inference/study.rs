@@ -10,7 +10,7 @@ use tokio::runtime::Handle;
 use super::sample::{Selection, cohort_at};
 use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::Mirror;
-use crate::analysis::estimate::{Estimate, TestWork};
+use crate::analysis::estimate::{Estimate, TestWork, alignment_stage};
 use crate::analysis::inference::aligned::{AlignedShapes, StudySpace, frame_for};
 use crate::analysis::inference::error::StudyError;
 use crate::analysis::inference::permutation::Draws;
@@ -22,7 +22,7 @@ use crate::domain::job::JobKind;
 use crate::domain::study::StudyHeader;
 use crate::formats::fault::Fault;
 use crate::geometry::drawing::scene::Drawing;
-use crate::service::app::progress::JobContext;
+use crate::service::app::progress::{JobContext, Meter, Part};
 use crate::service::app::{App, ServiceError};
 use crate::service::cohorts::catalogue;
 use crate::service::cost::requests;
@@ -34,9 +34,6 @@ const MAX_PERMUTATIONS: usize = 100_000;
 
 /// Default number of permutations.
 pub const DEFAULT_PERMUTATIONS: usize = 1000;
-
-/// Progress when the shapes are aligned.
-const ALIGNED: f64 = 0.2;
 
 /// Request for a study with options `O`.
 #[derive(Debug, Clone)]
@@ -225,6 +222,16 @@ impl<K: StudyKind> Study<K> {
         Ok(Self { plan, cohort, setup, sample, estimate })
     }
 
+    /// Watch of the alignment, which counts passes, and of the tests, which report their fraction.
+    fn measured<'a>(&self, context: &'a JobContext) -> Measured<'a> {
+        let shapes = usize::try_from(self.estimate.shapes).unwrap_or(usize::MAX);
+        let alignment = alignment_stage(self.setup.measured(), shapes);
+        let count = alignment.passes * shapes as f64;
+        let rest = (self.estimate.multiply_adds - alignment.multiply_adds).max(0.0);
+        let parts = vec![Part { work: alignment.multiply_adds, count }, Part { work: rest, count: f64::MAX }];
+        Measured { context, meter: Meter::new(context, parts, 0.0) }
+    }
+
     /// The space of the study.
     fn space(&self) -> StudySpace<'_> {
         let Setup { space, metric, method, frame, matching, .. } = &self.setup;
@@ -252,15 +259,16 @@ impl<K: StudyKind> PlannedTest for Study<K> {
 
     fn answer(&self, app: &App, handle: &Handle, context: &JobContext) -> Result<K::Record, ServiceError> {
         let stop = || context.is_cancelled();
-        context.report("align", 0.0, None);
+        let measured = self.measured(context);
+        measured.meter.enter(0, "align");
         let (selection, space) = (self.sample.selection(), self.space());
         let (control_points, weights) =
             selection.read(app, handle, &self.cohort, space.metric.len(), &stop)?;
-        let aligned = AlignedShapes::new(space, control_points, weights, &stop);
+        let aligned = AlignedShapes::new(space, control_points, weights, &measured);
         let aligned =
             aligned.map_err(|error| selection.named(refused(error, "/cohort"), &self.cohort.spec.name))?;
-        context.report(K::PHASE, ALIGNED, None);
-        K::result(self, &aligned, &Computing { context, phase: K::PHASE })
+        measured.meter.enter(1, K::PHASE);
+        K::result(self, &aligned, &measured)
     }
 
     fn draw(&self, answer: &K::Record) -> Drawing {
@@ -268,19 +276,23 @@ impl<K: StudyKind> PlannedTest for Study<K> {
     }
 }
 
-/// Watch of the part that follows the alignment.
-struct Computing<'a> {
+/// Watch of a study.
+struct Measured<'a> {
     context: &'a JobContext,
-    phase: &'static str,
+    meter: Meter,
 }
 
-impl Watch for Computing<'_> {
+impl Watch for Measured<'_> {
     fn stop(&self) -> bool {
         self.context.is_cancelled()
     }
 
+    fn worked(&self, count: usize) {
+        self.meter.worked(count);
+    }
+
     fn progress(&self, fraction: f64) {
-        self.context.report(self.phase, ALIGNED + (1.0 - ALIGNED) * fraction, None);
+        self.meter.reached(fraction);
     }
 }
 

@@ -110,6 +110,16 @@ pub async fn cancel(app: &App, id: &str) -> Result<Job, ServiceError> {
     Ok(job)
 }
 
+/// Tells those who watch a job that it was `removed`, or returned to the queue. The attempt at a removed job is stopped; another
+/// one learns from its heartbeat that it has lost the job, which may already run again.
+pub(crate) fn taken_away(app: &App, id: &str, removed: bool) {
+    if removed {
+        app.registry().interrupt(id);
+    }
+    app.registry().announce(id);
+    app.registry().wake();
+}
+
 /// Returns the job as soon as it is finished, after `time`, or when the service is stopping.
 ///
 /// # Errors

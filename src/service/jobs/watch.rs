@@ -7,7 +7,7 @@ use tokio::sync::watch::Receiver;
 use tokio::time::Instant;
 
 use super::find;
-use crate::domain::job::{Job, Progress};
+use crate::domain::job::{Job, JobStatus, Progress};
 use crate::service::app::progress::Channel;
 use crate::service::app::{App, ServiceError};
 
@@ -15,7 +15,11 @@ use crate::service::app::{App, ServiceError};
 const PACE: Duration = Duration::from_millis(200);
 
 /// Polling interval of the row, for changes by other replicas.
-pub(super) const LOOK: Duration = Duration::from_secs(1);
+pub(super) const LOOK: Duration = Duration::from_millis(500);
+
+/// Minimum time between two reports of a running job whose progress stands still: its estimate changes, and its client sees
+/// that it goes on.
+const BEAT: Duration = Duration::from_millis(700);
 
 /// States of a job from the current to the final one.
 #[derive(Debug)]
@@ -28,6 +32,8 @@ pub struct Watch {
     begun: bool,
     /// Earliest time of the next report of progress.
     next: Instant,
+    /// Earliest time at which an unchanged running job is reported.
+    beat: Instant,
     /// Keeps the sender of both receivers alive.
     _channel: Arc<Channel>,
 }
@@ -44,11 +50,12 @@ impl Watch {
             told: known,
             begun: false,
             next: Instant::now(),
+            beat: Instant::now() + BEAT,
             _channel: channel,
         }
     }
 
-    /// Next state that differs from the last reported one; the first is available at once. `None` after the final
+    /// Next state that differs from the last reported one, or a running one after a while; the first is available at once. `None` after the final
     /// state, or when the service is stopping.
     ///
     /// # Errors
@@ -61,8 +68,10 @@ impl Watch {
             }
             self.begun = true;
             let job = find(&self.app, &self.id).await?;
-            if self.told.as_ref() != Some(&job) {
+            let goes_on = job.status == JobStatus::Running && Instant::now() >= self.beat;
+            if goes_on || self.told.as_ref() != Some(&job) {
                 self.next = Instant::now() + PACE;
+                self.beat = Instant::now() + BEAT;
                 self.told = Some(job.clone());
                 return Ok(Some(job));
             }

@@ -10,13 +10,15 @@ use crate::analysis::distance::{DistanceSpace, PreparedShapes};
 use crate::analysis::frame::Frame;
 use crate::analysis::transformation::Transformation;
 use crate::domain::cohort::Cohort;
+use crate::domain::filter::ShapeFilter;
 use crate::domain::job::{Job, JobKind, JobOutput};
-use crate::domain::shape::{Shape, ShapeFilter};
+use crate::domain::shape::Shape;
 use crate::formats::matrix::NamedMatrix;
 use crate::formats::shape::ShapeInput;
 use crate::service::app::progress::JobContext;
 use crate::service::app::{App, ServiceError, Work};
 use crate::service::cohorts::attributes::{FilterPlace, refuse_unknown};
+use crate::service::cohorts::measures;
 use crate::service::cohorts::source::StoredShapes;
 use crate::service::cohorts::{catalogue, source};
 use crate::service::cost::requests::{self, Counts};
@@ -217,6 +219,7 @@ async fn count(app: &App, cohort: &Cohort, chosen: &Chosen) -> Result<usize, Ser
             return Ok(ids.len());
         }
         Chosen::Filter(filter) => {
+            measures::complete_for(app, cohort, filter).await?;
             let count = app.store.count(&cohort.id, Revisions::until(cohort.revision), filter).await?;
             if count == 0 {
                 refuse_unknown(app, cohort, filter, FilterPlace::Body("/filter")).await?;
@@ -257,6 +260,7 @@ pub struct StoredMatrix {
     /// Revision of the cohort.
     pub cohort_revision: u64,
     /// Number of rows and columns.
+    #[serde(rename = "shape_count")]
     pub shapes: usize,
     /// Path of the matrix.
     pub output: String,

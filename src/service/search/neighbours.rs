@@ -16,10 +16,12 @@ use crate::analysis::distance::{DistanceSpace, Match, PreparedShapes};
 use crate::analysis::matching::Placement;
 use crate::analysis::neighbours::{Neighbour, NeighbourSearch};
 use crate::domain::cohort::Cohort;
-use crate::domain::shape::{ShapeAttributes, ShapeFilter};
+use crate::domain::filter::ShapeFilter;
+use crate::domain::shape::ShapeAttributes;
 use crate::formats::shape::ShapeInput;
 use crate::service::app::{App, ServiceError, Work};
 use crate::service::cohorts::attributes::{FilterPlace, refuse_unknown};
+use crate::service::cohorts::measures;
 use crate::service::cohorts::source::StoredShapes;
 use crate::service::cohorts::{catalogue, source};
 use crate::service::cost::requests::{self, Counts};
@@ -90,6 +92,7 @@ type Sorted = Vec<(Cursor, Match)>;
 pub async fn search(app: &App, key: &str, search: Search) -> Result<Found, ServiceError> {
     let cohort = catalogue::find(app, key).await?;
     check_sizes(app, &search)?;
+    measures::complete_for(app, &cohort, &search.filter).await?;
     let Search { queries, neighbours, comparison, filter } = search;
     let (task_app, handle) = (app.clone(), Handle::current());
     let queries = match queries {

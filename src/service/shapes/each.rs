@@ -2,6 +2,7 @@
 
 use rayon::prelude::*;
 
+use super::outcome::Outcomes;
 use crate::formats::fault::Fault;
 use crate::formats::shape::ShapeInput;
 use crate::service::app::ServiceError;
@@ -22,33 +23,22 @@ pub(crate) fn each_shape<T: Send>(
     shapes: Vec<ShapeInput>,
     work: impl Fn(usize, ShapeInput) -> Result<T, Vec<Fault>> + Sync,
 ) -> Result<Vec<T>, ServiceError> {
-    each_of(context, "shapes", shapes, work)
+    each_of(context, "shapes", shapes, work)?.all()
 }
 
-/// Applies `work` to every entry of a list in parallel, until the request is cancelled; collects all faults at
+/// Applies `work` to every entry of a list in parallel, until the request is cancelled; faults are placed at
 /// `/{list}/{index}…`.
 pub(crate) fn each_of<I: Send, T: Send>(
     context: &JobContext,
     list: &str,
     items: Vec<I>,
     work: impl Fn(usize, I) -> Result<T, Vec<Fault>> + Sync,
-) -> Result<Vec<T>, ServiceError> {
+) -> Result<Outcomes<T>, ServiceError> {
     // Skipped entries have no faults: the request then ends as cancelled.
     let unless_cancelled =
         |(index, item)| if context.is_cancelled() { Err(Vec::new()) } else { work(index, item) };
     let results: Vec<Result<T, Vec<Fault>>> =
         items.into_par_iter().enumerate().map(unless_cancelled).collect();
     context.check()?;
-    let (mut values, mut faults) = (Vec::with_capacity(results.len()), Vec::new());
-    for (index, result) in results.into_iter().enumerate() {
-        match result {
-            Ok(value) => values.push(value),
-            Err(errors) => {
-                let placed = errors.into_iter().map(|error| error.below(&format!("/{list}/{index}")));
-                faults.extend(placed.map(|error| error.at_shape(index)));
-            }
-        }
-    }
-    ServiceError::unless_empty(faults)?;
-    Ok(values)
+    Ok(Outcomes::of_list(list, results))
 }

@@ -1,6 +1,7 @@
 //! Fits of shapes to posted points and meshes. The function is synchronous and runs on the pool.
 
-use super::each::{each_of, each_shape};
+use super::each::each_of;
+use super::outcome::{OnError, Outcomes};
 use super::read_mesh::{MeshInput, PostedMesh};
 use super::read_points::{below_points, posted_list, raw_points};
 use super::request::{Posted, check_curves};
@@ -27,6 +28,8 @@ pub struct FitTask {
     pub turns: usize,
     /// Initial shape of all fits of refined meshes.
     pub start: Option<ShapeInput>,
+    /// Treatment of entries that cannot be fitted.
+    pub on_error: OnError,
 }
 
 /// What shapes are fitted to.
@@ -69,16 +72,16 @@ impl FitTask {
     ///
     /// # Errors
     /// Faults of the input: points that leave gaps, tolerances that are not reached, fits that are folded or diverge; too
-    /// much work.
-    pub fn fit(self, app: &App, inputs: FitInputs) -> Result<Vec<Fitted>, ServiceError> {
+    /// much work. Under [`OnError::Skip`] those of a single entry are among the outcomes.
+    pub fn fit(self, app: &App, inputs: FitInputs) -> Result<Outcomes<Fitted>, ServiceError> {
         check_curves(&self.representation)?;
         if inputs.count() == 0 {
             return Err(ServiceError::TooFewShapes { found: 0, needed: 1 });
         }
         check_places(self.representation.domain(), self.places.as_deref(), inputs.count())?;
         check_tolerance(self.tolerance)?;
-        let list = inputs.list();
-        let targets = read_targets(app, &self.representation, self.places, inputs)?;
+        let (list, on_error) = (inputs.list(), self.on_error);
+        let targets = read_targets(app, &self.representation, self.places, inputs)?.checked(on_error)?;
         let posted = Posted::new(app, &self.representation, Correspondence::Landmarks)?;
         check_work(&posted, list, targets.len(), self.turns)?;
         let start = self.start.map(|shape| posted.read_one(app, shape, "/start")).transpose()?;
@@ -97,7 +100,11 @@ impl FitTask {
         }
         let context = app.pool.context();
         let stop = || context.is_cancelled();
-        each_of(&context, list, targets, |_, target| fitter.fit(target, &stop).map_err(faults))
+        let fits = targets.each(&context, |index, target| {
+            let fitted = fitter.fit(target, &stop);
+            fitted.map_err(|found| ServiceError::of_entry(list, index, faults(found)))
+        });
+        fits?.checked(on_error)
     }
 }
 
@@ -107,10 +114,10 @@ fn read_targets(
     representation: &Representation,
     places: Option<Vec<PointPlaces>>,
     inputs: FitInputs,
-) -> Result<Vec<FitTarget>, ServiceError> {
+) -> Result<Outcomes<FitTarget>, ServiceError> {
     let context = app.pool.context();
     match inputs {
-        FitInputs::Shapes(shapes) => each_shape(&context, shapes, |index, shape| {
+        FitInputs::Shapes(shapes) => each_of(&context, "shapes", shapes, |index, shape| {
             let (points, usual) = read_target(shape, representation, &app.limits)?;
             let places = places.as_ref().map_or(usual, |lists| lists[index].clone());
             Ok(FitTarget::Points { points, places })

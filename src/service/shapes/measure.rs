@@ -2,10 +2,8 @@
 //!
 //! The function is synchronous and runs on the pool.
 
-use rayon::prelude::*;
-
-use super::each::each;
 use super::mesh;
+use super::outcome::{OnError, Outcomes};
 use super::request::Posted;
 use crate::analysis::correspondence::Correspondence;
 use crate::formats::shape::ShapeInput;
@@ -30,6 +28,8 @@ pub struct MeasureTask {
     pub reference: Option<ShapeInput>,
     /// Field whose flux through surfaces is measured.
     pub field: Option<AffineField>,
+    /// Treatment of invalid shapes.
+    pub on_error: OnError,
 }
 
 /// Maximum number of pairs of intervals over which distances are measured in one request: a minute of work.
@@ -43,8 +43,8 @@ impl MeasureTask {
     ///
     /// # Errors
     /// Faults of the shapes, and of the reference at `/reference…`; a reference for shapes without `L₂` distance; too much
-    /// work.
-    pub fn measure(self, app: &App, shapes: Vec<ShapeInput>) -> Result<Vec<Measures>, ServiceError> {
+    /// work. Under [`OnError::Skip`] faults of the shapes are among the outcomes.
+    pub fn measure(self, app: &App, shapes: Vec<ShapeInput>) -> Result<Outcomes<Measures>, ServiceError> {
         let representation = &self.representation;
         if !representation.is_linear() {
             return self.measure_oriented(app, shapes);
@@ -53,20 +53,22 @@ impl MeasureTask {
             mesh::check_vertices(app, representation, shapes.len())?;
         }
         let posted = Posted::new(app, representation, self.correspondence)?;
-        let (shapes, reference) = posted.read_with_reference(app, shapes, self.reference)?;
+        let (shapes, reference) = posted.read_with_reference(app, shapes, self.reference, self.on_error)?;
         check_work(representation, shapes.len(), reference.is_some())?;
         let measuring = Measuring::new(&posted.space, reference, self.field, shapes.len());
         let context = app.pool.context();
         let stop = || context.is_cancelled();
-        let measured = |shape: &Matrix| {
-            context.check()?;
-            measuring.measure(shape, &stop).ok_or(ServiceError::Cancelled)
-        };
-        shapes.par_iter().map(measured).collect()
+        shapes.each(&context, |_, shape: Matrix| {
+            measuring.measure(&shape, &stop).ok_or(ServiceError::Cancelled)
+        })
     }
 
     /// Measures of the meshes of shapes with points and normals.
-    fn measure_oriented(self, app: &App, shapes: Vec<ShapeInput>) -> Result<Vec<Measures>, ServiceError> {
+    fn measure_oriented(
+        self,
+        app: &App,
+        shapes: Vec<ShapeInput>,
+    ) -> Result<Outcomes<Measures>, ServiceError> {
         let representation = &self.representation;
         if self.reference.is_some() {
             let detail = format!(
@@ -75,11 +77,11 @@ impl MeasureTask {
             );
             return Err(ServiceError::invalid("/reference", detail));
         }
-        let meshes = mesh::refined(app, representation, self.correspondence, shapes, Detail::Whole)?;
+        let meshes = mesh::refined_each(app, representation, self.correspondence, shapes, Detail::Whole)?;
         let context = app.pool.context();
         let (splits, stop) = (representation.splits(), || context.is_cancelled());
-        each(&context, &meshes, |mesh: &TriangleMesh| {
-            Measures::from_mesh(mesh, splits, self.field.as_ref(), &stop)
+        meshes.checked(self.on_error)?.each(&context, |_, mesh: TriangleMesh| {
+            Ok(Measures::from_mesh(&mesh, splits, self.field.as_ref(), &stop))
         })
     }
 }

@@ -1,6 +1,6 @@
 //! Triangle meshes of shapes. The functions are synchronous and run on the pool.
 
-use super::each::each;
+use super::outcome::Outcomes;
 use super::read::check_correspondence;
 use super::read_oriented::OrientedReader;
 use super::request::Posted;
@@ -13,7 +13,6 @@ use crate::geometry::capability::tessellate::Detail;
 use crate::geometry::drawing::layer::MAX_FACES;
 use crate::geometry::mesh::TriangleMesh;
 use crate::geometry::representation::ShapeSpace;
-use crate::geometry::subdivision::normal_based::Oriented;
 use crate::numeric::dense::Matrix;
 use crate::service::app::{App, ServiceError};
 
@@ -46,7 +45,10 @@ pub fn mesh_of(
             Some(grid)
         }
         Domain::Points | Domain::Line { .. } => {
-            return refused("format", "expected 'json' or 'svg': only surfaces are written as meshes".into());
+            return refused(
+                "format",
+                "expected 'json', 'svg' or 'png': only surfaces are written as meshes".into(),
+            );
         }
     };
     let rows = Matrix::from_column_slice(space.gram().size(), 3, control_points);
@@ -86,15 +88,29 @@ pub fn refined(
     shapes: Vec<ShapeInput>,
     detail: Detail,
 ) -> Result<Vec<TriangleMesh>, ServiceError> {
+    refined_each(app, representation, correspondence, shapes, detail)?.all()
+}
+
+/// As [`refined`], with the faults of the shapes among the outcomes.
+///
+/// # Errors
+/// Too many vertices in total; no shapes.
+pub(crate) fn refined_each(
+    app: &App,
+    representation: &Admitted,
+    correspondence: Correspondence,
+    shapes: Vec<ShapeInput>,
+    detail: Detail,
+) -> Result<Outcomes<TriangleMesh>, ServiceError> {
     check_vertices(app, representation, shapes.len())?;
     if let Some(reader) = OrientedReader::new(representation)? {
         check_correspondence(representation, correspondence)?;
         return refined_oriented(app, &reader, shapes, detail);
     }
     let posted = Posted::new(app, representation, correspondence)?;
-    let shapes = posted.read(app, shapes)?;
-    let meshes = each(&app.pool.context(), &shapes, |rows| posted.space.refined_mesh(rows, detail))?;
-    meshes.into_iter().collect::<Option<_>>().ok_or_else(not_a_mesh)
+    let shapes = posted.read_each(app, shapes)?;
+    shapes
+        .each(&app.pool.context(), |_, rows| posted.space.refined_mesh(&rows, detail).ok_or_else(not_a_mesh))
 }
 
 fn refined_oriented(
@@ -102,15 +118,12 @@ fn refined_oriented(
     reader: &OrientedReader<'_>,
     shapes: Vec<ShapeInput>,
     detail: Detail,
-) -> Result<Vec<TriangleMesh>, ServiceError> {
+) -> Result<Outcomes<TriangleMesh>, ServiceError> {
     let context = app.pool.context();
-    let shapes = reader.read_all(&context, shapes)?;
     let most = (detail == Detail::Drawn).then_some(MAX_FACES);
-    let refined = each(&context, &shapes, |shape: &Oriented| reader.meshes.refine(shape, most))?;
-    let refused = |index: usize, error: GeometryError| {
-        let fault = Fault::new(format!("/shapes/{index}"), error.to_string());
-        ServiceError::Invalid(vec![fault.at_shape(index)].into())
-    };
-    let numbered = refined.into_iter().enumerate();
-    numbered.map(|(index, mesh)| mesh.map_err(|error| refused(index, error))).collect()
+    reader.read_each(&context, shapes)?.each(&context, |index, shape| {
+        let refused = |error: GeometryError| vec![Fault::new("", error.to_string())];
+        let mesh = reader.meshes.refine(&shape, most).map_err(refused);
+        mesh.map_err(|faults| ServiceError::of_entry("shapes", index, faults))
+    })
 }

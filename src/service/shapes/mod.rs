@@ -3,7 +3,8 @@
 //!
 //! * [`read`] — control points of posted shapes; [`read_points`], [`read_mesh`], [`read_oriented`] — points, meshes, and
 //!   points with normals as posted; [`request`] — shapes of a request in their space; [`spaces`] — prepared spaces;
-//!   [`each`] — parallel work on a list;
+//!   [`each`] — parallel work on a list; [`names`], [`outcome`] — names of the
+//!   shapes of a request, and values for them or their errors;
 //! * [`evaluate`], [`measure`], [`mesh`], [`draw`] — values, measures, triangle meshes, drawings;
 //! * [`fit`], [`resample`], [`idealise`] — shapes from points, meshes and formulas;
 //! * [`refine`], [`resize`], [`subdivide`] — other grids of knots; refined meshes and polylines;
@@ -20,6 +21,8 @@ pub mod idealise;
 pub mod measure;
 pub mod mesh;
 pub mod morph;
+pub mod names;
+pub mod outcome;
 pub mod overlap;
 pub mod read;
 pub mod read_mesh;

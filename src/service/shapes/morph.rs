@@ -13,10 +13,10 @@ use crate::formats::shape::ShapeInput;
 use crate::geometry::GeometryError;
 use crate::geometry::capability::domain::Admitted;
 use crate::geometry::drawing::layer::{Layer, MAX_FACES};
-use crate::geometry::drawing::scene::Drawing;
+use crate::geometry::drawing::scene::{Drawing, short};
 use crate::geometry::drawing::svg::Style;
 use crate::geometry::drawing::{colour, layout};
-use crate::geometry::representation::Representation;
+use crate::geometry::representation::{Representation, ShapeSpace};
 use crate::geometry::subdivision::normal_based::Oriented;
 use crate::numeric::dense::Matrix;
 use crate::service::app::faults::Faults;
@@ -102,16 +102,23 @@ impl MorphTask {
         Ok(Morph { angle: None, frames: shapes.into_iter().map(oriented_frame).collect() })
     }
 
-    /// Drawing of the path: an animation through its frames and back, or the shapes of points and normals.
+    /// Drawing of the path: an animation through its frames and back, or a strip of some of them. Surfaces are always side by
+    /// side.
     ///
     /// # Errors
     /// Those of [`Self::morph`]; too many frames.
-    pub fn drawing(self, app: &App, style: &Style) -> Result<Drawing, ServiceError> {
-        let name = if self.kind == PathKind::Plane { "straight path" } else { "great circle" };
+    pub fn drawing(self, app: &App, style: &Style, animated: bool) -> Result<Drawing, ServiceError> {
+        let name = match self.kind {
+            PathKind::Plane => "from one shape to another along a straight line",
+            PathKind::Sphere => "from one shape to another along a great circle",
+        };
         if self.representation.is_linear() {
             let posted = Posted::new(app, &self.representation, self.correspondence)?;
             let morph = self.along(app, &posted)?;
-            return animate(&posted, name, &morph, style);
+            return match animated {
+                true => animate(&posted, name, &morph, style),
+                false => Ok(strip(&posted.space, name, &morph)),
+            };
         }
         self.check_oriented()?;
         let (representation, positions) = (self.representation, self.positions);
@@ -201,6 +208,35 @@ fn oriented_frame((position, Oriented { points, normals }): (f64, Oriented)) -> 
     PathShape { position, control_points, normals: Some(normals) }
 }
 
+/// Maximum number of shapes of a strip.
+const MAX_STRIP: usize = 7;
+
+/// Drawing of the first and the last shape of a path and of some between them, side by side.
+fn strip(space: &ShapeSpace, title: &str, morph: &Morph) -> Drawing {
+    let last = morph.frames.len().saturating_sub(1);
+    let drawn = morph.frames.len().min(MAX_STRIP);
+    let cell = |k: usize| {
+        let frame = &morph.frames[if drawn > 1 { (k * last + (drawn - 1) / 2) / (drawn - 1) } else { 0 }];
+        let colour = match k {
+            0 => colour::MINUS,
+            k if k + 1 == drawn => colour::PLUS,
+            _ => colour::MAIN,
+        };
+        let layer = Layer::of(space, [frame.control_points.as_slice()], colour, 2.0, 1.0);
+        (place_on_path(frame.position), vec![layer])
+    };
+    layout::row(title, (0..drawn).map(cell).collect())
+}
+
+/// A position on a path as readers know it.
+fn place_on_path(position: f64) -> String {
+    match position {
+        0.0 => "first shape".into(),
+        1.0 => "second shape".into(),
+        other => short(other),
+    }
+}
+
 /// Animated drawing of a path, through its frames and back.
 ///
 /// # Errors
@@ -213,7 +249,9 @@ fn animate(posted: &Posted, title: &str, morph: &Morph, style: &Style) -> Result
     }
     let shapes = morph.frames.iter().map(|frame| frame.control_points.as_slice());
     let layer = Layer::of(&posted.space, shapes, colour::MAIN, 2.5, 1.0);
-    let drawing = layout::animate(title, layer);
+    let ends = [morph.frames.first(), morph.frames.last()]
+        .map(|frame| frame.map_or_else(String::new, |frame| place_on_path(frame.position)));
+    let drawing = layout::animate(title, layer, ends);
     let bytes = drawing.animation_bytes(style);
     if bytes > MAX_DRAWN {
         let detail = format!(

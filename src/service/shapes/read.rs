@@ -8,6 +8,7 @@ use bytes::Bytes;
 use rayon::prelude::*;
 use serde::de::DeserializeOwned;
 
+use super::outcome::Outcomes;
 use super::read_points::given;
 use crate::analysis::conversion::{Conversion, Converted};
 use crate::analysis::correspondence::{Correspondence, Mirror};
@@ -21,7 +22,7 @@ use crate::geometry::capability::domain::{Admitted, Domain, SizeBounds};
 use crate::geometry::representation::Representation;
 use crate::geometry::surface::basis::Tangents;
 use crate::numeric::dense::Matrix;
-use crate::service::app::faults::{Faults, MAX_FAULTS};
+use crate::service::app::faults::MAX_FAULTS;
 use crate::service::app::{App, Limits, ServiceError};
 
 /// Reader of posted shapes.
@@ -198,6 +199,8 @@ pub struct ReadShape {
     pub control_points: Vec<f64>,
     /// Attributes.
     pub attributes: ShapeAttributes,
+    /// Number of points as received.
+    pub points: usize,
     /// Number of repeated points that were dropped.
     pub repeated_points: usize,
 }
@@ -211,14 +214,21 @@ pub fn read_shape(reading: &Reading<'_>, shape: ShapeInput) -> Result<ReadShape,
     if shape.faults.iter().any(|fault| fault.pointer.is_empty()) {
         return Err(shape.faults);
     }
+    let points = given(&shape.points).or(given(&shape.control_points)).map_or(0, PointList::len);
     match (reading.convert(&shape), attributes(shape)) {
         (Ok(Converted { control_points, repeated_points }), Ok(attributes)) => {
-            Ok(ReadShape { control_points: control_points.as_slice().to_vec(), attributes, repeated_points })
+            let control_points = control_points.as_slice().to_vec();
+            Ok(ReadShape { control_points, attributes, points, repeated_points })
         }
         (converted, attributes) => {
             Err(converted.err().into_iter().chain(attributes.err()).flatten().collect())
         }
     }
+}
+
+/// Whether a text may be an identifier or a label.
+pub(crate) fn is_text(text: &str) -> bool {
+    !text.is_empty() && text.chars().count() <= MAX_TEXT && !text.chars().any(char::is_control)
 }
 
 /// Attributes of a posted shape.
@@ -229,7 +239,7 @@ pub fn attributes(shape: ShapeInput) -> Result<ShapeAttributes, Vec<Fault>> {
     let mut errors = shape.faults;
     let mut text = |field: Option<Checked<Option<String>>>, pointer: &str| {
         let text = take_given(field, pointer, &mut errors).flatten()?;
-        if text.is_empty() || text.chars().count() > MAX_TEXT || text.chars().any(char::is_control) {
+        if !is_text(&text) {
             errors.push(Fault::new(pointer, format!("expected 1 to {MAX_TEXT} printable characters")));
         }
         Some(text)
@@ -385,33 +395,36 @@ pub struct Batch {
     pub weights: Vec<f64>,
 }
 
+/// Control points of a shape and its weight. Other attributes are not kept.
+pub(crate) type Weighted = (Vec<f64>, f64);
+
+/// Reads all shapes in parallel.
+///
+/// # Errors
+/// Too many numbers in all shapes together.
+pub(crate) fn read_each(
+    reading: &Reading<'_>,
+    shapes: Vec<ShapeInput>,
+) -> Result<Outcomes<Weighted>, ServiceError> {
+    check_numbers(reading, shapes.len())?;
+    let read = |shape: ShapeInput| {
+        read_shape(reading, shape).map(|shape| (shape.control_points, shape.attributes.weight))
+    };
+    Ok(Outcomes::of_list("shapes", shapes.into_par_iter().map(read).collect()))
+}
+
 /// Reads all shapes in parallel.
 ///
 /// # Errors
 /// The faults of all invalid shapes, at `/shapes/{index}…`.
 pub fn read_batch(reading: &Reading<'_>, shapes: Vec<ShapeInput>) -> Result<Batch, ServiceError> {
-    check_numbers(reading, shapes.len())?;
-    // Attributes other than the weight end here.
-    let read = |shape: ShapeInput| {
-        read_shape(reading, shape).map(|shape| (shape.control_points, shape.attributes.weight))
-    };
-    let results: Vec<Result<_, Vec<Fault>>> = shapes.into_par_iter().map(read).collect();
-    let mut batch = Batch { control_points: Vec::new(), weights: Vec::with_capacity(results.len()) };
-    let mut faults = Faults::default();
-    for (index, result) in results.into_iter().enumerate() {
-        match result {
-            Ok((control_points, weight)) => {
-                batch.control_points.extend(control_points);
-                batch.weights.push(weight);
-            }
-            Err(errors) => {
-                let prefix = format!("/shapes/{index}");
-                let with_index = |error: Fault| error.below(&prefix).at_shape(index);
-                faults.extend(errors.into_iter().map(with_index));
-            }
-        }
+    let read = read_each(reading, shapes)?.all()?;
+    let mut batch = Batch { control_points: Vec::new(), weights: Vec::with_capacity(read.len()) };
+    for (control_points, weight) in read {
+        batch.control_points.extend(control_points);
+        batch.weights.push(weight);
     }
-    faults.unless_any().map(|()| batch)
+    Ok(batch)
 }
 
 /// Checks the number of coordinates: resampling can turn short contours into many control points. Lists of shapes are within

@@ -1,6 +1,7 @@
 //! Points with normals as posted.
 
-use super::each::each_shape;
+use super::each::each_of;
+use super::outcome::Outcomes;
 use super::read;
 use super::read_points::take_points;
 use crate::formats::fault::Fault;
@@ -32,16 +33,16 @@ impl<'a> OrientedReader<'a> {
     /// All shapes of a request; at least one is required.
     ///
     /// # Errors
-    /// The faults of all invalid shapes, at `/shapes/{index}…`.
-    pub(crate) fn read_all(
+    /// No shapes; [`ServiceError::Cancelled`].
+    pub(crate) fn read_each(
         &self,
         context: &JobContext,
         shapes: Vec<ShapeInput>,
-    ) -> Result<Vec<Oriented>, ServiceError> {
+    ) -> Result<Outcomes<Oriented>, ServiceError> {
         if shapes.is_empty() {
             return Err(ServiceError::TooFewShapes { found: 0, needed: 1 });
         }
-        each_shape(context, shapes, |_, shape| self.read(shape))
+        each_of(context, "shapes", shapes, |_, shape| self.read(shape))
     }
 
     /// Points (which are control points, because the scheme interpolates) and normals, with defaults.

@@ -1,5 +1,6 @@
 //! Curves and surfaces of a request that is answered from memory.
 
+use super::outcome::{OnError, Outcomes};
 use super::read::{self, Reading};
 use crate::analysis::conversion::Conversion;
 use crate::analysis::correspondence::{Correspondence, Direction};
@@ -81,12 +82,23 @@ impl Posted {
     /// # Errors
     /// The faults of all invalid shapes, at `/shapes/{index}…`.
     pub fn read(&self, app: &App, shapes: Vec<ShapeInput>) -> Result<Vec<Matrix>, ServiceError> {
-        let batch = read::read_batch(&self.reading(&app.limits), shapes)?;
-        if batch.weights.is_empty() {
+        self.read_each(app, shapes)?.all()
+    }
+
+    /// Control points of every valid shape; at least one shape is required.
+    ///
+    /// # Errors
+    /// Too many numbers in all shapes together.
+    pub(crate) fn read_each(
+        &self,
+        app: &App,
+        shapes: Vec<ShapeInput>,
+    ) -> Result<Outcomes<Matrix>, ServiceError> {
+        if shapes.is_empty() {
             return Err(ServiceError::TooFewShapes { found: 0, needed: 1 });
         }
-        let shapes = batch.control_points.chunks_exact(self.metric.len());
-        Ok(shapes.map(|control_points| self.matrix(control_points)).collect())
+        let read = read::read_each(&self.reading(&app.limits), shapes)?;
+        Ok(read.map(|_, (control_points, _)| Ok(self.matrix(&control_points))))
     }
 
     /// Control points of one shape.
@@ -107,16 +119,18 @@ impl Posted {
     /// Control points of shapes and of a reference shape, if given.
     ///
     /// # Errors
-    /// Faults of the shapes, and of the reference at `/reference…`.
+    /// Under [`OnError::Abort`] faults of the shapes; faults of the reference at `/reference…`.
     pub(crate) fn read_with_reference(
         &self,
         app: &App,
         shapes: Vec<ShapeInput>,
         reference: Option<ShapeInput>,
-    ) -> Result<(Vec<Matrix>, Option<Matrix>), ServiceError> {
+        on_error: OnError,
+    ) -> Result<(Outcomes<Matrix>, Option<Matrix>), ServiceError> {
         let reference = reference.map(|shape| self.read_one(app, shape, "/reference")).transpose();
         let mut faults = Faults::default();
-        match (faults.keep(self.read(app, shapes))?, faults.keep(reference)?) {
+        let shapes = self.read_each(app, shapes).and_then(|shapes| shapes.checked(on_error));
+        match (faults.keep(shapes)?, faults.keep(reference)?) {
             (Some(shapes), Some(reference)) => Ok((shapes, reference)),
             _ => Err(ServiceError::Invalid(faults)),
         }

@@ -53,7 +53,14 @@ const RULES: &[(&str, &str)] = &[
     (
         "shape {} was deleted by an impossible revision",
         "SELECT s.id FROM shape AS s JOIN chunk AS c ON c.id = s.chunk_id JOIN cohort AS h ON h.number = c.cohort
-        WHERE s.deleted_revision <= coalesce(c.revision, s.deleted_revision) OR s.deleted_revision > h.revision",
+        WHERE s.deleted_revision < c.revision OR s.deleted_revision > h.revision
+            OR (s.deleted_revision IS NOT NULL AND c.revision IS NULL)",
+    ),
+    (
+        // Only erased shapes are deleted by the revision that added them. A subject marks those to be overwritten.
+        "shape {} was erased, but is still described",
+        "SELECT s.id FROM shape AS s JOIN chunk AS c ON c.id = s.chunk_id WHERE s.deleted_revision = c.revision
+        AND (s.digest IS NOT NULL OR coalesce(s.external_id, s.label, s.labels, s.metadata) IS NOT NULL)",
     ),
     (
         "chunk {} belongs to a cohort that does not exist",
@@ -115,6 +122,11 @@ const RULES: &[(&str, &str)] = &[
         "the feed of tenant {} is empty, although numbers were assigned",
         "SELECT q.tenant FROM change_sequence AS q
         WHERE q.last > 0 AND NOT EXISTS (SELECT 1 FROM change AS c WHERE c.tenant = q.tenant)",
+    ),
+    (
+        "hook {} has delivered changes that never happened",
+        "SELECT h.id FROM hook AS h LEFT JOIN change_sequence AS q ON q.tenant = h.tenant
+        WHERE h.position > coalesce(q.last, 0)",
     ),
 ];
 

@@ -197,8 +197,12 @@ async fn every_kind_of_damage_is_found() {
         ("DELETE FROM chunk_data WHERE chunk_id = 2", "chunk 2 has no points"),
         ("DELETE FROM shape WHERE external_id = 'e5'", "chunk 1 has 6 shapes, but descriptions of 5"),
         (
-            "UPDATE shape SET deleted_revision = 1 WHERE external_id = 'e0'",
+            "UPDATE shape SET deleted_revision = 0 WHERE external_id = 'e0'",
             "was deleted by an impossible revision",
+        ),
+        (
+            "UPDATE shape SET deleted_revision = 1 WHERE external_id = 'e0'",
+            "was erased, but is still described",
         ),
         ("UPDATE shape SET cohort = 77 WHERE external_id = 'e3'", "under another cohort"),
         ("UPDATE shape SET metadata = '{' WHERE external_id = 'e2'", "the attributes of shape"),

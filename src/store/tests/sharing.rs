@@ -42,7 +42,7 @@ async fn tenants_do_not_see_each_other() {
     assert!(!theirs.remove_cohort(&cohort.id).await.unwrap());
     let error = theirs.begin_upload(&cohort).add(vec![shape(1)]).await.unwrap_err();
     assert!(matches!(error, StoreError::CohortGone), "{error:?}");
-    let error = theirs.list_shapes(&cohort.id, &EVERYTHING, None, 9).await.unwrap_err();
+    let error = theirs.list_shapes(&cohort.id, &Listing::first(&EVERYTHING, 9)).await.unwrap_err();
     assert!(matches!(error, StoreError::CohortGone), "{error:?}");
 
     // Each tenant has its own names, request keys and change numbers.

@@ -1,8 +1,8 @@
 //! A shape in the form in which it is stored.
 
-use super::super::blob;
+use super::super::blob::{self, Encoded};
 use super::digest;
-use crate::domain::shape::NewShape;
+use crate::domain::shape::{NewShape, ShapeMeasures};
 
 /// A shape as it is stored: attributes as text, control points as bytes, and the digest of both.
 #[derive(Debug)]
@@ -15,6 +15,7 @@ pub struct ShapeRow {
     pub(super) digest: Option<[u8; 32]>,
     pub(super) labels: Option<String>,
     pub(super) metadata: Option<String>,
+    pub(super) measures: ShapeMeasures,
     pub(super) weight: f64,
     /// Control points, as stored.
     pub(super) points: Vec<u8>,
@@ -26,6 +27,11 @@ impl ShapeRow {
         self.points.len() / blob::BYTES_PER_NUMBER
     }
 
+    /// The shape as a chunk of its own.
+    pub(in crate::store) fn alone(&self) -> Encoded {
+        Encoded::new(std::iter::once((self.weight, self.points.as_slice())))
+    }
+
     pub(super) fn digest_bytes(&self) -> Option<&[u8]> {
         self.digest.as_ref().map(<[u8; 32]>::as_slice)
     }
@@ -34,7 +40,7 @@ impl ShapeRow {
 /// Cost: one pass over the control points, and BLAKE3 of them if the shape has an external id.
 impl From<NewShape> for ShapeRow {
     fn from(shape: NewShape) -> Self {
-        let NewShape { id, attributes, control_points } = shape;
+        let NewShape { id, attributes, measures, control_points } = shape;
         let points = blob::bytes_of(&control_points);
         let digest = attributes.external_id.is_some().then(|| digest::of(&attributes, &points));
         let labels = (!attributes.labels.is_empty()).then_some(&attributes.labels);
@@ -47,6 +53,7 @@ impl From<NewShape> for ShapeRow {
             digest,
             labels,
             metadata: attributes.metadata,
+            measures,
             weight: attributes.weight,
             points,
         }

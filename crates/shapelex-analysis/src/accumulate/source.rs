@@ -7,6 +7,7 @@ use crate::matching::Placement;
 use crate::metric::{Metric, norm};
 use crate::pass::Pass;
 use crate::subspace::{check_extent, flatten};
+use crate::watch::Watch;
 
 /// Shapes per partial sum. Part of the definition of every result: changing it changes last bits.
 pub const BLOCK: usize = 128;
@@ -82,6 +83,11 @@ pub trait ShapeSource: Sync {
     /// The reason to end.
     fn check(&self) -> Result<(), Self::Error> {
         Ok(())
+    }
+
+    /// Counts shapes that a pass has worked through. Reading counts by itself; passes over what was kept of the shapes call it.
+    fn worked(&self, shapes: usize) {
+        let _ = shapes;
     }
 
     /// Reserves memory to keep all shapes in, until the value returned is dropped; `None` if that is too much. Default: at most
@@ -225,16 +231,17 @@ impl ShapeSource for ShapesInMemory {
     }
 }
 
-/// A source that checks `stop` before every [`PART`] of shapes, so that an iteration over it can be cancelled.
+/// A source whose `watch` is asked before every [`PART`] of shapes, so that an iteration over it can be cancelled, and counts
+/// the shapes that are read.
 pub struct Watched<'a, S> {
     source: &'a S,
-    stop: &'a (dyn Fn() -> bool + Sync),
+    watch: &'a dyn Watch,
 }
 
 impl<'a, S> Watched<'a, S> {
-    /// Wraps `source`; reading ends with [`AnalysisError::Interrupted`] once `stop` returns true.
-    pub fn new(source: &'a S, stop: &'a (dyn Fn() -> bool + Sync)) -> Self {
-        Self { source, stop }
+    /// Wraps `source`; reading ends with [`AnalysisError::Interrupted`] once the watch stops.
+    pub fn new(source: &'a S, watch: &'a dyn Watch) -> Self {
+        Self { source, watch }
     }
 }
 
@@ -246,7 +253,12 @@ impl<S: ShapeSource> ShapeSource for Watched<'_, S> {
     }
 
     fn check(&self) -> Result<(), S::Error> {
-        if (self.stop)() { Err(AnalysisError::Interrupted.into()) } else { self.source.check() }
+        self.watch.check()?;
+        self.source.check()
+    }
+
+    fn worked(&self, shapes: usize) {
+        self.watch.worked(shapes);
     }
 
     fn reserve(&self, bytes: usize) -> Option<Reservation<'_>> {
@@ -267,6 +279,7 @@ impl<S: ShapeSource> ShapeSource for Watched<'_, S> {
                 let count = rest.weights.len().min(PART);
                 let (part, others) = rest.split_at(count);
                 visit(part)?;
+                self.worked(count);
                 if others.weights.is_empty() {
                     return Ok(());
                 }

@@ -110,36 +110,29 @@ impl Dictionary {
         }
     }
 
-    /// Assesses encoded shapes of `space`: class, outlier test, and the residual at `samples` parameters.
+    /// Assesses an encoded shape of `space`, with its class: novelty, and the residual at `samples` parameters.
     ///
     /// # Errors
-    /// [`AnalysisError::Degenerate`] with the position of the shape.
+    /// [`AnalysisError::Degenerate`] with index 0 for a shape that the alignment makes degenerate.
     pub fn assess(
         &self,
         space: &ShapeSpace,
-        coded: Vec<CodedShape>,
+        coded: CodedShape,
+        classified: Option<Classified>,
         quantile: f64,
         samples: usize,
-    ) -> Result<Vec<Assessment>, AnalysisError> {
-        let classified = match self.classify(&coded, quantile)? {
-            Some(classified) => classified.into_iter().map(Some).collect(),
-            None => vec![None; coded.len()],
+    ) -> Result<Assessment, AnalysisError> {
+        let reconstruction = self.reconstruct(space, &coded, AnswerPose::Input, samples)?;
+        let score = match &classified {
+            Some(classified) => classified.outlier.clone(),
+            None => self.score(&coded, quantile),
         };
-        let assess = |(index, (coded, classified)): (usize, (CodedShape, Option<Classified>))| {
-            let reconstruction = self.reconstruct(space, &coded, AnswerPose::Input, samples);
-            let reconstruction = reconstruction.map_err(|error| error.at(index))?;
-            let score = match &classified {
-                Some(classified) => classified.outlier.clone(),
-                None => self.score(&coded, quantile),
-            };
-            Ok(Assessment {
-                coded,
-                classified,
-                score,
-                relative_error: reconstruction.relative_error.unwrap_or_default(),
-                residual: reconstruction.residual,
-            })
-        };
-        coded.into_iter().zip(classified).enumerate().map(assess).collect()
+        Ok(Assessment {
+            coded,
+            classified,
+            score,
+            relative_error: reconstruction.relative_error.unwrap_or_default(),
+            residual: reconstruction.residual,
+        })
     }
 }

@@ -139,6 +139,14 @@ impl Dictionary {
         Ok(Reconstruction { control_points: answer, relative_error, residual })
     }
 
+    /// An encoded shape and its reconstruction, in the requested pose: control points.
+    ///
+    /// # Errors
+    /// As [`Self::reconstruct`].
+    pub fn pair(&self, coded: &CodedShape, pose: AnswerPose) -> Result<[Vec<f64>; 2], AnalysisError> {
+        self.posed(coded, self.model.reconstruct(&coded.code), pose)
+    }
+
     /// A shape and its reconstruction `y`, both in the requested pose.
     fn posed(
         &self,

@@ -58,11 +58,6 @@ pub fn trainings(method: &Method, searches: bool, shapes: usize) -> usize {
     parts(shapes).1
 }
 
-/// The same, independent of the number of shapes; used for progress.
-pub fn usual_trainings(method: &Method) -> usize {
-    if method.is_sparse() { PARTS.1 } else { 0 }
-}
-
 /// At most [`MAX_HELD`] of the positions, evenly spread.
 fn spread(positions: &[usize]) -> Vec<usize> {
     let held = positions.len().min(MAX_HELD);

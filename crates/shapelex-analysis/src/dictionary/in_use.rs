@@ -57,6 +57,11 @@ impl Dictionary {
         matches!(self.preparation.pose, Pose::Invariant(_))
     }
 
+    /// Whether it has components about a mean: differences between shapes, rather than shapes.
+    pub fn is_centred(&self) -> bool {
+        matches!(&self.model, Model::Components { pca, .. } if pca.centred)
+    }
+
     /// Control points of atom `j`, `d·N` coordinate-major numbers.
     pub fn atom(&self, j: usize) -> Vec<f64> {
         columns_of(&self.content.atoms[j].control_points, self.metric().dimension())

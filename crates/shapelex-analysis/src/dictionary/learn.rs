@@ -35,8 +35,7 @@ pub struct Learnt {
 /// Errors of the recipe and of the source; degenerate or too few shapes; [`AnalysisError::Interrupted`].
 pub fn learn<S: ShapeSource>(shapes: &S, recipe: &Recipe, watch: &dyn Watch) -> Result<Learnt, S::Error> {
     let setting = recipe.setting()?;
-    let stop = || watch.stop();
-    let shapes = Watched::new(shapes, &stop);
+    let shapes = Watched::new(shapes, watch);
     Learner { recipe, measured: setting.measured(), watch, help: &|_, _| Ok(None) }.learn(&shapes)
 }
 
@@ -155,9 +154,10 @@ pub(crate) fn learn_part(
     shapes: &ShapesInMemory,
     watch: &dyn Watch,
 ) -> Result<Dictionary, AnalysisError> {
-    let mut content = recipe.content(mean_of(recipe, measured, shapes)?);
+    let watched = Watched::new(shapes, watch);
+    let mut content = recipe.content(mean_of(recipe, measured, &watched)?);
     let preparation = content.preparation(measured)?;
-    let posed = ShapesInMemory::of(&Posed { source: shapes, preparation: &preparation })?;
+    let posed = ShapesInMemory::of(&Posed { source: &watched, preparation: &preparation })?;
     recipe.method.fit(&posed, None, &preparation, &mut content, &Quiet(watch))?;
     content.statistics.shapes = shapes.count();
     Dictionary::new(content, measured)

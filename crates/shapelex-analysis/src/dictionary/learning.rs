@@ -278,6 +278,7 @@ impl Learning {
                 None => self.coder.codes(atoms, step.whitened),
             };
             let coded = coded.map_err(|error| error.after(step.first))?;
+            watch.worked(coded.len());
             known.splice(places.start..places.end.min(known.len()), coded);
         }
         Ok(())

@@ -174,6 +174,10 @@ impl<S: ShapeSource> ShapeSource for Posed<'_, S> {
         self.source.check()
     }
 
+    fn worked(&self, shapes: usize) {
+        self.source.worked(shapes);
+    }
+
     fn reserve(&self, bytes: usize) -> Option<Reservation<'_>> {
         self.source.reserve(bytes)
     }

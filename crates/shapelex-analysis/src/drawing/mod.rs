@@ -1,22 +1,68 @@
-//! Drawings of results: means, modes and atoms here, comparisons and regressions in [`studies`].
+//! Drawings of results: means, modes and atoms here; [`studies`] — comparisons and regressions; [`coded`] — shapes beside what
+//! a dictionary makes of them; [`nearest`] — shapes beside their neighbours; [`drift`] — new shapes against old ones.
 
+pub mod coded;
+pub mod drift;
+pub mod nearest;
 pub mod studies;
 
-use crate::alignment::{AlignedShape, unwhitened};
+use crate::alignment::{AlignedShape, Method, unwhitened};
 use crate::dictionary::content::Content;
 use crate::dictionary::in_use::Dictionary;
 use crate::metric::Metric;
 use crate::rows::columns_of;
 use shapelex_geometry::capability::domain::Domain;
-use shapelex_geometry::drawing::colour;
+use shapelex_geometry::drawing::colour::{self, Colour};
 use shapelex_geometry::drawing::layer::Layer;
 use shapelex_geometry::drawing::layout;
+use shapelex_geometry::drawing::legend::Entry;
+use shapelex_geometry::drawing::orientation::Orientation;
 use shapelex_geometry::drawing::scene::Drawing;
 use shapelex_geometry::representation::ShapeSpace;
 
+/// Shapes of a space in the orientation in which they are drawn.
+#[derive(Debug)]
+pub struct View<'a> {
+    space: &'a ShapeSpace,
+    orientation: Orientation,
+}
+
+impl<'a> View<'a> {
+    /// Shapes as they are.
+    pub fn as_given(space: &'a ShapeSpace) -> Self {
+        Self { space, orientation: Orientation::as_given() }
+    }
+
+    /// Shapes turned as the reference, given by control points, is to stand upright. Under a method that removes no rotations
+    /// the orientation of shapes means something, and stays.
+    pub fn upright(space: &'a ShapeSpace, method: &Method, reference: &[f64]) -> Self {
+        match method.rotates() {
+            true => Self { space, orientation: Orientation::upright(space, reference) },
+            false => Self::as_given(space),
+        }
+    }
+
+    fn layer<'b>(
+        &self,
+        shapes: impl IntoIterator<Item = &'b [f64]>,
+        colour: Colour,
+        width: f64,
+        opacity: f64,
+    ) -> Layer {
+        let turned: Vec<Vec<f64>> = shapes.into_iter().map(|shape| self.orientation.turn(shape)).collect();
+        Layer::of(self.space, turned.iter().map(Vec::as_slice), colour, width, opacity)
+    }
+
+    fn arrows(&self, ends: [&[f64]; 2], colour: Colour, width: f64) -> Layer {
+        let [from, to] = ends.map(|shape| self.orientation.turn(shape));
+        Layer::arrows(self.space, [&from, &to], colour, width)
+    }
+}
+
 /// A mean (control points) of `total` shapes with at most `most` of the aligned shapes behind it.
 pub fn draw_mean(
-    (space, metric): (&ShapeSpace, &Metric),
+    view: &View<'_>,
+    metric: &Metric,
     title: &str,
     (mean, total): (&[f64], usize),
     aligned: &[AlignedShape],
@@ -31,8 +77,8 @@ pub fn draw_mean(
         some => format!("{some} of {total} shapes"),
     };
     let layers = vec![
-        Layer::of(space, behind.iter().map(Vec::as_slice), colour::BACK, 1.0, opacity).named(name),
-        Layer::of(space, [mean], colour::MAIN, 2.5, 1.0).named("mean"),
+        view.layer(behind.iter().map(Vec::as_slice), colour::BACK, 1.0, opacity).named(name),
+        view.layer([mean], colour::MAIN, 2.5, 1.0).named("mean"),
     ];
     layout::draw(title, layers)
 }
@@ -41,15 +87,15 @@ pub fn draw_mean(
 ///
 /// Curves are drawn at five steps side by side, each before the mean; surfaces at three. Landmarks are drawn once, with arrows
 /// from one side of the mode to the other.
-pub fn draw_mode(space: &ShapeSpace, title: &str, sigma: f64, shapes: &[Vec<f64>; 3]) -> Drawing {
+pub fn draw_mode(view: &View<'_>, title: &str, sigma: f64, shapes: &[Vec<f64>; 3]) -> Drawing {
     let [minus, mean, plus] = shapes;
-    let domain = space.domain();
+    let domain = view.space.domain();
     if domain == Domain::Points {
         let ends = [minus.as_slice(), plus.as_slice()];
         let name = format!("{} to {}", deviations(-sigma), deviations(sigma));
         let layers = vec![
-            Layer::of(space, [mean.as_slice()], colour::MAIN, 1.5, 1.0).named("mean"),
-            Layer::arrows(space, ends, colour::PLUS, 2.0).named(name),
+            view.layer([mean.as_slice()], colour::MAIN, 1.5, 1.0).named("mean"),
+            view.arrows(ends, colour::PLUS, 2.0).named(name),
         ];
         return layout::draw(title, layers);
     }
@@ -57,7 +103,7 @@ pub fn draw_mode(space: &ShapeSpace, title: &str, sigma: f64, shapes: &[Vec<f64>
         let captions = [-1.0, 0.0, 1.0].map(|side| deviations(side * sigma));
         return layout::grid(
             title,
-            surfaces(space, shapes).zip(captions).map(|(s, c)| (c, vec![s])).collect(),
+            surfaces(view, shapes).zip(captions).map(|(s, c)| (c, vec![s])).collect(),
         );
     }
     let cell = |side: f64| {
@@ -71,17 +117,23 @@ pub fn draw_mode(space: &ShapeSpace, title: &str, sigma: f64, shapes: &[Vec<f64>
             colour::PLUS
         };
         let layers = vec![
-            Layer::of(space, [mean.as_slice()], colour::PALE, 1.0, 1.0),
-            Layer::of(space, [shape.as_slice()], colour, 2.0, 1.0),
+            view.layer([mean.as_slice()], colour::PALE, 1.0, 1.0),
+            view.layer([shape.as_slice()], colour, 2.0, 1.0),
         ];
         (deviations(side * sigma), layers)
     };
     layout::row(title, [-1.0, -0.5, 0.0, 0.5, 1.0].map(cell).into())
 }
 
+/// Title of a mode that explains a part of the variance, or of the energy of shapes that were not centred.
+pub fn mode_title(component: usize, explained: f64, centred: bool) -> String {
+    let of = if centred { "the variation" } else { "the energy" };
+    format!("mode {component}: {:.1} % of {of}; σ is the standard deviation", 100.0 * explained)
+}
+
 /// Layers of one surface each.
-fn surfaces<'a>(space: &ShapeSpace, shapes: &'a [Vec<f64>]) -> impl Iterator<Item = Layer> + use<'a> {
-    let all = Layer::of(space, shapes.iter().map(Vec::as_slice), colour::BACK, 1.0, 1.0);
+fn surfaces<'a>(view: &View<'_>, shapes: &'a [Vec<f64>]) -> impl Iterator<Item = Layer> + use<'a> {
+    let all = view.layer(shapes.iter().map(Vec::as_slice), colour::BACK, 1.0, 1.0);
     all.apart().collect::<Vec<_>>().into_iter()
 }
 
@@ -94,19 +146,48 @@ fn deviations(sigma: f64) -> String {
     format!("{sign}{} σ", sigma.abs())
 }
 
-/// The atoms of a dictionary, each in its own frame on a common scale. For components of surfaces, which are no surfaces
-/// themselves, both sides of the modes.
-pub fn draw_atoms(space: &ShapeSpace, title: &str, dictionary: &Dictionary) -> Drawing {
+/// The atoms of a dictionary, each in its own frame on a common scale. For components of surfaces, and of curves about a mean,
+/// which are no such shapes themselves, both sides of the modes.
+pub fn draw_atoms(view: &View<'_>, name: &str, dictionary: &Dictionary) -> Drawing {
     let content = &dictionary.content;
-    if space.domain().is_surface() && !content.method.is_sparse() {
-        return layout::grid(title, both_sides(space, dictionary));
-    }
-    let dimension = space.representation().dimension();
-    let cell = |j: usize| {
-        let columns = columns_of(&content.atoms[j].control_points, dimension);
-        (caption(content, j), vec![Layer::of(space, [columns.as_slice()], colour::MAIN, 1.5, 1.0)])
+    let title = match content.method.is_sparse() {
+        true => format!("atoms of {name}, and how many shapes use them"),
+        false if dictionary.is_centred() => format!("components of {name}, and their part of the variation"),
+        false => format!("components of {name}, and their part of the energy"),
     };
-    layout::grid(title, (0..content.atoms.len()).map(cell).collect())
+    if view.space.domain().is_surface() && !content.method.is_sparse() {
+        return layout::grid(&title, both_sides(view, dictionary));
+    }
+    if dictionary.is_centred() && view.space.domain() != Domain::Points {
+        return draw_components(view, &title, dictionary);
+    }
+    let cell = |j: usize| {
+        let atom = dictionary.atom(j);
+        (caption(content, j), vec![view.layer([atom.as_slice()], colour::MAIN, 1.5, 1.0)])
+    };
+    layout::grid(&title, (0..content.atoms.len()).map(cell).collect())
+}
+
+/// Both sides of the modes of curves before their mean: components about a mean are differences, not curves.
+fn draw_components(view: &View<'_>, title: &str, dictionary: &Dictionary) -> Drawing {
+    let sides = [("mean", colour::PALE), ("−2 σ", colour::MINUS), ("+2 σ", colour::PLUS)];
+    let layer = |shape: &[f64], colour| view.layer([shape], colour, 1.5, 1.0);
+    let cell = |j: usize| {
+        let [minus, mean, plus] = dictionary.mode(j, SIGMA)?.shapes;
+        let shapes = [mean, minus, plus].into_iter().zip(sides);
+        let layers = shapes.map(|(shape, (_, colour))| layer(&shape, colour));
+        Some((caption(&dictionary.content, j), layers.collect::<Vec<_>>()))
+    };
+    let cells: Vec<_> = (0..dictionary.content.atoms.len()).filter_map(cell).collect();
+    let mean = dictionary.mode(0, 0.0).map_or_else(Vec::new, |mode| mode.shapes[1].clone());
+    let samples = sides.map(|(name, colour)| layer(&mean, colour).named(name));
+    layout::grid(title, cells).with_legend(&Entry::of(&samples))
+}
+
+/// The view of a dictionary: its mean upright.
+pub fn view_of<'a>(space: &'a ShapeSpace, dictionary: &Dictionary) -> View<'a> {
+    let mean = columns_of(&dictionary.content.mean.control_points, space.representation().dimension());
+    View::upright(space, &dictionary.preparation.method, &mean)
 }
 
 /// Maximum number of components of surfaces in a drawing.
@@ -115,7 +196,7 @@ const MAX_MODES: usize = 6;
 const SIGMA: f64 = 2.0;
 
 /// Both sides of the first modes.
-fn both_sides(space: &ShapeSpace, dictionary: &Dictionary) -> Vec<(String, Vec<Layer>)> {
+fn both_sides(view: &View<'_>, dictionary: &Dictionary) -> Vec<(String, Vec<Layer>)> {
     let modes = (0..dictionary.content.atoms.len().min(MAX_MODES)).filter_map(|j| {
         let [minus, _, plus] = dictionary.mode(j, SIGMA)?.shapes;
         Some((j, [minus, plus]))
@@ -123,7 +204,7 @@ fn both_sides(space: &ShapeSpace, dictionary: &Dictionary) -> Vec<(String, Vec<L
     let cells = modes.flat_map(|(j, sides)| {
         let captions =
             [-SIGMA, SIGMA].map(|s| format!("{}, {}", caption(&dictionary.content, j), deviations(s)));
-        let cells = captions.into_iter().zip(surfaces(space, &sides));
+        let cells = captions.into_iter().zip(surfaces(view, &sides));
         cells.map(|(caption, layer)| (caption, vec![layer])).collect::<Vec<_>>()
     });
     cells.collect()
@@ -134,6 +215,6 @@ fn caption(content: &Content, j: usize) -> String {
     let atom = &content.atoms[j];
     match atom.explained {
         Some(part) => format!("{}: {:.1} %", j + 1, 100.0 * part),
-        None => format!("{}: used by {:.0} %", j + 1, 100.0 * atom.usage),
+        None => format!("{}: {:.0} %", j + 1, 100.0 * atom.usage),
     }
 }

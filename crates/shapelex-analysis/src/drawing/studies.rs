@@ -1,12 +1,15 @@
 //! Drawings of comparisons and regressions.
 
+use super::View;
+use crate::alignment::Method;
 use crate::inference::records::{GroupComparison, PairRecord, Prediction, RegressionRecord, TestRecord};
 use crate::rows::columns_of;
 use shapelex_geometry::drawing::colour::{self, Colour};
-use shapelex_geometry::drawing::effect::{self, Connection, Effect, EffectPoint as DrawnPoint};
+use shapelex_geometry::drawing::effect::{Connection, Effect, EffectPoint as DrawnPoint};
 use shapelex_geometry::drawing::layer::Layer;
 use shapelex_geometry::drawing::layout;
-use shapelex_geometry::drawing::scene::Drawing;
+use shapelex_geometry::drawing::legend::Entry;
+use shapelex_geometry::drawing::scene::{Drawing, short};
 use shapelex_geometry::representation::ShapeSpace;
 
 /// Maximum p value of points drawn as wide.
@@ -24,40 +27,66 @@ const GROUP_COLOURS: [Colour; 6] = [
 
 /// Drawing of the averages of all groups on top of one another, with the effect along the first group of the pair with
 /// the largest distance. `cohort`: its name.
-pub fn draw_comparison(space: &ShapeSpace, cohort: &str, comparison: &GroupComparison) -> Drawing {
+pub fn draw_comparison(
+    (space, method): (&ShapeSpace, &Method),
+    cohort: &str,
+    comparison: &GroupComparison,
+) -> Drawing {
     let d = space.representation().dimension();
+    let view = View::upright(space, method, &columns_of(&comparison.pooled.control_points, d));
     let layers: Vec<Layer> = comparison
         .groups
         .iter()
-        .enumerate()
-        .map(|(g, group)| {
-            let control_points = columns_of(&group.average, d);
-            let colour = GROUP_COLOURS[g % GROUP_COLOURS.len()];
-            Layer::of(space, [control_points.as_slice()], colour, 1.5, 0.9)
-                .named(format!("{} (n = {})", group.name, group.shapes))
+        .zip(GROUP_COLOURS.iter().cycle())
+        .map(|(group, colour)| {
+            let average = columns_of(&group.average, d);
+            let name = format!("{} (n = {})", group.name, group.shapes);
+            view.layer([average.as_slice()], *colour, 1.5, 0.9).named(name)
         })
         .collect();
     let distance = |pair: &PairRecord| pair.distance.value.unwrap_or_default();
     let farthest = comparison.pairs.iter().max_by(|a, b| distance(a).total_cmp(&distance(b)));
-    let Some(pair) = farthest else { return effect::draw("", layers, None, &[]) };
+    let Some(pair) = farthest else { return layout::draw("", layers) };
+    let first = comparison.groups.iter().find(|group| group.name == pair.first);
+    let first = first.unwrap_or(&comparison.groups[0]);
+    let effect = effect_along(&view, pair, &columns_of(&first.average, d));
+    let mut legend = Entry::of(&layers);
+    legend.push(Entry::Text(difference(pair)));
+    legend.push(effect.scale(scale_text(pair, &effect)));
+    if let Some(overall) = &comparison.overall {
+        legend.push(Entry::Text(format!("all groups together{}", in_brackets(&overall.pseudo_f.test))));
+    }
+    let mut drawn = effect.layers(effect.largest(), 1.0);
+    // Surfaces would hide the effect, so that the sheet that carries it replaces them.
+    if !space.domain().is_surface() {
+        drawn.extend(layers);
+    }
+    layout::overlay(&format!("{} groups of {cohort}", comparison.groups.len()), drawn, &legend)
+}
+
+/// The effect of a pair along the average of its first group.
+fn effect_along(view: &View<'_>, pair: &PairRecord, average: &[f64]) -> Effect {
     let points = pair.effect.iter().map(|point| DrawnPoint {
-        point: point.point.clone(),
+        point: view.orientation.turn(&point.point),
         length: point.length,
         significant: point.p.is_some_and(|p| p <= SIGNIFICANT),
     });
-    let first = comparison.groups.iter().find(|group| group.name == pair.first);
-    let first = first.unwrap_or(&comparison.groups[0]);
-    let effect = Effect {
+    Effect {
         points: points.collect(),
-        connection: Connection::of(space, &columns_of(&first.average, d)),
+        connection: Connection::of(view.space, &view.orientation.turn(average)),
         colours: (colour::EFFECT_NONE, colour::EFFECT_MOST),
-    };
-    let mut captions = vec![difference(pair)];
-    if let Some(overall) = &comparison.overall {
-        captions.push(format!("all groups together{}", in_brackets(&overall.pseudo_f.test)));
     }
-    let title = format!("{} groups of {cohort}", comparison.groups.len());
-    effect::draw(&title, layers, Some(&effect), &captions)
+}
+
+/// Meaning of the colours and widths of an effect.
+fn scale_text(pair: &PairRecord, effect: &Effect) -> String {
+    format!(
+        "distance from {} to {}: 0 to {}; {} where they differ even at this place (p ≤ 0.05 over all places)",
+        pair.first,
+        pair.second,
+        short(effect.largest()),
+        effect.emphasis()
+    )
 }
 
 /// What was found about a pair, and what the colours mean.
@@ -101,10 +130,11 @@ const SHADES: [Colour; 7] = [
     Colour::new(0xb2_18_2b, 0xff_65_5c),
 ];
 
-/// Drawing of the predicted shapes from the 5 % to the 95 % quantile of the attribute. `cohort`: its name.
+/// Drawing of the predicted shapes from the 5 % to the 95 % quantile of the attribute. `cohort`: its name; `unit`: its unit of
+/// length.
 pub fn draw_regression(
-    space: &ShapeSpace,
-    cohort: &str,
+    (space, method): (&ShapeSpace, &Method),
+    (cohort, unit): (&str, Option<&str>),
     shapes: usize,
     regression: &RegressionRecord,
 ) -> Drawing {
@@ -112,30 +142,68 @@ pub fn draw_regression(
     let [Some(low), Some(high)] = [regression.predictions.first(), regression.predictions.last()] else {
         return layout::draw("", Vec::new());
     };
+    let view = View::upright(space, method, &columns_of(&regression.average, d));
     let (from, to) = (columns_of(&low.control_points, d), columns_of(&high.control_points, d));
-    let last = SHADES.len() - 1;
-    let layers: Vec<Layer> = SHADES
-        .iter()
-        .enumerate()
-        .map(|(i, colour)| {
-            let part = i as f64 / last as f64;
-            let shape: Vec<f64> = from.iter().zip(&to).map(|(a, b)| (1.0 - part) * a + part * b).collect();
-            let layer = Layer::of(space, [shape.as_slice()], *colour, 2.0, 1.0);
-            let name = |prediction: &Prediction| {
-                let of = 100.0 * prediction.quantile;
-                format!("{} {:.4} ({of:.0} % quantile)", regression.attribute.name, prediction.attribute)
-            };
-            match i {
-                0 => layer.named(name(low)),
-                i if i == last => layer.named(name(high)),
-                _ => layer,
+    let quantity = Quantity::of(&regression.attribute.name, unit);
+    let layer = |(i, colour): (usize, &Colour)| {
+        let part = i as f64 / (SHADES.len() - 1) as f64;
+        let between = |a: f64, b: f64| (1.0 - part) * a + part * b;
+        let shape: Vec<f64> = from.iter().zip(&to).map(|(a, b)| between(*a, *b)).collect();
+        let value = quantity.value(between(low.attribute, high.attribute));
+        view.layer([shape.as_slice()], *colour, 2.0, 1.0).named(value)
+    };
+    let layers: Vec<Layer> = SHADES.iter().enumerate().map(layer).collect();
+    let mut legend = Entry::of(&layers);
+    legend.push(Entry::Text(format!(
+        "shapes as predicted by {}, from its {} to its {}",
+        quantity.name,
+        quantile(low),
+        quantile(high)
+    )));
+    legend.push(Entry::Text(explained(&quantity.name, regression)));
+    let title = format!("{} of {shapes} shapes of {cohort}", quantity.name);
+    match space.domain().is_surface() {
+        true => layout::draw(&title, layers).with_legend(&legend[SHADES.len()..]),
+        false => layout::overlay(&title, layers, &legend),
+    }
+}
+
+fn quantile(prediction: &Prediction) -> String {
+    format!("{:.0} % quantile", 100.0 * prediction.quantile)
+}
+
+/// What a regression found, in words.
+fn explained(name: &str, regression: &RegressionRecord) -> String {
+    let p = regression.test.p.map_or_else(String::new, |p| format!(" (p = {})", probability(p)));
+    format!("{name} explains {:.1} % of the variation of the shapes{p}", 100.0 * regression.r_squared)
+}
+
+/// An attribute as readers know it.
+struct Quantity {
+    name: String,
+    unit: String,
+    is_logarithm: bool,
+}
+
+impl Quantity {
+    /// The centroid size is regressed on as its logarithm, and has the unit of length of the cohort.
+    fn of(attribute: &str, unit: Option<&str>) -> Self {
+        match attribute {
+            "log_centroid_size" => Self {
+                name: "centroid size".into(),
+                unit: unit.map_or_else(String::new, |unit| format!(" {unit}")),
+                is_logarithm: true,
+            },
+            other => {
+                let name = other.strip_prefix("labels.").unwrap_or(other).to_owned();
+                Self { name, unit: String::new(), is_logarithm: false }
             }
-        })
-        .collect();
-    let p = regression.test.p.map_or_else(String::new, |p| format!(", p = {}", probability(p)));
-    let title = format!(
-        "{} of {shapes} shapes of {cohort}: R² = {:.3}{p}",
-        regression.attribute.name, regression.r_squared
-    );
-    layout::draw(&title, layers)
+        }
+    }
+
+    /// A value of the attribute as text.
+    fn value(&self, value: f64) -> String {
+        let value = if self.is_logarithm { value.exp() } else { value };
+        format!("{}{}", short(value), self.unit)
+    }
 }

@@ -4,8 +4,7 @@ use rayon::prelude::*;
 
 use super::error::StudyError;
 use super::limits::MAX_WEIGHT_RATIO;
-use crate::AnalysisError;
-use crate::accumulate::{ShapesInMemory, map_shapes};
+use crate::accumulate::{ShapesInMemory, Watched, map_shapes};
 use crate::alignment::{MeanShape, Method, align, mean_shape, unwhitened};
 use crate::frame::Frame;
 use crate::matching::Matching;
@@ -13,10 +12,10 @@ use crate::metric::Metric;
 use crate::rows::{Row, rows_of};
 use crate::size::{LARGEST_SIZE, SizeTable};
 use crate::transformation::Transformation;
+use crate::watch::Watch;
 use shapelex_geometry::representation::ShapeSpace;
 use shapelex_geometry::sampling::Places;
 use shapelex_geometry::size::SizeMeasure;
-use shapelex_numeric::bounded::Stop;
 use shapelex_numeric::dense::Matrix;
 
 /// Space of the shapes of a study, and how they are aligned.
@@ -60,24 +59,23 @@ pub struct AlignedShapes<'a> {
 }
 
 impl<'a> AlignedShapes<'a> {
-    /// Aligns shapes to their mean: `d·N` coordinate-major control points each, and one positive weight. `stop` is checked
-    /// between passes.
+    /// Aligns shapes to their mean: `d·N` coordinate-major control points each, and one positive weight. `watch` is asked
+    /// between passes, and counts them.
     ///
     /// # Errors
-    /// [`StudyError::Weights`]; degenerate or too few shapes; [`AnalysisError::Interrupted`] once `stop` returns true.
+    /// [`StudyError::Weights`]; degenerate or too few shapes; [`AnalysisError::Interrupted`] once `watch` stops.
     pub fn new(
         space: StudySpace<'a>,
         control_points: Vec<f64>,
         weights: Vec<f64>,
-        stop: Stop<'_>,
+        watch: &dyn Watch,
     ) -> Result<Self, StudyError> {
         check_weights(&weights)?;
         let StudySpace { metric, method, frame, matching, .. } = space;
-        let sizes = SizeTable::of(space.space, metric, &control_points, stop)?;
+        let sizes = SizeTable::of(space.space, metric, &control_points, watch)?;
         let source = ShapesInMemory::new(metric, method.translates(), control_points, weights.clone())?;
-        if stop() {
-            return Err(AnalysisError::Interrupted.into());
-        }
+        watch.check()?;
+        let source = Watched::new(&source, watch);
         let mean = mean_shape(&source, metric, method, frame, matching)?;
         let origin = vec![0.0; metric.dimension()];
         let columns = map_shapes(&source, |k, x, _| {

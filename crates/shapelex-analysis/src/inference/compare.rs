@@ -17,9 +17,8 @@ use crate::alignment::Method;
 use crate::dictionary::content::MeanRecord;
 use crate::mean::{MeanSpace, ProjectorSum};
 use crate::transformation::TransformationClass;
-use crate::watch::Watch;
+use crate::watch::{Counted, Watch};
 use shapelex_geometry::sampling::Places;
-use shapelex_numeric::bounded::Stop;
 use shapelex_numeric::dense::{Matrix, transpose_multiply};
 
 /// Number of reported eigenvalues of a mean space.
@@ -29,8 +28,8 @@ const REPORTED_EIGENVALUES: usize = 10;
 ///
 /// For every two groups: the chordal distance of their mean spaces, the distance of their averages, pseudo-F, Hotelling's
 /// statistic, the effect at `samples` places along the shape ([`Places::along`]) and the sizes, each with a permutation test
-/// by `draws`, and p values corrected by Holm for the number of pairs. `watch` receives the completed fraction after each
-/// pair.
+/// by `draws`, and p values corrected by Holm for the number of pairs. `watch` receives the fraction of
+/// the relabellings that are done.
 ///
 /// Cost: that of [`Sample::compare_pair`] for every two groups, and one mean space per group.
 ///
@@ -89,19 +88,17 @@ impl<'a> Study<'a> {
     }
 
     fn comparison(&self, watch: &dyn Watch) -> Result<GroupComparison, StudyError> {
-        let stop = || watch.stop();
         let groups: Vec<Group> =
             (0..self.groups.names.len()).map(|group| self.group(group)).collect::<Result<_, _>>()?;
         let mut warnings = self.shapes.mean_warnings();
         warnings.extend(self.shapes.size_warning());
-        let overall = if groups.len() > 2 { Some(self.overall(&stop)?) } else { None };
         let (mut pairs, wanted) = (Vec::new(), self.groups.pairs());
-        for (i, &pair) in wanted.iter().enumerate() {
-            if watch.stop() {
-                return Err(AnalysisError::Interrupted.into());
-            }
-            watch.progress(i as f64 / wanted.len() as f64);
-            let record = self.pair(pair, &groups, &stop)?;
+        let tests = wanted.len() + usize::from(groups.len() > 2);
+        let watch = &Counted::new(watch, tests * self.draws.permutations);
+        let overall = if groups.len() > 2 { Some(self.overall(watch)?) } else { None };
+        for pair in wanted {
+            watch.check()?;
+            let record = self.pair(pair, &groups, watch)?;
             if self.draws.permutations > 0 && record.exchangeable == 0 {
                 warnings.push(format!(
                     "no labels of '{}' and '{}' can be exchanged within the strata: there is no p value",
@@ -121,8 +118,8 @@ impl<'a> Study<'a> {
         })
     }
 
-    fn overall(&self, stop: Stop<'_>) -> Result<OverallRecord, AnalysisError> {
-        let test = self.sample.compare_all(&self.groups.relabellings(self.draws), stop)?;
+    fn overall(&self, watch: &dyn Watch) -> Result<OverallRecord, AnalysisError> {
+        let test = self.sample.compare_all(&self.groups.relabellings(self.draws), watch)?;
         Ok(OverallRecord { pseudo_f: test.pseudo_f.into(), r_squared: test.r_squared })
     }
 
@@ -195,12 +192,12 @@ impl<'a> Study<'a> {
         &self,
         pair: (usize, usize),
         groups: &[Group],
-        stop: Stop<'_>,
+        watch: &dyn Watch,
     ) -> Result<PairRecord, AnalysisError> {
         let (first, second) = (&groups[pair.0], &groups[pair.1]);
         let relabellings = self.groups.relabellings_of_pair(pair, self.draws);
         let chosen = self.sample.select(&self.groups.members_of_pair(pair));
-        let tests = chosen.compare_pair(&relabellings, stop)?;
+        let tests = chosen.compare_pair(&relabellings, watch)?;
         let effect = self.effect(first, &tests);
         let sizes =
             tests.sizes.iter().zip(&self.shapes.sizes.measures).map(|(tested, &measure)| SizeDifference {

@@ -19,6 +19,7 @@ use super::super::AnalysisError;
 use super::permutation::{Relabellings, Tally};
 use super::reaches;
 use super::span::{Span, centre_rows};
+use crate::watch::Watch;
 use shapelex_numeric::dense::{self, Matrix};
 
 /// Number of columns per product: enough for the kernel, few enough for the cache.
@@ -111,22 +112,22 @@ impl Sample {
         }
     }
 
-    /// Compares the two groups of `relabellings`, which cover all shapes of the sample. `stop` is checked before every
-    /// product.
+    /// Compares the two groups of `relabellings`, which cover all shapes of the sample. `watch` is asked before every
+    /// product, and counts the relabellings.
     ///
     /// Cost: `n (m + d·S)` multiply-adds per relabelling, for `m` coordinates and `S` points, and a singular value
     /// decomposition.
     ///
     /// # Errors
-    /// [`AnalysisError::Interrupted`] once `stop` returns true; a failure of an eigenproblem.
+    /// [`AnalysisError::Interrupted`] once `watch` stops; a failure of an eigenproblem.
     pub fn compare_pair(
         &self,
         relabellings: &Relabellings,
-        stop: &(dyn Fn() -> bool + Sync),
+        watch: &dyn Watch,
     ) -> Result<PairTests, AnalysisError> {
         let features = PairFeatures::new(self)?;
         let observed = features.evaluate(relabellings.observed());
-        let reaching = count_reaching(relabellings, COLUMNS, stop, observed.tallied(), |batch| {
+        let reaching = count_reaching(relabellings, COLUMNS, watch, observed.tallied(), |batch| {
             let outcomes = features.evaluate_all(batch);
             outcomes.iter().fold(vec![0; observed.tallied()], |mut counts, outcome| {
                 outcome.count(&observed, &mut counts);
@@ -145,7 +146,7 @@ impl Sample {
     pub fn compare_all(
         &self,
         relabellings: &Relabellings,
-        stop: &(dyn Fn() -> bool + Sync),
+        watch: &dyn Watch,
     ) -> Result<OverallTest, AnalysisError> {
         let mut centred = self.coordinates.clone();
         centre_rows(&mut centred, &self.weights);
@@ -155,7 +156,7 @@ impl Sample {
         let explained = |labels: &[Vec<usize>]| self.explained(&centred, labels, groups, total);
         let observed = explained(&[relabellings.observed().to_vec()])[0];
         let together = (COLUMNS / groups).max(1);
-        let reaching = count_reaching(relabellings, together, stop, 1, |batch| {
+        let reaching = count_reaching(relabellings, together, watch, 1, |batch| {
             vec![explained(batch).into_iter().filter(|&value| reaches(value, observed)).count()]
         })?;
         let (n, g) = (self.weights.len() as f64, groups as f64);
@@ -194,22 +195,22 @@ fn odds(v: f64) -> Option<f64> {
 fn count_reaching(
     relabellings: &Relabellings,
     together: usize,
-    stop: &(dyn Fn() -> bool + Sync),
+    watch: &dyn Watch,
     counts: usize,
     count: impl Fn(&[Vec<usize>]) -> Vec<usize> + Sync,
 ) -> Result<Vec<usize>, AnalysisError> {
     let draws = relabellings.draws();
     let batches = (0..draws.div_ceil(together)).into_par_iter().map(|batch| {
-        if stop() {
-            return Err(AnalysisError::Interrupted);
-        }
+        watch.check()?;
         let labels = |index| {
             let mut labels = vec![0; relabellings.observed().len()];
             relabellings.relabel(index, &mut labels);
             labels
         };
         let batch: Vec<_> = (batch * together..draws.min((batch + 1) * together)).map(labels).collect();
-        Ok(count(&batch))
+        let counted = count(&batch);
+        watch.worked(batch.len());
+        Ok(counted)
     });
     batches.try_reduce(
         || vec![0; counts],
@@ -415,10 +416,7 @@ mod tests {
 
     use super::super::permutation::stream;
     use super::*;
-
-    fn go_on() -> bool {
-        false
-    }
+    use crate::watch::{StopWhen, Unwatched};
 
     fn noise(i: usize, k: usize) -> f64 {
         stream(17, 1000 * i + k).random_range(-0.5..0.5)
@@ -445,7 +443,7 @@ mod tests {
         let sample =
             Sample { coordinates: points.clone(), points, dimension: 2, sizes, weights: vec![1.0; 6] };
         let relabellings = Relabellings::new(halves(6), 2, &[0; 6], 0, 100);
-        let tests = sample.compare_pair(&relabellings, &go_on).unwrap();
+        let tests = sample.compare_pair(&relabellings, &Unwatched).unwrap();
         let t_squared = 25.0 / (2.5 * (1.0 / 3.0 + 1.0 / 3.0));
         for value in
             [tests.pseudo_f.value, tests.hotelling.value, tests.effect.t_squared[0]].map(Option::unwrap)
@@ -467,7 +465,7 @@ mod tests {
     fn enumeration_is_brute_force() {
         let sample = sample(6, 6, 0.4);
         let relabellings = Relabellings::new(halves(6), 2, &[0; 6], 0, 1000);
-        let tests = sample.compare_pair(&relabellings, &go_on).unwrap();
+        let tests = sample.compare_pair(&relabellings, &Unwatched).unwrap();
         let distance = |second: &[usize]| {
             let mean = |members: &mut dyn Iterator<Item = usize>| {
                 members.map(|k| sample.coordinates.column(k).into_owned()).reduce(|a, b| a + b).unwrap() / 3.0
@@ -488,7 +486,7 @@ mod tests {
         let wanted = Tally { exceeding: reaching - 1, permutations: 19, exact: true };
         assert_eq!((tests.distance.tally, tests.pseudo_f.tally), (wanted, wanted));
         // An overall test of two groups is the test of the pair.
-        let overall = sample.compare_all(&relabellings, &go_on).unwrap();
+        let overall = sample.compare_all(&relabellings, &Unwatched).unwrap();
         assert_eq!(overall.pseudo_f.tally, wanted);
         assert!((overall.r_squared - tests.r_squared).abs() < 1e-12);
     }
@@ -496,7 +494,7 @@ mod tests {
     #[test]
     fn groups_that_are_shifted_are_told_apart_where_they_are() {
         let relabellings = Relabellings::new(halves(40), 2, &[0; 40], 3, 499);
-        let tests = sample(20, 40, 1.0).compare_pair(&relabellings, &go_on).unwrap();
+        let tests = sample(20, 40, 1.0).compare_pair(&relabellings, &Unwatched).unwrap();
         assert_eq!((tests.distance.tally.exceeding, tests.effect.tallies[0].exceeding), (0, 0));
         assert!(tests.effect.tallies[1..].iter().all(|tally| tally.p().unwrap() > 0.05));
     }
@@ -506,7 +504,7 @@ mod tests {
         let run = |threads: usize, seed| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             let relabellings = Relabellings::new(halves(30), 2, &[0; 30], seed, 300);
-            pool.install(|| sample(10, 30, 0.2).compare_pair(&relabellings, &go_on).unwrap())
+            pool.install(|| sample(10, 30, 0.2).compare_pair(&relabellings, &Unwatched).unwrap())
         };
         assert_eq!(run(1, 5), run(3, 5));
         assert_ne!(run(1, 5), run(1, 6));
@@ -519,9 +517,9 @@ mod tests {
         let sizes = Matrix::from_element(1, 20, 0.1);
         let sample =
             Sample { coordinates: points.clone(), points, dimension: 2, sizes, weights: vec![0.3; 20] };
-        let tests = sample.compare_pair(&relabellings, &go_on).unwrap();
+        let tests = sample.compare_pair(&relabellings, &Unwatched).unwrap();
         assert_eq!((tests.distance.value, tests.distance.tally.p()), (Some(0.0), Some(1.0)));
         assert_eq!(tests.sizes[0].tally.p(), Some(1.0));
-        assert_eq!(sample.compare_pair(&relabellings, &|| true), Err(AnalysisError::Interrupted));
+        assert_eq!(sample.compare_pair(&relabellings, &StopWhen(&|| true)), Err(AnalysisError::Interrupted));
     }
 }

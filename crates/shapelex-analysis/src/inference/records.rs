@@ -32,6 +32,7 @@ pub struct GroupRecord {
     /// Name of the group, or the value of the attribute.
     pub name: String,
     /// Number of shapes in the group.
+    #[cfg_attr(feature = "serde", serde(rename = "shape_count", alias = "shapes"))]
     pub shapes: usize,
     /// Sum of the weights of its shapes.
     pub weight: f64,

@@ -8,7 +8,7 @@ use super::regression::Regression;
 use super::variables::Variables;
 use crate::dictionary::content::MeanRecord;
 use crate::metric::{dot, norm};
-use crate::watch::Watch;
+use crate::watch::{Counted, Watch};
 
 /// Quantiles of the attribute at which shapes are predicted.
 const QUANTILES: [f64; 3] = [0.05, 0.5, 0.95];
@@ -50,7 +50,8 @@ pub fn regress(
     let design = variables.design(sizes.as_deref(), &shapes.weights)?;
     let values = variables.attribute_values(sizes.as_deref());
     let summary = variables.summary(&values, &shapes.weights)?;
-    let found = design.regress(&shapes.aligned, &shapes.weights, draws, &|| watch.stop())?;
+    let counted = Counted::new(watch, draws.permutations);
+    let found = design.regress(&shapes.aligned, &shapes.weights, draws, &counted)?;
     let all: Vec<usize> = (0..shapes.count()).collect();
     let average = shapes.average(&all);
     let scores = all.iter().map(|&k| score(shapes, k, &average, &found.slope)).collect();

@@ -25,6 +25,7 @@ use super::super::AnalysisError;
 use super::permutation::{Draws, Tally, shuffle, stream};
 use super::reaches;
 use super::span::Span;
+use crate::watch::Watch;
 use shapelex_numeric::dense::{self, Matrix};
 
 /// Minimum fraction of its norm that a column must keep after orthogonalisation against the previous columns.
@@ -94,25 +95,25 @@ impl Design {
         self.roots.len().saturating_sub(self.covariates.len() + 1)
     }
 
-    /// Regression of the columns of `vectors`. `stop` is checked before every product.
+    /// Regression of the columns of `vectors`. `watch` is asked before every product, and counts the draws.
     ///
     /// Cost: a singular value decomposition, and `n m (p + 2)` multiply-adds per draw for vectors with a span of dimension `m`.
     ///
     /// # Errors
-    /// [`AnalysisError::Interrupted`] once `stop` returns true; a failure of an eigenproblem.
+    /// [`AnalysisError::Interrupted`] once `watch` stops; a failure of an eigenproblem.
     pub fn regress(
         &self,
         vectors: &Matrix,
         weights: &[f64],
         draws: Draws<'_>,
-        stop: &(dyn Fn() -> bool + Sync),
+        watch: &dyn Watch,
     ) -> Result<Regression, AnalysisError> {
         let span = Span::new(vectors, weights)?;
         let total = span.total();
         let residuals = self.residuals(span.scores);
         let (own, reduced) = self.sums(&residuals, &[(0..self.roots.len()).collect()])[0];
         let observed = part(own, reduced);
-        let reaching = self.count_reaching(&residuals, observed, draws, stop)?;
+        let reaching = self.count_reaching(&residuals, observed, draws, watch)?;
         let degrees = self.degrees();
         let tally = Tally { exceeding: reaching, permutations: draws.permutations, exact: false };
         let left = reduced - own;
@@ -177,7 +178,7 @@ impl Design {
         residuals: &Matrix,
         observed: f64,
         draws: Draws<'_>,
-        stop: &(dyn Fn() -> bool + Sync),
+        watch: &dyn Watch,
     ) -> Result<usize, AnalysisError> {
         let strata = members(draws.strata);
         let together = (COLUMNS / (self.covariates.len() + 1)).max(1);
@@ -188,12 +189,11 @@ impl Design {
             order
         };
         let batches = (0..draws.permutations.div_ceil(together)).into_par_iter().map(|batch| {
-            if stop() {
-                return Err(AnalysisError::Interrupted);
-            }
+            watch.check()?;
             let last = draws.permutations.min((batch + 1) * together);
             let orders: Vec<_> = (batch * together..last).map(order).collect();
             let sums = self.sums(residuals, &orders);
+            watch.worked(orders.len());
             Ok(sums.into_iter().filter(|&(own, reduced)| reaches(part(own, reduced), observed)).count())
         });
         batches.try_reduce(|| 0, |a, b| Ok(a + b))
@@ -249,6 +249,7 @@ mod tests {
     use rand::RngExt;
 
     use super::*;
+    use crate::watch::Unwatched;
 
     fn noise(i: usize, k: usize) -> f64 {
         stream(17, 1000 * i + k).random_range(-0.5..0.5)
@@ -258,7 +259,7 @@ mod tests {
         let design = Design::new(covariates, attribute, weights).unwrap();
         let strata = vec![0; weights.len()];
         let draws = Draws { strata: &strata, seed: 1, permutations: 199 };
-        design.regress(y, weights, draws, &|| false).unwrap()
+        design.regress(y, weights, draws, &Unwatched).unwrap()
     }
 
     #[test]

@@ -4,6 +4,7 @@ use proptest::prelude::*;
 use shapelex_analysis::alignment::{Alignment, Method};
 use shapelex_analysis::correspondence::{Correspondence, Direction, Mirror};
 use shapelex_analysis::distance::DistanceSpace;
+use shapelex_analysis::fit::Scaling;
 use shapelex_analysis::fit::{Fit, transform};
 use shapelex_analysis::matching::{Matching, Placement};
 use shapelex_analysis::metric::norm;
@@ -85,7 +86,7 @@ fn slow_chordal(class: &TransformationClass, x: &[f64], y: &[f64]) -> f64 {
 fn slow_residual(fit: Fit, x: &[f64], y: &[f64]) -> f64 {
     let fitted = transform(&fit.matrix(y, x), y);
     let difference: Vec<f64> = x.iter().zip(fitted).map(|(x, y)| x - y).collect();
-    norm(&difference) / if fit.scales { norm(x) } else { 1.0 }
+    norm(&difference) / if fit.scaling == Scaling::Full { norm(x) } else { 1.0 }
 }
 
 fn slow(method: &Method, x: &[f64], y: &[f64]) -> f64 {

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use serde_json::Value;
-use shapelex_analysis::fit::Fit;
+use shapelex_analysis::fit::{Fit, Scaling};
 use shapelex_analysis::metric::Metric;
 use shapelex_geometry::generator::Exact;
 use shapelex_geometry::representation::{Representation, ShapeSpace};
@@ -53,7 +53,7 @@ fn inner_products_distances_and_motions_equal_the_vectors() {
             metric.centre(shape);
             metric.whiten(shape);
         }
-        let rotation = Fit { dimension: 3, rotates: true, scales: false }.matrix(&x, &y);
+        let rotation = Fit { dimension: 3, rotates: true, scaling: Scaling::None }.matrix(&x, &y);
         assert!((rotation - matrix(&case["rigid"]["R"])).amax() < 1e-10, "{}", case["name"]);
     }
 }

@@ -1,9 +1,8 @@
-//! Drawings of overlaid shapes, with an effect along one of them as colour and width.
+//! Effects along a shape, as layers with colours and widths.
 
 use super::colour::Colour;
 use super::layer::{Facets, Layer, Mark, cells_of, drawn_level, flatten, rows_of};
-use super::layout::{Bounds, entry};
-use super::scene::{Anchor, Drawing, Element, MARGIN, Map, Text, short};
+use super::legend::Entry;
 use crate::representation::ShapeSpace;
 use crate::subdivision::basis::SubdivisionBasis;
 use crate::surface::basis::SurfaceBasis;
@@ -94,68 +93,76 @@ pub struct EffectPoint {
     pub significant: bool,
 }
 
-/// Height of a line of the legend.
-const LINE: f64 = 20.0;
-/// Width of a sample in the legend.
-const SAMPLE: f64 = 54.0;
-/// Maximum number of lines of the legend: more could not be told apart.
-const MAX_LINES: usize = 60;
 /// Stroke widths of significant and other points.
 const WIDTHS: (f64, f64) = (9.0, 4.0);
 /// Number of colours from no effect to the largest.
 const SHADES: u8 = 16;
 
-/// Draws the effect, the layers over it, and a legend with the named layers, the colours of the effect and the captions.
-pub fn draw(title: &str, layers: Vec<Layer>, effect: Option<&Effect>, captions: &[String]) -> Drawing {
-    let along: Vec<[f64; 2]> =
-        effect.iter().flat_map(|effect| &effect.points).map(|point| flatten(&point.point)).collect();
-    let lines = layers.iter().flat_map(|layer| layer.lines.iter().flatten());
-    let (map, height) = Bounds::around(lines.chain(&along)).fill();
-    let (legend, lines) = legend(&layers, effect, captions, height + 0.5 * LINE);
-    let mut elements = effect.map_or_else(Vec::new, |effect| draw_effect(effect, &along, map));
-    // Surface layers would hide the effect, so they are replaced by the sheet that carries it.
-    if !layers.iter().any(Layer::hides) {
-        elements.extend(layers.into_iter().map(|layer| Element::Shapes(layer, map)));
-    }
-    elements.extend(legend);
-    Drawing::new(title, height + LINE * lines as f64 + 4.0, elements)
-}
-
 impl Effect {
-    fn largest(&self) -> f64 {
+    /// The largest effect.
+    pub fn largest(&self) -> f64 {
         self.points.iter().map(|point| point.length).fold(0.0, f64::max)
     }
 
-    fn largest_or_one(&self) -> f64 {
-        Some(self.largest()).filter(|most| *most > 0.0).unwrap_or(1.0)
+    /// Layers that show the effect, back to front. `most`: the effect with the strongest colour; `scale`: factor of the
+    /// widths of lines and dots.
+    pub fn layers(&self, most: f64, scale: f64) -> Vec<Layer> {
+        let ramp = Ramp { colours: self.colours, most, scale };
+        let along: Vec<[f64; 2]> = self.points.iter().map(|point| flatten(&point.point)).collect();
+        match &self.connection {
+            Connection::Line { closed } => line(self, &ramp, &along, *closed),
+            Connection::Sheet { facets, shares } => vec![sheet(self, &ramp, facets, shares)],
+            Connection::Apart => {
+                let dot = |(point, place): (&EffectPoint, &[f64; 2])| {
+                    let width = ramp.width(point.significant) - 1.5;
+                    Layer::from_points(vec![*place], Mark::Dots, ramp.shade(ramp.part(point.length)), width)
+                };
+                self.points.iter().zip(&along).map(dot).collect()
+            }
+        }
     }
 
+    /// Entry of the legend for the colours of the effect.
+    pub fn scale(&self, text: String) -> Entry {
+        Entry::Scale { colours: self.colours, text }
+    }
+
+    /// How significant points are told from others, as it completes "… where".
+    pub fn emphasis(&self) -> &'static str {
+        match self.connection {
+            Connection::Sheet { .. } => "strong",
+            Connection::Line { .. } => "wide",
+            Connection::Apart => "large",
+        }
+    }
+}
+
+/// Colours and widths of effects.
+struct Ramp {
+    colours: (Colour, Colour),
+    most: f64,
+    scale: f64,
+}
+
+impl Ramp {
     /// Colour of a fraction of the largest effect.
     fn shade(&self, part: f64) -> Colour {
         self.colours.0.towards(self.colours.1, part)
     }
 
+    /// Fraction of the largest effect, from 0 to 1.
+    fn fraction(&self, length: f64) -> f64 {
+        if self.most > 0.0 { (length / self.most).clamp(0.0, 1.0) } else { 0.0 }
+    }
+
     /// Fraction of the largest effect, as one of few shades.
     fn part(&self, length: f64) -> f64 {
-        let most = self.largest_or_one();
         let steps = f64::from(SHADES - 1);
-        (length / most * steps).round().clamp(0.0, steps) / steps
+        (self.fraction(length) * steps).round() / steps
     }
-}
 
-fn draw_effect(effect: &Effect, along: &[[f64; 2]], map: Map) -> Vec<Element> {
-    match &effect.connection {
-        Connection::Line { closed } => draw_line(effect, along, *closed, map),
-        Connection::Sheet { facets, shares } => vec![sheet(effect, facets, shares, map)],
-        Connection::Apart => {
-            let dot = |(point, place): (&EffectPoint, &[f64; 2])| {
-                let colour = effect.shade(effect.part(point.length));
-                let layer =
-                    Layer::from_points(vec![*place], Mark::Dots, colour, width(point.significant) - 1.5);
-                Element::Shapes(layer, map)
-            };
-            effect.points.iter().zip(along).map(dot).collect()
-        }
+    fn width(&self, significant: bool) -> f64 {
+        self.scale * if significant { WIDTHS.0 } else { WIDTHS.1 }
     }
 }
 
@@ -163,31 +170,28 @@ fn draw_effect(effect: &Effect, along: &[[f64; 2]], map: Map) -> Vec<Element> {
 type Stretch = ((f64, f64), Vec<[f64; 2]>);
 
 /// Lines along the shape, one for every stretch of one colour and width.
-fn draw_line(effect: &Effect, along: &[[f64; 2]], closed: bool, map: Map) -> Vec<Element> {
+fn line(effect: &Effect, ramp: &Ramp, along: &[[f64; 2]], closed: bool) -> Vec<Layer> {
     let count = along.len();
     let mut stretches: Vec<Stretch> = Vec::new();
     for i in 0..if closed { count } else { count.saturating_sub(1) } {
         let j = (i + 1) % count;
         let (from, to) = (&effect.points[i], &effect.points[j]);
-        let part = effect.part(0.5 * (from.length + to.length));
-        let look = (part, width(from.significant && to.significant));
+        let part = ramp.part(0.5 * (from.length + to.length));
+        let look = (part, ramp.width(from.significant && to.significant));
         match stretches.last_mut().filter(|(before, _)| *before == look) {
             Some((_, points)) => points.push(along[j]),
             None => stretches.push((look, vec![along[i], along[j]])),
         }
     }
-    let element = |((part, width), points)| {
-        Element::Shapes(Layer::from_points(points, Mark::Open, effect.shade(part), width), map)
-    };
-    stretches.into_iter().map(element).collect()
+    let layer = |((part, width), points)| Layer::from_points(points, Mark::Open, ramp.shade(part), width);
+    stretches.into_iter().map(layer).collect()
 }
 
 /// Factor applied to the colour where the effect is not significant.
 const PALE: f64 = 0.35;
 
 /// Facets with the effect interpolated between the points; pale where the nearest of them is not significant.
-fn sheet(effect: &Effect, facets: &Facets, shares: &[Vec<(usize, f64)>], map: Map) -> Element {
-    let most = effect.largest_or_one();
+fn sheet(effect: &Effect, ramp: &Ramp, facets: &Facets, shares: &[Vec<(usize, f64)>]) -> Layer {
     let colour = |(light, shares): (&f64, &Vec<(usize, f64)>)| {
         let (mut length, mut nearest) = (0.0, (0.0, false));
         for &(point, share) in shares {
@@ -197,11 +201,12 @@ fn sheet(effect: &Effect, facets: &Facets, shares: &[Vec<(usize, f64)>], map: Ma
                 nearest = (share, point.significant);
             }
         }
-        let part = (length / most).clamp(0.0, 1.0);
-        effect.shade(if nearest.1 { part } else { PALE * part }).under(*light)
+        let part = ramp.fraction(length);
+        ramp.shade(if nearest.1 { part } else { PALE * part }).under(*light)
     };
-    let colours = facets.light.iter().zip(shares).map(colour).collect();
-    Element::Facets { corners: facets.corners.clone(), colours, map }
+    let colours = vec![facets.light.iter().zip(shares).map(colour).collect()];
+    let corners = facets.corners.clone();
+    Layer { colours, ..Layer::from_points(corners, Mark::Facets, effect.colours.1, 1.0) }
 }
 
 /// Points before and after a parameter, with their interpolation weights.
@@ -213,67 +218,25 @@ fn neighbours(parameter: f64, count: usize, closed: bool) -> [(usize, f64); 2] {
     [(at(before as usize), 1.0 - part), (at(before as usize + 1), part)]
 }
 
-fn width(significant: bool) -> f64 {
-    if significant { WIDTHS.0 } else { WIDTHS.1 }
-}
-
-/// Legend from `top` on, and its number of lines.
-fn legend(layers: &[Layer], effect: Option<&Effect>, captions: &[String], top: f64) -> (Vec<Element>, usize) {
-    let (mut elements, mut lines) = (Vec::new(), 0);
-    let mut next = || {
-        lines += 1;
-        [MARGIN, top + LINE * f64::from(lines - 1)]
-    };
-    let named = layers.iter().filter_map(|layer| layer.name.as_ref().map(|name| (layer, name)));
-    for (layer, name) in named.take(MAX_LINES) {
-        elements.extend(entry(layer, name, next(), SAMPLE));
-    }
-    if let Some(effect) = effect {
-        elements.extend(colours(effect, next()));
-    }
-    for caption in captions {
-        let [x, y] = next();
-        elements.push(Element::Text(Text::new([x, y + 5.0], 13, Anchor::Start, caption.clone())));
-    }
-    (elements, lines as usize)
-}
-
-/// The colours of the effect with their range.
-fn colours(effect: &Effect, [x, y]: [f64; 2]) -> Vec<Element> {
-    let steps: u8 = 9;
-    let step = SAMPLE / f64::from(steps);
-    let boxes = (0..steps).map(|i| Element::Box {
-        corner: [x + step * f64::from(i), y - 5.0],
-        size: [step, 10.0],
-        colour: effect.shade(effect.part(effect.largest() * f64::from(i) / f64::from(steps - 1))),
-        opacity: 1.0,
-    });
-    let sign = match effect.connection {
-        Connection::Sheet { .. } => "pale where p > 0.05",
-        Connection::Line { .. } => "wide where p ≤ 0.05",
-        Connection::Apart => "large where p ≤ 0.05",
-    };
-    let text = format!("0 to {}; {sign}, all points taken together", short(effect.largest()));
-    let text = Text::new([x + SAMPLE + 6.0, y + 5.0], 13, Anchor::Start, text);
-    boxes.chain([Element::Text(text)]).collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::drawing::colour;
+    use crate::drawing::layout;
     use crate::drawing::svg::Style;
 
     #[test]
-    fn the_largest_effect_has_the_strongest_colour_and_names_are_escaped() {
+    fn the_largest_effect_has_the_strongest_colour() {
         let point = |x: f64, length: f64| EffectPoint { point: vec![x, x * x], length, significant: x > 0.5 };
         let effect = Effect {
             points: vec![point(0.0, 0.0), point(1.0, 2.0), point(2.0, 2.0)],
             connection: Connection::Line { closed: false },
             colours: (colour::EFFECT_NONE, colour::EFFECT_MOST),
         };
-        let svg = draw("a", Vec::new(), Some(&effect), &["<b>".into()]).to_svg(&Style::default());
-        assert!(svg.contains("stroke=\"#880055\" stroke-width=\"9\"") && svg.contains("&lt;b&gt;"), "{svg}");
-        assert!(!svg.contains("NaN") && svg.contains("0 to 2;"));
+        let draw = |most: f64| layout::overlay("a", effect.layers(most, 1.0), &[]).to_svg(&Style::default());
+        let svg = draw(effect.largest());
+        assert!(svg.contains("stroke=\"#880055\" stroke-width=\"9\"") && !svg.contains("NaN"), "{svg}");
+        let faint = draw(1e3);
+        assert!(!faint.contains("#880055") && !draw(0.0).contains("NaN"), "{faint}");
     }
 }

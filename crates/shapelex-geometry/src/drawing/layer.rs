@@ -19,8 +19,8 @@ use shapelex_numeric::dense::Matrix;
 pub struct Layer {
     /// Shapes as points in the plane: a polyline each, or the corners of a surface's facets one after the other.
     pub lines: Vec<Vec<[f64; 2]>>,
-    /// Brightness of the facets of every surface, from 0 to 1; empty for other shapes.
-    pub light: Vec<Vec<f64>>,
+    /// Colours of the facets of every surface; empty for other shapes.
+    pub colours: Vec<Vec<Colour>>,
     /// Drawing style of the points.
     pub mark: Mark,
     /// Colour.
@@ -31,6 +31,8 @@ pub struct Layer {
     pub opacity: f64,
     /// Entry of the legend, if any.
     pub name: Option<String>,
+    /// Names of the lines, which viewers show where one points at them; empty if they have none.
+    pub titles: Vec<String>,
 }
 
 /// Drawing style of the points of a layer.
@@ -76,7 +78,7 @@ impl Layer {
             Some(_) if space.representation().is_closed() => Mark::Closed,
             Some(_) => Mark::Open,
         };
-        Self { lines, light: Vec::new(), mark, colour, width, opacity, name: None }
+        Self { lines, colours: Vec::new(), mark, colour, width, opacity, name: None, titles: Vec::new() }
     }
 
     /// Layer of closed meshes.
@@ -101,12 +103,34 @@ impl Layer {
 
     /// Layer of points as they are placed in the plane.
     pub(super) fn from_points(points: Vec<[f64; 2]>, mark: Mark, colour: Colour, width: f64) -> Self {
-        Self { lines: vec![points], light: Vec::new(), mark, colour, width, opacity: 1.0, name: None }
+        Self {
+            lines: vec![points],
+            colours: Vec::new(),
+            mark,
+            colour,
+            width,
+            opacity: 1.0,
+            name: None,
+            titles: Vec::new(),
+        }
     }
 
     fn from_facets(facets: impl Iterator<Item = Facets>, colour: Colour) -> Self {
-        let (lines, light) = facets.map(|facets| (facets.corners, facets.light)).unzip();
-        Self { lines, light, mark: Mark::Facets, colour, width: 1.0, opacity: 1.0, name: None }
+        let painted = |facets: Facets| {
+            let colours = facets.light.iter().map(|light| colour.pale().under(*light)).collect();
+            (facets.corners, colours)
+        };
+        let (lines, colours) = facets.map(painted).unzip();
+        Self {
+            lines,
+            colours,
+            mark: Mark::Facets,
+            colour,
+            width: 1.0,
+            opacity: 1.0,
+            name: None,
+            titles: Vec::new(),
+        }
     }
 
     /// Whether its shapes hide what is behind them.
@@ -118,8 +142,9 @@ impl Layer {
     pub fn apart(&self) -> impl Iterator<Item = Self> + '_ {
         (0..self.lines.len()).map(|i| Self {
             lines: vec![self.lines[i].clone()],
-            light: self.light.get(i).cloned().into_iter().collect(),
+            colours: self.colours.get(i).cloned().into_iter().collect(),
             name: self.name.clone().filter(|_| i == 0),
+            titles: self.titles.get(i).cloned().into_iter().collect(),
             ..*self
         })
     }
@@ -139,7 +164,7 @@ impl Layer {
 fn outline(space: &ShapeSpace, control_points: &[f64]) -> Vec<[f64; 2]> {
     let d = space.representation().dimension();
     let n = control_points.len() / d;
-    match Curve::of(space, &Matrix::from_column_slice(n, d, control_points)) {
+    match Curve::of(space, &rows_of_dimension(control_points, d)) {
         Some(curve) => curve.sample((8 * n).clamp(128, 4096)).iter().map(|p| flatten(p)).collect(),
         None => placed(space, control_points),
     }
@@ -171,7 +196,7 @@ pub(super) fn depth(point: &[f64]) -> f64 {
 }
 
 /// Maximum number of surfaces in a drawing.
-pub(super) const MAX_SURFACES: usize = 12;
+pub const MAX_SURFACES: usize = 12;
 /// Facets along each direction of a surface: the range for one alone (about two per interval between knots), and among others.
 const CELLS: [usize; 2] = [48, 88];
 const CELLS_AMONG_OTHERS: usize = 36;
@@ -193,7 +218,12 @@ pub(super) fn drawn_level(basis: &SubdivisionBasis, among_others: bool) -> usize
 
 /// Control points in space, one per row.
 pub(super) fn rows_of(shape: &[f64]) -> Matrix {
-    Matrix::from_column_slice(shape.len() / 3, 3, shape)
+    rows_of_dimension(shape, 3)
+}
+
+/// Control points of a dimension, one per row.
+pub(super) fn rows_of_dimension(shape: &[f64], d: usize) -> Matrix {
+    Matrix::from_column_slice(shape.len() / d, d, shape)
 }
 
 /// A surface as seen by the viewer.

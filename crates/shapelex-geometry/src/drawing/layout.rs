@@ -1,16 +1,20 @@
 //! Arrangement of layers on a page: on top of one another, side by side, one after the other.
 
-use super::layer::{Layer, MAX_SURFACES, Mark};
+use super::colour;
+use super::layer::{Layer, MAX_SURFACES};
+use super::legend::Entry;
 use super::scene::{Anchor, Drawing, Element, MARGIN, Map, SIZE, Text};
 
 /// Width for shapes.
 const ROOM: f64 = SIZE - 2.0 * MARGIN;
 /// Space above and below shapes.
 const GAP: f64 = 12.0;
-/// Height of a line of the legend.
-const LINE: f64 = 20.0;
-/// Height of the caption of a cell.
-const CAPTION: f64 = 26.0;
+/// Space below a cell.
+const FOOT: f64 = 13.0;
+/// Height of a line of the caption of a cell.
+const CAPTION: f64 = 13.0;
+/// Approximate width of a letter of a caption.
+const LETTER: f64 = 5.6;
 
 /// Smallest rectangle around points.
 #[derive(Debug, Clone, Copy)]
@@ -67,62 +71,15 @@ pub fn draw(title: &str, layers: Vec<Layer>) -> Drawing {
     if layers.iter().any(Layer::hides) {
         return side_by_side(title, &layers);
     }
+    let legend = Entry::of(&layers);
+    overlay(title, layers, &legend)
+}
+
+/// Draws `layers`, back to front, with a legend.
+pub fn overlay(title: &str, layers: Vec<Layer>, legend: &[Entry]) -> Drawing {
     let (map, height) = Bounds::of(&layers).fill();
-    let (legend, lines) = legend(&layers, height);
-    let mut elements: Vec<Element> = layers.into_iter().map(|layer| Element::Shapes(layer, map)).collect();
-    elements.extend(legend);
-    Drawing::new(title, height + lines, elements)
-}
-
-/// Entries of the legend from `top` on, and their height.
-fn legend(layers: &[Layer], top: f64) -> (Vec<Element>, f64) {
-    let mut elements = Vec::new();
-    let (mut x, mut line) = (MARGIN, 0.0);
-    for layer in layers {
-        let Some(name) = &layer.name else { continue };
-        let width = 40.0 + 7.5 * name.chars().count() as f64;
-        if x > MARGIN && x + width > SIZE - MARGIN {
-            (x, line) = (MARGIN, line + 1.0);
-        }
-        elements.extend(entry(layer, name, [x, top + LINE * line + 10.0], 18.0));
-        x += width;
-    }
-    let height = if elements.is_empty() { 0.0 } else { LINE * (line + 1.0) + 4.0 };
-    (elements, height)
-}
-
-/// Least opacity of a sample in the legend: fainter ones are seen only where they overlap.
-const FAINTEST: f64 = 0.4;
-
-/// Sample of a layer and its name, on a line with its middle at `[x, y]`.
-pub(super) fn entry(layer: &Layer, name: &str, [x, y]: [f64; 2], width: f64) -> [Element; 2] {
-    let text = Text::new([x + width + 6.0, y + 5.0], 13, Anchor::Start, name.to_owned());
-    [sample(layer, [x, y], width), Element::Text(text)]
-}
-
-/// What a layer looks like: a line, a dot, or a patch of a surface.
-fn sample(layer: &Layer, [x, y]: [f64; 2], width: f64) -> Element {
-    let opacity = layer.opacity.max(FAINTEST);
-    let at = |p: [f64; 2]| Map { scale: 1.0, centre: [0.0; 2], at: p };
-    let mut one = Layer { lines: vec![vec![[0.0, 0.0]]], light: Vec::new(), opacity, ..layer.clone() };
-    match layer.mark {
-        Mark::Dots => Element::Shapes(one, at([x + 0.5 * width, y])),
-        Mark::Closed | Mark::Open => {
-            one.lines = vec![vec![[0.0, 0.0], [width, 0.0]]];
-            one.mark = Mark::Open;
-            Element::Shapes(one, at([x, y]))
-        }
-        Mark::Arrows => {
-            one.lines = vec![vec![[0.0, 0.0], [width, 0.0]]];
-            Element::Shapes(one, at([x, y]))
-        }
-        Mark::Facets => Element::Box {
-            corner: [x, y - 5.0],
-            size: [width, 10.0],
-            colour: layer.colour.pale(),
-            opacity: 1.0,
-        },
-    }
+    let elements = layers.into_iter().map(|layer| Element::Shapes(layer, map)).collect();
+    Drawing::new(title, height, elements).with_legend(legend)
 }
 
 /// Draws one shape per cell, those of the front layer first.
@@ -152,15 +109,23 @@ fn columns_of(cells: usize) -> usize {
     }
 }
 
+/// A caption, whose lines are separated by `\n`, and the layers above it.
+pub type Cell = (String, Vec<Layer>);
+
 /// Draws cells with captions side by side on one scale, each centred on its own shapes.
-pub fn grid(title: &str, cells: Vec<(String, Vec<Layer>)>) -> Drawing {
-    let bounds: Vec<Bounds> = cells.iter().map(|(_, layers)| Bounds::of(layers)).collect();
+pub fn grid(title: &str, cells: Vec<Cell>) -> Drawing {
     let columns = columns_of(cells.len());
-    in_cells(title, cells, &bounds, columns)
+    in_columns(title, cells, columns)
+}
+
+/// Draws cells as [`grid`] in rows of `columns`.
+pub fn in_columns(title: &str, cells: Vec<Cell>, columns: usize) -> Drawing {
+    let bounds: Vec<Bounds> = cells.iter().map(|(_, layers)| Bounds::of(layers)).collect();
+    in_cells(title, cells, &bounds, columns.max(1))
 }
 
 /// Draws cells with captions in one row, all in the same frame.
-pub fn row(title: &str, cells: Vec<(String, Vec<Layer>)>) -> Drawing {
+pub fn row(title: &str, cells: Vec<Cell>) -> Drawing {
     let each = cells.iter().map(|(_, layers)| Bounds::of(layers));
     let Some(common) = each.reduce(Bounds::and) else { return Drawing::new(title, 0.0, Vec::new()) };
     let (bounds, columns) = (vec![common; cells.len()], cells.len());
@@ -172,38 +137,79 @@ const USED: f64 = 0.92;
 /// Greatest height of the shapes of a row.
 const MAX_HEIGHT: f64 = 420.0;
 
-fn in_cells(title: &str, cells: Vec<(String, Vec<Layer>)>, bounds: &[Bounds], columns: usize) -> Drawing {
+fn in_cells(title: &str, cells: Vec<Cell>, bounds: &[Bounds], columns: usize) -> Drawing {
     let side = ROOM / columns as f64;
     let scales = bounds.iter().filter_map(|bounds| bounds.scale([USED * side, MAX_HEIGHT]));
     let scale = scales.reduce(f64::min).unwrap_or(1.0);
     let tallest = bounds.iter().map(|bounds| scale * bounds.extent()[1]).fold(0.0, f64::max);
-    let row = tallest.clamp(0.0, MAX_HEIGHT) + GAP + CAPTION;
+    let lines = cells.iter().map(|(caption, _)| caption.lines().count()).max().unwrap_or(0);
+    let captions = CAPTION * lines as f64;
+    let row = tallest.clamp(0.0, MAX_HEIGHT) + GAP + captions + FOOT;
     let mut elements = Vec::new();
     let count = cells.len();
     for (i, ((caption, layers), bounds)) in cells.into_iter().zip(bounds).enumerate() {
         let (left, top) = ((i % columns) as f64, (i / columns) as f64);
-        let at = [MARGIN + (left + 0.5) * side, row * top + 0.5 * (row - CAPTION)];
+        let at = [MARGIN + (left + 0.5) * side, row * top + 0.5 * (row - captions - FOOT)];
         let map = Map { scale, centre: bounds.centre(), at };
         elements.extend(layers.into_iter().map(|layer| Element::Shapes(layer, map)));
-        let under = [at[0], row * (top + 1.0) - CAPTION + 14.0];
-        elements.push(Element::Text(Text::new(under, 11, Anchor::Middle, caption)));
+        for (k, line) in caption.lines().enumerate() {
+            let under = [at[0], row * (top + 1.0) - captions + CAPTION * k as f64];
+            let line = clipped(line, (side / LETTER) as usize);
+            elements.push(Element::Text(Text::new(under, 11, Anchor::Middle, line)));
+        }
     }
     Drawing::new(title, row * count.div_ceil(columns) as f64, elements)
 }
 
-/// Animation through the lines of a layer and back; surfaces are drawn side by side.
-pub fn animate(title: &str, layer: Layer) -> Drawing {
+/// Part of a cell of a sheet that is used.
+const FILLED: f64 = 0.86;
+
+/// Draws shapes, one line of the layer each, in the square cells of a sheet, row by row, on one scale and each in the middle of
+/// its cell. The cells fill the width of the page. `unit`: the unit of length, if known.
+pub fn sheet(title: &str, mut layer: Layer, columns: usize, unit: Option<&str>) -> Drawing {
+    let side = SIZE / columns.max(1) as f64;
+    let bounds: Vec<Bounds> = layer.lines.iter().map(|line| Bounds::around(line.iter())).collect();
+    let scales = bounds.iter().filter_map(|bounds| bounds.scale([FILLED * side; 2]));
+    let scale = scales.reduce(f64::min).unwrap_or(1.0);
+    for (i, (line, bounds)) in layer.lines.iter_mut().zip(&bounds).enumerate() {
+        let cell = [i % columns.max(1), i / columns.max(1)].map(|k| (k as f64 + 0.5) * side);
+        let map = Map { scale, centre: bounds.centre(), at: cell };
+        for point in line {
+            // As in the plane of shapes, y points up.
+            let [x, y] = map.place(point);
+            *point = [x, -y];
+        }
+    }
+    let rows = layer.lines.len().div_ceil(columns.max(1));
+    let page = Map { scale: 1.0, centre: [0.0; 2], at: [0.0; 2] };
+    Drawing::new(title, side * rows as f64, vec![Element::Shapes(layer, page)]).with_scale(scale, unit)
+}
+
+/// The beginning of a text that has more letters than fit.
+fn clipped(text: &str, most: usize) -> String {
+    if text.chars().count() <= most {
+        return text.to_owned();
+    }
+    text.chars().take(most.saturating_sub(1)).chain(['…']).collect()
+}
+
+/// Animation through the lines of a layer and back, with the names of its ends; surfaces are drawn side by side.
+pub fn animate(title: &str, layer: Layer, ends: [String; 2]) -> Drawing {
     if layer.hides() {
         return draw(title, vec![layer]);
     }
     let (map, height) = Bounds::around(layer.lines.iter().flatten()).fill();
-    Drawing::new(title, height, vec![Element::Animation(layer, map)])
+    let end = |colour, name: String| {
+        Entry::Sample(Layer::from_points(Vec::new(), layer.mark, colour, 1.0).named(name))
+    };
+    let [first, last] = ends;
+    let legend = [end(colour::MINUS, first), end(colour::PLUS, last)];
+    Drawing::new(title, height, vec![Element::Animation(layer, map)]).with_legend(&legend)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::drawing::colour;
     use crate::drawing::svg::{Background, Style, Theme};
     use crate::generator::GeneratorKind;
     use crate::representation::{Representation, ShapeSpace};

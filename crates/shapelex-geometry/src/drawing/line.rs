@@ -1,6 +1,6 @@
 //! Text of lines in a drawing, with as few points and digits as the eye needs.
 //!
-//! Coordinates are whole multiples of a tenth of a pixel, and points nearer than that to the line through their neighbours are
+//! Coordinates are whole multiples of about a tenth of a pixel, and points nearer than that to the line through their neighbours are
 //! left out: such a shift changes the grey of a pixel at the edge of a line by at most a tenth of the difference between line
 //! and background, which cannot be seen between lines of a pixel or more. Points are written relative to the one before.
 
@@ -31,7 +31,8 @@ impl Resolution {
     /// Resolution of a page on which a unit is shown as `pixels` pixels.
     pub(super) fn new(pixels: f64) -> Self {
         let tolerance = TOLERANCE / pixels;
-        let digits = (0..MAX_DIGITS).find(|digits| tolerance * power(*digits) >= 1.0).unwrap_or(MAX_DIGITS);
+        let fine = |digits: &usize| tolerance * power(*digits) >= FINEST;
+        let digits = (0..MAX_DIGITS).find(fine).unwrap_or(MAX_DIGITS);
         Self { tolerance, digits, per_unit: power(digits) }
     }
 
@@ -130,6 +131,9 @@ impl Resolution {
         text
     }
 }
+
+/// Least tolerance in steps of the last digit: rounding shifts a coordinate by half a step.
+const FINEST: f64 = 0.66;
 
 /// Greatest number of steps, far outside of every page.
 const FAR: f64 = 1e12;

@@ -1,16 +1,19 @@
 //! Drawings as SVG.
 //!
 //! * [`layer`] — shapes in the plane; [`colour`] — colours for light and dark pages;
-//! * [`layout`] — drawings and animations of layers;
-//! * [`effect`] — drawings of shapes with an effect along one of them;
-//! * [`plot`] — graphs of functions;
+//! * [`orientation`] — orientation of the shapes; [`effect`] — layers that show an effect along a shape;
+//! * [`layout`] — arrangements of layers, and animations; [`legend`] — samples and sentences below;
+//! * [`plot`] — graphs of functions; [`strips`] — ranges of numbers;
 //! * [`scene`] — a drawing before, and [`svg`] — after settings of the viewer are known.
 
 pub mod colour;
 pub mod effect;
 pub mod layer;
 pub mod layout;
+pub mod legend;
 mod line;
+pub mod orientation;
 pub mod plot;
 pub mod scene;
+pub mod strips;
 pub mod svg;

@@ -2,7 +2,7 @@
 
 use super::colour::{self, Colour};
 use super::layer::{Layer, Mark};
-use super::layout::entry;
+use super::legend::entry_at;
 use super::scene::{Anchor, Drawing, Element, MARGIN, Map, SIZE, Text};
 
 /// One function: name, colour, and its graph in pieces, which leaves gaps at jumps.
@@ -36,7 +36,7 @@ pub fn plot(title: &str, variable: &str, graphs: Vec<Graph>) -> Drawing {
         let on_page = |piece: &Vec<[f64; 2]>| piece.iter().map(|p| frame.place(p)).collect();
         let lines = pieces.iter().map(on_page).collect();
         let layer = Layer { lines, ..Layer::from_points(Vec::new(), Mark::Open, colour, 2.0) };
-        elements.extend(entry(&layer, &name, [legend, HEIGHT + 8.0], 18.0));
+        elements.extend(entry_at(&layer, &name, [legend, HEIGHT + 8.0], 18.0));
         legend += 60.0 + 8.0 * name.chars().count() as f64;
         elements.push(Element::Shapes(layer, page));
     }
@@ -91,7 +91,7 @@ fn label(at: [f64; 2], anchor: Anchor, text: String) -> Element {
 }
 
 /// Four to nine round numbers within `[low, high]`.
-fn ticks(low: f64, high: f64) -> Vec<f64> {
+pub(super) fn ticks(low: f64, high: f64) -> Vec<f64> {
     let rough = (high - low) / 6.0;
     let power = 10.0_f64.powf(rough.log10().floor());
     let step =

@@ -36,8 +36,6 @@ pub(super) enum Element {
     Shapes(Layer, Map),
     /// Lines shown one after the other.
     Animation(Layer, Map),
-    /// Facets, four corners each, with their colours.
-    Facets { corners: Vec<[f64; 2]>, colours: Vec<Colour>, map: Map },
     /// A line of text.
     Text(Text),
     /// A filled rectangle.
@@ -102,10 +100,16 @@ impl Drawing {
     #[must_use]
     pub fn to_scale(mut self, unit: Option<&str>) -> Self {
         let map = self.elements.iter().find_map(|element| match element {
-            Element::Shapes(_, map) | Element::Animation(_, map) | Element::Facets { map, .. } => Some(map),
+            Element::Shapes(_, map) | Element::Animation(_, map) => Some(map),
             _ => None,
         });
         self.scale = map.map(|map| Scale { per_unit: map.scale, unit: unit.map(str::to_owned) });
+        self
+    }
+
+    /// The same drawing with a scale bar for `per_unit` page units per unit of length.
+    pub(super) fn with_scale(mut self, per_unit: f64, unit: Option<&str>) -> Self {
+        self.scale = Some(Scale { per_unit, unit: unit.map(str::to_owned) });
         self
     }
 
@@ -141,7 +145,7 @@ fn round_length(most: f64) -> f64 {
 }
 
 /// A number with at most three digits.
-pub(super) fn short(value: f64) -> String {
+pub fn short(value: f64) -> String {
     let magnitude = value.abs();
     if magnitude != 0.0 && !(1e-4..1e6).contains(&magnitude) {
         return format!("{value:.1e}").replace(".0e", "e");

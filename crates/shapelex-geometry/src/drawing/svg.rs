@@ -68,14 +68,19 @@ const TITLE: f64 = 28.0;
 /// Space above drawings without a written title.
 const TOP: f64 = 8.0;
 
+/// Space above the contents.
+fn top(style: &Style) -> f64 {
+    if style.title { TITLE } else { TOP }
+}
+
 impl Drawing {
     /// The drawing as an SVG document. The cost is linear in the number of points.
     pub fn to_svg(&self, style: &Style) -> String {
         let mut writer = Writer::new(style);
-        let top = if style.title { TITLE } else { TOP };
         if style.background == Background::Page {
             let page = writer.paint("fill", colour::PAGE);
-            writer.write(format_args!("<rect y=\"{}\" width=\"100%\" height=\"100%\"{page}/>\n", -top));
+            writer
+                .write(format_args!("<rect y=\"{}\" width=\"100%\" height=\"100%\"{page}/>\n", -top(style)));
         }
         if style.title {
             writer.text(&Text::new([MARGIN, -8.0], 14, Anchor::Start, self.title.clone()));
@@ -86,19 +91,27 @@ impl Drawing {
         if let Some(bar) = self.scale_bar().filter(|_| style.scale_bar) {
             bar.iter().for_each(|element| writer.element(element));
         }
-        self.document(style, top, writer)
+        self.document(style, writer)
     }
 
-    fn document(&self, style: &Style, top: f64, writer: Writer<'_>) -> String {
-        let bar = if style.scale_bar { self.scale_bar_height() } else { 0.0 };
-        let height = (self.height + bar + top).round();
+    /// Width and height in pixels.
+    pub fn pixels(&self, style: &Style) -> [u64; 2] {
         let pixels = f64::from(style.width) / SIZE;
+        [u64::from(style.width), (self.page_height(style) * pixels).round().max(1.0) as u64]
+    }
+
+    /// Height of the page, on which a picture is [`SIZE`] wide.
+    fn page_height(&self, style: &Style) -> f64 {
+        let bar = if style.scale_bar { self.scale_bar_height() } else { 0.0 };
+        (self.height + bar + top(style)).round()
+    }
+
+    fn document(&self, style: &Style, writer: Writer<'_>) -> String {
+        let (height, [width, pixels]) = (self.page_height(style), self.pixels(style));
         format!(
-            "<svg xmlns=\"http://www.w3.org/2000/svg\" class=\"shapelex\" viewBox=\"0 {} {SIZE} {height}\" width=\"{}\" \
-             height=\"{}\" font-family=\"sans-serif\">\n<title>{}</title>\n{}{}</svg>\n",
-            -top,
-            style.width,
-            (height * pixels).round(),
+            "<svg xmlns=\"http://www.w3.org/2000/svg\" class=\"shapelex\" viewBox=\"0 {} {SIZE} {height}\" \
+             width=\"{width}\" height=\"{pixels}\" font-family=\"sans-serif\">\n<title>{}</title>\n{}{}</svg>\n",
+            -top(style),
             escape(&self.title),
             writer.rules(),
             writer.svg
@@ -174,7 +187,6 @@ impl<'a> Writer<'a> {
         match element {
             Element::Shapes(layer, map) => self.layer(layer, |p| map.place(p)),
             Element::Animation(layer, map) => self.animation(layer, map),
-            Element::Facets { corners, colours, map } => self.facets(corners, colours, |p| map.place(p)),
             Element::Text(text) => self.text(text),
             Element::Box { corner, size, colour, opacity } => {
                 let paint = self.paint("fill", *colour);
@@ -203,13 +215,11 @@ impl<'a> Writer<'a> {
     }
 
     fn layer(&mut self, layer: &Layer, place: impl Place) {
-        let Layer { lines, light, mark, colour, width, opacity, .. } = layer;
+        let Layer { lines, colours, mark, colour, width, opacity, .. } = layer;
         match mark {
             Mark::Facets => {
-                for (corners, light) in lines.iter().zip(light) {
-                    let colours: Vec<Colour> =
-                        light.iter().map(|light| colour.pale().under(*light)).collect();
-                    self.facets(corners, &colours, &place);
+                for (i, (corners, colours)) in lines.iter().zip(colours).enumerate() {
+                    self.facets(corners, colours, (layer.titles.get(i), &place));
                 }
             }
             Mark::Dots => {
@@ -217,9 +227,15 @@ impl<'a> Writer<'a> {
                     (self.paint("fill", *colour), attribute_unless_one("fill-opacity", *opacity));
                 let radius = self.resolution.number(layer.radius());
                 self.write(format_args!("<g{paint}{opacity}>\n"));
-                for point in lines.iter().flatten() {
-                    let [x, y] = place(point).map(|x| self.resolution.number(x));
-                    self.write(format_args!("<circle cx=\"{x}\" cy=\"{y}\" r=\"{radius}\"/>\n"));
+                for (i, line) in lines.iter().enumerate() {
+                    let title = layer.titles.get(i);
+                    self.svg.push_str(if title.is_some() { "<g>" } else { "" });
+                    self.title(title);
+                    for point in line {
+                        let [x, y] = place(point).map(|x| self.resolution.number(x));
+                        self.write(format_args!("<circle cx=\"{x}\" cy=\"{y}\" r=\"{radius}\"/>\n"));
+                    }
+                    self.svg.push_str(if title.is_some() { "</g>" } else { "" });
                 }
                 self.svg.push_str("</g>\n");
             }
@@ -238,10 +254,17 @@ impl<'a> Writer<'a> {
                 let (paint, opacity) =
                     (self.paint("stroke", *colour), attribute_unless_one("stroke-opacity", *opacity));
                 self.write(format_args!("<g{STROKE}{paint} stroke-width=\"{width}\"{opacity}>\n"));
-                for line in lines {
+                for (i, line) in lines.iter().enumerate() {
                     self.svg.push_str("<path d=\"");
                     resolution.push_path(&mut self.svg, line, &place, *mark == Mark::Closed);
-                    self.svg.push_str("\"/>\n");
+                    match layer.titles.get(i) {
+                        None => self.svg.push_str("\"/>\n"),
+                        title => {
+                            self.svg.push_str("\">");
+                            self.title(title);
+                            self.svg.push_str("</path>\n");
+                        }
+                    }
                 }
                 self.svg.push_str("</g>\n");
             }
@@ -264,8 +287,21 @@ impl<'a> Writer<'a> {
         self.svg.push_str("\"/>\n");
     }
 
-    fn facets(&mut self, corners: &[[f64; 2]], colours: &[Colour], place: impl Place) {
+    /// The name of an element, which viewers show where one points at it.
+    fn title(&mut self, title: Option<&String>) {
+        if let Some(title) = title {
+            self.write(format_args!("<title>{}</title>", escape(title)));
+        }
+    }
+
+    fn facets(
+        &mut self,
+        corners: &[[f64; 2]],
+        colours: &[Colour],
+        (title, place): (Option<&String>, impl Place),
+    ) {
         self.svg.push_str("<g stroke-width=\".6\" stroke-linejoin=\"round\">\n");
+        self.title(title);
         for (facet, colour) in corners.chunks_exact(4).zip(colours) {
             let (fill, stroke) = (self.paint("fill", *colour), self.paint("stroke", *colour));
             self.write(format_args!("<path{fill}{stroke} d=\""));

@@ -122,6 +122,14 @@ impl Pool {
         Self { work, ..self.clone() }
     }
 
+    /// Checks that a request may take so much work in all.
+    ///
+    /// # Errors
+    /// [`ServiceError::TooCostly`].
+    pub fn check(&self, work: Work) -> Result<(), ServiceError> {
+        work.check(self.most)
+    }
+
     /// Signals the work of the request to stop when the client stops waiting or its time is over.
     pub fn context(&self) -> JobContext {
         self.request.as_ref().map_or_else(JobContext::default, |request| request.context.clone())

@@ -8,7 +8,8 @@ use crate::analysis::inference::groups::Groups;
 use crate::analysis::inference::limits::MIN_MEMBERS;
 use crate::domain::attribute::Attribute;
 use crate::domain::cohort::Cohort;
-use crate::domain::shape::{ShapeDescription, ShapeFilter};
+use crate::domain::filter::ShapeFilter;
+use crate::domain::shape::ShapeDescription;
 use crate::formats::fault::Fault;
 use crate::service::app::{App, ServiceError};
 use crate::service::cohorts::attributes::{self, KnownAttributes};
@@ -96,6 +97,7 @@ fn named_faults(groups: &[NamedGroup]) -> Vec<Fault> {
         } else if groups[..i].iter().any(|other| other.name == group.name) {
             faults.push(Fault::new(pointer, format!("expected different names, got '{}' twice", group.name)));
         }
+        faults.extend(attributes::filter_faults(&group.filter, &format!("/groups/{i}/filter")));
     }
     faults
 }

@@ -122,7 +122,8 @@ impl StudyKind for ComparedShapes {
     }
 
     fn draw(study: &Study<Self>, comparison: &Comparison) -> Drawing {
-        draw_comparison(&study.setup.space, &study.cohort.spec.name, &comparison.found)
+        let setup = &study.setup;
+        draw_comparison((&setup.space, &setup.method), &study.cohort.spec.name, &comparison.found)
     }
 }
 

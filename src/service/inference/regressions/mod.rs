@@ -19,8 +19,9 @@ use crate::analysis::inference::variables::Variables;
 use crate::analysis::watch::Watch;
 use crate::domain::attribute::Attribute;
 use crate::domain::cohort::Cohort;
+use crate::domain::filter::ShapeFilter;
 use crate::domain::job::JobKind;
-use crate::domain::shape::{ShapeDescription, ShapeFilter};
+use crate::domain::shape::ShapeDescription;
 use crate::domain::study::{RegressionScore, ShapeRegression};
 use crate::formats::fault::Fault;
 use crate::geometry::drawing::scene::Drawing;
@@ -84,9 +85,11 @@ impl StudyKind for RegressedShapes {
         let Options { attribute, covariates, .. } = &request.options;
         let mut faults = Vec::new();
         if attribute != LOG_CENTROID_SIZE
-            && !matches!(Attribute::parse(attribute), Some(Attribute::Labels(_)))
+            && !matches!(Attribute::parse(attribute), Some(Attribute::Labels(_) | Attribute::Measure(_)))
         {
-            let detail = format!("expected 'labels.<attribute>' or '{LOG_CENTROID_SIZE}', got '{attribute}'");
+            let detail = format!(
+                "expected 'labels.<attribute>', 'measures.<measure>' or '{LOG_CENTROID_SIZE}', got '{attribute}'"
+            );
             faults.push(Fault::new("/attribute", detail));
         }
         faults.extend(covariate_faults(attribute, covariates));
@@ -175,8 +178,9 @@ impl StudyKind for RegressedShapes {
     }
 
     fn draw(study: &Study<Self>, regression: &ShapeRegression) -> Drawing {
-        let (space, cohort) = (&study.setup.space, &study.cohort.spec.name);
-        draw_regression(space, cohort, regression.header.shapes, &regression.found)
+        let (setup, spec) = (&study.setup, &study.cohort.spec);
+        let cohort = (spec.name.as_str(), spec.length_unit.as_deref());
+        draw_regression((&setup.space, &setup.method), cohort, regression.header.shapes, &regression.found)
     }
 }
 

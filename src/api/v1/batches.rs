@@ -1,0 +1,500 @@
+//! Requests about many shapes, and their answers: one entry for each shape, in order.
+//!
+//! A request is a JSON document, or NDJSON with one shape per line. The other fields of the document are then parameters of the
+//! query, whose values are JSON or plain text. An answer is a JSON document with a list `results`, or NDJSON with one entry
+//! per line, beside which stand the other fields of the document.
+
+use std::sync::Arc;
+
+use axum::body::{Body, Bytes};
+use axum::extract::{FromRequest, FromRequestParts, Request};
+use axum::http::request::Parts;
+use axum::http::{StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use serde::Serialize;
+use serde::de::{DeserializeOwned, IgnoredAny};
+
+use crate::api::body::{self, is_stream};
+use crate::api::extract::{
+    BesideFormat, Format, PrefersLines, Query, TWICE, is_json, media_type, unknown_parameter,
+};
+use crate::api::problem::{Problem, ProblemKind};
+use crate::api::respond::{compute_planned, json, planned};
+use crate::formats::checked::List;
+use crate::formats::fault::Fault;
+use crate::formats::json;
+use crate::formats::picture::PictureFile;
+use crate::formats::shape::ShapeInput;
+use crate::service::app::{App, Limits, ServiceError, Work};
+use crate::service::shapes::names::InputNames;
+use crate::service::shapes::outcome::{OnError, Outcomes};
+use crate::service::shapes::read;
+
+/// Parameter of requests about many shapes.
+#[derive(Debug, utoipa::IntoParams)]
+#[into_params(parameter_in = Query)]
+#[allow(dead_code, reason = "only for the document; the extractor reads it")]
+pub(super) struct BatchQuery {
+    /// Treatment of shapes that have no answer: `abort` refuses the request with the faults of all shapes, `skip` gives
+    /// them an entry with `error` and answers the others. Default: `abort`.
+    #[param(inline)]
+    on_error: Option<OnError>,
+}
+
+/// A request about many shapes.
+#[derive(Debug)]
+pub(super) struct Batch {
+    /// Its body.
+    pub(super) body: Bytes,
+    /// Forms of the request and of its answer.
+    pub(super) form: Form,
+}
+
+/// Forms of a request about many shapes and of its answer.
+#[derive(Debug, Clone)]
+pub(super) struct Form {
+    /// The fields other than the shapes as a JSON object, if the body is NDJSON.
+    settings: Option<String>,
+    /// Treatment of shapes that have no answer.
+    pub(super) on_error: OnError,
+    /// Whether the answer is NDJSON.
+    answers_lines: bool,
+}
+
+impl FromRequest<App> for Batch {
+    type Rejection = Problem;
+
+    async fn from_request(request: Request, app: &App) -> Result<Self, Problem> {
+        let (mut parts, body) = request.into_parts();
+        let PrefersLines(answers_lines) = PrefersLines::from_request_parts(&mut parts, app).await?;
+        let Query(parameters) = Query::<Vec<(String, String)>>::from_request_parts(&mut parts, app).await?;
+        Self::read(app, &parts, parameters, body, answers_lines).await
+    }
+}
+
+/// A request about many shapes that may be answered with a picture.
+#[derive(Debug)]
+pub(super) struct DrawnBatch {
+    /// The request.
+    pub(super) batch: Batch,
+    /// The picture, if one is asked for.
+    pub(super) picture: Option<PictureFile>,
+}
+
+impl FromRequest<App> for DrawnBatch {
+    type Rejection = Problem;
+
+    async fn from_request(request: Request, app: &App) -> Result<Self, Problem> {
+        let (mut parts, body) = request.into_parts();
+        let answers_lines =
+            matches!(PrefersLines::from_request_parts(&mut parts, app).await, Ok(PrefersLines(true)));
+        let picture = match answers_lines {
+            true => None,
+            false => match Format::from_request_parts(&mut parts, app).await? {
+                Format::Picture(file) => Some(file),
+                Format::Json => None,
+            },
+        };
+        let BesideFormat(parameters) =
+            BesideFormat::<Vec<(String, String)>>::from_request_parts(&mut parts, app).await?;
+        let batch = Batch::read(app, &parts, parameters, body, answers_lines).await?;
+        if picture.is_some() && batch.form.on_error == OnError::Skip {
+            return Err(Problem::of_parameter(
+                "on_error",
+                "expected \"abort\" beside a picture, got \"skip\"",
+            ));
+        }
+        Ok(Self { batch, picture })
+    }
+}
+
+impl Batch {
+    async fn read(
+        app: &App,
+        parts: &Parts,
+        mut parameters: Vec<(String, String)>,
+        body: Body,
+        answers_lines: bool,
+    ) -> Result<Self, Problem> {
+        let on_error = take_on_error(&mut parameters)?;
+        let settings = match media_type(&parts.headers).as_str() {
+            lines if is_stream(lines) => Some(settings(&parameters)?),
+            document if is_json(document) => {
+                parameters.first().map_or(Ok(()), |(name, _)| Err(unknown_parameter(name)))?;
+                None
+            }
+            other => return Err(unsupported(other)),
+        };
+        let body = body::read(app, body).await?;
+        Ok(Self { body, form: Form { settings, on_error, answers_lines } })
+    }
+}
+
+/// Refusal of a body that is neither JSON nor NDJSON.
+pub(super) fn unsupported(media_type: &str) -> Problem {
+    let detail = format!("expected application/json or application/x-ndjson, got '{media_type}'");
+    Problem::new(ProblemKind::UnsupportedMediaType, detail)
+}
+
+fn take_on_error(parameters: &mut Vec<(String, String)>) -> Result<OnError, Problem> {
+    let Some(place) = parameters.iter().position(|(name, _)| name == "on_error") else {
+        return Ok(OnError::default());
+    };
+    match parameters.remove(place).1.as_str() {
+        "abort" => Ok(OnError::Abort),
+        "skip" => Ok(OnError::Skip),
+        other => {
+            let detail = format!("expected \"abort\" or \"skip\", got \"{other}\"");
+            Err(Problem::of_parameter("on_error", detail))
+        }
+    }
+}
+
+/// The JSON object of parameters, with an empty list of shapes. A value that is not JSON is a text.
+fn settings(parameters: &[(String, String)]) -> Result<String, Problem> {
+    let text = |text: &str| serde_json::Value::from(text).to_string();
+    let mut object = String::from("{\"shapes\":[]");
+    for (place, (name, value)) in parameters.iter().enumerate() {
+        if name == "shapes" || name == "on_error" {
+            return Err(unknown_parameter(name));
+        }
+        if parameters[..place].iter().any(|(other, _)| other == name) {
+            return Err(Problem::of_parameter(name, TWICE));
+        }
+        let value = match serde_json::from_str::<IgnoredAny>(value) {
+            Ok(_) => value.clone(),
+            Err(_) => text(value),
+        };
+        object.push_str(&format!(",{}:{value}", text(name)));
+    }
+    object.push('}');
+    Ok(object)
+}
+
+/// A request with a list of shapes.
+pub(super) trait ManyShapes: DeserializeOwned + Send + 'static {
+    /// Sets the shapes.
+    fn put_shapes(&mut self, shapes: List<ShapeInput>);
+}
+
+impl Form {
+    /// Parses a request, and notes where its shapes are.
+    ///
+    /// # Errors
+    /// A document that is not JSON.
+    pub(super) fn parse<R: ManyShapes>(
+        &self,
+        limits: &Limits,
+        body: &[u8],
+    ) -> Result<(R, Places), ServiceError> {
+        let Some(settings) = &self.settings else {
+            return Ok((read::parse(limits, body)?, Places::Document));
+        };
+        let mut request: R = read::parse(limits, settings.as_bytes())?;
+        let json::Lines { items, numbers, count } = json::parse_lines(limits.bounds(), body);
+        // A line that is no JSON is a shape with that fault.
+        let unreadable = |fault| ShapeInput { faults: vec![fault], ..ShapeInput::default() };
+        let shapes = items.into_iter().map(|item: Result<ShapeInput, Fault>| item.unwrap_or_else(unreadable));
+        request.put_shapes(List::of(shapes.collect(), count));
+        Ok((request, Places::Lines(numbers.into())))
+    }
+
+    /// Answer with one entry for each shape.
+    ///
+    /// # Errors
+    /// Under [`OnError::Abort`] the faults of all shapes without an answer.
+    pub(super) fn respond<L: ResultList>(
+        &self,
+        places: &Places,
+        names: Vec<InputNames>,
+        outcomes: Outcomes<L::Answer>,
+        common: L::Common,
+    ) -> Result<Response, ServiceError> {
+        let outcomes = outcomes.checked(self.on_error)?.into_vec();
+        let entry = |(index, (names, outcome)): (usize, (InputNames, Result<L::Answer, ServiceError>))| {
+            let shape = InputShape { index, id: names.id, external_id: names.external_id };
+            let entry: Entry<L::Answer> = match outcome {
+                Ok(answer) => Ok((shape, answer)),
+                Err(error) => Err(FailedShape { shape, error: places.of(error).into() }),
+            };
+            entry.into()
+        };
+        let list = L::new(common, names.into_iter().zip(outcomes).enumerate().map(entry).collect());
+        if self.answers_lines { lines(&list) } else { json(StatusCode::OK, &list) }
+    }
+}
+
+/// Where the fields and shapes of a request are.
+#[derive(Debug, Clone)]
+pub(super) enum Places {
+    /// In one JSON document.
+    Document,
+    /// The shapes in the lines of these numbers, the other fields in the query.
+    Lines(Arc<[u64]>),
+}
+
+impl Places {
+    /// The same error, with its faults where they are in the request as it was sent.
+    pub(super) fn of(&self, error: ServiceError) -> ServiceError {
+        let Self::Lines(lines) = self else { return error };
+        let place = |fault| placed(fault, lines);
+        match error {
+            ServiceError::Invalid(faults) => ServiceError::Invalid(faults.map(place)),
+            ServiceError::DegenerateShape(faults) => {
+                ServiceError::DegenerateShape(faults.into_iter().map(place).collect())
+            }
+            other => other,
+        }
+    }
+}
+
+/// A fault of a document, in the lines or in the query that it was made of.
+fn placed(fault: Fault, lines: &[u64]) -> Fault {
+    let line = fault.index.and_then(|index| Some((format!("/shapes/{index}"), *lines.get(index)?)));
+    if let Some((prefix, line)) = line {
+        let pointer = fault.pointer.strip_prefix(&prefix).unwrap_or(&fault.pointer).to_owned();
+        return Fault { pointer, line: Some(line), ..fault };
+    }
+    let Some(path) = fault.pointer.strip_prefix('/') else { return fault };
+    match path.split_once('/').unwrap_or((path, "")) {
+        ("shapes", _) => Fault { pointer: String::new(), ..fault },
+        (name, "") => Fault::of_parameter(name, fault.detail),
+        (name, rest) => Fault::of_parameter(name, format!("/{rest}: {}", fault.detail)),
+    }
+}
+
+/// Work of a request, names of its shapes, and the function that finds the outcomes and the other fields of the answer.
+pub(super) type PlannedResults<L> = (Work, Vec<InputNames>, Box<FindResults<L>>);
+
+/// Finds the outcomes and the other fields of an answer.
+type FindResults<L> = dyn FnOnce(&App) -> Result<(Outcomes<<L as ResultList>::Answer>, <L as ResultList>::Common), ServiceError>
+    + Send;
+
+/// Parses a request, then computes its answer on the lane that suits the planned work.
+pub(super) async fn answer_batch<R: ManyShapes, L: ResultList + 'static>(
+    app: App,
+    batch: Batch,
+    plan: impl FnOnce(R, &App, OnError) -> Result<PlannedResults<L>, ServiceError> + Send + 'static,
+) -> Result<Response, Problem> {
+    let Batch { body, form } = batch;
+    compute_planned(app, body, move |app, body| {
+        let (request, places) = form.parse(&app.limits, body)?;
+        let (work, names, find) = plan(request, app, form.on_error).map_err(|error| places.of(error))?;
+        planned(work, move |app| {
+            let found = find(app);
+            let answered =
+                found.and_then(|(outcomes, common)| form.respond::<L>(&places, names, outcomes, common));
+            answered.map_err(|error| places.of(error))
+        })
+    })
+    .await
+}
+
+/// Place and names of an input shape.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct InputShape {
+    /// Position in the request, from 0.
+    pub(super) index: usize,
+    /// Id of a stored shape.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) id: Option<String>,
+    /// Identifier assigned by the client, if the shape has one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) external_id: Option<String>,
+}
+
+/// Input shape without an answer.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct FailedShape {
+    #[serde(flatten)]
+    pub(super) shape: InputShape,
+    /// Reason.
+    pub(super) error: ShapeError,
+}
+
+/// Reason why a shape has no answer.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(super) struct ShapeError {
+    /// Short name of the problem type.
+    #[schema(example = "degenerate-shape")]
+    code: &'static str,
+    /// Description and remedy.
+    detail: String,
+    /// All faults of the shape; those of the first thousand faults of a request are described in full.
+    errors: Vec<Fault>,
+}
+
+impl From<ServiceError> for ShapeError {
+    fn from(error: ServiceError) -> Self {
+        let problem = Problem::from(error);
+        let (code, detail) = (problem.kind().code(), problem.detail().to_owned());
+        Self { code, detail, errors: problem.into_errors() }
+    }
+}
+
+/// An input shape with its answer, or without one.
+pub(super) type Entry<A> = Result<(InputShape, A), FailedShape>;
+
+/// Answer to a request about many shapes.
+pub(super) trait ResultList: Serialize {
+    /// Fields about all shapes.
+    type Common: Serialize;
+    /// Answer for one shape.
+    type Answer;
+    /// Entry of a shape.
+    type Entry: Serialize + From<Entry<Self::Answer>>;
+
+    /// The answer with these parts.
+    fn new(common: Self::Common, results: Vec<Self::Entry>) -> Self;
+
+    /// Its parts; no common ones if it has no further fields.
+    fn parts(&self) -> (Option<&Self::Common>, &[Self::Entry]);
+}
+
+/// An entry beside the fields about all shapes.
+#[derive(Serialize)]
+struct ResultLine<'a, E, C> {
+    #[serde(flatten)]
+    entry: &'a E,
+    #[serde(flatten)]
+    common: Option<&'a C>,
+}
+
+/// Answer as NDJSON.
+fn lines<L: ResultList>(list: &L) -> Result<Response, ServiceError> {
+    let (common, results) = list.parts();
+    let mut text = Vec::new();
+    for entry in results {
+        let written = serde_json::to_writer(&mut text, &ResultLine { entry, common });
+        written.map_err(|error| ServiceError::Internal(error.to_string()))?;
+        text.push(b'\n');
+    }
+    Ok(([(header::CONTENT_TYPE, "application/x-ndjson")], text).into_response())
+}
+
+/// Declares an answer to a request about many shapes, the entry of a shape, and the shape with its answer.
+macro_rules! results {
+    ($(#[$meta:meta])* $list:ident $(with $common:ident)? of $entry:ident: $answered:ident with $answer:ident) => {
+        /// Input shape with its answer.
+        #[derive(Debug, serde::Serialize, utoipa::ToSchema)]
+        pub(super) struct $answered {
+            #[serde(flatten)]
+            shape: crate::api::v1::batches::InputShape,
+            #[serde(flatten)]
+            answer: $answer,
+        }
+
+        /// Entry of an input shape: its answer, or the reason why there is none.
+        #[derive(Debug, serde::Serialize, utoipa::ToSchema)]
+        #[serde(untagged)]
+        pub(super) enum $entry {
+            /// With an answer.
+            Answered(Box<$answered>),
+            /// Without an answer.
+            Failed(crate::api::v1::batches::FailedShape),
+        }
+
+        impl From<crate::api::v1::batches::Entry<$answer>> for $entry {
+            fn from(entry: crate::api::v1::batches::Entry<$answer>) -> Self {
+                match entry {
+                    Ok((shape, answer)) => Self::Answered(Box::new($answered { shape, answer })),
+                    Err(failed) => Self::Failed(failed),
+                }
+            }
+        }
+
+        crate::api::v1::batches::result_list! { $(#[$meta])* $list $(with $common)? of $entry for $answer }
+    };
+}
+pub(super) use results;
+
+/// Declares an answer to a request about many shapes whose entries are `$entry`.
+macro_rules! result_list {
+    ($(#[$meta:meta])* $list:ident with $common:ident of $entry:ident for $answer:ident) => {
+        $(#[$meta])*
+        #[derive(Debug, serde::Serialize, utoipa::ToSchema)]
+        pub(super) struct $list {
+            #[serde(flatten)]
+            common: $common,
+            /// One entry for each input shape, in order.
+            results: Vec<$entry>,
+        }
+
+        impl crate::api::v1::batches::ResultList for $list {
+            type Common = $common;
+            type Answer = $answer;
+            type Entry = $entry;
+
+            fn new(common: $common, results: Vec<$entry>) -> Self {
+                Self { common, results }
+            }
+
+            fn parts(&self) -> (Option<&$common>, &[$entry]) {
+                (Some(&self.common), &self.results)
+            }
+        }
+    };
+    ($(#[$meta:meta])* $list:ident of $entry:ident for $answer:ident) => {
+        $(#[$meta])*
+        #[derive(Debug, serde::Serialize, utoipa::ToSchema)]
+        pub(super) struct $list {
+            /// One entry for each input shape, in order.
+            results: Vec<$entry>,
+        }
+
+        impl crate::api::v1::batches::ResultList for $list {
+            type Common = ();
+            type Answer = $answer;
+            type Entry = $entry;
+
+            fn new((): (), results: Vec<$entry>) -> Self {
+                Self { results }
+            }
+
+            fn parts(&self) -> (Option<&()>, &[$entry]) {
+                (None, &self.results)
+            }
+        }
+    };
+}
+pub(super) use result_list;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn parameters_become_fields_of_the_document() {
+        let pair = |(name, value): &(&str, &str)| ((*name).to_owned(), (*value).to_owned());
+        let written = |pairs: &[(&str, &str)]| settings(&pairs.iter().map(pair).collect::<Vec<_>>());
+        let pairs =
+            [("quantile", "0.99"), ("transformation", "rigid"), ("reference", "{\"points\": [[0, 1]]}")];
+        let text = "{\"shapes\":[],\"quantile\":0.99,\"transformation\":\"rigid\",\"reference\":{\"points\": [[0, 1]]}}";
+        assert_eq!(written(&pairs).unwrap(), text);
+        assert_eq!(
+            written(&[("a\"b", "0,\"x\":1")]).unwrap(),
+            "{\"shapes\":[],\"a\\\"b\":\"0,\\\"x\\\":1\"}"
+        );
+        for refused in [&[("shapes", "[]")][..], &[("a", "1"), ("a", "1")], &[("on_error", "skip")]] {
+            assert!(written(refused).is_err(), "{refused:?}");
+        }
+    }
+
+    #[test]
+    fn faults_are_where_the_client_wrote_the_text() {
+        let found = |pointer: &str, index: Option<usize>| {
+            let fault = placed(Fault { index, ..Fault::new(pointer, "wrong") }, &[1, 4]);
+            (fault.pointer, fault.parameter, fault.line, fault.detail)
+        };
+        let fault = |pointer: &str, parameter: Option<&str>, line, detail: &str| {
+            (pointer.to_owned(), parameter.map(str::to_owned), line, detail.to_owned())
+        };
+        assert_eq!(found("/shapes/1/points/3", Some(1)), fault("/points/3", None, Some(4), "wrong"));
+        assert_eq!(found("/shapes/1", Some(1)), fault("", None, Some(4), "wrong"));
+        assert_eq!(found("/quantile", None), fault("", Some("quantile"), None, "wrong"));
+        let nested = fault("", Some("representation"), None, "/generator/name: wrong");
+        assert_eq!(found("/representation/generator/name", None), nested);
+        assert_eq!(found("/shapes", None), fault("", None, None, "wrong"));
+        assert_eq!(found("", None), fault("", None, None, "wrong"));
+    }
+}

@@ -1,0 +1,234 @@
+//! Binary glTF 2.0 files (GLB): one mesh, with displacements to other shapes of it (morph targets).
+//!
+//! A displacement has the weight 0 at first; the weight 1 gives its shape, and weights between, beyond and below follow along
+//! the line through both. Each displacement has an animation that moves its weight from 0 to 1, to −1 and back. Names are in
+//! `extras.targetNames`, where programs look for them.
+
+use std::ops::Range;
+
+use serde_json::{Value, json};
+
+use crate::geometry::mesh::TriangleMesh;
+use crate::geometry::vector::minus;
+
+/// A displacement of the vertices of a mesh.
+#[derive(Debug, Clone)]
+pub struct Displacement {
+    /// Name.
+    pub name: String,
+    /// The mesh at the weight 1, with as many vertices.
+    pub mesh: TriangleMesh,
+    /// What else is to be known about it.
+    pub extras: Value,
+}
+
+/// Weights of a displacement during its animation, one each second.
+const WEIGHTS: [f32; 5] = [0.0, 1.0, 0.0, -1.0, 0.0];
+
+const FLOAT: u32 = 5126;
+const UNSIGNED: u32 = 5125;
+const INDICES: u32 = 34963;
+const VERTICES: u32 = 34962;
+
+/// The binary part of a file with its description.
+#[derive(Debug, Default)]
+struct Buffer {
+    bytes: Vec<u8>,
+    views: Vec<Value>,
+    accessors: Vec<Value>,
+}
+
+impl Buffer {
+    /// Adds a view of `bytes` and an accessor; returns the index of the accessor.
+    fn push(&mut self, bytes: impl Iterator<Item = u8>, target: Option<u32>, mut accessor: Value) -> usize {
+        let offset = self.bytes.len();
+        self.bytes.extend(bytes);
+        let mut view = json!({"buffer": 0, "byteOffset": offset, "byteLength": self.bytes.len() - offset});
+        if let Some(target) = target {
+            view["target"] = json!(target);
+        }
+        accessor["bufferView"] = json!(self.views.len());
+        self.views.push(view);
+        self.accessors.push(accessor);
+        self.accessors.len() - 1
+    }
+
+    fn push_indices(&mut self, faces: &[[u32; 3]]) -> usize {
+        let accessor = json!({"componentType": UNSIGNED, "count": 3 * faces.len(), "type": "SCALAR"});
+        self.push(faces.iter().flatten().flat_map(|vertex| vertex.to_le_bytes()), Some(INDICES), accessor)
+    }
+
+    /// Adds positions, or displacements of them, with their bounds.
+    fn push_positions(&mut self, points: &[[f64; 3]]) -> usize {
+        let bound = |pick: fn(f32, f32) -> f32, start: f32| {
+            let fold = |c: usize| points.iter().map(|point| point[c] as f32).fold(start, pick);
+            [fold(0), fold(1), fold(2)]
+        };
+        let accessor = json!({"componentType": FLOAT, "count": points.len(), "type": "VEC3",
+            "min": bound(f32::min, f32::MAX), "max": bound(f32::max, f32::MIN)});
+        self.push(points.iter().flat_map(|point| single(*point)), Some(VERTICES), accessor)
+    }
+
+    fn push_normals(&mut self, normals: &[[f64; 3]]) -> usize {
+        let accessor = json!({"componentType": FLOAT, "count": normals.len(), "type": "VEC3"});
+        self.push(normals.iter().flat_map(|normal| single(*normal)), Some(VERTICES), accessor)
+    }
+
+    fn push_numbers(&mut self, numbers: &[f32]) -> usize {
+        let bound = |pick: fn(f32, f32) -> f32, start: f32| [numbers.iter().copied().fold(start, pick)];
+        let accessor = json!({"componentType": FLOAT, "count": numbers.len(), "type": "SCALAR",
+            "min": bound(f32::min, f32::MAX), "max": bound(f32::max, f32::MIN)});
+        self.push(numbers.iter().flat_map(|number| number.to_le_bytes()), None, accessor)
+    }
+
+    /// Positions and normals of a mesh, or their differences from those of another.
+    fn push_attributes(&mut self, mesh: &TriangleMesh, from: Option<&TriangleMesh>) -> Value {
+        let less = |points: &[[f64; 3]], others: Option<&Vec<[f64; 3]>>| match others {
+            Some(others) => points.iter().zip(others).map(|(a, b)| minus(*a, *b)).collect(),
+            None => points.to_vec(),
+        };
+        let positions = less(&mesh.vertices, from.map(|mesh| &mesh.vertices));
+        let mut attributes = json!({"POSITION": self.push_positions(&positions)});
+        let base = from.map(|mesh| mesh.normals.as_ref());
+        if let (Some(normals), None | Some(Some(_))) = (&mesh.normals, base) {
+            attributes["NORMAL"] = json!(self.push_normals(&less(normals, base.flatten())));
+        }
+        attributes
+    }
+}
+
+/// A point in single precision.
+pub(super) fn single(point: [f64; 3]) -> impl Iterator<Item = u8> {
+    point.into_iter().flat_map(|value| (value as f32).to_le_bytes())
+}
+
+/// Writes a mesh with its displacements.
+pub fn write(mesh: &TriangleMesh, displacements: &[Displacement]) -> Vec<u8> {
+    let mut buffer = Buffer::default();
+    let indices = buffer.push_indices(&mesh.faces);
+    let attributes = buffer.push_attributes(mesh, None);
+    let mut primitive = json!({"attributes": attributes, "indices": indices});
+    let mut body = json!({});
+    let mut animations = Vec::new();
+    if !displacements.is_empty() {
+        let targets: Vec<Value> =
+            displacements.iter().map(|to| buffer.push_attributes(&to.mesh, Some(mesh))).collect();
+        primitive["targets"] = json!(targets);
+        body["weights"] = json!(vec![0; displacements.len()]);
+        let names: Vec<&str> = displacements.iter().map(|to| to.name.as_str()).collect();
+        let extras: Vec<&Value> = displacements.iter().map(|to| &to.extras).collect();
+        body["extras"] = json!({"targetNames": names, "targets": extras});
+        animations = animate(&mut buffer, &names);
+    }
+    body["primitives"] = json!([primitive]);
+    let mut document = json!({
+        "asset": {"version": "2.0", "generator": "shapelex"},
+        "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}], "meshes": [body],
+        "accessors": buffer.accessors, "bufferViews": buffer.views,
+        "buffers": [{"byteLength": buffer.bytes.len()}],
+    });
+    if !animations.is_empty() {
+        document["animations"] = json!(animations);
+    }
+    chunks(&document, buffer.bytes)
+}
+
+/// One animation for each displacement.
+fn animate(buffer: &mut Buffer, names: &[&str]) -> Vec<Value> {
+    let seconds: Range<u8> = 0..WEIGHTS.len() as u8;
+    let input = buffer.push_numbers(&seconds.map(f32::from).collect::<Vec<_>>());
+    let animation = |(k, name): (usize, &&str)| {
+        let weights = WEIGHTS
+            .iter()
+            .flat_map(|weight| (0..names.len()).map(move |other| if other == k { *weight } else { 0.0 }));
+        let output = buffer.push_numbers(&weights.collect::<Vec<_>>());
+        json!({"name": name,
+            "samplers": [{"input": input, "output": output, "interpolation": "LINEAR"}],
+            "channels": [{"sampler": 0, "target": {"node": 0, "path": "weights"}}]})
+    };
+    names.iter().enumerate().map(animation).collect()
+}
+
+/// A header, a JSON chunk and a binary chunk, each padded to four bytes.
+fn chunks(document: &Value, numbers: Vec<u8>) -> Vec<u8> {
+    let chunks =
+        [(*b"JSON", padded(document.to_string().into_bytes(), b' ')), (*b"BIN\0", padded(numbers, 0))];
+    let length = 12 + chunks.iter().map(|(_, bytes)| 8 + bytes.len()).sum::<usize>();
+    let mut file = b"glTF".to_vec();
+    file.extend(2_u32.to_le_bytes());
+    file.extend((length as u32).to_le_bytes());
+    for (name, bytes) in chunks {
+        file.extend((bytes.len() as u32).to_le_bytes());
+        file.extend(name);
+        file.extend(bytes);
+    }
+    file
+}
+
+fn padded(mut bytes: Vec<u8>, with: u8) -> Vec<u8> {
+    bytes.resize(bytes.len().next_multiple_of(4), with);
+    bytes
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn triangle(height: f64) -> TriangleMesh {
+        TriangleMesh {
+            vertices: vec![[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [0.0, 1.0, height]],
+            normals: Some(vec![[0.0, 0.0, 1.0]; 3]),
+            faces: vec![[0, 1, 2]],
+        }
+    }
+
+    /// The document and the binary part of a file, whose lengths are checked.
+    fn parts(file: &[u8]) -> (Value, &[u8]) {
+        let number = |at: usize| u32::from_le_bytes(file[at..at + 4].try_into().unwrap()) as usize;
+        assert_eq!((number(4), number(8)), (2, file.len()));
+        let json: Value = serde_json::from_slice(&file[20..20 + number(12)]).unwrap();
+        let binary = 20 + number(12);
+        assert_eq!(&file[binary + 4..binary + 8], b"BIN\0");
+        assert!(number(binary) >= json["buffers"][0]["byteLength"].as_u64().unwrap() as usize);
+        (json, &file[binary + 8..])
+    }
+
+    #[test]
+    fn files_have_the_length_that_they_state() {
+        let file = write(&triangle(0.5), &[]);
+        let (json, binary) = parts(&file);
+        assert_eq!(json["buffers"][0]["byteLength"], binary.len());
+        assert_eq!(json["accessors"][1]["max"], json!([2.0, 1.0, 0.5]));
+        assert_eq!(json["bufferViews"][2]["byteOffset"], 12 + 36);
+        assert!(json["animations"].is_null() && json["meshes"][0]["weights"].is_null());
+    }
+
+    #[test]
+    fn displacements_have_names_and_animations() {
+        let to = |name: &str, height: f64| Displacement {
+            name: name.into(),
+            mesh: triangle(height),
+            extras: json!({"explained": 0.5}),
+        };
+        let file = write(&triangle(0.5), &[to("mode 1", 2.5), to("mode 2", -0.5)]);
+        let (json, binary) = parts(&file);
+        let mesh = &json["meshes"][0];
+        assert_eq!(mesh["weights"], json!([0, 0]));
+        assert_eq!(mesh["extras"]["targetNames"], json!(["mode 1", "mode 2"]));
+        let targets = &mesh["primitives"][0]["targets"];
+        let accessor = |k: &Value| &json["accessors"][k.as_u64().unwrap() as usize];
+        assert_eq!(accessor(&targets[0]["POSITION"])["max"], json!([0.0, 0.0, 2.0]));
+        assert_eq!(accessor(&targets[1]["POSITION"])["min"], json!([0.0, 0.0, -1.0]));
+        assert_eq!(accessor(&targets[1]["NORMAL"])["count"], 3);
+        assert_eq!(json["animations"][1]["name"], "mode 2");
+        let output = accessor(&json["animations"][1]["samplers"][0]["output"]);
+        assert_eq!(output["count"], 2 * WEIGHTS.len());
+        let view = &json["bufferViews"][output["bufferView"].as_u64().unwrap() as usize];
+        let at = view["byteOffset"].as_u64().unwrap() as usize;
+        let weight = |k: usize| f32::from_le_bytes(binary[at + 4 * k..at + 4 * k + 4].try_into().unwrap());
+        assert_eq!([2, 3, 6, 7].map(weight), [0.0, 1.0, 0.0, -1.0]);
+        for view in json["bufferViews"].as_array().unwrap() {
+            assert_eq!(view["byteOffset"].as_u64().unwrap() % 4, 0);
+        }
+    }
+}

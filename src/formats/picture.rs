@@ -1,0 +1,170 @@
+//! Drawings as picture files: SVG, and PNG of the same drawing.
+//!
+//! A PNG is the SVG rendered by resvg, with the letters of a font that is part of the program: the bytes do not depend on the
+//! machine. Letters outside of Latin, Greek and Cyrillic appear as boxes. It cannot follow the preference of a viewer, so that
+//! the theme `auto` is the light one.
+
+use std::sync::{Arc, LazyLock};
+
+use resvg::tiny_skia::{Pixmap, Transform};
+use resvg::usvg::{self, Options, Tree, fontdb::Database};
+
+use crate::geometry::drawing::scene::Drawing;
+use crate::geometry::drawing::svg::{Style, Theme};
+
+/// File format of a picture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum PictureFormat {
+    /// Scalable Vector Graphics.
+    Svg,
+    /// Portable Network Graphics.
+    Png,
+}
+
+impl PictureFormat {
+    /// All formats; the first is preferred where any will do.
+    pub const ALL: [Self; 2] = [Self::Svg, Self::Png];
+
+    /// Name used in queries.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Svg => "svg",
+            Self::Png => "png",
+        }
+    }
+
+    /// Media type of the file.
+    pub fn media_type(self) -> &'static str {
+        match self {
+            Self::Svg => "image/svg+xml",
+            Self::Png => "image/png",
+        }
+    }
+}
+
+/// A picture file as a client wants it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct PictureFile {
+    /// Format of the file.
+    pub format: PictureFormat,
+    /// Settings of the viewer.
+    pub style: Style,
+}
+
+/// Maximum number of pixels of a PNG: a square picture of the greatest width, with its captions. A pixel needs four bytes.
+pub const MAX_PIXELS: u64 = 20_000_000;
+
+/// Reason why a picture cannot be written.
+#[derive(Debug, thiserror::Error)]
+pub enum PictureError {
+    /// It has too many pixels.
+    #[error(
+        "expected a PNG of at most {MAX_PIXELS} pixels, got {width} × {height}: ask for a smaller width, or for svg"
+    )]
+    TooLarge {
+        /// Width in pixels.
+        width: u64,
+        /// Height in pixels.
+        height: u64,
+    },
+    /// The drawing is no valid SVG (a bug).
+    #[error("the drawing cannot be rendered: {0}")]
+    Render(String),
+}
+
+impl PictureFile {
+    /// Writes the drawing as a file.
+    ///
+    /// # Errors
+    /// A PNG of too many pixels.
+    pub fn write(&self, drawing: &Drawing) -> Result<Vec<u8>, PictureError> {
+        match self.format {
+            PictureFormat::Svg => Ok(drawing.to_svg(&self.style).into_bytes()),
+            PictureFormat::Png => png(drawing, &self.style),
+        }
+    }
+}
+
+/// Family name of the font below.
+const FAMILY: &str = "Roboto";
+
+/// The only font of pictures.
+static FONTS: LazyLock<Arc<Database>> = LazyLock::new(|| {
+    let mut fonts = Database::new();
+    fonts.load_font_data(include_bytes!("fonts/Roboto-Regular.ttf").to_vec());
+    fonts.set_sans_serif_family(FAMILY);
+    Arc::new(fonts)
+});
+
+fn png(drawing: &Drawing, style: &Style) -> Result<Vec<u8>, PictureError> {
+    let [width, height] = drawing.pixels(style);
+    if width.saturating_mul(height) > MAX_PIXELS {
+        return Err(PictureError::TooLarge { width, height });
+    }
+    let theme = if style.theme == Theme::Auto { Theme::Light } else { style.theme };
+    let svg = drawing.to_svg(&Style { theme, ..*style });
+    let options = Options { font_family: FAMILY.into(), fontdb: Arc::clone(&FONTS), ..Options::default() };
+    let failed = |error: String| PictureError::Render(error);
+    let tree = Tree::from_str(&svg, &options).map_err(|error: usvg::Error| failed(error.to_string()))?;
+    let size = tree.size().to_int_size();
+    let mut pixels = Pixmap::new(size.width(), size.height()).ok_or_else(|| failed("it is empty".into()))?;
+    resvg::render(&tree, Transform::identity(), &mut pixels.as_mut());
+    pixels.encode_png().map_err(|error| failed(error.to_string()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::drawing::colour;
+    use crate::geometry::drawing::layer::Layer;
+    use crate::geometry::drawing::layout;
+    use crate::geometry::drawing::svg::Background;
+
+    fn picture(title: &str, style: Style) -> Pixmap {
+        let square = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
+        let corners: Vec<&[f64]> = square.iter().map(<[f64; 2]>::as_slice).collect();
+        let layer = Layer::from_polyline(&corners, true, colour::MAIN);
+        let drawing = layout::draw(title, vec![layer]);
+        let file = PictureFile { format: PictureFormat::Png, style };
+        let (bytes, again) = (file.write(&drawing).unwrap(), file.write(&drawing).unwrap());
+        assert_eq!(bytes, again);
+        let pixels = Pixmap::decode_png(&bytes).unwrap();
+        assert_eq!(drawing.pixels(&style), [pixels.width(), pixels.height()].map(u64::from));
+        pixels
+    }
+
+    /// Number of pixels of the upper left corner, where the title is, that are not of the page.
+    fn ink(pixels: &Pixmap) -> usize {
+        let page = pixels.pixel(0, 0).unwrap();
+        let places = (0..28).flat_map(|y| (0..400).map(move |x| (x, y)));
+        places.filter(|(x, y)| pixels.pixel(*x, *y) != Some(page)).count()
+    }
+
+    #[test]
+    fn letters_are_drawn_and_unknown_ones_leave_a_mark() {
+        for title in ["Müller", "λ ≤ −2 σ²", "Клетки", "細胞"] {
+            assert!(ink(&picture(title, Style::default())) > 50, "{title}");
+        }
+        assert_eq!(ink(&picture("", Style::default())), 0);
+    }
+
+    #[test]
+    fn themes_and_backgrounds_are_painted() {
+        let corner = |theme, background| {
+            let pixel = picture("", Style { theme, background, ..Style::default() }).pixel(1, 1).unwrap();
+            [pixel.red(), pixel.green(), pixel.blue(), pixel.alpha()]
+        };
+        assert_eq!(corner(Theme::Auto, Background::Page), [255; 4]);
+        assert_eq!(corner(Theme::Dark, Background::Page), [0x16, 0x18, 0x1d, 255]);
+        assert_eq!(corner(Theme::Dark, Background::None), [0; 4]);
+    }
+
+    #[test]
+    fn sizes_are_checked_before_memory_is_taken() {
+        let cells = (0..3000).map(|i| (i.to_string(), Vec::new())).collect();
+        let drawing = layout::grid("", cells);
+        let style = Style { width: 4096, ..Style::default() };
+        let file = PictureFile { format: PictureFormat::Png, style };
+        assert!(matches!(file.write(&drawing), Err(PictureError::TooLarge { width: 4096, .. })));
+    }
+}

@@ -1,0 +1,414 @@
+//! Tables in JSON by columns, CSV, NDJSON and Arrow, written in blocks of rows.
+//!
+//! * JSON — `{…, "rows": n, "columns": [{"name", "type", "values"}]}`, preceded by further fields;
+//! * CSV (RFC 4180) — a line of names, then a line per row; missing values are empty;
+//! * NDJSON — an object per row; missing values are null;
+//! * Arrow — an IPC stream of record batches, texts that repeat as dictionaries, the further fields in the metadata of the schema.
+//!
+//! Numbers in text formats have as many digits as needed to read back the same bits.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+
+use arrow_array::types::{ArrowDictionaryKeyType, Int8Type, Int16Type, Int32Type};
+use arrow_array::{
+    ArrayRef, BooleanArray, DictionaryArray, Float64Array, PrimitiveArray, RecordBatch, StringArray,
+    TimestampMillisecondArray,
+};
+use arrow_ipc::writer::StreamWriter;
+use arrow_schema::{ArrowError, Field, Schema};
+use serde_json::{Map, Value};
+
+/// File format of a table.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum TableFormat {
+    /// JSON object with a list per column.
+    Json,
+    /// Comma-separated values.
+    Csv,
+    /// One JSON object per line.
+    Ndjson,
+    /// Arrow IPC stream.
+    Arrow,
+}
+
+impl TableFormat {
+    /// All formats.
+    pub const ALL: [Self; 4] = [Self::Json, Self::Csv, Self::Ndjson, Self::Arrow];
+
+    /// Name in requests.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Json => "json",
+            Self::Csv => "csv",
+            Self::Ndjson => "ndjson",
+            Self::Arrow => "arrow",
+        }
+    }
+
+    /// Media type of the format.
+    pub fn media_type(self) -> &'static str {
+        match self {
+            Self::Json => "application/json",
+            Self::Csv => "text/csv",
+            Self::Ndjson => "application/x-ndjson",
+            Self::Arrow => "application/vnd.apache.arrow.stream",
+        }
+    }
+}
+
+/// Number of a missing text.
+pub const NO_TEXT: u32 = u32::MAX;
+
+/// Values of a column, one per row.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Values {
+    /// Texts, each row by the number of its text, or [`NO_TEXT`].
+    Text {
+        /// Number of the text of each row.
+        rows: Vec<u32>,
+        /// Texts that may occur.
+        texts: Vec<Arc<str>>,
+    },
+    /// Numbers; NaN if missing.
+    Number(Vec<f64>),
+    /// Booleans.
+    Flag(Vec<Option<bool>>),
+    /// Times, in milliseconds since 1970 UTC.
+    Time(Vec<i64>),
+}
+
+impl Values {
+    fn type_name(&self) -> &'static str {
+        match self {
+            Self::Text { .. } => "text",
+            Self::Number(_) => "number",
+            Self::Flag(_) => "boolean",
+            Self::Time(_) => "time",
+        }
+    }
+
+    /// Memory in bytes.
+    fn bytes(&self) -> usize {
+        match self {
+            Self::Text { rows, texts } => {
+                size_of_val(rows.as_slice()) + texts.iter().map(|text| text.len() + 32).sum::<usize>()
+            }
+            Self::Number(values) => size_of_val(values.as_slice()),
+            Self::Flag(values) => size_of_val(values.as_slice()),
+            Self::Time(values) => size_of_val(values.as_slice()),
+        }
+    }
+
+    /// The value of a row as JSON.
+    fn json(&self, row: usize, time_text: fn(i64) -> String) -> Value {
+        match self {
+            Self::Text { rows, texts } => {
+                texts.get(rows[row] as usize).map_or(Value::Null, |text| Value::from(text.as_ref()))
+            }
+            Self::Number(values) => Value::from(values[row]),
+            Self::Flag(values) => Value::from(values[row]),
+            Self::Time(values) => Value::from(time_text(values[row])),
+        }
+    }
+
+    /// The value of a row as a CSV field.
+    fn write_csv(&self, row: usize, time_text: fn(i64) -> String, line: &mut String) {
+        match self {
+            Self::Text { rows, texts } => {
+                line.push_str(&texts.get(rows[row] as usize).map_or_else(String::new, |text| quoted(text)));
+            }
+            other => match other.json(row, time_text) {
+                Value::Null => {}
+                Value::String(text) => line.push_str(&text),
+                value => line.push_str(&value.to_string()),
+            },
+        }
+    }
+}
+
+/// A table with named columns of equal lengths.
+#[derive(Debug, Clone)]
+pub struct Table {
+    /// What the table was made from.
+    pub fields: Map<String, Value>,
+    /// Names and values of the columns.
+    pub columns: Vec<(String, Values)>,
+    /// Number of rows.
+    pub rows: usize,
+    /// Text of a time, given in milliseconds since 1970 UTC.
+    pub time_text: fn(i64) -> String,
+}
+
+/// Number of rows written at once.
+const BLOCK: usize = 4096;
+
+impl Table {
+    /// Memory in bytes.
+    pub fn bytes(&self) -> usize {
+        self.columns.iter().map(|(_, values)| values.bytes()).sum()
+    }
+
+    /// Writes the file in pieces of some thousand rows each.
+    pub fn pieces(self, format: TableFormat) -> Box<dyn Iterator<Item = Vec<u8>> + Send> {
+        match format {
+            TableFormat::Json => Box::new(self.json()),
+            TableFormat::Csv => Box::new(self.lines(format)),
+            TableFormat::Ndjson => Box::new(self.lines(format)),
+            TableFormat::Arrow => Box::new(Arrow::new(self)),
+        }
+    }
+
+    /// Ranges of rows that are written at once.
+    fn blocks(&self) -> impl Iterator<Item = std::ops::Range<usize>> + use<> {
+        let rows = self.rows;
+        (0..rows).step_by(BLOCK).map(move |start| start..rows.min(start + BLOCK))
+    }
+
+    /// JSON by columns: the head, then each column in blocks, then the tail.
+    fn json(self) -> impl Iterator<Item = Vec<u8>> + Send {
+        let mut fields = self.fields.clone();
+        fields.insert("rows".into(), self.rows.into());
+        let mut head = Value::from(fields).to_string();
+        head.pop();
+        head.push_str(",\"columns\":[");
+        let (blocks, time_text): (Vec<_>, _) = (self.blocks().collect(), self.time_text);
+        let columns = self.columns.into_iter().enumerate().flat_map(move |(index, (name, values))| {
+            let comma = if index == 0 { "" } else { "," };
+            let (name, kind) = (Value::from(name), values.type_name());
+            let open = format!("{comma}{{\"name\":{name},\"type\":\"{kind}\",\"values\":[");
+            let written = blocks.clone().into_iter().map(move |block| {
+                let first = block.start == 0;
+                let list: Vec<Value> = block.map(|row| values.json(row, time_text)).collect();
+                let list = Value::from(list).to_string();
+                let comma = if first { "" } else { "," };
+                format!("{comma}{}", &list[1..list.len() - 1]).into_bytes()
+            });
+            std::iter::once(open.into_bytes()).chain(written).chain([b"]}".to_vec()])
+        });
+        std::iter::once(head.into_bytes()).chain(columns).chain([b"]}".to_vec()])
+    }
+
+    /// CSV or NDJSON in blocks of lines.
+    fn lines(self, format: TableFormat) -> impl Iterator<Item = Vec<u8>> + Send {
+        let names: Vec<String> = self.columns.iter().map(|(name, _)| name.clone()).collect();
+        let head = (format == TableFormat::Csv).then(|| {
+            let names: Vec<String> = names.iter().map(|name| quoted(name)).collect();
+            (names.join(",") + "\r\n").into_bytes()
+        });
+        let keys: Vec<String> = names.into_iter().map(|name| Value::from(name).to_string()).collect();
+        let blocks = self.blocks();
+        head.into_iter().chain(blocks.map(move |block| {
+            let mut text = String::new();
+            for row in block {
+                match format {
+                    TableFormat::Csv => self.write_csv_row(row, &mut text),
+                    _ => self.write_json_row(&keys, row, &mut text),
+                }
+            }
+            text.into_bytes()
+        }))
+    }
+
+    fn write_csv_row(&self, row: usize, text: &mut String) {
+        for (index, (_, values)) in self.columns.iter().enumerate() {
+            text.push_str(if index == 0 { "" } else { "," });
+            values.write_csv(row, self.time_text, text);
+        }
+        text.push_str("\r\n");
+    }
+
+    fn write_json_row(&self, keys: &[String], row: usize, text: &mut String) {
+        for (index, (key, (_, values))) in keys.iter().zip(&self.columns).enumerate() {
+            text.push(if index == 0 { '{' } else { ',' });
+            text.push_str(key);
+            text.push(':');
+            text.push_str(&values.json(row, self.time_text).to_string());
+        }
+        text.push_str("}\n");
+    }
+}
+
+/// Pieces of an Arrow stream.
+struct Arrow {
+    writer: Option<StreamWriter<Vec<u8>>>,
+    batch: Option<RecordBatch>,
+    written: usize,
+}
+
+impl Arrow {
+    fn new(table: Table) -> Self {
+        // Columns of equal lengths whose types follow from their values fit their schema.
+        let made = record_batch(table)
+            .and_then(|batch| Ok((StreamWriter::try_new(Vec::new(), &batch.schema())?, batch)));
+        match made {
+            Ok((writer, batch)) => Self { writer: Some(writer), batch: Some(batch), written: 0 },
+            Err(error) => {
+                debug_assert!(false, "{error}");
+                Self { writer: None, batch: None, written: 0 }
+            }
+        }
+    }
+}
+
+impl Iterator for Arrow {
+    type Item = Vec<u8>;
+
+    fn next(&mut self) -> Option<Vec<u8>> {
+        let writer = self.writer.as_mut()?;
+        let rows = self.batch.as_ref().map_or(0, RecordBatch::num_rows);
+        if self.written >= rows {
+            let writer = self.writer.take()?;
+            return writer.into_inner().ok();
+        }
+        let length = (16 * BLOCK).min(rows - self.written);
+        let block = self.batch.as_ref()?.slice(self.written, length);
+        self.written += length;
+        writer.write(&block).ok()?;
+        Some(std::mem::take(writer.get_mut()))
+    }
+}
+
+fn record_batch(table: Table) -> Result<RecordBatch, ArrowError> {
+    let text = |value: &Value| value.as_str().map_or_else(|| value.to_string(), str::to_owned);
+    let metadata: HashMap<String, String> =
+        table.fields.iter().map(|(name, value)| (name.clone(), text(value))).collect();
+    let mut fields = Vec::with_capacity(table.columns.len());
+    let mut arrays = Vec::with_capacity(table.columns.len());
+    for (name, values) in table.columns {
+        let array = array_of(values)?;
+        fields.push(Field::new(name, array.data_type().clone(), true));
+        arrays.push(array);
+    }
+    RecordBatch::try_new(Arc::new(Schema::new_with_metadata(fields, metadata)), arrays)
+}
+
+fn array_of(values: Values) -> Result<ArrayRef, ArrowError> {
+    Ok(match values {
+        Values::Number(values) => Arc::new(
+            values
+                .into_iter()
+                .map(|value| Some(value).filter(|value| !value.is_nan()))
+                .collect::<Float64Array>(),
+        ),
+        Values::Flag(values) => Arc::new(BooleanArray::from(values)),
+        Values::Time(values) => Arc::new(TimestampMillisecondArray::from(values).with_timezone("UTC")),
+        Values::Text { rows, texts } => texts_of(&rows, &texts)?,
+    })
+}
+
+/// Texts that repeat as a dictionary with the narrowest numbers, others one by one.
+fn texts_of(rows: &[u32], texts: &[Arc<str>]) -> Result<ArrayRef, ArrowError> {
+    if texts.len() * 2 > rows.len() {
+        let text = |row: &u32| texts.get(*row as usize).map(AsRef::as_ref);
+        return Ok(Arc::new(rows.iter().map(text).collect::<StringArray>()));
+    }
+    match texts.len() {
+        ..=0x7f => dictionary::<Int8Type>(rows, texts, |row| i8::try_from(row).ok()),
+        ..=0x7fff => dictionary::<Int16Type>(rows, texts, |row| i16::try_from(row).ok()),
+        _ => dictionary::<Int32Type>(rows, texts, |row| i32::try_from(row).ok()),
+    }
+}
+
+fn dictionary<K: ArrowDictionaryKeyType>(
+    rows: &[u32],
+    texts: &[Arc<str>],
+    key: impl Fn(u32) -> Option<K::Native>,
+) -> Result<ArrayRef, ArrowError> {
+    let key = |row: &u32| if *row == NO_TEXT { None } else { key(*row) };
+    let keys: PrimitiveArray<K> = rows.iter().map(key).collect();
+    let texts: StringArray = texts.iter().map(|text| Some(text.as_ref())).collect();
+    Ok(Arc::new(DictionaryArray::try_new(keys, Arc::new(texts))?))
+}
+
+/// Quotes a field as RFC 4180 requires.
+pub(super) fn quoted(text: &str) -> String {
+    if text.contains([',', '"', '\r', '\n']) {
+        return format!("\"{}\"", text.replace('"', "\"\""));
+    }
+    text.to_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use arrow_array::Array;
+    use arrow_array::cast::AsArray;
+    use arrow_ipc::reader::StreamReader;
+
+    fn table(rows: usize) -> Table {
+        let names = (0..rows).map(|row| Arc::from(format!("s{row}, \"x\""))).collect();
+        let groups = (0..rows).map(|row| if row % 5 == 4 { NO_TEXT } else { (row % 3) as u32 }).collect();
+        let columns = vec![
+            ("external_id".to_owned(), Values::Text { rows: (0..rows as u32).collect(), texts: names }),
+            (
+                "label".to_owned(),
+                Values::Text { rows: groups, texts: ["a", "b", "c"].map(Arc::from).to_vec() },
+            ),
+            (
+                "area".to_owned(),
+                Values::Number(
+                    (0..rows).map(|row| if row == 1 { f64::NAN } else { 0.1 * row as f64 }).collect(),
+                ),
+            ),
+            (
+                "flag".to_owned(),
+                Values::Flag((0..rows).map(|row| Some(row % 2 == 0).filter(|_| row != 2)).collect()),
+            ),
+            ("at".to_owned(), Values::Time(vec![1_000; rows])),
+        ];
+        let fields = [("revision".to_owned(), Value::from(7))].into_iter().collect();
+        Table { fields, columns, rows, time_text: |ms| format!("at {ms}") }
+    }
+
+    fn written(rows: usize, format: TableFormat) -> Vec<u8> {
+        table(rows).pieces(format).flatten().collect()
+    }
+
+    #[test]
+    fn json_has_a_list_per_column() {
+        for rows in [0, 3, BLOCK + 1] {
+            let json: Value = serde_json::from_slice(&written(rows, TableFormat::Json)).unwrap();
+            assert_eq!((&json["revision"], &json["rows"]), (&Value::from(7), &Value::from(rows)));
+            let columns = json["columns"].as_array().unwrap();
+            assert!(columns.iter().all(|column| column["values"].as_array().unwrap().len() == rows));
+            assert_eq!(columns[2]["type"], "number");
+            if rows > 4 {
+                assert_eq!(
+                    (&columns[2]["values"][1], &columns[1]["values"][4]),
+                    (&Value::Null, &Value::Null)
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn lines_hold_every_row() {
+        let csv = String::from_utf8(written(3, TableFormat::Csv)).unwrap();
+        let lines: Vec<&str> = csv.split_terminator("\r\n").collect();
+        assert_eq!(lines[0], "external_id,label,area,flag,at");
+        assert_eq!(lines[2], "\"s1, \"\"x\"\"\",b,,false,at 1000");
+        let lines = String::from_utf8(written(BLOCK + 2, TableFormat::Ndjson)).unwrap();
+        let rows: Vec<Value> = lines.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+        assert_eq!(rows.len(), BLOCK + 2);
+        assert_eq!((&rows[2]["flag"], &rows[3]["area"]), (&Value::Null, &Value::from(0.1 * 3.0)));
+    }
+
+    #[test]
+    fn arrow_streams_are_read_by_the_library() {
+        for rows in [0, 3, 40, 17 * BLOCK] {
+            let bytes = written(rows, TableFormat::Arrow);
+            let reader = StreamReader::try_new(bytes.as_slice(), None).unwrap();
+            assert_eq!(reader.schema().metadata()["revision"], "7");
+            let batches: Vec<RecordBatch> = reader.map(Result::unwrap).collect();
+            assert_eq!(batches.iter().map(RecordBatch::num_rows).sum::<usize>(), rows);
+            if rows == 40 {
+                let batch = &batches[0];
+                let labels = batch.column(1).as_dictionary::<Int8Type>();
+                assert!(labels.is_null(4) && labels.values().len() == 3);
+                assert_eq!(batch.column(0).as_string::<i32>().value(39), "s39, \"x\"");
+                assert!(batch.column(2).is_null(1) && batch.column(3).is_null(2));
+            }
+        }
+    }
+}

@@ -1,0 +1,202 @@
+//! Corrections of stored shapes: attributes changed, shapes deleted by a filter, all shapes of a subject erased.
+
+use serde_json::{Map, Value, json};
+
+use super::attributes::refuse_misspelt;
+use super::catalogue::{Expected, find_as_expected};
+use super::measures;
+use crate::domain::cohort::Cohort;
+use crate::domain::filter::ShapeFilter;
+use crate::domain::shape::{Shape, ShapeAttributes};
+use crate::formats::fault::Fault;
+use crate::formats::merge_patch::{MergePatch, merge};
+use crate::formats::shape::ShapeInput;
+use crate::service::app::{App, Limits, ServiceError, now_ms};
+use crate::service::jobs;
+use crate::service::shapes::read;
+use crate::store::{Deleted, Revisions, SubjectCohort};
+
+/// Fields of a shape that can be changed.
+const FIELDS: [&str; 5] = ["label", "labels", "metadata", "subject", "weight"];
+/// Fields that a stored shape keeps, with the reason.
+const FIXED: [(&[&str], &str); 3] = [
+    (
+        &["points", "control_points", "normals", "poles", "closed", "landmarks", "landmark_index"],
+        "expected no geometry: the points of a stored shape do not change; delete it and add another",
+    ),
+    (&["id", "external_id"], "expected no identifier: a stored shape keeps its identifiers"),
+    (&["created_at", "measures"], "expected no field that the service sets"),
+];
+/// Number of attempts when others correct the same shape at the same time.
+const ATTEMPTS: usize = 16;
+
+/// Changes attributes of a shape by a merge patch of label, labels, subject, metadata and weight; the cohort must be at an
+/// expected version. Returns the cohort and the shape after that. Without a difference nothing is stored.
+///
+/// # Errors
+/// [`ServiceError::NotFound`] for the cohort or the shape; all faults of the patch, and those that the shape would have;
+/// [`ServiceError::Changed`].
+pub async fn correct(
+    app: &App,
+    key: &str,
+    shape: &str,
+    patch: MergePatch,
+    expected: Option<Expected>,
+) -> Result<(Cohort, Shape), ServiceError> {
+    let members = checked_members(patch)?;
+    // The faults of the new values do not depend on the shape.
+    patched(&app.limits, &ShapeAttributes { weight: 1.0, ..ShapeAttributes::default() }, &members)?;
+    let cohort = find_as_expected(app, key, expected.as_ref()).await?;
+    let revision = expected.map(|_| cohort.revision);
+    for _ in 0..ATTEMPTS {
+        let found = app.store.find_placed(&cohort.id, shape).await?;
+        let (place, current) =
+            found.ok_or_else(|| ServiceError::NotFound { kind: "shape", key: shape.into() })?;
+        app.touched.note("shape_id", &current.id);
+        let attributes = patched(&app.limits, &current.attributes, &members)?;
+        if attributes == current.attributes {
+            return Ok((cohort, current));
+        }
+        let corrected = Shape { attributes, ..current };
+        let stored = app.store.correct_shape(&cohort.id, revision, place, &corrected, now_ms()).await?;
+        if let Some(revision) = stored {
+            return Ok((Cohort { revision, ..cohort }, corrected));
+        }
+    }
+    Err(ServiceError::Unavailable("the shape is being changed by others: try again".into()))
+}
+
+/// Members of a patch of a shape.
+fn checked_members(patch: MergePatch) -> Result<Map<String, Value>, ServiceError> {
+    let MergePatch { members, mut faults } = patch;
+    for name in members.keys().filter(|name| !FIELDS.contains(&name.as_str())) {
+        let fixed = FIXED.iter().find(|(names, _)| names.contains(&name.as_str()));
+        let detail = match fixed {
+            Some((_, sentence)) => (*sentence).to_owned(),
+            None => format!("expected one of the fields {}, got \"{name}\"", FIELDS.join(", ")),
+        };
+        faults.push(Fault::new(format!("/{}", name.replace('~', "~0").replace('/', "~1")), detail));
+    }
+    ServiceError::unless_empty(faults)?;
+    Ok(members)
+}
+
+/// The attributes with the changes, checked as those of a shape that arrives.
+fn patched(
+    limits: &Limits,
+    current: &ShapeAttributes,
+    members: &Map<String, Value>,
+) -> Result<ShapeAttributes, ServiceError> {
+    let mut document = document(current)?;
+    merge(&mut document, Value::Object(members.clone()));
+    let shape: ShapeInput = read::parse(limits, document.to_string().as_bytes())?;
+    let changed = read::attributes(shape).map_err(|faults| ServiceError::Invalid(faults.into()))?;
+    Ok(ShapeAttributes { external_id: current.external_id.clone(), ..changed })
+}
+
+/// The attributes that can be changed, as they are posted.
+fn document(attributes: &ShapeAttributes) -> Result<Value, ServiceError> {
+    let unreadable = |error| ServiceError::Internal(format!("the metadata of a shape: {error}"));
+    let metadata = attributes.metadata.as_deref().map(serde_json::from_str::<Value>);
+    let ShapeAttributes { subject, label, labels, weight, .. } = attributes;
+    let metadata = metadata.transpose().map_err(unreadable)?;
+    let mut document = json!({"labels": labels, "weight": weight});
+    for (name, value) in [
+        ("subject", subject.clone().map(Value::from)),
+        ("label", label.clone().map(Value::from)),
+        ("metadata", metadata),
+    ] {
+        if let Some(value) = value {
+            document[name] = value;
+        }
+    }
+    Ok(document)
+}
+
+/// Which shapes of a cohort are to be deleted.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Deletion {
+    /// Filter that they pass.
+    pub filter: ShapeFilter,
+    /// Whether an empty filter means all shapes.
+    pub all: bool,
+    /// Whether they are only counted.
+    pub dry_run: bool,
+}
+
+/// Deletes the shapes of a cohort that pass a filter, as one revision; the cohort must be at an expected version.
+///
+/// # Errors
+/// [`ServiceError::NotFound`]; a filter without conditions, unless all shapes are meant; attributes that no shape has;
+/// [`ServiceError::Changed`].
+pub async fn delete(
+    app: &App,
+    key: &str,
+    deletion: Deletion,
+    expected: Option<Expected>,
+) -> Result<Deleted, ServiceError> {
+    let Deletion { filter, all, dry_run } = deletion;
+    match (filter == ShapeFilter::default(), all) {
+        (true, false) => return Err(ServiceError::Query("expected a filter, or all=true".into())),
+        (false, true) => {
+            return Err(ServiceError::parameter("all", "expected either a filter or all=true, got both"));
+        }
+        _ => {}
+    }
+    let cohort = find_as_expected(app, key, expected.as_ref()).await?;
+    // Before anything is deleted: a misspelt attribute with `ne` would select every shape.
+    refuse_misspelt(app, &cohort, &filter, None, true).await?;
+    measures::complete_for(app, &cohort, &filter).await?;
+    let (revisions, revision) = (Revisions::until(cohort.revision), expected.map(|_| cohort.revision));
+    let deleted = if dry_run {
+        let shapes = app.store.count(&cohort.id, revisions, &filter).await?;
+        Deleted { shapes, revision: cohort.revision }
+    } else {
+        app.store.delete_shapes(&cohort.id, &filter, revision, now_ms()).await?
+    };
+    app.touched.note("shapes", &deleted.shapes.to_string());
+    Ok(deleted)
+}
+
+/// Erases the shapes of a subject in all cohorts of the tenant, those in the trash included, at every revision. Returns the
+/// cohorts with what was erased; with `dry_run`, what would be.
+///
+/// # Errors
+/// [`ServiceError::Forbidden`] for keys limited to certain cohorts; a failure of the store, after which a repetition erases what
+/// is left.
+pub async fn erase(app: &App, subject: &str, dry_run: bool) -> Result<Vec<SubjectCohort>, ServiceError> {
+    app.check_unlimited("erasing a subject")?;
+    let found = app.store.find_subject(subject).await?;
+    for cohort in &found {
+        app.touched.note("cohort_id", &cohort.id);
+    }
+    if dry_run {
+        return Ok(found);
+    }
+    let mut erased = Vec::new();
+    for cohort in found {
+        let Some(cohort) = app.store.erase_subject(cohort, subject, now_ms()).await? else { continue };
+        app.cache.forget(&cohort.id);
+        for job in &cohort.jobs {
+            jobs::taken_away(app, &job.id, job.removed);
+        }
+        erased.push(cohort);
+    }
+    app.store.finish_erasures(Some(subject)).await?;
+    let shapes: u64 = erased.iter().map(|cohort| cohort.shapes).sum();
+    app.touched.note("shapes", &shapes.to_string());
+    tracing::info!(shapes, cohorts = erased.len(), "a subject was erased");
+    Ok(erased)
+}
+
+/// Overwrites what an interrupted erasure has left.
+///
+/// # Errors
+/// A failure of the store.
+pub async fn finish(app: &App) -> Result<(), ServiceError> {
+    let overwritten = app.store.finish_erasures(None).await?;
+    if overwritten > 0 {
+        tracing::info!(overwritten, "an interrupted erasure was completed");
+    }
+    Ok(())
+}

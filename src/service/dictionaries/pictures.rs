@@ -1,0 +1,117 @@
+//! Drawings of shapes beside what a dictionary makes of them, and of drift. The functions are synchronous and run on the pool.
+
+use super::coding::{self, Asked};
+use super::drift::CohortDrift;
+use super::ready::Ready;
+use crate::analysis::dictionary::assess::Assessment;
+use crate::analysis::dictionary::coding::{AnswerPose, CodedShape};
+use crate::analysis::dictionary::posted_code::PostedCode;
+use crate::analysis::drawing::View;
+use crate::analysis::drawing::coded::{Pair, draw_pairs, draw_side_by_side};
+use crate::analysis::drawing::drift::draw_drift;
+use crate::geometry::drawing::scene::Drawing;
+use crate::service::app::{App, ServiceError};
+use crate::service::dictionaries::classify;
+use crate::service::shapes::outcome::OnError;
+
+/// Maximum number of shapes in a drawing.
+pub const MAX_SHAPES: usize = 12;
+
+/// Title of a drawing of the first of `count` shapes.
+fn title(what: &str, count: usize, ready: &Ready) -> String {
+    let (name, version) = (&ready.listed.name, ready.listed.version);
+    match count {
+        1 => format!("a shape {what} by {name} version {version}"),
+        count if count <= MAX_SHAPES => format!("{count} shapes {what} by {name} version {version}"),
+        count => format!("the first {MAX_SHAPES} of {count} shapes {what} by {name} version {version}"),
+    }
+}
+
+/// Shapes with their reconstructions, coloured by the distance between them, with class and outlier test as captions.
+///
+/// # Errors
+/// As [`classify::assess`].
+pub fn assessed(app: &App, ready: &Ready, asked: Asked, quantile: f64) -> Result<Drawing, ServiceError> {
+    let assessments = classify::assess(app, ready, asked, quantile, 0)?.all()?;
+    let caption = |(index, assessment): (usize, &Assessment)| verdict(ready, index, assessment);
+    let captions = assessments.iter().enumerate().take(MAX_SHAPES).map(caption).collect();
+    let coded = assessments.iter().map(|assessment| &assessment.coded).collect();
+    drawn_pairs(ready, "assessed", coded, captions, AnswerPose::Input)
+}
+
+/// Number of a shape, its class and whether it is unusual.
+fn verdict(ready: &Ready, index: usize, assessment: &Assessment) -> String {
+    let record = ready.dictionary.content.classifier.as_ref();
+    let class = assessment.classified.as_ref().and_then(|classified| {
+        let (first, record) = (classified.ranking.first()?, record?);
+        let label = &record.classes.get(first.class)?.label;
+        let text = format!("{label} ({:.0} %)", 100.0 * first.confidence);
+        Some(if classified.accepted { text } else { format!("of no class, nearest {label}") })
+    });
+    let novelty = if assessment.score.outlier { "unusual" } else { "usual" };
+    match class {
+        Some(class) => format!("{}: {class}\n{novelty}", index + 1),
+        None => format!("{}: {novelty}", index + 1),
+    }
+}
+
+/// Shapes with their reconstructions, coloured by the distance between them.
+///
+/// # Errors
+/// As [`coding::reconstruct_shapes`].
+pub fn reconstructed(
+    app: &App,
+    ready: &Ready,
+    asked: Asked,
+    pose: AnswerPose,
+) -> Result<Drawing, ServiceError> {
+    let coded = coding::encode(app, ready, asked)?.all()?;
+    let caption = |(index, coded): (usize, &CodedShape)| {
+        format!("{}: {:.1} % off", index + 1, 100.0 * coded.code.relative_error)
+    };
+    let captions = coded.iter().enumerate().take(MAX_SHAPES).map(caption).collect();
+    drawn_pairs(ready, "reconstructed", coded.iter().collect(), captions, pose)
+}
+
+fn drawn_pairs(
+    ready: &Ready,
+    what: &str,
+    coded: Vec<&CodedShape>,
+    captions: Vec<String>,
+    pose: AnswerPose,
+) -> Result<Drawing, ServiceError> {
+    let title = title(what, coded.len(), ready);
+    let pair = |(index, (coded, caption)): (usize, (&CodedShape, String))| {
+        let shapes = ready.dictionary.pair(coded, pose).map_err(|error| error.at(index))?;
+        Ok(Pair { caption, shapes })
+    };
+    let pairs: Vec<Pair> =
+        coded.into_iter().zip(captions).enumerate().map(pair).collect::<Result<_, ServiceError>>()?;
+    let unit = ready.dictionary.content.length_unit.as_deref();
+    match pose {
+        AnswerPose::Input => {
+            Ok(draw_pairs(&View::as_given(&ready.setup.space), &title, &pairs, unit).to_scale(unit))
+        }
+        AnswerPose::Model => Ok(ready.setup.in_scale(draw_pairs(&ready.view(), &title, &pairs, None), unit)),
+    }
+}
+
+/// Reconstructions of posted codes, side by side.
+///
+/// # Errors
+/// As [`coding::reconstruct_codes`].
+pub fn reconstructed_codes(app: &App, ready: &Ready, codes: &[PostedCode]) -> Result<Drawing, ServiceError> {
+    let reconstructions = coding::reconstruct_codes(app, ready, codes, OnError::Abort)?.all()?;
+    let title = title("reconstructed", reconstructions.len(), ready);
+    let numbered = reconstructions.into_iter().take(MAX_SHAPES).enumerate();
+    let shapes: Vec<(String, Vec<f64>)> =
+        numbered.map(|(index, shape)| ((index + 1).to_string(), shape.control_points)).collect();
+    Ok(draw_side_by_side(&ready.view(), &title, &shapes))
+}
+
+/// Drift of a cohort.
+pub fn drifted(ready: &Ready, found: &CohortDrift, quantile: f64) -> Drawing {
+    let (name, version) = (&ready.listed.name, ready.listed.version);
+    let title = format!("drift of {} since {name} version {version}", ready.listed.provenance.cohort_name);
+    draw_drift(&title, &found.drift, found.since, quantile)
+}

@@ -1,0 +1,265 @@
+//! Summaries of attributes: their types, values and distributions.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+
+use rayon::prelude::*;
+
+use super::columns::{self, Cell, CohortColumns, Column, distinct};
+use crate::domain::attribute::Attribute;
+use crate::domain::cohort::Cohort;
+use crate::domain::filter::ShapeFilter;
+use crate::service::app::{App, ServiceError, Work};
+use crate::service::cohorts::attributes::refuse_misspelt;
+use crate::service::cohorts::catalogue;
+
+/// Type of the values of an attribute.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum ValueType {
+    /// Texts, also among other values.
+    Text,
+    /// Numbers.
+    Number,
+    /// Booleans.
+    Boolean,
+    /// Times.
+    Time,
+}
+
+/// What is asked of the attributes of a cohort.
+#[derive(Debug)]
+pub struct SummaryQuery {
+    /// Filter that the shapes pass.
+    pub filter: ShapeFilter,
+    /// Maximum number of values listed of each attribute.
+    pub values: usize,
+    /// Number of bins of a histogram.
+    pub bins: usize,
+}
+
+/// Summary of one attribute.
+#[derive(Debug, Clone, PartialEq)]
+pub struct AttributeSummary {
+    /// The attribute.
+    pub attribute: Attribute,
+    /// Type of its values.
+    pub value_type: ValueType,
+    /// Number of shapes without it.
+    pub missing: usize,
+    /// Number of different values.
+    pub distinct: usize,
+    /// The most frequent values with their numbers of shapes; empty for times.
+    pub values: Vec<(String, usize)>,
+    /// Distribution, of numbers and times in milliseconds.
+    pub distribution: Option<Distribution>,
+}
+
+/// Distribution of numbers.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Distribution {
+    /// Smallest and largest value.
+    pub range: [f64; 2],
+    /// Mean.
+    pub mean: f64,
+    /// Quantiles of [`PROBABILITIES`], interpolated linearly between order statistics.
+    pub quantiles: [f64; PROBABILITIES.len()],
+    /// Bins of equal width: their edges, one more than there are bins.
+    pub edges: Vec<f64>,
+    /// Number of values in each bin, which contains its lower edge; the last one contains both.
+    pub counts: Vec<usize>,
+}
+
+/// Probabilities of the quantiles of a distribution.
+pub const PROBABILITIES: [f64; 5] = [0.05, 0.25, 0.5, 0.75, 0.95];
+
+/// Attributes of a cohort with their summaries.
+#[derive(Debug)]
+pub struct Summaries {
+    /// The cohort.
+    pub cohort: Cohort,
+    /// Number of shapes that pass the filter.
+    pub shapes: usize,
+    /// One entry per attribute that a shape of the cohort has.
+    pub attributes: Vec<AttributeSummary>,
+}
+
+/// Summarises the attributes of the shapes of a cohort. Cost: a pass over the attributes of the shapes that are new since the
+/// last call, and a sort of each numeric attribute.
+///
+/// # Errors
+/// [`ServiceError::NotFound`] for the cohort; an attribute that no shape has; attributes that do not fit in memory.
+pub async fn summarise(app: &App, key: &str, query: SummaryQuery) -> Result<Summaries, ServiceError> {
+    let cohort = catalogue::find(app, key).await?;
+    let columns = columns::of_cohort(app, &cohort).await?;
+    let shapes = columns::selected(app, &cohort, &columns, &query.filter).await?;
+    refuse_misspelt(app, &cohort, &query.filter, None, shapes.is_empty()).await?;
+    let count = shapes.len();
+    let attributes = app
+        .pool
+        .weighing(Work::from_seconds(SECONDS_PER_VALUE * (count * columns.columns().len()) as f64))
+        .run(move || Ok(of_columns(&columns, &shapes, &query)))
+        .await?;
+    Ok(Summaries { cohort, shapes: count, attributes })
+}
+
+/// Predicted work of a value.
+const SECONDS_PER_VALUE: f64 = 6e-8;
+
+fn of_columns(columns: &Arc<CohortColumns>, shapes: &[usize], query: &SummaryQuery) -> Vec<AttributeSummary> {
+    let all: Vec<(&Attribute, &Column)> = columns.columns().iter().collect();
+    let occurs = |column: &Column| column.cells.iter().any(|cell| *cell != Cell::Missing);
+    let summaries = all.into_par_iter().filter(|(_, column)| occurs(column));
+    summaries.map(|(attribute, column)| of_column(attribute, column, shapes, query)).collect()
+}
+
+/// Type of a column: texts if its values are of several types.
+pub(super) fn value_type(cells: impl Iterator<Item = Cell>) -> ValueType {
+    let mut found = None;
+    for cell in cells {
+        let this = match cell {
+            Cell::Missing => continue,
+            Cell::Number(_) => ValueType::Number,
+            Cell::Flag(_) => ValueType::Boolean,
+            Cell::Time(_) => ValueType::Time,
+            Cell::Text(_) => return ValueType::Text,
+        };
+        if *found.get_or_insert(this) != this {
+            return ValueType::Text;
+        }
+    }
+    found.unwrap_or(ValueType::Text)
+}
+
+fn of_column(
+    attribute: &Attribute,
+    column: &Column,
+    shapes: &[usize],
+    query: &SummaryQuery,
+) -> AttributeSummary {
+    let cells: Vec<Cell> = shapes.iter().map(|&shape| column.cells[shape]).collect();
+    let value_type = value_type(column.cells.iter().copied());
+    let numbers = || {
+        cells.iter().filter_map(|cell| match cell {
+            Cell::Number(number) => Some(*number),
+            Cell::Time(ms) => Some(*ms as f64),
+            Cell::Missing | Cell::Flag(_) | Cell::Text(_) => None,
+        })
+    };
+    let is_numeric = matches!(value_type, ValueType::Number | ValueType::Time);
+    AttributeSummary {
+        attribute: attribute.clone(),
+        value_type,
+        missing: cells.iter().filter(|cell| **cell == Cell::Missing).count(),
+        distinct: distinct(cells.iter().copied()),
+        values: if value_type == ValueType::Time {
+            Vec::new()
+        } else {
+            frequent(column, &cells, query.values)
+        },
+        distribution: is_numeric.then(|| Distribution::of(numbers().collect(), query.bins)).flatten(),
+    }
+}
+
+/// The most frequent values, equally frequent ones in the order of their texts.
+fn frequent(column: &Column, cells: &[Cell], most: usize) -> Vec<(String, usize)> {
+    let mut texts = vec![0_usize; column.texts.len()];
+    let mut others: HashMap<String, usize> = HashMap::new();
+    let mut numbers: HashMap<u64, usize> = HashMap::new();
+    for cell in cells {
+        match cell {
+            Cell::Missing | Cell::Time(_) => {}
+            Cell::Text(text) => texts[*text as usize] += 1,
+            Cell::Number(number) => *numbers.entry(number.to_bits()).or_default() += 1,
+            Cell::Flag(flag) => *others.entry(flag.to_string()).or_default() += 1,
+        }
+    }
+    let texts = column.texts.iter().zip(texts).filter(|(_, count)| *count > 0);
+    let mut all: Vec<(String, usize)> = texts.map(|(text, count)| (text.to_string(), count)).collect();
+    all.extend(numbers.into_iter().map(|(bits, count)| (number_text(f64::from_bits(bits)), count)));
+    all.extend(others);
+    all.sort_by(|(a, i), (b, k)| k.cmp(i).then_with(|| a.cmp(b)));
+    all.truncate(most);
+    all
+}
+
+/// A number as filters compare it.
+pub(super) fn number_text(number: f64) -> String {
+    let is_whole = number.fract() == 0.0 && number.abs() < 1e15;
+    if is_whole { format!("{number:.0}") } else { serde_json::Value::from(number).to_string() }
+}
+
+impl Distribution {
+    /// Distribution of the values; `None` if there are none.
+    fn of(mut values: Vec<f64>, bins: usize) -> Option<Self> {
+        values.sort_unstable_by(f64::total_cmp);
+        let (&low, &high) = (values.first()?, values.last()?);
+        let count = values.len() as f64;
+        let quantile = |probability: f64| {
+            let place = probability * (count - 1.0);
+            let below = place as usize;
+            let above = (below + 1).min(values.len() - 1);
+            lerp(values[below], values[above], place - below as f64)
+        };
+        // Ascending, also where rounding exceeds the width of a bin.
+        let rising = |least: &mut f64, edge: usize| {
+            *least = lerp(low, high, edge as f64 / bins as f64).clamp(*least, high);
+            Some(*least)
+        };
+        let edges: Vec<f64> = (0..=bins).scan(low, rising).collect();
+        let until = |edge: f64| values.partition_point(|value| *value < edge);
+        let mut starts: Vec<usize> = edges.iter().map(|&edge| until(edge)).collect();
+        if let Some(last) = starts.last_mut() {
+            *last = values.len();
+        }
+        Some(Self {
+            range: [low, high],
+            // Divided before the sum, which may leave the range of numbers.
+            mean: values.iter().map(|value| value / count).sum(),
+            quantiles: PROBABILITIES.map(quantile),
+            counts: starts.windows(2).map(|pair| pair[1] - pair[0]).collect(),
+            edges,
+        })
+    }
+}
+
+/// Between `a` and `b`, without leaving the range of numbers.
+fn lerp(a: f64, b: f64, t: f64) -> f64 {
+    a * (1.0 - t) + b * t
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn distributions_by_hand() {
+        let found = Distribution::of(vec![3.0, 1.0, 2.0, 4.0, 5.0], 2).unwrap();
+        assert_eq!((found.range, found.mean, found.quantiles[2]), ([1.0, 5.0], 3.0, 3.0));
+        assert!(found.quantiles[1] == 2.0 && (found.quantiles[0] - 1.2).abs() < 1e-12);
+        assert_eq!((found.edges, found.counts), (vec![1.0, 3.0, 5.0], vec![2, 3]));
+        let equal = Distribution::of(vec![2.0; 4], 3).unwrap();
+        assert_eq!(equal.counts.iter().sum::<usize>(), 4);
+        for value in [0.3, 1.0 / 3.0, 1e300, -7.1] {
+            let narrow = Distribution::of(vec![value, value * (1.0 + f64::EPSILON)], 1000).unwrap();
+            assert_eq!((narrow.counts.iter().sum::<usize>(), narrow.edges.is_sorted()), (2, true));
+        }
+        let wide = Distribution::of(vec![-1.7e308, 1.7e308], 4).unwrap();
+        assert!(wide.edges.iter().chain(&wide.quantiles).all(|value| value.is_finite()) && wide.mean == 0.0);
+        assert_eq!(Distribution::of(Vec::new(), 3), None);
+    }
+
+    #[test]
+    fn values_of_several_types_are_texts() {
+        let kind = |cells: &[Cell]| value_type(cells.iter().copied());
+        assert_eq!(kind(&[Cell::Missing, Cell::Number(1.0)]), ValueType::Number);
+        assert_eq!(kind(&[Cell::Flag(true), Cell::Number(1.0)]), ValueType::Text);
+        assert_eq!(kind(&[Cell::Number(1.0), Cell::Text(0)]), ValueType::Text);
+        assert_eq!(kind(&[Cell::Missing]), ValueType::Text);
+    }
+
+    #[test]
+    fn numbers_are_written_as_they_were_posted() {
+        assert_eq!([3.0, -0.5, 1e15].map(number_text), ["3", "-0.5", "1000000000000000.0"]);
+    }
+}

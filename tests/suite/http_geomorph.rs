@@ -1,0 +1,78 @@
+//! Landmarks of salamander heads, beside partial Procrustes fits in numpy and what geomorph 4.0.8 prints of them (Adams 2004,
+//! 2010; `data(plethodon)`).
+
+use std::path::Path;
+
+use serde_json::{Value, json};
+
+use crate::server::Server;
+
+/// Where the landmarks are, if they are there: they are not a part of the project.
+fn landmarks() -> Option<String> {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/landmarks-plethodon/landmarks.csv");
+    std::fs::read_to_string(file).ok()
+}
+
+fn shape(line: &str) -> Value {
+    let fields: Vec<&str> = line.split(',').collect();
+    let numbers: Vec<f64> = fields[3..].iter().map(|field| field.parse().unwrap()).collect();
+    json!({
+        "external_id": fields[0], "label": format!("{} {}", fields[1], fields[2]),
+        "labels": {"species": fields[1], "site": fields[2]}, "points": numbers.chunks(2).collect::<Vec<_>>()
+    })
+}
+
+#[test]
+fn partial_procrustes_fits_are_those_of_numpy_and_near_those_of_geomorph() {
+    let Some(text) = landmarks() else {
+        println!("SKIPPED: landmarks-plethodon is not beside the project");
+        return;
+    };
+    let server = Server::fresh();
+    let representation = json!({"kind": "landmarks", "dimension": 2, "points": 12});
+    let body = json!({"name": "plethodon", "correspondence": "landmarks", "representation": representation});
+    server.post("/v1/cohorts", &body).expect(201);
+    let shapes: Vec<Value> = text.lines().skip(1).map(shape).collect();
+    server.post("/v1/cohorts/plethodon/shapes", &json!({"shapes": shapes})).expect(201);
+    // The first centroid size that geomorph prints is that of the first specimen.
+    let first = server.get("/v1/cohorts/plethodon/shapes?limit=1").expect(200);
+    assert!(
+        (first["items"][0]["measures"]["centroid_size"].as_f64().unwrap() - 15.2269).abs() < 5e-5,
+        "{first}"
+    );
+
+    let body = json!({"representation": representation, "correspondence": "landmarks", "transformation": "similarity",
+                      "alignment": "partial_procrustes", "components": 3, "centre": true,
+                      "shapes": shapes.iter().map(|shape| json!({"points": shape["points"]})).collect::<Vec<_>>()});
+    let pca = server.post("/v1/pca", &body).expect(200);
+    let fraction = |k: usize| pca["pca"]["explained"][k].as_f64().unwrap();
+    for (k, wanted) in [0.367_441_51, 0.310_163_84, 0.082_011_96].into_iter().enumerate() {
+        assert!((fraction(k) - wanted).abs() < 1e-8, "component {k}: {} for {wanted}", fraction(k));
+    }
+
+    let compared = |by: &str| {
+        let body = json!({"cohort": "plethodon", "by": by, "transformation": "similarity",
+                          "alignment": "partial_procrustes", "permutations": 99});
+        server.post("/v1/comparisons", &body).expect(200)
+    };
+    // Beside each value, what geomorph prints: it projects the fitted shapes into the tangent space at their mean as well.
+    let near = |what: &str, found: &Value, [wanted, printed]: [f64; 2]| {
+        let found = found.as_f64().unwrap();
+        assert!((found - wanted).abs() < 1e-8 * wanted, "{what}: {found} for {wanted}");
+        // A thousandth for the projection, and half of the last digit of the smallest.
+        assert!(
+            (found - printed).abs() < 1e-3 * printed + 5e-5,
+            "{what}: {found}, geomorph prints {printed}"
+        );
+    };
+    let species = compared("labels.species");
+    near("F of the species", &species["pairs"][0]["pseudo_f"]["value"], [6.628_658_779_587, 6.630]);
+    near("R² of the species", &species["pairs"][0]["r_squared"], [0.148_529_195_384, 0.1486]);
+    let groups = compared("label");
+    near("F of the four groups", &groups["overall"]["pseudo_f"]["value"], [20.627_845_691_234, 20.63]);
+
+    let body = json!({"cohort": "plethodon", "attribute": "log_centroid_size", "transformation": "similarity",
+                      "alignment": "partial_procrustes", "permutations": 99});
+    let regression = server.post("/v1/regressions", &body).expect(200);
+    near("R² of log size", &regression["r_squared"], [0.045_154_637_705, 0.0452]);
+}

@@ -1,0 +1,380 @@
+//! Measures, filters, ordered lists, summaries of attributes and tables over HTTP.
+
+use std::collections::BTreeSet;
+
+use reqwest::Method;
+use serde_json::{Value, json};
+
+use crate::server::{Reply, Server, Setting, pointers_of};
+
+/// Squares with sides 2, 4, … in a cohort of landmarks, with attributes.
+fn squares(server: &Server, count: usize) {
+    let representation = json!({"kind": "landmarks", "dimension": 2, "points": 4});
+    let body = json!({"name": "squares", "representation": representation, "correspondence": "landmarks"});
+    server.post("/v1/cohorts", &body).expect(201);
+    let shapes: Vec<Value> = (0..count).map(square).collect();
+    server.post("/v1/cohorts/squares/shapes", &json!({"shapes": shapes})).expect(201);
+}
+
+fn square(index: usize) -> Value {
+    let side = (1 + index) as f64;
+    let points = [[1., 1.], [-1., 1.], [-1., -1.], [1., -1.]].map(|point| point.map(|c| c * side));
+    let label = ["a", "b", "c"][index % 3];
+    let site = if index % 2 == 0 { "zrh" } else { "gva" };
+    let mut shape = json!({
+        "external_id": format!("q{index:02}"), "points": points, "label": label,
+        "labels": {"age": 30 + index, "site": site, "fresh": index < 5}
+    });
+    if index % 4 == 3 {
+        shape["labels"].as_object_mut().unwrap().remove("site");
+    }
+    shape
+}
+
+fn names(page: &Value) -> Vec<String> {
+    let items = page["items"].as_array().unwrap();
+    items.iter().map(|item| item["external_id"].as_str().unwrap().to_owned()).collect()
+}
+
+fn listed(server: &Server, query: &str) -> Vec<String> {
+    names(&server.get(&format!("/v1/cohorts/squares/shapes?{query}")).expect(200))
+}
+
+fn expected(keep: impl Fn(usize) -> bool) -> Vec<String> {
+    (0..12).filter(|&index| keep(index)).map(|index| format!("q{index:02}")).collect()
+}
+
+#[test]
+fn measures_are_stored_when_shapes_arrive() {
+    let server = Server::fresh();
+    squares(&server, 3);
+    let shape = server.get("/v1/cohorts/squares/shapes/q01").expect(200);
+    let size = shape["measures"]["centroid_size"].as_f64().unwrap();
+    assert!((size - 32_f64.sqrt()).abs() < 1e-12 && shape["measures"]["points"] == 4, "{shape}");
+    assert!(shape["measures"].get("area").is_none(), "landmarks enclose nothing: {shape}");
+
+    let representation = json!({"kind": "closed_curve", "dimension": 2, "control_points": 16,
+                                "generator": {"name": "bspline", "degree": 1}});
+    let body = json!({"name": "curves", "representation": representation, "correspondence": "landmarks"});
+    server.post("/v1/cohorts", &body).expect(201);
+    let corner = |k: usize| [[0., 0.], [4., 0.], [4., 4.], [0., 4.]][k % 4];
+    let along = |k: usize| {
+        let (a, b, t) = (corner(k / 4), corner(k / 4 + 1), (k % 4) as f64 / 4.0);
+        [a[0] + t * (b[0] - a[0]), a[1] + t * (b[1] - a[1])]
+    };
+    let plain: Vec<[f64; 2]> = (0..16).map(along).collect();
+    let mut crossed = plain.clone();
+    crossed.swap(2, 10);
+    let shapes = json!({"shapes": [{"external_id": "plain", "points": plain}, {"external_id": "crossed", "points": crossed}]});
+    let answer = server.post("/v1/cohorts/curves/shapes", &shapes).expect(201);
+    assert_eq!(answer["self_intersecting"], 1, "{answer}");
+    let measures = server.get("/v1/cohorts/curves/shapes/plain").expect(200)["measures"].clone();
+    let close = |name: &str, value: f64| (measures[name].as_f64().unwrap() - value).abs() < 1e-9;
+    assert!(close("area", 16.0) && close("length", 16.0), "{measures}");
+    assert_eq!(measures["self_intersecting"], false);
+    // What is read can be posted again.
+    let read = server.get("/v1/cohorts/curves/shapes/crossed").expect(200);
+    assert_eq!(read["measures"]["self_intersecting"], true);
+    let again = server.post("/v1/cohorts/curves/shapes", &json!({"shapes": [read]})).expect(201);
+    assert_eq!(again["added"], 0, "{again}");
+    let found = server.get("/v1/cohorts/curves/shapes?measures.self_intersecting=true").expect(200);
+    assert_eq!(names(&found), ["crossed"]);
+}
+
+#[test]
+fn filters_have_one_grammar() {
+    let server = Server::fresh();
+    squares(&server, 12);
+    let site = |index: usize| match index % 4 {
+        3 => None,
+        even if even % 2 == 0 => Some("zrh"),
+        _ => Some("gva"),
+    };
+    assert_eq!(listed(&server, "label=a&label=b"), expected(|index| index % 3 < 2));
+    assert_eq!(listed(&server, "label.ne=a&label.ne=b"), expected(|index| index % 3 == 2));
+    assert_eq!(listed(&server, "labels.site.ne=zrh"), expected(|index| site(index) != Some("zrh")));
+    assert_eq!(
+        listed(&server, "has=labels.site&labels[site.ne]=zrh"),
+        expected(|index| site(index) == Some("gva"))
+    );
+    assert_eq!(
+        listed(&server, "labels.age.gte=33&labels[age][lt]=36"),
+        expected(|index| (3..6).contains(&index))
+    );
+    assert_eq!(listed(&server, "labels.age=33&labels.age=40.0"), expected(|index| index == 3 || index == 10));
+    assert_eq!(listed(&server, "labels.fresh=true"), expected(|index| index < 5));
+    assert_eq!(listed(&server, "measures.centroid_size.gt=8.5"), expected(|index| index > 2));
+    assert_eq!(listed(&server, "measures.points=4"), expected(|_| true));
+    assert_eq!(
+        listed(&server, "external_id=q01&external_id=q07"),
+        expected(|index| index == 1 || index == 7)
+    );
+    assert_eq!(listed(&server, "external_id.gte=q10"), expected(|index| index >= 10));
+    assert_eq!(listed(&server, "labels.site.gte=h"), expected(|index| site(index) == Some("zrh")));
+    assert_eq!(listed(&server, "created_at.gte=2020-01-01T00:00:00Z"), expected(|_| true));
+    assert_eq!(listed(&server, "created_at[lt]=2020-01-01T00:00:00Z"), [""; 0]);
+
+    // The same in bodies.
+    let select = |filter: Value| {
+        let table = json!({"columns": ["external_id"], "filter": filter});
+        let table = server.post("/v1/cohorts/squares/table", &table).expect(200);
+        let values = table["columns"][0]["values"].as_array().unwrap().clone();
+        values.into_iter().map(|value| value.as_str().unwrap().to_owned()).collect::<Vec<_>>()
+    };
+    assert_eq!(select(json!({"label": ["a", "b"]})), expected(|index| index % 3 < 2));
+    assert_eq!(
+        select(json!({"labels": {"age": {"gte": 33, "lt": 36}}})),
+        expected(|index| (3..6).contains(&index))
+    );
+    assert_eq!(
+        select(json!({"has": ["labels.site"], "labels": {"site": {"ne": "zrh"}}})),
+        expected(|index| site(index) == Some("gva"))
+    );
+    assert_eq!(
+        select(json!({"measures": {"centroid_size": {"gt": 8.5}}, "labels": {"fresh": true}})),
+        expected(|index| index == 3 || index == 4)
+    );
+    let problem = server
+        .post("/v1/cohorts/squares/table", &json!({"filter": {"measures": {"area": "big"}}}))
+        .expect(422);
+    assert_eq!(pointers_of(&problem), ["/filter/measures/area"], "{problem}");
+    for (filter, pointer) in [
+        (json!({"label": {"like": "a"}}), "/filter/label"),
+        (json!({"label": []}), "/filter/label"),
+        (json!({"has": ["colour"]}), "/filter/has"),
+        (json!({"mass": 1}), "/filter"),
+    ] {
+        let problem = server.post("/v1/cohorts/squares/table", &json!({"filter": filter})).expect(422);
+        assert!(pointers_of(&problem)[0].starts_with(pointer), "{problem}");
+    }
+    let mean = server
+        .get("/v1/cohorts/squares/mean?transformation=similarity&alignment=procrustes&label=a&label=b")
+        .expect(200);
+    assert_eq!(mean["shape_count"], 8, "{mean}");
+}
+
+#[test]
+fn wrong_queries_say_what_is_expected() {
+    let server = Server::fresh();
+    squares(&server, 4);
+    for (query, wanted) in [
+        ("measures.area.gte=big", "expected a finite number"),
+        ("created_at.gte=today", "RFC 3339"),
+        ("measures.self_intersecting=1", "true or false"),
+        ("has=colour", "labels.<attribute>"),
+        ("order=colour", "labels.<attribute>"),
+        ("fields=id,colour", "expected some of id"),
+        ("total=perhaps", "expected true or false"),
+        ("labels.age.gte=1&labels.age.gte=2", "got it twice"),
+        ("labels.treatmnt=x", "the attributes of the cohort are"),
+        ("labels.treatmnt.ne=x", "the attributes of the cohort are"),
+        ("order=labels.treatmnt", "the attributes of the cohort are"),
+        ("limit=-1", "expected a non-negative whole number"),
+        ("colour=red", "expected a parameter of this route"),
+        ("cursor=1-2-n3ff0000000000000", "expected a cursor of this list"),
+        ("order=label&cursor=1-2", "expected a cursor of this list"),
+        ("order=label&cursor=1-2-tzz", "expected a cursor of this list"),
+    ] {
+        let problem = server.get(&format!("/v1/cohorts/squares/shapes?{query}")).expect(400);
+        assert!(problem.to_string().contains(wanted), "{query}: {problem}");
+    }
+}
+
+#[test]
+fn lists_have_fields_orders_and_totals() {
+    let server = Server::fresh();
+    squares(&server, 12);
+    let page = server
+        .get("/v1/cohorts/squares/shapes?fields=external_id,label&limit=2&total=true&label=a")
+        .expect(200);
+    assert_eq!(
+        (&page["items"], &page["total"]),
+        (&json!([{"external_id": "q00", "label": "a"}, {"external_id": "q03", "label": "a"}]), &json!(4))
+    );
+    for (order, wanted) in [
+        ("-measures.centroid_size", (0..12).rev().collect::<Vec<_>>()),
+        ("label", vec![0, 3, 6, 9, 1, 4, 7, 10, 2, 5, 8, 11]),
+        ("-label", vec![2, 5, 8, 11, 1, 4, 7, 10, 0, 3, 6, 9]),
+        ("labels.site", vec![1, 5, 9, 0, 2, 4, 6, 8, 10, 3, 7, 11]),
+        ("-labels.age", (0..12).rev().collect()),
+        ("external_id", (0..12).collect()),
+    ] {
+        let wanted: Vec<String> = wanted.into_iter().map(|index| format!("q{index:02}")).collect();
+        for fields in ["", "&fields=external_id"] {
+            let (mut found, mut cursor) = (Vec::new(), String::new());
+            loop {
+                let query = format!("order={order}&limit=5{fields}{cursor}");
+                let page = server.get(&format!("/v1/cohorts/squares/shapes?{query}")).expect(200);
+                found.extend(names(&page));
+                let Some(next) = page["next"].as_str() else { break };
+                cursor = format!("&cursor={next}");
+            }
+            assert_eq!(found, wanted, "{order}");
+        }
+    }
+    let sizes = server.get("/v1/cohorts/squares/shapes?order=-measures.centroid_size&limit=1").expect(200);
+    assert_eq!(sizes["items"][0]["control_points"][0], json!([12.0, 12.0]), "{sizes}");
+}
+
+#[test]
+fn attributes_are_summed_up() {
+    let server = Server::fresh();
+    squares(&server, 12);
+    let summary = |query: &str| server.get(&format!("/v1/cohorts/squares/attributes?{query}")).expect(200);
+    let item = |answer: &Value, name: &str| {
+        answer["items"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .find(|item| item["name"] == name)
+            .cloned()
+            .unwrap_or_default()
+    };
+    let all = summary("bins=3&values=2");
+    assert_eq!((&all["revision"], &all["shape_count"]), (&json!(1), &json!(12)));
+    let site = item(&all, "labels.site");
+    assert_eq!(site["values"], json!([{"value": "zrh", "count": 6}, {"value": "gva", "count": 3}]));
+    assert_eq!((&site["type"], &site["missing"], &site["distinct"]), (&json!("text"), &json!(3), &json!(2)));
+    let age = item(&all, "labels.age");
+    assert_eq!((&age["min"], &age["max"], &age["mean"]), (&json!(30.0), &json!(41.0), &json!(35.5)));
+    assert_eq!(age["histogram"]["counts"], json!([4, 4, 4]), "{age}");
+    assert_eq!(age["quantiles"][2], json!({"probability": 0.5, "value": 35.5}));
+    assert_eq!(item(&all, "labels.fresh")["type"], "boolean");
+    assert_eq!(item(&all, "created_at")["type"], "time");
+    assert_eq!(item(&all, "measures.centroid_size")["distinct"], 12);
+    assert_eq!(item(&all, "measures.area"), Value::Null, "landmarks have none");
+    let old = summary("labels.age.gte=38");
+    assert_eq!(
+        (&old["shape_count"], &item(&old, "labels.fresh")["values"]),
+        (&json!(4), &json!([{"value": "false", "count": 4}]))
+    );
+
+    // What changes is seen: a shape more, one less.
+    server.post("/v1/cohorts/squares/shapes", &json!({"shapes": [square(12)]})).expect(201);
+    assert_eq!(server.delete("/v1/cohorts/squares/shapes/q00").status, 204);
+    let changed = summary("");
+    let age = item(&changed, "labels.age");
+    assert_eq!(
+        (&changed["revision"], &changed["shape_count"], &age["min"], &age["max"]),
+        (&json!(3), &json!(12), &json!(31.0), &json!(42.0))
+    );
+    for query in ["bins=0", "values=100000", "labels.treatmnt=x", "colour=red"] {
+        server.get(&format!("/v1/cohorts/squares/attributes?{query}")).expect(400);
+    }
+}
+
+const COLUMNS: &str =
+    "external_id,labels.treatment,measures.area,cells.score.1,cells.t_squared,cells.outlier";
+
+fn with_headers(server: &Server, path: &str, headers: &[(&str, &str)]) -> Reply {
+    let request = server.request(Method::GET, path);
+    let request = headers.iter().fold(request, |request, (name, value)| request.header(*name, *value));
+    server.send(request)
+}
+
+fn learn_cells(server: &Server) -> Value {
+    let body = json!({"name": "cells", "cohort": "example-cells", "transformation": "similarity",
+                      "method": {"kind": "functional_pca", "components": 4, "centre": true},
+                      "classifier": {"kind": "discriminant", "attribute": "labels.treatment"}});
+    let request = server.request(Method::POST, "/v1/dictionaries").header("prefer", "wait=50");
+    server.send(request.json(&body)).expect(201)
+}
+
+#[test]
+fn a_cohort_is_a_table() {
+    let server = Setting::fresh().with_example().start();
+    learn_cells(&server);
+    let path = format!(
+        "/v1/cohorts/example-cells/table?columns={COLUMNS},cells.class,cells.confidence,cells.relative_error"
+    );
+    let table = server.get(&path).expect(200);
+    let columns = table["columns"].as_array().unwrap();
+    assert_eq!((&table["rows"], columns.len()), (&json!(120), 9));
+    let types: Vec<&str> = columns.iter().map(|column| column["type"].as_str().unwrap()).collect();
+    assert_eq!(types, ["text", "text", "number", "number", "number", "boolean", "text", "number", "number"]);
+    let used = &table["dictionaries"][0];
+    assert_eq!((&used["name"], &used["version"]), (&json!("cells"), &json!(1)));
+
+    // The same numbers as the assessment of each shape.
+    let ids: BTreeSet<&str> =
+        columns[0]["values"].as_array().unwrap().iter().map(|id| id.as_str().unwrap()).collect();
+    assert_eq!(ids.len(), 120);
+    let asked = json!({"cohort": "example-cells", "ids": [columns[0]["values"][7]]});
+    let score = server.post("/v1/dictionaries/cells/score", &asked).expect(200);
+    let score = &score["results"][0];
+    assert_eq!(columns[3]["values"][7], score["scores"][0], "{score}");
+    assert_eq!(columns[4]["values"][7], score["novelty"]["t_squared"]);
+
+    // One shape more is the only one that is encoded; its row comes last.
+    let shape = server.get("/v1/cohorts/example-cells/shapes?limit=1").expect(200)["items"][0].clone();
+    let again = json!({"shapes": [{"external_id": "again", "control_points": shape["control_points"]}]});
+    server.post("/v1/cohorts/example-cells/shapes", &again).expect(201);
+    let more = server.get(&path).expect(200);
+    let last = |column: usize| more["columns"][column]["values"][120].clone();
+    assert_eq!((more["rows"].clone(), last(0), last(1)), (json!(121), json!("again"), Value::Null));
+    let first = columns[3]["values"][0].as_f64().unwrap();
+    assert!((last(3).as_f64().unwrap() - first).abs() < 1e-9 * first.abs().max(1.0), "{}", last(3));
+    for column in 0..9 {
+        let before = columns[column]["values"].as_array().unwrap();
+        assert_eq!(&more["columns"][column]["values"].as_array().unwrap()[..120], before, "column {column}");
+    }
+    // A filter that selects few shapes gives the rows of the whole table.
+    let few =
+        server.get(&format!("{path}&external_id={}", columns[0]["values"][7].as_str().unwrap())).expect(200);
+    assert_eq!((&few["rows"], &few["columns"][3]["values"][0]), (&json!(1), &columns[3]["values"][7]));
+}
+
+#[test]
+fn tables_have_four_formats_and_name_their_source() {
+    let server = Setting::fresh().with_example().start();
+    learn_cells(&server);
+    let path = format!("/v1/cohorts/example-cells/table?columns={COLUMNS}");
+    let csv = with_headers(&server, &path, &[("accept", "text/csv")]);
+    let header = |answer: &Reply, name: &str| answer.header(name).unwrap_or_default().to_owned();
+    assert_eq!(header(&csv, "shapelex-revision"), "1");
+    assert!(header(&csv, "shapelex-dictionaries").starts_with("cells@1;digest="));
+    let tag = header(&csv, "etag");
+    let text = csv.text();
+    let lines: Vec<&str> = text.lines().collect();
+    assert_eq!((lines.len(), lines[0]), (121, COLUMNS));
+    assert!(lines[1..].iter().all(|line| line.split(',').count() == 6));
+    assert_eq!(with_headers(&server, &path, &[("accept", "text/csv"), ("if-none-match", &tag)]).status, 304);
+    let ndjson = server.get(&format!("{path}&format=ndjson"));
+    let rows: Vec<Value> = ndjson.text().lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    assert_eq!((rows.len(), rows[0].as_object().unwrap().len()), (120, 6));
+    let arrow = with_headers(&server, &path, &[("accept", "application/vnd.apache.arrow.stream")]);
+    assert_eq!(header(&arrow, "content-type"), "application/vnd.apache.arrow.stream");
+    assert_eq!(&arrow.body[..4], b"\xff\xff\xff\xff", "an Arrow stream starts with a continuation mark");
+    assert_eq!(with_headers(&server, &path, &[("accept", "image/png")]).status, 406);
+}
+
+#[test]
+fn wrong_tables_are_refused() {
+    let server = Setting::fresh().with_example().start();
+    learn_cells(&server);
+    for (columns, wanted) in [
+        ("colour", "expected 'id'"),
+        ("labels.treatmnt", "the attributes of the cohort are"),
+        ("cells.score.5", "expected a score from 1 to 4"),
+        ("cells.score.0", "expected 'id'"),
+        ("nothing.outlier", "expected the name of a dictionary"),
+        ("label,label", "got it twice"),
+        ("", "expected 'id'"),
+    ] {
+        let problem = server.get(&format!("/v1/cohorts/example-cells/table?columns={columns}")).expect(400);
+        assert!(problem.to_string().contains(wanted), "{columns}: {problem}");
+        let body = json!({"columns": columns.split(',').collect::<Vec<_>>()});
+        let problem = server.post("/v1/cohorts/example-cells/table", &body).expect(422);
+        assert!(problem.to_string().contains(wanted), "{columns}: {problem}");
+    }
+    squares(&server, 3);
+    let problem = server.get("/v1/cohorts/squares/table?columns=cells.outlier").expect(400);
+    assert!(problem.to_string().contains("representation and correspondence of the dictionary"), "{problem}");
+    server.get("/v1/cohorts/squares/table?format=xlsx").expect(400);
+    server.get("/v1/cohorts/nothing/table").expect(404);
+    let whole = server.get("/v1/cohorts/squares/table").expect(200);
+    let names: Vec<&str> =
+        whole["columns"].as_array().unwrap().iter().map(|column| column["name"].as_str().unwrap()).collect();
+    assert_eq!(names[..2], ["id", "external_id"], "{names:?}");
+    assert!(names.contains(&"labels.age") && names.contains(&"measures.centroid_size"), "{names:?}");
+}
