@@ -155,7 +155,7 @@ async fn accuracies(client: &reqwest::Client, base: &str, text: &str) {
     println!("through POST /v1/distances: nearest neighbour, bull's-eye");
     for (name, generator) in [
         ("trigonometric", json!({"name": "trigonometric"})),
-        ("keys", json!({"name": "keys"})),
+        ("cubic", json!({"name": "cubic"})),
         ("linear", json!({"name": "bspline", "degree": 1})),
     ] {
         for n in [64, 100, 128, 200] {

@@ -39,7 +39,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let frame = frame_for(&class);
     let study = StudySpace { space: &space, metric: &metric, method: &method, frame, matching: &matching };
     let control_points = (0..SHAPES).flat_map(contour).collect();
-    let shapes = AlignedShapes::new(study, control_points, vec![1.0; SHAPES], &|| false)?;
+    let shapes = AlignedShapes::new(study, control_points, vec![1.0; SHAPES], &Unwatched)?;
     let labels = (0..SHAPES).map(|k| 2 * k / SHAPES).collect();
     let groups = Groups { names: vec!["smooth".into(), "with a bump".into()], labels };
     let draws = Draws { strata: &[0; SHAPES], seed: 1, permutations: 999 };

@@ -44,7 +44,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let frame = frame_for(&class);
     let study = StudySpace { space: &space, metric: &metric, method: &method, frame, matching: &matching };
     let control_points = (0..SHAPES).flat_map(contour).collect();
-    let shapes = AlignedShapes::new(study, control_points, vec![1.0; SHAPES], &|| false)?;
+    let shapes = AlignedShapes::new(study, control_points, vec![1.0; SHAPES], &Unwatched)?;
     let variables = Variables {
         covariates: vec![Variable { name: "size".into(), values: Values::LogCentroidSize }],
         attribute: Variable { name: "age".into(), values: Values::Numbers((0..SHAPES).map(age).collect()) },

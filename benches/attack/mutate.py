@@ -291,7 +291,7 @@ class Mutator:
         query[name] = str(value)[:2000]
 
 
-GENERATORS = [{"name": "keys"}, {"name": "trigonometric"}, *({"name": "bspline", "degree": k} for k in range(1, 6)),
+GENERATORS = [{"name": "cubic"}, {"name": "trigonometric"}, *({"name": "bspline", "degree": k} for k in range(1, 6)),
               {"name": "exponential", "domain_poles": [[0, 0], [0, 6.283185307179586], [0, -6.283185307179586]]},
               {"name": "interpolator", "family": "integer_shifts", "domain_poles": [[0, 0], [0, 6.283185307179586], [0, -6.283185307179586]]},
               {"name": "interpolator", "family": "half_integer_shifts", "poles": [[0, 0], [0, 0], [0, 0], [0, 0]]}]

@@ -8,7 +8,7 @@ from pathlib import Path
 
 SEEDS = Path(__file__).resolve().parent / "seeds.json"
 LANDMARKS = {"kind": "landmarks", "dimension": 2, "points": 3}
-CURVES = {"kind": "closed_curve", "dimension": 2, "control_points": 16, "generator": {"name": "keys"}}
+CURVES = {"kind": "closed_curve", "dimension": 2, "control_points": 16, "generator": {"name": "cubic"}}
 COHORTS = {"attacked": LANDMARKS, "curves": CURVES}
 DICTIONARIES = {"modes": "attacked", "curve-modes": "curves", "atoms": "curves"}
 WAIT = {"prefer": "wait=50"}
@@ -129,7 +129,7 @@ class Things:
 
 def beginnings(operation, document):
     """Requests to begin with: those of the document, and those of seeds.json."""
-    about = {"cohort": "attacked", "shape": "s1", "dictionary": "modes", "name": "keys"}
+    about = {"cohort": "attacked", "shape": "s1", "dictionary": "modes", "name": "cubic"}
     base = {"method": operation.method, "about": about}
     found = []
     if operation.schema:

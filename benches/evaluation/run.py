@@ -97,7 +97,7 @@ def landmarks(folder, data_set, target):
 
 
 def contour():
-    return {"kind": "closed_curve", "dimension": 2, "generator": {"name": "keys"}, "control_points": POINTS}
+    return {"kind": "closed_curve", "dimension": 2, "generator": {"name": "cubic"}, "control_points": POINTS}
 
 
 ALL_KINDS = ("mean_space", "nearest_atom", "sparse_residual", "nearest_neighbours", "discriminant", "best")

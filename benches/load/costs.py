@@ -52,7 +52,7 @@ def sphere(random, u, v):
     return [at(i, j) for i in range(u) for j in range(v)]
 
 
-def curve(n, dimension=2, generator="keys", kind="closed_curve"):
+def curve(n, dimension=2, generator="cubic", kind="closed_curve"):
     return {"kind": kind, "dimension": dimension, "control_points": n, "generator": {"name": generator}}
 
 
@@ -96,7 +96,7 @@ def zigzag(count, n):
     return {"representation": curve(n, 2, "bspline") | {"generator": {"name": "bspline", "degree": 1}}, "shapes": [{"points": teeth}] * count}
 
 
-def measure(count, n, dimension=2, reference=False, generator="keys"):
+def measure(count, n, dimension=2, reference=False, generator="cubic"):
     body = {"representation": curve(n, dimension, generator), "shapes": shapes(count, n, dimension)}
     return body | ({"reference": shapes(1, n, dimension, 2)[0]} if reference else {})
 
@@ -110,7 +110,7 @@ def torus_points(random, u, v):
     return [at(i, j) for i in range(u) for j in range(v)]
 
 
-def torus(u, v, generator="keys"):
+def torus(u, v, generator="cubic"):
     return {"kind": "surface", "topology": "torus", "control_points": [u, v], "generators": [{"name": generator}] * 2}
 
 
@@ -203,7 +203,7 @@ def table():
     yield "resample 4x20000 to 100000", "resample", {"count": 100000, "start": "canonical", "shapes": shapes(4, 20000)}
     for count, points, n in [(1, 12, 6), (1, 1000, 64), (50, 1000, 64), (10, 5000, 1024), (2, 20000, 2048)]:
         yield f"fit {count}x{points} to {n}", "fit", {"representation": curve(n), "shapes": shapes(count, points)}
-    yield "fit 4x2000 to a tolerance", "fit", {"representation": {"kind": "closed_curve", "dimension": 2, "tolerance": 0.001, "generator": {"name": "keys"}}, "shapes": shapes(4, 2000)}
+    yield "fit 4x2000 to a tolerance", "fit", {"representation": {"kind": "closed_curve", "dimension": 2, "tolerance": 0.001, "generator": {"name": "cubic"}}, "shapes": shapes(4, 2000)}
     yield "fit trigonometric 4x2000 to 256", "fit", {"representation": curve(256, 2, "trigonometric"), "shapes": shapes(4, 2000)}
     yield "fit sphere mesh 20x20 to (8,8)", "fit", {"representation": sphere_surface(8, 8), "meshes": [mesh(20, 20)]}
     yield "fit sphere mesh 60x60 to (8,8)", "fit", {"representation": sphere_surface(8, 8), "meshes": [mesh(60, 60)]}

@@ -47,7 +47,7 @@ def contour(random):
 
 
 def representation():
-    return {"kind": "closed_curve", "dimension": 2, "control_points": POINTS, "generator": {"name": "keys"}}
+    return {"kind": "closed_curve", "dimension": 2, "control_points": POINTS, "generator": {"name": "cubic"}}
 
 
 def prepare(service):

@@ -22,6 +22,7 @@ use shapelex::analysis::matching::Matching;
 use shapelex::analysis::metric::Metric;
 use shapelex::analysis::pca::FunctionalPca;
 use shapelex::analysis::transformation::{ClassName, Transformation};
+use shapelex::analysis::watch::Unwatched;
 use shapelex::geometry::generator::GeneratorKind;
 use shapelex::geometry::representation::{Representation, ShapeSpace};
 use shapelex::numeric::dense::Matrix;
@@ -109,11 +110,10 @@ pub(super) fn permutations(words: &[&str], repeats: usize) -> Value {
     let sample = Sample { coordinates, points, dimension: 2, sizes, weights: vec![1.0; count] };
     let labels = (0..count).map(|k| 2 * k / count).collect();
     let draws = Relabellings::new(labels, 2, &vec![0; count], 1, number(draws));
-    let never = || false;
     let (seconds, statistics) = timed(repeats, || match *what {
-        "F" => vec![sample.compare_all(&draws, &never).unwrap().pseudo_f.value],
+        "F" => vec![sample.compare_all(&draws, &Unwatched).unwrap().pseudo_f.value],
         _ => {
-            let tests = sample.compare_pair(&draws, &never).unwrap();
+            let tests = sample.compare_pair(&draws, &Unwatched).unwrap();
             let largest = tests.effect.t_squared.iter().flatten().copied().fold(0.0, f64::max);
             vec![tests.pseudo_f.value, tests.hotelling.value, Some(largest), Some(tests.components as f64)]
         }

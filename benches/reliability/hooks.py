@@ -147,8 +147,8 @@ def changes(replicas):
     found, last = [], 0
     while True:
         page = ask(replicas, "GET", f"/v1/changes?since={last}&limit=1000")
-        found += page["changes"]
-        last = page["last"]
+        found += page["items"]
+        last = page["next"]
         if page["done"]:
             return found
 

@@ -27,7 +27,7 @@ const REPRESENTATIONS: [(&str, Correspondence); 4] = [
         Correspondence::ArcLength,
     ),
     (
-        r#"{"kind": "open_curve", "dimension": 3, "intervals": 5, "generator": {"name": "keys"}}"#,
+        r#"{"kind": "open_curve", "dimension": 3, "intervals": 5, "generator": {"name": "cubic"}}"#,
         Correspondence::ArcLength,
     ),
     (r#"{"kind": "landmarks", "dimension": 2, "points": 3}"#, Correspondence::Landmarks),

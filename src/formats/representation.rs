@@ -358,7 +358,7 @@ pub fn read_generator(value: Value) -> Result<GeneratorKind, Vec<Fault>> {
     let mut fields = Fields::new(value)?;
     let kind = match fields.text("name").as_deref() {
         Some("trigonometric") => Some(GeneratorKind::Trigonometric {}),
-        Some("keys") => Some(GeneratorKind::Keys {}),
+        Some("cubic" | "keys") => Some(GeneratorKind::Cubic {}),
         Some("bspline") => fields.count("degree").map(|degree| {
             let degree = u8::try_from(degree).unwrap_or(u8::MAX);
             GeneratorKind::Bspline { degree }
@@ -377,7 +377,7 @@ pub fn read_generator(value: Value) -> Result<GeneratorKind, Vec<Fault>> {
             })
         }
         Some(other) => {
-            let known = "\"trigonometric\", \"keys\", \"bspline\", \"exponential\" or \"interpolator\"";
+            let known = "\"trigonometric\", \"cubic\", \"bspline\", \"exponential\" or \"interpolator\"";
             return Err(vec![Fault::new("/name", format!("expected {known}, got \"{other}\""))]);
         }
         None => None,
@@ -411,10 +411,10 @@ mod tests {
             serde_json::to_value(read).unwrap()["generators"].clone()
         };
         assert_eq!(of("sphere"), json!([{"name": "trigonometric"}, {"name": "trigonometric"}]));
-        assert_eq!(of("cylinder"), json!([{"name": "trigonometric"}, {"name": "keys"}]));
-        assert_eq!(of("plane"), json!([{"name": "keys"}, {"name": "keys"}]));
+        assert_eq!(of("cylinder"), json!([{"name": "trigonometric"}, {"name": "cubic"}]));
+        assert_eq!(of("plane"), json!([{"name": "cubic"}, {"name": "cubic"}]));
         let errors = read(json!({
-            "kind": "surface", "topology": "ball", "control_points": [8], "generators": [{"name": "keys"}], "dimension": 3
+            "kind": "surface", "topology": "ball", "control_points": [8], "generators": [{"name": "cubic"}], "dimension": 3
         }))
         .unwrap_err();
         let pointers: Vec<&str> = errors.iter().map(|error| error.pointer.as_str()).collect();
@@ -444,11 +444,11 @@ mod tests {
             r#"{"kind":"open_curve","dimension":2,"intervals":12,"generator":{"name":"exponential","poles":[[0.0,0.0],[0.0,0.5],[0.0,-0.5]]}}"#,
             r#"{"kind":"open_curve","dimension":2,"intervals":12,"generator":{"name":"interpolator","family":"integer_shifts","domain_poles":[[0.0,0.0],[0.0,0.0],[0.0,0.0]],"support":6,"weights":[-0.5]}}"#,
             r#"{"kind":"landmarks","dimension":2,"points":12}"#,
-            r#"{"kind":"surface","topology":"sphere","control_points":[8,5],"generators":[{"name":"trigonometric"},{"name":"keys"}]}"#,
+            r#"{"kind":"surface","topology":"sphere","control_points":[8,5],"generators":[{"name":"trigonometric"},{"name":"cubic"}]}"#,
             r#"{"kind":"subdivision","scheme":"blob","lambda":1.5,"level":3,"connectivity":"octahedron/2"}"#,
             r#"{"kind":"subdivision","scheme":"loop","level":0,"connectivity":[[0,1,3],[0,3,2],[0,2,1],[1,2,3]]}"#,
             r#"{"kind":"subdivision","scheme":"normal_based","balance":0.5,"level":2,"connectivity":"icosahedron"}"#,
-            r#"{"kind":"surface","topology":"torus","seam":"half_turn","control_points":[8,6],"generators":[{"name":"keys"},{"name":"keys"}]}"#,
+            r#"{"kind":"surface","topology":"torus","seam":"half_turn","control_points":[8,6],"generators":[{"name":"cubic"},{"name":"cubic"}]}"#,
         ] {
             let value: Value = serde_json::from_str(text).unwrap();
             let read = read(value.clone()).unwrap();

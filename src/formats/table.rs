@@ -304,8 +304,8 @@ fn texts_of(rows: &[u32], texts: &[Arc<str>]) -> Result<ArrayRef, ArrowError> {
         return Ok(Arc::new(rows.iter().map(text).collect::<StringArray>()));
     }
     match texts.len() {
-        ..=0x7f => dictionary::<Int8Type>(rows, texts, |row| i8::try_from(row).ok()),
-        ..=0x7fff => dictionary::<Int16Type>(rows, texts, |row| i16::try_from(row).ok()),
+        0..=0x7f => dictionary::<Int8Type>(rows, texts, |row| i8::try_from(row).ok()),
+        0x80..=0x7fff => dictionary::<Int16Type>(rows, texts, |row| i16::try_from(row).ok()),
         _ => dictionary::<Int32Type>(rows, texts, |row| i32::try_from(row).ok()),
     }
 }

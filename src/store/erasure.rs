@@ -437,11 +437,12 @@ async fn end_jobs(write: &mut Transaction, jobs: &[SubjectJob]) -> Result<(), St
     const AGAIN: &str = "UPDATE job SET status = 'queued', lease_owner = NULL, lease_until_ms = NULL,
         attempt = attempt - 1, started_at_ms = NULL, progress = 0, phase = NULL, objective = NULL
         WHERE status = 'running' AND id IN ";
-    let statements: [(&str, fn(&SubjectJob) -> bool); 3] =
-        [(FORGET, |_| true), (REMOVE, |job| job.removed), (AGAIN, |job| !job.removed)];
-    for (statement, concerns) in statements {
+    let (removed, returned): (Vec<_>, Vec<_>) = jobs.iter().partition(|job| job.removed);
+    for (statement, concerned) in
+        [(FORGET, &removed), (FORGET, &returned), (REMOVE, &removed), (AGAIN, &returned)]
+    {
         let mut query = sql(&mut *write, statement);
-        query.push_texts(jobs.iter().filter(|job| concerns(job)).map(|job| job.id.as_str()));
+        query.push_texts(concerned.iter().map(|job| job.id.as_str()));
         query.execute().await?;
     }
     Ok(())

@@ -26,7 +26,7 @@ GZIP = {"content-encoding": "gzip"}
 # Clients that wait for nothing longer than this are hung.
 PATIENCE = 150
 
-CURVE = {"kind": "closed_curve", "dimension": 2, "control_points": 8, "generator": {"name": "keys"}}
+CURVE = {"kind": "closed_curve", "dimension": 2, "control_points": 8, "generator": {"name": "cubic"}}
 ENDLESS = {"representation": CURVE, "shapes": [{"points": {"$points": {"kind": "collapsed", "at": 1000}}}],
            "reference": {"points": {"$points": {"kind": "spike", "at": 1000, "by": -1000}}}}
 TINY_EVALUATE = {"representation": CURVE, "samples": 8, "shapes": [{"points": {"$points": {"kind": "circle"}}}]}
@@ -193,7 +193,7 @@ def memory_quota(attack, max_memory_mb, count, n):
 
 def big_answer(samples):
     """A request of a few kilobytes whose answer is large."""
-    curve = {"kind": "closed_curve", "dimension": 3, "control_points": 256, "generator": {"name": "keys"}}
+    curve = {"kind": "closed_curve", "dimension": 3, "control_points": 256, "generator": {"name": "cubic"}}
     shape = {"points": {"$points": {"kind": "circle", "count": 256, "dimension": 3}}}
     return recipe({"representation": curve, "samples": samples, "derivatives": 2, "frames": True, "shapes": [shape]})
 
@@ -295,7 +295,7 @@ def window_of_zero(attack, streams, samples, mb):
 
 def heavy_request(kind, n):
     """Path and body of work of seconds."""
-    curve = {"kind": "closed_curve", "dimension": 3, "control_points": n, "generator": {"name": "keys"}}
+    curve = {"kind": "closed_curve", "dimension": 3, "control_points": n, "generator": {"name": "cubic"}}
     walk = lambda seed: {"points": {"$points": {"kind": "walk", "count": n, "dimension": 3, "seed": seed}}}
     if kind in ("measure", "padded measure"):
         # Spaces made it heavy when weight was by bytes.

@@ -28,7 +28,7 @@ from shapelex_client.models import (
     Correspondence,
     DictionaryOutput,
     FailedShape,
-    GeneratorKindKeys,
+    GeneratorKindCubic,
     GeneratorKindTrigonometric,
     JobOutput,
     JobStatus,
@@ -173,7 +173,7 @@ assert refused.status_code == 422 and isinstance(refused.parsed, ProblemDocument
 assert str(refused.parsed.errors[0].pointer).startswith("/shapes/1"), refused.parsed
 
 wrong = RepresentationClosedCurve(
-    kind="closed_curve", dimension=2, control_points=1, generator=GeneratorKindKeys(name="keys")
+    kind="closed_curve", dimension=2, control_points=1, generator=GeneratorKindCubic(name="cubic")
 )
 refused_cohort = create_cohort.sync_detailed(client=client, body=CohortRequest(name="wrong", representation=wrong))
 assert refused_cohort.status_code == 422 and isinstance(refused_cohort.parsed, ProblemDocument), refused_cohort

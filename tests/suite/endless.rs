@@ -29,7 +29,7 @@ fn against_a_point(generator: Value, size: usize, at: [f64; 2], moved: [f64; 2])
 /// back within a piece its speed has a kink, which costs the fixed rule of the mean four digits.
 #[test]
 fn a_collapsed_curve_has_distances() {
-    let body = against_a_point(json!({"name": "keys"}), 8, [1000.0, 1000.0], [0.0, 1000.0]);
+    let body = against_a_point(json!({"name": "cubic"}), 8, [1000.0, 1000.0], [0.0, 1000.0]);
     let distances = &measured(&body)["distances"];
     let dip: f64 = 2.0 / 27.0;
     let mean_square = 1e6 * (2.0 + 4.0 * dip.powi(3)) / (3.0 * (2.0 + 4.0 * dip));
@@ -70,7 +70,7 @@ fn a_point_far_off_has_distances_from_an_ellipse_either_way_round() {
 /// All points of the circle are equally far from its centre: no half-segment rules out another.
 #[test]
 fn a_circle_of_many_points_has_a_distance_from_its_centre() {
-    let body = of_circles("keys", &around(64, [0.0; 2], [1.0; 2]), &[[0.0; 2]; 64]);
+    let body = of_circles("cubic", &around(64, [0.0; 2], [1.0; 2]), &[[0.0; 2]; 64]);
     let answer: Value = shared().post("/v1/measure", &body).expect(200);
     let distances = &answer["results"][0]["distances"];
     // Tolerances grow until halves that differ by less than the curve from a circle are ruled out; this is said.

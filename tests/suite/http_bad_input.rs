@@ -455,7 +455,7 @@ fn bad_settings_are_refused_with_their_pointers() {
     }
     cases.push(("/representation/generator", json!({"name": "bspline"}), "/representation/generator/degree"));
     cases.push(("/representation/generator", json!({}), "/representation/generator/name"));
-    let superfluous = json!({"name": "keys", "degree": 3});
+    let superfluous = json!({"name": "cubic", "degree": 3});
     cases.push(("/representation/generator", superfluous, "/representation/generator/degree"));
     cases.push(("/representation/extra", json!(1), "/representation/extra"));
     cases.push(("/representation/a~1b", json!(1), "/representation/a~01b"));
@@ -515,18 +515,20 @@ fn settings_that_do_not_fit_together_are_refused() {
         );
     };
     let space =
-        json!({"kind": "closed_curve", "dimension": 3, "control_points": 4, "generator": {"name": "keys"}});
+        json!({"kind": "closed_curve", "dimension": 3, "control_points": 4, "generator": {"name": "cubic"}});
     let rows = [[1, 0, 0], [0, 2, 0], [0, 0, 3], [1, 1, 1]];
     let shapes = json!([{ "points": rows }, { "points": rows }]);
     for class in ["similarity", "scaled_rotation", "rigid", "horizontal_shear", "reflected_similarity"] {
         let changes = [
             ("/representation", space.clone()),
             ("/shapes", shapes.clone()),
+            ("/alignment", json!("projection")),
             ("/transformation", json!(class)),
         ];
         compare(&changes, &["/transformation"]);
     }
-    compare(&[("/transformation", json!("rigid"))], &["/transformation"]);
+    let rigid = [("/alignment", json!("projection")), ("/transformation", json!("rigid"))];
+    compare(&rigid, &["/transformation"]);
     for class in ["affine", "linear", "uniform_scaling", "reflected_similarity"] {
         compare(
             &[("/alignment", json!("procrustes")), ("/transformation", json!(class))],
@@ -545,7 +547,7 @@ fn settings_that_do_not_fit_together_are_refused() {
         compare(&changes, &["/correspondence"]);
     }
     compare(
-        &[("/representation", landmarks), ("/representation/generator", json!({"name": "keys"}))],
+        &[("/representation", landmarks), ("/representation/generator", json!({"name": "cubic"}))],
         &["/representation/generator"],
     );
 }
@@ -1218,7 +1220,7 @@ fn junk(random: &mut Random) -> Value {
                 "landmarks",
                 "allow",
                 "either",
-                "keys",
+                "cubic",
                 "bspline",
                 "linear",
                 "translation",

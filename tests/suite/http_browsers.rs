@@ -4,6 +4,7 @@ use reqwest::Method;
 use reqwest::header::{ACCEPT, CONTENT_TYPE};
 use serde_json::json;
 
+use crate::http_contract::cells;
 use crate::server::{Reply, Server, Setting, shared};
 
 fn asked(server: &Server, method: Method, path: &str, headers: &[(&str, &str)]) -> Reply {
@@ -95,4 +96,46 @@ fn media_types_of_bodies_are_compared_exactly() {
         .request(Method::PATCH, "/v1/cohorts/none")
         .header(CONTENT_TYPE, "application/merge-patch+json");
     server.send(request.body("{}")).expect_problem(404, "not-found", &[]);
+}
+
+/// What follows from a revision or a version is asked again only after a change.
+#[test]
+fn answers_that_follow_from_a_revision_or_a_version_have_entity_tags() {
+    let server = Setting::fresh().with_example().start();
+    let body = json!({"name": "modes", "cohort": "example-cells", "transformation": "similarity",
+                      "method": {"kind": "functional_pca", "components": 3, "centre": true}});
+    let request = server.request(Method::POST, "/v1/dictionaries").header("prefer", "wait=50");
+    server.send(request.json(&body)).expect(201);
+    let listed = server.get("/v1/cohorts/example-cells/shapes?limit=1&fields=external_id").expect(200);
+    let shape =
+        format!("/v1/cohorts/example-cells/shapes/{}", listed["items"][0]["external_id"].as_str().unwrap());
+    let of_revision =
+        [shape.as_str(), "/v1/cohorts/example-cells/shapes?limit=5", "/v1/dictionaries/modes/drift"];
+    let of_version =
+        ["/v1/dictionaries/modes/modes", "/v1/dictionaries/modes/atoms", "/v1/dictionaries/modes/export"];
+    let tag_of = |path: &str| {
+        let reply = server.get(path);
+        assert_eq!(reply.header("cache-control"), Some("private, no-cache"), "{path}");
+        reply.header("etag").unwrap_or_else(|| panic!("{path}: no tag")).to_owned()
+    };
+    let status = |path: &str, tag: &str| {
+        server.send(server.request(Method::GET, path).header("if-none-match", tag)).status
+    };
+    let tags: Vec<(&str, String)> =
+        of_revision.iter().chain(&of_version).map(|path| (*path, tag_of(path))).collect();
+    for (path, tag) in &tags {
+        assert_eq!(status(path, tag), 304, "{path}");
+        let separator = if path.contains('?') { '&' } else { '?' };
+        let other = format!("{path}{separator}limit=7");
+        assert_ne!(status(&other, tag), 304, "{other}");
+    }
+    let picture =
+        server.request(Method::GET, "/v1/dictionaries/modes/modes").header("accept", "image/svg+xml");
+    assert_eq!(server.send(picture.header("if-none-match", &tags[3].1)).status, 200);
+    let moved = json!({"shapes": [{"external_id": "one-more", "points": cells()[0]["points"]}]});
+    server.post("/v1/cohorts/example-cells/shapes", &moved).expect(201);
+    for (path, tag) in &tags {
+        let wanted = if of_revision.contains(path) { 200 } else { 304 };
+        assert_eq!(status(path, tag), wanted, "{path}");
+    }
 }

@@ -467,7 +467,7 @@ fn comparisons_refuse_what_cannot_be_compared() {
         ("strata", with("strata", json!(7)), vec!["/strata"]),
         ("strata", with("strata", json!("subject")), vec!["/strata"]),
         ("seed", with("seed", json!(1.5)), vec!["/seed"]),
-        ("class", with("transformation", json!("rigid")), vec!["/transformation"]),
+        ("class", with("transformation", json!("scaled_rotation3")), vec!["/transformation"]),
         ("unknown", with("colour", json!("red")), vec!["/colour"]),
     ];
     let mut differences = Differences::default();

@@ -26,7 +26,7 @@ fn patch(server: &Server, path: &str, body: &Value) -> Reply {
 }
 
 fn last_change(server: &Server) -> Value {
-    server.get("/v1/changes").expect(200)["changes"].as_array().unwrap().last().unwrap().clone()
+    server.get("/v1/changes").expect(200)["items"].as_array().unwrap().last().unwrap().clone()
 }
 
 #[test]
@@ -134,7 +134,7 @@ fn corrections_are_checked_as_what_arrives() {
 fn shapes_are_deleted_by_a_filter() {
     let server = Server::fresh();
     let id = cohort(&server, "feet");
-    let label = |k: usize| if k % 3 == 0 { "treated" } else { "control" };
+    let label = |k: usize| if k.is_multiple_of(3) { "treated" } else { "control" };
     let shapes: Vec<Value> = (0..9).map(|k| triangle(k, label(k), &format!("patient-{}", k % 2))).collect();
     add(&server, "feet", &shapes);
     let path = "/v1/cohorts/feet/shapes";
@@ -198,7 +198,7 @@ fn a_subject_is_erased_everywhere() {
     let server = Setting::fresh().flags(&["--max-matrix-operations", "1"]).start();
     let (feet, hands, gone) = (cohort(&server, "feet"), cohort(&server, "hands"), cohort(&server, "gone"));
     let subject = "subject-of-anna/1";
-    let who = |k: usize| if k % 4 == 0 { subject } else { "patient-2" };
+    let who = |k: usize| if k.is_multiple_of(4) { subject } else { "patient-2" };
     let shapes: Vec<Value> = (0..12).map(|k| triangle(k, if k < 6 { "a" } else { "b" }, who(k))).collect();
     add(&server, "feet", &shapes);
     add(&server, "hands", &shapes[..3]);
@@ -221,9 +221,9 @@ fn a_subject_is_erased_everywhere() {
     let erased = server.delete(path).expect(200);
     assert_eq!((&erased["shape_count"], erased.get("dry_run")), (&json!(5), None), "{erased}");
     let mut cohorts = vec![
-        json!({"id": feet, "name": "feet", "revision": 4, "shapes": 3, "trashed": false}),
-        json!({"id": hands, "name": "hands", "revision": 2, "shapes": 1, "trashed": false}),
-        json!({"id": gone, "name": "gone", "revision": 3, "shapes": 1, "trashed": true}),
+        json!({"id": feet, "name": "feet", "revision": 4, "shape_count": 3, "trashed": false}),
+        json!({"id": hands, "name": "hands", "revision": 2, "shape_count": 1, "trashed": false}),
+        json!({"id": gone, "name": "gone", "revision": 3, "shape_count": 1, "trashed": true}),
     ];
     cohorts.sort_by_key(|cohort| cohort["id"].as_str().unwrap().to_owned());
     assert_eq!(erased["cohorts"], json!(cohorts));
@@ -257,7 +257,7 @@ fn a_subject_is_erased_everywhere() {
     assert_eq!(server.get("/v1/cohorts/feet").expect(200)["shape_count"], 9);
     server.get("/v1/cohorts/feet/shapes/scan%2F4").expect_problem(404, "not-found", &[]);
     let changes = server.get("/v1/changes").expect(200);
-    let kinds = changes["changes"].as_array().unwrap();
+    let kinds = changes["items"].as_array().unwrap();
     let of_subject: Vec<&Value> = kinds.iter().filter(|change| change["kind"] == "subject_erased").collect();
     assert_eq!(of_subject.len(), 2, "{changes}");
     assert!(of_subject.iter().any(|change| change["cohort"] == json!(feet) && change["shape_count"] == 3));
@@ -270,7 +270,7 @@ fn a_subject_is_erased_everywhere() {
     }
 
     let again = server.delete(path).expect(200);
-    assert_eq!(again, json!({"shapes": 0, "cohorts": [], "dictionaries": [], "jobs": []}));
+    assert_eq!(again, json!({"shape_count": 0, "cohorts": [], "dictionaries": [], "jobs": []}));
     server.send(server.request(Method::POST, &format!("/v1/trash/{gone}/restore")));
     assert_eq!(server.get("/v1/cohorts/gone").expect(200)["shape_count"], 1);
     // An external id of an erased shape is free.
@@ -353,7 +353,7 @@ fn the_files_of_the_store_keep_nothing_of_an_erased_subject() {
         let mut bytes = files.filter_map(|file| std::fs::read(file.unwrap().path()).ok());
         bytes.any(|bytes| bytes.windows(wanted.len()).any(|window| window == wanted))
     };
-    let number = 1234.567_891_f64.to_le_bytes();
+    let number = 1_234.567_891_f64.to_le_bytes();
     assert!(held(&number) && held(b"anna"));
     assert_eq!(server.delete("/v1/subjects/subject-anna").expect(200)["shape_count"], 1);
     assert!(!held(&number) && !held(b"anna") && held(b"patient"));

@@ -27,8 +27,8 @@ fn without(value: &Value, key: &str) -> Value {
     value
 }
 
-fn keys() -> Value {
-    json!({"name": "keys"})
+fn cubic() -> Value {
+    json!({"name": "cubic"})
 }
 
 fn trigonometric() -> Value {
@@ -152,7 +152,7 @@ fn posted_control_points_of_an_open_curve_include_those_beyond_its_ends() {
         (from..=to).map(|k| [f64::from(k), 2.0 * f64::from(k) - 1.0]).collect::<Vec<_>>()
     };
     for (generator, phantoms) in [
-        (keys(), 1),
+        (cubic(), 1),
         (json!({"name": "bspline", "degree": 3}), 1),
         (json!({"name": "bspline", "degree": 5}), 2),
         (interpolator("integer_shifts", &zeros(4)), 2),
@@ -212,7 +212,7 @@ fn every_generator_serves_closed_and_open_curves() {
 fn cohorts_of_open_curves_have_means_and_modes() {
     let server = Server::fresh();
     for (dimension, name) in [(2, "plane"), (3, "space")] {
-        let representation = with(&open(8, &keys()), "dimension", json!(dimension));
+        let representation = with(&open(8, &cubic()), "dimension", json!(dimension));
         let cohort = json!({"name": name, "representation": representation, "correspondence": "arc_length"});
         server.post("/v1/cohorts", &cohort).expect(201);
         let list = |count: usize, seed: usize| {
@@ -274,7 +274,7 @@ fn open_curves_that_run_backwards_match_when_the_direction_has_no_meaning() {
             })
             .collect();
         let plain: Value = lists.iter().map(|points| json!({ "points": points })).collect();
-        let body = json!({"representation": with(&open(8, &keys()), "dimension", json!(dimension)), "shapes": plain,
+        let body = json!({"representation": with(&open(8, &cubic()), "dimension", json!(dimension)), "shapes": plain,
             "transformation": "affine", "correspondence": "arc_length", "direction": "either"});
         let one = server.post("/v1/align", &body).expect(200);
         let other = server.post("/v1/align", &with(&body, "shapes", json!(reversed))).expect(200);
@@ -295,8 +295,8 @@ fn open_curves_that_run_backwards_match_when_the_direction_has_no_meaning() {
 fn curves_of_space_are_evaluated_measured_and_aligned() {
     let server = shared();
     let cases = [
-        (with(&closed(9, &keys()), "dimension", json!(3)), shapes((1..4).map(|s| knot(9, s)))),
-        (with(&open(8, &keys()), "dimension", json!(3)), shapes((1..4).map(|s| arc3(9, s)))),
+        (with(&closed(9, &cubic()), "dimension", json!(3)), shapes((1..4).map(|s| knot(9, s)))),
+        (with(&open(8, &cubic()), "dimension", json!(3)), shapes((1..4).map(|s| arc3(9, s)))),
     ];
     for (representation, list) in cases {
         let body = json!({"representation": representation, "shapes": list});
@@ -390,7 +390,7 @@ fn refined_splines_are_the_same_curve_and_others_say_how_much_they_change() {
             );
         }
     }
-    for (representation, points) in [(closed(7, &keys()), arc(7, 2)), (open(6, &keys()), arc(7, 2))] {
+    for (representation, points) in [(closed(7, &cubic()), arc(7, 2)), (open(6, &cubic()), arc(7, 2))] {
         let body = json!({"representation": representation, "shapes": [{"points": points}]});
         let fine = server.post("/v1/refine", &body).expect(200);
         assert_eq!(fine["exact"], false);
@@ -429,7 +429,7 @@ fn a_tolerance_chooses_the_size_of_a_fit() {
     let mut last = 0;
     for tolerance in [0.1, 0.01, 0.001, 1e-4] {
         let representation =
-            json!({"kind": "closed_curve", "dimension": 2, "tolerance": tolerance, "generator": keys()});
+            json!({"kind": "closed_curve", "dimension": 2, "tolerance": tolerance, "generator": cubic()});
         let fit = server
             .post("/v1/fit", &json!({"representation": representation, "shapes": [{"points": points}]}))
             .expect(200)["results"][0]
@@ -493,7 +493,7 @@ fn idealised_curves_are_exact_where_the_poles_allow() {
     let shape = server.post("/v1/idealised", &body).expect(200)["shapes"][0].clone();
     let wanted: Vec<[f64; 2]> = circle(6, 1.0).iter().map(|[x, y]| [2.0 * x + 3.0, y + 1.0]).collect();
     assert_close(&shape["control_points"], &json!(wanted), 1e-14, "ellipse");
-    let refused = server.post("/v1/idealised", &with(&body, "representation", closed(6, &keys())));
+    let refused = server.post("/v1/idealised", &with(&body, "representation", closed(6, &cubic())));
     let problem = refused.expect_problem(422, "invalid-input", &["/curves/0/curve"]);
     assert!(problem.to_string().contains("6.283185"), "{problem}");
     let parabola = json!([{"curve": {"name": "parabola", "focal_length": 1, "extent": 2}}]);
@@ -509,7 +509,7 @@ fn idealised_curves_are_exact_where_the_poles_allow() {
 #[test]
 fn a_morph_leads_from_one_shape_to_the_other() {
     let server = shared();
-    for (representation, count) in [(closed(6, &trigonometric()), 6), (open(5, &keys()), 6)] {
+    for (representation, count) in [(closed(6, &trigonometric()), 6), (open(5, &cubic()), 6)] {
         let body = json!({"representation": representation, "from": {"points": arc(count, 1)}, "to": {"points": arc(count, 2)}});
         let answer = server.post("/v1/morph", &body).expect(200);
         assert_eq!(answer["angle"], Value::Null);
@@ -604,7 +604,7 @@ fn a_circle_has_the_moments_curvature_and_distances_of_a_circle() {
     }
     // The end of an open curve belongs to its box.
     let line: Vec<[f64; 2]> = (0..65).map(|k| [f64::from(k), 0.3 * f64::from(k)]).collect();
-    let body = json!({"representation": open(64, &keys()), "shapes": [{"points": line}]});
+    let body = json!({"representation": open(64, &cubic()), "shapes": [{"points": line}]});
     let measures = server.post("/v1/measure", &body).expect(200)["results"][0].clone();
     assert_close(&measures["bounding_box"]["max"], &json!([64.0, 19.2]), 1e-15, "the end");
     assert!(number(&measures["total_curvature"]) < 1e-9);
@@ -617,7 +617,7 @@ fn fits_and_measures_do_not_depend_on_threads() {
         Setting::fresh().flags(&["--threads", "4"]).start(),
     );
     let list = shapes((1..12).map(|s| arc(60, s)));
-    let fit = json!({"representation": {"kind": "open_curve", "dimension": 2, "tolerance": 0.02, "generator": keys()}, "shapes": list});
+    let fit = json!({"representation": {"kind": "open_curve", "dimension": 2, "tolerance": 0.02, "generator": cubic()}, "shapes": list});
     let measure = json!({"representation": open(59, &json!({"name": "bspline", "degree": 3})), "shapes": list, "reference": list[0]});
     for (path, body) in [("/v1/fit", fit), ("/v1/measure", measure)] {
         let answers = [&one, &four].map(|server| server.post(path, &body));
@@ -684,7 +684,7 @@ fn extreme_input_has_finite_answers() {
     wave.truncate(2048);
     assert!(check(&open(2047, &interpolator("half_integer_shifts", &zeros(10))), &wave, 2048, 1e-9));
     for size in [1e100, 1e-100, 1e-120] {
-        for generator in [keys(), trigonometric(), ellipses(), json!({"name": "bspline", "degree": 3})] {
+        for generator in [cubic(), trigonometric(), ellipses(), json!({"name": "bspline", "degree": 3})] {
             assert!(check(&closed(5, &generator), &circle(5, size), 5, 1e-12), "{size}");
             assert!(check(&open(4, &generator), &circle(5, size), 5, 1e-12), "{size}");
         }
@@ -781,7 +781,7 @@ impl Drop for Refusals<'_> {
 fn bad_generators_are_refused_by_every_curve_route() {
     let server = shared();
     let good = json!({"points": circle(8, 2.0)});
-    let representation = closed(8, &keys());
+    let representation = closed(8, &cubic());
     let curves = json!({"representation": representation, "shapes": [good]});
     let routes = [
         ("/v1/evaluate", curves.clone()),
@@ -921,8 +921,7 @@ fn bad_generators_are_refused_by_every_curve_route() {
 #[test]
 fn bad_open_curves_are_refused() {
     let server = shared();
-    let body =
-        json!({"representation": open(7, &keys()), "shapes": [{"points": arc(8, 1)}, {"points": arc(8, 2)}]});
+    let body = json!({"representation": open(7, &cubic()), "shapes": [{"points": arc(8, 1)}, {"points": arc(8, 2)}]});
     let mut evaluate = Refusals::of(&server, "/v1/evaluate", body.clone());
     evaluate.invalid("/correspondence", json!("cyclic"), &["/correspondence"], "arc_length");
     evaluate.invalid("/shapes/1/closed", json!(true), &["/shapes/1/closed"], "open");
@@ -1002,7 +1001,7 @@ fn bad_open_curves_are_refused() {
 #[test]
 fn bad_fits_and_refinements_are_refused() {
     let server = shared();
-    let good = json!({"representation": {"kind": "closed_curve", "dimension": 2, "tolerance": 0.1, "generator": keys()}, "shapes": [{"points": circle(20, 1.0)}]});
+    let good = json!({"representation": {"kind": "closed_curve", "dimension": 2, "tolerance": 0.1, "generator": cubic()}, "shapes": [{"points": circle(20, 1.0)}]});
     let mut fit = Refusals::of(&server, "/v1/fit", good.clone());
     for tolerance in [json!(0), json!(-1), json!("0.1"), json!(null), json!([1])] {
         fit.invalid("/representation/tolerance", tolerance, &["/representation/tolerance"], "");
@@ -1027,17 +1026,17 @@ fn bad_fits_and_refinements_are_refused() {
         "expected no field with this name",
     );
     fit.invalid("/representation", json!(null), &["/representation"], "object");
-    fit.invalid("/representation", closed(21, &keys()), &["/shapes/0/points"], "at least 21, got 20");
-    fit.invalid("/representation", open(18, &keys()), &["/shapes/0/points"], "at least 21, got 20");
+    fit.invalid("/representation", closed(21, &cubic()), &["/shapes/0/points"], "at least 21, got 20");
+    fit.invalid("/representation", open(18, &cubic()), &["/shapes/0/points"], "at least 21, got 20");
     fit.invalid(
         "/representation",
-        without(&closed(8, &keys()), "control_points"),
+        without(&closed(8, &cubic()), "control_points"),
         &["/representation/control_points"],
         "missing",
     );
     let cluster: Vec<f64> = (0..20).map(|k| f64::from(k) * 0.001).collect();
     fit.case(
-        &[("/parameters", json!([cluster])), ("/representation", closed(8, &keys()))],
+        &[("/parameters", json!([cluster])), ("/representation", closed(8, &cubic()))],
         "invalid-input",
         &["/shapes/0/points"],
         "gaps",
@@ -1126,7 +1125,7 @@ fn bad_idealised_curves_and_morphs_are_refused() {
     ideal.invalid("/curves", json!([{}, 5, null]), &["/curves/0/curve", "/curves/1", "/curves/2"], "");
     let parabola = json!([{"curve": {"name": "parabola", "focal_length": 1e-320, "extent": 1e100}}]);
     ideal.case(
-        &[("/representation", open(5, &keys())), ("/curves", parabola)],
+        &[("/representation", open(5, &cubic())), ("/curves", parabola)],
         "invalid-input",
         &["/curves/0"],
         "1e100",
@@ -1169,7 +1168,7 @@ fn bad_idealised_curves_and_morphs_are_refused() {
     server.post("/v1/morph", &many).expect(200);
     server.post("/v1/morph?format=svg", &many).expect_problem(422, "invalid-input", &["/positions"]);
     let wide = json!({"points": circle(2048, 1.0)});
-    let body = json!({"representation": closed(2048, &keys()), "from": wide, "to": wide, "steps": 1000});
+    let body = json!({"representation": closed(2048, &cubic()), "from": wide, "to": wide, "steps": 1000});
     server.post("/v1/morph", &body).expect_problem(422, "invalid-input", &["/steps"]);
     server.assert_alive();
 }
@@ -1265,7 +1264,7 @@ fn junk(random: &mut Random) -> Value {
         json!([[9, 0], [-9, 0]]),
         json!("integer_shifts"),
         json!("half_integer_shifts"),
-        json!({"name": "keys"}),
+        json!({"name": "cubic"}),
         json!({"name": "bspline", "degree": 2}),
         json!("sphere"),
         json!("cyclic"),

@@ -897,6 +897,28 @@ fn an_exported_dictionary_is_the_same_elsewhere() {
     here.post("/v1/dictionaries", &body).expect_problem(422, "invalid-input", &["/continue_from"]);
 }
 
+/// Earlier versions named the generator `cubic` after Keys; their files keep their digests.
+#[test]
+fn a_file_with_the_former_name_of_a_generator_is_imported_and_exported_unchanged() {
+    let (here, there) = (Server::fresh(), Server::fresh());
+    let representation = json!({"kind": "closed_curve", "dimension": 2, "control_points": POINTS, "generator": {"name": "cubic"}});
+    let cohort = json!({"name": "cubic", "correspondence": "landmarks", "representation": representation});
+    here.post("/v1/cohorts", &cohort).expect(201);
+    let shapes = posted(0..9);
+    add_shapes(&here, "cubic", &shapes);
+    learn(&here, "modes", "cubic", &components(4, true));
+    let present = here.get("/v1/dictionaries/modes/export").text().to_owned();
+    let (name, former_name) = (r#"{"name":"cubic"}"#, r#"{"name":"keys"}"#);
+    assert!(present.contains(name), "{present}");
+    let former = present.replace(name, former_name);
+    let former = former.replace(&digest_of_text(&present), &digest_of_text(&former));
+    let copy = there.post_bytes("/v1/dictionaries/import", JSON, former.clone().into_bytes()).expect(201);
+    assert_eq!(copy["representation"]["generator"], json!({"name": "cubic"}));
+    assert_eq!(copy["provenance"]["digest"], digest_of_text(&former));
+    assert_eq!(there.get("/v1/dictionaries/modes/export").text(), former);
+    assert_eq!(encode(&there, "modes", &shapes), encode(&here, "modes", &shapes));
+}
+
 #[test]
 fn whatever_is_learnt_can_be_imported_and_used() {
     let (here, there) = (Server::fresh(), Server::fresh());
@@ -1116,7 +1138,9 @@ fn bad_requests() -> Vec<(Value, &'static str, Option<Value>, Vec<&'static str>)
         &["/transformation"],
     );
     // Rigid motions are no linear class.
-    add(&modes, "/transformation", &[json!("rigid")], &["/transformation"]);
+    let mut projected = modes.clone();
+    projected["alignment"] = json!("projection");
+    add(&projected, "/transformation", &[json!("rigid")], &["/transformation"]);
     add(&modes, "/alignment", &[json!("magic")], &["/alignment"]);
     add(&modes, "/frame", &[json!("magic"), json!(1)], &["/frame"]);
     add(&modes, "/mirror", &[json!("magic")], &["/mirror"]);

@@ -106,7 +106,7 @@ fn changes_arrive_in_order_and_a_stream_is_resumed_without_a_gap() {
     assert_eq!((events[0].id, events[1].id), (Some(1), Some(2)));
     assert_eq!((&events[1].data["cohort"], &events[1].data["shape_count"]), (&id, &json!(5)));
     // An event says what the feed says.
-    assert_eq!(events[1].data, server.get("/v1/changes?since=1").expect(200)["changes"][0]);
+    assert_eq!(events[1].data, server.get("/v1/changes?since=1").expect(200)["items"][0]);
     drop(stream);
 
     let learn = json!({"name": "mean-feet", "cohort": "feet", "transformation": "similarity",

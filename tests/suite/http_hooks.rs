@@ -170,7 +170,7 @@ fn changes_are_delivered_in_order_and_signed() {
     until("the deliveries", || receiver.confirmed().len() == 6);
     assert_eq!(receiver.confirmed(), [2, 3, 4, 5, 6, 7]);
     let feed = server.get("/v1/changes?since=1").expect(200);
-    for (delivery, change) in receiver.received().iter().zip(feed["changes"].as_array().unwrap()) {
+    for (delivery, change) in receiver.received().iter().zip(feed["items"].as_array().unwrap()) {
         let wanted = json!({"type": change["kind"], "timestamp": change["at"], "data": change});
         assert_eq!(delivery.body(), wanted);
         assert!(delivery.is_signed_by(secret), "{delivery:?}");
@@ -381,7 +381,7 @@ fn no_delivery_is_lost_when_the_service_is_killed() {
         server = server.kill().flags(&["--allow-private-hooks", "true"]).start();
     }
     receiver.answer(200);
-    let last = server.get("/v1/changes?since=0&limit=1000").expect(200)["last"].as_u64().unwrap();
+    let last = server.get("/v1/changes?since=0&limit=1000").expect(200)["next"].as_u64().unwrap();
     assert_eq!(last, 1 + shapes as u64);
     until("the last delivery", || receiver.confirmed().contains(&last));
     until("the position", || found(&server, &created)["position"] == last);

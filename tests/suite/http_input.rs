@@ -78,7 +78,7 @@ fn clockwise_rings_and_repeated_points_are_read_wherever_contours_are_resampled(
         ring(&[[0, 0], [0, 2], [4, 0], [0, 0]]),
     ];
     let representation =
-        json!({"kind": "closed_curve", "dimension": 2, "control_points": 12, "generator": {"name": "keys"}});
+        json!({"kind": "closed_curve", "dimension": 2, "control_points": 12, "generator": {"name": "cubic"}});
     let mean = json!({"representation": representation, "transformation": "similarity", "direction": "either",
                       "correspondence": "cyclic", "shapes": shapes});
     server.post("/v1/mean", &mean).expect(200);

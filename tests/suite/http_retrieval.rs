@@ -261,7 +261,10 @@ fn what_cannot_be_searched_is_refused() {
             Wanted::invalid(&["/shapes/1/points/1/1", "/shapes/2/points"]),
         ),
         (json!({"shapes": [triangle], "filter": {"label": "nobody has it"}}), Wanted::invalid(&["/filter"])),
-        (json!({"shapes": [triangle], "transformation": "rigid"}), Wanted::invalid(&["/transformation"])),
+        (
+            json!({"shapes": [triangle], "transformation": "rigid", "alignment": "projection"}),
+            Wanted::invalid(&["/transformation"]),
+        ),
         (
             json!({"shapes": [triangle], "transformation": "affine", "alignment": "procrustes"}),
             Wanted::invalid(&["/transformation"]),
@@ -326,7 +329,7 @@ fn what_has_no_distances_is_refused() {
             Wanted::invalid(&["/filter"]),
         ),
         (
-            json!({"cohort": "example-cells", "transformation": "rigid"}),
+            json!({"cohort": "example-cells", "transformation": "rigid", "alignment": "projection"}),
             Wanted::invalid(&["/transformation"]),
         ),
         (posted(json!([]), "affine"), Wanted::new(422, "too-few-shapes", &[])),

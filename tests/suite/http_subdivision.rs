@@ -445,7 +445,7 @@ fn meshes_and_clouds_are_fitted() {
         json!({"representation": blob(2, json!("octahedron")), "shapes": [{"points": bean}], "turns": 1000});
     server.post("/v1/fit", &body).expect_problem(422, "invalid-input", &["/turns"]);
     let curve =
-        json!({"kind": "closed_curve", "dimension": 2, "control_points": 4, "generator": {"name": "keys"}});
+        json!({"kind": "closed_curve", "dimension": 2, "control_points": 4, "generator": {"name": "cubic"}});
     let body = json!({"representation": curve, "shapes": [{"points": [[0, 0], [1, 0], [1, 1], [0, 1]]}], "turns": 3});
     server.post("/v1/fit", &body).expect_problem(422, "invalid-input", &["/turns"]);
 }

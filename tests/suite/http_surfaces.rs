@@ -576,7 +576,7 @@ fn what_is_no_surface_is_refused_with_the_place() {
         &["/shapes/0/points/1"],
     );
     let curve =
-        json!({"kind": "closed_curve", "dimension": 3, "control_points": 4, "generator": {"name": "keys"}});
+        json!({"kind": "closed_curve", "dimension": 3, "control_points": 4, "generator": {"name": "cubic"}});
     good(&curve, on_sphere([4, 3], &round)).expect_problem(422, "invalid-input", &["/shapes/0/points"]);
 
     let representation = |change: &Change| {
@@ -613,7 +613,7 @@ fn what_is_no_surface_is_refused_with_the_place() {
             )],
             &["/representation/generators/0"],
         ),
-        (&[("generators", json!([bspline(9), {"name": "cubic"}]))], &["/representation/generators/1/name"]),
+        (&[("generators", json!([bspline(9), {"name": "quintic"}]))], &["/representation/generators/1/name"]),
     ];
     for (change, pointers) in cases {
         representation(change).expect_problem(422, "invalid-input", pointers);

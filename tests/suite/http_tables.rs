@@ -20,7 +20,7 @@ fn square(index: usize) -> Value {
     let side = (1 + index) as f64;
     let points = [[1., 1.], [-1., 1.], [-1., -1.], [1., -1.]].map(|point| point.map(|c| c * side));
     let label = ["a", "b", "c"][index % 3];
-    let site = if index % 2 == 0 { "zrh" } else { "gva" };
+    let site = if index.is_multiple_of(2) { "zrh" } else { "gva" };
     let mut shape = json!({
         "external_id": format!("q{index:02}"), "points": points, "label": label,
         "labels": {"age": 30 + index, "site": site, "fresh": index < 5}

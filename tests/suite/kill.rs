@@ -59,7 +59,7 @@ fn begin(server: &Server, lines: &[Value], part: usize) -> TcpStream {
 fn what_was_acknowledged_survives_and_nothing_is_partial() {
     let mut server = Setting::fresh().start();
     let representation =
-        json!({"kind": "closed_curve", "dimension": 2, "control_points": 4, "generator": {"name": "keys"}});
+        json!({"kind": "closed_curve", "dimension": 2, "control_points": 4, "generator": {"name": "cubic"}});
     server.post("/v1/cohorts", &json!({"name": "c", "representation": representation})).expect(201);
     let mut acknowledged: BTreeMap<String, usize> = BTreeMap::new();
     for round in 0..ROUNDS {

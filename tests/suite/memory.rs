@@ -49,7 +49,7 @@ fn repeated(head: &str, entry: &str, tail: &str) -> String {
     text
 }
 
-const CURVE: &str = r#""representation":{"kind":"closed_curve","dimension":2,"control_points":4,"generator":{"name":"keys"}}"#;
+const CURVE: &str = r#""representation":{"kind":"closed_curve","dimension":2,"control_points":4,"generator":{"name":"cubic"}}"#;
 
 /// Route, beginning, entry and end of documents with one long list.
 fn lists() -> Vec<(&'static str, String, &'static str, &'static str)> {
@@ -187,7 +187,7 @@ fn a_body_of_too_many_values_or_shapes_names_the_limit() {
 fn metadata_are_bounded_and_pages_of_shapes_too() {
     let server = Setting::fresh().flags(&["--max-metadata-bytes", "100000"]).start();
     let cohort = json!({"name": "notes", "representation":
-        {"kind": "closed_curve", "dimension": 2, "control_points": 3, "generator": {"name": "keys"}}});
+        {"kind": "closed_curve", "dimension": 2, "control_points": 3, "generator": {"name": "cubic"}}});
     server.post("/v1/cohorts", &cohort).expect(201);
     let shape = |k: usize, note: usize| json!({"external_id": format!("s{k}"), "points": [[0, 0], [k + 1, 0], [0, 1]], "metadata": {"note": "n".repeat(note)}});
     let path = "/v1/cohorts/notes/shapes";
@@ -225,7 +225,7 @@ fn refusals_repeat_their_input_in_short() {
     let long = "a".repeat(1 << 20);
     let number = f64::MAX * 0.5;
     let curve =
-        json!({"kind": "closed_curve", "dimension": 2, "control_points": 4, "generator": {"name": "keys"}});
+        json!({"kind": "closed_curve", "dimension": 2, "control_points": 4, "generator": {"name": "cubic"}});
     let replies = [
         server.post("/v1/mean", &json!({ "representation": long })),
         server.post("/v1/mean", &json!({"representation": {"kind": long, "dimension": 2}})),

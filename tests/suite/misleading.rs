@@ -20,7 +20,7 @@ fn a_ring_that_closes_is_reversed_like_one_that_does_not() {
     let server = shared();
     let mean = |first: Value, second: Value| {
         let body = json!({"representation": {"kind": "closed_curve", "dimension": 2, "control_points": 12,
-            "generator": {"name": "keys"}}, "transformation": "similarity", "correspondence": "cyclic", "direction": "either",
+            "generator": {"name": "cubic"}}, "transformation": "similarity", "correspondence": "cyclic", "direction": "either",
             "shapes": [{"points": first}, {"points": second}]});
         server.post("/v1/mean", &body).expect(200)["mean"].clone()
     };
@@ -44,7 +44,7 @@ fn along(bend: f64, offset: f64) -> Value {
 fn a_line_far_away_is_a_line() {
     let server = shared();
     let body = |bend: f64, offset: f64, transformation: &str| {
-        json!({"representation": {"kind": "open_curve", "dimension": 2, "intervals": 8, "generator": {"name": "keys"}},
+        json!({"representation": {"kind": "open_curve", "dimension": 2, "intervals": 8, "generator": {"name": "cubic"}},
             "transformation": transformation, "shapes": [along(0.5, 0.0), along(bend, offset)]})
     };
     for offset in [0.0, 1e5, 5e8, 1e11] {
@@ -77,7 +77,7 @@ fn a_cylinder_is_less_round_than_a_ball() {
 #[test]
 fn refined_surfaces_say_exactly_how_far_they_are() {
     let server = shared();
-    let keys = json!([{"name": "keys"}, {"name": "keys"}]);
+    let keys = json!([{"name": "cubic"}, {"name": "cubic"}]);
     let representation = |count: usize| json!({"kind": "surface", "topology": "torus", "control_points": [count, count], "generators": keys});
     let mut rows = vec![[0.0; 3]; 9];
     rows[0] = [1.0, 0.0, 0.0];

@@ -36,19 +36,32 @@ pub enum Method {
 
 /// Alignment method: `projection` onto the subspace of the transformation class, in closed form; `procrustes` iterates
 /// rotations and scales, without reflection; `partial_procrustes` rotates shapes of unit size.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
 #[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
 pub enum Alignment {
     /// Closed-form projection onto the subspace of the transformation class.
-    #[default]
     Projection,
     /// Iterated rotations and scales, without reflection: full Procrustes fits, whose scales bring each shape nearest to the
     /// mean.
     Procrustes,
     /// Iterated rotations of shapes of unit size, without reflection: partial Procrustes fits, as in geomorph.
     PartialProcrustes,
+}
+
+impl Alignment {
+    /// The method unless another is given: projection, or Procrustes fits where the class is no linear space in dimension `d`.
+    pub fn usual(transformation: &Transformation, dimension: usize) -> Self {
+        match transformation {
+            Transformation::Named(class)
+                if class.procrustes() && !class.projection_dimensions().contains(&dimension) =>
+            {
+                Self::Procrustes
+            }
+            _ => Self::Projection,
+        }
+    }
 }
 
 impl Method {

@@ -242,7 +242,7 @@ mod tests {
     /// Spectra are other coordinates of the same search.
     #[test]
     fn spectra_are_placed_as_their_shapes() {
-        for (n, generator) in [(12, GeneratorKind::Trigonometric {}), (25, GeneratorKind::Keys {})] {
+        for (n, generator) in [(12, GeneratorKind::Trigonometric {}), (25, GeneratorKind::Cubic {})] {
             let representation = Representation::ClosedCurve { dimension: 2, control_points: n, generator };
             let space = ShapeSpace::new(&representation).unwrap();
             let metric = Metric::of(&space);

@@ -62,7 +62,7 @@ fn curves(c: &mut Criterion) {
     group.throughput(Throughput::Elements(parameters.len() as u64));
     for (name, kind) in [
         ("trigonometric", GeneratorKind::Trigonometric {}),
-        ("keys", GeneratorKind::Keys {}),
+        ("cubic", GeneratorKind::Cubic {}),
         ("cubic B-spline", GeneratorKind::Bspline { degree: 3 }),
     ] {
         let space = closed(kind);
@@ -93,7 +93,7 @@ fn curves(c: &mut Criterion) {
     let contour = Matrix::from_column_slice(1000, 2, &curve.evaluate_all(&points, 0));
     let samples = Samples::new(contour, points, true).unwrap();
     group.bench_function("fit to 1000 points", |b| b.iter(|| black_box(samples.fit(&space).unwrap())));
-    let open = Representation::OpenCurve { dimension: 2, intervals: 100, generator: GeneratorKind::Keys {} };
+    let open = Representation::OpenCurve { dimension: 2, intervals: 100, generator: GeneratorKind::Cubic {} };
     group.bench_function("prepare the space of an open curve of 100 intervals", |b| {
         b.iter(|| black_box(ShapeSpace::new(&open).unwrap()));
     });

@@ -66,7 +66,7 @@ pub enum Representation {
         /// `M_u` and `M_v`: number of control points along closed directions, number of intervals between knots along open ones.
         #[cfg_attr(feature = "schema", schema(min_items = 2, max_items = 2))]
         control_points: [usize; 2],
-        /// Generators along `u` and `v`. Default: `trigonometric` along closed directions and from pole to pole, `keys` along
+        /// Generators along `u` and `v`. Default: `trigonometric` along closed directions and from pole to pole, `cubic` along
         /// open ones.
         #[cfg_attr(feature = "schema", schema(required = false, min_items = 2, max_items = 2))]
         generators: [GeneratorKind; 2],

@@ -4,7 +4,8 @@ use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::{Deserialize, Serialize};
 
-use super::request_macros::{IfMatchHeader, MeanOutput, PageQuery, RetryHeader, known, page, tagged, time};
+use super::entity_tags::{tag_of, tagged, unless_known};
+use super::request_macros::{IfMatchHeader, MeanOutput, PageQuery, RetryHeader, page, time};
 use super::shape_query::{FilterQuery, Parameters};
 use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
@@ -30,7 +31,7 @@ document! {
     /// A cohort to create.
     #[schema(example = json!({
         "name": "nuclei-2026", "length_unit": "mm", "correspondence": "cyclic",
-        "representation": {"kind": "closed_curve", "dimension": 2, "control_points": 24, "generator": {"name": "keys"}}
+        "representation": {"kind": "closed_curve", "dimension": 2, "control_points": 24, "generator": {"name": "cubic"}}
     }))]
     pub(super) struct CohortRequest {
         /// Unique name: letters, digits, '.', '_' and '-', at most 100 characters.
@@ -192,10 +193,8 @@ pub(super) async fn find_cohort(
 ) -> Result<Response, Problem> {
     let cohort = catalogue::find(&app, &key).await?;
     let tag = revision_tag(&cohort);
-    if known(&headers, &tag) {
-        return Ok(tagged(StatusCode::NOT_MODIFIED.into_response(), &tag));
-    }
-    Ok(tagged(json(StatusCode::OK, &CohortOutput::from(cohort))?, &tag))
+    let answer = async { Ok(json(StatusCode::OK, &CohortOutput::from(cohort))?) };
+    unless_known(&headers, &tag, answer).await
 }
 
 /// Fields of a cohort to change; absent fields keep their values.
@@ -288,7 +287,8 @@ pub(super) struct CohortMeanOutput {
     params(
         ("cohort" = String, Path, description = "Id or name"),
         ("transformation" = ClassName, Query, description = "Class of transformations that is removed"),
-        ("alignment" = Option<Alignment>, Query, description = "Alignment. Default: `projection`"),
+        ("alignment" = Option<Alignment>, Query, description = "Alignment. Default: `projection`, or \
+            `procrustes` for `rigid`, and for `similarity` in three dimensions"),
         ("frame" = Option<Frame>, Query, description = "Frame. Default: `training`"),
         ("start" = inline(Option<SearchStart>), Query, description = "Start points with which the search begins: `given`, those of the shapes, or `last`, those of the last search. Default: `given`"),
         ("stale" = Option<bool>, Query, description = "Whether the last mean computed is answered at once, with its revision, while that of the current revision is computed in the background. Default: false"),
@@ -313,19 +313,16 @@ pub(super) async fn cohort_mean(
     let cohort = catalogue::find(&app, &key).await?;
     let cohort = if stale { live_mean::at_last_mean(&app, cohort, &query).await? } else { cohort };
     let tag = mean_tag(&cohort, &query, format);
-    if known(&headers, &tag) {
-        return Ok(tagged(StatusCode::NOT_MODIFIED.into_response(), &tag));
-    }
-    let live = live_mean::mean(&app, cohort, query).await?;
-    let response =
-        compute(app.weighing(Work::MOMENT + format.work()), move |_| answer_mean(&live, format)).await?;
-    Ok(tagged(response, &tag))
+    let answer = async {
+        let live = live_mean::mean(&app, cohort, query).await?;
+        compute(app.weighing(Work::MOMENT + format.work()), move |_| answer_mean(&live, format)).await
+    };
+    unless_known(&headers, &tag, answer).await
 }
 
 /// Entity tag of a mean in a format.
 fn mean_tag(cohort: &Cohort, query: &MeanQuery, format: ShapeFormat) -> String {
-    let what = blake3::hash(format!("{}{query:?}{format:?}", revision_tag(cohort)).as_bytes()).to_hex();
-    format!("\"{}\"", &what[..32])
+    tag_of(&format!("{}{query:?}{format:?}", revision_tag(cohort)))
 }
 
 /// Takes the parameters of a mean, and whether an older one may be answered.
@@ -337,7 +334,7 @@ fn take_mean_query(pairs: Vec<(String, String)>) -> Result<(MeanQuery, bool), Pr
     })?;
     let query = MeanQuery {
         transformation,
-        alignment: parameters.take_word("alignment")?.unwrap_or_default(),
+        alignment: parameters.take_word("alignment")?,
         frame: parameters.take_word("frame")?.unwrap_or_default(),
         start: parameters.take_word("start")?.unwrap_or_default(),
         filter: parameters.take_filter(),

@@ -98,7 +98,7 @@ impl StudyBody for CompareRequest {
         let filter = take_filter(self.filter.take(), "/filter", &mut errors);
         let by = take_given(self.by.take(), "/by", &mut errors)
             .zip(filter)
-            .map(|(attribute, filter)| Grouping::By { attribute, filter });
+            .map(|(attribute, filter)| Grouping::By { attribute, filter: Box::new(filter) });
         let common = self.take_common(&mut errors);
         let samples = take_given(self.samples.take(), "/samples", &mut errors);
         let options = groups.or(by).map(|grouping| Options { grouping, samples });

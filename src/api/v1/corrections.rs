@@ -7,7 +7,8 @@ use axum::response::Response;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::request_macros::{IfMatchHeader, tagged};
+use super::entity_tags::tagged;
+use super::request_macros::IfMatchHeader;
 use super::shape_query::{FilterQuery, Parameters};
 use super::shapes::StoredShape;
 use crate::api::extract::{Caller, IfMatch, JsonBody, NoQuery, Path, Query};

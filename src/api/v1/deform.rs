@@ -23,7 +23,7 @@ use crate::service::shapes::request::Posted;
 document! {
     /// A shape with moves and handles that deform it.
     #[schema(example = json!({
-        "representation": {"kind": "closed_curve", "dimension": 2, "control_points": 6, "generator": {"name": "keys"}},
+        "representation": {"kind": "closed_curve", "dimension": 2, "control_points": 6, "generator": {"name": "cubic"}},
         "shape": {"points": [[2, 0], [1, 1.7], [-1, 1.7], [-2, 0], [-1, -1.7], [1, -1.7]]},
         "handles": [{"parameters": [0.0], "position": [3, 0]}, {"parameters": [0.5], "position": [-2, 0]}]
     }))]

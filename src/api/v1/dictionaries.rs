@@ -7,8 +7,9 @@ use serde::{Deserialize, Serialize};
 
 use super::classify::ClassifierOutput;
 use super::coding::UsedDictionary;
+use super::entity_tags::{Asked, unless_known};
 use super::jobs::{JobOutput, accepted};
-use super::request_macros::{PageQuery, RetryHeader, ShapeOutput, known, page, priority_of, tagged, time};
+use super::request_macros::{PageQuery, RetryHeader, ShapeOutput, page, priority_of, time};
 use super::shape_query::take_filter;
 use crate::analysis::alignment::Alignment;
 use crate::analysis::classification::record::{ClassifierKind, ClassifierSettings};
@@ -60,7 +61,8 @@ document! {
         /// Transformation class to remove. Required unless `continue_from` is given.
         #[schema(value_type = Option<Transformation>)]
         transformation: Checked<Transformation>;
-        /// Alignment method: projection onto the class, or Procrustes. Default: `projection`.
+        /// Alignment method. Default: `projection`, or `procrustes` where the class is no linear space: `rigid`, and `similarity`
+        /// in three dimensions.
         #[schema(value_type = Option<Alignment>)]
         alignment: Checked<Alignment>;
         /// Representative of the mean space used as the mean shape. Default: `training`.
@@ -358,7 +360,7 @@ fn learn_of(request: LearnRequest) -> Result<(Learn, bool), ServiceError> {
     let cohort = take_given(request.cohort, "/cohort", &mut errors);
     let filter = take_filter(request.filter, "/filter", &mut errors);
     let transformation = take_given(request.transformation, "/transformation", &mut errors);
-    let alignment = take_or_default(request.alignment, "/alignment", &mut errors);
+    let alignment = take_given(request.alignment, "/alignment", &mut errors);
     let frame = take_or_default(request.frame, "/frame", &mut errors);
     let mirror = take_given(request.mirror, "/mirror", &mut errors);
     let method = take_given(request.method, "/method", &mut errors);
@@ -371,9 +373,9 @@ fn learn_of(request: LearnRequest) -> Result<(Learn, bool), ServiceError> {
     let from = match version {
         Some(version) => LearnFrom::Version(version),
         None => LearnFrom::Anew {
-            filter: filter.ok_or_else(incomplete)?,
+            filter: Box::new(filter.ok_or_else(incomplete)?),
             transformation: transformation.ok_or_else(incomplete)?,
-            alignment: alignment.ok_or_else(incomplete)?,
+            alignment,
             frame: frame.ok_or_else(incomplete)?,
             mirror,
             method: method.ok_or_else(incomplete)?,
@@ -439,13 +441,9 @@ pub(super) async fn find_dictionary(
 ) -> Result<Response, Problem> {
     let ready = ready::find(&app, &key).await?;
     let tag = digest_tag(&ready);
-    if known(&headers, &tag) {
-        return Ok(tagged(StatusCode::NOT_MODIFIED.into_response(), &tag));
-    }
-    let response =
-        compute(app.weighing(Work::MOMENT), move |_| json(StatusCode::OK, &DictionaryOutput::new(&ready)))
-            .await?;
-    Ok(tagged(response, &tag))
+    let answer =
+        compute(app.weighing(Work::MOMENT), move |_| json(StatusCode::OK, &DictionaryOutput::new(&ready)));
+    unless_known(&headers, &tag, answer).await
 }
 
 /// Moves a version (by id or `name@version`) or all versions of a name to the trash.
@@ -483,23 +481,26 @@ pub(super) struct AtomsAnswer<'a> {
     ),
     responses(
         (status = 200, description = "The atoms", content((AtomsAnswer = "application/json"), (String = "image/svg+xml"))),
+        (status = 304, description = "Unchanged since the version in If-None-Match"),
         (status = 404, description = "No such dictionary")
     ))]
 pub(super) async fn dictionary_atoms(
     Caller(app): Caller,
     Path(key): Path<String>,
     OnlyFormat(format): OnlyFormat,
+    asked: Asked,
 ) -> Result<Response, Problem> {
     let ready = ready::find(&app, &key).await?;
-    compute(app.weighing(Work::MOMENT + format.work()), move |_| match format {
+    let id = ready.listed.id.clone();
+    let answer = compute(app.weighing(Work::MOMENT + format.work()), move |_| match format {
         Format::Picture(file) => picture(&modes::draw_atoms(&ready), &file),
         Format::Json => {
             let (dictionary, atoms) =
                 (UsedDictionary::new(&ready), ready.dictionary.content.atoms.as_slice());
             json(StatusCode::OK, &AtomsAnswer { dictionary, atoms })
         }
-    })
-    .await
+    });
+    asked.unless_known(&id, format, answer).await
 }
 
 /// Selects a mode and its amplitude.
@@ -569,6 +570,7 @@ fn mode_work(ready: &Ready, format: ShapeFormat) -> Work {
     params(("dictionary" = String, Path, description = "Id, `name@version` or name"), ModeQuery, ShapeFormatQuery, DrawingQuery),
     responses(
         (status = 200, description = "The mode", content((ModeAnswer = "application/json"), (String = "image/svg+xml"), (Binary = "model/obj"), (Binary = "application/ply"), (Binary = "model/stl"), (Binary = "model/gltf-binary"))),
+        (status = 304, description = "Unchanged since the version in If-None-Match"),
         (status = 404, description = "No such dictionary"),
         (status = "4XX", description = "The query was refused, or the dictionary has no modes")
     ))]
@@ -577,9 +579,12 @@ pub(super) async fn dictionary_mode(
     Path(key): Path<String>,
     format: ShapeFormat,
     BesideFormat(query): BesideFormat<ModeQuery>,
+    asked: Asked,
 ) -> Result<Response, Problem> {
     let ready = ready::find(&app, &key).await?;
-    compute(app.weighing(mode_work(&ready, format)), move |_| answer_mode(&ready, &query, format)).await
+    let (id, work) = (ready.listed.id.clone(), mode_work(&ready, format));
+    let answer = compute(app.weighing(work), move |_| answer_mode(&ready, &query, format));
+    asked.unless_known(&id, format, answer).await
 }
 
 fn answer_mode(ready: &Ready, query: &ModeQuery, format: ShapeFormat) -> Result<Response, ServiceError> {
@@ -607,18 +612,22 @@ fn answer_mode(ready: &Ready, query: &ModeQuery, format: ShapeFormat) -> Result<
     params(("dictionary" = String, Path, description = "Id, `name@version` or name")),
     responses(
         (status = 200, description = "The file", body = DictionaryFile),
+        (status = 304, description = "Unchanged since the version in If-None-Match"),
         (status = 404, description = "No such dictionary")
     ))]
 pub(super) async fn export_dictionary(
     Caller(app): Caller,
     _: NoQuery,
     Path(key): Path<String>,
+    asked: Asked,
 ) -> Result<Response, Problem> {
     let ready = ready::find(&app, &key).await?;
-    let name = format!("{}-{}.json", ready.listed.name, ready.listed.version);
+    let (id, name) =
+        (ready.listed.id.clone(), format!("{}-{}.json", ready.listed.name, ready.listed.version));
     let work = Work::numbers((ready.dictionary.model.len() * ready.setup.metric.len()) as f64);
-    let response =
-        compute(app.weighing(work), move |_| json(StatusCode::OK, &DictionaryFile::new(&ready))).await?;
+    let answer =
+        compute(app.weighing(work), move |_| json(StatusCode::OK, &DictionaryFile::new(&ready).text()?));
+    let response = asked.unless_known(&id, "file", answer).await?;
     let disposition = format!("attachment; filename=\"{name}\"");
     Ok(([(header::CONTENT_DISPOSITION, disposition)], response).into_response())
 }

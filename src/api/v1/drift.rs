@@ -5,6 +5,7 @@ use axum::response::Response;
 use serde::{Deserialize, Serialize};
 
 use super::coding::UsedDictionary;
+use super::entity_tags::Asked;
 use crate::analysis::dictionary::drift::{ClassDrift, Drift, MeanDrift, MeasureDrift, ScoreDrift};
 use crate::api::extract::{BesideFormat, Caller, DrawingQuery, Format, Path};
 use crate::api::problem::Problem;
@@ -80,6 +81,7 @@ pub(super) struct DriftAnswer {
         ("format" = Option<String>, Query, description = "`json`, `svg` or `png`"), DrawingQuery),
     responses(
         (status = 200, description = "Changes of the cohort since training", content((DriftAnswer = "application/json"), (String = "image/svg+xml"))),
+        (status = 304, description = "Unchanged since the version in If-None-Match"),
         (status = 404, description = "No such dictionary, or its cohort was deleted"),
         (status = "4XX", description = "The query was refused")
     ))]
@@ -88,6 +90,7 @@ pub(super) async fn dictionary_drift(
     Path(key): Path<String>,
     format: Format,
     BesideFormat(query): BesideFormat<DriftQuery>,
+    asked: Asked,
 ) -> Result<Response, Problem> {
     let since = match &query.since {
         None => Since::Training,
@@ -96,14 +99,15 @@ pub(super) async fn dictionary_drift(
     let ready = ready::find(&app, &key).await?;
     let quantile = query.quantile.unwrap_or(0.99);
     let found = drift::drift(&app, ready.clone(), since, quantile).await?;
-    compute(app.weighing(Work::MOMENT + format.work()), move |_| match format {
+    let state = format!("{} {} {}", ready.listed.id, found.cohort, found.until);
+    let answer = compute(app.weighing(Work::MOMENT + format.work()), move |_| match format {
         Format::Picture(file) => picture(&drifted(&ready, &found, quantile), &file),
         Format::Json => {
             let (dictionary, warnings) = (UsedDictionary::new(&ready), outlier_warnings(&ready));
             json(StatusCode::OK, &DriftAnswer::new(dictionary, found, quantile, warnings))
         }
-    })
-    .await
+    });
+    asked.unless_known(&state, format, answer).await
 }
 
 impl DriftAnswer {

@@ -43,7 +43,7 @@ fn output(control_points: &Matrix) -> ShapeOutput {
 document! {
     /// Contours, points of surfaces or meshes to fit.
     #[schema(example = json!({
-        "representation": {"kind": "closed_curve", "dimension": 2, "tolerance": 0.1, "generator": {"name": "keys"}},
+        "representation": {"kind": "closed_curve", "dimension": 2, "tolerance": 0.1, "generator": {"name": "cubic"}},
         "shapes": [{"points": [[2, 0], [1.7, 0.5], [1, 0.87], [0, 1], [-1, 0.87], [-1.7, 0.5], [-2, 0], [-1.7, -0.5], [-1, -0.87], [0, -1], [1, -0.87], [1.7, -0.5]]}]
     }))]
     pub(super) struct FitRequest {

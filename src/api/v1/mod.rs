@@ -13,6 +13,7 @@ mod curves;
 mod deform;
 mod dictionaries;
 mod drift;
+mod entity_tags;
 mod events;
 mod fitting;
 mod hooks;

@@ -123,7 +123,8 @@ macro_rules! study_request {
                 /// Transformation class to remove. Default: `similarity`.
                 #[schema(value_type = Option<crate::analysis::transformation::Transformation>)]
                 transformation: crate::formats::checked::Checked<crate::analysis::transformation::Transformation>;
-                /// Alignment method: projection onto the class, or Procrustes. Default: `projection`.
+                /// Alignment method. Default: `projection`, or `procrustes` where the class is no linear space: `rigid`, and `similarity`
+                /// in three dimensions.
                 #[schema(value_type = Option<crate::analysis::alignment::Alignment>)]
                 alignment: crate::formats::checked::Checked<crate::analysis::alignment::Alignment>;
                 /// Whether shapes may be matched to mirror images. Default: the cohort's setting.
@@ -154,7 +155,7 @@ macro_rules! study_request {
                 use crate::formats::checked::{take_given, take_or_default};
                 crate::api::v1::planned::Common {
                     transformation: take_given(self.transformation.take(), "/transformation", errors),
-                    alignment: take_or_default(self.alignment.take(), "/alignment", errors),
+                    alignment: take_given(self.alignment.take(), "/alignment", errors),
                     mirror: take_given(self.mirror.take(), "/mirror", errors),
                     permutations: take_given(self.permutations.take(), "/permutations", errors),
                     seed: take_or_default(self.seed.take(), "/seed", errors),
@@ -192,7 +193,7 @@ impl Common {
         Ok(StudyRequest {
             cohort: cohort.ok_or_else(incomplete)?,
             transformation: self.transformation.unwrap_or(Transformation::Named(ClassName::Similarity)),
-            alignment: self.alignment.ok_or_else(incomplete)?,
+            alignment: self.alignment,
             mirror: self.mirror,
             permutations: self.permutations.unwrap_or(DEFAULT_PERMUTATIONS),
             seed: self.seed.ok_or_else(incomplete)?,

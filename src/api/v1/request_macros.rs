@@ -1,8 +1,6 @@
 //! Request fields shared by the statistics endpoints, and small response types used by several resources.
 
 use crate::formats::fault::Fault;
-use axum::http::{HeaderMap, HeaderValue, header};
-use axum::response::Response;
 use serde::{Deserialize, Serialize};
 
 use crate::analysis::alignment::MeanShape;
@@ -83,7 +81,8 @@ macro_rules! settings_request {
                 /// Transformation class removed before shapes are compared.
                 #[schema(value_type = crate::analysis::transformation::Transformation, required = true)]
                 transformation: crate::formats::checked::Checked<crate::analysis::transformation::Transformation>, required;
-                /// Alignment method: projection onto the class, or Procrustes. Default: `projection`.
+                /// Alignment method. Default: `projection`, or `procrustes` where the class is no linear space: `rigid`, and `similarity`
+                /// in three dimensions.
                 #[schema(value_type = Option<crate::analysis::alignment::Alignment>)]
                 alignment: crate::formats::checked::Checked<crate::analysis::alignment::Alignment>;
                 /// Representative of the mean space to return. Default: `training`.
@@ -99,23 +98,26 @@ macro_rules! settings_request {
                 &mut self,
                 errors: &mut Vec<crate::formats::fault::Fault>,
             ) -> (Option<crate::service::statistics::Settings>, Vec<crate::formats::shape::ShapeInput>) {
-                use crate::formats::checked::take_or_default;
+                use crate::analysis::alignment::Alignment;
+                use crate::formats::checked::{take_given, take_or_default};
                 let (common, shapes) = self.take_shapes(errors);
                 let direction = take_or_default(self.direction.take(), "/direction", errors);
                 let mirror = take_or_default(self.mirror.take(), "/mirror", errors);
                 let transformation =
                     self.transformation.take().and_then(|field| field.take("/transformation", errors));
-                let alignment = take_or_default(self.alignment.take(), "/alignment", errors);
+                let alignment = take_given(self.alignment.take(), "/alignment", errors);
                 let frame = take_or_default(self.frame.take(), "/frame", errors);
                 let settings = (|| {
                     let (representation, correspondence) = common?;
+                    let transformation = transformation?;
+                    let usual = Alignment::usual(&transformation, representation.dimension());
                     Some(crate::service::statistics::Settings {
                         representation,
                         correspondence,
                         direction: direction?,
                         mirror: mirror?,
-                        transformation: transformation?,
-                        alignment: alignment?,
+                        transformation,
+                        alignment: alignment.unwrap_or(usual),
                         frame: frame?,
                     })
                 })();
@@ -265,22 +267,6 @@ impl PageQuery {
         let detail = format!("expected a number between 1 and {MAX_PAGE}, got {limit}");
         Err(Problem::of_parameter("limit", detail))
     }
-}
-
-/// Adds the entity tag to a response.
-pub(super) fn tagged(mut response: Response, tag: &str) -> Response {
-    if let Ok(value) = HeaderValue::from_str(tag) {
-        response.headers_mut().insert(header::ETAG, value);
-    }
-    response
-}
-
-/// Whether the client already has this version (`If-None-Match`).
-pub(super) fn known(headers: &HeaderMap, tag: &str) -> bool {
-    let values = headers.get_all(header::IF_NONE_MATCH).iter().filter_map(|value| value.to_str().ok());
-    values
-        .flat_map(|value| value.split(','))
-        .any(|value| matches!(value.trim(), "*") || value.trim().trim_start_matches("W/") == tag)
 }
 
 /// Milliseconds since 1970 of a time in RFC 3339, the value of the query parameter `name`.

@@ -53,7 +53,8 @@ document! {
         /// Transformation class to remove. Default: `similarity`.
         #[schema(value_type = Option<Transformation>)]
         transformation: Checked<Transformation>;
-        /// Alignment method: projection onto the class, or Procrustes. Default: `projection`.
+        /// Alignment method. Default: `projection`, or `procrustes` where the class is no linear space: `rigid`, and `similarity`
+        /// in three dimensions.
         #[schema(value_type = Option<Alignment>)]
         alignment: Checked<Alignment>;
         /// Whether shapes may be matched to mirror images. Default: the cohort's setting.
@@ -164,7 +165,7 @@ fn search_of(request: SearchRequest) -> Result<Search, ServiceError> {
     let similarity = Transformation::Named(ClassName::Similarity);
     let transformation =
         take_given(request.transformation, "/transformation", &mut errors).unwrap_or(similarity);
-    let alignment = take_or_default(request.alignment, "/alignment", &mut errors).unwrap_or_default();
+    let alignment = take_given(request.alignment, "/alignment", &mut errors);
     let mirror = take_given(request.mirror, "/mirror", &mut errors);
     let filter = take_filter(request.filter, "/filter", &mut errors).unwrap_or_default();
     let is_posted = posted.is_some();
@@ -208,7 +209,8 @@ document! {
         /// Transformation class removed before shapes are compared.
         #[schema(value_type = Transformation, required = true)]
         transformation: Checked<Transformation>, required;
-        /// Alignment method: projection onto the class, or Procrustes. Default: `projection`.
+        /// Alignment method. Default: `projection`, or `procrustes` where the class is no linear space: `rigid`, and `similarity`
+        /// in three dimensions.
         #[schema(value_type = Option<Alignment>)]
         alignment: Checked<Alignment>;
         /// Priority among the tenant's queued jobs if the request becomes a job. Default: `normal`.
@@ -310,16 +312,18 @@ fn matrix_request(mut request: DistancesRequest) -> Result<MatrixRequest, Servic
     let ids = take_many(request.ids, "/ids", &mut errors);
     let mirror = take_given(request.mirror, "/mirror", &mut errors);
     let transformation = take_given(request.transformation, "/transformation", &mut errors);
-    let alignment = take_or_default(request.alignment, "/alignment", &mut errors).unwrap_or_default();
+    let alignment = take_given(request.alignment, "/alignment", &mut errors);
     let (transformation, shapes) = checked(transformation, errors, posted.unwrap_or_default())?;
     match (cohort, representation) {
         (Some(cohort), _) if of_cohort => {
-            let chosen = ids.map_or(Chosen::Filter(filter), Chosen::Ids);
+            let chosen = ids.map_or(Chosen::Filter(Box::new(filter)), Chosen::Ids);
             Ok(MatrixRequest::Cohort(cohort, chosen, Comparison { transformation, alignment, mirror }))
         }
         (_, Some(representation)) => {
             let mirror = mirror.unwrap_or_default();
             let frame = Frame::default();
+            let usual = Alignment::usual(&transformation, representation.dimension());
+            let alignment = alignment.unwrap_or(usual);
             let settings = Settings {
                 representation,
                 correspondence,

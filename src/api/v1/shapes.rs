@@ -13,6 +13,7 @@ use utoipa::openapi::{RefOr, Schema};
 use utoipa::{PartialSchema, ToSchema};
 
 use super::batches::{FailedShape, InputShape, unsupported};
+use super::entity_tags::Asked;
 use super::request_macros::{IfMatchHeader, PageQuery, RetryHeader, checked, time};
 use super::shape_query::{FilterQuery, Parameters};
 use crate::api::body::{self, is_stream};
@@ -28,7 +29,7 @@ use crate::formats::checked::{List, document};
 use crate::formats::shape::{Attributes, Points, ShapeInput};
 use crate::geometry::resample::RepeatedPoints;
 use crate::service::app::{App, ServiceError, Work};
-use crate::service::cohorts::catalogue::ShapeListing;
+use crate::service::cohorts::catalogue::{ShapeListing, revision_tag};
 use crate::service::cohorts::upload::{Returned, Stored, Treatment, UploadResult};
 use crate::service::cohorts::{catalogue, upload};
 use crate::service::shapes::draw::draw_shapes;
@@ -250,11 +251,14 @@ pub(super) struct PageOfShapes {
     total: Option<u64>,
 }
 
+/// Names of fields of the entries of a list.
+type FieldNames = Arc<Vec<String>>;
+
 /// A shape of a list, with the fields that were asked for.
 #[derive(Debug)]
 pub(super) struct ListedShape {
     shape: StoredShape,
-    fields: Option<Arc<Vec<String>>>,
+    fields: Option<FieldNames>,
 }
 
 impl Serialize for ListedShape {
@@ -304,7 +308,7 @@ const FIELDS: [&str; 10] = [
 ];
 
 /// Takes the names of the fields of a list.
-fn take_fields(parameters: &mut Parameters) -> Result<Option<Arc<Vec<String>>>, Problem> {
+fn take_fields(parameters: &mut Parameters) -> Result<Option<FieldNames>, Problem> {
     let Some(text) = parameters.take("fields") else { return Ok(None) };
     let fields: Vec<String> = text.split(',').map(|field| field.trim().to_owned()).collect();
     match fields.iter().find(|field| !FIELDS.contains(&field.as_str())) {
@@ -359,6 +363,7 @@ pub(super) struct ListQuery {
     ),
     responses(
         (status = 200, description = "A page of shapes", body = PageOfShapes),
+        (status = 304, description = "Unchanged since the version in If-None-Match"),
         (status = 404, description = "No such cohort"),
         (status = "4XX", description = "The query was refused")
     ))]
@@ -366,25 +371,26 @@ pub(super) async fn list_shapes(
     Caller(app): Caller,
     Path(key): Path<String>,
     Query(pairs): Query<Vec<(String, String)>>,
+    asked: Asked,
 ) -> Result<Response, Problem> {
     let (listing, fields) = take_listing(pairs)?;
     let (cohort, found) = catalogue::list_shapes(&app, &key, &listing).await?;
-    compute(app.weighing(Work::MOMENT), move |_| {
+    let revision = revision_tag(&cohort);
+    let answer = compute(app.weighing(Work::MOMENT), move |_| {
         let (shapes, next) = found.page;
         let listed = |shape| ListedShape { shape: StoredShape::new(&cohort, shape), fields: fields.clone() };
         let items = shapes.into_iter().map(listed).collect();
         json(StatusCode::OK, &PageOfShapes { items, next, total: found.total })
-    })
-    .await
+    });
+    asked.unless_known(&revision, "page", answer).await
 }
 
 /// Takes the parameters of a list of shapes, and the fields of its entries.
-fn take_listing(pairs: Vec<(String, String)>) -> Result<(ShapeListing, Option<Arc<Vec<String>>>), Problem> {
+fn take_listing(pairs: Vec<(String, String)>) -> Result<(ShapeListing, Option<FieldNames>), Problem> {
     let mut parameters = Parameters::read(pairs)?;
     let page = PageQuery { cursor: parameters.take("cursor"), limit: parameters.take_count("limit")? };
     let fields = take_fields(&mut parameters)?;
-    let needs_geometry =
-        |fields: &Arc<Vec<String>>| fields.iter().any(|field| GEOMETRY.contains(&field.as_str()));
+    let needs_geometry = |fields: &FieldNames| fields.iter().any(|field| GEOMETRY.contains(&field.as_str()));
     let listing = ShapeListing {
         filter: parameters.take_filter(),
         order: parameters.take_order()?,
@@ -408,15 +414,18 @@ fn take_listing(pairs: Vec<(String, String)>) -> Result<(ShapeListing, Option<Ar
     ),
     responses(
         (status = 200, description = "The shape", content((StoredShape = "application/json"), (String = "image/svg+xml"), (Binary = "model/obj"), (Binary = "application/ply"), (Binary = "model/stl"), (Binary = "model/gltf-binary"))),
+        (status = 304, description = "Unchanged since the version in If-None-Match"),
         (status = 404, description = "No such cohort or shape")
     ))]
 pub(super) async fn find_shape(
     Caller(app): Caller,
     Path((key, shape)): Path<(String, String)>,
     OnlyShapeFormat(format): OnlyShapeFormat,
+    asked: Asked,
 ) -> Result<Response, Problem> {
     let (cohort, shape) = catalogue::find_shape(&app, &key, &shape).await?;
-    compute(app.weighing(Work::MOMENT + format.work()), move |app| {
+    let revision = revision_tag(&cohort);
+    let answer = compute(app.weighing(Work::MOMENT + format.work()), move |app| {
         let space = app.space_of(&cohort.spec.representation)?;
         let file = match format {
             ShapeFormat::Mesh(format, grid) => return mesh(&space, &shape.control_points, format, grid),
@@ -428,8 +437,8 @@ pub(super) async fn find_shape(
         let title = shape.attributes.external_id.as_deref().unwrap_or(&shape.id);
         let unit = cohort.spec.length_unit.as_deref();
         picture(&draw_shapes(&space, title, &[&shape.control_points], unit), &file)
-    })
-    .await
+    });
+    asked.unless_known(&revision, format, answer).await
 }
 
 /// Deletes a shape; the revision of the cohort grows.

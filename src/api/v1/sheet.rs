@@ -1,10 +1,11 @@
 //! Contact sheets: many shapes of a cohort in one picture.
 
 use axum::extract::OriginalUri;
-use axum::http::{HeaderMap, HeaderValue, StatusCode, Uri, header};
-use axum::response::{IntoResponse, Response};
+use axum::http::{HeaderValue, Uri, header};
+use axum::response::Response;
 
-use super::request_macros::{PageQuery, known, tagged};
+use super::entity_tags::Asked;
+use super::request_macros::PageQuery;
 use super::shape_query::{FilterQuery, Parameters};
 use crate::api::extract::{BesideFormat, Caller, Path, PictureRequest};
 use crate::api::problem::Problem;
@@ -149,30 +150,24 @@ pub(super) async fn cohort_sheet(
     request: PictureRequest,
     BesideFormat(pairs): BesideFormat<Vec<(String, String)>>,
     OriginalUri(uri): OriginalUri,
-    headers: HeaderMap,
+    asked: Asked,
 ) -> Result<Response, Problem> {
     let sheet = Sheet::take(pairs)?;
     sheet.check_pixels(request.format)?;
+    let format = request.format;
     let file = request.of_width(sheet.cells.width())?;
     let cohort = catalogue::find(&app, &key).await?;
-    let tag = sheet_tag(&cohort, &uri, file.format);
-    if known(&headers, &tag) {
-        return Ok(tagged(StatusCode::NOT_MODIFIED.into_response(), &tag));
-    }
-    let Sheet { cells, mut listing } = sheet;
-    listing.limit = listing.limit.min(most_of_a_sheet(cohort.spec.representation.domain()));
-    let (_, ShapesFound { page: (shapes, next), .. }) =
-        catalogue::list_shapes(&app, &cohort.id, &listing).await?;
-    let work = work(&app, &cohort, cells, shapes.len(), &file);
-    let draw = move |app: &App| picture(&drawn(app, &cohort, cells, shapes)?, &file);
-    let response = compute(app.weighing(work), draw);
-    Ok(linked(tagged(response.await?, &tag), &uri, next))
-}
-
-/// Entity tag of a page in a format.
-fn sheet_tag(cohort: &Cohort, uri: &Uri, format: PictureFormat) -> String {
-    let what = blake3::hash(format!("{}{uri}{}", revision_tag(cohort), format.name()).as_bytes()).to_hex();
-    format!("\"{}\"", &what[..32])
+    let revision = revision_tag(&cohort);
+    let answer = async {
+        let Sheet { cells, mut listing } = sheet;
+        listing.limit = listing.limit.min(most_of_a_sheet(cohort.spec.representation.domain()));
+        let (_, ShapesFound { page: (shapes, next), .. }) =
+            catalogue::list_shapes(&app, &cohort.id, &listing).await?;
+        let work = work(&app, &cohort, cells, shapes.len(), &file);
+        let draw = move |app: &App| picture(&drawn(app, &cohort, cells, shapes)?, &file);
+        Ok(linked(compute(app.weighing(work), draw).await?, &uri, next))
+    };
+    asked.unless_known(&revision, format, answer).await
 }
 
 /// Predicted work of drawing the shapes.

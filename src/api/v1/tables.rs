@@ -11,7 +11,8 @@ use utoipa::openapi::schema::{ObjectBuilder, Schema, SchemaType, Type};
 use utoipa::{PartialSchema, ToSchema};
 
 use super::coding::UsedDictionary;
-use super::request_macros::{known, tagged, time};
+use super::entity_tags::{tag_of, unless_known};
+use super::request_macros::time;
 use super::shape_query::{FilterQuery, Parameters, take_filter};
 use crate::api::extract::{Caller, JsonBody, Path, Query, accepted, preferred};
 use crate::api::negotiation::covers;
@@ -178,12 +179,12 @@ pub(super) async fn list_attributes(
     let what = format!("{query:?}");
     let found = summary::summarise(&app, &key, query).await?;
     let tag = tag_of(&format!("{}{what}", revision_tag(&found.cohort)));
-    if known(&headers, &tag) {
-        return Ok(tagged(StatusCode::NOT_MODIFIED.into_response(), &tag));
-    }
-    let items = found.attributes.into_iter().map(AttributeOutput::new).collect();
-    let answer = AttributesAnswer { revision: found.cohort.revision, shape_count: found.shapes, items };
-    Ok(tagged(json(StatusCode::OK, &answer)?, &tag))
+    let answer = async {
+        let items = found.attributes.into_iter().map(AttributeOutput::new).collect();
+        let answer = AttributesAnswer { revision: found.cohort.revision, shape_count: found.shapes, items };
+        Ok(json(StatusCode::OK, &answer)?)
+    };
+    unless_known(&headers, &tag, answer).await
 }
 
 fn take_summary(pairs: Vec<(String, String)>) -> Result<SummaryQuery, Problem> {
@@ -197,11 +198,6 @@ fn take_summary(pairs: Vec<(String, String)>) -> Result<SummaryQuery, Problem> {
     let filter = parameters.take_filter();
     parameters.refuse_rest()?;
     Ok(SummaryQuery { filter, values, bins })
-}
-
-/// Entity tag of what a text describes.
-fn tag_of(what: &str) -> String {
-    format!("\"{}\"", &blake3::hash(what.as_bytes()).to_hex()[..32])
 }
 
 document! {
@@ -372,16 +368,16 @@ async fn answer_table(
         made.dictionaries.iter().map(|ready| UsedDictionary::new(ready)).collect();
     let named: Vec<String> = used.iter().map(UsedDictionary::reference).collect();
     let tag = tag_of(&format!("{}{named:?}{what}", revision_tag(&made.cohort)));
-    if known(headers, &tag) {
-        return Ok(tagged(StatusCode::NOT_MODIFIED.into_response(), &tag));
-    }
-    let revision = made.cohort.revision;
-    let mut response = tagged(table_file(app, made, &used, format)?, &tag);
-    response.headers_mut().insert(REVISION, revision.into());
-    if let Ok(value) = HeaderValue::from_str(&named.join(", ")) {
-        response.headers_mut().insert(DICTIONARIES, value);
-    }
-    Ok(response)
+    let answer = async {
+        let revision = made.cohort.revision;
+        let mut response = table_file(app, made, &used, format)?;
+        response.headers_mut().insert(REVISION, revision.into());
+        if let Ok(value) = HeaderValue::from_str(&named.join(", ")) {
+            response.headers_mut().insert(DICTIONARIES, value);
+        }
+        Ok(response)
+    };
+    unless_known(headers, &tag, answer).await
 }
 
 /// The file of a table, written while it is sent, which holds its memory until then.

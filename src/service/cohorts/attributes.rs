@@ -54,7 +54,7 @@ impl FilterPlace<'_> {
         let below =
             |pointer: &str, name: &str| format!("{pointer}/{}", name.replace('~', "~0").replace('/', "~1"));
         match (self, attribute) {
-            (Self::Query, attribute) => Fault::of_parameter(&attribute.to_string(), detail),
+            (Self::Query, attribute) => Fault::of_parameter(attribute.to_string(), detail),
             (Self::Body(pointer), Attribute::Labels(name)) => {
                 Fault::new(below(&format!("{pointer}/labels"), name), detail)
             }

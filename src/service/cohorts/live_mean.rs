@@ -33,8 +33,8 @@ use crate::store::Revisions;
 pub struct MeanQuery {
     /// Transformation class.
     pub transformation: ClassName,
-    /// Projection or Procrustes alignment.
-    pub alignment: Alignment,
+    /// Projection or Procrustes alignment. Default: [`Alignment::usual`].
+    pub alignment: Option<Alignment>,
     /// Frame: selects the representative of the mean space.
     pub frame: Frame,
     /// Filter that selects the shapes.
@@ -59,11 +59,18 @@ pub enum SearchStart {
 }
 
 impl MeanQuery {
+    /// Alignment of the shapes of `cohort`.
+    fn alignment_in(&self, cohort: &Cohort) -> Alignment {
+        let dimension = cohort.spec.representation.dimension();
+        let usual = Alignment::usual(&Transformation::Named(self.transformation), dimension);
+        self.alignment.unwrap_or(usual)
+    }
+
     /// What the placements of the shapes depend on.
     fn search(&self, cohort: &Cohort) -> SearchSettings {
         SearchSettings {
             transformation: Transformation::Named(self.transformation),
-            alignment: self.alignment,
+            alignment: self.alignment_in(cohort),
             mirror: cohort.spec.mirror,
             filter: self.filter.clone(),
         }
@@ -111,7 +118,7 @@ pub async fn mean(app: &App, cohort: Cohort, query: MeanQuery) -> Result<Arc<Liv
         direction: cohort.spec.direction,
         mirror: cohort.spec.mirror,
         transformation: Transformation::Named(query.transformation),
-        alignment: query.alignment,
+        alignment: query.alignment_in(&cohort),
         frame: query.frame,
     };
     let settings = settings.checked(&app.limits)?;

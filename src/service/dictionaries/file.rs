@@ -7,6 +7,7 @@ use crate::formats::fault::Fault;
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
+use serde_json::value::RawValue;
 
 use super::planning::method_faults;
 use super::ready::{self, Ready};
@@ -131,6 +132,17 @@ impl DictionaryFile {
             content: content.clone(),
         }
     }
+
+    /// The file as text, whose content has the digest.
+    ///
+    /// # Errors
+    /// [`ServiceError::Invalid`] if the content does not have the digest.
+    pub fn text(&self) -> Result<Box<RawValue>, ServiceError> {
+        let content = text_of(&self.content, &self.digest)?;
+        let is_former = content != json_text(&self.content)?;
+        let text = json_text(self)?;
+        RawValue::from_string(if is_former { former(&text) } else { text }).map_err(internal)
+    }
 }
 
 /// Stores a file as the next version of its name, or of another name.
@@ -170,16 +182,7 @@ fn checked_file(
     if let Some(problem) = name_problem(&name, id::DICTIONARY) {
         return Err(ServiceError::invalid("/name", problem));
     }
-    let text = serde_json::to_vec(&file.content)
-        .map_err(|error| ServiceError::Internal(format!("a dictionary is not JSON: {error}")))?;
-    let digest = blake3::hash(&text).to_hex().to_string();
-    if digest != file.digest {
-        let detail = format!(
-            "expected {digest}, the digest of the content, got {}: the file was changed",
-            file.digest
-        );
-        return Err(ServiceError::invalid("/digest", detail));
-    }
+    let text = text_of(&file.content, &file.digest)?;
     let admitted = check_content(&file.content, &app.limits);
     let admitted = admitted.map_err(|faults| ServiceError::Invalid(faults.into()))?;
     ServiceError::unless_empty(in_file(classifier_faults(&file.content)).collect())?;
@@ -194,12 +197,45 @@ fn checked_file(
         id: id::new_id(id::DICTIONARY),
         name,
         summary: Summary::of(&dictionary.content),
-        content: text,
+        content: text.into_bytes(),
         state: None,
         provenance: file.provenance,
-        digest,
+        digest: file.digest,
         created_at_ms: now_ms(),
     })
+}
+
+/// The content as text with this digest: as it is written now, or as earlier versions wrote it, which named the generator
+/// `cubic` after Keys.
+///
+/// # Errors
+/// [`ServiceError::Invalid`] if neither has the digest.
+fn text_of(content: &Content, digest: &str) -> Result<String, ServiceError> {
+    let text = json_text(content)?;
+    let has_digest = |text: &str| blake3::hash(text.as_bytes()).to_hex().as_str() == digest;
+    if has_digest(&text) {
+        return Ok(text);
+    }
+    let former = former(&text);
+    if has_digest(&former) {
+        return Ok(former);
+    }
+    let present = blake3::hash(text.as_bytes()).to_hex();
+    let detail = format!("expected {present}, the digest of the content, got {digest}: the file was changed");
+    Err(ServiceError::invalid("/digest", detail))
+}
+
+/// `text` as earlier versions wrote it.
+fn former(text: &str) -> String {
+    text.replace(r#"{"name":"cubic"}"#, r#"{"name":"keys"}"#)
+}
+
+fn json_text(value: &impl Serialize) -> Result<String, ServiceError> {
+    serde_json::to_string(value).map_err(internal)
+}
+
+fn internal(error: serde_json::Error) -> ServiceError {
+    ServiceError::Internal(format!("a dictionary is not JSON: {error}"))
 }
 
 /// Checks the content of a file; the representation is then within the limits.

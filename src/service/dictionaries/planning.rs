@@ -52,11 +52,11 @@ pub enum From {
     /// From scratch, with all parameters.
     Anew {
         /// Filter that selects the shapes.
-        filter: ShapeFilter,
+        filter: Box<ShapeFilter>,
         /// Transformations removed before comparison.
         transformation: Transformation,
-        /// Projection on the class, or Procrustes fits.
-        alignment: Alignment,
+        /// Projection on the class, or Procrustes fits. Default: [`Alignment::usual`].
+        alignment: Option<Alignment>,
         /// Frame: selects the representative of the mean space that is the mean shape.
         frame: Frame,
         /// Whether mirror images may be matched. Default: the rule of the cohort.
@@ -120,13 +120,14 @@ pub async fn plan(app: &App, learn: Learn) -> Result<Planned, ServiceError> {
 async fn started(app: &App, learn: Learn, cohort: &Cohort) -> Result<(Plan, u64), ServiceError> {
     match learn.from {
         From::Anew { filter, transformation, alignment, frame, mirror, method, classifier } => {
+            let usual = Alignment::usual(&transformation, cohort.spec.representation.dimension());
             let plan = Plan {
                 name: learn.name,
                 cohort: cohort.id.clone(),
                 revision: cohort.revision,
-                filter,
+                filter: *filter,
                 transformation,
-                alignment,
+                alignment: alignment.unwrap_or(usual),
                 frame,
                 mirror: mirror.unwrap_or(cohort.spec.mirror),
                 method,

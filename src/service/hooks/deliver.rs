@@ -265,7 +265,7 @@ fn body(change: &Change) -> String {
     let Change { sequence, at_ms, kind, object, cohort, revision, shapes } = change;
     let at = jiff::Timestamp::from_millisecond(*at_ms).map_or_else(|_| String::new(), |at| at.to_string());
     let data = json!({"sequence": sequence, "at": at, "kind": kind, "object": object, "cohort": cohort,
-        "revision": revision, "shapes": shapes});
+        "revision": revision, "shape_count": shapes});
     json!({"type": kind, "timestamp": at, "data": data}).to_string()
 }
 
@@ -323,7 +323,7 @@ mod tests {
         let found: serde_json::Value = serde_json::from_str(&body(&change)).unwrap();
         let at = "1970-01-01T00:00:00Z";
         let data = json!({"sequence": 7, "at": at, "kind": "shapes_added", "object": "coh_1", "cohort": "coh_1",
-            "revision": 2, "shapes": 3});
+            "revision": 2, "shape_count": 3});
         assert_eq!(found, json!({"type": "shapes_added", "timestamp": at, "data": data}));
     }
 }

@@ -42,8 +42,8 @@ pub struct StudyRequest<O> {
     pub cohort: String,
     /// Transformations removed before comparison.
     pub transformation: Transformation,
-    /// Projection on the class, or Procrustes fits.
-    pub alignment: Alignment,
+    /// Projection on the class, or Procrustes fits. Default: [`Alignment::usual`].
+    pub alignment: Option<Alignment>,
     /// Whether mirror images may be matched. Default: the rule of the cohort.
     pub mirror: Option<Mirror>,
     /// Number of permutations.
@@ -90,11 +90,12 @@ pub struct Plan<O> {
 
 impl<O> Plan<O> {
     fn new(request: StudyRequest<O>, cohort: &Cohort) -> Self {
+        let usual = Alignment::usual(&request.transformation, cohort.spec.representation.dimension());
         Self {
             cohort: cohort.id.clone(),
             revision: cohort.revision,
             transformation: request.transformation,
-            alignment: request.alignment,
+            alignment: request.alignment.unwrap_or(usual),
             mirror: request.mirror.unwrap_or(cohort.spec.mirror),
             permutations: request.permutations,
             seed: request.seed,

@@ -32,8 +32,8 @@ use crate::store::{Ids, Revisions};
 pub struct Comparison {
     /// Transformations removed before comparison.
     pub transformation: Transformation,
-    /// Projection on the class, or Procrustes fits.
-    pub alignment: Alignment,
+    /// Projection on the class, or Procrustes fits. Default: [`Alignment::usual`].
+    pub alignment: Option<Alignment>,
     /// Whether mirror images may be matched. Default: the rule of the cohort.
     pub mirror: Option<Mirror>,
 }
@@ -41,13 +41,14 @@ pub struct Comparison {
 impl Comparison {
     /// Complete settings for the shapes of `cohort`.
     pub(crate) fn settings(&self, cohort: &Cohort) -> Settings {
+        let usual = Alignment::usual(&self.transformation, cohort.spec.representation.dimension());
         Settings {
             representation: cohort.spec.representation.clone(),
             correspondence: cohort.spec.correspondence,
             direction: cohort.spec.direction,
             mirror: self.mirror.unwrap_or(cohort.spec.mirror),
             transformation: self.transformation.clone(),
-            alignment: self.alignment,
+            alignment: self.alignment.unwrap_or(usual),
             frame: Frame::default(),
         }
     }
@@ -58,7 +59,7 @@ impl Comparison {
 #[serde(rename_all = "snake_case")]
 pub enum Chosen {
     /// Shapes that pass a filter, in the order of the cohort.
-    Filter(ShapeFilter),
+    Filter(Box<ShapeFilter>),
     /// Shapes with these ids or external ids, in this order.
     Ids(Vec<String>),
 }
@@ -204,7 +205,7 @@ pub async fn for_cohort(
 impl Chosen {
     fn field(&self) -> &'static str {
         match self {
-            Self::Filter(filter) if *filter == ShapeFilter::default() => "/cohort",
+            Self::Filter(filter) if filter.is_everything() => "/cohort",
             Self::Filter(_) => "/filter",
             Self::Ids(_) => "/ids",
         }

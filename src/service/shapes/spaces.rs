@@ -106,7 +106,7 @@ mod tests {
     fn the_spaces_of_the_last_requests_are_kept() {
         let read = |points: usize| -> Representation {
             let text = format!(
-                r#"{{"kind":"closed_curve","dimension":2,"control_points":{points},"generator":{{"name":"keys"}}}}"#
+                r#"{{"kind":"closed_curve","dimension":2,"control_points":{points},"generator":{{"name":"cubic"}}}}"#
             );
             serde_json::from_str(&text).unwrap()
         };

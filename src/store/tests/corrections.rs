@@ -137,7 +137,7 @@ async fn nothing_of_an_erased_subject_is_left_in_the_files() {
         shape.attributes.external_id = Some(format!("external-anna-{number}"));
         shape.attributes.labels = BTreeMap::from([("site".to_owned(), json!("site-of-anna"))]);
         shape.attributes.metadata = Some(json!({"note": "metadata-of-anna"}).to_string());
-        shape.control_points[0] = 1234.567_891;
+        shape.control_points[0] = 1_234.567_891;
         shape.control_points[1] = 9.876_543_21;
         shape
     };
@@ -151,7 +151,7 @@ async fn nothing_of_an_erased_subject_is_left_in_the_files() {
     .await;
     let (_, deleted) = find(&store, &cohort, "external-anna-101").await;
     store.delete_shape(&cohort.id, &deleted.id, 60).await.unwrap();
-    let number = 1234.567_891_f64.to_le_bytes();
+    let number = 1_234.567_891_f64.to_le_bytes();
     let point: Vec<u8> = [number, 9.876_543_21_f64.to_le_bytes()].concat();
     let texts = ["anna", "1234.567891"];
     assert!(holds(&file_bytes(folder.path()), &point) && holds(&file_bytes(folder.path()), b"anna"));
@@ -169,7 +169,7 @@ async fn nothing_of_an_erased_subject_is_left_in_the_files() {
         assert_eq!(count, expected, "revision {revision}");
         let (points, _) = scan_all(&store, &cohort, revision, &EVERYTHING, Ids::Skip).await;
         assert_eq!(points.len(), expected as usize * WIDTH);
-        assert!(!points.contains(&1234.567_891));
+        assert!(!points.contains(&1_234.567_891));
     }
     assert_eq!(store.find_cohort(&cohort.id).await.unwrap().unwrap().shapes, 40);
     assert!(erase(&store, "subject-anna").await.is_empty());
@@ -342,7 +342,7 @@ async fn change(store: &Store, cohort: &Cohort, model: &mut Model, random: &mut 
         8 => delete_some(store, cohort, model, random).await,
         9 => {
             let (_, subject) = any_names(random);
-            if step % 3 == 0 && !erase(store, &subject).await.is_empty() {
+            if step.is_multiple_of(3) && !erase(store, &subject).await.is_empty() {
                 model.erase(&subject);
             }
         }

@@ -46,7 +46,7 @@ fn metric(generator: GeneratorKind, dimension: usize) -> Metric {
 fn generators() -> impl Strategy<Value = GeneratorKind> {
     prop_oneof![
         Just(GeneratorKind::Trigonometric {}),
-        Just(GeneratorKind::Keys {}),
+        Just(GeneratorKind::Cubic {}),
         (1u8..=5).prop_map(|degree| GeneratorKind::Bspline { degree }),
     ]
 }
@@ -111,7 +111,7 @@ fn method(name: ClassName, dimension: usize) -> Method {
 }
 
 fn landmarks(dimension: usize) -> Matching {
-    let representation = representation(GeneratorKind::Keys {}, dimension);
+    let representation = representation(GeneratorKind::Cubic {}, dimension);
     Matching::new(&prepared(&representation), Correspondence::Landmarks, Direction::Given, Mirror::Forbid)
 }
 
@@ -395,7 +395,7 @@ fn streams_and_threads_give_the_same_bits() {
 
 #[test]
 fn sums_come_back_from_bytes_and_merge() {
-    let metric = metric(GeneratorKind::Keys {}, 2);
+    let metric = metric(GeneratorKind::Cubic {}, 2);
     let shapes = beans(6, 40, 2, 0.3);
     let class = TransformationClass::named(ClassName::Affine, 2).unwrap();
     let source = ShapesInMemory::new(&metric, true, shapes.concat(), vec![1.0; 40]).unwrap();
@@ -465,7 +465,7 @@ fn a_plain_top_eigenvector_would_collapse() {
 #[test]
 fn cyclic_means_do_not_depend_on_starts_order_or_threads() {
     let representation =
-        Representation::ClosedCurve { dimension: 2, control_points: N, generator: GeneratorKind::Keys {} };
+        Representation::ClosedCurve { dimension: 2, control_points: N, generator: GeneratorKind::Cubic {} };
     let space = ShapeSpace::new(&representation).unwrap();
     let metric = Metric::of(&space);
     let shapes = beans(21, 30, 2, 0.15);
@@ -499,7 +499,7 @@ fn cyclic_means_do_not_depend_on_starts_order_or_threads() {
 #[test]
 fn the_search_finds_the_best_of_all_shifts() {
     let representation =
-        Representation::ClosedCurve { dimension: 2, control_points: N, generator: GeneratorKind::Keys {} };
+        Representation::ClosedCurve { dimension: 2, control_points: N, generator: GeneratorKind::Cubic {} };
     let metric = Metric::of(&ShapeSpace::new(&representation).unwrap());
     let shapes = beans(4, 2, 2, 0.6);
     let matching =
@@ -533,7 +533,7 @@ fn the_search_finds_the_best_of_all_shifts() {
 #[test]
 fn mirror_images_are_matched_only_when_allowed() {
     let representation =
-        Representation::ClosedCurve { dimension: 2, control_points: N, generator: GeneratorKind::Keys {} };
+        Representation::ClosedCurve { dimension: 2, control_points: N, generator: GeneratorKind::Cubic {} };
     let metric = Metric::of(&ShapeSpace::new(&representation).unwrap());
     let mut shapes = beans(31, 12, 2, 0.05);
     // an asymmetric outline, every other one mirrored and (as a contour is traced) reversed
@@ -613,7 +613,7 @@ fn procrustes_in_space_recovers_rotations() {
 
 #[test]
 fn translation_keeps_size_and_averages() {
-    let metric = metric(GeneratorKind::Keys {}, 2);
+    let metric = metric(GeneratorKind::Cubic {}, 2);
     let shapes = beans(9, 4, 2, 0.3);
     let (mean, aligned) = run(&metric, ClassName::Translation, Frame::Training, &shapes);
     let mut average = vec![0.0; 2 * N];

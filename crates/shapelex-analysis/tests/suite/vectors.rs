@@ -26,7 +26,7 @@ fn load(name: &str) -> Value {
 fn generator(name: &str) -> GeneratorKind {
     match name {
         "trigonometric" => GeneratorKind::Trigonometric {},
-        "keys" => GeneratorKind::Keys {},
+        "keys" => GeneratorKind::Cubic {},
         "bspline_linear" => GeneratorKind::Bspline { degree: 1 },
         "bspline_quadratic" => GeneratorKind::Bspline { degree: 2 },
         "bspline_cubic" => GeneratorKind::Bspline { degree: 3 },

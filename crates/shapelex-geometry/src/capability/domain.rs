@@ -343,7 +343,7 @@ mod tests {
     }
 
     fn open_curve() -> Representation {
-        Representation::OpenCurve { dimension: 2, intervals: 6, generator: GeneratorKind::Keys {} }
+        Representation::OpenCurve { dimension: 2, intervals: 6, generator: GeneratorKind::Cubic {} }
     }
 
     #[test]

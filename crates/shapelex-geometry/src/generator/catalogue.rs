@@ -148,10 +148,11 @@ pub enum Family {
 #[cfg_attr(feature = "serde", serde(tag = "name", rename_all = "snake_case"))]
 pub enum GeneratorKind {
     /// The interpolator that reproduces circles and ellipses on a closed curve with `M ≥ 3` control points. Support 4, C¹;
-    /// approaches `keys` as `M` grows.
+    /// approaches `cubic` as `M` grows.
     Trigonometric {},
-    /// The cubic interpolator of Keys. Support 4, C¹; reproduces polynomials of degree 2.
-    Keys {},
+    /// The cubic interpolator of Keys (1981). Support 4, C¹; reproduces polynomials of degree 2. `keys` is an alias.
+    #[cfg_attr(feature = "serde", serde(alias = "keys"))]
+    Cubic {},
     /// The polynomial B-spline of degree 1 to 5. Interpolating for degree 1 only; the smoothest generator for its support.
     Bspline {
         /// Degree, 1 to 5.
@@ -222,7 +223,7 @@ impl GeneratorKind {
         let interpolator =
             |family| Self::Interpolator { family, poles: ellipses(), support: None, weights: Vec::new() };
         let splines = (1..=MAX_DEGREE).map(|degree| Self::Bspline { degree });
-        [Self::Trigonometric {}, Self::Keys {}]
+        [Self::Trigonometric {}, Self::Cubic {}]
             .into_iter()
             .chain(splines)
             .chain([Self::Exponential { poles: ellipses() }])
@@ -234,7 +235,7 @@ impl GeneratorKind {
     pub fn name(&self) -> &'static str {
         match self {
             Self::Trigonometric {} => "trigonometric",
-            Self::Keys {} => "keys",
+            Self::Cubic {} => "cubic",
             Self::Bspline { .. } => "bspline",
             Self::Exponential { .. } => "exponential",
             Self::Interpolator { .. } => "interpolator",
@@ -245,7 +246,7 @@ impl GeneratorKind {
     pub fn faults(&self) -> Vec<(String, String)> {
         let mut faults = Vec::new();
         match self {
-            Self::Trigonometric {} | Self::Keys {} => {}
+            Self::Trigonometric {} | Self::Cubic {} => {}
             Self::Bspline { degree } => {
                 if !(1..=MAX_DEGREE).contains(degree) {
                     faults.push((
@@ -273,7 +274,7 @@ impl GeneratorKind {
         };
         match self {
             Self::Trigonometric {} => (Poles::trigonometric(1, TAU), 'u'),
-            Self::Keys {} => (Poles::zeros(3), 't'),
+            Self::Cubic {} => (Poles::zeros(3), 't'),
             Self::Bspline { degree } => (Poles::zeros(*degree as usize + 1), 't'),
             Self::Exponential { poles } | Self::Interpolator { poles, .. } => listed(poles),
         }
@@ -325,7 +326,7 @@ impl GeneratorKind {
         };
         Ok(match self {
             Self::Trigonometric {} => square(Poles::trigonometric(1, TAU / intervals as f64)),
-            Self::Keys {} => square(Poles::zeros(3)),
+            Self::Cubic {} => square(Poles::zeros(3)),
             Self::Bspline { degree } => Recipe::Bspline(Poles::zeros(*degree as usize + 1)),
             Self::Exponential { poles } => Recipe::Bspline(poles.on(intervals)?),
             Self::Interpolator { family: Family::HalfIntegerShifts, poles, .. } => {

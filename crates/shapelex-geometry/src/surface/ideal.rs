@@ -157,7 +157,7 @@ impl IdealSurface {
     /// Generators that contain the surface.
     pub fn generators(&self) -> [GeneratorKind; 2] {
         let circle = GeneratorKind::Trigonometric {};
-        let quadratic = GeneratorKind::Keys {};
+        let quadratic = GeneratorKind::Cubic {};
         let halves = || harmonics(&[PI, TAU, 3.0 * PI]);
         match self {
             Self::Sphere { .. } | Self::Ellipsoid { .. } | Self::Torus { .. } => [circle.clone(), circle],

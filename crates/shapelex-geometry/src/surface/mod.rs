@@ -77,7 +77,7 @@ impl Topology {
     /// Default generators: circles along closed directions, half of one from pole to pole.
     pub fn usual_generators(self) -> [GeneratorKind; 2] {
         let round = [self.closed()[0], self.closed()[1] || self == Self::Sphere];
-        round.map(|round| if round { GeneratorKind::Trigonometric {} } else { GeneratorKind::Keys {} })
+        round.map(|round| if round { GeneratorKind::Trigonometric {} } else { GeneratorKind::Cubic {} })
     }
 
     /// The sign of `σ_u × σ_v` in the outward normal, for the usual parameterisation: longitude and colatitude on the sphere,

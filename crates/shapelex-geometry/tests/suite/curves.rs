@@ -175,7 +175,7 @@ fn the_space_has_the_norm_of_the_vectors() {
     let kinds = [
         ("phi_M8_closed_M8_2D", TRIGONOMETRIC),
         ("phi_M3_closed_M3_2D", TRIGONOMETRIC),
-        ("keys_closed_M7_3D", GeneratorKind::Keys {}),
+        ("keys_closed_M7_3D", GeneratorKind::Cubic {}),
         ("cubic_closed_M9_2D", GeneratorKind::Bspline { degree: 3 }),
         ("linear_closed_M6_2D", GeneratorKind::Bspline { degree: 1 }),
     ];
@@ -232,7 +232,7 @@ fn named_generators_extend_like_the_general_ones() {
     let points = Matrix::from_fn(7, 2, |k, c| ((3 * k + c) as f64 * 0.7).sin());
     let zeros = |n| PoleList::on_grid(&vec![[0.0, 0.0]; n]);
     for (name, general) in [
-        (GeneratorKind::Keys {}, interpolator(Family::IntegerShifts, zeros(3))),
+        (GeneratorKind::Cubic {}, interpolator(Family::IntegerShifts, zeros(3))),
         (GeneratorKind::Bspline { degree: 3 }, GeneratorKind::Exponential { poles: zeros(4) }),
     ] {
         let found = open(&name, 6, 2).unwrap().interpolate(points.clone());
@@ -541,7 +541,7 @@ fn shapes_that_meet_themselves() {
         assert_verdict("overlapping ring", &kind, &slit_ring(-0.1), true);
     }
     assert_verdict("pinched", &TRIGONOMETRIC, &pinched(0.0), true);
-    assert_verdict("pinched", &GeneratorKind::Keys {}, &pinched(0.0), true);
+    assert_verdict("pinched", &GeneratorKind::Cubic {}, &pinched(0.0), true);
     assert_verdict("overlapping", &TRIGONOMETRIC, &pinched(-1e-3), true);
     let linear = GeneratorKind::Bspline { degree: 1 };
     assert_verdict("touching arms", &linear, &horseshoe(0.0), true);
@@ -558,7 +558,7 @@ fn shapes_that_only_come_close() {
     for gap in [1e-2, 1e-4, 1e-6] {
         let what = format!("waist {gap}");
         assert_verdict(&what, &TRIGONOMETRIC, &pinched(gap), false);
-        assert_verdict(&what, &GeneratorKind::Keys {}, &pinched(gap), false);
+        assert_verdict(&what, &GeneratorKind::Cubic {}, &pinched(gap), false);
     }
     let square = Matrix::from_row_slice(4, 2, &[0., 0., 1., 0., 1., 1., 0., 1.]);
     let spike = Matrix::from_row_slice(5, 2, &[0., 0., 1., 0., 1., 1., 0.99, 3., 0., 1.]);

@@ -99,7 +99,7 @@ proptest! {
     #[test]
     fn measures_do_not_depend_on_the_unit(seed in any::<u64>(), exponent in -500..300_i32) {
         let unit = f64::from(exponent).exp2();
-        let space = closed(&GeneratorKind::Keys {}, 7, 2).unwrap();
+        let space = closed(&GeneratorKind::Cubic {}, 7, 2).unwrap();
         let points = Noise(seed).matrix(7, 2);
         let [here, there] = [1.0, unit].map(|unit| Curve::of(&space, &(&points * unit)).unwrap());
         let [found, scaled] = [&here, &there].map(CurveMeasures::of);

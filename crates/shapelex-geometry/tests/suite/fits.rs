@@ -170,7 +170,7 @@ fn fit_with(samples: &Samples, representation: &Representation, count: usize) ->
 #[test]
 fn tolerances_are_reached_with_few_control_points() {
     let kinds =
-        [GeneratorKind::Trigonometric {}, GeneratorKind::Keys {}, GeneratorKind::Bspline { degree: 3 }];
+        [GeneratorKind::Trigonometric {}, GeneratorKind::Cubic {}, GeneratorKind::Bspline { degree: 3 }];
     for (kind, closed_curve) in kinds.iter().flat_map(|kind| [(kind, true), (kind, false)]) {
         let samples = bean(closed_curve);
         let [first, second] = spaces(kind, 5);
@@ -195,7 +195,7 @@ fn tolerances_are_reached_with_few_control_points() {
 #[test]
 fn tolerances_out_of_reach_name_the_best_residual() {
     let samples = bean(true);
-    let representation = closed(&GeneratorKind::Keys {}, 5, 2).unwrap().representation().clone();
+    let representation = closed(&GeneratorKind::Cubic {}, 5, 2).unwrap().representation().clone();
     match samples.fit_within(&representation, 1e-9, 50).unwrap_err() {
         GeometryError::Tolerance { tolerance, residual, count, most } => {
             assert_eq!((tolerance, count, most), (1e-9, 50, 50));
@@ -291,7 +291,7 @@ fn idealised_curves_are_reproduced() {
 fn missing_poles_are_named() {
     let space = |kind: &GeneratorKind| closed(kind, 9, 2).unwrap();
     let (here, away) = (Position::default(), Position { centre: [1.0, 0.0], angle: 0.0 });
-    let keys = space(&GeneratorKind::Keys {});
+    let keys = space(&GeneratorKind::Cubic {});
     let trigonometric = space(&GeneratorKind::Trigonometric {});
     let circle = IdealCurve::Circle { radius: 1.0 };
     assert_eq!(circle.missing(&here, &keys), [([0.0, TAU], 1)]);

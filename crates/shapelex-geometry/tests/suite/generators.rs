@@ -277,7 +277,7 @@ fn trigonometric_equals_the_closed_form_at_any_size() {
 
 #[test]
 fn trigonometric_tends_to_keys_quadratically() {
-    let keys = GeneratorKind::Keys {}.build(3).unwrap().generator.clone();
+    let keys = GeneratorKind::Cubic {}.build(3).unwrap().generator.clone();
     for size in [1_000_usize, 10_000, 100_000, 1_000_000] {
         let generator = GeneratorKind::Trigonometric {}.build(size).unwrap().generator.clone();
         let largest = (0..=4000)
@@ -291,7 +291,7 @@ fn trigonometric_tends_to_keys_quadratically() {
 
 #[test]
 fn keys_is_its_polynomial() {
-    let keys = GeneratorKind::Keys {}.build(3).unwrap().generator.clone();
+    let keys = GeneratorKind::Cubic {}.build(3).unwrap().generator.clone();
     for i in -250..=250 {
         let t = i as f64 * 0.01;
         let a: f64 = t.abs();
@@ -390,7 +390,7 @@ proptest! {
 
     #[test]
     fn polynomials_are_reproduced(degree in 1_u8..=5, t in -3.0..3.0) {
-        let keys = GeneratorKind::Keys {}.build(3).unwrap().generator.clone();
+        let keys = GeneratorKind::Cubic {}.build(3).unwrap().generator.clone();
         for power in 1..=2 {
             let sum = shifted_sum(&keys, t, |k| k.powi(power));
             prop_assert!((sum - t.powi(power)).abs() <= 2e-13, "Keys, {power}: {sum}");

@@ -160,7 +160,7 @@ fn convex_curves_turn_once() {
         let backwards = closed_through(&TRIGONOMETRIC, n, |t| [t.cos(), -t.sin()]);
         assert_close("backwards", &turning(&backwards), &[TAU, -TAU], 1e-13);
     }
-    let twice = closed_through(&GeneratorKind::Keys {}, 40, |t| [(2.0 * t).cos(), (2.0 * t).sin()]);
+    let twice = closed_through(&GeneratorKind::Cubic {}, 40, |t| [(2.0 * t).cos(), (2.0 * t).sin()]);
     assert_close("twice", &turning(&twice), &[2.0 * TAU, 2.0 * TAU], 1e-12);
 }
 
@@ -229,7 +229,7 @@ fn space_curves_turn_without_sign() {
 #[test]
 fn plane_curves_turn_alike_in_space() {
     let wave = |u: f64| [u, 0.1 * (TAU * u).sin() + 0.02 * (9.0 * u).cos()];
-    for kind in [GeneratorKind::Keys {}, GeneratorKind::Bspline { degree: 3 }] {
+    for kind in [GeneratorKind::Cubic {}, GeneratorKind::Bspline { degree: 3 }] {
         let flat = turning(&open_through(&kind, 17, wave));
         let tilted = open_through(&kind, 17, |u| {
             let [x, y] = wave(u);
@@ -243,7 +243,7 @@ fn plane_curves_turn_alike_in_space() {
 #[test]
 fn straight_lines_do_not_turn() {
     let along = |u: f64| [1.0 + 2.0 * u + u * u, 3.0 - 0.6 * (2.0 * u + u * u)];
-    for kind in [GeneratorKind::Keys {}, GeneratorKind::Bspline { degree: 3 }] {
+    for kind in [GeneratorKind::Cubic {}, GeneratorKind::Bspline { degree: 3 }] {
         let line = open_through(&kind, 9, along);
         assert_close("line", &turning(&line), &[0.0, 0.0], 1e-12);
         assert_relative("line", CurveMeasures::of(&line).length, 3.0 * 1.36_f64.sqrt(), 1e-12);
@@ -360,7 +360,7 @@ fn frames_where_a_curve_stops_or_is_straight() {
     }
     let point = closed_through(&TRIGONOMETRIC, 5, |_| [1.0, 2.0]);
     assert_eq!(Frame::at(&point, 0.3), Frame::default());
-    let line = open_through(&GeneratorKind::Keys {}, 5, |u| [u, 2.0 * u, -2.0 * u]);
+    let line = open_through(&GeneratorKind::Cubic {}, 5, |u| [u, 2.0 * u, -2.0 * u]);
     let frame = Frame::at(&line, 0.37);
     assert_close("tangent", &frame.tangent.unwrap(), &[1.0 / 3.0, 2.0 / 3.0, -2.0 / 3.0], 1e-13);
     assert_eq!(frame.normal, None);

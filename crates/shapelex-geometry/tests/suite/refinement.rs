@@ -252,7 +252,7 @@ fn the_published_circle_is_refined() {
 fn other_generators_are_sampled() {
     let integer =
         interpolator(Family::IntegerShifts, PoleList::from_domain(&[[0.0, 0.0], [0.0, TAU], [0.0, -TAU]]));
-    for kind in [GeneratorKind::Trigonometric {}, integer, GeneratorKind::Keys {}] {
+    for kind in [GeneratorKind::Trigonometric {}, integer, GeneratorKind::Cubic {}] {
         let circle = Matrix::from_fn(7, 2, |k, c| (TAU * (k as f64 / 7.0 - 0.25 * c as f64)).cos());
         for factor in [2, 3] {
             let space = closed(&kind, 7, 2).unwrap();
@@ -269,7 +269,7 @@ fn other_generators_are_sampled() {
                 .map(|i| f64::from(i) / 100.0)
                 .map(|u| (coarse.evaluate(u, 0)[0] - fine.evaluate(u, 0)[0]).abs())
                 .fold(0.0, f64::max);
-            let reproduces = kind != GeneratorKind::Keys {};
+            let reproduces = kind != GeneratorKind::Cubic {};
             assert_eq!(differ <= 1e-14, reproduces, "{kind:?} by {factor}: {differ:e}");
             assert_refined(&space, factor, 5, &[]);
         }

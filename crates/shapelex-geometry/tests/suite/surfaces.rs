@@ -21,7 +21,7 @@ use shapelex_numeric::quadrature::GaussLegendre;
 use crate::vectors::{self, list, load, number, numbers, text};
 
 const TRIGONOMETRIC: GeneratorKind = GeneratorKind::Trigonometric {};
-const KEYS: GeneratorKind = GeneratorKind::Keys {};
+const KEYS: GeneratorKind = GeneratorKind::Cubic {};
 const CUBIC: GeneratorKind = GeneratorKind::Bspline { degree: 3 };
 const QUADRATIC: GeneratorKind = GeneratorKind::Bspline { degree: 2 };
 

@@ -43,7 +43,7 @@ pub enum Grouping {
         /// `label` or `labels.<attribute>`.
         attribute: String,
         /// Filter that selects the shapes.
-        filter: ShapeFilter,
+        filter: Box<ShapeFilter>,
     },
 }
 

@@ -1,0 +1,79 @@
+//! Entity tags: a client that has an answer already is told so, without the answer.
+
+use std::convert::Infallible;
+use std::fmt::Debug;
+use std::future::Future;
+
+use axum::extract::{FromRequestParts, OriginalUri};
+use axum::http::request::Parts;
+use axum::http::{HeaderMap, HeaderValue, StatusCode, Uri, header};
+use axum::response::{IntoResponse, Response};
+
+use crate::api::problem::Problem;
+
+/// What a client asks for, and which answers it has: address and `If-None-Match`.
+#[derive(Debug)]
+pub(super) struct Asked {
+    uri: Uri,
+    headers: HeaderMap,
+}
+
+impl<S: Send + Sync> FromRequestParts<S> for Asked {
+    type Rejection = Infallible;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Self::Rejection> {
+        let OriginalUri(uri) = OriginalUri::from_request_parts(parts, state).await?;
+        Ok(Self { uri, headers: parts.headers.clone() })
+    }
+}
+
+impl Asked {
+    /// The answer that follows from `state` (an id of a version, a cohort at a revision) in a format, or 304.
+    ///
+    /// # Errors
+    /// Those of `answer`.
+    pub(super) async fn unless_known(
+        &self,
+        state: &str,
+        format: impl Debug,
+        answer: impl Future<Output = Result<Response, Problem>>,
+    ) -> Result<Response, Problem> {
+        let tag = tag_of(&format!("{state} {} {format:?}", self.uri));
+        unless_known(&self.headers, &tag, answer).await
+    }
+}
+
+/// The answer with its entity tag, or 304 if the client has it.
+///
+/// # Errors
+/// Those of `answer`.
+pub(super) async fn unless_known(
+    headers: &HeaderMap,
+    tag: &str,
+    answer: impl Future<Output = Result<Response, Problem>>,
+) -> Result<Response, Problem> {
+    let response =
+        if is_known(headers, tag) { StatusCode::NOT_MODIFIED.into_response() } else { answer.await? };
+    Ok(tagged(response, tag))
+}
+
+/// Entity tag of what a text describes.
+pub(super) fn tag_of(what: &str) -> String {
+    format!("\"{}\"", &blake3::hash(what.as_bytes()).to_hex()[..32])
+}
+
+/// Adds the entity tag to a response.
+pub(super) fn tagged(mut response: Response, tag: &str) -> Response {
+    if let Ok(value) = HeaderValue::from_str(tag) {
+        response.headers_mut().insert(header::ETAG, value);
+    }
+    response
+}
+
+/// Whether the client already has this version (`If-None-Match`).
+fn is_known(headers: &HeaderMap, tag: &str) -> bool {
+    let values = headers.get_all(header::IF_NONE_MATCH).iter().filter_map(|value| value.to_str().ok());
+    values
+        .flat_map(|value| value.split(','))
+        .any(|value| matches!(value.trim(), "*") || value.trim().trim_start_matches("W/") == tag)
+}
