@@ -475,7 +475,7 @@ fn comparisons_refuse_what_cannot_be_compared() {
         differences.compare(what, &server.post("/v1/comparisons", &body), &Wanted::invalid(&pointers));
     }
     let reply = server.post("/v1/comparisons", &json!({"cohort": "none", "by": "label"}));
-    differences.compare("no cohort", &reply, &Wanted::new(404, "not-found", &[]));
+    differences.compare("no cohort", &reply, &Wanted::new(404, "not-found", &["/cohort"]));
     let detail =
         |body: &Value| server.post("/v1/comparisons", body).json()["errors"][0]["detail"].to_string();
     let overlap = detail(&groups(vec![a(), group("b", json!({"treatment": "jasp"}))]));
@@ -669,7 +669,7 @@ fn covariates_sizes_and_missing_values() {
         differences.compare(what, &server.post("/v1/regressions", &body), &Wanted::invalid(&pointers));
     }
     let reply = server.post("/v1/regressions", &json!({"cohort": "none", "attribute": "labels.age"}));
-    differences.compare("no cohort", &reply, &Wanted::new(404, "not-found", &[]));
+    differences.compare("no cohort", &reply, &Wanted::new(404, "not-found", &["/cohort"]));
     // Within subjects there are two shapes each.
     let within = regress(&server, &with("strata", json!(["subject"])));
     assert!(within["warnings"].as_array().unwrap().is_empty(), "{}", within["warnings"]);

@@ -892,7 +892,7 @@ fn an_exported_dictionary_is_the_same_elsewhere() {
     // There are no sums to go on from, and no cohort.
     let cohort = dictionary(&here, "modes")["cohort"].clone();
     let body = json!({"name": "modes", "cohort": cohort, "continue_from": "modes"});
-    there.post("/v1/dictionaries", &body).expect_problem(404, "not-found", &[]);
+    there.post("/v1/dictionaries", &body).expect_problem(404, "not-found", &["/cohort"]);
     import(&here, &export(&here, "modes")).expect(201);
     here.post("/v1/dictionaries", &body).expect_problem(422, "invalid-input", &["/continue_from"]);
 }
@@ -1058,7 +1058,7 @@ fn learning_goes_on_only_where_sums_say_what_was_learnt() {
     learn(&server, "modes", "blobs", &components(3, true));
     continued(&server, "blobs", "modes").expect_problem(422, "too-few-shapes", &[]);
     continued(&server, "other", "modes").expect_problem(422, "invalid-input", &["/continue_from"]);
-    continued(&server, "blobs", "modes@7").expect_problem(404, "not-found", &[]);
+    continued(&server, "blobs", "modes@7").expect_problem(404, "not-found", &["/continue_from"]);
     add_shapes(&server, "blobs", &blobs(20..22));
     let parameters = json!({"filter": {}, "transformation": "affine", "alignment": "projection",
         "frame": "training", "mirror": "forbid", "method": components(3, true)});
@@ -1170,7 +1170,7 @@ fn what_cannot_be_learnt_is_refused_before_there_is_a_job() {
     }
     let modes = request("never", "blobs", &components(3, true));
     let refused: [(&str, Value, Wanted); 3] = [
-        ("/cohort", json!("nothing"), Wanted::new(404, "not-found", &[])),
+        ("/cohort", json!("nothing"), Wanted::new(404, "not-found", &["/cohort"])),
         ("/filter", json!({"label": "nothing"}), Wanted::new(422, "invalid-input", &["/filter/label"])),
         ("/filter", json!({"labels": {"a": "b"}}), Wanted::new(422, "invalid-input", &["/filter/labels/a"])),
     ];
@@ -1329,7 +1329,10 @@ fn questions_that_make_no_sense_are_refused() {
             };
             let unknown = Wanted::invalid(&["/1", "/2"]).below("/ids", None, None);
             check(&with(&stored, "/ids", Some(json!(["0", "x", "shp_y", "1"]))), &unknown);
-            check(&with(&stored, "/cohort", Some(json!("nothing"))), &not_found());
+            check(
+                &with(&stored, "/cohort", Some(json!("nothing"))),
+                &Wanted::new(404, "not-found", &["/cohort"]),
+            );
             check(&with(&stored, "/cohort", Some(json!("space"))), &invalid("/cohort"));
             check(&with(&stored, "/cohort", Some(json!("curves"))), &invalid("/cohort"));
             check(&with(&stored, "/ids", Some(json!([]))), &Wanted::new(422, "too-few-shapes", &[]));

@@ -212,7 +212,7 @@ fn a_hook_is_narrowed_to_kinds_and_a_cohort() {
     server.post("/v1/hooks", &json!({"url": receiver.url(), "cohort": "none"})).expect_problem(
         404,
         "not-found",
-        &[],
+        &["/cohort"],
     );
     let bad = json!({"url": 3, "kinds": ["sung"], "colour": "red", "description": "x"});
     server.post("/v1/hooks", &bad).expect_problem(422, "invalid-input", &["/colour", "/url", "/kinds/0"]);

@@ -348,7 +348,7 @@ fn what_has_no_distances_is_refused() {
     }
     drop(differences);
     let missing = json!({"cohort": "none", "transformation": "affine"});
-    server.post("/v1/distances", &missing).expect_problem(404, "not-found", &[]);
+    server.post("/v1/distances", &missing).expect_problem(404, "not-found", &["/cohort"]);
     // A single shape has a matrix of one number.
     let one = server.post("/v1/distances", &posted(json!([triangle]), "similarity")).expect(200);
     assert_eq!((&one["ids"], &one["distances"]), (&json!(["0"]), &json!([[0.0]])));

@@ -44,6 +44,9 @@ pub enum ServiceError {
         /// Requested name or id.
         key: String,
     },
+    /// Nothing has the name or id at a place in the body.
+    #[error("{}: {}", .0.pointer, .0.detail)]
+    NamesNothing(Fault),
     /// An object was deleted while the request was at work on it.
     #[error("the {kind} was deleted in the meantime")]
     Deleted {
@@ -150,6 +153,14 @@ impl ServiceError {
             Self::NotFound { kind, .. } | Self::Deleted { kind } => kind,
             Self::Cancelled => "cancelled",
             _ => "refused",
+        }
+    }
+
+    /// This error, where the name or id that nothing has stands in the body at `pointer`.
+    pub fn named_at(self, pointer: &str) -> Self {
+        match self {
+            Self::NotFound { .. } => Self::NamesNothing(Fault::new(pointer, self.to_string())),
+            other => other,
         }
     }
 

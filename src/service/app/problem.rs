@@ -197,6 +197,7 @@ impl From<ServiceError> for Problem {
             ServiceError::NameTaken { .. } => {
                 Self::with(ProblemKind::NameTaken, vec![Fault::new("/name", detail)])
             }
+            ServiceError::NamesNothing(fault) => Self::with(ProblemKind::NotFound, vec![fault]),
             ServiceError::ExternalIdConflict(fault) => {
                 Self::with(ProblemKind::ExternalIdConflict, vec![fault])
             }

@@ -60,7 +60,7 @@ impl Asked {
         (cohort, ids): (&str, &[String]),
         on_error: OnError,
     ) -> Result<Self, ServiceError> {
-        let cohort = catalogue::find(app, cohort).await?;
+        let cohort = catalogue::find(app, cohort).await.map_err(|error| error.named_at("/cohort"))?;
         if let Some(detail) = misfit(ready, &cohort) {
             return Err(ServiceError::invalid("/cohort", detail));
         }

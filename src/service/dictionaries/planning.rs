@@ -95,7 +95,7 @@ pub async fn plan(app: &App, learn: Learn) -> Result<Planned, ServiceError> {
         }
     }
     ServiceError::unless_empty(faults)?;
-    let cohort = catalogue::find(app, &learn.cohort).await?;
+    let cohort = catalogue::find(app, &learn.cohort).await.map_err(|error| error.named_at("/cohort"))?;
     check_name_is_open(app, &learn.name).await?;
     let (plan, since) = started(app, learn, &cohort).await?;
     measures::complete_for(app, &cohort, &plan.filter).await?;
@@ -211,7 +211,7 @@ async fn check_classifier(
 /// Plan that continues a version, and the revision up to which that version has seen the shapes.
 async fn continued(app: &App, name: String, cohort: &Cohort, key: &str) -> Result<(Plan, u64), ServiceError> {
     let at = |detail: String| ServiceError::invalid("/continue_from", detail);
-    let ready = ready::find(app, key).await?;
+    let ready = ready::find(app, key).await.map_err(|error| error.named_at("/continue_from"))?;
     let (content, provenance) = (&ready.dictionary.content, &ready.listed.provenance);
     if provenance.cohort != cohort.id {
         let from = &provenance.cohort_name;

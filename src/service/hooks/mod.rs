@@ -83,7 +83,7 @@ pub async fn create(app: &App, new: NewHook) -> Result<Hook, ServiceError> {
     }
     ServiceError::unless_empty(faults)?;
     let cohort = match &new.filter.cohort {
-        Some(key) => Some(catalogue::find(app, key).await?.id),
+        Some(key) => Some(catalogue::find(app, key).await.map_err(|error| error.named_at("/cohort"))?.id),
         None => None,
     };
     let now = now_ms();

@@ -208,7 +208,8 @@ impl<K: StudyKind> Study<K> {
     /// All faults of the request; a cohort that does not exist.
     pub async fn prepare(app: &App, mut request: StudyRequest<K::Options>) -> Result<Self, ServiceError> {
         ServiceError::unless_empty(K::faults(app, &request))?;
-        let cohort = catalogue::find(app, &request.cohort).await?;
+        let cohort =
+            catalogue::find(app, &request.cohort).await.map_err(|error| error.named_at("/cohort"))?;
         K::complete(&mut request.options, &cohort);
         let plan = Plan::new(request, &cohort);
         Self::for_cohort(app, cohort, plan).await

@@ -172,7 +172,7 @@ pub async fn for_cohort(
     chosen: Chosen,
     comparison: Comparison,
 ) -> Result<Answer, ServiceError> {
-    let cohort = catalogue::find(app, key).await?;
+    let cohort = catalogue::find(app, key).await.map_err(|error| error.named_at("/cohort"))?;
     let count = count(app, &cohort, &chosen).await?;
     let (task_app, settings, field) = (app.clone(), comparison.settings(&cohort), chosen.field());
     let preparing = app.pool.weighing(requests::space(&cohort.spec.representation, &app.limits));
