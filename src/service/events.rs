@@ -1,7 +1,7 @@
 //! What happens to the objects of a tenant, as a stream: changes in the order of their numbers, and the progress of running
 //! jobs.
 //!
-//! A stream reads the change feed, which all replicas write, every [`LOOK`]. It continues from the number of any change, so a
+//! A stream reads the change feed, which all replicas write, every `LOOK`. It continues from the number of any change, so a
 //! client that reconnects misses nothing that the feed still has. Progress is not stored: it has no number, and is not
 //! repeated.
 

@@ -72,7 +72,7 @@ pub struct UploadResult {
     pub external_id: Option<String>,
     /// Id of the stored shape, new or not; `None` for an invalid input.
     pub id: Option<String>,
-    /// Faults of an invalid input, at most [`MAX_FAULTS`].
+    /// Faults of an invalid input, at most `MAX_FAULTS`.
     pub faults: Vec<Fault>,
 }
 
@@ -83,15 +83,15 @@ pub struct Stored {
     pub added: usize,
     /// Revision of the cohort after the upload.
     pub revision: u64,
-    /// Under [`Returned::Ids`] the ids of the first [`MAX_NAMED`] inputs; `None` for an invalid one.
+    /// Under [`Returned::Ids`] the ids of the first `MAX_NAMED` inputs; `None` for an invalid one.
     #[serde(default)]
     pub ids: Vec<Option<String>>,
     /// Number of invalid shapes, which were not stored, under [`OnError::Skip`].
     pub skipped: usize,
-    /// What became of the inputs: of the first [`MAX_NAMED`] under [`Returned::Results`], and of all invalid ones.
+    /// What became of the inputs: of the first `MAX_NAMED` under [`Returned::Results`], and of all invalid ones.
     #[serde(default)]
     pub results: Vec<UploadResult>,
-    /// Number of valid inputs beyond the first [`MAX_NAMED`].
+    /// Number of valid inputs beyond the first `MAX_NAMED`.
     #[serde(default)]
     pub left_out: usize,
     /// Number of points of the valid shapes that were dropped because they are equal to their predecessor.

@@ -63,7 +63,7 @@ impl<'a> AlignedShapes<'a> {
     /// between passes, and counts them.
     ///
     /// # Errors
-    /// [`StudyError::Weights`]; degenerate or too few shapes; [`AnalysisError::Interrupted`] once `watch` stops.
+    /// [`StudyError::Weights`]; degenerate or too few shapes; [`AnalysisError::Interrupted`](crate::AnalysisError::Interrupted) once `watch` stops.
     pub fn new(
         space: StudySpace<'a>,
         control_points: Vec<f64>,
