@@ -139,7 +139,7 @@ results! {
 ///
 /// Lines of NDJSON are shapes; the other fields of the request are parameters then.
 #[utoipa::path(post, path = "/dictionaries/{dictionary}/classify", tag = "dictionaries",
-    params(("dictionary" = String, Path, description = "Id, `name@version` or name"), BatchQuery),
+    params(("dictionary" = String, Path, description = "Id, `name@version`, `name@alias` or name"), BatchQuery),
     request_body(content((ClassifyRequest = "application/json"), (ShapeInput = "application/x-ndjson"))),
     responses(
         (status = 200, description = "One class per shape, in order", content((ClassifyAnswer = "application/json"), (ClassifyResult = "application/x-ndjson"))),
@@ -228,7 +228,7 @@ fn assess_settings(
 /// the distance to their reconstructions.
 #[utoipa::path(post, path = "/dictionaries/{dictionary}/assess", tag = "dictionaries",
     params(
-        ("dictionary" = String, Path, description = "Id, `name@version` or name"), BatchQuery,
+        ("dictionary" = String, Path, description = "Id, `name@version`, `name@alias` or name"), BatchQuery,
         ("format" = Option<String>, Query, description = "`json`, `svg` or `png`"), DrawingQuery
     ),
     request_body(content((AssessRequest = "application/json"), (ShapeInput = "application/x-ndjson"))),

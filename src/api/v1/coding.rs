@@ -156,13 +156,13 @@ pub(super) fn samples_of(
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct UsedDictionary {
     /// Identifier.
-    id: String,
+    pub(super) id: String,
     /// Name shared by all versions.
-    name: String,
+    pub(super) name: String,
     /// Version number, from 1.
-    version: u64,
+    pub(super) version: u64,
     /// BLAKE3 digest of the content.
-    digest: String,
+    pub(super) digest: String,
 }
 
 impl UsedDictionary {
@@ -316,7 +316,7 @@ results! {
 ///
 /// Lines of NDJSON are shapes; the other fields of the request are parameters then.
 #[utoipa::path(post, path = "/dictionaries/{dictionary}/encode", tag = "dictionaries",
-    params(("dictionary" = String, Path, description = "Id, `name@version` or name"), BatchQuery),
+    params(("dictionary" = String, Path, description = "Id, `name@version`, `name@alias` or name"), BatchQuery),
     request_body(content((EncodeRequest = "application/json"), (ShapeInput = "application/x-ndjson"))),
     responses(
         (status = 200, description = "One code per shape, in order", content((EncodeAnswer = "application/json"), (EncodeResult = "application/x-ndjson"))),
@@ -388,7 +388,7 @@ results! {
 /// the distance to their reconstructions, or the shapes of posted codes.
 #[utoipa::path(post, path = "/dictionaries/{dictionary}/reconstruct", tag = "dictionaries",
     params(
-        ("dictionary" = String, Path, description = "Id, `name@version` or name"), BatchQuery,
+        ("dictionary" = String, Path, description = "Id, `name@version`, `name@alias` or name"), BatchQuery,
         ("format" = Option<String>, Query, description = "`json`, `svg` or `png`"), DrawingQuery
     ),
     request_body(content((ReconstructRequest = "application/json"), (ShapeInput = "application/x-ndjson"))),
@@ -518,7 +518,7 @@ results! {
 ///
 /// Lines of NDJSON are shapes; the other fields of the request are parameters then.
 #[utoipa::path(post, path = "/dictionaries/{dictionary}/score", tag = "dictionaries",
-    params(("dictionary" = String, Path, description = "Id, `name@version` or name"), BatchQuery),
+    params(("dictionary" = String, Path, description = "Id, `name@version`, `name@alias` or name"), BatchQuery),
     request_body(content((ScoreRequest = "application/json"), (ShapeInput = "application/x-ndjson"))),
     responses(
         (status = 200, description = "One score per shape, in order", content((ScoreAnswer = "application/json"), (ScoreResult = "application/x-ndjson"))),
@@ -573,7 +573,7 @@ results! {
 ///
 /// Lines of NDJSON are shapes; the other fields of the request are parameters then.
 #[utoipa::path(post, path = "/dictionaries/{dictionary}/prior", tag = "dictionaries",
-    params(("dictionary" = String, Path, description = "Id, `name@version` or name"), BatchQuery),
+    params(("dictionary" = String, Path, description = "Id, `name@version`, `name@alias` or name"), BatchQuery),
     request_body(content((PriorRequest = "application/json"), (ShapeInput = "application/x-ndjson"))),
     responses(
         (status = 200, description = "One energy per shape, in order", content((PriorAnswer = "application/json"), (PriorResult = "application/x-ndjson"))),
@@ -645,7 +645,7 @@ pub(super) struct SampleAnswer {
 
 /// Draws plausible shapes, with scores from a normal distribution with the mean and covariance of the training scores.
 #[utoipa::path(post, path = "/dictionaries/{dictionary}/sample", tag = "dictionaries", request_body = SampleRequest,
-    params(("dictionary" = String, Path, description = "Id, `name@version` or name")),
+    params(("dictionary" = String, Path, description = "Id, `name@version`, `name@alias` or name")),
     responses(
         (status = 200, description = "The shapes", body = SampleAnswer),
         (status = 404, description = "No such dictionary")

@@ -276,7 +276,7 @@ const DICTIONARIES: HeaderName = HeaderName::from_static("shapelex-dictionaries"
 /// Returns shapes of a cohort as a table, one row per shape.
 ///
 /// Columns: `id`, `external_id`, `label`, `subject`, `created_at`, `labels.<attribute>`, `measures.<measure>`; for a dictionary by
-/// its id, `name@version` or name also `<dictionary>.score.1`, … (components, or coefficients of atoms), `.t_squared`,
+/// its id, `name@version`, `name@alias` or name also `<dictionary>.score.1`, … (components, or coefficients of atoms), `.t_squared`,
 /// `.residual`, `.relative_error`, `.outlier` (at the quantile 0.99), `.class` and `.confidence`. A shape that a dictionary cannot
 /// encode has missing values there. The headers `shapelex-revision` and `shapelex-dictionaries` name what the table was made from;
 /// so do the fields of JSON and the metadata of the Arrow schema.

@@ -1,6 +1,7 @@
 //! Dictionaries: learning, storage and use.
 //!
 //! * [`planning`] — checks a request to learn and makes a [`plan`] of it; list, find and delete;
+//! * [`aliases`] — names for versions, which can be moved;
 //! * [`learning`] — the job that learns; [`distributed`] — its passes, distributed to idle workers;
 //! * [`class_labels`] — classes and subjects of the shapes of a cohort;
 //! * [`ready`] — stored dictionaries prepared for use, cached; [`file`](mod@file) — export and import;
@@ -10,6 +11,7 @@
 //! The arithmetic is in [`analysis::dictionary`](crate::analysis::dictionary) and
 //! [`analysis::classification`](crate::analysis::classification): this folder loads, limits, schedules and stores.
 
+pub mod aliases;
 pub mod class_labels;
 pub mod classify;
 pub mod coding;

@@ -108,6 +108,12 @@ const RULES: &[(&str, &str)] = &[
         WHERE d.id IS NULL",
     ),
     (
+        "alias {} names a version that does not exist, or one of another name",
+        "SELECT a.handle || '@' || a.alias FROM dictionary_alias AS a
+        LEFT JOIN dictionary AS d ON d.id = a.dictionary
+        WHERE d.id IS NULL OR d.handle <> a.handle OR d.tenant <> a.tenant",
+    ),
+    (
         "the output of job {} belongs to no job",
         "SELECT o.job FROM job_output AS o LEFT JOIN job AS j ON j.id = o.job WHERE j.id IS NULL",
     ),

@@ -204,6 +204,21 @@ pub(super) const TABLES: &[Table] = &[
         condition: None,
     },
     Table {
+        name: "dictionary_alias",
+        key: 2,
+        columns: &[
+            ("handle", Text),
+            ("alias", Text),
+            ("tenant", Text),
+            ("dictionary", Text),
+            ("moves", Integer),
+            ("moved_at_ms", Integer),
+        ],
+        counted: false,
+        page: MANY,
+        condition: None,
+    },
+    Table {
         name: "receipt",
         key: 2,
         columns: &[
