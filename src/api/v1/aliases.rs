@@ -4,7 +4,6 @@ use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 
-use super::coding::UsedDictionary;
 use super::request_macros::{IfMatchHeader, known, tagged, time};
 use crate::api::extract::{Caller, IfMatch, JsonBody, NoQuery, Path};
 use crate::api::problem::Problem;
@@ -13,6 +12,7 @@ use crate::domain::dictionary::Alias;
 use crate::formats::checked::{Checked, document, take_given};
 use crate::service::app::ServiceError;
 use crate::service::dictionaries::aliases::{self, alias_tag};
+use crate::service::dictionaries::answers::UsedDictionary;
 
 document! {
     /// The version that an alias is to name.

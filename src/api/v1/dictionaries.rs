@@ -6,7 +6,6 @@ use axum::response::{IntoResponse, Response};
 use serde::{Deserialize, Serialize};
 
 use super::classify::ClassifierOutput;
-use super::coding::UsedDictionary;
 use super::entity_tags::{Asked, unless_known};
 use super::jobs::{JobOutput, accepted};
 use super::request_macros::{PageQuery, RetryHeader, ShapeOutput, page, priority_of, time};
@@ -36,6 +35,7 @@ use crate::formats::shape::Points;
 use crate::geometry::representation::Representation;
 use crate::service::app::{App, ServiceError, Work};
 use crate::service::cost::requests;
+use crate::service::dictionaries::answers::UsedDictionary;
 use crate::service::dictionaries::file::DictionaryFile;
 use crate::service::dictionaries::planning::{From as LearnFrom, Learn, Planned};
 use crate::service::dictionaries::ready::Ready;

@@ -4,13 +4,13 @@ use axum::http::StatusCode;
 use axum::response::Response;
 use serde::{Deserialize, Serialize};
 
-use super::coding::UsedDictionary;
 use super::entity_tags::Asked;
 use crate::analysis::dictionary::drift::{ClassDrift, Drift, MeanDrift, MeasureDrift, ScoreDrift};
 use crate::api::extract::{BesideFormat, Caller, DrawingQuery, Format, Path};
 use crate::api::problem::Problem;
 use crate::api::respond::{compute, json, picture};
 use crate::service::app::Work;
+use crate::service::dictionaries::answers::UsedDictionary;
 use crate::service::dictionaries::coding::outlier_warnings;
 use crate::service::dictionaries::drift::{CohortDrift, Since};
 use crate::service::dictionaries::pictures::drifted;

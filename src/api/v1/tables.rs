@@ -10,7 +10,6 @@ use utoipa::openapi::RefOr;
 use utoipa::openapi::schema::{ObjectBuilder, Schema, SchemaType, Type};
 use utoipa::{PartialSchema, ToSchema};
 
-use super::coding::UsedDictionary;
 use super::entity_tags::{tag_of, unless_known};
 use super::request_macros::time;
 use super::shape_query::{FilterQuery, Parameters, take_filter};
@@ -24,6 +23,7 @@ use crate::formats::table::TableFormat;
 use crate::service::app::memory::Purpose;
 use crate::service::app::{App, ServiceError};
 use crate::service::cohorts::catalogue::revision_tag;
+use crate::service::dictionaries::answers::UsedDictionary;
 use crate::service::tables::summary::{
     self, AttributeSummary, Distribution, PROBABILITIES, SummaryQuery, ValueType,
 };
