@@ -3,7 +3,7 @@
 //! ```text
 //! cohort ─< chunk ── chunk_data     up to 4096 shapes: points (little-endian f64), weights, checksum
 //!              └──< shape           attributes of each shape, and when it was deleted
-//! job ── job_output                   the queue, the history of finished jobs, and their outputs
+//! job ── job_output ─< job_output_part the queue, the history of finished jobs, and their outputs, large ones in parts
 //!  └── pass ─< task                  the distributed passes of a job, and their parts
 //! dictionary ── dictionary_data     versions, each written once
 //!      └──< dictionary_alias         names for versions, which can be moved

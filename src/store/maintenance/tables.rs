@@ -168,6 +168,20 @@ pub(super) const TABLES: &[Table] = &[
         condition: None,
     },
     Table {
+        name: "job_output_part",
+        key: 3,
+        columns: &[
+            ("job", Text),
+            ("attempt", Integer),
+            ("part", Integer),
+            ("checksum", Bytes),
+            ("data", Bytes),
+        ],
+        counted: false,
+        page: FEW,
+        condition: None,
+    },
+    Table {
         name: "dictionary_name",
         key: 1,
         columns: &[("handle", Text), ("versions", Integer)],

@@ -9,3 +9,13 @@ CREATE TABLE dictionary_alias (
     PRIMARY KEY (handle, alias)
 );
 CREATE INDEX dictionary_alias_version ON dictionary_alias (dictionary);
+
+-- Pieces of the output of a job, stored while it runs.
+CREATE TABLE job_output_part (
+    job      TEXT   COLLATE "C" NOT NULL REFERENCES job (id) ON DELETE CASCADE,
+    attempt  BIGINT NOT NULL,
+    part     BIGINT NOT NULL,
+    checksum BYTEA  NOT NULL,
+    data     BYTEA  NOT NULL,
+    PRIMARY KEY (job, attempt, part)
+);

@@ -9,3 +9,13 @@ CREATE TABLE dictionary_alias (
     PRIMARY KEY (handle, alias)
 ) STRICT, WITHOUT ROWID;
 CREATE INDEX dictionary_alias_version ON dictionary_alias (dictionary);
+
+-- Pieces of the output of a job, stored while it runs. Those of the attempt that its row in job_output names belong to it.
+CREATE TABLE job_output_part (
+    job      TEXT    NOT NULL REFERENCES job (id) ON DELETE CASCADE,
+    attempt  INTEGER NOT NULL,
+    part     INTEGER NOT NULL,
+    checksum BLOB    NOT NULL,
+    data     BLOB    NOT NULL,
+    PRIMARY KEY (job, attempt, part)
+) STRICT;
