@@ -15,6 +15,8 @@ pub enum JobKind {
     Compare,
     /// Regresses shapes on an attribute.
     Regress,
+    /// Assesses the shapes of a cohort with a dictionary.
+    Assess,
 }
 
 impl JobKind {
@@ -25,6 +27,7 @@ impl JobKind {
             Self::Distances => "distances",
             Self::Compare => "compare",
             Self::Regress => "regress",
+            Self::Assess => "assess",
         }
     }
 }

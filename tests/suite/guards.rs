@@ -80,6 +80,7 @@ const OPERATIONS: &[&str] = &[
     "POST /v1/dictionaries",
     "POST /v1/dictionaries/import",
     "POST /v1/dictionaries/{dictionary}/assess",
+    "POST /v1/dictionaries/{dictionary}/assessments",
     "POST /v1/dictionaries/{dictionary}/classify",
     "POST /v1/dictionaries/{dictionary}/encode",
     "POST /v1/dictionaries/{dictionary}/prior",

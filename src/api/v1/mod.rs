@@ -1,6 +1,7 @@
 //! Version 1 of the HTTP interface: one file per resource.
 
 mod aliases;
+mod assessments;
 mod audit;
 mod batches;
 mod catalogue;
@@ -100,6 +101,7 @@ pub(super) fn computing_routes() -> OpenApiRouter<App> {
         .routes(routes!(dictionaries::import_dictionary))
         .routes(routes!(classify::classify))
         .routes(routes!(classify::assess))
+        .routes(routes!(assessments::assess_cohort))
         .routes(routes!(coding::encode))
         .routes(routes!(coding::reconstruct))
         .routes(routes!(coding::score))

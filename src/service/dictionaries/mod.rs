@@ -6,7 +6,7 @@
 //! * [`class_labels`] — classes and subjects of the shapes of a cohort;
 //! * [`ready`] — stored dictionaries prepared for use, cached; [`file`](mod@file) — export and import;
 //! * [`coding`] — codes, reconstructions, scores; [`classify`] — classes; [`answers`] — both as they are written;
-//! * [`modes`], [`pictures`] — drawings; [`drift`]
+//! * [`assessments`] — both for all shapes of a cohort; [`modes`], [`pictures`] — drawings; [`drift`]
 //!   — new shapes of the cohort compared with the training shapes.
 //!
 //! The arithmetic is in [`analysis::dictionary`](crate::analysis::dictionary) and
@@ -14,6 +14,7 @@
 
 pub mod aliases;
 pub mod answers;
+pub mod assessments;
 pub mod class_labels;
 pub mod classify;
 pub mod coding;
