@@ -278,6 +278,40 @@ fn an_alias_stays_in_its_tenant_and_away_from_keys_of_other_cohorts() {
 }
 
 #[test]
+fn a_key_limited_to_cohorts_moves_no_alias_of_another_cohort() {
+    let server = with_versions();
+    let mine = json!({"name": "mine", "representation": {"kind": "landmarks", "dimension": 2, "points": 3}});
+    server.post("/v1/cohorts", &mine).expect(201);
+    let shapes: Vec<Value> = (0..4).map(|i| json!({"points": [[0, 0], [4, f64::from(i)], [1, 3]]})).collect();
+    server.post("/v1/cohorts/mine/shapes", &json!({"shapes": shapes})).expect(201);
+    let third = json!({"name": "modes", "cohort": "mine", "transformation": "similarity",
+        "method": {"kind": "functional_pca", "components": 1, "centre": true}});
+    let request = server.request(Method::POST, "/v1/dictionaries").header("prefer", "wait=60");
+    assert_eq!(server.send(request.json(&third)).expect(201)["version"], 3);
+    put(&server, PRODUCTION, 1).expect(201);
+    put(&server, "/v1/dictionaries/modes/aliases/own", 3).expect(201);
+    let limited = create_key(&server, &["--role", "writer", "--cohort", "mine"]);
+    let start = std::time::Instant::now();
+    while server.get("/v1/cohorts").status != 401 {
+        assert!(start.elapsed().as_secs() < 20);
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    }
+    let send = |method: Method, alias: &str, version: u64| {
+        let path = format!("/v1/dictionaries/modes/aliases/{alias}");
+        let request = server.request(method.clone(), &path).bearer_auth(&limited);
+        server.send(if method == Method::PUT { request.json(&json!({"version": version})) } else { request })
+    };
+    send(Method::PUT, "production", 3).expect_problem(403, "forbidden", &[]);
+    send(Method::DELETE, "production", 0).expect_problem(404, "not-found", &[]);
+    send(Method::PUT, "own", 1).expect_problem(422, "invalid-input", &["/version"]);
+    send(Method::PUT, "own", 3).expect(200);
+    send(Method::PUT, "more", 3).expect(201);
+    let list = server.request(Method::GET, "/v1/dictionaries/modes/aliases").bearer_auth(&limited);
+    assert_eq!(server.send(list).expect(200)["items"].as_array().unwrap().len(), 2);
+    assert_eq!(send(Method::DELETE, "own", 0).status, 204);
+}
+
+#[test]
 fn aliases_outlive_a_kill() {
     let server = with_versions();
     put(&server, PRODUCTION, 1).expect(201);
