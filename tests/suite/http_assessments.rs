@@ -243,7 +243,7 @@ fn bad_requests_for_assessments_are_refused() {
     let server = furnished();
     let post = |body: &Value| server.post(PATH, body);
     post(&json!({})).expect_problem(422, "invalid-input", &["/cohort"]);
-    post(&json!({"cohort": "nobody"})).expect_problem(404, "not-found", &[]);
+    post(&json!({"cohort": "nobody"})).expect_problem(404, "not-found", &["/cohort"]);
     let cells = |field: &str, value: Value| {
         let mut body = json!({"cohort": "example-cells"});
         body[field] = value;

@@ -4,7 +4,8 @@ use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 
-use super::request_macros::{IfMatchHeader, known, tagged, time};
+use super::entity_tags::{tagged, unless_known};
+use super::request_macros::{IfMatchHeader, time};
 use crate::api::extract::{Caller, IfMatch, JsonBody, NoQuery, Path};
 use crate::api::problem::Problem;
 use crate::api::respond::json;
@@ -86,10 +87,8 @@ pub(super) async fn find_alias(
 ) -> Result<Response, Problem> {
     let found = aliases::find(&app, &key, &alias).await?;
     let tag = alias_tag(&found);
-    if known(&headers, &tag) {
-        return Ok(tagged(StatusCode::NOT_MODIFIED.into_response(), &tag));
-    }
-    Ok(tagged(json(StatusCode::OK, &AliasOutput::from(found))?, &tag))
+    let answer = async { Ok(json(StatusCode::OK, &AliasOutput::from(found))?) };
+    unless_known(&headers, &tag, answer).await
 }
 
 /// Makes an alias name a version of a dictionary: creates it, or moves it.

@@ -79,14 +79,17 @@ pub(super) async fn assess_cohort(
         let revision = [(REVISION, lines.revision.to_string())];
         return Ok((revision, [(header::CONTENT_TYPE, NDJSON)], lines.text).into_response());
     }
-    let job = planned.submit(&app).await?;
-    match waited(&app, job, prefer).await? {
-        Waited::Succeeded(job) => match jobs::output(&app, &job.id).await?.parts() {
-            Some(parts) => Ok(stored_lines(app, job.id, parts)),
-            None => Err(ServiceError::Internal("a job of lines without lines".into()).into()),
-        },
+    match waited(&app, planned.submit(&app).await?, prefer).await? {
+        Waited::Succeeded(job) => Ok(lines_of(app, job.id).await?),
         Waited::Else(response) => Ok(response),
     }
+}
+
+/// Lines of a job that has succeeded.
+async fn lines_of(app: App, job: String) -> Result<Response, ServiceError> {
+    let missing = || ServiceError::Internal("a job of lines without lines".into());
+    let parts = jobs::output(&app, &job).await?.parts().ok_or_else(missing)?;
+    Ok(stored_lines(app, job, parts))
 }
 
 const NDJSON: &str = "application/x-ndjson";

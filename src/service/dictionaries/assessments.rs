@@ -155,7 +155,7 @@ struct Tally {
 /// filter that selects no shapes.
 pub async fn plan(app: &App, key: &str, asked: AssessCohort) -> Result<Planned, ServiceError> {
     let ready = ready::find(app, key).await?;
-    let cohort = catalogue::find(app, &asked.cohort).await?;
+    let cohort = catalogue::find(app, &asked.cohort).await.map_err(|error| error.named_at("/cohort"))?;
     let mut faults = Vec::new();
     if let Some(detail) = coding::misfit(&ready, &cohort) {
         faults.push(Fault::new("/cohort", detail));
