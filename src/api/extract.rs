@@ -573,6 +573,63 @@ impl<S: Send + Sync> FromRequestParts<S> for PrefersLines {
     }
 }
 
+/// Response format of the output of a job, whose kind decides which formats there are.
+#[derive(Debug)]
+pub struct OutputFormat {
+    asked: Option<String>,
+    accept: String,
+}
+
+impl<S: Send + Sync> FromRequestParts<S> for OutputFormat {
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Problem> {
+        only(parts, &["format"])?;
+        let query = axum::extract::Query::<FormatQuery>::try_from_uri(&parts.uri).ok();
+        let asked = query.and_then(|query| query.0.format);
+        if let Some(other) = asked.as_deref().filter(|name| !["json", "csv", "npy", "ndjson"].contains(name))
+        {
+            let detail = format!("expected 'json', 'csv', 'npy' or 'ndjson', got '{other}'");
+            return Err(Problem::of_parameter("format", detail));
+        }
+        Ok(Self { asked, accept: accepted(&parts.headers) })
+    }
+}
+
+impl OutputFormat {
+    /// Format of a matrix.
+    ///
+    /// # Errors
+    /// A format that matrices do not have.
+    pub fn of_matrix(&self) -> Result<MatrixFormat, Problem> {
+        matrix_format_of(self.asked.as_deref(), &self.accept)
+    }
+
+    /// Checks that lines are accepted.
+    ///
+    /// # Errors
+    /// Another format.
+    pub fn check_lines(&self) -> Result<(), Problem> {
+        match self.asked.as_deref() {
+            Some("ndjson") => Ok(()),
+            Some(other) => {
+                let detail = format!("expected 'ndjson', the only format of lines, got '{other}'");
+                Err(Problem::of_parameter("format", detail))
+            }
+            None => {
+                let is_lines = |media_range: &str| {
+                    matches!(media_range, "application/x-ndjson" | "application/*" | "*/*" | "").then_some(())
+                };
+                preferred(&self.accept, is_lines).ok_or_else(|| {
+                    let detail =
+                        format!("expected application/x-ndjson to be accepted, got '{}'", self.accept);
+                    Problem::new(ProblemKind::NotAcceptable, detail)
+                })
+            }
+        }
+    }
+}
+
 /// Response format of a matrix, on a route without other query parameters: `?format=json|csv|npy`, else the `Accept`
 /// header, else JSON.
 #[derive(Debug)]
@@ -584,26 +641,26 @@ impl<S: Send + Sync> FromRequestParts<S> for OnlyMatrixFormat {
     async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Problem> {
         only(parts, &["format"])?;
         let query = axum::extract::Query::<FormatQuery>::try_from_uri(&parts.uri).ok();
-        let format = match query.and_then(|query| query.0.format).as_deref() {
-            Some("json") => MatrixFormat::Json,
-            Some("csv") => MatrixFormat::Csv,
-            Some("npy") => MatrixFormat::Npy,
-            Some(other) => {
-                let detail = format!("expected 'json', 'csv' or 'npy', got '{other}'");
-                return Err(Problem::of_parameter("format", detail));
-            }
-            None => {
-                let accept = accepted(&parts.headers);
-                preferred(&accept, matrix_format).ok_or_else(|| {
-                    let detail = format!(
-                        "expected application/json, text/csv or application/x-npy to be accepted, got \
-                         '{accept}'"
-                    );
-                    Problem::new(ProblemKind::NotAcceptable, detail)
-                })?
-            }
-        };
-        Ok(Self(format))
+        let asked = query.and_then(|query| query.0.format);
+        matrix_format_of(asked.as_deref(), &accepted(&parts.headers)).map(Self)
+    }
+}
+
+fn matrix_format_of(asked: Option<&str>, accept: &str) -> Result<MatrixFormat, Problem> {
+    match asked {
+        Some("json") => Ok(MatrixFormat::Json),
+        Some("csv") => Ok(MatrixFormat::Csv),
+        Some("npy") => Ok(MatrixFormat::Npy),
+        Some(other) => {
+            let detail = format!("expected 'json', 'csv' or 'npy', got '{other}'");
+            Err(Problem::of_parameter("format", detail))
+        }
+        None => preferred(accept, matrix_format).ok_or_else(|| {
+            let detail = format!(
+                "expected application/json, text/csv or application/x-npy to be accepted, got '{accept}'"
+            );
+            Problem::new(ProblemKind::NotAcceptable, detail)
+        }),
     }
 }
 
@@ -670,6 +727,8 @@ const MAX_WAIT: Duration = Duration::from_secs(60);
 pub struct Prefer {
     /// `wait=SECONDS`: time that the client is willing to wait for the outcome, at most a minute.
     pub wait: Option<Duration>,
+    /// `respond-async`: the client prefers a job to an answer at once.
+    pub respond_async: bool,
 }
 
 impl<S: Send + Sync> FromRequestParts<S> for Prefer {
@@ -684,14 +743,17 @@ impl<S: Send + Sync> FromRequestParts<S> for Prefer {
 impl Prefer {
     /// Reads the values of the header; of repeated preferences the first counts.
     fn read<'a>(values: impl Iterator<Item = &'a str>) -> Self {
-        let mut preferences = values.flat_map(|value| split_unquoted(value, ','));
-        let wait = preferences.find_map(|preference| {
-            // Drops the parameters of the preference; `wait` has none.
-            let preference = split_unquoted(preference, ';').next()?;
+        let (mut wait, mut respond_async) = (None, false);
+        for preference in values.flat_map(|value| split_unquoted(value, ',')) {
+            // Drops the parameters of the preference; these have none.
+            let preference = split_unquoted(preference, ';').next().unwrap_or_default();
             let (name, value) = preference.split_once('=').unwrap_or((preference, ""));
-            name.trim().eq_ignore_ascii_case("wait").then(|| value.trim().trim_matches('"').to_owned())
-        });
-        Self { wait: wait.and_then(|seconds| read_seconds(&seconds)) }
+            if name.trim().eq_ignore_ascii_case("wait") {
+                wait.get_or_insert_with(|| value.trim().trim_matches('"').to_owned());
+            }
+            respond_async |= name.trim().eq_ignore_ascii_case("respond-async");
+        }
+        Self { wait: wait.and_then(|seconds| read_seconds(&seconds)), respond_async }
     }
 }
 

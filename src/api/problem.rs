@@ -24,9 +24,10 @@ fn status(kind: ProblemKind) -> StatusCode {
         ProblemKind::RouteNotFound | ProblemKind::NotFound => StatusCode::NOT_FOUND,
         ProblemKind::MethodNotAllowed => StatusCode::METHOD_NOT_ALLOWED,
         ProblemKind::NotAcceptable => StatusCode::NOT_ACCEPTABLE,
-        ProblemKind::NameTaken | ProblemKind::ExternalIdConflict | ProblemKind::JobFinished => {
-            StatusCode::CONFLICT
-        }
+        ProblemKind::NameTaken
+        | ProblemKind::ExternalIdConflict
+        | ProblemKind::JobFinished
+        | ProblemKind::VersionInUse => StatusCode::CONFLICT,
         ProblemKind::PayloadTooLarge => StatusCode::PAYLOAD_TOO_LARGE,
         ProblemKind::UnsupportedMediaType => StatusCode::UNSUPPORTED_MEDIA_TYPE,
         ProblemKind::InvalidInput

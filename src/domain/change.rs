@@ -30,6 +30,10 @@ pub enum ChangeKind {
     DictionaryDeleted,
     /// A version of a dictionary was restored from the trash.
     DictionaryRestored,
+    /// An alias of a dictionary was created or moved; the object is the version that it names now.
+    DictionaryAliasMoved,
+    /// An alias of a dictionary was removed; the object is the version that it named.
+    DictionaryAliasRemoved,
     /// A job was submitted; `object` is its id.
     JobQueued,
     /// A job succeeded.
@@ -42,7 +46,7 @@ pub enum ChangeKind {
 
 impl ChangeKind {
     /// All kinds.
-    pub const ALL: [Self; 16] = [
+    pub const ALL: [Self; 18] = [
         Self::CohortCreated,
         Self::CohortUpdated,
         Self::CohortDeleted,
@@ -55,6 +59,8 @@ impl ChangeKind {
         Self::DictionaryAdded,
         Self::DictionaryDeleted,
         Self::DictionaryRestored,
+        Self::DictionaryAliasMoved,
+        Self::DictionaryAliasRemoved,
         Self::JobQueued,
         Self::JobSucceeded,
         Self::JobFailed,
@@ -76,6 +82,8 @@ impl ChangeKind {
             Self::DictionaryAdded => "dictionary_added",
             Self::DictionaryDeleted => "dictionary_deleted",
             Self::DictionaryRestored => "dictionary_restored",
+            Self::DictionaryAliasMoved => "dictionary_alias_moved",
+            Self::DictionaryAliasRemoved => "dictionary_alias_removed",
             Self::JobQueued => "job_queued",
             Self::JobSucceeded => "job_succeeded",
             Self::JobFailed => "job_failed",

@@ -6,7 +6,9 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::cohort::name_problem;
 use super::filter::ShapeFilter;
+use super::id;
 use crate::analysis::classification::record::ClassifierKind;
 use crate::analysis::dictionary::content::Content;
 use crate::analysis::dictionary::method::Method;
@@ -107,6 +109,41 @@ pub struct Summary {
     pub accuracy: Option<f64>,
 }
 
+/// A name for a version, written `name@alias`, which can be moved to another version of the same name.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Alias {
+    /// The alias.
+    pub alias: String,
+    /// Id of the version that it names.
+    pub id: String,
+    /// Name of the dictionary.
+    pub name: String,
+    /// Number of the version.
+    pub version: u64,
+    /// BLAKE3 digest of the content of the version.
+    pub digest: String,
+    /// Number of versions that it has named so far.
+    pub moves: u64,
+    /// Since when it names the version, milliseconds since 1970 UTC.
+    pub moved_at_ms: i64,
+}
+
+/// Reason why `alias` is not a valid alias, if any.
+///
+/// An alias begins with a letter, so that it is never the number of a version. `latest` is none: the name alone already means
+/// the latest version.
+pub fn alias_problem(alias: &str) -> Option<String> {
+    let got = || format!(", got '{alias}'");
+    if let Some(problem) = name_problem(alias, id::DICTIONARY) {
+        return Some(problem + &got());
+    }
+    if !alias.starts_with(|c: char| c.is_ascii_alphabetic()) {
+        return Some(format!("expected a letter at the start, unlike the number of a version{}", got()));
+    }
+    (alias == "latest")
+        .then(|| "expected an alias other than 'latest': the name alone is the latest version".to_owned())
+}
+
 /// A version about to be stored; the store assigns its number.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NewDictionary {
@@ -141,6 +178,22 @@ impl Summary {
             reconstruction_error: content.statistics.reconstruction_error,
             classifier: content.classifier.as_ref().map(|record| record.settings.kind),
             accuracy: content.classifier.as_ref().map(|record| record.validation.accuracy.value),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_alias_is_no_number_and_not_the_latest() {
+        for right in ["production", "a", "v1.2", "Site_B-2026"] {
+            assert_eq!(alias_problem(right), None, "{right}");
+        }
+        for wrong in ["", "3", "3a", "_x", "-x", ".x", "a@b", "a/b", "é", "latest", "dic_1", &"a".repeat(101)]
+        {
+            assert!(alias_problem(wrong).is_some_and(|problem| problem.starts_with("expected ")), "{wrong}");
         }
     }
 }

@@ -15,6 +15,8 @@ pub enum JobKind {
     Compare,
     /// Regresses shapes on an attribute.
     Regress,
+    /// Assesses the shapes of a cohort with a dictionary.
+    Assess,
 }
 
 impl JobKind {
@@ -25,6 +27,7 @@ impl JobKind {
             Self::Distances => "distances",
             Self::Compare => "compare",
             Self::Regress => "regress",
+            Self::Assess => "assess",
         }
     }
 }
@@ -123,6 +126,34 @@ pub struct JobOutput {
     pub head: Value,
     /// The data.
     pub data: Vec<u8>,
+}
+
+/// Parts of an output that was stored piece by piece.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct OutputParts {
+    /// Attempt that stored them.
+    pub attempt: u32,
+    /// Number of parts.
+    pub count: u64,
+    /// Their total size.
+    pub bytes: u64,
+}
+
+impl JobOutput {
+    /// Output that consists of `parts`.
+    pub fn in_parts(parts: OutputParts) -> Self {
+        Self { head: serde_json::json!({"parts": parts}), data: Vec::new() }
+    }
+
+    /// Its parts, if it was stored in parts.
+    pub fn parts(&self) -> Option<OutputParts> {
+        Self::parts_in(&self.head)
+    }
+
+    /// Parts that the head of an output describes.
+    pub fn parts_in(head: &Value) -> Option<OutputParts> {
+        OutputParts::deserialize(head.get("parts")?).ok()
+    }
 }
 
 /// A long-running computation.

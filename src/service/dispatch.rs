@@ -5,7 +5,7 @@ use tokio::runtime::Handle;
 use crate::domain::job::{Job, JobKind};
 use crate::service::app::progress::JobContext;
 use crate::service::app::{App, ServiceError};
-use crate::service::dictionaries::learning;
+use crate::service::dictionaries::{assessments, learning};
 use crate::service::inference::comparisons::ComparedShapes;
 use crate::service::inference::regressions::RegressedShapes;
 use crate::service::inference::study::Study;
@@ -24,5 +24,6 @@ pub fn run(app: &App, handle: &Handle, job: &Job, context: &JobContext) -> Resul
         JobKind::Distances => distances::run(app, handle, job, context),
         JobKind::Compare => inline_or_job::run::<Study<ComparedShapes>>(app, handle, job, context),
         JobKind::Regress => inline_or_job::run::<Study<RegressedShapes>>(app, handle, job, context),
+        JobKind::Assess => assessments::run(app, handle, job, context),
     }
 }

@@ -40,20 +40,38 @@ impl Store {
         Ok(version)
     }
 
-    /// Id of the version with this id, this `name@version`, or the latest version of this name.
+    /// Id of the version with this id, this `name@version`, this `name@alias`, or the latest version of this name.
     ///
     /// # Errors
     /// Database errors.
     pub async fn find_dictionary_id(&self, key: &str) -> Result<Option<String>, StoreError> {
-        let mut query =
-            sql(self.reader(), "SELECT id FROM dictionary WHERE deleted_at_ms IS NULL AND tenant = ");
-        query.push_bind(self.tenant());
+        self.find_version("SELECT id", key).await
+    }
+
+    /// Name of the dictionary that `key` means, as [`Store::find_dictionary_id`] reads it.
+    ///
+    /// # Errors
+    /// Database errors.
+    pub async fn find_dictionary_name(&self, key: &str) -> Result<Option<String>, StoreError> {
+        self.find_version("SELECT name", key).await
+    }
+
+    /// Text selected of the version with this key.
+    async fn find_version(&self, select: &'static str, key: &str) -> Result<Option<String>, StoreError> {
+        let mut query = sql(self.reader(), select);
+        query.push(" FROM dictionary WHERE deleted_at_ms IS NULL AND tenant = ").push_bind(self.tenant());
         self.push_scope(&mut query, "cohort");
         match key.rsplit_once('@') {
-            Some((name, version)) => {
-                let Ok(version) = version.parse::<i64>() else { return Ok(None) };
-                query.push(" AND handle = ").push_bind(self.handle(name));
-                query.push(" AND version = ").push_bind(version);
+            Some((name, text)) => {
+                let handle = self.handle(name);
+                query.push(" AND handle = ").push_bind(handle.clone());
+                // An alias begins with a letter.
+                if let Ok(version) = text.parse::<i64>() {
+                    query.push(" AND version = ").push_bind(version);
+                } else {
+                    query.push(" AND id = (SELECT dictionary FROM dictionary_alias WHERE handle = ");
+                    query.push_bind(handle).push(" AND alias = ").push_bind(text).push(")");
+                }
             }
             None => {
                 query.push(" AND (id = ").push_bind(key).push(" OR handle = ").push_bind(self.handle(key));

@@ -98,6 +98,14 @@ pub enum StoreError {
     /// It is not as it was when the client looked.
     #[error("the object has changed meanwhile")]
     Changed,
+    /// Aliases name the version of a dictionary.
+    #[error("{} aliases name the version", aliases.len())]
+    Aliased {
+        /// Id of the version.
+        id: String,
+        /// The aliases, as `name@alias`.
+        aliases: Vec<String>,
+    },
     /// A request with the same key was done before.
     #[error("the request has already been carried out")]
     AlreadyDone,

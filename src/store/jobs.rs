@@ -286,6 +286,7 @@ impl Store {
         let failed = query.execute().await?;
         prune(&mut transaction, &claim.tenant).await?;
         if failed == 1 {
+            outputs::forget_parts(&mut transaction, &claim.job.id).await?;
             let change = NewChange::for_job(ChangeKind::JobFailed, &claim.job.id, cohort_of(&claim.job));
             changes::record(&mut transaction, &claim.tenant, &change, now_ms).await?;
         }
@@ -327,6 +328,7 @@ impl Store {
         let job = row.as_ref().map(read_job).transpose()?;
         prune(&mut transaction, self.tenant()).await?;
         if let Some(job) = job.as_ref().filter(|_| cancelled == 1) {
+            outputs::forget_parts(&mut transaction, id).await?;
             let change = NewChange::for_job(ChangeKind::JobCancelled, id, cohort_of(job));
             changes::record(&mut transaction, self.tenant(), &change, now_ms).await?;
         }

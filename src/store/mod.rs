@@ -3,9 +3,10 @@
 //! ```text
 //! cohort ─< chunk ── chunk_data     up to 4096 shapes: points (little-endian f64), weights, checksum
 //!              └──< shape           attributes of each shape, and when it was deleted
-//! job ── job_output                   the queue, the history of finished jobs, and their outputs
+//! job ── job_output ─< job_output_part the queue, the history of finished jobs, and their outputs, large ones in parts
 //!  └── pass ─< task                  the distributed passes of a job, and their parts
 //! dictionary ── dictionary_data     versions, each written once
+//!      └──< dictionary_alias         names for versions, which can be moved
 //! ```
 //!
 //! A chunk records the revision of its cohort that added it, a shape the revision that deleted it; the set at revision `r`
@@ -16,7 +17,7 @@
 //! SQLite: one connection writes, in short transactions; four read; the folder belongs to one process. PostgreSQL: any
 //! number of processes; only writers of the same cohort wait for each other. The SQL is the same (`engine`).
 //!
-//! * [`cohorts`], [`shapes`], [`dictionaries`] — finding, listing and deleting; [`upload`] — storing shapes;
+//! * [`cohorts`], [`shapes`], [`dictionaries`] — finding, listing and deleting; `aliases` — names for versions; [`upload`] — storing shapes;
 //! * `corrections` — shapes stored again with other attributes, or deleted; `erasure` — everything of a subject removed;
 //! * [`scan`] — reading control points in bulk; `places` — where they are, and whose they are;
 //! * [`jobs`] — the queue; [`tasks`] — distributed parts of jobs; [`outputs`] — large results of jobs;
@@ -26,6 +27,7 @@
 //! * `blob` — conversion between numbers and bytes; `sqlite`, `postgres` — connections, checks, schema;
 //! * `replica` — which processes are alive; `clock` — notes about the clock.
 
+mod aliases;
 mod attributes;
 pub mod audit;
 mod blob;
@@ -60,6 +62,7 @@ mod text;
 mod trash;
 pub mod upload;
 
+pub use aliases::{AliasMove, AliasMoved, MAX_ALIASES};
 pub use attributes::Unmeasured;
 pub use audit::AuditCheck;
 pub use clock::ClockNotes;

@@ -1,10 +1,10 @@
 //! Outputs of jobs that are too large for their row.
 
 use super::engine::to_sql;
-use super::engine::{Transaction, sql};
+use super::engine::{Link, Query, Row, Transaction, sql};
 use super::error::StoreError;
 use super::handle::Store;
-use crate::domain::job::JobOutput;
+use crate::domain::job::{Job, JobOutput};
 
 /// Maximum total size of the outputs kept; the oldest are removed first, and the last one is always kept.
 pub const MAX_OUTPUT_BYTES: u64 = 2 << 30;
@@ -28,6 +28,79 @@ impl Store {
         }
         Ok(Some(JobOutput { head: serde_json::from_str(head).map_err(|_| damaged())?, data }))
     }
+
+    /// Stores a part of the output of a running `job`, as it was claimed, while the attempt lasts; `false` if it has lost the job.
+    ///
+    /// # Errors
+    /// Database errors.
+    pub async fn add_output_part(&self, job: &Job, part: u64, data: &[u8]) -> Result<bool, StoreError> {
+        // An erasure begins an attempt again under its number, but at another time.
+        const ADD: &str = "INSERT INTO job_output_part (job, attempt, part, checksum, data)
+            SELECT $1, $2, $3, $4, $5 WHERE EXISTS (SELECT 1 FROM job
+                WHERE id = $1 AND tenant = $6 AND status = 'running' AND attempt = $2 AND started_at_ms = $7)";
+        let mut write = self.begin_write(&job.id).await?;
+        let added = sql(&mut write, ADD)
+            .bind(&job.id)
+            .bind(i64::from(job.attempt))
+            .bind(to_sql(part))
+            .bind(blake3::hash(data).as_bytes().to_vec())
+            .bind(data)
+            .bind(self.tenant())
+            .bind(job.started_at_ms)
+            .execute()
+            .await?;
+        write.commit().await?;
+        Ok(added == 1)
+    }
+
+    /// Removes what earlier attempts at a job have stored of its output.
+    ///
+    /// # Errors
+    /// Database errors.
+    pub async fn clear_output_parts(&self, job: &str) -> Result<(), StoreError> {
+        let mut write = self.begin_write(job).await?;
+        forget_parts(&mut write, job).await?;
+        Ok(write.commit().await?)
+    }
+
+    /// A part of the output of a job, if it is still kept.
+    ///
+    /// # Errors
+    /// [`StoreError::Damaged`] if it does not match its checksum.
+    pub async fn read_output_part(
+        &self,
+        job: &str,
+        attempt: u32,
+        part: u64,
+    ) -> Result<Option<Vec<u8>>, StoreError> {
+        let row = select_part(self.reader(), job, attempt, part).optional().await?;
+        let Some(row) = row else { return Ok(None) };
+        match whole_part(&row)? {
+            Some(data) => Ok(Some(data)),
+            None => Err(StoreError::Damaged {
+                detail: format!("part {part} of the output of {job} does not match its checksum"),
+            }),
+        }
+    }
+}
+
+/// Selects a part of an output.
+pub(super) fn select_part<'c>(link: impl Into<Link<'c>>, job: &str, attempt: u32, part: u64) -> Query<'c> {
+    const READ: &str =
+        "SELECT checksum, data FROM job_output_part WHERE job = $1 AND attempt = $2 AND part = $3";
+    sql(link, READ).bind(job.to_owned()).bind(i64::from(attempt)).bind(to_sql(part))
+}
+
+/// Data of a part, if they match their checksum.
+pub(super) fn whole_part(row: &Row) -> Result<Option<Vec<u8>>, StoreError> {
+    let (checksum, data): (&[u8], Vec<u8>) = (row.get("checksum")?, row.get("data")?);
+    Ok((blake3::hash(&data).as_bytes() == checksum).then_some(data))
+}
+
+/// Removes the parts of the output of a job.
+pub(super) async fn forget_parts(write: &mut Transaction, job: &str) -> Result<(), StoreError> {
+    sql(write, "DELETE FROM job_output_part WHERE job = $1").bind(job).execute().await?;
+    Ok(())
 }
 
 /// Inserts the output of a job, within the transaction that ends it, and removes the oldest outputs beyond the limit.
@@ -42,17 +115,28 @@ pub(super) async fn insert(
     const PRUNE: &str = "DELETE FROM job_output WHERE number IN (SELECT number FROM
         (SELECT number, sum(bytes) OVER (ORDER BY number DESC) AS total FROM job_output) AS sums
         WHERE total > $1 AND number < (SELECT max(number) FROM job_output))";
+    // Parts of outputs that are no longer kept, and of jobs that have ended without one.
+    const PRUNE_PARTS: &str = "DELETE FROM job_output_part WHERE job IN (SELECT DISTINCT p.job
+        FROM job_output_part AS p JOIN job AS j ON j.id = p.job
+        WHERE j.status NOT IN ('queued', 'running')
+            AND NOT EXISTS (SELECT 1 FROM job_output AS o WHERE o.job = p.job))";
     let head = output.head.to_string();
     sql(&mut *write, INSERT)
         .bind(job)
-        .bind(to_sql(output.data.len() as u64))
+        .bind(to_sql(bytes_of(output)))
         .bind(checksum_of(&head, &output.data))
         .bind(&head)
         .bind(&output.data)
         .execute()
         .await?;
     sql(&mut *write, PRUNE).bind(to_sql(most_bytes)).execute().await?;
+    sql(&mut *write, PRUNE_PARTS).execute().await?;
     Ok(())
+}
+
+/// Size of an output with its parts.
+pub(super) fn bytes_of(output: &JobOutput) -> u64 {
+    output.data.len() as u64 + output.parts().map_or(0, |parts| parts.bytes)
 }
 
 /// Checksum stored with an output.

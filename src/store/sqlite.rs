@@ -34,6 +34,7 @@ const MIGRATIONS: &[(i64, &str, &str)] = &[
     (8, "keys", include_str!("migrations/sqlite/0008_keys.sql")),
     (10, "passes", include_str!("migrations/sqlite/0010_passes.sql")),
     (11, "measures and corrections", include_str!("migrations/sqlite/0011_measures_and_corrections.sql")),
+    (12, "aliases and output parts", include_str!("migrations/sqlite/0012_aliases_and_output_parts.sql")),
     (13, "hooks", include_str!("migrations/sqlite/0013_hooks.sql")),
 ];
 

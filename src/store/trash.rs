@@ -4,7 +4,7 @@ use super::engine::to_sql;
 use super::engine::{Row, Transaction, sql};
 use super::error::StoreError;
 use super::handle::Store;
-use super::{changes, engine};
+use super::{aliases, changes, engine};
 use crate::domain::change::{ChangeKind, NewChange};
 use crate::domain::trash::{Trashed, TrashedKind};
 
@@ -40,13 +40,15 @@ impl Store {
     /// Moves the dictionary version with this id to the trash; `false` if there is none.
     ///
     /// # Errors
-    /// Database errors.
+    /// [`StoreError::Aliased`].
     pub async fn trash_dictionary(&self, id: &str, now_ms: i64) -> Result<bool, StoreError> {
         const TRASH: &str = "UPDATE dictionary SET deleted_at_ms = $3
             WHERE id = $1 AND tenant = $2 AND deleted_at_ms IS NULL RETURNING cohort";
         let mut write = self.begin_write(id).await?;
         let query = sql(&mut write, TRASH).bind(id).bind(self.tenant()).bind(now_ms);
         let Some(cohort) = query.optional_scalar::<String>().await? else { return Ok(false) };
+        // After the statement that locks the version: an alias cannot come to name it meanwhile.
+        aliases::refuse_named(&mut write, id).await?;
         let change = NewChange::for_dictionary(ChangeKind::DictionaryDeleted, id, &cohort);
         changes::record(&mut write, self.tenant(), &change, now_ms).await?;
         write.commit().await?;

@@ -217,7 +217,10 @@ pub(crate) fn furnished() -> Server {
 
 fn furnished_path(template: &str) -> String {
     let path = template.replace("{cohort}", "example-cells").replace("{dictionary}", "modes");
-    path.replace("{name}", "bspline").replace("{job}", "none").replace("{hook}", "none")
+    path.replace("{name}", "bspline")
+        .replace("{job}", "none")
+        .replace("{hook}", "none")
+        .replace("{alias}", "production")
 }
 
 /// A query that is read after the body, and a parameter of another generator than that of [`furnished_path`].

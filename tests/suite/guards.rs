@@ -51,6 +51,10 @@ const OPERATIONS: &[&str] = &[
     "GET /v1/cohorts/{cohort}/sheet",
     "GET /v1/dictionaries",
     "GET /v1/dictionaries/{dictionary}",
+    "DELETE /v1/dictionaries/{dictionary}/aliases/{alias}",
+    "GET /v1/dictionaries/{dictionary}/aliases",
+    "GET /v1/dictionaries/{dictionary}/aliases/{alias}",
+    "PUT /v1/dictionaries/{dictionary}/aliases/{alias}",
     "GET /v1/dictionaries/{dictionary}/atoms",
     "GET /v1/dictionaries/{dictionary}/drift",
     "GET /v1/dictionaries/{dictionary}/export",
@@ -76,6 +80,7 @@ const OPERATIONS: &[&str] = &[
     "POST /v1/dictionaries",
     "POST /v1/dictionaries/import",
     "POST /v1/dictionaries/{dictionary}/assess",
+    "POST /v1/dictionaries/{dictionary}/assessments",
     "POST /v1/dictionaries/{dictionary}/classify",
     "POST /v1/dictionaries/{dictionary}/encode",
     "POST /v1/dictionaries/{dictionary}/prior",
@@ -199,6 +204,7 @@ fn the_routes_of_the_interface_document_exist() {
             .replace("{shape}", "none")
             .replace("{name}", "keys")
             .replace("{dictionary}", "none")
+            .replace("{alias}", "none")
             .replace("{hook}", "none")
             .replace("{key}", "none")
             .replace("{job}", "none");
@@ -221,6 +227,7 @@ fn refusals_have_documented_statuses() {
         let (method, template) = name.split_once(' ').unwrap();
         let path = |id: &str| {
             let path = template.replace("{cohort}", id).replace("{shape}", "none").replace("{name}", id);
+            let path = path.replace("{alias}", id);
             path.replace("{dictionary}", id).replace("{job}", id).replace("{key}", id).replace("{hook}", id)
         };
         let request = |path: &str| server.request(method.parse::<Method>().unwrap(), path);
@@ -284,6 +291,7 @@ fn the_examples_of_the_interface_document_work() {
             let path = path.replace("{cohort}", &cohort).replace("{dictionary}", "modes");
             // The shapes of an earlier example.
             let path = path.replace("{shape}", "scan-17").replace("{hook}", &hook);
+            let path = path.replace("{alias}", "production");
             let text = example.as_str().map_or_else(|| example.to_string(), str::to_owned);
             let request = server.request(method.parse().unwrap(), &path).header("content-type", media_type);
             let reply = server.send(request.body(text));

@@ -360,12 +360,15 @@ fn things(server: &Server) -> BTreeMap<&'static str, String> {
     let cohort = server.get("/v1/cohorts/example-cells").expect(200)["id"].clone();
     let shape = server.get("/v1/cohorts/example-cells/shapes?limit=1").expect(200)["items"][0]["id"].clone();
     let text = |value: &Value| value.as_str().unwrap().to_owned();
+    let alias = server.request(Method::PUT, "/v1/dictionaries/modes/aliases/production");
+    server.send(alias.json(&json!({"version": 1}))).expect(201);
     let hook = server.post("/v1/hooks", &json!({"url": "https://pipeline.example/"})).expect(201);
     BTreeMap::from([
         ("{hook}", text(&hook["id"])),
         ("{cohort}", text(&cohort)),
         ("{shape}", text(&shape)),
         ("{dictionary}", text(&dictionary["id"])),
+        ("{alias}", String::from("production")),
         ("{job}", text(&job)),
         ("{name}", String::from("keys")),
     ])

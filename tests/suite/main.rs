@@ -7,6 +7,8 @@ mod endless;
 mod guards;
 mod health;
 mod http_access;
+mod http_aliases;
+mod http_assessments;
 mod http_bad_input;
 mod http_browsers;
 mod http_classes;

@@ -27,7 +27,7 @@ use crate::formats::picture::PictureFile;
 use crate::formats::shape::ShapeInput;
 use crate::service::app::{App, Limits, ServiceError, Work};
 use crate::service::shapes::names::InputNames;
-use crate::service::shapes::outcome::{OnError, Outcomes};
+use crate::service::shapes::outcome::{OnError, Outcomes, ShapeError};
 use crate::service::shapes::read;
 
 /// Parameter of requests about many shapes.
@@ -310,26 +310,6 @@ pub(super) struct FailedShape {
     pub(super) shape: InputShape,
     /// Reason.
     pub(super) error: ShapeError,
-}
-
-/// Reason why a shape has no answer.
-#[derive(Debug, Serialize, utoipa::ToSchema)]
-pub(super) struct ShapeError {
-    /// Short name of the problem type.
-    #[schema(example = "degenerate-shape")]
-    code: &'static str,
-    /// Description and remedy.
-    detail: String,
-    /// All faults of the shape; those of the first thousand faults of a request are described in full.
-    errors: Vec<Fault>,
-}
-
-impl From<ServiceError> for ShapeError {
-    fn from(error: ServiceError) -> Self {
-        let problem = Problem::from(error);
-        let (code, detail) = (problem.kind().code(), problem.detail().to_owned());
-        Self { code, detail, errors: problem.into_errors() }
-    }
 }
 
 /// An input shape with its answer, or without one.

@@ -5,21 +5,18 @@ use axum::response::Response;
 use serde::Serialize;
 
 use super::batches::{Batch, BatchQuery, DrawnBatch, results};
-use super::coding::{
-    ByDictionary, CodeOutput, NoveltyOutput, Shapes, ask_dictionary, asking_request, quantile_of, receive,
-    samples_of,
-};
+use super::coding::{Shapes, ask_dictionary, asking_request, quantile_of, receive, samples_of};
 use super::pictures::draw_dictionary;
-use crate::analysis::AnalysisError;
 use crate::analysis::classification::record::{
     ClassRecord, ClassifierKind, ClassifierRecord, ClassifierSettings, Validation,
 };
-use crate::analysis::dictionary::assess::{Assessment, Classified};
+use crate::analysis::dictionary::assess::Classified;
 use crate::api::extract::{Caller, DrawingQuery, Path};
 use crate::api::problem::Problem;
 use crate::formats::checked::{Checked, List, Many, document, take_given, take_many};
 use crate::formats::shape::ShapeInput;
 use crate::service::app::App;
+use crate::service::dictionaries::answers::{AssessmentOutput, ByDictionary, ClassOutput, NoveltyOutput};
 use crate::service::dictionaries::classify;
 use crate::service::dictionaries::pictures::assessed;
 use crate::service::dictionaries::ready::Ready;
@@ -70,57 +67,6 @@ asking_request! {
     }
 }
 
-/// A class with its distance and confidence.
-#[derive(Debug, Serialize, utoipa::ToSchema)]
-pub(super) struct RankedOutput {
-    /// Name of the class.
-    label: String,
-    /// Distance to the class: relative residual, Mahalanobis distance, or distance to the nearest member.
-    distance: f64,
-    /// Confidence, calibrated on held-out shapes; the confidences of all classes sum to 1.
-    confidence: f64,
-}
-
-/// Class of a shape.
-#[derive(Debug, Serialize, utoipa::ToSchema)]
-pub(super) struct ClassOutput {
-    /// Most likely class.
-    label: String,
-    /// All classes, most likely first.
-    ranking: Vec<RankedOutput>,
-    /// Confidence of the first class minus that of the second.
-    margin: f64,
-    /// Whether the distance to the class is within the quantile of the class's own shapes when held out. If not, the shape
-    /// belongs to none of these classes.
-    accepted: bool,
-}
-
-impl ClassOutput {
-    fn new(ready: &Ready, classified: &Classified) -> Self {
-        let record = ready.dictionary.content.classifier.as_ref();
-        let label = |class: usize| {
-            record
-                .and_then(|record| record.classes.get(class))
-                .map_or_else(String::new, |class| class.label.clone())
-        };
-        let ranking: Vec<RankedOutput> = classified
-            .ranking
-            .iter()
-            .map(|ranked| RankedOutput {
-                label: label(ranked.class),
-                distance: ranked.distance,
-                confidence: ranked.confidence,
-            })
-            .collect();
-        Self {
-            label: ranking.first().map_or_else(String::new, |first| first.label.clone()),
-            ranking,
-            margin: classified.margin,
-            accepted: classified.accepted,
-        }
-    }
-}
-
 /// Class of a shape and its novelty.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct ClassificationOutput {
@@ -139,7 +85,7 @@ results! {
 ///
 /// Lines of NDJSON are shapes; the other fields of the request are parameters then.
 #[utoipa::path(post, path = "/dictionaries/{dictionary}/classify", tag = "dictionaries",
-    params(("dictionary" = String, Path, description = "Id, `name@version` or name"), BatchQuery),
+    params(("dictionary" = String, Path, description = "Id, `name@version`, `name@alias` or name"), BatchQuery),
     request_body(content((ClassifyRequest = "application/json"), (ShapeInput = "application/x-ndjson"))),
     responses(
         (status = 200, description = "One class per shape, in order", content((ClassifyAnswer = "application/json"), (ClassifyResult = "application/x-ndjson"))),
@@ -178,35 +124,6 @@ asking_request! {
     }
 }
 
-/// Code, class, outlier status and residual of a shape.
-#[derive(Debug, Serialize, utoipa::ToSchema)]
-pub(super) struct AssessmentOutput {
-    /// Sparse code or component scores, and the transformation into the pose of the dictionary.
-    code: CodeOutput,
-    /// Class of the shape; null if the dictionary has no classifier.
-    class: Option<ClassOutput>,
-    /// Comparison of the shape with the training shapes.
-    novelty: NoveltyOutput,
-    /// `‖y − ŷ‖²/(‖y‖‖ŷ‖)` in the pose of the dictionary.
-    relative_error: f64,
-    /// Distances between the shape and its reconstruction at equally spaced parameters: `i/samples` on closed curves,
-    /// `i/(samples − 1)` on open ones, every point of landmarks. In the unit of the shape.
-    residual: Vec<f64>,
-}
-
-impl AssessmentOutput {
-    fn new(ready: &Ready, assessment: Assessment) -> Result<Self, AnalysisError> {
-        let Assessment { coded, classified, score, relative_error, residual } = assessment;
-        Ok(Self {
-            code: CodeOutput::new(&ready.dictionary, &coded)?,
-            class: classified.map(|classified| ClassOutput::new(ready, &classified)),
-            novelty: NoveltyOutput::new(&score),
-            relative_error,
-            residual,
-        })
-    }
-}
-
 results! {
     /// Assessments.
     AssessAnswer with ByDictionary of AssessResult: AssessedShape with AssessmentOutput
@@ -228,7 +145,7 @@ fn assess_settings(
 /// the distance to their reconstructions.
 #[utoipa::path(post, path = "/dictionaries/{dictionary}/assess", tag = "dictionaries",
     params(
-        ("dictionary" = String, Path, description = "Id, `name@version` or name"), BatchQuery,
+        ("dictionary" = String, Path, description = "Id, `name@version`, `name@alias` or name"), BatchQuery,
         ("format" = Option<String>, Query, description = "`json`, `svg` or `png`"), DrawingQuery
     ),
     request_body(content((AssessRequest = "application/json"), (ShapeInput = "application/x-ndjson"))),

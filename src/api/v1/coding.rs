@@ -10,10 +10,8 @@ use serde::Serialize;
 
 use super::batches::{Batch, BatchQuery, DrawnBatch, Form, ManyShapes, Places, ResultList, results};
 use super::pictures::draw_dictionary;
-use super::request_macros::{ShapeOutput, checked, rows};
-use crate::analysis::AnalysisError;
-use crate::analysis::dictionary::coding::{AnswerPose, CodedShape, Reconstruction};
-use crate::analysis::dictionary::in_use::Dictionary;
+use super::request_macros::{ShapeOutput, checked};
+use crate::analysis::dictionary::coding::{AnswerPose, Reconstruction};
 use crate::analysis::dictionary::modes::Sample;
 use crate::analysis::dictionary::posted_code::PostedCode;
 use crate::analysis::dictionary::prior::{Energy, Reference};
@@ -21,12 +19,12 @@ use crate::analysis::dictionary::score::Score;
 use crate::api::extract::{Caller, DrawingQuery, JsonBody, NoQuery, Path};
 use crate::api::problem::Problem;
 use crate::api::respond::{compute, json, picture};
-use crate::domain::dictionary::Listed;
 use crate::formats::checked::{Checked, List, Many, document, take_given, take_many, take_or_default};
 use crate::formats::picture::PictureFile;
 use crate::formats::shape::{Points, ShapeInput};
 use crate::service::app::{App, ServiceError, Work};
 use crate::service::cost::requests;
+use crate::service::dictionaries::answers::{ByDictionary, CodeOutput, NoveltyOutput, UsedDictionary};
 use crate::service::dictionaries::coding::Asked;
 use crate::service::dictionaries::ready::Ready;
 use crate::service::dictionaries::{coding, pictures, ready};
@@ -152,54 +150,6 @@ pub(super) fn samples_of(
     samples.map_or(Some(ready.setup.metric.size()), |samples| samples.take("/samples", errors))
 }
 
-/// The version of a dictionary that an answer was computed with.
-#[derive(Debug, Serialize, utoipa::ToSchema)]
-pub(super) struct UsedDictionary {
-    /// Identifier.
-    id: String,
-    /// Name shared by all versions.
-    name: String,
-    /// Version number, from 1.
-    version: u64,
-    /// BLAKE3 digest of the content.
-    digest: String,
-}
-
-impl UsedDictionary {
-    pub(super) fn new(ready: &Ready) -> Self {
-        let Listed { id, name, version, digest, .. } = ready.listed.clone();
-        Self { id, name, version, digest }
-    }
-
-    /// The version with its digest, in one line.
-    pub(super) fn reference(&self) -> String {
-        format!("{}@{};digest={}", self.name, self.version, self.digest)
-    }
-}
-
-/// What is common to all entries of an answer.
-#[derive(Debug, Serialize, utoipa::ToSchema)]
-pub(super) struct ByDictionary {
-    /// The dictionary, at the version that was used.
-    dictionary: UsedDictionary,
-    /// Warnings about novelty; absent if there are none.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    #[schema(required = false)]
-    warnings: Vec<String>,
-}
-
-impl ByDictionary {
-    /// Without warnings: for answers that do not say what is novel.
-    pub(super) fn new(ready: &Ready) -> Self {
-        Self { dictionary: UsedDictionary::new(ready), warnings: Vec::new() }
-    }
-
-    /// With warnings about novelty.
-    pub(super) fn with_warnings(ready: &Ready) -> Self {
-        Self { warnings: coding::outlier_warnings(ready), ..Self::new(ready) }
-    }
-}
-
 /// Shapes of a request: posted ones, or references to stored ones.
 pub(super) struct Shapes {
     pub(super) posted: Option<Vec<ShapeInput>>,
@@ -242,71 +192,6 @@ asking_request! {
     EncodeRequest {}
 }
 
-/// Transformation of a shape into the pose of the dictionary: `y = A r + b`.
-#[derive(Debug, Serialize, utoipa::ToSchema)]
-pub(super) struct TransformationOutput {
-    /// Matrix `A`, row by row.
-    matrix: Vec<Vec<f64>>,
-    /// Offset `b`.
-    offset: Vec<f64>,
-    /// Index of the control point that becomes the first.
-    start: u32,
-    /// Whether the shape is traversed in reverse.
-    reversed: bool,
-    /// Whether the match is a mirror image.
-    mirrored: bool,
-}
-
-/// Code of a shape with its optimality certificate.
-#[derive(Debug, Serialize, utoipa::ToSchema)]
-pub(super) struct CodeOutput {
-    /// Indices of the atoms in use, from 0, ascending.
-    indices: Vec<usize>,
-    /// Coefficients of these atoms, or scores. For invariant codes, the norms `‖B_j d_j‖` in the pose of the dictionary, which
-    /// do not depend on the pose of the shape.
-    values: Vec<f64>,
-    /// Invariant codes only: matrices `B_j`, row by row, in the pose of the shape, with `r ≈ Σ B_j d_j + offset`.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    matrices: Option<Vec<Vec<Vec<f64>>>>,
-    /// Invariant codes only: the offset that is added.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    offset: Option<Vec<f64>>,
-    /// Number of real numbers in the code.
-    parameters: usize,
-    /// Objective: `½‖y − ŷ‖²` plus the penalty.
-    objective: f64,
-    /// Upper bound on how far the objective is above its minimum; null without a penalty.
-    duality_gap: Option<f64>,
-    /// Relative error `‖y − ŷ‖/‖y‖`.
-    relative_error: f64,
-    /// Transformation of the shape into the pose of the dictionary.
-    transformation: TransformationOutput,
-}
-
-impl CodeOutput {
-    pub(super) fn new(dictionary: &Dictionary, coded: &CodedShape) -> Result<Self, AnalysisError> {
-        let (code, prepared) = (&coded.code, &coded.prepared);
-        let moves = dictionary.moves(coded)?;
-        Ok(Self {
-            indices: code.indices.clone(),
-            values: dictionary.magnitudes(coded),
-            matrices: moves.as_ref().map(|moves| moves.matrices.iter().map(rows).collect()),
-            offset: moves.map(|moves| moves.offset),
-            parameters: code.values.len(),
-            objective: code.objective,
-            duality_gap: code.duality_gap,
-            relative_error: code.relative_error,
-            transformation: TransformationOutput {
-                matrix: rows(&prepared.matrix),
-                offset: prepared.offset.clone(),
-                start: prepared.placement.shift,
-                reversed: prepared.placement.reversed,
-                mirrored: prepared.placement.mirrored,
-            },
-        })
-    }
-}
-
 results! {
     /// Codes.
     EncodeAnswer with ByDictionary of EncodeResult: EncodedShape with CodeOutput
@@ -316,7 +201,7 @@ results! {
 ///
 /// Lines of NDJSON are shapes; the other fields of the request are parameters then.
 #[utoipa::path(post, path = "/dictionaries/{dictionary}/encode", tag = "dictionaries",
-    params(("dictionary" = String, Path, description = "Id, `name@version` or name"), BatchQuery),
+    params(("dictionary" = String, Path, description = "Id, `name@version`, `name@alias` or name"), BatchQuery),
     request_body(content((EncodeRequest = "application/json"), (ShapeInput = "application/x-ndjson"))),
     responses(
         (status = 200, description = "One code per shape, in order", content((EncodeAnswer = "application/json"), (EncodeResult = "application/x-ndjson"))),
@@ -388,7 +273,7 @@ results! {
 /// the distance to their reconstructions, or the shapes of posted codes.
 #[utoipa::path(post, path = "/dictionaries/{dictionary}/reconstruct", tag = "dictionaries",
     params(
-        ("dictionary" = String, Path, description = "Id, `name@version` or name"), BatchQuery,
+        ("dictionary" = String, Path, description = "Id, `name@version`, `name@alias` or name"), BatchQuery,
         ("format" = Option<String>, Query, description = "`json`, `svg` or `png`"), DrawingQuery
     ),
     request_body(content((ReconstructRequest = "application/json"), (ShapeInput = "application/x-ndjson"))),
@@ -469,33 +354,6 @@ asking_request! {
     }
 }
 
-/// Comparison of a shape with the training shapes.
-#[derive(Debug, Serialize, utoipa::ToSchema)]
-pub(super) struct NoveltyOutput {
-    /// Whether one of the two measures exceeds the limit that the quantile sets for both together.
-    is_outlier: bool,
-    /// `T²`: squared Mahalanobis distance of the scores; null for sparse dictionaries.
-    t_squared: Option<f64>,
-    /// Fraction of the held-out training shapes with a smaller or equal `T²`.
-    t_squared_rank: Option<f64>,
-    /// Squared prediction error `‖y − ŷ‖²`.
-    squared_prediction_error: f64,
-    /// Fraction of the held-out training shapes with a smaller or equal squared prediction error.
-    squared_prediction_error_rank: f64,
-}
-
-impl NoveltyOutput {
-    pub(super) fn new(score: &Score) -> Self {
-        Self {
-            is_outlier: score.outlier,
-            t_squared: score.t_squared,
-            t_squared_rank: score.t_squared_rank,
-            squared_prediction_error: score.residual,
-            squared_prediction_error_rank: score.residual_rank,
-        }
-    }
-}
-
 /// Scores of a shape.
 #[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(super) struct ScoreOutput {
@@ -518,7 +376,7 @@ results! {
 ///
 /// Lines of NDJSON are shapes; the other fields of the request are parameters then.
 #[utoipa::path(post, path = "/dictionaries/{dictionary}/score", tag = "dictionaries",
-    params(("dictionary" = String, Path, description = "Id, `name@version` or name"), BatchQuery),
+    params(("dictionary" = String, Path, description = "Id, `name@version`, `name@alias` or name"), BatchQuery),
     request_body(content((ScoreRequest = "application/json"), (ShapeInput = "application/x-ndjson"))),
     responses(
         (status = 200, description = "One score per shape, in order", content((ScoreAnswer = "application/json"), (ScoreResult = "application/x-ndjson"))),
@@ -573,7 +431,7 @@ results! {
 ///
 /// Lines of NDJSON are shapes; the other fields of the request are parameters then.
 #[utoipa::path(post, path = "/dictionaries/{dictionary}/prior", tag = "dictionaries",
-    params(("dictionary" = String, Path, description = "Id, `name@version` or name"), BatchQuery),
+    params(("dictionary" = String, Path, description = "Id, `name@version`, `name@alias` or name"), BatchQuery),
     request_body(content((PriorRequest = "application/json"), (ShapeInput = "application/x-ndjson"))),
     responses(
         (status = 200, description = "One energy per shape, in order", content((PriorAnswer = "application/json"), (PriorResult = "application/x-ndjson"))),
@@ -645,7 +503,7 @@ pub(super) struct SampleAnswer {
 
 /// Draws plausible shapes, with scores from a normal distribution with the mean and covariance of the training scores.
 #[utoipa::path(post, path = "/dictionaries/{dictionary}/sample", tag = "dictionaries", request_body = SampleRequest,
-    params(("dictionary" = String, Path, description = "Id, `name@version` or name")),
+    params(("dictionary" = String, Path, description = "Id, `name@version`, `name@alias` or name")),
     responses(
         (status = 200, description = "The shapes", body = SampleAnswer),
         (status = 404, description = "No such dictionary")

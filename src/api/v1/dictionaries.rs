@@ -6,7 +6,6 @@ use axum::response::{IntoResponse, Response};
 use serde::{Deserialize, Serialize};
 
 use super::classify::ClassifierOutput;
-use super::coding::UsedDictionary;
 use super::entity_tags::{Asked, unless_known};
 use super::jobs::{JobOutput, accepted};
 use super::request_macros::{PageQuery, RetryHeader, ShapeOutput, page, priority_of, time};
@@ -36,6 +35,7 @@ use crate::formats::shape::Points;
 use crate::geometry::representation::Representation;
 use crate::service::app::{App, ServiceError, Work};
 use crate::service::cost::requests;
+use crate::service::dictionaries::answers::UsedDictionary;
 use crate::service::dictionaries::file::DictionaryFile;
 use crate::service::dictionaries::planning::{From as LearnFrom, Learn, Planned};
 use crate::service::dictionaries::ready::Ready;
@@ -78,7 +78,7 @@ document! {
         /// dictionary has seen.
         #[schema(value_type = Option<ClassifierSettings>)]
         classifier: Checked<ClassifierSettings>;
-        /// Id, `name@version` or name of the version to continue from, with its parameters, mean shape and accumulated sums:
+        /// Id, `name@version`, `name@alias` or name of the version to continue from, with its parameters, mean shape and accumulated sums:
         /// only shapes added since then are learnt from. Cannot be combined with the parameters.
         #[schema(value_type = Option<String>)]
         continue_from: Checked<String>;
@@ -425,9 +425,9 @@ fn digest_tag(ready: &Ready) -> String {
     format!("\"{}\"", ready.listed.id)
 }
 
-/// Returns a dictionary by id, by `name@version`, or by name (the latest version).
+/// Returns a dictionary by id, by `name@version` or `name@alias`, or by name (the latest version).
 #[utoipa::path(get, path = "/dictionaries/{dictionary}", tag = "dictionaries",
-    params(("dictionary" = String, Path, description = "Id, `name@version` or name")),
+    params(("dictionary" = String, Path, description = "Id, `name@version`, `name@alias` or name")),
     responses(
         (status = 200, description = "The dictionary; its ETag identifies the version", body = DictionaryOutput),
         (status = 304, description = "Unchanged since the version in If-None-Match"),
@@ -447,11 +447,14 @@ pub(super) async fn find_dictionary(
 }
 
 /// Moves a version (by id or `name@version`) or all versions of a name to the trash.
+///
+/// A version that an alias names is refused, and with it the deletion of all versions of its name: move or delete the alias first.
 #[utoipa::path(delete, path = "/dictionaries/{dictionary}", tag = "dictionaries",
-    params(("dictionary" = String, Path, description = "Id, `name@version` or name")),
+    params(("dictionary" = String, Path, description = "Id, `name@version`, `name@alias` or name")),
     responses(
         (status = 204, description = "Moved to the trash"),
-        (status = 404, description = "No such dictionary")
+        (status = 404, description = "No such dictionary"),
+        (status = 409, description = "An alias names the version")
     ))]
 pub(super) async fn delete_dictionary(
     Caller(app): Caller,
@@ -476,7 +479,7 @@ pub(super) struct AtomsAnswer<'a> {
 /// As SVG: the atoms side by side.
 #[utoipa::path(get, path = "/dictionaries/{dictionary}/atoms", tag = "dictionaries",
     params(
-        ("dictionary" = String, Path, description = "Id, `name@version` or name"),
+        ("dictionary" = String, Path, description = "Id, `name@version`, `name@alias` or name"),
         ("format" = Option<String>, Query, description = "`json`, `svg` or `png`"), DrawingQuery
     ),
     responses(
@@ -567,7 +570,7 @@ fn mode_work(ready: &Ready, format: ShapeFormat) -> Work {
 /// deviations; `sigma` may be negative. As glTF: the mesh of the mean with one morph target for each of the first 16
 /// components, or for the one asked for, whose weight 1 stands for `sigma` standard deviations.
 #[utoipa::path(get, path = "/dictionaries/{dictionary}/modes", tag = "dictionaries",
-    params(("dictionary" = String, Path, description = "Id, `name@version` or name"), ModeQuery, ShapeFormatQuery, DrawingQuery),
+    params(("dictionary" = String, Path, description = "Id, `name@version`, `name@alias` or name"), ModeQuery, ShapeFormatQuery, DrawingQuery),
     responses(
         (status = 200, description = "The mode", content((ModeAnswer = "application/json"), (String = "image/svg+xml"), (Binary = "model/obj"), (Binary = "application/ply"), (Binary = "model/stl"), (Binary = "model/gltf-binary"))),
         (status = 304, description = "Unchanged since the version in If-None-Match"),
@@ -609,7 +612,7 @@ fn answer_mode(ready: &Ready, query: &ModeQuery, format: ShapeFormat) -> Result<
 ///
 /// The file is JSON in the format of `docs/dictionaries.md`; another service imports it with the same digest.
 #[utoipa::path(get, path = "/dictionaries/{dictionary}/export", tag = "dictionaries",
-    params(("dictionary" = String, Path, description = "Id, `name@version` or name")),
+    params(("dictionary" = String, Path, description = "Id, `name@version`, `name@alias` or name")),
     responses(
         (status = 200, description = "The file", body = DictionaryFile),
         (status = 304, description = "Unchanged since the version in If-None-Match"),

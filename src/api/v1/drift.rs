@@ -4,13 +4,13 @@ use axum::http::StatusCode;
 use axum::response::Response;
 use serde::{Deserialize, Serialize};
 
-use super::coding::UsedDictionary;
 use super::entity_tags::Asked;
 use crate::analysis::dictionary::drift::{ClassDrift, Drift, MeanDrift, MeasureDrift, ScoreDrift};
 use crate::api::extract::{BesideFormat, Caller, DrawingQuery, Format, Path};
 use crate::api::problem::Problem;
 use crate::api::respond::{compute, json, picture};
 use crate::service::app::Work;
+use crate::service::dictionaries::answers::UsedDictionary;
 use crate::service::dictionaries::coding::outlier_warnings;
 use crate::service::dictionaries::drift::{CohortDrift, Since};
 use crate::service::dictionaries::pictures::drifted;
@@ -77,7 +77,7 @@ pub(super) struct DriftAnswer {
 /// figures. Older dictionaries without such a record use the figures of the shapes they were learnt from, and say so in
 /// `warnings`. As SVG: the scores of the new shapes against those of the training, and what changed, in words.
 #[utoipa::path(get, path = "/dictionaries/{dictionary}/drift", tag = "dictionaries",
-    params(("dictionary" = String, Path, description = "Id, `name@version` or name"), DriftQuery,
+    params(("dictionary" = String, Path, description = "Id, `name@version`, `name@alias` or name"), DriftQuery,
         ("format" = Option<String>, Query, description = "`json`, `svg` or `png`"), DrawingQuery),
     responses(
         (status = 200, description = "Changes of the cohort since training", content((DriftAnswer = "application/json"), (String = "image/svg+xml"))),

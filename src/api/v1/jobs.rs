@@ -18,6 +18,7 @@ use crate::domain::job::{Job, JobFilter, JobKind, JobStatus};
 use crate::domain::study::{Comparison, ShapeRegression};
 use crate::service::app::{ServiceError, now_ms};
 use crate::service::cohorts::catalogue;
+use crate::service::dictionaries::assessments::AssessedCohort;
 use crate::service::dictionaries::learning::LearntDictionary;
 use crate::service::jobs;
 use crate::service::jobs::watch::Watch;
@@ -81,6 +82,8 @@ enum JobResult {
     Comparison(Comparison),
     /// Of `regress`.
     Regression(ShapeRegression),
+    /// Of `assess`.
+    Assessments(AssessedCohort),
 }
 
 page! {

@@ -1,5 +1,7 @@
 //! Version 1 of the HTTP interface: one file per resource.
 
+mod aliases;
+mod assessments;
 mod audit;
 mod batches;
 mod catalogue;
@@ -63,6 +65,8 @@ pub(super) fn light_routes() -> OpenApiRouter<App> {
         .routes(routes!(shapes::find_shape, corrections::update_shape, shapes::delete_shape))
         .routes(routes!(sheet::cohort_sheet))
         .routes(routes!(dictionaries::find_dictionary, dictionaries::delete_dictionary))
+        .routes(routes!(aliases::list_aliases))
+        .routes(routes!(aliases::find_alias, aliases::set_alias, aliases::delete_alias))
         .routes(routes!(dictionaries::dictionary_atoms))
         .routes(routes!(dictionaries::dictionary_mode))
         .routes(routes!(jobs::list_jobs))
@@ -97,6 +101,7 @@ pub(super) fn computing_routes() -> OpenApiRouter<App> {
         .routes(routes!(dictionaries::import_dictionary))
         .routes(routes!(classify::classify))
         .routes(routes!(classify::assess))
+        .routes(routes!(assessments::assess_cohort))
         .routes(routes!(coding::encode))
         .routes(routes!(coding::reconstruct))
         .routes(routes!(coding::score))

@@ -8,6 +8,7 @@ use axum::response::Response;
 use serde::Serialize;
 use serde_json::Value;
 
+use super::assessments::stored_lines;
 use super::jobs::JobOutput;
 use super::planned::{Waited, waited};
 use super::request_macros::{RetryHeader, checked, priority_of};
@@ -17,7 +18,7 @@ use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
 use crate::analysis::frame::Frame;
 use crate::analysis::transformation::{ClassName, Transformation};
 use crate::api::extract::{
-    Caller, DrawingQuery, Format, JsonBody, OnlyFormat, OnlyMatrixFormat, Path, Prefer,
+    Caller, DrawingQuery, Format, JsonBody, OnlyFormat, OnlyMatrixFormat, OutputFormat, Path, Prefer,
 };
 use crate::api::problem::Problem;
 use crate::api::respond::{self, Binary, compute, json, picture};
@@ -29,6 +30,8 @@ use crate::formats::representation::Read;
 use crate::formats::shape::{Attributes, ShapeInput};
 use crate::geometry::representation::Representation;
 use crate::service::app::{App, ServiceError, Work};
+use crate::service::dictionaries::assessments::CohortAssessment;
+use crate::service::jobs;
 use crate::service::search::distances::{Answer, Chosen, Comparison};
 use crate::service::search::neighbours::{FoundNeighbour, MAX_NEIGHBOURS, Queries, Search};
 use crate::service::search::{self, distances, neighbours};
@@ -371,22 +374,28 @@ fn misplaced(request: &DistancesRequest) -> Vec<Fault> {
     errors
 }
 
-/// Returns the matrix that a job has computed.
+/// Returns the matrix or the lines that a job has computed.
 ///
-/// Outputs are kept as long as their job; if together they exceed 2 GiB, only the newest are kept.
+/// Jobs of the kind `distances` give a matrix, those of the kind `assess` one line per shape, sent as they are read. Outputs are kept as long as their job; if together they exceed 2 GiB, only the newest are kept.
 #[utoipa::path(get, path = "/jobs/{job}/output", tag = "jobs",
     params(
         ("job" = String, Path, description = "Id"),
-        ("format" = Option<String>, Query, description = "`json`, `csv` or `npy`")
+        ("format" = Option<String>, Query, description = "`json`, `csv` or `npy` of a matrix, `ndjson` of lines")
     ),
     responses(
-        (status = 200, description = "The matrix", content((DistancesAnswer = "application/json"), (String = "text/csv"), (Binary = "application/x-npy"))),
+        (status = 200, description = "The matrix or the lines", content((DistancesAnswer = "application/json"), (String = "text/csv"), (Binary = "application/x-npy"), (CohortAssessment = "application/x-ndjson"))),
         (status = 404, description = "No such job, or the job has no output (not yet, none at all, or no longer)")
     ))]
 pub(super) async fn job_output(
     Caller(app): Caller,
-    OnlyMatrixFormat(format): OnlyMatrixFormat,
+    format: OutputFormat,
     Path(id): Path<String>,
 ) -> Result<Response, Problem> {
-    Ok(output(&app, &id, format).await?)
+    let output = jobs::output(&app, &id).await?;
+    if let Some(parts) = output.parts() {
+        format.check_lines()?;
+        return Ok(stored_lines(app, id, parts));
+    }
+    let matrix = distances::read_output(&app, output).await?;
+    Ok(respond::matrix(&app, matrix, format.of_matrix()?)?)
 }

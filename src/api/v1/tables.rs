@@ -10,7 +10,6 @@ use utoipa::openapi::RefOr;
 use utoipa::openapi::schema::{ObjectBuilder, Schema, SchemaType, Type};
 use utoipa::{PartialSchema, ToSchema};
 
-use super::coding::UsedDictionary;
 use super::entity_tags::{tag_of, unless_known};
 use super::request_macros::time;
 use super::shape_query::{FilterQuery, Parameters, take_filter};
@@ -24,6 +23,7 @@ use crate::formats::table::TableFormat;
 use crate::service::app::memory::Purpose;
 use crate::service::app::{App, ServiceError};
 use crate::service::cohorts::catalogue::revision_tag;
+use crate::service::dictionaries::answers::UsedDictionary;
 use crate::service::tables::summary::{
     self, AttributeSummary, Distribution, PROBABILITIES, SummaryQuery, ValueType,
 };
@@ -276,7 +276,7 @@ const DICTIONARIES: HeaderName = HeaderName::from_static("shapelex-dictionaries"
 /// Returns shapes of a cohort as a table, one row per shape.
 ///
 /// Columns: `id`, `external_id`, `label`, `subject`, `created_at`, `labels.<attribute>`, `measures.<measure>`; for a dictionary by
-/// its id, `name@version` or name also `<dictionary>.score.1`, … (components, or coefficients of atoms), `.t_squared`,
+/// its id, `name@version`, `name@alias` or name also `<dictionary>.score.1`, … (components, or coefficients of atoms), `.t_squared`,
 /// `.residual`, `.relative_error`, `.outlier` (at the quantile 0.99), `.class` and `.confidence`. A shape that a dictionary cannot
 /// encode has missing values there. The headers `shapelex-revision` and `shapelex-dictionaries` name what the table was made from;
 /// so do the fields of JSON and the metadata of the Arrow schema.

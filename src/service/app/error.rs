@@ -76,6 +76,15 @@ pub enum ServiceError {
         /// Final status of the job.
         status: &'static str,
     },
+    /// A version of a dictionary that aliases name cannot be deleted.
+    #[error("expected a version that no alias names, got '{id}' of {}: move or delete the alias first",
+        .aliases.join(", "))]
+    VersionInUse {
+        /// Id of the version.
+        id: String,
+        /// Its aliases, as `name@alias`.
+        aliases: Vec<String>,
+    },
     /// The work was asked to stop before it was done.
     #[error("the work was cancelled before it finished")]
     Cancelled,
@@ -258,6 +267,7 @@ impl From<StoreError> for ServiceError {
             StoreError::UploadLost | StoreError::Busy | StoreError::ReadOnly => {
                 Self::Unavailable(error.to_string())
             }
+            StoreError::Aliased { id, aliases } => Self::VersionInUse { id, aliases },
             StoreError::AlreadyDone => {
                 Self::Unavailable("the same request has just been answered: send it again".into())
             }

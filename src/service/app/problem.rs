@@ -61,6 +61,8 @@ problem_kinds! {
     ExternalIdConflict, "external-id-conflict", "External id already in use";
     /// What is finished cannot be cancelled.
     JobFinished, "job-finished", "Job already finished";
+    /// An alias names the version of a dictionary.
+    VersionInUse, "version-in-use", "Version in use";
     /// Body or line over the limit.
     PayloadTooLarge, "payload-too-large", "Body too large";
     /// The body is of a type that is not read here.
@@ -202,6 +204,7 @@ impl From<ServiceError> for Problem {
                 Self::with(ProblemKind::ExternalIdConflict, vec![fault])
             }
             ServiceError::JobFinished { .. } => Self::new(ProblemKind::JobFinished, detail),
+            ServiceError::VersionInUse { .. } => Self::new(ProblemKind::VersionInUse, detail),
             ServiceError::Unauthenticated => Self::new(ProblemKind::Unauthenticated, detail),
             ServiceError::Forbidden(_) => Self::new(ProblemKind::Forbidden, detail),
             ServiceError::TooLarge(fault) => Self::with(ProblemKind::PayloadTooLarge, vec![fault]),

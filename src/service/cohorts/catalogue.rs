@@ -133,7 +133,7 @@ impl Expected {
         if self.0.iter().any(|known| known == "*" || known == tag) {
             return Ok(());
         }
-        Err(ServiceError::Changed(format!("the current version is {tag}: read the cohort again")))
+        Err(ServiceError::Changed(format!("the current version is {tag}: read it again")))
     }
 }
 

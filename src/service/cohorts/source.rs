@@ -309,6 +309,18 @@ impl<'a> StoredShapes<'a> {
         }
     }
 
+    /// Calls `visit` with every stored batch as it is, with the ids of its shapes.
+    pub(crate) fn for_each_named(
+        &self,
+        visit: &mut dyn FnMut(&ScanBatch) -> Result<(), ServiceError>,
+    ) -> Result<(), ServiceError> {
+        let mut batches = Batches::new(self, None, Ids::Include);
+        while let Some(batch) = batches.next(usize::MAX)? {
+            visit(&batch)?;
+        }
+        Ok(())
+    }
+
     /// Starts to read the batch that follows `after`.
     fn read(&self, after: Option<Cursor>, ids: Ids) -> Reading {
         let (store, cohort, filter) = (self.store.clone(), self.cohort.id.clone(), self.filter.clone());

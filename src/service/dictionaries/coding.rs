@@ -74,6 +74,12 @@ impl Asked {
         Ok(Self { names, on_error, shapes })
     }
 
+    /// Stored shapes with these control points, each of which has an answer or an error of its own.
+    pub(super) fn read(names: Vec<InputNames>, shapes: Vec<Vec<f64>>) -> Self {
+        let shapes = Outcomes::new(shapes.into_iter().map(Ok).collect());
+        Self { names, on_error: OnError::Skip, shapes: AskedShapes::Stored(shapes) }
+    }
+
     /// Predicted work of encoding the shapes and answering `numbers` numbers for each.
     pub fn work(&self, ready: &Ready, numbers: usize, limits: &Limits) -> Work {
         ready.work(self.names.len(), numbers, limits)

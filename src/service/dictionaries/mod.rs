@@ -1,15 +1,20 @@
 //! Dictionaries: learning, storage and use.
 //!
 //! * [`planning`] — checks a request to learn and makes a [`plan`] of it; list, find and delete;
+//! * [`aliases`] — names for versions, which can be moved;
 //! * [`learning`] — the job that learns; [`distributed`] — its passes, distributed to idle workers;
 //! * [`class_labels`] — classes and subjects of the shapes of a cohort;
 //! * [`ready`] — stored dictionaries prepared for use, cached; [`file`](mod@file) — export and import;
-//! * [`coding`] — codes, reconstructions, scores; [`classify`] — classes; [`modes`], [`pictures`] — drawings; [`drift`]
+//! * [`coding`] — codes, reconstructions, scores; [`classify`] — classes; [`answers`] — both as they are written;
+//! * [`assessments`] — both for all shapes of a cohort; [`modes`], [`pictures`] — drawings; [`drift`]
 //!   — new shapes of the cohort compared with the training shapes.
 //!
 //! The arithmetic is in [`analysis::dictionary`](crate::analysis::dictionary) and
 //! [`analysis::classification`](crate::analysis::classification): this folder loads, limits, schedules and stores.
 
+pub mod aliases;
+pub mod answers;
+pub mod assessments;
 pub mod class_labels;
 pub mod classify;
 pub mod coding;

@@ -324,7 +324,7 @@ pub async fn list(
 /// Moves a version, or all versions of a name, to the trash.
 ///
 /// # Errors
-/// [`ServiceError::NotFound`].
+/// [`ServiceError::NotFound`]; [`ServiceError::VersionInUse`] if an alias names one of them: none is deleted then.
 pub async fn delete(app: &App, key: &str) -> Result<(), ServiceError> {
     let not_found = || ServiceError::NotFound { kind: "dictionary", key: key.into() };
     let filter = DictionaryFilter { name: Some(key.into()), cohort: None };
@@ -339,6 +339,11 @@ pub async fn delete(app: &App, key: &str) -> Result<(), ServiceError> {
     }
     if ids.is_empty() {
         ids.push(app.store.find_dictionary_id(key).await?.ok_or_else(not_found)?);
+    }
+    let named = app.store.list_aliases(key, None).await?;
+    if let Some(alias) = named.iter().find(|alias| ids.contains(&alias.id)) {
+        let aliases = named.iter().map(|alias| format!("{}@{}", alias.name, alias.alias)).collect();
+        return Err(ServiceError::VersionInUse { id: alias.id.clone(), aliases });
     }
     let mut deleted = false;
     for id in &ids {

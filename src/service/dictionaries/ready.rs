@@ -32,7 +32,7 @@ impl Cached for Ready {
     }
 }
 
-/// Finds a dictionary by id, `name@version`, or name (the latest version), and prepares it for use.
+/// Finds a dictionary by id, `name@version`, `name@alias`, or name (the latest version), and prepares it for use.
 ///
 /// # Errors
 /// [`ServiceError::NotFound`].

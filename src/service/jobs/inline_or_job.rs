@@ -11,8 +11,8 @@ use crate::service::app::progress::JobContext;
 use crate::service::app::{App, ServiceError};
 use crate::service::jobs;
 
-/// Maximum predicted time of a test that is answered at once; longer ones become jobs.
-const AT_ONCE_SECONDS: f64 = 3.0;
+/// Maximum predicted time of what is answered at once; what takes longer becomes a job.
+pub(crate) const AT_ONCE_SECONDS: f64 = 3.0;
 
 /// A test with checked parameters and known shapes.
 pub trait PlannedTest: Sized + Send + 'static {

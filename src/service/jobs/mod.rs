@@ -18,7 +18,7 @@ use tokio::time::Instant;
 
 use crate::domain::dictionary::NewDictionary;
 use crate::domain::id;
-use crate::domain::job::{Job, JobFilter, JobKind, JobOutput, JobStatus};
+use crate::domain::job::{Job, JobFilter, JobKind, JobOutput, JobStatus, OutputParts};
 use crate::service::app::{App, Page, ServiceError, Work, metrics, now_ms};
 use crate::store::jobs::Quota;
 
@@ -68,6 +68,20 @@ pub async fn output(app: &App, id: &str) -> Result<JobOutput, ServiceError> {
     let job = find(app, id).await?;
     let output = app.store.read_job_output(&job.id).await?;
     output.ok_or(ServiceError::NotFound { kind: "output of the job", key: job.id })
+}
+
+/// A part of the output of the job with this id.
+///
+/// # Errors
+/// [`ServiceError::NotFound`] if the output is no longer kept.
+pub async fn output_part(
+    app: &App,
+    id: &str,
+    parts: OutputParts,
+    part: u64,
+) -> Result<Vec<u8>, ServiceError> {
+    let found = app.store.read_output_part(id, parts.attempt, part).await?;
+    found.ok_or_else(|| ServiceError::NotFound { kind: "output of the job", key: id.into() })
 }
 
 fn not_found(id: &str) -> ServiceError {

@@ -388,7 +388,14 @@ fn to_output(matrix: NamedMatrix) -> Result<JobOutput, ServiceError> {
 /// # Errors
 /// [`ServiceError::NotFound`] if there is no such job, or if it has no matrix.
 pub async fn output(app: &App, id: &str) -> Result<NamedMatrix, ServiceError> {
-    let output = jobs::output(app, id).await?;
+    read_output(app, jobs::output(app, id).await?).await
+}
+
+/// Matrix in the output of a job.
+///
+/// # Errors
+/// An output of another kind.
+pub async fn read_output(app: &App, output: JobOutput) -> Result<NamedMatrix, ServiceError> {
     app.pool.weighing(Work::reading(output.data.len())).run(move || from_output(output)).await
 }
 

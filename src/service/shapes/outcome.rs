@@ -6,6 +6,7 @@ use crate::analysis::AnalysisError;
 use crate::formats::fault::Fault;
 use crate::service::app::ServiceError;
 use crate::service::app::faults::Faults;
+use crate::service::app::problem::Problem;
 use crate::service::app::progress::JobContext;
 
 /// Treatment of shapes that have no answer.
@@ -17,6 +18,26 @@ pub enum OnError {
     Abort,
     /// They are answered with an error; all others are treated as usual.
     Skip,
+}
+
+/// Reason why a shape has no answer.
+#[derive(Debug, serde::Serialize, utoipa::ToSchema)]
+pub struct ShapeError {
+    /// Short name of the problem type.
+    #[schema(example = "degenerate-shape")]
+    code: &'static str,
+    /// Description and remedy.
+    detail: String,
+    /// All faults of the shape; those of the first thousand faults of a request are described in full.
+    errors: Vec<Fault>,
+}
+
+impl From<ServiceError> for ShapeError {
+    fn from(error: ServiceError) -> Self {
+        let problem = Problem::from(error);
+        let (code, detail) = (problem.kind().code(), problem.detail().to_owned());
+        Self { code, detail, errors: problem.into_errors() }
+    }
 }
 
 /// Values for the shapes of a request, in order. A shape without a value has an error in its place.

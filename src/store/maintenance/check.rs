@@ -6,10 +6,11 @@ use serde_json::Value;
 use super::super::blob::Chunk;
 use super::super::cohorts::read_cohort;
 use super::super::engine::from_sql;
-use super::super::engine::{Row, sql};
+use super::super::engine::{Row, Transaction, sql};
 use super::super::error::StoreError;
 use super::super::handle::{Store, blocking};
 use super::super::{dictionaries, jobs, outputs};
+use crate::domain::job::{JobOutput, OutputParts};
 
 /// Maximum number of objects named per rule.
 const MAX_NAMED: i64 = 100;
@@ -106,6 +107,12 @@ const RULES: &[(&str, &str)] = &[
         "the content of dictionary {} belongs to no dictionary",
         "SELECT t.dictionary FROM dictionary_data AS t LEFT JOIN dictionary AS d ON d.id = t.dictionary
         WHERE d.id IS NULL",
+    ),
+    (
+        "alias {} names a version that does not exist, or one of another name",
+        "SELECT a.handle || '@' || a.alias FROM dictionary_alias AS a
+        LEFT JOIN dictionary AS d ON d.id = a.dictionary
+        WHERE d.id IS NULL OR d.handle <> a.handle OR d.tenant <> a.tenant",
     ),
     (
         "the output of job {} belongs to no job",
@@ -323,7 +330,12 @@ impl Check<'_> {
             last = row.get("number")?;
             self.seen.outputs += 1;
             let job: String = row.get("job")?;
-            if !blocking(move || is_output_whole(&row)).await? {
+            let parts = output_parts(row.get("head")?);
+            let mut is_whole = blocking(move || is_output_whole(&row)).await?;
+            if let Some(parts) = parts.filter(|_| is_whole) {
+                is_whole = are_parts_whole(&mut read, &job, parts).await?;
+            }
+            if !is_whole {
                 self.find(&format!("the output of job {job} does not match its checksum"));
             }
         }
@@ -387,11 +399,29 @@ fn damaged_part(row: &Row) -> Result<Option<&'static str>, StoreError> {
     Ok((!is_whole).then_some("state"))
 }
 
+/// Parts that the head of an output describes.
+fn output_parts(head: &str) -> Option<OutputParts> {
+    JobOutput::parts_in(&serde_json::from_str(head).ok()?)
+}
+
+/// Whether all parts of an output are there, with their checksums and their total size.
+async fn are_parts_whole(read: &mut Transaction, job: &str, parts: OutputParts) -> Result<bool, StoreError> {
+    let mut bytes = 0;
+    for part in 0..parts.count {
+        let row = outputs::select_part(&mut *read, job, parts.attempt, part).optional().await?;
+        let Some(row) = row else { return Ok(false) };
+        let Some(data) = blocking(move || outputs::whole_part(&row)).await? else { return Ok(false) };
+        bytes += data.len() as u64;
+    }
+    Ok(bytes == parts.bytes)
+}
+
 fn is_output_whole(row: &Row) -> Result<bool, StoreError> {
     let (checksum, head, data): (&[u8], &str, &[u8]) =
         (row.get("checksum")?, row.get("head")?, row.get("data")?);
     let bytes: i64 = row.get("bytes")?;
-    Ok(from_sql(bytes) == data.len() as u64
+    let in_parts = output_parts(head).map_or(0, |parts| parts.bytes);
+    Ok(from_sql(bytes) == data.len() as u64 + in_parts
         && is_json(head)
         && outputs::checksum_of(head, data).as_slice() == checksum)
 }

@@ -168,6 +168,20 @@ pub(super) const TABLES: &[Table] = &[
         condition: None,
     },
     Table {
+        name: "job_output_part",
+        key: 3,
+        columns: &[
+            ("job", Text),
+            ("attempt", Integer),
+            ("part", Integer),
+            ("checksum", Bytes),
+            ("data", Bytes),
+        ],
+        counted: false,
+        page: FEW,
+        condition: None,
+    },
+    Table {
         name: "dictionary_name",
         key: 1,
         columns: &[("handle", Text), ("versions", Integer)],
@@ -201,6 +215,21 @@ pub(super) const TABLES: &[Table] = &[
         columns: &[("dictionary", Text), ("content", Bytes), ("state", Bytes), ("state_checksum", Bytes)],
         counted: false,
         page: 1,
+        condition: None,
+    },
+    Table {
+        name: "dictionary_alias",
+        key: 2,
+        columns: &[
+            ("handle", Text),
+            ("alias", Text),
+            ("tenant", Text),
+            ("dictionary", Text),
+            ("moves", Integer),
+            ("moved_at_ms", Integer),
+        ],
+        counted: false,
+        page: MANY,
         condition: None,
     },
     Table {

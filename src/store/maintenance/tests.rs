@@ -55,12 +55,15 @@ async fn add_dictionary(store: &Store, cohort: &Cohort) {
         digest, created_at_ms) VALUES ('dic_1', 'default/modes', 'default', 'modes', 1, $1, '{}', '{}', $2, 50)";
     const DATA: &str = "INSERT INTO dictionary_data (dictionary, content, state, state_checksum)
         VALUES ('dic_1', $1, $2, $3)";
+    const ALIAS: &str = "INSERT INTO dictionary_alias (handle, alias, tenant, dictionary, moves, moved_at_ms)
+        VALUES ('default/modes', 'production', 'default', 'dic_1', 1, 51)";
     let (content, state) = (&b"{}"[..], &[1_u8, 2, 255][..]);
     meddle(store, NAME).await;
     let digest = blake3::hash(content).to_hex().to_string();
     sql(store.writer(), ROW).bind(&cohort.id).bind(digest).execute().await.unwrap();
     let checksum = blake3::hash(state).as_bytes().to_vec();
     sql(store.writer(), DATA).bind(content).bind(state).bind(checksum).execute().await.unwrap();
+    meddle(store, ALIAS).await;
 }
 
 async fn findings(store: &Store) -> Vec<String> {
@@ -214,6 +217,7 @@ async fn every_kind_of_damage_is_found() {
         ("DELETE FROM dictionary_data", "dictionary dic_1 has no content"),
         ("UPDATE dictionary_name SET versions = 0", "a version that its name never had"),
         ("UPDATE dictionary SET handle = 'x'", "dictionary dic_1 cannot be found"),
+        ("UPDATE dictionary SET handle = 'x'", "alias default/modes@production names"),
         ("UPDATE job SET parameters = '{'", "unreadable"),
         ("UPDATE job_output SET data = x'00'", "does not match its checksum"),
         ("UPDATE receipt SET outcome = '{'", "a receipt of tenant default"),

@@ -1,7 +1,7 @@
 //! Queue: order, leases, fencing, restarts, retention.
 
 use super::*;
-use crate::domain::job::{Job, JobFilter, JobKind, JobOutput, JobStatus, Priority, Progress};
+use crate::domain::job::{Job, JobFilter, JobKind, JobOutput, JobStatus, OutputParts, Priority, Progress};
 use crate::store::jobs::{MAX_ATTEMPTS, MAX_FINISHED, MAX_QUEUED, Quota};
 
 /// Lease of the claims in these tests.
@@ -396,4 +396,80 @@ async fn a_tenant_has_its_part_of_the_queue() {
     of("a").create_job_within(quota, &job(1.0), None).await.unwrap();
     let error = of("a").create_job_within(quota, &job(1.0), None).await.unwrap_err();
     assert!(matches!(error, StoreError::TooManyJobs { limit: 3 }), "{error:?}");
+}
+
+#[tokio::test]
+async fn parts_of_an_output_are_those_of_the_attempt_that_holds_the_job() {
+    let (_folder, store) = fresh().await;
+    submitted(&store, 1).await;
+    let lost = claimed(&store, 10).await;
+    assert!(store.add_output_part(&lost.job, 0, b"lost").await.unwrap());
+    // The lease ends, and another worker takes the job.
+    let claim = claimed(&store, 11 + LEASE).await;
+    assert_eq!(claim.job.id, lost.job.id);
+    assert!(!store.add_output_part(&lost.job, 1, b"late").await.unwrap());
+    // The same attempt, begun again at another time.
+    let earlier = Job { started_at_ms: Some(1), ..claim.job.clone() };
+    assert!(!store.add_output_part(&earlier, 0, b"erased").await.unwrap());
+    store.clear_output_parts(&claim.job.id).await.unwrap();
+    assert_eq!(rows(&store, "job_output_part").await, 0);
+    for (part, text) in [&b"one\n"[..], b"two\n"].into_iter().enumerate() {
+        assert!(store.add_output_part(&claim.job, part as u64, text).await.unwrap());
+    }
+    let parts = OutputParts { attempt: claim.job.attempt, count: 2, bytes: 8 };
+    let output = JobOutput::in_parts(parts);
+    assert!(store.succeed_job(&claim, &json!({}), None, Some(&output), 300).await.unwrap());
+    let id = claim.job.id.as_str();
+    assert_eq!(store.read_job_output(id).await.unwrap().unwrap().parts(), Some(parts));
+    let read = async |part| store.read_output_part(id, parts.attempt, part).await;
+    assert_eq!(read(0).await.unwrap().as_deref(), Some(&b"one\n"[..]));
+    assert_eq!(read(1).await.unwrap().as_deref(), Some(&b"two\n"[..]));
+    assert_eq!(read(2).await.unwrap(), None);
+    let findings = async || {
+        let mut found = Vec::new();
+        store.check(&mut |line: &str| found.push(line.to_owned())).await.unwrap();
+        found
+    };
+    assert_eq!(findings().await, [""; 0]);
+    meddle(&store, "UPDATE job_output_part SET data = checksum WHERE part = 1").await;
+    assert!(matches!(read(1).await, Err(StoreError::Damaged { .. })));
+    assert_eq!(findings().await, [format!("the output of job {id} does not match its checksum")]);
+    meddle(&store, "DELETE FROM job_output_part WHERE part = 1").await;
+    assert_eq!(findings().await.len(), 1);
+    // They end with their job.
+    meddle(&store, "DELETE FROM job").await;
+    assert_eq!(rows(&store, "job_output_part").await, 0);
+}
+
+#[tokio::test]
+async fn jobs_without_an_outcome_leave_no_parts_of_an_output() {
+    let (_folder, store) = fresh().await;
+    let ends = async |end: &str| {
+        submitted(&store, 1).await;
+        let claim = claimed(&store, 10).await;
+        assert!(store.add_output_part(&claim.job, 0, b"line\n").await.unwrap());
+        match end {
+            "cancelled" => drop(store.cancel_job(&claim.job.id, 20).await.unwrap()),
+            _ => assert!(store.fail_job(&claim, &json!({}), 20).await.unwrap()),
+        }
+        assert!(!store.add_output_part(&claim.job, 1, b"line\n").await.unwrap());
+        assert_eq!(rows(&store, "job_output_part").await, 0, "{end}");
+    };
+    ends("cancelled").await;
+    ends("failed").await;
+    // Those of an output that is no longer kept go with it.
+    submitted(&store, 1).await;
+    let claim = claimed(&store, 10).await;
+    assert!(store.add_output_part(&claim.job, 0, b"line\n").await.unwrap());
+    let output = JobOutput::in_parts(OutputParts { attempt: 1, count: 1, bytes: 5 });
+    assert!(store.succeed_job(&claim, &json!({}), None, Some(&output), 20).await.unwrap());
+    assert_eq!(rows(&store, "job_output_part").await, 1);
+    let (id, _) = with_output(&store, 10).await;
+    let mut write = store.begin_write("output").await.unwrap();
+    sql(&mut write, "DELETE FROM job_output WHERE job = $1").bind(&id).execute().await.unwrap();
+    let other = JobOutput { head: json!(null), data: vec![7; 10] };
+    crate::store::outputs::insert(&mut write, &id, &other, 12).await.unwrap();
+    write.commit().await.unwrap();
+    assert_eq!(rows(&store, "job_output_part").await, 0);
+    assert_eq!(store.read_job_output(&claim.job.id).await.unwrap(), None);
 }

@@ -1,0 +1,248 @@
+//! What dictionaries answer about shapes, as it is written: codes, classes, novelty, assessments.
+
+use serde::Serialize;
+
+use super::coding;
+use super::ready::Ready;
+use crate::analysis::AnalysisError;
+use crate::analysis::dictionary::assess::{Assessment, Classified};
+use crate::analysis::dictionary::coding::CodedShape;
+use crate::analysis::dictionary::in_use::Dictionary;
+use crate::analysis::dictionary::score::Score;
+use crate::domain::dictionary::Listed;
+use crate::numeric::dense::Matrix;
+
+/// The version of a dictionary that an answer was computed with.
+#[derive(Debug, Clone, Serialize, utoipa::ToSchema)]
+pub struct UsedDictionary {
+    /// Identifier.
+    pub id: String,
+    /// Name shared by all versions.
+    pub name: String,
+    /// Version number, from 1.
+    pub version: u64,
+    /// BLAKE3 digest of the content.
+    pub digest: String,
+}
+
+impl UsedDictionary {
+    /// The version that is ready for use.
+    pub fn new(ready: &Ready) -> Self {
+        let Listed { id, name, version, digest, .. } = ready.listed.clone();
+        Self { id, name, version, digest }
+    }
+
+    /// The version with its digest, in one line.
+    pub fn reference(&self) -> String {
+        format!("{}@{};digest={}", self.name, self.version, self.digest)
+    }
+}
+
+/// What is common to all entries of an answer.
+#[derive(Debug, Clone, Serialize, utoipa::ToSchema)]
+pub struct ByDictionary {
+    /// The dictionary, at the version that was used.
+    dictionary: UsedDictionary,
+    /// Warnings about novelty; absent if there are none.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    #[schema(required = false)]
+    warnings: Vec<String>,
+}
+
+impl ByDictionary {
+    /// Without warnings: for answers that do not say what is novel.
+    pub fn new(ready: &Ready) -> Self {
+        Self { dictionary: UsedDictionary::new(ready), warnings: Vec::new() }
+    }
+
+    /// With warnings about novelty.
+    pub fn with_warnings(ready: &Ready) -> Self {
+        Self { warnings: coding::outlier_warnings(ready), ..Self::new(ready) }
+    }
+}
+
+/// Transformation of a shape into the pose of the dictionary: `y = A r + b`.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct TransformationOutput {
+    /// Matrix `A`, row by row.
+    matrix: Vec<Vec<f64>>,
+    /// Offset `b`.
+    offset: Vec<f64>,
+    /// Index of the control point that becomes the first.
+    start: u32,
+    /// Whether the shape is traversed in reverse.
+    reversed: bool,
+    /// Whether the match is a mirror image.
+    mirrored: bool,
+}
+
+/// Code of a shape with its optimality certificate.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct CodeOutput {
+    /// Indices of the atoms in use, from 0, ascending.
+    indices: Vec<usize>,
+    /// Coefficients of these atoms, or scores. For invariant codes, the norms `‖B_j d_j‖` in the pose of the dictionary, which
+    /// do not depend on the pose of the shape.
+    values: Vec<f64>,
+    /// Invariant codes only: matrices `B_j`, row by row, in the pose of the shape, with `r ≈ Σ B_j d_j + offset`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    matrices: Option<Vec<Vec<Vec<f64>>>>,
+    /// Invariant codes only: the offset that is added.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    offset: Option<Vec<f64>>,
+    /// Number of real numbers in the code.
+    parameters: usize,
+    /// Objective: `½‖y − ŷ‖²` plus the penalty.
+    objective: f64,
+    /// Upper bound on how far the objective is above its minimum; null without a penalty.
+    duality_gap: Option<f64>,
+    /// Relative error `‖y − ŷ‖/‖y‖`.
+    relative_error: f64,
+    /// Transformation of the shape into the pose of the dictionary.
+    transformation: TransformationOutput,
+}
+
+impl CodeOutput {
+    /// Code of a shape.
+    ///
+    /// # Errors
+    /// A code whose members of the class cannot be computed.
+    pub fn new(dictionary: &Dictionary, coded: &CodedShape) -> Result<Self, AnalysisError> {
+        let (code, prepared) = (&coded.code, &coded.prepared);
+        let moves = dictionary.moves(coded)?;
+        Ok(Self {
+            indices: code.indices.clone(),
+            values: dictionary.magnitudes(coded),
+            matrices: moves.as_ref().map(|moves| moves.matrices.iter().map(rows).collect()),
+            offset: moves.map(|moves| moves.offset),
+            parameters: code.values.len(),
+            objective: code.objective,
+            duality_gap: code.duality_gap,
+            relative_error: code.relative_error,
+            transformation: TransformationOutput {
+                matrix: rows(&prepared.matrix),
+                offset: prepared.offset.clone(),
+                start: prepared.placement.shift,
+                reversed: prepared.placement.reversed,
+                mirrored: prepared.placement.mirrored,
+            },
+        })
+    }
+}
+
+/// Comparison of a shape with the training shapes.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct NoveltyOutput {
+    /// Whether one of the two measures exceeds the limit that the quantile sets for both together.
+    is_outlier: bool,
+    /// `T²`: squared Mahalanobis distance of the scores; null for sparse dictionaries.
+    t_squared: Option<f64>,
+    /// Fraction of the held-out training shapes with a smaller or equal `T²`.
+    t_squared_rank: Option<f64>,
+    /// Squared prediction error `‖y − ŷ‖²`.
+    squared_prediction_error: f64,
+    /// Fraction of the held-out training shapes with a smaller or equal squared prediction error.
+    squared_prediction_error_rank: f64,
+}
+
+impl NoveltyOutput {
+    /// Comparison that a score contains.
+    pub fn new(score: &Score) -> Self {
+        Self {
+            is_outlier: score.outlier,
+            t_squared: score.t_squared,
+            t_squared_rank: score.t_squared_rank,
+            squared_prediction_error: score.residual,
+            squared_prediction_error_rank: score.residual_rank,
+        }
+    }
+}
+
+/// A class with its distance and confidence.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct RankedOutput {
+    /// Name of the class.
+    label: String,
+    /// Distance to the class: relative residual, Mahalanobis distance, or distance to the nearest member.
+    distance: f64,
+    /// Confidence, calibrated on held-out shapes; the confidences of all classes sum to 1.
+    confidence: f64,
+}
+
+/// Class of a shape.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct ClassOutput {
+    /// Most likely class.
+    label: String,
+    /// All classes, most likely first.
+    ranking: Vec<RankedOutput>,
+    /// Confidence of the first class minus that of the second.
+    margin: f64,
+    /// Whether the distance to the class is within the quantile of the class's own shapes when held out. If not, the shape
+    /// belongs to none of these classes.
+    accepted: bool,
+}
+
+impl ClassOutput {
+    /// Class of a shape.
+    pub fn new(ready: &Ready, classified: &Classified) -> Self {
+        let record = ready.dictionary.content.classifier.as_ref();
+        let label = |class: usize| {
+            record
+                .and_then(|record| record.classes.get(class))
+                .map_or_else(String::new, |class| class.label.clone())
+        };
+        let ranking: Vec<RankedOutput> = classified
+            .ranking
+            .iter()
+            .map(|ranked| RankedOutput {
+                label: label(ranked.class),
+                distance: ranked.distance,
+                confidence: ranked.confidence,
+            })
+            .collect();
+        Self {
+            label: ranking.first().map_or_else(String::new, |first| first.label.clone()),
+            ranking,
+            margin: classified.margin,
+            accepted: classified.accepted,
+        }
+    }
+}
+
+/// Code, class, outlier status and residual of a shape.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct AssessmentOutput {
+    /// Sparse code or component scores, and the transformation into the pose of the dictionary.
+    code: CodeOutput,
+    /// Class of the shape; null if the dictionary has no classifier.
+    class: Option<ClassOutput>,
+    /// Comparison of the shape with the training shapes.
+    novelty: NoveltyOutput,
+    /// `‖y − ŷ‖²/(‖y‖‖ŷ‖)` in the pose of the dictionary.
+    relative_error: f64,
+    /// Distances between the shape and its reconstruction at equally spaced parameters: `i/samples` on closed curves,
+    /// `i/(samples − 1)` on open ones, every point of landmarks. In the unit of the shape.
+    residual: Vec<f64>,
+}
+
+impl AssessmentOutput {
+    /// Assessment of a shape.
+    ///
+    /// # Errors
+    /// A code whose members of the class cannot be computed.
+    pub fn new(ready: &Ready, assessment: Assessment) -> Result<Self, AnalysisError> {
+        let Assessment { coded, classified, score, relative_error, residual } = assessment;
+        Ok(Self {
+            code: CodeOutput::new(&ready.dictionary, &coded)?,
+            class: classified.map(|classified| ClassOutput::new(ready, &classified)),
+            novelty: NoveltyOutput::new(&score),
+            relative_error,
+            residual,
+        })
+    }
+}
+
+fn rows(matrix: &Matrix) -> Vec<Vec<f64>> {
+    matrix.row_iter().map(|row| row.iter().copied().collect()).collect()
+}
