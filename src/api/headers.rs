@@ -43,7 +43,8 @@ pub async fn secure(request: Request, next: Next) -> Response {
     headers.insert(header::CONTENT_SECURITY_POLICY, HeaderValue::from_static(policy(headers, is_docs)));
     if is_api {
         add_variations(headers);
-        headers.insert(header::CACHE_CONTROL, HeaderValue::from_static(caching(headers)));
+        let caching = caching(headers);
+        headers.entry(header::CACHE_CONTROL).or_insert(HeaderValue::from_static(caching));
     }
     response
 }
@@ -71,7 +72,8 @@ fn policy(headers: &HeaderMap, is_docs: bool) -> &'static str {
     }
 }
 
-/// Responses with an entity tag may be cached privately but must be revalidated; others must not be stored.
+/// Unless a handler says otherwise, responses with an entity tag may be cached privately but must be revalidated; others must
+/// not be stored.
 fn caching(headers: &HeaderMap) -> &'static str {
     if headers.contains_key(header::ETAG) { "private, no-cache" } else { "no-store" }
 }

@@ -16,7 +16,7 @@ use crate::domain::filter::ShapeFilter;
 use crate::domain::job::{OutputParts, Priority};
 use crate::formats::checked::{Checked, document, take_given, take_or_default};
 use crate::service::app::{App, ServiceError};
-use crate::service::dictionaries::assessments::{self, AssessCohort, CohortAssessment};
+use crate::service::dictionaries::assessments::{self, AssessCohort};
 use crate::service::jobs;
 
 /// Revision of the cohort that lines were made from.
@@ -56,7 +56,7 @@ document! {
         RetryHeader
     ),
     responses(
-        (status = 200, description = "One line per shape", content((CohortAssessment = "application/x-ndjson"))),
+        (status = 200, description = "One line per shape, each a `CohortAssessment`", content((String = "application/x-ndjson"))),
         (status = 202, description = "The job that assesses the shapes", body = JobOutput, headers(("Location" = String))),
         (status = 404, description = "No such dictionary or cohort"),
         (status = "4XX", description = "The input was refused, or the job failed within the wait"),

@@ -70,6 +70,12 @@ pub(super) fn tagged(mut response: Response, tag: &str) -> Response {
     response
 }
 
+/// A response with shapes of persons, which caches must not store. Programs may keep it, and ask again by its entity tag.
+pub(super) fn not_stored(mut response: Response) -> Response {
+    response.headers_mut().insert(header::CACHE_CONTROL, HeaderValue::from_static("no-store"));
+    response
+}
+
 /// Whether the client already has this version (`If-None-Match`).
 fn is_known(headers: &HeaderMap, tag: &str) -> bool {
     let values = headers.get_all(header::IF_NONE_MATCH).iter().filter_map(|value| value.to_str().ok());

@@ -13,7 +13,7 @@ use utoipa::openapi::{RefOr, Schema};
 use utoipa::{PartialSchema, ToSchema};
 
 use super::batches::{FailedShape, InputShape, unsupported};
-use super::entity_tags::Asked;
+use super::entity_tags::{Asked, not_stored};
 use super::request_macros::{IfMatchHeader, PageQuery, RetryHeader, checked, time};
 use super::shape_query::{FilterQuery, Parameters};
 use crate::api::body::{self, is_stream};
@@ -382,7 +382,7 @@ pub(super) async fn list_shapes(
         let items = shapes.into_iter().map(listed).collect();
         json(StatusCode::OK, &PageOfShapes { items, next, total: found.total })
     });
-    asked.unless_known(&revision, "page", answer).await
+    asked.unless_known(&revision, "page", answer).await.map(not_stored)
 }
 
 /// Takes the parameters of a list of shapes, and the fields of its entries.
@@ -438,7 +438,7 @@ pub(super) async fn find_shape(
         let unit = cohort.spec.length_unit.as_deref();
         picture(&draw_shapes(&space, title, &[&shape.control_points], unit), &file)
     });
-    asked.unless_known(&revision, format, answer).await
+    asked.unless_known(&revision, format, answer).await.map(not_stored)
 }
 
 /// Deletes a shape; the revision of the cohort grows.
