@@ -1,0 +1,4 @@
+//! Tests of the segmentation crate.
+
+mod fields;
+mod vectors;
