@@ -1,4 +1,5 @@
 //! Tests of the segmentation crate.
 
+mod boundaries;
 mod fields;
 mod vectors;

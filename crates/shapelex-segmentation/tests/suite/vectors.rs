@@ -44,7 +44,7 @@ pub(crate) fn image(document: &Value) -> Image {
         Some(volume) => (count(&document["depth"]), numbers(volume)),
         None => (1, numbers(&document["image"])),
     };
-    Image::new([size[0], size[1], depth], values).unwrap()
+    Image::new([size[0], size[1], depth], values).expect("a complete image")
 }
 
 /// Compares numbers, relative to the largest expected magnitude.
