@@ -1,5 +1,8 @@
 //! Tests of the segmentation crate.
 
 mod boundaries;
+mod energies;
 mod fields;
+mod floors;
+mod phantoms;
 mod vectors;
