@@ -110,29 +110,28 @@ fn combine<T: Value>(a: &Image<T>, b: &Image<T>, factor: f64) -> Image<T> {
     })
 }
 
-/// `Σ_m κ[m] f(x − m)` along an axis. Sums are in double precision, in the order of the kernel.
+/// `Σ_m κ[m] f(x − m)` along an axis, for an even or odd kernel. Sums are in double precision, from the middle outwards.
 fn correlate<T: Value>(image: &Image<T>, axis: usize, kernel: &[f64]) -> Image<T> {
     let (size, radius) = (image.size(), kernel.len() / 2);
-    // Cell x − m for the kernel entry m, counted from −r.
-    let shifted = |x: usize, entry: usize| (x + radius).saturating_sub(entry).min(size[axis] - 1);
+    let parity = if kernel[0] == kernel[2 * radius] { 1.0 } else { -1.0 };
+    let weights = &kernel[radius..];
     Image::from_rows(size, |j, k, out| {
         let mut sums = vec![0.0; size[0]];
         if axis == 0 {
             let row = image.row(j, k);
-            // Entry `x + r − entry` of the continued row.
+            // The row, continued by its ends.
             let continued: Vec<f64> = (0..size[0] + 2 * radius)
                 .map(|x| row[x.saturating_sub(radius).min(size[0] - 1)].to_f64())
                 .collect();
-            for (entry, weight) in kernel.iter().enumerate() {
-                let from = 2 * radius - entry;
-                add_scaled(&mut sums, &continued[from..from + size[0]], *weight);
-            }
+            let shifted = |m: usize| &continued[radius - m..][..size[0]];
+            let ahead = |m: usize| &continued[radius + m..][..size[0]];
+            add_pairs(&mut sums, weights, parity, shifted, ahead);
         } else {
-            for (entry, weight) in kernel.iter().enumerate() {
-                let row =
-                    if axis == 1 { image.row(shifted(j, entry), k) } else { image.row(j, shifted(k, entry)) };
-                add_scaled(&mut sums, row, *weight);
-            }
+            let at = if axis == 1 { j } else { k };
+            let row = |x: usize| if axis == 1 { image.row(x, k) } else { image.row(j, x) };
+            let shifted = |m: usize| row(at.saturating_sub(m));
+            let ahead = |m: usize| row((at + m).min(size[axis] - 1));
+            add_pairs(&mut sums, weights, parity, shifted, ahead);
         }
         for (out, sum) in out.iter_mut().zip(sums) {
             *out = T::from_f64(sum);
@@ -140,10 +139,28 @@ fn correlate<T: Value>(image: &Image<T>, axis: usize, kernel: &[f64]) -> Image<T
     })
 }
 
-fn add_scaled<T: Value>(sums: &mut [f64], row: &[T], weight: f64) {
-    for (sum, value) in sums.iter_mut().zip(row) {
-        *sum += weight * value.to_f64();
-    }
+/// Adds `w₀ f(x) + Σ_{m>0} w_m (f(x − m) ± f(x + m))` for the rows `before(m)` and `after(m)`.
+fn add_pairs<'a, T: Value + 'a>(
+    sums: &mut [f64],
+    weights: &[f64],
+    parity: f64,
+    before: impl Fn(usize) -> &'a [T],
+    after: impl Fn(usize) -> &'a [T],
+) {
+    // Uses the widest vectors of the machine. Products and sums are not fused, so that the bits are the same on all machines.
+    pulp::Arch::new().dispatch(
+        #[inline(always)]
+        || {
+            for (sum, value) in sums.iter_mut().zip(before(0)) {
+                *sum += weights[0] * value.to_f64();
+            }
+            for (m, weight) in weights.iter().enumerate().skip(1) {
+                for ((sum, a), b) in sums.iter_mut().zip(before(m)).zip(after(m)) {
+                    *sum += weight * (a.to_f64() + parity * b.to_f64());
+                }
+            }
+        },
+    );
 }
 
 #[cfg(test)]

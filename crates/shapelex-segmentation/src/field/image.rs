@@ -13,6 +13,7 @@ pub trait Value: Copy + Send + Sync + PartialOrd {
 }
 
 impl Value for f64 {
+    #[inline(always)]
     fn to_f64(self) -> f64 {
         self
     }
@@ -23,6 +24,7 @@ impl Value for f64 {
 }
 
 impl Value for f32 {
+    #[inline(always)]
     fn to_f64(self) -> f64 {
         f64::from(self)
     }

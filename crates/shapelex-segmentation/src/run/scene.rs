@@ -138,12 +138,14 @@ impl<const D: usize> Scene<D> {
         sigmas: &[f64],
     ) -> Self {
         let image: Arc<Image> = Arc::new(image.map(|value| value));
+        let known: Vec<Option<f64>> = terms.iter().map(|(term, _)| measured(&image, &frame, term)).collect();
         let mut fields: Vec<(f64, Vec<(Prepared<D>, f64)>)> = Vec::new();
         for sigma in sigmas {
-            if fields.iter().all(|(known, _)| known != sigma) {
-                let prepare =
-                    |(term, weight): &(ImageTerm, f64)| (prepare(&image, &frame, term, *sigma), *weight);
-                fields.push((*sigma, terms.iter().map(prepare).collect()));
+            if fields.iter().all(|(done, _)| done != sigma) {
+                let terms = terms.iter().zip(&known);
+                let prepared = terms
+                    .map(|((term, weight), known)| (prepare(&image, &frame, term, *known, *sigma), *weight));
+                fields.push((*sigma, prepared.collect()));
             }
         }
         Self { image, frame, fields }
@@ -192,11 +194,25 @@ impl<const D: usize> Scene<D> {
     }
 }
 
-fn prepare<const D: usize>(image: &Image, frame: &Frame<D>, term: &ImageTerm, sigma: f64) -> Prepared<D> {
+/// Prepares a term for a blur. `measured`: see [`measured`].
+fn prepare<const D: usize>(
+    image: &Image,
+    frame: &Frame<D>,
+    term: &ImageTerm,
+    measured: Option<f64>,
+    sigma: f64,
+) -> Prepared<D> {
     let cells = frame.sigma_in_cells(sigma);
     match term {
         ImageTerm::Contour { polarity, edges } => {
-            let edge = edge_scale(image, frame, *edges, sigma);
+            let cell = cell_side(frame);
+            let edge = match edges {
+                EdgeScale::Given(edge) => *edge,
+                EdgeScale::Percentile(percent) => edge(image, frame, sigma, *percent),
+                EdgeScale::Sheets(_) => {
+                    measured.unwrap_or(0.0) * (MEASURED * cell / sigma.max(cell)).powf(SHEET_POWER)
+                }
+            };
             let laplacian = Arc::new(Integrated::new(&laplacian(image, cells, frame.metric())));
             Prepared::Contour { laplacian, polarity: *polarity, edge }
         }
@@ -222,19 +238,23 @@ fn prepare<const D: usize>(image: &Image, frame: &Frame<D>, term: &ImageTerm, si
     }
 }
 
-/// `e_σ`.
-fn edge_scale<const D: usize>(image: &Image, frame: &Frame<D>, edges: EdgeScale, sigma: f64) -> f64 {
-    let at = |sigma: f64, percent: f64| {
-        gradient_length(image, frame.sigma_in_cells(sigma), frame.metric()).percentile(percent)
-    };
-    match edges {
-        EdgeScale::Given(edge) => edge,
-        EdgeScale::Percentile(percent) => at(sigma, percent),
-        EdgeScale::Sheets(percent) => {
-            // One cell in units of length.
-            let cell = frame.determinant().abs().powf(1.0 / D as f64);
-            at(MEASURED * cell, percent) * (MEASURED * cell / sigma.max(cell)).powf(SHEET_POWER)
+/// The percentile of `|∇f_σ|`.
+fn edge<const D: usize>(image: &Image, frame: &Frame<D>, sigma: f64, percent: f64) -> f64 {
+    gradient_length(image, frame.sigma_in_cells(sigma), frame.metric()).percentile(percent)
+}
+
+/// The side of a cell in units of length.
+fn cell_side<const D: usize>(frame: &Frame<D>) -> f64 {
+    frame.determinant().abs().powf(1.0 / D as f64)
+}
+
+/// What a term needs that does not depend on the blur of a stage: `e_3`, for sheets.
+fn measured<const D: usize>(image: &Image, frame: &Frame<D>, term: &ImageTerm) -> Option<f64> {
+    match term {
+        ImageTerm::Contour { edges: EdgeScale::Sheets(percent), .. } => {
+            Some(edge(image, frame, MEASURED * cell_side(frame), *percent))
         }
+        _ => None,
     }
 }
 

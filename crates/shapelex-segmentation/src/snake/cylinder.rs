@@ -12,12 +12,14 @@ use shapelex_geometry::surface::Topology;
 use shapelex_geometry::surface::basis::SurfaceBasis;
 use shapelex_numeric::sparse::SparseRows;
 
-use super::{Model, OUTLINE_SPACING, Outline, SPACING, equal};
+use super::{Model, OUTLINE_SPACING, Outline, equal};
 use crate::boundary::Boundary;
 use crate::boundary::cylinder::{CylinderBoundary, CylinderMesh, extension};
 use crate::boundary::tensor::lengths;
 use crate::frame::Frame;
 
+/// Length of edges, in cells, for fields without blur: diagonals are then about one cell.
+const EDGE: f64 = 0.8;
 /// Minimum number of vertices per span.
 const LEAST: usize = 4;
 /// Maximum number of vertices around or along: more cells than a volume has.
@@ -66,7 +68,7 @@ impl Model<3> for CylinderSnake {
     }
 
     fn boundary(&self, rows: &[[f64; 3]], sigma: f64, frame: Frame<3>) -> Box<dyn Boundary<3>> {
-        Box::new(self.closed(rows, SPACING * sigma.max(1.0), frame))
+        Box::new(self.closed(rows, EDGE * sigma.max(1.0), frame))
     }
 
     fn outline(&self, rows: &[[f64; 3]]) -> Outline {

@@ -5,4 +5,5 @@ mod energies;
 mod fields;
 mod floors;
 mod phantoms;
+mod runs;
 mod vectors;
