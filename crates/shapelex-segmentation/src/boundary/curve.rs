@@ -23,36 +23,12 @@ pub struct CurveBoundary {
     frame: Frame<2>,
 }
 
-/// Maps from the control points of a line to its points and derivatives at parameters `t` in units of the knots. Control points
-/// of open lines are counted from the first one beyond the end.
-pub(super) fn taps(line: &Line, parameters: &[f64]) -> [SparseRows; 2] {
-    let (generator, intervals) = (line.generator(), line.intervals());
-    let beyond = shapelex_geometry::open::phantoms(generator.support());
-    let count = if line.is_closed() { intervals } else { intervals + 1 + 2 * beyond };
-    let reach = 0.5 * generator.support() as f64;
-    [0, 1].map(|derivative| {
-        let mut map = SparseRows::new(count, parameters.len(), parameters.len() * generator.support());
-        for t in parameters {
-            let near = (t - reach).ceil() as isize..=(t + reach).floor() as isize;
-            let entries = near.filter_map(|k| {
-                let column =
-                    if line.is_closed() { k.rem_euclid(count as isize) } else { k + beyond as isize };
-                let weight = generator.evaluate(t - k as f64, derivative);
-                let inside = (0..count as isize).contains(&column);
-                (inside && weight != 0.0).then_some((column as u32, weight))
-            });
-            map.push(&entries.collect::<Vec<_>>());
-        }
-        map
-    })
-}
-
 impl CurveBoundary {
     /// The curves of a closed line with `per_span` samples per control point, oriented so that `rows` enclose a positive area.
     pub fn new(line: &Line, per_span: usize, rows: &[[f64; 2]], frame: Frame<2>) -> Self {
         let count = line.intervals() * per_span;
         let parameters: Vec<f64> = (0..count).map(|s| s as f64 / per_span as f64).collect();
-        let maps = taps(line, &parameters);
+        let maps = line.taps(&parameters);
         let transposes = [maps[0].transpose(), maps[1].transpose()];
         let weight = 1.0 / per_span as f64;
         let mut boundary = Self { maps, transposes, weight, sign: 1.0, frame };

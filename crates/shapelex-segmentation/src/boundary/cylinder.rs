@@ -5,10 +5,8 @@
 //! volume are those of the closed mesh; the area and the spacing are those of the lateral surface.
 
 use shapelex_geometry::knot_line::Line;
-use shapelex_geometry::open::phantoms;
 use shapelex_numeric::sparse::SparseRows;
 
-use super::curve::taps;
 use super::mesh::MeshBoundary;
 use super::tensor::Sheet;
 use super::{Boundary, Differential, Samples};
@@ -55,7 +53,7 @@ impl CylinderBoundary {
 /// the exact cylinder for any number of points along the axis.
 pub fn extension(lines: &[Line; 2]) -> SparseRows {
     let [around, last] = [0, 1].map(|i| lines[i].intervals());
-    let beyond = phantoms(lines[1].generator().support());
+    let beyond = lines[1].beyond();
     let mut net =
         SparseRows::new(around * (last + 1), around * (last + 1 + 2 * beyond), 2 * around * (last + 1));
     for k in 0..around {
@@ -78,8 +76,8 @@ fn vertices(lines: &[Line; 2], net: &SparseRows, mesh: CylinderMesh) -> SparseRo
     let parameters = |n: usize, last: usize, line: &Line| -> Vec<f64> {
         (0..last).map(|i| i as f64 * line.intervals() as f64 / n as f64).collect()
     };
-    let [of_u, _] = taps(&lines[0], &parameters(count, count, &lines[0]));
-    let [of_v, _] = taps(&lines[1], &parameters(along, along + 1, &lines[1]));
+    let [of_u, _] = lines[0].taps(&parameters(count, count, &lines[0]));
+    let [of_v, _] = lines[1].taps(&parameters(along, along + 1, &lines[1]));
     let length = of_v.columns() as u32;
     let mut operator = SparseRows::new(net.rows(), count * (along + 1), 16 * count * (along + 1));
     let product = |i: usize, j: usize| -> Vec<(u32, f64)> {

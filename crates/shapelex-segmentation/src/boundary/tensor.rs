@@ -15,7 +15,6 @@ use shapelex_geometry::vector::{cross, dot, norm};
 use shapelex_numeric::quadrature::GaussLegendre;
 use shapelex_numeric::sparse::SparseRows;
 
-use super::curve::taps;
 use super::{Boundary, Differential, Samples, relative_variance};
 use crate::field::Integrated;
 use crate::frame::Frame;
@@ -51,7 +50,7 @@ impl Sheet {
         } else {
             (0..lines[1].intervals()).flat_map(nodes).unzip()
         };
-        let maps = [taps(&lines[0], &around), taps(&lines[1], &along)];
+        let maps = [lines[0].taps(&around), lines[1].taps(&along)];
         let transposes = maps.each_ref().map(|pair| pair.each_ref().map(SparseRows::transpose));
         Self {
             net: [net.clone(), net.transpose()],

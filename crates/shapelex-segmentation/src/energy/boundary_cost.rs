@@ -7,7 +7,7 @@
 //! With the weight `κ`, a piece of the boundary costs more than the contour energy gains where the edge is weaker than `κ e_σ`. Open
 //! ends then stay where an edge holds them.
 
-use super::Shape;
+use super::shape::Shape;
 use crate::boundary::Differential;
 
 /// Length or area of the boundary, relative to that of the first shape.

@@ -10,7 +10,7 @@
 
 use std::sync::Arc;
 
-use super::{Polarity, Shape};
+use super::shape::{Polarity, Shape};
 use crate::boundary::Differential;
 use crate::field::Integrated;
 

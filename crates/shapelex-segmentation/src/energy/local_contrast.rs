@@ -8,7 +8,7 @@
 
 use std::sync::Arc;
 
-use super::{Polarity, Shape, forbidden};
+use super::shape::{Polarity, Shape, forbidden};
 use crate::boundary::Differential;
 use crate::field::Integrated;
 

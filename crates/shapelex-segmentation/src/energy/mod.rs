@@ -4,6 +4,7 @@
 //! E = Σ_i w_i E_i
 //! ```
 //!
+//! * [`shape`] — a shape with its samples;
 //! * [`contour`] — flux of the gradient through the boundary; [`threshold`] — region brighter than a level;
 //! * [`local_contrast`] — mean inside against a shell; [`two_class`] — two means, without a polarity;
 //! * [`boundary_cost`] — size of the boundary; [`spacing`] — evenness of the parameterisation; [`prior`] — distance from a
@@ -15,60 +16,21 @@ pub mod boundary_cost;
 pub mod contour;
 pub mod local_contrast;
 pub mod prior;
+pub mod shape;
 pub mod spacing;
 pub mod threshold;
 pub mod two_class;
 
-use crate::boundary::{Boundary, Differential, Samples};
+use crate::boundary::Differential;
 
 pub use boundary_cost::BoundaryCost;
 pub use contour::Contour;
 pub use local_contrast::LocalContrast;
 pub use prior::Prior;
+pub use shape::{Polarity, Shape};
 pub use spacing::Spacing;
 pub use threshold::Threshold;
 pub use two_class::TwoClass;
-
-/// Whether objects are brighter or darker than what is around them.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Polarity {
-    /// Bright objects on dark ground, `s = +1`.
-    #[default]
-    Bright,
-    /// Dark objects, or objects enclosed by a bright wall, `s = −1`.
-    Dark,
-}
-
-impl Polarity {
-    /// `s`.
-    pub fn sign(self) -> f64 {
-        match self {
-            Self::Bright => 1.0,
-            Self::Dark => -1.0,
-        }
-    }
-}
-
-/// A shape with its samples.
-pub struct Shape<'a, const D: usize> {
-    /// The boundary.
-    pub boundary: &'a dyn Boundary<D>,
-    /// Free points in index coordinates.
-    pub rows: &'a [[f64; D]],
-    /// Samples of the boundary.
-    pub samples: Samples<D>,
-    /// The enclosed area or volume.
-    pub volume: Differential<D>,
-}
-
-impl<'a, const D: usize> Shape<'a, D> {
-    /// The shape with these free points.
-    pub fn new(boundary: &'a dyn Boundary<D>, rows: &'a [[f64; D]]) -> Self {
-        let samples = boundary.sample(rows);
-        let volume = boundary.volume(&samples);
-        Self { boundary, rows, samples, volume }
-    }
-}
 
 /// A term of an energy.
 #[derive(Debug, Clone)]
@@ -155,9 +117,4 @@ impl<const D: usize> Energy<D> {
         };
         self.terms.iter().map(value).collect()
     }
-}
-
-/// The value of a term where it is not defined: line searches turn back.
-fn forbidden<const D: usize>(rows: usize) -> Differential<D> {
-    Differential { value: f64::INFINITY, ..Differential::zero(rows) }
 }

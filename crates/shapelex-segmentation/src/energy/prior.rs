@@ -16,7 +16,7 @@ use shapelex_analysis::alignment::{Method, Projector};
 use shapelex_analysis::metric::Metric;
 use shapelex_numeric::sparse::SparseRows;
 
-use super::{Shape, forbidden};
+use super::shape::{Shape, forbidden};
 use crate::boundary::Differential;
 use crate::frame::Frame;
 

@@ -5,7 +5,7 @@
 //!
 //! Source: the idea of Jacob, Blu and Unser, *Efficient energies and algorithms for parametric snakes*, made scale invariant.
 
-use super::Shape;
+use super::shape::Shape;
 use crate::boundary::Differential;
 
 /// Unevenness of the parameterisation.

@@ -8,7 +8,7 @@
 
 use std::sync::Arc;
 
-use super::Shape;
+use super::shape::Shape;
 use crate::boundary::Differential;
 use crate::field::Integrated;
 

@@ -8,7 +8,7 @@
 
 use std::sync::Arc;
 
-use super::{Shape, forbidden};
+use super::shape::{Shape, forbidden};
 use crate::boundary::Differential;
 use crate::field::Integrated;
 

@@ -16,6 +16,8 @@ use shapelex_geometry::raster::Grid;
 const MEASURED: f64 = 3.0;
 /// Decrease of the edge scale of thin sheets with the blur.
 const SHEET_POWER: f64 = 1.5;
+/// Volume of a first shape, in cells, that is rounding.
+const NOTHING: f64 = 1e-6;
 /// Percentiles between which the range of an image is measured: outliers do not count.
 const RANGE: [f64; 2] = [1.0, 99.0];
 
@@ -119,7 +121,8 @@ impl Measures {
         let boundary = model.boundary(rows, 1.0, scene.frame);
         let shape = Shape::new(&*boundary, rows);
         let (volume, measure) = (shape.volume.value, boundary.measure(&shape.samples).value);
-        if !(volume > 0.0 && measure > 0.0 && volume.is_finite() && measure.is_finite()) {
+        let cells = volume / scene.frame.determinant().abs();
+        if !(cells > NOTHING && measure > 0.0 && volume.is_finite() && measure.is_finite()) {
             return Err(SegmentationError::NoVolume { volume });
         }
         let median = scene.needs_level().then(|| scene.median(model, rows)).flatten();

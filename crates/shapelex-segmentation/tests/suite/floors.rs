@@ -49,7 +49,7 @@ fn jaccard(mask: &Mask, inside: impl Fn([f64; 3]) -> bool) -> f64 {
 }
 
 fn report<const D: usize>(what: &str, overlap: f64, found: &Segmentation<D>, start: std::time::Instant) {
-    println!(
+    eprintln!(
         "{what}: {overlap:.4} {:?} {} iterations, {} evaluations, {:.2} s, {:?}",
         found.outcome,
         found.iterations(),
@@ -103,7 +103,8 @@ fn rod_reference() -> Vec<[f64; 2]> {
     };
     let contour: Vec<[f64; 2]> = (0..720).map(|i| point(total * f64::from(i) / 720.0)).collect();
     // Uniform parameters make the normal matrix circulant: the dense solution is as good.
-    let line = CurveSnake::new(&GeneratorKind::Trigonometric {}, ROD_POINTS).unwrap().line().clone();
+    let line =
+        CurveSnake::new(&GeneratorKind::Trigonometric {}, ROD_POINTS).expect("a valid case").line().clone();
     let generator = line.generator();
     let weight = |i: usize, k: usize| -> f64 {
         let t = i as f64 * ROD_POINTS as f64 / 720.0 - k as f64;
@@ -138,7 +139,7 @@ fn segment_rods(
     spacing: f64,
     prior: Option<(ClassName, f64)>,
 ) -> Vec<f64> {
-    let model = CurveSnake::new(&GeneratorKind::Trigonometric {}, ROD_POINTS).unwrap();
+    let model = CurveSnake::new(&GeneratorKind::Trigonometric {}, ROD_POINTS).expect("a valid case");
     let reference = rod_reference();
     let random: Vec<f64> = uniform(7).take(5 * 19).collect();
     let mut overlaps = Vec::new();
@@ -161,10 +162,11 @@ fn segment_rods(
         settings.spacing = spacing;
         settings.prior = prior.map(|(class, gamma)| {
             let metric = Metric::new(model.line().gram().clone(), 2);
-            let method = Method::new(&Transformation::Named(class), Alignment::Projection, 2).unwrap();
-            (Prior::new(metric, method, &reference, None, Frame::identity()).unwrap(), gamma)
+            let method =
+                Method::new(&Transformation::Named(class), Alignment::Projection, 2).expect("a valid case");
+            (Prior::new(metric, method, &reference, None, Frame::identity()).expect("a valid case"), gamma)
         });
-        let found = segment(&scenes[scene].1, &model, &start, &settings, &never).unwrap();
+        let found = segment(&scenes[scene].1, &model, &start, &settings, &never).expect("a valid case");
         overlaps
             .push(jaccard(&cells(&model, &found.rows, image.size()), |[x, y, _]| rod.distance(x, y) <= 0.0));
     }
@@ -186,7 +188,7 @@ fn summary(what: &str, overlaps: &[f64]) -> f64 {
     let mean = overlaps.iter().sum::<f64>() / overlaps.len() as f64;
     let least = overlaps.iter().copied().fold(1.0, f64::min);
     let good = overlaps.iter().filter(|overlap| **overlap > 0.9).count();
-    println!("{what}: mean {mean:.3} (min {least:.3}; {good} above 0.9)");
+    eprintln!("{what}: mean {mean:.3} (min {least:.3}; {good} above 0.9)");
     mean
 }
 
@@ -259,7 +261,7 @@ fn hollow_cylinders_reach_the_figures_of_the_notes() {
         settings.tolerance = 0.02;
         let scene =
             Scene::new(&hollow_cylinder(std, 72), Frame::identity(), &terms, &[6.0, 3.0, 2.0, 1.5, 0.8]);
-        println!("scene {:.2} s", clock.elapsed().as_secs_f64());
+        eprintln!("scene {:.2} s", clock.elapsed().as_secs_f64());
         let found = segment(&scene, &model, &start, &settings, &never).unwrap();
         let overlap = jaccard(&cells(&model, &found.rows, [100; 3]), in_lumen);
         report(&format!("cylinder B, std {std}"), overlap, &found, clock);
@@ -268,14 +270,14 @@ fn hollow_cylinders_reach_the_figures_of_the_notes() {
 }
 
 fn blob(text: &str, lambda: f64, level: usize) -> SubdivisionSnake {
-    let connectivity = ControlMesh::Named(text.parse().unwrap());
+    let connectivity = ControlMesh::Named(text.parse().expect("a valid case"));
     let scheme = Scheme::Blob(Frequency::Real(Exact::new(lambda)));
-    SubdivisionSnake::new(Subdivision { scheme, level, connectivity }).unwrap()
+    SubdivisionSnake::new(Subdivision { scheme, level, connectivity }).expect("a valid case")
 }
 
 /// The approximation of a sphere by BLOB, with a mean radius and a centre.
 fn blob_sphere(model: &SubdivisionSnake, radius: f64, centre: [f64; 3]) -> Vec<[f64; 3]> {
-    let sphere = model.subdivision().connectivity.sphere().unwrap().vertices;
+    let sphere = model.subdivision().connectivity.sphere().expect("a valid case").vertices;
     let shapelex_segmentation::snake::Outline::Mesh(mesh) = model.outline(&sphere) else { unreachable!() };
     let radii = mesh.vertices.iter().map(|v| v.iter().map(|x| x * x).sum::<f64>().sqrt());
     let mean = radii.sum::<f64>() / mesh.vertices.len() as f64;
@@ -316,7 +318,7 @@ fn nuclei_reach_the_figures_of_the_notes() {
                 stages = vec![Stage::new(Free::All, sigma)];
             }
         }
-        println!("scene and runs {:.2} s", clock.elapsed().as_secs_f64());
+        eprintln!("scene and runs {:.2} s", clock.elapsed().as_secs_f64());
     }
 }
 

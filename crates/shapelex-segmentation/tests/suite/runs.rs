@@ -48,7 +48,7 @@ fn area(model: &CurveSnake, rows: &[[f64; 2]]) -> f64 {
 fn run(term: ImageTerm, image: &Image, model: &CurveSnake, start: &[[f64; 2]]) -> Segmentation<2> {
     let stages = vec![Stage::new(Free::Affine, 3.0), Stage::new(Free::All, 1.0)];
     let scene = Scene::new(image, Frame::identity(), &[(term, 1.0)], &[3.0, 1.0]);
-    segment(&scene, model, start, &Settings::new(stages), &never).unwrap()
+    segment(&scene, model, start, &Settings::new(stages), &never).expect("a valid case")
 }
 
 #[test]
@@ -60,7 +60,7 @@ fn every_image_term_finds_an_ellipse_with_any_generator() {
         GeneratorKind::Exponential { poles },
     ];
     let (bright, dark) = (ellipse(), ellipse().map::<f64>(|value| 100.0 - value));
-    let threshold = ImageTerm::Threshold { theta: 0.5, level: Some(25.0) };
+    let threshold = ImageTerm::Threshold { theta: 17.5 / 30.0, level: Some(30.0) };
     let cases = [
         (CONTOUR, &bright),
         (ImageTerm::Contour { polarity: Polarity::Dark, edges: EdgeScale::Percentile(99.5) }, &dark),
@@ -94,19 +94,22 @@ fn reversed_curves_give_the_same_and_optima_stay() {
         assert!((a - b).abs() < 1e-6, "{a} for {b}");
     }
     assert_eq!(a.outcome, Outcome::Converged);
-    let scene = Scene::new(&image, Frame::identity(), &[(CONTOUR, 1.0)], &[1.0]);
+    // The local contrast has no scale of the first shape: its optimum is one for a run that starts there.
+    let term = ImageTerm::LocalContrast { polarity: Polarity::Bright };
+    let optimum = run(term, &image, &model, &start);
+    let scene = Scene::new(&image, Frame::identity(), &[(term, 1.0)], &[1.0]);
     let settings = Settings::new(vec![Stage::new(Free::All, 1.0)]);
-    let again = segment(&scene, &model, &a.rows, &settings, &never).unwrap();
-    let moved = a.rows.iter().zip(&again.rows).map(|(a, b)| (a[0] - b[0]).hypot(a[1] - b[1]));
+    let again = segment(&scene, &model, &optimum.rows, &settings, &never).unwrap();
+    let moved = optimum.rows.iter().zip(&again.rows).map(|(a, b)| (a[0] - b[0]).hypot(a[1] - b[1]));
     let moved = moved.fold(0.0, f64::max);
-    // Scales refer to the first shape, which is now another one.
-    assert!(moved < 0.1 && again.iterations() <= 12, "{moved} in {} iterations", again.iterations());
+    assert!(moved < 0.05 && again.iterations() <= 10, "{moved} in {} iterations", again.iterations());
 }
 
 fn tied(intervals: [usize; 2]) -> SurfaceSnake {
     let extent = Extent { topology: Topology::Sphere, intervals };
-    let basis = SurfaceBasis::new(extent, Seam::Straight, &Topology::Sphere.usual_generators()).unwrap();
-    SurfaceSnake::tied_sphere(Arc::new(basis)).unwrap()
+    let basis = SurfaceBasis::new(extent, Seam::Straight, &Topology::Sphere.usual_generators())
+        .expect("a valid case");
+    SurfaceSnake::tied_sphere(Arc::new(basis)).expect("a valid case")
 }
 
 fn ball_points([around, along]: [usize; 2], radius: f64, centre: [f64; 3]) -> Vec<[f64; 3]> {
@@ -119,43 +122,44 @@ fn ball_points([around, along]: [usize; 2], radius: f64, centre: [f64; 3]) -> Ve
     rings.chain([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]).map(at).collect()
 }
 
-/// A volume and the same with the x axis reversed, whose frame has a negative determinant.
+/// A volume and the same with the x axis reversed, whose frame has a negative determinant: equal energies of every term.
 #[test]
-fn mirrored_volumes_give_the_same_in_the_world() {
+fn mirrored_volumes_give_the_same_energies() {
     let size = [26, 24, 22];
     let value = |[x, y, z]: [f64; 3]| {
         let r = ((x - 12.3) / 1.2).hypot(y - 11.4).hypot((z - 10.6) * 1.5);
         10.0 + 50.0 * (0.5 + 7.0 - r).clamp(0.0, 1.0)
     };
-    let volume = image(size, value);
-    let mirrored = image(size, |[x, y, z]| value([25.0 - x, y, z]));
+    let volumes = [image(size, value), image(size, |[x, y, z]| value([25.0 - x, y, z]))];
     let frames = [(0.8, [0.0; 3]), (-0.8, [20.0, 0.0, 0.0])]
         .map(|(x, offset)| Frame::new([[x, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.5]], offset).unwrap());
     let model = tied([5, 4]);
-    let world: Vec<[f64; 3]> = ball_points([5, 4], 4.0, [10.5, 12.0, 15.0]).into_iter().collect();
-    let found: Vec<(Vec<f64>, f64)> = [&volume, &mirrored]
-        .into_iter()
-        .zip(&frames)
-        .map(|(volume, frame)| {
-            let start: Vec<[f64; 3]> = world.iter().map(|point| frame.to_index(*point)).collect();
-            let scene = Scene::new(volume, *frame, &[(CONTOUR, 1.0)], &[2.0, 1.2]);
-            let stages = [(Free::Affine, 2.0), (Free::All, 2.0), (Free::All, 1.2)];
-            let mut settings = Settings::new(stages.map(|(free, sigma)| Stage::new(free, sigma)).into());
-            settings.tolerance = 1e-3;
-            let found = segment(&scene, &model, &start, &settings, &never).unwrap();
-            assert!(found.stages.iter().all(|stage| stage.fault.is_none()), "{:?}", found.stages);
-            (found.rows.iter().flat_map(|point| frame.to_world(*point)).collect(), found.terms[0].value)
-        })
-        .collect();
-    assert!((found[0].1 - found[1].1).abs() < 2e-3 * found[0].1.abs(), "{} for {}", found[1].1, found[0].1);
-    let apart = found[0].0.iter().zip(&found[1].0).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-    assert!(apart < 0.25, "{apart}");
+    let world = ball_points([5, 4], 5.0, [10.5, 12.0, 15.0]);
+    let terms = [
+        CONTOUR,
+        ImageTerm::Threshold { theta: 0.6, level: None },
+        ImageTerm::LocalContrast { polarity: Polarity::Bright },
+        ImageTerm::TwoClass,
+    ];
+    let found = [0, 1].map(|i| {
+        let start: Vec<[f64; 3]> = world.iter().map(|point| frames[i].to_index(*point)).collect();
+        let scene = Scene::new(&volumes[i], frames[i], &terms.map(|term| (term, 1.0)), &[1.5]);
+        let mut settings = Settings::new(vec![Stage { iterations: 0, ..Stage::new(Free::All, 1.5) }]);
+        settings.boundary = 0.3;
+        segment(&scene, &model, &start, &settings, &never).unwrap().terms
+    });
+    assert_eq!(found[0].len(), 6);
+    for (a, b) in found[0].iter().zip(&found[1]) {
+        let error = (a.value - b.value).abs() / a.value.abs().max(1e-3);
+        assert!(error < 2e-3, "{}: {} for {}", a.name, b.value, a.value);
+    }
 }
 
 fn blob(text: &str, lambda: f64, level: usize) -> SubdivisionSnake {
     let scheme = Scheme::Blob(Frequency::Real(Exact::new(lambda)));
-    let connectivity = text.parse().map(shapelex_geometry::subdivision::control::ControlMesh::Named).unwrap();
-    SubdivisionSnake::new(Subdivision { scheme, level, connectivity }).unwrap()
+    let connectivity =
+        text.parse().map(shapelex_geometry::subdivision::control::ControlMesh::Named).expect("a valid case");
+    SubdivisionSnake::new(Subdivision { scheme, level, connectivity }).expect("a valid case")
 }
 
 /// One split halves `λ`; the vertices of the refined model are those of the coarse one.
