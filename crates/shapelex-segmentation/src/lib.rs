@@ -68,7 +68,7 @@ pub enum SegmentationError {
     #[error("expected a shape with extent in all directions for an affine stage, got one that is flat")]
     Flat,
     /// There are no stages, or the scene is not prepared for the blur of one.
-    #[error("expected stages with blurs of the scene, got {}", sigma.map_or("none".into(), |sigma| format!("one with a blur of {sigma}")))]
+    #[error("expected stages with blurs of the scene, got {}", blur_of(*sigma))]
     Stages {
         /// The unknown blur.
         sigma: Option<f64>,
@@ -81,4 +81,8 @@ pub enum SegmentationError {
         /// The value.
         value: f64,
     },
+}
+
+fn blur_of(sigma: Option<f64>) -> String {
+    sigma.map_or_else(|| "none".into(), |sigma| format!("one with a blur of {sigma}"))
 }

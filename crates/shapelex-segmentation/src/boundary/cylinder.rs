@@ -1,8 +1,8 @@
 //! Cylinders closed by caps.
 //!
-//! The lateral surface is a tensor product, open along `v`. Its flux alone depends on the axis along which fields are integrated,
-//! so the cylinder is closed: by rings `(1 − j/n) rim + (j/n) centroid`, as fans of long triangles are too coarse. Integrals and the
-//! volume are those of the closed mesh; the area and the spacing are those of the lateral surface.
+//! The lateral surface is a tensor product, open along `v`. Its flux alone depends on the axis along which fields are
+//! integrated, so the cylinder is closed: by rings `(1 − j/n) rim + (j/n) centroid`, as fans of long triangles are too coarse.
+//! Integrals and the volume are those of the closed mesh; the area and the spacing are those of the lateral surface.
 
 use shapelex_geometry::knot_line::Line;
 use shapelex_numeric::sparse::SparseRows;
@@ -49,8 +49,8 @@ impl CylinderBoundary {
     }
 }
 
-/// From free points to control points `[k][l]`, beyond the ends by linear extrapolation: `c[−j] = (1 + j) c[0] − j c[1]`. It keeps
-/// the exact cylinder for any number of points along the axis.
+/// From free points to control points `[k][l]`, beyond the ends by linear extrapolation: `c[−j] = (1 + j) c[0] − j c[1]`. It
+/// keeps the exact cylinder for any number of points along the axis.
 pub fn extension(lines: &[Line; 2]) -> SparseRows {
     let [around, last] = [0, 1].map(|i| lines[i].intervals());
     let beyond = lines[1].beyond();
@@ -69,8 +69,8 @@ pub fn extension(lines: &[Line; 2]) -> SparseRows {
     net
 }
 
-/// From free points to the vertices: `[i][j]` of the lateral surface, then for each end the rings from the rim on, each in the order
-/// of `i`, and the centroid.
+/// From free points to the vertices: `[i][j]` of the lateral surface, then for each end the rings from the rim on, each in the
+/// order of `i`, and the centroid.
 fn vertices(lines: &[Line; 2], net: &SparseRows, mesh: CylinderMesh) -> SparseRows {
     let [count, along] = mesh.counts;
     let parameters = |n: usize, last: usize, line: &Line| -> Vec<f64> {

@@ -4,8 +4,8 @@
 //! E_κ = A(Ω)/A₀
 //! ```
 //!
-//! With the weight `κ`, a piece of the boundary costs more than the contour energy gains where the edge is weaker than `κ e_σ`. Open
-//! ends then stay where an edge holds them.
+//! With the weight `κ`, a piece of the boundary costs more than the contour energy gains where the edge is weaker than
+//! `κ e_σ`. Open ends then stay where an edge holds them.
 
 use super::shape::Shape;
 use crate::boundary::Differential;

@@ -4,9 +4,9 @@
 //! E_c = s/(e_σ A₀) ∮ ∂f_σ/∂n dS = s/(e_σ A₀) ∫_Ω Δf_σ,   n outwards
 //! ```
 //!
-//! The minimum for a bright object has the plus sign; the literature often prints the minus sign for every case. Along a straight
-//! step the zero of `Δf_σ` is at the step. Along a ridge it is at the inner inflection, `√(σ² + w²/12)` before the crest. The capture
-//! range is `2σ` to `3σ`.
+//! The minimum for a bright object has the plus sign; the literature often prints the minus sign for every case. Along a
+//! straight step the zero of `Δf_σ` is at the step. Along a ridge it is at the inner inflection, `√(σ² + w²/12)` before the
+//! crest. The capture range is `2σ` to `3σ`.
 
 use std::sync::Arc;
 

@@ -5,8 +5,8 @@
 //! ∂E = 2Ψ(c − c*)/V^{2/d} − (2/d) E ∂V/V
 //! ```
 //!
-//! `c*` is `P c` for linear classes and a Procrustes fit for rotations of space; by the envelope theorem its change does not enter the
-//! gradient. Without the division by the volume, the term would pull every shape towards a point.
+//! `c*` is `P c` for linear classes and a Procrustes fit for rotations of space; by the envelope theorem its change does not
+//! enter the gradient. Without the division by the volume, the term would pull every shape towards a point.
 //!
 //! Equal parameters are compared: the first shape should be the posed reference. The affine class contains reflections and flat
 //! shapes.

@@ -36,8 +36,8 @@ pub fn blur<T: Value>(image: &Image<T>, sigma: [f64; 3]) -> Image<T> {
     derivative(image, sigma, [0; 3])
 }
 
-/// Derivative of `order[axis] ≤ 2` along each axis of the image blurred with `sigma[axis]` cells. A derivative along an axis needs a
-/// positive `σ` there.
+/// Derivative of `order[axis] ≤ 2` along each axis of the image blurred with `sigma[axis]` cells. A derivative along an axis
+/// needs a positive `σ` there.
 ///
 /// Cost: `8σ + 1` products per cell and axis.
 pub fn derivative<T: Value>(image: &Image<T>, sigma: [f64; 3], order: [usize; 3]) -> Image<T> {
@@ -55,8 +55,8 @@ pub fn derivative<T: Value>(image: &Image<T>, sigma: [f64; 3], order: [usize; 3]
 
 /// Laplacian of a metric, of the blurred image: `Σ_ab M_ab ∂_a ∂_b f_σ`.
 ///
-/// For voxels of positions `w = A i + b`, `M = (AᵀA)⁻¹` gives the Laplacian in `w`. For an image in the plane, the third row and
-/// column of `M` are not used. Cost: at most 12 passes, 7 if `M` is diagonal.
+/// For voxels of positions `w = A i + b`, `M = (AᵀA)⁻¹` gives the Laplacian in `w`. For an image in the plane, the third row
+/// and column of `M` are not used. Cost: at most 12 passes, 7 if `M` is diagonal.
 pub fn laplacian<T: Value>(image: &Image<T>, sigma: [f64; 3], metric: [[f64; 3]; 3]) -> Image<T> {
     let mut orders: [Option<Image<T>>; 3] = [None, None, None];
     for (a, b) in [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)] {

@@ -1,7 +1,7 @@
 //! Checks of a shape after a stage.
 //!
-//! Integrals over the boundary count a region as often as it is enclosed, with a sign. For a shape that is folded they differ from the
-//! number of cells inside:
+//! Integrals over the boundary count a region as often as it is enclosed, with a sign. For a shape that is folded they differ
+//! from the number of cells inside:
 //!
 //! ```text
 //! |Vol − cells inside| ≤ 2 % Vol + border cells/4

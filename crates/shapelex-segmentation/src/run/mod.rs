@@ -114,7 +114,7 @@ impl Outcome {
 pub struct StageReport {
     /// Position of the stage.
     pub stage: usize,
-    /// Number of iterations and of evaluations.
+    /// Number of iterations.
     pub iterations: usize,
     /// Number of evaluations of the energy and its gradient.
     pub evaluations: usize,

@@ -26,8 +26,8 @@ const RANGE: [f64; 2] = [1.0, 99.0];
 pub enum EdgeScale {
     /// A percentile of `|∇f_σ|`; 99 to 99.5 is usual.
     Percentile(f64),
-    /// For thin sheets in noise: `e_3 (3/max(σ, 1))^1.5` with the percentile of `|∇f_3|` at a blur of three cells. The percentile at a
-    /// small blur would measure the noise.
+    /// For thin sheets in noise: `e_3 (3/max(σ, 1))^1.5` with the percentile of `|∇f_3|` at a blur of three cells. The
+    /// percentile at a small blur would measure the noise.
     Sheets(f64),
     /// A given scale, in units of the image per length.
     Given(f64),
@@ -131,7 +131,8 @@ impl Measures {
 }
 
 impl<const D: usize> Scene<D> {
-    /// Prepares an image for terms with weights, at the blurs of the stages, in units of length. Blurs are isotropic in the frame.
+    /// Prepares an image for terms with weights, at the blurs of the stages, in units of length. Blurs are isotropic in the
+    /// frame.
     ///
     /// Memory: about 24 bytes per cell and blur of every term while preparing, 8 to keep.
     pub fn new<T: Value>(

@@ -39,8 +39,8 @@ enum Kind<const D: usize> {
 }
 
 impl<const D: usize> Reparametrisation<D> {
-    /// The unknowns of a stage that starts with `rows`. `centre`: weights of the rows in the centre. `None` for an affine stage of a
-    /// shape that is flat.
+    /// The unknowns of a stage that starts with `rows`. `centre`: weights of the rows in the centre. `None` for an affine
+    /// stage of a shape that is flat.
     pub fn new(free: Free, rows: &[[f64; D]], centre: &[f64]) -> Option<Self> {
         let kind = match free {
             Free::All => Kind::All,

@@ -1,8 +1,8 @@
 //! Subdivision surfaces of a linear scheme.
 //!
-//! The vertices of the mesh at the level are `V = S p` for the control points `p`. A shape with a coarse control mesh is a shape with
-//! the next finer one as well: its control points are those after one step, and the scheme goes on with its next parameter. For
-//! BLOB, one split halves `λ`.
+//! The vertices of the mesh at the level are `V = S p` for the control points `p`. A shape with a coarse control mesh is a
+//! shape with the next finer one as well: its control points are those after one step, and the scheme goes on with its next
+//! parameter. For BLOB, one split halves `λ`.
 
 use shapelex_geometry::GeometryError;
 use shapelex_geometry::generator::Exact;

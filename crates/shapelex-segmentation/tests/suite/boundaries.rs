@@ -95,8 +95,8 @@ fn planar_curves_are_those_of_the_vectors() {
     assert_close(&[found], &[number(&document["integral"]["E"])], 1e-12, "reversed");
 }
 
-/// Gradients of the document are for poles and tangents, ours for poles and handles: `∂E/∂T = κ ∂E/∂h`, and the gradient for a pole is
-/// that of its row and both handles.
+/// Gradients of the document are for poles and tangents, ours for poles and handles: `∂E/∂T = κ ∂E/∂h`, and the gradient for a
+/// pole is that of its row and both handles.
 fn with_tangents(found: Differential<3>, intervals: usize) -> Differential<3> {
     let kappa = handle_length(intervals);
     let mut gradient = found.gradient;

@@ -322,8 +322,8 @@ fn nuclei_reach_the_figures_of_the_notes() {
     }
 }
 
-/// Pipeline B of the notes on the head, with `ρ = 0.1` and blurs in mm. With the `ρ = 1` of the notes, evenness pulls points of the radial
-/// stage through the gap of 6 mm to the scalp: Dice 0.92.
+/// Pipeline B of the notes on the head, with `ρ = 0.1` and blurs in mm. With the `ρ = 1` of the notes, evenness pulls points
+/// of the radial stage through the gap of 6 mm to the scalp: Dice 0.92.
 #[test]
 fn heads_reach_the_figures_of_the_notes() {
     let extent = Extent { topology: Topology::Sphere, intervals: [9, 9] };
