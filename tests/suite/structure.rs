@@ -10,14 +10,14 @@ const LAYERS: [&[&str]; 9] = [
     &["service"],
     &["store"],
     &["domain"],
-    &["formats"],
-    &[CRATES[0]],
+    &["formats", CRATES[0]],
     &[CRATES[1]],
     &[CRATES[2]],
+    &[CRATES[3]],
 ];
 
 /// The layers of arithmetic, each a crate of its own: Cargo keeps their arrows.
-const CRATES: [&str; 3] = ["analysis", "geometry", "numeric"];
+const CRATES: [&str; 4] = ["segmentation", "analysis", "geometry", "numeric"];
 
 /// The modules through which work comes in: none uses another one.
 const DOORS: &[&str] = &["api", "worker"];

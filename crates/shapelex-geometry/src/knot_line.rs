@@ -15,6 +15,7 @@ use shapelex_numeric::banded::Banded;
 use shapelex_numeric::circulant::Circulant;
 use shapelex_numeric::dense::Matrix;
 use shapelex_numeric::operator::SymmetricOperator;
+use shapelex_numeric::sparse::SparseRows;
 
 /// A prepared line of `M` intervals: generator, Gram operator and interpolation at the knots.
 #[derive(Debug, Clone)]
@@ -124,6 +125,33 @@ impl Line {
     /// The Gram operator `Φ`.
     pub fn gram(&self) -> &Arc<dyn SymmetricOperator> {
         &self.gram
+    }
+
+    /// Number of control points beyond each end, `K`; 0 if closed.
+    pub fn beyond(&self) -> usize {
+        if self.closed { 0 } else { phantoms(self.generator.support()) }
+    }
+
+    /// Maps from control points to values and to first derivatives at parameters `t = M u` in units of the knots. Open lines have
+    /// `M + 1 + 2K` control points, from the first one beyond the end on. Where a derivative jumps, it is the one to the right.
+    pub fn taps(&self, parameters: &[f64]) -> [SparseRows; 2] {
+        let (support, beyond) = (self.generator.support(), self.beyond());
+        let count = if self.closed { self.intervals } else { self.intervals + 1 + 2 * beyond };
+        let reach = 0.5 * support as f64;
+        [0, 1].map(|derivative| {
+            let mut map = SparseRows::new(count, parameters.len(), parameters.len() * support);
+            for t in parameters {
+                let near = (t - reach).ceil() as isize..=(t + reach).floor() as isize;
+                let entries = near.filter_map(|k| {
+                    let column = if self.closed { k.rem_euclid(count as isize) } else { k + beyond as isize };
+                    let weight = self.generator.evaluate(t - k as f64, derivative);
+                    let inside = (0..count as isize).contains(&column);
+                    (inside && weight != 0.0).then_some((column as u32, weight))
+                });
+                map.push(&entries.collect::<Vec<_>>());
+            }
+            map
+        })
     }
 
     /// Half-interval of a parameter, and the local coordinate in it: see [`locate`].

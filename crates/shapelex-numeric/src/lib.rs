@@ -8,6 +8,7 @@
 //! * [`kronecker`] — tensor products of operators;
 //! * [`sparse`] — sparse matrices by rows;
 //! * [`kernels`] — loops over short slices;
+//! * [`lbfgs`] — minimisation by L-BFGS with bounded steps;
 //! * [`lanes`] — long columns in pieces of a few vectors, and stacks of such columns;
 //! * [`dense`] — dense kernels and eigenproblems; the only module that depends on the linear algebra library;
 //! * [`fingerprint`] — a digest that tells whether two processes compute the same bits;
@@ -38,6 +39,7 @@ pub mod fingerprint;
 pub mod kernels;
 pub mod kronecker;
 pub mod lanes;
+pub mod lbfgs;
 pub mod operator;
 pub mod quadrature;
 pub mod sparse;

@@ -95,6 +95,25 @@ impl SparseRows {
         self.iter().map(|row| row.iter().map(|(column, value)| value * x[*column as usize]).sum()).collect()
     }
 
+    /// `Aᵀ`. Entries of a row are in the order of the rows of `A`.
+    pub fn transpose(&self) -> Self {
+        let mut ends = vec![0; self.columns];
+        self.entries.iter().for_each(|(column, _)| ends[*column as usize] += 1);
+        let mut total = 0;
+        // The place of the next entry of every row; the end of the row once all are placed.
+        for end in &mut ends {
+            total += std::mem::replace(end, total);
+        }
+        let mut entries = vec![(0, 0.0); total];
+        for (index, row) in self.iter().enumerate() {
+            for &(column, value) in row {
+                entries[ends[column as usize]] = (index as u32, value);
+                ends[column as usize] += 1;
+            }
+        }
+        Self { columns: self.rows(), ends, entries }
+    }
+
     /// `A B`. Cost: one product per pair of an entry of `A` and an entry in the matching row of `B`.
     pub fn multiply(&self, right: &Self) -> Self {
         let mut product = Self::new(right.columns, self.rows(), 2 * self.len());
@@ -148,6 +167,9 @@ mod tests {
         assert_eq!((a.rows(), a.len(), b.row(1).len()), (2, 3, 0));
         assert_eq!(a.apply(&[[1.0, 0.0], [0.0, 1.0], [2.0, 2.0]]), [[5.0, 3.0], [0.0, -1.0]]);
         assert_eq!(a.apply_column(&[1.0, 0.0, 2.0]), [5.0, 0.0]);
+        let transposed = a.transpose();
+        assert_eq!(dense(&transposed), [[2.0, 0.0], [0.0, -1.0], [1.5, 0.0]]);
+        assert_eq!((transposed.columns(), dense(&transposed.transpose())), (2, dense(&a)));
         let mut wide = vec![[9.0; 8]];
         a.apply_into(&[[1.0; 8], [2.0; 8], [3.0; 8]], &mut wide);
         assert_eq!(wide, [[6.5; 8], [-2.0; 8]]);

@@ -12,6 +12,7 @@ use crate::open::{open_gram, phantoms};
 use shapelex_numeric::dense::Matrix;
 use shapelex_numeric::kronecker::{Kronecker, transpose};
 use shapelex_numeric::operator::SymmetricOperator;
+use shapelex_numeric::sparse::SparseRows;
 
 /// Topology and size of a surface, as chosen by the client.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -345,6 +346,26 @@ impl SurfaceBasis {
             }
         }
         weights
+    }
+
+    /// The map from rows to the control points `[k][l]` of the tensor product, with those beyond open edges: for spheres the
+    /// conditions at the poles, for other topologies the identity. The seam of a twisted torus is not part of it.
+    pub fn control_net(&self) -> SparseRows {
+        let size = self.gram.size();
+        let Some(sphere) = &self.sphere else {
+            let mut identity = SparseRows::new(size, size, size);
+            (0..size).for_each(|row| identity.push(&[(row as u32, 1.0)]));
+            return identity;
+        };
+        let [count, columns] = [self.extent.intervals[0], self.extent.intervals[1] + 3];
+        let mut net = SparseRows::new(size, count * columns, 2 * count * columns);
+        for k in 0..count {
+            for l in 0..columns {
+                let parts = sphere.combination(k, l).into_iter();
+                net.push(&parts.map(|(row, part)| (row as u32, part)).collect::<Vec<_>>());
+            }
+        }
+        net
     }
 
     /// Number of stored control points along `u`.

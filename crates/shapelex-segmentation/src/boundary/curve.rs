@@ -1,0 +1,108 @@
+//! Planar closed curves.
+//!
+//! ```text
+//! r(t) = Σ_k c_k φ(t − k),   t_s = s/S,   weight 1/S
+//! ∬_Ω F = Σ w G(r) y',   area = Σ w x y',   length = Σ w |A r'|
+//! ```
+
+use shapelex_geometry::knot_line::Line;
+use shapelex_numeric::sparse::SparseRows;
+
+use super::{Boundary, Differential, Samples, relative_variance};
+use crate::field::Integrated;
+use crate::frame::Frame;
+
+/// A closed curve sampled uniformly in its parameter.
+#[derive(Debug, Clone)]
+pub struct CurveBoundary {
+    /// From control points to points and derivatives, and their transposes.
+    maps: [SparseRows; 2],
+    transposes: [SparseRows; 2],
+    weight: f64,
+    sign: f64,
+    frame: Frame<2>,
+}
+
+impl CurveBoundary {
+    /// The curves of a closed line with `per_span` samples per control point, oriented so that `rows` enclose a positive area.
+    pub fn new(line: &Line, per_span: usize, rows: &[[f64; 2]], frame: Frame<2>) -> Self {
+        let count = line.intervals() * per_span;
+        let parameters: Vec<f64> = (0..count).map(|s| s as f64 / per_span as f64).collect();
+        let maps = line.taps(&parameters);
+        let transposes = [maps[0].transpose(), maps[1].transpose()];
+        let weight = 1.0 / per_span as f64;
+        let mut boundary = Self { maps, transposes, weight, sign: 1.0, frame };
+        if boundary.volume(&boundary.sample(rows)).value < 0.0 {
+            boundary.sign = -1.0;
+        }
+        boundary
+    }
+
+    fn gather(&self, value: f64, slopes: &Samples<2>) -> Differential<2> {
+        let mut sum = Differential { value, gradient: self.transposes[0].apply(&slopes.points) };
+        sum.add_gradient(1.0, &self.transposes[1].apply(&slopes.along_u));
+        sum
+    }
+
+    /// `Σ w g y'` for the antiderivative `g` with its gradient.
+    fn enclosed(&self, samples: &Samples<2>, at: impl Fn([f64; 2]) -> (f64, [f64; 2])) -> Differential<2> {
+        let weight = self.weight * self.sign * self.frame.determinant().abs();
+        let mut slopes = samples.zeros();
+        let mut value = 0.0;
+        for (s, (point, tangent)) in samples.points.iter().zip(&samples.along_u).enumerate() {
+            let (g, gradient) = at(*point);
+            let rise = weight * tangent[1];
+            value += g * rise;
+            slopes.points[s] = gradient.map(|slope| slope * rise);
+            slopes.along_u[s] = [0.0, weight * g];
+        }
+        self.gather(value, &slopes)
+    }
+}
+
+impl Boundary<2> for CurveBoundary {
+    fn rows(&self) -> usize {
+        self.maps[0].columns()
+    }
+
+    fn sample(&self, rows: &[[f64; 2]]) -> Samples<2> {
+        let [points, along_u] = [0, 1].map(|derivative| self.maps[derivative].apply(rows));
+        Samples { points, along_u, ..Samples::default() }
+    }
+
+    fn integral(&self, samples: &Samples<2>, field: &Integrated<2>) -> Differential<2> {
+        self.enclosed(samples, |point| field.at(point))
+    }
+
+    fn volume(&self, samples: &Samples<2>) -> Differential<2> {
+        self.enclosed(samples, |[x, _]| (x, [1.0, 0.0]))
+    }
+
+    fn measure(&self, samples: &Samples<2>) -> Differential<2> {
+        let mut slopes = samples.zeros();
+        let mut value = 0.0;
+        for (slope, tangent) in slopes.along_u.iter_mut().zip(&samples.along_u) {
+            let [x, y] = self.frame.turn(*tangent);
+            let length = x.hypot(y);
+            value += self.weight * length;
+            if length > 0.0 {
+                *slope = self.frame.turn_back([x, y].map(|x| self.weight * x / length));
+            }
+        }
+        self.gather(value, &slopes)
+    }
+
+    /// `mean(q²)/mean(q)² − 1`, `q = |A r'|²`.
+    fn spacing(&self, samples: &Samples<2>) -> Differential<2> {
+        let tangents: Vec<[f64; 2]> =
+            samples.along_u.iter().map(|tangent| self.frame.turn(*tangent)).collect();
+        let squares: Vec<f64> = tangents.iter().map(|[x, y]| x * x + y * y).collect();
+        let share = 1.0 / squares.len() as f64;
+        let (value, of_squares) = relative_variance(&squares, |_| share);
+        let mut slopes = samples.zeros();
+        for ((slope, tangent), factor) in slopes.along_u.iter_mut().zip(&tangents).zip(of_squares) {
+            *slope = self.frame.turn_back(tangent.map(|x| 2.0 * factor * x));
+        }
+        self.gather(value, &slopes)
+    }
+}

@@ -1,0 +1,88 @@
+//! Segmentation of images and volumes by parametric snakes: shapes that minimise an energy of the image inside them.
+//!
+//! * [`field`] — images, Gaussian derivatives, and fields integrated in advance along x;
+//! * [`frame`] — positions of cells in the world;
+//! * [`boundary`] — boundaries sampled from free points, and integrals over what they enclose;
+//! * [`energy`] — terms of the energy of a shape;
+//! * [`snake`] — models: curves, spline surfaces and subdivision surfaces by their free points;
+//! * [`run`] — stages of minimisation, and the checks between them.
+//!
+//! # Coordinates
+//! Centres of pixels and voxels are whole numbers, `x` is the fastest axis. Outside of an image every field is zero.
+
+pub mod boundary;
+pub mod energy;
+pub mod field;
+pub mod frame;
+pub mod run;
+pub mod snake;
+
+/// Errors of the segmentation layer.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum SegmentationError {
+    /// The number of values is not that of the size.
+    #[error("expected {} values for {} × {} × {} cells, got {count}", size.iter().product::<usize>(), size[0], size[1], size[2])]
+    Values {
+        /// Number of cells along x, y, z.
+        size: [usize; 3],
+        /// Number of values given.
+        count: usize,
+    },
+    /// An image has no cells.
+    #[error("expected at least one cell along every axis, got {} × {} × {}", size[0], size[1], size[2])]
+    Empty {
+        /// Number of cells along x, y, z.
+        size: [usize; 3],
+    },
+    /// A value of an image is not a finite number.
+    #[error("expected finite values, got {value} at cell {index}")]
+    NotFinite {
+        /// Position of the value, x fastest.
+        index: usize,
+        /// The value.
+        value: f64,
+    },
+    /// A frame has no inverse.
+    #[error(
+        "expected an invertible map from indices to positions, got one with determinant {determinant:.1e}"
+    )]
+    Frame {
+        /// The determinant.
+        determinant: f64,
+    },
+    /// The number of free points is not that of the model.
+    #[error("expected {expected} free points, got {found}")]
+    Rows {
+        /// Number of free points of the model.
+        expected: usize,
+        /// Number given.
+        found: usize,
+    },
+    /// The first shape encloses nothing.
+    #[error("expected a first shape that encloses a positive volume, got {volume:.1e}")]
+    NoVolume {
+        /// The volume, or the area in the plane.
+        volume: f64,
+    },
+    /// A shape without extent in a direction has no affine stage.
+    #[error("expected a shape with extent in all directions for an affine stage, got one that is flat")]
+    Flat,
+    /// There are no stages, or the scene is not prepared for the blur of one.
+    #[error("expected stages with blurs of the scene, got {}", blur_of(*sigma))]
+    Stages {
+        /// The unknown blur.
+        sigma: Option<f64>,
+    },
+    /// A scale of a term is not positive.
+    #[error("expected a positive scale from {what}, got {value:.1e}")]
+    Scale {
+        /// The source of the scale.
+        what: &'static str,
+        /// The value.
+        value: f64,
+    },
+}
+
+fn blur_of(sigma: Option<f64>) -> String {
+    sigma.map_or_else(|| "none".into(), |sigma| format!("one with a blur of {sigma}"))
+}

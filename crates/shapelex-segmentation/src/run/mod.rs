@@ -1,0 +1,295 @@
+//! Segmentation of an object: stages of minimisation from coarse to fine, each followed by a check.
+//!
+//! ```text
+//! E = Σ w_i E_i (image) + κ A/A₀ + ρ E_ρ + γ E_prior
+//! ```
+//!
+//! * [`scene`] — an image with its fields, prepared once for any number of objects;
+//! * [`check`] — folds, shapes that leave the image, and collapse.
+//!
+//! A stage whose result fails the check is repeated from its start with `10 ρ` and half of the clip, twice at most.
+
+pub mod check;
+pub mod scene;
+
+use shapelex_numeric::bounded::Stop;
+use shapelex_numeric::lbfgs::{Ending, Objective, Rules, minimise};
+
+use crate::SegmentationError;
+use crate::boundary::Boundary;
+use crate::energy::{BoundaryCost, Energy, Prior, Shape, Spacing, Term, TermValue};
+use crate::snake::Model;
+use crate::snake::reparametrisation::{Free, Reparametrisation};
+use check::{Fault, check};
+use scene::{Measures, Scene};
+
+/// Factor on `ρ` and on the clip when a stage is repeated.
+const REPAIR: (f64, f64) = (10.0, 0.5);
+/// `ρ` of the first repetition if it was zero.
+const LEAST_SPACING: f64 = 0.1;
+/// Number of free points from which the clip is halved.
+const MANY: usize = 100;
+
+/// A stage of a segmentation.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Stage {
+    /// What is free.
+    pub free: Free,
+    /// Blur of the image, in units of length; one of those of the scene.
+    pub sigma: f64,
+    /// Maximum number of iterations.
+    pub iterations: usize,
+}
+
+impl Stage {
+    /// A stage with the usual number of iterations.
+    pub fn new(free: Free, sigma: f64) -> Self {
+        Self { free, sigma, iterations: 150 }
+    }
+}
+
+/// Weights and rules of a segmentation.
+#[derive(Debug, Clone)]
+pub struct Settings<const D: usize> {
+    /// Stages in order, from coarse to fine.
+    pub stages: Vec<Stage>,
+    /// `κ`, the cost of the boundary.
+    pub boundary: f64,
+    /// `ρ`, the cost of uneven spacing.
+    pub spacing: f64,
+    /// The prior with its weight `γ`.
+    pub prior: Option<(Prior<D>, f64)>,
+    /// Displacement below which a step is small, in cells.
+    pub tolerance: f64,
+    /// Largest displacement of a step, in cells; half of it with more than 100 free points.
+    pub clip: f64,
+    /// Number of times that a stage may be repeated after a failed check.
+    pub repairs: usize,
+}
+
+impl<const D: usize> Settings<D> {
+    /// Usual rules without `κ` and a prior: `ρ = 0.1`, steps of at most 2 cells, to 0.005 cells in the plane and 0.01 in space.
+    pub fn new(stages: Vec<Stage>) -> Self {
+        let tolerance = if D == 2 { 0.005 } else { 0.01 };
+        Self { stages, boundary: 0.0, spacing: 0.1, prior: None, tolerance, clip: 2.0, repairs: 2 }
+    }
+}
+
+/// Reason for which a segmentation ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Outcome {
+    /// The last stage converged.
+    Converged,
+    /// The last stage reached its number of iterations.
+    Limit,
+    /// No step decreased the energy of the last stage: normal at the level of the noise.
+    LineSearch,
+    /// A stage folded the shape; the result is that of the stage before.
+    Folded,
+    /// A stage moved the shape out of the image; the result is that of the stage before.
+    LeftImage,
+    /// A stage shrank the shape to nothing; the result is that of the stage before.
+    Collapsed,
+    /// The caller wanted to stop.
+    Stopped,
+}
+
+impl Outcome {
+    /// Name in answers.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Converged => "converged",
+            Self::Limit => "limit",
+            Self::LineSearch => "line_search",
+            Self::Folded => "folded",
+            Self::LeftImage => "left_image",
+            Self::Collapsed => "collapsed",
+            Self::Stopped => "stopped",
+        }
+    }
+}
+
+/// What one run of a stage did.
+#[derive(Debug, Clone, PartialEq)]
+pub struct StageReport {
+    /// Position of the stage.
+    pub stage: usize,
+    /// Number of iterations.
+    pub iterations: usize,
+    /// Number of evaluations of the energy and its gradient.
+    pub evaluations: usize,
+    /// Energy at the start and after every iteration.
+    pub history: Vec<f64>,
+    /// `ρ` that was used.
+    pub spacing: f64,
+    /// Why the minimisation ended.
+    pub ending: Ending,
+    /// What the check found.
+    pub fault: Option<Fault>,
+}
+
+/// Result of a segmentation.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Segmentation<const D: usize> {
+    /// Free points in index coordinates.
+    pub rows: Vec<[f64; D]>,
+    /// Why the segmentation ended.
+    pub outcome: Outcome,
+    /// Terms of the energy of the last stage, at the result.
+    pub terms: Vec<TermValue>,
+    /// Runs of stages in order, with those that failed the check.
+    pub stages: Vec<StageReport>,
+}
+
+impl<const D: usize> Segmentation<D> {
+    /// Number of iterations of all runs.
+    pub fn iterations(&self) -> usize {
+        self.stages.iter().map(|stage| stage.iterations).sum()
+    }
+}
+
+/// Segments an object from a first shape, given by its free points in index coordinates.
+///
+/// # Errors
+/// [`SegmentationError::Rows`], [`SegmentationError::NoVolume`] and [`SegmentationError::Flat`] for the first shape;
+/// [`SegmentationError::Stages`] without stages, or for a blur that the scene does not have.
+pub fn segment<const D: usize>(
+    scene: &Scene<D>,
+    model: &dyn Model<D>,
+    start: &[[f64; D]],
+    settings: &Settings<D>,
+    stop: Stop<'_>,
+) -> Result<Segmentation<D>, SegmentationError> {
+    if start.len() != model.rows() {
+        return Err(SegmentationError::Rows { expected: model.rows(), found: start.len() });
+    }
+    let Some(last) = settings.stages.last() else { return Err(SegmentationError::Stages { sigma: None }) };
+    let measures = Measures::of(scene, model, start)?;
+    let mut run =
+        Run { scene, model, settings, measures, rows: start.to_vec(), spacing: settings.spacing, clip: 0.0 };
+    run.clip = if start.len() > MANY { 0.5 * settings.clip } else { settings.clip };
+    let (mut reports, mut outcome) = (Vec::new(), Outcome::Limit);
+    for (index, stage) in settings.stages.iter().enumerate() {
+        outcome = run.stage(index, stage, &mut reports, stop)?;
+        if !matches!(outcome, Outcome::Converged | Outcome::Limit | Outcome::LineSearch) {
+            break;
+        }
+    }
+    let boundary = run.boundary(last);
+    let energy = run.energy(last)?;
+    let terms = energy.values(&Shape::new(&*boundary, &run.rows));
+    Ok(Segmentation { rows: run.rows, outcome, terms, stages: reports })
+}
+
+/// State between stages.
+struct Run<'a, const D: usize> {
+    scene: &'a Scene<D>,
+    model: &'a dyn Model<D>,
+    settings: &'a Settings<D>,
+    measures: Measures,
+    rows: Vec<[f64; D]>,
+    spacing: f64,
+    clip: f64,
+}
+
+impl<const D: usize> Run<'_, D> {
+    fn boundary(&self, stage: &Stage) -> Box<dyn Boundary<D>> {
+        let cells = self.scene.frame().sigma_in_cells(stage.sigma);
+        let sigma = cells[..D].iter().copied().fold(f64::INFINITY, f64::min);
+        self.model.boundary(&self.rows, sigma, *self.scene.frame())
+    }
+
+    fn energy(&self, stage: &Stage) -> Result<Energy<D>, SegmentationError> {
+        let mut terms = self.scene.terms(stage.sigma, &self.measures, &self.model.centre())?;
+        if self.settings.boundary > 0.0 {
+            let cost = BoundaryCost { scale: self.measures.boundary };
+            terms.push((Term::BoundaryCost(cost), self.settings.boundary));
+        }
+        if self.spacing > 0.0 {
+            terms.push((Term::Spacing(Spacing {}), self.spacing));
+        }
+        if let Some((prior, gamma)) = &self.settings.prior {
+            terms.push((Term::Prior(prior.clone()), *gamma));
+        }
+        Ok(Energy { terms })
+    }
+
+    /// Runs a stage until its result passes the check.
+    fn stage(
+        &mut self,
+        index: usize,
+        stage: &Stage,
+        reports: &mut Vec<StageReport>,
+        stop: Stop<'_>,
+    ) -> Result<Outcome, SegmentationError> {
+        let before = self.rows.clone();
+        let mut repairs = 0;
+        loop {
+            let boundary = self.boundary(stage);
+            let free = Reparametrisation::new(stage.free, &self.rows, &self.model.centre())
+                .ok_or(SegmentationError::Flat)?;
+            let energy = self.energy(stage)?;
+            let mut objective = StageObjective { boundary: &*boundary, energy: &energy, free: &free };
+            let rules = Rules {
+                iterations: stage.iterations,
+                clip: self.clip,
+                tolerance: self.settings.tolerance,
+                ..Rules::default()
+            };
+            let mut x = free.start();
+            let minimum = minimise(&mut objective, &mut x, &rules, stop);
+            let rows = free.rows(&x).unwrap_or_else(|| before.clone());
+            let volume =
+                boundary.volume(&boundary.sample(&rows)).value / self.scene.frame().determinant().abs();
+            let fault = check(&self.model.outline(&rows), volume, self.scene.size());
+            reports.push(StageReport {
+                stage: index,
+                iterations: minimum.iterations,
+                evaluations: minimum.evaluations,
+                history: minimum.history,
+                spacing: self.spacing,
+                ending: minimum.ending,
+                fault,
+            });
+            let Some(fault) = fault else {
+                self.rows = rows;
+                return Ok(match minimum.ending {
+                    Ending::Converged => Outcome::Converged,
+                    Ending::Limit => Outcome::Limit,
+                    Ending::LineSearch => Outcome::LineSearch,
+                    Ending::Stopped => Outcome::Stopped,
+                });
+            };
+            if repairs == self.settings.repairs || minimum.ending == Ending::Stopped {
+                return Ok(match fault {
+                    Fault::Folded => Outcome::Folded,
+                    Fault::LeftImage => Outcome::LeftImage,
+                    Fault::Collapsed => Outcome::Collapsed,
+                });
+            }
+            repairs += 1;
+            self.spacing = (REPAIR.0 * self.spacing).max(LEAST_SPACING);
+            self.clip *= REPAIR.1;
+        }
+    }
+}
+
+/// The energy as a function of the unknowns of a stage.
+struct StageObjective<'a, const D: usize> {
+    boundary: &'a dyn Boundary<D>,
+    energy: &'a Energy<D>,
+    free: &'a Reparametrisation<D>,
+}
+
+impl<const D: usize> Objective for StageObjective<'_, D> {
+    fn evaluate(&mut self, x: &[f64], gradient: &mut [f64]) -> f64 {
+        let Some(rows) = self.free.rows(x) else { return f64::INFINITY };
+        let energy = self.energy.evaluate(&Shape::new(self.boundary, &rows));
+        gradient.copy_from_slice(&self.free.pull(&energy.gradient));
+        energy.value
+    }
+
+    fn displacement(&self, direction: &[f64]) -> f64 {
+        self.free.displacement(direction)
+    }
+}

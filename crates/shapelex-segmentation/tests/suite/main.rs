@@ -1,0 +1,9 @@
+//! Tests of the segmentation crate.
+
+mod boundaries;
+mod energies;
+mod fields;
+mod floors;
+mod phantoms;
+mod runs;
+mod vectors;
