@@ -43,8 +43,7 @@ pub async fn secure(request: Request, next: Next) -> Response {
     headers.insert(header::CONTENT_SECURITY_POLICY, HeaderValue::from_static(policy(headers, is_docs)));
     if is_api {
         add_variations(headers);
-        let caching = caching(headers);
-        headers.entry(header::CACHE_CONTROL).or_insert(HeaderValue::from_static(caching));
+        headers.insert(header::CACHE_CONTROL, HeaderValue::from_static(caching(headers)));
     }
     response
 }
@@ -72,8 +71,12 @@ fn policy(headers: &HeaderMap, is_docs: bool) -> &'static str {
     }
 }
 
-/// Unless a handler says otherwise, responses with an entity tag may be cached privately but must be revalidated; others must
-/// not be stored.
+/// `Cache-Control` of what must not be stored.
+pub(super) const NO_STORE: &str = "no-store";
+
+/// Responses with an entity tag may be cached privately but must be revalidated, unless a handler forbids to store them; others
+/// must not be stored.
 fn caching(headers: &HeaderMap) -> &'static str {
-    if headers.contains_key(header::ETAG) { "private, no-cache" } else { "no-store" }
+    let is_forbidden = headers.get(header::CACHE_CONTROL).is_some_and(|value| value == NO_STORE);
+    if headers.contains_key(header::ETAG) && !is_forbidden { "private, no-cache" } else { NO_STORE }
 }

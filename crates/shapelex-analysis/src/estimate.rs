@@ -3,7 +3,7 @@
 use crate::accumulate::KEPT_BYTES;
 use crate::alignment::Method as Alignment;
 use crate::dictionary::method::Method;
-use crate::dictionary::work::{EIGENPROBLEM, Size};
+use crate::dictionary::work::{EIGENPROBLEM, PRODUCT, Size};
 use crate::partial_sums::Measured;
 use crate::watch::Phase;
 
@@ -19,8 +19,8 @@ pub struct Estimate {
     pub multiply_adds: f64,
     /// Peak memory in bytes.
     pub memory_bytes: f64,
-    /// Seconds on one thread of an ordinary core if learning runs all of its passes: an upper bound, accurate to a
-    /// factor of three.
+    /// Seconds of processor time if learning runs all of its passes, to a factor of 1.5 on the machine where the constants were
+    /// measured. Two threads take about half of them.
     pub seconds: f64,
 }
 
@@ -33,6 +33,12 @@ fn rounds(k: f64) -> f64 {
     (k.sqrt() / 10.0).max(5.0)
 }
 
+/// Multiply-adds of a round for each number of a spectrum and its logarithm: products of spectra of similarities in the plane;
+/// other classes solve a small problem for every start point, but need no more rounds for more shapes; Procrustes fits repeat it.
+const COMPLEX_ROUND: f64 = 1.8;
+const ROUND: f64 = 15.0;
+const FITTED_ROUND: f64 = 7.0 * ROUND;
+
 /// Passes of a search for each of these rounds, and the others of its mean: reading, sums of projectors, the frame.
 const PASSES_OF_ROUND: f64 = 3.0;
 const OTHER_PASSES: f64 = 7.0;
@@ -40,8 +46,14 @@ const OTHER_PASSES: f64 = 7.0;
 /// Iterations of a Procrustes mean.
 const ITERATIONS: f64 = 10.0;
 
+/// Multiply-adds of an iteration of a Procrustes mean for each number.
+const ITERATION: f64 = 8.0;
+
 /// Multiply-adds in whose time a number is read from the store.
 pub const READING: f64 = 25.0;
+
+/// Multiply-adds in whose time a number is read in all passes of learning, prepared, aligned and certified.
+const HANDLING: f64 = 110.0;
 
 /// A part of a job, as measured by its progress.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -75,7 +87,7 @@ pub fn stages(
     let (k, n) = (shapes as f64, measured.metric.len() as f64);
     let dimension = measured.metric.dimension() as f64;
     let reading = READING * k * n;
-    let aligning = k * class_size(measured) * n * n + reading;
+    let aligning = PRODUCT * k * class_size(measured) * n * n + reading;
     let mean = mean_work(measured, k) + reading;
     let size = Size { shapes: k, length: n, dimension, class: class_size(measured) };
     let learn = method.cost(size).multiply_adds + aligning;
@@ -121,7 +133,7 @@ impl Estimate {
         let dimension = measured.metric.dimension() as f64;
         let cost = method.cost(Size { shapes: k, length: n, dimension, class: class_size(measured) });
         let kept = (8.0 * k * n).min(KEPT_BYTES as f64);
-        let multiply_adds = mean_work(measured, k) + cost.multiply_adds;
+        let multiply_adds = mean_work(measured, k) + cost.multiply_adds + HANDLING * k * n;
         let memory_bytes = kept + 8.0 * (4.0 * n * n + cost.numbers);
         Self::of(shapes, multiply_adds, memory_bytes)
     }
@@ -184,6 +196,15 @@ fn class_size(measured: Measured<'_>) -> f64 {
 fn mean_work(measured: Measured<'_>, k: f64) -> f64 {
     let (n, points, class) =
         (measured.metric.len() as f64, measured.metric.size() as f64, class_size(measured));
-    let spectrum = if measured.matching.searches() { 4.0 * class * n * points.log2() } else { 0.0 };
-    rounds(k) * k * spectrum + k * class * n * n + EIGENPROBLEM * n.powi(3)
+    let round = match measured.method {
+        Alignment::Projection(class) if class.is_complex() => COMPLEX_ROUND * rounds(k),
+        Alignment::Projection(_) => ROUND * rounds(0.0),
+        Alignment::Procrustes(_) => FITTED_ROUND * rounds(0.0),
+    };
+    let search = if measured.matching.searches() { k * round * class * n * points.log2() } else { 0.0 };
+    let iterations = match measured.method {
+        Alignment::Projection(_) => 0.0,
+        Alignment::Procrustes(_) => ITERATIONS * ITERATION * k * n,
+    };
+    search + iterations + PRODUCT * k * class * n * n + EIGENPROBLEM * n.powi(3)
 }

@@ -291,6 +291,11 @@ impl TransformationClass {
         Ok(Self { name: None, dimension: d, matrices, translation, structure: Structure::General })
     }
 
+    /// Whether shapes are rows of complex numbers under the class: similarities in the plane.
+    pub(super) fn is_complex(&self) -> bool {
+        self.structure == Structure::Complex
+    }
+
     /// The same class without the use of structure: the reference for comparisons in tests.
     pub fn unstructured(&self) -> Self {
         Self { structure: Structure::General, ..self.clone() }

@@ -7,7 +7,7 @@ use axum::response::Response;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::entity_tags::tagged;
+use super::entity_tags::{not_stored, tagged};
 use super::request_macros::IfMatchHeader;
 use super::shape_query::{FilterQuery, Parameters};
 use super::shapes::StoredShape;
@@ -67,7 +67,7 @@ pub(super) async fn update_shape(
     let patch = app.read(body).await?;
     let (cohort, shape) = corrections::correct(&app, &key, &shape, patch, expected).await?;
     let tag = revision_tag(&cohort);
-    Ok(tagged(json(StatusCode::OK, &StoredShape::new(&cohort, shape))?, &tag))
+    Ok(not_stored(tagged(json(StatusCode::OK, &StoredShape::new(&cohort, shape))?, &tag)))
 }
 
 /// Result of deleting shapes.

@@ -9,6 +9,7 @@ use axum::http::request::Parts;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, Uri, header};
 use axum::response::{IntoResponse, Response};
 
+use crate::api::headers::NO_STORE;
 use crate::api::problem::Problem;
 
 /// What a client asks for, and which answers it has: address and `If-None-Match`.
@@ -72,7 +73,7 @@ pub(super) fn tagged(mut response: Response, tag: &str) -> Response {
 
 /// A response with shapes of persons, which caches must not store. Programs may keep it, and ask again by its entity tag.
 pub(super) fn not_stored(mut response: Response) -> Response {
-    response.headers_mut().insert(header::CACHE_CONTROL, HeaderValue::from_static("no-store"));
+    response.headers_mut().insert(header::CACHE_CONTROL, HeaderValue::from_static(NO_STORE));
     response
 }
 

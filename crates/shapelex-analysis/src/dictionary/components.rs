@@ -5,7 +5,7 @@ use super::downdate::Downdate;
 use super::model::{Model, Spread};
 use super::preparation::{Pose, Preparation};
 use super::procedure::{Inconsistency, ParameterFault, Previous, Procedure};
-use super::work::{Cost, EIGENPROBLEM, Size};
+use super::work::{Cost, EIGENPROBLEM, PRODUCT, Size};
 use crate::AnalysisError;
 use crate::accumulate::{Accumulator, ScatterSum, ShapeSource};
 use crate::alignment::Method as Alignment;
@@ -146,7 +146,7 @@ impl Procedure for Components {
     fn cost(&self, size: Size) -> Cost {
         let (k, n, c) = (size.shapes, size.length, self.components as f64);
         Cost {
-            multiply_adds: k * n * n.min(k) + EIGENPROBLEM * n.min(k).powi(3) + 2.0 * k * n * c,
+            multiply_adds: PRODUCT * k * n * (n.min(k) + 2.0 * c) + EIGENPROBLEM * n.min(k).powi(3),
             numbers: 3.0 * n * n,
         }
     }

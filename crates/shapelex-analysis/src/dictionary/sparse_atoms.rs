@@ -9,7 +9,7 @@ use super::model::Model;
 use super::preparation::{Pose, Preparation};
 use super::procedure::{Inconsistency, ParameterFault, Previous, Procedure};
 use super::statistics::Statistics;
-use super::work::{Cost, Size, USED, code_operations};
+use super::work::{CODING, Cost, Size, USED, code_operations};
 use crate::AnalysisError;
 use crate::accumulate::ShapeSource;
 use crate::alignment::Method as Alignment;
@@ -220,7 +220,7 @@ impl Procedure for SparseAtoms {
         let groups = (k / 128.0).clamp(1.0, 64.0);
         let sums = columns * columns + n * columns;
         Cost {
-            multiply_adds: self.max_epochs as f64 * (k * code + groups * sweep),
+            multiply_adds: CODING * self.max_epochs as f64 * (k * code + groups * sweep),
             numbers: (groups + 16.0) * sums,
         }
     }
