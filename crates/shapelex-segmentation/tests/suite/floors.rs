@@ -14,6 +14,7 @@ use shapelex_geometry::surface::Topology;
 use shapelex_geometry::surface::basis::{Extent, SurfaceBasis};
 use shapelex_geometry::surface::seam::Seam;
 use shapelex_numeric::bounded::never;
+use shapelex_segmentation::detector::{Innermost, Sheets, edge_map, innermost, largest_component};
 use shapelex_segmentation::energy::{Polarity, Prior};
 use shapelex_segmentation::field::Image;
 use shapelex_segmentation::frame::Frame;
@@ -347,6 +348,47 @@ fn heads_reach_the_figures_of_the_notes() {
         let dice = 2.0 * overlap / (1.0 + overlap);
         report(&format!("head B, {percent} %"), dice, &found, clock);
         assert!(dice >= 0.985, "{dice} at {percent} %");
+    }
+}
+
+/// Pipeline A of the notes on the head: the skull is a dark sheet, whose crests nearest to the centre are the edge map.
+#[test]
+fn heads_reach_the_figures_of_the_notes_by_the_skull() {
+    let extent = Extent { topology: Topology::Sphere, intervals: [9, 9] };
+    let basis = SurfaceBasis::new(extent, Seam::Straight, &Topology::Sphere.usual_generators()).unwrap();
+    let model = SurfaceSnake::tied_sphere(Arc::new(basis)).unwrap();
+    let frame =
+        Frame::new([[2.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 2.0]], [-90.0, -108.0, -90.0]).unwrap();
+    let centre = [43.0, 52.0, 46.0];
+    let start = ellipsoid(9, 9, [22.5, 27.5, 20.0], centre);
+    let truth = |at: [f64; 3]| head_distance(at) <= 3.0;
+    for percent in [0.0, 9.0] {
+        let clock = std::time::Instant::now();
+        let sheets: Sheets<f32> =
+            Sheets::new(&head(percent), &frame, 4.0, Polarity::Dark, &never).unwrap().unwrap();
+        let crests = sheets.crests(sheets.threshold(0.3, 99.0), &never).unwrap();
+        let rules = Innermost::around(centre, 20.0, &frame);
+        let surface = innermost(&sheets, &crests, &rules);
+        let piece = largest_component(&surface, [91, 109, 91]);
+        let map: Image = edge_map(&piece, [91, 109, 91]);
+        let edges = EdgeScale::Percentile(99.5);
+        let scene = Scene::new(
+            &map,
+            frame,
+            &[(ImageTerm::Contour { polarity: Polarity::Dark, edges }, 1.0)],
+            &[6.0, 3.0, 2.0],
+        );
+        let stages =
+            [(Free::Affine, 6.0), (Free::Radial, 6.0), (Free::All, 6.0), (Free::All, 3.0), (Free::All, 2.0)];
+        // After 150 iterations the overlap has changed by less than a thousandth.
+        let stage = |(free, sigma)| Stage { iterations: 60, ..Stage::new(free, sigma) };
+        let mut settings = Settings::new(stages.map(stage).into());
+        (settings.spacing, settings.tolerance) = (5.0, 0.05);
+        let found = segment(&scene, &model, &start, &settings, &never).unwrap();
+        let overlap = jaccard(&cells(&model, &found.rows, [91, 109, 91]), truth);
+        let dice = 2.0 * overlap / (1.0 + overlap);
+        report(&format!("head A, {percent} %"), dice, &found, clock);
+        assert!(dice >= 0.98, "{dice} at {percent} %");
     }
 }
 
