@@ -72,6 +72,11 @@ impl<const D: usize> Frame<D> {
         apply(&self.inverse, std::array::from_fn(|c| world[c] - self.offset[c]))
     }
 
+    /// `A⁻¹ v`, a difference of positions as one of indices.
+    pub(crate) fn turn_to_index(&self, vector: [f64; D]) -> [f64; D] {
+        apply(&self.inverse, vector)
+    }
+
     /// The gradient with respect to a position, of that with respect to an index: `g A⁻¹` as a row.
     pub fn gradient_to_world(&self, gradient: [f64; D]) -> [f64; D] {
         apply_transposed(&self.inverse, gradient)

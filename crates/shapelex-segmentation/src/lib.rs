@@ -2,6 +2,7 @@
 //!
 //! * [`field`] — images, Gaussian derivatives, and fields integrated in advance along x;
 //! * [`frame`] — positions of cells in the world;
+//! * [`detector`] — thin bright or dark sheets, and the innermost surface of them around a centre;
 //! * [`boundary`] — boundaries sampled from free points, and integrals over what they enclose;
 //! * [`energy`] — terms of the energy of a shape;
 //! * [`snake`] — models: curves, spline surfaces and subdivision surfaces by their free points;
@@ -11,6 +12,7 @@
 //! Centres of pixels and voxels are whole numbers, `x` is the fastest axis. Outside of an image every field is zero.
 
 pub mod boundary;
+pub mod detector;
 pub mod energy;
 pub mod field;
 pub mod frame;
@@ -41,6 +43,14 @@ pub enum SegmentationError {
         index: usize,
         /// The value.
         value: f64,
+    },
+    /// A blur is too small for derivatives.
+    #[error("expected a blur of at least {least} cells along every axis for second derivatives, got {sigma}")]
+    Blur {
+        /// The least blur in cells.
+        least: f64,
+        /// The smallest one of the three axes, in cells.
+        sigma: f64,
     },
     /// A frame has no inverse.
     #[error(

@@ -112,31 +112,48 @@ fn combine<T: Value>(a: &Image<T>, b: &Image<T>, factor: f64) -> Image<T> {
 
 /// `Σ_m κ[m] f(x − m)` along an axis, for an even or odd kernel. Sums are in double precision, from the middle outwards.
 fn correlate<T: Value>(image: &Image<T>, axis: usize, kernel: &[f64]) -> Image<T> {
-    let (size, radius) = (image.size(), kernel.len() / 2);
-    let parity = if kernel[0] == kernel[2 * radius] { 1.0 } else { -1.0 };
-    let weights = &kernel[radius..];
+    let size = image.size();
     Image::from_rows(size, |j, k, out| {
-        let mut sums = vec![0.0; size[0]];
-        if axis == 0 {
-            let row = image.row(j, k);
-            // The row, continued by its ends.
-            let continued: Vec<f64> = (0..size[0] + 2 * radius)
-                .map(|x| row[x.saturating_sub(radius).min(size[0] - 1)].to_f64())
-                .collect();
-            let shifted = |m: usize| &continued[radius - m..][..size[0]];
-            let ahead = |m: usize| &continued[radius + m..][..size[0]];
-            add_pairs(&mut sums, weights, parity, shifted, ahead);
-        } else {
-            let at = if axis == 1 { j } else { k };
-            let row = |x: usize| if axis == 1 { image.row(x, k) } else { image.row(j, x) };
-            let shifted = |m: usize| row(at.saturating_sub(m));
-            let ahead = |m: usize| row((at + m).min(size[axis] - 1));
-            add_pairs(&mut sums, weights, parity, shifted, ahead);
-        }
+        let sums = match axis {
+            0 => along_row(image.row(j, k), kernel),
+            1 => across_rows(|y| image.row(y, k), j, size[1], kernel),
+            _ => across_rows(|z| image.row(j, z), k, size[2], kernel),
+        };
         for (out, sum) in out.iter_mut().zip(sums) {
             *out = T::from_f64(sum);
         }
     })
+}
+
+/// `Σ_m κ[m] f(x − m)` along a row, continued by its ends.
+pub(crate) fn along_row<T: Value>(row: &[T], kernel: &[f64]) -> Vec<f64> {
+    let (count, radius) = (row.len(), kernel.len() / 2);
+    let continued: Vec<f64> =
+        (0..count + 2 * radius).map(|x| row[x.saturating_sub(radius).min(count - 1)].to_f64()).collect();
+    let before = |m: usize| &continued[radius - m..][..count];
+    let after = |m: usize| &continued[radius + m..][..count];
+    let mut sums = vec![0.0; count];
+    add_pairs(&mut sums, &kernel[radius..], parity(kernel), before, after);
+    sums
+}
+
+/// `Σ_m κ[m] f(y − m)` for the row at `y` of `count` rows, continued by the outermost ones.
+pub(crate) fn across_rows<'a, T: Value + 'a>(
+    row: impl Fn(usize) -> &'a [T],
+    y: usize,
+    count: usize,
+    kernel: &[f64],
+) -> Vec<f64> {
+    let before = |m: usize| row(y.saturating_sub(m));
+    let after = |m: usize| row((y + m).min(count - 1));
+    let mut sums = vec![0.0; before(0).len()];
+    add_pairs(&mut sums, &kernel[kernel.len() / 2..], parity(kernel), before, after);
+    sums
+}
+
+/// 1 for an even kernel, −1 for an odd one.
+fn parity(kernel: &[f64]) -> f64 {
+    if kernel[0] == kernel[kernel.len() - 1] { 1.0 } else { -1.0 }
 }
 
 /// Adds `w₀ f(x) + Σ_{m>0} w_m (f(x − m) ± f(x + m))` for the rows `before(m)` and `after(m)`.

@@ -101,6 +101,11 @@ impl<T: Value> Image<T> {
         Self { size, values }
     }
 
+    /// Sets the value of a cell by its position, x fastest.
+    pub(crate) fn set(&mut self, cell: usize, value: f64) {
+        self.values[cell] = T::from_f64(value);
+    }
+
     /// The row of cells along x at `(j, k)`.
     pub(crate) fn row(&self, j: usize, k: usize) -> &[T] {
         let start = (k * self.size[1] + j) * self.size[0];

@@ -1,6 +1,7 @@
 //! Tests of the segmentation crate.
 
 mod boundaries;
+mod detector;
 mod energies;
 mod fields;
 mod floors;
