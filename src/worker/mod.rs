@@ -30,8 +30,8 @@ const POLL: Duration = Duration::from_secs(1);
 const POLL_HELPING: Duration = Duration::from_millis(50);
 /// How long a computed part counts as recent.
 const LATELY: Duration = Duration::from_secs(5);
-/// A job is stopped after this multiple of the longest duration that may be predicted: predictions are upper bounds,
-/// accurate to a factor of three.
+/// A job is stopped after this multiple of the longest duration that may be predicted: predictions of jobs are accurate to a
+/// factor of three on other machines and in classes that were not measured.
 const OVERRUN: u32 = 3;
 /// Interval at which progress is written.
 const TICK: Duration = Duration::from_secs(1);

@@ -94,11 +94,13 @@ assert isinstance(last, AddedShape) and last.external_id == "scan-11", last
 
 # The generator writes the entries of a `deepObject` as they are: their names hold the brackets.
 page = list_shapes.sync(
-    "python", client=client, labels=ListShapesLabels.from_dict({"labels[site]": "zrh"}), label="odd", limit=100
+    "python", client=client, labels=ListShapesLabels.from_dict({"labels[site]": "zrh"}), label=["odd"], limit=100
 )
 assert isinstance(page, PageOfShapes), page
 assert [shape.external_id for shape in page.items] == ["scan-1", "scan-3"], page
-assert page.items[0].labels.additional_properties == {"site": "zrh", "age": 1, "healthy": False}, page.items[0].labels
+labels = page.items[0].labels
+assert isinstance(labels, Attributes), labels
+assert labels.additional_properties == {"site": "zrh", "age": 1, "healthy": False}, labels
 assert page.items[0].metadata == {"scanner": 1} and page.next_ is None, page
 
 mean = cohort_mean.sync("python", client=client, transformation=ClassName.SIMILARITY)

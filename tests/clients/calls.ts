@@ -62,11 +62,11 @@ const added = await client.POST("/v1/cohorts/{cohort}/shapes", { params: { path 
 assert.equal(added.data?.added, 12, JSON.stringify(added.error));
 
 const page = await client.GET("/v1/cohorts/{cohort}/shapes", {
-  params: { path, query: { labels: { site: "zrh" }, label: "odd", limit: 100 } },
+  params: { path, query: { labels: { site: "zrh" }, label: ["odd"], limit: 100 } },
 });
 assert(page.data, JSON.stringify(page.error));
 assert.deepEqual(page.data.items.map((shape) => shape.external_id), ["scan-1", "scan-3"]);
-const age: string | number | boolean | null | undefined = page.data.items[0]?.labels["age"];
+const age: string | number | boolean | null | undefined = page.data.items[0]?.labels?.["age"];
 assert.equal(age, 1);
 assert.equal(page.data.next, null);
 
@@ -99,7 +99,7 @@ for (const end = Date.now() + 60_000; job.status === "queued" || job.status === 
   assert(found.data, JSON.stringify(found.error));
   job = found.data;
 }
-assert(job.result && "dictionary" in job.result, JSON.stringify(job));
+assert(job.result && "name" in job.result, JSON.stringify(job));
 const name: string = job.result.name;
 assert.equal(name, "typescript-modes");
 
