@@ -6,7 +6,7 @@
 
 use std::time::{Duration, Instant};
 
-use bounds::{Posted, echo, lines, parse_only, points, store_only};
+use bounds::{Posted, echo, lines, measure_only, parse_only, points, store_only};
 use client::{load, request};
 use serde_json::{Value, json};
 use service::Service;
@@ -48,7 +48,12 @@ impl Row {
 fn rates_are_at_least_half_of_the_usual() {
     let (service, runtime) = (Service::start(), Runtime::new().unwrap());
     let mut slow = Vec::new();
-    for row in [upload(&service, &runtime), storing(&runtime), project(&service, &runtime)] {
+    for row in [
+        upload(&service, &runtime),
+        curves(&service, &runtime),
+        storing(&runtime),
+        project(&service, &runtime),
+    ] {
         let Row { name, work, limit, usual } = row;
         let (fraction, least) = (row.fraction(), LEAST * usual);
         let text = format!(
@@ -71,21 +76,45 @@ fn fastest(runs: impl Iterator<Item = (f64, f64)>) -> (f64, f64) {
     runs.fold((0.0, 0.0), |(work, limit), run| (run.0.max(work), run.1.max(limit)))
 }
 
-/// Lines of shapes into the store, beside the slower of parsing them and of storing them by plain statements.
+/// Seconds in which a new cohort takes the lines of so many shapes.
+fn posted(service: &Service, runtime: &Runtime, cohort: &Value, text: &str, shapes: usize) -> f64 {
+    runtime.block_on(service.ask(&request("POST", "/v1/cohorts", "json", &cohort.to_string())));
+    let path = format!("/v1/cohorts/{}/shapes", cohort["name"].as_str().unwrap());
+    let posted = request("POST", &path, "x-ndjson", text);
+    let start = Instant::now();
+    let answer = runtime.block_on(service.ask(&posted));
+    let seconds = start.elapsed().as_secs_f64();
+    assert_eq!(answer["added"], shapes, "{answer}");
+    seconds
+}
+
+/// Lines of curves into the store, beside the quadratures and the search for crossings that measure each of them when it arrives,
+/// on all threads: these take longer than parsing and storing.
+fn curves(service: &Service, runtime: &Runtime) -> Row {
+    const SHAPES: usize = 2000;
+    const POINTS: usize = 50;
+    let text = lines(POINTS, 0, SHAPES);
+    let run = |k| {
+        let cohort = json!({"name": format!("curves{k}"), "representation": representation(POINTS)});
+        let work = posted(service, runtime, &cohort, &text, SHAPES);
+        (SHAPES as f64 / work, SHAPES as f64 / measure_only(&parse_only(&text).0))
+    };
+    let (work, limit) = fastest((0..RUNS).map(run));
+    Row { name: "NDJSON of curves into SQLite, beside their measures", usual: 0.55, work, limit }
+}
+
+/// Lines of landmarks, whose measures take no time, into the store, beside the slower of parsing them and of storing them by plain
+/// statements.
 fn upload(service: &Service, runtime: &Runtime) -> Row {
     const SHAPES: usize = 5000;
     const POINTS: usize = 50;
     let text = lines(POINTS, 0, SHAPES);
     let folder = tempfile::tempdir().unwrap();
+    let landmarks = json!({"kind": "landmarks", "dimension": 2, "points": POINTS});
     let run = |k| {
         let name = format!("run{k}");
-        let cohort = json!({"name": name, "representation": representation(POINTS)}).to_string();
-        runtime.block_on(service.ask(&request("POST", "/v1/cohorts", "json", &cohort)));
-        let posted = request("POST", &format!("/v1/cohorts/{name}/shapes"), "x-ndjson", &text);
-        let start = Instant::now();
-        let answer = runtime.block_on(service.ask(&posted));
-        let work = start.elapsed().as_secs_f64();
-        assert_eq!(answer["added"], SHAPES, "{answer}");
+        let cohort = json!({"name": name, "representation": landmarks, "correspondence": "landmarks"});
+        let work = posted(service, runtime, &cohort, &text, SHAPES);
         let (shapes, parsing) = parse_only(&text);
         let storing = runtime.block_on(store_only(&shapes, &folder.path().join(name)));
         (SHAPES as f64 / work, SHAPES as f64 / parsing.max(storing))
