@@ -50,7 +50,7 @@ impl Pools {
         const SNAPSHOT: &str = "BEGIN ISOLATION LEVEL REPEATABLE READ READ ONLY";
         match self {
             Self::Sqlite { reader, .. } => reader.begin().await.map(Connection::Sqlite),
-            Self::Postgres(pool) => pool.begin_with(SNAPSHOT).await.map(Connection::Postgres),
+            Self::Postgres(pool) => begin(pool, SNAPSHOT).await.map(Connection::Postgres),
         }
         .map(|connection| Transaction { connection, writes_since: None })
     }
@@ -62,7 +62,7 @@ impl Pools {
         let connection = match self {
             Self::Sqlite { writer, .. } => Connection::Sqlite(writer.begin_with("BEGIN IMMEDIATE").await?),
             Self::Postgres(pool) => {
-                let mut transaction = pool.begin().await?;
+                let mut transaction = begin(pool, "BEGIN").await?;
                 sqlx::query(LOCK).bind(scope).execute(&mut *transaction).await?;
                 Connection::Postgres(transaction)
             }
@@ -104,6 +104,17 @@ impl Pools {
             Self::Postgres(pool) => pool.close().await,
         }
     }
+}
+
+/// Begins a transaction, in a task that ends also if the caller does not wait for it: a connection that has sent `BEGIN` and is
+/// dropped before the answer would go back to the pool within the transaction.
+async fn begin(
+    pool: &PgPool,
+    statement: &'static str,
+) -> Result<sqlx::Transaction<'static, Postgres>, sqlx::Error> {
+    let pool = pool.clone();
+    let begun = tokio::spawn(async move { pool.begin_with(statement).await }).await;
+    begun.unwrap_or(Err(sqlx::Error::WorkerCrashed))
 }
 
 /// A transaction; rolled back if dropped without [`Transaction::commit`].

@@ -100,7 +100,7 @@ fn curves(service: &Service, runtime: &Runtime) -> Row {
         (SHAPES as f64 / work, SHAPES as f64 / measure_only(&parse_only(&text).0))
     };
     let (work, limit) = fastest((0..RUNS).map(run));
-    Row { name: "NDJSON of curves into SQLite, beside their measures", usual: 0.55, work, limit }
+    Row { name: "NDJSON of curves into SQLite, beside their measures", usual: 0.7, work, limit }
 }
 
 /// Lines of landmarks, whose measures take no time, into the store, beside the slower of parsing them and of storing them by plain
