@@ -1,21 +1,12 @@
 //! What this machine does at best for an upload and for a small request.
 
 use std::fmt::Write;
-use std::hint::black_box;
 use std::path::Path;
 use std::time::Instant;
 
 use axum::routing::{get, post};
 use axum::{Json, Router};
-use rayon::prelude::*;
 use serde_json::Value;
-use shapelex::geometry::curve::Curve;
-use shapelex::geometry::generator::GeneratorKind;
-use shapelex::geometry::intersection::self_intersects;
-use shapelex::geometry::representation::{Representation, ShapeSpace};
-use shapelex::geometry::size::Sizes;
-use shapelex::numeric::bounded::never;
-use shapelex::numeric::dense::Matrix;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection, SqliteJournalMode, SqliteSynchronous};
 use sqlx::{ConnectOptions, Connection, QueryBuilder, Sqlite};
 use tokio::net::TcpListener;
@@ -58,21 +49,6 @@ pub(crate) fn parse_only(text: &str) -> (Vec<Posted>, f64) {
     let start = Instant::now();
     let shapes = text.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
     (shapes, start.elapsed().as_secs_f64())
-}
-
-/// Seconds in which all threads measure the shapes as curves: length, area and crossings.
-pub(crate) fn measure_only(shapes: &[Posted]) -> f64 {
-    let control_points = shapes[0].points.len();
-    let generator = GeneratorKind::Trigonometric {};
-    let curves = Representation::ClosedCurve { dimension: 2, control_points, generator };
-    let space = ShapeSpace::new(&curves).unwrap();
-    let start = Instant::now();
-    shapes.par_iter().for_each(|shape| {
-        let points = Matrix::from_fn(control_points, 2, |row, axis| shape.points[row][axis]);
-        let curve = Curve::of(&space, &points).unwrap();
-        black_box((Sizes::of_curve(&curve, &never), self_intersects(&curve)));
-    });
-    start.elapsed().as_secs_f64()
 }
 
 /// Seconds in which plain statements store the shapes in a new file of SQLite: one table with two unique indices, the points as a

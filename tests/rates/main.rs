@@ -4,17 +4,25 @@
 //! on the machine disturbs it. `benches/peers` uses the same bounds in the release profile.
 #![allow(clippy::unwrap_used, clippy::print_stdout, missing_docs)]
 
+use std::hint::black_box;
 use std::time::{Duration, Instant};
 
-use bounds::{Posted, echo, lines, measure_only, parse_only, points, store_only};
+use bounds::{Posted, echo, lines, parse_only, points, store_only};
 use client::{load, request};
+use rayon::prelude::*;
 use serde_json::{Value, json};
 use service::Service;
 use shapelex::analysis::correspondence::{Correspondence, Direction, Mirror};
 use shapelex::domain::cohort::{Cohort, CohortSpec};
 use shapelex::domain::id;
 use shapelex::domain::shape::{NewShape, ShapeAttributes, ShapeMeasures};
-use shapelex::geometry::representation::Representation;
+use shapelex::geometry::curve::Curve;
+use shapelex::geometry::generator::GeneratorKind;
+use shapelex::geometry::intersection::self_intersects;
+use shapelex::geometry::representation::{Representation, ShapeSpace};
+use shapelex::geometry::size::Sizes;
+use shapelex::numeric::bounded::never;
+use shapelex::numeric::dense::Matrix;
 use shapelex::store::{ShapeRow, Store};
 use tokio::net::TcpListener;
 use tokio::runtime::Runtime;
@@ -86,6 +94,21 @@ fn posted(service: &Service, runtime: &Runtime, cohort: &Value, text: &str, shap
     let seconds = start.elapsed().as_secs_f64();
     assert_eq!(answer["added"], shapes, "{answer}");
     seconds
+}
+
+/// Seconds in which all threads measure the shapes as curves: length, area and crossings.
+fn measure_only(shapes: &[Posted]) -> f64 {
+    let control_points = shapes[0].points.len();
+    let generator = GeneratorKind::Trigonometric {};
+    let curves = Representation::ClosedCurve { dimension: 2, control_points, generator };
+    let space = ShapeSpace::new(&curves).unwrap();
+    let start = Instant::now();
+    shapes.par_iter().for_each(|shape| {
+        let points = Matrix::from_fn(control_points, 2, |row, axis| shape.points[row][axis]);
+        let curve = Curve::of(&space, &points).unwrap();
+        black_box((Sizes::of_curve(&curve, &never), self_intersects(&curve)));
+    });
+    start.elapsed().as_secs_f64()
 }
 
 /// Lines of curves into the store, beside the quadratures and the search for crossings that measure each of them when it arrives,
