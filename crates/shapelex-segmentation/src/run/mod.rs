@@ -5,7 +5,7 @@
 //! ```
 //!
 //! * [`scene`] — an image with its fields, prepared once for any number of objects;
-//! * [`check`] — folds, shapes that leave the image, and collapse.
+//! * [`check`](mod@check) — folds, shapes that leave the image, and collapse.
 //!
 //! A stage whose result fails the check is repeated from its start with `10 ρ` and half of the clip, twice at most.
 

@@ -1,7 +1,7 @@
 //! Cylinders of splines, closed by caps.
 //!
 //! The free points are `c[k, l]`, `l = 0 … M_v`; points beyond the ends follow by linear extrapolation
-//! ([`extension`](crate::boundary::cylinder::extension)).
+//! ([`extension`]).
 
 use std::f64::consts::TAU;
 use std::sync::Arc;
