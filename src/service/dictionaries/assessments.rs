@@ -1,6 +1,6 @@
 //! Assessments of the shapes of a cohort that pass a filter, as lines of JSON: at once if they are few, otherwise by a job.
 //!
-//! Shapes are read in batches and assessed in blocks of [`BLOCK_SHAPES`]; a job stores its lines in parts of [`PART_BYTES`] as it
+//! Shapes are read in batches and assessed in blocks of `BLOCK_SHAPES`; a job stores its lines in parts of `PART_BYTES` as it
 //! goes. Memory holds two batches, a block and a part, however many shapes there are.
 
 use std::sync::Arc;
