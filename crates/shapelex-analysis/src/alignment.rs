@@ -46,7 +46,8 @@ pub enum Alignment {
     /// Iterated rotations and scales, without reflection: full Procrustes fits, whose scales bring each shape nearest to the
     /// mean.
     Procrustes,
-    /// Iterated rotations of shapes of unit size, without reflection: partial Procrustes fits, as in geomorph.
+    /// Iterated rotations of shapes of unit size, without reflection: partial Procrustes fits, as in geomorph. Comparisons and
+    /// regressions project them into the tangent space at the mean.
     PartialProcrustes,
 }
 

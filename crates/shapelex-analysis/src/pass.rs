@@ -1,8 +1,8 @@
 //! Passes over shapes that another process can compute: the description of a sum, as a serialisable value.
 //!
-//! A sum over many shapes is made in parts of [`PART`](crate::accumulate::PART) shapes. Whoever has the shapes of a
-//! part, the metric and the class that is removed makes its sum from a [`Pass`], with the same bits as everybody
-//! else: numbers are written so that they come back exactly.
+//! A sum over many shapes is made in parts of [`PART`](crate::accumulate::PART) shapes. A caller that has the shapes of a
+//! part, the metric and the class that is removed makes its sum from a [`Pass`], with the same bits as any other
+//! process: numbers are written so that they come back exactly.
 
 use crate::fit::Fit;
 

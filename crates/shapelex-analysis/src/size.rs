@@ -37,20 +37,21 @@ impl SizeTable {
         watch: &dyn Watch,
     ) -> Result<Self, AnalysisError> {
         let measures = SizeMeasure::of(space);
-        let of_shape = |shape: &[f64]| -> Result<Vec<f64>, AnalysisError> {
+        let of_shape = |(sizes, shape): (&mut [f64], &[f64])| -> Result<(), AnalysisError> {
             watch.check()?;
-            let matrix = Matrix::from_column_slice(metric.size(), metric.dimension(), shape);
-            let sizes = Sizes::of(space, &matrix, &|| watch.stop());
+            let found = Sizes::of(space, shape, &|| watch.stop());
             watch.worked(1);
-            let size = |&measure| sizes.get(measure).unwrap_or_else(|| centroid_size(space, metric, shape));
-            Ok(measures.iter().map(size).collect())
+            let size = |&measure| found.get(measure).unwrap_or_else(|| centroid_size(space, metric, shape));
+            sizes.iter_mut().zip(&measures).for_each(|(value, measure)| *value = size(measure));
+            Ok(())
         };
-        let shapes = control_points.par_chunks_exact(metric.len());
-        let values: Vec<Vec<f64>> = shapes.map(of_shape).collect::<Result<_, _>>()?;
-        let fits = |m: usize| values.iter().all(|sizes| sizes[m].abs() <= LARGEST_SIZE);
-        let kept: Vec<usize> = (0..measures.len()).filter(|&m| fits(m)).collect();
+        let mut values = Matrix::zeros(measures.len(), control_points.len() / metric.len());
+        let columns = values.as_mut_slice().par_chunks_exact_mut(measures.len());
+        columns.zip(control_points.par_chunks_exact(metric.len())).try_for_each(of_shape)?;
+        let fits = |m: &usize| values.row(*m).iter().all(|size| size.abs() <= LARGEST_SIZE);
+        let kept: Vec<usize> = (0..measures.len()).filter(fits).collect();
         Ok(Self {
-            values: Matrix::from_fn(kept.len(), values.len(), |m, k| values[k][kept[m]]),
+            values: values.select_rows(&kept),
             is_cut: kept.len() < measures.len(),
             measures: kept.into_iter().map(|m| measures[m]).collect(),
         })

@@ -95,12 +95,7 @@ impl Curve {
             extent = extent.max(high - low);
             largest = largest.max(high.abs()).max(low.abs());
         }
-        let size = extent.max(ROUNDING * largest);
-        if size > 0.0 && size.is_finite() {
-            size.log2().round().clamp(-MAX_BINARY, MAX_BINARY).exp2()
-        } else {
-            1.0
-        }
+        power_of_two(extent, largest)
     }
 
     /// The same curve scaled by `factor`.
@@ -211,6 +206,27 @@ impl Curve {
     /// The points at [`Self::parameters`], row by row.
     pub fn sample(&self, count: usize) -> Vec<Vec<f64>> {
         self.parameters(count).into_iter().map(|u| self.evaluate(u, 0)).collect()
+    }
+}
+
+/// [`Curve::unit`] of the coordinates of points instead of those of curves.
+pub(crate) fn unit_of<'a>(coordinates: impl Iterator<Item = &'a [f64]>) -> f64 {
+    let (mut extent, mut largest) = (0.0_f64, 0.0_f64);
+    for coordinate in coordinates {
+        let range = |[low, high]: [f64; 2], value: &f64| [low.min(*value), high.max(*value)];
+        let [low, high] = coordinate.iter().fold([f64::MAX, f64::MIN], range);
+        extent = extent.max(high - low);
+        largest = largest.max(high.abs()).max(low.abs());
+    }
+    power_of_two(extent, largest)
+}
+
+fn power_of_two(extent: f64, largest: f64) -> f64 {
+    let size = extent.max(ROUNDING * largest);
+    if size > 0.0 && size.is_finite() {
+        size.log2().round().clamp(-MAX_BINARY, MAX_BINARY).exp2()
+    } else {
+        1.0
     }
 }
 

@@ -2,11 +2,17 @@
 //!
 //! A binary tree over the parameter holds a bounding box and a cone of tangents for every stretch. A stretch whose
 //! tangents stay within a half-plane cannot meet itself; two stretches with disjoint boxes cannot meet; two neighbours
-//! whose tangents together stay within a half-plane meet only at their common point. The remaining pairs are split down
-//! to stretches of `10⁻⁹` of the extent, which are straight up to rounding, and decided by their chords.
+//! whose tangents together stay within a half-plane meet only at their common point; two stretches meet if each crosses the strip
+//! around the chord of the other. The remaining pairs are split down to stretches of `10⁻⁹` of the extent, which are straight up
+//! to rounding, and decided by their chords.
 
+use std::cell::Cell;
+
+use super::columns::Columns;
+use super::cone::Cone;
 use super::curve::Curve;
-use super::generator::{GeneratorKind, evaluate_taylor, recentre};
+use super::generator::GeneratorKind;
+use super::stretches::{Stretch, Tree, length};
 use shapelex_numeric::dense::Matrix;
 
 /// Distance, relative to the extent, below which points touch: far above the rounding error of evaluation.
@@ -25,49 +31,24 @@ const CHORD: f64 = 1e3;
 const PAIRS: usize = 500_000;
 const PAIRS_PER_HALF: usize = 1_000;
 
-/// Part `[a, b] ⊂ [−1, 1]` of a half-segment, with bounds.
-#[derive(Debug, Clone, Copy)]
-struct Stretch {
-    start: f64,
-    end: f64,
-    low: [f64; 2],
-    high: [f64; 2],
-    /// Mean direction of the tangents, and the half-angle around it; `π` if unbounded.
-    direction: f64,
-    spread: f64,
-    /// Node of the tree; 0 for a part of a half-segment.
-    node: usize,
-}
-
-impl Stretch {
-    /// Bounds of nothing.
-    const EMPTY: Self =
-        Self { start: 0.0, end: 0.0, low: [0.0; 2], high: [0.0; 2], direction: 0.0, spread: 0.0, node: 0 };
-}
-
 /// Whether the planar `curve` crosses or touches itself. Points that are visited twice, cusps that fold back,
 /// stretches traced twice, and coinciding ends of an open curve count; consecutive stretches of a smooth curve do not.
 ///
 /// Cost `O(N log N)` for curves without near-contacts.
 pub fn self_intersects(curve: &Curve) -> bool {
     // Products of coordinates overflow long before the curve does; a power of two changes no digits.
-    let curve = &curve.scaled(Curve::unit(&[curve]).recip());
-    let halves: Vec<[&[f64]; 2]> =
-        (0..curve.halves()).map(|half| [curve.polynomial(half, 0), curve.polynomial(half, 1)]).collect();
-    let mut search = Search {
-        count: halves.len(),
-        halves,
-        closed: curve.is_closed(),
-        pairs: 0,
-        touch: 0.0,
-        covers: Vec::new(),
-    };
-    search.covers = search.tree();
-    let all = search.covers[1];
+    crosses_itself(&Columns::of(&curve.scaled(Curve::unit(&[curve]).recip())))
+}
+
+/// [`self_intersects`] of a planar curve with coordinates near 1.
+pub(crate) fn crosses_itself(curve: &Columns) -> bool {
+    let stretches = Tree::of(curve).stretches;
+    let all = stretches[stretches.len() - 1];
     let extent = (0..2).map(|c| all.high[c] - all.low[c]).fold(0.0, f64::max);
     let distance = (0..2).map(|c| all.high[c].abs().max(all.low[c].abs())).fold(0.0, f64::max);
-    search.touch = TOUCH * extent + ROUNDING * distance;
-    search.within(&all)
+    let touch = TOUCH * extent + ROUNDING * distance;
+    let pairs = Cell::new(PAIRS + PAIRS_PER_HALF * curve.halves());
+    Search { curve, stretches, pairs, touch }.within(&all)
 }
 
 /// Whether a polygon crosses or touches itself. Points that repeat their neighbour do not count.
@@ -83,136 +64,86 @@ pub fn polygon_self_intersects(points: &[[f64; 2]]) -> bool {
 }
 
 struct Search<'a> {
-    halves: Vec<[&'a [f64]; 2]>,
-    count: usize,
-    /// Whether the curve is closed.
-    closed: bool,
-    pairs: usize,
+    curve: &'a Columns,
+    /// Those of whole half-segments.
+    stretches: Vec<Stretch>,
+    /// Number of pairs that may still be examined.
+    pairs: Cell<usize>,
     /// Distance below which points touch.
     touch: f64,
-    /// Bounds of the stretches of whole half-segments: those of node `k` are the bounds of `2k` and `2k + 1` together; the
-    /// whole curve is node 1.
-    covers: Vec<Stretch>,
 }
 
 impl Search<'_> {
-    /// Bounds of all stretches of the tree, from its leaves, the half-segments. Where a stretch ends before its node, the
-    /// bounds are those of an empty one.
-    fn tree(&self) -> Vec<Stretch> {
-        let mut covers = vec![Stretch::EMPTY; 4 * self.count];
-        self.grow(1, 0, self.count, &mut covers);
-        covers
-    }
-
-    fn grow(&self, node: usize, start: usize, end: usize, covers: &mut [Stretch]) {
-        covers[node] = if end - start == 1 {
-            Stretch { node, ..self.cover(start as f64, end as f64) }
-        } else {
-            let middle = self.split(start as f64, end as f64) as usize;
-            self.grow(2 * node, start, middle, covers);
-            self.grow(2 * node + 1, middle, end, covers);
-            Stretch { node, ..join(&covers[2 * node], &covers[2 * node + 1]) }
-        };
+    /// Whether one of both parts of a stretch is `wanted`.
+    fn any_part(&self, stretch: &Stretch, wanted: impl Fn(&Stretch) -> bool) -> bool {
+        if let Some(parts) = stretch.parts {
+            return parts.iter().any(|part| wanted(&self.stretches[*part]));
+        }
+        self.divided(stretch).iter().any(wanted)
     }
 
     /// Both parts of a stretch.
     fn parts(&self, stretch: &Stretch) -> [Stretch; 2] {
-        if stretch.node > 0 && stretch.end - stretch.start > 1.0 {
-            return [self.covers[2 * stretch.node], self.covers[2 * stretch.node + 1]];
+        match stretch.parts {
+            Some(parts) => parts.map(|part| self.stretches[part]),
+            None => self.divided(stretch),
         }
-        let middle = self.split(stretch.start, stretch.end);
-        [self.cover(stretch.start, middle), self.cover(middle, stretch.end)]
     }
 
-    /// Bounds of the stretch `[start, end]` in units of half-segments.
-    fn cover(&self, start: f64, end: f64) -> Stretch {
-        let mut whole: Option<Stretch> = None;
-        let mut half = start.floor() as usize;
-        while (half as f64) < end {
-            let a = 2.0 * (start.max(half as f64) - half as f64) - 1.0;
-            let b = 2.0 * (end.min(half as f64 + 1.0) - half as f64) - 1.0;
-            let piece = self.piece(half, a, b);
-            whole = Some(match whole {
-                None => piece,
-                Some(previous) => join(&previous, &piece),
-            });
-            half += 1;
+    /// Both halves of a part of a half-segment.
+    fn divided(&self, stretch: &Stretch) -> [Stretch; 2] {
+        let middle = 0.5 * (stretch.start + stretch.end);
+        [self.part(stretch.start, middle), self.part(middle, stretch.end)]
+    }
+
+    /// Bounds of a part of a half-segment.
+    fn part(&self, start: f64, end: f64) -> Stretch {
+        let arc = Arc::new(self.curve, start, end);
+        let (reach, bend) = (arc.reach(), arc.bend.map(|bend| 2.0 * bend));
+        Stretch {
+            start,
+            end,
+            low: [0, 1].map(|c| arc.middle[c] - reach[c]),
+            high: [0, 1].map(|c| arc.middle[c] + reach[c]),
+            tangents: Cone::around(arc.slope, length(bend)),
+            parts: None,
         }
-        let mut whole = whole.expect("a stretch has positive length");
-        (whole.start, whole.end) = (start, end);
-        whole
     }
 
-    fn piece(&self, half: usize, a: f64, b: f64) -> Stretch {
-        let (middle, radius) = (0.5 * (a + b), 0.5 * (b - a));
-        let (mut low, mut high) = ([0.0; 2], [0.0; 2]);
-        let (mut slope, mut bend) = ([0.0; 2], [0.0; 2]);
-        for c in 0..2 {
-            let whole = self.halves[half][c];
-            let recentred;
-            let local = if radius == 1.0 {
-                whole
-            } else {
-                recentred = recentre(whole, middle, radius);
-                &recentred
-            };
-            let reach: f64 = local[1..].iter().map(|v| v.abs()).sum();
-            (low[c], high[c]) = (local[0] - reach, local[0] + reach);
-            slope[c] = local.get(1).copied().unwrap_or(0.0);
-            bend[c] = local.iter().enumerate().skip(2).map(|(m, v)| m as f64 * v.abs()).sum();
-        }
-        let length = f64::hypot(slope[0], slope[1]);
-        let deviation = f64::hypot(bend[0], bend[1]);
-        let spread = if deviation < length { (deviation / length).asin() } else { std::f64::consts::PI };
-        Stretch { low, high, direction: slope[1].atan2(slope[0]), spread, ..Stretch::EMPTY }
-    }
-
-    fn split(&self, start: f64, end: f64) -> f64 {
-        let middle = 0.5 * (start + end);
-        if end - start > 1.0 { middle.round() } else { middle }
-    }
-
-    fn within(&mut self, stretch: &Stretch) -> bool {
-        if stretch.spread < std::f64::consts::FRAC_PI_2 || self.is_chord(stretch) {
+    fn within(&self, stretch: &Stretch) -> bool {
+        if stretch.tangents.is_bounded() || self.is_chord(stretch) {
             return false;
         }
         let [left, right] = self.parts(stretch);
         self.within(&left) || self.within(&right) || self.between(&left, &right)
     }
 
-    fn between(&mut self, first: &Stretch, second: &Stretch) -> bool {
-        self.pairs += 1;
-        if self.pairs > PAIRS + PAIRS_PER_HALF * self.count {
-            return true;
-        }
+    fn between(&self, first: &Stretch, second: &Stretch) -> bool {
+        let Some(left) = self.pairs.get().checked_sub(1) else { return true };
+        self.pairs.set(left);
         let apart = |low: f64, high: f64| high + self.touch < low;
         if (0..2).any(|c| apart(second.low[c], first.high[c]) || apart(first.low[c], second.high[c])) {
             return false;
         }
-        let closes = self.closed && first.start == 0.0 && second.end == self.count as f64;
-        if (first.end == second.start && join(first, second).spread < std::f64::consts::FRAC_PI_2)
-            || (closes && join(second, first).spread < std::f64::consts::FRAC_PI_2)
-        {
+        let closes = self.curve.is_closed() && first.start == 0.0 && second.end == self.curve.halves() as f64;
+        if (first.end == second.start || closes) && first.tangents.and(&second.tangents).is_bounded() {
             return false;
+        }
+        if first.parts.is_none() && second.parts.is_none() && self.cross(first, second) {
+            return true;
         }
         match (self.is_chord(first), self.is_chord(second)) {
             (true, true) => {
                 // Neighbours share a point by construction.
                 first.end != second.start && !closes && self.chords_meet(first, second)
             }
-            (false, true) => self.split_first(first, second, false),
-            (true, false) => self.split_first(second, first, true),
+            (false, true) => self.any_part(first, |part| self.between(part, second)),
+            (true, false) => self.any_part(second, |part| self.between(first, part)),
             (false, false) if first.end - first.start >= second.end - second.start => {
-                self.split_first(first, second, false)
+                self.any_part(first, |part| self.between(part, second))
             }
-            (false, false) => self.split_first(second, first, true),
+            (false, false) => self.any_part(second, |part| self.between(first, part)),
         }
-    }
-
-    fn split_first(&mut self, wide: &Stretch, other: &Stretch, swapped: bool) -> bool {
-        self.parts(wide)
-            .into_iter()
-            .any(|part| if swapped { self.between(other, &part) } else { self.between(&part, other) })
     }
 
     fn is_chord(&self, stretch: &Stretch) -> bool {
@@ -221,9 +152,19 @@ impl Search<'_> {
     }
 
     fn point(&self, position: f64) -> [f64; 2] {
-        let half = (position.floor() as usize).min(self.count - 1);
+        let half = (position.floor() as usize).min(self.curve.halves() - 1);
         let s = 2.0 * (position - half as f64) - 1.0;
-        [0, 1].map(|c| evaluate_taylor(self.halves[half][c], s, 0))
+        [0, 1].map(|c| self.curve.taylor(half, c).rfold(0.0, |sum, value| sum * s + value))
+    }
+
+    /// Whether two parts of half-segments certainly cross: each stays within a strip around its chord, and joins both sides of the
+    /// strip of the other. In the parallelogram that the strips share, paths that join opposite sides meet.
+    fn cross(&self, first: &Stretch, second: &Stretch) -> bool {
+        let ends = |stretch: &Stretch| [self.point(stretch.start), self.point(stretch.end)];
+        let (from, to) = (ends(first), ends(second));
+        let width =
+            |stretch: &Stretch| length(Arc::new(self.curve, stretch.start, stretch.end).bend) + self.touch;
+        joins_sides(from, to, || width(first)) && joins_sides(to, from, || width(second))
     }
 
     /// Whether two chords cross, or an end of one touches the other.
@@ -235,6 +176,47 @@ impl Search<'_> {
             || [(c, a, b), (d, a, b), (a, c, d), (b, c, d)]
                 .into_iter()
                 .any(|(p, from, to)| distance(p, from, to) <= self.touch)
+    }
+}
+
+/// Part of a half-segment, `r(s) = r_0 + r_1 s + …`, `s ∈ [−1, 1]`.
+struct Arc {
+    middle: [f64; 2],
+    slope: [f64; 2],
+    /// Bounds of `½ |r''|`, and so of the distance from the chord.
+    bend: [f64; 2],
+}
+
+impl Arc {
+    /// With `p(m + h s) = p(m) + h p'(m) s + …`, `½ |p''| ≤ Σ k(k−1)/2 |p_k|`.
+    fn new(curve: &Columns, start: f64, end: f64) -> Self {
+        let half = start.floor();
+        let (middle, radius) = (start + end - 2.0 * half - 1.0, end - start);
+        let mut arc = Self { middle: [0.0; 2], slope: [0.0; 2], bend: [0.0; 2] };
+        for c in 0..2 {
+            let (mut value, mut slope, mut bend) = (0.0, 0.0, 0.0);
+            for (k, coefficient) in curve.taylor(half as usize, c).enumerate().rev() {
+                slope = slope * middle + value;
+                value = value * middle + coefficient;
+                bend += (k * k.saturating_sub(1) / 2) as f64 * coefficient.abs();
+            }
+            (arc.middle[c], arc.slope[c], arc.bend[c]) = (value, radius * slope, radius * radius * bend);
+        }
+        arc
+    }
+
+    /// Bounds of the distance from the middle.
+    fn reach(&self) -> [f64; 2] {
+        [0, 1].map(|c| self.slope[c].abs() + self.bend[c])
+    }
+}
+
+/// Whether the ends of a chord `to` are on both sides of the chord `from`, farther from its line than `width`.
+fn joins_sides(from: [[f64; 2]; 2], to: [[f64; 2]; 2], width: impl Fn() -> f64) -> bool {
+    let [left, right] = to.map(|end| side(from[0], from[1], end));
+    left * right < 0.0 && {
+        let chord = length([from[1][0] - from[0][0], from[1][1] - from[0][1]]);
+        left.abs().min(right.abs()) > width() * chord
     }
 }
 
@@ -250,21 +232,4 @@ fn distance(p: [f64; 2], from: [f64; 2], to: [f64; 2]) -> f64 {
     let along =
         if square > 0.0 { ((arm[0] * edge[0] + arm[1] * edge[1]) / square).clamp(0.0, 1.0) } else { 0.0 };
     f64::hypot(arm[0] - along * edge[0], arm[1] - along * edge[1])
-}
-
-/// Joint bounds of two consecutive stretches.
-fn join(first: &Stretch, second: &Stretch) -> Stretch {
-    let turn = (second.direction - first.direction + std::f64::consts::PI).rem_euclid(std::f64::consts::TAU)
-        - std::f64::consts::PI;
-    let (low, high) = (-first.spread, first.spread);
-    let (low, high) = (low.min(turn - second.spread), high.max(turn + second.spread));
-    Stretch {
-        start: first.start,
-        end: second.end,
-        low: [0, 1].map(|c| first.low[c].min(second.low[c])),
-        high: [0, 1].map(|c| first.high[c].max(second.high[c])),
-        direction: first.direction + 0.5 * (low + high),
-        spread: (0.5 * (high - low)).min(std::f64::consts::PI),
-        node: 0,
-    }
 }

@@ -47,7 +47,11 @@
 //! # Ok::<(), shapelex_geometry::GeometryError>(())
 //! ```
 
+mod arc_length;
+mod area;
 pub mod capability;
+mod columns;
+mod cone;
 pub mod curve;
 pub mod deformation;
 pub mod distance;
@@ -61,7 +65,6 @@ pub mod knot_line;
 pub mod measures;
 pub mod mesh;
 pub mod mesh_tree;
-mod nodes;
 pub mod open;
 pub mod overlap;
 pub mod quality;
@@ -71,6 +74,7 @@ pub mod representation;
 pub mod resample;
 pub mod sampling;
 pub mod size;
+mod stretches;
 pub mod subdivision;
 pub mod surface;
 pub mod total_curvature;

@@ -8,12 +8,14 @@
 
 use std::sync::LazyLock;
 
+use super::arc_length::ArcLength;
+use super::area;
+use super::columns::Columns;
 use super::curve::Curve;
 use super::generator::{HALF_PIECE, differentiate, integrate_product};
-use super::nodes::{self, Integral};
 use super::total_curvature::Turning;
 use shapelex_numeric::bounded::{Patience, Stop, never};
-use shapelex_numeric::quadrature::{GaussLegendre, Panels};
+use shapelex_numeric::quadrature::GaussLegendre;
 
 /// Orientation of a closed planar curve (y axis up), the sign of its area; `none` if the area vanishes relative to the squared
 /// perimeter.
@@ -79,11 +81,6 @@ const NO_AREA: f64 = 1e-12;
 const NODES: usize = 12;
 static RULE: LazyLock<GaussLegendre> = LazyLock::new(|| GaussLegendre::new(NODES));
 
-/// Maximum number of panel bisections for the length of a curve, besides those per half-segment. A cusp takes 40.
-const PANELS: usize = 4096;
-/// Panels per half-segment.
-const PANELS_PER_HALF: usize = 64;
-
 impl CurveMeasures {
     /// Measures `curve`. Cost: `O(M)` quadratures; length and curvature add a bounded number of panels near cusps.
     pub fn of(curve: &Curve) -> Self {
@@ -119,45 +116,37 @@ impl CurveMeasures {
 
     fn near_one(curve: &Curve, stop: Stop<'_>) -> Self {
         let rule = &*RULE;
-        let (length, panels) = length(curve, rule, stop);
+        let columns = Columns::of(curve);
+        let ArcLength { length, missed, halved } = ArcLength::of(&columns, stop);
         let planar = curve.dimension() == 2;
         let (turning, stretches) = Turning::counted(curve, stop);
         let (bounding_box, searched) = bounding_box(curve, stop);
         Self {
             closed: curve.is_closed(),
-            enclosed: (planar && curve.is_closed()).then(|| Enclosed::of(curve, rule, length)),
+            enclosed: (planar && curve.is_closed())
+                .then(|| Enclosed::of(curve, area::signed_area(&columns), length)),
             mean_position: (0..curve.dimension())
                 .map(|c| {
                     integrate(curve, rule, |half, s| curve.derivative_at(half, c, s, 0)) / segments(curve)
                 })
                 .collect(),
             length,
-            length_error: HALF_PIECE * panels.missed(),
+            length_error: missed,
             bounding_box,
             stretching_energy: energy(curve, 1),
             bending_energy: (curve.smoothness() >= 1).then(|| energy(curve, 2)),
             total_curvature: turning.map(|turning| turning.total),
             turning: turning.filter(|_| planar).map(|turning| turning.signed),
-            steps: panels.halved() + stretches + searched,
+            steps: halved + stretches + searched,
         }
     }
 }
 
-/// Unsigned area of a closed planar curve (else 0), and length of any curve. Computed on numbers near 1, as in
-/// [`CurveMeasures`], without the other measures.
-pub fn area_and_length(curve: &Curve, stop: Stop<'_>) -> (f64, f64) {
-    let (rule, unit) = (&*RULE, Curve::unit(&[curve]));
-    let near_one = curve.scaled(unit.recip());
-    let encloses = curve.is_closed() && curve.dimension() == 2;
-    let area = if encloses { signed_area(&near_one).abs() } else { 0.0 };
-    (area * unit * unit, length(&near_one, rule, stop).0 * unit)
-}
-
 impl Enclosed {
-    fn of(curve: &Curve, rule: &GaussLegendre, length: f64) -> Self {
+    fn of(curve: &Curve, signed_area: f64, length: f64) -> Self {
+        let rule = &*RULE;
         // Relative to the first point of the curve, so that a shape far from the origin keeps its digits.
         let origin = curve.evaluate(0.0, 0);
-        let signed_area = signed_area(curve);
         let orientation = orientation(signed_area, length);
         let from = |about: [f64; 2]| move |half, s, c: usize| curve.derivative_at(half, c, s, 0) - about[c];
         let slope = |half, s, c| curve.derivative_at(half, c, s, 1);
@@ -225,7 +214,7 @@ fn integrate(curve: &Curve, rule: &GaussLegendre, f: impl Fn(usize, f64) -> f64)
 
 /// Signed area of a closed planar curve, counter-clockwise positive.
 pub fn signed_area(curve: &Curve) -> f64 {
-    nodes::signed_area(curve)
+    area::signed_area(&Columns::of(curve))
 }
 
 fn orientation(area: f64, perimeter: f64) -> Orientation {
@@ -236,26 +225,6 @@ fn orientation(area: f64, perimeter: f64) -> Orientation {
     } else {
         Orientation::Clockwise
     }
-}
-
-/// Length of a curve, to a relative accuracy of `10⁻¹⁰`, and the panels used: half-segments on which the rule and its check
-/// differ are bisected.
-fn length<'a>(curve: &Curve, rule: &GaussLegendre, stop: Stop<'a>) -> (f64, Panels<'a>) {
-    let speed = |half: usize, s: f64| {
-        (0..curve.dimension()).map(|c| curve.derivative_at(half, c, s, 1).powi(2)).sum::<f64>().sqrt()
-    };
-    let speeds = nodes::speeds(curve);
-    let rough: f64 = speeds.iter().map(|half| half.value).sum();
-    let tolerance = 1e-11 * rough / curve.halves() as f64;
-    let mut panels = Panels::new(PANELS + PANELS_PER_HALF * curve.halves(), stop);
-    let over_half = |(half, found): (usize, &Integral)| {
-        if (found.value - found.check).abs() <= tolerance {
-            return found.value;
-        }
-        rule.integrate_adaptive((-1.0, 1.0), tolerance, &|s| speed(half, s), &mut panels)
-    };
-    let sum: f64 = speeds.iter().enumerate().map(over_half).sum();
-    (HALF_PIECE * sum, panels)
 }
 
 /// Minimum and maximum coordinates, to `10⁻¹³` of the range of the coordinate or to rounding, and the number of stretches

@@ -1,7 +1,9 @@
 //! Sizes of shapes: volume, area, length.
 
-use crate::curve::Curve;
-use crate::measures::area_and_length;
+use crate::arc_length::ArcLength;
+use crate::area::signed_area;
+use crate::columns::Columns;
+use crate::intersection::crosses_itself;
 use crate::representation::ShapeSpace;
 use crate::subdivision::measures::measure;
 use crate::surface::measures::SurfaceMeasures;
@@ -57,24 +59,43 @@ pub struct Sizes {
 }
 
 impl Sizes {
-    /// Sizes of the shape with these control points (`N × d`); `stop` ends the quadrature of a curve early.
-    pub fn of(space: &ShapeSpace, control_points: &Matrix, stop: Stop<'_>) -> Self {
-        if let Some(curve) = Curve::of(space, control_points) {
-            return Self::of_curve(&curve, stop);
+    /// Sizes of the shape of `space` with these control points (`d·N` coordinate-major numbers); `stop` ends the quadrature of a
+    /// curve early. Cost: one quadrature.
+    pub fn of(space: &ShapeSpace, control_points: &[f64], stop: Stop<'_>) -> Self {
+        match PlacedCurve::of(space, control_points) {
+            Some(curve) => curve.sizes(stop),
+            None => Self::of_sheet(space, control_points),
         }
+    }
+
+    /// As [`Self::of`], and whether the shape is a planar curve that crosses or touches itself, if it is a planar curve: see
+    /// [`self_intersects`](crate::intersection::self_intersects).
+    pub fn with_crossings(
+        space: &ShapeSpace,
+        control_points: &[f64],
+        stop: Stop<'_>,
+    ) -> (Self, Option<bool>) {
+        match PlacedCurve::of(space, control_points) {
+            Some(curve) => {
+                let planar = curve.near_one.dimension() == 2;
+                (curve.sizes(stop), planar.then(|| crosses_itself(&curve.near_one)))
+            }
+            None => (Self::of_sheet(space, control_points), None),
+        }
+    }
+
+    /// Sizes of a surface or mesh; none of landmarks.
+    fn of_sheet(space: &ShapeSpace, control_points: &[f64]) -> Self {
+        let representation = space.representation();
+        let matrix =
+            || Matrix::from_column_slice(representation.size(), representation.dimension(), control_points);
         let measures = match (space.surface(), space.subdivision()) {
-            (Some(basis), _) => SurfaceMeasures::of(&basis.surface(control_points)),
-            (_, Some(basis)) => measure(&basis.mesh(control_points), basis.level() > 0),
+            (Some(basis), _) => SurfaceMeasures::of(&basis.surface(&matrix())),
+            (_, Some(basis)) => measure(&basis.mesh(&matrix()), basis.level() > 0),
             _ => return Self::default(),
         };
         let volume = measures.enclosed.map(|enclosed| enclosed.signed_volume.abs());
         Self { volume, area: Some(measures.area), length: None }
-    }
-
-    /// Sizes of a curve; `stop` ends its quadrature early.
-    pub fn of_curve(curve: &Curve, stop: Stop<'_>) -> Self {
-        let (area, length) = area_and_length(curve, stop);
-        Self { volume: None, area: Some(area), length: Some(length) }
     }
 
     /// The size by `measure`; `None` if the shape does not have it here, as for the centroid size, which needs a metric.
@@ -85,5 +106,30 @@ impl Sizes {
             SizeMeasure::Length => self.length,
             SizeMeasure::CentroidSize => None,
         }
+    }
+}
+
+/// A curve with coordinates near 1, and the power of two by which they were divided: squares of coordinates overflow long before
+/// sizes do.
+struct PlacedCurve {
+    near_one: Columns,
+    unit: f64,
+}
+
+impl PlacedCurve {
+    /// `None` if shapes of `space` are not curves.
+    fn of(space: &ShapeSpace, control_points: &[f64]) -> Option<Self> {
+        let (generator, representation) = (space.generator()?, space.representation());
+        let (closed, dimension) = (representation.is_closed(), representation.dimension());
+        let (near_one, unit) = Columns::near_one(generator, closed, dimension, control_points);
+        Some(Self { near_one, unit })
+    }
+
+    fn sizes(&self, stop: Stop<'_>) -> Sizes {
+        let Self { near_one, unit } = self;
+        let encloses = near_one.is_closed() && near_one.dimension() == 2;
+        let area = if encloses { signed_area(near_one).abs() } else { 0.0 };
+        let length = ArcLength::of(near_one, stop).length;
+        Sizes { volume: None, area: Some(area * unit * unit), length: Some(length * unit) }
     }
 }

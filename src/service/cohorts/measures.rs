@@ -10,12 +10,9 @@ use crate::domain::attribute::Attribute;
 use crate::domain::cohort::Cohort;
 use crate::domain::filter::ShapeFilter;
 use crate::domain::shape::ShapeMeasures;
-use crate::geometry::curve::Curve;
-use crate::geometry::intersection::self_intersects;
 use crate::geometry::representation::ShapeSpace;
 use crate::geometry::size::{SizeMeasure, Sizes};
 use crate::numeric::bounded::never;
-use crate::numeric::dense::Matrix;
 use crate::service::app::{App, ServiceError};
 use crate::service::cost::requests::{self, Counts};
 
@@ -40,24 +37,18 @@ impl Measuring {
     ///
     /// Cost: a quadrature of the curve or surface, and a search for crossings of planar curves.
     pub(crate) fn measure(&self, control_points: &[f64], points: Option<usize>) -> ShapeMeasures {
-        let matrix = Matrix::from_column_slice(self.metric.size(), self.metric.dimension(), control_points);
-        let curve = Curve::of(&self.space, &matrix);
-        let sizes = match &curve {
-            Some(curve) => Sizes::of_curve(curve, &never),
-            None => Sizes::of(&self.space, &matrix, &never),
-        };
+        let (sizes, self_intersecting) = Sizes::with_crossings(&self.space, control_points, &never);
         let size = |measure| {
             let size = sizes.get(measure).filter(|_| self.sizes.contains(&measure));
             size.filter(|size| size.is_finite())
         };
-        let planar = curve.filter(|curve| curve.dimension() == 2);
         ShapeMeasures {
             points: points.map(|points| points as u64),
             centroid_size: Some(centroid_size(&self.space, &self.metric, control_points)),
             length: size(SizeMeasure::Length),
             area: size(SizeMeasure::Area),
             volume: size(SizeMeasure::Volume),
-            self_intersecting: planar.map(|curve| self_intersects(&curve)),
+            self_intersecting,
         }
     }
 }

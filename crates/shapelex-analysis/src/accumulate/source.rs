@@ -194,6 +194,11 @@ impl ShapesInMemory {
         Ok(Self::prepared(whitened, weights))
     }
 
+    /// The numbers of all prepared shapes, one shape after the other.
+    pub(crate) fn into_whitened(self) -> Vec<f64> {
+        self.whitened
+    }
+
     /// The prepared shapes.
     pub fn all(&self) -> Shapes<'_> {
         Shapes { first: 0, whitened: &self.whitened, weights: &self.weights }

@@ -1,14 +1,18 @@
 //! Shapes of a study: aligned to one mean, which knows nothing of groups or attributes.
 
+use std::borrow::Cow;
+
 use rayon::prelude::*;
 
 use super::error::StudyError;
 use super::limits::MAX_WEIGHT_RATIO;
-use crate::accumulate::{ShapesInMemory, Watched, map_shapes};
-use crate::alignment::{MeanShape, Method, align, mean_shape, unwhitened};
+use crate::AnalysisError;
+use crate::accumulate::{ShapesInMemory, Watched};
+use crate::alignment::{MeanShape, Method, mean_shape, unwhitened};
+use crate::fit::Scaling;
 use crate::frame::Frame;
 use crate::matching::Matching;
-use crate::metric::Metric;
+use crate::metric::{Metric, dot};
 use crate::rows::{Row, rows_of};
 use crate::size::{LARGEST_SIZE, SizeTable};
 use crate::transformation::Transformation;
@@ -50,7 +54,7 @@ pub struct AlignedShapes<'a> {
     pub mean: MeanShape,
     /// Prepared shapes placed on the mean, one per column, whitened.
     pub placed: Matrix,
-    /// Aligned shapes, one per column, whitened.
+    /// Aligned shapes, one per column, whitened; partial Procrustes fits on the tangent space at their mean.
     pub aligned: Matrix,
     /// Positive weights.
     pub weights: Vec<f64>,
@@ -63,7 +67,7 @@ impl<'a> AlignedShapes<'a> {
     /// between passes, and counts them.
     ///
     /// # Errors
-    /// [`StudyError::Weights`]; degenerate or too few shapes; [`AnalysisError::Interrupted`](crate::AnalysisError::Interrupted) once `watch` stops.
+    /// [`StudyError::Weights`]; degenerate or too few shapes; [`AnalysisError::Interrupted`] once `watch` stops.
     pub fn new(
         space: StudySpace<'a>,
         control_points: Vec<f64>,
@@ -75,22 +79,26 @@ impl<'a> AlignedShapes<'a> {
         let sizes = SizeTable::of(space.space, metric, &control_points, watch)?;
         let source = ShapesInMemory::new(metric, method.translates(), control_points, weights.clone())?;
         watch.check()?;
-        let source = Watched::new(&source, watch);
-        let mean = mean_shape(&source, metric, method, frame, matching)?;
-        let origin = vec![0.0; metric.dimension()];
-        let columns = map_shapes(&source, |k, x, _| {
-            let placement = mean.placements[k];
-            let aligned =
-                align(method, matching, &mean.whitened, x, &origin, placement).map_err(|e| e.at(k))?;
-            Ok((matching.place(x, placement).into_owned(), aligned.whitened))
-        })?;
-        let mut placed = Matrix::zeros(metric.len(), columns.len());
+        let mean = mean_shape(&Watched::new(&source, watch), metric, method, frame, matching)?;
+        // In place: 100 000 shapes in vectors of their own would take more memory, and leave it in pieces.
+        let mut placed = source.into_whitened();
+        placed.par_chunks_mut(metric.len()).zip(&mean.placements).for_each(|(x, placement)| {
+            if let Cow::Owned(moved) = matching.place(x, *placement) {
+                x.copy_from_slice(&moved);
+            }
+        });
         let mut aligned = placed.clone();
-        for (k, (laid, moved)) in columns.into_iter().enumerate() {
-            placed.column_mut(k).copy_from_slice(&laid);
-            aligned.column_mut(k).copy_from_slice(&moved);
+        let fault = aligned.par_chunks_mut(metric.len()).enumerate().find_map_first(|(k, x)| {
+            watch.check().err().or_else(|| {
+                watch.worked(1);
+                bring(method, &mean.whitened, x).err().map(|error| error.at(k))
+            })
+        });
+        if let Some(error) = fault {
+            return Err(error.into());
         }
-        Ok(Self { space, mean, placed, aligned, weights, sizes })
+        let columns = |values| Matrix::from_vec(metric.len(), weights.len(), values);
+        Ok(Self { space, mean, placed: columns(placed), aligned: columns(aligned), weights, sizes })
     }
 
     /// Number of shapes.
@@ -122,16 +130,14 @@ impl<'a> AlignedShapes<'a> {
     pub(super) fn points(&self, whitened: &Matrix, places: &Places) -> Matrix {
         let StudySpace { space, metric, .. } = self.space;
         let (size, dimension) = (metric.size(), metric.dimension());
-        let columns: Vec<&[f64]> = whitened.as_slice().chunks_exact(metric.len()).collect();
-        let points: Vec<Vec<f64>> = columns
-            .par_iter()
-            .map(|shape| {
-                let control_points = unwhitened(metric, shape);
-                places.points(space, &Matrix::from_column_slice(size, dimension, &control_points))
-            })
-            .collect();
-        let rows = places.count() * dimension;
-        Matrix::from_iterator(rows, points.len(), points.into_iter().flatten())
+        let mut points = Matrix::zeros(places.count() * dimension, whitened.ncols());
+        let columns = points.as_mut_slice().par_chunks_mut(places.count() * dimension);
+        columns.zip(whitened.as_slice().par_chunks_exact(metric.len())).for_each(|(column, shape)| {
+            let control_points = unwhitened(metric, shape);
+            let shape = Matrix::from_column_slice(size, dimension, &control_points);
+            column.copy_from_slice(&places.points(space, &shape));
+        });
+        points
     }
 
     /// Natural logarithms of the centroid sizes; `None` if a shape is too large to be measured.
@@ -158,6 +164,19 @@ impl<'a> AlignedShapes<'a> {
     pub(super) fn size_warning(&self) -> Option<String> {
         self.sizes.is_cut.then(|| format!("sizes beyond {LARGEST_SIZE:.0e} are not compared"))
     }
+}
+
+/// Aligns a whitened shape to the mean, in place.
+///
+/// The statistics are linear, and partial Procrustes fits lie on a sphere: each moves orthogonally to the tangent space at the
+/// mean `m`, to `y − (⟨y, m⟩/‖m‖² − 1) m`. Other aligned shapes stay.
+fn bring(method: &Method, mean: &[f64], shape: &mut [f64]) -> Result<(), AnalysisError> {
+    shape.copy_from_slice(&method.bring(shape, mean)?.whitened);
+    if matches!(method, Method::Procrustes(fit) if fit.scaling == Scaling::Partial) {
+        let excess = dot(shape, mean) / dot(mean, mean) - 1.0;
+        shape.iter_mut().zip(mean).for_each(|(y, m)| *y -= excess * m);
+    }
+    Ok(())
 }
 
 fn check_weights(weights: &[f64]) -> Result<(), StudyError> {

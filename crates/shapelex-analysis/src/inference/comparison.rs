@@ -13,6 +13,8 @@
 //! Sources: Anderson 2001 (F, which is that of squared distances); Hotelling 1931; the maximum over points: Nichols and
 //! Holmes 2002.
 
+use std::borrow::Cow;
+
 use rayon::prelude::*;
 
 use super::super::AnalysisError;
@@ -102,14 +104,17 @@ pub struct OverallTest {
 
 impl Sample {
     /// The shapes at `members`, in that order.
-    pub fn select(&self, members: &[usize]) -> Self {
-        Self {
+    pub fn select(&self, members: &[usize]) -> Cow<'_, Self> {
+        if members.iter().copied().eq(0..self.weights.len()) {
+            return Cow::Borrowed(self);
+        }
+        Cow::Owned(Self {
             coordinates: self.coordinates.select_columns(members),
             points: self.points.select_columns(members),
             dimension: self.dimension,
             sizes: self.sizes.select_columns(members),
             weights: members.iter().map(|&k| self.weights[k]).collect(),
-        }
+        })
     }
 
     /// Compares the two groups of `relabellings`, which cover all shapes of the sample. `watch` is asked before every

@@ -29,10 +29,9 @@ impl Span {
     /// # Errors
     /// A failure of the eigenproblem.
     pub fn new(vectors: &Matrix, weights: &[f64]) -> Result<Self, AnalysisError> {
-        let mut centred = vectors.clone();
-        centre_rows(&mut centred, weights);
+        let mut weighted = vectors.clone();
+        centre_rows(&mut weighted, weights);
         let roots: Vec<f64> = weights.iter().map(|weight| weight.sqrt()).collect();
-        let mut weighted = centred.clone();
         for (mut column, &root) in weighted.column_iter_mut().zip(&roots) {
             column.scale_mut(root);
         }
@@ -51,7 +50,10 @@ impl Span {
         let pairs = dense::leading_eigenpairs(&scatter, length)?;
         let kept = rank(&pairs.values);
         let directions = pairs.vectors.columns(0, kept).into_owned();
-        let scores = dense::transpose_multiply(&directions, &centred);
+        let mut scores = dense::transpose_multiply(&directions, &weighted);
+        for (mut column, &root) in scores.column_iter_mut().zip(&roots) {
+            column.unscale_mut(root);
+        }
         Ok(Self { scores, eigenvalues: pairs.values[..kept].to_vec() })
     }
 

@@ -1,14 +1,21 @@
-//! Overlap of two bodies (contours, closed meshes or masks), counted on one common grid.
+//! Overlap of two bodies (contours, closed curves and meshes, or masks), counted on one common grid.
 //!
 //! Bodies without a grid of their own get one around both, fine enough for the smaller one.
 
 use crate::capability::FieldFault;
 use crate::capability::measure::mesh_warnings;
-use crate::intersection::polygon_self_intersects;
+use crate::curve::Curve;
+use crate::intersection::{polygon_self_intersects, self_intersects};
 use crate::mesh::{MeshError, TriangleMesh};
-use crate::raster::{Grid, Mask, Overlap, bounds, from_contours, from_mesh, overlap_unless_stopped};
+use crate::raster::{
+    Grid, Mask, Overlap, bounds, from_contours, from_curves, from_mesh, overlap_unless_stopped,
+};
 use shapelex_numeric::MAX_NUMBER;
 use shapelex_numeric::bounded::Stop;
+
+mod input;
+
+pub use input::{GridInput, MaskInput};
 
 /// Default number of cells along the longest side of the bounding box of both bodies.
 const USUAL_CELLS: usize = 128;
@@ -20,6 +27,13 @@ const FEW_CELLS: usize = 100;
 /// Relative area below which a contour counts as a line or a point: area of the triangles from its first point, divided
 /// by its squared extent.
 const NO_AREA: f64 = 1e-12;
+
+/// Number of points per segment that bound a curve: of a circle with three segments, they miss 10⁻⁴ of the radius.
+const CURVE_SAMPLES: usize = 64;
+
+/// What is said of a contour that crosses itself.
+const CROSSES: &str =
+    "the contour crosses or touches itself: areas with the winding number zero count as outside";
 
 /// A box by its lower and upper corners.
 type Corners = [[f64; 3]; 2];
@@ -35,6 +49,7 @@ pub struct Body {
 #[derive(Debug, Clone)]
 enum Kind {
     Contour(Vec<[f64; 2]>),
+    Curve(Curve),
     Mesh(TriangleMesh),
     Mask(Mask),
 }
@@ -50,7 +65,26 @@ impl Body {
         Ok(Self { kind: Kind::Contour(points), corners })
     }
 
-    /// The interior of a closed mesh.
+    /// The interior of a closed spline curve in the plane. Its cells are found from the curve itself, not from chords.
+    ///
+    /// # Errors
+    /// An open curve, one in space, or one without an area, in words.
+    pub fn from_curve(curve: Curve) -> Result<Self, String> {
+        if !curve.is_closed() || curve.dimension() != 2 {
+            let what = if curve.is_closed() { "a closed" } else { "an open" };
+            return Err(format!(
+                "expected a closed curve of dimension 2, got {what} one of dimension {}",
+                curve.dimension()
+            ));
+        }
+        let points: Vec<[f64; 2]> =
+            curve.sample(CURVE_SAMPLES * curve.segments()).iter().map(|point| [point[0], point[1]]).collect();
+        let corners = bounds(points.iter().map(|[x, y]| [*x, *y, 0.0])).unwrap_or_default();
+        check_area(&points, longest_side(corners))?;
+        Ok(Self { kind: Kind::Curve(curve), corners })
+    }
+
+    /// The interior of a closed mesh: where its winding number is not zero.
     ///
     /// # Errors
     /// Faces that do not form a closed surface.
@@ -69,7 +103,7 @@ impl Body {
 
     fn dimension(&self) -> usize {
         match &self.kind {
-            Kind::Contour(_) => 2,
+            Kind::Contour(_) | Kind::Curve(_) => 2,
             Kind::Mask(mask) if mask.grid.is_planar() => 2,
             Kind::Mesh(_) | Kind::Mask(_) => 3,
         }
@@ -78,30 +112,37 @@ impl Body {
     fn grid(&self) -> Option<Grid> {
         match &self.kind {
             Kind::Mask(mask) => Some(mask.grid),
-            Kind::Contour(_) | Kind::Mesh(_) => None,
+            Kind::Contour(_) | Kind::Curve(_) | Kind::Mesh(_) => None,
         }
     }
 
     /// Caveats about its cells.
     fn warnings(&self, stop: Stop<'_>) -> Vec<String> {
         match &self.kind {
-            Kind::Contour(points) if polygon_self_intersects(points) => {
-                vec![
-                    "the contour crosses or touches itself: areas with the winding number zero count as outside"
-                        .into(),
-                ]
-            }
+            Kind::Contour(points) if polygon_self_intersects(points) => vec![CROSSES.into()],
+            Kind::Curve(curve) if self_intersects(curve) => vec![CROSSES.into()],
             Kind::Mesh(mesh) => mesh_warnings(mesh, stop),
-            Kind::Contour(_) | Kind::Mask(_) => Vec::new(),
+            Kind::Contour(_) | Kind::Curve(_) | Kind::Mask(_) => Vec::new(),
         }
     }
 
-    fn on(self, grid: &Grid) -> Mask {
+    /// Its cells on a grid; `None` once `stop` returns true.
+    fn on(self, grid: &Grid, stop: Stop<'_>) -> Option<Mask> {
         match self.kind {
-            Kind::Contour(points) => from_contours(&[points], grid),
-            Kind::Mesh(mesh) => from_mesh(&mesh, grid),
-            Kind::Mask(mask) => mask,
+            Kind::Contour(points) => Some(from_contours(&[points], grid)),
+            Kind::Curve(curve) => from_curves(&[curve], grid, stop),
+            Kind::Mesh(mesh) => Some(from_mesh(&mesh, grid)),
+            Kind::Mask(mask) => Some(mask),
         }
+    }
+
+    /// Whether a part of it is more than half a cell beyond the outermost centres of a grid.
+    fn leaves(&self, grid: &Grid) -> bool {
+        let [low, high] = self.corners;
+        (0..self.dimension()).any(|c| {
+            let last = grid.first[c] + grid.spacing[c] * grid.size[c].saturating_sub(1) as f64;
+            low[c] < grid.first[c] - 0.5 * grid.spacing[c] || high[c] > last + 0.5 * grid.spacing[c]
+        })
     }
 }
 
@@ -119,76 +160,6 @@ fn check_area(points: &[[f64; 2]], extent: f64) -> Result<(), String> {
     }
     let what = if extent > 0.0 { "all of its points lie on a line" } else { "all of its points coincide" };
     Err(format!("expected a contour that encloses an area: {what}"))
-}
-
-/// Mask on a regular grid whose cells lie inside or outside of the body.
-#[derive(Debug, Clone)]
-#[cfg_attr(feature = "serde", derive(serde::Deserialize))]
-#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
-#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
-pub struct MaskInput {
-    /// Number of cells along the 2 or 3 axes.
-    #[cfg_attr(feature = "schema", schema(min_items = 2, max_items = 3))]
-    pub size: Vec<usize>,
-    /// Distance between cell centres along each axis, in the unit of the coordinates.
-    #[cfg_attr(feature = "schema", schema(min_items = 2, max_items = 3))]
-    pub spacing: Vec<f64>,
-    /// Position of the centre of the first cell.
-    #[cfg_attr(feature = "schema", schema(min_items = 2, max_items = 3))]
-    pub first: Vec<f64>,
-    /// Run lengths of cells, the last axis varying fastest: outside, inside, outside, and so on; the first may be 0.
-    pub runs: Vec<usize>,
-}
-
-impl MaskInput {
-    /// The mask, of at most `most_cells` cells.
-    ///
-    /// # Errors
-    /// All fields that are out of range or do not fit together.
-    pub fn mask(&self, most_cells: usize) -> Result<Mask, Vec<FieldFault>> {
-        let faults = self.faults(most_cells);
-        if !faults.is_empty() {
-            return Err(faults);
-        }
-        // A mask in the plane has one layer.
-        let axis = |list: &[f64], usual: f64| [0, 1, 2].map(|i| list.get(i).copied().unwrap_or(usual));
-        let grid = Grid {
-            first: axis(&self.first, 0.0),
-            spacing: axis(&self.spacing, 1.0),
-            size: [0, 1, 2].map(|i| self.size.get(i).copied().unwrap_or(1)),
-        };
-        let runs = self.runs.iter().enumerate();
-        let inside = runs.flat_map(|(i, run)| std::iter::repeat_n(i % 2 == 1, *run)).collect();
-        Ok(Mask { grid, inside })
-    }
-
-    fn faults(&self, most_cells: usize) -> Vec<FieldFault> {
-        let mut faults = Vec::new();
-        let mut fault = |field: &str, detail: String| faults.push(FieldFault::new(field, detail));
-        let dimension = self.size.len();
-        if !(2..=3).contains(&dimension) {
-            fault("size", format!("expected 2 or 3 entries, got {dimension}"));
-        }
-        for (list, field) in [(&self.spacing, "spacing"), (&self.first, "first")] {
-            if list.len() != dimension {
-                fault(field, format!("expected {dimension} entries, one per axis, got {}", list.len()));
-            } else if !list.iter().all(|value| value.abs() <= MAX_NUMBER) {
-                fault(field, format!("expected numbers within ±{MAX_NUMBER:e}"));
-            }
-        }
-        if !self.spacing.iter().all(|spacing| *spacing > 0.0) {
-            fault("spacing", "expected positive numbers".into());
-        }
-        let cells = self.size.iter().fold(1_usize, |product, size| product.saturating_mul(*size));
-        if !(1..=most_cells).contains(&cells) {
-            fault("size", format!("expected between 1 and {most_cells} cells, got {cells}"));
-        }
-        let covered = self.runs.iter().fold(0_usize, |sum, run| sum.saturating_add(*run));
-        if covered != cells {
-            fault("runs", format!("expected runs over all {cells} cells of the grid, got {covered}"));
-        }
-        faults
-    }
 }
 
 /// Overlap of two bodies, and the grid on which it was counted.
@@ -244,6 +215,28 @@ impl Bodies {
         Ok(Self { both: [first, second], grid, dimension })
     }
 
+    /// Counts two bodies on a given grid of a dimension. Parts of bodies beyond it are left out, with a warning.
+    ///
+    /// # Errors
+    /// Bodies of another dimension; a mask on another grid.
+    pub fn on_grid(
+        [first, second]: [Body; 2],
+        grid: Grid,
+        dimension: usize,
+    ) -> Result<Self, Vec<FieldFault>> {
+        let mut faults = Vec::new();
+        for (body, name) in [(&first, "first"), (&second, "second")] {
+            if body.dimension() != dimension {
+                let detail = format!("expected dimension {dimension}, as the grid, got {}", body.dimension());
+                faults.push(FieldFault::new(name, detail));
+            } else if body.grid().is_some_and(|own| own != grid) {
+                let detail = "expected the given grid: masks are compared cell by cell, got another one";
+                faults.push(FieldFault::new(format!("{name}/mask"), detail));
+            }
+        }
+        if faults.is_empty() { Ok(Self { both: [first, second], grid, dimension }) } else { Err(faults) }
+    }
+
     /// Number of cells of the grid.
     pub fn cells(&self) -> usize {
         self.grid.size.iter().product()
@@ -252,11 +245,14 @@ impl Bodies {
     /// Computes the overlap; `None` once `stop` returns true.
     pub fn overlap(self, stop: Stop<'_>) -> Option<Overlapping> {
         let Self { both: [first, second], grid, dimension } = self;
-        let [mut found, of_second] = [first.warnings(stop), second.warnings(stop)];
+        let [mut found, of_second] = [&first, &second].map(|body| {
+            let beyond = body.leaves(&grid).then(|| "parts of it beyond the grid are left out".to_owned());
+            body.warnings(stop).into_iter().chain(beyond).collect::<Vec<String>>()
+        });
         if stop() {
             return None;
         }
-        let masks = [first.on(&grid), second.on(&grid)];
+        let masks = [first.on(&grid, stop)?, second.on(&grid, stop)?];
         let overlap = overlap_unless_stopped(&masks[0], &masks[1], stop)?;
         found.iter_mut().for_each(|warning| *warning = format!("/first: {warning}"));
         found.extend(of_second.into_iter().map(|warning| format!("/second: {warning}")));
