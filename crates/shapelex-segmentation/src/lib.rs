@@ -1,6 +1,7 @@
 //! Segmentation of images and volumes by parametric snakes: shapes that minimise an energy of the image inside them.
 //!
 //! * [`field`] — images, Gaussian derivatives, and fields integrated in advance along x;
+//! * [`contours`] — labelled images and volumes as closed curves and surfaces;
 //! * [`frame`] — positions of cells in the world;
 //! * [`detector`] — thin bright or dark sheets, and the innermost surface of them around a centre;
 //! * [`boundary`] — boundaries sampled from free points, and integrals over what they enclose;
@@ -12,6 +13,7 @@
 //! Centres of pixels and voxels are whole numbers, `x` is the fastest axis. Outside of an image every field is zero.
 
 pub mod boundary;
+pub mod contours;
 pub mod detector;
 pub mod energy;
 pub mod field;
@@ -50,6 +52,44 @@ pub enum SegmentationError {
         /// The least blur in cells.
         least: f64,
         /// The smallest one of the three axes, in cells.
+        sigma: f64,
+    },
+    /// An image has too many cells.
+    #[error("expected at most {most} cells, got {count}")]
+    Cells {
+        /// The maximum.
+        most: usize,
+        /// Number of cells.
+        count: usize,
+    },
+    /// A wanted label does not occur.
+    #[error("expected a label of the image, got {label}, which no cell has")]
+    Label {
+        /// The label.
+        label: u32,
+    },
+    /// Labelled cells have too many components.
+    #[error("expected at most {most} components of labelled cells, got {found}")]
+    Components {
+        /// The maximum.
+        most: usize,
+        /// Number of components of the least size.
+        found: usize,
+    },
+    /// The boundaries of components would have too many vertices.
+    #[error("expected at most {most} vertices of boundaries, got {found}")]
+    Vertices {
+        /// The maximum.
+        most: usize,
+        /// The predicted number.
+        found: usize,
+    },
+    /// The blur of a mask is negative or too large.
+    #[error("expected a blur of the mask between 0 and {most} cells along every axis, got {sigma}")]
+    BlurOfMask {
+        /// The maximum in cells.
+        most: f64,
+        /// The blur in cells.
         sigma: f64,
     },
     /// A frame has no inverse.

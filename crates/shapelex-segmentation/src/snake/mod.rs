@@ -36,8 +36,7 @@ pub enum Outline {
 }
 
 impl Outline {
-    /// The cells inside: for polygons those with a winding number that is not zero, for meshes those enclosed an odd number of
-    /// times.
+    /// The cells inside: those with a winding number that is not zero.
     pub fn cells(&self, grid: &Grid) -> Mask {
         match self {
             Self::Polygon(points) => from_contours(std::slice::from_ref(points), grid),

@@ -1,6 +1,9 @@
 //! Tests of the segmentation crate.
 
 mod boundaries;
+mod contours_planar;
+mod contours_solid;
+mod contours_stored;
 mod detector;
 mod energies;
 mod fields;

@@ -1,0 +1,114 @@
+//! The formats that are read.
+
+use super::error::ImageError;
+use super::file::{Description, ImageFile};
+use super::limits::Limits;
+use super::{nifti, png, tiff};
+
+/// Number of bytes that an error shows of an unknown file.
+const SHOWN: usize = 8;
+
+/// A format of image files.
+#[derive(Debug, Clone, Copy)]
+pub struct Format {
+    /// Name in messages.
+    pub name: &'static str,
+    /// Media types of requests and responses; the first one is written.
+    pub media_types: &'static [&'static str],
+    /// Endings of file names, lower case, without the first dot.
+    pub extensions: &'static [&'static str],
+    /// Positions and bytes, one of which is in every file of the format.
+    pub magic: &'static [(usize, &'static [u8])],
+    pub(super) describe: fn(&[u8], &Limits) -> Result<Description, ImageError>,
+    pub(super) image: fn(&[u8], &Limits) -> Result<ImageFile, ImageError>,
+    pub(super) labels: fn(&[u8], &Limits) -> Result<ImageFile<u32>, ImageError>,
+}
+
+/// All formats. The magic bytes of NIfTI include those of its other variants, which its reader refuses by name.
+pub static FORMATS: [Format; 4] = [
+    Format {
+        name: png::NAME,
+        media_types: &["image/png"],
+        extensions: &["png"],
+        magic: &[(0, b"\x89PNG\r\n\x1a\n")],
+        describe: png::describe,
+        image: png::read,
+        labels: png::read,
+    },
+    Format {
+        name: tiff::NAME,
+        media_types: &["image/tiff"],
+        extensions: &["tif", "tiff"],
+        magic: &[(0, b"II*\0"), (0, b"MM\0*"), (0, b"II+\0"), (0, b"MM\0+")],
+        describe: tiff::describe,
+        image: tiff::read,
+        labels: tiff::read,
+    },
+    Format {
+        name: nifti::NAME,
+        media_types: &["application/x-nifti"],
+        extensions: &["nii"],
+        magic: &[(344, b"n+1\0"), (344, b"ni1\0"), (4, b"n+2\0"), (4, b"ni2\0")],
+        describe: nifti::describe,
+        image: nifti::read,
+        labels: nifti::read,
+    },
+    Format {
+        name: nifti::COMPRESSED,
+        media_types: &["application/gzip", "application/x-nifti+gzip"],
+        extensions: &["nii.gz"],
+        magic: &[(0, b"\x1f\x8b")],
+        describe: nifti::describe_compressed,
+        image: nifti::read_compressed,
+        labels: nifti::read_compressed,
+    },
+];
+
+/// The format of a file by its first 348 bytes.
+///
+/// # Errors
+/// [`ImageError::Format`], which lists the formats.
+pub fn detect(bytes: &[u8]) -> Result<&'static Format, ImageError> {
+    let has = |(at, magic): &(usize, &[u8])| bytes.get(*at..).is_some_and(|rest| rest.starts_with(magic));
+    let unknown = || ImageError::Format { known: names(), found: first_bytes(bytes) };
+    FORMATS.iter().find(|format| format.magic.iter().any(has)).ok_or_else(unknown)
+}
+
+/// The names of all formats.
+fn names() -> String {
+    FORMATS.iter().map(|format| format.name).collect::<Vec<_>>().join(", ")
+}
+
+fn first_bytes(bytes: &[u8]) -> String {
+    if bytes.is_empty() {
+        return "no bytes".into();
+    }
+    bytes.iter().take(SHOWN).map(|byte| format!("{byte:02x}")).collect::<Vec<_>>().join(" ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn formats_are_recognised() {
+        let mut nifti = vec![0; 348];
+        nifti[344..].copy_from_slice(b"n+1\0");
+        let files: [(&[u8], &str); 4] = [
+            (b"\x89PNG\r\n\x1a\n...", "PNG"),
+            (b"MM\0*....", "TIFF"),
+            (&nifti, "NIfTI-1"),
+            (b"\x1f\x8b", "NIfTI-1 (gzip)"),
+        ];
+        for (bytes, name) in files {
+            assert_eq!(detect(bytes).map(|format| format.name), Ok(name));
+        }
+    }
+
+    #[test]
+    fn an_unknown_file_gets_the_list_of_formats() {
+        let expected = "expected a file of one of the formats PNG, TIFF, NIfTI-1, NIfTI-1 (gzip), got one that begins with";
+        assert_eq!(detect(b"GIF89a").unwrap_err().to_string(), format!("{expected} 47 49 46 38 39 61"));
+        assert_eq!(detect(b"").unwrap_err().to_string(), format!("{expected} no bytes"));
+    }
+}

@@ -1,0 +1,222 @@
+//! The header of NIfTI-1: size, type, scale and affine map.
+
+use nifti::{Endianness, NiftiHeader, NiftiType};
+
+use super::super::grid::{check_spacing, cross};
+use super::NAME;
+use crate::image::error::ImageError;
+use crate::image::limits::Limits;
+use crate::image::value::ValueType;
+use crate::image::{Grid, LengthUnit};
+
+/// Number of bytes of a header.
+pub(super) const HEADER_BYTES: usize = 348;
+
+/// Position of the voxels where the header has none: header and four bytes that announce extensions.
+const FIRST_VOXEL: u64 = 352;
+
+/// Largest excess of `b² + c² + d²` over 1 that counts as rounding. Three 32-bit squares are rounded by 2e-7; the rest is for
+/// programs that normalise in single precision.
+const QUATERNION_ROUNDING: f64 = 1e-5;
+
+/// Below this, `1 − b² − c² − d²` is rounding: the rotation is by 180°, `a = 0`, and `b, c, d` are normalised. The value is that of
+/// the reference implementation, `nifti_quatern_to_mat44` in nifti1_io.c.
+const HALF_TURN: f64 = 1e-7;
+
+/// What is used of a header, checked.
+pub(super) struct Header {
+    pub(super) grid: Grid,
+    pub(super) stored: ValueType,
+    pub(super) big_endian: bool,
+    /// Slope and intercept, unless values are as stored.
+    pub(super) scale: Option<[f64; 2]>,
+    /// Position of the first voxel.
+    pub(super) offset: u64,
+}
+
+impl Header {
+    /// Checks a header, and that its image is within the limits.
+    pub(super) fn new(bytes: &[u8; HEADER_BYTES], limits: &Limits) -> Result<Self, ImageError> {
+        check_variant(bytes)?;
+        let raw = NiftiHeader::from_reader(&bytes[..]).map_err(|error| ImageError::corrupt(NAME, error))?;
+        if raw.sizeof_hdr != HEADER_BYTES as i32 {
+            return Err(unsupported("a header of 348 bytes (sizeof_hdr)", raw.sizeof_hdr));
+        }
+        let stored = value_type(&raw)?;
+        let size = limits.size(size(&raw)?)?;
+        let offset = offset(&raw)?;
+        let voxels = size.iter().map(|size| *size as u128).product::<u128>() * stored.bytes() as u128;
+        limits.bytes("NIfTI-1 header and voxels", u128::from(offset) + voxels)?;
+        let unit = unit(&raw)?;
+        let millimetres = unit.millimetres();
+        let grid = Grid::new(size, affine(&raw)?.map(|row| row.map(|entry| millimetres * entry)), [unit; 3])?;
+        let big_endian = raw.endianness == Endianness::Big;
+        Ok(Self { grid, stored, big_endian, scale: scale(&raw)?, offset })
+    }
+}
+
+/// Refuses what shares the name but not the layout: NIfTI-2, and headers whose voxels are in another file.
+fn check_variant(bytes: &[u8; HEADER_BYTES]) -> Result<(), ImageError> {
+    let whole = "a NIfTI-1 header with its voxels in the same file (magic n+1)";
+    match (&bytes[4..8], &bytes[344..348]) {
+        (b"n+2\0" | b"ni2\0", _) => Err(unsupported(whole, "a NIfTI-2 header")),
+        (_, b"n+1\0") => Ok(()),
+        (_, b"ni1\0") => Err(unsupported(whole, "a header alone (magic ni1)")),
+        _ => Err(unsupported(whole, "a file without its magic bytes")),
+    }
+}
+
+fn unsupported(expected: &'static str, found: impl ToString) -> ImageError {
+    ImageError::Unsupported { format: NAME, expected, found: found.to_string() }
+}
+
+fn value_type(raw: &NiftiHeader) -> Result<ValueType, ImageError> {
+    let expected = "integers or floating-point numbers of 8 to 64 bits (datatype)";
+    let found = raw.data_type().map_err(|_| unsupported(expected, raw.datatype))?;
+    let stored = match found {
+        NiftiType::Uint8 => ValueType::U8,
+        NiftiType::Uint16 => ValueType::U16,
+        NiftiType::Uint32 => ValueType::U32,
+        NiftiType::Uint64 => ValueType::U64,
+        NiftiType::Int8 => ValueType::I8,
+        NiftiType::Int16 => ValueType::I16,
+        NiftiType::Int32 => ValueType::I32,
+        NiftiType::Int64 => ValueType::I64,
+        NiftiType::Float32 => ValueType::F32,
+        NiftiType::Float64 => ValueType::F64,
+        other => return Err(unsupported(expected, format!("{} ({other:?})", raw.datatype))),
+    };
+    let bits = 8 * stored.bytes();
+    if usize::try_from(raw.bitpix) == Ok(bits) {
+        Ok(stored)
+    } else {
+        let fault = format!("expected bitpix {bits} for datatype {}, got {}", raw.datatype, raw.bitpix);
+        Err(ImageError::corrupt(NAME, fault))
+    }
+}
+
+/// Size along x, y, z, of 2 or 3 axes and any further ones of length 1.
+fn size(raw: &NiftiHeader) -> Result<[u64; 3], ImageError> {
+    let count = usize::from(raw.dim[0]);
+    if !(2..=7).contains(&count) {
+        return Err(unsupported("2 or 3 axes (dim[0])", raw.dim[0] as i16));
+    }
+    // The field is signed in the standard.
+    if let Some(axis) = (1..=count).find(|axis| (raw.dim[*axis] as i16) < 0) {
+        let fault = format!("expected 1 to 32767 cells (dim[{axis}]), got {}", raw.dim[axis] as i16);
+        return Err(ImageError::corrupt(NAME, fault));
+    }
+    if let Some(axis) = (4..=count).find(|axis| raw.dim[*axis] > 1) {
+        let found = format!("{} along axis {axis}", raw.dim[axis]);
+        return Err(unsupported("one value along each axis after the third", found));
+    }
+    Ok(std::array::from_fn(|axis| if axis < count { u64::from(raw.dim[axis + 1]) } else { 1 }))
+}
+
+fn offset(raw: &NiftiHeader) -> Result<u64, ImageError> {
+    let offset = f64::from(raw.vox_offset);
+    if offset == 0.0 {
+        Ok(FIRST_VOXEL)
+    } else if offset >= FIRST_VOXEL as f64 && offset.fract() == 0.0 && offset.is_finite() {
+        Ok(offset as u64)
+    } else {
+        let fault =
+            format!("expected voxels from a whole position of at least 352 on (vox_offset), got {offset}");
+        Err(ImageError::corrupt(NAME, fault))
+    }
+}
+
+/// Unit of lengths: the lowest three bits of the field.
+fn unit(raw: &NiftiHeader) -> Result<LengthUnit, ImageError> {
+    match raw.xyzt_units & 7 {
+        0 => Ok(LengthUnit::Unknown),
+        1 => Ok(LengthUnit::Metre),
+        2 => Ok(LengthUnit::Millimetre),
+        3 => Ok(LengthUnit::Micrometre),
+        other => Err(unsupported(
+            "lengths in metres, millimetres, micrometres or no unit (xyzt_units 0 to 3)",
+            other,
+        )),
+    }
+}
+
+/// A slope of 0 means none. Some programs write no number where they have no slope.
+fn scale(raw: &NiftiHeader) -> Result<Option<[f64; 2]>, ImageError> {
+    let [slope, intercept] = [raw.scl_slope, raw.scl_inter].map(f64::from);
+    if slope == 0.0 || slope.is_nan() || (slope, intercept) == (1.0, 0.0) {
+        return Ok(None);
+    }
+    if slope.is_finite() && intercept.is_finite() {
+        return Ok(Some([slope, intercept]));
+    }
+    let fault =
+        format!("expected a finite slope and intercept (scl_slope, scl_inter), got {slope} and {intercept}");
+    Err(ImageError::corrupt(NAME, fault))
+}
+
+/// Rows `[A | b]` in the unit of the file, by the methods of the standard in their order of precedence: sform (3), qform (2),
+/// spacing alone (1).
+fn affine(raw: &NiftiHeader) -> Result<[[f64; 4]; 3], ImageError> {
+    let mut rows = if raw.sform_code > 0 {
+        [raw.srow_x, raw.srow_y, raw.srow_z].map(|row| row.map(f64::from))
+    } else if raw.qform_code > 0 {
+        qform(raw)?
+    } else {
+        let spacing = spacing(raw)?;
+        std::array::from_fn(|r| std::array::from_fn(|c| if r == c { spacing[r] } else { 0.0 }))
+    };
+    if raw.dim[0] == 2 && rows.iter().all(|row| row[2] == 0.0) {
+        set_normal(&mut rows);
+    }
+    Ok(rows)
+}
+
+/// A plane has no third column: the unit normal of the other two completes the map without changing the orientation.
+fn set_normal(rows: &mut [[f64; 4]; 3]) {
+    let normal = cross(rows.map(|row| row[0]), rows.map(|row| row[1]));
+    let length = normal.iter().map(|x| x * x).sum::<f64>().sqrt();
+    if length > 0.0 {
+        for (row, entry) in rows.iter_mut().zip(normal) {
+            row[2] = entry / length;
+        }
+    }
+}
+
+/// `pixdim[1..4]`, positive; 1 along the missing axis of a plane.
+fn spacing(raw: &NiftiHeader) -> Result<[f64; 3], ImageError> {
+    let mut spacing = [1, 2, 3].map(|axis| f64::from(raw.pixdim[axis]));
+    if raw.dim[0] == 2 && spacing[2] == 0.0 {
+        spacing[2] = 1.0;
+    }
+    for (axis, value) in ['x', 'y', 'z'].into_iter().zip(spacing) {
+        check_spacing(axis, value)?;
+    }
+    Ok(spacing)
+}
+
+/// Method 2: `A = R diag(Δx, Δy, q Δz)`, `b` the position of the first voxel, `R` the rotation of the unit quaternion
+/// `a + bi + cj + dk` with `a = √(1 − b² − c² − d²)`, `q = −1` if `pixdim[0]` is negative, else 1.
+fn qform(raw: &NiftiHeader) -> Result<[[f64; 4]; 3], ImageError> {
+    let [b, c, d] = [raw.quatern_b, raw.quatern_c, raw.quatern_d].map(f64::from);
+    let square = b * b + c * c + d * d;
+    if !(square <= 1.0 + QUATERNION_ROUNDING) {
+        let fault = format!("expected a quaternion with b² + c² + d² of at most 1, got {square}");
+        return Err(ImageError::corrupt(NAME, fault));
+    }
+    let rest = 1.0 - square;
+    let (scale, a) = if rest < HALF_TURN { (square.sqrt(), 0.0) } else { (1.0, rest.sqrt()) };
+    let [b, c, d] = [b / scale, c / scale, d / scale];
+    let rotation = [
+        [a * a + b * b - c * c - d * d, 2.0 * (b * c - a * d), 2.0 * (b * d + a * c)],
+        [2.0 * (b * c + a * d), a * a + c * c - b * b - d * d, 2.0 * (c * d - a * b)],
+        [2.0 * (b * d - a * c), 2.0 * (c * d + a * b), a * a + d * d - b * b - c * c],
+    ];
+    let mut spacing = spacing(raw)?;
+    if raw.pixdim[0] < 0.0 {
+        spacing[2] = -spacing[2];
+    }
+    let first = [raw.quatern_x, raw.quatern_y, raw.quatern_z].map(f64::from);
+    Ok(std::array::from_fn(|r| {
+        std::array::from_fn(|c| if c < 3 { rotation[r][c] * spacing[c] } else { first[r] })
+    }))
+}

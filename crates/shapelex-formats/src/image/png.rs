@@ -1,0 +1,174 @@
+//! PNG: grey, grey with alpha, colour or palette, 1 to 16 bits.
+
+use std::io::Cursor;
+
+use png::{BitDepth, ColorType, Decoder, DecodingError, Info, Reader, Transformations};
+
+use super::error::ImageError;
+use super::file::{Description, ImageFile};
+use super::grid::{Grid, LengthUnit};
+use super::limits::{Limits, reserve};
+use super::stream::DEFLATE_RATIO;
+use super::value::{Source, Target, ValueType};
+
+/// Name in messages.
+pub(super) const NAME: &str = "PNG";
+
+const PIXELS: &str = "PNG pixels";
+
+/// Memory of the decoder beside rows and pixels: its window, and chunks of other kinds.
+const DECODER_BYTES: u64 = 1 << 20;
+
+/// Position of width and height: signature, length and name of the first chunk come before.
+const SIZE_AT: usize = 16;
+
+type Pixels<'a> = Decoder<Cursor<&'a [u8]>>;
+
+/// What is used of a header, checked.
+struct Header {
+    grid: Grid,
+    colour: ColorType,
+    depth: BitDepth,
+    /// Number of bytes after decompression.
+    compressed: u64,
+    /// Most bytes after palettes and transparent colours are expanded.
+    expanded: u64,
+}
+
+pub(super) fn describe(bytes: &[u8], limits: &Limits) -> Result<Description, ImageError> {
+    let (_, header) = open(bytes, limits)?;
+    let stored = if header.depth == BitDepth::Sixteen { ValueType::U16 } else { ValueType::U8 };
+    let values = header.grid.cells() as u64 * size_of::<f32>() as u64;
+    let channels = if header.colour == ColorType::Indexed { 3 } else { header.colour.samples() };
+    let memory_bytes = values + header.expanded + 2 * row_bytes(&header) + DECODER_BYTES;
+    Ok(Description { grid: header.grid, stored, channels, memory_bytes })
+}
+
+pub(super) fn read<T: Target>(bytes: &[u8], limits: &Limits) -> Result<ImageFile<T>, ImageError> {
+    let (mut decoder, header) = open(bytes, limits)?;
+    let found = (bytes.len() as u64).saturating_mul(DEFLATE_RATIO);
+    if found < header.compressed {
+        return Err(ImageError::Truncated { place: PIXELS, expected: header.compressed, found });
+    }
+    decoder.set_transformations(Transformations::EXPAND);
+    decoder.set_ignore_text_chunk(true);
+    decoder.set_ignore_iccp_chunk(true);
+    let mut reader = decoder.read_info().map_err(refusal)?;
+    check_frames(reader.info())?;
+    let pixels = frame(&mut reader, &header, limits)?;
+    let (colour, depth) = reader.output_color_type();
+    let mut values = reserve(header.grid.cells())?;
+    if depth == BitDepth::Sixteen {
+        append(pixels.as_chunks().0, u16::from_be_bytes, colour, &mut values)?;
+    } else {
+        let step = expansion(&header);
+        append(pixels.as_chunks().0, |[byte]| byte / step, colour, &mut values)?;
+    }
+    Ok(ImageFile { grid: header.grid, values })
+}
+
+/// The decoder of a file whose header is within the limits.
+fn open<'a>(bytes: &'a [u8], limits: &Limits) -> Result<(Pixels<'a>, Header), ImageError> {
+    // The decoder calls an empty image a fault of the header.
+    let number = |at: usize| bytes.get(at..at + 4)?.first_chunk().copied().map(u32::from_be_bytes);
+    if let (Some(width), Some(height)) = (number(SIZE_AT), number(SIZE_AT + 4)) {
+        limits.size([width.into(), height.into(), 1])?;
+    }
+    let most = usize::try_from(limits.bytes.saturating_add(DECODER_BYTES)).unwrap_or(usize::MAX);
+    let mut decoder = Decoder::new_with_limits(Cursor::new(bytes), png::Limits { bytes: most });
+    let info = decoder.read_header_info().map_err(refusal)?;
+    let header = Header::new(info, limits)?;
+    Ok((decoder, header))
+}
+
+impl Header {
+    fn new(info: &Info<'_>, limits: &Limits) -> Result<Self, ImageError> {
+        let (width, height) = info.size();
+        let size = limits.size([width.into(), height.into(), 1])?;
+        let bits = info.color_type.samples() as u128 * info.bit_depth as u128;
+        let row = 1 + (u128::from(width) * bits).div_ceil(8);
+        let compressed = limits.bytes(PIXELS, row * u128::from(height))?;
+        let channels = match info.color_type {
+            ColorType::Grayscale | ColorType::GrayscaleAlpha => 2,
+            ColorType::Rgb | ColorType::Rgba | ColorType::Indexed => 4,
+        };
+        let sample = if info.bit_depth == BitDepth::Sixteen { 2 } else { 1 };
+        let cells = size.iter().map(|size| *size as u64).product::<u64>();
+        let expanded = cells.saturating_mul(channels * sample);
+        let grid = Grid::along_axes(size, [1.0; 3], [LengthUnit::Unknown; 3])?;
+        Ok(Self { grid, colour: info.color_type, depth: info.bit_depth, compressed, expanded })
+    }
+}
+
+fn row_bytes(header: &Header) -> u64 {
+    header.compressed / header.grid.size()[1] as u64
+}
+
+/// The decoder makes 0 to 255 of grey values of fewer than 8 bits: the factor, a whole number. Palettes are not multiplied.
+fn expansion(header: &Header) -> u8 {
+    match (header.colour, header.depth) {
+        (ColorType::Grayscale, BitDepth::One) => 255,
+        (ColorType::Grayscale, BitDepth::Two) => 85,
+        (ColorType::Grayscale, BitDepth::Four) => 17,
+        _ => 1,
+    }
+}
+
+fn check_frames(info: &Info<'_>) -> Result<(), ImageError> {
+    match info.animation_control {
+        Some(animation) if animation.num_frames > 1 => {
+            let found = format!("an animation of {}", animation.num_frames);
+            Err(ImageError::Unsupported { format: NAME, expected: "one image", found })
+        }
+        _ => Ok(()),
+    }
+}
+
+/// The expanded pixels, and the check that the file is whole.
+fn frame(
+    reader: &mut Reader<Cursor<&[u8]>>,
+    header: &Header,
+    limits: &Limits,
+) -> Result<Vec<u8>, ImageError> {
+    let size = reader.output_buffer_size().filter(|size| *size as u64 <= header.expanded);
+    let size = size.ok_or_else(|| {
+        ImageError::corrupt(NAME, "a palette or transparency that does not fit its colour type")
+    })?;
+    limits.bytes(PIXELS, size as u128)?;
+    let mut pixels = reserve(size)?;
+    pixels.resize(size, 0);
+    reader.next_frame(&mut pixels).map_err(refusal)?;
+    reader.finish().map_err(refusal)?;
+    Ok(pixels)
+}
+
+/// Appends a value for every pixel; alpha is left out.
+fn append<S: Source, T: Target, const N: usize>(
+    samples: &[[u8; N]],
+    number: impl Fn([u8; N]) -> S,
+    colour: ColorType,
+    values: &mut Vec<T>,
+) -> Result<(), ImageError> {
+    for pixel in samples.chunks_exact(colour.samples()) {
+        let cell = values.len();
+        values.push(match pixel {
+            [grey] | [grey, _] => number(*grey).to(cell)?,
+            _ => T::colour([0, 1, 2].map(|c| number(pixel[c]).to_f64()), cell)?,
+        });
+    }
+    Ok(())
+}
+
+fn refusal(error: DecodingError) -> ImageError {
+    match error {
+        DecodingError::IoError(error) if error.kind() == std::io::ErrorKind::UnexpectedEof => {
+            ImageError::Short { format: NAME }
+        }
+        DecodingError::LimitsExceeded => ImageError::Unsupported {
+            format: NAME,
+            expected: "chunks within the limits",
+            found: "larger ones".into(),
+        },
+        other => ImageError::corrupt(NAME, other),
+    }
+}

@@ -1,0 +1,87 @@
+//! Boundaries of label images: closed contours in the plane, closed surfaces in space.
+
+use axum::extract::Request;
+use axum::http::StatusCode;
+use axum::response::Response;
+
+use crate::api::extract::{Caller, NoQuery};
+use crate::api::form;
+use crate::api::problem::Problem;
+use crate::api::respond::{Binary, Planned, compute_planned, json, planned};
+use crate::formats::checked::{Checked, Many, document, take_given, take_many, take_or_default};
+use crate::service::app::{App, ServiceError};
+use crate::service::segmentation::contours::{self, ContoursAnswer, Wanted};
+use crate::service::segmentation::image::Coordinates;
+
+document! {
+    /// What is wanted of a label image.
+    #[schema(example = json!({"least_cells": 20}))]
+    pub(super) struct ContoursRequest {
+        /// Labels whose boundaries are wanted. Default: all but 0.
+        #[schema(value_type = Option<Vec<u32>>)]
+        labels: Many<u32>;
+        /// Standard deviation of a Gaussian blur of the mask before its boundary is placed, in the unit of the coordinates: it
+        /// smooths the steps between cells and moves points by less than half a cell. Default: 0.
+        #[schema(value_type = Option<f64>, minimum = 0)]
+        blur: Checked<f64>;
+        /// Number of cells below which a component is left out. Default: 1.
+        #[schema(value_type = Option<usize>)]
+        least_cells: Checked<usize>;
+        /// Coordinates of the points. Default: `world`.
+        #[schema(value_type = Option<Coordinates>)]
+        coordinates: Checked<Coordinates>;
+    }
+}
+
+/// Form with a label image.
+#[derive(Debug, utoipa::ToSchema)]
+#[allow(dead_code, reason = "only for the document")]
+pub(super) struct ContoursForm {
+    /// What is wanted; the first part.
+    parameters: ContoursRequest,
+    /// Image of whole numbers: PNG, TIFF or NIfTI.
+    image: Binary,
+}
+
+/// Computes the boundaries of the labels of an image or a volume.
+///
+/// Each connected component of a label has one outer boundary, and its holes or cavities apart: nothing is merged. Cells of an
+/// image are connected across sides, those of a volume across faces. Points are in the middle between cells inside and outside,
+/// or where the blurred mask is ½. The contours can be posted as shapes, and the surfaces fitted with `POST /v1/fit`.
+#[utoipa::path(post, path = "/contours", tag = "images",
+    request_body(content = ContoursForm, content_type = "multipart/form-data"),
+    responses(
+        (status = 200, description = "The boundaries, one entry for each component", body = ContoursAnswer)
+    ))]
+pub(super) async fn contours(Caller(app): Caller, _: NoQuery, request: Request) -> Result<Response, Problem> {
+    let form = form::read(&app, request, &["image"]).await?;
+    let image = form.required("image")?;
+    let parameters = form.parameters;
+    compute_planned(app, parameters, move |app, parameters| {
+        let wanted = app.parse::<ContoursRequest>(parameters)?.wanted()?;
+        let found = contours::Planned::new(app, &image, wanted)?;
+        plan(found, image)
+    })
+    .await
+}
+
+fn plan(found: contours::Planned, image: axum::body::Bytes) -> Result<Planned, ServiceError> {
+    planned(found.work(), move |app: &App| json(StatusCode::OK, &found.contours(app, &image)?))
+}
+
+impl ContoursRequest {
+    fn wanted(self) -> Result<Wanted, ServiceError> {
+        let mut errors = self.faults;
+        let labels = take_many(self.labels, "/labels", &mut errors);
+        let blur = take_or_default(self.blur, "/blur", &mut errors);
+        let least_cells = take_given(self.least_cells, "/least_cells", &mut errors);
+        let coordinates = take_or_default(self.coordinates, "/coordinates", &mut errors);
+        ServiceError::unless_empty(errors)?;
+        match (blur, coordinates) {
+            (Some(blur), Some(coordinates)) => {
+                Ok(Wanted { labels, blur, least_cells: least_cells.unwrap_or(1), coordinates })
+            }
+            _ => Err(ServiceError::invalid("", "the request is incomplete")),
+        }
+    }
+}

@@ -1,0 +1,234 @@
+//! Contours of label images, and surfaces of label volumes.
+
+use serde::Serialize;
+
+use super::image::{Coordinates, ImageOutput, described, file_limits, plane_frame, refused, volume_frame};
+use crate::formats::image::{Description, ImageFile, read_labels};
+use crate::segmentation::SegmentationError;
+use crate::segmentation::contours::{
+    Component, Components, Dropped, Labels, Region, Selection, Solid, Surface,
+};
+use crate::service::app::memory::{Held, Purpose};
+use crate::service::app::{App, ServiceError, Work};
+
+/// Predicted seconds per cell: reading, and finding components.
+const CELL: f64 = 6e-8;
+/// Predicted bytes per cell beside the labels: components, and their parts in images of noise.
+const CELL_BYTES: usize = 16;
+
+/// What is wanted of an image.
+#[derive(Debug, Clone)]
+pub struct Wanted {
+    /// Labels; all but 0 if `None`.
+    pub labels: Option<Vec<u32>>,
+    /// Blur of the mask of a label before its boundary is placed, in the unit of the coordinates.
+    pub blur: f64,
+    /// Number of cells below which a component is left out.
+    pub least_cells: usize,
+    /// Coordinates of the answer.
+    pub coordinates: Coordinates,
+}
+
+/// A component of a label in the plane, as closed curves without a repeated point.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct RegionOutput {
+    #[serde(flatten)]
+    component: ComponentOutput,
+    /// The outer contour, counter-clockwise in the coordinates of the answer.
+    points: Vec<[f64; 2]>,
+    /// The contours of the holes, clockwise.
+    holes: Vec<Vec<[f64; 2]>>,
+}
+
+/// A component of a label in space, as closed surfaces.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct SolidOutput {
+    #[serde(flatten)]
+    component: ComponentOutput,
+    #[serde(flatten)]
+    outer: SurfaceOutput,
+    /// The surfaces of the cavities, whose normals point into them.
+    cavities: Vec<SurfaceOutput>,
+}
+
+/// A connected set of cells of one label: cells that share sides, or faces in space.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct ComponentOutput {
+    /// The label.
+    label: u32,
+    /// Position among the components of this label, from 0, in the order of their first cells.
+    component: usize,
+    /// Number of cells.
+    cells: usize,
+    /// Number of sides or faces of cells on the edge of the image, along which the component is closed.
+    edge_sides: usize,
+}
+
+/// A closed surface as a mesh.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct SurfaceOutput {
+    /// Positions of the vertices.
+    vertices: Vec<[f64; 3]>,
+    /// Triangles, counter-clockwise as seen from outside of the component.
+    faces: Vec<[u32; 3]>,
+    /// Number of handles.
+    genus: usize,
+}
+
+/// Components that are left out because they are small.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct LeftOutOutput {
+    /// Their number.
+    components: usize,
+    /// Their cells.
+    cells: usize,
+}
+
+/// A component: contours of an image, surfaces of a volume.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+#[serde(untagged)]
+pub enum LabelBoundary {
+    /// In the plane.
+    Region(RegionOutput),
+    /// In space.
+    Solid(SolidOutput),
+}
+
+/// Boundaries of the labels of an image.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct ContoursAnswer {
+    /// The image.
+    image: ImageOutput,
+    /// Coordinates of the points.
+    coordinates: Coordinates,
+    /// One entry for each component, in the order of their first cells.
+    results: Vec<LabelBoundary>,
+    /// Components with fewer cells than asked for.
+    left_out: LeftOutOutput,
+}
+
+/// An image of which the header was read.
+#[derive(Debug)]
+pub struct Planned {
+    wanted: Wanted,
+    description: Description,
+    _room: Held,
+}
+
+impl Planned {
+    /// Reads the header of an image, checks what is wanted and reserves memory.
+    ///
+    /// # Errors
+    /// Faults at `/image` and of the fields; [`ServiceError::Overloaded`] if memory is short.
+    pub fn new(app: &App, image: &[u8], wanted: Wanted) -> Result<Self, ServiceError> {
+        if !(wanted.blur >= 0.0 && wanted.blur.is_finite()) {
+            let detail = format!("expected a number of at least 0, got {}", wanted.blur);
+            return Err(ServiceError::invalid("/blur", detail));
+        }
+        let description = described(image, "image", &app.limits)?;
+        let labels = description.grid.cells().saturating_mul(size_of::<u32>() + CELL_BYTES);
+        let file = usize::try_from(description.memory_bytes).unwrap_or(usize::MAX);
+        let room = app.memory.hold(Purpose::Bodies, file.saturating_add(labels))?;
+        Ok(Self { wanted, description, _room: room })
+    }
+
+    /// Predicted work.
+    pub fn work(&self) -> Work {
+        let cells = self.description.grid.cells() as f64;
+        let blur = if self.wanted.blur > 0.0 { 2.0 } else { 1.0 };
+        Work::from_seconds(cells * CELL * blur)
+    }
+
+    /// The boundaries of the labels.
+    ///
+    /// # Errors
+    /// A file that is broken or holds no labels; wanted labels without cells; too many vertices; [`ServiceError::Cancelled`].
+    pub fn contours(&self, app: &App, image: &[u8]) -> Result<ContoursAnswer, ServiceError> {
+        let file = read_labels(image, &file_limits(&app.limits)).map_err(|error| refused(&error, "image"))?;
+        let selection = Selection {
+            labels: self.wanted.labels.clone(),
+            least_cells: self.wanted.least_cells,
+            most_components: app.limits.shapes,
+        };
+        let context = app.pool.context();
+        let stop = || context.is_cancelled();
+        let (results, dropped) = match file.grid.is_planar() {
+            true => self.regions(app, &file, &selection, &stop)?,
+            false => self.solids(app, &file, &selection, &stop)?,
+        };
+        Ok(ContoursAnswer {
+            image: ImageOutput::new(&file.grid),
+            coordinates: self.wanted.coordinates,
+            results,
+            left_out: LeftOutOutput { components: dropped.components, cells: dropped.cells },
+        })
+    }
+
+    fn regions(
+        &self,
+        app: &App,
+        file: &ImageFile<u32>,
+        selection: &Selection,
+        stop: &(dyn Fn() -> bool + Sync),
+    ) -> Result<(Vec<LabelBoundary>, Dropped), ServiceError> {
+        let frame = plane_frame(&file.grid, self.wanted.coordinates)?;
+        let [width, height, _] = file.grid.size();
+        let labels = Labels::<2>::new([width, height], &file.values).map_err(faulty)?;
+        let found = Components::find(&labels, selection, stop).map_err(faulty)?;
+        let found = found.ok_or(ServiceError::Cancelled)?;
+        let most = app.limits.samples.min(app.limits.answer_numbers / 2);
+        let regions = found.regions(&frame, self.wanted.blur, most, stop).map_err(faulty)?;
+        let regions = regions.ok_or(ServiceError::Cancelled)?;
+        Ok((regions.into_iter().map(region).collect(), found.dropped()))
+    }
+
+    fn solids(
+        &self,
+        app: &App,
+        file: &ImageFile<u32>,
+        selection: &Selection,
+        stop: &(dyn Fn() -> bool + Sync),
+    ) -> Result<(Vec<LabelBoundary>, Dropped), ServiceError> {
+        let frame = volume_frame(&file.grid, self.wanted.coordinates).map_err(faulty)?;
+        let labels = Labels::<3>::new(file.grid.size(), &file.values).map_err(faulty)?;
+        let found = Components::find(&labels, selection, stop).map_err(faulty)?;
+        let found = found.ok_or(ServiceError::Cancelled)?;
+        // Three coordinates, and two triangles of three indices.
+        let most = app.limits.vertices.min(app.limits.answer_numbers / 3);
+        let solids = found.solids(&frame, self.wanted.blur, most, stop).map_err(faulty)?;
+        let solids = solids.ok_or(ServiceError::Cancelled)?;
+        Ok((solids.into_iter().map(solid).collect(), found.dropped()))
+    }
+}
+
+/// Refusal of labels or of a setting.
+fn faulty(error: SegmentationError) -> ServiceError {
+    let pointer = match &error {
+        SegmentationError::BlurOfMask { .. } => "/blur",
+        SegmentationError::Label { .. } => "/labels",
+        SegmentationError::Components { .. } => "/least_cells",
+        _ => "/image",
+    };
+    ServiceError::invalid(pointer, error.to_string())
+}
+
+fn component(found: Component) -> ComponentOutput {
+    let Component { label, number, cells, border_faces, .. } = found;
+    ComponentOutput { label, component: number, cells, edge_sides: border_faces }
+}
+
+fn region(found: Region) -> LabelBoundary {
+    let Region { component: of, outer, holes } = found;
+    LabelBoundary::Region(RegionOutput { component: component(of), points: outer, holes })
+}
+
+fn surface(found: Surface) -> SurfaceOutput {
+    let genus = found.genus();
+    SurfaceOutput { vertices: found.mesh.vertices, faces: found.mesh.faces, genus }
+}
+
+fn solid(found: Solid) -> LabelBoundary {
+    let Solid { component: of, outer, cavities } = found;
+    let cavities = cavities.into_iter().map(surface).collect();
+    LabelBoundary::Solid(SolidOutput { component: component(of), outer: surface(outer), cavities })
+}

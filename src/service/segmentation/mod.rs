@@ -1,0 +1,9 @@
+//! Images to shapes. The functions are synchronous and run on the pool.
+//!
+//! * [`image`] — images of requests; [`contours`] — boundaries of labels.
+//!
+//! The arithmetic is in [`segmentation`](crate::segmentation), the files are read by [`formats::image`](crate::formats::image):
+//! this folder limits, predicts and names what is answered.
+
+pub mod contours;
+pub mod image;
