@@ -15,8 +15,9 @@
 
 CODESPELL = 2.4.3
 
+# The settings of the allocator: "Memory" in docs/operations.md.
 run:
-	cargo run --release --locked -- serve
+	MALLOC_ARENA_MAX=2 MALLOC_TRIM_THRESHOLD_=1048576 cargo run --release --locked -- serve
 
 # Prints the first comment block of this file.
 help:

@@ -118,6 +118,10 @@ serve_settings! {
     jobs: NonZeroUsize = "SHAPELEX_JOBS", NonZeroUsize::MIN;
     /// Maximum size of a request body in bytes, after decompression (for streams, the line limit applies instead)
     max_body_bytes: usize = "SHAPELEX_MAX_BODY_BYTES", Limits::default().body_bytes;
+    /// Maximum size of an image in bytes, as received and after decompression
+    max_image_bytes: usize = "SHAPELEX_MAX_IMAGE_BYTES", Limits::default().image_bytes;
+    /// Maximum number of pixels or voxels of an image
+    max_voxels: usize = "SHAPELEX_MAX_VOXELS", Limits::default().voxels;
     /// Maximum length of a line of an NDJSON stream in bytes
     max_line_bytes: usize = "SHAPELEX_MAX_LINE_BYTES", Limits::default().line_bytes;
     /// Maximum number of values in a JSON body, counted by its commas and brackets
@@ -262,6 +266,8 @@ impl ServeConfig {
             vertices: self.max_mesh_vertices,
             shapes: self.max_shapes,
             body_bytes: self.max_body_bytes,
+            image_bytes: self.max_image_bytes,
+            voxels: self.max_voxels,
             line_bytes: self.max_line_bytes,
             json_values: self.max_json_values,
             compression_ratio: self.max_compression_ratio,

@@ -9,7 +9,7 @@
 //! | use cases | [`service`] |
 //! | storage | [`store`] |
 //! | domain values | [`domain`] |
-//! | conversion between bytes and shapes | [`formats`] |
+//! | conversion between bytes, images and shapes; images to shapes | [`formats`], [`segmentation`], a crate |
 //! | statistics | [`analysis`], a crate |
 //! | shapes | [`geometry`], a crate |
 //! | arithmetic | [`numeric`], a crate |
@@ -32,3 +32,4 @@ pub mod worker;
 pub use shapelex_analysis as analysis;
 pub use shapelex_geometry as geometry;
 pub use shapelex_numeric as numeric;
+pub use shapelex_segmentation as segmentation;

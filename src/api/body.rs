@@ -14,6 +14,7 @@ use futures_util::{Stream, TryStreamExt};
 use http_body_util::{BodyExt, LengthLimitError, Limited};
 
 use super::extract::media_type;
+use super::form;
 use super::overload::Edge;
 use super::problem::{Problem, ProblemKind};
 use crate::formats::bounds::Census;
@@ -37,10 +38,11 @@ pub async fn bound(mut request: Request, next: Next) -> Response {
         request.extensions_mut().insert(wire.clone());
         request = request.map(|body| Body::new(wire.counting(body)));
     }
-    if is_stream(&media_type(request.headers())) {
+    let found = media_type(request.headers());
+    if is_stream(&found) {
         return next.run(request).await;
     }
-    let limit = edge.body_bytes;
+    let limit = if form::is_form(&found) { edge.form_bytes } else { edge.body_bytes };
     if length(request.headers()).is_some_and(|length| length > limit as u64) {
         return too_long(limit).into_response();
     }
@@ -102,10 +104,17 @@ fn too_long(limit: usize) -> Problem {
     Problem::new(ProblemKind::PayloadTooLarge, detail)
 }
 
-/// A body with the memory reserved for it.
-struct HeldBody {
+/// Bytes with the memory reserved for them, which is released when they are dropped.
+pub(super) struct HeldBody {
     bytes: Vec<u8>,
     _room: Held,
+}
+
+impl HeldBody {
+    /// The bytes with the memory reserved for them.
+    pub(super) fn of(bytes: Vec<u8>, room: Held) -> Bytes {
+        Bytes::from_owner(Self { bytes, _room: room })
+    }
 }
 
 impl AsRef<[u8]> for HeldBody {
@@ -115,7 +124,7 @@ impl AsRef<[u8]> for HeldBody {
 }
 
 /// Length beyond which a body is read on threads of their own: about 0.1 ms of decompression.
-const LONG: usize = 64 << 10;
+pub(super) const LONG: usize = 64 << 10;
 
 /// Reads a JSON body to its end. The memory reserved for it and for what is parsed from it is released when the bytes are
 /// dropped.
@@ -130,7 +139,7 @@ pub async fn read(app: &App, body: Body) -> Result<Bytes, Problem> {
         let rest = async move { reading.has_ended_within(usize::MAX).await.map(|_| reading) };
         reading = app.pool.read_body(rest).await??;
     }
-    Ok(Bytes::from_owner(HeldBody { bytes: reading.bytes, _room: reading.room }))
+    Ok(HeldBody::of(reading.bytes, reading.room))
 }
 
 /// A body of which a part has been read.
@@ -164,7 +173,7 @@ impl Reading {
     }
 }
 
-fn too_many_values(most: usize) -> Problem {
+pub(super) fn too_many_values(most: usize) -> Problem {
     let detail = format!("the body has more than {most} values (commas and brackets are counted)");
     Problem::new(ProblemKind::PayloadTooLarge, detail)
 }
@@ -186,7 +195,7 @@ fn cause<'a, E: std::error::Error + 'static>(error: &'a (dyn std::error::Error +
 }
 
 /// Problem that describes why a body could not be read.
-fn unreadable(error: axum::Error, limit: usize) -> Problem {
+pub(super) fn unreadable(error: axum::Error, limit: usize) -> Problem {
     if cause::<LengthLimitError>(&error).is_some() {
         return too_long(limit);
     }

@@ -21,6 +21,7 @@ mod cross_origin;
 mod document;
 pub mod drain;
 pub mod extract;
+pub mod form;
 mod gate;
 pub mod headers;
 pub mod health;
@@ -68,6 +69,7 @@ use problem::{Problem, ProblemKind};
         (name = "statistics", description = "Stateless: everything in the request, nothing stored"),
         (name = "curves", description = "Curves and surfaces: evaluation, measures, fits, paths, deformation"),
         (name = "cohorts", description = "Named sets of shapes and their mean"),
+        (name = "images", description = "Shapes from images and volumes"),
         (name = "retrieval", description = "Nearest shapes, and distances of all pairs"),
         (name = "jobs", description = "Long-running work: progress, events, cancellation"),
         (name = "dictionaries", description = "Components and sparse atoms learnt from cohorts, and their use"),

@@ -13,6 +13,7 @@ use axum::response::{IntoResponse, Response};
 use governor::clock::{Clock, DefaultClock};
 use governor::{DefaultKeyedRateLimiter, Quota, RateLimiter};
 
+use super::form;
 use super::observe;
 use super::problem::{Problem, ProblemKind};
 use crate::domain::access::Principal;
@@ -26,6 +27,8 @@ const SWEEP: u32 = 1024;
 pub struct Edge {
     /// Maximum number of body bytes on the wire, except for streams of lines.
     pub body_bytes: usize,
+    /// Maximum number of body bytes of a form, on the wire.
+    pub form_bytes: usize,
     /// Maximum ratio of decompressed to compressed size.
     pub compression_ratio: u64,
     light: Duration,
@@ -39,6 +42,7 @@ impl Edge {
     pub fn new(limits: &Limits) -> Arc<Self> {
         Arc::new(Self {
             body_bytes: limits.body_bytes,
+            form_bytes: form::most_bytes(limits),
             compression_ratio: limits.compression_ratio as u64,
             light: limits.light_time,
             compute: limits.compute_time,

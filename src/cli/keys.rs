@@ -7,6 +7,7 @@ use clap::{Args, Subcommand};
 
 use crate::domain::access::{DEFAULT_TENANT, Principal, Role, tenant_problem};
 use crate::domain::key::Key;
+use crate::formats::time::rfc3339;
 use crate::service::access::keys::{self, NewKey};
 use crate::service::app::{App, Limits, ServiceError, now_ms};
 use crate::store_location::{self, StoreLocation};
@@ -147,15 +148,13 @@ async fn list(app: &App) -> Result<String, ServiceError> {
 }
 
 fn line(key: &Key, now: i64) -> String {
-    let time =
-        |ms: i64| jiff::Timestamp::from_millisecond(ms).map_or_else(|_| ms.to_string(), |t| t.to_string());
     let state = match (key.revoked_at_ms, key.expires_at_ms) {
         (Some(_), _) => "revoked".into(),
         (None, Some(end)) if end <= now => "expired".into(),
-        (None, Some(end)) => format!("until {}", time(end)),
+        (None, Some(end)) => format!("until {}", rfc3339(end)),
         (None, None) => "valid".into(),
     };
-    let used = key.used_at_ms.map_or_else(|| "never".into(), time);
+    let used = key.used_at_ms.map_or_else(|| "never".into(), rfc3339);
     let cohorts = key.cohorts.as_ref().map_or_else(|| "all".into(), |ids| ids.join(","));
     format!("{}\t{}\t{state}\t{used}\t{cohorts}\t{}\n", key.id, key.role.as_str(), key.name)
 }

@@ -135,6 +135,11 @@ impl<'a> NewChange<'a> {
         Self { kind, object: cohort, cohort: Some(cohort), revision: Some(revision), shapes: None }
     }
 
+    /// A change of a shape of the cohort.
+    pub fn for_shape(kind: ChangeKind, shape: &'a str, cohort: &'a str, revision: u64) -> Self {
+        Self { kind, object: shape, cohort: Some(cohort), revision: Some(revision), shapes: None }
+    }
+
     /// A change of the state of a job on the cohort.
     pub fn for_job(kind: ChangeKind, job: &'a str, cohort: Option<&'a str>) -> Self {
         Self { kind, object: job, cohort, revision: None, shapes: None }

@@ -6,11 +6,11 @@
 //! * [`checked`] — JSON values that keep their own error, so that a request reports all of them;
 //! * [`ndjson`] — lines of a byte stream;
 //! * [`representation`] — representations as JSON;
-//! * [`merge_patch`] — changes of a JSON object;
+//! * [`merge_patch`] — changes of a JSON object; [`time`] — times as text;
 //! * [`matrix`] — square matrices as JSON, CSV and NPY;
 //! * [`table`] — tables as JSON, CSV, NDJSON and Arrow;
 //! * [`mesh`] — triangle meshes as OBJ, PLY, STL and glTF; [`gltf`] — also with displacements;
-//! * [`picture`] — drawings as SVG and PNG.
+//! * [`picture`] — drawings as SVG and PNG; [`image`] — images and volumes, a crate.
 
 pub mod bounds;
 pub mod checked;
@@ -25,3 +25,6 @@ pub mod picture;
 pub mod representation;
 pub mod shape;
 pub mod table;
+pub mod time;
+
+pub use shapelex_formats::image;

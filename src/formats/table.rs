@@ -19,6 +19,8 @@ use arrow_ipc::writer::StreamWriter;
 use arrow_schema::{ArrowError, Field, Schema};
 use serde_json::{Map, Value};
 
+use super::time::rfc3339;
+
 /// File format of a table.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TableFormat {
@@ -101,24 +103,24 @@ impl Values {
     }
 
     /// The value of a row as JSON.
-    fn json(&self, row: usize, time_text: fn(i64) -> String) -> Value {
+    fn json(&self, row: usize) -> Value {
         match self {
             Self::Text { rows, texts } => {
                 texts.get(rows[row] as usize).map_or(Value::Null, |text| Value::from(text.as_ref()))
             }
             Self::Number(values) => Value::from(values[row]),
             Self::Flag(values) => Value::from(values[row]),
-            Self::Time(values) => Value::from(time_text(values[row])),
+            Self::Time(values) => Value::from(rfc3339(values[row])),
         }
     }
 
     /// The value of a row as a CSV field.
-    fn write_csv(&self, row: usize, time_text: fn(i64) -> String, line: &mut String) {
+    fn write_csv(&self, row: usize, line: &mut String) {
         match self {
             Self::Text { rows, texts } => {
                 line.push_str(&texts.get(rows[row] as usize).map_or_else(String::new, |text| quoted(text)));
             }
-            other => match other.json(row, time_text) {
+            other => match other.json(row) {
                 Value::Null => {}
                 Value::String(text) => line.push_str(&text),
                 value => line.push_str(&value.to_string()),
@@ -136,8 +138,6 @@ pub struct Table {
     pub columns: Vec<(String, Values)>,
     /// Number of rows.
     pub rows: usize,
-    /// Text of a time, given in milliseconds since 1970 UTC.
-    pub time_text: fn(i64) -> String,
 }
 
 /// Number of rows written at once.
@@ -172,14 +172,14 @@ impl Table {
         let mut head = Value::from(fields).to_string();
         head.pop();
         head.push_str(",\"columns\":[");
-        let (blocks, time_text): (Vec<_>, _) = (self.blocks().collect(), self.time_text);
+        let blocks: Vec<_> = self.blocks().collect();
         let columns = self.columns.into_iter().enumerate().flat_map(move |(index, (name, values))| {
             let comma = if index == 0 { "" } else { "," };
             let (name, kind) = (Value::from(name), values.type_name());
             let open = format!("{comma}{{\"name\":{name},\"type\":\"{kind}\",\"values\":[");
             let written = blocks.clone().into_iter().map(move |block| {
                 let first = block.start == 0;
-                let list: Vec<Value> = block.map(|row| values.json(row, time_text)).collect();
+                let list: Vec<Value> = block.map(|row| values.json(row)).collect();
                 let list = Value::from(list).to_string();
                 let comma = if first { "" } else { "," };
                 format!("{comma}{}", &list[1..list.len() - 1]).into_bytes()
@@ -213,7 +213,7 @@ impl Table {
     fn write_csv_row(&self, row: usize, text: &mut String) {
         for (index, (_, values)) in self.columns.iter().enumerate() {
             text.push_str(if index == 0 { "" } else { "," });
-            values.write_csv(row, self.time_text, text);
+            values.write_csv(row, text);
         }
         text.push_str("\r\n");
     }
@@ -223,7 +223,7 @@ impl Table {
             text.push(if index == 0 { '{' } else { ',' });
             text.push_str(key);
             text.push(':');
-            text.push_str(&values.json(row, self.time_text).to_string());
+            text.push_str(&values.json(row).to_string());
         }
         text.push_str("}\n");
     }
@@ -358,7 +358,7 @@ mod tests {
             ("at".to_owned(), Values::Time(vec![1_000; rows])),
         ];
         let fields = [("revision".to_owned(), Value::from(7))].into_iter().collect();
-        Table { fields, columns, rows, time_text: |ms| format!("at {ms}") }
+        Table { fields, columns, rows }
     }
 
     fn written(rows: usize, format: TableFormat) -> Vec<u8> {
@@ -387,7 +387,7 @@ mod tests {
         let csv = String::from_utf8(written(3, TableFormat::Csv)).unwrap();
         let lines: Vec<&str> = csv.split_terminator("\r\n").collect();
         assert_eq!(lines[0], "external_id,label,area,flag,at");
-        assert_eq!(lines[2], "\"s1, \"\"x\"\"\",b,,false,at 1000");
+        assert_eq!(lines[2], "\"s1, \"\"x\"\"\",b,,false,1970-01-01T00:00:01Z");
         let lines = String::from_utf8(written(BLOCK + 2, TableFormat::Ndjson)).unwrap();
         let rows: Vec<Value> = lines.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
         assert_eq!(rows.len(), BLOCK + 2);

@@ -6,6 +6,7 @@
 //! * [`audit`], [`jobs`] — the audit trail; work that outlives its request;
 //! * [`shapes`] — shapes of a request: read, evaluate, measure, fit, deform, morph;
 //! * [`statistics`] — projections, means, alignments and components of posted shapes;
+//! * [`segmentation`] — images to shapes;
 //! * [`cost`] — predicted cost of requests;
 //! * [`cohorts`] — stored shapes; [`access`] — authentication of callers; [`events`] — what happens, as a stream;
 //! * [`hooks`] — deliveries of changes to addresses of clients;
@@ -26,6 +27,7 @@ pub mod hooks;
 pub mod inference;
 pub mod jobs;
 pub mod search;
+pub mod segmentation;
 pub mod shapes;
 pub mod statistics;
 pub mod tables;

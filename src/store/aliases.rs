@@ -1,6 +1,6 @@
 //! Aliases of dictionaries: names for versions, which can be moved.
 //!
-//! A move is one row, replaced in one transaction: whoever resolves `name@alias` gets the version before or after it. An alias
+//! A move is one row, replaced in one transaction: a request that resolves `name@alias` gets the version before or after it. An alias
 //! names a version that is not in the trash, since each of the two transactions first locks the row of the version.
 
 use super::changes;

@@ -61,13 +61,7 @@ impl Store {
         sql(&mut write, SHOW).bind(chunk).bind(revision).bind(now_ms).execute().await?;
         sql(&mut write, AGE).bind(chunk).bind(shape.created_at_ms).execute().await?;
         sql(&mut write, GROW).bind(cohort).bind(revision).bind(now_ms).execute().await?;
-        let change = NewChange {
-            kind: ChangeKind::ShapeUpdated,
-            object: &shape.id,
-            cohort: Some(cohort_id),
-            revision: Some(from_sql(revision)),
-            shapes: None,
-        };
+        let change = NewChange::for_shape(ChangeKind::ShapeUpdated, &shape.id, cohort_id, from_sql(revision));
         changes::record(&mut write, self.tenant(), &change, now_ms).await?;
         write.commit().await?;
         Ok(Some(from_sql(revision)))

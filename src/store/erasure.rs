@@ -10,6 +10,7 @@ use std::time::Duration;
 
 use serde_json::Value;
 
+use super::assessments;
 use super::blob::{self, ROWS_PER_CHUNK};
 use super::changes;
 use super::engine::{Query, Row, Transaction, sql};
@@ -156,6 +157,7 @@ impl Store {
         cohort.jobs = self.jobs_about(&mut write, &cohort.id, subject, (rows.as_slice(), lock)).await?;
         end_jobs(&mut write, &cohort.jobs).await?;
         empty(&mut write, subject, &rows).await?;
+        assessments::forget(&mut write, number, rows.iter().map(|row| row.id.as_str())).await?;
         let living = rows.iter().filter(|row| row.is_living).count() as u64;
         let revision: i64 =
             sql(&mut write, GROW).bind(number).bind(to_sql(living)).bind(now_ms).scalar().await?;

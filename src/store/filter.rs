@@ -134,7 +134,8 @@ impl Selection<'_> {
     }
 }
 
-fn push_filter(query: &mut Query<'_>, filter: &ShapeFilter) {
+/// Appends the conditions of a filter on the shapes (`s`) and their chunks (`c`).
+pub(super) fn push_filter(query: &mut Query<'_>, filter: &ShapeFilter) {
     for (attribute, condition) in filter.conditions() {
         push_condition(query, &attribute, condition);
     }

@@ -6,7 +6,8 @@
 //! job ── job_output ─< job_output_part the queue, the history of finished jobs, and their outputs, large ones in parts
 //!  └── pass ─< task                  the distributed passes of a job, and their parts
 //! dictionary ── dictionary_data     versions, each written once
-//!      └──< dictionary_alias         names for versions, which can be moved
+//!      ├──< dictionary_alias         names for versions, which can be moved
+//!      └──< assessment               what a version said of a stored shape
 //! ```
 //!
 //! A chunk records the revision of its cohort that added it, a shape the revision that deleted it; the set at revision `r`
@@ -17,7 +18,7 @@
 //! SQLite: one connection writes, in short transactions; four read; the folder belongs to one process. PostgreSQL: any
 //! number of processes; only writers of the same cohort wait for each other. The SQL is the same (`engine`).
 //!
-//! * [`cohorts`], [`shapes`], [`dictionaries`] — finding, listing and deleting; `aliases` — names for versions; [`upload`] — storing shapes;
+//! * [`cohorts`], [`shapes`], [`dictionaries`] — finding, listing and deleting; `aliases` — names for versions; `assessments` — what they said of shapes; [`upload`] — storing shapes;
 //! * `corrections` — shapes stored again with other attributes, or deleted; `erasure` — everything of a subject removed;
 //! * [`scan`] — reading control points in bulk; `places` — where they are, and whose they are;
 //! * [`jobs`] — the queue; [`tasks`] — distributed parts of jobs; [`outputs`] — large results of jobs;
@@ -28,6 +29,7 @@
 //! * `replica` — which processes are alive; `clock` — notes about the clock.
 
 mod aliases;
+mod assessments;
 mod attributes;
 pub mod audit;
 mod blob;
@@ -63,6 +65,7 @@ mod trash;
 pub mod upload;
 
 pub use aliases::{AliasMove, AliasMoved, MAX_ALIASES};
+pub use assessments::{AssessmentListing, AssessmentRun, NewAssessment, StoredAssessment};
 pub use attributes::Unmeasured;
 pub use audit::AuditCheck;
 pub use clock::ClockNotes;

@@ -34,23 +34,31 @@ impl Store {
     /// # Errors
     /// Database errors.
     pub async fn add_output_part(&self, job: &Job, part: u64, data: &[u8]) -> Result<bool, StoreError> {
-        // An erasure begins an attempt again under its number, but at another time.
         const ADD: &str = "INSERT INTO job_output_part (job, attempt, part, checksum, data)
-            SELECT $1, $2, $3, $4, $5 WHERE EXISTS (SELECT 1 FROM job
-                WHERE id = $1 AND tenant = $6 AND status = 'running' AND attempt = $2 AND started_at_ms = $7)";
+            VALUES ($1, $2, $3, $4, $5)";
         let mut write = self.begin_write(&job.id).await?;
-        let added = sql(&mut write, ADD)
+        if !self.holds(&mut write, job).await? {
+            return Ok(false);
+        }
+        sql(&mut write, ADD)
             .bind(&job.id)
             .bind(i64::from(job.attempt))
             .bind(to_sql(part))
             .bind(blake3::hash(data).as_bytes().to_vec())
             .bind(data)
-            .bind(self.tenant())
-            .bind(job.started_at_ms)
             .execute()
             .await?;
         write.commit().await?;
-        Ok(added == 1)
+        Ok(true)
+    }
+
+    /// Whether the attempt at a `job`, as it was claimed, lasts.
+    pub(super) async fn holds(&self, write: &mut Transaction, job: &Job) -> Result<bool, StoreError> {
+        // An erasure begins an attempt again under its number, but at another time.
+        const HELD: &str = "SELECT id FROM job
+            WHERE id = $1 AND tenant = $2 AND status = 'running' AND attempt = $3 AND started_at_ms = $4";
+        let held = sql(write, HELD).bind(&job.id).bind(self.tenant()).bind(i64::from(job.attempt));
+        Ok(held.bind(job.started_at_ms).optional_scalar::<String>().await?.is_some())
     }
 
     /// Removes what earlier attempts at a job have stored of its output.

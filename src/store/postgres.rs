@@ -22,6 +22,7 @@ const MIGRATIONS: &[(i64, &str, &str)] = &[
     (11, "measures and corrections", include_str!("migrations/postgres/0011_measures_and_corrections.sql")),
     (12, "aliases and output parts", include_str!("migrations/postgres/0012_aliases_and_output_parts.sql")),
     (13, "hooks", include_str!("migrations/postgres/0013_hooks.sql")),
+    (14, "assessments", include_str!("migrations/postgres/0014_assessments.sql")),
 ];
 
 /// Connection options for the database at `url`.

@@ -362,13 +362,7 @@ impl Store {
         const UPDATE: &str = "UPDATE cohort
             SET revision = $2, shapes = shapes - 1, updated_at_ms = $3 WHERE id = $1";
         sql(&mut write, UPDATE).bind(cohort_id).bind(revision).bind(now_ms).execute().await?;
-        let change = NewChange {
-            kind: ChangeKind::ShapeDeleted,
-            object: shape_id,
-            cohort: Some(cohort_id),
-            revision: Some(from_sql(revision)),
-            shapes: None,
-        };
+        let change = NewChange::for_shape(ChangeKind::ShapeDeleted, shape_id, cohort_id, from_sql(revision));
         changes::record(&mut write, self.tenant(), &change, now_ms).await?;
         write.commit().await?;
         Ok(Some(from_sql(revision)))

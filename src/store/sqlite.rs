@@ -36,6 +36,7 @@ const MIGRATIONS: &[(i64, &str, &str)] = &[
     (11, "measures and corrections", include_str!("migrations/sqlite/0011_measures_and_corrections.sql")),
     (12, "aliases and output parts", include_str!("migrations/sqlite/0012_aliases_and_output_parts.sql")),
     (13, "hooks", include_str!("migrations/sqlite/0013_hooks.sql")),
+    (14, "assessments", include_str!("migrations/sqlite/0014_assessments.sql")),
 ];
 
 fn options(file: &Path) -> SqliteConnectOptions {

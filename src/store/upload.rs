@@ -140,11 +140,8 @@ impl Upload {
         receipts::keep(&mut write, tenant, receipt(from_sql(revision)).as_ref(), now_ms).await?;
         if count > 0 {
             let change = NewChange {
-                kind: ChangeKind::ShapesAdded,
-                object: &self.cohort_id,
-                cohort: Some(&self.cohort_id),
-                revision: Some(from_sql(revision)),
                 shapes: Some(from_sql(count)),
+                ..NewChange::for_cohort(ChangeKind::ShapesAdded, &self.cohort_id, from_sql(revision))
             };
             changes::record(&mut write, tenant, &change, now_ms).await?;
         }

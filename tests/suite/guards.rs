@@ -8,6 +8,7 @@ use reqwest::Method;
 use serde_json::{Value, json};
 
 use crate::document::furnished;
+use crate::form::{label_picture, post_image};
 use crate::server::{Setting, shared};
 use crate::structure::{name, program};
 
@@ -17,6 +18,7 @@ const OPERATIONS: &[&str] = &[
     "DELETE /v1/cohorts/{cohort}",
     "PATCH /v1/cohorts/{cohort}",
     "GET /v1/changes",
+    "GET /v1/cohorts/{cohort}/assessments",
     "GET /v1/cohorts/{cohort}/attributes",
     "GET /v1/cohorts/{cohort}/table",
     "POST /v1/cohorts/{cohort}/table",
@@ -76,6 +78,7 @@ const OPERATIONS: &[&str] = &[
     "POST /v1/cohorts/{cohort}/search",
     "POST /v1/cohorts/{cohort}/shapes",
     "POST /v1/comparisons",
+    "POST /v1/contours",
     "POST /v1/deform",
     "POST /v1/dictionaries",
     "POST /v1/dictionaries/import",
@@ -277,6 +280,14 @@ fn the_examples_of_the_interface_document_work() {
             continue;
         }
         for (media_type, body) in content {
+            // The example of a form is that of its JSON document; its files are a picture.
+            let form = resolve(&document, &body["schema"]).pointer("/properties/parameters");
+            if let Some(parameters) = form.filter(|_| media_type == "multipart/form-data") {
+                let example = &resolve(&document, parameters)["example"];
+                let path = name.split_once(' ').unwrap().1;
+                post_image(&server, path, example, &label_picture()).expect(200);
+                continue;
+            }
             let own = body.get("example");
             let of_schema = || resolve(&document, &body["schema"]).get("example");
             // The lines are the shapes of the document, whose other fields are in the query: `http_results` sends them.

@@ -279,3 +279,111 @@ fn bad_requests_for_assessments_are_refused() {
     server.send(csv).expect_problem(406, "not-acceptable", &[]);
     assert_eq!(server.get("/v1/jobs?kind=assess").expect(200)["items"], json!([]));
 }
+
+/// A page of stored assessments.
+#[track_caller]
+fn stored(server: &Server, query: &str) -> Value {
+    server.get(&format!("/v1/cohorts/example-cells/assessments?{query}")).expect(200)
+}
+
+#[test]
+fn assessments_are_stored_beside_the_shapes_and_listed() {
+    let server = furnished();
+    assert_eq!(stored(&server, ""), json!({"items": [], "next": null}));
+    let quiet = lines(&server.post(PATH, &json!({"cohort": "example-cells"})));
+    assert_eq!(stored(&server, "")["items"], json!([]));
+    let body = json!({"cohort": "example-cells", "quantile": 0.9, "store": true});
+    let at_once = lines(&server.post(PATH, &body));
+    assert_ne!(quiet, at_once);
+    // Entries are the lines, with the revision and the time; pages hold all of them.
+    let (mut found, mut cursor) = (Vec::new(), String::new());
+    loop {
+        let page = stored(&server, &format!("dictionary=modes&limit=7{cursor}"));
+        found.extend(page["items"].as_array().unwrap().clone());
+        let Some(next) = page["next"].as_str() else { break };
+        cursor = format!("&cursor={next}");
+    }
+    let mut bare = found.clone();
+    for entry in &mut bare {
+        let entry = entry.as_object_mut().unwrap();
+        assert_eq!(entry.remove("cohort_revision"), Some(json!(1)));
+        assert!(entry.remove("assessed_at").unwrap().as_str().unwrap().ends_with('Z'));
+    }
+    let id = |line: &Value| line["id"].as_str().unwrap().to_owned();
+    let mut expected = at_once.clone();
+    expected.sort_by_key(id);
+    assert_eq!(bare, expected);
+    // Filters: outliers, the accepted class, attributes of the shapes.
+    let outliers = at_once.iter().filter(|line| line["novelty"]["is_outlier"] == true).count();
+    let count = |query: &str| stored(&server, query)["items"].as_array().unwrap().len();
+    assert!(outliers > 0 && outliers < at_once.len());
+    assert_eq!(count("limit=1000&is_outlier=true"), outliers);
+    assert_eq!(count("limit=1000&is_outlier=false"), at_once.len() - outliers);
+    let of_class = |label: &str| {
+        let is_of = |line: &&Value| line["class"]["label"] == label && line["class"]["accepted"] == true;
+        at_once.iter().filter(is_of).count()
+    };
+    for label in ["control", "none such"] {
+        assert_eq!(count(&format!("limit=1000&class={}", label.replace(' ', "%20"))), of_class(label));
+    }
+    let control =
+        server.get("/v1/cohorts/example-cells/shapes?labels[treatment]=control&limit=1000&fields=id");
+    let control = control.expect(200)["items"].as_array().unwrap().len();
+    assert_eq!(count("limit=1000&labels[treatment]=control"), control);
+    // A later assessment replaces the earlier one, by a job as well.
+    let again = json!({"cohort": "example-cells", "quantile": 0.99, "store": true});
+    let job = submit(&server, &again, "respond-async").expect(202);
+    let job = ended(&server, &format!("/v1/jobs/{}", job["id"].as_str().unwrap()));
+    assert_eq!(job["result"]["stored_count"], json!(at_once.len()), "{job}");
+    let newest = stored(&server, "limit=1000");
+    assert_eq!(newest["items"].as_array().unwrap().len(), at_once.len());
+    let novelty = |lines: &[Value]| {
+        let mut named: Vec<_> = lines.iter().map(|line| (id(line), line["novelty"].clone())).collect();
+        named.sort_by(|a, b| a.0.cmp(&b.0));
+        named
+    };
+    assert_eq!(novelty(newest["items"].as_array().unwrap()), novelty(&quiet));
+}
+
+#[test]
+fn stored_assessments_follow_their_shapes() {
+    let server = furnished();
+    lines(&server.post(PATH, &json!({"cohort": "example-cells", "store": true})));
+    let all = stored(&server, "limit=1000")["items"].as_array().unwrap().clone();
+    let (first, second) = (all[0]["id"].as_str().unwrap(), all[1]["id"].as_str().unwrap());
+    assert_eq!(server.delete(&format!("/v1/cohorts/example-cells/shapes/{first}")).status, 204);
+    let ids = |page: &Value| -> Vec<Value> {
+        page["items"].as_array().unwrap().iter().map(|item| item["id"].clone()).collect()
+    };
+    let left = ids(&stored(&server, "limit=1000"));
+    assert_eq!(left.len(), all.len() - 1);
+    assert!(!left.contains(&json!(first)) && left.contains(&json!(second)));
+    // A corrected shape keeps its assessment, and is found by its new attributes.
+    let path = format!("/v1/cohorts/example-cells/shapes/{second}");
+    server.send(server.request(Method::PATCH, &path).json(&json!({"subject": "s"}))).expect(200);
+    let found = stored(&server, "limit=1000&subject=s");
+    assert_eq!(ids(&found), [json!(second)]);
+    // Erasing the subject removes it.
+    server.delete("/v1/subjects/s").expect(200);
+    assert_eq!(ids(&stored(&server, "limit=1000")).len(), left.len() - 1);
+    // So does removing the dictionary for good.
+    let dictionary = all[0]["dictionary"]["id"].as_str().unwrap();
+    assert_eq!(server.delete(&format!("/v1/dictionaries/{dictionary}")).status, 204);
+    assert_eq!(server.delete(&format!("/v1/trash/{dictionary}")).status, 204);
+    assert_eq!(stored(&server, ""), json!({"items": [], "next": null}));
+}
+
+#[test]
+fn lists_of_stored_assessments_are_refused_by_name() {
+    let server = furnished();
+    let of = |query: &str| server.get(&format!("/v1/cohorts/example-cells/assessments?{query}"));
+    of("is_outlier=perhaps").expect_problem(400, "invalid-query", &[]);
+    of("cursor=elsewhere").expect_problem(400, "invalid-query", &[]);
+    of("limit=0").expect_problem(400, "invalid-query", &[]);
+    of("classes=a").expect_problem(400, "invalid-query", &[]);
+    of("labels[treatmnt]=control").expect_problem(400, "invalid-query", &[]);
+    of("dictionary=nothing").expect_problem(404, "not-found", &[]);
+    server.get("/v1/cohorts/nothing/assessments").expect_problem(404, "not-found", &[]);
+    let body = json!({"cohort": "example-cells", "store": "yes"});
+    server.post(PATH, &body).expect_problem(422, "invalid-input", &["/store"]);
+}

@@ -353,7 +353,7 @@ fn who_has_no_key_is_slowed_down_and_fills_neither_trail_nor_log() {
     refused.expect_problem(429, "too-many-requests", &[]);
     assert!(refused.header("retry-after").is_some());
     for _ in 0..100 {
-        // Whoever has a key hears nothing of it, and neither does who asks for what does not exist.
+        // The limit applies neither to callers with a key nor to addresses that do not exist.
         with(&secret, "/v1/cohorts").expect(200);
         with("shk_wrong", "/v1/nothing-here").expect(404);
         with("shk_wrong", "/nothing-here").expect(404);
@@ -567,7 +567,7 @@ fn asks(server: &Server, certificate: &str) -> bool {
     let url = format!("{}/livez", server.address());
     wait(async {
         client.get(url).send().await.is_ok_and(|response| {
-            // Whoever came by TLS comes back by TLS.
+            // A client that came by TLS is redirected to TLS.
             assert_eq!(response.headers()["strict-transport-security"], "max-age=31536000");
             response.status() == 204
         })

@@ -428,7 +428,7 @@ fn the_trail_is_filtered_paged_and_exported() {
 }
 
 #[test]
-fn whoever_has_an_export_can_follow_its_chain() {
+fn the_chain_of_an_export_can_be_verified_without_the_service() {
     let server = Server::fresh();
     new_cohort(&server, "c").expect(201);
     server.get("/v1/cohorts/c?colour=red").expect(400);

@@ -4,6 +4,7 @@
 mod commands;
 mod document;
 mod endless;
+mod form;
 mod guards;
 mod health;
 mod http_access;
@@ -13,6 +14,7 @@ mod http_bad_input;
 mod http_browsers;
 mod http_classes;
 mod http_comparisons;
+mod http_contours;
 mod http_contract;
 mod http_corrections;
 mod http_curves;

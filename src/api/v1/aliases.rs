@@ -5,12 +5,13 @@ use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 
 use super::entity_tags::{tagged, unless_known};
-use super::request_macros::{IfMatchHeader, time};
+use super::request_macros::IfMatchHeader;
 use crate::api::extract::{Caller, IfMatch, JsonBody, NoQuery, Path};
 use crate::api::problem::Problem;
 use crate::api::respond::json;
 use crate::domain::dictionary::Alias;
 use crate::formats::checked::{Checked, document, take_given};
+use crate::formats::time::rfc3339;
 use crate::service::app::ServiceError;
 use crate::service::dictionaries::aliases::{self, alias_tag};
 use crate::service::dictionaries::answers::UsedDictionary;
@@ -41,7 +42,7 @@ impl From<Alias> for AliasOutput {
     fn from(alias: Alias) -> Self {
         let Alias { alias, id, name, version, digest, moves: _, moved_at_ms } = alias;
         let dictionary = UsedDictionary { id, name, version, digest };
-        Self { alias, dictionary, moved_at: time(moved_at_ms) }
+        Self { alias, dictionary, moved_at: rfc3339(moved_at_ms) }
     }
 }
 

@@ -1,22 +1,26 @@
-//! Assessments of all shapes of a cohort with a dictionary, as lines: at once, or as the output of a job.
+//! Assessments of all shapes of a cohort with a dictionary, as lines: at once, or as the output of a job; and those that are
+//! stored beside the shapes.
 
 use axum::body::{Body, Bytes};
-use axum::http::{HeaderName, header};
+use axum::http::{HeaderName, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use futures_util::stream;
 
 use super::coding::QUANTILE;
+use super::entity_tags::not_stored;
 use super::jobs::JobOutput;
 use super::planned::{Waited, waited};
-use super::request_macros::{RetryHeader, priority_of};
-use super::shape_query::take_filter;
-use crate::api::extract::{Caller, JsonBody, NoQuery, Path, Prefer, PrefersLines};
+use super::request_macros::{PageQuery, RetryHeader, page, priority_of};
+use super::shape_query::{FilterQuery, Parameters, take_filter};
+use crate::api::extract::{Caller, JsonBody, NoQuery, Path, Prefer, PrefersLines, Query};
 use crate::api::problem::Problem;
+use crate::api::respond::json;
 use crate::domain::filter::ShapeFilter;
 use crate::domain::job::{OutputParts, Priority};
 use crate::formats::checked::{Checked, document, take_given, take_or_default};
 use crate::service::app::{App, ServiceError};
 use crate::service::dictionaries::assessments::{self, AssessCohort};
+use crate::service::dictionaries::stored_assessments::{self, StoredAssessmentOutput, StoredListing};
 use crate::service::jobs;
 
 /// Revision of the cohort that lines were made from.
@@ -38,6 +42,10 @@ document! {
         /// Number of parameters at which the residual is returned. Default: 0.
         #[schema(value_type = Option<usize>)]
         samples: Checked<usize>;
+        /// Whether the assessments are stored beside the shapes, each in place of an earlier one by the same version. Default:
+        /// false.
+        #[schema(value_type = Option<bool>)]
+        store: Checked<bool>;
         /// Priority among the tenant's queued jobs if the request becomes a job. Default: `normal`.
         #[schema(value_type = Option<Priority>)]
         priority: Checked<Priority>;
@@ -100,10 +108,11 @@ fn asked_of(request: AssessCohortRequest) -> Result<AssessCohort, ServiceError> 
     let filter = take_filter(request.filter, "/filter", &mut errors);
     let quantile = request.quantile.map_or(Some(QUANTILE), |field| field.take("/quantile", &mut errors));
     let samples = take_or_default(request.samples, "/samples", &mut errors);
+    let store = take_or_default(request.store, "/store", &mut errors);
     ServiceError::unless_empty(errors)?;
-    match (cohort, filter, quantile, samples) {
-        (Some(cohort), Some(filter), Some(quantile), Some(samples)) => {
-            Ok(AssessCohort { cohort, filter, quantile, samples })
+    match (cohort, filter, quantile, samples, store) {
+        (Some(cohort), Some(filter), Some(quantile), Some(samples), Some(store)) => {
+            Ok(AssessCohort { cohort, filter, quantile, samples, store })
         }
         _ => Err(ServiceError::invalid("", "the request is incomplete")),
     }
@@ -119,4 +128,53 @@ pub(super) fn stored_lines(app: App, job: String, parts: OutputParts) -> Respons
         Ok(Some((Bytes::from(lines), (app, job, part + 1))))
     });
     ([(header::CONTENT_TYPE, NDJSON)], Body::from_stream(lines)).into_response()
+}
+
+/// Selects stored assessments, beside the filter of their shapes.
+#[derive(utoipa::IntoParams)]
+#[into_params(parameter_in = Query)]
+#[allow(dead_code, reason = "only for the document; `Parameters` reads them")]
+pub(super) struct AssessmentsQuery {
+    /// Only assessments by this version: id, `name@version`, `name@alias` or name. Default: all versions.
+    dictionary: Option<String>,
+    /// Only shapes that were assigned to this class, and belong to it.
+    class: Option<String>,
+    /// Only shapes that are outliers, or only those that are not.
+    is_outlier: Option<bool>,
+}
+
+page! {
+    /// One page of the assessments stored beside the shapes of a cohort.
+    PageOfAssessments of StoredAssessmentOutput
+}
+
+/// Lists the assessments that are stored beside the shapes of a cohort.
+///
+/// `POST /v1/dictionaries/{dictionary}/assessments` stores them with `"store": true`: for each shape and version of a dictionary
+/// the latest one. Shapes that were deleted are left out. A page is shorter than `limit` if its assessments take more than 8 MiB.
+#[utoipa::path(get, path = "/cohorts/{cohort}/assessments", tag = "cohorts",
+    params(("cohort" = String, Path, description = "Id or name"), AssessmentsQuery, FilterQuery, PageQuery),
+    responses(
+        (status = 200, description = "A page of assessments, in the order of the ids of dictionaries and shapes", body = PageOfAssessments),
+        (status = 404, description = "No such cohort or dictionary"),
+        (status = "4XX", description = "The query was refused")
+    ))]
+pub(super) async fn list_assessments(
+    Caller(app): Caller,
+    Path(key): Path<String>,
+    Query(pairs): Query<Vec<(String, String)>>,
+) -> Result<Response, Problem> {
+    let mut parameters = Parameters::read(pairs)?;
+    let page = PageQuery { cursor: parameters.take("cursor"), limit: parameters.take_count("limit")? };
+    let listing = StoredListing {
+        filter: parameters.take_filter(),
+        dictionary: parameters.take("dictionary"),
+        class: parameters.take("class"),
+        is_outlier: parameters.take_choice("is_outlier")?,
+        limit: page.limit()?,
+        cursor: page.cursor,
+    };
+    parameters.refuse_rest()?;
+    let (items, next) = stored_assessments::list(&app, &key, &listing).await?;
+    Ok(not_stored(json(StatusCode::OK, &PageOfAssessments { items, next })?))
 }

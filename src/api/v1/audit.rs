@@ -9,11 +9,12 @@ use bytes::Bytes;
 use futures_util::stream::{self, Stream};
 use serde::{Deserialize, Serialize};
 
-use super::request_macros::{PageQuery, milliseconds, page, time};
+use super::request_macros::{PageQuery, milliseconds, page};
 use crate::api::extract::{Caller, PrefersLines, Query};
 use crate::api::problem::Problem;
 use crate::api::respond::json;
 use crate::domain::audit::{AuditFilter, Recorded};
+use crate::formats::time::rfc3339;
 use crate::service::app::{App, ServiceError};
 use crate::service::audit::trail;
 
@@ -69,7 +70,7 @@ impl From<Recorded> for AuditEntry {
         let Recorded { sequence, entry, digest } = recorded;
         Self {
             sequence,
-            at: time(entry.at_ms),
+            at: rfc3339(entry.at_ms),
             tenant: entry.tenant,
             key: entry.key,
             subject: entry.subject,

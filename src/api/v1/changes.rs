@@ -4,13 +4,14 @@ use axum::http::StatusCode;
 use axum::response::Response;
 use serde::{Deserialize, Serialize};
 
-use super::request_macros::{PageQuery, page, time};
+use super::request_macros::{PageQuery, page};
 use crate::api::extract::{Caller, NoQuery, Path, Query};
 use crate::api::problem::Problem;
 use crate::api::respond::json;
-use crate::domain::change::{Change, ChangeKind};
 use crate::domain::trash::{Trashed, TrashedKind};
-use crate::service::cohorts::{changes, trash};
+use crate::formats::time::rfc3339;
+use crate::service::cohorts::changes::{self, ChangeOutput};
+use crate::service::cohorts::trash;
 
 /// Position in the change feed.
 #[derive(Debug, Deserialize, utoipa::IntoParams)]
@@ -23,33 +24,6 @@ pub(super) struct ChangesQuery {
     /// Changes per response, 1 to 1000. Default: 100.
     #[param(minimum = 1, maximum = 1000)]
     limit: Option<usize>,
-}
-
-/// Entry of the change feed.
-#[derive(Debug, Serialize, utoipa::ToSchema)]
-pub(super) struct ChangeOutput {
-    /// Number of the change, from 1; changes of a tenant are numbered in order.
-    sequence: u64,
-    /// Time of the change, RFC 3339 in UTC.
-    at: String,
-    /// Kind of change.
-    kind: ChangeKind,
-    /// Id of the changed object.
-    object: String,
-    /// Id of the cohort that the object belongs to.
-    cohort: Option<String>,
-    /// Revision of the cohort after the change.
-    revision: Option<u64>,
-    /// Number of shapes added, deleted or erased.
-    #[serde(rename = "shape_count")]
-    shapes: Option<u64>,
-}
-
-impl From<Change> for ChangeOutput {
-    fn from(change: Change) -> Self {
-        let Change { sequence, at_ms, kind, object, cohort, revision, shapes } = change;
-        Self { sequence, at: time(at_ms), kind, object, cohort, revision, shapes }
-    }
 }
 
 /// One page of the change feed.
@@ -105,7 +79,7 @@ page! {
 impl From<Trashed> for TrashedOutput {
     fn from(trashed: Trashed) -> Self {
         let Trashed { kind, id, name, version, deleted_at_ms } = trashed;
-        Self { kind, id, name, version, deleted_at: time(deleted_at_ms) }
+        Self { kind, id, name, version, deleted_at: rfc3339(deleted_at_ms) }
     }
 }
 

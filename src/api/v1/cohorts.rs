@@ -5,7 +5,7 @@ use axum::response::{IntoResponse, Response};
 use serde::{Deserialize, Serialize};
 
 use super::entity_tags::{tag_of, tagged, unless_known};
-use super::request_macros::{IfMatchHeader, MeanOutput, PageQuery, RetryHeader, page, time};
+use super::request_macros::{IfMatchHeader, MeanOutput, PageQuery, RetryHeader, page};
 use super::shape_query::{FilterQuery, Parameters};
 use crate::analysis::alignment::Alignment;
 use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
@@ -20,6 +20,7 @@ use crate::api::respond::{Binary, compute, json, mesh, picture};
 use crate::domain::cohort::{Cohort, CohortSpec};
 use crate::formats::checked::{Checked, document, take_given, take_or_default};
 use crate::formats::representation::Read;
+use crate::formats::time::rfc3339;
 use crate::geometry::representation::Representation;
 use crate::service::app::{ServiceError, Work};
 use crate::service::cohorts::catalogue::{CohortChanges, revision_tag, text_faults};
@@ -107,8 +108,8 @@ impl From<Cohort> for CohortOutput {
             length_unit: cohort.spec.length_unit,
             revision: cohort.revision,
             shapes: cohort.shapes,
-            created_at: time(cohort.created_at_ms),
-            updated_at: time(cohort.updated_at_ms),
+            created_at: rfc3339(cohort.created_at_ms),
+            updated_at: rfc3339(cohort.updated_at_ms),
         }
     }
 }

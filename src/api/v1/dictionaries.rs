@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::classify::ClassifierOutput;
 use super::entity_tags::{Asked, unless_known};
 use super::jobs::{JobOutput, accepted};
-use super::request_macros::{PageQuery, RetryHeader, ShapeOutput, page, priority_of, time};
+use super::request_macros::{PageQuery, RetryHeader, ShapeOutput, page, priority_of};
 use super::shape_query::take_filter;
 use crate::analysis::alignment::Alignment;
 use crate::analysis::classification::record::{ClassifierKind, ClassifierSettings};
@@ -32,6 +32,7 @@ use crate::formats::checked::{Checked, document, take_given, take_or_default};
 use crate::formats::gltf;
 use crate::formats::mesh::MeshFormat;
 use crate::formats::shape::Points;
+use crate::formats::time::rfc3339;
 use crate::geometry::representation::Representation;
 use crate::service::app::{App, ServiceError, Work};
 use crate::service::cost::requests;
@@ -131,7 +132,7 @@ impl ProvenanceOutput {
             seed: listed.summary.method.seed(),
             continued_from: provenance.continued_from.clone(),
             program: provenance.program.clone(),
-            created_at: time(listed.created_at_ms),
+            created_at: rfc3339(listed.created_at_ms),
         }
     }
 }

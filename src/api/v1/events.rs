@@ -9,13 +9,13 @@ use axum::response::{IntoResponse, Response};
 use futures_util::stream::{self, Stream, StreamExt};
 use serde::{Deserialize, Serialize};
 
-use super::changes::ChangeOutput;
 use super::jobs::JobEntry;
 use crate::api::extract::{Caller, Query};
 use crate::api::problem::Problem;
 use crate::domain::change::{ChangeFilter, ChangeKind};
 use crate::service::app::{App, ServiceError};
 use crate::service::cohorts::catalogue;
+use crate::service::cohorts::changes::ChangeOutput;
 use crate::service::events::{Event, Events, Wanted};
 
 /// Longest silence on an event stream: proxies close connections that look dead.

@@ -4,13 +4,14 @@ use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 
-use super::request_macros::{PageQuery, page, time};
+use super::request_macros::{PageQuery, page};
 use crate::api::extract::{Caller, JsonBody, NoQuery, Path, Query};
 use crate::api::problem::Problem;
 use crate::api::respond::json;
 use crate::domain::change::{ChangeFilter, ChangeKind};
 use crate::domain::hook::{Hook, HookFailure, HookStatus};
 use crate::formats::checked::{Checked, document, take_given};
+use crate::formats::time::rfc3339;
 use crate::service::app::ServiceError;
 use crate::service::hooks::{self, NewHook};
 
@@ -93,10 +94,10 @@ impl From<Hook> for HookOutput {
             reason: hook.reason,
             position: hook.position,
             attempts: hook.attempts,
-            failing_since: hook.failing_since_ms.map(time),
-            next_attempt_at: is_waiting.then(|| time(hook.due_ms)),
-            delivered_at: hook.delivered_at_ms.map(time),
-            created_at: time(hook.created_at_ms),
+            failing_since: hook.failing_since_ms.map(rfc3339),
+            next_attempt_at: is_waiting.then(|| rfc3339(hook.due_ms)),
+            delivered_at: hook.delivered_at_ms.map(rfc3339),
+            created_at: rfc3339(hook.created_at_ms),
         }
     }
 }
@@ -136,7 +137,7 @@ pub(super) struct HookFailures {
 
 impl From<HookFailure> for HookFailureOutput {
     fn from(HookFailure { at_ms, sequence, attempt, status, detail }: HookFailure) -> Self {
-        Self { at: time(at_ms), sequence, attempt, status, detail }
+        Self { at: rfc3339(at_ms), sequence, attempt, status, detail }
     }
 }
 

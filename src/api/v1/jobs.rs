@@ -10,12 +10,13 @@ use futures_util::stream::{self, Stream};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::request_macros::{PageQuery, milliseconds, page, time};
+use super::request_macros::{PageQuery, milliseconds, page};
 use crate::api::extract::{Caller, NoQuery, Path, Query};
 use crate::api::problem::{Problem, ProblemDocument};
 use crate::api::respond::json;
 use crate::domain::job::{Job, JobFilter, JobKind, JobStatus};
 use crate::domain::study::{Comparison, ShapeRegression};
+use crate::formats::time::rfc3339;
 use crate::service::app::{ServiceError, now_ms};
 use crate::service::cohorts::catalogue;
 use crate::service::dictionaries::assessments::AssessedCohort;
@@ -112,9 +113,9 @@ impl From<Job> for JobEntry {
             phase: job.phase,
             objective: job.objective,
             attempt: job.attempt,
-            created_at: time(job.created_at_ms),
-            started_at: job.started_at_ms.map(time),
-            finished_at: job.finished_at_ms.map(time),
+            created_at: rfc3339(job.created_at_ms),
+            started_at: job.started_at_ms.map(rfc3339),
+            finished_at: job.finished_at_ms.map(rfc3339),
             problem,
         }
     }

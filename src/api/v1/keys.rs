@@ -4,13 +4,14 @@ use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 
-use super::request_macros::{PageQuery, page, time};
+use super::request_macros::{PageQuery, page};
 use crate::api::extract::{Caller, JsonBody, NoQuery, Path, Query};
 use crate::api::problem::Problem;
 use crate::api::respond::json;
 use crate::domain::access::Role;
 use crate::domain::key::Key;
 use crate::formats::checked::{Checked, document, take_given};
+use crate::formats::time::rfc3339;
 use crate::service::access::keys::{self, NewKey, faults};
 use crate::service::app::ServiceError;
 
@@ -68,10 +69,10 @@ impl From<Key> for KeyOutput {
             name: key.name,
             role: key.role,
             cohorts: key.cohorts,
-            created_at: time(key.created_at_ms),
-            expires_at: key.expires_at_ms.map(time),
-            revoked_at: key.revoked_at_ms.map(time),
-            last_used_at: key.used_at_ms.map(time),
+            created_at: rfc3339(key.created_at_ms),
+            expires_at: key.expires_at_ms.map(rfc3339),
+            revoked_at: key.revoked_at_ms.map(rfc3339),
+            last_used_at: key.used_at_ms.map(rfc3339),
         }
     }
 }

@@ -10,6 +10,7 @@ mod classify;
 mod coding;
 mod cohorts;
 mod comparisons;
+mod contours;
 mod corrections;
 mod curves;
 mod deform;
@@ -91,6 +92,7 @@ pub(super) fn computing_routes() -> OpenApiRouter<App> {
         .routes(routes!(deform::deform))
         .routes(routes!(subdivision::subdivide))
         .routes(routes!(overlap::overlap))
+        .routes(routes!(contours::contours))
         .routes(routes!(cohorts::cohort_mean))
         .routes(routes!(corrections::erase_subject))
         .routes(routes!(retrieval::search_cohort))
@@ -102,6 +104,7 @@ pub(super) fn computing_routes() -> OpenApiRouter<App> {
         .routes(routes!(classify::classify))
         .routes(routes!(classify::assess))
         .routes(routes!(assessments::assess_cohort))
+        .routes(routes!(assessments::list_assessments))
         .routes(routes!(coding::encode))
         .routes(routes!(coding::reconstruct))
         .routes(routes!(coding::score))

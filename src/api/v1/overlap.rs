@@ -9,10 +9,11 @@ use crate::api::extract::{Caller, JsonBody, NoQuery};
 use crate::api::problem::Problem;
 use crate::api::respond::{Planned, compute_planned, json, planned};
 use crate::formats::checked::{Checked, document, take_given};
-use crate::geometry::overlap::Overlapping;
+use crate::formats::fault::Fault;
+use crate::geometry::overlap::{GridInput, Overlapping};
 use crate::service::app::{App, ServiceError};
 use crate::service::cost::requests;
-use crate::service::shapes::overlap::{self, BodyInput};
+use crate::service::shapes::overlap::{self, BodyInput, Cells};
 
 document! {
     /// Two bodies, both in the plane or both in space.
@@ -31,6 +32,9 @@ document! {
         /// its own grid.
         #[schema(value_type = Option<f64>, exclusive_minimum = 0)]
         spacing: Checked<f64>;
+        /// Grid on which cells are counted, in place of a spacing; parts of the bodies beyond it are left out, with a warning.
+        #[schema(value_type = Option<GridInput>)]
+        grid: Checked<GridInput>;
     }
 }
 
@@ -75,8 +79,8 @@ pub(super) struct OverlapAnswer {
 
 /// Measures the overlap of two closed contours, meshes or masks: Jaccard, Dice and Hausdorff.
 ///
-/// A cell is inside a body if its centre is, decided by the number of crossings of a ray. The test is exact and the same
-/// for all bodies on one grid.
+/// A cell is inside a body if the boundary winds round its centre: a part that is enclosed twice is inside, and a hole has the
+/// opposite orientation. The test is the same for all bodies on one grid.
 #[utoipa::path(post, path = "/overlap", tag = "curves", request_body = OverlapRequest,
     responses(
         (status = 200, description = "Counts and distances", body = OverlapAnswer)
@@ -93,8 +97,13 @@ impl OverlapRequest {
     fn plan(self, app: &App) -> Result<Planned, ServiceError> {
         let mut errors = self.faults;
         let spacing = take_given(self.spacing, "/spacing", &mut errors);
+        let grid = take_given(self.grid, "/grid", &mut errors);
+        if spacing.is_some() && grid.is_some() {
+            errors.push(Fault::new("/grid", "expected either spacing or grid, got both"));
+        }
         let ((first, second), _) = checked(self.first.zip(self.second), errors, Vec::new())?;
-        let bodies = overlap::read(app, [first, second], spacing)?;
+        let cells = grid.map_or(Cells::Spacing(spacing), Cells::Grid);
+        let bodies = overlap::read(app, [first, second], cells)?;
         planned(requests::overlap(bodies.cells()), move |app| {
             let context = app.pool.context();
             let found = bodies.overlap(&|| context.is_cancelled()).ok_or(ServiceError::Cancelled)?;

@@ -281,11 +281,6 @@ pub(super) fn milliseconds(name: &str, text: &str) -> Result<i64, Problem> {
     Ok(time.as_millisecond())
 }
 
-/// Milliseconds since 1970 as RFC 3339 UTC.
-pub(super) fn time(ms: i64) -> String {
-    jiff::Timestamp::from_millisecond(ms).map_or_else(|_| String::new(), |time| time.to_string())
-}
-
 /// Class names, for the catalogue.
 pub(super) fn class_names() -> impl Iterator<Item = ClassName> {
     ClassName::ALL.into_iter()

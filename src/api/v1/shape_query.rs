@@ -130,9 +130,18 @@ impl Parameters {
     /// # Errors
     /// Another word.
     pub(super) fn take_flag(&mut self, name: &str) -> Result<bool, Problem> {
+        Ok(self.take_choice(name)?.unwrap_or(false))
+    }
+
+    /// Takes one parameter that is `true` or `false`, if it is given.
+    ///
+    /// # Errors
+    /// Another word.
+    pub(super) fn take_choice(&mut self, name: &str) -> Result<Option<bool>, Problem> {
         match self.take(name).as_deref() {
-            None | Some("false") => Ok(false),
-            Some("true") => Ok(true),
+            None => Ok(None),
+            Some("false") => Ok(Some(false)),
+            Some("true") => Ok(Some(true)),
             Some(other) => Err(Problem::of_parameter(name, format!("expected true or false, got '{other}'"))),
         }
     }

@@ -14,7 +14,7 @@ use utoipa::{PartialSchema, ToSchema};
 
 use super::batches::{FailedShape, InputShape, unsupported};
 use super::entity_tags::{Asked, not_stored};
-use super::request_macros::{IfMatchHeader, PageQuery, RetryHeader, checked, time};
+use super::request_macros::{IfMatchHeader, PageQuery, RetryHeader, checked};
 use super::shape_query::{FilterQuery, Parameters};
 use crate::api::body::{self, is_stream};
 use crate::api::extract::{
@@ -27,6 +27,7 @@ use crate::domain::cohort::Cohort;
 use crate::domain::shape::{Shape, ShapeMeasures};
 use crate::formats::checked::{List, document};
 use crate::formats::shape::{Attributes, Points, ShapeInput};
+use crate::formats::time::rfc3339;
 use crate::geometry::resample::RepeatedPoints;
 use crate::service::app::{App, ServiceError, Work};
 use crate::service::cohorts::catalogue::{ShapeListing, revision_tag};
@@ -333,7 +334,7 @@ impl StoredShape {
             metadata: attributes.metadata.and_then(|text| RawValue::from_string(text).ok()),
             measures: measures.into(),
             control_points: Points::from_columns(control_points, cohort.spec.representation.dimension()),
-            created_at: time(created_at_ms),
+            created_at: rfc3339(created_at_ms),
         }
     }
 }

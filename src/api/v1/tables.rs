@@ -11,7 +11,6 @@ use utoipa::openapi::schema::{ObjectBuilder, Schema, SchemaType, Type};
 use utoipa::{PartialSchema, ToSchema};
 
 use super::entity_tags::{tag_of, unless_known};
-use super::request_macros::time;
 use super::shape_query::{FilterQuery, Parameters, take_filter};
 use crate::api::extract::{Caller, JsonBody, Path, Query, accepted, preferred};
 use crate::api::negotiation::covers;
@@ -20,6 +19,7 @@ use crate::api::respond::{Binary, json};
 use crate::domain::filter::ShapeFilter;
 use crate::formats::checked::{Checked, Many, document, take_many};
 use crate::formats::table::TableFormat;
+use crate::formats::time::rfc3339;
 use crate::service::app::memory::Purpose;
 use crate::service::app::{App, ServiceError};
 use crate::service::cohorts::catalogue::revision_tag;
@@ -139,7 +139,7 @@ impl AttributeOutput {
         let Distribution { range: [low, high], mean, quantiles, edges, counts } = distribution;
         let histogram = Some(Histogram { edges, counts });
         if self.value_type == ValueType::Time {
-            let [earliest, latest] = [low, high].map(|ms| Some(time(ms as i64)));
+            let [earliest, latest] = [low, high].map(|ms| Some(rfc3339(ms as i64)));
             return Self { histogram, earliest, latest, ..self };
         }
         let quantile = |(probability, value)| Quantile { probability, value };

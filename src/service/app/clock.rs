@@ -17,6 +17,7 @@ use std::time::{Duration, Instant};
 use super::context::App;
 use super::error::ServiceError;
 use super::metrics;
+use crate::formats::time::rfc3339;
 use crate::store::{ClockNotes, Store, StoreError};
 
 const DAY_MS: i64 = 24 * 3600 * 1000;
@@ -123,7 +124,7 @@ pub async fn look(app: &App) -> Result<bool, ServiceError> {
 }
 
 fn warn(now_ms: i64, expected_ms: i64) {
-    let (shows, expected) = (time(now_ms), time(expected_ms));
+    let (shows, expected) = (rfc3339(now_ms), rfc3339(expected_ms));
     tracing::warn!(
         shows,
         expected,
@@ -139,7 +140,7 @@ fn warn(now_ms: i64, expected_ms: i64) {
 pub async fn confirm(store: &Store) -> Result<String, StoreError> {
     let now = now_ms();
     store.note_clock(ClockNotes::believing(now)).await?;
-    Ok(time(now))
+    Ok(rfc3339(now))
 }
 
 /// Refuses a clock that shows a time before this program existed.
@@ -157,13 +158,9 @@ fn check_time(now_ms: i64) -> Result<(), String> {
     Err(format!(
         "the clock of this machine shows {}, expected a time after {}: set the clock first, because its times \
          are stored with all data",
-        time(now_ms),
-        time(EARLIEST_MS)
+        rfc3339(now_ms),
+        rfc3339(EARLIEST_MS)
     ))
-}
-
-fn time(ms: i64) -> String {
-    jiff::Timestamp::from_millisecond(ms).map_or_else(|_| ms.to_string(), |time| time.to_string())
 }
 
 #[cfg(test)]

@@ -24,6 +24,10 @@ pub struct Limits {
     pub answer_numbers: usize,
     /// Bytes per request body, after decompression.
     pub body_bytes: usize,
+    /// Bytes per image, as received and after decompression.
+    pub image_bytes: usize,
+    /// Pixels or voxels per image.
+    pub voxels: usize,
     /// Bytes per line of an NDJSON stream.
     pub line_bytes: usize,
     /// Values per JSON body, counted by its commas and brackets.
@@ -82,6 +86,8 @@ impl Default for Limits {
             samples: 2_000_000,
             answer_numbers: 1 << 20,
             body_bytes: 64 << 20,
+            image_bytes: 256 << 20,
+            voxels: 1 << 27,
             line_bytes: 8 << 20,
             json_values: 32 << 20,
             compression_ratio: 100,

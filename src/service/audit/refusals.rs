@@ -11,6 +11,7 @@ use std::time::{Duration, Instant};
 
 use crate::domain::access::network_text;
 use crate::domain::audit::Entry;
+use crate::formats::time::rfc3339;
 
 /// Time covered by one summary entry.
 const WINDOW: Duration = Duration::from_secs(60);
@@ -136,13 +137,8 @@ pub fn counted(
     parts: impl IntoIterator<Item = (String, u64)>,
 ) -> BTreeMap<String, String> {
     let parts = parts.into_iter().map(|(name, count)| (name, count.to_string()));
-    let all = [("count", count.to_string()), ("first", time(first_ms)), ("last", time(last_ms))];
+    let all = [("count", count.to_string()), ("first", rfc3339(first_ms)), ("last", rfc3339(last_ms))];
     parts.chain(all.map(|(name, value)| (name.to_owned(), value))).collect()
-}
-
-/// Milliseconds since 1970 as RFC 3339 UTC.
-fn time(ms: i64) -> String {
-    jiff::Timestamp::from_millisecond(ms).map_or_else(|_| ms.to_string(), |time| time.to_string())
 }
 
 #[cfg(test)]

@@ -1,7 +1,37 @@
 //! Feed of changes. A client continues from the number of the last change it has examined; old changes are not kept.
 
-use crate::domain::change::Change;
+use serde::Serialize;
+
+use crate::domain::change::{Change, ChangeKind};
+use crate::formats::time::rfc3339;
 use crate::service::app::{App, ServiceError};
+
+/// Entry of the change feed, which the event stream and hooks send too.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub struct ChangeOutput {
+    /// Number of the change, from 1; changes of a tenant are numbered in order.
+    sequence: u64,
+    /// Time of the change, RFC 3339 in UTC.
+    at: String,
+    /// Kind of change.
+    kind: ChangeKind,
+    /// Id of the changed object.
+    object: String,
+    /// Id of the cohort that the object belongs to.
+    cohort: Option<String>,
+    /// Revision of the cohort after the change.
+    revision: Option<u64>,
+    /// Number of shapes added, deleted or erased.
+    #[serde(rename = "shape_count")]
+    shapes: Option<u64>,
+}
+
+impl From<Change> for ChangeOutput {
+    fn from(change: Change) -> Self {
+        let Change { sequence, at_ms, kind, object, cohort, revision, shapes } = change;
+        Self { sequence, at: rfc3339(at_ms), kind, object, cohort, revision, shapes }
+    }
+}
 
 /// A page of changes.
 #[derive(Debug, Clone, PartialEq, Eq)]

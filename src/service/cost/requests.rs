@@ -422,7 +422,7 @@ pub fn store(counts: Counts, correspondence: Correspondence) -> Work {
 /// Measuring shapes of a cohort when they arrive.
 pub fn measure_stored(representation: &Representation, counts: Counts, limits: &Limits) -> Work {
     /// Per coordinate of a curve: length, area, self-intersection and centroid size.
-    const COORDINATE: f64 = 3.5e-7;
+    const COORDINATE: f64 = 2e-7;
     match representation.domain() {
         Domain::Line { .. } | Domain::Points => Work(counts.values() * COORDINATE),
         Domain::Sheet { .. } | Domain::Vertices => measure(representation, counts, false, limits),

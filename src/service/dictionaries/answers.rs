@@ -241,6 +241,16 @@ impl AssessmentOutput {
             residual,
         })
     }
+
+    /// Whether the shape is an outlier.
+    pub fn is_outlier(&self) -> bool {
+        self.novelty.is_outlier
+    }
+
+    /// The class of the shape, unless it belongs to none.
+    pub fn accepted_class(&self) -> Option<&str> {
+        self.class.as_ref().filter(|class| class.accepted).map(|class| class.label.as_str())
+    }
 }
 
 fn rows(matrix: &Matrix) -> Vec<Vec<f64>> {

@@ -1,7 +1,8 @@
 //! Assessments of the shapes of a cohort that pass a filter, as lines of JSON: at once if they are few, otherwise by a job.
 //!
 //! Shapes are read in batches and assessed in blocks of `BLOCK_SHAPES`; a job stores its lines in parts of `PART_BYTES` as it
-//! goes. Memory holds two batches, a block and a part, however many shapes there are.
+//! goes. Memory holds two batches, a block and a part, however many shapes there are. On request the assessments are stored
+//! beside the shapes too.
 
 use std::sync::Arc;
 
@@ -17,7 +18,7 @@ use crate::domain::filter::ShapeFilter;
 use crate::domain::job::{Job, JobKind, JobOutput, OutputParts};
 use crate::formats::fault::Fault;
 use crate::service::app::progress::JobContext;
-use crate::service::app::{App, ServiceError, Work};
+use crate::service::app::{App, ServiceError, Work, now_ms};
 use crate::service::cohorts::attributes::{FilterPlace, refuse_unknown};
 use crate::service::cohorts::source::StoredShapes;
 use crate::service::cohorts::{catalogue, measures};
@@ -25,7 +26,7 @@ use crate::service::jobs::inline_or_job::AT_ONCE_SECONDS;
 use crate::service::jobs::{self, Outcome};
 use crate::service::shapes::names::InputNames;
 use crate::service::shapes::outcome::{ShapeError, of_shape};
-use crate::store::{Revisions, ScanBatch};
+use crate::store::{AssessmentRun, NewAssessment, Revisions, ScanBatch};
 
 /// Shapes assessed between two looks at cancellation.
 const BLOCK_SHAPES: usize = 256;
@@ -48,6 +49,8 @@ pub struct AssessCohort {
     pub quantile: f64,
     /// Number of parameters at which the residual is returned.
     pub samples: usize,
+    /// Whether the assessments are stored beside the shapes.
+    pub store: bool,
 }
 
 /// Checked request, as stored with a job.
@@ -62,6 +65,9 @@ struct Plan {
     dictionary: String,
     quantile: f64,
     samples: usize,
+    /// Jobs of earlier versions stored none.
+    #[serde(default)]
+    store: bool,
 }
 
 /// A checked request and what it is about.
@@ -98,6 +104,8 @@ pub struct AssessedCohort {
     outlier_count: usize,
     /// Number of shapes without an assessment.
     error_count: usize,
+    /// Number of assessments stored beside the shapes.
+    stored_count: u64,
     /// Path of the lines.
     output: String,
 }
@@ -140,6 +148,22 @@ pub enum CohortAssessment {
     Failed(Box<FailedStored>),
 }
 
+/// Lines as they are written, and what is stored of them beside the shapes.
+#[derive(Debug, Default)]
+struct Piece {
+    text: Vec<u8>,
+    kept: Vec<NewAssessment>,
+}
+
+/// An assessment as it is stored beside a shape.
+#[derive(Serialize)]
+struct Body<'a> {
+    #[serde(flatten)]
+    assessment: &'a AssessmentOutput,
+    #[serde(flatten)]
+    common: &'a ByDictionary,
+}
+
 /// Counts of assessed shapes.
 #[derive(Debug, Clone, Copy, Default)]
 struct Tally {
@@ -172,10 +196,9 @@ pub async fn plan(app: &App, key: &str, asked: AssessCohort) -> Result<Planned, 
     ServiceError::unless_empty(faults)?;
     let shapes = count(app, &cohort, &asked.filter).await?;
     let work = ready.work(shapes, asked.samples, &app.limits);
-    let AssessCohort { filter, quantile, samples, .. } = asked;
-    let dictionary = ready.listed.id.clone();
-    let plan =
-        Plan { cohort: cohort.id.clone(), revision: cohort.revision, filter, dictionary, quantile, samples };
+    let AssessCohort { filter, quantile, samples, store, .. } = asked;
+    let (id, revision, dictionary) = (cohort.id.clone(), cohort.revision, ready.listed.id.clone());
+    let plan = Plan { cohort: id, revision, filter, dictionary, quantile, samples, store };
     Ok(Planned { plan, ready, cohort, shapes, work })
 }
 
@@ -205,21 +228,25 @@ impl Planned {
     /// Computes the lines at once.
     ///
     /// # Errors
-    /// [`ServiceError::Cancelled`].
+    /// [`ServiceError::Cancelled`]; a cohort or dictionary that was deleted meanwhile, if assessments are stored.
     pub async fn lines(self, app: &App) -> Result<Lines, ServiceError> {
         let (task_app, handle) = (app.clone(), Handle::current());
-        let (revision, work) = (self.plan.revision, self.work);
+        let (plan, work) = (self.plan.clone(), self.work);
         let compute = move || {
-            let mut text = Vec::new();
-            let mut keep = |lines: &mut Vec<u8>| {
-                text.append(lines);
+            let mut all = Piece::default();
+            let mut keep = |piece: &mut Piece| {
+                all.text.append(&mut piece.text);
+                all.kept.append(&mut piece.kept);
                 Ok(())
             };
             self.write(&task_app, &handle, &task_app.pool.context(), &mut keep)?;
-            Ok(text)
+            Ok(all)
         };
-        let text = app.pool.weighing(work).run(compute).await?;
-        Ok(Lines { text, revision })
+        let Piece { text, kept } = app.pool.weighing(work).run(compute).await?;
+        if plan.store && app.store.store_assessments(&plan.run(None), &kept, now_ms()).await?.is_none() {
+            return Err(ServiceError::NotFound { kind: "dictionary", key: plan.dictionary });
+        }
+        Ok(Lines { text, revision: plan.revision })
     }
 
     /// Submits the job that stores the lines as its output.
@@ -238,28 +265,28 @@ impl Planned {
         app: &App,
         handle: &Handle,
         context: &JobContext,
-        keep: &mut dyn FnMut(&mut Vec<u8>) -> Result<(), ServiceError>,
+        keep: &mut dyn FnMut(&mut Piece) -> Result<(), ServiceError>,
     ) -> Result<Tally, ServiceError> {
         let Self { plan, ready, cohort, .. } = self;
         let stop = || context.is_cancelled();
         let setup = &ready.setup;
         let stored = StoredShapes::counted(app, handle, cohort, &plan.filter, 0, setup, &stop, self.shapes);
         let common = ByDictionary::with_warnings(ready);
-        let (mut tally, mut text) = (Tally::default(), Vec::new());
+        let (mut tally, mut piece) = (Tally::default(), Piece::default());
         stored.for_each_named(&mut |batch| {
             for first in (0..batch.ids.len()).step_by(BLOCK_SHAPES) {
                 context.check()?;
                 let asked = block(batch, first, setup.metric.len());
-                self.write_block(app, asked, &common, &mut text, &mut tally)?;
+                self.write_block(app, asked, &common, &mut piece, &mut tally)?;
                 context.report("assess", tally.shapes as f64 / self.shapes.max(1) as f64, None);
-                if text.len() >= PART_BYTES {
-                    keep(&mut text)?;
+                if piece.text.len() >= PART_BYTES {
+                    keep(&mut piece)?;
                 }
             }
             Ok(())
         })?;
-        if !text.is_empty() {
-            keep(&mut text)?;
+        if !piece.text.is_empty() {
+            keep(&mut piece)?;
         }
         Ok(tally)
     }
@@ -270,23 +297,24 @@ impl Planned {
         app: &App,
         asked: Asked,
         common: &ByDictionary,
-        text: &mut Vec<u8>,
+        piece: &mut Piece,
         tally: &mut Tally,
     ) -> Result<(), ServiceError> {
         let (plan, ready) = (&self.plan, &self.ready);
         let names = asked.names.clone();
         let assessed = classify::assess(app, ready, asked, plan.quantile, plan.samples)?;
         let assessed = assessed.map(|index, assessment| {
-            let is_outlier = assessment.score.outlier;
-            let output = AssessmentOutput::new(ready, assessment);
-            Ok((is_outlier, output.map_err(|error| of_shape(index, error))?))
+            AssessmentOutput::new(ready, assessment).map_err(|error| of_shape(index, error))
         });
         for (names, outcome) in names.into_iter().zip(assessed.into_vec()) {
             let (id, external_id, common) = (names.id.unwrap_or_default(), names.external_id, common.clone());
             tally.shapes += 1;
             let line = match outcome {
-                Ok((is_outlier, assessment)) => {
-                    tally.outliers += usize::from(is_outlier);
+                Ok(assessment) => {
+                    tally.outliers += usize::from(assessment.is_outlier());
+                    if plan.store {
+                        piece.kept.push(kept(&id, &assessment, &common)?);
+                    }
                     CohortAssessment::Assessed(Box::new(AssessedStored {
                         id,
                         external_id,
@@ -301,12 +329,31 @@ impl Planned {
                     CohortAssessment::Failed(Box::new(FailedStored { id, external_id, error, common }))
                 }
             };
-            serde_json::to_writer(&mut *text, &line)
+            serde_json::to_writer(&mut piece.text, &line)
                 .map_err(|error| ServiceError::Internal(format!("a line is not JSON: {error}")))?;
-            text.push(b'\n');
+            piece.text.push(b'\n');
         }
         Ok(())
     }
+}
+
+impl Plan {
+    /// The shapes to assess, for the store.
+    fn run<'a>(&'a self, job: Option<&'a Job>) -> AssessmentRun<'a> {
+        AssessmentRun { cohort: &self.cohort, dictionary: &self.dictionary, revision: self.revision, job }
+    }
+}
+
+/// An assessment to be stored beside its shape.
+fn kept(
+    shape: &str,
+    assessment: &AssessmentOutput,
+    common: &ByDictionary,
+) -> Result<NewAssessment, ServiceError> {
+    let body = serde_json::to_string(&Body { assessment, common })
+        .map_err(|error| ServiceError::Internal(format!("an assessment is not JSON: {error}")))?;
+    let (class, is_outlier) = (assessment.accepted_class().map(Into::into), assessment.is_outlier());
+    Ok(NewAssessment { shape: shape.to_owned(), class, is_outlier, body })
 }
 
 /// Shapes of a batch from `first` on, as far as a block goes.
@@ -343,23 +390,27 @@ pub fn run(app: &App, handle: &Handle, job: &Job, context: &JobContext) -> Resul
         .map_err(|error| ServiceError::Internal(format!("the parameters of a job: {error}")))?;
     let planned = handle.block_on(restored(app, plan))?;
     handle.block_on(app.store.clear_output_parts(&job.id))?;
-    let mut parts = OutputParts { attempt: job.attempt, count: 0, bytes: 0 };
-    let mut keep = |lines: &mut Vec<u8>| {
-        if !handle.block_on(app.store.add_output_part(job, parts.count, lines))? {
+    let (mut parts, mut stored) = (OutputParts { attempt: job.attempt, count: 0, bytes: 0 }, 0);
+    let shapes = planned.plan.run(Some(job));
+    let mut keep = |piece: &mut Piece| {
+        let Piece { text, kept } = std::mem::take(piece);
+        if !handle.block_on(app.store.add_output_part(job, parts.count, &text))? {
             return Err(ServiceError::Cancelled);
         }
-        (parts.count, parts.bytes) = (parts.count + 1, parts.bytes + lines.len() as u64);
-        lines.clear();
+        (parts.count, parts.bytes) = (parts.count + 1, parts.bytes + text.len() as u64);
+        let added = handle.block_on(app.store.store_assessments(&shapes, &kept, now_ms()))?;
+        stored += added.ok_or(ServiceError::Cancelled)?;
         Ok(())
     };
     let tally = planned.write(app, handle, context, &mut keep)?;
     let result = AssessedCohort {
-        cohort: planned.plan.cohort,
+        cohort: planned.plan.cohort.clone(),
         cohort_revision: planned.plan.revision,
         dictionary: UsedDictionary::new(&planned.ready),
         shape_count: tally.shapes,
         outlier_count: tally.outliers,
         error_count: tally.errors,
+        stored_count: stored,
         output: format!("/v1/jobs/{}/output", job.id),
     };
     let result = serde_json::to_value(result)

@@ -6,7 +6,7 @@
 //! * [`class_labels`] — classes and subjects of the shapes of a cohort;
 //! * [`ready`] — stored dictionaries prepared for use, cached; [`file`](mod@file) — export and import;
 //! * [`coding`] — codes, reconstructions, scores; [`classify`] — classes; [`answers`] — both as they are written;
-//! * [`assessments`] — both for all shapes of a cohort; [`modes`], [`pictures`] — drawings; [`drift`]
+//! * [`assessments`] — both for all shapes of a cohort; [`stored_assessments`] — those kept beside the shapes; [`modes`], [`pictures`] — drawings; [`drift`]
 //!   — new shapes of the cohort compared with the training shapes.
 //!
 //! The arithmetic is in [`analysis::dictionary`](crate::analysis::dictionary) and
@@ -27,3 +27,4 @@ pub mod pictures;
 pub mod plan;
 pub mod planning;
 pub mod ready;
+pub mod stored_assessments;

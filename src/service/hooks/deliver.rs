@@ -12,17 +12,18 @@ use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD as BASE64;
 use reqwest::header::CONTENT_TYPE;
 use reqwest::{Client, Response};
-use serde_json::json;
+use serde::Serialize;
 use tokio::task::{JoinHandle, JoinSet};
 use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 
 use super::{HookSettings, address};
 use crate::domain::access::Principal;
-use crate::domain::change::Change;
+use crate::domain::change::{Change, ChangeKind};
 use crate::domain::hook::{Hook, HookFailure};
+use crate::formats::time::rfc3339;
 use crate::service::app::{App, ServiceError, metrics, now_ms};
-use crate::service::cohorts::changes;
+use crate::service::cohorts::changes::{self, ChangeOutput};
 use crate::store::HookClaim;
 
 /// Hooks that one process delivers to at a time.
@@ -218,7 +219,9 @@ impl Courier {
         let url = address::checked(&hook.url, self.settings.allow_private).map_err(|_| {
             Failed::new("the address is not allowed any more: it is private, or without https")
         })?;
-        let (id, body) = (hook.delivery_id(change.sequence), body(change));
+        let body = serde_json::to_string(&Delivery::new(change))
+            .map_err(|_| Failed::new("the change cannot be written as JSON: see the log of the service"))?;
+        let id = hook.delivery_id(change.sequence);
         let timestamp = (now_ms() / 1000).to_string();
         let signature = signature(hook.secret.bytes(), &id, &timestamp, &body);
         let request = client
@@ -260,13 +263,19 @@ async fn ignore(mut answer: Response) {
     }
 }
 
-/// Body of a delivery: the change as the feed lists it.
-fn body(change: &Change) -> String {
-    let Change { sequence, at_ms, kind, object, cohort, revision, shapes } = change;
-    let at = jiff::Timestamp::from_millisecond(*at_ms).map_or_else(|_| String::new(), |at| at.to_string());
-    let data = json!({"sequence": sequence, "at": at, "kind": kind, "object": object, "cohort": cohort,
-        "revision": revision, "shape_count": shapes});
-    json!({"type": kind, "timestamp": at, "data": data}).to_string()
+/// Body of a delivery, with the change as the feed lists it.
+#[derive(Serialize)]
+struct Delivery {
+    #[serde(rename = "type")]
+    kind: ChangeKind,
+    timestamp: String,
+    data: ChangeOutput,
+}
+
+impl Delivery {
+    fn new(change: &Change) -> Self {
+        Self { kind: change.kind, timestamp: rfc3339(change.at_ms), data: change.clone().into() }
+    }
 }
 
 /// `v1,` and HMAC-SHA256 of `id.timestamp.body` in base64.
@@ -286,8 +295,9 @@ fn delay_ms(hook: &str, attempt: u32) -> i64 {
 
 #[cfg(test)]
 mod tests {
+    use serde_json::json;
+
     use super::*;
-    use crate::domain::change::ChangeKind;
 
     /// The example of the Standard Webhooks specification.
     #[test]
@@ -320,7 +330,7 @@ mod tests {
             revision: Some(2),
             shapes: Some(3),
         };
-        let found: serde_json::Value = serde_json::from_str(&body(&change)).unwrap();
+        let found: serde_json::Value = serde_json::to_value(Delivery::new(&change)).unwrap();
         let at = "1970-01-01T00:00:00Z";
         let data = json!({"sequence": 7, "at": at, "kind": "shapes_added", "object": "coh_1", "cohort": "coh_1",
             "revision": 2, "shape_count": 3});

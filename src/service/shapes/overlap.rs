@@ -9,7 +9,7 @@ use crate::formats::fault::Fault;
 use crate::formats::shape::PointList;
 use crate::geometry::capability::FieldFault;
 use crate::geometry::mesh::TriangleMesh;
-use crate::geometry::overlap::{Bodies, Body, MaskInput};
+use crate::geometry::overlap::{Bodies, Body, GridInput, MaskInput};
 use crate::service::app::{App, Limits, ServiceError};
 
 document! {
@@ -75,15 +75,21 @@ fn read_body(input: BodyInput, limits: &Limits) -> Result<Body, Vec<Fault>> {
     }
 }
 
-/// Reads two bodies and chooses their grid: see [`Bodies::new`].
+/// Cells on which two bodies are counted.
+#[derive(Debug, Clone)]
+pub enum Cells {
+    /// Those of a grid around both, of this side if one is given.
+    Spacing(Option<f64>),
+    /// Those of a given grid.
+    Grid(GridInput),
+}
+
+/// Reads two bodies and chooses their grid: see [`Bodies::new`] and [`Bodies::on_grid`].
 ///
 /// # Errors
-/// Faults of the bodies at `/first…` and `/second…`; bodies and a spacing that do not fit together; too many cells.
-pub fn read(
-    app: &App,
-    [first, second]: [BodyInput; 2],
-    spacing: Option<f64>,
-) -> Result<Bodies, ServiceError> {
+/// Faults of the bodies at `/first…` and `/second…`, and of the grid at `/grid…`; bodies and cells that do not fit together; too
+/// many cells.
+pub fn read(app: &App, [first, second]: [BodyInput; 2], cells: Cells) -> Result<Bodies, ServiceError> {
     let mut faults = Vec::new();
     let mut read = |body, pointer: &str| match read_body(body, &app.limits) {
         Ok(body) => Some(body),
@@ -97,5 +103,17 @@ pub fn read(
     let (Some(first), Some(second)) = bodies else {
         return Err(ServiceError::Internal("a body that is neither read nor refused".into()));
     };
-    Bodies::new([first, second], spacing, MAX_CELLS).map_err(ServiceError::from)
+    match cells {
+        Cells::Spacing(spacing) => {
+            Bodies::new([first, second], spacing, MAX_CELLS).map_err(ServiceError::from)
+        }
+        Cells::Grid(given) => {
+            let grid = given.grid(MAX_CELLS).map_err(|faults| below(faults, "/grid"))?;
+            Bodies::on_grid([first, second], grid, given.size.len()).map_err(|faults| below(faults, ""))
+        }
+    }
+}
+
+fn below(faults: Vec<FieldFault>, pointer: &str) -> ServiceError {
+    ServiceError::below(faults.into_iter().map(Fault::from).collect(), pointer)
 }

@@ -1,6 +1,6 @@
 //! Attributes of the shapes of a cohort as columns, kept in memory and brought up to date by what has changed.
 
-use std::collections::{BTreeMap, HashMap, HashSet};
+use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 
 use crate::domain::attribute::{Attribute, AttributeValue, Measure};
@@ -233,16 +233,4 @@ pub(crate) async fn selected(
     }
     let places = app.store.places(&cohort.id, Revisions::until(cohort.revision), filter).await?;
     Ok(columns.positions(places.iter()))
-}
-
-/// Number of different values of cells.
-pub(crate) fn distinct(cells: impl Iterator<Item = Cell>) -> usize {
-    let key = |cell| match cell {
-        Cell::Missing => None,
-        Cell::Number(number) => Some((0, number.to_bits())),
-        Cell::Flag(flag) => Some((1, u64::from(flag))),
-        Cell::Time(ms) => Some((2, ms.cast_unsigned())),
-        Cell::Text(text) => Some((3, u64::from(text))),
-    };
-    cells.filter_map(key).collect::<HashSet<(u8, u64)>>().len()
 }

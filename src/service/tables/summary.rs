@@ -1,14 +1,15 @@
 //! Summaries of attributes: their types, values and distributions.
 
-use std::collections::HashMap;
+use std::cmp::Ordering;
 use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::columns::{self, Cell, CohortColumns, Column, distinct};
+use super::columns::{self, Cell, CohortColumns, Column};
 use crate::domain::attribute::Attribute;
 use crate::domain::cohort::Cohort;
 use crate::domain::filter::ShapeFilter;
+use crate::formats::time::rfc3339;
 use crate::service::app::{App, ServiceError, Work};
 use crate::service::cohorts::attributes::refuse_misspelt;
 use crate::service::cohorts::catalogue;
@@ -147,40 +148,74 @@ fn of_column(
         })
     };
     let is_numeric = matches!(value_type, ValueType::Number | ValueType::Time);
+    let counted = counted(column, &cells);
+    let listed = if value_type == ValueType::Time { 0 } else { query.values };
     AttributeSummary {
         attribute: attribute.clone(),
         value_type,
         missing: cells.iter().filter(|cell| **cell == Cell::Missing).count(),
-        distinct: distinct(cells.iter().copied()),
-        values: if value_type == ValueType::Time {
-            Vec::new()
-        } else {
-            frequent(column, &cells, query.values)
-        },
+        distinct: counted.len(),
+        values: frequent(column, counted, listed),
         distribution: is_numeric.then(|| Distribution::of(numbers().collect(), query.bins)).flatten(),
     }
 }
 
-/// The most frequent values, equally frequent ones in the order of their texts.
-fn frequent(column: &Column, cells: &[Cell], most: usize) -> Vec<(String, usize)> {
+/// The different values of cells, each with the number of its cells. Cost: a sort of the values that are no texts.
+fn counted(column: &Column, cells: &[Cell]) -> Vec<(Cell, usize)> {
     let mut texts = vec![0_usize; column.texts.len()];
-    let mut others: HashMap<String, usize> = HashMap::new();
-    let mut numbers: HashMap<u64, usize> = HashMap::new();
+    let mut others: Vec<Cell> = Vec::new();
     for cell in cells {
         match cell {
-            Cell::Missing | Cell::Time(_) => {}
+            Cell::Missing => {}
             Cell::Text(text) => texts[*text as usize] += 1,
-            Cell::Number(number) => *numbers.entry(number.to_bits()).or_default() += 1,
-            Cell::Flag(flag) => *others.entry(flag.to_string()).or_default() += 1,
+            other => others.push(*other),
         }
     }
-    let texts = column.texts.iter().zip(texts).filter(|(_, count)| *count > 0);
-    let mut all: Vec<(String, usize)> = texts.map(|(text, count)| (text.to_string(), count)).collect();
-    all.extend(numbers.into_iter().map(|(bits, count)| (number_text(f64::from_bits(bits)), count)));
-    all.extend(others);
-    all.sort_by(|(a, i), (b, k)| k.cmp(i).then_with(|| a.cmp(b)));
-    all.truncate(most);
-    all
+    others.sort_unstable_by(|a, b| order(column, a, b));
+    let runs = others.chunk_by(|a, b| order(column, a, b).is_eq());
+    let texts = texts.into_iter().enumerate().filter(|(_, count)| *count > 0);
+    let texts = texts.map(|(text, count)| (Cell::Text(text as u32), count));
+    runs.map(|run| (run[0], run.len())).chain(texts).collect()
+}
+
+/// The most frequent of different values; equally frequent ones in ascending order: booleans, numbers, times, texts.
+fn frequent(column: &Column, mut counted: Vec<(Cell, usize)>, most: usize) -> Vec<(String, usize)> {
+    let order = |(a, i): &(Cell, usize), (b, k): &(Cell, usize)| k.cmp(i).then_with(|| order(column, a, b));
+    if most < counted.len() {
+        counted.select_nth_unstable_by(most, order);
+        counted.truncate(most);
+    }
+    counted.sort_unstable_by(order);
+    counted.into_iter().map(|(cell, count)| (text_of(column, cell), count)).collect()
+}
+
+/// Order of values of a column.
+fn order(column: &Column, a: &Cell, b: &Cell) -> Ordering {
+    let kind = |cell: &Cell| match cell {
+        Cell::Missing => 0,
+        Cell::Flag(_) => 1,
+        Cell::Number(_) => 2,
+        Cell::Time(_) => 3,
+        Cell::Text(_) => 4,
+    };
+    match (a, b) {
+        (Cell::Number(a), Cell::Number(b)) => a.total_cmp(b),
+        (Cell::Flag(a), Cell::Flag(b)) => a.cmp(b),
+        (Cell::Time(a), Cell::Time(b)) => a.cmp(b),
+        (Cell::Text(a), Cell::Text(b)) => column.texts[*a as usize].cmp(&column.texts[*b as usize]),
+        _ => kind(a).cmp(&kind(b)),
+    }
+}
+
+/// A value as filters compare it.
+fn text_of(column: &Column, cell: Cell) -> String {
+    match cell {
+        Cell::Missing => String::new(),
+        Cell::Flag(flag) => flag.to_string(),
+        Cell::Number(number) => number_text(number),
+        Cell::Time(ms) => rfc3339(ms),
+        Cell::Text(text) => column.texts[text as usize].to_string(),
+    }
 }
 
 /// A number as filters compare it.
@@ -256,6 +291,21 @@ mod tests {
         assert_eq!(kind(&[Cell::Flag(true), Cell::Number(1.0)]), ValueType::Text);
         assert_eq!(kind(&[Cell::Number(1.0), Cell::Text(0)]), ValueType::Text);
         assert_eq!(kind(&[Cell::Missing]), ValueType::Text);
+    }
+
+    #[test]
+    fn frequent_values_come_first_and_equally_frequent_ones_ascend() {
+        let mut column = Column::default();
+        column.texts.extend(["b", "a"].map(Into::into));
+        let numbers = [10.0, 9.0, -1.0, 9.0, 10.0].map(Cell::Number);
+        let others = [Cell::Text(0), Cell::Text(1), Cell::Missing, Cell::Flag(true)];
+        let cells: Vec<Cell> = numbers.into_iter().chain(others).collect();
+        let all = [("9", 2), ("10", 2), ("true", 1), ("-1", 1), ("a", 1), ("b", 1)];
+        let all = all.map(|(text, count)| (text.to_owned(), count));
+        for most in 0..8 {
+            let found = frequent(&column, counted(&column, &cells), most);
+            assert_eq!(found, all[..most.min(all.len())], "{most}");
+        }
     }
 
     #[test]

@@ -84,7 +84,7 @@ pub async fn table(app: &App, key: &str, query: TableQuery) -> Result<CohortTabl
         };
         let rows = shapes.len();
         let columns = names.into_iter().zip(sources.0.iter().map(values)).collect();
-        Ok(Table { fields: serde_json::Map::new(), columns, rows, time_text })
+        Ok(Table { fields: serde_json::Map::new(), columns, rows })
     });
     let table = columns.await?;
     Ok(CohortTable { cohort, dictionaries, table })
@@ -92,11 +92,6 @@ pub async fn table(app: &App, key: &str, query: TableQuery) -> Result<CohortTabl
 
 /// Predicted work of a value.
 const SECONDS_PER_VALUE: f64 = 5e-8;
-
-/// A time in RFC 3339.
-fn time_text(ms: i64) -> String {
-    jiff::Timestamp::from_millisecond(ms).map_or_else(|_| String::new(), |time| time.to_string())
-}
 
 /// Names of the columns of a table that names none.
 fn usual_columns(held: &CohortColumns) -> Vec<String> {

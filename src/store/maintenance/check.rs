@@ -115,6 +115,12 @@ const RULES: &[(&str, &str)] = &[
         WHERE d.id IS NULL OR d.handle <> a.handle OR d.tenant <> a.tenant",
     ),
     (
+        "an assessment is of the shape {}, which its cohort never had",
+        "SELECT a.shape FROM assessment AS a
+        LEFT JOIN (SELECT DISTINCT cohort, id FROM shape) AS s ON s.cohort = a.cohort AND s.id = a.shape
+        WHERE s.id IS NULL",
+    ),
+    (
         "the output of job {} belongs to no job",
         "SELECT o.job FROM job_output AS o LEFT JOIN job AS j ON j.id = o.job WHERE j.id IS NULL",
     ),

@@ -233,6 +233,23 @@ pub(super) const TABLES: &[Table] = &[
         condition: None,
     },
     Table {
+        name: "assessment",
+        key: 3,
+        columns: &[
+            ("cohort", Integer),
+            ("dictionary", Text),
+            ("shape", Text),
+            ("revision", Integer),
+            ("assessed_at_ms", Integer),
+            ("class", Text),
+            ("is_outlier", Integer),
+            ("body", Text),
+        ],
+        counted: false,
+        page: MANY,
+        condition: None,
+    },
+    Table {
         name: "receipt",
         key: 2,
         columns: &[

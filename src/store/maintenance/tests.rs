@@ -13,7 +13,7 @@ use super::super::jobs::Claim;
 use super::super::tests::{
     DATABASE_URL, cohort, embedded, fresh, fresh_schema, meddle, named, rows, shape, store_all,
 };
-use super::super::{Store, StoreError};
+use super::super::{AssessmentRun, NewAssessment, Store, StoreError};
 use super::tables::{Kind, PASSING, TABLES};
 use super::*;
 use crate::domain::cohort::Cohort;
@@ -64,6 +64,11 @@ async fn add_dictionary(store: &Store, cohort: &Cohort) {
     let checksum = blake3::hash(state).as_bytes().to_vec();
     sql(store.writer(), DATA).bind(content).bind(state).bind(checksum).execute().await.unwrap();
     meddle(store, ALIAS).await;
+    let run = AssessmentRun { cohort: &cohort.id, dictionary: "dic_1", revision: 2, job: None };
+    let shape = store.find_shape(&cohort.id, "e1").await.unwrap().unwrap().id;
+    let body = json!({"relative_error": 0.1}).to_string();
+    let assessment = NewAssessment { shape, class: Some("a".into()), is_outlier: true, body };
+    assert_eq!(store.store_assessments(&run, &[assessment], 52).await.unwrap(), Some(1));
 }
 
 async fn findings(store: &Store) -> Vec<String> {

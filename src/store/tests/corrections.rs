@@ -202,7 +202,7 @@ async fn a_subject_is_erased_where_it_was_the_last_one() {
     store_all(&store, &cohort, (0..4).map(|k| labelled(k, "a", "first")).collect()).await;
     correct(&store, &cohort, "e0", |attributes| attributes.subject = Some("second".into())).await;
     correct(&store, &cohort, "e1", |attributes| attributes.subject = None).await;
-    // The earlier row of e0 is of the same shape; e1 belongs to nobody.
+    // The earlier row of e0 holds the same shape; e1 has no subject.
     assert_eq!(erase(&store, "second").await[0].shapes, 1);
     let ids = async |revision| scan_all(&store, &cohort, revision, &EVERYTHING, Ids::Include).await.1.len();
     assert_eq!((ids(1).await, ids(2).await, ids(4).await), (3, 3, 3));
