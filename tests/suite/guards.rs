@@ -105,6 +105,7 @@ const OPERATIONS: &[&str] = &[
     "POST /v1/refine",
     "POST /v1/regressions",
     "POST /v1/resample",
+    "POST /v1/segment",
     "POST /v1/subdivide",
 ];
 

@@ -33,6 +33,7 @@ mod http_results;
 mod http_retries;
 mod http_retrieval;
 mod http_same_bits;
+mod http_segment;
 mod http_spreading;
 mod http_subdivision;
 mod http_surfaces;

@@ -326,6 +326,11 @@ impl ShapeSpace {
 
     /// The basis, if the shapes are surfaces.
     pub fn surface(&self) -> Option<&SurfaceBasis> {
+        self.shared_surface().map(Arc::as_ref)
+    }
+
+    /// The shared basis, if the shapes are surfaces.
+    pub(crate) fn shared_surface(&self) -> Option<&Arc<SurfaceBasis>> {
         match &self.basis {
             Basis::Surface(basis) => Some(basis),
             _ => None,

@@ -29,6 +29,7 @@ mod planned;
 mod regressions;
 mod request_macros;
 mod retrieval;
+mod segment;
 mod shape_query;
 mod shapes;
 mod sheet;
@@ -93,6 +94,7 @@ pub(super) fn computing_routes() -> OpenApiRouter<App> {
         .routes(routes!(subdivision::subdivide))
         .routes(routes!(overlap::overlap))
         .routes(routes!(contours::contours))
+        .routes(routes!(segment::segment))
         .routes(routes!(cohorts::cohort_mean))
         .routes(routes!(corrections::erase_subject))
         .routes(routes!(retrieval::search_cohort))

@@ -10,10 +10,12 @@
 //! * [`fit`] — least-squares fits to points and meshes;
 //! * [`refine`] — the same shape on a finer or another grid of knots;
 //! * [`deform`] — places of handles, and the change of a deformation;
-//! * [`idealise`] — control points of idealised shapes; [`interpolate`] — grids of points that determine a surface.
+//! * [`idealise`] — control points of idealised shapes; [`interpolate`] — grids of points that determine a surface;
+//! * [`enclose`] — boundaries of regions, and those that fill a box.
 
 pub mod deform;
 pub mod domain;
+pub mod enclose;
 pub mod fit;
 pub mod idealise;
 pub mod interpolate;

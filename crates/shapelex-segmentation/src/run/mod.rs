@@ -109,6 +109,16 @@ impl Outcome {
     }
 }
 
+impl From<Fault> for Outcome {
+    fn from(fault: Fault) -> Self {
+        match fault {
+            Fault::Folded => Self::Folded,
+            Fault::LeftImage => Self::LeftImage,
+            Fault::Collapsed => Self::Collapsed,
+        }
+    }
+}
+
 /// What one run of a stage did.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StageReport {
@@ -148,6 +158,33 @@ impl<const D: usize> Segmentation<D> {
     }
 }
 
+/// The energy of a shape in the last stage.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Evaluation<const D: usize> {
+    /// Terms of the energy.
+    pub terms: Vec<TermValue>,
+    /// Gradient with respect to the free points, in index coordinates.
+    pub gradient: Vec<[f64; D]>,
+}
+
+/// Evaluates the energy of the last stage at a shape, given by its free points in index coordinates. Terms that are relative to a
+/// first shape are relative to this one.
+///
+/// # Errors
+/// As for [`segment`].
+pub fn evaluate<const D: usize>(
+    scene: &Scene<D>,
+    model: &dyn Model<D>,
+    rows: &[[f64; D]],
+    settings: &Settings<D>,
+) -> Result<Evaluation<D>, SegmentationError> {
+    let Some(last) = settings.stages.last() else { return Err(SegmentationError::Stages { sigma: None }) };
+    let run = Run::new(scene, model, rows, settings)?;
+    let (boundary, energy) = (run.boundary(last), run.energy(last)?);
+    let shape = Shape::new(&*boundary, rows);
+    Ok(Evaluation { terms: energy.values(&shape), gradient: energy.evaluate(&shape).gradient })
+}
+
 /// Segments an object from a first shape, given by its free points in index coordinates.
 ///
 /// # Errors
@@ -160,14 +197,8 @@ pub fn segment<const D: usize>(
     settings: &Settings<D>,
     stop: Stop<'_>,
 ) -> Result<Segmentation<D>, SegmentationError> {
-    if start.len() != model.rows() {
-        return Err(SegmentationError::Rows { expected: model.rows(), found: start.len() });
-    }
     let Some(last) = settings.stages.last() else { return Err(SegmentationError::Stages { sigma: None }) };
-    let measures = Measures::of(scene, model, start)?;
-    let mut run =
-        Run { scene, model, settings, measures, rows: start.to_vec(), spacing: settings.spacing, clip: 0.0 };
-    run.clip = if start.len() > MANY { 0.5 * settings.clip } else { settings.clip };
+    let mut run = Run::new(scene, model, start, settings)?;
     let (mut reports, mut outcome) = (Vec::new(), Outcome::Limit);
     for (index, stage) in settings.stages.iter().enumerate() {
         outcome = run.stage(index, stage, &mut reports, stop)?;
@@ -192,7 +223,21 @@ struct Run<'a, const D: usize> {
     clip: f64,
 }
 
-impl<const D: usize> Run<'_, D> {
+impl<'a, const D: usize> Run<'a, D> {
+    fn new(
+        scene: &'a Scene<D>,
+        model: &'a dyn Model<D>,
+        start: &[[f64; D]],
+        settings: &'a Settings<D>,
+    ) -> Result<Self, SegmentationError> {
+        if start.len() != model.rows() {
+            return Err(SegmentationError::Rows { expected: model.rows(), found: start.len() });
+        }
+        let measures = Measures::of(scene, model, start)?;
+        let clip = if start.len() > MANY { 0.5 * settings.clip } else { settings.clip };
+        Ok(Self { scene, model, settings, measures, rows: start.to_vec(), spacing: settings.spacing, clip })
+    }
+
     fn boundary(&self, stage: &Stage) -> Box<dyn Boundary<D>> {
         let cells = self.scene.frame().sigma_in_cells(stage.sigma);
         let sigma = cells[..D].iter().copied().fold(f64::INFINITY, f64::min);
@@ -261,11 +306,7 @@ impl<const D: usize> Run<'_, D> {
                 });
             };
             if repairs == self.settings.repairs || minimum.ending == Ending::Stopped {
-                return Ok(match fault {
-                    Fault::Folded => Outcome::Folded,
-                    Fault::LeftImage => Outcome::LeftImage,
-                    Fault::Collapsed => Outcome::Collapsed,
-                });
+                return Ok(fault.into());
             }
             repairs += 1;
             self.spacing = (REPAIR.0 * self.spacing).max(LEAST_SPACING);

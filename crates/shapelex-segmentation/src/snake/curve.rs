@@ -30,6 +30,11 @@ impl CurveSnake {
         Ok(Self { line: Line::new(generator, count, true)? })
     }
 
+    /// The closed curves with this basis.
+    pub fn on(line: Line) -> Self {
+        Self { line }
+    }
+
     /// The line of the control points.
     pub fn line(&self) -> &Line {
         &self.line

@@ -84,4 +84,11 @@ impl Model<3> for CylinderSnake {
     fn lift(&self) -> Option<SparseRows> {
         Some(self.net.clone())
     }
+
+    fn free_points(&self, control_points: &[[f64; 3]]) -> Vec<[f64; 3]> {
+        let line = &self.basis.lines()[1];
+        let free = line.beyond()..line.beyond() + line.intervals() + 1;
+        let length = free.end + line.beyond();
+        control_points.chunks_exact(length).flat_map(|along| along[free.clone()].to_vec()).collect()
+    }
 }

@@ -2,12 +2,14 @@
 //!
 //! * [`curve`] — closed planar curves with any generator; [`surface`] — spheres and tori;
 //! * [`cylinder`] — cylinders with caps; [`subdivision`] — subdivision surfaces;
+//! * [`kind`] — the model of a representation;
 //! * [`reparametrisation`] — stages in which only affine maps, or distances from the centre, are free.
 //!
 //! Free points and all lengths in this module are in index coordinates.
 
 pub mod curve;
 pub mod cylinder;
+pub mod kind;
 pub mod reparametrisation;
 pub mod subdivision;
 pub mod surface;
@@ -71,6 +73,11 @@ pub trait Model<const D: usize>: Send + Sync {
 
     /// The map from free points to all control points of the representation; `None` if they are the same.
     fn lift(&self) -> Option<SparseRows>;
+
+    /// The free points of a shape that has these control points; the others are not free, and get lost.
+    fn free_points(&self, control_points: &[[f64; D]]) -> Vec<[f64; D]> {
+        control_points[..self.rows()].to_vec()
+    }
 
     /// All control points of the representation.
     fn control_points(&self, rows: &[[f64; D]]) -> Vec<[f64; D]> {

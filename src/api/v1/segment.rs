@@ -1,0 +1,236 @@
+//! Segmentation of objects in images and volumes.
+
+use axum::extract::Request;
+use axum::http::StatusCode;
+use axum::response::Response;
+
+use crate::analysis::alignment::Alignment;
+use crate::analysis::correspondence::{Correspondence, Direction, Mirror};
+use crate::analysis::frame::Frame;
+use crate::analysis::transformation::{ClassName, Transformation};
+use crate::api::extract::{Caller, NoQuery};
+use crate::api::form;
+use crate::api::problem::Problem;
+use crate::api::respond::{Binary, Planned, compute_planned, json, planned};
+use crate::formats::checked::{Checked, List, Many, document, take_given, take_many, take_or_default};
+use crate::formats::fault::Fault;
+use crate::formats::representation::Read;
+use crate::formats::shape::ShapeInput;
+use crate::geometry::representation::Representation;
+use crate::service::app::{App, ServiceError};
+use crate::service::segmentation::image::Coordinates;
+use crate::service::segmentation::request::{BoxInput, EnergyInput, StageInput, TermInput};
+use crate::service::segmentation::segment::{self, Answered, Files, SegmentAnswer, Starts, Wanted};
+use crate::service::statistics::{CheckedSettings, Settings};
+
+document! {
+    /// What is wanted of an image.
+    #[schema(example = json!({
+        "representation": {"kind": "closed_curve", "dimension": 2, "control_points": 8, "generator": {"name": "trigonometric"}},
+        "boxes": [{"lower": [6, 6], "upper": [20, 18]}],
+        "terms": [{"name": "contour"}], "coordinates": "index"
+    }))]
+    pub(super) struct SegmentRequest {
+        /// Representation of the shapes: `closed_curve` in the plane; `surface` with the topology `sphere`, `cylinder` (closed by lids)
+        /// or `torus`; `subdivision` with a linear scheme.
+        #[schema(value_type = Representation, required = true)]
+        representation: Read<Representation>, required;
+        /// Conversion of posted points to control points. Default: `landmarks`.
+        #[schema(value_type = Option<Correspondence>)]
+        correspondence: Checked<Correspondence>;
+        /// Initial shapes, one for each object, in either direction. Either these or `boxes`.
+        #[schema(value_type = Option<Vec<ShapeInput>>)]
+        shapes: List<ShapeInput>;
+        /// Boxes, one for each object, whose largest ellipse, ellipsoid, cylinder or torus is the initial shape.
+        #[schema(value_type = Option<Vec<BoxInput>>)]
+        boxes: Many<BoxInput>;
+        /// Terms of the energy: at least one of the image, each at most once.
+        #[schema(value_type = Vec<TermInput>, required = true, max_items = 8)]
+        terms: Many<TermInput>, required;
+        /// Stages of the minimisation, from coarse to fine. Default: an affine map at a blur of two cells, then all points at blurs of
+        /// two cells and of one.
+        #[schema(value_type = Option<Vec<StageInput>>, max_items = 8)]
+        stages: Many<StageInput>;
+        /// Attraction to the class of a shape.
+        #[schema(value_type = Option<ShapePrior>)]
+        prior: ShapePrior;
+        /// Coordinates of shapes, boxes, blurs and the answer. Default: `world`.
+        #[schema(value_type = Option<Coordinates>)]
+        coordinates: Checked<Coordinates>;
+        /// Labels of the truth, one for each object. Default: all but 0.
+        #[schema(value_type = Option<Vec<u32>>)]
+        truth_labels: Many<u32>;
+        /// Whether to answer the energy after every iteration. Default: false.
+        #[schema(value_type = Option<bool>)]
+        history: Checked<bool>;
+        /// Whether to answer the gradient of the energy at the result. Default: false.
+        #[schema(value_type = Option<bool>)]
+        gradient: Checked<bool>;
+    }
+}
+
+document! {
+    /// Attraction to the shapes that a class of transformations makes of a reference: `weight · ‖c − c*‖²/V^(2/d)`, with `c*` the
+    /// nearest of them and `V` the area or volume.
+    pub(super) struct ShapePrior {
+        /// The reference: a mean or an atom of a dictionary, or any shape of the representation.
+        #[schema(value_type = ShapeInput, required = true)]
+        reference: ShapeInput, required;
+        /// Class of transformations.
+        #[schema(value_type = Transformation, required = true)]
+        transformation: Checked<Transformation>, required;
+        /// Default: `projection`, or `procrustes` where the class is no linear space.
+        #[schema(value_type = Option<Alignment>)]
+        alignment: Checked<Alignment>;
+        /// Weight `γ`. Default: 1.
+        #[schema(value_type = Option<f64>, minimum = 0)]
+        weight: Checked<f64>;
+    }
+}
+
+/// Form with an image, and labels of the truth.
+#[derive(Debug, utoipa::ToSchema)]
+#[allow(dead_code, reason = "only for the document")]
+pub(super) struct SegmentForm {
+    /// What is wanted; the first part.
+    parameters: SegmentRequest,
+    /// Image: PNG, TIFF or NIfTI. Colours are read as luma.
+    image: Binary,
+    /// Label image of the same size, with which the results are compared.
+    truth: Option<Binary>,
+}
+
+/// Segments objects in an image or a volume.
+///
+/// Each object is a shape that minimises an energy of the image inside it, from its initial shape on, by L-BFGS with exact gradients,
+/// in stages from coarse to fine. The shape is checked after every stage: one that folds, collapses or leaves the image is answered
+/// with `stop` and a warning, as it was before. Shapes are those of the representation, and can be posted to a cohort.
+#[utoipa::path(post, path = "/segment", tag = "images",
+    request_body(content = SegmentForm, content_type = "multipart/form-data"),
+    responses(
+        (status = 200, description = "One shape for each initial shape, in order", body = SegmentAnswer)
+    ))]
+pub(super) async fn segment(Caller(app): Caller, _: NoQuery, request: Request) -> Result<Response, Problem> {
+    let form = form::read(&app, request, &["image", "truth"]).await?;
+    let (image, truth) = (form.required("image")?, form.file("truth"));
+    compute_planned(app, form.parameters, move |app, parameters| {
+        let wanted = app.parse::<SegmentRequest>(parameters)?.wanted(app)?;
+        let files = Files { image: &image, truth: truth.as_deref() };
+        let found = segment::Planned::new(app, files, wanted)?;
+        plan(found, image.clone(), truth.clone())
+    })
+    .await
+}
+
+fn plan(
+    found: segment::Planned,
+    image: axum::body::Bytes,
+    truth: Option<axum::body::Bytes>,
+) -> Result<Planned, ServiceError> {
+    planned(found.work(), move |app: &App| {
+        let files = Files { image: &image, truth: truth.as_deref() };
+        json(StatusCode::OK, &found.segment(app, files)?)
+    })
+}
+
+impl SegmentRequest {
+    fn wanted(self, app: &App) -> Result<Wanted, ServiceError> {
+        let mut errors = self.faults;
+        let representation = self.representation.and_then(|field| field.take("/representation", &mut errors));
+        let correspondence = take_or_default(self.correspondence, "/correspondence", &mut errors);
+        let shapes = self.shapes.map(|shapes| shapes.take("/shapes", &mut errors));
+        let boxes = take_many(self.boxes, "/boxes", &mut errors);
+        let terms = take_many(self.terms, "/terms", &mut errors).unwrap_or_default();
+        let stages = take_many(self.stages, "/stages", &mut errors).unwrap_or_default();
+        let prior = self.prior.map(|prior| prior.taken(&mut errors));
+        let coordinates = take_or_default(self.coordinates, "/coordinates", &mut errors);
+        let truth_labels = take_many(self.truth_labels, "/truth_labels", &mut errors);
+        let answered = Answered {
+            history: take_or_default(self.history, "/history", &mut errors).unwrap_or_default(),
+            gradient: take_or_default(self.gradient, "/gradient", &mut errors).unwrap_or_default(),
+        };
+        let starts = match (shapes, boxes) {
+            (Some(shapes), None) => Some(Starts::Shapes(shapes)),
+            (None, Some(boxes)) => Some(Starts::Boxes(boxes)),
+            (Some(_), Some(_)) => {
+                errors.push(Fault::new("/boxes", "expected either shapes or boxes, got both"));
+                None
+            }
+            (None, None) if errors.is_empty() => {
+                errors.push(Fault::new("/shapes", "expected either shapes or boxes, got neither"));
+                None
+            }
+            (None, None) => None,
+        };
+        let settings = settings(app, representation.zip(correspondence), prior.as_ref(), &mut errors)?;
+        ServiceError::unless_empty(errors)?;
+        match (settings, starts, coordinates) {
+            (Some(settings), Some(starts), Some(coordinates)) => Ok(Wanted {
+                settings,
+                starts,
+                energy: EnergyInput { terms, stages },
+                prior: prior.and_then(|prior| Some((prior.reference?, prior.weight?))),
+                coordinates,
+                truth_labels,
+                answered,
+            }),
+            _ => Err(ServiceError::invalid("", "the request is incomplete")),
+        }
+    }
+}
+
+/// The fields of a prior that could be read.
+struct Taken {
+    reference: Option<ShapeInput>,
+    transformation: Option<Transformation>,
+    alignment: Option<Alignment>,
+    weight: Option<f64>,
+}
+
+impl ShapePrior {
+    fn taken(self, errors: &mut Vec<Fault>) -> Taken {
+        errors.extend(self.faults.into_iter().map(|fault| fault.below("/prior")));
+        Taken {
+            reference: self.reference,
+            transformation: take_given(self.transformation, "/prior/transformation", errors),
+            alignment: take_given(self.alignment, "/prior/alignment", errors),
+            weight: self.weight.map_or(Some(1.0), |weight| weight.take("/prior/weight", errors)),
+        }
+    }
+}
+
+/// Settings of the shapes and of the class of the prior; without a prior the class is not used.
+fn settings(
+    app: &App,
+    shapes: Option<(Representation, Correspondence)>,
+    prior: Option<&Taken>,
+    errors: &mut Vec<Fault>,
+) -> Result<Option<CheckedSettings>, ServiceError> {
+    let Some((representation, correspondence)) = shapes else { return Ok(None) };
+    let transformation = match prior {
+        Some(prior) => prior.transformation.clone(),
+        None => Some(Transformation::Named(ClassName::Affine)),
+    };
+    let Some(transformation) = transformation else { return Ok(None) };
+    let usual = Alignment::usual(&transformation, representation.dimension());
+    let settings = Settings {
+        representation,
+        correspondence,
+        direction: Direction::Given,
+        mirror: Mirror::Forbid,
+        transformation,
+        alignment: prior.and_then(|prior| prior.alignment).unwrap_or(usual),
+        frame: Frame::default(),
+    };
+    match settings.checked(&app.limits) {
+        Ok(settings) => Ok(Some(settings)),
+        Err(ServiceError::Invalid(faults)) => {
+            errors.extend(faults.into_listed().into_iter().map(|fault| match fault.pointer.as_str() {
+                "/transformation" | "/alignment" => fault.below("/prior"),
+                _ => fault,
+            }));
+            Ok(None)
+        }
+        Err(error) => Err(error),
+    }
+}

@@ -1,0 +1,361 @@
+//! What a segmentation is asked for, as it is posted, and the same as settings of a run.
+
+use serde::{Deserialize, Serialize};
+
+use crate::formats::fault::Fault;
+use crate::segmentation::energy::Polarity;
+use crate::segmentation::run::scene::{EdgeScale, ImageTerm};
+use crate::segmentation::run::{Settings, Stage};
+use crate::segmentation::snake::reparametrisation::Free;
+
+/// Maximum number of terms, and of stages.
+pub const MAX_TERMS: usize = 8;
+/// Maximum number of iterations of a stage.
+pub const MAX_ITERATIONS: usize = 2000;
+/// Maximum blur in cells: kernels have 8 times as many numbers.
+pub const MAX_BLUR: f64 = 64.0;
+/// Largest weight; smaller ones are as useless.
+const MAX_WEIGHT: f64 = 1e9;
+
+/// Whether objects are brighter (`bright`) or darker (`dark`) than what is around them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum ObjectPolarity {
+    /// Brighter.
+    #[default]
+    Bright,
+    /// Darker.
+    Dark,
+}
+
+impl From<ObjectPolarity> for Polarity {
+    fn from(polarity: ObjectPolarity) -> Self {
+        match polarity {
+            ObjectPolarity::Bright => Self::Bright,
+            ObjectPolarity::Dark => Self::Dark,
+        }
+    }
+}
+
+/// Scale of edges, by which the contour term is divided.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
+pub enum EdgeInput {
+    /// A percentile of the length of the gradient at the blur of the stage.
+    Percentile {
+        /// Between 0 and 100. 99 to 99.5 is usual.
+        #[schema(minimum = 0, maximum = 100)]
+        percent: f64,
+    },
+    /// For thin sheets in noise: the percentile at a blur of three cells, scaled to the blur of the stage.
+    Sheets {
+        /// Between 0 and 100.
+        #[schema(minimum = 0, maximum = 100)]
+        percent: f64,
+    },
+    /// A given scale, in units of the image per length.
+    Given {
+        /// The scale.
+        #[schema(exclusive_minimum = 0)]
+        scale: f64,
+    },
+}
+
+/// A term of the energy, with its weight (default: 1). All terms are dimensionless: weights depend neither on the unit of the image
+/// nor on the size of the object.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+#[serde(tag = "name", rename_all = "snake_case", deny_unknown_fields)]
+pub enum TermInput {
+    /// Flux of the gradient of the image through the boundary.
+    Contour {
+        /// Weight.
+        #[serde(default = "one")]
+        #[schema(minimum = 0, default = 1)]
+        weight: f64,
+        /// Default: `bright`.
+        #[serde(default)]
+        #[schema(required = false)]
+        polarity: ObjectPolarity,
+        /// Default: the percentile 99.
+        #[serde(default = "usual_edges")]
+        #[schema(required = false)]
+        edges: EdgeInput,
+    },
+    /// Region that is brighter than a fraction `theta` of a level.
+    Threshold {
+        /// Weight.
+        #[serde(default = "one")]
+        #[schema(minimum = 0, default = 1)]
+        weight: f64,
+        /// Default: 0.7.
+        #[serde(default = "usual_theta")]
+        #[schema(exclusive_minimum = 0, default = 0.7)]
+        theta: f64,
+        /// The level. Default: the median of the image in the initial shape.
+        #[serde(default)]
+        level: Option<f64>,
+    },
+    /// Mean of the image in the shape against that in a shell around it.
+    LocalContrast {
+        /// Weight.
+        #[serde(default = "one")]
+        #[schema(minimum = 0, default = 1)]
+        weight: f64,
+        /// Default: `bright`.
+        #[serde(default)]
+        #[schema(required = false)]
+        polarity: ObjectPolarity,
+    },
+    /// Two means, in the shape and outside of it.
+    TwoClass {
+        /// Weight.
+        #[serde(default = "one")]
+        #[schema(minimum = 0, default = 1)]
+        weight: f64,
+    },
+    /// Length or area of the boundary, relative to that of the initial shape.
+    Boundary {
+        /// Weight `κ`.
+        #[serde(default = "one")]
+        #[schema(minimum = 0, default = 1)]
+        weight: f64,
+    },
+    /// Unevenness of the parameterisation, which keeps shapes from folding. Default without this term: weight 0.1.
+    Spacing {
+        /// Weight `ρ`.
+        #[serde(default = "one")]
+        #[schema(minimum = 0, default = 1)]
+        weight: f64,
+    },
+}
+
+fn one() -> f64 {
+    1.0
+}
+
+fn usual_theta() -> f64 {
+    0.7
+}
+
+fn usual_edges() -> EdgeInput {
+    EdgeInput::Percentile { percent: 99.0 }
+}
+
+/// What is free in a stage: an affine map of the shape (`affine`), distances from its centre (`radial`), or all points (`all`).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum FreeInput {
+    /// An affine map.
+    Affine,
+    /// Distances from the centre.
+    Radial,
+    /// All points.
+    #[default]
+    All,
+}
+
+/// A stage of the minimisation.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct StageInput {
+    /// What is free. Default: `all`.
+    #[serde(default)]
+    #[schema(required = false)]
+    pub free: FreeInput,
+    /// Standard deviation of the blur of the image, in the unit of the coordinates.
+    #[schema(minimum = 0)]
+    pub sigma: f64,
+    /// Maximum number of iterations; 0 evaluates the energy. Default: 150.
+    #[serde(default = "usual_iterations")]
+    #[schema(minimum = 0, maximum = 2000, default = 150)]
+    pub iterations: usize,
+}
+
+fn usual_iterations() -> usize {
+    150
+}
+
+impl StageInput {
+    /// An affine stage at a blur of two cells, then all points at blurs of two cells and of one.
+    pub fn usual(cell: f64) -> Vec<Self> {
+        let stage = |free, cells: f64| Self { free, sigma: cells * cell, iterations: usual_iterations() };
+        vec![stage(FreeInput::Affine, 2.0), stage(FreeInput::All, 2.0), stage(FreeInput::All, 1.0)]
+    }
+
+    fn stage(self) -> Stage {
+        let free = match self.free {
+            FreeInput::Affine => Free::Affine,
+            FreeInput::Radial => Free::Radial,
+            FreeInput::All => Free::All,
+        };
+        Stage { iterations: self.iterations, ..Stage::new(free, self.sigma) }
+    }
+}
+
+/// Box that the initial ellipse, ellipsoid, cylinder or torus fills, in the coordinates of the request.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct BoxInput {
+    /// Corner with the smallest coordinates.
+    #[schema(min_items = 2, max_items = 3)]
+    pub lower: Vec<f64>,
+    /// Corner with the largest coordinates.
+    #[schema(min_items = 2, max_items = 3)]
+    pub upper: Vec<f64>,
+}
+
+impl BoxInput {
+    /// Faults of the box for shapes of a dimension, with pointers relative to it.
+    pub(super) fn faults(&self, dimension: usize) -> Vec<Fault> {
+        let mut faults = Vec::new();
+        for (name, corner) in [("lower", &self.lower), ("upper", &self.upper)] {
+            if corner.len() != dimension {
+                let detail = format!("expected {dimension} coordinates, got {}", corner.len());
+                faults.push(Fault::new(format!("/{name}"), detail));
+            }
+            let wild = corner.iter().position(|value| !(value.abs() <= crate::numeric::MAX_NUMBER));
+            faults.extend(wild.map(|at| {
+                let detail =
+                    format!("expected a number within ±{:e}, got {}", crate::numeric::MAX_NUMBER, corner[at]);
+                Fault::new(format!("/{name}/{at}"), detail)
+            }));
+        }
+        let is_empty = |(low, high): (&f64, &f64)| !(low < high);
+        if faults.is_empty()
+            && let Some(at) = self.lower.iter().zip(&self.upper).position(is_empty)
+        {
+            let detail = format!("expected a number above lower, {}, got {}", self.lower[at], self.upper[at]);
+            faults.push(Fault::new(format!("/upper/{at}"), detail));
+        }
+        faults
+    }
+}
+
+/// Energy and stages.
+#[derive(Debug, Clone, PartialEq)]
+pub struct EnergyInput {
+    /// Terms; at least one of the image.
+    pub terms: Vec<TermInput>,
+    /// Stages; the usual ones if there are none.
+    pub stages: Vec<StageInput>,
+}
+
+impl EnergyInput {
+    /// Faults of terms and stages, in an image whose cells have this side.
+    pub(super) fn faults(&self, cell: f64) -> Vec<Fault> {
+        let mut faults = Vec::new();
+        for (list, count) in [("terms", self.terms.len()), ("stages", self.stages.len())] {
+            if count > MAX_TERMS {
+                let detail = format!("expected at most {MAX_TERMS} entries, got {count}");
+                faults.push(Fault::new(format!("/{list}"), detail));
+            }
+        }
+        if self.image_terms().is_empty() {
+            let detail = "expected at least one of contour, threshold, local_contrast, two_class, got none";
+            faults.push(Fault::new("/terms", detail));
+        }
+        for (index, term) in self.terms.iter().enumerate() {
+            let same = |other: &TermInput| std::mem::discriminant(other) == std::mem::discriminant(term);
+            if self.terms[..index].iter().any(same) {
+                faults.push(Fault::new(format!("/terms/{index}"), "expected each term once, got it twice"));
+            }
+            let below = |fault: Fault| fault.below(&format!("/terms/{index}"));
+            faults.extend(term.faults().into_iter().map(below));
+        }
+        for (index, stage) in self.stages.iter().enumerate() {
+            let most = MAX_BLUR * cell;
+            if !(0.0..=most).contains(&stage.sigma) {
+                let detail =
+                    format!("expected a number between 0 and {most} ({MAX_BLUR} cells), got {}", stage.sigma);
+                faults.push(Fault::new(format!("/stages/{index}/sigma"), detail));
+            }
+            if stage.iterations > MAX_ITERATIONS {
+                let detail = format!("expected at most {MAX_ITERATIONS}, got {}", stage.iterations);
+                faults.push(Fault::new(format!("/stages/{index}/iterations"), detail));
+            }
+        }
+        faults
+    }
+
+    /// Image terms with their weights.
+    pub(super) fn image_terms(&self) -> Vec<(ImageTerm, f64)> {
+        self.terms.iter().filter_map(|term| term.of_image()).collect()
+    }
+
+    /// Settings of a run with these stages.
+    pub(super) fn settings<const D: usize>(&self, stages: &[StageInput]) -> Settings<D> {
+        let mut settings = Settings::new(stages.iter().map(|stage| stage.stage()).collect());
+        for term in &self.terms {
+            match term {
+                TermInput::Boundary { weight } => settings.boundary = *weight,
+                TermInput::Spacing { weight } => settings.spacing = *weight,
+                _ => {}
+            }
+        }
+        settings
+    }
+}
+
+impl TermInput {
+    fn weight(&self) -> f64 {
+        match self {
+            Self::Contour { weight, .. }
+            | Self::Threshold { weight, .. }
+            | Self::LocalContrast { weight, .. }
+            | Self::TwoClass { weight }
+            | Self::Boundary { weight }
+            | Self::Spacing { weight } => *weight,
+        }
+    }
+
+    fn of_image(&self) -> Option<(ImageTerm, f64)> {
+        let term = match *self {
+            Self::Contour { polarity, edges, .. } => {
+                let edges = match edges {
+                    EdgeInput::Percentile { percent } => EdgeScale::Percentile(percent),
+                    EdgeInput::Sheets { percent } => EdgeScale::Sheets(percent),
+                    EdgeInput::Given { scale } => EdgeScale::Given(scale),
+                };
+                ImageTerm::Contour { polarity: polarity.into(), edges }
+            }
+            Self::Threshold { theta, level, .. } => ImageTerm::Threshold { theta, level },
+            Self::LocalContrast { polarity, .. } => ImageTerm::LocalContrast { polarity: polarity.into() },
+            Self::TwoClass { .. } => ImageTerm::TwoClass,
+            Self::Boundary { .. } | Self::Spacing { .. } => return None,
+        };
+        Some((term, self.weight()))
+    }
+
+    /// Faults, with pointers relative to the term.
+    fn faults(&self) -> Vec<Fault> {
+        let mut faults = Vec::new();
+        let mut expect = |holds: bool, field: &str, expected: &str, found: f64| {
+            if !holds {
+                faults.push(Fault::new(field, format!("expected {expected}, got {found}")));
+            }
+        };
+        let weight = self.weight();
+        expect((0.0..=MAX_WEIGHT).contains(&weight), "/weight", "a number between 0 and 1e9", weight);
+        let positive = |value: f64| value > 0.0 && value <= MAX_WEIGHT;
+        match *self {
+            Self::Contour {
+                edges: EdgeInput::Percentile { percent } | EdgeInput::Sheets { percent },
+                ..
+            } => {
+                let holds = (0.0..=100.0).contains(&percent);
+                expect(holds, "/edges/percent", "a number between 0 and 100", percent);
+            }
+            Self::Contour { edges: EdgeInput::Given { scale }, .. } => {
+                expect(positive(scale), "/edges/scale", "a positive number of at most 1e9", scale);
+            }
+            Self::Threshold { theta, level, .. } => {
+                expect(positive(theta), "/theta", "a positive number of at most 1e9", theta);
+                if let Some(level) = level {
+                    expect(positive(level), "/level", "a positive number of at most 1e9", level);
+                }
+            }
+            _ => {}
+        }
+        faults
+    }
+}

@@ -1,0 +1,340 @@
+//! Segmentation over HTTP: phantoms with known truths, and requests that are refused.
+
+use std::f64::consts::TAU;
+
+use serde_json::{Value, json};
+use shapelex_formats::image::write::{nifti_f32, nifti_u8, png_u8};
+use shapelex_formats::image::{Grid, LengthUnit};
+
+use crate::form::{form, post_form, post_image};
+use crate::server::{Reply, Server, shared};
+
+const PATH: &str = "/v1/segment";
+
+fn grid(size: [usize; 3], spacing: [f64; 3], unit: LengthUnit) -> Grid {
+    Grid::along_axes(size, spacing, [unit; 3]).unwrap()
+}
+
+/// Values of an image from the positions of its cells, x fastest.
+fn values<T>(size: [usize; 3], value: impl Fn([f64; 3]) -> T) -> Vec<T> {
+    let cell = |at: usize| [at % size[0], at / size[0] % size[1], at / size[0] / size[1]].map(|i| i as f64);
+    (0..size.iter().product()).map(|at| value(cell(at))).collect()
+}
+
+/// Whether a cell is in one of two ellipses of an image of 64 × 40 cells.
+fn ellipses([x, y, _]: [f64; 3]) -> u8 {
+    let inside =
+        |[cx, cy]: [f64; 2], [a, b]: [f64; 2]| ((x - cx) / a).powi(2) + ((y - cy) / b).powi(2) <= 1.0;
+    match () {
+        () if inside([16.0, 20.0], [10.0, 7.0]) => 1,
+        () if inside([46.0, 18.0], [8.0, 12.0]) => 2,
+        () => 0,
+    }
+}
+
+const PLANE: [usize; 3] = [64, 40, 1];
+
+fn picture(value: impl Fn(u8) -> u8) -> Vec<u8> {
+    let grid = grid(PLANE, [1.0; 3], LengthUnit::Unknown);
+    png_u8(&grid, &values(PLANE, |cell| value(ellipses(cell)))).unwrap()
+}
+
+/// Two bright objects.
+fn bright() -> Vec<u8> {
+    picture(|label| if label > 0 { 200 } else { 40 })
+}
+
+fn curves(further: Value) -> Value {
+    let mut body = json!({
+        "representation": {"kind": "closed_curve", "dimension": 2, "control_points": 8, "generator": {"name": "trigonometric"}},
+        "boxes": [{"lower": [8, 15], "upper": [25, 26]}, {"lower": [40, 10], "upper": [53, 27]}],
+        "terms": [{"name": "contour"}]
+    });
+    body.as_object_mut().unwrap().extend(further.as_object().unwrap().clone());
+    body
+}
+
+fn post_with_truth(server: &Server, parameters: &Value, image: &[u8], truth: &[u8]) -> Reply {
+    let parameters = parameters.to_string();
+    let parts: [(&str, &str, &[u8]); 3] = [
+        ("parameters", "application/json", parameters.as_bytes()),
+        ("image", "application/octet-stream", image),
+        ("truth", "application/octet-stream", truth),
+    ];
+    post_form(server, PATH, form(&parts))
+}
+
+fn number(value: &Value) -> f64 {
+    value.as_f64().unwrap_or_else(|| panic!("expected a number, got {value}"))
+}
+
+/// Two objects in one picture that is not square, by every image term; the truth is counted in cells.
+#[test]
+fn two_objects_of_a_picture_are_found_by_every_term() {
+    let (server, truth) = (shared(), picture(|label| label));
+    for (term, least) in [
+        (json!({"name": "contour"}), 0.93),
+        (json!({"name": "threshold", "theta": 0.6, "level": 200}), 0.93),
+        (json!({"name": "local_contrast"}), 0.90),
+    ] {
+        let body = curves(json!({"terms": [term], "truth_labels": [1, 2], "history": true}));
+        let found = post_with_truth(&server, &body, &bright(), &truth).expect(200);
+        assert_eq!(found["image"]["size"], json!([64, 40]));
+        let results = found["results"].as_array().unwrap();
+        assert_eq!(results.len(), 2);
+        for (index, result) in results.iter().enumerate() {
+            let jaccard = number(&result["overlap"]["jaccard"]);
+            assert!(jaccard >= least, "{term} {index}: {jaccard}");
+            assert_eq!((&result["index"], &result["warnings"]), (&json!(index), &json!([])), "{term}");
+            assert!(
+                ["converged", "line_search", "limit"].contains(&result["stop"].as_str().unwrap()),
+                "{result}"
+            );
+            let stage = &result["stages"][0];
+            let history: Vec<f64> = serde_json::from_value(stage["history"].clone()).unwrap();
+            assert_eq!(history.len(), stage["iterations"].as_u64().unwrap() as usize + 1);
+            assert!(history.windows(2).all(|pair| pair[1] <= pair[0]), "{term}: {history:?}");
+        }
+    }
+    // One object alone gives the same bits as beside another, and a result is a shape.
+    let body = curves(json!({}));
+    let both = post_image(&server, PATH, &body, &bright()).expect(200);
+    let one = curves(json!({"boxes": [{"lower": [40, 10], "upper": [53, 27]}]}));
+    let one = post_image(&server, PATH, &one, &bright()).expect(200);
+    assert_eq!(one["results"][0]["control_points"], both["results"][1]["control_points"]);
+    let shapes = json!([{"control_points": one["results"][0]["control_points"]}]);
+    let measured = server
+        .post("/v1/measure", &json!({"representation": body["representation"], "shapes": shapes}))
+        .expect(200);
+    let area = number(&measured["results"][0]["signed_area"]);
+    let expected = 0.5 * TAU * 8.0 * 12.0;
+    assert!((area / expected - 1.0).abs() < 0.04, "{area}, expected {expected}");
+}
+
+/// The gradient against differences of the energy, by segmentations of no iterations.
+#[test]
+fn energies_and_gradients_are_evaluated_without_iterations() {
+    let server = shared();
+    let ask = |points: &[[f64; 2]]| {
+        let body = curves(json!({
+            "boxes": null, "shapes": [{"control_points": points}], "gradient": true,
+            "terms": [{"name": "threshold", "theta": 0.6, "level": 200}, {"name": "spacing", "weight": 0}],
+            "stages": [{"sigma": 2, "iterations": 0}]
+        }));
+        let mut body = body;
+        body.as_object_mut().unwrap().remove("boxes");
+        post_image(&server, PATH, &body, &bright()).expect(200)["results"][0].clone()
+    };
+    let points: Vec<[f64; 2]> = (0..8)
+        .map(|k| f64::from(k) / 8.0 * TAU)
+        .map(|t| [16.0 + 9.0 * t.cos(), 21.0 + 6.0 * t.sin()])
+        .collect();
+    let found = ask(&points);
+    assert_eq!((&found["iterations"], &found["stop"]), (&json!(0), &json!("limit")));
+    assert_eq!(found["control_points"].as_array().unwrap().len(), 8);
+    // The scale of the term is the area of the first shape: its product with the energy is differentiated.
+    let area = |points: &[[f64; 2]]| {
+        let body = json!({"representation": curves(json!({}))["representation"], "shapes": [{"control_points": points}]});
+        number(&server.post("/v1/measure", &body).expect(200)["results"][0]["signed_area"])
+    };
+    let energy = |points: &[[f64; 2]]| number(&ask(points)["energies"]["threshold"]["value"]) * area(points);
+    let scale = area(&points);
+    for (k, c) in [(0, 0), (3, 1), (6, 0)] {
+        let moved = |step: f64| {
+            let mut moved = points.clone();
+            moved[k][c] += step;
+            energy(&moved)
+        };
+        let difference = (moved(1e-3) - moved(-1e-3)) / 2e-3;
+        let gradient = number(&found["gradient"][k][c]) * scale;
+        // Second-order differences of a field that is a quadratic spline.
+        assert!((difference - gradient).abs() <= 1e-4 * (1.0 + gradient.abs()), "{difference}, {gradient}");
+    }
+}
+
+const SPACE: [usize; 3] = [30, 26, 22];
+
+/// A bright ellipsoid in a volume with unequal spacing, as NIfTI, and its truth.
+fn ball() -> [Vec<u8>; 2] {
+    let spacing = [1.0, 1.0, 1.5];
+    let inside = |[x, y, z]: [f64; 3]| {
+        ((x - 14.0) / 9.0).powi(2) + ((y - 12.0) / 8.0).powi(2) + ((z - 10.5) / 6.0).powi(2) <= 1.0
+    };
+    let grid = grid(SPACE, spacing, LengthUnit::Millimetre);
+    let image = values(SPACE, |cell| if inside(cell) { 100.0_f32 } else { 20.0 });
+    [
+        nifti_f32(&grid, &image).unwrap(),
+        nifti_u8(&grid, &values(SPACE, |cell| u8::from(inside(cell)))).unwrap(),
+    ]
+}
+
+/// Spheres, tied to nothing, and subdivision surfaces, in millimetres.
+#[test]
+fn bodies_in_a_volume_are_found_by_surfaces_and_meshes() {
+    let (server, [image, truth]) = (shared(), ball());
+    let trigonometric = json!({"name": "trigonometric"});
+    for representation in [
+        json!({"kind": "surface", "topology": "sphere", "control_points": [6, 6], "generators": [trigonometric, trigonometric]}),
+        json!({"kind": "subdivision", "scheme": "loop", "connectivity": "octahedron/1", "level": 3}),
+    ] {
+        let body = json!({
+            "representation": representation, "terms": [{"name": "contour"}],
+            "boxes": [{"lower": [8, 7, 9], "upper": [20, 18, 23]}]
+        });
+        let found = post_with_truth(&server, &body, &image, &truth).expect(200);
+        let result = &found["results"][0];
+        let jaccard = number(&result["overlap"]["jaccard"]);
+        assert!(jaccard > 0.9 && result["warnings"] == json!([]), "{jaccard} {}", result["warnings"]);
+        let shapes = json!([{"control_points": result["control_points"]}]);
+        let measured = server
+            .post("/v1/measure", &json!({"representation": representation, "shapes": shapes}))
+            .expect(200);
+        let volume = number(&measured["results"][0]["signed_volume"]);
+        let expected = TAU * 2.0 / 3.0 * 9.0 * 8.0 * 9.0;
+        assert!((volume / expected - 1.0).abs() < 0.06, "{volume}, expected {expected}");
+    }
+}
+
+/// A strong prior keeps the class of its reference: the result is an ellipse turned and scaled, however dented the object is.
+#[test]
+fn a_prior_keeps_the_shape_in_a_class() {
+    let server = shared();
+    let dented = |[x, y, _]: [f64; 3]| {
+        ((x - 16.0) / 10.0).powi(2) + ((y - 20.0) / 7.0).powi(2) <= 1.0
+            && (x - 24.0).powi(2) + (y - 20.0).powi(2) > 25.0
+    };
+    let grid = grid(PLANE, [1.0; 3], LengthUnit::Unknown);
+    let image = png_u8(&grid, &values(PLANE, |cell| if dented(cell) { 200 } else { 40 })).unwrap();
+    let ellipse: Vec<[f64; 2]> =
+        (0..8).map(|k| f64::from(k) / 8.0 * TAU).map(|t| [10.0 * t.cos(), 7.0 * t.sin()]).collect();
+    let distance = |prior: Value| {
+        let body = curves(json!({"boxes": [{"lower": [8, 14], "upper": [26, 26]}]}));
+        let mut body = body;
+        if !prior.is_null() {
+            body["prior"] = prior;
+        }
+        let found = post_image(&server, PATH, &body, &image).expect(200)["results"][0].clone();
+        let project = json!({"representation": body["representation"], "transformation": "similarity",
+            "reference": {"control_points": ellipse}, "shapes": [{"control_points": found["control_points"]}]});
+        number(&server.post("/v1/project", &project).expect(200)["results"][0]["squared_distance"])
+    };
+    let prior = |weight: f64| json!({"reference": {"control_points": ellipse}, "transformation": "similarity", "weight": weight});
+    let (free, weak, strong) = (distance(Value::Null), distance(prior(3.0)), distance(prior(1000.0)));
+    assert!(strong < 0.01 * free && weak < free, "{free} {weak} {strong}");
+}
+
+#[test]
+fn another_polarity_is_a_warning_and_a_lost_shape_is_an_answer() {
+    let server = shared();
+    let dark = picture(|label| if label > 0 { 40 } else { 200 });
+    let one = json!({"boxes": [{"lower": [8, 15], "upper": [25, 26]}]});
+    let found = post_image(&server, PATH, &curves(one.clone()), &dark).expect(200);
+    let warnings = found["results"][0]["warnings"].to_string();
+    assert!(warnings.contains("other polarity"), "{warnings}");
+    let mut right = curves(one);
+    right["terms"] = json!([{"name": "contour", "polarity": "dark"}]);
+    let found = post_image(&server, PATH, &right, &dark).expect(200);
+    assert_eq!(found["results"][0]["warnings"], json!([]));
+    // A shape beside the image has no image in it.
+    let outside = curves(json!({"boxes": [{"lower": [200, 15], "upper": [225, 26]}]}));
+    let found = post_image(&server, PATH, &outside, &bright()).expect(200);
+    let result = &found["results"][0];
+    assert_eq!((&result["stop"], &result["converged"]), (&json!("left_image"), &json!(false)));
+    assert!(result["warnings"].to_string().contains("left the image in stage 0"), "{}", result["warnings"]);
+}
+
+#[test]
+fn bad_segmentations_are_refused_at_their_place() {
+    let server = shared();
+    let refused = |further: Value, pointers: &[&str]| {
+        post_image(&server, PATH, &curves(further), &bright()).expect_problem(422, "invalid-input", pointers);
+    };
+    let kind = |kind: Value| json!({"representation": kind});
+    let trigonometric = json!({"name": "trigonometric"});
+    refused(json!({"terms": []}), &["/terms"]);
+    refused(json!({"terms": [{"name": "spacing"}]}), &["/terms"]);
+    refused(json!({"terms": [{"name": "contour", "weight": -1}]}), &["/terms/0/weight"]);
+    refused(
+        json!({"terms": [{"name": "contour", "edges": {"kind": "percentile", "percent": 101}}]}),
+        &["/terms/0/edges/percent"],
+    );
+    refused(json!({"terms": [{"name": "contour"}, {"name": "contour"}]}), &["/terms/1"]);
+    refused(json!({"terms": [{"name": "edges"}]}), &["/terms/0/name"]);
+    refused(json!({"stages": [{"sigma": -1}]}), &["/stages/0/sigma"]);
+    refused(json!({"stages": [{"sigma": 65}]}), &["/stages/0/sigma"]);
+    refused(json!({"stages": [{"sigma": 1, "iterations": 100_000}]}), &["/stages/0/iterations"]);
+    refused(json!({"boxes": []}), &["/boxes"]);
+    refused(json!({"boxes": [{"lower": [1, 2], "upper": [1, 3]}]}), &["/boxes/0/upper/0"]);
+    refused(json!({"boxes": [{"lower": [1, 2, 3], "upper": [4, 5]}]}), &["/boxes/0/lower"]);
+    refused(json!({"shapes": []}), &["/boxes"]);
+    refused(json!({"truth_labels": [1]}), &["/truth_labels"]);
+    refused(json!({"size": 3}), &["/size"]);
+    refused(json!({"prior": {"transformation": "similarity"}}), &["/prior/reference"]);
+    refused(
+        json!({"prior": {"reference": {"points": [[0, 0], [1, 0], [0, 1]]}, "transformation": "rigid", "alignment": "projection"}}),
+        &["/prior/transformation"],
+    );
+    refused(kind(json!({"kind": "landmarks", "dimension": 2, "points": 8})), &["/representation/kind"]);
+    refused(
+        kind(json!({"kind": "open_curve", "dimension": 2, "intervals": 8, "generator": {"name": "cubic"}})),
+        &["/representation/kind"],
+    );
+    let plane = json!({"kind": "surface", "topology": "plane", "control_points": [6, 6], "generators": [{"name": "cubic"}, {"name": "cubic"}]});
+    let [volume, _] = ball();
+    let in_space = |representation: Value| {
+        let boxes = json!([{"lower": [8, 7, 9], "upper": [20, 18, 23]}]);
+        json!({"representation": representation, "terms": [{"name": "contour"}], "boxes": boxes})
+    };
+    post_image(&server, PATH, &in_space(plane), &volume).expect_problem(
+        422,
+        "invalid-input",
+        &["/representation/topology"],
+    );
+    let faces =
+        json!([[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]]);
+    let mesh = json!({"kind": "subdivision", "scheme": "loop", "connectivity": faces, "level": 2});
+    post_image(&server, PATH, &in_space(mesh), &volume).expect_problem(
+        422,
+        "invalid-input",
+        &["/representation/connectivity"],
+    );
+    // A picture for a surface, and a volume for a curve.
+    let sphere = json!({"kind": "surface", "topology": "sphere", "control_points": [6, 6], "generators": [trigonometric, trigonometric]});
+    post_image(&server, PATH, &in_space(sphere), &bright()).expect_problem(422, "invalid-input", &["/image"]);
+    post_image(&server, PATH, &curves(json!({})), &volume).expect_problem(422, "invalid-input", &["/image"]);
+    // A shape without area.
+    let flat = [9, 12, 15, 18, 21, 18, 15, 12].map(|x| json!([x, 20]));
+    let mut flat = curves(json!({"shapes": [{"control_points": flat}]}));
+    flat.as_object_mut().unwrap().remove("boxes");
+    post_image(&server, PATH, &flat, &bright()).expect_problem(422, "invalid-input", &["/shapes/0"]);
+    // An image without contrast has no edges, a truth of another size no cells to compare.
+    post_image(&server, PATH, &curves(json!({})), &picture(|_| 9)).expect_problem(
+        422,
+        "invalid-input",
+        &["/terms"],
+    );
+    let small = png_u8(&grid([40, 64, 1], [1.0; 3], LengthUnit::Unknown), &[0; 64 * 40]).unwrap();
+    post_with_truth(&server, &curves(json!({})), &bright(), &small).expect_problem(
+        422,
+        "invalid-input",
+        &["/truth"],
+    );
+    post_image(&server, PATH, &curves(json!({})), &bright()[..100]).expect_problem(
+        422,
+        "invalid-input",
+        &["/image"],
+    );
+    let parameters = curves(json!({})).to_string();
+    post_form(&server, PATH, form(&[("parameters", "application/json", parameters.as_bytes())]))
+        .expect_problem(422, "invalid-input", &["/image"]);
+}
+
+/// Many objects with many iterations in a large image are refused before they are computed.
+#[test]
+fn segmentations_that_cost_too_much_are_refused() {
+    let server = shared();
+    let boxes: Vec<Value> = (0..5000).map(|_| json!({"lower": [8, 15], "upper": [25, 26]})).collect();
+    let body = curves(json!({"boxes": boxes, "stages": [{"sigma": 1, "iterations": 2000}]}));
+    let problem = post_image(&server, PATH, &body, &bright());
+    problem.expect_problem(422, "too-costly", &[]);
+}
