@@ -1,4 +1,4 @@
-"""Segmentation of nuclei through the running service; writes the tables of docs/segmentation-evaluation.md.
+"""Segmentation of nuclei through the running service; writes the tables of docs/nuclei-evaluation.md.
 
     python benches/evaluation/nuclei.py --data FOLDER --binary PROGRAM [--write FILE]
 
