@@ -144,19 +144,21 @@ pub(crate) fn head_distance([i, j, k]: [f64; 3]) -> f64 {
     r - b / ((u / 65.0).powi(2) + (v / 80.0).powi(2) + (w / 60.0).powi(2)).sqrt()
 }
 
+/// Intensity of the head at a position in voxels of 2 mm.
+pub(crate) fn head_value(at: [f64; 3]) -> f64 {
+    let [x, y, z] = [(at[0] - 45.0) * 2.0, (at[1] - 54.0) * 2.0, (at[2] - 45.0) * 2.0];
+    match head_distance(at) {
+        d if d <= 0.0 => 150.0 + 30.0 * (x / 9.0).sin() * (y / 11.0).sin() * (z / 10.0).sin(),
+        d if d <= 3.0 => 220.0,
+        d if d <= 9.0 => 25.0,
+        d if d <= 15.0 => 150.0,
+        _ => 10.0,
+    }
+}
+
 /// The head, 91 × 109 × 91 voxels of 2 mm; noise in per cent of 220, seed 100; a smooth factor with a range of `inu` around 1.
 pub(crate) fn head(percent: f64, inu: f64) -> Image {
-    let value = |at: [f64; 3]| {
-        let [x, y, z] = [(at[0] - 45.0) * 2.0, (at[1] - 54.0) * 2.0, (at[2] - 45.0) * 2.0];
-        match head_distance(at) {
-            d if d <= 0.0 => 150.0 + 30.0 * (x / 9.0).sin() * (y / 11.0).sin() * (z / 10.0).sin(),
-            d if d <= 3.0 => 220.0,
-            d if d <= 9.0 => 25.0,
-            d if d <= 15.0 => 150.0,
-            _ => 10.0,
-        }
-    };
-    let mut clean = image([91, 109, 91], value);
+    let mut clean = image([91, 109, 91], head_value);
     if inu > 0.0 {
         let centred = |i: f64, half: f64| i / half - 1.0;
         let wave = image([91, 109, 91], |[i, j, k]| {
