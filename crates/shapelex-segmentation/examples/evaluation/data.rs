@@ -172,8 +172,9 @@ fn aorta(folder: &Path) -> std::io::Result<String> {
 ## Descending aorta
 
 CT of the torso, 1.5 mm, slices 0 to 80, intensities cut to 50…350 HU; a cylinder of 6 × 6 intervals from a tube of radius 7
-voxels along seven points of the axis (Dice {first:.3}), `κ = 0.3`, `ρ = 10`. The mask to compare with is the output of another program, and holds parts
-of the arch in the last slices.
+voxels along seven points of the axis (Dice {first:.3}), `κ = 0.1`, `ρ = 1`. With the 0.3 and 10 of the hollow
+cylinder the contour energy ends at a Dice of 0.483. The aorta is not solved by these settings: all three end far from the mask.
+The mask to compare with is the output of another program, and holds parts of the arch in the last slices.
 
 | energy | Dice | end | seconds |
 |---|---|---|---|
@@ -190,7 +191,7 @@ of the arch in the last slices.
         let scene = Scene::new(&volume, Frame::identity(), &[(term, 1.0)], &[3.0, 2.0, 1.0]);
         let stages = [(Free::Affine, 3.0), (Free::All, 3.0), (Free::All, 2.0), (Free::All, 1.0)];
         let mut settings = Settings::new(stages.map(|(free, sigma)| Stage::new(free, sigma)).into());
-        (settings.boundary, settings.spacing, settings.tolerance) = (0.3, 10.0, 0.02);
+        (settings.boundary, settings.spacing, settings.tolerance) = (0.1, 1.0, 0.02);
         let found = segment(&scene, &model, &start, &settings, &never).map_err(other)?;
         let overlap = dice(jaccard(&cells(&model, &found.rows, size), truth));
         let seconds = clock.elapsed().as_secs_f64();
