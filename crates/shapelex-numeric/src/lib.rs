@@ -8,7 +8,8 @@
 //! * [`kronecker`] — tensor products of operators;
 //! * [`sparse`] — sparse matrices by rows;
 //! * [`kernels`] — loops over short slices;
-//! * [`lbfgs`] — minimisation by L-BFGS with bounded steps;
+//! * [`descent`] — minimisation with bounded steps: [`lbfgs`], damped [`newton`], and one point after the other
+//!   ([`coordinates`]);
 //! * [`lanes`] — long columns in pieces of a few vectors, and stacks of such columns;
 //! * [`dense`] — dense kernels and eigenproblems; the only module that depends on the linear algebra library;
 //! * [`fingerprint`] — a digest that tells whether two processes compute the same bits;
@@ -32,7 +33,9 @@ pub mod banded;
 pub mod bounded;
 pub mod cholesky;
 pub mod circulant;
+pub mod coordinates;
 pub mod dense;
+pub mod descent;
 pub mod double_double;
 pub mod fft;
 pub mod fingerprint;
@@ -40,6 +43,7 @@ pub mod kernels;
 pub mod kronecker;
 pub mod lanes;
 pub mod lbfgs;
+pub mod newton;
 pub mod operator;
 pub mod quadrature;
 pub mod sparse;

@@ -123,6 +123,9 @@ pub enum SegmentationError {
         /// The unknown blur.
         sigma: Option<f64>,
     },
+    /// The model has no curvature for Newton's method.
+    #[error("expected a planar curve for Newton's method, got a surface")]
+    Method,
     /// A scale of a term is not positive.
     #[error("expected a positive scale from {what}, got {value:.1e}")]
     Scale {

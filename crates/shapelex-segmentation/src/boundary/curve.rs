@@ -6,6 +6,7 @@
 //! ```
 
 use shapelex_geometry::knot_line::Line;
+use shapelex_numeric::dense::Matrix;
 use shapelex_numeric::sparse::SparseRows;
 
 use super::{Boundary, Differential, Samples, relative_variance};
@@ -41,6 +42,23 @@ impl CurveBoundary {
     fn gather(&self, value: f64, slopes: &Samples<2>) -> Differential<2> {
         let mut sum = Differential { value, gradient: self.transposes[0].apply(&slopes.points) };
         sum.add_gradient(1.0, &self.transposes[1].apply(&slopes.along_u));
+        sum
+    }
+
+    /// `Σ_s k_s φ_i φ_j v_s v_sᵀ` for a factor and a vector of every sample, with the values or the derivatives of `φ`.
+    fn squares(&self, derivative: usize, vectors: impl Iterator<Item = (f64, [f64; 2])>) -> Matrix {
+        let size = 2 * self.rows();
+        let mut sum = Matrix::zeros(size, size);
+        for (taps, (factor, v)) in self.maps[derivative].iter().zip(vectors) {
+            for (i, a) in taps {
+                for (j, b) in taps {
+                    let both = factor * a * b;
+                    for (c, d) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
+                        sum[(2 * *i as usize + c, 2 * *j as usize + d)] += both * v[c] * v[d];
+                    }
+                }
+            }
+        }
         sum
     }
 
@@ -90,6 +108,27 @@ impl Boundary<2> for CurveBoundary {
             }
         }
         self.gather(value, &slopes)
+    }
+
+    fn curvature(&self, samples: &Samples<2>, field: &Integrated<2>, factor: f64) -> Option<Matrix> {
+        let weight = self.weight * self.frame.determinant().abs();
+        let rise = |(point, tangent): (&[f64; 2], &[f64; 2])| {
+            let speed = tangent[0].hypot(tangent[1]).max(f64::MIN_POSITIVE);
+            let n = [self.sign * tangent[1] / speed, -self.sign * tangent[0] / speed];
+            // `F`, the slope of its antiderivative along x, half a cell to either side.
+            let at = |step: f64| field.at([point[0] + step * n[0], point[1] + step * n[1]]).1[0];
+            ((factor * (at(0.5) - at(-0.5))).max(0.0) * weight * speed, n)
+        };
+        Some(self.squares(0, samples.points.iter().zip(&samples.along_u).map(rise)))
+    }
+
+    fn spacing_curvature(&self, samples: &Samples<2>) -> Option<Matrix> {
+        let share = 1.0 / samples.along_u.len() as f64;
+        let turned = |tangent: &[f64; 2]| self.frame.turn(*tangent);
+        let mean: f64 = samples.along_u.iter().map(turned).map(|[x, y]| share * (x * x + y * y)).sum();
+        let factor = 8.0 * share / (mean * mean).max(f64::MIN_POSITIVE);
+        let slopes = samples.along_u.iter().map(|tangent| (factor, self.frame.turn_back(turned(tangent))));
+        Some(self.squares(1, slopes))
     }
 
     /// `mean(q²)/mean(q)² − 1`, `q = |A r'|²`.

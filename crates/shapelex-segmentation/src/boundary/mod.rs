@@ -15,6 +15,8 @@ pub mod cylinder;
 pub mod mesh;
 pub mod tensor;
 
+use shapelex_numeric::dense::Matrix;
+
 use crate::field::Integrated;
 
 /// A value with its gradient with respect to the free points.
@@ -93,6 +95,19 @@ pub trait Boundary<const D: usize>: Send + Sync {
 
     /// How unevenly the parameters are spread over the boundary: 0 if evenly. Scale invariant.
     fn spacing(&self, samples: &Samples<D>) -> Differential<D>;
+
+    /// `∮ max(factor ∂F/∂n, 0) φ_k φ_l n nᵀ ds` by rows `(k, c)`, the second derivatives of `factor ∫_Ω F` where they are
+    /// positive. `None` for boundaries that do not offer it.
+    fn curvature(&self, samples: &Samples<D>, field: &Integrated<D>, factor: f64) -> Option<Matrix> {
+        let _ = (samples, field, factor);
+        None
+    }
+
+    /// Second derivatives of [`Self::spacing`] by Gauss and Newton. `None` for boundaries that do not offer it.
+    fn spacing_curvature(&self, samples: &Samples<D>) -> Option<Matrix> {
+        let _ = samples;
+        None
+    }
 }
 
 /// Relative variance of positive numbers with weights that sum to one, `Σ w q²/(Σ w q)² − 1`, and its slope in every number.

@@ -21,7 +21,10 @@ pub mod spacing;
 pub mod threshold;
 pub mod two_class;
 
+use shapelex_numeric::dense::Matrix;
+
 use crate::boundary::Differential;
+use crate::field::Integrated;
 
 pub use boundary_cost::BoundaryCost;
 pub use contour::Contour;
@@ -79,6 +82,45 @@ impl<const D: usize> Term<D> {
     }
 }
 
+impl<const D: usize> Term<D> {
+    /// The field that acts on the boundary with a factor: to first order, the term changes by `factor ∮ F δn dS`, up to a
+    /// constant in `F`. `None` for terms without an image.
+    fn force(&self, shape: &Shape<'_, D>) -> Option<(&Integrated<D>, f64)> {
+        match self {
+            Self::Contour(term) => Some((&term.laplacian, term.polarity.sign() / term.scale)),
+            Self::Threshold(term) => Some((&term.saturated, -1.0 / term.scale)),
+            Self::LocalContrast(term) => {
+                Some((&term.image, -2.0 * term.polarity.sign() / (term.contrast * shape.volume.value)))
+            }
+            Self::TwoClass(term) => Some((&term.centred, term.factor(shape))),
+            Self::BoundaryCost(_) | Self::Spacing(_) | Self::Prior(_) => None,
+        }
+    }
+
+    /// A positive part of the second derivatives, by rows of all coordinates of the points. `None` for boundaries that do not
+    /// offer it.
+    ///
+    /// ```text
+    /// image   ∮ max(factor ∂F/∂n, 0) φ_k φ_l n nᵀ dS
+    /// ρ       that of Gauss and Newton, 8/S Σ (φ'_k r')(φ'_l r')ᵀ/m²,   m = mean |r'|²
+    /// γ       2S/V^{2/d}, the volume held fixed
+    /// ```
+    ///
+    /// The cost of the boundary has no part: its curvature is small beside that of the image.
+    fn curvature(&self, shape: &Shape<'_, D>) -> Option<Matrix> {
+        let size = D * shape.rows.len();
+        match self {
+            Self::BoundaryCost(_) => Some(Matrix::zeros(size, size)),
+            Self::Spacing(_) => shape.boundary.spacing_curvature(&shape.samples),
+            Self::Prior(term) => Some(term.curvature(shape)),
+            _ => {
+                let (field, factor) = self.force(shape)?;
+                shape.boundary.curvature(&shape.samples, field, factor)
+            }
+        }
+    }
+}
+
 /// The value of a term, and its share of the energy.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TermValue {
@@ -107,6 +149,17 @@ impl<const D: usize> Energy<D> {
             sum.add_gradient(*weight, &part.gradient);
         }
         sum
+    }
+
+    /// A positive part of the second derivatives; see [`Boundary::curvature`](crate::boundary::Boundary::curvature). `None` for
+    /// boundaries that do not offer it.
+    pub fn curvature(&self, shape: &Shape<'_, D>) -> Option<Matrix> {
+        let size = D * shape.rows.len();
+        let mut sum = Matrix::zeros(size, size);
+        for (term, weight) in &self.terms {
+            sum += term.curvature(shape)? * *weight;
+        }
+        Some(sum)
     }
 
     /// The terms one by one.

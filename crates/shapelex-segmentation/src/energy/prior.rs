@@ -14,6 +14,7 @@
 use shapelex_analysis::AnalysisError;
 use shapelex_analysis::alignment::{Method, Projector};
 use shapelex_analysis::metric::Metric;
+use shapelex_numeric::dense::Matrix;
 use shapelex_numeric::sparse::SparseRows;
 
 use super::shape::{Shape, forbidden};
@@ -69,6 +70,24 @@ impl<const D: usize> Prior<D> {
             None => gradient,
         };
         Some(Differential { value, gradient })
+    }
+
+    /// Second derivatives of the squared distance over `V^{2/d}`, with the volume held fixed: exact for linear classes, whose
+    /// gradients are linear, and a difference over one cell for others. Zero for degenerate shapes.
+    pub(super) fn curvature(&self, shape: &Shape<'_, D>) -> Matrix {
+        let size = D * shape.rows.len();
+        let scale = shape.volume.value.abs().powf(-2.0 / D as f64);
+        let slopes = |rows: &[[f64; D]]| self.squared_distance(rows).map(|found| found.gradient.concat());
+        let mut sum = Matrix::zeros(size, size);
+        let Some(here) = slopes(shape.rows) else { return sum };
+        let mut rows = shape.rows.to_vec();
+        for column in 0..size {
+            rows[column / D][column % D] += 1.0;
+            let moved = slopes(&rows).unwrap_or_else(|| here.clone());
+            rows[column / D][column % D] -= 1.0;
+            (0..size).for_each(|row| sum[(row, column)] = scale * (moved[row] - here[row]));
+        }
+        sum
     }
 
     /// Value and gradient; infinite for shapes without volume.

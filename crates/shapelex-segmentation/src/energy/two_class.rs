@@ -24,6 +24,13 @@ pub struct TwoClass<const D: usize> {
 }
 
 impl<const D: usize> TwoClass<D> {
+    /// Slope of the term in `∫_Ω f₀`.
+    pub(super) fn factor(&self, shape: &Shape<'_, D>) -> f64 {
+        let (inside, volume) = (shape.boundary.integral(&shape.samples, &self.centred).value, &shape.volume);
+        -2.0 * inside * (1.0 / volume.value + 1.0 / (self.total - volume.value))
+            / (self.total * self.variance)
+    }
+
     /// Value and gradient; infinite for shapes without volume, or with more than the image.
     ///
     /// ```text

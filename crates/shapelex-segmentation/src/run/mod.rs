@@ -13,7 +13,10 @@ pub mod check;
 pub mod scene;
 
 use shapelex_numeric::bounded::Stop;
-use shapelex_numeric::lbfgs::{Ending, Objective, Rules, minimise};
+use shapelex_numeric::dense::Matrix;
+use shapelex_numeric::descent::{Ending, Objective, Rules};
+use shapelex_numeric::newton::Curved;
+use shapelex_numeric::{coordinates, lbfgs, newton};
 
 use crate::SegmentationError;
 use crate::boundary::Boundary;
@@ -48,6 +51,18 @@ impl Stage {
     }
 }
 
+/// How the energy of a stage is minimised.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Method {
+    /// Quasi-Newton steps, for all models: see [`lbfgs`].
+    #[default]
+    Lbfgs,
+    /// Damped Newton steps with the curvature along the boundary, for planar curves: see [`newton`].
+    Newton,
+    /// One point after the other, as in papers on snakes: see [`coordinates`].
+    Coordinates,
+}
+
 /// Weights and rules of a segmentation.
 #[derive(Debug, Clone)]
 pub struct Settings<const D: usize> {
@@ -65,13 +80,16 @@ pub struct Settings<const D: usize> {
     pub clip: f64,
     /// Number of times that a stage may be repeated after a failed check.
     pub repairs: usize,
+    /// The method of minimisation.
+    pub method: Method,
 }
 
 impl<const D: usize> Settings<D> {
     /// Usual rules without `κ` and a prior: `ρ = 0.1`, steps of at most 2 cells, to 0.005 cells in the plane and 0.01 in space.
     pub fn new(stages: Vec<Stage>) -> Self {
         let tolerance = if D == 2 { 0.005 } else { 0.01 };
-        Self { stages, boundary: 0.0, spacing: 0.1, prior: None, tolerance, clip: 2.0, repairs: 2 }
+        let (clip, repairs, method) = (2.0, 2, Method::default());
+        Self { stages, boundary: 0.0, spacing: 0.1, prior: None, tolerance, clip, repairs, method }
     }
 }
 
@@ -274,6 +292,11 @@ impl<'a, const D: usize> Run<'a, D> {
             let free = Reparametrisation::new(stage.free, &self.rows, &self.model.centre())
                 .ok_or(SegmentationError::Flat)?;
             let energy = self.energy(stage)?;
+            if self.settings.method == Method::Newton
+                && energy.curvature(&Shape::new(&*boundary, &self.rows)).is_none()
+            {
+                return Err(SegmentationError::Method);
+            }
             let mut objective = StageObjective { boundary: &*boundary, energy: &energy, free: &free };
             let rules = Rules {
                 iterations: stage.iterations,
@@ -282,7 +305,13 @@ impl<'a, const D: usize> Run<'a, D> {
                 ..Rules::default()
             };
             let mut x = free.start();
-            let minimum = minimise(&mut objective, &mut x, &rules, stop);
+            let minimum = match self.settings.method {
+                Method::Lbfgs => lbfgs::minimise(&mut objective, &mut x, &rules, stop),
+                Method::Newton => newton::minimise(&mut objective, &mut x, &rules, stop),
+                Method::Coordinates => {
+                    coordinates::minimise(&mut objective, &mut x, free.group(), &rules, stop)
+                }
+            };
             let rows = free.rows(&x).unwrap_or_else(|| before.clone());
             let volume =
                 boundary.volume(&boundary.sample(&rows)).value / self.scene.frame().determinant().abs();
@@ -332,5 +361,14 @@ impl<const D: usize> Objective for StageObjective<'_, D> {
 
     fn displacement(&self, direction: &[f64]) -> f64 {
         self.free.displacement(direction)
+    }
+}
+
+impl<const D: usize> Curved for StageObjective<'_, D> {
+    fn curvature(&mut self, x: &[f64]) -> Matrix {
+        let rows = self.free.rows(x);
+        let found = rows.and_then(|rows| self.energy.curvature(&Shape::new(self.boundary, &rows)));
+        // Points of the minimisation are allowed, and boundaries without curvature are refused before.
+        found.map_or_else(|| Matrix::identity(x.len(), x.len()), |curvature| self.free.pull_twice(&curvature))
     }
 }

@@ -5,7 +5,7 @@
 //! radial   p_i = p₀_i + h_i d_i,   d_i = (p₀_i − c̄)/|p₀_i − c̄|,   h_i > −|p₀_i − c̄|
 //! ```
 
-use shapelex_numeric::dense::{Matrix, svd};
+use shapelex_numeric::dense::{Matrix, multiply, svd, transpose_multiply};
 
 /// What is free in a stage.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -90,6 +90,34 @@ impl<const D: usize> Reparametrisation<D> {
             }
             Kind::Affine(basis) => self.pull_affine(basis, gradient),
         }
+    }
+
+    /// Second derivatives in the unknowns, `JᵀHJ` for those in the free points and `J = ∂p/∂x`.
+    pub fn pull_twice(&self, curvature: &Matrix) -> Matrix {
+        let unit = |unknowns: usize, column: usize| -> Vec<f64> {
+            (0..unknowns).map(|row| f64::from(u8::from(row == column))).collect()
+        };
+        let columns: Vec<f64> = match &self.kind {
+            Kind::All => return curvature.clone(),
+            Kind::Affine(_) => {
+                let unknowns = (D + 1) * D;
+                (0..unknowns).flat_map(|column| self.moved(&unit(unknowns, column)).concat()).collect()
+            }
+            Kind::Radial(directions, _) => {
+                let n = directions.len();
+                let column =
+                    |k: usize| unit(n, k).into_iter().zip(directions).flat_map(|(u, d)| d.map(|d| u * d));
+                (0..n).flat_map(column).collect()
+            }
+        };
+        let rows = curvature.nrows();
+        let jacobian = Matrix::from_column_slice(rows, columns.len() / rows, &columns);
+        transpose_multiply(&jacobian, &multiply(curvature, &jacobian))
+    }
+
+    /// Number of unknowns that move one point.
+    pub fn group(&self) -> usize {
+        if matches!(self.kind, Kind::Radial(..)) { 1 } else { D }
     }
 
     /// Largest displacement of a free point, in cells, for a change of the unknowns.

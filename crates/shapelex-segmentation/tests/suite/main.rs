@@ -8,6 +8,8 @@ mod detector;
 mod energies;
 mod fields;
 mod floors;
+mod methods;
 mod phantoms;
 mod runs;
+mod tasks;
 mod vectors;

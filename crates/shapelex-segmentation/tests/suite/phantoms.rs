@@ -91,15 +91,15 @@ impl Rod {
 /// Background of the rods.
 const GROUND: f64 = 20.0;
 
-/// The rods, 256 × 256, with noise of seed 35, rounded to 8 bits.
-pub(crate) fn rod_image(std: f64) -> Image {
+/// The rods, 256 × 256, with noise, rounded to 8 bits.
+pub(crate) fn rod_image(std: f64, seed: u64) -> Image {
     let rods = rods();
     let value = |[x, y, _]: [f64; 3]| {
         let one = |rod: &Rod| GROUND + (rod.intensity - GROUND) * (0.5 - rod.distance(x, y)).clamp(0.0, 1.0);
         rods.iter().map(one).fold(GROUND, f64::max)
     };
     // Halves are rounded to even, as in the program that made the vectors.
-    noisy(&image([256, 256, 1], value), std, 35).map(|value| value.round_ties_even().clamp(0.0, 255.0))
+    noisy(&image([256, 256, 1], value), std, seed).map(|value| value.round_ties_even().clamp(0.0, 255.0))
 }
 
 /// The wall of a hollow cylinder, 100³, without clipping.
@@ -144,18 +144,31 @@ pub(crate) fn head_distance([i, j, k]: [f64; 3]) -> f64 {
     r - b / ((u / 65.0).powi(2) + (v / 80.0).powi(2) + (w / 60.0).powi(2)).sqrt()
 }
 
-/// The head, 91 × 109 × 91 voxels of 2 mm; noise in per cent of 220, seed 100.
-pub(crate) fn head(percent: f64) -> Image {
-    let value = |at: [f64; 3]| {
-        let [x, y, z] = [(at[0] - 45.0) * 2.0, (at[1] - 54.0) * 2.0, (at[2] - 45.0) * 2.0];
-        match head_distance(at) {
-            d if d <= 0.0 => 150.0 + 30.0 * (x / 9.0).sin() * (y / 11.0).sin() * (z / 10.0).sin(),
-            d if d <= 3.0 => 220.0,
-            d if d <= 9.0 => 25.0,
-            d if d <= 15.0 => 150.0,
-            _ => 10.0,
-        }
-    };
-    let clean = image([91, 109, 91], value);
+/// Intensity of the head at a position in voxels of 2 mm.
+pub(crate) fn head_value(at: [f64; 3]) -> f64 {
+    let [x, y, z] = [(at[0] - 45.0) * 2.0, (at[1] - 54.0) * 2.0, (at[2] - 45.0) * 2.0];
+    match head_distance(at) {
+        d if d <= 0.0 => 150.0 + 30.0 * (x / 9.0).sin() * (y / 11.0).sin() * (z / 10.0).sin(),
+        d if d <= 3.0 => 220.0,
+        d if d <= 9.0 => 25.0,
+        d if d <= 15.0 => 150.0,
+        _ => 10.0,
+    }
+}
+
+/// The head, 91 × 109 × 91 voxels of 2 mm; noise in per cent of 220, seed 100; a smooth factor with a range of `inu` around 1.
+pub(crate) fn head(percent: f64, inu: f64) -> Image {
+    let mut clean = image([91, 109, 91], head_value);
+    if inu > 0.0 {
+        let centred = |i: f64, half: f64| i / half - 1.0;
+        let wave = image([91, 109, 91], |[i, j, k]| {
+            let [x, y, z] = [centred(i, 45.0), centred(j, 54.0), centred(k, 45.0)];
+            (1.3 * x + 0.4).cos() * (1.1 * y - 0.3).cos() * (0.9 * z + 0.2).cos()
+        });
+        let [low, high] = [wave.percentile(0.0), wave.percentile(100.0)];
+        let factor = |g: &f64| 1.0 + inu * ((g - low) / (high - low) - 0.5);
+        let values = clean.values().iter().zip(wave.values()).map(|(value, g)| value * factor(g)).collect();
+        clean = Image::new([91, 109, 91], values).expect("an image");
+    }
     if percent > 0.0 { noisy(&clean, percent / 100.0 * 220.0, 100) } else { clean }
 }
