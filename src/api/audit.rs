@@ -35,6 +35,9 @@ const CREATED: &str = "created";
 /// Header of a response that is not in the trail, and its value.
 const AUDIT: HeaderName = HeaderName::from_static("shapelex-audit");
 const UNRECORDED: HeaderValue = HeaderValue::from_static("unrecorded");
+/// Header of an answer to a request that was executed before, and its value.
+const REPLAYED: HeaderName = HeaderName::from_static("idempotency-replayed");
+const TRUE: HeaderValue = HeaderValue::from_static("true");
 /// Parameters of a path that are not recorded: the trail must not keep the identifier of a subject that is erased.
 const PRIVATE: [&str; 1] = ["subject"];
 /// State of the middleware.
@@ -84,8 +87,12 @@ pub async fn record(State(recorder): State<Recorder>, request: Request, next: Ne
         return Problem::from(error).into_response();
     }
     let network = observe::network(&request);
+    let touched = asker.touched().clone();
     let mut open = Open { entry: Some(entry), asker, network, trail: &recorder.trail };
-    let response = next.run(request).await;
+    let mut response = next.run(request).await;
+    if touched.is_repeat() {
+        response.headers_mut().insert(REPLAYED, TRUE);
+    }
     match open.close(&response) {
         Some(entry) => recorder.answer(entry, response).await,
         None => response,

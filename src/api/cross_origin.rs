@@ -23,11 +23,12 @@ const READ: [HeaderName; 9] = [
     HeaderName::from_static("x-request-id"),
 ];
 /// Headers of answers that pages may read.
-const SHOWN: [HeaderName; 7] = [
+const SHOWN: [HeaderName; 8] = [
     header::ETAG,
     header::LINK,
     header::LOCATION,
     header::RETRY_AFTER,
+    HeaderName::from_static("idempotency-replayed"),
     HeaderName::from_static("shapelex-dictionaries"),
     HeaderName::from_static("shapelex-revision"),
     HeaderName::from_static("x-request-id"),

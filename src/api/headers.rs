@@ -74,9 +74,18 @@ fn policy(headers: &HeaderMap, is_docs: bool) -> &'static str {
 /// `Cache-Control` of what must not be stored.
 pub(super) const NO_STORE: &str = "no-store";
 
-/// Responses with an entity tag may be cached privately but must be revalidated, unless a handler forbids to store them; others
-/// must not be stored.
+/// `Cache-Control` of what never changes at its address. Private, because it belongs to who holds a key; for a day, because a
+/// version may be deleted, and a new release of the program may draw it differently.
+pub(super) const IMMUTABLE: &str = "private, max-age=86400, immutable";
+
+/// Responses with an entity tag may be cached privately. They must be revalidated, unless a handler says that they never change,
+/// or forbids to store them; others must not be stored.
 fn caching(headers: &HeaderMap) -> &'static str {
-    let is_forbidden = headers.get(header::CACHE_CONTROL).is_some_and(|value| value == NO_STORE);
-    if headers.contains_key(header::ETAG) && !is_forbidden { "private, no-cache" } else { NO_STORE }
+    let said = headers.get(header::CACHE_CONTROL).map(HeaderValue::as_bytes);
+    match said {
+        _ if !headers.contains_key(header::ETAG) => NO_STORE,
+        Some(said) if said == NO_STORE.as_bytes() => NO_STORE,
+        Some(said) if said == IMMUTABLE.as_bytes() => IMMUTABLE,
+        _ => "private, no-cache",
+    }
 }

@@ -367,3 +367,24 @@ fn the_clock_is_confirmed_beside_the_service() {
     let server = Setting::fresh().start();
     assert!(done(&mut server.command("confirm-clock")).contains("the clock is trusted: it shows 20"));
 }
+
+#[test]
+fn the_start_names_the_example_only_where_it_exists() {
+    for (flags, wanted) in [(&["--no-example"][..], false), (&[], true)] {
+        let folder = tempfile::tempdir().unwrap();
+        let mut command = Command::new(env!("CARGO_BIN_EXE_shapelex"));
+        command.args(["serve", "--listen", "127.0.0.1:0", "--data-dir"]).arg(folder.path().join("data"));
+        command.args(flags).env_remove("DATABASE_URL").stdout(Stdio::piped());
+        let mut child = command.spawn().unwrap();
+        let lines = std::io::BufReader::new(child.stdout.take().unwrap());
+        // The last line of the start of an open service.
+        let said: Vec<String> = std::io::BufRead::lines(lines)
+            .map(Result::unwrap)
+            .take_while(|line| !line.starts_with("access is open"))
+            .collect();
+        child.kill().unwrap();
+        child.wait().unwrap();
+        let named = said.iter().any(|line| line.contains("example-cells"));
+        assert_eq!(named, wanted, "{flags:?}: {said:?}");
+    }
+}

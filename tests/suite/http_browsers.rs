@@ -98,6 +98,40 @@ fn media_types_of_bodies_are_compared_exactly() {
     server.send(request.body("{}")).expect_problem(404, "not-found", &[]);
 }
 
+const REVALIDATED: &str = "private, no-cache";
+const IMMUTABLE: &str = "private, max-age=86400, immutable";
+
+/// The address of a version, and no other one, says that its answers never change.
+#[test]
+fn answers_at_the_address_of_a_version_need_not_be_asked_for_again() {
+    let server = Setting::fresh().with_example().start();
+    let body = json!({"name": "modes", "cohort": "example-cells", "transformation": "similarity",
+                      "method": {"kind": "functional_pca", "components": 3, "centre": true}});
+    let request = server.request(Method::POST, "/v1/dictionaries").header("prefer", "wait=50");
+    let learnt = server.send(request.json(&body)).expect(201);
+    server.send(
+        server.request(Method::PUT, "/v1/dictionaries/modes/aliases/production").json(&json!({"version": 1})),
+    );
+    let id = learnt["id"].as_str().unwrap();
+    let keys =
+        [(id, IMMUTABLE), ("modes@1", IMMUTABLE), ("modes", REVALIDATED), ("modes@production", REVALIDATED)];
+    for (key, caching) in keys {
+        for part in ["", "/modes", "/modes?format=svg", "/atoms"] {
+            let path = format!("/v1/dictionaries/{key}{part}");
+            let reply = server.get(&path);
+            assert_eq!((reply.status, reply.header("cache-control")), (200, Some(caching)), "{path}");
+            let tag = reply.header("etag").unwrap();
+            let again = asked(&server, Method::GET, &path, &[("if-none-match", tag)]);
+            assert_eq!((again.status, again.header("cache-control")), (304, Some(caching)), "{path}");
+        }
+        // Its answer changes with the cohort.
+        let drift = server.get(&format!("/v1/dictionaries/{key}/drift"));
+        assert_eq!((drift.status, drift.header("cache-control")), (200, Some(REVALIDATED)), "{key}");
+    }
+    let missing = server.get("/v1/dictionaries/modes@2/modes");
+    assert_eq!((missing.status, missing.header("cache-control")), (404, Some("no-store")));
+}
+
 /// What follows from a revision or a version is asked again only after a change.
 #[test]
 fn answers_that_follow_from_a_revision_or_a_version_have_entity_tags() {
@@ -116,7 +150,7 @@ fn answers_that_follow_from_a_revision_or_a_version_have_entity_tags() {
     let tag_of = |path: &str| {
         let reply = server.get(path);
         let is_of_persons = path.contains("/shapes");
-        let caching = if is_of_persons { "no-store" } else { "private, no-cache" };
+        let caching = if is_of_persons { "no-store" } else { REVALIDATED };
         assert_eq!(reply.header("cache-control"), Some(caching), "{path}");
         reply.header("etag").unwrap_or_else(|| panic!("{path}: no tag")).to_owned()
     };
@@ -134,6 +168,12 @@ fn answers_that_follow_from_a_revision_or_a_version_have_entity_tags() {
     let picture =
         server.request(Method::GET, "/v1/dictionaries/modes/modes").header("accept", "image/svg+xml");
     assert_eq!(server.send(picture.header("if-none-match", &tags[3].1)).status, 200);
+    let mean = "/v1/cohorts/example-cells/mean?transformation=similarity";
+    let picture = asked(&server, Method::GET, mean, &[(ACCEPT.as_str(), "image/svg+xml")]);
+    assert_eq!(
+        (picture.status, picture.header("vary")),
+        (200, Some("accept, accept-encoding, authorization"))
+    );
     let moved = json!({"shapes": [{"external_id": "one-more", "points": cells()[0]["points"]}]});
     server.post("/v1/cohorts/example-cells/shapes", &moved).expect(201);
     for (path, tag) in &tags {

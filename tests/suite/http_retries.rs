@@ -67,6 +67,31 @@ fn a_request_that_is_sent_again_is_done_once() {
     server.send(request.json(&cohort("x"))).expect_problem(400, "invalid-query", &[]);
 }
 
+/// A client sees whether its request took effect now or before.
+#[test]
+fn replayed_answers_are_marked() {
+    let server = Server::fresh();
+    let shapes = json!({"shapes": [triangle(1.0), triangle(2.0)]});
+    let learn = json!({"name": "modes", "cohort": "feet", "transformation": "similarity",
+        "method": {"kind": "functional_pca", "components": 1}});
+    for (path, body) in
+        [("/v1/cohorts", &cohort("feet")), ("/v1/cohorts/feet/shapes", &shapes), ("/v1/dictionaries", &learn)]
+    {
+        for replayed in [None, Some("true")] {
+            let reply = post_as(&server, path, path, body);
+            assert!([201, 202].contains(&reply.status), "{path}: {}", reply.text());
+            assert_eq!(reply.header("idempotency-replayed"), replayed, "{path}");
+        }
+    }
+    for replayed in [None, Some("true")] {
+        let lines = [triangle(3.0), triangle(4.0)];
+        let reply = stream_as(&server, "lines", "/v1/cohorts/feet/shapes", &lines);
+        assert_eq!((reply.status, reply.header("idempotency-replayed")), (201, replayed));
+    }
+    let reused = post_as(&server, "/v1/cohorts", "/v1/cohorts", &cohort("hands"));
+    assert_eq!((reused.status, reused.header("idempotency-replayed")), (422, None));
+}
+
 #[test]
 fn a_version_that_is_not_the_present_one_is_left_as_it_is() {
     let server = Server::fresh();

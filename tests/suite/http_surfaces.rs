@@ -282,6 +282,18 @@ fn a_cohort_of_surfaces_has_everything_that_one_of_curves_has() {
         assert_eq!(answer["results"][0]["residual"].as_array().unwrap().len(), 8 * 7, "{name}");
         server.get(&format!("/v1/dictionaries/{name}/atoms?format=svg")).expect_svg();
     }
+    let drawn = server.get("/v1/dictionaries/modes/atoms?format=svg");
+    let heights: Vec<&str> = drawn
+        .text()
+        .split("<text")
+        .filter(|text| text.split("</text>").next().unwrap().ends_with('σ'))
+        .map(|text| text.split(" y=\"").nth(1).unwrap().split('"').next().unwrap())
+        .collect();
+    assert_eq!(heights.len(), 8, "two sides of each of four modes: {}", drawn.text());
+    assert!(
+        heights.chunks(2).all(|sides| sides[0] == sides[1]),
+        "both sides of a mode stand beside each other: {heights:?}"
+    );
     server.get("/v1/dictionaries/modes/modes?component=1&sigma=2&format=svg").expect_svg();
     let mesh = server.get("/v1/dictionaries/modes/modes?component=1&sigma=-2&format=stl");
     assert_eq!((mesh.status, mesh.header("content-type")), (200, Some("model/stl")));

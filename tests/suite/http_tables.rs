@@ -263,6 +263,29 @@ fn attributes_are_summed_up() {
     }
 }
 
+/// A dashboard asks for the same summary again and again: it is computed once per revision, filter and resolution.
+#[test]
+fn a_summary_is_kept_until_the_cohort_changes() {
+    let server = Server::fresh();
+    squares(&server, 12);
+    let hits = || {
+        let metrics = server.get("/metrics");
+        let series = "shapelex_cache_lookups_total{cache=\"summaries\",outcome=\"hit\"} ";
+        metrics.text().lines().find_map(|line| line.strip_prefix(series)).unwrap_or("0").to_owned()
+    };
+    let summary = |query: &str| server.get(&format!("/v1/cohorts/squares/attributes?{query}")).expect(200);
+    let first = summary("bins=3");
+    for other in ["bins=4", "bins=3&values=1", "bins=3&labels.site=zrh"] {
+        assert_ne!(summary(other), first, "{other}");
+    }
+    assert_eq!(hits(), "0");
+    assert_eq!(summary("bins=3"), first);
+    assert_eq!(hits(), "1");
+    server.post("/v1/cohorts/squares/shapes", &json!({"shapes": [square(12)]})).expect(201);
+    assert_eq!(summary("bins=3")["shape_count"], 13);
+    assert_eq!(hits(), "1");
+}
+
 const COLUMNS: &str =
     "external_id,labels.treatment,measures.area,cells.score.1,cells.t_squared,cells.outlier";
 

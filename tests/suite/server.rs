@@ -492,7 +492,11 @@ impl Reply {
         if what.contains(" /v1/") {
             // Caches store no shapes of persons, though these have entity tags.
             let is_stored = self.header("etag").is_some() && !what.contains("/shapes");
-            is("cache-control", if is_stored { "private, no-cache" } else { "no-store" });
+            let is_of_version = what.contains("/dictionaries/dic_") || what.contains('@');
+            match self.header("cache-control") {
+                Some("private, max-age=86400, immutable") if is_stored && is_of_version => {}
+                _ => is("cache-control", if is_stored { "private, no-cache" } else { "no-store" }),
+            }
         }
     }
 

@@ -1,12 +1,14 @@
 //! Dictionaries, which jobs learn from cohorts: learn, list, read, draw, export, import, delete.
 
 use crate::formats::fault::Fault;
+use std::sync::Arc;
+
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::{Deserialize, Serialize};
 
 use super::classify::ClassifierOutput;
-use super::entity_tags::{Asked, unless_known};
+use super::entity_tags::{Asked, kept_by_version, unless_known};
 use super::jobs::{JobOutput, accepted};
 use super::request_macros::{PageQuery, RetryHeader, ShapeOutput, page, priority_of};
 use super::shape_query::take_filter;
@@ -441,10 +443,10 @@ pub(super) async fn find_dictionary(
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     let ready = ready::find(&app, &key).await?;
-    let tag = digest_tag(&ready);
+    let (tag, found) = (digest_tag(&ready), Arc::clone(&ready));
     let answer =
         compute(app.weighing(Work::MOMENT), move |_| json(StatusCode::OK, &DictionaryOutput::new(&ready)));
-    unless_known(&headers, &tag, answer).await
+    Ok(kept_by_version(unless_known(&headers, &tag, answer).await?, &key, &found.listed))
 }
 
 /// Moves a version (by id or `name@version`) or all versions of a name to the trash.
@@ -495,7 +497,7 @@ pub(super) async fn dictionary_atoms(
     asked: Asked,
 ) -> Result<Response, Problem> {
     let ready = ready::find(&app, &key).await?;
-    let id = ready.listed.id.clone();
+    let found = Arc::clone(&ready);
     let answer = compute(app.weighing(Work::MOMENT + format.work()), move |_| match format {
         Format::Picture(file) => picture(&modes::draw_atoms(&ready), &file),
         Format::Json => {
@@ -504,7 +506,8 @@ pub(super) async fn dictionary_atoms(
             json(StatusCode::OK, &AtomsAnswer { dictionary, atoms })
         }
     });
-    asked.unless_known(&id, format, answer).await
+    let response = asked.unless_known(&found.listed.id, format, answer).await?;
+    Ok(kept_by_version(response, &key, &found.listed))
 }
 
 /// Selects a mode and its amplitude.
@@ -586,9 +589,10 @@ pub(super) async fn dictionary_mode(
     asked: Asked,
 ) -> Result<Response, Problem> {
     let ready = ready::find(&app, &key).await?;
-    let (id, work) = (ready.listed.id.clone(), mode_work(&ready, format));
+    let (found, work) = (Arc::clone(&ready), mode_work(&ready, format));
     let answer = compute(app.weighing(work), move |_| answer_mode(&ready, &query, format));
-    asked.unless_known(&id, format, answer).await
+    let response = asked.unless_known(&found.listed.id, format, answer).await?;
+    Ok(kept_by_version(response, &key, &found.listed))
 }
 
 fn answer_mode(ready: &Ready, query: &ModeQuery, format: ShapeFormat) -> Result<Response, ServiceError> {

@@ -9,8 +9,9 @@ use axum::http::request::Parts;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, Uri, header};
 use axum::response::{IntoResponse, Response};
 
-use crate::api::headers::NO_STORE;
+use crate::api::headers::{IMMUTABLE, NO_STORE};
 use crate::api::problem::Problem;
+use crate::domain::dictionary::Listed;
 
 /// What a client asks for, and which answers it has: address and `If-None-Match`.
 #[derive(Debug)]
@@ -74,6 +75,15 @@ pub(super) fn tagged(mut response: Response, tag: &str) -> Response {
 /// A response with shapes of persons, which caches must not store. Programs may keep it, and ask again by its entity tag.
 pub(super) fn not_stored(mut response: Response) -> Response {
     response.headers_mut().insert(header::CACHE_CONTROL, HeaderValue::from_static(NO_STORE));
+    response
+}
+
+/// An answer that follows from a version of a dictionary alone: where `key` names this version for good, by its id or as
+/// `name@version`, caches need not ask again. A name or an alias may mean another version tomorrow.
+pub(super) fn kept_by_version(mut response: Response, key: &str, listed: &Listed) -> Response {
+    if key == listed.id || key == format!("{}@{}", listed.name, listed.version) {
+        response.headers_mut().insert(header::CACHE_CONTROL, HeaderValue::from_static(IMMUTABLE));
+    }
     response
 }
 

@@ -180,7 +180,7 @@ pub(super) async fn list_attributes(
     let found = summary::summarise(&app, &key, query).await?;
     let tag = tag_of(&format!("{}{what}", revision_tag(&found.cohort)));
     let answer = async {
-        let items = found.attributes.into_iter().map(AttributeOutput::new).collect();
+        let items = found.attributes.iter().cloned().map(AttributeOutput::new).collect();
         let answer = AttributesAnswer { revision: found.cohort.revision, shape_count: found.shapes, items };
         Ok(json(StatusCode::OK, &answer)?)
     };

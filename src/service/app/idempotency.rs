@@ -95,6 +95,7 @@ pub(crate) async fn done_before<T: DeserializeOwned>(
     if found.request != key {
         return Err(ServiceError::KeyReused);
     }
+    app.touched.note_repeat();
     let outcome = serde_json::from_value(found.outcome);
     outcome
         .map(Some)

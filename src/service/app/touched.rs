@@ -1,6 +1,8 @@
-//! Ids of the objects that a request concerns, for its entry in the audit trail.
+//! What is found out about a request while it is answered: the objects that it concerns, for its entry in the audit trail, and
+//! whether it was executed before.
 
 use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// Maximum number of objects of a kind that an entry names in addition to those of the path.
@@ -8,12 +10,15 @@ const MAX_TOUCHED: usize = 32;
 
 /// Objects that a request concerns, whatever name it used for them; recorded where they are looked up.
 #[derive(Debug, Clone, Default)]
-pub struct Touched(Arc<Mutex<BTreeMap<String, String>>>);
+pub struct Touched {
+    ids: Arc<Mutex<BTreeMap<String, String>>>,
+    repeats: Arc<AtomicBool>,
+}
 
 impl Touched {
     /// Records the id of an object; a second one of the same kind becomes `kind.2`, and so on.
     pub fn note(&self, kind: &str, id: &str) {
-        let mut ids = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut ids = self.ids.lock().unwrap_or_else(PoisonError::into_inner);
         let places = (1..=MAX_TOUCHED).map(|k| if k == 1 { kind.to_owned() } else { format!("{kind}.{k}") });
         for place in places {
             match ids.get(&place) {
@@ -29,7 +34,17 @@ impl Touched {
 
     /// Recorded ids by kind.
     pub fn ids(&self) -> BTreeMap<String, String> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
+        self.ids.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// Records that the request was executed before, and is answered from its receipt.
+    pub fn note_repeat(&self) {
+        self.repeats.store(true, Ordering::Relaxed);
+    }
+
+    /// Whether the request was executed before.
+    pub fn is_repeat(&self) -> bool {
+        self.repeats.load(Ordering::Relaxed)
     }
 }
 

@@ -4,18 +4,20 @@ use std::cmp::Ordering;
 use std::sync::Arc;
 
 use rayon::prelude::*;
+use serde::Serialize;
 
 use super::columns::{self, Cell, CohortColumns, Column};
 use crate::domain::attribute::Attribute;
 use crate::domain::cohort::Cohort;
 use crate::domain::filter::ShapeFilter;
 use crate::formats::time::rfc3339;
+use crate::service::app::cache::Cached;
 use crate::service::app::{App, ServiceError, Work};
 use crate::service::cohorts::attributes::refuse_misspelt;
 use crate::service::cohorts::catalogue;
 
 /// Type of the values of an attribute.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, utoipa::ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ValueType {
     /// Texts, also among other values.
@@ -29,7 +31,7 @@ pub enum ValueType {
 }
 
 /// What is asked of the attributes of a cohort.
-#[derive(Debug)]
+#[derive(Debug, Clone, Serialize)]
 pub struct SummaryQuery {
     /// Filter that the shapes pass.
     pub filter: ShapeFilter,
@@ -85,13 +87,31 @@ pub struct Summaries {
     pub attributes: Vec<AttributeSummary>,
 }
 
-/// Summarises the attributes of the shapes of a cohort. Cost: a pass over the attributes of the shapes that are new since the
-/// last call, and a sort of each numeric attribute.
+impl Cached for Summaries {
+    const NAME: &'static str = "summaries";
+
+    fn bytes(&self) -> usize {
+        let text = |(value, _): &(String, usize)| value.len() + size_of::<(String, usize)>();
+        let of_attribute = |summary: &AttributeSummary| {
+            let bins =
+                summary.distribution.as_ref().map_or(0, |found| found.edges.len() + found.counts.len());
+            size_of::<AttributeSummary>() + 8 * bins + summary.values.iter().map(text).sum::<usize>()
+        };
+        size_of::<Self>() + self.attributes.iter().map(of_attribute).sum::<usize>()
+    }
+}
+
+/// Summarises the attributes of the shapes of a cohort at its revision; cached. Cost: a pass over the attributes of the shapes
+/// that are new since the last call, and a sort of each numeric attribute.
 ///
 /// # Errors
 /// [`ServiceError::NotFound`] for the cohort; an attribute that no shape has; attributes that do not fit in memory.
-pub async fn summarise(app: &App, key: &str, query: SummaryQuery) -> Result<Summaries, ServiceError> {
+pub async fn summarise(app: &App, key: &str, query: SummaryQuery) -> Result<Arc<Summaries>, ServiceError> {
     let cohort = catalogue::find(app, key).await?;
+    let (id, cached) = (cohort.id.clone(), (cohort.revision, query.clone()));
+    if let Some(known) = app.cache.find(&id, &cached) {
+        return Ok(known);
+    }
     let columns = columns::of_cohort(app, &cohort).await?;
     let shapes = columns::selected(app, &cohort, &columns, &query.filter).await?;
     refuse_misspelt(app, &cohort, &query.filter, None, shapes.is_empty()).await?;
@@ -101,7 +121,9 @@ pub async fn summarise(app: &App, key: &str, query: SummaryQuery) -> Result<Summ
         .weighing(Work::from_seconds(SECONDS_PER_VALUE * (count * columns.columns().len()) as f64))
         .run(move || Ok(of_columns(&columns, &shapes, &query)))
         .await?;
-    Ok(Summaries { cohort, shapes: count, attributes })
+    let summaries = Arc::new(Summaries { cohort, shapes: count, attributes });
+    app.cache.keep(&id, &cached, &summaries);
+    Ok(summaries)
 }
 
 /// Predicted work of a value.

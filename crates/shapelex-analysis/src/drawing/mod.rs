@@ -156,7 +156,9 @@ pub fn draw_atoms(view: &View<'_>, name: &str, dictionary: &Dictionary) -> Drawi
         false => format!("components of {name}, and their part of the energy"),
     };
     if view.space.domain().is_surface() && !content.method.is_sparse() {
-        return layout::grid(&title, both_sides(view, dictionary));
+        let cells = both_sides(view, dictionary);
+        let columns = cells.len().min(SIDES_IN_A_ROW);
+        return layout::in_columns(&title, cells, columns);
     }
     if dictionary.is_centred() && view.space.domain() != Domain::Points {
         return draw_components(view, &title, dictionary);
@@ -192,6 +194,8 @@ pub fn view_of<'a>(space: &'a ShapeSpace, dictionary: &Dictionary) -> View<'a> {
 
 /// Maximum number of components of surfaces in a drawing.
 const MAX_MODES: usize = 6;
+/// Maximum number of surfaces per row: even, so that both sides of a mode are beside each other.
+const SIDES_IN_A_ROW: usize = 4;
 /// Number of standard deviations of the sides of a mode.
 const SIGMA: f64 = 2.0;
 
