@@ -2,12 +2,13 @@
 
 use std::f64::consts::TAU;
 
+use reqwest::Method;
 use serde_json::{Value, json};
 use shapelex_formats::image::write::{nifti_f32, nifti_u8, png_u8};
 use shapelex_formats::image::{Grid, LengthUnit};
 
 use crate::form::{form, post_form, post_image};
-use crate::server::{Reply, Server, shared};
+use crate::server::{Reply, Server, Setting, shared};
 
 const PATH: &str = "/v1/segment";
 
@@ -109,6 +110,29 @@ fn two_objects_of_a_picture_are_found_by_every_term() {
     let area = number(&measured["results"][0]["signed_area"]);
     let expected = 0.5 * TAU * 8.0 * 12.0;
     assert!((area / expected - 1.0).abs() < 0.04, "{area}, expected {expected}");
+}
+
+/// Other methods find the same object; Newton's is not for surfaces.
+#[test]
+fn methods_of_minimisation_agree() {
+    let (server, truth) = (shared(), picture(|label| label));
+    let found = |method: &str| {
+        let body = curves(json!({"method": method, "truth_labels": [1, 2]}));
+        let results = post_with_truth(&server, &body, &bright(), &truth).expect(200)["results"].clone();
+        [0, 1].map(|index| number(&results[index]["overlap"]["jaccard"]))
+    };
+    let expected = found("lbfgs");
+    for method in ["newton", "coordinates"] {
+        let found = found(method);
+        let near = |index: usize| (found[index] - expected[index]).abs() < 0.02;
+        assert!(near(0) && near(1), "{method}: {found:?}, {expected:?}");
+    }
+    let [image, _] = ball();
+    let sphere = json!({"kind": "surface", "topology": "sphere", "control_points": [6, 6],
+        "generators": [{"name": "trigonometric"}, {"name": "trigonometric"}]});
+    let body = json!({"representation": sphere, "terms": [{"name": "contour"}], "method": "newton",
+        "boxes": [{"lower": [8, 7, 9], "upper": [20, 18, 23]}]});
+    post_image(&server, PATH, &body, &image).expect_problem(422, "invalid-input", &["/method"]);
 }
 
 /// The gradient against differences of the energy, by segmentations of no iterations.
@@ -221,6 +245,55 @@ fn a_prior_keeps_the_shape_in_a_class() {
     let prior = |weight: f64| json!({"reference": {"control_points": ellipse}, "transformation": "similarity", "weight": weight});
     let (free, weak, strong) = (distance(Value::Null), distance(prior(3.0)), distance(prior(1000.0)));
     assert!(strong < 0.01 * free && weak < free, "{free} {weak} {strong}");
+}
+
+/// The means of a cohort and of a dictionary attract as the same means do when they are posted, to the last bit.
+#[test]
+fn stored_means_are_references_of_a_prior() {
+    let server = Setting::fresh().start();
+    let representation = curves(json!({}))["representation"].clone();
+    let ellipse = |index: i32| {
+        let (a, b, turn) = (10.0, 6.0 + 0.3 * f64::from(index), 0.1 * f64::from(index));
+        let point = |k: i32| {
+            let (y, x) = (f64::from(k) / 8.0 * TAU).sin_cos();
+            [a * x * turn.cos() - b * y * turn.sin(), a * x * turn.sin() + b * y * turn.cos()]
+        };
+        json!({"control_points": (0..8).map(point).collect::<Vec<_>>()})
+    };
+    let shapes: Vec<Value> = (0..6).map(ellipse).collect();
+    server.post("/v1/cohorts", &json!({"name": "cells", "representation": representation})).expect(201);
+    server.post("/v1/cohorts/cells/shapes", &json!({"shapes": shapes})).expect(201);
+    let learn = json!({"name": "modes", "cohort": "cells", "transformation": "similarity",
+        "method": {"kind": "functional_pca", "components": 2}});
+    let learn = server.request(Method::POST, "/v1/dictionaries").header("prefer", "wait=50").json(&learn);
+    server.send(learn).expect(201);
+    let prior = |mut prior: Value| {
+        prior["transformation"] = json!("similarity");
+        prior["weight"] = json!(10);
+        curves(json!({"prior": prior}))
+    };
+    let segmented = |body: &Value| post_image(&server, PATH, body, &bright()).expect(200)["results"].clone();
+    let posted =
+        |mean: &Value| segmented(&prior(json!({"reference": {"control_points": mean["control_points"]}})));
+    let mean = server.get("/v1/cohorts/cells/mean?transformation=similarity").expect(200)["mean"].clone();
+    let by_cohort = segmented(&prior(json!({"cohort": "cells"})));
+    assert_eq!(by_cohort, posted(&mean));
+    assert_ne!(by_cohort, segmented(&curves(json!({}))));
+    let mean = server.get("/v1/dictionaries/modes").expect(200)["mean"].clone();
+    assert_eq!(segmented(&prior(json!({"dictionary": "modes@1"}))), posted(&mean));
+
+    let ask = |body: &Value| post_image(&server, PATH, body, &bright());
+    ask(&prior(json!({"cohort": "none"}))).expect_problem(404, "not-found", &[]);
+    ask(&prior(json!({"dictionary": "none"}))).expect_problem(404, "not-found", &[]);
+    let both = prior(json!({"cohort": "cells", "dictionary": "modes"}));
+    ask(&both).expect_problem(422, "invalid-input", &["/prior/reference"]);
+    ask(&prior(json!({"cohort": 3}))).expect_problem(422, "invalid-input", &["/prior/cohort"]);
+    for field in [json!({"cohort": "cells"}), json!({"dictionary": "modes"})] {
+        let pointer = format!("/prior/{}", field.as_object().unwrap().keys().next().unwrap());
+        let mut other = prior(field);
+        other["representation"]["control_points"] = json!(9);
+        ask(&other).expect_problem(422, "invalid-input", &[&pointer]);
+    }
 }
 
 #[test]

@@ -19,8 +19,11 @@ use crate::formats::shape::ShapeInput;
 use crate::geometry::representation::Representation;
 use crate::service::app::{App, ServiceError};
 use crate::service::segmentation::image::Coordinates;
-use crate::service::segmentation::request::{BoxInput, EnergyInput, StageInput, TermInput};
-use crate::service::segmentation::segment::{self, Answered, Files, SegmentAnswer, Starts, Wanted};
+use crate::service::segmentation::reference::{self, Source, StoredMean};
+use crate::service::segmentation::request::{BoxInput, EnergyInput, Minimiser, StageInput, TermInput};
+use crate::service::segmentation::segment::{
+    self, Answered, Files, Reference, SegmentAnswer, Starts, Wanted,
+};
 use crate::service::statistics::{CheckedSettings, Settings};
 
 document! {
@@ -51,6 +54,9 @@ document! {
         /// two cells and of one.
         #[schema(value_type = Option<Vec<StageInput>>, max_items = 8)]
         stages: Many<StageInput>;
+        /// Method of minimisation. Default: `lbfgs`.
+        #[schema(value_type = Option<Minimiser>)]
+        method: Checked<Minimiser>;
         /// Attraction to the class of a shape.
         #[schema(value_type = Option<ShapePrior>)]
         prior: ShapePrior;
@@ -73,9 +79,15 @@ document! {
     /// Attraction to the shapes that a class of transformations makes of a reference: `weight · ‖c − c*‖²/V^(2/d)`, with `c*` the
     /// nearest of them and `V` the area or volume.
     pub(super) struct ShapePrior {
-        /// The reference: a mean or an atom of a dictionary, or any shape of the representation.
-        #[schema(value_type = ShapeInput, required = true)]
-        reference: ShapeInput, required;
+        /// The reference: any shape of the representation. Either this, `cohort` or `dictionary`.
+        #[schema(value_type = Option<ShapeInput>)]
+        reference: ShapeInput;
+        /// Id or name of a cohort of the representation, whose mean under the class is the reference.
+        #[schema(value_type = Option<String>)]
+        cohort: Checked<String>;
+        /// Id, `name@version`, `name@alias` or name of a dictionary of the representation, whose mean is the reference.
+        #[schema(value_type = Option<String>)]
+        dictionary: Checked<String>;
         /// Class of transformations.
         #[schema(value_type = Transformation, required = true)]
         transformation: Checked<Transformation>, required;
@@ -108,13 +120,22 @@ pub(super) struct SegmentForm {
 #[utoipa::path(post, path = "/segment", tag = "images",
     request_body(content = SegmentForm, content_type = "multipart/form-data"),
     responses(
-        (status = 200, description = "One shape for each initial shape, in order", body = SegmentAnswer)
+        (status = 200, description = "One shape for each initial shape, in order", body = SegmentAnswer),
+        (status = 404, description = "No such cohort or dictionary")
     ))]
 pub(super) async fn segment(Caller(app): Caller, _: NoQuery, request: Request) -> Result<Response, Problem> {
     let form = form::read(&app, request, &["image", "truth"]).await?;
     let (image, truth) = (form.required("image")?, form.file("truth"));
-    compute_planned(app, form.parameters, move |app, parameters| {
-        let wanted = app.parse::<SegmentRequest>(parameters)?.wanted(app)?;
+    let asked = app.read::<SegmentRequest>(form.parameters.clone()).await?;
+    let mean = match asked.prior.as_ref().and_then(ShapePrior::stored) {
+        Some((source, transformation, alignment)) => {
+            Some(reference::find(&app, source, transformation, alignment).await?)
+        }
+        None => None,
+    };
+    // The parameters are read already; their length tells where the plan is made.
+    compute_planned(app, form.parameters, move |app, _| {
+        let wanted = asked.wanted(app, mean)?;
         let files = Files { image: &image, truth: truth.as_deref() };
         let found = segment::Planned::new(app, files, wanted)?;
         plan(found, image.clone(), truth.clone())
@@ -134,7 +155,7 @@ fn plan(
 }
 
 impl SegmentRequest {
-    fn wanted(self, app: &App) -> Result<Wanted, ServiceError> {
+    fn wanted(self, app: &App, mean: Option<StoredMean>) -> Result<Wanted, ServiceError> {
         let mut errors = self.faults;
         let representation = self.representation.and_then(|field| field.take("/representation", &mut errors));
         let correspondence = take_or_default(self.correspondence, "/correspondence", &mut errors);
@@ -142,6 +163,7 @@ impl SegmentRequest {
         let boxes = take_many(self.boxes, "/boxes", &mut errors);
         let terms = take_many(self.terms, "/terms", &mut errors).unwrap_or_default();
         let stages = take_many(self.stages, "/stages", &mut errors).unwrap_or_default();
+        let method = take_or_default(self.method, "/method", &mut errors).unwrap_or_default();
         let prior = self.prior.map(|prior| prior.taken(&mut errors));
         let coordinates = take_or_default(self.coordinates, "/coordinates", &mut errors);
         let truth_labels = take_many(self.truth_labels, "/truth_labels", &mut errors);
@@ -162,14 +184,18 @@ impl SegmentRequest {
             }
             (None, None) => None,
         };
+        let reference = match (&prior, &representation) {
+            (Some(prior), Some(representation)) => prior.reference(mean, representation, &mut errors),
+            _ => None,
+        };
         let settings = settings(app, representation.zip(correspondence), prior.as_ref(), &mut errors)?;
         ServiceError::unless_empty(errors)?;
         match (settings, starts, coordinates) {
             (Some(settings), Some(starts), Some(coordinates)) => Ok(Wanted {
                 settings,
                 starts,
-                energy: EnergyInput { terms, stages },
-                prior: prior.and_then(|prior| Some((prior.reference?, prior.weight?))),
+                energy: EnergyInput { terms, stages, method },
+                prior: reference.zip(prior.and_then(|prior| prior.weight)),
                 coordinates,
                 truth_labels,
                 answered,
@@ -182,19 +208,73 @@ impl SegmentRequest {
 /// The fields of a prior that could be read.
 struct Taken {
     reference: Option<ShapeInput>,
+    cohort: Option<String>,
+    dictionary: Option<String>,
     transformation: Option<Transformation>,
     alignment: Option<Alignment>,
     weight: Option<f64>,
 }
 
 impl ShapePrior {
+    /// The mean that is the reference, with its class and alignment, where one is named and all of them could be read.
+    fn stored(&self) -> Option<(Source, Transformation, Option<Alignment>)> {
+        let source = match (&self.reference, &self.cohort, &self.dictionary) {
+            (None, Some(key), None) => Source::Cohort(key.get()?.clone()),
+            (None, None, Some(key)) => Source::Dictionary(key.get()?.clone()),
+            _ => return None,
+        };
+        let alignment = match &self.alignment {
+            Some(alignment) => Some(*alignment.get()?),
+            None => None,
+        };
+        Some((source, self.transformation.as_ref()?.get()?.clone(), alignment))
+    }
+
     fn taken(self, errors: &mut Vec<Fault>) -> Taken {
         errors.extend(self.faults.into_iter().map(|fault| fault.below("/prior")));
         Taken {
             reference: self.reference,
+            cohort: take_given(self.cohort, "/prior/cohort", errors),
+            dictionary: take_given(self.dictionary, "/prior/dictionary", errors),
             transformation: take_given(self.transformation, "/prior/transformation", errors),
             alignment: take_given(self.alignment, "/prior/alignment", errors),
             weight: self.weight.map_or(Some(1.0), |weight| weight.take("/prior/weight", errors)),
+        }
+    }
+}
+
+impl Taken {
+    /// The reference, which is one of a shape and a mean of the representation.
+    fn reference(
+        &self,
+        mean: Option<StoredMean>,
+        representation: &Representation,
+        errors: &mut Vec<Fault>,
+    ) -> Option<Reference> {
+        let named = [self.reference.is_some(), self.cohort.is_some(), self.dictionary.is_some()];
+        match named.into_iter().filter(|is_given| *is_given).count() {
+            1 => {}
+            count => {
+                // A key that could not be read has a fault already.
+                if count > 1 || errors.is_empty() {
+                    let detail = format!("expected one of reference, cohort, dictionary, got {count}");
+                    errors.push(Fault::new("/prior/reference", detail));
+                }
+                return None;
+            }
+        }
+        match (self.reference.clone(), mean) {
+            (Some(shape), _) => Some(Reference::Posted(shape)),
+            (None, Some(mean)) if mean.representation == *representation => {
+                Some(Reference::Stored(mean.control_points))
+            }
+            (None, Some(_)) => {
+                let field = if self.cohort.is_some() { "cohort" } else { "dictionary" };
+                let detail = format!("expected a {field} of the representation of the request, got another");
+                errors.push(Fault::new(format!("/prior/{field}"), detail));
+                None
+            }
+            (None, None) => None,
         }
     }
 }

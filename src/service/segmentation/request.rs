@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use crate::formats::fault::Fault;
 use crate::segmentation::energy::Polarity;
 use crate::segmentation::run::scene::{EdgeScale, ImageTerm};
-use crate::segmentation::run::{Settings, Stage};
+use crate::segmentation::run::{Method, Settings, Stage};
 use crate::segmentation::snake::reparametrisation::Free;
 
 /// Maximum number of terms, and of stages.
@@ -154,6 +154,29 @@ pub enum FreeInput {
     All,
 }
 
+/// Method of minimisation: `lbfgs`; `newton`, damped, for curves; or `coordinates`, one point after the other.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Minimiser {
+    /// L-BFGS.
+    #[default]
+    Lbfgs,
+    /// Damped Newton.
+    Newton,
+    /// One point after the other, with parabolas.
+    Coordinates,
+}
+
+impl From<Minimiser> for Method {
+    fn from(method: Minimiser) -> Self {
+        match method {
+            Minimiser::Lbfgs => Self::Lbfgs,
+            Minimiser::Newton => Self::Newton,
+            Minimiser::Coordinates => Self::Coordinates,
+        }
+    }
+}
+
 /// A stage of the minimisation.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
@@ -238,6 +261,8 @@ pub struct EnergyInput {
     pub terms: Vec<TermInput>,
     /// Stages; the usual ones if there are none.
     pub stages: Vec<StageInput>,
+    /// Method of minimisation.
+    pub method: Minimiser,
 }
 
 impl EnergyInput {
@@ -285,6 +310,7 @@ impl EnergyInput {
     /// Settings of a run with these stages.
     pub(super) fn settings<const D: usize>(&self, stages: &[StageInput]) -> Settings<D> {
         let mut settings = Settings::new(stages.iter().map(|stage| stage.stage()).collect());
+        settings.method = self.method.into();
         for term in &self.terms {
             match term {
                 TermInput::Boundary { weight } => settings.boundary = *weight,

@@ -48,13 +48,22 @@ pub struct Wanted {
     /// Energy and stages.
     pub energy: EnergyInput,
     /// Shape whose class attracts, with its weight.
-    pub prior: Option<(ShapeInput, f64)>,
+    pub prior: Option<(Reference, f64)>,
     /// Coordinates of shapes, blurs and the answer.
     pub coordinates: Coordinates,
     /// Labels of the truth, one for each object; all but 0 without.
     pub truth_labels: Option<Vec<u32>>,
     /// What is answered besides.
     pub answered: Answered,
+}
+
+/// Shape whose class attracts.
+#[derive(Debug)]
+pub enum Reference {
+    /// A posted shape.
+    Posted(ShapeInput),
+    /// A mean of the representation, coordinate-major.
+    Stored(Vec<f64>),
 }
 
 /// Optional parts of the answer.
@@ -388,10 +397,15 @@ impl Task<'_> {
     ) -> Result<Option<(Prior<D>, f64)>, ServiceError> {
         let Some((reference, weight)) = &self.wanted.prior else { return Ok(None) };
         let at = "/prior/reference";
-        let read = read_shape(&self.setup.reading(&self.app.limits), reference.clone());
-        let reference = read.map_err(|faults| ServiceError::below(faults, at))?;
+        let reference: Vec<[f64; D]> = match reference {
+            Reference::Posted(shape) => {
+                let read = read_shape(&self.setup.reading(&self.app.limits), shape.clone());
+                rows(&read.map_err(|faults| ServiceError::below(faults, at))?.control_points)
+            }
+            Reference::Stored(control_points) => rows(control_points),
+        };
         let (metric, method) = (self.setup.metric.clone(), self.setup.method.clone());
-        let prior = Prior::new(metric, method, &rows(&reference.control_points), model.lift(), frame);
+        let prior = Prior::new(metric, method, &reference, model.lift(), frame);
         let prior = prior.map_err(|error| ServiceError::invalid(at, error.to_string()))?;
         Ok(Some((prior, *weight)))
     }
@@ -530,6 +544,7 @@ fn faulty_start(error: SegmentationError, starts: &Starts, index: usize) -> Serv
             ServiceError::Invalid(vec![fault].into())
         }
         SegmentationError::Scale { .. } => ServiceError::invalid("/terms", error.to_string()),
+        SegmentationError::Method => ServiceError::invalid("/method", error.to_string()),
         SegmentationError::Stages { .. } => ServiceError::invalid("/stages", error.to_string()),
         _ => faulty(error),
     }

@@ -14,7 +14,7 @@ pub mod scene;
 
 use shapelex_numeric::bounded::Stop;
 use shapelex_numeric::dense::Matrix;
-use shapelex_numeric::descent::{Ending, Objective, Rules};
+use shapelex_numeric::descent::{Ending, Minimum, Objective, Rules};
 use shapelex_numeric::newton::Curved;
 use shapelex_numeric::{coordinates, lbfgs, newton};
 
@@ -123,6 +123,17 @@ impl Outcome {
             Self::LeftImage => "left_image",
             Self::Collapsed => "collapsed",
             Self::Stopped => "stopped",
+        }
+    }
+}
+
+impl From<Ending> for Outcome {
+    fn from(ending: Ending) -> Self {
+        match ending {
+            Ending::Converged => Self::Converged,
+            Ending::Limit => Self::Limit,
+            Ending::LineSearch => Self::LineSearch,
+            Ending::Stopped => Self::Stopped,
         }
     }
 }
@@ -298,20 +309,8 @@ impl<'a, const D: usize> Run<'a, D> {
                 return Err(SegmentationError::Method);
             }
             let mut objective = StageObjective { boundary: &*boundary, energy: &energy, free: &free };
-            let rules = Rules {
-                iterations: stage.iterations,
-                clip: self.clip,
-                tolerance: self.settings.tolerance,
-                ..Rules::default()
-            };
             let mut x = free.start();
-            let minimum = match self.settings.method {
-                Method::Lbfgs => lbfgs::minimise(&mut objective, &mut x, &rules, stop),
-                Method::Newton => newton::minimise(&mut objective, &mut x, &rules, stop),
-                Method::Coordinates => {
-                    coordinates::minimise(&mut objective, &mut x, free.group(), &rules, stop)
-                }
-            };
+            let minimum = self.minimise(stage, &mut objective, &mut x, stop);
             let rows = free.rows(&x).unwrap_or_else(|| before.clone());
             let volume =
                 boundary.volume(&boundary.sample(&rows)).value / self.scene.frame().determinant().abs();
@@ -327,12 +326,7 @@ impl<'a, const D: usize> Run<'a, D> {
             });
             let Some(fault) = fault else {
                 self.rows = rows;
-                return Ok(match minimum.ending {
-                    Ending::Converged => Outcome::Converged,
-                    Ending::Limit => Outcome::Limit,
-                    Ending::LineSearch => Outcome::LineSearch,
-                    Ending::Stopped => Outcome::Stopped,
-                });
+                return Ok(minimum.ending.into());
             };
             if repairs == self.settings.repairs || minimum.ending == Ending::Stopped {
                 return Ok(fault.into());
@@ -340,6 +334,29 @@ impl<'a, const D: usize> Run<'a, D> {
             repairs += 1;
             self.spacing = (REPAIR.0 * self.spacing).max(LEAST_SPACING);
             self.clip *= REPAIR.1;
+        }
+    }
+
+    fn minimise(
+        &self,
+        stage: &Stage,
+        objective: &mut StageObjective<'_, D>,
+        x: &mut Vec<f64>,
+        stop: Stop<'_>,
+    ) -> Minimum {
+        let rules = Rules {
+            iterations: stage.iterations,
+            clip: self.clip,
+            tolerance: self.settings.tolerance,
+            ..Rules::default()
+        };
+        match self.settings.method {
+            Method::Lbfgs => lbfgs::minimise(objective, x, &rules, stop),
+            Method::Newton => newton::minimise(objective, x, &rules, stop),
+            Method::Coordinates => {
+                let group = objective.free.group();
+                coordinates::minimise(objective, x, group, &rules, stop)
+            }
         }
     }
 }
