@@ -1,8 +1,8 @@
-//! Images to shapes. The functions are synchronous and run on the pool, but for [`reference`], which reads the store.
+//! Images to shapes. The functions are synchronous and run on the pool, but for [`reference`](mod@reference), which reads the store.
 //!
 //! * [`image`] — images of requests; [`contours`] — boundaries of labels;
 //! * [`request`] — energies, stages and initial shapes as they are posted; [`segment`] — objects of an image;
-//! * [`reference`] — means of the store that attract shapes.
+//! * [`reference`](mod@reference) — means of the store that attract shapes.
 //!
 //! The arithmetic is in [`segmentation`](crate::segmentation), the files are read by [`formats::image`](crate::formats::image):
 //! this folder limits, predicts and names what is answered.
