@@ -408,6 +408,13 @@ fn segmentations_that_cost_too_much_are_refused() {
     let server = shared();
     let boxes: Vec<Value> = (0..5000).map(|_| json!({"lower": [8, 15], "upper": [25, 26]})).collect();
     let body = curves(json!({"boxes": boxes, "stages": [{"sigma": 1, "iterations": 2000}]}));
-    let problem = post_image(&server, PATH, &body, &bright());
-    problem.expect_problem(422, "too-costly", &[]);
+    post_image(&server, PATH, &body, &bright()).expect_problem(422, "too-costly", &[]);
+    // One object of many points, by methods that take more than an evaluation in an iteration.
+    let many = json!({"kind": "closed_curve", "dimension": 2, "control_points": 2000, "generator": {"name": "trigonometric"}});
+    let one = json!([{"lower": [8, 15], "upper": [25, 26]}]);
+    for method in ["newton", "coordinates"] {
+        let body = curves(json!({"representation": many, "boxes": one, "method": method,
+            "stages": [{"sigma": 1, "iterations": 2000}]}));
+        post_image(&server, PATH, &body, &bright()).expect_problem(422, "too-costly", &[]);
+    }
 }

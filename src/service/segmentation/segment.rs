@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::image::{Coordinates, ImageOutput, described, file_limits, plane_frame, refused, volume_frame};
-use super::request::{BoxInput, EnergyInput, StageInput};
+use super::request::{BoxInput, EnergyInput, Minimiser, StageInput};
 use crate::formats::fault::Fault;
 use crate::formats::image::{Description, Grid as FileGrid, read, read_labels};
 use crate::formats::shape::{Points, ShapeInput};
@@ -35,8 +35,12 @@ const CELL: f64 = 4e-8;
 const TAP: f64 = 1.5e-9;
 /// Predicted seconds per sample of a boundary and term, for one evaluation.
 const SAMPLE: f64 = 1.2e-7;
-/// Evaluations of the energy in an iteration.
+/// Least number of samples for each control point.
+const SAMPLES_PER_POINT: f64 = 16.0;
+/// Evaluations of the energy in an iteration of methods that move all points at once.
 const EVALUATIONS: f64 = 1.3;
+/// Evaluations for each point in a sweep from point to point.
+const EVALUATIONS_PER_POINT: f64 = 3.5;
 
 /// What is wanted of an image.
 #[derive(Debug)]
@@ -231,16 +235,24 @@ impl Planned {
         let axes = if planar { 2.0 } else { 3.0 };
         let field = |stage: &StageInput| CELL + axes * TAP * (1.0 + 8.0 * stage.sigma / cell);
         let fields: f64 = self.stages.iter().map(field).sum();
+        let points = self.wanted.settings.representation.size() as f64;
         let samples = |stage: &StageInput| {
             let blur = (stage.sigma / cell).max(1.0);
-            if planar { x + y } else { (x * y + y * z + z * x) / (blur * blur) }
+            let boundary = if planar { x + y } else { (x * y + y * z + z * x) / (blur * blur) };
+            boundary.max(SAMPLES_PER_POINT * points)
         };
+        let (evaluations, factorisation) = match self.wanted.energy.method {
+            Minimiser::Lbfgs => (EVALUATIONS, 0.0),
+            Minimiser::Newton => (EVALUATIONS, (2.0 * points).powi(3) / 3.0),
+            Minimiser::Coordinates => (1.0 + EVALUATIONS_PER_POINT * points, 0.0),
+        };
+        let iterations: f64 = self.stages.iter().map(|stage| stage.iterations as f64).sum();
         let runs =
-            self.stages.iter().map(|stage| (1.0 + EVALUATIONS * stage.iterations as f64) * samples(stage));
+            self.stages.iter().map(|stage| (1.0 + evaluations * stage.iterations as f64) * samples(stage));
         let objects = self.wanted.starts.count() as f64;
         Work::from_seconds(
             grid.cells() as f64 * terms * fields + runs.sum::<f64>() * objects * terms * SAMPLE,
-        )
+        ) + Work::from_multiply_adds(objects * iterations * factorisation)
     }
 
     /// Segments the objects.

@@ -308,7 +308,7 @@ impl<'a, const D: usize> Run<'a, D> {
             {
                 return Err(SegmentationError::Method);
             }
-            let mut objective = StageObjective { boundary: &*boundary, energy: &energy, free: &free };
+            let mut objective = StageObjective { boundary: &*boundary, energy: &energy, free: &free, stop };
             let mut x = free.start();
             let minimum = self.minimise(stage, &mut objective, &mut x, stop);
             let rows = free.rows(&x).unwrap_or_else(|| before.clone());
@@ -366,10 +366,15 @@ struct StageObjective<'a, const D: usize> {
     boundary: &'a dyn Boundary<D>,
     energy: &'a Energy<D>,
     free: &'a Reparametrisation<D>,
+    stop: Stop<'a>,
 }
 
 impl<const D: usize> Objective for StageObjective<'_, D> {
+    /// Everything is forbidden once the caller wants to stop: a sweep over many points then ends at once.
     fn evaluate(&mut self, x: &[f64], gradient: &mut [f64]) -> f64 {
+        if (self.stop)() {
+            return f64::INFINITY;
+        }
         let Some(rows) = self.free.rows(x) else { return f64::INFINITY };
         let energy = self.energy.evaluate(&Shape::new(self.boundary, &rows));
         gradient.copy_from_slice(&self.free.pull(&energy.gradient));
