@@ -235,11 +235,12 @@ impl Planned {
         let axes = if planar { 2.0 } else { 3.0 };
         let field = |stage: &StageInput| CELL + axes * TAP * (1.0 + 8.0 * stage.sigma / cell);
         let fields: f64 = self.stages.iter().map(field).sum();
-        let points = self.wanted.settings.representation.size() as f64;
+        let representation = &self.wanted.settings.representation;
+        let (points, vertices) = (representation.size() as f64, representation.refined_vertices() as f64);
         let samples = |stage: &StageInput| {
             let blur = (stage.sigma / cell).max(1.0);
             let boundary = if planar { x + y } else { (x * y + y * z + z * x) / (blur * blur) };
-            boundary.max(SAMPLES_PER_POINT * points)
+            boundary.max(SAMPLES_PER_POINT * points).max(vertices)
         };
         let (evaluations, factorisation) = match self.wanted.energy.method {
             Minimiser::Lbfgs => (EVALUATIONS, 0.0),
