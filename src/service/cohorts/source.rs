@@ -18,7 +18,7 @@ use crate::domain::filter::ShapeFilter;
 use crate::domain::shape::Shape;
 use crate::service::app::cache::Cache;
 use crate::service::app::{App, ServiceError};
-use crate::service::cohorts::placements::KnownPlacements;
+use crate::service::cohorts::placements::{KnownPlacements, Which};
 use crate::service::shapes::outcome::Outcomes;
 use crate::service::statistics::Setup;
 use crate::store::{Cursor, Ids, Places, Revisions, ScanBatch, Start, Store, StoreError};
@@ -124,7 +124,7 @@ pub(crate) struct StoredShapes<'a> {
     /// The job that may distribute parts of a pass to other workers.
     distribute: Option<&'a dyn Distribute>,
     /// Placements with which a search begins.
-    known: Option<&'a KnownPlacements>,
+    known: Option<(&'a KnownPlacements, Which)>,
     /// Counts the shapes that passes have worked through.
     counter: Option<&'a dyn Watch>,
 }
@@ -196,7 +196,7 @@ impl<'a> StoredShapes<'a> {
     }
 
     /// The same shapes, whose search begins with `known` placements.
-    pub(crate) fn starting_from(self, known: Option<&'a KnownPlacements>) -> Self {
+    pub(crate) fn starting_from(self, known: Option<(&'a KnownPlacements, Which)>) -> Self {
         Self { known, ..self }
     }
 
@@ -460,7 +460,8 @@ impl ShapeSource for StoredShapes<'_> {
     }
 
     fn known_placements(&self) -> Result<Option<Vec<Placement>>, ServiceError> {
-        self.known.map(|known| Ok(known.at(&self.places()?))).transpose()
+        let Some((known, which)) = self.known else { return Ok(None) };
+        Ok(known.start(which, &self.places()?))
     }
 
     fn located(&self, error: ServiceError) -> ServiceError {
