@@ -11,6 +11,8 @@ const API: &str = "/v1/";
 const DOCS: &str = "/docs";
 /// Media type of drawings.
 const SVG: &str = "image/svg+xml";
+/// Media type of the page of the dashboard.
+const HTML: &str = "text/html";
 
 /// Policy for data: a browser that opens it runs, loads and frames nothing.
 const DATA_POLICY: &str = "default-src 'none'; frame-ancestors 'none'";
@@ -19,6 +21,10 @@ const SVG_POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; frame-a
 /// Policy for the reference page: its own scripts, which create style attributes and images in the page.
 const DOCS_POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; \
      img-src 'self' data:; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
+
+/// Policy for the dashboard: its own scripts and style sheet, and pictures that it makes of answers. It calls this service only.
+const PAGE_POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; \
+     connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 
 /// Request headers on which answers depend.
 const VARY: [&str; 3] = ["accept", "accept-encoding", "authorization"];
@@ -67,6 +73,7 @@ fn policy(headers: &HeaderMap, is_docs: bool) -> &'static str {
     match media_type {
         _ if is_docs => DOCS_POLICY,
         text if text.starts_with(SVG) => SVG_POLICY,
+        text if text.starts_with(HTML) => PAGE_POLICY,
         _ => DATA_POLICY,
     }
 }
