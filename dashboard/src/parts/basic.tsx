@@ -7,7 +7,7 @@ import { shown } from "../preferences";
 import { useSetting } from "../router";
 
 /** Head of a view; the heading takes the focus when one comes from another view, so that it is read out. */
-export function Page({ title, crumbs, lead, actions, children }: { title: string; crumbs?: [string, string][]; lead?: ComponentChildren; actions?: ComponentChildren; children: ComponentChildren }) {
+export function Page({ title, tag, crumbs, lead, actions, children }: { title: string; tag?: string; crumbs?: [string, string][]; lead?: ComponentChildren; actions?: ComponentChildren; children: ComponentChildren }) {
   const heading = useRef<HTMLHeadingElement>(null);
   useEffect(() => {
     document.title = `${title} · Shapelex`;
@@ -24,7 +24,7 @@ export function Page({ title, crumbs, lead, actions, children }: { title: string
             {crumbs.map(([name, href]) => <><a href={href}>{name}</a><span aria-hidden="true">/</span></>)}
           </nav>
         )}
-        <div class="row spread"><h1 ref={heading} tabIndex={-1}>{title}</h1>{actions && <div class="row no-print">{actions}</div>}</div>
+        <div class="row spread"><div class="row"><h1 ref={heading} tabIndex={-1}>{title}</h1>{tag && <span class="tag">{tag}</span>}</div>{actions && <div class="row no-print">{actions}</div>}</div>
         {lead && <p class="lead">{lead}</p>}
       </header>
       {children}
@@ -35,7 +35,7 @@ export function Page({ title, crumbs, lead, actions, children }: { title: string
 export function Tabs({ label, tabs }: { label: string; tabs: [string, string][] }) {
   return (
     <nav class="tabs" aria-label={label}>
-      {tabs.map(([name, href]) => <a key={href} href={href} aria-current={location.pathname === href.split("?")[0] ? "page" : undefined}>{name}</a>)}
+      {tabs.map(([name, href]) => <a key={href} href={href} aria-current={decodeURIComponent(location.pathname) === decodeURIComponent(href.split("?")[0]!) ? "page" : undefined}>{name}</a>)}
     </nav>
   );
 }
@@ -69,7 +69,7 @@ export function Place({ fault }: { fault: { pointer?: string; index?: number | n
   return words.length ? <><code>{words.join(" ")}</code> </> : null;
 }
 
-export const Loading = ({ on }: { on: boolean }) => <div class={`loading${on ? " on" : ""}`} role="status">{on && <span class="hidden">{t.frame.loading}</span>}</div>;
+export const Loading = ({ on }: { on: boolean }) => (on ? <div class="loading" role="status"><span class="hidden">{t.frame.loading}</span></div> : null);
 
 export function Field({ label, children }: { label: string; children: ComponentChildren }) {
   return <label class="field"><span>{label}</span>{children}</label>;
@@ -144,7 +144,7 @@ export function Download({ source, formats, name }: { source: Source; formats: [
 export const PICTURES: [string, string, string][] = [["SVG", "svg", "image/svg+xml"], ["PNG", "png", "image/png"]];
 
 /** A drawing of the service, in the colours of the page, with its caption and its files. */
-export function Picture({ source, alt, caption, name, width = 760 }: { source: Source; alt: string; caption?: ComponentChildren; name: string; width?: number }) {
+export function Picture({ source, alt, caption, name, width = 760, formats = PICTURES }: { source: Source; alt: string; caption?: ComponentChildren; name: string; width?: number; formats?: [string, string, string][] }) {
   const [state, setState] = useState<{ url?: string; error?: Error }>({});
   const theme = shown();
   const key = JSON.stringify([source, search(source.query), theme, width]);
@@ -168,7 +168,7 @@ export function Picture({ source, alt, caption, name, width = 760 }: { source: S
     <figure class={`picture${state.url || state.error ? "" : " wait"}`} aria-busy={!state.url && !state.error}>
       {state.error ? <Fault error={state.error} /> : state.url ? <img src={state.url} alt={alt} /> : <Loading on />}
       {caption && <figcaption>{caption}</figcaption>}
-      {state.url && <div class="no-print"><Download source={source} formats={PICTURES} name={name} /></div>}
+      {state.url && <div class="no-print"><Download source={source} formats={formats} name={name} /></div>}
     </figure>
   );
 }

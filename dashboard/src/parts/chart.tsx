@@ -33,9 +33,10 @@ export function Chart({ x, lines, xLabel, yLabel, height = 220, describe, range,
   const key = JSON.stringify([x, lines.map((line) => [line.values, line.label, line.kind, line.colour]), theme, height]);
   useEffect(() => {
     if (!ref.current || !width) return;
+    const bars = lines.some((line) => line.kind === "bars"), step = x.length > 1 ? x[1]! - x[0]! : 1;
     const plot = new uPlot({
       width, height, legend: { show: false }, cursor: { show: false },
-      scales: { x: { time: false, range: lines.some((line) => line.kind === "bars") ? (_, low, high) => [low - 0.6, high + 0.6] : undefined }, y: range ? { range: (_, low, high) => [range[0] ?? low, range[1] ?? high] } : {} },
+      scales: { x: { time: false, range: bars ? (_, low, high) => [low - 0.6 * step, high + 0.6 * step] : undefined }, y: range ? { range: (_, low, high) => [range[0] ?? low, range[1] ?? high] } : {} },
       axes: [axis(xLabel), { ...axis(yLabel, format && ((values) => values.map(format))), size: 58 }],
       series: [{}, ...lines.map((line): uPlot.Series => {
         const stroke = colour(line.colour ?? "accent");

@@ -53,7 +53,7 @@ export function Scatter(props: ScatterProps) {
   useEffect(() => {
     if (!ref.current || !width) return;
     const pixels = document.createElement("canvas");
-    const draw: uPlot.Series.PathBuilder = (u) => {
+    const draw = (u: uPlot) => {
       const { x, y, groups, palette, chosen } = latest.current;
       const { left, top, width: w, height: h } = u.bbox;
       const ratio = devicePixelRatio || 1;
@@ -77,7 +77,7 @@ export function Scatter(props: ScatterProps) {
         }
         own.putImageData(image, 0, 0);
         context.drawImage(pixels, left, top);
-        return null;
+        return;
       }
       context.save();
       context.beginPath();
@@ -92,7 +92,6 @@ export function Scatter(props: ScatterProps) {
         context.fill();
       }
       context.restore();
-      return null;
     };
     const range = (values: () => number[]): uPlot.Range.Function => (_, low, high) => {
       if (low !== null && high !== null && low !== high && (low !== 0 || high !== 100)) return [low, high];
@@ -103,8 +102,8 @@ export function Scatter(props: ScatterProps) {
       mode: 2, width, height, legend: { show: false }, cursor: { points: { show: false }, x: false, y: false, drag: { x: true, y: true, setScale: true, uni: 20 } },
       scales: { x: { time: false, auto: false, range: range(() => latest.current.x) }, y: { auto: false, range: range(() => latest.current.y) } },
       axes: [axis(props.xLabel), { ...axis(props.yLabel), size: 58 }],
-      series: [{}, { paths: draw, facets: [{ scale: "x", auto: false }, { scale: "y", auto: false }] } as uPlot.Series],
-      hooks: { setScale: [() => moved((count) => count + 1)] },
+      series: [{}, { facets: [{ scale: "x", auto: false }, { scale: "y", auto: false }] } as uPlot.Series],
+      hooks: { draw: [draw], setScale: [() => moved((count) => count + 1)] },
     }, [[], [[], []]] as unknown as uPlot.AlignedData, ref.current);
     plot.current = created;
     whole(created, latest.current);

@@ -57,7 +57,7 @@ export const de: Strings = {
     overview: "Formen", table: "Tabelle", mean: "Mittel", compare: "Gruppen", regression: "Regression", upload: "Hochladen",
     shapes: (count) => (count === 1 ? "1 Form" : `${count} Formen`), revision: (revision) => `Revision ${revision}`, unit: (unit) => `Längen in ${unit}`,
     filters: "Filter", all: (count) => (count === 1 ? "1 Form" : `Alle ${count} Formen`), some: (some, all) => `${some} von ${all} Formen`, without: (name, value) => `Filter ${name} ${value} entfernen`,
-    from: (name) => `${name}: mindestens`, to: (name) => `${name}: höchstens`, spark: (name) => `Histogramm: ${name}`, sheet: "Alle in einem Maßstab", nothing: "Keine Form erfüllt den Filter.",
+    from: (name) => `${name}: mindestens`, to: (name) => `${name}: höchstens`, spark: (name) => `Histogramm: ${name}`, sheet: "Übersicht", scale: "Maßstab", oneScale: "Ein Maßstab", ownScale: "Jede eingepasst", nothing: "Keine Form erfüllt den Filter.",
     sizes: (median, low, high, unit) => `Median ${median}${unit && ` ${unit}`}; neun von zehn liegen zwischen ${low} und ${high}.`, same: (value) => `Alle Formen haben den Wert ${value}.`,
     empty: "Diese Kohorte enthält noch keine Formen.", deleted: (name) => `${name} liegt im Papierkorb.`, deleteTitle: (name) => `${name} löschen?`, deleteHint: "Die Kohorte kommt mit allen Formen in den Papierkorb. Von dort kann die Verwaltung sie zurückholen. Daraus gelernte Wörterbücher bleiben.", changeTitle: (name) => `${name} bearbeiten`,
   },
@@ -95,9 +95,9 @@ export const de: Strings = {
     same: (name, p) => `Nach ${name} wurde kein Unterschied gefunden (p = ${p}). Das zeigt nicht, dass es keinen gibt.`, clear: (pairs) => `Deutliche Paare: ${pairs}.`, noneClear: "Nach der Korrektur ist kein einzelnes Paar deutlich.",
   },
   regression: {
-    attribute: "Hängt ab von", size: "Größe (Logarithmus der Zentroidgröße)", covariate: "Bereinigt um", partial: "partielles R²", slider: (name) => `Vorhergesagte Form für ${name}`, slideHint: "Die vorhergesagte Form vor dem Durchschnitt.",
+    attribute: "Hängt ab von", size: "Logarithmus der Zentroidgröße", sizeName: "der Größe", covariate: "Bereinigt um", partial: "partielles R²", slider: (name) => `Vorhergesagte Form für ${name}`, slideHint: "Die vorhergesagte Form vor dem Durchschnitt.",
     scores: "Jede Form", score: "Formwert", scoresHint: "Der Wert einer Form sagt, wie weit sie in Richtung der Regression liegt.", alt: (name) => `Vorhergesagte Formen für Werte von ${name}`, caption: "Vorhersagen vom 5-%- bis zum 95-%-Quantil.",
-    depends: (name, p, r) => `Die Form hängt ab von: ${name} (p ${p.startsWith("<") ? p : `= ${p}`}); das erklärt ${r} der Variation.`, independent: (name, p) => `Eine Abhängigkeit der Form von ${name} wurde nicht gefunden (p = ${p}).`,
+    depends: (name, p, r) => `Die Form hängt ab von ${name} (p ${p.startsWith("<") ? p : `= ${p}`}); das erklärt ${r} der Variation.`, independent: (name, p) => `Eine Abhängigkeit der Form von ${name} wurde nicht gefunden (p = ${p}).`,
   },
   upload: {
     lead: "Jede Form wird geprüft, bevor sie gespeichert wird. Dieselbe Datei kann noch einmal gesendet werden: Formen mit bekannter Kennung und gleichem Inhalt werden nicht doppelt gespeichert.", onError: "Fehlerhafte Formen", skip: "Fehlerhafte auslassen", abort: "Alles oder nichts",
@@ -114,7 +114,7 @@ export const de: Strings = {
     done: (name) => `${name} ist gelernt.`, sparseHint: "Atome sind typische Formen; jede Form ist eine Summe von wenigen.", componentsHint: "Komponenten sind die Richtungen, in denen die Formen am stärksten variieren, die stärkste zuerst.",
   },
   dictionary: {
-    report: "Bericht", modes: "Moden", scores: "Werte", components: "Komponenten", atoms: "Atome", drift: "Drift", lead: (cohort, shapes, name, time) => `Gelernt aus ${shapes} Formen von ${cohort}. Nicht gezählt: ${name}. ${time}`,
+    report: "Bericht", modes: "Moden", scores: "Werte", components: "Komponenten", atoms: "Atome", drift: "Drift", lead: (cohort, shapes, name, time) => `Gelernt aus ${shapes} Formen von ${cohort}, unter der Klasse „${name}“, ${time}.`,
     deleteHint: "Diese Version kommt in den Papierkorb. Von dort kann die Verwaltung sie zurückholen.", atomsHint: "Jede Form wird durch wenige dieser Atome beschrieben, bewegt und skaliert, wie sie es braucht.", componentsHint: "Jede Komponente bei zwei Standardabweichungen auf beiden Seiten des Mittels, rot und blau. Das Mittel ist grau.",
     atomsAlt: (count) => `${count} Atome nebeneinander`, atom: (number) => `Atom ${number}`, component: (number) => `Komponente ${number}`, use: (part) => `von ${part} der Formen verwendet`, share: (part) => `${part} der Variation`,
   },
@@ -144,9 +144,9 @@ export const de: Strings = {
     stored: (cohort) => `Oder eine Form aus ${cohort}, nach Kennung`, drop: "Kontur oder Maske ablegen", formats: "JSON, GeoJSON, CSV mit x und y, TPS, Labelmaske (PNG, TIFF, NIfTI)", noClass: "keine Klasse",
     verdict: (label, confidence, accepted) => (accepted === false ? `Nicht klar. Am ehesten ${label} (${confidence}).` : `Am ehesten ${label} (${confidence}).`), usual: "Eine übliche Form", unusual: "Eine ungewöhnliche Form",
     outlier: "ungewöhnlich: jenseits der Grenze von 99 % der Formen", inlier: "im Rahmen des Üblichen", against: (name, shapes, time) => `verglichen mit ${name}, gelernt aus ${shapes} Formen, ${time}`,
-    where: "Wo sie abweicht", whereAlt: (name) => `${name}, gefärbt nach dem Abstand von der Rekonstruktion`, whereCaption: (most) => `Die Kontur, gefärbt nach ihrem Abstand von der Rekonstruktion durch das Wörterbuch; größter Abstand ${most}.`,
+    where: "Wo sie abweicht", whereAlt: (name) => `${name}, gefärbt nach dem Abstand von der Rekonstruktion`, whereCaption: "Die Kontur, gefärbt nach ihrem Abstand von der Rekonstruktion durch das Wörterbuch.",
     accuracy: (value, majority) => `Bei ungesehenen Formen waren ${value} solcher Antworten richtig; die häufigste Klasse allein ergäbe ${majority}.`, novelty: "Wie ungewöhnlich", within: "Entlang der Moden", beyond: "Jenseits der Moden", rank: (part) => `ungewöhnlicher als ${part} der Formen`,
-    error: "Relativer Fehler", noveltyHint: "Entlang der Moden: extrem, aber von bekannter Art. Jenseits der Moden: von einer Art, die das Wörterbuch nicht kennt.", pose: "Lage", scale: "Größe im Verhältnis zum Mittel", angle: "Drehung", nearest: "Ähnlichste Formen", printed: (time) => `Shapelex, ${time}. Eine statistische Beschreibung, keine Diagnose.`,
+    error: "Relativer Fehler", noveltyHint: "Entlang der Moden: extrem, aber von bekannter Art. Jenseits der Moden: von einer Art, die das Wörterbuch nicht kennt.", pose: "Lage", scale: "Größe, je Einheit des Mittels", angle: "Drehung", nearest: "Ähnlichste Formen", printed: (time) => `Shapelex, ${time}. Eine statistische Beschreibung, keine Diagnose.`,
   },
   jobs: {
     lead: "Lange Arbeiten, während sie laufen. Sie gehen weiter, wenn Sie die Seite verlassen, auch nach einem Neustart des Dienstes.", live: "verbunden", offline: "nicht verbunden", status: "Status", all: "alle", none: "Keine Aufträge.", work: "Arbeit", progress: "Fortschritt", begun: "Begonnen", duration: "Dauer", running: "Wird berechnet …",

@@ -55,7 +55,7 @@ export const en = {
     overview: "Shapes", table: "Table", mean: "Mean", compare: "Groups", regression: "Regression", upload: "Upload",
     shapes: (count: number) => (count === 1 ? "1 shape" : `${count} shapes`), revision: (revision: number) => `revision ${revision}`, unit: (unit: string) => `lengths in ${unit}`,
     filters: "Filters", all: (count: number) => (count === 1 ? "1 shape" : `All ${count} shapes`), some: (some: number, all: number) => `${some} of ${all} shapes`, without: (name: string, value: string) => `Remove the filter ${name} ${value}`,
-    from: (name: string) => `${name}: at least`, to: (name: string) => `${name}: at most`, spark: (name: string) => `Histogram: ${name}`, sheet: "All on one scale", nothing: "No shape passes the filter.",
+    from: (name: string) => `${name}: at least`, to: (name: string) => `${name}: at most`, spark: (name: string) => `Histogram: ${name}`, sheet: "Contact sheet", scale: "Scale", oneScale: "One scale", ownScale: "Each fitted", nothing: "No shape passes the filter.",
     sizes: (median: string, low: string, high: string, unit: string) => `Median ${median}${unit && ` ${unit}`}; nine in ten between ${low} and ${high}.`, same: (value: string) => `All shapes have the value ${value}.`,
     empty: "This cohort has no shapes yet.", deleted: (name: string) => `${name} is in the trash.`, deleteTitle: (name: string) => `Delete ${name}?`, deleteHint: "The cohort goes to the trash with all its shapes. An administrator can restore it from there. Dictionaries learnt from it stay.", changeTitle: (name: string) => `Edit ${name}`,
   },
@@ -93,7 +93,7 @@ export const en = {
     same: (name: string, p: string) => `No difference by ${name} was found (p = ${p}). This does not show that there is none.`, clear: (pairs: string) => `Clear pairs: ${pairs}.`, noneClear: "No single pair is clear after correction.",
   },
   regression: {
-    attribute: "Depends on", size: "Size (logarithm of centroid size)", covariate: "Adjusted for", partial: "partial R²", slider: (name: string) => `Shape predicted for ${name}`, slideHint: "The predicted shape in front of the average.",
+    attribute: "Depends on", size: "Logarithm of centroid size", sizeName: "size", covariate: "Adjusted for", partial: "partial R²", slider: (name: string) => `Shape predicted for ${name}`, slideHint: "The predicted shape in front of the average.",
     scores: "Each shape", score: "Shape score", scoresHint: "The score of a shape says how far it lies in the direction of the regression.", alt: (name: string) => `Shapes predicted for values of ${name}`, caption: "Predictions from the 5 % to the 95 % quantile.",
     depends: (name: string, p: string, r: string) => `Shape depends on ${name} (p ${p.startsWith("<") ? p : `= ${p}`}); it explains ${r} of the variation.`, independent: (name: string, p: string) => `No dependence of shape on ${name} was found (p = ${p}).`,
   },
@@ -112,7 +112,7 @@ export const en = {
     done: (name: string) => `${name} was learnt.`, sparseHint: "Atoms are typical shapes; each shape is a sum of a few of them.", componentsHint: "Components are the directions in which the shapes vary most, the strongest first.",
   },
   dictionary: {
-    report: "Report", modes: "Modes", scores: "Scores", components: "Components", atoms: "Atoms", drift: "Drift", lead: (cohort: string, shapes: number, name: string, time: string) => `Learnt from ${shapes} shapes of ${cohort}. Ignored: ${name}. ${time}`,
+    report: "Report", modes: "Modes", scores: "Scores", components: "Components", atoms: "Atoms", drift: "Drift", lead: (cohort: string, shapes: number, name: string, time: string) => `Learnt from ${shapes} shapes of ${cohort}, under the class “${name}”, ${time}.`,
     deleteHint: "This version goes to the trash. An administrator can restore it from there.", atomsHint: "Each shape is described by a few of these atoms, moved and scaled as it needs them.", componentsHint: "Each component at two standard deviations to both sides of the mean, in red and blue. The mean is grey.",
     atomsAlt: (count: number) => `${count} atoms side by side`, atom: (number: number) => `Atom ${number}`, component: (number: number) => `Component ${number}`, use: (part: string) => `used by ${part} of the shapes`, share: (part: string) => `${part} of the variation`,
   },
@@ -142,9 +142,9 @@ export const en = {
     stored: (cohort: string) => `Or a shape of ${cohort}, by id`, drop: "Drop a contour or a mask", formats: "JSON, GeoJSON, CSV with x and y, TPS, label mask (PNG, TIFF, NIfTI)", noClass: "no class",
     verdict: (label: string, confidence: string, accepted: boolean | null | undefined) => (accepted === false ? `Not clear. Most likely ${label} (${confidence}).` : `Most likely ${label} (${confidence}).`), usual: "A usual shape", unusual: "An unusual shape",
     outlier: "unusual: beyond the limit of 99 % of the shapes", inlier: "within what is usual", against: (name: string, shapes: number, time: string) => `against ${name}, learnt from ${shapes} shapes, ${time}`,
-    where: "Where it deviates", whereAlt: (name: string) => `${name}, coloured by its distance from the reconstruction`, whereCaption: (most: string) => `The contour, coloured by its distance from the reconstruction by the dictionary; largest distance ${most}.`,
+    where: "Where it deviates", whereAlt: (name: string) => `${name}, coloured by its distance from the reconstruction`, whereCaption: "The contour, coloured by its distance from the reconstruction by the dictionary.",
     accuracy: (value: string, majority: string) => `On unseen shapes ${value} of such answers were right; the most frequent class alone gives ${majority}.`, novelty: "How unusual", within: "Along the modes", beyond: "Beyond the modes", rank: (part: string) => `more unusual than ${part} of the shapes`,
-    error: "Relative error", noveltyHint: "Along the modes: extreme, but of a known kind. Beyond the modes: of a kind that the dictionary has not seen.", pose: "Pose", scale: "Size relative to the mean", angle: "Rotation", nearest: "Most similar shapes", printed: (time: string) => `Shapelex, ${time}. A statistical description, not a diagnosis.`,
+    error: "Relative error", noveltyHint: "Along the modes: extreme, but of a known kind. Beyond the modes: of a kind that the dictionary has not seen.", pose: "Pose", scale: "Size, per unit of the mean", angle: "Rotation", nearest: "Most similar shapes", printed: (time: string) => `Shapelex, ${time}. A statistical description, not a diagnosis.`,
   },
   jobs: {
     lead: "Long work, as it happens. It goes on when you leave, and after a restart of the service.", live: "live", offline: "not connected", status: "Status", all: "all", none: "No jobs.", work: "Work", progress: "Progress", begun: "Begun", duration: "Duration", running: "Computing …",

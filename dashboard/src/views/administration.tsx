@@ -1,7 +1,7 @@
 /** Keys, hooks, the audit trail and the trash of a tenant. */
 import type { ComponentChildren } from "preact";
 import { useState } from "preact/hooks";
-import { get, pages, post, remove, type Schemas } from "../api/client";
+import { get, pages, post, remove, setKey, type Schemas } from "../api/client";
 import { Copy, Download, Fault, Field, Loading, Page, Select, announce } from "../parts/basic";
 import { useAction, useLoaded, type Loaded } from "../hooks";
 import { usePlace, useSetting } from "../router";
@@ -43,9 +43,12 @@ function Keys() {
   const list = useLoaded("keys", (signal) => pages((cursor) => get("/v1/keys", { query: { cursor, limit: 1000 }, signal })));
   const [secret, setSecret] = useState("");
   const [role, setRole] = useState("reader");
+  const isFirst = list.data?.length === 0;
   const create = useAction(async (form: FormData) => {
     const days = Number(form.get("days"));
-    const issued = await post("/v1/keys", { body: { name: String(form.get("name")), role: role as Schemas["Role"], ...(days ? { expires_in_days: days } : {}) } });
+    const issued = await post("/v1/keys", { body: { name: String(form.get("name")), role: isFirst ? "admin" : (role as Schemas["Role"]), ...(days ? { expires_in_days: days } : {}) } });
+    // The first key closes the service: the page goes on with it.
+    if (isFirst) setKey(issued.secret);
     setSecret(issued.secret);
     list.reload();
   });
@@ -54,7 +57,6 @@ function Keys() {
     announce({ text: t.administration.revoked });
     list.reload();
   });
-  const isFirst = list.data?.length === 0;
   return (
     <>
       {isFirst && <p class="note warn">{t.administration.firstKey}</p>}
@@ -62,7 +64,7 @@ function Keys() {
         <h2>{t.administration.newKey}</h2>
         <div class="form">
           <Field label={t.words.name}><input name="name" required maxLength={128} /></Field>
-          <Select label={t.administration.role} value={role} options={Object.entries(t.administration.roles)} onChange={setRole} />
+          <Select label={t.administration.role} value={isFirst ? "admin" : role} options={Object.entries(t.administration.roles).filter(([id]) => !isFirst || id === "admin")} onChange={setRole} />
           <Field label={t.administration.days}><input name="days" type="number" min={1} max={3653} placeholder={t.administration.never} /></Field>
           <button class="main" disabled={create.busy}>{t.act.create}</button>
         </div>

@@ -67,7 +67,6 @@ function Report({ about, dictionary, body, name, cohort }: { about: Schemas["Dic
   const matrix = code.transformation?.matrix;
   const planar = matrix?.length === 2;
   const neighbours = search.data?.results[0];
-  const most = first.residual ? Math.max(...(first.residual as number[])) : undefined;
   return (
     <article class="report">
       <header class="card">
@@ -81,7 +80,7 @@ function Report({ about, dictionary, body, name, cohort }: { about: Schemas["Dic
       <div class="columns">
         <div class="card">
           <h2>{t.assess.where}</h2>
-          <Picture source={{ method: "POST", path: `/v1/dictionaries/${encodeURIComponent(dictionary)}/assess`, body }} name={`${name}-report`} alt={t.assess.whereAlt(name)} width={420} caption={t.assess.whereCaption(number(most, 3))} />
+          <Picture source={{ method: "POST", path: `/v1/dictionaries/${encodeURIComponent(dictionary)}/assess`, body }} name={`${name}-report`} alt={t.assess.whereAlt(name)} width={420} caption={t.assess.whereCaption} />
         </div>
         <div class="stack" style={{ gap: "22px" }}>
           {found && (
@@ -98,7 +97,7 @@ function Report({ about, dictionary, body, name, cohort }: { about: Schemas["Dic
             <dl class="facts">
               {typeof novelty.t_squared_rank === "number" && <><dt>{t.assess.within}</dt><dd>{t.assess.rank(percent(novelty.t_squared_rank, 0))}</dd></>}
               {typeof novelty.squared_prediction_error_rank === "number" && <><dt>{t.assess.beyond}</dt><dd>{t.assess.rank(percent(novelty.squared_prediction_error_rank, 0))}</dd></>}
-              <dt>{t.assess.error}</dt><dd>{number(first.relative_error, 3)}</dd>
+              <dt>{t.assess.error}</dt><dd>{percent(first.relative_error, 2)}</dd>
             </dl>
             <p class="small quiet">{t.assess.noveltyHint}</p>
           </section>

@@ -3,7 +3,7 @@ import type { ComponentChildren } from "preact";
 import { useEffect, useState } from "preact/hooks";
 import { get, patch, remove, post, send, type Schemas } from "../api/client";
 import { Chart, Spark } from "../parts/chart";
-import { Dialog, Download, Empty, Fault, Field, Loading, PICTURES, Page, SortHead, Tabs, announce } from "../parts/basic";
+import { Choice, Dialog, Download, Empty, Fault, Field, Loading, PICTURES, Page, SortHead, Tabs, announce } from "../parts/basic";
 import { useAction, useEvents, useLoaded, useSettled } from "../hooks";
 import { navigate, usePlace, useSetting } from "../router";
 import { bounded, filterOf, toggled, withFilter } from "../shape/filter";
@@ -38,13 +38,13 @@ export function useAttributes(cohort: string, filter: URLSearchParams, revision:
   const query = new URLSearchParams(filter);
   query.set("values", "40");
   query.set("bins", String(bins));
-  return useLoaded(`${cohort} ${query} ${revision}`, (signal) => get("/v1/cohorts/{cohort}/attributes", { path: { cohort }, query, signal }));
+  return useLoaded(cohort ? `${cohort} ${query} ${revision}` : null, (signal) => get("/v1/cohorts/{cohort}/attributes", { path: { cohort }, query, signal }));
 }
 
 /** Attributes whose values are worth a filter: few texts, or numbers. */
 const filterable = (one: Attribute) => one.name !== "external_id" && one.name !== "created_at" && one.name !== "measures.points" && (one.type === "number" || (one.distinct > 1 && one.distinct <= 200) || one.type === "boolean");
 
-export const nameOf = (attribute: string): string => (t.attributes as Record<string, string>)[attribute] ?? attribute.replace(/^labels\./, "");
+export const nameOf = (attribute: string): string => (t.attributes as Record<string, string>)[attribute] ?? attribute.replace(/^labels\./, "").replaceAll("_", " ");
 
 function Facets({ all, shown, lengthUnit }: { all: Attribute[]; shown: Attribute[] | undefined; lengthUnit: string | null | undefined }) {
   const { query } = usePlace();
@@ -131,8 +131,9 @@ export function Chips({ total, shown }: { total: number; shown: number | undefin
 /** The paths of a contact sheet, which the service draws, each a link to its shape. */
 function Sheet({ cohort, filter, revision, total }: { cohort: string; filter: URLSearchParams; revision: number; total: number }) {
   const [cursor, setCursor] = useSetting("cursor", "");
+  const [scale, setScale] = useSetting("scale", "");
   const query = new URLSearchParams(filter);
-  for (const [name, value] of [["columns", "1"], ["size", "96"], ["limit", "120"], ["title", "false"], ["scale_bar", "false"], ["background", "none"], ["theme", "light"]]) query.append(name!, value!);
+  for (const [name, value] of [["columns", "1"], ["size", "96"], ["limit", "90"], ["title", "false"], ["scale_bar", "false"], ["background", "none"], ["theme", "light"]]) query.append(name!, value!);
   if (cursor) query.set("cursor", cursor);
   const sheet = useLoaded(`${cohort} ${query} ${revision}`, async (signal) => {
     const response = await send("GET", `/v1/cohorts/${encodeURIComponent(cohort)}/sheet?${query}`, { headers: { accept: "image/svg+xml" }, signal });
@@ -147,13 +148,13 @@ function Sheet({ cohort, filter, revision, total }: { cohort: string; filter: UR
   return (
     <section class="card" aria-busy={sheet.loading}>
       <div class="row spread">
-        <h2>{t.cohort.sheet}</h2>
+        <div class="row"><h2>{t.cohort.sheet}</h2><Choice label={t.cohort.scale} value={scale} options={[["", t.cohort.oneScale], ["own", t.cohort.ownScale]]} onChange={setScale} /></div>
         <Download name={`${cohort}-sheet`} source={{ path: `/v1/cohorts/${encodeURIComponent(cohort)}/sheet`, query: filter, ownWidth: true }} formats={PICTURES} />
       </div>
       <Fault error={sheet.error} />
       {sheet.data?.cells.length === 0 && total > 0 && <p class="quiet">{t.cohort.nothing}</p>}
       <div class="sheet">
-        {sheet.data?.cells.map((cell) => <a key={cell.id} href={`/app/cohorts/${encodeURIComponent(cohort)}/shapes/${encodeURIComponent(cell.id)}`} title={cell.id} aria-label={cell.id}><Cell paths={cell.paths} /></a>)}
+        {sheet.data?.cells.map((cell) => <a key={cell.id} href={`/app/cohorts/${encodeURIComponent(cohort)}/shapes/${encodeURIComponent(cell.id)}`} title={cell.id} aria-label={cell.id}><Cell key={scale} paths={cell.paths} own={scale === "own"} /></a>)}
       </div>
       {(cursor || sheet.data?.next) && (
         <div class="row">
@@ -165,13 +166,13 @@ function Sheet({ cohort, filter, revision, total }: { cohort: string; filter: UR
   );
 }
 
-/** Cells have one scale: 160 units of the sheet, about the middle of the shape. */
-function Cell({ paths }: { paths: string[] }) {
-  const [view, setView] = useState("0 0 160 160");
+/** Cells have one scale, 640 units of the sheet about the middle of the shape, or each that of its shape. */
+function Cell({ paths, own }: { paths: string[]; own: boolean }) {
+  const [view, setView] = useState("0 0 640 640");
   const measure = (group: SVGGElement | null) => {
     if (!group) return;
     const { x, y, width, height } = group.getBBox();
-    const size = 640;
+    const size = own ? 1.06 * Math.max(width, height, 1) : 640;
     const next = `${(x + width / 2 - size / 2).toFixed(1)} ${(y + height / 2 - size / 2).toFixed(1)} ${size} ${size}`;
     if (next !== view) setView(next);
   };

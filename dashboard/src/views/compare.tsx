@@ -52,7 +52,7 @@ function Groups({ cohort, about, revision }: { cohort: string; about: Schemas["C
               <figure class="card">
                 <h2>{t.compare.effect(pair.first, pair.second)}</h2>
                 <Chart x={pair.effect.map((one) => (typeof one.parameter === "number" ? one.parameter : 0)).map((value, index) => (pair.effect.length > 1 && typeof pair.effect[1]!.parameter === "number" ? value : index))}
-                  lines={[{ label: "p", values: pair.effect.map((one) => one.p ?? null), kind: "dots" }]} xLabel={t.compare.along} yLabel="p" range={[0, 1]} describe={t.compare.effectAlt(pair.effect.filter((one) => (one.p ?? 1) <= 0.05).length, pair.effect.length)} />
+                  lines={[{ label: "p", values: pair.effect.map((one) => one.p ?? null), kind: "dots" }, { label: "0.05", values: pair.effect.map(() => 0.05), colour: "plus" }]} xLabel={t.compare.along} yLabel="p" range={[0, 1]} describe={t.compare.effectAlt(pair.effect.filter((one) => (one.p ?? 1) <= 0.05).length, pair.effect.length)} />
                 <figcaption>{t.compare.effectHint(pair.effect.filter((one) => (one.p ?? 1) <= 0.05).length, pair.effect.length)}</figcaption>
               </figure>
             )}

@@ -52,7 +52,7 @@ function Learn({ cohort: given, onClose }: { cohort: string; onClose: () => void
   const set = (change: Partial<typeof form>) => setForm({ ...form, ...change });
   const cohort = form.cohort || cohorts.data?.[0]?.name || "";
   const about = cohorts.data?.find((one) => one.name === cohort);
-  const attributes = useAttributes(cohort || "-", new URLSearchParams(), cohort ? 1 : 0);
+  const attributes = useAttributes(cohort, new URLSearchParams(), 0);
   const labels = attributes.data?.items.filter((one) => /^(label$|labels\.)/.test(one.name) && one.distinct >= 2 && one.distinct <= 50 && one.type === "text") ?? [];
   const [part, setPart] = useState<number>();
   const body = (dry_run: boolean): Schemas["LearnRequest"] => ({

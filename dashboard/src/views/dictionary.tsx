@@ -22,7 +22,7 @@ export function DictionaryPage({ dictionary, children }: { dictionary: string; c
   const tabs: [string, string][] = data ? [[t.dictionary.report, base], ...(components ? [[t.dictionary.modes, `${base}/modes`], [t.dictionary.scores, `${base}/scores`]] as [string, string][] : []), [components ? t.dictionary.components : t.dictionary.atoms, `${base}/atoms`], [t.dictionary.drift, `${base}/drift`]] : [];
   const lead = data && <>{t.dictionary.lead(data.cohort_name ?? data.cohort ?? "–", data.statistics.shapes, typeof data.transformation === "string" ? t.classes[data.transformation]![0] : t.classes.own![0], time(data.provenance.created_at))}</>;
   return (
-    <Page title={data ? `${data.name} ${t.words.version} ${data.version}` : dictionary} crumbs={[[t.menu.dictionaries, "/app/dictionaries"], ...(data?.cohort_name ? [[data.cohort_name, `/app/cohorts/${encodeURIComponent(data.cohort_name)}`] as [string, string]] : [])]} lead={lead}
+    <Page title={data?.name ?? dictionary} tag={data && `${t.words.version} ${data.version}`} crumbs={[[t.menu.dictionaries, "/app/dictionaries"], ...(data?.cohort_name ? [[data.cohort_name, `/app/cohorts/${encodeURIComponent(data.cohort_name)}`] as [string, string]] : [])]} lead={lead}
       actions={data && <><a class="button main" href={`/app/assess?dictionary=${encodeURIComponent(`${data.name}@${data.version}`)}`}>{t.menu.assess}</a><Download name={`${data.name}-${data.version}`} source={{ path: `/v1/dictionaries/${encodeURIComponent(dictionary)}/export` }} formats={[[t.act.export, "json", "application/json"]]} /><button class="bad" onClick={() => setAsk(true)}>{t.act.remove}</button></>}>
       {tabs.length > 0 && <Tabs label={dictionary} tabs={tabs} />}
       <Fault error={about.error} retry={about.reload} />
@@ -132,13 +132,14 @@ function Classifier({ classifier }: { classifier: NonNullable<About["classifier"
 }
 
 export function Atoms({ dictionary }: { dictionary: string }) {
+  const source = { path: `/v1/dictionaries/${encodeURIComponent(dictionary)}/atoms` };
   return (
     <DictionaryPage dictionary={dictionary}>
       {(about) => (
         <>
           <p class="quiet prose">{about.method.kind === "sparse" ? t.dictionary.atomsHint : t.dictionary.componentsHint}</p>
           {inPlane(about.representation) && <Each about={about} />}
-          <div class="card"><Picture name={`${about.name}-atoms`} alt={t.dictionary.atomsAlt(about.atoms.length)} source={{ path: `/v1/dictionaries/${encodeURIComponent(dictionary)}/atoms` }} /></div>
+          {inPlane(about.representation) ? <Download name={`${about.name}-atoms`} source={source} formats={[...PICTURES, ["JSON", "json", "application/json"]]} /> : <div class="card"><Picture name={`${about.name}-atoms`} alt={t.dictionary.atomsAlt(about.atoms.length)} source={source} /></div>}
         </>
       )}
     </DictionaryPage>
@@ -171,4 +172,3 @@ function Each({ about }: { about: About }) {
     </div>
   );
 }
-export { PICTURES };

@@ -11,6 +11,8 @@ import { hasMesh } from "../shape/points";
 import { number, t } from "../strings";
 import { Chips, CohortPage } from "./cohort";
 
+const JSON_FILE: [string, string, string] = ["JSON", "json", "application/json"];
+
 export function MeanView({ cohort }: { cohort: string }) {
   return <CohortPage cohort={cohort}>{(about, _, revision) => <Mean cohort={cohort} about={about} revision={revision} />}</CohortPage>;
 }
@@ -30,7 +32,7 @@ function Mean({ cohort, about, revision }: { cohort: string; about: Schemas["Coh
   const mean = useLoaded(`${cohort} ${query} ${revision}`, (signal) => get("/v1/cohorts/{cohort}/mean", { path: { cohort }, query, signal }));
   const source = { path, query };
   const values = mean.data?.eigenvalues ?? [];
-  const formats: [string, string, string][] = hasMesh(about.representation) ? [...PICTURES, ["OBJ", "obj", "model/obj"], ["PLY", "ply", "application/ply"], ["glTF", "gltf", "model/gltf-binary"]] : PICTURES;
+  const formats: [string, string, string][] = hasMesh(about.representation) ? [...PICTURES, ["OBJ", "obj", "model/obj"], ["PLY", "ply", "application/ply"], ["glTF", "gltf", "model/gltf-binary"], JSON_FILE] : [...PICTURES, JSON_FILE];
   return (
     <div class="aside right">
       <div class="stack" style={{ gap: "22px" }}>
@@ -41,8 +43,7 @@ function Mean({ cohort, about, revision }: { cohort: string; about: Schemas["Coh
           <div class="card">
             {hasMesh(about.representation)
               ? <><Solid source={source} describe={t.mean.alt(cohort)} /><Download source={source} name={`${cohort}-mean`} formats={formats} /></>
-              : <Picture key={revision} source={source} name={`${cohort}-mean`} alt={t.mean.alt(cohort)} caption={t.mean.caption(Math.min(mean.data.shape_count, 300))} />}
-            <Download source={source} name={`${cohort}-mean`} formats={[["JSON", "json", "application/json"]]} />
+              : <Picture key={revision} source={source} name={`${cohort}-mean`} alt={t.mean.alt(cohort)} caption={t.mean.caption(Math.min(mean.data.shape_count, 300))} formats={formats} />}
           </div>
         )}
         {mean.data?.warnings.map((warning) => <p class="note warn">{typeof warning === "string" ? warning : JSON.stringify(warning)}</p>)}

@@ -38,6 +38,7 @@ function View({ cohort, about, revision }: { cohort: string; about: Schemas["Coh
     return { found, drawn };
   });
   const label = attribute === "log_centroid_size" ? t.regression.size : nameOf(attribute);
+  const name = attribute === "log_centroid_size" ? t.regression.sizeName : label;
   const data = result.data?.found;
   const p = data?.test?.p;
   return (
@@ -48,7 +49,7 @@ function View({ cohort, about, revision }: { cohort: string; about: Schemas["Coh
         {result.loading && <Progress part={part} />}
         {data && (
           <>
-            <p class="card say">{p === null || p === undefined ? t.compare.untested(label) : p <= 0.05 ? t.regression.depends(label, probability(p), percent(data.r_squared)) : t.regression.independent(label, probability(p))}</p>
+            <p class="card say">{p === null || p === undefined ? t.compare.untested(label) : p <= 0.05 ? t.regression.depends(name, probability(p), percent(data.r_squared)) : t.regression.independent(name, probability(p))}</p>
             {result.data?.drawn && <Slide data={data} drawn={result.data.drawn} closed={isClosed(about.representation)} dots={about.representation.kind === "landmarks"} label={label} transformation={transformation} />}
             <figure class="card">
               <h2>{t.regression.scores}</h2>
@@ -79,7 +80,7 @@ function View({ cohort, about, revision }: { cohort: string; about: Schemas["Coh
 
 function Slide({ data, drawn, closed, dots, label, transformation }: { data: Result; drawn: Points[]; closed: boolean; dots: boolean; label: string; transformation: string }) {
   const { smallest, largest, mean } = data.attribute;
-  const [value, setValue] = useState(mean);
+  const [value, setValue] = useState(data.predictions[data.predictions.length - 1]?.attribute ?? mean);
   const [average, slope] = drawn as [Points, Points];
   const turn = useMemo(() => upright(average, transformation), [average, transformation]);
   const at = (x: number) => turn(sum(average, [[x - mean, slope]]));
@@ -87,7 +88,7 @@ function Slide({ data, drawn, closed, dots, label, transformation }: { data: Res
   return (
     <figure class="card">
       <Shape view={view} height={340} describe={t.regression.slider(label)} parts={[{ points: turn(average), closed, dots, class: "pale" }, { points: at(value), closed, dots, class: "accent" }]} />
-      <label class="slider"><span>{label}</span><input type="range" min={smallest} max={largest} step={(largest - smallest) / 200} value={value} onInput={(event) => setValue(Number(event.currentTarget.value))} /><output class="number">{number(value, 3)}</output></label>
+      <label class="slider" style={{ gridTemplateColumns: "auto minmax(0, 1fr) 3.6em" }}><span>{label}</span><input type="range" min={smallest} max={largest} step={(largest - smallest) / 200} value={value} onInput={(event) => setValue(Number(event.currentTarget.value))} /><output class="number">{number(value, 3)}</output></label>
       <figcaption>{t.regression.slideHint}</figcaption>
     </figure>
   );

@@ -19,7 +19,7 @@ export function Start() {
     return { cohorts, dictionaries, running: jobs.items.length, version };
   });
   useEvents(["cohort_created", "cohort_deleted", "shapes_added", "dictionary_added", "job_queued", "job_succeeded", "job_failed", "job_cancelled"], loaded.reload);
-  const learn = useAction(async () => {
+  const learn = useAction(async (to: string) => {
     const name = loaded.data?.dictionaries.find((one) => one.name === TOUR)?.name;
     if (!name) {
       await post("/v1/dictionaries", {
@@ -31,7 +31,7 @@ export function Start() {
       });
       announce({ text: t.learn.done(TOUR) });
     }
-    navigate(`/app/dictionaries/${TOUR}/modes`);
+    navigate(to);
   });
   const data = loaded.data;
   const example = data?.cohorts.find((one) => one.name === EXAMPLE);
@@ -60,12 +60,11 @@ export function Start() {
             <h2>{t.start.tour}</h2>
             <ol class="tour stack">
               {t.start.steps.map(([title, text], index) => {
-                const links = [`/app/cohorts/${EXAMPLE}`, `/app/cohorts/${EXAMPLE}/mean`, "", `/app/assess?dictionary=${TOUR}&cohort=${EXAMPLE}&shape=cell0004`, `/app/cohorts/${EXAMPLE}/compare?by=labels.treatment`];
+                const links = [`/app/cohorts/${EXAMPLE}`, `/app/cohorts/${EXAMPLE}/mean`, `/app/dictionaries/${TOUR}/modes`, `/app/assess?dictionary=${TOUR}&cohort=${EXAMPLE}&shape=cell0004`, `/app/cohorts/${EXAMPLE}/compare?by=labels.treatment`];
                 return (
                   <li key={title}>
-                    {index === 2
-                      ? <button class="plain" style={{ marginLeft: "-8px" }} disabled={learn.busy} onClick={() => learn.run()}>{learn.busy ? t.learn.busy : title}</button>
-                      : index === 3 && !data?.dictionaries.some((one) => one.name === TOUR) ? <strong>{title}</strong> : <a href={links[index]}>{title}</a>}
+                    <a href={links[index]} onClick={index === 2 || index === 3 ? (event) => { event.preventDefault(); learn.run(links[index]!); } : undefined}>{title}</a>
+                    {learn.busy && index === 2 && <span class="tag live">{t.learn.busy}</span>}
                     <p class="small quiet">{text}</p>
                   </li>
                 );
