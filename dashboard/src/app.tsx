@@ -13,9 +13,19 @@ import { Start } from "./views/start";
 type View = ComponentType<any>;
 type Module = Record<string, unknown>;
 
+const loads: (() => Promise<Module>)[] = [];
+
+/** Reads the views that were not shown yet, once there is nothing else to do: they are there when the connection is not. */
+function readAhead(): void {
+  const idle = window.requestIdleCallback ?? ((then: () => void) => setTimeout(then, 500));
+  const next = loads.shift();
+  if (next) idle(() => void next().then(readAhead, () => {}));
+}
+
 /** A view in a file of its own, which the browser reads when it is first needed. */
 function later(load: () => Promise<Module>, name: string): View {
   let found: View | undefined;
+  loads.push(load);
   return function Later(props) {
     const [, update] = useState(0);
     const [error, setError] = useState<Error>();
@@ -23,7 +33,7 @@ function later(load: () => Promise<Module>, name: string): View {
       if (!found) load().then((module) => { found = module[name] as View; update(1); }, setError);
     }, []);
     const Found = found;
-    return Found ? <Found {...props} /> : <div class="page">{error ? <Fault error={error} /> : <Loading on />}</div>;
+    return Found ? <Found {...props} /> : <div class="page">{error ? <Fault error={error} retry={() => location.reload()} /> : <Loading on />}</div>;
   };
 }
 
@@ -91,6 +101,7 @@ export function App() {
   const [open, setOpen] = useState(false);
   const [refused, setRefused] = useState(false);
   const [round, setRound] = useState(0);
+  useEffect(() => void setTimeout(readAhead, 1500), []);
   useEffect(() => onUnauthenticated(() => { setKey(null); setRefused(true); }), []);
   useEffect(() => setOpen(false), [path]);
   let view: ComponentChildren = path === "/" || path === "/app" ? <Start /> : null;

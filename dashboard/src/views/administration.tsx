@@ -29,7 +29,7 @@ function List<T>({ list, empty, head, children }: { list: Loaded<T[]>; empty: st
       <Loading on={list.loading && !list.data} />
       {list.data?.length === 0 && <p class="card empty">{empty}</p>}
       {list.data && list.data.length > 0 && (
-        <div class="card scroll"><table><thead><tr>{head.map((name) => <th scope="col" key={name}>{name || <span class="hidden">{t.administration.actions}</span>}</th>)}</tr></thead><tbody>{list.data.map(children)}</tbody></table></div>
+        <div class="card scroll" tabIndex={0}><table><thead><tr>{head.map((name) => <th scope="col" key={name}>{name || <span class="hidden">{t.administration.actions}</span>}</th>)}</tr></thead><tbody>{list.data.map(children)}</tbody></table></div>
       )}
     </>
   );

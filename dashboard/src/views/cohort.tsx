@@ -75,7 +75,7 @@ function Values({ attribute, now, query }: { attribute: Attribute; now: Attribut
         const name = String(value.value);
         return (
           <label class="check" key={name}>
-            <input type="checkbox" checked={query.getAll(attribute.name).includes(name)} onChange={() => navigate(toggled(query, attribute.name, name), true)} />
+            <input type="checkbox" aria-label={`${attribute.type === "boolean" ? (name === "true" ? t.words.yes : t.words.no) : name} (${counts.get(name) ?? 0})`} checked={query.getAll(attribute.name).includes(name)} onChange={() => navigate(toggled(query, attribute.name, name), true)} />
             <span title={name}>{attribute.type === "boolean" ? (name === "true" ? t.words.yes : t.words.no) : name}</span>
             <span class="count quiet number">{count(counts.get(name) ?? 0)}</span>
           </label>
@@ -132,6 +132,7 @@ export function Chips({ total, shown }: { total: number; shown: number | undefin
 function Sheet({ cohort, filter, revision, total }: { cohort: string; filter: URLSearchParams; revision: number; total: number }) {
   const [cursor, setCursor] = useSetting("cursor", "");
   const [scale, setScale] = useSetting("scale", "");
+  const [largest, setLargest] = useState(1);
   const query = new URLSearchParams(filter);
   for (const [name, value] of [["columns", "1"], ["size", "96"], ["limit", "90"], ["title", "false"], ["scale_bar", "false"], ["background", "none"], ["theme", "light"]]) query.append(name!, value!);
   if (cursor) query.set("cursor", cursor);
@@ -154,7 +155,7 @@ function Sheet({ cohort, filter, revision, total }: { cohort: string; filter: UR
       <Fault error={sheet.error} />
       {sheet.data?.cells.length === 0 && total > 0 && <p class="quiet">{t.cohort.nothing}</p>}
       <div class="sheet">
-        {sheet.data?.cells.map((cell) => <a key={cell.id} href={`/app/cohorts/${encodeURIComponent(cohort)}/shapes/${encodeURIComponent(cell.id)}`} title={cell.id} aria-label={cell.id}><Cell key={scale} paths={cell.paths} own={scale === "own"} /></a>)}
+        {sheet.data?.cells.map((cell) => <a key={cell.id} href={`/app/cohorts/${encodeURIComponent(cohort)}/shapes/${encodeURIComponent(cell.id)}`} title={cell.id} aria-label={cell.id}><Cell paths={cell.paths} size={scale === "own" ? undefined : largest} onSize={(size) => setLargest((before) => Math.max(before, size))} /></a>)}
       </div>
       {(cursor || sheet.data?.next) && (
         <div class="row">
@@ -166,16 +167,17 @@ function Sheet({ cohort, filter, revision, total }: { cohort: string; filter: UR
   );
 }
 
-/** Cells have one scale, 640 units of the sheet about the middle of the shape, or each that of its shape. */
-function Cell({ paths, own }: { paths: string[]; own: boolean }) {
-  const [view, setView] = useState("0 0 640 640");
+/** A shape in the middle of its cell: `size` units of the sheet wide, or as large as fits. */
+function Cell({ paths, size, onSize }: { paths: string[]; size: number | undefined; onSize: (size: number) => void }) {
+  const [bounds, setBounds] = useState<DOMRect>();
   const measure = (group: SVGGElement | null) => {
-    if (!group) return;
-    const { x, y, width, height } = group.getBBox();
-    const size = own ? 1.06 * Math.max(width, height, 1) : 640;
-    const next = `${(x + width / 2 - size / 2).toFixed(1)} ${(y + height / 2 - size / 2).toFixed(1)} ${size} ${size}`;
-    if (next !== view) setView(next);
+    if (!group || bounds) return;
+    const found = group.getBBox();
+    setBounds(found);
+    onSize(Math.max(found.width, found.height));
   };
+  const side = 1.04 * (size ?? (bounds ? Math.max(bounds.width, bounds.height) : 640));
+  const view = bounds ? `${bounds.x + bounds.width / 2 - side / 2} ${bounds.y + bounds.height / 2 - side / 2} ${side} ${side}` : "0 0 640 640";
   return <svg viewBox={view} aria-hidden="true"><g ref={measure}>{paths.map((d) => <path class="line" d={d} />)}</g></svg>;
 }
 
@@ -200,7 +202,7 @@ function Shapes({ cohort, about, filter, revision }: { cohort: string; about: Sc
     <>
       <Fault error={some.error ?? all.error} />
       <div class="aside">
-        <div class="card">{all.data ? <Facets all={all.data.items} shown={some.data?.items} lengthUnit={about.length_unit} /> : <Loading on />}</div>
+        <details class="card filters" open={matchMedia("(min-width: 1021px)").matches}><summary>{t.cohort.filters}</summary>{all.data ? <Facets all={all.data.items} shown={some.data?.items} lengthUnit={about.length_unit} /> : <Loading on />}</details>
         <div class="stack" style={{ gap: "22px" }}>
           <Chips total={about.shape_count} shown={some.data?.shape_count} />
           <Sheet cohort={cohort} filter={filter} revision={revision} total={about.shape_count} />
@@ -324,7 +326,7 @@ function Rows({ cohort, about, filter, revision }: { cohort: string; about: Sche
       <Fault error={list.error ?? attributes.error} />
       <Loading on={list.loading} />
       {list.data && (
-        <div class="card scroll">
+        <div class="card scroll" tabIndex={0}>
           <table>
             <caption class="hidden">{t.cohort.table}</caption>
             <thead><tr>{columns.map((name) => <SortHead key={name} name={name} numeric={numeric(name)} label={nameOf(name) + (name.startsWith("measures.") && unit(name.slice(9), about.length_unit) ? ` (${unit(name.slice(9), about.length_unit)})` : "")} />)}<th scope="col">{t.words.created}</th></tr></thead>

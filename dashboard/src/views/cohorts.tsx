@@ -27,7 +27,7 @@ export function Cohorts() {
       <Fault error={list.error} retry={list.reload} />
       {list.data?.length === 0 && <Empty><p>{t.cohorts.none}</p></Empty>}
       {list.data && list.data.length > 0 && (
-        <div class="card scroll">
+        <div class="card scroll" tabIndex={0}>
           <table>
             <caption class="hidden">{t.menu.cohorts}</caption>
             <thead><tr><th scope="col">{t.words.name}</th><th scope="col">{t.words.kind}</th><th scope="col" class="number">{t.words.shapes}</th><th scope="col" class="number">{t.words.revision}</th><th scope="col">{t.words.changed}</th></tr></thead>

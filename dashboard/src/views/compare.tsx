@@ -56,7 +56,7 @@ function Groups({ cohort, about, revision }: { cohort: string; about: Schemas["C
                 <figcaption>{t.compare.effectHint(pair.effect.filter((one) => (one.p ?? 1) <= 0.05).length, pair.effect.length)}</figcaption>
               </figure>
             )}
-            <section class="card scroll">
+            <section class="card scroll" tabIndex={0}>
               <h2>{t.compare.pairs}</h2>
               <table>
                 <thead><tr><th scope="col">{t.compare.pair}</th><th scope="col" class="number">{t.words.distance}</th><th scope="col" class="number">R²</th><th scope="col" class="number">F</th><th scope="col" class="number">p</th><th scope="col" class="number">{t.compare.holm}</th></tr></thead>
@@ -70,7 +70,7 @@ function Groups({ cohort, about, revision }: { cohort: string; about: Schemas["C
               </table>
               <p class="small quiet">{t.compare.pairsHint(result.data.pairs[0]?.distance.test?.permutations ?? 0)}</p>
             </section>
-            <section class="card scroll">
+            <section class="card scroll" tabIndex={0}>
               <h2>{t.compare.sizes}</h2>
               <table>
                 <thead><tr><th scope="col">{t.compare.group}</th><th scope="col" class="number">{t.words.shapes}</th><th scope="col" class="number">{t.compare.spread}</th>{result.data.groups[0]?.sizes.map((size) => <th scope="col" class="number" key={size.measure}>{nameOf(`measures.${size.measure}`)} {unit(size.measure, about.length_unit) && `(${unit(size.measure, about.length_unit)})`}</th>)}</tr></thead>

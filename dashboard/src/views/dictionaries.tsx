@@ -21,7 +21,7 @@ export function Dictionaries() {
       <Fault error={list.error} retry={list.reload} />
       {list.data?.length === 0 && <Empty><p>{t.dictionaries.none}</p></Empty>}
       {list.data && list.data.length > 0 && (
-        <div class="card scroll">
+        <div class="card scroll" tabIndex={0}>
           <table>
             <caption class="hidden">{t.menu.dictionaries}</caption>
             <thead><tr><th scope="col">{t.words.name}</th><th scope="col">{t.words.cohort}</th><th scope="col">{t.words.method}</th><th scope="col" class="number">{t.words.shapes}</th><th scope="col" class="number">{t.report.error}</th><th scope="col" class="number">{t.report.accuracy}</th><th scope="col">{t.words.created}</th></tr></thead>

@@ -108,7 +108,7 @@ function Classifier({ classifier }: { classifier: NonNullable<About["classifier"
     <section class="card">
       <h2>{t.report.classes}: {nameOf(classifier.settings.attribute ?? "label")}</h2>
       <p>{t.report.accuracyText(percent(validation.accuracy.value), percent(validation.accuracy.low), percent(validation.accuracy.high), percent(validation.majority))}</p>
-      <div class="scroll">
+      <div class="scroll" tabIndex={0}>
         <table class="matrix">
           <caption>{t.report.confusion}</caption>
           <thead><tr><td />{labels.map((label) => <th scope="col" key={label}>{label}</th>)}<th scope="col">{t.report.recall}</th></tr></thead>

@@ -27,7 +27,7 @@ function Changes({ about, dictionary }: { about: About; dictionary: string }) {
             <p class="card say">{t.drift.sentence(data.shape_count, data.outliers.count, percent(data.outliers.rate), percent(1 - data.outliers.quantile))}</p>
             <div class="card"><Picture source={{ path: `/v1/dictionaries/${encodeURIComponent(dictionary)}/drift`, query }} name={`${about.name}-drift`} alt={t.drift.alt} /></div>
             {data.scores && (
-              <section class="card scroll">
+              <section class="card scroll" tabIndex={0}>
                 <h2>{t.drift.scores}</h2>
                 <table>
                   <thead><tr><th scope="col">{t.words.component}</th><th scope="col" class="number">{t.drift.shift}</th><th scope="col" class="number">{t.drift.spread}</th></tr></thead>
@@ -46,7 +46,7 @@ function Changes({ about, dictionary }: { about: About; dictionary: string }) {
               </dl>
             </div>
             {data.classes && (
-              <section class="card scroll">
+              <section class="card scroll" tabIndex={0}>
                 <h2>{t.drift.classes}</h2>
                 <table>
                   <thead><tr><th scope="col">{t.report.class}</th><th scope="col" class="number">{t.drift.training}</th><th scope="col" class="number">{t.drift.fresh}</th></tr></thead>

@@ -25,7 +25,7 @@ export function Jobs() {
       <Loading on={list.loading && !list.data} />
       {list.data?.length === 0 && <Empty><p>{t.jobs.none}</p></Empty>}
       {list.data && list.data.length > 0 && (
-        <div class="card scroll">
+        <div class="card scroll" tabIndex={0}>
           <table>
             <caption class="hidden">{t.menu.jobs}</caption>
             <thead><tr><th scope="col">{t.jobs.work}</th><th scope="col">{t.jobs.status}</th><th scope="col">{t.jobs.progress}</th><th scope="col">{t.jobs.begun}</th><th scope="col" class="number">{t.jobs.duration}</th><th scope="col"><span class="hidden">{t.act.cancel}</span></th></tr></thead>
