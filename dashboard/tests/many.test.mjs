@@ -34,7 +34,7 @@ after(async () => {
 test(`${SHAPES} shapes: the cohort opens, and filters answer`, async () => {
   const page = await open(browser, service.address);
   await page.goto(`${service.address}/app/cohorts/many`);
-  await page.getByText(`All ${SHAPES}`).waitFor();
+  await page.getByText(`All ${SHAPES.toLocaleString("en-GB")} shapes`).waitFor();
   await page.locator(".sheet a").first().waitFor();
   // The first question reads the attributes of the cohort; later ones find them in memory.
   await page.goto(`${service.address}/app/cohorts`);
@@ -42,6 +42,7 @@ test(`${SHAPES} shapes: the cohort opens, and filters answer`, async () => {
   await page.goto(`${service.address}/app/cohorts/many`);
   await page.locator(".sheet a").first().waitFor();
   console.log(`cohort page: ${Date.now() - start} ms`);
+  await page.getByRole("checkbox", { name: /^zrh/ }).waitFor();
   const times = [];
   for (const name of ["zrh", "ber", "par"]) {
     times.push(await page.evaluate(async (wanted) => {

@@ -116,7 +116,7 @@ test("on a telephone nothing is wider than the screen, in German", async () => {
     if (SCREENS && ["start", "modes", "groups"].includes(name)) await page.screenshot({ path: path.join(SCREENS, `${name}-phone.png`) });
   }
   await page.getByRole("button", { name: "Menü" }).click();
-  await page.getByRole("link", { name: "Wörterbücher" }).click();
+  await page.getByRole("navigation", { name: "Menü" }).getByRole("link", { name: "Wörterbücher" }).click();
   await settled(page);
   assert.equal(await page.locator("h1").innerText(), "Wörterbücher");
   assert.deepEqual(page.faults, []);
@@ -245,8 +245,8 @@ test("a contour is assessed; a shape that is no cell is unusual; the report is o
   const page = await open(browser, service.address);
   await page.goto(`${service.address}/app/assess?dictionary=treatment@1`);
   await settled(page);
-  const star = Array.from({ length: 60 }, (_, k) => { const r = k % 6 < 3 ? 9 : 2; return [r * Math.cos((k * Math.PI) / 30), r * Math.sin((k * Math.PI) / 30)]; });
-  await page.locator("input[type=file]").setInputFiles({ name: "star.json", mimeType: "application/json", buffer: Buffer.from(JSON.stringify({ points: star })) });
+  const comb = [...Array.from({ length: 20 }, (_, k) => [k, k % 2 ? 8 : 0]), [20, -1], [-1, -1]];
+  await page.locator("input[type=file]").setInputFiles({ name: "comb.json", mimeType: "application/json", buffer: Buffer.from(JSON.stringify({ points: comb })) });
   await page.locator(".tag", { hasText: "unusual" }).waitFor();
   await settled(page);
   if (SCREENS) await page.screenshot({ path: path.join(SCREENS, "assess-unusual.png"), fullPage: true });

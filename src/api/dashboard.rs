@@ -23,6 +23,11 @@ static TAGS: LazyLock<Vec<String>> = LazyLock::new(|| {
     FILES.iter().map(|(_, bytes)| format!("\"{}\"", &blake3::hash(bytes).to_hex()[..32])).collect()
 });
 
+/// Whether the page is at this address.
+pub(super) fn is_view(path: &str) -> bool {
+    path == "/" || path == "/app" || path.starts_with("/app/")
+}
+
 /// Routes of the page and its assets.
 pub(super) fn routes() -> Router<App> {
     Router::new()

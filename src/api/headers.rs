@@ -5,14 +5,14 @@ use axum::http::{HeaderMap, HeaderName, HeaderValue, header};
 use axum::middleware::Next;
 use axum::response::Response;
 
+use super::dashboard;
+
 /// Path prefix of responses with shapes and ids.
 const API: &str = "/v1/";
 /// Path prefix of the API reference page.
 const DOCS: &str = "/docs";
 /// Media type of drawings.
 const SVG: &str = "image/svg+xml";
-/// Media type of the page of the dashboard.
-const HTML: &str = "text/html";
 
 /// Policy for data: a browser that opens it runs, loads and frames nothing.
 const DATA_POLICY: &str = "default-src 'none'; frame-ancestors 'none'";
@@ -37,16 +37,19 @@ const ALWAYS: [(HeaderName, HeaderValue); 3] = [
 
 /// Adds the headers to every response.
 pub async fn secure(request: Request, next: Next) -> Response {
-    let (is_api, is_docs) = {
+    let (is_api, page) = {
         let path = request.uri().path();
-        (path.starts_with(API), path.starts_with(DOCS))
+        (path.starts_with(API), page_policy(path))
     };
     let mut response = next.run(request).await;
     let headers = response.headers_mut();
     for (name, value) in ALWAYS {
         headers.insert(name, value);
     }
-    headers.insert(header::CONTENT_SECURITY_POLICY, HeaderValue::from_static(policy(headers, is_docs)));
+    headers.insert(
+        header::CONTENT_SECURITY_POLICY,
+        HeaderValue::from_static(page.unwrap_or_else(|| data_policy(headers))),
+    );
     if is_api {
         add_variations(headers);
         headers.insert(header::CACHE_CONTROL, HeaderValue::from_static(caching(headers)));
@@ -67,15 +70,20 @@ fn add_variations(headers: &mut HeaderMap) {
     }
 }
 
-fn policy(headers: &HeaderMap, is_docs: bool) -> &'static str {
+/// The policy of the address of a page. It does not depend on the response: a browser that is told that it has the page already
+/// (304) keeps the page and takes the policy of that response.
+fn page_policy(path: &str) -> Option<&'static str> {
+    match path {
+        path if path.starts_with(DOCS) => Some(DOCS_POLICY),
+        path if dashboard::is_view(path) => Some(PAGE_POLICY),
+        _ => None,
+    }
+}
+
+fn data_policy(headers: &HeaderMap) -> &'static str {
     let media_type =
         headers.get(header::CONTENT_TYPE).and_then(|value| value.to_str().ok()).unwrap_or_default();
-    match media_type {
-        _ if is_docs => DOCS_POLICY,
-        text if text.starts_with(SVG) => SVG_POLICY,
-        text if text.starts_with(HTML) => PAGE_POLICY,
-        _ => DATA_POLICY,
-    }
+    if media_type.starts_with(SVG) { SVG_POLICY } else { DATA_POLICY }
 }
 
 /// `Cache-Control` of what must not be stored.

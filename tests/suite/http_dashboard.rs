@@ -36,6 +36,9 @@ fn every_view_has_an_address_that_answers_the_page() {
     for known in [tag.clone(), format!("\"other\", W/{tag}")] {
         let again = with(&server, "/app/jobs", "if-none-match", &known);
         assert_eq!((again.status, again.body.len(), again.header("etag")), (304, 0, Some(tag.as_str())));
+        // A browser takes the policy of the page that it keeps from this answer.
+        let name = "content-security-policy";
+        assert_eq!(again.header(name), page.header(name));
     }
 }
 

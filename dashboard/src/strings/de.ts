@@ -55,8 +55,8 @@ export const de: Strings = {
   },
   cohort: {
     overview: "Formen", table: "Tabelle", mean: "Mittel", compare: "Gruppen", regression: "Regression", upload: "Hochladen",
-    shapes: (count) => (count === 1 ? "1 Form" : `${count} Formen`), revision: (revision) => `Revision ${revision}`, unit: (unit) => `Längen in ${unit}`,
-    filters: "Filter", all: (count) => (count === 1 ? "1 Form" : `Alle ${count} Formen`), some: (some, all) => `${some} von ${all} Formen`, without: (name, value) => `Filter ${name} ${value} entfernen`,
+    shape: "1 Form", shapes: (count) => `${count} Formen`, revision: (revision) => `Revision ${revision}`, unit: (unit) => `Längen in ${unit}`,
+    filters: "Filter", all: (count) => `Alle ${count} Formen`, some: (some, all) => `${some} von ${all} Formen`, without: (name, value) => `Filter ${name} ${value} entfernen`,
     from: (name) => `${name}: mindestens`, to: (name) => `${name}: höchstens`, spark: (name) => `Histogramm: ${name}`, sheet: "Übersicht", scale: "Maßstab", oneScale: "Ein Maßstab", ownScale: "Jede eingepasst", nothing: "Keine Form erfüllt den Filter.",
     sizes: (median, low, high, unit) => `Median ${median}${unit && ` ${unit}`}; neun von zehn liegen zwischen ${low} und ${high}.`, same: (value) => `Alle Formen haben den Wert ${value}.`,
     empty: "Diese Kohorte enthält noch keine Formen.", deleted: (name) => `${name} liegt im Papierkorb.`, deleteTitle: (name) => `${name} löschen?`, deleteHint: "Die Kohorte kommt mit allen Formen in den Papierkorb. Von dort kann die Verwaltung sie zurückholen. Daraus gelernte Wörterbücher bleiben.", changeTitle: (name) => `${name} bearbeiten`,
@@ -131,7 +131,7 @@ export const de: Strings = {
   },
   scores: {
     across: "Waagrecht", up: "Senkrecht", colour: "Farbe", tool: "Zeiger", lasso: "Lasso", zoom: "Zoom", morphospace: "Formen in der Ebene", outlier: "Ungewöhnliche Formen", class: "Vorhergesagte Klasse", noCohort: "Die Kohorte dieses Wörterbuchs gibt es in diesem Dienst nicht.",
-    alt: (count) => `Streudiagramm der Werte von ${count} Formen`, caption: (count) => `${count.toLocaleString("de-DE")} Formen. Zeigen Sie auf eine, um sie zu sehen; umfahren Sie einige, um sie zu wählen; Scrollen vergrößert, ein Doppelklick zeigt alle.`,
+    alt: (count) => `Streudiagramm der Werte von ${count} Formen`, caption: (count) => `${count} Formen. Zeigen Sie auf eine, um sie zu sehen; umfahren Sie einige, um sie zu wählen; Scrollen vergrößert, ein Doppelklick zeigt alle.`,
     selection: "Auswahl", selectionHint: "Ziehen Sie eine Linie um Punkte, um Formen zu wählen und ihr Mittel zu sehen.", chosen: (count) => `${count} gewählt`, clear: "Aufheben", meanOf: "Mittel der gewählten Formen vor dem Mittel aller.", others: (count) => `und ${count} weitere`, open: "Als Filter öffnen", rest: (count) => `${count} weitere`,
   },
   drift: {

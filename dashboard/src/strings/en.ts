@@ -53,8 +53,8 @@ export const en = {
   },
   cohort: {
     overview: "Shapes", table: "Table", mean: "Mean", compare: "Groups", regression: "Regression", upload: "Upload",
-    shapes: (count: number) => (count === 1 ? "1 shape" : `${count} shapes`), revision: (revision: number) => `revision ${revision}`, unit: (unit: string) => `lengths in ${unit}`,
-    filters: "Filters", all: (count: number) => (count === 1 ? "1 shape" : `All ${count} shapes`), some: (some: number, all: number) => `${some} of ${all} shapes`, without: (name: string, value: string) => `Remove the filter ${name} ${value}`,
+    shape: "1 shape", shapes: (count: string) => `${count} shapes`, revision: (revision: number) => `revision ${revision}`, unit: (unit: string) => `lengths in ${unit}`,
+    filters: "Filters", all: (count: string) => `All ${count} shapes`, some: (some: string, all: string) => `${some} of ${all} shapes`, without: (name: string, value: string) => `Remove the filter ${name} ${value}`,
     from: (name: string) => `${name}: at least`, to: (name: string) => `${name}: at most`, spark: (name: string) => `Histogram: ${name}`, sheet: "Contact sheet", scale: "Scale", oneScale: "One scale", ownScale: "Each fitted", nothing: "No shape passes the filter.",
     sizes: (median: string, low: string, high: string, unit: string) => `Median ${median}${unit && ` ${unit}`}; nine in ten between ${low} and ${high}.`, same: (value: string) => `All shapes have the value ${value}.`,
     empty: "This cohort has no shapes yet.", deleted: (name: string) => `${name} is in the trash.`, deleteTitle: (name: string) => `Delete ${name}?`, deleteHint: "The cohort goes to the trash with all its shapes. An administrator can restore it from there. Dictionaries learnt from it stay.", changeTitle: (name: string) => `Edit ${name}`,
@@ -129,7 +129,7 @@ export const en = {
   },
   scores: {
     across: "Across", up: "Upwards", colour: "Colour", tool: "Pointer", lasso: "Lasso", zoom: "Zoom", morphospace: "Shapes in the plane", outlier: "Unusual shapes", class: "Predicted class", noCohort: "The cohort of this dictionary is not in this service.",
-    alt: (count: number) => `Scatter of the scores of ${count} shapes`, caption: (count: number) => `${count.toLocaleString()} shapes. Point at one to see it; draw around some to choose them; scroll to zoom, double-click to see all.`,
+    alt: (count: number) => `Scatter of the scores of ${count} shapes`, caption: (count: string) => `${count} shapes. Point at one to see it; draw around some to choose them; scroll to zoom, double-click to see all.`,
     selection: "Selection", selectionHint: "Draw a line around points to choose shapes and see their mean.", chosen: (count: number) => `${count} chosen`, clear: "Clear", meanOf: "Mean of the chosen shapes in front of the mean of all.", others: (count: number) => `and ${count} more`, open: "Open as a filter", rest: (count: number) => `${count} others`,
   },
   drift: {

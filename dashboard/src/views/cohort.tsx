@@ -24,7 +24,7 @@ export function CohortPage({ cohort, lead, actions, children }: { cohort: string
     [t.cohort.overview, withFilter(base, query)], [t.cohort.table, withFilter(`${base}/table`, query)], [t.cohort.mean, withFilter(`${base}/mean`, query)],
     [t.cohort.compare, withFilter(`${base}/compare`, query)], [t.cohort.regression, withFilter(`${base}/regression`, query)], [t.cohort.upload, `${base}/upload`],
   ];
-  const facts = about.data && [describe(about.data.representation), t.cohort.shapes(about.data.shape_count), t.cohort.revision(about.data.revision), about.data.length_unit && t.cohort.unit(about.data.length_unit)].filter(Boolean).join(" · ");
+  const facts = about.data && [describe(about.data.representation), about.data.shape_count === 1 ? t.cohort.shape : t.cohort.shapes(count(about.data.shape_count)), t.cohort.revision(about.data.revision), about.data.length_unit && t.cohort.unit(about.data.length_unit)].filter(Boolean).join(" · ");
   return (
     <Page title={cohort} crumbs={[[t.menu.cohorts, "/app/cohorts"]]} lead={lead ?? <>{about.data?.description && <>{about.data.description}<br /></>}<span class="small">{facts}</span></>} actions={actions}>
       <Tabs label={cohort} tabs={tabs} />
@@ -116,7 +116,7 @@ export function Chips({ total, shown }: { total: number; shown: number | undefin
   const filter = [...filterOf(query)];
   return (
     <div class="row">
-      <strong aria-live="polite">{shown === undefined || shown === total ? t.cohort.all(total) : t.cohort.some(shown, total)}</strong>
+      <strong aria-live="polite">{shown === undefined || shown === total ? (total === 1 ? t.cohort.shape : t.cohort.all(count(total))) : t.cohort.some(count(shown), count(total))}</strong>
       <div class="chips">
         {filter.map(([name, value]) => (
           <button key={`${name} ${value}`} onClick={() => navigate(toggled(query, name, value))} aria-label={t.cohort.without(nameOf(name), value)}>

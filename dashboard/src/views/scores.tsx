@@ -73,7 +73,7 @@ function Plane({ about, dictionary, cohort }: { about: About; dictionary: string
               }}
               backdrop={morphs && model.data ? (place) => <Morphospace model={model.data!} a={a} b={b} x={data.scores[a]!} y={data.scores[b]!} place={place} closed={closed} /> : undefined} />
             {coloured.legend.length > 0 && <div class="legend-list">{coloured.legend.map(([name, value]) => <span key={name}><i class="swatch" style={{ background: value }} />{name}</span>)}</div>}
-            <figcaption>{t.scores.caption(data.ids.length)}</figcaption>
+            <figcaption>{t.scores.caption(count(data.ids.length))}</figcaption>
             <Download name={`${about.name}-scores`} source={{ path: `/v1/cohorts/${encodeURIComponent(cohort)}/table`, query: { columns: ["external_id", ...scores, ...(attribute && !attribute.startsWith("+") ? [attribute] : [])].join(",") } }} formats={[["CSV", "csv", "text/csv"], ["Arrow", "arrow", "application/vnd.apache.arrow.stream"]]} />
           </figure>
           <Chosen data={data} chosen={chosen} model={model.data} view={view} closed={closed} dots={dots} cohort={cohort} onClear={() => setChosen(null)} />
