@@ -6,7 +6,7 @@ import { after, before, test } from "node:test";
 import { gzipSync } from "node:zlib";
 import { browse, key, open, ROOT, serve } from "./service.mjs";
 
-const SCREENS = process.env.SCREENS ? path.resolve(process.env.SCREENS) : undefined;
+const SCREENS = process.env.SCREENS ? path.resolve(ROOT, process.env.SCREENS) : undefined;
 const AXE = readFileSync(path.join(ROOT, "dashboard/node_modules/axe-core/axe.min.js"), "utf8");
 const HANDS = path.join(ROOT, "../shared/data/curves-hands/curves.ndjson");
 const WAITED = { prefer: "wait=60" };
@@ -278,7 +278,8 @@ test("an object of a picture: box, contour, correction, report", async () => {
   await page.mouse.move(handle.x + 24, handle.y + 14, { steps: 4 });
   await page.mouse.up();
   await page.getByRole("button", { name: "Go on from here" }).click();
-  await page.getByText("The contour has come to rest").waitFor();
+  await page.getByRole("button", { name: "Find the contour" }).waitFor();
+  await settled(page);
   if (SCREENS) await page.screenshot({ path: path.join(SCREENS, "segment-found.png") });
   await page.getByRole("button", { name: "Assess this shape" }).click();
   await page.getByText("Where it deviates").waitFor();

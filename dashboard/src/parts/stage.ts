@@ -1,5 +1,5 @@
 /** The scene of one surface: light, camera, morph targets. */
-import { AmbientLight, Box3, Color, DirectionalLight, DoubleSide, Group, Mesh, MeshStandardMaterial, PerspectiveCamera, Scene, Sphere, Spherical, Vector3, WebGLRenderer } from "three";
+import { Box3, Color, DirectionalLight, DoubleSide, Group, HemisphereLight, Mesh, MeshStandardMaterial, PerspectiveCamera, Scene, Sphere, Spherical, Vector3, WebGLRenderer } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 
@@ -17,10 +17,10 @@ export async function createStage(element: HTMLElement, mesh: ArrayBuffer, width
   element.replaceChildren(renderer.domElement);
   const scene = new Scene();
   const camera = new PerspectiveCamera(35, width / height, 0.01, 1000);
-  const lamp = new DirectionalLight(0xffffff, 2.2);
-  lamp.position.set(0.6, 0.9, 1);
+  const lamp = new DirectionalLight(0xffffff, 1.9);
+  lamp.position.set(-0.6, 0.9, 1.2);
   camera.add(lamp);
-  scene.add(camera, new AmbientLight(0xffffff, 0.9), model);
+  scene.add(camera, new HemisphereLight(0xffffff, dark ? 0x39424a : 0x9aa4aa, 1.6), model);
   const meshes: Mesh[] = [];
   model.traverse((one) => {
     if (!(one instanceof Mesh)) return;
@@ -29,7 +29,7 @@ export async function createStage(element: HTMLElement, mesh: ArrayBuffer, width
     meshes.push(one);
   });
   const sphere = new Box3().setFromObject(model).getBoundingSphere(new Sphere());
-  const far = (sphere.radius || 1) / Math.sin((camera.fov / 2) * (Math.PI / 180)) * 1.15;
+  const far = (sphere.radius || 1) / Math.sin((camera.fov / 2) * (Math.PI / 180)) * 0.92;
   camera.position.copy(sphere.center).add(new Vector3(0.55, -0.75, 0.45).normalize().multiplyScalar(far));
   camera.up.set(0, 0, 1);
   camera.near = far / 100;

@@ -4,6 +4,7 @@ import { get, pages, post, type Schemas } from "../api/client";
 import { ACCEPT, shapesOf, type Input } from "../formats/read";
 import { Drop } from "../parts/drop";
 import { Fault, Field, Loading, Page, Picture, Select } from "../parts/basic";
+import { Chart } from "../parts/chart";
 import { useLoaded } from "../hooks";
 import { useSetting } from "../router";
 import { inPlane } from "../shape/points";
@@ -49,6 +50,7 @@ export function Assess(_: object) {
             {shapes.length > 1 && !stored && <Select label={t.words.shape} value={String(index)} options={shapes.slice(0, 500).map((one, at) => [String(at), one.external_id ?? String(at + 1)])} onChange={(value) => setIndex(Number(value))} />}
           </div>
           <Drop title={t.assess.drop} hint={t.assess.formats} accept={ACCEPT} onFiles={(files) => void take(files)} />
+          <p class="small quiet no-print">{t.assess.picture} <a href="/app/segment">{t.menu.segment}</a></p>
           <Fault error={about.error} />
           {body && about.data && <Report key={dictionary} about={about.data} dictionary={dictionary} body={body} name={name} cohort={source} />}
         </>
@@ -56,6 +58,22 @@ export function Assess(_: object) {
     </Page>
   );
 }
+
+/** What the dictionary says of the shape, in numbers: scores in standard deviations, or the atoms in use. */
+function Code({ about, code }: { about: Schemas["DictionaryOutput"]; code: { indices: number[]; values: number[] } }) {
+  const covariance = about.statistics.scores?.covariance;
+  const values = code.values.map((value, at) => (covariance ? value / Math.sqrt(covariance[code.indices[at]!]![code.indices[at]!]! || 1) : value));
+  const label = covariance ? t.assess.scores : t.assess.atoms;
+  return (
+    <figure class="card">
+      <h2>{t.assess.code}</h2>
+      <Chart x={code.indices.map((index) => index + 1)} lines={[{ label, values, kind: "bars" }]} height={170} xLabel={covariance ? t.words.component : t.dictionary.atoms} yLabel={covariance ? "σ" : t.assess.weight} describe={`${label}: ${values.map((value) => number(value, 2)).join(", ")}`} />
+      <figcaption>{label}</figcaption>
+    </figure>
+  );
+}
+
+const rank = (part: number) => (part >= 1 ? t.assess.first : t.assess.rank(percent(part, 0)));
 
 function Report({ about, dictionary, body, name, cohort }: { about: Schemas["DictionaryOutput"]; dictionary: string; body: Schemas["AssessRequest"]; name: string; cohort: string }) {
   const result = useLoaded(`${dictionary} ${JSON.stringify(body)}`, (signal) => post("/v1/dictionaries/{dictionary}/assess", { path: { dictionary }, body, signal }));
@@ -71,16 +89,19 @@ function Report({ about, dictionary, body, name, cohort }: { about: Schemas["Dic
     <article class="report">
       <header class="card">
         <p class="quiet">{name}</p>
-        <p class="verdict">{found ? t.assess.verdict(found.label ?? t.assess.noClass, percent(found.ranking[0]?.confidence, 0), found.accepted) : novelty.is_outlier ? t.assess.unusual : t.assess.usual}</p>
+        <p class="verdict">{found ? t.assess.verdict(found.ranking[0]?.label ?? t.assess.noClass, percent(found.ranking[0]?.confidence, 0), found.accepted) : novelty.is_outlier ? t.assess.unusual : t.assess.usual}</p>
         <div class="row">
           <span class={`tag ${novelty.is_outlier ? "bad" : "good"}`}>{novelty.is_outlier ? t.assess.outlier : t.assess.inlier}</span>
           <span class="small quiet">{t.assess.against(`${about.name}@${about.version}`, about.statistics.shapes, time(about.provenance.created_at))}</span>
         </div>
       </header>
       <div class="columns">
+        <div class="stack" style={{ gap: "22px" }}>
         <div class="card">
           <h2>{t.assess.where}</h2>
           <Picture source={{ method: "POST", path: `/v1/dictionaries/${encodeURIComponent(dictionary)}/assess`, body }} name={`${name}-report`} alt={t.assess.whereAlt(name)} width={420} caption={t.assess.whereCaption} />
+        </div>
+        <Code about={about} code={code} />
         </div>
         <div class="stack" style={{ gap: "22px" }}>
           {found && (
@@ -89,14 +110,15 @@ function Report({ about, dictionary, body, name, cohort }: { about: Schemas["Dic
               <div class="bars">
                 {found.ranking.map((one) => <div class="bar" style={{ gridTemplateColumns: "minmax(5em, auto) minmax(0, 1fr) 4em" }} key={one.label}><span>{one.label}</span><span class="track"><i style={{ width: `${100 * (one.confidence ?? 0)}%` }} /></span><span class="number">{percent(one.confidence, 0)}</span></div>)}
               </div>
+              {found.accepted === false && <p class="note warn">{t.assess.rejected}</p>}
               {about.classifier?.validation && <p class="small quiet">{t.assess.accuracy(percent(about.classifier.validation.accuracy.value), percent(about.classifier.validation.majority))}</p>}
             </section>
           )}
           <section class="card">
             <h2>{t.assess.novelty}</h2>
             <dl class="facts">
-              {typeof novelty.t_squared_rank === "number" && <><dt>{t.assess.within}</dt><dd>{t.assess.rank(percent(novelty.t_squared_rank, 0))}</dd></>}
-              {typeof novelty.squared_prediction_error_rank === "number" && <><dt>{t.assess.beyond}</dt><dd>{t.assess.rank(percent(novelty.squared_prediction_error_rank, 0))}</dd></>}
+              {typeof novelty.t_squared_rank === "number" && <><dt>{t.assess.within}</dt><dd>{rank(novelty.t_squared_rank)}</dd></>}
+              {typeof novelty.squared_prediction_error_rank === "number" && <><dt>{t.assess.beyond}</dt><dd>{rank(novelty.squared_prediction_error_rank)}</dd></>}
               <dt>{t.assess.error}</dt><dd>{percent(first.relative_error, 2)}</dd>
             </dl>
             <p class="small quiet">{t.assess.noveltyHint}</p>
@@ -120,7 +142,7 @@ function Report({ about, dictionary, body, name, cohort }: { about: Schemas["Dic
           <p class="small">{neighbours.neighbours.map((one, at) => <>{at > 0 && " · "}<a href={`/app/cohorts/${encodeURIComponent(cohort)}/shapes/${encodeURIComponent(one.external_id ?? one.id)}`}>{one.external_id ?? one.id}</a>{one.label ? ` (${one.label})` : ""}</>)}</p>
         )}
       </section>
-      <p class="only-print small">{t.assess.printed(new Date().toISOString())}</p>
+      <p class="only-print small">{t.assess.printed(time(new Date().toISOString()))}</p>
     </article>
   );
 }
