@@ -3,6 +3,8 @@
 # make check     before every commit: format, lints and unit tests of the libraries
 # make test      all checks of CI; installs missing tools
 # make spell     spelling of all files
+# make dashboard       the page for browsers, from dashboard/src to dashboard/dist
+# make dashboard-test  the page in Chromium on a debug build; makes the pictures of docs/screens
 # make contract  the OpenAPI document against the running service for six minutes, as `make test` does outside CI
 # make attack    the known attack requests in full size, then an hour of search for new ones
 # make fuzz      every fuzz target for ten minutes
@@ -11,7 +13,7 @@
 #                committed counts; DATA=folder of contours, ARGUMENTS="--write docs" also makes docs/performance.md
 # make criterion the benchmarks behind the figures of docs/benchmarks.md
 
-.PHONY: run help check test spell contract attack fuzz sbom bench criterion tools
+.PHONY: run help check test spell dashboard dashboard-test contract attack fuzz sbom bench criterion tools
 
 CODESPELL = 2.4.3
 
@@ -43,6 +45,8 @@ test: tools spell
 	else echo "SKIPPED: the contract test, there is no python3"; fi
 	@if command -v python3 >/dev/null; then python3 tests/clients/run.py; \
 	else echo "SKIPPED: the generated clients, there is no python3"; fi
+	dashboard/run.sh check
+	dashboard/run.sh test
 	@if command -v python3 >/dev/null; then python3 tests/attack/run.py small; \
 	else echo "SKIPPED: the attack requests, there is no python3"; fi
 	tests/with_postgres.sh cargo test --locked --lib --test suite -- store:: commands http_ kill worker
@@ -57,6 +61,13 @@ spell:
 	then target/spell/bin/codespell; \
 	elif command -v codespell >/dev/null; then codespell; \
 	else echo "SKIPPED: the spell check, codespell cannot be installed"; fi
+
+dashboard:
+	dashboard/run.sh build
+
+dashboard-test:
+	cargo build --locked
+	SCREENS=docs/screens dashboard/run.sh test
 
 contract:
 	cargo build --locked

@@ -1,4 +1,4 @@
-//! Tells the program which commit and compiler it was made from.
+//! Tells the program which commit and compiler it was made from, and gives it the files of the dashboard.
 #![allow(clippy::print_stdout, reason = "cargo reads what a build script prints")]
 
 use std::path::Path;
@@ -16,6 +16,27 @@ fn main() {
     println!("cargo:rustc-env=SHAPELEX_BUILD_LINE={line}");
     let compiler = std::env::var("RUSTC").ok().and_then(|rustc| answer_of(&rustc, &["--version"]));
     println!("cargo:rustc-env=SHAPELEX_BUILD_RUSTC={}", compiler.as_deref().unwrap_or("unknown"));
+    if let Err(error) = list_dashboard() {
+        println!("cargo::error=dashboard/dist cannot be listed: {error}");
+    }
+}
+
+/// Writes the table of the files in `dashboard/dist`: paths below `/`, and contents.
+fn list_dashboard() -> std::io::Result<()> {
+    println!("cargo:rerun-if-changed=dashboard/dist");
+    let root = Path::new(&std::env::var("CARGO_MANIFEST_DIR").unwrap_or_default()).join("dashboard/dist");
+    let mut paths = vec![root.join("index.html")];
+    for entry in std::fs::read_dir(root.join("assets"))? {
+        paths.push(entry?.path());
+    }
+    paths.sort();
+    let row = |path: &Path| {
+        let name = path.strip_prefix(&root).unwrap_or(path).display().to_string();
+        format!("    ({name:?}, include_bytes!({path:?})),\n")
+    };
+    let rows: String = paths.iter().map(|path| row(path)).collect();
+    let table = Path::new(&std::env::var("OUT_DIR").unwrap_or_default()).join("dashboard.rs");
+    std::fs::write(table, format!("[\n{rows}]\n"))
 }
 
 /// What whoever builds without a checkout says.

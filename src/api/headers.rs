@@ -5,6 +5,8 @@ use axum::http::{HeaderMap, HeaderName, HeaderValue, header};
 use axum::middleware::Next;
 use axum::response::Response;
 
+use super::dashboard;
+
 /// Path prefix of responses with shapes and ids.
 const API: &str = "/v1/";
 /// Path prefix of the API reference page.
@@ -20,6 +22,10 @@ const SVG_POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; frame-a
 const DOCS_POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; \
      img-src 'self' data:; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 
+/// Policy for the dashboard: its own scripts and style sheet, and pictures that it makes of answers. It calls this service only.
+const PAGE_POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; \
+     connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
+
 /// Request headers on which answers depend.
 const VARY: [&str; 3] = ["accept", "accept-encoding", "authorization"];
 
@@ -31,16 +37,19 @@ const ALWAYS: [(HeaderName, HeaderValue); 3] = [
 
 /// Adds the headers to every response.
 pub async fn secure(request: Request, next: Next) -> Response {
-    let (is_api, is_docs) = {
+    let (is_api, page) = {
         let path = request.uri().path();
-        (path.starts_with(API), path.starts_with(DOCS))
+        (path.starts_with(API), page_policy(path))
     };
     let mut response = next.run(request).await;
     let headers = response.headers_mut();
     for (name, value) in ALWAYS {
         headers.insert(name, value);
     }
-    headers.insert(header::CONTENT_SECURITY_POLICY, HeaderValue::from_static(policy(headers, is_docs)));
+    headers.insert(
+        header::CONTENT_SECURITY_POLICY,
+        HeaderValue::from_static(page.unwrap_or_else(|| data_policy(headers))),
+    );
     if is_api {
         add_variations(headers);
         headers.insert(header::CACHE_CONTROL, HeaderValue::from_static(caching(headers)));
@@ -61,14 +70,20 @@ fn add_variations(headers: &mut HeaderMap) {
     }
 }
 
-fn policy(headers: &HeaderMap, is_docs: bool) -> &'static str {
+/// The policy of the address of a page. It does not depend on the response: a browser that is told that it has the page already
+/// (304) keeps the page and takes the policy of that response.
+fn page_policy(path: &str) -> Option<&'static str> {
+    match path {
+        path if path.starts_with(DOCS) => Some(DOCS_POLICY),
+        path if dashboard::is_view(path) => Some(PAGE_POLICY),
+        _ => None,
+    }
+}
+
+fn data_policy(headers: &HeaderMap) -> &'static str {
     let media_type =
         headers.get(header::CONTENT_TYPE).and_then(|value| value.to_str().ok()).unwrap_or_default();
-    match media_type {
-        _ if is_docs => DOCS_POLICY,
-        text if text.starts_with(SVG) => SVG_POLICY,
-        _ => DATA_POLICY,
-    }
+    if media_type.starts_with(SVG) { SVG_POLICY } else { DATA_POLICY }
 }
 
 /// `Cache-Control` of what must not be stored.

@@ -11,13 +11,15 @@
 //! * `negotiation` — media types of answers; `cross_origin` — pages of other origins that may read answers;
 //! * [`extract`] — bodies, queries and formats, with problem documents as rejections;
 //! * [`respond`] — responses computed and serialised on the thread pool;
-//! * [`health`] — liveness and readiness.
+//! * [`health`] — liveness and readiness;
+//! * `dashboard` — the page for people, and its assets.
 
 pub mod access;
 pub mod answers;
 pub mod audit;
 pub mod body;
 mod cross_origin;
+mod dashboard;
 mod document;
 pub mod drain;
 pub mod extract;
@@ -41,7 +43,6 @@ use axum::body::Body;
 use axum::extract::Request;
 use axum::http::HeaderName;
 use axum::middleware::{from_fn, from_fn_with_state};
-use axum::routing::get;
 use axum::{Extension, Router};
 use tower::ServiceBuilder;
 use tower_http::catch_panic::CatchPanicLayer;
@@ -144,7 +145,7 @@ pub fn router(app: App) -> Router {
         .map_request(|request: axum::http::Request<DecompressionBody<Body>>| request.map(Body::new))
         .map_request(body::bound_expansion);
     let router = router
-        .route("/", get(v1::index))
+        .merge(dashboard::routes())
         .merge(utoipa_swagger_ui::SwaggerUi::new("/docs").url("/openapi.json", document))
         .fallback(|uri: axum::http::Uri| async move {
             Problem::new(ProblemKind::RouteNotFound, format!("no route at {}", uri.path()))

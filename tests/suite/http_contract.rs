@@ -1075,8 +1075,6 @@ fn probes_documents_and_other_methods() {
     let options = server.send(server.request(Method::OPTIONS, "/v1/mean"));
     assert_eq!(options.expect(405)["code"], "method-not-allowed");
     assert_eq!(options.header("allow"), Some("POST"));
-    let root = server.get("/");
-    assert_eq!((root.status, root.header("location")), (307, Some("/docs/")));
     // The id that a caller gives is kept.
     let request = server.request(Method::GET, "/v1/nothing").header("x-request-id", "caller-17");
     let reply = server.send(request);

@@ -18,6 +18,7 @@ mod http_contours;
 mod http_contract;
 mod http_corrections;
 mod http_curves;
+mod http_dashboard;
 mod http_dictionaries;
 mod http_drawings;
 mod http_events;

@@ -38,7 +38,6 @@ mod subdivision;
 mod tables;
 mod version;
 
-use axum::response::Redirect;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
@@ -127,9 +126,4 @@ pub(super) fn streamed_routes() -> OpenApiRouter<App> {
         .routes(routes!(shapes::list_shapes, shapes::add_shapes, corrections::delete_shapes))
         .routes(routes!(jobs::job_events))
         .routes(routes!(events::list_events))
-}
-
-/// Redirects the root to the API reference.
-pub(super) async fn index() -> Redirect {
-    Redirect::temporary("/docs/")
 }

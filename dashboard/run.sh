@@ -1,0 +1,44 @@
+#!/usr/bin/env bash
+# The dashboard beside the service.
+#
+#   dashboard/run.sh build   from `dashboard/src` to `dashboard/dist`, which is committed and becomes part of the program
+#   dashboard/run.sh check   whether the committed files are those of a fresh build
+#   dashboard/run.sh test    the page in Chromium on target/debug/shapelex, or SHAPELEX_BINARY; SCREENS=folder keeps pictures
+set -euo pipefail
+cd "$(dirname "$0")"
+
+skip() {
+  echo "SKIPPED: the dashboard ($1), $2"
+  exit 0
+}
+
+command -v npm >/dev/null || skip "$1" "there is no npm"
+# What is installed is what the lock says: anew only when it has changed.
+if ! cmp -s package-lock.json node_modules/.lock; then
+  npm ci --no-audit --no-fund --silent >/dev/null 2>&1 || skip "$1" "its packages cannot be installed"
+  cp package-lock.json node_modules/.lock
+fi
+
+case "$1" in
+build)
+  npm run --silent build
+  ;;
+check)
+  npm run --silent types >/dev/null
+  npx tsc --noEmit
+  fresh=$(mktemp -d)
+  trap 'rm -rf "$fresh"' EXIT
+  npx vite build --logLevel warn --outDir "$fresh" --emptyOutDir
+  diff -r dist "$fresh" >/dev/null || { echo "dashboard/dist is not what dashboard/src makes: run make dashboard" >&2; exit 1; }
+  echo "dashboard/dist is what dashboard/src makes"
+  ;;
+test)
+  command -v chromium >/dev/null || { apt-get update -qq && apt-get install -y -qq chromium; } >/dev/null 2>&1 \
+    || skip test "there is no chromium"
+  node --test --test-concurrency=1 --test-reporter=spec tests/*.test.mjs
+  ;;
+*)
+  sed -n '2,6s/^# \{0,1\}//p' "$0"
+  exit 2
+  ;;
+esac

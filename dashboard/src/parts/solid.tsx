@@ -1,0 +1,57 @@
+/** Surfaces that can be turned around. three.js is read when the first one is shown. */
+import { useEffect, useRef, useState } from "preact/hooks";
+import { search, send } from "../api/client";
+import { Fault, Loading, type Source } from "./basic";
+import { useWidth } from "../hooks";
+import { shown } from "../preferences";
+import { t } from "../strings";
+import type { Stage } from "./stage";
+
+export function Solid({ source, describe, weights, height = 440 }: { source: Source; describe: string; weights?: number[]; height?: number }) {
+  const [ref, width] = useWidth<HTMLDivElement>();
+  const stage = useRef<Stage | undefined>(undefined);
+  const [state, setState] = useState<{ ready?: boolean; error?: Error }>({});
+  const theme = shown();
+  const key = JSON.stringify([source, search(source.query)]);
+  useEffect(() => {
+    if (!ref.current || !width) return;
+    const abort = new AbortController();
+    const element = ref.current;
+    const query = new URLSearchParams(search(source.query));
+    query.set("format", "gltf");
+    const headers: Record<string, string> = { accept: "model/gltf-binary" };
+    if (source.body) headers["content-type"] = "application/json";
+    Promise.all([
+      import("./stage"),
+      send(source.method ?? "GET", `${source.path}?${query}`, { headers, signal: abort.signal, body: source.body && JSON.stringify(source.body) }).then((response) => response.arrayBuffer()),
+    ]).then(async ([{ createStage }, mesh]) => {
+      if (abort.signal.aborted) return;
+      stage.current = await createStage(element, mesh, width, height, theme === "dark");
+      if (weights) stage.current.morph(weights);
+      setState({ ready: true });
+    }).catch((error: Error) => !abort.signal.aborted && setState({ error }));
+    return () => {
+      abort.abort();
+      stage.current?.dispose();
+      stage.current = undefined;
+    };
+  }, [key, theme, width > 0]);
+  useEffect(() => stage.current?.resize(width, height), [width, height]);
+  useEffect(() => {
+    if (weights) stage.current?.morph(weights);
+  }, [weights]);
+  return (
+    <figure>
+      <Fault error={state.error} />
+      {!state.ready && !state.error && <Loading on />}
+      <div ref={ref} class="stage" style={{ height: `${height}px` }} tabIndex={0} role="img" aria-label={`${describe}. ${t.solid.turn}`}
+        onKeyDown={(event) => {
+          const step = { ArrowLeft: [-0.2, 0], ArrowRight: [0.2, 0], ArrowUp: [0, -0.2], ArrowDown: [0, 0.2] }[event.key];
+          if (!step) return;
+          event.preventDefault();
+          stage.current?.turn(step[0]!, step[1]!);
+        }} />
+      <figcaption>{t.solid.turn}</figcaption>
+    </figure>
+  );
+}

@@ -1,0 +1,12 @@
+/** A shape on its way from one view to another; it survives a reload of the tab. */
+import type { Input } from "../formats/read";
+
+const NAME = "shapelex.shape";
+export function handOver(shapes: Input[]): void {
+  sessionStorage.setItem(NAME, JSON.stringify(shapes));
+}
+export function handedOver(): Input[] {
+  const text = sessionStorage.getItem(NAME);
+  sessionStorage.removeItem(NAME);
+  return text ? (JSON.parse(text) as Input[]) : [];
+}

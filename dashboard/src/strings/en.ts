@@ -1,0 +1,175 @@
+/** All words in English. `de.ts` has the same shape. */
+export const en = {
+  frame: {
+    menu: "Menu", crumbs: "Path", skip: "Skip to content", language: "Language", theme: "Colours", auto: "Auto", light: "Light", dark: "Dark",
+    licences: "Licences of the page", loading: "Loading", missing: "No such page", missingHint: "There is no view at this address.",
+  },
+  menu: {
+    start: "Start", cohorts: "Cohorts", dictionaries: "Dictionaries", assess: "Assess", segment: "Segment", jobs: "Jobs", console: "Console",
+    administration: "Administration", reference: "API reference", single: "One shape", service: "Service",
+  },
+  act: {
+    again: "Try again", download: "Download", undo: "Undo", undone: "Undone.", close: "Close", copy: "Copy", copied: "Copied", cancel: "Cancel", create: "Create", save: "Save",
+    saved: "Saved.", remove: "Delete", change: "Edit", previous: "Previous", next: "Next", less: "Show fewer", more: (count: number) => `Show ${count} more`, export: "Export",
+  },
+  words: {
+    name: "Name", description: "Description", kind: "Kind", shape: "Shape", shapes: "Shapes", revision: "Revision", changed: "Last change", created: "Created", unit: "Unit of length", dimension: "Dimension",
+    topology: "Topology", yes: "yes", no: "no", none: "none", weight: "Weight", id: "Id", distance: "Distance", cohort: "Cohort", method: "Method", version: "Version", component: "Component", rank: "Rank", dictionary: "Dictionary",
+  },
+  fault: {
+    connection: "The service cannot be reached", connectionHint: "The connection was lost, or the service has stopped. Nothing was changed by this page; try again when it is back.",
+    line: (line: number) => `line ${line}`, shape: (place: number) => `shape ${place}`, more: (count: number) => `and ${count} more`, request: "Request",
+  },
+  login: {
+    title: "This service needs a key", lead: "Paste a key that an administrator has made for you. It decides what you may see and change.", key: "Key", enter: "Continue",
+    wrong: "This key is not accepted", wrongHint: "It may be mistyped, expired or revoked. Ask an administrator for a new one.", leave: "Forget the key",
+    where: "The key is kept in this tab until you close it. It is sent to this service only, and is never part of an address.",
+  },
+  start: {
+    title: "Shapes, and what varies between them", lead: "Shapelex aligns outlines and surfaces, finds their mean and the ways in which they vary, and tells you whether a new shape fits. No template is chosen by hand.",
+    cohorts: "Cohorts", shapes: "Shapes", dictionaries: "Dictionaries", running: "Running jobs", version: "Version", empty: "There is no cohort yet. Create one, then drop files of contours on it.",
+    example: "The example cohort", exampleCaption: (count: number) => `The outlines of ${count} mouse cells, moved, turned and scaled onto each other, and their mean in front.`,
+    tour: "A walk in five steps",
+    steps: [
+      ["Look at the cells", "All outlines on one scale, with filters by cell line, treatment and size."], ["See their mean", "Choose which differences to ignore: position, size, rotation, shear."],
+      ["Learn how they vary", "Ten components from the cohort, in a second; then move the sliders."], ["Assess one cell", "Its most likely treatment, whether it is unusual, and where it deviates."],
+      ["Compare treatments", "Do they differ, by how much, and where? With a permutation test."],
+    ] as [string, string][],
+    toCohorts: "Sets of shapes with their attributes, measures and means.", toAssess: "Drop a contour or a mask; print a report of one page.", toSegment: "Find the outline of an object in a picture.",
+  },
+  kinds: {
+    closed_curve: "Closed contour", open_curve: "Open curve", surface: "Surface", subdivision: "Subdivision surface", landmarks: "Landmarks",
+    points: (count: number) => `${count} control points`, intervals: (count: number) => `${count} intervals`,
+  },
+  topologies: { sphere: "sphere", cylinder: "cylinder", torus: "torus", plane: "sheet" },
+  correspondences: { cyclic: "the start point is searched (cyclic)", arc_length: "by arc length from the first point", landmarks: "point by point, as given" },
+  attributes: {
+    external_id: "External id", label: "Label", subject: "Subject", created_at: "Created", "measures.points": "Points", "measures.centroid_size": "Centroid size", "measures.length": "Length",
+    "measures.area": "Area", "measures.volume": "Volume", "measures.self_intersecting": "Intersects itself",
+  },
+  cohorts: {
+    lead: "A cohort is a named set of shapes of one kind, whose points are matched by one rule.", create: "New cohort", none: "There are no cohorts yet.", plane: "in the plane", space: "in space",
+    correspondence: "How points are matched", sizes: { closed_curve: "Control points", open_curve: "Intervals", landmarks: "Landmarks", surface: "Control points along u" },
+  },
+  cohort: {
+    overview: "Shapes", table: "Table", mean: "Mean", compare: "Groups", regression: "Regression", upload: "Upload",
+    shape: "1 shape", shapes: (count: string) => `${count} shapes`, revision: (revision: number) => `revision ${revision}`, unit: (unit: string) => `lengths in ${unit}`,
+    filters: "Filters", all: (count: string) => `All ${count} shapes`, some: (some: string, all: string) => `${some} of ${all} shapes`, without: (name: string, value: string) => `Remove the filter ${name} ${value}`,
+    from: (name: string) => `${name}: at least`, to: (name: string) => `${name}: at most`, spark: (name: string) => `Histogram: ${name}`, sheet: "Contact sheet", scale: "Scale", oneScale: "One scale", ownScale: "Each fitted", nothing: "No shape passes the filter.",
+    sizes: (median: string, low: string, high: string, unit: string) => `Median ${median}${unit && ` ${unit}`}; nine in ten between ${low} and ${high}.`, same: (value: string) => `All shapes have the value ${value}.`,
+    empty: "This cohort has no shapes yet.", deleted: (name: string) => `${name} is in the trash.`, deleteTitle: (name: string) => `Delete ${name}?`, deleteHint: "The cohort goes to the trash with all its shapes. An administrator can restore it from there. Dictionaries learnt from it stay.", changeTitle: (name: string) => `Edit ${name}`,
+  },
+  shape: {
+    alt: (name: string) => `The shape ${name}`, caption: "The shape in its own position and size.", about: "Measures", correct: "Correct", deleted: (name: string) => `${name} was deleted.`,
+    neighbours: "Most similar shapes", neighboursAlt: "The shape and the shapes most similar to it, aligned to it", distanceHint: "Distances after alignment, as fractions of the size of the shape: 0 is the same shape.",
+  },
+  solid: { turn: "Drag or use the arrow keys to turn; scroll to come closer." },
+  mean: {
+    class: "Differences to ignore", alignment: "Alignment", standard: "standard for the class", projection: "projection (closed form)", partial: "partial Procrustes", frame: "Pose of the mean", training: "as the shapes lie", canonical: "canonical: the same for all",
+    alt: (cohort: string) => `Mean of ${cohort} in front of its aligned shapes`, caption: (count: number) => `The mean in front of ${count} aligned shapes. It is current at all times: shapes that arrive change it here.`,
+    eigenvalues: "Eigenvalues of the mean operator", eigenvalue: "Eigenvalue", eigenvaluesHint: "The mean space belongs to the largest eigenvalues. The larger the gap to the next one, the better defined the mean.",
+    certificate: "Is the mean well defined?", unique: "Yes: there is one mean, whatever the order of the shapes.", notUnique: "No: several means fit equally well. The shapes differ too much under this class.", gap: "Gap of eigenvalues", rounds: "Rounds", converged: "Converged",
+  },
+  classes: {
+    own: ["Own matrices", "A class given by matrices."],
+    translation: ["Translation", "Position is ignored. Size, orientation and form count."], uniform_scaling: ["Scaling", "Size about the origin is ignored. Position and orientation count."],
+    uniform_scaling_translation: ["Scaling and translation", "Size and position are ignored. Orientation counts."], non_uniform_scaling: ["Scaling by axis", "Width and height about the origin are ignored, separately."],
+    non_uniform_scaling_translation: ["Scaling by axis, translation", "Width, height and position are ignored. Orientation counts."], scaled_rotation: ["Scaling and rotation", "Size and rotation about the origin are ignored. Position counts."],
+    similarity: ["Similarity", "Position, size and rotation are ignored: what remains is form. The usual choice."], linear: ["Linear maps", "Size, rotation and shear about the origin are ignored. Position counts."],
+    affine: ["Affine maps", "Position, size, rotation and shear are ignored: an ellipse counts as a circle."], horizontal_shear: ["Horizontal shear", "Size and horizontal shear about the origin are ignored."],
+    horizontal_shear_translation: ["Horizontal shear, translation", "Position, size and horizontal shear are ignored."], vertical_shear: ["Vertical shear", "Size and vertical shear about the origin are ignored."],
+    vertical_shear_translation: ["Vertical shear, translation", "Position, size and vertical shear are ignored."], reflected_scaled_rotation: ["Mirrored, scaled and turned", "Like scaling and rotation, after a reflection."],
+    reflected_similarity: ["Mirrored similarity", "Like similarity, after a reflection: left is compared with right."], rigid: ["Rigid motions", "Position and rotation are ignored. Size counts."],
+  } as Record<string, [string, string]>,
+  compare: {
+    settings: "Settings", by: "Groups by", permutations: "Permutations", hint: "Filters of the cohort hold here too. The test exchanges the labels of the groups; it assumes no distribution.",
+    noGroups: "No attribute divides these shapes into groups. Add a label or an attribute first.", alt: (first: string, second: string) => `Averages of the groups, and where ${first} and ${second} differ`,
+    caption: (first: string, second: string) => `Averages of the groups, superimposed, and the effect along the contour of ${first}: the most distant pair is ${first} and ${second}.`,
+    effect: (first: string, second: string) => `Where ${first} and ${second} differ`, along: "Place along the contour", effectAlt: (some: number, all: number) => `p along the contour: at ${some} of ${all} places at most 0.05`,
+    effectHint: (some: number, all: number) => `At ${some} of ${all} places p is at most 0.05, corrected for the number of places.`,
+    pairs: "Pairs of groups", pair: "Pair", holm: "p (Holm)", overall: "All groups", pairsHint: (count: number) => `R² is the part of the variation that the groups explain. p from ${count} permutations; Holm's correction is for the number of pairs.`,
+    sizes: "Sizes before alignment", group: "Group", spread: "Spread", sizesHint: "Mean ± standard deviation. Spread is the typical distance of a shape from the average of its group, after alignment.",
+    untested: (name: string) => `${name} was not tested.`, differ: (name: string, p: string, r: string) => `Shapes differ by ${name} (p ${p.startsWith("<") ? p : `= ${p}`}); it explains ${r} of their variation.`,
+    same: (name: string, p: string) => `No difference by ${name} was found (p = ${p}). This does not show that there is none.`, clear: (pairs: string) => `Clear pairs: ${pairs}.`, noneClear: "No single pair is clear after correction.",
+  },
+  regression: {
+    attribute: "Depends on", size: "Logarithm of centroid size", sizeName: "size", covariate: "Adjusted for", partial: "partial R²", slider: (name: string) => `Shape predicted for ${name}`, slideHint: "The predicted shape in front of the average.",
+    scores: "Each shape", score: "Shape score", scoresHint: "The score of a shape says how far it lies in the direction of the regression.", alt: (name: string) => `Shapes predicted for values of ${name}`, caption: "Predictions from the 5 % to the 95 % quantile.",
+    depends: (name: string, p: string, r: string) => `Shape depends on ${name} (p ${p.startsWith("<") ? p : `= ${p}`}); it explains ${r} of the variation.`, independent: (name: string, p: string) => `No dependence of shape on ${name} was found (p = ${p}).`,
+  },
+  upload: {
+    lead: "Every shape is checked before it is stored. The same file can be sent again: shapes with a known id and the same content are not stored twice.", onError: "Bad shapes", skip: "Leave bad shapes out", abort: "All or nothing",
+    drop: "Drop files here", formats: "JSON, NDJSON, GeoJSON, CSV with x and y, TPS, label masks (PNG, TIFF, NIfTI)", choose: "Choose files", added: (count: number) => `${count} added`, skipped: (count: number) => `${count} left out`, failed: "Nothing stored",
+    stopped: "Stopped. Nothing of this file was stored.", syntax: (message: string) => `The file is not valid JSON: ${message}`, crossing: (count: number) => `${count} of the shapes cross themselves. They are stored; look at them before you draw conclusions.`,
+    left: (count: number) => `${count} ${count === 1 ? "shape was" : "shapes were"} left out:`, repeated: (count: string) => `${count} repeated points were left out.`, look: "Look at the cohort",
+  },
+  dictionaries: {
+    lead: "A dictionary is a model learnt from a cohort: the mean, and what varies about it. It never changes; learning again makes a new version.", none: "No dictionary has been learnt yet.",
+    atoms: (count: number) => `${count} sparse atoms`, components: (count: number) => `${count} components`,
+  },
+  learn: {
+    title: "Learn a dictionary", components: "Components", sparse: "Sparse atoms", atoms: "Number of atoms", number: "Number of components", nonzeros: "Atoms per shape", classes: "Tell apart", begin: "Learn", busy: "Learning …", background: "Go on in the background",
+    done: (name: string) => `${name} was learnt.`, sparseHint: "Atoms are typical shapes; each shape is a sum of a few of them.", componentsHint: "Components are the directions in which the shapes vary most, the strongest first.",
+  },
+  dictionary: {
+    report: "Report", modes: "Modes", scores: "Scores", components: "Components", atoms: "Atoms", drift: "Drift", lead: (cohort: string, shapes: number, name: string, time: string) => `Learnt from ${shapes} shapes of ${cohort}, under the class “${name}”, ${time}.`,
+    deleteHint: "This version goes to the trash. An administrator can restore it from there.", atomsHint: "Each shape is described by a few of these atoms, moved and scaled as it needs them.", componentsHint: "Each component at two standard deviations to both sides of the mean, in red and blue. The mean is grey.",
+    atomsAlt: (count: number) => `${count} atoms side by side`, atom: (number: number) => `Atom ${number}`, component: (number: number) => `Component ${number}`, use: (part: string) => `used by ${part} of the shapes`, share: (part: string) => `${part} of the variation`,
+  },
+  report: {
+    kept: (count: number) => `Kept by ${count} components`, error: "Reconstruction error", accuracy: "Accuracy", mean: "Mean", unique: "unique", notUnique: "not unique", explained: "Explained variation", part: "Part", each: "each", sum: "together",
+    explainedAlt: (values: string) => `Part of the variation that each component explains: ${values}`, explainedHint: "Bars: each component. Line: all components up to there.", history: "How learning went", objective: "Objective", pass: "Pass", historyHint: "The mean cost of describing a shape after each pass.",
+    origin: "Where it comes from", program: "Program", digest: "Digest", originHint: "The same shapes and settings give the same digest: anyone can repeat this.", classes: "Classes", class: "Class", noClasses: "This dictionary was learnt without classes. Learn one that tells a label apart to get them.",
+    accuracyText: (value: string, low: string, high: string, majority: string) => `${value} of shapes that were not learnt from are classified correctly (95 % interval ${low} to ${high}). Always naming the most frequent class would reach ${majority}.`,
+    confusion: "Rows: true class. Columns: predicted class.", recall: "Found", folds: (folds: number, repeats: number) => `From ${repeats} repetitions of cross-validation in ${folds} parts.`,
+  },
+  modes: {
+    sliders: "Modes of variation", mode: (number: number) => `Mode ${number}`, reset: "Reset", play: "Play", stop: "Stop", hint: "σ is the standard deviation of a mode among the shapes. Combinations beyond ±2 σ are rare.",
+    alt: "Shape of the chosen modes", caption: "The shape at the sliders, in front of the mean.", one: (number: number) => `Mode ${number} alone`, stripCaption: "From minus two to plus two standard deviations.", strip: "Shapes of this kind are drawn as a strip below.",
+  },
+  scores: {
+    across: "Across", up: "Upwards", colour: "Colour", tool: "Pointer", lasso: "Lasso", zoom: "Zoom", morphospace: "Shapes in the plane", outlier: "Unusual shapes", class: "Predicted class", noCohort: "The cohort of this dictionary is not in this service.",
+    alt: (count: number) => `Scatter of the scores of ${count} shapes`, caption: (count: string) => `${count} shapes. Point at one to see it; draw around some to choose them; scroll to zoom, double-click to see all.`,
+    selection: "Selection", selectionHint: "Draw a line around points to choose shapes and see their mean.", chosen: (count: number) => `${count} chosen`, clear: "Clear", meanOf: "Mean of the chosen shapes in front of the mean of all.", others: (count: number) => `and ${count} more`, open: "Open as a filter", rest: (count: number) => `${count} others`,
+  },
+  drift: {
+    none: (revision: number) => `No shapes have been added since the dictionary was learnt at revision ${revision}. New shapes appear here as they arrive.`, alt: "Scores of new shapes against those of the training", scores: "Scores", shift: "Shift", spread: "Spread",
+    sentence: (shapes: number, outliers: number, rate: string, expected: string) => `Of ${shapes} new shapes, ${outliers} are unusual (${rate}); about ${expected} would be expected if nothing had changed.`,
+    quantile: "Limit of usual shapes", fresh: "New shapes", outliers: "Unusual", angle: "Angle between the means", expected: "Expected by chance", classes: "Classes", training: "Training",
+  },
+  assess: {
+    title: "Assess a shape", lead: "Compare one shape with what a dictionary has learnt: pose, class, novelty, and where it deviates.", print: "Print or save as PDF", nothing: "The file contains no shape.", posted: "Posted shape", withClasses: "with classes",
+    stored: (cohort: string) => `Or a shape of ${cohort}, by id`, drop: "Drop a contour or a mask", formats: "JSON, GeoJSON, CSV with x and y, TPS, label mask (PNG, TIFF, NIfTI)", noClass: "no class",
+    verdict: (label: string, confidence: string, accepted: boolean | null | undefined) => (accepted === false ? `Of none of the known classes; nearest is ${label}.` : `Most likely ${label} (${confidence}).`), usual: "A usual shape", unusual: "An unusual shape",
+    outlier: "unusual: beyond the limit of 99 % of the shapes", inlier: "within what is usual", against: (name: string, shapes: number, time: string) => `against ${name}, learnt from ${shapes} shapes, ${time}`,
+    where: "Where it deviates", whereAlt: (name: string) => `${name}, coloured by its distance from the reconstruction`, whereCaption: "The contour, coloured by its distance from the reconstruction by the dictionary.",
+    accuracy: (value: string, majority: string) => `On unseen shapes ${value} of such answers were right; the most frequent class alone gives ${majority}.`, novelty: "How unusual", within: "Along the modes", beyond: "Beyond the modes", rank: (part: string) => `more unusual than ${part} of the shapes`, first: "more unusual than every shape it was learnt from", rejected: "The shape was rejected: these confidences compare the classes with each other only.",
+    error: "Relative error", noveltyHint: "Along the modes: extreme, but of a known kind. Beyond the modes: of a kind that the dictionary has not seen.", code: "Code", scores: "Scores in standard deviations of the shapes learnt from.", atoms: "Weights of the atoms in use.", weight: "Weight", picture: "A photograph, not a mask? Find the contour first:", pose: "Pose", scale: "Size, per unit of the mean", angle: "Rotation", nearest: "Most similar shapes", printed: (time: string) => `Shapelex, ${time}. A statistical description, not a diagnosis.`,
+  },
+  jobs: {
+    lead: "Long work, as it happens. It goes on when you leave, and after a restart of the service.", live: "live", offline: "not connected", status: "Status", all: "all", none: "No jobs.", work: "Work", progress: "Progress", begun: "Begun", duration: "Duration", running: "Computing …",
+    left: (seconds: string) => `about ${seconds} s left`, cancelled: "The job is being cancelled.", states: { queued: "waiting", running: "running", succeeded: "done", failed: "failed", cancelled: "cancelled" },
+    kinds: { learn_dictionary: "Learning a dictionary", distances: "Distances", compare: "Comparison of groups", regress: "Regression", assess: "Assessment of a cohort" },
+  },
+  console: {
+    lead: "Every request that this page makes can be made by a program. Fill one in, send it, copy it.", operation: "Request", optional: (count: number) => `${count} optional settings`, body: "Body", send: "Send", copy: "As a program", answer: "Answer",
+    files: "This request takes a file; use the copy as a beginning.",
+  },
+  segment: {
+    lead: "Draw a box around an object. A contour starts in it and moves to the edge; correct a point where it went wrong, and let it go on.", drop: "Drop a picture", formats: "PNG, JPEG or WebP; it stays between this page and the service", unreadable: (name: string) => `${name} is not a picture that this browser can read.`,
+    alt: (name: string) => `${name} with the box and the contour`, box: "Drag to draw a box around one object.", correct: "Drag a point to correct it, then go on; drag elsewhere for a new box.", size: (width: string, height: string) => `${width} × ${height} pixels.`, run: "Find the contour", resume: "Go on from here", assess: "Assess this shape", other: "Another picture",
+    history: "Energy after each step", energy: "Energy", iteration: "Step", iterations: "Steps", term: "The object is seen by", polarity: "The object is", bright: "bright", dark: "dark", sigma: "Blur in pixels", points: "Control points", boxOf: "Box, in pixels", sides: { x: "Left", y: "Top", w: "Width", h: "Height" }, result: "Result",
+    terms: {
+      contour: ["its edge", "The gradient crosses the boundary: objects with edges all around."], local_contrast: ["contrast to its surroundings", "The mean inside differs from that of a shell around it: uneven backgrounds."],
+      two_class: ["two grey values", "One grey inside, one outside: objects about as large as the rest."], threshold: ["its brightness", "Brighter than a level: objects of known brightness."],
+    } as Record<string, [string, string]>,
+    stops: { converged: "The contour has come to rest.", limit: "The contour was still moving at the last step. Go on from here.", line_search: "The contour has come to rest at the level of the noise.", folded: "The contour folded. Try a better box, or fewer control points.", left_image: "The contour left the picture. Try a better box.", collapsed: "Nothing was left of the contour. Try the other polarity." },
+  },
+  administration: {
+    lead: "Who may do what, who did what, and what can still be brought back. These views need the role of an administrator.", actions: "Actions", parts: { keys: "Keys", hooks: "Hooks", audit: "Audit trail", trash: "Trash" },
+    secret: "Shown this one time. Copy it now.", firstKey: "There are no keys: everyone on this machine is an administrator. The first key closes the service; make it an administrator's.", newKey: "New key", role: "Role", roles: { reader: "Reader", writer: "Writer", admin: "Administrator" },
+    days: "Expires in days", never: "never", noKeys: "No keys.", expires: "Expires", used: "Last used", revoke: "Revoke", revoked: "The key was revoked.", isRevoked: "revoked", newHook: "New hook", address: "Address", noHooks: "No hooks.", position: "Delivered up to", pause: "Pause", resume: "Resume",
+    states: { active: "active", paused: "paused", failed: "failed" }, auditHint: "The last 24 hours, the newest first, at most 200 requests. The download has all of them.", noAudit: "No entries.", at: "Time", request: "Request", key: "Key", noTrash: "The trash is empty.", deleted: "Deleted",
+    kinds: { cohort: "Cohort", dictionary: "Dictionary" }, restore: "Restore", forever: "Delete forever", restored: "Restored.", gone: "Deleted forever.",
+  },
+};

@@ -1,0 +1,108 @@
+/** Do groups differ, by how much, and where: permutation tests, in numbers, in a picture and in a sentence. */
+import { useState } from "preact/hooks";
+import { post, type Schemas } from "../api/client";
+import { settled } from "../api/jobs";
+import { Classes, dimensionOf } from "../parts/classes";
+import { Fault, Loading, Picture, Select } from "../parts/basic";
+import { useLoaded } from "../hooks";
+import { usePlace, useSetting } from "../router";
+import { filterBody, filterOf } from "../shape/filter";
+import { Chart } from "../parts/chart";
+import { count, number, percent, probability, t, unit } from "../strings";
+import { Chips, CohortPage, nameOf, useAttributes } from "./cohort";
+
+type Comparison = Schemas["Comparison"];
+
+export function Compare({ cohort }: { cohort: string }) {
+  return <CohortPage cohort={cohort}>{(about, _, revision) => <Groups cohort={cohort} about={about} revision={revision} />}</CohortPage>;
+}
+
+export function Progress({ part }: { part: number | null }) {
+  return part === null ? <Loading on /> : <div class="card"><label class="stack tight"><span>{t.jobs.running}</span><progress value={part} max={1} /></label></div>;
+}
+
+function Groups({ cohort, about, revision }: { cohort: string; about: Schemas["CohortOutput"]; revision: number }) {
+  const { query } = usePlace();
+  const filter = filterOf(query);
+  const attributes = useAttributes(cohort, filter, revision);
+  const candidates = attributes.data?.items.filter((one) => /^(label$|labels\.)/.test(one.name) && one.distinct >= 2 && one.distinct <= 50 && one.missing === 0) ?? [];
+  const [by, setBy] = useSetting("by", "");
+  const [transformation, setTransformation] = useSetting("transformation", "similarity");
+  const [permutations, setPermutations] = useSetting("permutations", "1000");
+  const chosen = by || candidates.find((one) => one.name.startsWith("labels."))?.name || candidates[0]?.name || "";
+  const [part, setPart] = useState<number | null>(null);
+  const body: Schemas["CompareRequest"] = { cohort, by: chosen, filter: filterBody(filter), transformation: transformation as Schemas["ClassName"], permutations: Number(permutations) };
+  const result = useLoaded(chosen ? JSON.stringify([body, revision]) : null, async (signal) =>
+    settled<Comparison>((await post("/v1/comparisons", { body, headers: { prefer: "wait=5" }, signal })) as Comparison, signal, (job) => setPart(job.progress)));
+  const pair = result.data && [...result.data.pairs].sort((a, b) => (b.distance.value ?? 0) - (a.distance.value ?? 0))[0];
+  return (
+    <div class="aside right">
+      <div class="stack" style={{ gap: "22px" }}>
+        <Chips total={about.shape_count} shown={attributes.data?.shape_count} />
+        {attributes.data && candidates.length === 0 && <p class="note warn">{t.compare.noGroups}</p>}
+        <Fault error={result.error ?? attributes.error} retry={result.reload} />
+        {result.loading && <Progress part={part} />}
+        {result.data && pair && (
+          <>
+            <p class="card say">{sentence(result.data, chosen)}</p>
+            {dimensionOf(about.representation) === 2 || about.representation.kind !== "landmarks" ? (
+              <div class="card"><Picture source={{ method: "POST", path: "/v1/comparisons", body }} name={`${cohort}-groups`} alt={t.compare.alt(pair.first, pair.second)} caption={t.compare.caption(pair.first, pair.second)} /></div>
+            ) : null}
+            {pair.effect.length > 2 && (
+              <figure class="card">
+                <h2>{t.compare.effect(pair.first, pair.second)}</h2>
+                <Chart x={pair.effect.map((one) => (typeof one.parameter === "number" ? one.parameter : 0)).map((value, index) => (pair.effect.length > 1 && typeof pair.effect[1]!.parameter === "number" ? value : index))}
+                  lines={[{ label: "p", values: pair.effect.map((one) => one.p ?? null), kind: "dots" }, { label: "0.05", values: pair.effect.map(() => 0.05), colour: "plus" }]} xLabel={t.compare.along} yLabel="p" range={[0, 1]} describe={t.compare.effectAlt(pair.effect.filter((one) => (one.p ?? 1) <= 0.05).length, pair.effect.length)} />
+                <figcaption>{t.compare.effectHint(pair.effect.filter((one) => (one.p ?? 1) <= 0.05).length, pair.effect.length)}</figcaption>
+              </figure>
+            )}
+            <section class="card scroll" tabIndex={0}>
+              <h2>{t.compare.pairs}</h2>
+              <table>
+                <thead><tr><th scope="col">{t.compare.pair}</th><th scope="col" class="number">{t.words.distance}</th><th scope="col" class="number">R²</th><th scope="col" class="number">F</th><th scope="col" class="number">p</th><th scope="col" class="number">{t.compare.holm}</th></tr></thead>
+                <tbody>{result.data.pairs.map((one) => (
+                  <tr key={one.first + one.second}>
+                    <th scope="row">{one.first} – {one.second}</th><td class="number">{number(one.distance.value)}</td><td class="number">{percent(one.r_squared)}</td><td class="number">{number(one.pseudo_f.value)}</td>
+                    <td class="number">{probability(one.distance.test?.p)}</td><td class="number">{probability(one.distance.test?.p_holm)}</td>
+                  </tr>
+                ))}</tbody>
+                <tfoot><tr><th scope="row">{t.compare.overall}</th><td /><td class="number">{percent(result.data.overall?.r_squared)}</td><td class="number">{number(result.data.overall?.pseudo_f.value)}</td><td class="number">{probability(result.data.overall?.pseudo_f.test?.p)}</td><td /></tr></tfoot>
+              </table>
+              <p class="small quiet">{t.compare.pairsHint(result.data.pairs[0]?.distance.test?.permutations ?? 0)}</p>
+            </section>
+            <section class="card scroll" tabIndex={0}>
+              <h2>{t.compare.sizes}</h2>
+              <table>
+                <thead><tr><th scope="col">{t.compare.group}</th><th scope="col" class="number">{t.words.shapes}</th><th scope="col" class="number">{t.compare.spread}</th>{result.data.groups[0]?.sizes.map((size) => <th scope="col" class="number" key={size.measure}>{nameOf(`measures.${size.measure}`)} {unit(size.measure, about.length_unit) && `(${unit(size.measure, about.length_unit)})`}</th>)}</tr></thead>
+                <tbody>{result.data.groups.map((group) => (
+                  <tr key={group.name}><th scope="row">{group.name}</th><td class="number">{count(group.shape_count)}</td><td class="number">{number(group.spread)}</td>{group.sizes.map((size) => <td class="number" key={size.measure}>{number(size.mean)} ± {number(size.deviation, 3)}</td>)}</tr>
+                ))}</tbody>
+              </table>
+              <p class="small quiet">{t.compare.sizesHint}</p>
+            </section>
+            {result.data.warnings.map((warning) => <p class="note warn">{typeof warning === "string" ? warning : JSON.stringify(warning)}</p>)}
+          </>
+        )}
+      </div>
+      <div class="card">
+        <h2>{t.compare.settings}</h2>
+        <Select label={t.compare.by} value={chosen} options={candidates.map((one) => [one.name, nameOf(one.name)])} onChange={setBy} />
+        <Select label={t.compare.permutations} value={permutations} options={["200", "1000", "10000"].map((value) => [value, count(Number(value))])} onChange={setPermutations} />
+        <Classes dimension={dimensionOf(about.representation)} value={transformation} onChange={setTransformation} />
+        <p class="small quiet">{t.compare.hint}</p>
+      </div>
+    </div>
+  );
+}
+
+/** The outcome in plain words. */
+function sentence(result: Comparison, by: string): string {
+  const name = nameOf(by);
+  const p = result.overall?.pseudo_f.test?.p ?? result.pairs[0]?.distance.test?.p;
+  const r = result.overall?.r_squared ?? result.pairs[0]?.r_squared ?? 0;
+  if (p === null || p === undefined) return t.compare.untested(name);
+  const clear = result.pairs.filter((one) => (one.distance.test?.p_holm ?? 1) <= 0.05);
+  const head = p <= 0.05 ? t.compare.differ(name, probability(p), percent(r)) : t.compare.same(name, probability(p));
+  if (result.pairs.length < 2) return head;
+  return `${head} ${clear.length ? t.compare.clear(clear.map((one) => `${one.first} – ${one.second}`).join(", ")) : t.compare.noneClear}`;
+}

@@ -1,0 +1,80 @@
+/** The mean of a cohort over its aligned shapes, live. */
+import { get, type Schemas } from "../api/client";
+import { Classes, dimensionOf } from "../parts/classes";
+import { Chart } from "../parts/chart";
+import { Download, Fault, Loading, PICTURES, Picture, Select } from "../parts/basic";
+import { Solid } from "../parts/solid";
+import { useLoaded } from "../hooks";
+import { usePlace, useSetting } from "../router";
+import { filterOf } from "../shape/filter";
+import { hasMesh } from "../shape/points";
+import { number, t } from "../strings";
+import { Chips, CohortPage } from "./cohort";
+
+const JSON_FILE: [string, string, string] = ["JSON", "json", "application/json"];
+
+export function MeanView({ cohort }: { cohort: string }) {
+  return <CohortPage cohort={cohort}>{(about, _, revision) => <Mean cohort={cohort} about={about} revision={revision} />}</CohortPage>;
+}
+
+function Mean({ cohort, about, revision }: { cohort: string; about: Schemas["CohortOutput"]; revision: number }) {
+  const { query: place } = usePlace();
+  const dimension = dimensionOf(about.representation);
+  const [transformation, setTransformation] = useSetting("transformation", "similarity");
+  const [frame, setFrame] = useSetting("frame", "training");
+  const [alignment, setAlignment] = useSetting("alignment", "");
+  const filter = filterOf(place);
+  const query = new URLSearchParams(filter);
+  query.set("transformation", transformation);
+  if (frame !== "training") query.set("frame", frame);
+  if (alignment) query.set("alignment", alignment);
+  const path = `/v1/cohorts/${encodeURIComponent(cohort)}/mean`;
+  const mean = useLoaded(`${cohort} ${query} ${revision}`, (signal) => get("/v1/cohorts/{cohort}/mean", { path: { cohort }, query, signal }));
+  const source = { path, query };
+  const values = mean.data?.eigenvalues ?? [];
+  const formats: [string, string, string][] = hasMesh(about.representation) ? [...PICTURES, ["OBJ", "obj", "model/obj"], ["PLY", "ply", "application/ply"], ["glTF", "gltf", "model/gltf-binary"], JSON_FILE] : [...PICTURES, JSON_FILE];
+  return (
+    <div class="aside right">
+      <div class="stack" style={{ gap: "22px" }}>
+        <Chips total={about.shape_count} shown={mean.data?.shape_count} />
+        <Fault error={mean.error} retry={mean.reload} />
+        <Loading on={mean.loading} />
+        {mean.data && (
+          <div class="card">
+            {hasMesh(about.representation)
+              ? <><Solid source={source} describe={t.mean.alt(cohort)} /><Download source={source} name={`${cohort}-mean`} formats={formats} /></>
+              : <Picture key={revision} source={source} name={`${cohort}-mean`} alt={t.mean.alt(cohort)} caption={t.mean.caption(Math.min(mean.data.shape_count, 300))} formats={formats} />}
+          </div>
+        )}
+        {mean.data?.warnings.map((warning) => <p class="note warn">{typeof warning === "string" ? warning : JSON.stringify(warning)}</p>)}
+        {values.length > 1 && (
+          <figure class="card">
+            <h2>{t.mean.eigenvalues}</h2>
+            <Chart x={values.map((_, index) => index + 1)} lines={[{ label: t.mean.eigenvalues, values, kind: "bars" }]} xLabel={t.words.rank} yLabel={t.mean.eigenvalue} describe={t.mean.eigenvalues} range={[0, null]} />
+            <figcaption>{t.mean.eigenvaluesHint}</figcaption>
+          </figure>
+        )}
+      </div>
+      <div class="stack" style={{ gap: "22px" }}>
+        <div class="card">
+          <Classes dimension={dimension} value={transformation} onChange={setTransformation} />
+          <Select label={t.mean.alignment} value={alignment} options={[["", t.mean.standard], ["projection", t.mean.projection], ["procrustes", "Procrustes"], ["partial_procrustes", t.mean.partial]]} onChange={setAlignment} />
+          <Select label={t.mean.frame} value={frame} options={[["training", t.mean.training], ["canonical", t.mean.canonical]]} onChange={setFrame} />
+        </div>
+        {mean.data && (
+          <div class="card">
+            <h2>{t.mean.certificate}</h2>
+            <p>{mean.data.unique ? t.mean.unique : t.mean.notUnique}</p>
+            <dl class="facts">
+              <dt>{t.words.shapes}</dt><dd>{mean.data.shape_count}</dd>
+              <dt>{t.mean.gap}</dt><dd>{number(mean.data.gap)}</dd>
+              <dt>{t.mean.rounds}</dt><dd>{mean.data.rounds}</dd>
+              <dt>{t.mean.converged}</dt><dd>{mean.data.converged ? t.words.yes : t.words.no}</dd>
+              <dt>{t.words.revision}</dt><dd>{mean.data.revision}</dd>
+            </dl>
+          </div>
+        )}
+      </div>
+    </div>
+  );
+}

@@ -1,0 +1,84 @@
+/** A service with a fresh store for browser tests, and a browser that notices what the page should not do. */
+import { spawn } from "node:child_process";
+import { createServer } from "node:net";
+import { existsSync, mkdtempSync, openSync, rmSync } from "node:fs";
+import { tmpdir } from "node:os";
+import path from "node:path";
+import { fileURLToPath } from "node:url";
+import { chromium } from "playwright-core";
+
+export const ROOT = path.resolve(path.dirname(fileURLToPath(import.meta.url)), "../..");
+export const BINARY = process.env.SHAPELEX_BINARY ?? path.join(process.env.CARGO_TARGET_DIR ?? path.join(ROOT, "target"), "debug", "shapelex");
+export const CHROMIUM = ["/usr/bin/chromium", "/usr/bin/chromium-browser", "/usr/bin/google-chrome"].find(existsSync);
+
+async function freePort() {
+  const server = createServer().listen(0, "127.0.0.1");
+  await new Promise((resolve) => server.once("listening", resolve));
+  const { port } = server.address();
+  await new Promise((resolve) => server.close(resolve));
+  return port;
+}
+
+/** Starts the service; with `port` and `folder` again on the same store. */
+export async function serve({ folder = mkdtempSync(path.join(tmpdir(), "shapelex-dashboard-")), port, flags = [] } = {}) {
+  port ??= await freePort();
+  const log = openSync(path.join(folder, "log"), "a");
+  const child = spawn(BINARY, ["serve", "--listen", `127.0.0.1:${port}`, "--data-dir", path.join(folder, "data"), ...flags], { stdio: ["ignore", log, log] });
+  const ended = new Promise((resolve) => child.once("exit", resolve));
+  const address = `http://127.0.0.1:${port}`;
+  for (let tries = 0; ; tries++) {
+    if (await fetch(`${address}/readyz`).then((reply) => reply.ok, () => false)) break;
+    if (tries > 300 || child.exitCode !== null) throw new Error(`the service did not start: see ${folder}/log`);
+    await new Promise((resolve) => setTimeout(resolve, 100));
+  }
+  const call = async (method, route, body, headers = {}) => {
+    const reply = await fetch(address + route, { method, headers: { "content-type": "application/json", ...headers }, body: body === undefined ? undefined : typeof body === "string" ? body : JSON.stringify(body) });
+    const text = await reply.text();
+    if (!reply.ok) throw new Error(`${method} ${route}: ${reply.status} ${text}`);
+    return text ? JSON.parse(text) : undefined;
+  };
+  const stop = async () => {
+    child.kill("SIGTERM");
+    await ended;
+  };
+  return { address, port, folder, call, stop, remove: () => rmSync(folder, { recursive: true, force: true }) };
+}
+
+export function key(folder, ...options) {
+  return new Promise((resolve, reject) => {
+    const child = spawn(BINARY, ["key", "create", "--name", "test", "--data-dir", path.join(folder, "data"), ...options], { stdio: ["ignore", "pipe", "inherit"] });
+    let text = "";
+    child.stdout.on("data", (part) => (text += part));
+    child.once("exit", (code) => (code ? reject(new Error(`key create: ${code}`)) : resolve(text.trim())));
+  });
+}
+
+export async function browse() {
+  return chromium.launch({ executablePath: CHROMIUM, args: ["--no-sandbox", "--disable-gpu", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--force-device-scale-factor=1"] });
+}
+
+/**
+ * A page that keeps what went wrong in `faults`: requests to other origins, violations of the policy, errors in the console.
+ * Refusals that a test expects are named in `expected`.
+ */
+export async function open(browser, address, options = {}, expected = []) {
+  const context = await browser.newContext({ viewport: { width: 1280, height: 860 }, locale: "en-GB", reducedMotion: "no-preference", ...options });
+  const page = await context.newPage();
+  page.setDefaultTimeout(20_000);
+  const faults = [];
+  page.faults = faults;
+  page.bytes = 0;
+  page.on("request", (request) => {
+    const url = new URL(request.url());
+    if (url.protocol !== "blob:" && url.origin !== address) faults.push(`request to ${url.origin}`);
+    if (/shk_/.test(request.url())) faults.push(`a key in an address: ${url.pathname}`);
+  });
+  page.on("console", (message) => {
+    if (message.type() === "error" && !expected.some((text) => message.text().includes(text))) faults.push(`console: ${message.text()} ${message.location().url}`);
+  });
+  page.on("pageerror", (error) => faults.push(`error: ${error.stack}`));
+  await context.addInitScript(() => {
+    addEventListener("securitypolicyviolation", (event) => console.error(`policy: ${event.violatedDirective} ${event.blockedURI}`));
+  });
+  return page;
+}

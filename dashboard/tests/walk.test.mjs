@@ -1,0 +1,480 @@
+/** The page in a real browser on a real service: every view, by mouse and keyboard, wide and narrow, in both languages and schemes. */
+import assert from "node:assert/strict";
+import { existsSync, mkdirSync, readFileSync } from "node:fs";
+import path from "node:path";
+import { after, before, test } from "node:test";
+import { gzipSync } from "node:zlib";
+import { browse, key, open, ROOT, serve } from "./service.mjs";
+
+const SCREENS = process.env.SCREENS ? path.resolve(ROOT, process.env.SCREENS) : undefined;
+const AXE = readFileSync(path.join(ROOT, "dashboard/node_modules/axe-core/axe.min.js"), "utf8");
+const HANDS = path.join(ROOT, "../shared/data/curves-hands/curves.ndjson");
+const WAITED = { prefer: "wait=60" };
+
+let service, browser;
+
+before(async () => {
+  service = await serve();
+  browser = await browse();
+  const { call } = service;
+  await call("POST", "/v1/dictionaries", { name: "treatment", cohort: "example-cells", transformation: "similarity", method: { kind: "functional_pca", components: 10, centre: true }, classifier: { kind: "discriminant", attribute: "labels.treatment" } }, WAITED);
+  await call("POST", "/v1/dictionaries", { name: "cell-atoms", cohort: "example-cells", transformation: "similarity", method: { kind: "sparse", atoms: 12, nonzeros: 3, codes: "invariant" } }, WAITED);
+  // Surfaces: ellipsoids with three different axes each.
+  const representation = { kind: "surface", topology: "sphere", control_points: [8, 5] };
+  const surfaces = Array.from({ length: 12 }, (_, k) => ({ surface: { name: "ellipsoid", semi_axes: [3 + 0.5 * Math.sin(k), 2 + 0.4 * Math.cos(2 * k), 1 + 0.2 * Math.sin(3 * k)] } }));
+  const made = await call("POST", "/v1/idealised", { representation, surfaces });
+  await call("POST", "/v1/cohorts", { name: "ellipsoids", length_unit: "mm", correspondence: "landmarks", representation });
+  await call("POST", "/v1/cohorts/ellipsoids/shapes", { shapes: made.shapes.map((shape, k) => ({ external_id: `ellipsoid${k}`, label: k % 2 ? "odd" : "even", control_points: shape.control_points })) });
+  await call("POST", "/v1/dictionaries", { name: "ellipsoids", cohort: "ellipsoids", transformation: "rigid", method: { kind: "functional_pca", components: 3, centre: true } }, WAITED);
+  if (existsSync(HANDS)) {
+    await call("POST", "/v1/cohorts", { name: "hands", correspondence: "arc_length", representation: { kind: "open_curve", dimension: 2, intervals: 48, generator: { name: "bspline", degree: 3 } } });
+    const hands = readFileSync(HANDS, "utf8").trim().split("\n").map((line) => { const { id, label, labels, points } = JSON.parse(line); return JSON.stringify({ external_id: id, label, labels, points }); });
+    await call("POST", "/v1/cohorts/hands/shapes", hands.join("\n"), { "content-type": "application/x-ndjson" });
+  }
+  if (SCREENS) mkdirSync(SCREENS, { recursive: true });
+});
+
+after(async () => {
+  await browser?.close();
+  await service?.stop();
+  service?.remove();
+});
+
+const VIEWS = {
+  start: ["/", "Shapes, and what varies between them"],
+  cohorts: ["/app/cohorts", "Cohorts"],
+  cohort: ["/app/cohorts/example-cells", "example-cells"],
+  table: ["/app/cohorts/example-cells/table?order=-measures.area&labels.treatment=cytd", "example-cells"],
+  shape: ["/app/cohorts/example-cells/shapes/cell0004", "cell0004"],
+  mean: ["/app/cohorts/example-cells/mean", "example-cells"],
+  groups: ["/app/cohorts/example-cells/compare?by=labels.treatment", "example-cells"],
+  regression: ["/app/cohorts/example-cells/regression", "example-cells"],
+  upload: ["/app/cohorts/example-cells/upload", "example-cells"],
+  dictionaries: ["/app/dictionaries", "Dictionaries"],
+  learn: ["/app/dictionaries?learn=example-cells", "Dictionaries"],
+  report: ["/app/dictionaries/treatment@1", "treatment"],
+  modes: ["/app/dictionaries/treatment@1/modes?sigma=1.5,-1", "treatment"],
+  scores: ["/app/dictionaries/treatment@1/scores?morphospace=yes&colour=labels.treatment", "treatment"],
+  components: ["/app/dictionaries/treatment@1/atoms", "treatment"],
+  atoms: ["/app/dictionaries/cell-atoms@1/atoms", "cell-atoms"],
+  drift: ["/app/dictionaries/treatment@1/drift", "treatment"],
+  assess: ["/app/assess?dictionary=treatment@1&shape=cell0004", "Assess a shape"],
+  segment: ["/app/segment", "Segment"],
+  jobs: ["/app/jobs", "Jobs"],
+  console: ["/app/console", "Console"],
+  keys: ["/app/administration", "Administration"],
+  hooks: ["/app/administration?part=hooks", "Administration"],
+  audit: ["/app/administration?part=audit", "Administration"],
+  trash: ["/app/administration?part=trash", "Administration"],
+  surface: ["/app/cohorts/ellipsoids/shapes/ellipsoid3", "ellipsoid3"],
+  surfaces: ["/app/dictionaries/ellipsoids@1/modes?sigma=2", "ellipsoids"],
+};
+
+async function settled(page) {
+  await page.waitForLoadState("load");
+  await page.waitForFunction(() => document.querySelector("h1") && !document.querySelector(".loading, [aria-busy=true]"), null, { timeout: 45_000 });
+  await page.evaluate(() => new Promise((resolve) => requestAnimationFrame(() => requestAnimationFrame(resolve))));
+}
+
+async function show(page, name) {
+  const [address, title] = VIEWS[name];
+  await page.goto(service.address + address);
+  await settled(page);
+  assert.equal(await page.locator("h1").innerText(), title, name);
+}
+
+async function accessible(page, name) {
+  await page.evaluate(AXE);
+  const { violations } = await page.evaluate(() => window.axe.run(document, { resultTypes: ["violations"] }));
+  const serious = violations.filter((one) => ["serious", "critical"].includes(one.impact));
+  assert.deepEqual(serious.map((one) => `${name}: ${one.id}: ${one.nodes.map((node) => node.target.join(" ")).slice(0, 4).join(", ")}`), []);
+}
+
+for (const scheme of ["light", "dark"]) {
+  test(`every view, ${scheme}: no fault, no other origin, nothing that a screen reader stumbles over`, async () => {
+    const page = await open(browser, service.address, { colorScheme: scheme });
+    for (const name of Object.keys(VIEWS)) {
+      await show(page, name);
+      await accessible(page, name);
+      assert.deepEqual(page.faults, [], name);
+      if (SCREENS && (scheme === "light" || ["start", "cohort", "modes", "groups"].includes(name))) {
+        await page.screenshot({ path: path.join(SCREENS, `${name}${scheme === "dark" ? "-dark" : ""}.png`) });
+      }
+    }
+    await page.context().close();
+  });
+}
+
+test("on a telephone nothing is wider than the screen, in German", async () => {
+  const page = await open(browser, service.address, { viewport: { width: 390, height: 844 }, locale: "de-DE", hasTouch: true });
+  for (const name of Object.keys(VIEWS)) {
+    await page.goto(service.address + VIEWS[name][0]);
+    await settled(page);
+    assert.equal(await page.evaluate(() => document.documentElement.lang), "de");
+    const width = await page.evaluate(() => document.documentElement.scrollWidth);
+    assert.ok(width <= 390, `${name} is ${width} wide`);
+    if (SCREENS && ["start", "modes", "groups"].includes(name)) await page.screenshot({ path: path.join(SCREENS, `${name}-phone.png`) });
+  }
+  await page.getByRole("button", { name: "Menü" }).click();
+  await page.getByRole("navigation", { name: "Menü" }).getByRole("link", { name: "Wörterbücher" }).click();
+  await settled(page);
+  assert.equal(await page.locator("h1").innerText(), "Wörterbücher");
+  assert.deepEqual(page.faults, []);
+  await page.context().close();
+});
+
+test("a first walk: cells, mean, learning, one cell, groups", async () => {
+  const page = await open(browser, service.address);
+  await show(page, "start");
+  await page.getByRole("link", { name: "Learn how they vary" }).click();
+  await page.waitForURL("**/app/dictionaries/example-cells-tour/modes");
+  await settled(page);
+  await page.goBack();
+  await settled(page);
+  await page.getByRole("link", { name: "Assess one cell" }).click();
+  await page.getByText("Most likely control").waitFor();
+  await page.goBack();
+  await page.getByRole("link", { name: "Compare treatments" }).click();
+  await page.getByText("Shapes differ by treatment").waitFor();
+  assert.deepEqual(page.faults, []);
+  await page.context().close();
+});
+
+test("filters, tabs and orders are in the address; back and forward undo and redo them", async () => {
+  const page = await open(browser, service.address);
+  await show(page, "cohort");
+  await page.getByRole("checkbox", { name: /^cytd/ }).check();
+  await page.getByText("40 of 120 shapes").waitFor();
+  assert.match(page.url(), /labels\.treatment=cytd/);
+  await page.getByRole("spinbutton", { name: "Area: at least" }).fill("15000");
+  await page.waitForURL(/measures\.area\.gte=15000/);
+  await page.getByRole("link", { name: "Table" }).click();
+  await page.waitForURL(/table\?/);
+  assert.match(page.url(), /labels\.treatment=cytd.*measures\.area\.gte=15000/);
+  await page.getByRole("button", { name: "Area (pixel²)" }).click();
+  await page.waitForURL(/order=measures\.area/);
+  await settled(page);
+  const rows = await page.locator("tbody tr").count();
+  assert.ok(rows > 0 && rows < 40, `${rows} rows`);
+  await page.reload();
+  await settled(page);
+  assert.equal(await page.locator("tbody tr").count(), rows, "nothing is lost on a reload");
+  await page.goBack();
+  await settled(page);
+  assert.match(page.url(), /app\/cohorts\/example-cells\?/);
+  await page.goForward();
+  await settled(page);
+  assert.equal(await page.locator("tbody tr").count(), rows);
+  assert.deepEqual(page.faults, []);
+  await page.context().close();
+});
+
+test("an upload with bad shapes names them by their line; a repeated one stores nothing twice", async () => {
+  const page = await open(browser, service.address);
+  await page.goto(`${service.address}/app/cohorts?new=yes`);
+  await page.getByLabel("Name").fill("dropped");
+  await page.getByRole("button", { name: "Create" }).click();
+  await page.waitForURL("**/app/cohorts/dropped/upload");
+  const good = (id, k) => JSON.stringify({ external_id: id, label: k % 2 ? "a" : "b", points: Array.from({ length: 24 }, (_, i) => [(2 + k / 9) * Math.cos(i / 3.82), Math.sin(i / 3.82) + 0.2 * Math.cos(k + i / 1.91)]) });
+  const lines = [good("one", 1), '{"external_id": "two", "points": [[0, 0], [1, 1]]}', "this is not JSON", good("three", 2), good("four", 3)].join("\n");
+  const file = { name: "cells.ndjson", mimeType: "application/x-ndjson", buffer: Buffer.from(lines) };
+  await page.locator("input[type=file]").setInputFiles(file);
+  await page.getByText("3 added, 2 left out").waitFor();
+  await page.getByText("line 2").waitFor();
+  await page.getByText("line 3").waitFor();
+  if (SCREENS) await page.screenshot({ path: path.join(SCREENS, "upload-faults.png") });
+  await page.locator("input[type=file]").setInputFiles(file);
+  await page.getByText("0 added, 2 left out").waitFor();
+  // The other formats.
+  const square = [[0, 0], [4, 0], [4, 3], [0, 3]];
+  const geojson = { type: "FeatureCollection", features: [{ type: "Feature", id: "polygon", properties: { classification: { name: "tumour" } }, geometry: { type: "Polygon", coordinates: [[...square, square[0]]] } }] };
+  for (const [name, text] of [["map.geojson", JSON.stringify(geojson)], ["points.csv", `id,label,x,y\n${square.map((p) => `table,a,${p.join(",")}`).join("\n")}`], ["landmarks.tps", `LM=4\n${square.map((p) => p.join(" ")).join("\n")}\nID=tps\n`], ["single.json", JSON.stringify({ external_id: "single", points: square })]]) {
+    await page.locator("input[type=file]").setInputFiles({ name, mimeType: "text/plain", buffer: Buffer.from(text) });
+    await page.locator("section", { hasText: name }).getByText("1 added").waitFor();
+  }
+  await page.locator("input[type=file]").setInputFiles({ name: "broken.json", mimeType: "application/json", buffer: Buffer.from("{") });
+  await page.getByText("not valid JSON").last().waitFor();
+  const { shape_count } = await service.call("GET", "/v1/cohorts/dropped");
+  assert.equal(shape_count, 7);
+  assert.deepEqual(page.faults, []);
+  await page.context().close();
+});
+
+test("corrections can be undone: a label, a shape, a cohort", async () => {
+  const page = await open(browser, service.address, {}, ["404"]);
+  const label = async () => (await service.call("GET", "/v1/cohorts/dropped/shapes/one")).label;
+  await page.goto(`${service.address}/app/cohorts/dropped/shapes/one`);
+  await settled(page);
+  await page.getByLabel("Label").fill("changed");
+  await page.getByRole("button", { name: "Save" }).click();
+  await page.getByText("Saved.").waitFor();
+  assert.equal(await label(), "changed");
+  await page.getByRole("button", { name: "Undo" }).click();
+  await page.getByText("Undone.").waitFor();
+  assert.equal(await label(), "a");
+  await page.getByRole("button", { name: "Delete" }).click();
+  await page.getByText("one was deleted.").waitFor();
+  assert.equal((await service.call("GET", "/v1/cohorts/dropped")).shape_count, 6);
+  await page.getByRole("button", { name: "Undo" }).click();
+  await page.getByText("Undone.").waitFor();
+  assert.equal(await label(), "a");
+  await page.goto(`${service.address}/app/cohorts/dropped`);
+  await settled(page);
+  await page.getByRole("button", { name: "Delete" }).click();
+  await page.getByRole("dialog").getByRole("button", { name: "Delete" }).click();
+  await page.getByText("dropped is in the trash.").waitFor();
+  await page.getByRole("button", { name: "Undo" }).click();
+  await page.getByText("Undone.").waitFor();
+  assert.equal((await service.call("GET", "/v1/cohorts/dropped")).shape_count, 7);
+  assert.deepEqual(page.faults, []);
+  await page.context().close();
+});
+
+test("a mean is live: a shape that arrives changes it without a reload", async () => {
+  const page = await open(browser, service.address);
+  await page.goto(`${service.address}/app/cohorts/dropped/mean`);
+  await settled(page);
+  await page.getByText("All 7 shapes").waitFor();
+  await service.call("POST", "/v1/cohorts/dropped/shapes", { shapes: [{ external_id: "late", points: [[0, 0], [5, 0], [5, 2], [1, 3]] }] });
+  await page.getByText("All 8 shapes").waitFor();
+  assert.deepEqual(page.faults, []);
+  await page.context().close();
+});
+
+test("a contour is assessed; a shape that is no cell is unusual; the report is one page", async () => {
+  const page = await open(browser, service.address);
+  await page.goto(`${service.address}/app/assess?dictionary=treatment@1`);
+  await settled(page);
+  const comb = [...Array.from({ length: 20 }, (_, k) => [k, k % 2 ? 8 : 0]), [20, -1], [-1, -1]];
+  await page.locator("input[type=file]").setInputFiles({ name: "comb.json", mimeType: "application/json", buffer: Buffer.from(JSON.stringify({ points: comb })) });
+  await page.locator(".tag", { hasText: "unusual" }).waitFor();
+  await settled(page);
+  if (SCREENS) await page.screenshot({ path: path.join(SCREENS, "assess-unusual.png"), fullPage: true });
+  const pdf = (await page.pdf({ preferCSSPageSize: true })).toString("latin1");
+  assert.equal(pdf.match(/\/Type\s*\/Page\b/g)?.length, 1, "pages of the report");
+  assert.deepEqual(page.faults, []);
+  await page.context().close();
+});
+
+test("an object of a picture: box, contour, correction, report", async () => {
+  const page = await open(browser, service.address);
+  await show(page, "segment");
+  const picture = await page.evaluate(() => {
+    const canvas = new OffscreenCanvas(160, 120);
+    const context = canvas.getContext("2d");
+    context.fillStyle = "#222"; context.fillRect(0, 0, 160, 120);
+    context.fillStyle = "#ddd"; context.beginPath(); context.ellipse(84, 58, 38, 24, 0.5, 0, 7); context.fill();
+    return canvas.convertToBlob().then((blob) => blob.arrayBuffer()).then((buffer) => [...new Uint8Array(buffer)]);
+  });
+  await page.locator("input[type=file]").setInputFiles({ name: "ellipse.png", mimeType: "image/png", buffer: Buffer.from(picture) });
+  for (const [name, value] of [["Left", 40], ["Top", 28], ["Width", 90], ["Height", 60]]) { await page.getByLabel(name, { exact: true }).fill(String(value)); await page.getByLabel(name, { exact: true }).press("Tab"); }
+  await page.getByRole("button", { name: "Find the contour" }).click();
+  await page.getByText("The contour has come to rest").waitFor();
+  const area = await page.evaluate(() => { const box = document.querySelector("figure svg path").getBBox(); return box.width * box.height; });
+  assert.ok(area > 3000 && area < 5200, `box of the contour: ${area}`);
+  const handle = await page.locator("figure svg circle").first().boundingBox();
+  await page.mouse.move(handle.x + handle.width / 2, handle.y + handle.height / 2);
+  await page.mouse.down();
+  await page.mouse.move(handle.x + 24, handle.y + 14, { steps: 4 });
+  await page.mouse.up();
+  await page.getByRole("button", { name: "Go on from here" }).click();
+  await page.getByRole("button", { name: "Find the contour" }).waitFor();
+  await settled(page);
+  if (SCREENS) await page.screenshot({ path: path.join(SCREENS, "segment-found.png") });
+  await page.getByRole("button", { name: "Assess this shape" }).click();
+  await page.getByText("Where it deviates").waitFor();
+  assert.deepEqual(page.faults, []);
+  await page.context().close();
+});
+
+test("the lasso chooses shapes, and the choice opens as a filter", async () => {
+  const page = await open(browser, service.address);
+  await show(page, "scores");
+  const plot = await page.locator(".u-over").boundingBox();
+  const at = (x, y) => [plot.x + x * plot.width, plot.y + y * plot.height];
+  await page.mouse.move(...at(0.45, 0.6));
+  await page.mouse.down();
+  for (const corner of [[0.95, 0.6], [0.95, 0.95], [0.6, 0.95], [0.46, 0.62]]) await page.mouse.move(...at(...corner), { steps: 3 });
+  await page.mouse.up();
+  await page.getByRole("heading", { name: /\d+ chosen/ }).waitFor();
+  if (SCREENS) await page.screenshot({ path: path.join(SCREENS, "scores-lasso.png") });
+  await page.getByRole("link", { name: "Open as a filter" }).click();
+  await page.getByText(/\d+ of 120 shapes/).waitFor();
+  assert.deepEqual(page.faults, []);
+  await page.context().close();
+});
+
+test("a job is seen while it runs, and cancelled", async () => {
+  const page = await open(browser, service.address);
+  await show(page, "jobs");
+  await page.getByText("live", { exact: true }).waitFor();
+  await service.call("POST", "/v1/dictionaries", { name: "endless", cohort: "example-cells", transformation: "similarity", method: { kind: "sparse", atoms: 60, nonzeros: 12, codes: "invariant", max_epochs: 10000, tolerance: 0 } });
+  const row = page.locator("tbody tr").first();
+  await row.getByText("running").waitFor();
+  if (SCREENS) await page.screenshot({ path: path.join(SCREENS, "jobs-running.png") });
+  await row.getByRole("button", { name: "Cancel" }).click();
+  await row.getByText("cancelled").waitFor();
+  assert.deepEqual(page.faults, []);
+  await page.context().close();
+});
+
+test("a request is filled in, sent and copied", async () => {
+  const page = await open(browser, service.address);
+  await show(page, "console");
+  await page.getByRole("button", { name: "Send" }).click();
+  await page.getByText("200", { exact: true }).waitFor();
+  await page.getByText("R", { exact: true }).click();
+  assert.match(await page.locator("pre").first().innerText(), /httr2/);
+  await page.getByLabel("Request").selectOption("compare");
+  await page.getByLabel("Body").waitFor();
+  await page.getByText("Python", { exact: true }).click();
+  assert.match(await page.locator("pre").first().innerText(), /requests\.request\(\s+"POST"/);
+  assert.deepEqual(page.faults, []);
+  await page.context().close();
+});
+
+test("by keyboard alone: skip, menu, filter, slider, dialog, surface", async () => {
+  const page = await open(browser, service.address);
+  await show(page, "start");
+  await page.keyboard.press("Tab");
+  assert.equal(await page.evaluate(() => document.activeElement.className), "skip");
+  await page.keyboard.press("Enter");
+  assert.equal(await page.evaluate(() => document.activeElement.id), "main");
+  await page.getByRole("link", { name: "Cohorts", exact: true }).first().focus();
+  await page.keyboard.press("Enter");
+  await page.waitForURL("**/app/cohorts");
+  await settled(page);
+  assert.equal(await page.evaluate(() => document.activeElement.tagName), "H1", "the heading has the focus");
+  await show(page, "cohort");
+  await page.getByRole("checkbox", { name: /^jasp/ }).focus();
+  await page.keyboard.press("Space");
+  await page.getByText("40 of 120 shapes").waitFor();
+  await page.goto(`${service.address}/app/dictionaries/treatment@1/modes`);
+  await settled(page);
+  const shape = () => page.locator("path.accent").getAttribute("d");
+  const flat = await shape();
+  await page.getByRole("slider").first().focus();
+  for (let k = 0; k < 10; k++) await page.keyboard.press("ArrowRight");
+  assert.notEqual(await shape(), flat);
+  await page.waitForURL(/sigma=0\.5/);
+  await page.goto(`${service.address}/app/dictionaries`);
+  await settled(page);
+  await page.getByRole("button", { name: "Learn a dictionary" }).focus();
+  await page.keyboard.press("Enter");
+  await page.getByRole("dialog").waitFor();
+  await page.keyboard.press("Escape");
+  await page.getByRole("dialog").waitFor({ state: "detached" });
+  await show(page, "surfaces");
+  const stage = page.locator(".stage");
+  const before = await stage.screenshot();
+  await stage.focus();
+  for (let k = 0; k < 4; k++) await page.keyboard.press("ArrowRight");
+  await page.waitForTimeout(300);
+  assert.ok(!before.equals(await stage.screenshot()), "the surface has turned");
+  assert.deepEqual(page.faults, []);
+  await page.context().close();
+});
+
+test("a lost connection is said, and mended without a reload", async () => {
+  const own = await serve();
+  const page = await open(browser, own.address, {}, ["ERR_", "Failed to load"]);
+  await page.goto(`${own.address}/app/jobs`);
+  await page.getByText("live", { exact: true }).waitFor();
+  await own.stop();
+  await page.getByText("not connected").waitFor();
+  await page.getByRole("link", { name: "Cohorts", exact: true }).click();
+  await page.getByText("The service cannot be reached").waitFor();
+  const again = await serve({ folder: own.folder, port: own.port });
+  await page.getByRole("button", { name: "Try again" }).click();
+  await page.getByRole("link", { name: "example-cells" }).waitFor();
+  await page.getByRole("link", { name: "Jobs", exact: true }).click();
+  await page.getByText("live", { exact: true }).waitFor();
+  assert.deepEqual(page.faults, []);
+  await page.context().close();
+  await again.stop();
+  again.remove();
+});
+
+test("keys: login, a reader on a writer's button, two tenants, a revoked key", async () => {
+  const own = await serve();
+  const admin = await key(own.folder, "--role", "admin");
+  const reader = await key(own.folder, "--role", "reader");
+  const other = await key(own.folder, "--role", "writer", "--tenant", "other");
+  const call = (secret, method, route, body) => own.call(method, route, body, { authorization: `Bearer ${secret}` });
+  await new Promise((resolve) => setTimeout(resolve, 2500));
+  const page = await open(browser, own.address, {}, ["401", "403", "404"]);
+  const login = async (secret) => {
+    await page.getByLabel("Key", { exact: true }).fill(secret);
+    await page.getByRole("button", { name: "Continue" }).click();
+  };
+  await page.goto(`${own.address}/app/cohorts`);
+  await login(`shk_${"0".repeat(32)}_${"0".repeat(64)}`);
+  await page.getByText("This key is not accepted").waitFor();
+  if (SCREENS) await page.screenshot({ path: path.join(SCREENS, "login.png") });
+  await login(reader);
+  await page.getByRole("link", { name: "example-cells" }).click();
+  await settled(page);
+  assert.ok(!page.url().includes("shk_"));
+  assert.equal(await page.evaluate(() => Object.keys(localStorage).some((name) => localStorage[name].includes("shk_"))), false);
+  await page.getByRole("button", { name: "Delete" }).click();
+  await page.getByRole("dialog").getByRole("button", { name: "Delete" }).click();
+  await page.getByRole("dialog").getByText(/writer/).first().waitFor();
+  await page.keyboard.press("Escape");
+  await page.reload();
+  await page.getByText("All 120 shapes").waitFor();
+  await page.getByRole("button", { name: "Forget the key" }).click();
+  await login(other);
+  await page.getByText("cohort 'example-cells' not found").waitFor();
+  await page.getByRole("link", { name: "Cohorts", exact: true }).first().click();
+  await page.getByText("There are no cohorts yet.").waitFor();
+  await page.getByRole("button", { name: "Forget the key" }).click();
+  await login(admin);
+  await page.getByRole("link", { name: "Administration" }).click();
+  await page.getByLabel("Name").fill("clinic");
+  await page.getByRole("button", { name: "Create" }).click();
+  await page.getByText(/shk_[0-9a-f]{32}_/).waitFor();
+  const { items } = await call(admin, "GET", "/v1/keys");
+  const mine = items.find((one) => admin.includes(one.id.slice(4)));
+  await call(admin, "DELETE", `/v1/keys/${mine.id}`);
+  await page.getByRole("link", { name: "Dictionaries", exact: true }).click();
+  await page.getByText("This service needs a key").waitFor();
+  assert.deepEqual(page.faults, []);
+  await page.context().close();
+  await own.stop();
+  own.remove();
+});
+
+test("the first view is light: at most 150 kB of compressed script", async () => {
+  const page = await open(browser, service.address);
+  let bytes = 0;
+  page.on("response", async (response) => {
+    if (/\/assets\/.*\.js$/.test(response.url())) bytes += gzipSync(await response.body()).length;
+  });
+  const start = Date.now();
+  await show(page, "start");
+  const seconds = (Date.now() - start) / 1000;
+  console.log(`first view: ${(bytes / 1000).toFixed(1)} kB of script, complete after ${seconds.toFixed(2)} s`);
+  assert.ok(bytes > 0 && bytes <= 150_000, `${bytes} bytes`);
+  await page.context().close();
+});
+
+test("sliders move at 30 frames a second or more", async () => {
+  const page = await open(browser, service.address);
+  await show(page, "modes");
+  const rate = await page.evaluate(() => new Promise((resolve) => {
+    const slider = document.querySelector("input[type=range]");
+    const set = Object.getOwnPropertyDescriptor(HTMLInputElement.prototype, "value").set;
+    let frames = 0;
+    const start = performance.now();
+    requestAnimationFrame(function step(now) {
+      frames++;
+      set.call(slider, String(2 * Math.sin(now / 200)));
+      slider.dispatchEvent(new Event("input", { bubbles: true }));
+      if (now - start < 2000) requestAnimationFrame(step);
+      else resolve((1000 * frames) / (now - start));
+    });
+  }));
+  console.log(`sliders: ${rate.toFixed(0)} frames/s`);
+  assert.ok(rate >= 30, `${rate} frames/s`);
+  await page.context().close();
+});

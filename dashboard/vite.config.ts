@@ -1,0 +1,23 @@
+import { readFileSync } from "node:fs";
+import { defineConfig, type Plugin } from "vite";
+
+/** What is shipped in the built assets, and whose licences therefore go with them. */
+const SHIPPED = ["preact", "uplot", "three"];
+
+function licences(): Plugin {
+  const text = (name: string) =>
+    `${name}\n\n${readFileSync(new URL(`node_modules/${name}/LICENSE`, import.meta.url), "utf8").trim()}\n`;
+  return {
+    name: "licences",
+    generateBundle() {
+      this.emitFile({ type: "asset", fileName: "assets/licences.txt", source: SHIPPED.map(text).join("\n\n") });
+    },
+  };
+}
+
+export default defineConfig({
+  plugins: [licences()],
+  esbuild: { jsx: "automatic", jsxImportSource: "preact", legalComments: "none" },
+  // Everything is a file of its own address: the policy of the page allows no `data:`.
+  build: { target: "es2022", assetsInlineLimit: 0, modulePreload: { polyfill: false }, chunkSizeWarningLimit: 900 },
+});
