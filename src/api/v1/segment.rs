@@ -18,12 +18,12 @@ use crate::formats::representation::Read;
 use crate::formats::shape::ShapeInput;
 use crate::geometry::representation::Representation;
 use crate::service::app::{App, ServiceError};
+use crate::service::segmentation::answer::SegmentAnswer;
 use crate::service::segmentation::image::Coordinates;
 use crate::service::segmentation::reference::{self, Source, StoredMean};
 use crate::service::segmentation::request::{BoxInput, EnergyInput, Minimiser, StageInput, TermInput};
-use crate::service::segmentation::segment::{
-    self, Answered, Files, Reference, SegmentAnswer, Starts, Wanted,
-};
+use crate::service::segmentation::segment::{self, Files};
+use crate::service::segmentation::wanted::{Answered, Reference, Starts, Wanted};
 use crate::service::statistics::{CheckedSettings, Settings};
 
 document! {

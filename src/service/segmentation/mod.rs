@@ -1,14 +1,18 @@
 //! Images to shapes. The functions are synchronous and run on the pool, but for [`reference`](mod@reference), which reads the store.
 //!
 //! * [`image`] — images of requests; [`contours`] — boundaries of labels;
-//! * [`request`] — energies, stages and initial shapes as they are posted; [`segment`] — objects of an image;
+//! * [`request`] — energies, stages and initial shapes as they are posted; [`wanted`] — all that is wanted of an image;
+//! * [`segment`] — objects of an image; [`answer`] — what is answered of them; `cost` — predictions;
 //! * [`reference`](mod@reference) — means of the store that attract shapes.
 //!
 //! The arithmetic is in [`segmentation`](crate::segmentation), the files are read by [`formats::image`](crate::formats::image):
 //! this folder limits, predicts and names what is answered.
 
+pub mod answer;
 pub mod contours;
+mod cost;
 pub mod image;
 pub mod reference;
 pub mod request;
 pub mod segment;
+pub mod wanted;
